@@ -36,6 +36,7 @@ TABLES: list[tuple[str, type[spec.Settings]]] = [
     ("[sensors.beam]", spec.Beam),
     ("[sensors.surfaces]", spec.Surfaces),
     ("[sensors.receiver]", spec.Receiver),
+    ("[sensors.link]", spec.LinkBudget),
     ("[sensors.noise]", spec.Noise),
     ("[[sensors.poses]]", spec.Pose),
     ('[[sensors]] kind = "sonar"', spec.Sonar),

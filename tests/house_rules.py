@@ -138,8 +138,8 @@ PACKAGES: dict[str, set[str]] = {
     | {"bpy", "dask", "distributed", "laspy", "matplotlib", "tomli_w", "tqdm"},
     "headless/report": NUMBERS | {"PIL", "bpy", "matplotlib"},
     "headless/studies": NUMBERS
-    | {"bpy", "laspy", "mathutils", "matplotlib", "pgeof", "pyhelios", "sklearn", "tlseparation"}
-    | {"tomli_w"},
+    | {"bpy", "distributed", "laspy", "mathutils", "matplotlib", "pgeof", "psutil", "pyhelios"}
+    | {"sklearn", "tlseparation", "tomli_w"},
 }
 NETWORK = {"socket", "http", "urllib", "requests", "ftplib", "ssl", "smtplib", "aiohttp"}
 LONGEST_FILE, LARGEST_FOLDER, LONGEST_FUNCTION, MOST_PARAMETERS = 400, 24, 60, 8

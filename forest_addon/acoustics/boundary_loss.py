@@ -24,9 +24,9 @@ HEATS = 1.4  # γ, ratio of specific heats
 
 
 def twig_loss(
-    radius: np.ndarray, frequency: float, speed: float, along: float = 1.0 / 3.0
+    radius: np.ndarray, frequency: float | np.ndarray, speed: float, along: float = 1.0 / 3.0
 ) -> np.ndarray:
-    """(K,) m of width a metre of cylinder, of radii (K,) m, at a frequency in Hz.
+    """(..., K) m of width a metre of cylinder, of radii (K,) m, at a frequency in Hz or at (F, 1).
 
     along : mean square of the cosine between sound and axis; a third where they look all ways.
     """

@@ -133,6 +133,11 @@ class Stock:
     def __init__(self, scene: Scene | str | Path, folder: str | Path = ".") -> None:
         if not isinstance(scene, Scene):
             scene = read(scene)
+        if scene.tiles.size:
+            raise SpecError(
+                "tiles",
+                "are for scans and pings of large fields; take them away to fly in this one",
+            )
         # Points, whatever the number of trees: what is told of them is told of any number. Full detail: a
         # flyer is a sensor that may come near any tree.
         self.settings = scene.changed(

@@ -11,9 +11,8 @@ from __future__ import annotations
 import os
 import struct
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from datetime import date
-from typing import Any
 
 import laspy
 import lazrs
@@ -26,6 +25,7 @@ from ..spec import SpecError
 from .atomic import replacing
 from .copc import write_copc
 from .crs import wkt_of
+from .ply import StoredRows
 
 RESOLUTION = 1e-4  # metres
 REACH = 2**31  # steps to each side of the offset
@@ -55,12 +55,12 @@ BOUNCE = {"bounce": "0 direct 1 ghost 2 glass 3 water"}  # of rows that have it
 
 def write_las(
     path: str | os.PathLike[str],
-    rows: np.ndarray,
+    rows: np.ndarray | StoredRows,
     written: date | None = None,
     labels: Labels | None = None,
     crs: str = "",
 ) -> None:
-    """Write rows (P,) of ``points.POINT``, also of a memory map; a name ending in .laz is compressed.
+    """Write rows (P,) of ``points.POINT``, also of a file; a name ending in .laz is compressed.
 
     written : creation date in the header, 1 January 1980 unless given, so that equal clouds are equal
         files.
@@ -90,8 +90,9 @@ def write_las(
         with replacing(path) as partial, laspy.open(str(partial), mode="w", header=header) as file:
             for first in range(0, len(rows), ROWS_AT_ONCE):
                 some = slice(first, first + ROWS_AT_ONCE)
-                classes = CLASS_OF_ORGAN[rows["organ"][some]] if own is None else own[some]
-                file.write_points(_las_points(rows[some], classes, header))
+                part = rows[some]
+                classes = CLASS_OF_ORGAN[part["organ"]] if own is None else own[some]
+                file.write_points(_las_points(part, classes, header))
     except lazrs.LazrsError as problem:  # what its compressor makes of a full disk
         name = os.path.basename(path)
         raise OSError(f"{name} could not be written ({problem}); is the disk full?") from None
@@ -133,7 +134,7 @@ def intensity_level(amplitude: np.ndarray) -> np.ndarray:
     return np.rint(np.clip((level + 100) * 500, 0, 65535)).astype(np.uint16)
 
 
-def _header(rows: np.ndarray, written: date | None) -> laspy.LasHeader:
+def _header(rows: np.ndarray | StoredRows, written: date | None) -> laspy.LasHeader:
     header = laspy.LasHeader(version="1.4", point_format=6)
     low, high = _bounds(rows)
     wide = float((high - low).max(initial=0.0)) > RESOLUTION * REACH * 0.9
@@ -153,23 +154,21 @@ def _header(rows: np.ndarray, written: date | None) -> laspy.LasHeader:
     return header
 
 
-def _extra(rows: np.ndarray) -> dict[str, str]:
+def _extra(rows: np.ndarray | StoredRows) -> dict[str, str]:
     """Extra bytes of rows, with what they say."""
     return EXTRA | BOUNCE if "bounce" in (rows.dtype.names or ()) else EXTRA
 
 
-def _bounds(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _bounds(rows: np.ndarray | StoredRows) -> tuple[np.ndarray, np.ndarray]:
     """(3,) smallest and largest coordinates, zeros where there are no rows."""
     if not len(rows):
         return np.zeros(3), np.zeros(3)
-    return _each_axis(rows, np.min), _each_axis(rows, np.max)
-
-
-def _each_axis(rows: np.ndarray, reduce: Callable[[Any], Any]) -> np.ndarray:
-    pieces = range(0, len(rows), ROWS_AT_ONCE)
-    return np.array(
-        [reduce([reduce(rows[axis][p : p + ROWS_AT_ONCE]) for p in pieces]) for axis in "xyz"]
-    )
+    low, high = np.full(3, np.inf), np.full(3, -np.inf)
+    for first in range(0, len(rows), ROWS_AT_ONCE):
+        part = rows[first : first + ROWS_AT_ONCE]
+        low = np.minimum(low, [part[axis].min() for axis in "xyz"])
+        high = np.maximum(high, [part[axis].max() for axis in "xyz"])
+    return low, high
 
 
 def _las_points(

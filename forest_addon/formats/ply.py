@@ -34,6 +34,22 @@ def header_of(dtype: np.dtype, count: int, comments: Sequence[str] = ()) -> byte
     return ("\n".join([*lines, "end_header"]) + "\n").encode("ascii", "replace")
 
 
+class StoredRows:
+    """Rows (N,) of a file, of which a slice is read when it is asked for: none of them stay in memory."""
+
+    def __init__(self, path: Path, dtype: np.dtype, start: int, count: int) -> None:
+        self.dtype = dtype
+        self._path, self._start, self._count = path, start, count
+
+    def __len__(self) -> int:
+        return self._count
+
+    def __getitem__(self, some: slice) -> np.ndarray:
+        first, last, _ = some.indices(self._count)
+        offset = self._start + first * self.dtype.itemsize
+        return np.fromfile(self._path, self.dtype, max(last - first, 0), offset=offset)
+
+
 class PlyFile:
     """A PLY file that grows, and is whole after each ``append``."""
 
@@ -64,12 +80,9 @@ class PlyFile:
         self.count += len(rows)
         self._say_count()
 
-    def rows(self) -> np.ndarray:
+    def rows(self) -> StoredRows:
         """All rows (N,), read from the disk as they are used."""
-        if not self.count:
-            return np.empty(0, dtype=self.dtype)
-        shape = (self.count,)
-        return np.memmap(self.path, self.dtype, mode="r", offset=self._start, shape=shape)
+        return StoredRows(self.path, self.dtype, self._start, self.count)
 
     def close(self) -> None:
         """Close the file; it stays whole."""

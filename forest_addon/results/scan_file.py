@@ -21,7 +21,7 @@ import numpy as np
 
 from ..base.progress import Progress
 from ..formats.atomic import replacing
-from ..formats.ply import PlyFile
+from ..formats.ply import PlyFile, StoredRows
 from ..sensing.lidar.cloud import Lost, together
 from ..sensing.lidar.scan import Scan
 from ..sensing.rays.geometry import SceneGeometry
@@ -31,7 +31,7 @@ from .point_files import ending_of
 from .points import BOUNCED, POINT, UNITS, records
 
 FORMATS = ("laz", "las", "copc.laz", "ply", "npz")
-ROWS_AT_ONCE = 1_000_000
+ROWS_AT_ONCE = 200_000
 
 
 @dataclass(frozen=True)
@@ -142,8 +142,8 @@ def finish(file: PlyFile, path: Path, kind: str, crs: str) -> None:
     file.path.unlink()
 
 
-def write_npz_rows(path: Path, rows: np.ndarray) -> None:
-    """Rows (P,) of a structured array, also of a memory map, as an NPZ with one array a field."""
+def write_npz_rows(path: Path, rows: np.ndarray | StoredRows) -> None:
+    """Rows (P,) of a structured array, also of a file, as an NPZ with one array a field."""
     with replacing(path) as partial, zipfile.ZipFile(partial, "w") as archive:
         for name in rows.dtype.names or ():
             with archive.open(zipfile.ZipInfo(f"{name}.npy"), "w", force_zip64=True) as file:
@@ -154,7 +154,7 @@ def write_npz_rows(path: Path, rows: np.ndarray) -> None:
                 }
                 np.lib.format.write_array_header_1_0(file, head)
                 for first in range(0, len(rows), ROWS_AT_ONCE):
-                    part = np.ascontiguousarray(rows[name][first : first + ROWS_AT_ONCE])
+                    part = np.ascontiguousarray(rows[first : first + ROWS_AT_ONCE][name])
                     file.write(part.tobytes())
         for name, unit in UNITS.items():
             with archive.open(zipfile.ZipInfo(f"{name}_unit.npy"), "w") as file:

@@ -11,7 +11,8 @@ from dataclasses import dataclass
 
 from ..spec import Sensor
 
-RAY = 2e-6  # s, a first guess: a ray of Embree
+RAY = 2.5e-6  # s, a first guess: a ray of Embree
+BEGIN = 0.7  # s to read a scene, make Embree ready and draw what was found
 SLOWER = 15.0  # times that BVHTree takes a ray
 RETURN = 300  # bytes of a point: what is computed of it, and what Blender keeps
 
@@ -52,7 +53,8 @@ def cost_of_rays(sensor: Sensor, count: int, subrays: int, returns: float, engin
     """The cost of ``count`` pulses of ``subrays`` rays, each with so many returns, by a ray engine."""
     ray = RAY if engine == "embree" else SLOWER * RAY
     memory = int(count * returns) * RETURN
-    return cost_of_work(sensor, "pulses", count, ray, work=count * subrays, memory=memory)
+    work = count * subrays
+    return cost_of_work(sensor, "pulses", count, ray, work=work, memory=memory, begin=BEGIN)
 
 
 def cost_of_work(

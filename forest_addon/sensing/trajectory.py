@@ -158,10 +158,13 @@ def looking(
     elevation: np.ndarray,
     width: np.ndarray | None = None,
     speed: float = 0.0,
+    time: np.ndarray | None = None,
 ) -> Trajectory:
     """Places (P, 3) looking to angles (P,), radians, flown through in order at a speed in m/s.
 
-    width : (P,) full -3 dB widths of a beam, radians, or None. A single pose flies where it looks.
+    width : (P,) full -3 dB widths of a beam, radians, or None. time : (P,) s, rising; left out: as the speed
+    takes from place to place, a second where it stays at one, and everywhere without a speed. A single pose
+    flies where it looks.
     """
     frame = frames_of(azimuth, elevation)
     velocity = speed * frame[:, 0]
@@ -169,7 +172,11 @@ def looking(
         step = np.gradient(position, axis=0)
         length = np.linalg.norm(step, axis=1, keepdims=True)
         velocity = speed * np.divide(step, length, out=np.zeros_like(step), where=length > 0)
-    return _framed(np.arange(len(position), dtype=float), position, frame, velocity, width)
+    if time is None:
+        gone = np.linalg.norm(np.diff(position, axis=0), axis=1)
+        lasts = np.where(gone > 0, gone / speed, 1.0) if speed else np.ones(len(gone))
+        time = np.append(0.0, np.cumsum(lasts))
+    return _framed(time, position, frame, velocity, width)
 
 
 def along(points: np.ndarray, speed: float) -> Trajectory:

@@ -54,6 +54,7 @@ from .lidar import (
     Terrestrial,
     Tractor,
 )
+from .link import LinkBudget
 from .looks import Bark, Look
 from .polished import POLISHED, USUAL_INDEX, Polished, property_of
 from .problem import did_you_mean, unknown
@@ -109,6 +110,7 @@ __all__ = [
     "Jitter",
     "Law",
     "Leaf",
+    "LinkBudget",
     "Look",
     "Mobile",
     "MovingScanner",

@@ -151,10 +151,13 @@ def with_files(settings: T, rename: Callable[[str], str]) -> T:
         if isinstance(value, Settings):
             changed[field.name] = with_files(value, rename)
         elif isinstance(value, tuple) and value and isinstance(value[0], Settings):
-            changed[field.name] = tuple(with_files(item, rename) for item in value)
+            renamed = tuple(with_files(item, rename) for item in value)
+            same = all(a is b for a, b in zip(renamed, value, strict=True))
+            changed[field.name] = value if same else renamed
         elif param_of(field).file and value:
             changed[field.name] = rename(value)
-    return dataclasses.replace(settings, **changed)
+    same = all(value is getattr(settings, name) for name, value in changed.items())
+    return settings if same else dataclasses.replace(settings, **changed)
 
 
 def refuse_many(key: str, value: Any, known: Param) -> None:

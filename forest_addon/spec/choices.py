@@ -26,6 +26,10 @@ CHOICES: dict[str, dict[str, tuple[str, str]]] = {
         "mirror": ("Mirror", "Both faces send light on"),
         "glass": ("Glass", "A sheet is a thin pane: light goes straight on, and some is reflected"),
         "water": ("Water", "Light is refracted and some reflected; normals point out of the water"),
+        "retro": (
+            "Retro-Reflector",
+            "Sends light back to where it came from, hundreds of times as bright as white",
+        ),
     },
     "layout": {
         "poisson": ("By Chance", "Trees stand at random, denser where the intensity is higher"),

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import ClassVar
 
 from .base import Settings, SpecError, param
+from .link import LinkBudget
 from .parts import azimuth, kind, motion, output_name, place, range_limit
 from .sensor import Sensor
 
@@ -171,6 +172,23 @@ class Receiver(Settings):
         "or folded into the range of the next pulse",
         choices=("resolved", "folded"),
     )
+    blanking: float = param(
+        0.0,
+        unit="m",
+        help="light that arrives while a later pulse is sent, and so many metres of range after it, is lost: "
+        "gaps where echoes cross from one zone of multiple time around into the next; 0: none is",
+        ge=0,
+        le=1e4,
+    )
+    halo: float = param(
+        0.0,
+        help="share of the light that the optics scatter beside the beam: retro-reflectors bloom; 0: none",
+        ge=0,
+        le=0.5,
+    )
+    halo_mrad: float = param(
+        20.0, unit="mrad", help="full angle of that light at 1/e²", gt=0, le=500
+    )
     reading: str = param(
         "received",
         help="what the intensity says: light that came back, or the reflectance that it stands for",
@@ -198,6 +216,9 @@ class Scanner(Sensor):
     beam: Beam = param(Beam(), help="light and echo")
     surfaces: Surfaces = param(Surfaces(), help="reflectance and transmittance")
     receiver: Receiver = param(Receiver(), help="which echoes become returns")
+    link: LinkBudget = param(
+        LinkBudget(), help="threshold by energy, aperture and photons, in place of faintest"
+    )
     noise: Noise = param(Noise(), help="what is measured wrongly")
     motion: bool = motion()
     bounces: bool = param(
@@ -213,8 +234,12 @@ class Scanner(Sensor):
             )
         if self.min_range >= self.max_range:
             raise SpecError("min_range", "must be smaller than max_range")
+        if self.link.energy and self.faintest:
+            raise SpecError(
+                "faintest", "is given beside a link budget; both state the threshold, leave one out"
+            )
         for key in ("dynamic_range", "threshold_snr"):
-            if getattr(self.receiver, key) and not self.faintest:
+            if getattr(self.receiver, key) and not (self.faintest or self.link.energy):
                 raise SpecError(
                     f"receiver.{key}",
                     "counts from the faintest light that is seen, but faintest = 0 sees all; give faintest, "

@@ -23,7 +23,7 @@ class Sonar(Sensor):
     route: str = param(
         "",
         help="CSV file with a pose a row (x_m, y_m, z_m, azimuth_deg, elevation_deg and, if wanted, "
-        "beam_width_deg), relative to the scene file; empty: one ping from the position above",
+        "beam_width_deg or time_s), relative to the scene file; empty: one ping from the position above",
         file=True,
     )
     follow: str = param(

@@ -77,7 +77,8 @@ def _make_groups() -> dict[type, type]:
     )
     measured = (spec.Targets, spec.Crown, spec.Needles, spec.DeadBranches, spec.Architecture)
     of_trees = (spec.Rules, spec.Honda, spec.Siblings, spec.Leaf, spec.Inclination, spec.Detail)
-    of_sensors = (spec.Beam, spec.Surfaces, spec.Noise, spec.Receiver, spec.Pose, spec.Place)
+    of_sensors = (spec.Beam, spec.Surfaces, spec.Noise, spec.Receiver, spec.LinkBudget)
+    of_sensors += (spec.Pose, spec.Place)
     of_scene = (
         spec.Forest,
         spec.Planting,

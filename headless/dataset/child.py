@@ -30,7 +30,8 @@ TOLD = 300  # characters of its last words
 class SceneOutcome:
     """Outcome of a scene: ``kind`` is done, or why it was not: settings, fault, disk, memory, timeout, crash.
 
-    seconds : CPU time of each stage. wall : seconds. memory : bytes that the process held afterwards.
+    seconds : CPU time of each stage. wall : seconds. memory, peak : bytes that the process held afterwards,
+    and at most.
     """
 
     kind: str
@@ -38,6 +39,7 @@ class SceneOutcome:
     seconds: dict[str, float] = field(default_factory=dict)
     wall: float = 0.0
     memory: float = 0.0
+    peak: float = 0.0
 
 
 class Child:
@@ -66,11 +68,11 @@ class Child:
         wall = time.monotonic() - started
         if isinstance(answer, SceneOutcome):
             return answer
-        memory = float(answer.get("memory", 0.0))
+        memory, peak = float(answer.get("memory", 0.0)), float(answer.get("peak", 0.0))
         self.scenes += 1
         self.first_memory = self.first_memory or memory
         if "done" in answer:
-            return SceneOutcome("done", "", answer["seconds"], wall, memory)
+            return SceneOutcome("done", "", answer["seconds"], wall, memory, peak)
         return SceneOutcome(str(answer["failed"]), str(answer["why"]), {}, wall, memory)
 
     def _start(self) -> str:

@@ -11,9 +11,12 @@ import contextlib
 import importlib
 import logging
 import os
+import queue
 import tempfile
 import time
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import CancelledError
 from dataclasses import dataclass
 from typing import Any
 
@@ -23,18 +26,23 @@ from .worker import Worker, work
 
 Report = Callable[[dict[str, Any]], None]
 POLL = 1.0  # s
-FRUITLESS = 5  # rounds in which a cluster finishes nothing
+FRUITLESS = 5  # times that a cluster loses all that it holds, with nothing finished between
+AHEAD, LEAST_AHEAD = (
+    3,
+    64,
+)  # jobs that a scheduler holds for each thread of its workers, and at least
 CAN_START_IN = 60  # s
 
 
 @dataclass(frozen=True)
 class Cluster:
     """Place where scenes are made: ``workers`` here; a scheduler's address; or keys and values of a batch
-    system."""
+    system. ``make`` is what each of its workers does with a job."""
 
     workers: int = 0
     scheduler: str = ""
     slurm: str | None = None
+    make: Callable[[dict[str, Any]], dict[str, Any]] = work
 
     def local_workers(self) -> int:
         """Return how many there are on this machine."""
@@ -59,7 +67,7 @@ def make_all(jobs: Sequence[dict[str, Any]], cluster: Cluster, report: Report) -
         _make_here(jobs, report)
         return
     with _client(cluster, len(jobs)) as client:
-        _hand_out(jobs, client, report)
+        _hand_out(jobs, client, cluster, report)
 
 
 def _make_here(jobs: Sequence[dict[str, Any]], report: Report) -> None:
@@ -162,47 +170,60 @@ def _gone(address: str, problem: object) -> OSError:
     )
 
 
-def _hand_out(jobs: Sequence[dict[str, Any]], client: Any, report: Report) -> None:
-    """Submit jobs until each has a result; a lost one is submitted again."""
-    left = {int(job["recipe"]["number"]): job for job in jobs}
-    fruitless = 0
-    while left:
-        before = len(left)
-        _round(left, client, report)
-        fruitless = 0 if len(left) < before else fruitless + 1
-        if fruitless == FRUITLESS:
-            raise OSError(
-                f"the cluster finished none of {len(left)} scenes; finished scenes are kept"
-            )
+def _hand_out(
+    jobs: Sequence[dict[str, Any]], client: Any, cluster: Cluster, report: Report
+) -> None:
+    """Submit jobs until each has a result; a lost one is submitted again.
 
-
-def _round(left: dict[int, dict[str, Any]], client: Any, report: Report) -> None:
-    from distributed import wait
-
+    The scheduler holds a few jobs for each thread of its workers, not the whole plan, and each result is
+    taken as it arrives; so a scene costs the same in a plan of ten and of a hundred thousand.
+    """
     address = client.scheduler.address if client.scheduler else "?"
-    futures = {
-        client.submit(work, job, pure=False, retries=0, priority=-number): number
-        for number, job in left.items()
-    }
-    waiting = set(futures)
-    while waiting:
+    left = deque(jobs)
+    out: dict[Any, dict[str, Any]] = {}
+    ended: queue.SimpleQueue[Any] = queue.SimpleQueue()
+    most, looked, fruitless = LEAST_AHEAD, 0.0, 0
+    while left or out:
+        if time.monotonic() - looked > POLL:
+            most, looked = _ahead(client, address), time.monotonic()
+        while left and len(out) < most:
+            job = left.popleft()
+            rank = -int(job["recipe"]["number"])
+            future = client.submit(cluster.make, job, pure=False, retries=0, priority=rank)
+            out[future] = job
+            future.add_done_callback(ended.put)
         try:
-            wait(list(waiting), timeout=POLL, return_when="FIRST_COMPLETED")
-        except TimeoutError:
-            pass
-        except (KeyboardInterrupt, SystemExit):
-            raise
-        except BaseException:  # futures that are lost or cancelled; handed out again below
-            time.sleep(POLL)
-        if client.status != "running" or not _answers(client):
-            raise _gone(address, "it has gone away")
-        for future in [f for f in waiting if f.status != "pending"]:
-            waiting.discard(future)
-            if future.status == "finished":
-                result = future.result()
-                left.pop(futures[future], None)
-                _take(result, report)
-            future.release()
+            future = ended.get(timeout=POLL)
+        except queue.Empty:
+            continue
+        job = out.pop(future)
+        if future.status == "finished":
+            fruitless = 0
+            _take(future.result(), report)
+        else:
+            left.append(job)
+            fruitless += 1
+            if fruitless >= FRUITLESS * most:
+                raise OSError(
+                    f"the cluster finished none of {len(left) + len(out)} scenes; finished scenes are kept"
+                )
+        future.release()
+
+
+def _ahead(client: Any, address: str) -> int:
+    """Return how many jobs the scheduler is to hold.
+
+    Raises
+    ------
+    OSError : it has gone away.
+    """
+    gone = _gone(address, "it has gone away")
+    if client.status != "running" or not _answers(client):
+        raise gone
+    try:
+        return max(LEAST_AHEAD, AHEAD * sum(client.nthreads().values()))
+    except (OSError, TimeoutError, CancelledError):
+        raise gone from None
 
 
 def _answers(client: Any) -> bool:

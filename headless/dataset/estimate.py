@@ -47,11 +47,12 @@ BY_POINT = ("sensors", "write", "occlusion", "digest")
 
 @dataclass(frozen=True)
 class Trial:
-    """One scene: CPU seconds of each stage, points, bytes."""
+    """One scene: CPU seconds of each stage, points, bytes, and bytes of memory at most."""
 
     seconds: dict[str, float]
     points: float
     size: float
+    peak: float = 0.0
 
     @property
     def by_point(self) -> float:
@@ -70,7 +71,8 @@ class Trial:
             name: grown(value, other.seconds.get(name, 0.0)) if name in BY_POINT else value
             for name, value in self.seconds.items()
         }
-        return Trial(seconds, points, grown(self.size, other.size))
+        size, peak = grown(self.size, other.size), grown(self.peak, other.peak)
+        return Trial(seconds, points, size, peak)
 
 
 @dataclass(frozen=True)
@@ -114,6 +116,11 @@ class Estimate:
     def size(self) -> float:
         """Mean bytes of a scene."""
         return float(self.weights @ [one.size for one in self.scenes]) / self.count
+
+    @property
+    def peak(self) -> float:
+        """Bytes of memory that a worker needs for the largest of the trials; 0 where that is not known."""
+        return max((one.peak for one in self.scenes), default=0.0)
 
     @property
     def core_hours(self) -> float:
@@ -240,7 +247,8 @@ def _made(recipe: Recipe, child: Child, timeout: float) -> Trial:
             raise _Failed(outcome.why)
         done = disk.read_scene(root / disk.SCENES / recipe.name)
         assert done is not None
-        return Trial(outcome.seconds, float(sum(done.record["points"].values())), float(done.size))
+        points = float(sum(done.record["points"].values()))
+        return Trial(outcome.seconds, points, float(done.size), outcome.peak)
 
 
 def _has_pulses(recipe: Recipe) -> bool:
@@ -269,7 +277,9 @@ def tell(found: Estimate, say: Callable[[str], None]) -> None:
         f"{found.count:,} scenes: {found.core_hours:.2f} core-hours{between}, "
         f"{found.core_hours / cores:.2f} h on the {cores} cores here"
     )
-    say(f"{found.size * found.count / 1e9:.2f} GB; {found.points * found.count:,.0f} points")
+    memory = f"; up to {found.peak / 1e9:.2f} GB of memory a worker" if found.peak else ""
+    disk_used = f"{found.size * found.count / 1e9:.2f} GB on the disk{memory}"
+    say(f"{disk_used}; {found.points * found.count:,.0f} points")
     total = sum(found.stages.values())
     shares = (f"{name} {value / total:.0%}" for name, value in found.stages.items())
     say("time by stage: " + ", ".join(shares))

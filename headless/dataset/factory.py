@@ -25,7 +25,8 @@ from .plan import Plan, Recipe, recipes
 from .worker import job_of
 
 NAMED = 8  # scenes that a message names
-REFRESH = 30.0  # s between two manifests
+REFRESH = 30.0  # s between two manifests, at least
+SHARE_OF_MANIFESTS = 0.01  # of the time, at most; those of a large dataset take seconds
 OF_MEMORY = 0.9  # share of the machine's that all workers may need together
 
 
@@ -62,12 +63,35 @@ def _make(plan: Plan, wanted: Sequence[Recipe], out: Path, asked: Asked) -> None
     disk.clean(out)
     missing = _missing(wanted, out, asked.replace)
     write_plan(plan, out)
+    rows = make_scenes(plan, wanted, missing, out, asked)
+    _describe(plan, wanted, out, asked, bool(missing))
+    lost = [row for row in rows if row["status"] != "done"]
+    if not asked.quiet:
+        print(f"Done: {len(rows) - len(lost)} of {len(rows)} scenes in {out}", file=sys.stderr)
+    if lost:
+        raise IncompleteError(
+            f"{_named([row['scene'] for row in lost])} could not be made; manifest.csv says why, the others "
+            "are "
+            f"in {out}. The same command tries again"
+        )
+
+
+def make_scenes(
+    plan: Plan, wanted: Sequence[Recipe], missing: Sequence[Recipe], out: Path, asked: Asked
+) -> list[dict[str, Any]]:
+    """Make those of a plan's scenes that are missing; returns the manifest's rows, of all scenes.
+
+    Raises
+    ------
+    SpecError : the cluster cannot be used.
+    OSError : a scene cannot be written, or the cluster went away; what is finished stays.
+    """
     workers = 1 if asked.cluster.scheduler or asked.cluster.slurm else asked.cluster.local_workers()
     workers = max(1, min(workers, len(missing)))
     threads = max(1, (os.cpu_count() or 1) // workers)
     memory = plan.running.memory_gb * 1e9 or _machine_memory() * OF_MEMORY / workers
     jobs = [job_of(recipe, out, plan.running, memory, threads) for recipe in missing]
-    refreshed = time.monotonic()
+    refresh = time.monotonic() + REFRESH
     done = len(wanted) - len(missing)
     with tqdm(
         total=len(wanted),
@@ -79,30 +103,23 @@ def _make(plan: Plan, wanted: Sequence[Recipe], out: Path, asked: Asked) -> None
     ) as bar:
 
         def report(result: dict[str, Any]) -> None:
-            nonlocal refreshed
+            nonlocal refresh
             bar.update()
             if result["result"] == "failed" and not asked.quiet:
                 bar.write(
                     f"  scene {result['scene']:06d} is set aside: {result['why']}", file=sys.stderr
                 )
-            if time.monotonic() - refreshed > REFRESH:
+            if time.monotonic() > refresh:
+                started = time.monotonic()
                 write_manifest(out, wanted)
-                refreshed = time.monotonic()
+                took = time.monotonic() - started
+                refresh = started + max(REFRESH, took / SHARE_OF_MANIFESTS)
 
         try:
             make_all(jobs, asked.cluster, report)
         finally:
             rows = write_manifest(out, wanted)
-    _describe(plan, wanted, out, asked, bool(jobs))
-    lost = [row for row in rows if row["status"] != "done"]
-    if not asked.quiet:
-        print(f"Done: {len(rows) - len(lost)} of {len(rows)} scenes in {out}", file=sys.stderr)
-    if lost:
-        raise IncompleteError(
-            f"{_named([row['scene'] for row in lost])} could not be made; manifest.csv says why, the others "
-            "are "
-            f"in {out}. The same command tries again"
-        )
+    return rows
 
 
 def _missing(wanted: Sequence[Recipe], out: Path, replace: bool) -> list[Recipe]:

@@ -37,13 +37,17 @@ def main() -> None:
     os.dup2(2, 1)  # whatever prints does not disturb the answers
     asked: queue.Queue[str] = queue.Queue()
     threading.Thread(target=_listen, args=(asked,), daemon=True).start()
+    from ..memory import forget_peak, peak_memory_mb
     from .scene import Session
 
     session = Session(int(sys.argv[1]) if len(sys.argv) > 1 else 1)
     _answer(answers, {"ready": os.getpid(), "memory": memory()})
     while True:
         job = json.loads(asked.get())
-        _answer(answers, _serve(job, session) | {"memory": memory()})
+        forget_peak()
+        answer = _serve(job, session)
+        peak = (peak_memory_mb() or 0.0) * 2**20
+        _answer(answers, answer | {"memory": memory(), "peak": peak})
 
 
 def _listen(asked: queue.Queue[str]) -> None:

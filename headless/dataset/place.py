@@ -21,7 +21,7 @@ from forest_addon.stand.intensity.terrain import GroundSurface
 from .settings import Placing
 
 TRIES = 200
-ROUTE_HEAD = "x_m,y_m,z_m,azimuth_deg,elevation_deg"
+ROUTE_HEAD = "x_m,y_m,z_m,azimuth_deg,elevation_deg,time_s"
 
 
 def place_sensors(
@@ -193,12 +193,13 @@ def _poses_along(sensor: Any, rule: Placing, room: _Room, _files: dict[str, str]
 
 
 def _route_along(sensor: Any, rule: Placing, room: _Room, files: dict[str, str]) -> list[Sensor]:
-    _, line, heading = _above_ground(room)
+    gone, line, heading = _above_ground(room)
     rows = np.unique(np.rint(np.linspace(0, len(line) - 1, rule.count)).astype(int))
     text = [ROUTE_HEAD]
     for row in rows:
         x, y, z = line[row].tolist()
-        text.append(f"{x:.4f},{y:.4f},{z:.4f},{float(heading[row]):.3f},{sensor.elevation_deg:g}")
+        angles = f"{float(heading[row]):.3f},{sensor.elevation_deg:g}"
+        text.append(f"{x:.4f},{y:.4f},{z:.4f},{angles},{float(gone[row]) / rule.speed:.4f}")
     files[f"{sensor.name}-route.csv"] = "\n".join(text) + "\n"
     return [sensor.changed(route=f"{sensor.name}-route.csv", follow="", speed=rule.speed)]
 

@@ -56,6 +56,11 @@ def test_the_ground_stops(bare):
     assert info["position"][2] == pytest.approx(0.15, abs=1e-9)  # the sphere lies on it
 
 
+def test_a_field_in_tiles_is_refused():
+    with pytest.raises(SpecError, match="take them away to fly"):
+        FlightEnv(BARE.changed(tiles=forest.Tiles(size=5.0)), sensors=())
+
+
 def test_a_start_in_a_trunk_is_refused(one):
     one.reset(seed=3)
     forest_ = one.flights.surroundings.forest

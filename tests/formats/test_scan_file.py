@@ -2,6 +2,8 @@
 
 import dataclasses
 import json
+import subprocess
+import sys
 import zipfile
 
 import laspy
@@ -10,6 +12,7 @@ import pytest
 from references.lidar_scenes import ground, scene_with, wall
 from references.rays_brute import BruteCaster
 
+from forest_addon.base.places import ROOT
 from forest_addon.formats.ply import PlyFile, header_of
 from forest_addon.results.coordinates import Offset
 from forest_addon.results.points import POINT, records
@@ -253,9 +256,45 @@ def test_a_ply_file_grows(tmp_path):
     for part in (rows[:2], rows[2:2], rows[2:]):
         file.append(part)
         assert len(read_ply(tmp_path / "a.ply")[0]) == file.count
-    assert file.rows()["x"].tolist() == [0, 1, 2, 3, 4]
+    assert file.rows()[:]["x"].tolist() == [0, 1, 2, 3, 4]
+    assert file.rows()[1:9]["x"].tolist() == [1, 2, 3, 4]
     file.close()
     whole = PlyFile(tmp_path / "b.ply", POINT)
     whole.append(rows)
     whole.close()
     assert (tmp_path / "b.ply").read_bytes() == (tmp_path / "a.ply").read_bytes()
+
+
+MEMORY = """
+import sys
+from pathlib import Path
+import numpy as np
+from forest_addon.formats.las import write_las
+from forest_addon.formats.ply import PlyFile
+from forest_addon.results.points import POINT
+from forest_addon.results.scan_file import finish
+
+def peak():
+    (line,) = [l for l in Path("/proc/self/status").read_text().splitlines() if "VmHWM" in l]
+    return int(line.split()[1]) / 1024
+
+folder, rows = Path(sys.argv[1]), np.zeros(100_000, POINT)
+for kind in ("npz", "las"):
+    for chunks in (1, 3, 9):
+        file = PlyFile(folder / "a.partial.ply", POINT)
+        for _ in range(chunks):
+            file.append(rows)
+        file.close()
+        finish(file, folder / f"a.{kind}", kind, "")
+        print(peak())
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
+def test_memory_does_not_grow_with_the_scan(tmp_path):
+    words = [sys.executable, "-c", MEMORY, str(tmp_path)]
+    ended = subprocess.run(words, check=True, capture_output=True, text=True, cwd=ROOT)
+    peaks = np.array([float(line) for line in ended.stdout.split()]).reshape(2, 3)
+    more = 6 * 100_000 * POINT.itemsize / 1e6
+    assert (peaks[:, 2] - peaks[:, 1] < 0.1 * more).all(), peaks  # MB, with pages of files

@@ -63,7 +63,12 @@ def test_routes(tmp_path: Path) -> None:
     np.testing.assert_allclose(first.frame[0], [0, 1, 0], atol=1e-15)
     np.testing.assert_allclose(first.velocity, [0, 4, 0])
     assert np.rad2deg([first.width, last.width]) == pytest.approx([30, 65])
+    assert last.time == pytest.approx(0.5)  # 2 m at 4 m/s
+    timed = "x_m,y_m,z_m,azimuth_deg,elevation_deg,time_s\n0,0,1,90,0,{}\n0,2,1,90,0,{}\n"
+    path.write_text(timed.format(1.5, 4))
+    assert [pose.time for pose in poses_of(read_route(path, 4.0))] == [1.5, 4.0]
     for text, words in (
+        (timed.format(4, 4), "must rise"),
         ("x_m,y_m\n0,0\n", "needs the columns"),
         ("x_m,y_m,z_m,azimuth_deg,elevation_deg\n", "no poses"),
         ("x_m,y_m,z_m,azimuth_deg,elevation_deg,beam_width_deg\n0,0,0,0,0,0\n", "larger than 0"),

@@ -17,13 +17,14 @@ from drive import (
     Scenario,
     Steps,
     click,
-    find_button,
     key,
+    open_every_panel,
     open_tab,
     play,
     point_at,
     press,
     scroll,
+    seek,
     settle,
     view,
     wait_for,
@@ -123,9 +124,13 @@ def from_the_browser(steps: Steps, maple) -> Scenario:
         bpy.ops.object.duplicate(linked=True)
     bpy.context.view_layer.objects.active.location[:2] = 33.0, 3.0
     yield from settle()
-    scroll(view()[3], 40)
-    yield from settle()
-    button = yield from find_button("forest.adopt_trees", 0.5)
+    button = None
+    for _ in range(8):  # all panels are open: it is far down
+        button = button or (yield from seek("forest.adopt_trees", 0.5))
+        if button is None:
+            scroll(view()[3], 10)
+            yield from settle()
+    assert button is not None
     click(*button)
     yield from wait_for(lambda: len(props.plantings[0].by_hand) == mine + 2, 20, "the copy")
     yield from wait_for(lambda: near(33, 3, 0.01) == 1 and idle(), 60, "the forest with it")
@@ -134,6 +139,7 @@ def from_the_browser(steps: Steps, maple) -> Scenario:
 
 def scenario(steps: Steps) -> Scenario:
     steps.step("a forest, seen from above")
+    open_every_panel()
     yield from open_tab("Forest")
     bpy.data.objects.remove(bpy.data.objects["Cube"])  # the forest would stand beside it
     press("forest.start", preset="demo", grow=True)

@@ -9,14 +9,14 @@ from references.rays_brute import BruteCaster
 from scipy.spatial.transform import Rotation
 
 from forest_addon.base.trimesh import DEAD, GROUND, LEAF, OTHER, WOOD, TriMesh
+from forest_addon.blender.files.others import write_parts
 from forest_addon.formats.helios.survey import read_survey
 from forest_addon.sensing.lidar.scan import Scan, scan
 from forest_addon.sensing.lidar.scanner import pattern_of
 from forest_addon.sensing.lidar.surveys.export import write_survey
 from forest_addon.sensing.lidar.surveys.leg import SurveyLeg
 from forest_addon.sensing.rays.geometry import SceneGeometry
-from forest_addon.spec import Airborne, Beam, Mobile, Noise, Sonar, Surfaces, Terrestrial
-from headless.commands.work.export import write_parts
+from forest_addon.spec import Airborne, Beam, Mobile, Noise, Pose, Sonar, Surfaces, Terrestrial
 from headless.commands.work.survey import geometry_of, sensor_of_survey
 
 SURFACES = Surfaces(other=0.2, wood=0.35, leaf=0.55, ground=0.15)
@@ -149,6 +149,45 @@ def test_an_aircraft_sweeps_the_same_lines_over_the_same_way(tmp_path):
         assert np.abs(one.origin - place).max() < 20.0 / 4000.0 * 1.01
 
 
+@pytest.mark.parametrize("pattern", ["circles", "spinning"])
+def test_cones_and_spinning_heads_send_the_same_pulses(tmp_path, pattern):
+    settings = {"pattern": pattern, "field_deg": (-15.0, 20.0), "channels": 4, "surfaces": SURFACES}
+    settings |= {"pulse_rate": 4000.0, "line_rate": 20.0, "mount_deg": (1.0, 2.0, 3.0)}
+    sensor = Airborne(
+        position=(3.0, -30.0, 60.0), heading_deg=75.0, track=10.0, speed=20.0, **settings
+    )
+    _, survey, *_ = read_back(sensor, tmp_path)
+    pattern, ours = SurveyLeg(survey, survey.legs[0]), pattern_of(sensor)
+    assert pattern.count == ours.count
+    one, other = (p.pulses(np.arange(ours.count)) for p in (pattern, ours))
+    assert one.direction == pytest.approx(other.direction, abs=1e-9)
+    assert np.abs(one.origin - other.origin).max() < 4 * 20.0 / 4000.0 * 1.01  # a column's beams
+
+
+def test_a_vehicle_goes_its_way_with_its_attitudes(tmp_path):
+    poses = [
+        Pose(time=0.0, position=(0, 0, 2)),
+        Pose(time=2.0, position=(8, 1, 2.5), heading_deg=30),
+    ]
+    poses += [Pose(time=3.0, position=(9, 6, 3), heading_deg=80, roll_deg=5, pitch_deg=-4)]
+    sensor = Mobile(
+        poses=tuple(poses), pattern="spinning", channels=4, field_deg=(-15.0, 15.0), line_rate=10.0,
+        pulse_rate=4000.0, surfaces=SURFACES,
+    )  # fmt: skip
+    ours = pattern_of(sensor)
+    write_parts(some_scene(), tmp_path, "ex", SURFACES)
+    found = write_survey(sensor, tmp_path, "ex", SURFACES, ours.path)
+    survey = read_survey(tmp_path / found.survey)
+    pattern = SurveyLeg(survey, survey.legs[0])
+    assert abs(pattern.count - ours.count) <= 4
+    one, other = (p.pulses(np.arange(ours.count - 4)) for p in (pattern, ours))
+    # the beams of a column leave together, a millisecond late, while the vehicle turns by 50 degrees a second
+    assert np.abs(one.direction - other.direction).max() < 2e-3
+    assert (
+        np.abs(one.origin - other.origin).max() < 0.02
+    )  # and poses are a hundredth of a second apart
+
+
 def test_what_cannot_be_said_is_said_in_words(tmp_path):
     plain = write_survey(Sonar(), tmp_path, "ex", SURFACES)
     assert (plain.survey, plain.unsaid) == (None, ("HELIOS++ has no sonar",))
@@ -196,5 +235,7 @@ def test_the_command_writes_what_it_says(tmp_path):
     assert sorted(part["tree"] for part in trees) == [0, 1, 2]
     assert len({part["file"] for part in trees}) == 1  # trees share a mesh
     assert len(said["ways"]["plane"]["time_s"]) == 2
+    assert (out / "forest.glb").read_bytes()[:4] == b"glTF"
+    assert (out / "scene.blend").stat().st_size > 10_000
     for found in said["surveys"]:
         assert read_survey(out / found["survey"]).legs

@@ -44,7 +44,7 @@ LIBRARY = """<document>
 <platform id="tripod" type="static"><scannerMount z="1.5"/></platform>
 <platform id="plane" type="linearpath">
 <scannerMount><rot axis="x" angle_deg="-90"/></scannerMount></platform>
-<platform id="copter" type="multicopter"/>
+<platform id="copter" type="multicopter"/><platform id="hover" type="hovercraft"/>
 <scanner id="fan" optics="rotating" scanAngleMax_deg="90" scanAngleEffectiveMax_deg="60"
  pulseFreqs_Hz="1000" rangeMin_m="0.5" pulseLength_ns="4" beamDivergence_rad="0.0003">
 <beamOrigin x="0" y="0" z="0.2"/></scanner>
@@ -141,9 +141,8 @@ def test_counts_stand_beside_those_of_a_reference(
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"extra": "<swap/>"}, "swap"),
         ({"extra": '<filter type="detailedvoxels"/>'}, "detailedvoxels"),
-        ({"platform": "copter"}, "multicopter"),
+        ({"platform": "hover"}, "hovercraft"),
         ({"scanner": "prism"}, "spiral"),
         ({"legs": LEG.replace('z="9"', 'z="9" yaw_deg="3"')}, "yaw_deg"),
         ({"legs": LEG.replace('template="t"', 'template="u"')}, '"u"'),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -13,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from forest_addon.formats.helios.device import Digitiser
 from forest_addon.formats.helios.material import Material, read_materials
 from forest_addon.formats.helios.motion import PartMotion, read_motion
-from forest_addon.formats.helios.raster import read_points, read_terrain
+from forest_addon.formats.helios.raster import VoxelMode, read_points, read_terrain, read_voxels
 from forest_addon.formats.helios.survey import read_survey
 from forest_addon.sensing.lidar.surveys.digitised import digitised, pulse_shape
 from forest_addon.sensing.lidar.surveys.leg import SurveyLeg
@@ -276,3 +277,45 @@ def test_digitised_echoes_are_the_maxima_of_the_binned_waveform(pulse_ns: float,
     assert echoes.energy.sum() == pytest.approx(sum(energy))
     assert (np.diff(echoes.pulse) >= 0).all()
     assert (echoes.pulse == np.array(pulse)[shuffled][echoes.contact]).all()
+
+
+VOXELS = """VOXEL SPACE
+#min_corner: 0.0 0.0 0.0
+#max_corner: 1.0 0.5 0.5
+#split: 2 1 1
+#res: 0.5 #MAX_PAD: 4.0 #max_pad: 4.0
+i j k PadBVTotal nbSampling transmittance
+0 0 0 1.0 9 0.5
+1 0 0 4.0 9 0.0
+1 0 0 0.0 9 1.0
+"""
+
+
+@pytest.mark.parametrize(
+    ("mode", "edges"), [(VoxelMode("fixed"), [0.5, 0.5]), (VoxelMode("scaled", 0.5), [0.25, 0.5])]
+)
+def test_voxels_of_amapvox_are_boxes(tmp_path: Path, mode: VoxelMode, edges: list[float]) -> None:
+    file = tmp_path / "crown.vox"
+    file.write_text(VOXELS)
+    boxes = read_voxels(file, mode, Material()).vertices.reshape(2, 8, 3)
+    np.testing.assert_allclose(np.ptp(boxes, axis=1), np.repeat(edges, 3).reshape(2, 3))
+    np.testing.assert_allclose(boxes.mean(axis=1), [[0.25, 0.25, 0.25], [0.75, 0.25, 0.25]])
+    shifted = read_voxels(file, replace(mode, shifted=True), Material()).vertices
+    assert shifted.reshape(2, 8, 3).min() >= 0
+    assert shifted[:, 1:].max() <= 0.5
+
+
+def test_broken_voxels_are_refused(tmp_path: Path) -> None:
+    file = tmp_path / "crown.vox"
+    file.write_text(VOXELS.replace("transmittance", "nothing"))
+    with pytest.raises(SpecError, match="no column transmittance"):
+        read_voxels(file, VoxelMode("fixed"), Material())
+    file.write_text(VOXELS.replace("#res", "#size"))
+    with pytest.raises(SpecError, match="does not say #res"):
+        read_voxels(file, VoxelMode("fixed"), Material())
+
+
+def test_a_leg_may_say_how_its_echoes_are_found(tmp_path: Path) -> None:
+    own = LEG.replace("/></leg>", '><FWFSettings beamSampleQuality="1"/></scannerSettings></leg>')
+    survey = read_survey(written(tmp_path, LEG + own))
+    assert [leg.digitiser.rings for leg in survey.legs] == [3, 1]

@@ -21,8 +21,9 @@ from ui import test_panels
 
 from forest_addon import spec, ui
 from forest_addon.blender.jobs import Job
+from forest_addon.blender.library import asset_picture
 from forest_addon.blender.read.depsgraph import TREE_KEY
-from forest_addon.blender.scene import layout
+from forest_addon.blender.scene import assets, layout
 from forest_addon.blender.scene.layout import CLOUD_KEY
 from forest_addon.blender.sensors import objects as sensors
 from forest_addon.results import plot as plots
@@ -48,7 +49,7 @@ HARMLESS = {
     *("add_distance", "add_gaussian", "add_raster", "add_stems", "new_seed", "remove_distance"),
     *("remove_raster", "remove_stems", "save_scene", "make_library", "add_library"),
 }
-READING = {"save_scene", "select_result", "show_picture", "play", "clear_cache"}
+READING = {"save_scene", "export_others", "select_result", "show_picture", "play", "clear_cache"}
 LONG = "Wäldchen-森-" * 20  # more than the 63 bytes of a name, or 255 in Blender 5
 
 
@@ -71,6 +72,7 @@ def arguments(name, folder):
         "load_scene": {"filepath": str(folder / "scene.toml")},
         "save_scene": {"filepath": str(folder / "exported.toml")},
         "save_species": {"filepath": str(folder / "own.toml")},
+        "export_others": {"directory": str(folder / "others")},
         "import_tree": {"filepath": str(folder / "wedge.stl"), "title": "wedge"},
         "make_species": {"wood": str(folder / "wedge.stl"), "title": "wedge"},
         "start": {"preset": "demo"},
@@ -117,10 +119,20 @@ def home(registered, tmp_path_factory):
     (folder / "scene.toml").write_text("seed = 5\n[forest]\nsize = [5, 5]\n")
     bpy.ops.wm.read_factory_settings(use_empty=True)
     fill(bpy.context.scene, folder)
-    assert press("build") == (True, "")
-    assert press("run") == (True, "")
+    with pytest.MonkeyPatch.context() as patch:
+        small_pictures(patch)
+        assert press("build") == (True, "")
+        assert press("run") == (True, "")
     bpy.ops.wm.save_as_mainfile(filepath=str(folder / "forest.blend"))
     return folder
+
+
+def small_pictures(patch):
+    """Have results and trees drawn with few pixels: nobody looks at them here, and files open sooner."""
+    patch.setattr(plots, "WIDE", 64)
+    patch.setattr(plots, "HIGH", 32)
+    patch.setattr(assets, "DOTS", 500)
+    patch.setattr(asset_picture, "SIDE", 1)
 
 
 def fill(scene, folder):
@@ -153,8 +165,7 @@ def again(home, tmp_path, monkeypatch):
     folder = tmp_path / "files"
     monkeypatch.setattr(build, "DEMO", folder / "scene.toml")  # smaller than the real one
     monkeypatch.setattr(library, "FIRST", ("abop-monopodial-a",))
-    monkeypatch.setattr(plots, "WIDE", 64)
-    monkeypatch.setattr(plots, "HIGH", 32)
+    small_pictures(monkeypatch)
 
     def open_again():
         shutil.rmtree(folder, ignore_errors=True)

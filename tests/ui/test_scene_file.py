@@ -1,5 +1,6 @@
 """Scene files opened and written by the panel, .blend files saved and opened again."""
 
+import json
 import shutil
 import subprocess
 import sys
@@ -35,6 +36,14 @@ def test_an_exported_scene_file_says_the_same(built, tmp_path):
     before = exchange.to_spec(bpy.context.scene)
     assert press("load_scene", filepath=str(path)) == {"FINISHED"}
     assert exchange.to_spec(bpy.context.scene) == before
+
+
+def test_the_panel_exports_for_other_programs(built, tmp_path):
+    assert press("export_others", directory=str(tmp_path / "others")) == {"FINISHED"}
+    said = json.loads((tmp_path / "others/scene.json").read_text())
+    assert sum(part["tree"] >= 0 for part in said["parts"]) == len(trees())
+    assert all((tmp_path / "others" / part["file"]).is_file() for part in said["parts"])
+    assert (tmp_path / "others/forest.glb").is_file()
 
 
 @pytest.mark.slow

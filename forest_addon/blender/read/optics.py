@@ -19,16 +19,17 @@ def optics_of(*places: bpy.types.ID) -> Optics:
 
     Returns
     -------
-    kind as a number of ``spec.POLISHED``, -1 where the word is none of them; index, share and extinction,
-    NaN where they are not said. All are NaN where no place says anything.
+    kind as a number of ``spec.POLISHED``, -1 where the word is none of them; index, share and extinction (of
+    a retro-reflector its gain), NaN where they are not said. All are NaN where no place says anything.
     """
     for place in places:
         kind = place.get(KIND_KEY)
         if isinstance(kind, str) and kind:
             said = [place.get(key) for key in NUMBER_KEYS]
-            index, share, extinction = (
+            index, share, extinction, gain = (
                 float(value) if isinstance(value, (int, float)) else np.nan for value in said
             )
+            extinction = gain if kind == "retro" else extinction
             number = POLISHED.index(kind) if kind in POLISHED else -1
             return float(number), index, share, extinction
     return NO_OPTICS

@@ -10,10 +10,11 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ...spec import SpecError
-from .document import number, place_of, rotation_of
+from .document import number, place_of, rotation_of, yes
 
+WAVEFORM = "FWFSettings"
 OPTICS = ("rotating", "conic", "risley", "oscillating", "line")
-CHANNEL = {"id", "name"}  # what a channel may say of itself; the rest is that of the scanner
+CHANNEL = {"id", "name", "wavelength_nm"}  # what a channel may say of itself
 
 
 @dataclass(frozen=True)
@@ -42,7 +43,7 @@ class Device:
 
     origin : (C, 3) metres of each channel's beam from the mount. turn : C rotations of it. incident : (C, 3)
     direction of the beam before the prisms. ranges : smallest and largest, m. scan_product : degrees times
-    hertz that an oscillating mirror can do. fibres : of a line.
+    hertz that an oscillating mirror can do. fibres : of a line. notes : what was passed over.
     """
 
     name: str
@@ -65,6 +66,7 @@ class Device:
     max_returns: int
     pulse_rate: float
     digitiser: Digitiser
+    notes: tuple[str, ...] = ()
 
 
 def read_device(scanner: Element, path: Path, survey: Element | None = None) -> Device:
@@ -104,6 +106,9 @@ def read_device(scanner: Element, path: Path, survey: Element | None = None) -> 
     detector = None if survey is None else survey.find("detectorSettings")
     detector = scanner if detector is None else detector
     pulse_ns = value("pulseLength_ns", 4.0)
+    colours = [number(c, "wavelength_nm", path, 0.0) for c in channels if c is not None]
+    colours = [one for one in colours if one] or [1064.0]
+    owners = (scanner, *([] if survey is None else [survey]))
     return Device(
         name=name,
         optics=optics,
@@ -124,25 +129,41 @@ def read_device(scanner: Element, path: Path, survey: Element | None = None) -> 
         accuracy=number(detector, "accuracy_m", path, value("accuracy_m", 0.0)),
         divergence=value("beamDivergence_rad", 0.0003),
         pulse_ns=pulse_ns,
-        wavelength_nm=value("wavelength_nm", 1064.0),
+        wavelength_nm=value("wavelength_nm", colours[0]),
         max_returns=int(value("maxNOR", 0.0)),
         pulse_rate=float(scanner.get("pulseFreqs_Hz", "100000").split(",")[0]),
-        digitiser=_digitiser(scanner, survey, pulse_ns, path),
+        digitiser=digitiser_of(owners, Digitiser(), pulse_ns, path),
+        notes=tuple(_notes(owners, colours)),
     )
 
 
-def _digitiser(scanner: Element, survey: Element | None, pulse_ns: float, path: Path) -> Digitiser:
-    """Read the settings of the waveform that scanner and survey state, the survey last."""
-    found = Digitiser()
-    for owner in (scanner, survey):
-        said = None if owner is None else owner.find("FWFSettings")
+def _notes(owners: tuple[Element, ...], colours: list[float]) -> list[str]:
+    """Sentences on what is passed over of a scanner and a survey."""
+    found = []
+    if len(set(colours)) > 1:
+        found.append(
+            f"all channels see surfaces as at {colours[0]:g} nm; their own are passed over"
+        )
+    if any(yes(said.get("snapToSurface"), False) for one in owners for said in one.iter(WAVEFORM)):
+        found.append("ranges are those of the light, without bins: snapToSurface is passed over")
+    return found
+
+
+def digitiser_of(
+    owners: tuple[Element, ...], before: Digitiser, pulse_ns: float, path: Path
+) -> Digitiser:
+    """Read the settings of the waveform that owners state, the last one last, over those before."""
+    found = before
+    for owner in owners:
+        said = owner.find(WAVEFORM)
         if said is None:
             continue
+        window = pulse_ns / 4 if before == Digitiser() else found.window_ns
         found = replace(
             found,
             rings=int(number(said, "beamSampleQuality", path, found.rings)),
             bin_ns=number(said, "binSize_ns", path, found.bin_ns),
-            window_ns=number(said, "winSize_ns", path, pulse_ns / 4),
+            window_ns=number(said, "winSize_ns", path, window),
             longest_ns=number(said, "maxFullwaveRange_ns", path, found.longest_ns),
         )
     if not (1 <= found.rings <= 50 and found.bin_ns > 0 and pulse_ns / found.bin_ns < 1e5):

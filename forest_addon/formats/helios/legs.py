@@ -9,12 +9,15 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from ...spec import SpecError
-from .device import Device
+from .device import WAVEFORM, Device, Digitiser, digitiser_of
 from .document import number, place_of, yes
+from .driven import DrivenLeg, drive
 from .scene import Part, ground_height
 from .track import SETTINGS, SurveyTrack, read_tracks
 
 TURNS = {"stopAndTurn", "smoothTurn", "slowdownEnabled", "yawAtDeparture_deg"}
+DRIVEN = ("multicopter", "groundvehicle")
+MOVING = ("linearpath", *DRIVEN)
 LEG_KEYS = {
     "platformSettings": {
         *("id", "template", "x", "y", "z", "onGround", "movePerSec_m", "stripId"),
@@ -49,6 +52,7 @@ class Leg:
     head_speed: float
     most_seconds: float
     divergence: float
+    digitiser: Digitiser
     track: SurveyTrack | None = None
     seconds: tuple[float, float] = (0.0, 0.0)
 
@@ -60,13 +64,18 @@ class Leg:
 
 @dataclass(frozen=True)
 class Source:
-    """Documents of a survey: its file, root and survey element, the platform's type, and where files are."""
+    """Documents of a survey: its file, root and survey element, the platform, and where files are."""
 
     path: Path
     root: Element
     survey: Element
-    platform: str
+    carrier: Element
     assets: Path | None
+
+    @property
+    def platform(self) -> str:
+        """The platform's type."""
+        return self.carrier.get("type", "static")
 
 
 def first_pulse_rate(source: Source, otherwise: float) -> float:
@@ -76,8 +85,11 @@ def first_pulse_rate(source: Source, otherwise: float) -> float:
     return number(settings, "pulseFreq_hz", source.path, otherwise)
 
 
-def read_legs(source: Source, device: Device, parts: tuple[Part, ...]) -> tuple[Leg, ...]:
-    """The legs in order; a platform that moves has none from its last waypoint on.
+def read_legs(
+    source: Source, device: Device, parts: tuple[Part, ...]
+) -> tuple[tuple[Leg, ...], list[str]]:
+    """The legs in order, and sentences on ways that end beside their waypoints; a platform that moves has
+    none from its last waypoint on.
 
     Raises
     ------
@@ -86,7 +98,7 @@ def read_legs(source: Source, device: Device, parts: tuple[Part, ...]) -> tuple[
     path = source.path
     elements = source.survey.findall("leg")
     given = [_settings(leg, source) for leg in elements]
-    moves = source.platform == "linearpath"
+    moves = source.platform in MOVING
     if len(given) < 1 + moves:
         raise SpecError(
             str(path), "has no leg" if not given else "moves, but has only one waypoint"
@@ -97,16 +109,36 @@ def read_legs(source: Source, device: Device, parts: tuple[Part, ...]) -> tuple[
             _leg(pair[1], device, path, (track.place[0], track.place[-1]), (0.0, np.inf), found)
             for pair, found in zip(given, tracks, strict=True)
             for track in found[:1]
-        )
+        ), []
     places = [_waypoint(pair[0], parts, path) for pair in given]
+    driven, notes = _driven(source, device, given, places)
     legs = []
     for index, (platform, scanner) in enumerate(given[: len(given) - moves]):
         speed = number(platform, "movePerSec_m", path, 70.0) if moves else 0.0
         stop = places[index + 1] if moves else places[index]
         longest = number(elements[index], "maxDuration_s", path, np.inf)
         way = places[index], stop
-        legs.append(_leg(scanner, device, path, way, (speed, longest)))
-    return tuple(legs)
+        track = driven[index] if driven else None
+        legs.append(_leg(scanner, device, path, way, (speed, longest), track))
+    return tuple(legs), notes
+
+
+def _driven(
+    source: Source,
+    device: Device,
+    given: list[tuple[Element, Element]],
+    places: list[np.ndarray],
+) -> tuple[list[tuple[SurveyTrack, float, float]], list[str]]:
+    """Ways of a platform that forces drive, and sentences on them; empty of any other."""
+    if source.platform not in DRIVEN:
+        return [], []
+    after = [*places[2:], None]
+    legs = [
+        DrivenLeg(a, b, c, pair[0], number(pair[1], "pulseFreq_hz", source.path, device.pulse_rate))
+        for a, b, c, pair in zip(places, places[1:], after, given[:-1], strict=False)
+    ]
+    tracks, notes = drive(source.carrier, legs, source.path)
+    return [(track, 0.0, float(track.time[-1])) for track in tracks], notes
 
 
 def _settings(leg: Element, source: Source) -> tuple[Element, Element]:
@@ -144,6 +176,7 @@ def _merged(
             )
         total.attrib.update(base.attrib)
     total.attrib.update(own.attrib)
+    total.extend(own.findall(WAVEFORM))
     for key in sorted(total.attrib.keys() - LEG_KEYS[tag] - known):
         raise SpecError(str(path), f'{tag} has "{key}", which is not supported')
     return total
@@ -198,6 +231,7 @@ def _leg(
         head_speed=head_speed,
         most_seconds=limits[1],
         divergence=value("beamDivergence_rad", device.divergence),
+        digitiser=digitiser_of((settings,), device.digitiser, device.pulse_ns, path),
         track=None if track is None else track[0],
         seconds=(0.0, 0.0) if track is None else track[1:],
     )

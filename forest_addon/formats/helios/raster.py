@@ -1,11 +1,14 @@
-"""Ground from a GeoTIFF, and voxels from a cloud of points, as HELIOS++ loads them."""
+"""Ground from a GeoTIFF, and voxels from a cloud of points or of AMAPVox, as HELIOS++ loads them."""
 
 from __future__ import annotations
 
+import re
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from ...base.rng import daughter_keys, keyed_uniform
 from ...spec import SpecError
 from ..foreign import guarded
 from ..tiff import read_place, read_tiff
@@ -80,9 +83,64 @@ def read_points(path: Path, separator: str, size: float, material: Material) -> 
     place = (points - low) * cells / np.where(extent > 0, extent, 1.0)
     place = np.unique(np.clip(place, 0, cells - 1).astype(np.int64), axis=0)
     low = np.where(extent > 0, low, -size / 2)
-    vertices = low + size * (place[:, None] + CORNERS).reshape(-1, 3)
+    return _boxes(low + size * (place + 0.5), np.full(len(place), size), material)
+
+
+@dataclass(frozen=True)
+class VoxelMode:
+    """Boxes that voxels of AMAPVox become: "fixed" or "scaled", the power of the density by which these
+    shrink, whether they are shifted at random within their cells."""
+
+    name: str
+    power: float = 0.5
+    shifted: bool = False
+
+
+@guarded("voxels of AMAPVox")
+def read_voxels(path: Path, mode: VoxelMode, material: Material) -> PartMesh:
+    """Boxes of the voxels of an AMAPVox file that do not let all light pass.
+
+    A fixed box fills its cell; the edge of a scaled one is the cell's times (density/largest density)^power,
+    densities of plant area (PadBVTotal), as in HELIOS++ (Weiser et al. 2021, Remote Sens. 13, 4).
+
+    Raises
+    ------
+    SpecError : the file does not say where it lies, or lacks a column; no voxel stops light.
+    """
+    lines = [text.strip() for text in path.read_text("utf-8", errors="replace").splitlines()]
+    notes = "\n".join(text for text in lines if text[:1] == "#")
+    said = dict(re.findall(r"#\s*(\w+)\s*:\s*([^#]*)", notes))
+    rows = [text.split() for text in lines if text and text[:1] != "#"]
+    head = rows[1] if len(rows) > 1 else []
+    for key in ("min_corner", "res", *(["max_pad"] if mode.name == "scaled" else [])):
+        if key not in said:
+            raise SpecError(str(path), f"is no file of voxels: it does not say #{key}")
+    for name in ("PadBVTotal", "transmittance"):
+        if name not in head:
+            raise SpecError(str(path), f"is no file of voxels: it has no column {name}")
+    table = np.array(rows[2:], dtype=np.float64).reshape(-1, len(head))
+    density, passing = (table[:, head.index(name)] for name in ("PadBVTotal", "transmittance"))
+    low, size = np.array(said["min_corner"].split(), dtype=np.float64), float(said["res"])
+    there = np.isfinite(passing) & (passing != 1)
+    edge = np.full(len(table), size)
+    if mode.name == "scaled":
+        there &= density > 0
+        edge = size * (np.maximum(density, 0) / float(said["max_pad"])) ** mode.power
+    if not there.any():
+        raise SpecError(str(path), "has no voxel that stops light")
+    middle = low + size * (table[:, :3] + 0.5)
+    if mode.shifted:
+        keys = daughter_keys(np.zeros(len(table), dtype=np.uint64), np.arange(len(table)))
+        chance = np.stack([keyed_uniform(keys, axis) for axis in "xyz"], axis=1)
+        middle += (2 * chance - 1) * np.maximum(size - edge, 0)[:, None] / 2
+    return _boxes(middle[there], edge[there], material)
+
+
+def _boxes(middle: np.ndarray, edge: np.ndarray, material: Material) -> PartMesh:
+    """Cubes of middles (B, 3) and edges (B,), metres."""
+    vertices = (middle[:, None] + edge[:, None, None] * (CORNERS - 0.5)).reshape(-1, 3)
     sides = np.concatenate([SIDES[:, [0, 1, 2]], SIDES[:, [0, 2, 3]]])
-    faces = (8 * np.arange(len(place))[:, None, None] + sides).reshape(-1, 3)
+    faces = (8 * np.arange(len(middle))[:, None, None] + sides).reshape(-1, 3)
     return _of_one_material(vertices, faces, material)
 
 

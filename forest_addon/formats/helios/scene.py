@@ -1,12 +1,13 @@
 """Scenes of HELIOS++: parts with scale, rotation and translation, on the ground if they ask, which may move.
 
 A part is scaled, then turned, then moved, in whichever order its filters stand. It is loaded from OBJ files,
-from a GeoTIFF of heights, or from a text of points as voxels. What is not supported is refused by name.
+from a GeoTIFF of heights, or from a text of points or AMAPVox's voxels as boxes. With swaps in a part the
+survey is played again, and another shape stands in its place. What is not supported is refused by name.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from xml.etree.ElementTree import Element
 
@@ -14,26 +15,27 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ...spec import SpecError
-from .document import asset_of, find_file, find_files, number, rotation_of, vector
+from .document import asset_of, find_file, find_files, number, rotation_of, vector, yes
 from .material import Material, read_materials
 from .motion import PartMotion, read_motion
 from .obj import PartMesh, read_obj, together
-from .raster import read_points, read_terrain
+from .raster import VoxelMode, read_points, read_terrain, read_voxels
 
-LOADERS = ("objloader", "geotiffloader", "xyzloader")
-UNREAD = {
-    "swap": "is swapped for other shapes while it is scanned (swap), which is not supported",
-}
+LOADERS = ("objloader", "geotiffloader", "xyzloader", "detailedvoxels")
 
 
 @dataclass(frozen=True)
 class Part:
-    """Part of a scene: a surface, where it is, (3, 4) local to world, and how it moves; None: it stands."""
+    """Part of a scene: a surface, where it is, (3, 4) local to world, and how it moves; None: it stands.
+
+    later : what stands in its place when the survey is repeated (None: nothing), each for so many plays.
+    """
 
     name: str
     mesh: PartMesh
     transform: np.ndarray
     motion: PartMotion | None = None
+    later: tuple[tuple[Part | None, int], ...] = ()
 
     @property
     def corners(self) -> np.ndarray:
@@ -51,7 +53,8 @@ class Part:
         """The part moved by (3,) metres; one that moves is not to be moved so."""
         transform = self.transform.copy()
         transform[:, 3] += by
-        return replace(self, transform=transform)
+        later = tuple((part and part.shifted(by), plays) for part, plays in self.later)
+        return replace(self, transform=transform, later=later)
 
 
 @dataclass(frozen=True)
@@ -84,10 +87,7 @@ def read_scene(
     reader = _PartReader(path, assets, {})
     elements = scene.findall("part")
     for index, element in enumerate(elements):
-        part, on_ground = _part(element, index, reader)
-        if on_ground:
-            part = _lowered(part, parts, path)
-        parts.append(part)
+        parts.append(_part(element, index, reader, parts))
     if not parts:
         raise SpecError(str(path), "the scene has no part")
     if scene.find(".//dmotion") is None:
@@ -99,40 +99,84 @@ def read_scene(
     )
 
 
-def _part(element: Element, index: int, reader: _PartReader) -> tuple[Part, bool]:
+@dataclass
+class _Shape:
+    """A part as its filters make it: loaders take another surface, turns add up, the rest replaces."""
+
+    mesh: PartMesh | None = None
+    scale: float = 1.0
+    turn: Rotation = field(default_factory=Rotation.identity)
+    shift: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    on_ground: bool = False
+
+    def filtered(self, step: Element, where: str, reader: _PartReader) -> None:
+        """Take a filter.
+
+        Raises
+        ------
+        SpecError : one that is not supported, or a broken number.
+        """
+        kind = step.get("type", "").lower()
+        params = {p.get("key", ""): p for p in step.findall("param")}
+        if kind in LOADERS:
+            self.mesh = _loaded(kind, params, where, reader)
+        elif kind == "scale" and "scale" in params:
+            self.scale = number(params["scale"], "value", reader.path) or self.scale
+        elif kind == "rotate" and "rotation" in params:
+            self.turn = rotation_of(params["rotation"], reader.path) * self.turn
+        elif kind == "translate":
+            self.shift = np.zeros(3)
+            if "offset" in params:
+                self.shift = vector(params["offset"].get("value", ""), reader.path)
+            if "onGround" in params:
+                self.on_ground = _stands(params["onGround"], reader.path)
+        else:
+            known = ", ".join(LOADERS)
+            raise SpecError(
+                where, f'filter "{kind}" is not supported; {known}, scale, rotate and translate are'
+            )
+
+    def part(self, name: str, before: list[Part], path: Path) -> Part:
+        """The part, on the ground of those before it if it is to stand there."""
+        if self.mesh is None:
+            raise SpecError(
+                f"{path}, part {name}", f"has no loader; give one of {', '.join(LOADERS)}"
+            )
+        transform = np.column_stack([self.turn.as_matrix() * self.scale, self.shift])
+        part = Part(name, self.mesh, transform)
+        return _lowered(part, before, path) if self.on_ground else part
+
+
+def _part(element: Element, index: int, reader: _PartReader, before: list[Part]) -> Part:
     name = element.get("id", f"part{index}")
     where = f"{reader.path}, part {element.get('id', index)}"
     for child in element:
-        if child.tag not in ("filter", "dmotion"):
-            why = UNREAD.get(child.tag, f'holds "{child.tag}", which is not supported')
-            raise SpecError(where, why)
-    mesh, scale, turn, shift, on_ground = None, 1.0, Rotation.identity(), np.zeros(3), False
-    seen: set[str] = set()
+        if child.tag not in ("filter", "dmotion", "swap"):
+            raise SpecError(where, f'holds "{child.tag}", which is not supported')
+    swaps = element.findall("swap")
+    if swaps and element.find("dmotion") is not None:
+        raise SpecError(where, "moves (dmotion) and is swapped (swap); only one is supported")
+    shape = _Shape()
     for step in element.findall("filter"):
-        kind = step.get("type", "").lower()
-        if kind in seen:
-            raise SpecError(where, f'has two filters "{kind}"; only one of a kind is supported')
-        seen.add(kind)
-        params = {p.get("key", ""): p for p in step.findall("param")}
-        if kind in LOADERS:
-            mesh = _loaded(kind, params, where, reader)
-        elif kind == "scale" and "scale" in params:
-            scale = number(params["scale"], "value", reader.path)
-        elif kind == "rotate" and "rotation" in params:
-            turn = rotation_of(params["rotation"], reader.path)
-        elif kind == "translate":
-            if "offset" in params:
-                shift = vector(params["offset"].get("value", ""), reader.path)
-            on_ground = "onGround" in params and _stands(params["onGround"], reader.path)
-        else:
-            raise SpecError(
-                where,
-                f'filter "{kind}" is not supported; {", ".join(LOADERS)}, scale, rotate and translate are',
-            )
-    if mesh is None:
-        raise SpecError(where, f"has no loader; give one of {', '.join(LOADERS)}")
-    transform = np.column_stack([turn.as_matrix() * scale, shift])
-    return Part(name, mesh, transform), on_ground
+        shape.filtered(step, where, reader)
+    baseline = shape.mesh
+    part = shape.part(name, before, reader.path)
+    later: list[tuple[Part | None, int]] = []
+    for swap in swaps:
+        steps, plays = swap.findall("filter"), int(number(swap, "swapStep", reader.path, 1.0))
+        if plays < 1:
+            raise SpecError(where, f"swap has swapStep = {plays}; it is at least 1")
+        if yes(swap.get("force_null"), False):
+            later.append((None, plays))
+            continue
+        if not steps:
+            raise SpecError(where, "has a swap without filters; give some, or force_null")
+        if steps[0].get("type", "").lower() not in LOADERS:
+            shape.mesh = baseline
+        for step in steps:
+            shape.filtered(step, where, reader)
+        later.append((shape.part(name, before, reader.path), plays))
+    return replace(part, later=tuple(later))
 
 
 def _stands(param: Element, path: Path) -> bool:
@@ -162,6 +206,16 @@ def _loaded(kind: str, params: dict[str, Element], where: str, reader: _PartRead
     material = _material_of(said("matfile"), said("matname"), where, reader)
     if kind == "geotiffloader":
         return together([read_terrain(file, material) for file in files])
+    if kind == "detailedvoxels":
+        mode = said("intersectionMode", "transmittive").lower()
+        if mode not in ("fixed", "scaled"):
+            why = f"has detailedvoxels of the mode {mode}, through which light passes by chance: that is not"
+            raise SpecError(where, f"{why} supported; intersectionMode fixed and scaled are")
+        power = 0.5
+        if "intersectionArgument" in params:
+            power = number(params["intersectionArgument"], "value", reader.path)
+        ways = VoxelMode(mode, power, yes(said("randomShift") or None, False))
+        return together([read_voxels(file, ways, material) for file in files])
     size = number(params["voxelSize"], "value", reader.path) if "voxelSize" in params else 1.0
     return together([read_points(file, said("separator", " "), size, material) for file in files])
 
@@ -189,6 +243,19 @@ def _lowered(part: Part, before: list[Part], path: Path) -> Part:
     if height is None:
         raise SpecError(str(path), f"{part.name} is to stand on the ground, but none is below it")
     return part.shifted(np.array([0.0, 0.0, height - lowest[2]]))
+
+
+def plays_of(parts: tuple[Part, ...]) -> list[tuple[Part, ...]]:
+    """The parts of each play of a survey: one, and one more for each play that a swap lasts (Esmorís et al.
+    2024: geometry swaps on repeat)."""
+    count = 1 + max(sum(plays for _, plays in part.later) for part in parts)
+    shown = []
+    for part in parts:
+        row: list[Part | None] = [part]
+        for other, plays in part.later:
+            row += [other] * plays
+        shown.append(row + row[-1:] * (count - len(row)))
+    return [tuple(p for p in play if p is not None) for play in zip(*shown, strict=True)]
 
 
 def ground_height(parts: tuple[Part, ...] | list[Part], x: float, y: float) -> float | None:

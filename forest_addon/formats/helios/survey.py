@@ -16,10 +16,10 @@ from scipy.spatial.transform import Rotation
 from ...spec import SpecError
 from .device import Device, read_device
 from .document import asset_of, place_of, read_document, rotation_of, yes
-from .legs import Leg, Source, first_pulse_rate, read_legs
-from .scene import Part, read_scene
+from .legs import MOVING, Leg, Source, first_pulse_rate, read_legs
+from .scene import Part, plays_of, read_scene
 
-PLATFORMS = ("static", "linearpath")
+PLATFORMS = ("static", *MOVING)
 NOISES = {f"{what}{axis}Noise" for what in ("position", "attitude") for axis in "XYZ"}
 SURVEY_TAGS = {"leg", "FWFSettings", "detectorSettings", "scannerMount", *NOISES}
 FAR = 5000.0  # metres from the origin beyond which a scene is moved there
@@ -30,7 +30,8 @@ class Survey:
     """A survey: scene, scanner, mount on its platform (metres, rotation), legs.
 
     offset : (3,) metres that the scene was moved by, to be added to what is written. notes : what was passed
-    over. reflectance : for each part (S,) of its materials, at the scanner's wavelength.
+    over. reflectance : for each part (S,) of its materials, at the scanner's wavelength. later : parts and
+    their reflectances when the survey is played again, where parts are swapped.
     """
 
     name: str
@@ -44,6 +45,13 @@ class Survey:
     offset: np.ndarray
     notes: tuple[str, ...]
     reflectance: tuple[np.ndarray, ...]
+    later: tuple[tuple[tuple[Part, ...], tuple[np.ndarray, ...]], ...] = ()
+
+    @property
+    def plays(self) -> list[Survey]:
+        """The survey once for each time that it is played, with the parts that then stand."""
+        again = [replace(self, parts=parts, reflectance=light) for parts, light in self.later]
+        return [replace(one, later=()) for one in (self, *again)]
 
 
 def read_survey(path: Path, assets: Path | None = None) -> Survey:
@@ -65,11 +73,19 @@ def read_survey(path: Path, assets: Path | None = None) -> Survey:
     scanner, scanner_file = asset_of(survey.get("scanner", ""), "scanner", path, assets)
     platform, platform_file = _platform(survey, path, assets)
     device = read_device(scanner, scanner_file, survey)
-    source = Source(path, root, survey, platform.get("type", "static"), assets)
+    source = Source(path, root, survey, platform, assets)
     rate = first_pulse_rate(source, device.pulse_rate)
     parts = read_scene(survey.get("scene", ""), path, assets, rate)
     mount = survey.find("scannerMount")
     mount = platform.find("scannerMount") if mount is None else mount
+    legs, missed = read_legs(source, device, parts)
+    lights = [
+        tuple(
+            np.array([m.reflects(device.wavelength_nm, path, assets) for m in part.mesh.materials])
+            for part in play
+        )
+        for play in plays_of(parts)
+    ]
     found = Survey(
         name=survey.get("name", path.stem),
         scene=survey.get("scene", ""),
@@ -78,13 +94,11 @@ def read_survey(path: Path, assets: Path | None = None) -> Survey:
         moves=source.platform == "linearpath",
         mount=place_of(mount, platform_file),
         mount_turn=rotation_of(mount, platform_file),
-        legs=read_legs(source, device, parts),
+        legs=legs,
         offset=np.zeros(3),
-        notes=tuple(_notes(survey, platform)),
-        reflectance=tuple(
-            np.array([m.reflects(device.wavelength_nm, path, assets) for m in part.mesh.materials])
-            for part in parts
-        ),
+        notes=(*_notes(survey, platform), *device.notes, *missed),
+        reflectance=lights[0],
+        later=tuple(zip(plays_of(parts)[1:], lights[1:], strict=True)),
     )
     return _near_origin(found)
 
@@ -137,8 +151,9 @@ def _near_origin(survey: Survey) -> Survey:
     """
     if any(part.motion for part in survey.parts):
         return survey
-    low = np.min([part.corners.min(axis=(0, 1)) for part in survey.parts], axis=0)
-    high = np.max([part.corners.max(axis=(0, 1)) for part in survey.parts], axis=0)
+    every = [part for play in survey.plays for part in play.parts]
+    low = np.min([part.corners.min(axis=(0, 1)) for part in every], axis=0)
+    high = np.max([part.corners.max(axis=(0, 1)) for part in every], axis=0)
     middle = (low + high) / 2
     if np.abs(middle).max() < FAR:
         return survey
@@ -146,6 +161,9 @@ def _near_origin(survey: Survey) -> Survey:
     return replace(
         survey,
         parts=tuple(part.shifted(-offset) for part in survey.parts),
+        later=tuple(
+            (tuple(part.shifted(-offset) for part in parts), light) for parts, light in survey.later
+        ),
         legs=tuple(leg.shifted(-offset) for leg in survey.legs),
         offset=offset,
     )

@@ -20,7 +20,14 @@ from .document import find_file, number, yes
 NAMES = ("t", "roll", "pitch", "yaw", "x", "y", "z")
 KEYS = {f"{name}Index": place for place, name in enumerate(NAMES)}
 SETTINGS = {
-    *("trajectory", "trajectory_separator", "slopeFilterThreshold", "toRadians", "syncGPSTime"),
+    *(
+        "trajectory",
+        "trajectory_separator",
+        "trajectory_seperator",
+        "slopeFilterThreshold",
+        "toRadians",
+        "syncGPSTime",
+    ),
     *("tStart", "tEnd", "teleportToStart", "interpolationDomain", *KEYS),
 }
 
@@ -106,7 +113,7 @@ def read_tracks(
 def _read(file: Path, leg: Element, path: Path) -> np.ndarray:
     """(K, 7) time, roll, pitch, yaw, x, y, z of a text file, by the indices of a leg or its header."""
     head: list[str] = []
-    separator = leg.get("trajectory_separator", ",")
+    separator = leg.get("trajectory_separator", leg.get("trajectory_seperator", ","))  # theirs
     rows = []
     for text in file.read_text("utf-8", errors="replace").splitlines():
         if text.startswith("#HEADER"):

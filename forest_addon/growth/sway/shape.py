@@ -72,6 +72,12 @@ class SwayShape:
         low[:, :, :3] += np.cross(low[:, :, 3:], own.offset[:, None])
         return low, high
 
+    @property
+    def tilts(self) -> np.ndarray:
+        """(B, M, 2) rotations of members' middles about the level axes, radians by a unit of each mode."""
+        low, high = self.ends
+        return np.asarray((low + high)[:, :, 3:5] / 2)
+
     def anchors_of(self, points: np.ndarray, leaf: np.ndarray) -> Anchors:
         """Anchors of points (N, 3): of leaves by number ``leaf`` (N,), of wood (-1) by the nearest wood."""
         on_leaf = (leaf >= 0) & (leaf < len(self.seats.segment))

@@ -15,9 +15,12 @@ from __future__ import annotations
 import numpy as np
 
 from ...base.trimesh import DEAD, GROUND, LEAF, OTHER, WOOD
-from ...spec import Scanner, SpecError, Surfaces
+from ...spec import POLISHED, Polished, Scanner, SpecError, Surfaces
 from ..rays.caster import Hits
 from ..rays.geometry import SceneGeometry
+
+RETRO = POLISHED.index("retro")
+PLANCK, LIGHT_SPEED = 6.62607015e-34, 299_792_458.0  # J·s, m/s
 
 
 def intensity(
@@ -30,7 +33,12 @@ def intensity(
 
 
 def detection_limit(scanner: Scanner) -> float:
-    """The intensity, 1/m², below which nothing is seen: of the faintest surface at the largest range."""
+    """The intensity, 1/m², below which nothing is seen: of the faintest surface at the largest range, or that
+    whose light is as many photons as the link budget asks for."""
+    link = scanner.link
+    if link.energy:
+        photon = PLANCK * LIGHT_SPEED / (scanner.beam.wavelength_nm * 1e-9)
+        return link.photons * photon / float(received_energy(scanner, np.array(1.0)))
     return float(
         intensity(
             np.array(scanner.faintest),
@@ -41,6 +49,13 @@ def detection_limit(scanner: Scanner) -> float:
     )
 
 
+def received_energy(scanner: Scanner, light: np.ndarray) -> np.ndarray:
+    """(R,) joules at the detector of intensities (R,), 1/m², by the scanner's link budget."""
+    link = scanner.link
+    gain = link.energy * 1e-6 * link.efficiency * link.aperture**2 / 4
+    return np.asarray(gain * light)
+
+
 def refuse_surplus(scene: SceneGeometry, surfaces: Surfaces) -> None:
     """No surface may give more light than arrives, whatever its object or material says of itself.
 
@@ -48,6 +63,15 @@ def refuse_surplus(scene: SceneGeometry, surfaces: Surfaces) -> None:
     ------
     SpecError : one does; says which object and what to change.
     """
+    objects = () if scene.optics is None else (scene.optics,)
+    for optics in (*objects, *scene.slot_optics):
+        dim = optics[(optics[:, 0] == RETRO) & (optics[:, 3] < 1), 3]
+        if len(dim):
+            raise SpecError(
+                "forest_gain",
+                f"of a retro-reflector is {dim[0]:g}: it sends back at least as much as white, so "
+                "give 1 or more",
+            )
     for number, mesh in enumerate(scene.meshes):
         rows = np.flatnonzero(scene.mesh_index == number)
         leaf = mesh.part == LEAF
@@ -70,7 +94,7 @@ def refuse_surplus(scene: SceneGeometry, surfaces: Surfaces) -> None:
 def reflectance_of(
     scene: SceneGeometry, hits: Hits, organ: np.ndarray, surfaces: Surfaces
 ) -> np.ndarray:
-    """(R,) reflectances: what material or object say, else what the part is."""
+    """(R,) reflectances: what material or object say, else what the part is; gains of retro-reflectors."""
     of_part = np.zeros(128)
     of_part[[OTHER, WOOD, LEAF, GROUND, DEAD]] = (
         surfaces.other,
@@ -79,4 +103,9 @@ def reflectance_of(
         surfaces.ground,
         surfaces.wood,
     )
-    return scene.reflectance_at(hits.instance, hits.triangle, of_part[organ])
+    found = scene.reflectance_at(hits.instance, hits.triangle, of_part[organ])
+    if scene.optics is None and not scene.slot_optics:
+        return found
+    kind, *_, gain = scene.optics_at(hits.instance, hits.triangle).T
+    bright = np.clip(np.where(np.isnan(gain), Polished().gain, gain), 1, None)
+    return np.where(kind == RETRO, bright, found)

@@ -134,3 +134,9 @@ def _poisson(chance: np.ndarray, mean: float) -> np.ndarray:
 def unambiguous_range(scanner: Scanner) -> float:
     """Metres from beyond which light arrives after the next pulse was sent."""
     return float(LIGHT / (2 * scanner.pulse_rate))
+
+
+def arrives_awake(scanner: Scanner, distance: np.ndarray) -> np.ndarray:
+    """(E,) bool, which echoes from true ranges (E,) metres do not arrive while a later pulse is sent."""
+    zone = unambiguous_range(scanner)
+    return np.asarray((distance < zone) | (distance % zone >= scanner.receiver.blanking))

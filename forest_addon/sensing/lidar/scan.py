@@ -33,8 +33,10 @@ from .footprint import BeamFrames, frames, sub_rays
 from .one_face import Received, on_one_face, received, seen
 from .passage import Contacts, meet
 from .polish.bounces import DIRECT, PolishedScene, alike_bounces, follow
+from .polish.halo import Halo
 from .radiometry import detection_limit, intensity, reflectance_of, refuse_surplus
 from .receiver import (
+    arrives_awake,
     awake,
     chosen_returns,
     false_echoes,
@@ -76,6 +78,7 @@ class Scan:
         self.pulses = self.pattern.count
         self.at_once = max(1, RAYS_AT_ONCE // scanner.beam.subrays)
         self._moving = caster if isinstance(caster, TimedCaster) else None
+        self._halo = None if self._moving else Halo.of(scanner, caster.scene)
         self._polished = PolishedScene.of(caster.scene, scanner)
         self._unfollowed = 0
         still = self._moving is None and self._polished is None and scanner.beam.subrays > 1
@@ -116,10 +119,17 @@ class Scan:
         self._unfollowed = 0
         if self.scanner.receiver.beyond == "folded":
             return self._measure(pulses, number, keys, self._folded(number))
-        return self._measure(pulses, number, keys, self._found(pulses, keys))
+        found = self._found(pulses, keys)
+        if self.scanner.receiver.blanking:
+            found = found.select(np.flatnonzero(arrives_awake(self.scanner, found.echoes.distance)))
+        return self._measure(pulses, number, keys, found)
 
     def _found(self, pulses: Pulses, keys: np.ndarray) -> Received:
-        """Return the echoes of pulses, before the receiver."""
+        """Return the echoes of pulses and their halos, before the receiver."""
+        found = self._direct(pulses, keys)
+        return found if self._halo is None else self._halo.added(self.caster, pulses, keys, found)
+
+    def _direct(self, pulses: Pulses, keys: np.ndarray) -> Received:
         scanner = self.scanner
         if scanner.beam.subrays > 1:
             return self._beams(pulses, keys)
@@ -151,6 +161,7 @@ class Scan:
         place = np.searchsorted(number, arrives)
         seems = found.echoes.distance - rounds * period
         here = np.append(number, -1)[place] == arrives
+        here &= arrives_awake(self.scanner, found.echoes.distance)
         rows = np.flatnonzero(here & (seems >= self.scanner.min_range))
         rows = rows[np.lexsort((seems[rows], place[rows]))]
         found = found.select(rows)
@@ -305,7 +316,6 @@ class Scan:
             found = self._with_noise(pulses, keys, found)
         found = found.select(np.flatnonzero(found.echoes.energy >= detection_limit(scanner)))
         found = found.select(awake(found.echoes, scanner.receiver.dead_zone))
-
         return_keys = daughter_keys(keys[found.echoes.pulse], ranks(found.echoes.pulse))
         kept = np.flatnonzero(noise.kept(scanner.noise, return_keys))
         found, return_keys = found.select(kept), return_keys[kept]

@@ -36,8 +36,8 @@ class SceneGeometry:
     crowd : for each mesh how many instances the forest has of which this scene is a part, so that both have
         the same bounds; left out: those that are here.
     optics : (I, 4) of the object what makes it a mirror, glass or water: number of the kind
-        (``spec.POLISHED``, -1 an unknown word), refractive index, share that a mirror sends on, extinction,
-        NaN where it says nothing; left out: nowhere.
+        (``spec.POLISHED``, -1 an unknown word), refractive index, share that a mirror sends on, extinction
+        (of a retro-reflector its gain), NaN where it says nothing; left out: nowhere.
     slot_optics : for each mesh (S, 4) of its material slots, likewise.
     """
 

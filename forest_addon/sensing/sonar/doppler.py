@@ -34,6 +34,7 @@ from ...acoustics.nonuniform import nodes_needed
 from .bands import Band, BandGrid
 from .calls import Call
 from .poses import SonarPose
+from .scatterers import FACET, LEAF, WOOD
 from .search import SearchGroup
 from .station import Station
 from .summation import Heard, panels, smooth_of, sum_echoes
@@ -43,8 +44,9 @@ SAFER = 0.02  # of the tolerance: what is bounded is relative to Σ|x|, which is
 CLASSES = (6, 12, 24, 48, 96, 200)  # nodes of amplitudes that are interpolated together
 BLOCK = 5e-4, 4e-3  # s, the shortest and the longest block
 AT_ONCE = 1 << 16  # values at a time
-STEADY = 0.1  # radians that what changes its speed turns an echo, at most, within a piece of a call
+STEADY = 0.1  # radians that changes of speed turn echoes within a piece of a call, mean by loudness
 MOST = 1025  # pieces of a call
+KINDS = LEAF, WOOD, FACET
 
 
 @dataclass(frozen=True)
@@ -81,25 +83,28 @@ def moments_of(
 
 
 def _changed(one: Moment, other: Moment) -> float:
-    """Largest change in m/s of the speeds at which scatterers heard at both moments go away."""
-    (key, speed), (later, then) = (_speeds_of(moment) for moment in (one, other))
+    """Mean change in m/s, by loudness, of the speeds at which scatterers heard at both moments go away."""
+    (key, speed, loud), (later, then, _) = (_speeds_of(moment) for moment in (one, other))
     _, a, b = np.intersect1d(key, later, assume_unique=True, return_indices=True)
-    return float(np.abs(speed[a] - then[b]).max(initial=0.0))
+    total = float(loud[a].sum())
+    return float(loud[a] @ np.abs(speed[a] - then[b])) / total if total > 0 else 0.0
 
 
-def _speeds_of(moment: Moment) -> tuple[np.ndarray, np.ndarray]:
-    """(M,) names of scatterers at a moment and how fast they go away from the sonar, m/s."""
-    names = np.dtype([("kind", "U5"), ("instance", "i8"), ("number", "i8")])
-    keys, speeds = [np.empty(0, names)], [np.empty(0)]
+def _speeds_of(moment: Moment) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(M,) names of scatterers at a moment, how fast they go away from the sonar, m/s, and bounds on how loud
+    they are."""
+    names = np.dtype([("kind", "i8"), ("instance", "i8"), ("number", "i8")])
+    keys, speeds, bounds = [np.empty(0, names)], [np.empty(0)], [np.empty(0)]
     for group in moment.groups:
         key = np.empty(len(group), names)
-        key["kind"], key["instance"] = group.scatterers.kind, group.instance
+        key["kind"], key["instance"] = KINDS.index(group.scatterers.kind), group.instance
         key["number"] = group.scatterers.number
         keys.append(key)
         relative = group.velocity - moment.station.pose.velocity
         speeds.append(np.einsum("mi,mi->m", group.paths.direction, relative))
+        bounds.append(group.bound * group.shade)
     key, row = np.unique(np.concatenate(keys), return_index=True)
-    return key, np.concatenate(speeds)[row]
+    return key, np.concatenate(speeds)[row], np.concatenate(bounds)[row]
 
 
 def pieces_of(call: Call, count: int) -> list[tuple[Call, float]]:
@@ -176,8 +181,8 @@ def shifted_sum(
     low, high = min(a.min() for a in alpha), max(a.max() for a in alpha)
     if high - low < SPREAD:
         plain = sum_echoes(groups, station, grid, tolerance).spectrum
-        early = np.exp(2j * math.pi * np.remainder(grid.frequency * lead / float(low), 1.0))
-        return plain * call.spectrum_at(grid.frequency, float(low)) * early
+        turn = np.exp(2j * math.pi * np.remainder(grid.frequency * lead / float(low), 1.0))
+        return plain * call.spectrum_at(grid.frequency, float(low)) * turn
     speeds = _Speeds(call, float(low), float(high), band.high, SAFER * (tolerance or 1e-10))
     early = [lead / a for a in alpha]
     parts = [

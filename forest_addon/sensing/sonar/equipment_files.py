@@ -25,7 +25,7 @@ from .calls import Call, resampled
 from .station import Equipment
 
 PLACES = ("x_m", "y_m", "z_m", "azimuth_deg", "elevation_deg")
-WIDTH = "beam_width_deg"
+WIDTH, TIME = "beam_width_deg", "time_s"
 SPHERE, EAR = ("azimuth_deg", "elevation_deg"), "ear"  # of patterns all round
 BANDS = 33  # frequencies that a head's responses are read at
 DEAF = 1e-4  # of the loudest: -80 dB, the least that an ear hears
@@ -163,25 +163,35 @@ def read_route(path: Path, speed: float) -> Trajectory:
 
     Raises
     ------
-    SpecError : columns that are missing or not known, no rows, a width that is not positive.
+    SpecError : columns that are missing or not known, no rows, a width that is not positive, times that do
+    not
+        rise.
     """
     head, rows = _numbers(path)
-    allowed = (*PLACES, WIDTH)
+    allowed = (*PLACES, WIDTH, TIME)
     missing = [name for name in PLACES if name not in head]
     if missing or not set(head) <= set(allowed):
-        raise SpecError(str(path), f"needs the columns {', '.join(PLACES)} and may have {WIDTH}")
+        raise SpecError(
+            str(path), f"needs the columns {', '.join(PLACES)} and may have {WIDTH}, {TIME}"
+        )
     if not len(rows):
         raise SpecError(str(path), "has no poses; give one a row")
     column = {name: rows[:, number] for number, name in enumerate(head)}
     width = np.deg2rad(column[WIDTH]) if WIDTH in column else None
     if width is not None and not (width > 0).all():
         raise SpecError(str(path), f"{WIDTH} must be larger than 0")
+    time = column.get(TIME)
+    if time is not None and not (np.isfinite(time).all() and (np.diff(time) > 0).all()):
+        raise SpecError(
+            str(path), f"{TIME} must rise from row to row; put the rows in order of time"
+        )
     return looking(
         np.stack([column[name] for name in PLACES[:3]], axis=1),
         np.deg2rad(column["azimuth_deg"]),
         np.deg2rad(column["elevation_deg"]),
         width,
         speed,
+        time,
     )
 
 

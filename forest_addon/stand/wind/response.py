@@ -2,9 +2,12 @@
 
 Drag on a member is quadratic in slow and linear in fast wind, as leaves fold and crowns bend
 (reconfiguration, Vogel exponent -1: de Langre 2008; Rudnicki et al. 2004): F = c U² / √(1 + (U/U_r)²), c =
-ρ c_d A. It is made linear about the local mean: its slope times the turbulence drives the modes, and its
-slope times the tree's own velocity is the aerodynamic damping. A mode is then an oscillator whose answer to
-each wave of the wind is known.
+ρ c_d A. What has bent by an angle θ faces the wind with cos θ of its area, and only the wind across it
+pushes: F cos²θ, θ the arctangent of the small rotation θ_0, so F/(1 + θ_0²) (as plates and rods in Gosselin,
+de Langre & Machado-Almeida 2010, J. Fluid Mech. 650). It is made linear about the local mean: its slope times
+the turbulence drives the modes, its slope times the tree's own velocity is the aerodynamic damping, and what
+it loses as the tree bends on is a stiffness. A mode is then an oscillator whose answer to each wave of the
+wind is known.
 """
 
 from __future__ import annotations
@@ -22,6 +25,8 @@ FOLDING = 10.0  # m/s, speed at which leaves and crowns fold
 INTERNAL = 0.02  # damping of wood and roots over the critical one; below 0.05 in the measured trees
 MOST_DAMPING = 0.95
 KNOTS = 32  # a second, between which amplitudes are cubic
+CALM = 0.01  # rad², mean square of rotations by gusts that change drag by less than a per cent
+MOST_STEPS = 60
 
 
 @dataclass(frozen=True)
@@ -88,26 +93,74 @@ def response_of(
     axes = np.array([[x * cos + y * sin, y * cos - x * sin, 0.0], [0, 0, 0], [0, 0, 1.0]])
     axes[1] = [-axes[0, 1], axes[0, 0], 0.0]
     push = np.einsum("bmi,ci->bmc", modes, axes) / scale**1.5
-    aside = force / np.maximum(wind, 1e-9)
-    lever = np.stack([slope, aside, aside], axis=1)
     omega = 2 * np.pi * shape.modes.frequency / scale
-    drive = field.push(world, push * lever[:, None])
-    aerodynamic = np.einsum("bmc,bnc,bc->mn", push, push, lever)
-    diagonal = np.diagonal(aerodynamic)
-    # Beyond the critical damping a mode creeps; the share that the others take from it stays.
-    most = 2 * omega * (MOST_DAMPING - INTERNAL)
-    aerodynamic = aerodynamic * np.minimum(1.0, most / np.maximum(diagonal, 1e-12)).min()
-    damper = aerodynamic + np.diag(2 * INTERNAL * omega)
-    rate = 2 * np.pi * field.frequency
-    answer = 1j * rate[:, None, None] * damper
-    answer += np.eye(len(omega)) * (omega**2 - rate[:, None] ** 2)[:, :, None]
+    tilt = shape.tilts / scale**2.5  # of a unit of push
+    sails = _Sails(
+        push, tilt, omega, force, np.stack([slope, *[force / np.maximum(wind, 1e-9)] * 2], 1)
+    )
+    waves, shaken = np.zeros((0, 0)), np.zeros(len(force))
+    for _ in range(2):
+        bent, mean, towards = sails.bent(shaken)
+        drive = field.push(world, push * (sails.lever * bent[:, None])[:, None])
+        waves, damper = sails.answer(drive, 2 * np.pi * field.frequency, bent, towards)
+        found = 0.5 * np.einsum("mk,nk->mn", waves, waves.conj()).real
+        shaken = np.einsum("bmi,mn,bni->b", tilt, found, tilt)
+        if shaken.max(initial=0.0) < CALM:
+            break
     return SwayResponse(
-        mean=push[:, :, 0].T @ force / omega**2 / scale**1.5,
-        waves=np.linalg.solve(answer, drive[:, :, None])[:, :, 0].T / scale**1.5,
-        rate=rate,
+        mean=mean / scale**1.5,
+        waves=waves / scale**1.5,
+        rate=2 * np.pi * field.frequency,
         frequency=omega / (2 * np.pi),
         damping=np.diagonal(damper) / (2 * omega),
     )
+
+
+@dataclass(frozen=True)
+class _Sails:
+    """Members of a tree as the wind meets them.
+
+    push : (B, M, 3) of modes along, across and upright. tilt : (B, M, 2) radians by a unit of each mode.
+    omega : (M,) rad/s. force : (B,) N of the mean wind at rest. lever : (B, 3) N s/m, what a gust adds.
+    """
+
+    push: np.ndarray
+    tilt: np.ndarray
+    omega: np.ndarray
+    force: np.ndarray
+    lever: np.ndarray
+
+    def bent(self, shaken: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """(B,) shares of drag that members keep as they bend, (M,) how far the mean wind bends the tree, and
+        (B, M) N that drag falls by a unit of each mode.
+
+        shaken : (B,) mean square of the rotation by gusts.
+        """
+        share, mean, lean = 1 / (1 + shaken), np.zeros(len(self.omega)), np.zeros((len(shaken), 2))
+        for _ in range(MOST_STEPS):
+            mean = self.push[:, :, 0].T @ (self.force * share) / self.omega**2
+            lean = np.einsum("bmi,m->bi", self.tilt, mean)
+            new = 1 / (1 + shaken + (lean**2).sum(axis=1))
+            apart = np.abs(new - share).max(initial=0.0)
+            share = (share + new) / 2
+            if apart < 1e-4:
+                break
+        falls = 2 * self.force * share**2
+        return share, mean, falls[:, None] * np.einsum("bi,bmi->bm", lean, self.tilt)
+
+    def answer(
+        self, drive: np.ndarray, rate: np.ndarray, bent: np.ndarray, falls: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """(M, K) answers to waves (K, M) at rates (K,), rad/s, and the damper (M, M)."""
+        omega, lever = self.omega, self.lever * bent[:, None]
+        aerodynamic = np.einsum("bmc,bnc,bc->mn", self.push, self.push, lever)
+        # Beyond the critical damping a mode creeps; the share that the others take from it stays.
+        most = 2 * omega * (MOST_DAMPING - INTERNAL)
+        aerodynamic *= np.minimum(1.0, most / np.maximum(np.diagonal(aerodynamic), 1e-12)).min()
+        damper = aerodynamic + np.diag(2 * INTERNAL * omega)
+        answer = 1j * rate[:, None, None] * damper + self.push[:, :, 0].T @ falls
+        answer += np.eye(len(omega)) * (omega**2 - rate[:, None] ** 2)[:, :, None]
+        return np.linalg.solve(answer, drive[:, :, None])[:, :, 0].T, damper
 
 
 def drag(shape: SwayShape, wind: np.ndarray, scale: float = 1.0) -> tuple[np.ndarray, np.ndarray]:

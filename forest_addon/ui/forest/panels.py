@@ -41,6 +41,7 @@ class FOREST_PT_forest(Tab, bpy.types.Panel):
     def draw_header_preset(self, context: bpy.types.Context) -> None:
         self.layout.operator("forest.load_scene", text="", icon="FILE_FOLDER", emboss=False)
         self.layout.operator("forest.save_scene", text="", icon="FILE_TICK", emboss=False)
+        self.layout.operator("forest.export_others", text="", icon="EXPORT", emboss=False)
         self.layout.separator()  # from the handle that Blender draws at the end
 
     def draw(self, context: bpy.types.Context) -> None:

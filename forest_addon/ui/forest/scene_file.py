@@ -10,7 +10,8 @@ from bpy_extras.io_utils import ExportHelper, ImportHelper
 
 from ... import spec
 from ...blender.sensors.objects import file_name, sensors_of
-from ..settings.exchange import from_spec
+from ..settings.exchange import from_spec, to_spec
+from ..settings.preferences import rays_of
 from ..shell.chosen import choose_sensor
 from ..shell.running import PROBLEMS, InOwnScene, in_words
 from ..shell.words import say
@@ -112,4 +113,48 @@ class FOREST_OT_save_scene(bpy.types.Operator, ExportHelper):
         return {"FINISHED"}
 
 
-CLASSES = (FOREST_OT_load_scene, FOREST_OT_save_scene)
+class FOREST_OT_export_others(bpy.types.Operator):
+    """Write the scene into a folder for other programs: OBJ parts, surveys of HELIOS++, JSON, .glb, .blend"""
+
+    bl_idname = "forest.export_others"
+    bl_label = "Export for Other Programs"
+    directory: bpy.props.StringProperty(
+        name="Folder",
+        description="Folder that the files go to; made if missing",
+        subtype="DIR_PATH",
+        options={"SKIP_SAVE"},
+    )
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        context.window_manager.fileselect_add(self)
+        return {"RUNNING_MODAL"}
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        from ...blender.files.others import export_for_others
+        from ...blender.sensors.observe import Observer
+        from ...sensing.lidar.surveys.export import flown
+
+        scene = context.scene
+        folder = Path(bpy.path.abspath(self.directory or "//export"))
+        home = Path(bpy.path.abspath(scene.forest_sensing.folder))
+        told: list[str] = []
+        try:
+            settings = to_spec(scene)
+            observer = Observer(context.evaluated_depsgraph_get(), rays_of(settings.rays))
+            ways = {s.name: flown(s) or observer.way(s, home) for s in settings.sensors}
+            count = export_for_others(settings, observer.geometry, ways, folder, told.append)
+        except PROBLEMS as problem:
+            self.report({"ERROR"}, in_words(problem))
+            return {"CANCELLED"}
+        self.report(
+            {"INFO"},
+            say(
+                "{count} parts are in {folder}; scene.json there says what HELIOS++ has no word for",
+                count=count,
+                folder=str(folder),
+            ),
+        )
+        return {"FINISHED"}
+
+
+CLASSES = (FOREST_OT_load_scene, FOREST_OT_save_scene, FOREST_OT_export_others)

@@ -70,13 +70,12 @@ def _draw_result(layout: bpy.types.UILayout, result: Any) -> None:
     _draw_points(body, result)
     if record is not None and record.is_response:
         _draw_sound(body, result.id_data.forest_sensing)
-    table = body.column(align=True)
+    table = body.split(factor=0.45)
+    names, values = table.column(align=True), table.column(align=True)
+    names.active = False
     for figure in result.figures:
-        row = table.split(factor=0.45)
-        name = row.row()
-        name.active = False
-        name.label(text=figure.name)
-        row.label(text=label_of_kept(figure.made_of) if figure.made_of else figure.value)
+        names.label(text=figure.name)
+        values.label(text=label_of_kept(figure.made_of) if figure.made_of else figure.value)
     if result.kind != "forest":
         _draw_end(body, result)
 

@@ -15,7 +15,7 @@ from ..settings import references
 from ..settings.drawing import BIG, OnceStarted, draw_settings, folded, name_in, split
 from ..settings.lists import draw_list
 from ..settings.presets import draw_presets
-from ..shell.chosen import chosen, chosen_sensor
+from ..shell.chosen import chosen, chosen_sensor, while_drawn
 from ..shell.progress import draw_job
 from ..shell.running import current
 from ..shell.words import keep, label, label_kept
@@ -36,9 +36,10 @@ class FOREST_PT_sensors(OnceStarted, bpy.types.Panel):
         home = sensors.home_of(context.scene, known)
         row = layout.row()
         if home is not None:
-            row.template_list(
-                "FOREST_UL_sensors", "", home, "objects", props, "active_sensor", rows=3
-            )
+            with while_drawn(props):
+                row.template_list(
+                    "FOREST_UL_sensors", "", home, "objects", props, "active_sensor", rows=3
+                )
         else:
             row.label(text="No sensor yet: add one", icon="INFO")
         buttons = row.column(align=True)
@@ -226,6 +227,8 @@ class FOREST_PT_thing(OnceStarted, bpy.types.Panel):
         column.prop(thing, "forest_polish")
         if thing.forest_polish == "MIRROR":
             column.prop(thing, "forest_mirrored")
+        elif thing.forest_polish == "RETRO":
+            column.prop(thing, "forest_gained")
         elif thing.forest_polish != "NONE":
             column.prop(thing, "forest_refraction")
 

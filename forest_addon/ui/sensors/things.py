@@ -17,7 +17,9 @@ from ...blender.scene.standings import IGNORED_KEY, REFLECTANCE_KEY, SOLID_TYPES
 from ...blender.sensors import objects as sensors
 from ...spec.choices import meaning_of, title_of
 
-KIND_KEY, INDEX_KEY, SHARE_KEY = (spec.property_of(name) for name in ("optics", "index", "mirror"))
+KIND_KEY, INDEX_KEY, SHARE_KEY, GAIN_KEY = (
+    spec.property_of(name) for name in ("optics", "index", "mirror", "gain")
+)
 KINDS = ("", *spec.POLISHED)
 OTHERWISE = spec.Surfaces().other  # reflectance that an object's own starts with
 
@@ -88,6 +90,15 @@ def _set_share(thing: Any, value: float) -> None:
     _say(thing, SHARE_KEY, min(max(value, 0.0), 1.0))
 
 
+def _gain(thing: Any) -> float:
+    value = thing.get(GAIN_KEY)
+    return value if isinstance(value, int | float) else spec.Polished().gain
+
+
+def _set_gain(thing: Any, value: float) -> None:
+    _say(thing, GAIN_KEY, max(value, 1.0))
+
+
 def _say(thing: Any, key: str, value: Any) -> None:
     if value is not None:
         thing[key] = value
@@ -149,6 +160,15 @@ PROPERTIES = {
         subtype="FACTOR",
         get=_share,
         set=_set_share,
+    ),
+    "forest_gained": bpy.props.FloatProperty(
+        name="Gain",
+        description="Light that the retro-reflector sends back, of that of a white surface",
+        min=1.0,
+        max=1e6,
+        soft_max=5000.0,
+        get=_gain,
+        set=_set_gain,
     ),
 }
 

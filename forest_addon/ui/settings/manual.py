@@ -46,6 +46,7 @@ PAGES = {  # operators of which another page speaks
     "import_tree": "template",
     "add_flight": "flight",
     "fly": "flight",
+    "export_others": "lidar",
     "make_library": "asset-library",
     "add_library": "asset-library",
 }

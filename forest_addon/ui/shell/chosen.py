@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 import bpy
 
 from ...blender.sensors import objects as sensors
 from .selection import select_alone
+
+_drawn: dict[
+    int, int
+] = {}  # number of the chosen sensor while a scene's list is drawn, by session_uid
 
 
 def chosen(owner: Any, name: str) -> Any:
@@ -47,10 +52,23 @@ def choose_sensor(context: bpy.types.Context, thing: bpy.types.Object) -> None:
 
 def number_of_sensor(props: Any) -> int:
     """Return where the chosen sensor is in the list, -1 where there is none."""
+    if props.id_data.session_uid in _drawn:
+        return _drawn[props.id_data.session_uid]
     known = sensors.sensors_of(props.id_data)
     home = sensors.home_of(props.id_data, known)
     thing = chosen_sensor(bpy.context, known) if bpy.context.scene == props.id_data else None
     return -1 if home is None or thing is None else list(home.objects).index(thing)
+
+
+@contextmanager
+def while_drawn(props: Any) -> Iterator[None]:
+    """Look up which sensor is chosen once for this block: Blender asks for each row that it draws."""
+    key = props.id_data.session_uid
+    _drawn[key] = number_of_sensor(props)
+    try:
+        yield
+    finally:
+        del _drawn[key]
 
 
 def choose_number(props: Any, number: int) -> None:

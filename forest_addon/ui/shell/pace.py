@@ -21,7 +21,7 @@ BY_PROCESSOR = (
     "lavapipe",
     "gdi generic",
 )
-LITTLE = 125_000  # triangles that a processor draws in about a twentieth of a second
+LITTLE = 240_000  # triangles that a processor draws in less than a tenth of a second
 SLOW = 0.2  # s that a view takes to draw; faster ones are left alone
 LATELY = 1.5  # times as long ago as drawing took: then it is still being smoothed
 

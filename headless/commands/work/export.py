@@ -1,37 +1,11 @@
-"""Scenes for other programs: each mesh once as OBJ, scenes and surveys of HELIOS++, and all else as JSON."""
+"""Scenes for other programs, from a scene file."""
 
 from __future__ import annotations
 
-import json
-from dataclasses import asdict
 from pathlib import Path
-
-import numpy as np
-
-from forest_addon.base.trimesh import DEAD, GROUND, LEAF, OTHER, PART_NAMES, WOOD
-from forest_addon.formats.atomic import replacing
-from forest_addon.formats.helios.writing import (
-    PlacedPart,
-    is_similar,
-    scene_document,
-    write_document,
-    write_materials,
-    write_obj,
-)
-from forest_addon.sensing.lidar.surveys.export import (
-    SCENES,
-    flown,
-    scanner_of,
-    write_survey,
-)
-from forest_addon.sensing.rays.geometry import SceneGeometry, apply_transform
-from forest_addon.sensing.trajectory import Trajectory
-from forest_addon.spec import SpecError, Surfaces
 
 from ...command import read_scene
 from ...progress import Stages, hushed
-
-PARTS = "data/sceneparts"
 
 
 def export_scene(path: Path, folder: Path, seed: int | None = None, quiet: bool = False) -> None:
@@ -48,142 +22,15 @@ def export_scene(path: Path, folder: Path, seed: int | None = None, quiet: bool 
         import bpy
 
         from forest_addon.api.site import build
+        from forest_addon.blender.files.others import export_for_others
         from forest_addon.blender.sensors.observe import Observer
+        from forest_addon.sensing.lidar.surveys.export import flown
     with stages.stage("grow the forest"), hushed():
         build(scene, folder=path.parent)
         observer = Observer(bpy.context.evaluated_depsgraph_get(), scene.rays)
-    geometry = observer.geometry
-    if not len(geometry):
-        raise SpecError(str(path), "has nothing to export: nothing in it has faces")
-    with stages.stage("write parts"):
-        surfaces = next((s.surfaces for s in map(scanner_of, scene.sensors) if s), Surfaces())
-        placed, unsaid = write_parts(geometry, folder, scene.name, surfaces)
-    for sentence in unsaid:
-        stages.say(f"  {sentence}")
-    told = []
-    for sensor in scene.sensors:
-        found = write_survey(sensor, folder, scene.name, surfaces)
-        told.append(found)
-        stages.say(f"  {sensor.name}: {folder / found.survey if found.survey else 'no survey'}")
-        for sentence in found.unsaid:
-            stages.say(f"    {sentence}")
-    ways = {sensor.name: flown(sensor) or observer.way(sensor) for sensor in scene.sensors}
-    said = {
-        "name": scene.name,
-        "seed": scene.seed,
-        "offset_m": scene.offset,
-        "crs": scene.crs,
-        "units": "metres, degrees, z up; OBJ parts are local, transform is (3, 4) local to world",
-        "materials": dict(enumerate(PART_NAMES)),
-        "parts": _rows(geometry, placed),
-        "species": dict(enumerate(planting.species for planting in scene.plantings)),
-        "sensors": [asdict(sensor) for sensor in scene.sensors],
-        "ways": {name: _way(way) for name, way in ways.items() if way is not None},
-        "surveys": [asdict(found) for found in told],
-        "unsaid": unsaid,
-    }
-    with replacing(folder / "scene.json") as partial:
-        partial.write_text(json.dumps(said, indent=1) + "\n", encoding="utf-8")
-    stages.say(f"{folder / 'scene.json'}: {len(placed):,} parts of {len(geometry.meshes):,} meshes")
-
-
-def write_parts(
-    geometry: SceneGeometry, folder: Path, name: str, surfaces: Surfaces
-) -> tuple[list[PlacedPart], list[str]]:
-    """Write the meshes, materials and scene document of a scene.
-
-    surfaces : reflectances by part.
-
-    Returns
-    -------
-    the instances in order, and what HELIOS++ cannot say of them.
-    """
-    home = folder / PARTS / name
-    home.mkdir(parents=True, exist_ok=True)
-    materials = _Materials(surfaces)
-    placed, own = [], 0
-    written: dict[tuple, str] = {}
-    for row in range(len(geometry)):
-        number, transform = int(geometry.mesh_index[row]), geometry.transform[row]
-        mesh = geometry.meshes[number]
-        if not len(mesh.triangles):
-            continue
-        alone = not is_similar(transform)
-        triangle = np.arange(len(mesh.triangles))
-        share = geometry.reflectance_at(np.full(len(triangle), row), triangle, np.nan)
-        slot = materials.slots(mesh.part, share)
-        key = (number, row if alone else -1, slot.tobytes())
-        if key not in written:
-            file = f"mesh{len(written):05d}.obj"
-            vertices = apply_transform(transform, mesh.vertices) if alone else mesh.vertices
-            names = materials.names
-            write_obj(home / file, vertices, mesh.triangles, slot, names, "materials.mtl")
-            written[key] = f"{PARTS}/{name}/{file}"
-        own += alone
-        placed.append(PlacedPart(str(row), written[key], np.eye(3, 4) if alone else transform))
-    write_materials(home / "materials.mtl", materials.reflectance, materials.ground)
-    write_document(folder / SCENES / f"{name}.xml", scene_document(name, placed))
-    unsaid = []
-    if own:
-        unsaid.append(f"{own:,} instances are sheared or mirrored: each has an OBJ file of its own")
-    if surfaces.leaf_transmittance:
-        unsaid.append("leaves let light pass (leaf_transmittance): in HELIOS++ they are opaque")
-    if geometry.optics is not None or geometry.slot_optics:
-        unsaid.append("mirrors, glass and water are surfaces as any other in HELIOS++")
-    return placed, unsaid
-
-
-class _Materials:
-    """Materials by part and reflectance."""
-
-    def __init__(self, surfaces: Surfaces) -> None:
-        usual = {OTHER: surfaces.other, WOOD: surfaces.wood, LEAF: surfaces.leaf}
-        usual |= {GROUND: surfaces.ground, DEAD: surfaces.wood}
-        self._usual = np.array([usual[part] for part in range(len(PART_NAMES))])
-        self.names: list[str] = []
-        self.reflectance: dict[str, float] = {}
-        self.ground: set[str] = set()
-
-    def slots(self, part: np.ndarray, own: np.ndarray) -> np.ndarray:
-        """(T,) materials of triangles of parts (T,) with a reflectance of their own (T,), or NaN."""
-        share = np.where(np.isnan(own), self._usual[part], own)
-        kinds, slot = np.unique(np.stack([part, share]), axis=1, return_inverse=True)
-        numbers = []
-        for kind, value in kinds.T.tolist():
-            name = PART_NAMES[int(kind)].replace(" ", "_")
-            name = name if value == self._usual[int(kind)] else f"{name}_{value:.6g}"
-            if name not in self.names:
-                self.names.append(name)
-                self.reflectance[name] = value
-                if int(kind) == GROUND:
-                    self.ground.add(name)
-            numbers.append(self.names.index(name))
-        return np.array(numbers)[slot.ravel()]
-
-
-def _rows(geometry: SceneGeometry, placed: list[PlacedPart]) -> list[dict[str, object]]:
-    """Labels and places of the parts, for JSON."""
-    found = []
-    for part in placed:
-        row = int(part.name)
-        found.append(
-            {
-                "id": row,
-                "file": part.file,
-                "object": geometry.object_name[geometry.object_index[row]],
-                "tree": int(geometry.tree[row]),
-                "species": int(geometry.species[row]),
-                "transform": part.transform.tolist(),
-            }
-        )
-    return found
-
-
-def _way(way: Trajectory) -> dict[str, object]:
-    """A way for JSON: times, places, and attitudes as quaternions x, y, z, w."""
-    _, attitude = way.at(way.time)
-    return {
-        "time_s": way.time.tolist(),
-        "position_m": way.position.tolist(),
-        "attitude_xyzw": attitude.as_quat().tolist(),
-    }
+        ways = {s.name: flown(s) or observer.way(s, path.parent) for s in scene.sensors}
+    told: list[str] = []
+    with stages.stage("write files"), hushed():
+        export_for_others(scene, observer.geometry, ways, folder, told.append)
+    for sentence in told:
+        stages.say(sentence)

@@ -118,12 +118,28 @@ def scan_survey(
             f"  computed {survey.offset} m nearer to the origin; files hold the map's coordinates"
         )
     offset = Offset(np.array(offset) + survey.offset, offset.crs)
-    with stages.stage("make the scene"), hushed():
-        caster_of = casters_of(survey, choice.engine)
+    plays = survey.plays
+    if len(plays) > 1:
+        stages.say(f"  parts are swapped: the survey is played {len(plays)} times")
     target.parent.mkdir(parents=True, exist_ok=True)
     found = []
+    for number, play in enumerate(plays):
+        name = f"play{number}-" if len(plays) > 1 else ""
+        found += _scan_play(play, target, name, offset, choice, stages)
+    if not quiet:
+        print("\n".join(table_of(found, beside)))
+    return found
+
+
+def _scan_play(
+    survey: Survey, target: Path, prefix: str, offset: Offset, choice: ScanChoice, stages: Stages
+) -> list[LegCounts]:
+    """Scan each active leg of a survey into a file, whose name begins with a prefix after the target's."""
+    with stages.stage("make the scene"), hushed():
+        caster_of = casters_of(survey, choice.engine)
+    found = []
     for index, leg in enumerate(survey.legs):
-        name = f"leg{index:03d}"
+        name = f"{prefix}leg{index:03d}"
         if not leg.active:
             stages.say(f"  {name}: the scanner is off")
             continue
@@ -142,8 +158,6 @@ def scan_survey(
         mean = scan.total / max(done.points, 1)
         found.append(LegCounts(name, scan.by_returns, mean, took))
         stages.say(f"{file}: {done.points:,} points of {done.pulses:,} pulses by {caster.engine}")
-    if not quiet:
-        print("\n".join(table_of(found, beside)))
     return found
 
 
@@ -156,7 +170,7 @@ def _scan_of(
 ) -> _Counting:
     """The scan of a leg."""
     sensor, pattern = sensor_of_survey(survey, leg, name), SurveyLeg(survey, leg)
-    digitiser = survey.device.digitiser
+    digitiser = leg.digitiser
     if choice.echoes == "survey" and digitiser.rings > 1:
         across = np.pi / 2 if survey.device.optics == "conic" else 0.0
         return CountedDigitisedScan(sensor, caster, choice.seed, pattern, digitiser, across)
@@ -212,7 +226,7 @@ def sensor_of_survey(survey: Survey, leg: Leg, name: str) -> Terrestrial:
 
     A pulse is 1 + 3·q·(q - 1) rays for the q rings of HELIOS++'s beam sample quality.
     """
-    device, rings = survey.device, survey.device.digitiser.rings
+    device, rings = survey.device, leg.digitiser.rings
     spread = leg.divergence * 1e3
     return Terrestrial(
         name=name,

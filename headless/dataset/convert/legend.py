@@ -90,6 +90,8 @@ _HEARD = {
     "distance": "from the sonar, m",
     "delay": "there and back, s",
     "amplitude": "re call at 1 m",
+    "velocity": "at the ping's time, m/s; of a scene that moves",
+    "rest": "where it is as the scene stands still, m; of a scene that moves",
 }
 _RESPONSE = {
     "channel": "of the receiver",
@@ -123,6 +125,7 @@ NAMES: dict[str, dict[str, str]] = {
         **{f"{axis}_m": f"{axis} of the pose, m" for axis in "xyz"},
         "azimuth_deg": "from +X towards +Y, degrees",
         "elevation_deg": "from the horizon up, degrees",
+        "time_s": "of the ping, s",
     },
     "trees.csv": _CSV_TREES,
     "cylinders.csv": _CYLINDERS,

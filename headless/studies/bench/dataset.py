@@ -14,15 +14,16 @@ import time
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 from forest_addon.base.progress import Say
 
 from ...dataset.child import Child
-from ...dataset.disk import remove_scene
-from ...dataset.engine import Cluster
+from ...dataset.disk import remove_scene, scenes_done
+from ...dataset.engine import Cluster, make_all
 from ...dataset.estimate import Estimate, estimate
-from ...dataset.factory import Asked, make_dataset
 from ...dataset.plan import PLANS, Plan, read_plan, recipes
+from ...dataset.worker import job_of
 from ..tables import table
 
 TITLE = "dataset: a factory of labelled forests"
@@ -86,20 +87,40 @@ def _shares(what: str, found: Estimate) -> list[str]:
 
 
 def _scaling(say: Say) -> None:
+    """Print the same plots by one thread, by two threads of a worker and by two workers of one."""
     plan = read_plan(PLANS / "lidar-plots.toml", [*SMALL, f"count={SCALED}"])
-    taken = [_making(plan, workers) for workers in (1, 2)]
+    rows, first = [], None
+    for workers, threads in ((1, 1), (1, 2), (2, 1)):
+        wall, cpu, digests = _making(plan, workers, threads)
+        first = first or (wall, digests)
+        row = [f"{workers}", f"{threads}", f"{wall:.1f}", f"{first[0] / wall:.2f}", f"{cpu:.1f}"]
+        rows.append([*row, "equal" if digests == first[1] else "other"])
+    head = [
+        "workers",
+        "threads of each",
+        "wall, s",
+        "times as fast",
+        "CPU s of the scenes",
+        "bytes",
+    ]
+    table(say, head, rows)
     say(
-        f"{SCALED} small plots: {taken[0]:.0f} s with one worker, {taken[1]:.0f} s with two "
-        f"({taken[0] / taken[1]:.2f} times as fast; load {os.getloadavg()[0]:.1f} on {os.cpu_count()} "
-        "cores), from the start of the processes to the data card."
+        f"\n{SCALED} small plots, start of the processes and of Blender within; load "
+        f"{os.getloadavg()[0]:.1f} on {os.cpu_count()} cores."
     )
 
 
-def _making(plan: Plan, workers: int) -> float:
+def _making(plan: Plan, workers: int, threads: int) -> tuple[float, float, list[str]]:
+    """Wall seconds, CPU seconds of the scenes and their digests."""
     with tempfile.TemporaryDirectory() as folder:
+        root, told = Path(folder), list[dict[str, Any]]()
+        memory = plan.running.memory_gb * 1e9 or float("inf")
+        jobs = [job_of(one, root, plan.running, memory, threads) for one in recipes(plan)]
         start = time.monotonic()
-        make_dataset(plan, Path(folder) / "data", Asked(Cluster(workers), quiet=True))
-        return time.monotonic() - start
+        make_all(jobs, Cluster(workers), told.append)
+        wall = time.monotonic() - start
+        digests = [str(one.record["digest"]) for one in scenes_done(root)]
+        return wall, sum(float(one["cpu"]) for one in told), digests
 
 
 def _memory(say: Say) -> None:

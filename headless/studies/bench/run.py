@@ -22,7 +22,7 @@ from forest_addon.formats.atomic import replacing
 
 SECTIONS = (
     *("growth", "stand", "lidar", "sonar", "reverb", "series", "flight"),
-    *("dataset", "frontier"),
+    *("dataset", "cluster", "frontier"),
 )
 ON_REQUEST = ("peers",)  # what needs other programs
 

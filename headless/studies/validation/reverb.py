@@ -20,6 +20,7 @@ from forest_addon.sensing.reverb.sums.fast_scattering import Expansions
 from forest_addon.spec import Air
 
 from .comparison import Comparison, Interval, Picture
+from .responses.agreement import judge_agreement
 from .responses.decay import Decay, decay_of, missing_loss, read_recording
 from .responses.ensemble import Ensemble, judge
 from .responses.levels import BANDS as RANGE_BANDS
@@ -36,10 +37,11 @@ Koli: an impulse response of a boreal forest in summer (OpenAIR, CC BY 4.0), sou
 apart. The trees around it were not mapped. The simulations are stands drawn from what such forests are
 like: 400 to 1,500 stems/ha, radii of 5 to 15 cm, forest floor of 50 to 88 kPa·s/m², up to 0.5 m² of
 leaves a cubic metre at the height of the path, bark that absorbs 2 to 10 %, trees of 10 to 22 m that lean
-by 1 to 3 degrees, 0.3 to 2 m² of herbs' leaves a square metre; none is fitted. Sources are the
-loudspeakers that were used, as far as their directivity is known. Intervals hold 90 % of the stands;
-*before* is Kaneko & Gamper's model in the same stands, as the tool had it. T20 agrees where the median
-stand is within 25 % of the recording, C50 within 3 dB.
+by 1 to 3 degrees, 0.3 to 2 m² of herbs' leaves a square metre, loudspeakers and microphone at 1 to
+1.6 m; none is fitted. Sources are the loudspeakers that were used, as far as their directivity is known.
+Intervals hold 90 % of the stands; *before* is Kaneko & Gamper's model in the same stands, as the tool had
+it. T20 agrees where the median stand is within 25 % of the recording, C50 within 3 dB. *As expected*: the
+mean over all places of the trunks, without a sum over them, so that more stands can be asked.
 Albert et al. (2015, JASA 138:735): 30 m paths in seven stands; only their reverberation times are
 published.
 Jura: levels of steady noise at 10 to 100 m in an alpine conifer forest, by two recorders (Haupert, Sebe &
@@ -48,7 +50,7 @@ TERMS = """\
 What this says, in plain words:
 
 - **The ground makes the low octaves dry.** Over a porous floor long level paths cancel with their
-  reflection. This one term brings T20 at 500 Hz and 1 kHz from 2.7 s to the recording's, with nothing
+  reflection. This one term brings T20 at 500 Hz and 1 kHz from 2.8 s to the recording's, with nothing
   fitted.
 - **Extinction alone looks right and is wrong.** By itself it comes closest to the recording in all
   octaves, but trunks do not absorb what they scatter: exact multiple scattering has it back, and
@@ -62,22 +64,23 @@ What this says, in plain words:
   over 200 m.
 - **Herbs and dwarf shrubs take the ground's reflection at 4 and 8 kHz**; below 2 kHz, where a grazing wave
   is turned back at their top, they do nothing.
-- **C50 is low at 1 and 8 kHz, and 2 and 4 kHz decay too slowly.** From the first milliseconds on what
-  is scattered at 4 and 8 kHz is 3 to 4 dB too strong against the direct sound; without branches and
-  leaves it is right, but then decays too slowly: the stands have more at ears' height that
-  scatters, and less that
-  absorbs, than where the recording was made (people put a microphone where nothing hangs beside
-  it). Not tried: rough bark, which sends sound up and down (of a relief of 5 mm a third of it at 4 kHz).
+- **At 2 and 4 kHz no term has to be missing.** The median stand decays too slowly there, but of 48
+  stands from the same ranges 6 meet nine or ten of the ten measures. They have 0.43 m²
+  of leaves a cubic metre at ears' height in place of 0.25, and thinner, fewer trunks. Nothing that is not
+  in the model was found that does as much (docs/reverb.md has the table): bark twice as absorbing,
+  rough bark, softer ground, more lean, moving air.
+- **Leaves that are needles do not fit.** As cylinders at which only the air's viscosity and heat take
+  sound, the same area rings more than twice as long as the recording at 2 and 4 kHz.
 - **The decay's shape.** The recording falls as a power of time from 500 Hz to 4 kHz, ours to 2 kHz.
 - **Bark and trunks' ends hardly matter** for one meeting; bark matters for sound that meets many
   trunks.
 - **Albert's stands.** The median is 2.4 s; published are 1.2 to 3 s; how
   their times were read from the decay is not known to us, and over a power law the range that is read
   decides."""
-KOLI = SoundPath(9.0, 1.5, 32e3, Air(temperature_c=16.0, humidity=75.0), ring())
+KOLI = SoundPath(9.0, 0.0, 32e3, Air(temperature_c=16.0, humidity=75.0), ring())
 ALBERT = SoundPath(30.0, 1.5, 8e3, Air(temperature_c=20.0, humidity=60.0))
 BANDS = np.array([500.0, 1000.0, 2000.0, 4000.0, 8000.0])
-STANDS, ABLATED = 12, 3
+STANDS, ABLATED, SEARCHED = 12, 3, 48
 ENSEMBLES = (Ensemble(60, 0.15, 8.0, 0.5, stands=2), Ensemble(100, 0.15, 9.0, 1.2, stands=1))
 T20_SHARE, C50_DB, RANGE_DB = 0.25, 3.0, 3.0
 TABLE = ASSETS / "measured" / "koli_decay.csv"
@@ -129,6 +132,9 @@ def validate(data: Path, out: Path, arguments: argparse.Namespace) -> list[Compa
         *_shape(measured, every),
         *_terms(rows, measured),
         *judge_losses(stands, KOLI, BANDS),
+        *judge_agreement(
+            plausible_stands(SEARCHED, arguments.seed), KOLI, measured, T20_SHARE, C50_DB
+        ),
     ]
     found[0] = _with(found[0], pictures)
     return [*found, *_jura(data, stands), *_albert(stands[:ABLATED]), *_ensembles(out)]
@@ -281,7 +287,7 @@ def _jura(data: Path, stands: Sequence[PlausibleStand]) -> list[Comparison]:
     true = np.where(known, each_true, 0.0).sum(axis=0) / np.where(
         known.any(axis=0), known.sum(axis=0), np.nan
     )
-    ours: list[Range] = [range_of(stand, distance, stand.number) for stand in stands[:RANGED]]
+    ours: list[Range] = [range_of(stand, distance) for stand in stands[:RANGED]]
     every = np.array([each.excess for each in ours])
     found = []
     for row, band in enumerate(RANGE_BANDS):

@@ -14,15 +14,17 @@ from forest_addon.base.rng import stream
 from forest_addon.growth.sway.shape import SwayShape
 from forest_addon.site import ForestSite
 from forest_addon.spec import Forest, Planting, Scene, SpecError, Wind
-from forest_addon.stand.wind.field import DRAG, WindField
+from forest_addon.stand.wind.field import DISPLACED, DRAG, ROUGH, WindField
 from forest_addon.stand.wind.response import WOOD_DRAG, SwayResponse, response_of
 from forest_addon.stand.wind.shelter import LAYERS
 from forest_addon.stand.wind.sway import sway_of
 
 from ...report.pictures import BARK, FAINT, INK, LEAF_GREEN, blank_figure, save_figure
 from .comparison import Comparison, Interval, Picture
+from .winds.ears import of_ears
 from .winds.grown import MeasuredSway, shape_as, strain, trunk_motion
-from .winds.records import measured_records, measured_trees, slope_of
+from .winds.loads import LEAF_AREA_INDEX, of_loads
+from .winds.records import floor_of, gauged, measured_records, measured_trees, slope_of
 
 TITLE = "Wind: how trees sway"
 SUMMARY = """\
@@ -36,7 +38,17 @@ median of their diameter and height; *drawn* ones have them drawn as trees of on
 TERMS = """\
 The first run, with wood and leaves but neither bark nor weight, was 1.3 times too high for conifers and
 broadleaves alike; bark (which weighs and does not stiffen) and the weight that a stem carries are in the
-model since, both from the literature. The foot is clamped: roots that give would take a few per cent more.
+model since, both from the literature. The foot is clamped: roots that give would take a few per cent
+more. Masses of needles by leaf area are still by areas as studies counted them, while leaf areas are half
+of the surface since: crowns of spruces, firs and Douglas firs weigh too little, and sway too fast. In a
+trial with masses by half of the surface (0.17 to 0.21 kg/m² dry) 0.95 of 40 middle conifers lay within
+the band, 0.85 as they are here. Of the ear motions the tone tells more, and the sweep less, than
+published: our ear has one lobe that changes little over the sweep, real ones have many.
+
+![One slice of the demo, scanned still and in 9 m/s](pictures/wind-scan.png)
+
+The demo of ours, a slice 1.5 m deep scanned from one tripod, still and in 9 m/s at the tops: how far each
+point is off its place at rest (`packaging/wind_pictures.py`; [wind](wind.md) has frames of it, too).
 """
 CONIFERS = 200
 BROADLEAVES = 60
@@ -45,10 +57,11 @@ FACTOR, SHARE = 1.35, 0.9
 SLOPES = {"Conifer": -3.2, "Broadleaf": -2.6}
 MANY = {"Conifer": "conifers", "Broadleaf": "broadleaves"}
 OFF = 0.5
-SPEED, LEAF_AREA_INDEX = 7.0, 4.0
+SPEED = 7.0  # m/s
 CALM, STILL_TOP, TURN = 9.0, 0.28, 180.0  # m/s; share of the height; seconds a turn of the scanner
+STATION, BLEND = 9.0, 60.0  # m/s at a weather station; m where profiles meet
 LOW_SHARES = (0.06, 0.12, 0.2, 0.27)  # of the height
-SLOWER = (3.0, 5.0)  # m/s
+OTHERS = (3.0, 9.0)  # m/s
 
 
 @dataclass(frozen=True)
@@ -94,8 +107,10 @@ def validate(data: Path, out: Path, arguments: argparse.Namespace) -> list[Compa
         _slope("Conifer", middle, folder, seed),
         _slope("Broadleaf", wood, folder, seed),
         *_damping(middle, seed),
+        *_loads(middle, seed),
         *_stems(middle, seed),
         _tops(seed),
+        *of_ears(seed),
     ]
     return rows
 
@@ -110,16 +125,12 @@ def grow_like(trees: list[MeasuredSway], count: int, seed: int, *, vary: bool) -
             break
         if tree.dbh > LARGEST:
             continue
-        preset = tree.preset or ("scots-pine" if tree.genus in PINES else "european-beech")
         try:
-            shapes.append(shape_as(tree, preset, stream(seed, "wind tree", row), vary))
+            shapes.append(shape_as(tree, tree.stand_in, stream(seed, "wind tree", row), vary))
         except SpecError:
             continue
         found.append(tree)
     return Swayed(found, shapes)
-
-
-PINES = ("Pinus", "Agathis", "Cupressus")
 
 
 def conifer_law(slenderness: np.ndarray) -> np.ndarray:
@@ -195,16 +206,14 @@ def drag_area_of_like(shape: SwayShape, height: float) -> np.ndarray:
 
 def _slope(clade: str, swayed: Swayed, folder: Path, seed: int) -> Comparison:
     time = np.arange(0.0, 3600.0, 0.25)
-    found = [
-        slope_of(strain(shape, respond(shape, SPEED, seed + number), time))
-        for number, shape in enumerate(swayed.shapes[:40])
-    ]
-    records = [
-        (record.published, slope_of(record.motion))
-        for record in measured_records(folder)
-        if record.clade == clade and np.isfinite(record.published)
-    ]
-    off = max(abs(published - anew) for published, anew in records)
+    records = [record for record in measured_records(folder) if record.clade == clade]
+    floor = float(np.median([floor_of(r) for r in records if r.sensor == "Strain gauge"]))
+    found, clean = [], []
+    for number, shape in enumerate(swayed.shapes[:40]):
+        bent = strain(shape, respond(shape, SPEED, seed + number), time)
+        clean.append(slope_of(bent))
+        found.append(slope_of(gauged(bent, floor, stream(seed, "gauge", number))))
+    off = max(abs(r.published - slope_of(r.motion)) for r in records if np.isfinite(r.published))
     target, ours = SLOPES[clade], Interval.of(np.array(found))
     return Comparison(
         f"slope of the trunk's spectrum, {MANY[clade]}",
@@ -213,9 +222,17 @@ def _slope(clade: str, swayed: Swayed, folder: Path, seed: int) -> Comparison:
         ours,
         abs(ours.value - target) <= OFF,
         f"Bending of the stem's foot over an hour at {SPEED:g} m/s, 40 trees, by the records' authors' own "
-        f"estimator; measured: their mean ± {OFF}. It finds the slopes of their {len(records)} records here "
-        f"within {off:.2f} of what they publish. Ours have no noise of gauges and end at the twelfth mode.",
+        f"estimator; measured: their mean ± {OFF}. It finds the slopes of their {len(records)} records "
+        f"here within {off:.2f} of what they publish. Ours have white noise as the records' strain gauges: "
+        f"its level is that of their highest fifth of frequencies, {100 * floor:.2g} % of the variance "
+        f"(median); without it the slope is {np.median(clean):.1f}. They end at the twelfth mode.",
     )
+
+
+def _loads(swayed: Swayed, seed: int) -> list[Comparison]:
+    some = slice(0, 40)
+    answers = [respond(shape, CALM, seed + n) for n, shape in enumerate(swayed.shapes[some])]
+    return of_loads(swayed.trees[some], swayed.shapes[some], answers, CALM)
 
 
 def _damping(swayed: Swayed, seed: int) -> list[Comparison]:
@@ -237,48 +254,66 @@ def _damping(swayed: Swayed, seed: int) -> list[Comparison]:
 
 
 def _stems(swayed: Swayed, seed: int) -> list[Comparison]:
+    height = float(np.median([tree.height for tree in swayed.trees]))
+    speed = at_the_tops(STATION, height)
     shares = np.array([*LOW_SHARES, 0.4, 0.55, 0.7])
-    change = np.array(
+    change = np.abs(
         [
-            [diameter_change(shape, respond(shape, CALM, seed + n), share) for share in shares]
+            [diameter_change(shape, respond(shape, speed, seed + n), share) for share in shares]
             for n, shape in enumerate(swayed.shapes[:40])
         ]
     )
     low, high = change[:, shares < STILL_TOP], change[:, shares > STILL_TOP]
-    below, above = (float(np.quantile(np.abs(x), 0.9)) for x in (low, high))
+    worst = Interval.of(low.max(axis=1))
+    share = float((low.max(axis=1) < 2.0).mean())
     return [
         Comparison(
-            f"diameter of stems below {STILL_TOP} of the height, change in {CALM:g} m/s",
+            f"diameters of stems below {STILL_TOP} of the height, largest change of a tree in wind",
             "mm",
             Interval(2.0, 0.0, 2.0),
-            Interval(below),
-            below < 2.0,
-            "90 % of the changes are smaller; one tripod, 10 m away, a turn in 3 minutes, circles fitted "
-            "(Vaaja et al. 2016: one Scots pine; theirs is the wind of a nearby weather station, ours at the "
-            "trees' tops). " + _by_speed(swayed, seed),
+            worst,
+            worst.meets(Interval(2.0, 0.0, 2.0)),
+            f"{len(low)} conifers; {share:.0%} of them stay below 2 mm. One tripod, 10 m away, a turn in "
+            "3 minutes, circles fitted. Measured on one Scots pine in "
+            f"{STATION:g} m/s at a nearby weather station (Vaaja et al. 2016): {speed:.1f} m/s at tops "
+            f"of {height:.0f} m by logarithmic profiles that meet at 60 m (Wieringa 1986). "
+            + _by_speed(swayed, seed),
         ),
         Comparison(
-            f"diameter of stems above {STILL_TOP} of the height, change in {CALM:g} m/s",
+            f"diameters of stems above {STILL_TOP} of the height, change in the same wind",
             "mm",
             None,
-            Interval(above),
+            Interval.of(high.ravel()),
             None,
-            "90 % of the changes are smaller; measured ones scatter, no figure is published.",
+            "Measured ones scatter, no figure is published.",
         ),
     ]
 
 
+def at_the_tops(station: float, height: float) -> float:
+    """Mean speed in m/s at the tops of a wide stand of a height in m, by that at 10 m above open ground.
+
+    Logarithmic profiles over grass (roughness length 0.03 m) and over the stand (displaced by 0.7, roughness
+    0.1 of its height) have the same speed at 60 m (Wieringa 1986, Q. J. R. Meteorol. Soc. 112).
+    """
+    high = station * np.log(BLEND / 0.03) / np.log(10 / 0.03)
+    down = np.log((1 - DISPLACED) / ROUGH) / np.log((BLEND - DISPLACED * height) / (ROUGH * height))
+    return float(high * down)
+
+
 def _by_speed(swayed: Swayed, seed: int) -> str:
-    """The same changes in slower winds, in words."""
+    """The same changes in other winds, in words."""
     found = []
-    for speed in SLOWER:
-        rows = [
-            abs(diameter_change(shape, respond(shape, speed, seed + n), share))
-            for n, shape in enumerate(swayed.shapes[:40])
-            for share in LOW_SHARES
+    for speed in OTHERS:
+        worst = [
+            max(
+                abs(diameter_change(shape, respond(shape, speed, seed + n), share))
+                for share in LOW_SHARES
+            )
+            for n, shape in enumerate(swayed.shapes[:20])
         ]
-        found.append(f"{np.quantile(rows, 0.9):.1f} mm in {speed:g} m/s")
-    return "Of ours at the tops: " + ", ".join(found) + "."
+        found.append(f"{np.median(worst):.1f} mm in {speed:g} m/s")
+    return "By the speed at the tops (median of 20 trees): " + ", ".join(found) + "."
 
 
 def _tops(seed: int) -> Comparison:

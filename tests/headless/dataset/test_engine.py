@@ -8,6 +8,8 @@ import pytest
 from forest_addon.spec import SpecError
 from headless.dataset import engine
 from headless.dataset.engine import Cluster, make_all, slurm_cluster
+from headless.dataset.plan import PLANS, read_plan, recipes
+from headless.studies.bench.cluster import seconds_of, trial
 
 
 def test_the_script_of_a_slurm_job_asks_for_what_was_said(tmp_path):
@@ -53,15 +55,17 @@ def certificate(folder, authority):
     return {"distributed.comm.tls.ca-file": str(folder / "ca.pem"), **roles}
 
 
+def told(job):
+    """Result of a scene that takes no time."""
+    return {"result": "done", "scene": job["recipe"]["number"]}
+
+
 @pytest.mark.slow
 def test_a_scheduler_by_tls_lets_in_who_has_a_certificate_of_its_authority(tmp_path, monkeypatch):
     dask, distributed = pytest.importorskip("dask"), pytest.importorskip("distributed")
     if not shutil.which("openssl"):
         pytest.skip("no openssl")
     ours, other = certificate(tmp_path / "ours", "ours"), certificate(tmp_path / "other", "other")
-    monkeypatch.setattr(
-        engine, "work", lambda job: {"result": "done", "scene": job["recipe"]["number"]}
-    )
     monkeypatch.setattr(engine, "CAN_START_IN", 2)
     jobs = [{"recipe": {"number": number}} for number in range(3)]
     settings = ours | {"distributed.comm.require-encryption": True}
@@ -72,7 +76,7 @@ def test_a_scheduler_by_tls_lets_in_who_has_a_certificate_of_its_authority(tmp_p
             **here, dashboard_address=None, security=secure, protocol="tls://"
         )
     with cluster:
-        address = Cluster(scheduler=cluster.scheduler_address)
+        address = Cluster(scheduler=cluster.scheduler_address, make=told)
         assert address.scheduler.startswith("tls://")
         with pytest.raises(SpecError, match="needs a certificate"):
             make_all(jobs, address, print)
@@ -85,3 +89,32 @@ def test_a_scheduler_by_tls_lets_in_who_has_a_certificate_of_its_authority(tmp_p
         with dask.config.set(settings):
             make_all(jobs, address, done.append)
     assert sorted(one["scene"] for one in done) == [0, 1, 2]
+
+
+@pytest.mark.slow
+def test_a_plan_survives_the_loss_of_a_quarter_of_its_workers_and_of_the_command(tmp_path):
+    pytest.importorskip("distributed")
+    plan = read_plan(PLANS / "tiny.toml", ["count=120"])
+    wanted = recipes(plan)
+    found = trial(tmp_path, (plan, wanted), (4, 4), 0.1, loss=True)
+    assert [row["status"] for row in found.rows] == ["done"] * 120
+    assert [row["settings"] for row in found.rows] == [recipe.digest for recipe in wanted]
+    for recipe in wanted:  # each by its own seed, whoever made it, and as often as it was
+        said = (tmp_path / "data" / "scenes" / recipe.name / "waited.txt").read_text()
+        assert float(said) == pytest.approx(seconds_of(recipe.seed, 0.1), abs=1e-6)
+    assert found.twice <= 16  # those that ran when the command ended
+
+
+def test_a_cluster_that_loses_everything_is_given_up(monkeypatch):
+    distributed = pytest.importorskip("distributed")
+    monkeypatch.setattr(engine, "LEAST_AHEAD", 2)
+
+    def lose(job):
+        raise RuntimeError("lost")
+
+    here = {"n_workers": 1, "threads_per_worker": 1, "processes": False}
+    with distributed.LocalCluster(**here, dashboard_address=None) as cluster:
+        place = Cluster(scheduler=cluster.scheduler_address, make=lose)
+        jobs = [{"recipe": {"number": number}} for number in range(5)]
+        with pytest.raises(OSError, match="finished none of 5 scenes"):
+            make_all(jobs, place, print)

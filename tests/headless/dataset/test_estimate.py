@@ -3,13 +3,15 @@
 import numpy as np
 import pytest
 
-from headless.dataset.estimate import Estimate, Trial, by_cost, thinned
+from headless.dataset.estimate import Estimate, Trial, by_cost, tell, thinned
 from headless.dataset.plan import PLANS, read_plan, recipes
 
 
 def trial(points):
-    """3 s and 2 µs a point of sensors, half a second of ground whatever is scanned, 10 bytes a point."""
-    return Trial({"sensors": 3 + 2e-6 * points, "build": 0.5}, points, 1000 + 10 * points)
+    """3 s and 2 µs a point of sensors, half a second of ground whatever is scanned, 10 bytes a point,
+    400 MB of memory and 100 bytes a point."""
+    seconds = {"sensors": 3 + 2e-6 * points, "build": 0.5}
+    return Trial(seconds, points, 1000 + 10 * points, 4e8 + 100 * points)
 
 
 def test_the_whole_is_where_the_line_through_two_trials_leads():
@@ -17,6 +19,13 @@ def test_the_whole_is_where_the_line_through_two_trials_leads():
     assert whole.seconds["sensors"] == pytest.approx(3 + 36)
     assert whole.seconds["build"] == 0.5
     assert whole.size == pytest.approx(1000 + 1.8e8)
+    assert whole.peak == pytest.approx(4e8 + 1.8e9)
+
+
+def test_the_memory_of_the_largest_scene_is_said():
+    said = []
+    tell(Estimate(100, (trial(1e6), trial(6e6)), ()), said.append)
+    assert any("up to 1.00 GB of memory a worker" in line for line in said)
 
 
 def test_a_trial_without_points_stays_as_it_is():

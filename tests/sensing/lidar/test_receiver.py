@@ -10,10 +10,11 @@ from references.rays_brute import BruteCaster
 from forest_addon.base.trimesh import LEAF, OTHER, TriMesh
 from forest_addon.formats.scanner_file import settings_of
 from forest_addon.formats.toml_file import structure
+from forest_addon.sensing.lidar.radiometry import received_energy
 from forest_addon.sensing.lidar.receiver import awake, chosen_returns, false_alarm_rate
 from forest_addon.sensing.lidar.scan import Scan, scan
 from forest_addon.sensing.lidar.waveform import WaveformEchoes
-from forest_addon.spec import Airborne, Beam, Receiver, SpecError, Surfaces, Terrestrial
+from forest_addon.spec import Airborne, Beam, LinkBudget, Receiver, SpecError, Surfaces, Terrestrial
 
 KEEP = ("first", "last", "strongest", "strongest+last")
 
@@ -270,6 +271,48 @@ def test_far_echoes_fold_into_the_range_of_the_next_pulse():
     work = Scan(scanner, caster)
     parts = np.concatenate([piece.position for _, piece in work.chunks(at_once=97)])
     assert (parts == cloud.position).all()
+
+
+@pytest.mark.parametrize("beyond", ["resolved", "folded"])
+def test_light_that_arrives_while_a_later_pulse_is_sent_is_lost(beyond):
+    period = 299_792_458.0 / 2 / 1e6
+    settings = {"max_range": 1000.0, "pulse_rate": 1e6, "pattern": "lines", "line_rate": 1e4}
+    settings |= {"position": (0.0, 0.0, 0.0), "heading_deg": 90.0, "track": 1.0, "speed": 1e3}
+    caster = BruteCaster(scene_with(plate(20.0, high=-5.0), plate(448.0)))
+    clouds = [
+        scan(
+            Airborne(
+                receiver=Receiver(beyond=beyond, blanking=b), field_deg=(60.0, 110.0), **settings
+            ),
+            caster,
+        )
+        for b in (0.0, 30.0)
+    ]
+    true = clouds[0].true_range
+    lost = (true >= period) & (true % period < 30.0)
+    assert 0 < lost.sum() < len(true)
+    assert clouds[1].true_range == pytest.approx(true[~lost], abs=1e-9)
+    assert (clouds[1].pulse == clouds[0].pulse[~lost]).all()
+
+
+def test_a_link_budget_sees_as_far_as_its_photons_reach():
+    link = LinkBudget(energy=1.0, aperture=0.05, efficiency=0.4, photons=2000.0)
+    joules = 1e-6 * 0.4 * 0.05**2 / 4 * 0.5  # at 1 m, of reflectance 0.5
+    needed = 2000.0 * 6.62607015e-34 * 299_792_458.0 / 1064e-9
+    reach = np.sqrt(joules / needed)  # 580 m
+    beam = Beam(wavelength_nm=1064.0)
+    for share, seen in ((0.999, 1), (1.001, 0)):
+        assert len(looked([plate(share * reach)], beam, link=link)) == seen
+    light = np.array([0.5 / reach**2])
+    scanner = Terrestrial(link=link, beam=beam)
+    assert received_energy(scanner, light) == pytest.approx(needed, rel=1e-12)
+
+
+def test_two_statements_of_the_threshold_are_refused():
+    with pytest.raises(SpecError, match="faintest: is given beside a link budget"):
+        Terrestrial(faintest=0.1, link=LinkBudget(energy=1.0, aperture=0.05))
+    with pytest.raises(SpecError, match="aperture: is missing"):
+        LinkBudget(energy=1.0)
 
 
 @settings(max_examples=50, deadline=None)

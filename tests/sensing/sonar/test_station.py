@@ -146,7 +146,11 @@ def test_a_leaf_ahead_is_the_same_at_both_ears_and_turned_ears_differ() -> None:
 def test_poses_look_and_fly() -> None:
     position = np.array([[0, 0, 1], [1, 0, 1], [1, 1, 1.0]])
     beam = np.array([0.1, 0.2, 0.3])
-    poses = poses_of(looking(position, np.zeros(3), np.zeros(3), beam, speed=3.0))
+    flown = looking(position, np.zeros(3), np.zeros(3), beam, speed=3.0)
+    gone = np.linalg.norm(np.diff(position, axis=0), axis=1)
+    assert np.diff(flown.time) == pytest.approx(gone / 3.0)
+    assert looking(position, np.zeros(3), np.zeros(3)).time == pytest.approx([0, 1, 2])
+    poses = poses_of(flown)
     assert [pose.width for pose in poses] == [0.1, 0.2, 0.3]
     np.testing.assert_allclose([np.linalg.norm(pose.velocity) for pose in poses], 3.0)
     np.testing.assert_allclose(poses[0].velocity, [3, 0, 0])

@@ -8,6 +8,7 @@ from references.echo_scenes import scene_of, square_leaves
 from scipy.spatial.transform import Rotation
 
 from forest_addon.base.trimesh import TriMesh
+from forest_addon.results.echo_files import write_echo
 from forest_addon.sensing.rays.geometry import apply_transform
 from forest_addon.sensing.sonar.doppler import factors
 from forest_addon.sensing.sonar.ping import ping
@@ -235,12 +236,13 @@ def test_a_long_call_follows_a_leaf_that_turns_back(monkeypatch):
 
 
 @pytest.mark.parametrize("flutters", [False, True])
-def test_truth_tells_where_leaves_rest(flutters):
+def test_truth_tells_where_leaves_rest(flutters, tmp_path):
     mesh, sways = crown(300), Sways(flutters)
     scene = scene_of(mesh, *PLACED)
     sonar = Sonar(position=(0, 0, 0), beam="omni", cull=0.0, max_range=20, shading="none")
     pose = SonarPose(np.zeros(3), np.eye(3), np.zeros(3), None, 0.7)
-    heard = ping(EchoTargets(scene, wind=EchoWind(scene, sways)), sonar, AIR, pose=pose).heard
+    echo = ping(EchoTargets(scene, wind=EchoWind(scene, sways)), sonar, AIR, pose=pose)
+    heard = echo.heard
     count = int(mesh.leaf.max()) + 1
     corners = mesh.vertices[mesh.triangles]
     middle = np.stack([np.bincount(mesh.leaf, c, count) for c in corners.mean(axis=1).T], 1) / 2
@@ -249,3 +251,12 @@ def test_truth_tells_where_leaves_rest(flutters):
     gone = np.linalg.norm(heard.position - heard.rest, axis=1)
     assert (gone > 0.5).sum() > 100
     assert np.abs(gone[heard.instance == 1]).max() < 1e-9
+    *_, file = write_echo(tmp_path, "bat", echo, sonar.changed(contributions=True), (100.0, 0, 0))
+    with np.load(file) as kept:
+        assert np.allclose(kept["rest"], heard.rest + np.array([100.0, 0.0, 0.0]))
+        assert np.array_equal(kept["velocity"], heard.velocity)
+    still = ping(EchoTargets(scene), sonar, AIR)
+    assert still.heard.rest is None
+    *_, file = write_echo(tmp_path, "bat", still, sonar.changed(contributions=True))
+    with np.load(file) as kept:
+        assert "rest" not in kept

@@ -42,7 +42,7 @@ def test_its_own_pace_counts_once_a_sensor_has_run(built, monkeypatch):
     monkeypatch.setattr(costs_of, "_pace", {})
     (thing,) = (thing for thing in things() if thing.name == "cloud")
     guess = cost.costs(bpy.context, [thing])[0]
-    assert guess.seconds == pytest.approx(guess.work * costs_of.RAY)
+    assert guess.seconds == pytest.approx(costs_of.BEGIN + guess.work * costs_of.RAY)
     sensor = to_spec(bpy.context.scene, [thing]).sensors[0]
     costs_of.note_pace(sensor, guess, 12.0)
     assert cost.costs(bpy.context, [thing])[0].seconds == pytest.approx(12.0)

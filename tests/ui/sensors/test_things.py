@@ -56,6 +56,10 @@ def test_an_object_is_a_mirror_glass_or_water(wall):
     wall.forest_polish = "MIRROR"
     wall.forest_mirrored = 0.75
     assert found().optics[0, [0, 2]].tolist() == [0, 0.75]
+    wall.forest_polish = "RETRO"
+    assert wall.forest_gained == 785.0
+    wall.forest_gained = 300.0
+    assert found().optics[0, [0, 3]].tolist() == [3, 300]
     wall.forest_polish = "NONE"
     assert found().optics is None
     wall["forest_optics"] = "mirorr"

@@ -1,1 +1,1 @@
-"""Mirrors, glass and water: how they turn light, and what it meets then."""
+"""Mirrors, glass, water and retro-reflectors: how they turn light, and what it meets then."""

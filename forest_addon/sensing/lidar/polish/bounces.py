@@ -20,6 +20,7 @@ from ....spec import AUTO, POLISHED, USUAL_INDEX, Polished, Scanner, SpecError, 
 from ...rays.caster import Hits, RayCaster, hit_normals
 from ...rays.geometry import SceneGeometry
 from ..passage import FAINT, Contacts, SightLines, split
+from ..radiometry import RETRO
 from ..returns import organs
 from .fresnel import (
     absorption_of_water,
@@ -30,7 +31,7 @@ from .fresnel import (
     surface_reflectance,
 )
 
-MIRROR, GLASS, WATER = range(len(POLISHED))
+MIRROR, GLASS, WATER = range(3)  # a retro-reflector turns no ray
 DIRECT, REFLECTED, THROUGH, REFRACTED = range(4)  # how light of a return went: ``Cloud.bounce``
 
 
@@ -55,7 +56,7 @@ class PolishedScene:
         """
         said = [] if scene.optics is None else [scene.optics]
         said += scene.slot_optics
-        if not scanner.bounces or not any(np.isfinite(rows[:, 0]).any() for rows in said):
+        if not scanner.bounces or not any((rows[:, 0] < RETRO).any() for rows in said):
             return None
         for number, rows in enumerate(said):
             _check(scene, rows, number - (scene.optics is not None))
@@ -65,6 +66,7 @@ class PolishedScene:
     def at(self, hits: Hits) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Of what was hit (R,): kind, NaN where it is not polished; index, share of a mirror, extinction."""
         kind, index, share, extinction = self.scene.optics_at(hits.instance, hits.triangle).T
+        kind = np.where(kind == RETRO, np.nan, kind)
         own = np.array([USUAL_INDEX[name] for name in POLISHED])
         usual = np.append(own, 1.0)[np.where(np.isnan(kind), -1, kind).astype(int)]
         return (
@@ -305,7 +307,8 @@ def _check(scene: SceneGeometry, rows: np.ndarray, mesh: int) -> None:
         if kind < 0:
             known = ", ".join(POLISHED)
             raise SpecError("forest_optics", f"of {name} is none of {known}; use one of these")
-        said = zip(("index", "mirror", "extinction"), numbers, strict=True)
+        last = "gain" if kind == RETRO else "extinction"
+        said = zip(("index", "mirror", last), numbers, strict=True)
         try:
             Polished(**{key: value for key, value in said if not np.isnan(value)})
         except SpecError as problem:

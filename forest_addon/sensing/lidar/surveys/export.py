@@ -10,13 +10,19 @@ from xml.etree.ElementTree import Element, SubElement
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from ....formats.atomic import replacing
 from ....formats.helios.writing import rotated, words, write_document
-from ....spec import Airborne, Scanner, Sensor, Surfaces, Terrestrial
+from ....spec import Airborne, Mobile, MovingScanner, Scanner, Sensor, Surfaces, Terrestrial
 from ...trajectory import Trajectory, strips
 from ..scanner import directions
 
+LEAVE_TOGETHER = "the beams of a column leave at one time"
+PATTERNS = ("lines", "circles", "spinning")  # that HELIOS++ has optics for
+ROWS_A_SECOND, MOST_POSES = 100.0, 200_000  # of a trajectory
 MOST_ROWS = 10_000  # beams one above the other, that a scanner is given as channels
+THEIRS = Rotation.from_euler("z", np.pi / 2)  # from our axes to theirs
 SCENES, SURVEYS = "data/scenes", "data/surveys"
+TRAJECTORIES = "data/trajectories/{name}.trj"
 SCANNERS, PLATFORMS = "data/scanners-{name}.xml", "data/platforms-{name}.xml"
 
 
@@ -29,31 +35,34 @@ class Exported:
     unsaid: tuple[str, ...]
 
 
-def write_survey(sensor: Sensor, folder: Path, scene: str, surfaces: Surfaces) -> Exported:
+def write_survey(
+    sensor: Sensor, folder: Path, scene: str, surfaces: Surfaces, way: Trajectory | None = None
+) -> Exported:
     """Write the survey of a sensor with its scanner and platform, if HELIOS++ has one like it.
 
-    surfaces : that the materials were made of.
+    surfaces : that the materials were made of. way : of a mobile sensor.
     """
     scanner_of_ours = scanner_of(sensor)
     if scanner_of_ours is None:
         return Exported(sensor.name, None, (f"HELIOS++ has no {sensor.kind}",))
-    pattern = getattr(sensor, "pattern", "")
+    pattern, name = getattr(sensor, "pattern", ""), f"{scene}-{sensor.name}"
     if isinstance(sensor, Terrestrial):
         rows = len(directions(sensor)[1])
         if rows > MOST_ROWS:
             why = f"{rows:,} beams one above the other are more than {MOST_ROWS:,}"
             return Exported(sensor.name, None, (why,))
         scanner, platform, legs = _tripod(sensor)
-        unsaid = ["the beams of a column leave at one time"]
-    elif isinstance(sensor, Airborne) and pattern == "lines":
+        unsaid = [LEAVE_TOGETHER]
+    elif isinstance(sensor, Airborne) and pattern in PATTERNS:
         scanner, platform, legs = _strips(sensor)
-        unsaid = [
-            "a strip begins in the middle of a line, and lines may have a pulse more at their end"
-        ]
+        unsaid = [_of_pattern(pattern)]
+    elif isinstance(sensor, Mobile) and pattern in PATTERNS and way is not None:
+        file = TRAJECTORIES.format(name=name)
+        scanner, platform, legs = _along(sensor, way, folder / file, file)
+        unsaid = [_of_pattern(pattern)]
     else:
         what = f"a {sensor.kind} scanner with pattern {pattern} is not written as a survey"
         return Exported(sensor.name, None, (f"{what}; its way is in scene.json",))
-    name = f"{scene}-{sensor.name}"
     files = SCANNERS.format(name=name), PLATFORMS.format(name=name)
     for file, element in zip(files, (scanner, platform), strict=True):
         root = Element("document")
@@ -68,6 +77,11 @@ def write_survey(sensor: Sensor, folder: Path, scene: str, surfaces: Surfaces) -
         platform=f"{files[1]}#platform",
         scanner=f"{files[0]}#scanner",
     )
+    if platform.get("type") == "interpolated":
+        survey.set("basePlatform", survey.attrib["platform"])
+        survey.set("platform", "interpolated")
+        survey.set("rotationSpec", "CANONICAL")
+        platform.set("type", "linearpath")
     survey.extend(legs)
     path = f"{SURVEYS}/{name}.xml"
     write_document(folder / path, root)
@@ -140,18 +154,23 @@ def _device(sensor: Scanner, pulse_rate: float, widest_deg: float, scan_hz: floa
     return scanner
 
 
-def _tripod(sensor: Terrestrial) -> tuple[Element, Element, list[Element]]:
-    """Scanner, platform and legs of a tripod: a head that turns a column a pulse, with a channel a row."""
-    azimuth, elevation = (np.rad2deg(angles) for angles in directions(sensor))
-    columns = sensor.pulse_rate / len(elevation)
-    step = sensor.angle_step_deg
-    scanner = _device(sensor, columns, 180.0, 0.0)
+def _channels(scanner: Element, elevation: np.ndarray) -> None:
+    """Give a scanner a channel for each elevation, degrees."""
     SubElement(scanner, "beamOrigin", x="0", y="0", z="0")
     channels = SubElement(scanner, "channels")
     for number, angle in enumerate(elevation.tolist()):
         channel = SubElement(channels, "channel", id=str(number))
         origin = SubElement(channel, "beamOrigin", x="0", y="0", z="0")
         SubElement(origin, "rot", axis="x", angle_deg=repr(angle))
+
+
+def _tripod(sensor: Terrestrial) -> tuple[Element, Element, list[Element]]:
+    """Scanner, platform and legs of a tripod: a head that turns a column a pulse, with a channel a row."""
+    azimuth, elevation = (np.rad2deg(angles) for angles in directions(sensor))
+    columns = sensor.pulse_rate / len(elevation)
+    step = sensor.angle_step_deg
+    scanner = _device(sensor, columns, 180.0, 0.0)
+    _channels(scanner, elevation)
     platform = Element("platform", id="platform", name="tripod", type="static")
     SubElement(platform, "scannerMount", x="0", y="0", z="0")
     leg = Element("leg")
@@ -171,22 +190,93 @@ def _tripod(sensor: Terrestrial) -> tuple[Element, Element, list[Element]]:
     return scanner, platform, [leg]
 
 
-def _strips(sensor: Airborne) -> tuple[Element, Element, list[Element]]:
-    """Scanner, platform and legs of an aircraft whose mirror sweeps parallel lines."""
+def _of_pattern(pattern: str) -> str:
+    """Sentence on where the pulses of a pattern differ."""
+    if pattern == "spinning":
+        return LEAVE_TOGETHER
+    if pattern == "circles":
+        return "circles begin anew with each leg"
+    return "a strip begins in the middle of a line, and lines may have a pulse more at their end"
+
+
+def _swept(sensor: MovingScanner) -> tuple[Element, Rotation, dict[str, object]]:
+    """Scanner of a pattern, how it is turned on its platform, and settings of a leg.
+
+    Theirs: X right, Y ahead, Z up; the mirror swings from Y to Z, the cone is about Y. Ours: X ahead, Y left.
+    """
     low, high = sensor.field_deg
-    half, middle = (high - low) / 2, np.deg2rad((low + high) / 2)
-    scanner = _device(sensor, sensor.pulse_rate, half, sensor.line_rate)
+    said: dict[str, object] = {"pulseFreq_hz": sensor.pulse_rate, "scanFreq_hz": sensor.line_rate}
+    if sensor.pattern == "spinning":
+        columns = sensor.pulse_rate / sensor.channels
+        scanner = _device(sensor, columns, 180.0, 0.0)
+        rows = np.linspace(low, high, sensor.channels) if sensor.channels > 1 else np.array([low])
+        _channels(scanner, rows)
+        speed = -360.0 * sensor.line_rate
+        said = {"pulseFreq_hz": columns, "scanFreq_hz": 0.0, "scanAngle_deg": 180.0}
+        said |= {"headRotatePerSec_deg": speed, "headRotateStart_deg": -speed / columns}
+        return scanner, Rotation.identity(), said
+    if sensor.pattern == "circles":
+        scanner = _device(sensor, sensor.pulse_rate, high, sensor.line_rate)
+        scanner.set("optics", "conic")
+        first = Rotation.from_euler("y", -2 * np.pi * sensor.line_rate / sensor.pulse_rate)
+        swung = Rotation.from_euler("x", -np.pi / 2) * first
+    else:
+        half, middle = (high - low) / 2, np.deg2rad((low + high) / 2)
+        scanner = _device(sensor, sensor.pulse_rate, half, sensor.line_rate)
+        ahead = np.array([np.sin(middle), 0.0, -np.cos(middle)])
+        beside = np.array([np.cos(middle), 0.0, np.sin(middle)])
+        swung = Rotation.from_matrix(np.stack([np.cross(ahead, beside), ahead, beside], axis=1))
     SubElement(scanner, "beamOrigin", x="0", y="0", z="0")
-    platform = Element("platform", id="platform", name="aircraft", type="linearpath")
-    # Theirs: X right, Y ahead, the mirror swings from Y to Z. Ours: X ahead, Y left, from nadir to the right.
-    ahead = np.array([np.sin(middle), 0.0, -np.cos(middle)])
-    beside = np.array([np.cos(middle), 0.0, np.sin(middle)])
-    swung = Rotation.from_matrix(np.stack([np.cross(ahead, beside), ahead, beside], axis=1))
+    return scanner, swung, said | {"scanAngle_deg": float(scanner.attrib["scanAngleMax_deg"])}
+
+
+def _carrier(sensor: MovingScanner, kind: str, swung: Rotation) -> Element:
+    """Platform of a type with the scanner on its mount."""
+    platform = Element("platform", id="platform", name="platform", type=kind)
     roll, pitch, yaw = np.deg2rad(sensor.mount_deg)
     ours = Rotation.from_euler("ZYX", [yaw, -pitch, roll])
-    turn = Rotation.from_euler("z", np.pi / 2)  # from ours to theirs
     mount = SubElement(platform, "scannerMount", x="0", y="0", z="0")
-    rotated(mount, turn * ours * turn.inv() * swung)
+    rotated(mount, THEIRS * ours * THEIRS.inv() * swung)
+    return platform
+
+
+def _along(
+    sensor: Mobile, way: Trajectory, path: Path, name: str
+) -> tuple[Element, Element, list[Element]]:
+    """Scanner, platform and the leg of a way, whose poses go to a file of this name."""
+    scanner, swung, said = _swept(sensor)
+    time = np.linspace(0.0, way.duration, int(way.duration * ROWS_A_SECOND) + 2)
+    time = np.linspace(0.0, way.duration, min(len(time), MOST_POSES))
+    where, attitude = way.at(way.start + time)
+    angles = np.rad2deg(np.unwrap((attitude * THEIRS.inv()).as_euler("XYZ"), axis=0))
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with replacing(path) as partial:
+        np.savetxt(
+            partial,
+            np.column_stack([time, angles, where]),
+            fmt="%.12g",
+            delimiter=",",
+            comments="#",
+            header='HEADER: "t", "roll", "pitch", "yaw", "x", "y", "z"',
+        )
+    leg = Element("leg")
+    SubElement(leg, "platformSettings", words({"trajectory": name, "trajectory_separator": ","}))
+    turned = float(str(said.get("headRotatePerSec_deg", 0.0))) * way.duration
+    SubElement(leg, "scannerSettings", words(_with_stop({"active": True, **said}, turned)))
+    return scanner, _carrier(sensor, "interpolated", swung), [leg]
+
+
+def _with_stop(said: dict[str, object], turned: float) -> dict[str, object]:
+    """Settings of a leg with where its head stops after so many degrees, if it turns."""
+    start = said.get("headRotateStart_deg")
+    return said if start is None else {**said, "headRotateStop_deg": float(str(start)) + turned}
+
+
+def _strips(sensor: Airborne) -> tuple[Element, Element, list[Element]]:
+    """Scanner, platform and legs of an aircraft that flies strips."""
+    scanner, swung, said = _swept(sensor)
+    platform = _carrier(sensor, "linearpath", swung)
+    turned = float(str(said.get("headRotatePerSec_deg", 0.0))) * sensor.track / sensor.speed
     legs = []
     for start, stop in strips(sensor).position.reshape(-1, 2, 3):
         for place, active in ((start, True), (stop, False)):
@@ -194,12 +284,7 @@ def _strips(sensor: Airborne) -> tuple[Element, Element, list[Element]]:
             x, y, z = place.tolist()
             where = {"x": x, "y": y, "z": z, "movePerSec_m": sensor.speed}
             SubElement(leg, "platformSettings", words(where))
-            values = {
-                "active": active,
-                "pulseFreq_hz": sensor.pulse_rate,
-                "scanFreq_hz": sensor.line_rate,
-                "scanAngle_deg": half,
-            }
+            values = _with_stop({"active": active, **said}, turned)
             SubElement(leg, "scannerSettings", words(values))
             legs.append(leg)
     return scanner, platform, legs

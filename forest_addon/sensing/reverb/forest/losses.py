@@ -186,20 +186,30 @@ class Losses:
 
     def of_ground(self, frequency: np.ndarray, length: np.ndarray) -> np.ndarray:
         """g of the ground alone, which the direct sound has too."""
-        wavenumber = 2.0 * math.pi * frequency / self.air.speed()
-        loss = self.along(np.asarray(frequency))
         found = 0.0
         for rise in self.rises:
-            carried = np.exp(-(loss + 1j * wavenumber) * self.detour(length, rise))
-            found = found + self.share(frequency, length, rise) * carried
+            share = self.share(frequency, length, rise)
+            found = found + share * self.carried(frequency, length, rise)
         return np.asarray(found)
+
+    def carried(self, frequency: np.ndarray, length: np.ndarray, rise: float) -> np.ndarray:
+        """e^{-(b + ik)(R - x)}."""
+        wavenumber = 2.0 * math.pi * frequency / self.air.speed()
+        loss = self.along(np.asarray(frequency))
+        return np.asarray(np.exp(-(loss + 1j * wavenumber) * self.detour(length, rise)))
 
     def mean_square(self, frequency: np.ndarray, length: np.ndarray) -> np.ndarray:
         """Mean of |g|² over states of the air."""
         if (self.turbulence == 0 and self.lean == 0) or not self.ground:
             return np.asarray(np.abs(self.gain(frequency, length)) ** 2)
-        turned = self.gain(frequency, length), replace(self, back=True).gain(frequency, length)
-        return np.asarray(sum(np.abs(one) ** 2 for one in turned) / 2.0)
+        still = replace(self, turbulence=0.0, lean=0.0)
+        straight, bounced = (
+            still.share(frequency, length, rise) * still.carried(frequency, length, rise)
+            for rise in self.rises
+        )
+        both = np.abs(straight) ** 2 + np.abs(bounced) ** 2
+        both = both + 2.0 * self.coherence(frequency, length) * (straight * bounced.conj()).real
+        return np.asarray(both * np.abs(self.of_trunks(frequency, length)) ** 2)
 
     def bounce(self, frequency: np.ndarray, length: float) -> np.ndarray:
         """(F,) what the ground sends back of the direct sound, over so many metres, in this air."""
@@ -247,6 +257,12 @@ class Losses:
         """e^{i·acos Γ}: what one state of the air, and of trunks that lean, does to the ground's path."""
         if self.turbulence == 0 and self.lean == 0:
             return np.ones(())
+        left = self.coherence(frequency, length)
+        aside = np.sqrt(np.maximum(1.0 - left**2, 0.0))
+        return np.asarray(left + (-1j if self.back else 1j) * aside)
+
+    def coherence(self, frequency: np.ndarray, length: np.ndarray) -> np.ndarray:
+        """Γ, that turbulence and trunks that lean leave between both ways over the ground."""
         wavenumber = 2.0 * math.pi * np.maximum(frequency, LOWEST) / self.air.speed()
         low, high = self.source_height, self.receiver_height
         between = np.asarray(2.0 * low * high / (low + high))  # above the bounce
@@ -254,8 +270,7 @@ class Losses:
         if self.lean > 0:
             met = replace(self, extinction="energy").removed(np.asarray(frequency)) * length
             left = left * lean_coherence(wavenumber, length, (low, high), self.lean, met)
-        aside = np.sqrt(np.maximum(1.0 - left**2, 0.0))
-        return np.asarray(left + (-1j if self.back else 1j) * aside)
+        return np.asarray(left)
 
     def _reflection(self, frequency: np.ndarray, path: np.ndarray, rise: float) -> np.ndarray:
         if self.resistivity == 0:

@@ -132,16 +132,15 @@ def level_loss(clutter: Clutter, height: float, speed: float, takes: Takes) -> C
     needles = clutter.needle_area[layer] if layer < len(clutter.needle_area) else 0.0
     if not wood.any() and leaves <= 0 and needles <= 0:
         return None
-    found = [
-        (
-            wood @ (_widths(clutter, f, speed) + _taken(clutter, f, speed, takes))
-            if len(wood)
-            else 0.0
+    found = leaves * _leaf_widths(clutter.leaf_radius, speed)
+    if len(wood):
+        every = SPECTRUM[:, None]
+        found = (
+            found + (_widths(clutter, every, speed) + _taken(clutter, every, speed, takes)) @ wood
         )
-        + leaves * _leaf_width(clutter.leaf_radius, f, speed)
-        + (needles * sum(_needles(clutter, f, speed, takes)[:3]) if needles > 0 else 0.0)
-        for f in SPECTRUM.tolist()
-    ]
+    if needles > 0:
+        of_needles = [sum(_needles(clutter, f, speed, takes)[:3]) for f in SPECTRUM.tolist()]
+        found = found + needles * np.array(of_needles)
     from scipy.interpolate import CubicSpline  # here: other sensors need not wait for its import
 
     return CubicSpline(np.log(SPECTRUM), np.log(0.5 * np.maximum(found, 1e-30)))
@@ -161,23 +160,27 @@ def _leaf_widths(radius: float, speed: float) -> np.ndarray:
     return np.array([_leaf_width(radius, f, speed) for f in SPECTRUM.tolist()])
 
 
-def _widths(clutter: Clutter, frequency: float, speed: float) -> np.ndarray:
-    """(K,) m of width that a metre of branch scatters of level sound."""
+def _widths(clutter: Clutter, frequency: float | np.ndarray, speed: float) -> np.ndarray:
+    """(..., K) m of width that a metre of branch scatters of level sound, at a frequency or (F, 1)."""
     radii, across = np.array(clutter.radii), np.array(clutter.across)
     size = np.maximum(2.0 * math.pi * frequency / speed * radii * across, 1e-4)
-    return np.asarray(cross_sections(size).energy * radii * across)
+    return np.asarray(cross_sections(size.ravel()).energy.reshape(size.shape) * radii * across)
 
 
-def _taken(clutter: Clutter, frequency: float, speed: float, takes: Takes) -> np.ndarray:
-    """(K,) m of width whose sound a metre of branch takes for good."""
-    radii, found = np.array(clutter.radii), np.zeros(len(clutter.radii))
+def _taken(
+    clutter: Clutter, frequency: float | np.ndarray, speed: float, takes: Takes
+) -> np.ndarray:
+    """(..., K) m of width whose sound a metre of branch takes for good."""
+    radii = np.array(clutter.radii)
+    found = np.zeros(np.broadcast_shapes(np.shape(frequency), radii.shape))
     if takes.bark > 0:
         across = np.array(clutter.across)
         size = np.maximum(2.0 * math.pi * frequency / speed * radii * across, THIN)
         whole = (
             1.0 + size**2
         ) / size**2  # trunks' bark fades out below ka = 1, where none is measured
-        found += cross_sections(size, takes.bark).absorption * whole * radii * across
+        absorbed = cross_sections(size.ravel(), takes.bark).absorption.reshape(size.shape)
+        found += absorbed * whole * radii * across
     if takes.boundary:
         found += twig_loss(radii, frequency, speed)
     return found

@@ -34,6 +34,7 @@ MOST_MEETINGS = 400
 STEPS = 24  # of the density along a way
 NEAREST = 0.05  # m; energy that meets a trunk so near the receiver is counted as at this distance
 FAINT = 1e-7  # of the packets' energy, below which they are not followed
+THINNED = 20.0  # mean free paths from which on fewer packets stand for the rest
 
 Sent = Callable[[np.ndarray], np.ndarray]  # energy that a source sends on ways (N, 3), re its axis
 
@@ -237,8 +238,11 @@ def transported(
         for _ in range(MOST_MEETINGS * 4):
             step = rng.exponential(1.0 / rate, len(place))
             place += step[:, None] * way
+            before = np.maximum(travelled, THINNED / rate)
             travelled += step
-            going = travelled < edges[-1]
+            left = np.minimum(before / travelled, 1.0)  # by chance: as many meet in each bin of 1/x
+            weight /= left
+            going = (travelled < edges[-1]) & (rng.random(len(left)) < left)
             going &= (met < MOST_MEETINGS) & (weight > FAINT)
             if density.cells.size:
                 going &= ~density.left(place, way)

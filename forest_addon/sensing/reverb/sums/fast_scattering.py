@@ -47,6 +47,7 @@ SINGLE = 1e-4  # from this tolerance on, single precision does; not where second
 RINGING = 0.02  # s by which a gain of frequency spreads an arrival to both sides
 UNHEARD = 1e-5  # of the loudest frequency: where a layer has nothing but rounding
 LEAST = 0.3  # of the tolerance: products of a zone that are smaller at all frequencies are left out
+SEEN = 4  # every so many frequencies of a transform tell how large a product is
 BESIDE = 160  # samples of a low layer before and after the record; they fade out
 
 
@@ -311,15 +312,15 @@ class _LayerSum:
         spectra = fft.rfft(self._filters[number], size, axis=1)
         spectra[:, : math.floor(self.layer.lowest * size / self.rate)] = 0.0
         spectra /= self.kernel.transform(np.arange(size // 2 + 1) / (size * OVERSAMPLING))
+        kept = np.arange(len(spectra))
         if gain is not None and zone is not None:
             gains = gain.filters(zone, np.arange(size // 2 + 1) * (self.rate / size))
-            spectra = (spectra[:, None] * gains).reshape(-1, size // 2 + 1)
-        kept = np.arange(len(spectra))
-        if zone is not None:
-            share = np.abs(spectra)
+            share = np.abs(spectra[:, None, ::SEEN]) * np.abs(gains[:, ::SEEN])
+            share = share.reshape(-1, share.shape[-1])
             share /= np.maximum(share.max(axis=0), UNHEARD * share.max() + 1e-300)
             kept = np.flatnonzero(share.max(axis=1) > LEAST * self.layer.tolerance)
-            spectra = spectra[kept]
+            first, second = np.divmod(kept, len(gains))
+            spectra = spectra[first] * gains[second]
         spectra = spectra.astype(np.result_type(self.dtype, np.complex64), copy=False)
         if sum(each.nbytes for each, _ in self._spectra.values()) + spectra.nbytes < MOST_KEPT:
             self._spectra[key] = spectra, kept

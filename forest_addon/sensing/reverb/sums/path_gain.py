@@ -7,6 +7,7 @@
 with the polynomials ℓ_q in log x of as many Chebyshev points x_q as the tolerance needs at any frequency.
 Near zones hold few trunks, and there the ground's and the straight way differ by many wavelengths: each has
 a sum of its own, for pulses at its own times. Far ones, where nearly all trunks are, need a handful of terms.
+Filters over a whole transform are read from a spline in frequency, with as many knots as the tolerance needs.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -22,10 +24,16 @@ from ....acoustics import chebyshev
 from ..forest.losses import LOWEST, NEAR, Losses
 from .field_table import polynomials, series
 
+if TYPE_CHECKING:
+    from scipy.interpolate import CubicSpline
+
 FIRST_FAR = round(math.log2(NEAR))
 TRIED = 96  # frequencies at which a zone's nodes are counted
 MOST = 1024
 SHARE = 0.5  # of the tolerance
+BEND = 40.0  # Hz, from where on knots are spaced evenly by the logarithm of frequency
+KNOTS, MOST_KNOTS = 64, 1024  # in frequency, at first and at most
+BETWEEN = 0.3  # of the tolerance, by which a spline through half of its knots may miss the others
 
 Values = Callable[[np.ndarray, np.ndarray], np.ndarray]  # of frequency and length
 
@@ -69,6 +77,7 @@ class PathGain:
     tolerance: float
     whole: bool = False
     _zones: dict[tuple[int, float], Zone] = field(default_factory=dict)
+    _splines: dict[tuple[float, float], CubicSpline | None] = field(default_factory=dict)
 
     def zones(self, length: np.ndarray) -> Iterator[tuple[Zone, np.ndarray]]:
         """Zones of lengths (M,) with their rows; near ones once for each way over the ground."""
@@ -79,9 +88,33 @@ class PathGain:
                 yield self._zone(n, rise), rows
 
     def filters(self, zone: Zone, frequency: np.ndarray) -> np.ndarray:
-        """(Q, F) of a zone's polynomials."""
+        """(Q, F) of a zone's polynomials, at rising frequencies."""
+        key = zone.low, zone.rise
+        if key not in self._splines and len(frequency) > 4 * KNOTS:
+            self._splines[key] = self._spline(zone)
+        spline = self._splines.get(key)
+        if spline is not None:
+            inside = np.clip(frequency, LOWEST, self.highest)
+            return np.asarray(spline(np.log1p(inside / BEND)))
         values = zone.values(frequency, zone.nodes[:, None])
         return np.asarray(chebyshev.series(len(zone.nodes)) @ values)
+
+    def _spline(self, zone: Zone) -> CubicSpline | None:
+        """The filters by log(1 + f/BEND); None: no number of knots serves."""
+        from scipy.interpolate import CubicSpline  # other sensors need not wait for its import
+
+        count, into = KNOTS, chebyshev.series(len(zone.nodes))
+        low, high = (math.log1p(f / BEND) for f in (min(LOWEST, self.highest), self.highest))
+        while count <= MOST_KNOTS:
+            place = np.linspace(low, high, 2 * count + 1)
+            values = zone.values(BEND * np.expm1(place), zone.nodes[:, None])
+            half = CubicSpline(place[::2], values[:, ::2], axis=1)
+            gap = np.abs(half(place[1::2]) - values[:, 1::2]).max(axis=0)
+            size = np.sqrt(np.mean(np.abs(values[:, 1::2]) ** 2, axis=0))
+            if (gap <= BETWEEN * self.tolerance * size).all():
+                return CubicSpline(place, into @ values, axis=1)
+            count *= 2
+        return None
 
     def at(self, frequency: np.ndarray, length: np.ndarray) -> np.ndarray:
         """(M, F) g of paths at a few frequencies."""

@@ -51,7 +51,7 @@ def arrival_energies(
     waves = np.square(np.abs(partial_waves(size, order_count(thickest))))
     scattered = np.log(waves[0] + 2.0 * waves[1:].sum(axis=0))
     size = np.log(size)
-    different, row_of = np.unique(paths.radius, return_inverse=True)
+    different, row_of = _different(paths.radius)
     length, place, share = _places(paths.length)
     lost = np.exp(-2.0 * np.outer(loss, length))
     if losses is not None and len(paths.length):
@@ -62,9 +62,10 @@ def arrival_energies(
     for row, k in enumerate(wavenumber):
         z = np.log(np.maximum(k * different, 1e-4))
         answer = np.exp(np.interp(z, size, scattered)) * (2.0 / (math.pi * k)) * band[row]
-        table = np.log(np.maximum(lost[row], LEAST))
+        table = np.maximum(lost[row], LEAST)
         gain = table[place] + share * np.diff(table)[place]
-        energies[row] = strength * answer[row_of] * np.exp(gain)
+        energies[row] = strength * gain
+        energies[row] *= answer[row_of] if len(different) > 1 else answer
     unscattered = np.array(
         [
             f * sum(math.exp(-2.0 * b * d) / d**2 for d in direct)
@@ -72,6 +73,14 @@ def arrival_energies(
         ]
     )
     return energies, unscattered
+
+
+def _different(radius: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Radii that differ, and which one each trunk has."""
+    if len(radius) and radius.min() == radius.max():  # without a sort
+        return radius[:1], np.zeros(len(radius), np.int64)
+    different, row_of = np.unique(radius, return_inverse=True)
+    return different, row_of
 
 
 def _places(length: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -96,13 +105,25 @@ def record_length(
     last = max(direct, default=0.0)
     if len(paths.length):
         energies, unscattered = arrival_energies(paths, direct, sample_rate, air, losses)
-        order = np.argsort(paths.length, kind="stable")
-        left = np.cumsum(energies[:, order[::-1]], axis=1)[:, ::-1]
-        whole = left[:, :1] + unscattered[:, None]
-        needed = (left > whole * 10.0 ** (-RANGE_DB / 10.0)).any(axis=0)
-        if needed.any():
-            last = max(last, float(paths.length[order[np.flatnonzero(needed)[-1]]]))
+        allowed = (energies.sum(axis=1) + unscattered) * 10.0 ** (-RANGE_DB / 10.0)
+        last = max(last, _last_needed(paths.length, energies, allowed))
     return min(LONGEST, last / air.speed() + AFTER)
+
+
+def _last_needed(length: np.ndarray, energies: np.ndarray, allowed: np.ndarray) -> float:
+    """The longest path (M,) after which, with it, more than what is allowed (B,) of energies (B, M) comes."""
+    few, place, _ = _places(length)
+    cells = np.array([np.bincount(place, row, len(few)) for row in energies])
+    left = np.cumsum(cells[:, ::-1], axis=1)[:, ::-1]
+    needed = np.flatnonzero((left > allowed[:, None]).any(axis=0))
+    if not len(needed):
+        return 0.0
+    rows = np.flatnonzero(place == needed[-1])  # only there it matters which trunk is first
+    rows = rows[np.argsort(length[rows], kind="stable")]
+    after = left[:, needed[-1] + 1] if needed[-1] + 1 < left.shape[1] else 0.0 * allowed
+    within = np.cumsum(energies[:, rows[::-1]], axis=1)[:, ::-1] + after[:, None]
+    exact = np.flatnonzero((within > allowed[:, None]).any(axis=0))
+    return float(length[rows[exact[-1]]]) if len(exact) else float(length[rows[0]])
 
 
 def left_out_db(

@@ -7,32 +7,26 @@ alpine conifer forest (Haupert, Sebe & Sueur 2022), less their background, over 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from scipy.integrate import trapezoid
 
 from forest_addon.acoustics.air import absorption
-from forest_addon.sensing.reverb.forest.losses import Losses, TrunkStand
-from forest_addon.sensing.reverb.forest.surroundings import FoliageCanopy, clutter_around
-from forest_addon.sensing.reverb.forest.tail import tail_of
-from forest_addon.sensing.reverb.forest.transport import Density, Sent
+from forest_addon.sensing.reverb.forest.transport import Sent
 from forest_addon.spec import Air
 
+from .expected import expected_energy
 from .sources import MONITOR
 from .stands import Path as SoundPath
-from .stands import PlausibleStand, settings
+from .stands import PlausibleStand
 
 ALPINE = Air(temperature_c=15.0, humidity=60.0, pressure_kpa=88.0)
 NEAREST = 10.0  # m, where levels are 0 dB
 BANDS = np.array([1000.0, 2000.0, 4000.0, 8000.0])
 HEARD = 3.0  # dB over the background, below which a level is not read
-LAST, STEPS, PACKETS = (
-    6.0,
-    400,
-    3000,
-)  # s of sound; lengths at which it is summed; packets an octave
+LAST, PACKETS = 6.0, 3000  # s of sound; packets an octave
 
 
 @dataclass(frozen=True)
@@ -60,9 +54,9 @@ def read_range(path: Path) -> Range:
     return Range(distance, excess - excess[:, distance == NEAREST])
 
 
-def range_of(stand: PlausibleStand, distance: np.ndarray, seed: int, height: float = 1.5) -> Range:
+def range_of(stand: PlausibleStand, distance: np.ndarray, height: float = 1.5) -> Range:
     """Compute the same of a stand."""
-    levels = np.array([_levels(stand, float(r), seed, height) for r in distance]).T
+    levels = np.array([_levels(stand, float(r), height) for r in distance]).T
     lost = 20.0 * np.log10(distance) + 8.686 * _air(BANDS)[:, None] * distance
     excess = -(levels + lost)
     return Range(distance, excess - excess[:, distance == NEAREST])
@@ -77,49 +71,9 @@ def _air(band: np.ndarray | float) -> np.ndarray:
     return absorption(np.asarray(band), ALPINE.temperature_c, ALPINE.humidity, ALPINE.pressure_kpa)
 
 
-def _levels(stand: PlausibleStand, distance: float, seed: int, height: float) -> np.ndarray:
+def _levels(stand: PlausibleStand, distance: float, height: float) -> np.ndarray:
     """(B,) dB of all energy, re the source's at 1 m."""
     path = SoundPath(distance, height, 32e3, ALPINE)
-    reverb = settings(stand, path)
-    canopy = replace(FoliageCanopy(), top=stand.trunk_height, clutter=stand.clutter)
-    clutter = clutter_around(reverb, canopy)
-    around = TrunkStand(
-        stand.density,
-        (stand.radius,),
-        stand.leaf_area_density,
-        stand.trunk_height,
-        clutter,
-        stand.floor_leaf_area,
-    )
-    ends = np.array(reverb.source), np.array(reverb.receiver)
-    losses = Losses.of(reverb, ALPINE, around, *ends)
-    tail = tail_of(
-        reverb,
-        losses,
-        Density.even(stand.density),
-        *ends,
-        LAST,
-        (seed, "range"),
-        PACKETS,
-        _towards_the_transect,
-    )
-    assert tail is not None
-    length = np.geomspace(distance * 1.001, LAST * ALPINE.speed(), STEPS)
-    lines = np.geomspace(0.71, 1.41, 24)
-    found = []
-    for band in BANDS:
-        row = int(np.flatnonzero(tail.band == band)[0])
-        once, again = (part[row] for part in tail.energies(length))
-        lost = np.exp(-2.0 * np.outer(losses.along(band * lines), length)).mean(axis=0)
-        ground = np.mean([losses.unthinned.mean_square(f, length) for f in band * lines], axis=0)
-        scattered = (once + again) * ground * lost
-        if tail.diffuse is not None:
-            scattered = scattered + tail.turned(row, length) * np.exp(
-                -2.0 * float(losses.of_air(np.array([band]))[0]) * length
-            )
-        whole = trapezoid(scattered, length)
-        straight = losses.unthinned.mean_square(band * lines, np.array(distance))
-        taken = 2.0 * losses.along(band * lines) + losses.removed(band * lines)
-        whole += float(np.mean(straight * np.exp(-taken * distance))) / distance**2
-        found.append(10.0 * np.log10(whole))
-    return np.array(found)
+    found = expected_energy(stand, path, BANDS, LAST, PACKETS, _towards_the_transect)
+    whole = found.direct + trapezoid(found.scattered, found.length, axis=1)
+    return np.asarray(10.0 * np.log10(whole))

@@ -37,7 +37,9 @@ RANGES = {
     "trunk_height": (10.0, 22.0),  # m
     "lean_deg": (1.0, 3.0),  # a scanned pine 1.3; of Douglas firs those over 2 count as leaning
     "floor_leaf_area": (0.3, 2.0),  # m²/m² of herbs and dwarf shrubs, bare to lush
+    "height": (1.0, 1.6),  # m of loudspeaker and microphone, where nobody says it
 }
+NOT_SETTINGS = ("density", "radius", "height")
 
 EVEN_BY_LOGARITHM = ("density", "radius", "leaf_radius", "branch_area_density", "branch_radius")
 OFF = {
@@ -91,13 +93,14 @@ class PlausibleStand:
     trunk_height: float
     lean_deg: float
     floor_leaf_area: float
+    height: float
     number: int
     clutter: Clutter = BARE
 
 
 @dataclass(frozen=True)
 class Path:
-    """Between source and receiver: metres, heights, sampling rate, air, a source whose axis is upright."""
+    """Between source and receiver: metres, height (0: the stand's), Hz, air, a source that points up."""
 
     distance: float
     height: float
@@ -122,22 +125,22 @@ def plausible_stands(count: int, seed: int) -> list[PlausibleStand]:
 
 def settings(stand: PlausibleStand, path: Path, **changes: object) -> Reverb:
     """All terms on, but for the changes."""
-    half = path.distance / 2
+    half, height = path.distance / 2, path.height or stand.height
     given = {
-        "source": (-half, 0.0, path.height),
-        "receiver": (half, 0.0, path.height),
+        "source": (-half, 0.0, height),
+        "receiver": (half, 0.0, height),
         "sample_rate": path.rate,
         "model": "forest",
         "surface": "forest floor",
         "continue_to": REACH,
         "facing_elevation_deg": 90.0,
-        **{name: getattr(stand, name) for name in RANGES if name not in ("density", "radius")},
+        **{name: getattr(stand, name) for name in RANGES if name not in NOT_SETTINGS},
     }
     return Reverb(**(given | changes))
 
 
 def variants(stand: PlausibleStand, path: Path) -> dict[str, Reverb]:
-    """The ablation: Kaneko & Gamper's model, none of the terms, each, and all."""
+    """The ablation: Kaneko & Gamper's model, none of the terms, each, all; all with needles for leaves."""
     every = settings(stand, path)
     found = {
         "Kaneko & Gamper's model": settings(stand, path, model="paper"),
@@ -146,7 +149,8 @@ def variants(stand: PlausibleStand, path: Path) -> dict[str, Reverb]:
     for name, terms in TERMS.items():
         kept = {key: value for key, value in OFF.items() if key not in terms}
         found[name] = settings(stand, path, **kept)
-    return found | {"all": every}
+    needles = {"leaf_area_density": 0.0, "needle_area_density": stand.leaf_area_density}
+    return found | {"all": every, "all, leaves as needles": settings(stand, path, **needles)}
 
 
 def heard(

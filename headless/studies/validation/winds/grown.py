@@ -27,6 +27,9 @@ BROADLEAVES = {
 }
 
 
+PINES = ("Pinus", "Agathis", "Cupressus")
+
+
 @dataclass(frozen=True)
 class MeasuredSway:
     """A measured tree: its genus, diameter and height in m, sway frequency in Hz."""
@@ -40,6 +43,11 @@ class MeasuredSway:
     def preset(self) -> str:
         """The species of ours that is nearest: of its genus, else a pine or a beech."""
         return {**CONIFERS, **BROADLEAVES}.get(self.genus, "")
+
+    @property
+    def stand_in(self) -> str:
+        """The species of ours that it is grown as."""
+        return self.preset or ("scots-pine" if self.genus in PINES else "european-beech")
 
 
 def shape_as(tree: MeasuredSway, preset: str, rng: np.random.Generator, vary: bool) -> SwayShape:
@@ -74,6 +82,12 @@ def strain(shape: SwayShape, response: SwayResponse, time: np.ndarray) -> np.nda
     length = float(np.linalg.norm(shape.members.end[0] - shape.members.start[0]))
     bend = (high - low)[0, :, 3:5] / length
     return response.exact(time)[0] @ bend
+
+
+def tip_motion(shape: SwayShape, response: SwayResponse, time: np.ndarray) -> np.ndarray:
+    """(T, 2) level displacement in m of the tree's highest node."""
+    top = int(np.argmax(shape.members.nodes[:, 2]))
+    return response.exact(time)[0] @ shape.modes.shape[top, :, :2]
 
 
 def trunk_motion(

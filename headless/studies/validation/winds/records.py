@@ -87,3 +87,18 @@ def spectrum_of(series: np.ndarray, rate: float) -> tuple[np.ndarray, np.ndarray
     piece = int(len(series) / 4.5)  # of eight that overlap by half
     lines = max(256, 2 ** int(np.ceil(np.log2(piece))))
     return welch(series, rate, "hamming", piece, noverlap=piece // 2, nfft=lines, detrend=False)
+
+
+def floor_of(record: SwayRecord) -> float:
+    """Share of a record's variance that white noise at the level of its highest fifth of frequencies has."""
+    motion = record.motion - record.motion.mean(axis=0)
+    main = motion @ np.linalg.svd(motion, full_matrices=False)[2][0]
+    frequency, power = spectrum_of(main, record.rate)
+    level = float(np.median(power[frequency > 0.4 * record.rate]))
+    return level * record.rate / 2 / float(np.trapezoid(power, frequency))
+
+
+def gauged(motion: np.ndarray, floor: float, rng: np.random.Generator) -> np.ndarray:
+    """(T, C) motion as a gauge records it whose white noise has a share of the variance of both channels."""
+    deviation = np.sqrt(floor * motion.var(axis=0).sum())
+    return motion + deviation * rng.normal(size=motion.shape)

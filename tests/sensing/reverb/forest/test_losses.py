@@ -11,6 +11,7 @@ from forest_addon.acoustics.ground import spherical_reflection, surface_impedanc
 from forest_addon.sensing.reverb.audit import octave_errors
 from forest_addon.sensing.reverb.forest.losses import Losses, TrunkStand
 from forest_addon.sensing.reverb.sums.fast_scattering import Expansions
+from forest_addon.sensing.reverb.sums.path_gain import PathGain
 from forest_addon.sensing.reverb.sums.scattering import (
     direct_sum,
     scattered_spectrum,
@@ -146,3 +147,28 @@ def test_nothing_changes_where_all_is_off():
     frequency = np.array([100.0, 5000.0])
     np.testing.assert_array_equal(bare.removed(frequency), 0.0)
     np.testing.assert_array_equal(bare.gain(frequency, np.array([10.0, 50.0])), 1.0)
+
+
+@pytest.mark.parametrize("height", [1.5, 0.0])
+def test_the_mean_energy_is_that_of_both_states_of_the_air(height):
+    """By its own formula, against the mean of two whole gains whose phases turn either way."""
+    end = SOURCE * [1, 1, 0] + [0, 0, height or 0.02]
+    losses = losses_of(source=SOURCE, receiver=end, lean_deg=2.0, turbulence=3.0)
+    frequency, length = np.array([[125.0], [2000.0], [9000.0]]), np.array([11.0, 60.0, 700.0])
+    both = [replace(losses, back=back).gain(frequency, length) for back in (False, True)]
+    mean = 0.5 * sum(np.abs(one) ** 2 for one in both)
+    np.testing.assert_allclose(losses.mean_square(frequency, length), mean, rtol=1e-9)
+
+
+@pytest.mark.parametrize("number", [3, 8])
+def test_filters_of_a_whole_transform_are_those_of_each_frequency(number):
+    """Read from a spline, of a near zone's ground path and of a far zone."""
+    losses = losses_of(lean_deg=2.0, floor_leaf_area=1.0, leaf_area_density=0.2)
+    gain = PathGain(losses, 12e3, 1e-4, whole=True)
+    zone = [zone for zone, _ in gain.zones(np.array([1.5 * 2.0**number]))][-1]
+    every = np.arange(4001) * 3.0
+    found = gain.filters(zone, every)
+    some = np.arange(7, 4001, 333)  # as few as are computed one by one
+    exact = PathGain(losses, 12e3, 1e-4, whole=True).filters(zone, every[some])
+    gap = np.linalg.norm(found[:, some] - exact, axis=1)
+    assert gap.max() < 1e-4 * np.linalg.norm(exact)

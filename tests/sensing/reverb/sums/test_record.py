@@ -56,6 +56,18 @@ def test_a_record_ends_where_only_the_inaudible_is_left_and_at_the_longest() -> 
     assert RANGE_DB > 65
 
 
+def test_the_last_trunk_that_is_needed_is_that_of_a_sum_over_all_in_order() -> None:
+    trunks = forest(4000, 3000.0)
+    paths = trunk_paths(trunks, np.array([-5.0, 0.0]), np.array([5.0, 0.0]), 2.0, 0.7)
+    energies, unscattered = arrival_energies(paths, (10.0,), 24e3, AIR)
+    order = np.argsort(paths.length)
+    left = np.cumsum(energies[:, order[::-1]], axis=1)[:, ::-1]
+    allowed = (left[:, :1] + unscattered[:, None]) * 10.0 ** (-RANGE_DB / 10.0)
+    last = paths.length[order[np.flatnonzero((left > allowed).any(axis=0))[-1]]]
+    assert last < paths.length.max()
+    assert record_length(paths, (10.0,), 24e3, AIR) == pytest.approx(last / 343.0 + AFTER)
+
+
 def test_energies_are_those_of_the_sound() -> None:
     """One trunk at a time is summed; trunks all round, so that the mean over angles is what they have."""
     trunks = forest(400, 60.0, 0.1)
