@@ -3,8 +3,9 @@
 Trees stand where the drone's cloud has its summits, with heights, crowns and leaf area as the clouds tell
 them (``crowns``); around the plot the same stand goes on. Way, height and fan of each line are read from the
 cloud's own pulses (``surveys``), reflectances and the threshold of detection from its intensities
-(``light``). Beams are assumed as typical of such instruments. Shares of returns are not looked at for any of
-that.
+(``light``). Leaves reflect as much, and are as many, as makes single echoes of ours as bright and passes as
+much light to the ground as the clouds show. Beams are assumed as typical of such instruments. Shares of
+returns are not looked at for any of that.
 
 The drone's slanted lines hold plants alone: whoever made the file took the ground out of them. Of such a
 line pulses are compared whose first return is a plant's, in ours as in the real one.
@@ -32,18 +33,31 @@ from ..comparison import Comparison, Interval
 from ..living import geometry_of, site_of
 from ..own_cloud import CloudReturns, read_cloud
 from .crowns import BARE, trees_of
-from .light import IntensityScale, reflectances, scale_of, threshold
+from .light import (
+    CROWN,
+    GROUND,
+    IntensityScale,
+    light_of_two,
+    reflectances,
+    scale_of,
+    threshold,
+)
 from .yardstick import ground_below
 
 SPECIES = "ponderosa-pine"
-WOOD, GROUND = 0.4, 0.3  # reflectances; the ground's where intensities have no scale
+WOOD, SOIL = 0.4, 0.3  # reflectances; the ground's where intensities have no scale
 NEAR = 0.05  # of a share, that counts as the same
 AROUND = 3  # copies of the plot to each side: beams at 68 degrees come from 62 m away
 STEEP = 40.0  # degrees: lines nearer to the nadir tell reflectances
 NO_GROUND = 0.001  # share of first returns on the ground, below which a line has none
 BLOCK, HALVES = 5.0, 40  # metres, and halvings of a line's blocks
-MOST = 8000  # pulses of a line that are flown again; of more, so many of them
+MOST, FEW = (
+    4000,
+    2000,
+)  # pulses of a line that are flown again, and to tell its light; of more, so many
 RANGE = 1.3  # times the farthest return
+ROUNDS, CLOSE = 8, 0.04  # of growing the stand until its light is as near to the cloud's
+SHADED = 1.5  # power of the leaf area that is missing: leaves that are added shade each other
 
 
 @dataclass(frozen=True)
@@ -112,12 +126,45 @@ def read_flight(flight: FlightOfCloud, folder: Path) -> ReadFlight:
 
 def compare_flights(clouds: Path, seed: int, species: str = SPECIES) -> list[Comparison]:
     """Share of single returns, line by line, measured and flown again."""
-    flights = [read_flight(flight, clouds) for flight in FLIGHTS]
-    scene, low = plot_like(*flights, species, seed)
-    more = leaves_missing(flights[1], make_caster(scene, Rays()), low, seed)
-    scene, low = plot_like(*flights, species, seed, more)
-    caster = make_caster(scene, Rays())
-    return [row for read in flights for row in _lines(read, caster, low, seed)]
+    drone, aircraft = (read_flight(flight, clouds) for flight in FLIGHTS)
+    aircraft = scaled_like(aircraft, drone)
+    caster, low, scanners = stand_and_scanners(drone, aircraft, species, seed)
+    flights = zip((drone, aircraft), scanners, strict=True)
+    return [row for read, plain in flights for row in _lines(read, plain, caster, low, seed)]
+
+
+def scaled_like(read: ReadFlight, known: ReadFlight) -> ReadFlight:
+    """A flight with the scale that makes the light of two of its returns sum to that of a known scale."""
+    assert known.flight.scale is not None
+    total = light_of_two(
+        known.returns.take(known.steep), known.height[known.steep], known.flight.scale
+    )
+    some = read.returns.take(read.steep)
+    scale = scale_of(some, read.height[read.steep], SOIL, total)
+    return replace(read, flight=replace(read.flight, scale=scale))
+
+
+def stand_and_scanners(
+    dense: ReadFlight, upright: ReadFlight, species: str, seed: int
+) -> tuple[RayCaster, np.ndarray, list[Mobile]]:
+    """The stand of a plot's trees, (3,) where its corner lies, and scanners of both flights.
+
+    Beer's law knows shoots that are spread evenly; those of crowns stand together, which lets more light pass
+    and leaves single echoes less than whole. Leaf area and reflectances follow until the line of ``upright``
+    that is nearest to the nadir passes as much to the ground as its cloud shows, within ``CLOSE``.
+    """
+    more, scanners = 1.0, [scanner_of(dense), scanner_of(upright)]
+    for _ in range(ROUNDS):
+        scene, low = plot_like(dense, upright, species, seed, more)
+        caster = make_caster(scene, Rays())
+        scanners[0] = as_bright(dense, _upright(dense, scanners[0], caster, low, seed), scanners[0])
+        ours = _upright(upright, scanners[1], caster, low, seed)
+        scanners[1] = as_bright(upright, ours, scanners[1])
+        short = leaves_missing(upright, ours)
+        if abs(short - 1) <= CLOSE:
+            break
+        more *= short**SHADED
+    return caster, low, scanners
 
 
 def plot_like(
@@ -160,29 +207,38 @@ def _repeated(scene: SceneGeometry, shifts: list[np.ndarray]) -> SceneGeometry:
     )
 
 
-def scanner_of(read: ReadFlight) -> tuple[Mobile, float]:
-    """A scanner that sees what a flight's own returns say, and the threshold of its light, 1/m²."""
-    some = read.returns.take(read.steep)
-    height = read.height[read.steep]
-    scale = read.flight.scale or scale_of(some, height, GROUND)
-    leaf, ground = reflectances(some, height, scale, float(np.mean(read.angle[read.steep])))
-    faint = threshold(read.returns, read.cloud.line, read.far, scale)
+def scanner_of(read: ReadFlight) -> Mobile:
+    """A scanner of a flight's beam that sees the reflectances that its own returns say."""
+    assert read.flight.scale is not None
+    some, height = read.returns.take(read.steep), read.height[read.steep]
+    leaf, ground = reflectances(
+        some, height, read.flight.scale, float(np.mean(read.angle[read.steep]))
+    )
     surfaces = Surfaces(wood=WOOD, leaf=min(leaf, 1.0), ground=min(ground, 1.0))
-    return Mobile(min_range=1.0, surfaces=surfaces, beam=read.flight.beam), faint
+    return Mobile(min_range=1.0, surfaces=surfaces, beam=read.flight.beam)
 
 
-def leaves_missing(read: ReadFlight, caster: RayCaster, low: np.ndarray, seed: int) -> float:
+def _nearest_nadir(read: ReadFlight) -> int:
+    """Number of the line that is nearest to the nadir."""
+    line = read.cloud.line
+    return min(read.lines, key=lambda k: float(np.median(read.angle[line == k])))
+
+
+def _upright(
+    read: ReadFlight, plain: Mobile, caster: RayCaster, low: np.ndarray, seed: int
+) -> tuple[Cloud, np.ndarray]:
+    """The line that is nearest to the nadir, flown again, and (N,) which returns lie on the plot."""
+    ours = _flown(read, _nearest_nadir(read), plain, caster, low, seed, FEW)
+    return ours, _inside(ours, read)
+
+
+def leaves_missing(read: ReadFlight, flown: tuple[Cloud, np.ndarray]) -> float:
     """Leaf area that a stand needs over what it has to let as much light to the ground as a cloud shows.
 
-    Beer's law knows shoots that are spread evenly; those of crowns stand together, which lets more pass. The
-    line nearest to the nadir tells.
+    flown : the line that is nearest to the nadir, over the stand, and (N,) which of it lie on the plot.
     """
-    cloud = read.cloud
-    plain, faint = scanner_of(read)
-    number = min(read.lines, key=lambda k: float(np.median(read.angle[cloud.line == k])))
-    ours = _flown(read, number, plain, faint, caster, low, seed)
-    inside = _inside(ours, read)
-    real = cloud.line == number
+    cloud, (ours, inside) = read.cloud, flown
+    real = cloud.line == _nearest_nadir(read)
     passed = [
         float(light[height < BARE].sum() / light.sum())
         for light, height in (
@@ -193,6 +249,28 @@ def leaves_missing(read: ReadFlight, caster: RayCaster, low: np.ndarray, seed: i
     return float(np.log(passed[0]) / np.log(passed[1]))
 
 
+def as_bright(read: ReadFlight, flown: tuple[Cloud, np.ndarray], plain: Mobile) -> Mobile:
+    """A scanner whose single echoes of crowns and of the ground are as bright in the median as a cloud's.
+
+    flown : the line that is nearest to the nadir, seen by ``plain``, and (N,) which of it lie on the plot.
+    """
+    cloud, (ours, inside) = read.cloud, flown
+    assert read.flight.scale is not None
+    real = (cloud.line == _nearest_nadir(read)) & (cloud.count == 1)
+    mine = inside & (ours.count == 1)
+    light = read.flight.scale.reflectance(read.returns.intensity)
+    own = ours.intensity * ours.true_range**2
+    z = ours.position[:, 2]
+    leaf = np.median(light[real & (read.height > CROWN)]) / np.median(own[mine & (z > CROWN)])
+    ground = np.median(light[real & (read.height < GROUND)]) / np.median(own[mine & (z < GROUND)])
+    seen = plain.surfaces
+    return plain.changed(
+        surfaces=seen.changed(
+            leaf=min(float(seen.leaf * leaf), 1.0), ground=min(float(seen.ground * ground), 1.0)
+        )
+    )
+
+
 def _inside(ours: Cloud, read: ReadFlight) -> np.ndarray:
     """(N,) returns of ours on the plot."""
     place = ours.position[:, :2]
@@ -200,14 +278,20 @@ def _inside(ours: Cloud, read: ReadFlight) -> np.ndarray:
     return np.asarray(((place >= 0) & (place <= size)).all(axis=1))
 
 
+def faintest_of(read: ReadFlight) -> float:
+    """Light, 1/m², of the faintest echo that a flight's receiver tells."""
+    assert read.flight.scale is not None
+    return threshold(read.returns, read.cloud.line, read.far, read.flight.scale)
+
+
 def _flown(
     read: ReadFlight,
     number: int,
     plain: Mobile,
-    faint: float,
     caster: RayCaster,
     low: np.ndarray,
     seed: int,
+    most: int = MOST,
 ) -> Cloud:
     """A line flown again.
 
@@ -219,30 +303,33 @@ def _flown(
     rows = (read.cloud.line == number) & (read.cloud.number == 1)
     pattern = pattern_like(line, read.cloud.place[rows], read.cloud.time[rows])
     farthest = RANGE * float(read.far[rows].max())
-    limited = plain.changed(max_range=farthest, faintest=min(faint * farthest**2, 1.0))
+    faint = min(faintest_of(read) * farthest**2, 1.0)
+    limited = plain.changed(max_range=farthest, faintest=faint)
     like = scanner_like(limited, line, pattern, low, line.time[0])
-    fewer = like.changed(pulse_rate=like.pulse_rate / max(1.0, rows.sum() / MOST))
+    fewer = like.changed(pulse_rate=like.pulse_rate / max(1.0, rows.sum() / most))
     return scan(fewer, caster, seed)
 
 
-def _lines(read: ReadFlight, caster: RayCaster, low: np.ndarray, seed: int) -> list[Comparison]:
+def _lines(
+    read: ReadFlight, plain: Mobile, caster: RayCaster, low: np.ndarray, seed: int
+) -> list[Comparison]:
     """Rows of the lines of a cloud that are long enough to tell their pattern."""
     cloud, found = read.cloud, []
     unread: list[str] = []  # lines with too few sweeps to tell how they were flown
-    plain, faint = scanner_of(read)
-    halves = halves_apart(cloud, seed)
+    halves, faint = halves_apart(cloud, seed), faintest_of(read)
     for number in read.lines:
         try:
-            ours = _flown(read, number, plain, faint, caster, low, seed)
+            ours = _flown(read, number, plain, caster, low, seed)
         except SpecError:
             alone = shares_of(cloud.count[(cloud.line == number) & (cloud.number == 1)])[0]
             unread.append(f"{number} ({100 * alone:.0f} % single)")
             continue
         found.append(_row(read, number, ours, faint, halves[number]))
-    if unread and found:
-        words = f" Too few sweeps tell how line {', '.join(unread)} was flown: left out."
-        s = plain.surfaces
-        words += f" Leaves reflect {100 * s.leaf:.0f} %, the ground {100 * s.ground:.0f} %."
+    s = plain.surfaces
+    words = f" Leaves reflect {100 * s.leaf:.0f} %, the ground {100 * s.ground:.0f} %."
+    if unread:
+        words = f" Too few sweeps tell how line {', '.join(unread)} was flown: left out." + words
+    if found:
         found[0] = replace(found[0], words=found[0].words + words)
     return found
 

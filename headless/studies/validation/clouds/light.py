@@ -2,7 +2,8 @@
 
 Intensities count decibels of reflectance. Where a file does not tell how many, its pulses of two returns do,
 one of a crown and one of the ground: what the crown took the ground lacks, so the light of both, each over
-that of single returns of its kind, sums to one (Armston et al. 2013, Remote Sens. Environ. 134, 24).
+that of single returns of its kind, sums to one (Armston et al. 2013, Remote Sens. Environ. 134, 24), or to
+what it sums to in a cloud of the same place whose scale is known: single returns of crowns are not all whole.
 """
 
 from __future__ import annotations
@@ -36,34 +37,57 @@ class IntensityScale:
         return np.asarray(10 ** (level / 10))
 
 
-def span_of(crown: np.ndarray, ground: np.ndarray, alone: tuple[float, float]) -> float:
-    """Decibels between intensities 0 and 65535 that make the light of two returns of a pulse sum to one.
+def span_of(
+    crown: np.ndarray, ground: np.ndarray, alone: tuple[float, float], total: float = 1.0
+) -> float:
+    """Decibels between intensities 0 and 65535 that make the light of two returns of a pulse ``total``.
 
     crown, ground : (P,) intensities of both returns. alone : median intensities of single returns of crowns
     and of the ground.
     """
-
-    def excess(span: float) -> float:
-        each = [
-            10 ** (span * (i - full) / FULL / 10)
-            for i, full in zip((crown, ground), alone, strict=True)
-        ]
-        return float(np.median(each[0] + each[1])) - 1
-
-    return float(brentq(excess, *SPANS, xtol=0.01))
+    return float(
+        brentq(lambda span: _sum_of(crown, ground, alone, span) - total, *SPANS, xtol=0.01)
+    )
 
 
-def scale_of(returns: CloudReturns, height: np.ndarray, ground: float) -> IntensityScale:
-    """The scale of a cloud, heights (N,) m, whose ground reflects this share."""
+def _sum_of(
+    crown: np.ndarray, ground: np.ndarray, alone: tuple[float, float], span: float
+) -> float:
+    """Light of two returns, each over that of single ones of its kind: the median of their sums."""
+    each = [
+        10 ** (span * (i - full) / FULL / 10)
+        for i, full in zip((crown, ground), alone, strict=True)
+    ]
+    return float(np.median(each[0] + each[1]))
+
+
+def light_of_two(returns: CloudReturns, height: np.ndarray, scale: IntensityScale) -> float:
+    """Light of two returns, of a crown and of the ground, over single ones': of a cloud of known scale."""
+    crown, ground = _shared(returns, height)
+    return _sum_of(crown, ground, singles(returns, height), scale.high - scale.low)
+
+
+def scale_of(
+    returns: CloudReturns, height: np.ndarray, ground: float, total: float = 1.0
+) -> IntensityScale:
+    """The scale of a cloud, heights (N,) m, whose ground reflects this share.
+
+    total : what the light of two returns sums to, of single ones'.
+    """
     alone = singles(returns, height)
+    span = span_of(*_shared(returns, height), alone, total)
+    high = 10 * np.log10(ground) + span * (1 - alone[1] / FULL)
+    return IntensityScale(high - span, high)
+
+
+def _shared(returns: CloudReturns, height: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(P,) intensities of pulses that a crown and the ground share, and no other."""
     row = np.flatnonzero((returns.number[:-1] == 1) & (returns.count[:-1] == 2))
     both = (returns.number[row + 1] == 2) & (height[row] > CROWN) & (height[row + 1] < GROUND)
     if returns.time is not None:
         both &= returns.time[row] == returns.time[row + 1]
     row = row[both]
-    span = span_of(returns.intensity[row], returns.intensity[row + 1], alone)
-    high = 10 * np.log10(ground) + span * (1 - alone[1] / FULL)
-    return IntensityScale(high - span, high)
+    return returns.intensity[row], returns.intensity[row + 1]
 
 
 def singles(returns: CloudReturns, height: np.ndarray) -> tuple[float, float]:
