@@ -10,10 +10,10 @@ Apple: Markwardt & Wilson 1935. Moduli are those of the tests, of short beams of
 them takes a tenth, knots and young wood of whole stems take more (2.0 to 6.4 GPa in standing Sitka spruces,
 whose sawn wood has 5.9: Milne & Blackburn 1989, Tree Physiol. 5:195).
 
-Leaves: dry mass over the leaf area as the studies of a genus counted it (BAAD, Falster et al. 2015: the
-geometric mean over studies of their medians; allometry draws areas from the same trees), of which fresh
-leaves have 0.4. Needles weigh 0.22 kg/m² dry by their one-sided area (Poorter et al. 2009, New Phytol. 182):
-a lower figure says that a genus's studies counted all sides. Bark weighs as wood and stiffens nothing:
+Leaves: dry mass over the leaf area (BAAD, Falster et al. 2015: the geometric mean over studies of a genus of
+their medians), which is half of the surface of needles whichever way a study counted (``measured/studies``),
+as allometry draws it; fresh leaves have 0.4 of their mass dry. Needles weigh 0.22 kg/m² dry by their
+one-sided area (Poorter et al. 2009, New Phytol. 182). Bark weighs as wood and stiffens nothing:
 diameters inside of it are 0.87 to 0.93 of those over it (Husch, Beers & Kershaw 2003, Forest Mensuration,
 ch. 6), of thin-barked genera more.
 """
@@ -49,10 +49,10 @@ class GreenWood:
 
 # genus: modulus GPa, density kg/m³, dry leaf mass kg/m²
 CONIFERS = {
-    "picea": (6.3, 850.0, 0.086),
-    "pinus": (7.3, 850.0, 0.214),
-    "pseudotsuga": (8.3, 850.0, 0.101),
-    "abies": (5.7, 850.0, 0.135),
+    "picea": (6.3, 850.0, 0.173),
+    "pinus": (7.3, 850.0, 0.228),
+    "pseudotsuga": (8.3, 850.0, 0.202),
+    "abies": (5.7, 850.0, 0.133),
     "larix": (7.9, 850.0, BROAD_LEAF),
 }
 BROADLEAVES = {

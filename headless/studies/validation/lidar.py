@@ -42,8 +42,9 @@ on the axes that bear them besides, by Callaham's (2013) foliage of 21.8 cm that
 branches a whorl. Without these shoots the line at 68 degrees already went from 93 to 90. Tried and left
 out: half as many points for branches to grow to and gaps of 0.6, for which no measurement is known (60, 54,
 54, 64; 29, 38); pulses of 4.7 and 5.4 ns, which bring gaps between returns to the measured ones (5 % below
-1.0 m and 1.15 in place of 0.7 and 0.9) and add 3 points to the drone's lines, 0 to 2 to the aircraft's. One
-stand each, another than the table's; from one to another, trees of the same measures make up to 6 points.
+1.0 m and 1.15 in place of 0.7 and 0.9) and add 3 points to the drone's lines at 26 and 28 degrees; the
+aircraft's were not flown with these alone. One stand each, another than the table's; from one to another,
+trees of the same measures make up to 6 points.
 
 Leaf area is the weak place of this agreement: for as much light to be held back as the aircraft's shows,
 this stand bears 15.7 m² of leaves a square metre of ground, by Beer's law and evenly spread shoots 4.9, and

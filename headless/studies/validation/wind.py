@@ -39,11 +39,9 @@ TERMS = """\
 The first run, with wood and leaves but neither bark nor weight, was 1.3 times too high for conifers and
 broadleaves alike; bark (which weighs and does not stiffen) and the weight that a stem carries are in the
 model since, both from the literature. The foot is clamped: roots that give would take a few per cent
-more. Masses of needles by leaf area are still by areas as studies counted them, while leaf areas are half
-of the surface since: crowns of spruces, firs and Douglas firs weigh too little, and sway too fast. In a
-trial with masses by half of the surface (0.17 to 0.21 kg/m² dry) 0.95 of 40 middle conifers lay within
-the band, 0.85 as they are here. Of the ear motions the tone tells more, and the sweep less, than
-published: our ear has one lobe that changes little over the sweep, real ones have many.
+more. Until needles weighed by half of their surface, as leaf areas are counted, 0.85 of the middle
+conifers lay within the band. Of the ear motions the tone tells more, and the sweep less, than published:
+our ear has one lobe that changes little over the sweep, real ones have many.
 
 ![One slice of the demo, scanned still and in 9 m/s](pictures/wind-scan.png)
 
