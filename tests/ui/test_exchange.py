@@ -252,6 +252,7 @@ def test_properties_say_what_spec_says(props, cls):
             continue
         prop = shown[field.name]
         told = known.help.lower().replace("left out:", "off:")  # of a switch in the panel
+        told = told.replace("auto:", "-1, automatic:") if known.auto else told
         assert prop.description.lower() == told, field.name
         assert not prop.name.endswith(" Deg")
         if prop.type in ("FLOAT", "INT"):
