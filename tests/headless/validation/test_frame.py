@@ -1,7 +1,9 @@
 """The frame of ``validate``: what a subject returns is printed, kept whole, and joined to a page."""
 
 import argparse
+import shutil
 import sys
+from pathlib import Path
 from types import ModuleType
 
 import pytest
@@ -65,6 +67,13 @@ def test_one_subject_anew_leaves_the_others_of_a_page(subject, tmp_path):
     page = run.write_page(tmp_path / "elsewhere", chosen.docs).read_text(encoding="utf-8")
     assert "it stands steeper" in page
     assert "pictures/validation/angles.png" in page
+
+
+def test_the_page_of_the_documentation_is_what_its_kept_parts_give(tmp_path):
+    docs = Path(__file__).parents[3] / "docs"
+    shutil.copytree(docs / "validation", tmp_path / "validation")
+    page = run.write_page(tmp_path / "elsewhere", tmp_path)
+    assert page.read_text(encoding="utf-8") == (docs / "validation.md").read_text(encoding="utf-8")
 
 
 def test_a_column_before_stands_only_where_something_was_mended():
