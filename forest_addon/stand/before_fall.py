@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-import pickle
 from collections.abc import Callable
+from dataclasses import fields, is_dataclass
 from typing import Any
+
+import numpy as np
 
 from ..growth.graft.cut import TreeTemplate
 from ..growth.measured.wanted import Wanted
@@ -54,5 +56,16 @@ def key_of(
     """
     # Templates are one object as long as they are the same; a leaf or an allometry is read anew each time.
     shared = isinstance(templates, TreeTemplate | Habit)
-    made_of = id(templates) if shared else pickle.dumps(templates)
+    made_of = id(templates) if shared else _content(templates)
     return (stream_of, repr(species.changed(look=Look())), made_of, wanted)
+
+
+def _content(value: object) -> object:
+    """Return what a value says, to compare by: equal for two readings of one file."""
+    if isinstance(value, np.ndarray):
+        return value.shape, value.dtype.str, value.tobytes()
+    if is_dataclass(value):
+        return type(value), *(_content(getattr(value, field.name)) for field in fields(value))
+    if isinstance(value, dict):
+        return tuple((_content(key), _content(one)) for key, one in value.items())
+    return tuple(_content(one) for one in value) if isinstance(value, list | tuple) else value
