@@ -196,7 +196,7 @@ def test_what_bends_turns_out_of_the_wind():
     linear = float(along @ force) / stiff
     exact = brentq(left, *sorted((0.0, linear)))
     assert found.mean[0] == pytest.approx(exact, rel=2e-3)
-    assert abs(exact) < 0.95 * abs(linear)
+    assert abs(exact) < 0.98 * abs(linear)
 
 
 def test_velocity_is_the_derivative_and_knots_change_nothing():
