@@ -30,7 +30,7 @@ median (least to most of the seeds). One real tree a label is little: what is be
 another tree's opposite. *little occlusion*: the same pulses from twelve tripods. *leaves at any angle*:
 inclinations of a sphere in place of those that the species grow. *nothing varies*: noise, step and relief
 of the ground are fixed. *randomise*: the plan's word, with instruments of that platform in place of the one
-above: plots differ more then, and are less like these clouds.
+above: plots differ more then, and are less like these clouds. *wind*: 5 m/s at the tops.
 """
 
 

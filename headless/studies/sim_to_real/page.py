@@ -20,8 +20,9 @@ TITLE = "Training for the real world"
 SUMMARY = """\
 What a classifier that knew only our plots makes of real clouds. `python -m headless study sim-to-real
 --data FOLDER --docs docs` makes this part. Plots are those of `assets/plans/measured-stands.toml`: measured
-pines, spruces and broadleaved trees with undergrowth and dead branches, five tripods each. Features are on
-cells of 5 cm, so that instrument and density hardly matter (`headless/studies/sim_to_real/features.py`).
+pines, spruces and broadleaved trees (half of these stands bare or losing their leaves) with undergrowth and
+dead branches, five tripods each. Features are on cells of 5 cm, so that instrument and density hardly matter
+(`headless/studies/sim_to_real/features.py`).
 Before ours are learned from, the cells of each plot are moved by chance, with a spread between 0 and 3 cm:
 real points lie beside what they are of, as scans do not quite fit each other and trees move. Cells within
 10 cm vote. Real are the pine and the spruce of TreeLS (GPL-3) and the broadleaved tree of aRchi (CeCILL).
