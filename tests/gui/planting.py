@@ -108,10 +108,7 @@ def from_the_browser(steps: Steps, maple) -> Scenario:
     yield from wait_for(lambda: len(props.plantings[0].by_hand) == mine + 1, 20, "the tree")
     yield from wait_for(lambda: len(trees()) == before + 1 and idle(), 60, "the forest with it")
     x, y = props.plantings[0].by_hand[mine].position
-    assert np.hypot(x - wanted[0], y - wanted[1]) < 2, (
-        x,
-        y,
-    )  # the middle of its box is below the mouse
+    assert np.hypot(x - wanted[0], y - wanted[1]) < 0.5, (x, y)
     yield from settle()
 
     steps.step("Plant Copies plants a copy that was put beside")

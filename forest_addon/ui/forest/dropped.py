@@ -8,10 +8,17 @@ without, it stays an object until that button is pressed.
 from __future__ import annotations
 
 import bpy
+from bpy_extras.view3d_utils import (
+    location_3d_to_region_2d,
+    region_2d_to_origin_3d,
+    region_2d_to_vector_3d,
+)
+from mathutils import Vector
 
 from ..shell.running import obstacle
 from ..shell.views import region_of
 from .hand_edits import copy_of
+from .planting import ground_below
 
 DROPS = ("OBJECT_OT_add_named",)  # what Blender does when an asset of this file is dropped
 SOON = 0.01  # s: not within the update that tells of it
@@ -61,5 +68,26 @@ def plant() -> None:
             window=window, area=area, region=region, selected_objects=[thing]
         ):
             if not obstacle(bpy.context):
+                if area is not None:
+                    _stand_below(bpy.context, thing)
+                    window.view_layer.update()
                 bpy.ops.forest.adopt_trees()
         return
+
+
+def _stand_below(context: bpy.types.Context, thing: bpy.types.Object) -> None:
+    """Stand a tree upright where the mouse pointed at the ground.
+
+    Blender sets the middle of the box's bottom on the first face below the mouse, which may be of a crown.
+    """
+    low, high = thing.bound_box[0], thing.bound_box[6]
+    bottom = Vector(((low[0] + high[0]) / 2, (low[1] + high[1]) / 2, low[2]))
+    region, view = context.region, context.area.spaces.active.region_3d
+    mouse = location_3d_to_region_2d(region, view, thing.matrix_world @ bottom)
+    if mouse is None:
+        return
+    begin = region_2d_to_origin_3d(region, view, mouse)
+    place = ground_below(context, begin, region_2d_to_vector_3d(region, view, mouse))
+    if place is not None:
+        thing.rotation_euler[:2] = 0.0, 0.0
+        thing.location = place
