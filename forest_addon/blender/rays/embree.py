@@ -28,7 +28,7 @@ from .embree_library import EmbreeError
 PACKET = 16
 # Rows of RTCRayHit16; between them normal 12-14, u 15, v 16, and 20 the place in an array of instances.
 TNEAR, DIRECTION, TIME, TFAR, MASK, ID, FLAGS = 3, 4, 7, 8, 9, 10, 11
-PRIMITIVE, GEOMETRY, INSTANCE, ROWS = 17, 18, 19, 21
+PRIMITIVE, GEOMETRY, INSTANCE, OF_ARRAY, ROWS = 17, 18, 19, 20, 21
 NONE = 0xFFFFFFFF
 FAR = 3e38  # the longest way that float32 holds
 KEPT = 1024  # rays, up to which their packets are kept from call to call
@@ -255,6 +255,26 @@ class EmbreeBuild:
             row += place.strides[0]
         return self._commit(top)
 
+    def array(self, scenes: list[int], which: np.ndarray, place: np.ndarray) -> int:
+        """A scene of one geometry of many instances; a hit names it 0, and the instance by its row.
+
+        which : (I,) of the scenes. place : (K, I, 3, 4) float32, at even steps of a ray's time from 0 to 1,
+        between which their elements go linearly.
+        """
+        top, given = self._scene(), np.array(scenes, dtype=np.uint64)
+        number, place = which.astype(np.uint32), np.ascontiguousarray(place, dtype=np.float32)
+        self._arrays += [number, place]
+        geometry = self._library.rtcNewGeometry(self._device, embree.INSTANCES)
+        self._library.rtcSetGeometryInstancedScenes(geometry, given.ctypes.data, len(given))
+        self._library.rtcSetGeometryTimeStepCount(geometry, len(place))
+        share, form = self._library.rtcSetSharedGeometryBuffer, embree.FLOAT3X4_ROWS
+        share(geometry, embree.INDEX_BUFFER, 0, embree.UINT, number.ctypes.data, 0, 4, len(which))
+        for step, row in enumerate(place):
+            size = row.strides[0]
+            share(geometry, embree.TRANSFORM_BUFFER, step, form, row.ctypes.data, 0, size, len(row))
+        self._attach(top, geometry, 0)
+        return self._commit(top)
+
     def _scene(self) -> int:
         scene: int = self._library.rtcNewScene(self._device)
         self._scenes.append(scene)
@@ -342,11 +362,14 @@ class RayPackets:
             going = map(going.__getitem__, some.tolist())
         deque(map(run, repeat(valid), repeat(scene), going, repeat(None)), maxlen=0)
 
-    def read(self, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Instance and triangle (M,) of the rays that met something, and which rays (M,) these are."""
+    def read(self, count: int, row: int = INSTANCE) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Instance and triangle (M,) of the rays that met something, and which rays (M,) these are.
+
+        row : of packets, that tells the instance: of ``EmbreeBuild.array`` it is ``OF_ARRAY``.
+        """
         found = self._found.swapaxes(0, 1).reshape(ROWS - PRIMITIVE, -1)
         met = (found[GEOMETRY - PRIMITIVE, :count] != NONE).nonzero()[0]
-        instance = found[INSTANCE - PRIMITIVE].take(met).astype(np.int64)
+        instance = found[row - PRIMITIVE].take(met).astype(np.int64)
         return instance, found[0].take(met).astype(np.int64), met
 
 

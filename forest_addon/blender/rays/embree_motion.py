@@ -12,11 +12,11 @@ from ...base.trimesh import TriMesh
 from ...sensing.rays.boxes import clip
 from ...sensing.rays.caster import Hits
 from ...sensing.rays.geometry import SceneGeometry
-from ...sensing.rays.pieces import boxes_of, placed, swept
+from ...sensing.rays.pieces import boxes_of, placed
 from ...sensing.rays.refine import RefinedSurfaces, whole_triangles
 from ...sensing.rays.search import in_tasks, search_on
 from . import embree_library as embree
-from .embree import EmbreeBuild, RayPackets, all_lanes
+from .embree import INSTANCE, OF_ARRAY, EmbreeBuild, RayPackets, all_lanes
 
 SLACK = 1e-6  # of the scene's size, by which rays go on
 
@@ -34,20 +34,21 @@ class EmbreePieces:
         self.threads = threads
         self.device = self.library.rtcNewDevice(f"threads={threads}".encode())
         self.build = EmbreeBuild(self.library, self.device)
+        self.arrays = embree.has_arrays(self.library, self.device)
         self.valid = all_lanes()
         every = np.arange(len(meshes))  # a place each, which is never asked for
         stands = np.broadcast_to(np.eye(3, 4), (len(meshes), 3, 4))
         scene = SceneGeometry(meshes, stands, every, ("",) * len(meshes), every, every)
         self.surfaces = RefinedSurfaces(scene)
         self.usable = [whole_triangles(mesh) for mesh in meshes]
-        size = np.array([len(rows) for rows in self.usable])
-        self._first, self._all = np.cumsum(size) - size, np.concatenate(self.usable)
+        self.size = np.array([len(rows) for rows in self.usable])
+        self._first, self._all = np.cumsum(self.size) - self.size, np.concatenate(self.usable)
         self.boxes = boxes_of(meshes)
         self._meshes = meshes
         self._scenes: dict[int, int] = {}
 
-    def __call__(self, mesh: np.ndarray, places: np.ndarray) -> _EmbreeWindow:
-        return _EmbreeWindow(self, mesh, places)
+    def __call__(self, mesh: np.ndarray, places: np.ndarray, room: np.ndarray) -> _EmbreeWindow:
+        return _EmbreeWindow(self, mesh, places, room)
 
     def numbered(self, mesh: np.ndarray, primitive: np.ndarray) -> np.ndarray:
         """(R,) triangles of pieces, from those that Embree was given."""
@@ -61,24 +62,32 @@ class EmbreePieces:
 
 
 class _EmbreeWindow:
-    """Pieces of a window: mesh (P,), places (K, P, 3, 4)."""
+    """Pieces of a window: mesh (P,), places (K, P, 3, 4), in a room (2, 3) of all windows."""
 
-    def __init__(self, pieces: EmbreePieces, mesh: np.ndarray, places: np.ndarray) -> None:
+    def __init__(
+        self, pieces: EmbreePieces, mesh: np.ndarray, places: np.ndarray, room: np.ndarray
+    ) -> None:
         self._pieces, self._mesh, self._places = pieces, mesh, places
-        low, high = swept(pieces.boxes[mesh], places)
-        low, high = low.min(axis=0), high.max(axis=0)
+        low, high = room
         self._centre = (low + high) / 2
         self._slack = SLACK * float((high - low).max()) + SLACK
         self._box = low - self._slack, high + self._slack
-        moved = places.swapaxes(0, 1).copy()
+        moved = places.astype(np.float64)
         moved[:, :, :, 3] -= self._centre
         self._build = EmbreeBuild(pieces.library, pieces.device, pieces.build)
-        known = np.flatnonzero([len(pieces.usable[m]) > 0 for m in mesh.tolist()])
-        self._top = self._build.instances(
-            known.tolist(),
-            [pieces.scene(int(m)) for m in mesh[known]],
-            np.ascontiguousarray(moved[known], dtype=np.float32),
-        )
+        self._known = np.flatnonzero(pieces.size[mesh] > 0)
+        self._top = self._placed(moved[:, self._known])
+
+    def _placed(self, places: np.ndarray) -> int:
+        """Embree's scene of the pieces that have a surface, at places (K, P, 3, 4) about the centre."""
+        pieces, mesh = self._pieces, self._mesh[self._known]
+        if pieces.arrays and len(mesh):
+            used, which = np.unique(mesh, return_inverse=True)
+            scenes = [pieces.scene(number) for number in used.tolist()]
+            return self._build.array(scenes, which, places)
+        scenes = [pieces.scene(number) for number in mesh.tolist()]
+        every = np.ascontiguousarray(places.swapaxes(0, 1), dtype=np.float32)
+        return self._build.instances(list(range(len(mesh))), scenes, every)
 
     def cast(
         self,
@@ -126,9 +135,11 @@ class _EmbreeWindow:
         packets = RayPackets(len(rays))
         packets.fill(moved, direction, reach, knot / (len(self._places) - 1))
         packets.trace(self._pieces.library, self._pieces.valid.ctypes.data, self._top)
-        piece, primitive, met = packets.read(len(rays))
+        row = OF_ARRAY if self._pieces.arrays else INSTANCE
+        piece, primitive, met = packets.read(len(rays), row)
         if not len(met):
             return found
+        piece = self._known[piece]
         mesh = self._mesh[piece]
         triangle = self._pieces.numbered(mesh, primitive)
         distance = self._pieces.surfaces.distance(

@@ -54,7 +54,8 @@ class PieceWindow(Protocol):
         ...
 
 
-MakeWindow = Callable[[np.ndarray, np.ndarray], PieceWindow]  # mesh (P,), places (K, P, 3, 4)
+# Meshes (P,), places (K, P, 3, 4), and the box (2, 3) that nothing ever leaves: hits hold in any company.
+MakeWindow = Callable[[np.ndarray, np.ndarray, np.ndarray], PieceWindow]
 MakeEngine = Callable[[tuple[TriMesh, ...]], MakeWindow]
 
 
@@ -155,7 +156,7 @@ class PieceByPiece:
         self.boxes = boxes_of(meshes)
         self._casters: dict[int, RayCaster] = {}
 
-    def __call__(self, mesh: np.ndarray, places: np.ndarray) -> PieceWindow:
+    def __call__(self, mesh: np.ndarray, places: np.ndarray, _room: np.ndarray) -> PieceWindow:
         return _PieceWindow(self, mesh, places)
 
     def caster(self, mesh: int) -> RayCaster:
