@@ -28,7 +28,7 @@ from ..metrics import octave_bands
 from .layer import Layer, diffused
 from .losses import Losses
 from .scatter import scatter_of
-from .transport import Density, Energy, PhaseFunction, Sent, alike, transported
+from .transport import Density, Energy, PhaseFunction, Sent, transported_bands
 
 BLOCK = 0.0107  # s, of noise with one spectrum
 PACKETS = 2000  # of energy, of each octave
@@ -209,34 +209,28 @@ def tail_of(
     bands = np.array(octave_bands(reverb.sample_rate))
     edges = np.geomspace(apart * 1.0001, last, BINS + 1)
     way = "coherent" if reverb.extinction == "coherent" else "energy"
-    found, phases = [], []
-    for band in bands:
-        if bare:
-            found.append(Energy(edges, np.zeros(BINS), np.zeros(BINS)))
-            phases.append(NO_TRUNK)
-            continue
-        phase = PhaseFunction.of(float(band), radii, speed, losses.bark, way)
-        phases.append(phase)
-        near = _followed(phase, density, edges)
-        rng = stream(int(key[0]), *key[1:], "transport", int(band))
-        start = transported(
-            phase,
-            density,
-            source[:2],
-            receiver[:2],
-            edges[: near + 1],
-            packets,
-            rng,
-            sent(float(band)) if sent else alike,
-        )
-        found.append(_diffused(start, phase, density, edges))
+    if bare:
+        phases = [NO_TRUNK] * len(bands)
+        found = [Energy(edges, np.zeros(BINS), np.zeros(BINS)) for _ in bands]
+    else:
+        phases = [
+            PhaseFunction.of(band, radii, speed, losses.bark, way) for band in bands.tolist()
+        ]
+        near = [_followed(phase, density, edges) for phase in phases]
+        rng = stream(int(key[0]), *key[1:], "transport")
+        ways = [sent(band) for band in bands.tolist()] if sent else ()
+        given = density, source[:2], receiver[:2], edges, near, packets, rng, ways
+        found = [
+            _diffused(start, phase, density, edges)
+            for start, phase in zip(transported_bands(phases, *given), phases, strict=True)
+        ]
     taken = replace(losses, extinction=way).removed(bands)
     lift = taken - losses.removed(bands)
     turned = None
     if not clutter.empty:
         layer = _layer(reverb, losses, 0.0 if bare else density.mean, tuple(phases), bands)
         rng = stream(int(key[0]), *key[1:], "branches")
-        ways = [sent(float(band)) for band in bands] if sent else ()
+        ways = [sent(band) for band in bands.tolist()] if sent else ()
         turned = diffused(layer, source, receiver, edges, packets, rng, ways)
     tail = Tail(bands, tuple(found), lift, math.inf, losses, turned)
     return replace(tail, joint=_joint(tail, reverb.multiple_share, apart))
