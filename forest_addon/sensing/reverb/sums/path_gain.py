@@ -27,7 +27,7 @@ from .field_table import polynomials, series
 if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline
 
-FIRST_FAR = round(math.log2(NEAR))
+WIDE = 12e3  # Hz; a gain that serves up to less tells the ways over the ground apart for less than NEAR
 TRIED = 96  # frequencies at which a zone's nodes are counted
 MOST = 1024
 SHARE = 0.5  # of the tolerance
@@ -79,12 +79,17 @@ class PathGain:
     _zones: dict[tuple[int, float], Zone] = field(default_factory=dict)
     _splines: dict[tuple[float, float], CubicSpline | None] = field(default_factory=dict)
 
+    @property
+    def near(self) -> float:
+        """Metres up to which both ways over the ground are told apart: their phases differ by as much."""
+        return NEAR * 2.0 ** round(min(0.0, math.log2(self.highest / WIDE)))
+
     def zones(self, length: np.ndarray) -> Iterator[tuple[Zone, np.ndarray]]:
         """Zones of lengths (M,) with their rows; near ones once for each way over the ground."""
         number = _number(length)
         for n in np.unique(number).tolist():
             rows = np.flatnonzero(number == n)
-            for rise in self.losses.rises if n < FIRST_FAR else (0.0,):
+            for rise in self.losses.rises if 2.0**n < self.near else (0.0,):
                 yield self._zone(n, rise), rows
 
     def filters(self, zone: Zone, frequency: np.ndarray) -> np.ndarray:
@@ -124,7 +129,7 @@ class PathGain:
             values = zone.values(frequency[None], zone.nodes[:, None]).astype(np.complex128)
             # real times complex, without making the polynomials complex
             part = (zone.lagrange(length[rows]) @ values.view(np.float64)).view(np.complex128)
-            if zone.high <= NEAR and zone.rise > 0:
+            if zone.high <= self.near and zone.rise > 0:
                 detour = self.losses.detour(length[rows], zone.rise)
                 part *= np.exp(-np.outer(detour, self.losses.along(frequency) + 1j * wavenumber))
             if len(rows) == len(length):
@@ -135,7 +140,7 @@ class PathGain:
 
     def _zone(self, number: int, rise: float) -> Zone:
         if (number, rise) not in self._zones:
-            near = number < FIRST_FAR
+            near = 2.0**number < self.near
             low, ratio = 2.0**number, 2.0
             values: Values = partial(self._near, rise=rise) if near else self._far
             nodes = self._nodes(low, ratio, values)

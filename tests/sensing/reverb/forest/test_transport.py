@@ -70,10 +70,10 @@ def test_cells_of_one_density_are_an_even_stand():
     edges = np.geomspace(12.0, 60.0, 4)
     cells = Density(np.full((40, 40), 0.07), (-200.0, -200.0), (10.0, 10.0), 0.07)
     some = [
-        transported(ALIKE, density, np.zeros(2), RECEIVER, edges, 100_000, np.random.default_rng(3))
+        transported(ALIKE, density, np.zeros(2), RECEIVER, edges, 60_000, np.random.default_rng(3))
         for density in (cells, Density.even(0.07))
     ]
-    np.testing.assert_allclose(some[0].again[1:], some[1].again[1:], rtol=0.13)
+    np.testing.assert_allclose(some[0].again[1:], some[1].again[1:], rtol=0.16)
 
 
 def test_a_clearing_is_quiet_until_its_edge_answers():
