@@ -30,9 +30,11 @@ from ....base.vectors import azimuth_of
 ANGLES = 1440  # of the table of |H|², 0 to π
 MOST_MEETINGS = 400
 STEPS = 24  # of the density along a way
-NEAREST = 0.5  # m; energy that is turned nearer to the receiver is counted as its mean over that disc
+NEAREST = (
+    0.5  # m; energy that is turned nearer to the receiver is counted as its mean over that disc
+)
 FAINT = 1e-7  # of the packets' energy, below which they are not followed
-THINNED = 20.0  # mean free paths from which on fewer packets stand for the rest
+THINNED = 10.0  # mean free paths from which on fewer packets stand for the rest
 
 Sent = Callable[[np.ndarray], np.ndarray]  # energy that a source sends on ways (N, 3), re its axis
 
@@ -152,7 +154,7 @@ class PhaseFunction:
         width = float((found.extinction * radii).mean())
         if extinction == "energy":
             less = float((found.energy * radii).mean())
-            mean = _without_shadow(mean, width - less)
+            mean = without_shadow(mean, width - less)
             width = less
         step = math.pi / ANGLES
         return cls(width, 2.0 * step * float(mean.sum()) / width, angle, mean / width)
@@ -164,7 +166,7 @@ class PhaseFunction:
         return found
 
 
-def _without_shadow(scattered: np.ndarray, shadow: float) -> np.ndarray:
+def without_shadow(scattered: np.ndarray, shadow: float) -> np.ndarray:
     """|H|² by angle, less a lobe around straight on that holds an energy, metres."""
     if shadow <= 0:
         return scattered
@@ -221,15 +223,14 @@ def transported(
 
     source, receiver : (2,) metres. edges : (X + 1,) metres of path, rising. sent : energy by ways (N, 3).
     """
-    given = (phase,), density, source, receiver, edges, (len(edges) - 1,), packets, rng, (sent,)
-    return transported_bands(*given)[0]
+    given = (source, receiver), edges, (len(edges) - 1,), packets, rng, (sent,)
+    return transported_bands((phase,), density, *given)[0]
 
 
 def transported_bands(
     phases: Sequence[PhaseFunction],
     density: Density,
-    source: np.ndarray,
-    receiver: np.ndarray,
+    ends: tuple[np.ndarray, np.ndarray],
     edges: np.ndarray,
     bins: Sequence[int],
     packets: int,
@@ -238,14 +239,15 @@ def transported_bands(
 ) -> list[Energy]:
     """The same for a phase function of each of B bands, all packets together.
 
-    bins : (B,) how many of the bins between ``edges`` (X + 1,) packets of a band are followed through.
+    ends : source and receiver, (2,) metres. bins : (B,) how many of the bins between
+    ``edges`` (X + 1,) packets of a band are followed through.
     packets : of each band. sent : (B,) energy by ways (N, 3); none: alike to all sides.
     """
-    tables = Turns(phases)
+    (source, receiver), tables = ends, Turns(phases)
     rates = density.largest * tables.width  # meetings a metre, real and not
     found = np.zeros((2, len(phases), len(edges) - 1))
     last = np.array([edges[count] for count in bins])
-    moving = _Packets(np.flatnonzero(rates > 0), source, packets, rng, sent)
+    moving = _LevelPackets(np.flatnonzero(rates > 0), source, packets, rng, sent)
     for _ in range(MOST_MEETINGS * 4):
         rate = rates[moving.band]
         moving.go(rng.exponential(1.0, len(rate)) / rate, rate, rng)
@@ -305,7 +307,7 @@ class Turns:
         return np.asarray(self.density.ravel()[band * self.count + cell])
 
 
-class _Packets:
+class _LevelPackets:
     """Packets of energy: bands (N,), places (N, 2), headings, weights."""
 
     def __init__(

@@ -133,9 +133,7 @@ class LayerSum:
         own = trunks * (OWN + OWN_PRODUCT * (terms + nodes))
         return own < GRIDDED * 0.6 * terms * nodes + GRID / size
 
-    def _placed(
-        self, length: np.ndarray, rise: float, beside: int
-    ) -> tuple[np.ndarray, int, int]:
+    def _placed(self, length: np.ndarray, rise: float, beside: int) -> tuple[np.ndarray, int, int]:
         """Samples (N,) of paths from a first one on, that one, and the length of a transform for them."""
         place = length * (self.rate / self.speed)
         if rise > 0:

@@ -32,7 +32,7 @@ TRIED = 96  # frequencies at which a zone's nodes are counted
 MOST = 1024
 SHARE = 0.5  # of the tolerance
 BEND = 40.0  # Hz, from where on knots are spaced evenly by the logarithm of frequency
-KNOTS, MOST_KNOTS = 64, 1024  # in frequency, at first and at most
+KNOTS, MOST_KNOTS = 128, 1024  # in frequency, at first and at most
 BETWEEN = 0.3  # of the tolerance, by which a spline through half of its knots may miss the others
 
 Values = Callable[[np.ndarray, np.ndarray], np.ndarray]  # of frequency and length
@@ -108,17 +108,23 @@ class PathGain:
         """The filters by log(1 + f/BEND); None: no number of knots serves."""
         from scipy.interpolate import CubicSpline  # other sensors need not wait for its import
 
-        count, into = KNOTS, chebyshev.series(len(zone.nodes))
         low, high = (math.log1p(f / BEND) for f in (min(LOWEST, self.highest), self.highest))
-        while count <= MOST_KNOTS:
-            place = np.linspace(low, high, 2 * count + 1)
-            values = zone.values(BEND * np.expm1(place), zone.nodes[:, None])
-            half = CubicSpline(place[::2], values[:, ::2], axis=1)
-            gap = np.abs(half(place[1::2]) - values[:, 1::2]).max(axis=0)
-            size = np.sqrt(np.mean(np.abs(values[:, 1::2]) ** 2, axis=0))
+
+        def values_at(place: np.ndarray) -> np.ndarray:
+            return np.asarray(zone.values(BEND * np.expm1(place), zone.nodes[:, None]))
+
+        place = np.linspace(low, high, KNOTS + 1)
+        values = values_at(place)
+        while len(place) <= 2 * MOST_KNOTS + 1:
+            between = 0.5 * (place[1:] + place[:-1])
+            new = values_at(between)
+            gap = np.abs(CubicSpline(place, values, axis=1)(between) - new).max(axis=0)
+            size = np.sqrt(np.mean(np.abs(new) ** 2, axis=0))
+            place = np.linspace(low, high, 2 * len(place) - 1)
+            values = np.insert(new, range(new.shape[1] + 1), values, axis=1)
             if (gap <= BETWEEN * self.tolerance * size).all():
+                into = chebyshev.series(len(zone.nodes))
                 return CubicSpline(place, into @ values, axis=1)
-            count *= 2
         return None
 
     def at(self, frequency: np.ndarray, length: np.ndarray) -> np.ndarray:
