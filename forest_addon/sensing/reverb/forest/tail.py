@@ -212,7 +212,7 @@ class Tail:
 
 
 def _thinned(length: np.ndarray) -> np.ndarray:
-    """Rows of lengths (X,), two at least, that lie APART from each other, the first and the last with them."""
+    """Rows of lengths (X,), at least two, that lie APART from each other, first and last with them."""
     place = np.floor(np.log(length / length[0]) / APART)
     rows = np.flatnonzero(np.diff(place, prepend=-1.0) > 0)
     return np.union1d(rows, [0, len(length) - 1])

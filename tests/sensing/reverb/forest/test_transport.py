@@ -22,7 +22,7 @@ RECEIVER = np.array([10.0, 0.0])
 
 
 def test_packets_follow_the_closed_form():
-    """30,000 packets: each bin within 25 % (3.5 standard deviations of the worst), all together within 5 %."""
+    """30,000 packets: bins within 25 % (3.5 standard deviations of the worst), all together within 5 %."""
     edges = np.geomspace(12.0, 200.0, 9)
     rng = np.random.default_rng(2)
     found = transported(ALIKE, Density.even(0.07), np.zeros(2), RECEIVER, edges, 30_000, rng)
