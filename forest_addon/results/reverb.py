@@ -31,7 +31,7 @@ def _figures(reverb: Reverb, response: ImpulseResponse, seen: Seen | None) -> li
         from ..sensing.reverb.kind import trunks_of
 
         trunks = len(trunks_of(seen, reverb).radius)
-    return [*of_response(response, trunks), *_of_model(reverb)]
+    return [*of_response(response, trunks), *_of_model(reverb, response)]
 
 
 def of_response(response: ImpulseResponse, trunks: int | None = None) -> list[Figure]:
@@ -66,11 +66,11 @@ def of_response(response: ImpulseResponse, trunks: int | None = None) -> list[Fi
     ]
 
 
-def _of_model(reverb: Reverb) -> list[Figure]:
+def _of_model(reverb: Reverb, response: ImpulseResponse) -> list[Figure]:
     """Return what is in the model, and what is not."""
     from ..sensing.reverb.terms import terms_of
 
-    held, missing = terms_of(reverb)
+    held, missing = terms_of(reverb, response.stand)
     name = {"paper": "single scattering (Kaneko & Gamper 2021)", "forest": "forest"}[reverb.model]
     return [
         numbers("model", "", name),
@@ -158,6 +158,12 @@ def _notes(reverb: Reverb, response: ImpulseResponse) -> tuple[str, ...]:
         notes.append(
             f"From {response.joint:.2f} s on the trunks' sound is noise with the energy of transport: "
             f"{100 * reverb.multiple_share:.0f} % of it was scattered more than once."
+        )
+    if response.sprays:
+        notes.append(
+            f"{', '.join(response.sprays)}: needles that are drawn as flat sprays count as leaves, which "
+            "scatter as discs and absorb as leaves do, more than needles; conifers with shoots "
+            "(norway-spruce, scots-pine, silver-fir) are heard needle by needle."
         )
     if response.late:
         notes.append(
