@@ -119,6 +119,7 @@ def forest(*sensors, species="silver-birch", detail="auto"):
     return scene, grow_needed(scene, [loaded])
 
 
+@pytest.mark.slow
 def test_trees_are_coarse_where_a_scanner_cannot_tell_their_leaves_apart():
     """A scanner every 0.1°: a tree is far from where its pulses lie a coarse leaf apart, and no nearer."""
     scanner = Terrestrial(
@@ -187,6 +188,7 @@ def test_full_detail_is_the_forest_as_it_was_and_auto_moves_no_wood():
     assert a["dbh_m"] == b["dbh_m"]
 
 
+@pytest.mark.slow
 def test_a_wide_beam_makes_trees_coarse_and_one_that_may_be_anywhere_none():
     narrow = Terrestrial(name="a", angle_step_deg=0.001, max_range=400.0)
     wide = replace(narrow, beam=Beam(divergence_mrad=(3.0, 3.0), subrays=7))

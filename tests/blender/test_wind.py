@@ -68,6 +68,7 @@ def test_what_was_met_is_where_the_wind_has_it(windy, result):
     assert not motion["velocity"][ground].any()
 
 
+@pytest.mark.slow
 def test_the_engines_agree_and_the_audit_holds(result):
     assert result.audit.kept
     assert result.audit.checked > 20
@@ -79,6 +80,7 @@ def test_the_engines_agree_and_the_audit_holds(result):
     assert np.allclose(other.motion["velocity"], result.motion["velocity"], atol=1e-3)
 
 
+@pytest.mark.slow
 def test_any_moment_alone_is_the_same(result):
     """The second half of the pulses alone, and the same seed in another world."""
     from forest_addon.sensing.lidar.scan import Scan
@@ -102,6 +104,7 @@ def test_without_wind_nothing_changes_and_other_sensors_say_so():
     assert any("trees stand still" in words for words in row.warnings)
 
 
+@pytest.mark.slow
 def test_a_later_frame_is_a_later_moment():
     world, coarse = built(WINDY), SCAN.changed(angle_step_deg=3.0)
     first = world.scan(coarse)
@@ -219,6 +222,7 @@ def test_what_comes_back_among_swaying_trees_is_met_again():
     assert result.audit.kept
 
 
+@pytest.mark.slow
 def test_trees_that_lean_far_are_said(result):
     """A pine of 35 m with a stem of 33 cm, alone in the wind."""
     coarse = forest.Terrestrial(position=(0, 0, 1.5), angle_step_deg=5.0, pulse_rate=3000.0)
