@@ -8,10 +8,12 @@ from typing import ClassVar
 import bpy
 
 from ...blender.jobs import Work
+from ...blender.scene.nodes import shown_of
 from ...spec import SpecError
 from ..settings.exchange import to_spec
 from ..shell.running import InOwnScene, Working
 from ..shell.words import label, say
+from .display import forest_of_points
 from .swaying import swaying
 
 ENDINGS = {".abc": "Alembic", ".usd": "USD", ".usda": "USD", ".usdc": "USD", ".usdz": "USD"}
@@ -103,9 +105,16 @@ def draw_wind(layout: bpy.types.UILayout, scene: bpy.types.Scene) -> None:
         text=label("Show Again") if shown else label("Show Wind"),
         icon="FORCE_WIND",
     )
-    if shown:
-        row.operator("forest.hide_wind", text="", icon="X")
-        layout.operator("forest.bake_wind", icon="EXPORT")
+    if not shown:
+        return
+    row.operator("forest.hide_wind", text="", icon="X")
+    layout.operator("forest.bake_wind", icon="EXPORT")
+    modifier = forest_of_points(scene)
+    display = shown_of(modifier) if modifier is not None else "FULL"
+    if display != "FULL":
+        text = label("Dots stand still: choose Light or Full")
+        text = label("Stand-ins sway; renders show full trees") if display == "LIGHT" else text
+        layout.label(text=text, icon="INFO")
 
 
 CLASSES = (FOREST_OT_show_wind, FOREST_OT_hide_wind, FOREST_OT_bake_wind)
