@@ -54,6 +54,15 @@ def seen(place):
     return found
 
 
+def pieces_drawn(place):
+    """How many triangles of pieces a view draws."""
+    found = 0
+    for one in bpy.context.evaluated_depsgraph_get().object_instances:
+        if one.is_instance and one.object.type == "MESH":
+            found += len(one.object.data.polygons)
+    return found
+
+
 def test_pieces_are_where_sensors_meet_them():
     """At frames and between them, against the maps that rays are cast at, in float64."""
     place, _, sway = windy()
@@ -168,14 +177,15 @@ def test_sensors_see_the_same_of_points_with_and_without_the_view():
 @pytest.mark.slow
 @pytest.mark.parametrize("ending", [".usdc", ".abc"])
 def test_a_baked_file_moves_as_the_view_does(tmp_path, ending):
-    """Read back by Blender's importer (Alembic) or by pxr (USD)."""
-    place, _, sway = windy()
+    """Read back by Blender's importer (Alembic) or by pxr (USD): every piece's place and triangles."""
+    place, _, sway = windy(STAND.changed(plantings=STAND.plantings[1:]))
     place.frame_end = 4
     show_wind(place, sway, KNOTS)
     path = tmp_path / f"wind{ending}"
     bake(place, path)
     assert path.is_file()
-    places = {}
+    places, size = {}, pieces_drawn(place)
+    assert size > 10_000
     for frame in (1, 4):
         place.frame_set(frame)
         every = [m for pieces in seen(place).values() for m in pieces]
@@ -188,6 +198,8 @@ def test_a_baked_file_moves_as_the_view_does(tmp_path, ending):
             bpy.context.scene.frame_set(frame)
             things = bpy.context.evaluated_depsgraph_get().objects
             back[frame] = [t.matrix_world[0][3] for t in things if t.type == "MESH"]
+        meshes = [thing for thing in things if thing.type == "MESH"]
+        written = sum(len(thing.data.polygons) for thing in meshes)
     else:
         pxr = pytest.importorskip("pxr")
         from pxr import Usd, UsdGeom  # noqa: F401
@@ -200,6 +212,9 @@ def test_a_baked_file_moves_as_the_view_does(tmp_path, ending):
                 for prim in stage.Traverse()
                 if prim.IsInstance() or prim.IsA(pxr.UsdGeom.Mesh)
             ]
+        prims = [UsdGeom.Mesh(p) for p in stage.Traverse() if p.IsA(UsdGeom.Mesh)]
+        written = sum(len(mesh.GetFaceVertexCountsAttr().Get() or ()) for mesh in prims)
+    assert size <= written < 1.1 * size  # the ground, and the trees' own points
     for frame, told in places.items():
         got = np.sort(np.array(back[frame]))
         assert len(got) >= len(told)

@@ -11,7 +11,7 @@ trees at rest (``nodes.in_full``), and moves them by the same pieces and amplitu
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import bpy
@@ -39,6 +39,7 @@ from .wind_pieces import (
     SwayingTrees,
     WindClock,
     WindShown,
+    amplitudes_of,
     pieces_mesh,
     pieces_of,
     table_of,
@@ -46,40 +47,33 @@ from .wind_pieces import (
 from .wind_points import forget_points, show_on_points
 
 HOME = "Wind"
-MOST = 1000  # trees that are objects
+MOST, MOST_POINTS = 1000, 5000  # trees that are objects, and points
 SPARE = 1.0  # s after the last frame that the table still has, for motion blur
 MOST_SECONDS = 600.0  # that a table may have
 
 
-def show_wind(scene: bpy.types.Scene, sway: SwayingTrees, knots: int) -> WindShown:
+def show_wind(
+    scene: bpy.types.Scene,
+    sway: SwayingTrees,
+    knots: int,
+    amplitudes: Mapping[int, np.ndarray] | None = None,
+) -> WindShown:
     """Let the trees of a scene sway in views and renders, over its range of frames.
 
-    knots : of the sway, a second.
+    knots : of the sway, a second. amplitudes : of all trees at ``knots_of`` knots, where they were computed
+    ahead.
 
     Raises
     ------
-    ValueError : there are none or too many trees, or the range of frames is too long.
+    ValueError : see ``knots_of``.
     """
-    home = find_part(scene, TREES)
-    things = objects_in(home) if home else []
-    points = next((thing for thing in things if thing.get(ROLE_KEY) == POINTS_ROLE), None)
-    found, instancer = [t for t in things if TREE_KEY in t], instancer_of(points)
-    if not found and instancer is None:
-        raise ValueError("no trees stand here: grow a forest first")
-    if len(found) > MOST:
-        raise ValueError(
-            f"wind is shown on at most {MOST:,} trees that are objects, and here are {len(found):,}: set "
-            "Instancing to Points and grow the forest"
-        )
+    count = knots_of(scene, knots)
+    instancer, found = _trees(scene)
     rate = scene.render.fps / scene.render.fps_base
-    seconds = (scene.frame_end - scene.frame_start) / rate
-    if seconds > MOST_SECONDS:
-        raise ValueError(
-            f"frames last {seconds:.0f} s; wind is shown for at most {MOST_SECONDS:.0f} s"
-        )
+    if amplitudes is None or any(len(one) != count for one in amplitudes.values()):
+        amplitudes = amplitudes_of(sway, count)
     hide_wind(scene)
-    count = int(np.ceil((seconds + SPARE) * knots)) + 2
-    clock = WindClock(scene.frame_start, knots / rate, count)
+    clock = WindClock(scene.frame_start, knots / rate, count, amplitudes)
     with all_or_nothing():
         top = make_collection(HOME, root(scene) or scene.collection)
         top.hide_viewport = top.hide_render = True
@@ -87,7 +81,43 @@ def show_wind(scene: bpy.types.Scene, sway: SwayingTrees, knots: int) -> WindSho
             made = show_on_points(scene, instancer, sway, clock, top, HOME)
         else:
             made = _show_on_objects(found, sway, clock, top)
-    return replace(made, seconds=seconds)
+    return replace(made, seconds=(scene.frame_end - scene.frame_start) / rate)
+
+
+def knots_of(scene: bpy.types.Scene, knots: int) -> int:
+    """Return how many knots of time a scene's range of frames needs; knots : a second.
+
+    Raises
+    ------
+    ValueError : there are none or too many trees, or the range of frames is too long.
+    """
+    instancer, found = _trees(scene)
+    points = 0 if instancer is None else len(instancer.id_data.data.vertices)
+    if not found and not points:
+        raise ValueError("no trees stand here: grow a forest first")
+    if len(found) > MOST:
+        raise ValueError(
+            f"wind is shown on at most {MOST:,} trees that are objects, and here are {len(found):,}: set "
+            "Instancing to Points and grow the forest"
+        )
+    if points > MOST_POINTS:
+        raise ValueError(f"wind is shown on at most {MOST_POINTS:,} trees, and here are {points:,}")
+    seconds = (scene.frame_end - scene.frame_start) * scene.render.fps_base / scene.render.fps
+    if seconds > MOST_SECONDS:
+        raise ValueError(
+            f"frames last {seconds:.0f} s; wind is shown for at most {MOST_SECONDS:.0f} s"
+        )
+    return int(np.ceil((seconds + SPARE) * knots)) + 2
+
+
+def _trees(
+    scene: bpy.types.Scene,
+) -> tuple[bpy.types.Modifier | None, list[bpy.types.Object]]:
+    """The modifier that puts trees on points, if they are points, and those that are objects."""
+    home = find_part(scene, TREES)
+    things = objects_in(home) if home else []
+    points = next((thing for thing in things if thing.get(ROLE_KEY) == POINTS_ROLE), None)
+    return instancer_of(points), [thing for thing in things if TREE_KEY in thing]
 
 
 def _show_on_objects(
@@ -99,11 +129,9 @@ def _show_on_objects(
     """Let trees sway that are objects."""
     rows = [sway.number.get(int(thing[TREE_KEY]), -1) for thing in found]
     moving = [
-        (thing, row)
-        for thing, row in zip(found, rows, strict=True)
-        if row >= 0 and sway.rig(row) is not None
+        (thing, row) for thing, row in zip(found, rows, strict=True) if row in clock.amplitudes
     ]
-    table = table_of(sway, [row for _, row in moving], clock.count)
+    table = table_of(clock.amplitudes, [row for _, row in moving], clock.count)
     given = {TABLE: make_object("Wind Table", table, top)}
     kinds: dict[tuple[str, tuple[int, int]], tuple[bpy.types.Collection, np.ndarray]] = {}
     shapes: list[bpy.types.Collection] = []
@@ -165,6 +193,7 @@ def is_wind(modifier: bpy.types.Modifier) -> bool:
 
 
 def _home(scene: bpy.types.Scene) -> bpy.types.Collection | None:
+    """The collection of what was made to show wind, None where it is not shown."""
     above = root(scene) or scene.collection
     return next(
         (c for c in above.children if c.get(MADE_KEY) == HOME and is_ours(c)), None

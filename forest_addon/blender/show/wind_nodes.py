@@ -130,6 +130,39 @@ class _WindGroup:
         self.put(geometry, made.inputs["Geometry"])
         return made.outputs["Geometry"]
 
+    def library(self, name: str) -> bpy.types.NodeSocket:
+        """The objects of a collection that the modifier names, to pick from by number."""
+        made = self.node("GeometryNodeCollectionInfo")
+        made.inputs["Separate Children"].default_value = True
+        made.inputs["Reset Children"].default_value = True
+        self.put(self.start.outputs[name], made.inputs["Collection"])
+        return made.outputs["Instances"]
+
+    def placed(
+        self, points: bpy.types.NodeSocket, shapes: bpy.types.NodeSocket, spare: tuple[str, ...]
+    ) -> bpy.types.NodeSocket:
+        """Pieces where points say, by their attributes ``PIECE`` and ``MAP``; spare : attributes to drop.
+
+        They are dropped from the points. Dropped from instances of objects, they would make these
+        instances of bare meshes, which Blender's exporters write without a face.
+        """
+        keep = self.node("GeometryNodeCaptureAttribute", domain="POINT")
+        keep.capture_items.new("MATRIX", MAP)
+        self.put(points, keep.inputs["Geometry"])
+        self.put(self.named(MAP, "FLOAT4X4"), keep.inputs[MAP])
+        bare = keep.outputs["Geometry"]
+        for pattern in spare:
+            bare = self.without(bare, pattern)
+        stand = self.node("GeometryNodeInstanceOnPoints")
+        stand.inputs["Pick Instance"].default_value = True
+        self.put(bare, stand.inputs["Points"])
+        self.put(shapes, stand.inputs["Instance"])
+        self.put(self.named(PIECE, "INT"), stand.inputs["Instance Index"])
+        moved = self.node("GeometryNodeSetInstanceTransform")
+        self.put(stand.outputs["Instances"], moved.inputs["Instances"])
+        self.put(keep.outputs[MAP], moved.inputs["Transform"])
+        return moved.outputs["Instances"]
+
     def geometry_of(self, name: str) -> bpy.types.NodeSocket:
         """The geometry of an object that the modifier names."""
         made = self.node("GeometryNodeObjectInfo", transform_space="ORIGINAL")
@@ -197,7 +230,7 @@ class _WindGroup:
         amplitudes: list[bpy.types.NodeSocket],
         basis: Callable[[int, int], bpy.types.NodeSocket],
     ) -> bpy.types.NodeSocket:
-        """Where amplitudes (``amplitudes``) have a piece; basis : how a mode adds to a column of its map."""
+        """The map of a piece at amplitudes (``amplitudes``); basis : how a mode adds to a column of it."""
         matrix = self.node("FunctionNodeCombineMatrix")
         each = [number for three in amplitudes for number in self.numbers(three)]
         for number in range(COLUMNS):
@@ -255,20 +288,8 @@ class _Showing(_WindGroup):
         own = self.node("GeometryNodeSeparateGeometry", domain="POINT")
         self.put(self.geometry_of(PIECES), own.inputs["Geometry"])
         self.put(mine.outputs[0], own.inputs["Selection"])
-        shapes = self.node("GeometryNodeCollectionInfo")
-        shapes.inputs["Separate Children"].default_value = True
-        shapes.inputs["Reset Children"].default_value = True
-        self.put(self.start.outputs[SHAPES], shapes.inputs["Collection"])
-        stand = self.node("GeometryNodeInstanceOnPoints")
-        stand.inputs["Pick Instance"].default_value = True
-        self.put(own.outputs["Selection"], stand.inputs["Points"])
-        self.put(shapes.outputs["Instances"], stand.inputs["Instance"])
-        self.put(self.named(PIECE, "INT"), stand.inputs["Instance Index"])
-        moved = self.node("GeometryNodeSetInstanceTransform")
-        self.put(stand.outputs["Instances"], moved.inputs["Instances"])
-        self.put(self.named(MAP, "FLOAT4X4"), moved.inputs["Transform"])
-        # files of other programs have no matrices
-        self.finish(self.without(moved.outputs["Instances"], MAP))
+        shapes = self.library(SHAPES)
+        self.finish(self.placed(own.outputs["Selection"], shapes, (MAP,)))
 
 
 class _Many(_WindGroup):
@@ -332,22 +353,8 @@ class _Many(_WindGroup):
         self.put(self.named(STAND, "FLOAT4X4"), placed.inputs[0])
         self.put(where, placed.inputs[1])
         told = self.store(MAP, "FLOAT4X4", "POINT", told, placed.outputs[0])
-        shapes = []
-        for what in (FULL, LIGHT):
-            made = self.node("GeometryNodeCollectionInfo")
-            made.inputs["Separate Children"].default_value = True
-            made.inputs["Reset Children"].default_value = True
-            self.put(self.start.outputs[f"{SHAPES} {what}"], made.inputs["Collection"])
-            shapes.append(made.outputs["Instances"])
-        stand = self.node("GeometryNodeInstanceOnPoints")
-        stand.inputs["Pick Instance"].default_value = True
-        self.put(told, stand.inputs["Points"])
-        self.put(self.switch("GEOMETRY", light, *shapes), stand.inputs["Instance"])
-        self.put(piece, stand.inputs["Instance Index"])
-        moved = self.node("GeometryNodeSetInstanceTransform")
-        self.put(stand.outputs["Instances"], moved.inputs["Instances"])
-        self.put(self.named(MAP, "FLOAT4X4"), moved.inputs["Transform"])
-        bare = self.without(self.without(moved.outputs["Instances"], MAP), "wind *")
+        shapes = (self.library(f"{SHAPES} {what}") for what in (FULL, LIGHT))
+        each = self.placed(told, self.switch("GEOMETRY", light, *shapes), (MAP, "wind *"))
         whole = self.node("GeometryNodeRealizeInstances")
-        self.put(bare, whole.inputs["Geometry"])
-        return self.switch("GEOMETRY", light, bare, whole.outputs["Geometry"])
+        self.put(each, whole.inputs["Geometry"])
+        return self.switch("GEOMETRY", light, each, whole.outputs["Geometry"])

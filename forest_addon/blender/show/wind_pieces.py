@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Protocol
 import bpy
 import numpy as np
 
+from ...base.progress import Progress
 from ...base.trimesh import TriMesh
 from ...sensing.rays.pieces import parted
 from ..scene.meshes import to_mesh
@@ -48,21 +49,38 @@ class WindShown:
 
 @dataclass(frozen=True)
 class WindClock:
-    """Frames in which wind is shown: the first one, knots of amplitudes in a frame, knots of the table."""
+    """Frames in which wind is shown: the first one, knots of amplitudes in a frame, knots of the table, and
+    the amplitudes there (``amplitudes_of``)."""
 
     first: int
     knots: float
     count: int
+    amplitudes: Mapping[int, np.ndarray]
 
 
-def table_of(sway: SwayingTrees, rows: Sequence[int], count: int) -> bpy.types.Mesh:
+def amplitudes_of(
+    sway: SwayingTrees, count: int, tell: Progress | None = None
+) -> dict[int, np.ndarray]:
+    """Compute the amplitudes (count, M) of each tree that sways at that many knots, by its row; touches no
+    Blender."""
+    rows, knot, found = sorted(sway.number.values()), np.arange(count), {}
+    for done, row in enumerate(rows):
+        if tell:
+            tell(done, len(rows))
+        if sway.rig(row) is not None:
+            found[row] = sway.amplitudes(row, knot).astype(np.float32)
+    return found
+
+
+def table_of(
+    amplitudes: Mapping[int, np.ndarray], rows: Sequence[int], count: int
+) -> bpy.types.Mesh:
     """Amplitudes of every tree at every knot: a vertex for each, trees one after another."""
     data = bpy.data.meshes.new("Wind Table")
     data.vertices.add(len(rows) * count)
-    knot = np.arange(count)
     values = np.zeros((len(rows), count, MODES), np.float32)
     for place, row in enumerate(rows):
-        own = sway.amplitudes(row, knot)
+        own = amplitudes[row]
         values[place, :, : own.shape[1]] = own
     for first in range(0, MODES, 3):
         made = data.attributes.new(amplitude_name(first), "FLOAT_VECTOR", "POINT")

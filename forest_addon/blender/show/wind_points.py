@@ -42,7 +42,6 @@ from .wind_pieces import (
     table_of,
 )
 
-MOST = 5000  # trees
 OWN = (ROW, KNOTS, *OF_FULL, *OF_LIGHT)  # attributes of points
 
 
@@ -54,23 +53,17 @@ def show_on_points(
     top: bpy.types.Collection,
     key: str,
 ) -> WindShown:
-    """Let the trees of an instancer sway. top : where what is made for that goes. key : mark of the modifier.
-
-    Raises
-    ------
-    ValueError : there are more than ``MOST``.
-    """
+    """Let the trees of an instancer sway. top : where what is made for that goes. key : mark of the
+    modifier."""
     thing, number = instancer.id_data, sway.number
     tree, kind = (_numbers(thing.data, name) for name in (TREE_KEY, VARIANT))
-    if len(tree) > MOST:
-        raise ValueError(f"wind is shown on at most {MOST:,} trees; here are {len(tree):,}")
     row_of = [number.get(one, -1) for one in tree.tolist()]
-    moving = [k for k, row in enumerate(row_of) if row >= 0 and sway.rig(row) is not None]
+    moving = [k for k, row in enumerate(row_of) if row in clock.amplitudes]
     rows = [row_of[k] for k in moving]
     told = {name: np.zeros(len(tree), np.int64) for name in OWN}
     told[ROW][moving] = 1 + np.arange(len(moving))
     told[KNOTS][moving] = clock.count * np.arange(len(moving))
-    given = {TABLE: make_object("Wind Table", table_of(sway, rows, clock.count), top)}
+    given = {TABLE: make_object("Wind Table", table_of(clock.amplitudes, rows, clock.count), top)}
     used, sample = np.unique(kind[moving], return_index=True)
     for what, names, part in ((FULL, OF_FULL, VARIANTS), (LIGHT, OF_LIGHT, OUTLINES)):
         home, maps = make_collection(f"Wind {what}", top), []

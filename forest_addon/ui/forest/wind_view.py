@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import ClassVar
 
 import bpy
 
-from ...blender.jobs import Work
+from ...blender.jobs import Task, Work
 from ...blender.scene.nodes import shown_of
 from ...spec import SpecError
 from ..settings.exchange import to_spec
@@ -26,16 +27,21 @@ class FOREST_OT_show_wind(Working, bpy.types.Operator):
     bl_label = "Show Wind"
 
     def work(self, context: bpy.types.Context) -> Work:
-        from ...blender.show.wind import show_wind
+        from ...blender.show.wind import knots_of, show_wind
+        from ...blender.show.wind_pieces import amplitudes_of
         from ...stand.wind.response import KNOTS
 
         if to_spec(context.scene).wind.speed == 0:
             raise SpecError(say("Wind"), say("set its speed above 0 first"))
+        count = knots_of(context.scene, KNOTS)
         missing: list[str] = []
         sway = yield from swaying(context, missing)
         if sway is None:
             raise SpecError(say("Wind"), missing[0] if missing else say("grow a forest first"))
-        made = show_wind(context.scene, sway, KNOTS)
+        ahead = yield Task(
+            say("working out how trees answer the wind"), partial(amplitudes_of, sway, count)
+        )
+        made = show_wind(context.scene, sway, KNOTS, ahead)
         sentence = say(
             "{count} trees sway for {seconds:.0f} s; play to see them",
             count=made.trees,
