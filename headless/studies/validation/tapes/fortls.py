@@ -1,12 +1,12 @@
-"""Diameters as FORTLS finds them in one terrestrial scan (Molina-Valero et al. 2022, Environ. Model. Softw. 150,
-105337), restated from the published algorithm of its first release.
+"""Diameters as FORTLS finds them in one terrestrial scan, restated from the algorithm of its first release
+(Molina-Valero et al. 2022, Environ. Model. Softw. 150, 105337).
 
-Of a slice 10 cm thick, cells two steps of the scanner wide are kept that hold more points than the mean cell,
-and of these the columns, one step wide, of more than one point. The centre is that crossing of a grid of
-1 cm from which distances vary least; the radius is their mean. Diameters of three slices, brought to breast
-height by one taper, are averaged. The cells take the limbs away, where the surface is seen at a slant, so that
-the arc that is left is shorter than the half that was seen. Left out is its first filter, of places that are
-rough within 5 cm: it took no point of ours.
+Of a slice 10 cm thick, cells two steps of the scanner wide are kept that hold more points than the mean
+cell, and of these the columns, one step wide, of more than one point. The centre is that crossing of a grid
+of 1 cm from which distances vary least; the radius is their mean. Diameters of three slices, brought to
+breast height by one taper, are averaged. The cells take the limbs away, where the surface is seen at a slant,
+so that the arc that is left is shorter than the half that was seen. Left out is its first filter, of places
+that are rough within 5 cm: it took no point of ours.
 """
 
 from __future__ import annotations

@@ -45,8 +45,8 @@ TALL, RINGS, TAPER = (
 
 
 def bole(diameter: float, seed: int, bark: bool = True, tall: float = TALL) -> TriMesh:
-    """The lowest ``tall`` metres of a bole of Scots pine of this diameter at breast height, m, with its bark in
-    relief or round."""
+    """The lowest ``tall`` metres of a bole of Scots pine of this diameter at breast height, m, with its bark
+    in relief or round."""
     z = np.arange(0.0, tall + RINGS / 2, RINGS)
     knots = np.column_stack([np.zeros((len(z), 2)), z])
     radius = diameter / 2 * (1 - TAPER * (z - BREAST))
@@ -95,8 +95,8 @@ def by_circle(points: np.ndarray) -> tuple[np.ndarray, float]:
 
 @dataclass(frozen=True)
 class ScannedStems(RowTable):
-    """(N,) of the stems of a plot, m: ``range``, diameters by ``tape``, of the same ``area``, by a ``circle`` and
-    by ``fortls``, NaN where a stem was not found."""
+    """(N,) of the stems of a plot, m: ``range``, diameters by ``tape``, of the same ``area``, by a
+    ``circle`` and by ``fortls``, NaN where a stem was not found."""
 
     range: np.ndarray
     area: np.ndarray
