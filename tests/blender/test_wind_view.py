@@ -86,6 +86,7 @@ def test_pieces_are_where_sensors_meet_them():
     assert moved > 0.05
 
 
+@pytest.mark.slow
 def test_sensors_see_the_same_with_and_without_the_view():
     place, world, sway = windy()
     before = world.scan(SCAN)
@@ -93,6 +94,7 @@ def test_sensors_see_the_same_with_and_without_the_view():
     assert np.array_equal(world.scan(SCAN).points, before.points)
 
 
+@pytest.mark.slow
 def test_it_goes_without_a_trace():
     place, _, sway = windy()
     kinds = (bpy.data.objects, bpy.data.meshes, bpy.data.collections)
