@@ -13,6 +13,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from forest_addon.base.vectors import azimuth_of
+
 BREAST, SECTIONS, HALF = 1.3, (1.0, 1.3, 1.6), 0.05  # m: heights of slices, half of their thickness
 GRID, WIDER = 0.01, 1.5  # m; the grid's half over half of what the points span
 MOST_SPREAD = 0.1  # of the radius, of distances from the centre
@@ -57,7 +59,7 @@ def _diameter(cut: np.ndarray, eye: float, step: float) -> float | None:
     middle, half = (xy.min(axis=0) + xy.max(axis=0)) / 2, WIDER * np.ptp(xy, axis=0).max() / 2
     xy = xy[_crowded(_cells(xy, middle - half, 2 * step * away))]
     turn = np.arctan2(*middle[::-1])
-    azimuth = (np.arctan2(xy[:, 1], xy[:, 0]) - turn + np.pi) % (2 * np.pi) - np.pi
+    azimuth = (azimuth_of(xy) - turn + np.pi) % (2 * np.pi) - np.pi
     many = _counts(_cells(azimuth[:, None], azimuth[:, None].min(), step))
     if many.max() < np.floor(full) or not (many > 1).any():
         return None
