@@ -80,7 +80,7 @@ class EmbreeCaster(Search):
         }
         trees: dict[int, int] = {} if like is None else like._of_mesh
         self._of_mesh = of_mesh = {
-            m: trees[m] if m in trees else build.mesh(scene.meshes[m], rows)
+            m: trees[m] if m in trees else build.mesh(scene.meshes[m], rows, scene.table.short(m))
             for m, rows in usable.items()
         }
         self._whole = all(len(r) == len(scene.meshes[m].triangles) for m, r in usable.items())
@@ -180,19 +180,30 @@ class EmbreeBuild:
         # The parent is held by what releases this, so that it goes after it, also in a collected circle.
         weakref.finalize(self, _release, library, device, self._scenes, self._arrays, parent)
 
-    def mesh(self, mesh: TriMesh, rows: np.ndarray) -> int:
-        """A scene of these triangles of a mesh, in its local space."""
-        return self.shape(mesh.vertices[None], mesh.triangles[rows])
+    def mesh(self, mesh: TriMesh, rows: np.ndarray, points: np.ndarray | None = None) -> int:
+        """A scene of these triangles of a mesh, in its local space.
+
+        points : its vertices in float32, where they are kept already, with one row more behind them.
+        """
+        whole = len(rows) == len(mesh.triangles)
+        triangles = mesh.triangles if whole else mesh.triangles[rows]
+        if points is None or not np.isfinite(points.sum()):
+            return self.shape(mesh.vertices[None], triangles)
+        return self._of_triangles(points, 1, triangles)
 
     def shape(self, vertices: np.ndarray, triangles: np.ndarray) -> int:
         """A scene of triangles (T, 3) in their local space.
 
         vertices : (S, V, 3) at even steps of a ray's time from 0 to 1, between which they go straight.
         """
-        steps, count = vertices.shape[:2]
-        kept = np.zeros((steps * count + 1, 3), dtype=np.float32)  # read 16 bytes at a time
+        kept = np.zeros((vertices.shape[0] * vertices.shape[1] + 1, 3), dtype=np.float32)
         kept[:-1] = np.nan_to_num(vertices.reshape(-1, 3), nan=0.0, posinf=0.0, neginf=0.0)
-        triangles = np.ascontiguousarray(triangles, dtype=np.uint32)
+        return self._of_triangles(kept[:-1], len(vertices), triangles)
+
+    def _of_triangles(self, kept: np.ndarray, steps: int, triangles: np.ndarray) -> int:
+        """A scene of triangles, whose arrays Embree reads where they are: vertices 16 bytes at a time."""
+        count = len(kept) // steps
+        triangles = np.ascontiguousarray(triangles, dtype=np.int32).view(np.uint32)
         self._arrays += [kept, triangles]
         geometry = self._library.rtcNewGeometry(self._device, embree.TRIANGLE)
         if steps > 1:

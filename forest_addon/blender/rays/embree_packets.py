@@ -16,7 +16,7 @@ import numpy as np
 LONE, ALIKE = 16, 8  # rays of a packet
 TURN = 0.03  # by how much unit directions of a packet side by side differ at most
 ASIDE = 0.05  # metres between the places where they start, at most
-LOOKED_AT = 4  # of so many packets one
+LOOKED_AT = 16  # of so many packets one
 MOST_APART = 0.1  # share of the packets that may be wider
 # Rows of RTCRayHit8 and 16; between them normal 12-14, u 15, v 16, and 20 the place in an array of instances.
 TNEAR, DIRECTION, TIME, TFAR, MASK, ID, FLAGS = 3, 4, 7, 8, 9, 10, 11

@@ -39,7 +39,9 @@ class ReadyForest:
 
     def shape(self, forest: GrownForest, key: Variant) -> str:
         """The fingerprint of a variant's mesh."""
-        return self.shapes.get(key) or fingerprint(forest.variants[key].mesh)
+        if key not in self.shapes:
+            self.shapes[key] = fingerprint(forest.variants[key].mesh)
+        return self.shapes[key]
 
     def portrait(self, forest: GrownForest, key: Variant) -> AssetPortrait:
         """The picture of a variant."""
