@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 import time
-from dataclasses import replace
 from pathlib import Path
 from typing import Any, Self
 
@@ -65,18 +64,7 @@ def build(scene: Scene, *, folder: str | Path = ".", progress: Progress | None =
     with enough_memory("build", "plant fewer trees, or coarser ones"):
         site = Site.of(scene, folder)
         forest = site.grow(progress)
-        world = site.build(forest, seconds=time.perf_counter() - started)
-    world.forest = _without_edges(forest)  # in Blender now, and a fifth of the memory of a tree
-    return world
-
-
-def _without_edges(forest: GrownForest) -> GrownForest:
-    """The same forest, whose meshes would find their edges anew."""
-    lean = {
-        key: replace(tree, mesh=replace(tree.mesh, edges=None))
-        for key, tree in forest.variants.items()
-    }
-    return replace(forest, variants=lean)
+        return site.build(forest, seconds=time.perf_counter() - started)
 
 
 def current(scene: Scene | None = None) -> World:
