@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import weakref
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 import bpy
@@ -61,6 +61,7 @@ def build(
     terrain: GroundSurface | None = None,
     *,
     as_assets: bool = True,
+    looks: bool = True,
     ready: ReadyForest | None = None,
 ) -> bpy.types.Collection:
     """Put a forest into a Blender scene, or bring the one that is there up to date; its sensors stay.
@@ -68,6 +69,8 @@ def build(
     terrain : the ground that the forest was planned on; None: flat.
     as_assets : whether variants become assets, each with a picture, and say what they measure; nobody
         looks at those of a scene that is not kept.
+    looks : whether materials have nodes, and meshes are known again; neither matters in a scene that is
+        sensed once, seen by nobody and not kept.
     ready : what was made ahead (``make_ready``).
 
     Raises
@@ -81,13 +84,14 @@ def build(
     if edited:
         raise ValueError(f'"{edited}" is being edited; leave Edit Mode, then grow the forest again')
     with all_or_nothing():
-        plan = _Plan(as_assets=as_assets, ready=ready or ReadyForest())
+        plan = _Plan(as_assets=as_assets, looks=looks, ready=ready or ReadyForest())
         _fill(plan, scene, standing, settings.forest, forest, terrain)
 
     chosen = bpy.data.objects.get(settings.forest.terrain.object)
     if chosen is not None and is_ours(chosen):  # else it stays anyway, or went while trees grew
         del chosen[MADE_KEY]
-    standing.dress([coat for pair in _coats(forest) for coat in pair])
+    if looks:
+        standing.dress([coat for pair in _coats(forest) for coat in pair])
     things = put(scene, standing, plan.wanted, plan.labels)
     for role, portrait in plan.portraits.items():
         if role not in standing.things or things[role].asset_data is not None:
@@ -147,6 +151,7 @@ class _Plan:
     wanted: list[WantedObject] = field(default_factory=list)
     labels: tuple[str, ...] = ()
     as_assets: bool = True
+    looks: bool = True
     portraits: dict[str, assets.AssetPortrait] = field(default_factory=dict)
     light: bool = False
     ready: ReadyForest = field(default_factory=ReadyForest)
@@ -205,13 +210,16 @@ def _fill_library(
 ) -> list[WantedObject]:
     """Plan an object for every variant, named so that their order is their number; returns them."""
     coats, library = _coats(forest), []
+    if not plan.looks:
+        coats = [(replace(bark, make=_bare), replace(leaf, make=_bare)) for bark, leaf in coats]
     digits = max(3, len(str(len(forest.variants))))
     for number, ((planting, variant), tree) in enumerate(forest.variants.items()):
         label, numbered = forest.labels[planting], f"{number:0{digits}d} "
         name = f"{label}.{variant:03d}"
         role, look = f"{VARIANTS}/{name}", forest.species[planting].look
         key = planting, variant
-        was, shape = standing.things.get(role), plan.ready.shape(forest, key)
+        was = standing.things.get(role)
+        shape = plan.ready.shape(forest, key) if plan.looks else ""
         says = {SPECIES_KEY: planting, PICTURE_KEY: f"{shape} {look.bark} {look.foliage()}"}
         make = partial(_variant_mesh, name, tree, plan.as_assets)
         sister = standing.first(f"{VARIANTS}/{label}")
@@ -228,6 +236,11 @@ def _fill_library(
             plan.wanted.append(WantedObject(OUTLINES, role, numbered + rough, data))
     plan.wanted += library
     return library
+
+
+def _bare(name: str, *_look: object) -> bpy.types.Material:
+    """A material that looks like nothing."""
+    return bpy.data.materials.new(name)
 
 
 def _variant_mesh(name: str, tree: Tree, told: bool) -> bpy.types.Mesh:
