@@ -31,6 +31,7 @@ from scipy import special
 
 from ...acoustics import chebyshev
 from ...acoustics.nonuniform import nodes_needed
+from ...base.products import product
 from .bands import Band, BandGrid
 from .calls import Call
 from .poses import SonarPose
@@ -302,7 +303,7 @@ def _played(
             for first in range(begin, end, step):
                 some = rows[first : min(first + step, end)]
                 values = heard(at_nodes, some)
-                values = onwards @ values.real, onwards @ values.imag
+                values = product(onwards, values.real), product(onwards, values.imag)
                 away = late[some] - centre[b]
                 sums[b] += _sum(values, frequency, away, speeds, alpha[some])
         spread = chebyshev.lagrange(count, np.linspace(-1.0, 1.0, grid.count))
@@ -336,7 +337,7 @@ def _sum(
     cos -= sin
     shares = speeds.shares(alpha).T
     summed = np.empty((len(frequency), shares.shape[1]), dtype=np.complex128)
-    summed.real, summed.imag = one @ shares, cos @ shares
+    summed.real, summed.imag = product(one, shares), product(cos, shares)
     summed *= speeds.known(frequency)
     found: np.ndarray = summed.sum(axis=1)
     return found
