@@ -132,6 +132,7 @@ def test_drag_goes_from_quadratic_to_linear():
         )
 
 
+@pytest.mark.slow
 def test_modes_have_the_energy_of_a_fine_integration_in_time():
     """Each mode as an oscillator, stepped from rest under the force of a wind that hardly bends the tree."""
     shape = tree(modes=4)

@@ -1,11 +1,14 @@
 """Grown variants as assets: in the asset browser, with a picture, to be dragged into any scene.
 
+What they measure and look like is told once they stand, and anew when they have changed (``untold``).
 The picture is drawn here, from points strewn over the mesh, because a Blender without a window draws none.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import bpy
 import numpy as np
@@ -13,7 +16,15 @@ import numpy as np
 from ... import spec
 from ...base.rng import stream
 from ...base.trimesh import DEAD, LEAF, WOOD, TriMesh, join
+from .layout import VARIANTS, find_part
+from .ours import by_role
+from .standing import SHAPE_KEY, TOLD_KEY, has_own_mesh
 
+if TYPE_CHECKING:
+    from ...stand.forest import GrownForest
+
+Variant = tuple[int, int]  # number of the planting, and of the variant in it
+PICTURE_KEY = "forest_picture"  # on the object of a variant: what its picture was drawn from
 PIXELS = 128
 DOTS = 60_000
 FACES = 120_000  # of a mesh, at most, that dots are strewn over
@@ -41,6 +52,59 @@ def portray(species: spec.Species, label: str, mesh: TriMesh) -> AssetPortrait:
     colours = {WOOD: species.look.bark, DEAD: species.look.bark, LEAF: species.look.foliage()}
     described = f"{label}, {height:.1f} m tall, {leaves:,} leaves"
     return AssetPortrait(label, described, draw(mesh, colours))
+
+
+@dataclass(frozen=True)
+class ToldVariant:
+    """Measures of a variant by name and unit, and its picture."""
+
+    truth: Mapping[str, float]
+    portrait: AssetPortrait
+
+
+def untold(scene: bpy.types.Scene, forest: GrownForest) -> list[Variant]:
+    """Return variants of a forest that stands in a scene whose measures or pictures are missing, or are of
+    what stood before; without those that have a mesh of the user's own.
+    """
+    return [
+        key
+        for key, thing in _things(scene, forest).items()
+        if thing.data.get(TOLD_KEY) != thing.data[SHAPE_KEY]
+        or thing.get(PICTURE_KEY) != _drawn_from(thing, forest, key)
+    ]
+
+
+def tell_variants(
+    scene: bpy.types.Scene, forest: GrownForest, told: Mapping[Variant, ToldVariant]
+) -> None:
+    """Have variants that stand in a scene say what they measure, and be assets with a picture.
+
+    One that the user has made no asset any more stays none.
+    """
+    things = _things(scene, forest)
+    for key in things.keys() & told.keys():
+        thing = things[key]
+        for name, value in told[key].truth.items():  # custom properties, for whoever looks
+            thing.data[name] = value
+        thing.data[TOLD_KEY] = thing.data[SHAPE_KEY]
+        was, drawn_from = thing.get(PICTURE_KEY), _drawn_from(thing, forest, key)
+        if was != drawn_from and (was is None or thing.asset_data is not None):
+            mark(thing, told[key].portrait)
+        thing[PICTURE_KEY] = drawn_from
+
+
+def _things(scene: bpy.types.Scene, forest: GrownForest) -> dict[Variant, bpy.types.Object]:
+    """The objects of variants that have the meshes that were made for them."""
+    home = find_part(scene, VARIANTS)
+    there = by_role(home.objects) if home is not None else {}
+    roles = {key: f"{VARIANTS}/{forest.labels[key[0]]}.{key[1]:03d}" for key in forest.variants}
+    found = {key: there[role] for key, role in roles.items() if role in there}
+    return {key: t for key, t in found.items() if SHAPE_KEY in t.data and not has_own_mesh(t)}
+
+
+def _drawn_from(thing: bpy.types.Object, forest: GrownForest, key: Variant) -> str:
+    look = forest.species[key[0]].look
+    return f"{thing.data[SHAPE_KEY]} {look.bark} {look.foliage()}"
 
 
 def mark(thing: bpy.types.Object, portrait: AssetPortrait) -> None:

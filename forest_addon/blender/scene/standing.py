@@ -17,12 +17,15 @@ import bpy
 import numpy as np
 
 from ...base.trimesh import TriMesh
+from ...growth.truth import MEASURES
 from .layout import within_reach
 from .materials import STYLE_KEY, Colour, recolour
 from .ours import ROLE_KEY, by_role, own
 
 DATA_KEY = "forest_data"  # the mesh that an object was given last, by its name
 SHAPE_KEY = "forest_shape"  # of the mesh that was made, whatever has been done to it since
+TOLD_KEY = "forest_told"  # the shape of the mesh that says what its tree measures
+OF_SHAPE = {*MEASURES, TOLD_KEY}  # custom properties that another shape does not take over
 
 
 @dataclass(frozen=True)
@@ -93,7 +96,7 @@ class KeptStanding:
         for material in worn:
             data.materials.append(material)
         for key, value in old.items() if old else ():
-            if key not in data:
+            if key not in data and key not in OF_SHAPE:
                 data[key] = value
         return data
 

@@ -239,6 +239,7 @@ def test_a_tree_from_stl_is_planted(planting, model, own):
     assert Path(props.plantings[2].species) == own / "elm-2" / "elm-2.toml"
 
 
+@pytest.mark.slow
 def test_a_tree_whose_siblings_are_unlike_it_is_planted_only_if_accepted(
     planting, model, own, monkeypatch
 ):

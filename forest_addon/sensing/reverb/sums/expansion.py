@@ -72,7 +72,7 @@ class Sector:
 class ExpansionLayer:
     """A band of H at a sampling rate that is 1/``step`` of the whole.
 
-    lowest : Hz, below which there is nothing.
+    lowest, highest : Hz, below and above which there is nothing.
     highs : (S,) upper ends in cos φ of the sectors, the first from -1, the last to 1.
     """
 
@@ -104,6 +104,7 @@ class ExpansionLayer:
         self.lowest = (
             float(used[0]) if used[0] > CROSSOVER[0] else 0.0
         )  # Hz; there is nothing below
+        self.highest = float(used[-1])  # nor above
         self.wavenumber = 2.0 * math.pi / speed * self.frequency
         thickness = 2.0 * math.pi / speed * float(used[-1]) * radius
         self.waves = self._waves(thickness)
