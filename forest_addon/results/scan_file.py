@@ -1,8 +1,8 @@
 """A scan of any size on disk: chunk by chunk into one file that is whole at any time.
 
 While a scan runs, its returns stand in ``NAME.partial.ply``, a binary PLY of full precision that grows
-every second, or with every chunk where its length is given, and ``NAME.partial.json`` says how far it is and of which scan. A scan that is killed
-leaves both: the PLY opens anywhere, and ``resume`` cuts it back to the last chunk that the JSON knows and
+every second, or with every chunk where its length is given, and ``NAME.partial.json`` says how far it
+is and of which scan. A scan that is killed leaves both: the PLY opens anywhere, and ``resume`` cuts it back to the last chunk that the JSON knows and
 goes on from there. At the end the PLY becomes the format that was asked for, a part at a time. Each
 pulse depends on its number alone, so the bytes are those of a scan that was never interrupted, and memory
 holds one chunk.
@@ -78,7 +78,8 @@ def write_scan(
 
     offset : metres added to every position, and their coordinate system.
     resume : go on with an unfinished scan, if there is one.
-    at_once : pulses a chunk, each of which is saved by itself. progress : may raise to cancel; what is finished is kept.
+    at_once : pulses a chunk, each of which is saved by itself. progress : may raise to cancel; what is
+    finished is kept.
 
     Raises
     ------
@@ -101,7 +102,8 @@ def write_scan(
             lost = together([*state.lost, *cloud.lost])
             ended = state.unfollowed + cloud.unfollowed
             state = dataclasses.replace(state, done=done, lost=lost, unfollowed=ended)
-            if at_once or time.monotonic() > saved + SAVED_EVERY or sum(map(len, rows)) > ROWS_AT_ONCE:
+            waits = time.monotonic() < saved + SAVED_EVERY and sum(map(len, rows)) < ROWS_AT_ONCE
+            if at_once or not waits:
                 state, rows, saved = _saved(file, noted, state, rows), [], time.monotonic()
             if progress:
                 progress(done, scan.pulses)
@@ -114,9 +116,7 @@ def write_scan(
     return Written(path, scan.pulses, file.count, begin, state.lost, state.unfollowed)
 
 
-def _saved(
-    file: PlyFile, noted: Path, state: ScanState, rows: Sequence[np.ndarray]
-) -> ScanState:
+def _saved(file: PlyFile, noted: Path, state: ScanState, rows: Sequence[np.ndarray]) -> ScanState:
     """Put rows of finished chunks on the disk, and note how far the scan is."""
     file.append(np.concatenate(rows))
     state = dataclasses.replace(state, points=file.count)

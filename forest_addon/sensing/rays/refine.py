@@ -11,6 +11,7 @@ import numpy as np
 
 from ...base.trimesh import TriMesh
 from .geometry import SceneGeometry
+from .table import TriangleTable
 
 ROWS = 8192  # at a time: what is in work stays in the cache
 
@@ -24,7 +25,7 @@ class RefinedSurfaces:
     def __init__(self, scene: SceneGeometry, like: RefinedSurfaces | None = None) -> None:
         if like is not None:
             scene.share_table(like.table)
-        self.table = scene.table
+        self.table: TriangleTable = scene.table
         self._transform = np.ascontiguousarray(scene.transform.reshape(-1, 12).T)
         self._first = self.table.starts[scene.mesh_index]  # triangle, by instance
 

@@ -33,7 +33,8 @@ class TriangleTable:
             self.part[faces] = mesh.part
 
     def short(self, mesh: int) -> np.ndarray | None:
-        """(V, 3) vertices of a mesh in float32, with a row more behind them; None where it does not hold them."""
+        """(V, 3) vertices of a mesh in float32, with a row more behind them; None where that does not hold
+        them."""
         if self.vertices.dtype != np.float32:
             return None
         return self.vertices[self._corners[mesh] : self._corners[mesh + 1]]

@@ -303,9 +303,9 @@ def _played(
             for first in range(begin, end, step):
                 some = rows[first : min(first + step, end)]
                 values = heard(at_nodes, some)
-                values = product(onwards, values.real), product(onwards, values.imag)
+                both = product(onwards, values.real), product(onwards, values.imag)
                 away = late[some] - centre[b]
-                sums[b] += _sum(values, frequency, away, speeds, alpha[some])
+                sums[b] += _sum(both, frequency, away, speeds, alpha[some])
         spread = chebyshev.lagrange(count, np.linspace(-1.0, 1.0, grid.count))
         carried = np.exp(-2j * math.pi * np.outer(centre, grid.frequency))
         total += np.einsum("bk,bk->k", sums @ spread, carried)
