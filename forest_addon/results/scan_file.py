@@ -1,11 +1,11 @@
 """A scan of any size on disk: chunk by chunk into one file that is whole at any time.
 
 While a scan runs, its returns stand in ``NAME.partial.ply``, a binary PLY of full precision that grows
-every second, or with every chunk where its length is given, and ``NAME.partial.json`` says how far it
-is and of which scan. A scan that is killed leaves both: the PLY opens anywhere, and ``resume`` cuts it back to the last chunk that the JSON knows and
-goes on from there. At the end the PLY becomes the format that was asked for, a part at a time. Each
-pulse depends on its number alone, so the bytes are those of a scan that was never interrupted, and memory
-holds one chunk.
+every second, or with every chunk where its length is given, and ``NAME.partial.json`` says how far it is
+and of which scan. A scan that is killed leaves both: the PLY opens anywhere, and ``resume`` cuts it back to
+the last chunk that the JSON knows and goes on from there. At the end the PLY becomes the format that was
+asked for, a part at a time. Each pulse depends on its number alone, so the bytes are those of a scan that
+was never interrupted, and memory holds one chunk.
 """
 
 from __future__ import annotations
