@@ -42,7 +42,7 @@ _COHERENT = _Arguments(flags=1 << 16, features=NONE)
 
 
 def lanes_for(origins: np.ndarray, directions: np.ndarray) -> int:
-    """How many of the rays (3, R), (3, R) should go together, as they follow each other."""
+    """Return how many of the rays (3, R), (3, R) should go together, as they follow each other."""
     whole = origins.shape[1] // ALIKE * ALIKE
     for rays, most in ((directions, TURN), (origins, ASIDE)):
         some = rays[:, :whole].reshape(3, -1, ALIKE)[:, ::LOOKED_AT]

@@ -113,7 +113,7 @@ class _Grid:
 
     @property
     def count(self) -> int:
-        """How many cells it has."""
+        """Number of its cells."""
         return self.size[0] * self.size[1] * self.size[2]
 
     @property
