@@ -121,7 +121,8 @@ class FOREST_OT_build(Working, bpy.types.Operator):
         said = keep_forest(context, settings, forest, time.perf_counter() - started)
         new = untold(scene, forest)
         if new:
-            self._job.kept.append(say("the forest"))
+            if hasattr(self, "_job"):  # whoever cancels now keeps the forest
+                self._job.kept.append(say("the forest"))
             make = partial(tell_of, forest, new)
             told = yield Task(say("measuring trees, drawing their pictures"), make)
             tell_variants(scene, forest, told)
