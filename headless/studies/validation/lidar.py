@@ -16,6 +16,7 @@ from .comparison import Comparison
 from .own_cloud import compare_own
 from .stems import compare_stems
 from .tapes.diameters import compare_diameters
+from .tapes.residuals import compare_residuals
 from .twigs import compare_twigs
 
 TITLE = "LiDAR"
@@ -105,4 +106,5 @@ def validate(data: Path, out: Path, arguments: argparse.Namespace) -> list[Compa
     found += compare_gaps(arguments.seed)
     found += compare_stems(data / "rioja", out, arguments.seed)
     found += compare_diameters(data / "rioja", arguments.seed)
+    found.append(compare_residuals(data / "wood", arguments.seed))
     return [*found, *compare_twigs(out, arguments.seed)]

@@ -6,8 +6,9 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import Phase, given, settings
+from hypothesis import Phase, given
 from hypothesis import strategies as st
+from references.examples import examples
 from references.trunks_at_length import sum_at_length
 
 from forest_addon.sensing.reverb.forest.losses import Losses, TrunkStand
@@ -134,7 +135,7 @@ def test_thick_trunks_beside_both_ends(tolerance: float) -> None:
 
 
 @slow
-@settings(max_examples=8, deadline=None, derandomize=True, phases=[Phase.explicit, Phase.generate])
+@examples(12, phases=[Phase.explicit, Phase.generate])
 @given(
     given_losses=LOSSES,
     leaves=st.sampled_from([0.0, 0.3, 3.0]),
