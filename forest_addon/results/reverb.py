@@ -159,12 +159,6 @@ def _notes(reverb: Reverb, response: ImpulseResponse) -> tuple[str, ...]:
             f"From {response.joint:.2f} s on the trunks' sound is noise with the energy of transport: "
             f"{100 * reverb.multiple_share:.0f} % of it was scattered more than once."
         )
-    if response.sprays:
-        notes.append(
-            f"{', '.join(response.sprays)}: needles that are drawn as flat sprays count as leaves, which "
-            "scatter as discs and absorb as leaves do, more than needles; conifers with shoots "
-            "(norway-spruce, scots-pine, silver-fir) are heard needle by needle."
-        )
     if response.late:
         notes.append(
             f"The record ends before the sound: {response.late:,} trunks come later, with "
@@ -175,6 +169,25 @@ def _notes(reverb: Reverb, response: ImpulseResponse) -> tuple[str, ...]:
         notes.append(
             f"Figures are of the first of {len(channels)} channels, {response.channel}; "
             f"{reverb.name}.npz has those of all."
+        )
+    notes += _notes_of_settings(reverb, response)
+    if any(channel.clamped for channel in channels):
+        most = max(channel.clamped for channel in channels)
+        notes.append(
+            f"{most} trunk(s) cover a source or a receiver; their distance is taken as their radius."
+        )
+    if peak > 1:
+        notes.append("The sound exceeds full scale; the WAV is 32-bit float and does not clip.")
+    return tuple(notes)
+
+
+def _notes_of_settings(reverb: Reverb, response: ImpulseResponse) -> list[str]:
+    notes = []
+    if response.sprays:
+        notes.append(
+            f"{', '.join(response.sprays)}: needles that are drawn as flat sprays count as leaves, which "
+            "scatter as discs and absorb as leaves do, more than needles; conifers with shoots "
+            "(norway-spruce, scots-pine, silver-fir) are heard needle by needle."
         )
     if response.at == response.at:
         notes.append(
@@ -188,14 +201,7 @@ def _notes(reverb: Reverb, response: ImpulseResponse) -> tuple[str, ...]:
         notes.append(
             "Background noise is added where a dry sound is heard, not to impulse responses."
         )
-    if any(channel.clamped for channel in channels):
-        most = max(channel.clamped for channel in channels)
-        notes.append(
-            f"{most} trunk(s) cover a source or a receiver; their distance is taken as their radius."
-        )
-    if peak > 1:
-        notes.append("The sound exceeds full scale; the WAV is 32-bit float and does not clip.")
-    return tuple(notes)
+    return notes
 
 
 def _write(folder: Path, reverb: Reverb, response: ImpulseResponse, _offset: Offset) -> list[Path]:

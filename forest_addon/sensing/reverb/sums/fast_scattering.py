@@ -117,7 +117,6 @@ class Expansions:
         progress: Progress | None,
     ) -> FastSum:
         """High frequencies, or all of few trunks, by panels, and low ones by expansions over radii too."""
-        unthinned = self._gain(losses and losses.unthinned, rate, tolerance)
         bands = bands_of(rate, float(paths.radius.max(initial=0.0)), air.speed(), tolerance)
         low = FastSum(np.zeros(count), {})
         if _spans_serve(paths, rate, tolerance, losses):
@@ -125,14 +124,60 @@ class Expansions:
             bands = bands[-1:]
         loud = loud_trunks(paths, rate, count, air, losses)
         rest = paths.select(~loud) if loud.any() else paths
-        given = rate, count, air, tolerance, losses, unthinned, bands
-        found = _by_panels(rest, *given, progress)
+        given = rate, count, air, tolerance, losses, bands
+        found = self._by_panels(rest, *given, progress)
         exact = direct_sum(paths.select(loud), rate, count, air, None, losses, tolerance, bands)
         errors = found.errors | {
             octave: max(error, found.errors.get(octave, 0.0))
             for octave, error in low.errors.items()
         }
         return FastSum(low.samples + found.samples + exact, errors)
+
+    def _by_panels(
+        self,
+        paths: TrunkPaths,
+        rate: float,
+        count: int,
+        air: Air,
+        tolerance: float,
+        losses: Losses | None,
+        bands: tuple[OctaveBand, ...],
+        progress: Progress | None = None,
+    ) -> FastSum:
+        speed, bark = air.speed(), losses.bark if losses else 0.0
+        gain = self._gain(losses and losses.unthinned, rate, tolerance)
+        errors: dict[float, float] = {}
+        total = np.zeros(count)
+
+        def loss_at(frequency: np.ndarray) -> np.ndarray:
+            loss = loss_per_metre(frequency, air, losses)
+            return loss if losses is None else loss + 0.5 * losses.removed(frequency)
+
+        heard = Audibility(paths, loss_at, speed, tolerance)
+        lost, done = float(loss_at(np.array([USUAL]))[0]), 0
+        for rows in by_distance(paths.length, gain, lost):
+            some = paths.select(rows)
+
+            def spectrum(
+                spacing: float, lowest: int, highest: int, some: TrunkPaths = some
+            ) -> np.ndarray:
+                found, checks = panel_spectrum(
+                    some, spacing, highest + 1, loss_at, speed, tolerance, gain, bark, lowest, heard
+                )
+                for check in checks:
+                    octave = 20.0 * 2.0 ** math.floor(math.log2(check.frequency / 20.0))
+                    if octave >= 20.0:
+                        errors[octave] = max(check.error, errors.get(octave, 0.0))
+                return found
+
+            first, last = float(some.earliest.min()), float(some.length.max())
+            total += samples_of(
+                spectrum, bands, rate, count, last / speed, max(first / speed, 1e-9)
+            )
+            done += len(rows)
+            if progress:
+                progress(done, len(paths.length))
+        return FastSum(total, errors)
 
     def _of_low_frequencies(
         self,
@@ -229,50 +274,6 @@ def _filters_serve(tolerance: float, losses: Losses | None, radii: np.ndarray) -
 
 
 def _spans_serve(paths: TrunkPaths, rate: float, tolerance: float, losses: Losses | None) -> bool:
-    """Whether trunks are many, and low frequencies a small part of the band."""
+    """Return whether trunks are many, and low frequencies a small part of the band."""
     many = len(paths.length) >= MANY and rate >= LEAST_RATE
     return many and _filters_serve(tolerance, losses, paths.radius)
-
-
-def _by_panels(
-    paths: TrunkPaths,
-    rate: float,
-    count: int,
-    air: Air,
-    tolerance: float,
-    losses: Losses | None,
-    gain: PathGain | None,
-    bands: tuple[OctaveBand, ...],
-    progress: Progress | None = None,
-) -> FastSum:
-    speed, bark = air.speed(), losses.bark if losses else 0.0
-    errors: dict[float, float] = {}
-    total = np.zeros(count)
-
-    def loss_at(frequency: np.ndarray) -> np.ndarray:
-        loss = loss_per_metre(frequency, air, losses)
-        return loss if losses is None else loss + 0.5 * losses.removed(frequency)
-
-    heard = Audibility(paths, loss_at, speed, tolerance)
-    lost, done = float(loss_at(np.array([USUAL]))[0]), 0
-    for rows in by_distance(paths.length, gain, lost):
-        some = paths.select(rows)
-
-        def spectrum(
-            spacing: float, lowest: int, highest: int, some: TrunkPaths = some
-        ) -> np.ndarray:
-            found, checks = panel_spectrum(
-                some, spacing, highest + 1, loss_at, speed, tolerance, gain, bark, lowest, heard
-            )
-            for check in checks:
-                octave = 20.0 * 2.0 ** math.floor(math.log2(check.frequency / 20.0))
-                if octave >= 20.0:
-                    errors[octave] = max(check.error, errors.get(octave, 0.0))
-            return found
-
-        first, last = float(some.earliest.min()), float(some.length.max())
-        total += samples_of(spectrum, bands, rate, count, last / speed, max(first / speed, 1e-9))
-        done += len(rows)
-        if progress:
-            progress(done, len(paths.length))
-    return FastSum(total, errors)
