@@ -42,7 +42,8 @@ DRIVE = {
 }
 ATTRIBUTES = {
     "survey": {
-        *("name", "scene", "platform", "scanner", "basePlatform", "legRandomOffset", "numRuns"),
+        *("name", "scene", "platform", "scanner", "basePlatform", "rotationSpec"),
+        *("legRandomOffset", "numRuns"),
     },
     "leg": {"stripId", "maxDuration_s"},
     "FWFSettings": {
