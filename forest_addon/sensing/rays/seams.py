@@ -11,10 +11,7 @@ from .pieces import SwayingScene
 
 
 class Seams:
-    """Triangles at the seams of a scene in pieces, each with its other copies, in a ring.
-
-    most : copies of a triangle, at most.
-    """
+    """Triangles at the seams of a scene in pieces, each with its other copies, in a ring."""
 
     def __init__(self, cut: SwayingScene) -> None:
         size = np.array([len(rows) for rows in cut.triangle], dtype=np.int64)
@@ -22,7 +19,6 @@ class Seams:
         every = int(size.sum())
         self._shift = np.zeros(every, dtype=np.int64)  # from the piece's instance to the next one's
         self._next = np.arange(every) - np.repeat(self._first, size)  # its triangle there
-        self.most = 1
         for listed in cut.known.values():
             self._join([mesh for _, mesh in listed], cut)
         self._mesh, self._count = cut.scene.mesh_index, cut.count
@@ -36,7 +32,6 @@ class Seams:
         order = np.argsort(own, kind="stable")
         begins = np.flatnonzero(np.diff(own[order], prepend=-1))
         copies = np.diff(begins, append=len(own))
-        self.most = max(self.most, int(copies.max(initial=1)))
         after = np.arange(1, len(own) + 1)
         after[begins + copies - 1] = begins
         here, there = order, order[after]

@@ -154,15 +154,22 @@ class SwayingCaster(TimedCaster):
     ) -> None:
         """Give hits (R,) at seams the copy of their triangle that is first in float64."""
         rows = self._seams.shared(hits.instance, hits.triangle)
-        instance, triangle = hits.instance[rows], hits.triangle[rows]
-        first, number, chosen = np.full(len(rows), np.inf), instance.copy(), triangle.copy()
-        rays = origins[rows], ways[rows]
-        for _ in range(self._seams.most if len(rows) else 0):
-            distance = self.meets(*rays, Hits(near[rows], instance, triangle), time[rows])
-            distance[distance < near[rows]] = np.inf
-            less = (distance < first) | ((distance == first) & (instance < number))
-            first[less], number[less], chosen[less] = distance[less], instance[less], triangle[less]
+        begun = hits.instance[rows], hits.triangle[rows]
+        first, number, chosen = np.full(len(rows), np.inf), *(part.copy() for part in begun)
+        going, (instance, triangle) = np.arange(len(rows)), begun
+        while len(going):
+            of = rows[going]
+            copy = Hits(near[of], instance, triangle)
+            distance = self.meets(origins[of], ways[of], copy, time[of])
+            less = (distance < first[going]) | (
+                (distance == first[going]) & (instance < number[going])
+            )
+            less &= (distance >= near[of]) & np.isfinite(distance)
+            won = going[less]
+            first[won], number[won], chosen[won] = distance[less], instance[less], triangle[less]
             instance, triangle = self._seams.other(instance, triangle)
+            more = (instance != begun[0][going]) | (triangle != begun[1][going])
+            going, instance, triangle = going[more], instance[more], triangle[more]
         known = np.isfinite(first)  # else it is met at its rim, in float32 alone
         hits.put(rows[known], Hits(first[known], number[known], chosen[known]))
 
