@@ -245,7 +245,6 @@ def test_embree_without_arrays_of_instances_meets_the_same(monkeypatch):
     places = np.tile(np.eye(3, 4), (3, 5, 1, 1))
     places[:, :, 0, 3] = [9.0, 5.0, 6.0, 9.0, 7.0]
     places[:, :, 1, 3] = [[0, 0, 0.8, 0, 1.6], [0, 0.1, 0.9, 0, 1.7], [0, 0.3, 1.1, 0, 1.9]]
-    room = np.array([[-9.0, -9, -9], [9, 9, 9]])
     rng = np.random.default_rng(2)
     way = np.column_stack([np.full(300, 5.0), rng.uniform(-1, 3, 300), rng.uniform(-1, 1, 300)])
     way /= np.linalg.norm(way, axis=1, keepdims=True)
@@ -253,7 +252,7 @@ def test_embree_without_arrays_of_instances_meets_the_same(monkeypatch):
 
     def met():
         engine = EmbreePieces((mesh, gone))
-        return engine.arrays, engine(number, places, room).cast(*rays, None)
+        return engine.arrays, engine(number, places).cast(*rays, None)
 
     some = embree_library.has_arrays
     monkeypatch.setattr(embree_library, "has_arrays", lambda *_: False)

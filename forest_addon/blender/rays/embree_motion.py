@@ -12,7 +12,7 @@ from ...base.trimesh import TriMesh
 from ...sensing.rays.boxes import clip
 from ...sensing.rays.caster import Hits
 from ...sensing.rays.geometry import SceneGeometry
-from ...sensing.rays.pieces import boxes_of, placed
+from ...sensing.rays.pieces import boxes_of, placed, swept
 from ...sensing.rays.refine import RefinedSurfaces, whole_triangles
 from ...sensing.rays.search import in_tasks, search_on
 from . import embree_library as embree
@@ -47,8 +47,8 @@ class EmbreePieces:
         self._meshes = meshes
         self._scenes: dict[int, int] = {}
 
-    def __call__(self, mesh: np.ndarray, places: np.ndarray, room: np.ndarray) -> _EmbreeWindow:
-        return _EmbreeWindow(self, mesh, places, room)
+    def __call__(self, mesh: np.ndarray, places: np.ndarray) -> _EmbreeWindow:
+        return _EmbreeWindow(self, mesh, places)
 
     def numbered(self, mesh: np.ndarray, primitive: np.ndarray) -> np.ndarray:
         """(R,) triangles of pieces, from those that Embree was given."""
@@ -62,13 +62,12 @@ class EmbreePieces:
 
 
 class _EmbreeWindow:
-    """Pieces of a window: mesh (P,), places (K, P, 3, 4), in a room (2, 3) of all windows."""
+    """Pieces of a window: mesh (P,), places (K, P, 3, 4)."""
 
-    def __init__(
-        self, pieces: EmbreePieces, mesh: np.ndarray, places: np.ndarray, room: np.ndarray
-    ) -> None:
+    def __init__(self, pieces: EmbreePieces, mesh: np.ndarray, places: np.ndarray) -> None:
         self._pieces, self._mesh, self._places = pieces, mesh, places
-        low, high = room
+        low, high = swept(pieces.boxes[mesh], places)
+        low, high = low.min(axis=0), high.max(axis=0)
         self._centre = (low + high) / 2
         self._slack = SLACK * float((high - low).max()) + SLACK
         self._box = low - self._slack, high + self._slack
@@ -107,7 +106,7 @@ class _EmbreeWindow:
             left = Hits.misses(len(some_near)) if leaving is None else leaving.select(part)
 
             def nearest(rows: np.ndarray, start: np.ndarray) -> Hits:
-                some = (array[rows] for array in rays)
+                some = rays[0][rows], rays[1][rows]
                 return self._nearest(*some, start, some_far[rows], some_knot[rows])
 
             hits.put(part, search_on(nearest, some_near, some_far, left))

@@ -54,8 +54,7 @@ class PieceWindow(Protocol):
         ...
 
 
-# Meshes (P,), places (K, P, 3, 4), and the box (2, 3) that nothing ever leaves: hits hold in any company.
-MakeWindow = Callable[[np.ndarray, np.ndarray, np.ndarray], PieceWindow]
+MakeWindow = Callable[[np.ndarray, np.ndarray], PieceWindow]  # mesh (P,), places (K, P, 3, 4)
 MakeEngine = Callable[[tuple[TriMesh, ...]], MakeWindow]
 
 
@@ -156,7 +155,7 @@ class PieceByPiece:
         self.boxes = boxes_of(meshes)
         self._casters: dict[int, RayCaster] = {}
 
-    def __call__(self, mesh: np.ndarray, places: np.ndarray, _room: np.ndarray) -> PieceWindow:
+    def __call__(self, mesh: np.ndarray, places: np.ndarray) -> PieceWindow:
         return _PieceWindow(self, mesh, places)
 
     def caster(self, mesh: int) -> RayCaster:

@@ -307,7 +307,7 @@ class SwayingCaster(TimedCaster):
         window = None
         if len(pieces):
             mesh = self.scene.mesh_index[self.cut.count + pieces] - self._first
-            window = self._window(mesh, places, np.stack(self._hull))
+            window = self._window(mesh, places)
         self._last = block, bundle, pieces, window
         return pieces, window
 
