@@ -22,7 +22,7 @@ from forest_addon.formats.atomic import replacing
 
 SECTIONS = (
     *("growth", "stand", "lidar", "sonar", "reverb", "series", "flight"),
-    *("dataset", "cluster", "frontier"),
+    *("dataset", "cluster", "waiting", "frontier"),
 )
 ON_REQUEST = ("peers",)  # what needs other programs
 
