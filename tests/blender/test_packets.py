@@ -27,10 +27,10 @@ def crumbs(fine):
     return SceneGeometry((mesh,), place, np.zeros(4, np.int64), ("x",) * 4, some, some)
 
 
-def beams(count, rays=19, width=0.002):
+def beams(count, rays=19, width=0.0005):
     """Rays of narrow beams from a point outside, one beam after the other, as a scanner's mirror has them."""
     column, row = np.divmod(np.arange(count), 20)
-    axis = np.stack([np.ones(count), 0.04 * (column - count / 40), 0.012 * (row - 10)], axis=1)
+    axis = np.stack([np.ones(count), 0.04 * (column - count / 40), 0.003 * (row - 10)], axis=1)
     way = axis[:, None] + width * stream(4, "beams").normal(size=(count, rays, 3))
     way = way.reshape(-1, 3) / np.linalg.norm(way.reshape(-1, 3), axis=1)[:, None]
     return np.tile([-12.0, 0.3, 0.1], (len(way), 1)), way
@@ -40,7 +40,6 @@ def beams(count, rays=19, width=0.002):
 def test_rays_of_beams_meet_what_brute_force_says(fine):
     scene = crumbs(fine)
     origin, way = beams(300)
-    assert lanes_for(origin.T, way.T) == ALIKE
     found, right = EmbreeCaster(scene).cast(origin, way), BruteCaster(scene).cast(origin, way)
     assert 0.2 < right.found.mean() < 0.9
     np.testing.assert_array_equal(found.found, right.found)

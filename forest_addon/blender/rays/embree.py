@@ -117,7 +117,7 @@ class EmbreeCaster(Search):
         limit = limit - begin
         limit *= 1 + 1e-6
         limit += self._slack
-        packets = self._packets_of(count, lanes_for(origins, directions) if count > FEW else LONE)
+        packets = self._packets_of(count, lanes_for(moved, directions) if count > FEW else LONE)
         packets.fill(moved, directions, limit)
         self._trace(packets)
         instance, triangle, met = packets.read(count)

@@ -123,7 +123,7 @@ class _EmbreeWindow:
         origin, direction, knot = origin[:, rays], direction[:, rays], knot[rays]
         moved = origin + begin[rays] * direction - self._centre[:, None]
         reach = (limit[rays] - begin[rays]) * (1 + 1e-6) + self._slack
-        packets = RayPackets(len(rays), lanes_for(origin, direction))
+        packets = RayPackets(len(rays), lanes_for(moved, direction))
         packets.fill(moved, direction, reach, knot / (len(self._places) - 1))
         packets.trace(self._pieces.library, self._top)
         piece, primitive, met = packets.read(len(rays))

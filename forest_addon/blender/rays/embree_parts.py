@@ -160,7 +160,7 @@ class EmbreeParts:
             origin, way, begin = origin[:, rays], way[:, rays], begin[rays]
             limit, time, when = limit[rays], time[rays], when[rays]
         moved = origin + begin * way - self._centre[:, None]
-        packets = RayPackets(len(rays), lanes_for(origin, way))
+        packets = RayPackets(len(rays), lanes_for(moved, way))
         packets.fill(moved, way, (limit - begin) * (1 + 1e-6) + self._slack, when)
         library = self._still._library
         packets.trace(library, self._still._top)
