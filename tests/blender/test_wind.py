@@ -95,6 +95,7 @@ def test_any_moment_alone_is_the_same(result):
     assert np.array_equal(half.position, result.found.position[late])
 
 
+@pytest.mark.slow
 def test_without_wind_nothing_changes_and_other_sensors_say_so():
     still = built(STAND).scan(SCAN)
     calm = built(STAND.changed(wind=forest.Wind(speed=0.0, turbulence=0.1))).scan(SCAN)

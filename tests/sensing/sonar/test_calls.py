@@ -142,7 +142,13 @@ def test_doppler_of_many_leaves_is_the_sum_of_each() -> None:
 
 
 @pytest.mark.parametrize("tolerance", [1e-3, 1e-6])
-@pytest.mark.parametrize("known", [(60e3, 80e3), (55e3, 90e3), (64e3, 71e3)])
+@pytest.mark.parametrize(
+    "known",
+    [
+        (60e3, 80e3),
+        *(pytest.param(k, marks=pytest.mark.slow) for k in ((55e3, 90e3), (64e3, 71e3))),
+    ],
+)
 @pytest.mark.parametrize("model", ["exact", "piston"])
 def test_doppler_with_measured_ears_keeps_the_tolerance(tolerance, known, model) -> None:
     """Against the sum of every path at every bin; the pattern has kinks where its frequencies end."""
