@@ -65,9 +65,9 @@ def backscatter_amplitude(ka: ArrayLike, incidence: ArrayLike, model: str = "exa
     raise _unknown(model, MODELS)
 
 
-def continued_amplitude(ka: np.ndarray, incidence: np.ndarray, model: str) -> np.ndarray:
-    """k·f of a model that has a formula, "piston" or "paper", which goes on smoothly beyond 0 and π/2."""
-    return _paper(ka, incidence) if model == "paper" else 1j * _piston(ka, incidence)
+def continued_paper(ka: np.ndarray, incidence: np.ndarray) -> np.ndarray:
+    """k·f of the paper's fit, which goes on smoothly beyond 0 and π/2."""
+    return _paper(ka, incidence)
 
 
 def amplitude_bound(

@@ -1,8 +1,8 @@
 """Discs over one band as sums of few modes: what many echoes share, so that a disc is a row of numbers.
 
 Over a band, f of any disc up to some radius is within a small error a sum Σ_r c_r·U_r(k) of functions U_r
-that are the same for all: the leading left singular vectors of f over radii and incidences (about 3 for the
-paper's fit, 26 for a piston, 35 for the exact disc at 3e-4 of its peak, from 40 to 80 kHz up to 4 cm). The
+that are the same for all: the leading left singular vectors of f over radii and incidences (3 of the
+paper's fit, 45 of the exact disc within 3e-4, from 40 to 80 kHz up to 4.4 cm). The
 shares c_r are tabulated over radius and incidence: a row stands at each point of a grid, and a disc is
 sixteen rows, weighted by cubic splines. Rows are made for some radii at a time when they are first asked for,
 and kept; what is made depends on the band, the model and the largest radius alone, never on what came before.
@@ -22,7 +22,7 @@ from scipy import sparse
 
 from ..base.rows import RowTable
 from . import chebyshev
-from .disc import backscatter_amplitude, continued_amplitude
+from .disc import backscatter_amplitude, continued_paper
 from .disc_table import HANDOVER, RIPPLE, ROUNDED, spline_weights, tabulated_on
 
 SMALLEST = 6.0  # ka from where on radii have rows
@@ -30,17 +30,15 @@ LARGEST = HANDOVER - 6.0  # ka up to which
 BLOCKS = 4  # an octave of radii, made at once
 BASES = 2  # sets of modes an octave of the largest radius
 REACH = 12  # points to which the coefficient of a spline depends on values: 0.27^12 is 1e-7
-TAPS = np.array(
-    [1 / 36, -5 / 18, 3 / 2, -5 / 18, 1 / 36]
-)  # values to coefficients, to the 6th order
+TAPS = (1 / 36, -5 / 18, 3 / 2)  # values to coefficients, from outside in, to the 6th order
 MARGIN = 3  # rows beyond a block, for these and for the spline
 MISSED = 1.0  # of what the envelope says; at most 0.6 of it was found
 MOST_PHASE = 0.8  # radians
 LATEST = 2.0 + 2.0 * RIPPLE  # radii, of the delays that count
-ECHOING = {"exact": 8.0, "piston": 3.0, "paper": 0.5}  # radii, over which nodes resolve echoes
-COARSER = {"exact": 1.0, "piston": 1.0, "paper": 5.0}  # steps of the grid, re those of a rim's phase
+ECHOING = {"exact": 8.0, "paper": 0.5}  # radii, over which nodes resolve echoes
+COARSER = {"exact": 1.0, "paper": 5.0}  # steps of the grid, re those of a rim's phase
 STEEP = 40.0  # of the paper's fit: no fourth derivative over its own scales is larger, re the largest |f|
-RANKS = (3, 4, 6, 9, 12, 15, 18, 21, 24, 27, 30, 33, 36, 39, 42, 45, 50, 56)
+RANKS = (3, 4, 6, 9, 12, 15, 18, 21, 24, 27, 30, 33, 36, 39, 42, 45, 50, 56, 64, 72)
 RADII, ANGLES = 20, 60  # discs that modes are found from
 FAINTEST = 1e-6  # of the largest, that single precision still holds
 TURNS = 1  # of the iteration
@@ -70,7 +68,7 @@ class DiscPlaces(RowTable):
 
 
 def has_rows(radius: np.ndarray, wavenumber: float) -> np.ndarray:
-    """(M,) whether a radius has rows at wavenumbers up to ``wavenumber``."""
+    """(M,) whether a radius has rows at wavenumbers up to one."""
     size = wavenumber * _block_radius(_block(radius))
     known: np.ndarray = (size >= SMALLEST) & (size * 2.0 ** (1.0 / BLOCKS) <= LARGEST)
     return known
@@ -102,34 +100,29 @@ def missed(
     return off
 
 
-def modes_of(
-    model: str, lowest: float, highest: float, phase: float, radius: np.ndarray
-) -> DiscModes:
-    """The modes of discs up to the largest of some radii (M,), all of which have rows; kept."""
-    top = math.floor(BASES * math.log2(float(radius.max()))) + 1
-    return _modes(model, lowest, highest, phase, top)
+def modes_of(model: str, ends: tuple[float, float], phase: float, largest: float) -> DiscModes:
+    """The modes of discs between two wavenumbers, up to a radius that has rows; kept."""
+    return _modes(model, ends, phase, math.floor(BASES * math.log2(largest)) + 1)
 
 
 @lru_cache(maxsize=KEPT)
-def _modes(model: str, lowest: float, highest: float, phase: float, top: int) -> DiscModes:
-    return DiscModes(model, lowest, highest, phase, 2.0 ** (top / BASES))
+def _modes(model: str, ends: tuple[float, float], phase: float, top: int) -> DiscModes:
+    return DiscModes(model, ends, phase, 2.0 ** (top / BASES))
 
 
 class DiscModes:
-    """Modes of discs from ``lowest`` to ``highest`` 1/m, and their rows.
+    """Modes of discs between two wavenumbers (1/m), and their rows.
 
     wavenumber : (K,) Chebyshev points of the band. modes : (K, R), orthonormal, the largest first. ranks :
     how many of them may be used.
     """
 
-    def __init__(
-        self, model: str, lowest: float, highest: float, phase: float, largest: float
-    ) -> None:
-        self._model, self._ends, self._phase = model, (lowest, highest), phase
+    def __init__(self, model: str, ends: tuple[float, float], phase: float, largest: float) -> None:
+        self._model, self._ends, self._phase = model, ends, phase
         self._step = phase * COARSER[model]
-        across = (highest - lowest) / 2.0 * largest  # radians over half the band, in a radius
+        middle, half = (ends[0] + ends[1]) / 2, (ends[1] - ends[0]) / 2
+        across = half * largest  # radians over half the band, in a radius
         self.count = 16 * math.ceil((24.0 + 1.2 * ECHOING[model] * across) / 16.0)
-        middle, half = (lowest + highest) / 2, (highest - lowest) / 2
         self.wavenumber = middle + half * chebyshev.points(self.count)
         self.modes = self._found(largest)
         most = self.modes.shape[1]
@@ -283,7 +276,7 @@ class DiscModes:
         else:
             step = angle[1] - angle[0]
             wider = step * np.arange(-REACH - 1, len(angle) + REACH + 1)
-            beside = continued_amplitude(size.ravel()[:, None], wider, self._model)
+            beside = continued_paper(size.ravel()[:, None], wider)
             found = _coefficients_within(beside.astype(np.complex64))
         found /= np.tile(self.wavenumber, len(radius)).astype(np.float32)[:, None]
         lines = found.reshape(len(radius), self.count, -1)
@@ -313,9 +306,15 @@ class DiscModes:
         at = self.at(few, shares.shape[2]).astype(np.complex64)
         values = (shares[:, :-2] + 4.0 * shares[:, 1:-1] + shares[:, 2:]) / np.float32(6.0)
         values[1:-1] = (values[:-2] + 4.0 * values[1:-1] + values[2:]) / np.float32(6.0)
-        size = np.abs(values @ at).reshape(*values.shape[:2], QUARTERS, FEW).max(axis=3)
-        size = np.minimum(size, np.append(size[1:], size[-1:], axis=0))
-        return LEAST * np.minimum(size, np.append(size[:, 1:], size[:, -1:], axis=1))
+        wave = values @ at
+        size = np.abs(wave)
+        for axis in (0, 1):
+            wave, size = np.moveaxis(wave, axis, 0), np.moveaxis(size, axis, 0)
+            same = (wave[:-1] * np.conj(wave[1:])).real > 0.0  # otherwise it may vanish between
+            size[:-1] = np.where(same, np.minimum(size[:-1], size[1:]), 0.0)
+            wave, size = np.moveaxis(wave, 0, axis), np.moveaxis(size, 0, axis)
+        loudest: np.ndarray = LEAST * size.reshape(*size.shape[:2], QUARTERS, FEW).max(axis=3)
+        return loudest
 
 
 def _leading(values: np.ndarray, count: int) -> np.ndarray:
@@ -375,7 +374,7 @@ def _over_rows(lines: np.ndarray) -> np.ndarray:
     """Coefficients of splines along the first axis, of values along it; within ``MARGIN`` of its ends they
     are not right."""
     count = len(lines)
-    outer, inner, middle = TAPS[:3].astype(np.float32).tolist()
+    outer, inner, middle = TAPS
     filtered, beside = lines.copy(), np.empty_like(lines[2:-2])
     filtered[2:-2] *= middle
     for tap, apart in ((inner, 1), (outer, 2)):

@@ -30,6 +30,7 @@ KERNEL = 0.4  # share of the tolerance that the kernel's error may take
 LOST = 0.02  # and the series of what the air takes
 SINGLE = 2.0**-24
 AT_ONCE = 1 << 13  # echoes
+ADDED = 0.1  # share of the tolerance beyond which they are added up in double precision
 STEPS = 16.0  # roundings of a share, in single precision, on its way
 
 
@@ -97,14 +98,18 @@ def sum_modes(
     loud = gain * np.exp(-float(loss(np.array(bins.ends[:1]))[0]) * delay)
     left, off = table.left_out(places, loud)
     fixed = ALIASING[width - NARROWEST] + LOST * tolerance
-    rounded = SINGLE * (_crowd(delay, bins, width) + STEPS) * 2.0 * np.sqrt(table.ranks)
+    unit = 2.0 * SINGLE * np.sqrt(table.ranks)  # 2·√R: of Σ_r |c_r·U_r| re |A|
+    added = _crowd(delay, bins, width)
+    double = unit[-1] * added > ADDED * tolerance
+    rounded = unit * (STEPS + (0 if double else added))
     errors = left + off + (fixed + rounded) * size
     enough = np.flatnonzero(errors <= tolerance * size)
     if not len(enough):
         return None
     rank = table.ranks[int(enough[0])]
     span = _Span.of(delay, bins, loss, width, LOST * tolerance)
-    laid = _laid_down(table, places, gain * np.exp(-span.middle * delay), delay, bins, width, rank)
+    deposit = _Deposit(bins, width, np.float64 if double else np.float32)
+    laid = deposit.of(table, places, gain * np.exp(-span.middle * delay), delay, rank)
     spectrum = _collected(laid, table, bins, span, width)
     error = float(errors[int(enough[0])]) / size if size > 0 else 0.0
     return DelayedSum(spectrum, size, 0.0, error, {rank: len(delay)})
@@ -114,7 +119,9 @@ def _crowd(delay: np.ndarray, bins: Bins, width: int) -> int:
     """Return how many echoes at most are added in single precision at a point of the grid."""
     place = (delay * (bins.size * bins.spacing)).astype(np.int64)
     total = np.append(0, np.cumsum(np.bincount(place)))
-    most = total[-1] if len(total) <= width + 1 else (total[width + 1 :] - total[: -width - 1]).max()
+    most = (
+        total[-1] if len(total) <= width + 1 else (total[width + 1 :] - total[: -width - 1]).max()
+    )
     return min(int(most), AT_ONCE)
 
 
@@ -166,35 +173,38 @@ class _Span:
         return cls(middle, rate - middle, (first + last) / 2, half, orders)
 
 
-def _laid_down(
-    table: ModeTable,
-    places: DiscPlaces,
-    weight: np.ndarray,
-    delay: np.ndarray,
-    bins: Bins,
-    width: int,
-    rank: int,
-) -> np.ndarray:
-    """(size, rank) complex, shares times weights at their delays about the middle of the bins."""
-    middle = bins.start + (bins.count // 2) * bins.spacing
-    cycles = middle * delay
-    turn = np.asarray(-2.0 * math.pi * (cycles - np.rint(cycles)), np.float32)
-    first, taps = kernel(width).spread(delay * (bins.size * bins.spacing), np.float32)
-    carried = np.empty(len(delay), np.complex64)
-    carried.real, carried.imag = weight * np.cos(turn), weight * np.sin(turn)
-    points, ends = np.arange(width, dtype=np.int32), width * np.arange(AT_ONCE + 1, dtype=np.int32)
-    grid = np.zeros((bins.size, 2 * rank))
-    for begin in range(0, len(delay), AT_ONCE):
-        some = slice(begin, min(begin + AT_ONCE, len(delay)))
-        values = table.shares(places.select(some), rank)
-        values *= carried[some, None]
-        where = first[some, None] + points
-        shape = (bins.size, len(values))
-        deposit = sparse.csc_matrix(
-            (taps[:, some].T.ravel(), where.ravel(), ends[: len(values) + 1]), shape
-        )
-        grid += deposit @ values.view(np.float32)
-    return grid.view(np.complex128)
+@dataclass(frozen=True)
+class _Deposit:
+    """Laying down of shares on the grid of delays, with a kernel ``width`` points wide."""
+
+    bins: Bins
+    width: int
+    dtype: type[np.floating]
+
+    def of(
+        self, table: ModeTable, places: DiscPlaces, weight: np.ndarray, delay: np.ndarray, rank: int
+    ) -> np.ndarray:
+        """(size, rank) complex, shares times weights at their delays about the middle of the bins."""
+        bins, width = self.bins, self.width
+        cycles = (bins.start + (bins.count // 2) * bins.spacing) * delay
+        turn = np.asarray(-2.0 * math.pi * (cycles - np.rint(cycles)), np.float32)
+        place = delay * (bins.size * bins.spacing)
+        first, taps = kernel(width).spread(place, self.dtype)
+        carried = np.empty(len(delay), np.complex64)
+        carried.real, carried.imag = weight * np.cos(turn), weight * np.sin(turn)
+        points = np.arange(width, dtype=np.int32)
+        ends = width * np.arange(AT_ONCE + 1, dtype=np.int32)
+        grid = np.zeros((bins.size, 2 * rank))
+        for begin in range(0, len(delay), AT_ONCE):
+            some = slice(begin, min(begin + AT_ONCE, len(delay)))
+            values = table.shares(places.select(some), rank)
+            values *= carried[some, None]
+            parts = (taps[:, some].T.ravel(), (first[some, None] + points).ravel())
+            deposit = sparse.csc_matrix(
+                (*parts, ends[: len(values) + 1]), shape=(bins.size, len(values))
+            )
+            grid += deposit @ values.view(np.float32).astype(self.dtype, copy=False)
+        return grid.view(np.complex128)
 
 
 def _collected(

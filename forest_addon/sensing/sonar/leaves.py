@@ -27,6 +27,7 @@ HANKEL_TERMS = 11
 INCIDENCES = 16  # classes of them
 LATER = 1.0  # radii, about which an exact disc's response lies evenly
 COARSEST = 3e-5  # tolerance from which on tables of a band are used
+MODAL = 512  # discs from which on modes are worth their table
 LOOKED_UP = 0.45  # of the tolerance, for their error
 GRAZING = (
     np.pi / 3
@@ -68,16 +69,15 @@ class DiscStrength(RowTable):
                 parts.append(ScattererPart(far, side * 2.0 * across[far], strength))
         return parts
 
-    def _shifted(
-        self, lowest: float, highest: float, tolerance: float
-    ) -> list[ScattererPart]:
+    def _shifted(self, lowest: float, highest: float, tolerance: float) -> list[ScattererPart]:
         known = has_rows(self.radius, highest) & (tolerance >= COARSEST) & (highest > lowest)
         parts = []
         for rows, looked_up in ((np.flatnonzero(~known), False), (np.flatnonzero(known), True)):
             if len(rows):
                 some, table, off = self.select(rows), None, None
                 if looked_up:
-                    table = some._table(lowest, highest, tolerance)
+                    phase, largest = phase_for(LOOKED_UP * tolerance), float(some.radius.max())
+                    table = modes_of(self.model, (lowest, highest), phase, largest)
                     off = some.nearness * table.errors(some.radius, some.incidence)
                 later = ShiftedDisc(some.radius, some.incidence, some.nearness, table)
                 without = replace(later, table=None)
@@ -87,15 +87,15 @@ class DiscStrength(RowTable):
     def modal(
         self, lowest: float, highest: float, tolerance: float
     ) -> tuple[np.ndarray, DiscModes | None]:
-        """Rows (m,) of which a table has modes between two wavenumbers, and the table; None: of none."""
-        rows = np.flatnonzero(has_rows(self.radius, highest) & (highest > lowest))
-        if tolerance < COARSEST or not len(rows):
-            return rows[:0], None
-        return rows, self.select(rows)._table(lowest, highest, tolerance)
+        """Rows (m,) of which a table has modes between two wavenumbers, and the table; None: of too few.
 
-    def _table(self, lowest: float, highest: float, tolerance: float) -> DiscModes:
-        phase = phase_for(LOOKED_UP * tolerance)
-        return modes_of(self.model, lowest, highest, phase, self.radius)
+        A piston's rims have a formula (``DiscRim``), which takes no table to be made.
+        """
+        rows = np.flatnonzero(has_rows(self.radius, highest) & (highest > lowest))
+        if self.model == "piston" or tolerance < COARSEST or len(rows) < MODAL:
+            return rows[:0], None
+        phase, largest = phase_for(LOOKED_UP * tolerance), float(self.radius[rows].max())
+        return rows, modes_of(self.model, (lowest, highest), phase, largest)
 
     def profile(self) -> SmoothnessProfile:
         return SmoothnessProfile(
@@ -148,8 +148,8 @@ class DiscFamily:
 class ShiftedDisc(RowTable, Whole):
     """Exact discs without a delay of ``LATER`` radii, about which their responses are shortest.
 
-    radius, incidence, nearness : as of ``DiscStrength``. table : of a band, which they are looked up in; None:
-    in none.
+    radius, incidence, nearness : as of ``DiscStrength``. table : of a band, which they are looked up in;
+    None: in none.
     """
 
     radius: np.ndarray

@@ -25,7 +25,6 @@ from .search import SearchGroup
 from .station import Station
 
 SPLIT = 1e-12  # what parts may differ by from the whole
-MODAL = 512  # echoes from which on tables of modes are worth their transforms
 PARTIAL = 0.8  # caution: parts are computed at a few frequencies
 
 
@@ -144,24 +143,27 @@ def _by_modes(
     are, too few, or a beam changes over the frequency."""
     if not isinstance(seen, DiscStrength):
         return None
-    rows, table = seen.modal(*(2.0 * math.pi * end / station.sound_speed for end in grid.ends), tolerance)
-    if table is None or len(rows) < MODAL:
-        return None
-    some, strength = group.select(rows), seen.select(rows)
-    level = some.paths.level(station, ear)
+    level = group.paths.level(station, ear)
     if level is None:
         return None
+    lowest, highest = (2.0 * math.pi * end / station.sound_speed for end in grid.ends)
+    rows, table = seen.modal(lowest, highest, tolerance)
+    if table is None:
+        return None
+    others = np.delete(np.arange(len(group)), rows)
+    if len(others):
+        level, group, seen = level[rows], group.select(rows), seen.select(rows)
     bins = Bins(grid.start, grid.spacing, grid.count, grid.ends, station.sound_speed)
     found = sum_modes(
         table,
-        table.places(strength.radius, strength.incidence),
-        level * some.shade * strength.nearness,
-        some.paths.length[ear] / station.sound_speed,
+        table.places(seen.radius, seen.incidence),
+        level * group.shade * seen.nearness,
+        group.paths.length[ear] / station.sound_speed,
         bins,
         lambda f: station.sound_speed * station.loss(f),
         tolerance,
     )
-    return None if found is None else (found, np.delete(np.arange(len(group)), rows))
+    return None if found is None else (found, others)
 
 
 def _in_parts(

@@ -260,7 +260,8 @@ def _largest_backscatter(size: np.ndarray) -> np.ndarray:
 def _bend() -> complex:
     """Return what S/√ka still changes by, relative to it, from ``LARGEST`` to infinity: ∝ 1/ka."""
     half, last = (
-        _looked_up(_coordinate(np.array(x))) * x**1.5 / (1.0 + x**1.5) for x in (LARGEST / 2, LARGEST)
+        _looked_up(_coordinate(np.array(x))) * x**1.5 / (1.0 + x**1.5)
+        for x in (LARGEST / 2, LARGEST)
     )
     return complex((last - half) / last)
 
