@@ -24,6 +24,7 @@ from ..base.rows import RowTable
 from . import chebyshev
 from .disc import backscatter_amplitude, continued_paper
 from .disc_table import HANDOVER, RIPPLE, ROUNDED, spline_weights, tabulated_on
+from .leading_vectors import leading
 
 SMALLEST = 6.0  # ka from where on radii have rows
 LARGEST = HANDOVER - 6.0  # ka up to which
@@ -40,8 +41,6 @@ COARSER = {"exact": 1.0, "paper": 5.0}  # steps of the grid, re those of a rim's
 STEEP = 40.0  # of the paper's fit: no fourth derivative over its own scales is larger, re the largest |f|
 RANKS = (3, 4, 6, 9, 12, 15, 18, 21, 24, 27, 30, 33, 36, 39, 42, 45, 50, 56, 64, 72)
 RADII, ANGLES = 20, 60  # discs that modes are found from
-FAINTEST = 1e-6  # of the largest, that single precision still holds
-TURNS = 1  # of the iteration
 CAUTION = 1.5  # between nodes, and between the rows that are looked at (Ehlich & Zeller 1964)
 UNSEEN = 2.0  # what may lie beyond all nodes, in parts of the last quarter of a series
 APART = 3  # rows and columns between those that are looked at
@@ -144,7 +143,7 @@ class DiscModes:
             size = self.wavenumber[:, None] * one
             some = slice(number * ANGLES, (number + 1) * ANGLES)
             values[:, some] = backscatter_amplitude(size, angle, self._model) / size
-        return _leading(values, min(RANKS[-1], self.count))
+        return leading(values, min(RANKS[-1], self.count))
 
     def at(self, wavenumber: np.ndarray, rank: int) -> np.ndarray:
         """(R, Q) the first modes at wavenumbers (Q,) of the band."""
@@ -194,10 +193,10 @@ class DiscModes:
         return found
 
     def amplitude(
-        self, wavenumber: np.ndarray, radius: np.ndarray, incidence: np.ndarray
+        self, wavenumber: np.ndarray, radius: np.ndarray, angle: np.ndarray
     ) -> np.ndarray:
-        """(Q, M) complex64 f in metres by all modes, at wavenumbers (Q,) of the band."""
-        places, rank = self.places(radius, incidence), self.ranks[-1]
+        """(Q, M) complex64 f in metres by all modes, at wavenumbers (Q,) and incidences (M,)."""
+        places, rank = self.places(radius, angle), self.ranks[-1]
         at = self.at(wavenumber, rank).astype(np.complex64)
         found = np.empty((len(wavenumber), len(places)), np.complex64)
         found[:, places.order] = (self.shares(places, rank) @ at).T
@@ -262,11 +261,12 @@ class DiscModes:
         off = np.maximum(off, np.append(off[:, 1:], off[:, -1:], axis=1))
         loud = self._loud(shares)
         # A cell is named by the first of its sixteen rows: a radius before, and a column before its own.
-        cells = [np.zeros((*shares.shape[:2], *what.shape[2:])) for what in (left, off, loud)]
-        for whole, what in zip(cells, (left, off, loud), strict=True):
+        flat = [shares.reshape(-1, shares.shape[2])]
+        for what in (left, off, loud):
+            whole = np.zeros((*shares.shape[:2], *what.shape[2:]), np.float32)
             whole[:-1, : len(angle)] = what[1:]
-        flat = [whole.reshape(-1, *whole.shape[2:]).astype(np.float32) for whole in cells]
-        return shares.reshape(-1, shares.shape[2]), *flat
+            flat.append(whole.reshape(-1, *what.shape[2:]))
+        return tuple(flat)
 
     def _over_angles(self, radius: np.ndarray, angle: np.ndarray) -> np.ndarray:
         """(S, V + 2, K) complex64 f, as coefficients of splines over the incidence."""
@@ -317,41 +317,6 @@ class DiscModes:
         return loudest
 
 
-def _leading(values: np.ndarray, count: int) -> np.ndarray:
-    """(K, R) orthonormal, nearly the leading left singular vectors of values (K, N): ``count`` or, where that
-    leaves nothing but rounding, fewer.
-
-    From the columns that are farthest from what is spanned by those before, by steps of orthogonal
-    iteration (Golub & Van Loan 2013, section 8.2.4). Without LAPACK, whose last digits depend on how many
-    threads there are.
-    """
-    rest, found = values.copy(), np.zeros((len(values), count), np.complex128)
-    largest = 0.0
-    for number in range(count):
-        size = np.einsum("kn,kn->n", rest.real, rest.real)
-        size += np.einsum("kn,kn->n", rest.imag, rest.imag)
-        largest = max(largest, float(size.max()))
-        if size.max() <= FAINTEST**2 * largest:
-            found = np.ascontiguousarray(found[:, :number])
-            break
-        found[:, number] = rest[:, int(size.argmax())]
-        _orthogonal(found, number)
-        rest -= found[:, number, None] * np.einsum("k,kn->n", np.conj(found[:, number]), rest)
-    for _ in range(TURNS):
-        found = np.einsum("kn,nr->kr", values, np.einsum("kn,kr->nr", np.conj(values), found))
-        for number in range(found.shape[1]):
-            _orthogonal(found, number)
-    return found
-
-
-def _orthogonal(columns: np.ndarray, number: int) -> None:
-    """Make a column orthogonal to those before, and of length 1; twice is enough (Kahan)."""
-    one, before = columns[:, number], columns[:, :number]
-    for _ in range(2):
-        one -= np.einsum("kr,r->k", before, np.einsum("kr,k->r", np.conj(before), one))
-    one /= math.sqrt(float(np.sum(one.real**2 + one.imag**2)))
-
-
 def _block(radius: np.ndarray) -> np.ndarray:
     """(M,) number of the block of a radius."""
     number: np.ndarray = np.floor(BLOCKS * np.log2(np.maximum(radius, 1e-30))).astype(np.int64)
@@ -371,8 +336,7 @@ def _steps(block: np.ndarray, wavenumber: float, phase: float) -> tuple[np.ndarr
 
 
 def _over_rows(lines: np.ndarray) -> np.ndarray:
-    """Coefficients of splines along the first axis, of values along it; within ``MARGIN`` of its ends they
-    are not right."""
+    """Coefficients of splines along the first axis; within ``MARGIN`` of its ends they are not right."""
     count = len(lines)
     outer, inner, middle = TAPS
     filtered, beside = lines.copy(), np.empty_like(lines[2:-2])
@@ -386,11 +350,8 @@ def _over_rows(lines: np.ndarray) -> np.ndarray:
 
 def _coefficients(lines: np.ndarray) -> np.ndarray:
     """(U, V + 2) coefficients of splines through values (U, V) over the incidence, even about both ends."""
-    return _coefficients_within(
-        np.concatenate(
-            [lines[:, REACH + 1 : 0 : -1], lines, lines[:, -2 : -3 - REACH : -1]], axis=1
-        )
-    )
+    before, after = lines[:, REACH + 1 : 0 : -1], lines[:, -2 : -3 - REACH : -1]
+    return _coefficients_within(np.concatenate([before, lines, after], axis=1))
 
 
 def _coefficients_within(lines: np.ndarray) -> np.ndarray:
