@@ -46,8 +46,10 @@ class Kernel:
         taps = special.ive(0, self.shape * inside) * np.exp(self.shape * (inside - 1.0))
         taps /= special.ive(0, self.shape)
         fitted = chebyshev.chebfit(x, taps.T, degree)
-        powers = [chebyshev.cheb2poly(column)[::-1] for column in fitted.T]
-        return np.array(powers).T
+        powers = np.eye(degree + 1)  # of x in each Chebyshev polynomial, T_n = 2x·T_{n-1} - T_{n-2}
+        for n in range(2, degree + 1):
+            powers[n] = 2.0 * np.roll(powers[n - 1], 1) - powers[n - 2]
+        return np.asarray((fitted.T @ powers)[:, ::-1].T)
 
     @property
     def _places(self) -> np.ndarray:

@@ -26,6 +26,11 @@ from .solid import volume_of
 from .tree import Tree
 
 ANGLE_BINS = 18  # of 5° from 0 to 90°
+MEASURES = (  # what ``tree_truth`` tells
+    *("height_m", "dbh_m", "crown_base_m", "crown_width_m"),
+    *("wood_volume_m3", "wood_area_m2", "projected_wood_m2"),
+    *("leaves", "leaf_area_m2", "mean_leaf_angle_deg"),
+)
 
 
 @dataclass(frozen=True)
@@ -126,15 +131,10 @@ def tree_truth(tree: Tree) -> dict[str, float]:
     wood = wood_of_tree(tree)
     edges, density = leaf_angles(tree.leaves)
     middle = (edges[1:] + edges[:-1]) / 2
-    return {
-        "height_m": tree.height,
-        "dbh_m": dbh_of(tree.skeleton),
-        "crown_base_m": crown_base(tree),
-        "crown_width_m": crown_width(tree),
-        "wood_volume_m3": wood.volume,
-        "wood_area_m2": wood.area,
-        "projected_wood_m2": wood.projected,
-        "leaves": float(len(tree.leaves)),
-        "leaf_area_m2": float(np.pi * (tree.leaves.radius**2).sum()),
-        "mean_leaf_angle_deg": float(np.rad2deg((density * middle).sum() * edges[1])),
-    }
+    told = (
+        *(tree.height, dbh_of(tree.skeleton), crown_base(tree), crown_width(tree)),
+        *(wood.volume, wood.area, wood.projected),
+        *(float(len(tree.leaves)), float(np.pi * (tree.leaves.radius**2).sum())),
+        float(np.rad2deg((density * middle).sum() * edges[1])),
+    )
+    return dict(zip(MEASURES, told, strict=True))

@@ -32,6 +32,7 @@ CLOSEST = 0.5  # η up to which the correction is known
 DENSEST = 0.6  # λR² of a hard core above which births have no room (random packing: 0.70)
 FAR = 1e150  # where a place of the table without a tree is
 MOST_CELLS = 2_000_000
+RIGHT, UP = np.repeat([0, 1, 2], 3), np.tile([0, 1, 2], 3)  # a cell and its neighbours in the table
 
 
 def sample_strauss(process: Process, strauss: Strauss, rng: np.random.Generator) -> np.ndarray:
@@ -159,9 +160,8 @@ class _Table:
         self, points: np.ndarray, column: np.ndarray, row: np.ndarray, itself: int
     ) -> np.ndarray:
         """β(x) γ^t of points (M, 2), t the others nearer than R."""
-        near = np.full(len(points), -itself)
-        for right in (0, 1, 2):
-            for up in (0, 1, 2):
-                apart = self.place[column + right, row + up] - points[:, None]
-                near += (np.square(apart).sum(axis=2) < self.near).sum(axis=1)
+        most = int(self.count.max(initial=0))
+        around = self.place[column[:, None] + RIGHT, row[:, None] + UP, :most]
+        x, y = (around[..., axis] - points[:, None, None, axis] for axis in (0, 1))
+        near = (x * x + y * y < self.near).sum(axis=(1, 2)) - itself
         return np.asarray(self.activity(points) * float(self.gamma) ** near)

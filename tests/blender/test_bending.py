@@ -114,6 +114,7 @@ def test_a_plate_that_a_bone_turns_is_met_as_it_turns(scene, engine):  # noqa: F
     assert result.audit.kept
 
 
+@pytest.mark.slow
 def test_engines_meet_the_same_where_a_net_waves(scene):  # noqa: F811
     """A modifier that depends on time, on a body that flies and turns meanwhile."""
     bpy.data.objects.remove(bpy.data.objects["plate"])

@@ -17,7 +17,7 @@ from forest_addon.stand.forest import grow_forest
 
 
 def settings(seed):
-    planting = spec.Planting(species="apple-stochastic", variants=2, expected=4, exact=True)
+    planting = spec.Planting(species="apple-stochastic", variants=2, expected=12, exact=True)
     field = spec.Forest(size=(20.0, 20.0), instancing="points")
     return spec.Scene(seed=seed, forest=field, plantings=(planting,))
 
@@ -42,19 +42,42 @@ def library(scene):
 
 def test_a_build_of_what_was_made_ahead_is_the_same(monkeypatch):
     monkeypatch.setattr(assets, "DOTS", 2000)
-    asked, told = settings(3), []
+    asked, heard = settings(3), []
     forest = grown(asked)
     plain, other = bpy.data.scenes.new("plain"), bpy.data.scenes.new("other")
     build(plain, asked, forest)
-    made = ready.make_ready(forest, (), True, lambda done, total: told.append((done, total)))
-    assert told == [(0, 2), (1, 2)]
-    for name in ("portray", "stand_in", "fingerprint"):  # or it was in vain
+    made = ready.make_ready(forest, (), True, lambda done, total: heard.append((done, total)))
+    assert heard == [(0, 2), (1, 2)]
+    for name in ("stand_in", "fingerprint"):  # or it was in vain
         monkeypatch.setattr(ready, name, lambda *_: pytest.fail("made twice"))
     build(other, asked, forest, ready=made)
     assert library(other) == library(plain)
     monkeypatch.undo()
-    assert not ready.make_ready(forest, shapes_in(plain), True, lambda *_: None).portraits
     anew = grown(settings(4))
-    new = ready.make_ready(anew, shapes_in(plain), False, lambda *_: None)
-    assert len(new.portraits) == len(anew.variants)
-    assert not new.stand_ins
+    assert not ready.make_ready(anew, shapes_in(plain), False, lambda *_: None).stand_ins
+
+
+def test_measures_and_pictures_can_follow_once_the_forest_stands(monkeypatch):
+    """As a window does it: nothing of the forest before is told of the new one meanwhile."""
+    monkeypatch.setattr(assets, "DOTS", 2000)
+    asked, other = settings(3), settings(4)
+    forest, anew = grown(asked), grown(other)
+    at_once, later = bpy.data.scenes.new("at once"), bpy.data.scenes.new("later")
+    build(at_once, other, anew)
+    build(later, asked, forest)
+    assert assets.untold(later, forest) == []
+    build(later, other, anew, as_assets=False)
+    wanted = assets.untold(later, anew)
+    assert set(wanted) == set(anew.variants)
+    assert not any("height_m" in thing.data for thing in part(later, VARIANTS).objects)
+    first, second = part(later, VARIANTS).objects
+    second.asset_clear()
+    assets.tell_variants(later, anew, ready.tell_of(anew, wanted[:1]))  # cancelled half way
+    assert assets.untold(later, anew) == wanted[1:]
+    assets.tell_variants(later, anew, ready.tell_of(anew, wanted[1:]))
+    assert assets.untold(later, anew) == []
+    assert second.asset_data is None  # the user's choice
+    second.asset_mark()
+    assets.mark(second, ready.tell_of(anew, wanted)[wanted[1]].portrait)
+    assert library(later) == library(at_once)
+    assert first.data["height_m"] == pytest.approx(anew.variants[wanted[0]].height)

@@ -2,15 +2,21 @@
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
 bpy = pytest.importorskip("bpy")
 
 from forest_addon import api as forest
 from forest_addon.blender.files.baked import bake
+from forest_addon.blender.scene import layout
+from forest_addon.blender.scene.meshes import from_mesh
+from forest_addon.blender.scene.nodes import show_as
 from forest_addon.blender.scene.standings import TREE_KEY
-from forest_addon.blender.show.wind import hide_wind, show_wind, shows_wind
+from forest_addon.blender.show.wind import hide_wind, is_wind, show_wind, shows_wind
+from forest_addon.sensing.rays.pieces import parted
 from forest_addon.stand.wind.response import KNOTS
 from forest_addon.stand.wind.sway import sway_of
+from forest_addon.ui.forest.display import forest_of_points
 
 STAND = forest.Scene(
     seed=6,
@@ -48,6 +54,15 @@ def seen(place):
     return found
 
 
+def pieces_drawn(place):
+    """How many triangles of pieces a view draws."""
+    found = 0
+    for one in bpy.context.evaluated_depsgraph_get().object_instances:
+        if one.is_instance and one.object.type == "MESH":
+            found += len(one.object.data.polygons)
+    return found
+
+
 def test_pieces_are_where_sensors_meet_them():
     """At frames and between them, against the maps that rays are cast at, in float64."""
     place, _, sway = windy()
@@ -71,6 +86,7 @@ def test_pieces_are_where_sensors_meet_them():
     assert moved > 0.05
 
 
+@pytest.mark.slow
 def test_sensors_see_the_same_with_and_without_the_view():
     place, world, sway = windy()
     before = world.scan(SCAN)
@@ -78,6 +94,7 @@ def test_sensors_see_the_same_with_and_without_the_view():
     assert np.array_equal(world.scan(SCAN).points, before.points)
 
 
+@pytest.mark.slow
 def test_it_goes_without_a_trace():
     place, _, sway = windy()
     kinds = (bpy.data.objects, bpy.data.meshes, bpy.data.collections)
@@ -91,25 +108,86 @@ def test_it_goes_without_a_trace():
     assert not seen(place)
 
 
-def test_a_forest_of_points_is_refused():
-    points = STAND.changed(forest=forest.Forest(size=(16.0, 16.0), instancing="points"))
-    place, _, sway = windy(points)
-    with pytest.raises(ValueError, match="Objects"):
-        show_wind(place, sway, KNOTS)
-    assert not shows_wind(place)
+POINTS = STAND.changed(
+    forest=forest.Forest(size=(16.0, 16.0), instancing="points"), plantings=STAND.plantings[1:]
+)
+
+
+def told(place, world, sway, shape):
+    """Corners of the pieces of all trees at the frame of a scene, as sensors meet them; shape : gives the
+    mesh of a tree, by its row in the stand."""
+    knot = np.array([(place.frame_current - 1) / place.render.fps * KNOTS])
+    assert knot == np.floor(knot)
+    found = []
+    for row, stands in enumerate(world.forest.transforms()):
+        maps = sway.places(row, knot)[0]
+        mesh = shape(row)
+        for piece, part in parted(mesh, sway.pieces(row, mesh)):
+            moved = part.vertices @ maps[piece, :, :3].T + maps[piece, :, 3]
+            found.append(moved @ stands[:, :3].T + stands[:, 3])
+    return np.concatenate(found)
+
+
+def shown(place):
+    """Corners of what a view shows of trees that are points."""
+    thing = next(t for t in bpy.data.objects if any(is_wind(m) for m in t.modifiers))
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    found = [from_mesh(thing.evaluated_get(depsgraph).data).vertices]
+    for one in depsgraph.object_instances:
+        if one.parent is not None and one.parent.original == thing and one.object.type == "MESH":
+            at = np.array(one.matrix_world, dtype=np.float64)
+            found.append(from_mesh(one.object.data).vertices @ at[:3, :3].T + at[:3, 3])
+    return np.concatenate(found)
+
+
+@pytest.mark.parametrize("display", [pytest.param("FULL", marks=pytest.mark.slow), "LIGHT", "DOTS"])
+def test_trees_that_are_points_sway_as_they_are_displayed(display):
+    """Full trees and stand-ins are where sensors meet their pieces; dots stand still."""
+    place, world, sway = windy(POINTS)
+    instancer = forest_of_points(place)
+    show_as(instancer, display)
+    made = show_wind(place, sway, KNOTS)
+    assert made.trees == len(sway.number)
+    place.frame_set(13)  # at a knot
+    if display == "DOTS":
+        assert not len(shown(place))
+        return
+    outlines = sorted(layout.part(place, layout.OUTLINES).objects, key=lambda thing: thing.name)
+    number = {key: k for k, key in enumerate(world.forest.variants)}
+    light = {key: from_mesh(outlines[k].data) for key, k in number.items()}
+    shape = sway.rest if display == "FULL" else lambda row: light[sway.variant(row)]
+    there, wanted = shown(place), told(place, world, sway, shape)
+    assert there.shape == wanted.shape
+    # As sets of places: in any order, each has one of the other within rounding.
+    off = max(cKDTree(a).query(b)[0].max() for a, b in ((there, wanted), (wanted, there)))
+    assert off < 2e-5
+    place.frame_set(1)
+    assert cKDTree(shown(place)).query(wanted)[0].max() > 0.02
+    show_as(instancer, "DOTS")
+    assert not len(shown(place))
+    hide_wind(place)
+    assert not [one for one in instancer.id_data.data.attributes if "wind" in one.name]
+
+
+def test_sensors_see_the_same_of_points_with_and_without_the_view():
+    place, world, sway = windy(POINTS)
+    before = world.scan(SCAN)
+    show_wind(place, sway, KNOTS)
+    assert np.array_equal(world.scan(SCAN).points, before.points)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("ending", [".usdc", ".abc"])
 def test_a_baked_file_moves_as_the_view_does(tmp_path, ending):
-    """Read back by Blender's importer (Alembic) or by pxr (USD)."""
-    place, _, sway = windy()
+    """Read back by Blender's importer (Alembic) or by pxr (USD): every piece's place and triangles."""
+    place, _, sway = windy(STAND.changed(plantings=STAND.plantings[1:]))
     place.frame_end = 4
     show_wind(place, sway, KNOTS)
     path = tmp_path / f"wind{ending}"
     bake(place, path)
     assert path.is_file()
-    places = {}
+    places, size = {}, pieces_drawn(place)
+    assert size > 10_000
     for frame in (1, 4):
         place.frame_set(frame)
         every = [m for pieces in seen(place).values() for m in pieces]
@@ -122,6 +200,8 @@ def test_a_baked_file_moves_as_the_view_does(tmp_path, ending):
             bpy.context.scene.frame_set(frame)
             things = bpy.context.evaluated_depsgraph_get().objects
             back[frame] = [t.matrix_world[0][3] for t in things if t.type == "MESH"]
+        meshes = [thing for thing in things if thing.type == "MESH"]
+        written = sum(len(thing.data.polygons) for thing in meshes)
     else:
         pxr = pytest.importorskip("pxr")
         from pxr import Usd, UsdGeom  # noqa: F401
@@ -134,6 +214,9 @@ def test_a_baked_file_moves_as_the_view_does(tmp_path, ending):
                 for prim in stage.Traverse()
                 if prim.IsInstance() or prim.IsA(pxr.UsdGeom.Mesh)
             ]
+        prims = [UsdGeom.Mesh(p) for p in stage.Traverse() if p.IsA(UsdGeom.Mesh)]
+        written = sum(len(mesh.GetFaceVertexCountsAttr().Get() or ()) for mesh in prims)
+    assert size <= written < 1.1 * size  # the ground, and the trees' own points
     for frame, told in places.items():
         got = np.sort(np.array(back[frame]))
         assert len(got) >= len(told)

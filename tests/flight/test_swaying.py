@@ -60,6 +60,7 @@ def test_a_step_senses_the_trees_of_its_moment(env):
     assert not np.array_equal(rest, told["lidar"])  # another moment is another
 
 
+@pytest.mark.slow
 def test_the_first_touch_is_that_of_the_moment(env):
     """Against every triangle, put in its place one by one."""
     env.reset(seed=SEED)

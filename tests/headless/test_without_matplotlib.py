@@ -24,8 +24,9 @@ SPECIES = '[[plantings]]\nspecies = "{}"\nexpected = 20\nexact = true\n'
 @pytest.fixture
 def no_matplotlib(monkeypatch):
     """As if neither were installed; what was imported before is forgotten meanwhile."""
+    drawing_ones = ("headless.report.", "headless.studies.")
     for name in list(sys.modules):
-        if name.split(".")[0] in drawing.DRAWERS or name.startswith("headless.report."):
+        if name.split(".")[0] in drawing.DRAWERS or name.startswith(drawing_ones):
             monkeypatch.delitem(sys.modules, name)
     for name in drawing.DRAWERS:
         monkeypatch.setitem(sys.modules, name, None)
@@ -62,7 +63,6 @@ def test_what_was_asked_to_be_drawn_is_refused_in_a_sentence(tmp_path, headless,
     assert "pip install matplotlib" in ended.stderr
 
 
-@pytest.mark.slow
 def test_a_command_that_only_draws_says_what_it_lacks(tmp_path, headless, no_matplotlib):
     ended = headless("reverb-figures", "--out", tmp_path / "figures")
     assert ended.returncode == 2

@@ -65,6 +65,7 @@ def test_trees_take_the_momentum_that_the_wind_loses():
         assert taken == pytest.approx(beta**2 * (1 - np.exp(-0.8 / beta**2)), rel=1e-3)
 
 
+@pytest.mark.slow
 def test_the_spectrum_of_an_hour_has_no_gaps():
     """Slope by the least squares of Welch's lines, 0.2 to 2 Hz, of wind at a point: Kaimal's own there."""
     frequency, steep = np.geomspace(0.2, 2.0, 200), []
@@ -132,6 +133,7 @@ def test_drag_goes_from_quadratic_to_linear():
         )
 
 
+@pytest.mark.slow
 def test_modes_have_the_energy_of_a_fine_integration_in_time():
     """Each mode as an oscillator, stepped from rest under the force of a wind that hardly bends the tree."""
     shape = tree(modes=4)

@@ -218,15 +218,15 @@ def editing_a_tree(_):
 
 
 def nothing_of_ours(_):
-    bpy.ops.wm.read_factory_settings(use_empty=True)
+    bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
 
 
 def factory_start(_):
-    bpy.ops.wm.read_factory_settings()
+    bpy.ops.wm.read_homefile(use_factory_startup=True)
 
 
 def linked_scene(folder):
-    bpy.ops.wm.read_factory_settings(use_empty=True)
+    nothing_of_ours(folder)
     with bpy.data.libraries.load(str(folder / "forest.blend"), link=True) as (source, target):
         target.scenes = source.scenes
     bpy.context.window.scene = target.scenes[0]
@@ -234,7 +234,7 @@ def linked_scene(folder):
 
 
 def linked_forest(folder, override=False):
-    bpy.ops.wm.read_factory_settings(use_empty=True)
+    nothing_of_ours(folder)
     with bpy.data.libraries.load(str(folder / "forest.blend"), link=True) as (_, target):
         target.collections = ["Forest"]
     scene, forest = bpy.context.scene, target.collections[0]

@@ -44,6 +44,7 @@ SIGNATURES = {
     "rtcSetGeometryTransform": (None, [_P, _U, _I, _P]),
     "rtcSetGeometryTransformQuaternion": (None, [_P, _U, _P]),
     "rtcSetGeometryTimeStepCount": (None, [_P, _U]),
+    "rtcIntersect8": (None, [_P, _P, _P, _P]),
     "rtcIntersect16": (None, [_P, _P, _P, _P]),
 }
 

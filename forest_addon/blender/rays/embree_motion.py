@@ -16,7 +16,8 @@ from ...sensing.rays.pieces import boxes_of, placed, swept
 from ...sensing.rays.refine import RefinedSurfaces, whole_triangles
 from ...sensing.rays.search import in_tasks, search_on
 from . import embree_library as embree
-from .embree import EmbreeBuild, RayPackets, all_lanes
+from .embree import EmbreeBuild
+from .embree_packets import RayPackets, lanes_for
 
 SLACK = 1e-6  # of the scene's size, by which rays go on
 
@@ -34,7 +35,6 @@ class EmbreePieces:
         self.threads = threads
         self.device = self.library.rtcNewDevice(f"threads={threads}".encode())
         self.build = EmbreeBuild(self.library, self.device)
-        self.valid = all_lanes()
         every = np.arange(len(meshes))  # a place each, which is never asked for
         stands = np.broadcast_to(np.eye(3, 4), (len(meshes), 3, 4))
         scene = SceneGeometry(meshes, stands, every, ("",) * len(meshes), every, every)
@@ -123,9 +123,9 @@ class _EmbreeWindow:
         origin, direction, knot = origin[:, rays], direction[:, rays], knot[rays]
         moved = origin + begin[rays] * direction - self._centre[:, None]
         reach = (limit[rays] - begin[rays]) * (1 + 1e-6) + self._slack
-        packets = RayPackets(len(rays))
+        packets = RayPackets(len(rays), lanes_for(moved, direction))
         packets.fill(moved, direction, reach, knot / (len(self._places) - 1))
-        packets.trace(self._pieces.library, self._pieces.valid.ctypes.data, self._top)
+        packets.trace(self._pieces.library, self._top)
         piece, primitive, met = packets.read(len(rays))
         if not len(met):
             return found

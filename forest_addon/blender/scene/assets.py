@@ -1,11 +1,14 @@
 """Grown variants as assets: in the asset browser, with a picture, to be dragged into any scene.
 
+What they measure and look like is told once they stand, and anew when they have changed (``untold``).
 The picture is drawn here, from points strewn over the mesh, because a Blender without a window draws none.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import bpy
 import numpy as np
@@ -13,9 +16,18 @@ import numpy as np
 from ... import spec
 from ...base.rng import stream
 from ...base.trimesh import DEAD, LEAF, WOOD, TriMesh, join
+from .layout import VARIANTS, find_part
+from .ours import by_role
+from .standing import SHAPE_KEY, TOLD_KEY, has_own_mesh
 
+if TYPE_CHECKING:
+    from ...stand.forest import GrownForest
+
+Variant = tuple[int, int]  # number of the planting, and of the variant in it
+PICTURE_KEY = "forest_picture"  # on the object of a variant: what its picture was drawn from
 PIXELS = 128
 DOTS = 60_000
+FACES = 120_000  # of a mesh, at most, that dots are strewn over
 LIGHT = np.array([-0.45, -0.70, 0.55])  # towards the sun; the eye looks along +Y
 AMBIENT = 0.45
 PAPER = 0.94  # grey of the paper, as in the pictures of presets
@@ -42,6 +54,59 @@ def portray(species: spec.Species, label: str, mesh: TriMesh) -> AssetPortrait:
     return AssetPortrait(label, described, draw(mesh, colours))
 
 
+@dataclass(frozen=True)
+class ToldVariant:
+    """Measures of a variant by name and unit, and its picture."""
+
+    truth: Mapping[str, float]
+    portrait: AssetPortrait
+
+
+def untold(scene: bpy.types.Scene, forest: GrownForest) -> list[Variant]:
+    """Return variants of a forest that stands in a scene whose measures or pictures are missing, or are of
+    what stood before; without those that have a mesh of the user's own.
+    """
+    return [
+        key
+        for key, thing in _things(scene, forest).items()
+        if thing.data.get(TOLD_KEY) != thing.data[SHAPE_KEY]
+        or thing.get(PICTURE_KEY) != _drawn_from(thing, forest, key)
+    ]
+
+
+def tell_variants(
+    scene: bpy.types.Scene, forest: GrownForest, told: Mapping[Variant, ToldVariant]
+) -> None:
+    """Have variants that stand in a scene say what they measure, and be assets with a picture.
+
+    One that the user has made no asset any more stays none.
+    """
+    things = _things(scene, forest)
+    for key in things.keys() & told.keys():
+        thing = things[key]
+        for name, value in told[key].truth.items():  # custom properties, for whoever looks
+            thing.data[name] = value
+        thing.data[TOLD_KEY] = thing.data[SHAPE_KEY]
+        was, drawn_from = thing.get(PICTURE_KEY), _drawn_from(thing, forest, key)
+        if was != drawn_from and (was is None or thing.asset_data is not None):
+            mark(thing, told[key].portrait)
+        thing[PICTURE_KEY] = drawn_from
+
+
+def _things(scene: bpy.types.Scene, forest: GrownForest) -> dict[Variant, bpy.types.Object]:
+    """The objects of variants that have the meshes that were made for them."""
+    home = find_part(scene, VARIANTS)
+    there = by_role(home.objects) if home is not None else {}
+    roles = {key: f"{VARIANTS}/{forest.labels[key[0]]}.{key[1]:03d}" for key in forest.variants}
+    found = {key: there[role] for key, role in roles.items() if role in there}
+    return {key: t for key, t in found.items() if SHAPE_KEY in t.data and not has_own_mesh(t)}
+
+
+def _drawn_from(thing: bpy.types.Object, forest: GrownForest, key: Variant) -> str:
+    look = forest.species[key[0]].look
+    return f"{thing.data[SHAPE_KEY]} {look.bark} {look.foliage()}"
+
+
 def mark(thing: bpy.types.Object, portrait: AssetPortrait) -> None:
     """Make an object an asset that says what tree it is, or say so of one that is an asset."""
     if thing.asset_data is None:
@@ -53,7 +118,7 @@ def mark(thing: bpy.types.Object, portrait: AssetPortrait) -> None:
         about.tags.new(tag)
     preview = thing.preview_ensure()
     preview.image_size = (PIXELS, PIXELS)
-    preview.image_pixels_float = portrait.picture.ravel()
+    preview.image_pixels_float.foreach_set(portrait.picture.ravel())
 
 
 def on_paper(wood: np.ndarray, leaves: np.ndarray | None, look: spec.Look) -> np.ndarray:
@@ -76,7 +141,8 @@ def draw(mesh: TriMesh, colours: dict[int, tuple[float, float, float]]) -> np.nd
     colours : linear, by the part of a face.
     """
     picture = np.zeros((PIXELS, PIXELS, 4), dtype=np.float32)
-    corner = mesh.vertices[mesh.triangles]
+    some = slice(None, None, 1 + len(mesh.triangles) // FACES)
+    corner, of_part = mesh.vertices[mesh.triangles[some]], mesh.part[some]
     normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
     area = np.linalg.norm(normal, axis=1)
     if not area.sum() > 0:
@@ -98,7 +164,7 @@ def draw(mesh: TriMesh, colours: dict[int, tuple[float, float, float]]) -> np.nd
     tone = np.full((128, 3), 0.25)
     for part, colour in colours.items():
         tone[part] = colour
-    shade = 2.5 * tone[mesh.part[face]] * (AMBIENT + (1 - AMBIENT) * facing)[:, None]
+    shade = 2.5 * tone[of_part[face]] * (AMBIENT + (1 - AMBIENT) * facing)[:, None]
     picture[row[order], column[order], :3] = np.clip(shade[order], 0, 1) ** (1 / 2.2)
     picture[row, column, 3] = 1.0
     return picture

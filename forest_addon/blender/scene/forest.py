@@ -11,18 +11,17 @@ from __future__ import annotations
 
 import weakref
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 import bpy
 import numpy as np
 
 from ... import spec
-from ...growth.tree import Tree
-from ...growth.truth import tree_truth
 from ...stand.forest import GrownForest
 from ...stand.intensity.terrain import Flat, GroundSurface
-from . import assets, materials
+from . import materials
+from .assets import tell_variants, untold
 from .ground import ground_mesh
 from .ground_nodes import show_near
 from .instances import points_mesh, ranks
@@ -41,8 +40,8 @@ from .meshes import to_mesh
 from .nodes import LEVEL_KEY, give_instancer, instancer_group
 from .ours import MADE_KEY, all_or_nothing, is_ours
 from .placing import WantedObject, put
-from .ready import ReadyForest
-from .standing import SHAPE_KEY, Coat, KeptStanding, fingerprint, has_own_mesh
+from .ready import ReadyForest, tell_of
+from .standing import SHAPE_KEY, Coat, KeptStanding, fingerprint
 from .standings import SPECIES_KEY, TREE_KEY
 from .stood import STOOD_KEY, note_stood, told_of_tree
 
@@ -50,7 +49,6 @@ MANY = 1000  # trees; where there are more, they are points unless the settings 
 SHOWN_IN_FULL = (
     30_000_000  # triangles; where there are more, views show stand-ins until told otherwise
 )
-PICTURE_KEY = "forest_picture"  # what the picture of a variant was drawn from
 _stands: dict[int, weakref.ref[GrownForest]] = {}  # built last, by scene
 
 
@@ -61,13 +59,16 @@ def build(
     terrain: GroundSurface | None = None,
     *,
     as_assets: bool = True,
+    looks: bool = True,
     ready: ReadyForest | None = None,
 ) -> bpy.types.Collection:
     """Put a forest into a Blender scene, or bring the one that is there up to date; its sensors stay.
 
     terrain : the ground that the forest was planned on; None: flat.
     as_assets : whether variants become assets, each with a picture, and say what they measure; nobody
-        looks at those of a scene that is not kept.
+        looks at those of a scene that is not kept, and a window does it once the forest stands.
+    looks : whether materials have nodes, and meshes are known again; neither matters in a scene that is
+        sensed once, seen by nobody and not kept.
     ready : what was made ahead (``make_ready``).
 
     Raises
@@ -81,17 +82,15 @@ def build(
     if edited:
         raise ValueError(f'"{edited}" is being edited; leave Edit Mode, then grow the forest again')
     with all_or_nothing():
-        plan = _Plan(as_assets=as_assets, ready=ready or ReadyForest())
+        plan = _Plan(looks=looks, ready=ready or ReadyForest())
         _fill(plan, scene, standing, settings.forest, forest, terrain)
 
     chosen = bpy.data.objects.get(settings.forest.terrain.object)
     if chosen is not None and is_ours(chosen):  # else it stays anyway, or went while trees grew
         del chosen[MADE_KEY]
-    standing.dress([coat for pair in _coats(forest) for coat in pair])
+    if looks:
+        standing.dress([coat for pair in _coats(forest) for coat in pair])
     things = put(scene, standing, plan.wanted, plan.labels)
-    for role, portrait in plan.portraits.items():
-        if role not in standing.things or things[role].asset_data is not None:
-            assets.mark(things[role], portrait)
     if POINTS_ROLE in things:
         libraries = part(scene, VARIANTS), part(scene, OUTLINES)
         give_instancer(things[POINTS_ROLE], *libraries, light=plan.light)
@@ -101,6 +100,8 @@ def build(
     if GROUND_ROLE in things:
         show_near(things[GROUND_ROLE], settings.forest, terrain)
     _stands[scene.session_uid] = weakref.ref(forest)
+    if as_assets:
+        tell_variants(scene, forest, tell_of(forest, untold(scene, forest)))
     return root(scene)
 
 
@@ -141,13 +142,12 @@ def standing_forest(scene: bpy.types.Scene) -> GrownForest | None:
 
 @dataclass
 class _Plan:
-    """Needs of a forest: objects, plantings that have a collection of their own, pictures of variants that
-    are new, and whether views show outlines; ready : what was made ahead."""
+    """Needs of a forest: objects, plantings that have a collection of their own, and whether views show
+    outlines; ready : what was made ahead."""
 
     wanted: list[WantedObject] = field(default_factory=list)
     labels: tuple[str, ...] = ()
-    as_assets: bool = True
-    portraits: dict[str, assets.AssetPortrait] = field(default_factory=dict)
+    looks: bool = True
     light: bool = False
     ready: ReadyForest = field(default_factory=ReadyForest)
 
@@ -205,20 +205,17 @@ def _fill_library(
 ) -> list[WantedObject]:
     """Plan an object for every variant, named so that their order is their number; returns them."""
     coats, library = _coats(forest), []
+    if not plan.looks:
+        coats = [(replace(bark, make=_bare), replace(leaf, make=_bare)) for bark, leaf in coats]
     digits = max(3, len(str(len(forest.variants))))
     for number, ((planting, variant), tree) in enumerate(forest.variants.items()):
         label, numbered = forest.labels[planting], f"{number:0{digits}d} "
-        name = f"{label}.{variant:03d}"
-        role, look = f"{VARIANTS}/{name}", forest.species[planting].look
-        key = planting, variant
-        was, shape = standing.things.get(role), plan.ready.shape(forest, key)
-        says = {SPECIES_KEY: planting, PICTURE_KEY: f"{shape} {look.bark} {look.foliage()}"}
-        make = partial(_variant_mesh, name, tree, plan.as_assets)
+        name, key = f"{label}.{variant:03d}", (planting, variant)
+        role, shape = f"{VARIANTS}/{name}", plan.ready.shape(forest, key) if plan.looks else ""
+        make = partial(to_mesh, name, tree.mesh)
         sister = standing.first(f"{VARIANTS}/{label}")
         mesh = standing.renew(role, name, shape, make, coats[planting], sister)
-        known = was is not None and (has_own_mesh(was) or was.get(PICTURE_KEY) == says[PICTURE_KEY])
-        if plan.as_assets and not known:
-            plan.portraits[role] = plan.ready.portrait(forest, key)
+        says = {SPECIES_KEY: planting}
         library.append(WantedObject(VARIANTS, role, numbered + name, mesh, says=says))
         if with_outlines:
             role, rough = f"{OUTLINES}/{name}", f"{name} outline"
@@ -230,12 +227,9 @@ def _fill_library(
     return library
 
 
-def _variant_mesh(name: str, tree: Tree, told: bool) -> bpy.types.Mesh:
-    data = to_mesh(name, tree.mesh)
-    truth = tree_truth(tree) if told else {}
-    for key, value in truth.items():  # custom properties, for whoever looks
-        data[key] = value
-    return data
+def _bare(name: str, *_look: object) -> bpy.types.Material:
+    """A material that looks like nothing."""
+    return bpy.data.materials.new(name)
 
 
 def _outline_mesh(

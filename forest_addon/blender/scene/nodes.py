@@ -137,10 +137,13 @@ def shown_of(modifier: bpy.types.Modifier) -> str:
 
 def show_as(modifier: bpy.types.Modifier, what: str) -> None:
     """Have views show an instancer's trees so; what one of an older file has no input for is left out."""
-    sockets = _sockets(modifier)
-    for name, on in ((LIGHT, what == "LIGHT"), (DOTS, what == "DOTS")):
-        if name in sockets:
-            set_input(modifier, name, on)
+    after = [
+        m for m in modifier.id_data.modifiers if m.type == "NODES" and m.node_group is not None
+    ]
+    for one in (modifier, *(m for m in after if VIEW_KEY in m.node_group)):  # wind too
+        for name, on in ((LIGHT, what == "LIGHT"), (DOTS, what == "DOTS")):
+            if name in _sockets(one):
+                set_input(one, name, on)
 
 
 def instancer_group() -> bpy.types.NodeTree:

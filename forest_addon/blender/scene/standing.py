@@ -14,14 +14,18 @@ from dataclasses import dataclass, field, fields
 from itertools import chain
 
 import bpy
+import numpy as np
 
 from ...base.trimesh import TriMesh
+from ...growth.truth import MEASURES
 from .layout import within_reach
 from .materials import STYLE_KEY, Colour, recolour
 from .ours import ROLE_KEY, by_role, own
 
 DATA_KEY = "forest_data"  # the mesh that an object was given last, by its name
 SHAPE_KEY = "forest_shape"  # of the mesh that was made, whatever has been done to it since
+TOLD_KEY = "forest_told"  # the shape of the mesh that says what its tree measures
+OF_SHAPE = {*MEASURES, TOLD_KEY}  # custom properties that another shape does not take over
 
 
 @dataclass(frozen=True)
@@ -92,7 +96,7 @@ class KeptStanding:
         for material in worn:
             data.materials.append(material)
         for key, value in old.items() if old else ():
-            if key not in data:
+            if key not in data and key not in OF_SHAPE:
                 data[key] = value
         return data
 
@@ -142,5 +146,5 @@ def fingerprint(mesh: TriMesh) -> str:
         values = getattr(mesh, column.name)
         if column.name != "edges" and values is not None:  # edges follow from the triangles
             digest.update(f"{column.name} {values.dtype} {values.shape}".encode())
-            digest.update(values.tobytes())
+            digest.update(np.ascontiguousarray(values).view(np.uint8).data)
     return digest.hexdigest()

@@ -111,17 +111,18 @@ def mean_shadow(
 def _drawn(corners: np.ndarray, triangles: np.ndarray, pixels: int) -> float:
     """Pixels whose middle lies in any of the triangles."""
     picture = np.zeros((pixels, pixels), dtype=bool)
-    for a, b, c in corners[triangles]:
-        x0, y0 = np.floor(np.minimum(np.minimum(a, b), c)).astype(int)
-        x1, y1 = np.ceil(np.maximum(np.maximum(a, b), c)).astype(int) + 1
-        x, y = np.arange(x0, x1)[None, :], np.arange(y0, y1)[:, None]
-        sides = [
+    corner = corners[triangles]
+    low = np.floor(corner.min(axis=1)).astype(int).tolist()
+    high = (np.ceil(corner.max(axis=1)).astype(int) + 1).tolist()
+    place = np.arange(pixels + 1)
+    for (x0, y0), (x1, y1), (a, b, c) in zip(low, high, corner.tolist(), strict=True):
+        x, y = place[x0:x1], place[y0:y1, None]
+        first, second, third = (
             (q[0] - p[0]) * (y - p[1]) - (q[1] - p[1]) * (x - p[0])
             for p, q in ((a, b), (b, c), (c, a))
-        ]
-        inside = ((sides[0] >= 0) & (sides[1] >= 0) & (sides[2] >= 0)) | (
-            (sides[0] <= 0) & (sides[1] <= 0) & (sides[2] <= 0)
         )
+        inside = np.minimum(np.minimum(first, second), third) >= 0
+        inside |= np.maximum(np.maximum(first, second), third) <= 0
         picture[y0:y1, x0:x1] |= inside
     return float(picture.sum())
 

@@ -76,8 +76,9 @@ class FOREST_OT_build(Working, bpy.types.Operator):
     def work(self, context: bpy.types.Context) -> Work:
         started, scene = time.perf_counter(), context.scene
         yield getting_ready(_import_rooms)
+        from ...blender.scene.assets import tell_variants, untold
         from ...blender.scene.forest import SHOWN_IN_FULL, are_points, shapes_in, triangles_of
-        from ...blender.scene.ready import make_ready
+        from ...blender.scene.ready import make_ready, tell_of
         from ...blender.site import build_site, with_objects
         from ...formats.toml_file import read_settings
         from ...site import ForestSite
@@ -105,12 +106,12 @@ class FOREST_OT_build(Working, bpy.types.Operator):
             grown = replace(site.scene.forest, instancing="points")
             site = replace(site, scene=replace(site.scene, forest=grown))
         make = partial(make_ready, forest, known, points, drawable=pace.drawable())
-        ready = yield Task(say("measuring trees, drawing their pictures"), make)
+        ready = yield Task(say("preparing trees"), make)
         if demo:  # only now: whoever cancels has the scene of before
             take_scene(scene, settings, folder, keep_sensors=True)
             mark = live.fingerprint(scene, context.evaluated_depsgraph_get())
         first = "forest" not in scene.forest_sensing.results
-        build_site(scene, site, forest, ready=ready)
+        build_site(scene, site, forest, as_assets=False, ready=ready)
         scene.forest_sensing.built = mark
         if getattr(self, "frame", False):
             for _, area in views():
@@ -118,6 +119,13 @@ class FOREST_OT_build(Working, bpy.types.Operator):
         elif first and context.area is not None and context.area.type == "VIEW_3D":
             look_at(context.area, settings.forest)
         said = keep_forest(context, settings, forest, time.perf_counter() - started)
+        new = untold(scene, forest)
+        if new:
+            if hasattr(self, "_job"):  # whoever cancels now keeps the forest
+                self._job.kept.append(say("the forest"))
+            make = partial(tell_of, forest, new)
+            told = yield Task(say("measuring trees, drawing their pictures"), make)
+            tell_variants(scene, forest, told)
         return f"{said}; {say('{count} changed by hand', count=changed)}" if changed else said
 
 

@@ -24,8 +24,8 @@ from ..shell.running import PROBLEMS, current, obstacle, stop
 from ..shell.views import redraw_panels, region_of
 from ..species.edit import edited_species
 
-QUIET = 0.4  # s without a change before anything is done
-LOOK = 0.1  # s between two looks at what is under way
+QUIET = 0.2  # s without a change before anything is done
+LOOK = 0.05  # s between two looks at what is under way
 DRAGGING = ("TRANSFORM_OT_", "OBJECT_OT_", "VIEW3D_OT_")  # operators that hold the mouse
 UNUSABLE = "unusable"  # the fingerprint of settings that nothing can be built from
 

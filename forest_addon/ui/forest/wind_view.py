@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import ClassVar
 
 import bpy
 
-from ...blender.jobs import Work
+from ...blender.jobs import Task, Work
+from ...blender.scene.nodes import shown_of
 from ...spec import SpecError
 from ..settings.exchange import to_spec
 from ..shell.running import InOwnScene, Working
 from ..shell.words import label, say
+from .display import forest_of_points
 from .swaying import swaying
 
 ENDINGS = {".abc": "Alembic", ".usd": "USD", ".usda": "USD", ".usdc": "USD", ".usdz": "USD"}
@@ -24,16 +27,21 @@ class FOREST_OT_show_wind(Working, bpy.types.Operator):
     bl_label = "Show Wind"
 
     def work(self, context: bpy.types.Context) -> Work:
-        from ...blender.show.wind import show_wind
+        from ...blender.show.wind import knots_of, show_wind
+        from ...blender.show.wind_pieces import amplitudes_of
         from ...stand.wind.response import KNOTS
 
         if to_spec(context.scene).wind.speed == 0:
             raise SpecError(say("Wind"), say("set its speed above 0 first"))
+        count = knots_of(context.scene, KNOTS)
         missing: list[str] = []
         sway = yield from swaying(context, missing)
         if sway is None:
             raise SpecError(say("Wind"), missing[0] if missing else say("grow a forest first"))
-        made = show_wind(context.scene, sway, KNOTS)
+        ahead = yield Task(
+            say("working out how trees answer the wind"), partial(amplitudes_of, sway, count)
+        )
+        made = show_wind(context.scene, sway, KNOTS, ahead)
         sentence = say(
             "{count} trees sway for {seconds:.0f} s; play to see them",
             count=made.trees,
@@ -103,9 +111,16 @@ def draw_wind(layout: bpy.types.UILayout, scene: bpy.types.Scene) -> None:
         text=label("Show Again") if shown else label("Show Wind"),
         icon="FORCE_WIND",
     )
-    if shown:
-        row.operator("forest.hide_wind", text="", icon="X")
-        layout.operator("forest.bake_wind", icon="EXPORT")
+    if not shown:
+        return
+    row.operator("forest.hide_wind", text="", icon="X")
+    layout.operator("forest.bake_wind", icon="EXPORT")
+    modifier = forest_of_points(scene)
+    display = shown_of(modifier) if modifier is not None else "FULL"
+    if display != "FULL":
+        text = label("Dots stand still: choose Light or Full")
+        text = label("Stand-ins sway; renders show full trees") if display == "LIGHT" else text
+        layout.label(text=text, icon="INFO")
 
 
 CLASSES = (FOREST_OT_show_wind, FOREST_OT_hide_wind, FOREST_OT_bake_wind)

@@ -21,7 +21,7 @@ from . import pace, requirements
 from .progress import how_far, show_job, show_no_job
 from .words import keep, say, title_of_operator
 
-TICK = 0.05  # s between two looks at a running job
+TICK = 0.02  # s between two looks at a running job
 ATTEMPTS = 20  # at an import that another thread is in the way of
 PROBLEMS = (SpecError, ValueError, OSError, ImportError, MemoryError, ReferenceError)
 UNDO_KEYS = {"Z", "Y"}

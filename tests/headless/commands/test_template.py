@@ -176,6 +176,7 @@ def test_unit_and_axis_may_be_given(files, capsys):
     assert "leans" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_siblings_unlike_the_tree_get_no_scene_unless_they_are_accepted(files, capsys, monkeypatch):
     """Allowed is so little that no siblings keep to it: exit code 5, the files and no scene."""
     monkeypatch.setattr("forest_addon.growth.verdict.MOST_DIFFERENCE", 1e-4)

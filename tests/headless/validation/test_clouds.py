@@ -45,7 +45,7 @@ def test_rarefied_occupancy_is_the_hypergeometric_chance():
     assert np.allclose(rarefied(many, hits, 10), right, atol=1e-10)
 
 
-@pytest.mark.parametrize("pulses", [60_000, 600_000])
+@pytest.mark.parametrize("pulses", [60_000, pytest.param(600_000, marks=pytest.mark.slow)])
 def test_voxels_let_through_what_beers_law_says_at_every_density(tmp_path, pulses):
     density = 0.15
     whole = lines_in(medium(tmp_path / "a.las", pulses, density, 1), ORIGIN)[0].whole()
@@ -58,6 +58,7 @@ def test_voxels_let_through_what_beers_law_says_at_every_density(tmp_path, pulse
     assert gap == pytest.approx(np.exp(-density * (TALL - 0.5)), abs=0.03)
 
 
+@pytest.mark.slow
 def test_a_cloud_agrees_with_a_thinner_one_and_not_with_a_denser_medium(tmp_path):
     one = medium(tmp_path / "one.las", 150_000, 0.15, 1)
     thin = medium(tmp_path / "thin.las", 40_000, 0.15, 2)

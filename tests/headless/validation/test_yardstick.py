@@ -10,6 +10,7 @@ from headless.studies.validation.stems import taubin
 STEMS = np.array([[2.0, 2.0, 0.10], [6.0, 2.5, 0.14], [4.0, 6.0, 0.07]])
 
 
+@pytest.mark.slow
 def test_stems_shrubs_and_gaps_are_told_apart():
     rng = stream(3, "yardstick")
     ground = np.column_stack([rng.uniform(0, 8, (20_000, 2)), rng.normal(0, 0.01, 20_000)])

@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from references.examples import examples
 from references.lidar_scenes import scene_with
 from references.rays_brute import BruteCaster
 
@@ -315,7 +316,7 @@ def test_two_statements_of_the_threshold_are_refused():
         LinkBudget(energy=1.0)
 
 
-@settings(max_examples=50, deadline=None)
+@examples(50)
 @given(
     seed=st.integers(0, 2**32 - 1),
     dead_zone=st.one_of(st.just(0.0), st.floats(0.01, 20.0)),

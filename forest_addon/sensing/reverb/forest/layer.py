@@ -274,7 +274,8 @@ def _count(
         counted *= np.where(distance < NEAREST, 3.0 / NEAREST**2, distance**-2.0)
         column = np.searchsorted(edges, moving.travelled[rows] + distance, side="right") - 1
         inside = (column >= 0) & (column < found.shape[1])
-        np.add.at(found, (band[inside], column[inside]), counted[inside])
+        at = band[inside] * found.shape[1] + column[inside]
+        found += np.bincount(at, counted[inside], found.size).reshape(found.shape)
 
 
 def _of_trunks(band: np.ndarray, way: np.ndarray, away: np.ndarray, tables: _Tables) -> np.ndarray:

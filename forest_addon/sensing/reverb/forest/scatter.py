@@ -20,17 +20,18 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ....acoustics.boundary_loss import twig_loss
+from ....acoustics.cylinder import transfer
 from ....acoustics.extinction import cross_sections
 from ....acoustics.foliage import foliage_loss
 from ....acoustics.shoot import shoot_width
 from .clutter import Clutter
-from .transport import PhaseFunction
+from .transport import without_shadow
 
 if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline
 
 ANGLES = 90  # of the phase function, 0 to π
-SLOPES, TURNS = 16, 180  # γ and turns about the axis, over which a branch is averaged
+SLOPES, TURNS = 16, 360  # γ and turns about the axis, over which a branch is averaged
 ALL_WAYS = 0.785  # mean |sin| to branches and needles that look all ways
 THIN = 0.05  # ka, below which bark takes the same share of a branch's width
 EDGE = 4.0  # of the smaller of two areas of a leaf
@@ -196,13 +197,15 @@ def _leaf_width(radius: float, frequency: float, speed: float) -> float:
 @lru_cache(maxsize=256)
 def _turned(radius: float, frequency: float, speed: float) -> np.ndarray:
     """(ANGLES,) per steradian of a branch that looks all ways."""
-    slope = math.pi * (np.arange(SLOPES) + 0.5) / SLOPES
+    slope = (math.pi * (np.arange(SLOPES) + 0.5) / SLOPES)[: SLOPES // 2]
     turn = math.pi * (np.arange(TURNS) + 0.5) / TURNS
+    size = radius * np.sin(slope)
+    each = np.abs(transfer(frequency, turn[:, None], size, speed)) ** 2  # (TURNS, slopes)
+    widths = cross_sections(2.0 * math.pi * frequency / speed * size)
+    shadow = (widths.extinction - widths.energy) * size
     found = np.zeros(ANGLES)
-    for gamma in slope[: SLOPES // 2]:
-        size = radius * math.sin(gamma)
-        phase = PhaseFunction.of(frequency, np.array([size]), speed, 0.0, "energy")
-        weight = math.sin(gamma) ** 2 * phase.width * phase.towards(turn)
+    for gamma, column, lobe in zip(slope.tolist(), each.T, shadow.tolist(), strict=True):
+        weight = math.sin(gamma) ** 2 * without_shadow(column, lobe)
         cosine = math.cos(gamma) ** 2 + math.sin(gamma) ** 2 * np.cos(turn)
         row = np.minimum((np.arccos(np.clip(cosine, -1, 1)) * (ANGLES / math.pi)).astype(int), 89)
         found += np.bincount(row, weight, ANGLES)

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy import fft
@@ -28,7 +28,7 @@ from ..metrics import octave_bands
 from .layer import Layer, diffused
 from .losses import Losses
 from .scatter import scatter_of
-from .transport import Density, Energy, PhaseFunction, Sent, alike, transported
+from .transport import Density, Energy, PhaseFunction, Sent, transported_bands
 
 BLOCK = 0.0107  # s, of noise with one spectrum
 PACKETS = 2000  # of energy, of each octave
@@ -39,6 +39,7 @@ LEAST = 1e-30
 FAINT = (
     1e-4  # of an octave's energy, below which what noise replaces does not count: T30 ends above
 )
+APART = 0.01  # of a length, by which blocks lie apart whose spectra are computed; between, by logarithms
 TREND = 4  # bins over which the end of what branches turned is followed
 NO_TRUNK = PhaseFunction(0.0, 1.0, np.zeros(1440), np.full(1440, 0.5 / math.pi))
 
@@ -95,6 +96,9 @@ class Tail:
     joint: float
     losses: Losses
     diffuse: np.ndarray | None = None
+    _blocks: dict[tuple, NoiseBlocks] = field(
+        default_factory=dict, init=False, compare=False, repr=False
+    )
 
     def kept(self, length: np.ndarray) -> np.ndarray:
         """w, of the sum over trunks at path lengths."""
@@ -125,19 +129,43 @@ class Tail:
         return self.blocks(rate, count, air).samples(rng)
 
     def blocks(self, rate: float, count: int, air: Air) -> NoiseBlocks:
-        """The same, not yet drawn."""
+        """The same, not yet drawn; kept for the next time."""
+        key = rate, count, air
+        if key not in self._blocks:
+            self._blocks[key] = self._made(rate, count, air)
+        return self._blocks[key]
+
+    def _made(self, rate: float, count: int, air: Air) -> NoiseBlocks:
         size = 2 * max(16, 2 ** round(math.log2(BLOCK * rate / 2)))
         hop, step = size // 2, air.speed() / rate
         first = max(0, int(self.energy[0].edges[0] / step) // hop - 1)
         starts = np.arange(first, -(-count // hop) + 1) * hop - hop
         length = np.maximum((starts + 0.5 * size) * step, self.energy[0].edges[0] * 1.001)
         frequency = np.arange(size // 2 + 1) * (rate / size)
-        level, space = self._spectra(frequency, length)
+        level, space = self._spread(frequency, length)
         silent = math.ceil(self.energy[0].edges[0] / step)
         shape = step * np.square(roll_off(frequency / rate))
         return NoiseBlocks(
             level * shape, None if space is None else space * shape, starts, size, count, silent
         )
+
+    def _spread(
+        self, frequency: np.ndarray, length: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray | None]:
+        """(X, F) spectra at rising lengths, from those that lie APART from each other."""
+        few = _thinned(length)
+        level, space = self._spectra(frequency, length[few])
+        low = (
+            np.minimum(np.searchsorted(few, np.arange(len(length)), side="right"), len(few) - 1) - 1
+        )
+        start, end = np.log(length[few[low]]), np.log(length[few[low + 1]])
+        share = ((np.log(length) - start) / (end - start))[:, None]
+
+        def between(values: np.ndarray) -> np.ndarray:
+            by_log = np.log(np.maximum(values, LEAST**2))
+            return np.asarray(np.exp((1.0 - share) * by_log[low] + share * by_log[low + 1]))
+
+        return between(level), None if space is None else between(space)
 
     def _spectra(
         self, frequency: np.ndarray, length: np.ndarray
@@ -183,6 +211,13 @@ class Tail:
         return np.where(length >= self.energy[0].edges[0], np.exp(found), 0.0)
 
 
+def _thinned(length: np.ndarray) -> np.ndarray:
+    """Rows of lengths (X,), at least two, that lie APART from each other, first and last with them."""
+    place = np.floor(np.log(length / length[0]) / APART)
+    rows = np.flatnonzero(np.diff(place, prepend=-1.0) > 0)
+    return np.union1d(rows, [0, len(length) - 1])
+
+
 def tail_of(
     reverb: Reverb,
     losses: Losses,
@@ -209,34 +244,26 @@ def tail_of(
     bands = np.array(octave_bands(reverb.sample_rate))
     edges = np.geomspace(apart * 1.0001, last, BINS + 1)
     way = "coherent" if reverb.extinction == "coherent" else "energy"
-    found, phases = [], []
-    for band in bands:
-        if bare:
-            found.append(Energy(edges, np.zeros(BINS), np.zeros(BINS)))
-            phases.append(NO_TRUNK)
-            continue
-        phase = PhaseFunction.of(float(band), radii, speed, losses.bark, way)
-        phases.append(phase)
-        near = _followed(phase, density, edges)
-        rng = stream(int(key[0]), *key[1:], "transport", int(band))
-        start = transported(
-            phase,
-            density,
-            source[:2],
-            receiver[:2],
-            edges[: near + 1],
-            packets,
-            rng,
-            sent(float(band)) if sent else alike,
-        )
-        found.append(_diffused(start, phase, density, edges))
+    if bare:
+        phases = [NO_TRUNK] * len(bands)
+        found = [Energy(edges, np.zeros(BINS), np.zeros(BINS)) for _ in bands]
+    else:
+        phases = [PhaseFunction.of(band, radii, speed, losses.bark, way) for band in bands.tolist()]
+        near = [_followed(phase, density, edges) for phase in phases]
+        rng = stream(int(key[0]), *key[1:], "transport")
+        ways = [sent(band) for band in bands.tolist()] if sent else ()
+        given = density, (source[:2], receiver[:2]), edges, near, packets, rng, ways
+        found = [
+            _diffused(start, phase, density, edges)
+            for start, phase in zip(transported_bands(phases, *given), phases, strict=True)
+        ]
     taken = replace(losses, extinction=way).removed(bands)
     lift = taken - losses.removed(bands)
     turned = None
     if not clutter.empty:
         layer = _layer(reverb, losses, 0.0 if bare else density.mean, tuple(phases), bands)
         rng = stream(int(key[0]), *key[1:], "branches")
-        ways = [sent(float(band)) for band in bands] if sent else ()
+        ways = [sent(band) for band in bands.tolist()] if sent else ()
         turned = diffused(layer, source, receiver, edges, packets, rng, ways)
     tail = Tail(bands, tuple(found), lift, math.inf, losses, turned)
     return replace(tail, joint=_joint(tail, reverb.multiple_share, apart))

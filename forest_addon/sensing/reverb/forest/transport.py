@@ -18,9 +18,8 @@ that holds so much of the energy is taken off |H|².
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
@@ -29,12 +28,13 @@ from ....acoustics.extinction import cross_sections
 from ....base.vectors import azimuth_of
 
 ANGLES = 1440  # of the table of |H|², 0 to π
-EDGES = np.linspace(0.0, math.pi, ANGLES + 1)
 MOST_MEETINGS = 400
 STEPS = 24  # of the density along a way
-NEAREST = 0.05  # m; energy that meets a trunk so near the receiver is counted as at this distance
+NEAREST = (
+    0.5  # m; energy that is turned nearer to the receiver is counted as its mean over that disc
+)
 FAINT = 1e-7  # of the packets' energy, below which they are not followed
-THINNED = 20.0  # mean free paths from which on fewer packets stand for the rest
+THINNED = 10.0  # mean free paths from which on fewer packets stand for the rest
 
 Sent = Callable[[np.ndarray], np.ndarray]  # energy that a source sends on ways (N, 3), re its axis
 
@@ -76,16 +76,20 @@ class Density:
         if self.cells.size == 0:
             return np.full(place.shape[:-1], self.around)
         if self.cells.size == 1:
-            inside = np.ones(place.shape[:-1], bool)
-            for axis in range(2):
-                along = place[..., axis] - self.corner[axis]
-                inside &= (along >= 0) & (along < self.cell[axis])
-            return np.where(inside, self.cells[0, 0], self.around)
+            return np.where(self.inside(place), self.cells[0, 0], self.around)
         cell = np.floor((place - self.corner) / self.cell)
         inside = ((cell >= 0) & (cell < self.cells.shape)).all(axis=-1)
         i, j = np.where(inside[..., None], cell, 0).astype(np.int64).reshape(-1, 2).T
         found = self.cells[i, j].reshape(inside.shape)
         return np.where(inside, found, self.around)
+
+    def inside(self, place: np.ndarray) -> np.ndarray:
+        """(...,) bool, whether places (..., 2) lie within the outer edges of all cells."""
+        found = np.ones(place.shape[:-1], bool)
+        for axis, count in enumerate(self.cells.shape):
+            along = place[..., axis] - self.corner[axis]
+            found &= (along >= 0) & (along < count * self.cell[axis])
+        return found
 
     def between(self, start: np.ndarray, end: np.ndarray) -> np.ndarray:
         """(N,) trunks per m of width on straight ways from (N, 2) to (2,)."""
@@ -93,7 +97,11 @@ class Density:
         if self.cells.size == 0:
             return self.around * length
         if self.cells.size == 1:
-            inside = self._within(start, end - start)
+            inside = np.ones(len(start))
+            if not self.inside(end):
+                inside = self._within(start, end - start)
+            elif not (within := self.inside(start)).all():
+                inside[~within] = self._within(start[~within], (end - start)[~within])
             return length * (self.around + inside * (float(self.cells[0, 0]) - self.around))
         share = (np.arange(STEPS) + 0.5) / STEPS
         places = start[:, None] + share[:, None] * (end - start)[:, None]
@@ -146,22 +154,10 @@ class PhaseFunction:
         width = float((found.extinction * radii).mean())
         if extinction == "energy":
             less = float((found.energy * radii).mean())
-            mean = _without_shadow(mean, width - less)
+            mean = without_shadow(mean, width - less)
             width = less
         step = math.pi / ANGLES
         return cls(width, 2.0 * step * float(mean.sum()) / width, angle, mean / width)
-
-    @cached_property
-    def _whole(self) -> np.ndarray:
-        """(A + 1,) the density's sums, from straight on."""
-        return np.concatenate([[0.0], np.cumsum(self.density)])
-
-    def draw(self, rng: np.random.Generator, count: int) -> np.ndarray:
-        """(N,) angles, to both sides."""
-        whole = self._whole
-        turned = np.interp(rng.random(count) * whole[-1], whole, EDGES)
-        found: np.ndarray = turned * rng.choice((-1.0, 1.0), count)
-        return found
 
     def towards(self, turned: np.ndarray) -> np.ndarray:
         """(N,) share per radian that is turned by angles in 0 to π."""
@@ -170,7 +166,7 @@ class PhaseFunction:
         return found
 
 
-def _without_shadow(scattered: np.ndarray, shadow: float) -> np.ndarray:
+def without_shadow(scattered: np.ndarray, shadow: float) -> np.ndarray:
     """|H|² by angle, less a lobe around straight on that holds an energy, metres."""
     if shadow <= 0:
         return scattered
@@ -227,53 +223,152 @@ def transported(
 
     source, receiver : (2,) metres. edges : (X + 1,) metres of path, rising. sent : energy by ways (N, 3).
     """
-    rate = density.largest * phase.width  # meetings a metre, real and not
-    found = np.zeros((2, len(edges) - 1))
-    if rate > 0 and packets > 0:
-        place = np.tile(np.asarray(source, np.float64), (packets, 1))
-        heading = 2.0 * math.pi * (np.arange(packets) + rng.random(packets)) / packets
-        travelled, met = np.zeros(packets), np.zeros(packets, np.int64)
-        weight = sent(np.column_stack([np.cos(heading), np.sin(heading), np.zeros(packets)]))
-        way = np.column_stack([np.cos(heading), np.sin(heading)])
-        for _ in range(MOST_MEETINGS * 4):
-            step = rng.exponential(1.0 / rate, len(place))
-            place += step[:, None] * way
-            before = np.maximum(travelled, THINNED / rate)
-            travelled += step
-            left = np.minimum(before / travelled, 1.0)  # by chance: as many meet in each bin of 1/x
-            weight /= left
-            going = (travelled < edges[-1]) & (rng.random(len(left)) < left)
-            going &= (met < MOST_MEETINGS) & (weight > FAINT)
-            if density.cells.size:
-                going &= ~density.left(place, way)
-            if not going.all():
-                place, way, heading = place[going], way[going], heading[going]
-                travelled, weight, met = travelled[going], weight[going], met[going]
-            if len(place) == 0:
-                break
-            if density.cells.size:
-                real = rng.random(len(place)) * density.largest < density.at(place)
-            else:
-                real = np.ones(len(place), bool)
-            rows = np.flatnonzero(real)
-            away = receiver - place[rows]
-            distance = np.hypot(away[:, 0], away[:, 1])
-            turned = azimuth_of(away) - heading[rows]
-            turned = np.abs((turned + math.pi) % (2.0 * math.pi) - math.pi)
-            through = np.exp(-density.between(place[rows], receiver) * phase.width)
-            counted = weight[rows] * phase.towards(turned) * through
-            counted *= 2.0 * math.pi / np.maximum(distance, NEAREST)
-            length = travelled[rows] + distance
-            again = (met[rows] > 0).astype(np.int64)
-            column = np.searchsorted(edges, length, side="right") - 1
-            inside = (column >= 0) & (column < len(edges) - 1)
-            np.add.at(found, (again[inside], column[inside]), counted[inside] / length[inside])
-            heading[rows] += phase.draw(rng, len(rows))
-            way[rows] = np.column_stack([np.cos(heading[rows]), np.sin(heading[rows])])
-            weight[rows] *= phase.kept
-            met[rows] += 1
+    given = (source, receiver), edges, (len(edges) - 1,), packets, rng, (sent,)
+    return transported_bands((phase,), density, *given)[0]
+
+
+def transported_bands(
+    phases: Sequence[PhaseFunction],
+    density: Density,
+    ends: tuple[np.ndarray, np.ndarray],
+    edges: np.ndarray,
+    bins: Sequence[int],
+    packets: int,
+    rng: np.random.Generator,
+    sent: Sequence[Sent] = (),
+) -> list[Energy]:
+    """The same for a phase function of each of B bands, all packets together.
+
+    ends : source and receiver, (2,) metres. bins : (B,) how many of the bins between
+    ``edges`` (X + 1,) packets of a band are followed through.
+    packets : of each band. sent : (B,) energy by ways (N, 3); none: alike to all sides.
+    """
+    (source, receiver), tables = ends, Turns(phases)
+    rates = density.largest * tables.width  # meetings a metre, real and not
+    found = np.zeros((2, len(phases), len(edges) - 1))
+    last = np.array([edges[count] for count in bins])
+    moving = _LevelPackets(np.flatnonzero(rates > 0), source, packets, rng, sent)
+    for _ in range(MOST_MEETINGS * 4):
+        rate = rates[moving.band]
+        moving.go(rng.exponential(1.0, len(rate)) / rate, rate, rng)
+        moving.keep(density, last)
+        if len(moving.band) == 0:
+            break
+        rows = moving.real(density, rng)
+        away = receiver - moving.place[rows]
+        band, weight = moving.band[rows], moving.weight[rows]
+        distance = np.hypot(away[:, 0], away[:, 1])
+        turned = azimuth_of(away) - moving.heading[rows]
+        turned = np.abs((turned + math.pi) % (2.0 * math.pi) - math.pi)
+        lost = density.between(moving.place[rows], receiver) * tables.width[band]
+        counted = weight * tables.towards(band, turned) * np.exp(-lost)
+        counted *= 2.0 * math.pi * np.where(distance < NEAREST, 2.0 / NEAREST, 1.0 / distance)
+        length = moving.travelled[rows] + distance
+        again = (moving.met[rows] > 0).astype(np.int64)
+        column = np.searchsorted(edges, length, side="right") - 1
+        inside = (column >= 0) & (length < last[band])
+        place = (again * len(phases) + band) * found.shape[2] + column
+        add = np.bincount(place[inside], counted[inside] / length[inside], found.size)
+        found += add.reshape(found.shape)
+        moving.turn(rows, tables.draw(band, rng), tables.kept[band])
     found /= max(packets, 1) * np.diff(edges)
-    return Energy(edges, found[0], found[1])
+    return [
+        Energy(edges[: count + 1], found[0, row, :count], found[1, row, :count])
+        for row, count in enumerate(bins)
+    ]
+
+
+class Turns:
+    """Phase functions (B,) side by side."""
+
+    def __init__(self, phases: Sequence[PhaseFunction]) -> None:
+        self.width = np.array([phase.width for phase in phases])
+        self.kept = np.array([phase.kept for phase in phases])
+        self.density = np.array([phase.density for phase in phases])
+        self.count = self.density.shape[1]
+        whole = np.cumsum(self.density, axis=1)
+        whole = np.concatenate([np.zeros((len(phases), 1)), whole / whole[:, -1:]], axis=1)
+        self.whole = (whole + np.arange(len(phases))[:, None]).ravel()  # rising over all bands
+
+    def draw(self, band: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        """(N,) angles, to both sides."""
+        share = 2.0 * rng.random(len(band)) - 1.0
+        at = band + np.abs(share)
+        cell = np.searchsorted(self.whole, at, side="right") - 1
+        cell = np.minimum(cell, band * (self.count + 1) + self.count - 1)
+        low, high = self.whole[cell], self.whole[cell + 1]
+        within = np.clip((at - low) / np.maximum(high - low, 1e-300), 0.0, 1.0)
+        turned = (cell - band * (self.count + 1) + within) * (math.pi / self.count)
+        return np.asarray(np.copysign(turned, share))
+
+    def towards(self, band: np.ndarray, turned: np.ndarray) -> np.ndarray:
+        """(N,) share per radian that is turned by angles in 0 to π."""
+        cell = np.minimum((turned * (self.count / math.pi)).astype(np.int64), self.count - 1)
+        return np.asarray(self.density.ravel()[band * self.count + cell])
+
+
+class _LevelPackets:
+    """Packets of energy: bands (N,), places (N, 2), headings, weights."""
+
+    def __init__(
+        self,
+        bands: np.ndarray,
+        source: np.ndarray,
+        packets: int,
+        rng: np.random.Generator,
+        sent: Sequence[Sent],
+    ) -> None:
+        """So many ``packets`` of each of these bands."""
+        count = len(bands) * packets
+        self.band = np.repeat(bands, packets)
+        self.place = np.tile(np.asarray(source, np.float64), (count, 1))
+        even = np.tile(np.arange(packets), len(bands))
+        self.heading = 2.0 * math.pi * (even + rng.random(count)) / max(packets, 1)
+        self.way = np.column_stack([np.cos(self.heading), np.sin(self.heading)])
+        self.travelled, self.met = np.zeros(count), np.zeros(count, np.int64)
+        self.weight = np.ones(count)
+        for band in bands.tolist() if sent else ():
+            rows = self.band == band
+            self.weight[rows] = sent[band](np.column_stack([self.way[rows], np.zeros(packets)]))
+        self._going = np.ones(count, bool)
+
+    def go(self, step: np.ndarray, rate: np.ndarray, rng: np.random.Generator) -> None:
+        """Travel; after THINNED mean free paths fewer stand for the rest, as many in each bin of 1/x."""
+        self.place += step[:, None] * self.way
+        before = np.maximum(self.travelled, THINNED / rate)
+        self.travelled += step
+        left = np.minimum(before / self.travelled, 1.0)
+        self.weight /= left
+        self._going = rng.random(len(left)) < left
+
+    def keep(self, density: Density, last: np.ndarray) -> None:
+        """Drop those that were thinned out, are faint, or meet no trunk before a path of ``last`` (B,)."""
+        going = self._going & (self.travelled < last[self.band]) & (self.weight > FAINT)
+        going &= self.met < MOST_MEETINGS
+        if density.cells.size and density.around == 0:
+            # who met a trunk came from within: outside there is no way back
+            beyond = ~density.inside(self.place)
+            fresh = np.flatnonzero(beyond & (self.met == 0))
+            beyond[fresh] = density.left(self.place[fresh], self.way[fresh])
+            going &= ~beyond
+        if not going.all():
+            for name in ("band", "place", "heading", "way", "travelled", "met", "weight"):
+                setattr(self, name, getattr(self, name)[going])
+
+    def real(self, density: Density, rng: np.random.Generator) -> np.ndarray:
+        """Rows of those that meet a trunk."""
+        if not density.cells.size:
+            return np.arange(len(self.band))
+        chance = rng.random(len(self.band)) * density.largest
+        return np.flatnonzero(chance < density.at(self.place))
+
+    def turn(self, rows: np.ndarray, by: np.ndarray, kept: np.ndarray) -> None:
+        """Turn some by angles; they keep a share of their weight."""
+        heading = self.heading[rows] + by
+        self.heading[rows] = heading
+        self.way[rows, 0], self.way[rows, 1] = np.cos(heading), np.sin(heading)
+        self.weight[rows] *= kept
+        self.met[rows] += 1
 
 
 def isotropic(

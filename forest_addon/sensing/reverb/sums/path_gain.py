@@ -27,12 +27,12 @@ from .field_table import polynomials, series
 if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline
 
-FIRST_FAR = round(math.log2(NEAR))
+WIDE = 12e3  # Hz; a gain that serves up to less tells the ways over the ground apart for less than NEAR
 TRIED = 96  # frequencies at which a zone's nodes are counted
 MOST = 1024
 SHARE = 0.5  # of the tolerance
 BEND = 40.0  # Hz, from where on knots are spaced evenly by the logarithm of frequency
-KNOTS, MOST_KNOTS = 64, 1024  # in frequency, at first and at most
+KNOTS, MOST_KNOTS = 128, 1024  # in frequency, at first and at most
 BETWEEN = 0.3  # of the tolerance, by which a spline through half of its knots may miss the others
 
 Values = Callable[[np.ndarray, np.ndarray], np.ndarray]  # of frequency and length
@@ -79,12 +79,17 @@ class PathGain:
     _zones: dict[tuple[int, float], Zone] = field(default_factory=dict)
     _splines: dict[tuple[float, float], CubicSpline | None] = field(default_factory=dict)
 
+    @property
+    def near(self) -> float:
+        """Metres up to which both ways over the ground are told apart: their phases differ by as much."""
+        return NEAR * 2.0 ** round(min(0.0, math.log2(self.highest / WIDE)))
+
     def zones(self, length: np.ndarray) -> Iterator[tuple[Zone, np.ndarray]]:
         """Zones of lengths (M,) with their rows; near ones once for each way over the ground."""
         number = _number(length)
         for n in np.unique(number).tolist():
             rows = np.flatnonzero(number == n)
-            for rise in self.losses.rises if n < FIRST_FAR else (0.0,):
+            for rise in self.losses.rises if 2.0**n < self.near else (0.0,):
                 yield self._zone(n, rise), rows
 
     def filters(self, zone: Zone, frequency: np.ndarray) -> np.ndarray:
@@ -103,17 +108,23 @@ class PathGain:
         """The filters by log(1 + f/BEND); None: no number of knots serves."""
         from scipy.interpolate import CubicSpline  # other sensors need not wait for its import
 
-        count, into = KNOTS, chebyshev.series(len(zone.nodes))
         low, high = (math.log1p(f / BEND) for f in (min(LOWEST, self.highest), self.highest))
-        while count <= MOST_KNOTS:
-            place = np.linspace(low, high, 2 * count + 1)
-            values = zone.values(BEND * np.expm1(place), zone.nodes[:, None])
-            half = CubicSpline(place[::2], values[:, ::2], axis=1)
-            gap = np.abs(half(place[1::2]) - values[:, 1::2]).max(axis=0)
-            size = np.sqrt(np.mean(np.abs(values[:, 1::2]) ** 2, axis=0))
+
+        def values_at(place: np.ndarray) -> np.ndarray:
+            return np.asarray(zone.values(BEND * np.expm1(place), zone.nodes[:, None]))
+
+        place = np.linspace(low, high, KNOTS + 1)
+        values = values_at(place)
+        while len(place) <= 2 * MOST_KNOTS + 1:
+            between = 0.5 * (place[1:] + place[:-1])
+            new = values_at(between)
+            gap = np.abs(CubicSpline(place, values, axis=1)(between) - new).max(axis=0)
+            size = np.sqrt(np.mean(np.abs(new) ** 2, axis=0))
+            place = np.linspace(low, high, 2 * len(place) - 1)
+            values = np.insert(new, range(new.shape[1] + 1), values, axis=1)
             if (gap <= BETWEEN * self.tolerance * size).all():
+                into = chebyshev.series(len(zone.nodes))
                 return CubicSpline(place, into @ values, axis=1)
-            count *= 2
         return None
 
     def at(self, frequency: np.ndarray, length: np.ndarray) -> np.ndarray:
@@ -124,7 +135,7 @@ class PathGain:
             values = zone.values(frequency[None], zone.nodes[:, None]).astype(np.complex128)
             # real times complex, without making the polynomials complex
             part = (zone.lagrange(length[rows]) @ values.view(np.float64)).view(np.complex128)
-            if zone.high <= NEAR and zone.rise > 0:
+            if zone.high <= self.near and zone.rise > 0:
                 detour = self.losses.detour(length[rows], zone.rise)
                 part *= np.exp(-np.outer(detour, self.losses.along(frequency) + 1j * wavenumber))
             if len(rows) == len(length):
@@ -135,7 +146,7 @@ class PathGain:
 
     def _zone(self, number: int, rise: float) -> Zone:
         if (number, rise) not in self._zones:
-            near = number < FIRST_FAR
+            near = 2.0**number < self.near
             low, ratio = 2.0**number, 2.0
             values: Values = partial(self._near, rise=rise) if near else self._far
             nodes = self._nodes(low, ratio, values)

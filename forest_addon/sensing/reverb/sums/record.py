@@ -13,6 +13,7 @@ it leaves out (``metrics``).
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 
 import numpy as np
 
@@ -26,7 +27,8 @@ from .scattering import TrunkPaths
 RANGE_DB = 75.0  # below the energy of all sound: what T60, read down to -65 dB, does not notice
 LONGEST = 20.0  # s
 AFTER = 0.1  # s for which the last trunk may ring
-LENGTHS = 1024  # of paths, at which losses are computed
+FIRST, APART = 1.0, 1.01  # m, ratio: lengths of paths at which losses are computed
+TOGETHER = 64  # of them
 LEAST = 1e-300
 SIZES = 160  # ka at which the scattered energy is computed
 
@@ -52,11 +54,14 @@ def arrival_energies(
     scattered = np.log(waves[0] + 2.0 * waves[1:].sum(axis=0))
     size = np.log(size)
     different, row_of = _different(paths.radius)
-    length, place, share = _places(paths.length)
+    first, place, share = _places(paths.length)
+    length = FIRST * APART ** np.arange(first, first + int(place.max(initial=0)) + 2)
     lost = np.exp(-2.0 * np.outer(loss, length))
     if losses is not None and len(paths.length):
-        lost = losses.mean_square(band[:, None], length)
-        lost = lost * np.exp(-2.0 * np.outer(losses.along(band), length))
+        start = first - first % TOGETHER
+        count = -(-(first + len(length) - start) // TOGETHER) * TOGETHER
+        known = _lost(losses, tuple(band.tolist()), start, count)
+        lost = known[:, first - start : first - start + len(length)]
     energies = np.empty((len(band), len(paths.length)))
     strength = np.where(paths.radius > 0, np.square(paths.weight), 0.0)
     for row, k in enumerate(wavenumber):
@@ -83,15 +88,23 @@ def _different(radius: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return different, row_of
 
 
-def _places(length: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """A few lengths, and of each path the one below it and how far it is to the next, by logarithms."""
+def _places(length: np.ndarray) -> tuple[int, np.ndarray, np.ndarray]:
+    """Number of the first of the lengths FIRST·APART^n that are needed; of each path (M,), how many lengths
+    the one below it comes after the first, and how far it is to the next, by logarithms."""
     if not len(length):
-        return np.ones(2), np.zeros(0, np.int64), np.zeros(0)
-    low, high = float(length.min()), float(length.max()) * 1.001
-    few = np.geomspace(low, high, LENGTHS)
-    place = np.log(length / low) * ((LENGTHS - 1) / math.log(high / low))
-    below = np.clip(place.astype(np.int64), 0, LENGTHS - 2)
-    return few, below, place - below
+        return 0, np.zeros(0, np.int64), np.zeros(0)
+    place = np.log(length / FIRST) / math.log(APART)
+    below = np.floor(place).astype(np.int64)
+    first = int(below.min())
+    return first, below - first, place - below
+
+
+@lru_cache(maxsize=32)
+def _lost(losses: Losses, band: tuple[float, ...], first: int, count: int) -> np.ndarray:
+    """(B, count) share of the energy that is left at lengths from a number on."""
+    length, every = FIRST * APART ** np.arange(first, first + count), np.array(band)
+    found = losses.mean_square(every[:, None], length)
+    return np.asarray(found * np.exp(-2.0 * np.outer(losses.along(every), length)))
 
 
 def record_length(
@@ -112,8 +125,8 @@ def record_length(
 
 def _last_needed(length: np.ndarray, energies: np.ndarray, allowed: np.ndarray) -> float:
     """The longest path (M,) after which, with it, more than what is allowed (B,) of energies (B, M) comes."""
-    few, place, _ = _places(length)
-    cells = np.array([np.bincount(place, row, len(few)) for row in energies])
+    _, place, _ = _places(length)
+    cells = np.array([np.bincount(place, row) for row in energies])
     left = np.cumsum(cells[:, ::-1], axis=1)[:, ::-1]
     needed = np.flatnonzero((left > allowed[:, None]).any(axis=0))
     if not len(needed):

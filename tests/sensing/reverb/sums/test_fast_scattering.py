@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import Phase, given, settings
+from hypothesis import Phase, given
 from hypothesis import strategies as st
+from references.examples import examples
 
 from forest_addon.acoustics.air import absorption
 from forest_addon.acoustics.cylinder import transfer
@@ -75,7 +76,7 @@ def stands(draw: st.DrawFn) -> tuple[TrunkPaths, float]:
 
 
 @pytest.mark.slow
-@settings(max_examples=6, deadline=None, derandomize=True, phases=[Phase.explicit, Phase.generate])
+@examples(12, phases=[Phase.explicit, Phase.generate])
 @given(stand=stands(), tolerance=st.sampled_from([1e-3, 1e-4, 1e-5]))
 def test_tolerance_is_kept_in_every_band_and_at_every_time(
     stand: tuple[TrunkPaths, float], tolerance: float

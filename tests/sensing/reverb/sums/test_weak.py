@@ -37,7 +37,7 @@ def octave_norms(samples, rate):
     )
 
 
-@pytest.mark.parametrize("model", ["paper", "forest"])
+@pytest.mark.parametrize("model", ["paper", pytest.param("forest", marks=pytest.mark.slow)])
 def test_what_is_left_out_is_below_its_bound(model):
     trunks, clap = stand(), CLAP.changed(model=model, tail="none", tolerance=0.0)
     field = ((-60.0, -60.0), (120.0, 120.0))

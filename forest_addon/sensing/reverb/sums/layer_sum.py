@@ -1,0 +1,311 @@
+"""The sum over trunks in one layer of frequency: pulses on a grid, transforms, filters.
+
+Paths by trunks and what they lose go in, samples come out. In each sector of the scattering angle
+H ≈ Σ_r U_r(f)·V_r(cos φ) (``expansion``), and in each zone of the path's length the gain is
+g ≈ Σ_q G_q(f)·T_q(x) (``path_gain``), so that
+
+    Σ_m w_m·e^{-ikx_m}·H·g ≈ Σ_rq U_r·G_q·Σ_m w_m·V_r·T_q·e^{-ikx_m}.
+
+Many trunks are laid down on an even grid as pulses of these heights, one transform for each product r, q that
+the tolerance needs. Where few trunks meet many products, as near by, each trunk's own spectrum,
+(Σ_r U_r·V_r)·(Σ_q G_q·T_q), is turned to its time, which costs R + Q products for R·Q transforms.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+
+import numpy as np
+from scipy import fft, sparse
+
+from ....acoustics.kaiser_bessel import OVERSAMPLING, Kernel
+from ....acoustics.spectrum import delay_factors
+from ..band import SPREAD, roll_off
+from ..forest.losses import Losses
+from .air_filter import AirFilter
+from .expansion import ExpansionLayer
+from .path_gain import PathGain, Zone
+from .scattering import TrunkPaths
+from .span_layer import SpanLayer
+
+TRUNKS_AT_ONCE = 65536
+GRID_AT_ONCE = 1 << 23  # values of the even grid, of as many terms as that allows
+SPECTRA_AT_ONCE = 1 << 19  # values of spectra of single trunks
+MOST_KEPT = 1 << 27  # bytes of filters that a layer keeps as spectra
+SINGLE = 1e-4  # from this tolerance on, single precision does; not where seconds of filters are
+RINGING = 0.02  # s by which a gain of frequency spreads an arrival to both sides
+UNHEARD = 1e-5  # of the loudest frequency: where a layer has nothing but rounding
+LEAST = 0.3  # of the tolerance: products of a zone that are smaller at all frequencies are left out
+SEEN = 4  # every so many frequencies of a transform tell how large a product is
+BESIDE = 160  # samples of a low layer before and after the record; they fade out
+# ns a value: of a trunk's own spectrum, a product in it; of a product on the grid; and a sector's on top
+OWN, OWN_PRODUCT, GRIDDED, GRID = 12.0, 0.25, 8.0, 5e5
+
+Heights = Callable[[slice], np.ndarray]  # of some trunks, (N, K)
+
+
+class LayerSum:
+    """The sum over one layer's sectors, before the air where that is no part of a gain.
+
+    Filters are kept as spectra for each length of transform that was needed, up to MOST_KEPT.
+    """
+
+    def __init__(self, layer: ExpansionLayer | SpanLayer, air: AirFilter | None) -> None:
+        self.layer, self.air = layer, air
+        self.step, self.rate, self.speed = layer.step, layer.rate, layer.speed
+        self.dtype = np.float32 if layer.tolerance >= SINGLE and layer.lowest > 0 else np.float64
+        self.complex = np.result_type(self.dtype, np.complex64)
+        self.kernel = Kernel.for_tolerance(0.3 * layer.tolerance)
+        self.errors: dict[float, float] = {}
+        self._filters: dict[int, np.ndarray] = {}
+        self._spectra: dict[tuple, tuple[np.ndarray, np.ndarray]] = {}
+        self._bytes = 0
+
+    @property
+    def highest(self) -> float:
+        """Return the frequency in Hz above which the layer has nothing."""
+        return self.layer.highest
+
+    def sum(
+        self, paths: TrunkPaths, cosine: np.ndarray, count: int, gain: PathGain | None = None
+    ) -> np.ndarray:
+        """(count,) samples at the full rate, sample SPREAD when the source sounds."""
+        first = -(SPREAD // self.step) - BESIDE * (self.step > 1)
+        last = -(-(count - SPREAD) // self.step) + BESIDE * (self.step > 1)
+        total: np.ndarray = np.zeros(last - first)
+        sector_of = np.searchsorted(self.layer.highs, cosine)
+        for number in np.flatnonzero(np.bincount(sector_of)).tolist():
+            self._note_errors(number)
+        if gain is None:
+            for number, rows in _groups(sector_of):
+                start, part = self._sector_sum(number, paths.select(rows), cosine[rows])
+                _add(total, part, start - first)
+        else:
+            for zone, near in gain.zones(paths.length):
+                given = paths.select(near), cosine[near], sector_of[near], gain, zone
+                start, part = self._zone_sum(*given)
+                _add(total, part, start - first)
+        if self.step == 1:
+            return total
+        skipped = -SPREAD - first * self.step
+        return _upsampled(total, self.step)[skipped : skipped + count]
+
+    def _note_errors(self, number: int) -> None:
+        for octave, error in self.layer.sector(number).errors.items():
+            self.errors[octave] = max(error, self.errors.get(octave, 0.0))
+
+    def _sector_sum(
+        self, number: int, paths: TrunkPaths, cosine: np.ndarray
+    ) -> tuple[int, np.ndarray]:
+        """First sample and samples of one sector's trunks, without a gain."""
+        sector = self.layer.sector(number)
+        place, base, size = self._placed(paths.length, 0.0, 0)
+        filters, _ = self._filter_spectra(number, size)
+
+        def heights(rows: slice) -> np.ndarray:
+            shares = sector.shares(cosine[rows], paths.radius[rows])
+            return np.asarray(shares * paths.weight[rows, None])
+
+        spectrum = self._gridded(place, heights, filters, size)
+        return base - sector.lead, fft.irfft(spectrum, size)
+
+    def _zone_sum(
+        self,
+        paths: TrunkPaths,
+        cosine: np.ndarray,
+        sector_of: np.ndarray,
+        gain: PathGain,
+        zone: Zone,
+    ) -> tuple[int, np.ndarray]:
+        """First sample and samples of all sectors' trunks in one zone of their gain."""
+        place, base, size = self._placed(paths.length, zone.rise, math.ceil(RINGING * self.rate))
+        total = np.zeros(size // 2 + 1, np.complex128)
+        for number, rows in _groups(sector_of):
+            some, turned = paths.select(rows), cosine[rows]
+            if self._few(len(rows), self.layer.sector(number).terms, len(zone.nodes), size):
+                total += self._own_spectra(number, some, turned, place[rows], size, gain, zone)
+            else:
+                total += self._products(number, some, turned, place[rows], size, gain, zone)
+        return base - self.layer.lead, fft.irfft(total, size)
+
+    @staticmethod
+    def _few(trunks: int, terms: int, nodes: int, size: int) -> bool:
+        """Return whether trunks' own spectra cost less than transforms of products."""
+        own = trunks * (OWN + OWN_PRODUCT * (terms + nodes))
+        return own < GRIDDED * 0.6 * terms * nodes + GRID / size
+
+    def _placed(self, length: np.ndarray, rise: float, beside: int) -> tuple[np.ndarray, int, int]:
+        """Samples (N,) of paths from a first one on, that one, and the length of a transform for them."""
+        place = length * (self.rate / self.speed)
+        if rise > 0:
+            place += Losses.detour(length, rise) * (self.rate / self.speed)
+        width = self.kernel.width
+        base = int(place.min()) - width - beside
+        span = int(place.max()) - base + width + 2 + self.layer.size + beside
+        place -= base
+        return place, base, transform_size(span)
+
+    def _own_spectra(
+        self,
+        number: int,
+        paths: TrunkPaths,
+        cosine: np.ndarray,
+        place: np.ndarray,
+        size: int,
+        gain: PathGain,
+        zone: Zone,
+    ) -> np.ndarray:
+        """(size // 2 + 1,) sum of spectra that are made trunk by trunk."""
+        filters, gains = self._factors(number, size, gain, zone)  # (F, R), (F, Q)
+        lowest = size // 2 + 1 - len(filters)
+        shares = self.layer.sector(number).shares(cosine, paths.radius) * paths.weight[:, None]
+        shares = shares.astype(self.dtype)
+        basis = zone.polynomials(paths.length).astype(self.dtype)
+        total = np.zeros(size // 2 + 1, np.complex128)
+        several = max(1, SPECTRA_AT_ONCE // len(filters))
+        for start in range(0, len(place), several):
+            some = slice(start, start + several)
+            each = filters @ shares[some].T  # (F, N)
+            each *= gains @ basis[some].T
+            each *= delay_factors(lowest / size, 1.0 / size, len(filters), place[some])
+            total[lowest:] += each.sum(axis=1, dtype=np.complex128)
+        return total
+
+    def _factors(
+        self, number: int, size: int, gain: PathGain, zone: Zone
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """(F, R) and (F, Q) spectra of a sector's filters and a zone's gain, at frequencies of the layer."""
+        key = "own", number, size, gain.losses, zone.low, zone.rise
+        if key not in self._spectra:
+            lowest = math.floor(self.layer.lowest * size / self.rate)
+            spectra = fft.rfft(self._filters_of(number), size, axis=1)[:, lowest:]
+            frequency = np.arange(lowest, size // 2 + 1) * (self.rate / size)
+            gains = gain.filters(zone, frequency)
+            found = spectra.T.astype(self.complex), gains.T.astype(self.complex)
+            self._keep(key, *found)
+            return found
+        return self._spectra[key]
+
+    def _products(
+        self,
+        number: int,
+        paths: TrunkPaths,
+        cosine: np.ndarray,
+        place: np.ndarray,
+        size: int,
+        gain: PathGain,
+        zone: Zone,
+    ) -> np.ndarray:
+        """(size // 2 + 1,) spectrum by products of a sector's terms and a zone's."""
+        sector = self.layer.sector(number)
+        filters, kept = self._filter_spectra(number, size, gain, zone)
+        first, second = np.divmod(kept, len(zone.nodes))
+
+        def heights(rows: slice) -> np.ndarray:
+            shares = sector.shares(cosine[rows], paths.radius[rows]) * paths.weight[rows, None]
+            return np.asarray(shares[:, first] * zone.polynomials(paths.length[rows])[:, second])
+
+        return self._gridded(place, heights, filters, size)
+
+    def _gridded(
+        self, place: np.ndarray, heights: Heights, filters: np.ndarray, size: int
+    ) -> np.ndarray:
+        """(size // 2 + 1,) Σ of filters (K, size // 2 + 1) times the transforms of pulses of K heights."""
+        total = np.zeros(size // 2 + 1, filters.dtype)
+        fine = place * OVERSAMPLING
+        several = max(4, GRID_AT_ONCE // (size * OVERSAMPLING))
+        for first in range(0, len(filters), several):
+            terms = slice(first, first + several)
+            grid = np.zeros((size * OVERSAMPLING, len(filters[terms])), self.dtype)
+            for start in range(0, len(place), TRUNKS_AT_ONCE):
+                some = slice(start, start + TRUNKS_AT_ONCE)
+                given = heights(some)[:, terms].astype(self.dtype)
+                grid += self._deposit(fine[some], given, len(grid))
+            spectra = fft.rfft(grid.T, axis=1)[:, : size // 2 + 1]
+            total += np.einsum("kf,kf->f", spectra, filters[terms])
+        return total
+
+    def _deposit(self, place: np.ndarray, heights: np.ndarray, size: int) -> np.ndarray:
+        """(size, R) pulses of the heights (N, R) at grid places (N,)."""
+        first, taps = self.kernel.spread(place, self.dtype)
+        width = self.kernel.width
+        rows = first[:, None] + np.arange(width, dtype=np.int32)
+        ends = np.arange(0, rows.size + 1, width, dtype=np.int32)
+        spread = sparse.csc_array((taps.T.ravel(), rows.ravel(), ends), shape=(size, len(place)))
+        return spread @ heights
+
+    def _filters_of(self, number: int) -> np.ndarray:
+        """(R, T) filters of a sector, as they are before the air."""
+        if number not in self._filters:
+            sector = self.layer.sector(number)
+            found = sector.filters
+            if self.air is not None:
+                found = self.air.undone(found, sector.lead)
+            self._filters[number] = found
+        return self._filters[number]
+
+    def _filter_spectra(
+        self, number: int, size: int, gain: PathGain | None = None, zone: Zone | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """(K, size // 2 + 1) filters of a sector over the kernel's transform, and which terms they are of.
+
+        In a zone of a gain, of those of the R·Q products that the tolerance needs.
+        """
+        key = "grid", number, size, gain and gain.losses, zone and (zone.low, zone.rise)
+        if key in self._spectra:
+            return self._spectra[key]
+        spectra = fft.rfft(self._filters_of(number), size, axis=1)
+        spectra[:, : math.floor(self.layer.lowest * size / self.rate)] = 0.0
+        spectra /= self.kernel.transform(np.arange(size // 2 + 1) / (size * OVERSAMPLING))
+        kept = np.arange(len(spectra))
+        if gain is not None and zone is not None:
+            gains = gain.filters(zone, np.arange(size // 2 + 1) * (self.rate / size))
+            share = np.abs(spectra[:, None, ::SEEN]) * np.abs(gains[:, ::SEEN])
+            share = share.reshape(-1, share.shape[-1])
+            share /= np.maximum(share.max(axis=0), UNHEARD * share.max() + 1e-300)
+            kept = np.flatnonzero(share.max(axis=1) > LEAST * self.layer.tolerance)
+            first, second = np.divmod(kept, len(gains))
+            gains = gains.astype(self.complex)
+            spectra = spectra.astype(self.complex)[first] * gains[second]
+        spectra = spectra.astype(self.complex, copy=False)
+        self._keep(key, spectra, kept)
+        return spectra, kept
+
+    def _keep(self, key: tuple, *found: np.ndarray) -> None:
+        size = sum(each.nbytes for each in found)
+        if self._bytes + size < MOST_KEPT:
+            self._bytes += size
+            self._spectra[key] = found[0], found[1]
+
+
+def _groups(number: np.ndarray) -> Iterator[tuple[int, np.ndarray]]:
+    """Each number that occurs and its rows."""
+    for each in np.flatnonzero(np.bincount(number)).tolist():
+        yield each, np.flatnonzero(number == each)
+
+
+def transform_size(least: int) -> int:
+    """One of a few lengths of transform, so that their filters are used again."""
+    step = 1 << max(0, least.bit_length() - 4)
+    return 2 * fft.next_fast_len(-(-least // step) * step // 2 + 1, real=True)
+
+
+def _upsampled(samples: np.ndarray, step: int) -> np.ndarray:
+    """(N·step,) samples at ``step`` times the rate; the band has nothing at its old end."""
+    fade = roll_off(0.45 + 0.05 * np.arange(BESIDE) / BESIDE)
+    samples[:BESIDE] *= fade[::-1]
+    samples[-BESIDE:] *= fade
+    size = fft.next_fast_len(len(samples) + BESIDE, real=True)
+    spectrum = fft.rfft(samples, size)
+    wide = np.zeros(size * step // 2 + 1, spectrum.dtype)
+    wide[: len(spectrum)] = spectrum
+    whole: np.ndarray = fft.irfft(wide, size * step)
+    return whole[: len(samples) * step]
+
+
+def _add(total: np.ndarray, part: np.ndarray, start: int) -> None:
+    """Add a part that starts at a sample, which may be negative; what does not fit is left out."""
+    first, last = max(0, -start), min(len(part), len(total) - start)
+    if last > first:
+        total[start + first : start + last] += part[first:last]
