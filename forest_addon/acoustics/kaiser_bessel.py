@@ -70,7 +70,12 @@ class Kernel:
         return first.astype(np.int32), taps
 
     def transform(self, frequency: np.ndarray) -> np.ndarray:
-        """Fourier transform at frequencies in cycles a grid point."""
+        """Fourier transform at frequencies in cycles a grid point; complex ones are of decaying waves."""
+        if np.iscomplexobj(frequency):
+            root = np.sqrt(self.shape**2 - (math.pi * self.width * frequency) ** 2)
+            scale = np.exp(-self.shape) / special.ive(0, self.shape)
+            decaying: np.ndarray = self.width * scale * np.sinh(root) / root
+            return decaying
         square = self.shape**2 - (math.pi * self.width * frequency) ** 2
         root = np.sqrt(np.abs(square))
         scale = np.exp(-self.shape) / special.ive(0, self.shape)

@@ -186,6 +186,8 @@ def test_fans_and_zigzags_look_where_ours_do(tmp_path, pattern):
     else:
         ends = one @ other[[0, 599]].T  # both ends of the field are reached, and no more
         assert ends.max(axis=0) == pytest.approx(1.0, abs=2e-5)
+        swings = np.diff(one @ (other[0] - other[599]) > 0)  # past the middle, once a line
+        assert abs(int(np.sum(swings)) - 18) <= 1
 
 
 def test_fans_to_one_side_and_short_swings_are_not_written(tmp_path):

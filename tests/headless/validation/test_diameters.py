@@ -5,10 +5,10 @@ import pytest
 from references.measured import FOUND, needs_measurements
 
 from forest_addon.base.rng import stream
+from headless.studies.validation.tapes import residuals
 from headless.studies.validation.tapes.diameters import matched_stems
 from headless.studies.validation.tapes.fortls import breast_diameter, sections_of, taper_of
 from headless.studies.validation.tapes.girths import bole, by_circle, by_tape, scan_plot, section
-from headless.studies.validation.tapes.residuals import stems_of_plot
 from headless.studies.validation.tapes.stem_lists import match_stems
 
 
@@ -85,6 +85,7 @@ def test_fortls_finds_no_stem_in_a_bush():
     assert np.isnan(breast_diameter(np.zeros((0, 2)), 0.0))
 
 
+@pytest.mark.slow
 def test_a_stem_behind_another_is_hidden():
     stems = np.array([[5.0, 0.0, 0.4], [9.0, 0.0, 0.25], [0.0, 6.0, 0.3]])
     found = scan_plot(stems, 3, bark=False)
@@ -93,8 +94,11 @@ def test_a_stem_behind_another_is_hidden():
 
 
 @pytest.mark.slow
-def test_bark_adds_to_residuals_of_circles():
-    rough, smooth = (np.median(stems_of_plot(4, bark)[:, 4]) for bark in (True, False))
+def test_bark_adds_to_residuals_of_circles(monkeypatch):
+    few = np.array([[4.0, 3.0, 0.25, 17.0], [6.5, 6.0, 0.28, 17.0]])
+    monkeypatch.setattr(residuals, "pine_stems", lambda seed: few)
+    monkeypatch.setattr(residuals, "STEP", 0.25)
+    rough, smooth = (np.median(residuals.stems_of_plot(4, bark)[:, 4]) for bark in (True, False))
     assert 0.002 < smooth < 0.0035  # the noise, 3 mm
     assert rough > 1.4 * smooth
 
