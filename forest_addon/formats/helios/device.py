@@ -142,7 +142,8 @@ def _notes(
 ) -> list[str]:
     """Sentences on what is passed over of a scanner and a survey."""
     found = []
-    common = {**owners[0].find(WAVEFORM).attrib} if owners[0].find(WAVEFORM) is not None else {}
+    shared = owners[0].find(WAVEFORM)
+    common = {**shared.attrib} if shared is not None else {}
     own = [c.find(WAVEFORM) for c in channels if c is not None]
     if any(said is not None and {**common, **said.attrib} != common for said in own):
         found.append(f"all channels have the scanner's {WAVEFORM}; their own are passed over")
