@@ -52,7 +52,7 @@ LIBRARY = """<document>
 <scanner id="swing" optics="oscillating" scanAngleMax_deg="20"/>
 <scanner id="prism" optics="spiral"/>
 </document>"""
-TRIPOD = """<document><scannerSettings id="t" pulseFreq_hz="1000" scanFreq_hz="10"/>
+TRIPOD = """<document><scannerSettings id="t" pulseFreq_hz="1000" scanFreq_hz="10">TEMPLATE</scannerSettings>
 <survey name="n" scene="scene.xml#s" platform="library.xml#PLATFORM"
  scanner="library.xml#SCANNER">LEGS</survey>
 </document>"""
@@ -65,7 +65,12 @@ FLIGHT = """<leg><platformSettings x="0" y="-10" z="52" movePerSec_m="20"/>
 
 
 def written(
-    folder: Path, legs: str = LEG, platform: str = "tripod", scanner: str = "fan", extra: str = ""
+    folder: Path,
+    legs: str = LEG,
+    platform: str = "tripod",
+    scanner: str = "fan",
+    extra: str = "",
+    template: str = "",
 ) -> Path:
     (folder / "parts").mkdir(exist_ok=True)
     (folder / "parts/ground.obj").write_text(GROUND)
@@ -74,6 +79,7 @@ def written(
     (folder / "scene.xml").write_text(SCENE.replace("EXTRA", extra))
     (folder / "library.xml").write_text(LIBRARY)
     text = TRIPOD.replace("LEGS", legs).replace("PLATFORM", platform).replace("SCANNER", scanner)
+    text = text.replace("TEMPLATE", template)
     (folder / "survey.xml").write_text(text)
     return folder / "survey.xml"
 
@@ -151,6 +157,7 @@ def test_counts_stand_beside_those_of_a_reference(
         ({"legs": LEG.replace("<scanner", "<wind/><scanner", 1)}, 'leg holds "wind"'),
         ({"legs": LEG.replace("<scanner", "<platformSettings/><scanner", 1)}, "platformSettings 2"),
         ({"extra": "<material/>"}, 'holds "material"'),
+        ({"template": "<swap/>"}, 'scannerSettings t holds "swap"'),
         ({"extra": '<filter type="scale"><points/></filter>'}, 'filter holds "points"'),
     ],
 )

@@ -258,6 +258,26 @@ class EmbreeBuild:
             row += place.strides[0]
         return self._commit(top)
 
+    def array(self, scenes: list[int], which: np.ndarray, place: np.ndarray) -> int:
+        """A scene of one geometry of many instances; a hit names it 0, and the instance by its row.
+
+        which : (I,) of the scenes. place : (K, I, 3, 4) float32, at even steps of a ray's time from 0 to 1,
+        between which their elements go linearly.
+        """
+        top, given = self._scene(), np.array(scenes, dtype=np.uint64)
+        number, place = which.astype(np.uint32), np.ascontiguousarray(place, dtype=np.float32)
+        self._arrays += [number, place]
+        geometry = self._library.rtcNewGeometry(self._device, embree.INSTANCES)
+        self._library.rtcSetGeometryInstancedScenes(geometry, given.ctypes.data, len(given))
+        self._library.rtcSetGeometryTimeStepCount(geometry, len(place))
+        share, form = self._library.rtcSetSharedGeometryBuffer, embree.FLOAT3X4_ROWS
+        share(geometry, embree.INDEX_BUFFER, 0, embree.UINT, number.ctypes.data, 0, 4, len(which))
+        for step, row in enumerate(place):
+            size = row.strides[0]
+            share(geometry, embree.TRANSFORM_BUFFER, step, form, row.ctypes.data, 0, size, len(row))
+        self._attach(top, geometry, 0)
+        return self._commit(top)
+
     def _scene(self) -> int:
         scene: int = self._library.rtcNewScene(self._device)
         self._scenes.append(scene)

@@ -22,7 +22,7 @@ LOOKED_AT = 16  # of so many packets one
 MOST_APART = 0.1  # share of the packets that may be wider
 # Rows of RTCRayHit8 and 16; between them normal 12-14, u 15, v 16, and 20 the place in an array of instances.
 TNEAR, DIRECTION, TIME, TFAR, MASK, ID, FLAGS = 3, 4, 7, 8, 9, 10, 11
-PRIMITIVE, GEOMETRY, INSTANCE, ROWS = 17, 18, 19, 21
+PRIMITIVE, GEOMETRY, INSTANCE, OF_ARRAY, ROWS = 17, 18, 19, 20, 21
 NONE = 0xFFFFFFFF
 FAR = 3e38  # the longest way that float32 holds
 
@@ -111,11 +111,14 @@ class RayPackets:
             going = map(going.__getitem__, some.tolist())
         deque(map(run, repeat(_SENT), repeat(scene), going, repeat(how)), maxlen=0)
 
-    def read(self, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Instance and triangle (M,) of the rays that met something, and which rays (M,) these are."""
+    def read(self, count: int, row: int = INSTANCE) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Instance and triangle (M,) of the rays that met something, and which rays (M,) these are.
+
+        row : of packets, that tells the instance: of ``EmbreeBuild.array`` it is ``OF_ARRAY``.
+        """
         found = self._found.swapaxes(0, 1).reshape(ROWS - PRIMITIVE, -1)
         met = (found[GEOMETRY - PRIMITIVE, :count] != NONE).nonzero()[0]
-        instance = found[INSTANCE - PRIMITIVE].take(met).astype(np.int64)
+        instance = found[row - PRIMITIVE].take(met).astype(np.int64)
         return instance, found[0].take(met).astype(np.int64), met
 
 

@@ -18,7 +18,7 @@ from .device import Device, read_device
 from .document import asset_of, place_of, read_document, rotation_of, yes
 from .legs import MOVING, Leg, Source, first_pulse_rate, read_legs
 from .scene import Part, plays_of, read_scene
-from .vocabulary import NOISES, check_children, strange_words
+from .vocabulary import NOISES, SETTINGS, check_children, strange_words
 
 PLATFORMS = ("static", *MOVING)
 FAR = 5000.0  # metres from the origin beyond which a scene is moved there
@@ -68,6 +68,8 @@ def read_survey(path: Path, assets: Path | None = None) -> Survey:
         raise SpecError(str(path), "has no survey")
     check_children(root, path)
     strange = strange_words(survey, path)
+    for template in (child for child in root if child.tag in SETTINGS):
+        strange += strange_words(template, path)
     scanner, scanner_file = asset_of(survey.get("scanner", ""), "scanner", path, assets)
     platform, platform_file = _platform(survey, path, assets)
     strange += strange_words(scanner, scanner_file) + strange_words(platform, platform_file)
