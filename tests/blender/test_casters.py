@@ -278,6 +278,23 @@ def test_a_batch_of_any_size_finds_the_same_bytes(engine, size):
             assert getattr(found, name).tobytes() == getattr(whole, name)[part].tobytes()
 
 
+def test_how_many_rays_go_at_a_time_does_not_matter(monkeypatch):
+    """Also where the rays of a mesh are no multiple of a turn, and fewer or more than one."""
+    monkeypatch.setattr(bvh, "FEW", 0)
+    monkeypatch.setattr(bvh, "TURN", 7)
+    caster = BvhCaster(forest(40))
+    origins, directions = random_rays(6000)
+    whole = caster.cast(origins, directions)
+    assert 100 < whole.found.sum() < 6000
+    caster.task = 16
+    found = caster.cast(origins, directions)
+    for name in ("distance", "instance", "triangle"):
+        assert getattr(found, name).tobytes() == getattr(whole, name).tobytes()
+    monkeypatch.undo()
+    caster.task = 4096
+    assert (caster.cast(origins, directions).triangle == found.triangle).all()
+
+
 def test_what_a_small_batch_found_stays_when_the_next_is_cast(engine):
     caster = engine(forest(9))
     origins, directions = random_rays(40)

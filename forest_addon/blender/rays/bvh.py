@@ -11,7 +11,7 @@ import gc
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import islice, pairwise
 from operator import itemgetter
 
 import bpy  # noqa: F401  where Blender is a module, it brings mathutils
@@ -24,7 +24,7 @@ from ...sensing.rays.caster import Hits
 from ...sensing.rays.geometry import SceneGeometry, invert_transforms
 from ...sensing.rays.hulls import Hulls
 from ...sensing.rays.refine import whole_triangles
-from ...sensing.rays.search import Search
+from ...sensing.rays.search import TASK, Search
 
 BEFORE = 1e-3  # metres, and BEFORE_SHARE of the way: where a ray starts before a box
 BEFORE_SHARE = 1e-5
@@ -43,6 +43,9 @@ class BvhCaster(Search):
     """Closest hits and occlusion through BVHTree (see ``sensing.rays.RayCaster``)."""
 
     engine = "bvhtree"
+    task = (
+        4 * TASK
+    )  # of many instances the calls on arrays cost more than the rays of a smaller one
 
     def __init__(self, scene: SceneGeometry, like: BvhCaster | None = None) -> None:
         super().__init__(
@@ -112,24 +115,33 @@ class BvhCaster(Search):
         origin, way, stretch = self._enter(pairs, origins, directions)
         long = ((limit[pairs.ray] - pairs.begin) * (1 + 1e-6) + SLACK) * stretch
         reach = np.minimum(long, FAR)
-        cuts = {0, *(np.flatnonzero(np.diff(mesh_of)) + 1).tolist(), len(mesh_of)}
-        cuts |= set(range(0, len(mesh_of), TURN))
+        cuts = [0, *(np.flatnonzero(np.diff(mesh_of)) + 1).tolist(), len(mesh_of)]
         triangle = np.full(len(mesh_of), -1, dtype=np.int64)
-        for first, last in pairwise(sorted(cuts)):
+        for first, last in pairwise(cuts if len(mesh_of) else [0]):
+            rows: np.ndarray | slice = slice(first, last)
             mesh = int(mesh_of[first])
-            tree, numbers = self._tree(mesh)
-            rows = np.arange(first, last)
             if cull:
                 hull = self._hulls.take(mesh_of[first : first + 1])
-                rows = rows[self._hulls.met(origin[:, rows], way[:, rows], hull)]
-            starts = zip(*origin[:, rows].tolist(), strict=True)
-            ways = zip(*way[:, rows].tolist(), strict=True)
-            found = map(itemgetter(2), map(tree.ray_cast, starts, ways, reach[rows].tolist()))
-            number = np.array(list(found), dtype=np.float64)  # None, a miss, becomes NaN
-            met = np.flatnonzero(~np.isnan(number))
-            triangle[rows[met]] = numbers[number[met].astype(np.int64)]
+                rows = first + self._hulls.met(origin[:, rows], way[:, rows], hull).nonzero()[0]
+            triangle[rows] = self._cast_each(mesh, origin[:, rows], way[:, rows], reach[rows])
         met = (triangle >= 0).nonzero()[0]
         return pairs.ray[met], pairs.box[met], triangle[met]
+
+    def _cast_each(
+        self, mesh: int, origin: np.ndarray, way: np.ndarray, reach: np.ndarray
+    ) -> np.ndarray:
+        """(P,) triangle of a mesh that rays (3, P) in its space meet, -1 for none."""
+        tree, numbers = self._tree(mesh)
+        starts, ways = (zip(*columns.tolist(), strict=True) for columns in (origin, way))
+        found = map(itemgetter(2), map(tree.ray_cast, starts, ways, reach.tolist()))
+        number: list[int | None] = []
+        while len(number) < len(reach):
+            number += islice(found, TURN)
+        place = np.array(number, dtype=np.float64)  # None, a miss, becomes NaN
+        met = np.flatnonzero(~np.isnan(place))
+        triangle = np.full(len(reach), -1, dtype=np.int64)
+        triangle[met] = numbers[place[met].astype(np.int64)]
+        return triangle
 
     def _in_rounds(
         self, pairs: _Pairs, origins: np.ndarray, directions: np.ndarray, limit: np.ndarray

@@ -32,6 +32,7 @@ class Search(RayCaster, ABC):
     """
 
     engine: str
+    task = TASK  # rays at a time
     _surfaces: RefinedSurfaces
 
     def __init__(self, scene: SceneGeometry, threads: int = 1, like: Search | None = None) -> None:
@@ -64,14 +65,14 @@ class Search(RayCaster, ABC):
         """The closest hit of each ray; see ``RayCaster``."""
         origins, directions = np.asarray(origins), np.asarray(directions)
         count = len(origins)
-        if count <= TASK and leaving is None:
+        if count <= self.task and leaving is None:
             found = self._plainly(origins, directions, min_distance, max_distance)
             if found is not None:
                 return found
         near, far = (
             np.full(count, limit, dtype=np.float64) for limit in (min_distance, max_distance)
         )
-        if count <= TASK:
+        if count <= self.task:
             return self._cast(origins, directions, near, far, leaving)
         hits = Hits.misses(count)
 
@@ -79,7 +80,7 @@ class Search(RayCaster, ABC):
             left = None if leaving is None else leaving.select(part)
             hits.put(part, self._cast(origins[part], directions[part], near[part], far[part], left))
 
-        in_tasks(task, count, self.threads)
+        in_tasks(task, count, self.threads, self.task)
         return hits
 
     def _plainly(
@@ -205,9 +206,9 @@ def search_on(
     return _within(hits, far)
 
 
-def in_tasks(task: Callable[[slice], None], count: int, threads: int) -> None:
-    """Do a task for every ``TASK`` rays of so many, on threads."""
-    parts = [slice(first, first + TASK) for first in range(0, count, TASK)]
+def in_tasks(task: Callable[[slice], None], count: int, threads: int, size: int = TASK) -> None:
+    """Do a task for every ``size`` rays of so many, on threads."""
+    parts = [slice(first, first + size) for first in range(0, count, size)]
     if threads == 1 or len(parts) < 2:
         for part in parts:
             task(part)
