@@ -33,7 +33,7 @@ def unknown(key: str, name: str, known: Iterable[str], besides: str = "") -> Spe
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:
-    """'did you mean "X"? ' of the known name that is another word for it or the nearest, or nothing where none
+    """'did you mean "X"? ' of another word for it or the nearest known name, or nothing where none
     is near."""
     names = list(known)
     near = [word for words in SAME if words[0] == name for word in words[1:] if word in names]
