@@ -40,5 +40,5 @@ class RowTable:
 
 def lengths(vectors: np.ndarray) -> np.ndarray:
     """(M,) lengths of vectors (M, 3), faster than by numpy's norm along an axis."""
-    squared = np.einsum("mi,mi->m", vectors, vectors)
-    return np.sqrt(squared, out=squared)
+    found: np.ndarray = np.sqrt(np.einsum("mi,mi->m", vectors, vectors))
+    return found
