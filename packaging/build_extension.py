@@ -205,12 +205,13 @@ def for_python(text: str, python: str, platform: str) -> str:
 
 
 def copy_repository(stage: Path) -> None:
-    """All but what is large or hidden; the manifest's own list then says what goes in."""
-    large = {"build", "out", "wheels"}
+    """All but what is large, hidden or of an installation, which may be under way; the manifest's own list
+    then says what goes in."""
+    large, ours = {"build", "out", "wheels"}, (".egg-info", "__pycache__")
 
     def left_out(folder: str, names: list[str]) -> set[str]:
         here = large if Path(folder) == ROOT else set()
-        return {name for name in names if name.startswith(".") or name in here | {"__pycache__"}}
+        return {n for n in names if n.startswith(".") or n.endswith(ours) or n in here}
 
     shutil.copytree(ROOT, stage, ignore=left_out)
 

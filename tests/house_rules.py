@@ -491,7 +491,7 @@ def sensors_are_looked_up(house: House) -> Iterator[str]:
 @cache
 def questions_of_kind(path: str, text: str, classes: frozenset[str]) -> tuple[str, ...]:
     """Return where a file asks for the class or the kind of a sensor or a result."""
-    known = names_of(tree_of(text), classes)
+    known = names_of(text, classes)
     return tuple(
         f"{path}: {ast.unparse(node).splitlines()[0]}"
         for node in nodes_of(text)
@@ -522,13 +522,13 @@ def sensor_classes(house: House) -> set[str]:
     return found
 
 
-def names_of(tree: ast.Module, classes: frozenset[str]) -> set[str]:
+def names_of(text: str, classes: frozenset[str]) -> set[str]:
     """Return how a file calls some classes: by their names, other names of imports, tuples and unions."""
     known = set(classes)
-    for node in ast.walk(tree):
+    for node in nodes_of(text):
         if isinstance(node, ast.ImportFrom):
             known |= {a.asname for a in node.names if a.asname and a.name in classes}
-    for node in tree.body:
+    for node in tree_of(text).body:
         if isinstance(node, ast.Assign) and isinstance(node.value, ast.Tuple | ast.BinOp):
             parts = {n.id for n in ast.walk(node.value) if isinstance(n, ast.Name)}
             if parts & known:

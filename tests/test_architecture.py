@@ -54,7 +54,9 @@ EXCEPTIONS = {
 
 @pytest.fixture(scope="module")
 def house():
-    return House.read(ROOT)
+    yield House.read(ROOT)
+    rules.nodes_of.cache_clear()  # a million nodes, which Python's collector would look at ever again
+    rules.tree_of.cache_clear()
 
 
 def violations(rule, house):

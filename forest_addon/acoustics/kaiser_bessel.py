@@ -46,8 +46,10 @@ class Kernel:
         taps = special.ive(0, self.shape * inside) * np.exp(self.shape * (inside - 1.0))
         taps /= special.ive(0, self.shape)
         fitted = chebyshev.chebfit(x, taps.T, degree)
-        powers = [chebyshev.cheb2poly(column)[::-1] for column in fitted.T]
-        return np.array(powers).T
+        powers = np.eye(degree + 1)  # of x in each Chebyshev polynomial, T_n = 2x·T_{n-1} - T_{n-2}
+        for n in range(2, degree + 1):
+            powers[n] = 2.0 * np.roll(powers[n - 1], 1) - powers[n - 2]
+        return np.asarray((fitted.T @ powers)[:, ::-1].T)
 
     @property
     def _places(self) -> np.ndarray:
@@ -68,7 +70,12 @@ class Kernel:
         return first.astype(np.int32), taps
 
     def transform(self, frequency: np.ndarray) -> np.ndarray:
-        """Fourier transform at frequencies in cycles a grid point."""
+        """Fourier transform at frequencies in cycles a grid point; complex ones are of decaying waves."""
+        if np.iscomplexobj(frequency):
+            root = np.sqrt(self.shape**2 - (math.pi * self.width * frequency) ** 2)
+            scale = np.exp(-self.shape) / special.ive(0, self.shape)
+            decaying: np.ndarray = self.width * scale * np.sinh(root) / root
+            return decaying
         square = self.shape**2 - (math.pi * self.width * frequency) ** 2
         root = np.sqrt(np.abs(square))
         scale = np.exp(-self.shape) / special.ive(0, self.shape)

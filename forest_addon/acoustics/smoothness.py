@@ -141,7 +141,7 @@ def smoothness(
     for number in np.unique(other).tolist():
         for long in np.unique(length[line[other == number]]).tolist():
             rows = np.flatnonzero((other == number) & (length[line] == long))
-            errors[rows] = series[line[rows], :long] @ _beyond(decay[number], long)
+            errors[rows] = series[line[rows], :long] @ _beyond(decay[number].tobytes(), long)
     unseen = beyond[line] * decay.sum(axis=1)[other]
     return Smoothness(
         of_echo,
@@ -188,6 +188,7 @@ class _Classes:
     def __init__(self, family: Family, ratio: float) -> None:
         self._family, self._ratio = family, ratio
         self._found: dict[int, tuple[np.ndarray, float, float]] = {}
+        self._tables = self._tabled()
 
     def of(self, classes: np.ndarray) -> tuple[np.ndarray, ...]:
         """(C, N) bounds on |c_n| and how many they are, (C,) on all beyond, infinite where F turns too
@@ -195,13 +196,22 @@ class _Classes:
         missing = np.array([c for c in classes.tolist() if c not in self._found], dtype=np.int64)
         if len(missing):
             self._find(missing)
-        found = [self._found[c] for c in classes.tolist()]
+            self._tables = self._tabled()
+        known, series, length, beyond, size = self._tables
+        row = np.searchsorted(known, classes)
+        long = length[row]
+        return series[row, : long.max(initial=1)], long, beyond[row], size[row]
+
+    def _tabled(self) -> tuple[np.ndarray, ...]:
+        """All that is found, in the order of the classes."""
+        known = np.array(sorted(self._found), dtype=np.int64)
+        found = [self._found[c] for c in known.tolist()]
         length = np.array([len(row) for row, *_ in found], dtype=np.int64)
         series = np.zeros((len(found), length.max(initial=1)))
         for line, (row, *_) in zip(series, found, strict=True):
             line[: len(row)] = row
         beyond, size = np.array([rest for _, *rest in found]).reshape(-1, 2).T
-        return series, length, beyond, size
+        return known, series, length, beyond, size
 
     def _find(self, classes: np.ndarray) -> None:
         inner, across = np.divmod(classes, ACROSS)
@@ -282,8 +292,10 @@ def _lost(
     return np.atleast_2d(bounds), of_echo
 
 
-def _beyond(decay: np.ndarray, orders: int) -> np.ndarray:
-    """(N, levels): errors of the product with a series (G,), for each coefficient of another."""
+@lru_cache(maxsize=256)
+def _beyond(lost: bytes, orders: int) -> np.ndarray:
+    """(N, levels): errors of the product with a series (G,) of numbers, for each coefficient of another."""
+    decay = np.frombuffer(lost)
     level, order = np.array(LEVELS), np.arange(orders)[:, None]
     after = np.append(np.cumsum(decay[::-1])[::-1], 0.0)  # Σ from n on
     total = np.zeros((orders, len(level)))

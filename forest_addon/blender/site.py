@@ -35,18 +35,21 @@ def build_site(
     forest: GrownForest,
     *,
     as_assets: bool = True,
+    looks: bool = True,
     ready: ReadyForest | None = None,
 ) -> None:
     """Put a forest that grew on a site into a Blender scene, in place of the one that stands there.
 
-    as_assets : whether variants become assets, each with a picture. ready : what was made ahead.
+    as_assets : whether variants become assets, each with a picture. looks : whether somebody may see it, or
+    change it later. ready : what was made ahead.
 
     Raises
     ------
     SpecError : something that stands there is in the way; nothing is changed.
     """
     try:
-        build(place, site.scene, forest, site.inputs.terrain, as_assets=as_assets, ready=ready)
+        how = {"as_assets": as_assets, "looks": looks}
+        build(place, site.scene, forest, site.inputs.terrain, **how, ready=ready)
     except ValueError as problem:
         raise SpecError("build", str(problem)) from None
     hide_wind(place)  # which moved the trees of before

@@ -82,7 +82,7 @@ def _shared(
 ) -> np.ndarray:
     """(H,) share of each segment's volume that lies in any of some others (H, C)."""
     place = np.arange(count)[:, None] + np.sqrt(2) * heads[:, None, None]  # each segment its own
-    along, turn, out = np.moveaxis(place * EVEN % 1, 2, 0)  # (H, P) each
+    along, turn, out = (place[:, :, 0] * step % 1 for step in EVEN)  # (H, P) each
     r1, r2 = skeleton.radius[heads].T[:, :, None]
     slope = r2 - r1
     weight = (r1 + slope * along) ** 2  # (H, P): a thick end has more
@@ -91,21 +91,35 @@ def _shared(
     side /= np.linalg.norm(side, axis=1, keepdims=True)
     across = np.cross(axis, side)
     far = (r1 + slope * along) * np.sqrt(out)
-    places = (
-        skeleton.start[heads][:, None] + (along * length[heads, None])[..., None] * axis[:, None]
-    )
-    places += (far * np.cos(2 * np.pi * turn))[..., None] * side[:, None]
-    places += (far * np.sin(2 * np.pi * turn))[..., None] * across[:, None]
+    cos, sin = far * np.cos(2 * np.pi * turn), far * np.sin(2 * np.pi * turn)
+    along = along * length[heads, None]
+    places = [  # (H, P) of each coordinate: twice as fast as rows of three
+        skeleton.start[heads, k, None]
+        + along * axis[:, k, None]
+        + cos * side[:, k, None]
+        + sin * across[:, k, None]
+        for k in range(3)
+    ]
     inside = np.zeros(weight.shape, dtype=bool)
     for other in others.T:
         rows = np.flatnonzero((other >= 0) & (length[other] > TOUCH))
         which = other[rows]
         way = (skeleton.end[which] - skeleton.start[which]) / length[which, None]
-        from_start = places[rows] - skeleton.start[which][:, None]
-        above = np.einsum("hpk,hk->hp", from_start, way)
-        square = np.einsum("hpk,hpk->hp", from_start, from_start) - above**2
-        share = above / length[which, None]
+        above, square = np.zeros((2, len(rows), count))
+        for k in range(3):
+            from_start = places[k][rows]
+            from_start -= skeleton.start[which, k, None]
+            above += from_start * way[:, k, None]
+            from_start *= from_start
+            square += from_start
+        square -= above**2
+        share = np.divide(above, length[which, None], out=above)
         a, b = skeleton.radius[which].T[:, :, None]
-        inside[rows] |= (share >= 0) & (share <= 1) & (square < (a + (b - a) * share) ** 2)
+        reach = a + (b - a) * share
+        reach *= reach
+        here = square < reach
+        here &= share >= 0
+        here &= share <= 1
+        inside[rows] |= here
     found: np.ndarray = (weight * inside).sum(axis=1) / np.maximum(weight.sum(axis=1), 1e-300)
     return found

@@ -31,7 +31,7 @@ def _figures(reverb: Reverb, response: ImpulseResponse, seen: Seen | None) -> li
         from ..sensing.reverb.kind import trunks_of
 
         trunks = len(trunks_of(seen, reverb).radius)
-    return [*of_response(response, trunks), *_of_model(reverb)]
+    return [*of_response(response, trunks), *_of_model(reverb, response)]
 
 
 def of_response(response: ImpulseResponse, trunks: int | None = None) -> list[Figure]:
@@ -66,11 +66,11 @@ def of_response(response: ImpulseResponse, trunks: int | None = None) -> list[Fi
     ]
 
 
-def _of_model(reverb: Reverb) -> list[Figure]:
+def _of_model(reverb: Reverb, response: ImpulseResponse) -> list[Figure]:
     """Return what is in the model, and what is not."""
     from ..sensing.reverb.terms import terms_of
 
-    held, missing = terms_of(reverb)
+    held, missing = terms_of(reverb, response.stand)
     name = {"paper": "single scattering (Kaneko & Gamper 2021)", "forest": "forest"}[reverb.model]
     return [
         numbers("model", "", name),
@@ -170,6 +170,25 @@ def _notes(reverb: Reverb, response: ImpulseResponse) -> tuple[str, ...]:
             f"Figures are of the first of {len(channels)} channels, {response.channel}; "
             f"{reverb.name}.npz has those of all."
         )
+    notes += _notes_of_settings(reverb, response)
+    if any(channel.clamped for channel in channels):
+        most = max(channel.clamped for channel in channels)
+        notes.append(
+            f"{most} trunk(s) cover a source or a receiver; their distance is taken as their radius."
+        )
+    if peak > 1:
+        notes.append("The sound exceeds full scale; the WAV is 32-bit float and does not clip.")
+    return tuple(notes)
+
+
+def _notes_of_settings(reverb: Reverb, response: ImpulseResponse) -> list[str]:
+    notes = []
+    if response.sprays:
+        notes.append(
+            f"{', '.join(response.sprays)}: needles that are drawn as flat sprays count as leaves, which "
+            "scatter as discs and absorb as leaves do, more than needles; conifers with shoots "
+            "(norway-spruce, scots-pine, silver-fir) are heard needle by needle."
+        )
     if response.at == response.at:
         notes.append(
             "Source or receiver move: each moment has channels of its own; a dry sound is heard through all "
@@ -182,14 +201,7 @@ def _notes(reverb: Reverb, response: ImpulseResponse) -> tuple[str, ...]:
         notes.append(
             "Background noise is added where a dry sound is heard, not to impulse responses."
         )
-    if any(channel.clamped for channel in channels):
-        most = max(channel.clamped for channel in channels)
-        notes.append(
-            f"{most} trunk(s) cover a source or a receiver; their distance is taken as their radius."
-        )
-    if peak > 1:
-        notes.append("The sound exceeds full scale; the WAV is 32-bit float and does not clip.")
-    return tuple(notes)
+    return notes
 
 
 def _write(folder: Path, reverb: Reverb, response: ImpulseResponse, _offset: Offset) -> list[Path]:

@@ -1,11 +1,11 @@
 """A scan of any size on disk: chunk by chunk into one file that is whole at any time.
 
 While a scan runs, its returns stand in ``NAME.partial.ply``, a binary PLY of full precision that grows
-with every chunk, and ``NAME.partial.json`` says how far it is and of which scan. A scan that is killed
-leaves both: the PLY opens anywhere, and ``resume`` cuts it back to the last chunk that the JSON knows and
-goes on from there. At the end the PLY becomes the format that was asked for, a part at a time. Each
-pulse depends on its number alone, so the bytes are those of a scan that was never interrupted, and memory
-holds one chunk.
+every second, or with every chunk where its length is given, and ``NAME.partial.json`` says how far it is
+and of which scan. A scan that is killed leaves both: the PLY opens anywhere, and ``resume`` cuts it back to
+the last chunk that the JSON knows and goes on from there. At the end the PLY becomes the format that was
+asked for, a part at a time. Each pulse depends on its number alone, so the bytes are those of a scan that
+was never interrupted, and memory holds one chunk.
 """
 
 from __future__ import annotations
@@ -13,7 +13,9 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
+import time
 import zipfile
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -32,6 +34,7 @@ from .points import BOUNCED, POINT, UNITS, records
 
 FORMATS = ("laz", "las", "copc.laz", "ply", "npz")
 ROWS_AT_ONCE = 200_000
+SAVED_EVERY = 1.0  # s; a disk takes some of the time of a chunk for each saving
 
 
 @dataclass(frozen=True)
@@ -75,7 +78,8 @@ def write_scan(
 
     offset : metres added to every position, and their coordinate system.
     resume : go on with an unfinished scan, if there is one.
-    at_once : pulses a chunk. progress : may raise to cancel; what is finished is kept.
+    at_once : pulses a chunk, each of which is saved by itself. progress : may raise to cancel; what is
+    finished is kept.
 
     Raises
     ------
@@ -91,23 +95,34 @@ def write_scan(
     begin = state.done
     point = BOUNCED if scan.scanner.bounces else POINT
     file = PlyFile(partial, point, comments_of(scan.scanner, seed), keep=state.points)
+    saved, rows = time.monotonic(), []
     try:
         for done, cloud in scan.chunks(begin, state.at_once):
-            file.append(records(cloud, offset))
+            rows.append(records(cloud, offset))
             lost = together([*state.lost, *cloud.lost])
             ended = state.unfollowed + cloud.unfollowed
-            state = dataclasses.replace(
-                state, done=done, points=file.count, lost=lost, unfollowed=ended
-            )
-            with replacing(noted) as text:
-                text.write_text(json.dumps(dataclasses.asdict(state)) + "\n", encoding="utf-8")
+            state = dataclasses.replace(state, done=done, lost=lost, unfollowed=ended)
+            waits = time.monotonic() < saved + SAVED_EVERY and sum(map(len, rows)) < ROWS_AT_ONCE
+            if at_once or not waits:
+                state, rows, saved = _saved(file, noted, state, rows), [], time.monotonic()
             if progress:
                 progress(done, scan.pulses)
     finally:
+        if rows:
+            state = _saved(file, noted, state, rows)
         file.close()
     finish(file, path, kind, offset.crs)
     noted.unlink(missing_ok=True)
     return Written(path, scan.pulses, file.count, begin, state.lost, state.unfollowed)
+
+
+def _saved(file: PlyFile, noted: Path, state: ScanState, rows: Sequence[np.ndarray]) -> ScanState:
+    """Put rows of finished chunks on the disk, and note how far the scan is."""
+    file.append(np.concatenate(rows))
+    state = dataclasses.replace(state, points=file.count)
+    with replacing(noted) as text:
+        text.write_text(json.dumps(dataclasses.asdict(state)) + "\n", encoding="utf-8")
+    return state
 
 
 def format_of(path: Path) -> str:

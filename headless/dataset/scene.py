@@ -131,7 +131,9 @@ def make(recipe: Recipe, folder: Path, session: Session) -> dict[str, Any]:
         grown = session.trees_of(site, recipe.library[1]) if recipe.library else None
         forest = site.grow(grown=grown)
     with work.stage("build"):
-        build_site(bpy.context.scene, site, forest, as_assets=keep.blend or keep.glb)
+        kept = keep.blend or keep.glb
+        looks = kept or keep.preview
+        build_site(bpy.context.scene, site, forest, as_assets=kept, looks=looks)
     with work.stage("evaluate"):
         rays = Rays(engine=settings.rays.engine, threads=session.threads)
         observer = Observer(bpy.context.evaluated_depsgraph_get(), rays, session.expansions)

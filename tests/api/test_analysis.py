@@ -33,6 +33,7 @@ def world():
     return forest.build(SCENE)
 
 
+@pytest.mark.slow
 def test_a_cloud_as_a_table_has_the_columns_of_its_file_and_their_units(world, tmp_path):
     pandas = pytest.importorskip("pandas")
     cloud = world.scan(TRIPOD)

@@ -173,6 +173,7 @@ def shifts(full, coarse):
     return np.concatenate(found)
 
 
+@pytest.mark.slow
 def test_full_detail_is_the_forest_as_it_was_and_auto_moves_no_wood():
     scanner = Terrestrial(angle_step_deg=0.2, max_range=400.0)
     _, auto = forest(scanner)

@@ -28,7 +28,7 @@ ROOT = Path(__file__).resolve().parents[2]
 SPECIES = "fern", "hazelnut"
 POSE = Matrix.LocRotScale((3.0, -2.0, 0.4), Euler((0.2, -0.1, 1.1)), (1.3, 1.3, 1.3))
 BENT = Matrix.LocRotScale((-3.0, 1.0, 0.0), Euler((0.0, 0.0, 0.3)), (1.0, 0.8, 1.4))
-TRIPOD = api.Terrestrial(position=(0.0, 0.0, 1.0), angle_step_deg=1.0)
+TRIPOD = api.Terrestrial(position=(0.0, 0.0, 1.0), angle_step_deg=1.0, elevation_deg=(-45.0, 45.0))
 BAT = api.Sonar(position=(0.0, 0.0, 1.0), beam="omni", max_range=8.0, cull=0.0)
 
 

@@ -6,6 +6,9 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from forest_addon import api as forest
+from forest_addon.base.trimesh import WOOD, TriMesh
+from forest_addon.blender.rays import embree_library
+from forest_addon.blender.rays.embree_motion import EmbreePieces
 from forest_addon.stand.wind.sway import sway_of
 
 SCAN = forest.Terrestrial(
@@ -70,7 +73,7 @@ def test_what_was_met_is_where_the_wind_has_it(windy, result):
 
 @pytest.mark.slow
 def test_the_engines_agree_and_the_audit_holds(result):
-    assert result.audit.kept
+    assert result.audit.kept, str(result.audit)
     assert result.audit.checked > 20
     other = built(WINDY.changed(rays=forest.Rays(engine="bvhtree"))).scan(SCAN)
     assert np.array_equal(other.found.pulse, result.found.pulse)
@@ -95,6 +98,7 @@ def test_any_moment_alone_is_the_same(result):
     assert np.array_equal(half.position, result.found.position[late])
 
 
+@pytest.mark.slow
 def test_without_wind_nothing_changes_and_other_sensors_say_so():
     still = built(STAND).scan(SCAN)
     calm = built(STAND.changed(wind=forest.Wind(speed=0.0, turbulence=0.1))).scan(SCAN)
@@ -198,7 +202,7 @@ def test_trees_sway_and_a_plate_nears_for_one_ping():
     assert min(v[0] for v in speed[True]) > 1.0  # m/s away
     trees = np.linalg.norm(speed[False], axis=1)
     assert 0.001 < trees.max() < 10
-    assert result.audit.kept
+    assert result.audit.kept, str(result.audit)
 
 
 @pytest.mark.slow
@@ -219,7 +223,7 @@ def test_what_comes_back_among_swaying_trees_is_met_again():
     assert np.array_equal(ours, there)
     assert (frame[ours] >= 8).sum() > 400
     assert (result.labels["tree"][ours] == -1).all()
-    assert result.audit.kept
+    assert result.audit.kept, str(result.audit)
 
 
 @pytest.mark.slow
@@ -229,3 +233,35 @@ def test_trees_that_lean_far_are_said(result):
     slender = built(WINDY.changed(seed=4)).scan(coarse)
     assert any("lean by more than a fifth" in words for words in slender.warnings)
     assert not any("lean by more" in words for words in result.warnings)
+
+
+def test_embree_without_arrays_of_instances_meets_the_same(monkeypatch):
+    """Before 4.3 each piece is an instance of its own."""
+    mesh = TriMesh.of_part(
+        np.array([[0.0, -1, -1], [0, 1, -1], [0, 0, 1]]), np.array([[0, 1, 2]]), WOOD
+    )
+    gone = TriMesh.of_part(np.zeros((3, 3)), np.array([[0, 1, 2]]), WOOD)  # has no area
+    number = np.array([1, 0, 0, 1, 0])
+    places = np.tile(np.eye(3, 4), (3, 5, 1, 1))
+    places[:, :, 0, 3] = [9.0, 5.0, 6.0, 9.0, 7.0]
+    places[:, :, 1, 3] = [[0, 0, 0.8, 0, 1.6], [0, 0.1, 0.9, 0, 1.7], [0, 0.3, 1.1, 0, 1.9]]
+    rng = np.random.default_rng(2)
+    way = np.column_stack([np.full(300, 5.0), rng.uniform(-1, 3, 300), rng.uniform(-1, 1, 300)])
+    way /= np.linalg.norm(way, axis=1, keepdims=True)
+    rays = np.zeros((300, 3)), way, np.zeros(300), np.full(300, 50.0), rng.uniform(0, 2, 300)
+
+    def met():
+        engine = EmbreePieces((mesh, gone))
+        return engine.arrays, engine(number, places).cast(*rays, None)
+
+    some = embree_library.has_arrays
+    monkeypatch.setattr(embree_library, "has_arrays", lambda *_: False)
+    alone, each = met()
+    assert not alone
+    assert set(each.instance.tolist()) == {-1, 1, 2, 4}
+    monkeypatch.setattr(embree_library, "has_arrays", some)
+    joined, together = met()
+    if not joined:
+        pytest.skip("this Embree has no arrays of instances")
+    assert np.array_equal(each.instance, together.instance)
+    assert np.array_equal(each.distance, together.distance)

@@ -33,6 +33,7 @@ def test_trees_are_smaller_the_younger_they_are(species):
     assert grown(species=species).heights().mean() == heights[2]
 
 
+@pytest.mark.slow
 def test_trees_grown_to_measure_have_diameters_in_proportion_to_age():
     """Their heights are as their kind was measured: more than half of them at half the diameter."""
     old, young = (tree_table(grown(species="silver-birch", age=age)) for age in (1.0, 0.5))

@@ -31,7 +31,7 @@ SCENARIOS = {  # and where their pictures are
     "road": OUT / "road",
     "leave": OUT / "leave",
 }
-STARTS = 5
+STARTS = 3
 
 
 def main() -> int:

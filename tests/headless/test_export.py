@@ -164,6 +164,43 @@ def test_cones_and_spinning_heads_send_the_same_pulses(tmp_path, pattern):
     assert np.abs(one.origin - other.origin).max() < 4 * 20.0 / 4000.0 * 1.01  # a column's beams
 
 
+@pytest.mark.parametrize("pattern", ["fans", "zigzag"])
+def test_fans_and_zigzags_look_where_ours_do(tmp_path, pattern):
+    sensor = Airborne(
+        position=(3.0, -30.0, 60.0), heading_deg=75.0, track=18.0, speed=20.0, pattern=pattern,
+        field_deg=(-30.0, 30.0), fan_deg=10.0, pulse_rate=12000.0, line_rate=20.0,
+        mount_deg=(1.0, 2.0, 3.0), surfaces=SURFACES,
+    )  # fmt: skip
+    _, survey, *_ = read_back(sensor, tmp_path)
+    theirs, ours = SurveyLeg(survey, survey.legs[0]), pattern_of(sensor)
+    assert abs(theirs.count - ours.count) <= 0.01 * ours.count
+    one = theirs.pulses(np.arange(theirs.count)).direction
+    other = ours.pulses(np.arange(600 * (3 if pattern == "fans" else 2))).direction
+    away = np.linalg.norm(one[::7, None] - other[None], axis=2).min(axis=1)
+    step = np.deg2rad(60.0) / 600
+    assert away.max() < 1.3 * step
+    if pattern == "fans":
+        assert np.mean(away < 1e-9) > 0.98
+        from_all = np.linalg.norm(other[::7, None] - one[None, :4000], axis=2).min(axis=1)
+        assert from_all.max() < 1.01 * step  # all three fans are there
+    else:
+        ends = one @ other[[0, 599]].T  # both ends of the field are reached, and no more
+        assert ends.max(axis=0) == pytest.approx(1.0, abs=2e-5)
+        swings = np.diff(one @ (other[0] - other[599]) > 0)  # past the middle, once a line
+        assert abs(int(np.sum(swings)) - 18) <= 1
+
+
+def test_fans_to_one_side_and_short_swings_are_not_written(tmp_path):
+    for settings, words in (
+        ({"pattern": "fans", "field_deg": (-20.0, 40.0)}, "both sides"),
+        ({"pattern": "zigzag", "pulse_rate": 1000.0, "line_rate": 20.0}, "to and fro"),
+        ({"pattern": "rosette"}, "pattern rosette"),
+    ):
+        found = write_survey(Airborne(**settings), tmp_path, "ex", SURFACES)
+        assert found.survey is None
+        assert words in found.unsaid[0]
+
+
 def test_a_vehicle_goes_its_way_with_its_attitudes(tmp_path):
     poses = [
         Pose(time=0.0, position=(0, 0, 2)),

@@ -52,7 +52,7 @@ LIBRARY = """<document>
 <scanner id="swing" optics="oscillating" scanAngleMax_deg="20"/>
 <scanner id="prism" optics="spiral"/>
 </document>"""
-TRIPOD = """<document><scannerSettings id="t" pulseFreq_hz="1000" scanFreq_hz="10"/>
+TRIPOD = """<document><scannerSettings id="t" pulseFreq_hz="1000" scanFreq_hz="10">TEMPLATE</scannerSettings>
 <survey name="n" scene="scene.xml#s" platform="library.xml#PLATFORM"
  scanner="library.xml#SCANNER">LEGS</survey>
 </document>"""
@@ -65,7 +65,12 @@ FLIGHT = """<leg><platformSettings x="0" y="-10" z="52" movePerSec_m="20"/>
 
 
 def written(
-    folder: Path, legs: str = LEG, platform: str = "tripod", scanner: str = "fan", extra: str = ""
+    folder: Path,
+    legs: str = LEG,
+    platform: str = "tripod",
+    scanner: str = "fan",
+    extra: str = "",
+    template: str = "",
 ) -> Path:
     (folder / "parts").mkdir(exist_ok=True)
     (folder / "parts/ground.obj").write_text(GROUND)
@@ -74,13 +79,15 @@ def written(
     (folder / "scene.xml").write_text(SCENE.replace("EXTRA", extra))
     (folder / "library.xml").write_text(LIBRARY)
     text = TRIPOD.replace("LEGS", legs).replace("PLATFORM", platform).replace("SCANNER", scanner)
+    text = text.replace("TEMPLATE", template)
     (folder / "survey.xml").write_text(text)
     return folder / "survey.xml"
 
 
 def test_part_is_scaled_turned_moved_and_set_on_the_ground(tmp_path: Path) -> None:
     survey = written(tmp_path)
-    ground, block = read_scene("scene.xml#s", survey)
+    (ground, block), unread = read_scene("scene.xml#s", survey)
+    assert unread == []
     assert ground.mesh.ground.all()
     corners = block.corners.reshape(-1, 3)
     # 3 m along x and y, turned by 90 degrees to -3..0 by 0..3, moved by 10; its face on the ground at 2 m
@@ -147,6 +154,11 @@ def test_counts_stand_beside_those_of_a_reference(
         ({"legs": LEG.replace('z="9"', 'z="9" yaw_deg="3"')}, "yaw_deg"),
         ({"legs": LEG.replace('template="t"', 'template="u"')}, '"u"'),
         ({"legs": "<detectorOverrides/>" + LEG}, "detectorOverrides"),
+        ({"legs": LEG.replace("<scanner", "<wind/><scanner", 1)}, 'leg holds "wind"'),
+        ({"legs": LEG.replace("<scanner", "<platformSettings/><scanner", 1)}, "platformSettings 2"),
+        ({"extra": "<material/>"}, 'holds "material"'),
+        ({"template": "<swap/>"}, 'scannerSettings t holds "swap"'),
+        ({"extra": '<filter type="scale"><points/></filter>'}, 'filter holds "points"'),
     ],
 )
 def test_what_is_not_supported_is_refused_by_name(
@@ -154,6 +166,18 @@ def test_what_is_not_supported_is_refused_by_name(
 ) -> None:
     with pytest.raises(SpecError, match=words):
         read_survey(written(tmp_path, **change))
+
+
+def test_words_that_are_not_known_are_told(tmp_path: Path) -> None:
+    extra = (
+        '<filter type="scale"><param key="scale" value="2"/><param key="axis" value="z"/></filter>'
+    )
+    legs = LEG.replace("<leg>", '<leg pilot="me">', 1)
+    notes = read_survey(written(tmp_path, legs, extra=extra)).notes
+    assert [note.split(",")[0] for note in notes] == [
+        'leg says "pilot"',
+        'filter "scale" says "axis"',
+    ]
 
 
 def test_document_types_and_entities_are_refused(tmp_path: Path) -> None:

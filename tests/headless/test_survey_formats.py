@@ -225,6 +225,9 @@ def test_points_become_voxels(tmp_path: Path) -> None:
     a, b, c = np.moveaxis(boxes.vertices[boxes.triangles], 1, 0)
     volume = np.einsum("ij,ij->i", a, np.cross(b, c)).sum() / 6
     assert volume == pytest.approx(2.0)  # closed, and outwards
+    assert len(read_points(tmp_path / "p.xyz", " ", 1.0, Material(), 2).triangles) == 12
+    with pytest.raises(SpecError, match="3 points"):
+        read_points(tmp_path / "p.xyz", " ", 1.0, Material(), 3)
 
 
 def test_scene_far_away_is_computed_near_the_origin(tmp_path: Path) -> None:

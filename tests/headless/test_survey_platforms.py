@@ -127,6 +127,17 @@ def test_swapped_parts_stand_for_their_plays(tmp_path: Path) -> None:
     np.testing.assert_allclose(low, [[7, 0, 2], [4, -6, 2], [4, -6, 2]], atol=1e-12)
 
 
+INDEXED = """<swap swapIndices="[4]" force_null="true"/>
+<swap swapIndices="[2, 3]"><filter type="scale"><param key="scale" value="6"/></filter></swap>"""
+
+
+def test_swaps_may_say_which_plays_are_theirs(tmp_path: Path) -> None:
+    plays = read_survey(written(tmp_path, extra=INDEXED)).plays
+    assert [len(play.parts) for play in plays] == [2, 2, 2, 2, 1]
+    size = [float(np.ptp(play.parts[1].corners[..., 0])) for play in plays[:4]]
+    assert size == pytest.approx([3, 3, 6, 6])  # the baseline stands in play 1, which none names
+
+
 def test_each_play_goes_to_files_of_its_own(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -141,6 +152,12 @@ def test_each_play_goes_to_files_of_its_own(
     [
         ("<swap/>", "without filters"),
         ('<swap swapStep="0" force_null="true"/>', "at least 1"),
+        ('<swap swapIndices="[1, 3]" force_null="true"/>', "on end"),
+        ('<swap swapIndices="all" force_null="true"/>', "no list"),
+        (
+            '<swap swapIndices="[1]" force_null="1"/><swap swapIndices="[1]" force_null="1"/>',
+            "another",
+        ),
         ('<swap force_null="true"/><dmotion id="a" loop="1"/>', "only one is supported"),
     ],
 )

@@ -27,6 +27,7 @@ def project(drawing):
     return drawing.project_arrows()
 
 
+@pytest.mark.slow
 def test_the_picture_is_current(drawing, project):
     with Image.open(drawing.PICTURE) as image:
         shown = json.loads(image.info[drawing.SHOWN])

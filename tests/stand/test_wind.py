@@ -65,6 +65,7 @@ def test_trees_take_the_momentum_that_the_wind_loses():
         assert taken == pytest.approx(beta**2 * (1 - np.exp(-0.8 / beta**2)), rel=1e-3)
 
 
+@pytest.mark.slow
 def test_the_spectrum_of_an_hour_has_no_gaps():
     """Slope by the least squares of Welch's lines, 0.2 to 2 Hz, of wind at a point: Kaimal's own there."""
     frequency, steep = np.geomspace(0.2, 2.0, 200), []
@@ -260,3 +261,18 @@ def test_wind_that_cannot_be_is_refused():
     for wrong in ({"speed": -1.0}, {"speed": 31.0}, {"speed": 5.0, "turbulence": 0.7}):
         with pytest.raises(ValueError, match=r"speed|turbulence"):
             Wind(**wrong)
+
+
+def test_a_whip_in_a_storm_is_held_where_small_rotations_end_and_says_so():
+    """Rotations of wood by the whole sum at 4,000 moments: mean and two deviations within a radian."""
+    skeleton = rod(0.012, 0.002, 6.0, 30)
+    shape = shape_with(skeleton, np.where(skeleton.start[:, 2] > 2, 0.5, 0.0), WOOD, 12)
+    field = WindField.drawn(Wind(speed=25.0), 6.0, LEAVES, 3)
+    whip = response_of(shape, field, np.zeros(3), 0.4, 0.8)
+    amplitude, _ = whip.exact(np.linspace(0.0, 1000.0, 4000))
+    turns = np.einsum("tm,bmi->tbi", amplitude, shape.ends[1][:, :, 3:]) / 0.8
+    most = np.linalg.norm(turns.mean(axis=0), axis=1) + 2 * np.sqrt(turns.var(axis=0).sum(axis=1))
+    assert whip.held
+    assert 0.5 < most.max() < 1.1
+    breeze = WindField.drawn(BREEZE, 15.0, LEAVES, 3)
+    assert not response_of(tree(), breeze, np.zeros(3), 0.4).held

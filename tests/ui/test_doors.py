@@ -153,13 +153,23 @@ def grown():
     return made
 
 
-@pytest.mark.parametrize("name", SCENES)
-@pytest.mark.parametrize("door", [by_panel, by_dataset, by_command], ids=lambda d: d.__name__)
+DOORS = [
+    pytest.param(
+        door, name, id=f"{door.__name__}-{name}", marks=() if name == quick else pytest.mark.slow
+    )
+    for door, quick in ((by_panel, "measured"), (by_dataset, "looked at"), (by_command, "near"))
+    for name in SCENES
+]
+
+
+@pytest.mark.parametrize(("door", "name"), DOORS)
 def test_every_door_opens_on_the_same_forest(props, grown, door, name, tmp_path):
     same(door(scene_of(name), tmp_path), grown(name))
 
 
-@pytest.mark.parametrize("name", ["full", "unheard", "measured"])
+@pytest.mark.parametrize(
+    "name", ["full", "unheard", pytest.param("measured", marks=pytest.mark.slow)]
+)
 def test_a_flyer_meets_the_whole_forest(props, grown, name, tmp_path):
     """It may come near any tree, so that its forest is that of full detail, whatever other sensors need."""
     scene = scene_of(name)

@@ -1,8 +1,8 @@
 """The fast engine: Blender's own Embree, instanced, on all cores.
 
 Every unique mesh is an Embree scene of triangles in local space; above them is one of instances, about
-the centre of them all, where float32 holds them best. Rays enter its box in float64 and go in packets of
-16. Python's lock is free meanwhile, so that threads work side by side.
+the centre of them all, where float32 holds them best. Rays enter its box in float64 and go in packets
+(``embree_packets``). Python's lock is free meanwhile, so that threads work side by side.
 """
 
 from __future__ import annotations
@@ -11,7 +11,6 @@ import ctypes
 import threading
 import weakref
 from collections import deque
-from collections.abc import Iterable
 from itertools import repeat
 
 import numpy as np
@@ -21,16 +20,12 @@ from ...sensing.rays.boxes import clip
 from ...sensing.rays.caster import Hits
 from ...sensing.rays.geometry import SceneGeometry, invert_transforms
 from ...sensing.rays.refine import whole_triangles
-from ...sensing.rays.search import MARGIN, Search
+from ...sensing.rays.search import MARGIN, TASK, Search
 from . import embree_library as embree
 from .embree_library import EmbreeError
+from .embree_packets import LONE, RayPackets, lanes_for
 
-PACKET = 16
-# Rows of RTCRayHit16; between them normal 12-14, u 15, v 16, and 20 the place in an array of instances.
-TNEAR, DIRECTION, TIME, TFAR, MASK, ID, FLAGS = 3, 4, 7, 8, 9, 10, 11
-PRIMITIVE, GEOMETRY, INSTANCE, ROWS = 17, 18, 19, 21
-NONE = 0xFFFFFFFF
-FAR = 3e38  # the longest way that float32 holds
+FEW = 64  # rays, of which it is not asked whether they go side by side
 KEPT = 1024  # rays, up to which their packets are kept from call to call
 
 
@@ -70,8 +65,6 @@ class EmbreeCaster(Search):
         self._inner_low = self._low[:, None] + 3 * MARGIN
         self._inner_high = self._high[:, None] - 3 * MARGIN
         self._middle = self._centre[:, None]
-        self._valid = all_lanes()
-        self._valid_address = self._valid.ctypes.data
         self._kept = threading.local()
 
         self._library = embree.load()
@@ -87,7 +80,7 @@ class EmbreeCaster(Search):
         }
         trees: dict[int, int] = {} if like is None else like._of_mesh
         self._of_mesh = of_mesh = {
-            m: trees[m] if m in trees else build.mesh(scene.meshes[m], rows)
+            m: trees[m] if m in trees else build.mesh(scene.meshes[m], rows, scene.table.short(m))
             for m, rows in usable.items()
         }
         self._whole = all(len(r) == len(scene.meshes[m].triangles) for m, r in usable.items())
@@ -124,7 +117,7 @@ class EmbreeCaster(Search):
         limit = limit - begin
         limit *= 1 + 1e-6
         limit += self._slack
-        packets = self._packets_of(count)
+        packets = self._packets_of(count, lanes_for(moved, directions) if count > FEW else LONE)
         packets.fill(moved, directions, limit)
         self._trace(packets)
         instance, triangle, met = packets.read(count)
@@ -151,19 +144,18 @@ class EmbreeCaster(Search):
             and np.maximum.reduce(start) <= MARGIN
         )
 
-    def _packets_of(self, count: int) -> RayPackets:
-        """Room for so many rays: of few, what this thread has kept."""
-        if count > KEPT:
-            return RayPackets(count)
-        size = -(-count // PACKET)
-        kept = self._kept.__dict__
+    def _packets_of(self, count: int, lanes: int) -> RayPackets:
+        """Room for so many rays: of few, or of a whole task, what this thread has kept."""
+        if KEPT < count != TASK:
+            return RayPackets(count, lanes)
+        size = -(-count // lanes), lanes
+        kept: dict[tuple[int, int], RayPackets] = self._kept.__dict__.setdefault("packets", {})
         if size not in kept:
-            kept[size] = RayPackets(count)
-        ready: RayPackets = kept[size]
-        return ready
+            kept[size] = RayPackets(count, lanes)
+        return kept[size]
 
     def _trace(self, packets: RayPackets) -> None:
-        packets.trace(self._library, self._valid_address, self._top)
+        packets.trace(self._library, self._top)
 
     def _numbered(self, instance: np.ndarray, primitive: np.ndarray) -> np.ndarray:
         """Triangles of the meshes, from those that Embree was given."""
@@ -188,19 +180,30 @@ class EmbreeBuild:
         # The parent is held by what releases this, so that it goes after it, also in a collected circle.
         weakref.finalize(self, _release, library, device, self._scenes, self._arrays, parent)
 
-    def mesh(self, mesh: TriMesh, rows: np.ndarray) -> int:
-        """A scene of these triangles of a mesh, in its local space."""
-        return self.shape(mesh.vertices[None], mesh.triangles[rows])
+    def mesh(self, mesh: TriMesh, rows: np.ndarray, points: np.ndarray | None = None) -> int:
+        """A scene of these triangles of a mesh, in its local space.
+
+        points : its vertices in float32, where they are kept already, with one row more behind them.
+        """
+        whole = len(rows) == len(mesh.triangles)
+        triangles = mesh.triangles if whole else mesh.triangles[rows]
+        if points is None or not np.isfinite(points.sum()):
+            return self.shape(mesh.vertices[None], triangles)
+        return self._of_triangles(points, 1, triangles)
 
     def shape(self, vertices: np.ndarray, triangles: np.ndarray) -> int:
         """A scene of triangles (T, 3) in their local space.
 
         vertices : (S, V, 3) at even steps of a ray's time from 0 to 1, between which they go straight.
         """
-        steps, count = vertices.shape[:2]
-        kept = np.zeros((steps * count + 1, 3), dtype=np.float32)  # read 16 bytes at a time
+        kept = np.zeros((vertices.shape[0] * vertices.shape[1] + 1, 3), dtype=np.float32)
         kept[:-1] = np.nan_to_num(vertices.reshape(-1, 3), nan=0.0, posinf=0.0, neginf=0.0)
-        triangles = np.ascontiguousarray(triangles, dtype=np.uint32)
+        return self._of_triangles(kept[:-1], len(vertices), triangles)
+
+    def _of_triangles(self, kept: np.ndarray, steps: int, triangles: np.ndarray) -> int:
+        """A scene of triangles, whose arrays Embree reads where they are: vertices 16 bytes at a time."""
+        count = len(kept) // steps
+        triangles = np.ascontiguousarray(triangles, dtype=np.int32).view(np.uint32)
         self._arrays += [kept, triangles]
         geometry = self._library.rtcNewGeometry(self._device, embree.TRIANGLE)
         if steps > 1:
@@ -255,6 +258,26 @@ class EmbreeBuild:
             row += place.strides[0]
         return self._commit(top)
 
+    def array(self, scenes: list[int], which: np.ndarray, place: np.ndarray) -> int:
+        """A scene of one geometry of many instances; a hit names it 0, and the instance by its row.
+
+        which : (I,) of the scenes. place : (K, I, 3, 4) float32, at even steps of a ray's time from 0 to 1,
+        between which their elements go linearly.
+        """
+        top, given = self._scene(), np.array(scenes, dtype=np.uint64)
+        number, place = which.astype(np.uint32), np.ascontiguousarray(place, dtype=np.float32)
+        self._arrays += [number, place]
+        geometry = self._library.rtcNewGeometry(self._device, embree.INSTANCES)
+        self._library.rtcSetGeometryInstancedScenes(geometry, given.ctypes.data, len(given))
+        self._library.rtcSetGeometryTimeStepCount(geometry, len(place))
+        share, form = self._library.rtcSetSharedGeometryBuffer, embree.FLOAT3X4_ROWS
+        share(geometry, embree.INDEX_BUFFER, 0, embree.UINT, number.ctypes.data, 0, 4, len(which))
+        for step, row in enumerate(place):
+            size = row.strides[0]
+            share(geometry, embree.TRANSFORM_BUFFER, step, form, row.ctypes.data, 0, size, len(row))
+        self._attach(top, geometry, 0)
+        return self._commit(top)
+
     def _scene(self) -> int:
         scene: int = self._library.rtcNewScene(self._device)
         self._scenes.append(scene)
@@ -287,79 +310,3 @@ def _release(
     if parent is None:
         library.rtcReleaseDevice(device)
     arrays.clear()
-
-
-class RayPackets:
-    """Rays as Embree wants them: packets (P, 21, 16) float32, the last one filled up with idle lanes."""
-
-    def __init__(self, count: int) -> None:
-        size = -(-count // PACKET)
-        self.packets = _aligned((size, ROWS, PACKET), np.float32)
-        self._whole = self.packets.view(np.uint32)
-        self.packets[:, [TNEAR, TIME]] = 0.0
-        self._whole[:, MASK] = NONE
-        self._whole[:, [ID, FLAGS]] = 0
-        self._lanes = np.zeros((7, size * PACKET), dtype=np.float32)  # origin, direction, reach
-        self._by_packet = self._lanes.reshape(7, size, PACKET).swapaxes(0, 1)
-        self._found = self._whole[:, PRIMITIVE:ROWS]
-        first, step = self.packets.ctypes.data, self.packets.strides[0]
-        self.addresses = range(first, first + step * size, step)
-
-    def fill(
-        self,
-        origins: np.ndarray,
-        directions: np.ndarray,
-        reach: np.ndarray,
-        time: np.ndarray | None = None,
-    ) -> None:
-        """Rays (3, R), (3, R), (R,), and their times (R,) from 0 to 1 where their scene moves."""
-        count = len(reach)
-        if time is not None:
-            every = np.zeros(self._lanes.shape[1], dtype=np.float32)
-            every[:count] = time
-            self.packets[:, TIME] = every.reshape(-1, PACKET)
-        self._lanes[:3, :count] = origins
-        self._lanes[3:6, :count] = directions
-        np.minimum(reach, FAR, out=reach)
-        self._lanes[6, :count] = reach
-        self._lanes[6, count:] = -1.0  # ends before it starts: idle
-        self.packets[:, :3] = self._by_packet[:, :3]
-        self.packets[:, DIRECTION : DIRECTION + 3] = self._by_packet[:, 3:6]
-        self.packets[:, TFAR] = self._by_packet[:, 6]
-        self._found[:] = NONE
-
-    def trace(
-        self, library: ctypes.CDLL, valid: int, scene: int, rays: np.ndarray | None = None
-    ) -> None:
-        """Send them into a scene.
-
-        valid : address of 16 flags. rays : some, whose packets go; left out: all.
-        """
-        run = library.rtcIntersect16
-        going: Iterable[int] = self.addresses
-        if rays is not None:
-            some = np.flatnonzero(np.bincount(rays // PACKET, minlength=1))
-            going = map(going.__getitem__, some.tolist())
-        deque(map(run, repeat(valid), repeat(scene), going, repeat(None)), maxlen=0)
-
-    def read(self, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Instance and triangle (M,) of the rays that met something, and which rays (M,) these are."""
-        found = self._found.swapaxes(0, 1).reshape(ROWS - PRIMITIVE, -1)
-        met = (found[GEOMETRY - PRIMITIVE, :count] != NONE).nonzero()[0]
-        instance = found[INSTANCE - PRIMITIVE].take(met).astype(np.int64)
-        return instance, found[0].take(met).astype(np.int64), met
-
-
-def all_lanes() -> np.ndarray:
-    """(16,) flags of a packet whose rays are all sent."""
-    valid = _aligned((PACKET,), np.int32)
-    valid[:] = -1
-    return valid
-
-
-def _aligned(shape: tuple[int, ...], dtype: type) -> np.ndarray:
-    """An array that starts at a multiple of 64 bytes."""
-    size = int(np.prod(shape)) * np.dtype(dtype).itemsize
-    room = np.empty(size + 64, dtype=np.uint8)
-    start = -room.ctypes.data % 64
-    return room[start : start + size].view(dtype).reshape(shape)

@@ -19,9 +19,9 @@ FOLDERS = ("lib", "blender.shared", ".", "../Frameworks", "../Resources/lib")
 FILES = {"win32": ("embree4*.dll",), "darwin": ("libembree4*.dylib",)}
 SYSTEM = {"win32": ("embree4.dll",), "darwin": ("libembree4.dylib", "libembree4.4.dylib")}
 
-TRIANGLE, INSTANCE = 0, 121  # RTCGeometryType
-INDEX_BUFFER, VERTEX_BUFFER = 0, 1  # RTCBufferType
-UINT3, FLOAT3, FLOAT3X4_ROWS = 0x5003, 0x9003, 0x9134  # RTCFormat
+TRIANGLE, INSTANCE, INSTANCES = 0, 121, 122  # RTCGeometryType
+INDEX_BUFFER, VERTEX_BUFFER, TRANSFORM_BUFFER = 0, 1, 23  # RTCBufferType
+UINT, UINT3, FLOAT3, FLOAT3X4_ROWS = 0x5001, 0x5003, 0x9003, 0x9134  # RTCFormat
 ROBUST = 1 << 2  # RTCSceneFlags: no ray slips through an edge
 VERSION_PROPERTY = 0  # RTCDeviceProperty
 
@@ -44,8 +44,10 @@ SIGNATURES = {
     "rtcSetGeometryTransform": (None, [_P, _U, _I, _P]),
     "rtcSetGeometryTransformQuaternion": (None, [_P, _U, _P]),
     "rtcSetGeometryTimeStepCount": (None, [_P, _U]),
+    "rtcIntersect8": (None, [_P, _P, _P, _P]),
     "rtcIntersect16": (None, [_P, _P, _P, _P]),
 }
+SINCE_4_3 = {"rtcSetGeometryInstancedScenes": (None, [_P, _P, _Z])}
 
 
 class EmbreeError(RuntimeError):
@@ -71,6 +73,17 @@ def load() -> ctypes.CDLL:
     raise EmbreeError("no Embree 4 beside Blender or on the system; tried " + "; ".join(tried))
 
 
+def has_arrays(library: ctypes.CDLL, device: int) -> bool:
+    """Return whether many instances can be one geometry: since 4.3, where it was built so."""
+    if not all(hasattr(library, name) for name in SINCE_4_3):
+        return False
+    geometry = library.rtcNewGeometry(device, INSTANCES)
+    library.rtcGetDeviceError(device)  # what it says of that is answered
+    if geometry:
+        library.rtcReleaseGeometry(geometry)
+    return bool(geometry)
+
+
 def _places() -> Iterator[str]:
     """Files beside Blender, then names: what is loaded already or what the system finds."""
     roots = [Path(bpy.utils.resource_path("LOCAL")).parent]
@@ -85,7 +98,8 @@ def _places() -> Iterator[str]:
 
 
 def _type(library: ctypes.CDLL) -> None:
-    for name, (result, arguments) in SIGNATURES.items():
+    newer = {name: made for name, made in SINCE_4_3.items() if hasattr(library, name)}
+    for name, (result, arguments) in (SIGNATURES | newer).items():
         function = getattr(library, name)
         function.restype, function.argtypes = result, arguments
     device = library.rtcNewDevice(b"")

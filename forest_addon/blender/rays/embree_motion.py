@@ -16,7 +16,8 @@ from ...sensing.rays.pieces import boxes_of, placed, swept
 from ...sensing.rays.refine import RefinedSurfaces, whole_triangles
 from ...sensing.rays.search import in_tasks, search_on
 from . import embree_library as embree
-from .embree import EmbreeBuild, RayPackets, all_lanes
+from .embree import EmbreeBuild
+from .embree_packets import INSTANCE, OF_ARRAY, RayPackets, lanes_for
 
 SLACK = 1e-6  # of the scene's size, by which rays go on
 
@@ -34,14 +35,14 @@ class EmbreePieces:
         self.threads = threads
         self.device = self.library.rtcNewDevice(f"threads={threads}".encode())
         self.build = EmbreeBuild(self.library, self.device)
-        self.valid = all_lanes()
+        self.arrays = embree.has_arrays(self.library, self.device)
         every = np.arange(len(meshes))  # a place each, which is never asked for
         stands = np.broadcast_to(np.eye(3, 4), (len(meshes), 3, 4))
         scene = SceneGeometry(meshes, stands, every, ("",) * len(meshes), every, every)
         self.surfaces = RefinedSurfaces(scene)
         self.usable = [whole_triangles(mesh) for mesh in meshes]
-        size = np.array([len(rows) for rows in self.usable])
-        self._first, self._all = np.cumsum(size) - size, np.concatenate(self.usable)
+        self.size = np.array([len(rows) for rows in self.usable])
+        self._first, self._all = np.cumsum(self.size) - self.size, np.concatenate(self.usable)
         self.boxes = boxes_of(meshes)
         self._meshes = meshes
         self._scenes: dict[int, int] = {}
@@ -70,15 +71,22 @@ class _EmbreeWindow:
         self._centre = (low + high) / 2
         self._slack = SLACK * float((high - low).max()) + SLACK
         self._box = low - self._slack, high + self._slack
-        moved = places.swapaxes(0, 1).copy()
+        moved = places.astype(np.float64)
         moved[:, :, :, 3] -= self._centre
         self._build = EmbreeBuild(pieces.library, pieces.device, pieces.build)
-        known = np.flatnonzero([len(pieces.usable[m]) > 0 for m in mesh.tolist()])
-        self._top = self._build.instances(
-            known.tolist(),
-            [pieces.scene(int(m)) for m in mesh[known]],
-            np.ascontiguousarray(moved[known], dtype=np.float32),
-        )
+        self._known = np.flatnonzero(pieces.size[mesh] > 0)
+        self._top = self._placed(moved[:, self._known])
+
+    def _placed(self, places: np.ndarray) -> int:
+        """Embree's scene of the pieces that have a surface, at places (K, P, 3, 4) about the centre."""
+        pieces, mesh = self._pieces, self._mesh[self._known]
+        if pieces.arrays and len(mesh):
+            used, which = np.unique(mesh, return_inverse=True)
+            scenes = [pieces.scene(number) for number in used.tolist()]
+            return self._build.array(scenes, which, places)
+        scenes = [pieces.scene(number) for number in mesh.tolist()]
+        every = np.ascontiguousarray(places.swapaxes(0, 1), dtype=np.float32)
+        return self._build.instances(list(range(len(mesh))), scenes, every)
 
     def cast(
         self,
@@ -98,7 +106,7 @@ class _EmbreeWindow:
             left = Hits.misses(len(some_near)) if leaving is None else leaving.select(part)
 
             def nearest(rows: np.ndarray, start: np.ndarray) -> Hits:
-                some = (array[rows] for array in rays)
+                some = rays[0][rows], rays[1][rows]
                 return self._nearest(*some, start, some_far[rows], some_knot[rows])
 
             hits.put(part, search_on(nearest, some_near, some_far, left))
@@ -123,12 +131,14 @@ class _EmbreeWindow:
         origin, direction, knot = origin[:, rays], direction[:, rays], knot[rays]
         moved = origin + begin[rays] * direction - self._centre[:, None]
         reach = (limit[rays] - begin[rays]) * (1 + 1e-6) + self._slack
-        packets = RayPackets(len(rays))
+        packets = RayPackets(len(rays), lanes_for(moved, direction))
         packets.fill(moved, direction, reach, knot / (len(self._places) - 1))
-        packets.trace(self._pieces.library, self._pieces.valid.ctypes.data, self._top)
-        piece, primitive, met = packets.read(len(rays))
+        packets.trace(self._pieces.library, self._top)
+        row = OF_ARRAY if self._pieces.arrays else INSTANCE
+        piece, primitive, met = packets.read(len(rays), row)
         if not len(met):
             return found
+        piece = self._known[piece]
         mesh = self._mesh[piece]
         triangle = self._pieces.numbered(mesh, primitive)
         distance = self._pieces.surfaces.distance(

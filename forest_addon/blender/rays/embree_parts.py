@@ -22,7 +22,8 @@ from ...sensing.rays.geometry import SceneGeometry
 from ...sensing.rays.paths import PathTable, RigidPath, SceneMotion
 from ...sensing.rays.refine import RefinedSurfaces, whole_triangles
 from ...sensing.rays.search import in_tasks, search_on
-from .embree import EmbreeBuild, EmbreeCaster, RayPackets, all_lanes
+from .embree import EmbreeBuild, EmbreeCaster
+from .embree_packets import RayPackets, lanes_for
 
 LONGEST = 128  # samples of a window; Embree takes one step more
 ROUND = 16  # a window's samples are a multiple of this, so that wide steps fit
@@ -71,7 +72,6 @@ class EmbreeParts:
         self._span = ROUND * max(1, -(-(len(time) - 1) // (ROUND * windows)))
         self._windows: OrderedDict[tuple[int, int], tuple[int, EmbreeBuild]] = OrderedDict()
         self._lock = Lock()
-        self._valid = all_lanes()
         self._usable = {n: self._whole(n) for n in motion.rows.tolist()}
         self._rows = [r for r, n in enumerate(motion.rows.tolist()) if len(self._usable[n])]
         self._all = all(
@@ -159,13 +159,13 @@ class EmbreeParts:
         if len(rays) < len(limit):
             origin, way, begin = origin[:, rays], way[:, rays], begin[rays]
             limit, time, when = limit[rays], time[rays], when[rays]
-        packets = RayPackets(len(rays))
         moved = origin + begin * way - self._centre[:, None]
+        packets = RayPackets(len(rays), lanes_for(moved, way))
         packets.fill(moved, way, (limit - begin) * (1 + 1e-6) + self._slack, when)
-        library, valid = self._still._library, self._valid.ctypes.data
-        packets.trace(library, valid, self._still._top)
+        library = self._still._library
+        packets.trace(library, self._still._top)
         near, leave = clip(*self._swept, origin, way, begin, limit)
-        packets.trace(library, valid, top, np.flatnonzero(near <= leave))
+        packets.trace(library, top, np.flatnonzero(near <= leave))
         instance, primitive, met = packets.read(len(rays))
         if not len(met):
             return found

@@ -27,6 +27,7 @@ Variant = tuple[int, int]  # number of the planting, and of the variant in it
 PICTURE_KEY = "forest_picture"  # on the object of a variant: what its picture was drawn from
 PIXELS = 128
 DOTS = 60_000
+FACES = 120_000  # of a mesh, at most, that dots are strewn over
 LIGHT = np.array([-0.45, -0.70, 0.55])  # towards the sun; the eye looks along +Y
 AMBIENT = 0.45
 PAPER = 0.94  # grey of the paper, as in the pictures of presets
@@ -117,7 +118,7 @@ def mark(thing: bpy.types.Object, portrait: AssetPortrait) -> None:
         about.tags.new(tag)
     preview = thing.preview_ensure()
     preview.image_size = (PIXELS, PIXELS)
-    preview.image_pixels_float = portrait.picture.ravel()
+    preview.image_pixels_float.foreach_set(portrait.picture.ravel())
 
 
 def on_paper(wood: np.ndarray, leaves: np.ndarray | None, look: spec.Look) -> np.ndarray:
@@ -140,7 +141,8 @@ def draw(mesh: TriMesh, colours: dict[int, tuple[float, float, float]]) -> np.nd
     colours : linear, by the part of a face.
     """
     picture = np.zeros((PIXELS, PIXELS, 4), dtype=np.float32)
-    corner = mesh.vertices[mesh.triangles]
+    some = slice(None, None, 1 + len(mesh.triangles) // FACES)
+    corner, of_part = mesh.vertices[mesh.triangles[some]], mesh.part[some]
     normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
     area = np.linalg.norm(normal, axis=1)
     if not area.sum() > 0:
@@ -162,7 +164,7 @@ def draw(mesh: TriMesh, colours: dict[int, tuple[float, float, float]]) -> np.nd
     tone = np.full((128, 3), 0.25)
     for part, colour in colours.items():
         tone[part] = colour
-    shade = 2.5 * tone[mesh.part[face]] * (AMBIENT + (1 - AMBIENT) * facing)[:, None]
+    shade = 2.5 * tone[of_part[face]] * (AMBIENT + (1 - AMBIENT) * facing)[:, None]
     picture[row[order], column[order], :3] = np.clip(shade[order], 0, 1) ** (1 / 2.2)
     picture[row, column, 3] = 1.0
     return picture

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import weakref
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 import bpy
@@ -59,6 +59,7 @@ def build(
     terrain: GroundSurface | None = None,
     *,
     as_assets: bool = True,
+    looks: bool = True,
     ready: ReadyForest | None = None,
 ) -> bpy.types.Collection:
     """Put a forest into a Blender scene, or bring the one that is there up to date; its sensors stay.
@@ -66,6 +67,8 @@ def build(
     terrain : the ground that the forest was planned on; None: flat.
     as_assets : whether variants become assets, each with a picture, and say what they measure; nobody
         looks at those of a scene that is not kept, and a window does it once the forest stands.
+    looks : whether materials have nodes, and meshes are known again; neither matters in a scene that is
+        sensed once, seen by nobody and not kept.
     ready : what was made ahead (``make_ready``).
 
     Raises
@@ -79,13 +82,14 @@ def build(
     if edited:
         raise ValueError(f'"{edited}" is being edited; leave Edit Mode, then grow the forest again')
     with all_or_nothing():
-        plan = _Plan(ready=ready or ReadyForest())
+        plan = _Plan(looks=looks, ready=ready or ReadyForest())
         _fill(plan, scene, standing, settings.forest, forest, terrain)
 
     chosen = bpy.data.objects.get(settings.forest.terrain.object)
     if chosen is not None and is_ours(chosen):  # else it stays anyway, or went while trees grew
         del chosen[MADE_KEY]
-    standing.dress([coat for pair in _coats(forest) for coat in pair])
+    if looks:
+        standing.dress([coat for pair in _coats(forest) for coat in pair])
     things = put(scene, standing, plan.wanted, plan.labels)
     if POINTS_ROLE in things:
         libraries = part(scene, VARIANTS), part(scene, OUTLINES)
@@ -143,6 +147,7 @@ class _Plan:
 
     wanted: list[WantedObject] = field(default_factory=list)
     labels: tuple[str, ...] = ()
+    looks: bool = True
     light: bool = False
     ready: ReadyForest = field(default_factory=ReadyForest)
 
@@ -200,11 +205,13 @@ def _fill_library(
 ) -> list[WantedObject]:
     """Plan an object for every variant, named so that their order is their number; returns them."""
     coats, library = _coats(forest), []
+    if not plan.looks:
+        coats = [(replace(bark, make=_bare), replace(leaf, make=_bare)) for bark, leaf in coats]
     digits = max(3, len(str(len(forest.variants))))
     for number, ((planting, variant), tree) in enumerate(forest.variants.items()):
         label, numbered = forest.labels[planting], f"{number:0{digits}d} "
         name, key = f"{label}.{variant:03d}", (planting, variant)
-        role, shape = f"{VARIANTS}/{name}", plan.ready.shape(forest, key)
+        role, shape = f"{VARIANTS}/{name}", plan.ready.shape(forest, key) if plan.looks else ""
         make = partial(to_mesh, name, tree.mesh)
         sister = standing.first(f"{VARIANTS}/{label}")
         mesh = standing.renew(role, name, shape, make, coats[planting], sister)
@@ -218,6 +225,11 @@ def _fill_library(
             plan.wanted.append(WantedObject(OUTLINES, role, numbered + rough, data))
     plan.wanted += library
     return library
+
+
+def _bare(name: str, *_look: object) -> bpy.types.Material:
+    """A material that looks like nothing."""
+    return bpy.data.materials.new(name)
 
 
 def _outline_mesh(

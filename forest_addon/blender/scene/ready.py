@@ -37,7 +37,9 @@ class ReadyForest:
 
     def shape(self, forest: GrownForest, key: Variant) -> str:
         """The fingerprint of a variant's mesh."""
-        return self.shapes.get(key) or fingerprint(forest.variants[key].mesh)
+        if key not in self.shapes:
+            self.shapes[key] = fingerprint(forest.variants[key].mesh)
+        return self.shapes[key]
 
     def stand_in(self, forest: GrownForest, key: Variant) -> TriMesh:
         """The few triangles that views show of a variant."""

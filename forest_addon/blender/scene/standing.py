@@ -14,6 +14,7 @@ from dataclasses import dataclass, field, fields
 from itertools import chain
 
 import bpy
+import numpy as np
 
 from ...base.trimesh import TriMesh
 from ...growth.truth import MEASURES
@@ -145,5 +146,5 @@ def fingerprint(mesh: TriMesh) -> str:
         values = getattr(mesh, column.name)
         if column.name != "edges" and values is not None:  # edges follow from the triangles
             digest.update(f"{column.name} {values.dtype} {values.shape}".encode())
-            digest.update(values.tobytes())
+            digest.update(np.ascontiguousarray(values).view(np.uint8).data)
     return digest.hexdigest()

@@ -133,13 +133,20 @@ def read_device(scanner: Element, path: Path, survey: Element | None = None) -> 
         max_returns=int(value("maxNOR", 0.0)),
         pulse_rate=float(scanner.get("pulseFreqs_Hz", "100000").split(",")[0]),
         digitiser=digitiser_of(owners, Digitiser(), pulse_ns, path),
-        notes=tuple(_notes(owners, colours)),
+        notes=tuple(_notes(owners, colours, channels)),
     )
 
 
-def _notes(owners: tuple[Element, ...], colours: list[float]) -> list[str]:
+def _notes(
+    owners: tuple[Element, ...], colours: list[float], channels: list[Element | None]
+) -> list[str]:
     """Sentences on what is passed over of a scanner and a survey."""
     found = []
+    shared = owners[0].find(WAVEFORM)
+    common = {**shared.attrib} if shared is not None else {}
+    own = [c.find(WAVEFORM) for c in channels if c is not None]
+    if any(said is not None and {**common, **said.attrib} != common for said in own):
+        found.append(f"all channels have the scanner's {WAVEFORM}; their own are passed over")
     if len(set(colours)) > 1:
         found.append(
             f"all channels see surfaces as at {colours[0]:g} nm; their own are passed over"

@@ -164,10 +164,13 @@ def _merged(
     ------
     SpecError : a template that is not there, or a setting that is not supported.
     """
-    own = leg.find(tag)
+    every = leg.findall(tag)
     total = Element(tag)
-    if own is None:
+    if len(every) > 1:
+        raise SpecError(str(path), f"a leg holds {tag} {len(every)} times; one is supported")
+    if not every:
         return total
+    own = every[0]
     if "template" in own.attrib:
         base = templates.get((tag, own.attrib["template"]))
         if base is None:
@@ -175,8 +178,10 @@ def _merged(
                 str(path), f'template "{own.attrib["template"]}" is not in the document'
             )
         total.attrib.update(base.attrib)
+        total.extend(base.findall(WAVEFORM))
     total.attrib.update(own.attrib)
-    total.extend(own.findall(WAVEFORM))
+    if own.find(WAVEFORM) is not None:
+        total[:] = own.findall(WAVEFORM)
     for key in sorted(total.attrib.keys() - LEG_KEYS[tag] - known):
         raise SpecError(str(path), f'{tag} has "{key}", which is not supported')
     return total

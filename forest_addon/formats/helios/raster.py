@@ -52,10 +52,13 @@ def read_terrain(path: Path, material: Material) -> PartMesh:
 
 
 @guarded("a text of points x, y, z")
-def read_points(path: Path, separator: str, size: float, material: Material) -> PartMesh:
+def read_points(
+    path: Path, separator: str, size: float, material: Material, fewest: int = 1
+) -> PartMesh:
     """Voxels of an edge ``size``, metres, in which points of a text file lie, as boxes.
 
     The grid starts at the smallest coordinates and has as many cells as cover the largest, as in HELIOS++.
+    Voxels of less than ``fewest`` points are left out: HELIOS++ cannot estimate a normal of less than three.
 
     Raises
     ------
@@ -81,7 +84,11 @@ def read_points(path: Path, separator: str, size: float, material: Material) -> 
             str(path), f"voxelSize = {size:g} m makes too fine a grid; take a larger one"
         )
     place = (points - low) * cells / np.where(extent > 0, extent, 1.0)
-    place = np.unique(np.clip(place, 0, cells - 1).astype(np.int64), axis=0)
+    place = np.clip(place, 0, cells - 1).astype(np.int64)
+    place, many = np.unique(place, axis=0, return_counts=True)
+    place = place[many >= fewest]
+    if not len(place):
+        raise SpecError(str(path), f"has no voxel of {fewest} points; take a larger voxelSize")
     low = np.where(extent > 0, low, -size / 2)
     return _boxes(low + size * (place + 0.5), np.full(len(place), size), material)
 

@@ -20,6 +20,7 @@ from .material import Material, read_materials
 from .motion import PartMotion, read_motion
 from .obj import PartMesh, read_obj, together
 from .raster import VoxelMode, read_points, read_terrain, read_voxels
+from .vocabulary import strange_words
 
 LOADERS = ("objloader", "geotiffloader", "xyzloader", "detailedvoxels")
 
@@ -73,8 +74,8 @@ class _PartReader:
 
 def read_scene(
     reference: str, near: Path, assets: Path | None = None, pulse_rate: float = 1.0
-) -> tuple[Part, ...]:
-    """The parts of the scene "FILE.xml#ID".
+) -> tuple[tuple[Part, ...], list[str]]:
+    """The parts of the scene "FILE.xml#ID", and sentences on what is passed over.
 
     pulse_rate : Hz, of the first leg, by which parts move that state a step in seconds.
 
@@ -83,6 +84,7 @@ def read_scene(
     SpecError : it cannot be read, or holds what is not supported.
     """
     scene, path = asset_of(reference, "scene", near, assets)
+    strange = strange_words(scene, path)
     parts: list[Part] = []
     reader = _PartReader(path, assets, {})
     elements = scene.findall("part")
@@ -91,12 +93,12 @@ def read_scene(
     if not parts:
         raise SpecError(str(path), "the scene has no part")
     if scene.find(".//dmotion") is None:
-        return tuple(parts)
+        return tuple(parts), strange
     origin = np.min([part.corners.reshape(-1, 3).min(axis=0) for part in parts], axis=0)
     return tuple(
         replace(part, motion=read_motion(scene, element, origin, pulse_rate, path))
         for part, element in zip(parts, elements, strict=True)
-    )
+    ), strange
 
 
 @dataclass
@@ -150,10 +152,7 @@ class _Shape:
 def _part(element: Element, index: int, reader: _PartReader, before: list[Part]) -> Part:
     name = element.get("id", f"part{index}")
     where = f"{reader.path}, part {element.get('id', index)}"
-    for child in element:
-        if child.tag not in ("filter", "dmotion", "swap"):
-            raise SpecError(where, f'holds "{child.tag}", which is not supported')
-    swaps = element.findall("swap")
+    swaps = _in_order(element.findall("swap"), where, reader.path)
     if swaps and element.find("dmotion") is not None:
         raise SpecError(where, "moves (dmotion) and is swapped (swap); only one is supported")
     shape = _Shape()
@@ -162,10 +161,11 @@ def _part(element: Element, index: int, reader: _PartReader, before: list[Part])
     baseline = shape.mesh
     part = shape.part(name, before, reader.path)
     later: list[tuple[Part | None, int]] = []
-    for swap in swaps:
-        steps, plays = swap.findall("filter"), int(number(swap, "swapStep", reader.path, 1.0))
-        if plays < 1:
-            raise SpecError(where, f"swap has swapStep = {plays}; it is at least 1")
+    for swap, plays in swaps:
+        if swap is None:
+            later.append((part, plays))
+            continue
+        steps = swap.findall("filter")
         if yes(swap.get("force_null"), False):
             later.append((None, plays))
             continue
@@ -177,6 +177,43 @@ def _part(element: Element, index: int, reader: _PartReader, before: list[Part])
             shape.filtered(step, where, reader)
         later.append((shape.part(name, before, reader.path), plays))
     return replace(part, later=tuple(later))
+
+
+def _in_order(swaps: list[Element], where: str, path: Path) -> list[tuple[Element | None, int]]:
+    """Swaps as they are played, and how many plays each lasts; None: the part as it was at first.
+
+    They follow each other (``swapStep``), or say which plays are theirs, the first after the baseline being 1
+    (``swapIndices``); in plays that none names the one before stands.
+
+    Raises
+    ------
+    SpecError : a step below 1, plays that are no list of such, that two name, or that are not on end.
+    """
+    if not any(swap.get("swapIndices") for swap in swaps):
+        steps = [int(number(swap, "swapStep", path, 1.0)) for swap in swaps]
+        if min(steps, default=1) < 1:
+            raise SpecError(where, f"swap has swapStep = {min(steps)}; it is at least 1")
+        return list(zip(swaps, steps, strict=True))
+    whose: dict[int, Element] = {}
+    for swap in swaps:
+        text = swap.get("swapIndices", "")
+        try:
+            plays = [int(one) for one in text.strip().strip("[]").split(",")]
+        except ValueError:
+            raise SpecError(where, f'swapIndices = "{text}" is no list as [1, 2]') from None
+        if plays != list(range(plays[0], plays[0] + len(plays))) or plays[0] < 1:
+            raise SpecError(where, f"swapIndices = {text}: plays on end from 1 are supported")
+        if whose.keys() & set(plays):
+            raise SpecError(where, f"swapIndices = {text} names a play of another swap")
+        whose.update(dict.fromkeys(plays, swap))
+    order: list[tuple[Element | None, int]] = []
+    for play in range(1, max(whose) + 1):
+        swap_of = whose.get(play, order[-1][0] if order else None)
+        if order and order[-1][0] is swap_of:
+            order[-1] = (swap_of, order[-1][1] + 1)
+        else:
+            order.append((swap_of, 1))
+    return order
 
 
 def _stands(param: Element, path: Path) -> bool:
@@ -217,7 +254,10 @@ def _loaded(kind: str, params: dict[str, Element], where: str, reader: _PartRead
         ways = VoxelMode(mode, power, yes(said("randomShift") or None, False))
         return together([read_voxels(file, ways, material) for file in files])
     size = number(params["voxelSize"], "value", reader.path) if "voxelSize" in params else 1.0
-    return together([read_points(file, said("separator", " "), size, material) for file in files])
+    fewest = 3 if said("estimateNormals", "0") != "0" and "defaultNormal" not in params else 1
+    return together(
+        [read_points(file, said("separator", " "), size, material, fewest) for file in files]
+    )
 
 
 def _material_of(file: str, name: str, where: str, reader: _PartReader) -> Material:

@@ -18,10 +18,9 @@ from .device import Device, read_device
 from .document import asset_of, place_of, read_document, rotation_of, yes
 from .legs import MOVING, Leg, Source, first_pulse_rate, read_legs
 from .scene import Part, plays_of, read_scene
+from .vocabulary import NOISES, SETTINGS, check_children, strange_words
 
 PLATFORMS = ("static", *MOVING)
-NOISES = {f"{what}{axis}Noise" for what in ("position", "attitude") for axis in "XYZ"}
-SURVEY_TAGS = {"leg", "FWFSettings", "detectorSettings", "scannerMount", *NOISES}
 FAR = 5000.0  # metres from the origin beyond which a scene is moved there
 
 
@@ -67,15 +66,17 @@ def read_survey(path: Path, assets: Path | None = None) -> Survey:
     survey = root.find("survey")
     if survey is None:
         raise SpecError(str(path), "has no survey")
-    for child in survey:
-        if child.tag not in SURVEY_TAGS:
-            raise SpecError(str(path), f'the survey holds "{child.tag}", which is not supported')
+    check_children(root, path)
+    strange = strange_words(survey, path)
+    for template in (child for child in root if child.tag in SETTINGS):
+        strange += strange_words(template, path)
     scanner, scanner_file = asset_of(survey.get("scanner", ""), "scanner", path, assets)
     platform, platform_file = _platform(survey, path, assets)
+    strange += strange_words(scanner, scanner_file) + strange_words(platform, platform_file)
     device = read_device(scanner, scanner_file, survey)
     source = Source(path, root, survey, platform, assets)
     rate = first_pulse_rate(source, device.pulse_rate)
-    parts = read_scene(survey.get("scene", ""), path, assets, rate)
+    parts, unread = read_scene(survey.get("scene", ""), path, assets, rate)
     mount = survey.find("scannerMount")
     mount = platform.find("scannerMount") if mount is None else mount
     legs, missed = read_legs(source, device, parts)
@@ -96,7 +97,7 @@ def read_survey(path: Path, assets: Path | None = None) -> Survey:
         mount_turn=rotation_of(mount, platform_file),
         legs=legs,
         offset=np.zeros(3),
-        notes=(*_notes(survey, platform), *device.notes, *missed),
+        notes=(*strange, *unread, *_notes(survey, platform), *device.notes, *missed),
         reflectance=lights[0],
         later=tuple(zip(plays_of(parts)[1:], lights[1:], strict=True)),
     )

@@ -221,10 +221,10 @@ def _each(first: np.ndarray | None, values: np.ndarray, times: int) -> np.ndarra
 def _place(sites: LeafSites, blade: Blade, out: np.ndarray) -> None:
     """Write the corners of all leaves into ``out`` (L, 3 K)."""
     unit = np.concatenate([np.ones((len(blade.vertices), 1)), blade.vertices], axis=1)  # (K, 4)
-    spread = np.einsum("kp,ij->pikj", unit, np.eye(3)).reshape(12, -1)
     for part in _parts(len(sites)):
-        place = np.concatenate([sites.foot[part], *_frame(sites, part)], axis=1)  # (L, 12)
-        np.matmul(place, spread, out=out[part])
+        place = np.stack([sites.foot[part], *_frame(sites, part)], axis=1)  # (L, 4, 3)
+        # Small products one by one: of one large product BLAS would make threads, which mostly wait.
+        np.matmul(unit, place, out=out[part].reshape(len(place), len(unit), 3))
 
 
 def truth_of(sites: LeafSites, blade: Blade, branch: np.ndarray) -> Leaves:

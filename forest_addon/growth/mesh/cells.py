@@ -68,6 +68,8 @@ def areas_by_cell(
     at = np.floor(place).astype(np.int64)
     grid = _Grid.around(at)
     key = grid.number(at)
+    if grid.count < 2**31 and abs(at).max(initial=0) < 2**20:
+        at, key = at.astype(np.int32), key.astype(np.int32)
     corners = np.ascontiguousarray(triangles.T)
     numbers, kinds, sizes = [], [], []
     for first in range(0, len(triangles), AT_ONCE):
@@ -110,6 +112,11 @@ class _Grid:
         return cls((low[0], low[1], low[2]), (x, y, z))
 
     @property
+    def count(self) -> int:
+        """Number of its cells."""
+        return self.size[0] * self.size[1] * self.size[2]
+
+    @property
     def strides(self) -> np.ndarray:
         """(3,) from a cell's number to the next along each axis."""
         return np.array([self.size[1] * self.size[2], self.size[2], 1])
@@ -124,7 +131,7 @@ class _Grid:
 
     def sums(self, number: np.ndarray, kind: np.ndarray, size: np.ndarray, parts: int) -> CellAreas:
         """Return what lies in each cell, of each part, of sizes (N,) in cells of these numbers."""
-        count = self.size[0] * self.size[1] * self.size[2]
+        count = self.count
         named: np.ndarray | None = None
         if count * parts > DENSE * len(number):
             named, number = np.unique(number, return_inverse=True)
@@ -150,7 +157,7 @@ def _shares(
 
     rows = np.flatnonzero(~together)
     a, b, c = a[rows], b[rows], c[rows]
-    walls, which, wall = np.zeros((3, len(rows)), np.int64)
+    walls, which, wall = np.zeros((3, len(rows)), at.dtype)
     for axis, cells in enumerate(at):
         one, two, three = cells[a], cells[b], cells[c]
         high = np.maximum(np.maximum(one, two), three)

@@ -86,6 +86,14 @@ ENGLISH = {
 
 def wood_of_species(species: Species) -> GreenWood:
     """Green wood of a species, by the genus that its allometry or name says, else the mean of its kind."""
+    genus = genus_of(species)
+    if genus:
+        return wood_of_genus(genus)
+    return _mean(CONIFERS if species.needles is not None else BROADLEAVES)
+
+
+def genus_of(species: Species) -> str:
+    """Genus of the table that a species' allometry or name says; "": none."""
     target = species.targets.allometry if species.targets is not None else ""
     words = f"{target} {species.name}".lower().replace("-", " ").replace("_", " ").split()
     for word in words:
@@ -94,8 +102,8 @@ def wood_of_species(species: Species) -> GreenWood:
             **{name: name for name in (*CONIFERS, *BROADLEAVES)},
         }.items():
             if word == start or (len(start) > 3 and word.startswith(start)):
-                return wood_of_genus(genus)
-    return _mean(CONIFERS if species.needles is not None else BROADLEAVES)
+                return genus
+    return ""
 
 
 def wood_of_genus(genus: str) -> GreenWood:

@@ -52,7 +52,7 @@ def label(
         normal=normal,
         cos_incidence=cosines(normal, directions),
         organ=organs(scene, hits),
-        leaf=_of_triangle(scene, hits, "leaf", np.dtype(np.int32)),
+        leaf=_leaves(scene, hits),
         tree=of_tree[hits.instance],
         species=of_species[hits.instance],
         instance=hits.instance,
@@ -69,15 +69,26 @@ def cosines(normal: np.ndarray, directions: np.ndarray) -> np.ndarray:
 
 def organs(scene: SceneGeometry, hits: Hits) -> np.ndarray:
     """(R,) int8 parts of what was hit, ``ESCAPED`` where nothing was."""
-    return _of_triangle(scene, hits, "part", np.dtype(np.int8))
+    found = np.flatnonzero(hits.found)
+    whole = len(found) == len(hits.found)
+    instance, triangle = hits.instance, hits.triangle
+    if not whole:
+        instance, triangle = instance[found], triangle[found]
+    table = scene.table
+    part: np.ndarray = table.part.take(table.starts[scene.mesh_index].take(instance) + triangle)
+    if whole:
+        return part
+    values = np.full(len(hits.found), ESCAPED, dtype=np.int8)
+    values[found] = part
+    return values
 
 
-def _of_triangle(scene: SceneGeometry, hits: Hits, name: str, dtype: np.dtype) -> np.ndarray:
-    """(R,) an array of the meshes' triangles at what was hit, -1 where nothing was."""
-    values = np.full(len(hits.distance), -1, dtype=dtype)
+def _leaves(scene: SceneGeometry, hits: Hits) -> np.ndarray:
+    """(R,) int32 leaf numbers of what was hit, -1 where it is no leaf."""
+    values = np.full(len(hits.distance), -1, dtype=np.int32)
     found = np.flatnonzero(hits.found)
     mesh_of = scene.mesh_index[hits.instance[found]]
     for number in np.flatnonzero(np.bincount(mesh_of)):
         rows = found[mesh_of == number]
-        values[rows] = getattr(scene.meshes[number], name)[hits.triangle[rows]]
+        values[rows] = scene.meshes[number].leaf[hits.triangle[rows]]
     return values

@@ -20,6 +20,7 @@ from .crests import crests
 
 LIGHT = 299_792_458.0  # m/s
 FWHM = 2 * np.sqrt(2 * np.log(2))  # of a Gaussian, in standard deviations
+FEW = 64  # contacts of a pulse
 APART = 8.0  # standard deviations beyond which contacts are treated alone
 
 
@@ -102,10 +103,19 @@ def find_echoes(
 
 def _by_range(pulse: np.ndarray, distance: np.ndarray) -> np.ndarray:
     """Order of contacts by pulse and then by distance; as they came where these are equal."""
+    first = np.flatnonzero(np.diff(pulse, prepend=-1))
+    size = np.diff(np.append(first, len(pulse)))
+    if (np.diff(pulse) >= 0).all() and size.max() <= FEW:
+        # Each pulse a row of a table: short rows are sorted faster than all contacts together.
+        place = np.arange(size.max())
+        table = np.full((len(first), len(place)), np.inf)
+        here = place < size[:, None]
+        table[here] = distance
+        within = np.argsort(table, axis=1, kind="stable")
+        nearest: np.ndarray = (within + first[:, None])[here]
+        return nearest
     order = np.argsort(distance, kind="stable")
-    few = pulse.max(initial=0) <= np.iinfo(np.uint16).max  # sorted by their digits
-    key = pulse.astype(np.uint16) if few else pulse
-    by_range: np.ndarray = order[np.argsort(key[order], kind="stable")]
+    by_range: np.ndarray = order[np.argsort(pulse[order], kind="stable")]
     return by_range
 
 

@@ -125,11 +125,21 @@ def clip(
     return np.maximum(enters, start, out=enters), np.minimum(leaves, limit, out=leaves)
 
 
-def ways_box(begin: np.ndarray, end: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """(2, 3) box around ways (R, 3) to (R, 3), as far as it is in another."""
-    least, most = np.minimum(begin, end).min(axis=0), np.maximum(begin, end).max(axis=0)
-    least, most = np.where(np.isnan(least), low, least), np.where(np.isnan(most), high, most)
-    return np.stack([np.maximum(least, low), np.minimum(most, high)])
+def extents(begin: np.ndarray, end: np.ndarray, about: np.ndarray) -> np.ndarray:
+    """(2, D) least and most of straight ways from (R, 3) to (R, 3) along fixed directions.
+
+    about : (R,) metres around each way that count as part of it.
+    """
+    ends = [SIDES @ begin.T, SIDES @ end.T]
+    least, most = np.minimum(*ends) - about, np.maximum(*ends) + about
+    return np.stack([least.min(axis=1), most.max(axis=1)])
+
+
+def within(low: np.ndarray, high: np.ndarray, between: np.ndarray) -> np.ndarray:
+    """(I,) whether boxes from (I, 3) to (I, 3) may come into a bundle of ways (2, D), see ``extents``."""
+    middle, half = (low + high) / 2, (high - low) / 2
+    at, out = middle @ SIDES.T, half @ np.abs(SIDES).T
+    return np.asarray(((at - out <= between[1]) & (at + out >= between[0])).all(axis=1))
 
 
 def inverse(directions: np.ndarray) -> np.ndarray:
@@ -203,4 +213,12 @@ def _drawn_apart(bits: np.ndarray) -> np.ndarray:
     return bits
 
 
+def _sides() -> np.ndarray:
+    """(D, 3) unit directions along which bundles of ways are measured: level ones, and the vertical."""
+    turn = np.arange(24) * np.pi / 24
+    level = np.column_stack([np.cos(turn), np.sin(turn), np.zeros(24)])
+    return np.concatenate([level, [[0.0, 0.0, 1.0]]])
+
+
 APART = _drawn_apart(np.arange(1024))
+SIDES = _sides()

@@ -130,21 +130,23 @@ def hit_normals(
     """
     normals = np.full((len(hits.distance), 3), np.nan)
     found = np.flatnonzero(hits.found)
-    mesh_of_hit = scene.mesh_index[hits.instance[found]]
-    for index in np.flatnonzero(np.bincount(mesh_of_hit)):
-        rows = found[mesh_of_hit == index]
-        mesh = scene.meshes[index]
-        for first in range(0, len(rows), ROWS):
-            part = rows[first : first + ROWS]
-            a, b, c = (mesh.vertices[corner].T for corner in mesh.triangles[hits.triangle[part]].T)
-            stood = scene.transform[hits.instance[part]] if transform is None else transform[part]
-            m = stood.reshape(-1, 12).T.copy()
-            u, v = _turned(m, b - a), _turned(m, c - a)
-            x = u[1] * v[2] - u[2] * v[1]
-            y = u[2] * v[0] - u[0] * v[2]
-            z = u[0] * v[1] - u[1] * v[0]
-            with np.errstate(invalid="ignore", divide="ignore"):
-                normals[part] = (np.stack([x, y, z]) / np.sqrt(x * x + y * y + z * z)).T
+    table = scene.table
+    for first in range(0, len(found), ROWS):
+        part = found[first : first + ROWS]
+        instance = hits.instance[part]
+        a, b, c = table.corners(
+            table.starts[scene.mesh_index[instance]] + hits.triangle[part]
+        ).swapaxes(0, 1)
+        stood = scene.transform[instance] if transform is None else transform[part]
+        m = stood.reshape(-1, 12).T.copy()
+        u, v = _turned(m, b - a), _turned(m, c - a)
+        x = u[1] * v[2] - u[2] * v[1]
+        y = u[2] * v[0] - u[0] * v[2]
+        z = u[0] * v[1] - u[1] * v[0]
+        with np.errstate(invalid="ignore", divide="ignore"):
+            length = np.sqrt(x * x + y * y + z * z)
+            for axis, along in enumerate((x, y, z)):
+                normals[part, axis] = along / length
     return normals
 
 

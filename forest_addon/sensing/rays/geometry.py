@@ -7,14 +7,17 @@ that a forest costs the memory of its variants and a hit can be refined to float
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
 
 from ...base.trimesh import LEAF, TriMesh
 from .boxes import morton
+from .table import TriangleTable
 
 PIECES = 64  # boxes that a mesh is bounded by
+COARSE = 15  # bits of a place along the curve of 30 that do not matter: what is left is sorted by its digits
 BOXES = 1_000_000  # of all its instances together, so that memory stays small
 
 
@@ -64,6 +67,15 @@ class SceneGeometry:
 
     def __len__(self) -> int:
         return len(self.mesh_index)
+
+    @cached_property
+    def table(self) -> TriangleTable:
+        """The triangles of all meshes, made when they are first asked for."""
+        return TriangleTable(self.meshes)
+
+    def share_table(self, table: TriangleTable) -> None:
+        """Take the table of a scene with the same meshes, unless there is one."""
+        vars(self).setdefault("table", table)
 
     def reflectance_at(
         self, instance: np.ndarray, triangle: np.ndarray, otherwise: float
@@ -144,7 +156,7 @@ def _boxed(mesh: TriMesh, count: int) -> tuple[np.ndarray, np.ndarray]:
     first = np.unique(np.linspace(0, len(used), count, endpoint=False).astype(np.int64))
     if not len(used):
         return used, used
-    used = used[np.argsort(morton(used))]
+    used = used[np.argsort((morton(used) >> COARSE).astype(np.uint16), kind="stable")]
     return np.minimum.reduceat(used, first), np.maximum.reduceat(used, first)
 
 

@@ -11,41 +11,23 @@ import numpy as np
 
 from ...base.trimesh import TriMesh
 from .geometry import SceneGeometry
+from .table import TriangleTable
 
 ROWS = 8192  # at a time: what is in work stays in the cache
 
 
 class RefinedSurfaces:
-    """All triangles of a scene's meshes in one table.
+    """The planes of all triangles of a scene.
 
     like : of a scene with the same meshes, whose table is shared.
     """
 
-    _starts: np.ndarray
-    _vertices: np.ndarray
-    _triangles: np.ndarray
-
     def __init__(self, scene: SceneGeometry, like: RefinedSurfaces | None = None) -> None:
-        self._starts: np.ndarray
-        self._vertices: np.ndarray
-        self._triangles: np.ndarray
-        self._transform = np.ascontiguousarray(scene.transform.reshape(-1, 12).T)
         if like is not None:
-            self._starts, self._vertices = like._starts, like._vertices
-            self._triangles = like._triangles
-            self._first = self._starts[scene.mesh_index]
-            return
-        triangles = [len(mesh.triangles) for mesh in scene.meshes]
-        vertices = [len(mesh.vertices) for mesh in scene.meshes]
-        first_vertex = np.cumsum([0, *vertices])
-        self._starts = np.cumsum([0, *triangles])[:-1]
-        self._first = self._starts[scene.mesh_index]  # triangle, by instance
-        self._vertices = np.concatenate([np.empty((0, 3)), *(m.vertices for m in scene.meshes)])
-        self._triangles = np.empty((sum(triangles), 3), dtype=np.int64)
-        last = 0
-        for mesh, shift in zip(scene.meshes, first_vertex, strict=False):
-            first, last = last, last + len(mesh.triangles)
-            np.add(mesh.triangles, shift, out=self._triangles[first:last])
+            scene.share_table(like.table)
+        self.table: TriangleTable = scene.table
+        self._transform = np.ascontiguousarray(scene.transform.reshape(-1, 12).T)
+        self._first = self.table.starts[scene.mesh_index]  # triangle, by instance
 
     def distance(
         self,
@@ -95,9 +77,9 @@ class RefinedSurfaces:
             place = np.ascontiguousarray(transform.reshape(-1, 12).T)
         m = place.reshape(3, 4, 1, -1)  # to, from, 1, R
         if corners is None:
-            number = self._triangles.take(self._first.take(instance) + triangle, 0)
-            corners = self._vertices.take(number, 0)
-        corner = corners.transpose(2, 1, 0).copy()  # (of space, of triangle, R)
+            corner = self.table.corners(self._first.take(instance) + triangle)
+        else:
+            corner = corners.transpose(2, 1, 0).copy()  # (of space, of triangle, R)
         space = m[:, 0] * corner[0]
         part = m[:, 1] * corner[1]
         space += part

@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from .boxes import BoxTree, clip, inverse, slabs, ways_box
+from .boxes import clip, extents, within
 from .caster import Hits, RayCaster, hit_normals, unit_columns
 from .exact import ExactCaster
 from .geometry import SceneGeometry, invert_transforms
@@ -29,10 +29,12 @@ from .pieces import (
     swept,
     with_runs,
 )
+from .seams import Seams
 
 KNOTS = 32  # a second
 SPAN = 8  # knots of a window, for which pieces are placed together
-RUN, WIDER = 16, 2.0  # rays of a run, and metres that they may be apart
+RUN, WIDER = 8, 2.0  # rays of a run, and metres that they may be apart
+AROUND = 0.1  # metres about a bundle of rays, whose pieces are placed with those in it
 KEPT = 256  # trees by windows, whose pieces are kept in place
 
 
@@ -61,18 +63,14 @@ class SwayingCaster(TimedCaster):
         self._first = len(cut.read.meshes) + 1  # mesh of the first piece
         self._window = _engine_of(cut, make, engine)
         self._placed: dict[tuple[int, int], np.ndarray] = {}
-        self._last: tuple[int, np.ndarray, np.ndarray, np.ndarray, PieceWindow] | None = None
+        self._last: tuple[int, np.ndarray, np.ndarray, PieceWindow | None] | None = None
         self._trees, row = np.unique(cut.tree, return_inverse=True)
         order = np.argsort(row, kind="stable")
         self._of_tree = np.split(order, np.searchsorted(row[order], np.arange(1, len(self._trees))))
-        self._bounds: dict[tuple[int, int | None], np.ndarray] = {}
         self._rest = rest_of(cut, self._of_tree)
-        first = cut.count + np.array([rows[0] for rows in self._of_tree if len(rows)], np.int64)
-        self._stands = cut.scene.transform[first]
-        self._size = np.linalg.norm(self._stands[:, :, :3], ord=2, axis=(1, 2))
-        low, high = self._boxes_of(np.arange(len(self._trees)))
+        self._seams = Seams(cut)
+        self._ever = low, high = self._bounds()
         self._hull = low.min(axis=0, initial=np.inf), high.max(axis=0, initial=-np.inf)
-        self._boxes = BoxTree(low - WIDER, high + WIDER)
 
     @property
     def still(self) -> TimedCaster:
@@ -125,9 +123,10 @@ class SwayingCaster(TimedCaster):
         sound = np.flatnonzero(sound)
         knot = (np.asarray(time, dtype=np.float64) + self._start) * KNOTS
         block = np.floor(knot / SPAN).astype(np.int64)
-        for number, rows, trees in self._met(origins, ways, begin, limit, block, sound):
-            ends = origins[rows] + limit[rows, None] * ways[rows]
-            pieces, window = self._at(number, trees, ways_box(origins[rows], ends, *self._hull))
+        for number, rows, bundle in self._met(origins, ways, begin, limit, block, sound):
+            pieces, window = self._at(number, bundle)
+            if window is None:
+                continue
             left = None
             if leaving is not None:
                 chosen = leaving.select(rows)
@@ -137,10 +136,42 @@ class SwayingCaster(TimedCaster):
             )
             won = np.flatnonzero(met.found & (met.distance < best.distance[rows]))
             found = met.select(won)
-            best.put(
-                rows[won], Hits(found.distance, count + pieces[found.instance], found.triangle)
-            )
+            found.instance[:] = count + pieces[found.instance]
+            rows = rows[won]
+            if leaving is None:
+                some = origins[rows], ways[rows], np.asarray(time)[rows]
+                self._settle(found, *some, near[rows])
+            best.put(rows, found)
         return best
+
+    def _settle(
+        self,
+        hits: Hits,
+        origins: np.ndarray,
+        ways: np.ndarray,
+        time: np.ndarray,
+        near: np.ndarray,
+    ) -> None:
+        """Give hits (R,) at seams the copy of their triangle that is first in float64."""
+        rows = self._seams.shared(hits.instance, hits.triangle)
+        begun = hits.instance[rows], hits.triangle[rows]
+        first, number, chosen = np.full(len(rows), np.inf), *(part.copy() for part in begun)
+        going, (instance, triangle) = np.arange(len(rows)), begun
+        while len(going):
+            of = rows[going]
+            copy = Hits(near[of], instance, triangle)
+            distance = self.meets(origins[of], ways[of], copy, time[of])
+            less = (distance < first[going]) | (
+                (distance == first[going]) & (instance < number[going])
+            )
+            less &= (distance >= near[of]) & np.isfinite(distance)
+            won = going[less]
+            first[won], number[won], chosen[won] = distance[less], instance[less], triangle[less]
+            instance, triangle = self._seams.other(instance, triangle)
+            more = (instance != begun[0][going]) | (triangle != begun[1][going])
+            going, instance, triangle = going[more], instance[more], triangle[more]
+        known = np.isfinite(first)  # else it is met at its rim, in float32 alone
+        hits.put(rows[known], Hits(first[known], number[known], chosen[known]))
 
     def _met(
         self,
@@ -151,10 +182,11 @@ class SwayingCaster(TimedCaster):
         block: np.ndarray,
         sound: np.ndarray,
     ) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
-        """Windows of time, each with rays that may meet a tree in it, and the rows of these trees.
+        """Windows of time, each with the rays that may meet a tree in it, and the bundle (2, D) that they are
+        in as long as they are among trees.
 
-        Rays that follow one another are neighbours most often: one of a run stands for all, where the others
-        are within ``WIDER`` of it as long as they are among trees.
+        Rays that follow one another are neighbours most often: one of a run stands for all, with what is
+        around it as far as the others are off.
         """
         enters, leaves = clip(*self._hull, origins.T, ways.T, begin, limit)
         near = sound[enters[sound] <= leaves[sound]]
@@ -167,25 +199,25 @@ class SwayingCaster(TimedCaster):
         size = np.diff(first, append=len(near))
         run = np.repeat(np.arange(len(first)), size)
         chief = near[first + size // 2]
-        apart = np.linalg.norm(origins[near] - origins[chief][run], axis=1)
-        apart += leaves[near] * np.linalg.norm(ways[near] - ways[chief][run], axis=1)
-        alike = np.maximum.reduceat(apart, first) <= WIDER
-        alone = near[~alike[run]]
-        asked = np.concatenate([chief[alike], alone])
-        until = np.concatenate([np.maximum.reduceat(leaves[near], first)[alike], leaves[alone]])
-        some = origins[asked].T, ways[asked].T, np.zeros(len(asked)), until + WIDER
-        ray, box, _ = self._boxes.pairs(*some)
-        ray, box = self._nearer(ray, box, block[asked[ray]], some)
-        of_pair, meets = block[asked[ray]], np.zeros(len(asked), dtype=bool)
-        meets[ray] = True
-        of_run = np.zeros(len(first), dtype=bool)
-        of_run[np.flatnonzero(alike)] = meets[: int(alike.sum())]
-        kept = of_run[run]
-        kept[~alike[run]] = meets[int(alike.sum()) :]
-        rows = near[kept]
-        for number in _different(of_pair):
-            trees = np.bincount(box[of_pair == number], minlength=len(self._trees)) > 0
-            yield number, rows[block[rows] == number], np.flatnonzero(trees)
+        apart = _length(origins[near] - origins[chief][run])
+        apart += leaves[near] * _length(ways[near] - ways[chief][run])
+        apart = np.maximum.reduceat(apart, first)
+        since, until = (
+            np.minimum.reduceat(enters[near], first),
+            np.maximum.reduceat(leaves[near], first),
+        )
+        alone = near[(apart > WIDER)[run]]
+        some = np.flatnonzero(apart <= WIDER)
+        asked = np.concatenate([chief[some], alone])
+        since = np.concatenate([since[some], enters[alone]])[:, None]
+        until = np.concatenate([until[some], leaves[alone]])[:, None]
+        about = np.concatenate([apart[some], np.zeros(len(alone))])
+        for number in _different(block[near]):
+            rows = near[block[near] == number]
+            mine = np.flatnonzero(block[asked] == number)
+            start, way = origins[asked[mine]], ways[asked[mine]]
+            ends = start + since[mine] * way, start + until[mine] * way
+            yield number, rows, extents(*ends, about[mine])
 
     def normals(self, hits: Hits, time: np.ndarray) -> np.ndarray:
         found = np.full((len(time), 3), np.nan)
@@ -262,45 +294,39 @@ class SwayingCaster(TimedCaster):
         stands = self.scene.transform[self.cut.count + piece]
         return _joined(stands, at), np.einsum("rij,rjk->rik", stands[:, :, :3], rate)
 
-    def _at(self, block: int, trees: np.ndarray, box: np.ndarray) -> tuple[np.ndarray, PieceWindow]:
-        """The pieces (P,) of trees, by their rows, that come into a box (2, 3) in a window of time, and what
-        casts rays at them."""
+    def _at(self, block: int, bundle: np.ndarray) -> tuple[np.ndarray, PieceWindow | None]:
+        """The pieces (P,) that come into a bundle (2, D) in a window of time, and what casts rays at
+        them; None where there are none."""
         if self._last is not None and self._last[0] == block:
-            _, known, room, pieces, window = self._last
-            within = (room[0] <= box[0]).all() and (box[1] <= room[1]).all()
-            if within and np.isin(trees, known).all():
+            _, room, pieces, window = self._last
+            if (room[0] <= bundle[0]).all() and (bundle[1] <= room[1]).all():
                 return pieces, window
-            trees = np.union1d(trees, known)
-            box = np.stack([np.minimum(box[0], room[0]), np.maximum(box[1], room[1])])
-        box = box + np.array([[-WIDER], [WIDER]])  # for rays to come
-        pieces = np.concatenate([self._of_tree[row] for row in trees.tolist()])
-        local = np.concatenate(
-            [
-                self._places(int(self._trees[row]), block)[:, self.cut.piece[self._of_tree[row]]]
-                for row in trees.tolist()
-            ],
-            axis=1,
-        )
-        row = np.repeat(trees, [len(self._of_tree[row]) for row in trees.tolist()])
-        rest = np.concatenate(
-            [
-                self._rest[row][:, self.cut.piece[self._of_tree[row]]].swapaxes(0, 1)
-                for row in trees.tolist()
-            ]
-        )
-        low, high = swept(rest, local)
-        middle, half = (low + high) / 2, (high - low) / 2
-        stands = self._stands[row]
-        middle = np.einsum("pij,pj->pi", stands[:, :, :3], middle) + stands[:, :, 3]
-        half = np.einsum("pij,pj->pi", np.abs(stands[:, :, :3]), half)
-        near = ((middle - half <= box[1]) & (middle + half >= box[0])).all(axis=1)
-        near[0] |= not near.any()  # a window has something
-        pieces, local, stands = pieces[near], local[:, near], stands[near]
-        places = np.stack([_joined(stands, one) for one in local])
-        mesh = self.scene.mesh_index[self.cut.count + pieces] - self._first
-        window = self._window(mesh, places)
-        self._last = block, trees, box, pieces, window
+            bundle = np.stack([np.minimum(bundle[0], room[0]), np.maximum(bundle[1], room[1])])
+        bundle = bundle + np.array([[-AROUND], [AROUND]])  # for rays to come
+        pieces, places = self._coming(block, bundle)
+        window = None
+        if len(pieces):
+            mesh = self.scene.mesh_index[self.cut.count + pieces] - self._first
+            window = self._window(mesh, places)
+        self._last = block, bundle, pieces, window
         return pieces, window
+
+    def _coming(self, block: int, bundle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The pieces (P,) that come into a bundle in a window of time, and their places (K, P, 3, 4)."""
+        pieces, places = [np.empty(0, np.int64)], [np.empty((SPAN + 1, 0, 3, 4))]
+        for row in np.flatnonzero(within(*self._ever, bundle)).tolist():
+            mine = self._of_tree[row]
+            which = self.cut.piece[mine]
+            local = self._places(int(self._trees[row]), block)[:, which]
+            low, high = swept(self._rest[row][:, which].swapaxes(0, 1), local)
+            middle, half = (low + high) / 2, (high - low) / 2
+            stands = self.scene.transform[self.cut.count + mine[0]]
+            middle = middle @ stands[:, :3].T + stands[:, 3]
+            half = half @ np.abs(stands[:, :3]).T
+            near = np.flatnonzero(within(middle - half, middle + half, bundle))
+            pieces.append(mine[near])
+            places.append(_joined(stands[None], local[:, near]))
+        return np.concatenate(pieces), np.concatenate(places, axis=1)
 
     def _places(self, tree: int, block: int) -> np.ndarray:
         """(SPAN + 1, G, 3, 4) of a tree's pieces in its own frame; kept."""
@@ -311,47 +337,18 @@ class SwayingCaster(TimedCaster):
             self._placed[key] = self._sway.places(tree, block * SPAN + np.arange(SPAN + 1))
         return self._placed[key]
 
-    def _nearer(
-        self, ray: np.ndarray, tree: np.ndarray, block: np.ndarray, rays: tuple[np.ndarray, ...]
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Those pairs (P,) of rays and rows of trees that may meet in their windows of time (P,).
-
-        rays : origins (3, R), ways (3, R), and where they begin and end (R,), metres.
-        """
-        origins, ways, begin, end = rays
-        keep = np.zeros(len(ray), dtype=bool)
-        for number in _different(block):
-            some = np.flatnonzero(block == number)
-            rows, which = np.unique(tree[some], return_inverse=True)
-            low, high = (side.T[:, which] for side in self._boxes_of(rows, number))
-            of = ray[some]
-            box = low - WIDER, high + WIDER
-            entry, leave = slabs(origins[:, of], inverse(ways[:, of]), box, begin[of])
-            keep[some] = entry <= np.minimum(leave, end[of])
-        return ray[keep], tree[keep]
-
-    def _boxes_of(
-        self, rows: np.ndarray, block: int | None = None
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Smallest and largest corners (T, 3) in the world that trees, by their rows, do not leave in a
-        window of time; left out: ever."""
-        boxes = np.empty((len(rows), 2, 3))
-        knots = None if block is None else block * SPAN + np.arange(SPAN + 1)
-        for which, row in enumerate(rows.tolist()):
-            if (row, block) in self._bounds:
-                boxes[which] = self._bounds[row, block]
-                continue
-            tree, stands = int(self._trees[row]), self._stands[row]
+    def _bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """Smallest and largest corners (T, 3) in the world that trees never leave."""
+        boxes = np.empty((2, len(self._trees), 3))
+        for row, tree in enumerate(self._trees.tolist()):
             low, high = self._rest[row]
-            out = self._size[row] * self._sway.most(tree, low, high, knots)
+            stands = self.scene.transform[self.cut.count + self._of_tree[row][0]]
+            out = np.linalg.norm(stands[:, :3], ord=2) * self._sway.most(tree, low, high)
             low, high = low.min(axis=0), high.max(axis=0)
-            middle, half = (low + high) / 2, (high - low) / 2
-            centre = stands[:, :3] @ middle + stands[:, 3]
-            out = np.abs(stands[:, :3]) @ half + out
-            boxes[which] = self._bounds[row, block] = np.stack([centre - out, centre + out])
-        for key in list(self._bounds)[: -8 * max(KEPT, len(self._trees))]:
-            self._bounds.pop(key)
-        return boxes[:, 0], boxes[:, 1]
+            centre = stands[:, :3] @ ((low + high) / 2) + stands[:, 3]
+            out = np.abs(stands[:, :3]) @ ((high - low) / 2) + out
+            boxes[:, row] = centre - out, centre + out
+        return boxes[0], boxes[1]
 
 
 def _engine_of(
@@ -362,10 +359,14 @@ def _engine_of(
 
 
 def _joined(outer: np.ndarray, inner: np.ndarray) -> np.ndarray:
-    """(R, 3, 4) of going through the inner and then the outer transforms (R, 3, 4)."""
-    found = np.einsum("rij,rjk->rik", outer[:, :, :3], inner)
-    found[:, :, 3] += outer[:, :, 3]
+    """(..., R, 3, 4) of going through the inner transforms (..., R, 3, 4) and then the outer (R, 3, 4)."""
+    found = outer[:, :, :3] @ inner
+    found[..., 3] += outer[:, :, 3]
     return found
+
+
+def _length(way: np.ndarray) -> np.ndarray:
+    return np.sqrt(np.einsum("ri,ri->r", way, way))
 
 
 def _different(values: np.ndarray) -> list[int]:

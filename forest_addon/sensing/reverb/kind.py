@@ -80,11 +80,30 @@ def _respond(job: Observation, progress: Progress | None) -> Any:
     """Impulse responses between all ends."""
     from .response import impulse_response
 
-    return impulse_response(
+    found = impulse_response(
         **response_inputs(job),
         expansions=job.seen.expansions,
         progress=progress,
         all_trunks=job.settings.accuracy.detail == "full",
+    )
+    return replace(found, sprays=_sprays(job))
+
+
+def _sprays(job: Observation) -> tuple[str, ...]:
+    """Names of conifers whose needles have no shoots, which a model ``forest`` takes for leaves."""
+    from ...growth.library.species_file import find_species, load_species
+    from ...growth.sway.wood import CONIFERS, genus_of
+
+    if job.sensor.model != "forest" or not (job.sensor.foliage and job.sensor.branches):
+        return ()
+    if job.sensor.leaf_area_density > 0 or job.sensor.needle_area_density > 0:
+        return ()
+    names = sorted({planting.species for planting in job.settings.plantings})
+    every = {name: load_species(find_species(name, job.folder))[0] for name in names}
+    return tuple(
+        species.name
+        for species in every.values()
+        if species.needles is None and genus_of(species) in CONIFERS
     )
 
 
@@ -104,14 +123,19 @@ def _audit(job: Observation, found: Any, seconds: float) -> Audit:
 def _canopy(job: Observation) -> Any:
     """Leaves and tops, as a model ``forest`` needs them."""
     from .ends import ends_of
-    from .forest.canopy import canopy_of
     from .forest.surroundings import BARE
 
     if job.sensor.model != "forest":
         return BARE
     source, receiver = ends_of(job.sensor, job.seen.places, job.folder).pairs[0]
     area = float(np.prod(job.settings.forest.size))
-    return canopy_of(job.seen.geometry, (float(source[2]), float(receiver[2])), area)
+    return job.seen.once(_canopy_between, float(source[2]), float(receiver[2]), area)
+
+
+def _canopy_between(seen: Seen, low: float, high: float, area: float) -> Any:
+    from .forest.canopy import canopy_of
+
+    return canopy_of(seen.geometry, (low, high), area)
 
 
 def _where_ends_are(job: Observation) -> np.ndarray:

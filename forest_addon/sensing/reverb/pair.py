@@ -19,7 +19,7 @@ from ...base.rng import stream
 from ...spec import Air, Reverb
 from .arrivals import Gain, arrival
 from .directivity import OMNI, Directivity, Term
-from .forest.losses import Losses
+from .forest.losses import Losses, TrunkStand
 from .forest.surroundings import Surroundings
 from .forest.tail import FADE, Tail, tail_of
 from .forest.transport import Sent
@@ -54,6 +54,7 @@ class ImpulseResponse:
     source, receiver : (3,) metres. at : seconds on the path of what moves; NaN: nothing does.
     component : number of a receiver's channel, of ambisonics or a head. plain : what one microphone alike to
     all sides hears in its place, kept with the first component of a head.
+    stand : that losses are of, of a model ``forest``. sprays : species whose needles count as leaves.
     """
 
     sample_rate: float
@@ -82,6 +83,8 @@ class ImpulseResponse:
     at: float = math.nan
     component: int = 0
     plain: ImpulseResponse | None = None
+    stand: TrunkStand | None = None
+    sprays: tuple[str, ...] = ()
 
     @property
     def channels(self) -> tuple[ImpulseResponse, ...]:
@@ -172,6 +175,7 @@ class Pair:
             source=tuple(self.source.tolist()),
             receiver=tuple(self.receiver.tolist()),
             at=self.at,
+            stand=self.around.stand if self.around else None,
         )
         return found if weak is None else replace(found, **weak.told(found.samples, rate))
 

@@ -24,11 +24,11 @@ class Band:
     low: float
     high: float
 
-    def sample(self) -> tuple[np.ndarray, np.ndarray]:
+    def sample(self, count: int = SAMPLED) -> tuple[np.ndarray, np.ndarray]:
         """A few frequencies (Q,) Hz and the weights (Q,) of a mean over the band by a Hann window."""
         if self.low == self.high:
             return np.array([self.low]), np.ones(1)
-        share = (np.arange(SAMPLED) + 0.5) / SAMPLED
+        share = (np.arange(count) + 0.5) / count
         weight = np.sin(math.pi * share) ** 2
         return self.low + share * (self.high - self.low), weight / weight.sum()
 

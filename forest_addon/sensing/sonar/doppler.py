@@ -31,6 +31,7 @@ from scipy import special
 
 from ...acoustics import chebyshev
 from ...acoustics.nonuniform import nodes_needed
+from ...base.products import product
 from .bands import Band, BandGrid
 from .calls import Call
 from .poses import SonarPose
@@ -284,7 +285,8 @@ def _played(
             for first in range(0, len(rows), step):
                 some = rows[first : first + step]
                 values = heard(grid.frequency, some)
-                total += _sum(values, grid.frequency, late[some], speeds, alpha[some])
+                both = values.real, values.imag
+                total += _sum(both, grid.frequency, late[some], speeds, alpha[some])
             continue
         rows = rows[np.argsort(late[rows], kind="stable")]
         nodes = CLASSES[number]
@@ -300,9 +302,10 @@ def _played(
         for b, (begin, end) in enumerate(zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True)):
             for first in range(begin, end, step):
                 some = rows[first : min(first + step, end)]
-                values = onwards @ heard(at_nodes, some)
+                values = heard(at_nodes, some)
+                both = product(onwards, values.real), product(onwards, values.imag)
                 away = late[some] - centre[b]
-                sums[b] += _sum(values, frequency, away, speeds, alpha[some])
+                sums[b] += _sum(both, frequency, away, speeds, alpha[some])
         spread = chebyshev.lagrange(count, np.linspace(-1.0, 1.0, grid.count))
         carried = np.exp(-2j * math.pi * np.outer(centre, grid.frequency))
         total += np.einsum("bk,bk->k", sums @ spread, carried)
@@ -310,15 +313,34 @@ def _played(
 
 
 def _sum(
-    values: np.ndarray, frequency: np.ndarray, late: np.ndarray, speeds: _Speeds, alpha: np.ndarray
+    values: tuple[np.ndarray, np.ndarray],
+    frequency: np.ndarray,
+    late: np.ndarray,
+    speeds: _Speeds,
+    alpha: np.ndarray,
 ) -> np.ndarray:
-    """(F,) amplitudes (F, M) times the call at the speeds (M,), at delays (M,)."""
-    played = speeds.known(frequency) @ speeds.shares(alpha)
-    played *= values
+    """(F,) amplitudes (F, M), their real and imaginary parts, times the call at the speeds (M,), at delays
+    (M,).
+
+    Paths are added up for each point of speed, and only then meet the call: in real numbers, whose sines and
+    products take a fifth of the time of complex ones.
+    """
+    real, imaginary = values
     turns = np.outer(frequency, late)
-    played *= np.exp(-2j * math.pi * (turns - np.rint(turns)))
-    summed: np.ndarray = played.sum(axis=1)
-    return summed
+    turns -= np.rint(turns)
+    turns *= 2.0 * math.pi
+    cos, sin = np.cos(turns), np.sin(turns, out=turns)
+    one, two = real * cos, imaginary * sin
+    one += two
+    cos *= imaginary
+    sin *= real
+    cos -= sin
+    shares = speeds.shares(alpha).T
+    summed = np.empty((len(frequency), shares.shape[1]), dtype=np.complex128)
+    summed.real, summed.imag = product(one, shares), product(cos, shares)
+    summed *= speeds.known(frequency)
+    found: np.ndarray = summed.sum(axis=1)
+    return found
 
 
 def _points(turns: float, error: float) -> int:

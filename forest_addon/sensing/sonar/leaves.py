@@ -16,18 +16,19 @@ import numpy as np
 from scipy import special
 
 from ...acoustics.disc import amplitude_bound, backscatter_amplitude
-from ...acoustics.disc_band import LATER, banded, has_rows, missed, phase_for
+from ...acoustics.disc_modes import DiscModes, has_rows, modes_of, phase_for
 from ...acoustics.disc_table import HANDOVER, table_error
-from ...acoustics.smoothness import LEVELS, SmoothnessProfile
+from ...acoustics.smoothness import SmoothnessProfile
 from ...base.rows import RowTable
 from .scatterers import CLEAR, LEAF, ScattererPart, Strength, Whole
 
 RIM = 6.0  # 2ka·sinβ above which a piston's echo is that of two places of its rim
 HANKEL_TERMS = 11
 INCIDENCES = 16  # classes of them
-COARSEST = 3e-5  # tolerance from which on the table of a band is used
-LOOKED_UP = 0.3  # of the tolerance, for its error
-FEWEST = 12  # wavenumbers of such a table
+LATER = 1.0  # radii, about which an exact disc's response lies evenly
+COARSEST = 3e-5  # tolerance from which on tables of a band are used
+MODAL = 512  # discs from which on modes are worth their table
+LOOKED_UP = 0.45  # of the tolerance, for their error
 GRAZING = (
     np.pi / 3
 )  # beyond it, the formula for large discs is up to 79 % off, where they are faint
@@ -56,7 +57,7 @@ class DiscStrength(RowTable):
         """Of a piston, far enough off its normal, the two places of its rim that sound; of an exact disc
         itself, some time later, and where the tolerance lets it be, looked up for the whole band."""
         if self.model == "exact":
-            return self._shifted(highest, tolerance)
+            return self._shifted(lowest, highest, tolerance)
         across = self.radius * np.sin(self.incidence)
         rims = (2.0 * lowest * across > RIM) & (2.0 * (highest - lowest) * across > np.pi)
         rims &= self.model == "piston"
@@ -68,22 +69,33 @@ class DiscStrength(RowTable):
                 parts.append(ScattererPart(far, side * 2.0 * across[far], strength))
         return parts
 
-    def _shifted(self, highest: float, tolerance: float) -> list[ScattererPart]:
-        known = has_rows(self.radius, highest) & (tolerance >= COARSEST)
+    def _shifted(self, lowest: float, highest: float, tolerance: float) -> list[ScattererPart]:
+        known = has_rows(self.radius, highest) & (tolerance >= COARSEST) & (highest > lowest)
         parts = []
-        for rows, phase in (
-            (np.flatnonzero(~known), 0.0),
-            (np.flatnonzero(known), phase_for(LOOKED_UP * tolerance)),
-        ):
+        for rows, looked_up in ((np.flatnonzero(~known), False), (np.flatnonzero(known), True)):
             if len(rows):
-                some = self.select(rows)
-                off = None
-                if phase:
-                    off = some.nearness * missed(some.radius, some.incidence, highest, phase)
-                later = ShiftedDisc(some.radius, some.incidence, some.nearness, phase)
-                without = replace(later, phase=0.0)
+                some, table, off = self.select(rows), None, None
+                if looked_up:
+                    phase, largest = phase_for(LOOKED_UP * tolerance), float(some.radius.max())
+                    table = modes_of(self.model, (lowest, highest), phase, largest)
+                    off = some.nearness * table.errors(some.radius, some.incidence)
+                later = ShiftedDisc(some.radius, some.incidence, some.nearness, table)
+                without = replace(later, table=None)
                 parts.append(ScattererPart(rows, LATER * some.radius, later, off, without))
         return parts
+
+    def modal(
+        self, lowest: float, highest: float, tolerance: float
+    ) -> tuple[np.ndarray, DiscModes | None]:
+        """Rows (m,) of which a table has modes between two wavenumbers, and the table; None: of too few.
+
+        A piston's rims have a formula (``DiscRim``), which takes no table to be made.
+        """
+        rows = np.flatnonzero(has_rows(self.radius, highest) & (highest > lowest))
+        if self.model == "piston" or tolerance < COARSEST or len(rows) < MODAL:
+            return rows[:0], None
+        phase, largest = phase_for(LOOKED_UP * tolerance), float(self.radius[rows].max())
+        return rows, modes_of(self.model, (lowest, highest), phase, largest)
 
     def profile(self) -> SmoothnessProfile:
         return SmoothnessProfile(
@@ -136,22 +148,26 @@ class DiscFamily:
 class ShiftedDisc(RowTable, Whole):
     """Exact discs without a delay of ``LATER`` radii, about which their responses are shortest.
 
-    radius, incidence, nearness : as of ``DiscStrength``. phase : radians between points of the table of a
-    band (``disc_band``); 0: none is used.
+    radius, incidence, nearness : as of ``DiscStrength``. table : of a band, which they are looked up in;
+    None: in none.
     """
 
     radius: np.ndarray
     incidence: np.ndarray
     nearness: np.ndarray
-    phase: float
+    table: DiscModes | None
 
     def amplitude(self, wavenumber: np.ndarray) -> np.ndarray:
-        if self.phase and FEWEST <= len(wavenumber) <= LEVELS[-1]:
-            wave = banded(wavenumber, self.radius, self.incidence, self.phase)
-            wave *= self.nearness.astype(np.float32)
-            return wave
         k = np.asarray(wavenumber)[:, None]
         size = k * self.radius
+        if self.table is not None:
+            wave = self.table.amplitude(np.asarray(wavenumber), self.radius, self.incidence)
+            turn = (LATER * size).astype(np.float32)
+            later = np.empty(turn.shape, np.complex64)
+            later.real, later.imag = np.cos(turn), np.sin(turn)
+            later *= self.nearness.astype(np.float32)
+            wave *= later
+            return wave
         amplitude = backscatter_amplitude(size, self.incidence, "exact")
         amplitude *= np.exp(1j * LATER * size) * (self.nearness / k)
         return amplitude

@@ -21,12 +21,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...base.rows import RowTable
-from .bands import Band
+from .bands import SAMPLED, Band
 from .near import NearFaces, count_leaves
 from .scatterers import Scatterers, Sight, Strength
 from .station import EchoPaths, Station
 from .targets import Candidates, EchoTargets
 
+MANY, FEWER = 512, 7  # scatterers whose Σ|A| is known from so few frequencies
 LOUDEST = 2048  # scatterers whose Σ|A| is the first lower bound
 CAUTION = 0.9  # a mean over few frequencies may be a little too large
 GUESS = 0.01  # of Σ|A| over the bounds of the blocks, where the search starts
@@ -193,7 +194,8 @@ class _Finder:
             rows = np.flatnonzero(self._groups[number].bound >= limit)
             self._look(number, rows)
             group = self._groups[number].select(rows)
-            total += float(mean_amplitude(group, self._station, self._band).sum())
+            few = FEWER if len(rows) >= MANY else SAMPLED
+            total += float(mean_amplitude(group, self._station, self._band, few).sum())
         return CAUTION * total
 
     def keep(self, budget: float, shut: float, known: float) -> Found:
@@ -230,9 +232,11 @@ class _Finder:
             checked[rows] = True
 
 
-def mean_amplitude(group: SearchGroup, station: Station, band: Band) -> np.ndarray:
+def mean_amplitude(
+    group: SearchGroup, station: Station, band: Band, count: int = SAMPLED
+) -> np.ndarray:
     """(M,) mean |A| over the band (Hann) at the first ear, on the band's own few frequencies."""
-    frequency, weight = band.sample()
+    frequency, weight = band.sample(count)
     k = 2.0 * np.pi * frequency / station.sound_speed
     size = np.abs(group.seen(station, 0).amplitude(k)) * group.paths.gain(station, 0, frequency)
     return group.shade * (weight @ size)

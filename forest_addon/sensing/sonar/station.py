@@ -205,6 +205,18 @@ class EchoPaths(RowTable):
             gain = np.multiply(weaker, gain, out=weaker)
         return gain
 
+    def level(self, station: Station, ear: int) -> np.ndarray | None:
+        """(M,) the gain without what the air takes; None where it changes over the frequency."""
+        equipment, heard = station.equipment, station.equipment.hear(ear)
+        if equipment.emit.losses(*self.emitted) != [] or heard.losses(*self.heard[ear]) != []:
+            return None
+        lowest = np.array(station.sonar.band[:1])
+        sent = equipment.emit.gain(self.emitted[0], self.emitted[1], lowest)[0]
+        same = heard is equipment.emit and station.together
+        back = sent if same else heard.gain(self.heard[ear, 0], self.heard[ear, 1], lowest)[0]
+        level: np.ndarray = sent * back / (self.distance * self.leg[ear])
+        return level
+
     def losses(self, station: Station, ear: int) -> list[Loss | Change] | None:
         """Return what makes the gain change over the frequency; None: not known."""
         equipment = station.equipment

@@ -14,11 +14,12 @@ from itertools import pairwise
 
 import numpy as np
 
+from ...acoustics.mode_sum import Bins, sum_modes
 from ...acoustics.nonuniform import DelayedSum, sum_delayed, summed_directly
 from ...acoustics.smoothness import Smoothness, smoothness
 from ...base.progress import Progress
 from .bands import BandGrid
-from .leaves import LOOKED_UP
+from .leaves import LOOKED_UP, DiscStrength
 from .scatterers import ScattererPart, Strength
 from .search import SearchGroup
 from .station import Station
@@ -97,27 +98,28 @@ def _over(
     sums = () if weights is None else (weights[0].shape[1],)
     spectrum = np.zeros((len(station.ear), *sums, grid.count), dtype=np.complex128)
     band = grid.ends
-    lowest, highest = (2.0 * math.pi * end / station.sound_speed for end in band)
+    highest = 2.0 * math.pi * band[1] / station.sound_speed
     error, table, size = np.zeros((3, len(station.ear)))
     for number, group in enumerate(groups):
         for ear in range(len(station.ear)):
-            seen = group.seen(station, ear)
-            parts = [_whole(seen, len(group))]
-            if not summed_directly(len(group), grid.count, tolerance):
-                parts = seen.parts(lowest, highest, tolerance)
+            seen, rest = group.seen(station, ear), group
             doubtful = seen.error(highest)
             if doubtful is not None:
                 table[ear] += float((group.gain(station, ear, band[:1])[0] * doubtful).sum())
-            whole = len(parts) == 1 or sum(len(part.rows) for part in parts) == len(group)
-            for part in parts:
-                some = group if len(part.rows) == len(group) else group.select(part.rows)
-                alone = whole or np.count_nonzero(part.offset) == 0
-                share = 1.0 if alone else _together(some, station, ear, band)
-                each = None if weights is None else weights[number][part.rows]
-                found, off = _of_part(some, part, station, ear, grid, tolerance * share, each)
-                spectrum[ear] += found.spectrum
-                error[ear] += off + (found.error_bound + (0.0 if alone else SPLIT)) * found.size
-                size[ear] += found.size if alone else PARTIAL * found.least
+            each = None if weights is None else weights[number]
+            if each is None and not summed_directly(len(group), grid.count, tolerance):
+                by_modes = _by_modes(group, seen, station, ear, grid, tolerance)
+                if by_modes is not None:
+                    found, others = by_modes
+                    spectrum[ear] += found.spectrum
+                    error[ear] += found.error_bound * found.size
+                    size[ear] += found.size
+                    seen, rest = seen.select(others), group.select(others)
+            if len(rest):
+                heard = _in_parts(rest, seen, station, ear, grid, tolerance, each)
+                spectrum[ear] += heard.spectrum
+                error[ear] += heard.error_bound * heard.size
+                size[ear] += heard.size
             done += len(group)
             if progress:
                 progress(done, total)
@@ -127,6 +129,71 @@ def _over(
         for part in (error, table)
     )
     return EchoSum(spectrum, bound, looked_up, size)
+
+
+def _by_modes(
+    group: SearchGroup,
+    seen: Strength,
+    station: Station,
+    ear: int,
+    grid: BandGrid,
+    tolerance: float,
+) -> tuple[DelayedSum, np.ndarray] | None:
+    """The sum over those of a group that are made of few modes, and the rows of the others; None where none
+    are, too few, or a beam changes over the frequency."""
+    if not isinstance(seen, DiscStrength):
+        return None
+    level = group.paths.level(station, ear)
+    if level is None:
+        return None
+    lowest, highest = (2.0 * math.pi * end / station.sound_speed for end in grid.ends)
+    rows, table = seen.modal(lowest, highest, tolerance)
+    if table is None:
+        return None
+    others = np.delete(np.arange(len(group)), rows)
+    if len(others):
+        level, group, seen = level[rows], group.select(rows), seen.select(rows)
+    bins = Bins(grid.start, grid.spacing, grid.count, grid.ends, station.sound_speed)
+    found = sum_modes(
+        table,
+        table.places(seen.radius, seen.incidence),
+        level * group.shade * seen.nearness,
+        group.paths.length[ear] / station.sound_speed,
+        bins,
+        lambda f: station.sound_speed * station.loss(f),
+        tolerance,
+    )
+    return None if found is None else (found, others)
+
+
+def _in_parts(
+    group: SearchGroup,
+    seen: Strength,
+    station: Station,
+    ear: int,
+    grid: BandGrid,
+    tolerance: float,
+    weights: np.ndarray | None,
+) -> DelayedSum:
+    """The sum over a group's echoes, each as smooth parts."""
+    band = grid.ends
+    lowest, highest = (2.0 * math.pi * end / station.sound_speed for end in band)
+    parts = [_whole(seen, len(group))]
+    if not summed_directly(len(group), grid.count, tolerance):
+        parts = seen.parts(lowest, highest, tolerance)
+    whole = len(parts) == 1 or sum(len(part.rows) for part in parts) == len(group)
+    spectrum: np.ndarray | complex = 0.0
+    error = size = 0.0
+    for part in parts:
+        some = group if len(part.rows) == len(group) else group.select(part.rows)
+        alone = whole or np.count_nonzero(part.offset) == 0
+        share = 1.0 if alone else _together(some, station, ear, band)
+        each = None if weights is None else weights[part.rows]
+        found, off = _of_part(some, part, station, ear, grid, tolerance * share, each)
+        spectrum = spectrum + found.spectrum
+        error += off + (found.error_bound + (0.0 if alone else SPLIT)) * found.size
+        size += found.size if alone else PARTIAL * found.least
+    return DelayedSum(np.asarray(spectrum), size, 0.0, error / size if size > 0 else 0.0, {})
 
 
 def _of_part(

@@ -395,4 +395,5 @@ def _away(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
 def _proper(linear: np.ndarray) -> np.ndarray:
     """(G, 3, 3) the rotations nearest to matrices (G, 3, 3)."""
     u, _, v = np.linalg.svd(linear)
+    v[:, 2] *= np.sign(np.linalg.det(u @ v))[:, None]
     return np.asarray(u @ v)

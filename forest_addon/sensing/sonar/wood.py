@@ -17,7 +17,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
@@ -28,9 +28,6 @@ from ...base.trimesh import TriMesh, is_wood
 from ...growth.recognise.centreline import find_centrelines
 from ...growth.recognise.pieces import part
 from .scatterers import WOOD, Scatterers, Sight, Views, Whole, cluster, sinc_argument, sinc_place
-
-if TYPE_CHECKING:
-    from scipy.interpolate import CubicSpline
 
 STRAIGHT = 0.002  # m between a centreline and the chords that stand for it
 ALIKE = 0.1  # relative change of the radius along a chord
@@ -247,7 +244,7 @@ def _cut(
 def _backscatter(size: np.ndarray) -> np.ndarray:
     """S(ka, π) times e^{2ika}, what is left when the near side's delay is taken off (e^{-iωt})."""
     inside = np.minimum(size, LARGEST)
-    value: np.ndarray = _table()(_coordinate(inside)) * inside**2 / (1.0 + inside**1.5)
+    value: np.ndarray = _looked_up(_coordinate(inside)) * inside**2 / (1.0 + inside**1.5)
     beyond = np.maximum(size / LARGEST, 1.0)
     return value * np.sqrt(beyond) * (1.0 + _bend() * (1.0 - 1.0 / beyond))
 
@@ -263,20 +260,36 @@ def _largest_backscatter(size: np.ndarray) -> np.ndarray:
 def _bend() -> complex:
     """Return what S/√ka still changes by, relative to it, from ``LARGEST`` to infinity: ∝ 1/ka."""
     half, last = (
-        _table()(_coordinate(np.array(x))) * x**1.5 / (1.0 + x**1.5) for x in (LARGEST / 2, LARGEST)
+        _looked_up(_coordinate(np.array(x))) * x**1.5 / (1.0 + x**1.5)
+        for x in (LARGEST / 2, LARGEST)
     )
     return complex((last - half) / last)
 
 
-@lru_cache(maxsize=1)
-def _table() -> CubicSpline:
+def _looked_up(coordinate: np.ndarray) -> np.ndarray:
     """S·e^{2ika}·(1 + ka^1.5)/ka², which is flat at both ends, over ``_coordinate``."""
+    first, step, cubics = _table()
+    place = np.asarray((coordinate - first) / step)
+    cell = np.clip(place.astype(np.int32), 0, cubics.shape[1] - 1)
+    place -= cell
+    value: np.ndarray = cubics[0].take(cell)
+    for term in cubics[1:]:
+        value *= place
+        value += term.take(cell)
+    return value
+
+
+@lru_cache(maxsize=1)
+def _table() -> tuple[float, float, np.ndarray]:
+    """First coordinate, step, and (4, cells) of cubic splines in parts of a step, highest power first."""
     from scipy.interpolate import CubicSpline  # here: it takes a tenth of a second to import
 
     place = np.linspace(_coordinate(np.array(1e-6)), _coordinate(np.array(LARGEST)), 6000)
     size = _size(place)
     value = scattering_sum(size, math.pi) * np.exp(2j * size) * (1.0 + size**1.5) / size**2
-    return CubicSpline(place, value)
+    step = float(place[-1] - place[0]) / (len(place) - 1)
+    cubics = CubicSpline(place, value).c * step ** np.arange(3.0, -1.0, -1.0)[:, None]
+    return float(place[0]), step, np.ascontiguousarray(cubics)
 
 
 @lru_cache(maxsize=1)

@@ -27,6 +27,10 @@ MOST_DAMPING = 0.95
 KNOTS = 32  # a second, between which amplitudes are cubic
 CALM = 0.01  # rad², mean square of rotations by gusts that change drag by less than a per cent
 MOST_STEPS = 60
+MOST_TURN = (
+    1.0  # radians, beyond which wood no longer turns by small rotations: none is let turn farther
+)
+DEVIATIONS = 2.0  # of gusts, that are counted to a turn
 
 
 @dataclass(frozen=True)
@@ -36,6 +40,7 @@ class SwayResponse:
     mean : (M,) amplitudes of modes as the mean wind bends the tree. waves : (M, K) complex amplitudes.
     rate : (K,) rad/s. frequency : (M,) Hz, damping : (M,) over the critical one, aerodynamic included.
     Amplitudes times the variant's modes are metres in the variant's axes, of the tree as large as it stands.
+    held : the tree would bend farther than small rotations tell, and is held to ``MOST_TURN``.
     """
 
     mean: np.ndarray
@@ -43,6 +48,7 @@ class SwayResponse:
     rate: np.ndarray
     frequency: np.ndarray
     damping: np.ndarray
+    held: bool = False
 
     def spread(self) -> np.ndarray:
         """(M,) standard deviation of the amplitudes."""
@@ -107,13 +113,31 @@ def response_of(
         shaken = np.einsum("bmi,mn,bni->b", tilt, found, tilt)
         if shaken.max(initial=0.0) < CALM:
             break
+    mean, waves = mean / scale**1.5, waves / scale**1.5
+    share = _share_kept(shape, mean, waves, scale)
     return SwayResponse(
-        mean=mean / scale**1.5,
-        waves=waves / scale**1.5,
+        mean=share * mean,
+        waves=share[:, None] * waves,
         rate=2 * np.pi * field.frequency,
         frequency=omega / (2 * np.pi),
         damping=np.diagonal(damper) / (2 * omega),
+        held=bool((share < 1).any()),
     )
+
+
+def _share_kept(shape: SwayShape, mean: np.ndarray, waves: np.ndarray, scale: float) -> np.ndarray:
+    """(M,) shares of modes' amplitudes with which no wood turns by more than ``MOST_TURN``, at the mean and
+    ``DEVIATIONS`` of the gusts: each mode alone first, since thin tips turn by modes of their own."""
+    turns = np.concatenate(shape.ends)[:, :, 3:] / scale
+    spread = np.sqrt(0.5 * (np.abs(waves) ** 2).sum(axis=1))
+    alone = np.linalg.norm(turns, axis=2).max(axis=0) * (np.abs(mean) + DEVIATIONS * spread)
+    share = MOST_TURN / np.maximum(alone, MOST_TURN)
+    mean, waves = share * mean, share[:, None] * waves
+    gusts = 0.5 * (waves @ waves.conj().T).real
+    lean = np.linalg.norm(np.einsum("bmi,m->bi", turns, mean), axis=1)
+    shaken = np.einsum("bmi,bmi->b", turns, np.einsum("mn,bni->bmi", gusts, turns))
+    most = (lean + DEVIATIONS * np.sqrt(np.maximum(shaken, 0.0))).max(initial=0.0)
+    return np.asarray(share * (MOST_TURN / max(float(most), MOST_TURN)))
 
 
 @dataclass(frozen=True)

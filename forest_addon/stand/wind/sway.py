@@ -214,13 +214,16 @@ class ForestSway:
         return np.array([known[int(t)] for t in tree])
 
     def leaning(self) -> int:
-        """Count the trees asked until now whose tops lean by more than ``LEAN`` of their height."""
+        """Count the trees asked until now whose tops lean by more than ``LEAN`` of their height, or that are
+        held where they would bend farther than small rotations tell."""
         heights, found = self._forest.heights(), 0
         for tree, response in self._responses.items():
             shape = self.shape(tree)
             if shape is not None and response is not None:
                 off = np.einsum("nmi,m->ni", shape.modes.shape[:, :, :3], response.mean)
-                found += float(np.linalg.norm(off, axis=1).max()) > LEAN * heights[tree]
+                found += (
+                    response.held or float(np.linalg.norm(off, axis=1).max()) > LEAN * heights[tree]
+                )
         return found
 
     def _key(self, tree: int) -> tuple[int, int]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import importlib
 import os
 import subprocess
 import sys
@@ -203,11 +204,7 @@ def _cold_and_warm(say: Say) -> None:
     for case in CASES:
         for tolerance in (1e-4,) if case[3] > 24e3 or case[0] == 100_000 else (1e-4, 1e-6):
             count, _, radii, rate, seconds = case
-            words = [sys.executable, "-m", __name__, repr((case, tolerance))]
-            environment = os.environ | {"OMP_NUM_THREADS": "1"}
-            said = subprocess.run(
-                words, capture_output=True, text=True, check=True, env=environment
-            )
+            said = _in_a_process("case", case, tolerance)
             rows.append(
                 [
                     f"{count:,}",
@@ -215,11 +212,19 @@ def _cold_and_warm(say: Say) -> None:
                     f"{rate / 1e3:g} kHz",
                     "full" if seconds is None else f"{seconds:g} s",
                     f"{tolerance:.0e}",
-                    *said.stdout.split(),
+                    *said,
                 ]
             )
     head = ["trunks", "radii", "rate", "record", "tolerance", "cold, ms", "warm, ms", "MB"]
     table(say, [*head, "error", "worst octave"], rows)
+
+
+def _in_a_process(*given: object) -> list[str]:
+    """Words that a fresh process prints, of one thread."""
+    words = [sys.executable, "-m", __name__, repr(given)]
+    environment = os.environ | {"OMP_NUM_THREADS": "1"}
+    said = subprocess.run(words, capture_output=True, text=True, check=True, env=environment)
+    return said.stdout.split()
 
 
 def _one_case(case: tuple, tolerance: float) -> None:
@@ -283,9 +288,12 @@ def _radii(say: Say) -> None:
 
 def _all_terms(say: Say) -> None:
     say(
-        "\nModel forest, every term, 1 km², 24 kHz, D = 10 m, tolerance 1e-4; joint: all is noise from"
+        "\nModel forest, every term, 1 km², 24 kHz, D = 10 m, tolerance 1e-4; each row in a fresh process,"
     )
-    say("then on; error: the largest of an octave that the sum's checks find; MB: of the process\n")
+    say(
+        "cold: its first response, imports not counted; joint, s: all is noise from then on; error: the"
+    )
+    say("largest of an octave that the sum's checks find; MB: of the process\n")
     rows = []
     for count, radii, leafy in (
         (100_000, (0.25, 0.25), False),
@@ -293,12 +301,17 @@ def _all_terms(say: Say) -> None:
         (100_000, (0.05, 0.3), True),
         (1_000_000, (0.05, 0.3), True),
     ):
-        rows.append(_of_all_terms(count, radii, leafy))
-    head = ["trunks", "radii", "stand", "cold, ms", "warm, ms", "joint", "error", "MB"]
+        said = _in_a_process("terms", count, radii, leafy)
+        words = f"{radii[0]:g}" + (f"-{radii[1]:g} m" if radii[1] > radii[0] else " m")
+        stand = "branches and leaves" if leafy else "bare trunks"
+        rows.append([f"{count:,}", words, stand, *said])
+    head = ["trunks", "radii", "stand", "cold, ms", "warm, ms", "joint, s", "error", "MB"]
     table(say, head, rows)
 
 
-def _of_all_terms(count: int, radii: tuple[float, float], leafy: bool) -> list[str]:
+def _all_terms_of(count: int, radii: tuple[float, float], leafy: bool) -> None:
+    """Print the figures of one row: in a process of its own."""
+    importlib.import_module("scipy.interpolate")  # not counted
     ends = np.array([[-5.0, 0.0], [5.0, 0.0]])
     rng = stream(5, "bench", "terms")
     place = rng.uniform(-SIDE / 2, SIDE / 2, (count, 2))
@@ -315,16 +328,8 @@ def _of_all_terms(count: int, radii: tuple[float, float], leafy: bool) -> list[s
         start = time.process_time()
         found = impulse_response(trunks, reverb, AIR, field=field, expansions=prepared)
         spent.append(1e3 * (time.process_time() - start))
-    return [
-        f"{count:,}",
-        f"{radii[0]:g}" + (f"-{radii[1]:g} m" if radii[1] > radii[0] else " m"),
-        "branches and leaves" if leafy else "bare trunks",
-        f"{spent[0]:.0f}",
-        f"{min(spent[1:]):.0f}",
-        f"{found.joint:.2f} s",
-        f"{max(found.errors.values(), default=0.0):.1e}",
-        f"{peak_memory_mb() or 0.0:.0f}",
-    ]
+    error, peak = max(found.errors.values(), default=0.0), peak_memory_mb() or 0.0
+    print(f"{spent[0]:.0f} {min(spent[1:]):.0f} {found.joint:.2f} {error:.1e} {peak:.0f}")
 
 
 def _single_against_multiple(say: Say) -> None:
@@ -348,4 +353,5 @@ def _single_against_multiple(say: Say) -> None:
 
 
 if __name__ == "__main__":
-    _one_case(*ast.literal_eval(sys.argv[1]))
+    _which, *_given = ast.literal_eval(sys.argv[1])
+    (_one_case if _which == "case" else _all_terms_of)(*_given)

@@ -22,9 +22,9 @@ from forest_addon.formats.atomic import replacing
 
 SECTIONS = (
     *("growth", "stand", "lidar", "sonar", "reverb", "series", "flight"),
-    *("dataset", "cluster", "frontier"),
+    *("dataset", "cluster", "waiting", "frontier"),
 )
-ON_REQUEST = ("peers",)  # what needs other programs
+ON_REQUEST = ("peers",)  # what needs other programs, in ``others``
 
 
 def run(names: Sequence[str], folder: Path, docs: Path | None = None) -> None:
@@ -35,7 +35,8 @@ def run(names: Sequence[str], folder: Path, docs: Path | None = None) -> None:
     from ...report.pictures import save_figure
 
     for name in names or SECTIONS:
-        section = importlib.import_module(f".{name}", __package__)
+        place = f".others.{name}" if name in ON_REQUEST else f".{name}"
+        section = importlib.import_module(place, __package__)
         said = [f"## {section.TITLE}", ""]
 
         def say(text: str, said: list[str] = said) -> None:

@@ -146,6 +146,7 @@ def test_height_and_diameter_are_what_was_asked_for(name):
     assert 2 * trunk_radius(tree.skeleton, 1.3) == pytest.approx(0.4, rel=0.03)
 
 
+@pytest.mark.slow
 def test_a_younger_tree_is_smaller_everywhere_with_shoots_as_thin():
     young, old = (portray(sibling("honda", 1, age=age, variety=0.0)).numbers for age in (0.5, 2.0))
     here = portraits("honda")[0].numbers

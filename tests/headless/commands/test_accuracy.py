@@ -84,8 +84,8 @@ name = "small"
 seed = 3
 
 [forest]
-size = [6.0, 6.0]
-margin = 5.0
+size = [5.0, 5.0]
+margin = 3.0
 
 [[plantings]]
 species = "hazelnut"
@@ -102,7 +102,7 @@ exact = true
 [[sensors]]
 kind = "terrestrial"
 position = [-2.0, 3.0, 1.5]
-angle_step_deg = 4.0
+angle_step_deg = 8.0
 beam = { divergence_mrad = [3.0, 3.0] }
 
 [[sensors]]
@@ -110,21 +110,21 @@ kind = "tractor"
 position = [-2.0, 0.0, 1.0]
 track = 2.0
 step = 0.5
-angle_step_deg = 4.0
+angle_step_deg = 8.0
 
 [[sensors]]
 kind = "sonar"
 position = [-2.0, 3.0, 1.5]
 leaf_model = "paper"
 shading = "extinction"
-max_range = 5.0
+max_range = 4.0
 
 [[sensors]]
 kind = "reverb"
 source = [-3.0, 3.0, 0.2]
 receiver = [9.0, 3.0, 0.2]
 sample_rate = 8000.0
-duration = 0.1
+duration = 0.05
 continue_to = 12.0
 
 [output]
@@ -144,7 +144,13 @@ def test_a_scene_gets_a_picture_and_settings_that_run(tmp_path, monkeypatch):
 
     path = tmp_path / "small.toml"
     path.write_text(SCENE, encoding="utf-8")
-    monkeypatch.setattr("headless.accuracy.sweep.ENOUGH", 0.0)  # once: no figure is looked at
+    for few, value in (
+        ("sweep.ENOUGH", 0.0),
+        ("lidar.EXACTLY", 0.1),
+        ("lidar.MANY", 91),
+        ("reverb.NEAREST", 20),
+    ):
+        monkeypatch.setattr(f"headless.accuracy.{few}", value)  # no figure is looked at
     said = []
     sweep_scene(path, tmp_path / "out", error=1e-2, seconds=60, say=said.append)
     words = "\n".join(said)

@@ -74,6 +74,7 @@ def test_light_that_passes_leaves_is_followed_too():
     assert not audit(Scan(looks, behind), scan(looks, behind)).kept
 
 
+@pytest.mark.slow
 def test_a_drive_is_audited_too():
     drives = Tractor(position=(-5, -3, 1), track=6.0, step=0.5, angle_step_deg=5, splits=2)
 

@@ -7,11 +7,14 @@ import pytest
 
 from forest_addon.base.trimesh import OTHER, WOOD, TriMesh, join
 from forest_addon.growth.mesh.tubes import tube
+from forest_addon.sensing.rays.boxes import extents, within
+from forest_addon.sensing.rays.caster import Hits
 from forest_addon.sensing.rays.exact import ExactCaster
 from forest_addon.sensing.rays.geometry import SceneGeometry
 from forest_addon.sensing.rays.moving import MovingCaster
 from forest_addon.sensing.rays.paths import SceneMotion
 from forest_addon.sensing.rays.pieces import cut
+from forest_addon.sensing.rays.seams import Seams
 from forest_addon.sensing.rays.swaying import KNOTS, SPAN, SwayingCaster
 
 SPEED, TURN = 0.8, 0.3  # m/s along x, rad/s about y
@@ -211,3 +214,56 @@ def test_labels_go_with_pieces(parts):
         whole = mesh.vertices[mesh.triangles[rows]]
         own = made.scene.meshes[number]
         assert np.array_equal(own.vertices[own.triangles], whole)
+
+
+def test_of_the_copies_at_a_seam_the_first_is_met():
+    """Whichever of them an engine in float32 finds."""
+    rays = caster(scene(plate()))
+    seams = Seams(rays.cut)
+    piece = np.concatenate(
+        [np.full(len(rays.scene.meshes[m].triangles), k) for k, m in pieces_of(rays)]
+    )
+    triangle = np.concatenate(
+        [np.arange(len(rays.scene.meshes[m].triangles)) for _, m in pieces_of(rays)]
+    )
+    instance = rays.cut.count + piece
+    rows = seams.shared(instance, triangle)
+    assert len(rows) == 2 * 4  # two rows of the plate on both sides of the seam, in both pieces
+    other = seams.other(instance[rows], triangle[rows])
+    assert (other[0] != instance[rows]).all()
+    known = [rays.known(*pair) for pair in ((instance[rows], triangle[rows]), other)]
+    assert np.array_equal(known[0], known[1])
+    back = seams.other(*other)
+    assert np.array_equal(back, (instance[rows], triangle[rows]))
+    origin, way, time = fan()
+    hits = rays.cast(origin, way, time=time)
+    tree = np.flatnonzero(hits.instance >= rays.cut.count)
+    seam = tree[seams.shared(hits.instance[tree], hits.triangle[tree])]
+    assert len(seam) > 10
+    swapped = seams.other(hits.instance[seam], hits.triangle[seam])
+    given = Hits(hits.distance[seam].copy(), swapped[0].copy(), swapped[1].copy())
+    rays._settle(given, origin[seam], way[seam], time[seam], np.zeros(len(seam)))
+    assert np.abs(given.distance - hits.distance[seam]).max() < 1e-12
+    same = given.instance == hits.instance[seam]
+    assert same.mean() > 0.9  # the others are at the same distance
+
+
+def pieces_of(rays):
+    (listed,) = rays.cut.known.values()
+    return [(number, mesh) for number, (_, mesh) in enumerate(listed)]
+
+
+def test_no_bundle_passes_by_a_box_that_its_ways_meet():
+    rng = np.random.default_rng(4)
+    begin, end = rng.normal(0, 5, (2, 300, 3))
+    share = rng.uniform(0, 1, (300, 1))
+    middle = begin + share * (end - begin)
+    low, high = middle - rng.uniform(0, 2, (300, 3)), middle + rng.uniform(0, 2, (300, 3))
+    for row in range(300):
+        alone = extents(begin[[row]], end[[row]], np.zeros(1))
+        assert within(low[[row]] - 1e-9, high[[row]] + 1e-9, alone).all()
+    beside = low + 0.5, high + 0.5  # half a metre off along each axis, 0.87 m in all
+    near = extents(begin, end, np.full(300, 0.9))
+    assert within(*beside, near).all()
+    far = extents(begin[:1], end[:1], np.zeros(1))
+    assert not within(middle[:1] + 40, middle[:1] + 41, far).any()

@@ -8,7 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 from references.leaf_discs import discs_of
+from scipy.signal import windows
 
+from forest_addon.sensing.sonar import calls
 from forest_addon.sensing.sonar.beam import MeasuredBeam
 from forest_addon.sensing.sonar.calls import Call, resampled, synthesise
 from forest_addon.sensing.sonar.flight import fly
@@ -140,7 +142,13 @@ def test_doppler_of_many_leaves_is_the_sum_of_each() -> None:
 
 
 @pytest.mark.parametrize("tolerance", [1e-3, 1e-6])
-@pytest.mark.parametrize("known", [(60e3, 80e3), (55e3, 90e3), (64e3, 71e3)])
+@pytest.mark.parametrize(
+    "known",
+    [
+        (60e3, 80e3),
+        *(pytest.param(k, marks=pytest.mark.slow) for k in ((55e3, 90e3), (64e3, 71e3))),
+    ],
+)
 @pytest.mark.parametrize("model", ["exact", "piston"])
 def test_doppler_with_measured_ears_keeps_the_tolerance(tolerance, known, model) -> None:
     """Against the sum of every path at every bin; the pattern has kinks where its frequencies end."""
@@ -188,3 +196,9 @@ def test_who_made_this_peak() -> None:
     assert echo.heard.number[row] == 1
     assert (np.diff(echo.heard.amplitude) <= 0).all()
     assert echo.heard.delay[row] == pytest.approx(2 * math.hypot(1.2, 0.001) / 340)
+
+
+@pytest.mark.parametrize("count", [2, 3, 100, 801])
+def test_a_call_fades_as_scipys_window_does(count: int) -> None:
+    expected = windows.tukey(count + 2, 2 * calls.EDGE)[1:-1]
+    np.testing.assert_allclose(calls._fade(count), expected, rtol=0, atol=1e-13)

@@ -14,7 +14,7 @@ from forest_addon.sensing.sonar.doppler import factors
 from forest_addon.sensing.sonar.ping import ping
 from forest_addon.sensing.sonar.poses import SonarPose, posed
 from forest_addon.sensing.sonar.targets import EchoTargets
-from forest_addon.sensing.sonar.windy import EchoWind
+from forest_addon.sensing.sonar.windy import EchoWind, _proper
 from forest_addon.spec import Air, Sonar
 
 AIR = Air(sound_speed=340.0)
@@ -260,3 +260,13 @@ def test_truth_tells_where_leaves_rest(flutters, tmp_path):
     *_, file = write_echo(tmp_path, "bat", still, sonar.changed(contributions=True))
     with np.load(file) as kept:
         assert "rest" not in kept
+
+
+def test_the_nearest_rotation_of_what_bends_inside_out_is_one():
+    linear = np.random.default_rng(4).normal(size=(200, 3, 3))
+    assert (np.linalg.det(linear) < 0).any()
+    turned = _proper(linear)
+    assert np.linalg.det(turned) == pytest.approx(np.ones(200), abs=1e-12)
+    nearest = Rotation.align_vectors
+    for given, found in zip(linear[:20], turned[:20], strict=True):
+        assert found == pytest.approx(nearest(given.T, np.eye(3))[0].as_matrix(), abs=1e-6)

@@ -34,6 +34,7 @@ def test_results_stay_marked_until_they_are_run_again(built, tmp_path):
         press("run", again=True)
 
 
+@pytest.mark.slow
 def test_a_click_in_the_gallery_grows_and_clears_nothing(props):
     bpy.ops.mesh.primitive_cube_add()
     mine = bpy.context.object

@@ -73,6 +73,7 @@ def test_what_was_done_to_the_points_stays_over_frames(moving):
         assert list(thing.data.materials) == [mine]
 
 
+@pytest.mark.slow
 def test_the_last_run_alone_is_kept(moving):
     run("cloud", frames="RANGE", keep=True)
     bpy.context.scene.frame_start = 2

@@ -58,6 +58,7 @@ def test_points_without_their_modifier_are_not_drawn(cloud):
     assert (len(position), len(colour)) == (0, 0)
 
 
+@pytest.mark.slow
 def test_loud_points_are_larger_and_those_of_a_scan_alike(cloud):
     bpy.ops.forest.run(sensor="echo")
     echo = next(t for t in bpy.data.objects if t.get(CLOUD_KEY) == "echo")

@@ -72,6 +72,7 @@ def test_a_path_goes_with_its_sensor_unless_a_copy_follows_it(room):
     assert counts()["objects"] == before["objects"]
 
 
+@pytest.mark.slow
 def test_a_forest_grown_later_leaves_the_users_sensors(room):
     press("scan_here")
     assert press("build") == {"FINISHED"}

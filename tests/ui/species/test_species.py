@@ -253,6 +253,7 @@ def test_a_tree_whose_siblings_are_unlike_it_is_planted_only_if_accepted(
     assert len(bpy.context.scene.forest_sensing.plantings) == 2
 
 
+@pytest.mark.slow
 def test_a_template_of_ours_is_imported(planting, own):
     folder = ASSETS / "templates" / "hazelnut"
     wood, leaves = folder / "wood.stl", folder / "leaves.stl"

@@ -17,8 +17,10 @@ from ...trajectory import Trajectory, strips
 from ..scanner import directions
 
 LEAVE_TOGETHER = "the beams of a column leave at one time"
-PATTERNS = ("lines", "circles", "spinning")  # that HELIOS++ has optics for
+PATTERNS = ("lines", "fans", "zigzag", "circles", "spinning")  # that HELIOS++ has optics for
+FANS = 3  # that look down, ahead and back
 ROWS_A_SECOND, MOST_POSES = 100.0, 200_000  # of a trajectory
+FEWEST_SWING = 204  # pulses of a mirror's swing: theirs turns round in 50 at each end, twice
 MOST_ROWS = 10_000  # beams one above the other, that a scanner is given as channels
 THEIRS = Rotation.from_euler("z", np.pi / 2)  # from our axes to theirs
 SCENES, SURVEYS = "data/scenes", "data/surveys"
@@ -53,15 +55,17 @@ def write_survey(
             return Exported(sensor.name, None, (why,))
         scanner, platform, legs = _tripod(sensor)
         unsaid = [LEAVE_TOGETHER]
-    elif isinstance(sensor, Airborne) and pattern in PATTERNS:
+    elif isinstance(sensor, MovingScanner) and (why := _cannot(sensor)):
+        return Exported(sensor.name, None, (f"{why}; its way is in scene.json",))
+    elif isinstance(sensor, Airborne):
         scanner, platform, legs = _strips(sensor)
         unsaid = [_of_pattern(pattern)]
-    elif isinstance(sensor, Mobile) and pattern in PATTERNS and way is not None:
+    elif isinstance(sensor, Mobile) and way is not None:
         file = TRAJECTORIES.format(name=name)
         scanner, platform, legs = _along(sensor, way, folder / file, file)
         unsaid = [_of_pattern(pattern)]
     else:
-        what = f"a {sensor.kind} scanner with pattern {pattern} is not written as a survey"
+        what = f"a {sensor.kind} scanner of no known way is not written as a survey"
         return Exported(sensor.name, None, (f"{what}; its way is in scene.json",))
     files = SCANNERS.format(name=name), PLATFORMS.format(name=name)
     for file, element in zip(files, (scanner, platform), strict=True):
@@ -196,6 +200,10 @@ def _of_pattern(pattern: str) -> str:
         return LEAVE_TOGETHER
     if pattern == "circles":
         return "circles begin anew with each leg"
+    if pattern == "zigzag":
+        return "its mirror turns round as theirs do, in 50 pulses: as many pulses, in other places"
+    if pattern == "fans":
+        return "its three fans look at one time, each a third as fast, not by turns"
     return "a strip begins in the middle of a line, and lines may have a pulse more at their end"
 
 
@@ -226,8 +234,36 @@ def _swept(sensor: MovingScanner) -> tuple[Element, Rotation, dict[str, object]]
         ahead = np.array([np.sin(middle), 0.0, -np.cos(middle)])
         beside = np.array([np.cos(middle), 0.0, np.sin(middle)])
         swung = Rotation.from_matrix(np.stack([np.cross(ahead, beside), ahead, beside], axis=1))
+        said |= _told_of(sensor, scanner)
     SubElement(scanner, "beamOrigin", x="0", y="0", z="0")
     return scanner, swung, said | {"scanAngle_deg": float(scanner.attrib["scanAngleMax_deg"])}
+
+
+def _told_of(sensor: MovingScanner, scanner: Element) -> dict[str, object]:
+    """Make a scanner of parallel lines one of three fans, or whose mirror swings; its rates."""
+    if sensor.pattern == "zigzag":
+        scanner.set("optics", "oscillating")
+        return {"scanFreq_hz": sensor.line_rate / 2}
+    if sensor.pattern != "fans":
+        return {}
+    channels = SubElement(scanner, "channels")
+    for number, lean in enumerate((0.0, sensor.fan_deg, -sensor.fan_deg)):
+        channel = SubElement(channels, "channel", id=str(number))
+        origin = SubElement(channel, "beamOrigin", x="0", y="0", z="0")
+        SubElement(origin, "rot", axis="z", angle_deg=repr(float(lean)))
+    return {"pulseFreq_hz": sensor.pulse_rate / FANS, "scanFreq_hz": sensor.line_rate / FANS}
+
+
+def _cannot(sensor: MovingScanner) -> str:
+    """Sentence on why HELIOS++ has no such pattern; empty where it has."""
+    low, high = sensor.field_deg
+    if sensor.pattern not in PATTERNS:
+        return f"a {sensor.kind} scanner with pattern {sensor.pattern} is not written as a survey"
+    if sensor.pattern == "fans" and abs(low + high) > 1e-9:
+        return "fans whose field is not the same to both sides are not written as a survey"
+    if sensor.pattern == "zigzag" and 2 * sensor.pulse_rate / sensor.line_rate < FEWEST_SWING:
+        return f"a zigzag of less than {FEWEST_SWING} pulses to and fro is not one of theirs"
+    return ""
 
 
 def _carrier(sensor: MovingScanner, kind: str, swung: Rotation) -> Element:

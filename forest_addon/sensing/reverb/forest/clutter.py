@@ -293,10 +293,10 @@ def _is_shoot(mesh: TriMesh, rows: np.ndarray, facing: np.ndarray, count: int) -
     """
     number = mesh.leaf[rows]
     triangles = np.bincount(number, minlength=count)
-    corner = np.unique(
-        np.column_stack([np.repeat(number, 3), mesh.triangles[rows].ravel()]), axis=0
-    )
-    corners = np.bincount(corner[:, 0], minlength=count)
+    vertices = len(mesh.vertices)
+    corner = np.repeat(number, 3).astype(np.int64) * vertices
+    corner = np.unique(corner + mesh.triangles[rows].ravel().astype(np.int64))
+    corners = np.bincount(corner // vertices, minlength=count)
     area = np.bincount(number, np.linalg.norm(facing, axis=1), count)
     whole = np.column_stack([np.bincount(number, column, count) for column in facing.T])
     apart = (triangles >= 2 * STRIPS) & (corners >= 2 * triangles)

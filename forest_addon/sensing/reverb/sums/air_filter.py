@@ -26,6 +26,7 @@ SHORTEST = 1536  # samples of a block at least
 LONGEST_TAIL = 0.25  # s for which a filter of the air answers, at most
 DECAYS = 16.0  # of the slowest relaxation, after which it has
 ORDERS = 64  # of the series, at most
+SEEN = 32  # every so many frequencies tell how many are needed
 FADE = 256  # samples over which a block gives way to the next: a cut would sound at all frequencies
 BLOCKS_AT_ONCE = 16
 ROUNDS = 1
@@ -48,13 +49,14 @@ class AirFilter:
         frequency = np.arange(self._size // 2 + 1) * (rate / self._size)
         self._loss = self._loss_at(frequency)
         half = 0.5 * self._block * self.step
-        orders = np.arange(ORDERS)[:, None]
         # e^{-bh} is left of the series: at the block's near end it was 1
+        some = np.append(self._loss[::SEEN], self._loss[-1])
+        size = 2.0 * special.ive(np.arange(ORDERS)[:, None], half * some).max(axis=1)
+        terms = int(np.flatnonzero(size > 0.1 * tolerance)[-1]) + 1
+        orders = np.arange(terms)[:, None]
         gains = special.ive(orders, half * self._loss) * np.exp(half * self._loss)
         gains *= np.where(orders % 2 == 0, 1.0, -1.0) * np.where(orders == 0, 1.0, 2.0)
-        size = np.abs(gains * np.exp(-half * self._loss)).max(axis=1)
-        terms = int(np.flatnonzero(size > 0.1 * tolerance)[-1]) + 1
-        self._gains = gains[:terms]  # (Q, F)
+        self._gains = gains  # (Q, F)
         place = (2.0 * np.arange(self._block) + 1.0) / self._block - 1.0
         fall = roll_off(0.45 + 0.05 * (np.arange(FADE) + 0.5) / FADE)
         window = np.concatenate([1.0 - fall, np.ones(self._block - 2 * FADE), fall])

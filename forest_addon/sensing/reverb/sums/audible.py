@@ -44,11 +44,10 @@ class Audibility:
         low = max(float(paths.length.min(initial=1.0)), 1e-3)
         high = max(float(paths.length.max(initial=1.0)), low) * 1.001
         self.edges = np.geomspace(low, high, BINS + 1)
-        self.whole = self._energy_of(paths)
+        self.whole = self.energy_of(paths)
 
-    def heard(self, paths: TrunkPaths, first: float, last: float) -> bool:
-        """Return whether these paths are heard between two frequencies in Hz."""
-        some = self._energy_of(paths)
+    def heard(self, some: dict[int, np.ndarray], first: float, last: float) -> bool:
+        """Return whether paths are heard between two frequencies in Hz, by their energies."""
         frequency = np.linspace(first, last, TRIED)
         most = self._at(some, frequency, self.edges[:-1], 2.0)  # (F, BINS)
         least = self._at(self.whole, frequency, self.edges[1:], 1.0).sum(axis=1)
@@ -58,7 +57,7 @@ class Audibility:
         within = most * frequency[:, None] > self.share * loudest.max(axis=0)
         return bool(within.any())
 
-    def _energy_of(self, paths: TrunkPaths) -> dict[int, np.ndarray]:
+    def energy_of(self, paths: TrunkPaths) -> dict[int, np.ndarray]:
         """{octave of the radius: (BINS,) w²·a by path length}."""
         wide = paths.radius > 0
         octave = np.floor(np.log2(np.where(wide, paths.radius, 1.0))).astype(np.int64)

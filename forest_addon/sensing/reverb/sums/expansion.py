@@ -38,7 +38,7 @@ FADED = 12.8 / (2.0 / 3.0 * LOW_RINGING)  # Hz
 GRID = 2  # periods of the filters' spectrum over their length
 SHARE = 0.1  # of the tolerance, for leaving out terms
 FEWEST = 200  # frequencies at which terms are found
-CHECKED = 6  # angles of a sector at which it is checked, at a frequency of each octave
+CHECKED = 24  # angles of a sector at which it is checked, at a frequency of each octave
 
 
 @dataclass(frozen=True)
@@ -62,23 +62,22 @@ class Sector:
         """Return how many products."""
         return len(self.filters)
 
-    def shares(self, cosine: np.ndarray) -> np.ndarray:
-        """(M, R) V_r at cosines (M,)."""
+    def shares(self, cosine: np.ndarray, radius: np.ndarray) -> np.ndarray:
+        """(M, R) V_r at cosines (M,); all trunks have the same radius."""
         place = (cosine - self.low) * (2.0 / (self.high - self.low)) - 1.0
         found: np.ndarray = polynomials(place, len(self.series)).T @ self.series
         return found
 
 
-class ExpansionLayer:
-    """A band of H at a sampling rate that is 1/``step`` of the whole.
+class FilterBand:
+    """A band of H at a sampling rate that is 1/``step`` of the whole, and the filters that stand for it.
 
-    lowest, highest : Hz, below and above which there is nothing.
-    highs : (S,) upper ends in cos φ of the sectors, the first from -1, the last to 1.
+    lowest, highest : Hz, below and above which there is nothing. size : samples of a filter, the arrival by
+    the axis at sample ``lead``.
     """
 
     def __init__(
         self,
-        radius: float,
         rate: float,
         step: int,
         speed: float,
@@ -91,7 +90,7 @@ class ExpansionLayer:
 
         gain : function of the frequency in Hz.
         """
-        self.step, self.rate, self.radius, self.speed = step, rate / step, radius, speed
+        self.step, self.rate, self.speed = step, rate / step, speed
         self.tolerance, self.bark = tolerance, bark
         self.lead = SPREAD + math.ceil(span[0] * self.rate)
         self.size = fft.next_fast_len(
@@ -101,12 +100,67 @@ class ExpansionLayer:
         self.frequency = np.arange(1, self.grid // 2 + 1) * (self.rate / self.grid)
         self.gain_at, self.gain = gain, gain(self.frequency)
         used = self.frequency[self.gain > 0]
-        self.lowest = (
-            float(used[0]) if used[0] > CROSSOVER[0] else 0.0
-        )  # Hz; there is nothing below
-        self.highest = float(used[-1])  # nor above
+        self.lowest = float(used[0]) if used[0] > CROSSOVER[0] else 0.0
+        self.highest = float(used[-1])
         self.wavenumber = 2.0 * math.pi / speed * self.frequency
-        thickness = 2.0 * math.pi / speed * float(used[-1]) * radius
+
+    def few_rows(self, count: int) -> np.ndarray:
+        """Rows of some frequencies, evenly by logarithm and evenly."""
+        last = int(np.flatnonzero(self.gain > 0)[-1])
+        first = int(np.flatnonzero(self.gain > 1e-4)[0])
+        rows = np.unique(np.geomspace(first + 1, last + 1, count).astype(np.int64)) - 1
+        return np.union1d(rows, np.linspace(first, last, count).astype(np.int64))
+
+    def filters(self, spectra: np.ndarray) -> np.ndarray:
+        """(R, T) filters from spectra (R, F)."""
+        whole = np.zeros((len(spectra), self.grid // 2 + 1), np.complex128)
+        turn = -2j * math.pi * np.arange(1, self.grid // 2 + 1) * (self.lead / self.grid)
+        whole[:, 1:] = spectra * np.exp(turn)
+        found: np.ndarray = fft.irfft(whole, self.grid, axis=1)[:, : self.size]
+        fading = min(self.size - self.lead, int(2.0 / 3.0 * LOW_RINGING * self.rate))
+        if self.size - self.lead > LOW_RINGING * self.rate:
+            found[:, -fading:] *= roll_off(0.45 + 0.05 * np.arange(fading) / fading)
+        return found
+
+    def errors(
+        self, filters: np.ndarray, shares: np.ndarray, cosine: np.ndarray, radius: np.ndarray
+    ) -> dict[float, float]:
+        """Largest error of filters (R, T) times shares (M, R) of trunks, at a random frequency of each octave
+        from 20 Hz. cosine, radius : (M,)."""
+        rng = stream(len(cosine), "expansion", "check")
+        used = self.frequency[self.gain > 0.5]
+        octave = 20.0 * 2.0 ** np.arange(max(0, math.ceil(math.log2(used[-1] / 20.0))))
+        frequency = rng.uniform(octave, np.minimum(2.0 * octave, used[-1]))
+        octave, frequency = octave[frequency > used[0]], frequency[frequency > used[0]]
+        time = (np.arange(self.size) - self.lead) / self.rate
+        spectrum = filters @ np.exp(-2j * math.pi * np.outer(time, frequency))
+        exact = transfer(frequency[:, None], np.arccos(cosine), radius, self.speed, self.bark)
+        exact *= self.gain_at(frequency)[:, None]
+        gap = np.linalg.norm(spectrum.T @ shares.T - exact, axis=1)
+        return dict(
+            zip(octave.tolist(), (gap / np.linalg.norm(exact, axis=1)).tolist(), strict=True)
+        )
+
+
+class ExpansionLayer(FilterBand):
+    """A band of H of one radius. highs : (S,) upper ends in cos φ of the sectors, the first from -1, the
+    last to 1."""
+
+    def __init__(
+        self,
+        radius: float,
+        rate: float,
+        step: int,
+        speed: float,
+        tolerance: float,
+        span: tuple[float, float],
+        gain: Callable[[np.ndarray], np.ndarray],
+        bark: float = 0.0,
+    ) -> None:
+        """As of ``FilterBand``; radius in metres."""
+        super().__init__(rate, step, speed, tolerance, span, gain, bark)
+        self.radius = radius
+        thickness = 2.0 * math.pi / speed * self.highest * radius
         self.waves = self._waves(thickness)
         first = min(WIDEST_FIRST, FIRST_SECTOR / thickness)
         ends = first * GROWTH ** np.arange(64.0)
@@ -127,11 +181,7 @@ class ExpansionLayer:
 
         Each frequency counts by 1/√f over the root mean square of H there: octaves count alike.
         """
-        count = max(FEWEST, 3 * len(self.waves))
-        last = int(np.flatnonzero(self.gain > 0)[-1])
-        first = int(np.flatnonzero(self.gain > 1e-4)[0])
-        rows = np.unique(np.geomspace(first + 1, last + 1, count).astype(np.int64)) - 1
-        rows = np.union1d(rows, np.linspace(first, last, count).astype(np.int64))
+        rows = self.few_rows(max(FEWEST, 3 * len(self.waves)))
         few = self.waves[:, rows]
         density = np.gradient(np.log(self.frequency[rows]))
         size = np.sqrt(np.square(np.abs(few)).sum(axis=0)) / self.gain[rows]
@@ -163,37 +213,12 @@ class ExpansionLayer:
         coefficients = series(shares, 0)
         large = np.abs(coefficients * sizes[:terms]).max(axis=1)
         kept = int(np.flatnonzero(large > 0.01 * self.tolerance * large.max())[-1]) + 1
-        found = Sector(low, high, self._filters(spectra), coefficients[:kept], self.lead, {})
-        found.errors.update(self._errors(found))
+        found = Sector(low, high, self.filters(spectra), coefficients[:kept], self.lead, {})
+        rng = stream(len(self.highs), "expansion", "angles")
+        some = np.clip(rng.uniform(low, high, CHECKED), -1.0, 1.0)
+        radii = np.full(CHECKED, self.radius)
+        found.errors.update(self.errors(found.filters, found.shares(some, radii), some, radii))
         return found
-
-    def _filters(self, spectra: np.ndarray) -> np.ndarray:
-        """(R, T) filters from spectra (R, F)."""
-        whole = np.zeros((len(spectra), self.grid // 2 + 1), np.complex128)
-        turn = -2j * math.pi * np.arange(1, self.grid // 2 + 1) * (self.lead / self.grid)
-        whole[:, 1:] = spectra * np.exp(turn)
-        found: np.ndarray = fft.irfft(whole, self.grid, axis=1)[:, : self.size]
-        fading = min(self.size - self.lead, int(2.0 / 3.0 * LOW_RINGING * self.rate))
-        if self.size - self.lead > LOW_RINGING * self.rate:
-            found[:, -fading:] *= roll_off(0.45 + 0.05 * np.arange(fading) / fading)
-        return found
-
-    def _errors(self, sector: Sector) -> dict[float, float]:
-        """Largest error at random angles and a random frequency of each octave from 20 Hz."""
-        rng = stream(len(self.highs), "expansion", "check")
-        cosine = np.clip(rng.uniform(sector.low, sector.high, CHECKED), -1.0, 1.0)
-        used = self.frequency[self.gain > 0.5]
-        octave = 20.0 * 2.0 ** np.arange(max(0, math.ceil(math.log2(used[-1] / 20.0))))
-        frequency = rng.uniform(octave, np.minimum(2.0 * octave, used[-1]))
-        octave, frequency = octave[frequency > used[0]], frequency[frequency > used[0]]
-        time = (np.arange(self.size) - self.lead) / self.rate
-        spectrum = sector.filters @ np.exp(-2j * math.pi * np.outer(time, frequency))
-        exact = transfer(frequency[:, None], np.arccos(cosine), self.radius, self.speed, self.bark)
-        exact *= self.gain_at(frequency)[:, None]
-        gap = np.linalg.norm(spectrum.T @ sector.shares(cosine).T - exact, axis=1)
-        return dict(
-            zip(octave.tolist(), (gap / np.linalg.norm(exact, axis=1)).tolist(), strict=True)
-        )
 
 
 def expand(

@@ -43,6 +43,7 @@ FIRST, GROWTH, WIDEST = (
     16.0,
 )  # ends of panels in ka of the thickest: the first; factor; step
 MOST_NODES, TRIED_NODES = 40, 64  # of a panel; at which its series is looked at
+TRIED_ANGLES = 96  # of the table, at most
 FARTHER = (0.0, 0.02, 0.1, 0.3, 0.6, 1.0)  # shares of the trunks, at which the air is looked at
 FEW_BINS = 6  # of a panel that needs no interpolation
 SHARE = 0.5  # of the tolerance, for each approximation
@@ -129,6 +130,9 @@ class _Group:
         self.allowed = SHARE * tolerance * min(1.0, tolerance / 1e-4) ** 0.25
         self.kernel = width_for(SHARE * tolerance)
         self.thickest = float(paths.radius.max())
+        self.farther = np.quantile(paths.length, FARTHER)
+        self.loudness = np.square(paths.weight * paths.radius**2)
+        self.nearest = float(paths.length.min())
         rng = stream(len(paths.length), "panels", "checks")
         loudness = np.square(paths.weight * paths.radius)
         drawn = (
@@ -144,12 +148,13 @@ class _Group:
         """Add these trunks' sound in the panels where it is heard."""
         of_bin = 2.0 * math.pi / self.speed * self.spacing * self.thickest  # ka
         last, first, end, checks = len(spectrum) - 1, lowest, FIRST, []
+        energy = heard.energy_of(self.paths) if heard else {}
         while end < of_bin * first:
             end = min(GROWTH * end, end + WIDEST)
         while first <= last:
             stop = min(last, max(first, int(end / of_bin)))
             within = first * self.spacing, stop * self.spacing
-            if heard is None or heard.heard(self.paths, *within):
+            if heard is None or heard.heard(energy, *within):
                 panel = _Panel(self, first, stop)
                 while not panel.fits:  # it turns too much for one
                     stop = (first + stop) // 2
@@ -173,12 +178,9 @@ class _Panel:
         ends = 2.0 * math.pi / group.speed * self.frequency[[0, -1]]
         self.boxes = Boxes(group.paths, ends, group.allowed, group.bark)
         self.checks: list[PanelCheck] = []
-        near = group.paths.length - group.paths.length.min()
-        loud = np.square(group.paths.weight * group.paths.radius**2)
-        loud = (
-            loud * np.exp(-2.0 * self._loss(self.frequency[[len(self.frequency) // 2]]) * near)
-            + 1e-300
-        )
+        loss = self._loss(self.frequency[[len(self.frequency) // 2]])
+        loud = group.loudness * np.exp(-2.0 * loss * (group.paths.length - group.nearest))
+        loud += 1e-300
         self.typical = float(
             np.average(group.paths.length, weights=loud)
         )  # m; air is taken off so far
@@ -192,18 +194,18 @@ class _Panel:
             return self.frequency, middle
         tried = self._spread(TRIED_NODES)
         z = self._wavenumber(tried) * self.group.thickest
-        values = self.boxes.table.at(z)
+        step = -(-len(self.boxes.angles) // TRIED_ANGLES)
+        angles = self.boxes.angles[::step]
+        values = self.boxes.table.at(z, slice(None, None, step))
         # what the air leaves of it, relative to the loudest trunks'
-        farther = np.quantile(self.group.paths.length, FARTHER) - self.typical
-        left = np.exp(-np.outer(self._loss(tried), farther)).astype(np.complex128)
+        farther = self.group.farther
+        left = np.exp(-np.outer(self._loss(tried), farther - self.typical)).astype(np.complex128)
         if self.group.gain is not None:
-            left *= self.group.gain.at(tried, np.quantile(self.group.paths.length, FARTHER)).T
+            left *= self.group.gain.at(tried, farther).T
             left /= np.sqrt(np.mean(np.abs(left) ** 2, axis=0))
         best, shift = MOST_NODES + 1, middle
         for way in (near_face, middle):
-            turned = values * np.exp(
-                -1j * np.outer(z, way(self.boxes.angles) - middle(self.boxes.angles))
-            )
+            turned = values * np.exp(-1j * np.outer(z, way(angles) - middle(angles)))
             size = np.abs(series(turned[:, :, None] * left[:, None], 0)).max(axis=2)
             tail = np.cumsum(size[::-1], axis=0)[::-1]
             large = (tail > self.group.allowed * np.abs(values).min(axis=0)).any(axis=1)

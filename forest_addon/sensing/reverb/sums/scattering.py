@@ -22,7 +22,7 @@ from ....base.rows import RowTable
 from ....spec import Air
 from ..forest.losses import Losses, loss_per_metre
 from ..trunks.slices import Trunks
-from .bands import bands_of, samples_of
+from .bands import OctaveBand, bands_of, samples_of
 
 Gain = Callable[[np.ndarray, np.ndarray], np.ndarray]  # of frequency and path length
 PANEL_KA = 3.0  # width of a panel in ka of the octave's thickest trunk
@@ -200,10 +200,11 @@ def direct_sum(
     progress: Progress | None = None,
     losses: Losses | None = None,
     tolerance: float = 0.0,
+    bands: tuple[OctaveBand, ...] = (),
 ) -> np.ndarray:
     """(count,) samples at ``rate`` Hz from every trunk at every frequency, in float64.
 
-    tolerance : that what rings on after the transforms' ends keeps to; 0: 1e-7.
+    tolerance : that what rings on after the transforms' ends keeps to; 0: 1e-7. bands : none: all.
     """
     if len(paths.length) == 0:
         return np.zeros(count)
@@ -212,7 +213,7 @@ def direct_sum(
     bark = losses.bark if losses else 0.0
     thickest, last = float(paths.radius.max()), float(paths.length.max()) / speed
 
-    bands = bands_of(rate, thickest, speed, tolerance)
+    bands = bands or bands_of(rate, thickest, speed, tolerance)
     left = len(bands)
 
     def spectrum(spacing: float, lowest: int, highest: int) -> np.ndarray:

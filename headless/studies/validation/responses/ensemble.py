@@ -127,7 +127,7 @@ def _disc(case: Ensemble) -> Density:
     side = math.ceil(2.0 * case.extent / CELL)
     place = (np.arange(side) + 0.5) * CELL - case.extent
     inside = np.hypot(*np.meshgrid(place, place, indexing="ij")) <= case.extent
-    return Density(case.density * inside, (-case.extent, -case.extent), CELL, 0.0)
+    return Density(case.density * inside, (-case.extent, -case.extent), (CELL, CELL), 0.0)
 
 
 def _ends(case: Ensemble, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:

@@ -1,19 +1,20 @@
-"""Diameters of stems with bark in relief: by tape, by a circle, and as FORTLS takes them from one scan.
+"""Stems with bark in relief as a tape and as a tripod have them: a plot's, from its centre.
 
-Boles of Scots pine, with the relief and ovality of its preset, stand at several ranges from a tripod. The
-tape is the convex hull of the true section at breast height. FORTLS (Molina-Valero et al. 2022) puts the
-centre where distances of the slice's points vary least, and takes as radius their mean between two quantiles,
-of which the lower can be raised to leave out furrows.
+Boles of Scots pine, with the relief and ovality of its preset, stand where a plot has its stems and hide each
+other. The tape is the convex hull of the true section at breast height. Of each the tripod's points are
+taken as FORTLS takes them (``fortls``), and through the slice at breast height a circle is laid.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from scipy.optimize import least_squares
 from scipy.spatial import ConvexHull
 
+from forest_addon.base.rows import RowTable
 from forest_addon.base.trimesh import TriMesh
 from forest_addon.blender.rays.casters import make_caster
 from forest_addon.growth.library.species_file import find_species, load_species
@@ -22,25 +23,31 @@ from forest_addon.growth.mesh.relief import SMALLEST, Relief
 from forest_addon.growth.skeleton import Skeleton
 from forest_addon.sensing.lidar.scan import scan
 from forest_addon.sensing.rays.geometry import SceneGeometry
-from forest_addon.spec import Rays, Terrestrial
+from forest_addon.spec import Rays
 
-from ..clouds.circles import circle, taubin
+from ..stems import SCANNER, taubin
+from .fortls import BREAST, HALF, breast_diameter, sections_of, taper_of
 
 SPECIES = "scots-pine"
-DIAMETERS, RANGES, EACH = (0.22, 0.28, 0.32, 0.38), (5.0, 10.0, 15.0, 19.0), 3
-TALL, STEP, TAPER = (
+EYE = 1.5  # m over the ground, the tripod's
+STEP = 7.67e-4  # radians, as the authors' example has it: 7.67 mm at 10 m
+TRIPOD = SCANNER.changed(
+    angle_step_deg=float(np.degrees(STEP)), line_step_deg=float(np.degrees(STEP))
+)
+WIDE, SEEN = 0.4, (0.9, 1.7)  # m about a stem's axis, and heights, that are scanned
+LOW_BOLE = 2.0  # m, of boles that are looked at no higher
+FEWEST = 12  # points of a circle
+TALL, RINGS, TAPER = (
     8.0,
     0.5,
     0.015,
-)  # m of bole, between its rings; share of the diameter lost a metre
-BREAST, SLICE = 1.3, 0.05  # m
-QUANTILES = (0.05, 0.99)
-FURROWS = (0.25, 0.75)  # lower quantiles that leave out furrows
+)  # m of bole, and between its rings; of the diameter lost a metre
 
 
-def bole(diameter: float, seed: int, bark: bool = True) -> TriMesh:
-    """A bole of Scots pine of this diameter at breast height, m, with its bark in relief or round."""
-    z = np.arange(0.0, TALL + STEP / 2, STEP)
+def bole(diameter: float, seed: int, bark: bool = True, tall: float = TALL) -> TriMesh:
+    """The lowest ``tall`` metres of a bole of Scots pine of this diameter at breast height, m, with its bark
+    in relief or round."""
+    z = np.arange(0.0, tall + RINGS / 2, RINGS)
     knots = np.column_stack([np.zeros((len(z), 2)), z])
     radius = diameter / 2 * (1 - TAPER * (z - BREAST))
     count = len(z) - 1
@@ -54,7 +61,9 @@ def bole(diameter: float, seed: int, bark: bool = True) -> TriMesh:
     )
     look = load_species(find_species(SPECIES, Path()))[0].bark
     size = max(look.size, SMALLEST)
-    relief = Relief(look.texture, size, look.relief, look.ovality, look.upper_from, seed)
+    relief = Relief(
+        look.texture, size, look.relief, look.ovality, look.upper_from * TALL / tall, seed
+    )
     return mesh_wood(skeleton, 0.002, relief=relief if bark else None)
 
 
@@ -84,47 +93,64 @@ def by_circle(points: np.ndarray) -> tuple[np.ndarray, float]:
     return np.array([x, y]), float(2 * r)
 
 
-def by_quantiles(points: np.ndarray, low: float, high: float) -> float:
-    """Diameter as FORTLS has it: the mean distance, between two quantiles, from the centre of least variance.
+@dataclass(frozen=True)
+class ScannedStems(RowTable):
+    """(N,) of the stems of a plot, m: ``range``, diameters by ``tape``, of the same ``area``, by a
+    ``circle`` and by ``fortls``, NaN where a stem was not found."""
 
-    That centre is the circle's of least squares, whose radius is the mean of all distances.
-    """
-    away = np.hypot(*(points - by_circle(points)[0]).T)
-    inner, outer = np.quantile(away, (low, high))
-    return float(2 * away[(away > inner) & (away < outer)].mean())
-
-
-def measure_boles(scanner: Terrestrial, seed: int, bark: bool = True) -> dict[str, np.ndarray]:
-    """Diameters, m, of boles by ``range``, true ``area`` and ``tape``, and from a scan as ``circle``,
-    ``quantiles`` and these without the lowest ``quarter`` and ``three_quarters``; ``residual`` of circles, m.
-    """
-    names = ("range", "area", "tape", "circle", "quantiles", "quarter", "three_quarters")
-    rows: list[list[float]] = []
-    for number, diameter in enumerate(DIAMETERS):
-        for k in range(EACH):
-            mesh = bole(diameter, seed * 1000 + 10 * number + k, bark)
-            tape = by_tape(section(mesh, BREAST + 1e-4))
-            for away in RANGES:
-                points = _slice(mesh, away, scanner, seed + k)
-                taken = [by_quantiles(points, low, 0.99) for low in (QUANTILES[0], *FURROWS)]
-                fit = circle(points)
-                left = np.nan if fit is None else fit[4]
-                rows.append([away, diameter, tape, by_circle(points)[1], *taken, left])
-    return dict(zip((*names, "residual"), np.array(rows).T, strict=True))
+    range: np.ndarray
+    area: np.ndarray
+    tape: np.ndarray
+    circle: np.ndarray
+    fortls: np.ndarray
 
 
-def _slice(mesh: TriMesh, away: float, scanner: Terrestrial, seed: int) -> np.ndarray:
-    """(P, 2) points of a bole's slice at breast height, as a tripod this far from it finds them."""
-    scene = SceneGeometry(
-        meshes=(mesh,),
-        transform=np.array([[[1.0, 0, 0, away], [0, 1, 0, 0], [0, 0, 1, 0]]]),
-        mesh_index=np.zeros(1, np.int64),
-        object_name=("bole",),
-        tree=np.zeros(1, np.int64),
-        species=np.zeros(1, np.int64),
+def scan_plot(stems: np.ndarray, seed: int, bark: bool = True) -> ScannedStems:
+    """Scan the stems (N, 3) of a plot, x, y and diameter, m, from a tripod at its origin."""
+    meshes = [bole(d, seed + k, bark, LOW_BOLE) for k, d in enumerate(stems[:, 2])]
+    tape = np.array([by_tape(section(mesh, BREAST + 1e-4)) for mesh in meshes])
+    clouds = _clouds(meshes, stems[:, :2], seed)
+    slices = [sections_of(points, EYE, STEP) for points in clouds]
+    taper = taper_of(slices)
+    return ScannedStems(
+        np.hypot(*stems[:, :2].T),
+        stems[:, 2].copy(),
+        tape,
+        np.array([_circle_at_breast(points) for points in clouds]),
+        np.array([breast_diameter(found, taper) for found in slices]),
     )
-    half = float(np.degrees(0.4 / away))
-    narrow = scanner.changed(azimuth_deg=(-half, half))
-    place = scan(narrow, make_caster(scene, Rays()), seed).position
-    near = np.abs(place[:, 2] - BREAST) < SLICE
-    return np.asarray(place[near, :2] - [away, 0.0])
+
+
+def _circle_at_breast(points: np.ndarray) -> float:
+    cut = points[np.abs(points[:, 2] - BREAST) < HALF, :2]
+    return by_circle(cut)[1] if len(cut) >= FEWEST else np.nan
+
+
+def scene_of(meshes: list[TriMesh], place: np.ndarray) -> SceneGeometry:
+    """Return boles at places (N, 2), each a tree by its number."""
+    number = np.arange(len(meshes))
+    transform = np.tile(np.eye(3, 4), (len(meshes), 1, 1))
+    transform[:, :2, 3] = place
+    return SceneGeometry(
+        meshes=tuple(meshes),
+        transform=transform,
+        mesh_index=number,
+        object_name=("bole",) * len(meshes),
+        tree=number,
+        species=np.zeros(len(meshes), np.int64),
+    )
+
+
+def _clouds(meshes: list[TriMesh], place: np.ndarray, seed: int) -> list[np.ndarray]:
+    """(P, 3) points of each bole; each is looked at where it stands, what is before it hides it."""
+    caster, found = make_caster(scene_of(meshes, place), Rays()), []
+    for k, (x, y) in enumerate(place.tolist()):
+        away, turn = float(np.hypot(x, y)), float(np.degrees(np.arctan2(y, x)))
+        half = float(np.degrees(np.arcsin(min(WIDE / away, 0.9))))
+        low, high = np.degrees(np.arctan2(np.array(SEEN) - EYE, away - WIDE))
+        narrow = TRIPOD.changed(
+            azimuth_deg=(turn - half, turn + half), elevation_deg=(float(low), float(high))
+        )
+        cloud = scan(narrow, caster, seed + k)
+        found.append(cloud.position[cloud.returns.tree == k])
+    return found

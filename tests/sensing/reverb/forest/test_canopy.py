@@ -97,3 +97,16 @@ def test_one_switch_gives_every_term():
     assert Reverb(model="forest", surface="snow").ground_kind == "snow"
     assert set(missing) == set(NEVER)
     assert len(held) > len(terms_of(Reverb())[0])
+
+
+def test_terms_tell_what_stands_there():
+    """Leaves of two trees by hand: 1 m² on 100 m² between 0.5 and 2.5 m, the path at 1.5 m."""
+    canopy = canopy_of(scene(), (1.5, 1.5), 100.0)
+    trunks = Trunks(np.array([[0.0, 0.0], [3.0, 0.0], [0.0, 4.0]]), np.full(3, 0.1), np.arange(3))
+    reverb = Reverb(model="forest")
+    stand = surroundings(trunks, reverb, ((0.0, 0.0), (10.0, 10.0)), canopy).stand
+    held = " ".join(terms_of(reverb, stand)[0])
+    for words in ("300/ha", "0.005 m²/m³ at the path", "m² of leaves as discs of", "10 m"):
+        assert words in held
+    assert "within a shoot (none there)" in held
+    assert "as in the scene" not in held

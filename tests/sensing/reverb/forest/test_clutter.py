@@ -67,7 +67,9 @@ def test_few_pieces_are_the_same_stand(birch):
     np.testing.assert_allclose(found.leaf_radius, whole.leaf_radius, rtol=1e-9)
 
 
-@pytest.mark.parametrize("name", ["norway-spruce", "scots-pine"])
+@pytest.mark.parametrize(
+    "name", ["norway-spruce", pytest.param("scots-pine", marks=pytest.mark.slow)]
+)
 def test_shoots_are_needles_and_leaves_are_not(birch, name):
     """Half the needles' surface within 20 %, and how far they are from the middle within 10 %."""
     species, _ = load_species(find_species(name, Path()))

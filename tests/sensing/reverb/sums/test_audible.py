@@ -28,8 +28,8 @@ def test_far_trunks_are_left_out_where_nothing_hears_them(reach, heard):
     paths = trunk_paths(trunks, ends[0], ends[1], 2.0, 0.7)
     far = paths.select(away > 20.0)
     found = Audibility(paths, loss, SPEED, TOLERANCE)
-    assert found.heard(far, 100.0, 300.0)
-    assert found.heard(far, 8e3, 12e3) == heard
+    assert found.heard(found.energy_of(far), 100.0, 300.0)
+    assert found.heard(found.energy_of(far), 8e3, 12e3) == heard
     frequency = np.arange(81) * 150.0
     whole, of_far = (
         np.abs(scattered_spectrum(some, 150.0, loss(frequency), SPEED)[54:])

@@ -12,6 +12,7 @@ from references.examples import examples
 from references.trunks_at_length import sum_at_length
 
 from forest_addon.sensing.reverb.forest.losses import Losses, TrunkStand
+from forest_addon.sensing.reverb.sums import fast_scattering
 from forest_addon.sensing.reverb.sums.contract import judged
 from forest_addon.sensing.reverb.sums.fast_scattering import Expansions
 from forest_addon.sensing.reverb.sums.scattering import TrunkPaths, direct_sum, trunk_paths
@@ -109,6 +110,16 @@ def test_a_record_that_ends_among_arrivals_in_slow_air(tolerance: float) -> None
     """Was 3.1 and 30 times over."""
     paths, *_ = stand(60, 0.12, 0.12, 60.0, 10.0)
     assert worst(paths, 4e3, tolerance, None, SLOW_AIR, 0.08) < 1.0
+
+
+@pytest.mark.parametrize("leaves", [None, 0.3])
+def test_low_frequencies_of_many_radii_by_shared_filters(
+    monkeypatch: pytest.MonkeyPatch, leaves: float | None
+) -> None:
+    """As for thousands of trunks: classes of radii from 1 to 50 cm share filters below 600 Hz."""
+    monkeypatch.setattr(fast_scattering, "MANY", 1)
+    paths, *ends = stand(60, 0.01, 0.5, 60.0, 10.0)
+    assert worst(paths, 6e3, 1e-4, leaves and forest(ends, leaves, bark=0.05)) < 1.0
 
 
 @pytest.mark.parametrize("tolerance", [1e-2, 1e-4])

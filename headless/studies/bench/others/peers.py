@@ -28,8 +28,8 @@ from forest_addon.sensing.rays.exact import cast_exactly
 from forest_addon.sensing.rays.geometry import SceneGeometry, apply_transform
 from forest_addon.sensing.rays.search import Search
 
-from ..tables import table
-from .lidar_rays import grow_trees, plant
+from ...tables import table
+from ..lidar_rays import grow_trees, plant
 
 TITLE = "peers: the same scan by other programs"
 COUNTS = 180, 560  # zenith angles, azimuths

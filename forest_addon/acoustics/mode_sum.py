@@ -1,0 +1,230 @@
+"""Sums of many delayed echoes that are made of few modes: Σ_i g_i·e^{-b(f)τ_i}·A_i(f)·e^{-i2πfτ_i}.
+
+With A_i = Σ_r c_ir·U_r(f) (``disc_modes``) the shares of each mode are laid down on a grid of delays, one
+transform a mode turns all of them into a spectrum, and Σ_r U_r(f)·(…) is the sum. What the air takes is a
+function of frequency and delay alone, so no echo needs it by itself: on the grid
+
+    e^{-b(f)τ} = Σ_j c_j(f)·T_j(τ),   c_j = 2·(-1)^j·I_j(b(f)·half the span of delays),
+
+a few Chebyshev polynomials of the delay (DLMF 10.35.3), each with its transform; a kernel's transform at a
+complex frequency takes account of the grid's points not being the delays. Numbers are in single precision
+echo by echo, in double where many are added.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from scipy import fft, sparse, special
+
+from .disc_modes import DiscPlaces
+from .gridding import ALIASING, NARROWEST, kernel, width_for
+from .kaiser_bessel import OVERSAMPLING
+from .nonuniform import DelayedSum
+
+KERNEL = 0.4  # share of the tolerance that the kernel's error may take
+LOST = 0.02  # and the series of what the air takes
+SINGLE = 2.0**-24
+AT_ONCE = 1 << 13  # echoes
+ADDED = 0.1  # share of the tolerance beyond which they are added up in double precision
+STEPS = 16.0  # roundings of a share, in single precision, on its way
+
+
+class ModeTable(Protocol):
+    """Echoes as sums of modes; see ``DiscModes``."""
+
+    ranks: tuple[int, ...]
+
+    def shares(self, places: DiscPlaces, rank: int) -> np.ndarray: ...
+
+    def at(self, wavenumber: np.ndarray, rank: int) -> np.ndarray: ...
+
+    def left_out(self, places: DiscPlaces, loud: np.ndarray) -> tuple[np.ndarray, float]: ...
+
+    def loudest(self, places: DiscPlaces) -> np.ndarray: ...
+
+
+@dataclass(frozen=True)
+class Bins:
+    """Frequencies start + (0 … count - 1)·spacing Hz of a band with ``ends``, and the speed of sound."""
+
+    start: float
+    spacing: float
+    count: int
+    ends: tuple[float, float]
+    speed: float
+
+    @property
+    def frequency(self) -> np.ndarray:
+        """(K,) Hz."""
+        return self.start + self.spacing * np.arange(self.count)
+
+    @property
+    def wavenumber(self) -> np.ndarray:
+        """(K,) 1/m."""
+        return (2.0 * math.pi / self.speed) * self.frequency
+
+    @property
+    def size(self) -> int:
+        """Points of the grid of delays."""
+        return int(fft.next_fast_len(OVERSAMPLING * self.count))
+
+
+def sum_modes(
+    table: ModeTable,
+    places: DiscPlaces,
+    gain: np.ndarray,
+    delay: np.ndarray,
+    bins: Bins,
+    loss: Callable[[np.ndarray], np.ndarray],
+    tolerance: float,
+) -> DelayedSum | None:
+    """The sum of M echoes; None where modes do not keep to the tolerance, or delays are not on the grid.
+
+    places : (M,) of the echoes in the table. gain : (M,) real, re the table. delay : (M,) s, of one period
+    of the bins. loss : nepers per second of delay at frequencies (Q,), least at the lowest. tolerance :
+    largest error of a value, of Σ max|A|.
+    """
+    gain, delay = gain[places.order], delay[places.order]
+    width = width_for(KERNEL * tolerance)
+    reach = width / (bins.size * bins.spacing)
+    if delay.min() < reach or delay.max() > 1.0 / bins.spacing - reach:
+        return None
+    size = float(_largest(table, places, gain, delay, bins, loss).sum())
+    loud = gain * np.exp(-float(loss(np.array(bins.ends[:1]))[0]) * delay)
+    left, off = table.left_out(places, loud)
+    fixed = ALIASING[width - NARROWEST] + LOST * tolerance
+    unit = 2.0 * SINGLE * np.sqrt(table.ranks)  # 2·√R: of Σ_r |c_r·U_r| re |A|
+    added = _crowd(delay, bins, width)
+    double = unit[-1] * added > ADDED * tolerance
+    rounded = unit * (STEPS + (0 if double else added))
+    errors = left + off + (fixed + rounded) * size
+    enough = np.flatnonzero(errors <= tolerance * size)
+    if not len(enough):
+        return None
+    rank = table.ranks[int(enough[0])]
+    span = _Span.of(delay, bins, loss, width, LOST * tolerance)
+    deposit = _Deposit(bins, width, np.float64 if double else np.float32)
+    laid = deposit.of(table, places, gain * np.exp(-span.middle * delay), delay, rank)
+    spectrum = _collected(laid, table, bins, span, width)
+    error = float(errors[int(enough[0])]) / size if size > 0 else 0.0
+    return DelayedSum(spectrum, size, 0.0, error, {rank: len(delay)})
+
+
+def _crowd(delay: np.ndarray, bins: Bins, width: int) -> int:
+    """Return how many echoes at most are added in single precision at a point of the grid."""
+    place = (delay * (bins.size * bins.spacing)).astype(np.int64)
+    total = np.append(0, np.cumsum(np.bincount(place)))
+    most = (
+        total[-1] if len(total) <= width + 1 else (total[width + 1 :] - total[: -width - 1]).max()
+    )
+    return min(int(most), AT_ONCE)
+
+
+def _largest(
+    table: ModeTable,
+    places: DiscPlaces,
+    gain: np.ndarray,
+    delay: np.ndarray,
+    bins: Bins,
+    loss: Callable[[np.ndarray], np.ndarray],
+) -> np.ndarray:
+    """(M,) about max|A|, and no more: of parts of the band, each weakened as at its upper end."""
+    loudest = table.loudest(places)
+    low, high = bins.ends
+    parts = loudest.shape[1]
+    upper = loss(low + (high - low) * (np.arange(parts) + 1.0) / parts).astype(np.float32)
+    found = loudest * np.exp(np.outer(delay.astype(np.float32), -upper))
+    return gain * found.max(axis=1)
+
+
+@dataclass(frozen=True)
+class _Span:
+    """Losses over a span of delays: about ``middle`` nepers a second, which echoes have by themselves, they
+    differ by ``rate`` (K,), and delays by ``half`` s from ``centre``; ``orders`` polynomials do."""
+
+    middle: float
+    rate: np.ndarray
+    centre: float
+    half: float
+    orders: int
+
+    @classmethod
+    def of(
+        cls,
+        delay: np.ndarray,
+        bins: Bins,
+        loss: Callable[[np.ndarray], np.ndarray],
+        width: int,
+        error: float,
+    ) -> _Span:
+        rate = loss(bins.frequency)
+        middle = float(rate.max() + rate.min()) / 2
+        first, last = float(delay.min()), float(delay.max())
+        half = (last - first) / 2 + width / (bins.size * bins.spacing)
+        most = float(np.abs(rate - middle).max()) * half
+        order = np.arange(64)
+        after = np.cumsum((2.0 * special.iv(order, most))[::-1])[::-1]
+        orders = max(1, int(np.searchsorted(-after, -error * math.exp(-most))))
+        return cls(middle, rate - middle, (first + last) / 2, half, orders)
+
+
+@dataclass(frozen=True)
+class _Deposit:
+    """Laying down of shares on the grid of delays, with a kernel ``width`` points wide."""
+
+    bins: Bins
+    width: int
+    dtype: type[np.floating]
+
+    def of(
+        self, table: ModeTable, places: DiscPlaces, weight: np.ndarray, delay: np.ndarray, rank: int
+    ) -> np.ndarray:
+        """(size, rank) complex, shares times weights at their delays about the middle of the bins."""
+        bins, width = self.bins, self.width
+        cycles = (bins.start + (bins.count // 2) * bins.spacing) * delay
+        turn = np.asarray(-2.0 * math.pi * (cycles - np.rint(cycles)), np.float32)
+        place = delay * (bins.size * bins.spacing)
+        first, taps = kernel(width).spread(place, self.dtype)
+        carried = np.empty(len(delay), np.complex64)
+        carried.real, carried.imag = weight * np.cos(turn), weight * np.sin(turn)
+        points = np.arange(width, dtype=np.int32)
+        ends = width * np.arange(AT_ONCE + 1, dtype=np.int32)
+        grid = np.zeros((bins.size, 2 * rank))
+        for begin in range(0, len(delay), AT_ONCE):
+            some = slice(begin, min(begin + AT_ONCE, len(delay)))
+            values = table.shares(places.select(some), rank)
+            values *= carried[some, None]
+            parts = (taps[:, some].T.ravel(), (first[some, None] + points).ravel())
+            deposit = sparse.csc_matrix(
+                (*parts, ends[: len(values) + 1]), shape=(bins.size, len(values))
+            )
+            grid += deposit @ values.view(np.float32).astype(self.dtype, copy=False)
+        return grid.view(np.complex128)
+
+
+def _collected(
+    laid: np.ndarray, table: ModeTable, bins: Bins, span: _Span, width: int
+) -> np.ndarray:
+    """(K,) the spectrum of what is laid down."""
+    away = np.arange(bins.count) - bins.count // 2
+    modes = table.at(bins.wavenumber, laid.shape[1])
+    columns = np.ascontiguousarray(laid.T)
+    place = (np.arange(bins.size) / (bins.size * bins.spacing) - span.centre) / span.half
+    place = np.clip(place, -1.0, 1.0)
+    before, now = np.zeros(bins.size), np.ones(bins.size)
+    total = np.zeros(bins.count, np.complex128)
+    for order in range(span.orders):
+        series = (1.0 if order == 0 else 2.0) * (-1.0) ** order
+        series = series * special.iv(order, span.rate * span.half)
+        transformed = fft.fft(columns * now, axis=1, overwrite_x=True)[:, away % bins.size]
+        total += series * np.einsum("rk,rk->k", modes, transformed)
+        before, now = now, (place if order == 0 else 2.0 * place * now - before)
+    total *= np.exp(-span.rate * span.centre)
+    turns = (away - 1j * span.rate / (2.0 * math.pi * bins.spacing)) / bins.size
+    total /= kernel(width).transform(turns)
+    return total
