@@ -171,15 +171,17 @@ class DiscModes:
         column = np.minimum(place.astype(np.int64), columns[which] - 1)
         along = (place - column).astype(np.float32)
         width = (columns + 3)[which]
-        cell = (first[which] + (row - 1) * width + column).astype(np.int32)
-        order = np.argsort(cell, kind="stable")
+        cell = first[which] + (row - 1) * width + column
+        # Numbers that hold their places sort much faster than places by numbers.
+        key = np.sort((cell << 32) | np.arange(len(cell)))
+        order, cell = key & 0xFFFFFFFF, (key >> 32).astype(np.int32)
         weight = np.empty((len(radius), 4, 4), np.float32)
         beside = spline_weights(along[order])
         for i, one in enumerate(spline_weights(across[order])):
             for j, other in enumerate(beside):
                 np.multiply(one, other, out=weight[:, i, j])
         width = width[order].astype(np.int32)
-        return DiscPlaces(order, cell[order], width, weight.reshape(-1, 16))
+        return DiscPlaces(order, cell, width, weight.reshape(-1, 16))
 
     def shares(self, places: DiscPlaces, rank: int) -> np.ndarray:
         """(m, rank) complex64 metres, of the modes in each disc, in the order of the places."""
