@@ -171,18 +171,18 @@ class DiscModes:
         column = np.minimum(place.astype(np.int64), columns[which] - 1)
         along = (place - column).astype(np.float32)
         width = (columns + 3)[which]
-        cell = (
-            row - 1
-        ) * width + column  # in its block; blocks stand in the order in which they were made
-        order = np.argsort((which << 32) + cell, kind="stable")
-        cell = (cell + first[which]).astype(np.int32)
+        cell = (row - 1) * width + column  # in its block: these stand in the order of their making
+        # Numbers that hold their places sort much faster than places by numbers.
+        key = which * (cell.max(initial=0) + 1) + cell
+        order = np.sort((key << 32) | np.arange(len(cell))) & 0xFFFFFFFF
+        cell = (first[which] + cell).astype(np.int32)[order]
         weight = np.empty((len(radius), 4, 4), np.float32)
         beside = spline_weights(along[order])
         for i, one in enumerate(spline_weights(across[order])):
             for j, other in enumerate(beside):
                 np.multiply(one, other, out=weight[:, i, j])
         width = width[order].astype(np.int32)
-        return DiscPlaces(order, cell[order], width, weight.reshape(-1, 16))
+        return DiscPlaces(order, cell, width, weight.reshape(-1, 16))
 
     def shares(self, places: DiscPlaces, rank: int) -> np.ndarray:
         """(m, rank) complex64 metres, of the modes in each disc, in the order of the places."""
