@@ -35,7 +35,7 @@ from forest_addon.results.coordinates import FILE, PROPERTY, Offset, on_the_map,
 from forest_addon.results.cylinder_files import write_cylinders, write_models
 from forest_addon.results.kinds import results_of, write_finding
 from forest_addon.sensing.audit import Audit
-from forest_addon.sensing.kinds import kind_of
+from forest_addon.sensing.kinds import cost_of
 from forest_addon.spec import Scene, Sensor, SpecError
 from forest_addon.stand.forest import (
     GrownForest,
@@ -169,7 +169,7 @@ def _say_cost(run: Run, world: World, sensor: Sensor) -> None:
     observer = world.observer
     with suppress(ValueError, SpecError):
         way = observer.way(sensor, world.folder)
-        cost = kind_of(sensor).cost(sensor, way, observer.caster.engine)
+        cost = cost_of(sensor, way, observer.caster.engine, len(run.forest.stand))
         run.stages.say(f"  {sensor.name}: {cost}")
 
 

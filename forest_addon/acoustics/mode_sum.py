@@ -28,6 +28,9 @@ from .nonuniform import DelayedSum
 
 KERNEL = 0.4  # share of the tolerance that the kernel's error may take
 LOST = 0.02  # and the series of what the air takes
+MOST_LOST = (
+    8.0  # nepers, by which losses differ: beyond, e^16 roundings of double precision would be heard
+)
 SINGLE = 2.0**-24
 AT_ONCE = 1 << 13  # echoes
 ADDED = 0.1  # share of the tolerance beyond which they are added up in double precision
@@ -83,7 +86,8 @@ def sum_modes(
     loss: Callable[[np.ndarray], np.ndarray],
     tolerance: float,
 ) -> DelayedSum | None:
-    """The sum of M echoes; None where modes do not keep to the tolerance, or delays are not on the grid.
+    """The sum of M echoes; None where modes do not keep to the tolerance, delays are not on the grid, or
+    losses differ too much over them.
 
     places : (M,) of the echoes in the table. gain : (M,) real, re the table. delay : (M,) s, of one period
     of the bins. loss : nepers per second of delay at frequencies (Q,), least at the lowest. tolerance :
@@ -108,6 +112,8 @@ def sum_modes(
         return None
     rank = table.ranks[int(enough[0])]
     span = _Span.of(delay, bins, loss, width, LOST * tolerance)
+    if span is None:
+        return None
     deposit = _Deposit(bins, width, np.float64 if double else np.float32)
     laid = deposit.of(table, places, gain * np.exp(-span.middle * delay), delay, rank)
     spectrum = _collected(laid, table, bins, span, width)
@@ -161,12 +167,14 @@ class _Span:
         loss: Callable[[np.ndarray], np.ndarray],
         width: int,
         error: float,
-    ) -> _Span:
+    ) -> _Span | None:
         rate = loss(bins.frequency)
         middle = float(rate.max() + rate.min()) / 2
         first, last = float(delay.min()), float(delay.max())
         half = (last - first) / 2 + width / (bins.size * bins.spacing)
         most = float(np.abs(rate - middle).max()) * half
+        if most > MOST_LOST:
+            return None
         order = np.arange(64)
         after = np.cumsum((2.0 * special.iv(order, most))[::-1])[::-1]
         orders = max(1, int(np.searchsorted(-after, -error * math.exp(-most))))

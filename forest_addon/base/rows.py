@@ -36,3 +36,9 @@ class RowTable:
                 value = type(value).joined([getattr(part, name) for part in parts])
             columns[name] = value
         return cls(**columns)
+
+
+def lengths(vectors: np.ndarray) -> np.ndarray:
+    """(M,) lengths of vectors (M, 3), faster than by numpy's norm along an axis."""
+    found: np.ndarray = np.sqrt(np.einsum("mi,mi->m", vectors, vectors))
+    return found

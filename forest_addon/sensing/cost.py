@@ -7,7 +7,7 @@ last run took over what was guessed, on this machine and in this scene.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from ..spec import Sensor
 
@@ -38,6 +38,13 @@ class Cost:
         memory = f", {self.memory / 1e9:.1f} GB" if self.memory > 5e7 else ""
         what = self.what.removesuffix("s") if self.count == 1 else self.what
         return f"{self.count:,} {what}{rays}: about {_lasting(self.seconds)}{memory}"
+
+
+def cost_among(cost: Cost, a_tree: float, trees: int) -> Cost:
+    """The cost of a run among so many trees, each of which adds ``a_tree`` seconds to the first guess."""
+    guess = cost.guess + a_tree * trees
+    pace = cost.seconds / cost.guess if cost.guess > 0 else 1.0
+    return replace(cost, seconds=guess * pace, guess=guess)
 
 
 def _lasting(seconds: float) -> str:

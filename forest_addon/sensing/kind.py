@@ -149,7 +149,8 @@ class SensorKind:
     empty : that a finding holds nothing, and why, in a sentence; "" of one that holds something.
     lasts : seconds of a scene that moves, which a run along a trajectory looks at; 0: it stands still.
     sways : whether it meets trees where the wind has them at the time of each of its rays.
-    cost : of a run along a trajectory with a ray engine. outline : (N, 2, 3) m, ends of the lines that show
+    cost : of a run along a trajectory with a ray engine. a_tree : seconds of it that each tree of the forest
+        adds, of all trees that there are. outline : (N, 2, 3) m, ends of the lines that show
         where it looks.
     choose : what is left to "auto", chosen. left_out : what a finding left out, and the bound on that.
     thinned : settings, as a table, by which one of so many of its pulses is sent; None: it has none.
@@ -173,6 +174,7 @@ class SensorKind:
     lasts: Callable[[Any, Any], float] = _a_moment
     sways: bool = False
     cost: Callable[[Any, Any, str], Cost] = _one_run
+    a_tree: float = 0.0
     outline: Callable[[Any], np.ndarray] = _no_lines
     choose: Callable[[Any], tuple[Choice, ...]] = _nothing_chosen
     left_out: Callable[[Any], tuple[Choice, ...]] = _nothing_chosen

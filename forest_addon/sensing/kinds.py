@@ -11,6 +11,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from ..spec import SENSORS, Choice, Sensor
+from .cost import Cost, cost_among
 from .kind import SensorKind
 from .lidar.kind import AIRBORNE, MOBILE, TERRESTRIAL, TRACTOR
 from .reverb.kind import REVERB
@@ -34,6 +35,12 @@ for _kind in (TRACTOR, TERRESTRIAL, MOBILE, AIRBORNE, SONAR, REVERB):
 def kind_of(sensor: Sensor) -> SensorKind:
     """The record of a sensor's kind."""
     return KINDS[sensor.kind]
+
+
+def cost_of(sensor: Sensor, trajectory: Any, engine: str, trees: int = 0) -> Cost:
+    """The cost of a sensor's run along a trajectory with a ray engine, in a forest of so many trees."""
+    kind = kind_of(sensor)
+    return cost_among(kind.cost(sensor, trajectory, engine), kind.a_tree, trees)
 
 
 def of_family(sensors: Iterable[Sensor], family: str) -> list[Any]:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import difflib
 from collections.abc import Iterable
 
+SAME = (("position", "poses", "receiver"),)  # a word, and what else its thing is called
+
 
 class SpecError(ValueError):
     """A setting that cannot be used: ``key`` says where, the text says what and what to do."""
@@ -31,6 +33,9 @@ def unknown(key: str, name: str, known: Iterable[str], besides: str = "") -> Spe
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:
-    """'did you mean "X"? ' of the nearest known name, or nothing where none is near."""
-    near = difflib.get_close_matches(str(name), list(known), 1)
+    """'did you mean "X"? ' of another word for it or the nearest known name, or nothing where none
+    is near."""
+    names = list(known)
+    near = [word for words in SAME if words[0] == name for word in words[1:] if word in names]
+    near = near or difflib.get_close_matches(str(name), names, 1)
     return f'did you mean "{near[0]}"? ' if near else ""

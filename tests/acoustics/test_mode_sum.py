@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from forest_addon.acoustics.disc import backscatter_amplitude
-from forest_addon.acoustics.disc_modes import modes_of, phase_for
+from forest_addon.acoustics.disc_modes import DiscModes, modes_of, phase_for
 from forest_addon.acoustics.kaiser_bessel import Kernel
 from forest_addon.acoustics.mode_sum import Bins, sum_modes
 from forest_addon.acoustics.nonuniform import DelayedSum
@@ -72,7 +72,7 @@ def test_the_bound_holds(model: str, where: str) -> None:
     elif where == "far":
         delay = rng.uniform(20e-3, 24.5e-3, count)
     elif where == "lossless":
-        loss = lambda f: np.zeros(np.shape(f))  # noqa: E731
+        loss = lambda frequency: np.zeros(np.shape(frequency))  # noqa: E731
     gain = rng.uniform(0.5, 1.0, len(delay)) / delay**2
     found = fast(model, radius, incidence, gain, delay, loss, 1e-3)
     assert found is not None
@@ -95,6 +95,44 @@ def test_order_does_not_matter_but_for_rounding() -> None:
     assert one is not None
     assert other is not None
     np.testing.assert_allclose(one.spectrum, other.spectrum, atol=1e-6 * one.size)
+
+
+def test_what_was_asked_for_before_changes_no_bit() -> None:
+    """Rows of large discs, made first, stand before those of smaller ones."""
+    rng = np.random.default_rng(9)
+    radius, incidence = rng.uniform(0.012, 0.022, 9000), np.arccos(rng.uniform(0, 1, 9000))
+    delay = rng.uniform(2e-3, 24e-3, 9000)
+    found = []
+    for asked in (np.empty(0), np.array([0.0215])):
+        table = DiscModes("paper", ENDS, phase_for(0.45e-3), 0.022)
+        table.places(asked, np.full(len(asked), 0.3))
+        places = table.places(radius, incidence)
+        found.append(sum_modes(table, places, 1.0 / delay**2, delay, BINS, air, 1e-3))
+    fresh, later = found
+    assert fresh is not None
+    assert later is not None
+    assert fresh.spectrum.tobytes() == later.spectrum.tobytes()
+    assert fresh.error_bound == later.error_bound
+
+
+def test_losses_that_differ_too_much_are_left_to_others() -> None:
+    """Polynomials of the delay cancel each other there: at 16 nepers they were off by more than was said."""
+    rng = np.random.default_rng(7)
+    radius, incidence = rng.uniform(0.0187, 0.022, 900), np.arccos(rng.uniform(0, 1, 900))
+    delay = rng.uniform(2e-4, 24.5e-3, 900)
+    gain = 1.0 / delay**2
+    for steeper, known in ((35.0, True), (80.0, False), (300.0, False)):
+
+        def loss(frequency: np.ndarray, steeper: float = steeper) -> np.ndarray:
+            lowest = air(np.array(50e3))
+            return lowest + steeper * (air(frequency) - lowest)
+
+        found = fast("paper", radius, incidence, gain, delay, loss, 1e-3)
+        assert (found is not None) is known
+        if found is not None:
+            total, _ = plain("paper", radius, incidence, gain, delay, loss)
+            off = float(np.abs(found.spectrum[SOME] - total).max())
+            assert off <= found.error_bound * found.size
 
 
 def test_delays_beyond_the_grid_and_too_tight_a_tolerance_are_left_to_others() -> None:

@@ -180,7 +180,7 @@ def named_types(thing):
 
 # What Site, Echo, Tree, its mesh and Tiling keep for our own code; so does World with its Observer.
 INNER = {"Inputs", "ForestPlan", "SearchGroup", "Relief", "Wanted", "Edges"}
-INNER |= {"TileGrid", "TiledForest", "SceneGeometry"}
+INNER |= {"TileGrid", "TiledForest", "SceneGeometry", "TrunkStand"}
 
 
 def test_every_type_is_exported_and_worlds_stay(world):

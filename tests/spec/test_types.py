@@ -163,6 +163,10 @@ def test_so_is_one_of_several(where, index, value):
         (lambda: spec.Beam(pulse_ns=4e-9), "4e-09 ns is out of range"),
         (lambda: spec.Beam(wavelength_nm=1.55), "1.55 nm is out of range"),
         (lambda: spec.Beam(subray=3), 'subray: is not known; did you mean "subrays"?'),
+        (
+            lambda: spec.Reverb(position=(1, 2, 3)),
+            'position: is not known; did you mean "receiver"?',
+        ),
         (lambda: spec.Beam(3), "3 has no name; give NAME=VALUE"),
         (lambda: spec.Planting(expected=3), "species: is missing in Planting"),
         (lambda: spec.Raster(file="a\0.png"), "null character"),

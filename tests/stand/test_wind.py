@@ -264,7 +264,7 @@ def test_wind_that_cannot_be_is_refused():
 
 
 def test_a_whip_in_a_storm_is_held_where_small_rotations_end_and_says_so():
-    """Rotations of wood by the whole sum at 4,000 moments: mean and two deviations within a radian."""
+    """Rotations of wood by the whole sum at 4,000 moments: mean and two deviations within 1.5 radians."""
     skeleton = rod(0.012, 0.002, 6.0, 30)
     shape = shape_with(skeleton, np.where(skeleton.start[:, 2] > 2, 0.5, 0.0), WOOD, 12)
     field = WindField.drawn(Wind(speed=25.0), 6.0, LEAVES, 3)
@@ -273,6 +273,6 @@ def test_a_whip_in_a_storm_is_held_where_small_rotations_end_and_says_so():
     turns = np.einsum("tm,bmi->tbi", amplitude, shape.ends[1][:, :, 3:]) / 0.8
     most = np.linalg.norm(turns.mean(axis=0), axis=1) + 2 * np.sqrt(turns.var(axis=0).sum(axis=1))
     assert whip.held
-    assert 0.5 < most.max() < 1.1
+    assert 0.75 < most.max() < 1.65
     breeze = WindField.drawn(BREEZE, 15.0, LEAVES, 3)
     assert not response_of(tree(), breeze, np.zeros(3), 0.4).held

@@ -17,8 +17,8 @@ from ... import spec
 from ...base.rng import stream
 from ...base.trimesh import DEAD, LEAF, WOOD, TriMesh, join
 from .layout import VARIANTS, find_part
-from .ours import by_role
-from .standing import SHAPE_KEY, TOLD_KEY, has_own_mesh
+from .ours import SHAPE_KEY, by_role
+from .standing import TOLD_KEY, has_own_mesh
 
 if TYPE_CHECKING:
     from ...stand.forest import GrownForest

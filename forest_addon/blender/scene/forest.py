@@ -38,10 +38,10 @@ from .layout import (
 )
 from .meshes import to_mesh
 from .nodes import LEVEL_KEY, give_instancer, instancer_group
-from .ours import MADE_KEY, all_or_nothing, is_ours
+from .ours import MADE_KEY, SHAPE_KEY, all_or_nothing, is_ours
 from .placing import WantedObject, put
 from .ready import ReadyForest, tell_of
-from .standing import SHAPE_KEY, Coat, KeptStanding, fingerprint
+from .standing import Coat, KeptStanding, fingerprint
 from .standings import SPECIES_KEY, TREE_KEY
 from .stood import STOOD_KEY, note_stood, told_of_tree
 

@@ -16,6 +16,7 @@ import bpy
 
 MADE_KEY = "forest_made"
 ROLE_KEY = "forest_role"
+SHAPE_KEY = "forest_shape"  # of the mesh that was made, whatever has been done to it since
 
 Block = TypeVar("Block", bound=bpy.types.ID)
 

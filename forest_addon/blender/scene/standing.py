@@ -20,10 +20,9 @@ from ...base.trimesh import TriMesh
 from ...growth.truth import MEASURES
 from .layout import within_reach
 from .materials import STYLE_KEY, Colour, recolour
-from .ours import ROLE_KEY, by_role, own
+from .ours import ROLE_KEY, SHAPE_KEY, by_role, own
 
 DATA_KEY = "forest_data"  # the mesh that an object was given last, by its name
-SHAPE_KEY = "forest_shape"  # of the mesh that was made, whatever has been done to it since
 TOLD_KEY = "forest_told"  # the shape of the mesh that says what its tree measures
 OF_SHAPE = {*MEASURES, TOLD_KEY}  # custom properties that another shape does not take over
 

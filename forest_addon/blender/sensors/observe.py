@@ -234,7 +234,7 @@ class Observer:
         if leaning := self._sway.leaning():
             said.append(
                 f"{sensor.name}: {leaning:,} trees lean by more than a fifth of their height or bend by "
-                "more than 57 degrees, at which they are held: farther than small motions, as which their "
+                "more than 86 degrees, at which they are held: farther than small motions, as which their "
                 "sway is computed; give less wind, or stouter trees"
             )
         return said

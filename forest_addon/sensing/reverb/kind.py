@@ -18,7 +18,8 @@ from ..kind import SOUND, Observation, Seen, SensorKind
 from ..lines import chain
 from ..looks import SensorLook
 
-BEGIN = 2.0  # s, a first guess: trunks are cut out of the scene, the response is drawn and written
+BEGIN = 1.6  # s, a first guess: leaves and branches are measured, the response is drawn and written
+A_TREE = 0.0085  # s, a first guess: its trunk is cut out of the scene, and heard with all others
 CHANNEL = 0.3  # s, a first guess
 FINEST = 1e-6  # tolerance that the fast sum keeps
 END = 10 ** (-75 / 20)  # a record ends where that is left of it
@@ -209,6 +210,7 @@ REVERB = SensorKind(
     empty=_bare,
     positions=_where_ends_are,
     cost=_cost,
+    a_tree=A_TREE,
     outline=sound_outline,
     choose=_choose,
     left_out=_left_out,

@@ -325,7 +325,7 @@ def beam_offsets(directions: np.ndarray, frame: np.ndarray) -> tuple[np.ndarray,
     open, all of it is azimuth.
     """
     forward, left, up = frame @ directions.T
-    side = np.hypot(left, up)
+    side = np.sqrt(left * left + up * up)
     angle = np.arctan2(side, forward)
     aside = side > 0
     share = np.where(aside, angle, 0.0) / np.where(aside, side, 1.0)

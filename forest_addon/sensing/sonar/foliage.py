@@ -12,6 +12,7 @@ from typing import ClassVar
 import numpy as np
 
 from ...acoustics.disc import amplitude_bound
+from ...base.rows import lengths
 from .discs import SIMILAR, FoliageDiscs
 from .leaves import LeafEchoes
 from .near import EDGE, NearEdges, near_faces, near_field, needs_face, subdued
@@ -108,7 +109,7 @@ class LeafPopulation:
             centre, normal = sight.turns(number, centre, normal)
         far = LeafEchoes(centre, normal, radius, number, np.ones(len(leaf)), self._model)
         if self._model == "paper":
-            distance = np.linalg.norm(centre - sight.point, axis=1)
+            distance = lengths(centre - sight.point)
             return [replace(far, nearness=subdued(distance, radius, sight.wavenumber))]
         near = needs_face(far, sight)
         if not near.any():

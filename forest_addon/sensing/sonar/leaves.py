@@ -293,14 +293,10 @@ class LeafEchoes(RowTable):
 
     def incidence(self, point: np.ndarray) -> np.ndarray:
         """(M,) radians between their normals and the way to a point."""
-        away = self.centre - point
-        facing = np.abs(np.einsum("mi,mi->m", away, self.normal))
-        squared = np.einsum("mi,mi->m", away, away)
-        across = away - np.einsum("mi,mi->m", away, self.normal)[:, None] * self.normal
-        grazing = np.where(
-            facing**2 > 0.5 * squared,
-            np.sqrt(np.einsum("mi,mi->m", across, across)),  # keeps its digits face-on
-            np.sqrt(np.maximum(squared - facing**2, 0.0)),
-        )
+        x, y, z = np.ascontiguousarray((self.centre - point).T)
+        u, v, w = np.ascontiguousarray(self.normal.T)
+        facing = np.abs(x * u + y * v + z * w)
+        # Sine and cosine both keep their digits, face-on and edge-on.
+        grazing = np.sqrt((y * w - z * v) ** 2 + (z * u - x * w) ** 2 + (x * v - y * u) ** 2)
         angle: np.ndarray = np.arctan2(grazing, facing)
         return angle

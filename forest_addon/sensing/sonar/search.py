@@ -20,7 +20,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...base.rows import RowTable
+from ...base.rows import RowTable, lengths
 from .bands import SAMPLED, Band
 from .near import NearFaces, count_leaves
 from .scatterers import Scatterers, Sight, Strength
@@ -156,7 +156,7 @@ class _Finder:
         station = self._station
         sonar, counts = station.sonar, self._counts
         for made, instance, motion in self._targets.scatterers(sonar, blocks, self._sight):
-            distance = np.linalg.norm(made.centre - station.point, axis=1)
+            distance = lengths(made.centre - station.point)
             finite = np.isfinite(distance) & _finite(made)
             near, far = distance < sonar.near_limit, distance > sonar.max_range
             if isinstance(made, NearFaces):  # of leaves whose middles are within the range
@@ -168,8 +168,8 @@ class _Finder:
             counts.far += int(np.count_nonzero(far & finite))
             kept = finite & ~near & ~far
             if station.apart:  # an ear may be nearer than the mouth
-                legs = np.linalg.norm(made.centre[None] - station.ear[:, None], axis=2)
-                kept &= legs.min(axis=0) >= 0.5 * sonar.near_limit
+                for ear in station.ear:
+                    kept &= lengths(made.centre - ear) >= 0.5 * sonar.near_limit
             if not kept.all():
                 made, instance, motion = made.select(kept), instance[kept], motion[kept]
             paths = station.paths(made.centre)
@@ -277,5 +277,7 @@ def _finite(made: Scatterers) -> np.ndarray:
     finite = np.ones(len(made), dtype=bool)
     for value in vars(made).values():
         if isinstance(value, np.ndarray) and value.dtype.kind == "f":
-            finite &= np.isfinite(value).all(axis=tuple(range(1, value.ndim)))
+            known = np.isfinite(value)
+            if not known.all():  # a row's test is dear, and hardly ever needed
+                finite &= known.all(axis=tuple(range(1, value.ndim)))
     return finite

@@ -18,7 +18,7 @@ import numpy as np
 
 from ...acoustics.air import absorption
 from ...acoustics.smoothness import Change, Loss
-from ...base.rows import RowTable
+from ...base.rows import RowTable, lengths
 from ...spec import Air, Sonar
 from .beam import BeamPattern, GaussianBeam, Horseshoe, Omni, beam_offsets
 from .calls import Call, synthesise
@@ -133,7 +133,7 @@ class Station:
     def paths(self, centre: np.ndarray) -> EchoPaths:
         """The ways from the mouth by places (M, 3) to the ears."""
         out = centre - self.point
-        distance = np.sqrt(np.einsum("mi,mi->m", out, out))
+        distance = lengths(out)
         direction = out / distance[:, None]
         emitted = np.stack(beam_offsets(direction, self.pose.frame))
         if self.together:
@@ -141,7 +141,7 @@ class Station:
         legs, heard = [], []
         for ear, frame in zip(self.ear, self.ear_frame, strict=True):
             back = centre - ear
-            leg = np.linalg.norm(back, axis=1)
+            leg = lengths(back)
             legs.append(leg)
             heard.append(np.stack(beam_offsets(back / leg[:, None], frame)))
         return EchoPaths(direction, distance, np.array(legs), emitted, np.array(heard))

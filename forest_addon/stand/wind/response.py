@@ -27,9 +27,7 @@ MOST_DAMPING = 0.95
 KNOTS = 32  # a second, between which amplitudes are cubic
 CALM = 0.01  # rad², mean square of rotations by gusts that change drag by less than a per cent
 MOST_STEPS = 60
-MOST_TURN = (
-    1.0  # radians, beyond which wood no longer turns by small rotations: none is let turn farther
-)
+MOST_TURN = 1.5  # radians, beyond which small rotations no longer tell: no wood turns farther
 DEVIATIONS = 2.0  # of gusts, that are counted to a turn
 
 

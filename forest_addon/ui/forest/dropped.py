@@ -2,10 +2,13 @@
 
 Blender sets such a copy down as an object, by an operator of its own that no class of ours stands behind.
 What that operator has just set down is seen here, and planted as *Plant Copies* does, with *Grow at Once*;
-without, it stays an object until that button is pressed.
+without, it stays an object until that button is pressed. So does a tree of another file, unless it is the
+same as one of this forest: the message says what to do.
 """
 
 from __future__ import annotations
+
+from typing import ClassVar
 
 import bpy
 from bpy_extras.view3d_utils import (
@@ -15,15 +18,53 @@ from bpy_extras.view3d_utils import (
 )
 from mathutils import Vector
 
+from ...blender.scene.layout import VARIANTS
+from ...blender.scene.ours import ROLE_KEY, SHAPE_KEY, by_role
+from ...blender.scene.standings import ASSET_KEY
 from ..shell.running import obstacle
-from ..shell.views import region_of
-from .hand_edits import copy_of
+from ..shell.views import region_below
+from ..shell.words import say
+from .hand_edits import copy_of, variant_copied
 from .planting import ground_below
 
-DROPS = ("OBJECT_OT_add_named",)  # what Blender does when an asset of this file is dropped
+LOCAL = "OBJECT_OT_add_named"  # what Blender does when an asset of this file is dropped
+FOREIGN = ("OBJECT_OT_transform_to_mouse", "OBJECT_OT_collection_external_asset_drop")
 SOON = 0.01  # s: not within the update that tells of it
 
 _known = 0  # the session_uid of the tree that was dropped last
+
+
+class FOREST_OT_plant_dropped(bpy.types.Operator):
+    """Plant the tree that was dropped last, below the mouse
+
+    Only an operator is told where the mouse is, by the event that it is invoked with.
+    """
+
+    bl_idname = "forest.plant_dropped"
+    bl_label = "Plant Dropped Tree"
+    bl_options: ClassVar[set[str]] = {"INTERNAL"}
+
+    foreign: bpy.props.BoolProperty(options={"HIDDEN", "SKIP_SAVE"})
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        thing = context.view_layer.objects.active
+        if thing is None or obstacle(context):
+            return {"CANCELLED"}
+        if self.foreign and not is_of_forest(thing, context.scene):
+            told = say(
+                "{name} is a tree of another file and stays an object, which sensors meet as it is; "
+                "add its species to the forest to plant it",
+                name=thing.name,
+            )
+            self.report({"INFO"}, told)
+            return {"FINISHED"}
+        area, region = region_below(context.window, event.mouse_x, event.mouse_y)
+        with context.temp_override(area=area, region=region, selected_objects=[thing]):
+            if region is not None:
+                _stand_below(bpy.context, thing)
+                context.view_layer.update()
+            bpy.ops.forest.adopt_trees()
+        return {"FINISHED"}
 
 
 def register() -> None:
@@ -44,13 +85,13 @@ def hear(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     global _known
     done = bpy.context.window_manager.operators
     thing = depsgraph.view_layer.objects.active
-    if not len(done) or done[-1].bl_idname not in DROPS or thing is None:
+    if not len(done) or thing is None or thing.session_uid == _known:
         return
-    if (
-        thing.session_uid == _known
-        or not scene.forest_sensing.plant_grows
-        or copy_of(thing) is None
-    ):
+    foreign = done[-1].bl_idname in FOREIGN
+    if not foreign and done[-1].bl_idname != LOCAL:
+        return
+    is_tree = is_foreign_tree(thing) if foreign else copy_of(thing) is not None
+    if not is_tree or not (foreign or scene.forest_sensing.plant_grows):
         return
     _known = thing.session_uid
     bpy.app.timers.register(plant, first_interval=SOON)
@@ -60,19 +101,34 @@ def plant() -> None:
     """Plant the tree that was dropped last, and grow the forest."""
     for window in bpy.context.window_manager.windows:
         thing = window.view_layer.objects.active
-        if thing is None or thing.session_uid != _known or copy_of(thing) is None:
+        if thing is None or thing.session_uid != _known:
             continue
-        area = next((a for a in window.screen.areas if a.type == "VIEW_3D"), None)
-        region = None if area is None else region_of(area, "WINDOW")
-        with bpy.context.temp_override(
-            window=window, area=area, region=region, selected_objects=[thing]
-        ):
-            if not obstacle(bpy.context):
-                if area is not None:
-                    _stand_below(bpy.context, thing)
-                    window.view_layer.update()
-                bpy.ops.forest.adopt_trees()
+        done = bpy.context.window_manager.operators
+        foreign = bool(len(done)) and done[-1].bl_idname in FOREIGN
+        with bpy.context.temp_override(window=window):
+            bpy.ops.forest.plant_dropped("INVOKE_DEFAULT", foreign=foreign)
         return
+
+
+def is_foreign_tree(thing: bpy.types.Object) -> bool:
+    """Return whether an object from another file is a tree of ours: a variant of a forest, or of a library of
+    species."""
+    home = thing.instance_collection
+    meshes = [t.data for t in home.objects] if home is not None else [thing.data]
+    said = [*(mesh for mesh in meshes if mesh is not None), thing]
+    return any(ASSET_KEY in block for block in said) or _role(thing).startswith(f"{VARIANTS}/")
+
+
+def is_of_forest(thing: bpy.types.Object, scene: bpy.types.Scene) -> bool:
+    """Return whether a tree from another file is the same as the variant of its name in this forest."""
+    known = variant_copied(thing)
+    mesh = by_role(bpy.data.meshes).get(_role(thing)) if known is not None else None
+    own = scene.forest_sensing.plant_grows and thing.data is not None
+    return bool(own and mesh and mesh.get(SHAPE_KEY, "") == thing.data.get(SHAPE_KEY))
+
+
+def _role(thing: bpy.types.Object) -> str:
+    return str(thing.get(ROLE_KEY, ""))
 
 
 def _stand_below(context: bpy.types.Context, thing: bpy.types.Object) -> None:
@@ -82,7 +138,7 @@ def _stand_below(context: bpy.types.Context, thing: bpy.types.Object) -> None:
     """
     low, high = thing.bound_box[0], thing.bound_box[6]
     bottom = Vector(((low[0] + high[0]) / 2, (low[1] + high[1]) / 2, low[2]))
-    region, view = context.region, context.area.spaces.active.region_3d
+    region, view = context.region, context.region.data
     mouse = location_3d_to_region_2d(region, view, thing.matrix_world @ bottom)
     if mouse is None:
         return
@@ -91,3 +147,6 @@ def _stand_below(context: bpy.types.Context, thing: bpy.types.Object) -> None:
     if place is not None:
         thing.rotation_euler[:2] = 0.0, 0.0
         thing.location = place
+
+
+CLASSES = (FOREST_OT_plant_dropped,)

@@ -231,11 +231,18 @@ def copy_of(thing: bpy.types.Object) -> tuple[str, int] | None:
     if thing.type != "MESH" or is_ours(thing):
         return None
     if part == VARIANTS:
-        label, _, number = name.rpartition(".")
-        return (label, int(number)) if number.isdecimal() else None
+        return variant_copied(thing)
     if part == TREES and STOOD_KEY in thing:
         return name.rpartition(" ")[0], int(thing[STOOD_KEY][4])
     return None
+
+
+def variant_copied(thing: bpy.types.Object) -> tuple[str, int] | None:
+    """Return planting and number of the variant that an object is, here or in another file; None: of none."""
+    part, _, name = str(thing.get(ROLE_KEY, "")).partition("/")
+    label, _, number = name.rpartition(".")
+    is_one = thing.type == "MESH" and part == VARIANTS and number.isdecimal()
+    return (label, int(number)) if is_one else None
 
 
 def _meshes_of_variants(scene: bpy.types.Scene) -> dict[str, bpy.types.Mesh]:

@@ -30,15 +30,16 @@ def costs(context: bpy.types.Context, things: Iterable[bpy.types.Object]) -> lis
     SpecError, ValueError : settings that cannot be used.
     """
     from ...blender.sensors.observe import Observer
-    from ...sensing.kinds import kind_of
+    from ...sensing.kinds import cost_of
 
     home = Path(bpy.path.abspath(context.scene.forest_sensing.folder))
     found = []
+    trees = sum(planting.standing for planting in context.scene.forest_sensing.plantings)
     for thing in things:
         settings = to_spec(context.scene, [thing])
         (sensor,) = settings.sensors
         engine = "bvhtree" if settings.rays.engine == "bvhtree" else "embree"
-        found.append(kind_of(sensor).cost(sensor, Observer.way(sensor, home), engine))
+        found.append(cost_of(sensor, Observer.way(sensor, home), engine, trees))
     return found
 
 

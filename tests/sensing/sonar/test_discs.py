@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+import mpmath
 import numpy as np
 import pytest
 
@@ -11,6 +12,7 @@ from forest_addon.base.trimesh import LEAF, WOOD, TriMesh
 from forest_addon.growth.mesh.leaves import measure_leaves
 from forest_addon.sensing.rays.geometry import SceneGeometry, apply_transform
 from forest_addon.sensing.sonar.discs import leaf_discs
+from forest_addon.sensing.sonar.leaves import LeafEchoes
 
 
 def leafy_mesh(flat: bool = True, count: int = 5) -> TriMesh:
@@ -134,3 +136,28 @@ def test_leaf_without_area() -> None:
         )
         assert np.isfinite(discs.normal).all()
         assert discs.radius[1] > 0
+
+
+def test_incidence_keeps_its_digits_face_on_and_edge_on() -> None:
+    """Against 50 digits, down to 1e-9 from either."""
+    rng = np.random.default_rng(1)
+    point, centre = np.array([3.0, -2.0, 1.0]), 10.0 * rng.normal(size=(60, 3))
+    small = 10.0 ** -rng.uniform(1, 9, 20)
+    angle = np.concatenate([small, np.pi / 2 - small, rng.uniform(0, np.pi / 2, 20)])[:, None]
+    away = centre - point
+    unit = away / np.linalg.norm(away, axis=1, keepdims=True)
+    across = np.cross(unit, [0.0, 0.0, 1.0])
+    across /= np.linalg.norm(across, axis=1, keepdims=True)
+    normal = np.cos(angle) * unit + np.sin(angle) * across
+    ones = np.ones(60)
+    leaves = LeafEchoes(centre, normal, ones, np.arange(60), ones, "exact")
+    with mpmath.workdps(50):
+        for found, a, n in zip(
+            leaves.incidence(point), away.tolist(), normal.tolist(), strict=True
+        ):
+            (x, y, z), (u, v, w) = map(mpmath.mpf, a), map(mpmath.mpf, n)
+            grazing = mpmath.sqrt(
+                (y * w - z * v) ** 2 + (z * u - x * w) ** 2 + (x * v - y * u) ** 2
+            )
+            known = float(mpmath.atan2(grazing, abs(x * u + y * v + z * w)))
+            assert found == pytest.approx(known, abs=1e-15)

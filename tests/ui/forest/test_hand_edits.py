@@ -1,5 +1,7 @@
 """Trees that are moved, locked, swapped or removed by hand stay so when the forest is grown again."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -7,8 +9,11 @@ bpy = pytest.importorskip("bpy")
 
 from ui.pressing import press, trees
 
+from forest_addon.blender.scene.layout import VARIANTS, part
 from forest_addon.site import ForestSite
+from forest_addon.ui.forest import dropped
 from forest_addon.ui.settings import exchange
+from forest_addon.ui.shell.views import region_below
 
 
 def places():
@@ -129,24 +134,24 @@ def test_trees_that_follow_something_else_are_not_taken_for_moved(grove):
 
 def test_copies_of_trees_are_planted_where_they_stand(grove):
     others, planting = places(), grove.plantings[0]
-    dropped = bpy.data.objects["001 " + trees()[0].name.rpartition(" ")[0] + ".001"].copy()
-    dropped.data = dropped.data.copy()  # as Blender drops an asset of the same file
-    dropped.location, dropped.rotation_euler.z = (2.5, 7.25, 0.0), 0.75
+    copy = bpy.data.objects["001 " + trees()[0].name.rpartition(" ")[0] + ".001"].copy()
+    copy.data = copy.data.copy()  # as Blender drops an asset of the same file
+    copy.location, copy.rotation_euler.z = (2.5, 7.25, 0.0), 0.75
     beside = trees()[0].copy()
     beside.location[:2], beside.scale = (8.5, 1.25), (1.25, 1.25, 1.25)
     mine = bpy.data.objects.new("mine", bpy.data.meshes.new("mine"))
-    dropped_mesh = dropped.data.name
-    for thing in (dropped, beside, mine):
+    its_mesh = copy.data.name
+    for thing in (copy, beside, mine):
         bpy.context.scene.collection.objects.link(thing)
     bpy.context.view_layer.update()
     mesh = trees()[0].data
     select(mine)
     assert not bpy.ops.forest.adopt_trees.poll()
-    select(dropped, beside, mine)
+    select(copy, beside, mine)
     assert press("adopt_trees") == {"FINISHED"}
     assert [entry.variant for entry in planting.by_hand][:1] == [1]
     assert "mine" in bpy.data.objects
-    assert dropped_mesh not in bpy.data.meshes
+    assert its_mesh not in bpy.data.meshes
     assert len(trees()) == 7  # grown at once
     assert places() == sorted([*others, (2.5, 7.25), (8.5, 1.25)])
     new = {tuple(tree.location[:2]): tree for tree in trees()}
@@ -154,3 +159,51 @@ def test_copies_of_trees_are_planted_where_they_stand(grove):
     assert new[8.5, 1.25].scale.x == pytest.approx(1.25, abs=1e-4)
     assert new[8.5, 1.25].data == mesh
     assert np.allclose(standing_by_script(), places(), atol=1e-5)
+
+
+@pytest.mark.parametrize("link", [False, True])
+def test_a_tree_of_another_file_is_planted_only_where_it_is_the_same(grove, tmp_path, link):
+    """As Blender brings one in when its thumbnail is dropped: appended or linked from a library's file."""
+    path = tmp_path / "library.blend"
+    variant = next(t for t in part(bpy.context.scene, VARIANTS).objects if t.name.startswith("001"))
+    bpy.data.libraries.write(str(path), {variant}, fake_user=True)
+    role, scene = variant["forest_role"], bpy.context.scene
+
+    def brought():
+        with bpy.data.libraries.load(str(path), link=link) as (there, here):
+            here.objects = there.objects[:1]
+        assert here.objects[0]["forest_role"] == role
+        return here.objects[0]
+
+    same = brought()
+    assert dropped.is_foreign_tree(same)
+    assert dropped.is_of_forest(same, scene)
+    scene.collection.objects.link(same)
+    select(same)
+    count = len(trees())
+    assert press("adopt_trees") == {"FINISHED"}
+    assert len(trees()) == count + 1
+    grove.seed += 1
+    assert press("build") == {"FINISHED"}
+    other = brought()  # this forest has other trees now
+    assert dropped.is_foreign_tree(other)
+    assert not dropped.is_of_forest(other, scene)
+    assert not dropped.is_foreign_tree(bpy.data.objects.new("mine", bpy.data.meshes.new("mine")))
+
+
+def test_the_view_below_the_mouse_is_taken_and_of_four_the_right_one():
+    def box(kind, x, y, width, height, regions=()):
+        named = {"type": kind, "x": x, "y": y, "width": width, "height": height, "regions": regions}
+        return SimpleNamespace(**named)
+
+    one = box("VIEW_3D", 0, 0, 100, 100, [box("UI", 80, 0, 20, 100), box("WINDOW", 0, 0, 100, 100)])
+    four = [box("WINDOW", 100 + 50 * k, 50 * j, 50, 50) for j in (0, 1) for k in (0, 1)]
+    quad = box("VIEW_3D", 100, 0, 100, 100, four)
+    outliner = box("OUTLINER", 200, 0, 100, 100, [box("WINDOW", 200, 0, 100, 100)])
+    window = SimpleNamespace(screen=SimpleNamespace(areas=[outliner, one, quad]))
+    assert region_below(window, 30, 30) == (one, one.regions[1])
+    assert region_below(window, 160, 70) == (quad, four[3])
+    assert region_below(window, 250, 50) == (one, one.regions[1])
+    assert (
+        region_below(SimpleNamespace(screen=SimpleNamespace(areas=[outliner])), 5, 5) == (None,) * 2
+    )

@@ -9,7 +9,7 @@ bpy = pytest.importorskip("bpy")
 from forest_addon.blender.sensors import objects as sensors
 from forest_addon.blender.sensors.observe import Observer
 from forest_addon.sensing import cost as costs_of
-from forest_addon.sensing.kinds import kind_of
+from forest_addon.sensing.kinds import KINDS, kind_of
 from forest_addon.sensing.lidar.tractor import TractorScan
 from forest_addon.spec import Sonar
 from forest_addon.ui.sensors import cost
@@ -36,6 +36,19 @@ def test_pulses_are_counted_as_they_are_sent(built):
             assert said == found.distance.size
         else:
             assert said == getattr(found, "pulses", 1)
+
+
+def test_a_reverb_is_guessed_to_take_longer_among_more_trees(built, monkeypatch):
+    """By what each tree adds; a run's pace is of the whole guess then."""
+    monkeypatch.setattr(costs_of, "_pace", {})
+    plantings = bpy.context.scene.forest_sensing.plantings
+    (thing,) = (one for one in things() if sensors.kind_of(one) == "reverb")
+    few = cost.costs(bpy.context, [thing])[0]
+    plantings[0].standing += 1000
+    many = cost.costs(bpy.context, [thing])[0]
+    assert many.seconds - few.seconds == pytest.approx(1000 * KINDS["reverb"].a_tree)
+    costs_of.note_pace(to_spec(bpy.context.scene, [thing]).sensors[0], many, 30.0)
+    assert cost.costs(bpy.context, [thing])[0].seconds == pytest.approx(30.0)
 
 
 def test_its_own_pace_counts_once_a_sensor_has_run(built, monkeypatch):
