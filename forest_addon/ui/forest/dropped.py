@@ -44,7 +44,11 @@ class FOREST_OT_plant_dropped(bpy.types.Operator):
     bl_label = "Plant Dropped Tree"
     bl_options: ClassVar[set[str]] = {"INTERNAL"}
 
-    foreign: bpy.props.BoolProperty(options={"HIDDEN", "SKIP_SAVE"})
+    foreign: bpy.props.BoolProperty(
+        name="Of Another File",
+        description="The tree came from another file or library",
+        options={"HIDDEN", "SKIP_SAVE"},
+    )
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         thing = context.view_layer.objects.active
