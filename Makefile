@@ -19,12 +19,12 @@ help: ## list what can be made
 demo: $(READY) ## grow the demo forest, run every sensor in it, results and report in out/demo
 	@$(RUN) -m headless demo --out out/demo $(ARGS)
 
-# A process a core; who is done takes over from who is not. The check leaves out tests that are marked slow,
-# draws fewer examples, and names what should be marked.
+# A process a core; who is done takes over from who is not. The check leaves out tests that are marked medium or
+# slow, draws fewer examples, and names what should be marked.
 TESTS := $(RUN) -m pytest -n auto --maxprocesses 8 --dist worksteal
 
 check: lint ## lint, types and the quick tests; ARGS=tests/sensing/sonar for those of a room
-	@$(TESTS) -m "not slow" --hypothesis-profile=quick -q --durations=10 --durations-min=2 $(ARGS)
+	@$(TESTS) -m "not medium and not slow" --hypothesis-profile=quick -q --durations=10 --durations-min=2 $(ARGS)
 
 test: $(READY) ## run the tests, a process for each core; ARGS="-n0 tests/ui" for some, in one
 	@$(TESTS) $(ARGS)

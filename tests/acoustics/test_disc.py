@@ -85,6 +85,7 @@ def test_what_is_no_number_stays_so(model: str) -> None:
     assert np.isnan(found).tolist() == [True, True, False]
 
 
+@pytest.mark.medium
 def test_large_discs_agree_face_on() -> None:
     for ka in (10.0, 40.0, 124.0, 300.0):
         assert backscatter(ka, 0.0, "exact") == pytest.approx(ka**2 / 2, rel=0.02)
@@ -120,6 +121,7 @@ def test_jinc() -> None:
     np.testing.assert_allclose(jinc(x), expected, atol=1e-13)
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("model", MODELS)
 def test_bound_holds_over_the_band(model: str) -> None:
     rng = np.random.default_rng(1)
@@ -162,6 +164,7 @@ def test_bound_at_normal_incidence_holds_for_smaller_and_turned_discs(model: str
             assert (backscatter(k * radius, angle, model) / k <= bound * (1 + 1e-12)).all()
 
 
+@pytest.mark.medium
 def test_beyond_the_table() -> None:
     """Large discs: optics and edge, and no step where the table ends."""
     angle = np.linspace(0, math.pi / 2, 300)

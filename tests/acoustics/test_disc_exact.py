@@ -111,6 +111,7 @@ class _Finer(HardDisc):
         self._matrix = _galerkin_matrix(self._k, self.orders)
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("ka", [0.0, 5e-324, 1e-200, 1e-90, 1e-30, 300.0])
 def test_hard_regions(ka: float) -> None:
     angle = np.array([0.0, 5e-324, 1.0, math.pi / 2, math.pi])

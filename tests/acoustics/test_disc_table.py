@@ -70,6 +70,7 @@ def test_shipped_table_is_what_the_script_makes() -> None:
     assert FILE.stat().st_size < 1e6
 
 
+@pytest.mark.medium
 def test_many_sizes_of_a_disc_are_the_same_numbers():
     """A disc at many sizes is summed over the incidence first; bit by bit the same."""
     rng = np.random.default_rng(3)

@@ -135,6 +135,7 @@ def test_losses_that_differ_too_much_are_left_to_others() -> None:
             assert off <= found.error_bound * found.size
 
 
+@pytest.mark.medium
 def test_delays_beyond_the_grid_and_too_tight_a_tolerance_are_left_to_others() -> None:
     radius, incidence, gain = np.full(600, 0.02), np.full(600, 0.4), np.ones(600)
     for delay in (np.full(600, 1e-6), np.full(600, 0.99999 / BINS.spacing)):

@@ -31,6 +31,7 @@ def factor(frequency: float) -> complex:
     return math.sqrt(math.pi**2 * frequency / SPEED) * np.exp(-0.25j * math.pi)
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize(
     ("frequency", "centre", "radius", "tolerance"),
     [
@@ -118,6 +119,7 @@ def test_gmres_is_elimination() -> None:
     np.testing.assert_allclose(iterated.every, direct.every, rtol=1e-7)
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("ka", [1e-3, 1e-2, 60.0])
 def test_sizes_that_overflow_without_scaling(ka: float) -> None:
     """Near neighbours with ka = 0.001 take orders whose Hankel functions pass 1e308."""

@@ -62,6 +62,7 @@ def test_tolerance_is_kept(model: str) -> None:
     assert np.abs(unknown.spectrum - exact).max() <= 1e-4 * size
 
 
+@pytest.mark.medium
 def test_tolerance_is_kept_when_all_errors_add_up() -> None:
     """Identical echoes: nothing averages out."""
     amplitude, delay, spread = leaves("piston", 1)
@@ -170,6 +171,7 @@ def test_a_wrong_spread_costs_time_only() -> None:
         assert np.abs(found.spectrum - exact).max() <= 1e-6 * size
 
 
+@pytest.mark.medium
 def test_same_numbers_give_the_same_bytes() -> None:
     amplitude, delay, spread = leaves("exact", 800)
     first, again = (
@@ -178,6 +180,7 @@ def test_same_numbers_give_the_same_bytes() -> None:
     np.testing.assert_array_equal(first.spectrum, again.spectrum)
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize(("width", "stated"), list(enumerate(ALIASING, NARROWEST)))
 def test_aliasing_of_the_kernel(width: int, stated: float) -> None:
     """Every delay between two points, every bin: within the stated bound, and no wider than needed."""

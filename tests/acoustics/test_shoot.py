@@ -22,6 +22,7 @@ def in_phase(place: np.ndarray, along: np.ndarray, k: float, way: np.ndarray) ->
     return np.mean(np.abs(k**2 * volume / (4.0 * np.pi) * np.array(found)) ** 2, axis=1)
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize(
     ("frequency", "allowed"), [(250.0, 0.2), (1e3, 0.1), (4e3, 0.15), (8e3, 0.5)]
 )

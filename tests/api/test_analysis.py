@@ -48,6 +48,7 @@ def test_a_cloud_as_a_table_has_the_columns_of_its_file_and_their_units(world, t
     assert np.isclose(mean[3], cloud.found.returns.distance[organs == 3].mean())
 
 
+@pytest.mark.medium
 def test_every_result_as_a_dataset(world):
     xarray = pytest.importorskip("xarray")
     for result, name, shape in (
@@ -66,6 +67,7 @@ def test_every_result_as_a_dataset(world):
     assert np.array_equal(echo.to_xarray()["waveform"].values, echo.waveforms)
 
 
+@pytest.mark.medium
 def test_numbers_have_names(world):
     labels = world.scan(TRIPOD).labels
     met = {world.objects[number] for number in np.unique(labels["object"]) if number >= 0}

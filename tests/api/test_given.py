@@ -35,6 +35,7 @@ def other(species):
     return SCENE.changed(plantings=(BUSH.changed(species=species),))
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize(
     ("do", "words"),
     [
@@ -76,6 +77,7 @@ def test_one_sentence(do, words, world):
     assert "\n" not in str(said.value)
 
 
+@pytest.mark.medium
 def test_results_go_where_a_file_can_be(results, tmp_path):
     """Every kind of result in every format: a folder that is missing or no folder, a folder's own name."""
     (tmp_path / "file").write_text("x")
@@ -95,6 +97,7 @@ def test_results_go_where_a_file_can_be(results, tmp_path):
     assert {path.name for path in tmp_path.iterdir() if path.is_file()} == {"file"}
 
 
+@pytest.mark.medium
 def test_what_is_called_copc_has_its_octree(results, tmp_path):
     for result in results[:2]:
         for name in ("a.copc.laz", "A.COPC.LAZ"):
@@ -119,6 +122,7 @@ def test_too_little_memory_is_said(world, monkeypatch):
         world.scan(COARSE)
 
 
+@pytest.mark.medium
 def test_a_world_that_was_replaced_says_so(world):
     """It would scan another forest, and call that its own."""
     try:
@@ -141,6 +145,7 @@ def test_a_world_that_was_replaced_says_so(world):
 AWAY = (4000.0, 0.0, 2.0)
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize(
     ("sensor", "words"),
     [

@@ -50,6 +50,7 @@ def test_the_same_as_the_sensors_find(world):
     world.scene = SCENE
 
 
+@pytest.mark.medium
 def test_what_is_left_to_auto_is_chosen_and_said(world):
     echo = world.ping(BAT.changed(tolerance="auto", cull="auto"))
     assert [choice.key for choice in echo.chosen] == ["tolerance", "cull"]
@@ -58,6 +59,7 @@ def test_what_is_left_to_auto_is_chosen_and_said(world):
     assert echo.audit.allowed < 1e-3
 
 
+@pytest.mark.medium
 def test_what_grew_is_held_against_its_truth(world):
     assert list(world.audit) == ["leaves"]
     assert world.audit["leaves"].kept
@@ -72,6 +74,7 @@ def test_truth_by_name(world):
     assert wood["radius"].shape == (len(wood["start"]), 2)
 
 
+@pytest.mark.medium
 def test_what_is_moved_is_scanned_where_it_is(world):
     before = world.scan(TRIPOD)
     tree = next(o for o in bpy.context.scene.objects if o.name.startswith("hazelnut 0000"))
@@ -84,6 +87,7 @@ def test_what_is_moved_is_scanned_where_it_is(world):
     assert np.allclose(again.points, before.points, atol=1e-4)
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("ending", [".laz", ".las", ".ply", ".npz", ".csv"])
 def test_a_cloud_as_a_file(world, tmp_path, ending):
     cloud = world.scan(TRIPOD)
@@ -102,6 +106,7 @@ def test_a_cloud_as_a_file(world, tmp_path, ending):
     assert [p.name for p in tmp_path.iterdir()] == [path.name]
 
 
+@pytest.mark.medium
 def test_sounds_as_files(world, tmp_path):
     for result, name in ((world.ping(BAT), "echo"), (world.impulse_response(CLAP), "clap")):
         for ending in (".npz", ".wav"):
@@ -144,12 +149,14 @@ def test_an_empty_scene():
     assert np.isfinite(world.impulse_response(CLAP).samples).all()
 
 
+@pytest.mark.medium
 def test_blenders_own_cube_is_not_in_the_forest():
     bpy.ops.wm.read_factory_settings()
     forest.build(SCENE)
     assert not {"Cube", "Camera", "Light"} & {thing.name for thing in bpy.data.objects}
 
 
+@pytest.mark.medium
 def test_a_closed_file():
     bpy.ops.wm.read_factory_settings(use_empty=True)
     world = forest.build(SCENE)
@@ -164,6 +171,7 @@ def bare():
     return forest.build(SCENE)
 
 
+@pytest.mark.medium
 def test_a_sensor_inside_of_a_trunk_is_said(bare):
     wood = bare.skeleton(0)
     row = int(np.argmax(wood["radius"].min(axis=1)))
@@ -178,6 +186,7 @@ def test_a_sensor_inside_of_a_trunk_is_said(bare):
     assert bare.scan(TRIPOD.changed(angle_step_deg=20)).warnings == ()
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize(
     ("do", "words"),
     [
@@ -230,6 +239,7 @@ def test_still_holds_the_scene_as_it_is():
     assert len(bare.scan(down)) > 0
 
 
+@pytest.mark.medium
 def test_step_by_step_is_the_same_as_at_once():
     bpy.ops.wm.read_factory_settings(use_empty=True)
     bush = forest.Planting(species="hazelnut", variants=1, expected=2, exact=True)
@@ -251,6 +261,7 @@ def test_without_blender(monkeypatch):
     assert forest.Terrestrial().kind == "terrestrial"  # settings need no Blender
 
 
+@pytest.mark.medium
 def test_the_examples_run():
     bpy.ops.wm.read_factory_settings(use_empty=True)
     modules = (site_module, world_module, scanners_module)

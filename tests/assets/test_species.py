@@ -33,6 +33,7 @@ def loaded(name):
     return load_species(find_species(name, Path()))
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("path", FILES, ids=lambda p: p.stem)
 def test_every_species_is_named_sourced_and_grows(path):
     species, template = load_species(path)

@@ -82,6 +82,7 @@ def test_a_tree_splits_into_its_branches_with_all_leaves(
     assert all(branch.leaves.branch.max() > 0 for branch in tree.branches)  # there are twigs
 
 
+@pytest.mark.medium
 @species
 def test_the_trunk_stands_at_the_origin(name: str, trees: dict[str, TreeTemplate]) -> None:
     wood = facets(name, "wood").reshape(-1, 3)
@@ -92,6 +93,7 @@ def test_the_trunk_stands_at_the_origin(name: str, trees: dict[str, TreeTemplate
     )
 
 
+@pytest.mark.medium
 @species
 def test_leaves_have_their_natural_size(name: str, trees: dict[str, TreeTemplate]) -> None:
     leaves, unit = leaves_in_metres(trees[name])
@@ -118,6 +120,7 @@ def test_leaves_lie_with_their_upper_side_to_the_sky(name: str) -> None:
     assert np.mean(upward > 0) > 0.95
 
 
+@pytest.mark.medium
 @species
 def test_leaves_touch_neither_each_other_nor_the_wood(
     name: str, trees: dict[str, TreeTemplate]

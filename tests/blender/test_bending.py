@@ -51,6 +51,7 @@ def keyed_key(key):
         point.interpolation = "LINEAR"
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("engine", ENGINES)
 def test_a_plate_that_a_shape_key_tilts_is_met_as_it_is(scene, engine):  # noqa: F811
     tilted()
@@ -77,6 +78,7 @@ def test_a_plate_that_a_shape_key_tilts_is_met_as_it_is(scene, engine):  # noqa:
     assert not any("off between frames" in words for words in result.warnings)
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("engine", ENGINES)
 def test_a_plate_that_a_bone_turns_is_met_as_it_turns(scene, engine):  # noqa: F811
     """Points go on circles, straight between samples: within a tenth of a millimetre."""

@@ -28,6 +28,7 @@ def quads(seed, count=40, part=OTHER):
     return TriMesh.of_part(np.array(corners), np.array(faces), part)
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("engine", [BvhCaster, EmbreeCaster], ids=["bvhtree", "embree"])
 def test_both_engines_find_what_brute_force_finds(engine):
     scene = scene_with(quads(1, 15), quads(2, 15), quads(3, 15), quads(4, 150, WOOD))

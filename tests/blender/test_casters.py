@@ -107,6 +107,7 @@ def random_rays(count, seed=0, far=0.0):
     return rng.uniform(-20, 20, (count, 3)) + far, rng.normal(size=(count, 3))
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("count", [1, 3, pytest.param(40, marks=pytest.mark.slow)])
 def test_equals_brute_force_on_random_rays(engine, count):
     scene = forest(count)
@@ -265,6 +266,7 @@ def test_order_and_grouping_of_rays_do_not_matter(engine):
     assert (np.concatenate([p.triangle for p in parts]) == whole.triangle[order]).all()
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("size", [1, 3, 16, 17, 500])
 def test_a_batch_of_any_size_finds_the_same_bytes(engine, size):
     """Few rays go another way than many: ray by ray, into packets that are kept."""
@@ -278,6 +280,7 @@ def test_a_batch_of_any_size_finds_the_same_bytes(engine, size):
             assert getattr(found, name).tobytes() == getattr(whole, name)[part].tobytes()
 
 
+@pytest.mark.medium
 def test_how_many_rays_go_at_a_time_does_not_matter(monkeypatch):
     """Also where the rays of a mesh are no multiple of a turn, and fewer or more than one."""
     monkeypatch.setattr(bvh, "FEW", 0)
@@ -319,6 +322,7 @@ def test_small_batches_of_many_threads_do_not_disturb_each_other():
     assert found.tobytes() == whole.distance.tobytes()
 
 
+@pytest.mark.medium
 def test_engines_agree_on_a_forest_of_leaves():
     scene = forest(60)
     origins, directions = random_rays(60_000)

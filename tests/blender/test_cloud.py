@@ -69,6 +69,7 @@ def test_every_value_of_a_return_is_an_attribute(empty_blender, cloud):
     )
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("choice", ["organ", *NUMBERS, *MEASURES])
 def test_any_attribute_colours_the_points(empty_blender, cloud, choice):
     group = show_cloud(bpy.context.scene.collection, "a", cloud).modifiers[0].node_group
@@ -117,6 +118,7 @@ def test_a_user_finds_named_inputs(empty_blender, cloud):
     assert len(set(places)) == len(places)
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("name", MAPS)
 def test_each_scale_of_colours_is_that_of_the_legend(empty_blender, cloud, name):
     thing = show_cloud(bpy.context.scene.collection, "a", cloud)

@@ -203,6 +203,7 @@ def test_a_wide_beam_makes_trees_coarse_and_one_that_may_be_anywhere_none():
     assert not far_trees(forest(Reverb())[1]).any()  # nobody looks
 
 
+@pytest.mark.medium
 def test_beyond_a_sonars_range_leaves_may_be_coarse():
     """Within it so few leaves of small birches sound together that all are made."""
     sonar = Sonar(position=(0.0, -5.0, 3.0), azimuth_deg=90.0, max_range=30.0)

@@ -64,6 +64,7 @@ def test_blender_reads_back_every_tree_where_it_stood(empty_blender, instancing,
     assert np.abs(in_order(found[:, :3]) - in_order(forest.transforms())).max() < 2e-5
 
 
+@pytest.mark.medium
 def test_points_are_one_node_a_variant_with_their_numbers(empty_blender, tmp_path):
     forest = planted("points")
     export_glb(bpy.context.scene, tmp_path / "forest.glb")
@@ -102,6 +103,7 @@ def test_ten_thousand_trees_add_fifty_bytes_each(empty_blender, tmp_path):
         assert (issues["numErrors"], issues["numWarnings"]) == (0, 0), issues["messages"][:5]
 
 
+@pytest.mark.medium
 def test_the_scene_is_as_before(empty_blender, tmp_path):
     planted("points")
     hidden = bpy.data.collections.new("away")
@@ -130,6 +132,7 @@ def test_a_light_view_exports_whole_trees(empty_blender, tmp_path, monkeypatch):
     assert full["accessors"] == light["accessors"]
 
 
+@pytest.mark.medium
 def test_nodes_that_pick_collections_are_refused_in_words(empty_blender, tmp_path):
     planted("points")
     variants = part(bpy.context.scene, VARIANTS)
@@ -153,6 +156,7 @@ def wide(instancing):
     return forest
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("instancing", ["points", "objects"])
 def test_a_viewer_that_frames_all_shows_the_forest(empty_blender, instancing, tmp_path):
     forest = wide(instancing)
@@ -184,6 +188,7 @@ print(*whole.GetMin(), *whole.GetMax())
 """
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("instancing", ["points", "objects"])
 def test_another_reader_finds_every_tree_of_a_usd_file(empty_blender, instancing, tmp_path):
     pytest.importorskip("pxr", reason="usd-core reads USD files back")

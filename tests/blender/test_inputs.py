@@ -97,6 +97,7 @@ def test_no_tree_stands_over_a_hole_and_the_missing_are_counted(empty_blender):
     assert forest.stand.off_ground.sum() > 0
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("instancing", ["points", "objects"])
 def test_on_a_slope_no_gap_shows_under_a_trunk(empty_blender, instancing):
     """Rays along the slope, just above it, meet the foot of every tree before they could pass below."""
@@ -215,6 +216,7 @@ def test_a_name_with_a_colon_is_an_object_where_there_is_one(empty_blender):
     assert read_painted("site: north:w", depsgraph()).weight.tolist() == [1, 0, 0, 0]
 
 
+@pytest.mark.medium
 def test_trees_stand_where_it_is_painted(empty_blender):
     thing = painted_square()
     thing.location = (20, 0, 0)

@@ -250,6 +250,7 @@ def test_lidar_labels_are_the_same_for_points_and_for_objects(empty_blender, gro
             assert (a == b)[same].mean() > 0.998, label
 
 
+@pytest.mark.medium
 def test_the_planned_variant_stands_at_every_place(empty_blender, grown):
     build(bpy.context.scene, scene_of("points"), grown)
     (thing,) = part(bpy.context.scene, TREES).all_objects
@@ -261,6 +262,7 @@ def test_the_planned_variant_stands_at_every_place(empty_blender, grown):
     assert np.abs(found.transform - grown.transforms()[found.tree]).max() < 1e-6
 
 
+@pytest.mark.medium
 def test_many_trees_become_points_by_themselves(empty_blender, grown):
     few = scene_of("auto")
     build(bpy.context.scene, few, grown)
@@ -270,6 +272,7 @@ def test_many_trees_become_points_by_themselves(empty_blender, grown):
     assert not part(bpy.context.scene, OUTLINES).objects
 
 
+@pytest.mark.medium
 def test_variants_are_hidden_assets_with_a_picture(empty_blender, grown):
     build(bpy.context.scene, scene_of("points"), grown)
     variants = part(bpy.context.scene, VARIANTS)
@@ -294,6 +297,7 @@ def test_nobody_draws_variants_of_a_scene_that_is_not_kept(empty_blender, grown,
     assert not any(thing.asset_data for thing in variants)
 
 
+@pytest.mark.medium
 def test_a_variant_dragged_in_is_seen_with_its_species_and_stays(empty_blender, grown):
     build(bpy.context.scene, scene_of("points"), grown)
     source = part(bpy.context.scene, VARIANTS).objects[2]

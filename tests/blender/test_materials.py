@@ -28,6 +28,7 @@ def test_every_texture_of_the_settings_is_there():
     assert set(choices) == set(TEXTURES)
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("texture", TEXTURES)
 def test_a_bark_is_nodes_alone_and_all_of_them_count(empty_blender, texture):
     coat = spec.Bark(texture=texture, upper_from=0.4, moss=0.3)

@@ -67,6 +67,7 @@ def scene(empty_blender):
     return scene
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("engine", ["embree", "bvhtree"])
 @pytest.mark.parametrize("subrays", [1, 7])
 def test_a_plate_that_nears_is_met_where_it_is(scene, engine, subrays):
@@ -203,6 +204,7 @@ def shifts(result, echo):
     return group, factors(group, station, 0)
 
 
+@pytest.mark.medium
 def test_a_ping_hears_a_plate_where_it_is_at_the_present_frame(scene):
     """Once it stays, the sonar pings at the present frame; Doppler by the closed form."""
     bpy.data.objects.remove(bpy.data.objects["wall"])
@@ -227,6 +229,7 @@ def test_a_ping_hears_a_plate_where_it_is_at_the_present_frame(scene):
     assert np.allclose(alpha, 1.0)
 
 
+@pytest.mark.medium
 def test_pings_along_what_is_followed_hear_the_scene_at_their_times(scene):
     speed = SPEED / 2
     bpy.data.objects.remove(bpy.data.objects["wall"])
@@ -248,6 +251,7 @@ def test_pings_along_what_is_followed_hear_the_scene_at_their_times(scene):
     assert result.audit.kept
 
 
+@pytest.mark.medium
 def test_what_bends_is_heard_at_its_own_speed(scene):
     plate = bpy.data.objects["plate"]
     plate.shape_key_add(name="rest")

@@ -90,6 +90,7 @@ def test_a_bent_tree_is_seen_and_heard(trees):
     assert differ(before, look()) == {"tractor", "terrestrial", "sonar", "reverb"}
 
 
+@pytest.mark.medium
 def test_a_hidden_forest_is_neither_seen_nor_heard(trees):
     for tree in trees:
         tree.hide_viewport = True
@@ -109,6 +110,7 @@ def test_a_wall_of_the_users_own_is_seen_and_blocks_the_direct_sound(trees):
     assert "tractor" in differ(before, look())
 
 
+@pytest.mark.medium
 def test_truth_and_evaluated_leaves_agree(trees, grown):
     bpy.context.view_layer.update()
     discs = leaf_discs(Observer(bpy.context.evaluated_depsgraph_get()).geometry)
@@ -142,6 +144,7 @@ def test_objects_say_which_tree_they_are(trees, grown):
     assert sorted(tree[TREE_KEY] for tree in trees) == grown.stand.id.tolist()
 
 
+@pytest.mark.medium
 def test_speakers_empties_and_cameras_are_ends_where_they_are(trees):
     """Also one that follows another object; each channel as if its places were typed."""
     scene = bpy.context.scene
@@ -168,6 +171,7 @@ def test_speakers_empties_and_cameras_are_ends_where_they_are(trees):
         observer.observe(replace(typed, source_objects="Tree"), SCENE)
 
 
+@pytest.mark.medium
 def test_stems_sound_without_being_there(trees):
     """None of them covers an end, and nothing is added to Blender's scene."""
     before = len(bpy.data.objects)
@@ -182,6 +186,7 @@ def test_stems_sound_without_being_there(trees):
     assert observer.observe(inside, settings).clamped == 0
 
 
+@pytest.mark.medium
 def test_a_measured_directivity_is_found_beside_the_scene_file(trees, tmp_path):
     (tmp_path / "mute.csv").write_text("deg,1000\n0,-inf\n180,-inf\n")
     reverb = replace(SCENE.sensors[3], directivity="measured", directivity_file="mute.csv")

@@ -46,6 +46,7 @@ def rock(home, name="rock"):
     return thing
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("instancing", ["points", "objects"])
 def test_building_again_piles_nothing_up_and_keeps_names(empty_blender, grown, instancing):
     plant(grown, instancing)
@@ -130,6 +131,7 @@ def test_a_tree_that_cannot_stand_leaves_the_scene_as_it_was(empty_blender, grow
     assert (counts(), set(bpy.data.objects.keys())) == (before, names)
 
 
+@pytest.mark.medium
 def test_another_forest_of_the_same_file_is_left_alone(empty_blender, grown):
     plant(grown)
     other = bpy.data.scenes.new("other")

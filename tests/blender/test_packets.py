@@ -36,6 +36,7 @@ def beams(count, rays=19, width=0.0005):
     return np.tile([-12.0, 0.3, 0.1], (len(way), 1)), way
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("fine", [False, True])
 def test_rays_of_beams_meet_what_brute_force_says(fine):
     scene = crumbs(fine)

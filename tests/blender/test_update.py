@@ -172,6 +172,7 @@ def test_an_update_is_the_forest_that_a_fresh_build_is(empty_blender, how, chang
     assert told() == fresh
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize(("before", "after"), [HOW, HOW[::-1]])
 def test_switching_between_points_and_objects(empty_blender, before, after):
     plant(after, seed=2)
@@ -185,6 +186,7 @@ def test_switching_between_points_and_objects(empty_blender, before, after):
     assert {key: count[key] for key in made} == made
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("how", HOW)
 def test_what_stands_for_the_same_is_the_same_block(empty_blender, how):
     plant(how)
@@ -201,6 +203,7 @@ def test_what_stands_for_the_same_is_the_same_block(empty_blender, how):
     assert len(now.keys() & things.keys()) >= len(things) - 2  # a variant may not stand there
 
 
+@pytest.mark.medium
 def test_a_variant_whose_number_changes_is_the_same_object(empty_blender):
     plant()
     before = {t.name.split(" ", 1)[1]: t.session_uid for t in ours(VARIANTS).values()}
@@ -262,6 +265,7 @@ def test_edits_of_collections_stay(empty_blender, how):
     assert [home.name for home in top.children] == ["Stems", *PARTS[1:]]
 
 
+@pytest.mark.medium
 def test_edits_of_a_plantings_collection_stay(empty_blender):
     plant()
     grove = part(bpy.context.scene, TREES).children[0]
@@ -292,6 +296,7 @@ def test_parts_are_found_where_the_user_put_them(empty_blender):
     assert list(bpy.context.scene.collection.children) == [mine]
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("how", HOW)
 def test_edits_of_objects_stay(empty_blender, how):
     plant(how)
@@ -357,6 +362,7 @@ def slots(thing):
     return [slot.material for slot in thing.material_slots]
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("how", HOW)
 @pytest.mark.parametrize("seed", [1, 2])
 def test_edits_of_materials_stay(empty_blender, how, seed):
@@ -394,6 +400,7 @@ def test_slots_of_objects_stay(empty_blender):
     assert slots(variant)[2] == mine
 
 
+@pytest.mark.medium
 def test_a_further_variant_wears_what_the_first_of_its_species_wears(empty_blender):
     plant(count=1)
     mine = bpy.data.materials.new("mine")
@@ -535,6 +542,7 @@ def test_an_instancer_that_lost_something_works_again(empty_blender, loss):
 # -------------------------------------------------------------------------------------------- meshes
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("how", HOW)
 def test_a_mesh_of_the_users_stays_on_our_object(empty_blender, how):
     plant(how)
@@ -608,6 +616,7 @@ def test_what_a_copy_shares_with_a_variant_stays_as_it_is(empty_blender):
     assert variant.data.materials[0] == mine
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("name", ["copy", "0", "zebra", "000 A"])
 def test_what_others_put_among_the_variants_is_not_taken_for_one(empty_blender, name):
     plant("points")

@@ -44,6 +44,7 @@ def result(windy):
     return windy.scan(SCAN)
 
 
+@pytest.mark.medium
 def test_what_was_met_is_where_the_wind_has_it(windy, result):
     """Against the trees' own motion, member by member, which the pieces stand for."""
     cloud, motion = result.found, result.motion
@@ -119,6 +120,7 @@ def test_a_later_frame_is_a_later_moment():
     assert np.array_equal(world.scan(coarse).points, first.points)
 
 
+@pytest.mark.medium
 def test_a_ping_hears_trees_where_the_wind_has_them():
     bat = forest.Sonar(position=(0, 0, 2), max_range=8.0, wood=True, shading="trunks", cull=0.02)
     world = built(WINDY)

@@ -61,6 +61,7 @@ def test_every_tutorial_says_what_it_takes():
         assert f"]({page.name}) | {time} | {memory} | {files} |" in tasks, page.name
 
 
+@pytest.mark.medium
 def test_the_landing_pages_code_runs(tmp_path, monkeypatch, empty_blender):
     monkeypatch.chdir(tmp_path)
     exec("\n".join(blocks(DOCS / "index.md")), {})

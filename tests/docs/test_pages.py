@@ -43,6 +43,7 @@ def commands(page):
     return [shlex.split(line, comments=True) for line in found]
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
 def test_its_commands_are_taken(page, capsys):
     parser = _parser()
@@ -84,6 +85,7 @@ SETTINGS = [
 ]
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("text", SETTINGS)
 def test_its_tables_are_taken(text, tmp_path):
     path = tmp_path / "my.toml"

@@ -74,6 +74,7 @@ def test_seeds_decide_everything(env):
     assert not same(fixed, first)
 
 
+@pytest.mark.medium
 def test_a_step_senses_what_the_sensors_find_there(env):
     """To the bit: the scan and the ping at the flyer's pose, in the same forest built in Blender."""
     env.reset(seed=11)
@@ -95,6 +96,7 @@ def test_a_step_senses_what_the_sensors_find_there(env):
     assert told["sonar"].max() > 0.02
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize(
     "scanner",
     [
@@ -135,6 +137,7 @@ def test_any_pattern_is_that_of_the_scanner(env, scanner):
     assert np.array_equal(told, truth)
 
 
+@pytest.mark.medium
 def test_many_flyers_fly_as_each_alone(env):
     many = FlightVectorEnv(3, SCENE, sensors=("lidar",))
     alone = FlightEnv(SCENE, sensors=("lidar",))
@@ -157,6 +160,7 @@ def test_many_flyers_fly_as_each_alone(env):
                 break
 
 
+@pytest.mark.medium
 def test_ended_flights_begin_anew_on_the_next_step():
     hits = Flight(distance=15.0, steps=3, start_low=(0.0, 0.0), start_high=(1.0, 1.0))
     many = FlightVectorEnv(2, SCENE, sensors=(), flight=hits)
@@ -165,6 +169,7 @@ def test_ended_flights_begin_anew_on_the_next_step():
     assert cuts == [False, False, True, False, False, False, True, False]
 
 
+@pytest.mark.medium
 def test_pictures(env):
     drawn = FlightEnv(SCENE, sensors=(), render_mode="rgb_array")
     drawn.reset(seed=1)
@@ -175,6 +180,7 @@ def test_pictures(env):
     assert len(np.unique(picture.reshape(-1, 3), axis=0)) >= 4
 
 
+@pytest.mark.medium
 def test_pictures_of_many_flyers():
     many = FlightVectorEnv(2, SCENE, sensors=(), render_mode="rgb_array")
     assert many.render() is None
@@ -187,6 +193,7 @@ def test_pictures_of_many_flyers():
         FlightVectorEnv(2, SCENE, render_mode="human")
 
 
+@pytest.mark.medium
 def test_single_precision_is_the_same_flight_rounded(env):
     plain, half = (FlightEnv(SCENE, dtype=dtype) for dtype in ("float64", "float32"))
     assert half.observation_space["lidar"].dtype == half.action_space.dtype == np.float32

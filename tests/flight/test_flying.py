@@ -46,6 +46,7 @@ def test_rays_meet_trunks_as_circles():
             assert hits.distance[k] == pytest.approx(truth, abs=2.1e-3)
 
 
+@pytest.mark.medium
 def test_straight_flies_into_what_is_there_and_gap_around_it():
     tree = world([[10.0, 0.05]])
     one = flyers(ALONG, tree)
@@ -100,6 +101,7 @@ def test_a_refused_action_leaves_all_as_it_was():
     assert np.array_equal(steps, one.steps)
 
 
+@pytest.mark.medium
 def test_each_flies_as_if_alone():
     rng = np.random.default_rng(3)
     where = world(rng.uniform((5, -15), (35, 15), (60, 2)))
@@ -114,6 +116,7 @@ def test_each_flies_as_if_alone():
     assert len({track.flown for track in together}) > 1  # their noise differs
 
 
+@pytest.mark.medium
 def test_many_steps_need_no_more_memory():
     flight = ALONG.changed(distance=1e5, steps=10_000_000)
     one = flyers(flight, world([[10.0, 9.0]]), lidar=False)

@@ -61,6 +61,7 @@ def test_a_field_in_tiles_is_refused():
         FlightEnv(BARE.changed(tiles=forest.Tiles(size=5.0)), sensors=())
 
 
+@pytest.mark.medium
 def test_a_start_in_a_trunk_is_refused(one):
     one.reset(seed=3)
     forest_ = one.flights.surroundings.forest
@@ -118,6 +119,7 @@ def test_what_cannot_be_says_so(bare, do, words):
     assert "\n" not in str(said.value)
 
 
+@pytest.mark.medium
 def test_a_fixed_forest_stays():
     env = FlightEnv(ONE, sensors=("lidar",), forest="fixed")
     first = env.reset(seed=1)[0]["lidar"]

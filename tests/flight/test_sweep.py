@@ -54,6 +54,7 @@ def test_distances_are_those_of_dense_samples():
         assert (sampled - exact < 0.08).all()  # steps of at most 4 m / 60
 
 
+@pytest.mark.medium
 def test_touch_is_where_the_distance_first_is_the_radius():
     """At the share the sphere touches, before it never does (40 places along), and misses are misses."""
     rng = np.random.default_rng(2)
@@ -108,6 +109,7 @@ def test_leaves_and_thin_twigs_do_not_stop():
     assert mesh.vertices[mesh.triangles[thick]].max() > 3.9
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("step", [0.3, 10.0])
 def test_forests_are_met_as_all_their_triangles_are(step):
     """Cells, boxes and the map lose nothing: all triangles of all trees, one by one, say the same."""

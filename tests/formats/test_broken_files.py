@@ -181,6 +181,7 @@ def arrays_of(found):
     return []
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("kind", READERS)
 def test_a_broken_file_is_one_sentence(kind, tmp_path):
     name, make, read = READERS[kind]

@@ -56,6 +56,7 @@ def test_each_point_is_in_one_node_that_holds_it():
     assert (np.sort(np.concatenate(seen)) == np.arange(len(place))).all()
 
 
+@pytest.mark.medium
 def test_coarse_nodes_are_an_even_sample():
     place = clumped() - clumped().min(axis=0)
     edge = float(place.max()) * 1.0001
@@ -66,6 +67,7 @@ def test_coarse_nodes_are_an_even_sample():
     assert len(cells) == len(np.unique((place / edge * CELLS).astype(int), axis=0))
 
 
+@pytest.mark.medium
 def test_another_reader_finds_what_lies_in_a_box(tmp_path):
     place = clumped()
     written(tmp_path / "a.copc.laz", place)

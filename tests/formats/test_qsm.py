@@ -35,6 +35,7 @@ def grown():
     return grow_forest(scene, kinds)
 
 
+@pytest.mark.medium
 def test_models_hold_the_trees(grown, tmp_path):
     table, stand = cylinder_table(grown), inventory(grown)
     paths = list(write_models(tmp_path / "qsm", table, (1000.0, 0.0, 0.0)))
@@ -65,6 +66,7 @@ def test_models_hold_the_trees(grown, tmp_path):
         assert (branch["order"][daughters] == mothers + 1).all()
 
 
+@pytest.mark.medium
 def test_the_table_is_that_of_the_map(grown, tmp_path):
     write_cylinders(tmp_path / "cylinders.csv", cylinder_table(grown), (0.0, 5.0, 0.0))
     read = np.genfromtxt(tmp_path / "cylinders.csv", delimiter=",", names=True)

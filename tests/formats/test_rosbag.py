@@ -48,6 +48,7 @@ def world():
     return forest.build(SCENE)
 
 
+@pytest.mark.medium
 def test_points_of_a_drone_stand_where_the_scan_found_them(world, tmp_path):
     way = forest.trajectory(
         [2.0, 2.35], [(-3, -3, 9), (5, 6, 8)], [40.0, 75.0], [0.0, 4.0], [3.0, -6.0]
@@ -87,6 +88,7 @@ def test_points_of_a_drone_stand_where_the_scan_found_them(world, tmp_path):
     assert first.child_frame_id == "base_link"
 
 
+@pytest.mark.medium
 def test_a_tripod_stands_still(world, tmp_path):
     cloud = world.scan(forest.Terrestrial(position=(-2.0, 3.0, 1.5), angle_step_deg=5.0))
     topics = told(cloud.save(tmp_path / "tripod.mcap"))

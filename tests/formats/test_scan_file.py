@@ -62,6 +62,7 @@ def killed_after(pulses):
     return progress
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("kind", FORMATS)
 def test_every_format_holds_the_scan(tmp_path, kind):
     path = tmp_path / f"scan.{kind}"
@@ -89,6 +90,7 @@ def test_every_format_holds_the_scan(tmp_path, kind):
         assert (np.asarray(las["true_range"])[there] == expected["true_range"][order]).all()
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("kind", FORMATS)
 @pytest.mark.parametrize("kills", [(1,), (150, 300)])
 def test_an_interrupted_scan_ends_with_the_same_bytes(tmp_path, kind, kills):
@@ -164,6 +166,7 @@ def test_what_was_lost_before_an_interruption_is_named_after_it(tmp_path):
     assert path.read_bytes() == (tmp_path / "b.ply").read_bytes()
 
 
+@pytest.mark.medium
 @pytest.mark.usefixtures("every_ray")
 def test_a_caster_that_fails_always_ends_the_scan_and_keeps_what_is_done(tmp_path):
     with pytest.raises(IndexError):

@@ -80,6 +80,7 @@ def test_a_tree_is_recognised_once_as_long_as_its_files_stay_the_same(tmp_path):
     np.testing.assert_array_equal(again.trunk.vertices, first.trunk.vertices)
 
 
+@pytest.mark.medium
 def test_a_template_is_cut_once_in_a_process(tmp_path):
     """A series of scenes keeps one template and its branches, not one a scene; another solid is another."""
     first = load_species(find_species("hazelnut", tmp_path))[1]

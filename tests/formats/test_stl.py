@@ -134,6 +134,7 @@ def test_ascii_does_not_depend_on_where_it_is_cut_into_stretches(
         np.testing.assert_array_equal(read(tmp_path, text), corners)
 
 
+@pytest.mark.medium
 @given(
     st.lists(
         st.lists(st.floats(allow_nan=False, allow_infinity=False), min_size=9, max_size=9),

@@ -49,6 +49,7 @@ def test_an_empty_file_is_the_default_scene(tmp_path):
     assert read(tmp_path, "") == Scene()
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize(
     ("text", "key", "words"),
     [
@@ -100,6 +101,7 @@ def test_missing_files_and_folders(tmp_path):
         read_settings(tmp_path, Scene)
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize(
     "scene", sorted((ROOT / "assets" / "scenes").glob("*.toml")), ids=lambda p: p.stem
 )

@@ -102,6 +102,7 @@ def test_leaves_face_the_light_as_their_template_does(tree):
     assert np.median(upward) > 0.5  # isotropic leaves would have 0.5; these lie flatter
 
 
+@pytest.mark.medium
 @pytest.mark.skipif(not SHARED.is_dir(), reason="the maple of T20 is not beside the repository")
 def test_the_papers_own_maple_gives_trees_too(maple):
     from forest_addon.formats.stl import read_stl

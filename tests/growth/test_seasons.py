@@ -26,6 +26,7 @@ def grown(**given):
     ).grow()
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("species", ["hazelnut", "honda-birch", "abop-monopodial-a", "ginkgo"])
 def test_trees_are_smaller_the_younger_they_are(species):
     heights = [grown(species=species, age=age).heights().mean() for age in (0.25, 0.5, 1.0, 2.0)]

@@ -61,6 +61,7 @@ def test_sisters_that_start_as_one_count_once():
     assert volume_of(twins) == pytest.approx(np.pi * 0.04 * 5, rel=1e-3)
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("species", ["abop-monopodial-a", "abop-sympodial-a", "abop-ternary-a"])
 def test_a_species_fills_what_random_points_say(species):
     settings, _ = load_species(find_species(species, Path()))
@@ -84,6 +85,7 @@ def winding(mesh, points):
     return total / (4 * np.pi)
 
 
+@pytest.mark.medium
 def test_the_mesh_is_that_solid():
     mesh = mesh_wood(crossing(), 0.002, uv=False)
     low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)

@@ -35,6 +35,7 @@ def test_cylinder_is_simlidars():
     assert wood.projected == pytest.approx(d * h)
 
 
+@pytest.mark.medium
 def test_cone_and_frustum():
     cone = wood_of_skeleton(straight(3.0, 0.5, 0.0))
     assert cone.volume == pytest.approx(np.pi * 0.25)

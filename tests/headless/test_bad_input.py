@@ -82,6 +82,7 @@ def test_scenes_that_cannot_be_used(refused, tmp_path, text, words):
     assert not (tmp_path / "o" / "run.json").exists()
 
 
+@pytest.mark.medium
 def test_a_missing_scene_file(tmp_path):
     """In a process of its own: its exit code and its words are what a shell gets."""
     said = one_sentence(*ended(start("run", tmp_path / "none.toml", "--out", tmp_path / "o")))

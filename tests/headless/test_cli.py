@@ -28,6 +28,7 @@ def test_every_file_of_commands_is_one_command():
     assert files == {command.name.replace("-", "_") for command in COMMANDS}
 
 
+@pytest.mark.medium
 def test_help_imports_little():
     code = (
         "import sys\nfrom headless.cli import main\n"

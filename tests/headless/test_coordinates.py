@@ -78,6 +78,7 @@ def test_every_file_has_the_offset(headless, tmp_path):
     assert tuple(bpy.context.scene["offset_m"]) == OFFSET
 
 
+@pytest.mark.medium
 def test_trees_that_were_written_are_planted_where_they_stood(headless, tmp_path):
     text = SMALL[: SMALL.index("[[sensors]]")]
     (tmp_path / "a.toml").write_text(f"offset = {list(OFFSET)}\n" + text)

@@ -80,6 +80,7 @@ def test_parts_and_materials(tmp_path):
         assert (part.mesh.ground == (mesh.part == GROUND)).all()
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("azimuth", [(10.0, 200.0), (0.0, 360.0)])
 def test_a_tripod_sends_the_same_pulses_and_finds_the_same_points(tmp_path, azimuth):
     sensor = Terrestrial(
@@ -164,6 +165,7 @@ def test_cones_and_spinning_heads_send_the_same_pulses(tmp_path, pattern):
     assert np.abs(one.origin - other.origin).max() < 4 * 20.0 / 4000.0 * 1.01  # a column's beams
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("pattern", ["fans", "zigzag"])
 def test_fans_and_zigzags_look_where_ours_do(tmp_path, pattern):
     sensor = Airborne(

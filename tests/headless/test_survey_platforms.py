@@ -34,6 +34,7 @@ def flown(
     return drive(fromstring(platform), legs, Path("library.xml"))
 
 
+@pytest.mark.medium
 def test_copter_gains_speed_by_a_factor_and_then_flies_at_its_most() -> None:
     (track,), notes = flown(COPTER, [(0, 0, 20), (0, 80, 20)], 'slowdownEnabled="false"')
     # the force grows from 1e-4 to 0.1 by exp(2 t): ln(1000)/2 s and (10 - 0.01)/2 m
@@ -46,6 +47,7 @@ def test_copter_gains_speed_by_a_factor_and_then_flies_at_its_most() -> None:
     np.testing.assert_array_equal(track.angles[:, 2], 0.0)
 
 
+@pytest.mark.medium
 def test_copter_turns_smoothly_at_its_rate_and_looks_along_the_next_leg() -> None:
     setting = 'smoothTurn="true" slowdownEnabled="false" movePerSec_m="8"'
     tracks, _ = flown(COPTER, [(0, 0, 9), (0, 60, 9), (60, 60, 9)], setting)
@@ -65,12 +67,14 @@ def test_copter_that_stops_before_its_waypoint_is_refused(monkeypatch: pytest.Mo
         flown(COPTER, [(0, 0, 20), (0, 80, 20)], 'movePerSec_m="5"')
 
 
+@pytest.mark.medium
 def test_tractor_that_turns_round_and_round_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(driven, "STEPS_A_SECOND", 500)
     with pytest.raises(SpecError, match=r"leg 1 never arrives.*round and round.*wider curves"):
         flown(TRACTOR, [(0, 0, 0), (0, 12, 0), (7, 15, 0)], 'movePerSec_m="3"')
 
 
+@pytest.mark.medium
 def test_tractor_drives_at_its_speed_and_backs_to_turn() -> None:
     tracks, notes = flown(TRACTOR, [(0, 0, 0), (0, 30, 0), (20, 30, 0)], 'movePerSec_m="3"')
     assert tracks[0].time[-1] == pytest.approx(10, abs=0.1)
@@ -88,6 +92,7 @@ def test_tractor_drives_at_its_speed_and_backs_to_turn() -> None:
     assert gone == pytest.approx((turned - np.pi / 5) / 0.25, rel=0.5)
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("platform", [COPTER, TRACTOR])
 def test_steps_of_many_pulses_go_where_single_ones_go(
     platform: str, monkeypatch: pytest.MonkeyPatch

@@ -32,6 +32,7 @@ def no_matplotlib(monkeypatch):
         monkeypatch.setitem(sys.modules, name, None)
 
 
+@pytest.mark.medium
 def test_the_map_of_a_stand_is_drawn_all_the_same(tmp_path, headless, no_matplotlib):
     scene = tmp_path / "scene.toml"
     scene.write_text("[forest]\nsize = [40, 20]\n" + SPECIES.format("maple"))
@@ -44,6 +45,7 @@ def test_the_map_of_a_stand_is_drawn_all_the_same(tmp_path, headless, no_matplot
     assert green.sum() > 20 * 50
 
 
+@pytest.mark.medium
 def test_an_estimate_is_written_without_its_picture(tmp_path, headless, no_matplotlib):
     trees = np.random.default_rng(1).uniform(0, 60, (80, 2))
     np.savetxt(tmp_path / "t.csv", trees, delimiter=",", header="x,y", comments="")
@@ -55,6 +57,7 @@ def test_an_estimate_is_written_without_its_picture(tmp_path, headless, no_matpl
     assert not list(tmp_path.glob("*.png"))
 
 
+@pytest.mark.medium
 def test_what_was_asked_to_be_drawn_is_refused_in_a_sentence(tmp_path, headless, no_matplotlib):
     ended = headless("species", "hazelnut", "--sheet", tmp_path / "a.png")
     assert ended.returncode == 2
@@ -83,6 +86,7 @@ def test_a_figure_that_a_notebook_asks_for_says_what_it_lacks(no_matplotlib):
         plots.draw_response(ImpulseResponse)
 
 
+@pytest.mark.medium
 def test_trees_stand_in_the_plain_map_where_they_stand(tmp_path):
     settings = Scene(
         forest=Forest(size=(100, 50)),

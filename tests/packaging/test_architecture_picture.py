@@ -76,6 +76,7 @@ def test_arrows_that_follow_are_left_out(drawing):
     assert drawing.reduced(arrows) == expected
 
 
+@pytest.mark.medium
 def test_every_arrow_drawn_has_its_boxes(drawing, project):
     rooms = {room for _, row in drawing.ROWS for room in row}
     for arrow in drawing.reduced(project):

@@ -66,6 +66,7 @@ def test_where_no_sensor_meets_a_leaf_none_grows_and_no_branch_moves(species):
     assert "no change" in str(choice)
 
 
+@pytest.mark.medium
 def test_a_model_with_leaves_keeps_them_and_so_does_who_does_not_ask():
     for asked in (scene(Reverb(model="forest")), scene(Reverb(), detail="full"), scene()):
         full, some, chosen = grown(asked)
@@ -76,6 +77,7 @@ def test_a_model_with_leaves_keeps_them_and_so_does_who_does_not_ask():
         )
 
 
+@pytest.mark.medium
 def test_leaves_beyond_every_range_are_left_out_and_none_within():
     bat = Sonar(position=(0.0, 0.0, 2.0), max_range=6.0)
     full, some, (choice,) = grown(scene(bat, species="hazelnut"))
@@ -112,6 +114,7 @@ def test_tubes_are_as_coarse_as_the_beam_and_within_what_is_said():
         assert np.array_equal(coarse.leaves.centre, tree.leaves.centre)
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize(
     "other",
     [
@@ -138,6 +141,7 @@ def test_a_templates_mesh_stays():
     assert np.array_equal(some.variants[key].mesh.vertices, full.variants[key].mesh.vertices)
 
 
+@pytest.mark.medium
 def test_nothing_is_chosen_where_all_is_asked_for():
     asked = replace(scene(PLANE), accuracy=Accuracy())
     full, some, chosen = grown(asked)

@@ -44,6 +44,7 @@ def birch():
     return grown("honda-birch")
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("name", ["honda-willow", "abop-ternary-a", "ginkgo"])
 def test_the_tubes_of_species_are_within_their_tolerance(name, points):
     found = audit_tubes([grown(name)], **points)
@@ -89,6 +90,7 @@ def test_metres_to_a_triangle():
         assert np.allclose(found, brute, atol=0.03)
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("name", ["fern", "scots-pine"])
 def test_curved_leaves_and_shoots_are_where_their_truth_says(name):
     """As they come out of Blender: in single precision, and numbered anew where they are in pieces."""

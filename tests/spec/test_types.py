@@ -107,6 +107,7 @@ def hold(group, field, value):
     assert fits(kind, value, auto) or said.key.split("[")[0] == field.name
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("group", GROUPS, ids=lambda g: g.__name__)
 def test_every_field_refuses_every_value_of_a_wrong_kind(group):
     for field in dataclasses.fields(group):

@@ -74,6 +74,7 @@ def test_a_new_seed_moves_no_tree_that_was_set():
         assert np.hypot(*(stand.position[~hand, :2] - 9).T).min() > 4
 
 
+@pytest.mark.medium
 def test_a_tree_where_there_is_no_ground_is_said(tmp_path):
     np.save(tmp_path / "hill.npy", np.ones((4, 4)))
     field = FIELD.changed(terrain=Terrain(file="hill.npy"))
@@ -100,6 +101,7 @@ def grown(planting):
     return ForestSite.read(scene, Path()).grow()
 
 
+@pytest.mark.medium
 def test_trees_grown_to_measure_keep_theirs_where_one_is_set_beside_them():
     """Of drawn trees no bit changes; the one that is set is a variant of theirs in the size of its stem."""
     drawn = Planting(species="scots-pine", expected=3, exact=True, variants=2)

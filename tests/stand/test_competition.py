@@ -69,6 +69,7 @@ def test_a_large_stand_covers_what_its_crowns_cover():
     assert index.mean() == pytest.approx(kept * 8.0 + 20 / (2 * np.pi * 9), rel=0.05)
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("seed", [1, 3])
 def test_crowns_of_a_dense_stand_are_higher_and_narrower(seed):
     dense, wide = (stand_of(gap, seed)[1] for gap in (2.0, 8.0))
@@ -76,6 +77,7 @@ def test_crowns_of_a_dense_stand_are_higher_and_narrower(seed):
     assert np.median(dense[:, 2]) < 0.8 * np.median(wide[:, 2])  # widths
 
 
+@pytest.mark.medium
 def test_no_parasol_no_surplus_of_leaves_and_little_overlap():
     for seed in range(4):
         stand, trees, law = stand_of(2.2, seed)
@@ -91,6 +93,7 @@ def test_no_parasol_no_surplus_of_leaves_and_little_overlap():
     assert OVERLAP < 2
 
 
+@pytest.mark.medium
 def test_crowns_grow_into_gaps_between_neighbours_alone():
     rng = np.random.default_rng(2)
     ticks = 2.5 * np.arange(12)
@@ -110,6 +113,7 @@ def test_crowns_grow_into_gaps_between_neighbours_alone():
         assert looked[66] == 3.0  # a tree in the middle
 
 
+@pytest.mark.medium
 def test_trees_of_one_stand_are_more_alike_than_trees_of_many():
     one = [stand_of(3.0, seed)[1] for seed in range(6)]
     odds = [np.log(t[:, 3] / (t[:, 1] - t[:, 3])) for t in one]

@@ -69,6 +69,7 @@ def test_clusters_follow_the_plantings_intensity():
         assert abs(counts.mean() - wanted) < 4.5 * error
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("gamma", [0.0, 0.3, 1.0])
 def test_where_all_trees_see_each_other_their_number_is_known(gamma):
     """On islands smaller than R, P(n) is as (β|W|)^n/n! γ^(n(n-1)/2). Chi-squared at 1e-4, 400 islands."""
@@ -159,6 +160,7 @@ def test_coefficients_of_covariates_are_found_again():
         fit_covariates(points, np.stack([z[0], 2 * z[0] + 1]), WINDOW)
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("layout", ["clusters", "strauss"])
 def test_a_scene_plants_them_with_streams_of_their_own(layout):
     one = Planting(species="maple", expected=60, layout=layout)

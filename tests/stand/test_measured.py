@@ -43,6 +43,7 @@ def test_every_tree_of_a_list_has_its_diameter(tmp_path, variants):
     assert np.array(table["crown_base_m"]).min() > 0
 
 
+@pytest.mark.medium
 def test_a_tree_keeps_its_targets_whichever_others_stand(tmp_path):
     many, few = grown(tmp_path, 8), grown(tmp_path, 3)
     assert many.wanted == pytest.approx(few.wanted)

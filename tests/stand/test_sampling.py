@@ -127,6 +127,7 @@ def test_disjoint_cells_are_independent(name):
     assert abs(np.corrcoef(counts.T)[0, 1]) < 4.5 / np.sqrt(runs)  # false alarm 7e-6 each
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("name", KINDS)
 def test_an_exact_number_is_exact(name):
     points = sample(process(name), stream(1, "exact"), 1234)
@@ -172,6 +173,7 @@ def test_values_that_are_no_intensity_are_refused_with_their_place(bad):
         sample(Process(Broken(Constant(1.0)), LOW, LOW + SIZE), stream(0, "x"))
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("name", KINDS)
 def test_too_many_trees_are_refused_with_the_number(name):
     with pytest.raises(IntensityError, match="300,000,000 trees, more than 20,000,000"):

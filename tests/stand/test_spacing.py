@@ -38,6 +38,7 @@ def brute(points, mark, spacing, rule):
     return keep
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("rule", RULES)
 @pytest.mark.parametrize("cluster", [False, True])
 @pytest.mark.parametrize("count", [2, 60, 900])
@@ -51,6 +52,7 @@ def test_pairs_crowns_and_rules_equal_the_definition(rule, cluster, count):
     assert (gap >= spacing.between(trees[a], trees[b])).all()
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("rule", RULES)
 @pytest.mark.parametrize("distance", [0.05, 0.5, 3.0])
 def test_batches_of_many_trees_equal_the_definition(rule, distance):
@@ -65,6 +67,7 @@ def test_batches_of_many_trees_equal_the_definition(rule, distance):
     assert (RULES[rule](points, mark, distance) == expected).all()
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("rule", RULES)
 def test_a_distance_larger_than_the_field_leaves_the_oldest_tree(rule):
     rng = stream(3, "one")
@@ -101,6 +104,7 @@ def test_a_distance_of_exactly_the_spacing_is_kept(rule):
     )
 
 
+@pytest.mark.medium
 def test_matern_ii_keeps_the_share_that_it_should():
     """Of a Poisson process, (1 - exp(-λπr²))/(λπr²) stay (Matérn 1960; Stoyan, Kendall and Mecke 5.4).
 

@@ -21,6 +21,7 @@ HILLS = Planting(
 )
 
 
+@pytest.mark.medium
 def test_integral_is_the_numerical_one():
     intensity = process_of(HILLS, FIELD)
 
@@ -32,6 +33,7 @@ def test_integral_is_the_numerical_one():
         assert intensity.expected(np.array(low), np.array(high)) == pytest.approx(numeric, abs=1e-6)
 
 
+@pytest.mark.medium
 def test_counts_in_rectangles_are_poisson():
     intensity = process_of(HILLS, FIELD)
     samples = [sample(intensity, stream(s, "count")) for s in range(1500)]
@@ -45,6 +47,7 @@ def test_counts_in_rectangles_are_poisson():
         assert abs(dispersion - 1) < 4.5 * np.sqrt(2 / len(counts) + 1 / (mean * len(counts)))
 
 
+@pytest.mark.medium
 def test_positions_follow_the_intensity():
     intensity = process_of(HILLS, FIELD)
     x = np.concatenate([sample(intensity, stream(s, "pit")) for s in range(600)])[:, 0]

@@ -57,6 +57,7 @@ def test_target_and_reached_of_every_tree(tmp_path):
     assert columns["not_met"].shape == (3,)
 
 
+@pytest.mark.medium
 def test_what_a_list_says_in_vain_is_said(tmp_path):
     forest = grown(tmp_path, None)
     assert forest.notes == (

@@ -34,6 +34,7 @@ def test_measured_stands_are_clothed_where_something_looks():
     assert len(ForestSite.read(by_hand).scene.plantings) == 2
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("name", sorted(path.stem for path in SCENES.glob("*.toml")))
 def test_scenes_that_are_shipped_stay_as_they_are(name):
     scene = read_settings(SCENES / f"{name}.toml", Scene)

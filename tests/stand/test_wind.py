@@ -35,6 +35,7 @@ def test_a_spectrum_has_unit_variance_and_its_peak():
     assert peak == pytest.approx([0.15, 0.45], rel=0.01)
 
 
+@pytest.mark.medium
 def test_wind_has_its_mean_and_its_variance_at_the_tops():
     """300 seeds of one place: the deviation of the mean is σ/√300, of a standard deviation σ/√600."""
     found = np.stack(
@@ -263,6 +264,7 @@ def test_wind_that_cannot_be_is_refused():
             Wind(**wrong)
 
 
+@pytest.mark.medium
 def test_a_whip_in_a_storm_is_held_where_small_rotations_end_and_says_so():
     """Rotations of wood by the whole sum at 4,000 moments: mean and two deviations within 1.5 radians."""
     skeleton = rod(0.012, 0.002, 6.0, 30)

@@ -70,6 +70,7 @@ def test_a_copy_of_a_reverb_goes_without_the_receiver_that_both_have(small):
     assert "reverb receiver" not in bpy.data.objects
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("preset", sorted(Path(path).stem for path in SCENES.glob("*.toml")))
 def test_every_preset_starts_with_a_sensor_chosen(props, preset):
     bpy.ops.forest.start(preset=preset)

@@ -162,11 +162,13 @@ DOORS = [
 ]
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize(("door", "name"), DOORS)
 def test_every_door_opens_on_the_same_forest(props, grown, door, name, tmp_path):
     same(door(scene_of(name), tmp_path), grown(name))
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize(
     "name", ["full", "unheard", pytest.param("measured", marks=pytest.mark.slow)]
 )
@@ -177,6 +179,7 @@ def test_a_flyer_meets_the_whole_forest(props, grown, name, tmp_path):
     same(met, grown("full" if name == "unheard" else name))
 
 
+@pytest.mark.medium
 def test_who_hears_no_leaf_grows_none(grown):
     assert leaves_of(grown("full")) > 1000
     assert leaves_of(grown("unheard")) == 0

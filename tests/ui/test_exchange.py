@@ -149,6 +149,7 @@ def test_round_trip_is_exact_to_six_digits(props, cls, data):
     assert exchange.read(group, cls) == drawn
 
 
+@pytest.mark.medium
 @given(drawn=groups(spec.Forest, digits=17))
 @IN_BLENDER
 def test_any_number_is_kept_to_single_precision(props, drawn):

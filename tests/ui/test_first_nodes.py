@@ -70,6 +70,7 @@ def test_light_views_of_the_first_group_are_read_in_full(first):
     assert nodes.is_light(thing.modifiers[0])
 
 
+@pytest.mark.medium
 def test_its_cloud_is_drawn_and_takes_new_points_as_it_is(first):
     thing = cloud()
     (modifier,) = thing.modifiers
@@ -87,6 +88,7 @@ def test_its_cloud_is_drawn_and_takes_new_points_as_it_is(first):
     assert nodes._input(modifier, RADIUS)[0] == pytest.approx(0.07)
 
 
+@pytest.mark.medium
 def test_a_new_cloud_in_such_a_file_has_the_new_inputs(first):
     bpy.data.objects.remove(cloud())
     assert run("cloud") == {"FINISHED"}

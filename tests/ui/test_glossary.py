@@ -131,6 +131,7 @@ def test_entries_of_a_menu_differ_in_what_they_say(registered):
     assert alike == set()
 
 
+@pytest.mark.medium
 def test_texts_of_the_code_keep_the_glossary():
     """Messages, labels and buttons, which stand in the code."""
     import sys

@@ -505,6 +505,7 @@ def test_twice_in_a_row(again, name):
         assert done or not unclear(words), words
 
 
+@pytest.mark.medium
 def test_the_frame_range_from_every_frame(again):
     for at in (frame_below_zero, frame_between):
         folder = again()
@@ -518,6 +519,7 @@ def test_the_frame_range_from_every_frame(again):
         assert len(list((folder / "out").iterdir())) == 2
 
 
+@pytest.mark.medium
 def test_a_linked_scene_is_not_changed(again):
     folder = again()
     linked_scene(folder)
@@ -574,6 +576,7 @@ def full_disk(size):
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
 
 
+@pytest.mark.medium
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # of zipfile
 def test_a_full_disk_leaves_no_half_files(again):
     folder = again()
@@ -597,6 +600,7 @@ def test_a_full_disk_leaves_no_half_files(again):
     assert not [file for file in folder.rglob("*") if "partial" in file.name]
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize(("system", "scale"), [("METRIC", 0.01), ("IMPERIAL", 1.0), ("NONE", 1.0)])
 def test_a_unit_counts_as_a_metre_and_the_panel_says_so(again, system, scale):
     again()

@@ -63,6 +63,7 @@ def test_a_reverb_has_further_ends(built):
         press("add_source")
 
 
+@pytest.mark.medium
 def test_a_planting_shows_what_stands(built):
     from forest_addon.ui.forest.lists import _planting_row
 

@@ -51,6 +51,7 @@ def test_a_file_beside_the_blend_file_becomes_a_whole_path(props, tmp_path):
     assert raster.file == "hill.png"
 
 
+@pytest.mark.medium
 def test_surfaces_and_collections_of_the_scene(small):
     bpy.ops.forest.build()
     plane("slope")

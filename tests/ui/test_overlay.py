@@ -69,6 +69,7 @@ def test_a_sensor_whose_lines_cannot_be_made_takes_no_other_along(
     assert "where echo looks" in caplog.text
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("kind", spec.SENSORS)
 @pytest.mark.parametrize("place", [(0, 0, 0), (1e6, -1e6, 1e-6), (0, 0, 1e4), (0, 0, -5)])
 def test_lines_are_finite_wherever_a_sensor_is_put(props, sensor, kind, place):

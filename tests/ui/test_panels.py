@@ -267,6 +267,7 @@ def _figures(props, name):
     return {figure.name for figure in props.results[name].figures}
 
 
+@pytest.mark.medium
 def test_a_scan_without_a_forest_is_told_nothing_of_trees(props):
     _own_scene()
     assert bpy.ops.forest.scan_here() == {"FINISHED"}
@@ -277,6 +278,7 @@ def test_a_scan_without_a_forest_is_told_nothing_of_trees(props):
     assert "Tree Density" not in drawn()
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize(
     ("kind", "name", "told"),
     [

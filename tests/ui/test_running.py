@@ -68,6 +68,7 @@ def test_a_job_stays_in_the_scene_that_it_was_begun_in(built):
         bpy.context.window.scene = first
 
 
+@pytest.mark.medium
 def test_a_job_whose_scene_is_removed_says_so(built):
     scene, said = bpy.data.scenes.new("Second"), []
     modal = SimpleNamespace(

@@ -29,6 +29,7 @@ BARE = "\n[output]\n" + "".join(
 )
 
 
+@pytest.mark.medium
 def test_an_exported_scene_file_says_the_same(built, tmp_path):
     path = tmp_path / "mine.toml"
     assert press("save_scene", filepath=str(path)) == {"FINISHED"}
@@ -38,6 +39,7 @@ def test_an_exported_scene_file_says_the_same(built, tmp_path):
     assert exchange.to_spec(bpy.context.scene) == before
 
 
+@pytest.mark.medium
 def test_the_panel_exports_for_other_programs(built, tmp_path):
     assert press("export_others", directory=str(tmp_path / "others")) == {"FINISHED"}
     said = json.loads((tmp_path / "others/scene.json").read_text())

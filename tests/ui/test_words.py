@@ -239,6 +239,7 @@ def spoken(template):
     return languages.read_catalog(text)
 
 
+@pytest.mark.medium
 def test_the_template_has_every_kind_of_text(template):
     known = set(spoken(template))
     assert {
@@ -262,6 +263,7 @@ def test_the_template_has_every_kind_of_text(template):
     assert {("*", pattern) for pattern in patterns} <= known
 
 
+@pytest.mark.medium
 def test_gettext_accepts_the_template(template, tmp_path):
     if not shutil.which("msgfmt"):
         pytest.skip("gettext's msgfmt is not installed")

@@ -103,6 +103,7 @@ def test_height_sets_the_unit() -> None:
     assert doubled.trunk_radius == pytest.approx(2 * metres.trunk_radius)
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("turn", [0.4, 2.0, 3.9])
 def test_templates_do_not_change_when_the_tree_is_turned_and_moved(turn: float) -> None:
     model = tree(7)
@@ -265,6 +266,7 @@ def test_wood_that_is_no_tree_is_refused() -> None:
     )
 
 
+@pytest.mark.medium
 def test_leaves_that_are_none_are_refused() -> None:
     model = tree()
     assert "no facet with an area in the leaves" in refusal(model.wood(), np.zeros((2, 3, 3)))
@@ -325,6 +327,7 @@ def test_maple_pieces(maple: tuple[np.ndarray, np.ndarray]) -> None:
     assert len(np.unique(corners, axis=0)) == found.leaves.count == 1855
 
 
+@pytest.mark.medium
 def test_maple_templates(maple: tuple[np.ndarray, np.ndarray]) -> None:
     wood, leaves = maple
     split = split_tree(wood, leaves, height=12.0)

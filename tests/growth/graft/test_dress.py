@@ -26,6 +26,7 @@ def wood():
     return read_stl(ASSETS / "templates" / "maple" / "wood.stl")
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("unit", [1.0, 0.1])
 def test_every_twig_bears_nodes_times_leaves_of_their_true_size(wood, unit):
     facets = dress(wood / unit, LEAF, SHAPES["ellipse"](), unit)

@@ -26,6 +26,7 @@ tree = st.recursive(
 )
 
 
+@pytest.mark.medium
 @examples(200)
 @given(tree)
 def test_any_expression_has_pythons_value(text):

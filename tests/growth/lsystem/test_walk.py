@@ -106,6 +106,7 @@ def test_deep_brackets_do_not_overflow():
     assert nested.skeleton.end[-1, 2] == pytest.approx(2100)
 
 
+@pytest.mark.medium
 def test_a_long_axis_stays_exact():
     ends = walk_text("F(1)+(1)" * 3600).skeleton.end
     assert np.abs(ends[359::360]).max() < 1e-10  # ten times round a polygon of 360 sides

@@ -104,6 +104,7 @@ def test_at_least_a_dozen_kinds_and_four_types_are_shipped():
         assert (np.diff(low[:, :2], axis=0) > 0).all()  # thicker trees are taller and wider
 
 
+@pytest.mark.medium
 @needs_measurements
 def test_shipped_files_are_what_the_measured_table_says():
     table = read_measured(FOUND / "baad_trees.csv")

@@ -110,6 +110,7 @@ def test_the_truth_has_the_collars_volume():
     )
 
 
+@pytest.mark.medium
 def test_wood_with_collars_is_closed_and_its_truth_is_the_volume_of_the_union():
     species, kind = load_species(find_species("european-beech", Path()))
     wood = grow(species, kind, stream(1, "closed"), Wanted(0.3, 18.0, 7.0, 6.0, 20.0)).skeleton
@@ -125,6 +126,7 @@ def test_wood_with_collars_is_closed_and_its_truth_is_the_volume_of_the_union():
     assert pieces > 1.02 * union  # what lies within the parent counts twice there
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("name", ["silver-birch", "scots-pine"])
 def test_a_measured_tree_keeps_its_measures(name):
     species, kind = load_species(find_species(name, Path()))

@@ -24,6 +24,7 @@ def species_of(name):
     return load_species(find_species(name, Path()))
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("name", ["scots-pine", "silver-birch", "honda-birch", "ginkgo", "apple"])
 def test_a_tree_measures_what_it_is_to(name):
     """Diameter to a tenth of a millimetre, height and base to a few centimetres, leaf area exactly."""
@@ -39,6 +40,7 @@ def test_a_tree_measures_what_it_is_to(name):
     assert tree.wanted == SMALL
 
 
+@pytest.mark.medium
 def test_a_seedling_whose_leaves_alone_pass_breast_height_has_its_diameter():
     """A spruce of 1.5 m: its stem used to end at 1.297 m, below the top shoot."""
     species, kind = species_of("norway-spruce")

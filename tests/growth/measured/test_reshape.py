@@ -46,6 +46,7 @@ def test_all_five_are_met(name, siblings):
     assert tree.missed == ()
 
 
+@pytest.mark.medium
 def test_leaves_keep_their_size_and_their_truth_is_that_of_the_mesh():
     plain, tree = grown("hazelnut", None), grown("hazelnut", WANTED)
     assert len(tree.leaves) > 3 * len(plain.leaves)  # more leaves, not larger ones
@@ -59,6 +60,7 @@ def test_leaves_keep_their_size_and_their_truth_is_that_of_the_mesh():
     assert set(counts) <= set(np.bincount(plain.mesh.leaf[plain.mesh.leaf >= 0]))
 
 
+@pytest.mark.medium
 def test_the_mesh_of_the_stem_has_the_diameter():
     """The cut of the wood at 1.3 m, below all branches: its widest extent is the DBH."""
     tree = grown("maple", WANTED)
@@ -71,6 +73,7 @@ def test_the_mesh_of_the_stem_has_the_diameter():
     assert np.abs(across / WANTED.dbh - 1).max() < 0.03
 
 
+@pytest.mark.medium
 def test_what_no_stretching_reaches_is_named():
     tree = grown("hazelnut", Wanted(0.9, 30.0, 1.0, 27.0, 5.0))
     assert any("crown_width cannot be met" in sentence for sentence in tree.missed)

@@ -59,6 +59,7 @@ def test_a_young_beech_keeps_its_leader():
     assert table["volume_m3"][stem].sum() > 0.5 * table["volume_m3"].sum()
 
 
+@pytest.mark.medium
 def test_conifers_stand_in_whorls():
     skeleton = tree_of("norway-spruce", Wanted(0.2, 16.0, 4.0, 5.0, 60.0)).skeleton
     first, _ = limbs_of(skeleton)
@@ -106,6 +107,7 @@ def test_without_shade_nothing_has_died():
     assert (tree.mesh.part == DEAD).sum() < 0.02 * len(tree.mesh.part)
 
 
+@pytest.mark.medium
 def test_every_measured_species_names_its_model():
     names = [p.stem for p in sorted(find_species("maple", Path()).parent.glob("*.toml"))]
     found = [load_species(find_species(n, Path()))[0] for n in names]

@@ -43,6 +43,7 @@ def brute(triangle, edge):
     return found
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("edge", [0.11, 0.3, 1.7])
 def test_areas_are_those_of_clipped_polygons(edge):
     rng = stream(4, "cells")

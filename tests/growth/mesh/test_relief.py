@@ -34,6 +34,7 @@ def rings(mesh, height, within=0.004):
     return np.hypot(near[:, 0], near[:, 1]), np.arctan2(near[:, 1], near[:, 0])
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("texture", TEXTURES)
 def test_a_stem_in_relief_is_closed_and_keeps_its_volume(texture):
     relief = Relief(texture, 0.05, 0.02, 0.06, 1.0, seed=3)

@@ -90,6 +90,7 @@ def test_shapes_of_before_are_as_before():
         assert np.array_equal(one.vertices, SHAPES[shape]().vertices)
 
 
+@pytest.mark.medium
 def test_needles_of_a_fascicle_spring_from_one_place_and_shade_as_their_number():
     single, pairs = (
         shoot_of(Needles(length=0.05, diameter=0.0013, count=120, blades=0, together=n), 0.09)

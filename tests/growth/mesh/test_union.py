@@ -22,6 +22,7 @@ def turned(corners, angle=0.7):
     return corners @ turn.T
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("turn", [lambda corners: corners, turned])
 def test_what_two_boxes_share_counts_once(turn):
     """Two boxes of 1 and 0.5 m3 that share a third of the smaller."""
@@ -30,11 +31,13 @@ def test_what_two_boxes_share_counts_once(turn):
     assert shared_once(turn(both)) == pytest.approx((1.5 - shared) / 1.5, abs=2e-3)
 
 
+@pytest.mark.medium
 def test_pieces_apart_are_as_they_are():
     apart = np.concatenate([box((0, 0, 0), (1, 1, 1)), box((3, 0, 5), (1, 2, 0.5))])
     assert shared_once(turned(apart)) == pytest.approx(1.0, abs=1e-9)
 
 
+@pytest.mark.medium
 def test_a_piece_within_another_and_three_in_one_place():
     nested = [box((0, 0, 0), (1, 1, 1)), box((0.2, 0.2, 0.2), (0.5, 0.5, 0.5))]
     assert shared_once(turned(np.concatenate(nested))) == pytest.approx(1 / 1.125, abs=2e-3)

@@ -93,6 +93,7 @@ def foliage(kind: str, model: Model) -> np.ndarray:
     return np.concatenate(found)
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize(
     "kind", ["quads", "cards", "crossed", "stars", "shaped", "tufts", "joined"]
 )
@@ -112,6 +113,7 @@ def test_leaves_of_every_kind_are_told_from_wood_by_their_shape(kind: str) -> No
     assert np.count_nonzero(bears) >= 26
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("up", UPRIGHT)
 @pytest.mark.parametrize("leafy", [False, True])
 def test_pieces_that_were_sorted_are_recognised_as_the_facets_are(up: str, leafy: bool) -> None:

@@ -11,6 +11,7 @@ from forest_addon.growth.recognise.recognise import recognise
 from forest_addon.growth.recognise.tubes import find_contacts
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize(
     "shape",
     [{}, {"sides": 3}, {"sides": 5}, {"sides": 24}, {"capped": True}, {"capped": True, "sides": 6}],
@@ -20,6 +21,7 @@ def test_structure_is_recognised_whatever_the_tubes_are_made_of(shape: dict[str,
     model.check(recognise(model.wood(), model.leaves()))
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("seed", range(1, 6))
 def test_structure_does_not_depend_on_the_order_of_facets_nor_on_float32(seed: int) -> None:
     model = tree(seed, branches=5 + seed)
@@ -45,6 +47,7 @@ def test_foot_tip_and_radius_of_a_straight_tube_are_exact() -> None:
     np.testing.assert_allclose(found.lines.length()[trunk], length, rtol=1e-3)
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("rings", [2, 3, 7, 40])
 @pytest.mark.parametrize("sides", [4, 7, 12])
 def test_centreline_does_not_depend_on_where_rings_are(rings: int, sides: int) -> None:

@@ -53,6 +53,7 @@ def check_box(found: Recognition) -> None:
     np.testing.assert_allclose(found.radius[number], model.radius, rtol=0.35)
 
 
+@pytest.mark.medium
 def test_a_box_modelled_tree_is_cut_at_its_forks() -> None:
     facets = box_tree().facets()
     assert part(facets).count == 1
@@ -81,6 +82,7 @@ def test_feet_reach_into_the_mother_and_holes_are_closed() -> None:
         assert len(np.unique(loop)) == 2, piece  # two open ends, no other hole
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("seed", range(3))
 def test_noise_and_another_order_of_facets_change_no_branch(seed: int) -> None:
     rng = np.random.default_rng(seed)
@@ -141,6 +143,7 @@ def test_a_plain_tube_is_not_cut_however_it_bends_or_swells() -> None:
     assert recognise(model.wood()).wood.count == 3
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize(
     "facets",
     [
@@ -182,6 +185,7 @@ def test_a_remeshed_tree_has_the_branches_of_its_parts() -> None:
     np.testing.assert_allclose(found.radius[number], model.radius, rtol=0.2)
 
 
+@pytest.mark.medium
 def test_branches_that_have_grown_together_spoil_no_other_piece() -> None:
     """Two branches that cross: the ring that they make with the trunk is said, all lines are sound."""
     model = Model()

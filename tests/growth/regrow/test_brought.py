@@ -66,6 +66,7 @@ def test_any_tree_comes_back_standing(
     check(recognise(brought(name, sides, capped, done, np.array(place))))
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize(
     ("name", "orders"),
     [

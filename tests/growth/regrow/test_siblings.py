@@ -45,6 +45,7 @@ def test_siblings_are_within_the_goals(name):
             assert sample.mover < 3.0, sample
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("name", SPECIES)
 def test_every_piece_is_within_its_mother_and_every_leaf_on_its_seat(name):
     own = own_tree(name)
@@ -73,6 +74,7 @@ def test_every_piece_is_within_its_mother_and_every_leaf_on_its_seat(name):
         assert gap.max() < worst + 1e-3
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("name", SPECIES)
 def test_no_trunk_is_cut_off(name):
     template = sibling(name, 0, variety=0.0).skeleton
@@ -93,6 +95,7 @@ def test_siblings_differ_and_follow_from_their_stream():
     assert 0.05 < np.std(heights) / np.mean(heights) < 0.15
 
 
+@pytest.mark.medium
 def test_the_dial_turns_from_the_tree_itself_to_its_stand():
     def spread(variety):
         found = [portray(sibling("whorled", seed, variety=variety)).numbers for seed in range(8)]
@@ -104,6 +107,7 @@ def test_the_dial_turns_from_the_tree_itself_to_its_stand():
     assert 0 < middle[1] < high[1]
 
 
+@pytest.mark.medium
 def test_whorls_stay_whorls_and_a_spiral_a_spiral():
     wood = sibling("whorled", 3).skeleton
     first, _ = axes_of(wood)
@@ -123,6 +127,7 @@ def test_whorls_stay_whorls_and_a_spiral_a_spiral():
     assert np.rad2deg(np.median(off)) < 12
 
 
+@pytest.mark.medium
 def test_twigs_of_a_weeping_tree_hang():
     def low(tree):
         wood = tree.skeleton
@@ -139,6 +144,7 @@ def test_twigs_of_a_weeping_tree_hang():
     assert np.percentile(grown, 10) == pytest.approx(np.percentile(template, 10), abs=12)
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("name", ["honda", "weeping"])
 def test_height_and_diameter_are_what_was_asked_for(name):
     tree = sibling(name, 2, height=9.0, dbh=0.4)

@@ -36,6 +36,7 @@ def leans(grown: Grown) -> np.ndarray:
     return np.rad2deg(np.arctan2(np.hypot(way[:, 0], way[:, 1]), way[:, 2]))
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("capped", [False, True])
 @pytest.mark.parametrize("sides", [3, 4, 6, 9])
 def test_the_foot_is_in_the_middle_of_its_base_and_the_trunk_begins_upright(sides, capped):
@@ -46,6 +47,7 @@ def test_the_foot_is_in_the_middle_of_its_base_and_the_trunk_begins_upright(side
     assert np.rad2deg(np.arccos(np.minimum(heading[:, 2], 1.0))).max() < 6
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("sides", [3, 4])
 @pytest.mark.parametrize("lean", [0.0, 0.4])
 def test_siblings_stand_on_their_base_and_lean_as_the_tree_does(sides, lean):

@@ -18,6 +18,7 @@ from forest_addon.spec import Siblings
 NAMES = {"length": 1.0, "angle": 0.0, "thinning": 1.0}
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize(("name", "variety"), [("whorled", 1.0), ("abop", 1.0), ("abop", 0.0)])
 def test_the_turtle_walks_the_tree(name, variety):
     habit = own_tree(name).habit

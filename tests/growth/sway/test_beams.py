@@ -54,6 +54,7 @@ def cone_with_tip_mass(foot: float, tip: float, mass: float) -> float:
     return brentq(determinant, found[first], found[first + 1]) / (2 * np.pi)
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("mass", [0.0, 30.0, 400.0])
 def test_a_tapered_cantilever_with_a_tip_mass_has_the_frequency_of_the_closed_form(mass):
     exact = cone_with_tip_mass(0.15, 0.05, mass)
@@ -81,6 +82,7 @@ def test_a_column_near_the_height_at_which_it_buckles_hardly_sways():
         assert heavy / light == pytest.approx(ratio, abs=0.01)
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("share", [0.3, 0.6, 0.9, 0.99, 1.2, 3.0])
 def test_what_stands_keeps_most_of_its_frequency_whatever_it_weighs(share):
     critical = (7.837 * WOOD.modulus * 0.05**2 / 4 / WOOD.density / 9.81) ** (1 / 3)

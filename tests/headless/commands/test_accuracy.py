@@ -73,6 +73,7 @@ def test_what_has_no_values_is_never_chosen():
     assert lost.choice(1e-3, 60) is lost.today
 
 
+@pytest.mark.medium
 def test_short_work_is_timed_more_than_once():
     runs = []
     assert timed(lambda: runs.append(1) or sum(range(300_000)))[1] > 0

@@ -128,6 +128,7 @@ def test_a_scanner_follows_a_curve_or_an_object(lidar, park, tmp_path, follow):
         assert data["z"].min() > -0.2  # nothing lies below the ground but noise
 
 
+@pytest.mark.medium
 def test_a_flight_over_it(lidar, park, tmp_path):
     more = ("--set", "track=20", "--set", "speed=20", "--set", "pulse_rate=10000")
     out = tmp_path / "scan.ply"

@@ -77,6 +77,7 @@ def test_geojson_and_another_seed(scene, tmp_path):
     assert made[0] != made[1]
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize(
     ("spoil", "said"),
     [

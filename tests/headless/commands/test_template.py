@@ -77,6 +77,7 @@ def test_a_users_tree_becomes_a_forest_in_two_commands(files, capsys, monkeypatc
     assert record["triangles"]["unique"] > 0
 
 
+@pytest.mark.medium
 def test_a_height_that_is_given_sets_the_scale(files, capsys):
     out = files / "elm"
     words = ["template", str(files / "w.stl"), "--name", "elm", "--height", "8", "--out", str(out)]
@@ -89,6 +90,7 @@ def test_a_height_that_is_given_sets_the_scale(files, capsys):
     assert len(habit.anatomy.foliage.bearer) == 0
 
 
+@pytest.mark.medium
 def test_t20s_grammar_is_there_by_name(files, capsys):
     out = files / "elm"
     words = ["template", str(files / "w.stl"), str(files / "l.stl"), "--name", "elm"]
@@ -119,6 +121,7 @@ def test_the_string_of_a_fitted_grammar(files, capsys):
     assert "~(" in whole
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize(
     ("words", "complaint"),
     [
@@ -198,6 +201,7 @@ def test_siblings_unlike_the_tree_get_no_scene_unless_they_are_accepted(files, c
     assert not (out / "scene.toml").exists()
 
 
+@pytest.mark.medium
 def test_what_is_not_understood_is_marked_in_a_picture(tmp_path, capsys):
     model = tree()
     write_stl(

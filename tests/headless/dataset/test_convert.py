@@ -189,6 +189,7 @@ def _needs(block):
             pytest.importorskip(name, exc_type=ImportError)  # some want a newer numpy
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("number", range(len(BLOCKS)))
 def test_the_pages_examples_run_and_are_short(made, number, tmp_path, monkeypatch):
     block = BLOCKS[number]

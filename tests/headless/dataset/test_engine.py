@@ -12,6 +12,7 @@ from headless.dataset.plan import PLANS, read_plan, recipes
 from headless.studies.bench.cluster import seconds_of, trial
 
 
+@pytest.mark.medium
 def test_the_script_of_a_slurm_job_asks_for_what_was_said(tmp_path):
     pytest.importorskip("dask_jobqueue")
     said = "partition=cpu,jobs=40,memory=8GB,walltime=04:00:00,account=forest"
@@ -105,6 +106,7 @@ def test_a_plan_survives_the_loss_of_a_quarter_of_its_workers_and_of_the_command
     assert found.twice <= 16  # those that ran when the command ended
 
 
+@pytest.mark.medium
 def test_a_cluster_that_loses_everything_is_given_up(monkeypatch):
     distributed = pytest.importorskip("distributed")
     monkeypatch.setattr(engine, "LEAST_AHEAD", 2)

@@ -61,6 +61,7 @@ def dataset(kind, rng):
     return seconds, seconds * wrong
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("kind", ["grid", "wide", "one heavy"])
 def test_trials_by_cost_tell_the_whole_and_its_interval_holds(kind):
     """Of 400 datasets: the mean estimate is within 5 % of the truth, the interval of 90 % has it in 80 %

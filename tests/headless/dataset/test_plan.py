@@ -150,6 +150,7 @@ def test_splits_by_species_share_none(tmp_path):
     }
 
 
+@pytest.mark.medium
 def test_libraries_are_a_splits_own_unless_told_otherwise(tmp_path):
     head = 'trees = "shared library of 9"\n'
     (tmp_path / "plan.toml").write_text(head + MIX)
@@ -160,6 +161,7 @@ def test_libraries_are_a_splits_own_unless_told_otherwise(tmp_path):
     assert len({r.library for r in recipes(read_plan(tmp_path / "plan.toml"))}) == 1
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("name", sorted(path.stem for path in PLANS.glob("*.toml")))
 def test_shipped_plans_can_be_used(name):
     plan = read_plan(PLANS / f"{name}.toml", ["count=5"])

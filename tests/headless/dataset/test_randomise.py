@@ -17,6 +17,7 @@ def drawn(path, *overrides):
     return [one.varied for one in recipes(read_plan(path, overrides))]
 
 
+@pytest.mark.medium
 def test_a_word_draws_instruments_noise_undergrowth_and_ground():
     plan = PLANS / "measured-stands.toml"
     found = drawn(plan, "randomise=measured", "count=60")
@@ -124,6 +125,7 @@ def test_draws_stay_within_their_ranges_and_reach_both_ends(stands):
     assert set(season.tolist()) == {0.0, 0.25, 0.5, 0.75, 1.0}
 
 
+@pytest.mark.medium
 def test_what_is_drawn_reaches_the_scene_by_its_seed_and_evergreens_keep_their_needles(stands):
     plan = read_plan(stands)
     one = recipes(plan, [2])[0]

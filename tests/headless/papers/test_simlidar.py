@@ -110,6 +110,7 @@ def test_rows_of_table_3_stand_beside_s(small):
     assert simlidar_report._table_3([row, replace(row, iterations=6, pruned=False)]) == []
 
 
+@pytest.mark.medium
 def test_ctrl_c_keeps_what_is_finished(small, tmp_path, monkeypatch, capsys):
     observe = simlidar.observe
 

@@ -149,6 +149,7 @@ def test_a_folder_of_clouds_is_read_by_the_names_of_for_instance(tmp_path):
         read_folder(tmp_path)
 
 
+@pytest.mark.medium
 def test_ways_of_ablation_change_what_they_name_and_nothing_else(tmp_path):
     import tomllib
 
@@ -173,6 +174,7 @@ def test_ways_of_ablation_change_what_they_name_and_nothing_else(tmp_path):
             assert read_plan(path).count == 2
 
 
+@pytest.mark.medium
 def test_differences_are_of_pairs_of_seeds(tmp_path):
     from headless.studies.sim_to_real.ablation_page import ablation_subject
     from headless.studies.sim_to_real.ablations import AblationScore, differences

@@ -45,6 +45,7 @@ def test_rarefied_occupancy_is_the_hypergeometric_chance():
     assert np.allclose(rarefied(many, hits, 10), right, atol=1e-10)
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("pulses", [60_000, pytest.param(600_000, marks=pytest.mark.slow)])
 def test_voxels_let_through_what_beers_law_says_at_every_density(tmp_path, pulses):
     density = 0.15
@@ -73,6 +74,7 @@ def test_a_cloud_agrees_with_a_thinner_one_and_not_with_a_denser_medium(tmp_path
     assert verdicts[0]["residual of stems' circles"].startswith("too little of it in one and thin")
 
 
+@pytest.mark.medium
 def test_stems_residuals_and_arcs_are_those_that_were_made():
     rng = stream(4, "stems")
     angle = rng.uniform(0, np.pi, (3, 4000))  # half of each stem is seen
@@ -90,6 +92,7 @@ def test_stems_residuals_and_arcs_are_those_that_were_made():
     assert np.allclose(found[:, 4], 0.005, atol=0.0007)
 
 
+@pytest.mark.medium
 def test_the_command_writes_table_and_picture(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(cloud_sums, "MOST", 5000)
     files = [str(medium(tmp_path / f"{name}.las", 20_000, 0.2, 1)) for name in "ab"]

@@ -40,6 +40,7 @@ class Off(BruteCaster):
         return Hits(distance, hits.instance, hits.triangle)
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("shift", [0.0, 5e5])
 def test_a_right_scan_passes_and_says_what_it_took(shift):
     caster = BruteCaster(scene(shift=shift))
@@ -55,6 +56,7 @@ def audit(work, cloud):
     return audit_scan(work, cloud, stream(1, "audit"), seconds=2.0, share=0.05)
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("wrong", [{"factor": 1 + 1e-8}, {"blind": True}])
 def test_a_wrong_engine_is_found(wrong):
     caster = Off(scene(), **wrong)
@@ -64,6 +66,7 @@ def test_a_wrong_engine_is_found(wrong):
     assert "MORE than" in str(found)
 
 
+@pytest.mark.medium
 def test_light_that_passes_leaves_is_followed_too():
     caster = BruteCaster(scene())
     shines = Surfaces(leaf_transmittance=0.3, passing="share")

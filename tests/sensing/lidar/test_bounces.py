@@ -76,6 +76,7 @@ def cosines_of(angle, ratio):
     return fresnel.refracted(way, np.array([[0.0, 0.0, 1.0]]), np.array([ratio]))
 
 
+@pytest.mark.medium
 @given(st.floats(1e-3, 1.56), st.floats(1.001, 3.0))
 def test_fresnel_by_angles_and_energy(angle, index):
     _, before, behind = cosines_of(angle, index)
@@ -103,6 +104,7 @@ def test_fresnel_at_normal_brewster_and_grazing():
     )
 
 
+@pytest.mark.medium
 @given(st.floats(0.0, 1.57), st.floats(1.0, 3.0))
 def test_a_pane_is_the_sum_of_its_inner_reflections(angle, index):
     _, before, behind = cosines_of(angle, index)
@@ -316,6 +318,7 @@ def test_mirrors_are_walls_where_bounces_are_off():
     assert cloud.bounce is None
 
 
+@pytest.mark.medium
 def test_chunks_audits_and_noise_know_bounces():
     beam = Beam(subrays=7, divergence_mrad=(2.0, 2.0), max_returns=9)
     sees = replace(

@@ -92,6 +92,7 @@ def test_a_sign_blooms_and_a_white_wall_does_not():
     assert (glowing.count == 2).sum() > 2 * (plain.count == 2).sum()
 
 
+@pytest.mark.medium
 def test_chunks_are_the_whole_and_bounces_leave_it_alone():
     caster = BruteCaster(shining(plate(FAR, -0.5, 0.5), plate(90.0, -40.0, 40.0)))
     work = Scan(scanner(halo=1e-2), caster)

@@ -34,6 +34,7 @@ def through(mesh, count, seed):
     return start - 1.5 * way, way
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize(
     "size",
     [pytest.param(1e-3, marks=pytest.mark.slow), 1.0, pytest.param(1e4, marks=pytest.mark.slow)],

@@ -15,6 +15,7 @@ from forest_addon.sensing.lidar.surveys.trajectory_file import (
 from forest_addon.spec import Mobile, Pose, SpecError
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize(("sweep", "pitch"), [("lines", 0.0), ("lines", -9.0), ("zigzag", 4.0)])
 def test_rates_field_and_tilt_are_read_back(sweep, pitch):
     poses = tuple(Pose(time=t, position=(9.0 * t, 0.0, 100.0)) for t in (0.0, 2.0))

@@ -41,6 +41,7 @@ def alike(one, other, within=1e-10):
     assert one.intensity == pytest.approx(other.intensity, rel=within)
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize(
     "settings",
     [
@@ -67,6 +68,7 @@ def test_it_is_what_the_rays_one_by_one_make(settings, monkeypatch):
     assert len(found) > 100
 
 
+@pytest.mark.medium
 def test_a_moving_scanner_and_cuts_anywhere():
     poses = (Pose(time=0.0, position=(-5.0, -8.0, 2.0)), Pose(time=1.0, position=(9.0, -3.0, 2.5)))
     scanner = Mobile(poses=poses, pulse_rate=900.0, line_rate=5.0, beam=BEAM, max_range=60.0)

@@ -70,6 +70,7 @@ def grazing(beam, spread):
     return 80 * np.sin(np.arctan(width / 2 / spread / pulse_length(beam.pulse_ns))), 80.0
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("spread", SPREADS)
 @pytest.mark.parametrize("beam", beams())
 def test_flat_ground_is_one_echo_where_the_beam_meets_it(beam, spread):

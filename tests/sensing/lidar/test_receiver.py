@@ -180,6 +180,7 @@ def noisy(snr, **settings):
     )
 
 
+@pytest.mark.medium
 def test_false_alarm_rate_is_that_of_filtered_noise():
     rng = np.random.default_rng(1)
     step, sigma = 0.1e-9, 5e-9 / 2.3548200450309493
@@ -216,6 +217,7 @@ def test_noise_gives_false_points_everywhere_in_the_gate_and_says_that_nothing_w
     assert (parts == cloud.position).all()
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize(("over", "chance"), [(1.0, 0.5), (1.2, 0.8413447), (0.8, 0.1586553)])
 def test_weak_echoes_come_and_go_as_their_share_of_the_noise_says(over, chance):
     scanner = noisy(5.0)

@@ -11,6 +11,7 @@ from forest_addon.sensing.lidar.scan import scan
 from forest_addon.spec import Terrestrial
 
 
+@pytest.mark.medium
 def test_a_terrestrial_scan_of_ground_and_trunk():
     trunk = TriMesh.of_part(*tube(np.array([[5.0, 0, -1], [5.0, 0, 9]]), np.full(2, 0.2), 64), WOOD)
     scanner = Terrestrial(

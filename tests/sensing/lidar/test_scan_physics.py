@@ -184,6 +184,7 @@ def test_a_thin_twig_far_away_returns_its_share_of_the_footprint():
     assert cloud.true_range == pytest.approx(80, abs=1e-4)
 
 
+@pytest.mark.medium
 def test_a_sphere_is_where_it_is():
     rings, columns = 96, 192
     el = np.linspace(-np.pi / 2, np.pi / 2, rings + 1)
@@ -263,6 +264,7 @@ def noisy(pulses=20_000, **noise):
     return along_x(pulses=pulses, noise=Noise(**noise))
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize(
     ("noise", "tilt", "expected"),
     [
@@ -302,6 +304,7 @@ def test_another_seed_or_name_is_other_noise():
     assert not np.isin(other.returns.distance, first.returns.distance).any()
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("at_once", [1, 7, 64, 1000])
 def test_chunks_do_not_change_a_byte(at_once):
     scanner = along_x(

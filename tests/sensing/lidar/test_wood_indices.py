@@ -43,6 +43,7 @@ def test_a_wall_has_its_distance_times_the_fan():
     assert upright == pytest.approx(50 * 0.002 * far * logarithm, rel=2 * step)
 
 
+@pytest.mark.medium
 def test_a_vertical_cylinder_has_its_visible_front():
     """At y from the axis, l·cos θ = D - √(r² - y²); over y and θ that is (2rD - πr²/2)·(θ₂ - θ₁)."""
     r, far = 0.04, 1.5
@@ -94,6 +95,7 @@ def test_a_solid_beam_meets_whatever_is_in_its_sector(parts, gap):
         assert np.array_equal((scan.organ == WOOD).any(axis=1), sector)
 
 
+@pytest.mark.medium
 def test_one_ray_passes_what_a_solid_beam_meets():
     """On a track of 2 mm a board of 0.5 mm is met by one ray in four, and always by P = 4."""
     lows = 0.04 + 0.002 * np.arange(0.005, 1, 0.01)

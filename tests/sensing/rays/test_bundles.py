@@ -36,6 +36,7 @@ def scenes():
     }
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("name", list(scenes()))
 @pytest.mark.parametrize(
     ("radius", "spread", "moves"), [(0.0, 0.0, 0.0), (0.01, 0.002, 2.0), (0.3, 0.03, 0.0)]

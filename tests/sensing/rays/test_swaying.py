@@ -122,6 +122,7 @@ def test_a_leaning_plate_is_met_where_it_is():
     assert np.abs(middle[:, 2] - rest[ours, 2]).max() < 0.07
 
 
+@pytest.mark.medium
 def test_any_order_and_company_gives_the_same():
     rays, (origin, way, time) = caster(scene(plate())), fan()
     whole = rays.cast(origin, way, time=time)
@@ -161,6 +162,7 @@ def test_trees_of_other_numbers_and_dead_ones_stand():
     assert np.array_equal(stands.cast(origin, way, time=time).distance, plain.distance)
 
 
+@pytest.mark.medium
 def test_no_ray_slips_between_pieces_of_a_pole():
     """A closed tube bends in eight pieces: rays at its axis meet its near side, never the inside of it."""
 

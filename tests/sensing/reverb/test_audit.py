@@ -129,6 +129,7 @@ def test_direct_sound_among_dense_leaves_and_twigs_is_kept():
     assert all(check.kept for check in said), str(found)
 
 
+@pytest.mark.medium
 def test_a_wrong_sum_is_found():
     found = audit(stand(np.full(1500, 0.15)), CLAP, Wrong())
     assert not found.kept

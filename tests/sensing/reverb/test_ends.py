@@ -60,6 +60,7 @@ def test_refused_in_words() -> None:
         Place(position=(0.0, 0.0, -1.0))
 
 
+@pytest.mark.medium
 def test_each_channel_is_as_if_alone() -> None:
     rng = np.random.default_rng(0)
     trunks = Trunks(rng.uniform(-15, 35, (70, 2)), np.full(70, 0.2), np.arange(70))

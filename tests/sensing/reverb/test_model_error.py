@@ -53,6 +53,7 @@ def test_nearest_trunks_that_can_be_solved() -> None:
     np.testing.assert_array_equal(found.frequency, SOME)
 
 
+@pytest.mark.medium
 def test_frequencies_that_are_too_high_are_left_out() -> None:
     steps: list[tuple[int, int]] = []
     found = model_error(

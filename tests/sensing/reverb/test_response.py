@@ -43,6 +43,7 @@ def scattered_trunks(count: int, seed: int = 0) -> Trunks:
     return Trunks(rng.uniform(-15, 35, (count, 2)), rng.uniform(0.02, 0.4, count), np.arange(count))
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("conditions", [(20.0, 50.0, 101.325), (-20.0, 10.0, 80.0)])
 def test_spectra_against_scalar_loops(conditions: tuple[float, float, float]) -> None:
     """Every part at single frequencies; five radii over two octaves of panels, one twice."""
@@ -110,6 +111,7 @@ def test_direct_and_ground_delay_and_level() -> None:
     assert (response.trunks, response.continued, response.late, response.clamped) == (0, 0, 0, 0)
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize(("x", "angle"), [(25.0, math.pi), (-5.0, math.pi), (10.0, 0.0)])
 def test_tree_in_line(x: float, angle: float) -> None:
     """Straight back the echo leads the axis by a diameter's way, straight on it is with the axis."""
@@ -239,6 +241,7 @@ def caster(mesh: TriMesh) -> BruteCaster:
     return BruteCaster(SceneGeometry((mesh,), identity, one, ("wall",), one, one))
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize(
     ("low", "high", "direct", "ground"),
     [
@@ -265,6 +268,7 @@ def test_the_ground_does_not_hide_its_own_sound() -> None:
     assert listen(NOTHING, wood=caster(floor)).ground_clear
 
 
+@pytest.mark.medium
 def test_continuation() -> None:
     trunks = scattered_trunks(40)
     settings = Reverb(duration=0.4, sample_rate=4000.0, continue_to=60.0)

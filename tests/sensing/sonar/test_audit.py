@@ -55,6 +55,7 @@ def mixed(seed, count):
     return EchoTargets(scene_of(join([blades, *stems])))
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("tolerance", [1e-2, 1e-6, 1e-8])
 @pytest.mark.parametrize("cull", [0.0, 1e-2])
 @pytest.mark.parametrize("model", ["exact", "piston"])
@@ -96,6 +97,7 @@ def row_of_leaves(count, size, turn, apart):
     return EchoTargets(scene_of(replace(mesh, leaf=np.arange(count, dtype=np.int32))))
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("size", [0.02, 0.05])
 @pytest.mark.parametrize("apart", [0.0, 343.2 / 60e3 / 2, 1e-4])
 def test_equal_leaves_in_phase_are_kept(size, apart):
@@ -130,6 +132,7 @@ def test_a_short_ping_is_not_looked_for_again():
     assert found.checks[0].allowed <= sonar.tolerance + 1e-11
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("speed", [0.0, 12.0])
 @pytest.mark.parametrize("name", ["waveforms", "called", "responses", "envelopes"])
 def test_waveforms_are_looked_at(speed, name):

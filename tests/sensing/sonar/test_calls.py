@@ -127,6 +127,7 @@ def test_doppler_is_a_stretch_of_time(speed: float) -> None:
     assert 0.98 < fit < 1.25  # np.gradient is low at these frequencies, by sin x/x
 
 
+@pytest.mark.medium
 def test_doppler_of_many_leaves_is_the_sum_of_each() -> None:
     rng = np.random.default_rng(1)
     places = rng.normal(size=(12, 3))
@@ -141,6 +142,7 @@ def test_doppler_of_many_leaves_is_the_sum_of_each() -> None:
     np.testing.assert_allclose(whole.waveforms, parts, atol=2e-4 * size)
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("tolerance", [1e-3, 1e-6])
 @pytest.mark.parametrize(
     "known",

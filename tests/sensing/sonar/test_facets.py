@@ -101,6 +101,7 @@ def test_small_far_triangle_is_its_area() -> None:
     np.testing.assert_allclose(np.abs(echo.spectrum), k * 6e-5 / (2 * math.pi) / 9, rtol=0.05)
 
 
+@pytest.mark.medium
 def test_mirrored_and_squeezed_instances() -> None:
     mesh = sphere(1.0, (0, 0, 0))
     for stretch in ([0.2, 0.3, 0.1], [-0.2, 0.3, 0.1]):

@@ -76,6 +76,7 @@ def test_what_was_not_measured_is_as_the_nearest_that_was() -> None:
     np.testing.assert_allclose(found, [0, -10], atol=0.6)
 
 
+@pytest.mark.medium
 def test_the_fast_sum_keeps_its_tolerance_with_ears_all_round(tmp_path: Path) -> None:
     measured = directions(300)
     level = np.stack([level_at(measured, FREQUENCY, left) for left in (1.0, -1.0)])

@@ -66,6 +66,7 @@ def alpha_of(echo, group):
     return factors(group, Station(SONAR, AIR, echo.pose, Equipment.of(SONAR)), 0)
 
 
+@pytest.mark.medium
 def test_each_ping_hears_a_plate_where_it_is_then():
     targets, moving = nearing(plate())
     times = [0.0, 0.31, 1.0, 1.77]
@@ -155,6 +156,7 @@ def test_what_is_away_or_bends_sounds_as_it_is_at_each_ping():
     assert moving.solid().motion.shapes[0].vertices.shape == (2, 4, 3)
 
 
+@pytest.mark.medium
 def test_doppler_knows_how_a_plate_bends():
     """Its middle comes nearer at 1 m/s while its edge stands, and lay 0.5 m farther off at rest."""
     grid = np.linspace(-1, 1, 21)

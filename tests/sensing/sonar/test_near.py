@@ -40,6 +40,7 @@ def some(echo: Echo) -> tuple[np.ndarray, np.ndarray]:
     return echo.spectrum[rows], 2 * np.pi * echo.frequency[rows] / 340.0
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("radius", [0.025, 0.05])
 @pytest.mark.parametrize("distance", [0.15, 0.5, 1.0, 2.0])
 @pytest.mark.parametrize("incidence", [0.0, 0.05, 0.3, 1.0, 1.4])
@@ -58,6 +59,7 @@ def test_near_leaf_is_kirchhoffs_integral(radius: float, distance: float, incide
         assert abs(level) < 0.4
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("model", MODELS)
 @pytest.mark.parametrize("radius", [0.01, 0.025, 0.05, 0.3])
 def test_never_louder_than_twice_a_mirror(model: str, radius: float) -> None:

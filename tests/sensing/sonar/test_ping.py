@@ -114,6 +114,7 @@ def analytic_at(echo: Echo, time: np.ndarray) -> np.ndarray:
     return np.asarray(turned @ (window * echo.spectrum) / window.sum())
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("model", ["piston", "paper", "exact"])
 @pytest.mark.parametrize("distance", [1.3, 3.3333, 14.9])
 def test_single_leaf_has_its_delay_and_level(distance: float, model: str) -> None:

@@ -59,6 +59,7 @@ def test_depth_grows_along_the_way_and_starts_at_nothing() -> None:
     assert steps[2] == pytest.approx(0.6 * steps[3], rel=0.2)
 
 
+@pytest.mark.medium
 def test_two_ways_weaken_the_pressure_by_the_depth() -> None:
     """A target behind a wall of leaves: e^{-τ}, and nothing is lost in front of it."""
     screen = haze(800, 0.05, facing=True)
@@ -81,6 +82,7 @@ def test_two_ways_weaken_the_pressure_by_the_depth() -> None:
         ping(targets, Sonar(shading="extinction", **settings), AIR)
 
 
+@pytest.mark.medium
 def test_trunks_and_leaves_together() -> None:
     board = TriMesh.of_part(
         np.array([(3.5, -5, -5), (3.5, 0, -5), (3.5, 0, 9), (3.5, -5, 9)], np.float64),

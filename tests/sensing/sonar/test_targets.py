@@ -83,6 +83,7 @@ def test_what_is_left_out_is_within_the_bound(model: str, cull: float) -> None:
     assert np.abs(whole.spectrum[:: len(whole.spectrum) - 1]).all()
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("model", MODELS)
 def test_no_block_is_louder_than_its_ceiling(model: str) -> None:
     """Whatever the transform and wherever the sonar, from within a crown to far off."""

@@ -90,6 +90,7 @@ def test_equal_leaves(model, radius, incidence, low, width, distance, absorption
     check(leaves, equal_leaves(1, distance, incidence, radius), 150, sonar)
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("model", MODELS)
 @pytest.mark.parametrize("order", [1, 2, 5])
 def test_nulls_of_the_pattern_in_a_narrow_band(model: str, order: int) -> None:
@@ -108,6 +109,7 @@ def test_nulls_of_the_pattern_in_a_narrow_band(model: str, order: int) -> None:
         check(leaves, equal_leaves(1, 5.0, incidence, radius), 500, sonar)
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("beam", ["omni", "horseshoe"])
 @pytest.mark.parametrize("model", MODELS)
 def test_spread_leaves_at_one_distance(model: str, beam: str) -> None:

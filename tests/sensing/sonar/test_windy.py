@@ -86,6 +86,7 @@ def posed_mesh(mesh, sways, time):
     return TriMesh(vertices, mesh.triangles, mesh.part, mesh.leaf, mesh.material)
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("flutters", [False, True])
 @pytest.mark.parametrize("time", [0.0, 0.37])
 def test_an_echo_is_that_of_leaves_where_they_are(flutters, time):
@@ -106,6 +107,7 @@ def test_an_echo_is_that_of_leaves_where_they_are(flutters, time):
     assert np.abs(found.spectra - whole).max() < 2e-3 * np.abs(whole).max()
 
 
+@pytest.mark.medium
 def test_what_is_left_out_stays_within_the_bound():
     mesh, sways = crown(1500), Sways(True)
     scene = scene_of(mesh, *PLACED)
@@ -235,6 +237,7 @@ def test_a_long_call_follows_a_leaf_that_turns_back(monkeypatch):
     assert alike() < 0.9
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("flutters", [False, True])
 def test_truth_tells_where_leaves_rest(flutters, tmp_path):
     mesh, sways = crown(300), Sways(flutters)

@@ -31,6 +31,7 @@ def pole(radius: float, x: float = 1.5, half: float = 2.0, sides: int = 64) -> T
     return TriMesh.of_part(vertices, triangles, WOOD)
 
 
+@pytest.mark.medium
 def test_table_against_the_series() -> None:
     size = np.exp(np.random.default_rng(0).uniform(math.log(1e-5), math.log(600), 3000))
     exact = scattering_sum(size, math.pi) * np.exp(2j * size)
@@ -38,6 +39,7 @@ def test_table_against_the_series() -> None:
     assert (np.abs(exact) <= _largest_backscatter(size)).all()
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("radius", [0.002, 0.01, 0.05])
 def test_a_long_pole_is_the_endless_cylinder(radius: float) -> None:
     """Broadside at d: ∫ S/π·e^{-2ik√(d²+z²)}/(d²+z²) dz by stationary phase, spread from the near side."""

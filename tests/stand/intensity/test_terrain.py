@@ -141,6 +141,7 @@ def test_a_mesh_without_area_from_above_is_refused():
 # ------------------------------------------------------------------------------------------- feet
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("steep", [0.0, 0.1, 0.7, 2.0])
 def test_a_foot_on_a_slope_leaves_no_gap(steep):
     """On a plane of this steepness a foot of radius r reaches r·tan(slope) below its axis."""
@@ -189,6 +190,7 @@ def test_trees_over_holes_are_left_out_and_counted():
     assert set(stand.position[:, 2].tolist()) == {1.0, 2.0}
 
 
+@pytest.mark.medium
 def test_slope_and_altitude_limit_where_trees_stand():
     ground = Heightmap(30 * stream(5, "hill").random((6, 9)), LOW, SIZE, "hill")
     field = Forest(size=tuple(SIZE), origin=tuple(LOW))

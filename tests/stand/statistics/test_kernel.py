@@ -39,6 +39,7 @@ def test_it_is_the_direct_sum_with_the_edge_correction(sigma):
     assert found.leave_one_out == pytest.approx(left, abs=allowed)
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize(
     "window",
     [FIELD, Window((np.array([[0, 0], [100, 0], [90, 80], [0, 60.0]]),))],
@@ -54,6 +55,7 @@ def test_every_tree_counts_once_however_near_the_edge(window):
     assert kernel_estimate(points, window, 5.0).at(np.array([[200.0, 5.0]])).tolist() == [0.0]
 
 
+@pytest.mark.medium
 def test_far_from_the_origin_it_is_the_same():
     points = stream(3, "kernel").uniform([0, 0], [100, 80], (200, 2))
     there = Window.rectangle(FIELD.low + UTM, FIELD.high + UTM)
@@ -63,6 +65,7 @@ def test_far_from_the_origin_it_is_the_same():
     assert moved.at(points + UTM) == pytest.approx(here.at(points), rel=1e-5)
 
 
+@pytest.mark.medium
 def test_the_bandwidth_is_near_the_best_and_shrinks_with_more_trees():
     found = []
     for count in (300, 10_000):
@@ -89,6 +92,7 @@ def test_the_error_falls_at_the_rate_of_kernel_estimates():
     assert -0.9 < slope < -0.4
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize(
     "points",
     [

@@ -112,6 +112,7 @@ def test_order_and_place_of_the_map_do_not_matter():
     assert there.width == pytest.approx(fit.width, rel=1e-4)
 
 
+@pytest.mark.medium
 def test_refitting_gives_the_same_fit():
     points, _ = drawn(HILLS, 1000, "refit")
     fit = fit_mixture(points, FIELD)
@@ -120,6 +121,7 @@ def test_refitting_gives_the_same_fit():
     assert again.expected == pytest.approx(len(points))
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize(
     ("points", "hills"),
     [

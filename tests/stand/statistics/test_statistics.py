@@ -131,6 +131,7 @@ def test_what_k_cannot_use_is_refused():
         inhomogeneous_k(points[:1], np.ones(1), FIELD, np.array([1.0]))
 
 
+@pytest.mark.medium
 def test_radii_hold_a_bounded_number_of_neighbours():
     rng = stream(3, "radii")
     for points in (
@@ -155,6 +156,7 @@ def test_integrals_over_quadrats():
     )
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("window", [FIELD, NOTCHED], ids=["rectangle", "polygon with a hole"])
 def test_p_values_of_the_quadrat_test_are_uniform(window):
     law = integrate_by_quadrat(slope, window, (6, 8))
@@ -182,6 +184,7 @@ def test_the_quadrat_test_sees_a_wrong_intensity_and_too_even_a_stand():
     assert np.isnan(few.p_value)
 
 
+@pytest.mark.medium
 def test_the_global_envelope_keeps_its_level():
     # Curves of one law: the observed one lies outside with probability 2/40 exactly. 4000 trials have a
     # standard deviation of 0.0034; 4.5 sigma, false alarm 7e-6.

@@ -90,6 +90,7 @@ def test_coverage_adds_up_to_the_area():
         assert cover.max() <= 1 + 1e-12
 
 
+@pytest.mark.medium
 def test_set_covariance():
     x, y = shift = stream(2, "window").uniform(-2, 2, (200, 2)).T
     # Two right triangles, one moved, overlap in a right triangle.
@@ -101,6 +102,7 @@ def test_set_covariance():
     assert found.tolist() == [6.0, 12.0, 0.0]
 
 
+@pytest.mark.medium
 def test_the_rectangle_around_points_has_the_right_area_on_average():
     # Uniform points: the widened box has the mean area 1, by Ripley & Rasson. Each area has a standard
     # deviation below 1; 4.5 sigma, false alarm 7e-6.

@@ -26,6 +26,7 @@ from forest_addon.ui.forest import build
 from forest_addon.ui.settings import exchange
 
 
+@pytest.mark.medium
 def test_build_plants_a_forest(built):
     assert 1 <= len(trees()) <= 12
     assert len({tree.data for tree in trees()}) == 1
@@ -96,6 +97,7 @@ def test_an_update_that_is_cancelled_changes_nothing(built):
     assert {tree.name: tree.matrix_world for tree in trees()} != places
 
 
+@pytest.mark.medium
 def test_a_forest_without_trees_is_a_ground(small):
     small.plantings[0].expected = 0
     assert press("build") == {"FINISHED"}
@@ -175,6 +177,7 @@ def test_each_scene_has_a_forest_of_its_own(built):
     assert len(trees()) == 2 * number
 
 
+@pytest.mark.medium
 def test_one_tree_is_no_trees(small):
     small.plantings[0].expected, small.plantings[0].exact = 1, True
     work, outcome = build.FOREST_OT_build.work(None, bpy.context), None
@@ -183,6 +186,7 @@ def test_one_tree_is_no_trees(small):
             outcome = work.send(outcome).run(lambda done, total: None)
 
 
+@pytest.mark.medium
 def test_a_terrain_that_is_deleted_while_trees_grow_on_it(small):
     """They stand where it was."""
     data = bpy.data.meshes.new("hill")

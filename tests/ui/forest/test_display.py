@@ -25,6 +25,7 @@ def drawn():
     return sources, 0 if instances is None else len(instances.points), dots
 
 
+@pytest.mark.medium
 def test_display_says_and_sets_what_views_show(built):
     assert forest_of_points(bpy.context.scene) is None  # objects: nothing to choose
     assert built.display == "FULL"
@@ -48,6 +49,7 @@ def test_display_says_and_sets_what_views_show(built):
     assert built.display == "DOTS"  # what was chosen stays
 
 
+@pytest.mark.medium
 def test_many_triangles_become_points_shown_by_stand_ins(built, monkeypatch):
     assert len(trees()) == 3
     monkeypatch.setattr(room, "SHOWN_IN_FULL", 100)

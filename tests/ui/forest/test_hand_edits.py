@@ -41,6 +41,7 @@ def grove(small):
     return small
 
 
+@pytest.mark.medium
 def test_a_tree_that_was_moved_and_turned_stays_there(grove):
     others = places()
     tree = trees()[2]
@@ -65,6 +66,7 @@ def test_a_tree_that_was_moved_and_turned_stays_there(grove):
     assert np.allclose(standing_by_script(), places(), atol=1e-5)
 
 
+@pytest.mark.medium
 def test_a_tree_that_was_deleted_stays_away_and_all_of_them_come_back(grove):
     tree = trees()[0]
     gone = tuple(tree.location[:2])
@@ -78,6 +80,7 @@ def test_a_tree_that_was_deleted_stays_away_and_all_of_them_come_back(grove):
     assert len(trees()) == 4
 
 
+@pytest.mark.medium
 def test_locked_trees_outlive_another_seed(grove):
     tree = trees()[1]
     tree.location.x += 0.75
@@ -94,6 +97,7 @@ def test_locked_trees_outlive_another_seed(grove):
     assert kept.data.name == mesh
 
 
+@pytest.mark.medium
 def test_a_swapped_tree_is_the_next_variant_at_once_and_after_growing(grove):
     tree = trees()[0]
     stands, before = tuple(tree.location[:2]), tree.data.name
@@ -161,6 +165,7 @@ def test_copies_of_trees_are_planted_where_they_stand(grove):
     assert np.allclose(standing_by_script(), places(), atol=1e-5)
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("link", [False, True])
 def test_a_tree_of_another_file_is_planted_only_where_it_is_the_same(grove, tmp_path, link):
     """As Blender brings one in when its thumbnail is dropped: appended or linked from a library's file."""

@@ -27,6 +27,7 @@ def hand(small, request):
     return one
 
 
+@pytest.mark.medium
 def test_a_click_sets_a_tree_exactly_there(hand, small):
     before = places()
     hand.begin()
@@ -36,6 +37,7 @@ def test_a_click_sets_a_tree_exactly_there(hand, small):
     assert (4.5, -3.25) in map(tuple, places().tolist())
 
 
+@pytest.mark.medium
 def test_a_drag_fills_the_disc_up_to_its_density_and_no_further(hand, small):
     planting, before = small.plantings[0], len(hand.trees)
     middle, radius, density = (40.0, 40.0), 5.0, 0.25
@@ -49,6 +51,7 @@ def test_a_drag_fills_the_disc_up_to_its_density_and_no_further(hand, small):
     assert apart[~np.eye(20, dtype=bool)].min() > 0.6 / np.sqrt(density) - 1e-4
 
 
+@pytest.mark.medium
 def test_a_cleared_disc_stays_free_and_can_be_taken_back(hand, small):
     first = places()
     hand.begin()
@@ -66,6 +69,7 @@ def test_a_cleared_disc_stays_free_and_can_be_taken_back(hand, small):
     assert places() == pytest.approx(first)
 
 
+@pytest.mark.medium
 def test_one_tree_is_moved_changed_and_removed(hand, small):
     tree = hand.nearest(tuple(places()[0]), 0.1)
     hand.change(tree, place=(-5.0, 12.0))
@@ -86,6 +90,7 @@ def test_one_tree_is_moved_changed_and_removed(hand, small):
     assert len(small.plantings[0].by_hand) == 0
 
 
+@pytest.mark.medium
 def test_the_ground_is_found_below_the_mouse(hand):
     from mathutils import Vector
 

@@ -10,6 +10,7 @@ from forest_addon.ui.sensors.cost import chosen_things
 from ..pressing import clouds, press, run
 
 
+@pytest.mark.medium
 def test_results_stay_marked_until_they_are_run_again(built, tmp_path):
     run("cloud")
     run("scan")

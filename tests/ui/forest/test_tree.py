@@ -28,6 +28,7 @@ def test_a_tree_stands_at_the_cursor(props):
     assert [slot.name for slot in thing.data.materials] == ["hazelnut bark", "hazelnut leaf"]
 
 
+@pytest.mark.medium
 def test_leaves_off_moves_no_branch(props):
     leafy, bare = add(species="maple", seed=4), add(species="maple", seed=4, leaves=False)
     assert np.any(leafy.part == LEAF)
@@ -58,6 +59,7 @@ def test_it_starts_with_a_leafy_one_and_offers_the_users_too(small):
     assert len(add(species=small.plantings[0].species).triangles)
 
 
+@pytest.mark.medium
 def test_a_tree_is_grown_again_from_the_settings_that_it_keeps(props):
     grown = add(species="ginkgo", generations=4, seed=3)
     thing = bpy.context.active_object

@@ -20,6 +20,7 @@ from forest_addon.ui.results import held, show
 from ..pressing import add_cube, press, run
 
 
+@pytest.mark.medium
 def test_a_cloud_is_exported_as_one_chooses(built, tmp_path):
     run("cloud")
     built.offset = "[1000, 2000, 0]"
@@ -45,6 +46,7 @@ def test_sounds_are_exported_too(built, tmp_path):
             assert press("export_result", result=name, filepath=str(path)) == {"FINISHED"}
 
 
+@pytest.mark.medium
 def test_what_is_held_no_longer_says_so(built, tmp_path):
     run("echo")
     held.let_go()
@@ -52,6 +54,7 @@ def test_what_is_held_no_longer_says_so(built, tmp_path):
         press("export_result", result="echo", filepath=str(tmp_path / "mine.wav"))
 
 
+@pytest.mark.medium
 def test_a_result_is_removed_with_its_points(built):
     before = len(bpy.data.objects), len(bpy.data.meshes)
     run("cloud")
@@ -62,6 +65,7 @@ def test_a_result_is_removed_with_its_points(built):
     assert (len(bpy.data.objects), len(bpy.data.meshes)) == before
 
 
+@pytest.mark.medium
 def test_points_have_a_radius(built):
     run("cloud")
     points = bpy.data.objects[built.results["cloud"].shown]
@@ -69,6 +73,7 @@ def test_points_have_a_radius(built):
     assert points.modifiers[0].node_group.name.startswith(GROUP)
 
 
+@pytest.mark.medium
 def test_an_echo_can_be_heard(built):
     run("echo")
     samples, rate = show.heard_of(bpy.context.scene, "echo")
@@ -80,6 +85,7 @@ def test_an_echo_can_be_heard(built):
     assert np.abs(show._playing[1].data() - samples).max() < 1e-6
 
 
+@pytest.mark.medium
 def test_a_reverb_is_played_as_the_chosen_sound_is_heard(built, tmp_path):
     """What Blender's audio library was given is the convolution; the exported WAV has it, too."""
     run("reverb")
@@ -108,6 +114,7 @@ def test_a_reverb_is_played_as_the_chosen_sound_is_heard(built, tmp_path):
         press("play", sensor="reverb")
 
 
+@pytest.mark.medium
 def test_a_reverb_of_an_earlier_session_is_taken_from_its_speaker(built):
     run("reverb")
     fresh, rate = show.heard_of(bpy.context.scene, "reverb")
@@ -151,6 +158,7 @@ def nearest_face(point):
     return None
 
 
+@pytest.mark.medium
 def test_points_are_labelled_by_material_with_names(painted, tmp_path):
     path = str(tmp_path / "a.laz")
     press("export_result", result="cloud", filepath=path, labels="MATERIAL")
@@ -164,6 +172,7 @@ def test_points_are_labelled_by_material_with_names(painted, tmp_path):
         assert name == nearest_face(place)
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("ending", ["las", "ply", "npz", "csv"])
 def test_points_are_labelled_by_object_with_names(painted, tmp_path, ending):
     path = tmp_path / f"a.{ending}"
@@ -187,6 +196,7 @@ def test_points_are_labelled_by_object_with_names(painted, tmp_path, ending):
     assert {name for name, z in zip(found, height, strict=True) if z > 1e-3} == {"my house"}
 
 
+@pytest.mark.medium
 def test_species_have_their_names_and_class_stays_as_it_was(built, tmp_path):
     run("cloud")
     press("export_result", result="cloud", filepath=str(tmp_path / "a.laz"), labels="SPECIES")

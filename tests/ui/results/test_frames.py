@@ -48,6 +48,7 @@ def middle():
     return float(np.median(place[::3]))
 
 
+@pytest.mark.medium
 def test_each_frame_shows_its_points(moving):
     assert run("cloud", frames="RANGE", keep=True) == {"FINISHED"}
     assert [each.frame for each in moving.results["cloud"].frames] == [1, 2, 3]
@@ -60,6 +61,7 @@ def test_each_frame_shows_its_points(moving):
     assert len([thing for thing in bpy.data.objects if CLOUD_KEY in thing]) == 1
 
 
+@pytest.mark.medium
 def test_what_was_done_to_the_points_stays_over_frames(moving):
     run("cloud")
     thing = cloud()
@@ -89,6 +91,7 @@ def test_the_last_run_alone_is_kept(moving):
     assert middle() == here  # one run of one frame stands still
 
 
+@pytest.mark.medium
 def test_removing_a_result_removes_its_frames(moving):
     before = len(bpy.data.objects), len(bpy.data.meshes), len(bpy.data.images)
     run("cloud", frames="RANGE", keep=True)
@@ -96,6 +99,7 @@ def test_removing_a_result_removes_its_frames(moving):
     assert (len(bpy.data.objects), len(bpy.data.meshes), len(bpy.data.images)) == before
 
 
+@pytest.mark.medium
 def test_frames_live_through_a_saved_file(moving, tmp_path):
     run("cloud", frames="RANGE", keep=True)
     bpy.context.scene.frame_set(3)
@@ -106,6 +110,7 @@ def test_frames_live_through_a_saved_file(moving, tmp_path):
     assert there - middle() == pytest.approx(2, abs=0.35)
 
 
+@pytest.mark.medium
 def test_each_frame_says_its_own_figures_and_legend(moving):
     """What the panel says at a frame is what a run of that frame alone says."""
     moving.accuracy.audit = 0.01
@@ -132,6 +137,7 @@ def test_each_frame_says_its_own_figures_and_legend(moving):
         assert said() == kept[frame]
 
 
+@pytest.mark.medium
 def test_a_kept_frame_costs_little_beside_its_points(moving):
     """The pixels of a picture, 3 MB, are in memory only while they are looked at."""
     run("cloud", frames="RANGE", keep=True)

@@ -33,6 +33,7 @@ def labels(thing, name):
     return out
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("choice", ["Organ", "Species", "Object"])
 def test_each_name_stands_beside_the_colour_of_its_points(built, choice):
     run("cloud")
@@ -56,6 +57,7 @@ def test_each_name_stands_beside_the_colour_of_its_points(built, choice):
     assert names <= set(drawn())
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("instancing", ["objects", "points"])
 def test_undergrowth_is_named_as_well(small, instancing):
     small.forest.undergrowth, small.forest.instancing = "sparse", instancing
@@ -67,6 +69,7 @@ def test_undergrowth_is_named_as_well(small, instancing):
     assert {"hazelnut"} < set(named) <= {"hazelnut", *PLANTS}
 
 
+@pytest.mark.medium
 def test_a_measure_has_its_smallest_and_largest_value(built):
     run("cloud")
     found = [e.name for e in built.results["cloud"].legend if e.choice == "Distance"]
@@ -77,6 +80,7 @@ def test_a_measure_has_its_smallest_and_largest_value(built):
     np.testing.assert_allclose(said, [distance.min(), distance.max()], atol=step / 10)
 
 
+@pytest.mark.medium
 def test_a_foreign_scene_starts_with_objects(props, sensor):
     add_cube()
     sensor("terrestrial", name="cloud", position=(3, 0.5, 0.5), angle_step_deg=2)
@@ -89,6 +93,7 @@ def test_a_foreign_scene_starts_with_objects(props, sensor):
     assert chosen_input(modifier, COLOUR_BY) == "Distance"  # what the user chose stays
 
 
+@pytest.mark.medium
 def test_an_echo_offers_what_it_has(built):
     run("echo")
     thing = points_of(built, "echo")
@@ -146,6 +151,7 @@ def test_there_is_one_object_a_sensor(built):
     assert len([thing for thing in bpy.data.objects if CLOUD_KEY in thing]) == 2
 
 
+@pytest.mark.medium
 def test_the_legend_follows_the_scale_of_colours(built):
     run("cloud")
     thing = points_of(built, "cloud")
@@ -200,6 +206,7 @@ def test_an_audit_says_errors_as_one_does(value, unit, words):
     assert plain(value, unit) == words
 
 
+@pytest.mark.medium
 def test_what_renders_do_not_show_and_sensors_meet_is_said(built):
     from forest_addon.ui.sensors.run import names_unrendered
 

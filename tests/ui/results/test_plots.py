@@ -34,6 +34,7 @@ def brightest(strip, across):
     )
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize(("frequency", "start", "end"), [(20e3, 0.04, 0.06), (31e3, 0.0, 0.02)])
 def test_a_tone_is_drawn_at_its_time_and_frequency(frequency, start, end):
     samples = tone(frequency, start, end)
@@ -63,6 +64,7 @@ def test_the_decay_curve_of_an_exponential_is_a_straight_line():
     assert slope == pytest.approx(-60 / 50, rel=0.03)
 
 
+@pytest.mark.medium
 def test_silence_is_a_picture_too():
     plot = plots.sound_plot(np.zeros(1000), RATE, decay=True)
     assert np.isfinite(plot.strips[0].pixels).all()
@@ -158,6 +160,7 @@ def test_axes_are_written_and_the_strips_are_as_drawn():
     assert image.packed_file is not None
 
 
+@pytest.mark.medium
 def test_a_picture_of_another_size_is_drawn_into_the_first():
     first = images.show("again", plots.sound_plot(tone(20e3, 0.0, 0.1), RATE))
     flat = cloud_plot(spec.Airborne(), Points(position=np.eye(3)))
@@ -173,6 +176,7 @@ def test_a_picture_of_another_size_is_drawn_into_the_first():
     assert np.abs(part - drawn).max() < 1 / 254
 
 
+@pytest.mark.medium
 def test_an_image_of_the_user_that_has_the_name_stays():
     mine = bpy.data.images.new("mine", 4, 4)
     flat = cloud_plot(spec.Airborne(), Points(position=np.eye(3)))

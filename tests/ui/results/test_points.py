@@ -24,6 +24,7 @@ def drawn(cloud):
     return positions_and_colours(cloud.evaluated_get(bpy.context.evaluated_depsgraph_get()))
 
 
+@pytest.mark.medium
 def test_every_point_has_the_colour_of_its_organ(cloud):
     position, colour = drawn(cloud)
     given = np.empty(3 * len(cloud.data.vertices), np.float32)
@@ -38,6 +39,7 @@ def test_every_point_has_the_colour_of_its_organ(cloud):
             expected, (np.count_nonzero(organ == code), 1)), atol=1e-5)  # fmt: skip
 
 
+@pytest.mark.medium
 def test_the_menu_changes_the_colours(cloud):
     (modifier,) = cloud.modifiers
     assert has_input(modifier, COLOUR_BY)
@@ -52,6 +54,7 @@ def test_the_menu_changes_the_colours(cloud):
     assert np.abs(drawn(cloud)[1] - by_organ).max() > 0.1
 
 
+@pytest.mark.medium
 def test_points_without_their_modifier_are_not_drawn(cloud):
     cloud.modifiers.clear()
     position, colour = drawn(cloud)
@@ -75,6 +78,7 @@ def test_loud_points_are_larger_and_those_of_a_scan_alike(cloud):
     np.testing.assert_allclose(sizes(cloud.evaluated_get(depsgraph)), 1.0)
 
 
+@pytest.mark.medium
 def test_points_beyond_the_ground_that_views_show_are_counted_and_left_out(small):
     small.forest.margin = 400.0  # a horizon, of which views show 1.5 m around the field
     bpy.ops.forest.build()
@@ -93,6 +97,7 @@ def test_points_beyond_the_ground_that_views_show_are_counted_and_left_out(small
     assert len(drawn(cloud)[0]) == len(near)
 
 
+@pytest.mark.medium
 def test_one_result_is_shown_at_a_time_unless_more_are_asked_for(cloud):
     def seen():
         return {t[CLOUD_KEY] for t in bpy.data.objects if CLOUD_KEY in t and t.visible_get()}

@@ -26,6 +26,7 @@ def read(path):
     }
 
 
+@pytest.mark.medium
 def test_a_cloud_of_a_reopened_file_is_written_as_before(built, tmp_path):
     built.offset = "[1000, 2000, 0]"
     run("cloud")
@@ -52,6 +53,7 @@ def test_a_cloud_of_a_reopened_file_is_written_as_before(built, tmp_path):
     assert props.results["cloud"].file.endswith("after.laz")
 
 
+@pytest.mark.medium
 def test_every_format_is_offered_and_written(built, tmp_path):
     run("cloud")
     reopened(tmp_path)
@@ -63,6 +65,7 @@ def test_every_format_is_offered_and_written(built, tmp_path):
             assert path.stat().st_size > 100
 
 
+@pytest.mark.medium
 def test_points_that_were_deleted_by_hand_are_not_written(built, tmp_path):
     run("cloud")
     props = reopened(tmp_path)
@@ -78,6 +81,7 @@ def test_points_that_were_deleted_by_hand_are_not_written(built, tmp_path):
     assert f"element vertex {count - 10}".encode() in (tmp_path / "less.ply").read_bytes()[:3000]
 
 
+@pytest.mark.medium
 def test_without_points_it_says_to_run_again(built, tmp_path):
     run("cloud")
     props = reopened(tmp_path)
@@ -86,6 +90,7 @@ def test_without_points_it_says_to_run_again(built, tmp_path):
         press("export_result", result="cloud", filepath=str(tmp_path / "no.laz"))
 
 
+@pytest.mark.medium
 def test_a_result_follows_its_sensor(built, tmp_path):
     run("cloud")
     follow_names(bpy.context.scene)  # Blender calls it after each change

@@ -54,6 +54,7 @@ def test_points_are_shown_and_selected_on_request(built, name):
     assert {"tree", "organ", "distance"} <= set(cloud.data.attributes.keys())
 
 
+@pytest.mark.medium
 def test_a_cloud_shows_even_where_its_collection_was_hidden(built):
     layer = bpy.context.view_layer.layer_collection.children["Forest"]
     layer.children["Results"].exclude = True

@@ -23,6 +23,7 @@ def things():
     return sensors.sensors_of(bpy.context.scene)
 
 
+@pytest.mark.medium
 def test_pulses_are_counted_as_they_are_sent(built):
     press("add_sensor", kind="drone")
     bpy.context.view_layer.objects.active.forest_sensor.mobile.pulse_rate = 500

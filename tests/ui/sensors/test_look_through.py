@@ -42,6 +42,7 @@ def agree(image, scan):
     )
 
 
+@pytest.mark.medium
 def test_the_image_is_the_scan_and_follows_the_scanner(built):
     thing = bpy.data.objects["cloud"]
     thing.forest_sensor.terrestrial.range_noise = 0.0
@@ -106,6 +107,7 @@ def test_a_plane_below_by_the_equation(props, sensor):
     assert (np.delete(found.brightness, below, axis=0) == 0).all()
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("shown", ["DISTANCE", "BRIGHTNESS", "ORGAN"])
 @pytest.mark.parametrize("name", ["cloud", "scan"])
 def test_every_scanner_has_an_image_in_colours(built, name, shown):
@@ -132,6 +134,7 @@ def test_a_drone_and_an_aircraft_look_down(built, sensor):
         press("look_through")
 
 
+@pytest.mark.medium
 def test_a_sonar_listens_at_the_cursor(built):
     choose("echo")
     sonar = bpy.data.objects["echo"].forest_sensor.sonar

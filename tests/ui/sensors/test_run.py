@@ -74,6 +74,7 @@ def test_a_sensor_that_is_gone_is_named(built):
         run("ear")
 
 
+@pytest.mark.medium
 def test_sensors_run_in_a_scene_of_the_users_own(props, sensor):
     add_cube()
     sensor("terrestrial", angle_step_deg=6)
@@ -198,6 +199,7 @@ def test_a_folder_beside_an_unsaved_file_is_refused(built):
         run("echo")
 
 
+@pytest.mark.medium
 def test_a_full_disk_keeps_the_result_in_the_scene(built, tmp_path, monkeypatch):
     from forest_addon.formats import las
 
@@ -247,6 +249,7 @@ def test_choosing_a_scanner_fills_in_its_figures(built):
 # -------------------------------------------------------------------------- frame ranges, instances
 
 
+@pytest.mark.medium
 def test_a_frame_range_needs_a_folder(built):
     """Without one, all but the last frame would be lost."""
     bpy.context.scene.frame_start, bpy.context.scene.frame_end = 1, 3
@@ -276,6 +279,7 @@ def test_the_button_for_frames_asks_and_counts_first(built, tmp_path):
     assert not hasattr(FOREST_OT_run, "draw")
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("depth", [1, 2])
 def test_a_scene_of_instanced_collections_alone_is_sensed(props, sensor, depth):
     home = bpy.data.collections.new("library")  # in no scene, as one that is linked
@@ -304,6 +308,7 @@ def test_an_instance_of_nothing_is_nothing_to_sense(props, sensor):
 # ------------------------------------------------------------------------------- how sensors stand
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("turn", [30.0, -170.0, 180.0])
 def test_turning_a_tripod_turns_its_window(props, sensor, turn):
     """What the turned scanner sees of a cube is what one sees whose azimuth says the same."""

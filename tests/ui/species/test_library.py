@@ -40,6 +40,7 @@ def test_trees_of_the_scene_become_a_library_that_blender_is_told_of(props, fold
         assert list(there.collections) == ["Grass 1"]
 
 
+@pytest.mark.medium
 def test_one_press_from_a_clean_start_makes_trees_and_adds_them(props, folder, monkeypatch):
     monkeypatch.setattr(library, "FIRST", ("grass",))
     known = bpy.context.preferences.filepaths.asset_libraries

@@ -62,6 +62,7 @@ def test_ambisonics_are_the_first_harmonics_of_each_part(facing: float) -> None:
         assert share.direct @ w.direct == pytest.approx(channel * (w.direct @ w.direct), abs=1e-12)
 
 
+@pytest.mark.medium
 def test_many_trunks_and_noise_keep_the_energy_of_directions() -> None:
     """X² + Y² + Z² = W² for each trunk; in diffuse noise in the mean, by octaves of time, within 1 dB."""
     rng = np.random.default_rng(3)

@@ -68,6 +68,7 @@ def test_pitch_of_a_pass_by_is_the_closed_form(tmp_path: Path, who: str) -> None
         np.testing.assert_allclose(turns, ratio[1:-1], rtol=1e-5)
 
 
+@pytest.mark.medium
 def test_what_waits_sounds_as_what_stands(tmp_path: Path) -> None:
     """A path that goes nowhere is the impulse response itself, trees and ground too."""
     path = walk(tmp_path, "wait.csv", (0, 5, 10, 1.5), (1, 5, 10, 1.5))

@@ -39,6 +39,7 @@ def test_a_mesh_tells_its_branches_as_the_skeleton_has_them(birch):
     assert rises[1] == pytest.approx(rises[0], rel=0.05)
 
 
+@pytest.mark.medium
 def test_leaves_and_layers(birch):
     of_truth, of_mesh = blades_of_leaves(birch.leaves), blades_of_mesh(birch.mesh)
     assert of_mesh.area.sum() == pytest.approx(of_truth.area.sum(), rel=1e-6)
@@ -67,6 +68,7 @@ def test_few_pieces_are_the_same_stand(birch):
     np.testing.assert_allclose(found.leaf_radius, whole.leaf_radius, rtol=1e-9)
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize(
     "name", ["norway-spruce", pytest.param("scots-pine", marks=pytest.mark.slow)]
 )

@@ -31,6 +31,7 @@ def losses_of(stand=STAND, source=SOURCE, receiver=RECEIVER, **changes):
     return Losses.of(Reverb(**(given | changes)), AIR, stand, source, receiver)
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("rise", [0.0, 3.0])
 def test_a_trunk_in_space(rise):
     """Both the weight and a path that rises, by an integral over vertical wavenumbers; far away to 1/kr."""
@@ -96,6 +97,7 @@ def test_where_trunks_end_the_fresnel_integral_does():
     assert abs(found - expected) < 2e-3
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("radii", [(0.15, 0.15), pytest.param((0.05, 0.2), marks=pytest.mark.slow)])
 @pytest.mark.parametrize("rate", [4e3, pytest.param(96e3, marks=pytest.mark.slow)])
 def test_the_fast_sum_keeps_its_tolerance_with_every_loss(radii, rate):
@@ -109,6 +111,7 @@ def test_the_fast_sum_keeps_its_tolerance_with_every_loss(radii, rate):
     assert octave_errors(found, exact, rate).max() < 1e-3
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize(
     ("extinction", "lean", "bound"),
     [("none", 0.0, 1e-11), ("energy", 0.0, 1e-7), ("none", 2.0, 1e-5)],

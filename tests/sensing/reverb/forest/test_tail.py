@@ -92,6 +92,7 @@ def test_what_noise_replaces_is_bounded_in_every_octave(changes):
     assert over[:, length < made.joint / 1.2].any()  # nor does it come later than it must
 
 
+@pytest.mark.medium
 def test_trunks_after_the_joint_are_not_summed():
     """Trunks stand on beyond the joint, and are heard there where all of them are summed."""
     trunks = stand_of(9000, 150.0)

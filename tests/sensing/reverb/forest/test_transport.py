@@ -66,6 +66,7 @@ def test_turns_are_drawn_as_the_phase_functions_have_them():
             assert found == pytest.approx(share[cell], abs=0.01)
 
 
+@pytest.mark.medium
 def test_cells_of_one_density_are_an_even_stand():
     edges = np.geomspace(12.0, 60.0, 4)
     cells = Density(np.full((40, 40), 0.07), (-200.0, -200.0), (10.0, 10.0), 0.07)

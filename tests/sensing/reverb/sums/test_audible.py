@@ -15,6 +15,7 @@ def loss(frequency: np.ndarray) -> np.ndarray:
     return LOST * frequency
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize(("reach", "heard"), [(60.0, True), (600.0, False)])
 def test_far_trunks_are_left_out_where_nothing_hears_them(reach, heard):
     """Of 8 kHz and more; what is left out is fainter than a hundredth of the tolerance at each frequency."""

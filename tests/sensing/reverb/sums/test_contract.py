@@ -69,6 +69,7 @@ def forest(ends: tuple[np.ndarray, np.ndarray], leaves: float = 0.3, **changes: 
     return Losses.of(Reverb(**given), AIR, TrunkStand(0.05, (0.1, 0.2), leaves, 15.0), *ends)
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize(
     "radii",
     [(0.02, 0.02), pytest.param((0.5, 2.0), marks=slow), pytest.param((0.1, 0.3), marks=slow)],
@@ -83,6 +84,7 @@ def test_the_exact_sum_is_exact_at_all_times(radii: tuple[float, float]) -> None
     assert max(tenths) < 1e-6 * 3e-5 * 10 * np.linalg.norm(truth)
 
 
+@pytest.mark.medium
 def test_the_exact_sum_with_every_loss_is_exact() -> None:
     paths, *ends = stand(3, 0.1, 0.3, 40.0, 10.0)
     losses = forest(ends, 1.0)
@@ -91,6 +93,7 @@ def test_the_exact_sum_with_every_loss_is_exact() -> None:
     assert np.linalg.norm(found - truth) < 3e-8 * np.linalg.norm(truth)
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("tolerance", [1e-4, pytest.param(1e-6, marks=slow)])
 def test_leaves_among_trunks_of_one_radius(tolerance: float) -> None:
     """Was 4.8 to 478 times over: what leaves take rings longer than what the air does."""
@@ -98,6 +101,7 @@ def test_leaves_among_trunks_of_one_radius(tolerance: float) -> None:
     assert worst(paths, 4e3, tolerance, forest(ends, 0.5)) < 1.0
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("ground", ["grass", "constant"])
 def test_few_radii_over_a_ground(ground: str) -> None:
     """Had a floor of 1e-5 to 5e-5: widths that were interpolated by straight lines ring too."""
@@ -112,6 +116,7 @@ def test_a_record_that_ends_among_arrivals_in_slow_air(tolerance: float) -> None
     assert worst(paths, 4e3, tolerance, None, SLOW_AIR, 0.08) < 1.0
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("leaves", [None, 0.3])
 def test_low_frequencies_of_many_radii_by_shared_filters(
     monkeypatch: pytest.MonkeyPatch, leaves: float | None
@@ -122,6 +127,7 @@ def test_low_frequencies_of_many_radii_by_shared_filters(
     assert worst(paths, 6e3, 1e-4, leaves and forest(ends, leaves, bark=0.05)) < 1.0
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("tolerance", [1e-2, 1e-4])
 def test_thick_trunks_beside_both_ends(tolerance: float) -> None:
     """Was 4 to 7 times over in a tenth of the record."""

@@ -133,6 +133,7 @@ def test_below_20_hz() -> None:
     assert (error < [5e-4, 1e-4, 1e-4]).all()
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("radius", [0.1, pytest.param((0.05, 0.2), marks=slow)])
 @pytest.mark.parametrize(
     "air",
@@ -153,6 +154,7 @@ def test_192_khz() -> None:
     assert worst < 1.0
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("angle", [0.0, 1e-9, 1e-3, np.pi / 2, np.pi - 1e-6, np.pi])
 @pytest.mark.parametrize("different", [False, pytest.param(True, marks=slow)])
 def test_single_angles(angle: float, different: bool) -> None:
@@ -164,6 +166,7 @@ def test_single_angles(angle: float, different: bool) -> None:
     assert compare(some, 16e3, 1e-5)[0] < 1.0
 
 
+@pytest.mark.medium
 def test_few_radii_and_one_of_none() -> None:
     some = paths(200, 10.0, 80.0, 0.1)
     radii = np.array([0.1, 0.3, 0.0, 0.02])[np.arange(200) % 4]
@@ -184,6 +187,7 @@ def test_nothing_wraps_and_short_records(radius: float | tuple[float, float]) ->
     assert np.abs(whole[: max(0, before)]).max(initial=0.0) < 1e-5 * np.abs(whole).max()
 
 
+@pytest.mark.medium
 def test_chosen_by_tolerance_and_number() -> None:
     rng = np.random.default_rng(1)
     trunks = Trunks(rng.uniform(-30, 30, (300, 2)), np.full(300, 0.2), np.arange(300))
@@ -215,6 +219,7 @@ def test_gain_of_each_path() -> None:
     )
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize(
     ("source", "receiver"),
     [
@@ -266,6 +271,7 @@ def test_sectors_cover_every_angle_once() -> None:
             assert before.high == after.low > before.low
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("radius", [0.25, pytest.param((0.1, 0.2), marks=slow)])
 def test_order_of_trunks_does_not_matter(radius: float | tuple[float, float]) -> None:
     some = paths(2000, 10.0, 150.0, radius)

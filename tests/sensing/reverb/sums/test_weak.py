@@ -37,6 +37,7 @@ def octave_norms(samples, rate):
     )
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("model", ["paper", pytest.param("forest", marks=pytest.mark.slow)])
 def test_what_is_left_out_is_below_its_bound(model):
     trunks, clap = stand(), CLAP.changed(model=model, tail="none", tolerance=0.0)
@@ -52,6 +53,7 @@ def test_what_is_left_out_is_below_its_bound(model):
     assert some.weak_bound < 3 * 10 ** (-75 / 20)  # what is allowed is set against an estimate
 
 
+@pytest.mark.medium
 def test_the_bound_holds_trunk_by_trunk():
     """Twenty trunks of any size and angle, each alone against its own bound."""
     trunks = stand(20, low=1e-3, high=2.0, seed=5)
