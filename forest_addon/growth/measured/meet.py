@@ -27,6 +27,7 @@ from .wanted import Wanted
 
 MOST_LEAVES = 5_000_000
 ROUNDS = 12
+BARE = 1.2  # of the crown's width, that wood without leaves may be wide
 YOUNG, OLD = 0.15, 0.4  # metres of diameter
 
 
@@ -184,7 +185,10 @@ def pruned(skeleton: Skeleton, sites: LeafSites, share: float) -> tuple[Skeleton
 
 
 def stretched(skeleton: Skeleton, sites: LeafSites, wanted: Wanted) -> tuple[Skeleton, LeafSites]:
-    """The tree moved so that its top, its crown's base and its crown's width are where they are wanted."""
+    """The tree moved so that its top, its crown's base and its crown's width are where they are wanted.
+
+    A few leaves about the stem do not draw the wood out: it stays within ``BARE`` of the crown's width.
+    """
     bearer = sites.segment if len(sites) else np.arange(len(skeleton))
     for _ in range(ROUNDS):
         tips = leaf_tips(sites)
@@ -196,6 +200,8 @@ def stretched(skeleton: Skeleton, sites: LeafSites, wanted: Wanted) -> tuple[Ske
         leafy = tips if len(tips) else skeleton.end
         width = width_of(leafy)
         across = wanted.crown_width / width if width > 0 else 1.0
+        if across > 1.0001:
+            across = min(across, BARE * wanted.crown_width / max(width_of(skeleton.end), 1e-9))
         if abs(reach) < 1e-4 and abs(base - wanted.crown_base) < 1e-4 and abs(across - 1) < 1e-4:
             break
         across = float(np.clip(across, 0.05, 20))

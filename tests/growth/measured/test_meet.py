@@ -53,6 +53,18 @@ def test_a_seedling_whose_leaves_alone_pass_breast_height_has_its_diameter():
     assert max(met.skeleton.end[:, 2].max(), tips[:, 2].max()) == pytest.approx(1.5, abs=0.01)
 
 
+@pytest.mark.medium
+def test_a_few_shoots_do_not_draw_the_wood_out():
+    """A young pine of nine shoots about its stem: its wood used to be 30 m wide in a crown of 1 m."""
+    species, kind = species_of("ponderosa-pine")
+    small = Wanted(0.045, 5.1, 1.06, 2.4, 1.1)
+    for number in range(3):
+        met = grow_measured(
+            species, small, blade_of(species, kind.blade), stream(number, "check", "young")
+        )
+        assert np.hypot(*met.skeleton.end[:, :2].T).max() < small.crown_width
+
+
 def test_the_mesh_of_a_stem_is_as_thick_as_its_skeleton():
     """A ring has the circle's perimeter: the cut of the mesh at 1.3 m is π·DBH around, to 1 mm of DBH."""
     species, template = species_of("scots-pine")
