@@ -90,8 +90,7 @@ class DigitisedScan(Scan):
         energy = intensity(light, lean, distance, self.scanner.beam.extinction)
         inside = (distance >= self.scanner.min_range) & (distance <= self.scanner.max_range)
         pulse, subray = np.nonzero((energy > 0) & inside)
-        contacts = distance[pulse, subray], energy[pulse, subray]
-        echoes = self._digitised(pulse, subray, *contacts)
+        echoes = self._digitised(pulse, subray, distance[pulse, subray], energy[pulse, subray])
         beam, ray = pulse[echoes.contact], subray[echoes.contact]
         way = beams.axis[beam] + ring.x[ray, None] * beams.turn_x[beam]
         way += ring.y[ray, None] * beams.turn_y[beam]
@@ -123,8 +122,11 @@ class DigitisedScan(Scan):
         chosen = counts[echoes.contact]
         return Received(echoes, hits.select(chosen), ways[chosen], normal[chosen])
 
-    def _digitised(self, *contacts: np.ndarray) -> WaveformEchoes:
-        return digitised(*contacts, self.scanner.beam.pulse_ns, self._digitiser)
+    def _digitised(
+        self, pulse: np.ndarray, subray: np.ndarray, distance: np.ndarray, energy: np.ndarray
+    ) -> WaveformEchoes:
+        pulse_ns = self.scanner.beam.pulse_ns
+        return digitised(pulse, subray, distance, energy, pulse_ns, self._digitiser)
 
 
 @dataclass(frozen=True)
