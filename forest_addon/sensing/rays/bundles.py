@@ -296,7 +296,7 @@ def _bundles(
         ways = ways.take(rows, 1)
         origins = origins if shared else origins.take(rows, 1)
     if shared:
-        centre, reach = np.repeat(origins, len(start), axis=1), 0.0
+        centre, reach = np.repeat(origins, len(start), axis=1), np.zeros(len(start))
     else:
         low = np.minimum.reduceat(origins, first, axis=1)
         high = np.maximum.reduceat(origins, first, axis=1)
@@ -308,7 +308,7 @@ def _bundles(
     chord = np.sqrt(np.maximum.reduceat(_dot(chord, chord), first))
     angle = 2 * np.arcsin(np.clip(chord / 2, 0, 1)) + spread + 1e-9
     angle = np.where(angle < 1.5, angle, np.nan)  # a bundle all around is known of nothing
-    return _Bundles(centre, np.full(len(start), radius) + reach, axis, np.sin(angle), np.cos(angle))
+    return _Bundles(centre, reach + radius, axis, np.sin(angle), np.cos(angle))
 
 
 def _fill(answer: np.ndarray, start: np.ndarray, stop: np.ndarray, says: np.ndarray) -> None:
