@@ -86,6 +86,7 @@ class Scan:
         if self._faces is not None:
             self.at_once *= 16  # hardly a ray is traced
             self._planes = Planes.of_faces(caster.scene, scanner, self._faces)
+        self._sure = True  # what a ray meets is no chance, but for leaves that let light pass
         self._lost = 0
 
     def moved(self, seed: int, path: Trajectory) -> Scan:
@@ -229,12 +230,12 @@ class Scan:
         scanner, count = self.scanner, self.scanner.beam.subrays
         rays = self._rays(beams)
         ray_keys = np.zeros(len(rays[0]), dtype=np.uint64)
-        if scanner.surfaces.leaf_transmittance:
+        if scanner.surfaces.leaf_transmittance or not self._sure:
             ray_keys = daughter_keys(np.repeat(keys, count), np.tile(np.arange(count), len(keys)))
         when = np.repeat(time, count)
         at = None if self._moving is None else when
         contacts = self._met(rays, ray_keys, at)
-        if self._moving is not None or contacts.sight is not None:
+        if self._moving is not None or contacts.sight is not None or not self._sure:
             return self._received(rays, contacts, when)
         whole, rest = alone(self.caster.scene, scanner, beams, contacts)
         found = Received.joined([whole, self._received(rays, rest, when)])
@@ -274,11 +275,7 @@ class Scan:
         scanner, scene = self.scanner, self.caster.scene
         hits, sight = contacts.hits, contacts.sight
         ways = rays[1][contacts.ray] if sight is None else sight.way
-        normal = (
-            hit_normals(scene, hits)
-            if self._moving is None
-            else self._moving.normals(hits, time[contacts.ray])
-        )
+        normal = self._normals(hits, ways, time[contacts.ray])
         reflectance = reflectance_of(scene, hits, contacts.organ, scanner.surfaces)
         energy = intensity(
             reflectance * contacts.light / scanner.beam.subrays,
@@ -311,6 +308,12 @@ class Scan:
         chosen = counts[echoes.contact]
         bounce = None if sight is None else sight.bounce[chosen]
         return Received(echoes, hits.select(chosen), ways[chosen], normal[chosen], bounce)
+
+    def _normals(self, hits: Hits, ways: np.ndarray, time: np.ndarray) -> np.ndarray:
+        """Return (C, 3) normals of what was met on ways (C, 3), at times (C,)."""
+        if self._moving is None:
+            return hit_normals(self.caster.scene, hits)
+        return self._moving.normals(hits, time)
 
     def _measure(
         self, pulses: Pulses, number: np.ndarray, keys: np.ndarray, found: Received
