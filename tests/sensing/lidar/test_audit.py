@@ -96,7 +96,7 @@ def test_of_the_rays_of_a_beam_that_meet_level_ground_at_once_any_is_right():
     edge = np.arange(-4.0, 4.0, 0.3)
     ends = np.stack(np.meshgrid(edge, (-9.0, 9.0), (0.0,), indexing="ij"), axis=-1).reshape(-1, 3)
     first = 2 * np.arange(len(edge) - 1)[:, None]
-    strips = np.concatenate([first + (0, 1, 2), first + (1, 3, 2)])
+    strips = np.concatenate([first + np.array([0, 1, 2]), first + np.array([1, 3, 2])])
     mesh = TriMesh.of_part(ends[:, [1, 0, 2]] * (-1, 1, 1), strips, LEAF)
     none = np.full(1, -1)
     level = SceneGeometry((mesh,), np.eye(3, 4)[None], np.zeros(1, int), ("ground",), none, none)
