@@ -118,8 +118,7 @@ class ForestSite:
 
         Raises
         ------
-        ValueError : an intensity or a list that cannot be used.
-        SpecError : targets that contradict each other.
+        SpecError : an intensity or a list that cannot be used; targets that contradict each other.
         """
         return grow_needed(self.scene, self.species, progress, self.inputs, grown, kept)
 

@@ -20,7 +20,7 @@ def scan(engine, sensor=FEW):
 
 
 def at_frame(frame, way):
-    """Metres from (0, 0, 0) along a way to the nearest triangle of the scene at a frame (Möller & Trumbore)."""
+    """Metres from (0, 0, 0) along a way to the nearest triangle at a frame (Möller & Trumbore)."""
     bpy.context.scene.frame_set(math.floor(frame), subframe=frame - math.floor(frame))
     nearest = math.inf
     for instance in bpy.context.evaluated_depsgraph_get().object_instances:
@@ -45,14 +45,14 @@ def at_frame(frame, way):
 
 def off(cloud, most=60):
     """(N,) metres by which some points of a cloud, most of them nearer than the wall, are off."""
-    scene = bpy.context.scene
-    now = scene.frame_current, scene.frame_subframe
+    place = bpy.context.scene
+    now = place.frame_current, place.frame_subframe
     near = np.flatnonzero(cloud.true_range < 30)
     rows = np.concatenate([near[:: max(1, len(near) // most)], np.arange(0, len(cloud), 20)])
-    frames = scene.frame_start + cloud.time * scene.render.fps / scene.render.fps_base
+    frames = place.frame_start + cloud.time * place.render.fps / place.render.fps_base
     way = ways(cloud)
     found = [at_frame(frames[row], way[row]) - cloud.true_range[row] for row in rows]
-    scene.frame_set(now[0], subframe=now[1])
+    place.frame_set(now[0], subframe=now[1])
     assert len(near) > 10
     return np.abs(found)
 

@@ -204,8 +204,8 @@ class Observer:
             for name in (moving.held if moving is not None else ())
         ]
         said += [
-            f'{sensor.name}: "{name}" is made of other triangles, or jumps, appears or vanishes, between frames; '
-            f"each of its states is met for {1e3 * moving.pause:.3g} ms"
+            f'{sensor.name}: "{name}" is made of other triangles, or jumps, appears or vanishes, between '
+            f"frames; each of its states is met for {1e3 * moving.pause:.3g} ms"
             for name in (moving.remade if moving is not None else ())
         ]
         if moving is not None and moving.within > WITHIN:

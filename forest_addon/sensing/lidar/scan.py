@@ -11,7 +11,7 @@ is behind it all the same. Limits hold for the true range; noise is added after.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from copy import copy
 from dataclasses import replace
 
@@ -30,7 +30,7 @@ from ..trajectory import Trajectory
 from . import noise, patches
 from .cloud import Cloud, Lost, join
 from .footprint import BeamFrames, frames, sub_rays
-from .one_face import Received, on_one_face, received, seen
+from .one_face import Planes, Received, alone, received, seen
 from .passage import Contacts, meet
 from .polish.bounces import DIRECT, PolishedScene, alike_bounces, follow
 from .polish.halo import Halo
@@ -84,7 +84,8 @@ class Scan:
         still = self._moving is None and self._polished is None and scanner.beam.subrays > 1
         self._faces = Faces.of(caster.scene) if still else None
         if self._faces is not None:
-            self.at_once *= 4  # hardly a ray is traced
+            self.at_once *= 16  # hardly a ray is traced
+            self._planes = Planes.of_faces(caster.scene, scanner, self._faces)
         self._lost = 0
 
     def moved(self, seed: int, path: Trajectory) -> Scan:
@@ -141,10 +142,10 @@ class Scan:
         self, rays: tuple[np.ndarray, np.ndarray], keys: np.ndarray, at: np.ndarray | None
     ) -> Contacts:
         """Return what origins and directions of rays meet, at times where the scene moves."""
-        reach, surfaces = self.scanner.max_range, self.scanner.surfaces
+        limits = self.scanner.max_range, self.scanner.surfaces
         if self._polished is None:
-            return meet(self.caster, *rays, reach, surfaces, keys, at)
-        found, ended = follow(self.caster, self._polished, rays, reach, surfaces, keys)
+            return meet(self.caster, *rays, *limits, keys, at)
+        found, ended = follow(self.caster, self._polished, rays, *limits, keys)
         self._unfollowed += ended
         return found
 
@@ -190,20 +191,23 @@ class Scan:
     def _beams(self, pulses: Pulses, keys: np.ndarray) -> Received:
         """Return the echoes of pulses of several sub-rays; no ray is traced of those that surely meet one
         face, or nothing."""
-        scanner, scene = self.scanner, self.caster.scene
-        beams = self._frames(pulses, keys)
+        scanner, beams = self.scanner, self._frames(pulses, keys)
         parts, done = [], np.zeros(len(pulses), dtype=bool)
         if self._faces is not None:
-            nothing, known, hits = seen(self._faces, beams, scanner)
-            found, sure = received(scene, scanner, beams.select(known), hits)
+            nothing, known, face = seen(self._faces, beams, scanner)
+            found, sure = received(scanner, beams.select(known), self._planes, face)
             done[nothing] = done[known[sure]] = True
-            parts.append(_renumbered(found, known))
+            parts.append(found.of(known))
+            known, face = np.delete(known, sure), np.delete(face, sure)
+            for rows, found in self._on_faces(beams, known, face):
+                done[rows] = True
+                parts.append(found.of(rows))
         rest = np.flatnonzero(~done)
         at_once = max(1, RAYS_AT_ONCE // scanner.beam.subrays)
         for first in range(0, max(len(rest), 1), at_once):
             rows = rest[first : first + at_once]
             traced = self._traced(beams.select(rows), keys[rows], pulses.time[rows])
-            parts.append(_renumbered(traced, rows))
+            parts.append(traced.of(rows))
         found = Received.joined(parts)
         if len(parts) == 1:
             return found
@@ -212,9 +216,18 @@ class Scan:
     def _frames(self, pulses: Pulses, keys: np.ndarray) -> BeamFrames:
         return frames(pulses, self.scanner.beam, keys)
 
+    def _on_faces(
+        self, beams: BeamFrames, rows: np.ndarray, face: np.ndarray
+    ) -> Iterable[tuple[np.ndarray, Received]]:
+        """Echoes of rows of beams known to meet a long stretch of a face; what is not here is traced."""
+        return ()
+
+    def _rays(self, beams: BeamFrames) -> tuple[np.ndarray, np.ndarray]:
+        return sub_rays(beams, self.scanner.beam.subrays)
+
     def _traced(self, beams: BeamFrames, keys: np.ndarray, time: np.ndarray) -> Received:
         scanner, count = self.scanner, self.scanner.beam.subrays
-        rays = sub_rays(beams, count)
+        rays = self._rays(beams)
         ray_keys = np.zeros(len(rays[0]), dtype=np.uint64)
         if scanner.surfaces.leaf_transmittance:
             ray_keys = daughter_keys(np.repeat(keys, count), np.tile(np.arange(count), len(keys)))
@@ -223,16 +236,8 @@ class Scan:
         contacts = self._met(rays, ray_keys, at)
         if self._moving is not None or contacts.sight is not None:
             return self._received(rays, contacts, when)
-        beam, first = on_one_face(contacts, len(keys), count)
-        whole, sure = received(
-            self.caster.scene, scanner, beams.select(beam), contacts.hits.select(first)
-        )
-        if not len(sure):
-            return self._received(rays, contacts, when)
-        alone = np.zeros(len(keys), dtype=bool)
-        alone[beam[sure]] = True
-        rest = contacts.select(~alone[contacts.ray // count])
-        found = Received.joined([_renumbered(whole, beam), self._received(rays, rest, when)])
+        whole, rest = alone(self.caster.scene, scanner, beams, contacts)
+        found = Received.joined([whole, self._received(rays, rest, when)])
         return found.select(np.argsort(found.echoes.pulse, kind="stable"))
 
     def chunks(self, first: int = 0, at_once: int | None = None) -> Iterator[tuple[int, Cloud]]:
@@ -393,8 +398,3 @@ def scan(
         if progress:
             progress(done, work.pulses)
     return join(found)
-
-
-def _renumbered(found: Received, pulse: np.ndarray) -> Received:
-    """The same echoes, of pulses with other numbers."""
-    return replace(found, echoes=replace(found.echoes, pulse=pulse[found.echoes.pulse]))

@@ -169,8 +169,8 @@ class SceneMotion:
     not always there are.
     stands_for : (I,) the instance of the scene as it was read that each one is.
     within : metres by which places may be off between two samples; bent : points of what changes its shape.
-    held : names of objects that stand still between samples, as their parts come and go. remade : of those that
-    are others from one sample to the next, and stand for ``pause`` s.
+    held : names of objects that stand still between samples, as their parts come and go. remade : of those
+    that are others from one sample to the next, and stand for ``pause`` s.
     """
 
     paths: Mapping[int, RigidPath] = field(default_factory=dict)
