@@ -1,9 +1,9 @@
 """From samples of a scene over time to how it moves: which instance is which, where it goes, how it bends.
 
-An instance is known by its object, by whose mesh it has, and by its number among those alike. From one sample
-to the next it moves where it is in both, with the same triangles, and its object has as many instances; else it
-stands until the next sample, and is then gone, or another. What goes far between two samples and hardly before
-and after has jumped: it stands, too.
+An instance is known by its object, by whose mesh it has, and by its number among those alike. From one
+sample to the next it moves where it is in both, with the same triangles, and its object has as many
+instances; else it stands until the next sample, and is then gone, or another. What goes far between two
+samples and hardly before and after has jumped: it stands, too.
 """
 
 from __future__ import annotations
