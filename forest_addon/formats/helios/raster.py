@@ -95,8 +95,8 @@ def read_points(
 
 @dataclass(frozen=True)
 class VoxelMode:
-    """What voxels of AMAPVox become: "fixed" or "scaled" boxes, the power of the density by which these
-    shrink, whether they are shifted at random within their cells; or "transmittive", a haze."""
+    """Boxes, "fixed" or "scaled", or a haze, "transmittive", that voxels of AMAPVox become; the power of the
+    density by which boxes shrink, and whether they are shifted at random within their cells."""
 
     name: str
     power: float = 0.5

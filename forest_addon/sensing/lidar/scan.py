@@ -167,8 +167,7 @@ class Scan:
         rows = np.flatnonzero(here & (seems >= self.scanner.min_range))
         rows = rows[np.lexsort((seems[rows], place[rows]))]
         found = found.select(rows)
-        echoes = replace(found.echoes, pulse=place[rows], distance=seems[rows])
-        return replace(found, echoes=echoes)
+        return replace(found, echoes=replace(found.echoes, pulse=place[rows], distance=seems[rows]))
 
     def _with_noise(self, pulses: Pulses, keys: np.ndarray, found: Received) -> Received:
         """Return echoes with the receiver's noise, and those of noise alone, which meet nothing."""
@@ -311,9 +310,8 @@ class Scan:
 
     def _normals(self, hits: Hits, ways: np.ndarray, time: np.ndarray) -> np.ndarray:
         """Return (C, 3) normals of what was met on ways (C, 3), at times (C,)."""
-        if self._moving is None:
-            return hit_normals(self.caster.scene, hits)
-        return self._moving.normals(hits, time)
+        scene, moving = self.caster.scene, self._moving
+        return hit_normals(scene, hits) if moving is None else moving.normals(hits, time)
 
     def _measure(
         self, pulses: Pulses, number: np.ndarray, keys: np.ndarray, found: Received
@@ -344,11 +342,9 @@ class Scan:
         velocity = rest = None
         if self._moving is not None:
             met = pulses.origin[echoes.pulse] + labelled.distance[:, None] * found.way
-            when = pulses.time[echoes.pulse]
-            velocity, rest = self._moving.velocities(
-                met, labelled.instance, labelled.triangle, when
-            )
-            instance, triangle = self._moving.known(labelled.instance, labelled.triangle)
+            which = labelled.instance, labelled.triangle
+            velocity, rest = self._moving.velocities(met, *which, pulses.time[echoes.pulse])
+            instance, triangle = self._moving.known(*which)
             labelled = replace(labelled, instance=instance, triangle=triangle)
         return Cloud(
             position=pulses.origin[echoes.pulse] + measured[:, None] * way,
