@@ -23,7 +23,13 @@ from forest_addon.sensing.lidar.surveys.leg import SurveyLeg
 from forest_addon.sensing.lidar.surveys.mirrors import oscillating
 from forest_addon.sensing.lidar.surveys.stepped import SteppedPath
 from forest_addon.spec import SpecError
-from headless.commands.work.survey import CountedScan, casters_of, hazes_of, sensor_of_survey
+from headless.commands.work.survey import (
+    CountedDigitisedScan,
+    CountedScan,
+    casters_of,
+    hazes_of,
+    sensor_of_survey,
+)
 from tests.headless.test_survey import FLIGHT, LEG, written
 
 MOTION = """<part dynStep="3">
@@ -392,3 +398,24 @@ def test_voxels_that_light_passes_by_chance_do_not_move(tmp_path: Path) -> None:
       <dmotion id="a" loop="1"><motion type="translation" vec="1;0;0"/></dmotion>"""
     with pytest.raises(SpecError, match="part crown: moves"):
         read_survey(written(tmp_path, extra=crown))
+
+
+@pytest.mark.parametrize("rings", [4, 5, 9])
+def test_every_quality_of_the_beam_has_all_its_rays(tmp_path: Path, rings: int) -> None:
+    """Rings of int(2πk) rays: 1 + 6 + 12 + 18 are 37, but the fourth ring has 25, not 24."""
+    survey = read_survey(written(tmp_path))
+    leg = replace(survey.legs[0], digitiser=replace(survey.legs[0].digitiser, rings=rings))
+    sensor = sensor_of_survey(survey, leg, "leg000")
+    assert sensor.beam.subrays == 1 + sum(int(2 * np.pi * k) for k in range(1, rings))
+    caster = casters_of(survey, "embree")(0)
+    pattern = SurveyLeg(survey, leg)
+    scan = CountedDigitisedScan(sensor, caster, 4, pattern, leg.digitiser).seen_by(caster)
+    cloud = scan.look_at(np.arange(pattern.count))
+    down = pattern.pulses(np.arange(pattern.count)).direction[:, 2] < -0.1
+    assert set(np.flatnonzero(down)) <= set(cloud.pulse)
+
+
+def test_an_old_name_of_a_setting_is_told(tmp_path: Path) -> None:
+    leg = LEG.replace("headRotatePerSec_deg", 'headRotatePerSecDegree="7" headRotatePerSec_deg')
+    survey = read_survey(written(tmp_path, leg))
+    assert any("headRotatePerSecDegree" in note for note in survey.notes)

@@ -18,7 +18,7 @@ from forest_addon.formats.helios.survey import Survey, read_survey
 from forest_addon.results.coordinates import NO_OFFSET, Offset
 from forest_addon.results.scan_file import write_scan
 from forest_addon.sensing.lidar.cloud import Cloud
-from forest_addon.sensing.lidar.surveys.digitised import DigitisedScan
+from forest_addon.sensing.lidar.surveys.digitised import DigitisedScan, rings
 from forest_addon.sensing.lidar.surveys.leg import SurveyLeg, step_count
 from forest_addon.sensing.lidar.surveys.stepped import SteppedMotion, SteppedPath
 from forest_addon.sensing.lidar.surveys.voxels import Haze, HazyScan
@@ -244,9 +244,9 @@ def hazes_of(survey: Survey) -> tuple[Haze, ...]:
 def sensor_of_survey(survey: Survey, leg: Leg, name: str) -> Terrestrial:
     """Settings of the light and the receiver; directions are the leg's own (``SurveyLeg``).
 
-    A pulse is 1 + 3·q·(q - 1) rays for the q rings of HELIOS++'s beam sample quality.
+    A pulse is as many rays as the rings of HELIOS++'s beam sample quality have.
     """
-    device, rings = survey.device, leg.digitiser.rings
+    device = survey.device
     spread = leg.divergence * 1e3
     return Terrestrial(
         name=name,
@@ -256,7 +256,7 @@ def sensor_of_survey(survey: Survey, leg: Leg, name: str) -> Terrestrial:
         beam=Beam(
             wavelength_nm=device.wavelength_nm,
             divergence_mrad=(spread, spread),
-            subrays=1 + 3 * rings * (rings - 1),
+            subrays=len(rings(leg.digitiser.rings).share),
             pulse_ns=device.pulse_ns,
             max_returns=min(device.max_returns or MOST_RETURNS, MOST_RETURNS),
         ),
