@@ -5,6 +5,8 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from forest_addon.spec import SpecError
+
 from ..command import SCENE_HELP, Command, name_of, scene_file
 
 
@@ -27,7 +29,10 @@ class StandCommand(Command):
         parser.add_argument("--seed", type=int, help="another seed than the scene file's")
 
     def output(self, chosen: argparse.Namespace) -> Path:
-        return chosen.out or Path("out") / name_of(chosen.scene) / "points.csv"
+        out = chosen.out or Path("out") / name_of(chosen.scene) / "points.csv"
+        if out.suffix not in (".csv", ".geojson"):
+            raise SpecError(f"--out {out}", "name a .csv or a .geojson file")
+        return Path(out)
 
     def run(self, chosen: argparse.Namespace) -> None:
         from .work.stand import sample_stand

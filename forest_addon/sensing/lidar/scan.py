@@ -86,6 +86,7 @@ class Scan:
         if self._faces is not None:
             self.at_once *= 16  # hardly a ray is traced
             self._planes = Planes.of_faces(caster.scene, scanner, self._faces)
+        self._sure = True  # what a ray meets is no chance, but for leaves that let light pass
         self._lost = 0
 
     def moved(self, seed: int, path: Trajectory) -> Scan:
@@ -166,8 +167,7 @@ class Scan:
         rows = np.flatnonzero(here & (seems >= self.scanner.min_range))
         rows = rows[np.lexsort((seems[rows], place[rows]))]
         found = found.select(rows)
-        echoes = replace(found.echoes, pulse=place[rows], distance=seems[rows])
-        return replace(found, echoes=echoes)
+        return replace(found, echoes=replace(found.echoes, pulse=place[rows], distance=seems[rows]))
 
     def _with_noise(self, pulses: Pulses, keys: np.ndarray, found: Received) -> Received:
         """Return echoes with the receiver's noise, and those of noise alone, which meet nothing."""
@@ -230,12 +230,12 @@ class Scan:
         scanner, count = self.scanner, self.scanner.beam.subrays
         rays = self._rays(beams)
         ray_keys = np.zeros(len(rays[0]), dtype=np.uint64)
-        if scanner.surfaces.leaf_transmittance:
+        if scanner.surfaces.leaf_transmittance or not self._sure:
             ray_keys = daughter_keys(np.repeat(keys, count), np.tile(np.arange(count), len(keys)))
         when = np.repeat(time, count)
         at = None if self._moving is None else when
         contacts = self._met(rays, ray_keys, at)
-        if self._moving is not None or contacts.sight is not None:
+        if self._moving is not None or contacts.sight is not None or not self._sure:
             return self._received(rays, contacts, when)
         whole, rest = alone(self.caster.scene, scanner, beams, contacts)
         return Received.by_pulse([whole, self._received(rays, rest, when)])
@@ -274,11 +274,7 @@ class Scan:
         scanner, scene = self.scanner, self.caster.scene
         hits, sight = contacts.hits, contacts.sight
         ways = rays[1][contacts.ray] if sight is None else sight.way
-        normal = (
-            hit_normals(scene, hits)
-            if self._moving is None
-            else self._moving.normals(hits, time[contacts.ray])
-        )
+        normal = self._normals(hits, ways, time[contacts.ray])
         reflectance = reflectance_of(scene, hits, contacts.organ, scanner.surfaces)
         energy = intensity(
             reflectance * contacts.light / scanner.beam.subrays,
@@ -312,6 +308,11 @@ class Scan:
         bounce = None if sight is None else sight.bounce[chosen]
         return Received(echoes, hits.select(chosen), ways[chosen], normal[chosen], bounce)
 
+    def _normals(self, hits: Hits, ways: np.ndarray, time: np.ndarray) -> np.ndarray:
+        """Return (C, 3) normals of what was met on ways (C, 3), at times (C,)."""
+        scene, moving = self.caster.scene, self._moving
+        return hit_normals(scene, hits) if moving is None else moving.normals(hits, time)
+
     def _measure(
         self, pulses: Pulses, number: np.ndarray, keys: np.ndarray, found: Received
     ) -> Cloud:
@@ -341,11 +342,9 @@ class Scan:
         velocity = rest = None
         if self._moving is not None:
             met = pulses.origin[echoes.pulse] + labelled.distance[:, None] * found.way
-            when = pulses.time[echoes.pulse]
-            velocity, rest = self._moving.velocities(
-                met, labelled.instance, labelled.triangle, when
-            )
-            instance, triangle = self._moving.known(labelled.instance, labelled.triangle)
+            which = labelled.instance, labelled.triangle
+            velocity, rest = self._moving.velocities(met, *which, pulses.time[echoes.pulse])
+            instance, triangle = self._moving.known(*which)
             labelled = replace(labelled, instance=instance, triangle=triangle)
         return Cloud(
             position=pulses.origin[echoes.pulse] + measured[:, None] * way,
