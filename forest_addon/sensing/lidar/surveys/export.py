@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import count
 from pathlib import Path
 from xml.etree.ElementTree import Element, SubElement
 
@@ -15,6 +16,7 @@ from ....formats.helios.writing import rotated, words, write_document
 from ....spec import Airborne, Mobile, MovingScanner, Scanner, Sensor, Surfaces, Terrestrial
 from ...trajectory import Trajectory, strips
 from ..scanner import directions
+from .digitised import rings
 
 LEAVE_TOGETHER = "the beams of a column leave at one time"
 PATTERNS = ("lines", "fans", "zigzag", "circles", "spinning")  # that HELIOS++ has optics for
@@ -123,12 +125,12 @@ def _unsaid(sensor: Scanner, surfaces: Surfaces) -> Iterator[str]:
 
 
 def _rings(subrays: int) -> int:
-    """Rings of HELIOS++ that have at least so many rays: 1 + 3·q·(q - 1)."""
-    return int(np.ceil((3 + np.sqrt(9 + 12 * (subrays - 1))) / 6 - 1e-9))
+    """Rings of HELIOS++ that have at least so many rays."""
+    return next(quality for quality in count(1) if _rays(quality) >= subrays)
 
 
-def _rays(rings: int) -> int:
-    return 1 + 3 * rings * (rings - 1)
+def _rays(quality: int) -> int:
+    return len(rings(quality).share)
 
 
 def _device(sensor: Scanner, pulse_rate: float, widest_deg: float, scan_hz: float) -> Element:
