@@ -189,29 +189,30 @@ class Scan:
         return both.select(np.lexsort((both.echoes.distance, both.echoes.pulse)))
 
     def _beams(self, pulses: Pulses, keys: np.ndarray) -> Received:
-        """Return the echoes of pulses of several sub-rays; no ray is traced of those that surely meet one
-        face, or nothing."""
-        scanner, beams = self.scanner, self._frames(pulses, keys)
-        parts, done = [], np.zeros(len(pulses), dtype=bool)
-        if self._faces is not None:
-            nothing, known, face = seen(self._faces, beams, scanner)
-            found, sure = received(scanner, beams.select(known), self._planes, face)
-            done[nothing] = done[known[sure]] = True
-            parts.append(found.of(known))
-            known, face = np.delete(known, sure), np.delete(face, sure)
-            for rows, found in self._on_faces(beams, known, face):
-                done[rows] = True
-                parts.append(found.of(rows))
-        rest = np.flatnonzero(~done)
-        at_once = max(1, RAYS_AT_ONCE // scanner.beam.subrays)
-        for first in range(0, max(len(rest), 1), at_once):
-            rows = rest[first : first + at_once]
-            traced = self._traced(beams.select(rows), keys[rows], pulses.time[rows])
-            parts.append(traced.of(rows))
-        found = Received.joined(parts)
-        if len(parts) == 1:
-            return found
-        return found.select(np.argsort(found.echoes.pulse, kind="stable"))
+        """Return echoes of beams of several rays; those that surely meet one face, or nothing, cast none."""
+        if self._faces is None:
+            return self._traced_in_parts(self._frames(pulses, keys), keys, pulses.time)
+        some, known, face = seen(self._faces, pulses, self.scanner)
+        pulses, keys = pulses.select(some), keys[some]
+        beams, left = self._frames(pulses, keys), np.ones(len(some), dtype=bool)
+        found, sure = received(self.scanner, beams.select(known), self._planes, face)
+        parts = [found.of(known)]
+        left[known[sure]] = False
+        known, face = np.delete(known, sure), np.delete(face, sure)
+        for rows, found in self._on_faces(beams, known, face):
+            left[rows] = False
+            parts.append(found.of(rows))
+        rest = np.flatnonzero(left)
+        traced = self._traced_in_parts(beams.select(rest), keys[rest], pulses.time[rest])
+        return Received.by_pulse([*parts, traced.of(rest)]).of(some)
+
+    def _traced_in_parts(self, beams: BeamFrames, keys: np.ndarray, time: np.ndarray) -> Received:
+        at_once = max(1, RAYS_AT_ONCE // self.scanner.beam.subrays)
+        parts = []
+        for first in range(0, max(len(keys), 1), at_once):
+            rows = np.arange(first, min(first + at_once, len(keys)))
+            parts.append(self._traced(beams.select(rows), keys[rows], time[rows]).of(rows))
+        return Received.joined(parts)
 
     def _frames(self, pulses: Pulses, keys: np.ndarray) -> BeamFrames:
         return frames(pulses, self.scanner.beam, keys)
@@ -237,8 +238,7 @@ class Scan:
         if self._moving is not None or contacts.sight is not None or not self._sure:
             return self._received(rays, contacts, when)
         whole, rest = alone(self.caster.scene, scanner, beams, contacts)
-        found = Received.joined([whole, self._received(rays, rest, when)])
-        return found.select(np.argsort(found.echoes.pulse, kind="stable"))
+        return Received.by_pulse([whole, self._received(rays, rest, when)])
 
     def chunks(self, first: int = 0, at_once: int | None = None) -> Iterator[tuple[int, Cloud]]:
         """Pieces of the scan from pulse ``first`` on: where each ends, and what it found.
