@@ -5,9 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from forest_addon.spec import SpecError
-
-from ..command import SCENE_HELP, Command, name_of, scene_file
+from ..command import SCENE_HELP, Command, name_of, out_file, scene_file
 
 
 class StandCommand(Command):
@@ -30,9 +28,7 @@ class StandCommand(Command):
 
     def output(self, chosen: argparse.Namespace) -> Path:
         out = chosen.out or Path("out") / name_of(chosen.scene) / "points.csv"
-        if out.suffix not in (".csv", ".geojson"):
-            raise SpecError(f"--out {out}", "name a .csv or a .geojson file")
-        return Path(out)
+        return out_file(out, ".csv", ".geojson", ".json")
 
     def run(self, chosen: argparse.Namespace) -> None:
         from .work.stand import sample_stand

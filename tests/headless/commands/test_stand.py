@@ -142,5 +142,5 @@ def test_unsquared_formulas_of_the_papers_became_squared_ones():
 @pytest.mark.parametrize("name", ["points.xls", "points.png", "points"])
 def test_an_ending_that_holds_no_table_is_refused(tmp_path, capsys, name):
     assert main(["stand", "demo", "--out", str(tmp_path / name)]) == 2
-    assert "name a .csv or a .geojson file" in capsys.readouterr().err
+    assert "must end in .csv or .geojson" in capsys.readouterr().err
     assert not list(tmp_path.iterdir())

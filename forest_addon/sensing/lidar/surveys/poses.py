@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -28,8 +29,14 @@ def write_poses(path: Path, poses: Poses) -> None:
 
 
 def canonical(attitude: Rotation) -> np.ndarray:
-    """(K, 3) roll, pitch and yaw of attitudes, degrees, as HELIOS++'s CANONICAL turns them, without jumps."""
-    return np.asarray(np.rad2deg(np.unwrap(attitude.as_euler("XYZ"), axis=0)))
+    """(K, 3) roll, pitch and yaw of attitudes, degrees, as HELIOS++'s CANONICAL turns them, without jumps.
+
+    Where roll and yaw turn about one axis (a pitch of 90 degrees) yaw is 0, right to 1e-7.
+    """
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Gimbal lock")
+        angles = attitude.as_euler("XYZ")
+    return np.asarray(np.rad2deg(np.unwrap(angles, axis=0)))
 
 
 def beam_poses(pattern: Pattern, rate: float) -> Poses:
