@@ -87,7 +87,7 @@ class Tracks:
         return bool(self._breaks(every))
 
     def steady(self, step: int) -> dict[tuple[tuple[str, str], int], bool]:
-        """Whether instances, by object and number, neither jump nor are others by the end of a step."""
+        """Return which instances, by object and number, neither jump nor are others by the end of a step."""
         keys = list(self._keys)
         return {keys[n]: bool(self._joined(n)[step]) for n in self._numbers()}
 

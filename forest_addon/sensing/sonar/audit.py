@@ -23,7 +23,7 @@ from ..rays.caster import RayCaster
 from .bands import Band, BandGrid
 from .calls import Call
 from .doppler import Moment, factors, fastest, pieces_of
-from .ping import Echo, Hearing, heard_from
+from .ping import Echo, PingHearing, heard_from
 from .search import SearchGroup
 from .station import Equipment, Station
 from .summation import sum_echoes
@@ -53,14 +53,14 @@ class _Pings:
     everything: RayCaster | None
 
     def moments(self, echo: Echo) -> list[Moment]:
-        """What the pieces of a call met."""
+        """Return what the pieces of a call met."""
         station = Station(self.sonar, self.air, echo.pose, self.equipment)
         if echo.moments == 1:
             return [Moment(0.0, station, echo.groups)]
         call = self.equipment.call
         assert call is not None
         band = Band(*self.sonar.band)
-        hear = Hearing(self.targets, station, band, self.wood, self.everything)
+        hear = PingHearing(self.targets, station, band, self.wood, self.everything)
         return [hear.moment(t) for t in np.linspace(0.0, call.duration, echo.moments).tolist()]
 
     def station(self, echo: Echo) -> Station:

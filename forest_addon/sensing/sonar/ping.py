@@ -180,7 +180,7 @@ def ping(
     station = Station(sonar, air, pose or posed(sonar), equipment or Equipment.of(sonar))
     call = station.equipment.call
     band, rate = Band(*sonar.band), sonar.sample_rate
-    hear = Hearing(targets, station, band, wood, everything)
+    hear = PingHearing(targets, station, band, wood, everything)
     targets, found = hear.at(0.0)
     moments = [Moment(0.0, station, found.groups)]
     latest = max((float(g.paths.length.max()) for g in found.groups), default=0.0)
@@ -237,7 +237,7 @@ def ping(
 
 
 @dataclass(frozen=True)
-class Hearing:
+class PingHearing:
     """Targets as a station hears them as time goes on; casters as of ``ping``."""
 
     targets: EchoTargets
