@@ -26,10 +26,8 @@ from ..scene.nodes import in_full
 
 WITHIN = 1e-5  # metres between an interpolated place and Blender's
 HALVINGS = 4  # of a frame
-PROBES, SHARE = (
-    8,
-    0.3819660113,
-)  # steps looked into, and where: turns that halves cannot tell apart differ there
+PROBES = 8  # steps looked into
+SHARE = 0.3819660113  # of a step, where: turns that halves cannot tell apart differ there
 MOST_FRAMES = 20_000
 MOST_BYTES = 1_000_000_000  # of samples at whole frames; of those between frames, twice as many
 
