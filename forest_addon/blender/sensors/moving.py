@@ -68,7 +68,9 @@ def moving_caster(
         now = reader.now()
         tracks = _tracks(scene, now, frames / rate, samples)
         off, bent = 0.0, 0.0
-        for _ in range(HALVINGS if tracks.moves else 0):
+        steps = 1  # of a frame
+        while tracks.moves and steps < 2**HALVINGS:
+            coarse, steps = tracks, 2 * steps
             middle = (frames[:-1] + frames[1:]) / 2
             between = reader.at(middle)
             off, bent = tracks.off(middle / rate, between)
@@ -77,16 +79,24 @@ def moving_caster(
             samples = [*(one for pair in pairs for one in pair), samples[-1]]
             tracks = _tracks(scene, now, frames / rate, samples)
             full = sum(sample.nbytes for sample in samples) > MOST_BYTES
-            if (off < WITHIN and bent < BENT) or full:
+            if (off < WITHIN and bent < BENT and not tracks.breaks(steps)) or full:
                 break
-    return MovingCaster(*tracks.motion(off, bent), make, engine)
+        else:
+            if tracks.moves:  # samples are now close enough to tell a jump from what is fast
+                tracks = _tracks(scene, now, frames / rate, samples, jumps=True)
+                off, bent = coarse.off(middle / rate, between, tracks)
+    return MovingCaster(*tracks.motion(off, bent, steps), make, engine)
 
 
 def _tracks(
-    scene: SceneGeometry, now: SceneSample, time: np.ndarray, samples: list[SceneSample]
+    scene: SceneGeometry,
+    now: SceneSample,
+    time: np.ndarray,
+    samples: list[SceneSample],
+    jumps: bool = False,
 ) -> Tracks:
     try:
-        return Tracks(scene, now, time, samples)
+        return Tracks(scene, now, time, samples, jumps)
     except Strangers as found:
         some = ", ".join(f'"{name}"' for name in found.names[:3])
         raise SpecError(
@@ -99,14 +109,15 @@ def _tracks(
 def seconds_of(place: bpy.types.Scene) -> float:
     """Seconds from the first frame of a scene's range to the present one."""
     rate = place.render.fps / place.render.fps_base
-    return float((place.frame_current_final - place.frame_start) / rate)
+    return float((place.frame_current + place.frame_subframe - place.frame_start) / rate)
 
 
 class _SceneInTime:
     """Samples of a scene at frames, counted from the first one of its range; it ends at the present frame."""
 
     def __init__(self, place: bpy.types.Scene) -> None:
-        self._place, self._frame = place, place.frame_current_final
+        self._place = place  # its frame_current_final would be one that is mapped in time already
+        self._frame = place.frame_current + place.frame_subframe
         self._changing: set[str] = set()
         self._known: dict[bytes, TriMesh] = {}
 

@@ -12,6 +12,7 @@ moved by their third moment. It is what ``waveform`` finds of the same rays, but
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -27,6 +28,7 @@ from .passage import Contacts
 from .patches import SHORT
 from .radiometry import reflectance_of
 from .returns import organs
+from .scanner import Pulses
 from .waveform import WaveformEchoes, pulse_length
 
 AT_ONCE = 1024  # beams: what is in work stays in the cache
@@ -50,6 +52,12 @@ class Received(RowTable):
     def of(self, pulse: np.ndarray) -> Received:
         """The same echoes, of pulses with other numbers."""
         return replace(self, echoes=replace(self.echoes, pulse=pulse[self.echoes.pulse]))
+
+    @classmethod
+    def by_pulse(cls, parts: Sequence[Received]) -> Received:
+        """Several, of other pulses each, in the order of their pulses."""
+        found = cls.joined(parts)
+        return found.select(np.argsort(found.echoes.pulse, kind="stable"))
 
 
 @dataclass(frozen=True)
@@ -90,12 +98,14 @@ class Planes(RowTable):
 
 
 def seen(
-    faces: Faces, beams: BeamFrames, scanner: Scanner
+    faces: Faces, pulses: Pulses, scanner: Scanner
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Rows of beams that meet nothing, rows of those that meet one face, and the face of each of these."""
-    met = faces.met(beams.origin, beams.axis, *reach(scanner.beam))
-    known = np.flatnonzero(met >= 0)
-    return np.flatnonzero(met == NOTHING), known, met[known]
+    """Rows of pulses whose beams may meet something, rows among these of beams that meet one face, and that
+    face of each."""
+    met = faces.met(pulses.origin, pulses.direction, *reach(scanner.beam))
+    some = np.flatnonzero(met != NOTHING)
+    known = np.flatnonzero(met[some] >= 0)
+    return some, known, met[some[known]]
 
 
 def on_one_face(contacts: Contacts, beams: int, subrays: int) -> tuple[np.ndarray, np.ndarray]:

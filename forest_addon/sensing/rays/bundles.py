@@ -26,7 +26,7 @@ from .geometry import SceneGeometry, invert_transforms
 
 MOST = 6000  # triangles of a scene, in the world, for which looking through them pays
 SIZES = (4096, 512, 64, 8, 1)  # pulses of a bundle, from level to level
-CROWDED = 24  # triangles that are neither beside nor hidden: of a small bundle, too many to go on
+CROWDED = 48  # triangles that are neither beside nor hidden: of a small bundle, too many to go on
 SLACK = 4e-6  # of the scene's size: how clear of edges a bundle must be
 UNKNOWN, NOTHING = -2, -1
 

@@ -17,7 +17,7 @@ from ...acoustics.ground import SURFACES, spherical_reflection, surface_impedanc
 from ...base.progress import Progress
 from ...base.rng import stream
 from ...spec import Air, Reverb
-from .arrivals import Gain, arrival
+from .arrivals import RINGING, Gain, arrival
 from .directivity import OMNI, Directivity, Term
 from .forest.losses import Losses, TrunkStand
 from .forest.surroundings import Surroundings
@@ -151,10 +151,13 @@ class Pair:
             trees = replace(trees, samples=trees.samples * kept + noise)
         (straight, sent), (bounced, reflected) = self.arrivals()
         direct, ground = self.clear
+        rings = 0.0 if self.reverb.ground_kind == "constant" else RINGING
         found = ImpulseResponse(
             sample_rate=rate,
             direct=arrival(straight, sent, rate, count, air) if direct else np.zeros(count),
-            ground=arrival(bounced, reflected, rate, count, air) if ground else np.zeros(count),
+            ground=arrival(bounced, reflected, rate, count, air, rings)
+            if ground
+            else np.zeros(count),
             trees=trees.samples,
             direct_delay=math.dist(self.source, self.receiver) / air.speed(),
             direct_clear=direct,

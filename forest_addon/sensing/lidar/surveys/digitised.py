@@ -18,7 +18,7 @@ from functools import cached_property
 import numpy as np
 
 from ....formats.helios.device import Digitiser
-from ...rays.caster import Hits, RayCaster, hit_normals
+from ...rays.caster import Hits, RayCaster
 from ...rays.moving import TimedCaster
 from ..footprint import BeamFrames
 from ..one_face import Received, scalars_of
@@ -107,10 +107,7 @@ class DigitisedScan(Scan):
     ) -> Received:
         scanner, scene = self.scanner, self.caster.scene
         hits, ways = contacts.hits, rays[1][contacts.ray]
-        if self._moving is None:
-            normal = hit_normals(scene, hits)
-        else:
-            normal = self._moving.normals(hits, time[contacts.ray])
+        normal = self._normals(hits, ways, time[contacts.ray])
         share = self._rings.share[contacts.ray % len(self._rings.share)]
         reflectance = reflectance_of(scene, hits, contacts.organ, scanner.surfaces)
         energy = intensity(
