@@ -19,6 +19,7 @@ from forest_addon.results.coordinates import NO_OFFSET, Offset
 from forest_addon.results.scan_file import write_scan
 from forest_addon.sensing.lidar.cloud import Cloud
 from forest_addon.sensing.lidar.surveys.digitised import DigitisedScan, rings
+from forest_addon.sensing.lidar.surveys.held import FEWEST, HeldCaster, stretch_of
 from forest_addon.sensing.lidar.surveys.leg import SurveyLeg, step_count
 from forest_addon.sensing.lidar.surveys.stepped import SteppedMotion, SteppedPath
 from forest_addon.sensing.lidar.surveys.voxels import Haze, HazyScan
@@ -201,7 +202,9 @@ def casters_of(survey: Survey, engine: str) -> Callable[[int], RayCaster | Timed
             for i, part in moving.items()
             if part.motion
         }
-        return MovingCaster(scene, SteppedMotion(paths), partial(make_caster, rays=rays))
+        motion, make = SteppedMotion(paths), partial(make_caster, rays=rays)
+        kind = MovingCaster if stretch_of(motion) < FEWEST else HeldCaster
+        return kind(scene, motion, make)
 
     return caster
 
