@@ -10,7 +10,7 @@ K = TypeVar("K", bound=Hashable)
 V = TypeVar("V")
 
 
-class Kept(Generic[K, V]):
+class LastAsked(Generic[K, V]):
     """The values last asked for, by their keys.
 
     limit : how many; of more, the one that was asked for longest ago is dropped, and made anew if need be.

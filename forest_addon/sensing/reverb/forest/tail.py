@@ -21,7 +21,7 @@ import numpy as np
 from scipy import fft
 
 from ....acoustics.ground import surface_impedance
-from ....base.kept import Kept
+from ....base.kept import LastAsked
 from ....base.rng import stream
 from ....spec import Air, Reverb
 from ..band import roll_off
@@ -97,8 +97,8 @@ class Tail:
     joint: float
     losses: Losses
     diffuse: np.ndarray | None = None
-    _blocks: Kept[tuple, NoiseBlocks] = field(
-        default_factory=lambda: Kept(1), init=False, compare=False, repr=False
+    _blocks: LastAsked[tuple, NoiseBlocks] = field(
+        default_factory=lambda: LastAsked(1), init=False, compare=False, repr=False
     )
 
     def kept(self, length: np.ndarray) -> np.ndarray:

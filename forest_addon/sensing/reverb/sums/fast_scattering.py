@@ -19,7 +19,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ....base.kept import Kept
+from ....base.kept import LastAsked
 from ....base.progress import Progress
 from ....spec import Air
 from ..band import SPREAD
@@ -62,10 +62,10 @@ class Expansions:
     """Expansions that the fast sum has set up so far, for any number of sources and receivers."""
 
     def __init__(self) -> None:
-        self._layers: Kept[tuple, list[LayerSum]] = Kept(KEPT_LAYERS)
-        self._airs: Kept[tuple, AirFilter] = Kept(KEPT_AIRS)
-        self._gains: Kept[tuple, PathGain] = Kept(KEPT_GAINS)
-        self.tails: Kept[tuple, Tail | None] = Kept(KEPT_TAILS)  # of pairs
+        self._layers: LastAsked[tuple, list[LayerSum]] = LastAsked(KEPT_LAYERS)
+        self._airs: LastAsked[tuple, AirFilter] = LastAsked(KEPT_AIRS)
+        self._gains: LastAsked[tuple, PathGain] = LastAsked(KEPT_GAINS)
+        self.tails: LastAsked[tuple, Tail | None] = LastAsked(KEPT_TAILS)  # of pairs
 
     def sum(
         self,
