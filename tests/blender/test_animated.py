@@ -153,10 +153,10 @@ def test_triangles_that_are_others_at_all_times_are_read_between_frames(scene, e
 
 
 @pytest.mark.medium
-@pytest.mark.parametrize("turns", [2.03, 4.17])
+@pytest.mark.parametrize("turns", [1.0, 2.0, 2.03, 4.17])
 def test_a_rotor_is_met_as_it_turns(scene, turns):  # noqa: F811
-    """More than whole turns a frame: at each half it is where a slow one would be, that turns the other way
-    or less."""
+    """Whole turns a frame: at each frame it stands where it stood. More: at each half it is where a slow one
+    would be, that turns the other way or less."""
     plate = bpy.data.objects["plate"]
     plate.scale, plate.rotation_euler = (1, 2, 1), (0, math.pi / 2, 0)
     keyed(plate, "delta_rotation_euler", [(0, 0, 0), (0, 0, 2 * math.pi * turns * 100)], (1, 101))

@@ -71,7 +71,8 @@ def moving_caster(
         tracks = _tracks(scene, now, frames / rate, samples)
         off, bent = 0.0, 0.0
         steps = 1  # of a frame
-        while tracks.moves and steps < 2**HALVINGS:
+        moves = tracks.moves or max(_probed(scene, now, frames / rate, samples, reader, rate)) > 0
+        while moves and steps < 2**HALVINGS:
             coarse, steps = tracks, 2 * steps
             middle = (frames[:-1] + frames[1:]) / 2
             between = reader.at(middle)
@@ -88,7 +89,7 @@ def moving_caster(
                 if off < WITHIN and bent < BENT:
                     break
         else:
-            if tracks.moves:  # samples are now close enough to tell a jump from what is fast
+            if moves:  # samples are now close enough to tell a jump from what is fast
                 tracks = _tracks(scene, now, frames / rate, samples, jumps=True)
                 off, bent = coarse.off(middle / rate, between, tracks)
                 found = _probed(scene, now, frames / rate, samples, reader, rate, tracks)
