@@ -150,3 +150,21 @@ def test_triangles_that_are_others_at_all_times_are_read_between_frames(scene, e
         '"block" is made of other triangles' in words and "2.6 ms" in words
         for words in result.warnings
     )
+
+
+@pytest.mark.medium
+@pytest.mark.parametrize("turns", [1.0, 2.0, 2.03, 4.17])
+def test_a_rotor_is_met_as_it_turns(scene, turns):  # noqa: F811
+    """Whole turns a frame: at each frame it stands where it stood. More: at each half it is where a slow one
+    would be, that turns the other way or less."""
+    plate = bpy.data.objects["plate"]
+    plate.scale, plate.rotation_euler = (1, 2, 1), (0, math.pi / 2, 0)
+    keyed(plate, "delta_rotation_euler", [(0, 0, 0), (0, 0, 2 * math.pi * turns * 100)], (1, 101))
+    scene.frame_set(1)
+    result = scan("embree", FAN.changed(angle_step_deg=2.0, pulse_rate=2000.0))
+    mine = np.array([forest.current().objects[k] == "plate" for k in result.found.returns.instance])
+    speed = np.linalg.norm(result.motion["velocity"][mine], axis=1)
+    arm = result.found.position[mine] - (FAR, 0, 0)
+    rate = 2 * math.pi * turns * 24
+    assert off(result.found).max() < 1e-3
+    assert np.allclose(speed, rate * np.hypot(arm[:, 0], arm[:, 1]), rtol=0.02)

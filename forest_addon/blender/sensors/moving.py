@@ -26,6 +26,8 @@ from ..scene.nodes import in_full
 
 WITHIN = 1e-5  # metres between an interpolated place and Blender's
 HALVINGS = 4  # of a frame
+PROBES = 8  # steps looked into
+SHARE = 0.3819660113  # of a step, where: turns that halves cannot tell apart differ there
 MOST_FRAMES = 20_000
 MOST_BYTES = 1_000_000_000  # of samples at whole frames; of those between frames, twice as many
 
@@ -69,7 +71,8 @@ def moving_caster(
         tracks = _tracks(scene, now, frames / rate, samples)
         off, bent = 0.0, 0.0
         steps = 1  # of a frame
-        while tracks.moves and steps < 2**HALVINGS:
+        moves = tracks.moves or max(_probed(scene, now, frames / rate, samples, reader, rate)) > 0
+        while moves and steps < 2**HALVINGS:
             coarse, steps = tracks, 2 * steps
             middle = (frames[:-1] + frames[1:]) / 2
             between = reader.at(middle)
@@ -79,13 +82,43 @@ def moving_caster(
             samples = [*(one for pair in pairs for one in pair), samples[-1]]
             tracks = _tracks(scene, now, frames / rate, samples)
             full = sum(sample.nbytes for sample in samples) > MOST_BYTES
-            if (off < WITHIN and bent < BENT and not tracks.breaks(steps)) or full:
+            if full:
                 break
+            if off < WITHIN and bent < BENT and not tracks.breaks(steps):
+                off, bent = _probed(scene, now, frames / rate, samples, reader, rate)
+                if off < WITHIN and bent < BENT:
+                    break
         else:
-            if tracks.moves:  # samples are now close enough to tell a jump from what is fast
+            if moves:  # samples are now close enough to tell a jump from what is fast
                 tracks = _tracks(scene, now, frames / rate, samples, jumps=True)
                 off, bent = coarse.off(middle / rate, between, tracks)
+                found = _probed(scene, now, frames / rate, samples, reader, rate, tracks)
+                off, bent = max(off, found[0]), max(bent, found[1])
     return MovingCaster(*tracks.motion(off, bent, steps), make, engine)
+
+
+def _probed(
+    scene: SceneGeometry,
+    now: SceneSample,
+    time: np.ndarray,
+    samples: list[SceneSample],
+    reader: _SceneInTime,
+    rate: float,
+    finest: Tracks | None = None,
+) -> tuple[float, float]:
+    """Metres by which places and points are off in some of the steps, aside of their middle.
+
+    finest : of all samples; what jumps in them does not count.
+    """
+    off, bent = 0.0, 0.0
+    for first in np.unique(np.linspace(0, len(time) - 2, PROBES).astype(int)).tolist():
+        ends = slice(first, first + 2)
+        when = time[first] + SHARE * np.diff(time[ends])
+        pair = _tracks(scene, now, time[ends], samples[ends])
+        steady = None if finest is None else finest.steady(first)
+        found = pair.off(when, reader.at(when * rate), steady=steady)
+        off, bent = max(off, found[0]), max(bent, found[1])
+    return off, bent
 
 
 def _tracks(

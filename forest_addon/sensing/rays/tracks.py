@@ -8,7 +8,7 @@ samples and hardly before and after has jumped: it stands, too.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -86,22 +86,34 @@ class Tracks:
         """Return whether anything is another, or begins or ends, at another sample than each ``every``-th."""
         return bool(self._breaks(every))
 
+    def steady(self, step: int) -> dict[tuple[tuple[str, str], int], bool]:
+        """Return which instances, by object and number, neither jump nor are others by the end of a step."""
+        keys = list(self._keys)
+        return {keys[n]: bool(self._joined(n)[step]) for n in self._numbers()}
+
     def off(
-        self, middle: np.ndarray, between: Sequence[SceneSample], finer: Tracks | None = None
+        self,
+        middle: np.ndarray,
+        between: Sequence[SceneSample],
+        finer: Tracks | None = None,
+        steady: Mapping[tuple[tuple[str, str], int], bool] | None = None,
     ) -> tuple[float, float]:
         """Metres by which samples at times (K - 1,) between these ones are not where they are expected: of
         places, and of points of what changes its shape.
 
-        finer : tracks of both; what jumps in them does not count.
+        finer : tracks of both; what jumps in them does not count. steady : of one step, what counts.
         """
         other, count = Tracks(self._scene, self._now, middle, between), len(self._scene)
         moves = self._moving_at_all()[:count] | other._moving_at_all()[:count]
         worst, bent = 0.0, 0.0
         known: dict[tuple[int, ...], float] = {}
+        keys = list(self._keys)
         for number in np.flatnonzero(moves).tolist():
             joined = self._joined(number) & (other._row[:, number] >= 0)
             if finer is not None:
                 joined &= finer._joined(number).reshape(-1, 2).all(axis=1)
+            if steady is not None:
+                joined &= steady.get(keys[number], True)
             if not joined.any():
                 continue
             bent = max(bent, self._bend_off(number, joined, other, known))
@@ -293,7 +305,9 @@ class Tracks:
             if key not in known:
                 known[key] = 0.0
                 if low.shape == middle.shape:
-                    apart = (low.astype(np.float64) + high) / 2 - middle
+                    way = np.diff(self._time[k : k + 2])
+                    share = (other._time[k] - self._time[k]) / way
+                    apart = low + share * (high.astype(np.float64) - low) - middle
                     known[key] = float(np.linalg.norm(apart, axis=1).max(initial=0.0))
             worst = max(worst, size * known[key])
         return worst

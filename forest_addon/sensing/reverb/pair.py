@@ -215,11 +215,8 @@ class Pair:
         sent = None if self.directivity is OMNI else self._energy
         sends = self.directivity.gain.tobytes() if sent else b""
         same = (self.reverb, self.losses, str(ends), length, self.key, stand, sends)
-        if same not in expansions.tails:
-            expansions.tails[same] = tail_of(
-                self.reverb, self.losses, density, *ends, length, self.key, sent=sent
-            )
-        return expansions.tails[same]
+        given = self.reverb, self.losses, density, *ends, length, self.key
+        return expansions.tails.once(same, lambda: tail_of(*given, sent=sent))
 
     def _energy(self, frequency: float) -> Sent:
         """Return the energy that the source sends by ways at a frequency."""
