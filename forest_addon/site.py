@@ -19,7 +19,7 @@ from .growth.library.species_file import find_species, load_species
 from .growth.tree import Tree
 from .sensing.detail import grow_needed
 from .sensing.kinds import kind_of
-from .spec import AUTO, Scene
+from .spec import AUTO, Scene, SpecError
 from .stand.before_fall import TreesBeforeFall
 from .stand.files import read_inputs
 from .stand.forest import ForestPlan, Grown, GrownForest, Planted
@@ -41,6 +41,15 @@ def load_planted(name: str, folder: Path) -> Planted:
     SpecError : there is no such species, or it cannot be used.
     """
     return load_species(find_species(name, folder))
+
+
+def _planted(number: int, name: str, folder: Path, load: Load) -> Planted:
+    try:
+        return load(name, folder)
+    except SpecError as problem:
+        if problem.key != "species":  # what is wrong in its file
+            raise
+        raise SpecError(f"plantings[{number}].species", problem.problem) from None
 
 
 @dataclass(frozen=True)
@@ -68,7 +77,10 @@ class ForestSite:
         """
         wkt_of(scene.crs)  # now, before hours are spent on what cannot be written
         folder = Path(folder)
-        species = tuple(load(planting.species, folder) for planting in scene.plantings)
+        species = tuple(
+            _planted(number, planting.species, folder, load)
+            for number, planting in enumerate(scene.plantings)
+        )
         looks = [kind_of(sensor).look(sensor) for sensor in scene.sensors]
         looked_at = any(look.tells_leaves or look.meets_wood for look in looks)
         own = len(scene.plantings)
@@ -118,8 +130,7 @@ class ForestSite:
 
         Raises
         ------
-        ValueError : an intensity or a list that cannot be used.
-        SpecError : targets that contradict each other.
+        SpecError : an intensity or a list that cannot be used; targets that contradict each other.
         """
         return grow_needed(self.scene, self.species, progress, self.inputs, grown, kept)
 

@@ -122,6 +122,18 @@ def read_scene(path: Path, seed: int | None) -> Scene:
         raise SpecError("--seed", problem.problem) from None
 
 
+def out_file(out: Path, *endings: str) -> Path:
+    """The file that ``--out`` names, if it has one of these endings, as ".csv".
+
+    Raises
+    ------
+    SpecError : it has another; nothing of that name is written.
+    """
+    if out.suffix.lower() not in endings:
+        raise SpecError(f"--out {out}", f"must end in {' or '.join(endings)}")
+    return out
+
+
 def refuse_negative(seed: int) -> None:
     """Say that a seed below 0 cannot be.
 

@@ -7,10 +7,13 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import partial
+from typing import Any
 
 from forest_addon.base.progress import Progress
 
 WIDTH = 34
+DELAY = 1.0  # s, before a bar is shown
 
 
 class Stages:
@@ -19,6 +22,7 @@ class Stages:
     def __init__(self, quiet: bool) -> None:
         self.quiet = quiet
         self.seconds: dict[str, float] = {}
+        self._bar: Any = None  # of the stage that runs
 
     @contextmanager
     def stage(self, name: str) -> Iterator[Progress]:
@@ -27,38 +31,42 @@ class Stages:
         if self.quiet:
             yield lambda done, total: None
         else:
-            with _bar(name) as progress:
-                yield progress
+            with _bar(name) as bar:
+                self._bar = bar
+                yield partial(_show, bar)
         self.seconds[name] = time.perf_counter() - start
         self.say(f"  {name:<{WIDTH}}{self.seconds[name]:7.2f} s")
 
     def say(self, text: str) -> None:
         """Print a line, unless quiet."""
-        if not self.quiet:
-            print(text, file=sys.stderr, flush=True)
+        if self.quiet:
+            return
+        if self._bar is not None and self._bar.last_print_t > self._bar.start_t:  # it is shown
+            self._bar.clear()
+        print(text, file=sys.stderr, flush=True)
 
 
 @contextmanager
-def _bar(name: str) -> Iterator[Progress]:
+def _bar(name: str) -> Iterator[Any]:
     from tqdm import tqdm  # here: many a series of scenes is quiet
 
     bar = tqdm(
         desc=f"  {name}",
         total=1,
-        delay=1.0,
+        delay=DELAY,
         leave=False,
         file=sys.stderr,
         bar_format="{desc:<36}{bar:20} {percentage:3.0f}%  {elapsed}",
     )
-
-    def progress(done: int, total: int) -> None:
-        bar.total = total
-        bar.update(done - bar.n)
-
     try:
-        yield progress
+        yield bar
     finally:
         bar.close()
+
+
+def _show(bar: Any, done: int, total: int) -> None:
+    bar.total = total
+    bar.update(done - bar.n)
 
 
 @contextmanager

@@ -163,7 +163,7 @@ def run_by_workers(words: Sequence[str], workers: int) -> None:
     """
     started = [
         subprocess.Popen(
-            [sys.executable, "-m", "headless", *words, "--share", f"{k + 1}/{workers}"],
+            [sys.executable, "-m", str(__package__), *words, "--share", f"{k + 1}/{workers}"],
             stdin=subprocess.DEVNULL,
             stderr=subprocess.PIPE,
             text=True,

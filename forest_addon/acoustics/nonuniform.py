@@ -27,7 +27,7 @@ from . import chebyshev
 from .gridding import ALIASING, NARROWEST, DelayGrid, width_for
 from .node_plan import NodePlan, planned
 from .smoothness import LEVELS, Smoothness
-from .spectrum import delay_factors
+from .spectrum import delay_factors, phasors
 
 Amplitude = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
@@ -276,7 +276,7 @@ class _Task:
     def _deposit(self, grid: DelayGrid, rows: np.ndarray, values: np.ndarray, block: slice) -> None:
         """Lay amplitudes (R, m) times their weights down at their delays."""
         delay = self._delay[rows]
-        turn = _turn(self._middle * delay)
+        turn = phasors(self._middle * delay)
         if self._weights.shape[1] == 1:
             grid.add(delay * self._spacing, (values * (turn * self._weights[rows, 0])).T)
             return
@@ -320,12 +320,6 @@ class _Task:
             turns = (self._start + self._spacing * self.count) * float(np.abs(self._delay).max())
             error += ROUNDING * (1.0 + turns)
         return DelayedSum(self._spectrum, self._size, self._least, error, self._nodes)
-
-
-def _turn(cycles: np.ndarray) -> np.ndarray:
-    """e^{-i2π·cycles}; whole cycles are taken off first, where the exponential would lose digits."""
-    turned: np.ndarray = np.exp(-2j * math.pi * (cycles - np.rint(cycles)))
-    return turned
 
 
 @lru_cache(maxsize=64)

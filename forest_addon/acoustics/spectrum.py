@@ -23,16 +23,16 @@ def delay_factors(start: float, spacing: float, count: int, delay: np.ndarray) -
     """
     stride = max(1, math.isqrt(count))
     coarse = start + stride * spacing * np.arange(-(-count // stride))
-    steps = _turns(np.outer(coarse, delay))
-    fine = _turns(np.outer(np.arange(stride) * spacing, delay))
+    steps = phasors(np.outer(coarse, delay))
+    fine = phasors(np.outer(np.arange(stride) * spacing, delay))
     factors: np.ndarray = steps[:, None, :] * fine[None, :, :]
     return factors.reshape(len(coarse) * stride, len(delay))[:count]
 
 
-def _turns(cycles: np.ndarray) -> np.ndarray:
-    """e^{-i2π·cycles}; whole cycles are taken off first, where the exponential would lose digits."""
-    turned: np.ndarray = np.exp(-2j * math.pi * (cycles - np.rint(cycles)))
-    return turned
+def phasors(cycles: np.ndarray) -> np.ndarray:
+    """Phasors e^{-i2π·cycles}; whole cycles are taken off first, where the exponential would lose digits."""
+    found: np.ndarray = np.exp(-2j * math.pi * (cycles - np.rint(cycles)))
+    return found
 
 
 @dataclass(frozen=True)

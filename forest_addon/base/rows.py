@@ -17,7 +17,10 @@ class RowTable:
         kept = {}
         for name, value in vars(self).items():
             if isinstance(value, np.ndarray):
-                value = value[rows]
+                if isinstance(rows, np.ndarray) and rows.dtype != bool:
+                    value = value.take(rows, 0)  # twice as fast as indexing
+                else:
+                    value = value[rows]
             elif isinstance(value, RowTable):
                 value = value.select(rows)
             kept[name] = value

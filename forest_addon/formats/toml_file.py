@@ -185,6 +185,10 @@ def _tuple(converter: Any, value: Any, kind: Any) -> Any:
 
     parts = typing.get_args(kind)
     many = len(parts) == 2 and parts[1] is Ellipsis
+    if many and isinstance(value, dict):
+        raise SpecError(
+            "", "is one table, not a list of them; give it two brackets on each side: [[…]]"
+        )
     if not isinstance(value, (list, tuple)):
         raise SpecError("", f"{shown(value)} is not a list" + ("" if many else f" of {len(parts)}"))
     if not many and len(value) != len(parts):

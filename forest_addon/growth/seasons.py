@@ -76,7 +76,7 @@ def fallen(season: float) -> float:
 
 def with_fallen(tree: Tree, share: float, rng: np.random.Generator) -> Tree:
     """The tree without this share of its leaves; one that has fallen is also gone at a larger share."""
-    if share <= 0:
+    if share <= 0 or not len(tree.leaves):
         return tree
     if share >= 1:
         return without_leaves(tree)

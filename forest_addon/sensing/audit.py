@@ -59,7 +59,8 @@ class Check:
         unit = f" {self.unit}" if self.unit else ""
         verdict = "" if self.kept else f", MORE than the {self.allowed:.0e}{unit} allowed"
         some = "all" if self.checked >= self.of else f"{_percent(self.share)} of {self.of:,}"
-        off = f"{self.error:.0e}{unit} off at most" if np.isfinite(self.error) else "WRONG"
+        error = f"{self.error:.0e}" if self.error else "0"
+        off = f"{error}{unit} off at most" if np.isfinite(self.error) else "WRONG"
         return f"{self.checked:,} {self.what} ({some}), {off}{verdict}"
 
     def record(self) -> dict[str, float | int | str]:
@@ -118,7 +119,9 @@ class Audit:
         return self.exact_seconds / self.seconds if self.seconds > 0 else math.inf
 
     def __str__(self) -> str:
-        faster = f"; about {self.times:,.3g} times as fast as the exact way"
+        times = float(f"{self.times:.3g}")
+        said = f"{times:,.0f}" if times >= 100 else f"{times:g}"
+        faster = f"; about {said} times as fast as the exact way"
         return "; ".join(map(str, self.checks)) + (faster if self.times > 1 else "")
 
     def record(self) -> dict[str, object]:

@@ -35,7 +35,7 @@ class Cost:
 
     def __str__(self) -> str:
         rays = f" of {self.work:,} rays" if self.work > self.count else ""
-        memory = f", {self.memory / 1e9:.1f} GB" if self.memory > 5e7 else ""
+        memory = f", {_few_digits(self.memory / 1e9)} GB" if self.memory > 5e7 else ""
         what = self.what.removesuffix("s") if self.count == 1 else self.what
         return f"{self.count:,} {what}{rays}: about {_lasting(self.seconds)}{memory}"
 
@@ -53,7 +53,11 @@ def _lasting(seconds: float) -> str:
         return "a second"
     if seconds < 90:
         return f"{seconds:.0f} s"
-    return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
+    return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{_few_digits(seconds / 3600)} h"
+
+
+def _few_digits(value: float) -> str:
+    return f"{value:,.1f}" if value < 100 else f"{value:,.0f}"
 
 
 def cost_of_rays(sensor: Sensor, count: int, subrays: int, returns: float, engine: str) -> Cost:

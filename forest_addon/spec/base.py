@@ -10,7 +10,7 @@ from functools import wraps
 from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
 from .problem import SpecError as SpecError
-from .problem import did_you_mean
+from .problem import did_you_mean, figure
 from .typed import shown, typed, types_of
 
 T = TypeVar("T", bound="Settings")
@@ -45,7 +45,7 @@ class Param:
         if self.choices:
             return "one of " + ", ".join(f'"{c}"' for c in self.choices)
         unit = f" {self.unit}" if self.unit else ""
-        low, high = f"{self.minimum:g}", f"{self.maximum:g}"
+        low, high = figure(self.minimum), figure(self.maximum)
         above = "larger than" if self.open_minimum else "at least"
         if math.isinf(self.minimum) and math.isinf(self.maximum):
             return "any finite number"
@@ -206,7 +206,7 @@ def _check(key: str, value: Any, known: Param) -> None:
         low = value > known.minimum if known.open_minimum else value >= known.minimum
         if not (low and value <= known.maximum and math.isfinite(value)):
             unit = f" {known.unit}" if known.unit else ""
-            raise SpecError(key, f"{value:g}{unit} is out of range; use {known.allowed()}")
+            raise SpecError(key, f"{figure(value)}{unit} is out of range; use {known.allowed()}")
     elif isinstance(value, tuple):
         for index, item in enumerate(value):
             _check(f"{key}[{index}]", item, known)

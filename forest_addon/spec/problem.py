@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import math
 from collections.abc import Iterable
 
 SAME = (("position", "poses", "receiver"),)  # a word, and what else its thing is called
@@ -18,6 +19,12 @@ class SpecError(ValueError):
 
     def __reduce__(self) -> tuple[type, tuple[str, str]]:
         return SpecError, (self.key, self.problem)  # ValueError's own would lose the key
+
+
+def figure(value: float) -> str:
+    """A number as a sentence shows it: a large whole one by its digits."""
+    whole = math.isfinite(value) and value == int(value) and 1e6 <= abs(value) < 1e20
+    return f"{int(value):,}" if whole else f"{value:g}"
 
 
 def unknown(key: str, name: str, known: Iterable[str], besides: str = "") -> SpecError:
@@ -37,5 +44,7 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
     is near."""
     names = list(known)
     near = [word for words in SAME if words[0] == name for word in words[1:] if word in names]
+    near = near or [full for full in names if str(name).lower() in full.split("-")]  # an "oak"
     near = near or difflib.get_close_matches(str(name), names, 1)
-    return f'did you mean "{near[0]}"? ' if near else ""
+    quoted = " or ".join(f'"{word}"' for word in near)
+    return f"did you mean {quoted}? " if near else ""

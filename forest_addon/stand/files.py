@@ -15,6 +15,7 @@ from ..formats.stl import StlError, read_stl
 from ..growth.library.allometry_file import read_allometry
 from ..spec import SpecError
 from .inputs import Inputs, TreeList
+from .intensity.functions import IntensityError
 from .intensity.terrain import GroundSurface, Heightmap, Triangulated
 from .tree_list import read_tree_list
 
@@ -59,7 +60,7 @@ def read_terrain(ground: spec.Terrain, forest: spec.Forest, folder: Path) -> Gro
         return Heightmap(heights, low, size, ground.file)
     except FileNotFoundError:
         raise SpecError(str(path), "there is no such file; check the path") from None
-    except StlError as problem:
+    except (StlError, IntensityError) as problem:
         raise SpecError("forest.terrain.file", str(problem)) from None
     except SpecError:
         raise

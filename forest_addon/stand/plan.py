@@ -93,7 +93,7 @@ def plan_stand(
 
     Raises
     ------
-    ValueError : an intensity that cannot be used or scaled, or asks for too many trees; a list that
+    IntensityError : an intensity that cannot be used or scaled, or asks for too many trees; a list that
     cannot be used.
     SpecError : a distance between plantings that there are not.
     """

@@ -151,6 +151,7 @@ class FOREST_PG_result(bpy.types.PropertyGroup):
         name="Open", description="Show figures and picture; the newest result is", default=True
     )
     figures: CollectionProperty(type=FOREST_PG_figure)
+    summary: PointerProperty(type=FOREST_PG_figure)
     shown: StringProperty(description="Object with what was found")
     file: StringProperty(subtype="FILE_PATH", description="File with what was found")
     picture: PointerProperty(type=bpy.types.Image)

@@ -138,7 +138,7 @@ def _extents(one: Reverb, observer: Observer, settings: Scene, length: float) ->
     if one.model == "forest":
         area = float(np.prod(settings.forest.size))
         heights = float(one.source[2]), float(one.receiver[2])
-        around["canopy"] = canopy_of(observer.geometry, heights, area)
+        around["canopy"] = canopy_of(observer.geometry, heights, area, trunks.tree)
 
     def sound(metres: float) -> tuple[np.ndarray, float]:
         some = trunks.with_others(beyond.select(away <= metres))

@@ -5,7 +5,9 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from ..command import Command
+from forest_addon.spec import SpecError
+
+from ..command import Command, out_file
 
 
 class ConvolveCommand(Command):
@@ -34,7 +36,10 @@ class ConvolveCommand(Command):
 
     def output(self, chosen: argparse.Namespace) -> Path:
         beside = chosen.response.with_name(f"{chosen.response.stem}-{chosen.dry.stem}.wav")
-        return chosen.out or beside
+        out = out_file(chosen.out or beside, ".wav")
+        if any(out.resolve() == given.resolve() for given in (chosen.response, chosen.dry)):
+            raise SpecError(f"--out {out}", "is read from; give the wet sound another name")
+        return out
 
     def run(self, chosen: argparse.Namespace) -> None:
         from .work.convolve import convolve

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from ..command import Command
+from ..command import Command, out_file
 
 
 class EstimateCommand(Command):
@@ -51,7 +51,7 @@ class EstimateCommand(Command):
         )
 
     def output(self, chosen: argparse.Namespace) -> Path:
-        return chosen.out or Path("out") / chosen.map.stem / "site.toml"
+        return out_file(chosen.out or Path("out") / chosen.map.stem / "site.toml", ".toml")
 
     def run(self, chosen: argparse.Namespace) -> None:
         from .work.estimate import estimate_site

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from ..command import SCENE_HELP, Command, name_of, scene_file
+from ..command import SCENE_HELP, Command, name_of, out_file, scene_file
 
 
 class StandCommand(Command):
@@ -27,7 +27,8 @@ class StandCommand(Command):
         parser.add_argument("--seed", type=int, help="another seed than the scene file's")
 
     def output(self, chosen: argparse.Namespace) -> Path:
-        return chosen.out or Path("out") / name_of(chosen.scene) / "points.csv"
+        out = chosen.out or Path("out") / name_of(chosen.scene) / "points.csv"
+        return out_file(out, ".csv", ".geojson", ".json")
 
     def run(self, chosen: argparse.Namespace) -> None:
         from .work.stand import sample_stand

@@ -64,7 +64,7 @@ def _make(plan: Plan, wanted: Sequence[Recipe], out: Path, asked: Asked) -> None
     missing = _missing(wanted, out, asked.replace)
     write_plan(plan, out)
     rows = make_scenes(plan, wanted, missing, out, asked)
-    _describe(plan, wanted, out, asked, bool(missing))
+    _describe(plan, wanted, out, bool(missing))
     lost = [row for row in rows if row["status"] != "done"]
     if not asked.quiet:
         print(f"Done: {len(rows) - len(lost)} of {len(rows)} scenes in {out}", file=sys.stderr)
@@ -167,7 +167,7 @@ def _machine_memory() -> float:
         return float("inf")
 
 
-def _describe(plan: Plan, wanted: Sequence[Recipe], out: Path, asked: Asked, changed: bool) -> None:
+def _describe(plan: Plan, wanted: Sequence[Recipe], out: Path, changed: bool) -> None:
     """The data card with its pictures, which say what is there now."""
 
     if changed or not (out / "README.md").is_file():

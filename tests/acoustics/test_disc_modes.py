@@ -8,7 +8,7 @@ import pytest
 from forest_addon.acoustics import chebyshev
 from forest_addon.acoustics.disc import backscatter_amplitude
 from forest_addon.acoustics.disc_exact import HardDisc
-from forest_addon.acoustics.disc_modes import DiscModes, has_rows, modes_of, phase_for
+from forest_addon.acoustics.modes.disc_modes import DiscModes, has_rows, modes_of, phase_for
 
 ENDS = (900.0, 1300.0)
 LARGEST = 0.022  # one block of radii, so that little is made

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from forest_addon.acoustics.disc import backscatter_amplitude
-from forest_addon.acoustics.disc_modes import DiscModes, modes_of, phase_for
 from forest_addon.acoustics.kaiser_bessel import Kernel
-from forest_addon.acoustics.mode_sum import Bins, sum_modes
+from forest_addon.acoustics.modes.disc_modes import DiscModes, modes_of, phase_for
+from forest_addon.acoustics.modes.mode_sum import Bins, sum_modes
 from forest_addon.acoustics.nonuniform import DelayedSum
 
 SPEED = 343.0

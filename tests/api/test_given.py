@@ -177,3 +177,10 @@ def test_nothing_in_the_scene_is_said():
 def test_a_forest_without_trees_is_said():
     bare = forest.build(SCENE.changed(plantings=(BUSH.changed(expected=0.0),)))
     assert bare.forest.notes == ("no tree stands: expect more, or a larger field",)
+
+
+def test_a_stand_that_cannot_be_drawn_is_said_as_any_other_setting():
+    far = forest.Gaussian(centre=(900.0, 900.0), width=(1.0, 1.0))
+    nowhere = forest.Planting(species="hazelnut", expected=2.0, gaussians=(far,))
+    with pytest.raises(forest.SpecError, match=r"^hazelnut: the gaussians put nothing on the fi"):
+        forest.build(forest.Scene(plantings=(nowhere,)))

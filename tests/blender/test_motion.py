@@ -275,3 +275,17 @@ def test_what_bends_is_heard_at_its_own_speed(scene):
     assert speed == pytest.approx(rate, rel=0.02)
     away = np.linalg.norm(result.motion["position"] - result.motion["rest"], axis=1)
     assert away.max() < 1e-4  # the scene stands still as at this frame
+
+
+@pytest.mark.slow
+def test_the_audit_follows_a_call_in_pieces(scene):
+    """A block that spins so fast that its speed changes within the call."""
+    for name in ("wall", "plate"):
+        bpy.data.objects.remove(bpy.data.objects[name])
+    bpy.ops.mesh.primitive_cube_add(size=2, location=(FAR, 0, 0))
+    keyed(bpy.context.object, "rotation_euler", [(0, 0, 0.3), (0, 0, 4.3)], (1, 25))
+    scene.frame_set(5)
+    result = forest.current().ping(PING)
+    assert 1 < result.found.moments <= 9
+    assert "path by path" in str(result.audit)
+    assert result.audit.kept

@@ -267,3 +267,22 @@ def test_embree_without_arrays_of_instances_meets_the_same(monkeypatch):
         pytest.skip("this Embree has no arrays of instances")
     assert np.array_equal(each.instance, together.instance)
     assert np.array_equal(each.distance, together.distance)
+
+
+@pytest.mark.parametrize("engine", ["embree", "bvhtree"])
+def test_a_stand_in_which_nothing_sways_is_seen_as_without_wind(engine):
+    """A lying log has no axis that bends."""
+    here = forest.HandTree(position=(2.0, 1.0))
+    log = forest.Planting(species="log", expected=0.0, variants=1, by_hand=(here,))
+    scene = forest.Scene(
+        forest=forest.Forest(size=(4.0, 4.0)),
+        plantings=(log,),
+        rays=forest.Rays(engine=engine),
+    )
+    tripod = forest.Terrestrial(position=(2.0, -1.0, 1.0), angle_step_deg=5.0, motion=True)
+    calm, windy = (
+        built(scene.changed(wind=forest.Wind(speed=speed))).scan(tripod) for speed in (0.0, 6.0)
+    )
+    assert (calm.labels["tree"] >= 0).any()
+    np.testing.assert_array_equal(windy.labels["tree"], calm.labels["tree"])
+    np.testing.assert_allclose(windy.points, calm.points, atol=1e-9)

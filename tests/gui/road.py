@@ -96,6 +96,11 @@ def scenario(steps: Steps) -> Scenario:
     yield from wait_for(lambda: name in props().results and idle(), 240, "its cloud")
     yield from settle()
 
+    steps.step("what was found is told beside Run")
+    picture = f'forest.show_picture(result="{name}")'
+    yield from find_button(picture, 0.93, 0.85)  # without turning the wheel
+    assert not view()[1].spaces.active.shading.show_object_outline
+
     steps.step("the cloud is exported")
     bpy.context.preferences.view.filebrowser_display_type = "SCREEN"
     press("forest.export_result", result=name)

@@ -15,8 +15,19 @@ from forest_addon.sensing.lidar.scan import Scan, scan
 from forest_addon.sensing.lidar.scanner import pattern_of
 from forest_addon.sensing.lidar.surveys.export import write_survey
 from forest_addon.sensing.lidar.surveys.leg import SurveyLeg
+from forest_addon.sensing.lidar.tractor import axes, drive, fan, positions
 from forest_addon.sensing.rays.geometry import SceneGeometry
-from forest_addon.spec import Airborne, Beam, Mobile, Noise, Pose, Sonar, Surfaces, Terrestrial
+from forest_addon.spec import (
+    Airborne,
+    Beam,
+    Mobile,
+    Noise,
+    Pose,
+    Sonar,
+    Surfaces,
+    Terrestrial,
+    Tractor,
+)
 from headless.commands.work.survey import geometry_of, sensor_of_survey
 
 SURFACES = Surfaces(other=0.2, wood=0.35, leaf=0.55, ground=0.15)
@@ -192,15 +203,83 @@ def test_fans_and_zigzags_look_where_ours_do(tmp_path, pattern):
         assert abs(int(np.sum(swings)) - 18) <= 1
 
 
-def test_fans_to_one_side_and_short_swings_are_not_written(tmp_path):
-    for settings, words in (
-        ({"pattern": "fans", "field_deg": (-20.0, 40.0)}, "both sides"),
-        ({"pattern": "zigzag", "pulse_rate": 1000.0, "line_rate": 20.0}, "to and fro"),
-        ({"pattern": "rosette"}, "pattern rosette"),
-    ):
-        found = write_survey(Airborne(**settings), tmp_path, "ex", SURFACES)
-        assert found.survey is None
-        assert words in found.unsaid[0]
+POSED = [
+    {"pattern": "fans", "field_deg": (-20.0, 40.0)},
+    {"pattern": "zigzag", "pulse_rate": 1000.0, "line_rate": 20.0},
+    {"pattern": "rosette", "field_deg": (-7.0, 52.0), "petals": 3.7},
+]
+
+
+@pytest.mark.medium
+@pytest.mark.parametrize("settings", POSED, ids=lambda settings: settings["pattern"])
+def test_what_has_no_optics_of_theirs_turns_its_platform(tmp_path, settings):
+    sensor = Airborne(
+        **{"pulse_rate": 2000.0, "line_rate": 20.0} | settings,
+        position=(3.0, -30.0, 60.0), heading_deg=75.0, track=6.0, speed=20.0, strips=2, spacing=8.0,
+        mount_deg=(1.0, 2.0, 3.0), surfaces=SURFACES,
+    )  # fmt: skip
+    _, survey, *_ = read_back(sensor, tmp_path)
+    (leg,) = survey.legs
+    theirs, ours = SurveyLeg(survey, leg), pattern_of(sensor)
+    assert theirs.count == ours.count
+    every = np.arange(ours.count)
+    one, other = theirs.pulses(every), ours.pulses(every)
+    assert one.direction == pytest.approx(other.direction, abs=1e-9)
+    assert one.across == pytest.approx(other.across, abs=1e-9)
+    assert one.origin == pytest.approx(other.origin, abs=1e-9)
+    assert one.time == pytest.approx(other.time + 1 / sensor.pulse_rate, abs=1e-12)
+
+
+def test_a_rosette_on_a_vehicle_is_written(tmp_path):
+    poses = (
+        Pose(time=0.0, position=(0, 0, 2)),
+        Pose(time=1.0, position=(8, 1, 2.5), heading_deg=30),
+    )
+    sensor = Mobile(
+        poses=poses, pattern="rosette", field_deg=(-7.0, 52.0), line_rate=10.0, pulse_rate=4000.0,
+        surfaces=SURFACES,
+    )  # fmt: skip
+    ours = pattern_of(sensor)
+    write_parts(some_scene(), tmp_path, "ex", SURFACES)
+    found = write_survey(sensor, tmp_path, "ex", SURFACES, ours.path)
+    assert "no rosette" in found.unsaid[0]
+    survey = read_survey(tmp_path / found.survey)
+    theirs = SurveyLeg(survey, survey.legs[0])
+    assert theirs.count == ours.count == 4000
+    one, other = (p.pulses(np.arange(ours.count)) for p in (theirs, ours))
+    assert one.direction == pytest.approx(other.direction, abs=1e-9)
+    assert one.origin == pytest.approx(other.origin, abs=1e-9)
+
+
+def test_a_row_a_pulse_has_an_end(tmp_path):
+    sensor = Airborne(pattern="rosette", pulse_rate=500_000.0, track=100.0, speed=20.0)
+    found = write_survey(sensor, tmp_path, "ex", SURFACES)
+    assert found.survey is None
+    assert "no rosette, and a row for each of 2,500,000 pulses" in found.unsaid[0]
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_a_tractor_sends_the_beams_of_its_matrix(tmp_path, side):
+    sensor = Tractor(
+        position=(-2.0, -1.0, 1.0), heading_deg=70.0, track=2.0, step=0.25, gap=1, angle_step_deg=5.0,
+        side=side, max_range=50.0,
+    )  # fmt: skip
+    scene, survey, *_ = read_back(sensor, tmp_path)
+    leg = survey.legs[0]
+    theirs = SurveyLeg(survey, leg)
+    scans, angles = len(positions(sensor)), len(fan(sensor))
+    assert theirs.count == scans * angles
+    pulses = theirs.pulses(np.arange(theirs.count))
+    origin, way = axes(sensor, *np.divmod(np.arange(theirs.count), angles))
+    assert pulses.origin == pytest.approx(origin, abs=1e-9)
+    assert pulses.direction == pytest.approx(way, abs=1e-9)
+    told = replace(sensor_of_survey(survey, leg, "leg"), noise=Noise())
+    read = Scan(told, BruteCaster(geometry_of(survey)), pattern=theirs).look(0, theirs.count)
+    here = drive(sensor, BruteCaster(scene)).distance.ravel()
+    met = np.flatnonzero(np.isfinite(here))
+    assert len(met) > 10
+    assert np.array_equal(read.pulse, met)
+    assert read.true_range == pytest.approx(here[met], abs=1e-6)
 
 
 def test_a_vehicle_goes_its_way_with_its_attitudes(tmp_path):

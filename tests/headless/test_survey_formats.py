@@ -9,6 +9,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 from PIL import Image, TiffImagePlugin
+from scipy import stats
 from scipy.spatial.transform import Rotation
 
 from forest_addon.formats.helios.device import Digitiser
@@ -16,11 +17,19 @@ from forest_addon.formats.helios.material import Material, read_materials
 from forest_addon.formats.helios.motion import PartMotion, read_motion
 from forest_addon.formats.helios.raster import VoxelMode, read_points, read_terrain, read_voxels
 from forest_addon.formats.helios.survey import read_survey
+from forest_addon.sensing.lidar.scanner import Pulses
 from forest_addon.sensing.lidar.surveys.digitised import digitised, pulse_shape
 from forest_addon.sensing.lidar.surveys.leg import SurveyLeg
 from forest_addon.sensing.lidar.surveys.mirrors import oscillating
 from forest_addon.sensing.lidar.surveys.stepped import SteppedPath
 from forest_addon.spec import SpecError
+from headless.commands.work.survey import (
+    CountedDigitisedScan,
+    CountedScan,
+    casters_of,
+    hazes_of,
+    sensor_of_survey,
+)
 from tests.headless.test_survey import FLIGHT, LEG, written
 
 MOTION = """<part dynStep="3">
@@ -322,3 +331,91 @@ def test_a_leg_may_say_how_its_echoes_are_found(tmp_path: Path) -> None:
     own = LEG.replace("/></leg>", '><FWFSettings beamSampleQuality="1"/></scannerSettings></leg>')
     survey = read_survey(written(tmp_path, LEG + own))
     assert [leg.digitiser.rings for leg in survey.legs] == [3, 1]
+
+
+@pytest.mark.medium
+@pytest.mark.parametrize("rings", [1, 2])
+@pytest.mark.parametrize("engine", ["embree", "bvhtree"])
+def test_light_passes_transmittive_voxels_by_chance(
+    tmp_path: Path, rings: int, engine: str
+) -> None:
+    """A slab of 0.6 m² a m³, 1 m deep, seen along its axis: exp(-0.6) of the pulses pass; a correct
+    program fails in one of a million seeds."""
+    text = "#min_corner: -50 1 -50\n#res: 1.0\n"
+    cells = [f"{i} 0 {k} 0.6 9 0.5" for i in range(100) for k in range(100)]
+    head = "i j k PadBVTotal nbSampling transmittance"
+    (tmp_path / "slab.vox").write_text("VOXEL SPACE\n" + text + "\n".join([head, *cells]) + "\n")
+    slab = """</part><part id="slab"><filter type="detailedvoxels">
+      <param type="string" key="filepath" value="slab.vox"/></filter>"""
+    path = written(tmp_path, extra=slab)
+    survey = read_survey(path)
+    (leg,) = survey.legs
+    leg = replace(leg, digitiser=replace(leg.digitiser, rings=rings))
+    count = 20_000
+    x = np.linspace(-0.3, 0.3, count)
+    way = np.stack([x, np.ones(count), np.zeros(count)], axis=1)
+    way /= np.linalg.norm(way, axis=1, keepdims=True)
+
+    class Ahead:
+        """Pulses from one point, 3 m above the ground, to the slab."""
+
+        def __init__(self) -> None:
+            self.count = count
+
+        def pulses(self, number: np.ndarray) -> Pulses:
+            """Pulses of these numbers."""
+            origin = np.tile([0.0, 0.0, 5.0], (len(number), 1))
+            across = np.tile([0.0, 0.0, 1.0], (len(number), 1))
+            return Pulses(origin, way[number], across, number * 1e-5, number * 0.0)
+
+    caster = casters_of(survey, engine)(0)
+    sensor = sensor_of_survey(survey, leg, "leg000")
+    scan = CountedScan(sensor, caster, 4, pattern=Ahead()).among(hazes_of(survey))
+    cloud = scan.look_at(np.arange(count))
+    in_slab = cloud.position[:, 1] > 0.99
+    assert in_slab.all()
+    if rings == 1:
+        thick = 1 / way[:, 1]
+        passed = count - len(cloud.pulse)
+        expected = np.exp(-0.6 * thick)
+        spread = np.sqrt((expected * (1 - expected)).sum())
+        assert abs(passed - expected.sum()) < 4.9 * spread
+        gone = cloud.true_range - thick[cloud.pulse]
+        share = -np.expm1(-0.6 * gone) / -np.expm1(-0.6 * thick[cloud.pulse])
+        assert stats.kstest(share, "uniform").pvalue > 1e-6
+        np.testing.assert_allclose(cloud.returns.cos_incidence, 1.0)
+    again = CountedScan(sensor, caster, 4, pattern=Ahead()).among(hazes_of(survey))
+    np.testing.assert_array_equal(
+        again.look_at(np.arange(7, 99)).position[:5],
+        cloud.position[np.searchsorted(cloud.pulse, 7) :][:5],
+    )
+
+
+def test_voxels_that_light_passes_by_chance_do_not_move(tmp_path: Path) -> None:
+    (tmp_path / "crown.vox").write_text(VOXELS)
+    crown = """</part><part id="crown"><filter type="detailedvoxels">
+      <param type="string" key="filepath" value="crown.vox"/></filter>
+      <dmotion id="a" loop="1"><motion type="translation" vec="1;0;0"/></dmotion>"""
+    with pytest.raises(SpecError, match="part crown: moves"):
+        read_survey(written(tmp_path, extra=crown))
+
+
+@pytest.mark.parametrize("rings", [4, 5, 9])
+def test_every_quality_of_the_beam_has_all_its_rays(tmp_path: Path, rings: int) -> None:
+    """Rings of int(2πk) rays: 1 + 6 + 12 + 18 are 37, but the fourth ring has 25, not 24."""
+    survey = read_survey(written(tmp_path))
+    leg = replace(survey.legs[0], digitiser=replace(survey.legs[0].digitiser, rings=rings))
+    sensor = sensor_of_survey(survey, leg, "leg000")
+    assert sensor.beam.subrays == 1 + sum(int(2 * np.pi * k) for k in range(1, rings))
+    caster = casters_of(survey, "embree")(0)
+    pattern = SurveyLeg(survey, leg)
+    scan = CountedDigitisedScan(sensor, caster, 4, pattern, leg.digitiser).seen_by(caster)
+    cloud = scan.look_at(np.arange(pattern.count))
+    down = pattern.pulses(np.arange(pattern.count)).direction[:, 2] < -0.1
+    assert set(np.flatnonzero(down)) <= set(cloud.pulse)
+
+
+def test_an_old_name_of_a_setting_is_told(tmp_path: Path) -> None:
+    leg = LEG.replace("headRotatePerSec_deg", 'headRotatePerSecDegree="7" headRotatePerSec_deg')
+    survey = read_survey(written(tmp_path, leg))
+    assert any("headRotatePerSecDegree" in note for note in survey.notes)

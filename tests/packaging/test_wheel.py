@@ -93,3 +93,25 @@ def test_presets_instruments_and_plans_are_inside(installed, tmp_path):
     done = run("-c", code, cwd=tmp_path, env=installed[1])
     assert done.returncode == 0, done.stderr
     assert min(map(int, done.stdout.split())) > 2
+
+
+TILES = """
+[forest]
+size = [8.0, 4.0]
+[tiles]
+size = 4.0
+buffer = 2.0
+[[sensors]]
+kind = "sonar"
+position = [4.0, 2.0, 1.5]
+"""
+
+
+@pytest.mark.slow
+def test_workers_of_the_installed_wheel_find_its_command(installed, tmp_path):
+    (tmp_path / "tiles.toml").write_text(TILES, encoding="utf-8")
+    start = "import sys; from forest_addon.headless.cli import main; sys.exit(main(sys.argv[1:]))"
+    words = ("run", "tiles.toml", "--workers", "2", "--out", "out", "--quiet")
+    done = run("-c", start, *words, cwd=tmp_path, env=installed[1])
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "out" / "echo.npz").is_file()

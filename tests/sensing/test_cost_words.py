@@ -16,6 +16,7 @@ from forest_addon.spec import Beam, Terrestrial
             "22,000,000 pulses of 154,000,000 rays: about 5 min, 9.9 GB",
         ),
         (Cost("pulses", 10**9, 10**9, 2e4, 0), "1,000,000,000 pulses: about 5.6 h"),
+        (Cost("pulses", 9, 9, 1.1e11, 10**16), "9 pulses: about 30,555,556 h, 10,000,000 GB"),
     ],
 )
 def test_costs_in_words(cost, words):

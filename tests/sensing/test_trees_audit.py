@@ -11,6 +11,7 @@ from forest_addon.base.trimesh import WOOD
 from forest_addon.growth.library.species_file import find_species, load_species
 from forest_addon.growth.mesh.leaves import separate_leaves
 from forest_addon.growth.tree import grow
+from forest_addon.sensing.audit import Audit, Check
 from forest_addon.sensing.rays.geometry import SceneGeometry
 from forest_addon.sensing.trees_audit import (
     _to_triangles,
@@ -125,3 +126,11 @@ def test_leaves_are_where_their_truth_says():
     assert not audit_leaves(forest, moved, RNG, 1.0, 0.1).kept
     fewer = replace(scene, meshes=(mesh.select(mesh.leaf != 0),))
     assert audit_leaves(forest, fewer, RNG, 1.0, 0.1).error == np.inf
+
+
+def test_an_audit_reads_as_people_write_numbers():
+    check = Check.on("rays", np.zeros(3), 30, 1e-9, "m")
+    assert "(10 % of 30), 0 m off at most" in str(Audit((check,), 1.0, 1234.0))
+    said = {1234.0: "1,230", 1.2e7: "12,000,000", 56.54: "56.5", 2.0: "2"}
+    for times, words in said.items():
+        assert f"; about {words} times as fast" in str(Audit((check,), 1.0, times))

@@ -304,3 +304,29 @@ def test_a_tree_of_ones_own_is_seen_without_a_forest(props):
     bpy.data.objects["Tripod LiDAR"].forest_sensor.terrestrial.angle_step_deg = 1
     assert bpy.ops.forest.run(sensor="Tripod LiDAR") == {"FINISHED"}
     assert {"Wood", "Leaves"} <= _figures(props, "Tripod LiDAR")
+
+
+@pytest.mark.medium
+def test_what_a_sensor_found_is_told_beside_run(built):
+    """It is seen there without going down to the results, and says when it is of the forest before."""
+    assert bpy.ops.forest.run(sensor="cloud") == {"FINISHED"}
+    bpy.context.view_layer.objects.active = bpy.data.objects["cloud"]
+    result = built.results["cloud"]
+    told = f"{result.figures['Points'].value} points"
+    seen = drawn()
+    assert seen.index("Run cloud") < seen.index(told) < seen.index("cloud", seen.index(told))
+    result.stale = True
+    assert f"{told} (before)" in drawn()
+    bpy.context.view_layer.objects.active = bpy.data.objects["echo"]
+    assert told not in drawn()  # it is another sensor's
+    bpy.context.view_layer.objects.active = bpy.data.objects["cloud"]
+    result.summary.value = result.summary.made_of = ""  # as in a file of an earlier version
+    assert "cloud (before)" in drawn()
+
+
+def test_a_list_that_has_lost_its_sensors_says_that_one_can_be_added(small):
+    """The collection stays where sensors were deleted, with what belonged to them."""
+    assert "No sensor yet: add one" not in drawn()
+    for thing in sensors.sensors_of(bpy.context.scene):
+        bpy.data.objects.remove(thing)
+    assert "No sensor yet: add one" in drawn()

@@ -41,8 +41,9 @@ class EmbreePieces:
         scene = SceneGeometry(meshes, stands, every, ("",) * len(meshes), every, every)
         self.surfaces = RefinedSurfaces(scene)
         self.usable = [whole_triangles(mesh) for mesh in meshes]
-        self.size = np.array([len(rows) for rows in self.usable])
-        self._first, self._all = np.cumsum(self.size) - self.size, np.concatenate(self.usable)
+        self.size = np.array([len(rows) for rows in self.usable], np.int64)
+        self._first = np.cumsum(self.size) - self.size
+        self._all = np.concatenate([np.empty(0, np.int64), *self.usable])  # maybe of no piece
         self.boxes = boxes_of(meshes)
         self._meshes = meshes
         self._scenes: dict[int, int] = {}

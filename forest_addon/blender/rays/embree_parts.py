@@ -43,12 +43,16 @@ def embree_parts(scene: SceneGeometry, motion: SceneMotion, threads: int = 1) ->
     times = [path.time for path in motion.paths.values()]
     times += [shape.time for shape in motion.shapes.values()]
     whole = max(times, key=len)
-    if len(whole) > 1:
-        even = whole[0] + np.arange(len(whole)) * (whole[-1] - whole[0]) / (len(whole) - 1)
-        if np.abs(whole - even).max() > 1e-9 * (1 + np.abs(whole).max()):
+    several = [time for time in times if len(time) > 1]
+    if several:
+        whole = np.unique(np.concatenate(several))
+        steps = round((whole[-1] - whole[0]) / np.diff(whole).min())
+        even = whole[0] + np.arange(steps + 1) * (whole[-1] - whole[0]) / steps
+        near = np.minimum(np.searchsorted(even, whole - (even[1] - even[0]) / 2), steps)
+        if np.abs(whole - even[near]).max() > 1e-9 * (1 + np.abs(whole).max()):
             return None
-        if any(len(t) > 1 and not np.isin(t, whole).all() for t in times):
-            return None
+        even[near] = whole
+        whole = even
     return EmbreeParts(scene, motion, whole, threads)
 
 

@@ -54,7 +54,12 @@ def read_sample(
     found = _Whereabouts(changing, known)
     scene = _read(depsgraph, found)
     return SceneSample(
-        scene.transform, scene.object_name, scene.object_index, scene.mesh_index, found.shapes
+        scene.transform,
+        scene.object_name,
+        scene.object_index,
+        scene.mesh_index,
+        found.shapes,
+        (*found.single, *found.many),
     )
 
 
@@ -242,10 +247,21 @@ class _Whereabouts(_Found):
         self._changing, self._known = changing, known
         self._owner, self._seen = "", 0
         self.shapes: dict[int, Shape] = {}
+        self.single: list[str] = []  # whose meshes instances have
+        self.many: list[str] = []
+
+    def add(
+        self, mesh: bpy.types.Mesh, thing: bpy.types.Object, owner: bpy.types.Object, matrix: Any
+    ) -> None:
+        super().add(mesh, thing, owner, matrix)
+        self.single += [thing.name_full] * (len(self._single) - len(self.single))
 
     def add_many(self, standing: Standing, owner: bpy.types.Object) -> None:
-        self._owner = owner.name_full
+        self._owner, before = owner.name_full, len(self._many)
         super().add_many(standing, owner)
+        if len(self._many) > before:
+            source = "" if standing.source is None else standing.source.name_full
+            self.many += [source] * len(standing.transform)
 
     def _number(self, mesh: bpy.types.Mesh, thing: bpy.types.Object | None) -> int:
         key = mesh.as_pointer()

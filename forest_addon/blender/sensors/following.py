@@ -38,7 +38,7 @@ class SceneFollower:
         """
         self._thing(name)
         scene = self._scene
-        now = scene.frame_current_final
+        now = scene.frame_current + scene.frame_subframe
         first, last = scene.frame_start, scene.frame_end
         rate = scene.render.fps / scene.render.fps_base
         try:

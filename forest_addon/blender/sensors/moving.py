@@ -26,6 +26,8 @@ from ..scene.nodes import in_full
 
 WITHIN = 1e-5  # metres between an interpolated place and Blender's
 HALVINGS = 4  # of a frame
+PROBES = 8  # steps looked into
+SHARE = 0.3819660113  # of a step, where: turns that halves cannot tell apart differ there
 MOST_FRAMES = 20_000
 MOST_BYTES = 1_000_000_000  # of samples at whole frames; of those between frames, twice as many
 
@@ -68,7 +70,10 @@ def moving_caster(
         now = reader.now()
         tracks = _tracks(scene, now, frames / rate, samples)
         off, bent = 0.0, 0.0
-        for _ in range(HALVINGS if tracks.moves else 0):
+        steps = 1  # of a frame
+        moves = tracks.moves or max(_probed(scene, now, frames / rate, samples, reader, rate)) > 0
+        while moves and steps < 2**HALVINGS:
+            coarse, steps = tracks, 2 * steps
             middle = (frames[:-1] + frames[1:]) / 2
             between = reader.at(middle)
             off, bent = tracks.off(middle / rate, between)
@@ -77,16 +82,54 @@ def moving_caster(
             samples = [*(one for pair in pairs for one in pair), samples[-1]]
             tracks = _tracks(scene, now, frames / rate, samples)
             full = sum(sample.nbytes for sample in samples) > MOST_BYTES
-            if (off < WITHIN and bent < BENT) or full:
+            if full:
                 break
-    return MovingCaster(*tracks.motion(off, bent), make, engine)
+            if off < WITHIN and bent < BENT and not tracks.breaks(steps):
+                off, bent = _probed(scene, now, frames / rate, samples, reader, rate)
+                if off < WITHIN and bent < BENT:
+                    break
+        else:
+            if moves:  # samples are now close enough to tell a jump from what is fast
+                tracks = _tracks(scene, now, frames / rate, samples, jumps=True)
+                off, bent = coarse.off(middle / rate, between, tracks)
+                found = _probed(scene, now, frames / rate, samples, reader, rate, tracks)
+                off, bent = max(off, found[0]), max(bent, found[1])
+    return MovingCaster(*tracks.motion(off, bent, steps), make, engine)
+
+
+def _probed(
+    scene: SceneGeometry,
+    now: SceneSample,
+    time: np.ndarray,
+    samples: list[SceneSample],
+    reader: _SceneInTime,
+    rate: float,
+    finest: Tracks | None = None,
+) -> tuple[float, float]:
+    """Metres by which places and points are off in some of the steps, aside of their middle.
+
+    finest : of all samples; what jumps in them does not count.
+    """
+    off, bent = 0.0, 0.0
+    for first in np.unique(np.linspace(0, len(time) - 2, PROBES).astype(int)).tolist():
+        ends = slice(first, first + 2)
+        when = time[first] + SHARE * np.diff(time[ends])
+        pair = _tracks(scene, now, time[ends], samples[ends])
+        steady = None if finest is None else finest.steady(first)
+        found = pair.off(when, reader.at(when * rate), steady=steady)
+        off, bent = max(off, found[0]), max(bent, found[1])
+    return off, bent
 
 
 def _tracks(
-    scene: SceneGeometry, now: SceneSample, time: np.ndarray, samples: list[SceneSample]
+    scene: SceneGeometry,
+    now: SceneSample,
+    time: np.ndarray,
+    samples: list[SceneSample],
+    jumps: bool = False,
 ) -> Tracks:
     try:
-        return Tracks(scene, now, time, samples)
+        return Tracks(scene, now, time, samples, jumps)
     except Strangers as found:
         some = ", ".join(f'"{name}"' for name in found.names[:3])
         raise SpecError(
@@ -99,14 +142,15 @@ def _tracks(
 def seconds_of(place: bpy.types.Scene) -> float:
     """Seconds from the first frame of a scene's range to the present one."""
     rate = place.render.fps / place.render.fps_base
-    return float((place.frame_current_final - place.frame_start) / rate)
+    return float((place.frame_current + place.frame_subframe - place.frame_start) / rate)
 
 
 class _SceneInTime:
     """Samples of a scene at frames, counted from the first one of its range; it ends at the present frame."""
 
     def __init__(self, place: bpy.types.Scene) -> None:
-        self._place, self._frame = place, place.frame_current_final
+        self._place = place  # its frame_current_final would be one that is mapped in time already
+        self._frame = place.frame_current + place.frame_subframe
         self._changing: set[str] = set()
         self._known: dict[bytes, TriMesh] = {}
 

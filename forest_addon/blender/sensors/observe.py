@@ -203,6 +203,11 @@ class Observer:
             "stands still between samples"
             for name in (moving.held if moving is not None else ())
         ]
+        said += [
+            f'{sensor.name}: "{name}" is made of other triangles, or jumps, appears or vanishes, between '
+            f"frames; each of its states is met for {1e3 * moving.pause:.3g} ms"
+            for name in (moving.remade if moving is not None else ())
+        ]
         if moving is not None and moving.within > WITHIN:
             said.append(
                 f"{sensor.name}: what moves may be {moving.within:.1g} m off between frames; raise the frame "

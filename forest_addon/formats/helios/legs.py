@@ -14,6 +14,7 @@ from .document import number, place_of, yes
 from .driven import DrivenLeg, drive
 from .scene import Part, ground_height
 from .track import SETTINGS, SurveyTrack, read_tracks
+from .vocabulary import OLD_NAMES
 
 TURNS = {"stopAndTurn", "smoothTurn", "slowdownEnabled", "yawAtDeparture_deg"}
 DRIVEN = ("multicopter", "groundvehicle")
@@ -182,7 +183,7 @@ def _merged(
     total.attrib.update(own.attrib)
     if own.find(WAVEFORM) is not None:
         total[:] = own.findall(WAVEFORM)
-    for key in sorted(total.attrib.keys() - LEG_KEYS[tag] - known):
+    for key in sorted(total.attrib.keys() - LEG_KEYS[tag] - known - OLD_NAMES):
         raise SpecError(str(path), f'{tag} has "{key}", which is not supported')
     return total
 

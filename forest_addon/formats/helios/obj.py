@@ -14,16 +14,27 @@ from .material import Material, read_materials
 
 
 @dataclass(frozen=True)
+class VoxelGrid:
+    """Cubes of plant area: lowest corner (3,) and edge, metres, and m² a m³ of each cell (X, Y, Z)."""
+
+    low: np.ndarray
+    size: float
+    density: np.ndarray
+
+
+@dataclass(frozen=True)
 class PartMesh:
     """Triangles and their materials.
 
     vertices : (V, 3) metres. triangles : (T, 3). slot : (T,) number of the material. materials : (S,).
+    hazes : grids that light passes by chance; the triangles are then sides of their cells, which stop none.
     """
 
     vertices: np.ndarray
     triangles: np.ndarray
     slot: np.ndarray
     materials: tuple[Material, ...]
+    hazes: tuple[VoxelGrid, ...] = ()
 
     @property
     def ground(self) -> np.ndarray:
@@ -40,6 +51,7 @@ def together(surfaces: list[PartMesh]) -> PartMesh:
         np.concatenate([one.triangles + v for one, v in zip(surfaces, vertex, strict=False)]),
         np.concatenate([one.slot + s for one, s in zip(surfaces, slot, strict=False)]),
         tuple(material for one in surfaces for material in one.materials),
+        tuple(grid for one in surfaces for grid in one.hazes),
     )
 
 

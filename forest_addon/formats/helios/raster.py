@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +13,7 @@ from ...spec import SpecError
 from ..foreign import guarded
 from ..tiff import read_place, read_tiff
 from .material import Material
-from .obj import PartMesh
+from .obj import PartMesh, VoxelGrid
 
 MOST_VOXELS = 20_000_000  # cells of the grid around a cloud
 CORNERS = np.array([(x, y, z) for z in (0, 1) for y in (0, 1) for x in (0, 1)])
@@ -95,8 +95,8 @@ def read_points(
 
 @dataclass(frozen=True)
 class VoxelMode:
-    """Boxes that voxels of AMAPVox become: "fixed" or "scaled", the power of the density by which these
-    shrink, whether they are shifted at random within their cells."""
+    """Boxes, "fixed" or "scaled", or a haze, "transmittive", that voxels of AMAPVox become; the power of the
+    density by which boxes shrink, and whether they are shifted at random within their cells."""
 
     name: str
     power: float = 0.5
@@ -108,7 +108,8 @@ def read_voxels(path: Path, mode: VoxelMode, material: Material) -> PartMesh:
     """Boxes of the voxels of an AMAPVox file that do not let all light pass.
 
     A fixed box fills its cell; the edge of a scaled one is the cell's times (density/largest density)^power,
-    densities of plant area (PadBVTotal), as in HELIOS++ (Weiser et al. 2021, Remote Sens. 13, 4).
+    densities of plant area (PadBVTotal), as in HELIOS++ (Weiser et al. 2021, Remote Sens. 13, 4). Of a
+    transmittive file the grid of densities is kept.
 
     Raises
     ------
@@ -122,16 +123,19 @@ def read_voxels(path: Path, mode: VoxelMode, material: Material) -> PartMesh:
     for key in ("min_corner", "res", *(["max_pad"] if mode.name == "scaled" else [])):
         if key not in said:
             raise SpecError(str(path), f"is no file of voxels: it does not say #{key}")
-    for name in ("PadBVTotal", "transmittance"):
+    hazy = mode.name == "transmittive"
+    for name in ("PadBVTotal", *(() if hazy else ("transmittance",))):
         if name not in head:
             raise SpecError(str(path), f"is no file of voxels: it has no column {name}")
     table = np.array(rows[2:], dtype=np.float64).reshape(-1, len(head))
-    density, passing = (table[:, head.index(name)] for name in ("PadBVTotal", "transmittance"))
+    density = table[:, head.index("PadBVTotal")]
+    passing = np.zeros(len(table)) if hazy else table[:, head.index("transmittance")]
     low, size = np.array(said["min_corner"].split(), dtype=np.float64), float(said["res"])
     there = np.isfinite(passing) & (passing != 1)
     edge = np.full(len(table), size)
-    if mode.name == "scaled":
+    if mode.name != "fixed":
         there &= density > 0
+    if mode.name == "scaled":
         edge = size * (np.maximum(density, 0) / float(said["max_pad"])) ** mode.power
     if not there.any():
         raise SpecError(str(path), "has no voxel that stops light")
@@ -140,7 +144,23 @@ def read_voxels(path: Path, mode: VoxelMode, material: Material) -> PartMesh:
         keys = daughter_keys(np.zeros(len(table), dtype=np.uint64), np.arange(len(table)))
         chance = np.stack([keyed_uniform(keys, axis) for axis in "xyz"], axis=1)
         middle += (2 * chance - 1) * np.maximum(size - edge, 0)[:, None] / 2
-    return _boxes(middle[there], edge[there], material)
+    boxes = _boxes(middle[there], edge[there], material)
+    if not hazy:
+        return boxes
+    return replace(boxes, hazes=(_grid(path, table[there, :3], density[there], low, size),))
+
+
+def _grid(
+    path: Path, cell: np.ndarray, density: np.ndarray, low: np.ndarray, size: float
+) -> VoxelGrid:
+    """The grid of cells (B, 3) of densities (B,); it starts at ``low``."""
+    first = cell.min(axis=0)
+    place = (cell - first).astype(np.int64)
+    if size <= 0 or np.prod(place.max(axis=0) + 1.0) > MOST_VOXELS:
+        raise SpecError(str(path), f"has more than {MOST_VOXELS:,} cells, or cells of no size")
+    grid = np.zeros(place.max(axis=0) + 1)
+    grid[tuple(place.T)] = density
+    return VoxelGrid(low + size * first, size, grid)
 
 
 def _boxes(middle: np.ndarray, edge: np.ndarray, material: Material) -> PartMesh:

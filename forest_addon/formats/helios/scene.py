@@ -22,6 +22,7 @@ from .obj import PartMesh, read_obj, together
 from .raster import VoxelMode, read_points, read_terrain, read_voxels
 from .vocabulary import strange_words
 
+VOXEL_MODES = ("fixed", "scaled", "transmittive")
 LOADERS = ("objloader", "geotiffloader", "xyzloader", "detailedvoxels")
 
 
@@ -159,6 +160,12 @@ def _part(element: Element, index: int, reader: _PartReader, before: list[Part])
     for step in element.findall("filter"):
         shape.filtered(step, where, reader)
     baseline = shape.mesh
+    if baseline is not None and baseline.hazes and element.find("dmotion") is not None:
+        raise SpecError(
+            where,
+            "moves (dmotion), and light passes its voxels by chance; set "
+            "intersectionMode to fixed or scaled",
+        )
     part = shape.part(name, before, reader.path)
     later: list[tuple[Part | None, int]] = []
     for swap, plays in swaps:
@@ -245,9 +252,9 @@ def _loaded(kind: str, params: dict[str, Element], where: str, reader: _PartRead
         return together([read_terrain(file, material) for file in files])
     if kind == "detailedvoxels":
         mode = said("intersectionMode", "transmittive").lower()
-        if mode not in ("fixed", "scaled"):
-            why = f"has detailedvoxels of the mode {mode}, through which light passes by chance: that is not"
-            raise SpecError(where, f"{why} supported; intersectionMode fixed and scaled are")
+        if mode not in VOXEL_MODES:
+            known = ", ".join(VOXEL_MODES)
+            raise SpecError(where, f'intersectionMode = "{mode}" is not supported; {known} are')
         power = 0.5
         if "intersectionArgument" in params:
             power = number(params["intersectionArgument"], "value", reader.path)
@@ -308,7 +315,7 @@ def ground_height(parts: tuple[Part, ...] | list[Part], x: float, y: float) -> f
         with np.errstate(divide="ignore", invalid="ignore"):
             s = (away[:, 0] * v[:, 1] - away[:, 1] * v[:, 0]) / area
             t = (u[:, 0] * away[:, 1] - u[:, 1] * away[:, 0]) / area
-        inside = (area != 0) & (s >= -1e-9) & (t >= -1e-9) & (s + t <= 1 + 1e-9)
+            inside = (area != 0) & (s >= -1e-9) & (t >= -1e-9) & (s + t <= 1 + 1e-9)
         if inside.any():
             height = float((a[:, 2] + s * u[:, 2] + t * v[:, 2])[inside].max())
             best = height if best is None else max(best, height)

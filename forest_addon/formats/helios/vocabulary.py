@@ -14,6 +14,9 @@ NOISES = {f"{what}{axis}Noise" for what in ("position", "attitude") for axis in 
 SETTINGS = ("platformSettings", "scannerSettings")
 PLACE = {"x", "y", "z"}
 OPTICS_ERRORS = {"deflectionError", "headError", "rangeError"}  # refused where a device is read
+OLD_NAMES = {
+    "headRotatePerSecDegree"
+}  # of a leg's settings, in HELIOS++'s own surveys: it reads none
 CHILDREN = {
     "document": {"survey", "scene", "scanner", "platform", *SETTINGS},
     "survey": {"leg", "FWFSettings", "detectorSettings", "scannerMount", *NOISES},
@@ -104,6 +107,9 @@ def strange_words(root: Element, path: Path) -> list[str]:
         if tag in ATTRIBUTES:
             for name in sorted(element.attrib.keys() - ATTRIBUTES[tag]):
                 found[f'{_named(element)} says "{name}", which is not read'] = None
+        elif tag in SETTINGS:
+            for name in sorted(element.attrib.keys() & OLD_NAMES):
+                found[f'{tag} says "{name}", which is not read, nor by HELIOS++'] = None
         kind = element.get("type", "").lower()
         if tag != "filter" or kind not in PARAMETERS:
             continue

@@ -69,7 +69,7 @@ def members_of(skeleton: Skeleton, most: int = MOST) -> Members:
     start, end = skeleton.start[first[stays]], skeleton.end[last[stays]]
     radius = _radii(skeleton, member, first, last)[stays]
     node, offset = _nodes(start, end, np.where(above >= 0, number[above], -1)[stays])
-    along = _along(skeleton, member, stays[member], number[own], start, end)
+    along = _along(skeleton, stays[member], number[own], start, end)
     return Members(start, end, radius, node, offset, number[own], stays[member], along)
 
 
@@ -138,7 +138,6 @@ def _nodes(start: np.ndarray, end: np.ndarray, above: np.ndarray) -> tuple[np.nd
 
 def _along(
     skeleton: Skeleton,
-    member: np.ndarray,
     kept: np.ndarray,
     own: np.ndarray,
     start: np.ndarray,

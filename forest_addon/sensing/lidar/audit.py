@@ -119,7 +119,13 @@ def audit_drive(
                 beam = among[rng.integers(0, len(among), size)]
                 row, step = np.divmod(beam, len(found.angle))
                 there = beams(tractor, again, row, step)
-                yield np.fmax(*_differ(returns.select(beam), there))
+                rays = there.distance.reshape(len(beam), -1)
+                ours = returns.select(np.repeat(beam, rays.shape[1]))
+                errors = np.fmax(*_differ(ours, there)).reshape(rays.shape)
+                first = (
+                    rays <= rays.min(axis=1, keepdims=True) + ALLOWED
+                )  # on level ground, several
+                yield np.where(first, errors, np.inf).min(axis=1)
 
         return sample(batches(), within, least)
 

@@ -12,7 +12,8 @@ moved by their third moment. It is what ``waveform`` finds of the same rays, but
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -27,6 +28,7 @@ from .passage import Contacts
 from .patches import SHORT
 from .radiometry import reflectance_of
 from .returns import organs
+from .scanner import Pulses
 from .waveform import WaveformEchoes, pulse_length
 
 AT_ONCE = 1024  # beams: what is in work stays in the cache
@@ -47,14 +49,63 @@ class Received(RowTable):
     normal: np.ndarray
     bounce: np.ndarray | None = None
 
+    def of(self, pulse: np.ndarray) -> Received:
+        """The same echoes, of pulses with other numbers."""
+        return replace(self, echoes=replace(self.echoes, pulse=pulse[self.echoes.pulse]))
 
-def seen(faces: Faces, beams: BeamFrames, scanner: Scanner) -> tuple[np.ndarray, np.ndarray, Hits]:
-    """Rows of beams that meet nothing, rows of those that meet one face, and that face of each."""
-    met = faces.met(beams.origin, beams.axis, *reach(scanner.beam))
-    known = np.flatnonzero(met >= 0)
-    face = met[known]
-    hits = Hits(np.zeros(len(known)), faces.instance[face], faces.triangle[face])
-    return np.flatnonzero(met == NOTHING), known, hits
+    @classmethod
+    def by_pulse(cls, parts: Sequence[Received]) -> Received:
+        """Several, of other pulses each, in the order of their pulses."""
+        found = cls.joined(parts)
+        return found.select(np.argsort(found.echoes.pulse, kind="stable"))
+
+
+@dataclass(frozen=True)
+class Planes(RowTable):
+    """F faces, as a beam on one of them sees it.
+
+    instance, triangle : (F,) which they are. organ : (F,) int8. reflectance : (F,). normal : (F, 3) unit
+    vectors. foot : (F, 3) a corner, in the world.
+    """
+
+    instance: np.ndarray
+    triangle: np.ndarray
+    organ: np.ndarray
+    reflectance: np.ndarray
+    normal: np.ndarray
+    foot: np.ndarray
+
+    @classmethod
+    def of(
+        cls, scene: SceneGeometry, scanner: Scanner, instance: np.ndarray, triangle: np.ndarray
+    ) -> Planes:
+        """Triangles (F,) of instances (F,)."""
+        hits = Hits(np.zeros(len(instance)), instance, triangle)
+        organ = organs(scene, hits)
+        return cls(
+            instance=instance,
+            triangle=triangle,
+            organ=organ,
+            reflectance=reflectance_of(scene, hits, organ, scanner.surfaces),
+            normal=hit_normals(scene, hits),
+            foot=_feet(scene, hits),
+        )
+
+    @classmethod
+    def of_faces(cls, scene: SceneGeometry, scanner: Scanner, faces: Faces) -> Planes:
+        """All faces of a scene."""
+        return cls.of(scene, scanner, faces.instance, faces.triangle)
+
+
+def seen(
+    faces: Faces, pulses: Pulses, scanner: Scanner
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Rows of pulses whose beams may meet something, rows among these of beams that meet one face, and that
+    face of each."""
+    met = faces.met(pulses.origin, pulses.direction, *reach(scanner.beam))
+    some = np.flatnonzero(met != NOTHING)
+    known = np.flatnonzero(met[some] >= 0)
+    return some, known, met[some[known]]
 
 
 def on_one_face(contacts: Contacts, beams: int, subrays: int) -> tuple[np.ndarray, np.ndarray]:
@@ -72,43 +123,69 @@ def on_one_face(contacts: Contacts, beams: int, subrays: int) -> tuple[np.ndarra
     return beam[beam < beams], first[rows[beam < beams]]
 
 
+def alone(
+    scene: SceneGeometry, scanner: Scanner, beams: BeamFrames, contacts: Contacts
+) -> tuple[Received, Contacts]:
+    """Return the echoes of those beams (P,) all of whose rays met one face, and the contacts of the others.
+
+    A beam without light has no echo, and its contacts, which have none either, may be among the others'.
+    """
+    count = scanner.beam.subrays
+    beam, first = on_one_face(contacts, len(beams.axis), count)
+    hits = contacts.hits.select(first)
+    planes = Planes.of(scene, scanner, hits.instance, hits.triangle)
+    found, sure = received(scanner, beams.select(beam), planes, np.arange(len(beam)))
+    if not len(sure):
+        return found, contacts
+    known = np.zeros(len(beams.axis), dtype=bool)
+    known[beam[sure]] = True
+    return found.of(beam), contacts.select(~known[contacts.ray // count])
+
+
 def received(
-    scene: SceneGeometry, scanner: Scanner, beams: BeamFrames, hits: Hits
+    scanner: Scanner, beams: BeamFrames, planes: Planes, face: np.ndarray
 ) -> tuple[Received, np.ndarray]:
-    """Return the echoes of beams (P,) that meet the faces of hits (P,) with all their rays.
+    """Return the echoes of beams (P,) that meet with all their rays the face (P,), a row of the planes.
 
     Returns
     -------
     the echoes, of pulses 0 to P - 1; and the rows of the pulses that this holds for. It does not for leaves,
     near the limits of range, and where a footprint is long.
     """
-    organ = organs(scene, hits)
-    normal = hit_normals(scene, hits)
-    reflectance = reflectance_of(scene, hits, organ, scanner.surfaces)
-    foot = _feet(scene, hits) - beams.origin
-    scalars = np.stack(
-        [
-            _dot(foot, normal),
-            _dot(beams.exit_x, normal),
-            _dot(beams.exit_y, normal),
-            _dot(beams.axis, normal),
-            _dot(beams.turn_x, normal),
-            _dot(beams.turn_y, normal),
-        ]
-    )
-    found = np.full((4, len(organ)), np.nan)  # distance of the first ray; crest, energy, width
-    for first in range(0, len(organ), AT_ONCE):
+    normal = planes.normal[face]
+    scalars = scalars_of(beams, planes.foot[face], normal)
+    reflectance = planes.reflectance[face]
+    found = np.full((4, len(face)), np.nan)  # distance of the first ray; crest, energy, width
+    for first in range(0, len(face), AT_ONCE):
         part = slice(first, first + AT_ONCE)
         found[:, part] = _echoes(scalars[:, part], reflectance[part], scanner)
-    sure = np.flatnonzero((organ != LEAF) & np.isfinite(found.sum(axis=0)))
+    sure = np.flatnonzero((planes.organ[face] != LEAF) & np.isfinite(found.sum(axis=0)))
     lit = sure[found[2, sure] > 0]
     x, y = places(scanner.beam.subrays)[0]
     way = beams.axis[lit] + x * beams.turn_x[lit] + y * beams.turn_y[lit]
     way /= np.sqrt(_dot(way, way))[:, None]
     nearest, crest, energy, width = found[:, lit]
     echoes = WaveformEchoes(lit, crest, energy, width, lit)
-    seen = Hits(nearest, hits.instance[lit], hits.triangle[lit])
+    met = face[lit]
+    seen = Hits(nearest, planes.instance[met], planes.triangle[met])
     return Received(echoes, seen, way, normal[lit]), sure
+
+
+def scalars_of(beams: BeamFrames, foot: np.ndarray, normal: np.ndarray) -> np.ndarray:
+    """(6, P) heights of feet (P, 3) above beams, along unit normals (P, 3), and what ``exit_x``, ``exit_y``,
+    the axis, ``turn_x`` and ``turn_y`` rise."""
+    exits = [np.zeros(len(normal))] * 2
+    if beams.exit_x.any() or beams.exit_y.any():
+        exits = [_dot(beams.exit_x, normal), _dot(beams.exit_y, normal)]
+    return np.stack(
+        [
+            _dot(foot - beams.origin, normal),
+            *exits,
+            _dot(beams.axis, normal),
+            _dot(beams.turn_x, normal),
+            _dot(beams.turn_y, normal),
+        ]
+    )
 
 
 def _echoes(scalars: np.ndarray, reflectance: np.ndarray, scanner: Scanner) -> np.ndarray:
@@ -124,9 +201,12 @@ def _echoes(scalars: np.ndarray, reflectance: np.ndarray, scanner: Scanner) -> n
         lean = facing + x * turn_x
         lean += y * turn_y
         lean /= length
-        distance = height - x * exit_x
-        distance -= y * exit_y
-        distance /= lean
+        if exit_x.any() or exit_y.any():
+            distance = height - x * exit_x
+            distance -= y * exit_y
+            distance /= lean
+        else:
+            distance = height / lean
         near, far = distance.min(axis=0), distance.max(axis=0)
         whole = (near >= scanner.min_range) & (far <= scanner.max_range) & (near > 0)
         whole &= far - near <= SHORT * sigma

@@ -11,7 +11,7 @@ is behind it all the same. Limits hold for the true range; noise is added after.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from copy import copy
 from dataclasses import replace
 
@@ -30,7 +30,7 @@ from ..trajectory import Trajectory
 from . import noise, patches
 from .cloud import Cloud, Lost, join
 from .footprint import BeamFrames, frames, sub_rays
-from .one_face import Received, on_one_face, received, seen
+from .one_face import Planes, Received, alone, received, seen
 from .passage import Contacts, meet
 from .polish.bounces import DIRECT, PolishedScene, alike_bounces, follow
 from .polish.halo import Halo
@@ -84,7 +84,9 @@ class Scan:
         still = self._moving is None and self._polished is None and scanner.beam.subrays > 1
         self._faces = Faces.of(caster.scene) if still else None
         if self._faces is not None:
-            self.at_once *= 4  # hardly a ray is traced
+            self.at_once *= 16  # hardly a ray is traced
+            self._planes = Planes.of_faces(caster.scene, scanner, self._faces)
+        self._sure = True  # what a ray meets is no chance, but for leaves that let light pass
         self._lost = 0
 
     def moved(self, seed: int, path: Trajectory) -> Scan:
@@ -141,10 +143,10 @@ class Scan:
         self, rays: tuple[np.ndarray, np.ndarray], keys: np.ndarray, at: np.ndarray | None
     ) -> Contacts:
         """Return what origins and directions of rays meet, at times where the scene moves."""
-        reach, surfaces = self.scanner.max_range, self.scanner.surfaces
+        limits = self.scanner.max_range, self.scanner.surfaces
         if self._polished is None:
-            return meet(self.caster, *rays, reach, surfaces, keys, at)
-        found, ended = follow(self.caster, self._polished, rays, reach, surfaces, keys)
+            return meet(self.caster, *rays, *limits, keys, at)
+        found, ended = follow(self.caster, self._polished, rays, *limits, keys)
         self._unfollowed += ended
         return found
 
@@ -165,8 +167,7 @@ class Scan:
         rows = np.flatnonzero(here & (seems >= self.scanner.min_range))
         rows = rows[np.lexsort((seems[rows], place[rows]))]
         found = found.select(rows)
-        echoes = replace(found.echoes, pulse=place[rows], distance=seems[rows])
-        return replace(found, echoes=echoes)
+        return replace(found, echoes=replace(found.echoes, pulse=place[rows], distance=seems[rows]))
 
     def _with_noise(self, pulses: Pulses, keys: np.ndarray, found: Received) -> Received:
         """Return echoes with the receiver's noise, and those of noise alone, which meet nothing."""
@@ -188,52 +189,56 @@ class Scan:
         return both.select(np.lexsort((both.echoes.distance, both.echoes.pulse)))
 
     def _beams(self, pulses: Pulses, keys: np.ndarray) -> Received:
-        """Return the echoes of pulses of several sub-rays; no ray is traced of those that surely meet one
-        face, or nothing."""
-        scanner, scene = self.scanner, self.caster.scene
-        beams = self._frames(pulses, keys)
-        parts, done = [], np.zeros(len(pulses), dtype=bool)
-        if self._faces is not None:
-            nothing, known, hits = seen(self._faces, beams, scanner)
-            found, sure = received(scene, scanner, beams.select(known), hits)
-            done[nothing] = done[known[sure]] = True
-            parts.append(_renumbered(found, known))
-        rest = np.flatnonzero(~done)
-        at_once = max(1, RAYS_AT_ONCE // scanner.beam.subrays)
-        for first in range(0, max(len(rest), 1), at_once):
-            rows = rest[first : first + at_once]
-            traced = self._traced(beams.select(rows), keys[rows], pulses.time[rows])
-            parts.append(_renumbered(traced, rows))
-        found = Received.joined(parts)
-        if len(parts) == 1:
-            return found
-        return found.select(np.argsort(found.echoes.pulse, kind="stable"))
+        """Return echoes of beams of several rays; those that surely meet one face, or nothing, cast none."""
+        if self._faces is None:
+            return self._traced_in_parts(self._frames(pulses, keys), keys, pulses.time)
+        some, known, face = seen(self._faces, pulses, self.scanner)
+        pulses, keys = pulses.select(some), keys[some]
+        beams, left = self._frames(pulses, keys), np.ones(len(some), dtype=bool)
+        found, sure = received(self.scanner, beams.select(known), self._planes, face)
+        parts = [found.of(known)]
+        left[known[sure]] = False
+        known, face = np.delete(known, sure), np.delete(face, sure)
+        for rows, found in self._on_faces(beams, known, face):
+            left[rows] = False
+            parts.append(found.of(rows))
+        rest = np.flatnonzero(left)
+        traced = self._traced_in_parts(beams.select(rest), keys[rest], pulses.time[rest])
+        return Received.by_pulse([*parts, traced.of(rest)]).of(some)
+
+    def _traced_in_parts(self, beams: BeamFrames, keys: np.ndarray, time: np.ndarray) -> Received:
+        at_once = max(1, RAYS_AT_ONCE // self.scanner.beam.subrays)
+        parts = []
+        for first in range(0, max(len(keys), 1), at_once):
+            rows = np.arange(first, min(first + at_once, len(keys)))
+            parts.append(self._traced(beams.select(rows), keys[rows], time[rows]).of(rows))
+        return Received.joined(parts)
 
     def _frames(self, pulses: Pulses, keys: np.ndarray) -> BeamFrames:
         return frames(pulses, self.scanner.beam, keys)
 
+    def _on_faces(
+        self, beams: BeamFrames, rows: np.ndarray, face: np.ndarray
+    ) -> Iterable[tuple[np.ndarray, Received]]:
+        """Echoes of rows of beams known to meet a long stretch of a face; what is not here is traced."""
+        return ()
+
+    def _rays(self, beams: BeamFrames) -> tuple[np.ndarray, np.ndarray]:
+        return sub_rays(beams, self.scanner.beam.subrays)
+
     def _traced(self, beams: BeamFrames, keys: np.ndarray, time: np.ndarray) -> Received:
         scanner, count = self.scanner, self.scanner.beam.subrays
-        rays = sub_rays(beams, count)
+        rays = self._rays(beams)
         ray_keys = np.zeros(len(rays[0]), dtype=np.uint64)
-        if scanner.surfaces.leaf_transmittance:
+        if scanner.surfaces.leaf_transmittance or not self._sure:
             ray_keys = daughter_keys(np.repeat(keys, count), np.tile(np.arange(count), len(keys)))
         when = np.repeat(time, count)
         at = None if self._moving is None else when
         contacts = self._met(rays, ray_keys, at)
-        if self._moving is not None or contacts.sight is not None:
+        if self._moving is not None or contacts.sight is not None or not self._sure:
             return self._received(rays, contacts, when)
-        beam, first = on_one_face(contacts, len(keys), count)
-        whole, sure = received(
-            self.caster.scene, scanner, beams.select(beam), contacts.hits.select(first)
-        )
-        if not len(sure):
-            return self._received(rays, contacts, when)
-        alone = np.zeros(len(keys), dtype=bool)
-        alone[beam[sure]] = True
-        rest = contacts.select(~alone[contacts.ray // count])
-        found = Received.joined([_renumbered(whole, beam), self._received(rays, rest, when)])
-        return found.select(np.argsort(found.echoes.pulse, kind="stable"))
+        whole, rest = alone(self.caster.scene, scanner, beams, contacts)
+        return Received.by_pulse([whole, self._received(rays, rest, when)])
 
     def chunks(self, first: int = 0, at_once: int | None = None) -> Iterator[tuple[int, Cloud]]:
         """Pieces of the scan from pulse ``first`` on: where each ends, and what it found.
@@ -269,11 +274,7 @@ class Scan:
         scanner, scene = self.scanner, self.caster.scene
         hits, sight = contacts.hits, contacts.sight
         ways = rays[1][contacts.ray] if sight is None else sight.way
-        normal = (
-            hit_normals(scene, hits)
-            if self._moving is None
-            else self._moving.normals(hits, time[contacts.ray])
-        )
+        normal = self._normals(hits, ways, time[contacts.ray])
         reflectance = reflectance_of(scene, hits, contacts.organ, scanner.surfaces)
         energy = intensity(
             reflectance * contacts.light / scanner.beam.subrays,
@@ -307,6 +308,11 @@ class Scan:
         bounce = None if sight is None else sight.bounce[chosen]
         return Received(echoes, hits.select(chosen), ways[chosen], normal[chosen], bounce)
 
+    def _normals(self, hits: Hits, ways: np.ndarray, time: np.ndarray) -> np.ndarray:
+        """Return (C, 3) normals of what was met on ways (C, 3), at times (C,)."""
+        scene, moving = self.caster.scene, self._moving
+        return hit_normals(scene, hits) if moving is None else moving.normals(hits, time)
+
     def _measure(
         self, pulses: Pulses, number: np.ndarray, keys: np.ndarray, found: Received
     ) -> Cloud:
@@ -336,11 +342,9 @@ class Scan:
         velocity = rest = None
         if self._moving is not None:
             met = pulses.origin[echoes.pulse] + labelled.distance[:, None] * found.way
-            when = pulses.time[echoes.pulse]
-            velocity, rest = self._moving.velocities(
-                met, labelled.instance, labelled.triangle, when
-            )
-            instance, triangle = self._moving.known(labelled.instance, labelled.triangle)
+            which = labelled.instance, labelled.triangle
+            velocity, rest = self._moving.velocities(met, *which, pulses.time[echoes.pulse])
+            instance, triangle = self._moving.known(*which)
             labelled = replace(labelled, instance=instance, triangle=triangle)
         return Cloud(
             position=pulses.origin[echoes.pulse] + measured[:, None] * way,
@@ -393,8 +397,3 @@ def scan(
         if progress:
             progress(done, work.pulses)
     return join(found)
-
-
-def _renumbered(found: Received, pulse: np.ndarray) -> Received:
-    """The same echoes, of pulses with other numbers."""
-    return replace(found, echoes=replace(found.echoes, pulse=pulse[found.echoes.pulse]))

@@ -13,6 +13,7 @@ from typing import Protocol
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from ...base.rows import RowTable
 from ...spec import Airborne, Mobile, MovingScanner, SpecError, Terrestrial
 from ..trajectory import Trajectory, strips, through
 from .steps import steps
@@ -21,7 +22,7 @@ LiDAR = Terrestrial | Mobile | Airborne
 
 
 @dataclass(frozen=True)
-class Pulses:
+class Pulses(RowTable):
     """P pulses.
 
     origin : (P, 3) metres. direction : (P, 3) unit vectors. across : (P, 3) unit vectors at right angles

@@ -111,7 +111,7 @@ def axes(tractor: Tractor, scan: np.ndarray, step: np.ndarray) -> tuple[np.ndarr
 
 
 def beams(tractor: Tractor, caster: RayCaster, scan: np.ndarray, step: np.ndarray) -> Returns:
-    """Return what beams (B,) meet, by scan and step of the fan, each with rays of its own."""
+    """Return what the (P + 1)² rays of beams (B,) meet, beam by beam, by scan and step of the fan."""
     split = max(tractor.splits, 1)
     within = np.arange(tractor.splits + 1)
     i, j = (part.ravel() for part in np.meshgrid(within, within, indexing="ij"))
@@ -120,9 +120,7 @@ def beams(tractor: Tractor, caster: RayCaster, scan: np.ndarray, step: np.ndarra
     angle = lowest + turn * ((step[:, None] * split + j) / split)
     origins = _origins(tractor, along.ravel())
     ways = _directions(tractor, angle.ravel())
-    hits = caster.cast(origins, ways, tractor.max_range)
-    near = hits.distance.reshape(len(scan), -1).argmin(axis=1) + len(i) * np.arange(len(scan))
-    return label(caster.scene, hits.select(near), ways[near])
+    return label(caster.scene, caster.cast(origins, ways, tractor.max_range), ways)
 
 
 def _look(

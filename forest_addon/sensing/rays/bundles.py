@@ -26,20 +26,41 @@ from .geometry import SceneGeometry, invert_transforms
 
 MOST = 6000  # triangles of a scene, in the world, for which looking through them pays
 SIZES = (4096, 512, 64, 8, 1)  # pulses of a bundle, from level to level
-CROWDED = 24  # triangles that are neither beside nor hidden: of a small bundle, too many to go on
+CROWDED = 48  # triangles that are neither beside nor hidden: of a small bundle, too many to go on
 SLACK = 4e-6  # of the scene's size: how clear of edges a bundle must be
 UNKNOWN, NOTHING = -2, -1
 
 
 @dataclass(frozen=True)
 class _Bundles:
-    """B bundles: centre (B, 3), radius (B,), axis (B, 3), sine and cosine (B,) of the half angle."""
+    """B bundles: centre (3, B), radius (B,), axis (3, B), sine and cosine (B,) of the half angle."""
 
     centre: np.ndarray
     radius: np.ndarray
     axis: np.ndarray
     sin: np.ndarray
     cos: np.ndarray
+
+
+@dataclass(frozen=True)
+class _Sights:
+    """F faces as each is seen from a point.
+
+    corner : (3, 3, F) from the point: of each coordinate and each corner. edge : (3, 3, F) unit normals of
+    the planes through the point and an edge, towards the face: of each coordinate and each edge.
+    middle : (3, F) from the point. height : (F,) of the face's plane above the point. least : (F,) metres,
+    at least as near as any of the face.
+    """
+
+    corner: np.ndarray
+    edge: np.ndarray
+    middle: np.ndarray
+    height: np.ndarray
+    least: np.ndarray
+
+    def take(self, face: np.ndarray) -> _Sights:
+        """Some of them."""
+        return _Sights(*(values.take(face, -1) for values in vars(self).values()))
 
 
 class Faces:
@@ -66,14 +87,15 @@ class Faces:
         usable = np.flatnonzero(np.isfinite(size) & (size > 0))
         self.instance = np.concatenate(none + instance)[usable]
         self.triangle = np.concatenate(none + triangle)[usable]
-        self._corner = corner[usable]
-        self._normal = normal[usable] / size[usable, None]
-        low = self._corner.min(axis=(0, 1), initial=np.inf)
-        high = self._corner.max(axis=(0, 1), initial=-np.inf)
+        # of each coordinate (and each corner) an array
+        self._corner = np.ascontiguousarray(corner[usable].T)
+        self._normal = np.ascontiguousarray((normal[usable] / size[usable, None]).T)
+        low = self._corner.min(axis=(1, 2), initial=np.inf)
+        high = self._corner.max(axis=(1, 2), initial=-np.inf)
         self._size = float((high - low).max()) if len(usable) else 0.0
         self._middle = (self._corner.min(axis=1) + self._corner.max(axis=1)) / 2
         away = self._corner - self._middle[:, None]
-        self._round = np.sqrt((away**2).sum(axis=2).max(axis=1, initial=0.0))
+        self._round = np.sqrt((away**2).sum(axis=0).max(axis=0, initial=0.0))
 
     @classmethod
     def of(cls, scene: SceneGeometry) -> Faces | None:
@@ -95,15 +117,20 @@ class Faces:
         order = order[np.argsort(morton(directions[order]), kind="stable")]
         if not len(order):
             return found
-        origins, directions = origins[order], directions[order]
+        origins = origins[order].T.copy()
+        ways = directions[order].T.copy()
+        sights = None
+        if (origins == origins[:, :1]).all():  # then faces are seen from one point
+            origins = origins[:, :1]
+            sights = self._seen_from(origins, np.arange(len(self.instance)))
         answer = np.full(len(order), UNKNOWN)
         start = np.arange(0, len(order), SIZES[0])
         bundle = np.repeat(np.arange(len(start)), len(self.instance))
         face = np.tile(np.arange(len(self.instance)), len(start))
         for size, finer in zip(SIZES, (*SIZES[1:], 0), strict=True):
             stop = np.minimum(start + size, len(order))
-            about = _bundles(origins, directions, start, stop, radius, spread)
-            says, bundle, face = self._ask(about, bundle, face, size)
+            about = _bundles(origins, ways, start, stop, radius, spread)
+            says, bundle, face = self._ask(about, sights, bundle, face, size)
             _fill(answer, start, stop, says)
             if not finer:
                 break
@@ -113,29 +140,55 @@ class Faces:
         found[order] = answer
         return found
 
+    def _seen_from(self, centre: np.ndarray, face: np.ndarray) -> _Sights:
+        """Faces (F,) as they are seen from points (3, F) or (3, 1)."""
+        corner = self._corner.take(face, 2) - centre[:, None]
+        height = _dot(self._normal.take(face, 1), corner[:, 0])
+        middle = self._middle.take(face, 1) - centre
+        least = np.maximum(np.abs(height), np.sqrt(_dot(middle, middle)) - self._round[face])
+        with np.errstate(divide="ignore", invalid="ignore"):
+            edge = _cross(corner, np.roll(corner, -1, axis=1))
+            edge *= np.sign(_dot(edge, np.roll(corner, -2, axis=1))) / np.sqrt(_dot(edge, edge))
+        return _Sights(corner, edge, middle, height, least)
+
     def _ask(
-        self, about: _Bundles, bundle: np.ndarray, face: np.ndarray, size: int
+        self,
+        about: _Bundles,
+        sights: _Sights | None,
+        bundle: np.ndarray,
+        face: np.ndarray,
+        size: int,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """(B,) what is known of bundles, and those pairs (K,), (K,) of them and faces that are open."""
+        """(B,) what is known of bundles, and those pairs (K,), (K,) of them and faces that are open.
+
+        sights : of all faces, where all bundles have one centre.
+        """
         slack = SLACK * (self._size + np.abs(about.centre).max()) + 1e-6
-        near = self._near_sphere(about, bundle, face, slack)
+        if sights is None:
+            middle = self._middle.take(face, 1) - about.centre.take(bundle, 1)
+        else:
+            middle = sights.middle.take(face, 1)
+        near = self._near_sphere(about, middle, bundle, face, slack)
         bundle, face = bundle[near], face[near]
-        beside, holds, reach = self._sides(about, bundle, face, slack)
+        centre = about.centre.take(bundle, 1)
+        seen = self._seen_from(centre, face) if sights is None else sights.take(face)
+        facing = _dot(self._normal.take(face, 1), about.axis.take(bundle, 1))
+        beside, holds = _sides(about, seen, bundle, facing, slack)
         open_ = np.flatnonzero(~beside)
-        bundle, face, holds, reach = bundle[open_], face[open_], holds[open_], reach[open_]
+        bundle, face, holds = bundle[open_], face[open_], holds[open_]
         count = np.bincount(bundle, minlength=len(about.radius))
         says = np.where(count == 0, NOTHING, UNKNOWN)
         holding = np.flatnonzero(holds)
         if len(holding):
-            holding = holding[np.lexsort((reach[holding], bundle[holding]))]
+            centre = centre.take(open_, 1)
+            reach = seen.height[open_[holding]] / facing[open_[holding]]
+            holding = holding[np.lexsort((reach, bundle[holding]))]
             holding = holding[np.diff(bundle[holding], prepend=-1) != 0]
             front = np.full(len(count), -1)
             front[bundle[holding]] = face[holding]
-            asked = np.flatnonzero(front[bundle] >= 0)
-            first = front[bundle[asked]]
-            hidden = (first == face[asked]) | self._behind(
-                about.centre[bundle[asked]], first, face[asked], slack
-            )
+            first = front[bundle]
+            asked = np.flatnonzero((first >= 0) & (first != face))
+            hidden = self._behind(centre.take(asked, 1), first[asked], face[asked], slack)
             clear = np.bincount(bundle[asked], ~hidden, len(count)) == 0
             held = (front >= 0) & clear
             says[held] = front[held]
@@ -146,94 +199,115 @@ class Faces:
         return says, bundle[goes_on], face[goes_on]
 
     def _near_sphere(
-        self, about: _Bundles, bundle: np.ndarray, face: np.ndarray, slack: float
+        self,
+        about: _Bundles,
+        middle: np.ndarray,
+        bundle: np.ndarray,
+        face: np.ndarray,
+        slack: float,
     ) -> np.ndarray:
-        """(K,) rows of pairs whose bundle may meet the sphere about the face."""
-        away = self._middle[face] - about.centre[bundle]
-        distance = np.sqrt((away**2).sum(axis=1))
-        wide = self._round[face] + about.radius[bundle] + slack
+        """(K,) rows of pairs whose bundle may meet the sphere about the face's middle (3, K)."""
+        distance = np.sqrt(_dot(middle, middle))
+        wide = self._round[face] + about.radius[bundle]
+        wide += slack
         with np.errstate(divide="ignore", invalid="ignore"):
             sine = wide / distance
-            cosine = (away * about.axis[bundle]).sum(axis=1) / distance
+            cosine = _dot(middle, about.axis.take(bundle, 1))
+            cosine /= distance
         outside = sine < 1
-        sine = np.where(outside, sine, 0.0)
+        sine[~outside] = 0.0
         # the angle between axis and middle is over α + asin(sine), as long as that is below 180°
         other = np.sqrt(1 - sine**2)
-        limit = about.cos[bundle] * other - about.sin[bundle] * sine
-        below = about.cos[bundle] > -other
-        near: np.ndarray = np.flatnonzero(~(outside & below & (cosine < limit)))
+        cos, sin = about.cos[bundle], about.sin[bundle]
+        limit = cos * other
+        limit -= sin * sine
+        outside &= cos > -other
+        outside &= cosine < limit
+        near: np.ndarray = np.flatnonzero(~outside)
         return near
 
-    def _sides(
-        self, about: _Bundles, bundle: np.ndarray, face: np.ndarray, slack: float
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """(K,) whether faces are beside bundles, (K,) whether they hold them, (K,) metres along the axis."""
-        axis, radius = about.axis[bundle], about.radius[bundle] + slack
-        sin, cos = about.sin[bundle], about.cos[bundle]
-        corner = self._corner[face] - about.centre[bundle, None]
-        normal = self._normal[face]
-        height = _dot(normal, corner[:, 0])
-        facing = _dot(normal, axis)
-        middle = self._middle[face] - about.centre[bundle]
-        length = np.sqrt(_dot(middle, middle))
-        far = np.maximum(np.abs(height), length - self._round[face]) - radius
-        with np.errstate(divide="ignore", invalid="ignore"):
-            edge = np.cross(corner, np.roll(corner, -1, axis=1))
-            edge /= np.sqrt((edge**2).sum(axis=2))[:, :, None]
-            inwards = np.einsum("kei,kei->ke", edge, np.roll(corner, -2, axis=1))
-            lean = np.einsum("kei,ki->ke", edge, axis) * np.sign(inwards)
-            rest = np.sqrt(np.maximum(1 - lean**2, 0))
-            above = lean * cos[:, None] - rest * sin[:, None]  # sin(β - α)
-            below = -lean * cos[:, None] - rest * sin[:, None]
-            least = np.where(far > 0, radius / far, np.inf)[:, None]
-            beside = (below > least).any(axis=1)
-            held = (above > least).all(axis=1) & (np.abs(height) > radius)
-            held &= (np.abs(facing) > sin + 1e-3) & (facing * height > 0)
-            reach = height / facing
-            # a plane that touches the cone on the side of the face's middle, and one across the axis
-            aside = middle - _dot(middle, axis)[:, None] * axis
-            aside /= np.sqrt(_dot(aside, aside))[:, None]
-        touching = axis * sin[:, None] - aside * cos[:, None]
-        for plane in (touching, axis):
-            lowest = np.einsum("kei,ki->ke", corner, plane).max(axis=1)
-            beside |= (lowest < -radius) & (cos > 0)  # not where the bundle goes all around
-        return beside, held, reach
-
     def _behind(
-        self, centre: np.ndarray, front: np.ndarray, face: np.ndarray, slack: float
+        self,
+        centre: np.ndarray,
+        front: np.ndarray,
+        face: np.ndarray,
+        slack: float,
     ) -> np.ndarray:
         """(K,) whether faces lie on the far side of the planes of those in front, and not in them."""
-        normal, foot = self._normal[front], self._corner[front, 0]
+        normal, foot = self._normal.take(front, 1), self._corner[:, 0].take(front, 1)
         side = np.sign(_dot(normal, foot - centre))
-        depth = np.einsum("kei,ki->ke", self._corner[face] - foot[:, None], normal) * side[:, None]
-        behind: np.ndarray = (depth.min(axis=1) >= -1e-9) & (depth.max(axis=1) > slack)
+        depth = _dot(self._corner.take(face, 2) - foot[:, None], normal[:, None]) * side
+        behind: np.ndarray = (depth.min(axis=0) >= -1e-9) & (depth.max(axis=0) > slack)
         return behind
+
+
+def _sides(
+    about: _Bundles, seen: _Sights, bundle: np.ndarray, facing: np.ndarray, slack: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """(K,) whether faces are beside bundles, (K,) whether they hold them.
+
+    facing : (K,) cosine between the axis and the face's normal.
+    """
+    axis, radius = about.axis.take(bundle, 1), about.radius[bundle] + slack
+    sin, cos = about.sin[bundle], about.cos[bundle]
+    far = seen.least - radius
+    with np.errstate(divide="ignore", invalid="ignore"):
+        lean = _dot(seen.edge, axis[:, None])
+        rest = 1 - lean**2
+        np.sqrt(np.maximum(rest, 0, out=rest), out=rest)
+        rest *= sin
+        lean *= cos
+        least = np.where(far > 0, radius / far, np.inf)
+        beside = np.fmin.reduce(lean + rest, axis=0) < -least
+        lean -= rest  # sin(β - α)
+        held = (lean.min(axis=0) > least) & (np.abs(seen.height) > radius)
+        held &= (np.abs(facing) > sin + 1e-3) & (facing * seen.height > 0)
+        left = np.flatnonzero(~(beside | held) & (cos > 0))  # not where a bundle goes all around
+        # a plane that touches the cone on the side of the face's middle, and one across the axis
+        axis, middle = axis.take(left, 1), seen.middle.take(left, 1)
+        aside = middle - _dot(middle, axis) * axis
+        aside /= np.sqrt(_dot(aside, aside))
+    touching = axis * sin[left] - aside * cos[left]
+    corner = seen.corner.take(left, 2)
+    out = np.zeros(len(left), dtype=bool)
+    for plane in (touching, axis):
+        out |= _dot(corner, plane[:, None]).max(axis=0) < -radius[left]
+    beside[left[out]] = True
+    return beside, held
 
 
 def _bundles(
     origins: np.ndarray,
-    directions: np.ndarray,
+    ways: np.ndarray,
     start: np.ndarray,
     stop: np.ndarray,
     radius: float,
     spread: float,
 ) -> _Bundles:
-    """The bundles of rows from ``start`` to ``stop`` (B,)."""
+    """The bundles of columns from ``start`` to ``stop`` (B,) of origins (3, P), or (3, 1) for all, and unit
+    directions (3, P)."""
     count = stop - start
-    rows = np.repeat(start - (np.cumsum(count) - count), count) + np.arange(int(count.sum()))
-    owner = np.repeat(np.arange(len(start)), count)
     first = np.cumsum(count) - count
-    origin, way = origins[rows], directions[rows]
-    low, high = np.minimum.reduceat(origin, first), np.maximum.reduceat(origin, first)
-    centre = (low + high) / 2
-    axis = np.add.reduceat(way, first)
+    total = int(count.sum())
+    owner = np.repeat(np.arange(len(start)), count)
+    shared = origins.shape[1] == 1 < ways.shape[1]
+    if total < ways.shape[1]:
+        rows = (start - first)[owner] + np.arange(total)
+        ways = ways.take(rows, 1)
+        origins = origins if shared else origins.take(rows, 1)
+    if shared:
+        centre, reach = np.repeat(origins, len(start), axis=1), np.zeros(len(start))
+    else:
+        low = np.minimum.reduceat(origins, first, axis=1)
+        high = np.maximum.reduceat(origins, first, axis=1)
+        centre, reach = (low + high) / 2, np.sqrt(_dot(high - low, high - low)) / 2
+    axis = np.add.reduceat(ways, first, axis=1)
     with np.errstate(invalid="ignore", divide="ignore"):
-        axis /= np.sqrt(_dot(axis, axis))[:, None]
-    chord = way - axis[owner]
+        axis /= np.sqrt(_dot(axis, axis))
+    chord = ways - axis.take(owner, 1)
     chord = np.sqrt(np.maximum.reduceat(_dot(chord, chord), first))
     angle = 2 * np.arcsin(np.clip(chord / 2, 0, 1)) + spread + 1e-9
     angle = np.where(angle < 1.5, angle, np.nan)  # a bundle all around is known of nothing
-    reach = np.sqrt(_dot(high - low, high - low)) / 2
     return _Bundles(centre, reach + radius, axis, np.sin(angle), np.cos(angle))
 
 
@@ -271,7 +345,18 @@ def _split(
     )
 
 
+def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """(3, …) of vectors (3, …)."""
+    product = np.empty_like(a)
+    for k, (one, other) in enumerate(((1, 2), (2, 0), (0, 1))):
+        np.multiply(a[one], b[other], out=product[k])
+        product[k] -= a[other] * b[one]
+    return product
+
+
 def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """(K,) of vectors (K, 3)."""
-    product: np.ndarray = np.einsum("ki,ki->k", a, b)
+    """Of vectors (3, …)."""
+    product: np.ndarray = a[0] * b[0]
+    product += a[1] * b[1]
+    product += a[2] * b[2]
     return product

@@ -25,7 +25,7 @@ class TimedCaster(ABC):
     """Closest hits of rays at times of their own, in a scene that moves.
 
     scene : what hits are numbered by. within : metres by which places may be off between two samples, bent :
-    and points of what changes its shape. held : names of objects that stand still between samples.
+    and points of what changes its shape. held, remade, pause : as of ``SceneMotion``.
     bends : whether anything changes its shape.
     """
 
@@ -34,6 +34,8 @@ class TimedCaster(ABC):
     within: float = 0.0
     bent: float = 0.0
     held: tuple[str, ...] = ()
+    remade: tuple[str, ...] = ()
+    pause: float = 0.0
     bends: bool = False
 
     @abstractmethod
@@ -158,6 +160,7 @@ class MovingCaster(TimedCaster):
     ) -> None:
         self.scene, self.motion = scene, motion
         self.within, self.bent, self.held = motion.within, motion.bent, motion.held
+        self.remade, self.pause = motion.remade, motion.pause
         self.bends = any(len(shape.time) > 1 for shape in motion.shapes.values())
         self._make, self._engine = make, engine
         self._still: RayCaster | None = None if motion.paths else make(scene)

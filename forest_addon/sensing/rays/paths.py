@@ -113,7 +113,8 @@ class PathTable:
         row = np.empty(len(time), np.int64)
         share, step = np.empty(len(time)), np.empty(len(time))
         clock = self._clock[which]
-        for number, known in enumerate(self._times):
+        for number in [0] if len(self._times) == 1 else np.unique(clock).tolist():
+            known = self._times[number]
             mine = slice(None) if len(self._times) == 1 else np.flatnonzero(clock == number)
             row[mine], share[mine], step[mine] = _between(known, time[mine], beyond)
         return row + self._first[which], share[:, None], step[:, None]
@@ -168,7 +169,8 @@ class SceneMotion:
     not always there are.
     stands_for : (I,) the instance of the scene as it was read that each one is.
     within : metres by which places may be off between two samples; bent : points of what changes its shape.
-    held : names of objects that stand still between samples, as their parts come and go.
+    held : names of objects that stand still between samples, as their parts come and go. remade : of those
+    that are others from one sample to the next, and stand for ``pause`` s.
     """
 
     paths: Mapping[int, RigidPath] = field(default_factory=dict)
@@ -178,6 +180,8 @@ class SceneMotion:
     within: float = 0.0
     bent: float = 0.0
     held: tuple[str, ...] = ()
+    remade: tuple[str, ...] = ()
+    pause: float = 0.0
 
     def span(self, number: int) -> tuple[float, float]:
         """Seconds [from, until) in which an instance is there."""
@@ -247,7 +251,7 @@ def corners_at_rest(scene: SceneGeometry, instance: np.ndarray, triangle: np.nda
 def _at_least_two(path: RigidPath) -> tuple[np.ndarray, np.ndarray]:
     if len(path.time) > 1:
         return path.time, path.transform
-    return path.time[0] + np.arange(2.0), np.repeat(path.transform, 2, axis=0)
+    return np.arange(2.0), np.repeat(path.transform, 2, axis=0)  # at any times: it stands
 
 
 def _factors(transform: np.ndarray) -> tuple[np.ndarray, Rotation, np.ndarray]:

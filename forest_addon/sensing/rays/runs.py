@@ -25,6 +25,7 @@ class SceneSample:
     """A scene of I instances at one time.
 
     transform : (I, 3, 4). name : names of objects. object_index, mesh_index : (I,) as in ``SceneGeometry``.
+    source : (I,) names of the objects whose meshes these are; "" where nodes made them.
     shapes : of the meshes that may change, by number.
     """
 
@@ -33,6 +34,13 @@ class SceneSample:
     object_index: np.ndarray
     mesh_index: np.ndarray
     shapes: dict[int, Shape]
+    source: tuple[str, ...]
+
+    @property
+    def things(self) -> list[tuple[str, str]]:
+        """(I,) objects of instances, each with the object whose mesh it is."""
+        names = (self.name[index] for index in self.object_index.tolist())
+        return list(zip(names, self.source, strict=True))
 
     @property
     def nbytes(self) -> int:

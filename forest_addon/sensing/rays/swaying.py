@@ -58,6 +58,7 @@ class SwayingCaster(TimedCaster):
         self.cut, self._sway, self._still, self._start = cut, sway, still, start
         self.scene, self.engine = with_runs(cut, still.scene), still.engine
         self.within, self.bent, self.held = still.within, still.bent, still.held
+        self.remade, self.pause = still.remade, still.pause
         self.bends = still.bends
         self._make = make
         self._first = len(cut.read.meshes) + 1  # mesh of the first piece

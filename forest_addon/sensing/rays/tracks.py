@@ -1,13 +1,15 @@
 """From samples of a scene over time to how it moves: which instance is which, where it goes, how it bends.
 
-An instance is known by its object and its number among those of that object. From one sample to the next it
-moves where it is in both, with the same triangles, and its object has as many instances; else it stands until
-the next sample, and is then gone, or another.
+An instance is known by its object, by whose mesh it has, and by its number among those alike. From one
+sample to the next it moves where it is in both, with the same triangles, and its object has as many
+instances; else it stands until the next sample, and is then gone, or another. What goes far between two
+samples and hardly before and after has jumped: it stands, too.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -18,6 +20,7 @@ from .runs import MovingScene, SceneSample, Shape, same_triangles
 STANDS = 1e-7  # metres, and parts of a turn, that single precision may shake
 BENT = 1e-4  # m that points of what changes its shape may be off between two samples
 WIDEST = 16  # samples of a step of a shape
+JUMP, APART = 1e-3, 4.0  # m of a jump at least, and how often what is gone in the steps beside it
 
 
 class Strangers(ValueError):
@@ -31,7 +34,7 @@ class Strangers(ValueError):
 class Tracks:
     """Instances of a scene followed through samples at ascending times (K,), s.
 
-    scene : as it was read. now : a sample of that.
+    scene : as it was read. now : a sample of that. jumps : whether samples are close enough to tell jumps.
 
     Raises
     ------
@@ -44,11 +47,14 @@ class Tracks:
         now: SceneSample,
         time: np.ndarray,
         samples: Sequence[SceneSample],
+        jumps: bool = False,
     ) -> None:
         self._scene, self._now, self._time, self._samples = scene, now, time, samples
+        self._jumps = jumps
+        self._leaps: dict[int, np.ndarray] = {}
         self._keys = {key: row for row, key in enumerate(_keys(now))}
         self._row = np.full((len(samples), len(now.transform)), -1, dtype=np.int64)
-        self._count: dict[str, np.ndarray] = {}
+        self._count: dict[tuple[str, str], np.ndarray] = {}
         self._follow()
         place = np.full((*self._row.shape, 3, 4), np.nan)
         for k, sample in enumerate(samples):
@@ -61,24 +67,53 @@ class Tracks:
         """Return whether anything does."""
         return bool(self._moving_at_all().any())
 
-    def motion(self, within: float = 0.0, bent: float = 0.0) -> tuple[SceneGeometry, SceneMotion]:
-        """The scene, with the instances that it has besides at other times, and how it moves."""
-        scene, total = self._scene, self._row.shape[1]
-        base = self._moving_at_all()
-        made = MovingScene(scene)
-        for number in np.flatnonzero(base).tolist() + list(range(len(scene), total)):
-            self._add(made, number)
-        return made.scene(), made.motion(within, bent, self._held())
+    def motion(
+        self, within: float = 0.0, bent: float = 0.0, every: int = 1
+    ) -> tuple[SceneGeometry, SceneMotion]:
+        """The scene, with the instances that it has besides at other times, and how it moves.
 
-    def off(self, middle: np.ndarray, between: Sequence[SceneSample]) -> tuple[float, float]:
+        every : samples from one moment at which things are expected to change at once to the next.
+        """
+        made = MovingScene(self._scene)
+        for number in self._numbers():
+            self._add(made, number)
+        motion = made.motion(within, bent, self._held())
+        remade = tuple(sorted({self._named[n][0] for n in self._breaks(every)}))
+        pause = float(self._time[1] - self._time[0]) if remade else 0.0
+        return made.scene(), replace(motion, remade=remade, pause=pause)
+
+    def breaks(self, every: int) -> bool:
+        """Return whether anything is another, or begins or ends, at another sample than each ``every``-th."""
+        return bool(self._breaks(every))
+
+    def steady(self, step: int) -> dict[tuple[tuple[str, str], int], bool]:
+        """Return which instances, by object and number, neither jump nor are others by the end of a step."""
+        keys = list(self._keys)
+        return {keys[n]: bool(self._joined(n)[step]) for n in self._numbers()}
+
+    def off(
+        self,
+        middle: np.ndarray,
+        between: Sequence[SceneSample],
+        finer: Tracks | None = None,
+        steady: Mapping[tuple[tuple[str, str], int], bool] | None = None,
+    ) -> tuple[float, float]:
         """Metres by which samples at times (K - 1,) between these ones are not where they are expected: of
-        places, and of points of what changes its shape."""
+        places, and of points of what changes its shape.
+
+        finer : tracks of both; what jumps in them does not count. steady : of one step, what counts.
+        """
         other, count = Tracks(self._scene, self._now, middle, between), len(self._scene)
         moves = self._moving_at_all()[:count] | other._moving_at_all()[:count]
         worst, bent = 0.0, 0.0
         known: dict[tuple[int, ...], float] = {}
+        keys = list(self._keys)
         for number in np.flatnonzero(moves).tolist():
             joined = self._joined(number) & (other._row[:, number] >= 0)
+            if finer is not None:
+                joined &= finer._joined(number).reshape(-1, 2).all(axis=1)
+            if steady is not None:
+                joined &= steady.get(keys[number], True)
             if not joined.any():
                 continue
             bent = max(bent, self._bend_off(number, joined, other, known))
@@ -91,16 +126,19 @@ class Tracks:
         return worst, bent
 
     def _follow(self) -> None:
-        names = set(self._scene.object_name)
+        names = {thing for thing, _ in self._keys}
         usual = _keys(self._now)
-        strangers: set[str] = set()
+        strangers: set[tuple[str, str]] = set()
+        present: list[set[tuple[str, str]] | None] = []
         for k, sample in enumerate(self._samples):
             same = (
                 len(sample.transform) == len(self._now.transform)
                 and sample.name == self._now.name
+                and sample.source == self._now.source
                 and np.array_equal(sample.object_index, self._now.object_index)
             )
             keys = usual if same else _keys(sample)
+            present.append(None if same else {thing for thing, _ in keys})
             if not same:
                 strangers |= {name for name, _ in keys} - names
                 new = [key for key in keys if key not in self._keys]
@@ -116,12 +154,12 @@ class Tracks:
                     count = self._count.setdefault(name, np.full(len(self._samples), -1))
                     count[k] = max(count[k], 0) + 1
         if strangers:
-            raise Strangers(sorted(strangers))
+            raise Strangers(sorted({name for name, _ in strangers}))
         for name, count in self._count.items():
             usually = sum(1 for known, _ in usual if known == name)
             count[count < 0] = usually
-            for k, sample in enumerate(self._samples):
-                if name not in sample.name:
+            for k, there in enumerate(present):
+                if there is not None and name not in there:
                     count[k] = 0
         self._named = [name for name, _ in self._keys]
 
@@ -130,9 +168,29 @@ class Tracks:
         nothing that could be taken for another."""
         return tuple(
             sorted(
-                name for name, count in self._count.items() if len(np.unique(count[count > 0])) > 1
+                {
+                    name
+                    for (name, _), count in self._count.items()
+                    if len(np.unique(count[count > 0])) > 1
+                }
             )
         )
+
+    def _numbers(self) -> list[int]:
+        """Instances that move or are not always there."""
+        base = np.flatnonzero(self._moving_at_all()[: len(self._scene)])
+        return [*base.tolist(), *range(len(self._scene), self._row.shape[1])]
+
+    def _breaks(self, every: int) -> list[int]:
+        """Instances that are others, or begin or end, at samples between those that come each ``every``."""
+        between = np.arange(1, len(self._time)) % every > 0
+        found = []
+        for number in self._numbers():
+            there = self._there[:, number]
+            ends = (there[:-1] | there[1:]) & ~self._joined(number)
+            if (ends & between).any():
+                found.append(number)
+        return found
 
     def _moving_at_all(self) -> np.ndarray:
         """(N,) bool, instances that are not always where and as the scene says."""
@@ -191,7 +249,33 @@ class Tracks:
         if any(sample.shapes for sample in self._samples):
             marks = np.array([self._mark(k, number) for k in range(len(self._samples))])
             joined &= marks[:-1] == marks[1:]
+        if self._jumps:
+            joined &= ~self._leap(number, joined)
         return joined
+
+    def _leap(self, number: int, joined: np.ndarray) -> np.ndarray:
+        """(K - 1,) bool, whether an instance jumps between two samples where it would be ``joined``."""
+        if number not in self._leaps:
+            place = self._place[:, number]
+            reach = self._reach(number) if number < len(self._scene) else 0.0
+            apart = np.diff(place, axis=0)
+            gone = np.linalg.norm(apart[:, :, 3], axis=1)
+            gone += reach * np.linalg.norm(apart[:, :, :3], axis=(1, 2))
+            if self._bends(number):
+                for k in np.flatnonzero(joined).tolist():
+                    ends = self._shape(k, number), self._shape(k + 1, number)
+                    if ends[0] is not None and ends[1] is not None:
+                        bend = np.abs(ends[1].vertices - ends[0].vertices).max(initial=0.0)
+                        gone[k] += float(bend) * np.linalg.norm(place[k, :, :3], ord=2)
+            gone = np.where(joined, gone, 0.0)
+            beside = np.concatenate([[0.0], gone, [0.0]])
+            beside = np.maximum(beside[:-2], beside[2:])
+            self._leaps[number] = (gone > JUMP) & (gone > APART * beside) & (len(gone) > 2)
+        return self._leaps[number]
+
+    def _bends(self, number: int) -> bool:
+        """Return whether an instance has shapes."""
+        return any(self._shape(k, number) is not None for k in range(len(self._samples)))
 
     def _mark(self, k: int, number: int) -> int:
         """A number for the triangles of an instance at a sample."""
@@ -221,7 +305,9 @@ class Tracks:
             if key not in known:
                 known[key] = 0.0
                 if low.shape == middle.shape:
-                    apart = (low.astype(np.float64) + high) / 2 - middle
+                    way = np.diff(self._time[k : k + 2])
+                    share = (other._time[k] - self._time[k]) / way
+                    apart = low + share * (high.astype(np.float64) - low) - middle
                     known[key] = float(np.linalg.norm(apart, axis=1).max(initial=0.0))
             worst = max(worst, size * known[key])
         return worst
@@ -263,15 +349,15 @@ class Tracks:
         return ShapePath(time[::step], np.stack([s.vertices for s in known[::step]]))
 
 
-def _keys(sample: SceneSample) -> list[tuple[str, int]]:
-    """Each instance by its object's name and its number among those of that object."""
-    order = np.argsort(sample.object_index, kind="stable")
-    ranked = sample.object_index[order]
-    start = np.searchsorted(ranked, ranked)
-    number = np.empty(len(order), np.int64)
-    number[order] = np.arange(len(order)) - start
-    names = [sample.name[index] for index in sample.object_index.tolist()]
-    return list(zip(names, number.tolist(), strict=True))
+def _keys(sample: SceneSample) -> list[tuple[tuple[str, str], int]]:
+    """Each instance by its object, by whose mesh it has, and by its number among those alike."""
+    count: dict[tuple[str, str], int] = {}
+    found = []
+    for thing in sample.things:
+        number = count.get(thing, 0)
+        count[thing] = number + 1
+        found.append((thing, number))
+    return found
 
 
 def _path(time: np.ndarray, transform: np.ndarray) -> RigidPath:

@@ -23,14 +23,21 @@ GROUND_CLEARANCE = (
     0.05  # m; lower than this, a line of sight is not tested against the ground itself
 )
 MARGIN = 1e-3  # m; so near its end, a line of sight is not tested
+RINGING = 0.25  # s; what a porous ground sends back after that is below 1e-5 of its largest sample
 
 
-def arrival(path: float, gain: Gain, rate: float, count: int, air: Air) -> np.ndarray:
-    """(count,) samples of one arrival, gain(f)/path·e^{-(b+ik)path}, after ``path`` metres."""
+def arrival(
+    path: float, gain: Gain, rate: float, count: int, air: Air, rings: float = 0.0
+) -> np.ndarray:
+    """(count,) samples of one arrival, gain(f)/path·e^{-(b+ik)path}, after ``path`` metres.
+
+    rings : s that it lasts; what comes after the record must not be heard at its begin.
+    """
     delay = path / air.speed()
     if (delay - count / rate) * rate > SPREAD:
         return np.zeros(count)
-    size = fft.next_fast_len(max(count, math.ceil(delay * rate)) + 2 * SPREAD, real=True)
+    last = math.ceil((delay + rings) * rate)
+    size = fft.next_fast_len(max(count, last) + 2 * SPREAD, real=True)
     frequency = np.arange(size // 2 + 1) * (rate / size)
     loss = absorption(frequency, air.temperature_c, air.humidity, air.pressure_kpa)
     carried = delay_factors(0.0, rate / size, len(frequency), np.array([delay]))[:, 0]

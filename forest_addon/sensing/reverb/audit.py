@@ -167,13 +167,15 @@ def _fourier(channel: _Channel, path: float, gain: Gain, at: np.ndarray) -> np.n
 def _early(
     channel: _Channel, trees: np.ndarray, kept: np.ndarray, last: float, seconds: float
 ) -> Check | None:
-    """The trunks' sound from the first arrival on, by the direct sum; None where there are none."""
+    """The trunks' sound from the first arrival on, by the direct sum; None where the record has none."""
     paths, rate = channel.paths, channel.rate
     earliest = np.sort(paths.earliest)
     if not len(earliest):
         return None
     step = channel.speed / rate
     first = int(max(earliest[0] / step, 0.0))
+    if first >= len(trees):  # only the spread of the band's end, which is nothing beside the rest
+        return None
     longest = min(len(trees), first + LONGEST)
     counts = np.unique(np.geomspace(first + LEAST, max(longest, first + LEAST), 24).astype(int))
     trunks = np.searchsorted(earliest, (counts + SPREAD) * step)

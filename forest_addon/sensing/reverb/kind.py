@@ -130,13 +130,18 @@ def _canopy(job: Observation) -> Any:
         return BARE
     source, receiver = ends_of(job.sensor, job.seen.places, job.folder).pairs[0]
     area = float(np.prod(job.settings.forest.size))
-    return job.seen.once(_canopy_between, float(source[2]), float(receiver[2]), area)
+    heights = float(source[2]), float(receiver[2])
+    return job.seen.once(_canopy_between, *heights, area, job.sensor.min_radius)
 
 
-def _canopy_between(seen: Seen, low: float, high: float, area: float) -> Any:
+def _canopy_between(
+    seen: Seen, source: float, receiver: float, area: float, min_radius: float
+) -> Any:
     from .forest.canopy import canopy_of
 
-    return canopy_of(seen.geometry, (low, high), area)
+    lower = np.array([0.0, 0.0, min(source, receiver)])
+    trunks = seen.once(cuts_of, min_radius).between(lower, lower)
+    return canopy_of(seen.geometry, (source, receiver), area, trunks.tree)
 
 
 def _where_ends_are(job: Observation) -> np.ndarray:

@@ -17,7 +17,7 @@ from ...acoustics.ground import SURFACES, spherical_reflection, surface_impedanc
 from ...base.progress import Progress
 from ...base.rng import stream
 from ...spec import Air, Reverb
-from .arrivals import Gain, arrival
+from .arrivals import RINGING, Gain, arrival
 from .directivity import OMNI, Directivity, Term
 from .forest.losses import Losses, TrunkStand
 from .forest.surroundings import Surroundings
@@ -151,10 +151,13 @@ class Pair:
             trees = replace(trees, samples=trees.samples * kept + noise)
         (straight, sent), (bounced, reflected) = self.arrivals()
         direct, ground = self.clear
+        rings = 0.0 if self.reverb.ground_kind == "constant" else RINGING
         found = ImpulseResponse(
             sample_rate=rate,
             direct=arrival(straight, sent, rate, count, air) if direct else np.zeros(count),
-            ground=arrival(bounced, reflected, rate, count, air) if ground else np.zeros(count),
+            ground=arrival(bounced, reflected, rate, count, air, rings)
+            if ground
+            else np.zeros(count),
             trees=trees.samples,
             direct_delay=math.dist(self.source, self.receiver) / air.speed(),
             direct_clear=direct,
@@ -212,11 +215,8 @@ class Pair:
         sent = None if self.directivity is OMNI else self._energy
         sends = self.directivity.gain.tobytes() if sent else b""
         same = (self.reverb, self.losses, str(ends), length, self.key, stand, sends)
-        if same not in expansions.tails:
-            expansions.tails[same] = tail_of(
-                self.reverb, self.losses, density, *ends, length, self.key, sent=sent
-            )
-        return expansions.tails[same]
+        given = self.reverb, self.losses, density, *ends, length, self.key
+        return expansions.tails.once(same, lambda: tail_of(*given, sent=sent))
 
     def _energy(self, frequency: float) -> Sent:
         """Return the energy that the source sends by ways at a frequency."""

@@ -4,7 +4,8 @@ The sum at a bin is made again with a tolerance of 0, over everything in range, 
 weak, where that fits the time; else over what was heard, and the audit says so. Errors are shares of
 Σ max|A|, in which tolerance and cull are asked for. Responses, envelopes and waveforms are held against their
 spectra, by the Fourier sum at single samples; the spectrum of a call's echo is held against that of the
-transfer function, or, of a sonar that moves, against the sum over every path at its own speed.
+transfer function, or, of a sonar or scene that moves, against the sum over every path at its own speed, piece
+by piece of a call that is cut; of calls in more than ``PIECES`` pieces it is not looked at.
 """
 
 from __future__ import annotations
@@ -21,8 +22,8 @@ from ..audit import LEAST, Audit, Check, joined, sample
 from ..rays.caster import RayCaster
 from .bands import Band, BandGrid
 from .calls import Call
-from .doppler import factors, fastest
-from .ping import Echo, heard_from
+from .doppler import Moment, factors, fastest, pieces_of
+from .ping import Echo, PingHearing, heard_from
 from .search import SearchGroup
 from .station import Equipment, Station
 from .summation import sum_echoes
@@ -34,6 +35,7 @@ BINS = (4, 32)  # of a ping at a time; of one whose scatterers have to be looked
 SAMPLES = 16  # of a ping at a time
 ROUNDING = 1e-12
 OF_SAMPLES = 1e-9  # of the largest
+PIECES = 9  # of a call, which are heard anew
 PLACES = 48  # Chebyshev points of a call's spectrum over the speeds of all paths
 PARTS = (0.5, 0.3, 0.2)  # of the time, for bins, bins of moving calls, samples
 
@@ -46,6 +48,20 @@ class _Pings:
     sonar: Sonar
     air: Air
     equipment: Equipment
+    targets: EchoTargets
+    wood: RayCaster | None
+    everything: RayCaster | None
+
+    def moments(self, echo: Echo) -> list[Moment]:
+        """Return what the pieces of a call met."""
+        station = Station(self.sonar, self.air, echo.pose, self.equipment)
+        if echo.moments == 1:
+            return [Moment(0.0, station, echo.groups)]
+        call = self.equipment.call
+        assert call is not None
+        band = Band(*self.sonar.band)
+        hear = PingHearing(self.targets, station, band, self.wood, self.everything)
+        return [hear.moment(t) for t in np.linspace(0.0, call.duration, echo.moments).tolist()]
 
     def station(self, echo: Echo) -> Station:
         return Station(replace(self.sonar, cull=0.0), self.air, echo.pose, self.equipment)
@@ -75,7 +91,7 @@ def audit_echoes(
 
     wood, everything : casters as of ``ping``.
     """
-    pings = _Pings(echoes, sonar, air, equipment)
+    pings = _Pings(echoes, sonar, air, equipment, targets, wood, everything)
     band = Band(*sonar.band)
     culled = sonar.cull > 0 and _affordable(echoes, share)
 
@@ -126,13 +142,21 @@ def _called(pings: _Pings, rng: np.random.Generator, seconds: float) -> Check | 
     if call is None:
         return None
     loudest = float(np.abs(call.spectrum(pings.echoes[0].frequency)).max(initial=0.0))
+    among = [echo for echo in pings.echoes if echo.moments <= PIECES]
+    if not among:
+        return None
+    known: dict[int, list[Moment]] = {}  # of one ping at a time
 
     def batches() -> Iterator[np.ndarray]:
         while True:
-            echo = pings.echoes[int(rng.integers(len(pings.echoes)))]
-            if pings.moving(echo):
+            number = int(rng.integers(len(among)))
+            echo = among[number]
+            if pings.moving(echo) or echo.moments > 1:
                 row = int(rng.integers(len(echo.frequency)))
-                exact = _played(echo, row, call, pings.station(echo))
+                if number not in known:
+                    known.clear()
+                    known[number] = pings.moments(echo)
+                exact = _played(echo, row, call, known[number])
                 yield _shares(echo.called[:, row] - exact, echo) / loudest
             else:
                 rows = rng.integers(0, len(echo.frequency), SAMPLES)
@@ -193,17 +217,29 @@ def _spectrum(call: Call, frequency: np.ndarray) -> np.ndarray:
     return summed
 
 
-def _played(echo: Echo, row: int, call: Call, station: Station) -> np.ndarray:
-    """(E,) the echo of a call at one frequency, of a sonar that moves: every path at its own speed."""
+def _played(echo: Echo, row: int, call: Call, moments: list[Moment]) -> np.ndarray:
+    """(E,) the echo of a call at one frequency: every path of every piece of the call at its own speed."""
+    frequency = float(echo.frequency[row])
+    total = np.zeros(len(moments[0].station.ear), dtype=np.complex128)
+    cut = pieces_of(call, len(moments)) if len(moments) > 1 else [(call, 0.0)]
+    for moment, (piece, lead) in zip(moments, cut, strict=True):
+        turn = np.exp(-2j * math.pi * frequency * moment.time)
+        total += turn * _piece(echo, row, piece, lead, moment)
+    return total
+
+
+def _piece(echo: Echo, row: int, call: Call, lead: float, moment: Moment) -> np.ndarray:
+    """(E,) the echo of a piece of a call, whose own time is ``lead`` s after it begins."""
     one, frequency = _bins(echo, np.array([row])), float(echo.frequency[row])
+    station = moment.station
     total = np.zeros(len(station.ear), dtype=np.complex128)
-    for group in echo.groups:
+    for group in moment.groups:
         alpha = factors(group, station, 0)
         low, high = float(alpha.min()), float(alpha.max())
         middle, half = (low + high) / 2, max((high - low) / 2, 1e-15)
         at = middle + half * chebyshev.points(PLACES)
         weight = chebyshev.lagrange(PLACES, (alpha - middle) / half).T @ (
-            _spectrum(call, frequency / at) / at
+            _spectrum(call, frequency / at) / at * np.exp(2j * math.pi * frequency * lead / at)
         )
         parts = np.stack([weight.real, weight.imag], axis=1)
         summed = sum_echoes([group], station, one, 0.0, weights=[parts]).spectrum[:, :, 0]

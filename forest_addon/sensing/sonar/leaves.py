@@ -9,25 +9,23 @@ disc's far field is in ``near``; the leaves of a mesh are in ``foliage``.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from typing import ClassVar
 
 import numpy as np
-from scipy import special
 
 from ...acoustics.disc import amplitude_bound, backscatter_amplitude
-from ...acoustics.disc_modes import DiscModes, has_rows, modes_of, phase_for
 from ...acoustics.disc_table import HANDOVER, table_error
+from ...acoustics.hankel import SMALLEST, hankel
+from ...acoustics.modes.disc_modes import DiscModes, has_rows, modes_of, phase_for
+from ...acoustics.modes.line_modes import BandLoss
+from ...acoustics.modes.mode_sum import ModalEchoes
+from ...acoustics.modes.waves import COARSEST, MODAL, piston_waves, rims_apart
 from ...acoustics.smoothness import SmoothnessProfile
 from ...base.rows import RowTable
 from .scatterers import CLEAR, LEAF, ScattererPart, Strength, Whole
 
-RIM = 6.0  # 2ka·sinβ above which a piston's echo is that of two places of its rim
-HANKEL_TERMS = 11
 INCIDENCES = 16  # classes of them
 LATER = 1.0  # radii, about which an exact disc's response lies evenly
-COARSEST = 3e-5  # tolerance from which on tables of a band are used
-MODAL = 512  # discs from which on modes are worth their table
 LOOKED_UP = 0.45  # of the tolerance, for their error
 GRAZING = (
     np.pi / 3
@@ -59,8 +57,7 @@ class DiscStrength(RowTable):
         if self.model == "exact":
             return self._shifted(lowest, highest, tolerance)
         across = self.radius * np.sin(self.incidence)
-        rims = (2.0 * lowest * across > RIM) & (2.0 * (highest - lowest) * across > np.pi)
-        rims &= self.model == "piston"
+        rims = rims_apart(across, lowest, highest) & (self.model == "piston")
         near, far = np.flatnonzero(~rims), np.flatnonzero(rims)
         parts = [ScattererPart(near, np.zeros(len(near)), self.select(near))] if len(near) else []
         if len(far):
@@ -85,17 +82,22 @@ class DiscStrength(RowTable):
         return parts
 
     def modal(
-        self, lowest: float, highest: float, tolerance: float
-    ) -> tuple[np.ndarray, DiscModes | None]:
-        """Rows (m,) of which a table has modes between two wavenumbers, and the table; None: of too few.
-
-        A piston's rims have a formula (``DiscRim``), which takes no table to be made.
-        """
-        rows = np.flatnonzero(has_rows(self.radius, highest) & (highest > lowest))
-        if self.model == "piston" or tolerance < COARSEST or len(rows) < MODAL:
-            return rows[:0], None
-        phase, largest = phase_for(LOOKED_UP * tolerance), float(self.radius[rows].max())
-        return rows, modes_of(self.model, (lowest, highest), phase, largest)
+        self, lowest: float, highest: float, tolerance: float, loss: BandLoss
+    ) -> ModalEchoes | None:
+        """Discs that a table has rows of; of pistons the places of their rims, or the whole."""
+        if tolerance < COARSEST or len(self.radius) < MODAL or highest <= lowest:
+            return None
+        if self.model == "piston":
+            return piston_waves(self.radius, self.incidence, self.nearness, lowest, highest, loss)
+        rows = np.flatnonzero(has_rows(self.radius, highest))
+        if len(rows) < MODAL:
+            return None
+        some = self if len(rows) == len(self.radius) else self.select(rows)
+        phase, largest = phase_for(LOOKED_UP * tolerance), float(some.radius.max())
+        table = modes_of(self.model, (lowest, highest), phase, largest)
+        places = table.places(some.radius, some.incidence)
+        every = np.arange(len(rows))
+        return ModalEchoes(rows, table, places, every, some.nearness, np.zeros(len(rows)))
 
     def profile(self) -> SmoothnessProfile:
         return SmoothnessProfile(
@@ -226,7 +228,7 @@ class RimFamily:
     scaled: ClassVar[bool] = False
 
     def evaluate(self, scale: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.ndarray:
-        return hankel(np.maximum(scale * first, 0.8 * RIM))
+        return hankel(np.maximum(scale * first, 0.8 * SMALLEST))
 
     def place(self, second: np.ndarray) -> np.ndarray:
         return np.zeros(len(second))
@@ -236,34 +238,6 @@ class RimFamily:
 
     def turns(self, first: np.ndarray, second: np.ndarray) -> np.ndarray:
         return np.zeros(len(first))
-
-
-def hankel(x: np.ndarray) -> np.ndarray:
-    """H₁⁽¹⁾(x)·e^{-ix} for x >= ``RIM``, to 2e-13: √x times it is smooth in 1/x."""
-    place = 2.0 * RIM / x - 1.0
-    root = np.sqrt(x)
-    wave = np.empty(x.shape, dtype=np.complex128)
-    for series, part in zip(_hankel_series(), (wave.real, wave.imag), strict=True):
-        value = np.full(x.shape, series[-1])
-        for term in series[-2::-1]:
-            value *= place
-            value += term
-        np.divide(value, root, out=part)
-    return wave
-
-
-@lru_cache(maxsize=1)
-def _hankel_series() -> tuple[np.ndarray, np.ndarray]:
-    """Power series in 2·RIM/x - 1, from the values at Chebyshev points."""
-    place = np.cos(np.pi * (np.arange(HANKEL_TERMS) + 0.5) / HANKEL_TERMS)
-    x = 2.0 * RIM / (place + 1.0)
-    value = special.hankel1e(1, x) * np.sqrt(x)
-    fits = [
-        np.polynomial.chebyshev.chebfit(place, part, HANKEL_TERMS - 1)
-        for part in (value.real, value.imag)
-    ]
-    real, imaginary = (np.polynomial.chebyshev.cheb2poly(fit) for fit in fits)
-    return real, imaginary
 
 
 @dataclass(frozen=True)

@@ -90,7 +90,7 @@ class Echo:
     cull_bound : all that is left out as too weak adds at most this share of Σ|A| of what is heard.
     error_bound, table_error : of Σ max|A|, by which the spectra may be off the direct sum, and by which
     this may be off because the exact disc and cylinders are looked up. size : (E,) Σ max|A| of these.
-    groups : what is in the sum, by kind.
+    groups : what is in the sum, by kind. moments : how many of the scene the pieces of its call met.
     """
 
     frequency: np.ndarray
@@ -118,6 +118,7 @@ class Echo:
     sample_rate: float
     pose: SonarPose
     list_heard: Callable[[], Contributions]
+    moments: int = 1
 
     @cached_property
     def heard(self) -> Contributions:
@@ -179,7 +180,7 @@ def ping(
     station = Station(sonar, air, pose or posed(sonar), equipment or Equipment.of(sonar))
     call = station.equipment.call
     band, rate = Band(*sonar.band), sonar.sample_rate
-    hear = _Hearing(targets, station, band, wood, everything)
+    hear = PingHearing(targets, station, band, wood, everything)
     targets, found = hear.at(0.0)
     moments = [Moment(0.0, station, found.groups)]
     latest = max((float(g.paths.length.max()) for g in found.groups), default=0.0)
@@ -231,11 +232,12 @@ def ping(
         sample_rate=rate,
         pose=station.pose,
         list_heard=partial(_contributions, found.groups, station, band, targets),
+        moments=len(moments),
     )
 
 
 @dataclass(frozen=True)
-class _Hearing:
+class PingHearing:
     """Targets as a station hears them as time goes on; casters as of ``ping``."""
 
     targets: EchoTargets

@@ -18,6 +18,8 @@ from typing import ClassVar, Protocol, Self
 
 import numpy as np
 
+from ...acoustics.modes.line_modes import BandLoss
+from ...acoustics.modes.mode_sum import ModalEchoes
 from ...acoustics.smoothness import SmoothnessProfile
 
 SIZE = 96  # points of a block, at most
@@ -51,6 +53,15 @@ class Strength(Protocol):
         """
         ...
 
+    def modal(
+        self, lowest: float, highest: float, tolerance: float, loss: BandLoss
+    ) -> ModalEchoes | None:
+        """Those of which a table has modes between two wavenumbers; None where that does not pay.
+
+        loss : of the air, at wavenumbers.
+        """
+        ...
+
     def select(self, rows: np.ndarray | slice) -> Self: ...
 
 
@@ -76,6 +87,12 @@ class Whole:
         """Itself."""
         count = len(self.profile().length)  # type: ignore[attr-defined]
         return [ScattererPart(np.arange(count), np.zeros(count), self)]  # type: ignore[arg-type]
+
+    def modal(
+        self, lowest: float, highest: float, tolerance: float, loss: BandLoss
+    ) -> ModalEchoes | None:
+        """None: none."""
+        return None
 
     def error(self, highest: float) -> np.ndarray | None:
         """None: nothing."""

@@ -84,6 +84,21 @@ def _beam(kind: str, width_deg: tuple[float, float], name: str) -> BeamPattern:
     raise ValueError(f"the {name}'s CSV file has not been read; give its pattern")
 
 
+@dataclass(frozen=True)
+class AirLoss:
+    """Absorption in nepers per metre at wavenumbers (K,)."""
+
+    air: Air
+    absorbs: bool
+
+    def __call__(self, wavenumber: np.ndarray) -> np.ndarray:
+        if not self.absorbs:
+            return np.zeros(len(wavenumber))
+        air = self.air
+        frequency = wavenumber * (air.speed() / (2.0 * math.pi))
+        return absorption(frequency, air.temperature_c, air.humidity, air.pressure_kpa)
+
+
 class Station:
     """A sonar with its equipment at one pose in the air."""
 
@@ -106,6 +121,11 @@ class Station:
             return np.zeros(len(frequency))
         air = self.air
         return absorption(frequency, air.temperature_c, air.humidity, air.pressure_kpa)
+
+    @property
+    def band_loss(self) -> AirLoss:
+        """The loss as a function of the wavenumber."""
+        return AirLoss(self.air, self.sonar.absorption)
 
     def ceiling(self, some: Candidates) -> np.ndarray:
         """(P,) no block adds more than this to Σ|A|, at any ear and frequency of the band."""

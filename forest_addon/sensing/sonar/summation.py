@@ -14,12 +14,13 @@ from itertools import pairwise
 
 import numpy as np
 
-from ...acoustics.mode_sum import Bins, sum_modes
+from ...acoustics.modes.line_modes import LineModes
+from ...acoustics.modes.mode_sum import Bins, WholeEchoes, sum_modes
 from ...acoustics.nonuniform import DelayedSum, sum_delayed, summed_directly
 from ...acoustics.smoothness import Smoothness, smoothness
 from ...base.progress import Progress
 from .bands import BandGrid
-from .leaves import LOOKED_UP, DiscStrength
+from .leaves import LOOKED_UP
 from .scatterers import ScattererPart, Strength
 from .search import SearchGroup
 from .station import Station
@@ -141,29 +142,35 @@ def _by_modes(
 ) -> tuple[DelayedSum, np.ndarray] | None:
     """The sum over those of a group that are made of few modes, and the rows of the others; None where none
     are, too few, or a beam changes over the frequency."""
-    if not isinstance(seen, DiscStrength):
-        return None
     level = group.paths.level(station, ear)
     if level is None:
         return None
     lowest, highest = (2.0 * math.pi * end / station.sound_speed for end in grid.ends)
-    rows, table = seen.modal(lowest, highest, tolerance)
-    if table is None:
+    made = seen.modal(lowest, highest, tolerance, station.band_loss)
+    if made is None:
         return None
-    others = np.delete(np.arange(len(group)), rows)
-    if len(others):
-        level, group, seen = level[rows], group.select(rows), seen.select(rows)
-    bins = Bins(grid.start, grid.spacing, grid.count, grid.ends, station.sound_speed)
+    rows, owner = made.rows, made.owner
+    level, length = level * group.shade, group.paths.length[ear]
+    if len(rows) < len(group):
+        level, length = level[rows], length[rows]
+    whole, places = None, made.places
+    if isinstance(made.table, LineModes) and made.loudest is not None:
+        table, offset = made.table, made.offset
+        whole = WholeEchoes(made.loudest, level, length / station.sound_speed, made.share)
+        places = replace(places, later=offset)
+        level = level[owner] * np.exp(table.middle * offset)
+        length = length[owner] + offset
     found = sum_modes(
-        table,
-        table.places(seen.radius, seen.incidence),
-        level * group.shade * seen.nearness,
-        group.paths.length[ear] / station.sound_speed,
-        bins,
+        made.table,
+        places,
+        level * made.factor,
+        length / station.sound_speed,
+        Bins(grid.start, grid.spacing, grid.count, grid.ends, station.sound_speed),
         lambda f: station.sound_speed * station.loss(f),
         tolerance,
+        whole,
     )
-    return None if found is None else (found, others)
+    return None if found is None else (found, np.delete(np.arange(len(group)), rows))
 
 
 def _in_parts(

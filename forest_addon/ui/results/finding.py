@@ -84,7 +84,7 @@ def keep_finding(
     """
     props = context.scene.forest_sensing
     record = results_of(sensor)
-    figured, sentence = figures_of(sensor, found), say_kept(sentence_of(sensor, found))
+    figured, sentence = figures_of(sensor, found), sentence_of(sensor, found)
     if forestless(props):
         figured = [each for each in figured if each.short not in OF_TREES or _is_some(each)]
     figures = in_words(figured)
@@ -99,6 +99,8 @@ def keep_finding(
     result = _note(  # what needs disk space is done
         props, thing.name, sensor.kind, thing.name, figures | {keep("Time"): f"{seconds:.1f} s"}
     )
+    result.summary.value = sentence
+    result.summary.made_of = sentence.made_of if isinstance(sentence, Kept) else ""
     result.picture, result.caption = picture, label_kept(plot.caption) if plot else ""
     cloud, marks = record.points(sensor, found), record.marks(found)
     labels = {}
@@ -120,7 +122,7 @@ def keep_finding(
     if frame is not None:
         frames.hold(result, kept, frame)
     frames.let_go(left)
-    return say("{found} in {seconds:.1f} s", found=sentence, seconds=seconds)
+    return say("{found} in {seconds:.1f} s", found=say_kept(sentence), seconds=seconds)
 
 
 def save_finding(

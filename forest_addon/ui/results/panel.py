@@ -24,9 +24,9 @@ class FOREST_PT_results(OnceStarted, bpy.types.Panel):
         if not results:
             self.layout.label(text="Nothing has run yet", icon="INFO")
         if any(result.stale for result in results):
-            row = self.layout.row(align=True)
-            row.label(text="Some are from before the last change", icon="TIME")
-            row.operator("forest.run", text="Run Again", icon="FILE_REFRESH").again = True
+            column = self.layout.column(align=True)  # beside the button the words would be cut off
+            column.label(text="Some are from before the last change", icon="TIME")
+            column.operator("forest.run", text="Run Again", icon="FILE_REFRESH").again = True
         for result in results:
             _draw_result(self.layout, result)
 
@@ -37,18 +37,11 @@ def _draw_result(layout: bpy.types.UILayout, result: Any) -> None:
     header, body = layout.panel_prop(result, "opened")
     title = label("{name} (before)", name=result.title) if result.stale else result.title
     header.label(text=title, icon=icon_of(result.kind))
-    points = points_of(result)
-    if points is not None:
-        eye = "HIDE_OFF" if is_seen(points) else "HIDE_ON"
-        header.operator("forest.show_result", text="", icon=eye).result = result.name
+    if points_of(result) is not None:
         chosen = header.operator("forest.select_result", text="", icon="RESTRICT_SELECT_OFF")
         chosen.shown = result.shown
+    _draw_looks(header, result)
     record = RESULTS.get(result.kind)
-    if record is not None and record.sound is not None:
-        header.operator("forest.play", text="", icon="PLAY_SOUND").sensor = result.name
-    if result.picture is not None:
-        shown = header.operator("forest.show_picture", text="", icon="IMAGE_DATA")
-        shown.result = result.name
     if result.file:
         opened = header.operator("wm.path_open", text="", icon="FILE_FOLDER")
         opened.filepath = result.file
@@ -78,6 +71,34 @@ def _draw_result(layout: bpy.types.UILayout, result: Any) -> None:
         values.label(text=label_of_kept(figure.made_of) if figure.made_of else figure.value)
     if result.kind != "forest":
         _draw_end(body, result)
+
+
+def draw_found(layout: bpy.types.UILayout, result: Any) -> None:
+    """Draw in one line what a sensor found, with the buttons that show it; the result itself is far below."""
+    row = layout.row(align=True)
+    said = result.summary
+    words = label_of_kept(said.made_of) if said.made_of else said.value
+    if result.frames or not words:  # each frame has its own; earlier versions kept no such line
+        words = result.title
+    if result.stale:
+        words = label("{name} (before)", name=words)
+    row.label(text=words, icon="TIME" if result.stale else "CHECKMARK")
+    _draw_looks(row, result)
+
+
+def _draw_looks(layout: bpy.types.UILayout, result: Any) -> None:
+    """Draw the buttons that show the points of a result, play it, and show its picture."""
+    from ...results.kinds import RESULTS
+
+    points, record = points_of(result), RESULTS.get(result.kind)
+    if points is not None:
+        eye = "HIDE_OFF" if is_seen(points) else "HIDE_ON"
+        layout.operator("forest.show_result", text="", icon=eye).result = result.name
+    if record is not None and record.sound is not None:
+        layout.operator("forest.play", text="", icon="PLAY_SOUND").sensor = result.name
+    if result.picture is not None:
+        shown = layout.operator("forest.show_picture", text="", icon="IMAGE_DATA")
+        shown.result = result.name
 
 
 def _draw_end(layout: bpy.types.UILayout, result: Any) -> None:

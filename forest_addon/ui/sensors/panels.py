@@ -11,6 +11,7 @@ from ... import spec
 from ...blender.sensors import objects as sensors
 from ...sensing.kinds import KINDS
 from ..forest.wind_view import draw_wind
+from ..results.panel import draw_found
 from ..settings import references
 from ..settings.drawing import BIG, OnceStarted, draw_settings, folded, name_in, split
 from ..settings.lists import draw_list
@@ -35,7 +36,7 @@ class FOREST_PT_sensors(OnceStarted, bpy.types.Panel):
         known = sensors.sensors_of(context.scene)
         home = sensors.home_of(context.scene, known)
         row = layout.row()
-        if home is not None:
+        if home is not None and known:
             with while_drawn(props):
                 row.template_list(
                     "FOREST_UL_sensors", "", home, "objects", props, "active_sensor", rows=3
@@ -48,6 +49,9 @@ class FOREST_PT_sensors(OnceStarted, bpy.types.Panel):
         draw_adopt(layout, context, context.view_layer.objects.active)
         thing = chosen_sensor(context, known)
         _draw_run(layout, thing)
+        found = None if thing is None else context.scene.forest_sensing.results.get(thing.name)
+        if found is not None:
+            draw_found(layout, found)
         draw_switch(layout, context, thing)
         split(layout).prop(props, "output", placeholder="In this file alone")
 

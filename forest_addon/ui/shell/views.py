@@ -57,9 +57,13 @@ def redraw_panels() -> None:
 
 
 def look_at(area: bpy.types.Area, field: Forest) -> None:
-    """Turn a 3D view to the whole field, beside the sidebar; one that looks through a camera stays."""
+    """Turn a 3D view to the whole field, beside the sidebar, and have its solid mode draw no outlines.
+
+    A view that looks through a camera is not turned.
+    """
     space = area.spaces.active
     view = space.region_3d
+    space.shading.show_object_outline = False  # black around every leaf: crowns would be dark
     if view.view_perspective == "CAMERA":
         return
     longest = max(field.size)

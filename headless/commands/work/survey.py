@@ -12,16 +12,17 @@ from typing import Any
 
 import numpy as np
 
-from forest_addon.base.trimesh import GROUND, OTHER, TriMesh
+from forest_addon.base.trimesh import GROUND, LEAF, OTHER, TriMesh
 from forest_addon.formats.helios.legs import Leg
 from forest_addon.formats.helios.survey import Survey, read_survey
 from forest_addon.results.coordinates import NO_OFFSET, Offset
 from forest_addon.results.scan_file import write_scan
 from forest_addon.sensing.lidar.cloud import Cloud
-from forest_addon.sensing.lidar.scan import Scan
-from forest_addon.sensing.lidar.surveys.digitised import DigitisedScan
+from forest_addon.sensing.lidar.surveys.digitised import DigitisedScan, rings
+from forest_addon.sensing.lidar.surveys.held import FEWEST, HeldCaster, stretch_of
 from forest_addon.sensing.lidar.surveys.leg import SurveyLeg, step_count
 from forest_addon.sensing.lidar.surveys.stepped import SteppedMotion, SteppedPath
+from forest_addon.sensing.lidar.surveys.voxels import Haze, HazyScan
 from forest_addon.sensing.rays.caster import RayCaster
 from forest_addon.sensing.rays.geometry import SceneGeometry
 from forest_addon.sensing.rays.moving import MovingCaster, TimedCaster
@@ -66,7 +67,7 @@ class ScanChoice:
     echoes: str = ECHOES[0]
 
 
-class _Counting(Scan):
+class _Counting(HazyScan):
     """A scan that counts its pulses by returns, and sums its points, while it runs."""
 
     def chunks(self, first: int = 0, at_once: int | None = None) -> Iterator[tuple[int, Cloud]]:
@@ -173,8 +174,12 @@ def _scan_of(
     digitiser = leg.digitiser
     if choice.echoes == "survey" and digitiser.rings > 1:
         across = np.pi / 2 if survey.device.optics == "conic" else 0.0
-        return CountedDigitisedScan(sensor, caster, choice.seed, pattern, digitiser, across)
-    return CountedScan(sensor, caster, choice.seed, pattern=pattern)  # type: ignore[arg-type]
+        found: _Counting = CountedDigitisedScan(
+            sensor, caster, choice.seed, pattern, digitiser, across
+        )
+    else:
+        found = CountedScan(sensor, caster, choice.seed, pattern=pattern)  # type: ignore[arg-type]
+    return found.among(hazes_of(survey))
 
 
 def casters_of(survey: Survey, engine: str) -> Callable[[int], RayCaster | TimedCaster]:
@@ -197,15 +202,24 @@ def casters_of(survey: Survey, engine: str) -> Callable[[int], RayCaster | Timed
             for i, part in moving.items()
             if part.motion
         }
-        return MovingCaster(scene, SteppedMotion(paths), partial(make_caster, rays=rays))
+        motion, make = SteppedMotion(paths), partial(make_caster, rays=rays)
+        kind = MovingCaster if stretch_of(motion) < FEWEST else HeldCaster
+        return kind(scene, motion, make)
 
     return caster
 
 
 def geometry_of(survey: Survey) -> SceneGeometry:
-    """The parts of a scene as what rays meet; ground is labelled as such."""
+    """The parts of a scene as what rays meet; ground is labelled as such.
+
+    Of voxels that light passes by chance a triangle without area stands for all: ``hazes_of`` has them.
+    """
     meshes, parts = [], survey.parts
     for part in parts:
+        if part.mesh.hazes:
+            nowhere = np.repeat(part.mesh.vertices[:1], 3, axis=0)
+            meshes.append(TriMesh.of_part(nowhere, np.array([[0, 1, 2]]), LEAF))
+            continue
         mesh = TriMesh.of_part(part.mesh.vertices, part.mesh.triangles, OTHER)
         mesh.part[part.mesh.ground] = GROUND
         meshes.append(replace(mesh, material=part.mesh.slot))
@@ -221,12 +235,21 @@ def geometry_of(survey: Survey) -> SceneGeometry:
     )
 
 
+def hazes_of(survey: Survey) -> tuple[Haze, ...]:
+    """Voxels of a survey that light passes by chance."""
+    return tuple(
+        Haze(number, part.transform, grid.low, grid.size, grid.density)
+        for number, part in enumerate(survey.parts)
+        for grid in part.mesh.hazes
+    )
+
+
 def sensor_of_survey(survey: Survey, leg: Leg, name: str) -> Terrestrial:
     """Settings of the light and the receiver; directions are the leg's own (``SurveyLeg``).
 
-    A pulse is 1 + 3·q·(q - 1) rays for the q rings of HELIOS++'s beam sample quality.
+    A pulse is as many rays as the rings of HELIOS++'s beam sample quality have.
     """
-    device, rings = survey.device, leg.digitiser.rings
+    device = survey.device
     spread = leg.divergence * 1e3
     return Terrestrial(
         name=name,
@@ -236,7 +259,7 @@ def sensor_of_survey(survey: Survey, leg: Leg, name: str) -> Terrestrial:
         beam=Beam(
             wavelength_nm=device.wavelength_nm,
             divergence_mrad=(spread, spread),
-            subrays=1 + 3 * rings * (rings - 1),
+            subrays=len(rings(leg.digitiser.rings).share),
             pulse_ns=device.pulse_ns,
             max_returns=min(device.max_returns or MOST_RETURNS, MOST_RETURNS),
         ),

@@ -83,7 +83,7 @@ def _largest(engine: str) -> list[str]:
     start = time.process_time()
     forest = orchards.plant(LARGEST, orchards.first_internode(), seed=1)
     tractor = orchards.tractor_for(forest, 0)
-    scene = orchards.scene_of(forest, tractor)
+    scene = orchards.scene_of(tractor)
     observer = stand_up(forest, scene, Rays(engine=engine, threads=1))
     meshes = observer.caster.scene.meshes
     built = time.process_time()

@@ -177,7 +177,7 @@ def extent_along(forest: GrownForest) -> tuple[float, float]:
     return float(along.min()), float(along.max())
 
 
-def scene_of(forest: GrownForest, tractor: Tractor) -> Scene:
+def scene_of(tractor: Tractor) -> Scene:
     """The settings that the Blender scene of an orchard is built from: the ground, and the scanner."""
     length = max(tractor.track, 1.0)
     field = Field(size=(4.0, length), origin=(0.0, tractor.position[1]), margin=5.0)

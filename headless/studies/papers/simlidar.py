@@ -78,7 +78,7 @@ def observe(
     begin = time.process_time()
     forest = orchards.plant(orchard, internode, seed)
     thin = orchards.tractor_for(forest, 0, gap)
-    scene = orchards.scene_of(forest, thin)
+    scene = orchards.scene_of(thin)
     observer = stand_up(forest, scene, Rays(engine=engine))
     caster = observer.caster
     built = time.process_time()

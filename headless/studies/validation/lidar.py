@@ -140,7 +140,7 @@ than that.
 def validate(data: Path, out: Path, arguments: argparse.Namespace) -> list[Comparison]:
     """All parts; or a cloud of the user's own against a scene."""
     if arguments.file:
-        return compare_own(arguments.file, arguments.scene, out)
+        return compare_own(arguments.file, arguments.scene)
     found = compare_flights(data / "clouds", arguments.seed)
     found += compare_gaps(arguments.seed)
     found += compare_stems(data / "rioja", out, arguments.seed)

@@ -170,7 +170,7 @@ def flown(site: ForestSite, forest: GrownForest, seed: int, size: np.ndarray) ->
     return points[inside]
 
 
-def compare_living(data: Path, out: Path, seed: int) -> list[Comparison]:
+def compare_living(data: Path, seed: int) -> list[Comparison]:
     """A pine plot from tripods, a plot from a drone, and the wood of a beech, each beside its measurement."""
     found = _plot_rows(seed)
     drone = data / "clouds" / "spanner_UAS.laz"

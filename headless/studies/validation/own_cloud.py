@@ -96,7 +96,7 @@ def read_cloud(path: Path) -> CloudReturns:
     )
 
 
-def compare_own(file: Path, scene: Path | None, out: Path) -> list[Comparison]:
+def compare_own(file: Path, scene: Path | None) -> list[Comparison]:
     """Compare a cloud with the clouds of a scene's scanners.
 
     Raises

@@ -98,7 +98,7 @@ def validate(data: Path, out: Path, arguments: argparse.Namespace) -> list[Compa
         "band of their diameter, red ones do not, of black ones too few were measured.",
     )
     rows = [*found[:-1], Comparison(**(vars(found[-1]) | {"pictures": (picture,)}))]
-    rows += compare_living(data, out, arguments.seed)
+    rows += compare_living(data, arguments.seed)
     return rows + compare_volumes(data, arguments.seed)
 
 

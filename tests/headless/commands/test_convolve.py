@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scipy.io import wavfile
 
+from headless.cli import main
 from headless.commands.work.convolve import convolve
 from headless.studies.papers.reverb_figures import Study, draw_figures, findings, responses
 
@@ -25,6 +26,19 @@ def test_convolve_from_the_command_line(headless, tmp_path):
     np.testing.assert_allclose(wet[1:, 0], 0.5 * dry / 32768, atol=1e-7)
     np.testing.assert_allclose(wet[:-1, 1], dry / 32768, atol=1e-7)
     assert headless("convolve", tmp_path / "none.wav", CLAP).returncode == 2
+
+
+@pytest.mark.parametrize(
+    ("name", "said"), [("wet.mp3", "must end in .wav"), ("dry.wav", "is read from")]
+)
+def test_no_file_of_another_kind_and_none_that_is_read_is_written(tmp_path, capsys, name, said):
+    dry = tmp_path / "dry.wav"
+    dry.write_bytes(b"a recording")
+    out = ("--out", str(tmp_path / name))
+    assert main(["convolve", str(tmp_path / "ir.wav"), str(dry), *out]) == 2
+    assert said in capsys.readouterr().err
+    assert dry.read_bytes() == b"a recording"
+    assert [path.name for path in tmp_path.iterdir()] == ["dry.wav"]
 
 
 def test_levels_above_full_scale_stay_unless_normalised(tmp_path):

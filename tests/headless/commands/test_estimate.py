@@ -12,6 +12,7 @@ from forest_addon.stand.intensity.functions import Mixture
 from forest_addon.stand.plan import plan_stand
 from forest_addon.stand.poisson import sample
 from forest_addon.stand.process import Process
+from headless.cli import main
 from headless.commands.work.estimate import estimate_site
 
 UTM = np.array([432_100.0, 5_612_300.0])
@@ -161,3 +162,11 @@ def test_the_command(headless, site, tmp_path):
     ended = headless(*words)
     assert ended.returncode == 2
     assert ended.stderr.startswith('error: --species: "elm" is no preset')
+
+
+def test_a_map_is_not_overwritten_by_its_scene(tmp_path, capsys):
+    trees = tmp_path / "trees.csv"
+    trees.write_text("x,y\n1,2\n")
+    assert main(["estimate", str(trees), "--out", str(trees)]) == 2
+    assert "must end in .toml" in capsys.readouterr().err
+    assert trees.read_text() == "x,y\n1,2\n"

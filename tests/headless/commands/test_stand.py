@@ -137,3 +137,10 @@ def test_unsquared_formulas_of_the_papers_became_squared_ones():
         settings = read_settings(SCENES / f"{name}.toml", Scene)
         found = [w**2 for p in settings.plantings for g in p.gaussians for w in g.width]
         assert found == pytest.approx(widths, rel=1e-8)
+
+
+@pytest.mark.parametrize("name", ["points.xls", "points.png", "points"])
+def test_an_ending_that_holds_no_table_is_refused(tmp_path, capsys, name):
+    assert main(["stand", "demo", "--out", str(tmp_path / name)]) == 2
+    assert "must end in .csv or .geojson" in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())

@@ -58,7 +58,7 @@ def test_beam_and_noise_make_twigs_thicker_and_thick_branches_hardly():
 
 def test_a_cloud_of_ones_own_needs_a_scene(tmp_path):
     with pytest.raises(SpecError, match="--scene: is needed beside a cloud"):
-        compare_own(tmp_path / "a.laz", None, tmp_path)
+        compare_own(tmp_path / "a.laz", None)
     (tmp_path / "a.laz").write_bytes(b"no cloud")
     with pytest.raises(SpecError, match="cannot be read as LAS or LAZ"):
         lidar.validate(
@@ -86,7 +86,7 @@ def test_a_cloud_of_ones_own_is_held_to_a_scene(tmp_path):
     scene.write_text(OWN, encoding="utf-8")
     settings = api.read(scene)
     api.build(settings).scan(settings.sensors[0]).save(tmp_path / "own.laz")
-    found = compare_own(tmp_path / "own.laz", scene, tmp_path)
+    found = compare_own(tmp_path / "own.laz", scene)
     assert [c.agrees for c in found] == [True] * 6
     assert found[0].measured.value == pytest.approx(found[0].simulated.value)
 

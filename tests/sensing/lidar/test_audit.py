@@ -1,5 +1,7 @@
 """A scan's audit: silent on what is right, loud on what is wrong."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from references.rays_brute import BruteCaster
@@ -87,6 +89,38 @@ def test_a_drive_is_audited_too():
 
     assert audit(BruteCaster(scene())).kept
     assert not audit(Off(scene(), 1.001)).kept
+
+
+def test_of_the_rays_of_a_beam_that_meet_level_ground_at_once_any_is_right():
+    """Strips of ground across the drive: the rays of a beam meet one each, at the same distance."""
+    edge = np.arange(-4.0, 4.0, 0.3)
+    ends = np.stack(np.meshgrid(edge, (-9.0, 9.0), (0.0,), indexing="ij"), axis=-1).reshape(-1, 3)
+    first = 2 * np.arange(len(edge) - 1)[:, None]
+    strips = np.concatenate([first + np.array([0, 1, 2]), first + np.array([1, 3, 2])])
+    mesh = TriMesh.of_part(ends[:, [1, 0, 2]] * (-1, 1, 1), strips, LEAF)
+    none = np.full(1, -1)
+    level = SceneGeometry((mesh,), np.eye(3, 4)[None], np.zeros(1, int), ("ground",), none, none)
+    place = {"position": (-6.0, -3.0, 1.0), "reach": 5.0, "top": 2.0}
+    drives = Tractor(**place, track=6.0, step=0.5, angle_step_deg=5, splits=1)
+
+    class Rounds(BruteCaster):
+        """Right, but for the last bits."""
+
+        def cast(self, *rays, **limits):
+            hits = super().cast(*rays, **limits)
+            distance = hits.distance * (1 - 1e-15 * (np.arange(len(hits.distance)) % 97))
+            return Hits(distance, hits.instance, hits.triangle)
+
+    def audit(caster, found):
+        return audit_drive(drives, found, caster, stream(1, "a"), 2.0, 0.05)
+
+    caster = Rounds(level)
+    found = drive(drives, caster)
+    assert (found.returns.triangle != drive(drives, BruteCaster(level)).returns.triangle).any()
+    assert audit(caster, found).kept
+    met = np.isfinite(found.returns.distance)
+    wrong = np.where(met, found.returns.triangle + 4, -1)
+    assert not audit(caster, replace(found, returns=replace(found.returns, triangle=wrong))).kept
 
 
 def test_either_side_of_an_edge_is_right():

@@ -1,5 +1,6 @@
 """A response's audit: silent on what is right, loud on what is wrong; stands of any radii."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -139,6 +140,25 @@ def test_a_wrong_sum_is_found():
 def test_no_trunks():
     found = audit(Trunks(np.empty((0, 2)), np.empty(0), np.empty(0, int)), CLAP)
     assert found.kept
+
+
+@pytest.mark.slow
+def test_a_trunk_that_sounds_after_the_record_is_not_held_against_it():
+    """What is in the record is the spread of the band's end before its arrival."""
+    clap = Reverb(
+        source=(0, 0, 1.5),
+        receiver=(5, 0, 1.5),
+        sample_rate=8000.0,
+        duration=0.05,
+        model="forest",
+        tail="none",
+    )
+    sound, path = AIR.speed() / clap.sample_rate, 400 + 12.0  # metres and samples
+    away = math.sqrt((path * sound / 2) ** 2 - 2.5**2)
+    trunk = Trunks(np.array([[2.5, away]]), np.array([0.1]), np.array([0]))
+    found = audit(trunk, clap)
+    assert found.kept, str(found)
+    assert not any(check.checked == 0 and check.error for check in found.checks)
 
 
 def test_errors_by_octave():

@@ -317,6 +317,15 @@ def test_the_ground_has_the_spectrum_of_its_reflection() -> None:
         np.testing.assert_allclose(found[bins] / mirror[bins], expected, atol=2e-3)
 
 
+def test_what_a_soft_ground_sends_after_a_short_record_is_not_heard_at_its_begin() -> None:
+    """Against a long record; the path of 100.04 m ends 8 ms before the short one does."""
+    far = {"source": (0.0, 0.0, 1.5), "receiver": (100.0, 0.0, 1.5), "sample_rate": 24e3}
+    short, long = (
+        listen(NOTHING, surface="snow", duration=seconds, **far).ground for seconds in (0.3, 4.0)
+    )
+    assert np.abs(short - long[: len(short)]).max() < 1e-5 * np.abs(long).max()
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("rate", [1000.0, 192_000.0])
 def test_slow_and_fast_sampling(rate: float) -> None:

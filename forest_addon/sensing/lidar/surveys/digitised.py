@@ -11,19 +11,21 @@ Distances are times in one direction there: light that is 1 m farther is 3.3 ns 
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from ....formats.helios.device import Digitiser
-from ...rays.caster import RayCaster, hit_normals
+from ...rays.caster import Hits, RayCaster
 from ...rays.moving import TimedCaster
 from ..footprint import BeamFrames
-from ..one_face import Received
-from ..passage import meet
+from ..one_face import Received, scalars_of
+from ..passage import Contacts
 from ..radiometry import intensity, reflectance_of
 from ..returns import cosines
-from ..scan import Scan
+from ..scan import RAYS_AT_ONCE, Scan
 from ..scanner import LiDAR, Pattern, Pulses
 from ..waveform import LIGHT, WaveformEchoes
 
@@ -34,7 +36,7 @@ METRES_A_NS = LIGHT * 1e-9
 class DigitisedScan(Scan):
     """A scan whose footprints are HELIOS++'s rings of rays, and whose echoes are found in bins.
 
-    Beams of which it is known that they meet one face, and a short way of it, have one echo without that.
+    Beams that meet one face, and a short way of it, have one echo without that.
     across : radians by which the first ray of a ring is turned from the direction of the sweep.
     """
 
@@ -65,35 +67,63 @@ class DigitisedScan(Scan):
             turn_y=half[1] * (cos * beside - sin * pulses.across),
         )
 
-    def _traced(self, beams: BeamFrames, keys: np.ndarray, time: np.ndarray) -> Received:
-        scanner, scene, count = self.scanner, self.caster.scene, len(self._rings.away)
-        origin, way = ring_rays(beams, self._rings)
-        when = np.repeat(time, count)
-        chances = np.zeros(len(way), dtype=np.uint64)  # parts have no leaves that pass light
-        at = None if self._moving is None else when
-        contacts = meet(self.caster, origin, way, scanner.max_range, scanner.surfaces, chances, at)
-        hits, ways = contacts.hits, way[contacts.ray]
-        if self._moving is None:
-            normal = hit_normals(scene, hits)
-        else:
-            normal = self._moving.normals(hits, when[contacts.ray])
-        share = self._rings.share[contacts.ray % count]
+    def _on_faces(
+        self, beams: BeamFrames, rows: np.ndarray, face: np.ndarray
+    ) -> Iterator[tuple[np.ndarray, Received]]:
+        at_once = RAYS_AT_ONCE // len(self._rings.away)
+        for first in range(0, len(rows), at_once):
+            part = slice(first, first + at_once)
+            yield rows[part], self._on_face(beams.select(rows[part]), face[part])
+
+    def _on_face(self, beams: BeamFrames, face: np.ndarray) -> Received:
+        """Echoes of beams (P,) that meet these faces with all their rays."""
+        planes, ring = self._planes, self._rings
+        normal = planes.normal[face]
+        scalars = scalars_of(beams, planes.foot[face], normal)[:, :, None]
+        height, _, _, facing, turn_x, turn_y = scalars
+        half = 0.5e-3 * self.scanner.beam.divergence_mrad[0]
+        lean = facing + ring.x * turn_x
+        lean += ring.y * turn_y
+        lean /= np.sqrt(1 + (half * ring.away) ** 2)
+        distance = height / lean
+        light = planes.reflectance[face][:, None] * ring.share
+        energy = intensity(light, lean, distance, self.scanner.beam.extinction)
+        inside = (distance >= self.scanner.min_range) & (distance <= self.scanner.max_range)
+        pulse, subray = np.nonzero((energy > 0) & inside)
+        echoes = self._digitised(pulse, subray, distance[pulse, subray], energy[pulse, subray])
+        beam, ray = pulse[echoes.contact], subray[echoes.contact]
+        way = beams.axis[beam] + ring.x[ray, None] * beams.turn_x[beam]
+        way += ring.y[ray, None] * beams.turn_y[beam]
+        way /= np.linalg.norm(way, axis=1, keepdims=True)
+        met = face[beam]
+        hits = Hits(distance[beam, ray], planes.instance[met], planes.triangle[met])
+        return Received(echoes, hits, way, normal[beam])
+
+    def _rays(self, beams: BeamFrames) -> tuple[np.ndarray, np.ndarray]:
+        return ring_rays(beams, self._rings)
+
+    def _received(
+        self, rays: tuple[np.ndarray, np.ndarray], contacts: Contacts, time: np.ndarray
+    ) -> Received:
+        scanner, scene = self.scanner, self.caster.scene
+        hits, ways = contacts.hits, rays[1][contacts.ray]
+        normal = self._normals(hits, ways, time[contacts.ray])
+        share = self._rings.share[contacts.ray % len(self._rings.share)]
         reflectance = reflectance_of(scene, hits, contacts.organ, scanner.surfaces)
         energy = intensity(
             reflectance * share, cosines(normal, ways), hits.distance, scanner.beam.extinction
         )
         counts = np.flatnonzero((energy > 0) & (hits.distance >= scanner.min_range))
-        pulse, subray = np.divmod(contacts.ray[counts], count)
-        echoes = digitised(
-            pulse,
-            subray,
-            hits.distance[counts],
-            energy[counts],
-            scanner.beam.pulse_ns,
-            self._digitiser,
-        )
+        pulse, subray = np.divmod(contacts.ray[counts], len(self._rings.share))
+        echoes = self._digitised(pulse, subray, hits.distance[counts], energy[counts])
         chosen = counts[echoes.contact]
         return Received(echoes, hits.select(chosen), ways[chosen], normal[chosen])
+
+    def _digitised(
+        self, pulse: np.ndarray, subray: np.ndarray, distance: np.ndarray, energy: np.ndarray
+    ) -> WaveformEchoes:
+        pulse_ns = self.scanner.beam.pulse_ns
+        return digitised(pulse, subray, distance, energy, pulse_ns, self._digitiser)
 
 
 @dataclass(frozen=True)
@@ -103,6 +133,16 @@ class Rings:
     away: np.ndarray
     around: np.ndarray
     share: np.ndarray
+
+    @cached_property
+    def x(self) -> np.ndarray:
+        """(N,) half divergences from the axis, along the first ray of a ring."""
+        return np.asarray(self.away * np.cos(self.around))
+
+    @cached_property
+    def y(self) -> np.ndarray:
+        """(N,) half divergences from the axis, across that."""
+        return np.asarray(self.away * np.sin(self.around))
 
 
 def rings(quality: int) -> Rings:
@@ -122,7 +162,7 @@ def rings(quality: int) -> Rings:
 
 def ring_rays(beams: BeamFrames, rays: Rings) -> tuple[np.ndarray, np.ndarray]:
     """(P·N, 3) origins and unit directions of the rays of P beams that start in a point, beam by beam."""
-    x, y = rays.away * np.cos(rays.around), rays.away * np.sin(rays.around)
+    x, y = rays.x, rays.y
     way = (
         beams.axis[:, None]
         + x[:, None] * beams.turn_x[:, None]

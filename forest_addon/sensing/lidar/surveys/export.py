@@ -4,22 +4,37 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import count
 from pathlib import Path
 from xml.etree.ElementTree import Element, SubElement
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ....formats.atomic import replacing
 from ....formats.helios.writing import rotated, words, write_document
-from ....spec import Airborne, Mobile, MovingScanner, Scanner, Sensor, Surfaces, Terrestrial
+from ....spec import (
+    Airborne,
+    Beam,
+    Mobile,
+    MovingScanner,
+    Noise,
+    Scanner,
+    Sensor,
+    Surfaces,
+    Terrestrial,
+    Tractor,
+)
 from ...trajectory import Trajectory, strips
-from ..scanner import directions
+from ..scanner import Pattern, directions, pattern_of
+from ..tractor import fan, positions
+from .digitised import rings
+from .poses import beam_poses, canonical, write_poses
 
 LEAVE_TOGETHER = "the beams of a column leave at one time"
 PATTERNS = ("lines", "fans", "zigzag", "circles", "spinning")  # that HELIOS++ has optics for
 FANS = 3  # that look down, ahead and back
 ROWS_A_SECOND, MOST_POSES = 100.0, 200_000  # of a trajectory
+MOST_PULSES = 1_000_000  # that have a row each
 FEWEST_SWING = 204  # pulses of a mirror's swing: theirs turns round in 50 at each end, twice
 MOST_ROWS = 10_000  # beams one above the other, that a scanner is given as channels
 THEIRS = Rotation.from_euler("z", np.pi / 2)  # from our axes to theirs
@@ -45,23 +60,32 @@ def write_survey(
     surfaces : that the materials were made of. way : of a mobile sensor.
     """
     scanner_of_ours = scanner_of(sensor)
-    if scanner_of_ours is None:
+    rows = _rows(sensor)
+    if rows > MOST_ROWS:
+        why = f"{rows:,} beams one above the other are more than {MOST_ROWS:,}"
+        return Exported(sensor.name, None, (why,))
+    file = TRAJECTORIES.format(name=f"{scene}-{sensor.name}")
+    if scanner_of_ours is None and not isinstance(sensor, Tractor):
         return Exported(sensor.name, None, (f"HELIOS++ has no {sensor.kind}",))
     pattern, name = getattr(sensor, "pattern", ""), f"{scene}-{sensor.name}"
-    if isinstance(sensor, Terrestrial):
-        rows = len(directions(sensor)[1])
-        if rows > MOST_ROWS:
-            why = f"{rows:,} beams one above the other are more than {MOST_ROWS:,}"
-            return Exported(sensor.name, None, (why,))
+    if isinstance(sensor, Tractor):
+        scanner, platform, legs = _tractor(sensor)
+        unsaid = ["points, not a matrix of distances; intensities are those of the surfaces"]
+        unsaid += ["a beam is one ray, its first: splits are left out"] if sensor.splits else []
+    elif isinstance(sensor, Terrestrial):
         scanner, platform, legs = _tripod(sensor)
         unsaid = [LEAVE_TOGETHER]
-    elif isinstance(sensor, MovingScanner) and (why := _cannot(sensor)):
-        return Exported(sensor.name, None, (f"{why}; its way is in scene.json",))
+    elif isinstance(sensor, Airborne | Mobile) and _cannot(sensor) and (way or flown(sensor)):
+        pattern_of_ours = pattern_of(sensor, way)
+        if pattern_of_ours.count > MOST_PULSES:
+            why = f"{_cannot(sensor)}, and a row for each of {pattern_of_ours.count:,} pulses are too many"
+            return Exported(sensor.name, None, (f"{why}; its way is in scene.json",))
+        scanner, platform, legs = _posed(sensor, pattern_of_ours, folder / file, file)
+        unsaid = [f"{_cannot(sensor)}: its platform turns as the beam does, a row a pulse"]
     elif isinstance(sensor, Airborne):
         scanner, platform, legs = _strips(sensor)
         unsaid = [_of_pattern(pattern)]
     elif isinstance(sensor, Mobile) and way is not None:
-        file = TRAJECTORIES.format(name=name)
         scanner, platform, legs = _along(sensor, way, folder / file, file)
         unsaid = [_of_pattern(pattern)]
     else:
@@ -89,7 +113,16 @@ def write_survey(
     survey.extend(legs)
     path = f"{SURVEYS}/{name}.xml"
     write_document(folder / path, root)
-    return Exported(sensor.name, path, (*unsaid, *_unsaid(scanner_of_ours, surfaces)))
+    if scanner_of_ours is not None:
+        unsaid += _unsaid(scanner_of_ours, surfaces)
+    return Exported(sensor.name, path, tuple(unsaid))
+
+
+def _rows(sensor: Sensor) -> int:
+    """Beams one above the other that are channels of a head."""
+    if isinstance(sensor, Tractor):
+        return len(fan(sensor))
+    return len(directions(sensor)[1]) if isinstance(sensor, Terrestrial) else 0
 
 
 def scanner_of(sensor: Sensor) -> Scanner | None:
@@ -123,12 +156,12 @@ def _unsaid(sensor: Scanner, surfaces: Surfaces) -> Iterator[str]:
 
 
 def _rings(subrays: int) -> int:
-    """Rings of HELIOS++ that have at least so many rays: 1 + 3·q·(q - 1)."""
-    return int(np.ceil((3 + np.sqrt(9 + 12 * (subrays - 1))) / 6 - 1e-9))
+    """Rings of HELIOS++ that have at least so many rays."""
+    return next(quality for quality in count(1) if _rays(quality) >= subrays)
 
 
-def _rays(rings: int) -> int:
-    return 1 + 3 * rings * (rings - 1)
+def _rays(quality: int) -> int:
+    return len(rings(quality).share)
 
 
 def _device(sensor: Scanner, pulse_rate: float, widest_deg: float, scan_hz: float) -> Element:
@@ -255,15 +288,56 @@ def _told_of(sensor: MovingScanner, scanner: Element) -> dict[str, object]:
 
 
 def _cannot(sensor: MovingScanner) -> str:
-    """Sentence on why HELIOS++ has no such pattern; empty where it has."""
+    """Sentence on why HELIOS++ has no optics of such a pattern; empty where it has."""
     low, high = sensor.field_deg
     if sensor.pattern not in PATTERNS:
-        return f"a {sensor.kind} scanner with pattern {sensor.pattern} is not written as a survey"
+        return f"HELIOS++ has no {sensor.pattern}"
     if sensor.pattern == "fans" and abs(low + high) > 1e-9:
-        return "fans whose field is not the same to both sides are not written as a survey"
+        return "HELIOS++ has no fans whose field is not the same to both sides"
     if sensor.pattern == "zigzag" and 2 * sensor.pulse_rate / sensor.line_rate < FEWEST_SWING:
-        return f"a zigzag of less than {FEWEST_SWING} pulses to and fro is not one of theirs"
+        return f"HELIOS++ has no zigzag of less than {FEWEST_SWING} pulses to and fro"
     return ""
+
+
+def _posed(
+    sensor: MovingScanner, pattern: Pattern, path: Path, name: str
+) -> tuple[Element, Element, list[Element]]:
+    """Scanner whose beam stands still, platform that turns as it should, and its leg."""
+    scanner = _device(sensor, sensor.pulse_rate, 180.0, 0.0)
+    SubElement(scanner, "beamOrigin", x="0", y="0", z="0")
+    write_poses(path, beam_poses(pattern, sensor.pulse_rate))
+    platform = Element("platform", id="platform", name="platform", type="interpolated")
+    SubElement(platform, "scannerMount", x="0", y="0", z="0")
+    leg = Element("leg")
+    SubElement(leg, "platformSettings", words({"trajectory": name, "trajectory_separator": ","}))
+    values = {"active": True, "pulseFreq_hz": sensor.pulse_rate, "scanFreq_hz": 0.0}
+    SubElement(leg, "scannerSettings", words({**values, "scanAngle_deg": 180.0}))
+    return scanner, platform, [leg]
+
+
+def _tractor(sensor: Tractor) -> tuple[Element, Element, list[Element]]:
+    """Scanner, platform and legs of SIMLIDAR's tractor: a channel for each angle of its fan, all at one time,
+    a pulse a scan; it goes a metre a second."""
+    along = positions(sensor)
+    step = sensor.step * (sensor.gap + 1)
+    plain = Terrestrial(name=sensor.name, max_range=sensor.max_range, noise=Noise(), beam=Beam())
+    scanner = _device(plain, 1 / step, 180.0, 0.0)
+    scanner.set("rangeMin_m", "0.0")
+    _channels(scanner, np.rad2deg(fan(sensor)))
+    platform = Element("platform", id="platform", name="tractor", type="linearpath")
+    mount = SubElement(platform, "scannerMount", x="0", y="0", z="0")
+    SubElement(mount, "rot", axis="z", angle_deg="-90" if sensor.side == "right" else "90")
+    heading = np.deg2rad(sensor.heading_deg)
+    ahead = np.array([np.cos(heading), np.sin(heading), 0.0])
+    legs = []
+    for gone, active in ((-step, True), (float(along[-1]), False)):
+        leg = Element("leg")
+        x, y, z = (np.array(sensor.position) + gone * ahead).tolist()
+        SubElement(leg, "platformSettings", words({"x": x, "y": y, "z": z, "movePerSec_m": 1.0}))
+        values = {"active": active, "pulseFreq_hz": 1 / step, "scanFreq_hz": 0.0}
+        SubElement(leg, "scannerSettings", words({**values, "scanAngle_deg": 180.0}))
+        legs.append(leg)
+    return scanner, platform, legs
 
 
 def _carrier(sensor: MovingScanner, kind: str, swung: Rotation) -> Element:
@@ -284,17 +358,7 @@ def _along(
     time = np.linspace(0.0, way.duration, int(way.duration * ROWS_A_SECOND) + 2)
     time = np.linspace(0.0, way.duration, min(len(time), MOST_POSES))
     where, attitude = way.at(way.start + time)
-    angles = np.rad2deg(np.unwrap((attitude * THEIRS.inv()).as_euler("XYZ"), axis=0))
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with replacing(path) as partial:
-        np.savetxt(
-            partial,
-            np.column_stack([time, angles, where]),
-            fmt="%.12g",
-            delimiter=",",
-            comments="#",
-            header='HEADER: "t", "roll", "pitch", "yaw", "x", "y", "z"',
-        )
+    write_poses(path, (time, canonical(attitude * THEIRS.inv()), where))
     leg = Element("leg")
     SubElement(leg, "platformSettings", words({"trajectory": name, "trajectory_separator": ","}))
     turned = float(str(said.get("headRotatePerSec_deg", 0.0))) * way.duration

@@ -114,9 +114,23 @@ class SteppedPath(RigidPath):
             ]
         return ends[0] - radius, ends[1] + radius
 
-    def _steps(self, time: np.ndarray) -> np.ndarray:
+    @property
+    def every(self) -> int:
+        """Pulses from a step to the next."""
+        return self._every
+
+    def sent(self, time: np.ndarray) -> np.ndarray:
+        """(R,) pulses that were sent before times (R,), s."""
         sent = np.round(np.asarray(time) * self._rate).astype(np.int64) - 1 + self._before
-        return np.asarray(np.maximum(sent, 0) // self._every)
+        return np.asarray(np.maximum(sent, 0))
+
+    def after(self, pulses: int) -> tuple[np.ndarray, np.ndarray]:
+        """(3, 4) transform after so many pulses, and by how much it changes a second, over the next step."""
+        here, then = self._placed(pulses // self._every + np.arange(2))
+        return here, (then - here) * (self._rate / self._every)
+
+    def _steps(self, time: np.ndarray) -> np.ndarray:
+        return self.sent(time) // self._every
 
     def _placed(self, step: np.ndarray) -> np.ndarray:
         known, which = np.unique(step, return_inverse=True)

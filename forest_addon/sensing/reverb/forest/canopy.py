@@ -27,17 +27,27 @@ FLOOR = 0.5  # m, below which leaves are of plants on the floor
 MOST = 4000  # triangles of a mesh that stand for all of its leaves
 
 
-def canopy_of(scene: SceneGeometry, heights: tuple[float, float], area: float) -> FoliageCanopy:
-    """heights : of the lower and the higher end. area : of the field, m²."""
+def canopy_of(
+    scene: SceneGeometry,
+    heights: tuple[float, float],
+    area: float,
+    trunks: np.ndarray | None = None,
+) -> FoliageCanopy:
+    """heights : of the lower and the higher end. area : of the field, m².
+
+    trunks : numbers of the trees whose trunks sound meets, which say where trunks end: shrubs and ferns
+    below them do not; None: all.
+    """
     low, high = min(heights) - BESIDE, max(heights) + BESIDE
     low = max(low, 0.0)
     leaves = {n: _leaves(scene.meshes[n]) for n in np.unique(scene.mesh_index).tolist()}
     wooden = {n: bool(is_wood(scene.meshes[n].part).any()) for n in leaves}
     tops, found, on_floor = [], 0.0, 0.0
     highest = scene.bounds()[1][:, 2]
+    counted = (scene.tree >= 0) if trunks is None else np.isin(scene.tree, trunks[trunks >= 0])
     for instance, number in enumerate(scene.mesh_index.tolist()):
         transform = scene.transform[instance]
-        if wooden[number] and scene.tree[instance] >= 0:
+        if wooden[number] and counted[instance]:
             tops.append(float(highest[instance]))
         centre, size = leaves[number]
         if len(size):

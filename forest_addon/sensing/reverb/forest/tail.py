@@ -21,6 +21,7 @@ import numpy as np
 from scipy import fft
 
 from ....acoustics.ground import surface_impedance
+from ....base.kept import LastAsked
 from ....base.rng import stream
 from ....spec import Air, Reverb
 from ..band import roll_off
@@ -96,8 +97,8 @@ class Tail:
     joint: float
     losses: Losses
     diffuse: np.ndarray | None = None
-    _blocks: dict[tuple, NoiseBlocks] = field(
-        default_factory=dict, init=False, compare=False, repr=False
+    _blocks: LastAsked[tuple, NoiseBlocks] = field(
+        default_factory=lambda: LastAsked(1), init=False, compare=False, repr=False
     )
 
     def kept(self, length: np.ndarray) -> np.ndarray:
@@ -129,11 +130,9 @@ class Tail:
         return self.blocks(rate, count, air).samples(rng)
 
     def blocks(self, rate: float, count: int, air: Air) -> NoiseBlocks:
-        """The same, not yet drawn; kept for the next time."""
+        """The same, not yet drawn; the last are kept."""
         key = rate, count, air
-        if key not in self._blocks:
-            self._blocks[key] = self._made(rate, count, air)
-        return self._blocks[key]
+        return self._blocks.once(key, lambda: self._made(rate, count, air))
 
     def _made(self, rate: float, count: int, air: Air) -> NoiseBlocks:
         size = 2 * max(16, 2 ** round(math.log2(BLOCK * rate / 2)))

@@ -19,6 +19,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ....base.kept import LastAsked
 from ....base.progress import Progress
 from ....spec import Air
 from ..band import SPREAD
@@ -36,6 +37,8 @@ from .scattering import TrunkPaths, direct_sum
 from .span_layer import SpanLayer, class_of
 
 FEW_RADII = 4
+KEPT_LAYERS, KEPT_AIRS, KEPT_GAINS = 24, 16, 64  # of what sums set up, for the next ones
+KEPT_TAILS = 128  # pairs
 MANY, LEAST_RATE = (
     4000,
     6e3,
@@ -59,10 +62,10 @@ class Expansions:
     """Expansions that the fast sum has set up so far, for any number of sources and receivers."""
 
     def __init__(self) -> None:
-        self._layers: dict[tuple, list[LayerSum]] = {}
-        self._airs: dict[tuple, AirFilter] = {}
-        self._gains: dict[tuple, PathGain] = {}
-        self.tails: dict[tuple, Tail | None] = {}  # of pairs
+        self._layers: LastAsked[tuple, list[LayerSum]] = LastAsked(KEPT_LAYERS)
+        self._airs: LastAsked[tuple, AirFilter] = LastAsked(KEPT_AIRS)
+        self._gains: LastAsked[tuple, PathGain] = LastAsked(KEPT_GAINS)
+        self.tails: LastAsked[tuple, Tail | None] = LastAsked(KEPT_TAILS)  # of pairs
 
     def sum(
         self,
@@ -120,8 +123,10 @@ class Expansions:
         bands = bands_of(rate, float(paths.radius.max(initial=0.0)), air.speed(), tolerance)
         low = FastSum(np.zeros(count), {})
         if _spans_serve(paths, rate, tolerance, losses):
-            low = self._of_low_frequencies(paths, rate, count, air, tolerance, losses)
-            bands = bands[-1:]
+            low = self._of_low_frequencies(
+                paths, rate, count, air, tolerance, losses, _half(progress, 0)
+            )
+            bands, progress = bands[-1:], _half(progress, 1)
         loud = loud_trunks(paths, rate, count, air, losses)
         rest = paths.select(~loud) if loud.any() else paths
         given = rate, count, air, tolerance, losses, bands
@@ -187,13 +192,14 @@ class Expansions:
         air: Air,
         tolerance: float,
         losses: Losses | None,
+        progress: Progress | None,
     ) -> FastSum:
         gained = self._gain(losses, rate, tolerance, whole=True) is not None
         air_filter = None if gained else self._air(rate, air, tolerance)
         size = SPREAD + count + (max(SPREAD, air_filter.tail) if air_filter else SPREAD)
         total = np.zeros(size)
         errors: dict[float, float] = {}
-        number, cosine = class_of(paths.radius), np.cos(paths.angle)
+        number, cosine, done = class_of(paths.radius), np.cos(paths.angle), 0
         for each in np.unique(number[paths.radius > 0]).tolist():
             rows = np.flatnonzero((number == each) & (paths.radius > 0))
             layer = self._span(each, rate, air, tolerance, losses, gained)
@@ -201,6 +207,9 @@ class Expansions:
             total += layer.sum(paths.select(rows), cosine[rows], size, gain)
             for octave, error in layer.errors.items():
                 errors[octave] = max(error, errors.get(octave, 0.0))
+            done += len(rows)
+            if progress:
+                progress(done, len(paths.length))
         samples = air_filter.apply(total, -SPREAD) if air_filter else total
         return FastSum(samples[SPREAD : SPREAD + count], errors)
 
@@ -216,11 +225,12 @@ class Expansions:
         """Of a class of radii."""
         bark = losses.bark if losses else 0.0
         key = "span", number, rate, air, tolerance, bark, gained
-        if key not in self._layers:
+
+        def made() -> list[LayerSum]:
             layer = SpanLayer(number, rate, air.speed(), tolerance, bark)
-            of_air = None if gained else self._air(layer.rate, air, tolerance)
-            self._layers[key] = [LayerSum(layer, of_air)]
-        return self._layers[key][0]
+            return [LayerSum(layer, None if gained else self._air(layer.rate, air, tolerance))]
+
+        return self._layers.once(key, made)[0]
 
     def _gain(
         self,
@@ -235,15 +245,11 @@ class Expansions:
             return None
         top = min(highest, 0.5 * rate)
         key = losses, top, tolerance, whole
-        if key not in self._gains:
-            self._gains[key] = PathGain(losses, top, tolerance, whole)
-        return self._gains[key]
+        return self._gains.once(key, lambda: PathGain(losses, top, tolerance, whole))
 
     def _air(self, rate: float, air: Air, tolerance: float) -> AirFilter:
         key = rate, air, tolerance
-        if key not in self._airs:
-            self._airs[key] = AirFilter(rate, air, tolerance)
-        return self._airs[key]
+        return self._airs.once(key, lambda: AirFilter(rate, air, tolerance))
 
     def _set_up(
         self,
@@ -257,12 +263,22 @@ class Expansions:
         """gained : the air is in the gain of paths."""
         bark = losses.bark if losses else 0.0
         key = radius, rate, air, tolerance, bark, gained
-        if key not in self._layers:
-            self._layers[key] = [
+
+        def made() -> list[LayerSum]:
+            return [
                 LayerSum(layer, None if gained else self._air(layer.rate, air, tolerance))
                 for layer in expand(radius, rate, air.speed(), tolerance, bark)
             ]
-        return self._layers[key]
+
+        return self._layers.once(key, made)
+
+
+def _half(progress: Progress | None, number: int) -> Progress | None:
+    """Progress of the first or the second of two parts, as of the whole; None: of none."""
+    if progress is None:
+        return None
+    whole = progress
+    return lambda done, every: whole(number * every + done, 2 * every)
 
 
 def _filters_serve(tolerance: float, losses: Losses | None, radii: np.ndarray) -> bool:

@@ -23,6 +23,7 @@ import numpy as np
 from ....acoustics import chebyshev
 from ....acoustics.cylinder import scattering_sum
 from ....acoustics.gridding import DelayGrid, width_for
+from ....acoustics.spectrum import phasors
 from ....base.rng import stream
 from ..forest.losses import NEAR
 from .audible import Audibility
@@ -240,9 +241,9 @@ class _Panel:
         level = self._wavenumber(self.frequency) ** 1.5
         level *= np.exp(-self.typical * self._loss(self.frequency))
         if count <= FEW_BINS:
-            carried = _turn(np.outer(delay, self.nodes))
+            carried = phasors(np.outer(delay, self.nodes))
             return (weight[:, None] * heights * carried).sum(axis=0) * level
-        heights *= (weight * _turn(self.frequency[count // 2] * delay))[:, None]
+        heights *= (weight * phasors(self.frequency[count // 2] * delay))[:, None]
         grid = DelayGrid(count, len(k), group.kernel)
         for start in range(0, len(rows), TRUNKS_AT_ONCE):
             some = slice(start, start + TRUNKS_AT_ONCE)
@@ -273,9 +274,3 @@ class _Panel:
         size = some.weight * some.radius**2
         error = np.linalg.norm(size * (found - exact)) / np.linalg.norm(size * exact)
         self.checks.append(PanelCheck(frequency, float(error)))
-
-
-def _turn(cycles: np.ndarray) -> np.ndarray:
-    """e^{-i2π·cycles}; whole cycles are taken off first, where the exponential would lose digits."""
-    turned: np.ndarray = np.exp(-2j * math.pi * (cycles - np.rint(cycles)))
-    return turned

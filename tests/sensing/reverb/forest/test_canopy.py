@@ -1,5 +1,7 @@
 """Leaves at the height of the path and the tops of trees, of scenes whose truth is counted by hand."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -44,6 +46,17 @@ def test_leaves_on_the_floor_are_counted_apart():
     found = canopy_of(scene(0.2), (1.5, 1.5), 100.0)
     assert found.floor_leaf_area == pytest.approx(2 * 0.5 * 0.04 / 100.0)
     assert canopy_of(scene(), (1.5, 1.5), 100.0).floor_leaf_area == 0
+
+
+def test_trunks_end_where_those_trees_do_whose_trunks_are_met():
+    """A tree of 10 m over a shrub of 1 m, whose stem the path at 1.5 m passes over."""
+    both = scene()
+    transform = both.transform.copy()
+    transform[1, :, :3] *= 0.1
+    both = replace(both, transform=transform)
+    assert canopy_of(both, (1.5, 1.5), 100.0, np.array([0, -1])).top == pytest.approx(10.0)
+    assert canopy_of(both, (1.5, 1.5), 100.0, np.array([-1])).top == 0.0
+    assert canopy_of(both, (1.5, 1.5), 100.0).top == pytest.approx(5.5)
 
 
 def test_terms_tell_their_values():

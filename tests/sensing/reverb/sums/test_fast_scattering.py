@@ -279,3 +279,23 @@ def test_order_of_trunks_does_not_matter(radius: float | tuple[float, float]) ->
     prepared = Expansions()
     one, other = (prepared.sum(p, 8e3, 9000, AIR, 1e-6).samples for p in (some, some.select(order)))
     np.testing.assert_allclose(one, other, atol=1e-6 * np.abs(one).max())
+
+
+@pytest.mark.slow
+def test_progress_of_many_radii_begins_with_the_low_frequencies_and_ends_whole() -> None:
+    some, told = paths(5000, 10.0, 150.0, (0.05, 0.3)), []
+    Expansions().sum(some, 8e3, 9000, AIR, 1e-4, progress=lambda *at: told.append(at))
+    shares = [done / every for done, every in told]
+    assert shares == sorted(shares)
+    assert 0 < shares[0] < 0.5 < shares[-1] == 1.0
+
+
+@pytest.mark.medium
+def test_what_was_dropped_is_set_up_anew_with_the_same_samples() -> None:
+    some = paths(500, 10.0, 150.0, 0.25)
+    prepared = Expansions()
+    first = prepared.sum(some, 8e3, 4000, AIR, 1e-4).samples
+    prepared._layers.limit = 1
+    prepared.sum(paths(500, 10.0, 150.0, 0.2), 8e3, 4000, AIR, 1e-4)
+    assert len(prepared._layers) == 1
+    np.testing.assert_array_equal(prepared.sum(some, 8e3, 4000, AIR, 1e-4).samples, first)

@@ -20,10 +20,11 @@ from functools import lru_cache
 import numpy as np
 from scipy import sparse
 
-from ..base.rows import RowTable
-from . import chebyshev
-from .disc import backscatter_amplitude, continued_paper
-from .disc_table import HANDOVER, RIPPLE, ROUNDED, spline_weights, tabulated_on
+from ...base.rows import RowTable
+from .. import chebyshev
+from ..disc import backscatter_amplitude, continued_paper
+from ..disc_table import HANDOVER, RIPPLE, ROUNDED, spline_weights, tabulated_on
+from .band_modes import KEPT, RANKS, BandModes
 from .leading_vectors import leading
 
 SMALLEST = 6.0  # ka from where on radii have rows
@@ -39,14 +40,12 @@ LATEST = 2.0 + 2.0 * RIPPLE  # radii, of the delays that count
 ECHOING = {"exact": 8.0, "paper": 0.5}  # radii, over which nodes resolve echoes
 COARSER = {"exact": 1.0, "paper": 5.0}  # steps of the grid, re those of a rim's phase
 STEEP = 40.0  # of the paper's fit: no fourth derivative over its own scales is larger, re the largest |f|
-RANKS = (3, 4, 6, 9, 12, 15, 18, 21, 24, 27, 30, 33, 36, 39, 42, 45, 50, 56, 64, 72)
 RADII, ANGLES = 20, 60  # discs that modes are found from
 CAUTION = 1.5  # between nodes, and between the rows that are looked at (Ehlich & Zeller 1964)
 UNSEEN = 2.0  # what may lie beyond all nodes, in parts of the last quarter of a series
 APART = 3  # rows and columns between those that are looked at
 QUARTERS, FEW = 4, 3  # parts of the band and wavenumbers in each, at which the loudest is known
 LEAST = 0.97  # of the loudest at the corners of a cell, within it
-KEPT = 6  # tables
 
 
 @dataclass(frozen=True)
@@ -109,26 +108,17 @@ def _modes(model: str, ends: tuple[float, float], phase: float, top: int) -> Dis
     return DiscModes(model, ends, phase, 2.0 ** (top / BASES))
 
 
-class DiscModes:
-    """Modes of discs between two wavenumbers (1/m), and their rows.
-
-    wavenumber : (K,) Chebyshev points of the band. modes : (K, R), orthonormal, the largest first. ranks :
-    how many of them may be used.
-    """
+class DiscModes(BandModes):
+    """Modes of discs between two wavenumbers (1/m), and their rows."""
 
     def __init__(self, model: str, ends: tuple[float, float], phase: float, largest: float) -> None:
-        self._model, self._ends, self._phase = model, ends, phase
+        self._model, self._phase = model, phase
         self._step = phase * COARSER[model]
-        middle, half = (ends[0] + ends[1]) / 2, (ends[1] - ends[0]) / 2
-        across = half * largest  # radians over half the band, in a radius
-        self.count = 16 * math.ceil((24.0 + 1.2 * ECHOING[model] * across) / 16.0)
-        self.wavenumber = middle + half * chebyshev.points(self.count)
-        self.modes = self._found(largest)
-        most = self.modes.shape[1]
-        self.ranks = (*(rank for rank in RANKS if rank < most), most)
+        across = (ends[1] - ends[0]) / 2 * largest  # radians over half the band, in a radius
+        super().__init__(ends, 16 * math.ceil((24.0 + 1.2 * ECHOING[model] * across) / 16.0))
+        self.keep(self._found(largest))
         self._first = np.empty(0, np.int64)  # rows before each block, in the order of their making
         self._place: dict[int, int] = {}
-        self._at: dict[bytes, np.ndarray] = {}
         self._parts: list[tuple[np.ndarray, ...]] = []
         self._whole: dict[int, np.ndarray] = {}
         self._cells: tuple[np.ndarray, ...] = ()
@@ -144,17 +134,6 @@ class DiscModes:
             some = slice(number * ANGLES, (number + 1) * ANGLES)
             values[:, some] = backscatter_amplitude(size, angle, self._model) / size
         return leading(values, min(RANKS[-1], self.count))
-
-    def at(self, wavenumber: np.ndarray, rank: int) -> np.ndarray:
-        """(R, Q) the first modes at wavenumbers (Q,) of the band."""
-        key = np.asarray(wavenumber, np.float64).tobytes()
-        if key not in self._at:
-            low, high = self._ends
-            place = (2.0 * wavenumber - low - high) / (high - low)
-            if len(self._at) >= KEPT:
-                self._at.clear()
-            self._at[key] = self.modes.T @ chebyshev.lagrange(self.count, place)
-        return self._at[key][:rank]
 
     def places(self, radius: np.ndarray, incidence: np.ndarray) -> DiscPlaces:
         """Find discs in the table; radius (M,) that has rows, incidence (M,) 0 to π/2."""

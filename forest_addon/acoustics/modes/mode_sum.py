@@ -16,15 +16,14 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from scipy import fft, sparse, special
 
-from .disc_modes import DiscPlaces
-from .gridding import ALIASING, NARROWEST, kernel, width_for
-from .kaiser_bessel import OVERSAMPLING
-from .nonuniform import DelayedSum
+from ..gridding import ALIASING, NARROWEST, kernel, width_for
+from ..kaiser_bessel import OVERSAMPLING
+from ..nonuniform import DelayedSum
 
 KERNEL = 0.4  # share of the tolerance that the kernel's error may take
 LOST = 0.02  # and the series of what the air takes
@@ -38,17 +37,37 @@ STEPS = 16.0  # roundings of a share, in single precision, on its way
 
 
 class ModeTable(Protocol):
-    """Echoes as sums of modes; see ``DiscModes``."""
+    """Echoes as sums of modes; see ``DiscModes`` and ``LineModes``."""
 
     ranks: tuple[int, ...]
 
-    def shares(self, places: DiscPlaces, rank: int) -> np.ndarray: ...
+    def shares(self, places: Any, rank: int) -> np.ndarray: ...
 
     def at(self, wavenumber: np.ndarray, rank: int) -> np.ndarray: ...
 
-    def left_out(self, places: DiscPlaces, loud: np.ndarray) -> tuple[np.ndarray, float]: ...
+    def left_out(self, places: Any, loud: np.ndarray) -> tuple[np.ndarray, float]: ...
 
-    def loudest(self, places: DiscPlaces) -> np.ndarray: ...
+    def loudest(self, places: Any) -> np.ndarray: ...
+
+
+@dataclass(frozen=True)
+class ModalEchoes:
+    """Rows (m,) of a strength as waves (p,) in a table of modes.
+
+    places : (p,) in the table. owner : (p,) which of ``rows`` a wave is of. factor : (p,) what it is
+    multiplied with. offset : (p,) metres by which its path is longer. loudest : (m, parts of the band) the
+    largest |f| in each, and no more; None: each echo is one wave, which the table knows of. share : of all
+    waves, by which they may be off their echoes.
+    """
+
+    rows: np.ndarray
+    table: ModeTable
+    places: Any
+    owner: np.ndarray
+    factor: np.ndarray
+    offset: np.ndarray
+    loudest: np.ndarray | None = None
+    share: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -77,14 +96,29 @@ class Bins:
         return int(fft.next_fast_len(OVERSAMPLING * self.count))
 
 
+@dataclass(frozen=True)
+class WholeEchoes:
+    """M echoes that come as several waves each.
+
+    loudest : (M, parts of the band) about the largest |f| in each, and no more. gain, delay : (M,), not
+    negative. share : of all waves, each at its largest, that they are off their echoes at most.
+    """
+
+    loudest: np.ndarray
+    gain: np.ndarray
+    delay: np.ndarray
+    share: float
+
+
 def sum_modes(
     table: ModeTable,
-    places: DiscPlaces,
+    places: Any,
     gain: np.ndarray,
     delay: np.ndarray,
     bins: Bins,
     loss: Callable[[np.ndarray], np.ndarray],
     tolerance: float,
+    whole: WholeEchoes | None = None,
 ) -> DelayedSum | None:
     """The sum of M echoes; None where modes do not keep to the tolerance, delays are not on the grid, or
     losses differ too much over them.
@@ -98,15 +132,20 @@ def sum_modes(
     reach = width / (bins.size * bins.spacing)
     if delay.min() < reach or delay.max() > 1.0 / bins.spacing - reach:
         return None
-    size = float(_largest(table, places, gain, delay, bins, loss).sum())
-    loud = gain * np.exp(-float(loss(np.array(bins.ends[:1]))[0]) * delay)
+    loud = np.abs(gain) * np.exp(-float(loss(np.array(bins.ends[:1]))[0]) * delay)
+    if whole is None:
+        laid = size = float(_largest(table.loudest(places), gain, delay, bins, loss).sum())
+    else:
+        size = float(_largest(whole.loudest, whole.gain, whole.delay, bins, loss).sum())
+        laid = float(np.einsum("m,m->", loud, table.loudest(places)[:, 0]))
     left, off = table.left_out(places, loud)
     fixed = ALIASING[width - NARROWEST] + LOST * tolerance
+    fixed += 0.0 if whole is None else whole.share
     unit = 2.0 * SINGLE * np.sqrt(table.ranks)  # 2·√R: of Σ_r |c_r·U_r| re |A|
     added = _crowd(delay, bins, width)
     double = unit[-1] * added > ADDED * tolerance
     rounded = unit * (STEPS + (0 if double else added))
-    errors = left + off + (fixed + rounded) * size
+    errors = left + off + (fixed + rounded) * laid
     enough = np.flatnonzero(errors <= tolerance * size)
     if not len(enough):
         return None
@@ -115,8 +154,8 @@ def sum_modes(
     if span is None:
         return None
     deposit = _Deposit(bins, width, np.float64 if double else np.float32)
-    laid = deposit.of(table, places, gain * np.exp(-span.middle * delay), delay, rank)
-    spectrum = _collected(laid, table, bins, span, width)
+    grid = deposit.of(table, places, gain * np.exp(-span.middle * delay), delay, rank)
+    spectrum = _collected(grid, table, bins, span, width)
     error = float(errors[int(enough[0])]) / size if size > 0 else 0.0
     return DelayedSum(spectrum, size, 0.0, error, {rank: len(delay)})
 
@@ -132,15 +171,13 @@ def _crowd(delay: np.ndarray, bins: Bins, width: int) -> int:
 
 
 def _largest(
-    table: ModeTable,
-    places: DiscPlaces,
+    loudest: np.ndarray,
     gain: np.ndarray,
     delay: np.ndarray,
     bins: Bins,
     loss: Callable[[np.ndarray], np.ndarray],
 ) -> np.ndarray:
     """(M,) about max|A|, and no more: of parts of the band, each weakened as at its upper end."""
-    loudest = table.loudest(places)
     low, high = bins.ends
     parts = loudest.shape[1]
     upper = loss(low + (high - low) * (np.arange(parts) + 1.0) / parts).astype(np.float32)
@@ -190,7 +227,7 @@ class _Deposit:
     dtype: type[np.floating]
 
     def of(
-        self, table: ModeTable, places: DiscPlaces, weight: np.ndarray, delay: np.ndarray, rank: int
+        self, table: ModeTable, places: Any, weight: np.ndarray, delay: np.ndarray, rank: int
     ) -> np.ndarray:
         """(size, rank) complex, shares times weights at their delays about the middle of the bins."""
         bins, width = self.bins, self.width

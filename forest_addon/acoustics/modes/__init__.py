@@ -1,0 +1,1 @@
+"""Sums of many echoes over one band by few modes: tables of modes, and the sum."""
