@@ -33,7 +33,7 @@ from .windy import at_moment
 MOST = 300_000  # scatterers in range that are all summed
 BINS = (4, 32)  # of a ping at a time; of one whose scatterers have to be looked for
 SAMPLES = 16  # of a ping at a time
-ROUNDING = 1e-12
+ROUNDING = 1e-12  # besides that of phases
 OF_SAMPLES = 1e-9  # of the largest
 PIECES = 9  # of a call, which are heard anew
 PLACES = 48  # Chebyshev points of a call's spectrum over the speeds of all paths
@@ -110,7 +110,7 @@ def audit_echoes(
 
     found = sample(batches(), PARTS[0] * share * seconds, LEAST)
     which = "everything heard" if sonar.cull > 0 and not culled else "everything in range"
-    allowed = sonar.tolerance + (sonar.cull if culled else 0.0) + ROUNDING
+    allowed = sonar.tolerance + (sonar.cull if culled else 0.0) + ROUNDING + _of_phases(echoes)
     what = f"bins of the spectrum by the direct sum over {which}"
     checks = (
         Check.on(what, found.errors, pings.bins, allowed, "of all amplitudes"),
@@ -118,6 +118,15 @@ def audit_echoes(
         _samples(pings, rng, PARTS[2] * share * seconds),
     )
     return Audit(joined(checks), seconds, found.seconds_each * pings.bins)
+
+
+def _of_phases(echoes: Sequence[Echo]) -> float:
+    """Radians by which two float64 sums may turn the same echo apart: half a digit of each one's cycles."""
+    cycles = 0.0
+    for echo in echoes:
+        path = max((float(g.paths.length.max()) for g in echo.groups if len(g)), default=0.0)
+        cycles = max(cycles, float(echo.frequency.max()) * path / echo.sound_speed)
+    return 2 * math.pi * cycles * float(np.finfo(np.float64).eps)
 
 
 def _affordable(echoes: Sequence[Echo], share: float) -> bool:

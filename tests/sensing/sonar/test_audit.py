@@ -147,3 +147,16 @@ def test_waveforms_are_looked_at(speed, name):
 def test_silence_is_right():
     far = BAT.changed(max_range=1.0)
     assert audit(ping(targets(), far, AIR), far, share=0.0).error == 0
+
+
+@pytest.mark.parametrize("far", [30.0, 160.0])
+def test_one_facet_far_off_is_heard_to_the_last_digits_of_its_phase(far):
+    """Two float64 sums of an echo of 10⁵ cycles differ by more than 1e-12 of it; more than that is found."""
+    corners = np.array([(far, 0, 0), (far, 0.02, 0), (far + 0.007, 0, 0.02)])
+    mesh = TriMesh.of_part(corners, np.arange(3)[None], LEAF)
+    thing = EchoTargets(scene_of(replace(mesh, leaf=np.zeros(1, dtype=np.int32))))
+    sonar = replace(BAT, tolerance=0.0, cull=0.0, max_range=200.0)
+    echo = ping(thing, sonar, AIR)
+    assert audit(echo, sonar, things=thing).kept
+    turned = replace(echo, spectra=echo.spectra * np.exp(1e-9j))
+    assert not audit(turned, sonar, things=thing).checks[0].kept
