@@ -149,6 +149,7 @@ def test_silence_is_right():
     assert audit(ping(targets(), far, AIR), far, share=0.0).error == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("far", [30.0, 160.0])
 def test_one_facet_far_off_is_heard_to_the_last_digits_of_its_phase(far):
     """Two float64 sums of an echo of 10⁵ cycles differ by more than 1e-12 of it; more than that is found."""
