@@ -144,7 +144,7 @@ def test_no_trunks():
 
 @pytest.mark.slow
 def test_a_trunk_that_sounds_after_the_record_is_not_held_against_it():
-    """What is in the record is the spread of the band's end before its arrival."""
+    """The record holds only the spread of the band's end before its arrival."""
     clap = Reverb(
         source=(0, 0, 1.5),
         receiver=(5, 0, 1.5),
