@@ -111,7 +111,7 @@ def _near(skeleton: Skeleton, heads: np.ndarray, others: np.ndarray) -> np.ndarr
 
 
 def _fraction(value: np.ndarray) -> np.ndarray:
-    """The part of numbers above 0 that is beyond a whole one: exact, in a third of the time of a remainder."""
+    """The part of numbers above 0 beyond a whole one: exact, in a third of the time of a remainder."""
     value -= np.floor(value)
     return value
 
