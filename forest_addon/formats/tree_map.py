@@ -90,8 +90,9 @@ def read_rings(path: Path) -> list[np.ndarray]:
 def read_rows(
     path: Path, texts: Sequence[str], numbers: Sequence[str] = ()
 ) -> list[tuple[int, float, float, tuple[str, ...], tuple[float, ...]]]:
-    """Line number, x and y of every row, and its other columns: texts, "" where there is none, and numbers
-    in metres, radians or m², NaN where there is none.
+    """Return line number, x and y of every row, and its other columns.
+
+    These are texts, "" where there is none, and numbers in metres, radians or m², NaN where there is none.
 
     Raises
     ------
@@ -150,7 +151,7 @@ def _lines(path: Path) -> list[str]:
 
 
 def _column(path: Path, head: list[str], key: str) -> tuple[int, float] | None:
-    """Where a column stands in the header, and what its unit is in ours; None where there is none.
+    """Return where a column stands in the header, and its unit in ours; None where there is none.
 
     Raises
     ------
