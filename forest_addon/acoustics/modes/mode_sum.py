@@ -14,8 +14,8 @@ echo by echo, in double where many are added.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 import numpy as np
@@ -115,28 +115,39 @@ class WholeEchoes:
     share: float
 
 
+@dataclass(frozen=True)
+class Waves:
+    """M waves: gain (M,) real, re a table; delay (M,) s; weights (M, W) real, of each in W sums, or None: one
+    sum. These are coefficients of one, whose error is the bound's times the largest that they meet."""
+
+    gain: np.ndarray
+    delay: np.ndarray
+    weights: np.ndarray | None = None
+
+    def ordered(self, order: np.ndarray) -> Waves:
+        """The same in another order."""
+        weights = None if self.weights is None else self.weights[order]
+        return Waves(self.gain[order], self.delay[order], weights)
+
+
 def sum_modes(
     table: ModeTable,
     places: Any,
-    gain: np.ndarray,
-    delay: np.ndarray,
+    waves: Waves,
     bins: Bins,
     loss: Callable[[np.ndarray], np.ndarray],
     tolerance: float,
     whole: WholeEchoes | None = None,
-    weights: np.ndarray | None = None,
 ) -> DelayedSum | None:
     """The sum of M echoes; None where modes do not keep to the tolerance, delays are not on the grid,
     losses differ too much over them, or weights are too many for so few echoes.
 
-    places : (M,) of the echoes in the table. gain : (M,) real, re the table. delay : (M,) s, of one period
-    of the bins. loss : nepers per second of delay at frequencies (Q,), least at the lowest. tolerance :
-    largest error of a value, of Σ max|A|. weights : (M, W) real, of the echoes in W sums, which are the
-    coefficients of one: its error is that times the largest value of what they are multiplied with.
+    places : (M,) of the echoes in the table. waves : their delays in one period of the bins. loss : nepers
+    per second of delay at frequencies (Q,), least at the lowest. tolerance : largest error of a value, of
+    Σ max|A|.
     """
-    gain, delay = gain[places.order], delay[places.order]
-    if weights is not None:
-        weights = weights[places.order]
+    waves = waves.ordered(places.order)
+    gain, delay, weights = waves.gain, waves.delay, waves.weights
     width = width_for(KERNEL * tolerance)
     reach = width / (bins.size * bins.spacing)
     if delay.min() < reach or delay.max() > 1.0 / bins.spacing - reach:
@@ -150,41 +161,61 @@ def sum_modes(
     left, off = table.left_out(places, loud)
     fixed = ALIASING[width - NARROWEST] + LOST * tolerance
     fixed += 0.0 if whole is None else whole.share
-    unit = 2.0 * SINGLE * np.sqrt(table.ranks)  # 2·√R: of Σ_r |c_r·U_r| re |A|
-    added = _crowd(delay, bins, width)
-    double = unit[-1] * added > ADDED * tolerance
     span = _Span.of(delay, bins, loss, width, LOST * tolerance)
     if span is None:
         return None
-    # What is near is laid down as faint as if it were in the middle of the span, and made louder again.
-    transformed = _uneven(width) * (OF_LEVEL * math.log2(bins.size) + ADDED_UP)
-    transformed *= math.exp(2.0 * span.most)
-    exactly = unit[-1] * transformed > TRANSFORMED * tolerance
-    rounded = unit * (STEPS + (0 if double else added) + (0.0 if exactly else transformed))
-    if weights is not None:
-        rounded = rounded * float(np.abs(weights).sum(axis=1).max())
-    errors = left + off + (fixed + rounded) * laid
+    precision = _Precision.of(table, waves, bins, span, width, tolerance)
+    errors = left + off + (fixed + precision.rounded) * laid
     enough = np.flatnonzero(errors <= tolerance * size)
     if not len(enough):
         return None
     rank = table.ranks[int(enough[0])]
     if weights is not None and rank * weights.shape[1] * bins.size > DEAR * len(delay):
         return None
-    deposit = _Deposit(bins, width, np.float64 if double else np.float32)
-    gain = gain * np.exp(-span.middle * delay)
-    dtype = np.complex128 if exactly else np.complex64
-    if weights is None:
-        grid = deposit.of(table, places, gain, delay, rank)
-        spectrum = _collected(grid, table, bins, span, width, dtype)[0]
-    else:
-        step = max(1, VALUES // (rank * bins.size))
-        some = [weights[:, first : first + step] for first in range(0, weights.shape[1], step)]
-        grids = (deposit.of(table, places, gain, delay, rank, part) for part in some)
-        spectrum = np.concatenate(
-            [_collected(grid, table, bins, span, width, dtype) for grid in grids]
-        )
+    deposit = _Deposit(bins, width, precision.laid)
+    waves = replace(waves, gain=gain * np.exp(-span.middle * delay))
+    step = max(1, VALUES // (rank * bins.size))
+    grids = (deposit.of(table, places, some, rank) for some in _pieces(waves, step))
+    found = [_collected(grid, table, bins, span, width, precision.transformed) for grid in grids]
+    spectrum = found[0][0] if weights is None else np.concatenate(found)
     error = float(errors[int(enough[0])]) / size if size > 0 else 0.0
     return DelayedSum(spectrum, size, 0.0, error, {rank: len(delay)})
+
+
+def _pieces(waves: Waves, step: int) -> Iterator[Waves]:
+    """The same with a few of the weights at a time."""
+    if waves.weights is None:
+        yield waves
+        return
+    for first in range(0, waves.weights.shape[1], step):
+        yield replace(waves, weights=waves.weights[:, first : first + step])
+
+
+@dataclass(frozen=True)
+class _Precision:
+    """Types of numbers that are laid down and transformed, and (levels,) what roundings come to, as a share
+    of all that is laid down."""
+
+    laid: type[np.floating]
+    transformed: type[np.complexfloating]
+    rounded: np.ndarray
+
+    @classmethod
+    def of(
+        cls, table: ModeTable, waves: Waves, bins: Bins, span: _Span, width: int, tolerance: float
+    ) -> _Precision:
+        unit = 2.0 * SINGLE * np.sqrt(table.ranks)  # 2·√R: of Σ_r |c_r·U_r| re |A|
+        added: float = _crowd(waves.delay, bins, width)
+        double = unit[-1] * added > ADDED * tolerance
+        # What is near is laid down as faint as if it were in the middle of the span, and made louder again.
+        transformed = _uneven(width) * (OF_LEVEL * math.log2(bins.size) + ADDED_UP)
+        transformed *= math.exp(2.0 * span.most)
+        exactly = unit[-1] * transformed > TRANSFORMED * tolerance
+        rounded = unit * (STEPS + (0.0 if double else added) + (0.0 if exactly else transformed))
+        if waves.weights is not None:
+            rounded = rounded * float(np.abs(waves.weights).sum(axis=1).max())
+        laid = np.float64 if double else np.float32
+        return cls(laid, np.complex128 if exactly else np.complex64, rounded)
 
 
 def _uneven(width: int) -> float:
@@ -261,24 +292,17 @@ class _Deposit:
     width: int
     dtype: type[np.floating]
 
-    def of(
-        self,
-        table: ModeTable,
-        places: Any,
-        weight: np.ndarray,
-        delay: np.ndarray,
-        rank: int,
-        several: np.ndarray | None = None,
-    ) -> np.ndarray:
-        """(W, size, rank) complex, shares times weights at their delays about the middle of the bins, times
-        each of ``several`` (M, W) weights more; left out: one, 1."""
+    def of(self, table: ModeTable, places: Any, waves: Waves, rank: int) -> np.ndarray:
+        """(W, size, rank) complex, shares times gains and weights at their delays about the middle of the
+        bins; W is 1 where there are no weights."""
+        delay, several = waves.delay, waves.weights
         bins, width = self.bins, self.width
         cycles = (bins.start + (bins.count // 2) * bins.spacing) * delay
         turn = np.asarray(-2.0 * math.pi * (cycles - np.rint(cycles)), np.float32)
         place = delay * (bins.size * bins.spacing)
         first, taps = kernel(width).spread(place, self.dtype)
         carried = np.empty(len(delay), np.complex64)
-        carried.real, carried.imag = weight * np.cos(turn), weight * np.sin(turn)
+        carried.real, carried.imag = waves.gain * np.cos(turn), waves.gain * np.sin(turn)
         points = np.arange(width, dtype=np.int32)
         sums = 1 if several is None else several.shape[1]
         ends = width * np.arange(AT_ONCE + 1, dtype=np.int32)

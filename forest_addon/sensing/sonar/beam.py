@@ -65,7 +65,7 @@ class BeamPattern(Protocol):
 
     @property
     def steady(self) -> bool:
-        """Whether it is the same at every frequency."""
+        """Return whether it is the same at every frequency."""
         ...
 
     def towards(self, az: np.ndarray, el: np.ndarray) -> Towards:

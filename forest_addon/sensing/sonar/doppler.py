@@ -37,7 +37,7 @@ from .calls import Call
 from .poses import SonarPose
 from .scatterers import FACET, LEAF, WOOD
 from .search import SearchGroup
-from .station import PathGain, Station
+from .station import EarGain, Station
 from .summation import Heard, panels, sum_echoes
 
 SPREAD = 1e-9  # of α; less is one speed
@@ -220,7 +220,7 @@ def _over(
     total = np.zeros((len(station.ear), grid.count), dtype=np.complex128)
     for ear in range(len(station.ear)):
         seen = group.seen(station, ear)
-        whole = Heard(seen, PathGain(group.paths, station, ear, group.shade), station)
+        whole = Heard(seen, EarGain(group.paths, station, ear, group.shade), station)
         for part in seen.parts(lowest, highest):
             heard, factor = whole.part(part), alpha[part.rows]
             late = (group.paths.length[ear][part.rows] + part.offset) / station.sound_speed

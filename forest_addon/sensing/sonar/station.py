@@ -204,7 +204,7 @@ class EchoPaths(RowTable):
         shade: np.ndarray | None = None,
     ) -> np.ndarray:
         """(Q, M), see above, times what shade leaves."""
-        return PathGain(self, station, ear, shade)(frequency)
+        return EarGain(self, station, ear, shade)(frequency)
 
     def level(self, station: Station, ear: int) -> np.ndarray | None:
         """(M,) the gain without what the air takes; None where it changes over the frequency."""
@@ -234,7 +234,7 @@ class EchoPaths(RowTable):
         return most
 
 
-class PathGain:
+class EarGain:
     """Gain of M ways at one ear, times what ``shade`` (M,) leaves; see ``EchoPaths``."""
 
     def __init__(

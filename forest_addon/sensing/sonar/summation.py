@@ -15,7 +15,7 @@ from itertools import pairwise
 import numpy as np
 
 from ...acoustics.modes.line_modes import LineModes
-from ...acoustics.modes.mode_sum import Bins, WholeEchoes, sum_modes
+from ...acoustics.modes.mode_sum import Bins, Waves, WholeEchoes, sum_modes
 from ...acoustics.nonuniform import DelayedSum, sum_delayed, summed_directly
 from ...acoustics.smoothness import Smoothness, smoothness
 from ...base.progress import Progress
@@ -24,7 +24,7 @@ from .beam import Rows
 from .leaves import LOOKED_UP
 from .scatterers import ScattererPart, Strength
 from .search import SearchGroup
-from .station import PathGain, Station
+from .station import EarGain, Station
 
 SPLIT = 1e-12  # what parts may differ by from the whole
 PARTIAL = 0.8  # caution: parts are computed at a few frequencies
@@ -105,7 +105,7 @@ def _over(
     for number, group in enumerate(groups):
         for ear in range(len(station.ear)):
             seen, rest = group.seen(station, ear), group
-            gain = PathGain(group.paths, station, ear, group.shade)
+            gain = EarGain(group.paths, station, ear, group.shade)
             doubtful = seen.error(highest)
             if doubtful is not None:
                 table[ear] += float((gain(np.array(band[:1]))[0] * doubtful).sum())
@@ -118,7 +118,7 @@ def _over(
                     error[ear] += found.error_bound * found.size
                     size[ear] += found.size
                     seen, rest = seen.select(others), group.select(others)
-                    gain = PathGain(rest.paths, station, ear, rest.shade)
+                    gain = EarGain(rest.paths, station, ear, rest.shade)
                     each = None if each is None else each[others]
             if len(rest):
                 length = rest.paths.length[ear]
@@ -174,13 +174,11 @@ def _by_modes(
     found = sum_modes(
         made.table,
         places,
-        level * made.factor,
-        length / station.sound_speed,
+        Waves(level * made.factor, length / station.sound_speed, weights),
         Bins(grid.start, grid.spacing, grid.count, grid.ends, station.sound_speed),
         lambda f: station.sound_speed * station.loss(f),
         tolerance,
         whole,
-        weights,
     )
     return None if found is None else (found, np.delete(np.arange(len(group)), rows))
 
@@ -243,7 +241,7 @@ def _of_part(
     return found, off
 
 
-def _together(gain: PathGain, rows: np.ndarray, band: tuple[float, float]) -> float:
+def _together(gain: EarGain, rows: np.ndarray, band: tuple[float, float]) -> float:
     """Return what parts that are somewhere in phase have at least in common, of the largest of each."""
     first, last = (gain(np.array([end]), rows)[0].sum() for end in band)
     share = math.sqrt(band[0] / band[1]) * last / first if first > 0 else 1.0
@@ -258,7 +256,7 @@ class Heard:
     """Amplitudes at one ear of echoes, or of a part of them: rows of ``gain``, all where left out."""
 
     def __init__(
-        self, strength: Strength, gain: PathGain, station: Station, rows: Rows = slice(None)
+        self, strength: Strength, gain: EarGain, station: Station, rows: Rows = slice(None)
     ) -> None:
         self.strength, self.gain, self.speed = strength, gain, station.sound_speed
         self._station, self._rows = station, rows
