@@ -8,8 +8,8 @@ import pytest
 from forest_addon.base.rng import stream
 from headless.commands.work.like import FlownCloud
 from headless.studies.validation.clouds import flights
-from headless.studies.validation.clouds.flights import BLOCK, halves_apart, shares_of
 from headless.studies.validation.clouds.light import IntensityScale, threshold
+from headless.studies.validation.clouds.shares import BLOCK, halves_apart, shares_of
 from headless.studies.validation.own_cloud import CloudReturns
 
 

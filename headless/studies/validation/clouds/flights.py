@@ -19,7 +19,6 @@ from pathlib import Path
 
 import numpy as np
 
-from forest_addon.base.rng import stream
 from forest_addon.blender.rays.casters import make_caster
 from forest_addon.sensing.lidar.cloud import Cloud
 from forest_addon.sensing.lidar.scan import scan
@@ -43,6 +42,7 @@ from .light import (
     scale_of,
     threshold,
 )
+from .shares import halves_apart, shares_of
 from .yardstick import ground_below
 
 SPECIES = "ponderosa-pine"
@@ -52,7 +52,6 @@ STANDS = 4  # of the same trees, that differ by their seeds
 AROUND = 3  # copies of the plot to each side: beams at 68 degrees come from 62 m away
 STEEP = 40.0  # degrees: lines nearer to the nadir tell reflectances
 NO_GROUND = 0.001  # share of first returns on the ground, below which a line has none
-BLOCK, HALVES = 5.0, 40  # metres, and halvings of a line's blocks
 MOST, FEW = (
     1500,
     2000,
@@ -395,32 +394,6 @@ def _row(read: ReadFlight, number: int, counts: list[np.ndarray], half: float) -
         f"{sum(map(len, counts)):,} pulses; threshold {100 * faintest_of(read) * far**2:.1f} % at "
         f"{far:,.0f} m.{only}",
     )
-
-
-def shares_of(count: np.ndarray) -> np.ndarray:
-    """(4,) shares of pulses (P,) with 1, 2, 3 and 4 returns."""
-    shares: np.ndarray = np.bincount(np.minimum(count, 5), minlength=6)[1:5] / max(len(count), 1)
-    return shares
-
-
-def halves_apart(cloud: FlownCloud, seed: int) -> dict[int, float]:
-    """Of each line, how far apart the shares of single returns of random halves of its blocks are: the 95th
-    percentile, as a share."""
-    rng, found = stream(seed, "validate", "halves of lines"), {}
-    for number in np.unique(cloud.line).tolist():
-        rows = (cloud.line == number) & (cloud.number == 1)
-        cell = np.floor(cloud.place[rows][:, :2] / BLOCK).astype(np.int64)
-        block = np.unique(cell, axis=0, return_inverse=True)[1].ravel()
-        many = np.maximum(np.bincount(block), 1)
-        single = np.bincount(block, cloud.count[rows] == 1)
-        apart = []
-        for _ in range(HALVES):
-            half = rng.random(len(many)) < 0.5
-            if half.any() and not half.all():
-                each = [single[h].sum() / many[h].sum() for h in (half, ~half)]
-                apart.append(abs(each[0] - each[1]))
-        found[number] = float(np.quantile(apart or [0.0], 0.95))
-    return found
 
 
 def _said(shares: np.ndarray) -> str:
