@@ -48,3 +48,10 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
     near = near or difflib.get_close_matches(str(name), names, 1)
     quoted = " or ".join(f'"{word}"' for word in near)
     return f"did you mean {quoted}? " if near else ""
+
+
+def quoted_with_hints(names: Iterable[str], known: Iterable[str]) -> str:
+    """Names that are not known, quoted, each with the nearest known: '"oka" (did you mean "oak"?), "x"'."""
+    every = list(known)
+    hints = {name: did_you_mean(name, every).rstrip() for name in names}
+    return ", ".join(f'"{name}"' + (f" ({hint})" if hint else "") for name, hint in hints.items())
