@@ -53,12 +53,11 @@ from .lidar import (
     Surfaces,
     Terrestrial,
     Tractor,
-    refuse_absurd,
 )
 from .link import LinkBudget
 from .looks import Bark, Look
 from .polished import POLISHED, USUAL_INDEX, Polished, property_of
-from .problem import did_you_mean, quoted_with_hints, unknown
+from .problem import did_you_mean, quoted_with_hints, refuse_absurd, unknown
 from .reverb import Place, Reverb
 from .scene import SENSORS, Accuracy, Output, Rays, Scene, Tiles
 from .sensor import Sensor

@@ -8,33 +8,8 @@ from typing import ClassVar
 from .base import Settings, SpecError, param
 from .link import LinkBudget
 from .parts import azimuth, kind, motion, output_name, place, range_limit
+from .problem import places_in, refuse_absurd
 from .sensor import Sensor
-
-MOST_RAYS = 10**12  # of a scan; none that is meant has as many
-A_SECOND = 4e5  # rays of Embree on one core, about
-
-
-def refuse_absurd(key: str, pulses: float, rays: int = 1) -> None:
-    """Refuse a scan of more rays than any that is meant, as a slip of the keyboard asks for.
-
-    key : the setting that says how many pulses. rays : of a pulse.
-
-    Raises
-    ------
-    SpecError : says how many pulses, and how long they take.
-    """
-    if not pulses * rays <= MOST_RAYS:
-        each = f" of {rays:,} rays" if rays > 1 else ""
-        years = pulses * rays / A_SECOND / 3.156e7
-        raise SpecError(
-            key,
-            f"asks for {pulses:.2g} pulses{each}, some {years:,.2g} years of work; a scan has at most "
-            f"{MOST_RAYS:.0e} rays, so give another",
-        )
-
-
-def _steps(span: float, step: float) -> float:
-    return math.floor(max(span, 0.0) / step) + 1.0
 
 
 class Tractor(Sensor):
@@ -84,8 +59,8 @@ class Tractor(Sensor):
             raise SpecError("top", f"{self.top:g} m must be above the scanner's height")
         rise = math.atan2(self.top - self.position[2], self.reach)
         fan = math.degrees(rise + math.atan2(self.position[2], self.reach))
-        beams = _steps(fan, self.angle_step_deg)
-        scans = _steps(self.track, self.step * (self.gap + 1))
+        beams = places_in(fan, self.angle_step_deg)
+        scans = places_in(self.track, self.step * (self.gap + 1))
         key = "angle_step_deg" if beams > scans else "step"
         refuse_absurd(key, beams * scans, max(self.splits, 1) ** 2)
 
@@ -313,7 +288,7 @@ class Terrestrial(Scanner):
                 raise SpecError(key, f"[{low:g}, {high:g}] must be [from, to] with from < to")
         across, along = (high - low for low, high in (self.azimuth_deg, self.elevation_deg))
         line_step = self.angle_step_deg if self.line_step_deg is None else self.line_step_deg
-        columns, rows = _steps(across, self.angle_step_deg), _steps(along, line_step)
+        columns, rows = places_in(across, self.angle_step_deg), places_in(along, line_step)
         key = "line_step_deg" if self.line_step_deg and rows > columns else "angle_step_deg"
         refuse_absurd(key, columns * rows, self.beam.subrays)
         super().check()
