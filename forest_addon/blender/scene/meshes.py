@@ -69,9 +69,13 @@ def from_mesh(data: bpy.types.Mesh) -> TriMesh:
 
 
 def _once(values: np.ndarray) -> np.ndarray:
-    """An array that was read; where the same was written and is still held, that one."""
+    """An array that was read; where the same was written and is still held, that one, not to be changed."""
     known = _written.get(_told(values))
-    return known if known is not None and np.array_equal(known, values) else values
+    if known is None or not np.array_equal(known, values):
+        return values
+    shared = known.view()
+    shared.flags.writeable = False
+    return shared
 
 
 def _told(values: np.ndarray) -> tuple[str, tuple[int, ...], int]:
