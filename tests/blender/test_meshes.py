@@ -80,7 +80,9 @@ def test_an_evaluated_mesh_is_read_as_it_is_shown(empty_blender, tree):
     assert np.array_equal(shown.vertices[: len(plain.vertices)], plain.vertices)
     first, second = shown.leaf.reshape(2, -1)
     assert np.array_equal(first, tree.leaf)
-    assert not np.intersect1d(first[first >= 0], second).size  # leaves of the copy have numbers of their own
+    assert not np.intersect1d(
+        first[first >= 0], second
+    ).size  # leaves of the copy have numbers of their own
 
 
 def test_order_and_texture_arrive_in_blender(empty_blender, tree):

@@ -190,12 +190,11 @@ class EmbreeBuild:
         # The parent is held by what releases this, so that it goes after it, also in a collected circle.
         weakref.finalize(self, _release, library, device, self._scenes, self._arrays, parent)
 
-    def mesh(
-        self, mesh: TriMesh, rows: np.ndarray | None, points: np.ndarray | None = None
-    ) -> int:
+    def mesh(self, mesh: TriMesh, rows: np.ndarray | None, points: np.ndarray | None = None) -> int:
         """A scene of triangles of a mesh, in its local space.
 
-        rows : their numbers; None: all. points : its vertices in float32, where they are kept already, with one row more behind them.
+        rows : their numbers; None: all.
+        points : its vertices in float32, where they are kept already, with one row more behind them.
         """
         whole = rows is None or len(rows) == len(mesh.triangles)
         triangles = mesh.triangles if whole else mesh.triangles[rows]

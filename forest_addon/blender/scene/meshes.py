@@ -15,7 +15,6 @@ import numpy as np
 
 from ...base.trimesh import LEAF, OTHER, TriMesh
 
-
 # Arrays that were written, for as long as others hold them: what is read back the same is held once.
 _written: WeakValueDictionary[tuple[str, tuple[int, ...], int], np.ndarray] = WeakValueDictionary()
 
