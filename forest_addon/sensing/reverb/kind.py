@@ -21,7 +21,8 @@ from ..looks import SensorLook
 BEGIN = 1.6  # s, a first guess: leaves and branches are measured, the response is drawn and written
 A_TREE = 0.0085  # s, a first guess: its trunk is cut out of the scene, and heard with all others
 A_CUT = 0.002  # s, a first guess: it is cut at another height, where ends are of different heights
-A_TRUNK = 5e-5  # s, a first guess: one that is a cylinder only is heard, in each channel
+MANY = 3.0  # s a channel, a first guess: any number of trunks of all radii
+FEW = 5000.0  # of them take half as long
 CHANNEL = 0.3  # s, a first guess
 FINEST = 1e-6  # tolerance that the fast sum keeps
 END = 10 ** (-75 / 20)  # a record ends where that is left of it
@@ -171,7 +172,8 @@ def _seconds_among(reverb: Reverb, settings: Scene, trees: int) -> float:
     dense = (trees + stems) / float(np.prod(settings.forest.size))
     beyond = max(dense * np.pi * reverb.continue_to**2 - trees - stems, 0.0)
     of_trees = trees * (A_TREE + A_CUT * (cuts - 1))
-    return of_trees + A_TRUNK * (stems + beyond) * _channels(reverb)
+    alone = stems + beyond
+    return of_trees + MANY * alone / (alone + FEW) * _channels(reverb)
 
 
 def _cost(reverb: Reverb, _trajectory: Any, _engine: str) -> Cost:
