@@ -143,7 +143,6 @@ def test_doppler_of_many_leaves_is_the_sum_of_each() -> None:
 
 
 @pytest.mark.medium
-@pytest.mark.parametrize("tolerance", [1e-3, 1e-6])
 @pytest.mark.parametrize(
     "known",
     [
@@ -152,7 +151,7 @@ def test_doppler_of_many_leaves_is_the_sum_of_each() -> None:
     ],
 )
 @pytest.mark.parametrize("model", ["exact", "piston"])
-def test_doppler_with_measured_ears_keeps_the_tolerance(tolerance, known, model) -> None:
+def test_doppler_with_measured_ears_keeps_the_tolerance(known, model) -> None:
     """Against the sum of every path at every bin; the pattern has kinks where its frequencies end."""
     rng = np.random.default_rng(3)
     places = rng.normal(size=(300, 3)) * 0.4 + [2.0, 0, 0]
@@ -165,12 +164,13 @@ def test_doppler_with_measured_ears_keeps_the_tolerance(tolerance, known, model)
     pose = SonarPose(np.zeros(3), np.eye(3), np.array([9.0, 3.0, 0]))
     discs = discs_of(places, rng.normal(size=(300, 3)), rng.uniform(0.003, 0.05, 300))
     given = {"pose": pose, "equipment": Equipment.of(sonar, hears=(ears,))}
-    fast = ping(discs, sonar.changed(tolerance=tolerance), AIR, **given)
     exact = ping(discs, sonar, AIR, **given)
     size = exact.size[:, None]
-    assert (np.abs(fast.spectra - exact.spectra) <= tolerance * size).all()
     loudest = np.abs(synthesise(sonar).spectrum(exact.frequency)).max()
-    assert (np.abs(fast.called - exact.called) <= tolerance * loudest * size).all()
+    for tolerance in (1e-3, 1e-6):
+        fast = ping(discs, sonar.changed(tolerance=tolerance), AIR, **given)
+        assert (np.abs(fast.spectra - exact.spectra) <= tolerance * size).all()
+        assert (np.abs(fast.called - exact.called) <= tolerance * loudest * size).all()
 
 
 def test_a_flight_is_stacked_to_one_length() -> None:

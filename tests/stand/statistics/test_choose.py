@@ -45,7 +45,8 @@ def mapped(planting, seed, path):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("made", MADE)
-def test_the_law_of_a_map_is_found_again(tmp_path, made):
+def test_the_law_of_a_map_is_found_again(tmp_path, made, monkeypatch):
+    monkeypatch.setattr("forest_addon.stand.statistics.goodness.SIMULATIONS", 19)
     planting, layouts = MADE[made]
     window = ["0", "0", "100", "100"]
     said = []
