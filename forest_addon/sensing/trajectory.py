@@ -13,11 +13,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
-from scipy.spatial.transform import Rotation, Slerp
+from scipy.spatial.transform import Rotation
 
+from ..base.attitudes import Turning
 from ..base.vectors import azimuth_of, elevation_of
 from ..spec import Airborne, Pose, SpecError
 
@@ -86,7 +88,11 @@ class Trajectory:
         share = (time - self.time[after - 1]) / (self.time[after] - self.time[after - 1])
         step = self.position[after] - self.position[after - 1]
         where = self.position[after - 1] + share[:, None] * step
-        return where, Slerp(self.time, self.attitude)(time)
+        return where, self._turning.at(time)
+
+    @cached_property
+    def _turning(self) -> Turning:
+        return Turning(self.time, self.attitude)
 
     def visits(
         self, count: int, azimuth: float = 0.0, elevation: float = 0.0, speed: float = 0.0

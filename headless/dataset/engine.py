@@ -1,4 +1,7 @@
-"""Workers that make the scenes: one in this process, or those of a Dask cluster, here or elsewhere.
+"""Workers that make the scenes: threads of this process, or those of a Dask cluster.
+
+A thread waits for a child that has Blender loaded; so workers of one machine need no scheduler and no
+processes besides these children.
 
 A scheduler only hands out jobs. What is done stands on the disk; so whatever a scheduler loses (workers that
 end by walltime, tasks that it gives up after some such ends) is handed out again, as long as it goes on
@@ -12,7 +15,7 @@ import importlib
 import logging
 import os
 import queue
-import tempfile
+import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
@@ -26,6 +29,7 @@ from .worker import Worker, work
 
 Report = Callable[[dict[str, Any]], None]
 POLL = 1.0  # s
+STOPS_IN = 0.1  # s, before a worker is told once more
 FRUITLESS = 5  # times that a cluster loses all that it holds, with nothing finished between
 AHEAD, LEAST_AHEAD = (
     3,
@@ -59,24 +63,57 @@ def make_all(jobs: Sequence[dict[str, Any]], cluster: Cluster, report: Report) -
     """
     if not jobs:
         return
-    if (
-        not cluster.scheduler
-        and cluster.slurm is None
-        and min(cluster.local_workers(), len(jobs)) == 1
-    ):
-        _make_here(jobs, report)
+    if not cluster.scheduler and cluster.slurm is None:
+        _make_here(jobs, min(cluster.local_workers(), len(jobs)), report)
         return
-    with _client(cluster, len(jobs)) as client:
+    with _client(cluster) as client:
         _hand_out(jobs, client, cluster, report)
 
 
-def _make_here(jobs: Sequence[dict[str, Any]], report: Report) -> None:
-    worker = Worker()
+def _make_here(jobs: Sequence[dict[str, Any]], workers: int, report: Report) -> None:
+    """Have jobs done by workers of this process, a thread each, which wait for their children."""
+    left = deque(jobs)
+    ended: queue.SimpleQueue[dict[str, Any] | Exception] = queue.SimpleQueue()
+    every = [Worker() for _ in range(workers)]
+    threads = [
+        threading.Thread(target=_work_off, args=(worker, left, ended), daemon=True)
+        for worker in every
+    ]
     try:
-        for job in jobs:
-            _take(worker.make(job), report)
+        for thread in threads:
+            thread.start()
+        for _ in jobs:
+            result = ended.get()
+            if isinstance(result, Exception):
+                raise result
+            _take(result, report)
+    except BaseException:  # also Ctrl-C: no scene is waited for
+        left.clear()
+        while any(thread.is_alive() for thread in threads):
+            for worker, thread in zip(every, threads, strict=True):
+                worker.stop()
+                thread.join(STOPS_IN)
+        raise
     finally:
-        worker.end()
+        for worker in every:
+            worker.end()
+
+
+def _work_off(
+    worker: Worker,
+    left: deque[dict[str, Any]],
+    ended: queue.SimpleQueue[dict[str, Any] | Exception],
+) -> None:
+    """Have a worker do jobs until none are left."""
+    try:
+        while True:
+            try:
+                job = left.popleft()
+            except IndexError:
+                return
+            ended.put(worker.make(job))
+    except Exception as problem:  # raised where it is waited for
+        ended.put(problem)
 
 
 def _take(result: dict[str, Any], report: Report) -> None:
@@ -86,7 +123,7 @@ def _take(result: dict[str, Any], report: Report) -> None:
 
 
 @contextlib.contextmanager
-def _client(cluster: Cluster, most: int) -> Iterator[Any]:
+def _client(cluster: Cluster) -> Iterator[Any]:
     distributed = _import("distributed", "dataset")
     import dask
 
@@ -112,23 +149,9 @@ def _client(cluster: Cluster, most: int) -> Iterator[Any]:
                 why = "needs a certificate; name one in Dask's settings, distributed.comm.tls"
                 raise SpecError(f"--scheduler {cluster.scheduler}", why) from problem
             return
-        if cluster.slurm is not None:
-            ours, jobs = slurm_cluster(cluster.slurm)
-            # kept at that number: a job that ends by its walltime is followed by another
-            stack.enter_context(ours).adapt(minimum_jobs=jobs, maximum_jobs=jobs)
-        else:
-            folder = stack.enter_context(tempfile.TemporaryDirectory(ignore_cleanup_errors=True))
-            ours = stack.enter_context(
-                distributed.LocalCluster(
-                    n_workers=min(cluster.local_workers(), most),
-                    threads_per_worker=1,
-                    processes=True,
-                    dashboard_address=None,
-                    memory_limit=0,  # it is the child's that counts, and that is watched
-                    silence_logs=logging.CRITICAL,
-                    local_directory=folder,
-                )
-            )
+        ours, jobs = slurm_cluster(cluster.slurm or "")
+        # kept at that number: a job that ends by its walltime is followed by another
+        stack.enter_context(ours).adapt(minimum_jobs=jobs, maximum_jobs=jobs)
         yield stack.enter_context(distributed.Client(ours))
 
 
@@ -157,8 +180,8 @@ def _import(name: str, extra: str) -> Any:
     except ImportError:
         raise SpecError(
             "dataset",
-            f"{name} is not installed, which hands scenes to several workers; install "
-            f"forest-sensing[{extra}], or use --workers 1",
+            f"{name} is not installed, which hands scenes to the workers of a cluster; install "
+            f"forest-sensing[{extra}], or leave the cluster out",
         ) from None
 
 

@@ -94,6 +94,9 @@ def _serve(job: dict[str, Any], session: Any) -> dict[str, Any]:
     finally:
         session.clear()
         gc.collect()
+        if not session.served:  # modules and what they keep: no later scene need look through them
+            gc.freeze()
+        session.served += 1
         _give_back()
 
 

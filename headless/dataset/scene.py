@@ -64,6 +64,7 @@ class Session:
     def __init__(self, threads: int = 1) -> None:
         self.threads = threads
         self.expansions = Expansions()
+        self.served = 0  # scenes
         self._trees: OrderedDict[tuple[Any, ...], Tree] = OrderedDict()
         self._bytes = 0
 

@@ -26,9 +26,11 @@ class Worker:
     def __init__(self) -> None:
         self.child = Child()
         self.renewed = 0
+        self._stopped = False
 
     def make(self, job: dict[str, Any]) -> dict[str, Any]:
-        """Make the scene of a job. ``result`` is done, failed or disk; ``why`` says what was wrong."""
+        """Make the scene of a job. ``result`` is done, failed, disk or stopped; ``why`` says what was
+        wrong."""
         root, recipe, running = Path(job["root"]), job["recipe"], Running(**job["running"])
         number, threads = int(recipe["number"]), int(job["threads"])
         if threads != self.child.threads:
@@ -40,12 +42,14 @@ class Worker:
         outcome = SceneOutcome("fault")
         for _ in range(TRIES):
             outcome = self.child.make(root, recipe, running.timeout, float(job["memory"]))
-            if outcome.kind in ("done", "disk"):
+            if outcome.kind in ("done", "disk") or self._stopped:
                 break
             self._renew()
         told = {"result": outcome.kind, "scene": number, "why": outcome.why}
         if outcome.kind == "disk":
             return told
+        if self._stopped and outcome.kind != "done":
+            return told | {"result": "stopped"}
         status = {
             "status": "done" if outcome.kind == "done" else "failed",
             "settings": recipe["digest"],
@@ -61,6 +65,11 @@ class Worker:
             self._renew()
         told["result"] = status["status"]
         return told | {"seconds": outcome.wall, "cpu": sum(outcome.seconds.values())}
+
+    def stop(self) -> None:
+        """Have the thread that is in ``make`` come back soon; the scene that it is at is lost."""
+        self._stopped = True
+        self.child.kill()
 
     def end(self) -> None:
         """End its Blender."""

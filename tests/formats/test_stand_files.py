@@ -160,12 +160,36 @@ def test_a_list_may_leave_cells_empty(tmp_path):
     assert found.rotation.tolist() == pytest.approx([0.5, np.nan], nan_ok=True)
 
 
+FOREIGN = {  # the same two trees, the second without a height
+    "units": "X (m),Y [m],DBH (cm),height_ft\n5.5,6,24,60\n7,8,31,\n",
+    "words of R": '"x","y","dbh_mm","h","plot"\n5.5,6,240,18.288,"a"\n7,8,310,NA,"a"\n',
+    "Excel, decimal commas": "sep=;\r\nx;y;DBH cm;Height\r\n5,5;6;24,0;18,288\r\n7;8;31;\r\n",
+    "empty rows and columns": "x,y,dbh,height,,\n5.5,6,0.24,18.288,,\n,,,,,\n7,8,0.31,,,\n,,,,,\n",
+}
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "utf-16-be"])
+@pytest.mark.parametrize("text", FOREIGN.values(), ids=FOREIGN)
+def test_lists_of_other_programs_are_read_in_metres(tmp_path, text, encoding):
+    mark = "\ufeff" if encoding == "utf-16-be" else ""
+    (tmp_path / "t.csv").write_bytes((mark + text).encode(encoding))
+    found = read_tree_list(tmp_path / "t.csv")
+    assert found.position.tolist() == [[5.5, 6], [7, 8]]
+    assert found.measures[:, 0] == pytest.approx([0.24, 0.31], rel=1e-12)
+    assert found.measures[:, 1] == pytest.approx([18.288, np.nan], rel=1e-12, nan_ok=True)
+
+
 @pytest.mark.parametrize(
     ("text", "said"),
     [
         ("x,y,scale\n1,2,-1\n", "row 2: scale is -1"),
         ("x,y,scale\n1,2,big\n", 'row 2: scale is "big"'),
         ("x,z\n1,2\n", "no column y"),
+        ("x,y,dbh\n1,2,24\n", "row 2: dbh is 24 m, more than trees have"),
+        ("x,y,Height (yd)\n1,2,20\n", r'column "height \(yd\)" is not known; use one of m, cm'),
+        ("x,y,dbh\n1,5,2,5,0,24\n", "row 2 has 6 values, its header 3"),
+        ("x,y\n1,5,2\n", "row 2 has 3 values, its header 2"),
+        ("x\ty\n1,5\t2\n", 'row 2: x is "1,5"'),
     ],
 )
 def test_lists_that_cannot_be_used_are_refused(tmp_path, text, said):

@@ -42,6 +42,9 @@ class Warm:
     def make(self, job):
         return self.worker.make(job)
 
+    def stop(self):
+        """Of a command that fails: its scene is made."""
+
     def end(self):
         """Of a command: nothing ends."""
 

@@ -13,6 +13,7 @@ from typing import Protocol
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from ...base.attitudes import composed
 from ...base.rows import RowTable
 from ...spec import Airborne, Mobile, MovingScanner, SpecError, Terrestrial
 from ..trajectory import Trajectory, strips, through
@@ -127,7 +128,7 @@ class Sweep:
         time = number / self._scanner.pulse_rate
         way, across, angle = self.ways(number)
         where, attitude = self._path.at(self._path.start + time)
-        turn = attitude * self.mount
+        turn = composed(attitude, self.mount)
         return Pulses(
             origin=where,
             direction=turn.apply(way),

@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from ...base.attitudes import composed
 from .geometry import SceneGeometry
 
 ALWAYS = (-np.inf, np.inf)
@@ -104,7 +105,7 @@ class PathTable:
         return found
 
     def _turned(self, row: np.ndarray, share: np.ndarray) -> Rotation:
-        return self._turn[row] * Rotation.from_rotvec(share * self._round[row])
+        return composed(self._turn[row], Rotation.from_rotvec(share * self._round[row]))
 
     def _between(
         self, which: np.ndarray, time: np.ndarray, beyond: bool = False

@@ -1,7 +1,11 @@
-"""What a cluster is asked for, without one: the script of a Slurm job, and words for mistakes."""
+"""Workers of one machine, and what a cluster is asked for, without one: the script of a Slurm job, and words
+for mistakes."""
 
 import shutil
 import subprocess
+import threading
+import time
+from typing import ClassVar
 
 import pytest
 
@@ -54,6 +58,73 @@ def certificate(folder, authority):
     pair = {"cert": str(folder / "cert.pem"), "key": str(folder / "key.pem")}
     roles = {f"distributed.comm.tls.{role}": pair for role in ("client", "worker", "scheduler")}
     return {"distributed.comm.tls.ca-file": str(folder / "ca.pem"), **roles}
+
+
+class Pretended:
+    """A worker that makes nothing: odd scenes go on until it is stopped, where the test wants them to."""
+
+    every: ClassVar[list["Pretended"]] = []
+    endless = False
+
+    def __init__(self):
+        self.stopped, self.ended, self.made = threading.Event(), False, []
+        self.every.append(self)
+
+    def make(self, job):
+        number = job["recipe"]["number"]
+        if self.endless and number % 2:
+            assert self.stopped.wait(20)
+            return {"result": "stopped", "scene": number}
+        self.made.append(number)
+        if self.endless:
+            return job["result"](number)
+        time.sleep(0.01)
+        return {"result": "done", "scene": number}
+
+    def stop(self):
+        self.stopped.set()
+
+    def end(self):
+        self.ended = True
+
+
+@pytest.fixture
+def pretended(monkeypatch):
+    monkeypatch.setattr(Pretended, "every", [])
+    monkeypatch.setattr(engine, "Worker", Pretended)
+    return Pretended
+
+
+def test_workers_of_one_machine_share_out_what_there_is_to_do(pretended):
+    done = []
+    jobs = [{"recipe": {"number": number}} for number in range(12)]
+    make_all(jobs, Cluster(workers=3), done.append)
+    assert sorted(one["scene"] for one in done) == list(range(12))
+    assert len(pretended.every) == 3
+    assert all(worker.made and worker.ended for worker in pretended.every)
+    make_all(jobs[:1], Cluster(workers=3), done.append)
+    assert len(pretended.every) == 4  # no more than there are jobs
+
+
+def full(number):
+    return {"result": "disk", "scene": number, "why": "no space"}
+
+
+def broken(number):
+    raise RuntimeError("broken")
+
+
+@pytest.mark.parametrize(
+    ("result", "problem", "words"),
+    [(full, OSError, "no space; finished scenes are kept"), (broken, RuntimeError, "broken")],
+)
+def test_what_no_scene_survives_stops_every_worker(pretended, monkeypatch, result, problem, words):
+    monkeypatch.setattr(pretended, "endless", True)
+    jobs = [{"recipe": {"number": number}, "result": result} for number in (1, 0, 2, 4)]
+    with pytest.raises(problem, match=words):
+        make_all(jobs, Cluster(workers=2), print)
+    assert all(worker.ended for worker in pretended.every)
+    assert any(worker.stopped.is_set() for worker in pretended.every)
 
 
 def told(job):

@@ -84,7 +84,6 @@ def test_a_few_kills_lose_nothing(undisturbed, tmp_path, warm):
 @pytest.mark.skipif(not os.environ.get("FOREST_LONG_TESTS"), reason="ten minutes of kills")
 def test_twenty_five_kills_lose_nothing(tmp_path):
     """With FOREST_LONG_TESTS set: scenes enough that kills meet every stage of the work."""
-    pytest.importorskip("distributed")
     words = ("--set", "count=24")
     assert (
         run(PLAN, "--out", tmp_path / "calm", "--workers", "1", "--quiet", *words).returncode == 0

@@ -87,8 +87,7 @@ def test_truth_beside_a_cloud_is_its_own(undisturbed):
             assert set(data["tree"].tolist()) <= {int(tree["tree"]) for tree in trees}
 
 
-def test_two_workers_of_a_cluster_make_the_same_bytes(undisturbed, tmp_path):
-    pytest.importorskip("distributed")
+def test_two_workers_make_the_same_bytes(undisturbed, tmp_path):
     ended = run(PLAN, "--out", tmp_path / "two", "--workers", "2", "--quiet")
     assert ended.returncode == 0, ended.stderr
     assert bytes_of(tmp_path / "two") == bytes_of(undisturbed)
@@ -96,7 +95,6 @@ def test_two_workers_of_a_cluster_make_the_same_bytes(undisturbed, tmp_path):
 
 @pytest.mark.skipif(not os.environ.get("FOREST_LONG_TESTS"), reason="eight Blenders")
 def test_eight_workers_make_the_same_bytes_as_one(warm, tmp_path):
-    pytest.importorskip("distributed")
     words = (PLAN, "--quiet", "--set", "count=10")
     assert warm.run(*words, "--out", tmp_path / "one", "--workers", "1").returncode == 0
     ended = run(*words, "--out", tmp_path / "eight", "--workers", "8")

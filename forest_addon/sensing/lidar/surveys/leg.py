@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from ....base.attitudes import composed
 from ....formats.helios.legs import Leg
 from ....formats.helios.survey import Survey
 from ....spec import SpecError
@@ -83,7 +84,9 @@ class SurveyLeg:
         leg = self._leg
         if leg.track is not None:
             place, attitude = leg.track.at(leg.seconds[0] + time)
-            turned = self._carried if attitude is None else attitude * self._survey.mount_turn
+            turned = (
+                self._carried if attitude is None else composed(attitude, self._survey.mount_turn)
+            )
             return place, turned
         along = leg.stop - leg.start
         length = float(np.linalg.norm(along))
