@@ -1,9 +1,8 @@
 """One Blender session, run by test_command.py: jobs as ``blender --command forest`` runs them.
 
-Usage: command_session.py SCENE.toml FOLDER, the extension being installed. FOLDER/answer.json
-says what was installed before and
-after each job, and how the job ended. The Blender that comes as a module has no ``--command``; the window's
-test runs the jobs through that.
+Usage: command_session.py SCENE.toml FOLDER, the extension being installed. FOLDER/answer.json says what was
+installed before and after each job, and how the job ended. The Blender that comes as a module has no
+``--command``; the window's test runs the jobs through that.
 """
 
 import json
