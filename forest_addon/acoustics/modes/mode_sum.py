@@ -205,6 +205,8 @@ class _Precision:
         cls, table: ModeTable, waves: Waves, bins: Bins, span: _Span, width: int, tolerance: float
     ) -> _Precision:
         unit = 2.0 * SINGLE * np.sqrt(table.ranks)  # 2·√R: of Σ_r |c_r·U_r| re |A|
+        if waves.weights is not None:
+            unit = unit * float(np.abs(waves.weights).sum(axis=1).max())
         added: float = _crowd(waves.delay, bins, width)
         double = unit[-1] * added > ADDED * tolerance
         # What is near is laid down as faint as if it were in the middle of the span, and made louder again.
@@ -212,8 +214,6 @@ class _Precision:
         transformed *= math.exp(2.0 * span.most)
         exactly = unit[-1] * transformed > TRANSFORMED * tolerance
         rounded = unit * (STEPS + (0.0 if double else added) + (0.0 if exactly else transformed))
-        if waves.weights is not None:
-            rounded = rounded * float(np.abs(waves.weights).sum(axis=1).max())
         laid = np.float64 if double else np.float32
         return cls(laid, np.complex128 if exactly else np.complex64, rounded)
 

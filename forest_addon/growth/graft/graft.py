@@ -190,7 +190,7 @@ def _hung_edges(
     triangle_leaf: np.ndarray,
 ) -> Edges:
     """Edges of the leaves ``source`` of a template, copied as their vertices and triangles are."""
-    known = scion.leaf_mesh.edges
+    known = scion.leaf_mesh.known_edges()
     assert known is not None  # ``prepare`` finds them
     edge, edge_leaf, edge_moved = scion.edges.copy(source)
     ends = known.ends.take(edge, axis=0)

@@ -34,6 +34,7 @@ from ...acoustics.nonuniform import nodes_needed
 from ...base.products import product
 from .bands import Band, BandGrid
 from .calls import Call
+from .leaves import LeafEchoes
 from .poses import SonarPose
 from .scatterers import FACET, LEAF, WOOD
 from .search import SearchGroup
@@ -46,6 +47,10 @@ CLASSES = (6, 12, 24, 48, 96, 200)  # nodes of amplitudes that are interpolated 
 BLOCK = 5e-4, 4e-3  # s, the shortest and the longest block
 AT_ONCE = 1 << 16  # values at a time
 FEW = 25  # points of speed times bins for each echo, up to which sums for each of these points are quicker
+LEAST, ROUGH = (
+    1e-10,
+    2e-4,
+)  # tolerances from which on, of what is smooth over the frequency and what is not
 STEADY = 0.1  # radians that changes of speed turn echoes within a piece of a call, mean by loudness
 MOST = 1025  # pieces of a call
 KINDS = LEAF, WOOD, FACET
@@ -186,7 +191,10 @@ def shifted_sum(
         turn = np.exp(2j * math.pi * np.remainder(grid.frequency * lead / float(low), 1.0))
         return plain * call.spectrum_at(grid.frequency, float(low)) * turn
     speeds = _Speeds(call, lead, float(low), float(high), band.high, SAFER * (tolerance or 1e-10))
-    many = [bool(tolerance) and speeds.few * grid.count <= FEW * len(group) for group in groups]
+    many = [
+        speeds.few * grid.count <= FEW * len(group) and tolerance >= _least(group)
+        for group in groups
+    ]
     total = np.zeros((len(station.ear), grid.count), dtype=np.complex128)
     weighted = [number for number, some in enumerate(many) if some]
     if weighted:
@@ -203,6 +211,13 @@ def shifted_sum(
             axis=1,
         )
     return total
+
+
+def _least(group: SearchGroup) -> float:
+    """Return the tolerance from which on echoes of a group are summed for each point of speed."""
+    scatterers = group.scatterers
+    smooth = isinstance(scatterers, LeafEchoes) and scatterers.model != "exact"
+    return LEAST if smooth else ROUGH
 
 
 def _over(

@@ -27,6 +27,7 @@ from .search import SearchGroup
 from .station import EarGain, Station
 
 SPLIT = 1e-12  # what parts may differ by from the whole
+WIDER = 3e-3  # steps of the logarithm of bands that are wider than a sonar's: half a metre a second
 PARTIAL = 0.8  # caution: parts are computed at a few frequencies
 
 
@@ -122,7 +123,8 @@ def _over(
                     each = None if each is None else each[others]
             if len(rest):
                 length = rest.paths.length[ear]
-                heard = _in_parts(Heard(seen, gain, station), length, grid, tolerance, each)
+                whole, ends = Heard(seen, gain, station), _table_ends(grid, station)
+                heard = _in_parts(whole, length, grid, ends, tolerance, each)
                 spectrum[ear] += heard.spectrum
                 error[ear] += heard.error_bound * heard.size
                 size[ear] += heard.size
@@ -154,7 +156,9 @@ def _by_modes(
     level = group.paths.level(station, ear)
     if level is None:
         return None
-    lowest, highest = (2.0 * math.pi * end / station.sound_speed for end in grid.ends)
+    lowest, highest = (
+        2.0 * math.pi * end / station.sound_speed for end in _table_ends(grid, station)
+    )
     made = seen.modal(lowest, highest, tolerance, station.band_loss)
     if made is None:
         return None
@@ -183,15 +187,28 @@ def _by_modes(
     return None if found is None else (found, np.delete(np.arange(len(group)), rows))
 
 
+def _table_ends(grid: BandGrid, station: Station) -> tuple[float, float]:
+    """Ends of a band of which modes are known, that holds that of the grid: one wider than the sonar's,
+    because something moves, has one of few widths, so that not every speed has a table of its own."""
+    low, high = station.sonar.band
+    wider = math.log(max(low / grid.ends[0], grid.ends[1] / high))
+    if wider <= 0:
+        return grid.ends
+    factor = math.exp(WIDER * math.ceil(wider / WIDER))
+    return min(low / factor, grid.ends[0]), max(high * factor, grid.ends[1])
+
+
 def _in_parts(
     heard: Heard,
     length: np.ndarray,
     grid: BandGrid,
+    ends: tuple[float, float],
     tolerance: float,
     weights: np.ndarray | None,
 ) -> DelayedSum:
-    """The sum over a group's echoes, each as smooth parts; length (M,) metres of the paths."""
-    lowest, highest = (2.0 * math.pi * end / heard.speed for end in grid.ends)
+    """The sum over a group's echoes, each as smooth parts between ``ends``, Hz; length (M,) metres of the
+    paths."""
+    lowest, highest = (2.0 * math.pi * end / heard.speed for end in ends)
     parts = [_whole(heard.strength, len(length))]
     if not summed_directly(len(length), grid.count, tolerance):
         parts = heard.strength.parts(lowest, highest, tolerance)
