@@ -15,7 +15,7 @@ from typing import Self
 
 from .base.progress import Progress
 from .formats.crs import wkt_of
-from .growth.library.species_file import find_species, load_species
+from .growth.library.species_file import check_known, find_species, load_species
 from .growth.tree import Tree
 from .sensing.detail import grow_needed
 from .sensing.kinds import kind_of
@@ -41,6 +41,17 @@ def load_planted(name: str, folder: Path) -> Planted:
     SpecError : there is no such species, or it cannot be used.
     """
     return load_species(find_species(name, folder))
+
+
+def check_species(scene: Scene, folder: Path) -> None:
+    """Check that every species that a scene plants is there, without reading any.
+
+    Raises
+    ------
+    SpecError : some are not; names all of them, each with the nearest that is.
+    """
+    plantings = enumerate(scene.plantings)
+    check_known({f"plantings[{number}].species": p.species for number, p in plantings}, folder)
 
 
 def _planted(number: int, name: str, folder: Path, load: Load) -> Planted:
@@ -77,6 +88,8 @@ class ForestSite:
         """
         wkt_of(scene.crs)  # now, before hours are spent on what cannot be written
         folder = Path(folder)
+        if load is load_planted:
+            check_species(scene, folder)  # all that are wrong, not the first
         species = tuple(
             _planted(number, planting.species, folder, load)
             for number, planting in enumerate(scene.plantings)

@@ -169,7 +169,7 @@ def _say_cost(run: Run, world: World, sensor: Sensor) -> None:
     observer = world.observer
     with suppress(ValueError, SpecError):
         way = observer.way(sensor, world.folder)
-        cost = cost_of(sensor, way, observer.caster.engine, len(run.forest.stand))
+        cost = cost_of(sensor, way, observer.caster.engine, run.settings, len(run.forest.stand))
         run.stages.say(f"  {sensor.name}: {cost}")
 
 

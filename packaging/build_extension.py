@@ -142,7 +142,7 @@ def without_tests(wheel: Path, leaner: Path) -> None:
     """
     with (
         zipfile.ZipFile(wheel) as whole,
-        zipfile.ZipFile(leaner, "w", zipfile.ZIP_DEFLATED, compresslevel=9) as rest,
+        zipfile.ZipFile(leaner, "w", zipfile.ZIP_DEFLATED, compresslevel=6) as rest,
     ):
         for entry in whole.infolist():
             content = whole.read(entry)
@@ -151,7 +151,7 @@ def without_tests(wheel: Path, leaner: Path) -> None:
             if entry.filename.endswith(".dist-info/RECORD"):
                 rows = content.decode().splitlines(keepends=True)
                 content = "".join(row for row in rows if not is_test(row)).encode()
-            rest.writestr(entry, content, zipfile.ZIP_DEFLATED, 9)
+            rest.writestr(entry, content, zipfile.ZIP_DEFLATED, 6)
 
 
 def is_test(path: str) -> bool:

@@ -167,6 +167,8 @@ def works(python: Path) -> bool:
 def install(python: Path, log: Path) -> None:
     """Runs pip, with a line on what it is at; everything it said is in ``log``."""
     command = [str(python), "-m", "pip", "install", "--no-input", "--disable-pip-version-check"]
+    if not sys.dont_write_bytecode:  # most is never imported; Python compiles what is, and keeps it
+        command.append("--no-compile")
     if tuple(map(int, ensurepip.version().split(".")[:2])) >= (24, 1):
         command.append("--progress-bar=raw")  # byte counts as lines; older pips show none
     print(

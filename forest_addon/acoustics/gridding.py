@@ -37,31 +37,36 @@ def width_for(tolerance: float) -> int:
 class DelayGrid:
     """Collects weights at delays, for the bins k = -(count // 2) … count - count // 2 - 1.
 
-    ``spectrum`` gives Σ_i w_ir e^{-i2πk·u_i} for R columns of weights.
+    ``spectrum`` gives Σ_i s_in·w_ir e^{-i2πk·u_i} for R columns of weights, in N sums.
     """
 
-    def __init__(self, count: int, columns: int, width: int) -> None:
+    def __init__(self, count: int, columns: int, width: int, sums: int = 1) -> None:
         self._kernel = kernel(width)
         self._bins = np.arange(count) - count // 2
         self._size = fft.next_fast_len(max(OVERSAMPLING * count, 2 * width))
-        self._grid = np.zeros((self._size + width, 2 * columns))
+        self._grid = np.zeros((sums, self._size + width, 2 * columns))
 
-    def add(self, turns: np.ndarray, weight: np.ndarray) -> None:
-        """Add weights (M, R) complex at delays ``turns`` (M,), 1 the period of the bins."""
+    def add(self, turns: np.ndarray, weight: np.ndarray, several: np.ndarray | None = None) -> None:
+        """Add weights (M, R) complex at delays ``turns`` (M,), 1 the period of the bins; several : (M, N)
+        real, of each in the sums."""
         width = self._kernel.width
         place = (turns - np.floor(turns)) * self._size  # 0 … size, both included
         first, taps = self._kernel.spread(place, np.float64)
         first += np.where(first < 0, np.int32(self._size), np.int32(0))
         columns = first[:, None] + np.arange(width, dtype=np.int32)
         rows = np.arange(0, taps.size + 1, width, dtype=np.int32)
-        shape = (len(turns), len(self._grid))
-        deposit = sparse.csr_matrix((taps.T.ravel(), columns.ravel(), rows), shape=shape)
-        self._grid += deposit.T @ np.ascontiguousarray(weight, dtype=np.complex128).view(np.float64)
+        shape = (len(turns), self._grid.shape[1])
+        values = np.ascontiguousarray(weight, dtype=np.complex128).view(np.float64)
+        for number, grid in enumerate(self._grid):
+            mine = taps if several is None else taps * several[:, number]
+            deposit = sparse.csr_matrix((mine.T.ravel(), columns.ravel(), rows), shape=shape)
+            grid += deposit.T @ values
 
-    def spectrum(self) -> np.ndarray:
-        """(R, count) complex."""
-        grid = self._grid[: self._size].copy()
-        grid[: len(self._grid) - self._size] += self._grid[self._size :]
+    def spectrum(self, number: int = 0) -> np.ndarray:
+        """(R, count) complex, of a sum."""
+        whole = self._grid[number]
+        grid = whole[: self._size].copy()
+        grid[: len(whole) - self._size] += whole[self._size :]
         transformed = fft.fft(np.ascontiguousarray(grid.view(np.complex128).T), axis=1)
         spectrum: np.ndarray = transformed[:, self._bins % self._size]
         spectrum /= self._kernel.transform(self._bins / self._size)

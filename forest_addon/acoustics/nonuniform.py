@@ -37,7 +37,7 @@ VALUES_AT_ONCE = 1 << 16  # amplitudes at once: what is computed on the way fits
 DIRECT_AT_ONCE = 1 << 15  # and of those at every bin
 ROUNDING = 16.0 * 2.0**-53  # of a sum, and for each period of the carrier
 FEW = 1 << 16  # products of echoes and bins that are summed directly: the fast way costs more
-COLUMNS = 256  # nodes by weights that are deposited at once
+DEPOSITED = 1 << 22  # values on the grid of the nodes and weights that are deposited at once
 KERNEL = 0.5  # share of the tolerance that the kernel's error may take
 TAIL = (
     0.5  # of what is left, for an echo of which nothing is known: of itself, or of the mean of all
@@ -246,7 +246,7 @@ class _Task:
     def interpolate(self, rows: np.ndarray, nodes: int, width: int) -> None:
         """Add the echoes ``rows``, which are smooth enough for so many nodes."""
         first, *others = self._blocks(nodes)
-        grid, step = self._grid(nodes, first, width), VALUES_AT_ONCE // nodes
+        grid, step = self._grid(nodes, first, width), max(1, VALUES_AT_ONCE // nodes)
         for begin in range(0, len(rows), step):
             some = rows[begin : begin + step]
             values = self._values(nodes, some)
@@ -267,11 +267,11 @@ class _Task:
 
     def _blocks(self, nodes: int) -> list[slice]:
         """The weights in runs whose grids are of a bounded size."""
-        count, step = self._weights.shape[1], max(1, COLUMNS // nodes)
+        count, step = self._weights.shape[1], max(1, DEPOSITED // (nodes * self.count))
         return [slice(first, min(first + step, count)) for first in range(0, count, step)]
 
     def _grid(self, nodes: int, block: slice, width: int) -> DelayGrid:
-        return DelayGrid(self.count, nodes * (block.stop - block.start), width)
+        return DelayGrid(self.count, nodes, width, block.stop - block.start)
 
     def _deposit(self, grid: DelayGrid, rows: np.ndarray, values: np.ndarray, block: slice) -> None:
         """Lay amplitudes (R, m) times their weights down at their delays."""
@@ -279,20 +279,20 @@ class _Task:
         turn = phasors(self._middle * delay)
         if self._weights.shape[1] == 1:
             grid.add(delay * self._spacing, (values * (turn * self._weights[rows, 0])).T)
-            return
-        weighted = (values * turn).T[:, None, :] * self._weights[rows, block, None]
-        grid.add(delay * self._spacing, weighted.reshape(len(rows), math.prod(weighted.shape[1:])))
+        else:
+            grid.add(delay * self._spacing, (values * turn).T, self._weights[rows, block])
 
     def _collect(self, grid: DelayGrid, nodes: int, block: slice) -> None:
         """Add what was laid down to the sums of some weights."""
-        parts = grid.spectrum().reshape(-1, nodes, self.count)
         low, high = self._ends
         places = [
             (2.0 * end - low - high) / ((high - low) or 1.0)
             for end in (self._start, self._start + (self.count - 1) * self._spacing)
         ]
         spread = _lagrange(nodes, self.count, *places)
-        self._spectrum[block] += np.einsum("wrk,rk->wk", parts, spread)
+        for number in range(block.stop - block.start):
+            found = np.einsum("rk,rk->k", grid.spectrum(number), spread)
+            self._spectrum[block.start + number] += found
 
     def direct(self, rows: np.ndarray) -> None:
         """Add the echoes ``rows`` bin by bin."""

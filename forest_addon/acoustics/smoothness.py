@@ -15,6 +15,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import pairwise
 from typing import Protocol
 
 import numpy as np
@@ -138,10 +139,19 @@ def smoothness(
     pairs, of_echo = numbered(of_echo * len(decay) + of_decay)
     line, other = np.divmod(pairs, len(decay))
     errors = np.empty((len(pairs), len(LEVELS)))
-    for number in np.unique(other).tolist():
-        for long in np.unique(length[line[other == number]]).tolist():
-            rows = np.flatnonzero((other == number) & (length[line] == long))
-            errors[rows] = series[line[rows], :long] @ _beyond(decay[number].tobytes(), long)
+    order = np.lexsort((length[line], other))
+    line, other = line[order], other[order]
+    begins = np.flatnonzero((np.diff(other, prepend=-1) != 0) | np.diff(length[line], prepend=-1))
+    step = max(1, AT_ONCE // (len(LEVELS) * series.shape[1]))
+    first = np.searchsorted(other[begins], np.arange(0, len(decay) + step, step))
+    ends = np.append(begins[1:], len(pairs))
+    for block, (start, stop) in enumerate(pairwise(first.tolist())):
+        products = _beyond(decay[block * step : (block + 1) * step], series.shape[1])
+        for begin, end in zip(begins[start:stop].tolist(), ends[start:stop].tolist(), strict=True):
+            long = int(length[line[begin]])
+            product = products[other[begin] - block * step, :long]
+            errors[order[begin:end]] = series[line[begin:end], :long] @ product
+    line, other = np.divmod(pairs, len(decay))
     unseen = beyond[line] * decay.sum(axis=1)[other]
     return Smoothness(
         of_echo,
@@ -292,16 +302,17 @@ def _lost(
     return np.atleast_2d(bounds), of_echo
 
 
-@lru_cache(maxsize=256)
-def _beyond(lost: bytes, orders: int) -> np.ndarray:
-    """(N, levels): errors of the product with a series (G,) of numbers, for each coefficient of another."""
-    decay = np.frombuffer(lost)
+def _beyond(decay: np.ndarray, orders: int) -> np.ndarray:
+    """(D, N, levels): errors of the product with a series of numbers (D, G), for each coefficient of
+    another."""
     level, order = np.array(LEVELS), np.arange(orders)[:, None]
-    after = np.append(np.cumsum(decay[::-1])[::-1], 0.0)  # Σ from n on
-    total = np.zeros((orders, len(level)))
+    after = np.zeros((len(decay), decay.shape[1] + 1))  # Σ from n on
+    after[:, :-1] = np.cumsum(decay[:, ::-1], axis=1)[:, ::-1]
+    most = decay.shape[1]
+    total = np.zeros((len(decay), orders, len(level)))
     for start in (level, level + 1):
         for place in (start - order, order + start):
-            total += 0.5 * after[np.clip(place, 0, len(decay))]
-        lower = after[0] - after[np.clip(order - start + 1, 0, len(decay))]
+            total += 0.5 * after.take(np.clip(place, 0, most), axis=1)
+        lower = after[:, :1, None] - after.take(np.clip(order - start + 1, 0, most), axis=1)
         total += 0.5 * np.where(order >= start, lower, 0.0)
     return total

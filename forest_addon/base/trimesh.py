@@ -6,7 +6,7 @@ from the evaluated scene, ray casters and sensors use it.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -43,7 +43,7 @@ class TriMesh:
     material : (T,) int32, material slot.
     uv : (T, 3, 2) float32 texture coordinates by corner, or None.
     order : (T,) int8, branching order of the wood (0 the trunk) or of what bears the leaf, or None.
-    edges : known from how the mesh was made, or None.
+    edges : known from how the mesh was made, or what makes them when they are asked for, or None.
     """
 
     vertices: np.ndarray
@@ -53,7 +53,7 @@ class TriMesh:
     material: np.ndarray
     uv: np.ndarray | None = None
     order: np.ndarray | None = None
-    edges: Edges | None = None
+    edges: Edges | Callable[[], Edges] | None = None
 
     @classmethod
     def of_part(cls, vertices: np.ndarray, triangles: np.ndarray, part: int) -> TriMesh:
@@ -66,6 +66,10 @@ class TriMesh:
             leaf=np.full(count, -1, dtype=np.int32),
             material=np.zeros(count, dtype=np.int32),
         )
+
+    def known_edges(self) -> Edges | None:
+        """The edges, made now where they were left for later."""
+        return self.edges() if callable(self.edges) else self.edges
 
     def area_vectors(self) -> np.ndarray:
         """(T, 3) half cross products: the direction is the normal, the length the area in m²."""
@@ -135,10 +139,11 @@ def join_edges(meshes: Sequence[TriMesh]) -> Edges | None:
     ends, of_corner = [], []
     vertex = edge = 0
     for mesh in meshes:
-        if mesh.edges is None:
+        known = mesh.known_edges()
+        if known is None:
             return None
-        ends.append(mesh.edges.ends + np.int32(vertex))
-        of_corner.append(mesh.edges.of_corner + np.int32(edge))
+        ends.append(known.ends + np.int32(vertex))
+        of_corner.append(known.of_corner + np.int32(edge))
         vertex += len(mesh.vertices)
-        edge += len(mesh.edges.ends)
+        edge += len(known.ends)
     return Edges(np.concatenate(ends), np.concatenate(of_corner))

@@ -40,9 +40,9 @@ class Cost:
         return f"{self.count:,} {what}{rays}: about {_lasting(self.seconds)}{memory}"
 
 
-def cost_among(cost: Cost, a_tree: float, trees: int) -> Cost:
-    """The cost of a run among so many trees, each of which adds ``a_tree`` seconds to the first guess."""
-    guess = cost.guess + a_tree * trees
+def cost_with(cost: Cost, more: float) -> Cost:
+    """The cost of a run to whose first guess so many seconds are added."""
+    guess = cost.guess + more
     pace = cost.seconds / cost.guess if cost.guess > 0 else 1.0
     return replace(cost, seconds=guess * pace, guess=guess)
 

@@ -118,6 +118,10 @@ def _never_empty(_job: Observation, _found: Any) -> str:
     return ""
 
 
+def _no_more(_sensor: Any, _settings: Scene, _trees: int) -> float:
+    return 0.0
+
+
 def _one_run(sensor: Any, _trajectory: Any, _engine: str) -> Cost:
     return cost_of_work(sensor, "runs", 1, GUESS)
 
@@ -149,9 +153,9 @@ class SensorKind:
     empty : that a finding holds nothing, and why, in a sentence; "" of one that holds something.
     lasts : seconds of a scene that moves, which a run along a trajectory looks at; 0: it stands still.
     sways : whether it meets trees where the wind has them at the time of each of its rays.
-    cost : of a run along a trajectory with a ray engine. a_tree : seconds of it that each tree of the forest
-        adds, of all trees that there are. outline : (N, 2, 3) m, ends of the lines that show
-        where it looks.
+    cost : of a run along a trajectory with a ray engine. seconds_among : what so many trees, and all that a
+        scene's settings add to them, add to its first guess. outline : (N, 2, 3) m, ends of the lines that
+        show where it looks.
     choose : what is left to "auto", chosen. left_out : what a finding left out, and the bound on that.
     thinned : settings, as a table, by which one of so many of its pulses is sent; None: it has none.
     look : what it needs of trees, where their detail is left to "auto".
@@ -174,7 +178,7 @@ class SensorKind:
     lasts: Callable[[Any, Any], float] = _a_moment
     sways: bool = False
     cost: Callable[[Any, Any, str], Cost] = _one_run
-    a_tree: float = 0.0
+    seconds_among: Callable[[Any, Scene, int], float] = _no_more
     outline: Callable[[Any], np.ndarray] = _no_lines
     choose: Callable[[Any], tuple[Choice, ...]] = _nothing_chosen
     left_out: Callable[[Any], tuple[Choice, ...]] = _nothing_chosen

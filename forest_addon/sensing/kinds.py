@@ -10,8 +10,8 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from ..spec import SENSORS, Choice, Sensor
-from .cost import Cost, cost_among
+from ..spec import SENSORS, Choice, Scene, Sensor
+from .cost import Cost, cost_with
 from .kind import SensorKind
 from .lidar.kind import AIRBORNE, MOBILE, TERRESTRIAL, TRACTOR
 from .reverb.kind import REVERB
@@ -37,10 +37,11 @@ def kind_of(sensor: Sensor) -> SensorKind:
     return KINDS[sensor.kind]
 
 
-def cost_of(sensor: Sensor, trajectory: Any, engine: str, trees: int = 0) -> Cost:
-    """The cost of a sensor's run along a trajectory with a ray engine, in a forest of so many trees."""
+def cost_of(sensor: Sensor, trajectory: Any, engine: str, settings: Scene, trees: int) -> Cost:
+    """The cost of a sensor's run along a trajectory with a ray engine, in a scene with so many trees."""
     kind = kind_of(sensor)
-    return cost_among(kind.cost(sensor, trajectory, engine), kind.a_tree, trees)
+    more = kind.seconds_among(sensor, settings, trees)
+    return cost_with(kind.cost(sensor, trajectory, engine), more)
 
 
 def of_family(sensors: Iterable[Sensor], family: str) -> list[Any]:

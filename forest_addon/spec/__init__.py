@@ -57,7 +57,7 @@ from .lidar import (
 from .link import LinkBudget
 from .looks import Bark, Look
 from .polished import POLISHED, USUAL_INDEX, Polished, property_of
-from .problem import did_you_mean, unknown
+from .problem import did_you_mean, quoted_with_hints, refuse_absurd, unknown
 from .reverb import Place, Reverb
 from .scene import SENSORS, Accuracy, Output, Rays, Scene, Tiles
 from .sensor import Sensor
@@ -151,6 +151,8 @@ __all__ = [
     "param",
     "param_of",
     "property_of",
+    "quoted_with_hints",
+    "refuse_absurd",
     "refuse_unknown",
     "unknown",
     "with_files",

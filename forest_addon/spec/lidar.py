@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from typing import ClassVar
 
 from .base import Settings, SpecError, param
 from .link import LinkBudget
 from .parts import azimuth, kind, motion, output_name, place, range_limit
+from .problem import places_in, refuse_absurd
 from .sensor import Sensor
 
 
@@ -55,6 +57,12 @@ class Tractor(Sensor):
             raise SpecError("position[2]", "the scanner must be above z = 0; raise it")
         if self.top <= self.position[2]:
             raise SpecError("top", f"{self.top:g} m must be above the scanner's height")
+        rise = math.atan2(self.top - self.position[2], self.reach)
+        fan = math.degrees(rise + math.atan2(self.position[2], self.reach))
+        beams = places_in(fan, self.angle_step_deg)
+        scans = places_in(self.track, self.step * (self.gap + 1))
+        key = "angle_step_deg" if beams > scans else "step"
+        refuse_absurd(key, beams * scans, max(self.splits, 1) ** 2)
 
 
 class Beam(Settings):
@@ -278,6 +286,11 @@ class Terrestrial(Scanner):
             low, high = getattr(self, key)
             if low >= high:
                 raise SpecError(key, f"[{low:g}, {high:g}] must be [from, to] with from < to")
+        across, along = (high - low for low, high in (self.azimuth_deg, self.elevation_deg))
+        line_step = self.angle_step_deg if self.line_step_deg is None else self.line_step_deg
+        columns, rows = places_in(across, self.angle_step_deg), places_in(along, line_step)
+        key = "line_step_deg" if self.line_step_deg and rows > columns else "angle_step_deg"
+        refuse_absurd(key, columns * rows, self.beam.subrays)
         super().check()
 
 
@@ -356,6 +369,9 @@ class Mobile(MovingScanner):
         for index, (before, after) in enumerate(zip(self.poses, self.poses[1:], strict=False), 1):
             if before.time >= after.time:
                 raise SpecError(f"poses[{index}].time", "must be later than the pose before")
+        if self.poses:
+            lasts = self.poses[-1].time - self.poses[0].time
+            refuse_absurd("poses", lasts * self.pulse_rate, self.beam.subrays)
         super().check()
 
 
@@ -373,3 +389,8 @@ class Airborne(MovingScanner):
         1, help="how many strips, each to the right of the one before", ge=1, le=10000
     )
     spacing: float = param(50.0, unit="m", help="distance between strips", ge=0, le=1e5)
+
+    def check(self) -> None:
+        lasts = self.track / self.speed * self.strips
+        refuse_absurd("speed", lasts * self.pulse_rate, self.beam.subrays)
+        super().check()

@@ -7,6 +7,8 @@ import math
 from collections.abc import Iterable
 
 SAME = (("position", "poses", "receiver"),)  # a word, and what else its thing is called
+MOST_RAYS = 10**12  # of a scan; none that is meant has as many
+A_SECOND = 4e5  # rays of Embree on one core, about
 
 
 class SpecError(ValueError):
@@ -48,3 +50,34 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
     near = near or difflib.get_close_matches(str(name), names, 1)
     quoted = " or ".join(f'"{word}"' for word in near)
     return f"did you mean {quoted}? " if near else ""
+
+
+def quoted_with_hints(names: Iterable[str], known: Iterable[str]) -> str:
+    """Names that are not known, quoted, each with the nearest known: '"oka" (did you mean "oak"?), "x"'."""
+    every = list(known)
+    hints = {name: did_you_mean(name, every).rstrip() for name in names}
+    return ", ".join(f'"{name}"' + (f" ({hint})" if hint else "") for name, hint in hints.items())
+
+
+def refuse_absurd(key: str, pulses: float, rays: int = 1) -> None:
+    """Refuse a scan of more rays than any that is meant, as a slip of the keyboard asks for.
+
+    key : the setting that says how many pulses. rays : of a pulse.
+
+    Raises
+    ------
+    SpecError : says how many pulses, and how long they take.
+    """
+    if not pulses * rays <= MOST_RAYS:
+        each = f" of {rays:,} rays" if rays > 1 else ""
+        years = pulses * rays / A_SECOND / 3.156e7
+        raise SpecError(
+            key,
+            f"asks for {pulses:.2g} pulses{each}, some {years:,.2g} years of work; a scan has at most "
+            f"{MOST_RAYS:.0e} rays, so give another",
+        )
+
+
+def places_in(span: float, step: float) -> float:
+    """Number of places in a span, a step apart, both its ends among them."""
+    return math.floor(max(span, 0.0) / step) + 1.0

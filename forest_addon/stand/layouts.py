@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..base.rng import truncated_normal
-from ..spec import Rows
+from ..spec import Rows, quoted_with_hints
 from .inputs import TreeList
 from .intensity.functions import IntensityError
 
@@ -77,7 +77,9 @@ def trees_of(
         return np.arange(len(listed))
     unknown = sorted(set(listed.species) - set(every))
     if unknown:
+        are = "is" if len(unknown) == 1 else "are"
         raise IntensityError(
-            f'{source}: the species "{unknown[0]}" is not planted; use one of {", ".join(every)}'
+            f"{source}: the species {quoted_with_hints(unknown, every)} {are} not planted; use one of "
+            f"{', '.join(every)}"
         )
     return np.flatnonzero(np.isin(np.array(listed.species), list(names)))

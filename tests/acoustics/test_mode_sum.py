@@ -11,7 +11,7 @@ import pytest
 from forest_addon.acoustics.disc import backscatter_amplitude
 from forest_addon.acoustics.kaiser_bessel import Kernel
 from forest_addon.acoustics.modes.disc_modes import DiscModes, modes_of, phase_for
-from forest_addon.acoustics.modes.mode_sum import Bins, sum_modes
+from forest_addon.acoustics.modes.mode_sum import Bins, Waves, sum_modes
 from forest_addon.acoustics.nonuniform import DelayedSum
 
 SPEED = 343.0
@@ -54,7 +54,7 @@ def fast(
 ) -> DelayedSum | None:
     table = modes_of(model, ENDS, phase_for(0.45 * tolerance), float(radius.max()))
     places = table.places(radius, incidence)
-    return sum_modes(table, places, gain, delay, BINS, loss, tolerance)
+    return sum_modes(table, places, Waves(gain, delay), BINS, loss, tolerance)
 
 
 @pytest.mark.parametrize("model", ["exact", "paper"])
@@ -107,7 +107,7 @@ def test_what_was_asked_for_before_changes_no_bit() -> None:
         table = DiscModes("paper", ENDS, phase_for(0.45e-3), 0.022)
         table.places(asked, np.full(len(asked), 0.3))
         places = table.places(radius, incidence)
-        found.append(sum_modes(table, places, 1.0 / delay**2, delay, BINS, air, 1e-3))
+        found.append(sum_modes(table, places, Waves(1.0 / delay**2, delay), BINS, air, 1e-3))
     fresh, later = found
     assert fresh is not None
     assert later is not None

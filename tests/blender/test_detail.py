@@ -39,7 +39,7 @@ MEASURED = sorted(
 )
 TREE = Wanted(0.16, 12.0, 3.6, 4.0, 40.0)
 WAYS = np.array([[0, 0, 1], [1, 0, 0.1], [0, 1, 0.3], [0.6, -0.5, 0.6], [-0.7, -0.3, 0.25]])
-SIDE = 150  # rays along each side of a picture
+SIDE = 75  # rays along each side of a picture
 
 
 def far_trees(forest):
@@ -74,7 +74,7 @@ def hidden_and_gap(tree, like):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", MEASURED)
 def test_a_coarser_tree_hides_as_much(name):
-    """Three trees, five directions, 22,500 rays each: the means of hidden area and gap fraction are within
+    """Three trees, five directions, 5,625 rays each: the means of hidden area and gap fraction are within
     the bound, known to 2 % or better (a standard error, from their spread). Most species are within 1 %; a
     quarter of a maple's leaves, whose crown has wide gaps, is 2 to 4 % off.
     """

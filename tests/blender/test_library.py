@@ -90,7 +90,6 @@ WAYS = [
     ("objects", True, 1),
     ("collections", False, 1),
     ("collections", True, 0),
-    ("collections", True, 1),
 ]
 
 

@@ -44,6 +44,47 @@ def test_known_edges_are_those_blender_finds(empty_blender, tree):
     assert np.array_equal(back.leaf, tree.leaf)
 
 
+@pytest.mark.parametrize("changed", [False, True])
+def test_what_is_read_as_it_was_written_is_held_once(empty_blender, tree, changed):
+    from forest_addon.blender.scene.meshes import from_mesh, to_mesh
+
+    data = to_mesh("tree", tree)
+    if changed:
+        for name, value in (("part", 3), ("leaf", 7), ("material_index", 1)):
+            data.attributes[name].data[5].value = value
+    back = from_mesh(data)
+    assert np.shares_memory(back.triangles, tree.triangles)
+    for one, other in ((back.part, tree.part), (back.leaf, tree.leaf)):
+        assert np.shares_memory(one, other) != changed
+    assert back.part[5] == (3 if changed else tree.part[5])
+    assert tree.part[5] != 3
+    with pytest.raises(ValueError, match="read-only"):
+        back.triangles[0] = 0
+
+
+def test_an_evaluated_mesh_is_read_as_it_is_shown(empty_blender, tree):
+    import bpy
+
+    from forest_addon.blender.read.depsgraph import read_scene
+    from forest_addon.blender.scene.meshes import to_mesh
+
+    thing = bpy.data.objects.new("tree", to_mesh("tree", tree))
+    bpy.context.collection.objects.link(thing)
+    plain = read_scene(bpy.context.evaluated_depsgraph_get()).meshes[0]
+    assert np.shares_memory(plain.triangles, tree.triangles)
+    assert np.array_equal(plain.vertices, tree.vertices.astype(np.float32))
+    twice = thing.modifiers.new("twice", "ARRAY")
+    twice.count = 2
+    shown = read_scene(bpy.context.evaluated_depsgraph_get()).meshes[0]
+    assert len(shown.triangles) == 2 * len(tree.triangles)
+    assert np.array_equal(shown.vertices[: len(plain.vertices)], plain.vertices)
+    first, second = shown.leaf.reshape(2, -1)
+    assert np.array_equal(first, tree.leaf)
+    assert not np.intersect1d(
+        first[first >= 0], second
+    ).size  # leaves of the copy have numbers of their own
+
+
 def test_order_and_texture_arrive_in_blender(empty_blender, tree):
     from forest_addon.blender.scene.meshes import to_mesh
 

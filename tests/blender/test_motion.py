@@ -8,6 +8,7 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from forest_addon import api as forest
+from forest_addon.blender.sensors.following import SceneFollower
 from forest_addon.sensing.sonar.doppler import factors
 from forest_addon.sensing.sonar.station import Equipment, Station
 
@@ -249,6 +250,47 @@ def test_pings_along_what_is_followed_hear_the_scene_at_their_times(scene):
         both = (c + 1) / (c - 1) * (c + speed) / (c - speed)
         assert alpha[glint] == pytest.approx(both, rel=1e-5)
     assert result.audit.kept
+
+
+def eased(curve, frame):
+    """Metres a frame of a Bezier key's curve at a frame, in closed form."""
+    ends = curve.keyframe_points
+    knots = [ends[0].co, ends[0].handle_right, ends[1].handle_left, ends[1].co]
+    p = np.array([tuple(knot) for knot in knots])
+    terms = [
+        p[3] - 3 * p[2] + 3 * p[1] - p[0],
+        3 * (p[2] - 2 * p[1] + p[0]),
+        3 * (p[1] - p[0]),
+        p[0],
+    ]
+    time, value = np.array(terms).T
+    roots = np.roots(time - [0, 0, 0, frame])
+    u = next(r.real for r in roots if abs(r.imag) < 1e-9 and -1e-9 <= r.real <= 1 + 1e-9)
+    return np.polyval(np.polyder(value), u) / np.polyval(np.polyder(time), u)
+
+
+@pytest.mark.slow
+def test_what_eases_in_and_out_has_the_speed_of_the_time(scene):
+    """Bezier keys: heard and flown at the speed of the ping's time, within what Blender's float32 tells."""
+    plate = bpy.data.objects["plate"]
+    for frame, place in ((1, FAR), (49, FAR / 2)):
+        plate.location.x = place
+        plate.keyframe_insert("location", frame=frame)
+    action = plate.animation_data.action
+    curves = getattr(action, "fcurves", None)
+    if curves is None:
+        curves = action.layers[0].strips[0].channelbags[0].fcurves
+    curve = next(c for c in curves if c.data_path == "location" and c.array_index == 0)
+    for frame in (5, 33):
+        scene.frame_set(frame)
+        speed = forest.current().ping(PING).motion["velocity"][:, 0]
+        moving = speed[speed != 0]
+        assert len(moving)
+        np.testing.assert_allclose(moving, 24 * eased(curve, frame), rtol=6e-4)
+    scene.frame_start, scene.frame_end = 1, 49
+    flown = SceneFollower(scene).motion("plate", 7).velocity[:, 0]
+    expected = [24 * eased(curve, frame) for frame in np.linspace(1, 49, 7)]
+    np.testing.assert_allclose(flown[1:-1], expected[1:-1], rtol=5e-5)
 
 
 @pytest.mark.medium

@@ -223,7 +223,7 @@ def newcomer(steps: Steps) -> Scenario:
     bpy.context.scene.camera = eye
     for thing in bpy.data.objects:
         thing.hide_render = thing is not shown
-    bpy.context.scene.cycles.samples = 1
+    bpy.context.scene.cycles.samples = bpy.context.scene.eevee.taa_render_samples = 1
     engines = bpy.types.RenderSettings.bl_rna.properties["engine"].enum_items.keys()
     eevee = next(e for e in ("BLENDER_EEVEE", "BLENDER_EEVEE_NEXT") if e in engines)
     for engine in (eevee, "CYCLES"):

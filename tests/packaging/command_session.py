@@ -1,8 +1,8 @@
-"""One Blender session, run by test_command.py: install, then run jobs as ``blender --command forest`` does.
+"""One Blender session, run by test_command.py: jobs as ``blender --command forest`` runs them.
 
-Usage: command_session.py ARCHIVE SCENE.toml FOLDER. FOLDER/answer.json says what was installed before and
-after each job, and how the job ended. The Blender that comes as a module has no ``--command``; the window's
-test runs the jobs through that.
+Usage: command_session.py SCENE.toml FOLDER, the extension being installed. FOLDER/answer.json says what was
+installed before and after each job, and how the job ended. The Blender that comes as a module has no
+``--command``; the window's test runs the jobs through that.
 """
 
 import json
@@ -18,11 +18,9 @@ import addon_utils  # isort: skip
 MODULE = "bl_ext.user_default.forest_sensing"
 
 
-def main(archive: str, scene: str, folder: str) -> None:
+def main(scene: str, folder: str) -> None:
     out = Path(folder)
-    bpy.ops.extensions.package_install_files(
-        filepath=archive, repo="user_default", enable_on_install=True
-    )
+    bpy.ops.preferences.addon_enable(module=MODULE)
     command = import_module(f"{MODULE}.forest_addon.ui.settings.command")
     seen = [state()]
     jobs = (

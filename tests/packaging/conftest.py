@@ -46,7 +46,8 @@ def session(archive, once):
         assert run.returncode == 0, run.stdout + run.stderr
 
     folder = once("session", look)
-    return json.loads((folder / "answer.json").read_text()) | {"resources": folder / "resources"}
+    kept = {name: folder / name for name in ("resources", "enabled")}
+    return json.loads((folder / "answer.json").read_text()) | kept
 
 
 @pytest.fixture(scope="session")

@@ -7,6 +7,7 @@ answer says where modules come from, what enabling added and what disabling left
 import importlib.util
 import json
 import os
+import shutil
 import sys
 import tempfile
 from collections.abc import Iterator
@@ -43,6 +44,9 @@ def main(archive: str, answer: str) -> None:
     with watched() as acts:
         pressed = press_every_button(Path(answer).parent / "results")
         typed = type_in_the_console(Path(answer).parent / "results" / "typed.laz")
+    # As it is now, for the session of test_command.py: unpacking and compiling all again takes seconds.
+    resources = Path(os.environ["BLENDER_USER_RESOURCES"])
+    shutil.copytree(resources, Path(answer).parent / "enabled")
     disabled = bpy.ops.preferences.addon_disable(module=MODULE)
     result = {
         "lacking": lacking,

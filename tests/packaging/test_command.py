@@ -1,6 +1,7 @@
 """The command line of the installed extension: its jobs leave the extension and its packages in place."""
 
 import json
+import shutil
 import sys
 from pathlib import Path
 
@@ -10,14 +11,15 @@ SESSION = Path(__file__).with_name("command_session.py")
 SMALL = Path(__file__).parents[1] / "headless" / "small.toml"
 
 
-def test_jobs_leave_the_extension_as_it_was(archive, in_clean_blender, tmp_path):
+def test_jobs_leave_the_extension_as_it_was(session, in_clean_blender, tmp_path):
     """Factory settings in a user's Blender would switch it off and remove scipy and the rest."""
     out = tmp_path / "out"
     out.mkdir()
     scene = tmp_path / "scene.toml"
     text = SMALL.read_text().split("[output]")[0] + "[output]\n"
     scene.write_text(text + "preview_size = [96, 54]\npreview_samples = 1\nleaves = false\n")
-    run = in_clean_blender(tmp_path, SESSION, archive, scene, out)
+    shutil.copytree(session["enabled"], tmp_path / "resources")
+    run = in_clean_blender(tmp_path, SESSION, scene, out)
     assert run.returncode == 0, run.stdout + run.stderr
     answer = json.loads((out / "answer.json").read_text())
     assert answer["codes"] == [0, 0, 0], run.stderr

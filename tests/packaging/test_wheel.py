@@ -12,6 +12,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 SMALL = ROOT / "tests" / "headless" / "small.toml"
+BARE = "[output]\nblend = false\nglb = false\npreview = false\npictures = false\ngoodness = false\n"
 
 
 def run(*words, **more):
@@ -69,7 +70,9 @@ def test_the_installed_wheel_runs_a_scene_from_another_folder(installed, tmp_pat
     )
     assert where.stdout.startswith(str(folder))
     start = "import sys; from forest_addon.headless.cli import main; sys.exit(main(sys.argv[1:]))"
-    words = ("run", SMALL, "--out", tmp_path / "out", "--quiet")
+    scene = tmp_path / "small.toml"
+    scene.write_text(SMALL.read_text(encoding="utf-8").split("[output]")[0] + BARE, "utf-8")
+    words = ("run", scene, "--out", tmp_path / "out", "--quiet")
     done = run("-c", start, *words, cwd=tmp_path, env=environment)
     assert done.returncode == 0, done.stderr
     record = json.loads((tmp_path / "out" / "run.json").read_text(encoding="utf-8"))

@@ -1,10 +1,12 @@
 """Cost of a run in words, as commands say it before they begin."""
 
+import math
+
 import pytest
 
 from forest_addon.sensing.cost import Cost
 from forest_addon.sensing.kinds import kind_of
-from forest_addon.spec import Beam, Terrestrial
+from forest_addon.spec import Beam, Forest, Place, Reverb, Scene, Stems, Terrestrial
 
 
 @pytest.mark.parametrize(
@@ -21,6 +23,24 @@ from forest_addon.spec import Beam, Terrestrial
 )
 def test_costs_in_words(cost, words):
     assert str(cost) == words
+
+
+def test_a_reverb_takes_longer_with_heights_stems_and_a_forest_that_goes_on():
+    """In proportion to cuts and to channels; a forest that goes on as stems of its number do."""
+    level = Reverb(source=(5.0, 5.0, 1.5), receiver=(9.0, 5.0, 1.5))
+    among = kind_of(level).seconds_among
+    field = Scene(name="field", forest=Forest(size=(100.0, 100.0)))
+    stems = field.changed(stems=(Stems(count=30_000), Stems(count=10_000)))
+    one = among(level, field, 100)
+    assert among(level, field, 200) == pytest.approx(2 * one)
+    high = [among(level.changed(receiver=(9.0, 5.0, 1.5 + rise)), field, 100) for rise in (6, 11.5)]
+    assert (high[1] - one) / (high[0] - one) == pytest.approx(22 / 11)  # 23 and 12 heights
+    pair = level.changed(receivers=(Place(position=(9.0, 7.0, 1.5)),))
+    assert among(pair, stems, 0) == pytest.approx(2 * among(level, stems, 0))
+    far = level.changed(continue_to=200.0)  # 0.01 trees/m² over π·4 ha, of which 100 stand
+    as_many = field.changed(stems=(Stems(count=round(0.01 * math.pi * 200.0**2) - 100),))
+    assert among(far, field, 100) == pytest.approx(among(level, as_many, 100), rel=1e-3)
+    assert among(level, as_many, 100) < among(level, stems, 100)
 
 
 def test_a_scanners_pulses_are_counted_before_they_are_sent():

@@ -57,3 +57,28 @@ def test_sound_speed_follows_temperature():
     assert spec.Air().speed() == pytest.approx(343.2, abs=1e-9)
     assert spec.Air(temperature_c=0.0).speed() == pytest.approx(331.3, abs=0.1)
     assert spec.Air(sound_speed=340.0).speed() == 340.0
+
+
+@pytest.mark.parametrize(
+    ("make", "key"),
+    [
+        (lambda: spec.Terrestrial(angle_step_deg=1e-6), "angle_step_deg"),
+        (lambda: spec.Terrestrial(line_step_deg=1e-12), "line_step_deg"),
+        (
+            lambda: spec.Terrestrial(angle_step_deg=1e-3, beam=spec.Beam(subrays=100_000)),
+            "of 100,000 rays",
+        ),
+        (lambda: spec.Tractor(step=1e-12), "step"),
+        (lambda: spec.Tractor(angle_step_deg=1e-12), "angle_step_deg"),
+        (lambda: spec.Airborne(speed=1e-9), "speed"),
+        (lambda: spec.Mobile(poses=(spec.Pose(), spec.Pose(time=1e9))), "poses"),
+    ],
+)
+def test_a_scan_that_would_take_years_is_refused_before_it_begins(make, key):
+    with pytest.raises(spec.SpecError, match=f"{key}.*years of work"):
+        make()
+
+
+def test_the_finest_scan_that_an_instrument_makes_is_taken():
+    made = spec.Terrestrial(angle_step_deg=0.0007, beam=spec.Beam(subrays=1))  # 8.8e10 pulses
+    assert made.angle_step_deg == 0.0007

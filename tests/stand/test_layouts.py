@@ -94,6 +94,15 @@ def test_a_list_that_names_what_nobody_plants_is_refused():
         plan_stand(2, Forest(), [planting], Inputs(lists={"t.csv": listed()}))
 
 
+def test_all_species_of_a_list_that_nobody_plants_are_named():
+    trees = TreeList(position=np.zeros((3, 2)), species=("elm", "oka", "oak"))
+    planting = Planting(species="oak", layout="list", trees="t.csv")
+    with pytest.raises(
+        IntensityError, match=r'"elm", "oka" \(did you mean "oak"\?\) are not planted'
+    ):
+        plan_stand(2, Forest(), [planting], Inputs(lists={"t.csv": trees}))
+
+
 def test_a_collection_without_blender_is_refused():
     planting = Planting(species="oak", layout="list", collection="Mine")
     with pytest.raises(IntensityError, match='"Mine" is not here'):

@@ -14,8 +14,8 @@ echo by echo, in double where many are added.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 import numpy as np
@@ -34,6 +34,11 @@ SINGLE = 2.0**-24
 AT_ONCE = 1 << 13  # echoes
 ADDED = 0.1  # share of the tolerance beyond which they are added up in double precision
 STEPS = 16.0  # roundings of a share, in single precision, on its way
+OF_LEVEL = 4.0  # and in each step of a transform, where that is
+ADDED_UP = 16  # modes whose waves are added up in single precision
+TRANSFORMED = 0.15  # share of the tolerance beyond which transforms are in double precision
+VALUES = 1 << 22  # on grids at once
+DEAR = 300.0  # values on grids for each echo in sums with weights: beyond, modes do not pay
 
 
 class ModeTable(Protocol):
@@ -110,24 +115,39 @@ class WholeEchoes:
     share: float
 
 
+@dataclass(frozen=True)
+class Waves:
+    """M waves: gain (M,) real, re a table; delay (M,) s; weights (M, W) real, of each in W sums, or None: one
+    sum. These are coefficients of one, whose error is the bound's times the largest that they meet."""
+
+    gain: np.ndarray
+    delay: np.ndarray
+    weights: np.ndarray | None = None
+
+    def ordered(self, order: np.ndarray) -> Waves:
+        """The same in another order."""
+        weights = None if self.weights is None else self.weights[order]
+        return Waves(self.gain[order], self.delay[order], weights)
+
+
 def sum_modes(
     table: ModeTable,
     places: Any,
-    gain: np.ndarray,
-    delay: np.ndarray,
+    waves: Waves,
     bins: Bins,
     loss: Callable[[np.ndarray], np.ndarray],
     tolerance: float,
     whole: WholeEchoes | None = None,
 ) -> DelayedSum | None:
-    """The sum of M echoes; None where modes do not keep to the tolerance, delays are not on the grid, or
-    losses differ too much over them.
+    """The sum of M echoes; None where modes do not keep to the tolerance, delays are not on the grid,
+    losses differ too much over them, or weights are too many for so few echoes.
 
-    places : (M,) of the echoes in the table. gain : (M,) real, re the table. delay : (M,) s, of one period
-    of the bins. loss : nepers per second of delay at frequencies (Q,), least at the lowest. tolerance :
-    largest error of a value, of Σ max|A|.
+    places : (M,) of the echoes in the table. waves : their delays in one period of the bins. loss : nepers
+    per second of delay at frequencies (Q,), least at the lowest. tolerance : largest error of a value, of
+    Σ max|A|.
     """
-    gain, delay = gain[places.order], delay[places.order]
+    waves = waves.ordered(places.order)
+    gain, delay, weights = waves.gain, waves.delay, waves.weights
     width = width_for(KERNEL * tolerance)
     reach = width / (bins.size * bins.spacing)
     if delay.min() < reach or delay.max() > 1.0 / bins.spacing - reach:
@@ -141,23 +161,67 @@ def sum_modes(
     left, off = table.left_out(places, loud)
     fixed = ALIASING[width - NARROWEST] + LOST * tolerance
     fixed += 0.0 if whole is None else whole.share
-    unit = 2.0 * SINGLE * np.sqrt(table.ranks)  # 2·√R: of Σ_r |c_r·U_r| re |A|
-    added = _crowd(delay, bins, width)
-    double = unit[-1] * added > ADDED * tolerance
-    rounded = unit * (STEPS + (0 if double else added))
-    errors = left + off + (fixed + rounded) * laid
+    span = _Span.of(delay, bins, loss, width, LOST * tolerance)
+    if span is None:
+        return None
+    precision = _Precision.of(table, waves, bins, span, width, tolerance)
+    errors = left + off + (fixed + precision.rounded) * laid
     enough = np.flatnonzero(errors <= tolerance * size)
     if not len(enough):
         return None
     rank = table.ranks[int(enough[0])]
-    span = _Span.of(delay, bins, loss, width, LOST * tolerance)
-    if span is None:
+    if weights is not None and rank * weights.shape[1] * bins.size > DEAR * len(delay):
         return None
-    deposit = _Deposit(bins, width, np.float64 if double else np.float32)
-    grid = deposit.of(table, places, gain * np.exp(-span.middle * delay), delay, rank)
-    spectrum = _collected(grid, table, bins, span, width)
+    deposit = _Deposit(bins, width, precision.laid)
+    waves = replace(waves, gain=gain * np.exp(-span.middle * delay))
+    step = max(1, VALUES // (rank * bins.size))
+    grids = (deposit.of(table, places, some, rank) for some in _pieces(waves, step))
+    found = [_collected(grid, table, bins, span, width, precision.transformed) for grid in grids]
+    spectrum = found[0][0] if weights is None else np.concatenate(found)
     error = float(errors[int(enough[0])]) / size if size > 0 else 0.0
     return DelayedSum(spectrum, size, 0.0, error, {rank: len(delay)})
+
+
+def _pieces(waves: Waves, step: int) -> Iterator[Waves]:
+    """The same with a few of the weights at a time."""
+    if waves.weights is None:
+        yield waves
+        return
+    for first in range(0, waves.weights.shape[1], step):
+        yield replace(waves, weights=waves.weights[:, first : first + step])
+
+
+@dataclass(frozen=True)
+class _Precision:
+    """Types of numbers that are laid down and transformed, and (levels,) what roundings come to, as a share
+    of all that is laid down."""
+
+    laid: type[np.floating]
+    transformed: type[np.complexfloating]
+    rounded: np.ndarray
+
+    @classmethod
+    def of(
+        cls, table: ModeTable, waves: Waves, bins: Bins, span: _Span, width: int, tolerance: float
+    ) -> _Precision:
+        unit = 2.0 * SINGLE * np.sqrt(table.ranks)  # 2·√R: of Σ_r |c_r·U_r| re |A|
+        if waves.weights is not None:
+            unit = unit * float(np.abs(waves.weights).sum(axis=1).max())
+        added: float = _crowd(waves.delay, bins, width)
+        double = unit[-1] * added > ADDED * tolerance
+        # What is near is laid down as faint as if it were in the middle of the span, and made louder again.
+        transformed = _uneven(width) * (OF_LEVEL * math.log2(bins.size) + ADDED_UP)
+        transformed *= math.exp(2.0 * span.most)
+        exactly = unit[-1] * transformed > TRANSFORMED * tolerance
+        rounded = unit * (STEPS + (0.0 if double else added) + (0.0 if exactly else transformed))
+        laid = np.float64 if double else np.float32
+        return cls(laid, np.complex128 if exactly else np.complex64, rounded)
+
+
+def _uneven(width: int) -> float:
+    """Return how much larger a kernel's transform is in the middle of the bins than at their ends."""
+    ends = kernel(width).transform(np.array([0.0, 0.5 / OVERSAMPLING]))
+    return float(ends[0] / ends[1])
 
 
 def _crowd(delay: np.ndarray, bins: Bins, width: int) -> int:
@@ -188,12 +252,14 @@ def _largest(
 @dataclass(frozen=True)
 class _Span:
     """Losses over a span of delays: about ``middle`` nepers a second, which echoes have by themselves, they
-    differ by ``rate`` (K,), and delays by ``half`` s from ``centre``; ``orders`` polynomials do."""
+    differ by ``rate`` (K,), and delays by ``half`` s from ``centre``: by ``most`` nepers; ``orders``
+    polynomials do."""
 
     middle: float
     rate: np.ndarray
     centre: float
     half: float
+    most: float
     orders: int
 
     @classmethod
@@ -215,7 +281,7 @@ class _Span:
         order = np.arange(64)
         after = np.cumsum((2.0 * special.iv(order, most))[::-1])[::-1]
         orders = max(1, int(np.searchsorted(-after, -error * math.exp(-most))))
-        return cls(middle, rate - middle, (first + last) / 2, half, orders)
+        return cls(middle, rate - middle, (first + last) / 2, half, most, orders)
 
 
 @dataclass(frozen=True)
@@ -226,49 +292,68 @@ class _Deposit:
     width: int
     dtype: type[np.floating]
 
-    def of(
-        self, table: ModeTable, places: Any, weight: np.ndarray, delay: np.ndarray, rank: int
-    ) -> np.ndarray:
-        """(size, rank) complex, shares times weights at their delays about the middle of the bins."""
+    def of(self, table: ModeTable, places: Any, waves: Waves, rank: int) -> np.ndarray:
+        """(W, size, rank) complex, shares times gains and weights at their delays about the middle of the
+        bins; W is 1 where there are no weights."""
+        delay, several = waves.delay, waves.weights
         bins, width = self.bins, self.width
         cycles = (bins.start + (bins.count // 2) * bins.spacing) * delay
         turn = np.asarray(-2.0 * math.pi * (cycles - np.rint(cycles)), np.float32)
         place = delay * (bins.size * bins.spacing)
         first, taps = kernel(width).spread(place, self.dtype)
         carried = np.empty(len(delay), np.complex64)
-        carried.real, carried.imag = weight * np.cos(turn), weight * np.sin(turn)
+        carried.real, carried.imag = waves.gain * np.cos(turn), waves.gain * np.sin(turn)
         points = np.arange(width, dtype=np.int32)
+        sums = 1 if several is None else several.shape[1]
         ends = width * np.arange(AT_ONCE + 1, dtype=np.int32)
-        grid = np.zeros((bins.size, 2 * rank))
+        grids = np.zeros((sums, bins.size, 2 * rank))
         for begin in range(0, len(delay), AT_ONCE):
             some = slice(begin, min(begin + AT_ONCE, len(delay)))
-            values = table.shares(places.select(some), rank)
-            values *= carried[some, None]
-            parts = (taps[:, some].T.ravel(), (first[some, None] + points).ravel())
-            deposit = sparse.csc_matrix(
-                (*parts, ends[: len(values) + 1]), shape=(bins.size, len(values))
-            )
-            grid += deposit @ values.view(np.float32).astype(self.dtype, copy=False)
-        return grid.view(np.complex128)
+            shares = table.shares(places.select(some), rank)
+            shares *= carried[some, None]
+            values = shares.view(np.float32).astype(self.dtype, copy=False)
+            row = (first[some, None] + points).ravel()
+            for number, grid in enumerate(grids):
+                mine = taps[:, some] if several is None else taps[:, some] * several[some, number]
+                deposit = sparse.csc_matrix(
+                    (mine.astype(self.dtype, copy=False).T.ravel(), row, ends[: len(values) + 1]),
+                    shape=(bins.size, len(values)),
+                )
+                grid += deposit @ values
+        return grids.view(np.complex128)
 
 
 def _collected(
-    laid: np.ndarray, table: ModeTable, bins: Bins, span: _Span, width: int
+    laid: np.ndarray,
+    table: ModeTable,
+    bins: Bins,
+    span: _Span,
+    width: int,
+    dtype: type[np.complexfloating],
 ) -> np.ndarray:
-    """(K,) the spectrum of what is laid down."""
-    away = np.arange(bins.count) - bins.count // 2
-    modes = table.at(bins.wavenumber, laid.shape[1])
-    columns = np.ascontiguousarray(laid.T)
+    """(W, K) the spectra of what is laid down (W, size, rank)."""
+    below = bins.count // 2  # the middle of the bins
+    above = bins.count - below
+    modes = table.at(bins.wavenumber, laid.shape[2]).astype(dtype)
     place = (np.arange(bins.size) / (bins.size * bins.spacing) - span.centre) / span.half
-    place = np.clip(place, -1.0, 1.0)
-    before, now = np.zeros(bins.size), np.ones(bins.size)
-    total = np.zeros(bins.count, np.complex128)
-    for order in range(span.orders):
-        series = (1.0 if order == 0 else 2.0) * (-1.0) ** order
-        series = series * special.iv(order, span.rate * span.half)
-        transformed = fft.fft(columns * now, axis=1, overwrite_x=True)[:, away % bins.size]
-        total += series * np.einsum("rk,rk->k", modes, transformed)
-        before, now = now, (place if order == 0 else 2.0 * place * now - before)
+    series = [(-1.0) ** j * special.iv(j, span.rate * span.half) for j in range(span.orders)]
+    polynomials = special.eval_chebyt(np.arange(span.orders)[:, None], np.clip(place, -1.0, 1.0))
+    polynomials = polynomials.astype(modes.real.dtype)
+    total = np.zeros((len(laid), bins.count), np.complex128)
+    some = np.empty(laid.shape[:0:-1], dtype)
+    for summed, grid in zip(total, laid, strict=True):
+        columns = np.ascontiguousarray(grid.T, dtype)
+        for order, (weight, polynomial) in enumerate(zip(series, polynomials, strict=True)):
+            np.multiply(columns, polynomial, out=some)
+            transformed = fft.fft(some, axis=1, overwrite_x=True)
+            weight = 2.0 * weight if order else weight
+            for first in range(0, len(modes), ADDED_UP):
+                rows = slice(first, first + ADDED_UP)
+                low, high = transformed[rows, bins.size - below :], transformed[rows, :above]
+                low = np.einsum("rk,rk->k", modes[rows, :below], low)
+                high = np.einsum("rk,rk->k", modes[rows, below:], high)
+                summed += weight * np.concatenate([low, high])
+    away = np.arange(bins.count) - below
     total *= np.exp(-span.rate * span.centre)
     turns = (away - 1j * span.rate / (2.0 * math.pi * bins.spacing)) / bins.size
     total /= kernel(width).transform(turns)

@@ -73,21 +73,25 @@ class EmbreeCaster(Search):
         else:
             self._device = like._device
         self._build = build = EmbreeBuild(self._library, self._device, like and like._build)
-        made: dict[int, np.ndarray] = {} if like is None else like._usable
+        made: dict[int, np.ndarray | None] = {} if like is None else like._usable
         self._usable = usable = {
-            m: made[m] if m in made else whole_triangles(scene.meshes[m])
-            for m in np.unique(scene.mesh_index[known])
+            m: made[m] if m in made else _not_all(scene.meshes[m])
+            for m in np.unique(scene.mesh_index[known]).tolist()
         }
         trees: dict[int, int] = {} if like is None else like._of_mesh
         self._of_mesh = of_mesh = {
             m: trees[m] if m in trees else build.mesh(scene.meshes[m], rows, scene.table.short(m))
             for m, rows in usable.items()
         }
-        self._whole = all(len(r) == len(scene.meshes[m].triangles) for m, r in usable.items())
+        self._whole = all(rows is None for rows in usable.values())
         if not self._whole:
-            size = np.array([len(usable.get(m, ())) for m in range(len(scene.meshes))])
+            given = {
+                m: np.arange(len(scene.meshes[m].triangles)) if rows is None else rows
+                for m, rows in usable.items()
+            }
+            size = np.array([len(given.get(m, ())) for m in range(len(scene.meshes))])
             self._first_number = np.cumsum(size) - size
-            self._numbers = np.concatenate(list(usable.values()))  # of all that Embree was given
+            self._numbers = np.concatenate(list(given.values()))  # of all that Embree was given
         place = scene.transform.copy()
         place[:, :, 3] -= self._centre
         self._top = build.instances(
@@ -164,6 +168,12 @@ class EmbreeCaster(Search):
         return found
 
 
+def _not_all(mesh: TriMesh) -> np.ndarray | None:
+    """Return which triangles of a mesh a ray can hit; None: all."""
+    rows = whole_triangles(mesh)
+    return None if len(rows) == len(mesh.triangles) else rows
+
+
 class EmbreeBuild:
     """Embree's scenes on one device, and the arrays that they read where they are.
 
@@ -180,12 +190,13 @@ class EmbreeBuild:
         # The parent is held by what releases this, so that it goes after it, also in a collected circle.
         weakref.finalize(self, _release, library, device, self._scenes, self._arrays, parent)
 
-    def mesh(self, mesh: TriMesh, rows: np.ndarray, points: np.ndarray | None = None) -> int:
-        """A scene of these triangles of a mesh, in its local space.
+    def mesh(self, mesh: TriMesh, rows: np.ndarray | None, points: np.ndarray | None = None) -> int:
+        """A scene of triangles of a mesh, in its local space.
 
+        rows : their numbers; None: all.
         points : its vertices in float32, where they are kept already, with one row more behind them.
         """
-        whole = len(rows) == len(mesh.triangles)
+        whole = rows is None or len(rows) == len(mesh.triangles)
         triangles = mesh.triangles if whole else mesh.triangles[rows]
         if points is None or not np.isfinite(points.sum()):
             return self.shape(mesh.vertices[None], triangles)

@@ -227,7 +227,7 @@ class _Found:
             empty = not len(mesh.polygons)
             self._number_of[key] = -1 if empty else len(self._meshes)
             if not empty:
-                self._meshes.append(separate_leaves(from_mesh(mesh)))
+                self._meshes.append(separate_leaves(_triangles_of(mesh, thing)))
                 self._slots.append(_slot_reflectance(mesh))
                 slots = [optics_of(m) if m else NO_OPTICS for m in mesh.materials]
                 self._slot_optics.append(np.array(slots or [NO_OPTICS]))
@@ -289,6 +289,22 @@ class _Whereabouts(_Found):
         position = np.empty(3 * len(mesh.vertices), dtype=np.float32)
         mesh.attributes["position"].data.foreach_get("vector", position)
         return Shape(position.reshape(-1, 3), self._known[told.digest()])
+
+
+def _triangles_of(mesh: bpy.types.Mesh, thing: bpy.types.Object | None) -> TriMesh:
+    """A mesh as triangles, read from a copy of it where there is an object to make one.
+
+    Blender takes a look at an array for a change of it: what an evaluated mesh shares with its original is
+    then held twice for good, and what a copy shares until it is cleared.
+    """
+    if thing is None or thing.type != "MESH" or thing.data.as_pointer() != mesh.as_pointer():
+        return from_mesh(mesh)
+    if not thing.is_evaluated:
+        return from_mesh(mesh)
+    try:
+        return from_mesh(thing.to_mesh())
+    finally:
+        thing.to_mesh_clear()
 
 
 def _says(owner: bpy.types.Object, thing: bpy.types.Object, key: str, otherwise: Any) -> Any:

@@ -7,10 +7,16 @@ instancing, so the evaluated scene tells. Texture coordinates are the layer ``UV
 
 from __future__ import annotations
 
+from weakref import WeakValueDictionary
+from zlib import crc32
+
 import bpy
 import numpy as np
 
 from ...base.trimesh import LEAF, OTHER, TriMesh
+
+# Arrays that were written, for as long as others hold them: what is read back the same is held once.
+_written: WeakValueDictionary[tuple[str, tuple[int, ...], int], np.ndarray] = WeakValueDictionary()
 
 
 def to_mesh(name: str, mesh: TriMesh) -> bpy.types.Mesh:
@@ -19,6 +25,8 @@ def to_mesh(name: str, mesh: TriMesh) -> bpy.types.Mesh:
     count = len(mesh.triangles)
     if not count:
         return data
+    for values in (mesh.triangles, mesh.part, mesh.leaf, mesh.material):
+        _written[_told(values)] = values
     data.vertices.add(len(mesh.vertices))
     data.loops.add(3 * count)
     data.polygons.add(count)
@@ -33,12 +41,13 @@ def to_mesh(name: str, mesh: TriMesh) -> bpy.types.Mesh:
         _set(data.attributes.new("order", "INT8", "FACE"), "value", mesh.order, np.int8)
     if mesh.uv is not None:
         _set(data.attributes.new("UVMap", "FLOAT2", "CORNER"), "vector", mesh.uv, np.float32)
-    if mesh.edges is None:
+    edges = mesh.known_edges()
+    if edges is None:
         data.update(calc_edges=True)
         return data
-    data.edges.add(len(mesh.edges.ends))
-    _set(data.attributes[".edge_verts"], "value", mesh.edges.ends, np.int32)
-    _set(data.attributes[".corner_edge"], "value", mesh.edges.of_corner, np.int32)
+    data.edges.add(len(edges.ends))
+    _set(data.attributes[".edge_verts"], "value", edges.ends, np.int32)
+    _set(data.attributes[".corner_edge"], "value", edges.of_corner, np.int32)
     data.update()
     return data
 
@@ -51,11 +60,26 @@ def from_mesh(data: bpy.types.Mesh) -> TriMesh:
         data.attributes["position"].data.foreach_get("vector", position)
     return TriMesh(
         vertices=position.reshape(-1, 3).astype(np.float64),
-        triangles=triangles.reshape(-1, 3),
-        part=_face_values(data, "part", np.int8, OTHER)[face],
-        leaf=_face_values(data, "leaf", np.int32, -1)[face],
-        material=_face_values(data, "material_index", np.int32, 0)[face],
+        triangles=_once(triangles.reshape(-1, 3)),
+        part=_once(_face_values(data, "part", np.int8, OTHER)[face]),
+        leaf=_once(_face_values(data, "leaf", np.int32, -1)[face]),
+        material=_once(_face_values(data, "material_index", np.int32, 0)[face]),
     )
+
+
+def _once(values: np.ndarray) -> np.ndarray:
+    """An array that was read; where the same was written and is still held, that one, not to be changed."""
+    known = _written.get(_told(values))
+    if known is None or not np.array_equal(known, values):
+        return values
+    shared = known.view()
+    shared.flags.writeable = False
+    return shared
+
+
+def _told(values: np.ndarray) -> tuple[str, tuple[int, ...], int]:
+    """Type, shape and checksum of an array."""
+    return values.dtype.str, values.shape, crc32(np.ascontiguousarray(values))
 
 
 def _triangles(data: bpy.types.Mesh) -> tuple[np.ndarray, np.ndarray | slice]:

@@ -115,9 +115,7 @@ def graft(
     leaf_vertices = leaves.vertices @ turn.T + site.foot
     mesh = TriMesh(
         vertices=np.concatenate([wood_vertices, leaf_vertices]),
-        triangles=np.concatenate([wood.triangles, leaves.triangles + len(wood_vertices)]).astype(
-            np.int32
-        ),
+        triangles=np.concatenate([wood.triangles, leaves.triangles + np.int32(len(wood_vertices))]),
         part=np.concatenate([wood.part, leaves.part]),
         leaf=np.concatenate([wood.leaf, leaves.leaf]),
         material=np.concatenate([wood.material, leaves.material]),
@@ -152,14 +150,19 @@ def _hang_leaves(
     # Vertices and triangles of a template's leaf stand together: copy the runs.
     vertex, vertex_leaf, moved = scion.vertices.copy(source)
     cos, sin = np.cos(turn), np.sin(turn)
-    turned = _about_vertical(scion.blade[vertex], cos[vertex_leaf], sin[vertex_leaf])
+    # ``take`` along the rows is twice as fast as brackets, and so are numbers of half the size.
+    blade = scion.blade.take(vertex, axis=0)
+    turned = _about_vertical(blade, cos.take(vertex_leaf), sin.take(vertex_leaf))
+    turned *= size.take(vertex_leaf)[:, None]
     foot = scion.leaf_foot[source] * length
+    turned += foot.take(vertex_leaf, axis=0)
     triangle, triangle_leaf, _ = scion.triangles.copy(source)
+    moved = moved.astype(np.int32)
+    triangles = scion.leaf_mesh.triangles.take(triangle, axis=0)
+    triangles += moved.take(triangle_leaf)[:, None]
     mesh = TriMesh(
-        vertices=foot[vertex_leaf] + turned * size[vertex_leaf][:, None],
-        triangles=(scion.leaf_mesh.triangles[triangle] + moved[triangle_leaf, None]).astype(
-            np.int32
-        ),
+        vertices=turned,
+        triangles=triangles,
         part=scion.leaf_mesh.part[triangle],
         leaf=triangle_leaf.astype(np.int32),
         material=np.ones(len(triangle), dtype=np.int32),
@@ -187,18 +190,24 @@ def _hung_edges(
     triangle_leaf: np.ndarray,
 ) -> Edges:
     """Edges of the leaves ``source`` of a template, copied as their vertices and triangles are."""
-    known = scion.leaf_mesh.edges
+    known = scion.leaf_mesh.known_edges()
     assert known is not None  # ``prepare`` finds them
     edge, edge_leaf, edge_moved = scion.edges.copy(source)
-    ends = known.ends[edge] + moved[edge_leaf, None]
-    of_corner = known.of_corner[triangle] + edge_moved[triangle_leaf, None]
-    return Edges(ends.astype(np.int32), of_corner.astype(np.int32))
+    ends = known.ends.take(edge, axis=0)
+    ends += moved.take(edge_leaf)[:, None]
+    of_corner = known.of_corner.take(triangle, axis=0)
+    of_corner += edge_moved.astype(np.int32).take(triangle_leaf)[:, None]
+    return Edges(ends, of_corner)
 
 
 def _about_vertical(vectors: np.ndarray, cos: np.ndarray, sin: np.ndarray) -> np.ndarray:
     """Vectors (N, 3), each turned about +Z by the angle with this cosine and sine."""
     x, y, z = vectors.T
-    return np.stack([cos * x - sin * y, sin * x + cos * y, z], axis=1)
+    turned = np.empty(vectors.shape)
+    np.subtract(cos * x, sin * y, out=turned[:, 0])
+    np.add(sin * x, cos * y, out=turned[:, 1])
+    turned[:, 2] = z
+    return turned
 
 
 def _roll(angle: float) -> np.ndarray:

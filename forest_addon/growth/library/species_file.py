@@ -5,7 +5,7 @@ Wherever a species is named, a name without an ending means a file of ``assets/s
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from hashlib import blake2b
 from pathlib import Path
 from typing import Any
@@ -16,7 +16,7 @@ from ...base.places import ASSETS
 from ...formats.foreign import guarded
 from ...formats.stl import StlError, read_stl
 from ...formats.toml_file import read_settings
-from ...spec import SpecError, Species, unknown
+from ...spec import SpecError, Species, quoted_with_hints, unknown
 from ..graft.cut import TemplateError, TreeTemplate, split_tree
 from ..graft.dress import dress
 from ..lsystem.expression import ExpressionError
@@ -48,6 +48,31 @@ def find_species(name: str, folder: Path) -> Path:
     if name not in (names := species_names()):
         raise unknown("species", name, names, ", or a .toml file")
     return ASSETS / "species" / f"{name}.toml"
+
+
+def check_known(names: Mapping[str, str], folder: Path) -> None:
+    """Check that species are there, by what names each: presets by name, files by path from ``folder``.
+
+    Raises
+    ------
+    SpecError : some are not; names all of them, each with the nearest preset.
+    """
+    known, wrong = species_names(), []
+    for key, name in names.items():
+        try:
+            path = find_species(name, folder)
+            if name.endswith(".toml") and not path.is_file():
+                raise SpecError("species", f"{path}: there is no such file; check the path")
+        except SpecError as problem:
+            wrong.append(SpecError(key, problem.problem))
+    if len(wrong) == 1:
+        raise wrong[0]
+    if wrong:
+        where = ", ".join(problem.key for problem in wrong)
+        said = quoted_with_hints((names[problem.key] for problem in wrong), known)
+        raise SpecError(
+            where, f"{said} are not there; use some of {', '.join(known)}, or .toml files"
+        )
 
 
 def species_names() -> list[str]:

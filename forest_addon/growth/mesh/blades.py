@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -187,7 +187,9 @@ def lay(
         borne = _each(first.order, order, facets)
     edges = None
     if wood is None or wood.edges is not None:
-        edges = repeated_edges(blade.triangles, corners, count, first.edges, v)
+        # Only a Blender mesh needs them; kept, they would be as large as the triangles twice.
+        before = first.known_edges()
+        edges = partial(repeated_edges, blade.triangles, corners, count, before, v)
     return TriMesh(
         vertices=vertices,
         triangles=triangles,

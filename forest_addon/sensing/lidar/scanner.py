@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from ...base.attitudes import composed
 from ...base.rows import RowTable
-from ...spec import Airborne, Mobile, MovingScanner, SpecError, Terrestrial
+from ...spec import Airborne, Mobile, MovingScanner, SpecError, Terrestrial, refuse_absurd
 from ..trajectory import Trajectory, strips, through
 from .steps import steps
 
@@ -116,6 +116,7 @@ class Sweep:
         self.mount = Rotation.from_euler("ZYX", [yaw, -pitch, roll])
         # A platform that stands still sweeps one line, or turns once.
         duration = path.duration or 1 / scanner.line_rate
+        refuse_absurd("speed", duration * scanner.pulse_rate, scanner.beam.subrays)
         self.count = max(1, int(np.floor(duration * scanner.pulse_rate * (1 + 1e-12) + 1e-9)))
 
     @property

@@ -1,7 +1,8 @@
 """An engine's hits held against float64, ray by ray: which of the two is right.
 
 Engines search in float32 and refine what they find. Where they part from float64, the ray may pass an edge so
-closely that either is right: then a ray that is moved aside by ``EDGE`` finds what the engine found. Two
+closely that either is right: then a ray that is moved aside by ``EDGE``, or ``STEPS`` of a float32 at the
+scene's size, finds what the engine found; beside an edge between faces of one surface, the very triangle. Two
 surfaces may lie so closely behind one another, as the front and the back beside an outer edge do, that
 single precision does not tell which is first: then the distance to the triangle that the engine named counts.
 And a chained ray may pass over what lies closely behind the surface that it leaves.
@@ -18,6 +19,7 @@ from .exact import ExactCaster
 from .geometry import SceneGeometry
 
 EDGE = 2e-5  # m; engines search in float32, whose steps are so large 100 m away
+STEPS = 2  # of a float32 at half the size of the scene, from whose middle engines count
 SURE = 1e-10  # m; where an engine is off by more, it may have named another triangle
 SAME = 1e-3  # m; nearer surfaces count as the same one when a ray is moved aside
 BEHIND = 2e-4  # m behind a surface that is left, where an engine may be blind
@@ -39,6 +41,8 @@ class Referee(RayCaster):
     ) -> None:
         self.scene = caster.scene if scene is None else scene
         self._caster = caster
+        step = float(np.spacing(np.float32(_half_size(self.scene))))
+        self._edge = max(EDGE, STEPS * step)
         self._exact: Any = ExactCaster(self.scene) if exact is None else exact
 
     def cast(
@@ -83,11 +87,13 @@ class Referee(RayCaster):
             exact.put(gone, again)
         differ, distance = self._compare(origins, directions, ours, exact, when)
         wrong = np.flatnonzero(differ)
-        other = np.flatnonzero(~_alike(ours.select(wrong), exact.select(wrong)))
-        ask = wrong[other]
-        rays = origins[ask], directions[ask], ours.select(ask), far[ask]
-        excused = self._at_an_edge(*rays, when.of(ask))
-        wrong = np.delete(wrong, other[excused])
+        named, there = ours.select(wrong), exact.select(wrong)
+        alike = _alike(named, there)
+        ask = ~alike | (named.instance != there.instance) | (named.triangle != there.triangle)
+        rows = wrong[ask]
+        rays = origins[rows], directions[rows], named.select(ask), far[rows], alike[ask]
+        excused = self._at_an_edge(*rays, when.of(rows))
+        wrong = np.delete(wrong, np.flatnonzero(ask)[excused])
         if leaving is not None and len(wrong):
             blind = self._exact.cast(
                 origins[wrong],
@@ -131,9 +137,13 @@ class Referee(RayCaster):
         directions: np.ndarray,
         ours: Hits,
         far: np.ndarray,
+        by_name: np.ndarray,
         when: dict[str, np.ndarray],
     ) -> np.ndarray:
-        """(R,) bool: whether a ray that is moved aside a little finds, in float64, what the engine found."""
+        """(R,) bool: whether a ray that is moved aside a little finds, in float64, what the engine found.
+
+        by_name : (R,) bool, rays that must find the very triangle, as others lie where it does.
+        """
         if not len(origins):
             return np.zeros(0, dtype=bool)
         ways = directions / np.linalg.norm(directions, axis=1, keepdims=True)
@@ -143,14 +153,26 @@ class Referee(RayCaster):
         aside = np.cos(TURNS)[:, None, None] * across + np.sin(TURNS)[:, None, None] * beside
         count = len(TURNS)
         moved = self._exact.cast(
-            (origins + EDGE * aside).reshape(-1, 3),
+            (origins + self._edge * aside).reshape(-1, 3),
             np.tile(ways, (count, 1)),
             np.tile(far, count),
             **{name: np.tile(every, count) for name, every in when.items()},
         )
         ours = Hits(*(np.tile(value, count) for value in vars(ours).values()))
-        found: np.ndarray = _alike(moved, ours).reshape(count, -1).any(axis=0)
-        return found
+        found = _alike(moved, ours)
+        found &= ~np.tile(by_name, count) | (
+            (moved.instance == ours.instance) & (moved.triangle == ours.triangle)
+        )
+        return np.asarray(found.reshape(count, -1).any(axis=0))
+
+
+def _half_size(scene: SceneGeometry) -> float:
+    """Metres from the middle of a scene to its sides, at most."""
+    low, high = scene.bounds()
+    known = np.isfinite(low).all(axis=1) & np.isfinite(high).all(axis=1)
+    if not known.any():
+        return 0.0
+    return float((high[known].max(axis=0) - low[known].min(axis=0)).max()) / 2
 
 
 def _without_nothing(hits: Hits) -> Hits:

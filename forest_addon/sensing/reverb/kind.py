@@ -20,6 +20,9 @@ from ..looks import SensorLook
 
 BEGIN = 1.6  # s, a first guess: leaves and branches are measured, the response is drawn and written
 A_TREE = 0.0085  # s, a first guess: its trunk is cut out of the scene, and heard with all others
+A_CUT = 0.002  # s, a first guess: it is cut at another height, where ends are of different heights
+MANY = 3.0  # s a channel, a first guess: any number of trunks of all radii
+FEW = 5000.0  # of them take half as long
 CHANNEL = 0.3  # s, a first guess
 FINEST = 1e-6  # tolerance that the fast sum keeps
 END = 10 ** (-75 / 20)  # a record ends where that is left of it
@@ -151,10 +154,30 @@ def _where_ends_are(job: Observation) -> np.ndarray:
     return np.unique(pairs, axis=0)
 
 
+def _channels(reverb: Reverb) -> int:
+    """Return how many pairs of source and receiver there are, sums over trunks all of them."""
+    pairs = (1 + len(reverb.sources)) * (1 + len(reverb.receivers)) * reverb.array
+    return pairs * {"omni": 1, "ambisonics": 3, "binaural": 12}[reverb.heard_as]
+
+
+def _seconds_among(reverb: Reverb, settings: Scene, trees: int) -> float:
+    """Seconds that trees take to be cut at all heights, and that stems and the forest beyond take."""
+    from .trunks.trunk_cuts import heights_between
+
+    sources = [reverb.source[2], *(more.position[2] for more in reverb.sources)]
+    receivers = [reverb.receiver[2], *(more.position[2] for more in reverb.receivers)]
+    rises = {abs(one - other) for one in sources for other in receivers}
+    cuts = sum(heights_between(rise) for rise in rises)
+    stems = sum(some.count for some in settings.stems)
+    dense = (trees + stems) / float(np.prod(settings.forest.size))
+    beyond = max(dense * np.pi * reverb.continue_to**2 - trees - stems, 0.0)
+    of_trees = trees * (A_TREE + A_CUT * (cuts - 1))
+    alone = stems + beyond
+    return of_trees + MANY * alone / (alone + FEW) * _channels(reverb)
+
+
 def _cost(reverb: Reverb, _trajectory: Any, _engine: str) -> Cost:
-    channels = (1 + len(reverb.sources)) * (1 + len(reverb.receivers)) * reverb.array
-    channels *= {"omni": 1, "ambisonics": 3, "binaural": 12}[reverb.heard_as]  # sums over trunks
-    return cost_of_work(reverb, "channels", channels, CHANNEL, begin=BEGIN)
+    return cost_of_work(reverb, "channels", _channels(reverb), CHANNEL, begin=BEGIN)
 
 
 def sound_outline(reverb: Reverb) -> np.ndarray:
@@ -215,7 +238,7 @@ REVERB = SensorKind(
     empty=_bare,
     positions=_where_ends_are,
     cost=_cost,
-    a_tree=A_TREE,
+    seconds_among=_seconds_among,
     outline=sound_outline,
     choose=_choose,
     left_out=_left_out,

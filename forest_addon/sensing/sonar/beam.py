@@ -15,14 +15,16 @@ planes of the axis, have neither pole nor wrap, and a beam that looks straight u
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 import numpy as np
 
 from ...acoustics import chebyshev
 from ...acoustics.smoothness import Change, Loss
+from ...base.products import product
 
 if TYPE_CHECKING:
     from scipy.spatial import cKDTree
@@ -38,15 +40,40 @@ HORSESHOE = (
 )  # degrees, of the frequency in kHz (Tanveer et al. 2020a)
 
 
+Rows = np.ndarray | slice
+
+
+@dataclass(frozen=True)
+class Towards:
+    """A pattern towards M directions.
+
+    gain : of frequencies (Q,) and rows (m,): (Q, m), or (1, m) where it is alike at every frequency.
+    losses : of rows, what changes the gain over the frequency, none where nothing does.
+    """
+
+    gain: Callable[[np.ndarray, Rows], np.ndarray]
+    losses: Callable[[Rows], list[Loss | Change]]
+
+
+def _steadily(gain: np.ndarray) -> Towards:
+    """The same gain (M,) at all frequencies."""
+    return Towards(lambda frequency, rows: gain[None, rows], lambda rows: [])
+
+
 class BeamPattern(Protocol):
     """A directivity, 1 on its axis or where it is largest."""
 
-    def gain(self, az: np.ndarray, el: np.ndarray, frequency: np.ndarray) -> np.ndarray:
-        """(Q, M), or (1, M) where it is alike at every frequency (Q,), at offsets (M,) radians."""
+    @property
+    def steady(self) -> bool:
+        """Return whether it is the same at every frequency."""
         ...
 
-    def losses(self, az: np.ndarray, el: np.ndarray) -> list[Loss | Change] | None:
-        """Return what changes the gain over the frequency, none where nothing does; None: not known."""
+    def towards(self, az: np.ndarray, el: np.ndarray) -> Towards:
+        """The gain at offsets (M,) radians, of which many frequencies or few rows at a time are asked for."""
+        ...
+
+    def gain(self, az: np.ndarray, el: np.ndarray, frequency: np.ndarray) -> np.ndarray:
+        """(Q, M), or (1, M) where it is alike at every frequency (Q,), at offsets (M,) radians."""
         ...
 
     def kinks(self) -> tuple[float, ...]:
@@ -67,13 +94,14 @@ class GaussianBeam:
     """A beam of the same full -3 dB ``width`` (radians; azimuth, elevation) at every frequency."""
 
     width: tuple[float, float]
+    steady: ClassVar[bool] = True
+
+    def towards(self, az: np.ndarray, el: np.ndarray) -> Towards:
+        return _steadily(self.gain(az, el, np.zeros(1))[0])
 
     def gain(self, az: np.ndarray, el: np.ndarray, frequency: np.ndarray) -> np.ndarray:
         across, along = self.width
         return np.exp(_exponent(az, el) @ (1.0 / np.square([across, along])))[None]
-
-    def losses(self, az: np.ndarray, el: np.ndarray) -> list[Loss | Change] | None:
-        return []
 
     def kinks(self) -> tuple[float, ...]:
         return ()
@@ -89,16 +117,21 @@ class GaussianBeam:
 class Horseshoe:
     """T20's beam: a Gaussian whose width follows from the frequency, 60 to 80 kHz."""
 
+    steady: ClassVar[bool] = False
+
     def width(self, frequency: np.ndarray) -> np.ndarray:
         """Full -3 dB width in radians."""
         return np.deg2rad(np.polyval(HORSESHOE, np.asarray(frequency) / 1e3))
 
-    def gain(self, az: np.ndarray, el: np.ndarray, frequency: np.ndarray) -> np.ndarray:
+    def towards(self, az: np.ndarray, el: np.ndarray) -> Towards:
         away = _exponent(az, el).sum(axis=1)
-        return np.exp(away / np.square(self.width(frequency))[:, None])
+        return Towards(
+            lambda frequency, rows: np.exp(away[rows] / np.square(self.width(frequency))[:, None]),
+            lambda rows: [Loss(lambda f: self.width(f) ** -2.0, -away[rows])],
+        )
 
-    def losses(self, az: np.ndarray, el: np.ndarray) -> list[Loss | Change] | None:
-        return [Loss(lambda f: self.width(f) ** -2.0, -_exponent(az, el).sum(axis=1))]
+    def gain(self, az: np.ndarray, el: np.ndarray, frequency: np.ndarray) -> np.ndarray:
+        return self.towards(az, el).gain(frequency, slice(None))
 
     def kinks(self) -> tuple[float, ...]:
         return ()
@@ -119,21 +152,54 @@ class Measured:
 
     frequency: np.ndarray
     level: np.ndarray
+    steady: ClassVar[bool] = False
 
     @cached_property
     def _fit(self) -> np.ndarray:
         """(D, N) Chebyshev coefficients over the pattern's frequencies."""
+        if len(self.frequency) == 1:
+            return np.asarray(self.level.T)
         low, high = self.frequency[0], self.frequency[-1]
         known = 2.0 * (self.frequency - low) / (high - low) - 1.0
         return np.polynomial.chebyshev.chebfit(known, self.level.T, min(DEGREES, len(known) - 1))
 
     def levels(self, frequency: np.ndarray) -> np.ndarray:
         """(N, Q) dB at other frequencies."""
-        if len(self.frequency) == 1:
-            return np.repeat(self.level, len(frequency), axis=1)
+        return self._fit.T @ self._polynomials(frequency)
+
+    def _polynomials(self, frequency: np.ndarray) -> np.ndarray:
+        """(D, Q) Chebyshev's, of ``_fit``."""
         low, high = self.frequency[0], self.frequency[-1]
-        wanted = 2.0 * (np.clip(frequency, low, high) - low) / (high - low) - 1.0
-        return np.polynomial.chebyshev.chebval(wanted, self._fit)
+        wanted = 2.0 * (np.clip(frequency, low, high) - low) / ((high - low) or 1.0) - 1.0
+        return np.polynomial.chebyshev.chebvander(wanted, len(self._fit) - 1).T
+
+    def gain(self, az: np.ndarray, el: np.ndarray, frequency: np.ndarray) -> np.ndarray:
+        return self.towards(az, el).gain(frequency, slice(None))
+
+    def towards(self, az: np.ndarray, el: np.ndarray) -> Towards:
+        """By the polynomials of the logarithm, which are mixed as dB are; between directions levels are as
+        smooth over the frequency as at these."""
+        corners, kind, shares = self._mixed(az, el)
+        terms = np.zeros((len(self._fit), len(az)))
+        for corner, share in zip(corners.T, shares, strict=True):
+            terms += share * self._fit.take(corner.take(kind), axis=1)
+        terms *= math.log(10.0) / 20.0
+
+        def gain(frequency: np.ndarray, rows: Rows) -> np.ndarray:
+            some = terms[:, rows] if isinstance(rows, slice) else terms.take(rows, axis=1)
+            at = np.asarray(product(self._polynomials(frequency).T, some))
+            return np.exp(at, out=at)
+
+        def losses(rows: Rows) -> list[Loss | Change]:
+            used, of_row = np.unique(kind[rows], return_inverse=True)
+            return [Change(partial(self._bounds, corners[used]), of_row)]
+
+        return Towards(gain, losses)
+
+    def _mixed(self, az: np.ndarray, el: np.ndarray) -> tuple[np.ndarray, np.ndarray, list[Any]]:
+        """(C, K) directions of the pattern whose dB are mixed, which row of these (M,) are each's, and K
+        times (M,) their shares."""
+        raise NotImplementedError
 
     def kinks(self) -> tuple[float, ...]:
         """The first and the last frequency, beyond which levels stay."""
@@ -175,24 +241,14 @@ class MeasuredBeam(Measured):
     frequency: np.ndarray
     level: np.ndarray
 
-    def gain(self, az: np.ndarray, el: np.ndarray, frequency: np.ndarray) -> np.ndarray:
-        levels = (math.log(10.0) / 20.0) * self.levels(frequency).T  # (Q, A)
+    def _mixed(self, az: np.ndarray, el: np.ndarray) -> tuple[np.ndarray, np.ndarray, list[Any]]:
         if len(self.angle) == 1:
-            return np.repeat(np.exp(levels), len(az), axis=1)
+            return np.zeros((1, 1), int), np.zeros(len(az), int), [1.0]
+        before = np.arange(len(self.angle) - 1)
         first = self._segment(az, el)
         off = np.clip(np.hypot(az, el), self.angle[0], self.angle[-1])
         share = (off - self.angle[first]) / (self.angle[first + 1] - self.angle[first])
-        at: np.ndarray = levels.take(first, axis=1)
-        at += share * (levels.take(first + 1, axis=1) - at)
-        return np.exp(at, out=at)
-
-    def losses(self, az: np.ndarray, el: np.ndarray) -> list[Loss | Change] | None:
-        """Between two angles, levels are as smooth over the frequency as at these."""
-        if len(self.angle) == 1:
-            return [Change(partial(self._bounds, np.zeros((1, 1), int)), np.zeros(len(az), int))]
-        before = np.arange(len(self.angle) - 1)
-        corners = np.stack([before, before + 1], axis=1)
-        return [Change(partial(self._bounds, corners), self._segment(az, el))]
+        return np.stack([before, before + 1], axis=1), first, [1.0 - share, share]
 
     def _segment(self, az: np.ndarray, el: np.ndarray) -> np.ndarray:
         """(M,) number of the table's angle before each."""
@@ -268,18 +324,9 @@ class MeasuredSphere(Measured):
         weight = np.maximum(np.einsum("mij,mj->mi", inverse[face], towards), 0.0)
         return face, weight / weight.sum(axis=1, keepdims=True)
 
-    def gain(self, az: np.ndarray, el: np.ndarray, frequency: np.ndarray) -> np.ndarray:
-        levels = (math.log(10.0) / 20.0) * self.levels(frequency).T  # (Q, D)
+    def _mixed(self, az: np.ndarray, el: np.ndarray) -> tuple[np.ndarray, np.ndarray, list[Any]]:
         face, weight = self._found(az, el)
-        at: np.ndarray = np.zeros((len(levels), len(face)))
-        for corner, part in zip(self._faces[0][face].T, weight.T, strict=True):
-            at += part * levels.take(corner, axis=1)
-        return np.exp(at, out=at)
-
-    def losses(self, az: np.ndarray, el: np.ndarray) -> list[Loss | Change] | None:
-        """Within a triangle, levels are as smooth over the frequency as at its corners."""
-        used, kind = np.unique(self._found(az, el)[0], return_inverse=True)
-        return [Change(partial(self._bounds, self._faces[0][used]), kind)]
+        return self._faces[0], face, list(weight.T)
 
     def loudest(self, az: np.ndarray, el: np.ndarray, band: tuple[float, float]) -> np.ndarray:
         corner = self._faces[0][self._found(az, el)[0]]
@@ -302,11 +349,13 @@ class MeasuredSphere(Measured):
 class Omni:
     """The same in every direction."""
 
+    steady: ClassVar[bool] = True
+
+    def towards(self, az: np.ndarray, el: np.ndarray) -> Towards:
+        return _steadily(np.ones(len(az)))
+
     def gain(self, az: np.ndarray, el: np.ndarray, frequency: np.ndarray) -> np.ndarray:
         return np.ones((1, len(az)))
-
-    def losses(self, az: np.ndarray, el: np.ndarray) -> list[Loss | Change] | None:
-        return []
 
     def kinks(self) -> tuple[float, ...]:
         return ()

@@ -11,6 +11,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import fft
 
 from ...spec import Sonar
 
@@ -44,6 +45,29 @@ class Call:
     def spectrum_at(self, frequency: np.ndarray, factor: float) -> np.ndarray:
         """The spectrum of the call played ``factor`` times faster: X(f/factor)/factor."""
         return self.spectrum(frequency / factor) / factor
+
+    def spectra_on(
+        self, start: float, spacing: float, count: int, factors: np.ndarray, lead: float = 0.0
+    ) -> np.ndarray:
+        """(W, K) the spectra of the call played faster by factors (W,), at ``count`` frequencies from
+        ``start`` Hz, ``spacing`` apart; its own time is ``lead`` s after it begins (Bluestein 1970)."""
+        place = np.arange(len(self.samples)) - lead * self.sample_rate
+        step = spacing / (self.sample_rate * factors[:, None])  # turns a sample and bin
+        bins, first = np.arange(count), start / (self.sample_rate * factors[:, None])
+        length = fft.next_fast_len(count + len(place) - 1)
+        # With n·k = (n² + k² - (n - k)²)/2 the sum is a convolution.
+        other = np.arange(1 - len(place), count) + lead * self.sample_rate  # k - n
+        sent = self.samples * _turned(first * place + step * place**2 / 2)
+        chirp = fft.fft(_turned(-step * other**2 / 2), length)
+        summed = fft.ifft(fft.fft(sent, length) * chirp)
+        found: np.ndarray = summed[:, len(place) - 1 : len(place) - 1 + count]
+        found *= _turned(step * bins**2 / 2) / factors[:, None]
+        return found
+
+
+def _turned(turns: np.ndarray) -> np.ndarray:
+    """e^{-i2π·turns}."""
+    return np.asarray(np.exp(-2j * math.pi * np.remainder(turns, 1.0)))
 
 
 def synthesise(sonar: Sonar) -> Call:

@@ -34,17 +34,23 @@ from ...acoustics.nonuniform import nodes_needed
 from ...base.products import product
 from .bands import Band, BandGrid
 from .calls import Call
+from .leaves import LeafEchoes
 from .poses import SonarPose
 from .scatterers import FACET, LEAF, WOOD
 from .search import SearchGroup
-from .station import Station
-from .summation import Heard, panels, smooth_of, sum_echoes
+from .station import EarGain, Station
+from .summation import Heard, panels, sum_echoes
 
 SPREAD = 1e-9  # of α; less is one speed
 SAFER = 0.02  # of the tolerance: what is bounded is relative to Σ|x|, which is above the spectrum
 CLASSES = (6, 12, 24, 48, 96, 200)  # nodes of amplitudes that are interpolated together
 BLOCK = 5e-4, 4e-3  # s, the shortest and the longest block
 AT_ONCE = 1 << 16  # values at a time
+FEW = 25  # points of speed times bins for each echo, up to which sums for each of these points are quicker
+LEAST, ROUGH = (
+    1e-10,
+    2e-4,
+)  # tolerances from which on, of what is smooth over the frequency and what is not
 STEADY = 0.1  # radians that changes of speed turn echoes within a piece of a call, mean by loudness
 MOST = 1025  # pieces of a call
 KINDS = LEAF, WOOD, FACET
@@ -184,55 +190,92 @@ def shifted_sum(
         plain = sum_echoes(groups, station, grid, tolerance).spectrum
         turn = np.exp(2j * math.pi * np.remainder(grid.frequency * lead / float(low), 1.0))
         return plain * call.spectrum_at(grid.frequency, float(low)) * turn
-    speeds = _Speeds(call, float(low), float(high), band.high, SAFER * (tolerance or 1e-10))
-    early = [lead / a for a in alpha]
-    parts = [
-        _over(groups, alpha, early, station, panel, tolerance, speeds)
-        for panel in panels(grid, station)
+    speeds = _Speeds(call, lead, float(low), float(high), band.high, SAFER * (tolerance or 1e-10))
+    many = [
+        speeds.few * grid.count <= FEW * len(group) and tolerance >= _least(group)
+        for group in groups
     ]
-    return np.concatenate(parts, axis=1)
+    total = np.zeros((len(station.ear), grid.count), dtype=np.complex128)
+    weighted = [number for number, some in enumerate(many) if some]
+    if weighted:
+        weights = [speeds.weights(alpha[number]) for number in weighted]
+        some = [groups[number] for number in weighted]
+        summed = sum_echoes(some, station, grid, tolerance, weights=weights).spectrum
+        total += np.einsum("ewk,wk->ek", summed, speeds.on(grid))
+    for number in np.flatnonzero(~np.array(many)).tolist():
+        total += np.concatenate(
+            [
+                _over(groups[number], alpha[number], lead, station, panel, tolerance, speeds)
+                for panel in panels(grid, station)
+            ],
+            axis=1,
+        )
+    return total
+
+
+def _least(group: SearchGroup) -> float:
+    """Return the tolerance from which on echoes of a group are summed for each point of speed."""
+    scatterers = group.scatterers
+    smooth = isinstance(scatterers, LeafEchoes) and scatterers.model != "exact"
+    return LEAST if smooth else ROUGH
 
 
 def _over(
-    groups: list[SearchGroup],
-    alpha: list[np.ndarray],
-    early: list[np.ndarray],
+    group: SearchGroup,
+    alpha: np.ndarray,
+    lead: float,
     station: Station,
     grid: BandGrid,
     tolerance: float,
     speeds: _Speeds,
 ) -> np.ndarray:
-    """(E, K) over a part of the band in which every beam is smooth."""
+    """(E, K) over a part of the band in which every beam is smooth, in blocks of time."""
     ends = (grid.start, grid.start + grid.spacing * (grid.count - 1))
     lowest, highest = (2.0 * math.pi * end / station.sound_speed for end in ends)
     total = np.zeros((len(station.ear), grid.count), dtype=np.complex128)
-    for group, factor, lead in zip(groups, alpha, early, strict=True):
-        for ear in range(len(station.ear)):
-            for part in group.seen(station, ear).parts(lowest, highest):
-                some = group.select(part.rows)
-                heard = Heard(some, part.strength, station, ear)
-                late = (some.paths.length[ear] + part.offset) / station.sound_speed
-                late -= lead[part.rows]
-                needed = np.zeros(len(late), np.int64)
-                if tolerance:
-                    smooth = smooth_of(some, part.strength, station, ear, ends)
-                    asked = grid.start, grid.spacing, grid.count, len(late), tolerance
-                    needed = nodes_needed(heard, *asked, smooth)
-                total[ear] += _played(heard, late, factor[part.rows], needed, grid, speeds)
+    for ear in range(len(station.ear)):
+        seen = group.seen(station, ear)
+        whole = Heard(seen, EarGain(group.paths, station, ear, group.shade), station)
+        for part in seen.parts(lowest, highest):
+            heard, factor = whole.part(part), alpha[part.rows]
+            late = (group.paths.length[ear][part.rows] + part.offset) / station.sound_speed
+            late -= lead / factor
+            needed = np.zeros(len(late), np.int64)
+            if tolerance:
+                asked = grid.start, grid.spacing, grid.count, len(late), tolerance
+                needed = nodes_needed(heard, *asked, heard.smooth(ends))
+            total[ear] += _played(heard, late, factor, needed, grid, speeds)
     return total
 
 
 class _Speeds:
-    """A call at all speeds from ``low`` to ``high``, within an error."""
+    """A call at all speeds from ``low`` to ``high``, within an error; its own time is ``lead`` s after it
+    begins."""
 
-    def __init__(self, call: Call, low: float, high: float, highest: float, error: float) -> None:
-        self.call, self.error = call, error
+    def __init__(
+        self, call: Call, lead: float, low: float, high: float, highest: float, error: float
+    ) -> None:
+        self.call, self.error, self._lead = call, error, lead
         self._kept: dict[tuple[int, float, float], np.ndarray] = {}
         self._middle, self._half = (low + high) / 2, (high - low) / 2
         # Within X(f/α) are phases 2πf·t/α up to the end of the call.
-        turns = math.pi * highest * call.duration * (high - low) / low**2
-        self._count = _points(turns, error)
+        turns = math.pi * highest * (high - low) / low**2
+        self._count = _points(turns * call.duration, error)
         self._factor = self._middle + self._half * chebyshev.points(self._count)
+        self.few = _points(turns * max(abs(lead), abs(call.duration - lead)), error)
+
+    def weights(self, alpha: np.ndarray) -> np.ndarray:
+        """(M, W) of speeds (M,), of calls on the bins of a grid as ``on`` has them."""
+        return chebyshev.lagrange(self.few, (alpha - self._middle) / self._half).T
+
+    def on(self, grid: BandGrid) -> np.ndarray:
+        """(W, K) of the call, whose own time is when delays count from; kept."""
+        key = (grid.count, grid.start, grid.spacing)
+        if key not in self._kept:
+            factor = self._middle + self._half * chebyshev.points(self.few)
+            given = grid.start, grid.spacing, grid.count
+            self._kept[key] = self.call.spectra_on(*given, factor, self._lead)
+        return self._kept[key]
 
     def shares(self, alpha: np.ndarray) -> np.ndarray:
         """(W, M) polynomials of the points at speeds (M,)."""

@@ -55,18 +55,10 @@ class SearchGroup(RowTable):
         return self.motion[:, :3]
 
     def gain(
-        self,
-        station: Station,
-        ear: int,
-        frequency: Sequence[float] | np.ndarray,
-        rows: np.ndarray | slice = slice(None),
-        *,
-        single: bool = False,
+        self, station: Station, ear: int, frequency: Sequence[float] | np.ndarray
     ) -> np.ndarray:
-        """(Q, m) of some of them, at an ear: what beams, distance, air and shade leave."""
-        paths = self.paths if isinstance(rows, slice) else self.paths.select(rows)
-        gain = paths.gain(station, ear, np.asarray(frequency), self.shade[rows], single=single)
-        return gain
+        """(Q, M) at an ear: what beams, distance, air and shade leave."""
+        return self.paths.gain(station, ear, np.asarray(frequency), self.shade)
 
     def seen(self, station: Station, ear: int) -> Strength:
         """Their strength half way between mouth and ear."""

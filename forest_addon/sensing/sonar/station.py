@@ -20,7 +20,7 @@ from ...acoustics.air import absorption
 from ...acoustics.smoothness import Change, Loss
 from ...base.rows import RowTable, lengths
 from ...spec import Air, Sonar
-from .beam import BeamPattern, GaussianBeam, Horseshoe, Omni, beam_offsets
+from .beam import BeamPattern, GaussianBeam, Horseshoe, Omni, Rows, beam_offsets
 from .calls import Call, synthesise
 from .poses import Ears, SonarPose
 from .targets import Candidates
@@ -202,33 +202,14 @@ class EchoPaths(RowTable):
         ear: int,
         frequency: np.ndarray,
         shade: np.ndarray | None = None,
-        *,
-        single: bool = False,
     ) -> np.ndarray:
-        """(Q, M), see above, times what shade leaves; in single precision scatterer by scatterer."""
-        equipment = station.equipment
-        sent = equipment.emit.gain(self.emitted[0], self.emitted[1], frequency)
-        hear = equipment.hear(ear)
-        if hear is equipment.emit and station.together:
-            gain = sent * sent
-        else:
-            gain = sent * hear.gain(self.heard[ear, 0], self.heard[ear, 1], frequency)
-        gain = gain * ((1.0 if shade is None else shade) / (self.distance * self.leg[ear]))
-        if single:
-            gain = np.ascontiguousarray(gain.T, dtype=np.float32).T
-        if station.sonar.absorption:
-            loss, length = station.loss(frequency), self.length[ear]
-            if single:
-                loss, length = loss.astype(np.float32), length.astype(np.float32)
-            weaker = np.outer(length, -loss).T if single else np.outer(-loss, length)
-            np.exp(weaker, out=weaker)
-            gain = np.multiply(weaker, gain, out=weaker)
-        return gain
+        """(Q, M), see above, times what shade leaves."""
+        return EarGain(self, station, ear, shade)(frequency)
 
     def level(self, station: Station, ear: int) -> np.ndarray | None:
         """(M,) the gain without what the air takes; None where it changes over the frequency."""
         equipment, heard = station.equipment, station.equipment.hear(ear)
-        if equipment.emit.losses(*self.emitted) != [] or heard.losses(*self.heard[ear]) != []:
+        if not (equipment.emit.steady and heard.steady):
             return None
         lowest = np.array(station.sonar.band[:1])
         sent = equipment.emit.gain(self.emitted[0], self.emitted[1], lowest)[0]
@@ -236,18 +217,6 @@ class EchoPaths(RowTable):
         back = sent if same else heard.gain(self.heard[ear, 0], self.heard[ear, 1], lowest)[0]
         level: np.ndarray = sent * back / (self.distance * self.leg[ear])
         return level
-
-    def losses(self, station: Station, ear: int) -> list[Loss | Change] | None:
-        """Return what makes the gain change over the frequency; None: not known."""
-        equipment = station.equipment
-        sent = equipment.emit.losses(*self.emitted)
-        heard = equipment.hear(ear).losses(*self.heard[ear])
-        if sent is None or heard is None:
-            return None
-        losses: list[Loss | Change] = [*sent, *heard]
-        if station.sonar.absorption:
-            losses.append(Loss(station.loss, self.length[ear]))
-        return losses
 
     def bound(self, station: Station) -> np.ndarray:
         """(M,) no gain in the band is larger, at any ear."""
@@ -263,3 +232,43 @@ class EchoPaths(RowTable):
             )
             most = np.maximum(most, sent * heard * weaker)
         return most
+
+
+class EarGain:
+    """Gain of M ways at one ear, times what ``shade`` (M,) leaves; see ``EchoPaths``."""
+
+    def __init__(
+        self, paths: EchoPaths, station: Station, ear: int, shade: np.ndarray | None = None
+    ) -> None:
+        self._station = station
+        equipment, hear = station.equipment, station.equipment.hear(ear)
+        self._sent = self._heard = equipment.emit.towards(*paths.emitted)
+        if not (hear is equipment.emit and station.together):
+            self._heard = hear.towards(*paths.heard[ear])
+        self._length = paths.distance + paths.leg[ear]
+        self._level = (1.0 if shade is None else shade) / (paths.distance * paths.leg[ear])
+
+    def __call__(
+        self, frequency: np.ndarray, rows: Rows = slice(None), *, single: bool = False
+    ) -> np.ndarray:
+        """(Q, m) of some rows; in single precision scatterer by scatterer."""
+        sent = self._sent.gain(frequency, rows)
+        heard = sent if self._heard is self._sent else self._heard.gain(frequency, rows)
+        gain = sent * heard * self._level[rows]
+        if single:
+            gain = np.ascontiguousarray(gain.T, dtype=np.float32).T
+        if self._station.sonar.absorption:
+            loss, length = self._station.loss(frequency), self._length[rows]
+            if single:
+                loss, length = loss.astype(np.float32), length.astype(np.float32)
+            weaker = np.outer(length, -loss).T if single else np.outer(-loss, length)
+            np.exp(weaker, out=weaker)
+            gain = np.multiply(weaker, gain, out=weaker)
+        return gain
+
+    def losses(self, rows: Rows = slice(None)) -> list[Loss | Change]:
+        """Return what makes the gain of some rows change over the frequency."""
+        losses = [*self._sent.losses(rows), *self._heard.losses(rows)]
+        if self._station.sonar.absorption:
+            losses.append(Loss(self._station.loss, self._length[rows]))
+        return losses

@@ -15,17 +15,19 @@ from itertools import pairwise
 import numpy as np
 
 from ...acoustics.modes.line_modes import LineModes
-from ...acoustics.modes.mode_sum import Bins, WholeEchoes, sum_modes
+from ...acoustics.modes.mode_sum import Bins, Waves, WholeEchoes, sum_modes
 from ...acoustics.nonuniform import DelayedSum, sum_delayed, summed_directly
 from ...acoustics.smoothness import Smoothness, smoothness
 from ...base.progress import Progress
 from .bands import BandGrid
+from .beam import Rows
 from .leaves import LOOKED_UP
 from .scatterers import ScattererPart, Strength
 from .search import SearchGroup
-from .station import Station
+from .station import EarGain, Station
 
 SPLIT = 1e-12  # what parts may differ by from the whole
+WIDER = 3e-3  # steps of the logarithm of bands that are wider than a sonar's: half a metre a second
 PARTIAL = 0.8  # caution: parts are computed at a few frequencies
 
 
@@ -104,20 +106,25 @@ def _over(
     for number, group in enumerate(groups):
         for ear in range(len(station.ear)):
             seen, rest = group.seen(station, ear), group
+            gain = EarGain(group.paths, station, ear, group.shade)
             doubtful = seen.error(highest)
             if doubtful is not None:
-                table[ear] += float((group.gain(station, ear, band[:1])[0] * doubtful).sum())
+                table[ear] += float((gain(np.array(band[:1]))[0] * doubtful).sum())
             each = None if weights is None else weights[number]
-            if each is None and not summed_directly(len(group), grid.count, tolerance):
-                by_modes = _by_modes(group, seen, station, ear, grid, tolerance)
+            if not summed_directly(len(group), grid.count, tolerance):
+                by_modes = _by_modes(group, seen, station, ear, grid, tolerance, each)
                 if by_modes is not None:
                     found, others = by_modes
                     spectrum[ear] += found.spectrum
                     error[ear] += found.error_bound * found.size
                     size[ear] += found.size
                     seen, rest = seen.select(others), group.select(others)
+                    gain = EarGain(rest.paths, station, ear, rest.shade)
+                    each = None if each is None else each[others]
             if len(rest):
-                heard = _in_parts(rest, seen, station, ear, grid, tolerance, each)
+                length = rest.paths.length[ear]
+                whole, ends = Heard(seen, gain, station), _table_ends(grid, station)
+                heard = _in_parts(whole, length, grid, ends, tolerance, each)
                 spectrum[ear] += heard.spectrum
                 error[ear] += heard.error_bound * heard.size
                 size[ear] += heard.size
@@ -139,13 +146,19 @@ def _by_modes(
     ear: int,
     grid: BandGrid,
     tolerance: float,
+    weights: np.ndarray | None,
 ) -> tuple[DelayedSum, np.ndarray] | None:
     """The sum over those of a group that are made of few modes, and the rows of the others; None where none
-    are, too few, or a beam changes over the frequency."""
+    are, too few, or a beam changes over the frequency.
+
+    weights : (M, W) real, of echoes in W sums, which are coefficients of one (``sum_modes``).
+    """
     level = group.paths.level(station, ear)
     if level is None:
         return None
-    lowest, highest = (2.0 * math.pi * end / station.sound_speed for end in grid.ends)
+    lowest, highest = (
+        2.0 * math.pi * end / station.sound_speed for end in _table_ends(grid, station)
+    )
     made = seen.modal(lowest, highest, tolerance, station.band_loss)
     if made is None:
         return None
@@ -160,11 +173,12 @@ def _by_modes(
         places = replace(places, later=offset)
         level = level[owner] * np.exp(table.middle * offset)
         length = length[owner] + offset
+    if weights is not None:
+        weights = weights[rows[owner]]
     found = sum_modes(
         made.table,
         places,
-        level * made.factor,
-        length / station.sound_speed,
+        Waves(level * made.factor, length / station.sound_speed, weights),
         Bins(grid.start, grid.spacing, grid.count, grid.ends, station.sound_speed),
         lambda f: station.sound_speed * station.loss(f),
         tolerance,
@@ -173,30 +187,39 @@ def _by_modes(
     return None if found is None else (found, np.delete(np.arange(len(group)), rows))
 
 
+def _table_ends(grid: BandGrid, station: Station) -> tuple[float, float]:
+    """Ends of a band of which modes are known, that holds that of the grid: one wider than the sonar's,
+    because something moves, has one of few widths, so that not every speed has a table of its own."""
+    low, high = station.sonar.band
+    wider = math.log(max(low / grid.ends[0], grid.ends[1] / high))
+    if wider <= 0:
+        return grid.ends
+    factor = math.exp(WIDER * math.ceil(wider / WIDER))
+    return min(low / factor, grid.ends[0]), max(high * factor, grid.ends[1])
+
+
 def _in_parts(
-    group: SearchGroup,
-    seen: Strength,
-    station: Station,
-    ear: int,
+    heard: Heard,
+    length: np.ndarray,
     grid: BandGrid,
+    ends: tuple[float, float],
     tolerance: float,
     weights: np.ndarray | None,
 ) -> DelayedSum:
-    """The sum over a group's echoes, each as smooth parts."""
-    band = grid.ends
-    lowest, highest = (2.0 * math.pi * end / station.sound_speed for end in band)
-    parts = [_whole(seen, len(group))]
-    if not summed_directly(len(group), grid.count, tolerance):
-        parts = seen.parts(lowest, highest, tolerance)
-    whole = len(parts) == 1 or sum(len(part.rows) for part in parts) == len(group)
+    """The sum over a group's echoes, each as smooth parts between ``ends``, Hz; length (M,) metres of the
+    paths."""
+    lowest, highest = (2.0 * math.pi * end / heard.speed for end in ends)
+    parts = [_whole(heard.strength, len(length))]
+    if not summed_directly(len(length), grid.count, tolerance):
+        parts = heard.strength.parts(lowest, highest, tolerance)
+    whole = len(parts) == 1 or sum(len(part.rows) for part in parts) == len(length)
     spectrum: np.ndarray | complex = 0.0
     error = size = 0.0
     for part in parts:
-        some = group if len(part.rows) == len(group) else group.select(part.rows)
         alone = whole or np.count_nonzero(part.offset) == 0
-        share = 1.0 if alone else _together(some, station, ear, band)
+        share = 1.0 if alone else _together(heard.gain, part.rows, grid.ends)
         each = None if weights is None else weights[part.rows]
-        found, off = _of_part(some, part, station, ear, grid, tolerance * share, each)
+        found, off = _of_part(heard, part, length[part.rows], grid, tolerance * share, each)
         spectrum = spectrum + found.spectrum
         error += off + (found.error_bound + (0.0 if alone else SPLIT)) * found.size
         size += found.size if alone else PARTIAL * found.least
@@ -204,10 +227,9 @@ def _in_parts(
 
 
 def _of_part(
-    group: SearchGroup,
+    heard: Heard,
     part: ScattererPart,
-    station: Station,
-    ear: int,
+    length: np.ndarray,
     grid: BandGrid,
     tolerance: float,
     weights: np.ndarray | None,
@@ -216,40 +238,31 @@ def _of_part(
     take more of the tolerance than is its share, the part is summed as it would be without."""
     off = 0.0
     if part.off is not None:
-        off = float((group.gain(station, ear, grid.ends[:1])[0] * part.off).sum())
+        lowest = np.array(grid.ends[:1])
+        off = float((heard.gain(lowest, part.rows)[0] * part.off).sum())
+    some = heard.part(part)
     found = sum_delayed(
-        Heard(group, part.strength, station, ear),
-        (group.paths.length[ear] + part.offset) / station.sound_speed,
+        some,
+        (length + part.offset) / heard.speed,
         grid.start,
         grid.spacing,
         grid.count,
         tolerance=tolerance * (1.0 - LOOKED_UP if off else 1.0),
         ends=grid.ends,
         weights=weights,
-        smooth=smooth_of(group, part.strength, station, ear, grid.ends) if tolerance else None,
+        smooth=some.smooth(grid.ends) if tolerance else None,
     )
     if off > LOOKED_UP * tolerance * found.size and part.without is not None:
         plain = replace(part, strength=part.without, off=None)
-        return _of_part(group, plain, station, ear, grid, tolerance, weights)
+        return _of_part(heard, plain, length, grid, tolerance, weights)
     return found, off
 
 
-def _together(group: SearchGroup, station: Station, ear: int, band: tuple[float, float]) -> float:
+def _together(gain: EarGain, rows: np.ndarray, band: tuple[float, float]) -> float:
     """Return what parts that are somewhere in phase have at least in common, of the largest of each."""
-    first, last = (group.gain(station, ear, [end])[0].sum() for end in band)
+    first, last = (gain(np.array([end]), rows)[0].sum() for end in band)
     share = math.sqrt(band[0] / band[1]) * last / first if first > 0 else 1.0
     return PARTIAL * float(min(share, 1.0))
-
-
-def smooth_of(
-    group: SearchGroup, strength: Strength, station: Station, ear: int, band: tuple[float, float]
-) -> Smoothness | None:
-    """Return how smooth echoes are in a band; None where their beam does not say."""
-    losses = group.paths.losses(station, ear)
-    if losses is None:
-        return None
-    gain = group.gain(station, ear, band[:1])[0]
-    return smoothness(strength.profile(), band, station.sound_speed, gain, losses)
 
 
 def _whole(strength: Strength, count: int) -> ScattererPart:
@@ -257,16 +270,28 @@ def _whole(strength: Strength, count: int) -> ScattererPart:
 
 
 class Heard:
-    """The amplitudes of a group at one ear."""
+    """Amplitudes at one ear of echoes, or of a part of them: rows of ``gain``, all where left out."""
 
-    def __init__(self, group: SearchGroup, strength: Strength, station: Station, ear: int) -> None:
-        self._group, self._strength = group, strength
-        self._station, self._ear = station, ear
+    def __init__(
+        self, strength: Strength, gain: EarGain, station: Station, rows: Rows = slice(None)
+    ) -> None:
+        self.strength, self.gain, self.speed = strength, gain, station.sound_speed
+        self._station, self._rows = station, rows
+
+    def part(self, part: ScattererPart) -> Heard:
+        """A part of all."""
+        return Heard(part.strength, self.gain, self._station, part.rows)
 
     def __call__(self, frequency: np.ndarray, rows: np.ndarray) -> np.ndarray:
         """(Q, m) complex A of some rows at frequencies (Q,)."""
-        wavenumber = 2.0 * math.pi * frequency / self._station.sound_speed
-        amplitude = self._strength.select(rows).amplitude(wavenumber)
-        single = amplitude.dtype == np.complex64
-        amplitude *= self._group.gain(self._station, self._ear, frequency, rows, single=single)
+        wavenumber = 2.0 * math.pi * frequency / self.speed
+        amplitude = self.strength.select(rows).amplitude(wavenumber)
+        mine = rows if isinstance(self._rows, slice) else self._rows[rows]
+        amplitude *= self.gain(frequency, mine, single=amplitude.dtype == np.complex64)
         return amplitude
+
+    def smooth(self, band: tuple[float, float]) -> Smoothness:
+        """Return how smooth they are in a band."""
+        losses = self.gain.losses(self._rows)
+        gain = self.gain(np.array(band[:1]), self._rows)[0]
+        return smoothness(self.strength.profile(), band, self.speed, gain, losses)

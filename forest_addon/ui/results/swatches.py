@@ -14,7 +14,9 @@ import numpy as np
 from ...blender.show.cloud_nodes import on_map
 
 SIDE = 32  # pixels of an icon
-EDGE = 4  # of these, left free around it
+EDGE = 2  # of these, left free around it
+RIM = 2  # of these, around the colour: dark around what is light and light around what is dark
+LUMA = np.array([0.2126, 0.7152, 0.0722])  # how bright each channel looks (ITU-R BT.709)
 GAMMA = 1 / 2.2  # colours are linear, the screen's are not
 
 _swatches: Any = None
@@ -51,10 +53,13 @@ def register() -> None:
 
 
 def pixels_of(colour: tuple[float, float, float]) -> np.ndarray:
-    """(SIDE, SIDE, 4) a square of a colour, as the screen has it, with nothing around it."""
+    """(SIDE, SIDE, 4) a square of a colour, as the screen has it, rimmed, so that it is seen on any theme."""
     pixels = np.zeros((SIDE, SIDE, 4), np.float32)
-    inner = slice(EDGE, SIDE - EDGE)
-    pixels[inner, inner] = (*(channel**GAMMA for channel in colour), 1.0)
+    shown = np.array([channel**GAMMA for channel in colour])
+    rim = 0.05 if shown @ LUMA > 0.5 else 0.95
+    for edge, filled in ((EDGE, (rim, rim, rim)), (EDGE + RIM, shown)):
+        inner = slice(edge, SIDE - edge)
+        pixels[inner, inner] = (*filled, 1.0)
     return pixels
 
 

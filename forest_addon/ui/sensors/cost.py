@@ -39,7 +39,7 @@ def costs(context: bpy.types.Context, things: Iterable[bpy.types.Object]) -> lis
         settings = to_spec(context.scene, [thing])
         (sensor,) = settings.sensors
         engine = "bvhtree" if settings.rays.engine == "bvhtree" else "embree"
-        found.append(cost_of(sensor, Observer.way(sensor, home), engine, trees))
+        found.append(cost_of(sensor, Observer.way(sensor, home), engine, settings, trees))
     return found
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 from forest_addon.base.progress import Say
 from forest_addon.results.coordinates import FILE, note_of, write_note
 from forest_addon.results.stand_table import write_stand
-from forest_addon.site import ForestSite
+from forest_addon.site import ForestSite, check_species
 from forest_addon.spec import SpecError
 from forest_addon.stand.files import read_inputs
 from forest_addon.stand.plan import Stand, labels
@@ -31,6 +31,7 @@ def sample_stand(scene: Path, out: Path, seed: int | None = None, say: Say = pri
     """
     settings = read_scene(scene, seed)
     folder = scene.resolve().parent
+    check_species(settings, folder)
     site = ForestSite(settings, folder, inputs=read_inputs(settings, folder))  # no tree is grown
     started = time.perf_counter()
     stand = site.plan()

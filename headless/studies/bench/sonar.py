@@ -55,8 +55,10 @@ def run(say: Say) -> None:
         "\nWhat leaves, wood and ground add, and what shading takes: 5 trees, 40° beam, peak level.\n"
     )
     _kinds(say, forests[5])
-    from . import sonar_kernel
+    from . import sonar_doppler, sonar_kernel
 
+    say(f"\n{sonar_doppler.TITLE}\n")
+    sonar_doppler.run(say)
     say(f"\n{sonar_kernel.TITLE}\n")
     sonar_kernel.run(say)
     say_cold(say, "sonar")

@@ -144,3 +144,23 @@ def test_an_ending_that_holds_no_table_is_refused(tmp_path, capsys, name):
     assert main(["stand", "demo", "--out", str(tmp_path / name)]) == 2
     assert "must end in .csv or .geojson" in capsys.readouterr().err
     assert not list(tmp_path.iterdir())
+
+
+def test_species_that_are_not_there_are_all_named_at_once(tmp_path, capsys):
+    plants = "".join(
+        f'[[plantings]]\nspecies = "{name}"\nexpected = 1\n'
+        for name in ("spuce", "apple", "hazlenut")
+    )
+    (tmp_path / "scene.toml").write_text(plants)
+    assert main(["stand", str(tmp_path / "scene.toml"), "--out", str(tmp_path / "o.csv")]) == 2
+    said = capsys.readouterr().err
+    assert '"spuce" (did you mean "spruce"?)' in said
+    assert '"hazlenut" (did you mean "hazelnut"?)' in said
+    assert "plantings[0].species, plantings[2].species" in said
+    assert not (tmp_path / "o.csv").exists()
+
+
+def test_a_species_file_that_is_not_there_is_refused(tmp_path, capsys):
+    (tmp_path / "scene.toml").write_text('[[plantings]]\nspecies = "my.toml"\nexpected = 1\n')
+    assert main(["stand", str(tmp_path / "scene.toml"), "--out", str(tmp_path / "o.csv")]) == 2
+    assert "my.toml: there is no such file" in capsys.readouterr().err

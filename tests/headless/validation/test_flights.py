@@ -1,12 +1,15 @@
 """Flight lines of real clouds flown again: thresholds that are read, shares of returns, their nulls."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from forest_addon.base.rng import stream
 from headless.commands.work.like import FlownCloud
-from headless.studies.validation.clouds.flights import BLOCK, halves_apart, shares_of
+from headless.studies.validation.clouds import flights
 from headless.studies.validation.clouds.light import IntensityScale, threshold
+from headless.studies.validation.clouds.shares import BLOCK, halves_apart, shares_of
 from headless.studies.validation.own_cloud import CloudReturns
 
 
@@ -53,3 +56,28 @@ def test_halves_of_a_line_are_as_far_apart_as_chance_makes_them():
     cloud = FlownCloud(place, np.zeros(pulses), ones, count, ones)
     # Two halves of 20,000 independent pulses: 1.96 times sqrt(0.25/20000 + 0.25/20000).
     assert halves_apart(cloud, 1)[1] == pytest.approx(0.0098, rel=0.35)
+
+
+@pytest.mark.parametrize(("second", "agrees"), [(0.56, True), (0.64, False)])
+def test_a_line_is_judged_by_the_mean_of_its_stands(monkeypatch, second, agrees):
+    """Half of the real pulses are single; of ours 48 % over one stand, so many over another."""
+    monkeypatch.setattr(flights, "faintest_of", lambda read: 1e-6)
+
+    def counts(single, pulses=1000):
+        return np.where(np.arange(pulses) < single * pulses, 1, 2)
+
+    many = counts(0.5)
+    line = np.ones(len(many), int)
+    cloud = SimpleNamespace(line=line, number=line, count=many)
+    read = SimpleNamespace(
+        cloud=cloud,
+        height=np.linspace(0, 20, len(many)),
+        far=np.full(len(many), 100.0),
+        angle=np.zeros(len(many)),
+        flight=SimpleNamespace(name="drone"),
+    )
+    row = flights._row(read, 1, [counts(0.48), counts(second)], half=0.02)
+    assert (row.measured.value, row.measured.high) == pytest.approx((50, 52))
+    assert row.simulated.value == pytest.approx(50 * (0.48 + second))
+    assert (row.simulated.low, row.simulated.high) == pytest.approx((48, 100 * second))
+    assert row.agrees is agrees

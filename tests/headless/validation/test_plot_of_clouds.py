@@ -1,5 +1,6 @@
 """Plots read from clouds: scales of intensities, reflectances, crowns, leaf area."""
 
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -7,8 +8,10 @@ import pytest
 from references.measured import FOUND, needs_measurements
 
 from forest_addon.base.rng import stream
-from forest_addon.spec import Mobile, Surfaces
-from headless.studies.validation.clouds.crowns import WOOD, clumping_of, trees_of
+from forest_addon.growth.library.allometry_file import read_allometry
+from forest_addon.growth.measured.wanted import Wanted, refuse_contradictions
+from forest_addon.spec import Mobile, SpecError, Surfaces
+from headless.studies.validation.clouds.crowns import WOOD, clumping_of, most_leaves, trees_of
 from headless.studies.validation.clouds.flights import (
     FLIGHTS,
     as_bright,
@@ -103,6 +106,15 @@ def test_leaves_follow_the_light_that_passes_and_the_brightness_of_single_echoes
     assert leaves_missing(read, ours) == pytest.approx(np.log(0.2) / np.log(0.4))
     seen = as_bright(read, ours, Mobile(surfaces=Surfaces(leaf=0.2, ground=0.42))).surfaces
     assert (seen.leaf, seen.ground) == pytest.approx((0.3, 0.40))
+
+
+def test_no_tree_of_a_plot_is_asked_for_more_leaves_than_can_be_grown():
+    dbh = 0.121
+    most = float(most_leaves(np.array([dbh]))[0])
+    kind = read_allometry("pinus-sylvestris", Path())
+    refuse_contradictions(Wanted(dbh, 12.1, 4.4, 1.0, most), kind, "plot")
+    with pytest.raises(SpecError, match="leaf_area"):
+        refuse_contradictions(Wanted(dbh, 12.1, 4.4, 1.0, 1.01 * most), kind, "plot")
 
 
 @pytest.mark.slow

@@ -64,12 +64,9 @@ def listen(forest: Trunks, directivity: Directivity, **settings: float):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("tolerance", [0.0, 1e-6])
-def test_each_path_has_the_gain_of_its_departure(tolerance: float) -> None:
-    """One trunk at a time, and 60 at once by the fast sum: cardioid that points away from the receiver."""
-    forest = trunks(60)
-    facing = {"facing_azimuth_deg": 180.0, "tolerance": tolerance}
-    together = listen(forest, CARDIOID, **facing)
+def test_each_path_has_the_gain_of_its_departure() -> None:
+    """One trunk at a time, and 40 at once by either sum: cardioid that points away from the receiver."""
+    forest = trunks(40)
     away = forest.position - (5.0, 10.0)
     gain = 0.5 - 0.5 * away[:, 0] / np.hypot(*away.T)
     apart = [
@@ -77,12 +74,14 @@ def test_each_path_has_the_gain_of_its_departure(tolerance: float) -> None:
         for m, g in enumerate(gain)
     ]
     expected = np.sum(apart, axis=0)
-    assert np.linalg.norm(together.trees - expected) < 2e-5 * np.linalg.norm(expected)
-    assert np.abs(together.direct).max() < 1e-15
-    # The bounce leaves downwards by atan(1.5/5) from the horizon: a little of it is heard.
     free = listen(forest, OMNI).ground
-    share = 0.5 - 0.5 * 5 / math.hypot(5, 1.5)
-    np.testing.assert_allclose(together.ground, share * free, atol=1e-15)
+    for tolerance in (0.0, 1e-6):
+        together = listen(forest, CARDIOID, facing_azimuth_deg=180.0, tolerance=tolerance)
+        assert np.linalg.norm(together.trees - expected) < 2e-5 * np.linalg.norm(expected)
+        assert np.abs(together.direct).max() < 1e-15
+        # The bounce leaves downwards by atan(1.5/5) from the horizon: a little of it is heard.
+        share = 0.5 - 0.5 * 5 / math.hypot(5, 1.5)
+        np.testing.assert_allclose(together.ground, share * free, atol=1e-15)
 
 
 def test_a_directivity_by_frequency_filters_direct_and_trees() -> None:

@@ -10,6 +10,7 @@ import pytest
 from references.leaf_discs import discs_of
 from scipy.signal import windows
 
+from forest_addon.acoustics.modes import disc_modes
 from forest_addon.sensing.sonar import calls
 from forest_addon.sensing.sonar.beam import MeasuredBeam
 from forest_addon.sensing.sonar.calls import Call, resampled, synthesise
@@ -143,7 +144,6 @@ def test_doppler_of_many_leaves_is_the_sum_of_each() -> None:
 
 
 @pytest.mark.medium
-@pytest.mark.parametrize("tolerance", [1e-3, 1e-6])
 @pytest.mark.parametrize(
     "known",
     [
@@ -152,7 +152,7 @@ def test_doppler_of_many_leaves_is_the_sum_of_each() -> None:
     ],
 )
 @pytest.mark.parametrize("model", ["exact", "piston"])
-def test_doppler_with_measured_ears_keeps_the_tolerance(tolerance, known, model) -> None:
+def test_doppler_with_measured_ears_keeps_the_tolerance(known, model) -> None:
     """Against the sum of every path at every bin; the pattern has kinks where its frequencies end."""
     rng = np.random.default_rng(3)
     places = rng.normal(size=(300, 3)) * 0.4 + [2.0, 0, 0]
@@ -165,12 +165,68 @@ def test_doppler_with_measured_ears_keeps_the_tolerance(tolerance, known, model)
     pose = SonarPose(np.zeros(3), np.eye(3), np.array([9.0, 3.0, 0]))
     discs = discs_of(places, rng.normal(size=(300, 3)), rng.uniform(0.003, 0.05, 300))
     given = {"pose": pose, "equipment": Equipment.of(sonar, hears=(ears,))}
-    fast = ping(discs, sonar.changed(tolerance=tolerance), AIR, **given)
     exact = ping(discs, sonar, AIR, **given)
     size = exact.size[:, None]
-    assert (np.abs(fast.spectra - exact.spectra) <= tolerance * size).all()
     loudest = np.abs(synthesise(sonar).spectrum(exact.frequency)).max()
-    assert (np.abs(fast.called - exact.called) <= tolerance * loudest * size).all()
+    for tolerance in (1e-3, 1e-6):
+        fast = ping(discs, sonar.changed(tolerance=tolerance), AIR, **given)
+        assert (np.abs(fast.spectra - exact.spectra) <= tolerance * size).all()
+        assert (np.abs(fast.called - exact.called) <= tolerance * loudest * size).all()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("hearing", ["omni", "measured"])
+@pytest.mark.parametrize("model", ["paper", "piston", "exact"])
+def test_doppler_of_echoes_that_are_alike_keeps_the_tolerance(model: str, hearing: str) -> None:
+    """Of two kinds, at two speeds, so that all errors add up: against every path at every bin."""
+    count, angle = 700, np.radians([0.0, 60.0, 180.0])
+    sonar = sonar_of(
+        call="fm", doppler=True, cull=0.0, leaf_model=model, absorption=True, sample_rate=200e3
+    )
+    levels = np.array([[0.0, -1.0, 1.0], [-3.0, -8.0, -6.0], [-12.0, -15.0, -20.0]])
+    ears = MeasuredBeam(angle, np.array([5e4, 7e4, 1e5]), levels)
+    equipment = Equipment.of(sonar, hears=(ears,) if hearing == "measured" else ())
+    pose = SonarPose(np.zeros(3), np.eye(3), np.array([9.0, 3.0, 0]))
+    places, normals = (
+        np.array([[2.0, 0.3, 0], [1.2, -1.5, 0.4]]),
+        np.array([[1.0, 0.5, 0], [0, 1, 1]]),
+    )
+    size = np.array([0.012, 0.02])
+    few = discs_of(places, normals, size)
+    many = discs_of(np.tile(places, (count, 1)), np.tile(normals, (count, 1)), np.tile(size, count))
+    given = {"pose": pose, "equipment": equipment}
+    exact = ping(few, sonar.changed(tolerance=0.0), AIR, **given)
+    loudest = np.abs(synthesise(sonar).spectrum(exact.frequency)).max()
+    for tolerance in (1e-3, 1e-5):
+        fast = ping(many, sonar.changed(tolerance=tolerance), AIR, **given)
+        off = np.abs(fast.called - count * exact.called).max() / (loudest * count * exact.size[0])
+        assert 1e-12 < off <= tolerance
+
+
+@pytest.mark.slow
+def test_speeds_that_are_alike_share_a_table() -> None:
+    rng, made = np.random.default_rng(3), []
+    places = rng.normal(size=(600, 3)) * 0.3 + [2.0, 0, 0]
+    discs = discs_of(places, rng.normal(size=(600, 3)), 0.015)
+    sonar = sonar_of(call="fm", doppler=True, cull=0.0, leaf_model="exact", tolerance=1e-3)
+    for speed in (5.0, 5.01, 5.02):
+        pose = SonarPose(np.zeros(3), np.eye(3), np.array([speed, 0, 0]))
+        ping(discs, sonar, AIR, pose=pose)
+        made.append(disc_modes._modes.cache_info().misses)
+    assert made[1] == made[0]
+    assert made[2] == made[0]
+
+
+@pytest.mark.parametrize("lead", [0.0, 7e-4])
+def test_spectra_of_a_call_on_a_grid_are_those_at_each_speed(lead: float) -> None:
+    call, speeds = synthesise(sonar_of(call="fm", call_duration=0.002)), np.array([0.97, 1.0, 1.04])
+    frequency = 60e3 + 37.0 * np.arange(500)
+    time = np.arange(len(call.samples)) / call.sample_rate - lead
+    found = call.spectra_on(60e3, 37.0, 500, speeds, lead)
+    for speed, spectrum in zip(speeds, found, strict=True):
+        turns = np.outer(frequency / speed, time)
+        exact = np.exp(-2j * np.pi * turns) @ call.samples / speed
+        np.testing.assert_allclose(spectrum, exact, rtol=0, atol=1e-11 * np.abs(exact).max())
 
 
 def test_a_flight_is_stacked_to_one_length() -> None:

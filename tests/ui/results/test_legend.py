@@ -117,6 +117,18 @@ def test_a_swatch_is_the_colour_of_the_screen():
     assert pixels[0, 0, 3] == 0
 
 
+@pytest.mark.parametrize("grey", [0.0, 0.05, 0.2, 0.4, 0.6, 0.8, 1.0])
+@pytest.mark.parametrize(
+    "panel", [0.16, 0.19, 0.45, 0.6, 0.7, 0.8]
+)  # of themes, as the screen has it
+def test_a_swatch_is_seen_on_any_theme(grey, panel):
+    """Its rim or its middle is apart from the panel, and the rim from the middle."""
+    shown = pixels_of((grey,) * 3)[SIDE // 2, :, :]
+    filled = shown[shown[:, 3] == 1][:, 0]
+    assert abs(filled - panel).max() > 0.24
+    assert np.ptp(filled) > 0.35
+
+
 @pytest.mark.slow
 def test_cycles_renders_points_where_that_is_asked_for(props, sensor, tmp_path):
     """EEVEE needs a graphics card: the session in the window renders there."""

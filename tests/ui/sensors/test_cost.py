@@ -47,7 +47,13 @@ def test_a_reverb_is_guessed_to_take_longer_among_more_trees(built, monkeypatch)
     few = cost.costs(bpy.context, [thing])[0]
     plantings[0].standing += 1000
     many = cost.costs(bpy.context, [thing])[0]
-    assert many.seconds - few.seconds == pytest.approx(1000 * KINDS["reverb"].a_tree)
+    settings = to_spec(bpy.context.scene, [thing])
+    kind, standing = KINDS["reverb"], sum(planting.standing for planting in plantings)
+    more = [
+        kind.seconds_among(settings.sensors[0], settings, n) for n in (standing - 1000, standing)
+    ]
+    assert many.seconds - few.seconds == pytest.approx(more[1] - more[0])
+    assert more[1] > more[0]
     costs_of.note_pace(to_spec(bpy.context.scene, [thing]).sensors[0], many, 30.0)
     assert cost.costs(bpy.context, [thing])[0].seconds == pytest.approx(30.0)
 

@@ -17,6 +17,8 @@ import numpy as np
 # The least squares axis of a surface is trusted if the normals point along it by so much less (ratio of
 # mean squares) than across it: cones up to 19° from axis to side; not the top of a sphere.
 AXIS_TRUST = 0.25
+ROUNDED = 1e-6  # of a bound, beyond what rounding makes
+FLAT = 1e-9  # of the normals' mean squares, the second over the largest
 
 
 def equivalent_circle(ends: np.ndarray, normal: np.ndarray) -> tuple[np.ndarray, float]:
@@ -39,6 +41,47 @@ def equivalent_circle(ends: np.ndarray, normal: np.ndarray) -> tuple[np.ndarray,
     return centre, float(perimeter / (2.0 * math.pi))
 
 
+def largest_radii(
+    ends: np.ndarray, normal: np.ndarray, contour: np.ndarray, count: int
+) -> np.ndarray:
+    """(C,) metres that the radius of no contour is above, for all of them at once.
+
+    ends, normal : as of ``equivalent_circle``. contour : (M,) which of C each segment is of.
+
+    Of two convex shapes the inner one has the smaller perimeter: the hull of a section lies within the
+    octagon about it.
+    """
+    step = ends[:, 1] - ends[:, 0]
+    weight = np.hypot(step[:, 0], step[:, 1])
+    scatter = np.empty((count, 3, 3))
+    for i in range(3):
+        for j in range(3):
+            scatter[:, i, j] = np.bincount(contour, weight * normal[:, i] * normal[:, j], count)
+    strength, direction = np.linalg.eigh(scatter)
+    # Where rounding may decide whether an axis is trusted, the outline is left as it is.
+    trusted = strength[:, 0] < (1.0 - ROUNDED) * AXIS_TRUST * strength[:, 1]
+    trusted &= strength[:, 1] > FLAT * strength[:, 2]  # of what is flat, any axis may be taken
+    lean = np.where(trusted[:, None], direction[:, :2, 0], 0.0)
+    shrunk = 1.0 + np.where(trusted, np.abs(direction[:, 2, 0]), 1.0)
+    along = np.einsum("mek,mk->me", ends, lean[contour]) / shrunk[contour, None]
+    section = ends - along[:, :, None] * lean[contour, None, :]
+    x, y = section[:, :, 0], section[:, :, 1]
+    wide, deep, up, down = (_extent(line, contour, count) for line in (x, y, x + y, x - y))
+    # Its four sides that lean are cut off the corners of the box about it: 2 of each become √2.
+    cut = 2.0 * (wide + deep) - up - down
+    perimeter = 2.0 * (wide + deep) - (2.0 - math.sqrt(2.0)) * np.maximum(cut, 0.0)
+    found: np.ndarray = perimeter * ((1.0 + ROUNDED) / (2.0 * math.pi))
+    return found
+
+
+def _extent(line: np.ndarray, contour: np.ndarray, count: int) -> np.ndarray:
+    """(C,) from the least to the largest of values (M, 2) of each contour."""
+    least, most = np.full(count, np.inf), np.full(count, -np.inf)
+    np.minimum.at(least, contour, line.min(axis=1))
+    np.maximum.at(most, contour, line.max(axis=1))
+    return most - least
+
+
 def surface_axis(normal: np.ndarray, weight: np.ndarray) -> np.ndarray:
     """(3,) unit direction that the normals (M, 3) are most at right angles to; Z where none is."""
     scatter = np.einsum("m,mi,mj->ij", weight, normal, normal)
@@ -54,7 +97,7 @@ def convex_hull(points: np.ndarray) -> np.ndarray:
 
     Points on a line give its two ends, a single point itself.
     """
-    ordered = np.unique(points, axis=0).tolist()
+    ordered = sorted(set(map(tuple, points.tolist())))
     if len(ordered) < 3:
         return np.array(ordered).reshape(-1, 2)
     lower = _chain(ordered)
@@ -62,16 +105,16 @@ def convex_hull(points: np.ndarray) -> np.ndarray:
     return np.array(lower[:-1] + upper[:-1])
 
 
-def _chain(points: list[list[float]]) -> list[list[float]]:
+def _chain(points: list[tuple[float, ...]]) -> list[tuple[float, ...]]:
     """The points of a left-to-right chain that turn left everywhere."""
-    chain: list[list[float]] = []
+    chain: list[tuple[float, ...]] = []
     for x, y in points:
         while len(chain) > 1:
             (ax, ay), (bx, by) = chain[-2:]
             if (bx - ax) * (y - ay) - (by - ay) * (x - ax) > 0:
                 break
             chain.pop()
-        chain.append([x, y])
+        chain.append((x, y))
     return chain
 
 

@@ -14,10 +14,15 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ...rays.geometry import SceneGeometry
-from .slices import Trunks, trunks_at_height
+from .slices import Trunks, WeldedWood, trunks_at_height
 
 STEP = 0.5  # m between heights at most, as far as MOST_CUTS go
 MOST_CUTS = 24
+
+
+def heights_between(rise: float) -> int:
+    """Return at how many heights the wood is cut between ends of which one is so much higher, metres."""
+    return min(MOST_CUTS, max(1, math.ceil(rise / STEP)))
 
 
 @dataclass
@@ -27,11 +32,12 @@ class TrunkCuts:
     scene: SceneGeometry
     min_radius: float
     _at: dict[float, Trunks] = field(default_factory=dict)
+    _wood: dict[int, WeldedWood] = field(default_factory=dict)
 
     def between(self, source: np.ndarray, receiver: np.ndarray) -> Trunks:
         """The trunks between two ends (3,)."""
         low, high = float(source[2]), float(receiver[2])
-        count = min(MOST_CUTS, max(1, math.ceil(abs(high - low) / STEP)))
+        count = heights_between(abs(high - low))
         if count == 1:
             return self._cut((low + high) / 2)
         parts = []
@@ -46,5 +52,5 @@ class TrunkCuts:
 
     def _cut(self, height: float) -> Trunks:
         if height not in self._at:
-            self._at[height] = trunks_at_height(self.scene, height, self.min_radius)
+            self._at[height] = trunks_at_height(self.scene, height, self.min_radius, self._wood)
         return self._at[height]

@@ -17,12 +17,14 @@ from scipy.spatial import cKDTree
 
 from forest_addon.growth.library.allometry_file import read_allometry
 from forest_addon.growth.library.species_file import find_species, load_species
-from forest_addon.growth.measured.allometry import middle
+from forest_addon.growth.measured.allometry import band, middle
 from forest_addon.growth.measured.needles import shoot_of
+from forest_addon.growth.measured.wanted import MOST_TIMES
 
 from ..living import tops_of
 from ..own_cloud import CloudReturns
 
+ALLOMETRY = "pinus-sylvestris"  # whose heights and diameters go together
 CELL = 0.5  # m
 LOW = 0.5  # of a tree's height, above which the canopy near it is its crown
 LAYER, RARE, SMOOTH = 0.5, 0.01, 9  # m; share of a crown's returns; layers of the median filter
@@ -64,7 +66,7 @@ def trees_of(
     passed = passed / np.maximum(np.bincount(beam[seen], light[seen], many), 1e-9)
     index = -2 * np.cos(np.deg2rad(zenith)) * np.log(np.clip(passed, DARKEST, 1))
     leaves = (1 - WOOD) * index * area / clumping_of(species)
-    law = read_allometry("pinus-sylvestris", Path())
+    law = read_allometry(ALLOMETRY, Path())
     dbh = np.linspace(0.05, 1.0, 400)
     return np.column_stack(
         [
@@ -76,6 +78,12 @@ def trees_of(
             np.maximum(leaves, 0.1),
         ]
     )
+
+
+def most_leaves(dbh: np.ndarray) -> np.ndarray:
+    """(N,) m² of leaves that trees of these diameters (N,) may be asked for."""
+    kind = read_allometry(ALLOMETRY, Path())
+    return np.asarray(0.999 * MOST_TIMES * band(kind, dbh)[1, :, 3])
 
 
 def clumping_of(species: str) -> float:

@@ -5,7 +5,7 @@ them (``crowns``); around the plot the same stand goes on. Way, height and fan o
 cloud's own pulses (``surveys``), reflectances and the threshold of detection from its intensities
 (``light``). Leaves reflect as much, and are as many, as makes single echoes of ours as bright and passes as
 much light to the ground as the clouds show. Beams are assumed as typical of such instruments. Shares of
-returns are not looked at for any of that.
+returns are not looked at for any of that. A line is judged by the mean of four stands of other seeds.
 
 The drone's slanted lines hold plants alone: whoever made the file took the ground out of them. Of such a
 line pulses are compared whose first return is a plant's, in ours as in the real one.
@@ -13,12 +13,12 @@ line pulses are compared whose first return is a plant's, in ours as in the real
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from forest_addon.base.rng import stream
 from forest_addon.blender.rays.casters import make_caster
 from forest_addon.sensing.lidar.cloud import Cloud
 from forest_addon.sensing.lidar.scan import scan
@@ -32,7 +32,7 @@ from ....commands.work.like import FlownCloud, read_flown
 from ..comparison import Comparison, Interval
 from ..living import geometry_of, site_of
 from ..own_cloud import CloudReturns, read_cloud
-from .crowns import BARE, trees_of
+from .crowns import BARE, most_leaves, trees_of
 from .light import (
     CROWN,
     GROUND,
@@ -42,21 +42,23 @@ from .light import (
     scale_of,
     threshold,
 )
+from .shares import halves_apart, shares_of
 from .yardstick import ground_below
 
 SPECIES = "ponderosa-pine"
 WOOD, SOIL = 0.4, 0.3  # reflectances; the ground's where intensities have no scale
-NEAR = 0.05  # of a share, that counts as the same
+NEAR = 0.05  # of a share, that counts as the same, of the mean of the stands
+STANDS = 4  # of the same trees, that differ by their seeds
 AROUND = 3  # copies of the plot to each side: beams at 68 degrees come from 62 m away
 STEEP = 40.0  # degrees: lines nearer to the nadir tell reflectances
 NO_GROUND = 0.001  # share of first returns on the ground, below which a line has none
-BLOCK, HALVES = 5.0, 40  # metres, and halvings of a line's blocks
 MOST, FEW = (
-    4000,
+    1500,
     2000,
 )  # pulses of a line that are flown again, and to tell its light; of more, so many
 RANGE = 1.3  # times the farthest return
 ROUNDS, CLOSE = 8, 0.04  # of growing the stand until its light is as near to the cloud's
+FIRST = 3.0  # leaf area over Beer's law's, that the stand begins with
 SHADED = 1.5  # power of the leaf area that is missing: leaves that are added shade each other
 
 
@@ -125,12 +127,26 @@ def read_flight(flight: FlightOfCloud, folder: Path) -> ReadFlight:
 
 
 def compare_flights(clouds: Path, seed: int, species: str = SPECIES) -> list[Comparison]:
-    """Share of single returns, line by line, measured and flown again."""
+    """Share of single returns, line by line, measured and flown again over ``STANDS`` stands."""
     drone, aircraft = (read_flight(flight, clouds) for flight in FLIGHTS)
     aircraft = scaled_like(aircraft, drone)
-    caster, low, scanners = stand_and_scanners(drone, aircraft, species, seed)
-    flights = zip((drone, aircraft), scanners, strict=True)
-    return [row for read, plain in flights for row in _lines(read, plain, caster, low, seed)]
+    again = [flown_again(drone, aircraft, species, seed + stand) for stand in range(STANDS)]
+    return [
+        row
+        for read, of_stands in zip((drone, aircraft), zip(*again, strict=True), strict=True)
+        for row in _rows(read, of_stands, seed)
+    ]
+
+
+def flown_again(
+    dense: ReadFlight, upright: ReadFlight, species: str, seed: int
+) -> list[tuple[Mobile, dict[int, np.ndarray]]]:
+    """Both flights' scanners over a stand, and the returns of the pulses that count (P,), by line."""
+    caster, low, scanners = stand_and_scanners(dense, upright, species, seed)
+    return [
+        (plain, _lines_again(read, plain, caster, low, seed))
+        for read, plain in zip((dense, upright), scanners, strict=True)
+    ]
 
 
 def scaled_like(read: ReadFlight, known: ReadFlight) -> ReadFlight:
@@ -153,7 +169,7 @@ def stand_and_scanners(
     and leaves single echoes less than whole. Leaf area and reflectances follow until the line of ``upright``
     that is nearest to the nadir passes as much to the ground as its cloud shows, within ``CLOSE``.
     """
-    more, scanners = 1.0, [scanner_of(dense), scanner_of(upright)]
+    more, scanners = FIRST, [scanner_of(dense), scanner_of(upright)]
     for _ in range(ROUNDS):
         scene, low = plot_like(dense, upright, species, seed, more)
         caster = make_caster(scene, Rays())
@@ -179,7 +195,7 @@ def plot_like(
     floor = ground_below(real - low)
     zenith = float(np.mean(upright.angle[upright.steep]))
     trees = trees_of(dense.returns, upright.returns, zenith, species, low, floor + low[2])
-    trees[:, 6] *= more
+    trees[:, 6] = np.minimum(more * trees[:, 6], most_leaves(trees[:, 2]))
     size = np.ptp(real[:, :2], axis=0)
     near = range(-AROUND, AROUND + 1)
     shifts = [np.array([i, j]) * size for i in near for j in near]
@@ -310,23 +326,43 @@ def _flown(
     return scan(fewer, caster, seed)
 
 
-def _lines(
+def _lines_again(
     read: ReadFlight, plain: Mobile, caster: RayCaster, low: np.ndarray, seed: int
-) -> list[Comparison]:
-    """Rows of the lines of a cloud that are long enough to tell their pattern."""
-    cloud, found = read.cloud, []
-    unread: list[str] = []  # lines with too few sweeps to tell how they were flown
-    halves, faint = halves_apart(cloud, seed), faintest_of(read)
+) -> dict[int, np.ndarray]:
+    """Returns of each pulse that counts (P,), of the lines that are long enough to tell their pattern."""
+    found = {}
     for number in read.lines:
         try:
             ours = _flown(read, number, plain, caster, low, seed)
         except SpecError:
-            alone = shares_of(cloud.count[(cloud.line == number) & (cloud.number == 1)])[0]
-            unread.append(f"{number} ({100 * alone:.0f} % single)")
             continue
-        found.append(_row(read, number, ours, faint, halves[number]))
-    s = plain.surfaces
-    words = f" Leaves reflect {100 * s.leaf:.0f} %, the ground {100 * s.ground:.0f} %."
+        first = _inside(ours, read) & (ours.number == 1)
+        if _has_no_ground(read, number):
+            first &= ours.position[:, 2] >= BARE
+        found[number] = ours.count[first]
+    return found
+
+
+def _has_no_ground(read: ReadFlight, number: int) -> bool:
+    """Return whether the file holds nothing of the ground in a line."""
+    rows = (read.cloud.line == number) & (read.cloud.number == 1)
+    return bool((read.height[rows] < BARE).mean() < NO_GROUND)
+
+
+def _rows(
+    read: ReadFlight, of_stands: Sequence[tuple[Mobile, dict[int, np.ndarray]]], seed: int
+) -> list[Comparison]:
+    """Rows of the lines of a cloud that were flown again over several stands, each with its scanner."""
+    cloud, halves = read.cloud, halves_apart(read.cloud, seed)
+    flown = list(of_stands[0][1])
+    found = [_row(read, k, [counts[k] for _, counts in of_stands], halves[k]) for k in flown]
+    seen = [plain.surfaces for plain, _ in of_stands]
+    leaf, ground = (100 * np.mean([getattr(s, part) for s in seen]) for part in ("leaf", "ground"))
+    words = f" Leaves reflect {leaf:.0f} %, the ground {ground:.0f} %."
+    unread = []
+    for number in set(read.lines) - set(flown):
+        alone = shares_of(cloud.count[(cloud.line == number) & (cloud.number == 1)])[0]
+        unread.append(f"{number} ({100 * alone:.0f} % single)")
     if unread:
         words = f" Too few sweeps tell how line {', '.join(unread)} was flown: left out." + words
     if found:
@@ -334,53 +370,30 @@ def _lines(
     return found
 
 
-def _row(read: ReadFlight, number: int, ours: Cloud, faint: float, half: float) -> Comparison:
-    """Single returns of a line beside those of ours, half: how far apart its halves are, as a share."""
+def _row(read: ReadFlight, number: int, counts: list[np.ndarray], half: float) -> Comparison:
+    """Single returns of a line beside those of ours, the mean and range of stands.
+
+    counts : returns of pulses (P,) of each stand. half : how far apart the line's halves are, as a share.
+    """
     cloud = read.cloud
     rows = (cloud.line == number) & (cloud.number == 1)
-    place = ours.position
-    first = _inside(ours, read) & (ours.number == 1)
-    bare = bool((read.height[rows] < BARE).mean() < NO_GROUND)
+    bare = _has_no_ground(read, number)
     if bare:
-        rows, first = rows & (read.height >= BARE), first & (place[:, 2] >= BARE)
-    real, mine = (shares_of(count) for count in (cloud.count[rows], ours.count[first]))
+        rows &= read.height >= BARE
+    real, stands = shares_of(cloud.count[rows]), np.array([shares_of(some) for some in counts])
+    mine, single = stands.mean(axis=0), 100 * stands[:, 0]
     far = float(np.median(read.far[rows]))
     only = " Pulses that meet a plant first: the file has no ground in this line." if bare else ""
     return Comparison(
         f"{read.flight.name}, single returns at {np.median(read.angle[rows]):.0f}° (line {number})",
         "%",
         Interval(100 * real[0], *(100 * (real[0] + np.array([-1, 1]) * half))),
-        Interval(100 * mine[0]),
+        Interval(100 * mine[0], float(single.min()), float(single.max())),
         bool(abs(real[0] - mine[0]) <= NEAR),
         words=f"2, 3 and 4 returns: measured {_said(real)} %, ours {_said(mine)} %; {rows.sum():,} and "
-        f"{first.sum():,} pulses; threshold {100 * faint * far**2:.1f} % at {far:,.0f} m.{only}",
+        f"{sum(map(len, counts)):,} pulses; threshold {100 * faintest_of(read) * far**2:.1f} % at "
+        f"{far:,.0f} m.{only}",
     )
-
-
-def shares_of(count: np.ndarray) -> np.ndarray:
-    """(4,) shares of pulses (P,) with 1, 2, 3 and 4 returns."""
-    shares: np.ndarray = np.bincount(np.minimum(count, 5), minlength=6)[1:5] / max(len(count), 1)
-    return shares
-
-
-def halves_apart(cloud: FlownCloud, seed: int) -> dict[int, float]:
-    """Of each line, how far apart the shares of single returns of random halves of its blocks are: the 95th
-    percentile, as a share."""
-    rng, found = stream(seed, "validate", "halves of lines"), {}
-    for number in np.unique(cloud.line).tolist():
-        rows = (cloud.line == number) & (cloud.number == 1)
-        cell = np.floor(cloud.place[rows][:, :2] / BLOCK).astype(np.int64)
-        block = np.unique(cell, axis=0, return_inverse=True)[1].ravel()
-        many = np.maximum(np.bincount(block), 1)
-        single = np.bincount(block, cloud.count[rows] == 1)
-        apart = []
-        for _ in range(HALVES):
-            half = rng.random(len(many)) < 0.5
-            if half.any() and not half.all():
-                each = [single[h].sum() / many[h].sum() for h in (half, ~half)]
-                apart.append(abs(each[0] - each[1]))
-        found[number] = float(np.quantile(apart or [0.0], 0.95))
-    return found
 
 
 def _said(shares: np.ndarray) -> str:

@@ -18,7 +18,7 @@ from forest_addon.spec import Rays, Terrestrial
 
 from ..comparison import Comparison, Interval
 from ..living import geometry_of, pine_stems, site_of
-from .flights import shares_of
+from .shares import shares_of
 
 REAL = {0.001: 0.36, 0.01: 0.54, 0.05: 0.76, 0.1: 0.87}  # metres
 SHARES = (92.8, 7.04, 0.15)  # %

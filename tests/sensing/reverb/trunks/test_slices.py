@@ -8,9 +8,14 @@ import numpy as np
 import pytest
 from scipy import special
 
+from forest_addon.base.rng import stream
 from forest_addon.base.trimesh import LEAF, OTHER, WOOD, TriMesh, join
 from forest_addon.sensing.rays.geometry import SceneGeometry
-from forest_addon.sensing.reverb.trunks.contours import convex_hull, equivalent_circle
+from forest_addon.sensing.reverb.trunks.contours import (
+    convex_hull,
+    equivalent_circle,
+    largest_radii,
+)
 from forest_addon.sensing.reverb.trunks.slices import trunks_at_height
 
 
@@ -188,3 +193,49 @@ def test_flat_sheet_is_a_strip_of_its_width() -> None:
     centre, radius = equivalent_circle(ends, np.tile([0.0, 1, 0], (2, 1)))
     np.testing.assert_allclose(centre, [0.5, 0])
     np.testing.assert_allclose(radius, 2 / (2 * math.pi))
+
+
+@pytest.mark.parametrize("name", ["upright", "leaning", "flat", "open"])
+def test_no_radius_is_above_its_bound(name):
+    """Random outlines of a few to many segments, of tubes that stand, lean and lie, and of loose ends."""
+    rng = stream(8, "contours", name)
+    ends, normal, contour, radius = [], [], [], []
+    for number in range(60):
+        count = int(rng.integers(3, 40))
+        turn = np.sort(rng.uniform(0, 2 * np.pi, count))
+        ring = rng.uniform(0.01, 0.5) * np.stack([np.cos(turn), np.sin(turn)], axis=1)
+        slant = {"upright": 0.0, "leaning": 0.6, "flat": 1.45, "open": 0.3}[name]
+        across = np.array([np.cos(number), np.sin(number)])
+        longer = ring + np.outer(ring @ across, across) * (1 / np.cos(slant) - 1)
+        some = np.stack([longer, np.roll(longer, -1, axis=0)], axis=1)
+        facing = np.concatenate([ring, np.zeros((count, 1))], axis=1)
+        facing -= np.outer(ring @ across, [*across, 0]) * (1 - np.cos(slant))
+        facing[:, 2] = -np.sin(slant) * (ring @ across)
+        facing /= np.linalg.norm(facing, axis=1, keepdims=True)
+        if name == "open":
+            some += rng.normal(0, 0.05, some.shape)
+        radius.append(equivalent_circle(some, facing)[1])
+        ends.append(some)
+        normal.append(facing)
+        contour.append(np.full(count, number))
+    every = (np.concatenate(ends), np.concatenate(normal), np.concatenate(contour))
+    most = largest_radii(*every, 60)
+    assert (most >= radius).all()
+    if name == "upright":  # an octagon's perimeter is at most 1.28 of what it is drawn about
+        assert (most <= 1.3 * np.array(radius)).all()
+
+
+def test_wood_is_cut_alike_whether_it_is_kept_and_however_it_stands():
+    leaning = tube((0, 0, 0), (0.3, 0.1, 9), (0.2, 0.1))
+    upright, wood = scene_of(leaning, tube((2, 0, 0), (2, 0, 9), (0.1, 0.05))), {}
+    almost = np.tile(np.eye(3, 4), (2, 1, 1))
+    almost[:, 2, 0] = 1e-300  # not upright: every vertex is asked
+    other = scene_of(*upright.meshes, transform=almost)
+    for height in (1.0, 4.5, 7.0):
+        found = [trunks_at_height(scene, height, 0.01) for scene in (upright, other)]
+        found.append(trunks_at_height(upright, height, 0.01, wood))
+        assert len(found[0]) == 2
+        for one in found[1:]:
+            assert np.array_equal(one.position, found[0].position)
+            assert np.array_equal(one.radius, found[0].radius)
+    assert len(wood) == 2
