@@ -103,12 +103,17 @@ def read_las(path: str | os.PathLike[str]) -> laspy.LasData:
 
     Raises
     ------
-    SpecError : it cannot be read as one, or has no points.
+    SpecError : there is none, it cannot be read as one, or has no points.
     """
+    if not os.path.exists(path):
+        raise SpecError(str(path), "is not there; check the path")
     try:
         cloud = laspy.read(path)
     except (laspy.errors.LaspyException, lazrs.LazrsError, OSError) as problem:
-        raise SpecError(str(path), f"cannot be read as LAS or LAZ ({problem})") from None
+        raise SpecError(
+            str(path),
+            f"cannot be read as LAS or LAZ ({problem}); clouds are read from these two formats",
+        ) from None
     if not len(cloud.points):
         raise SpecError(str(path), "has no points")
     return cloud

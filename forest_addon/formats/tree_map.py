@@ -8,7 +8,6 @@ or with # first do not count.
 
 from __future__ import annotations
 
-import codecs
 import csv
 import io
 import math
@@ -146,7 +145,7 @@ def read_rows(
 
 def _lines(path: Path) -> list[str]:
     found = path.read_bytes()
-    wide = found.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
+    wide = found.startswith((b"\xff\xfe", b"\xfe\xff"))  # byte order marks of UTF-16
     return found.decode("utf-16" if wide else "utf-8-sig").splitlines()
 
 

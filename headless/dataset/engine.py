@@ -21,10 +21,12 @@ from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import CancelledError
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from forest_addon.spec import SpecError
 
+from . import disk
 from .worker import Worker, work
 
 Report = Callable[[dict[str, Any]], None]
@@ -93,6 +95,8 @@ def _make_here(jobs: Sequence[dict[str, Any]], workers: int, report: Report) -> 
             for worker, thread in zip(every, threads, strict=True):
                 worker.stop()
                 thread.join(STOPS_IN)
+        for root in {job["root"] for job in jobs}:
+            disk.clean(Path(root))  # of scenes that were being made
         raise
     finally:
         for worker in every:

@@ -249,8 +249,6 @@ def _observe(
                 write_npz_rows(
                     folder / f"{sensor.name}-points.npz", records(found, settings.offset)
                 )
-        elif way is not None:
-            work.points[sensor.name] = 0
     if not is_cloud:
         return
     if keep.for_instance:

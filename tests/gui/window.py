@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import os
 import shutil
+import signal
 import subprocess
 from dataclasses import dataclass
 from pathlib import Path
@@ -50,14 +51,21 @@ class Blender:
             "HOME": self.inside,
         } | environment
         ours = {k: v for k, v in os.environ.items() if not k.startswith("PYTHON")}
-        return subprocess.run(
-            [*self.enter, "env", *(f"{k}={v}" for k, v in values.items()), *command],
+        line = [*self.enter, "env", *(f"{k}={v}" for k, v in values.items()), *command]
+        with subprocess.Popen(
+            line,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,
-            timeout=seconds,
             env=ours | {"SHARED": str(self.shared)},
-        )
+            start_new_session=True,
+        ) as running:
+            try:
+                said, _ = running.communicate(timeout=seconds)
+            except BaseException:
+                os.killpg(running.pid, signal.SIGKILL)  # with Blender and its screen
+                raise
+        return subprocess.CompletedProcess(line, running.returncode, said)
 
     def run_with_window(self, script: str, seconds: float) -> subprocess.CompletedProcess[str]:
         """Run a Python script in Blender's window on a screen that nobody sees."""

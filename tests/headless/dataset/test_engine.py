@@ -10,7 +10,7 @@ from typing import ClassVar
 import pytest
 
 from forest_addon.spec import SpecError
-from headless.dataset import engine
+from headless.dataset import disk, engine
 from headless.dataset.engine import Cluster, make_all, slurm_cluster
 from headless.dataset.plan import PLANS, read_plan, recipes
 from headless.studies.bench.cluster import seconds_of, trial
@@ -118,13 +118,18 @@ def broken(number):
     ("result", "problem", "words"),
     [(full, OSError, "no space; finished scenes are kept"), (broken, RuntimeError, "broken")],
 )
-def test_what_no_scene_survives_stops_every_worker(pretended, monkeypatch, result, problem, words):
+def test_what_no_scene_survives_stops_every_worker(
+    pretended, monkeypatch, tmp_path, result, problem, words
+):
     monkeypatch.setattr(pretended, "endless", True)
-    jobs = [{"recipe": {"number": number}, "result": result} for number in (1, 0, 2, 4)]
+    root = {"root": str(tmp_path)}
+    jobs = [root | {"recipe": {"number": number}, "result": result} for number in (1, 0, 2, 4)]
+    half = disk.begin(tmp_path, 2)
     with pytest.raises(problem, match=words):
         make_all(jobs, Cluster(workers=2), print)
     assert all(worker.ended for worker in pretended.every)
     assert any(worker.stopped.is_set() for worker in pretended.every)
+    assert not half.exists()  # nobody is making it any more
 
 
 def told(job):

@@ -9,6 +9,7 @@ import pytest
 from references.measured import FOUND, needs_measurements
 
 from forest_addon.base.rng import stream
+from forest_addon.formats.las import read_las
 from forest_addon.spec import SpecError
 from headless.studies.validation import lidar, own_cloud
 from headless.studies.validation.own_cloud import CloudReturns, compare_own, read_cloud
@@ -59,6 +60,8 @@ def test_beam_and_noise_make_twigs_thicker_and_thick_branches_hardly():
 def test_a_cloud_of_ones_own_needs_a_scene(tmp_path):
     with pytest.raises(SpecError, match="--scene: is needed beside a cloud"):
         compare_own(tmp_path / "a.laz", None)
+    with pytest.raises(SpecError, match=r"a\.laz: is not there"):
+        read_las(tmp_path / "a.laz")
     (tmp_path / "a.laz").write_bytes(b"no cloud")
     with pytest.raises(SpecError, match="cannot be read as LAS or LAZ"):
         lidar.validate(
