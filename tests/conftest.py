@@ -51,12 +51,6 @@ def pytest_collection_modifyitems(items):
 
 
 @pytest.fixture(scope="session")
-def quick(pytestconfig):
-    """Whether few examples are asked for, of cases that are listed as of inputs that are drawn."""
-    return pytestconfig.getoption("hypothesis_profile") == "quick"
-
-
-@pytest.fixture(scope="session")
 def blender():
     """Blender as it comes, whatever this machine's user prefers."""
     bpy = pytest.importorskip("bpy")

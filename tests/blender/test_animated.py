@@ -7,6 +7,8 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
+from references.animation import curves_of
+
 from forest_addon import api as forest
 
 from .test_motion import FAN, FAR, keyed, scene, ways  # noqa: F401
@@ -92,10 +94,7 @@ def test_what_jumps_is_met_at_one_place_or_the_other(scene, engine):  # noqa: F8
     for frame, place in ((1, FAR), (8, FAR - 4), (15, FAR + 2)):
         plate.location.x = place
         plate.keyframe_insert("location", frame=frame)
-    action = plate.animation_data.action
-    curves = getattr(action, "fcurves", None)
-    if curves is None:
-        curves = action.layers[0].strips[0].channelbags[0].fcurves
+    curves = curves_of(plate)
     for curve in curves:
         for point in curve.keyframe_points:
             point.interpolation = "CONSTANT"

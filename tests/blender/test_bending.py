@@ -7,6 +7,8 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
+from references.animation import curves_of
+
 from forest_addon import api as forest
 
 from .test_motion import FAN, FAR, RATE, hide, keyed, scene, ways  # noqa: F401
@@ -43,10 +45,7 @@ def keyed_key(key):
     for frame, value in ((1, 0.0), (LAST, 1.0)):
         key.value = value
         key.keyframe_insert("value", frame=frame)
-    action = key.id_data.animation_data.action
-    curves = getattr(action, "fcurves", None)
-    if curves is None:
-        curves = action.layers[0].strips[0].channelbags[0].fcurves
+    curves = curves_of(key.id_data)
     for point in curves[0].keyframe_points:
         point.interpolation = "LINEAR"
 
@@ -94,10 +93,7 @@ def test_a_plate_that_a_bone_turns_is_met_as_it_turns(scene, engine):  # noqa: F
     for at, turn in ((1, 0.0), (LAST, RATE * SECONDS)):
         bone.rotation_euler = (0, turn, 0)
         bone.keyframe_insert("rotation_euler", frame=at)
-    action = frame.animation_data.action
-    curves = getattr(action, "fcurves", None)
-    if curves is None:
-        curves = action.layers[0].strips[0].channelbags[0].fcurves
+    curves = curves_of(frame)
     for curve in curves:
         for point in curve.keyframe_points:
             point.interpolation = "LINEAR"
@@ -162,10 +158,7 @@ def test_other_triangles_are_met_from_their_frame_on(scene, engine):  # noqa: F8
     for frame, count in ((1, 1), (21, 2)):
         array.count = count
         array.keyframe_insert("count", frame=frame)
-    action = plate.animation_data.action
-    curves = getattr(action, "fcurves", None)
-    if curves is None:
-        curves = action.layers[0].strips[0].channelbags[0].fcurves
+    curves = curves_of(plate)
     for point in curves[0].keyframe_points:
         point.interpolation = "CONSTANT"
     scene.frame_set(1)

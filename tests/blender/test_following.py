@@ -7,6 +7,8 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
+from references.animation import curves_of
+
 from forest_addon.blender.sensors.following import curve_points
 from forest_addon.blender.sensors.observe import Observer
 from forest_addon.spec import Mobile, Scene, Sonar, SpecError
@@ -126,13 +128,6 @@ def bat(empty_blender):
             point.interpolation = "LINEAR"
         curve.extrapolation = "LINEAR"
     return thing
-
-
-def curves_of(thing):
-    action = thing.animation_data.action
-    if hasattr(action, "fcurves"):
-        return action.fcurves
-    return action.layers[0].strips[0].channelbags[0].fcurves
 
 
 def test_an_animated_object_over_the_frames(bat):

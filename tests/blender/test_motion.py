@@ -7,6 +7,8 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
+from references.animation import curves_of
+
 from forest_addon import api as forest
 from forest_addon.blender.sensors.following import SceneFollower
 from forest_addon.sensing.sonar.doppler import factors
@@ -29,10 +31,7 @@ def keyed(thing, path, rows, frames):
     for frame, row in zip(frames, rows, strict=True):
         setattr(thing, path, row)
         thing.keyframe_insert(path, frame=frame)
-    bags = thing.animation_data.action
-    curves = getattr(bags, "fcurves", None)
-    if curves is None:
-        curves = bags.layers[0].strips[0].channelbags[0].fcurves
+    curves = curves_of(thing)
     for curve in curves:
         for point in curve.keyframe_points:
             point.interpolation = "LINEAR"
@@ -276,10 +275,7 @@ def test_what_eases_in_and_out_has_the_speed_of_the_time(scene):
     for frame, place in ((1, FAR), (49, FAR / 2)):
         plate.location.x = place
         plate.keyframe_insert("location", frame=frame)
-    action = plate.animation_data.action
-    curves = getattr(action, "fcurves", None)
-    if curves is None:
-        curves = action.layers[0].strips[0].channelbags[0].fcurves
+    curves = curves_of(plate)
     curve = next(c for c in curves if c.data_path == "location" and c.array_index == 0)
     for frame in (5, 33):
         scene.frame_set(frame)

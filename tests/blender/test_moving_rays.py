@@ -29,13 +29,7 @@ ENGINES = [
 
 def plates(transforms):
     corners = np.array([[0.0, -5, -5], [0, 5, -5], [0, 5, 5], [0, -5, 5]])
-    mesh = TriMesh(
-        corners,
-        np.array([[0, 1, 2], [0, 2, 3]]),
-        part=np.full(2, OTHER, np.int8),
-        leaf=np.full(2, -1),
-        material=np.zeros(2, np.int64),
-    )
+    mesh = TriMesh.of_part(corners, np.array([[0, 1, 2], [0, 2, 3]]), OTHER)
     count = len(transforms)
     nothing = np.full(count, -1)
     names = tuple("plate" for _ in transforms)

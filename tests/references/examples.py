@@ -13,3 +13,8 @@ def examples(count: int, **more: object) -> settings:
     """Settings of so many examples in a full run."""
     share = settings.default.max_examples / FULL
     return settings(max_examples=max(1, round(count * share)), **more)
+
+
+def few() -> bool:
+    """True where fewer examples are asked for than in a full run: of listed cases a share will do, too."""
+    return settings.default.max_examples < FULL

@@ -15,6 +15,7 @@ planes of the axis, have neither pole nor wrap, and a beam that looks straight u
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, partial
@@ -143,7 +144,7 @@ class Horseshoe:
         return np.exp(-2.0 * HALF_POWER * np.square(away / self.width(np.array(band[0]))))
 
 
-class Measured:
+class Measured(ABC):
     """Pattern of dB (N, F) at N directions and F frequencies, Hz, between which dB are mixed.
 
     Over the frequency they follow a polynomial of at most the fourth degree, so that echoes stay smooth
@@ -196,10 +197,10 @@ class Measured:
 
         return Towards(gain, losses)
 
+    @abstractmethod
     def _mixed(self, az: np.ndarray, el: np.ndarray) -> tuple[np.ndarray, np.ndarray, list[Any]]:
         """(C, K) directions of the pattern whose dB are mixed, which row of these (M,) are each's, and K
         times (M,) their shares."""
-        raise NotImplementedError
 
     def kinks(self) -> tuple[float, ...]:
         """The first and the last frequency, beyond which levels stay."""

@@ -87,8 +87,9 @@ whole on the plot); those of the line at 28 degrees 56, 29, 12 and 3 where the a
 17 and 5, or 45, 30, 17 and 5 at half the threshold. So the aircraft's receiver is the most likely reason of
 its lines, and what is left is the drone's.
 
-None of what follows is taken over, and none is read from shares of returns. One stand each (seed 1), but for
-the row that says otherwise:
+None of what follows is taken over, and none is read from shares of returns. Each was made by a change of
+code or preset that was not kept, so no command prints it again. One stand each (seed 1), but for the rows
+that say otherwise:
 
 | % single | drone, 68° | 56° | 26° | 28° | 56° | aircraft, 20° | 3° | 17° |
 |---|---|---|---|---|---|---|---|---|

@@ -13,13 +13,7 @@ from forest_addon.sensing.rays.referee import Referee
 def roof(far=0.0):
     """Two faces that meet in the ridge x = 0, z = 0, and fall away at 45°; and such another far away."""
     vertices = np.array([(0, -1, 0), (0, 1, 0), (1, 0, -1), (-1, 0, -1.0)])
-    mesh = TriMesh(
-        vertices,
-        np.array([[0, 1, 2], [1, 0, 3]]),
-        part=np.full(2, OTHER, np.int8),
-        leaf=np.full(2, -1),
-        material=np.zeros(2, np.int64),
-    )
+    mesh = TriMesh.of_part(vertices, np.array([[0, 1, 2], [1, 0, 3]]), OTHER)
     place = np.tile(np.eye(3, 4), (2, 1, 1))
     place[1, 0, 3] = far
     none = np.full(2, -1)

@@ -5,6 +5,8 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
+from references.animation import curves_of
+
 from forest_addon.blender.scene.layout import CLOUD_KEY
 from forest_addon.blender.scene.nodes import set_input
 
@@ -18,7 +20,7 @@ def moving(props, sensor):
     for frame in (1, 3):
         cube.location.x = frame
         cube.keyframe_insert("location", frame=frame)
-    for curve in _curves(cube):
+    for curve in curves_of(cube):
         for key in curve.keyframe_points:
             key.interpolation = "LINEAR"
     sensor("terrestrial", name="cloud", position=(2, -5, 0.5), angle_step_deg=2)
@@ -26,14 +28,6 @@ def moving(props, sensor):
     scene.frame_start, scene.frame_end = 1, 3
     scene.frame_set(1)
     return props
-
-
-def _curves(thing):
-    action = thing.animation_data.action
-    if hasattr(action, "fcurves"):
-        return action.fcurves
-    (strip,) = action.layers[0].strips
-    return strip.channelbags[0].fcurves
 
 
 def cloud():
