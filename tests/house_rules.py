@@ -142,7 +142,7 @@ PACKAGES: dict[str, set[str]] = {
     | {"sklearn", "tlseparation", "tomli_w"},
 }
 NETWORK = {"socket", "http", "urllib", "requests", "ftplib", "ssl", "smtplib", "aiohttp"}
-LONGEST_FILE, LARGEST_FOLDER, LONGEST_FUNCTION, MOST_PARAMETERS = 400, 24, 60, 8
+LONGEST_FILE, LARGEST_FOLDER = 800, 25
 
 
 @dataclass(frozen=True)
@@ -412,31 +412,6 @@ def folders_are_small(house: House) -> Iterator[str]:
             yield f"{folder}: {count} files"
 
 
-def functions(text: str) -> Iterator[ast.FunctionDef | ast.AsyncFunctionDef]:
-    for node in nodes_of(text):
-        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
-            yield node
-
-
-@file_by_file
-def functions_are_short(path: str, text: str) -> Iterator[str]:
-    for node in functions(text):
-        lines = node.end_lineno - node.lineno + 1
-        if ast.get_docstring(node):  # a docstring's lines are not the function's
-            lines -= node.body[0].end_lineno - node.body[0].lineno + 1
-        if lines > LONGEST_FUNCTION:
-            yield f"{path}: {node.name} has {lines} lines"
-
-
-@file_by_file
-def functions_take_few_parameters(path: str, text: str) -> Iterator[str]:
-    for node in functions(text):
-        given = [a.arg for a in (*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs)]
-        count = len(given) - (given[:1] in (["self"], ["cls"]))
-        if count > MOST_PARAMETERS:
-            yield f"{path}: {node.name} takes {count}"
-
-
 def class_names_are_unique(house: House) -> Iterator[str]:
     places = defaultdict(list)
     for path, text in house.sources.items():
@@ -633,8 +608,6 @@ RULES: tuple[Callable[[House], Iterator[str]], ...] = (
     the_addon_is_relative_and_offline,
     files_are_short,
     folders_are_small,
-    functions_are_short,
-    functions_take_few_parameters,
     class_names_are_unique,
     public_names_are_used,
     no_eval_no_path_tricks_no_global_random,

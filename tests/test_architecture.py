@@ -10,44 +10,8 @@ from house_rules import House
 ROOT = Path(__file__).resolve().parents[1]
 # Places that break a rule with a reason: rule, how the violation begins, why.
 EXCEPTIONS = {
-    "functions_are_short": {
-        "headless/commands/lidar.py: arguments": "an option a line",
-        "forest_addon/blender/scene/nodes.py: _make_instancer": "one node group, a line a node",
-        "forest_addon/ui/properties.py: _scene_group": "one property group, a line a property",
-        "forest_addon/growth/lsystem/turtle.py: interpret": "one pass over a string, array by array",
-        "forest_addon/growth/lsystem/walk.py: _states": "the same for turtles without templates",
-        "forest_addon/growth/measured/colonise.py: colonise": "one loop over states that change together",
-        "forest_addon/growth/mesh/meshing.py: _tubes": "one sum over rings, each line an array of it",
-        "forest_addon/growth/recognise/closing.py: close": "holes, caps and axes of one cut",
-        "forest_addon/sensing/sonar/ping.py: ping": "the way of a ping, step by step",
-        "forest_addon/flight/flying.py: fly": "the loop of a flight",
-        "forest_addon/ui/sensors/run.py: _look": "the stages of a run, each said to the user",
-        "headless/accuracy/reverb.py: sweep_reverb": "a sweep a paragraph",
-        "headless/accuracy/sonar.py: sweep_sonar": "a sweep a paragraph",
-        "headless/commands/work/lidar.py: scan_blend": "the stages of a command",
-        "headless/dataset/scene.py: make": "the stages of a scene",
-        "headless/studies/flight/speed.py: draw": "one figure",
-        "headless/studies/papers/simlidar.py: observe": "the stages of an orchard",
-    },
     "sensors_are_looked_up": {
         "forest_addon/ui/settings/migration.py": "what old files have, by the words that they had",
-    },
-    "functions_take_few_parameters": {
-        "forest_addon/spec/base.py: param": "all that a parameter says of itself",
-        "forest_addon/ui/settings/lists.py: draw_item": "Blender gives them",
-        "forest_addon/flight/environment.py: __init__": "gymnasium's keyword arguments of an environment",
-        "forest_addon/acoustics/nonuniform.py: sum_delayed": "a sum and its grid, called from three rooms",
-        "forest_addon/flight/flying.py: _track": "arrays of one flight",
-        "forest_addon/sensing/reverb/response.py: impulse_response": "all that a response depends on",
-        "forest_addon/sensing/reverb/response.py: pairs_of": "the same, pair by pair",
-        "forest_addon/sensing/reverb/sums/panel_sum.py: panel_spectrum": "as the sums beside it",
-        "forest_addon/sensing/reverb/sums/tree_response.py: tree_response": "as the sums beside it",
-        "forest_addon/sensing/reverb/forest/tail.py: tail_of": "all that the noise of a pair depends on",
-        "forest_addon/sensing/sonar/audit.py: audit_echoes": "all that a ping depended on",
-        "forest_addon/ui/results/finding.py: keep_finding": "all that a finding consists of",
-        "headless/commands/work/fly.py: fly_scene": "the options of a command",
-        "headless/commands/work/lidar.py: scan_blend": "the options of a command",
-        "headless/record.py: write_record": "all that run.json holds",
     },
 }
 
@@ -174,16 +138,6 @@ PLANTED = {
         rules.files_are_short,
         "forest_addon/stand/plan.py",
         "\n" * rules.LONGEST_FILE,
-    ),
-    "a function that is too long": (
-        rules.functions_are_short,
-        "forest_addon/stand/plan.py",
-        "\n\ndef f():\n" + "    print()\n" * rules.LONGEST_FUNCTION,
-    ),
-    "a function with too many parameters": (
-        rules.functions_take_few_parameters,
-        "forest_addon/stand/plan.py",
-        "\n\ndef f(a, b, c, d, e, *, f, g, h, i):\n    return a\n",
     ),
     "a public function that only tests use": (
         rules.public_names_are_used,
