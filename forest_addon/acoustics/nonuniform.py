@@ -23,6 +23,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -33,16 +34,17 @@ from .spectrum import delay_factors, phasors
 
 Amplitude = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
+# Numbers of nodes.
 LEVELS = np.array(
-    (2, 3, 4, 5, 6, 7, 8, 9, 10, 12, 14, 16, 18, 20, 23, 26, 30, 34, 38, 43, 48, 54, 62, 70, 80)
-    + (90, 100, 115, 130, 150, 170, 200, 230, 260, 300)
-)  # numbers of nodes
+    [*range(2, 10), 10, 12, 14, 16, 18, 20, 23, 26, 30, 34, 38, 43, 48, 54, 62, 70, 80, 90]
+    + [100, 115, 130, 150, 170, 200, 230, 260, 300]
+)
 # Nepers by which errors may be asked to be smaller than the tolerance, or larger: one after the other.
 STRICTNESS = np.concatenate([np.arange(-18.0, 30.0, 0.5), 30.0 * 1.2 ** np.arange(40)])
 SAMPLES = 128  # echoes that are measured, and of many more
 SPARE = 12  # nodes beyond those that the farthest reaching of them should need
-RESOLVED = 0.1  # of the tolerance, that the last quarter of a series may hold
-FLAT = 4.0  # times what no number of nodes improves on, as amplitudes are no smoother
+RESOLVED = 0.01  # of the tolerance, that the last quarter of a series may hold
+FLAT = 3.0  # times what is left beyond two thirds of it: amplitudes are no smoother
 SAFE = 0.5  # of the tolerance, for what a few echoes tell of all
 KERNEL = 0.25  # of the tolerance, for the transform
 TYPICAL = 0.4  # root of the mean square of the transform's error, over the largest
@@ -163,14 +165,14 @@ def _planned(task: _Task, reach: ArrayLike, loudness: ArrayLike, allowed: float)
         values = task.values(dense, some)
         terms = np.abs(chebyshev.series(dense) @ values)
         size = float(weight @ np.abs(values).max(axis=0))
-        beyond = terms[3 * dense // 4 :].sum(axis=0)
+        beyond = PEAK * np.sqrt(np.square(terms[3 * dense // 4 :]).sum(axis=0))
         if dense >= min(LEVELS[-1], 2 * task.count) or weight @ beyond <= RESOLVED * allowed * size:
             break
         dense = min(2 * dense, 2 * int(LEVELS[-1]))
     terms = np.append(terms, np.zeros_like(terms[:1]), axis=0)
-    # (dense + 1, S) that interpolation between n nodes misses, at most and on average over the band
-    after = 2.0 * np.cumsum(terms[::-1], axis=0)[::-1] + beyond
-    typical = np.sqrt(np.cumsum(terms[::-1] ** 2, axis=0)[::-1]) + beyond
+    # (dense + 1, S) that interpolation between n nodes misses, on average over the band and at most
+    typical = np.sqrt(np.cumsum(np.square(terms[::-1]), axis=0)[::-1]) + beyond
+    after = 2.0 * np.minimum(np.cumsum(terms[::-1], axis=0)[::-1], PEAK * typical) + beyond
     scale = total / (len(loud) * loud)  # every echo may be off by the same
     levels = LEVELS[LEVELS <= max(min(dense, task.count // 2), LEVELS[0])]
     direct = 2 * dense >= task.count  # as cheap as more nodes
@@ -178,8 +180,7 @@ def _planned(task: _Task, reach: ArrayLike, loudness: ArrayLike, allowed: float)
     served = np.append(levels, levels[-1])[level], np.arange(draws)
     missed = (level < len(levels)) | (not direct)
     errors = np.where(missed, after[served], 0.0) @ weight
-    rough = float(weight @ beyond) > RESOLVED * allowed * size
-    least = FLAT * float(after[levels[-1]] @ weight) if rough else 0.0
+    least = FLAT * float(after[2 * dense // 3] @ weight)
     chosen = int(np.argmax(errors <= max(allowed * size, least)))
     level = _level(turn, STRICTNESS[chosen] - math.log(allowed), scale, levels)
     nodes = _together(level if direct else np.minimum(level, len(levels) - 1), levels, task.count)
@@ -217,7 +218,7 @@ def _together(level: np.ndarray, levels: np.ndarray, count: int) -> np.ndarray:
     echoes = np.bincount(level, minlength=len(levels) + 1)
     raised = np.arange(len(levels) + 1)
     used = np.flatnonzero(echoes[:-1]).tolist()
-    for here, following in zip(used, used[1:], strict=False):
+    for here, following in pairwise(used):
         more = levels[following] - levels[here]
         if echoes[here] * more < TRANSFORM * count * levels[here]:
             echoes[following] += echoes[here]
