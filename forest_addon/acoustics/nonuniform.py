@@ -1,7 +1,7 @@
 """The spectrum of many echoes at once: Σ_i A_i(f)·e^{-i2πfτ_i} on an even grid of frequencies.
 
-But for its carrier an echo is smooth in frequency. So A_i is computed at a few Chebyshev nodes f_r of the band
-only, and with the polynomials ℓ_r that interpolate between them (Lagrange) it is a short sum of products:
+But for its carrier an echo is smooth in frequency. So A_i is computed at a few Chebyshev nodes f_r of the
+band only, and with the polynomials ℓ_r that interpolate between them (Lagrange) it is a short sum of products:
 
     Σ_i A_i(f)·e^{-i2πfτ_i} = Σ_r ℓ_r(f)·[Σ_i A_i(f_r)·e^{-i2πfτ_i}],
 
@@ -35,10 +35,7 @@ from .spectrum import delay_factors, phasors
 Amplitude = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 # Numbers of nodes.
-LEVELS = np.array(
-    [*range(2, 10), 10, 12, 14, 16, 18, 20, 23, 26, 30, 34, 38, 43, 48, 54, 62, 70, 80, 90]
-    + [100, 115, 130, 150, 170, 200, 230, 260, 300]
-)
+LEVELS = np.unique(np.rint(2.0 * 1.12 ** np.arange(45)).astype(np.int64))  # up to 293
 # Nepers by which errors may be asked to be smaller than the tolerance, or larger: one after the other.
 STRICTNESS = np.concatenate([np.arange(-18.0, 30.0, 0.5), 30.0 * 1.2 ** np.arange(40)])
 SAMPLES = 128  # echoes that are measured, and of many more
@@ -138,8 +135,8 @@ def nodes_needed(
 
 @dataclass(frozen=True)
 class _Plan:
-    """nodes : (M,) of the echoes, 0: directly. order : (M,) of them, like ones together. error, scattered : of
-    Σ max|A|, measured: all errors in phase, and their root of the sum of squares."""
+    """nodes : (M,) of the echoes, 0: directly. order : (M,) of them, like ones together. error, scattered :
+    of Σ max|A|, measured: all errors in phase, and their root of the sum of squares."""
 
     nodes: np.ndarray
     order: np.ndarray
@@ -174,8 +171,8 @@ def _planned(task: _Task, reach: ArrayLike, loudness: ArrayLike, allowed: float)
     typical = np.sqrt(np.cumsum(np.square(terms[::-1]), axis=0)[::-1]) + beyond
     after = 2.0 * np.minimum(np.cumsum(terms[::-1], axis=0)[::-1], PEAK * typical) + beyond
     scale = total / (len(loud) * loud)  # every echo may be off by the same
-    levels = LEVELS[LEVELS <= max(min(dense, task.count // 2), LEVELS[0])]
-    direct = 2 * dense >= task.count  # as cheap as more nodes
+    levels = LEVELS[max(min(dense, task.count // 2), LEVELS[0]) >= LEVELS]
+    direct = task.count <= 2 * dense  # as cheap as more nodes
     level = _level(turn[some], STRICTNESS[:, None] - math.log(allowed), scale[some], levels)
     served = np.append(levels, levels[-1])[level], np.arange(draws)
     missed = (level < len(levels)) | (not direct)
@@ -348,8 +345,10 @@ class _Task:
         # Errors cancel as echoes do: these are so many times as loud as random ones.
         random = math.sqrt(self._squares)
         loud = max(float(np.abs(self._spectrum).max()) / (PEAK * random), 1.0) * PEAK
-        kernel *= min(TYPICAL * loud * random / self._size, 1.0)
-        rounding += self._rounded * min(loud * random / self._size, 1.0)
+        together = min(loud * random / self._size, 1.0)
+        kernel *= min(self._interpolated / self._size, 1.0)
+        kernel *= together * (TYPICAL + (1.0 - TYPICAL) * together)
+        rounding += self._rounded * together
         told = min(error, loud * scattered) + kernel + rounding
         return DelayedSum(spectrum, self._size, told, self._nodes)
 

@@ -52,7 +52,7 @@ def test_tolerance_is_kept(model: str) -> None:
             amplitude, delay, START, SPACING, COUNT, tolerance=tolerance, reach=reach
         )
         errors.append(np.abs(found.spectrum - exact).max() / size)
-        rough = 1e-6 if model == "exact" else 0.0  # a table in single precision
+        rough = 1e-5 if model == "exact" else 0.0  # splines are no smoother
         assert errors[-1] <= max(tolerance, rough)
         assert errors[-1] <= 1.5 * found.error
         assert found.error <= max(tolerance, rough) + 1e-11  # rounding of the carrier

@@ -110,7 +110,8 @@ def audit_echoes(
 
     found = sample(batches(), PARTS[0] * share * seconds, LEAST)
     which = "everything heard" if sonar.cull > 0 and not culled else "everything in range"
-    allowed = sonar.tolerance + (sonar.cull if culled else 0.0) + ROUNDING + _of_phases(echoes)
+    promised = max(sonar.tolerance, *(echo.error_bound for echo in echoes))  # finer than tables are
+    allowed = promised + (sonar.cull if culled else 0.0) + ROUNDING + _of_phases(echoes)
     what = f"bins of the spectrum by the direct sum over {which}"
     checks = (
         Check.on(what, found.errors, pings.bins, allowed, "of all amplitudes"),

@@ -63,7 +63,8 @@ def test_what_is_right_is_kept(tolerance, cull, model):
     sonar = BAT.changed(tolerance=tolerance, cull=cull, leaf_model=model)
     found = audit(ping(targets(), sonar, AIR), sonar, share=0.05)
     assert found.kept, str(found)
-    assert found.checks[0].allowed <= tolerance + cull + 1e-11
+    least = 1e-6 if model == "exact" else 0.0  # the disc's table is no smoother
+    assert found.checks[0].allowed <= max(tolerance, least) + cull + 1e-11
     assert found.checked >= 4
 
 

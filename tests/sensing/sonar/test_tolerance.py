@@ -1,5 +1,5 @@
-"""The contract of the echo sum: every kind of echo, drawn scenes, tolerances and losses, against the direct sum
-in double precision; and the estimate of the error against the error."""
+"""The contract of the echo sum: every kind of echo, drawn scenes, tolerances and losses, against the direct
+sum in double precision; and the estimate of the error against the error."""
 
 from __future__ import annotations
 
