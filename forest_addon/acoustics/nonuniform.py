@@ -1,7 +1,7 @@
 """The spectrum of many echoes at once: Σ_i A_i(f)·e^{-i2πfτ_i} on an even grid of frequencies.
 
 But for its carrier an echo is smooth in frequency. So A_i is computed at a few Chebyshev nodes f_r of the
-band only, and with the polynomials ℓ_r that interpolate between them (Lagrange) it is a short sum of products:
+band only; with the polynomials ℓ_r that interpolate between them (Lagrange) it is a short sum of products,
 
     Σ_i A_i(f)·e^{-i2πfτ_i} = Σ_r ℓ_r(f)·[Σ_i A_i(f_r)·e^{-i2πfτ_i}],
 

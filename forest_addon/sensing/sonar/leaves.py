@@ -53,8 +53,8 @@ class DiscStrength(RowTable):
             later = ShiftedDisc(self.radius, self.incidence, self.nearness)
             return [ScattererPart(np.arange(len(self.radius)), LATER * self.radius, later)]
         across = self.radius * np.sin(self.incidence)
-        rims = self.model == "piston"
-        rims = rims & (across > max(SMALLEST / (2.0 * lowest), np.pi / (2.0 * (highest - lowest))))
+        apart = max(SMALLEST / (2.0 * lowest), np.pi / (2.0 * (highest - lowest)))
+        rims = (across > apart) & (self.model == "piston")
         near, far = np.flatnonzero(~rims), np.flatnonzero(rims)
         parts = [ScattererPart(near, np.zeros(len(near)), self.select(near))] if len(near) else []
         if len(far):
