@@ -52,13 +52,11 @@ WINGS: dict[str, dict[str, set[str]]] = {
     },
     "growth": {
         "mesh": set(),
-        "lsystem": set(),
-        "recognise": {"mesh"},
-        "graft": {"lsystem", "mesh", "recognise"},
-        "regrow": {"mesh", "recognise", "graft"},
+        "lsystem": {"mesh"},
+        "own_tree": {"lsystem", "mesh"},
         "measured": {"lsystem", "mesh"},
         "sway": {"measured", "mesh"},
-        "library": {"lsystem", "mesh", "measured", "recognise", "graft", "regrow"},
+        "library": {"lsystem", "mesh", "measured", "own_tree"},
     },
     "stand": {"intensity": set(), "statistics": {"intensity"}, "wind": set()},
     "blender": {

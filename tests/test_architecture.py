@@ -70,7 +70,7 @@ PLANTED = {
     ),
     "a wing imports its sister": (
         rules.wings_import_only_what_they_may,
-        "forest_addon/growth/mesh/tubes.py",
+        "forest_addon/growth/mesh/meshing.py",
         "\n\nfrom ..lsystem import turtle\n",
     ),
     "a sensor reaches another through a third file": (

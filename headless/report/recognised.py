@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from forest_addon.growth.recognise.recognise import Recognition
+from forest_addon.growth.own_tree.recognise import Recognition
 
 from .pictures import INK, LEAF_GREEN, STYLE, save_figure
 

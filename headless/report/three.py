@@ -12,7 +12,7 @@ from matplotlib.patches import Rectangle
 
 from forest_addon.base.trimesh import LEAF, WOOD, TriMesh, join
 from forest_addon.growth.mesh.leaves import measure_leaves
-from forest_addon.growth.recognise.recognise import Recognition
+from forest_addon.growth.own_tree.recognise import Recognition
 from forest_addon.growth.tree import Tree
 from forest_addon.spec import Look, Species
 
