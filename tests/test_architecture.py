@@ -40,6 +40,7 @@ PACKAGES = {
     "forest_addon.growth": NUMBERS,
     "forest_addon.stand": NUMBERS,
     "forest_addon.sensing": NUMBERS,
+    "forest_addon.drawing": NUMBERS | {"matplotlib"},
     "forest_addon.results": NUMBERS,
     "forest_addon.site": NUMBERS,
     "forest_addon.blender": NUMBERS | {"bmesh", "bpy", "mathutils"},
