@@ -38,7 +38,7 @@ lint: $(READY) ## ruff on everything, mypy on the rooms that know no Blender
 	@$(RUN) -m mypy
 
 bench: $(READY) ## measure speed and accuracy on this machine
-	@$(RUN) -m headless bench $(ARGS)
+	@$(RUN) -m studies bench $(ARGS)
 
 docs: $(READY) ## build the documentation site in build/site; it runs the notebooks
 	@$(RUN) -c "import sphinx, furo, myst_nb" 2>/dev/null || $(RUN) -m pip install --quiet --editable ".[docs]"
