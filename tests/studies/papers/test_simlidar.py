@@ -8,7 +8,7 @@ import pytest
 pytest.importorskip("bpy")
 
 from forest_addon.growth.skeleton import Skeleton
-from headless.cli import main
+from studies.__main__ import main
 from studies.bench.exact_cones import first_hits
 from studies.papers import orchards, simlidar, simlidar_report
 from studies.papers.orchards import Orchard

@@ -9,7 +9,7 @@ from scipy.stats import hypergeom
 
 from forest_addon.base.rng import stream
 from forest_addon.spec import SpecError
-from headless.cli import main
+from studies.__main__ import main
 from studies.validation.clouds import sums as cloud_sums
 from studies.validation.clouds.between import compare_clouds
 from studies.validation.clouds.circles import stems_of
