@@ -35,8 +35,8 @@ from ..measured.wanted import Kind
 from ..mesh.blades import SHAPES, Blade, BladeError, blade_from
 from ..own_tree.anatomy import dissect
 from ..own_tree.habit import Habit, fit
-from ..own_tree.recognise import recognise
-from ..own_tree.template import TemplateError, TreeTemplate, dress, split_tree
+from ..own_tree.recognise import TemplateError, recognise
+from ..own_tree.template import TreeTemplate, dress, split_tree
 
 FOLDER = ASSETS / "allometry"
 COLUMNS = {
