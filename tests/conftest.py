@@ -26,7 +26,7 @@ from hypothesis.internal.constants_ast import Constants
 # unlucky draw fails nobody's change. `make fuzz` draws new ones, as the profile `fuzz`.
 settings.register_profile(
     "same",
-    max_examples=16,
+    max_examples=50,
     deadline=None,
     derandomize=True,
     database=None,

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from forest_addon.growth.lsystem.expression import ExpressionError, parse_expression
@@ -26,7 +26,6 @@ tree = st.recursive(
 
 
 @pytest.mark.medium
-@settings(max_examples=50)
 @given(tree)
 def test_any_expression_has_pythons_value(text):
     known = {"l": 3.0, "w2": -0.5, "max": max}
