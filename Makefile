@@ -30,9 +30,9 @@ test: $(READY) ## run the tests, a process for each core; ARGS="-n0 tests/ui" fo
 	@$(TESTS) $(ARGS)
 
 fuzz: $(READY) ## try what tests draw on new inputs until one fails or Ctrl-C, and print it as @example; ARGS=tests/sensing
-	@while $(RUN) -m pytest -n0 -x -q -m hypothesis --hypothesis-profile=fuzz \
+	@rm -rf .hypothesis/patches; while $(RUN) -m pytest -n0 -x -q -m hypothesis --hypothesis-profile=fuzz \
 		$(or $(ARGS),$$(grep -rl --include='*.py' '^@given' tests)); do :; done; \
-	patch=$$(ls -t .hypothesis/patches/*.patch 2>/dev/null | head -n 1); [ -z "$$patch" ] || cat "$$patch"; false
+	cat .hypothesis/patches/*.patch 2>/dev/null; false
 
 test-gui: $(READY) ## drive the extension in a real Blender window, photographed in out/gui; BLENDER=..., ARGS="doors large"
 	@$(RUN) tests/gui/run.py $(ARGS)

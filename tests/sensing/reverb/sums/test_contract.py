@@ -140,7 +140,7 @@ def test_thick_trunks_beside_both_ends(tolerance: float) -> None:
 
 
 @slow
-@settings(max_examples=4, phases=[Phase.explicit, Phase.generate])
+@settings(max_examples=2, phases=[Phase.explicit, Phase.generate])
 @given(
     given_losses=LOSSES,
     leaves=st.sampled_from([0.0, 0.3, 3.0]),
