@@ -50,8 +50,8 @@ HARMLESS = {
     *("remove_raster", "remove_stems", "save_scene", "make_library", "add_library"),
 }
 READING = {
-    *("save_scene", "export_others", "export_result", "select_result", "show_picture", "play"),
-    "clear_cache",
+    *("save_scene", "export_others", "export_result", "show_result", "select_result", "play"),
+    *("show_picture", "clear_cache"),
 }
 LONG = "Wäldchen-森-" * 20  # more than the 63 bytes of a name, or 255 in Blender 5
 
