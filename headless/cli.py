@@ -17,6 +17,8 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
+from forest_addon.formats.ownership import Keeper, keeping
+
 from .command import PROGRAM, Command, DoubtfulError, IncompleteError, UnlikeError, typed
 from .commands import COMMANDS
 from .interrupt import interruptible
@@ -57,7 +59,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     with interruptible(kept):
         try:
             with _alone(command.lock(chosen)):
-                command.run(chosen)
+                _run(command, chosen)
         except ModuleNotFoundError as problem:
             from .report.drawing import DRAWERS, without
 
@@ -84,6 +86,34 @@ def main(arguments: Sequence[str] | None = None) -> int:
             print(f"\ninterrupted; {kept}", file=sys.stderr)
             return 130
     return 0
+
+
+def _run(command: Command, chosen: argparse.Namespace) -> None:
+    """Run a command that writes over nothing but what it, or another here, wrote."""
+    out = getattr(chosen, "out", None)
+    keeper = Keeper(
+        out if command.is_folder else None,
+        command.maker,
+        force=getattr(chosen, "force", False),
+        say=lambda text: print(text, file=sys.stderr),
+    )
+    for key, value in vars(chosen).items():
+        for word in value if isinstance(value, list) else [value]:
+            if key not in command.outputs and isinstance(word, (str, Path)):
+                keeper.reads(word)
+    doubt = None
+    with keeping(keeper):
+        if out is not None:
+            keeper.refuse_read(out)
+        try:
+            command.run(chosen)
+        except (DoubtfulError, UnlikeError) as problem:  # all is written
+            doubt = problem
+        if command.is_whole(chosen):
+            for name in keeper.remove_others():
+                print(f"Removed {name}, of an earlier run", file=sys.stderr)
+    if doubt is not None:
+        raise doubt
 
 
 @contextmanager
@@ -116,9 +146,23 @@ def _parser() -> argparse.ArgumentParser:
             if command.epilog
             else argparse.HelpFormatter,
         )
+        of_this.register("type", Path, _path)
         command.arguments(of_this)
+        if command.outputs:
+            of_this.add_argument(
+                "--force",
+                action="store_true",
+                help="replace files there that Forest Sensing did not write, and say which",
+            )
         of_this.set_defaults(command=command)
     return parser
+
+
+def _path(word: str) -> Path:
+    """What a word names; an empty one is a variable that was not set, not this folder."""
+    if not word.strip():
+        raise argparse.ArgumentTypeError("is empty; name a file or folder, or . for this one")
+    return Path(word)
 
 
 def _values_joined(words: Sequence[str]) -> list[str]:
