@@ -21,6 +21,7 @@ from .plan import SPLITS, Plan, Recipe
 
 LOADER = Path(__file__).parent / "convert" / "loader.py"  # read, never imported here
 LEGEND = "legend.csv"
+CARD = ("README.md", "loader.py", LEGEND, "overview.png", "varied.png")
 PACKAGES = ("forest-sensing", "bpy", "numpy", "scipy", "laspy", "lazrs")
 
 
