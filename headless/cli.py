@@ -14,7 +14,7 @@ import errno
 import re
 import sys
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, redirect_stdout
 from pathlib import Path
 
 from forest_addon.formats.ownership import Keeper, keeping
@@ -22,6 +22,7 @@ from forest_addon.formats.ownership import Keeper, keeping
 from .command import PROGRAM, Command, DoubtfulError, IncompleteError, UnlikeError, typed
 from .commands import COMMANDS
 from .interrupt import interruptible
+from .progress import PlainStream, plain
 
 DESCRIPTION = """\
 Grow L-system forests from STL branch templates and run LiDAR, biosonar and
@@ -56,7 +57,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except ValueError as problem:
         return _fail(problem, 2)
     kept = command.kept(chosen)
-    with interruptible(kept):
+    with interruptible(kept), redirect_stdout(PlainStream(sys.stdout)):  # names are shown by many
         try:
             with _alone(command.lock(chosen)):
                 _run(command, chosen)
@@ -95,7 +96,7 @@ def _run(command: Command, chosen: argparse.Namespace) -> None:
         out if command.is_folder else None,
         command.maker,
         force=getattr(chosen, "force", False),
-        say=lambda text: print(text, file=sys.stderr),
+        say=lambda text: print(plain(text), file=sys.stderr),
     )
     for key, value in vars(chosen).items():
         for word in value if isinstance(value, list) else [value]:
@@ -111,7 +112,7 @@ def _run(command: Command, chosen: argparse.Namespace) -> None:
             doubt = problem
         if command.is_whole(chosen):
             for name in keeper.remove_others():
-                print(f"Removed {name}, of an earlier run", file=sys.stderr)
+                print(f"Removed {plain(name)}, of an earlier run", file=sys.stderr)
     if doubt is not None:
         raise doubt
 
@@ -178,7 +179,7 @@ def _values_joined(words: Sequence[str]) -> list[str]:
 
 
 def _fail(problem: object, code: int) -> int:
-    print(f"error: {problem}", file=sys.stderr)
+    print(f"error: {plain(str(problem))}", file=sys.stderr)
     return code
 
 

@@ -80,8 +80,13 @@ def is_whole_run(chosen: argparse.Namespace) -> bool:
 
 def run_file(scene: Path, chosen: argparse.Namespace) -> None:
     """Run a scene file as the options say."""
+    from forest_addon.formats.ownership import claim
+    from forest_addon.results.kinds import files_of
+
     dry = chosen.convolve.stem if chosen.convolve else ""
     settings = read_scene(scene, chosen.seed, dry)
+    names = (chosen.out / name for name in files_of(settings, dry))
+    claim(*(path for path in names if not path.is_dir()))  # hours before they are written
     from ..progress import hushed
 
     with hushed():  # Blender says where its colours come from

@@ -18,6 +18,7 @@ from forest_addon.spec import SpecError
 
 from ..command import IncompleteError
 from ..lock import only_one
+from ..progress import plain
 from . import disk
 from .card import CARD, versions, write_card
 from .engine import Cluster, make_all
@@ -109,7 +110,8 @@ def make_scenes(
             bar.update()
             if result["result"] == "failed" and not asked.quiet:
                 bar.write(
-                    f"  scene {result['scene']:06d} is set aside: {result['why']}", file=sys.stderr
+                    plain(f"  scene {result['scene']:06d} is set aside: {result['why']}"),
+                    file=sys.stderr,
                 )
             if time.monotonic() > refresh:
                 started = time.monotonic()
