@@ -128,10 +128,13 @@ def _is_there(pattern: str, records: Sequence[dict[str, Any]]) -> bool:
 def _what_varied(plan: Plan) -> list[str]:
     if not plan.varied:
         return []
-    rows = [
-        f"| `{_code(one.path)}` | {one.kind} {_text(str(one.given))} | {one.design if one.kind != 'grid' else 'grid'} |"
-        for one in plan.varied
-    ]
+    rows = []
+    for one in plan.varied:
+        values, design = (
+            _text(f"{one.kind} {one.given}"),
+            one.design if one.kind != "grid" else "grid",
+        )
+        rows.append(f"| `{_code(one.path)}` | {values} | {design} |")
     return ["## What varied", "", "| key | values | design |", "|---|---|---|", *rows, ""]
 
 
