@@ -160,7 +160,7 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _path(word: str) -> Path:
-    """What a word names; an empty one is a variable that was not set, not this folder."""
+    """Return what a word names; an empty one is a variable that was not set, not this folder."""
     if not word.strip():
         raise argparse.ArgumentTypeError("is empty; name a file or folder, or . for this one")
     return Path(word)

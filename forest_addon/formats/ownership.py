@@ -191,5 +191,5 @@ def digest_of(path: Path) -> str:
 
 
 def _place(path: Path) -> Path:
-    """Where a name stands; links on the way to it are followed, it itself is not."""
+    """Place of a name; links on the way to it are followed, it itself is not."""
     return path.parent.resolve() / path.name
