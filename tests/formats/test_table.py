@@ -55,6 +55,6 @@ def test_a_text_that_would_be_a_formula_is_none_and_comes_back(tmp_path, text):
     with open(path, newline="", encoding="utf-8") as file:
         x, y, cell = list(csv.reader(file))[1]
     assert (x, y) == ("-3.0", "2")
-    assert not cell.startswith(("=", "@")) and (not cell.startswith("+") or cell == "+3")
+    assert not cell.startswith(("=", "+", "@")) or cell == "+3"
     assert unquoted(cell) == text
     assert read_tree_map(path).species.tolist() == [text]
