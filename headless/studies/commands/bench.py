@@ -15,6 +15,8 @@ from ..bench.run import run as run_sections
 class BenchCommand(Command):
     name = "bench"
     help = "measure speed and error on this machine"
+    outputs = ("docs",)
+    is_folder = False
     description = (
         f"Print time and error side by side. Sections: {', '.join(SECTIONS)}; "
         f"only when asked for: {', '.join(ON_REQUEST)}."

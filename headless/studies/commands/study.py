@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 class StudyCommand(Command):
     name = "study"
     help = "train on our forests, test on real clouds"
+    outputs = ("out", "docs")
     description = (
         "sim-to-real: make plots, learn stems and wood from them, and tell them in real clouds, beside "
         "learning from real clouds and published rules. ablations: the same of plots made without one "

@@ -13,6 +13,7 @@ from ...command import Command, refuse_negative
 class ValidateCommand(Command):
     name = "validate"
     help = "hold the simulations to measurements: what agrees, what does not"
+    outputs = ("out", "docs")
     description = (
         "Print and draw simulation beside measurement, with intervals, and say what agrees. Subjects: "
         "reverb, lidar, stand, leaves, trees, wind; none: all. With a FILE of yours: reverb RECORDING.wav "
