@@ -23,7 +23,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from forest_addon.base.places import ROOT
+from forest_addon.base.places import environment_of_child
 from forest_addon.base.progress import Say
 from forest_addon.base.rng import stream
 from headless.dataset import disk
@@ -176,7 +176,7 @@ def simulated_cluster(
     context.
     """
     file = folder / "scheduler.json"
-    environment = os.environ | {"PYTHONPATH": str(ROOT), WAIT: str(mean)}
+    environment = environment_of_child(**{WAIT: str(mean)})
 
     def start(kind: str, *words: str) -> subprocess.Popen[bytes]:
         command = [sys.executable, "-m", f"distributed.cli.dask_{kind}", *words, "--no-dashboard"]

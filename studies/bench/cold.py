@@ -8,7 +8,6 @@ the cones of a skeleton.
 from __future__ import annotations
 
 import importlib
-import os
 import subprocess
 import sys
 import time
@@ -18,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from forest_addon.base.places import environment_of_child
 from forest_addon.base.progress import Say
 
 from ..tables import table
@@ -35,7 +35,7 @@ def say_cold(say: Say, section: str) -> None:
     rows = []
     for name in JOBS[section]:
         words = [sys.executable, "-m", __name__, section, name]
-        environment = os.environ | {"OMP_NUM_THREADS": "1"}
+        environment = environment_of_child(OMP_NUM_THREADS="1")
         told = subprocess.run(words, capture_output=True, text=True, check=True, env=environment)
         rows.append([name, *told.stdout.splitlines()[-1].split(";")])
     table(say, ["job", "imports, s", "first call, ms", "next, ms", "error"], rows)

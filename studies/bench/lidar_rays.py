@@ -16,6 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
+from forest_addon.base.places import environment_of_child
 from forest_addon.base.progress import Say
 from forest_addon.base.rng import stream
 from forest_addon.base.trimesh import TriMesh
@@ -124,7 +125,13 @@ def _small(caster: Search, rays: Rays, size: int) -> float:
 
 def _fresh(engine: str) -> list[str]:
     call = f"from {__name__} import started; started({engine!r})"
-    done = subprocess.run([sys.executable, "-c", call], capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        [sys.executable, "-c", call],
+        capture_output=True,
+        text=True,
+        check=True,
+        env=environment_of_child(),
+    )
     imports, first, second = (float(word) for word in done.stdout.split()[-3:])
     return [f"{imports:.2f}", f"{1e3 * first:.1f}", f"{1e3 * second:.2f}"]
 
@@ -202,7 +209,13 @@ def _clock(caster: Search, rays: Rays) -> float:
 def _memory(size: str, engine: type[Search]) -> list[str]:
     """Unique triangles of a stand, and what a process of its own grows by when it casts in it."""
     call = f"from {__name__} import grown_by; grown_by({size!r}, {engine.engine!r})"
-    done = subprocess.run([sys.executable, "-c", call], capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        [sys.executable, "-c", call],
+        capture_output=True,
+        text=True,
+        check=True,
+        env=environment_of_child(),
+    )
     triangles, memory = (int(word) for word in done.stdout.split()[-2:])
     if not memory:
         return [f"{triangles:,}", "-", "-"]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ast
 import importlib
-import os
 import subprocess
 import sys
 import time
@@ -15,6 +14,7 @@ import numpy as np
 
 from forest_addon.acoustics.air import absorption
 from forest_addon.acoustics.cylinder import transfer
+from forest_addon.base.places import environment_of_child
 from forest_addon.base.progress import Say
 from forest_addon.base.rng import stream
 from forest_addon.sensing.reverb.band import roll_off
@@ -222,7 +222,7 @@ def _cold_and_warm(say: Say) -> None:
 def _in_a_process(*given: object) -> list[str]:
     """Words that a fresh process prints, of one thread."""
     words = [sys.executable, "-m", __name__, repr(given)]
-    environment = os.environ | {"OMP_NUM_THREADS": "1"}
+    environment = environment_of_child(OMP_NUM_THREADS="1")
     said = subprocess.run(words, capture_output=True, text=True, check=True, env=environment)
     return said.stdout.split()
 

@@ -7,7 +7,6 @@ counts. Error is what each run's audit finds of its own rays.
 from __future__ import annotations
 
 import json
-import os
 import statistics
 import subprocess
 import sys
@@ -15,6 +14,7 @@ import time
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+from forest_addon.base.places import environment_of_child
 from forest_addon.base.progress import Say
 
 from ..tables import table
@@ -56,7 +56,7 @@ def run(say: Say) -> None:
         scene = STAND.format(species=species, variants=variants, step=step) + output
         with TemporaryDirectory() as folder:
             # compiled once and kept, as where the package is installed
-            environment = os.environ | {"OMP_NUM_THREADS": "1", "PYTHONPYCACHEPREFIX": folder}
+            environment = environment_of_child(OMP_NUM_THREADS="1", PYTHONPYCACHEPREFIX=folder)
             environment.pop("PYTHONDONTWRITEBYTECODE", None)
             path = Path(folder) / "scene.toml"
             path.write_text(scene)

@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from forest_addon import spec
+from forest_addon.base.places import environment_of_child
 from forest_addon.base.progress import Say
 from forest_addon.growth.library.species_file import find_species, load_species
 from forest_addon.stand.forest import GrownForest, grow_forest
@@ -34,7 +35,9 @@ def run(say: Say) -> None:
     rows = []
     for instancing, count in SIZES:
         words = [sys.executable, "-m", __name__, instancing, str(count)]
-        ended = subprocess.run(words, capture_output=True, text=True, check=True)
+        ended = subprocess.run(
+            words, capture_output=True, text=True, check=True, env=environment_of_child()
+        )
         told = json.loads(ended.stdout.strip().splitlines()[-1])
         seconds = (f"{told[key]:.2f}" for key in ("grow", "build", "evaluate", "read", "strip"))
         files = (f"{told[key]:.2f}" for key in ("save", "open"))

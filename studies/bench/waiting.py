@@ -7,7 +7,6 @@ leaves is that of a sonar in the middle of their forest; its error is what the a
 
 from __future__ import annotations
 
-import os
 import subprocess
 import sys
 import time
@@ -17,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from forest_addon.base.places import environment_of_child
 from forest_addon.base.progress import Say
 from headless.memory import peak_memory_mb
 
@@ -93,7 +93,7 @@ def run(say: Say) -> None:
 def _told(job: str) -> list[str]:
     """The row that a fresh process prints."""
     words = [sys.executable, "-m", __name__, job]
-    environment = os.environ | {"OMP_NUM_THREADS": "1"}
+    environment = environment_of_child(OMP_NUM_THREADS="1")
     told = subprocess.run(words, capture_output=True, text=True, check=True, env=environment)
     return told.stdout.splitlines()[-1].split(";")
 

@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from forest_addon.formats.atomic import replacing
+
 from .comparison import Comparison
 
 HEAD = """\
@@ -98,4 +100,5 @@ def copy_pictures(part: Subject, folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     for comparison in part.comparisons:
         for picture in comparison.pictures:
-            (folder / picture.path.name).write_bytes(picture.path.read_bytes())
+            with replacing(folder / picture.path.name) as partial:
+                partial.write_bytes(picture.path.read_bytes())

@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from forest_addon.base.places import ASSETS
+from forest_addon.formats.atomic import replacing
 from forest_addon.sensing.reverb.metrics import room_metrics
 from forest_addon.sensing.reverb.sums.fast_scattering import Expansions
 from forest_addon.spec import Air
@@ -375,7 +376,7 @@ def _ensembles(out: Path) -> list[Comparison]:
 
 
 def _write_ablation(path: Path, rows: Ablation) -> None:
-    with path.open("w", newline="", encoding="utf-8") as text:
+    with replacing(path) as partial, partial.open("w", newline="", encoding="utf-8") as text:
         writer = csv.writer(text)
         writer.writerow(["terms", *(f"{n} {b:g} Hz" for n in ("t20_s", "c50_db") for b in BANDS)])
         for name, (t20, c50) in rows.items():

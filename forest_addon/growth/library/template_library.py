@@ -17,6 +17,7 @@ from ...base.places import version
 from ...base.progress import Progress
 from ...base.trimesh import LEAF, TriMesh
 from ...formats.atomic import replacing
+from ...formats.ownership import claim, remove
 from ...formats.stl import StlError, read_stl, write_stl
 from ...formats.toml_text import VERSION_KEY
 from ...spec import Grammar, Siblings, SpecError, unknown
@@ -172,6 +173,8 @@ def make_library(
         raise NotUnderstoodError(problem, timber) from None
     tell(4, 5)  # from here on it is not stopped
 
+    names = ("wood.stl", "leaves.stl", f"{name}.toml", "scene.toml")
+    claim(*(out / file for file in names))
     out.mkdir(parents=True, exist_ok=True)
     write_stl(out / "wood.stl", metric[0], f"{name}: wood, metres")
     if metric[1] is not None:
@@ -182,7 +185,7 @@ def make_library(
     if verdict is None or verdict.stands or accept:
         _write(out / "scene.toml", _scene_text(name, tall * metres))
     else:
-        (out / "scene.toml").unlink(missing_ok=True)
+        remove(out / "scene.toml")
     tell(5, 5)
     return Library(timber, foliage, found, leaf, scale, habit, species, parts.said, up, verdict)
 

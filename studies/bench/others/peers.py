@@ -21,6 +21,7 @@ import numpy as np
 from mathutils import Matrix, Vector
 from mathutils.bvhtree import BVHTree
 
+from forest_addon.base.places import environment_of_child
 from forest_addon.base.progress import Say
 from forest_addon.blender.rays.bvh import BvhCaster
 from forest_addon.blender.rays.embree import EmbreeCaster
@@ -116,7 +117,7 @@ def _by_helios(python: str, scene: SceneGeometry, origin: np.ndarray) -> Took:
             counts=COUNTS,
         )
         words = [python, str(Path(__file__).with_name("helios_scan.py")), str(job), str(points)]
-        environment = os.environ | {"OMP_NUM_THREADS": "1"}
+        environment = environment_of_child(OMP_NUM_THREADS="1")
         done = subprocess.run(words, capture_output=True, text=True, check=True, env=environment)
         times = [float(word) for word in done.stdout.split()[-2:]]
         return times[0], times[1], np.load(points)["points"]

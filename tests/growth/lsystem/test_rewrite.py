@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from references.examples import examples
 from scipy.stats import chi2
 
 from forest_addon.base.rng import stream
@@ -49,7 +48,6 @@ def test_numbers_conditions_and_generation():
     assert not predict(system, 4).exact
 
 
-@examples(60)
 @given(
     start=st.integers(0, 6),
     rules=st.lists(st.text(st.sampled_from("abF[]"), max_size=5), min_size=2, max_size=2),

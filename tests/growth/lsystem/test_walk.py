@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from references.examples import examples
 from references.turtle_abop import walk_plainly
 
 from forest_addon.growth.lsystem.expression import ExpressionError
@@ -36,7 +35,6 @@ string = st.recursive(
 )
 
 
-@examples(150)
 @given(
     axiom=string,
     rule=string,

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import Phase, example, given
+from hypothesis import Phase, example, given, settings
 from hypothesis import strategies as some
 from references.brought_trees import TREES, decimated, doubled, rough
-from references.examples import examples
 
 from forest_addon.growth.own_tree.anatomy import dissect
 from forest_addon.growth.own_tree.habit import fit
@@ -48,7 +47,7 @@ def check(found: Recognition) -> None:
 
 
 @pytest.mark.slow
-@examples(12, phases=[Phase.explicit, Phase.generate])
+@settings(max_examples=2, phases=[Phase.explicit, Phase.generate])
 @given(
     some.sampled_from(sorted(TREES)),
     some.integers(3, 12),

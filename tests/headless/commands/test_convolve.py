@@ -29,7 +29,7 @@ def test_convolve_from_the_command_line(headless, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("name", "said"), [("wet.mp3", "must end in .wav"), ("dry.wav", "is read from")]
+    ("name", "said"), [("wet.mp3", "must end in .wav"), ("dry.wav", "is read by")]
 )
 def test_no_file_of_another_kind_and_none_that_is_read_is_written(tmp_path, capsys, name, said):
     dry = tmp_path / "dry.wav"

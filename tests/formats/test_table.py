@@ -1,10 +1,13 @@
-"""Numbers as text against Python's own formatting."""
+"""Numbers as text against Python's own formatting; texts that spreadsheets would take for formulas."""
+
+import csv
 
 import numpy as np
 import pytest
 
 from forest_addon.base.rng import stream
-from forest_addon.formats.digits import write_numbers
+from forest_addon.formats.table import unquoted, write_csv, write_numbers
+from forest_addon.formats.tree_map import read_tree_map
 
 
 def test_numbers_are_as_python_writes_them(tmp_path):
@@ -41,3 +44,17 @@ def test_what_is_no_number_is_refused(tmp_path, bad):
     with pytest.raises(ValueError, match="length"):
         write_numbers(tmp_path / "x.csv", {"length": np.array([1.0, bad])}, {"length": 3})
     assert not (tmp_path / "x.csv").exists()
+
+
+@pytest.mark.parametrize(
+    "text", ["=1+1", "+a", "@sum", "'=x", "''@y", "'plain", "-3", "+3", "a=b", ""]
+)
+def test_a_text_that_would_be_a_formula_is_none_and_comes_back(tmp_path, text):
+    path = tmp_path / "t.csv"
+    write_csv(path, {"x": [-3.0], "y": [2], "species": [text]})
+    with open(path, newline="", encoding="utf-8") as file:
+        x, y, cell = list(csv.reader(file))[1]
+    assert (x, y) == ("-3.0", "2")
+    assert not cell.startswith(("=", "+", "@")) or cell == "+3"
+    assert unquoted(cell) == text
+    assert read_tree_map(path).species.tolist() == [text]
