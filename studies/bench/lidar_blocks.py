@@ -13,7 +13,7 @@ import numpy as np
 from forest_addon.base.progress import Say
 from forest_addon.base.trimesh import GROUND, OTHER, TriMesh
 from forest_addon.blender.rays.casters import make_caster
-from forest_addon.growth.mesh.tubes import tube
+from forest_addon.growth.mesh.meshing import tube
 from forest_addon.sensing.lidar.cloud import join
 from forest_addon.sensing.lidar.scan import Scan
 from forest_addon.sensing.rays.geometry import SceneGeometry

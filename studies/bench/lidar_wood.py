@@ -16,8 +16,7 @@ import numpy as np
 from forest_addon.base.progress import Say
 from forest_addon.base.trimesh import WOOD, TriMesh
 from forest_addon.blender.rays.casters import make_caster
-from forest_addon.growth.mesh.meshing import mesh_wood
-from forest_addon.growth.mesh.tubes import sides_for
+from forest_addon.growth.mesh.meshing import mesh_wood, sides_for
 from forest_addon.growth.skeleton import Skeleton
 from forest_addon.sensing.lidar.tractor import TractorScan, drive
 from forest_addon.sensing.lidar.wood_indices import impacted_area

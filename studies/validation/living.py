@@ -17,8 +17,7 @@ from forest_addon.base.rng import stream
 from forest_addon.blender.rays.casters import make_caster
 from forest_addon.blender.scene.ground import ground_mesh
 from forest_addon.formats.table import write_csv
-from forest_addon.growth.library.allometry_file import read_allometry
-from forest_addon.growth.library.species_file import find_species, load_species
+from forest_addon.growth.library.species_file import find_species, load_species, read_allometry
 from forest_addon.growth.measured.allometry import middle
 from forest_addon.growth.measured.wanted import Wanted
 from forest_addon.growth.skeleton import Skeleton

@@ -19,7 +19,7 @@ from scipy.spatial import cKDTree
 
 from forest_addon.base.rng import stream
 from forest_addon.blender.rays.casters import make_caster
-from forest_addon.growth.portrait import trunk_radius
+from forest_addon.growth.likeness import trunk_radius
 from forest_addon.sensing.lidar.scan import scan
 from forest_addon.sensing.rays.geometry import SceneGeometry
 from forest_addon.spec import Beam, Noise, Rays, Terrestrial

@@ -13,10 +13,9 @@ from pathlib import Path
 import numpy as np
 
 from forest_addon.base.rng import stream
-from forest_addon.growth.library.allometry_file import COLUMNS as MEASURED
-from forest_addon.growth.library.allometry_file import read_measured
-from forest_addon.growth.library.species_file import find_species, load_species
-from forest_addon.growth.portrait import crown_base, crown_width, trunk_radius
+from forest_addon.growth.library.species_file import COLUMNS as MEASURED
+from forest_addon.growth.library.species_file import find_species, load_species, read_measured
+from forest_addon.growth.likeness import crown_base, crown_width, trunk_radius
 from forest_addon.growth.tree import Tree, grow
 from headless.report.pictures import FAINT, INK, LEAF_GREEN, RED, blank_figure, save_figure
 

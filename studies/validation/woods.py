@@ -9,7 +9,7 @@ import numpy as np
 from forest_addon.base.rng import stream
 from forest_addon.base.trimesh import GROUND, WOOD, TriMesh
 from forest_addon.growth.library.species_file import find_species, load_species
-from forest_addon.growth.mesh.tubes import tube
+from forest_addon.growth.mesh.meshing import tube
 from forest_addon.growth.tree import Tree, grow
 from forest_addon.sensing.rays.geometry import SceneGeometry
 

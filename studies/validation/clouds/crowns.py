@@ -15,8 +15,7 @@ import numpy as np
 from scipy.ndimage import median_filter
 from scipy.spatial import cKDTree
 
-from forest_addon.growth.library.allometry_file import read_allometry
-from forest_addon.growth.library.species_file import find_species, load_species
+from forest_addon.growth.library.species_file import find_species, load_species, read_allometry
 from forest_addon.growth.measured.allometry import band, middle
 from forest_addon.growth.measured.needles import shoot_of
 from forest_addon.growth.measured.wanted import MOST_TIMES

@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 
 from forest_addon.growth.library.species_file import find_species, load_species
+from forest_addon.growth.measured.crown import scaled_to
 from forest_addon.growth.measured.curves import curved
 from forest_addon.growth.measured.meet import grow_measured
-from forest_addon.growth.measured.pipes import scaled_to
 from forest_addon.growth.measured.wanted import Kind, Wanted, drawn
 from forest_addon.growth.mesh.blades import leaf_areas
+from forest_addon.growth.sway.beams import wood_of_species
 from forest_addon.growth.sway.shape import SwayShape, shape_with
-from forest_addon.growth.sway.wood import wood_of_species
 from forest_addon.growth.tree import blade_of, has_curves
 from forest_addon.stand.wind.response import SwayResponse
 

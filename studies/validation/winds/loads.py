@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from forest_addon.growth.library.species_file import find_species, load_species
+from forest_addon.growth.sway.beams import wood_of_species
 from forest_addon.growth.sway.shape import SwayShape
-from forest_addon.growth.sway.wood import wood_of_species
 from forest_addon.stand.wind.response import SwayResponse
 
 from ..comparison import Comparison, Interval

@@ -8,7 +8,7 @@ import pytest
 from references.measured import FOUND, needs_measurements
 
 from forest_addon.base.rng import stream
-from forest_addon.growth.library.allometry_file import read_allometry
+from forest_addon.growth.library.species_file import read_allometry
 from forest_addon.growth.measured.wanted import Wanted, refuse_contradictions
 from forest_addon.spec import Mobile, SpecError, Surfaces
 from studies.validation.clouds.crowns import WOOD, clumping_of, most_leaves, trees_of
