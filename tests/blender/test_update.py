@@ -22,6 +22,7 @@ from forest_addon.blender.scene.forest import build
 from forest_addon.blender.scene.instances import read_points
 from forest_addon.blender.scene.layout import (
     GROUND_NAME,
+    MADE_KEY,
     OUTLINES,
     PARTS,
     TREES,
@@ -29,8 +30,7 @@ from forest_addon.blender.scene.layout import (
     part,
     root,
 )
-from forest_addon.blender.scene.ours import MADE_KEY
-from forest_addon.blender.scene.standing import KeptStanding
+from forest_addon.blender.scene.placing import KeptStanding
 from forest_addon.growth.library.species_file import load_species
 from forest_addon.stand.forest import grow_forest
 

@@ -28,7 +28,7 @@ from ...spec import Species
 from ..scene import materials
 from ..scene.asset_truth import write_truth
 from ..scene.meshes import to_mesh
-from ..scene.standing import fingerprint
+from ..scene.placing import fingerprint
 from . import asset_picture
 from .catalogs import ROOT, add_catalogs, catalog_id, catalog_of
 

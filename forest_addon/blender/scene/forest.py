@@ -28,20 +28,22 @@ from .instances import points_mesh, ranks
 from .layout import (
     GROUND_NAME,
     GROUND_ROLE,
+    MADE_KEY,
     OUTLINES,
     POINTS_ROLE,
+    SHAPE_KEY,
     TREES,
     VARIANTS,
+    all_or_nothing,
     find_part,
+    is_ours,
     part,
     root,
 )
 from .meshes import to_mesh
 from .nodes import LEVEL_KEY, give_instancer, instancer_group
-from .ours import MADE_KEY, SHAPE_KEY, all_or_nothing, is_ours
-from .placing import WantedObject, put
+from .placing import Coat, KeptStanding, WantedObject, fingerprint, put
 from .ready import ReadyForest, tell_of
-from .standing import Coat, KeptStanding, fingerprint
 from .standings import SPECIES_KEY, TREE_KEY
 from .stood import STOOD_KEY, note_stood, told_of_tree
 

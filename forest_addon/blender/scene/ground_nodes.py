@@ -11,9 +11,8 @@ from typing import TYPE_CHECKING
 import bpy
 
 from ... import spec
-from .layout import GROUND_NAME, find_part
+from .layout import GROUND_NAME, find_part, is_local
 from .nodes import VIEW_KEY, input_of, set_input
-from .ours import is_local
 
 if TYPE_CHECKING:
     from ...stand.intensity.terrain import GroundSurface

@@ -15,8 +15,7 @@ from typing import Any
 
 import bpy
 
-from .layout import SHARE
-from .ours import is_local, is_ours
+from .layout import SHARE, is_local, is_ours
 
 INSTANCER = "Forest Sensing Forest"
 # A group with other sockets than these gets another number. Of version 1 were no size and turn of all, of

@@ -15,7 +15,7 @@ from ...growth.mesh.stand_in import Level, level_for, stand_in
 from ...growth.truth import tree_truth
 from ...stand.forest import GrownForest
 from .assets import ToldVariant, Variant, portray
-from .standing import fingerprint
+from .placing import fingerprint
 
 DRAWABLE = 5_000_000  # triangles of all stand-ins of a forest together, which a graphics card draws at once
 

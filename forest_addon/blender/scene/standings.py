@@ -16,8 +16,7 @@ from typing import Any
 import bpy
 import numpy as np
 
-from .layout import TREES, VARIANTS, find_part, objects_in
-from .ours import ROLE_KEY
+from .layout import ROLE_KEY, TREES, VARIANTS, find_part, objects_in
 
 TREE_KEY, SPECIES_KEY = "forest_tree", "forest_species"
 IGNORED_KEY, REFLECTANCE_KEY = "forest_ignored", "forest_reflectance"

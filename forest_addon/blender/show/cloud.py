@@ -17,9 +17,17 @@ from ...base.trimesh import DEAD, GROUND, LEAF, WOOD
 from ...sensing.lidar.cloud import Cloud
 from ...sensing.sonar.ping import Contributions
 from ..scene.ground_nodes import HIGH, LOW, shown_corners
-from ..scene.layout import CLOUD_KEY, COLOUR_BY, FAR_POINTS, FRAME_KEY
+from ..scene.layout import (
+    CLOUD_KEY,
+    COLOUR_BY,
+    FAR_POINTS,
+    FRAME_KEY,
+    is_ours,
+    make_object,
+    own,
+    settle,
+)
 from ..scene.nodes import choose_input, has_input, set_input
-from ..scene.ours import is_ours, make_object, own, settle
 from .cloud_nodes import FARTHEST, SCALE, heard_group, points_material, scan_group
 
 COLOUR_OF_ORGAN = {

@@ -13,7 +13,7 @@ import bpy
 import numpy as np
 
 from ...growth.mesh.meshing import tube
-from ..scene.ours import own
+from ..scene.layout import own
 from ..scene.standings import IGNORED_KEY
 
 NEAR, FAR = 0.5, 6.0  # metres: reddest, bluest

@@ -17,9 +17,20 @@ from dataclasses import replace
 import bpy
 import numpy as np
 
-from ..scene.layout import POINTS_ROLE, TREES, find_part, objects_in, root
+from ..scene.layout import (
+    MADE_KEY,
+    POINTS_ROLE,
+    ROLE_KEY,
+    TREES,
+    all_or_nothing,
+    find_part,
+    is_ours,
+    make_collection,
+    make_object,
+    objects_in,
+    root,
+)
 from ..scene.nodes import VIEW_KEY, instancer_of, set_input
-from ..scene.ours import MADE_KEY, ROLE_KEY, all_or_nothing, is_ours, make_collection, make_object
 from ..scene.standings import TREE_KEY
 from .wind_nodes import (
     FIRST,

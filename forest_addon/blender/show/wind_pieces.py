@@ -12,8 +12,8 @@ import numpy as np
 from ...base.progress import Progress
 from ...base.trimesh import TriMesh
 from ...sensing.rays.pieces import parted
+from ..scene.layout import make_object
 from ..scene.meshes import to_mesh
-from ..scene.ours import make_object
 from .wind_nodes import COLUMNS, MODES, amplitude_name, basis_name
 
 if TYPE_CHECKING:

@@ -12,10 +12,9 @@ import numpy as np
 
 from ...base.trimesh import TriMesh
 from ..scene.instances import natural
-from ..scene.layout import OUTLINES, VARIANTS, find_part
+from ..scene.layout import OUTLINES, VARIANTS, find_part, make_collection, make_object
 from ..scene.meshes import from_mesh
 from ..scene.nodes import VARIANT, set_input, show_as, shown_of
-from ..scene.ours import make_collection, make_object
 from ..scene.standings import TREE_KEY
 from .wind_nodes import (
     FIRST,

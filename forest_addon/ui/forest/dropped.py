@@ -18,8 +18,7 @@ from bpy_extras.view3d_utils import (
 )
 from mathutils import Vector
 
-from ...blender.scene.layout import VARIANTS
-from ...blender.scene.ours import ROLE_KEY, SHAPE_KEY, by_role
+from ...blender.scene.layout import ROLE_KEY, SHAPE_KEY, VARIANTS, by_role
 from ...blender.scene.standings import ASSET_KEY
 from ..shell.running import obstacle
 from ..shell.views import region_below

@@ -13,7 +13,7 @@ from pathlib import Path
 import bpy
 
 from ... import spec
-from ...blender.scene.ours import is_ours
+from ...blender.scene.layout import is_ours
 from ...blender.scene.standings import IGNORED_KEY, may_be_met
 from ...formats.toml_file import write_settings
 from ..settings.exchange import to_spec

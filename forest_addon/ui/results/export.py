@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import bpy
 from bpy_extras.io_utils import ExportHelper
 
-from ...blender.scene.layout import RESULTS, find_part
-from ...blender.scene.ours import is_ours
+from ...blender.scene.layout import RESULTS, find_part, is_ours
 from ...blender.sensors.objects import file_name
 from ...spec import SpecError
 from ..shell.running import PROBLEMS, InOwnScene, in_words
