@@ -28,7 +28,7 @@ AIMS = {("64", "1"): 2000, ("1,024", "1"): 600, ("64", "64"): 10_000, ("1,024", 
 def run(say: Say) -> None:
     """Print the tables."""
     from forest_addon.api import Rays, read
-    from forest_addon.blender.files.opening import empty_file
+    from forest_addon.blender.files.export import empty_file
     from forest_addon.flight.senses import EarSense, LidarSense, lidar_of, sonar_of
     from forest_addon.flight.woods import Stock
 

@@ -62,8 +62,7 @@ def measure(instancing: str, count: int) -> dict[str, float]:
     """Build, evaluate, read, scan, save and open one forest: CPU seconds, GB, MB, metres."""
     import bpy
 
-    from forest_addon.blender.files.export import save_blend
-    from forest_addon.blender.files.opening import empty_file, open_file
+    from forest_addon.blender.files.export import empty_file, open_file, save_blend
     from forest_addon.blender.scene.forest import build
     from forest_addon.blender.sensors.observe import Observer
     from forest_addon.sensing.kinds import choose

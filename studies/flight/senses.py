@@ -48,7 +48,7 @@ NAMES = ("LiDAR, 64 rays", "two ears", "straight on")
 
 def run(out: Path, size: float = 1.0, seed: int = 1, say: Callable[[str], None] = print) -> dict:
     """Fly, write ``senses.csv`` and ``senses.png``."""
-    from forest_addon.blender.files.opening import empty_file
+    from forest_addon.blender.files.export import empty_file
 
     out.mkdir(parents=True, exist_ok=True)
     flights = max(2, round(FLIGHTS * size))

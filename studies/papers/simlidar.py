@@ -143,7 +143,7 @@ def stand_up(forest: GrownForest, scene: Scene, rays: Rays) -> Observer:
     with hushed():
         import bpy
 
-        from forest_addon.blender.files.opening import empty_file
+        from forest_addon.blender.files.export import empty_file
         from forest_addon.blender.scene.forest import build
         from forest_addon.blender.sensors.observe import Observer
 

@@ -15,7 +15,7 @@ from scipy.ndimage import gaussian_filter, maximum_filter
 
 from forest_addon.base.rng import stream
 from forest_addon.blender.rays.casters import make_caster
-from forest_addon.blender.scene.ground import ground_mesh
+from forest_addon.blender.scene.meshes import ground_mesh
 from forest_addon.formats.table import write_csv
 from forest_addon.growth.library.species_file import find_species, load_species, read_allometry
 from forest_addon.growth.measured.allometry import middle

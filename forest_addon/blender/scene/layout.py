@@ -1,9 +1,14 @@
-"""Marks of the things that we made in a Blender file, and of what they stand for there.
+"""Our objects in a Blender file: how they are marked, and the collections below *Forest* that hold them.
 
-Every block that we make carries a custom property with the name it was made under. A copy has the property
-but another name, and a block that was renamed has too: both belong to the user, and so does what comes from
-another file. What stands for something in a forest, a tree or the material of a planting's leaves, says so
-in a second property: by that the next build finds it again.
+Every block that we make carries a custom property with the name it was made under. A copy has the
+property but another name, and a block that was renamed has too: both belong to the user, and so does
+what comes from another file. What stands for something in a forest, a tree or the material of a
+planting's leaves, says so in a second property: by that the next build finds it again.
+
+*Trees*, the *Variants* that they are copies of, and their *Outlines* for the view; *Ground*, *Sensors*
+and *Results* hold what their names say, *Intensity* what hills are dragged and weights are painted on,
+where that is done. Custom properties tell our collections from a user's own, wherever the user has put
+them in the scene and whatever they are called now; of copies, the first one made counts.
 """
 
 from __future__ import annotations

@@ -1,9 +1,15 @@
-"""Things of ours that stand in a scene, and those that a new forest takes over.
+"""A new forest in place of the old one: which objects, meshes and materials stay, which are made, which
+go.
+
+A forest says which objects it wants. Each is the object of ours that stands for it already, with other
+data and at another place, or a new one; so collections, modifiers, visibility and all else that belongs
+to an object stay as the user has them. Those that are wanted no more go. What was prepared before cannot
+fail here, so a scene has the old forest or the new one.
 
 A mesh whose shape has not changed since it was made stays, with all that was done to it. A new one wears
-the materials of the mesh that stood for the same before, so that whatever was put into a slot stays; a slot
-that is empty gets our own material again. Of that there is one for each coat, the bark of a planting say,
-which is kept with all edits and only takes the colour that the coat has now.
+the materials of the mesh that stood for the same before, so that whatever was put into a slot stays; a
+slot that is empty gets our own material again. Of that there is one for each coat, the bark of a
+planting say, which is kept with all edits and only takes the colour that the coat has now.
 """
 
 from __future__ import annotations

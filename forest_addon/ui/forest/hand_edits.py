@@ -14,7 +14,7 @@ import bpy
 import numpy as np
 
 from ...blender.scene.layout import ROLE_KEY, TREES, VARIANTS, find_part, is_ours
-from ...blender.scene.stood import (
+from ...blender.scene.planted import (
     STOOD_KEY,
     StoodTree,
     deleted_trees,

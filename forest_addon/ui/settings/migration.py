@@ -17,7 +17,7 @@ from typing import Any, ClassVar
 import bpy
 
 from ... import spec
-from ...blender.read.single import shortest
+from ...blender.read.inputs import shortest
 from ...blender.scene import layout
 from ...blender.scene.layout import MADE_KEY
 from ...blender.sensors import objects as sensors

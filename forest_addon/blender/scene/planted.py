@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import bpy
 import numpy as np
 
-from .instances import natural
+from .instances import TREE_KEY, natural
 from .layout import (
     POINTS_ROLE,
     ROLE_KEY,
@@ -25,7 +25,6 @@ from .layout import (
     within_reach,
 )
 from .nodes import ROTATION, SCALE, VARIANT
-from .standings import TREE_KEY
 
 if TYPE_CHECKING:
     from ...stand.forest import GrownForest
