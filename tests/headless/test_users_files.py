@@ -43,7 +43,8 @@ WORDS = {
     "template": "template w.stl l.stl --name elm --siblings 0 --out {out}",
     "species": "species hazelnut --pictures {out} --sheet {out}/sheet.png --pixels 60",
     "stand": "stand small.toml --out {out}/t.csv",
-    "estimate": "estimate map.csv --out {out}/site.toml --method kernel --law poisson",
+    "estimate": "estimate map.csv --out {out}/site.toml --method kernel --law poisson "
+    "--species maple",
     "allometry": "allometry fit measured.csv --kind Quercus --out {out}",
     "assets": "assets hazelnut --variants 1 --out {out} --sheet {out}/sheet.png",
     "canopy": "canopy small.toml --grid 1 --out {out}",
@@ -54,7 +55,7 @@ WORDS = {
     "fly": "fly flight.toml --episodes 1 --out {out}",
     "flight": "flight hedge --size 0.008 --out {out}",
 }
-SLOW = {"demo", "accuracy", "flight", "dataset", "assets"}
+SLOW = {"run", "demo", "accuracy", "flight", "fly", "dataset", "assets", "species"}
 # These write into documents, or need measurements and packages that are not here.
 NOT_RUN = {"bench", "validate", "study", "simlidar", "reverb-figures"}
 USERS = ("notes.txt", "my.blend", "wood.txt", "42/mine.txt", "scenes/0001/mine.laz", "scenes/42/a")
