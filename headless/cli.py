@@ -45,10 +45,14 @@ examples:
 A scene file is TOML; assets/scenes/demo.toml is one with every table explained.
 Start with out/.../report.html: pictures, counts, timings."""
 
+STUDIES = ("validate", "bench", "study", "simlidar", "reverb-figures", "flight")
+
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command; returns the exit code."""
     words = sys.argv[1:] if arguments is None else arguments
+    if words and words[0] in STUDIES:
+        return _fail(f"{words[0]} is a study of the repository: python -m studies {words[0]}", 2)
     chosen = _parser().parse_args(_values_joined(words))
     command: Command = chosen.command
     try:
@@ -62,7 +66,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             with _alone(command.lock(chosen)):
                 _run(command, chosen)
         except ModuleNotFoundError as problem:
-            from .report.drawing import DRAWERS, without
+            from .report import DRAWERS, without
 
             if (problem.name or "").split(".")[0] not in DRAWERS:
                 raise

@@ -46,7 +46,6 @@ def give_sound(
     sound[KEY] = name
     earlier = speaker.data.sound
     speaker.data.sound = sound
-    speaker.data.volume = 1.0
     if earlier is not None and earlier.get(KEY) == name and not earlier.users:
         bpy.data.sounds.remove(earlier)
     sound.name = name

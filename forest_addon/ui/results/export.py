@@ -12,7 +12,7 @@ from ...blender.scene.layout import RESULTS, find_part
 from ...blender.scene.ours import is_ours
 from ...blender.sensors.objects import file_name
 from ...spec import SpecError
-from ..shell.running import PROBLEMS, in_words
+from ..shell.running import PROBLEMS, InOwnScene, in_words
 from ..shell.words import say
 from . import frames
 from .show import heard_of
@@ -178,7 +178,8 @@ class FOREST_OT_export_result(bpy.types.Operator, ExportHelper):
         except PROBLEMS as problem:
             self.report({"ERROR"}, in_words(problem))
             return {"CANCELLED"}
-        result.file = str(path)
+        if context.scene.is_editable:
+            result.file = str(path)
         if crs and not can_tell_crs():
             problem = say("Written without its coordinate system: Blender has no pyproj")
             self.report({"WARNING"}, problem)
@@ -195,7 +196,7 @@ class FOREST_OT_export_result(bpy.types.Operator, ExportHelper):
         return {"CANCELLED"}
 
 
-class FOREST_OT_remove_result(bpy.types.Operator):
+class FOREST_OT_remove_result(InOwnScene, bpy.types.Operator):
     """Remove this result, with its points and its picture; files that were written stay"""
 
     bl_idname = "forest.remove_result"

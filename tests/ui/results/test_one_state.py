@@ -84,7 +84,7 @@ def test_each_kept_frame_exports_its_own(built, tmp_path, name):
     wall = bpy.data.objects["wall"]
     wall.scale = 2, 2, 2
     for frame in (1, 2):
-        wall.location = (frame - 1, 2, 0)
+        wall.location = (1 - 0.5 * frame, 2, 0)
         wall.keyframe_insert("location", frame=frame)
     if name == "reverb":
         thing = bpy.data.objects[name]
