@@ -6,6 +6,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
+from forest_addon.formats.ownership import RECORD
 from headless.cli import main
 
 SCENE = """
@@ -39,7 +40,7 @@ def test_fly_writes_tables_picture_and_blend(tmp_path):
     out = tmp_path / "out"
     assert main(["fly", str(scene), "--episodes", "3", "--out", str(out)]) == 0
     assert {file.name for file in out.iterdir()} == {
-        *("trajectories.csv", "success.csv", "flights.png", "flights.blend")
+        *("trajectories.csv", "success.csv", "flights.png", "flights.blend", RECORD)
     }
     success = rows(out / "success.csv")
     assert len(success) == 1
