@@ -33,6 +33,7 @@ from ..scene.meshes import to_mesh, write_truth
 from ..scene.placing import fingerprint
 from . import pictures
 
+ROOT = "Forest Sensing"
 AUTHOR = ROOT
 
 
@@ -147,7 +148,6 @@ def _taken_back() -> Iterator[None]:
 
 
 FILE = "blender_assets.cats.txt"
-ROOT = "Forest Sensing"
 LOW = 1.5  # metres, below which a plant that no catalog names is undergrowth
 _NAMESPACE = uuid.UUID("8b6c5a52-0a53-5d43-9d3e-6f6c2f7d6a11")
 _HEAD = """\

@@ -23,8 +23,7 @@ from forest_addon.sensing.trajectory import frame_of
 from forest_addon.site import ForestSite
 from forest_addon.spec import Forest, Planting, Scene, Wind
 from forest_addon.stand.wind.sway import ForestSway, sway_of
-
-from ..comparison import Comparison, Interval
+from studies.validation.run import Comparison, Interval
 
 MOTIONS = {"inwards": (1, 0), "outwards": (-1, 0), "upwards": (0, 1), "downwards": (0, -1)}
 ASIDE, ABOVE = 25.0, 15.0  # degrees to which the ear points in the middle of its turn
