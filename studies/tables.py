@@ -6,7 +6,7 @@ import statistics
 import time
 from collections.abc import Callable, Sequence
 
-from forest_addon.base.progress import Say
+from .inside import Say
 
 
 def median_seconds(work: Callable[[], object], runs: int = 3) -> float:

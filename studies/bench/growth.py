@@ -10,18 +10,21 @@ import bpy
 import numpy as np
 from matplotlib.figure import Figure
 
-from forest_addon.base.progress import Say
-from forest_addon.base.rng import stream
-from forest_addon.blender.scene.meshes import to_mesh
-from forest_addon.growth.library.species_file import find_species, load_species
-from forest_addon.growth.mesh.meshing import mesh_wood
-from forest_addon.growth.skeleton import Skeleton
-from forest_addon.growth.species import skeleton_of
-from forest_addon.growth.tree import grow
-from forest_addon.spec import Species
-from headless.report.pictures import blank_figure
+from forest_addon.api import Skeleton, Species
 from studies.bench.cold import say_cold
 from studies.tables import median_seconds, table
+
+from ..inside import (
+    Say,
+    blank_figure,
+    find_species,
+    grow,
+    load_species,
+    mesh_wood,
+    skeleton_of,
+    stream,
+    to_mesh,
+)
 
 TITLE = "growth: trees and triangles a second, error of the mesh"
 SIZES = {"maple": (4, 6, 7), "ginkgo": (6, 7, 8), "apple-stochastic": (5, 6, 7)}

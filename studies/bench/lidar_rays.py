@@ -18,23 +18,32 @@ from pathlib import Path
 
 import numpy as np
 
-from forest_addon.base.places import environment_of_child
-from forest_addon.base.progress import Say
-from forest_addon.base.rng import stream
-from forest_addon.base.trimesh import OTHER, TriMesh
-from forest_addon.blender.rays.bvh import BvhCaster
-from forest_addon.blender.rays.embree import EmbreeCaster
-from forest_addon.blender.rays.embree_parts import embree_parts
-from forest_addon.growth.library.species_file import find_species, load_species
-from forest_addon.growth.measured.wanted import Kind, typical_tree
-from forest_addon.growth.tree import grow
-from forest_addon.sensing.rays.caster import Hits, RayCaster
-from forest_addon.sensing.rays.exact import cast_exactly
-from forest_addon.sensing.rays.geometry import SceneGeometry
-from forest_addon.sensing.rays.moving import MovingCaster
-from forest_addon.sensing.rays.paths import RigidPath, SceneMotion, ShapePath
-from forest_addon.sensing.rays.search import Search
+from forest_addon.api import TriMesh
 from studies.tables import median_seconds, table
+
+from ..inside import (
+    OTHER,
+    BvhCaster,
+    EmbreeCaster,
+    Hits,
+    Kind,
+    MovingCaster,
+    RayCaster,
+    RigidPath,
+    Say,
+    SceneGeometry,
+    SceneMotion,
+    Search,
+    ShapePath,
+    cast_exactly,
+    embree_parts,
+    environment_of_child,
+    find_species,
+    grow,
+    load_species,
+    stream,
+    typical_tree,
+)
 
 TREES = {"20k": "whorl-8", "200k": "honda-broadleaf"}  # leaf-on, of about as many triangles
 VARIANTS = 5

@@ -12,21 +12,28 @@ from dataclasses import replace
 
 import numpy as np
 
-from forest_addon.acoustics.air import absorption
-from forest_addon.acoustics.cylinder import transfer
-from forest_addon.base.places import environment_of_child
-from forest_addon.base.progress import Say
-from forest_addon.base.rng import stream
-from forest_addon.sensing.reverb.band import roll_off
-from forest_addon.sensing.reverb.metrics import clarity_db, energy_decay_db, reverberation_time
-from forest_addon.sensing.reverb.model_error import model_error
-from forest_addon.sensing.reverb.response import impulse_response
-from forest_addon.sensing.reverb.sums.fast_scattering import Expansions
-from forest_addon.sensing.reverb.sums.scattering import TrunkPaths, direct_sum, trunk_paths
-from forest_addon.sensing.reverb.trunks.slices import Trunks
-from forest_addon.spec import Air, Reverb
-from headless.memory import peak_memory_mb
+from forest_addon.api import Air, Reverb
 from studies.tables import median_seconds, table
+
+from ..inside import (
+    Expansions,
+    Say,
+    TrunkPaths,
+    Trunks,
+    absorption,
+    clarity_db,
+    direct_sum,
+    energy_decay_db,
+    environment_of_child,
+    impulse_response,
+    model_error,
+    peak_memory_mb,
+    reverberation_time,
+    roll_off,
+    stream,
+    transfer,
+    trunk_paths,
+)
 
 TITLE = "reverb: sum over trunks on 1 km², radius 0.25 m, all paths in the record"
 SIDE = 1000.0  # m

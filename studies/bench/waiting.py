@@ -16,10 +16,9 @@ from typing import Any
 
 import numpy as np
 
-from forest_addon.base.places import environment_of_child
-from forest_addon.base.progress import Say
-from headless.memory import peak_memory_mb
 from studies.tables import table
+
+from ..inside import Say, environment_of_child, peak_memory_mb
 
 TITLE = "waiting: large jobs, cold beside warm"
 HECTARE = """
@@ -125,9 +124,7 @@ def hectare() -> str:
 
 def rays() -> str:
     """Cast the rays of some beams in both orders."""
-    from forest_addon.base.rng import stream
-    from forest_addon.sensing.lidar.footprint import spread
-    from forest_addon.sensing.lidar.scanner import pattern_of
+    from ..inside import pattern_of, spread, stream
 
     world, sensor, _ = _built(HECTARE)
     caster, pattern = world.observer.caster, pattern_of(sensor, None)

@@ -23,23 +23,43 @@ from pathlib import Path
 
 import numpy as np
 
-from forest_addon.base.progress import Progress
-from forest_addon.base.rng import stream
-from forest_addon.blender.sensors.observe import Observer
-from forest_addon.formats.table import write_csv
-from forest_addon.growth.library.species_file import find_species, load_species
-from forest_addon.growth.species import skeleton_of
-from forest_addon.growth.tree import grow
-from forest_addon.growth.truth import Wood, wood_of_skeleton
-from forest_addon.sensing.lidar import wood_indices
-from forest_addon.sensing.lidar.wood_indices import OriginLine, line_through_origin
-from forest_addon.spec import Detail, Rays, Scene, SpecError, Species, Tractor
-from forest_addon.spec import Forest as Field
-from forest_addon.stand.forest import GrownForest
-from forest_addon.stand.plan import Stand
-from headless.progress import Stages, hushed
-from headless.report.pictures import BARK, FAINT, INK, LEAF_GREEN, RED, blank_figure, save_figure
+from forest_addon.api import (
+    Detail,
+    GrownForest,
+    Progress,
+    Rays,
+    Scene,
+    SpecError,
+    Species,
+    Stand,
+    Tractor,
+)
+from forest_addon.api import Forest as Field
 from studies.tables import table
+
+from ..inside import (
+    BARK,
+    FAINT,
+    INK,
+    LEAF_GREEN,
+    RED,
+    Observer,
+    OriginLine,
+    Stages,
+    Wood,
+    blank_figure,
+    find_species,
+    grow,
+    hushed,
+    line_through_origin,
+    load_species,
+    save_figure,
+    skeleton_of,
+    stream,
+    wood_indices,
+    wood_of_skeleton,
+    write_csv,
+)
 
 DIAMETERS = (0.005, 0.006, 0.007)  # d_m
 ITERATIONS = (4, 5, 6, 7)
@@ -592,9 +612,8 @@ def stand_up(forest: GrownForest, scene: Scene, rays: Rays) -> Observer:
     with hushed():
         import bpy
 
-        from forest_addon.blender.files.opening import empty_file
-        from forest_addon.blender.scene.forest import build
-        from forest_addon.blender.sensors.observe import Observer
+        from ..inside import Observer, empty_file
+        from ..inside import build_scene as build
 
         empty_file()
     build(bpy.context.scene, scene, forest)

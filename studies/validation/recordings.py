@@ -18,21 +18,33 @@ from scipy import signal
 from scipy.integrate import cumulative_trapezoid, trapezoid
 from scipy.io import wavfile
 
-from forest_addon.acoustics.air import DB_PER_NEPER, absorption
-from forest_addon.acoustics.extinction import cross_sections
-from forest_addon.base.rng import stream
-from forest_addon.sensing.reverb.directivity import OMNI, Directivity
-from forest_addon.sensing.reverb.forest.clutter import BARE, Clutter
-from forest_addon.sensing.reverb.forest.losses import Losses, TrunkStand
-from forest_addon.sensing.reverb.forest.surroundings import FoliageCanopy, clutter_around
-from forest_addon.sensing.reverb.forest.tail import tail_of
-from forest_addon.sensing.reverb.forest.transport import Density, Sent
-from forest_addon.sensing.reverb.metrics import octave, onset, reverberation_time, room_metrics
-from forest_addon.sensing.reverb.response import ImpulseResponse, impulse_response
-from forest_addon.sensing.reverb.sums.fast_scattering import Expansions
-from forest_addon.sensing.reverb.trunks.slices import Trunks
-from forest_addon.spec import Air, Reverb, SpecError
+from forest_addon.api import Air, ImpulseResponse, Reverb, SpecError
 from studies.validation.run import Comparison, Interval
+
+from ..inside import (
+    BARE,
+    DB_PER_NEPER,
+    OMNI,
+    Clutter,
+    Density,
+    Directivity,
+    Expansions,
+    FoliageCanopy,
+    Losses,
+    Sent,
+    Trunks,
+    TrunkStand,
+    absorption,
+    clutter_around,
+    cross_sections,
+    impulse_response,
+    octave,
+    onset,
+    reverberation_time,
+    room_metrics,
+    stream,
+    tail_of,
+)
 
 FRAME = 0.02  # s
 BEGIN = 0.03  # s after the onset, from where laws are fitted

@@ -16,18 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from forest_addon.acoustics.extinction import cross_sections
-from forest_addon.acoustics.multiple import scattered_fields
-from forest_addon.base.places import ASSETS
-from forest_addon.base.rng import stream
-from forest_addon.formats.atomic import replacing
-from forest_addon.sensing.reverb.forest.transport import Density, PhaseFunction, transported
-from forest_addon.sensing.reverb.metrics import octave, octave_bands, onset, room_metrics
-from forest_addon.sensing.reverb.response import impulse_response
-from forest_addon.sensing.reverb.sums.fast_scattering import Expansions
-from forest_addon.sensing.reverb.trunks.slices import Trunks
-from forest_addon.spec import Air, Reverb, SpecError
-from headless.report.pictures import FAINT, INK, LEAF_GREEN, RED, blank_figure, save_figure
+from forest_addon.api import Air, Reverb, SpecError
 from studies.validation.recordings import BANDS as RANGE_BANDS
 from studies.validation.recordings import (
     FRAME,
@@ -51,6 +40,30 @@ from studies.validation.recordings import (
     variants,
 )
 from studies.validation.run import Comparison, Interval, Picture
+
+from ..inside import (
+    ASSETS,
+    FAINT,
+    INK,
+    LEAF_GREEN,
+    RED,
+    Density,
+    Expansions,
+    PhaseFunction,
+    Trunks,
+    blank_figure,
+    cross_sections,
+    impulse_response,
+    octave,
+    octave_bands,
+    onset,
+    replacing,
+    room_metrics,
+    save_figure,
+    scattered_fields,
+    stream,
+    transported,
+)
 
 SPEED = 343.0
 BAND = 0.5  # width over the middle of the band of frequencies
