@@ -8,7 +8,6 @@ the cones of a skeleton.
 from __future__ import annotations
 
 import importlib
-import subprocess
 import sys
 import time
 from collections.abc import Callable
@@ -17,9 +16,9 @@ from typing import Any
 
 import numpy as np
 
-from studies.tables import table
+from studies.tables import fresh, table
 
-from ..inside import Say, environment_of_child
+from ..inside import Say
 
 Job = tuple[
     Callable[[], object], Callable[[object], str]
@@ -33,10 +32,7 @@ def say_cold(say: Say, section: str) -> None:
     )
     rows = []
     for name in JOBS[section]:
-        words = [sys.executable, "-m", __name__, section, name]
-        environment = environment_of_child(OMP_NUM_THREADS="1")
-        told = subprocess.run(words, capture_output=True, text=True, check=True, env=environment)
-        rows.append([name, *told.stdout.splitlines()[-1].split(";")])
+        rows.append([name, *fresh(__name__, section, name).split(";")])
     table(say, ["job", "imports, s", "first call, ms", "next, ms", "error"], rows)
 
 

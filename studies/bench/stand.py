@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import subprocess
 import sys
 import tempfile
 import time
@@ -15,7 +14,6 @@ import numpy as np
 
 from forest_addon.api import Forest, GrownForest
 from studies.bench.cold import say_cold
-from studies.tables import median_seconds, table
 
 from ..inside import (
     At,
@@ -26,7 +24,6 @@ from ..inside import (
     Say,
     Window,
     choose_radii,
-    environment_of_child,
     find_species,
     fit_mixture,
     greedy,
@@ -41,6 +38,7 @@ from ..inside import (
     stream,
     window_of,
 )
+from ..tables import fresh, median_seconds, table
 
 SIDE = 300.0
 CENTRES = np.array([[61.0, 91.0], [62.0, 141.0], [71.0, 221.0], [205.0, 103.0]])  # Wahed et al.'s
@@ -211,11 +209,7 @@ def say_scenes(say: Say) -> None:
     """Print CPU seconds, peak memory and errors by number of trees."""
     rows = []
     for instancing, count in FORESTS:
-        words = [sys.executable, "-m", __name__, instancing, str(count)]
-        ended = subprocess.run(
-            words, capture_output=True, text=True, check=True, env=environment_of_child()
-        )
-        told = json.loads(ended.stdout.strip().splitlines()[-1])
+        told = json.loads(fresh(__name__, instancing, str(count)))
         seconds = (f"{told[key]:.2f}" for key in ("grow", "build", "evaluate", "read", "strip"))
         files = (f"{told[key]:.2f}" for key in ("save", "open"))
         sizes = (f"{told['peak']:.2f}", f"{told['size']:.0f}")
