@@ -12,7 +12,6 @@ from studies.__main__ import main
 from studies.bench.lidar import first_hits
 from studies.papers import simlidar
 from studies.papers import simlidar as orchards
-from studies.papers import simlidar as simlidar_report
 from studies.papers.simlidar import Orchard, OrchardFinding, TreeFinding, read_rows
 
 SMALL = [
@@ -55,17 +54,6 @@ def test_the_scanner_sees_all_of_an_orchard_in_scans_of_601_beams():
     assert high <= track[-1] + tractor.step <= high + 0.01 + 1e-9
 
 
-def test_orchards_share_their_trees():
-    """One tree is the first of several, and a diameter changes nothing but the diameter."""
-    one, more = (orchards.plant(o, 0.4, seed=1) for o in SMALL[:2])
-    thick = orchards.plant(replace(SMALL[0], smallest=0.007), 0.4, seed=1)
-    first = one.variants[0, 0].skeleton
-    assert np.array_equal(first.end, more.variants[0, 0].skeleton.end)
-    assert np.array_equal(first.end, thick.variants[0, 0].skeleton.end)
-    assert thick.variants[0, 0].skeleton.radius == pytest.approx(first.radius * 7 / 6)
-    assert first.radius.min() == pytest.approx(0.003)  # half of d_m on the last internodes
-
-
 @pytest.mark.slow
 def test_the_command_prints_both_tables_and_goes_on_where_it_was(
     small, tmp_path, capsys, monkeypatch
@@ -104,13 +92,6 @@ def test_the_command_prints_both_tables_and_goes_on_where_it_was(
     assert [replace(r, **still) for r in again] == [replace(r, **still) for r in rows]
 
 
-def test_rows_of_table_3_stand_beside_s(small):
-    row = simlidar.observe(SMALL[0], 0.4, 1, 99, "auto")[0]
-    (cells,) = simlidar_report._table_3([replace(row, iterations=6)])
-    assert cells[:6] == ["6", "1", f"{row.branches:,}", "5,564", f"{row.beams:,}", "504,840"]
-    assert simlidar_report._table_3([row, replace(row, iterations=6, pruned=False)]) == []
-
-
 @pytest.mark.medium
 def test_ctrl_c_keeps_what_is_finished(small, tmp_path, monkeypatch, capsys):
     observe = simlidar.observe
@@ -125,15 +106,6 @@ def test_ctrl_c_keeps_what_is_finished(small, tmp_path, monkeypatch, capsys):
     assert "kept" in capsys.readouterr().err
     rows = read_rows(tmp_path / "orchards.csv", OrchardFinding)
     assert [row.orchard for row in rows] == SMALL[:1]
-
-
-@pytest.mark.slow
-def test_both_engines_give_the_same_indices(small):
-    ours, theirs = (
-        simlidar.observe(SMALL[0], 0.4, 1, 9, engine)[0] for engine in ("bvhtree", "auto")
-    )
-    assert ours.engine == "bvhtree"
-    assert ours.impacted_m2 == pytest.approx(theirs.impacted_m2, rel=1e-3)
 
 
 def test_a_file_of_another_kind_is_refused(small, tmp_path, capsys):
