@@ -148,8 +148,6 @@ INSIDE = {
     "roll_off": "forest_addon.sensing.reverb.band:roll_off",
     "Directivity": "forest_addon.sensing.reverb.directivity:Directivity",
     "OMNI": "forest_addon.sensing.reverb.directivity:OMNI",
-    "BARE": "forest_addon.sensing.reverb.forest.clutter:BARE",
-    "Clutter": "forest_addon.sensing.reverb.forest.clutter:Clutter",
     "Losses": "forest_addon.sensing.reverb.forest.losses:Losses",
     "TrunkStand": "forest_addon.sensing.reverb.forest.losses:TrunkStand",
     "FoliageCanopy": "forest_addon.sensing.reverb.forest.surroundings:FoliageCanopy",

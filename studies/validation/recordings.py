@@ -12,6 +12,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 from scipy import signal
@@ -22,10 +23,8 @@ from forest_addon.api import Air, ImpulseResponse, Reverb, SpecError
 from studies.validation.run import Comparison, Interval
 
 from ..inside import (
-    BARE,
     DB_PER_NEPER,
     OMNI,
-    Clutter,
     Density,
     Directivity,
     Expansions,
@@ -247,26 +246,8 @@ TERMS: dict[str, tuple[str, ...]] = {
 }
 
 
-@dataclass(frozen=True)
-class PlausibleStand:
-    """One draw; the names are those of ``RANGES``."""
-
-    density: float
-    radius: float
-    flow_resistivity: float
-    leaf_area_density: float
-    leaf_absorption: float
-    leaf_radius: float
-    branch_area_density: float
-    branch_radius: float
-    bark: float
-    turbulence: float
-    trunk_height: float
-    lean_deg: float
-    floor_leaf_area: float
-    height: float
-    number: int
-    clutter: Clutter = BARE
+class PlausibleStand(SimpleNamespace):
+    """One draw: a value for each name of ``RANGES``, and its ``number``."""
 
 
 @dataclass(frozen=True)
@@ -392,7 +373,7 @@ def expected_energy(
 ) -> ExpectedEnergy:
     """Of octaves (B,) for ``last`` seconds. sent : by frequency, energy that the source sends by ways."""
     reverb = settings(stand, path)
-    canopy = replace(FoliageCanopy(), top=stand.trunk_height, clutter=stand.clutter)
+    canopy = replace(FoliageCanopy(), top=stand.trunk_height)
     around = TrunkStand(
         stand.density,
         (stand.radius,),
@@ -431,7 +412,7 @@ def expected_energy(
 def losses_of(stand: PlausibleStand, path: SoundPath, bands: np.ndarray) -> dict[str, np.ndarray]:
     """{term: (B,) dB a metre}, taken for good or scattered away; bark of trunks as of trunks that are met."""
     reverb = settings(stand, path)
-    canopy = replace(FoliageCanopy(), top=stand.trunk_height, clutter=stand.clutter)
+    canopy = replace(FoliageCanopy(), top=stand.trunk_height)
     ends = np.array(reverb.source), np.array(reverb.receiver)
 
     def along(**changes: object) -> Losses:
