@@ -18,6 +18,7 @@ from typing import Any
 from forest_addon.api import SpecError
 from studies.bench.run import ON_REQUEST, SECTIONS
 from studies.bench.run import run as run_bench
+from studies.inside import Keeper, keeping
 
 DATA = "FOREST_MEASURED"  # the environment's name for the folder of measurements
 
@@ -30,7 +31,9 @@ def main(words: Sequence[str] | None = None) -> int:
     try:
         if getattr(chosen, "seed", 0) < 0:
             raise SpecError("--seed", f"{chosen.seed} is out of range; use at least 0")
-        chosen.run(chosen)
+        keeper = Keeper(getattr(chosen, "out", None), "studies", force=chosen.force)
+        with keeping(keeper):
+            chosen.run(chosen)
     except ModuleNotFoundError as problem:
         if (problem.name or "").split(".")[0] in ("forest_addon", "studies"):
             raise
@@ -238,6 +241,9 @@ COMMANDS: dict[str, tuple[Callable[[argparse.Namespace], None], str, str, dict[s
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="python -m studies", description="Studies of the product."
+    )
+    parser.add_argument(
+        "--force", action="store_true", help="replace files that Forest Sensing did not write"
     )
     commands = parser.add_subparsers(required=True, metavar="STUDY")
     for name, (run, words, description, options) in COMMANDS.items():

@@ -9,6 +9,8 @@ from importlib import import_module
 from typing import Any
 
 INSIDE = {
+    "Keeper": "forest_addon.formats.ownership:Keeper",
+    "keeping": "forest_addon.formats.ownership:keeping",
     "DB_PER_NEPER": "forest_addon.acoustics.air:DB_PER_NEPER",
     "absorption": "forest_addon.acoustics.air:absorption",
     "transfer": "forest_addon.acoustics.cylinder:transfer",
