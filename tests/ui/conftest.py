@@ -7,7 +7,7 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from forest_addon import ui
-from forest_addon.drawing import strips
+from forest_addon.drawing import strips as plots
 
 
 @pytest.fixture(scope="session")
@@ -47,7 +47,7 @@ def small(props, sensor, monkeypatch):
     monkeypatch.setattr(
         plots, "WIDE", 220
     )  # each result is drawn, which takes longer than most sensors
-    monkeypatch.setattr(strips, "HIGH", 60)
+    monkeypatch.setattr(plots, "HIGH", 60)
     props.seed = 3
     props.forest.size = (6, 6)
     props.forest.margin = 2

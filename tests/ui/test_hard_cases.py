@@ -21,12 +21,11 @@ from ui import test_panels
 
 from forest_addon import spec, ui
 from forest_addon.blender.jobs import Job
-from forest_addon.blender.library import pictures
 from forest_addon.blender.read.depsgraph import TREE_KEY
 from forest_addon.blender.scene import assets, layout
 from forest_addon.blender.scene.layout import CLOUD_KEY
 from forest_addon.blender.sensors import objects as sensors
-from forest_addon.drawing import strips
+from forest_addon.drawing import strips as plots
 from forest_addon.ui.forest import build
 from forest_addon.ui.settings import exchange
 from forest_addon.ui.shell import running
@@ -135,8 +134,8 @@ def home(registered, tmp_path_factory):
 
 def small_pictures(patch):
     """Have results and trees drawn with few pixels: nobody looks at them here, and files open sooner."""
-    patch.setattr(strips, "WIDE", 64)
-    patch.setattr(strips, "HIGH", 32)
+    patch.setattr(plots, "WIDE", 64)
+    patch.setattr(plots, "HIGH", 32)
     patch.setattr(assets, "DOTS", 500)
     patch.setattr(pictures, "SIDE", 1)
 

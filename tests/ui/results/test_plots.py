@@ -8,7 +8,7 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from forest_addon import spec
-from forest_addon.drawing import strips
+from forest_addon.drawing import strips as plots
 from forest_addon.results.scanner import cloud_plot
 from forest_addon.sensing.lidar import panorama
 from forest_addon.sensing.lidar.scanner import pattern_of
@@ -39,13 +39,13 @@ def brightest(strip, across):
 def test_a_tone_is_drawn_at_its_time_and_frequency(frequency, start, end):
     samples = tone(frequency, start, end)
     samples[-1] = 1e-3  # heard, so that the picture goes to the end
-    plot = strips.sound_plot(samples, RATE)
+    plot = plots.sound_plot(samples, RATE)
     spectrogram, level = plot.strips
     milliseconds, kilohertz = brightest(spectrogram, plot.across)
     assert milliseconds == pytest.approx(500 * (start + end), abs=1.5)
     assert kilohertz == pytest.approx(frequency / 1e3, abs=1.0)
-    drawn = np.flatnonzero((level.pixels == strips.INK).all(axis=2).sum(axis=0) > strips.HIGH / 2)
-    edges = plot.across.high * np.array([drawn[0], drawn[-1] + 1]) / strips.WIDE
+    drawn = np.flatnonzero((level.pixels == plots.INK).all(axis=2).sum(axis=0) > plots.HIGH / 2)
+    edges = plot.across.high * np.array([drawn[0], drawn[-1] + 1]) / plots.WIDE
     assert edges == pytest.approx([1e3 * start, 1e3 * end], abs=0.3)
 
 
@@ -53,12 +53,12 @@ def test_the_decay_curve_of_an_exponential_is_a_straight_line():
     """60 dB in 50 ms of a signal of 100 ms: of its energy, all but 1e-12 is before the end."""
     time = np.arange(int(0.1 * RATE)) / RATE
     samples = np.random.default_rng(1).normal(size=len(time)) * 10 ** (-3 * time / 0.05)
-    plot = strips.sound_plot(samples, RATE, decay=True)
-    curve = (plot.strips[1].pixels == strips.CURVE).all(axis=2)
+    plot = plots.sound_plot(samples, RATE, decay=True)
+    curve = (plot.strips[1].pixels == plots.CURVE).all(axis=2)
     columns = np.flatnonzero(curve.any(axis=0))
     height = np.array([np.flatnonzero(curve[:, column]).mean() for column in columns])
-    level = -strips.DEPTH_DB * (1 - height / (strips.HIGH - 1))
-    milliseconds = plot.across.high * columns / strips.WIDE
+    level = -plots.DEPTH_DB * (1 - height / (plots.HIGH - 1))
+    milliseconds = plot.across.high * columns / plots.WIDE
     straight = milliseconds < 50
     slope = np.polyfit(milliseconds[straight], level[straight], 1)[0]
     assert slope == pytest.approx(-60 / 50, rel=0.03)
@@ -66,7 +66,7 @@ def test_the_decay_curve_of_an_exponential_is_a_straight_line():
 
 @pytest.mark.medium
 def test_silence_is_a_picture_too():
-    plot = strips.sound_plot(np.zeros(1000), RATE, decay=True)
+    plot = plots.sound_plot(np.zeros(1000), RATE, decay=True)
     assert np.isfinite(plot.strips[0].pixels).all()
     assert np.isfinite(images.show("silence", plot).pixels[:]).all()
 
@@ -93,7 +93,7 @@ def test_a_panorama_has_each_return_where_its_beam_looked():
     azimuth, elevation = brightest(strip, plot.across)
     assert azimuth == pytest.approx(45, abs=0.6)
     assert elevation == pytest.approx(5, abs=0.6)
-    sky = strip.pixels[strips.HIGH, 10]
+    sky = strip.pixels[plots.HIGH, 10]
     assert (strip.pixels[0, 0] > sky).all()  # the corners hold the other two returns
     assert (strip.pixels[-1, -1] > sky).all()
 
@@ -138,12 +138,12 @@ def test_no_points_no_picture():
     ],
 )
 def test_ticks_are_round_and_few(low, high, most, expected):
-    found = images.ticks(strips.Axis(low, high, ""), most)
+    found = images.ticks(plots.Axis(low, high, ""), most)
     assert found == pytest.approx(expected)
 
 
 def test_axes_are_written_and_the_strips_are_as_drawn():
-    plot = strips.sound_plot(tone(20e3, 0.0, 0.1), RATE)
+    plot = plots.sound_plot(tone(20e3, 0.0, 0.1), RATE)
     image = images.show("with axes", plot)
     wide, high = image.size
     pixels = np.empty(wide * high * 4, dtype=np.float32)
@@ -162,7 +162,7 @@ def test_axes_are_written_and_the_strips_are_as_drawn():
 
 @pytest.mark.medium
 def test_a_picture_of_another_size_is_drawn_into_the_first():
-    first = images.show("again", strips.sound_plot(tone(20e3, 0.0, 0.1), RATE))
+    first = images.show("again", plots.sound_plot(tone(20e3, 0.0, 0.1), RATE))
     flat = cloud_plot(spec.Airborne(), Points(position=np.eye(3)))
     before = len(bpy.data.images)
     again = images.show("again", flat)
