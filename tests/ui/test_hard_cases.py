@@ -21,6 +21,7 @@ from ui import test_panels
 
 from forest_addon import spec, ui
 from forest_addon.blender.jobs import Job
+from forest_addon.blender.library import pictures
 from forest_addon.blender.read.depsgraph import TREE_KEY
 from forest_addon.blender.scene import assets, layout
 from forest_addon.blender.scene.layout import CLOUD_KEY
