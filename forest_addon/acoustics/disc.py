@@ -5,7 +5,7 @@ in; the far-field scattering amplitude f comes out, as L = k|f| or as the comple
 far field the echo's pressure is p = p₀·f·exp(-ikr)/r (e^{+iωt}), p₀ the incident pressure at the disc.
 
 ``exact``   the sound-hard disc (``disc_exact``). Straight back it comes from a table (``disc_table``),
-            within 2e-6 of its value at normal incidence up to ka = 120; until 128 the table passes over
+            within 1e-5 of its value at normal incidence up to ka = 120; until 128 the table passes over
             to the disc's rims as edges of hard half planes (Keller; Ufimtsev), whose sum is
             k·f = i·(ka)²/2·2J₁(x)/x - ka/2·J₀(x), x = 2ka·sinβ. That is within 1e-3 of normal incidence;
             relative to itself (rms) 10 to 20 % off the normal, 24 % up to 69°, 40 % up to 80° and of no

@@ -1,4 +1,4 @@
-"""The exact disc's backscatter, tabulated: k·f of ``disc_exact`` by quintic splines in ka and incidence.
+"""The exact disc's backscatter, tabulated: k·f of ``disc_exact`` by cubic splines in ka and incidence.
 
 ``hard_disc.npz`` holds, for each tabulated ka, the cosine series of k·f over the incidence;
 ``packaging/make_disc_table.py`` makes it. Unfolded at first use, it becomes a grid that is even in
@@ -26,14 +26,13 @@ from .kept_tables import kept_table
 FILE = Path(__file__).with_name("hard_disc.npz")
 LAST = 128.0  # ka
 HANDOVER = 120.0  # ka from where the table passes over to the formula for large discs
-ERROR = 2e-6
+ERROR = 1e-5
 
-SERIES, ROUNDED = 3e-8, 1.2e-6  # of ``level``, where the file's series are cut; of k·f
+SERIES, ROUNDED = 3e-8, 4e-7  # of ``level``, where the file's series are cut; of k·f
 MISSED, RIPPLE = 1.5, 0.1
 
 DISCS_AT_ONCE, FEW_SIZES = 2048, 6
 
-TAPS = 6  # of the splines
 MARGIN = 10  # points beyond the domain: what a spline does at its end has decayed by a factor of 4 a point
 KA_STEP, KA_SHIFT = 0.008, 1.0
 ANGLE_STEP, ANGLE_SHIFT = 0.00175, 0.03
@@ -70,9 +69,9 @@ def tabulated(ka: np.ndarray, angle: np.ndarray) -> np.ndarray:
     corner = row * width + column
     flat = splines.ravel()
     total = np.zeros(corner.shape, dtype=np.complex64)
-    for i in range(TAPS):
+    for i in range(4):
         line = weight_along[0] * flat.take(corner + i * width)
-        for j in range(1, TAPS):
+        for j in range(1, 4):
             line += weight_along[j] * flat.take(corner + (i * width + j))
         line *= weight_across[i]
         total += line
@@ -89,15 +88,15 @@ def _along_lines(
     discs have in common, then over the sizes."""
     found = np.empty(row.shape, dtype=np.complex64)
     weights = np.stack(along, axis=1)
-    read = column[:, None] + np.arange(TAPS, dtype=np.int32)
-    ends = np.arange(0, TAPS * DISCS_AT_ONCE + 1, TAPS, dtype=np.int32)
+    four = column[:, None] + np.arange(4, dtype=np.int32)
+    ends = np.arange(0, 4 * DISCS_AT_ONCE + 1, 4, dtype=np.int32)
     for begin in range(0, len(column), DISCS_AT_ONCE):
         some = slice(begin, begin + DISCS_AT_ONCE)
         place = row[:, some]
         first = int(place.min())
-        lines = np.ascontiguousarray(_by_incidence()[:, first : int(place.max()) + TAPS])
+        lines = np.ascontiguousarray(_by_incidence()[:, first : int(place.max()) + 4])
         count, width = place.shape[1], lines.shape[1]
-        entries = weights[some].ravel(), read[some].ravel(), ends[: count + 1]
+        entries = weights[some].ravel(), four[some].ravel(), ends[: count + 1]
         picked = sparse.csr_matrix(entries, shape=(count, len(lines)))
         flat = (picked @ lines.view(np.float32)).view(np.complex64).ravel()
         place = place + (width * np.arange(count, dtype=np.int32) - first)
@@ -115,7 +114,7 @@ def _along_lines(
 def tabulated_bound(lowest: np.ndarray, highest: np.ndarray, angle: np.ndarray) -> np.ndarray:
     """No |k·f|/ka of ``tabulated`` from ``lowest`` to ``highest`` (ka) is larger; (M,) each.
 
-    A spline nowhere exceeds the largest of the six by six coefficients that it is made of there.
+    A spline nowhere exceeds the largest of the four by four coefficients that it is made of there.
     """
     maxima = _maxima()
     first, last = _cell_of_ka(lowest)[0], _cell_of_ka(highest)[0]
@@ -131,7 +130,7 @@ def tabulated_bound(lowest: np.ndarray, highest: np.ndarray, angle: np.ndarray) 
 def table_error(ka: np.ndarray, angle: np.ndarray) -> np.ndarray:
     """|k·f|/ka by which ``tabulated`` may be off at sizes up to ``ka``, ``LAST`` at most; (M,).
 
-    A spline misses e^{iφ} by φ⁶/30240, φ the phase over a step; what it misses it of is what
+    A spline of step h misses e^{iφ} by φ⁴/384, φ the phase over a step; what it misses it of is what
     physical optics and the edge say on the whole. Beside it stands single precision.
     """
     size = np.clip(ka, 1e-9, LAST)
@@ -141,14 +140,14 @@ def table_error(ka: np.ndarray, angle: np.ndarray) -> np.ndarray:
     across = 2.0 * size * sine
     rim = np.maximum(across, 1.0) ** -0.5
     envelope = size * (0.5 * size * cosine * np.minimum(1.0, 2.0 * rim**3) + rim)
-    missed = (over_angle**6 + over_size**6) / 30240.0
+    missed = (over_angle**4 + over_size**4) / 384.0
     error: np.ndarray = (envelope * (MISSED * missed + ROUNDED) + SERIES * level(size)) / size
     return error
 
 
 @lru_cache(maxsize=1)
 def _splines() -> np.ndarray:
-    """(U, V) complex64, coefficients of cardinal quintic splines over both axes."""
+    """(U, V) complex64, coefficients of cardinal cubic splines over both axes."""
     return kept_table("disc-splines", _version(), _make_splines)
 
 
@@ -181,7 +180,7 @@ def _make_splines() -> np.ndarray:
     angle = v * v - ANGLE_SHIFT
     values = padded @ np.cos(2.0 * np.arange(terms.max())[:, None] * angle)
     for axis in (0, 1):
-        values = spline_filter1d(values, TAPS - 1, axis, output=np.complex128)
+        values = spline_filter1d(values, 3, axis, output=np.complex128)
     coefficients: np.ndarray = values.astype(np.complex64)
     return coefficients
 
@@ -195,10 +194,10 @@ def _maxima() -> np.ndarray:
 
 def _make_maxima() -> np.ndarray:
     size = np.abs(_splines())
-    for axis in (0, 1):  # those that matter in each cell
-        size = np.lib.stride_tricks.sliding_window_view(size, TAPS, axis).max(axis=-1)
+    for axis in (0, 1):  # the four that matter in each cell
+        size = np.lib.stride_tricks.sliding_window_view(size, 4, axis).max(axis=-1)
     size = np.maximum.reduceat(size, np.arange(0, size.shape[1], 2), axis=1)
-    upper = np.maximum(tabulated_ka()[3:-2], 0.0)  # end of a cell; level/ka rises with ka
+    upper = np.maximum(tabulated_ka()[2:-1], 0.0)  # end of a cell; level/ka rises with ka
     rise = upper**2 / np.sqrt(4.0 + upper**2)
     runs = [(size * rise[:, None] * (1.0 + 1e-6)).astype(np.float32)]  # 1e-6: rounding
     while 2 ** len(runs) <= len(size):
@@ -209,7 +208,7 @@ def _make_maxima() -> np.ndarray:
 
 
 def _cell_of_ka(ka: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """First of the splines that matter, and the position 0 … 1 between the middle ones."""
+    """First of the four splines that matter, and the position 0 … 1 between the middle ones."""
     return _split((np.sqrt(np.minimum(ka, LAST) + KA_SHIFT) - math.sqrt(KA_SHIFT)) / KA_STEP)
 
 
@@ -219,19 +218,11 @@ def _cell_of_angle(angle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def _split(place: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     whole = np.fmax(place, 0.0).astype(np.int32)  # what is not finite stays so in the fraction
-    return whole + np.int32(MARGIN - 2), (place - whole).astype(np.float32)
+    return whole + np.int32(MARGIN - 1), (place - whole).astype(np.float32)
 
 
 def spline_weights(t: np.ndarray) -> tuple[np.ndarray, ...]:
-    """The six cardinal quintic splines at the position t, 0 … 1."""
+    """The four cardinal cubic splines at the position t, 0 … 1."""
     s = 1.0 - t
-    found = []
-    for x in (s, t):
-        y = x * x
-        outer = y * y * x / 120.0
-        z = 1.0 - x
-        inner = (1.0 + x * (5.0 + x * (10.0 + x * (10.0 + x * (5.0 - 5.0 * x))))) / 120.0
-        q = z * z
-        middle = (66.0 - q * (60.0 - q * (30.0 - 10.0 * z))) / 120.0
-        found.append((outer, inner, middle))
-    return *found[0], *reversed(found[1])
+    middle = (2.0 / 3.0 - t * t * (1.0 - 0.5 * t), 2.0 / 3.0 - s * s * (1.0 - 0.5 * s))
+    return s * s * s / 6.0, *middle, t * t * t / 6.0

@@ -48,18 +48,17 @@ class DelayGrid:
 
     def add(self, turns: np.ndarray, weight: np.ndarray, several: np.ndarray | None = None) -> None:
         """Add weights (M, R) complex at delays ``turns`` (M,), 1 the period of the bins; several : (M, N)
-        real, of each in the sums. What is added at once is added in the weights' own precision."""
+        real, of each in the sums."""
         width = self._kernel.width
         place = (turns - np.floor(turns)) * self._size  # 0 … size, both included
-        values = np.ascontiguousarray(weight, dtype=np.result_type(weight, np.complex64))
-        values = values.view(values.real.dtype)
-        first, taps = self._kernel.spread(place, values.dtype.type)
+        values = np.ascontiguousarray(weight, dtype=np.complex128).view(np.float64)
+        first, taps = self._kernel.spread(place, np.float64)
         first += np.where(first < 0, np.int32(self._size), np.int32(0))
         columns = first[:, None] + np.arange(width, dtype=np.int32)
         rows = np.arange(0, taps.size + 1, width, dtype=np.int32)
         shape = (len(turns), self._grid.shape[1])
         for number, grid in enumerate(self._grid):
-            mine = taps if several is None else taps * several[:, number].astype(taps.dtype)
+            mine = taps if several is None else taps * several[:, number]
             deposit = sparse.csr_matrix((mine.T.ravel(), columns.ravel(), rows), shape=shape)
             grid += deposit.T @ values
 

@@ -100,7 +100,8 @@ def sum_delayed(
     ``reach`` and ``loudness`` bear on the time; the error is measured. The carrier is exact to 2π·2⁻⁵³ times
     the number of its periods.
     """
-    task = _Task(amplitude, np.asarray(delay, np.float64), weights, start, spacing, count, ends)
+    delay = np.asarray(delay, np.float64)
+    task = _Task(amplitude, delay, weights, start, spacing, count, tolerance, ends)
     if tolerance < 2.0 * ALIASING[-1] or len(delay) * count <= FEW:
         task.direct(np.arange(len(delay)))
         return task.result(0.0, 0.0, 0.0)
@@ -129,7 +130,7 @@ def nodes_needed(
 
     Arguments as of ``sum_delayed``.
     """
-    task = _Task(amplitude, np.zeros(len(reach)), None, start, spacing, count)
+    task = _Task(amplitude, np.zeros(len(reach)), None, start, spacing, count, tolerance)
     return _planned(task, reach, loudness, SAFE * tolerance).nodes
 
 
@@ -235,9 +236,10 @@ class _Task:
         start: float,
         spacing: float,
         count: int,
+        tolerance: float,
         ends: tuple[float, float] | None = None,
     ) -> None:
-        self._amplitude, self.delay = amplitude, delay
+        self._amplitude, self.delay, self._tolerance = amplitude, delay, tolerance
         self._one = weights is None
         self._weights = np.ones((len(delay), 1)) if weights is None else weights
         self._start, self._spacing, self.count = start, spacing, count
@@ -245,7 +247,8 @@ class _Task:
         last = start + (count - 1) * spacing
         self._ends = (start, last) if ends is None else (min(ends[0], start), max(ends[1], last))
         self._spectrum = np.zeros((self._weights.shape[1], count), dtype=np.complex128)
-        self._size = self._squares = self._interpolated = self._rounded = 0.0
+        self._size = self._squares = self._interpolated = 0.0
+        self._single = False
         self._nodes: dict[int, int] = {}
 
     @property
@@ -284,11 +287,11 @@ class _Task:
 
     def _measure(self, values: np.ndarray) -> float:
         """Add the sizes of amplitudes (R, m); returns their sum."""
-        largest = (values.real**2 + values.imag**2).max(axis=0)
-        size = float(np.sqrt(largest).sum(dtype=np.float64))
-        self._rounded = SINGLE if values.dtype == np.complex64 else 0.0
+        largest = np.abs(values).max(axis=0).astype(np.float64)
+        size = float(largest.sum())
+        self._single |= values.dtype == np.complex64
         self._size += size
-        self._squares += float(largest.sum(dtype=np.float64))
+        self._squares += float(largest @ largest)
         return size
 
     def _blocks(self, nodes: int) -> list[slice]:
@@ -302,8 +305,7 @@ class _Task:
     def _deposit(self, grid: DelayGrid, rows: np.ndarray, values: np.ndarray, block: slice) -> None:
         """Lay amplitudes (R, m) times their weights down at their delays."""
         delay = self.delay[rows]
-        single = values.dtype == np.complex64  # such amplitudes have no more digits
-        turn = phasors(self._middle * delay).astype(np.complex64 if single else np.complex128)
+        turn = phasors(self._middle * delay)
         several = None if self._one else self._weights[rows, block]
         grid.add(delay * self._spacing, (values * turn).T, several)
 
@@ -348,7 +350,8 @@ class _Task:
         together = min(loud * random / self._size, 1.0)
         kernel *= min(self._interpolated / self._size, 1.0)
         kernel *= together * (TYPICAL + (1.0 - TYPICAL) * together)
-        rounding += self._rounded * together
+        if self._single and self._tolerance > 0:
+            rounding += SINGLE * together
         told = min(error, loud * scattered) + kernel + rounding
         return DelayedSum(spectrum, self._size, told, self._nodes)
 

@@ -19,9 +19,8 @@ import numpy as np
 
 from ...sensing.kinds import KINDS
 from ...spec import Sensor, SpecError
-from ..read.single import shortest
-from ..scene.layout import ROOT_KEY, SENSORS, find_part, part, root
-from ..scene.ours import is_local
+from ..read.inputs import shortest
+from ..scene.layout import ROOT_KEY, SENSORS, find_part, is_local, part, root
 
 KIND_KEY = "forest_sensor_kind"  # custom property of a sensor's object: its kind
 RECEIVER_KEY = "forest_receiver"  # custom property of a reverb's source: its receiver
@@ -95,9 +94,10 @@ def _speaker(name: str) -> bpy.types.Object:
     if bpy.context.mode != "OBJECT":
         return bpy.data.objects.new(name, bpy.data.speakers.new(name))
     objects = bpy.context.view_layer.objects
-    chosen = objects.active
-    thing = add_speaker(name, (0.0, 0.0, 0.0))
-    thing.select_set(False)
+    chosen, selected = objects.active, list(objects.selected)
+    thing = add_speaker(name, (0.0, 0.0, 0.0))  # which selects it alone
+    for one in objects:
+        one.select_set(one in selected)
     objects.active = chosen
     for home in list(thing.users_collection):
         home.objects.unlink(thing)

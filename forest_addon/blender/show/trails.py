@@ -12,9 +12,9 @@ from typing import Any
 import bpy
 import numpy as np
 
-from ...growth.mesh.tubes import tube
-from ..scene.ours import own
-from ..scene.standings import IGNORED_KEY
+from ...growth.mesh.meshing import tube
+from ..scene.instances import IGNORED_KEY
+from ..scene.layout import own
 
 NEAR, FAR = 0.5, 6.0  # metres: reddest, bluest
 THICK = 0.03  # metres, a trail's radius

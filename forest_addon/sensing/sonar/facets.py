@@ -21,7 +21,7 @@ import numpy as np
 
 from ...base.rows import RowTable
 from ...base.trimesh import TriMesh, is_wood
-from ...growth.recognise.pieces import part
+from ...growth.own_tree.pieces import part
 from .scatterers import CLEAR, FACET, Scatterers, Sight, Views, Whole, cluster
 
 FLAT = 1e-5  # sine of the angle between facets that are in one plane

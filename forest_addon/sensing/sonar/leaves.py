@@ -99,7 +99,7 @@ class ShiftedDisc(RowTable, Whole):
     def amplitude(self, wavenumber: np.ndarray) -> np.ndarray:
         k = np.asarray(wavenumber)[:, None]
         size = k * self.radius
-        amplitude = backscatter_amplitude(size, self.incidence, "exact")
+        amplitude = backscatter_amplitude(size, self.incidence, "exact").astype(np.complex64)
         size *= LATER / (2.0 * np.pi)
         size -= np.rint(size)  # in single precision, as the table is
         turn = (2.0 * np.pi * size).astype(np.float32)

@@ -19,7 +19,7 @@ from forest_addon.spec import Normal, SpecError, Species
 from forest_addon.stand.competition import ALONE
 
 from ...progress import hushed
-from ...report.drawing import can_draw, without
+from ...report import can_draw, without
 
 SHOTS = (("european-beech", "fork"), ("scots-pine", "bark"), ("norway-maple", "twig"))
 CLOSE = 0.0006  # metres of tolerance
@@ -58,7 +58,7 @@ def show_species(
     if not can_draw():
         asked = "--sheet" if sheet else "--pictures"
         raise SpecError(asked, without("cannot be drawn here"))
-    from ...report.sheet import draw_pictures, draw_sheet
+    from ...report.trees import draw_pictures, draw_sheet
 
     if sheet:
         draw_sheet(grown, sheet, pixels)
@@ -83,8 +83,8 @@ def show_closeups(
     ------
     SpecError : a species is not known, or has nothing of the kind.
     """
-    from forest_addon.blender.library.closeup import SHOTS as KINDS
-    from forest_addon.blender.library.closeup import render_closeup
+    from forest_addon.blender.library.pictures import SHOTS as KINDS
+    from forest_addon.blender.library.pictures import render_closeup
 
     asked = [(name, kind) for name in names for kind in KINDS] or list(SHOTS)
     folder.mkdir(parents=True, exist_ok=True)
