@@ -18,8 +18,8 @@ from scipy import fft
 from scipy.spatial.transform import Rotation
 
 from ..base.rng import stream
+from ..sensing.lidar.pattern import Sweep
 from ..sensing.lidar.scan import Scan
-from ..sensing.lidar.scanner import Sweep
 from ..sensing.rays.moving import TimedCaster
 from ..sensing.sonar.ping import Echo, ping
 from ..sensing.sonar.poses import SonarPose as Place

@@ -17,7 +17,7 @@ import numpy as np
 from ..spec import Choice
 
 if TYPE_CHECKING:
-    from .far_leaves import RangeShift
+    from .detail import RangeShift
 
 TOGETHER = 50  # coarse leaves that must sound as one
 LOUDNESS = 0.05  # the energy that coarse leaves may send back more or less, as a share
@@ -132,7 +132,7 @@ class BeamLook(SensorLook):
         return self.widths(distance)
 
     def off_by(self, trees: Leafy, far: np.ndarray, shift: RangeShift) -> Choice:
-        """Return how far first ranges move; see ``far_leaves``."""
+        """Return how far first ranges move; see ``detail.range_shift``."""
         why = (
             f"in nine of ten of {self.name}'s rays that meet one of {far.sum():,} trees with a quarter of "
             f"their leaves, the median beside it; of the rays through their crowns {shift.passing:.1%} pass "

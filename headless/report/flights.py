@@ -11,7 +11,7 @@ from matplotlib import rc_context
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
-from forest_addon.flight.statistics import interval
+from forest_addon.flight.flying import interval
 from forest_addon.flight.top_view import TopView
 
 from .pictures import FAINT, INK, LEAF_GREEN, RED, STYLE, save_figure

@@ -13,9 +13,8 @@ from matplotlib.patches import Patch
 
 from forest_addon.base.trimesh import DEAD, GROUND, LEAF, OTHER, WOOD
 from forest_addon.formats.atomic import replacing
-from forest_addon.sensing.lidar.cloud import Cloud
-from forest_addon.sensing.lidar.panorama import range_image
-from forest_addon.sensing.lidar.returns import ESCAPED
+from forest_addon.sensing.lidar.cloud import ESCAPED, Cloud
+from forest_addon.sensing.lidar.glance import range_image
 from forest_addon.sensing.lidar.tractor import TractorScan
 from forest_addon.sensing.reverb import metrics
 from forest_addon.sensing.reverb.response import ImpulseResponse

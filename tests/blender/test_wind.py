@@ -7,7 +7,7 @@ bpy = pytest.importorskip("bpy")
 
 from forest_addon import api as forest
 from forest_addon.base.trimesh import WOOD, TriMesh
-from forest_addon.blender.rays import embree_library
+from forest_addon.blender.rays import embree as embree_library
 from forest_addon.blender.rays.embree_motion import EmbreePieces
 from forest_addon.stand.wind.sway import sway_of
 

@@ -20,8 +20,7 @@ from ...sensing.rays.pieces import MakeEngine
 from ...sensing.rays.search import Search
 from ...spec import Rays
 from .bvh import BvhCaster
-from .embree import EmbreeCaster
-from .embree_library import EmbreeError
+from .embree import EmbreeCaster, EmbreeError
 from .embree_motion import EmbreePieces
 from .embree_parts import embree_parts
 

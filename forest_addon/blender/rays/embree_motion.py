@@ -13,11 +13,8 @@ from ...sensing.rays.boxes import clip
 from ...sensing.rays.caster import Hits
 from ...sensing.rays.geometry import SceneGeometry
 from ...sensing.rays.pieces import boxes_of, placed, swept
-from ...sensing.rays.refine import RefinedSurfaces, whole_triangles
-from ...sensing.rays.search import in_tasks, search_on
-from . import embree_library as embree
-from .embree import EmbreeBuild
-from .embree_packets import INSTANCE, OF_ARRAY, RayPackets, lanes_for
+from ...sensing.rays.search import RefinedSurfaces, in_tasks, search_on, whole_triangles
+from .embree import HIT_INSTANCE, HIT_OF_ARRAY, EmbreeBuild, RayPackets, has_arrays, lanes_for, load
 
 SLACK = 1e-6  # of the scene's size, by which rays go on
 
@@ -31,11 +28,11 @@ class EmbreePieces:
     """
 
     def __init__(self, meshes: tuple[TriMesh, ...], threads: int = 1) -> None:
-        self.library = embree.load()
+        self.library = load()
         self.threads = threads
         self.device = self.library.rtcNewDevice(f"threads={threads}".encode())
         self.build = EmbreeBuild(self.library, self.device)
-        self.arrays = embree.has_arrays(self.library, self.device)
+        self.arrays = has_arrays(self.library, self.device)
         every = np.arange(len(meshes))  # a place each, which is never asked for
         stands = np.broadcast_to(np.eye(3, 4), (len(meshes), 3, 4))
         scene = SceneGeometry(meshes, stands, every, ("",) * len(meshes), every, every)
@@ -135,7 +132,7 @@ class _EmbreeWindow:
         packets = RayPackets(len(rays), lanes_for(moved, direction))
         packets.fill(moved, direction, reach, knot / (len(self._places) - 1))
         packets.trace(self._pieces.library, self._top)
-        row = OF_ARRAY if self._pieces.arrays else INSTANCE
+        row = HIT_OF_ARRAY if self._pieces.arrays else HIT_INSTANCE
         piece, primitive, met = packets.read(len(rays), row)
         if not len(met):
             return found

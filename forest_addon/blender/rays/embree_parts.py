@@ -20,10 +20,8 @@ from ...sensing.rays.boxes import clip
 from ...sensing.rays.caster import Hits
 from ...sensing.rays.geometry import SceneGeometry
 from ...sensing.rays.paths import PathTable, RigidPath, SceneMotion
-from ...sensing.rays.refine import RefinedSurfaces, whole_triangles
-from ...sensing.rays.search import in_tasks, search_on
-from .embree import EmbreeBuild, EmbreeCaster
-from .embree_packets import RayPackets, lanes_for
+from ...sensing.rays.search import RefinedSurfaces, in_tasks, search_on, whole_triangles
+from .embree import EmbreeBuild, EmbreeCaster, RayPackets, lanes_for
 
 LONGEST = 128  # samples of a window; Embree takes one step more
 ROUND = 16  # a window's samples are a multiple of this, so that wide steps fit

@@ -17,11 +17,11 @@ from ...sensing.audit import Audit
 from ...sensing.kind import Observation
 from ...sensing.kinds import choose, kind_of
 from ...sensing.rays.caster import RayCaster
+from ...sensing.rays.geometry import rounding_warning
 from ...sensing.rays.inside import tree_around
 from ...sensing.rays.moving import MovingCaster, TimedCaster
 from ...sensing.rays.paths import SceneMotion
 from ...sensing.rays.pieces import Swaying, SwayingScene, cut
-from ...sensing.rays.precision import rounding_warning
 from ...sensing.rays.swaying import SwayingCaster
 from ...sensing.rays.tracks import BENT
 from ...sensing.reverb.sums.fast_scattering import Expansions

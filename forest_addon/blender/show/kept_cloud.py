@@ -14,8 +14,7 @@ import bpy
 import numpy as np
 
 from ...base.labels import Labels
-from ...sensing.lidar.cloud import Cloud
-from ...sensing.lidar.returns import Returns
+from ...sensing.lidar.cloud import Cloud, Returns
 from .cloud import fill
 
 SCAN_KEY = "forest_scan"  # of a mesh: pulses, engine, offset, names of labels, as JSON

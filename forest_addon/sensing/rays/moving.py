@@ -14,11 +14,10 @@ import numpy as np
 
 from ...base.trimesh import LEAF
 from .caster import Hits, RayCaster, hit_normals, unit_columns
-from .exact import ExactCaster, meet
+from .exact import ExactCaster, Referee, meet
 from .geometry import SceneGeometry, invert_transforms
 from .parts import MotionEngine, PartByPart, chosen
 from .paths import SceneMotion, ShapePath, corners_at_rest
-from .referee import Referee
 
 
 class TimedCaster(ABC):

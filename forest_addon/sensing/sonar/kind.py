@@ -14,10 +14,18 @@ from ...base.rng import stream
 from ...base.words import keep
 from ...spec import AUTO, Choice, Sonar
 from ..audit import Audit
-from ..cost import Cost, cost_of_work
-from ..emptiness import why_nothing
-from ..kind import ECHO, Observation, Seen, SensorKind
-from ..lines import AROUND, chain, rays_to
+from ..kind import (
+    AROUND,
+    ECHO,
+    Cost,
+    Observation,
+    Seen,
+    SensorKind,
+    chain,
+    cost_of_work,
+    rays_to,
+    why_nothing,
+)
 from ..looks import EchoLook
 
 if TYPE_CHECKING:

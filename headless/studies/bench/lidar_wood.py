@@ -19,8 +19,7 @@ from forest_addon.blender.rays.casters import make_caster
 from forest_addon.growth.mesh.meshing import mesh_wood
 from forest_addon.growth.mesh.tubes import sides_for
 from forest_addon.growth.skeleton import Skeleton
-from forest_addon.sensing.lidar.tractor import TractorScan, drive
-from forest_addon.sensing.lidar.wood_indices import impacted_area
+from forest_addon.sensing.lidar.tractor import TractorScan, drive, impacted_area
 from forest_addon.sensing.rays.caster import Hits, RayCaster
 from forest_addon.sensing.rays.geometry import SceneGeometry
 from forest_addon.spec import Rays, Tractor

@@ -94,7 +94,7 @@ def measure(path: Path | None) -> None:
         record = json.loads((path.parent / "out" / "run.json").read_text())
         errors.append(record["sensors"]["cloud"]["audit"]["error"])
 
-    from forest_addon.sensing.lidar.scanner import pattern_of
+    from forest_addon.sensing.lidar.pattern import pattern_of
 
     pulses = pattern_of(read_scene(path, 0).sensors[0]).count
     print(

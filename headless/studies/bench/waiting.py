@@ -128,7 +128,7 @@ def rays() -> str:
     """Cast the rays of some beams in both orders."""
     from forest_addon.base.rng import stream
     from forest_addon.sensing.lidar.footprint import spread
-    from forest_addon.sensing.lidar.scanner import pattern_of
+    from forest_addon.sensing.lidar.pattern import pattern_of
 
     world, sensor, _ = _built(HECTARE)
     caster, pattern = world.observer.caster, pattern_of(sensor, None)

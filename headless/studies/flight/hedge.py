@@ -21,8 +21,8 @@ import numpy as np
 from matplotlib import rc_context
 
 from forest_addon.base.rng import stream
+from forest_addon.flight.flying import area_under_curve, discriminant
 from forest_addon.flight.senses import band_power, cochleagram
-from forest_addon.flight.statistics import area_under_curve, discriminant
 from forest_addon.formats.table import write_csv
 from forest_addon.sensing.sonar.ping import LeafDiscs, ping
 from forest_addon.sensing.sonar.poses import SonarPose

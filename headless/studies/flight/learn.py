@@ -14,8 +14,7 @@ from matplotlib import rc_context
 
 from forest_addon.base.rng import stream
 from forest_addon.flight.flying import fly
-from forest_addon.flight.learning import SIZE, Trained, train
-from forest_addon.flight.policies import Straight
+from forest_addon.flight.policies import SIZE, Straight, Trained, train
 from forest_addon.flight.senses import LIDAR, LidarSense
 from forest_addon.flight.simulation import Flyers
 from forest_addon.flight.stems import StemWorld

@@ -12,11 +12,10 @@ from pathlib import Path
 import numpy as np
 from matplotlib import rc_context
 
-from forest_addon.flight.flying import Track, fly
+from forest_addon.flight.flying import Track, fly, interval
 from forest_addon.flight.policies import EchoPolicy, Gap, Straight
 from forest_addon.flight.senses import LIDAR, SONAR, EarSense, LidarSense
 from forest_addon.flight.simulation import Flyers
-from forest_addon.flight.statistics import interval
 from forest_addon.flight.woods import Stock
 from forest_addon.formats.table import write_csv
 from forest_addon.spec import Flight, Forest, Planting, Scene

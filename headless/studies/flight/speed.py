@@ -16,11 +16,10 @@ import numpy as np
 from matplotlib import rc_context
 
 from forest_addon.base.rng import stream
-from forest_addon.flight.flying import Track, fly
+from forest_addon.flight.flying import Track, fly, interval
 from forest_addon.flight.policies import Gap
 from forest_addon.flight.senses import LIDAR, LidarSense
 from forest_addon.flight.simulation import Flyers
-from forest_addon.flight.statistics import interval
 from forest_addon.flight.stems import StemWorld
 from forest_addon.flight.theory import chance_of_way, critical_slope, poisson_strip
 from forest_addon.formats.table import write_csv

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 from forest_addon.base.progress import Progress
 from forest_addon.growth.truth import Wood, wood_of_skeleton
-from forest_addon.sensing.lidar import wood_indices
+from forest_addon.sensing.lidar import tractor
 from forest_addon.spec import Rays, Scene
 from forest_addon.stand.forest import GrownForest
 
@@ -85,12 +85,12 @@ def observe(
 
     share = 1 + (SOLID + 1) ** 2  # of the bar: the thin scan is short
     scan = observer.observe(thin, scene, _part(progress, 0, 1, share))
-    area = (gap + 1) * wood_indices.impacted_by_tree(scan, thin, orchard.trees)
+    area = (gap + 1) * tractor.impacted_by_tree(scan, thin, orchard.trees)
     seen = time.process_time()
     solid = orchards.tractor_for(forest, SOLID, gap)
     thick = observer.observe(solid, scene, _part(progress, 1, share - 1, share))
-    solid_area = (gap + 1) * wood_indices.impacted_by_tree(thick, solid, orchard.trees)
-    upright = (gap + 1) * wood_indices.beam_areas(thick, solid, from_vertical=True)
+    solid_area = (gap + 1) * tractor.impacted_by_tree(thick, solid, orchard.trees)
+    upright = (gap + 1) * tractor.beam_areas(thick, solid, from_vertical=True)
     done = time.process_time()
 
     same = asdict(orchard)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from forest_addon.sensing.lidar.wood_indices import OriginLine, line_through_origin
+from forest_addon.sensing.lidar.tractor import OriginLine, line_through_origin
 
 from ...report.pictures import BARK, FAINT, INK, LEAF_GREEN, RED, blank_figure, save_figure
 from ..tables import table

@@ -22,8 +22,7 @@ import numpy as np
 from forest_addon.blender.rays.casters import make_caster
 from forest_addon.sensing.lidar.cloud import Cloud
 from forest_addon.sensing.lidar.scan import scan
-from forest_addon.sensing.lidar.surveys.flown import FlightLine, lines_of
-from forest_addon.sensing.lidar.surveys.like import pattern_like, scanner_like
+from forest_addon.sensing.lidar.surveys.like import FlightLine, lines_of, pattern_like, scanner_like
 from forest_addon.sensing.rays.caster import RayCaster
 from forest_addon.sensing.rays.geometry import SceneGeometry
 from forest_addon.spec import Beam, Mobile, Rays, SpecError, Surfaces

@@ -17,7 +17,7 @@ from scipy.spatial import cKDTree
 from scipy.special import gammaln
 
 from forest_addon.base.rng import stream
-from forest_addon.sensing.lidar.surveys.flown import gaps_of, lines_of, pulses_of, split_lines
+from forest_addon.sensing.lidar.surveys.like import gaps_of, lines_of, pulses_of, split_lines
 
 from ..own_cloud import CloudReturns, read_cloud
 from .circles import stems_of
