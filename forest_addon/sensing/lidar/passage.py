@@ -122,8 +122,8 @@ def split(
 #     t = n·(f - origin - x·exit_x - y·exit_y) / n·w · |w|,   w = axis + x·turn_x + y·turn_y
 #
 # so that six numbers of a beam give all its ranges and angles of incidence. They lie within
-# ``footprint.SHORT`` of the pulse's length, so the echo has one crest (``waveform``): Newton's method from the
-# mean of the ranges, moved by their third moment. It is what ``waveform`` finds of the same rays, but for
+# ``footprint.SHORT`` of the pulse's length, so the echo has one crest (``waveform``): Newton's method from
+# the mean of the ranges, moved by their third moment. It is what ``waveform`` finds of the same rays, but for
 # rounding (1e-11 m).
 
 
