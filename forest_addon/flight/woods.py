@@ -11,20 +11,17 @@ from __future__ import annotations
 
 from copy import copy
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ..api import Site, World, read
-from ..base.trimesh import TriMesh
+from ..sensing.moving import MovingScene, trees_that_sway
+from ..sensing.moving_rays import MovingCaster
 from ..sensing.rays.caster import RayCaster
 from ..sensing.rays.geometry import SceneGeometry
-from ..sensing.rays.moving import MovingCaster, TimedCaster
-from ..sensing.rays.paths import SceneMotion
-from ..sensing.rays.pieces import MakeEngine, SwayingScene, cut
-from ..sensing.rays.swaying import SwayingCaster
 from ..sensing.sonar.targets import EchoTargets
 from ..sensing.sonar.windy import EchoWind
 from ..spec import Rays, Scene, SpecError
@@ -51,7 +48,7 @@ class FlightSurroundings:
     seed: int = 0
 
     @cached_property
-    def caster(self) -> RayCaster | TimedCaster:
+    def caster(self) -> RayCaster | MovingCaster:
         """Rays that meet everything, in the wind at times of their own."""
         from ..blender.rays.casters import moved_caster
 
@@ -60,7 +57,7 @@ class FlightSurroundings:
         return moved_caster(self.stock.caster, self.geometry)
 
     @cached_property
-    def wood(self) -> RayCaster | TimedCaster:
+    def wood(self) -> RayCaster | MovingCaster:
         """Rays that pass leaves, in the wind at times of their own."""
         from ..blender.rays.casters import moved_caster
 
@@ -328,8 +325,7 @@ class SharedPieces:
         self._rays = rays
         self._sway: ForestSway | None = None
         self._wind: EchoWind | None = None
-        self._cut: dict[bool, SwayingScene] = {}
-        self._engines: dict[bool, tuple[tuple[TriMesh, ...], Any]] = {}
+        self._casters: dict[bool, MovingCaster] = {}
 
     def sway(self, sway: ForestSway | None) -> ForestSway | None:
         """Keep a forest's sway for those to come."""
@@ -341,42 +337,21 @@ class SharedPieces:
         """Return a sway that has the modes of the stock's variants."""
         return self._sway
 
-    def caster(self, scene: SceneGeometry, sway: ForestSway, solid: bool = False) -> SwayingCaster:
+    def caster(self, scene: SceneGeometry, sway: ForestSway, solid: bool = False) -> MovingCaster:
         """Rays in a forest that sways; solid : its meshes have no leaves."""
-        from ..blender.rays.casters import make_caster
+        from ..blender.rays.casters import make_moving_caster
 
-        near = NearbySway(sway)
-        pieces = self._cut[solid] = cut(scene, near, self._cut.get(solid))
-        make = partial(make_caster, rays=self._rays)
-        still = MovingCaster(pieces.still, SceneMotion(), make)
-        return SwayingCaster(pieces, near, still, make, self._engine(solid))
+        like = self._casters.get(solid)
+        moving = MovingScene(scene, sway=NearbySway(sway), like=like and like.moving)
+        made = make_moving_caster(moving, self._rays, like)
+        if like is None or len(like.scene.meshes) < len(made.scene.meshes):
+            self._casters[solid] = made
+        return made
 
     def targets(self, scene: SceneGeometry, sway: ForestSway, like: EchoTargets) -> EchoTargets:
         """Return what sounds back in a forest that sways."""
         self._wind = EchoWind(scene, sway, like=self._wind)
         return EchoTargets(scene, like, self._wind)
-
-    def _engine(self, solid: bool) -> MakeEngine | None:
-        """Give the engine of the pieces of before, where they are the same."""
-        from ..blender.rays.casters import piece_engine
-
-        engine = piece_engine(self._rays)
-        if engine is None:
-            return None
-        make: MakeEngine = engine
-
-        def kept(meshes: tuple[TriMesh, ...]) -> Any:
-            known = self._engines.get(solid)
-            alike = known is not None and len(known[0]) == len(meshes)
-            if (
-                known is None
-                or not alike
-                or any(a is not b for a, b in zip(known[0], meshes, strict=True))
-            ):
-                known = self._engines[solid] = meshes, make(meshes)
-            return known[1]
-
-        return kept
 
 
 class SwayingObstacles(MeshObstacles):
@@ -391,10 +366,7 @@ class SwayingObstacles(MeshObstacles):
     def __init__(self, scene: SceneGeometry, solids: list[Solid], sway: ForestSway) -> None:
         super().__init__(scene, solids)
         self._sway, self._time = sway, 0.0
-        number = sway.number
-        row = np.array([number.get(int(tree), -1) for tree in scene.tree[self.rows]], np.int64)
-        moves = {tree: sway.moves(tree) for tree in np.unique(row[row >= 0]).tolist()}
-        self._tree = np.array([tree if moves.get(tree) else -1 for tree in row.tolist()], np.int64)
+        self._tree = trees_that_sway(scene, sway)[self.rows]
         self._piece: dict[tuple[int, int], np.ndarray] = {}
         self._end: dict[tuple[int, int], np.ndarray] = {}
         self._wide = np.linalg.norm(self._high - self._low, axis=1)

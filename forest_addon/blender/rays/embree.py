@@ -194,14 +194,9 @@ class RayPackets:
         origins: np.ndarray,
         directions: np.ndarray,
         reach: np.ndarray,
-        time: np.ndarray | None = None,
     ) -> None:
-        """Rays (3, R), (3, R), (R,), and their times (R,) from 0 to 1 where their scene moves."""
+        """Rays (3, R), (3, R), (R,)."""
         count = len(reach)
-        if time is not None:
-            every = np.zeros(self._lanes.shape[1], dtype=np.float32)
-            every[:count] = time
-            self.packets[:, TIME] = every.reshape(-1, self.lanes)
         self._lanes[:3, :count] = origins
         self._lanes[3:6, :count] = directions
         np.minimum(reach, FAR, out=reach)
@@ -211,6 +206,12 @@ class RayPackets:
         self.packets[:, DIRECTION : DIRECTION + 3] = self._by_packet[:, 3:6]
         self.packets[:, TFAR] = self._by_packet[:, 6]
         self._found[:] = NONE
+
+    def set_time(self, time: np.ndarray) -> None:
+        """Times (R,) of the rays from 0 to 1, for a scene that moves."""
+        every = np.zeros(self._lanes.shape[1], dtype=np.float32)
+        every[: len(time)] = time
+        self.packets[:, TIME] = every.reshape(-1, self.lanes)
 
     def trace(self, library: ctypes.CDLL, scene: int, rays: np.ndarray | None = None) -> None:
         """Send them into a scene.
@@ -226,17 +227,16 @@ class RayPackets:
             going = map(going.__getitem__, some.tolist())
         deque(map(run, repeat(_SENT), repeat(scene), going, repeat(how)), maxlen=0)
 
-    def read(
-        self, count: int, row: int = HIT_INSTANCE
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Instance and triangle (M,) of the rays that met something, and which rays (M,) these are.
-
-        row : of packets, that tells the instance: of ``EmbreeBuild.array`` it is ``HIT_OF_ARRAY``.
-        """
+    def read(self, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Instance and triangle (M,) of the rays that met something, and which rays (M,) these are."""
         found = self._found.swapaxes(0, 1).reshape(ROWS - HIT_PRIMITIVE, -1)
         met = (found[HIT_GEOMETRY - HIT_PRIMITIVE, :count] != NONE).nonzero()[0]
-        instance = found[row - HIT_PRIMITIVE].take(met).astype(np.int64)
+        instance = found[HIT_INSTANCE - HIT_PRIMITIVE].take(met).astype(np.int64)
         return instance, found[0].take(met).astype(np.int64), met
+
+    def rows_of_array(self, rays: np.ndarray) -> np.ndarray:
+        """(M,) which of an array of instances (``EmbreeBuild.array``) rays (M,) met."""
+        return self._found[:, HIT_OF_ARRAY - HIT_PRIMITIVE].ravel().take(rays).astype(np.int64)
 
 
 def _aligned(shape: tuple[int, ...], dtype: type) -> np.ndarray:
@@ -503,24 +503,24 @@ class EmbreeBuild:
             row += place.strides[0]
         return self._commit(top)
 
-    def array(self, scenes: list[int], which: np.ndarray, place: np.ndarray) -> int:
-        """A scene of one geometry of many instances; a hit names it 0, and the instance by its row.
+    def array(self, scenes: list[int], which: np.ndarray, place: np.ndarray, number: int) -> int:
+        """A scene of one geometry of many instances; a hit names it by the number, the instance by its row.
 
         which : (I,) of the scenes. place : (K, I, 3, 4) float32, at even steps of a ray's time from 0 to 1,
         between which their elements go linearly.
         """
         top, given = self._scene(), np.array(scenes, dtype=np.uint64)
-        number, place = which.astype(np.uint32), np.ascontiguousarray(place, dtype=np.float32)
-        self._arrays += [number, place]
+        index, place = which.astype(np.uint32), np.ascontiguousarray(place, dtype=np.float32)
+        self._arrays += [index, place]
         geometry = self._library.rtcNewGeometry(self._device, INSTANCES)
         self._library.rtcSetGeometryInstancedScenes(geometry, given.ctypes.data, len(given))
         self._library.rtcSetGeometryTimeStepCount(geometry, len(place))
         share, form = self._library.rtcSetSharedGeometryBuffer, FLOAT3X4_ROWS
-        share(geometry, INDEX_BUFFER, 0, UINT, number.ctypes.data, 0, 4, len(which))
+        share(geometry, INDEX_BUFFER, 0, UINT, index.ctypes.data, 0, 4, len(which))
         for step, row in enumerate(place):
             size = row.strides[0]
             share(geometry, TRANSFORM_BUFFER, step, form, row.ctypes.data, 0, size, len(row))
-        self._attach(top, geometry, 0)
+        self._attach(top, geometry, number)
         return self._commit(top)
 
     def _scene(self) -> int:

@@ -20,7 +20,7 @@ import numpy as np
 from ...base.trimesh import TriMesh
 from ...growth.mesh.leaves import separate_leaves
 from ...sensing.rays.geometry import SceneGeometry
-from ...sensing.rays.runs import SceneSample, Shape
+from ...sensing.rays.tracks import SceneSample, Shape
 from ..scene.meshes import from_mesh
 from ..scene.standings import (
     ASSET_KEY,

@@ -22,11 +22,11 @@ from ...base.rng import daughter_keys, first_key
 from ...base.trimesh import LEAF
 from ...base.vectors import azimuth_of
 from ...stand.tiles import TileGrid
+from ..moving_rays import MovingCaster
 from ..rays.bundles import Faces
 from ..rays.caster import Hits, RayCaster, hit_normals
 from ..rays.exact import Referee
 from ..rays.geometry import SceneGeometry
-from ..rays.moving import TimedCaster
 from ..trajectory import Trajectory
 from .cloud import Cloud, Lost, cosines, join, label
 from .footprint import (
@@ -78,7 +78,7 @@ class Scan:
     def __init__(
         self,
         scanner: LiDAR,
-        caster: RayCaster,
+        caster: RayCaster | MovingCaster,
         seed: int = 0,
         path: Trajectory | None = None,
         pattern: Pattern | None = None,
@@ -89,7 +89,7 @@ class Scan:
         self._key = first_key(seed, "lidar", scanner.name)
         self.pulses = self.pattern.count
         self.at_once = max(1, RAYS_AT_ONCE // scanner.beam.subrays)
-        self._moving = caster if isinstance(caster, TimedCaster) else None
+        self._moving = caster.moving if isinstance(caster, MovingCaster) else None
         self._halo = None if self._moving else Halo.of(scanner, caster.scene)
         self._specular = SpecularScene.of(caster.scene, scanner)
         self._unfollowed = 0
@@ -109,17 +109,17 @@ class Scan:
         other.pulses = other.pattern.count
         return other
 
-    def seen_by(self, caster: RayCaster) -> Scan:
+    def seen_by(self, caster: RayCaster | MovingCaster) -> Scan:
         """The same scan by another caster of the same scene, which is asked for every ray."""
         other = copy(self)
         other.caster, other._faces = caster, None
-        other._moving = caster if isinstance(caster, TimedCaster) else None
+        other._moving = caster.moving if isinstance(caster, MovingCaster) else None
         return other
 
     def exactly(self, true: SceneGeometry | None = None) -> Scan:
         """The same scan with every ray held against float64. true : the scene that is; left out: its own."""
-        if self._moving is not None:
-            return self.seen_by(self._moving.judged(true))
+        if isinstance(self.caster, MovingCaster):
+            return self.seen_by(self.caster.judged(true))
         return self.seen_by(Referee(self.caster, true))
 
     def look(self, first: int, stop: int) -> Cloud:

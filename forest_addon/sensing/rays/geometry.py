@@ -6,6 +6,7 @@ that a forest costs the memory of its variants and a hit can be refined to float
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
@@ -15,6 +16,10 @@ import numpy as np
 from ...base.trimesh import LEAF, TriMesh
 from .boxes import morton
 
+OF_INSTANCES = (
+    *("transform", "mesh_index", "tree", "species", "object_index", "reflectance", "optics"),
+)
+OF_MESHES = ("slot_reflectance", "asset", "slot_names", "slot_optics")
 PIECES = 64  # boxes that a mesh is bounded by
 COARSE = 15  # bits of a place along the curve of 30 that do not matter: what is left is sorted by its digits
 BOXES = 1_000_000  # of all its instances together, so that memory stays small
@@ -105,6 +110,22 @@ class SceneGeometry:
                 own = slots[np.clip(slot, 0, len(slots) - 1)]
                 found[rows] = np.where(np.isnan(own[:, :1]), found[rows], own)
         return found
+
+    def take(self, rows: np.ndarray, **others: np.ndarray) -> SceneGeometry:
+        """The scene of some instances (R,), by number. others : of these what is said anew."""
+        kept = {
+            name: value[rows] for name in OF_INSTANCES if (value := getattr(self, name)) is not None
+        }
+        return replace(self, **{**kept, **others})  # type: ignore[arg-type]
+
+    def with_meshes(self, meshes: Sequence[TriMesh], like: Sequence[int]) -> SceneGeometry:
+        """The scene with more meshes behind its own; each is said to be what one of these, ``like``, is."""
+        more = {
+            name: (*kept, *(kept[number] for number in like))
+            for name in OF_MESHES
+            if (kept := getattr(self, name))
+        }
+        return replace(self, meshes=(*self.meshes, *meshes), crowd=(), **more)
 
     def solid(self) -> SceneGeometry:
         """The same scene without leaves: what blocks a sound, or a line of sight."""

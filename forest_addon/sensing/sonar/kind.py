@@ -62,9 +62,7 @@ def _targets(job: Observation) -> Any:
 
     geometry, moving, sway = job.seen.geometry, job.moving, job.seen.sway
     wind = None if sway is None else EchoWind(geometry, sway[0])
-    if wind is not None:
-        moving = moving.still
-    return EchoTargets(geometry, still, wind, EchoMotion(moving, geometry, wind))
+    return EchoTargets(geometry, still, wind, EchoMotion(moving.moving))
 
 
 def _casters(job: Observation) -> tuple[Any, Any]:

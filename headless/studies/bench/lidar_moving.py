@@ -17,11 +17,12 @@ from forest_addon.base.rng import stream
 from forest_addon.base.trimesh import OTHER, TriMesh
 from forest_addon.blender.rays.bvh import BvhCaster
 from forest_addon.blender.rays.embree import EmbreeCaster
-from forest_addon.blender.rays.embree_parts import embree_parts
+from forest_addon.blender.rays.embree_motion import embree_motion
+from forest_addon.sensing.moving import MovingScene
+from forest_addon.sensing.moving_rays import MovingCaster
 from forest_addon.sensing.rays.caster import RayCaster
 from forest_addon.sensing.rays.exact import cast_exactly
 from forest_addon.sensing.rays.geometry import SceneGeometry
-from forest_addon.sensing.rays.moving import MovingCaster
 from forest_addon.sensing.rays.paths import RigidPath, SceneMotion, ShapePath
 
 from ..tables import median_seconds, table
@@ -56,8 +57,8 @@ def _measure(
     ways, time = rng.normal(size=(count, 3)), rng.uniform(0, 1, count)
     ways /= np.linalg.norm(ways, axis=1, keepdims=True)
     origins = np.zeros((count, 3))
-    engine = embree_parts if make is EmbreeCaster else None
-    still, caster = make(scene), MovingCaster(scene, motion, make, engine)
+    engine = embree_motion if make is EmbreeCaster else None
+    still, caster = make(scene), MovingCaster(MovingScene(scene, motion), make, engine)
     still.cast(origins, ways)
     caster.cast(origins, ways, time=time)
     before = median_seconds(lambda: still.cast(origins, ways))

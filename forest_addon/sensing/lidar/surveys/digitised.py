@@ -18,8 +18,8 @@ from functools import cached_property
 import numpy as np
 
 from ....formats.helios.device import Digitiser
+from ...moving_rays import MovingCaster
 from ...rays.caster import Hits, RayCaster
-from ...rays.moving import TimedCaster
 from ..cloud import cosines
 from ..footprint import BeamFrames
 from ..passage import Contacts, Received, scalars_of
@@ -42,7 +42,7 @@ class DigitisedScan(Scan):
     def __init__(
         self,
         scanner: LiDAR,
-        caster: RayCaster | TimedCaster,
+        caster: RayCaster | MovingCaster,
         seed: int,
         pattern: Pattern,
         digitiser: Digitiser,
