@@ -104,11 +104,6 @@ class MovingScene:
             mesh = np.concatenate([self.scene.mesh_index, len(whole.meshes) + 1 + pieces.mesh])
             self.scene = self.scene.take(rows, mesh_index=mesh)
 
-    @property
-    def moves(self) -> bool:
-        """Whether anything does."""
-        return bool(self.motion.paths) or self.pieces is not None
-
     def solid(self) -> MovingScene:
         """The same motion without leaves."""
         shapes = {}

@@ -165,7 +165,7 @@ class PartByPart:
         time: np.ndarray,
         sound: np.ndarray,
     ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-        """Rays (M,) by number and instances (M,) of which one may meet the other, those of a mesh together."""
+        """Rays (M,) by number and instances (M,) that they may meet, those of a mesh together."""
         moving, motion = self._moving, self._moving.motion
         groups = []
         if len(motion.rows):

@@ -294,7 +294,7 @@ def test_engines_meet_pieces_that_sway_where_they_are(monkeypatch, arrays):
         found = caster.cast(origin, way, time=time)
         same = (found.instance == exact.instance) & (found.triangle == exact.triangle)
         assert same.mean() > 0.995  # but for rays that pass an edge within single precision
-        assert np.abs(found.distance - exact.distance)[same & exact.found].max() < 1e-9
+        assert np.abs(found.distance[same] - exact.distance[same])[exact.found[same]].max() < 1e-9
         judged = caster.judged().cast(origin, way, time=time)
         assert np.array_equal(judged.instance, found.instance)
         behind = caster.cast(origin, way, time=time, min_distance=found.distance, leaving=found)

@@ -98,7 +98,7 @@ def test_legs_before_count_for_where_a_part_is() -> None:
     assert motion is not None
     path = SteppedPath(np.eye(3, 4), np.zeros(3), motion, 1e3, (500, 10))
     np.testing.assert_allclose(path.at(np.array([0.003]))[0, :, 3], [502, 0, 0])
-    np.testing.assert_allclose(path.velocity(np.zeros((1, 3)), np.array([0.003])), [[1000, 0, 0]])
+    np.testing.assert_allclose(path.rate(np.array([0.003]))[:, :, 3], [[1000, 0, 0]])
 
 
 def test_dynamic_time_steps_are_counted_in_pulses_of_the_first_leg() -> None:

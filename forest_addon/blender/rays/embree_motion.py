@@ -186,7 +186,7 @@ class EmbreeMotion:
         tops: list[tuple[int, tuple[np.ndarray, np.ndarray], np.ndarray]],
         pieces: PieceWindow | None,
     ) -> Hits:
-        """What rays (3, R) meet first in float32, by its exact distance."""
+        """Hits that rays (3, R) meet first in float32, with their exact distances."""
         found = Hits.misses(len(limit))
         begin, leaves = clip(self._low, self._high, origin, way, start, limit)
         rays = np.flatnonzero(begin <= leaves)

@@ -16,7 +16,7 @@ from .geometry import SceneGeometry
 ALWAYS = (-np.inf, np.inf)
 
 
-class Path(Protocol):
+class PartPath(Protocol):
     """Transforms of a part over time; methods as of ``RigidPath``."""
 
     def at(self, time: np.ndarray) -> np.ndarray: ...
@@ -142,7 +142,7 @@ class PathTable:
 class PathsOneByOne:
     """Paths of any kind side by side, asked by their rows; see ``PathTable``."""
 
-    def __init__(self, paths: Sequence[Path]) -> None:
+    def __init__(self, paths: Sequence[PartPath]) -> None:
         self._paths = paths
 
     def at(self, which: np.ndarray, time: np.ndarray) -> np.ndarray:
@@ -220,7 +220,7 @@ class SceneMotion:
     that are others from one sample to the next, and stand for ``pause`` s.
     """
 
-    paths: Mapping[int, Path] = field(default_factory=dict)
+    paths: Mapping[int, PartPath] = field(default_factory=dict)
     shapes: Mapping[int, ShapePath] = field(default_factory=dict)
     spans: Mapping[int, tuple[float, float]] = field(default_factory=dict)
     stands_for: np.ndarray | None = None

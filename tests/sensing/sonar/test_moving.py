@@ -131,7 +131,8 @@ def test_what_nears_hides_what_stands_behind_it_then():
     path = RigidPath(np.array([0.0, 1.0]), np.array([at(2.0), aside]))
     targets, moving = targets_in(scene, SceneMotion({0: path}))
     sonar = SONAR.changed(facets=False, leaf_model="piston")
-    echoes = fly(targets, sonar, AIR, poses_at([0.0, 1.0]), moving.solid()).echoes
+    wood = MovingCaster(moving.moving.solid(), ExactCaster)
+    echoes = fly(targets, sonar, AIR, poses_at([0.0, 1.0]), wood).echoes
     assert [echo.hidden for echo in echoes] == [1, 0]
     assert [echo.leaves_heard if echo.groups else 0 for echo in echoes] == [0, 1]
 

@@ -64,7 +64,7 @@ def power(step: MotionStep, exponent: int) -> MotionStep:
 
 
 class SteppedPath:
-    """Transforms of a part over time (a ``rays.paths.Path``).
+    """Transforms of a part over time (a ``rays.paths.PartPath``).
 
     transform : (3, 4) local to world before the first step. before : pulses that were sent before time 0.
     pulses : how many are sent from then on, at ``rate`` Hz; the one at time t is the (t · rate)-th.
