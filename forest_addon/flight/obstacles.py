@@ -14,8 +14,8 @@ from scipy.ndimage import distance_transform_edt
 from scipy.spatial import cKDTree
 
 from ..base.trimesh import LEAF, TriMesh, is_wood
-from ..growth.recognise.centreline import find_centrelines
-from ..growth.recognise.pieces import part
+from ..growth.own_tree.centreline import find_centrelines
+from ..growth.own_tree.pieces import part
 from ..sensing.rays.geometry import SceneGeometry, invert_transforms
 
 SQUARE = 2.0  # metres, of the map of what may be near

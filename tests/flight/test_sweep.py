@@ -13,7 +13,7 @@ from forest_addon.flight.obstacles import (
     touched,
     touches,
 )
-from forest_addon.growth.mesh.tubes import tube
+from forest_addon.growth.mesh.meshing import tube
 from forest_addon.sensing.rays.geometry import SceneGeometry
 
 FLOOR = np.array([[[-9.0, -9, 0], [9, -9, 0], [0, 20, 0]]])
