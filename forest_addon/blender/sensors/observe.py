@@ -28,9 +28,8 @@ from ...sensing.trajectory import Trajectory
 from ...spec import Rays, Scene, Sensor
 from ...stand.placed import PlacedTrees
 from ..rays.casters import make_caster, make_moving_caster
-from ..read.depsgraph import read_scene
-from ..read.kept import kept
-from ..scene.asset_truth import placed_trees
+from ..read.depsgraph import kept, read_scene
+from ..scene.meshes import placed_trees
 from ..scene.nodes import in_full
 from .following import SceneFollower
 from .moving import WITHIN, read_motion, seconds_of
