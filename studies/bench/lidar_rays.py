@@ -33,6 +33,7 @@ from ..inside import (
     Search,
     ShapePath,
     cast_exactly,
+    embree_motion,
     find_species,
     grow,
     load_species,
