@@ -1,7 +1,7 @@
 """The skeleton of a tree: straight segments that know their parent, and where its leaves sit.
 
-What a turtle or a branching model makes and a mesher takes. A child may start anywhere on her parent,
-not only at her end; a segment of the same order as its parent continues her axis.
+What a turtle or a branching model makes and a mesher takes. A child may start anywhere on its parent,
+not only at the end; a segment of the same order as its parent continues that axis.
 
 Axes of a skeleton: the segments of each, and the first-level branch that each belongs to.
 
@@ -18,16 +18,18 @@ volume, r² = (r₁² + r₁r₂ + r₂²)/3.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+
+from ..base.rows import RowTable
 
 TOUCH = 1e-6  # metres between the end of a segment and the start of the one that continues it
 
 
 @dataclass(frozen=True)
-class Skeleton:
-    """S segments, perhaps none; a parent comes before her children.
+class Skeleton(RowTable):
+    """S segments, perhaps none; a parent comes before its children.
 
     start, end : (S, 3) metres.
     radius : (S, 2) at start and end, metres.
@@ -56,17 +58,10 @@ class Skeleton:
     def some(self, keep: np.ndarray) -> Skeleton:
         """The segments where ``keep`` (S,) is true; one whose parent is not kept becomes a root."""
         number = np.cumsum(keep) - 1
-        mother = self.parent[keep]
-        known = (mother >= 0) & keep[np.maximum(mother, 0)]
-        return Skeleton(
-            start=self.start[keep],
-            end=self.end[keep],
-            radius=self.radius[keep],
-            parent=np.where(known, number[np.maximum(mother, 0)], -1),
-            order=self.order[keep],
-            generation=self.generation[keep],
-            dead=None if self.dead is None else self.dead[keep],
-        )
+        above = self.parent[keep]
+        known = (above >= 0) & keep[np.maximum(above, 0)]
+        parent = np.where(known, number[np.maximum(above, 0)], -1)
+        return replace(self.select(keep), parent=parent)
 
     def axis(self, first: int) -> list[int]:
         """The segments of one axis, from ``first`` on, each followed by its child of equal order."""
@@ -81,7 +76,7 @@ class Skeleton:
 
 
 @dataclass(frozen=True)
-class LeafSites:
+class LeafSites(RowTable):
     """Sites of L leaves on a skeleton, before they have a shape.
 
     foot : (L, 3) where the leaf leaves the wood, metres.
@@ -122,11 +117,33 @@ class Axes:
     def __len__(self) -> int:
         return len(self.first) - 1
 
+    @property
+    def of_row(self) -> np.ndarray:
+        """(S,) the axis of each entry of ``segment``."""
+        return np.repeat(np.arange(len(self)), np.diff(self.first))
+
+    @property
+    def of_segment(self) -> np.ndarray:
+        """(S,) the axis of each segment."""
+        axis = np.empty(len(self.segment), np.int64)
+        axis[self.segment] = self.of_row
+        return axis
+
 
 def find_axes(skeleton: Skeleton) -> Axes:
     """Sort the segments of a skeleton into axes."""
-    before = _before(skeleton)
-    head = _root(before)
+    parent = skeleton.parent
+    above = np.maximum(parent, 0)
+    gap = np.abs(skeleton.start - skeleton.end[above]).max(axis=1, initial=0.0)
+    onward = np.flatnonzero(
+        (parent >= 0) & (skeleton.order == skeleton.order[above]) & (gap <= TOUCH)
+    )
+    chosen = np.full(len(parent), -1, dtype=np.int64)
+    chosen[parent[onward[::-1]]] = onward[::-1]  # written backwards: the first child stays
+    before = np.full(len(parent), -1, dtype=np.int64)  # the segment that each one continues
+    continued = np.flatnonzero(chosen >= 0)
+    before[chosen[continued]] = continued
+    head = root_of(before)
     segment = np.argsort(head, kind="stable")  # a parent comes first, so an axis stays in order
     starts = np.flatnonzero(np.diff(head[segment], prepend=-1))
     return Axes(segment, np.append(starts, len(segment)).astype(np.int64))
@@ -138,27 +155,11 @@ def first_level(skeleton: Skeleton) -> np.ndarray:
     starts = (order == 1) & ((parent < 0) | (order[np.maximum(parent, 0)] == 0))
     number = np.where(starts, np.cumsum(starts) - 1, -1)
     up = np.where(starts | (order == 0), -1, parent)
-    return np.asarray(np.where(order == 0, -1, number[_root(up)]))
+    return np.asarray(np.where(order == 0, -1, number[root_of(up)]))
 
 
-def _before(skeleton: Skeleton) -> np.ndarray:
-    """(S,) the segment that each one continues, -1 where an axis starts."""
-    parent = skeleton.parent
-    mother = np.maximum(parent, 0)
-    gap = np.abs(skeleton.start - skeleton.end[mother]).max(axis=1, initial=0.0)
-    onward = np.flatnonzero(
-        (parent >= 0) & (skeleton.order == skeleton.order[mother]) & (gap <= TOUCH)
-    )
-    chosen = np.full(len(parent), -1, dtype=np.int64)
-    chosen[parent[onward[::-1]]] = onward[::-1]  # written backwards: the first child stays
-    before = np.full(len(parent), -1, dtype=np.int64)
-    continued = np.flatnonzero(chosen >= 0)
-    before[chosen[continued]] = continued
-    return before
-
-
-def _root(up: np.ndarray) -> np.ndarray:
-    """(S,) where a chain of pointers ends; -1 points nowhere."""
+def root_of(up: np.ndarray) -> np.ndarray:
+    """(S,) where chains of pointers (S,) end; -1 points nowhere. Each round goes twice as far."""
     at = np.where(up < 0, np.arange(len(up)), up)
     while True:
         further = at[at]
@@ -201,10 +202,8 @@ class Cylinders:
 def cylinders_of(skeleton: Skeleton) -> Cylinders:
     """The cylinders of a skeleton, in its order."""
     axes = find_axes(skeleton)
-    count = len(skeleton)
-    axis = np.empty(count, np.int64)
-    axis[axes.segment] = np.repeat(np.arange(len(axes)), np.diff(axes.first))
-    extension = np.full(count, -1, np.int64)
+    axis = axes.of_segment
+    extension = np.full(len(skeleton), -1, np.int64)
     before, after = axes.segment[:-1], axes.segment[1:]
     same = axis[before] == axis[after]
     extension[before[same]] = after[same]
@@ -233,3 +232,12 @@ def diameter_at(skeleton: Skeleton, height: float) -> float:
     share = (height - low[passed]) / (high[passed] - low[passed])
     r1, r2 = skeleton.radius[trunk][passed].T
     return float(2 * np.sqrt(((r1 + share * (r2 - r1)) ** 2).sum()))
+
+
+def depths(parent: np.ndarray) -> np.ndarray:
+    """(N,) how many ancestors each of N things has, by their parents (N,), -1 for none."""
+    depth, above = np.zeros(len(parent), np.int64), parent
+    while (above >= 0).any():
+        depth += above >= 0
+        above = np.where(above >= 0, parent[np.maximum(above, 0)], -1)
+    return depth

@@ -28,7 +28,7 @@ from .measured.meet import Parts, grow_measured, lowest_kept, reshaped
 from .measured.needles import coarse_shoot, shoot_of
 from .measured.wanted import Kind, Wanted, fitted_template, one_tree
 from .mesh.blades import Blade, facings, lay, leaf_areas, leaf_blade, thin_leaves, truth_of
-from .mesh.leaves import Leaves, incline_leaves, incline_sites, join_leaves
+from .mesh.leaves import Leaves, incline_leaves, incline_sites
 from .mesh.meshing import mesh_wood, repeated_edges, sides_for, tube
 from .mesh.relief import SMALLEST, Relief
 from .own_tree.habit import Habit
@@ -107,10 +107,7 @@ def grow(
 
 def without_leaves(tree: Tree) -> Tree:
     """The same tree, bare."""
-    none = np.empty((0, 3))
-    size = np.empty(0)
-    leaves = Leaves(none, none, none, size, size, size, np.empty(0, np.int32))
-    return replace(tree, mesh=tree.mesh.select(tree.mesh.part != LEAF), leaves=leaves)
+    return replace(tree, mesh=tree.mesh.select(tree.mesh.part != LEAF), leaves=Leaves.none())
 
 
 def wood_of(skeleton: Skeleton, tolerance: float, relief: Relief | None = None) -> TriMesh:
@@ -251,7 +248,7 @@ def _grafted(
         lowest = lowest_kept(start, leaf, top, wanted)
         kept, wood = np.flatnonzero(start >= lowest).tolist(), _above(wood, lowest)
     mesh = join([_trunk_mesh(skeleton, trunk), *(branches[k] for k in kept)])
-    leaves, foot = join_leaves([truths[k] for k in kept]), np.concatenate([feet[k] for k in kept])
+    leaves, foot = Leaves.joined([truths[k] for k in kept]), np.concatenate([feet[k] for k in kept])
     parts = Parts(mesh, leaves, foot, wood, grafted=True)
     return _of_parts(species, parts, rng, wanted)
 

@@ -32,6 +32,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..base.rng import stream
+from ..base.runs import numbered
 from ..base.trimesh import TriMesh, is_wood
 from .measured.wanted import dbh_of, lowest_branch, width_of
 from .mesh.leaves import Leaves
@@ -194,19 +195,19 @@ def _joints(skeleton: Skeleton, length: np.ndarray) -> tuple[np.ndarray, np.ndar
     onward[chain[rows]] = chain[rows + 1]
     foot = chain[axes.first[:-1]]
     foot = foot[(skeleton.parent[foot] >= 0)]
-    mother = skeleton.parent[foot]
-    order = np.lexsort((foot, mother))
-    foot, mother = foot[order], mother[order]
+    bearer = skeleton.parent[foot]
+    order = np.lexsort((foot, bearer))
+    foot, bearer = foot[order], bearer[order]
 
     parent = np.append(skeleton.parent, -1)
-    before, after = parent[mother], onward[mother]
-    own = [mother, before, parent[before], after, onward[after]]
+    before, after = parent[bearer], onward[bearer]
+    own = [bearer, before, parent[before], after, onward[after]]
     for back in range(1, SISTERS + 1):
         sister = np.full(len(foot), -1)
-        same = mother[back:] == mother[:-back]
+        same = bearer[back:] == bearer[:-back]
         sister[back:][same] = foot[:-back][same]
         own += [sister, onward[sister]]
-    low, high = np.searchsorted(mother, before), np.searchsorted(mother, before, "right")
+    low, high = np.searchsorted(bearer, before), np.searchsorted(bearer, before, "right")
     for place in range(AUNTS):
         aunt = np.append(foot, -1)[np.minimum(low + place, len(foot))]
         own.append(np.where((before >= 0) & (low + place < high), aunt, -1))
@@ -320,8 +321,7 @@ def shared_once(corners: np.ndarray) -> float:
     first = np.ceil((low - shift) / cell).astype(np.int64)
     count = np.maximum(np.floor((high - shift) / cell).astype(np.int64) - first + 1, 0)
     each = count.prod(axis=1)
-    triangle = np.repeat(np.arange(len(each)), each)
-    place = np.arange(len(triangle)) - np.repeat(np.cumsum(each) - each, each)
+    triangle, place = numbered(each)
     column = first[triangle] + np.stack(
         [place // count[triangle, 1], place % count[triangle, 1]], axis=1
     )

@@ -11,7 +11,7 @@ import pytest
 
 from forest_addon.base.trimesh import WOOD
 from forest_addon.formats.stl import read_stl
-from forest_addon.growth.mesh.leaves import Leaves, join_leaves
+from forest_addon.growth.mesh.leaves import Leaves
 from forest_addon.growth.own_tree.template import TreeTemplate, split_tree
 
 ASSETS = Path(__file__).resolve().parents[2] / "assets"
@@ -38,7 +38,7 @@ def trees() -> dict[str, TreeTemplate]:
 def leaves_in_metres(tree: TreeTemplate) -> tuple[Leaves, np.ndarray]:
     """All leaves of a tree in canonical frames, and the length in metres of the unit of each."""
     unit = [np.full(len(branch.leaves), branch.length) for branch in tree.branches]
-    return join_leaves([branch.leaves for branch in tree.branches]), np.concatenate(unit)
+    return Leaves.joined([branch.leaves for branch in tree.branches]), np.concatenate(unit)
 
 
 @pytest.mark.slow

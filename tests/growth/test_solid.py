@@ -8,7 +8,7 @@ from references.solid_brute import union_volume
 
 from forest_addon.base.rng import stream
 from forest_addon.growth.library.species_file import find_species, load_species
-from forest_addon.growth.mesh.leaves import no_leaves
+from forest_addon.growth.mesh.leaves import Leaves
 from forest_addon.growth.mesh.meshing import mesh_wood
 from forest_addon.growth.skeleton import Skeleton
 from forest_addon.growth.species import skeleton_of
@@ -68,7 +68,7 @@ def test_a_species_fills_what_random_points_say(species):
     union = union_volume(grown)
     assert volume_of(grown) == pytest.approx(union, rel=6e-3)
     assert union < 0.99 * wood_of_skeleton(grown).volume
-    bare = Tree(mesh_wood(grown, 0.01), no_leaves(), grown, grafted=False)
+    bare = Tree(mesh_wood(grown, 0.01), Leaves.none(), grown, grafted=False)
     assert wood_of_tree(bare).volume == volume_of(grown)
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from forest_addon.growth.mesh.leaves import Leaves, no_leaves
+from forest_addon.growth.mesh.leaves import Leaves
 from forest_addon.growth.mesh.meshing import mesh_wood
 from forest_addon.growth.skeleton import Skeleton
 from forest_addon.growth.tree import Tree
@@ -59,7 +59,7 @@ def test_angles_of_random_and_of_flat_leaves():
     middle = (edges[1:] + edges[:-1]) / 2
     np.testing.assert_allclose(density, np.sin(middle), atol=0.03)  # spherical distribution
     assert (density * np.diff(edges)).sum() == pytest.approx(1)
-    assert leaf_angles(no_leaves())[1].sum() == 0
+    assert leaf_angles(Leaves.none())[1].sum() == 0
     up = np.tile([0, 0, -1.0], (5, 1))
     five = np.ones(5)
     flat = Leaves(up, up, up, five, five, five, five.astype(np.int32))
@@ -69,7 +69,7 @@ def test_angles_of_random_and_of_flat_leaves():
 
 def test_tree_truth_names_what_it_says():
     skeleton = straight(4.0, 0.2, 0.1)
-    tree = Tree(mesh_wood(skeleton, 0.001), no_leaves(), skeleton, grafted=False)
+    tree = Tree(mesh_wood(skeleton, 0.001), Leaves.none(), skeleton, grafted=False)
     truth = tree_truth(tree)
     assert truth["height_m"] == pytest.approx(4.0)
     assert truth["wood_volume_m3"] == pytest.approx(np.pi * 4 * (0.04 + 0.02 + 0.01) / 3)

@@ -32,7 +32,7 @@ Méndez et al.'s pruning: a branch whose turtle descends is removed with all tha
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
@@ -291,7 +291,7 @@ class Paths:
     before: np.ndarray
     level: np.ndarray
     branch: np.ndarray
-    mother: np.ndarray
+    parent: np.ndarray
 
 
 def find_paths(opens: np.ndarray, closes: np.ndarray) -> Paths:
@@ -331,10 +331,10 @@ def find_paths(opens: np.ndarray, closes: np.ndarray) -> Paths:
     before[by_depth] = previous
     branch = np.empty(count, np.int64)
     branch[by_depth] = branch_sorted
-    mother = np.full(len(heads) + 1, -1, np.int64)
-    mother[1:] = np.where(outside, 0, branch[previous[heads]])
+    parent = np.full(len(heads) + 1, -1, np.int64)
+    parent[1:] = np.where(outside, 0, branch[previous[heads]])
 
-    return Paths(command, before, _levels(depth, by_depth, heads, previous), branch, mother)
+    return Paths(command, before, _levels(depth, by_depth, heads, previous), branch, parent)
 
 
 def _levels(
@@ -382,7 +382,7 @@ class Walk:
     leaves: LeafSites
     branch: np.ndarray
     leaf_branch: np.ndarray
-    mother: np.ndarray
+    parent: np.ndarray
 
 
 def walk(commands: Commands, diameter: float, bend: Bend | None = None) -> Walk:
@@ -420,11 +420,11 @@ def walk(commands: Commands, diameter: float, bend: Bend | None = None) -> Walk:
         start=start,
         end=states.place[segment],
         radius=np.stack([radius, radius], axis=1),
-        parent=states.mother[segment],
+        parent=states.parent[segment],
         order=states.order[segment],
         generation=states.generation[segment],
     )
-    return Walk(skeleton, leaves, paths.branch[segment], paths.branch[leaf], paths.mother)
+    return Walk(skeleton, leaves, paths.branch[segment], paths.branch[leaf], paths.parent)
 
 
 @dataclass(frozen=True)
@@ -436,7 +436,7 @@ class _States:
     diameter: np.ndarray  # (P,)
     drawn_diameter: np.ndarray  # (P,) of the segment that a step draws
     last: np.ndarray  # (P,) the segment drawn last
-    mother: np.ndarray  # (P,) the one before it
+    parent: np.ndarray  # (P,) the one before it
     order: np.ndarray  # (P,)
     generation: np.ndarray  # (P,)
 
@@ -488,7 +488,7 @@ def _states(steps: Steps, drawn: np.ndarray, paths: Paths, diameter: float, bend
     place = np.zeros((3, count + 1))
     width = np.full(count + 1, diameter)
     last = np.full(count + 1, -1)
-    mother = np.full(count + 1, -1)
+    parent = np.full(count + 1, -1)
     last_branch = np.full(count + 1, -1)
     order = np.zeros(count + 1, np.int64)
     generation = np.full(count + 1, -1)
@@ -508,7 +508,7 @@ def _states(steps: Steps, drawn: np.ndarray, paths: Paths, diameter: float, bend
         width[new] = width[old] * factor[here] + offset[here]
 
         draws, before_it = drawn[here], last[old]
-        mother[new] = before_it
+        parent[new] = before_it
         last[new] = np.where(draws, own[here], before_it)
         leaves_axis = (before_it >= 0) & (last_branch[old] != branch[here])
         order[new] = order[old] + (draws & leaves_axis)
@@ -524,7 +524,7 @@ def _states(steps: Steps, drawn: np.ndarray, paths: Paths, diameter: float, bend
         diameter=width[back],
         drawn_diameter=drawn_width[back - 1],
         last=last[back],
-        mother=mother[back],
+        parent=parent[back],
         order=order[back],
         generation=generation[back],
     )
@@ -602,44 +602,26 @@ def prune_descending(walked: Walk) -> Walk:
     skeleton = walked.skeleton
     rise = skeleton.end[:, 2] - skeleton.start[:, 2]
     length = np.linalg.norm(skeleton.end - skeleton.start, axis=1)
-    removed = np.zeros(len(walked.mother), bool)
+    removed = np.zeros(len(walked.parent), bool)
     removed[walked.branch[rise < -ROUNDING * length]] = True
-    removed = _with_all_above(removed, walked.mother)
+    removed = _with_all_above(removed, walked.parent)
 
     kept, kept_leaf = ~removed[walked.branch], ~removed[walked.leaf_branch]
     # What a kept segment hangs on is kept too: it stands in the same branch or in one below.
     number = np.append(np.cumsum(kept) - 1, -1)
-    return Walk(
-        skeleton=Skeleton(
-            start=skeleton.start[kept],
-            end=skeleton.end[kept],
-            radius=skeleton.radius[kept],
-            parent=number[skeleton.parent[kept]],
-            order=skeleton.order[kept],
-            generation=skeleton.generation[kept],
-        ),
-        leaves=keep_sites(walked.leaves, kept_leaf, number),
+    leaves = walked.leaves.select(kept_leaf)
+    return replace(
+        walked,
+        skeleton=skeleton.some(kept),
+        leaves=replace(leaves, segment=number[leaves.segment]),
         branch=walked.branch[kept],
         leaf_branch=walked.leaf_branch[kept_leaf],
-        mother=walked.mother,
     )
 
 
-def keep_sites(leaves: LeafSites, kept: np.ndarray, number: np.ndarray) -> LeafSites:
-    """The leaves that stay; ``number`` gives segments their new numbers, its last entry is -1."""
-    return LeafSites(
-        foot=leaves.foot[kept],
-        direction=leaves.direction[kept],
-        up=leaves.up[kept],
-        length=leaves.length[kept],
-        width=leaves.width[kept],
-        segment=number[leaves.segment[kept]],
-    )
-
-
-def _with_all_above(removed: np.ndarray, mother: np.ndarray) -> np.ndarray:
+def _with_all_above(removed: np.ndarray, parent: np.ndarray) -> np.ndarray:
     """Marks handed on from parents to children, by pointer doubling (deep brackets cost a log)."""
-    up = np.maximum(mother, 0)  # branch 0 is its own parent
+    up = np.maximum(parent, 0)  # branch 0 is its own parent
     while True:
         marked = removed | removed[up]
         further = up[up]

@@ -30,6 +30,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from ...base.rng import daughter_keys, keyed_uniform
+from ...base.runs import numbered
 from ...base.vectors import azimuth_of, cross_rows
 from ...spec import Architecture, Crown, Leaf
 from ..draw import GOLDEN, draw_normal
@@ -279,8 +280,7 @@ def _whorled(plan: Architecture, height: float, base: float, rng: np.random.Gene
     drawn = np.clip(plan.whorl.mean + plan.whorl.sd * rng.standard_normal(years), 1, None)
     left = 1 - plan.shed * (1 - share) ** 2
     count = np.maximum(1, np.round(drawn * left)).astype(int)
-    of = np.repeat(np.arange(years), count)
-    within = np.arange(len(of)) - np.repeat(np.cumsum(count) - count, count)
+    of, within = numbered(count)
     azimuth = GOLDEN * of + 2 * np.pi * (within + 0.5 * rng.random(len(of))) / count[of]
     reach = 0.78 + 0.22 * rng.random(len(of))
     foot = level[of] + 0.02 * span / years * within
@@ -432,8 +432,7 @@ def _nodes_of(
     """
     chord = np.linalg.norm(path[:, 3], axis=1)
     many = np.clip(np.ceil(chord / APART), 2, MOST_NODES).astype(int)
-    of = np.repeat(np.arange(len(foot)), many)
-    within = np.arange(len(of)) - np.repeat(np.cumsum(many) - many, many)
+    of, within = numbered(many)
     t = ((within + 1) / many[of])[:, None]
     p1, p2, p3 = (path[of, k] for k in (1, 2, 3))
     place = 3 * t * (1 - t) ** 2 * p1 + 3 * t**2 * (1 - t) * p2 + t**3 * p3
@@ -609,9 +608,9 @@ def with_radii(skeleton: Skeleton, total: np.ndarray, crown: Crown, dbh: float) 
     low = thick(skeleton.start[:, 2], total, stem)
     # An axis narrows along a segment to where it goes on; its last segment to half.
     high = 0.5 * low
-    mother = skeleton.parent
-    on = np.flatnonzero((mother >= 0) & (skeleton.order == skeleton.order[np.maximum(mother, 0)]))
-    high[mother[on]] = low[on]
+    parent = skeleton.parent
+    on = np.flatnonzero((parent >= 0) & (skeleton.order == skeleton.order[np.maximum(parent, 0)]))
+    high[parent[on]] = low[on]
     radius = np.stack([low, np.minimum(high, low)], axis=1)
     drawn = replace(skeleton, radius=radius)
     found = dbh_of(drawn)

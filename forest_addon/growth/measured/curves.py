@@ -294,8 +294,8 @@ def _resampled(
         axis=1,
     )
     parent = np.arange(len(row)) - 1
-    mother = skeleton.parent
-    parent[begins] = np.where(mother < 0, -1, _part_of(row, u, mother, joints.share))
+    bearer = skeleton.parent
+    parent[begins] = np.where(bearer < 0, -1, _part_of(row, u, bearer, joints.share))
     columns = ((f.name, getattr(skeleton, f.name)) for f in fields(skeleton))
     taken: dict[str, Any] = {name: v if v is None else v[row] for name, v in columns}
     generation = _generations(skeleton, row, parent, begins)

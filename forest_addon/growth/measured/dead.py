@@ -105,7 +105,7 @@ def _bent(
 
 
 def _segments(
-    line: tuple[np.ndarray, np.ndarray], on: np.ndarray, order: int, mother: Skeleton, first: int
+    line: tuple[np.ndarray, np.ndarray], on: np.ndarray, order: int, bearer: Skeleton, first: int
 ) -> Skeleton:
     """Branches as segments, each branch in a row; numbers from ``first`` on.
 
@@ -115,8 +115,8 @@ def _segments(
     count, pieces = len(place), place.shape[1] - 1
     number = first + np.arange(count * pieces).reshape(count, pieces)
     parent = np.concatenate([on[:, None], number[:, :-1]], axis=1)
-    own = on - (first - len(mother))  # numbers within the parent
-    depth = mother.generation[own][:, None] + 1 + np.arange(pieces)
+    own = on - (first - len(bearer))  # numbers within the parent
+    depth = bearer.generation[own][:, None] + 1 + np.arange(pieces)
     return Skeleton(
         start=place[:, :-1].reshape(-1, 3),
         end=place[:, 1:].reshape(-1, 3),

@@ -3,25 +3,22 @@
 Leaf triangles go in; for every leaf come out its centre, normal, axis, length, width and the radius of
 the disc of equal area, which is what a foliage echo is computed from (Tanveer et al. 2020a).
 
-Leaves around branches: at an angle to the branch, at an azimuth about it, upper side to the sky.
-
-Leaves inclined as a species' leaves are: each turned about a level line through its foot.
-
-A leaf keeps its foot, its size and the azimuth to which it faces; of its normal only the angle θ to the
-vertical becomes that which was drawn. With k the level unit vector at right angles to the normal, the turn
-is that by the difference of the angles about k (Rodrigues). A leaf that lies flat has no azimuth: it tips
-towards the end of its midrib.
+Leaves incline as those of their species do: a leaf is turned about a level line through its foot. It keeps
+its foot, its size and the azimuth to which it faces; of its normal only the angle θ to the vertical becomes
+that which was drawn. With k the level unit vector at right angles to the normal, the turn is that by the
+difference of the angles about k (Rodrigues). A leaf that lies flat has no azimuth: it tips towards the end of
+its midrib.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
+from ...base.rows import RowTable
 from ...base.trimesh import TriMesh
 from ...base.vectors import column, cross_rows
 from ..skeleton import LeafSites
@@ -31,7 +28,7 @@ FLAT = 1e-9  # sine of an inclination below which a leaf faces no side
 
 
 @dataclass(frozen=True)
-class Leaves:
+class Leaves(RowTable):
     """The truth of L leaves.
 
     centre : (L, 3) area centroid, metres.
@@ -53,6 +50,12 @@ class Leaves:
     def __len__(self) -> int:
         return len(self.radius)
 
+    @classmethod
+    def none(cls) -> Leaves:
+        """No leaves at all."""
+        vectors, scalars = np.empty((0, 3)), np.empty(0)
+        return cls(vectors, vectors, vectors, scalars, scalars, scalars, np.empty(0, np.int32))
+
 
 def measure_leaves(mesh: TriMesh, branch: np.ndarray | None = None) -> Leaves:
     """Measure every leaf of a mesh.
@@ -69,7 +72,7 @@ def measure_leaves(mesh: TriMesh, branch: np.ndarray | None = None) -> Leaves:
     count = int(leaf.max(initial=-1)) + 1
     bearer = np.full(count, -1, np.int32) if branch is None else np.asarray(branch, np.int32)
     if not count:
-        return replace(no_leaves(), branch=bearer)
+        return replace(Leaves.none(), branch=bearer)
 
     first = np.flatnonzero(np.diff(leaf, prepend=-1))  # (P,) where the run of each leaf starts
     run = np.repeat(np.arange(len(first)), np.diff(first, append=len(leaf)))  # (F,)
@@ -156,22 +159,6 @@ def pieces_of(
     links = coo_matrix((np.ones(len(one)), (one, other)), shape=(len(used), len(used)))
     piece: np.ndarray = connected_components(links, directed=False)[1][corner[:, 0]]
     return piece
-
-
-def join_leaves(parts: Sequence[Leaves]) -> Leaves:
-    """One table out of several, in order."""
-    if not parts:
-        parts = [no_leaves()]
-    columns = {
-        f.name: np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(Leaves)
-    }
-    return Leaves(**columns)
-
-
-def no_leaves() -> Leaves:
-    """An empty table."""
-    vectors, scalars = np.empty((0, 3)), np.empty(0)
-    return Leaves(vectors, vectors, vectors, scalars, scalars, scalars, np.empty(0, np.int32))
 
 
 def _extents(
@@ -298,3 +285,13 @@ def incline_leaves(
 
 def _turned(turn: np.ndarray, vectors: np.ndarray) -> np.ndarray:
     return np.asarray(np.einsum("lij,lj->li", turn, vectors))
+
+
+def about_vertical(vectors: np.ndarray, cos: np.ndarray, sin: np.ndarray) -> np.ndarray:
+    """Vectors (N, 3), each turned about +Z by the angle with this cosine and sine (N,)."""
+    x, y, z = vectors.T
+    turned = np.empty(vectors.shape)
+    np.subtract(cos * x, sin * y, out=turned[:, 0])
+    np.add(sin * x, cos * y, out=turned[:, 1])
+    turned[:, 2] = z
+    return turned

@@ -29,8 +29,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...base.rows import RowTable, lengths
 from .centreline import Centrelines, Tubes, find_contacts
-from .pieces import Pieces, lengths
+from .pieces import Pieces
 
 STOUT = 0.7  # share of the thickest piece's radius that a trunk has at least
 LEVEL = 0.02  # share of the tree's height within which pieces begin at the same level
@@ -83,14 +84,14 @@ class Hierarchy:
 
 
 @dataclass(frozen=True)
-class Known:
+class Known(RowTable):
     """Knowledge of C pieces before they are hung, because they were cut from one another.
 
     parent : (C,) piece, -1 where it has to be found. foot : (C, 3) where it begins, on her axis.
     radius : (C,) hers there.
     """
 
-    mother: np.ndarray
+    parent: np.ndarray
     foot: np.ndarray
     radius: np.ndarray
 
@@ -120,7 +121,7 @@ def find_parents(lines: Centrelines, trunk: int, known: Known | None = None) -> 
     thin = radius * TAPER < radius[:, ::-1]
     handicap = np.where(thin, THIN_END * lines.length()[:, None], 0.0) - REACH * radius
 
-    tied = known.mother >= 0
+    tied = known.parent >= 0
     stems = _stems_apart(lines, trunk, ~tied)
     parent, branch = np.full(count, -1), np.full(count, -1)
     branch[stems] = stems
@@ -136,9 +137,9 @@ def find_parents(lines: Centrelines, trunk: int, known: Known | None = None) -> 
     waiting = np.flatnonzero(~tied & ~done)
     while len(hung):
         done[hung] = True
-        daughters = np.flatnonzero(tied & ~done & done[known.mother])
-        foot_end[daughters] = np.argmin(from_foot[daughters], axis=1)
-        parent[daughters] = known.mother[daughters]
+        children = np.flatnonzero(tied & ~done & done[known.parent])
+        foot_end[children] = np.argmin(from_foot[children], axis=1)
+        parent[children] = known.parent[children]
         rank, reach, piece = _best_wood(lines, hung, waiting)
         better = rank < score[waiting]
         score[waiting] = np.where(better, rank, score[waiting])
@@ -146,14 +147,14 @@ def find_parents(lines: Centrelines, trunk: int, known: Known | None = None) -> 
         nearest[waiting] = np.where(better, piece, nearest[waiting])
         best = (score + handicap)[waiting].min(axis=1)
         ready = best <= 0
-        if not (ready.any() or len(daughters)):
+        if not (ready.any() or len(children)):
             # nothing touches: let what fits best, and what fits about as well, float
             ready = best <= FLOAT * best.min(initial=np.inf)
         touching = waiting[ready]
         foot_end[touching] = np.argmin((score + handicap)[touching], axis=1)
         parent[touching] = nearest[touching, foot_end[touching]]
         waiting = waiting[~ready]
-        hung = np.concatenate([daughters, touching])
+        hung = np.concatenate([children, touching])
         branch[hung] = np.where(parent[hung] == trunk, hung, branch[parent[hung]])
     gap[parent < 0] = 0.0
     return Hierarchy(trunk, parent, branch, foot_end, gap[np.arange(count), foot_end])
@@ -258,36 +259,33 @@ def find_bearers(lines: Centrelines, leaves: Pieces) -> tuple[np.ndarray, np.nda
 def _groups_near(tubes: Tubes, leaves: Pieces) -> np.ndarray:
     """(G, L) whether a group of balls can be the nearest to any place of a leaf, from its middle."""
     owner = leaves.piece_of_vertex
-    size = np.bincount(owner, minlength=leaves.count)
-    total = [np.bincount(owner, column, leaves.count) for column in leaves.vertices.T]
-    middle = np.stack(total, axis=1) / size[:, None]
+    size, middle = np.bincount(owner, minlength=leaves.count), leaves.middles()
     away = lengths(leaves.vertices - middle[owner])
     reach = np.maximum.reduceat(away, np.cumsum(size) - size)
     seen = tubes.look(middle)
     least = np.maximum(seen.gap.min(axis=0) + reach, 0.0)
-    near: np.ndarray = seen.gap - seen.doubt - reach <= least
-    return near
+    return np.asarray(seen.gap - seen.doubt - reach <= least)
 
 
 def root(lines: Centrelines, trunk: int, known: Known) -> Known:
     """Return what is known of parents, and the parents of pieces that are rooted deep in one."""
     count = len(lines.first) - 1
-    free = np.flatnonzero((known.mother < 0) & (np.arange(count) != trunk))
+    free = np.flatnonzero((known.parent < 0) & (np.arange(count) != trunk))
     if not len(free):
         return known
     tubes = Tubes.of(lines, np.arange(count))
     ends, thick = lines.ends()[free], lines.end_radius[free]
     cone, aside, part, radius = tubes.beside(ends.reshape(-1, 3), BALLS)
-    mother = tubes.piece[cone]
+    parent = tubes.piece[cone]
     along = tubes.along[cone] + part * tubes.length[cone]
     own = np.repeat(free, 2)[:, None]
     rank = aside / np.maximum(radius, 1e-12)
-    fits = (rank <= DEEP) & (mother != own) & (radius >= NO_THINNER * thick.reshape(-1, 1))
-    fits &= ~_begins_there(lines, mother, along, radius, TAPERS)
+    fits = (rank <= DEEP) & (parent != own) & (radius >= NO_THINNER * thick.reshape(-1, 1))
+    fits &= ~_begins_there(lines, parent, along, radius, TAPERS)
     other = thick[:, ::-1].reshape(-1, 1)
     fits &= thick.reshape(-1, 1) * TAPER >= other
     rank += LESS * (thick.reshape(-1, 1) < other)
-    sister = _begins_there(lines, mother, along, radius, TAPER)
+    sister = _begins_there(lines, parent, along, radius, TAPER)
     rank += LESS * (sister & (radius < OWN_END * thick.reshape(-1, 1)))
     rank[~fits] = np.inf
 
@@ -299,29 +297,29 @@ def root(lines: Centrelines, trunk: int, known: Known) -> Known:
     row, found, rooted = row[sure], found[sure], free[sure]
     chosen = cone[row, found]
     foot = tubes.start[chosen] + part[row, found][:, None] * tubes.vector[chosen]
-    mothers, feet, thickness = known.mother.copy(), known.foot.copy(), known.radius.copy()
-    mothers[rooted], feet[rooted] = tubes.piece[chosen], foot
+    parents, feet, thickness = known.parent.copy(), known.foot.copy(), known.radius.copy()
+    parents[rooted], feet[rooted] = tubes.piece[chosen], foot
     thickness[rooted] = radius[row, found]
-    rings = _in_rings(mothers)
-    mothers[rings] = known.mother[rings]
-    return Known(mothers, feet, thickness)
+    rings = _in_rings(parents)
+    parents[rings] = known.parent[rings]
+    return Known(parents, feet, thickness)
 
 
 def _begins_there(
-    lines: Centrelines, mother: np.ndarray, along: np.ndarray, radius: np.ndarray, tapers: float
+    lines: Centrelines, parent: np.ndarray, along: np.ndarray, radius: np.ndarray, tapers: float
 ) -> np.ndarray:
     """Return whether places along pieces are where these begin: at an end, unless that tapers by this
     factor."""
-    length, ends = lines.length()[mother], lines.end_radius[mother]
+    length, ends = lines.length()[parent], lines.end_radius[parent]
     first = (along <= FEET * radius) & (ends[..., 0] * tapers > ends[..., 1])
     last = (length - along <= FEET * radius) & (ends[..., 1] * tapers > ends[..., 0])
     return np.asarray(first | last)
 
 
-def _in_rings(mother: np.ndarray) -> np.ndarray:
+def _in_rings(parent: np.ndarray) -> np.ndarray:
     """(N,) pieces that are their own ancestors."""
-    at = np.arange(len(mother))
-    above = np.where(mother < 0, at, mother)
-    for _ in range(len(mother).bit_length()):  # so far up that who is not at the top goes round
+    at = np.arange(len(parent))
+    above = np.where(parent < 0, at, parent)
+    for _ in range(len(parent).bit_length()):  # so far up that who is not at the top goes round
         above = above[above]
-    return np.unique(above[mother[above] >= 0])
+    return np.unique(above[parent[above] >= 0])

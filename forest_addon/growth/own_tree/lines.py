@@ -244,7 +244,7 @@ def walk(frame: np.ndarray, length: np.ndarray, first: np.ndarray, foot: np.ndar
 
 
 def foot_frames(
-    mother: np.ndarray,
+    parent: np.ndarray,
     azimuth: np.ndarray,
     angle: np.ndarray,
     roll: np.ndarray,
@@ -257,7 +257,7 @@ def foot_frames(
     carried : (C,) whether it counts: whether the branch's N comes from its parent's. Else, and unless the
         branch stands upright, N is its upper side.
     """
-    frame = mother @ _about(2, azimuth) @ _about(1, angle) @ _about(2, roll)
+    frame = parent @ _about(2, azimuth) @ _about(1, angle) @ _about(2, roll)
     heading = frame[:, :, 2]
     level = np.flatnonzero(~carried & (np.abs(heading[:, 2]) < STEEP))
     frame[level] = upper_frames(heading[level])
@@ -272,9 +272,9 @@ def upper_frames(heading: np.ndarray) -> np.ndarray:
     return np.stack([up, np.cross(heading, up), heading], axis=2)
 
 
-def angles_in(mother: np.ndarray, heading: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def angles_in(parent: np.ndarray, heading: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Azimuth (C,) about a parent's T and angle (C,) from it of headings (C, 3)."""
-    own = np.einsum("nij,ni->nj", mother, heading)
+    own = np.einsum("nij,ni->nj", parent, heading)
     across = np.hypot(own[:, 0], own[:, 1])
     return azimuth_of(own), np.arctan2(across, column(own, 2))
 

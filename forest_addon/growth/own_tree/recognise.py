@@ -50,9 +50,7 @@ def are_fronds(trunk: Centrelines, leaves: Pieces) -> bool:
     """Return whether the leaves are so long that they are a palm's fronds."""
     if leaves.count < FEWEST:
         return False
-    low, high = np.full((leaves.count, 3), np.inf), np.full((leaves.count, 3), -np.inf)
-    np.minimum.at(low, leaves.piece_of_vertex, leaves.vertices)
-    np.maximum.at(high, leaves.piece_of_vertex, leaves.vertices)
+    low, high = leaves.boxes()
     long = float(np.median(np.linalg.norm(high - low, axis=1)))
     return long >= LONG * float(trunk.length().max())
 
@@ -228,7 +226,7 @@ def recognise_pieces(timber: Pieces, foliage: Pieces | None = None) -> Recogniti
             "and branches, joined or as separate parts.",
             lines.ends()[0],
         )
-    trunk = find_trunk(timber, lines, known.mother < 0)
+    trunk = find_trunk(timber, lines, known.parent < 0)
     hierarchy = find_parents(lines, trunk, root(lines, trunk, known))
     found = Recognition(timber, lines, hierarchy, foliage, np.empty(0, dtype=np.int64))
     _check_one_tree(found)
@@ -255,9 +253,9 @@ def _cut_at_forks(timber: Pieces) -> tuple[Pieces, Centrelines, Known, np.ndarra
             timber, lines = whole, find_centrelines(whole)
         joined = may_fork(timber, lines)
     if joined.any():
-        cut = sever(timber, joined)
-        if cut.pieces.count > timber.count:
-            return cut.pieces, find_centrelines(cut.pieces), cut.known, cut.grown_together
+        pieces, known, together = sever(timber, joined)
+        if pieces.count > timber.count:
+            return pieces, find_centrelines(pieces), known, together
     lines = find_centrelines(timber) if lines is None else lines
     return timber, lines, Known.nothing(timber.count), np.empty((0, 3))
 
@@ -304,12 +302,8 @@ def _doubts_about_leaves(found: Recognition, gap: np.ndarray) -> tuple[Doubt, ..
     far = gap > FLOATING_LEAF * float(np.ptp(found.wood.vertices, axis=0).max())
     if not far.any():
         return ()
-    leaves = found.leaves
-    size = np.bincount(leaves.piece_of_vertex, minlength=leaves.count)
-    total = [np.bincount(leaves.piece_of_vertex, x, leaves.count) for x in leaves.vertices.T]
-    middle = np.stack(total, axis=1) / size[:, None]
     sentence = f"{np.count_nonzero(far):,} leaves are far from all wood."
-    return (Doubt(sentence, middle[far]),)
+    return (Doubt(sentence, found.leaves.middles()[far]),)
 
 
 def _check_one_tree(found: Recognition) -> None:
@@ -343,9 +337,7 @@ def _check_leaves(leaves: Pieces, gap: np.ndarray, extent: float) -> None:
             "and origin.",
             leaves.vertices[:: max(1, len(leaves.vertices) // 20)],
         )
-    low, high = np.full((leaves.count, 3), np.inf), np.full((leaves.count, 3), -np.inf)
-    np.minimum.at(low, leaves.piece_of_vertex, leaves.vertices)
-    np.maximum.at(high, leaves.piece_of_vertex, leaves.vertices)
+    low, high = leaves.boxes()
     largest = float((high - low).max())
     if largest > LARGEST_LEAF * extent:
         raise TemplateError(

@@ -27,6 +27,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...base.rng import daughter_keys, keyed_normal, keyed_uniform
+from ...base.runs import numbered
 from ...base.trimesh import TriMesh, join
 from ...base.vectors import cross_rows, zenith_of
 from ..mesh.leaves import Leaves
@@ -96,9 +97,9 @@ def skeleton_of_grown(grown: Grown) -> Skeleton:
     line = lines.line
     knot = np.arange(len(lines.length)) + line
     inner = np.arange(len(lines.length)) > lines.first[line]
-    mother = np.maximum(grown.mother, 0)
-    seat, _ = seat_at(lines, mother, grown.share)
-    foot = np.where(grown.mother < 0, -1, lines.first[mother] + seat)
+    bearer = np.maximum(grown.parent, 0)
+    seat, _ = seat_at(lines, bearer, grown.share)
+    foot = np.where(grown.parent < 0, -1, lines.first[bearer] + seat)
     parent = np.where(inner, np.arange(len(line)) - 1, foot[line])
     generation = np.zeros(len(line), np.int64)
     below = np.zeros(len(grown.piece), np.int64)  # of the foot of each branch
@@ -125,7 +126,7 @@ def first_levels(grown: Grown) -> np.ndarray:
     number[firsts] = np.arange(len(firsts))
     for order in range(2, int(grown.order.max(initial=0)) + 1):
         mine = np.flatnonzero(grown.order == order)
-        number[mine] = number[grown.mother[mine]]
+        number[mine] = number[grown.parent[mine]]
     return number
 
 
@@ -194,8 +195,7 @@ def hang_leaves(anatomy: Anatomy, grown: Grown, variety: float) -> HungLeaves:
     key = daughter_keys(daughter_keys(grown.key[branch], "leaf"), rank)
     times = np.floor(grown.scale[branch] + keyed_uniform(key, "times"))
     times = np.where(grown.scale[branch] == 1, 1, times).astype(np.int64)
-    which = np.repeat(np.arange(len(row)), times)
-    copy = np.arange(len(which)) - np.repeat(np.cumsum(times) - times, times)
+    which, copy = numbered(times)
     row, branch, key = row[which], branch[which], key[which]
     key = np.where(copy > 0, daughter_keys(key, copy), key)
 
@@ -346,11 +346,11 @@ def standing_of(grown: Grown) -> SiblingStanding:
     feet, tips = lines.knot[knots[:-1]], lines.knot[knots[1:] - 1]
     way = (tips - feet)[grown.order == 0]
     lean = zenith_of(way).max()
-    borne = np.flatnonzero(grown.mother >= 0)
+    borne = np.flatnonzero(grown.parent >= 0)
     if not len(borne):
         return SiblingStanding(float(lean), 0.0, 0.0)
-    seat = seats_on(lines, grown.mother[borne], feet[borne])
-    _, _, thick = stand_on(lines, grown.mother[borne], seat)
+    seat = seats_on(lines, grown.parent[borne], feet[borne])
+    _, _, thick = stand_on(lines, grown.parent[borne], seat)
     gap = np.hypot(seat.away, seat.along) - thick
     thicker = lines.radius[knots[:-1]][borne] / np.maximum(thick, np.finfo(float).tiny)
     return SiblingStanding(float(lean), max(float(gap.max()), 0.0), float(thicker.max()))
@@ -375,11 +375,11 @@ def write_string(habit: Habit, grown: Grown, variety: float, generations: int) -
             continue
         own = parts.pop(branch, [])
         text = _axis(grown, branch, own) if order < generations else _letter(habit, grown, branch)
-        mother = int(grown.mother[branch])
+        parent = int(grown.parent[branch])
         way = _way_to(grown, branch, seat)
-        opened = f"[{way}{text}]" if mother >= 0 or (grown.mother < 0).sum() > 1 else way + text
+        opened = f"[{way}{text}]" if parent >= 0 or (grown.parent < 0).sum() > 1 else way + text
         where = int(seat[0][branch]), float(seat[1][branch])
-        parts.setdefault(mother, []).append((*where, opened))
+        parts.setdefault(parent, []).append((*where, opened))
     return "".join(text for _, _, text in parts.get(-1, []))
 
 
@@ -419,8 +419,8 @@ def _seats(grown: Grown) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Of every branch on its parent: stretch and part, and (B, 3) from her axis to its foot in her frame."""
     lines = grown.lines
     foot = lines.knot[lines.first[:-1] + np.arange(len(grown.piece))]
-    borne = np.flatnonzero(grown.mother >= 0)
-    found = seats_on(lines, grown.mother[borne], foot[borne])
+    borne = np.flatnonzero(grown.parent >= 0)
+    found = seats_on(lines, grown.parent[borne], foot[borne])
     stretch, part = np.zeros(len(foot), np.int64), np.zeros(len(foot))
     stretch[borne], part[borne] = found.stretch, found.part
     off = foot.copy()  # on the ground, in its frame
@@ -432,9 +432,9 @@ def _seats(grown: Grown) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 def _way_to(grown: Grown, branch: int, seat: tuple[np.ndarray, np.ndarray, np.ndarray]) -> str:
     """Return how the turtle gets from her parent's axis into a branch's frame."""
-    mother = int(grown.mother[branch])
+    parent = int(grown.parent[branch])
     stretch, off = seat[0][branch], seat[2][branch]
-    frame = GROUND if mother < 0 else grown.lines.frame[grown.lines.first[mother] + stretch]
+    frame = GROUND if parent < 0 else grown.lines.frame[grown.lines.first[parent] + stretch]
     start = grown.lines.frame[grown.lines.first[branch]]
     return _moved(off) + _turned(frame.T @ start)
 

@@ -31,7 +31,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...base.rng import daughter_keys, keyed_normal, keyed_uniform
-from ...base.runs import Runs, bounds
+from ...base.runs import Runs, bounds, numbered
 from ...base.vectors import zenith_of
 from ...spec import Siblings
 from ..draw import GOLDEN
@@ -86,7 +86,7 @@ class Placed:
     """
 
     slot: np.ndarray
-    mother: np.ndarray
+    parent: np.ndarray
     owner: np.ndarray
     key: np.ndarray
     share: np.ndarray
@@ -152,8 +152,7 @@ def _repeated(times: np.ndarray, *columns: np.ndarray) -> tuple[np.ndarray, ...]
 
     The keys, the third column, of further copies are those of children of the first.
     """
-    which = np.repeat(np.arange(len(times)), times)
-    copy = np.arange(len(which)) - np.repeat(np.cumsum(times) - times, times)
+    which, copy = numbered(times)
     row, owner, key, *rest = (column[which] for column in columns)
     key = np.where(copy > 0, daughter_keys(key, copy), key)
     return row, owner, key, copy, times[which], *rest
@@ -249,7 +248,7 @@ class Shoots:
     """Branches of one order before they are laid."""
 
     piece: np.ndarray
-    mother: np.ndarray  # row of the order below
+    parent: np.ndarray  # row of the order below
     sign: np.ndarray
     scale: np.ndarray
     key: np.ndarray
@@ -383,7 +382,7 @@ class Grown:
     """
 
     piece: np.ndarray
-    mother: np.ndarray
+    parent: np.ndarray
     order: np.ndarray
     sign: np.ndarray
     scale: np.ndarray
@@ -439,7 +438,7 @@ def _trunks(habit: Habit, variety: float, size: Size, tree: np.ndarray) -> Shoot
     scale = np.full(len(piece), size.stem)
     return Shoots(
         piece=piece,
-        mother=np.full(len(piece), -1),
+        parent=np.full(len(piece), -1),
         sign=sign,
         scale=scale,
         key=key,
@@ -492,7 +491,7 @@ def _daughters(habit: Habit, variety: float, size: Size, below: Grown, order: in
     base = np.minimum(scale, most)
     return Shoots(
         piece=piece,
-        mother=owner,
+        parent=owner,
         sign=below.sign[owner] * _signs(key, variety),
         scale=scale,
         key=key,
@@ -507,7 +506,7 @@ def _reseated(habit: Habit, placed: Placed) -> Seats:
     """Seats of children on their parents' pieces; one that has not moved keeps its own to the bit."""
     seat = habit.anatomy.seat.take(placed.slot)
     moved = np.flatnonzero(placed.share != habit.share[placed.slot])
-    stretch, part = seat_at(habit.anatomy.lines, placed.mother[moved], placed.share[moved])
+    stretch, part = seat_at(habit.anatomy.lines, placed.parent[moved], placed.share[moved])
     seat.stretch[moved], seat.part[moved] = stretch, part
     return seat
 
@@ -590,7 +589,7 @@ def _lay(habit: Habit, variety: float, wanted: Shoots, order: int) -> Grown:
     )
     return Grown(
         piece=wanted.piece,
-        mother=wanted.mother,
+        parent=wanted.parent,
         order=np.full(len(wanted.piece), order),
         sign=wanted.sign,
         scale=wanted.scale,
@@ -620,9 +619,9 @@ def _joined(levels: Sequence[Grown]) -> Grown:
         np.concatenate([*firsts, stretches[-1:]]),
         *(of_lines(name) for name in ("knot", "radius", "length", "frame")),
     )
-    mother = [
-        np.where(level.mother < 0, -1, level.mother + at)
+    parent = [
+        np.where(level.parent < 0, -1, level.parent + at)
         for level, at in zip(levels, below, strict=False)
     ]
     rest = ("piece", "order", "sign", "scale", "key", "share", "bend", "source", "girth")
-    return Grown(mother=np.concatenate(mother), lines=lines, **{name: every(name) for name in rest})
+    return Grown(parent=np.concatenate(parent), lines=lines, **{name: every(name) for name in rest})

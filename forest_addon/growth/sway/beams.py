@@ -188,8 +188,8 @@ def members_of(skeleton: Skeleton, most: int = MOST) -> Members:
     member = _joined(skeleton, LONGEST * height)
     count = int(member.max()) + 1
     first, last = _ends(member, count)
-    mother = skeleton.parent[first]
-    above = np.where(mother >= 0, member[np.maximum(mother, 0)], -1)
+    parent = skeleton.parent[first]
+    above = np.where(parent >= 0, member[np.maximum(parent, 0)], -1)
     girth = skeleton.radius[first].mean(axis=1)
     for b in range(count):  # a member is no thicker than the one that it grows from
         if above[b] >= 0:
@@ -216,12 +216,12 @@ def _joined(skeleton: Skeleton, longest: float) -> np.ndarray:
     member = [0] * len(parent)
     went_on = [False] * len(parent)
     reach: list[float] = []
-    for s, mother in enumerate(parent):
-        on = mother >= 0 and order[mother] == order[s] and not went_on[mother]
+    for s, bearer in enumerate(parent):
+        on = bearer >= 0 and order[bearer] == order[s] and not went_on[bearer]
         if on:
-            went_on[mother] = True
-        if on and reach[member[mother]] + length[s] <= longest:
-            member[s] = member[mother]
+            went_on[bearer] = True
+        if on and reach[member[bearer]] + length[s] <= longest:
+            member[s] = member[bearer]
             reach[member[s]] += length[s]
         else:
             member[s] = len(reach)
@@ -288,9 +288,9 @@ def _along(
 
     along = np.stack([share(skeleton.start), share(skeleton.end)], axis=1)
     for s in np.flatnonzero(~kept).tolist():
-        mother = skeleton.parent[s]
-        rides = mother >= 0 and not kept[mother]
-        along[s] = along[mother, 0] if rides else along[s, 0]
+        parent = skeleton.parent[s]
+        rides = parent >= 0 and not kept[parent]
+        along[s] = along[parent, 0] if rides else along[s, 0]
     return along
 
 

@@ -22,6 +22,7 @@ from typing import Protocol
 
 import numpy as np
 
+from ...base.runs import numbered
 from ...base.trimesh import TriMesh
 from ..mesh.leaves import Leaves
 from ..skeleton import Skeleton
@@ -251,8 +252,7 @@ def _nearest(skeleton: Skeleton, points: np.ndarray) -> tuple[np.ndarray, np.nda
 
     length = np.linalg.norm(skeleton.end - skeleton.start, axis=1)
     pieces = np.maximum(1, np.ceil(length / SAMPLE).astype(np.int64))
-    of = np.repeat(np.arange(len(skeleton)), pieces)
-    number = np.arange(len(of)) - np.repeat(np.cumsum(pieces) - pieces, pieces)
+    of, number = numbered(pieces)
     share = ((number + 0.5) / pieces[of])[:, None]
     sample = skeleton.start[of] * (1 - share) + skeleton.end[of] * share
     many = min(4, len(sample))

@@ -52,8 +52,8 @@ def test_nothing_descends_after_pruning(name):
     assert (wild.end[:, 2] < wild.start[:, 2]).any()
     assert (pruned.end[:, 2] >= pruned.start[:, 2] - 1e-9).all()
     assert (pruned.parent < np.arange(len(pruned))).all()
-    mother = pruned.parent[1:]
-    assert np.allclose(pruned.start[1:], pruned.end[mother])
+    parent = pruned.parent[1:]
+    assert np.allclose(pruned.start[1:], pruned.end[parent])
     assert (leaves.segment < len(pruned)).all()
     assert np.allclose(leaves.foot, pruned.end[leaves.segment])
 

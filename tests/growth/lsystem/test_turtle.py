@@ -11,8 +11,6 @@ from forest_addon.growth.lsystem.tanveer import (
     CENTRE,
     SIDE,
     SYMMETRIC,
-    T20,
-    derive,
     interpret,
     parse,
 )
@@ -21,12 +19,16 @@ from forest_addon.spec import Grammar, Jitter
 STILL = Jitter(length=0, angle_deg=0, twist_deg=0, raise_ratio=0, lean_deg=0, leaf_size=0)
 
 
+def derived(generations):
+    return string_of(Grammar(generations=generations))
+
+
 def skeleton(generations, grammar=None, jitter=STILL, seed=0):
-    return interpret(derive(T20, generations), grammar or Grammar(), jitter, stream(seed, "test"))
+    return interpret(derived(generations), grammar or Grammar(), jitter, stream(seed, "test"))
 
 
 def test_mothers_and_roles_of_the_second_iteration():
-    parent, role = parse(derive(T20, 2))
+    parent, role = parse(derived(2))
     # d ( d (g) [g) + g ) [ d (g) [g) + g ) + d (g) [g) + g )
     assert parent.tolist() == [-1, 0, 1, 1, 1, 0, 5, 5, 5, 0, 9, 9, 9]
     assert role.tolist() == [CENTRE] + [
@@ -35,7 +37,7 @@ def test_mothers_and_roles_of_the_second_iteration():
 
 
 @pytest.mark.parametrize("text", ["d)g", "d(g))g", "dx", "d(g"])
-def test_symbols_that_are_not_t20(text):
+def test_symbols_that_are_of_no_string(text):
     codes = np.frombuffer(text.encode(), np.uint8)
     if text == "d(g":  # an unclosed branch is harmless
         assert parse(codes)[0].tolist() == [-1, 0]
@@ -50,13 +52,13 @@ def test_lengths_angles_and_orders_without_jitter():
     length = np.linalg.norm(s.end - s.start, axis=1)
     heading = (s.end - s.start) / length[:, None]
     for i in range(1, len(s)):
-        mother = s.parent[i]
-        same = s.order[i] == s.order[mother]
+        parent = s.parent[i]
+        same = s.order[i] == s.order[parent]
         ratio = grammar.centre_ratio if same else grammar.side_ratio
-        assert length[i] == pytest.approx(length[mother] * ratio, rel=1e-12)
-        angle = np.rad2deg(np.arccos(np.clip(heading[i] @ heading[mother], -1, 1)))
+        assert length[i] == pytest.approx(length[parent] * ratio, rel=1e-12)
+        angle = np.rad2deg(np.arccos(np.clip(heading[i] @ heading[parent], -1, 1)))
         assert angle == pytest.approx(0 if same else grammar.angle_deg, abs=1e-5)
-        assert np.allclose(s.start[i], s.end[mother])
+        assert np.allclose(s.start[i], s.end[parent])
     trunk = s.axis(0)
     assert s.end[trunk[-1], 2] == pytest.approx(
         grammar.length * (1 - grammar.centre_ratio**4) / (1 - grammar.centre_ratio)
@@ -79,7 +81,7 @@ def test_equals_a_plain_recursive_turtle_with_jitter(seed):
     jitter = Jitter(length=0.1, angle_deg=6, twist_deg=9, raise_ratio=0.5, lean_deg=4)
     grammar = Grammar(angle_deg=40, twist_deg=25)
     ours = skeleton(4, grammar, jitter, seed)
-    start, end, radius = grow_plainly(derive(T20, 4), grammar, jitter, stream(seed, "test"))
+    start, end, radius = grow_plainly(derived(4), grammar, jitter, stream(seed, "test"))
     assert np.abs(ours.start - start).max() < 1e-12
     assert np.abs(ours.end - end).max() < 1e-12
     assert np.abs(ours.radius[:, 0] - radius).max() < 1e-15

@@ -55,11 +55,11 @@ def test_equals_the_plain_turtle_on_random_grammars(axiom, rule, elasticity, tro
     s = walked.skeleton
     assert len(s) == len(segments)
     assert len(walked.leaves) == len(leaves)
-    for i, (start, end, width, mother, order, generation) in enumerate(segments):
+    for i, (start, end, width, parent, order, generation) in enumerate(segments):
         assert np.abs(s.start[i] - start).max() < 1e-12
         assert np.abs(s.end[i] - end).max() < 1e-12
         assert s.radius[i] == pytest.approx([width / 2, width / 2], rel=1e-12)
-        assert (s.parent[i], s.order[i], s.generation[i]) == (mother, order, generation)
+        assert (s.parent[i], s.order[i], s.generation[i]) == (parent, order, generation)
     for i, (foot, heading, up, segment) in enumerate(leaves):
         assert np.abs(walked.leaves.foot[i] - foot).max() < 1e-12
         assert np.abs(walked.leaves.direction[i] - heading).max() < 1e-12
@@ -95,7 +95,7 @@ def test_deep_brackets_do_not_overflow():
     depth = 30_000
     walked = walk_text("F(1)" + "[" * depth + "+F(1)" + "]" * depth + "[" * 100 + "F(1)")
     assert walked.skeleton.parent.tolist() == [-1, 0, 0]
-    assert len(walked.mother) == depth + 101
+    assert len(walked.parent) == depth + 101
     nested = walk_text("[F" * 3000 + "]" * 3000)
     assert nested.skeleton.order.tolist() == list(range(3000))
     assert nested.skeleton.end[-1, 2] == pytest.approx(2100)

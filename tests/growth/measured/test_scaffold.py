@@ -24,8 +24,8 @@ def tree_of(name, wanted, seed=0):
 
 def limbs_of(skeleton):
     """First segments of living limbs of order 1, and how thick they are a diameter of the stem away."""
-    mother = np.maximum(skeleton.parent, 0)
-    first = np.flatnonzero((skeleton.order == 1) & (skeleton.order[mother] == 0))
+    parent = np.maximum(skeleton.parent, 0)
+    first = np.flatnonzero((skeleton.order == 1) & (skeleton.order[parent] == 0))
     first = first[~skeleton.is_dead[first]]
     thick = []
     for row in first:

@@ -5,7 +5,7 @@ import pytest
 
 from forest_addon.base.trimesh import LEAF, TriMesh, join
 from forest_addon.growth.mesh.blades import Blade, lay
-from forest_addon.growth.mesh.leaves import join_leaves, measure_leaves, no_leaves, separate_leaves
+from forest_addon.growth.mesh.leaves import Leaves, measure_leaves, separate_leaves
 from forest_addon.growth.skeleton import LeafSites
 from forest_addon.sensing.sonar.discs import FoliageDiscs
 
@@ -64,9 +64,8 @@ def test_zero_area_leaf_is_harmless():
 
 
 def test_no_leaves():
-    assert len(no_leaves()) == 0
+    assert len(Leaves.none()) == 0
     assert len(measure_leaves(TriMesh.of_part(np.eye(3), np.array([[0, 1, 2]]), 1))) == 0
-    assert len(join_leaves([])) == 0
 
 
 def test_join_numbers_leaves_on_and_select_drops_unused_vertices():

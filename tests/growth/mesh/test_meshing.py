@@ -38,16 +38,16 @@ def random_tree(rng, count=400):
     end[0] = (0, 0, 1)
     continued = np.zeros(count, bool)
     for s in range(1, count):
-        mother = int(rng.integers(max(0, s - 30), s))
-        parent[s] = mother
-        onward = not continued[mother] and rng.random() < 0.7
-        continued[mother] |= onward
-        order[s] = order[mother] + (not onward)
+        bearer = int(rng.integers(max(0, s - 30), s))
+        parent[s] = bearer
+        onward = not continued[bearer] and rng.random() < 0.7
+        continued[bearer] |= onward
+        order[s] = order[bearer] + (not onward)
         share = 1.0 if onward or rng.random() < 0.5 else rng.random()
-        start[s] = start[mother] + share * (end[mother] - start[mother])
-        way = end[mother] - start[mother] + rng.normal(size=3) * (0.1 if onward else 0.6)
+        start[s] = start[bearer] + share * (end[bearer] - start[bearer])
+        way = end[bearer] - start[bearer] + rng.normal(size=3) * (0.1 if onward else 0.6)
         end[s] = start[s] + way / np.linalg.norm(way) * rng.uniform(0.05, 0.4)
-        radius[s, 0] = radius[mother, 1] * (1.0 if onward else rng.uniform(0.5, 1.1))
+        radius[s, 0] = radius[bearer, 1] * (1.0 if onward else rng.uniform(0.5, 1.1))
         radius[s, 1] = radius[s, 0] * rng.uniform(0.8, 1)
     return Skeleton(start, end, radius, parent, order, np.arange(count))
 

@@ -228,8 +228,8 @@ def lengths_by_order(skeleton: Skeleton) -> np.ndarray:
 
 
 def axes_by_order(skeleton: Skeleton) -> np.ndarray:
-    mother = np.maximum(skeleton.parent, 0)
-    first = (skeleton.parent < 0) | (skeleton.order != skeleton.order[mother])
+    parent = np.maximum(skeleton.parent, 0)
+    first = (skeleton.parent < 0) | (skeleton.order != skeleton.order[parent])
     return np.bincount(skeleton.order[first])
 
 
@@ -296,8 +296,8 @@ def test_a_weeping_tree_in_one_mesh_comes_back() -> None:
 
 def right_parents(skeleton: Skeleton, found: Recognition) -> np.ndarray:
     """Tell whether the piece of each axis hangs on the piece of its parent, at the right end."""
-    mother = np.maximum(skeleton.parent, 0)
-    begins = (skeleton.parent < 0) | (skeleton.order != skeleton.order[mother])
+    bearer = np.maximum(skeleton.parent, 0)
+    begins = (skeleton.parent < 0) | (skeleton.order != skeleton.order[bearer])
     first, axis = np.flatnonzero(begins), np.cumsum(begins) - 1
     last = first.copy()
     for number in np.flatnonzero(~begins):

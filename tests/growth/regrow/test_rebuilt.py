@@ -35,14 +35,14 @@ def corners_of(facets: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("name", SPECIES)
 def test_the_hierarchy_of_our_own_trees_is_recovered_exactly(name):
     own = own_tree(name)
-    mother, foot, tip = mothers_of(own.tree)
+    parent, foot, tip = mothers_of(own.tree)
     found = own.found
-    assert found.wood.count == len(mother)
+    assert found.wood.count == len(parent)
     feet, tips = np.hstack([found.foot, found.tip]), np.hstack([foot, tip])
     gap, number = cKDTree(feet).query(tips)
     assert np.sort(gap)[-2] < 0.01  # but for the trunk, which is sunk
-    assert len(np.unique(number)) == len(mother)
-    np.testing.assert_array_equal(np.where(mother < 0, -1, number[mother]), found.parent[number])
+    assert len(np.unique(number)) == len(parent)
+    np.testing.assert_array_equal(np.where(parent < 0, -1, number[parent]), found.parent[number])
     assert found.leaves.count == len(own.tree.leaves)
 
 

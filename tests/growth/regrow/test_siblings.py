@@ -60,10 +60,10 @@ def test_every_piece_is_within_its_mother_and_every_leaf_on_its_seat(name):
         begin = np.searchsorted(owner, np.arange(len(grown.piece) + 1))
         feet = grown.lines.knot[grown.lines.first[:-1] + np.arange(len(grown.piece))]
         rng = np.random.default_rng(key)
-        borne = np.flatnonzero(grown.mother >= 0)
+        borne = np.flatnonzero(grown.parent >= 0)
         for branch in rng.choice(borne, 60, replace=False):
-            mother = grown.mother[branch]
-            around = facets[begin[mother] : begin[mother + 1]]
+            parent = grown.parent[branch]
+            around = facets[begin[parent] : begin[parent + 1]]
             if winding_number(feet[branch], around) < 0.5:
                 assert distance(feet[branch], around) < 1e-3
         hung = hang_leaves(own.anatomy, grown, 1.0)
