@@ -3,17 +3,13 @@
 What a turtle or a branching model makes and a mesher takes. A child may start anywhere on its parent,
 not only at the end; a segment of the same order as its parent continues that axis.
 
-Axes of a skeleton: the segments of each, and the first-level branch that each belongs to.
-
 An axis goes on from a segment to its first child of equal order that starts where the segment ends;
-every other child starts an axis of its own. Both questions are answered for all segments at once by
+every other child starts an axis of its own. Such questions are answered for all segments at once by
 pointer doubling: a segment that has jumped k parents towards its end of the chain jumps 2k next time.
 
-The branches of a tree as cylinders, in the terms of quantitative structure models (TreeQSM and its kin).
-
-A segment of the skeleton is a cylinder: it knows its parent, its extension (the segment that goes on along
-the same axis), its axis and its order. Radii are those at both ends; the cylinder's own is that of equal
-volume, r² = (r₁² + r₁r₂ + r₂²)/3.
+In the terms of quantitative structure models (TreeQSM and its kin) a segment is a cylinder: it knows its
+parent, its extension (the segment that goes on along the same axis), its axis and its order. Radii are those
+at both ends; the cylinder's own is that of equal volume, r² = (r₁² + r₁r₂ + r₂²)/3.
 """
 
 from __future__ import annotations
@@ -54,6 +50,17 @@ class Skeleton(RowTable):
     def is_dead(self) -> np.ndarray:
         """(S,) bool, whether each segment is dead."""
         return np.zeros(len(self), dtype=bool) if self.dead is None else self.dead
+
+    @property
+    def length(self) -> np.ndarray:
+        """(S,) metres."""
+        return np.asarray(np.linalg.norm(self.end - self.start, axis=1))
+
+    @property
+    def volume(self) -> np.ndarray:
+        """(S,) m³, as frustums of cones."""
+        r1, r2 = self.radius.T
+        return np.asarray(np.pi * self.length * (r1**2 + r1 * r2 + r2**2) / 3)
 
     def some(self, keep: np.ndarray) -> Skeleton:
         """The segments where ``keep`` (S,) is true; one whose parent is not kept becomes a root."""
@@ -129,6 +136,14 @@ class Axes:
         axis[self.segment] = self.of_row
         return axis
 
+    @property
+    def onward(self) -> np.ndarray:
+        """(S,) the segment by which the axis goes on from each segment, -1 from a last one."""
+        onward = np.full(len(self.segment), -1, np.int64)
+        within = np.diff(self.of_row) == 0
+        onward[self.segment[:-1][within]] = self.segment[1:][within]
+        return onward
+
 
 def find_axes(skeleton: Skeleton) -> Axes:
     """Sort the segments of a skeleton into axes."""
@@ -202,18 +217,13 @@ class Cylinders:
 def cylinders_of(skeleton: Skeleton) -> Cylinders:
     """The cylinders of a skeleton, in its order."""
     axes = find_axes(skeleton)
-    axis = axes.of_segment
-    extension = np.full(len(skeleton), -1, np.int64)
-    before, after = axes.segment[:-1], axes.segment[1:]
-    same = axis[before] == axis[after]
-    extension[before[same]] = after[same]
     return Cylinders(
         start=skeleton.start,
         end=skeleton.end,
         radius=skeleton.radius,
         parent=skeleton.parent,
-        extension=extension,
-        axis=axis,
+        extension=axes.onward,
+        axis=axes.of_segment,
         order=skeleton.order,
     )
 
@@ -236,8 +246,9 @@ def diameter_at(skeleton: Skeleton, height: float) -> float:
 
 def depths(parent: np.ndarray) -> np.ndarray:
     """(N,) how many ancestors each of N things has, by their parents (N,), -1 for none."""
-    depth, above = np.zeros(len(parent), np.int64), parent
-    while (above >= 0).any():
-        depth += above >= 0
-        above = np.where(above >= 0, parent[np.maximum(above, 0)], -1)
+    depth, above = (parent >= 0).astype(np.int64), parent
+    while (above >= 0).any():  # twice as far with each round
+        known = np.maximum(above, 0)
+        depth = depth + np.where(above >= 0, depth[known], 0)
+        above = np.where(above >= 0, above[known], -1)
     return depth

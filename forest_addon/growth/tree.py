@@ -175,7 +175,10 @@ def _of_parts(
     missed: tuple[str, ...] = ()
     if wanted is not None:
         parts, missed = reshaped(parts, wanted, int(rng.integers(2**63)), species.name)
-    mesh, leaves = _inclined(species, parts.mesh, parts.leaves, parts.foot, rng)
+    mesh, leaves = parts.mesh, parts.leaves
+    if species.inclination is not None and len(leaves):
+        angle = draw_inclination(species.inclination, _leaf_keys(len(leaves), rng))
+        mesh, leaves = incline_leaves(mesh, leaves, parts.foot, angle)
     return Tree(mesh, leaves, parts.skeleton, wanted=wanted, missed=missed)
 
 
@@ -232,7 +235,8 @@ def _grafted(
     trunk = skeleton.axis(0)
     sites = _sites(skeleton, trunk, species, rng)
     scions = _scions(template)
-    chosen = _choose(len(sites), len(scions), rng)
+    one_each = len(sites) == len(scions)
+    chosen = np.arange(len(sites)) if one_each else rng.integers(len(scions), size=len(sites))
     roll = np.deg2rad(15.0) * truncated_normal(rng, len(sites))
     branches, truths, feet = [], [], []
     for number, (pick, site, turn) in enumerate(zip(chosen, sites, roll, strict=True)):
@@ -240,7 +244,7 @@ def _grafted(
         branches.append(branch)
         feet.append(foot)
         truths.append(replace(truth, branch=np.full(len(truth), number, dtype=np.int32)))
-    kept, wood = list(range(len(sites))), _first_levels(skeleton)
+    kept, wood = list(range(len(sites))), skeleton.some(skeleton.order <= 1)
     if wanted is not None:
         start = np.array([site.foot[2] for site in sites])
         leaf = np.array([truth.centre[:, 2].min(initial=np.inf) for truth in truths])
@@ -251,16 +255,6 @@ def _grafted(
     leaves, foot = Leaves.joined([truths[k] for k in kept]), np.concatenate([feet[k] for k in kept])
     parts = Parts(mesh, leaves, foot, wood, grafted=True)
     return _of_parts(species, parts, rng, wanted)
-
-
-def _inclined(
-    species: Species, mesh: TriMesh, leaves: Leaves, foot: np.ndarray, rng: np.random.Generator
-) -> tuple[TriMesh, Leaves]:
-    """Mesh and leaves, inclined as the species says."""
-    if species.inclination is None or not len(leaves):
-        return mesh, leaves
-    wanted = draw_inclination(species.inclination, _leaf_keys(len(leaves), rng))
-    return incline_leaves(mesh, leaves, foot, wanted)
 
 
 def _leaf_keys(count: int, rng: np.random.Generator) -> np.ndarray:
@@ -279,7 +273,7 @@ def _sites(
     skeleton: Skeleton, trunk: list[int], species: Species, rng: np.random.Generator
 ) -> list[GraftSite]:
     """Foot, direction and length of every first-level branch, from the lowest up, then the tip."""
-    length = np.linalg.norm(skeleton.end - skeleton.start, axis=1)
+    length = skeleton.length
     firsts = np.flatnonzero(
         (skeleton.order == 1) & (skeleton.order[np.maximum(skeleton.parent, 0)] == 0)
     )
@@ -311,21 +305,17 @@ def _turned(direction: np.ndarray, share: float) -> np.ndarray:
     return np.array([cos * x - sin * y, sin * x + cos * y, z])
 
 
-def _choose(sites: int, templates: int, rng: np.random.Generator) -> np.ndarray:
-    if sites == templates:
-        return np.arange(sites)
-    return rng.integers(templates, size=sites)
-
-
 def _trunk_mesh(skeleton: Skeleton, trunk: list[int]) -> TriMesh:
     """The trunk as one tube, smooth through the nodes, with a flare at the foot."""
+    from scipy.interpolate import PchipInterpolator
+
     nodes = np.concatenate([skeleton.start[trunk], skeleton.end[trunk[-1:]]])
     radius = np.concatenate([skeleton.radius[trunk, 0], skeleton.radius[trunk[-1:], 1]])
     along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(nodes, axis=0), axis=1))])
     fine = np.unique(np.concatenate([np.linspace(a, b, 5) for a, b in pairwise(along)]))
     fine = np.unique(np.concatenate([fine, radius[0] * np.array([0.5, 1.0, 2.0, 4.0])]))
     fine = fine[fine <= along[-1]]
-    points = _smooth(along, nodes, fine)
+    points = np.asarray(PchipInterpolator(along, nodes)(fine))
     thickness = np.interp(fine, along, radius)
     thickness *= 1 + 0.35 * np.exp(-fine / (1.5 * radius[0]))  # root flare
     points = np.concatenate([points[:1] - [[0.0, 0.0, SUNK]], points])
@@ -335,12 +325,6 @@ def _trunk_mesh(skeleton: Skeleton, trunk: list[int]) -> TriMesh:
     return replace(mesh, edges=repeated_edges(mesh.triangles, 0, 1))
 
 
-def _smooth(along: np.ndarray, nodes: np.ndarray, fine: np.ndarray) -> np.ndarray:
-    from scipy.interpolate import PchipInterpolator
-
-    return np.asarray(PchipInterpolator(along, nodes)(fine))
-
-
 def _above(skeleton: Skeleton, lowest: float) -> Skeleton:
     """A trunk with those of its first-level axes that start at this height or above."""
     foot = np.arange(len(skeleton))
@@ -348,8 +332,3 @@ def _above(skeleton: Skeleton, lowest: float) -> Skeleton:
         if skeleton.order[skeleton.parent[segment]] == 1:
             foot[segment] = foot[skeleton.parent[segment]]
     return skeleton.some((skeleton.order == 0) | (skeleton.start[foot, 2] >= lowest))
-
-
-def _first_levels(skeleton: Skeleton) -> Skeleton:
-    """Trunk and first-level axes only; what branches further comes from the templates."""
-    return skeleton.some(skeleton.order <= 1)

@@ -350,7 +350,7 @@ def _tops(seed: int) -> Comparison:
     time, found = np.linspace(0.0, 60.0, 300), []
     for tree in range(len(grown.stand)):
         top = int(grown.variant_of(tree).mesh.vertices[:, 2].argmax())
-        held = sway.anchors(tree)[np.full(len(time), top)]
+        held = sway.anchors(tree).select(np.full(len(time), top))
         moved = sway.displacement(np.full(len(time), tree), held, time)
         found.append(100 * float(np.sqrt(moved.var(axis=0).sum())))
     words = f"{len(found)} beeches on 30 x 30 m, one minute; deviation about the lean, flutter included."

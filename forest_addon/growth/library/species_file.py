@@ -22,6 +22,7 @@ from typing import Any
 
 import numpy as np
 
+from ...base.kept import LastAsked
 from ...base.places import ASSETS, file_name
 from ...formats.foreign import guarded
 from ...formats.stl import StlError, read_stl
@@ -48,7 +49,7 @@ COLUMNS = {
 }
 MOST_OF_TREE, MOST_OF_LEAF = 3_000_000, 10_000  # facets of a file
 KEPT = 16  # trees that stay recognised; as many as a process keeps ready to graft
-_recognised: dict[tuple[bytes, tuple[str, float]], TreeTemplate | Habit] = {}
+_recognised: LastAsked[tuple[bytes, tuple[str, float]], TreeTemplate | Habit] = LastAsked(KEPT)
 
 
 def allometry_names() -> list[str]:
@@ -236,8 +237,4 @@ def _once(
     if leaves is not None:
         content.update(b"leaves" + leaves.tobytes())
     key = (content.digest(), what)
-    found = _recognised.pop(key, None) or make()
-    _recognised[key] = found  # the last again
-    for old in list(_recognised)[:-KEPT]:
-        _recognised.pop(old, None)
-    return found
+    return _recognised.once(key, make)

@@ -601,7 +601,7 @@ def prune_descending(walked: Walk) -> Walk:
     """The walk without the brackets in which a segment ends lower than it starts."""
     skeleton = walked.skeleton
     rise = skeleton.end[:, 2] - skeleton.start[:, 2]
-    length = np.linalg.norm(skeleton.end - skeleton.start, axis=1)
+    length = skeleton.length
     removed = np.zeros(len(walked.parent), bool)
     removed[walked.branch[rise < -ROUNDING * length]] = True
     removed = _with_all_above(removed, walked.parent)

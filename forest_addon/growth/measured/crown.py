@@ -30,12 +30,12 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from ...base.rng import daughter_keys, keyed_uniform
-from ...base.runs import numbered
+from ...base.runs import numbered, sums
 from ...base.vectors import azimuth_of, cross_rows
 from ...spec import Architecture, Crown, Leaf
 from ..draw import GOLDEN, draw_normal
 from ..mesh.blades import across, set_leaves
-from ..skeleton import LeafSites, Skeleton
+from ..skeleton import LeafSites, Skeleton, depths
 from .wanted import dbh_of
 
 STEP, KILL = 0.55, 0.8  # over the mean distance of points
@@ -132,7 +132,7 @@ def colonise(
             break
         pull = (points - every[owner]) / near[:, None]
         grown, which = np.unique(owner, return_inverse=True)
-        way = np.stack([np.bincount(which, pull[:, k], len(grown)) for k in range(3)], axis=1)
+        way = sums(which, pull, len(grown))
         way /= np.maximum(np.linalg.norm(way, axis=1, keepdims=True), 1e-9)
         way += crown.crook * rng.standard_normal(way.shape)
         way[:, 2] += crown.rise
@@ -199,14 +199,6 @@ def stem_line(crown: Crown, z: np.ndarray, height: float, rng: np.random.Generat
 
 
 @dataclass(frozen=True)
-class Scaffold:
-    """nodes : of stem and limbs. bearing : (N,) bool, nodes that branches may grow from."""
-
-    nodes: Nodes
-    bearing: np.ndarray
-
-
-@dataclass(frozen=True)
 class _Limbs:
     """K limbs on the stem: height of the foot, azimuth, horizontal reach, all (K,); angles in radians."""
 
@@ -222,8 +214,11 @@ def scaffold_of(
     crown: Crown,
     size: tuple[float, float, float, float],
     rng: np.random.Generator,
-) -> Scaffold:
-    """size : height, height of the crown's base, its width, diameter at breast height, metres."""
+) -> tuple[Nodes, np.ndarray]:
+    """Nodes of stem and limbs, and (N,) bool, those that branches may grow from.
+
+    size : height, height of the crown's base, its width, diameter at breast height, metres.
+    """
     height, base, width, _ = size
     heavy = _heavy_count(plan, size[3])
     side = _weak(plan, height, base, rng) if heavy else _whorled(plan, height, base, rng)
@@ -259,7 +254,7 @@ def scaffold_of(
     bearing[len(stem) - 1] = True
     if heavy:
         bearing[len(stem) : len(stem) + len(place[1])] = False  # weak branches stay weak
-    return Scaffold(Nodes(whole, np.concatenate(parent).astype(np.int64), trunk), bearing)
+    return Nodes(whole, np.concatenate(parent).astype(np.int64), trunk), bearing
 
 
 def _heavy_count(plan: Architecture, dbh: float) -> int:
@@ -515,8 +510,7 @@ def leaves_on(leaf: Leaf, twigs: Twigs, first: int, count: int, stalk: bool) -> 
     many = len(twigs.segment)
     each = np.full(many, count // many)
     each[: count - each.sum()] += 1
-    twig = np.repeat(np.arange(many), each)
-    number = np.arange(count) - np.repeat(np.cumsum(each) - each, each)
+    twig, number = numbered(each)
     share = 1 - number / np.maximum(each[twig], 1) * 0.85
     way = twigs.end - twigs.start
     heading = way / np.maximum(np.linalg.norm(way, axis=1, keepdims=True), 1e-9)
@@ -535,11 +529,7 @@ def leaves_on(leaf: Leaf, twigs: Twigs, first: int, count: int, stalk: bool) -> 
 def borne(parent: np.ndarray, own: np.ndarray) -> np.ndarray:
     """(N,) what each of N things bears itself and by all that descend from it; parents come first."""
     total = own.astype(float).copy()
-    depth = np.zeros(len(parent), dtype=np.int64)
-    at, up = np.arange(len(parent)), parent
-    while (up >= 0).any():  # pointer by pointer, as many rounds as the deepest thing has parents
-        depth[at] += up >= 0
-        up = np.where(up >= 0, parent[np.maximum(up, 0)], -1)
+    depth = depths(parent)
     by_depth = np.argsort(-depth, kind="stable")
     edges = np.flatnonzero(np.diff(depth[by_depth], prepend=-1))
     for first, last in zip(edges, [*edges[1:], len(parent)], strict=True):
@@ -577,16 +567,13 @@ def skeleton_of_nodes(nodes: Nodes, total: np.ndarray) -> Skeleton:
     """Segments between nodes, without radii yet; segment k ends at node k + 1."""
     order = orders_of(nodes, total)[1:]
     parent = nodes.parent[1:]
-    depth = np.zeros(len(nodes.parent), dtype=np.int64)
-    for node in range(1, len(depth)):
-        depth[node] = depth[nodes.parent[node]] + 1
     return Skeleton(
         start=nodes.place[parent],
         end=nodes.place[1:],
         radius=np.zeros((len(parent), 2)),
         parent=parent - 1,
         order=order,
-        generation=depth[1:] - 1,
+        generation=depths(nodes.parent)[1:] - 1,
     )
 
 

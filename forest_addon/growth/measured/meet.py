@@ -114,8 +114,7 @@ def grow_crown(species: Species, wanted: Wanted, blade: Blade, key: int) -> Met:
     size = (wanted.height, wanted.crown_base, wanted.crown_width - margin)
     frame = None
     if species.architecture is not None:
-        made = scaffold_of(species.architecture, crown, (*size, wanted.dbh), rng)
-        frame = made.nodes, made.bearing
+        frame = scaffold_of(species.architecture, crown, (*size, wanted.dbh), rng)
     nodes = colonise(crown, *size, rng, frame)
     ends = np.ones(len(nodes.parent), dtype=bool)
     ends[nodes.parent[1:]] = False

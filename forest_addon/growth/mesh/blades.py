@@ -368,11 +368,9 @@ def thin_leaves(
         return sites
     area = sites.length * sites.width if area is None else area
     size = np.sqrt(area.sum() / max(area[kept].sum(), np.finfo(float).tiny))
-    thinned = {name: getattr(sites, name)[kept] for name in ("direction", "up", "segment")}
-    length, width = sites.length[kept], sites.width[kept]
-    back = ABOUT * middle * (size - 1) * length[:, None] * sites.direction[kept]
-    foot = sites.foot[kept] - back
-    return replace(sites, **thinned, foot=foot, length=length * size, width=width * size)
+    left = sites.select(kept)
+    back = ABOUT * middle * (size - 1) * left.length[:, None] * left.direction
+    return replace(left, foot=left.foot - back, length=left.length * size, width=left.width * size)
 
 
 def _parts(count: int) -> Iterator[slice]:

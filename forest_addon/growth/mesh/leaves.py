@@ -157,8 +157,7 @@ def pieces_of(
         on = run[1:] == run[:-1]
         one, other = np.append(one, corner[:-1, 0][on]), np.append(other, corner[1:, 0][on])
     links = coo_matrix((np.ones(len(one)), (one, other)), shape=(len(used), len(used)))
-    piece: np.ndarray = connected_components(links, directed=False)[1][corner[:, 0]]
-    return piece
+    return np.asarray(connected_components(links, directed=False)[1][corner[:, 0]])
 
 
 def _extents(

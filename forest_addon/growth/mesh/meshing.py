@@ -176,8 +176,7 @@ def tube(points: np.ndarray, radius: np.ndarray, sides: int) -> tuple[np.ndarray
 def _across(direction: np.ndarray) -> np.ndarray:
     """A unit vector at right angles to a unit direction."""
     normal = np.cross(direction, np.eye(3)[np.argmin(np.abs(direction))])
-    unit: np.ndarray = normal / np.linalg.norm(normal)
-    return unit
+    return np.asarray(normal / np.linalg.norm(normal))
 
 
 def mesh_wood(

@@ -116,7 +116,7 @@ def lines_of(
     axes = find_axes(skeleton)
     span = skeleton.end - skeleton.start
     length = np.sqrt(np.einsum("si,si->s", span, span))
-    axis = np.repeat(np.arange(len(axes)), np.diff(axes.first))
+    axis = axes.of_row
     thick = np.zeros(len(axes))
     radius = np.maximum(skeleton.radius, 0.0)
     if len(axis):

@@ -1,19 +1,14 @@
-"""A mesh of many owners, such as leaves or pieces of wood, of which any may be copied any number of times.
+"""A recognised tree taken apart so that it can be put together again, as it was or otherwise.
 
-Triangles are kept wound both ways, so that a copy can be mirrored; edges are copied with them, so that
-nobody has to look for them afterwards.
-
-A recognised tree taken apart so that it can be put together again, as it was or otherwise.
-
-Every piece of wood is a course (``courses``) that leaves its parent at a seat: a place on her line, an
-azimuth, an angle and a roll in her frame there, and how far off her axis its foot is. Every vertex is
+Every piece of wood is a course (``lines``) that leaves its parent at a seat: a place on the parent's line, an
+azimuth, an angle and a roll in its frame there, and how far off its axis the foot is. Every vertex is
 held by the two stretches of its piece nearest to it, and every leaf by the stretch it sits on, so the
 mesh follows wherever the lines are laid. Laid where they were, they give the tree itself.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -22,6 +17,7 @@ from ...base.runs import Runs, bounds
 from ...base.trimesh import LEAF, WOOD, TriMesh
 from ..mesh.copies import CopyStock
 from ..mesh.leaves import Leaves, measure_leaves
+from ..skeleton import depths
 from .hierarchy import CLOSER
 from .lines import (
     STEEP,
@@ -85,7 +81,7 @@ class Anatomy:
     order : (C,) 0 for the trunk, 1 for first-level branches, ...
     lines, bend : courses of the pieces.
     seat : where each one's foot sits on its parent's line; ``aside`` is from its azimuth on.
-    azimuth, angle, roll : (C,) how it leaves her. carried : (C,) see ``foot_frames``.
+    azimuth, angle, roll : (C,) how it leaves the parent. carried : (C,) see ``foot_frames``.
     """
 
     parent: np.ndarray
@@ -127,7 +123,7 @@ def dissect(found: Recognition, metres: float = 1.0) -> Anatomy:
     """
     origin = found.origin
     parent = found.parent
-    order = _orders(parent)
+    order = depths(parent)
     place = (found.wood.vertices - origin) * metres
     lines, direction, stretch, part = find_bones(found, place, origin, metres)
     feet = lines.knot[lines.first[:-1] + np.arange(len(parent))]
@@ -166,10 +162,7 @@ def dissect(found: Recognition, metres: float = 1.0) -> Anatomy:
         rows, _, _ = Runs.at(lines.first).copy(here)
         laid, bent = unbend(direction[rows], bounds(np.diff(lines.first)[here]), start)
         frame[rows], bend[rows] = laid, bent
-    lines = Lines(lines.first, lines.knot, lines.radius, lines.length, frame)
-    lines = Lines(
-        lines.first, walk(frame, lines.length, lines.first, feet), lines.radius, lines.length, frame
-    )
+    lines = replace(lines, knot=walk(frame, lines.length, lines.first, feet), frame=frame)
     return Anatomy(
         parent=parent,
         order=order,
@@ -185,14 +178,6 @@ def dissect(found: Recognition, metres: float = 1.0) -> Anatomy:
     )
 
 
-def _orders(parent: np.ndarray) -> np.ndarray:
-    order, above = np.zeros(len(parent), np.int64), parent.copy()
-    while (above >= 0).any():
-        order += above >= 0
-        above = np.where(above >= 0, parent[np.maximum(above, 0)], -1)
-    return order
-
-
 def _wood(
     found: Recognition, lines: Lines, place: np.ndarray, stretch: np.ndarray, part: np.ndarray
 ) -> TemplateWood:
@@ -202,8 +187,7 @@ def _wood(
     last = np.diff(lines.first)[owner] - 1
     towards_next = (part >= 0.5) & (stretch < last)
     from_before = (part < 0.5) & (stretch > 0)
-    start = lines.first[owner] + stretch + owner
-    on_line = lines.knot[start] + part[:, None] * (lines.knot[start + 1] - lines.knot[start])
+    on_line, _ = lines.at(owner, stretch, part)
     return TemplateWood(
         stock=CopyStock.of(place - on_line, owner, turned_outwards(found)[order], WOOD, BARK_SLOT),
         stretch=stretch,

@@ -147,10 +147,9 @@ def limbs(anatomy: Anatomy) -> np.ndarray:
 
 def radius_at_seat(anatomy: Anatomy) -> np.ndarray:
     """(C,) radius of the parent where each piece sits; infinite on the ground."""
-    lines, parent = anatomy.lines, np.maximum(anatomy.parent, 0)
-    knot = lines.first[parent] + anatomy.seat.stretch + parent
-    step = lines.radius[knot + 1] - lines.radius[knot]
-    return np.where(anatomy.parent < 0, np.inf, lines.radius[knot] + anatomy.seat.part * step)
+    seat, parent = anatomy.seat, anatomy.parent
+    _, radius = anatomy.lines.at(np.maximum(parent, 0), seat.stretch, seat.part)
+    return np.where(parent < 0, np.inf, radius)
 
 
 def _slots(anatomy: Anatomy, share: np.ndarray) -> Slots:

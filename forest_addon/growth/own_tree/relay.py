@@ -31,7 +31,7 @@ from ...base.runs import numbered
 from ...base.trimesh import TriMesh, join
 from ...base.vectors import cross_rows, zenith_of
 from ..mesh.leaves import Leaves
-from ..skeleton import Skeleton
+from ..skeleton import Skeleton, depths, root_of
 from .anatomy import GROUND, Anatomy
 from .habit import Habit
 from .lines import Seats, seat_at, seats_on, share_of, stand_on
@@ -78,10 +78,8 @@ def farthest_off(anatomy: Anatomy, grown: Grown) -> float:
     """The largest distance between a vertex and where it was in the template, metres."""
     wood, leaves = anatomy.wood.stock, anatomy.foliage.stock
     vertex, owner, _ = wood.vertices.copy(grown.piece)
-    knot = anatomy.lines.first[grown.piece[owner]] + anatomy.wood.stretch[vertex]
-    knot += grown.piece[owner]
-    start, end = anatomy.lines.knot[knot], anatomy.lines.knot[knot + 1]
-    was = start + anatomy.wood.part[vertex][:, None] * (end - start) + wood.place[vertex]
+    held = anatomy.wood.stretch[vertex], anatomy.wood.part[vertex]
+    was = anatomy.lines.at(grown.piece[owner], *held)[0] + wood.place[vertex]
     moved = _wood(anatomy, grown).vertices - was
     hung = hang_leaves(anatomy, grown, 0.0)
     vertex, leaf, _ = leaves.vertices.copy(hung.source)
@@ -101,33 +99,20 @@ def skeleton_of_grown(grown: Grown) -> Skeleton:
     seat, _ = seat_at(lines, bearer, grown.share)
     foot = np.where(grown.parent < 0, -1, lines.first[bearer] + seat)
     parent = np.where(inner, np.arange(len(line)) - 1, foot[line])
-    generation = np.zeros(len(line), np.int64)
-    below = np.zeros(len(grown.piece), np.int64)  # of the foot of each branch
-    for order in range(int(grown.order.max(initial=0)) + 1):
-        mine = np.flatnonzero(grown.order == order)
-        if order:
-            below[mine] = generation[foot[mine]] + 1
-        rows = np.flatnonzero(grown.order[line] == order)
-        generation[rows] = below[line[rows]] + rows - lines.first[line[rows]]
     return Skeleton(
         start=lines.knot[knot],
         end=lines.knot[knot + 1],
         radius=np.stack([lines.radius[knot], lines.radius[knot + 1]], axis=1),
         parent=parent,
         order=grown.order[line],
-        generation=generation,
+        generation=depths(parent),
     )
 
 
 def first_levels(grown: Grown) -> np.ndarray:
     """(B,) number of the first-level branch that each branch belongs to, -1 for trunks."""
-    number = np.full(len(grown.piece), -1)
-    firsts = np.flatnonzero(grown.order == 1)
-    number[firsts] = np.arange(len(firsts))
-    for order in range(2, int(grown.order.max(initial=0)) + 1):
-        mine = np.flatnonzero(grown.order == order)
-        number[mine] = number[grown.parent[mine]]
-    return number
+    number = np.where(grown.order == 1, np.cumsum(grown.order == 1) - 1, -1)
+    return number[root_of(np.where(grown.order > 1, grown.parent, -1))]
 
 
 def _wood(anatomy: Anatomy, grown: Grown) -> TriMesh:
@@ -199,7 +184,7 @@ def hang_leaves(anatomy: Anatomy, grown: Grown, variety: float) -> HungLeaves:
     row, branch, key = row[which], branch[which], key[which]
     key = np.where(copy > 0, daughter_keys(key, copy), key)
 
-    seat = foliage.seat.take(row)
+    seat = foliage.seat.select(row)
     piece = grown.piece[branch]
     share = share_of(lines, piece, seat)
     each = 1.0 / np.maximum(foliage.of_piece.size[piece], 1)
@@ -262,11 +247,10 @@ def _truth(
 
 def _hung(matrix: np.ndarray, foot: np.ndarray, leaf: np.ndarray, place: np.ndarray) -> np.ndarray:
     """(V, 3) corners of leaves, turned as their leaf is and moved to its foot."""
-    x, y, z = np.ascontiguousarray(place.T)
     moved = np.empty_like(place)
     for axis in range(3):
         total = np.ascontiguousarray(foot[:, axis])[leaf]
-        for k, value in enumerate((x, y, z)):
+        for k, value in enumerate(np.ascontiguousarray(place.T)):
             total += np.ascontiguousarray(matrix[:, axis, k])[leaf] * value
         moved[:, axis] = total
     return moved
@@ -282,7 +266,7 @@ def feet_of_leaves(
     A leaf keeps its distance to the bark, and inside the wood its share of the radius.
     """
     foliage, lines = anatomy.foliage, anatomy.lines
-    own = foliage.seat.take(hung.source)
+    own = foliage.seat.select(hung.source)
     _, was, thick = stand_on(lines, foliage.bearer[hung.source], own)
     place, frame, thickness = stand_on(grown.lines, hung.branch, hung.seat)
     thick = np.maximum(thick, np.finfo(float).tiny)

@@ -42,7 +42,6 @@ from .lines import (
     Seats,
     foot_frames,
     lay,
-    lay_sloping,
     seat_at,
     sloped,
     slopes,
@@ -71,7 +70,7 @@ MOST_SCALE = 1.5  # of a piece's length
 INSIDE = (
     0.6  # of the parent's radius: a foot this near to her axis is within her, whatever her section
 )
-DAUGHTER_LENGTH = 0.5  # exponent: how children lengthen with their parent
+CHILD_LENGTH = 0.5  # exponent: how children lengthen with their parent
 THICKEST = 0.95  # of the parent there
 
 
@@ -94,7 +93,7 @@ class Placed:
     azimuth: np.ndarray
 
 
-def place_daughters(
+def place_children(
     habit: Habit,
     piece: np.ndarray,
     key: np.ndarray,
@@ -277,7 +276,7 @@ def lay_trunks(
     for calm in CALMER:
         other = _bent_otherwise(bend, wanted.key[owner], part, calm * variety)
         slope = np.clip(slopes(plain) + calm * variety * LEAN * lean, 0.0, np.pi)
-        frame = lay_sloping(other, first, wanted.start, slope)
+        frame = lay(other, first, wanted.start, slope)
         fits = open_ones & (_leans(frame, length, first) <= most)
         mine = fits[owner]
         chosen_bend[mine], chosen[mine] = other[mine], frame[mine]
@@ -303,14 +302,14 @@ def lay_branches(
     part = part + 0.5 / np.diff(first)[owner]
     slope = _own_slopes(habit, wanted, source, owner, part, variety)
     slope, start = _above_ground(habit, wanted, slope, length, first)
-    return bend, lay_sloping(bend, first, start, slope)
+    return bend, lay(bend, first, start, slope)
 
 
 def _owners(first: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(S,) line of each stretch, and (S,) how far along it that begins, counted in stretches, 0 .. 1."""
     size = np.diff(first)
-    owner = np.repeat(np.arange(len(size)), size)
-    return owner, (np.arange(len(owner)) - first[owner]) / size[owner]
+    owner, number = numbered(size)
+    return owner, number / size[owner]
 
 
 def _bent_otherwise(
@@ -411,7 +410,7 @@ def grow_sibling(habit: Habit, siblings: Siblings, key: int) -> Grown:
 def _grow(habit: Habit, variety: float, size: Size, tree: np.ndarray) -> Grown:
     levels = [_lay(habit, variety, _trunks(habit, variety, size, tree), 0)]
     for order in range(1, int(habit.anatomy.order.max(initial=0)) + 1):
-        wanted = _daughters(habit, variety, size, levels[-1], order)
+        wanted = _children(habit, variety, size, levels[-1], order)
         if not len(wanted.piece):
             break
         levels.append(_lay(habit, variety, wanted, order))
@@ -432,7 +431,7 @@ def _trunks(habit: Habit, variety: float, size: Size, tree: np.ndarray) -> Shoot
         sign * anatomy.roll[piece],
         anatomy.carried[piece],
     )
-    seat = anatomy.seat.take(piece)
+    seat = anatomy.seat.select(piece)
     bearing = sign * (anatomy.azimuth[piece] + seat.aside) + turn
     sideways = np.stack([np.cos(bearing), np.sin(bearing)], axis=1) * seat.away[:, None]
     scale = np.full(len(piece), size.stem)
@@ -449,11 +448,11 @@ def _trunks(habit: Habit, variety: float, size: Size, tree: np.ndarray) -> Shoot
     )
 
 
-def _daughters(habit: Habit, variety: float, size: Size, below: Grown, order: int) -> Shoots:
+def _children(habit: Habit, variety: float, size: Size, below: Grown, order: int) -> Shoots:
     """Return what the axes of the order below bear."""
     anatomy = habit.anatomy
     count = size.branches if order == 1 else below.scale**size.count_exponent
-    placed = place_daughters(
+    placed = place_children(
         habit, below.piece, below.key, np.broadcast_to(count, below.piece.shape), variety, order
     )
     piece, owner, key = _class_mates(habit, placed, variety), placed.owner, placed.key
@@ -462,7 +461,7 @@ def _daughters(habit: Habit, variety: float, size: Size, below: Grown, order: in
     trend = np.interp(there, table.share, table.length) / np.interp(own, table.share, table.length)
     scale = np.clip(trend, 1 / MOST_SCALE, MOST_SCALE)
     scale = scale * np.exp(variety * table.length_spread * keyed_normal(key, "length"))
-    scale = scale * (size.crown if order == 1 else below.scale[owner] ** DAUGHTER_LENGTH)
+    scale = scale * (size.crown if order == 1 else below.scale[owner] ** CHILD_LENGTH)
     piece, scale = _fitting(habit, piece, scale, order)
 
     seat = _reseated(habit, placed)
@@ -504,7 +503,7 @@ def _daughters(habit: Habit, variety: float, size: Size, below: Grown, order: in
 
 def _reseated(habit: Habit, placed: Placed) -> Seats:
     """Seats of children on their parents' pieces; one that has not moved keeps its own to the bit."""
-    seat = habit.anatomy.seat.take(placed.slot)
+    seat = habit.anatomy.seat.select(placed.slot)
     moved = np.flatnonzero(placed.share != habit.share[placed.slot])
     stretch, part = seat_at(habit.anatomy.lines, placed.parent[moved], placed.share[moved])
     seat.stretch[moved], seat.part[moved] = stretch, part
@@ -608,20 +607,15 @@ def _joined(levels: Sequence[Grown]) -> Grown:
     below = np.concatenate([[0, 0], np.cumsum(sizes)[:-1]])  # first row of the order below
     stretches = np.cumsum([0, *(level.lines.first[-1] for level in levels)])
 
-    def every(name: str) -> np.ndarray:
-        return np.concatenate([getattr(level, name) for level in levels])
-
-    def of_lines(name: str) -> np.ndarray:
-        return np.concatenate([getattr(level.lines, name) for level in levels])
+    def every(tables: Sequence[Grown | Lines], names: Sequence[str]) -> dict[str, np.ndarray]:
+        return {name: np.concatenate([getattr(one, name) for one in tables]) for name in names}
 
     firsts = [level.lines.first[:-1] + at for level, at in zip(levels, stretches, strict=False)]
-    lines = Lines(
-        np.concatenate([*firsts, stretches[-1:]]),
-        *(of_lines(name) for name in ("knot", "radius", "length", "frame")),
-    )
+    parts = every([level.lines for level in levels], ("knot", "radius", "length", "frame"))
+    lines = Lines(np.concatenate([*firsts, stretches[-1:]]), **parts)
     parent = [
         np.where(level.parent < 0, -1, level.parent + at)
         for level, at in zip(levels, below, strict=False)
     ]
     rest = ("piece", "order", "sign", "scale", "key", "share", "bend", "source", "girth")
-    return Grown(parent=np.concatenate(parent), lines=lines, **{name: every(name) for name in rest})
+    return Grown(parent=np.concatenate(parent), lines=lines, **every(levels, rest))

@@ -34,7 +34,7 @@ HEIGHT_WITH_DBH, HEIGHT_SPREAD = 0.216, 0.088
 WITHIN_STAND = 0.43
 BREAST = 1.3  # metres
 NODES = 0.8  # exponent: nodes of the trunk with its length
-DAUGHTERS = 0.7  # exponent: number of children with their parent's length
+CHILDREN = 0.7  # exponent: number of children with their parent's length
 MOST_SPREAD = 2.0  # standard deviations
 
 
@@ -100,7 +100,7 @@ class Size:
     crown: float
     branches: float
     height: float
-    count_exponent: float = DAUGHTERS
+    count_exponent: float = CHILDREN
 
     def stretched(self, factor: float) -> Size:
         """The same with a trunk this many times as long."""

@@ -357,7 +357,7 @@ def _contraction(internodes: float, generations: int) -> float:
 def _mean_reach(grammar: Grammar) -> float:
     """Mean length of the first-level axes of a tree without jitter."""
     skeleton = interpret(string_of(grammar), grammar, STILL, stream(0, "habit"))
-    length = np.linalg.norm(skeleton.end - skeleton.start, axis=1)
+    length = skeleton.length
     parent_order = skeleton.order[np.maximum(skeleton.parent, 0)]
     firsts = np.flatnonzero((skeleton.order == 1) & (parent_order == 0))
     return float(np.mean([length[skeleton.axis(int(first))].sum() for first in firsts]))

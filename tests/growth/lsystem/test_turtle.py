@@ -13,6 +13,7 @@ from forest_addon.growth.lsystem.tanveer import (
     SYMMETRIC,
     interpret,
     parse,
+    string_of,
 )
 from forest_addon.spec import Grammar, Jitter
 

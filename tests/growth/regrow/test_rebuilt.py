@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 from forest_addon.base.trimesh import LEAF, WOOD
 from forest_addon.growth.own_tree.anatomy import dissect
 from forest_addon.growth.own_tree.habit import fit
-from forest_addon.growth.own_tree.lines import lay, lay_sloping, slopes, unbend, walk
+from forest_addon.growth.own_tree.lines import lay, slopes, unbend, walk
 from forest_addon.growth.own_tree.recognise import recognise
 from forest_addon.growth.own_tree.relay import farthest_off, mesh_of
 from forest_addon.growth.own_tree.sibling import grow_sibling
@@ -117,7 +117,7 @@ def test_a_line_keeps_the_slopes_that_it_is_given():
     first = np.array([0, 40])
     slope = np.clip(np.linspace(0.5, 3.0, 40) + rng.normal(0, 0.1, 40), 0, np.pi)
     bend = rng.normal(0, 0.3, (40, 2))
-    frame = lay_sloping(bend, first, np.eye(3)[None], slope)
+    frame = lay(bend, first, np.eye(3)[None], slope)
     np.testing.assert_allclose(slopes(frame)[1:], slope[1:], atol=1e-9)
     np.testing.assert_allclose(np.linalg.det(frame), 1.0, atol=1e-9)
 
