@@ -3,7 +3,7 @@
 A segment of length h with radii r₁ and r₂ is the frustum of a cone: V = πh(r₁² + r₁r₂ + r₂²)/3, lateral
 area A_L = π(r₁ + r₂)√(h² + (r₁ − r₂)²), projected area A_PR = (r₁ + r₂)h. For cylinders of diameter d these
 are V = Σπd²h/4, A_L = Σπdh and A_PR = Σdh of S (SIMLIDAR), who sums segments each for itself, so that what
-overlaps at a joint counts twice. A tree's volume is that of the solid, joints counted once (``solid``):
+overlaps at a joint counts twice. A tree's volume is that of the solid, joints counted once:
 1 to 12 % less. The mesh fills somewhat less than that, since its polygons have the circle's perimeter (a
 hexagon 91 % of its area), and goes on below the ground, which does not count.
 
@@ -13,9 +13,9 @@ wood is measured on the triangles, with A_PR = A_L/π, which holds for a cylinde
 Volume of a skeleton's wood: that of the union of its tubes, joints counted once.
 
 An axis is a bent tube: its segments are frustums cut where they meet, so their volumes πh(r₁² + r₁r₂ + r₂²)/3
-add up. A child starts within her parent. What her first segments share with the parent's axis, and with
-other_childs and parents_siblings that leave the same segment before her, or the one below, is found by points spread
-evenly in them and taken off. Branches that cross each other elsewhere count twice.
+add up. A child starts within its parent. What its first segments share with the parent's axis, and with
+other children that leave the same segment before it, or the one below, is found by points spread evenly in
+them and taken off. Branches that cross each other elsewhere count twice.
 
 Volume of the union of closed pieces of a mesh that reach into each other, as grafted branches do.
 
@@ -46,8 +46,8 @@ MEASURES = (  # what ``tree_truth`` tells
     *("leaves", "leaf_area_m2", "mean_leaf_angle_deg"),
 )
 HEADS = 3  # segments of an axis that may lie within others
-OTHER_CHILDREN = 4  # of a branch, those before her, that she may share wood with
-PARENTS_SIBLINGS = 3  # that leave the segment before her parent
+OTHER_CHILDREN = 4  # of a parent, before a branch, that it may share wood with
+PARENTS_SIBLINGS = 3  # that leave the segment below
 POINTS = 100_000  # of a tree, in all its joints together
 FEWEST, MOST = 32, 4096  # in a segment
 ROUNDED = 1e-6  # of lengths, by which nearest points may be rounded

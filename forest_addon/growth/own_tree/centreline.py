@@ -188,7 +188,7 @@ def _average(
         shape=(first[-1], len(knot)),
     )
     weight = hats @ np.ones(len(knot))
-    total = hats @ samples.spread(values)
+    total = hats @ (samples.of_vertices @ values)
     piece = np.repeat(np.arange(len(stretches)), stretches + 1)
     filled = weight > 1e-9 * np.bincount(samples.piece, samples.weight)[piece]
     number = (
