@@ -1,4 +1,6 @@
-r"""Dialects of turtles: the meaning of each symbol as tables of texts, which a user changes without code.
+r"""The turtle: strings to commands by a dialect, commands to steps, paths and a skeleton.
+
+A dialect is the meaning of each symbol as a table of texts, which a user changes without code.
 
 ``F(l) = draw(l)`` gives a letter a command and the numbers that it takes, arithmetic over the letter's
 own. A symbol without an entry is passed over, as ABOP does with the variables of a grammar.
@@ -7,26 +9,23 @@ ABOP: Prusinkiewicz & Lindenmayer, The Algorithmic Beauty of Plants, section 1.5
 are right-handed about the turtle's up (+), left (&) and heading (\). S: Méndez et al., SIMLIDAR; an
 internode of generation n is h0/2^(n-1) long and N·dm/n thick, N being the number of generations.
 
-Commands to steps: what only turns or widens is joined to what follows it within its branch.
+What only turns or widens is joined to what follows it within its branch, to a step. A step turns by a fixed
+rotation of the turtle's own frame, changes the diameter to diameter·factor + offset, and then does what the
+last of its commands says: draw, move, level, bear a leaf, or nothing. A turtle has a fraction of the steps to
+walk that its string has symbols.
 
-A step turns by a fixed rotation of the turtle's own frame, changes the diameter to diameter·factor +
-offset, and then does what the last of its commands says: draw, move, level, bear a leaf, or nothing. A
-turtle has a fraction of the steps to walk that its string has symbols.
+Brackets say which step comes before each, as the turtle walks, and how far from the root. A bracket that
+closes takes the turtle back to where it opened, so commands form a tree, found for the branches of one
+bracket depth at once: sorted by depth, the commands of a branch stand together, in order, behind the bracket
+that opens it.
 
-Brackets to paths: which step comes before each, as the turtle walks, and how far from the root.
+All that is equally far from the root is walked at once. A turtle's state is a place, a frame (heading H, left
+L, up U, kept as a quaternion), a diameter and the segment drawn last. Each step makes a new state of the one
+before it on its path, so the steps of one level of ``paths`` are worked through together, whatever branches
+they stand in. Tropism is ABOP's: after each segment the heading turns towards T by e·|H × T|, about H × T
+(section 2.1, p. 58).
 
-A bracket that closes takes the turtle back to where it opened, so commands form a tree. It is found for
-the branches of one bracket depth at once: sorted by depth, the commands of a branch stand together, in
-order, behind the bracket that opens it.
-
-The general turtle: commands to a skeleton, all that is equally far from the root at once.
-
-A turtle's state is a place, a frame (heading H, left L, up U, kept as a quaternion), a diameter and the
-segment drawn last. Each step makes a new state of the one before it on its path, so the steps of one
-level of ``paths`` are worked through together, whatever branches they stand in. Tropism is ABOP's:
-after each segment the heading turns towards T by e·|H × T|, about H × T (section 2.1, p. 58).
-
-Méndez et al.'s pruning: a branch whose turtle descends is removed with all that it bears.
+Méndez et al. prune: a branch whose turtle descends is removed with all that it bears.
 """
 
 from __future__ import annotations

@@ -1,25 +1,24 @@
-"""Branches that grow into a crown: space colonisation (Runions, Lane & Prusinkiewicz 2007).
+"""The wood of a tree that fills its crown: scaffold, branches by space colonisation, twigs, radii of pipes.
+
+Branches grow into the crown by space colonisation (Runions, Lane & Prusinkiewicz 2007).
 
 Points strewn in the envelope of a crown attract branches. Each point pulls at the node that is nearest to
 it; a node that is pulled grows by one step in the mean direction of its points; points that a node has come
 near are gone. Only nodes that are new can be nearer than those before, so each round asks a tree (k-d) of
 the new ones alone, and the whole costs about as many queries as there are points and rounds.
 
-The scaffold of a tree: its stem and its limbs by the architectural model of its species.
+The scaffold is stem and limbs by the architectural model of the species. With apical control a leader goes to
+the top; limbs stand in whorls of a year, weaker ones between them, and the lower a whorl, the more of it has
+been shed. Without, the stem divides: a few heavy limbs rise from low on it to places that are spread evenly
+under the dome of the crown, each divides again, and weak branches stand on the stem between them. A limb is a
+cubic Bézier curve from its angle at the stem to the elevation of its tip, a little crooked. Twigs and what
+bears them grow from the limbs by space colonisation.
 
-With apical control a leader goes to the top; limbs stand in whorls of a year, weaker ones between them, and
-the lower a whorl, the more of it has been shed. Without, the stem divides: a few heavy limbs rise from low
-on it to places that are spread evenly under the dome of the crown, each divides again, and weak branches
-stand on the stem between them. A limb is a cubic Bézier curve from its angle at the stem to the elevation
-of its tip, a little crooked. Twigs and what bears them grow from the limbs by space colonisation.
-
-Twigs on the thin branches of a skeleton, and leaves on twigs, as many as the leaf area asks for.
-
-Radii by the pipe model: what a stem bears decides how thick it is, and it ends at its DBH.
-
-r^n is proportional to the number of twigs above (Shinozaki et al. 1964; n = 2 is da Vinci's rule). Below the
-crown the pipes of branches that are gone stay in the stem, so that it tapers there too; at the ground it
-widens into its roots by exp(-z/1.5 r). The factor follows from the diameter at breast height, exactly.
+Twigs stand on the thin branches, and leaves on twigs, as many as the leaf area asks for. Radii follow from
+the pipe model: what a stem bears decides how thick it is, and it ends at its DBH. r^n is proportional to the
+number of twigs above (Shinozaki et al. 1964; n = 2 is da Vinci's rule). Below the crown the pipes of branches
+that are gone stay in the stem, so that it tapers there too; at the ground it widens into its roots by
+exp(-z/1.5 r). The factor follows from the diameter at breast height, exactly.
 """
 
 from __future__ import annotations
@@ -60,7 +59,7 @@ TURN = np.deg2rad(60.0)  # by which an axis goes on at most
 
 @dataclass(frozen=True)
 class Nodes:
-    """N nodes of a tree's axes, a parent before her children.
+    """N nodes of a tree's axes, a parent before its children.
 
     place : (N, 3) metres. parent : (N,) int64, -1 for the foot. trunk : (N,) bool, of the first stem.
     """

@@ -6,12 +6,11 @@ without an elbow; a tip bends on as it came. A limb sets out between its parent'
 more along the parent the more nearly it is as thick: a fork divides, a spur stands out. Pieces are cut where
 a straight segment would leave the curve by more than a tolerance; what is straight stays whole.
 
-Collars: where a limb leaves its parent it swells, and narrows to its own radius like a trumpet's bell.
-
-At the parent's surface a limb is (1 + c) times as thick as it would be. Over a reach of a few of its radii
-that falls off by a power, steeply at first, so that the two surfaces meet in a hollow and not in a crease.
-The collar is in the radii of the skeleton: wood, its mesh and its truth have it alike. Within the parent the
-limb keeps the width that it has at the surface, and stays inside.
+Where a limb leaves its parent it swells in a collar, and narrows to its own radius like a trumpet's bell. At
+the parent's surface a limb is (1 + c) times as thick as it would be. Over a reach of a few of its radii that
+falls off by a power, steeply at first, so that the two surfaces meet in a hollow and not in a crease. The
+collar is in the radii of the skeleton: wood, its mesh and its truth have it alike. Within the parent the limb
+keeps the width that it has at the surface, and stays inside.
 """
 
 from __future__ import annotations

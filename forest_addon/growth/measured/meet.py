@@ -1,16 +1,15 @@
-"""A tree that meets its targets: grown into its crown, or grown by rules and then fitted.
+"""A tree that meets its targets: grown into its crown, by rules, or of template parts.
 
 Whatever grew is pruned of its lower branches, stretched along and across its stem, thickened to its
 diameter and given as many leaves as its leaf area takes: the few numbers that matter, in this order. Height,
 width and base are measured with the leaves on, and the stretch is repeated until they stand.
 
-A tree of template parts brought to its targets: parts scaled and moved, leaves chosen, added and resized.
-
-All wood is scaled to the height; then heights are taken from (0, base, top) to those wanted, piece by piece
-linearly, distances from the stem's axis beyond 1.5 of its radius are drawn out by the quotient of the
-widths, and what is nearer by that of the diameters. Leaves keep their shape and inclination: they move with
-their feet, are left out by lot or set again beside themselves, turned about the vertical, until their number
-gives the leaf area, and take the little that is over in their size. Repeated until all stand.
+Of a tree of template parts, parts are scaled and moved, leaves chosen, added and resized. All wood is scaled
+to the height; then heights are taken from (0, base, top) to those wanted, piece by piece linearly, distances
+from the stem's axis beyond 1.5 of its radius are drawn out by the quotient of the widths, and what is nearer
+by that of the diameters. Leaves keep their shape and inclination: they move with their feet, are left out by
+lot or set again beside themselves, turned about the vertical, until their number gives the leaf area, and
+take the little that is over in their size. Repeated until all stand.
 """
 
 from __future__ import annotations

@@ -4,12 +4,11 @@ A shape lies in a unit frame: foot at the origin, x along the midrib from 0 to 1
 0.5, z up. A site gives it foot, direction, upper side, length and width. What is known of the shape in
 the unit frame (its area, its middle) gives the truth of every leaf without measuring triangles.
 
-Leaves of species: outline, midrib, stalk and bend, as facets in a blade's unit frame.
-
-A blade is given by one half of its outline, from foot to tip. Facets join it to the midrib, along which the
-halves are folded upwards; the whole is bent down along a circle. The stalk comes before it: both together are
-the leaf's length. There are two blades of each shape, of equal area: one of few facets for trees, and one
-with teeth, lobes and a bent midrib for what is seen from close by.
+Leaves of species have outline, midrib, stalk and bend, as facets in that unit frame. A blade is given by one
+half of its outline, from foot to tip. Facets join it to the midrib, along which the halves are folded
+upwards; the whole is bent down along a circle. The stalk comes before it: both together are the leaf's
+length. There are two blades of each shape, of equal area: one of few facets for trees, and one with teeth,
+lobes and a bent midrib for what is seen from close by.
 """
 
 from __future__ import annotations

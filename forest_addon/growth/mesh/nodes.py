@@ -26,7 +26,7 @@ MITRE = 2.0  # a ring is stretched no further at a bend: 120°
 TURNED_BACK = 0.1  # cosine of half a bend beyond which a line counts as turned back on itself
 SIDES = np.array([3, 4, 5, 6, 7, 8, 10, 12, 14, 16, 20, 24, 32, 40, 48, 64])
 SHORTEST = 1e-9  # metres; a shorter segment has no direction and is passed over
-SNUG = 0.98  # of the parent's polygon: how wide a branch may start within her
+SNUG = 0.98  # of the parent's polygon: how wide a branch may start within it
 TRIANGLE = 0.6  # inner radius over the circle's of a triangle of equal perimeter, π/(3·tan(π/3))
 
 
@@ -173,7 +173,9 @@ def _inner(
     at_end = np.abs(skeleton.start[foot] - skeleton.end[parent]).max(axis=1, initial=0.0) <= TOUCH
     order_after = np.full(len(chain), -1, dtype=np.int64)
     order_after[chain[:-1]] = chain[1:]
-    onward = order_after[parent]  # the next in the chain continues the parent if it is her child
+    onward = order_after[
+        parent
+    ]  # the next in the chain continues the parent if it is a child of it
     continued = (
         (onward >= 0)
         & (skeleton.parent[onward] == parent)

@@ -7,11 +7,10 @@ Stuetzle 1989), the surface is averaged over stretches a few radii long, every p
 the nearest one on the line through these averages, and so on, three times. On a tube the averages settle
 on the axis; a ribbon or a lone facet gets a line too.
 
-Wood as tubes about its centrelines, to be asked for what is nearest to places.
-
-Tubes are cones from knot to knot, filled with balls in groups by radius; the balls nearest to a place say
-which cones are measured exactly. Lines go in, and for each place come out the piece, the gap to its surface,
-and where along it that is.
+Wood is then tubes about its centrelines, to be asked for what is nearest to places. Tubes are cones from knot
+to knot, filled with balls in groups by radius; the balls nearest to a place say which cones are measured
+exactly. Lines go in, and for each place come out the piece, the gap to its surface, and where along it that
+is.
 """
 
 from __future__ import annotations

@@ -43,7 +43,7 @@ MOST_UNEVEN = 0.1  # relative spread of the number of branches of an order, by c
 class Table:
     """Means over the position along the parent, for pieces of one order.
 
-    share : (P,) position, 0 foot to 1 tip. length : (P,) of a child over her parent's.
+    share : (P,) position, 0 foot to 1 tip. length : (P,) of a child over its parent's.
     angle : (P,) radians. thickness : (P,) radius at the foot over the parent's there.
     density : (P,) children per parent and unit of share.
     length_spread, angle_spread : what is added by chance, relative and radians: a share of what pieces

@@ -13,14 +13,13 @@ but not if it is much thinner than the foot, nor if the foot points away from it
 the ground beside the trunk without touching it is a stem of its own. Wood is taken as tubes about
 centrelines, which also tells that a foot deep inside the trunk touches it.
 
-Rooting of pieces that begin deep within another one, so that their parent is plain.
-
-A tip or a flank may touch any wood; a foot that was drawn from its parent's axis lies near that axis. An end
-is rooted in a piece where it is at most half her radius off her axis, she is no thinner there than the end,
-and it is not where she herself begins (there, feet of a whorl lie within one another). Of several, the one
-whose axis is nearest in her radii is the parent; less likely is a thinner end of the piece, and an end of
-another one as thin as it, which may be a sister's that begins at the same place.
-What is rooted nowhere is left to whatever it touches (``hierarchy``).
+The parent of a piece that begins deep within another one is plain (``root``). A tip or a flank may touch any
+wood; a foot that was drawn from its parent's axis lies near that axis. An end is rooted in a piece where it
+is at most half the piece's radius off its axis, the piece is no thinner there than the end, and it is not
+where the piece itself begins (there, feet of a whorl lie within one another). Of several, the one whose axis
+is nearest in its own radii is the parent; less likely is a thinner end of the piece, and an end of another
+one as thin as it, which may be that of another child that begins at the same place. What is rooted nowhere is
+left to whatever it touches.
 """
 
 from __future__ import annotations
@@ -39,24 +38,18 @@ TAPER = 1.3  # an end this many times as thick as the other is the foot
 THIN_END = 0.5  # piece lengths of gap that it takes for the thin end to be the foot after all
 REACH = 0.5  # radii that an end may stop short of the wood that it touches
 FLOAT = 1.25  # where nothing touches, gaps up to this many times the smallest are taken together
-THICKER, MISFIT = (
-    1.25,
-    4.0,
-)  # of her radius a foot may be; radii of gap that each radius more stands for
-AGAINST = (
-    1.0  # gaps that are added to one that a foot does not point across, twice where it points away
-)
-SHORT, LACK = (
-    0.5,
-    0.1,
-)  # of a floating piece's length its parent is long; share of what lacks that is added
+THICKER = 1.25  # times the parent's radius, that a foot may be thick
+MISFIT = 4.0  # times what a foot is thicker than that, added to its gap
+AGAINST = 1.0  # gaps added to one that a foot does not point across, twice where it points away
+SHORT = 0.5  # lengths of a floating piece that its parent is long at least
+LACK = 0.1  # share of what the parent lacks of that, added to the gap
 NEAREST = 8  # balls looked at, of each group
 STEM = 0.3  # radii of the trunk that another stem has at least
 BESIDE = 0.2  # heights of the tree that it is away at most
 TALL = 0.25  # heights of the tree that it reaches up
 CLOSER = 1.25  # lengths by which one comes nearer to a tapering surface, at most, for each gone
-DEEP = 0.5  # radii of the parent off her axis, at most
-NO_THINNER = 0.9  # radii of the end that she is thick there at least
+DEEP = 0.5  # radii of the parent off its axis, at most
+NO_THINNER = 0.9  # radii of the end that the parent is thick there at least
 TAPERS = 1.05  # ends differ by more than this factor where they tell which of them is the foot
 FEET = 1.5  # radii from where a piece begins within which nothing is rooted in it
 LESS = 0.25  # added, in radii, to what is less likely
@@ -87,8 +80,8 @@ class Hierarchy:
 class Known(RowTable):
     """Knowledge of C pieces before they are hung, because they were cut from one another.
 
-    parent : (C,) piece, -1 where it has to be found. foot : (C, 3) where it begins, on her axis.
-    radius : (C,) hers there.
+    parent : (C,) piece, -1 where it has to be found. foot : (C, 3) where it begins, on the parent's axis.
+    radius : (C,) of the parent there.
     """
 
     parent: np.ndarray

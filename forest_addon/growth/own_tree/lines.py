@@ -245,7 +245,7 @@ def foot_frames(
 ) -> np.ndarray:
     """(C, 3, 3) frames at the feet of branches that leave parents with these frames (C, 3, 3).
 
-    azimuth : (C,) about the parent's T, from N towards B. angle : (C,) from her T.
+    azimuth : (C,) about the parent's T, from N towards B. angle : (C,) from it.
     roll : (C,) about the branch's own T, where it counts.
     carried : (C,) whether it counts: whether the branch's N comes from its parent's. Else, and unless the
         branch stands upright, N is its upper side.

@@ -6,20 +6,18 @@ dropped. A piece is what hangs together along edges: two leaves or branches that
 stay two, and two that share an edge are one. Facets of no area, such as the needles that close cracks
 between unequal rings, join pieces but are dropped afterwards.
 
-Parts of a tree in a file: meshes with names, told apart into wood and leaves, and set upright.
+Parts of a tree in a file are told apart into wood and leaves, and set upright. Names of objects and materials
+tell first ("leaf", "bark"); a mesh whose name does not tell is what most of its area looks like, and a file
+without names is looked at piece by piece. A piece is a leaf where its facets face one way (|sum of area
+vectors| above half of the area: a tube's cancel), where it is a card or crossed cards (most of its edges are
+borders), or where it is one of very many small ones that are plain, as needles are, or have an edge that more
+than two facets share, as tufts of needles have. The upright axis is that along which the tree stands on a
+narrow, solid foot.
 
-Names of objects and materials tell first ("leaf", "bark"); a mesh whose name does not tell is what most
-of its area looks like, and a file without names is looked at piece by piece. A piece is a leaf where its
-facets face one way (|sum of area vectors| above half of the area: a tube's cancel), where it is a card
-or crossed cards (most of its edges are borders), or where it is one of very many small ones that are plain,
-as needles are, or have an edge that more than two facets share, as tufts of needles have. The upright axis is
-that along which the tree stands on a narrow, solid foot.
-
-The unit in which a tree's file was drawn: an STL does not say.
-
-Metres, where the tree is then 0.3 to 120 m high. Else, of the other units in which people draw and in which
-it is, the one that brings tree and leaves nearest to usual sizes, on a logarithmic scale: trees are some 10 m
-high and leaves some 10 cm long, give or take a factor of three.
+The unit in which a tree was drawn an STL does not say: metres, where the tree is then 0.3 to 120 m high.
+Else, of the other units in which people draw and in which it is, the one that brings tree and leaves nearest
+to usual sizes, on a logarithmic scale: trees are some 10 m high and leaves some 10 cm long, give or take a
+factor of three.
 """
 
 from __future__ import annotations

@@ -400,7 +400,7 @@ def _letter(habit: Habit, grown: Grown, branch: int) -> str:
 
 
 def _seats(grown: Grown) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Of every branch on its parent: stretch and part, and (B, 3) from her axis to its foot in her frame."""
+    """Of every branch on its parent: stretch and part, and (B, 3) from its axis to the foot in its frame."""
     lines = grown.lines
     foot = lines.knot[lines.first[:-1] + np.arange(len(grown.piece))]
     borne = np.flatnonzero(grown.parent >= 0)
@@ -415,7 +415,7 @@ def _seats(grown: Grown) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def _way_to(grown: Grown, branch: int, seat: tuple[np.ndarray, np.ndarray, np.ndarray]) -> str:
-    """Return how the turtle gets from her parent's axis into a branch's frame."""
+    """Return how the turtle gets from the parent's axis into a branch's frame."""
     parent = int(grown.parent[branch])
     stretch, off = seat[0][branch], seat[2][branch]
     frame = GROUND if parent < 0 else grown.lines.frame[grown.lines.first[parent] + stretch]

@@ -1,17 +1,12 @@
-"""Closing of a joined mesh where it was cut: the parent's hole is closed, the child goes on to its axis.
+"""A joined mesh is cut at its forks, as if trunk and branches had been drawn as separate parts; tubes that
+were drawn end to end are joined.
 
-A child's rim is a ring of edges beyond which her parent's triangles lie. A fan over it closes the
-parent; the ring, moved along to where the two axes meet and made to fit within her, gives the child
-her foot. Rings at which branches have grown together elsewhere stay open.
-
-A joined mesh is cut at its forks, as if trunk and branches had been drawn as separate parts.
-
-``levels`` slices the mesh, ``axes`` says which slices are one branch. A branch leaves its parent where
-the surface leaves her tube: what a level line, which runs askew around a fork, has left to the parent is
-taken back from there. Then the parent's hole is closed, and the branch goes on inwards to where its axis
-meets hers, so that pieces are as whole as those that others draw apart.
-
-Pieces that stand on one another: a trunk or a limb that was drawn as several tubes, end to end.
+``slices`` slices the mesh and says which slices are one branch. A branch leaves its parent where the surface
+leaves the parent's tube: what a level line, which runs askew around a fork, has left to the parent is taken
+back from there. The child's rim is then a ring of edges beyond which its parent's triangles lie. A fan over
+it closes the parent; the ring, moved along to where the two axes meet and made to fit within the parent,
+gives the child its foot, so that pieces are as whole as those that ottaken draw apart. Rings at which
+branches have grown together elsewhere stay open.
 
 Where one piece ends, about as thick and on the same course another begins; these two are one axis. They
 become one piece, joined by edges that no facet has, so that it gets one centreline.
@@ -46,8 +41,8 @@ FAR = 3.0  # radii of a tube of that area and length, beyond which a piece may f
 FEWEST = 12  # triangles of a piece that forks
 COARSE = 3.0  # width of bands for the first look, from the wrong end
 STOUT_ROOT = 0.7  # share of the thickest end's radius that the root's is at least
-OUTSIDE = 1.15  # radii of the parent from her axis where a child's bark begins
-BESIDE = 2.0  # radii of the child from her axis within which it is hers
+OUTSIDE = 1.15  # radii of the parent from its axis where a child's bark begins
+BESIDE = 2.0  # radii of the child from its axis within which bark is its own
 ROUNDS = 100  # of taking bark back, an edge at a time
 ALIKE = 1.35  # factor between the radii of the two ends, at most
 STRAIGHT = np.cos(np.deg2rad(30.0))  # of the turn from one to the other
@@ -145,9 +140,9 @@ def _hang_together(
     of_part[part] = pieces.piece_of_vertex
     order = np.lexsort((-total, of_part))
     main = firsts(order, of_part)
-    others = np.setdiff1d(np.flatnonzero(total > 0), main)
+    ottaken = np.setdiff1d(np.flatnonzero(total > 0), main)
     number = np.full(len(total), -1)
-    number[main], number[others] = of_part[main], pieces.count + np.arange(len(others))
+    number[main], number[ottaken] = of_part[main], pieces.count + np.arange(len(ottaken))
     kept = number[of_triangle] >= 0
     loose = loose_edges_of(pieces, half_edges(pieces.triangles, len(pieces.vertices))[1])
     loose = loose[number[part[loose[:, 0]]] >= 0]
@@ -158,7 +153,7 @@ def _hang_together(
         np.arange(int(kept.sum()) + len(loose)) < kept.sum(),
         drawn=pieces.drawn,
     )
-    return whole, Known.joined([known, Known.nothing(len(others))]), together
+    return whole, Known.joined([known, Known.nothing(len(ottaken))]), together
 
 
 def _nearest_rim(
@@ -169,7 +164,7 @@ def _nearest_rim(
     to_parent: np.ndarray,
     begins: np.ndarray,
 ) -> np.ndarray:
-    """(N,) whether an edge from a to b is on the rim where its child begins; others are where she
+    """(N,) whether an edge from a to b is on the rim where its child begins; ottaken are where it
     has grown together with somebody, and are left open.
     """
     base = len(vertices)
@@ -206,7 +201,7 @@ def _meetings(
     slices: Slices, axes: PieceAxes, course: Course, middle: np.ndarray, wide: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return where the axes of children meet those of their parents (A, 3), the middle of the parent's
-    bark there (A, 3), and her radius (A,)."""
+    bark there (A, 3), and its radius (A,)."""
     start, heading, _ = beginnings(slices, axes, course)
     foot, apex, thick = middle.copy(), middle.copy(), np.ones(len(axes))
     order, runs = axes.chains()
@@ -249,7 +244,7 @@ def half_edges(triangles: np.ndarray, vertices: int) -> tuple[np.ndarray, np.nda
 
 
 def sever(pieces: Pieces, forked: np.ndarray) -> tuple[Pieces, Known, np.ndarray]:
-    """Cut pieces at their forks, those (C,) that may have some; the others come first, as they are.
+    """Cut pieces at their forks, those (C,) that may have some; the ottaken come first, as they are.
 
     Also told: from which piece each was cut, and where; and (N, 3) places where branches hang together that
     do not fork there.
@@ -320,12 +315,12 @@ def _take_back(pieces: Pieces, slices: Slices, axes: PieceAxes, course: Course) 
         offset = pieces.vertices[place] - start[child]
         along = np.einsum("ni,ni->n", offset, heading[child])
         aside = np.linalg.norm(offset - along[:, None] * heading[child], axis=1)
-        hers = (aside <= BESIDE * thick[child]) & _outside(pieces, slices, course, place)
-        if not hers.any():
+        taken = (aside <= BESIDE * thick[child]) & _outside(pieces, slices, course, place)
+        if not taken.any():
             break
-        owner[place[hers]] = child[hers]
+        owner[place[taken]] = child[taken]
         moved = np.zeros(len(owner), dtype=bool)
-        moved[place[hers]] = True
+        moved[place[taken]] = True
         front = np.flatnonzero(moved[one])
         front = front[axes.parent[owner[one[front]]] == owner[other[front]]]
     return owner

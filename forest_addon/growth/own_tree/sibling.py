@@ -20,7 +20,7 @@ Every draw is a hash of the lineage of what draws it.
 
 What is kept within limits: a piece is lengthened or shortened to at most half as long again; where more
 would be needed another piece of its order takes its place; a branch is no thicker than its parent where
-it leaves her, and its foot is within her wood.
+it leaves it, and its foot is within the parent's wood.
 """
 
 from __future__ import annotations
@@ -67,9 +67,7 @@ CALMER = (1.0, 0.5, 0.25, 0.0)  # shares of a trunk's own bends that are tried
 SWAY = np.deg2rad(4.0)  # of a level branch's slope at its tip
 FADE = 4.0  # how fast a foot's other slope is made up for: e^-4 of it is left at the tip
 MOST_SCALE = 1.5  # of a piece's length
-INSIDE = (
-    0.6  # of the parent's radius: a foot this near to her axis is within her, whatever her section
-)
+INSIDE = 0.6  # of the parent's radius: a foot this near to its axis is within it
 CHILD_LENGTH = 0.5  # exponent: how children lengthen with their parent
 THICKEST = 0.95  # of the parent there
 
