@@ -19,7 +19,6 @@ from forest_addon.growth.own_tree.pieces import (
     part,
     sort_out,
     stood,
-    upright,
     weld,
 )
 from forest_addon.growth.own_tree.recognise import recognise, recognise_pieces
@@ -117,10 +116,6 @@ def test_the_order_of_facets_does_not_change_the_pieces(order: int) -> None:
     assert len(np.unique(np.stack([found, owner[shuffled]], axis=1), axis=0)) == 30
 
 
-def card(base: np.ndarray, out: np.ndarray, across: np.ndarray) -> np.ndarray:
-    return blade(base, out, across, 0.3, 0.2)
-
-
 def crossed(base: np.ndarray, cards: int) -> np.ndarray:
     """Cards that share their middle line, so that they are one piece."""
     found = []
@@ -161,6 +156,15 @@ def tuft(base: np.ndarray, ways: np.ndarray, across: np.ndarray) -> np.ndarray:
     return np.array(found)
 
 
+LEAVES = {
+    "quads": blade,
+    "cards": lambda base, out, across: blade(base, out, across, 0.3, 0.2),
+    "crossed": lambda base, _out, _across: crossed(base, 2),
+    "stars": lambda base, _out, _across: crossed(base, 3),
+    "shaped": curled,
+}
+
+
 def foliage(kind: str, model: Model) -> np.ndarray:
     """Leaves of a kind at the tips of the twigs and along them."""
     rng = np.random.default_rng(1)
@@ -180,14 +184,7 @@ def foliage(kind: str, model: Model) -> np.ndarray:
             elif kind == "tufts":
                 found += [needle(base + 0.002 * way, way) for way in ways]
             else:
-                make = {
-                    "quads": lambda a, b, c: blade(a, b, c),
-                    "cards": card,
-                    "crossed": lambda a, _b, _c: crossed(a, 2),
-                    "stars": lambda a, _b, _c: crossed(a, 3),
-                    "shaped": curled,
-                }[kind]
-                found.append(make(base, out, across))
+                found.append(LEAVES[kind](base, out, across))
     return np.concatenate(found)
 
 
@@ -263,7 +260,8 @@ def test_the_upright_axis_is_found(seed: int) -> None:
     assert likely_up(wood) == "z"
     lying = wood @ UPRIGHT["y"]  # back from z to y
     assert likely_up(lying) == "y"
-    np.testing.assert_allclose(upright(lying, "y"), wood, atol=1e-12)
+    parts = stood(sort_out([Group("bark", "", lying)]), "y")
+    np.testing.assert_allclose(parts.wood, wood, atol=1e-12)
 
 
 def palm(fronds: int = 18) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

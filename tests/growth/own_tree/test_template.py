@@ -1,4 +1,4 @@
-"""Templates cut from trees of known structure, hard cases, and the maple of Tanveer et al.. Leaves made for a template
+"""Templates cut from trees of known structure, and hard cases; leaves for a tree without; grafted trees.
 tree without leaves. A grown tree: what it is made of, its truth, its independence of everything else.
 """
 
@@ -11,6 +11,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from references.model_tree import UP, Model, at, blade, line, tree, tube
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
 
 from forest_addon.base.places import ASSETS
 from forest_addon.base.rng import stream
@@ -55,6 +57,8 @@ def test_templates_are_the_facets_of_their_branch_in_the_canonical_frame() -> No
     split = split_tree(model.wood(), model.leaves())
     assert len(split.branches) == 9
     assert split.unit == 1.0
+    trunk = facets_of(split.trunk, WOOD)  # stands on the origin
+    np.testing.assert_allclose(trunk, model.tubes[0] - model.foot[0], atol=2e-3)
     assert (split.wood_components, split.leaf_count, split.unattached_leaves, split.stubs) == (
         28,
         63,
@@ -93,12 +97,6 @@ def test_templates_are_the_facets_of_their_branch_in_the_canonical_frame() -> No
         assert branch.base_radius == pytest.approx(0.07, rel=0.1)
         assert branch.height == pytest.approx(share, abs=0.003)
         assert branch.angle == pytest.approx(angle, abs=0.02)
-
-
-def test_trunk_stands_on_the_origin() -> None:
-    model = tree()
-    trunk = split_tree(model.wood()).trunk
-    np.testing.assert_allclose(facets_of(trunk, WOOD), model.tubes[0] - model.foot[0], atol=2e-3)
 
 
 def test_height_sets_the_unit() -> None:
@@ -294,25 +292,15 @@ def test_leaves_that_are_none_are_refused() -> None:
 # --------------------------------------------------------------------------------- a tree of others
 
 
-def parts_by_shared_corners(facets: np.ndarray) -> list[set[int]]:
-    """Facets of each connected part, by plain union-find over identical corners."""
-    leader = list(range(len(facets)))
-
-    def lead(item: int) -> int:
-        while leader[item] != item:
-            leader[item] = leader[leader[item]]
-            item = leader[item]
-        return item
-
-    seen: dict[tuple[float, ...], int] = {}
-    for number, facet in enumerate(facets.tolist()):
-        for corner in facet:
-            other = seen.setdefault(tuple(corner), number)
-            leader[lead(number)] = lead(other)
-    parts: dict[int, set[int]] = {}
-    for number in range(len(facets)):
-        parts.setdefault(lead(number), set()).add(number)
-    return list(parts.values())
+def parts_by_shared_corners(facets: np.ndarray) -> list[np.ndarray]:
+    """Facets of each connected part, by identical corners."""
+    _, corner = np.unique(facets.reshape(-1, 3), axis=0, return_inverse=True)
+    facet = np.repeat(np.arange(len(facets)), 3)
+    links = coo_matrix(
+        (np.ones(len(facet)), (facet, len(facets) + corner.ravel())), (9 * len(facets),) * 2
+    )
+    part = connected_components(links, directed=False)[1][: len(facets)]
+    return [np.flatnonzero(part == number) for number in np.unique(part)]
 
 
 @pytest.fixture(scope="module")
@@ -334,7 +322,7 @@ def test_maple_pieces(maple: tuple[np.ndarray, np.ndarray]) -> None:
     parts = parts_by_shared_corners(wood)
     assert found.wood.count == len(parts) == 244
     for facets in parts:
-        (piece,) = np.unique(found.wood.piece[list(facets)])
+        (piece,) = np.unique(found.wood.piece[facets])
         generation = {384: 0, 240: 1, 144: 2}[len(facets)]
         assert (piece == found.trunk) == (generation == 0)
         assert (found.parent[piece] == found.trunk) == (generation == 1)
@@ -394,20 +382,14 @@ def test_every_twig_bears_nodes_times_leaves_of_their_true_size(wood, unit):
     split = split_tree(wood, facets * unit)
     assert split.leaf_count == len(twigs) * 6
     assert split.unattached_leaves == 0
+    corner = facets.reshape(-1, 3) * unit
+    for tip in bare.tip[twigs]:
+        assert np.linalg.norm(corner - tip, axis=1).min() < 0.02
     for branch in split.branches:
         assert branch.leaves.length * branch.length == pytest.approx(0.08, rel=1e-3)
         # The polygon has the area of the ellipse of 8 by 4 cm.
         radius = np.sqrt(0.08 * 0.04) / 2
         assert branch.leaves.radius * branch.length == pytest.approx(radius, rel=1e-3)
-
-
-def test_leaves_reach_the_tips(wood):
-    facets = dress(wood, DRESSED, SHAPES["ellipse"](), 1.0)
-    bare = recognise(wood)
-    twigs = np.setdiff1d(np.arange(len(bare.parent)), [*bare.parent, bare.trunk])
-    corner = facets.reshape(-1, 3)
-    for tip in bare.tip[twigs]:
-        assert np.linalg.norm(corner - tip, axis=1).min() < 0.02
 
 
 @pytest.mark.slow
@@ -495,29 +477,16 @@ def test_a_graft_starts_at_its_site_and_ends_at_its_length(shared_maple):
     scion = prepare(shared_maple[1].branches[0])
     direction = np.array([0.36, 0.48, 0.8])
     site = GraftSite(np.array([1.0, 2.0, 3.0]), direction, 4.0)
-    mesh = graft(scion, site, 0.0, 0.0, stream(0, "graft"))
-    mesh = mesh[0] if isinstance(mesh, tuple) else mesh
+    mesh, _, _ = graft(scion, site, 0.0, 0.0, stream(0, "graft"))
     wood = mesh.vertices[np.unique(mesh.triangles[mesh.part == WOOD])] - site.foot
     assert np.linalg.norm(wood, axis=1).min() < 0.1
     end = np.linalg.norm(wood - 4.0 * direction, axis=1).min()
     assert end < 0.05
 
 
-def test_leaves_face_the_light_as_their_template_does(grown):
-    upward = np.abs(grown.leaves.normal[:, 2])
-    assert np.median(upward) > 0.5  # isotropic leaves would have 0.5; these lie flatter
-
-
 @pytest.mark.medium
-@pytest.mark.skipif(
-    not MAPLE.is_dir(), reason="the maple of Tanveer et al. is not beside the repository"
-)
-def test_the_papers_own_maple_gives_trees_too(shared_maple):
-    from forest_addon.formats.stl import read_stl
-    from forest_addon.growth.own_tree.template import split_tree
-
-    wood, leaves = (read_stl(MAPLE / f"maple_{part}.stl") for part in ("stem", "leaves"))
-    template = split_tree(wood, leaves, height=12.0)
+def test_the_papers_own_maple_gives_trees_too(maple, shared_maple):
+    template = split_tree(*maple, height=12.0)
     species = replace(shared_maple[0], template=Template(wood="maple_stem.stl", height=12.0))
     grown = grow(species, template, stream(3, "tree"))
     assert len(grown.leaves) > 1000
