@@ -95,7 +95,11 @@ def grow(
     if isinstance(template, Habit | TreeTemplate):
         asked = fitted_template(species, wanted) if wanted else species
         if isinstance(template, Habit):
-            tree = _sibling(asked, template, rng, wanted)
+            siblings = asked.siblings or Siblings()
+            grown = grow_sibling(template, siblings, int(rng.integers(2**63)))
+            mesh, leaves, foot = mesh_of(template.anatomy, grown, siblings.variety)
+            parts = Parts(mesh, leaves, foot, skeleton_of_grown(grown), grafted=True)
+            tree = _of_parts(asked, parts, rng, wanted)
         else:
             tree = _grafted(asked, template, rng, wanted)
         return tree if species.detail.leaves else without_leaves(tree)
@@ -157,17 +161,6 @@ def leaves_left(species: Species) -> float:
     return min(1.0, share * (needles.blades or needles.count) / blades_left(species))
 
 
-def _sibling(
-    species: Species, habit: Habit, rng: np.random.Generator, wanted: Wanted | None
-) -> Tree:
-    """A tree like the template's, of its own pieces."""
-    siblings = species.siblings or Siblings()
-    grown = grow_sibling(habit, siblings, int(rng.integers(2**63)))
-    mesh, leaves, foot = mesh_of(habit.anatomy, grown, siblings.variety)
-    parts = Parts(mesh, leaves, foot, skeleton_of_grown(grown), grafted=True)
-    return _of_parts(species, parts, rng, wanted)
-
-
 def _of_parts(
     species: Species, parts: Parts, rng: np.random.Generator, wanted: Wanted | None
 ) -> Tree:
@@ -190,8 +183,7 @@ def _whole(
     if wanted is None:
         skeleton, sites = skeleton_of(species, rng)
     else:
-        met = grow_measured(species, wanted, blade, rng)
-        skeleton, sites, missed = met.skeleton, met.sites, met.missed
+        skeleton, sites, missed = grow_measured(species, wanted, blade, rng)
     if has_curves(species):
         skeleton, sites = curved(skeleton, sites, species.crown.collar if species.crown else 0.0)
         skeleton = skeleton if wanted is None else scaled_to(skeleton, wanted.dbh)
@@ -250,7 +242,9 @@ def _grafted(
         leaf = np.array([truth.centre[:, 2].min(initial=np.inf) for truth in truths])
         top = max(float(branch.vertices[:, 2].max()) for branch in branches)
         lowest = lowest_kept(start, leaf, top, wanted)
-        kept, wood = np.flatnonzero(start >= lowest).tolist(), _above(wood, lowest)
+        kept, level = np.flatnonzero(start >= lowest).tolist(), first_level(wood)
+        foot = wood.start[(wood.order == 1) & (wood.order[np.maximum(wood.parent, 0)] == 0), 2]
+        wood = wood.some((level < 0) | (foot[level] >= lowest))
     mesh = join([_trunk_mesh(skeleton, trunk), *(branches[k] for k in kept)])
     leaves, foot = Leaves.joined([truths[k] for k in kept]), np.concatenate([feet[k] for k in kept])
     parts = Parts(mesh, leaves, foot, wood, grafted=True)
@@ -323,12 +317,3 @@ def _trunk_mesh(skeleton: Skeleton, trunk: list[int]) -> TriMesh:
     vertices, triangles = tube(points, thickness, sides_for(float(radius[0]), TOLERANCE))
     mesh = TriMesh.of_part(vertices, triangles, WOOD)
     return replace(mesh, edges=repeated_edges(mesh.triangles, 0, 1))
-
-
-def _above(skeleton: Skeleton, lowest: float) -> Skeleton:
-    """A trunk with those of its first-level axes that start at this height or above."""
-    foot = np.arange(len(skeleton))
-    for segment in np.flatnonzero(skeleton.order == 1).tolist():
-        if skeleton.order[skeleton.parent[segment]] == 1:
-            foot[segment] = foot[skeleton.parent[segment]]
-    return skeleton.some((skeleton.order == 0) | (skeleton.start[foot, 2] >= lowest))

@@ -31,10 +31,11 @@ Méndez et al. prune: a branch whose turtle descends is removed with all that it
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ...base.rows import RowTable
 from ..skeleton import LeafSites, Skeleton
 from .expression import Expression, ExpressionError, Value, parse_expression
 from .system import GrammarError, Notation, Word, split_arguments
@@ -183,11 +184,11 @@ def _read_meaning(text: str, known: Mapping[str, float]) -> tuple[tuple[str, int
 
 
 @dataclass(frozen=True)
-class Steps:
+class Steps(RowTable):
     """R steps in the order of the string.
 
     kind, number : (R,), (R, 2) of the last command of each.
-    turn : (4, R) quaternion. factor, offset : (R,) of the diameter.
+    turn : (R, 4) quaternion. factor, offset : (R,) of the diameter.
     opens, closes : (R,) whether a step starts with an opening bracket, or is a closing one.
     outline : (R,) number of the outermost outline that it stands in, from its opening on, or -1.
     """
@@ -234,7 +235,7 @@ def join_commands(commands: Commands) -> Steps:
     return Steps(
         kind=kind[last],
         number=number[last],
-        turn=turn,
+        turn=turn.T,
         factor=factor,
         offset=offset,
         opens=kind[first] == BRANCH,
@@ -394,7 +395,7 @@ def walk(commands: Commands, diameter: float, bend: Bend | None = None) -> Walk:
     bend = bend or Bend()
     steps = join_commands(commands)
     paths = find_paths(steps.opens, steps.closes)
-    steps = _open_only(steps, paths.command)
+    steps = steps.select(paths.command)  # without closing brackets
     kind, number, outline = steps.kind, steps.number, steps.outline
     drawn = (kind == DRAW) & (outline < 0)
     states = _states(steps, drawn, paths, diameter, bend)
@@ -452,18 +453,6 @@ class _States:
         return np.cross(self.up(which), self.heading(which))
 
 
-def _open_only(steps: Steps, command: np.ndarray) -> Steps:
-    """The steps without closing brackets."""
-    return Steps(
-        **{
-            field.name: getattr(steps, field.name)[..., command]
-            if field.name != "number"
-            else steps.number[command]
-            for field in fields(Steps)
-        }
-    )
-
-
 def _states(steps: Steps, drawn: np.ndarray, paths: Paths, diameter: float, bend: Bend) -> _States:
     """Level by level, in arrays sorted by level; place 0 is the turtle before all steps."""
     count = len(steps.kind)
@@ -474,7 +463,7 @@ def _states(steps: Steps, drawn: np.ndarray, paths: Paths, diameter: float, bend
     before = slot[paths.before[by_level]]
     own = (np.cumsum(drawn) - 1)[by_level]  # number of the segment that a step draws
     kind, number, drawn = steps.kind[by_level], steps.number[by_level], drawn[by_level]
-    local, factor, offset = steps.turn[:, by_level], steps.factor[by_level], steps.offset[by_level]
+    local, factor, offset = steps.turn[by_level].T, steps.factor[by_level], steps.offset[by_level]
     branch = paths.branch[by_level]
 
     reach = np.where((kind == DRAW) | (kind == MOVE), number[:, 0], 0.0)

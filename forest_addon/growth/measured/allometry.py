@@ -128,7 +128,10 @@ def measures(kind: Allometry, dbh: np.ndarray, z: np.ndarray) -> np.ndarray:
     found = np.empty(z.shape)
     for column, name in enumerate(MEASURES):
         law: Law = getattr(kind, name)
-        found[:, column] = np.exp(middle(law, dbh) + _residual(law, z[:, column]))
+        score = z[:, column]
+        found[:, column] = np.exp(
+            middle(law, dbh) + np.where(score < 0, -law.low, law.high) * score / Z90
+        )
     found[:, 2] *= found[:, 0] / (1 + found[:, 2])
     return found
 
@@ -203,10 +206,6 @@ def correlation_matrix(kind: Allometry) -> np.ndarray:
     matrix = (vectors * np.maximum(values, 1e-6)) @ vectors.T
     size = np.sqrt(np.diag(matrix))
     return np.asarray(matrix / np.outer(size, size))
-
-
-def _residual(law: Law, z: np.ndarray) -> np.ndarray:
-    return np.asarray(np.where(z < 0, -law.low, law.high) * z / Z90)
 
 
 def _cut(z: np.ndarray) -> np.ndarray:

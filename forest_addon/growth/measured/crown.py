@@ -219,7 +219,11 @@ def scaffold_of(
     size : height, height of the crown's base, its width, diameter at breast height, metres.
     """
     height, base, width, _ = size
-    heavy = _heavy_count(plan, size[3])
+    heavy = (
+        0  # limbs that the stem divides into; none with a leader, which any has when it is young
+    )
+    if plan.fork < 1 and size[3] >= plan.control:
+        heavy = max(FEWEST, round(plan.limbs * (size[3] / THICK_AT) ** plan.growth))
     side = _weak(plan, height, base, rng) if heavy else _whorled(plan, height, base, rng)
     foot, path = _paths(side, crown, height, base, width)
     parts = [(foot, path)]
@@ -254,14 +258,6 @@ def scaffold_of(
     if heavy:
         bearing[len(stem) : len(stem) + len(place[1])] = False  # weak branches stay weak
     return Nodes(whole, np.concatenate(parent).astype(np.int64), trunk), bearing
-
-
-def _heavy_count(plan: Architecture, dbh: float) -> int:
-    """Return how many heavy limbs a stem divides into; 0 of one that has a leader, as any has when it is
-    young."""
-    if plan.fork >= 1 or dbh < plan.control:
-        return 0
-    return max(FEWEST, round(plan.limbs * (dbh / THICK_AT) ** plan.growth))
 
 
 def _whorled(plan: Architecture, height: float, base: float, rng: np.random.Generator) -> _Limbs:

@@ -22,7 +22,7 @@ import numpy as np
 from ...base.rng import daughter_keys, keyed_uniform
 from ...base.runs import Runs
 from ...base.trimesh import TriMesh, join
-from ...spec import Crown, SpecError, Species
+from ...spec import SpecError, Species
 from ..mesh.blades import Blade, leaf_areas, stalk_of
 from ..mesh.copies import leaves_apart
 from ..mesh.leaves import Leaves, about_vertical
@@ -62,15 +62,6 @@ CLOSE = 2e-3  # relative, of what counts as met
 SAID = 0.05  # relative, from which on a sentence says that a target is not met
 
 
-@dataclass(frozen=True)
-class Met:
-    """A tree's wood and leaves, and what could not be met: one sentence each."""
-
-    skeleton: Skeleton
-    sites: LeafSites
-    missed: tuple[str, ...] = ()
-
-
 def leaves_needed(species: Species, blade: Blade, area: float) -> int:
     """Return how many leaves, or shoots, of a species make a leaf area.
 
@@ -85,8 +76,11 @@ def leaves_needed(species: Species, blade: Blade, area: float) -> int:
     return max(1, round(count))
 
 
-def grow_measured(species: Species, wanted: Wanted, blade: Blade, rng: np.random.Generator) -> Met:
-    """A tree without a template that meets its targets, in whichever way its species grows.
+def grow_measured(
+    species: Species, wanted: Wanted, blade: Blade, rng: np.random.Generator
+) -> tuple[Skeleton, LeafSites, tuple[str, ...]]:
+    """A tree without a template that meets its targets, in whichever way its species grows; one sentence for
+    each that could not be met.
 
     Raises
     ------
@@ -98,13 +92,19 @@ def grow_measured(species: Species, wanted: Wanted, blade: Blade, rng: np.random
     return fit_grown(species, skeleton, sites, wanted, blade, int(rng.integers(2**63)))
 
 
-def grow_crown(species: Species, wanted: Wanted, blade: Blade, key: int) -> Met:
+def grow_crown(
+    species: Species, wanted: Wanted, blade: Blade, key: int
+) -> tuple[Skeleton, LeafSites, tuple[str, ...]]:
     """A tree that fills the envelope of its crown.
 
     key : 64 bits, the lineage of the tree.
     """
     assert species.crown is not None
-    crown = _aged(species.crown, wanted.dbh)
+    crown = species.crown
+    if crown.dome:  # its widest place moves up as its tree grows old
+        age = np.clip((wanted.dbh - YOUNG) / (OLD - YOUNG), 0.0, 1.0)
+        widest = float(np.clip(crown.widest + crown.dome * age, 0.0, 0.9))
+        crown = crown.changed(widest=widest)
     tree = np.array([key], np.uint64)
     rng = np.random.Generator(np.random.PCG64(key))
     margin = min(
@@ -134,15 +134,7 @@ def grow_crown(species: Species, wanted: Wanted, blade: Blade, key: int) -> Met:
         drawn.select(slice(len(bare))), pipes, crown, wanted.dbh
     ).radius
     wood = replace(drawn, radius=radius)
-    return Met(wood, sites if species.leaf.on else LeafSites.none())
-
-
-def _aged(crown: Crown, dbh: float) -> Crown:
-    """The crown of a stem of this diameter: its widest place moves up as its tree grows old."""
-    if not crown.dome:
-        return crown
-    age = np.clip((dbh - YOUNG) / (OLD - YOUNG), 0.0, 1.0)
-    return crown.changed(widest=float(np.clip(crown.widest + crown.dome * age, 0.0, 0.9)))
+    return wood, sites if species.leaf.on else LeafSites.none(), ()
 
 
 def to_breast_height(skeleton: Skeleton, height: float) -> Skeleton:
@@ -163,11 +155,11 @@ def to_breast_height(skeleton: Skeleton, height: float) -> Skeleton:
 
 def fit_grown(
     species: Species, skeleton: Skeleton, sites: LeafSites, wanted: Wanted, blade: Blade, key: int
-) -> Met:
+) -> tuple[Skeleton, LeafSites, tuple[str, ...]]:
     """A tree that rules or ratios have grown, pruned, stretched and thickened to its targets."""
     missed: list[str] = []
     if not len(skeleton):
-        return Met(skeleton, sites, ("nothing grew",))
+        return skeleton, sites, ("nothing grew",)
     skeleton, sites = pruned(skeleton, sites, wanted.crown_base / wanted.height)
     if len(sites):
         count = leaves_needed(species, blade, wanted.leaf_area)
@@ -179,7 +171,7 @@ def fit_grown(
     skeleton = scaled_to(skeleton, wanted.dbh)
     if abs(dbh_of(skeleton) - wanted.dbh) > 1e-3:
         missed.append("its stem does not pass 1.3 m, so dbh cannot be met")
-    return Met(skeleton, sites, tuple(missed))
+    return skeleton, sites, tuple(missed)
 
 
 def pruned(skeleton: Skeleton, sites: LeafSites, share: float) -> tuple[Skeleton, LeafSites]:

@@ -61,13 +61,9 @@ def shoot_of(needles: Needles, length: float) -> Shoot:
     count = needles.blades
     if not count or count >= needles.count:
         return Shoot(*full, area, shadow)
-    width = (
-        wide * needles.count / count * shadow / (area / 2)
-    )  # as if they hid nothing of each other
-    for _ in range(4):
-        found = mean_shadow(*_strips(count, reach, width, needles))
-        width *= (shadow / found) ** 1.2
-    return Shoot(*_strips(count, reach, width, needles), area, shadow)
+    # As if they hid nothing of each other.
+    width = wide * needles.count / count * shadow / (area / 2)
+    return Shoot(*_shading(count, reach, width, needles, shadow, 4), area, shadow)
 
 
 @lru_cache(maxsize=32)
@@ -78,12 +74,18 @@ def coarse_shoot(needles: Needles, length: float, blades: int) -> Shoot:
     """
     fine = shoot_of(needles, length)
     wanted = mean_shadow(fine.vertices, fine.triangles, *CLOSELY)
-    reach = needles.length / length
     width = np.pi / 2 * needles.diameter / length * needles.count / blades
-    for _ in range(6):
-        strips = _strips(blades, reach, width, needles)
-        width *= (wanted / mean_shadow(*strips, *CLOSELY)) ** 1.2
-    return Shoot(*_strips(blades, reach, width, needles), fine.needle_area, fine.shadow)
+    strips = _shading(blades, needles.length / length, width, needles, wanted, 6, *CLOSELY)
+    return Shoot(*strips, fine.needle_area, fine.shadow)
+
+
+def _shading(
+    count: int, reach: float, width: float, needles: Needles, shadow: float, rounds: int, *seen: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Strips of needles made wider or narrower until their mean shadow, seen so, is this."""
+    for _ in range(rounds):
+        width *= (shadow / mean_shadow(*_strips(count, reach, width, needles), *seen)) ** 1.2
+    return _strips(count, reach, width, needles)
 
 
 def mean_shadow(

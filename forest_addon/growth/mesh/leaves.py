@@ -12,7 +12,7 @@ its midrib.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.sparse import coo_matrix
@@ -186,7 +186,11 @@ def _extents(
     angle = 0.5 * np.arctan2(2 * ab, aa - bb)
     alike = np.hypot(aa - bb, 2 * ab) < ALIKE * (aa + bb)
     if alike.any():
-        angle = np.where(alike, _towards_farthest(a, b, run, len(first)), angle)
+        order = np.argsort((a**2 + b**2).ravel(), kind="stable")
+        corner = np.empty(len(first), dtype=np.int64)
+        corner[np.repeat(run, 3)[order]] = order  # the farthest is written last and stays
+        farthest = np.arctan2(b.ravel()[corner], a.ravel()[corner])
+        angle = np.where(alike, farthest, angle)
     cos, sin = np.cos(angle), np.sin(angle)
     spans = []
     for x, y in ((cos, sin), (-sin, cos)):
@@ -197,27 +201,15 @@ def _extents(
     return cos[:, None] * u + sin[:, None] * v, spans[0], spans[1]
 
 
-def _towards_farthest(a: np.ndarray, b: np.ndarray, run: np.ndarray, count: int) -> np.ndarray:
-    """(count,) angle of the corner that is farthest from the leaf's centre."""
-    order = np.argsort((a**2 + b**2).ravel(), kind="stable")
-    owner = np.repeat(run, 3)[order]
-    corner = np.empty(count, dtype=np.int64)
-    corner[owner] = order  # the farthest is written last and stays
-    return np.arctan2(b.ravel()[corner], a.ravel()[corner])
-
-
 def _with_gaps(found: Leaves, number: np.ndarray, count: int) -> Leaves:
     """A table of ``count`` leaves of which only those with these numbers have triangles."""
-    whole = {}
-    for field in fields(Leaves):
-        value = getattr(found, field.name)
-        whole[field.name] = np.zeros((count, *value.shape[1:]), dtype=value.dtype)
-        whole[field.name][number] = value if field.name != "branch" else value[number]
-    missing = np.ones(count, dtype=bool)
-    missing[number] = False
-    whole["normal"][missing], whole["axis"][missing] = (0.0, 0.0, 1.0), (1.0, 0.0, 0.0)
-    whole["branch"] = found.branch
-    return Leaves(**whole)
+    row = np.full(count, -1)
+    row[number] = np.arange(len(number))
+    whole, missing = replace(found, branch=found.branch[number]).select(row), row < 0
+    for name in ("centre", "length", "width", "radius"):
+        getattr(whole, name)[missing] = 0.0
+    whole.normal[missing], whole.axis[missing] = (0.0, 0.0, 1.0), (1.0, 0.0, 0.0)
+    return replace(whole, branch=found.branch)
 
 
 def _unit(vectors: np.ndarray, fallback: tuple[float, float, float]) -> np.ndarray:

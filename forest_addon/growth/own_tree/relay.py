@@ -120,7 +120,12 @@ def _wood(anatomy: Anatomy, grown: Grown) -> TriMesh:
     mesh, vertex, owner, of_triangle = wood.stock.copy(grown.piece, grown.sign < 0)
     knot = np.arange(len(lines.length)) + lines.line
     start, way = lines.knot[knot], lines.knot[knot + 1] - lines.knot[knot]
-    matrix = _turns_of_stretches(anatomy, grown)
+    scales = [grown.girth, grown.girth * grown.sign[lines.line], grown.scale[lines.line]]
+    # By stretch, how what is around it is turned and scaled.
+    matrix = (lines.frame * np.stack(scales, axis=1)[:, None]) @ np.swapaxes(
+        anatomy.lines.frame[grown.source], 1, 2
+    )
+    matrix = matrix.reshape(-1, 9)
     after = np.minimum(np.arange(len(matrix)) + 1, (lines.first[1:] - 1)[lines.line])
     columns = [
         np.ascontiguousarray(held.T) for held in (matrix, matrix[after] - matrix, start, way)
@@ -134,16 +139,6 @@ def _wood(anatomy: Anatomy, grown: Grown) -> TriMesh:
             columns, wood.stock.place[of], on, wood.part[of], bone, wood.weight[of]
         )
     return replace(mesh, vertices=place, order=grown.order.astype(np.int8)[of_triangle])
-
-
-def _turns_of_stretches(anatomy: Anatomy, grown: Grown) -> np.ndarray:
-    """(S, 9) by stretch, how what is around it is turned and scaled."""
-    old, new = anatomy.lines, grown.lines
-    scales = np.stack(
-        [grown.girth, grown.girth * grown.sign[new.line], grown.scale[new.line]], axis=1
-    )
-    matrix = (new.frame * scales[:, None]) @ np.swapaxes(old.frame[grown.source], 1, 2)
-    return np.asarray(matrix.reshape(-1, 9))
 
 
 def _carried(
@@ -192,8 +187,7 @@ def hang_leaves(anatomy: Anatomy, grown: Grown, variety: float) -> HungLeaves:
     shift = np.where(copy > 0, keyed_uniform(key, "further") - 0.5, shift) * each
     moved = np.flatnonzero((shift != 0) & (share < 1) & (share > 0))  # at a tip it stays
     share[moved] = np.clip(share[moved] + shift[moved], 0.0, 1.0)
-    stretch, part = seat_at(lines, piece[moved], share[moved])
-    seat.stretch[moved], seat.part[moved] = stretch, part
+    seat.stretch[moved], seat.part[moved] = seat_at(lines, piece[moved], share[moved])
     turn = variety * LEAF_TURN * keyed_normal(key, "turn")
     turn = np.where(copy > 0, np.pi * (0.4 + 1.2 * keyed_uniform(key, "turn")), turn)
     size = 1 + variety * LEAF_SIZE * np.clip(keyed_normal(key, "size"), -2, 2)

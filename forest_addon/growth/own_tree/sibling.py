@@ -39,7 +39,6 @@ from .anatomy import GROUND
 from .habit import Habit, radius_at_seat
 from .lines import (
     Lines,
-    Seats,
     foot_frames,
     lay,
     seat_at,
@@ -462,7 +461,10 @@ def _children(habit: Habit, variety: float, size: Size, below: Grown, order: int
     scale = scale * (size.crown if order == 1 else below.scale[owner] ** CHILD_LENGTH)
     piece, scale = _fitting(habit, piece, scale, order)
 
-    seat = _reseated(habit, placed)
+    seat = anatomy.seat.select(placed.slot)  # one that has not moved keeps its own to the bit
+    moved = np.flatnonzero(placed.share != habit.share[placed.slot])
+    bearer = placed.parent[moved]
+    seat.stretch[moved], seat.part[moved] = seat_at(anatomy.lines, bearer, placed.share[moved])
     place, frame, thickness = stand_on(below.lines, owner, seat)
     bearing = below.sign[owner] * placed.azimuth
     angle = anatomy.angle[piece] + np.interp(there, table.share, table.angle)
@@ -497,15 +499,6 @@ def _children(habit: Habit, variety: float, size: Size, below: Grown, order: int
         foot=foot,
         girth=np.stack([base, np.minimum(base, 1.0)], axis=1),
     )
-
-
-def _reseated(habit: Habit, placed: Placed) -> Seats:
-    """Seats of children on their parents' pieces; one that has not moved keeps its own to the bit."""
-    seat = habit.anatomy.seat.select(placed.slot)
-    moved = np.flatnonzero(placed.share != habit.share[placed.slot])
-    stretch, part = seat_at(habit.anatomy.lines, placed.parent[moved], placed.share[moved])
-    seat.stretch[moved], seat.part[moved] = stretch, part
-    return seat
 
 
 def _signs(key: np.ndarray, variety: float) -> np.ndarray:

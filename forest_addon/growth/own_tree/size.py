@@ -110,7 +110,7 @@ class Size:
 def size_of(habit: Habit, siblings: Siblings, tree: np.ndarray) -> Size:
     """The size of a tree with the key ``tree`` (1,)."""
     laws = ALLOMETRY[siblings.allometry]
-    height, dbh = height_of(habit.anatomy), dbh_of(habit.anatomy)
+    height, dbh = float(habit.anatomy.lines.knot[:, 2].max()), dbh_of(habit.anatomy)
     girth = siblings.age
     stem = girth**laws.height
     if siblings.dbh:
@@ -136,11 +136,6 @@ def size_of(habit: Habit, siblings: Siblings, tree: np.ndarray) -> Size:
         v * WITHIN_STAND * laws.width_spread, wide
     )
     return Size(stem, girth, crown, branches=stem**NODES, height=stem * height)
-
-
-def height_of(anatomy: Anatomy) -> float:
-    """Of the wood, metres above the foot."""
-    return float(anatomy.lines.knot[:, 2].max())
 
 
 def dbh_of(anatomy: Anatomy) -> float:

@@ -235,7 +235,10 @@ class PieceAxes:
 def find_axes(slices: Slices) -> PieceAxes:
     """Follow the slices of all pieces from their roots to the tips."""
     mass, top = _carried(slices)
-    onward = _heaviest(slices, mass)
+    onward = np.arange(len(slices))  # the slice above that carries most, itself at a tip
+    upper = np.flatnonzero(slices.below >= 0)
+    upper = upper[np.argsort(mass[upper], kind="stable")]
+    onward[slices.below[upper]] = upper  # the last one stays
     radius = radii(slices, onward)
     above = np.bincount(slices.below[slices.below >= 0], minlength=len(slices))
     kid = np.flatnonzero((slices.below >= 0) & (above[slices.below] > 1))  # above forks
@@ -274,15 +277,6 @@ def _runs(band: np.ndarray) -> list[tuple[int, int]]:
     """First and last of the slices of every band, from the lowest up."""
     bounds = np.flatnonzero(np.diff(band, prepend=-1, append=band[-1] + 1))
     return list(zip(bounds[:-1].tolist(), bounds[1:].tolist(), strict=True))
-
-
-def _heaviest(slices: Slices, mass: np.ndarray) -> np.ndarray:
-    """(S,) the slice above each that carries most, itself at a tip."""
-    onward = np.arange(len(slices))
-    upper = np.flatnonzero(slices.below >= 0)
-    upper = upper[np.argsort(mass[upper], kind="stable")]
-    onward[slices.below[upper]] = upper  # the last one stays
-    return onward
 
 
 def _walk(step: np.ndarray, start: np.ndarray, many: np.ndarray) -> np.ndarray:

@@ -340,7 +340,12 @@ def fit_grammar(template: TreeTemplate) -> Grammar:
     wanted = float(np.mean([b.length for b in branches]))
     ratio = float(np.clip(wanted / _mean_reach(grammar), 0.01, 2.0))
     fitted = replace(grammar, side_ratio=ratio)
-    return _rounded(fitted)
+    # Four digits: what is fitted is no more exact, and a person will read it.
+    digits: dict[str, Any] = {
+        name: float(f"{getattr(fitted, name):.4g}")
+        for name in ("length", "side_ratio", "centre_ratio", "angle_deg", "radius", "radius_ratio")
+    }
+    return replace(fitted, **digits)
 
 
 def _contraction(internodes: float, generations: int) -> float:
@@ -361,15 +366,6 @@ def _mean_reach(grammar: Grammar) -> float:
     parent_order = skeleton.order[np.maximum(skeleton.parent, 0)]
     firsts = np.flatnonzero((skeleton.order == 1) & (parent_order == 0))
     return float(np.mean([length[skeleton.axis(int(first))].sum() for first in firsts]))
-
-
-def _rounded(grammar: Grammar) -> Grammar:
-    """Four digits: what is fitted is no more exact, and a person will read it."""
-    digits: dict[str, Any] = {
-        name: float(f"{getattr(grammar, name):.4g}")
-        for name in ("length", "side_ratio", "centre_ratio", "angle_deg", "radius", "radius_ratio")
-    }
-    return replace(grammar, **digits)
 
 
 def dress(wood: np.ndarray, leaf: Leaf, blade: Blade, unit: float) -> np.ndarray:

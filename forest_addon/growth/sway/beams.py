@@ -111,7 +111,9 @@ def wood_of_species(species: Species) -> GreenWood:
     genus = genus_of(species)
     if genus:
         return wood_of_genus(genus)
-    return _mean(CONIFERS if species.needles is not None else BROADLEAVES)
+    woods = [wood_of_genus(g) for g in (CONIFERS if species.needles is not None else BROADLEAVES)]
+    names = ("density", "modulus", "leaf_mass", "inside", "one_sided")
+    return GreenWood(*(sum(getattr(wood, name) for wood in woods) / len(woods) for name in names))
 
 
 def genus_of(species: Species) -> str:
@@ -139,15 +141,6 @@ def wood_of_genus(genus: str) -> GreenWood:
     inside = THIN_BARK.get(genus, INSIDE)
     one_sided = min(1.0, leaf / NEEDLE) if genus in EVERGREEN else 1.0
     return GreenWood(density, 1e9 * modulus, leaf / DRY, inside, one_sided)
-
-
-def _mean(table: dict[str, tuple[float, float, float]]) -> GreenWood:
-    woods = [wood_of_genus(genus) for genus in table]
-    means = [
-        sum(getattr(wood, name) for wood in woods) / len(woods)
-        for name in ("density", "modulus", "leaf_mass", "inside", "one_sided")
-    ]
-    return GreenWood(*means)
 
 
 @dataclass(frozen=True)

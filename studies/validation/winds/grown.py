@@ -65,8 +65,7 @@ def shape_as(tree: MeasuredSway, preset: str, rng: np.random.Generator, vary: bo
     given = np.array([[tree.height, np.nan, np.nan, np.nan]])
     row = drawn(kind.allometry, np.array([tree.dbh]), given, chance, preset, np.zeros(4))[0]
     blade, wanted = blade_of(species, kind.blade), Wanted(*row.tolist())
-    met = grow_measured(species, wanted, blade, rng)
-    skeleton, sites = met.skeleton, met.sites
+    skeleton, sites, _ = grow_measured(species, wanted, blade, rng)
     if has_curves(species):
         skeleton, sites = curved(skeleton, sites, species.crown.collar if species.crown else 0.0)
         skeleton = scaled_to(skeleton, wanted.dbh)

@@ -52,12 +52,12 @@ def test_a_seedling_whose_leaves_alone_pass_breast_height_has_its_diameter():
     """A spruce of 1.5 m: its stem used to end at 1.297 m, below the top shoot."""
     species, kind = species_of("norway-spruce")
     small = Wanted(0.023108107160540136, 1.49987968, 1.45672797, 0.32682055, 3.60500059)
-    met = grow_measured(
+    skeleton, sites, _ = grow_measured(
         species, small, blade_of(species, kind.blade), stream(0, "check", "norway-spruce", 275)
     )
-    assert dbh_of(met.skeleton) == pytest.approx(small.dbh, abs=1e-6)
-    tips = met.sites.foot + met.sites.length[:, None] * met.sites.direction
-    assert max(met.skeleton.end[:, 2].max(), tips[:, 2].max()) == pytest.approx(1.5, abs=0.01)
+    assert dbh_of(skeleton) == pytest.approx(small.dbh, abs=1e-6)
+    tips = sites.foot + sites.length[:, None] * sites.direction
+    assert max(skeleton.end[:, 2].max(), tips[:, 2].max()) == pytest.approx(1.5, abs=0.01)
 
 
 @pytest.mark.medium
@@ -66,10 +66,10 @@ def test_a_few_shoots_do_not_draw_the_wood_out():
     species, kind = species_of("ponderosa-pine")
     small = Wanted(0.045, 5.1, 1.06, 2.4, 1.1)
     for number in range(3):
-        met = grow_measured(
+        skeleton, _sites, _ = grow_measured(
             species, small, blade_of(species, kind.blade), stream(number, "check", "young")
         )
-        assert np.hypot(*met.skeleton.end[:, :2].T).max() < small.crown_width
+        assert np.hypot(*skeleton.end[:, :2].T).max() < small.crown_width
 
 
 def test_the_mesh_of_a_stem_is_as_thick_as_its_skeleton():
