@@ -1,21 +1,19 @@
-"""A tree in numbers: what a forester measures on it, and how it is spread over its height.
+"""Likeness of grown trees to the one that they are to be like: portraits, comparisons, and a verdict.
 
-Taken from all of its wood as segments and the truth of its leaves, so that a template and what is grown
+A portrait is a tree in numbers: what a forester measures on it, and how it is spread over its height. It is
+taken from all of its wood as segments and the truth of its leaves, so that a template and what is grown
 from it are measured alike. Profiles are over height as a share of the tree's own.
-
-Likeness of grown trees to the one that they are to be like: means, spreads, distributions, profiles.
 
 A number is compared by its mean over the siblings, in per cent of the template's and in standard
 deviations of the siblings. Samples, such as all insertion angles, are pooled and compared by the distance
 of Kolmogorov and Smirnov and by that of the earth mover (the area between both distributions, in their own
 unit). Profiles are compared by their overlap, Σ min(p, q).
 
-The verdict on a fitted grammar: do its siblings stand, and are they like the tree that was brought?
-
-Siblings are grown and measured without their meshes. They should be as high, wide, stout and leafy in the
-mean as the tree, to 10 %, with its numbers of branches and its profiles, lean at most 10° more than it does,
-stay out of the ground, and have every branch on its parent. Where they are not, variety is lowered step by
-step. What then is still off by more than twice what is allowed speaks against planting them.
+The verdict on a fitted grammar: siblings are grown and measured without their meshes. They should be as high,
+wide, stout and leafy in the mean as the tree, to 10 %, with its numbers of branches and its profiles, lean at
+most 10° more than it does, stay out of the ground, and have every branch on its parent. Where they are not,
+variety is lowered step by step. What then is still off by more than twice what is allowed speaks against
+planting them.
 """
 
 from __future__ import annotations

@@ -244,11 +244,15 @@ def diameter_at(skeleton: Skeleton, height: float) -> float:
     return float(2 * np.sqrt(((r1 + share * (r2 - r1)) ** 2).sum()))
 
 
-def depths(parent: np.ndarray) -> np.ndarray:
-    """(N,) how many ancestors each of N things has, by their parents (N,), -1 for none."""
-    depth, above = (parent >= 0).astype(np.int64), parent
-    while (above >= 0).any():  # twice as far with each round
-        known = np.maximum(above, 0)
-        depth = depth + np.where(above >= 0, depth[known], 0)
-        above = np.where(above >= 0, above[known], -1)
+def depths(parent: np.ndarray, each: np.ndarray | None = None) -> np.ndarray:
+    """(N,) how many ancestors each of N things has, by their parents (N,), -1 for none.
+
+    each : (N,) what a step to the parent counts, where that is not 1.
+    """
+    has = parent >= 0
+    depth, above = np.where(has, 1 if each is None else each, 0).astype(np.int64), parent
+    while has.any():  # twice as far with each round
+        depth = depth + np.where(has, depth[np.maximum(above, 0)], 0)
+        above = np.where(has, above[np.maximum(above, 0)], -1)
+        has = above >= 0
     return depth

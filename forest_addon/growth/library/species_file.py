@@ -1,13 +1,11 @@
-"""Allometry files, and tables of measured trees that they are fitted to.
+"""Species files and allometry files: TOML, the STL templates that a species may name, and tables of measured
+trees.
 
-Wherever an allometry is named, a name without an ending means a file of ``assets/allometry``. A table is a
-CSV with columns ``species``, ``pft``, ``dbh_m``, ``height_m``, ``crown_width_m``, ``crown_base_m``,
-``leaf_area_m2``, empty where nothing was measured, and perhaps ``study``, who measured, and ``leaf_area_is``,
-how leaves were counted: "half" of their surface, "all" of it, or the "outline" that a scanner sees.
-
-Species files: TOML, and the STL templates that it may name.
-
-Wherever a species is named, a name without an ending means a file of ``assets/species``.
+Wherever a species is named, a name without an ending means a file of ``assets/species``; wherever an
+allometry is named, one of ``assets/allometry``. A table is a CSV with columns ``species``, ``pft``,
+``dbh_m``, ``height_m``, ``crown_width_m``, ``crown_base_m``, ``leaf_area_m2``, empty where nothing was
+measured, and perhaps ``study``, who measured, and ``leaf_area_is``, how leaves were counted: "half" of their
+surface, "all" of it, or the "outline" that a scanner sees.
 """
 
 from __future__ import annotations

@@ -25,8 +25,9 @@ import numpy as np
 from ...base.rng import daughter_keys, keyed_uniform, truncated_normal
 from ...spec import Grammar, Jitter, Species
 from ..mesh.blades import across, set_leaves
-from ..skeleton import TOUCH, LeafSites, Skeleton, depths, first_level
+from ..skeleton import TOUCH, LeafSites, Skeleton, depths, first_level, root_of
 from .system import Notation, System, read_system, rewrite
+from .turtle import find_paths
 
 CENTRE, SIDE, SYMMETRIC = 0, 1, 2
 _ROLE = {ord("["): CENTRE, ord("("): SIDE, ord("+"): SYMMETRIC}
@@ -56,45 +57,39 @@ def string_of(grammar: Grammar) -> np.ndarray:
 
 
 def parse(symbols: np.ndarray, dialect: str = "T20") -> tuple[np.ndarray, np.ndarray]:
-    """Parent (S,) and role (S,) of every segment of Tanveer et al. 2020a or 2020b symbols, in the order
-    they are written.
+    """Parent (S,) and role (S,) of every segment of a string's symbols, in the order they are written.
 
     Raises
     ------
-    ValueError : a bracket closes what was not opened, or a symbol is not Tanveer et al.'s.
+    ValueError : a bracket closes what was not opened, or a symbol is none of these.
     """
-    parent: list[int] = []
-    role: list[int] = []
-    open_nodes: list[int] = []
-    node, next_role = -1, CENTRE
-    opening = _OPENING[dialect]
-    for position, symbol in enumerate(symbols.tolist()):
-        if symbol in (100, 103):  # d, g
-            parent.append(node)
-            role.append(next_role)
-            node = len(parent) - 1
-        elif symbol == 41:  # )
-            if open_nodes:
-                node = open_nodes.pop()
-            elif position != len(symbols) - 1:
-                raise ValueError(f"symbol {position}: ')' closes a branch that was not opened")
-        elif symbol in _ROLE:
-            next_role = _ROLE[symbol]
-            if symbol in opening:
-                open_nodes.append(node)
-        else:
-            raise ValueError(f"symbol {position}: '{chr(symbol)}' is not one of d g ( ) [ +")
-    return np.array(parent, dtype=np.int64), np.array(role, dtype=np.int64)
+    other = np.flatnonzero(~np.isin(symbols, list(b"dg()[+")))
+    if len(other):
+        symbol = chr(symbols[other[0]])
+        raise ValueError(f"symbol {other[0]}: '{symbol}' is not one of d g ( ) [ +")
+    opens, closes = np.isin(symbols, list(_OPENING[dialect])), symbols == ord(")")
+    if closes[-1:].any() and closes.sum() > opens.sum():  # the axiom's own closes nothing
+        symbols, opens, closes = symbols[:-1], opens[:-1], closes[:-1]
+    paths = find_paths(opens, closes)
+    drawn = np.isin(symbols[paths.command], list(b"dg"))
+    # The step that drew the segment on which each step stands, itself where none did.
+    stands = root_of(np.where(drawn, -1, paths.before))
+    number = np.append(np.where(drawn, np.cumsum(drawn) - 1, -1), -1)
+    before = paths.before[drawn]
+    turned = np.isin(symbols, list(_ROLE))
+    last = np.maximum.accumulate(np.where(turned, np.arange(len(symbols)), -1))
+    roles = np.zeros(256, np.int64)
+    roles[list(_ROLE)] = list(_ROLE.values())
+    role = np.where(last < 0, CENTRE, roles[symbols[np.maximum(last, 0)]])
+    parent = np.where(before < 0, -1, number[stands[before]])
+    return parent, role[paths.command[drawn]]
 
 
 @lru_cache(maxsize=16)
 def _lineage(symbols: bytes, dialect: str) -> tuple[np.ndarray, ...]:
     """Parent, role, generation and order (S,) of every segment: one string serves a whole species."""
     parent, role = parse(np.frombuffer(symbols, np.uint8), dialect)
-    order = np.zeros(len(parent), dtype=np.int64)
-    for segment in range(1, len(parent)):  # parents come first
-        order[segment] = order[parent[segment]] + (role[segment] != CENTRE)
-    columns = parent, role, depths(parent), order
+    columns = parent, role, depths(parent), depths(parent, role != CENTRE)
     for column in columns:
         column.setflags(write=False)
     return columns

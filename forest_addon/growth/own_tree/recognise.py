@@ -1,15 +1,13 @@
-"""Fronds of a palm: leaves so large that they are its branches.
+"""A tree recognised in facets: its trunk, what hangs on what, and which wood bears which leaf.
+
+Facets of wood and of leaves go in, in any unit, z up. They are parted into pieces (``pieces``), joined
+wood is cut at its forks (``sever``) and a palm's fronds become branches; the wood gets centrelines
+(``centreline``) and parents (``hierarchy``), every leaf its bearer. ``template`` cuts the
+tree along these lines; a picture of it can be drawn from them.
 
 A trunk that bears no wood but long leaves is a palm's. Each frond gets a midrib, a thin tube along its
 centreline from the trunk's axis to its tip, which is its branch and bears it; so a palm is made of the
 same pieces as other trees.
-
-A tree recognised in facets: its trunk, what hangs on what, and which wood bears which leaf.
-
-Facets of wood and of leaves go in, in any unit, z up. They are parted into pieces (``pieces``), joined
-wood is cut at its forks (``sever``) and a palm's fronds become branches (``fronds``); the wood gets
-centrelines (``centreline``) and parents (``hierarchy``), every leaf its bearer. ``template`` cuts the
-tree along these lines; a picture of it can be drawn from them.
 """
 
 from __future__ import annotations

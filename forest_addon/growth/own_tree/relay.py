@@ -4,19 +4,15 @@ A vertex v = p + q, with p on the line of its piece, goes to p' + A q: p' is as 
 laid, A the weighted mean of F' D Fᵀ over its own stretch and the nearer next, with the frames F in the
 template and F' where they are laid, and scales D = diag(girth, ±girth, length) (-1: mirrored). Where
 nothing is bent that is exact, and what hangs on the line hangs on the mesh, however it is bent.
-Leaves are moved as they are, whatever their branch
-is scaled by; a longer branch bears more of them.
+Leaves are moved as they are, whatever their branch is scaled by; a longer branch bears more of them.
 
-Measures of how a sibling stands: lean of its trunks, its lowest corner, and seats of its branches.
+The string of such a tree is in the notation of ABOP, as far as it has been rewritten. After 0 generations it
+is the letter of the trunk, A(class, length, diameter). Each generation rewrites every such letter into the
+axis that it stands for, with the letters of its children in brackets; the last sets the leaves. ``\``, ``&``
+and ``\`` bring the turtle into a child's frame (the angles of Euler, as z, x, z), ``f`` takes it from the
+parent's axis to the child's foot.
 
-The string of a tree of a fitted grammar, in the notation of ABOP, as far as it has been rewritten.
-
-After 0 generations it is the letter of the trunk, A(class, length, diameter). Each generation rewrites
-every such letter into the axis that it stands for, with the letters of its children in brackets; the last
-sets the leaves. ``\``, ``&`` and ``\`` bring the turtle into a child's frame (the angles of Euler, as
-z, x, z), ``f`` takes it from the parent's axis to the child's foot.
-
-The turtle's left, up and heading are N, B and T of ``courses``; it starts upright.
+The turtle's left, up and heading are N, B and T of ``lines``; it starts upright.
 """
 
 from __future__ import annotations

@@ -1,17 +1,4 @@
-"""Nodes of axes, where their children stand: moved along and turned about the axis.
-
-The nodes of a production are kept in their order. Where an axis is longer or shorter than its template it
-has more or fewer of them, evenly (systematic sampling); each is moved by as much as spacing is uneven in
-the template. On a trunk the turn from node to node is that of a node near by, so that a spiral stays a
-spiral and whorls stay whorls; on other axes children keep their side, above, below, left or right.
-
-Laying of the branches of one order: bent otherwise than in the template, each at its own slope.
-
-A trunk leaves the ground as it does in the template, so that its base lies as flat, and does not lean much
-more. A branch is bent about its line; how its foot's slope differs fades along it, and where it would grow
-into the ground it goes on level.
-
-One tree of a fitted grammar: generation by generation, all axes of an order rewritten at once.
+"""One tree of a fitted grammar: generation by generation, all axes of an order rewritten at once.
 
 The axiom is the trunk. A rewriting step puts children on every axis of the last order: on the nodes of
 its own production, moved along and turned about it; each child is a member of its letter's class, bent
@@ -21,6 +8,15 @@ Every draw is a hash of the lineage of what draws it.
 What is kept within limits: a piece is lengthened or shortened to at most half as long again; where more
 would be needed another piece of its order takes its place; a branch is no thicker than its parent where
 it leaves it, and its foot is within the parent's wood.
+
+The nodes of a production are kept in their order. Where an axis is longer or shorter than its template it
+has more or fewer of them, evenly (systematic sampling); each is moved by as much as spacing is uneven in
+the template. On a trunk the turn from node to node is that of a node near by, so that a spiral stays a
+spiral and whorls stay whorls; on other axes children keep their side, above, below, left or right.
+
+A trunk leaves the ground as it does in the template, so that its base lies as flat, and does not lean much
+more. A branch is bent about its line; how its foot's slope differs fades along it, and where it would grow
+into the ground it goes on level.
 """
 
 from __future__ import annotations

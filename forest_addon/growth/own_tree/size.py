@@ -1,5 +1,5 @@
-"""Allometry of siblings: measured exponents of height and crown over the stem, and the spread within one
-stand.
+"""Size of a sibling beside its template: measured exponents of height and crown over the stem, and the spread
+within one stand.
 
 log H = log H' + h·log(D/D') along a tree's life, log W likewise with w for the width of the crown, D the
 diameter at breast height. Exponents by ordinary least squares on logarithms within each study and
@@ -11,10 +11,8 @@ has a standard deviation of 0.145, and log H = 0.216·log D + 0.088·z. That is 
 that BAAD's trees of many stands have at one diameter (0.204); crown widths of one stand were not measured,
 and are taken to differ by the same share.
 
-Size of one tree beside its template: stem, girth, crown, and how many branches follow.
-
-From age or a given height or diameter by measured allometry (``allometry``), and in between by chance as
-trees of one stand differ. A longer stem bears more nodes, not longer internodes alone; a longer branch
+Stem, girth and crown follow from age or a given height or diameter, and in between by chance as trees of
+one stand differ. A longer stem bears more nodes, not longer internodes alone; a longer branch
 more and longer children.
 """
 

@@ -6,13 +6,10 @@ branches there (a Reeb graph, sampled). Along an edge the distance is taken as l
 may lie between two rings of vertices, however far they are apart. Slices are the connected components
 of what edges have within bands of equal width; every one but a root's has a slice below.
 
-Axes of a joined tree: which slices of it follow one another as a trunk or a branch.
-
-At a fork the axis goes on as the child that is thickest and straightest a few radii on, where slices
-are clean of the fork itself; the others begin axes of their own. What ends before it is three times as
-long as thick, or within its parent's bark, is a bump and no branch.
-
-The course of an axis through slices of a joined tree, without the bulges of its forks.
+Axes say which slices follow one another as a trunk or a branch. At a fork the axis goes on as the child that
+is thickest and straightest a few radii on, where slices are clean of the fork itself; the others begin axes
+of their own. What ends before it is three times as long as thick, or within its parent's bark, is a bump and
+no branch. The course of an axis is without the bulges of its forks.
 """
 
 from __future__ import annotations
