@@ -38,10 +38,21 @@ from forest_addon.growth.mesh.leaves import (
     separate_leaves,
     turns,
 )
+from forest_addon.growth.mesh.meshing import mesh_wood
 from forest_addon.growth.skeleton import LeafSites
+from forest_addon.growth.species import skeleton_of
 from forest_addon.growth.tree import blade_of, grow
 from forest_addon.sensing.sonar.discs import FoliageDiscs
-from forest_addon.spec import Inclination, Leaf, Needles, Siblings, SpecError, Species, Template
+from forest_addon.spec import (
+    Honda,
+    Inclination,
+    Leaf,
+    Needles,
+    Siblings,
+    SpecError,
+    Species,
+    Template,
+)
 
 NEAR, FAR = 0.0005, 0.002
 KEYS = daughter_keys(np.zeros(20_000, np.uint64), np.arange(20_000))
@@ -141,18 +152,9 @@ def test_a_leaf_of_the_users_own():
 
 def test_leaves_laid_behind_wood_are_the_joined_mesh():
     """To the last bit, with all that both know: coordinates, numbers, texture, orders and edges."""
-    from forest_addon.base.rng import stream
-    from forest_addon.base.trimesh import join
-    from forest_addon.growth.mesh.meshing import mesh_wood
-    from forest_addon.growth.species import skeleton_of
-    from forest_addon.spec import Honda, Species
-
     skeleton, sites = skeleton_of(Species(name="one", honda=Honda()), stream(1, "laid"))
     wood, blade, order = mesh_wood(skeleton), SHAPES["oval"](), skeleton.order[sites.segment]
-    many = replace(
-        sites, **{n: np.repeat(getattr(sites, n), 9, axis=0) for n in sites.__dataclass_fields__}
-    )
-    order = np.repeat(order, 9)
+    many, order = sites.select(np.repeat(np.arange(len(sites)), 9)), np.repeat(order, 9)
     assert len(many) > 5000
     at_once, joined = (
         lay(many, blade, order=order, wood=wood),
@@ -219,14 +221,7 @@ def test_a_leaf_bends_down_by_its_curl_and_folds_up_along_its_midrib():
 
 
 def test_the_truth_of_such_leaves_is_what_their_triangles_measure():
-    rng = np.random.default_rng(4)
-    direction = rng.normal(size=(40, 3))
-    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
-    up = np.cross(direction, rng.normal(size=(40, 3)))
-    up /= np.linalg.norm(up, axis=1, keepdims=True)
-    sites = LeafSites(
-        rng.normal(size=(40, 3)), direction, up, np.full(40, 0.07), np.full(40, 0.05), np.arange(40)
-    )
+    sites = random_sites(40, 4)
     for tolerance in (NEAR, FAR):
         one = blade("palmate", tolerance, petiole=0.6, curl_deg=25.0)
         told, measured = truth_of(sites, one, np.arange(40)), measure_leaves(lay(sites, one))
@@ -270,19 +265,13 @@ def test_a_shoot_of_scots_pine_shades_as_measured():
 
 def rectangle(length, width, number=0):
     corners = np.array([[0, 0, 0], [length, 0, 0], [length, width, 0], [0, width, 0]], float)
-    return TriMesh(
-        corners,
-        np.array([[0, 1, 2], [0, 2, 3]], np.int32),
-        np.full(2, LEAF, np.int8),
-        np.full(2, number, np.int32),
-        np.zeros(2, np.int32),
-    )
+    mesh = TriMesh.of_part(corners, np.array([[0, 1, 2], [0, 2, 3]]), LEAF)
+    mesh.leaf[:] = number
+    return mesh
 
 
 def moved(mesh, rotation, shift):
-    return TriMesh(
-        mesh.vertices @ rotation.T + shift, mesh.triangles, mesh.part, mesh.leaf, mesh.material
-    )
+    return replace(mesh, vertices=mesh.vertices @ rotation.T + shift)
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -302,13 +291,7 @@ def test_rectangle_anywhere(seed):
 
 def test_facets_wound_against_each_other_do_not_cancel():
     mesh = rectangle(0.1, 0.1)
-    flipped = TriMesh(
-        mesh.vertices,
-        np.array([[0, 1, 2], [3, 2, 0]], np.int32),
-        mesh.part,
-        mesh.leaf,
-        mesh.material,
-    )
+    flipped = replace(mesh, triangles=np.array([[0, 1, 2], [3, 2, 0]], np.int32))
     leaves = measure_leaves(flipped)
     assert abs(leaves.normal[0, 2]) == pytest.approx(1)
     assert leaves.radius[0] == pytest.approx(np.sqrt(0.01 / np.pi))
@@ -338,13 +321,8 @@ def test_join_numbers_leaves_on_and_select_drops_unused_vertices():
 
 def test_copies_that_share_a_number_become_leaves_of_their_own():
     a, b = rectangle(1, 1, 0), moved(rectangle(1, 1, 0), np.eye(3), np.array([5.0, 0, 0]))
-    both = TriMesh(
-        np.concatenate([a.vertices, b.vertices]),
-        np.concatenate([a.triangles, b.triangles + 4]).astype(np.int32),
-        np.concatenate([a.part, b.part]),
-        np.concatenate([a.leaf, b.leaf]),
-        np.concatenate([a.material, b.material]),
-    )
+    both = join([a, b])
+    both.leaf[:] = 0  # as an Array modifier leaves it
     assert separate_leaves(both).leaf.tolist() == [0, 0, 1, 1]
     assert separate_leaves(a) is a
 
