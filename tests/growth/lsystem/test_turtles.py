@@ -354,7 +354,7 @@ def test_symbols_that_are_of_no_string(text):
     if text == "d(g":  # an unclosed branch is harmless
         assert parse(codes)[0].tolist() == [-1, 0]
         return
-    with pytest.raises(ValueError, match="symbol|bracket"):
+    with pytest.raises(ValueError, match=r"symbol|bracket"):
         parse(codes)
 
 
