@@ -25,9 +25,18 @@ from .measured.crown import scaled_to
 from .measured.curves import curved
 from .measured.dead import with_dead
 from .measured.meet import Parts, grow_measured, lowest_kept, reshaped
-from .measured.needles import coarse_shoot, shoot_of
 from .measured.wanted import Kind, Wanted, fitted_template, one_tree
-from .mesh.blades import Blade, facings, lay, leaf_areas, leaf_blade, thin_leaves, truth_of
+from .mesh.blades import (
+    Blade,
+    coarse_shoot,
+    facings,
+    lay,
+    leaf_areas,
+    leaf_blade,
+    shoot_of,
+    thin_leaves,
+    truth_of,
+)
 from .mesh.leaves import Leaves, incline_leaves, incline_sites
 from .mesh.meshing import mesh_wood, repeated_edges, sides_for, tube
 from .mesh.relief import SMALLEST, Relief

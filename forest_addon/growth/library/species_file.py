@@ -27,8 +27,8 @@ from ...formats.stl import StlError, read_stl
 from ...formats.toml_file import read_settings
 from ...spec import Allometry, SpecError, Species, quoted_with_hints, unknown
 from ..lsystem.expression import ExpressionError
-from ..lsystem.ruled import check_rules
 from ..lsystem.system import GrammarError
+from ..lsystem.turtle import check_rules
 from ..measured.allometry import diameters, half_of_surface
 from ..measured.wanted import Kind
 from ..mesh.blades import SHAPES, Blade, BladeError, blade_from

@@ -24,8 +24,7 @@ from ...base.runs import Runs
 from ...base.trimesh import TriMesh, join
 from ...spec import SpecError, Species
 from ..mesh.blades import Blade, leaf_areas, stalk_of
-from ..mesh.copies import leaves_apart
-from ..mesh.leaves import Leaves, about_vertical
+from ..mesh.leaves import Leaves, about_vertical, leaves_apart
 from ..skeleton import LeafSites, Skeleton, first_level
 from ..species import skeleton_of
 from .crown import (

@@ -15,8 +15,7 @@ import numpy as np
 from ...base.rows import lengths
 from ...base.runs import Runs, bounds
 from ...base.trimesh import LEAF, WOOD, TriMesh
-from ..mesh.copies import CopyStock
-from ..mesh.leaves import Leaves, measure_leaves
+from ..mesh.leaves import CopyStock, Leaves, measure_leaves
 from ..skeleton import depths
 from .hierarchy import CLOSER
 from .lines import (

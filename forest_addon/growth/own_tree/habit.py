@@ -44,7 +44,7 @@ class Table:
     """Means over the position along the parent, for pieces of one order.
 
     share : (P,) position, 0 foot to 1 tip. length : (P,) of a child over its parent's.
-    angle : (P,) radians. thickness : (P,) radius at the foot over the parent's there.
+    angle : (P,) radians.
     density : (P,) children per parent and unit of share.
     length_spread, angle_spread : what is added by chance, relative and radians: a share of what pieces
         are off these means.
@@ -53,7 +53,6 @@ class Table:
     share: np.ndarray
     length: np.ndarray
     angle: np.ndarray
-    thickness: np.ndarray
     density: np.ndarray
     length_spread: float
     angle_spread: float
@@ -259,9 +258,6 @@ def _table(anatomy: Anatomy, share: np.ndarray, order: int) -> Table:
         share=place,
         length=np.exp(means[0]),
         angle=np.clip(means[1], 0.0, np.pi),
-        thickness=np.exp(
-            smooth @ np.log(anatomy.foot_radius()[mine] / radius_at_seat(anatomy)[mine])
-        ),
         density=mass / max(int((anatomy.order == order - 1).sum()), 1),
         length_spread=min(BY_CHANCE * off[0], MOST_LENGTH_SPREAD),
         angle_spread=min(BY_CHANCE * off[1], MOST_ANGLE_SPREAD),

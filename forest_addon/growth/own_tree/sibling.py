@@ -22,7 +22,7 @@ into the ground it goes on level.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -43,7 +43,7 @@ from .lines import (
     stand_on,
     walk,
 )
-from .size import Size, size_of, trunk_girth
+from .size import CHILDREN, Size, size_of, trunk_girth
 
 JITTER = 0.25  # share of the scatter of spacing by which a node moves
 FARTHEST = 0.8  # share of the way to the next node
@@ -396,7 +396,9 @@ def grow_sibling(habit: Habit, siblings: Siblings, key: int) -> Grown:
     grown = _grow(habit, siblings.variety, size, tree)
     if siblings.height:
         reached = float(grown.lines.knot[:, 2].max())
-        grown = _grow(habit, siblings.variety, size.stretched(size.height / reached), tree)
+        grown = _grow(
+            habit, siblings.variety, replace(size, stem=size.stem * (size.height / reached)), tree
+        )
     return grown
 
 
@@ -444,7 +446,7 @@ def _trunks(habit: Habit, variety: float, size: Size, tree: np.ndarray) -> Shoot
 def _children(habit: Habit, variety: float, size: Size, below: Grown, order: int) -> Shoots:
     """Return what the axes of the order below bear."""
     anatomy = habit.anatomy
-    count = size.branches if order == 1 else below.scale**size.count_exponent
+    count = size.branches if order == 1 else below.scale**CHILDREN
     placed = place_children(
         habit, below.piece, below.key, np.broadcast_to(count, below.piece.shape), variety, order
     )

@@ -18,7 +18,7 @@ more and longer children.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -90,7 +90,7 @@ class Size:
     """Factors over the template, and the height (m) that is aimed at.
 
     stem : length of the trunk. girth : diameter at breast height. crown : length of first-level branches.
-    branches : number of first-level branches. count_exponent : of further children.
+    branches : number of first-level branches.
     """
 
     stem: float
@@ -98,11 +98,6 @@ class Size:
     crown: float
     branches: float
     height: float
-    count_exponent: float = CHILDREN
-
-    def stretched(self, factor: float) -> Size:
-        """The same with a trunk this many times as long."""
-        return replace(self, stem=self.stem * factor)
 
 
 def size_of(habit: Habit, siblings: Siblings, tree: np.ndarray) -> Size:

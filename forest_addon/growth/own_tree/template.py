@@ -35,8 +35,7 @@ from ...base.trimesh import LEAF, WOOD, TriMesh, join
 from ...spec import Grammar, Jitter, Leaf
 from ..lsystem.tanveer import interpret, string_of
 from ..mesh.blades import Blade, across, lay, set_leaves
-from ..mesh.copies import CopyStock, leaves_apart
-from ..mesh.leaves import Leaves, about_vertical, measure_leaves
+from ..mesh.leaves import CopyStock, Leaves, about_vertical, leaves_apart, measure_leaves
 from ..mesh.meshing import repeated_edges
 from .centreline import find_contacts
 from .recognise import Recognition, TemplateError, checked_facets, recognise

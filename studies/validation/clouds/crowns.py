@@ -17,8 +17,8 @@ from scipy.spatial import cKDTree
 
 from forest_addon.growth.library.species_file import find_species, load_species, read_allometry
 from forest_addon.growth.measured.allometry import band, middle
-from forest_addon.growth.measured.needles import shoot_of
 from forest_addon.growth.measured.wanted import MOST_TIMES
+from forest_addon.growth.mesh.blades import shoot_of
 
 from ..living import tops_of
 from ..own_cloud import CloudReturns

@@ -17,7 +17,6 @@ from forest_addon.base.rng import stream
 from forest_addon.formats.toml_file import read_settings, structure
 from forest_addon.growth.library.species_file import find_species
 from forest_addon.growth.lsystem.expression import ExpressionError
-from forest_addon.growth.lsystem.ruled import system_of
 from forest_addon.growth.lsystem.system import GrammarError, read_system, rewrite
 from forest_addon.growth.lsystem.tanveer import (
     CENTRE,
@@ -27,7 +26,15 @@ from forest_addon.growth.lsystem.tanveer import (
     parse,
     string_of,
 )
-from forest_addon.growth.lsystem.turtle import ABOP, Bend, S, prune_descending, read_commands, walk
+from forest_addon.growth.lsystem.turtle import (
+    ABOP,
+    Bend,
+    S,
+    prune_descending,
+    read_commands,
+    system_of,
+    walk,
+)
 from forest_addon.growth.species import skeleton_of
 from forest_addon.spec import Grammar, Jitter, Leaf, Rules, SpecError, Species
 

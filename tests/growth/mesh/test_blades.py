@@ -16,7 +16,6 @@ from forest_addon.base.rng import daughter_keys, stream
 from forest_addon.base.trimesh import LEAF, TriMesh, join
 from forest_addon.growth.draw import draw_inclination
 from forest_addon.growth.library.species_file import find_species, load_species
-from forest_addon.growth.measured.needles import shoot_of
 from forest_addon.growth.mesh.blades import (
     HALVES,
     SHAPES,
@@ -28,6 +27,7 @@ from forest_addon.growth.mesh.blades import (
     lay,
     leaf_areas,
     leaf_blade,
+    shoot_of,
     thin_leaves,
     truth_of,
 )
