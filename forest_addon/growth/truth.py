@@ -1,11 +1,11 @@
 """The truth of a tree: its wood as exact cones, its leaves by area and angle.
 
-A segment of length h with radii r₁ and r₂ is the frustum of a cone: V = πh(r₁² + r₁r₂ + r₂²)/3, lateral
-area A_L = π(r₁ + r₂)√(h² + (r₁ − r₂)²), projected area A_PR = (r₁ + r₂)h. For cylinders of diameter d these
-are V = Σπd²h/4, A_L = Σπdh and A_PR = Σdh of S (SIMLIDAR), who sums segments each for itself, so that what
-overlaps at a joint counts twice. A tree's volume is that of the solid, joints counted once:
-1 to 12 % less. The mesh fills somewhat less than that, since its polygons have the circle's perimeter (a
-hexagon 91 % of its area), and goes on below the ground, which does not count.
+A segment of length h with radii r₁ and r₂ is the frustum of a cone: V = πh(r₁² + r₁r₂ + r₂²)/3, lateral area
+A_L = π(r₁ + r₂)√(h² + (r₁ − r₂)²), projected area A_PR = (r₁ + r₂)h. For cylinders of diameter d these are V
+= Σπd²h/4, A_L = Σπdh and A_PR = Σdh of Méndez et al. (SIMLIDAR), who sum segments each for itself, so that
+what overlaps at a joint counts twice. A tree's volume is that of the solid, joints counted once: 1 to 12 %
+less. The mesh fills somewhat less than that, since its polygons have the circle's perimeter (a hexagon 91 %
+of its area), and goes on below the ground, which does not count.
 
 Of a tree that is grafted from templates the skeleton knows the trunk and the places of branches only; its
 wood is measured on the triangles, with A_PR = A_L/π, which holds for a cylinder however it is turned.
@@ -96,7 +96,7 @@ def segment_table(skeleton: Skeleton) -> dict[str, np.ndarray]:
 
 
 def wood_of_skeleton(skeleton: Skeleton) -> Wood:
-    """The sum over all segments, as S does."""
+    """The sum over all segments, as Méndez et al. have it."""
     table = segment_table(skeleton)
     return Wood(*(float(table[name].sum()) for name in ("volume_m3", "area_m2", "projected_m2")))
 

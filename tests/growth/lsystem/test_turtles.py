@@ -1,6 +1,6 @@
-"""The general turtle against a plain one on random grammars, and on the hard cases. S's apple trees and
-ABOP's: measures of internodes, pruning, leaves, tropism. T20's turtle against known angles, lengths and
-topology, and against a plain recursive turtle.
+"""The general turtle against a plain one on random grammars, and on the hard cases. Méndez et al.'s apple
+trees and ABOP's: measures of internodes, pruning, leaves, tropism. Tanveer et al.'s turtle against known
+angles, lengths and topology, and against a plain recursive turtle.
 """
 
 import dataclasses

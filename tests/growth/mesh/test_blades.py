@@ -440,7 +440,7 @@ def grown(kind, inclination):
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["hazelnut", "apple", "sibling", "honda-broadleaf"])
 def test_trees_of_every_growth_incline_their_leaves(kind):
-    """A template's branches, rules, siblings and W's branching."""
+    """A template's branches, rules, siblings and Honda's branching."""
     plain, steep = grown(kind, None), grown(kind, STEEP)
     assert (plain.skeleton.end == steep.skeleton.end).all()
     assert (plain.mesh.triangles == steep.mesh.triangles).all()
