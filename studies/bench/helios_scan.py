@@ -5,6 +5,8 @@ in; points (P, 3) go into a second one, and CPU seconds are printed: of the set-
 later scan.
 """
 
+from __future__ import annotations
+
 import sys
 import time
 

@@ -1,15 +1,4 @@
-"""Flight lines of two real clouds over one plot of conifers, each flown again over a stand of ours.
-
-Trees stand where the drone's cloud has its summits, with heights, crowns and leaf area as the clouds tell
-them (``crowns``); around the plot the same stand goes on. Way, height and fan of each line are read from the
-cloud's own pulses (``surveys``), reflectances and the threshold of detection from its intensities
-(``light``). Leaves reflect as much, and are as many, as makes single echoes of ours as bright and passes as
-much light to the ground as the clouds show. Beams are assumed as typical of such instruments. Shares of
-returns are not looked at for any of that. A line is judged by the mean of four stands of other seeds.
-
-The drone's slanted lines hold plants alone: whoever made the file took the ground out of them. Of such a
-line pulses are compared whose first return is a plant's, in ours as in the real one.
-"""
+"""Shares of pulses by their returns, and how far apart they are between halves of a flight line."""
 
 from __future__ import annotations
 
@@ -18,32 +7,322 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from scipy.ndimage import median_filter
+from scipy.optimize import brentq
+from scipy.spatial import cKDTree
 
-from forest_addon.blender.rays.casters import make_caster
-from forest_addon.sensing.lidar.cloud import Cloud
-from forest_addon.sensing.lidar.scan import scan
-from forest_addon.sensing.lidar.surveys.flown import FlightLine, lines_of
-from forest_addon.sensing.lidar.surveys.like import pattern_like, scanner_like
-from forest_addon.sensing.rays.caster import RayCaster
-from forest_addon.sensing.rays.geometry import SceneGeometry
-from forest_addon.spec import Beam, Mobile, Rays, SpecError, Surfaces
-from headless.commands.work.like import FlownCloud, read_flown
+from forest_addon.api import Beam, Cloud, Mobile, Rays, SpecError, Surfaces
+from studies.validation.own_cloud import CloudReturns, read_cloud
+from studies.validation.plots import geometry_of, ground_below, site_of, tops_of
+from studies.validation.run import Comparison, Interval
 
-from ..comparison import Comparison, Interval
-from ..living import geometry_of, site_of
-from ..own_cloud import CloudReturns, read_cloud
-from .crowns import BARE, most_leaves, trees_of
-from .light import (
-    CROWN,
-    GROUND,
-    IntensityScale,
-    light_of_two,
-    reflectances,
-    scale_of,
-    threshold,
+from ..inside import (
+    MOST_TIMES,
+    FlightLine,
+    FlownCloud,
+    RayCaster,
+    SceneGeometry,
+    band,
+    find_species,
+    lines_of,
+    load_species,
+    make_caster,
+    middle,
+    pattern_like,
+    read_allometry,
+    read_flown,
+    scan,
+    scanner_like,
+    shoot_of,
+    stream,
 )
-from .shares import halves_apart, shares_of
-from .yardstick import ground_below
+
+BLOCK, HALVES = 5.0, 40  # metres, and halvings of a line's blocks
+
+
+def shares_of(count: np.ndarray) -> np.ndarray:
+    """(4,) shares of pulses (P,) with 1, 2, 3 and 4 returns."""
+    shares: np.ndarray = np.bincount(np.minimum(count, 5), minlength=6)[1:5] / max(len(count), 1)
+    return shares
+
+
+def halves_apart(cloud: FlownCloud, seed: int) -> dict[int, float]:
+    """Of each line, how far apart the shares of single returns of random halves of its blocks are: the 95th
+    percentile, as a share."""
+    rng, found = stream(seed, "validate", "halves of lines"), {}
+    for number in np.unique(cloud.line).tolist():
+        rows = (cloud.line == number) & (cloud.number == 1)
+        cell = np.floor(cloud.place[rows][:, :2] / BLOCK).astype(np.int64)
+        block = np.unique(cell, axis=0, return_inverse=True)[1].ravel()
+        many = np.maximum(np.bincount(block), 1)
+        single = np.bincount(block, cloud.count[rows] == 1)
+        apart = []
+        for _ in range(HALVES):
+            half = rng.random(len(many)) < 0.5
+            if half.any() and not half.all():
+                each = [single[h].sum() / many[h].sum() for h in (half, ~half)]
+                apart.append(abs(each[0] - each[1]))
+        found[number] = float(np.quantile(apart or [0.0], 0.95))
+    return found
+
+
+# Light of a cloud's returns from their intensities: scale, reflectances and the threshold of detection.
+#
+# Intensities count decibels of reflectance. Where a file does not tell how many, its pulses of two
+# returns do, one of a crown and one of the ground: what the crown took the ground lacks, so the light of
+# both, each over that of single returns of its kind, sums to one (Armston et al. 2013, Remote Sens.
+# Environ. 134, 24), or to what it sums to in a cloud of the same place whose scale is known: single
+# returns of crowns are not all whole.
+
+
+FULL = 65535.0
+FAINTEST = 0.05  # share of the echoes that are taken for the threshold
+CROWN, GROUND = 8.0, 0.4  # m: returns above are of crowns, below of the ground
+SPANS = (5.0, 80.0)  # dB, between which a scale is looked for
+SPHERICAL = (
+    2 / 3
+)  # light from Lambertian facets that are inclined like a sphere's, over that of a plate
+
+
+@dataclass(frozen=True)
+class IntensityScale:
+    """Decibels of reflectance that intensities 0 and 65535 stand for."""
+
+    low: float
+    high: float
+
+    def reflectance(self, intensity: np.ndarray) -> np.ndarray:
+        """(N,) of intensities (N,): that of a facing plate which sends as much back."""
+        level = self.low + (self.high - self.low) * np.asarray(intensity) / FULL
+        return np.asarray(10 ** (level / 10))
+
+
+def span_of(
+    crown: np.ndarray, ground: np.ndarray, alone: tuple[float, float], total: float = 1.0
+) -> float:
+    """Decibels between intensities 0 and 65535 that make the light of two returns of a pulse ``total``.
+
+    crown, ground : (P,) intensities of both returns. alone : median intensities of single returns of crowns
+    and of the ground.
+    """
+    return float(
+        brentq(lambda span: _sum_of(crown, ground, alone, span) - total, *SPANS, xtol=0.01)
+    )
+
+
+def _sum_of(
+    crown: np.ndarray, ground: np.ndarray, alone: tuple[float, float], span: float
+) -> float:
+    """Light of two returns, each over that of single ones of its kind: the median of their sums."""
+    each = [
+        10 ** (span * (i - full) / FULL / 10)
+        for i, full in zip((crown, ground), alone, strict=True)
+    ]
+    return float(np.median(each[0] + each[1]))
+
+
+def light_of_two(returns: CloudReturns, height: np.ndarray, scale: IntensityScale) -> float:
+    """Light of two returns, of a crown and of the ground, over single ones': of a cloud of known scale."""
+    crown, ground = _shared(returns, height)
+    return _sum_of(crown, ground, singles(returns, height), scale.high - scale.low)
+
+
+def scale_of(
+    returns: CloudReturns, height: np.ndarray, ground: float, total: float = 1.0
+) -> IntensityScale:
+    """The scale of a cloud, heights (N,) m, whose ground reflects this share.
+
+    total : what the light of two returns sums to, of single ones'.
+    """
+    alone = singles(returns, height)
+    span = span_of(*_shared(returns, height), alone, total)
+    high = 10 * np.log10(ground) + span * (1 - alone[1] / FULL)
+    return IntensityScale(high - span, high)
+
+
+def _shared(returns: CloudReturns, height: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(P,) intensities of pulses that a crown and the ground share, and no other."""
+    row = np.flatnonzero((returns.number[:-1] == 1) & (returns.count[:-1] == 2))
+    both = (returns.number[row + 1] == 2) & (height[row] > CROWN) & (height[row + 1] < GROUND)
+    if returns.time is not None:
+        both &= returns.time[row] == returns.time[row + 1]
+    row = row[both]
+    return returns.intensity[row], returns.intensity[row + 1]
+
+
+def singles(returns: CloudReturns, height: np.ndarray) -> tuple[float, float]:
+    """Median intensities of single returns of crowns, and of the ground."""
+    alone = returns.count == 1
+    crown, ground = alone & (height > CROWN), alone & (height < GROUND)
+    return float(np.median(returns.intensity[crown])), float(np.median(returns.intensity[ground]))
+
+
+def reflectances(
+    returns: CloudReturns, height: np.ndarray, scale: IntensityScale, zenith: float
+) -> tuple[float, float]:
+    """Reflectance of leaves, inclined like a sphere's, and of level ground, of beams at ``zenith`` degrees.
+
+    What leaves that fill a beam send back is two thirds of what a facing plate would.
+    """
+    crown, ground = scale.reflectance(np.array(singles(returns, height)))
+    return float(crown / SPHERICAL), float(ground / np.cos(np.deg2rad(zenith)))
+
+
+def threshold(
+    returns: CloudReturns, line: np.ndarray, far: np.ndarray, scale: IntensityScale
+) -> float:
+    """Light, 1/m², of the faintest twentieth of the echoes of several of a pulse: the median of the lines.
+
+    line, far : (N,) number of its line and range, m; inf where it is not known. What lies at the lower end
+    of the scale is not counted.
+    """
+    light = scale.reflectance(returns.intensity) / far**2
+    several = (returns.count > 1) & (returns.intensity > 0)
+    seen = [
+        float(np.quantile(light[several & (line == number)], FAINTEST))
+        for number in np.unique(line).tolist()
+        if np.isfinite(far[line == number]).all()
+    ]
+    return float(np.median(seen))
+
+
+# Trees of a plot as its own clouds tell them: places, heights, crowns and leaf area.
+#
+# Summits of the canopy are trees; what is nearer to one than to another, and at least half as high, is
+# its crown, and the width that of a circle of the same area. The crown's base is where layers of half a
+# metre that hold a hundredth of its returns begin without a break to the top (Holmgren & Persson 2004,
+# Remote Sens. Environ. 90, 415). Leaf area is that of Beer's law for the light that reaches the ground
+# below the crown, L = -2 cos(θ) ln(P), less the wood, over the clumping of the species' shoots.
+
+
+ALLOMETRY = "pinus-sylvestris"  # whose heights and diameters go together
+CELL = 0.5  # m
+LOW = 0.5  # of a tree's height, above which the canopy near it is its crown
+LAYER, RARE, SMOOTH = 0.5, 0.01, 9  # m; share of a crown's returns; layers of the median filter
+HELD_BY_WOOD = 0.15  # of all that a crown holds back: assumed
+DARKEST = 0.01  # share of light that is told from none
+TRIES = 2000  # places in a crown that tell how much of it lies on the plot
+BARE = 1.0  # m over the ground, below which a return is the ground's
+MOST_BASE = 0.9  # of the height
+
+
+def trees_of(
+    dense: CloudReturns,
+    upright: CloudReturns,
+    zenith: float,
+    species: str,
+    low: np.ndarray,
+    floor: np.ndarray,
+) -> np.ndarray:
+    """(N, 7) x, y, DBH, height, width and base of the crown, m, and leaf area, m².
+
+    dense : of the returns that heights and crowns are read from; floor : (P,) m of the ground below these.
+    upright : of pulses that came down at ``zenith`` degrees in the mean, which tell leaf area. low : (2,)
+    corner of the plot. Diameters are those that Scots pines of such heights have.
+    """
+    place = dense.place[:, :2] - low[:2]
+    height = dense.place[:, 2] - floor
+    top = tops_of(np.column_stack([place, height]), height)
+    crown = _crowns(place, height, top)
+    of_return = _at(crown, place)
+    many = len(top)
+    area = CELL**2 * np.bincount(crown[crown >= 0], minlength=many)
+    area = area / _on_plot(top, area, np.ptp(place, axis=0))
+    base = [_base(height[of_return == k]) for k in range(many)]
+    beam = _at(crown, upright.place[:, :2] - low[:2])
+    light = 1 / np.maximum(upright.count, 1)
+    seen = beam >= 0
+    ground = seen & (upright.heights() < BARE)
+    passed = np.bincount(beam[ground], light[ground], many)
+    passed = passed / np.maximum(np.bincount(beam[seen], light[seen], many), 1e-9)
+    index = -2 * np.cos(np.deg2rad(zenith)) * np.log(np.clip(passed, DARKEST, 1))
+    leaves = (1 - HELD_BY_WOOD) * index * area / clumping_of(species)
+    law = read_allometry(ALLOMETRY, Path())
+    dbh = np.linspace(0.05, 1.0, 400)
+    return np.column_stack(
+        [
+            top[:, :2],
+            np.interp(top[:, 2], np.exp(middle(law.height, dbh)), dbh),
+            top[:, 2],
+            2 * np.sqrt(area / np.pi),
+            np.minimum(base, MOST_BASE * top[:, 2]),
+            np.maximum(leaves, 0.1),
+        ]
+    )
+
+
+def most_leaves(dbh: np.ndarray) -> np.ndarray:
+    """(N,) m² of leaves that trees of these diameters (N,) may be asked for."""
+    kind = read_allometry(ALLOMETRY, Path())
+    return np.asarray(0.999 * MOST_TIMES * band(kind, dbh)[1, :, 3])
+
+
+def clumping_of(species: str) -> float:
+    """Mean shadow of a species' shoots over that of their needles apart; 1 of leaves."""
+    found, _ = load_species(find_species(species, Path()))
+    if found.needles is None:
+        return 1.0
+    return shoot_of(found.needles, found.leaf.length.mean).clumping
+
+
+def _crowns(place: np.ndarray, height: np.ndarray, top: np.ndarray) -> np.ndarray:
+    """Tree of each cell of half a metre, -1 where there is none."""
+    cell = np.floor(place / CELL).astype(int)
+    canopy = np.zeros(cell.max(axis=0) + 1)
+    np.maximum.at(canopy, tuple(cell.T), height)
+    middle_of = (np.argwhere(canopy >= 0) + 0.5) * CELL
+    near = cKDTree(top[:, :2]).query(middle_of)[1]
+    inside = canopy.ravel() > np.maximum(LOW * top[near, 2], 2.0)
+    return np.where(inside, near, -1).reshape(canopy.shape)
+
+
+def _at(crown: np.ndarray, place: np.ndarray) -> np.ndarray:
+    """(P,) tree whose crown is over places (P, 2), -1 where none is."""
+    cell = np.floor(place / CELL).astype(int)
+    inside = ((cell >= 0) & (cell < crown.shape)).all(axis=1)
+    found = np.full(len(place), -1)
+    found[inside] = crown[tuple(cell[inside].T)]
+    return found
+
+
+def _on_plot(top: np.ndarray, area: np.ndarray, size: np.ndarray) -> np.ndarray:
+    """(N,) share of each crown, a disc about its summit, that lies on the plot of this size (2,)."""
+    k = np.arange(TRIES) + 0.5
+    out, turn = np.sqrt(k / TRIES), np.pi * (3 - np.sqrt(5)) * k
+    disc = np.column_stack([out * np.cos(turn), out * np.sin(turn)])
+    share = np.ones(len(top))
+    for _ in range(6):
+        radius = np.sqrt(area / share / np.pi)
+        spot = top[:, None, :2] + radius[:, None, None] * disc
+        share = np.maximum(((spot >= 0) & (spot <= size)).all(axis=2).mean(axis=1), 0.2)
+    return share
+
+
+def _base(height: np.ndarray) -> float:
+    """Height of the lowest return of a crown above the highest gap between its layers, m."""
+    some = height[height > BARE]
+    if not len(some):
+        return 0.0
+    count = np.bincount((some / LAYER).astype(int))
+    full = median_filter((count >= RARE * count.sum()).astype(int), SMOOTH)
+    gaps = np.flatnonzero(full[: full.nonzero()[0].max(initial=0)] == 0)
+    lowest = (gaps.max(initial=-1) + 1) * LAYER
+    return float(some[some >= lowest].min())
+
+
+# Flight lines of two real clouds over one plot of conifers, each flown again over a stand of ours.
+#
+# Trees stand where the drone's cloud has its summits, with heights, crowns and leaf area as the clouds
+# tell them (``crowns``); around the plot the same stand goes on. Way, height and fan of each line are
+# read from the cloud's own pulses (``surveys``), reflectances and the threshold of detection from its
+# intensities (``light``). Leaves reflect as much, and are as many, as makes single echoes of ours as
+# bright and passes as much light to the ground as the clouds show. Beams are assumed as typical of such
+# instruments. Shares of returns are not looked at for any of that. A line is judged by the mean of four
+# stands of other seeds.
+#
+# The drone's slanted lines hold plants alone: whoever made the file took the ground out of them. Of such
+# a line pulses are compared whose first return is a plant's, in ours as in the real one.
+
 
 SPECIES = "ponderosa-pine"
 WOOD, SOIL = 0.4, 0.3  # reflectances; the ground's where intensities have no scale
