@@ -58,25 +58,6 @@ BALLS = 12  # balls looked at, of each group
 
 
 @dataclass(frozen=True)
-class Hierarchy:
-    """Parents of C pieces.
-
-    trunk : piece.
-    parent : (C,) piece it hangs on, -1 for the trunk and for stems that stand apart from it.
-    branch : (C,) first-level branch it belongs to, itself if it is one or stands apart,
-        -1 for the trunk.
-    foot_end : (C,) which end of its centreline is the foot, 0 first or 1 last.
-    gap : (C,) from its foot to the wood it hangs on, negative inside it; 0 on the ground.
-    """
-
-    trunk: int
-    parent: np.ndarray
-    branch: np.ndarray
-    foot_end: np.ndarray
-    gap: np.ndarray
-
-
-@dataclass(frozen=True)
 class Known(RowTable):
     """Knowledge of C pieces before they are hung, because they were cut from one another.
 
@@ -106,8 +87,12 @@ def find_trunk(pieces: Pieces, lines: Centrelines, free: np.ndarray) -> int:
     return int(np.argmax(np.where(stout & level, area * thickest, -1.0)))
 
 
-def find_parents(lines: Centrelines, trunk: int, known: Known | None = None) -> Hierarchy:
-    """Hang all pieces on the trunk, generation by generation."""
+def find_parents(
+    lines: Centrelines, trunk: int, known: Known | None = None
+) -> tuple[np.ndarray, ...]:
+    """Hang all pieces on the trunk, generation by generation: ``parent``, ``branch``, ``foot_end`` and
+    ``gap`` of a recognised tree, (C,) each.
+    """
     ends, radius = lines.ends(), lines.end_radius
     count = len(ends)
     known = Known.nothing(count) if known is None else known
@@ -150,7 +135,7 @@ def find_parents(lines: Centrelines, trunk: int, known: Known | None = None) -> 
         hung = np.concatenate([children, touching])
         branch[hung] = np.where(parent[hung] == trunk, hung, branch[parent[hung]])
     gap[parent < 0] = 0.0
-    return Hierarchy(trunk, parent, branch, foot_end, gap[np.arange(count), foot_end])
+    return parent, branch, foot_end, gap[np.arange(count), foot_end]
 
 
 def _best_wood(

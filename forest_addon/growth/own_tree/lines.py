@@ -351,7 +351,7 @@ def _from_foot_to_tip(found: Recognition, origin: np.ndarray, metres: float) -> 
     size = np.diff(first)
     owner = np.repeat(np.arange(len(size)), size)
     rank = np.arange(first[-1]) - first[owner]
-    backwards = found.hierarchy.foot_end[owner] == 1
+    backwards = found.foot_end[owner] == 1
     row = first[owner] + np.where(backwards, size[owner] - 1 - rank, rank)
     knot = (found.lines.knot[row] - origin) * metres
     radius = np.maximum(found.lines.radius[row] * metres, THINNEST)

@@ -21,7 +21,6 @@ from .centreline import Centrelines, find_centrelines, find_contacts
 from .hierarchy import (
     LEVEL,
     STEM,
-    Hierarchy,
     Known,
     find_bearers,
     find_parents,
@@ -127,7 +126,12 @@ class Recognition:
 
     wood : the pieces of wood; ``wood.piece`` is the piece of each triangle.
     lines : their centrelines.
-    hierarchy : trunk, parent and first-level branch of each piece.
+    trunk : piece.
+    parent : (C,) piece that each hangs on, -1 for the trunk and for stems that stand apart from it.
+    branch : (C,) first-level branch that each belongs to, itself if it is one or stands apart,
+        -1 for the trunk.
+    foot_end : (C,) which end of its centreline is the foot, 0 first or 1 last.
+    gap : (C,) from its foot to the wood it hangs on, negative inside it; 0 on the ground.
     leaves : the leaves, as pieces; ``leaves.piece`` is the leaf of each triangle.
     bearer : (L,) int64, the piece of wood that bears each leaf.
     doubts : what may be wrong, and where.
@@ -136,26 +140,15 @@ class Recognition:
 
     wood: Pieces
     lines: Centrelines
-    hierarchy: Hierarchy
+    trunk: int
+    parent: np.ndarray
+    branch: np.ndarray
+    foot_end: np.ndarray
+    gap: np.ndarray
     leaves: Pieces
     bearer: np.ndarray
     doubts: tuple[Doubt, ...] = ()
     fronds: bool = False
-
-    @property
-    def trunk(self) -> int:
-        """The piece that is the trunk."""
-        return self.hierarchy.trunk
-
-    @property
-    def parent(self) -> np.ndarray:
-        """(C,) the piece that each one hangs on, -1 for the trunk and stems that stand apart from it."""
-        return self.hierarchy.parent
-
-    @property
-    def branch(self) -> np.ndarray:
-        """(C,) the first-level branch that each piece belongs to, -1 for the trunk."""
-        return self.hierarchy.branch
 
     @property
     def firsts(self) -> np.ndarray:
@@ -165,17 +158,17 @@ class Recognition:
     @property
     def foot(self) -> np.ndarray:
         """(C, 3) middle of the end at which each piece hangs."""
-        return self._of_end(self.lines.ends(), self.hierarchy.foot_end)
+        return self._of_end(self.lines.ends(), self.foot_end)
 
     @property
     def tip(self) -> np.ndarray:
         """(C, 3) middle of the other end."""
-        return self._of_end(self.lines.ends(), 1 - self.hierarchy.foot_end)
+        return self._of_end(self.lines.ends(), 1 - self.foot_end)
 
     @property
     def radius(self) -> np.ndarray:
         """(C,) radius at the foot."""
-        return self._of_end(self.lines.end_radius, self.hierarchy.foot_end)
+        return self._of_end(self.lines.end_radius, self.foot_end)
 
     @property
     def origin(self) -> np.ndarray:
@@ -225,8 +218,8 @@ def recognise_pieces(timber: Pieces, foliage: Pieces | None = None) -> Recogniti
             lines.ends()[0],
         )
     trunk = find_trunk(timber, lines, known.parent < 0)
-    hierarchy = find_parents(lines, trunk, root(lines, trunk, known))
-    found = Recognition(timber, lines, hierarchy, foliage, np.empty(0, dtype=np.int64))
+    hung = find_parents(lines, trunk, root(lines, trunk, known))
+    found = Recognition(timber, lines, trunk, *hung, foliage, np.empty(0, dtype=np.int64))
     _check_one_tree(found)
     doubts = _doubts_about_wood(found, together)
     if bare:
@@ -275,7 +268,7 @@ def _pieces_of(facets: np.ndarray | None, what: str) -> Pieces:
 
 def _doubts_about_wood(found: Recognition, together: np.ndarray) -> tuple[Doubt, ...]:
     doubts = []
-    gap, length = found.hierarchy.gap, found.lines.length()
+    gap, length = found.gap, found.lines.length()
     floats = gap > np.maximum(FLOATING * float(np.ptp(found.wood.vertices[:, 2])), found.radius)
     if floats.any():
         doubts.append(
@@ -308,7 +301,7 @@ def _check_one_tree(found: Recognition) -> None:
     knots = slice(found.lines.first[found.trunk], found.lines.first[found.trunk + 1])
     knot, along = found.lines.knot[knots], found.lines.along[knots]
     low = LOWER * along[-1]
-    low = along[-1] - low if found.hierarchy.foot_end[found.trunk] == 1 else low
+    low = along[-1] - low if found.foot_end[found.trunk] == 1 else low
     lower = np.array([np.interp(low, along, x) for x in knot.T])
     leans = []  # of all of it, and of its lower part: it may end as a limb
     for axis in (found.tip[found.trunk] - found.foot[found.trunk], lower - found.foot[found.trunk]):
@@ -321,10 +314,10 @@ def _check_one_tree(found: Recognition) -> None:
             np.stack([found.foot[found.trunk], found.tip[found.trunk]]),
         )
     height = float(np.ptp(found.wood.vertices[:, 2]))
-    if found.hierarchy.gap.max() > FARTHEST_WOOD * height:
+    if found.gap.max() > FARTHEST_WOOD * height:
         raise TemplateError(
             "some of the wood lies far from the rest; export one tree alone, without other objects.",
-            found.foot[found.hierarchy.gap > FARTHEST_WOOD * height],
+            found.foot[found.gap > FARTHEST_WOOD * height],
         )
 
 

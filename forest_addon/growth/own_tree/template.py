@@ -156,7 +156,7 @@ def _first_level(found: Recognition) -> tuple[np.ndarray, np.ndarray, np.ndarray
     foot, tip = found.foot[firsts], found.tip[firsts]
     contact = find_contacts(found.lines, np.array([found.trunk]), foot)
     share, direction = contact.along / found.lines.length()[found.trunk], contact.direction
-    if found.hierarchy.foot_end[found.trunk] == 1:
+    if found.foot_end[found.trunk] == 1:
         share, direction = 1.0 - share, -direction
 
     root = (share < ROOTS) & (tip[:, 2] < found.foot[found.trunk, 2])
@@ -385,7 +385,7 @@ def dress(wood: np.ndarray, leaf: Leaf, blade: Blade, unit: float) -> np.ndarray
     for twig in twigs:
         knots = slice(found.lines.first[twig], found.lines.first[twig + 1])
         knot, along = found.lines.knot[knots], found.lines.along[knots]
-        backwards = found.hierarchy.foot_end[twig] == 1
+        backwards = found.foot_end[twig] == 1
         place = along[-1] * (1.0 - share if backwards else share)
         feet.append(np.stack([np.interp(place, along, axis) for axis in knot.T], axis=1))
         step = np.diff(knot, axis=0)

@@ -432,7 +432,7 @@ def test_feet_on_the_bark_and_feet_that_float_are_hung_too() -> None:
     found = recognise(model.wood())
     model.check(found)
     for number, gap in enumerate((-0.1, -0.01, 0.0, 0.02, 0.3)):
-        assert found.hierarchy.gap[1 + 2 * number] == pytest.approx(gap, abs=0.01)
+        assert found.gap[1 + 2 * number] == pytest.approx(gap, abs=0.01)
 
 
 def test_a_thin_tip_that_touches_a_neighbour_does_not_hang_on_it() -> None:

@@ -65,7 +65,7 @@ def test_a_box_modelled_tree_is_cut_at_its_forks() -> None:
 def test_feet_reach_into_the_mother_and_holes_are_closed() -> None:
     found = recognise(box_tree().facets())
     hangs = found.parent >= 0
-    assert np.all(found.hierarchy.gap[hangs] <= 0.2 * found.radius[hangs])
+    assert np.all(found.gap[hangs] <= 0.2 * found.radius[hangs])
     for piece in range(found.wood.count):
         own = found.wood.triangles[found.wood.piece == piece].astype(np.int64)
         edges = np.sort(np.concatenate([own[:, [0, 1]], own[:, [1, 2]], own[:, [2, 0]]]), axis=1)
@@ -294,7 +294,7 @@ def right_parents(skeleton: Skeleton, found: Recognition) -> np.ndarray:
     assert len(np.unique(piece)) == len(first) == found.wood.count
     parent = skeleton.parent[first]
     expected = np.where(parent < 0, -1, piece[axis[parent]])
-    return np.asarray((found.parent[piece] == expected) & (found.hierarchy.foot_end[piece] == end))
+    return np.asarray((found.parent[piece] == expected) & (found.foot_end[piece] == end))
 
 
 @pytest.mark.slow
