@@ -256,8 +256,10 @@ def _as_many(sites: LeafSites, skeleton: Skeleton, count: int, key: int) -> Leaf
 
 
 def _picked(have: int, count: int, key: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Which of the leaves that there are (count,) stand for so many, whether each stands there already, and
-    their keys: some are left out by lot, or set again."""
+    """Choose so many of the leaves that there are: some are left out by lot, or set again.
+
+    Returns the leaf (count,) that each stands for, whether that stands there already, and their keys.
+    """
     keys = daughter_keys(np.full(have, key, np.uint64), np.arange(have))
     rank = np.argsort(keyed_uniform(keys, "leaf chosen"))
     pick = np.sort(np.concatenate([*[np.arange(have)] * (count // have), rank[: count % have]]))

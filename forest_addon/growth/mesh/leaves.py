@@ -357,7 +357,9 @@ class CopyStock:
 
 
 def leaves_apart(mesh: TriMesh) -> tuple[TriMesh, TriMesh, np.ndarray]:
-    """What is no leaf, the leaves sorted by their numbers, and the leaf (V,) of each of their vertices."""
+    """Part a mesh into what is no leaf and the leaves, sorted by number; (V,) the leaf of each of their
+    vertices.
+    """
     is_leaf = mesh.leaf >= 0
     leaves = mesh.select(is_leaf)
     leaf_of_vertex = np.zeros(len(leaves.vertices), dtype=np.int64)
