@@ -10,6 +10,7 @@ from references.solid_brute import union_volume
 
 from forest_addon.base.rng import stream
 from forest_addon.base.trimesh import DEAD, LEAF
+from forest_addon.formats.toml_file import read_settings
 from forest_addon.growth.library.species_file import find_species, load_species
 from forest_addon.growth.measured.curves import TAPER, TIGHT, curved
 from forest_addon.growth.measured.wanted import Wanted, dbh_of
@@ -123,8 +124,8 @@ def test_without_shade_nothing_has_died():
 
 @pytest.mark.medium
 def test_every_measured_species_names_its_model():
-    names = [p.stem for p in sorted(find_species("maple", Path()).parent.glob("*.toml"))]
-    found = [load_species(find_species(n, Path()))[0] for n in names]
+    folder = find_species("maple", Path()).parent
+    found = [read_settings(path, Species) for path in folder.glob("*.toml")]
     grown = [s for s in found if s.crown is not None]
     assert grown
     assert all(s.architecture is not None and s.architecture.model for s in grown)

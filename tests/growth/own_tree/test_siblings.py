@@ -55,7 +55,7 @@ from forest_addon.growth.skeleton import Skeleton
 from forest_addon.growth.tree import Tree
 from forest_addon.spec import Siblings, SpecError
 
-COUNT = 30
+COUNT = 20
 NAMES = {"length": 1.0, "angle": 0.0, "thinning": 1.0}
 SAME = Siblings(variety=0.0)
 SIBLINGS = 5
