@@ -31,7 +31,7 @@ from ..lsystem.system import GrammarError
 from ..lsystem.turtle import check_rules
 from ..measured.allometry import diameters, half_of_surface
 from ..measured.wanted import Kind
-from ..mesh.blades import SHAPES, Blade, BladeError, blade_from
+from ..mesh.blades import Blade, BladeError, blade_from, leaf_blade
 from ..own_tree.anatomy import dissect
 from ..own_tree.habit import Habit, fit
 from ..own_tree.recognise import TemplateError, recognise
@@ -204,7 +204,7 @@ def complete_species(
         leaves = read_stl(folder / template.leaves, MOST_OF_TREE) if template.leaves else None
         if leaves is None and template.grow_leaves and leaf.on:
             unit = template.height / float(np.ptp(wood[:, :, 2])) if template.height else 1.0
-            leaves = dress(wood, leaf, blade or SHAPES[leaf.shape](), unit)
+            leaves = dress(wood, leaf, blade or leaf_blade(leaf, species.detail.tolerance), unit)
         if species.siblings is not None:
             tall = float(np.ptp(wood[:, :, 2])) if len(wood) else 0.0
             metres = template.height / tall if template.height and tall else 1.0

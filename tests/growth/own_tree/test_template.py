@@ -397,7 +397,7 @@ def test_a_species_file_asks_for_them(tmp_path):
     shutil.copy(ASSETS / "templates" / "maple" / "wood.stl", tmp_path)
     text = 'name = "dressed"\n[template]\nwood = "wood.stl"\n'
     (tmp_path / "bare.toml").write_text(text)
-    (tmp_path / "leafy.toml").write_text(text + 'grow_leaves = true\n[leaf]\nshape = "maple"\n')
+    (tmp_path / "leafy.toml").write_text(text + 'grow_leaves = true\n[leaf]\nshape = "beech"\n')
     bare, leafy = (load_species(tmp_path / f"{name}.toml") for name in ("bare", "leafy"))
     assert bare[1].leaf_count == 0
     assert leafy[1].leaf_count > 100
