@@ -59,7 +59,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             with _alone(command.lock(chosen)):
                 command.run(chosen)
         except ModuleNotFoundError as problem:
-            from .report.drawing import DRAWERS, without
+            from .report import DRAWERS, without
 
             if (problem.name or "").split(".")[0] not in DRAWERS:
                 raise

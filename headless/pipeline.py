@@ -54,8 +54,7 @@ from forest_addon.stand.truth import cylinder_table
 from .command import DoubtfulError
 from .progress import Stages, hushed
 from .record import facts_of, write_record
-from .report import findings, page
-from .report.drawing import can_draw, without
+from .report import can_draw, findings, page, without
 from .report.turning import BUDGET, turning_cloud
 from .unfinished import Unfinished
 
@@ -229,14 +228,9 @@ def _describe(run: Run, world: World, result: Result) -> page.Finding:
     sensor, found, picture = result.sensor, result.found, None
     if run.settings.output.pictures:  # what draws is imported where it is asked for: a second
         path = run.out / f"{sensor.name}.png"
-        if can_draw():
-            from .report.result import draw_result
+        from .report.result import draw_result
 
-            picture = draw_result(sensor, found, world.observer, run.forest, path)
-        else:
-            from .report.plain import draw_result as draw_plainly
-
-            picture = draw_plainly(sensor, found, path)
+        picture = draw_result(sensor, found, world.observer, run.forest, path)
         if picture is not None:
             run.files.append(path.name)
     finding = findings.finding_of(sensor, found, picture, world.observer)
@@ -263,10 +257,8 @@ def _describe_stand(run: Run, inputs: Inputs) -> None:
     stand = run.forest.stand.first(own)
     drawn = None
     if wanted.pictures:
-        if can_draw():
-            from .report.stand import draw_stand
-        else:
-            from .report.plain import draw_stand
+        from .report.result import draw_stand
+
         with run.stages.stage("draw the stand"):
             path = run.path("stand.png")
             drawn = draw_stand(stand, run.forest.labels[:own], settings, inputs, path)
@@ -290,15 +282,16 @@ def _describe_stand(run: Run, inputs: Inputs) -> None:
             return
         picture = None
         if wanted.pictures and can_draw():
-            from .report.site import draw_goodness
+            from forest_addon.drawing.figures import save_figure
+            from forest_addon.drawing.stands import draw_goodness
 
-            picture = draw_goodness(found, window, run.path("goodness.png"))
+            picture = save_figure(draw_goodness(found, window), run.path("goodness.png"))
         run.findings.append(findings.goodness_finding(found, picture))
 
 
 def _say_what_is_lacking(run: Run) -> None:
     """Say, here and in the report, that pictures are plain, what their colours mean, and what to do."""
-    from .report.plain import colours_in_words
+    from .report.result import colours_in_words
 
     sentence = without("Pictures are plain and the curve of L(r) - r is left out")
     run.stages.say(f"  {sentence}")

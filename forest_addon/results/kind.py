@@ -18,9 +18,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..drawing.strips import Plot
 from .coordinates import Offset
 from .figures import Figure
-from .plot import Plot
 
 if TYPE_CHECKING:
     from ..base.labels import Labels

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..base.words import keep
+from ..drawing.strips import Axis, Plot, Strip, by_distance, from_above
 from ..spec import Scanner, Terrestrial
 from .coordinates import Offset
 from .figures import Figure, numbers, organ_figures, share
 from .kind import ResultKind, Variables
-from .plot import Axis, Plot, Strip, by_distance, from_above
 from .point_files import ENDINGS, write_points
 
 THIRDS = 3  # of the heights of what moves

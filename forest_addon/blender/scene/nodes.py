@@ -230,7 +230,7 @@ def _sockets(modifier: bpy.types.Modifier) -> dict[str, str]:
     return {i.name: i.identifier for i in items if getattr(i, "in_out", "") == "INPUT"}
 
 
-def _make_instancer() -> bpy.types.NodeTree:
+def _make_instancer() -> bpy.types.NodeTree:  # noqa: PLR0915 (one node group, a line a node)
     group = bpy.data.node_groups.new(INSTANCER, "GeometryNodeTree")
     group[LAYOUT_KEY] = LAYOUT
     group.is_modifier = True

@@ -59,7 +59,7 @@ class Expression:
         return result
 
 
-def parse_expression(text: str, names: Collection[str]) -> Expression:
+def parse_expression(text: str, names: Collection[str]) -> Expression:  # noqa: C901 (a parser's cases)
     """An expression over these names.
 
     Raises

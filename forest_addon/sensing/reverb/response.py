@@ -61,7 +61,7 @@ def channels_of(found: ImpulseResponse) -> np.ndarray:
     return samples[:, 0] if samples.shape[1] == 1 else samples
 
 
-def impulse_response(
+def impulse_response(  # noqa: PLR0913 (all that a response depends on)
     trunks: Trunks | TrunksBetween,
     reverb: Reverb,
     air: Air,

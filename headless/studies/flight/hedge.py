@@ -21,6 +21,7 @@ import numpy as np
 from matplotlib import rc_context
 
 from forest_addon.base.rng import stream
+from forest_addon.drawing.palette import LINES
 from forest_addon.flight.senses import band_power, cochleagram
 from forest_addon.flight.statistics import area_under_curve, discriminant
 from forest_addon.formats.table import write_csv
@@ -30,7 +31,7 @@ from forest_addon.sensing.sonar.station import Equipment
 from forest_addon.sensing.trajectory import frame_of
 from forest_addon.spec import Air, Sonar
 
-from ...report.flights import LINES, new_figure
+from ...report.flights import new_figure
 from ...report.pictures import FAINT, STYLE, save_figure
 
 SIZE = (3.0, 1.6, 0.4)  # metres across, up, deep

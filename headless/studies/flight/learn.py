@@ -13,6 +13,7 @@ import numpy as np
 from matplotlib import rc_context
 
 from forest_addon.base.rng import stream
+from forest_addon.drawing.palette import LINES
 from forest_addon.flight.flying import fly
 from forest_addon.flight.learning import SIZE, Trained, train
 from forest_addon.flight.policies import Straight
@@ -23,7 +24,7 @@ from forest_addon.flight.theory import poisson_strip
 from forest_addon.formats.table import write_csv
 from forest_addon.spec import Flight
 
-from ...report.flights import LINES, new_figure
+from ...report.flights import new_figure
 from ...report.pictures import FAINT, STYLE, save_figure
 
 DENSITY, TRUNK = 0.08, 0.2  # trees/m², metres

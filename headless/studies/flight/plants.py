@@ -21,6 +21,7 @@ import numpy as np
 from matplotlib import rc_context
 
 from forest_addon.base.rng import stream
+from forest_addon.drawing.palette import LINES
 from forest_addon.flight.senses import cochleagram
 from forest_addon.flight.statistics import discriminant
 from forest_addon.formats.table import write_csv
@@ -30,7 +31,7 @@ from forest_addon.sensing.sonar.station import Equipment
 from forest_addon.sensing.trajectory import frame_of
 from forest_addon.spec import Air, Sonar
 
-from ...report.flights import LINES, new_figure
+from ...report.flights import new_figure
 from ...report.pictures import FAINT, STYLE, save_figure
 
 AREA = 0.6  # m² of leaves of a plant, one side; ours

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib import rc_context
 
+from forest_addon.drawing.palette import LINES
 from forest_addon.flight.flying import Track, fly
 from forest_addon.flight.policies import EchoPolicy, Gap, Straight
 from forest_addon.flight.senses import LIDAR, SONAR, EarSense, LidarSense
@@ -22,7 +23,7 @@ from forest_addon.formats.table import write_csv
 from forest_addon.spec import Flight, Forest, Planting, Scene
 
 from ...progress import hushed
-from ...report.flights import LINES, new_figure
+from ...report.flights import new_figure
 from ...report.pictures import FAINT, STYLE, save_figure
 
 DENSITIES = (0.02, 0.05, 0.1)  # trees/m²

@@ -16,6 +16,7 @@ import numpy as np
 from matplotlib import rc_context
 
 from forest_addon.base.rng import stream
+from forest_addon.drawing.palette import LINES
 from forest_addon.flight.flying import Track, fly
 from forest_addon.flight.policies import Gap
 from forest_addon.flight.senses import LIDAR, LidarSense
@@ -26,7 +27,7 @@ from forest_addon.flight.theory import chance_of_way, critical_slope, poisson_st
 from forest_addon.formats.table import write_csv
 from forest_addon.spec import Flight
 
-from ...report.flights import LINES, new_figure
+from ...report.flights import new_figure
 from ...report.pictures import FAINT, INK, STYLE, save_figure
 
 LENGTH, WIDTH = 500.0, 60.0  # metres

@@ -28,7 +28,7 @@ def files(tmp_path):
 @pytest.mark.slow
 def test_a_users_tree_becomes_a_forest_in_two_commands(files, capsys, monkeypatch):
     pytest.importorskip("bpy")
-    monkeypatch.setattr("headless.report.three.WIDTH", 500)  # it is rendered, which takes seconds
+    monkeypatch.setattr("headless.report.trees.WIDTH", 500)  # it is rendered, which takes seconds
     monkeypatch.setattr("headless.report.likeness.OF_TEMPLATE", 6)
     out = files / "elm"
     assert (

@@ -10,12 +10,23 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..base.words import keep
+from ..spec import Scene
+from ..stand.compose import corners_of, process_of
+from ..stand.inputs import Inputs
+from ..stand.plan import Stand
+from .palette import rgb, species_colour
 
 WIDE, HIGH = 1100, 300  # pixels of one strip
+MAP_HIGH = 900  # pixels of a map, at most
+MANY = 20_000  # trees from which on each is a pixel
 DEPTH_DB = 80.0
 PAPER = np.array([0.07, 0.08, 0.09])
 INK = np.array([0.55, 0.75, 0.35])
 CURVE = np.array([1.0, 0.65, 0.25])
+CLEARING, MEADOW = (
+    np.array([0.984, 0.988, 0.98]),
+    np.array([0.68, 0.795, 0.575]),
+)  # least, most intensity
 # From silence to the loudest, from far to near, from low to high.
 SCALE = np.array(
     [[0.02, 0.02, 0.05], [0.2, 0.1, 0.4], [0.7, 0.2, 0.35], [0.98, 0.6, 0.2], [1, 1, 0.8]]
@@ -103,6 +114,59 @@ def from_above(position: np.ndarray) -> Plot:
             width=high[1] - low[1],
         ),
     )
+
+
+def stand_map(stand: Stand, settings: Scene, inputs: Inputs) -> Plot:
+    """Trees from above in the colours of their species, as wide as their crowns, on their intensity."""
+    low, high = corners_of(settings.forest)
+    scale = float(min(WIDE / (high - low)[0], MAP_HIGH / (high - low)[1]))  # pixels a metre
+    columns, rows = np.maximum(((high - low) * scale).astype(int), 8)
+    intensity = stand_intensity(settings, inputs, (rows, columns))
+    pixels = CLEARING + (intensity / (intensity.max() or 1.0))[..., None] * (MEADOW - CLEARING)
+    _set_trees(pixels, stand, settings, low, scale)
+    title = f"{settings.name}: {len(stand):,} trees on {stand.area / 1e4:,.3g} ha"
+    strip = Strip(title, pixels, Axis(float(low[1]), float(high[1]), "y (m)"))
+    return Plot((strip,), Axis(float(low[0]), float(high[0]), "x (m)"), "")
+
+
+def stand_intensity(settings: Scene, inputs: Inputs, shape: tuple[int, int]) -> np.ndarray:
+    """Sum of all intensities, trees per hectare, in (rows, columns) over the field, south first."""
+    low, high = corners_of(settings.forest)
+    y, x = (
+        low[k] + (np.arange(n) + 0.5) * (high - low)[k] / n
+        for k, n in zip((1, 0), shape, strict=True)
+    )
+    points = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+    drawn = [p for p in settings.plantings if p.layout == "poisson"]
+    total = np.zeros(len(points))
+    for planting in drawn:
+        total += process_of(planting, settings.forest, inputs).at(points)
+    return 1e4 * total.reshape(shape)
+
+
+def _set_trees(
+    pixels: np.ndarray, stand: Stand, settings: Scene, low: np.ndarray, scale: float
+) -> None:
+    """Paint each tree as a disc: its crown where that is known, else a size that fits the number of trees."""
+    if not len(stand):
+        return
+    rows, columns, _ = pixels.shape
+    kinds = np.array([rgb(species_colour(k)) for k in range(stand.species.max() + 1)])
+    colours = kinds[stand.species]
+    column, row = ((stand.position[:, :2] - low) * scale).T
+    if len(stand) > MANY:
+        at = np.clip(row.astype(int), 0, rows - 1), np.clip(column.astype(int), 0, columns - 1)
+        pixels[at] = colours
+        return
+    crown = np.array([p.crown for p in settings.plantings])[stand.species] * stand.scale
+    usual = 0.15 * np.sqrt(stand.area / len(stand)) * stand.scale
+    radius = np.clip(scale * np.where(crown > 0, crown, usual), 1.0, 0.05 * columns)
+    for x, y, reach, colour in zip(column, row, radius, colours, strict=True):
+        left, foot = max(int(x - reach), 0), max(int(y - reach), 0)
+        part = pixels[foot : max(int(y + reach) + 2, 0), left : max(int(x + reach) + 2, 0)]
+        up, across = np.ogrid[foot : foot + part.shape[0], left : left + part.shape[1]]
+        away = np.sqrt((up + 0.5 - y) ** 2 + (across + 0.5 - x) ** 2)
+        part += 0.85 * np.clip(reach + 0.5 - away, 0.0, 1.0)[..., None] * (colour - part)
 
 
 def by_distance(distance: np.ndarray) -> np.ndarray:

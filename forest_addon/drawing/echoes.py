@@ -1,7 +1,7 @@
 """Pictures of echoes: the scene from above, waveforms, what an ear hears over time and frequency.
 
-Tanveer et al.'s Figures 6 and 7 are drawn from results: the scene from above with the -3 dB contour of
-every pose, the leaves that are heard in red, and the waveforms below each other. Beside them stand the
+Figures 6 and 7 of Tanveer et al. (2020) are drawn from results: the scene from above with the -3 dB contour
+of every pose, the leaves that are heard in red, and the waveforms below each other. Beside them stand the
 spectrogram and the cochleagram: the output of a bank of gammatone filters (order 4, constant quality), as
 levels.
 """
@@ -9,23 +9,20 @@ levels.
 from __future__ import annotations
 
 import math
-from pathlib import Path
+from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
-from forest_addon.base.rng import stream
-from forest_addon.sensing.rays.geometry import apply_transform
-from forest_addon.sensing.sonar.beam import Horseshoe, beam_offsets
-from forest_addon.sensing.sonar.flight import PingSeries
-from forest_addon.sensing.sonar.ping import Echo, EchoTargets
-from forest_addon.sensing.sonar.poses import SonarPose
-from forest_addon.spec import Sonar
-from forest_addon.stand.forest import GrownForest
+from ..sensing.sonar.beam import Horseshoe, beam_offsets
+from ..sensing.sonar.flight import PingSeries
+from ..sensing.sonar.ping import Echo
+from ..sensing.sonar.poses import SonarPose
+from ..spec import Sonar
+from .figures import blank_figure
+from .palette import BARK, FAINT, INK, LEAF_GREEN, RED
 
-from .pictures import BARK, FAINT, INK, LEAF_GREEN, RED, blank_figure, save_figure
-
-SHOWN = 60_000  # leaves on a map
 HEARD_DB = 40.0  # red are those at most so much weaker than the loudest
 FLOOR_DB = 60.0
 CHANNELS = 80  # of a cochleagram
@@ -33,48 +30,32 @@ QUALITY = 20.0  # centre frequency over -3 dB bandwidth of a channel
 LINES = 12  # waveforms below each other
 
 
-def sample_leaves(targets: EchoTargets, most: int = SHOWN) -> np.ndarray:
-    """(M, 2) x and y of at most so many leaves of a scene, drawn at random, the same each time."""
-    scene = targets.scene
-    firsts = []
-    for mesh in scene.meshes:
-        facets = np.flatnonzero(mesh.leaf >= 0)
-        _, first = np.unique(mesh.leaf[facets], return_index=True)
-        firsts.append(mesh.triangles[facets[first]])
-    count = np.array([len(firsts[index]) for index in scene.mesh_index], dtype=np.int64)
-    share = min(1.0, most / max(int(count.sum()), 1))
-    rng = stream(0, "picture", "leaves")
-    places = []
-    for instance, index in enumerate(scene.mesh_index):
-        some = np.flatnonzero(rng.random(len(firsts[index])) < share)
-        middle = scene.meshes[index].vertices[firsts[index][some]].mean(axis=1)
-        places.append(apply_transform(scene.transform[instance], middle)[:, :2])
-    return np.concatenate(places) if places else np.empty((0, 2))
-
-
 def draw_echo(
-    echo: Echo, sonar: Sonar, leaves: np.ndarray, forest: GrownForest, path: Path
-) -> Path:
-    """A ping: the leaves in the beam from above, the echo, its spectrum, spectrogram, cochleagram."""
-    figure = blank_figure((13.5, 8.6))
-    grid = figure.add_gridspec(4, 2, width_ratios=(1, 1.5))
-    _map(figure.add_subplot(grid[:, 0]), [echo], sonar, leaves, forest)
-    _envelope(figure.add_subplot(grid[0, 1]), echo)
-    _spectrum(figure.add_subplot(grid[1, 1]), echo)
-    _spectrogram(figure.add_subplot(grid[2, 1]), echo)
-    _cochleagram(figure.add_subplot(grid[3, 1]), echo)
-    return save_figure(figure, path)
+    echo: Echo, sonar: Sonar, leaves: np.ndarray | None = None, stems: np.ndarray | None = None
+) -> Figure:
+    """Draw a ping: the echo, its spectrum, spectrogram, cochleagram.
+
+    leaves, stems : (M, 2) and (N, 2) metres; where they are given, the beam from above stands beside.
+    """
+    if leaves is None or stems is None:
+        figure = blank_figure((8.1, 8.6))
+        grid = figure.add_gridspec(4, 1)
+    else:
+        figure = blank_figure((13.5, 8.6))
+        grid = figure.add_gridspec(4, 2, width_ratios=(1, 1.5))
+        _map(figure.add_subplot(grid[:, 0]), [echo], sonar, leaves, stems)
+    for row, draw in enumerate((_envelope, _spectrum, _spectrogram, _cochleagram)):
+        draw(figure.add_subplot(grid[row, -1]), echo)
+    return figure
 
 
-def draw_flight(
-    flight: PingSeries, sonar: Sonar, leaves: np.ndarray, forest: GrownForest, path: Path
-) -> Path:
-    """T20's Figures 6 and 7: the poses and their beams from above, the waveforms below each other."""
+def draw_flight(flight: PingSeries, sonar: Sonar, leaves: np.ndarray, stems: np.ndarray) -> Figure:
+    """Draw poses and their beams from above, and the waveforms (Tanveer et al. 2020, Figures 6 and 7)."""
     figure = blank_figure((13.5, 8.2))
     grid = figure.add_gridspec(1, 2, width_ratios=(1.1, 1))
-    _map(figure.add_subplot(grid[0, 0]), flight.echoes, sonar, leaves, forest)
+    _map(figure.add_subplot(grid[0, 0]), flight.echoes, sonar, leaves, stems)
     _waveforms(figure.add_subplot(grid[0, 1]), flight)
-    return save_figure(figure, path)
+    return figure
 
 
 # ------------------------------------------------------------------------------------------ from above
@@ -82,14 +63,14 @@ def draw_flight(
 
 def _map(
     axes: Axes,
-    echoes: tuple[Echo, ...] | list[Echo],
+    echoes: Sequence[Echo],
     sonar: Sonar,
     leaves: np.ndarray,
-    forest: GrownForest,
+    stems: np.ndarray,
 ) -> None:
     """The scene from above: leaves, those in the beam in red, poses with their -3 dB contours."""
     axes.scatter(*leaves.T, s=0.4, c="#a9c59f", linewidths=0, rasterized=True)
-    axes.plot(*forest.stand.position[:, :2].T, "o", color=BARK, markersize=2.5, linestyle="none")
+    axes.plot(*stems.T, "o", color=BARK, markersize=2.5, linestyle="none")
     shown = [np.array([echo.pose.position[:2] for echo in echoes])]
     for number, echo in enumerate(echoes, start=1):
         width = _width(echo.pose, sonar)
