@@ -12,6 +12,7 @@ import json
 import textwrap
 from pathlib import Path
 
+import grimp
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import FancyArrowPatch, FancyBboxPatch
@@ -81,22 +82,12 @@ def box_of(module: str) -> str:
 
 def project_arrows() -> list[tuple[str, str]]:
     """Which box imports from which, imports within functions too."""
-    files = [
-        p for room in ("forest_addon", "headless") for p in sorted((ROOT / room).rglob("*.py"))
-    ]
-    arrows = set()
-    for path in files:
-        inside = path.relative_to(ROOT).parts
-        name = ".".join(inside).removesuffix(".py").removesuffix(".__init__")
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if not isinstance(node, ast.ImportFrom):
-                continue
-            start = list(inside[: len(inside) - node.level]) if node.level else []
-            base = ".".join([*start, *(node.module or "").split(".")]).rstrip(".")
-            for alias in node.names:
-                target = f"{base}.{alias.name}"
-                if target.split(".")[0] in ("forest_addon", "headless"):
-                    arrows.add((box_of(name), box_of(target)))
+    graph = grimp.build_graph("forest_addon", "headless", cache_dir=None)
+    arrows = {
+        (box_of(name), box_of(target))
+        for name in graph.modules
+        for target in graph.find_modules_directly_imported_by(name)
+    }
     return sorted((a, b) for a, b in arrows if a and b and a != b)
 
 
