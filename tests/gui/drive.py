@@ -1,8 +1,9 @@
 """Drives a Blender window from within: one step after the other, each photographed and noted.
 
-A scenario is a generator function. It yields the seconds to wait, during which Blender's window lives; what
-it raises fails the step it is in. ``step`` names what follows; at its end the screen is photographed into
-``NN-name.png`` and a line goes to ``steps.jsonl``. Mouse and keys are xdotool's: real events.
+``blender --python drive.py -- NAME`` plays the ``scenario`` of NAME.py, a generator function. It yields the
+seconds to wait, during which Blender's window lives; what it raises fails the step it is in. ``step`` names
+what follows; at its end the screen is photographed into ``NN-name.png`` and a line goes to ``steps.jsonl``.
+Mouse and keys are xdotool's: real events.
 """
 
 from __future__ import annotations
@@ -15,8 +16,10 @@ import sys
 import threading
 import time
 import traceback
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Iterable
+from importlib import import_module
 from pathlib import Path
+from types import ModuleType
 
 import bpy
 
@@ -93,8 +96,49 @@ def photograph(path: Path) -> None:
         bpy.ops.screen.screenshot(filepath=str(path))
 
 
+def ours(name: str) -> ModuleType:
+    """A module of the installed extension."""
+    return import_module(f"bl_ext.user_default.forest_sensing.forest_addon.{name}")
+
+
+def props() -> bpy.types.PropertyGroup:
+    return bpy.context.scene.forest_sensing
+
+
+def running() -> object:
+    """The job that runs, None where none does."""
+    return ours("ui.shell.running").current()
+
+
+def idle() -> bool:
+    return running() is None
+
+
+def results(names: Iterable[str], seconds: float) -> Scenario:
+    """Wait until these results are there and all is drawn."""
+    there = set(names)
+    yield 0.3
+    yield from wait_for(lambda: there <= {*props().results.keys()} and idle(), seconds, str(there))
+    yield from settle()
+
+
+def demo_forest() -> Scenario:
+    """Grow the demo forest, without the cube that it would stand beside."""
+    yield from open_tab("Forest")
+    bpy.data.objects.remove(bpy.data.objects["Cube"])
+    press("forest.start", preset="demo", grow=True)
+    yield from results(["forest"], 120)
+
+
+def choose(thing: bpy.types.Object) -> None:
+    """Select an object and nothing else."""
+    for other in bpy.context.view_layer.objects:
+        other.select_set(other == thing)
+    bpy.context.view_layer.objects.active = thing
+
+
 def view() -> tuple[bpy.types.Window, bpy.types.Area, bpy.types.Region, bpy.types.Region]:
-    """The window, its 3D view, that view's own region and its sidebar."""
+    """The window, its 3D view, that view's region and its sidebar."""
     window = bpy.context.window_manager.windows[0]
     area = next(area for area in window.screen.areas if area.type == "VIEW_3D")
     main = next(region for region in area.regions if region.type == "WINDOW")
@@ -120,6 +164,45 @@ def press(operator: str, invoke: bool = True, **settings: object) -> set[str]:
     with bpy.context.temp_override(window=window, area=area, region=main):
         run = getattr(getattr(bpy.ops, room), verb)
         return run("INVOKE_DEFAULT", **settings) if invoke else run(**settings)
+
+
+def in_view(operator: Callable[..., object], *words: str, **settings: object) -> None:
+    """Run one of Blender's operators in the 3D view."""
+    window, area, main, _ = view()
+    with bpy.context.temp_override(window=window, area=area, region=main):
+        operator(*words, **settings)
+
+
+def middle() -> tuple[int, int]:
+    """A place over the 3D view that no panel covers."""
+    main = view()[2]
+    return main.x + main.width // 3, main.y + main.height // 2
+
+
+def has_view() -> bool:
+    """Whether a 3D view is there, which a file browser may take the place of."""
+    areas = bpy.context.window_manager.windows[0].screen.areas
+    return any(area.type == "VIEW_3D" for area in areas)
+
+
+def escape() -> Scenario:
+    """Close what is open over the view, also a menu that was opened by a script."""
+    for _ in range(2):
+        key("Escape", at=middle())
+        yield 1
+
+
+def turn(seconds: float) -> Generator[float, None, float]:
+    """Turn the view, frame by frame; returns the seconds a frame takes.
+
+    Without a graphics card all of Blender's window is drawn by the CPU, an empty one too.
+    """
+    frames, began = 0, time.perf_counter()
+    while frames < 3 or time.perf_counter() - began < seconds:
+        in_view(bpy.ops.view3d.view_orbit, angle=0.1, type="ORBITLEFT")
+        yield 0.0
+        frames += 1
+    return (time.perf_counter() - began) / frames
 
 
 def wait_for(condition: Callable[[], bool], seconds: float, what: str) -> Scenario:
@@ -225,56 +308,19 @@ def _from_above(y: int) -> int:
 
 def redraw() -> None:
     """Lay out and draw the sidebar now."""
-    window, area, main, side = view()
-    side.tag_redraw()
-    with bpy.context.temp_override(window=window, area=area, region=main):
-        bpy.ops.wm.redraw_timer(type="DRAW_WIN_SWAP", iterations=1)
-
-
-def panels() -> list[type]:
-    """Our panels of the sidebar, those above before those within them."""
-    from bl_ext.user_default.forest_sensing.forest_addon import ui
-
-    return [cls for cls in ui._classes() if issubclass(cls, bpy.types.Panel)]
+    view()[3].tag_redraw()
+    in_view(bpy.ops.wm.redraw_timer, type="DRAW_WIN_SWAP", iterations=1)
 
 
 def open_every_panel() -> None:
     """Have every panel and every part of one open where it was not shown yet."""
-    from bl_ext.user_default.forest_sensing.forest_addon.ui.settings import drawing
-
-    drawing.FOLDED = False
-    for cls in reversed(panels()):
+    ours("ui.settings.drawing").FOLDED = False
+    panels = [cls for cls in ours("ui")._classes() if issubclass(cls, bpy.types.Panel)]
+    for cls in reversed(panels):
         bpy.utils.unregister_class(cls)
-    for cls in panels():
+    for cls in panels:
         cls.bl_options = getattr(cls, "bl_options", set()) - {"DEFAULT_CLOSED"}
         bpy.utils.register_class(cls)
-
-
-def in_panels(panels: list[type], times: int = 5) -> tuple[float, int]:
-    """CPU milliseconds of a redraw that these panels take, and how many of them it draws."""
-    spent, drawn = [0.0], set()
-
-    def timed(cls: type, function: Callable[[object, object], None]) -> Callable[..., None]:
-        def draw(self: object, context: object) -> None:  # Blender counts the arguments
-            started = time.thread_time()
-            function(self, context)
-            spent[0] += time.thread_time() - started
-            drawn.add(cls)
-
-        return draw
-
-    plain = {cls: cls.draw for cls in panels}
-    for cls, function in plain.items():
-        cls.draw = timed(cls, function)
-    try:
-        redraw()
-        spent[0] = 0.0
-        for _ in range(times):
-            redraw()
-    finally:
-        for cls, function in plain.items():
-            cls.draw = function
-    return 1e3 * spent[0] / times, len(drawn)
 
 
 def files_touched() -> list[str]:
@@ -313,3 +359,9 @@ class Ending:
         while self._job.busy:
             time.sleep(0.002)
         self.ended = time.perf_counter() - self.asked
+
+
+if __name__ == "__main__":
+    HERE = Path(__file__).parent
+    sys.path.insert(0, str(HERE))
+    play(import_module(sys.argv[-1]).scenario, HERE / sys.argv[-1])

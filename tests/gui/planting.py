@@ -1,14 +1,7 @@
-"""Plant by hand in a window: trees are clicked, painted, cleared, moved and kept, with a real mouse.
-
-Runs in Blender's window (see run.py).
-"""
+"""Plant by hand in a window: trees are clicked, painted, cleared, moved and kept, with a real mouse."""
 
 import subprocess
-import sys
 import time
-from pathlib import Path
-
-sys.path.insert(0, str(Path(__file__).parent))
 
 import bpy
 import numpy as np
@@ -16,13 +9,19 @@ from bpy_extras.view3d_utils import location_3d_to_region_2d
 from drive import (
     Scenario,
     Steps,
+    choose,
     click,
+    demo_forest,
+    idle,
+    in_view,
     key,
+    middle,
     open_every_panel,
-    open_tab,
-    play,
+    ours,
     point_at,
     press,
+    props,
+    results,
     scroll,
     seek,
     settle,
@@ -30,16 +29,6 @@ from drive import (
     wait_for,
 )
 from mathutils import Euler, Vector
-
-OUT = Path(__file__).parent / "planting"
-
-
-def rooms():
-    from bl_ext.user_default.forest_sensing.forest_addon.blender.scene import stood
-    from bl_ext.user_default.forest_sensing.forest_addon.ui.forest import planting
-    from bl_ext.user_default.forest_sensing.forest_addon.ui.shell import running
-
-    return stood, planting, running
 
 
 def on_screen(x: float, y: float) -> tuple[int, int]:
@@ -69,8 +58,11 @@ def drag(places: list[tuple[float, float]], held: str = "") -> Scenario:
 
 
 def trees() -> list:
-    stood, _, _ = rooms()
-    return stood.stood_trees(bpy.context.scene)
+    return ours("blender.scene.stood").stood_trees(bpy.context.scene)
+
+
+def nearest(x: float, y: float):
+    return min(trees(), key=lambda tree: np.hypot(tree.place[0] - x, tree.place[1] - y))
 
 
 def near(x: float, y: float, radius: float) -> int:
@@ -78,15 +70,10 @@ def near(x: float, y: float, radius: float) -> int:
     return sum((t.place[0] - x) ** 2 + (t.place[1] - y) ** 2 <= radius**2 + 1e-3 for t in trees())
 
 
-def idle() -> bool:
-    return rooms()[2].current() is None
-
-
 def from_the_browser(steps: Steps, maple) -> Scenario:
     """Drag a thumbnail onto the ground, then plant a copy by the button in the sidebar."""
     steps.step("a thumbnail dragged from the Asset Browser is planted where it is dropped")
-    screen, props = view()[0].screen, bpy.context.scene.forest_sensing
-    browser = next(area for area in screen.areas if area.type == "PROPERTIES")
+    browser = next(area for area in view()[0].screen.areas if area.type == "PROPERTIES")
     browser.ui_type = "ASSETS"
     yield from settle()
     shown = browser.spaces.active
@@ -94,7 +81,7 @@ def from_the_browser(steps: Steps, maple) -> Scenario:
     shown.params.asset_library_reference = "LOCAL"
     yield from settle()
     yield 2
-    before, mine, wanted = len(trees()), len(maple.by_hand), (30.0, 1.0)
+    before, count, wanted = len(trees()), len(maple.by_hand), (30.0, 1.0)
     place = on_screen(*wanted)
     start = browser.x + 50, browser.y + browser.height - 75
     point_at(*start)
@@ -105,20 +92,16 @@ def from_the_browser(steps: Steps, maple) -> Scenario:
         point_at(*at)
     yield from settle()
     subprocess.run(["xdotool", "mouseup", "1"], check=True)
-    yield from wait_for(lambda: len(props.plantings[0].by_hand) == mine + 1, 20, "the tree")
+    yield from wait_for(lambda: len(props().plantings[0].by_hand) == count + 1, 20, "the tree")
     yield from wait_for(lambda: len(trees()) == before + 1 and idle(), 60, "the forest with it")
-    x, y = props.plantings[0].by_hand[mine].position
+    x, y = props().plantings[0].by_hand[count].position
     assert np.hypot(x - wanted[0], y - wanted[1]) < 0.5, (x, y)
     yield from settle()
 
     steps.step("Plant Copies plants a copy that was put beside")
     one = next(t.thing for t in trees() if t.thing is not None and t.label == "maple")
-    window, area, main, _ = view()
-    with bpy.context.temp_override(window=window, area=area, region=main):
-        bpy.ops.object.select_all(action="DESELECT")
-        one.select_set(True)
-        bpy.context.view_layer.objects.active = one
-        bpy.ops.object.duplicate(linked=True)
+    choose(one)
+    in_view(bpy.ops.object.duplicate, linked=True)
     bpy.context.view_layer.objects.active.location[:2] = 33.0, 3.0
     yield from settle()
     button = None
@@ -129,7 +112,7 @@ def from_the_browser(steps: Steps, maple) -> Scenario:
             yield from settle()
     assert button is not None
     click(*button)
-    yield from wait_for(lambda: len(props.plantings[0].by_hand) == mine + 2, 20, "the copy")
+    yield from wait_for(lambda: len(props().plantings[0].by_hand) == count + 2, 20, "the copy")
     yield from wait_for(lambda: near(33, 3, 0.01) == 1 and idle(), 60, "the forest with it")
     yield from settle()
 
@@ -137,23 +120,18 @@ def from_the_browser(steps: Steps, maple) -> Scenario:
 def scenario(steps: Steps) -> Scenario:
     steps.step("a forest, seen from above")
     open_every_panel()
-    yield from open_tab("Forest")
-    bpy.data.objects.remove(bpy.data.objects["Cube"])  # the forest would stand beside it
-    press("forest.start", preset="demo", grow=True)
-    yield 0.3
-    props = bpy.context.scene.forest_sensing
-    yield from wait_for(lambda: "forest" in props.results and idle(), 120, "the forest")
-    _, area, _, _ = view()
-    eye = area.spaces.active.region_3d
+    yield from demo_forest()
+    eye = view()[1].spaces.active.region_3d
     eye.view_rotation = Euler((0.5, 0.0, 0.0)).to_quaternion()
     eye.view_location, eye.view_distance = (22.0, 18.0, 0.0), 75.0
     yield from settle()
-    maple = props.plantings[0]
+    maple = props().plantings[0]
 
     steps.step("the brush is in hand")
     assert press("forest.plant") == {"RUNNING_MODAL"}
     yield from settle()
-    assert rooms()[1].is_planting()
+    is_planting = ours("ui.forest.planting").is_planting
+    assert is_planting()
 
     steps.step("a click sets a tree where it points")
     before = len(trees())
@@ -162,11 +140,11 @@ def scenario(steps: Steps) -> Scenario:
     x, y = maple.by_hand[0].position
     assert max(abs(x - 3), abs(y - 33)) < 0.3, (x, y)
     yield from wait_for(lambda: near(x, y, 0.01) == 1 and idle(), 60, "the tree that was set")
-    print(f"FIGURE a click among {before} trees: {props.results['forest'].figures['Time'].value}")
+    print(f"FIGURE a click among {before} trees: {props().results['forest'].figures['Time'].value}")
     yield from settle()
 
     steps.step("a drag fills a field")
-    props.plant_radius, props.plant_density = 4.0, 0.15
+    props().plant_radius, props().plant_density = 4.0, 0.15
     yield from drag([(24.0 + k, -4.0) for k in range(0, 16, 4)])
     yield from wait_for(lambda: len(maple.by_hand) > 8, 20, "trees of a drag")
     yield from wait_for(lambda: near(31, -4, 12) >= 8 and idle(), 60, "the field that was planted")
@@ -181,7 +159,7 @@ def scenario(steps: Steps) -> Scenario:
     yield from settle()
 
     steps.step("a drag with Shift moves one tree")
-    one = min(trees(), key=lambda t: (t.place[0] - 3) ** 2 + (t.place[1] - 33) ** 2)
+    one = nearest(3, 33)
     yield from drag([one.place, (0.0, 36.0), (-4.0, 38.0)], held="shift")
     yield from wait_for(lambda: near(-4, 38, 0.5) == 1 and idle(), 60, "the tree that was moved")
     assert near(*one.place, 0.1) == 0
@@ -195,7 +173,7 @@ def scenario(steps: Steps) -> Scenario:
     yield from settle()
 
     steps.step("V makes another variant of a tree")
-    one = min(trees(), key=lambda t: (t.place[0] - 3) ** 2 + (t.place[1] - 33) ** 2)
+    one = nearest(3, 33)
     key("v", at=on_screen(*one.place))
     yield from wait_for(
         lambda: any(t.place == one.place and t.variant != one.variant for t in trees()) and idle(),
@@ -205,20 +183,17 @@ def scenario(steps: Steps) -> Scenario:
 
     steps.step("Esc puts the brush away")
     key("Escape", at=on_screen(20.0, 20.0))
-    yield from wait_for(lambda: not rooms()[1].is_planting(), 10, "the end")
+    yield from wait_for(lambda: not is_planting(), 10, "the end")
     planted = len(maple.by_hand)
 
     steps.step("a tree moved as any object stays when the forest is grown with another seed")
     thing = next(t.thing for t in trees() if t.thing is not None and t.label == "maple")
     thing.location.x, thing.location.y = -8.0, 0.0
     yield 0.3
-    press("forest.build")
-    yield 0.3
-    yield from wait_for(idle, 60, "the forest")
-    props.seed += 1
-    press("forest.build")
-    yield 0.3
-    yield from wait_for(idle, 60, "the forest of another seed")
+    for seed in (props().seed, props().seed + 1):
+        props().seed = seed
+        press("forest.build")
+        yield from results(["forest"], 60)
     assert near(-8, 0, 0.01) == 1
     assert len(maple.by_hand) == planted + 1
     yield from settle()
@@ -226,25 +201,20 @@ def scenario(steps: Steps) -> Scenario:
     yield from from_the_browser(steps, maple)
 
     steps.step("the season's slider takes leaves as soon as it is let go")
-    props.live = True
+    props().live = True
     yield from wait_for(idle, 60, "what Live found")
-    built, maple = props.built, props.plantings[0]  # a list that grew may have moved
+    built, maple = props().built, props().plantings[0]  # a list that grew may have moved
     begun = time.perf_counter()
     maple.season = 0.8
-    yield from wait_for(lambda: props.built != built and idle(), 60, "the forest in autumn")
+    yield from wait_for(lambda: props().built != built and idle(), 60, "the forest in autumn")
     print(f"FIGURE a season with Live: {time.perf_counter() - begun:.1f} s in all", flush=True)
-    print(f"FIGURE of it growing: {props.results['forest'].figures['Time'].value}", flush=True)
-    props.live = False
+    print(f"FIGURE of it growing: {props().results['forest'].figures['Time'].value}", flush=True)
+    props().live = False
     yield from settle()
 
     steps.step("a preset of the planting in Blender's menu")
     assert press("forest.preset_planting", invoke=False, name="Late autumn") == {"FINISHED"}
-    window, area, main, _ = view()
-    point_at(main.x + main.width // 3, main.y + main.height // 2)
+    point_at(*middle())
     yield from settle()
-    with bpy.context.temp_override(window=window, area=area, region=main):
-        bpy.ops.wm.call_panel("INVOKE_DEFAULT", name="FOREST_PT_presets_planting")
+    in_view(bpy.ops.wm.call_panel, "INVOKE_DEFAULT", name="FOREST_PT_presets_planting")
     yield from settle()
-
-
-play(scenario, OUT)
