@@ -1,7 +1,7 @@
 """What a newcomer does, from an empty Blender on: growing, stopping, undo, Live, reopening, the command line.
 
-Operators are invoked as their buttons do, in the view; Escape is a real key. What a step must have brought about
-is asserted in it.
+Operators are invoked as their buttons do, in the view; Escape is a real key. What a step must have brought
+about is asserted in it.
 """
 
 import subprocess

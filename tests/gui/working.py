@@ -1,4 +1,4 @@
-"""While work goes on: bars at buttons that start it and in the status bar, Escape and Cancel, times, quitting.
+"""While work goes on: bars at buttons that start it and in the status bar, Escape and Cancel, quitting.
 
 Keys and clicks are real ones; how soon each stops a scan is a figure.
 """
