@@ -11,7 +11,7 @@ RUN := $(VENV)/bin/python
 READY := $(VENV)/ready
 
 .DEFAULT_GOAL := help
-.PHONY: help demo check test fuzz test-gui lint bench docs architecture extension words clean distclean
+.PHONY: help demo check test fuzz test-gui lint bench validate docs architecture extension words clean distclean
 
 help: ## list what can be made
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' Makefile
@@ -43,7 +43,10 @@ lint: $(READY) ## ruff on everything, mypy on the rooms that know no Blender
 	@$(RUN) -m mypy
 
 bench: $(READY) ## measure speed and accuracy on this machine
-	@$(RUN) -m headless bench $(ARGS)
+	@$(RUN) -m studies bench $(ARGS)
+
+validate: $(READY) ## hold the simulations to measurements; ARGS="reverb --data FOLDER"
+	@$(RUN) -m studies validate $(ARGS)
 
 docs: $(READY) ## build the documentation site in build/site; it runs the notebooks
 	@$(RUN) -c "import sphinx, furo, myst_nb" 2>/dev/null || $(RUN) -m pip install --quiet --editable ".[docs]"

@@ -6,6 +6,7 @@ Every result is on disk before the next sensor starts, so an interrupted run kee
 from __future__ import annotations
 
 import dataclasses
+import tempfile
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -26,7 +27,6 @@ from forest_addon.blender.show.horizon import lay_horizon
 from forest_addon.blender.show.preview import render, set_stage
 from forest_addon.blender.show.sound import give_sound
 from forest_addon.blender.show.walker import stand_walker
-from forest_addon.formats.atomic import replacing
 from forest_addon.formats.crs import can_tell_crs
 from forest_addon.formats.npz import write_npz
 from forest_addon.formats.table import write_csv
@@ -316,9 +316,8 @@ def _audit_trees(run: Run, world: World) -> None:
 def _make_writable(out: Path) -> None:
     try:
         out.mkdir(parents=True, exist_ok=True)
-        with replacing(out / ".writable") as partial:
-            partial.write_text("x")
-        (out / ".writable").unlink()
+        with tempfile.TemporaryFile(dir=out) as file:
+            file.write(b"x")
     except OSError as problem:
         raise SpecError(
             f"--out {out}", f"cannot be written to ({problem.strerror}); choose another folder"

@@ -8,7 +8,6 @@ share the work by number alone, ``--share 2/8``, on one machine or on many that 
 
 from __future__ import annotations
 
-import csv
 import dataclasses
 import hashlib
 import json
@@ -21,10 +20,12 @@ from typing import Any
 
 from forest_addon.api import TiledScan, Tiling, World
 from forest_addon.api.results import is_scanner
+from forest_addon.base.places import environment_of_child
 from forest_addon.blender.files.opening import empty_file
 from forest_addon.blender.read.kept import forget
 from forest_addon.formats.atomic import remove_abandoned, replacing
-from forest_addon.formats.table import write_csv
+from forest_addon.formats.ownership import remove
+from forest_addon.formats.table import write_csv, write_rows
 from forest_addon.results.coordinates import FILE, Offset, on_the_map, write_note
 from forest_addon.results.kinds import write_finding
 from forest_addon.spec import Scene, SpecError
@@ -132,7 +133,7 @@ def run_in_tiles(
     every = run.tiling.site.scene.sensors
     todo = [s for s in every if not (run.resume and run.done(s))]
     for sensor in todo:
-        run.note(sensor.name).unlink(missing_ok=True)
+        remove(run.note(sensor.name))
         if is_scanner(sensor):
             way = run.tiling.way(sensor)
             run.scans[sensor.name] = scan = TiledScan(run.tiling, sensor, run.folder, way)
@@ -167,6 +168,7 @@ def run_by_workers(words: Sequence[str], workers: int) -> None:
             stdin=subprocess.DEVNULL,
             stderr=subprocess.PIPE,
             text=True,
+            env=environment_of_child(),
         )
         for k in range(workers)
     ]
@@ -264,12 +266,11 @@ def _write_stand(run: TiledRun) -> None:
             replacing(run.out / "trees.csv") as partial,
             open(partial, "w", newline="", encoding="utf-8") as file,
         ):
-            writer = csv.writer(file, lineterminator="\n")
             for number, part in enumerate(tiling.forest.parts(BLOCK)):
                 rows = on_the_map(tree_table(part), offset)
                 if not number:
-                    writer.writerow(rows)
-                writer.writerows(zip(*rows.values(), strict=True))
+                    write_rows(file, [rows])
+                write_rows(file, zip(*rows.values(), strict=True))
         write_csv(run.out / "leaf_angles.csv", angle_table(tiling.forest.whole))
         tiles = tiling.tiles
         table: dict[str, list[Any]] = {"tile": [t.name for t in tiles]}

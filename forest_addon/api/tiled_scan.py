@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..base.progress import Progress
+from ..formats.ownership import remove
 from ..results.coordinates import Offset
 from ..results.points import records
 from ..results.scan_parts import TileFiles, join_parts, read_note, write_part
@@ -94,7 +95,7 @@ class TiledScan:
         every: list[int] = self.pulses.pieces.tolist()
         if not resume:
             for piece in every:
-                self.path(piece).with_suffix(".json").unlink(missing_ok=True)
+                remove(self.path(piece).with_suffix(".json"))
             return every
         return [piece for piece in every if not self.is_made(piece)]
 

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ..formats.digits import write_numbers
 from ..formats.qsm import write_treeqsm
+from ..formats.table import write_numbers
 from .coordinates import on_the_map
 
 DECIMALS = (

@@ -362,6 +362,7 @@ REVERB = ResultKind(
     sentence=_sentence,
     story=_story,
     notes=_notes,
+    files=(".wav", ".npz"),
     write=_write,
     endings=(".wav", ".npz", ".csv", ".sofa"),
     save=_save,

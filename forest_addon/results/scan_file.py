@@ -23,6 +23,7 @@ import numpy as np
 
 from ..base.progress import Progress
 from ..formats.atomic import replacing
+from ..formats.ownership import claim
 from ..formats.ply import PlyFile, StoredRows
 from ..sensing.lidar.cloud import Lost, together
 from ..sensing.lidar.scan import Scan
@@ -90,8 +91,12 @@ def write_scan(
     state = ScanState(_digest(scan, seed, offset), scan.pulses, at_once or scan.at_once)
     stem = path.name[: -len(kind) - 1]
     noted, partial = (path.with_name(f"{stem}.partial.{end}") for end in ("json", "ply"))
+    claim(path, noted)
+    claim(partial, ours=noted.is_file())  # a note of ours says how far it is
     if resume and noted.is_file():
         state = _resumed(noted, state)
+    else:
+        _note(noted, state)
     begin = state.done
     point = BOUNCED if scan.scanner.bounces else POINT
     file = PlyFile(partial, point, comments_of(scan.scanner, seed), keep=state.points)
@@ -120,9 +125,13 @@ def _saved(file: PlyFile, noted: Path, state: ScanState, rows: Sequence[np.ndarr
     """Put rows of finished chunks on the disk, and note how far the scan is."""
     file.append(np.concatenate(rows))
     state = dataclasses.replace(state, points=file.count)
+    _note(noted, state)
+    return state
+
+
+def _note(noted: Path, state: ScanState) -> None:
     with replacing(noted) as text:
         text.write_text(json.dumps(dataclasses.asdict(state)) + "\n", encoding="utf-8")
-    return state
 
 
 def format_of(path: Path) -> str:
@@ -146,7 +155,8 @@ def comments_of(scanner: Scanner, seed: int) -> tuple[str, ...]:
 def finish(file: PlyFile, path: Path, kind: str, crs: str) -> None:
     """Turn a partial file of records into the file that was asked for."""
     if kind == "ply":
-        file.path.replace(path)
+        with replacing(path) as partial:
+            file.path.replace(partial)
         return
     if kind == "npz":
         write_npz_rows(path, file.rows())

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from ..base.progress import Progress
-from ..formats.atomic import replacing
+from ..formats.atomic import partial_of, replacing
 from ..formats.ply import PlyFile
 from ..sensing.lidar.cloud import Lost, together
 from ..spec import Scanner
@@ -105,7 +105,7 @@ def join_parts(
     kind, comments = format_of(path), comments_of(scanner, seed)
     arrays = [rows_of(part) for part in parts]
     total, lost = sum(map(len, arrays)), _all_lost(parts)
-    partial = path.with_name(f"{path.name[: -len(kind) - 1]}.joining.ply")
+    partial = partial_of(path.with_name(f"{path.name[: -len(kind) - 1]}.joining.ply"))
     file = PlyFile(partial, POINT, comments) if tiles is None or not tiles.alone else None
     made: dict[int, int] = {}
     done = 0
@@ -186,4 +186,4 @@ def _deal(
 
 
 def _of_tile(tiles: TileFiles, tile: int) -> Path:
-    return tiles.folder / f"{tiles.grid.name(tile)}.joining.ply"
+    return partial_of(tiles.folder / f"{tiles.grid.name(tile)}.joining.ply")

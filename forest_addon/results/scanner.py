@@ -179,6 +179,7 @@ SCANNER = ResultKind(
     title=_title,
     story=_story,
     notes=_notes,
+    files=(".laz", ""),
     write=_write,
     endings=ENDINGS,
     save=_save,

@@ -243,6 +243,7 @@ SONAR = ResultKind(
     story=_story,
     notes=_notes,
     doubts=_doubts,
+    files=(".npz", ".wav", "-heard.npz"),
     write=_write,
     endings=(".wav", ".npz", ".csv"),
     save=_save,

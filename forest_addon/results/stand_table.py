@@ -16,6 +16,7 @@ from typing import TextIO
 import numpy as np
 
 from ..formats.atomic import replacing
+from ..formats.table import quoted
 from ..stand.plan import Stand
 from .coordinates import note_of
 
@@ -89,6 +90,7 @@ def _rows(stand: Stand, offset: Sequence[float]) -> Iterator[Iterator[tuple]]:
 
 
 def _quoted(label: str) -> str:
+    label = quoted(label)
     if any(c in label for c in ',"\n\r'):
         return '"' + label.replace('"', '""') + '"'
     return label

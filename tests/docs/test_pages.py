@@ -217,6 +217,6 @@ def test_the_scene_file_page_has_every_key():
 
 
 def test_the_benchmarks_say_what_their_picture_assumes():
-    from headless.studies.bench.frontier import ASSUMPTIONS
+    from studies.bench.frontier import ASSUMPTIONS
 
     assert ASSUMPTIONS in TEXT[DOCS / "benchmarks.md"]

@@ -26,7 +26,7 @@ PLANTING = '[[plantings]]\nspecies = "{}"\nexpected = 20\nexact = true\n'
 @pytest.fixture
 def no_matplotlib(monkeypatch):
     """As if neither were installed; what was imported before is forgotten meanwhile."""
-    drawing_ones = ("forest_addon.drawing.", "headless.report.", "headless.studies.")
+    drawing_ones = ("forest_addon.drawing.", "headless.report.", "studies.")
     for name in list(sys.modules):
         if name.split(".")[0] in report.DRAWERS or name.startswith(drawing_ones):
             monkeypatch.delitem(sys.modules, name)

@@ -49,7 +49,10 @@ HARMLESS = {
     *("add_distance", "add_gaussian", "add_raster", "add_stems", "new_seed", "remove_distance"),
     *("remove_raster", "remove_stems", "save_scene", "make_library", "add_library"),
 }
-READING = {"save_scene", "export_others", "select_result", "show_picture", "play", "clear_cache"}
+READING = {
+    *("save_scene", "export_others", "export_result", "show_result", "select_result", "play"),
+    *("show_picture", "clear_cache"),
+}
 LONG = "Wäldchen-森-" * 20  # more than the 63 bytes of a name, or 255 in Blender 5
 
 
@@ -81,6 +84,9 @@ def arguments(name, folder):
         "play": {"sensor": "reverb"},
         "select_result": {"shown": "cloud points"},
         "show_picture": {"result": "echo"},
+        "show_result": {"result": "cloud"},
+        "export_result": {"result": "cloud", "filepath": str(folder / "cloud.ply")},
+        "remove_result": {"result": "cloud"},
     }.get(name, {})
 
 
