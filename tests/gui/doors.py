@@ -9,7 +9,6 @@ from drive import (
     Scenario,
     Steps,
     escape,
-    has_view,
     idle,
     in_view,
     middle,
@@ -37,14 +36,14 @@ def at_rest() -> Scenario:
 def opened(steps: Steps, name: str, act: Callable[[], object]) -> Scenario:
     """A menu or a dialog, photographed; Escape leaves all as it is."""
     steps.step(name)
-    point_at(*middle())  # a dialog that the mouse is not over closes
+    place = middle()
+    point_at(*place)  # a dialog that the mouse is not over closes
     yield 0.5
     act()
     yield from at_rest()
     assert idle()
     steps.end()
-    yield from escape()
-    yield from wait_for(has_view, 20, "the view")
+    yield from escape(place)
     assert idle()
 
 

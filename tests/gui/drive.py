@@ -185,11 +185,12 @@ def has_view() -> bool:
     return any(area.type == "VIEW_3D" for area in areas)
 
 
-def escape() -> Scenario:
-    """Close what is open over the view, also a menu that was opened by a script."""
+def escape(place: tuple[int, int]) -> Scenario:
+    """Close what is open there, also a menu that was opened by a script or a file browser."""
     for _ in range(2):
-        key("Escape", at=middle())
+        key("Escape", at=place)
         yield 1
+    yield from wait_for(has_view, 20, "the view")
 
 
 def turn(seconds: float) -> Generator[float, None, float]:
@@ -214,30 +215,35 @@ def wait_for(condition: Callable[[], bool], seconds: float, what: str) -> Scenar
         yield 0.1
 
 
+def xdotool(*words: str) -> None:
+    """Mouse and keys."""
+    subprocess.run(["xdotool", *words], check=True)
+
+
 def point_at(x: int, y: int) -> None:
     """Move the mouse to a place of the window, counted from its lower left as Blender does."""
-    subprocess.run(["xdotool", "mousemove", str(x), str(_from_above(y))], check=True)
+    high = int(bpy.context.window_manager.windows[0].height)
+    xdotool("mousemove", str(x), str(high - y))
 
 
 def click(x: int, y: int) -> None:
-    """Click with the left button."""
-    place = [str(x), str(_from_above(y))]
-    subprocess.Popen(["xdotool", "mousemove", *place, "sleep", "0.2", "click", "1"])
+    """Click with the left button, a moment later: Blender first sees what is below the mouse."""
+    point_at(x, y)
+    subprocess.Popen(["xdotool", "sleep", "0.2", "click", "1"])
 
 
 def key(name: str, at: tuple[int, int] | None = None) -> None:
     """Press a key, over a place of the window."""
     if at is not None:
         point_at(*at)
-    subprocess.Popen(["xdotool", "sleep", "0.2", "key", name] if at else ["xdotool", "key", name])
+    subprocess.Popen(["xdotool", "sleep", "0.2" if at else "0", "key", name])
 
 
 def scroll(region: bpy.types.Region, notches: int) -> None:
     """Turn the wheel over a region, down or up, at its edge: lists within it take it for themselves."""
     point_at(region.x + 4, region.y + region.height // 2)
     wheel = "5" if notches > 0 else "4"
-    turn = ["xdotool", "click", "--repeat", str(abs(notches)), "--delay", "20", wheel]
-    subprocess.run(turn, check=True)
+    xdotool("click", "--repeat", str(abs(notches)), "--delay", "20", wheel)
 
 
 def settle() -> Scenario:
@@ -300,10 +306,6 @@ def find_tab(name: str) -> Generator[float, None, tuple[int, int]]:
             yield 0.2
             return x, y
     raise AssertionError(f"there is no tab {name}")
-
-
-def _from_above(y: int) -> int:
-    return int(bpy.context.window_manager.windows[0].height) - y
 
 
 def redraw() -> None:

@@ -9,10 +9,10 @@ from drive import (
     Scenario,
     Steps,
     click,
+    escape,
     find_button,
-    has_view,
     idle,
-    key,
+    middle,
     open_tab,
     ours,
     press,
@@ -82,13 +82,12 @@ def scenario(steps: Steps) -> Scenario:
 
     steps.step("the cloud is exported")
     bpy.context.preferences.view.filebrowser_display_type = "SCREEN"
+    place = middle()
     press("forest.export_result", result=name)
     yield from settle()
     yield 1
     steps.step("back to the view")
-    window = bpy.context.window_manager.windows[0]
-    key("Escape", at=(window.width // 2, window.height // 2))
-    yield from wait_for(has_view, 20, "the view")
+    yield from escape(place)
 
     steps.step("the file reopened")
     path = steps.folder / "my-forest.blend"
