@@ -10,7 +10,6 @@ from drive import (
     Steps,
     escape,
     idle,
-    in_view,
     middle,
     open_tab,
     point_at,
@@ -48,7 +47,7 @@ def opened(steps: Steps, name: str, act: Callable[[], object]) -> Scenario:
 
 
 def menu(name: str) -> Callable[[], None]:
-    return lambda: in_view(bpy.ops.wm.call_menu, name=f"FOREST_MT_{name}")
+    return lambda: press("wm.call_menu", invoke=False, name=f"FOREST_MT_{name}")
 
 
 def rendered(engine: str, path: str) -> float:

@@ -158,19 +158,12 @@ def open_tab(name: str) -> Scenario:
 
 
 def press(operator: str, invoke: bool = True, **settings: object) -> set[str]:
-    """Run an operator in the 3D view, as its button does."""
+    """Run an operator in the 3D view, as its button does or at once."""
     window, area, main, _ = view()
     room, _, verb = operator.partition(".")
     with bpy.context.temp_override(window=window, area=area, region=main):
         run = getattr(getattr(bpy.ops, room), verb)
         return run("INVOKE_DEFAULT", **settings) if invoke else run(**settings)
-
-
-def in_view(operator: Callable[..., object], *words: str, **settings: object) -> None:
-    """Run one of Blender's operators in the 3D view."""
-    window, area, main, _ = view()
-    with bpy.context.temp_override(window=window, area=area, region=main):
-        operator(*words, **settings)
 
 
 def middle() -> tuple[int, int]:
@@ -200,7 +193,7 @@ def turn(seconds: float) -> Generator[float, None, float]:
     """
     frames, began = 0, time.perf_counter()
     while frames < 3 or time.perf_counter() - began < seconds:
-        in_view(bpy.ops.view3d.view_orbit, angle=0.1, type="ORBITLEFT")
+        press("view3d.view_orbit", invoke=False, angle=0.1, type="ORBITLEFT")
         yield 0.0
         frames += 1
     return (time.perf_counter() - began) / frames
@@ -280,14 +273,9 @@ def seek(command: str, *columns: float) -> Generator[float, None, tuple[int, int
                 if not bpy.ops.ui.copy_python_command_button.poll():
                     continue
                 bpy.ops.ui.copy_python_command_button()
-            if window_text().startswith(f"bpy.ops.{command}"):
+            if bpy.context.window_manager.clipboard.startswith(f"bpy.ops.{command}"):
                 return x, y
     return None
-
-
-def window_text() -> str:
-    """What is in the clipboard."""
-    return str(bpy.context.window_manager.clipboard)
 
 
 def find_tab(name: str) -> Generator[float, None, tuple[int, int]]:
@@ -306,12 +294,6 @@ def find_tab(name: str) -> Generator[float, None, tuple[int, int]]:
             yield 0.2
             return x, y
     raise AssertionError(f"there is no tab {name}")
-
-
-def redraw() -> None:
-    """Lay out and draw the sidebar now."""
-    view()[3].tag_redraw()
-    in_view(bpy.ops.wm.redraw_timer, type="DRAW_WIN_SWAP", iterations=1)
 
 
 def open_every_panel() -> None:
@@ -335,7 +317,8 @@ def files_touched() -> list[str]:
             touched.append(f"{event} {given[0]}")
 
     sys.addaudithook(note)  # stays, and says nothing after this
-    redraw()
+    view()[3].tag_redraw()
+    press("wm.redraw_timer", invoke=False, type="DRAW_WIN_SWAP", iterations=1)
     watching = False
     return touched
 

@@ -10,7 +10,6 @@ from __future__ import annotations
 import json
 import re
 import shutil
-import statistics
 import subprocess
 import sys
 import time
@@ -22,7 +21,6 @@ ROOT = Path(__file__).resolve().parents[2]
 OUT = ROOT / "out" / "gui"
 SECONDS = 900  # for a scenario
 SCENARIOS = ("doors", "session", "ten_clicks", "large", "looking", "working", "planting", "road")
-STARTS = 3
 
 
 def main() -> int:
@@ -52,24 +50,8 @@ def main() -> int:
         if done.returncode:
             print(f"{done.stdout[-3000:]}\nFAILED: {failure}")
             return 1
-    named = [name for name in SCENARIOS if name in sys.argv[1:]]
-    if not named:
-        print(f"starting Blender takes {_longer(blender):.2f} s longer with the add-on")
-    return max([_play(blender, name) for name in named or SCENARIOS])
-
-
-def _longer(blender: Blender) -> float:
-    """Seconds by which the installed add-on makes Blender start later: of medians, without a window."""
-    taken: dict[str, list[float]] = {"user": [], "empty": []}
-    for _ in range(STARTS):
-        for folder, seconds in taken.items():
-            began = time.perf_counter()
-            resources = f"{blender.inside}/{folder}"
-            blender.run(
-                blender.program, "-b", "--python-expr", "pass", BLENDER_USER_RESOURCES=resources
-            )
-            seconds.append(time.perf_counter() - began)
-    return statistics.median(taken["user"]) - statistics.median(taken["empty"])
+    named = [name for name in SCENARIOS if name in sys.argv[1:]] or SCENARIOS
+    return max([_play(blender, name) for name in named])
 
 
 def _play(blender: Blender, name: str) -> int:

@@ -19,7 +19,6 @@ from drive import (
     click,
     files_touched,
     idle,
-    in_view,
     key,
     middle,
     open_every_panel,
@@ -107,7 +106,7 @@ def a_copy_is_chosen() -> Scenario:
     sensors = echo.users_collection[0].objects
     choose(echo)
     props().active_sensor = list(sensors).index(echo)
-    in_view(bpy.ops.object.duplicate)
+    press("object.duplicate", invoke=False)
     yield 0.5
     assert sensors[props().active_sensor].name == "bat.001"
     assert ours("ui.shell.chosen").chosen_sensor(bpy.context).name == "bat.001"
@@ -173,7 +172,7 @@ def scenario(steps: Steps) -> Scenario:
     assert places() != stood
 
     steps.step("undo brings the old forest back")
-    in_view(bpy.ops.ed.undo)
+    press("ed.undo", invoke=False)
     yield 1
     bpy.context.view_layer.update()
     assert places() == stood
@@ -201,8 +200,8 @@ def scenario(steps: Steps) -> Scenario:
 
     steps.step("undo takes the hill back, and Live lets it be")
     standing = props().built
-    in_view(bpy.ops.ed.undo)  # the build
-    in_view(bpy.ops.ed.undo)  # the drag
+    press("ed.undo", invoke=False)  # the build
+    press("ed.undo", invoke=False)  # the drag
     yield 2
     hill = props().plantings[0].gaussians[1]
     assert tuple(hill.handle.location[:2]) == tuple(hill.centre) == was
