@@ -136,16 +136,17 @@ def reader(tmp_path, monkeypatch, empty_blender):
 
 
 RUN_ELSEWHERE = {"dataset", "index", "architecture"}
-PLAYED = [page for page in PAGES if page in GUIDES or page.stem not in RUN_ELSEWHERE]
+TUTORIALS = [page for page in [*GUIDES, DOCS / "stand.md"] if guides.steps(page)]
+SNIPPETS = [page for page in PAGES if blocks(page, "python") and page.stem not in RUN_ELSEWHERE]
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "page", [page for page in PLAYED if blocks(page, "python")], ids=lambda page: page.stem
+    "page", dict.fromkeys(TUTORIALS + SNIPPETS), ids=lambda page: page.relative_to(ROOT).as_posix()
 )
 def test_its_code_and_commands_run(page, reader):
     """As printed, in order; a tutorial's commands, too."""
-    if page in GUIDES or page.stem == "stand":
+    if page in TUTORIALS:
         wanted, play = TEXT[page], lambda: guides.play(page)
     else:
         code = [text for text in blocks(page, "python") if "stable_baselines3" not in text]
@@ -157,7 +158,7 @@ def test_its_code_and_commands_run(page, reader):
 
 def test_every_tutorial_says_what_it_takes():
     tasks = guides.TASKS.read_text(encoding="utf-8")
-    played = [page for page in GUIDES if guides.steps(page)]
+    played = [page for page in TUTORIALS if page in GUIDES]
     assert len(played) >= 9
     cost = re.compile(r"Takes (.*?) of one core, (.*?) of memory, (.*?) of")
     for page in played:
