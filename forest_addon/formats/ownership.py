@@ -15,8 +15,6 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from ..spec import SpecError
-
 RECORD = ".forest-sensing.jsonl"
 ADVICE = "choose another --out, or --force to replace it"
 
@@ -57,7 +55,7 @@ class Keeper:
         with suppress(OSError):  # it is not there, or is a link to nothing
             found = os.stat(path)
             if any(os.path.samestat(found, read) for read in self._read):
-                raise SpecError(str(path), "is read by this command; choose another --out")
+                raise _refusal(str(path), "is read by this command; choose another --out")
 
     def claim(self, path: Path, ours: bool = False) -> None:
         """Make sure that a file may be replaced or removed. ours : another record says that it may.
@@ -73,7 +71,7 @@ class Keeper:
         if ours or self._is_ours(place):
             return
         if not self._force:
-            raise SpecError(str(path), f"is not what Forest Sensing wrote there; {ADVICE}")
+            raise _refusal(str(path), f"is not what Forest Sensing wrote there; {ADVICE}")
         self._say(f"--force: {path} is replaced")
 
     def writes(self, path: Path, content: Path) -> None:
@@ -91,7 +89,9 @@ class Keeper:
         """Remove what this command left in its folder before and did not write this time."""
         removed: list[str] = []
         root = self._root
-        for line in [] if root is None else self._lines_of(root / RECORD):
+        if root is None:
+            return removed
+        for line in self._lines_of(root / RECORD):
             place = _place(root / line["file"])
             mine = line["command"] == self._command and place not in self.written
             if mine and place.is_relative_to(root) and self._is_ours(place):
@@ -111,8 +111,9 @@ class Keeper:
         )
 
     def _record_of(self, place: Path) -> Path:
-        inside = self._root is not None and place.is_relative_to(self._root)
-        return (self._root if inside else place.parent) / RECORD
+        root = self._root
+        inside = root is not None and place.is_relative_to(root)
+        return (root if root is not None and inside else place.parent) / RECORD
 
     def _lines_of(self, record: Path) -> list[dict[str, str]]:
         """Lines of a record, read again where another process has added some.
@@ -130,7 +131,7 @@ class Keeper:
             if not all(isinstance(line[key], str) for line in lines for key in KEYS):
                 raise TypeError
         except (ValueError, KeyError, TypeError):
-            raise SpecError(str(record), "is no record of Forest Sensing; move it away") from None
+            raise _refusal(str(record), "is no record of Forest Sensing; move it away") from None
         self._lines[record] = (size, lines)
         return lines
 
@@ -157,8 +158,9 @@ def claim(*paths: Path, ours: bool = False) -> None:
     ------
     SpecError : one is the user's.
     """
-    for path in paths if _keeper is not None else ():
-        _keeper.claim(path, ours)
+    if _keeper is not None:
+        for path in paths:
+            _keeper.claim(path, ours)
 
 
 def writes(path: Path, content: Path) -> None:
@@ -169,8 +171,9 @@ def writes(path: Path, content: Path) -> None:
 
 def reads(paths: Iterable[str | os.PathLike[str]]) -> None:
     """Note files that are read, and so are not written."""
-    for path in paths if _keeper is not None else ():
-        _keeper.reads(path)
+    if _keeper is not None:
+        for path in paths:
+            _keeper.reads(path)
 
 
 def remove(path: Path) -> None:
@@ -188,6 +191,12 @@ def digest_of(path: Path) -> str:
     """SHA-256 of a file."""
     with open(path, "rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _refusal(path: str, problem: str) -> ValueError:
+    from ..spec import SpecError  # here: Ctrl-C is listened for before what takes long is imported
+
+    return SpecError(path, problem)
 
 
 def _place(path: Path) -> Path:

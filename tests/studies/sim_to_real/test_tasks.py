@@ -6,8 +6,14 @@ import stat
 import numpy as np
 import pytest
 
-from studies.sim_to_real.task_page import task_subject
-from studies.sim_to_real.tasks import TaskFindings, errors_of, matched, run_tasks, run_tool
+from studies.sim_to_real.tasks import (
+    TaskFindings,
+    errors_of,
+    matched,
+    run_tasks,
+    run_tool,
+    task_subject,
+)
 
 TRUTH = np.array([[0.0, 0.0, 0.2, 15.0], [5.0, 0.0, 0.3, 18.0], [0.0, 5.0, 0.1, 9.0]])
 
@@ -23,13 +29,6 @@ def test_each_stem_is_paired_once_and_what_is_far_is_none():
     assert errors["dbh"] == pytest.approx([0.01])  # 0 is: it could not tell
     assert errors["height"] == pytest.approx([0.5, -1.0])
     assert errors["place"] == pytest.approx([0.2, np.hypot(0.1, 0.1)])
-
-
-def test_nothing_told_is_nothing_found():
-    trees, false = matched("plot", "pine", TRUTH, np.empty((0, 4)))
-    assert len(trees) == 3
-    assert false == 0
-    assert not len(errors_of(trees)["height"])
 
 
 def _tool(folder, words):

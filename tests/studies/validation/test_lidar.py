@@ -13,9 +13,16 @@ from forest_addon.formats.las import read_las
 from forest_addon.spec import SpecError
 from studies.validation import lidar, own_cloud
 from studies.validation.own_cloud import CloudReturns, compare_own, read_cloud
-from studies.validation.stems import find_stems, ratios, read_plots, taubin
-from studies.validation.twigs import DIAMETERS, NONE, REAL
-from studies.validation.twigs import ratios as thicker
+from studies.validation.stems import (
+    DIAMETERS,
+    NONE,
+    REAL,
+    find_stems,
+    ratios,
+    read_plots,
+    taubin,
+    thicker,
+)
 
 
 def test_a_circle_through_an_arc_is_found_again():
@@ -40,11 +47,6 @@ def test_stems_are_told_from_bushes():
     centre, radius = find_stems(np.column_stack([points, height]), rng)
     assert np.allclose(np.sort(centre[:, 0]), [5.0, 9.0], atol=0.01)
     assert np.allclose(np.sort(radius), [0.1, 0.2], atol=0.005)
-
-
-def test_ratios_are_of_counts_by_range():
-    there = np.column_stack([np.repeat([5.0, 10.0, 15.0, 18.0], 10), np.ones(40)])
-    assert ratios(there, there[::2])[0].tolist() == [0.5] * 4
 
 
 @pytest.mark.slow
