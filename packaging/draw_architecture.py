@@ -27,12 +27,12 @@ ROWS = (
     (11, {"headless": (2, 60, SHELL), "ui": (64, 34, SHELL)}),
     (6, {"flight": (64, 34, SHELL)}),
     (6, {"api": (2, 96, SHELL)}),
-    (6, {"blender": (2, 46, SHELL)}),
-    (6, {"site": (2, 46, PURE), "results": (52, 46, FILES)}),
+    (6, {"blender": (2, 46, SHELL), "results": (52, 46, FILES)}),
+    (6, {"site": (2, 46, PURE), "drawing": (52, 46, FILES)}),
     (22, {"stand": (2, 27, PURE), "sensing": (31, 67, PURE)}),
     (21, {"growth": (2, 57, PURE), "acoustics": (62, 36, PURE)}),
-    (6, {"formats": (2, 96, BASE)}),
-    (6, {"spec": (2, 50, BASE), "base": (54, 44, BASE)}),
+    (6, {"formats": (2, 57, BASE)}),
+    (6, {"spec": (2, 40, BASE), "base": (46, 52, BASE)}),
 )
 GAP = 4
 # Wings within their room: left, top below that of the room, width, height.
