@@ -94,7 +94,7 @@ INSIDE = {
     "scaled_to": "forest_addon.growth.measured.crown:scaled_to",
     "curved": "forest_addon.growth.measured.curves:curved",
     "grow_measured": "forest_addon.growth.measured.meet:grow_measured",
-    "shoot_of": "forest_addon.growth.measured.needles:shoot_of",
+    "shoot_of": "forest_addon.growth.mesh.blades:shoot_of",
     "Kind": "forest_addon.growth.measured.wanted:Kind",
     "MOST_TIMES": "forest_addon.growth.measured.wanted:MOST_TIMES",
     "Wanted": "forest_addon.growth.measured.wanted:Wanted",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,15 +17,8 @@ from forest_addon.growth.mesh.meshing import mesh_wood
 from forest_addon.growth.own_tree.pieces import join_along, part
 from forest_addon.growth.own_tree.recognise import LeanError, Recognition, TemplateError, recognise
 from forest_addon.growth.own_tree.template import split_tree
-from forest_addon.growth.skeleton import Skeleton
+from forest_addon.growth.skeleton import Skeleton, depths
 from forest_addon.growth.tree import grow
-
-
-def orders(parent: np.ndarray) -> np.ndarray:
-    order = np.zeros(len(parent), dtype=int)
-    for _ in range(len(parent)):
-        order = np.where(parent < 0, 0, order[parent] + 1)
-    return order
 
 
 def corners(facets: np.ndarray) -> np.ndarray:
@@ -71,7 +65,7 @@ def test_a_box_modelled_tree_is_cut_at_its_forks() -> None:
 def test_feet_reach_into_the_mother_and_holes_are_closed() -> None:
     found = recognise(box_tree().facets())
     hangs = found.parent >= 0
-    assert np.all(found.hierarchy.gap[hangs] <= 0.2 * found.radius[hangs])
+    assert np.all(found.gap[hangs] <= 0.2 * found.radius[hangs])
     for piece in range(found.wood.count):
         own = found.wood.triangles[found.wood.piece == piece].astype(np.int64)
         edges = np.sort(np.concatenate([own[:, [0, 1]], own[:, [1, 2]], own[:, [2, 0]]]), axis=1)
@@ -122,7 +116,7 @@ def test_some_parts_joined_and_some_apart() -> None:
         twigs.append(tube(line(foot, foot + at(0.1, 0.1, 0.5)), np.linspace(0.02, 0.01, 6)))
     found = recognise(np.concatenate([*twigs, model.facets()]))
     assert found.wood.count == len(model.rings) + 3
-    np.testing.assert_array_equal(np.bincount(orders(found.parent)), [1, 7, 4 + 3])
+    np.testing.assert_array_equal(np.bincount(depths(found.parent)), [1, 7, 4 + 3])
 
 
 def test_pieces_that_only_touch_stay_apart() -> None:
@@ -175,7 +169,7 @@ def test_a_remeshed_tree_has_the_branches_of_its_parts() -> None:
             model.radius[number] = 0.03
     joined = remeshed(model.wood(), 0.015)
     found = recognise(joined)
-    np.testing.assert_array_equal(np.bincount(orders(found.parent)), [1, 9, 18])
+    np.testing.assert_array_equal(np.bincount(depths(found.parent)), [1, 9, 18])
     number = np.array([np.argmin(np.linalg.norm(found.tip - tip, axis=1)) for tip in model.tip])
     assert len(np.unique(number)) == 28
     parents = np.array(model.parents)
@@ -208,28 +202,15 @@ def grown(name: str, thinnest: float) -> Skeleton:
     species, template = load_species(find_species(name, Path()))
     whole = grow(species, template, stream(1, "joined")).skeleton
     keep = whole.radius[:, 0] >= thinnest
-    for number in range(len(whole)):
-        if whole.parent[number] >= 0:
-            keep[number] &= keep[whole.parent[number]]
-    renumbered = np.cumsum(keep) - 1
-    return Skeleton(
-        start=whole.start[keep],
-        end=whole.end[keep],
-        radius=np.maximum(whole.radius[keep], 0.8 * thinnest),
-        parent=np.where(whole.parent[keep] < 0, -1, renumbered[whole.parent[keep]]),
-        order=whole.order[keep],
-        generation=whole.generation[keep],
-    )
-
-
-def lengths_by_order(skeleton: Skeleton) -> np.ndarray:
-    length = np.linalg.norm(skeleton.end - skeleton.start, axis=1)
-    return np.bincount(skeleton.order, length)
+    for number in np.flatnonzero(whole.parent >= 0):
+        keep[number] &= keep[whole.parent[number]]
+    kept = whole.some(keep)
+    return replace(kept, radius=np.maximum(kept.radius, 0.8 * thinnest))
 
 
 def axes_by_order(skeleton: Skeleton) -> np.ndarray:
-    mother = np.maximum(skeleton.parent, 0)
-    first = (skeleton.parent < 0) | (skeleton.order != skeleton.order[mother])
+    parent = np.maximum(skeleton.parent, 0)
+    first = (skeleton.parent < 0) | (skeleton.order != skeleton.order[parent])
     return np.bincount(skeleton.order[first])
 
 
@@ -242,9 +223,12 @@ def test_trees_of_our_growers_remeshed_keep_their_orders(name: str, thinnest: fl
     skeleton = grown(name, thinnest)
     mesh = mesh_wood(skeleton, 0.002)
     found = recognise(remeshed(mesh.vertices[mesh.triangles], 0.5 * thinnest))
-    order = orders(found.parent)
+    order = depths(found.parent)
     np.testing.assert_array_equal(np.bincount(order), axes_by_order(skeleton))
-    length, expected = np.bincount(order, found.lines.length()), lengths_by_order(skeleton)
+    length, expected = (
+        np.bincount(order, found.lines.length()),
+        np.bincount(skeleton.order, skeleton.length),
+    )
     thick = np.where(found.parent < 0, 0.0, found.radius[found.parent])
     assert np.all(np.abs(length - expected) <= 0.04 * expected + 0.5 * np.bincount(order, thick))
 
@@ -257,12 +241,12 @@ def test_limbs_that_leave_the_trunk_as_one_fork_where_they_part() -> None:
     mesh = mesh_wood(skeleton, 0.002)
     found = recognise(remeshed(mesh.vertices[mesh.triangles], 0.01))
     np.testing.assert_array_equal(axes_by_order(skeleton), [1, 8])
-    np.testing.assert_array_equal(np.bincount(orders(found.parent)), [1, 7, 1])
-    (late,) = np.flatnonzero(orders(found.parent) == 2)
+    np.testing.assert_array_equal(np.bincount(depths(found.parent)), [1, 7, 1])
+    (late,) = np.flatnonzero(depths(found.parent) == 2)
     away = np.linalg.norm((found.foot[late] - found.foot[found.parent[late]])[:2])
     assert 0.1 < away < 0.25
     assert found.lines.length()[found.trunk] == pytest.approx(
-        lengths_by_order(skeleton)[0], rel=0.01
+        np.bincount(skeleton.order, skeleton.length)[0], rel=0.01
     )
 
 
@@ -296,8 +280,8 @@ def test_a_weeping_tree_in_one_mesh_comes_back() -> None:
 
 def right_parents(skeleton: Skeleton, found: Recognition) -> np.ndarray:
     """Tell whether the piece of each axis hangs on the piece of its parent, at the right end."""
-    mother = np.maximum(skeleton.parent, 0)
-    begins = (skeleton.parent < 0) | (skeleton.order != skeleton.order[mother])
+    bearer = np.maximum(skeleton.parent, 0)
+    begins = (skeleton.parent < 0) | (skeleton.order != skeleton.order[bearer])
     first, axis = np.flatnonzero(begins), np.cumsum(begins) - 1
     last = first.copy()
     for number in np.flatnonzero(~begins):
@@ -310,7 +294,7 @@ def right_parents(skeleton: Skeleton, found: Recognition) -> np.ndarray:
     assert len(np.unique(piece)) == len(first) == found.wood.count
     parent = skeleton.parent[first]
     expected = np.where(parent < 0, -1, piece[axis[parent]])
-    return np.asarray((found.parent[piece] == expected) & (found.hierarchy.foot_end[piece] == end))
+    return np.asarray((found.parent[piece] == expected) & (found.foot_end[piece] == end))
 
 
 @pytest.mark.slow

@@ -1,20 +1,36 @@
-"""Templates cut from trees of known structure, hard cases, and the maple of T20."""
+"""Templates cut from trees of known structure, and hard cases; leaves for a tree without; grafted trees.
+tree without leaves. A grown tree: what it is made of, its truth, its independence of everything else.
+"""
 
 from __future__ import annotations
 
+import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from references.model_tree import UP, Model, at, blade, line, tree, tube
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
 
+from forest_addon.base.places import ASSETS
+from forest_addon.base.rng import stream
 from forest_addon.base.trimesh import LEAF, WOOD, TriMesh
 from forest_addon.formats.stl import read_stl
+from forest_addon.growth.library.species_file import load_species
+from forest_addon.growth.mesh.blades import SHAPES
+from forest_addon.growth.mesh.leaves import measure_leaves
 from forest_addon.growth.own_tree import template
 from forest_addon.growth.own_tree.recognise import TemplateError, recognise
-from forest_addon.growth.own_tree.template import split_tree
+from forest_addon.growth.own_tree.template import GraftSite, dress, graft, prepare, split_tree
+from forest_addon.growth.tree import grow
+from forest_addon.spec import Leaf, Normal, Template
 
 MAPLE = Path(__file__).resolve().parents[4] / "shared" / "data" / "maple"
+DRESSED = Leaf(
+    length=Normal(mean=0.08, sd=0.0), width_ratio=Normal(mean=0.5, sd=0.0), nodes=3, per_node=2
+)
 
 
 # --------------------------------------------------------------------------------- what is cut
@@ -41,6 +57,8 @@ def test_templates_are_the_facets_of_their_branch_in_the_canonical_frame() -> No
     split = split_tree(model.wood(), model.leaves())
     assert len(split.branches) == 9
     assert split.unit == 1.0
+    trunk = facets_of(split.trunk, WOOD)  # stands on the origin
+    np.testing.assert_allclose(trunk, model.tubes[0] - model.foot[0], atol=2e-3)
     assert (split.wood_components, split.leaf_count, split.unattached_leaves, split.stubs) == (
         28,
         63,
@@ -79,12 +97,6 @@ def test_templates_are_the_facets_of_their_branch_in_the_canonical_frame() -> No
         assert branch.base_radius == pytest.approx(0.07, rel=0.1)
         assert branch.height == pytest.approx(share, abs=0.003)
         assert branch.angle == pytest.approx(angle, abs=0.02)
-
-
-def test_trunk_stands_on_the_origin() -> None:
-    model = tree()
-    trunk = split_tree(model.wood()).trunk
-    np.testing.assert_allclose(facets_of(trunk, WOOD), model.tubes[0] - model.foot[0], atol=2e-3)
 
 
 def test_height_sets_the_unit() -> None:
@@ -280,31 +292,23 @@ def test_leaves_that_are_none_are_refused() -> None:
 # --------------------------------------------------------------------------------- a tree of others
 
 
-def parts_by_shared_corners(facets: np.ndarray) -> list[set[int]]:
-    """Facets of each connected part, by plain union-find over identical corners."""
-    leader = list(range(len(facets)))
-
-    def lead(item: int) -> int:
-        while leader[item] != item:
-            leader[item] = leader[leader[item]]
-            item = leader[item]
-        return item
-
-    seen: dict[tuple[float, ...], int] = {}
-    for number, facet in enumerate(facets.tolist()):
-        for corner in facet:
-            other = seen.setdefault(tuple(corner), number)
-            leader[lead(number)] = lead(other)
-    parts: dict[int, set[int]] = {}
-    for number in range(len(facets)):
-        parts.setdefault(lead(number), set()).add(number)
-    return list(parts.values())
+def parts_by_shared_corners(facets: np.ndarray) -> list[np.ndarray]:
+    """Facets of each connected part, by identical corners."""
+    _, corner = np.unique(facets.reshape(-1, 3), axis=0, return_inverse=True)
+    facet = np.repeat(np.arange(len(facets)), 3)
+    links = coo_matrix(
+        (np.ones(len(facet)), (facet, len(facets) + corner.ravel())), (9 * len(facets),) * 2
+    )
+    part = connected_components(links, directed=False)[1][: len(facets)]
+    return [np.flatnonzero(part == number) for number in np.unique(part)]
 
 
 @pytest.fixture(scope="module")
 def maple() -> tuple[np.ndarray, np.ndarray]:
     if not MAPLE.is_dir():
-        pytest.skip(f"the maple of T20 is not at {MAPLE}; it has no licence to be shipped")
+        pytest.skip(
+            f"the maple of Tanveer et al. is not at {MAPLE}; it has no licence to be shipped"
+        )
     return read_stl(MAPLE / "maple_stem.stl"), read_stl(MAPLE / "maple_leaves.stl")
 
 
@@ -318,7 +322,7 @@ def test_maple_pieces(maple: tuple[np.ndarray, np.ndarray]) -> None:
     parts = parts_by_shared_corners(wood)
     assert found.wood.count == len(parts) == 244
     for facets in parts:
-        (piece,) = np.unique(found.wood.piece[list(facets)])
+        (piece,) = np.unique(found.wood.piece[facets])
         generation = {384: 0, 240: 1, 144: 2}[len(facets)]
         assert (piece == found.trunk) == (generation == 0)
         assert (found.parent[piece] == found.trunk) == (generation == 1)
@@ -362,3 +366,140 @@ def test_maple_templates(maple: tuple[np.ndarray, np.ndarray]) -> None:
         own = branch.mesh.vertices[branch.mesh.part[0] == WOOD]
         foot = np.linalg.norm(own, axis=-1)
         assert branch.base_radius / branch.length == pytest.approx(float(foot.min()), rel=0.35)
+
+
+@pytest.fixture(scope="module")
+def wood():
+    return read_stl(ASSETS / "templates" / "maple" / "wood.stl")
+
+
+@pytest.mark.medium
+@pytest.mark.parametrize("unit", [1.0, 0.1])
+def test_every_twig_bears_nodes_times_leaves_of_their_true_size(wood, unit):
+    facets = dress(wood / unit, DRESSED, SHAPES["ellipse"](), unit)
+    bare = recognise(wood)
+    twigs = np.setdiff1d(np.arange(len(bare.parent)), [*bare.parent, bare.trunk])
+    split = split_tree(wood, facets * unit)
+    assert split.leaf_count == len(twigs) * 6
+    assert split.unattached_leaves == 0
+    corner = facets.reshape(-1, 3) * unit
+    for tip in bare.tip[twigs]:
+        assert np.linalg.norm(corner - tip, axis=1).min() < 0.02
+    for branch in split.branches:
+        assert branch.leaves.length * branch.length == pytest.approx(0.08, rel=1e-3)
+        # The polygon has the area of the ellipse of 8 by 4 cm.
+        radius = np.sqrt(0.08 * 0.04) / 2
+        assert branch.leaves.radius * branch.length == pytest.approx(radius, rel=1e-3)
+
+
+@pytest.mark.slow
+def test_a_species_file_asks_for_them(tmp_path):
+    shutil.copy(ASSETS / "templates" / "maple" / "wood.stl", tmp_path)
+    text = 'name = "dressed"\n[template]\nwood = "wood.stl"\n'
+    (tmp_path / "bare.toml").write_text(text)
+    (tmp_path / "leafy.toml").write_text(text + 'grow_leaves = true\n[leaf]\nshape = "beech"\n')
+    bare, leafy = (load_species(tmp_path / f"{name}.toml") for name in ("bare", "leafy"))
+    assert bare[1].leaf_count == 0
+    assert leafy[1].leaf_count > 100
+    tree, again = (grow(*leafy, stream(1, "tree")) for _ in range(2))
+    assert len(tree.leaves) > 1000
+    assert np.array_equal(tree.mesh.vertices, again.mesh.vertices)
+
+
+@pytest.fixture(scope="module")
+def shared_maple():
+    return load_species(ASSETS / "species" / "maple.toml")
+
+
+@pytest.fixture(scope="module")
+def grown(shared_maple):
+    return grow(*shared_maple, stream(1, "tree"))
+
+
+def test_a_tree_stands_on_the_ground_with_its_trunk_upright(grown):
+    low = grown.mesh.vertices[:, 2].min()
+    assert -0.3 < low < 0  # sunk a little, so that no gap shows
+    foot = grown.mesh.vertices[np.abs(grown.mesh.vertices[:, 2]) < 0.02]
+    assert np.abs(foot[:, :2]).max() < 0.4
+    assert 7 < grown.height < 13
+    assert np.isfinite(grown.mesh.vertices).all()
+
+
+def test_the_skeleton_is_trunk_and_first_level_axes(grown, shared_maple):
+    grammar = shared_maple[0].grammar
+    assert set(grown.skeleton.order.tolist()) == {0, 1}
+    assert (grown.skeleton.order == 0).sum() == grammar.generations + 1
+    firsts = (grown.skeleton.order == 1) & (grown.skeleton.order[grown.skeleton.parent] == 0)
+    assert firsts.sum() == 2 * grammar.generations
+    assert grown.skeleton.radius[0, 0] == grammar.radius
+
+
+def test_the_truth_of_leaves_is_what_their_triangles_measure(grown):
+    again = measure_leaves(grown.mesh, grown.leaves.branch)
+    for name in ("centre", "normal", "radius"):
+        assert np.allclose(getattr(again, name), getattr(grown.leaves, name), atol=1e-9), name
+    assert (grown.mesh.part[grown.mesh.leaf >= 0] == LEAF).all()
+    assert (np.unique(grown.mesh.leaf) == np.arange(-1, len(grown.leaves))).all()
+    branches = 2 * 7 * 2 + 1  # symmetric pairs, generations, copies, and the tip
+    assert grown.leaves.branch.min() >= 0
+    assert grown.leaves.branch.max() < branches
+    # Leaves are as large as a maple's, on long branches and on short ones.
+    assert 0.10 < np.median(grown.leaves.length) < 0.16
+
+
+def test_leaves_reach_the_tips_and_fill_the_crown(grown):
+    crown = grown.leaves.centre
+    assert crown[:, 2].max() > 0.97 * grown.height
+    wood = grown.mesh.vertices[np.unique(grown.mesh.triangles[grown.mesh.part == WOOD])]
+    reach = np.linalg.norm(wood[:, :2], axis=1).max()
+    assert np.linalg.norm(crown[:, :2], axis=1).max() > 0.95 * reach
+
+
+def test_a_tree_is_a_function_of_its_stream_alone(shared_maple):
+    one, two = (grow(*shared_maple, stream(5, "tree", 3)) for _ in range(2))
+    assert (one.mesh.vertices == two.mesh.vertices).all()
+    other = grow(*shared_maple, stream(5, "tree", 4))
+    assert other.mesh.vertices.shape != one.mesh.vertices.shape or not np.array_equal(
+        other.mesh.vertices, one.mesh.vertices
+    )
+
+
+@pytest.mark.parametrize("generations", [0, 1, 9])
+def test_few_and_many_generations(shared_maple, generations):
+    species, template = shared_maple
+    species = replace(species, grammar=replace(species.grammar, generations=generations))
+    grown = grow(species, template, stream(2, "tree"))
+    assert np.isfinite(grown.mesh.vertices).all()
+    assert grown.skeleton.order.max() == min(generations, 1)
+
+
+def test_a_graft_starts_at_its_site_and_ends_at_its_length(shared_maple):
+    scion = prepare(shared_maple[1].branches[0])
+    direction = np.array([0.36, 0.48, 0.8])
+    site = GraftSite(np.array([1.0, 2.0, 3.0]), direction, 4.0)
+    mesh, _, _ = graft(scion, site, 0.0, 0.0, stream(0, "graft"))
+    wood = mesh.vertices[np.unique(mesh.triangles[mesh.part == WOOD])] - site.foot
+    assert np.linalg.norm(wood, axis=1).min() < 0.1
+    end = np.linalg.norm(wood - 4.0 * direction, axis=1).min()
+    assert end < 0.05
+
+
+@pytest.mark.medium
+def test_the_papers_own_maple_gives_trees_too(maple, shared_maple):
+    template = split_tree(*maple, height=12.0)
+    species = replace(shared_maple[0], template=Template(wood="maple_stem.stl", height=12.0))
+    grown = grow(species, template, stream(3, "tree"))
+    assert len(grown.leaves) > 1000
+    assert 7 < grown.height < 14
+    assert np.isfinite(grown.mesh.vertices).all()
+
+
+def test_as_many_templates_as_nodes_match_one_to_one(shared_maple):
+    species, template = shared_maple
+    species = replace(species, grammar=replace(species.grammar, generations=2, copies=1))
+    sites = 2 * 2 * 1 + 1
+    five = replace(template, branches=template.branches[:sites])
+    assert len(five.branches) == sites
+    grown = grow(species, five, stream(4, "tree"))
+    per_branch = np.bincount(grown.leaves.branch, minlength=sites)
+    assert (per_branch > 0).all()

@@ -1,4 +1,9 @@
-"""Parametric and stochastic rewriting: strings of the papers, plain rewriting, chances, refusals."""
+"""Parallel rewriting against Tanveer et al.'s strings and a plain string rewriter. Parametric and
+stochastic rewriting: strings of the papers, plain rewriting, chances, refusals. Arithmetic of
+productions against Python's own, and refusals.
+"""
+
+import math
 
 import numpy as np
 import pytest
@@ -8,7 +13,7 @@ from scipy.stats import chi2
 
 from forest_addon.base.rng import stream
 from forest_addon.growth.lsystem import system as engine
-from forest_addon.growth.lsystem.expression import ExpressionError
+from forest_addon.growth.lsystem.expression import ExpressionError, parse_expression
 from forest_addon.growth.lsystem.system import (
     GrammarError,
     Notation,
@@ -17,10 +22,66 @@ from forest_addon.growth.lsystem.system import (
     read_system,
     rewrite,
 )
+from forest_addon.growth.lsystem.tanveer import string_of
+from forest_addon.spec import Grammar
 
+symbols = st.sampled_from("abcd[]")
 S = Notation(tagged="I")
 APPLE = ["F -> InIn[t+InIn+F]In[T-InF]InF"]
 FALSE_ALARM = 1e-6  # chance that a distribution test fails though all is well
+leaf = st.one_of(st.integers(0, 9).map(str), st.sampled_from(["l", "w2", "1.5", ".25", "2e-1"]))
+tree = st.recursive(
+    leaf,
+    lambda inner: st.one_of(
+        st.tuples(inner, st.sampled_from("+-*"), inner).map(" ".join),
+        inner.map(lambda a: f"({a})"),
+        inner.map(lambda a: f"(-{a})"),
+        st.tuples(inner, inner).map(lambda p: f"max({p[0]}, {p[1]})"),
+        st.tuples(inner, st.sampled_from(["<", "<=", "==", "!="]), inner).map(
+            lambda p: f"({p[0]} {p[1]} {p[2]})"
+        ),
+    ),
+    max_leaves=12,
+)
+
+
+def tanveer(generations):
+    return string_of(Grammar(generations=generations)).tobytes().decode("latin-1")
+
+
+def rewrite_plainly(text, rules, generations):
+    for _ in range(generations):
+        text = "".join(rules.get(c, c) for c in text)
+    return text
+
+
+def test_strings_as_printed_in_the_paper():
+    assert tanveer(1) == "d(g)[g)+g)"
+    assert tanveer(2) == "d(d(g)[g)+g)[d(g)[g)+g)+d(g)[g)+g)"
+
+
+@pytest.mark.parametrize("n", range(1, 8))
+def test_there_are_three_to_the_n_tips(n):
+    text = tanveer(n)
+    assert text.count("g") == 3**n
+    assert text.count("(") + text.count("[") + 1 == text.count(")")
+
+
+@given(
+    axiom=st.text(symbols, min_size=0, max_size=6),
+    rules=st.dictionaries(symbols, st.text(symbols, max_size=4), max_size=4),
+    generations=st.integers(0, 4),
+)
+def test_any_grammar_equals_plain_rewriting(axiom, rules, generations):
+    texts = [f"{symbol} -> {successor}" for symbol, successor in rules.items()]
+    system = read_system(axiom, texts, notation=Notation(parametric=False))
+    expected = rewrite_plainly(axiom, rules, generations)
+    assert rewrite(system, generations).codes.tobytes().decode("latin-1") == expected
+
+
+def test_a_derivation_that_would_not_fit_is_refused_with_its_length():
+    with pytest.raises(ValueError, match=r"[\d,]{20,} symbols, more than 50,000,000"):
+        rewrite(read_system("g", ["g -> ggg"], notation=Notation(parametric=False)), 60)
 
 
 def test_s_strings_of_two_and_three_generations():
@@ -166,3 +227,69 @@ def test_bad_constants_and_divisions():
 @pytest.mark.parametrize("text", ["", "[" * 50_000 + "F" + "]" * 50_000])
 def test_empty_and_deep_strings(text):
     assert rewrite(read_system(text, ["F -> FF"]), 2).text() == text.replace("F", "FFFF")
+
+
+@pytest.mark.medium
+@given(tree)
+def test_any_expression_has_pythons_value(text):
+    known = {"l": 3.0, "w2": -0.5, "max": max}
+    expected = float(eval(text, {"__builtins__": {}}, known))  # the reference, on text drawn here
+    values = {"l": np.full(3, 3.0), "w2": np.full(3, -0.5)}
+    assert np.asarray(parse_expression(text, values)(values)) == pytest.approx(expected)
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        ("2^3^2", 512),
+        ("-2^2", -4),
+        ("2^-1", 0.5),
+        ("1 - 2 - 3", -4),
+        ("8/4/2", 1),
+        ("!0 && 3 > 2 || 0", 1),
+        ("not 1 or 1 and 0", 0),
+        ("sin(30)", 0.5),
+        ("sqrt(2)**2", 2),
+        ("min(1, max(2, 3)) + abs(-4)", 5),
+        ("l > 1 && l < 3", 1),
+        ("- - 2", 2),
+        ("exp(log(7))", 7),
+    ],
+)
+def test_ranks_and_functions(text, value):
+    assert float(parse_expression(text, ["l"])({"l": 2.0})) == pytest.approx(value)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("lenght * 2", 'did you mean "length"'),
+        ("__import__('os')", "__import__"),
+        ("l.real", "is not arithmetic"),
+        ("length +", "missing at the end"),
+        ("(length", "not closed"),
+        ("length)", "no bracket"),
+        ("(1, 2)", "no bracket"),
+        ("min(1)", "takes 2"),
+        ("2 3", "an operator is expected"),
+        ("* 2", "a number or a name is expected"),
+        ("", "missing"),
+        ("a[0]", "is not"),
+    ],
+)
+def test_what_is_not_arithmetic_is_refused(text, words):
+    with pytest.raises(ExpressionError, match=words.replace("(", r"\(")):
+        parse_expression(text, ["length"])
+
+
+def test_a_division_by_zero_is_refused_with_the_text():
+    ratio = parse_expression("1 / l", ["l"])
+    assert ratio({"l": np.array([1.0, 2.0])}).tolist() == [1, 0.5]
+    with pytest.raises(ExpressionError, match=r'"1 / l" is not a finite'):
+        ratio({"l": np.array([1.0, 0.0])})
+
+
+def test_deep_brackets_do_not_overflow():
+    deep = "(" * 20000 + "1" + ")" * 20000
+    assert parse_expression(deep, [])({}) == 1
+    assert math.isclose(float(parse_expression("-" * 20000 + "1", [])({})), 1)
