@@ -135,7 +135,7 @@ def nodes_needed(
 
 
 @dataclass(frozen=True)
-class _Plan:
+class _NodePlan:
     """nodes : (M,) of the echoes, 0: directly. order : (M,) of them, like ones together. error, scattered :
     of Σ max|A|, measured: all errors in phase, and their root of the sum of squares."""
 
@@ -145,7 +145,7 @@ class _Plan:
     scattered: float
 
 
-def _planned(task: _Task, reach: ArrayLike, loudness: ArrayLike, allowed: float) -> _Plan:
+def _planned(task: _Task, reach: ArrayLike, loudness: ArrayLike, allowed: float) -> _NodePlan:
     """Nodes of all echoes, with errors of at most ``allowed``·Σ max|A| as far as some tell."""
     shape = task.delay.shape
     loud = np.maximum(np.broadcast_to(loudness, shape), 1e-300)
@@ -185,7 +185,7 @@ def _planned(task: _Task, reach: ArrayLike, loudness: ArrayLike, allowed: float)
     left = np.where(missed, typical[served], 0.0)[chosen]
     scattered = math.sqrt(float(left**2 @ weight))
     unit = size or 1.0
-    return _Plan(nodes, order, float(errors[chosen]) / unit, scattered / unit)
+    return _NodePlan(nodes, order, float(errors[chosen]) / unit, scattered / unit)
 
 
 def _level(
