@@ -30,7 +30,7 @@ from .own_tree.habit import Habit
 from .own_tree.relay import Outline, SiblingStanding, lowest_corner, outline_of, standing_of
 from .own_tree.sibling import Grown, grow_sibling
 from .own_tree.size import BREAST
-from .skeleton import Skeleton, root_of
+from .skeleton import Skeleton, root_of, stem_radii
 from .tree import Tree
 
 BINS = 20  # of a vertical profile
@@ -135,14 +135,8 @@ def crown_base(tree: Outline | Tree) -> float:
 
 
 def trunk_radius(wood: Skeleton, height: float) -> float:
-    """Radius of the trunk at a height; 0 above its tip."""
-    trunk = np.flatnonzero(wood.order == 0)
-    crossed = trunk[(wood.start[trunk, 2] <= height) & (wood.end[trunk, 2] > height)]
-    if not len(crossed):
-        return 0.0
-    s = crossed[0]
-    part = (height - wood.start[s, 2]) / (wood.end[s, 2] - wood.start[s, 2])
-    return float(wood.radius[s, 0] + part * (wood.radius[s, 1] - wood.radius[s, 0]))
+    """Radius of the trunk at a height, of the first of several stems; 0 above its tip."""
+    return float(next(iter(stem_radii(wood, height)), 0.0))
 
 
 def _along(wood: Skeleton, which: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

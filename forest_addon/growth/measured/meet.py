@@ -43,9 +43,9 @@ from .wanted import (
     TARGETS,
     Wanted,
     crown_base_of,
+    crown_of,
     dbh_of,
     leaf_tips,
-    lowest_branch,
     width_of,
 )
 
@@ -333,21 +333,13 @@ def lowest_kept(foot: np.ndarray, leaf: np.ndarray, top: float, wanted: Wanted) 
 
 def measures_of(parts: Parts) -> dict[str, float]:
     """Return what the tree measures, by the names of ``TARGETS``."""
-    leaves, wood = parts.leaves, parts.skeleton
-    reach = 0.5 * leaves.length[:, None] * leaves.axis
-    ends = np.concatenate([leaves.centre - reach, leaves.centre + reach])
-    if not len(leaves):
-        base = 0.0
-    elif parts.grafted:
-        base = float(leaves.centre[:, 2].min())
-    else:
-        base = lowest_branch(wood, leaves.branch)
+    width, base = crown_of(parts.skeleton, parts.leaves, parts.grafted)
     values = (
-        dbh_of(wood),
+        dbh_of(parts.skeleton),
         float(parts.mesh.vertices[:, 2].max(initial=0.0)),
-        width_of(ends if len(leaves) else wood.end),
+        width,
         base,
-        float(np.pi * (leaves.radius**2).sum()),
+        float(np.pi * (parts.leaves.radius**2).sum()),
     )
     return dict(zip(TARGETS, values, strict=True))
 
