@@ -278,16 +278,12 @@ def _refuse_many(count: float, area: float, where: str) -> None:
 
 @dataclass(frozen=True)
 class Parts:
-    """A tree as it is grown of template parts; foot : (L, 3) where each leaf hangs.
-
-    grafted : whether the skeleton is trunk and first-level axes only.
-    """
+    """A tree as it is grown of template parts; foot : (L, 3) where each leaf hangs."""
 
     mesh: TriMesh
     leaves: Leaves
     foot: np.ndarray
     skeleton: Skeleton
-    grafted: bool
 
 
 def reshaped(parts: Parts, wanted: Wanted, key: int, where: str) -> tuple[Parts, tuple[str, ...]]:
@@ -333,7 +329,7 @@ def lowest_kept(foot: np.ndarray, leaf: np.ndarray, top: float, wanted: Wanted) 
 
 def measures_of(parts: Parts) -> dict[str, float]:
     """Return what the tree measures, by the names of ``TARGETS``."""
-    width, base = crown_of(parts.skeleton, parts.leaves, parts.grafted)
+    width, base = crown_of(parts.skeleton, parts.leaves, grafted=True)
     values = (
         dbh_of(parts.skeleton),
         float(parts.mesh.vertices[:, 2].max(initial=0.0)),
