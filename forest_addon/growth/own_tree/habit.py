@@ -22,10 +22,7 @@ from ...base.runs import Runs
 from .anatomy import Anatomy
 
 NODE = 0.25  # mean spacings within which children share a node
-LIMB = (
-    0.5,
-    0.25,
-)  # radii of the trunk there, and at its foot, from which a branch is a limb: always there
+LIMB = 0.5, 0.25  # radii of the trunk there, and at its foot, from which a branch is a limb
 ALIKE_LENGTH = 0.45  # logarithm of length
 ALIKE_SHARE = 0.15  # of the parent
 ALIKE_SLOPE = np.deg2rad(35.0)
