@@ -168,17 +168,17 @@ class Number:
 
     @property
     def difference(self) -> float:
-        """Of the mean from the template, over the template."""
+        """Difference of the mean from the template, over the template."""
         return (self.mean - self.template) / abs(self.template) if self.template else 0.0
 
     @property
     def spreads(self) -> float:
-        """Of the template from the mean, in standard deviations of the siblings."""
+        """Distance of the template from the mean, in standard deviations of the siblings."""
         return abs(self.mean - self.template) / self.spread if self.spread else 0.0
 
     @property
     def good(self) -> bool:
-        """Return whether the goals are met; decibels are compared by what they differ."""
+        """True where the goals are met; decibels are compared by what they differ."""
         apart = abs(self.mean - self.template)
         near = apart <= max(MOST_DIFFERENCE * abs(self.template), self.room)
         if self.name.endswith("dB"):
@@ -207,7 +207,7 @@ class Profile:
 
     @property
     def good(self) -> bool:
-        """Return whether the goal is met."""
+        """True where the goal is met."""
         return self.overlap >= LEAST_OVERLAP
 
 

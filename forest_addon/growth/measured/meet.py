@@ -62,7 +62,7 @@ SAID = 0.05  # relative, from which on a sentence says that a target is not met
 
 
 def leaves_needed(species: Species, blade: Blade, area: float) -> int:
-    """Return how many leaves, or shoots, of a species make a leaf area.
+    """Number of leaves, or shoots, of a species that make a leaf area.
 
     Raises
     ------
@@ -328,7 +328,7 @@ def lowest_kept(foot: np.ndarray, leaf: np.ndarray, top: float, wanted: Wanted) 
 
 
 def measures_of(parts: Parts) -> dict[str, float]:
-    """Return what the tree measures, by the names of ``TARGETS``."""
+    """Measures of the tree by the names of ``TARGETS``."""
     width, base = crown_of(parts.skeleton, parts.leaves, grafted=True)
     values = (
         dbh_of(parts.skeleton),

@@ -77,12 +77,12 @@ class Blade:
 
     @cached_property
     def curved(self) -> bool:
-        """Return whether it leaves the plane."""
+        """True where it leaves the plane."""
         return bool(self.vertices[:, 2].any())
 
     @property
     def by_facets(self) -> bool:
-        """Return whether its area is that of its facets: of a curved leaf, not of one that stands for
+        """True where its area is that of its facets: of a curved leaf, not of one that stands for
         more."""
         return self.curved
 

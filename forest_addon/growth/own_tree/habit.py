@@ -180,7 +180,7 @@ def _slots(anatomy: Anatomy, share: np.ndarray) -> Slots:
 
 
 def _spread(anatomy: Anatomy, slots: Slots, order: int) -> tuple[float, float]:
-    """Return how uneven children of an order stand: the chance that one is missing, the spread of spacing.
+    """Unevenness of the children of an order: the chance that one is missing, the spread of spacing.
 
     The chance is half the variance of the number on a node over its mean; where nodes bear one each,
     that of a renewal process, the squared coefficient of variation of the spacing.

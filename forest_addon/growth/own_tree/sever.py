@@ -198,7 +198,7 @@ def loose_edges_of(pieces: Pieces, keys: np.ndarray) -> np.ndarray:
 def _meetings(
     slices: Slices, axes: PieceAxes, course: Course, middle: np.ndarray, wide: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return where the axes of children meet those of their parents (A, 3), the middle of the parent's
+    """Places where the axes of children meet those of their parents (A, 3), the middle of the parent's
     bark there (A, 3), and its radius (A,)."""
     start, heading, _ = beginnings(slices, axes, course)
     foot, apex, thick = middle.copy(), middle.copy(), np.ones(len(axes))
@@ -325,7 +325,7 @@ def _take_back(pieces: Pieces, slices: Slices, axes: PieceAxes, course: Course) 
 
 
 def _outside(pieces: Pieces, slices: Slices, course: Course, place: np.ndarray) -> np.ndarray:
-    """Return whether vertices lie beyond the tube of the axis whose slice they are in."""
+    """Tell whether vertices lie beyond the tube of the axis whose slice they are in."""
     of = slices.of_vertex[place]
     offset = pieces.vertices[place] - course.centre[of]
     along = np.einsum("ni,ni->n", offset, course.heading[of])
