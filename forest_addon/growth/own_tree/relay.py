@@ -390,7 +390,7 @@ def _letter(habit: Habit, grown: Grown, branch: int) -> str:
 
 
 def _seats(grown: Grown) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Seats of branches: stretch and part of the parent, and (B, 3) from its axis to the foot in its frame."""
+    """Seats of branches: stretch and part of the parent, (B, 3) from its axis to the foot in its frame."""
     lines = grown.lines
     foot = lines.knot[lines.first[:-1] + np.arange(len(grown.piece))]
     borne = np.flatnonzero(grown.parent >= 0)
