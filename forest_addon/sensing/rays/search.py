@@ -303,7 +303,7 @@ def whole_triangles(mesh: TriMesh) -> np.ndarray:
 
 
 def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Of vectors (3, …), in this order of sums at any number of them."""
+    """Dot products of vectors (3, …), summed in the same order at any number of them."""
     product = a * b
     total: np.ndarray = product[0] + product[1]
     total += product[2]
