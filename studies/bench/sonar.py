@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from forest_addon.api import Air, Echo, GrownForest, Scene, Sonar, SonarPose
+from forest_addon.api import Air, Echo, Scene, Sonar, SonarPose
 from studies.bench.cold import say_cold
 from studies.tables import median_seconds, table
 
@@ -45,6 +45,7 @@ from ..inside import (
     sum_delayed,
 )
 from ..inside import fly_pings as fly
+from ..scenes import scene_of, scene_of_forest, turned
 
 SUM = "sonar: the sum over leaves, 1201 bins from 60 to 80 kHz, amplitudes included"
 START, BAND, BINS, SPEED = 60e3, 20e3, 1201, 340.0
@@ -301,19 +302,7 @@ def _forest(count: int) -> SceneGeometry:
     rng = stream(7, "bench", "sonar", count)
     half = np.sqrt(count / 0.1) / 2
     turn = rng.uniform(0, 2 * np.pi, count)
-    transform = np.zeros((count, 3, 4))
-    transform[:, 0, 0] = transform[:, 1, 1] = np.cos(turn)
-    transform[:, 1, 0], transform[:, 0, 1] = np.sin(turn), -np.sin(turn)
-    transform[:, 2, 2] = 1
-    transform[:, :2, 3] = rng.uniform(-half, half, (count, 2))
-    return SceneGeometry(
-        meshes=meshes,
-        transform=transform,
-        mesh_index=np.arange(count) % VARIANTS,
-        object_name=("tree",) * count,
-        tree=np.arange(count),
-        species=np.zeros(count, dtype=np.int64),
-    )
+    return scene_of(meshes, turned(rng.uniform(-half, half, (count, 2)), turn))
 
 
 def _pings(say: Say, forests: dict[int, SceneGeometry]) -> None:
@@ -364,7 +353,7 @@ def _table_1(say: Say) -> None:
         settings = read_settings(ASSETS / "scenes" / f"{name}.toml", Scene)
         species = [load_species(find_species(p.species, Path())) for p in settings.plantings]
         forest = grow_forest(settings, species)
-        scene = _scene_of(forest)
+        scene = scene_of_forest(forest)
         (sonar,) = of_family(settings.sensors, "sonar")
         poses = _poses(sonar)
         equipment = equip(sonar, ASSETS / "scenes")
@@ -406,21 +395,6 @@ def _poses(sonar: Sonar) -> list[SonarPose]:
     if not sonar.route:
         return [posed(sonar)]
     return poses_of(read_route(find(sonar.route, ASSETS / "scenes", "route"), sonar.speed))
-
-
-def _scene_of(forest: GrownForest) -> SceneGeometry:
-    """A grown forest as sensors see it, without Blender in between."""
-    stand, keys = forest.stand, list(forest.variants)
-    index = {key: number for number, key in enumerate(keys)}
-    pairs = zip(stand.species.tolist(), stand.variant.tolist(), strict=True)
-    return SceneGeometry(
-        meshes=tuple(forest.variants[key].mesh for key in keys),
-        transform=forest.transforms(),
-        mesh_index=np.array([index[pair] for pair in pairs], dtype=np.int64),
-        object_name=("tree",) * len(stand),
-        tree=stand.id,
-        species=stand.species,
-    )
 
 
 def _culling(say: Say, scene: SceneGeometry) -> None:
