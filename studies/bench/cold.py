@@ -16,9 +16,8 @@ from typing import Any
 
 import numpy as np
 
-from studies.tables import fresh, table
-
 from ..inside import Say
+from ..tables import fresh, table
 
 Job = tuple[
     Callable[[], object], Callable[[object], str]
@@ -48,9 +47,8 @@ def measure(section: str, name: str) -> None:
 
 
 def _points() -> Job:
-    from studies.bench.stand import KINDS, SIDE
-
     from ..inside import Process, sample, stream
+    from .stand import KINDS, SIDE
 
     process = Process(KINDS["wide hills, thinned"](), np.zeros(2), np.full(2, SIDE))
     process = process.scaled(1000 / process.expected())

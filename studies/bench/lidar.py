@@ -15,11 +15,6 @@ from pathlib import Path
 import numpy as np
 
 from forest_addon.api import Beam, Rays, Skeleton, Terrestrial, Tractor, TractorScan, TriMesh
-from studies.bench.lidar_rays import say_moving, say_rays
-from studies.papers import simlidar as orchards
-from studies.papers.simlidar import stand_up
-from studies.scenes import level_ground, scene_of, turned
-from studies.tables import table
 
 from ..inside import (
     OTHER,
@@ -44,6 +39,11 @@ from ..inside import (
     write_scan,
 )
 from ..inside import join_meshes as join
+from ..papers import simlidar as orchards
+from ..papers.simlidar import stand_up
+from ..scenes import level_ground, scene_of, turned
+from ..tables import table
+from .lidar_rays import say_moving, say_rays
 
 SCENES = ((1, 200_000), (10, 200_000), (100, 20_000))  # trees, triangles of each
 SUBRAYS = (1, 7, 19, 37, 100, 300)

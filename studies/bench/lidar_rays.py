@@ -15,7 +15,6 @@ from pathlib import Path
 import numpy as np
 
 from forest_addon.api import TriMesh
-from studies.tables import median_seconds, table
 
 from ..inside import (
     OTHER,
@@ -40,6 +39,7 @@ from ..inside import (
     typical_tree,
 )
 from ..scenes import scene_of, turned
+from ..tables import median_seconds, table
 
 TREES = {"20k": "whorl-8", "200k": "honda-broadleaf"}  # leaf-on, of about as many triangles
 VARIANTS = 5

@@ -12,8 +12,6 @@ from pathlib import Path
 import numpy as np
 
 from forest_addon.api import Air, Echo, Scene, Sonar, SonarPose
-from studies.bench.cold import say_cold
-from studies.tables import median_seconds, table
 
 from ..inside import (
     ASSETS,
@@ -46,6 +44,8 @@ from ..inside import (
 )
 from ..inside import fly_pings as fly
 from ..scenes import scene_of, scene_of_forest, turned
+from ..tables import median_seconds, table
+from .cold import say_cold
 
 SUM = "sonar: the sum over leaves, 1201 bins from 60 to 80 kHz, amplitudes included"
 START, BAND, BINS, SPEED = 60e3, 20e3, 1201, 340.0

@@ -13,7 +13,6 @@ from pathlib import Path
 import numpy as np
 
 from forest_addon.api import Forest, GrownForest
-from studies.bench.cold import say_cold
 
 from ..inside import (
     At,
@@ -39,6 +38,7 @@ from ..inside import (
     window_of,
 )
 from ..tables import fresh, median_seconds, table
+from .cold import say_cold
 
 SIDE = 300.0
 CENTRES = np.array([[61.0, 91.0], [62.0, 141.0], [71.0, 221.0], [205.0, 103.0]])  # Wahed et al.'s

@@ -23,8 +23,6 @@ from forest_addon.api import (
     Terrestrial,
 )
 from forest_addon.api import Forest as Field
-from studies.validation.cloud_pair import circle, stems_of
-from studies.validation.run import Comparison, Interval
 
 from ..inside import (
     ForestSite,
@@ -43,6 +41,8 @@ from ..inside import (
     write_csv,
 )
 from ..scenes import scene_of_forest
+from .cloud_pair import circle, stems_of
+from .run import Comparison, Interval
 
 VOXEL, LOWEST, BRANCHY = (
     0.05,

@@ -13,7 +13,6 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from forest_addon.api import Beam, Noise, Rays, Terrestrial, Tree, TriMesh
-from studies.validation.run import Comparison, Interval, Picture
 
 from ..inside import (
     FAINT,
@@ -34,6 +33,7 @@ from ..inside import (
     tube,
 )
 from ..scenes import level_ground, scene_of, turned
+from .run import Comparison, Interval, Picture
 
 WIDE = 500.0  # metres that the ground goes each way
 

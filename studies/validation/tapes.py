@@ -16,10 +16,6 @@ from scipy.optimize import least_squares
 from scipy.spatial import ConvexHull, cKDTree
 
 from forest_addon.api import Noise, Rays, Skeleton, TriMesh
-from studies.validation.cloud_pair import HIGH, LOW, stems_of
-from studies.validation.plots import SIDE, STATIONS, pine_stems
-from studies.validation.run import Comparison, Interval
-from studies.validation.stems import BINS, PLOTS, SCANNER, read_plots, taubin
 
 from ..inside import (
     SMALLEST,
@@ -33,6 +29,10 @@ from ..inside import (
     scan,
 )
 from ..scenes import scene_of, turned
+from .cloud_pair import HIGH, LOW, stems_of
+from .plots import SIDE, STATIONS, pine_stems
+from .run import Comparison, Interval
+from .stems import BINS, PLOTS, SCANNER, read_plots, taubin
 
 NEAR = 0.6  # m between a stem on one list and on the other
 STARTS = np.deg2rad(np.arange(-180.0, 180.0, 5.0))
