@@ -48,7 +48,7 @@ def measure(section: str, name: str) -> None:
 
 def _points() -> Job:
     from ..inside import Process, sample, stream
-    from .stand import KINDS, SIDE
+    from .intensities import KINDS, SIDE
 
     process = Process(KINDS["wide hills, thinned"](), np.zeros(2), np.full(2, SIDE))
     process = process.scaled(1000 / process.expected())
@@ -98,7 +98,7 @@ def _tree(species: str) -> Callable[[], Job]:
 
 def _echo(model: str, count: int) -> Callable[[], Job]:
     def job() -> Job:
-        kernel = importlib.import_module(".sonar_kernel", __package__)
+        kernel = importlib.import_module(".sonar_sum", __package__)
         leaves = kernel._Leaves.random(model, count, "spread")
         start, spacing, bins = kernel.START, kernel.SPACING, kernel.BINS
 

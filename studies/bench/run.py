@@ -37,8 +37,7 @@ def run(names: Sequence[str], folder: Path, docs: Path | None = None) -> None:
         if name not in known:
             raise unknown("bench", name, known)
     for name in names or SECTIONS:
-        place = f".others.{name}" if name in ON_REQUEST else f".{name}"
-        section = importlib.import_module(place, __package__)
+        section = importlib.import_module(f".{name}", __package__)
         said = [f"## {section.TITLE}", ""]
 
         def say(text: str, said: list[str] = said) -> None:
