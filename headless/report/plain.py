@@ -9,7 +9,7 @@ import bpy  # noqa: F401  where Blender is a module, it brings blf and imbuf
 import numpy as np
 
 from forest_addon.formats.atomic import replacing
-from forest_addon.formats.png import write_png
+from forest_addon.formats.raster_file import write_png
 from forest_addon.results.kind import Finding
 from forest_addon.results.kinds import results_of
 from forest_addon.results.plot import PAPER, Axis, Plot, Strip

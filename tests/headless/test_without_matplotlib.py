@@ -11,7 +11,7 @@ bpy = pytest.importorskip("bpy")
 
 from forest_addon.api import plots
 from forest_addon.blender import packages
-from forest_addon.formats.png import read_png
+from forest_addon.formats.raster_file import read_png
 from forest_addon.sensing.reverb.response import ImpulseResponse
 from forest_addon.spec import Forest, Planting, Scene, SpecError
 from forest_addon.stand.inputs import Inputs

@@ -5,7 +5,7 @@ import shutil
 import sys
 from pathlib import Path
 
-from forest_addon.formats.png import read_png
+from forest_addon.formats.raster_file import read_png
 
 SESSION = Path(__file__).with_name("command_session.py")
 SMALL = Path(__file__).parents[1] / "headless" / "small.toml"

@@ -11,7 +11,7 @@ import numpy as np
 from ...base.rng import daughter_keys, keyed_uniform
 from ...spec import SpecError
 from ..foreign import guarded
-from ..tiff import read_place, read_tiff
+from ..raster_file import read_heights
 from .material import Material
 from .obj import PartMesh, VoxelGrid
 
@@ -31,11 +31,8 @@ def read_terrain(path: Path, material: Material) -> PartMesh:
     ------
     SpecError : it holds no square of four heights.
     """
-    data = path.read_bytes()
-    pixels, _ = read_tiff(data)
-    corner, size, nothing = read_place(data)
-    height = np.asarray(pixels[..., 0], dtype=np.float64)
-    there = np.isfinite(height) & (np.abs(height - nothing) > 1e-6 if nothing == nothing else True)
+    height, corner, size = read_heights(path)
+    there = np.isfinite(height)
     rows, columns = height.shape
     y, x = np.mgrid[:rows, :columns] + 0.5
     vertices = np.stack([corner[0] + x * size[0], corner[1] - y * size[1], height], axis=2)
