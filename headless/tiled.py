@@ -8,7 +8,6 @@ share the work by number alone, ``--share 2/8``, on one machine or on many that 
 
 from __future__ import annotations
 
-import csv
 import dataclasses
 import hashlib
 import json
@@ -260,16 +259,8 @@ def _write_stand(run: TiledRun) -> None:
     with run.stages.stage("write truth"):
         if write_note(run.out / FILE, offset, tiling.scene.crs):
             run.files.append(FILE)
-        with (
-            replacing(run.out / "trees.csv") as partial,
-            open(partial, "w", newline="", encoding="utf-8") as file,
-        ):
-            writer = csv.writer(file, lineterminator="\n")
-            for number, part in enumerate(tiling.forest.parts(BLOCK)):
-                rows = on_the_map(tree_table(part), offset)
-                if not number:
-                    writer.writerow(rows)
-                writer.writerows(zip(*rows.values(), strict=True))
+        parts = (on_the_map(tree_table(part), offset) for part in tiling.forest.parts(BLOCK))
+        write_csv(run.out / "trees.csv", parts)
         write_csv(run.out / "leaf_angles.csv", angle_table(tiling.forest.whole))
         tiles = tiling.tiles
         table: dict[str, list[Any]] = {"tile": [t.name for t in tiles]}

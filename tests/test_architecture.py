@@ -25,6 +25,7 @@ PACKAGES = {
     "forest_addon.spec": set(),
     "forest_addon.formats": NUMBERS
     | {
+        "OpenImageIO",
         "PIL",
         "cattrs",
         "copclib",
@@ -44,6 +45,7 @@ PACKAGES = {
     "forest_addon.sensing": NUMBERS,
     "forest_addon.results": NUMBERS,
     "forest_addon.site": NUMBERS,
+    "forest_addon.tiles": NUMBERS,
     "forest_addon.blender": NUMBERS | {"bmesh", "bpy", "mathutils"},
     "forest_addon.api": NUMBERS | {"bpy", "matplotlib", "pandas", "xarray"},
     "forest_addon.flight": NUMBERS | {"gymnasium", "matplotlib"},

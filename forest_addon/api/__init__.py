@@ -93,8 +93,7 @@ from .patterns import save_pattern
 from .results import Echoes, PointCloud, Response, Result, RowScan
 from .scanners import instrument, instruments
 from .site import Site, build, current, read
-from .tiled_scan import TiledScan
-from .tiles import Tile, Tiling
+from .tiles import Tile, TiledScan, Tiling
 from .ways import trajectory
 from .world import World
 

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import csv
 from pathlib import Path
 
 import numpy as np
 
-from ..formats.atomic import replacing
+from ..formats.table import write_csv
 from ..spec import SpecError
 from .given import path_of
 
@@ -60,11 +59,11 @@ def save_pattern(
     if level.ndim == 3 and given == ["angle_deg"]:
         raise SpecError("level_db", "of several ears needs azimuth_deg and elevation_deg")
     several = level.ndim == 3
-    with replacing(target) as partial, open(partial, "w", newline="", encoding="utf-8") as file:
-        rows = csv.writer(file)
-        rows.writerow([*given, *(["ear"] if several else []), *map(repr, hertz.tolist())])
-        for ear, table in enumerate(level if several else level[None]):
-            number = [ear] if several else []
-            for angle, values in zip(angles.tolist(), table.tolist(), strict=True):
-                rows.writerow([*angle, *number, *values])
+    tables = (
+        dict(zip(given, angles.T.tolist(), strict=True))
+        | ({"ear": [ear] * len(angles)} if several else {})
+        | dict(zip(map(repr, hertz.tolist()), table.T.tolist(), strict=True))
+        for ear, table in enumerate(level if several else level[None])
+    )
+    write_csv(target, tables)
     return str(target.resolve())

@@ -14,11 +14,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..formats.npz import write_npz
+from ..formats.table import write_npz
 from ..results.coordinates import NO_OFFSET, Offset
 from ..results.kind import Finding
 from ..results.kinds import figures_of, results_of, write_as
-from ..results.point_files import ENDINGS, ending_of, write_points
+from ..results.points import ENDINGS, ending_of, write_points
 from ..sensing.audit import Audit
 from ..sensing.lidar.cloud import Cloud
 from ..sensing.lidar.tractor import TractorScan, to_cloud

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from ..base.vectors import column
-from ..formats.npz import write_npz
+from ..formats.table import write_npz
 from ..spec import Flight, SpecError
 from .bodies import wrapped
 from .policies import bearing, steer

@@ -1,14 +1,16 @@
-"""Rasters: TIFF by tifffile, PNG by pypng, npy arrays by numpy; other images where Pillow is there.
+"""Rasters: TIFF by tifffile, PNG by pypng, npy arrays by numpy.
 
 The black of an image is 0 and its white 1, whatever its depth; floating-point images and arrays count as
-they are. tifffile brings few codecs of its own: the two that maps mostly have, LZW and the prediction of
-floats, are added here where the package imagecodecs (tens of megabytes) is missing.
+they are. Other images, and TIFF packed in ways that tifffile leaves to the package imagecodecs (LZW, the
+prediction of floats, JPEG), are read by Pillow, which installations by pip have, or by OpenImageIO, which
+is in Blender.
 """
 
 from __future__ import annotations
 
 import io
 import math
+from importlib.util import find_spec
 from pathlib import Path
 from typing import IO, Any
 
@@ -53,19 +55,20 @@ def read_heights(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
     Raises
     ------
-    ValueError : this is no TIFF, or it does not say where it lies.
+    SpecError, ValueError : this is no TIFF, or it does not say where it lies.
     """
-    with _open_tiff(path) as file:
-        page = file.pages[0]
-        tags = {code: page.tags.valueof(code) for code in (PIXEL_SCALE, TIE_POINT, NO_DATA)}
-        height = _tiff_pixels(page)[0][..., 0].astype(np.float64)
-    if tags[PIXEL_SCALE] is None or len(tags[TIE_POINT] or ()) < 6:
+    import tifffile
+
+    with tifffile.TiffFile(path) as file:
+        page: Any = file.pages[0]
+        scale, tie, nothing = map(page.tags.valueof, (PIXEL_SCALE, TIE_POINT, NO_DATA))
+    if scale is None or len(tie or ()) < 6:
         raise ValueError("it does not say where it lies; save a GeoTIFF with a north-up grid")
-    scale = np.array(tags[PIXEL_SCALE][:2], dtype=np.float64)
-    column, row, _, x, y, _ = tags[TIE_POINT][:6]
-    nothing = float(str(tags[NO_DATA]).strip("\0 ") if tags[NO_DATA] else "nan")
-    height[np.abs(height - nothing) <= 1e-6] = np.nan
-    return height, np.array([x - column * scale[0], y + row * scale[1]]), scale
+    height = _read_pixels(path)[0][..., 0].astype(np.float64)
+    height[np.abs(height - float(str(nothing or "nan").strip("\0 "))) <= 1e-6] = np.nan
+    size = np.array(scale[:2], dtype=np.float64)
+    column, row, _, x, y, _ = tie[:6]
+    return height, np.array([x - column * size[0], y + row * size[1]]), size
 
 
 def read_png(data: bytes) -> tuple[np.ndarray, float]:
@@ -128,20 +131,7 @@ def _shape_of(file: IO[bytes]) -> tuple[int, ...]:
 
 
 def _read_image(path: Path) -> np.ndarray:
-    with open(path, "rb") as file:
-        start = file.read(4)
-    try:
-        if start == PNG:
-            pixels, white = read_png(path.read_bytes())
-        elif start in TIFF:
-            with _open_tiff(path) as tiff:
-                pixels, white = _tiff_pixels(tiff.pages[0])
-        else:
-            raise ValueError("it is neither PNG nor TIFF")
-    except TooLargeError as problem:
-        raise SpecError(str(path), str(problem)) from None
-    except Exception as problem:  # a damaged image fails anywhere
-        pixels, white = _read_by_pillow(path, problem)
+    pixels, white = _read_pixels(path)
     if pixels.shape[2] in (2, 4):  # with alpha, which says nothing about shades
         pixels = pixels[..., :-1]
     if (pixels[..., 1:] != pixels[..., :1]).any():
@@ -149,23 +139,31 @@ def _read_image(path: Path) -> np.ndarray:
     return pixels[..., 0] / white
 
 
-def _open_tiff(path: Path) -> Any:
-    """The file as tifffile has it, which knows LZW and the prediction of floats."""
+def _read_pixels(path: Path) -> tuple[np.ndarray, float]:
+    """Pixels (H, W, C) of an image as they are stored, and the number that is white; 1 of floats."""
+    with open(path, "rb") as file:
+        start = file.read(4)
+    try:
+        if start == PNG:
+            return read_png(path.read_bytes())
+        if start in TIFF:
+            return _read_tiff(path)
+        raise ValueError("it is neither PNG nor TIFF")
+    except TooLargeError as problem:
+        raise SpecError(str(path), str(problem)) from None
+    except Exception as problem:  # a damaged image fails anywhere
+        return _read_by_another(path, problem)
+
+
+def _read_tiff(path: Path) -> tuple[np.ndarray, float]:
     import tifffile
-    from tifffile import _imagecodecs as codecs  # its own few, where imagecodecs is not installed
 
-    for name, decode in (("lzw_decode", _lzw), ("floatpred_decode", _summed_floats)):
-        if not hasattr(codecs, name):
-            setattr(codecs, name, decode)
-    return tifffile.TiffFile(path)
-
-
-def _tiff_pixels(page: Any) -> tuple[np.ndarray, float]:
-    """Pixels (H, W, C) of a page as they are stored, and the number that is white; 1 of floats."""
-    _refuse_large(page.imagewidth, page.imagelength)
-    if page.samplesperpixel > MOST_SAMPLES or page.tilewidth * page.tilelength > MOST_PIXELS:
-        raise ValueError("its header is wrong")
-    pixels = page.asarray(maxworkers=1)
+    with tifffile.TiffFile(path) as file:
+        page: Any = file.pages[0]
+        _refuse_large(page.imagewidth, page.imagelength)
+        if page.samplesperpixel > MOST_SAMPLES or page.tilewidth * page.tilelength > MOST_PIXELS:
+            raise ValueError("its header is wrong")
+        pixels = page.asarray(maxworkers=1)
     pixels = np.moveaxis(pixels, 0, -1) if page.axes == "SYX" else pixels
     pixels = pixels.reshape(page.imagelength, page.imagewidth, -1)
     if page.photometric == PALETTE:
@@ -179,27 +177,41 @@ def _tiff_pixels(page: Any) -> tuple[np.ndarray, float]:
     return pixels, 2.0**depth - 1 if depth <= 8 else DEEP
 
 
-def _read_by_pillow(path: Path, problem: Exception) -> tuple[np.ndarray, float]:
-    """Pixels (H, W, C) and their white by Pillow. problem : why they are not read without it."""
-    why = str(problem) or type(problem).__name__
+def _read_by_another(path: Path, problem: Exception) -> tuple[np.ndarray, float]:
+    """Pixels and white by the library that is there. problem : why they are not read without it."""
+    why = " ".join(str(problem).split()) or type(problem).__name__
     refused = SpecError(str(path), f"cannot be read ({why}); save it as PNG, TIFF or npy")
     try:
-        from PIL import Image
-    except ImportError:
-        raise refused from None
-    try:
-        with Image.open(path) as image:
-            _refuse_large(*image.size)
-            mode, pixels = image.mode, np.asarray(image)
+        return _read_by_pillow(path) if find_spec("PIL") else _read_by_openimageio(path)
     except TooLargeError as large:
         raise SpecError(str(path), str(large)) from None
-    except (OSError, ValueError, Image.DecompressionBombError):
-        raise refused from None
+    except Exception as other:
+        raise (other if isinstance(other, SpecError) else refused) from None
+
+
+def _read_by_pillow(path: Path) -> tuple[np.ndarray, float]:
+    from PIL import Image
+
+    with Image.open(path) as image:
+        _refuse_large(*image.size)
+        shown = image.convert("RGB") if image.mode == "P" else image  # of a palette
+        mode, pixels = shown.mode, np.asarray(shown)
     if mode == "F" or mode.startswith("I"):
         return pixels[..., None], 1.0 if mode == "F" else DEEP
     if mode not in WHITE:
         raise SpecError(str(path), f"has the colour mode {mode}; save it in shades of grey")
     return pixels.reshape(*pixels.shape[:2], -1), WHITE[mode]
+
+
+def _read_by_openimageio(path: Path) -> tuple[np.ndarray, float]:
+    import OpenImageIO
+
+    file = OpenImageIO.ImageInput.open(str(path))
+    if file is None:
+        raise ValueError(OpenImageIO.geterror())
+    _refuse_large(file.spec().width, file.spec().height)
+    pixels = file.read_image(OpenImageIO.UNKNOWN)
+    return pixels, 1.0 if pixels.dtype.kind == "f" else float(np.iinfo(pixels.dtype).max)
 
 
 def _refuse_large(wide: int, high: int) -> None:
@@ -208,42 +220,3 @@ def _refuse_large(wide: int, high: int) -> None:
         raise TooLargeError(
             f"has {wide:,} x {high:,} pixels, more than {MOST_PIXELS:,}; make it coarser, or cut it"
         )
-
-
-def _lzw(packed: bytes, /, *, out: int | None = None) -> bytes:
-    """At most ``out`` bytes of strings by codes of 9 to 12 bits, high bits first (TIFF 6.0, section 13)."""
-    size = math.inf if out is None else out
-    start = [bytes((value,)) for value in range(256)] + [b"", b""]
-    table, found, before = list(start), bytearray(), b""
-    bits, held, buffer = 9, 0, 0
-    for byte in packed:
-        buffer, held = (buffer << 8) | byte, held + 8
-        if held < bits:
-            continue
-        held -= bits
-        code, buffer = buffer >> held, buffer & ((1 << held) - 1)
-        if code == 256:
-            table, bits, before = list(start), 9, b""
-            continue
-        if code == 257 or len(found) >= size:
-            break
-        if code > len(table) or (code == len(table) and not before):
-            raise ValueError("it is damaged")
-        string = table[code] if code < len(table) else before + before[:1]
-        if before and len(table) < 4096:
-            table.append(before + string[:1])
-        found += string
-        before = string
-        if bits < 12:  # the writer is one string ahead
-            bits = max(bits, (len(table) + 1).bit_length())
-    return bytes(found)
-
-
-def _summed_floats(data: np.ndarray, /, **_options: Any) -> np.ndarray:
-    """Floats (..., W, C) of which rows hold all first bytes, then all second ones, as differences (TIFF's
-    technical note 3)."""
-    size, (*_, wide, channels) = data.itemsize, data.shape
-    apart = np.ascontiguousarray(data).view(np.uint8).reshape(-1, size * wide, channels)
-    summed = np.cumsum(apart, axis=1, dtype=np.uint8).reshape(len(apart), size, -1).swapaxes(1, 2)
-    floats = np.ascontiguousarray(summed).view(f">f{size}").reshape(data.shape)
-    return floats.astype(data.dtype)

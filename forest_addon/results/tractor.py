@@ -12,7 +12,7 @@ from .coordinates import Offset
 from .figures import Figure, numbers, organ_figures, share
 from .kind import ResultKind, Variables
 from .plot import Axis, Plot, Strip, by_distance
-from .point_files import ENDINGS, write_points
+from .points import ENDINGS, write_points
 
 if TYPE_CHECKING:
     from ..base.labels import Labels

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from forest_addon.base.rng import stream
-from forest_addon.formats.digits import write_numbers
+from forest_addon.formats.table import write_numbers
 
 
 def test_numbers_are_as_python_writes_them(tmp_path):

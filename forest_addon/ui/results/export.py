@@ -54,7 +54,7 @@ def found_of(scene: bpy.types.Scene, name: str) -> Exportable | None:
     keeps; None where there is neither."""
     from ...results.coordinates import Offset
     from ...results.kinds import results_of, write_as
-    from ...results.point_files import ENDINGS, can_write, write_points
+    from ...results.points import ENDINGS, can_write, write_points
 
     held = find(scene, name)
     if held is not None:
@@ -133,7 +133,7 @@ class FOREST_OT_export_result(bpy.types.Operator, ExportHelper):
 
     def check(self, _context: bpy.types.Context) -> bool:
         """The name follows the format that is chosen beside it."""
-        from ...results.point_files import ending_of
+        from ...results.points import ending_of
 
         path = Path(self.filepath)
         had = ending_of(path)
