@@ -47,7 +47,7 @@ def write_npz(
         for name, values in {**arrays, **texts}.items():
             entry = zipfile.ZipInfo(f"{name}.npy")
             entry.compress_type = kind
-            with archive.open(entry, "w", force_zip64=True) as file:
+            with archive.open(entry, "w", force_zip64=packed or name not in texts) as file:
                 if not isinstance(values, StoredRows):
                     np.lib.format.write_array(file, np.asanyarray(values), allow_pickle=False)
                     continue
