@@ -11,7 +11,7 @@ RUN := $(VENV)/bin/python
 READY := $(VENV)/ready
 
 .DEFAULT_GOAL := help
-.PHONY: help demo check test test-gui lint bench docs architecture extension words clean distclean
+.PHONY: help demo check test fuzz test-gui lint bench validate docs architecture extension words clean distclean
 
 help: ## list what can be made
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' Makefile
@@ -20,14 +20,19 @@ demo: $(READY) ## grow the demo forest, run every sensor in it, results and repo
 	@$(RUN) -m headless demo --out out/demo $(ARGS)
 
 # A process a core; who is done takes over from who is not. The check leaves out tests that are marked medium or
-# slow, draws fewer examples, and names what should be marked.
+# slow, and names what should be marked.
 TESTS := $(RUN) -m pytest -n auto --maxprocesses 8 --dist worksteal
 
 check: lint ## lint, types and the quick tests; ARGS=tests/sensing/sonar for those of a room
-	@$(TESTS) -m "not medium and not slow" --hypothesis-profile=quick -q --durations=10 --durations-min=2 $(ARGS)
+	@$(TESTS) -m "not medium and not slow" -q --durations=10 --durations-min=2 $(ARGS)
 
 test: $(READY) ## run the tests, a process for each core; ARGS="-n0 tests/ui" for some, in one
 	@$(TESTS) $(ARGS)
+
+fuzz: $(READY) ## try what tests draw on new inputs until one fails or Ctrl-C, and print it as @example; ARGS=tests/sensing
+	@rm -rf .hypothesis/patches; while $(RUN) -m pytest -n0 -x -q -m hypothesis --hypothesis-profile=fuzz \
+		$(or $(ARGS),$$(grep -rl --include='*.py' '^@given' tests)); do :; done; \
+	cat .hypothesis/patches/*.patch 2>/dev/null; false
 
 test-gui: $(READY) ## drive the extension in a real Blender window, photographed in out/gui; BLENDER=..., ARGS="doors large"
 	@$(RUN) tests/gui/run.py $(ARGS)
@@ -38,7 +43,10 @@ lint: $(READY) ## ruff on everything, mypy on the rooms that know no Blender
 	@$(RUN) -m mypy
 
 bench: $(READY) ## measure speed and accuracy on this machine
-	@$(RUN) -m headless bench $(ARGS)
+	@$(RUN) -m studies bench $(ARGS)
+
+validate: $(READY) ## hold the simulations to measurements; ARGS="reverb --data FOLDER"
+	@$(RUN) -m studies validate $(ARGS)
 
 docs: $(READY) ## build the documentation site in build/site; it runs the notebooks
 	@$(RUN) -c "import sphinx, furo, myst_nb" 2>/dev/null || $(RUN) -m pip install --quiet --editable ".[docs]"

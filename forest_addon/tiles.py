@@ -25,7 +25,7 @@ from pathlib import Path
 import numpy as np
 
 from .base.progress import Progress
-from .formats.atomic import replacing
+from .formats.atomic import partial_of, replacing
 from .formats.ply import PlyFile
 from .growth.tree import Tree
 from .results.coordinates import NO_OFFSET, Offset
@@ -344,7 +344,7 @@ def join_parts(
     arrays = [rows_of(part) for part in parts]
     lost = [one for part in parts for one in ScanState.read(part.with_suffix(".json")).lost]
     total = sum(map(len, arrays))
-    partial = path.with_name(f"{stem}.joining.ply")
+    partial = partial_of(path.with_name(f"{stem}.joining.ply"))
     file = PlyFile(partial, POINT, comments) if tiles is None or not tiles.alone else None
     made: dict[int, int] = {}
     done = 0
@@ -416,4 +416,4 @@ def _deal(
 
 
 def _of_tile(tiles: TileFiles, tile: int) -> Path:
-    return tiles.folder / f"{tiles.grid.name(tile)}.joining.ply"
+    return partial_of(tiles.folder / f"{tiles.grid.name(tile)}.joining.ply")

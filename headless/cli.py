@@ -14,12 +14,15 @@ import errno
 import re
 import sys
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, redirect_stdout
 from pathlib import Path
+
+from forest_addon.formats.ownership import Keeper, keeping
 
 from .command import PROGRAM, Command, DoubtfulError, IncompleteError, UnlikeError, typed
 from .commands import COMMANDS
 from .interrupt import interruptible
+from .progress import PlainStream, plain
 
 DESCRIPTION = """\
 Grow L-system forests from STL branch templates and run LiDAR, biosonar and
@@ -42,10 +45,14 @@ examples:
 A scene file is TOML; assets/scenes/demo.toml is one with every table explained.
 Start with out/.../report.html: pictures, counts, timings."""
 
+STUDIES = ("validate", "bench", "study", "simlidar", "reverb-figures", "flight")
+
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command; returns the exit code."""
     words = sys.argv[1:] if arguments is None else arguments
+    if words and words[0] in STUDIES:
+        return _fail(f"{words[0]} is a study of the repository: python -m studies {words[0]}", 2)
     chosen = _parser().parse_args(_values_joined(words))
     command: Command = chosen.command
     try:
@@ -54,12 +61,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except ValueError as problem:
         return _fail(problem, 2)
     kept = command.kept(chosen)
-    with interruptible(kept):
+    with interruptible(kept), redirect_stdout(PlainStream(sys.stdout)):  # names are shown by many
         try:
             with _alone(command.lock(chosen)):
-                command.run(chosen)
+                _run(command, chosen)
         except ModuleNotFoundError as problem:
-            from .report.drawing import DRAWERS, without
+            from .report import DRAWERS, without
 
             if (problem.name or "").split(".")[0] not in DRAWERS:
                 raise
@@ -84,6 +91,34 @@ def main(arguments: Sequence[str] | None = None) -> int:
             print(f"\ninterrupted; {kept}", file=sys.stderr)
             return 130
     return 0
+
+
+def _run(command: Command, chosen: argparse.Namespace) -> None:
+    """Run a command that writes over nothing but what it, or another here, wrote."""
+    out = getattr(chosen, "out", None)
+    keeper = Keeper(
+        out if command.is_folder else None,
+        command.maker,
+        force=getattr(chosen, "force", False),
+        say=lambda text: print(plain(text), file=sys.stderr),
+    )
+    for key, value in vars(chosen).items():
+        for word in value if isinstance(value, list) else [value]:
+            if key not in command.outputs and isinstance(word, (str, Path)):
+                keeper.reads(word)
+    doubt = None
+    with keeping(keeper):
+        if out is not None:
+            keeper.refuse_read(out)
+        try:
+            command.run(chosen)
+        except (DoubtfulError, UnlikeError) as problem:  # all is written
+            doubt = problem
+        if command.is_whole(chosen):
+            for name in keeper.remove_others():
+                print(f"Removed {plain(name)}, of an earlier run", file=sys.stderr)
+    if doubt is not None:
+        raise doubt
 
 
 @contextmanager
@@ -116,9 +151,23 @@ def _parser() -> argparse.ArgumentParser:
             if command.epilog
             else argparse.HelpFormatter,
         )
+        of_this.register("type", Path, _path)
         command.arguments(of_this)
+        if command.outputs:
+            of_this.add_argument(
+                "--force",
+                action="store_true",
+                help="replace files there that Forest Sensing did not write, and say which",
+            )
         of_this.set_defaults(command=command)
     return parser
+
+
+def _path(word: str) -> Path:
+    """Return what a word names; an empty one is a variable that was not set, not this folder."""
+    if not word.strip():
+        raise argparse.ArgumentTypeError("is empty; name a file or folder, or . for this one")
+    return Path(word)
 
 
 def _values_joined(words: Sequence[str]) -> list[str]:
@@ -134,7 +183,7 @@ def _values_joined(words: Sequence[str]) -> list[str]:
 
 
 def _fail(problem: object, code: int) -> int:
-    print(f"error: {problem}", file=sys.stderr)
+    print(f"error: {plain(str(problem))}", file=sys.stderr)
     return code
 
 

@@ -47,6 +47,8 @@ class Command:
     help: ClassVar[str]  # a line in the list of commands
     description: ClassVar[str]
     epilog: ClassVar[str | None] = None
+    outputs: ClassVar[tuple[str, ...]] = ("out",)  # options that name what is written
+    is_folder: ClassVar[bool] = True  # what --out names
 
     def arguments(self, parser: argparse.ArgumentParser) -> None:
         """Declare what may follow the name."""
@@ -58,6 +60,15 @@ class Command:
     def lock(self, chosen: argparse.Namespace) -> Path | None:
         """The file that keeps other commands from writing to the same place meanwhile; None: none does."""
         return None
+
+    def is_whole(self, chosen: argparse.Namespace) -> bool:
+        """Return whether its folder holds nothing but this run's results afterwards: earlier ones go."""
+        return False
+
+    @property
+    def maker(self) -> str:
+        """Its name in the record of a folder; what makes the same has the same."""
+        return self.name
 
     def kept(self, chosen: argparse.Namespace) -> str:
         """Return what an interrupted command says of the files that it leaves."""
@@ -98,14 +109,17 @@ def name_of(scene: Path) -> str:
     return scene.stem
 
 
-def read_scene(path: Path, seed: int | None) -> Scene:
+def read_scene(path: Path, seed: int | None, dry: str = "") -> Scene:
     """The settings of a scene file, with another seed if one is given.
+
+    dry : name of the sound that every reverb is also heard with.
 
     Raises
     ------
-    SpecError : the file, or ``--seed``, cannot be used.
+    SpecError : the file, or ``--seed``, cannot be used; two of its results would have one name.
     """
     from forest_addon.formats.toml_file import read_settings
+    from forest_addon.results.kinds import files_of
     from forest_addon.sensing import kinds  # noqa: F401  whose words a scene file may name
 
     if not path.suffix and not path.exists():
@@ -114,6 +128,10 @@ def read_scene(path: Path, seed: int | None) -> Scene:
         known = sorted(scene.stem for scene in (ASSETS / "scenes").glob("*.toml"))
         raise unknown("scene", str(path), known, ", or a .toml file")
     settings = read_settings(path, Scene)
+    try:
+        files_of(settings, dry)
+    except SpecError as problem:
+        raise SpecError(str(path), str(problem)) from None
     if seed is None:
         return settings
     try:

@@ -27,6 +27,7 @@ def only_one(root: Path, name: str = LOCK) -> Iterator[None]:
     SpecError : another command holds it; says which. The folder cannot be made or written to.
     """
     made = not root.is_dir()
+    empty = (root / name).is_file() and not (root / name).stat().st_size  # another's; it stays
     with _opened(root, name) as file:
         file.truncate(0)
         file.write(json.dumps({"pid": os.getpid(), "host": platform.node()}))
@@ -35,11 +36,16 @@ def only_one(root: Path, name: str = LOCK) -> Iterator[None]:
             remove_abandoned(root)
             yield
         finally:
+            file.truncate(0)
             with suppress(OSError):  # Windows removes no open file: it stays, and is taken again
-                (root / name).unlink()
-    if made:
-        with suppress(OSError):  # there is something in it
-            root.rmdir()
+                if not empty:
+                    (root / name).unlink()
+            if made:
+                with suppress(OSError):  # there is something in it
+                    root.rmdir()
+
+
+MOST = 1000  # characters of a lock
 
 
 def _opened(root: Path, name: str) -> IO[str]:
@@ -53,11 +59,14 @@ def _opened(root: Path, name: str) -> IO[str]:
             raise SpecError(
                 f"--out {root}", f"cannot be written to ({why}); choose another folder"
             ) from None
-        if not _take(file):
-            file.seek(0)
-            holder = _holder(file.read())
+        taken = _take(file)
+        file.seek(0)
+        said = file.read(MOST)
+        if not taken or (said and _holder(said) is None):
             file.close()
-            raise SpecError(f"--out {root}", f"is in use by {holder}; wait for it, or end it")
+            holder = f"is in use by {_holder(said) or 'another command'}; wait for it, or end it"
+            foreign = f"has a file {name} that is no lock of Forest Sensing; move it away"
+            raise SpecError(f"--out {root}", foreign if taken else holder)
         with suppress(OSError):
             if os.path.samestat(os.fstat(file.fileno()), os.stat(root / name)):
                 return file
@@ -82,9 +91,10 @@ def _take(file: IO[str]) -> bool:
     return True
 
 
-def _holder(text: str) -> str:
+def _holder(text: str) -> str | None:
+    """The process that a lock's text names; None of a file that is no lock."""
     try:
         said = json.loads(text)
         return f"another command (process {int(said['pid'])} on {said['host']})"
     except (ValueError, KeyError, TypeError):
-        return "another command"
+        return None

@@ -6,6 +6,7 @@ Every result is on disk before the next sensor starts, so an interrupted run kee
 from __future__ import annotations
 
 import dataclasses
+import tempfile
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -26,7 +27,6 @@ from forest_addon.blender.show.horizon import lay_horizon
 from forest_addon.blender.show.preview import render, set_stage
 from forest_addon.blender.show.sound import give_sound
 from forest_addon.blender.show.walker import stand_walker
-from forest_addon.formats.atomic import replacing
 from forest_addon.formats.crs import can_tell_crs
 from forest_addon.formats.table import write_csv, write_npz
 from forest_addon.formats.wav import read_wav, write_wav
@@ -53,8 +53,7 @@ from forest_addon.stand.truth import cylinder_table
 from .command import DoubtfulError
 from .progress import Stages, hushed
 from .record import facts_of, write_record
-from .report import findings, page
-from .report.drawing import can_draw, without
+from .report import can_draw, findings, page, without
 from .report.turning import BUDGET, turning_cloud
 from .unfinished import Unfinished
 
@@ -228,14 +227,9 @@ def _describe(run: Run, world: World, result: Result) -> page.Finding:
     sensor, found, picture = result.sensor, result.found, None
     if run.settings.output.pictures:  # what draws is imported where it is asked for: a second
         path = run.out / f"{sensor.name}.png"
-        if can_draw():
-            from .report.result import draw_result
+        from .report.result import draw_result
 
-            picture = draw_result(sensor, found, world.observer, run.forest, path)
-        else:
-            from .report.plain import draw_result as draw_plainly
-
-            picture = draw_plainly(sensor, found, path)
+        picture = draw_result(sensor, found, world.observer, run.forest, path)
         if picture is not None:
             run.files.append(path.name)
     finding = findings.finding_of(sensor, found, picture, world.observer)
@@ -262,10 +256,8 @@ def _describe_stand(run: Run, inputs: Inputs) -> None:
     stand = run.forest.stand.first(own)
     drawn = None
     if wanted.pictures:
-        if can_draw():
-            from .report.stand import draw_stand
-        else:
-            from .report.plain import draw_stand
+        from .report.result import draw_stand
+
         with run.stages.stage("draw the stand"):
             path = run.path("stand.png")
             drawn = draw_stand(stand, run.forest.labels[:own], settings, inputs, path)
@@ -289,15 +281,16 @@ def _describe_stand(run: Run, inputs: Inputs) -> None:
             return
         picture = None
         if wanted.pictures and can_draw():
-            from .report.site import draw_goodness
+            from forest_addon.drawing.figures import save_figure
+            from forest_addon.drawing.stands import draw_goodness
 
-            picture = draw_goodness(found, window, run.path("goodness.png"))
+            picture = save_figure(draw_goodness(found, window), run.path("goodness.png"))
         run.findings.append(findings.goodness_finding(found, picture))
 
 
 def _say_what_is_lacking(run: Run) -> None:
     """Say, here and in the report, that pictures are plain, what their colours mean, and what to do."""
-    from .report.plain import colours_in_words
+    from .report.result import colours_in_words
 
     sentence = without("Pictures are plain and the curve of L(r) - r is left out")
     run.stages.say(f"  {sentence}")
@@ -322,9 +315,8 @@ def _audit_trees(run: Run, world: World) -> None:
 def _make_writable(out: Path) -> None:
     try:
         out.mkdir(parents=True, exist_ok=True)
-        with replacing(out / ".writable") as partial:
-            partial.write_text("x")
-        (out / ".writable").unlink()
+        with tempfile.TemporaryFile(dir=out) as file:
+            file.write(b"x")
     except OSError as problem:
         raise SpecError(
             f"--out {out}", f"cannot be written to ({problem.strerror}); choose another folder"

@@ -3,17 +3,41 @@
 from __future__ import annotations
 
 import os
+import re
 import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import partial
-from typing import Any
+from typing import Any, TextIO
 
 from forest_addon.base.progress import Progress
 
 WIDTH = 34
 DELAY = 1.0  # s, before a bar is shown
+
+
+CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u2028-\u202e\u2066-\u2069]")
+
+
+def plain(text: str) -> str:
+    """A text without characters that command a terminal: they are shown escaped, as \\x1b."""
+    return CONTROL.sub(lambda found: ascii(found[0])[1:-1], text)
+
+
+class PlainStream:
+    """A stream to which texts are written ``plain``."""
+
+    def __init__(self, stream: TextIO) -> None:
+        self._stream = stream
+
+    def write(self, text: str) -> int:
+        """Write a text; returns how many of its characters were."""
+        self._stream.write(plain(text))
+        return len(text)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
 
 
 class Stages:
@@ -31,7 +55,7 @@ class Stages:
         if self.quiet:
             yield lambda done, total: None
         else:
-            with _bar(name) as bar:
+            with _bar(plain(name)) as bar:
                 self._bar = bar
                 yield partial(_show, bar)
         self.seconds[name] = time.perf_counter() - start
@@ -43,7 +67,7 @@ class Stages:
             return
         if self._bar is not None and self._bar.last_print_t > self._bar.start_t:  # it is shown
             self._bar.clear()
-        print(text, file=sys.stderr, flush=True)
+        print(plain(text), file=sys.stderr, flush=True)
 
 
 @contextmanager

@@ -20,9 +20,11 @@ from typing import Any
 
 from forest_addon.api import TiledScan, Tiling, World
 from forest_addon.api.results import is_scanner
+from forest_addon.base.places import environment_of_child
 from forest_addon.blender.files.opening import empty_file
 from forest_addon.blender.read.kept import forget
 from forest_addon.formats.atomic import remove_abandoned, replacing
+from forest_addon.formats.ownership import remove
 from forest_addon.formats.table import write_csv
 from forest_addon.results.coordinates import FILE, Offset, on_the_map, write_note
 from forest_addon.results.kinds import write_finding
@@ -131,7 +133,7 @@ def run_in_tiles(
     every = run.tiling.site.scene.sensors
     todo = [s for s in every if not (run.resume and run.done(s))]
     for sensor in todo:
-        run.note(sensor.name).unlink(missing_ok=True)
+        remove(run.note(sensor.name))
         if is_scanner(sensor):
             way = run.tiling.way(sensor)
             run.scans[sensor.name] = scan = TiledScan(run.tiling, sensor, run.folder, way)
@@ -166,6 +168,7 @@ def run_by_workers(words: Sequence[str], workers: int) -> None:
             stdin=subprocess.DEVNULL,
             stderr=subprocess.PIPE,
             text=True,
+            env=environment_of_child(),
         )
         for k in range(workers)
     ]

@@ -9,7 +9,8 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
-import shutil
+import re
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,7 @@ from forest_addon.spec import Scene, Sensor, SpecError, with_files
 from .unfinished_files import read_value, write_value
 
 NAME = ".unfinished"
+KEPT = re.compile(r"[\w-]+-[0-9a-f]{24}\.npz")  # a sensor's name, and what decides its result
 
 
 class Unfinished:
@@ -60,7 +62,11 @@ class Unfinished:
 
     def drop(self) -> None:
         """Forget all of it: the run is done, or begins anew."""
-        shutil.rmtree(self._folder, ignore_errors=True)
+        for file in self._folder.glob("*.npz"):
+            if KEPT.fullmatch(file.name):
+                file.unlink()
+        with suppress(OSError):  # it is not there, or something of the user's is in it
+            self._folder.rmdir()
 
     def _file(self, sensor: Sensor) -> Path:
         total = hashlib.blake2b(self._scene, digest_size=12)

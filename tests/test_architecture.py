@@ -43,6 +43,7 @@ PACKAGES = {
     "forest_addon.growth": NUMBERS,
     "forest_addon.stand": NUMBERS,
     "forest_addon.sensing": NUMBERS,
+    "forest_addon.drawing": NUMBERS | {"matplotlib"},
     "forest_addon.results": NUMBERS,
     "forest_addon.site": NUMBERS,
     "forest_addon.tiles": NUMBERS,
@@ -65,7 +66,7 @@ PACKAGES = {
     "headless.dataset": NUMBERS
     | {"bpy", "dask", "distributed", "laspy", "matplotlib", "tomli_w", "tqdm"},
     "headless.report": NUMBERS | {"PIL", "bpy", "matplotlib"},
-    "headless.studies": NUMBERS
+    "studies": NUMBERS
     | {"bpy", "distributed", "laspy", "mathutils", "matplotlib", "pgeof", "psutil", "pyhelios"}
     | {"sklearn", "tlseparation", "tomli_w"},
     "headless": NUMBERS | {"bpy", "matplotlib", "tqdm"},
@@ -75,7 +76,7 @@ PACKAGES = {
 @pytest.fixture(scope="module")
 def sources():
     """Path from the root to text, of every file of the product."""
-    tops = ("forest_addon", "headless")
+    tops = ("forest_addon", "headless", "studies")
     return {
         p.relative_to(ROOT).as_posix(): p.read_text("utf-8")
         for top in tops
@@ -95,10 +96,9 @@ def test_rooms_import_what_they_may(monkeypatch):
 
 def test_packages_of_others_are_listed(monkeypatch):
     monkeypatch.chdir(ROOT)
-    graph = grimp.build_graph(
-        "forest_addon", "headless", include_external_packages=True, cache_dir=None
-    )
-    known = {"forest_addon", "headless", *sys.stdlib_module_names}
+    tops = "forest_addon", "headless", "studies"
+    graph = grimp.build_graph(*tops, include_external_packages=True, cache_dir=None)
+    known = {*tops, *sys.stdlib_module_names}
     wrong = [
         f"{module} imports {package}"
         for module in graph.modules
@@ -110,7 +110,7 @@ def test_packages_of_others_are_listed(monkeypatch):
 
 def allowed(module):
     room = ".".join(module.split(".")[:2])
-    return PACKAGES.get(room, PACKAGES["headless"] if module.startswith("headless") else set())
+    return PACKAGES.get(room, PACKAGES.get(room.split(".")[0], set()))
 
 
 def test_files_are_chapters_and_folders_shelves(sources):

@@ -7,6 +7,8 @@ then renamed, so that nothing is left half written.
 
 from __future__ import annotations
 
+import base64
+import io
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,7 +25,7 @@ from ..sensing.audit import Audit
 from ..sensing.lidar.cloud import Cloud
 from ..sensing.lidar.tractor import TractorScan, to_cloud
 from ..spec import Choice, Sensor, SpecError
-from . import labelled, plots
+from . import labelled
 from .given import file_to_write, path_of
 
 if TYPE_CHECKING:  # a sensor's physics is imported when it runs
@@ -115,7 +117,7 @@ class Result:
         plot = results_of(self.sensor).plot(self.sensor, self.found)
         if plot is None:
             raise SpecError("plot", "is not known of this result")
-        return plots.draw_strips(plot)
+        return _figures().draw_strips(plot)
 
     def _write(self, path: Path, ending: str) -> None:
         write_as(path, self.sensor, self.found, self.offset)
@@ -146,7 +148,33 @@ class Result:
         said = self.summary() | ({"audit": str(self.audit)} if self.audit else {})
         said |= {"warning": "; ".join(self.warnings)} if self.warnings else {}
         rows = "".join(f"<tr><td>{k}</td><td>{v}</td></tr>" for k, v in said.items())
-        return f"<table>{rows}</table>" + plots.as_html(self)
+        return f"<table>{rows}</table>" + _as_html(self)
+
+
+def _figures() -> Any:
+    """The module that draws results by matplotlib; a sentence where that is not there."""
+    try:
+        import matplotlib  # noqa: F401
+
+        from ..drawing import figures
+    except ImportError:
+        from ..blender.packages import to_install
+
+        raise SpecError(
+            "plot", f"needs matplotlib; type once: {to_install('matplotlib')}"
+        ) from None
+    return figures
+
+
+def _as_html(result: Result) -> str:
+    """A result's figure as an image in HTML; nothing where there is no matplotlib."""
+    try:
+        figure = result.plot()
+    except SpecError:
+        return ""
+    picture = io.BytesIO()
+    figure.savefig(picture, format="png", dpi=80)
+    return f'<img src="data:image/png;base64,{base64.b64encode(picture.getvalue()).decode()}">'
 
 
 class PointCloud(Result):
@@ -203,7 +231,8 @@ class PointCloud(Result):
         return (*ENDINGS, BAG)
 
     def plot(self) -> Any:
-        return plots.draw_cloud(self.found)
+        tripod = self.sensor if self.sensor.kind == "terrestrial" else None
+        return _figures().draw_cloud(self.found, tripod)
 
     def _write(self, path: Path, ending: str) -> None:
         if ending == BAG:
@@ -247,7 +276,7 @@ class RowScan(Result):
         }
 
     def plot(self) -> Any:
-        return plots.draw_matrix(self.found)
+        return _figures().draw_scan(self.found)
 
 
 class Echoes(Result):
@@ -294,7 +323,10 @@ class Echoes(Result):
         }
 
     def plot(self) -> Any:
-        return plots.draw_echo(self.pings[0])
+        _figures()
+        from ..drawing.echoes import draw_echo
+
+        return draw_echo(self.pings[0], self.sensor)
 
 
 class Response(Result):
@@ -330,7 +362,7 @@ class Response(Result):
         }
 
     def plot(self) -> Any:
-        return plots.draw_response(self.found)
+        return _figures().draw_reverb(self.found)
 
 
 CLASSES: Mapping[str, Callable[..., Result]] = {  # of kinds whose results have arrays with names

@@ -21,6 +21,7 @@ import numpy as np
 
 from ..base.places import version
 from ..base.progress import Progress
+from ..formats.ownership import remove
 from ..results.coordinates import Offset
 from ..results.points import records
 from ..sensing.kinds import choose, kind_of
@@ -416,7 +417,7 @@ class TiledScan:
         every: list[int] = self.pulses.pieces.tolist()
         if not resume:
             for piece in every:
-                self.path(piece).with_suffix(".json").unlink(missing_ok=True)
+                remove(self.path(piece).with_suffix(".json"))
             return every
         return [piece for piece in every if not self.is_made(piece)]
 

@@ -1,5 +1,6 @@
 """Folders that come with the add-on, and its version: as a repository, an extension or a wheel."""
 
+import os
 import re
 import tomllib
 from importlib.metadata import version as installed_version
@@ -11,6 +12,17 @@ ASSETS = next(
     (folder for folder in (ROOT / "assets", ROOT / "forest_addon" / "assets") if folder.is_dir()),
     ROOT / "assets",
 )
+
+
+def environment_of_child(**more: str) -> dict[str, str]:
+    """Return the environment of a Python process of ours: it finds what this one finds, and takes no module
+    from the folder that it starts in.
+
+    more : variables beside those of this process.
+    """
+    known = [entry for entry in os.environ.get("PYTHONPATH", "").split(os.pathsep) if entry]
+    path = [str(ROOT), *(entry for entry in known if os.path.isabs(entry))]
+    return os.environ | {"PYTHONPATH": os.pathsep.join(path), "PYTHONSAFEPATH": "1"} | more
 
 
 def version() -> str:

@@ -13,22 +13,28 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from .ownership import claim, writes
+
 NUMBER = re.compile(r"\.(\d+)\.partial")  # of the process that writes
 
 _being_written: set[Path] = set()
 
 
 @contextmanager
-def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
+def replacing(path: str | os.PathLike[str], ours: bool = False) -> Iterator[Path]:
     """Give a temporary path to write to; rename it to ``path`` when the block ends well.
+
+    ours : a record of the caller's says that what is there may be replaced (see ``ownership``).
 
     Raises
     ------
+    SpecError : what is there is the user's.
     OSError : the writer left no file, or the rename failed; ``path`` is then untouched. It names ``path``,
     not the temporary file.
     """
     final = Path(path)
-    partial = final.with_name(f".{final.stem}.{os.getpid()}.partial{final.suffix}")
+    claim(final, ours=ours)
+    partial = partial_of(final)
     _being_written.add(partial)
     try:
         yield partial
@@ -36,6 +42,7 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
             raise OSError(f"{final.name} could not be written; is the disk full?")
         with open(partial, "r+b") as written:
             os.fsync(written.fileno())
+        writes(final, partial)
         os.replace(partial, final)
     except OSError as problem:
         if problem.filename is None or Path(problem.filename) != partial:
@@ -44,6 +51,11 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
     finally:
         partial.unlink(missing_ok=True)
         _being_written.discard(partial)
+
+
+def partial_of(path: Path) -> Path:
+    """The name that this process writes a file under until it is whole."""
+    return path.with_name(f".{path.stem}.{os.getpid()}.partial{path.suffix}")
 
 
 def remove_abandoned(folder: Path) -> None:

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Concatenate, ParamSpec, TypeVar
 
 from ..spec import SpecError
+from .ownership import reads
 
 P = ParamSpec("P")
 Found = TypeVar("Found")
@@ -41,6 +42,7 @@ def guarded(
         @functools.wraps(read)
         def guarded_read(path: StrPath, /, *more: P.args, **named: P.kwargs) -> Found:
             place = str(os.fspath(path))
+            reads([path])
             try:
                 _refuse_endless(path, most)
                 return read(Path(path), *more, **named)

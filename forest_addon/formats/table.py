@@ -21,16 +21,38 @@ TEXT_AT_ONCE = 20_000  # rows
 ROWS_AT_ONCE = 200_000
 Columns = Mapping[str, Sequence[Any]]
 
+FORMULA = ("=", "+", "@")  # a cell that begins so is a formula to a spreadsheet
+
+
+def quoted(cell: Any) -> Any:
+    """A cell that a spreadsheet takes for what it says: a formula begins with an apostrophe."""
+    if not isinstance(cell, str) or not cell.lstrip("'").startswith(FORMULA) or _is_number(cell):
+        return cell
+    return f"'{cell}"
+
+
+def unquoted(cell: str) -> str:
+    """A cell as it was before ``quoted``."""
+    return cell[1:] if cell.startswith("'") and cell.lstrip("'").startswith(FORMULA) else cell
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
 
 def write_csv(path: str | os.PathLike[str], table: Columns | Iterable[Columns]) -> None:
     """Write columns of equal length, or parts of a table one below the other; floats keep every digit
-    (``repr``)."""
+    (``repr``), texts that would be formulas are quoted."""
     with replacing(path) as partial, open(partial, "w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
         for number, part in enumerate([table] if isinstance(table, Mapping) else table):
             if not number:
-                writer.writerow(part)
-            writer.writerows(zip(*part.values(), strict=True))
+                writer.writerow(map(quoted, part))
+            writer.writerows(map(quoted, row) for row in zip(*part.values(), strict=True))
 
 
 def write_npz(

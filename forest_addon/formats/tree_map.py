@@ -20,6 +20,7 @@ import numpy as np
 
 from ..spec import SpecError
 from .foreign import guarded
+from .table import unquoted
 
 NAMES = {
     "x": ("x", "x_m", "easting", "east", "e"),
@@ -138,7 +139,9 @@ def read_rows(
                 said = said.replace(",", ".")
             return number_of(path, line, key, said) * found[1]
 
-        words = tuple("" if (found := place[key]) is None else values[found[0]] for key in texts)
+        words = tuple(
+            "" if (found := place[key]) is None else unquoted(values[found[0]]) for key in texts
+        )
         rows.append((line, number("x"), number("y"), words, tuple(map(number, numbers))))
     return rows
 

@@ -1,8 +1,8 @@
-"""A reverb as one hears it: a dry sound convolved with an impulse response, as loud as a player can take.
+"""Dry sounds that a forest is heard with: a hand clap, a bat's call slowed down as echoes are, or a WAV file.
 
-Dry sounds: a hand clap, a bat's call slowed down as echoes are, or a WAV file. The clap is noise through a
-resonance of the cupped hands with the envelope t exp(-t/τ); peak and length are as Repp (1987) found them for
-a clap with hollow palms. The call is a falling sweep as ``sonar.calls`` makes it.
+The clap is noise through a resonance of the cupped hands with the envelope t exp(-t/τ); peak and length are
+as Repp (1987) found them for a clap with hollow palms. The call is a falling sweep as ``sonar.calls`` makes
+it.
 """
 
 from __future__ import annotations
@@ -15,7 +15,6 @@ import numpy as np
 
 from ..base.rng import stream
 from ..formats.wav import read_wav
-from ..sensing.reverb.auralise import auralise, normalised
 from ..sensing.sonar.calls import synthesise
 from ..spec import Sonar
 
@@ -26,21 +25,6 @@ RISE = 0.0015  # s to the clap's loudest
 CLAP_LENGTH = 0.03  # s
 RESONANCE, QUALITY = 1300.0, 1.5  # Hz, of the air between the hands
 CALL = replace(Sonar(), call="fm", band=(25e3, 80e3), call_duration=0.004)
-
-
-def wet_sound(
-    response: np.ndarray, rate: float, dry: str = "clap", file: Path | None = None
-) -> np.ndarray:
-    """(N + M - 1, C) samples at the rate of the response (N,) or (N, C).
-
-    dry : one of ``DRY``. file : the WAV of ``file``.
-
-    Raises
-    ------
-    SpecError : the file cannot be used.
-    """
-    samples, dry_rate = dry_sound(dry, file)
-    return normalised(auralise(response, samples, rate, dry_rate), PEAK_DB)[0]
 
 
 def dry_sound(dry: str, file: Path | None = None) -> tuple[np.ndarray, float]:

@@ -18,9 +18,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..drawing.strips import Plot
 from .coordinates import Offset
 from .figures import Figure
-from .plot import Plot
 
 if TYPE_CHECKING:
     from ..base.labels import Labels
@@ -60,6 +60,7 @@ class ResultKind:
 
     title, story, notes : heading, sentence and remarks in the report.
     doubts : what a user should be warned of, as a tolerance that was not reached.
+    files : what a run's files are called after the sensor's name; "": it may be a folder.
     write : the files of a run in a folder, with the offset of the scene; the one of the data first.
     endings, save : formats that a result is exported to, the usual one first, and how; labels are of points.
     plot : a picture of it; None: there is nothing to draw. points : it as points in the scene; None: it has
@@ -77,6 +78,7 @@ class ResultKind:
     story: Callable[[Any, Finding], str] = _no_words
     notes: Callable[[Any, Finding], tuple[str, ...]] = _no_notes
     doubts: Callable[[Any, Finding], tuple[str, ...]] = _no_notes
+    files: tuple[str, ...] = (".npz",)
     write: Callable[[Path, Any, Finding, Offset], list[Path]] | None = None
     endings: tuple[str, ...] = (".npz", ".csv")
     save: Callable[[Path, Any, Finding, Offset, Labels | None], None] | None = None

@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..formats.atomic import replacing
-from ..spec import Sensor, SpecError
-from .coordinates import NO_OFFSET, Offset
+from ..spec import Scene, Sensor, SpecError
+from .coordinates import FILE, NO_OFFSET, Offset
 from .figures import Figure
 from .kind import Finding, ResultKind, Variables
 from .points import ending_of
@@ -27,6 +27,13 @@ from .tractor import TRACTOR
 if TYPE_CHECKING:
     from ..base.labels import Labels
     from ..sensing.kind import Seen
+
+# Files and folders of a run, and of a scene of a dataset, that are no sensor's.
+OF_SCENE = (
+    *("trees.csv", "leaf_angles.csv", "leaves.npz", "variant_leaves.npz", "cylinders.csv", "qsm"),
+    *("stand.png", "goodness.png", "preview.png", "forest.blend", "forest.glb", "forest.usdc"),
+    *("report.html", "run.json", "scene.json", "tiles", "tiles.csv", FILE),
+)
 
 RESULTS: dict[str, ResultKind] = {
     "tractor": TRACTOR,
@@ -65,6 +72,31 @@ def labelled_of(sensor: Sensor, found: Finding) -> tuple[Variables, Variables]:
         name: (tuple(f"{name}_{k}" for k in range(v.ndim)), v, record.units.get(name, ""))
         for name, v in arrays.items()
     }, {}
+
+
+def files_of(scene: Scene, dry: str = "") -> dict[str, str]:
+    """Return names of the files, and folders, that a run of a scene may write, and what writes each.
+
+    dry : name of the sound that every reverb is also heard with.
+
+    Raises
+    ------
+    SpecError : two would have one name, also where the case of letters does not count.
+    """
+    made = dict.fromkeys(OF_SCENE, "the scene")
+    taken = {name.casefold(): whose for name, whose in made.items()}
+    for index, sensor in enumerate(scene.sensors):
+        record = results_of(sensor)
+        heard = (f"-{dry}.wav",) if dry and record.is_response else ()
+        for ending in (*record.files, ".png", *heard):
+            name = f"{sensor.name}{ending}"
+            if name.casefold() in taken:
+                raise SpecError(
+                    f"sensors[{index}].name",
+                    f'"{sensor.name}" writes {name}, as {taken[name.casefold()]} does; choose another name',
+                )
+            made[name] = taken[name.casefold()] = f'sensor "{sensor.name}"'
+    return made
 
 
 def write_finding(

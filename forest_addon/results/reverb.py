@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..base.words import keep
+from ..drawing.strips import Plot, sound_plot
 from .coordinates import Offset
 from .figures import Figure, numbers, sound_columns, words
 from .kind import ResultKind, Variables
-from .plot import Plot, sound_plot
 
 if TYPE_CHECKING:
     from ..base.labels import Labels
@@ -362,6 +362,7 @@ REVERB = ResultKind(
     sentence=_sentence,
     story=_story,
     notes=_notes,
+    files=(".wav", ".npz"),
     write=_write,
     endings=(".wav", ".npz", ".csv", ".sofa"),
     save=_save,

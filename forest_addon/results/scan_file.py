@@ -23,6 +23,7 @@ import numpy as np
 
 from ..base.progress import Progress
 from ..formats.atomic import replacing
+from ..formats.ownership import claim
 from ..formats.ply import PlyFile
 from ..sensing.lidar.cloud import Lost, together
 from ..sensing.lidar.scan import Scan
@@ -100,8 +101,12 @@ def write_scan(
     stem = stem_of(path)
     state = ScanState(_digest(scan, seed, offset), scan.pulses, at_once or scan.at_once)
     noted, partial = (path.with_name(f"{stem}.partial.{end}") for end in ("json", "ply"))
+    claim(path, noted)
+    claim(partial, ours=noted.is_file())  # a note of ours says how far it is
     if resume and noted.is_file():
         state = _resumed(noted, state)
+    else:
+        state.write(noted)
     begin = state.done
     point = BOUNCED if scan.scanner.bounces else POINT
     file = PlyFile(partial, point, comments_of(scan.scanner, seed), keep=state.points)
@@ -155,7 +160,8 @@ def comments_of(scanner: Scanner, seed: int) -> tuple[str, ...]:
 def finish(file: PlyFile, path: Path, crs: str) -> None:
     """Turn a partial file of records into the file that was asked for, which its ending says."""
     if ending_of(path) == ".ply":
-        file.path.replace(path)
+        with replacing(path) as partial:
+            file.path.replace(partial)
         return
     write_rows(path, file.rows(), crs=crs, packed=False)
     file.path.unlink()

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..base.words import keep
+from ..drawing.strips import Axis, Plot, Strip, by_distance, from_above
 from ..spec import Scanner, Terrestrial
 from .coordinates import Offset
 from .figures import Figure, numbers, organ_figures, share
 from .kind import ResultKind, Variables
-from .plot import Axis, Plot, Strip, by_distance, from_above
 from .points import ENDINGS, write_points
 
 THIRDS = 3  # of the heights of what moves
@@ -179,6 +179,7 @@ SCANNER = ResultKind(
     title=_title,
     story=_story,
     notes=_notes,
+    files=(".laz", ""),
     write=_write,
     endings=ENDINGS,
     save=_save,

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..base.words import keep
+from ..drawing.strips import Plot, sound_plot
 from .coordinates import Offset
 from .figures import Figure, numbers, sound_columns, words
 from .kind import Finding, ResultKind, Variables
-from .plot import Plot, sound_plot
 
 if TYPE_CHECKING:
     from ..base.labels import Labels
@@ -243,6 +243,7 @@ SONAR = ResultKind(
     story=_story,
     notes=_notes,
     doubts=_doubts,
+    files=(".npz", ".wav", "-heard.npz"),
     write=_write,
     endings=(".wav", ".npz", ".csv"),
     save=_save,

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..base.words import keep
+from ..drawing.strips import Axis, Plot, Strip, by_distance
 from .coordinates import Offset
 from .figures import Figure, numbers, organ_figures, share
 from .kind import ResultKind, Variables
-from .plot import Axis, Plot, Strip, by_distance
 from .points import ENDINGS, write_points
 
 if TYPE_CHECKING:

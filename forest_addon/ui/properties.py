@@ -138,6 +138,8 @@ class FOREST_PG_frame(bpy.types.PropertyGroup):
     said: StringProperty(description="Figures and legend")
     points: PointerProperty(type=bpy.types.Mesh)
     picture: PointerProperty(type=bpy.types.Image)
+    sound: PointerProperty(type=bpy.types.Sound)
+    found: StringProperty(subtype="BYTE_STRING")
 
 
 class FOREST_PG_result(bpy.types.PropertyGroup):
@@ -156,6 +158,10 @@ class FOREST_PG_result(bpy.types.PropertyGroup):
     file: StringProperty(subtype="FILE_PATH", description="File with what was found")
     picture: PointerProperty(type=bpy.types.Image)
     caption: StringProperty()
+    found: StringProperty(
+        subtype="BYTE_STRING",
+        description="What was found, where the points of an object are not all of it",
+    )
     legend: CollectionProperty(type=FOREST_PG_legend)
     frames: CollectionProperty(type=FOREST_PG_frame)
 

@@ -10,7 +10,9 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-from ..report.pictures import FAINT, INK, LEAF_GREEN, RED, blank_figure, save_figure
+from forest_addon.drawing.figures import blank_figure, save_figure
+from forest_addon.drawing.palette import FAINT, INK, LEAF_GREEN, RED
+
 from .sweep import AccuracySweep, Point
 
 FLOOR = 1e-16  # an error of 0 is drawn here

@@ -1,9 +1,4 @@
-"""The commands of ``python -m headless``, a file each, in the order of its help.
-
-The studies' commands follow where the studies are: the extension comes without them.
-"""
-
-from importlib.util import find_spec
+"""The commands of ``python -m headless``, a file each, in the order of its help."""
 
 from .accuracy import AccuracyCommand
 from .allometry import AllometryCommand
@@ -28,7 +23,3 @@ COMMANDS = (
     *(AllometryCommand(), AssetsCommand(), CanopyCommand()),
     *(LidarCommand(), ExportCommand(), ConvolveCommand(), FlyCommand()),
 )
-if find_spec("..studies", __package__) is not None:
-    from ..studies.commands import COMMANDS as STUDIES
-
-    COMMANDS += STUDIES

@@ -39,6 +39,9 @@ class AccuracyCommand(Command):
     def lock(self, chosen: argparse.Namespace) -> Path:
         return chosen.out / LOCK
 
+    def is_whole(self, chosen: argparse.Namespace) -> bool:
+        return True
+
     def run(self, chosen: argparse.Namespace) -> None:
         from ..accuracy.run import sweep_scene
 

@@ -11,6 +11,7 @@ from ..command import Command, refuse_negative
 class AssetsCommand(Command):
     name = "assets"
     help = "grow an asset library: trees to drag from the Asset Browser"
+    outputs = ("out", "sheet")
     description = (
         "Grow trees of each species into a .blend file of assets, with pictures, tags and catalogs. Added "
         "to Blender's asset libraries (Preferences, File Paths), they can be dragged into any scene; sensors "

@@ -42,6 +42,9 @@ class CanopyCommand(Command):
     def lock(self, chosen: argparse.Namespace) -> Path:
         return chosen.out / LOCK
 
+    def is_whole(self, chosen: argparse.Namespace) -> bool:
+        return True
+
     def run(self, chosen: argparse.Namespace) -> None:
         from .work.canopy import look_up_in
 

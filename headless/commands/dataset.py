@@ -16,6 +16,7 @@ CONVERTED = ("semantic-kitti", "s3dis", "coco-panoptic")
 class DatasetCommand(Command):
     name = "dataset"
     help = "make thousands of labelled scenes from one plan"
+    outputs = ("out", "check")
     description = (
         "Make the scenes of a plan, each with its truth, into a folder that describes itself."
     )

@@ -8,7 +8,7 @@ from pathlib import Path
 from forest_addon.base.places import ASSETS
 
 from ..command import LOCK, Command
-from .run import add_run_options, run_file
+from .run import add_run_options, is_whole_run, run_file
 
 DEMO = ASSETS / "scenes" / "demo.toml"
 
@@ -27,6 +27,13 @@ class DemoCommand(Command):
 
     def lock(self, chosen: argparse.Namespace) -> Path:
         return chosen.out / LOCK
+
+    def is_whole(self, chosen: argparse.Namespace) -> bool:
+        return is_whole_run(chosen)
+
+    @property
+    def maker(self) -> str:
+        return "run"
 
     def run(self, chosen: argparse.Namespace) -> None:
         run_file(DEMO, chosen)

@@ -10,6 +10,7 @@ from ..command import Command, refuse_negative
 class DeriveCommand(Command):
     name = "derive"
     help = "print the string of a species' L-system"
+    outputs = ()
     description = "Print the string that the L-system of a species makes."
 
     def arguments(self, parser: argparse.ArgumentParser) -> None:

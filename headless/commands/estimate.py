@@ -11,6 +11,7 @@ from ..command import Command, out_file
 class EstimateCommand(Command):
     name = "estimate"
     help = "make a scene like a site from a map of its trees (CSV)"
+    is_folder = False
     description = (
         "Estimate where trees stand on a site from a CSV of x, y (metres) and perhaps species, "
         "and write a scene that plants forests like it, and a picture."

@@ -33,6 +33,9 @@ What HELIOS++ cannot say is printed, and stands in scene.json."""
     def output(self, chosen: argparse.Namespace) -> Path:
         return chosen.out or Path("out") / f"{name_of(chosen.scene)}-export"
 
+    def is_whole(self, chosen: argparse.Namespace) -> bool:
+        return True
+
     def run(self, chosen: argparse.Namespace) -> None:
         from .work.export import export_scene
 

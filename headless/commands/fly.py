@@ -49,6 +49,9 @@ examples:
     def lock(self, chosen: argparse.Namespace) -> Path:
         return chosen.out / LOCK
 
+    def is_whole(self, chosen: argparse.Namespace) -> bool:
+        return True
+
     def run(self, chosen: argparse.Namespace) -> None:
         refuse_negative(chosen.seed)
         if chosen.bags < 0:

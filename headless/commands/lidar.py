@@ -19,6 +19,7 @@ FORMATS = ("laz", "las", "copc.laz", "ply", "npz")
 class LidarCommand(Command):
     name = "lidar"
     help = "scan a .blend of your own with a real instrument"
+    is_folder = False
     description = "Scan a Blender scene as it is evaluated, and write a point cloud with labels."
     epilog = """\
 examples:

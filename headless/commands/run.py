@@ -39,6 +39,9 @@ class RunCommand(Command):
         share = "" if chosen.share is None else f"-{chosen.share.replace('/', '-of-')}"
         return chosen.out / f"{LOCK}{share}"
 
+    def is_whole(self, chosen: argparse.Namespace) -> bool:
+        return is_whole_run(chosen)
+
     def kept(self, chosen: argparse.Namespace) -> str:
         return f"{super().kept(chosen)}; --resume goes on with it"
 
@@ -66,9 +69,24 @@ def add_run_options(parser: argparse.ArgumentParser, folder: str) -> None:
     parser.add_argument("--quiet", action="store_true", help="say nothing but errors")
 
 
+def is_whole_run(chosen: argparse.Namespace) -> bool:
+    """Return whether a run makes all files of its folder: none that goes on, or has processes to help."""
+    return (
+        not chosen.resume
+        and getattr(chosen, "share", None) is None
+        and getattr(chosen, "workers", 1) < 2
+    )
+
+
 def run_file(scene: Path, chosen: argparse.Namespace) -> None:
     """Run a scene file as the options say."""
-    settings = read_scene(scene, chosen.seed)
+    from forest_addon.formats.ownership import claim
+    from forest_addon.results.kinds import files_of
+
+    dry = chosen.convolve.stem if chosen.convolve else ""
+    settings = read_scene(scene, chosen.seed, dry)
+    names = (chosen.out / name for name in files_of(settings, dry))
+    claim(*(path for path in names if not path.is_dir()))  # hours before they are written
     from ..progress import hushed
 
     with hushed():  # Blender says where its colours come from

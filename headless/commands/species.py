@@ -13,6 +13,8 @@ from ..command import Command, refuse_negative
 class SpeciesCommand(Command):
     name = "species"
     help = "grow one tree of each preset: a table, and a contact sheet"
+    outputs = ("sheet", "pictures", "close_ups")
+    is_folder = False
     description = "Grow one tree of each species and print its size, leaves and wood."
 
     def arguments(self, parser: argparse.ArgumentParser) -> None:

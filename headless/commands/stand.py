@@ -11,6 +11,7 @@ from ..command import SCENE_HELP, Command, name_of, out_file, scene_file
 class StandCommand(Command):
     name = "stand"
     help = "sample where the trees of a scene stand: a table, and a map"
+    is_folder = False
     description = (
         "Sample the positions of a scene's trees, without growing them; write them as CSV or "
         "GeoJSON, and a map beside that."

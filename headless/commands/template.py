@@ -78,6 +78,9 @@ class TemplateCommand(Command):
     def lock(self, chosen: argparse.Namespace) -> Path:
         return chosen.out / LOCK
 
+    def is_whole(self, chosen: argparse.Namespace) -> bool:
+        return True
+
     def run(self, chosen: argparse.Namespace) -> None:
         from forest_addon.growth.library.template_library import Brought
 

@@ -6,14 +6,17 @@ meant.
 
 from __future__ import annotations
 
+import html
 import importlib.metadata
 import platform
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from forest_addon.formats.atomic import replacing
 
+from ..progress import plain
 from . import disk
 from .convert.legend import write_names
 from .labels import FILES, LIMITS
@@ -21,6 +24,7 @@ from .plan import SPLITS, Plan, Recipe
 
 LOADER = Path(__file__).parent / "convert" / "loader.py"  # read, never imported here
 LEGEND = "legend.csv"
+CARD = ("README.md", "loader.py", LEGEND, "overview.png", "varied.png")
 PACKAGES = ("forest-sensing", "bpy", "numpy", "scipy", "laspy", "lazrs")
 
 
@@ -46,7 +50,7 @@ def card_text(plan: Plan, wanted: Sequence[Recipe], done: Sequence[disk.Done]) -
     species = sorted({name for record in records for name in record["species"]})
     lost = len(wanted) - len(done)
     lines = [
-        f"# {plan.head.name}",
+        f"# {_text(plan.head.name)}",
         "",
         f"{len(done):,} of {len(wanted):,} scenes of a simulated forest, with the truth of every tree"
         + (f"; {lost} could not be made (manifest.csv says why)" if lost > 0 else "")
@@ -59,7 +63,7 @@ def card_text(plan: Plan, wanted: Sequence[Recipe], done: Sequence[disk.Done]) -
         f"| trees | {sum(record['trees'] for record in records):,} |",
         f"| leaves | {sum(record['leaves'] for record in records):,} |",
         f"| leaf area | {sum(record['leaf_area_m2'] for record in records):,.0f} m² |",
-        f"| species | {', '.join(species) or 'none'} |",
+        f"| species | {_text(', '.join(species)) or 'none'} |",
         f"| points | {points:,} |",
         *_what_is_empty(records),
         f"| size | {sum(one.size for one in done) / 1e9:.2f} GB |",
@@ -67,11 +71,11 @@ def card_text(plan: Plan, wanted: Sequence[Recipe], done: Sequence[disk.Done]) -
             f"| {split} | {sum(r['split'] == split for r in records):,} scenes |"
             for split in SPLITS
         ),
-        f"| licence | {plan.head.licence} |",
+        f"| licence | {_text(plan.head.licence)} |",
         "",
         "## How it was made",
         "",
-        f"Forest Sensing, plan `{plan.path.name}` (`plan.toml` is the plan as it was used), seed "
+        f"Forest Sensing, plan `{_code(plan.path.name)}` (`plan.toml` is the plan as it was used), seed "
         f"{plan.head.seed}, "
         f"trees: {plan.head.trees}. {_shared(plan, records)}",
         "",
@@ -100,7 +104,18 @@ def card_text(plan: Plan, wanted: Sequence[Recipe], done: Sequence[disk.Done]) -
 def _what_is_empty(records: Sequence[dict[str, Any]]) -> list[str]:
     """A row that counts results without a point or an echo, and scenes without a tree."""
     whys = [why for record in records for why in record.get("empty", {}).values()]
-    return [f"| empty | {len(whys):,} results; first: {whys[0]} |"] if whys else []
+    return [f"| empty | {len(whys):,} results; first: {_text(whys[0])} |"] if whys else []
+
+
+def _text(words: str) -> str:
+    """Words as Markdown shows them: no tag, no link, no cell of their own."""
+    shown = html.escape(" ".join(plain(words).split()), quote=False)
+    return re.sub(r"[|`*\[\]\\]", lambda found: f"&#{ord(found[0])};", shown)
+
+
+def _code(words: str) -> str:
+    """Words between backticks of a table: an entity would be shown as it is."""
+    return " ".join(plain(words).replace("`", "'").replace("|", "\\|").split())
 
 
 def _is_there(pattern: str, records: Sequence[dict[str, Any]]) -> bool:
@@ -113,10 +128,13 @@ def _is_there(pattern: str, records: Sequence[dict[str, Any]]) -> bool:
 def _what_varied(plan: Plan) -> list[str]:
     if not plan.varied:
         return []
-    rows = [
-        f"| `{one.path}` | {one.kind} {one.given} | {one.design if one.kind != 'grid' else 'grid'} |"
-        for one in plan.varied
-    ]
+    rows = []
+    for one in plan.varied:
+        values, design = (
+            _text(f"{one.kind} {one.given}"),
+            one.design if one.kind != "grid" else "grid",
+        )
+        rows.append(f"| `{_code(one.path)}` | {values} | {design} |")
     return ["## What varied", "", "| key | values | design |", "|---|---|---|", *rows, ""]
 
 

@@ -19,7 +19,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO, Any
 
-from forest_addon.base.places import ROOT
+from forest_addon.base.places import environment_of_child
 
 LOOK = 0.1  # s between two looks at its memory
 STARTS_IN = 300.0  # s, at most
@@ -79,13 +79,9 @@ class Child:
     def _start(self) -> str:
         """Start it; returns what went wrong, empty if it is ready."""
         self.end()
-        environment = {name: value for name, value in os.environ.items() if name != TRIMS} | {
-            "OPENBLAS_NUM_THREADS": "1",  # small matrices; and the same sums everywhere
-            "OMP_NUM_THREADS": "1",
-            "PYTHONPATH": os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")]).rstrip(
-                os.pathsep
-            ),
-        }
+        one = "1"  # small matrices; and the same sums everywhere
+        environment = environment_of_child(OPENBLAS_NUM_THREADS=one, OMP_NUM_THREADS=one)
+        environment.pop(TRIMS, None)
         self._words = tempfile.TemporaryFile()  # noqa: SIM115 - it lives as long as the process
         self._process = subprocess.Popen(
             [sys.executable, "-m", f"{__package__}.maker", str(self.threads)],

@@ -16,6 +16,7 @@ import errno
 import hashlib
 import json
 import os
+import re
 import secrets
 import shutil
 from collections.abc import Iterator, Mapping
@@ -24,9 +25,10 @@ from pathlib import Path
 from typing import Any
 
 from forest_addon.formats.atomic import replacing
+from forest_addon.formats.ownership import claim, digest_of
 
 SCENES, STATUS, RECORD = "scenes", "status", "scene.json"
-READ_AT_ONCE = 1 << 20
+MADE = re.compile(r"\.\d{6,}\.\d+-[0-9a-f]{8}\.partial")  # a scene in the making
 
 
 @dataclass(frozen=True)
@@ -83,15 +85,6 @@ def finish(partial: Path, root: Path, record: Mapping[str, Any]) -> Path:
     return final
 
 
-def digest_of(path: Path) -> str:
-    """SHA-256 of a file."""
-    total = hashlib.sha256()
-    with open(path, "rb") as file:
-        while part := file.read(READ_AT_ONCE):
-            total.update(part)
-    return total.hexdigest()
-
-
 def digest_of_files(files: Mapping[str, Mapping[str, Any]]) -> str:
     """One SHA-256 of the names and digests of all files of a scene."""
     lines = (f"{one['sha256']}  {name}\n" for name, one in sorted(files.items()))
@@ -136,38 +129,65 @@ def read_scene(folder: Path) -> Done | None:
 
 
 def remove_scene(root: Path, number: int) -> None:
-    """Remove a scene: it has no name any more before its first file goes."""
+    """Remove a scene that is ours: it has no name any more before its first file goes."""
     folder = root / SCENES / scene_name(number)
     if folder.exists():
         partial = folder.with_name(f".{folder.name}.{os.getpid()}-{secrets.token_hex(4)}.partial")
         os.rename(folder, partial)
         shutil.rmtree(partial)
-    (root / STATUS / f"{scene_name(number)}.json").unlink(missing_ok=True)
+    _note(root, number).unlink(missing_ok=True)
 
 
 def clean(root: Path) -> None:
-    """Remove what scenes that nobody is making any more have left, and folders that are no whole scene."""
+    """Remove what scenes that nobody is making any more have left."""
     folder = root / SCENES
     for path in sorted(folder.iterdir()) if folder.is_dir() else ():
-        partial = path.name.startswith(".") and path.name.endswith(".partial")
-        if partial or (path.name.isdigit() and read_scene(path) is None):
+        if MADE.fullmatch(path.name):
             shutil.rmtree(path, ignore_errors=True)
+
+
+def claim_scene(root: Path, number: int) -> None:
+    """Make sure that a scene may be made anew.
+
+    Raises
+    ------
+    SpecError : what is there in its place is the user's.
+    """
+    folder, note = root / SCENES / scene_name(number), _note(root, number)
+    claim(folder, ours=is_ours(folder))
+    claim(note, ours="status" in read_status(root, number))
+
+
+def is_ours(folder: Path) -> bool:
+    """Return whether all that is in a folder is what its record says; some of it, or all, may be missing."""
+    try:
+        if not any(folder.iterdir()):
+            return True
+        record = json.loads((folder / RECORD).read_text(encoding="utf-8"))
+        named = int(record["scene"]) == int(folder.name) and not folder.is_symlink()
+        return named and all(
+            path.name == RECORD or digest_of(path) == record["files"][path.name]["sha256"]
+            for path in folder.iterdir()
+        )
+    except (OSError, ValueError, KeyError, TypeError):
+        return False
 
 
 def write_status(root: Path, number: int, status: Mapping[str, Any]) -> None:
     """Note how a scene went; it is no part of the dataset's bytes."""
-    folder = root / STATUS
-    folder.mkdir(parents=True, exist_ok=True)
-    with replacing(folder / f"{scene_name(number)}.json") as text:
+    (root / STATUS).mkdir(parents=True, exist_ok=True)
+    with replacing(_note(root, number), ours=True) as text:  # the dataset looked before it began
         text.write_text(json.dumps(status, indent=1, sort_keys=True) + "\n", encoding="utf-8")
 
 
 def read_status(root: Path, number: int) -> dict[str, Any]:
     """Return how a scene went; empty where that is not known."""
     try:
-        found = json.loads(
-            (root / STATUS / f"{scene_name(number)}.json").read_text(encoding="utf-8")
-        )
+        found = json.loads(_note(root, number).read_text(encoding="utf-8"))
         return found if isinstance(found, dict) else {}
     except (OSError, ValueError):
         return {}
+
+
+def _note(root: Path, number: int) -> Path:
+    return root / STATUS / f"{scene_name(number)}.json"

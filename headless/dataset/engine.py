@@ -15,6 +15,7 @@ import importlib
 import logging
 import os
 import queue
+import shlex
 import threading
 import time
 from collections import deque
@@ -24,6 +25,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from forest_addon.base.places import environment_of_child
 from forest_addon.spec import SpecError
 
 from . import disk
@@ -175,6 +177,11 @@ def slurm_cluster(said: str) -> tuple[Any, int]:
         raise SpecError("--slurm", f'jobs is "{jobs}"; give how many jobs to start')
     for key in ("cores", "processes"):
         keys[key] = int(keys[key])
+    safe = environment_of_child()
+    said_first = [
+        f"export {key}={shlex.quote(safe[key])}" for key in ("PYTHONPATH", "PYTHONSAFEPATH")
+    ]
+    keys.setdefault("job_script_prologue", said_first)
     return jobqueue.SLURMCluster(**keys), int(jobs)
 
 

@@ -13,14 +13,16 @@ from typing import Any
 from tqdm import tqdm
 
 from forest_addon.formats.atomic import replacing
+from forest_addon.formats.ownership import claim
 from forest_addon.spec import SpecError
 
 from ..command import IncompleteError
 from ..lock import only_one
+from ..progress import plain
 from . import disk
-from .card import versions, write_card
+from .card import CARD, versions, write_card
 from .engine import Cluster, make_all
-from .manifest import write_manifest
+from .manifest import MANIFEST, write_manifest
 from .plan import Plan, Recipe, recipes
 from .worker import job_of
 
@@ -61,6 +63,7 @@ def make_dataset(plan: Plan, out: Path, asked: Asked) -> None:
 
 def _make(plan: Plan, wanted: Sequence[Recipe], out: Path, asked: Asked) -> None:
     disk.clean(out)
+    claim(*(out / name for name in ("plan.toml", MANIFEST, *CARD)))
     missing = _missing(wanted, out, asked.replace)
     write_plan(plan, out)
     rows = make_scenes(plan, wanted, missing, out, asked)
@@ -107,7 +110,8 @@ def make_scenes(
             bar.update()
             if result["result"] == "failed" and not asked.quiet:
                 bar.write(
-                    f"  scene {result['scene']:06d} is set aside: {result['why']}", file=sys.stderr
+                    plain(f"  scene {result['scene']:06d} is set aside: {result['why']}"),
+                    file=sys.stderr,
                 )
             if time.monotonic() > refresh:
                 started = time.monotonic()
@@ -139,9 +143,13 @@ def _missing(wanted: Sequence[Recipe], out: Path, replace: bool) -> list[Recipe]
             "of this "
             "plan: its settings have changed; choose another folder, or --replace to make them anew",
         )
-    for number in other:
+    missing = [recipe for recipe in wanted if done.get(recipe.number) != recipe.digest]
+    anew = sorted({*other, *(recipe.number for recipe in missing)})
+    for number in anew:
+        disk.claim_scene(out, number)
+    for number in anew:
         disk.remove_scene(out, number)
-    return [recipe for recipe in wanted if done.get(recipe.number) != recipe.digest]
+    return missing
 
 
 def _named(scenes: Sequence[str]) -> str:

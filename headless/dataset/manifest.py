@@ -12,6 +12,7 @@ from forest_addon.formats.table import write_csv
 from . import disk
 from .plan import SPLITS, Recipe
 
+MANIFEST = "manifest.csv"
 COLUMNS = (
     *(
         "scene",
@@ -72,7 +73,7 @@ def _row(root: Path, recipe: Recipe | None, done: disk.Done | None) -> dict[str,
 def write_manifest(root: Path, recipes: Sequence[Recipe]) -> list[dict[str, Any]]:
     """Write the manifest and the splits' lists of scenes that are done; returns the rows."""
     rows = rows_of(root, recipes)
-    write_csv(root / "manifest.csv", {name: [row[name] for row in rows] for name in COLUMNS})
+    write_csv(root / MANIFEST, {name: [row[name] for row in rows] for name in COLUMNS})
     folder = root / "splits"
     folder.mkdir(exist_ok=True)
     for split in SPLITS:

@@ -13,7 +13,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from forest_addon.base.rng import stream
-from forest_addon.formats.atomic import replacing
+from forest_addon.drawing.figures import save_figure
+from forest_addon.drawing.palette import INK, LEAF_GREEN, LINES, ORGANS, species_colour
 from forest_addon.formats.toml_file import structure
 from forest_addon.spec import Forest
 
@@ -25,9 +26,6 @@ POINTS = 60_000  # of a scene
 ENOUGH = 2  # times so many are looked for: a sample of those is spread evenly
 BESIDE = 3.0  # m of the slice on both sides of the field
 SLICE = 8.0  # m of a plot's depth that a side view shows
-ORGAN = np.array(["#8a8a8a", "#6b4a2b", "#3f8f3f", "#c9b48a"])  # other, wood, leaf, ground
-INK = "#24302a"
-COLOURS = ("#3f8f3f", "#c4622d", "#3b6ea5", "#b59b2a", "#7b4f9d", "#2a9d8f", "#a53b5f", "#5c5c5c")
 
 
 def draw_overview(done: Sequence[Done], seed: int, path: Path) -> None:
@@ -39,12 +37,12 @@ def draw_overview(done: Sequence[Done], seed: int, path: Path) -> None:
     figure = Figure(figsize=(4.2 * columns, 4.6 * rows), dpi=90, layout="constrained")
     grid = figure.add_gridspec(2 * rows, columns, height_ratios=[1.25, 1.0] * rows)
     species = sorted({name for one in some for name in one.record["species"]})
-    colour = {name: COLOURS[k % len(COLOURS)] for k, name in enumerate(species)}
+    colour = {name: species_colour(k) for k, name in enumerate(species)}
     for place, one in enumerate(some):
         row, column = divmod(place, columns)
         _draw_map(figure.add_subplot(grid[2 * row, column]), one, colour)
         _draw_found(figure.add_subplot(grid[2 * row + 1, column]), one)
-    _save(figure, path)
+    save_figure(figure, path)
 
 
 def _draw_map(axes: Axes, one: Done, colour: dict[str, str]) -> None:
@@ -117,9 +115,7 @@ def _draw_found(axes: Axes, one: Done) -> None:
     axes.set_title(stem, fontsize=7, color=INK)
     peak = max(float(np.abs(sound).max()), 1e-30)
     for number, line in enumerate(sound):
-        axes.plot(
-            1e3 * time[: len(line)], line / peak - 1.5 * number, lw=0.5, color=COLOURS[number]
-        )
+        axes.plot(1e3 * time[: len(line)], line / peak - 1.5 * number, lw=0.5, color=LINES[number])
     axes.set_xlabel("ms", fontsize=6)
     axes.set_yticks([])
 
@@ -143,7 +139,7 @@ def _draw_clouds(axes: Axes, folder: Path, clouds: dict[str, int]) -> None:
     place, organ = np.concatenate(some), np.concatenate(shades)
     rows = stream(0, "overview", "points").permutation(len(place))[:POINTS]
     rows = rows[np.argsort(-place[rows, 1])]
-    shade = ORGAN[np.clip(organ[rows], 0, 3)]
+    shade = [ORGANS[one][1] for one in np.clip(organ[rows], 0, max(ORGANS)).tolist()]
     axes.scatter(place[rows, 0], place[rows, 2], s=0.35, c=shade, lw=0, rasterized=True)
     axes.set_aspect("equal")
     title = f"{', '.join(drawn)}: a slice of {SLICE:g} m; {sum(clouds.values()):,} points in all"
@@ -214,18 +210,13 @@ def draw_varied(done: Sequence[Done], path: Path) -> None:
         axes.tick_params(labelsize=6.5)
         axes.set_title(key, fontsize=8, color=INK)
         if all(isinstance(value, (int, float)) and not isinstance(value, bool) for value in values):
-            axes.hist(values, bins=min(24, max(4, len(values) // 4)), color=COLOURS[0])
+            axes.hist(values, bins=min(24, max(4, len(values) // 4)), color=LEAF_GREEN)
         else:
             names, counts = np.unique([str(value) for value in values], return_counts=True)
-            axes.barh(names, counts, color=COLOURS[0])
-    _save(figure, path)
+            axes.barh(names, counts, color=LEAF_GREEN)
+    save_figure(figure, path)
 
 
 def _table(path: Path) -> list[dict[str, str]]:
     with open(path, newline="", encoding="utf-8") as file:
         return list(csv.DictReader(file))
-
-
-def _save(figure: Figure, path: Path) -> None:
-    with replacing(path) as partial:
-        figure.savefig(partial, metadata={"Software": None})

@@ -23,6 +23,7 @@ from forest_addon.base.places import ASSETS
 from forest_addon.base.rng import stream
 from forest_addon.formats.toml_file import read_settings, structure, table_of
 from forest_addon.formats.toml_text import later, parse_tables, read_tables, without_version
+from forest_addon.results.kinds import files_of
 from forest_addon.sensing import kinds as _kinds  # noqa: F401  whose words a plan may name
 from forest_addon.spec import Scene, SpecError, Species, refuse_unknown, unknown
 from forest_addon.spec.base import Settings, with_files
@@ -297,6 +298,7 @@ def _resolved(
         own = tables["scene"].get("plantings", [])
         tables["scene"]["plantings"] = _plantings(plan, mix, base, number, own)
     scene = structure(tables["scene"], Scene, base.folder)
+    files_of(scene)
     places = []
     for index, one in enumerate(tables["place"]):
         try:

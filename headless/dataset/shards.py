@@ -11,11 +11,12 @@ import tarfile
 from pathlib import Path
 
 from forest_addon.formats.atomic import replacing
+from forest_addon.formats.ownership import claim, remove
 
 from . import disk
 from .plan import SPLITS
 
-FOLDER = "shards"
+FOLDER, INDEX = "shards", "index.json"
 
 
 def write_shards(root: Path, size: int) -> list[Path]:
@@ -27,6 +28,8 @@ def write_shards(root: Path, size: int) -> list[Path]:
     """
     folder = root / FOLDER
     folder.mkdir(exist_ok=True)
+    before = _packed(folder / INDEX)
+    claim(folder / INDEX)
     written = []
     done = list(disk.scenes_done(root))
     for split in SPLITS:
@@ -38,13 +41,20 @@ def write_shards(root: Path, size: int) -> list[Path]:
             if sum(each.size for each in held) >= size or place == len(mine) - 1:
                 written.append(_pack(folder / f"{split}-{number:06d}.tar", held))
                 held, number = [], number + 1
-    for old in folder.glob("*.tar"):
-        if old not in written:
-            old.unlink()
-    counts = {path.name: path.stat().st_size for path in written}
-    with replacing(folder / "index.json") as text:
+    counts, index = {path.name: path.stat().st_size for path in written}, folder / INDEX
+    for old in before - set(counts):
+        remove(folder / old)
+    with replacing(index) as text:
         text.write_text(json.dumps(counts, indent=1) + "\n", encoding="utf-8")
     return written
+
+
+def _packed(index: Path) -> set[str]:
+    """Names of the tars that an earlier command packed."""
+    try:
+        return {Path(name).name for name in json.loads(index.read_text(encoding="utf-8"))}
+    except (OSError, ValueError, TypeError):
+        return set()
 
 
 def _pack(path: Path, scenes: list[disk.Done]) -> Path:

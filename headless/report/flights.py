@@ -11,14 +11,12 @@ from matplotlib import rc_context
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
+from forest_addon.drawing.figures import STYLE, save_figure
+from forest_addon.drawing.palette import BLUE, FAINT, LINES, RED, VIOLET
 from forest_addon.flight.statistics import interval
 from forest_addon.flight.top_view import TopView
 
-from .pictures import FAINT, INK, LEAF_GREEN, RED, STYLE, save_figure
-
-BLUE, BROWN = "#2b5f8a", "#7a5230"
-ENDS = {"arrived": BLUE, "crashed": RED, "late": "#8a6bb0"}
-LINES = (BLUE, LEAF_GREEN, BROWN, RED, "#8a6bb0", INK)
+ENDS = {"arrived": BLUE, "crashed": RED, "late": VIOLET}
 
 
 def new_figure(columns: int, size: tuple[float, float], **options: Any) -> tuple[Figure, Any]:

@@ -7,7 +7,6 @@ coordinates are 16 bits an axis. The viewer is three.js, bundled in assets/viewe
 from __future__ import annotations
 
 import base64
-import html
 import json
 import zlib
 from collections.abc import Sequence
@@ -65,9 +64,15 @@ def turning_cloud(cloud: Cloud, species: Sequence[str], budget: int = BUDGET) ->
         '<label>Cut in front <input type="range" min="1" max="100" value="100"></label>'
         f'<span class="legend"></span></div><figcaption>{"; ".join(said)}. Drag to turn, wheel to come '
         "nearer, right button to shift.</figcaption>"
-        f'<script type="application/json" class="about">{html.escape(json.dumps(about), quote=False)}'
+        f'<script type="application/json" class="about">{_in_script(about)}'
         f'</script><script type="text/plain" class="bytes">{packed}</script></figure>'
     )
+
+
+def _in_script(value: Any) -> str:
+    """JSON within an element ``script``, which knows no entities and ends at its end tag."""
+    text = json.dumps(value)
+    return text.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e")
 
 
 def viewer() -> str:

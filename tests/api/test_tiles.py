@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 bpy = pytest.importorskip("bpy")
@@ -61,7 +61,7 @@ def tiled(scene, **tiles):
 
 
 @pytest.mark.slow
-@settings(max_examples=2, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=2)
 @given(size=st.floats(11.0, 70.0), buffer=st.floats(0.0, 8.0))
 def test_scans_over_edges_are_those_of_the_whole_to_the_bit(whole, tmp_path, size, buffer):
     scene, folder, _, _ = whole

@@ -153,6 +153,6 @@ def test_pictures_of_the_landing_page_are_described():
 
 
 def test_the_benchmarks_say_what_their_picture_assumes():
-    from headless.studies.bench.frontier import ASSUMPTIONS
+    from studies.bench.frontier import ASSUMPTIONS
 
     assert ASSUMPTIONS in (DOCS / "benchmarks.md").read_text(encoding="utf-8")

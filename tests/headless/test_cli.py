@@ -9,7 +9,6 @@ import pytest
 
 from headless import cli
 from headless.commands import COMMANDS
-from headless.studies.bench.run import with_section
 
 ROOT = Path(__file__).resolve().parents[2]
 HEAVY = {"numpy", "scipy", "matplotlib", "bpy", "laspy", "cattrs", "tqdm"}
@@ -22,8 +21,7 @@ def test_the_parser_knows_no_command_by_name():
 
 
 def test_every_file_of_commands_is_one_command():
-    folders = (ROOT / "headless" / "commands", ROOT / "headless" / "studies" / "commands")
-    files = {p.stem for folder in folders for p in folder.glob("[a-z]*.py")}
+    files = {p.stem for p in (ROOT / "headless" / "commands").glob("[a-z]*.py")}
     assert files == {type(command).__module__.split(".")[-1] for command in COMMANDS}
     assert files == {command.name.replace("-", "_") for command in COMMANDS}
 
@@ -64,7 +62,6 @@ def test_values_that_begin_with_a_minus(words, joined):
         (["lidar", "park.blend", "--scanner", "riegl-vz-400i"], "out/park-riegl-vz-400i.laz"),
         (["lidar", "park.blend", "--out", "a.las", "--format", "ply"], "a.las.ply"),
         (["convolve", "out/ir.wav", "clap.wav"], "out/ir-clap.wav"),
-        (["simlidar"], "out/simlidar"),
         (["stand", "my.toml", "--out", "b.csv"], "b.csv"),
     ],
 )
@@ -73,10 +70,10 @@ def test_where_results_go(words, out):
     assert chosen.command.output(chosen) == Path(out)
 
 
-def test_a_measured_section_takes_the_place_of_the_one_before():
-    page = "# All\n\nWords.\n\n## a: of old\n\n1\n\n## ab\n\n2\n"
-    assert with_section(page, "## a: anew\n\n3") == page.replace("a: of old\n\n1", "a: anew\n\n3")
-    assert with_section(page, "## c\n\n4") == page + "\n## c\n\n4\n"
+@pytest.mark.parametrize("study", cli.STUDIES)
+def test_studies_have_moved(study, capsys):
+    assert cli.main([study, "--seed", "3"]) == 2
+    assert capsys.readouterr().err.endswith(f"python -m studies {study}\n")
 
 
 def test_too_little_memory_is_one_line(headless, monkeypatch, tmp_path):

@@ -192,7 +192,10 @@ def test_what_a_window_does_draws_without_matplotlib(code):
         if not name.startswith(COMMAND_LINE) and imported(nodes) & {"matplotlib", "PIL"}
     }
     assert asking == {
-        "forest_addon/api/plots.py",
+        "forest_addon/api/results.py",
+        "forest_addon/drawing/echoes.py",
+        "forest_addon/drawing/figures.py",
+        "forest_addon/drawing/stands.py",
         "forest_addon/flight/top_view.py",
         "forest_addon/formats/raster_file.py",
     }

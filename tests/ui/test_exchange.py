@@ -11,7 +11,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from forest_addon import spec
@@ -20,14 +20,7 @@ from forest_addon.formats.toml_file import read_settings
 from forest_addon.ui.settings import exchange, fields
 
 DEMO = Path(__file__).resolve().parents[2] / "assets/scenes/demo.toml"
-IN_BLENDER = settings(
-    max_examples=12,
-    deadline=None,
-    derandomize=True,
-    suppress_health_check=list(
-        HealthCheck
-    ),  # some of which measure time, that other work takes too
-)
+IN_BLENDER = settings(max_examples=12)
 
 
 def values(kind, known, digits):

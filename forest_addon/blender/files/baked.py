@@ -6,6 +6,7 @@ from pathlib import Path
 
 import bpy
 
+from ...formats.atomic import replacing
 from ..scene.layout import root
 
 
@@ -18,10 +19,9 @@ def bake(scene: bpy.types.Scene, path: Path) -> None:
     RuntimeError : Blender could not write it.
     OSError : the file could not be put in its place.
     """
-    part = path.with_name(f".{path.stem}.part{path.suffix}")
     top = root(scene)
     name = top.name if top is not None else ""
-    try:
+    with replacing(path) as part:
         if path.suffix.lower() == ".abc":
             bpy.ops.wm.alembic_export(
                 filepath=str(part),
@@ -40,6 +40,3 @@ def bake(scene: bpy.types.Scene, path: Path) -> None:
                 evaluation_mode="RENDER",
                 use_instancing=False,  # Blender 5.2 refers pieces to themselves otherwise
             )
-        part.replace(path)
-    finally:
-        part.unlink(missing_ok=True)

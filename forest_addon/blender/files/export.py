@@ -218,8 +218,10 @@ def _stand_ins(
 
 @contextmanager
 def _selected(things: set[bpy.types.Object]) -> Iterator[None]:
-    """Select these objects, and in the end those that were."""
-    layer = bpy.context.view_layer
+    """Select these objects for an exporter; in the end selection, mode and frame are as they were."""
+    layer, scene = bpy.context.view_layer, bpy.context.scene
+    frame, active = (scene.frame_current, scene.frame_subframe), layer.objects.active
+    mode = active.mode if active is not None else "OBJECT"
     before = {thing for thing in layer.objects if thing.select_get()}
     for thing in layer.objects:
         thing.select_set(thing in things)
@@ -228,6 +230,10 @@ def _selected(things: set[bpy.types.Object]) -> Iterator[None]:
     finally:
         for thing in layer.objects:
             thing.select_set(thing in before)
+        if active is not None and active.mode != mode:  # glTF's leaves it
+            bpy.ops.object.mode_set(mode=mode)
+        if frame != (scene.frame_current, scene.frame_subframe):  # and goes to a whole one
+            scene.frame_set(frame[0], subframe=frame[1])
 
 
 def _refused(problem: RuntimeError, path: str | os.PathLike[str]) -> OSError:

@@ -95,9 +95,10 @@ def _speaker(name: str) -> bpy.types.Object:
     if bpy.context.mode != "OBJECT":
         return bpy.data.objects.new(name, bpy.data.speakers.new(name))
     objects = bpy.context.view_layer.objects
-    chosen = objects.active
-    thing = add_speaker(name, (0.0, 0.0, 0.0))
-    thing.select_set(False)
+    chosen, selected = objects.active, list(objects.selected)
+    thing = add_speaker(name, (0.0, 0.0, 0.0))  # which selects it alone
+    for one in objects:
+        one.select_set(one in selected)
     objects.active = chosen
     for home in list(thing.users_collection):
         home.objects.unlink(thing)

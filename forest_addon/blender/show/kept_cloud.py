@@ -1,7 +1,9 @@
 """Points of a scan that a file keeps, read back as the cloud that they were.
 
 The mesh that shows a cloud (``cloud``) has its values as attributes of single precision. What is needed to
-write files of it again is noted beside: directions of the beams, labels with their names, the offset.
+write files of it is noted beside: directions of the beams, labels with their names, the offset, and what
+rounding took of those values that files have in double precision. There is no other copy of a cloud: what is
+shown is what is exported.
 """
 
 from __future__ import annotations
@@ -19,6 +21,7 @@ from ...sensing.lidar.returns import Returns
 from .cloud import fill
 
 SCAN_KEY = "forest_scan"  # of a mesh: pulses, engine, offset, names of labels, as JSON
+EXACT = ("position", "distance", "true_range", "time", "azimuth", "elevation")  # doubles in files
 NEEDED = ("position", "surface_normal", "distance", "intensity", "organ", "pulse")
 
 
@@ -35,6 +38,10 @@ def note_scan(
     """
     fill(data, "azimuth", "FLOAT", cloud.azimuth)
     fill(data, "elevation", "FLOAT", cloud.elevation)
+    for name in EXACT:
+        values = cloud.returns.distance if name == "distance" else getattr(cloud, name)
+        kind, key = ("FLOAT_VECTOR", "vector") if values.ndim == 2 else ("FLOAT", "value")
+        fill(data, _rounding(name), kind, values - values.astype(np.float32), key)
     for name, label in labels.items():
         fill(data, _attribute(name), "INT", label.number)
     said = {
@@ -57,19 +64,17 @@ class KeptScan:
     crs: str
     labels: dict[str, Labels]
 
-    @property
-    def precision(self) -> float:
-        """Metres to which single precision keeps its positions."""
-        return float(np.spacing(np.float32(np.abs(self.cloud.position).max(initial=0.0))))
+
+def is_scan(data: bpy.types.Mesh) -> bool:
+    """Return whether a mesh of points is a scan that can be read back."""
+    return all(name in data.attributes for name in NEEDED)
 
 
-def kept_scan(data: bpy.types.Mesh) -> KeptScan | None:
-    """The scan of a mesh of points, to single precision; None where it is none.
+def kept_scan(data: bpy.types.Mesh) -> KeptScan:
+    """The scan of a mesh of points.
 
-    Points that were deleted by hand are gone here, too.
+    Points that were deleted by hand are gone here, too; those of files before 1.0.1 are of single precision.
     """
-    if not all(name in data.attributes for name in NEEDED):
-        return None
     said = json.loads(data.get(SCAN_KEY, "{}"))
     number = {name: _read(data, name, "INT") for name in ("tree", "species", "organ", "leaf")}
     returns = Returns(
@@ -110,6 +115,10 @@ def kept_scan(data: bpy.types.Mesh) -> KeptScan | None:
     return KeptScan(cloud, tuple(said.get("offset", (0.0, 0.0, 0.0))), said.get("crs", ""), labels)
 
 
+def _rounding(name: str) -> str:
+    return f"{name}_rounding"
+
+
 def _attribute(label: str) -> str:
     return f"label_{label.lower()}"
 
@@ -122,4 +131,6 @@ def _read(data: bpy.types.Mesh, name: str, kind: str) -> np.ndarray:
     if attribute is not None and attribute.domain == "POINT" and attribute.data_type == kind:
         attribute.data.foreach_get("vector" if wide else "value", values)
     values = values if kind == "INT" else values.astype(np.float64)
+    if name in EXACT:
+        values += _read(data, _rounding(name), kind).ravel()
     return values.reshape(-1, 3) if wide else values

@@ -14,7 +14,7 @@ from pathlib import Path
 import bpy
 import numpy as np
 
-from ...formats.wav import read_wav, write_wav
+from ...formats.wav import write_wav
 from ...sensing.reverb.auralise import normalised
 
 PEAK_DB = -1.0  # of the largest sample
@@ -46,19 +46,7 @@ def give_sound(
     sound[KEY] = name
     earlier = speaker.data.sound
     speaker.data.sound = sound
-    speaker.data.volume = 1.0
     if earlier is not None and earlier.get(KEY) == name and not earlier.users:
         bpy.data.sounds.remove(earlier)
     sound.name = name
     return sound
-
-
-def sound_of(speaker: bpy.types.Object) -> tuple[np.ndarray, float] | None:
-    """The samples (N,) or (N, C) that a Speaker was given by us, and their rate; None where it was not."""
-    sound = speaker.data.sound if speaker.type == "SPEAKER" else None
-    if sound is None or KEY not in sound or sound.packed_file is None:
-        return None
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "sound.wav"
-        path.write_bytes(sound.packed_file.data)
-        return read_wav(path)

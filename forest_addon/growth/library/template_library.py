@@ -17,19 +17,34 @@ from ...base.places import version
 from ...base.progress import Progress
 from ...base.trimesh import LEAF, TriMesh
 from ...formats.atomic import replacing
+from ...formats.ownership import claim, remove
 from ...formats.stl import StlError, read_stl, write_stl
 from ...formats.toml_text import VERSION_KEY
 from ...spec import Grammar, Siblings, SpecError, unknown
-from ..graft.cut import split_tree
-from ..graft.habit import fit_grammar
+from ..likeness import Verdict, judge
 from ..mesh.leaves import measure_leaves
-from ..recognise.parts import UPRIGHT, Group, Sorted, likely_up, sort_out, stood
-from ..recognise.recognise import LeanError, Recognition, TemplateError, recognise, recognise_pieces
-from ..recognise.unit import UNITS, Unit, infer_unit
-from ..regrow.allometry import allometry_of
-from ..regrow.anatomy import dissect
-from ..regrow.fitted import Habit, fit
-from ..verdict import Verdict, judge
+from ..own_tree.anatomy import dissect
+from ..own_tree.habit import Habit, fit
+from ..own_tree.pieces import (
+    UNITS,
+    UPRIGHT,
+    Group,
+    Sorted,
+    Unit,
+    infer_unit,
+    likely_up,
+    sort_out,
+    stood,
+)
+from ..own_tree.recognise import (
+    LeanError,
+    Recognition,
+    TemplateError,
+    recognise,
+    recognise_pieces,
+)
+from ..own_tree.size import allometry_of
+from ..own_tree.template import fit_grammar, split_tree
 from .species_file import MOST_OF_TREE
 
 
@@ -158,6 +173,8 @@ def make_library(
         raise NotUnderstoodError(problem, timber) from None
     tell(4, 5)  # from here on it is not stopped
 
+    names = ("wood.stl", "leaves.stl", f"{name}.toml", "scene.toml")
+    claim(*(out / file for file in names))
     out.mkdir(parents=True, exist_ok=True)
     write_stl(out / "wood.stl", metric[0], f"{name}: wood, metres")
     if metric[1] is not None:
@@ -168,7 +185,7 @@ def make_library(
     if verdict is None or verdict.stands or accept:
         _write(out / "scene.toml", _scene_text(name, tall * metres))
     else:
-        (out / "scene.toml").unlink(missing_ok=True)
+        remove(out / "scene.toml")
     tell(5, 5)
     return Library(timber, foliage, found, leaf, scale, habit, species, parts.said, up, verdict)
 

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import bpy
 from bpy_extras.io_utils import ExportHelper
@@ -13,11 +11,15 @@ from bpy_extras.io_utils import ExportHelper
 from ...blender.scene.layout import RESULTS, find_part
 from ...blender.scene.ours import is_ours
 from ...blender.sensors.objects import file_name
-from ..shell.running import PROBLEMS, in_words
+from ...spec import SpecError
+from ..shell.running import PROBLEMS, InOwnScene, in_words
 from ..shell.words import say
 from . import frames
-from .held import find, labels_of, let_go
 from .show import heard_of
+from .shown import points_of
+
+if TYPE_CHECKING:
+    from ...results.coordinates import Offset
 
 WORDS = {
     ".laz": ("LAZ", "A compressed point cloud with all labels"),
@@ -34,59 +36,50 @@ WORDS = {
 }
 
 
-@dataclass(frozen=True)
-class Exportable:
-    """A result that can be exported: formats, labels by what they are of, offset, how it is written.
+def endings_of(result: Any) -> tuple[str, ...]:
+    """Return the endings of files that a result can be written to; none where nothing of it is kept."""
+    from ...results.kinds import RESULTS
+    from ...results.points import can_write
 
-    precision : metres, of points that are taken from the file; 0 of a result that is held.
-    """
-
-    endings: tuple[str, ...]
-    labels: dict[str, Any]
-    offset: Any
-    write: Callable[[Path, Any], None]
-    is_response: bool = False
-    precision: float = 0.0
+    if not (result.found or _scan_of(result)):
+        return ()
+    return tuple(ending for ending in RESULTS[result.kind].endings if can_write(ending))
 
 
-def found_of(scene: bpy.types.Scene, name: str) -> Exportable | None:
-    """Return a result as it can be exported: what is held of this session, else the points that the file
-    keeps; None where there is neither."""
-    from ...results.coordinates import Offset
-    from ...results.kinds import results_of, write_as
-    from ...results.points import ENDINGS, can_write, write_points
+def _scan_of(result: Any) -> bpy.types.Mesh | None:
+    """The points that the object of a result shows, where those are all that it is."""
+    from ...blender.show.kept_cloud import is_scan
 
-    held = find(scene, name)
-    if held is not None:
-        record = results_of(held[0])
-        endings = tuple(ending for ending in record.endings if can_write(ending))
-        return Exportable(
-            endings,
-            labels_of(scene, name),
-            held[2],
-            lambda path, labels: write_as(path, *held, labels),
-            record.is_response,
-        )
-    kept = _kept(scene, name)
-    if kept is None:
-        return None
-    offset = Offset(kept.offset, kept.crs)
-    return Exportable(
-        tuple(ending for ending in ENDINGS if can_write(ending)),
-        kept.labels,
-        offset,
-        lambda path, label: write_points(path, kept.cloud, offset, label),
-        precision=kept.precision,
+    shown = points_of(result)
+    return (
+        shown.data if shown is not None and shown.type == "MESH" and is_scan(shown.data) else None
     )
 
 
-def _kept(scene: bpy.types.Scene, name: str) -> Any:
-    """Return the cloud that the object of a result still shows."""
+def _write(path: Path, result: Any, label: str) -> Offset:
+    """Write a result as it is shown; returns the offset that was added to its positions."""
     from ...blender.show.kept_cloud import kept_scan
+    from ...results.coordinates import Offset
+    from ...results.kinds import write_as
+    from ...results.points import write_points
+    from .kept import unpack
 
-    results = scene.forest_sensing.results
-    shown = scene.objects.get(results[name].shown) if name in results else None
-    return kept_scan(shown.data) if shown is not None and shown.type == "MESH" else None
+    data = _scan_of(result)
+    if data is None:
+        sensor, found, offset = unpack(result.found)
+        write_as(path, sensor, found, offset)
+        return offset
+    kept = kept_scan(data)
+    offset = Offset(kept.offset, kept.crs)
+    write_points(path, kept.cloud, offset, kept.labels.get(label))
+    return offset
+
+
+def _is_response(result: Any) -> bool:
+    """Return whether there is a choice of what sounds when it becomes a WAV."""
+    from ...results.kinds import RESULTS
+
+    return result is not None and result.kind in RESULTS and RESULTS[result.kind].is_response
 
 
 class FOREST_OT_export_result(bpy.types.Operator, ExportHelper):
@@ -123,10 +116,10 @@ class FOREST_OT_export_result(bpy.types.Operator, ExportHelper):
     )
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        found = found_of(context.scene, self.result)
-        if found is None:
+        endings = self._endings(context)
+        if not endings:
             return self._refuse()
-        usual = found.endings[0]
+        usual = endings[0]
         self.ending = usual[1:].upper()
         self.filepath = f"{file_name(self.result)}{usual}"
         return ExportHelper.invoke(self, context, event)
@@ -146,13 +139,13 @@ class FOREST_OT_export_result(bpy.types.Operator, ExportHelper):
         return True
 
     def draw(self, context: bpy.types.Context) -> None:
-        found = found_of(context.scene, self.result)
         column = self.layout.column(align=True)
-        for ending in found.endings if found is not None else ():
+        for ending in self._endings(context):
             column.prop_enum(self, "ending", ending[1:].upper())
-        if found is not None and found.labels:
+        result = context.scene.forest_sensing.results.get(self.result)
+        if result is not None and _scan_of(result) is not None:
             self.layout.prop(self, "labels")
-        if self._has_sounds(context):
+        if self.ending == "WAV" and _is_response(result):
             self.layout.prop(self, "heard")
             props = context.scene.forest_sensing
             if self.heard:
@@ -161,45 +154,49 @@ class FOREST_OT_export_result(bpy.types.Operator, ExportHelper):
     def execute(self, context: bpy.types.Context) -> set[str]:
         from ...formats.crs import can_tell_crs
         from ...formats.wav import write_wav
+        from ...results.points import ending_of
 
-        found = found_of(context.scene, self.result)
-        if found is None:
+        endings = self._endings(context)
+        if not endings:
             return self._refuse()
         path = Path(bpy.path.abspath(self.filepath))
+        result, crs = context.scene.forest_sensing.results[self.result], ""
         try:
-            if self.heard and found.is_response and path.suffix.lower() == ".wav":
-                write_wav(path, *heard_of(context.scene, self.result))
+            if ending_of(path) not in endings:
+                raise SpecError(
+                    path.name,
+                    say(
+                        'cannot be written as "{ending}"; use {endings}',
+                        ending=ending_of(path),
+                        endings=", ".join(endings),
+                    ),
+                )
+            if self.heard and _is_response(result) and path.suffix.lower() == ".wav":
+                write_wav(path, *heard_of(result))
             else:
-                found.write(path, found.labels.get(self.labels))
+                crs = _write(path, result, self.labels).crs
         except PROBLEMS as problem:
             self.report({"ERROR"}, in_words(problem))
             return {"CANCELLED"}
-        context.scene.forest_sensing.results[self.result].file = str(path)
-        if found.offset.crs and not can_tell_crs():
+        if context.scene.is_editable:
+            result.file = str(path)
+        if crs and not can_tell_crs():
             problem = say("Written without its coordinate system: Blender has no pyproj")
             self.report({"WARNING"}, problem)
-        words = say("Written: {file}", file=path)
-        if found.precision:
-            words = say(
-                "Written: {file}, from the points that this file keeps, to {metres:.1g} m",
-                file=path,
-                metres=found.precision,
-            )
-        self.report({"INFO"}, words)
+        self.report({"INFO"}, say("Written: {file}", file=path))
         return {"FINISHED"}
 
-    def _has_sounds(self, context: bpy.types.Context) -> bool:
-        """Return whether there is a choice of what sounds: for a reverb that becomes a WAV."""
-        found = found_of(context.scene, self.result)
-        return found is not None and found.is_response and self.ending == "WAV"
+    def _endings(self, context: bpy.types.Context) -> tuple[str, ...]:
+        result = context.scene.forest_sensing.results.get(self.result)
+        return () if result is None else endings_of(result)
 
     def _refuse(self) -> set[str]:
-        problem = say("{name} is held no longer. Run its sensor again", name=self.result)
+        problem = say("{name} is not kept in this file. Run its sensor again", name=self.result)
         self.report({"ERROR"}, problem)
         return {"CANCELLED"}
 
 
-class FOREST_OT_remove_result(bpy.types.Operator):
+class FOREST_OT_remove_result(InOwnScene, bpy.types.Operator):
     """Remove this result, with its points and its picture; files that were written stay"""
 
     bl_idname = "forest.remove_result"
@@ -226,20 +223,3 @@ class FOREST_OT_remove_result(bpy.types.Operator):
 
 
 CLASSES = (FOREST_OT_export_result, FOREST_OT_remove_result)
-
-
-def register() -> None:
-    """Hear of other files: what is held belongs to this one."""
-    bpy.app.handlers.load_pre.append(_let_go)
-
-
-def unregister() -> None:
-    """Take the handler back, and hold nothing."""
-    if _let_go in bpy.app.handlers.load_pre:
-        bpy.app.handlers.load_pre.remove(_let_go)
-    let_go()
-
-
-@bpy.app.handlers.persistent
-def _let_go(*_: object) -> None:
-    let_go()

@@ -31,7 +31,7 @@ from ...stand.forest import GrownForest
 from ..settings.exchange import forestless
 from ..shell.words import Kept, keep, label_kept, say, say_kept
 from . import frames, images, shown
-from .held import hold
+from .kept import pack
 
 # What says nothing where no forest was asked for and none of it was met.
 OF_TREES = {
@@ -91,10 +91,10 @@ def keep_finding(
     plot = record.plot(sensor, found)
     title = f"Forest {sensor.name}" + ("" if frame is None else f" {frame:04d}")
     picture = images.show(title, plot) if plot else None
+    sound = None
     if record.is_response and record.sound is not None and thing.type == "SPEAKER":
-        give_sound(thing, sensor.name, *record.sound(sensor, found))
+        sound = give_sound(thing, sensor.name, *record.sound(sensor, found))
     earlier = props.results.get(thing.name)
-    kept = frames.of_result(earlier) if earlier is not None else []
     left = frames.blocks_of(earlier) if earlier is not None else []
     result = _note(  # what needs disk space is done
         props, thing.name, sensor.kind, thing.name, figures | {keep("Time"): f"{seconds:.1f} s"}
@@ -103,16 +103,15 @@ def keep_finding(
     result.summary.made_of = sentence.made_of if isinstance(sentence, Kept) else ""
     result.picture, result.caption = picture, label_kept(plot.caption) if plot else ""
     cloud, marks = record.points(sensor, found), record.marks(found)
-    labels = {}
-    if cloud is not None and geometry is not None:
-        labels = _labels(cloud, geometry, names[1])
-    hold(context.scene, thing.name, (sensor, found, offset), labels)
-    if cloud is not None:
+    if cloud is None:
+        result.found = pack(sensor, found, offset)
+    else:
+        labels = _labels(cloud, geometry, names[1]) if geometry is not None else {}
         points = show_cloud(part(context.scene, RESULTS), sensor.name, cloud)
         note_scan(points.data, cloud, offset, offset.crs, labels)
         result.shown = points.name
         _explain(result, legend_of(cloud, *names))
-    elif marks is not None:
+    if marks is not None:
         points = show_heard(part(context.scene, RESULTS), sensor.name, marks)
         result.shown = points.name
         _explain(result, legend_of_heard(marks))
@@ -120,7 +119,9 @@ def keep_finding(
         shown.show_result(context, result)
         _note_beyond(result, end_with_ground(points, context.scene))
     if frame is not None:
-        frames.hold(result, kept, frame)
+        frames.hold(result, frame, sound)
+    else:
+        result.frames.clear()
     frames.let_go(left)
     return say("{found} in {seconds:.1f} s", found=say_kept(sentence), seconds=seconds)
 
@@ -216,15 +217,15 @@ def _explain(result: Any, legend: Iterable[Entry]) -> None:
 
 
 def _note(props: Any, name: str, kind: str, title: str, figures: Words) -> Any:
-    """A new entry of this name at the top of the panel, in place of an earlier one."""
-    earlier = props.results.find(name)
-    if earlier >= 0:
-        props.results.remove(earlier)
+    """The entry of this name, at the top of the panel; of an earlier one its frames stay."""
     for other in props.results:
         other.opened = False
-    props.results.add()
-    props.results.move(len(props.results) - 1, 0)
+    if name not in props.results:
+        props.results.add().name = name
+    props.results.move(props.results.find(name), 0)
     result = props.results[0]
+    for field in set(result.bl_rna.properties.keys()) - {"rna_type", "name", "frames"}:
+        result.property_unset(field)
     result.name, result.kind, result.title = name, kind, title
     for label, value in figures.items():
         figure = result.figures.add()

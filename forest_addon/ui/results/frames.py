@@ -1,8 +1,8 @@
 """Results of a frame range that are kept in the file: the timeline shows each frame's points and picture.
 
-A result holds a mesh, a picture, figures and a legend of every frame that ran. When Blender goes to a frame,
-the object of the points is given the mesh of that frame, or of the last one before it that ran, and the panel
-says what was found there.
+A result holds a mesh, a picture, a sound, what is exported, figures and a legend of every frame that ran.
+When Blender goes to a frame, all that shows the result is given those of that frame, or of the last one
+before it that ran.
 """
 
 from __future__ import annotations
@@ -15,31 +15,29 @@ import bpy
 
 from ...blender.scene.layout import CLOUD_KEY, FRAME_KEY
 
-Kept = tuple[int, bpy.types.Mesh | None, bpy.types.Image | None, str]
-
-
-def of_result(result: Any) -> list[Kept]:
-    """Return what is kept of each frame: its number, points, picture, what is said of it."""
-    return [(each.frame, each.points, each.picture, each.said) for each in result.frames]
-
 
 def blocks_of(result: Any) -> list[bpy.types.ID | None]:
-    """The points and pictures that a result holds."""
-    return [result.picture, *(block for each in of_result(result) for block in each[1:3])]
+    """The points, pictures and sounds that a result holds."""
+    of_frames = ((each.points, each.picture, each.sound) for each in result.frames)
+    return [result.picture, *(block for blocks in of_frames for block in blocks)]
 
 
-def hold(result: Any, earlier: Iterable[Kept], frame: int) -> None:
-    """Keep what a result shows now for a frame, beside what was kept of other frames before."""
+def hold(result: Any, frame: int, sound: bpy.types.Sound | None) -> None:
+    """Keep what a result shows now for a frame, beside what is kept of others. sound : of its Speaker."""
     shown = bpy.data.objects.get(result.shown)
     points = shown.data if shown is not None else None
     if points is not None:
         points[FRAME_KEY] = frame
-    ours = [each for each in earlier if each[0] != frame]
-    ours.append((frame, points, result.picture, _said_of(result)))
-    result.frames.clear()
-    for number, data, picture, said in sorted(ours, key=lambda each: each[0]):
-        item = result.frames.add()
-        item.frame, item.points, item.picture, item.said = number, data, picture, said
+    numbers = [each.frame for each in result.frames]
+    if frame in numbers:
+        item = result.frames[numbers.index(frame)]
+    else:
+        result.frames.add()
+        at = sum(number < frame for number in numbers)
+        result.frames.move(len(numbers), at)
+        item = result.frames[at]
+    item.frame, item.said, item.found = frame, _said_of(result), result.found
+    item.points, item.picture, item.sound = points, result.picture, sound
 
 
 def tell_again(result: Any, frame: int) -> None:
@@ -83,13 +81,13 @@ def begin(scene: bpy.types.Scene, name: str) -> None:
 
 
 def let_go(blocks: Iterable[bpy.types.ID | None]) -> None:
-    """Remove those of these points and pictures that nothing shows or keeps any longer."""
+    """Remove those of these points, pictures and sounds that nothing shows or keeps any longer."""
     there = {block for block in blocks if block is not None}
     bpy.data.batch_remove([block for block in there if not block.users])
 
 
 def show_frame(scene: bpy.types.Scene) -> None:
-    """Give every result the points and the picture of the frame that the scene is at."""
+    """Give every result all that is kept of the frame that the scene is at."""
     for result in scene.forest_sensing.results:
         if not result.frames:
             continue
@@ -102,6 +100,10 @@ def show_frame(scene: bpy.types.Scene) -> None:
             thing.data = each.points
         if each.picture is not None and result.picture != each.picture:
             result.picture = each.picture
+        speaker = scene.objects.get(result.name)
+        if each.sound is not None and speaker is not None and speaker.type == "SPEAKER":
+            speaker.data.sound = each.sound
+        result.found = each.found
         if each.said and each.said != _said_of(result):  # nothing, in files of before
             _say(result, each.said)
 

@@ -17,7 +17,7 @@ import imbuf
 import numpy as np
 
 from ...blender.scene.ours import ROLE_KEY, by_role, own
-from ...results.plot import Axis, Plot, Strip
+from ...drawing.strips import Axis, Plot, Strip
 from ..shell.words import label_kept
 
 LEFT, RIGHT, BELOW, ABOVE = 96, 28, 66, 38  # pixels around strips; ABOVE each for its title

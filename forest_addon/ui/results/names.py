@@ -8,7 +8,6 @@ import bpy
 
 from ...blender.scene.layout import CLOUD_KEY
 from ...blender.sensors.objects import file_name, kind_of, sensors_of
-from . import held
 
 _sensor_of: dict[tuple[int, str], int] = {}  # uid of a sensor, by scene and name of its result
 
@@ -35,7 +34,6 @@ def _rename(scene: bpy.types.Scene, result: Any, name: str) -> None:
     """Call a result otherwise, and its points, unless the user has named those."""
     from ...blender.show.cloud import rename_cloud  # brings in scipy
 
-    held.rename(scene, result.name, name)
     if result.title == result.name:
         result.title = name
     result.name = name

@@ -56,7 +56,8 @@ class FOREST_OT_play(bpy.types.Operator):
 
         global _playing
         try:
-            heard = heard_of(context.scene, self.sensor)
+            result = context.scene.forest_sensing.results.get(self.sensor)
+            heard = None if result is None else heard_of(result)
         except PROBLEMS as problem:
             self.report({"ERROR"}, in_words(problem))
             return {"CANCELLED"}
@@ -73,43 +74,34 @@ class FOREST_OT_play(bpy.types.Operator):
         return {"FINISHED"}
 
 
-def heard_of(scene: bpy.types.Scene, name: str) -> tuple[np.ndarray, float] | None:
+def heard_of(result: Any) -> tuple[np.ndarray, float] | None:
     """Return what a result sounds like: (N, C) samples and their rate, as its WAV has them; None: like
-    nothing.
+    nothing, or nothing of it is kept.
 
-    An echo is slowed down; a reverb is what the scene's dry sound becomes in the forest. That of an earlier
-    session is taken from its Speaker.
+    An echo is slowed down; a reverb is what the scene's dry sound becomes in the forest.
 
     Raises
     ------
     SpecError : the file of the dry sound cannot be used.
     """
-    from ...blender.show.sound import sound_of as speaker_sound
-    from ...results.dry_sounds import PEAK_DB, dry_sound, wet_sound
-    from ...results.kinds import results_of
+    from ...results.dry_sounds import PEAK_DB, dry_sound
+    from ...results.kinds import RESULTS
     from ...sensing.reverb.auralise import normalised
-    from .held import find
+    from .kept import unpack
 
-    held = find(scene, name)
-    record = results_of(held[0]) if held is not None else None
-    if held is not None and record is not None and record.sound is not None:
-        response, rate = record.sound(*held[:2])
-        if not record.is_response:
-            return response, rate
-    else:
-        thing = scene.objects.get(name)
-        kept = speaker_sound(thing) if thing is not None else None
-        if kept is None:
-            return None
-        response, rate = kept
-    props = scene.forest_sensing
-    if props.dry == "NONE":
+    if not result.found:
+        return None
+    record, (sensor, found, _) = RESULTS[result.kind], unpack(result.found)
+    assert record.sound is not None, "what has no points sounds"
+    response, rate = record.sound(sensor, found)
+    if not record.is_response:
+        return response, rate
+    props = result.id_data.forest_sensing
+    if props.dry == "NONE" or record.wet is None:
         return normalised(np.reshape(response, (len(response), -1)), PEAK_DB)[0], rate
-    file = Path(bpy.path.abspath(props.dry_file))
-    if held is not None and record is not None and record.wet is not None:
-        wet, rate = record.wet(*held[:2], *dry_sound(props.dry.lower(), file))
-        return normalised(wet, PEAK_DB)[0], rate
-    return wet_sound(response, rate, props.dry.lower(), file), rate
+    dry = dry_sound(props.dry.lower(), Path(bpy.path.abspath(props.dry_file)))
+    wet, rate = record.wet(sensor, found, *dry)
+    return normalised(wet, PEAK_DB)[0], rate
 
 
 class FOREST_OT_show_picture(bpy.types.Operator):

@@ -43,10 +43,10 @@ def chosen_sensor(
 
 
 def choose_sensor(context: bpy.types.Context, thing: bpy.types.Object) -> None:
-    """Make a sensor the active object, and remember it."""
+    """Make a sensor the active object, unless another one is being edited, and remember it."""
     context.scene.forest_sensing.last_sensor = thing
     layer = context.view_layer
-    if layer.objects.active != thing:
+    if layer.objects.active != thing and context.mode == "OBJECT":
         select_alone(layer, thing)
 
 

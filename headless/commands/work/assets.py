@@ -79,18 +79,17 @@ def pictures_of(file: Path) -> dict[str, np.ndarray]:
 
 def draw_sheet(files: Sequence[Path], path: Path) -> Path:
     """All pictures of a library with their names, as the Asset Browser shows them."""
-    import matplotlib
     from matplotlib.figure import Figure
 
-    from ...report.pictures import INK, STYLE, save_figure
+    from forest_addon.drawing.figures import save_figure
+    from forest_addon.drawing.palette import INK, PAPER
 
     shown = [pair for file in files for pair in sorted(pictures_of(file).items())]
     columns = max(1, min(8, math.ceil(math.sqrt(1.6 * len(shown)))))
     rows = math.ceil(len(shown) / columns)
     wide, high = columns * CELL, rows * (CELL + LABEL)
     path.parent.mkdir(parents=True, exist_ok=True)
-    matplotlib.rcParams.update(STYLE)
-    figure = Figure(figsize=(wide / 200, high / 200), dpi=200, facecolor="#f4f2ec")
+    figure = Figure(figsize=(wide / 200, high / 200), dpi=200, facecolor=PAPER)
     axes = figure.add_axes((0, 0, 1, 1))
     axes.set_axis_off()
     for number, (name, pixels) in enumerate(shown):

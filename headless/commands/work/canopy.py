@@ -85,17 +85,15 @@ def draw_hemispheres(
     pictures: Sequence[np.ndarray], points: np.ndarray, seen: Canopy, path: Path
 ) -> Path:
     """The pictures side by side, and the gap fraction over the zenith angle."""
-    import matplotlib
     from matplotlib.colors import BoundaryNorm, ListedColormap
-    from matplotlib.figure import Figure
 
-    from ...report.pictures import BARK, LEAF_GREEN, SKY, SOIL, STYLE, save_figure
+    from forest_addon.drawing.figures import blank_figure, save_figure
+    from forest_addon.drawing.palette import BARK, LEAF_GREEN, SKY, SOIL
 
-    matplotlib.rcParams.update(STYLE)
     count = len(pictures) + 1
     columns = math.ceil(math.sqrt(count))
     rows = math.ceil(count / columns)
-    figure = Figure(figsize=(3.4 * columns, 3.5 * rows), dpi=110, layout="constrained")
+    figure = blank_figure((3.4 * columns, 3.5 * rows))
     colours = ListedColormap(["#ffffff", SKY, "#8d8d99", BARK, LEAF_GREEN, SOIL])
     norm = BoundaryNorm(np.arange(-2.5, 4), 6)
     for number, (picture, point) in enumerate(zip(pictures, points, strict=False)):

@@ -10,6 +10,7 @@ import json
 import os
 import re
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
@@ -28,17 +29,27 @@ from forest_addon.stand.inputs import Inputs
 from forest_addon.stand.poisson import sample
 from forest_addon.stand.process import Process
 from forest_addon.stand.statistics.choose import ACCEPTED, ChosenLaw, MappedSpecies, choose_law
-from forest_addon.stand.statistics.goodness import Estimate, examine, law_of
+from forest_addon.stand.statistics.goodness import Estimate, Goodness, examine, law_of
 from forest_addon.stand.statistics.kernel import KernelEstimate, kernel_estimate
 from forest_addon.stand.statistics.mixture import FittedMixture, fit_mixture
 from forest_addon.stand.statistics.window import Window
 
 from ...command import PROGRAM
-from ...report.drawing import can_draw, without
-from ...report.species_of_site import SpeciesOfSite
+from ...report import can_draw, without
 
 FAR = 10_000.0  # metres from the origin beyond which coordinates are kept as an offset
 HIGHEST = 1e5  # trees/m² of a peak that is written; only ratios count beside an expected number
+
+
+@dataclass(frozen=True)
+class SpeciesOfSite:
+    """A species of a mapped site: its trees (N, 2), in metres from the offset, and what was estimated."""
+
+    name: str
+    points: np.ndarray
+    estimate: Estimate
+    planting: Planting
+    goodness: Goodness | None
 
 
 def estimate_site(
@@ -99,9 +110,16 @@ def estimate_site(
         written.write_text(_scene_text(scene, path.name, method, trees.position), encoding="utf-8")
     written = [str(out), *arrays]
     if can_draw():
-        from ...report.site import draw_site
+        from forest_addon.drawing.figures import save_figure
+        from forest_addon.drawing.stands import draw_site
 
-        written.append(draw_site(grown, frame, out.with_name(f"{out.stem}-estimate.png")).name)
+        picture = out.with_name(f"{out.stem}-estimate.png")
+        written.append(
+            save_figure(
+                draw_site([(g.name, g.points, g.estimate.at, g.goodness) for g in grown], frame),
+                picture,
+            ).name
+        )
     else:
         say(without("The picture is left out"))
     say(f"Wrote {', '.join(written)}.")

@@ -19,7 +19,7 @@ from forest_addon.spec import Normal, SpecError, Species
 from forest_addon.stand.competition import ALONE
 
 from ...progress import hushed
-from ...report.drawing import can_draw, without
+from ...report import can_draw, without
 
 SHOTS = (("european-beech", "fork"), ("scots-pine", "bark"), ("norway-maple", "twig"))
 CLOSE = 0.0006  # metres of tolerance
@@ -58,7 +58,7 @@ def show_species(
     if not can_draw():
         asked = "--sheet" if sheet else "--pictures"
         raise SpecError(asked, without("cannot be drawn here"))
-    from ...report.sheet import draw_pictures, draw_sheet
+    from ...report.trees import draw_pictures, draw_sheet
 
     if sheet:
         draw_sheet(grown, sheet, pixels)

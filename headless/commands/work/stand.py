@@ -18,7 +18,7 @@ from forest_addon.stand.files import read_inputs
 from forest_addon.stand.plan import Stand, labels
 
 from ...command import read_scene
-from ...report.drawing import can_draw, without
+from ...report import can_draw, without
 
 
 def sample_stand(scene: Path, out: Path, seed: int | None = None, say: Say = print) -> Stand:
@@ -47,12 +47,10 @@ def sample_stand(scene: Path, out: Path, seed: int | None = None, say: Say = pri
         ) from None
     write_stand(out, stand, names, settings.offset, settings.crs)
     write_note(out.with_name(f"{out.stem}-{FILE}"), settings.offset, settings.crs)
-    if can_draw():
-        from ...report.stand import draw_stand
-    else:
-        from ...report.plain import draw_stand
-
+    if not can_draw():
         say(without("The map is plain"))
+    from ...report.result import draw_stand
+
     picture = draw_stand(stand, names, settings, site.inputs, out.with_suffix(".png"))
     say(f"\nSampled in {took:.2f} s. Wrote {out} and {picture}")
     note = note_of(settings.offset, settings.crs)

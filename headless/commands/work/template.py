@@ -20,16 +20,16 @@ from forest_addon.growth.library.template_library import (
     NotUnderstoodError,
     make_library,
 )
-from forest_addon.growth.recognise.parts import Group
-from forest_addon.growth.regrow.relay import farthest_off
-from forest_addon.growth.regrow.sibling import grow_sibling
+from forest_addon.growth.likeness import Verdict
+from forest_addon.growth.own_tree.pieces import Group
+from forest_addon.growth.own_tree.relay import farthest_off
+from forest_addon.growth.own_tree.sibling import grow_sibling
 from forest_addon.growth.tree import Tree, grow
-from forest_addon.growth.verdict import Verdict
 from forest_addon.spec import Siblings, SpecError, Species
 
 from ...command import PROGRAM, UnlikeError
 from ...progress import Stages, hushed
-from ...report.drawing import can_draw, without
+from ...report import can_draw, without
 from ...report.likeness import add_sensors, tell_likeness
 
 SHOWN = 5  # siblings in the picture
@@ -71,7 +71,7 @@ def make_template(
     _tell_how(made, bool(brought.up), say)
     written = f"{made.species}, its STL files"
     if can_draw():
-        from ...report.recognised import draw_recognised
+        from ...report.trees import draw_recognised
 
         draw_recognised(made.found, made.unit.metres, name, out / "recognised.png")
         written += ", recognised.png"
@@ -90,7 +90,7 @@ def _drawn(problem: NotUnderstoodError, name: str, out: Path) -> str:
     """Draw what was not understood, and say where the picture is."""
     if not can_draw():
         return problem.problem
-    from ...report.recognised import draw_problem
+    from ...report.trees import draw_problem
 
     out.mkdir(parents=True, exist_ok=True)
     picture = draw_problem(problem.facets, problem.places, name, out / "recognised.png")
@@ -168,7 +168,7 @@ def _show_siblings(made: Library, sensed: int, path: Path, say: Say) -> None:
     with hushed():
         found = add_sensors(verdict.likeness, itself, (sibling(k) for k in range(sensed)))
         if can_draw():
-            from ...report.three import render_three
+            from ...report.trees import render_three
 
             shown = [sibling(number) for number in range(SHOWN)]
             render_three(made.found, made.unit.metres, itself, shown, species.look, path)

@@ -77,11 +77,12 @@ def table(path):
 
 
 def numbers(column):
-    """A column as float64; as it is where one is no number."""
+    """A column as float64; texts where one is no number, without the "'" that keeps a formula a text."""
     try:
         return np.array([float(value or "nan") for value in column])
     except ValueError:
-        return np.array(column)
+        formula = ("=", "+", "@")
+        return np.array([v[v[:1] == "'" and v.lstrip("'").startswith(formula) :] for v in column])
 
 
 def rows(root, split="train"):

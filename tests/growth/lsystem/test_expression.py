@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from references.examples import examples
 
 from forest_addon.growth.lsystem.expression import ExpressionError, parse_expression
 
@@ -27,7 +26,6 @@ tree = st.recursive(
 
 
 @pytest.mark.medium
-@examples(200)
 @given(tree)
 def test_any_expression_has_pythons_value(text):
     known = {"l": 3.0, "w2": -0.5, "max": max}

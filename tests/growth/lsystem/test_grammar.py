@@ -3,9 +3,8 @@
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from references.examples import examples
 
-from forest_addon.growth.lsystem.grammar import T20, LSystem, derive
+from forest_addon.growth.lsystem.tanveer import T20, LSystem, derive
 
 symbols = st.sampled_from("abcd[]")
 
@@ -33,7 +32,6 @@ def test_t20_has_three_to_the_n_tips(n):
     assert text.count("(") + text.count("[") + 1 == text.count(")")
 
 
-@examples(200)
 @given(
     axiom=st.text(symbols, min_size=0, max_size=6),
     rules=st.dictionaries(symbols, st.text(symbols, max_size=4), max_size=4),

@@ -4,15 +4,19 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from references.examples import examples
 from scipy.stats import chi2
 
 from forest_addon.base.rng import stream
-from forest_addon.growth.lsystem import rewrite as engine
+from forest_addon.growth.lsystem import system as engine
 from forest_addon.growth.lsystem.expression import ExpressionError
-from forest_addon.growth.lsystem.production import read_constants, read_system
-from forest_addon.growth.lsystem.rewrite import predict, rewrite
-from forest_addon.growth.lsystem.word import GrammarError, Notation
+from forest_addon.growth.lsystem.system import (
+    GrammarError,
+    Notation,
+    predict,
+    read_constants,
+    read_system,
+    rewrite,
+)
 
 S = Notation(tagged="I")
 APPLE = ["F -> InIn[t+InIn+F]In[T-InF]InF"]
@@ -44,7 +48,6 @@ def test_numbers_conditions_and_generation():
     assert not predict(system, 4).exact
 
 
-@examples(60)
 @given(
     start=st.integers(0, 6),
     rules=st.lists(st.text(st.sampled_from("abF[]"), max_size=5), min_size=2, max_size=2),

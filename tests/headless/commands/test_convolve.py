@@ -9,7 +9,7 @@ from scipy.io import wavfile
 
 from headless.cli import main
 from headless.commands.work.convolve import convolve
-from headless.studies.papers.reverb_figures import Study, draw_figures, findings, responses
+from studies.papers.reverb_figures import Study, draw_figures, findings, responses
 
 ROOT = Path(__file__).resolve().parents[3]
 CLAP = ROOT / "assets" / "sounds" / "clap.wav"
@@ -29,7 +29,7 @@ def test_convolve_from_the_command_line(headless, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("name", "said"), [("wet.mp3", "must end in .wav"), ("dry.wav", "is read from")]
+    ("name", "said"), [("wet.mp3", "must end in .wav"), ("dry.wav", "is read by")]
 )
 def test_no_file_of_another_kind_and_none_that_is_read_is_written(tmp_path, capsys, name, said):
     dry = tmp_path / "dry.wav"
@@ -57,7 +57,7 @@ def test_levels_above_full_scale_stay_unless_normalised(tmp_path):
 def test_figures_and_findings(tmp_path, monkeypatch):
     """A tiny study: files, and verdicts that follow the responses they are given."""
     tiny = Study((300, 900), (10.0, 40.0), (1,))
-    monkeypatch.setattr("headless.studies.papers.reverb_figures.QUICK", tiny)
+    monkeypatch.setattr("studies.papers.reverb_figures.QUICK", tiny)
     sentences = draw_figures(tmp_path, quick=True, say=lambda _: None)
     assert len(list(tmp_path.glob("figure-*.png"))) == 4
     assert (tmp_path / "findings.txt").read_text(encoding="utf-8").splitlines() == sentences

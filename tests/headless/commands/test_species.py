@@ -31,9 +31,9 @@ def test_small_pictures_for_the_panel(tmp_path, capsys, monkeypatch):
     pytest.importorskip("bpy")
     from PIL import Image
 
-    from headless.report import sheet
+    from headless.report import trees
 
-    monkeypatch.setattr(sheet, "ICON", 64)
+    monkeypatch.setattr(trees, "ICON", 64)
     folder = tmp_path / "new" / "pictures"
     assert main(["species", "hazelnut", "honda-conifer", "--pictures", str(folder)]) == 0
     assert "Wrote 2 pictures" in capsys.readouterr().out

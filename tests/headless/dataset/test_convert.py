@@ -163,7 +163,7 @@ def test_coco_panoptic_segments_are_the_pixels_of_its_pngs(made, tmp_path):
     [
         (("--convert", "none", "--to", "s3dis"), "holds no finished scene"),
         (("--convert", "tiny"), "needs --to"),
-        (("--convert", "tiny", "--to", "s3dis", "--out", "tiny"), "is there already"),
+        (("--convert", "tiny", "--to", "s3dis", "--out", "tiny"), "is read by this command"),
     ],
 )
 def test_bad_words_are_answered_by_a_sentence(made, words, said, capsys, monkeypatch):

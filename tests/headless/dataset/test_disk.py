@@ -2,9 +2,11 @@
 
 import json
 import os
+from contextlib import nullcontext
 
 import pytest
 
+from forest_addon.formats.ownership import Keeper, keeping
 from forest_addon.spec import SpecError
 from headless.dataset import disk
 from headless.dataset.manifest import rows_of
@@ -40,22 +42,35 @@ def test_who_comes_second_throws_his_away(tmp_path):
     assert os.listdir(tmp_path / "scenes") == ["000007"]
 
 
-@pytest.mark.parametrize("damage", ["record", "file", "cut", "empty"])
-def test_what_is_not_whole_is_not_done_and_is_cleaned(tmp_path, damage):
+@pytest.mark.parametrize(
+    ("damage", "ours"),
+    [("record", False), ("file", True), ("other", False), ("more", False), ("empty", True)],
+)
+def test_what_is_not_whole_is_not_done_and_made_anew_where_it_is_ours(tmp_path, damage, ours):
     folder = made(tmp_path, 3)
     if damage == "record":
         (folder / "scene.json").write_text('{"scene": 3')
     elif damage == "file":
         (folder / "tls.laz").unlink()
-    elif damage == "cut":
+    elif damage == "other":
         (folder / "tls.laz").write_text("poin")
+    elif damage == "more":
+        (folder / "tls.laz").unlink()
+        (folder / "notes.txt").write_text("mine")
     else:
         for path in folder.iterdir():
             path.unlink()
     disk.begin(tmp_path, 4)
     assert list(disk.scenes_done(tmp_path)) == []
     disk.clean(tmp_path)
-    assert os.listdir(tmp_path / "scenes") == []
+    assert os.listdir(tmp_path / "scenes") == ["000003"]
+    refused = nullcontext() if ours else pytest.raises(SpecError, match="not what Forest Sensing")
+    with keeping(Keeper(tmp_path, "dataset")), refused:
+        disk.claim_scene(tmp_path, 3)
+    said = []
+    with keeping(Keeper(tmp_path, "dataset", force=True, say=said.append)):
+        disk.claim_scene(tmp_path, 3)
+    assert bool(said) is not ours
 
 
 def test_the_manifest_is_what_the_folders_say(tmp_path):

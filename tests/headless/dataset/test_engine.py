@@ -13,7 +13,7 @@ from forest_addon.spec import SpecError
 from headless.dataset import disk, engine
 from headless.dataset.engine import Cluster, make_all, slurm_cluster
 from headless.dataset.plan import PLANS, read_plan, recipes
-from headless.studies.bench.cluster import seconds_of, trial
+from studies.bench.cluster import seconds_of, trial
 
 
 @pytest.mark.medium

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from references.examples import examples
 from references.lidar_scenes import scene_with
 from references.rays_brute import BruteCaster
 
@@ -318,7 +317,6 @@ def test_two_statements_of_the_threshold_are_refused():
         LinkBudget(energy=1.0)
 
 
-@examples(50)
 @given(
     seed=st.integers(0, 2**32 - 1),
     dead_zone=st.one_of(st.just(0.0), st.floats(0.01, 20.0)),

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
-from references.examples import examples
 from scipy.optimize import minimize_scalar
 
 from forest_addon.formats.scanner_file import read_scanner, scanner_names
@@ -200,7 +199,6 @@ HARD_PULSE = [
 
 
 @pytest.mark.slow
-@examples(150)
 @given(
     sigma=st.sampled_from(instruments()),
     pulses=st.lists(contacts(), min_size=1, max_size=3),
@@ -230,7 +228,6 @@ def test_no_pulse_is_lost_and_no_light(sigma, pulses, spread):
 
 
 @pytest.mark.slow
-@examples(120)
 @given(sigma=st.sampled_from(instruments()), places=contacts(most=45), seed=st.integers(0, 99))
 def test_every_contact_is_in_exactly_one_echo(sigma, places, seed):
     # Energies are powers of two from 2^0 to 2^44 in any order: the bits of an echo's energy are its contacts.

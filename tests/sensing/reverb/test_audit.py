@@ -5,9 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, example, given
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
-from references.examples import examples
 from references.trunks_at_length import sum_at_length
 
 from forest_addon.base.rng import stream
@@ -66,10 +65,7 @@ def test_what_is_right_is_kept(soon_fast, tolerance, spread):
 
 @pytest.mark.slow
 @example(power=-6.0, thickest=2.0, seed=2)
-@examples(
-    6, deadline=None, derandomize=True,
-    suppress_health_check=[HealthCheck.too_slow, HealthCheck.function_scoped_fixture],
-)  # fmt: skip
+@settings(max_examples=2)
 @given(
     power=st.floats(-6, -2),
     thickest=st.sampled_from([0.001, 0.05, 0.5, 2.0]),
@@ -88,7 +84,7 @@ def test_what_was_asked_is_kept_always(soon_fast, power, thickest, seed):
 
 @pytest.mark.slow
 @example(power=-8.0, thickest=2.0, seed=1)
-@examples(3, deadline=None, derandomize=True)
+@settings(max_examples=1)
 @given(
     power=st.floats(-8, -6.1),
     thickest=st.sampled_from([0.02, 0.2, 2.0]),

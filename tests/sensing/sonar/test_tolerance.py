@@ -7,10 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import example, given
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from references.echo_scenes import scene_of
-from references.examples import examples
 from references.leaf_discs import discs_of
 
 from forest_addon.acoustics.disc import MODELS
@@ -67,7 +66,7 @@ def check(discs: LeafDiscs, one: LeafDiscs, count: int, sonar: Sonar) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("model", MODELS)
-@examples(25)
+@settings(max_examples=6)
 @given(
     radius=st.floats(0.003, 0.12),
     incidence=st.one_of(st.floats(0.0, math.pi / 2 - 1e-3), st.floats(0.0, 0.02)),

@@ -12,10 +12,11 @@ from forest_addon.blender.scene.layout import RADIUS
 from forest_addon.blender.scene.nodes import has_input
 from forest_addon.blender.show.cloud_nodes import GROUP
 from forest_addon.formats.wav import read_wav
-from forest_addon.results.dry_sounds import wet_sound
+from forest_addon.results.dry_sounds import PEAK_DB, dry_sound
 from forest_addon.results.points import POINT
+from forest_addon.sensing.reverb.auralise import auralise, normalised
 from forest_addon.sensing.reverb.response import channels_of
-from forest_addon.ui.results import held, show
+from forest_addon.ui.results import kept, show
 
 from ..pressing import add_cube, press, run
 
@@ -47,9 +48,9 @@ def test_sounds_are_exported_too(built, tmp_path):
 
 
 @pytest.mark.medium
-def test_what_is_held_no_longer_says_so(built, tmp_path):
+def test_what_is_too_large_to_be_kept_says_so(built, tmp_path, monkeypatch):
+    monkeypatch.setattr(kept, "MOST", 1000)
     run("echo")
-    held.let_go()
     with pytest.raises(RuntimeError, match="Run its sensor again"):
         press("export_result", result="echo", filepath=str(tmp_path / "mine.wav"))
 
@@ -76,7 +77,7 @@ def test_points_have_a_radius(built):
 @pytest.mark.medium
 def test_an_echo_can_be_heard(built):
     run("echo")
-    samples, rate = show.heard_of(bpy.context.scene, "echo")
+    samples, rate = show.heard_of(built.results["echo"])
     assert rate == 20_000  # 400 kHz, twenty times slower
     assert samples.shape[1] == 1
     assert 0.85 < abs(samples).max() <= 1.0
@@ -89,13 +90,14 @@ def test_an_echo_can_be_heard(built):
 def test_a_reverb_is_played_as_the_chosen_sound_is_heard(built, tmp_path):
     """What Blender's audio library was given is the convolution; the exported WAV has it, too."""
     run("reverb")
-    _, found, _ = held.find(bpy.context.scene, "reverb")
+    _, found, _ = kept.unpack(built.results["reverb"].found)
     responses = channels_of(found).reshape(len(found.samples), -1)
     for choice in ("CLAP", "CALL"):
         built.dry = choice
         assert press("play", sensor="reverb") == {"FINISHED"}
         played = show._playing[1]
-        wet = wet_sound(responses, found.sample_rate, choice.lower())
+        dry, dry_rate = dry_sound(choice.lower())
+        wet = normalised(auralise(responses, dry, found.sample_rate, dry_rate), PEAK_DB)[0]
         assert played.specs[0] == found.sample_rate
         assert np.abs(played.data() - wet).max() < 1e-6
         path = str(tmp_path / f"{choice}.wav")
@@ -112,16 +114,6 @@ def test_a_reverb_is_played_as_the_chosen_sound_is_heard(built, tmp_path):
     built.dry_file = str(tmp_path / "none.wav")
     with pytest.raises(RuntimeError, match=r"none\.wav: cannot be read"):
         press("play", sensor="reverb")
-
-
-@pytest.mark.medium
-def test_a_reverb_of_an_earlier_session_is_taken_from_its_speaker(built):
-    run("reverb")
-    fresh, rate = show.heard_of(bpy.context.scene, "reverb")
-    held.let_go()
-    kept, same = show.heard_of(bpy.context.scene, "reverb")
-    assert (same, kept.shape) == (rate, fresh.shape)
-    assert np.abs(kept - fresh).max() < 1e-5
 
 
 @pytest.fixture

@@ -57,9 +57,16 @@ def test_points_are_shown_and_selected_on_request(built, name):
 @pytest.mark.medium
 def test_a_cloud_shows_even_where_its_collection_was_hidden(built):
     layer = bpy.context.view_layer.layer_collection.children["Forest"]
+    for name in ("Results", "Sensors"):
+        made = bpy.data.collections.new(f"mine in {name}")
+        layer.children[name].collection.children.link(made)
+        layer.children[name].children[made.name].exclude = True
     layer.children["Results"].exclude = True
     run("cloud")
     (cloud,) = clouds()
     assert cloud.visible_get()
+    assert not layer.children["Results"].exclude
+    for name in ("Results", "Sensors"):
+        assert layer.children[name].children[f"mine in {name}"].exclude
     assert press("select_result", shown=cloud.name) == {"FINISHED"}
     assert cloud.select_get()

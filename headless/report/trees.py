@@ -1,0 +1,260 @@
+"""Pictures of trees: species on a contact sheet, a user's tree with what was recognised and grown of it."""
+
+from __future__ import annotations
+
+import math
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import PolyCollection
+from matplotlib.colors import hsv_to_rgb
+from matplotlib.image import imread
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch, Rectangle
+
+from forest_addon.base.places import file_name
+from forest_addon.base.trimesh import LEAF, WOOD, TriMesh, join
+from forest_addon.drawing.figures import blank_figure, figure_on, save_figure
+from forest_addon.drawing.palette import FAINT, INK, LEAF_GREEN, PAPER, rgb
+from forest_addon.formats.atomic import replacing
+from forest_addon.growth.mesh.leaves import measure_leaves
+from forest_addon.growth.own_tree.recognise import Recognition
+from forest_addon.growth.tree import Tree
+from forest_addon.spec import Look, Species
+
+TREE = 800  # pixels that a tree of a sheet has
+ICON = 192  # pixels along a side of a small picture
+WIDTH = 2100  # pixels of the picture of brought, rebuilt and siblings
+TRUNK, DOUBT = "#4a3526", "#d22f27"
+RING: dict[str, Any] = {
+    "marker": "o",
+    "markersize": 14,
+    "markerfacecolor": "none",
+    "markeredgecolor": DOUBT,
+    "markeredgewidth": 1.6,
+    "linestyle": "none",
+}
+MOST_RINGS = 60
+MOST_DRAWN = 400_000  # facets
+
+
+def draw_sheet(grown: Sequence[tuple[Species, Tree]], path: Path, pixels: int = TREE) -> Path:
+    """The contact sheet: a render of all trees with a name and a scale below each.
+
+    pixels : width of a tree's cell.
+    """
+    columns = max(1, min(6, round(math.sqrt(1.6 * len(grown)))))
+    return _render_row(grown, columns, columns * pixels, path)
+
+
+def render_three(
+    found: Recognition,
+    metres: float,
+    rebuilt: Tree,
+    siblings: Sequence[Tree],
+    look: Look,
+    path: Path,
+) -> Path:
+    """Render the tree as its facets were, then rebuilt, then siblings, all at one scale.
+
+    metres : in one unit of what was recognised.
+    """
+    trees = [("brought", _as_brought(found, metres, rebuilt)), ("rebuilt", rebuilt)]
+    trees += [(f"sibling {number + 1}", tree) for number, tree in enumerate(siblings)]
+    grown = [(Species(name=name, look=look), tree) for name, tree in trees]
+    return _render_row(grown, len(grown), WIDTH, path, samples=32, one_scale=True)
+
+
+def _render_row(
+    grown: Sequence[tuple[Species, Tree]], columns: int, width: int, path: Path, **how: Any
+) -> Path:
+    """Render trees in rows of so many columns, a name, a height and a scale below each."""
+    from forest_addon.blender.library.sheet import FIELD, FOOT, render_sheet
+
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory() as folder:
+        rendered = Path(folder) / "trees.png"
+        cells = render_sheet(grown, columns, width, rendered, **how)
+        image = imread(rendered)
+    figure, axes = figure_on(image)
+    high, wide = image.shape[:2]
+    scale = max(width / columns / 330, 0.75)  # of what is written
+    reach, below = 0.42 * wide / columns, FOOT / FIELD[0] * wide / columns
+    for cell, (species, tree) in zip(cells, grown, strict=True):
+        if not (tree.mesh.vertices[:, 2] < -0.02 * tree.height).any() or not how:
+            # The sunk foot of a trunk is no part of the picture.
+            ground = Rectangle((cell.x - reach, cell.y), 2 * reach, below, color=PAPER, linewidth=0)
+            axes.add_patch(ground).set_zorder(1.5)
+        axes.plot([cell.x - reach, cell.x + reach], [cell.y, cell.y], color=FAINT, linewidth=1.0)
+        leaves = f", {len(tree.leaves):,} leaves" if len(tree.leaves) else ""
+        for text, down, size in (
+            (species.name, 10, 11),
+            (f"{tree.height:.1f} m{leaves}", 28, 8.5),
+        ):
+            below_line = (cell.x, cell.y + down * scale, text)
+            axes.text(*below_line, ha="center", va="top", color=INK, fontsize=size * scale)
+    axes.set_xlim(0, wide)
+    axes.set_ylim(high, 0)
+    return save_figure(figure, path)
+
+
+def draw_pictures(grown: Sequence[tuple[Species, Tree]], folder: Path) -> None:
+    """A square JPEG of each tree, cut from one render at twice its size."""
+    from PIL import Image
+
+    from forest_addon.blender.library.sheet import FIELD, FOOT, render_sheet
+
+    columns = math.ceil(math.sqrt(len(grown)))
+    wide = 2 * ICON
+    folder.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory() as held:
+        rendered = Path(held) / "trees.png"
+        cells = render_sheet(grown, columns, columns * wide, rendered)
+        with Image.open(rendered) as image:
+            whole = image.convert("RGBA")
+    above, below = round((FIELD[1] - FOOT) * wide), round(0.03 * wide)
+    side = above + below
+    for (species, _), cell in zip(grown, cells, strict=True):
+        left, foot = round(cell.x) - wide // 2, round(cell.y)
+        tree_alone = whole.crop((left, foot - above, left + wide, foot))  # without its sunk foot
+        paper = Image.new("RGBA", (side, side), PAPER)
+        paper.alpha_composite(tree_alone, ((side - wide) // 2, 0))
+        small = paper.convert("RGB").resize((ICON, ICON), Image.Resampling.LANCZOS)
+        with replacing(folder / f"{file_name(species.name)}.jpg") as partial:
+            small.save(partial, quality=85, optimize=True)
+
+
+def _as_brought(found: Recognition, metres: float, rebuilt: Tree) -> Tree:
+    """The facets of the file as a tree, its foot moved to the origin; the skeleton is the rebuilt one's."""
+    origin = found.origin
+    parts = []
+    for pieces, part, slot in ((found.wood, WOOD, 0), (found.leaves, LEAF, 1)):
+        mesh = TriMesh.of_part((pieces.vertices - origin) * metres, pieces.triangles, part)
+        mesh.material[:] = slot
+        if part == LEAF:
+            mesh.leaf[:] = pieces.piece
+        parts.append(mesh)
+    leaves = np.argsort(parts[1].leaf, kind="stable")
+    mesh = join([parts[0], parts[1].select(leaves)])
+    return Tree(mesh, measure_leaves(parts[1]), rebuilt.skeleton)
+
+
+def draw_recognised(found: Recognition, metres: float, name: str, path: Path) -> Path:
+    """Front and side of the tree, each first-level branch with all it bears in a colour of its own.
+
+    metres : in one unit of what was recognised.
+    """
+    figure = blank_figure((12, 7.5))
+    front, side, bare = figure.subplots(1, 3, sharey=True)
+    colours, firsts = _branch_colours(found)
+    wood = found.wood.vertices[found.wood.triangles] * metres
+    leaves = found.leaves.vertices[found.leaves.triangles] * metres
+    green = np.empty((0, 3))
+    if len(leaves):
+        bearer = colours[found.bearer[found.leaves.piece]]
+        green = 0.78 * np.array(rgb(LEAF_GREEN)) + 0.22 * bearer
+    paint = colours[found.wood.piece]
+    _draw(front, np.concatenate([wood, leaves]), np.concatenate([paint, green]), 0)
+    _draw(side, np.concatenate([wood, leaves]), np.concatenate([paint, green]), 1)
+    _draw(bare, wood, paint, 0)
+    for axes, title, across in (
+        (front, "from the front (-y)", "x, m"),
+        (side, "from the right (+x)", "y, m"),
+        (bare, "wood alone, from the front", "x, m"),
+    ):
+        axes.set_title(title)
+        axes.set_xlabel(across)
+    front.set_ylabel("z, m")
+    for doubt in found.doubts:
+        _ring(front, doubt.places * metres, 0)
+        _ring(side, doubt.places * metres, 1)
+    figure.suptitle(
+        f"{name}: {found.wood.count:,} pieces of wood, {len(firsts):,} first-level branches, "
+        f"{found.leaves.count:,} leaves",
+        color=INK,
+        x=0.01,
+        ha="left",
+    )
+    shown = firsts[:: max(1, len(firsts) // 5)][:5]
+    keys = [Patch(facecolor=TRUNK, label="trunk")]
+    keys += [Patch(facecolor=colours[first], label="") for first in shown[:-1]]
+    keys += [
+        Patch(facecolor=colours[shown[-1]], label="first-level branches and what hangs on them")
+    ]
+    if found.doubts:
+        keys.append(Line2D([], [], **RING, label="in doubt"))
+    if len(leaves):
+        keys.append(Patch(facecolor=LEAF_GREEN, label="leaves, tinted by their branch"))
+    figure.legend(
+        handles=keys,
+        loc="outside lower center",
+        ncols=len(keys),
+        handlelength=1.2,
+        columnspacing=0.6,
+    )
+    return save_figure(figure, path)
+
+
+def draw_problem(facets: np.ndarray, places: np.ndarray, name: str, path: Path) -> Path:
+    """Front and side of facets (T, 3, 3) that are no tree, in their own units; places (N, 3) ringed."""
+    figure = blank_figure((9, 7.5))
+    facets = facets[:: max(1, len(facets) // MOST_DRAWN)]
+    colour = np.tile(np.array(rgb("#8b8b86")), (len(facets), 1))
+    both = figure.subplots(1, 2, sharey=True)
+    for axes, across, title, label in (
+        (both[0], 0, "from the front (-y)", "x"),
+        (both[1], 1, "from the right (+x)", "y"),
+    ):
+        _draw(axes, facets, colour, across)
+        _ring(axes, places, across)
+        axes.set_title(title)
+        axes.set_xlabel(f"{label}, units of the file")
+    both[0].set_ylabel("z")
+    figure.suptitle(f"{name}: not understood; rings mark where", color=INK, x=0.01, ha="left")
+    return save_figure(figure, path)
+
+
+def _ring(axes: Axes, places: np.ndarray, across: int) -> None:
+    shown = places[:: max(1, len(places) // MOST_RINGS)]
+    axes.plot(*(shown[:, [across, 2]].T), **RING, zorder=5)
+
+
+def _branch_colours(found: Recognition) -> tuple[np.ndarray, np.ndarray]:
+    """(C, 3) colour of each piece of wood, and the first-level branches from the lowest up."""
+    firsts = found.firsts
+    firsts = firsts[np.argsort(found.foot[firsts, 2])]
+    hue = (0.02 + 0.618034 * np.arange(len(firsts))) % 1.0  # neighbours differ
+    bright = hsv_to_rgb(
+        np.stack([hue, np.full(len(hue), 0.75), np.full(len(hue), 0.85)], axis=1)
+    ).reshape(-1, 3)
+    colours = np.tile(np.array(rgb(TRUNK)), (found.wood.count, 1))
+    place = np.full(found.wood.count, -1)
+    place[firsts] = np.arange(len(firsts))
+    branch = np.where(found.branch >= 0, place[np.maximum(found.branch, 0)], -1)
+    colours[branch >= 0] = bright[branch[branch >= 0]]
+    return colours, firsts
+
+
+def _draw(axes: Axes, facets: np.ndarray, colour: np.ndarray, across: int) -> None:
+    """Facets (T, 3, 3) seen along an axis, the nearest last, shaded by their slope."""
+    normal = np.cross(facets[:, 1] - facets[:, 0], facets[:, 2] - facets[:, 0])
+    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
+    depth = 1 - across
+    light = np.array([0.45, 0.35, 0.82])
+    shade = 0.55 + 0.45 * np.abs(normal @ light)
+    middle = facets[:, :, depth].mean(axis=1)
+    order = np.argsort(-middle if across == 0 else middle, kind="stable")
+    axes.add_collection(
+        PolyCollection(
+            facets[order][:, :, [across, 2]],
+            facecolors=np.clip(colour * shade[:, None], 0, 1)[order],
+            linewidths=0,
+            rasterized=True,
+        )
+    )
+    axes.autoscale_view()
+    axes.set_aspect("equal")

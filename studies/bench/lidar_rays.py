@@ -1,0 +1,427 @@
+"""Rays a second of both engines, and beside them how far their hits are from float64 brute force.
+
+Closed stands of one species, five variants: crowns that just touch. Rays are those of a tripod in the
+middle, of a flight 200 m above, and from anywhere to anywhere (no two alike: the worst case). Time is CPU
+time of one thread; of two threads, how much sooner they end on the clock.
+"""
+
+from __future__ import annotations
+
+import gc
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from forest_addon.base.places import environment_of_child
+from forest_addon.base.progress import Say
+from forest_addon.base.rng import stream
+from forest_addon.base.trimesh import OTHER, TriMesh
+from forest_addon.blender.rays.bvh import BvhCaster
+from forest_addon.blender.rays.embree import EmbreeCaster
+from forest_addon.blender.rays.embree_parts import embree_parts
+from forest_addon.growth.library.species_file import find_species, load_species
+from forest_addon.growth.measured.wanted import Kind, typical_tree
+from forest_addon.growth.tree import grow
+from forest_addon.sensing.rays.caster import Hits, RayCaster
+from forest_addon.sensing.rays.exact import cast_exactly
+from forest_addon.sensing.rays.geometry import SceneGeometry
+from forest_addon.sensing.rays.moving import MovingCaster
+from forest_addon.sensing.rays.paths import RigidPath, SceneMotion, ShapePath
+from forest_addon.sensing.rays.search import Search
+from studies.tables import median_seconds, table
+
+TREES = {"20k": "whorl-8", "200k": "honda-broadleaf"}  # leaf-on, of about as many triangles
+VARIANTS = 5
+MEASURED = ("european-beech", "scots-pine", "norway-spruce")  # middle trees, among 1000
+INSTANCES = (1, 10, 100, 1000)
+RAYS = {BvhCaster: 20_000, EmbreeCaster: 200_000}
+SCAN = 100_000  # rays of a scan
+CALLS = 50  # small ones
+CHECKED = 64  # rays of each kind against brute force
+
+Rays = tuple[np.ndarray, np.ndarray]  # origins, directions
+
+
+def say_rays(say: Say) -> None:
+    """Print speed, cost and error by size of tree, number of instances and engine."""
+    rows = []
+    for size in TREES:
+        meshes = grow_trees(size)
+        for count in INSTANCES:
+            scene = plant(meshes, count)
+            exact = {
+                kind: cast_exactly(scene, *rays) for kind, rays in _rays(scene, CHECKED).items()
+            }
+            for engine in (BvhCaster, EmbreeCaster):
+                rows.append([f"{count} x {size}", *_measure(engine, scene, exact)])
+    rows += [_measured_row(name) for name in MEASURED]
+    head = ["trees", "engine", "tripod, rays/s", "flight, rays/s", "anywhere, rays/s"]
+    head += ["two threads", "build, s"]
+    head += ["error, median m", "99 %", "other surface", "missed"]
+    table(say, head, rows)
+
+    _say_calls(say)
+    say(f"\nMemory of a caster, {INSTANCES[2]} instances:\n")
+    rows = [
+        [f"{size}", engine.engine, *_memory(size, engine)]
+        for size in TREES
+        for engine in (BvhCaster, EmbreeCaster)
+    ]
+    table(say, ["trees of", "engine", "unique triangles", "MB", "bytes a unique triangle"], rows)
+
+
+def _measured_row(name: str) -> list[str]:
+    """Embree among many middle trees of a measured species."""
+    meshes = grow_trees(name)
+    scene = plant(meshes, INSTANCES[-1])
+    exact = {kind: cast_exactly(scene, *rays) for kind, rays in _rays(scene, CHECKED).items()}
+    size = np.mean([len(mesh.triangles) for mesh in meshes]) / 1000
+    trees = f"{INSTANCES[-1]} x {name}, {size:,.0f}k"
+    return [trees, *_measure(EmbreeCaster, scene, exact)]
+
+
+def _say_calls(say: Say) -> None:
+    """Print the cost of one call: the first of a process, a scan's first and later ones, a few rays."""
+    say("\nOne call of a tripod's rays, CPU time; a fresh process counts its imports apart:\n")
+    rows = []
+    for count, size in ((1, "200k"), (1000, "20k")):
+        scene = plant(grow_trees(size), count)
+        for engine in (BvhCaster, EmbreeCaster):
+            rows.append([f"{count} x {size}", engine.engine, *_calls(engine, scene)])
+    head = ["trees", "engine", f"first {SCAN:,} rays and build, s", "again, s"]
+    head += ["64 rays, µs", "1 ray, µs"]
+    table(say, head, rows)
+
+    rows = [[engine.engine, *_fresh(engine.engine)] for engine in (BvhCaster, EmbreeCaster)]
+    say(f"\nA fresh process, {INSTANCES[2]} x 20k:\n")
+    table(say, ["engine", "imports, s", "build and first 64 rays, ms", "next 64 rays, ms"], rows)
+
+
+def _calls(engine: type[Search], scene: SceneGeometry) -> list[str]:
+    rays = _rays(scene, SCAN)["tripod"]
+    start = time.process_time()
+    caster = engine(scene)
+    caster.cast(*rays)
+    first = time.process_time() - start
+    again = median_seconds(lambda: caster.cast(*rays))
+    few = [f"{1e6 * _small(caster, rays, size):,.0f}" for size in (64, 1)]
+    return [f"{first:.2f}", f"{again:.2f}", *few]
+
+
+def _small(caster: Search, rays: Rays, size: int) -> float:
+    """Seconds of a call with so many neighbouring rays, over calls all around."""
+    starts = range(0, len(rays[0]) - size, (len(rays[0]) - size) // CALLS)
+    parts = [(rays[0][k : k + size], rays[1][k : k + size]) for k in starts]
+
+    def say_rays() -> None:
+        for part in parts:
+            caster.cast(*part)
+
+    say_rays()
+    return median_seconds(say_rays) / len(parts)
+
+
+def _fresh(engine: str) -> list[str]:
+    call = f"from {__name__} import started; started({engine!r})"
+    done = subprocess.run(
+        [sys.executable, "-c", call],
+        capture_output=True,
+        text=True,
+        check=True,
+        env=environment_of_child(),
+    )
+    imports, first, second = (float(word) for word in done.stdout.split()[-3:])
+    return [f"{imports:.2f}", f"{1e3 * first:.1f}", f"{1e3 * second:.2f}"]
+
+
+def started(engine: str) -> None:
+    """Print the CPU seconds of this process before it casts, of its first call, and of its second."""
+    imports = time.process_time()
+    scene = plant(grow_trees("20k"), INSTANCES[2])
+    rays = _rays(scene, 64)["tripod"]
+    start = time.process_time()
+    caster = {"bvhtree": BvhCaster, "embree": EmbreeCaster}[engine](scene)
+    caster.cast(*rays)
+    first = time.process_time()
+    caster.cast(*rays)
+    print(imports, first - start, time.process_time() - first)
+
+
+def grow_trees(size: str) -> list[TriMesh]:
+    """Trees of about a size, or middle trees of a measured species, with all their leaves."""
+    name = TREES.get(size, size)
+    species, template = load_species(find_species(name, Path()))
+    wanted = None
+    if species.targets is not None and isinstance(template, Kind):
+        wanted = typical_tree(species.targets, template.allometry, name)
+    return [grow(species, template, stream(1, "bench", n), wanted).mesh for n in range(VARIANTS)]
+
+
+def _measure(engine: type[Search], scene: SceneGeometry, exact: dict[str, Hits]) -> list[str]:
+    start = time.process_time()
+    caster = engine(scene)
+    checked = {kind: caster.cast(*rays) for kind, rays in _rays(scene, CHECKED).items()}
+    build = time.process_time() - start  # BVHTree builds the meshes that rays come to
+
+    many = _rays(scene, RAYS[engine])
+    speeds = [
+        f"{len(rays[0]) / median_seconds(lambda r=rays: caster.cast(*r)):,.0f}"
+        for rays in many.values()
+    ]
+    sooner = "-"
+    if engine is EmbreeCaster:
+        two = EmbreeCaster(scene, threads=2)
+        sooner = f"{_clock(caster, many['tripod']) / _clock(two, many['tripod']):.2f}"
+    return [
+        caster.engine,
+        *speeds,
+        sooner,
+        f"{build:.2f}",
+        *_errors(list(checked.values()), list(exact.values())),
+    ]
+
+
+def _errors(found: list[Hits], exact: list[Hits]) -> list[str]:
+    """Distance error on the same triangle; shares of other triangles and of misses on one side."""
+    distance, other, missed, count = [], 0, 0, 0
+    for ours, truth in zip(found, exact, strict=True):
+        same = (ours.instance == truth.instance) & (ours.triangle == truth.triangle) & truth.found
+        distance.append(np.abs(ours.distance[same] - truth.distance[same]))
+        missed += np.count_nonzero(ours.found != truth.found)
+        other += np.count_nonzero(ours.found & truth.found & ~same)
+        count += len(same)
+    error = np.concatenate(distance)
+    median, tail = np.quantile(error, [0.5, 0.99]) if len(error) else (np.nan, np.nan)
+    return [f"{median:.0e}", f"{tail:.0e}", f"{other} of {count}", f"{missed} of {count}"]
+
+
+def _clock(caster: Search, rays: Rays) -> float:
+    taken = []
+    for _ in range(5):
+        start = time.perf_counter()
+        caster.cast(*rays)
+        taken.append(time.perf_counter() - start)
+    return min(taken)
+
+
+def _memory(size: str, engine: type[Search]) -> list[str]:
+    """Unique triangles of a stand, and what a process of its own grows by when it casts in it."""
+    call = f"from {__name__} import grown_by; grown_by({size!r}, {engine.engine!r})"
+    done = subprocess.run(
+        [sys.executable, "-c", call],
+        capture_output=True,
+        text=True,
+        check=True,
+        env=environment_of_child(),
+    )
+    triangles, memory = (int(word) for word in done.stdout.split()[-2:])
+    if not memory:
+        return [f"{triangles:,}", "-", "-"]
+    return [f"{triangles:,}", f"{memory / 1e6:,.0f}", f"{memory / triangles:.0f}"]
+
+
+def grown_by(size: str, engine: str) -> None:
+    """Print the unique triangles and the bytes that a caster of a stand takes, 0 where unknown."""
+    scene = plant(grow_trees(size), INSTANCES[2])
+    status = Path("/proc/self/statm")
+
+    def used() -> int:
+        gc.collect()
+        return int(status.read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+
+    before = used() if status.exists() else 0
+    caster = {"bvhtree": BvhCaster, "embree": EmbreeCaster}[engine](scene)
+    for rays in _rays(scene, 10_000).values():
+        caster.cast(*rays)
+    memory = used() - before if status.exists() else 0
+    print(sum(len(mesh.triangles) for mesh in scene.meshes), memory)
+
+
+def plant(meshes: list[TriMesh], count: int) -> SceneGeometry:
+    """Trees on a square grid, shifted by up to a quarter of its step, each turned."""
+    rng = stream(2, "bench", "stand", count)
+    crown = np.mean([np.ptp(mesh.vertices[:, :2], axis=0).mean() for mesh in meshes])
+    side = int(np.ceil(np.sqrt(count)))
+    cell = np.stack(np.divmod(np.arange(count), side), axis=1)
+    turn = rng.uniform(0, 2 * np.pi, count)
+    transform = np.zeros((count, 3, 4))
+    transform[:, 0, 0] = transform[:, 1, 1] = np.cos(turn)
+    transform[:, 1, 0] = np.sin(turn)
+    transform[:, 0, 1] = -np.sin(turn)
+    transform[:, 2, 2] = 1
+    transform[:, :2, 3] = crown * (cell + rng.uniform(-0.25, 0.25, (count, 2)))
+    return SceneGeometry(
+        meshes=tuple(meshes),
+        transform=transform,
+        mesh_index=np.arange(count) % len(meshes),
+        object_name=("tree",),
+        tree=np.arange(count),
+        species=np.zeros(count, dtype=np.int64),
+        object_index=np.zeros(count, dtype=np.int64),
+    )
+
+
+def _rays(scene: SceneGeometry, count: int) -> dict[str, Rays]:
+    rng = stream(3, "bench", "rays")
+    low, high = (
+        edge for edge in (scene.transform[:, :, 3].min(0), scene.transform[:, :, 3].max(0))
+    )
+    low, high = low[:2] - 3, high[:2] + 3
+
+    lines = int(np.sqrt(count))
+    azimuth, elevation = np.divmod(np.arange(count), lines)
+    azimuth, elevation = 2 * np.pi * azimuth / lines, np.deg2rad(-30 + 110 * elevation / lines)
+    around = np.stack(
+        [
+            np.cos(elevation) * np.cos(azimuth),
+            np.cos(elevation) * np.sin(azimuth),
+            np.sin(elevation),
+        ],
+        axis=1,
+    )
+    middle = np.broadcast_to([*(low + high) / 2 + 1.3, 1.6], (count, 3))
+
+    line, pulse = np.divmod(np.arange(count), lines)
+    angle = np.deg2rad(-15 + 30 * pulse / lines)
+    down = np.stack([np.sin(angle), np.zeros(count), -np.cos(angle)], axis=1)
+    across = rng.uniform(low, high, (count, 2))
+    across[:, 1] = low[1] + (high[1] - low[1]) * line / lines
+    above = np.column_stack([across, np.zeros(count)]) - 200 * down / np.abs(down[:, 2:])
+
+    start = np.column_stack([rng.uniform(low, high, (count, 2)), np.full(count, 1.6)])
+    end = np.column_stack([rng.uniform(low, high, (count, 2)), rng.uniform(0, 9, count)])
+    return {"tripod": (middle, around), "flight": (above, down), "anywhere": (start, end - start)}
+
+
+# Rays a second where some bodies of a scene move, beside where none does, and their error against
+# float64.
+#
+# 400 bumpy bodies of 7,000 triangles, some of which go 1 m and turn by 1 rad within 1 s, or are drawn out
+# to 1.5 times their height meanwhile; rays from the middle into every direction, each at a time of its
+# own, no two alike: the worst case. Time is CPU time of one thread.
+
+
+BODIES = 400
+MOVING = (1, 10, 40)
+BENDING = 10
+SIDES = 60  # of a body
+MOVING_RAYS = {BvhCaster: 20_000, EmbreeCaster: 200_000}
+MOVING_CHECKED = 100  # rays towards bodies that move, each against the scene as it is at its time
+
+
+def say_moving(say: Say) -> None:
+    """Print how much longer rays take where bodies move, and their error."""
+    say(f"\nOf {BODIES} bodies some move, or bend as well; each ray has a time of its own:\n")
+    scene, rows = _bodies(), []
+    for engine, count in MOVING_RAYS.items():
+        for moving, bending in [*((moving, 0) for moving in MOVING), (BENDING, BENDING)]:
+            some = _moving(scene, _motion(scene, moving, bending), engine, count)
+            rows.append([f"{moving}", f"{bending}", engine.engine, *some])
+    head = ["moving", "bending", "engine", "still, rays/s", "moving, rays/s", "times", "error, m"]
+    table(say, head, rows)
+
+
+def _moving(
+    scene: SceneGeometry,
+    motion: SceneMotion,
+    make: Callable[[SceneGeometry], RayCaster],
+    count: int,
+) -> list[str]:
+    rng = stream(1, "bench", len(motion.paths))
+    ways, time = rng.normal(size=(count, 3)), rng.uniform(0, 1, count)
+    ways /= np.linalg.norm(ways, axis=1, keepdims=True)
+    origins = np.zeros((count, 3))
+    engine = embree_parts if make is EmbreeCaster else None
+    still, caster = make(scene), MovingCaster(scene, motion, make, engine)
+    still.cast(origins, ways)
+    caster.cast(origins, ways, time=time)
+    before = median_seconds(lambda: still.cast(origins, ways))
+    after = median_seconds(lambda: caster.cast(origins, ways, time=time))
+    off = _error(caster, motion)
+    return [f"{count / before:,.0f}", f"{count / after:,.0f}", f"{after / before:.2f}", off]
+
+
+def _error(caster: MovingCaster, motion: SceneMotion) -> str:
+    """Largest error of a distance; infinite where another body is met, or none."""
+    paths = motion.paths
+    rng = stream(2, "bench", len(paths))
+    number, time = rng.integers(len(paths), size=MOVING_CHECKED), rng.uniform(0, 1, MOVING_CHECKED)
+    place = np.array([paths[n].at(t[None])[0] for n, t in zip(number, time, strict=True)])
+    ways = place[:, :, 3] + rng.uniform(-0.5, 0.5, (MOVING_CHECKED, 3))
+    ways /= np.linalg.norm(ways, axis=1, keepdims=True)
+    origins = np.zeros((MOVING_CHECKED, 3))
+    found = caster.cast(origins, ways, time=time)
+    worst = 0.0
+    for row in range(MOVING_CHECKED):
+        now = caster.scene.transform.copy()
+        for part, path in paths.items():
+            now[part] = path.at(time[row, None])[0]
+        body = caster.scene.meshes[0]
+        shape = motion.shapes.get(0)
+        meshes = [body]
+        if shape is not None:  # all that bend do alike
+            every = np.arange(len(body.vertices))[None]
+            meshes.append(replace(body, vertices=shape.at(every, time[row, None])[0]))
+        scene = _scene(tuple(meshes), now, len(motion.shapes))
+        truth = cast_exactly(scene, origins[:1], ways[row, None])
+        same = truth.instance[0] == found.instance[row]
+        off = abs(truth.distance[0] - found.distance[row]) if same else np.inf
+        worst = max(worst, float(off))
+    return f"{worst:.0e}"
+
+
+def _motion(scene: SceneGeometry, moving: int, bending: int) -> SceneMotion:
+    time, body = np.linspace(0, 1, 25), scene.meshes[0].vertices.astype(np.float32)
+    drawn = np.repeat(body[None], len(time), axis=0)
+    drawn[:, :, 2] *= 1 + time[:, None].astype(np.float32) / 2
+    shape = ShapePath(time, drawn)
+    paths = {number: _path(scene.transform[number]) for number in range(moving)}
+    return SceneMotion(paths, dict.fromkeys(range(bending), shape))
+
+
+def _path(transform: np.ndarray) -> RigidPath:
+    time = np.linspace(0, 1, 25)
+    found = np.repeat(transform[None], len(time), axis=0)
+    found[:, 0, 3] += time
+    found[:, 0, 0] = found[:, 1, 1] = np.cos(time)
+    found[:, 1, 0] = np.sin(time)
+    found[:, 0, 1] = -np.sin(time)
+    return RigidPath(time, found)
+
+
+def _bodies() -> SceneGeometry:
+    round_, up = np.meshgrid(
+        np.linspace(0, 2 * np.pi, SIDES), np.linspace(0, np.pi, SIDES), indexing="ij"
+    )
+    ball = [np.cos(round_) * np.sin(up), np.sin(round_) * np.sin(up), np.cos(up)]
+    bumps = 1 + 0.1 * np.sin(7 * round_) * np.sin(5 * up)
+    vertices = np.stack([bumps * x for x in ball], axis=-1).reshape(-1, 3)
+    i = (np.arange(SIDES - 1)[:, None] * SIDES + np.arange(SIDES - 1)).ravel()
+    lower = np.stack([i, i + 1, i + SIDES], axis=1)
+    upper = np.stack([i + 1, i + SIDES + 1, i + SIDES], axis=1)
+    triangles = np.concatenate([lower, upper])
+    count = len(triangles)
+    mesh = TriMesh(
+        vertices,
+        triangles,
+        part=np.full(count, OTHER, np.int8),
+        leaf=np.full(count, -1),
+        material=np.zeros(count, np.int64),
+    )
+    transform = np.repeat(np.eye(3, 4)[None], BODIES, axis=0)
+    transform[:, :, 3] = stream(3, "bench").uniform(-40, 40, (BODIES, 3))
+    return _scene((mesh,), transform)
+
+
+def _scene(meshes: tuple[TriMesh, ...], transform: np.ndarray, bent: int = 0) -> SceneGeometry:
+    index = np.zeros(len(transform), np.int64)
+    index[:bent] = len(meshes) - 1
+    none = np.full(len(transform), -1)
+    names = tuple("body" for _ in transform)
+    return SceneGeometry(meshes, transform, index, names, none, none)

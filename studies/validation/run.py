@@ -1,0 +1,350 @@
+"""Comparisons of a validation: a quantity, as measured and as simulated, each with an interval, and a
+verdict."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import importlib.util
+import json
+import time
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+
+from forest_addon.base.progress import Say
+from forest_addon.formats.atomic import replacing
+from forest_addon.spec import SpecError, unknown
+
+
+@dataclass(frozen=True)
+class Interval:
+    """A value with the interval that it was measured to; low and high None where nobody knows."""
+
+    value: float
+    low: float | None = None
+    high: float | None = None
+
+    @staticmethod
+    def of(values: np.ndarray, level: float = 0.9) -> Interval:
+        """Median of values, and the quantiles that hold ``level`` of them."""
+        edge = (1 - level) / 2
+        low, middle, high = np.quantile(values, [edge, 0.5, 1 - edge])
+        return Interval(float(middle), float(low), float(high))
+
+    def meets(self, other: Interval) -> bool:
+        """Return whether the intervals overlap; a value without an interval is a point."""
+        mine, theirs = self._ends(), other._ends()
+        return mine[0] <= theirs[1] and theirs[0] <= mine[1]
+
+    def _ends(self) -> tuple[float, float]:
+        low = self.value if self.low is None else self.low
+        return low, self.value if self.high is None else self.high
+
+    def text(self) -> str:
+        """As a table shows it."""
+        if self.low is None or self.high is None:
+            return _number(self.value)
+        return f"{_number(self.value)} ({_number(self.low)} to {_number(self.high)})"
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A drawn file and the sentence below it."""
+
+    path: Path
+    words: str
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """One quantity beside its measurement.
+
+    agrees : None where nothing was promised, or nothing was measured.
+    before : what was simulated before the model was mended, where it was.
+    """
+
+    quantity: str
+    unit: str
+    measured: Interval | None
+    simulated: Interval | None
+    agrees: bool | None
+    words: str = ""
+    before: Interval | None = None
+    pictures: tuple[Picture, ...] = ()
+
+    @property
+    def verdict(self) -> str:
+        """In a word."""
+        return {True: "agrees", False: "does not agree", None: "-"}[self.agrees]
+
+
+def as_record(comparison: Comparison) -> dict:
+    """A comparison as JSON keeps it; pictures by the names of their files."""
+    record = asdict(comparison)
+    record["pictures"] = [
+        {"file": picture.path.name, "words": picture.words} for picture in comparison.pictures
+    ]
+    return record
+
+
+def from_record(record: dict, folder: Path) -> Comparison:
+    """The comparison of a record, its pictures in ``folder``."""
+    intervals = {
+        name: Interval(**record[name]) if record[name] else None
+        for name in ("measured", "simulated", "before")
+    }
+    pictures = tuple(Picture(folder / p["file"], p["words"]) for p in record["pictures"])
+    return Comparison(**(record | intervals | {"pictures": pictures}))
+
+
+def _number(value: float) -> str:
+    if not np.isfinite(value):
+        return "-"
+    if abs(value) < 1e-6:
+        return "0"
+    return f"{value:.0f}" if abs(value) >= 1000 else f"{value:.3g}"
+
+
+# Comparisons in Markdown: a part a subject, and all parts as one page of the documentation.
+
+
+HEAD = """\
+# How real
+
+Each sensor and each way to grow and plant, held to measurements of real forests. The page is written by
+`python -m studies validate --data FOLDER --docs docs`; each part names its measurements. *Agrees* means
+that intervals overlap, or what a row says. What does not agree stands here like what does.
+"""
+TAIL = """\
+## What was not measured
+
+- **Sonar.** No echoes of foliage with its leaves' positions were at hand; the echo model is held to exact
+  waves on discs and facets ([sonar](sonar.md)), not to an animal's recording.
+- **Intensity of LiDAR** in absolute units: the clouds give digital numbers without calibration.
+- **Rain and moving leaves**, and how wind changes a scan from one time to the next.
+- **Bark**: its roughness, and its reflectance at the wavelengths of scanners.
+"""
+
+
+@dataclass(frozen=True)
+class Subject:
+    """Subject of a validation: its title, sentences before and after the table, and comparisons."""
+
+    name: str
+    title: str
+    summary: str
+    terms: str
+    comparisons: tuple[Comparison, ...]
+
+
+def table_of(comparisons: Sequence[Comparison]) -> list[str]:
+    """The rows of a Markdown table; the column *before* only where something was mended."""
+    before = any(c.before for c in comparisons)
+    names = ["quantity", "measured", *(["before"] if before else []), "simulated", "verdict"]
+    lines = ["| " + " | ".join(names) + " |", "|" + "---|" * len(names)]
+    for c in comparisons:
+        quantity = f"{c.quantity}, {c.unit}" if c.unit else c.quantity
+        columns = [quantity, c.measured.text() if c.measured else "not measured"]
+        if before:
+            columns.append(c.before.text() if c.before else "")
+        columns += [c.simulated.text() if c.simulated else "", c.verdict]
+        lines.append("| " + " | ".join(column.replace("|", "\\|") for column in columns) + " |")
+    return lines
+
+
+def part_text(part: Subject, pictures: str) -> str:
+    """A subject's part of the page.
+
+    pictures : the folder of its pictures, from where the text is kept; empty: beside it.
+    """
+    lines = [f"## {part.title}", ""]
+    if part.summary:
+        lines += [part.summary.strip(), ""]
+    lines += [*table_of(part.comparisons), ""]
+    said = [f"- **{c.quantity}.** {c.words}" for c in part.comparisons if c.words]
+    if said:
+        lines += [*said, ""]
+    where = f"{pictures}/" if pictures else ""
+    for picture in {p.path: p for c in part.comparisons for p in c.pictures}.values():
+        lines += [f"![]({where}{picture.path.name})", "", picture.words, ""]
+    if part.terms:
+        lines += [part.terms.strip(), ""]
+    return "\n".join(lines)
+
+
+def page_text(parts: Sequence[Subject], pictures: str) -> str:
+    """The whole page."""
+    every = [c for part in parts for c in part.comparisons]
+    agree, disagree = (sum(c.agrees is wanted for c in every) for wanted in (True, False))
+    overview = [
+        "| | agree | do not | not judged |",
+        "|---|---|---|---|",
+        *(_counts_of(part) for part in parts),
+    ]
+    said = (
+        f"Of {agree + disagree} quantities that were judged, {agree} agree and {disagree} do not."
+    )
+    texts = [HEAD, said + "\n", "\n".join(overview) + "\n"]
+    return "\n".join([*texts, *(part_text(part, pictures) for part in parts), TAIL])
+
+
+def _counts_of(part: Subject) -> str:
+    counts = [sum(c.agrees is wanted for c in part.comparisons) for wanted in (True, False, None)]
+    return f"| {part.title} | " + " | ".join(map(str, counts)) + " |"
+
+
+def copy_pictures(part: Subject, folder: Path) -> None:
+    """Put a part's pictures into a folder."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for comparison in part.comparisons:
+        for picture in comparison.pictures:
+            with replacing(folder / picture.path.name) as partial:
+                partial.write_bytes(picture.path.read_bytes())
+
+
+# Run validations: print their tables; keep each as JSON, Markdown and pictures in its own folder.
+
+
+SECTIONS = ("reverb", "lidar", "stand", "leaves", "trees", "wind")  # in the order of the page
+PARTS = (*SECTIONS, "training", "ablations", "tasks")  # the last three are made by ``study``
+KEPT = "validation.json"
+
+
+def run_sections(
+    names: Sequence[str], arguments: argparse.Namespace, out: Path, say: Say = print
+) -> list[Subject]:
+    """Validate the named subjects, all if none is named; returns what each says.
+
+    Raises
+    ------
+    SpecError : a name is unknown, or the folder of measurements is not there.
+    """
+    wanted = tuple(names) or SECTIONS
+    for name in wanted:
+        if name not in SECTIONS:
+            raise unknown("validate", name, SECTIONS)
+    data = find_data(arguments.data, own=bool(arguments.file))
+    parts = []
+    for name in wanted:
+        module = _module(name)
+        if module is None:
+            say(f"\n{name}: not in this version")
+            continue
+        folder = out / name
+        folder.mkdir(parents=True, exist_ok=True)
+        began = time.process_time()
+        comparisons = module.validate(data, folder, arguments)
+        part = Subject(
+            name,
+            module.TITLE,
+            f"Measured: {arguments.file}. Simulated: {arguments.scene}.\n"
+            if arguments.file
+            else getattr(module, "SUMMARY", ""),
+            "" if arguments.file else getattr(module, "TERMS", ""),
+            tuple(comparisons),
+        )
+        keep_subject(part, folder)
+        tell_subject(part, time.process_time() - began, say)
+        parts.append(part)
+    if arguments.docs:
+        say(f"\nWrote {write_page(out, arguments.docs)}.")
+    return parts
+
+
+def find_data(given: Path | None, own: bool = False) -> Path:
+    """The folder of measurements: as given, else ``measured``.
+
+    own : a file of the user's own is judged, which needs no folder.
+
+    Raises
+    ------
+    SpecError : there is no such folder.
+    """
+    folder = Path(given or "measured")
+    if not folder.is_dir() and not own:
+        raise SpecError(
+            "--data",
+            f"{folder} is no folder; give that of the measurements (docs/validation.md says "
+            f"which files), or set FOREST_MEASURED",
+        )
+    return folder
+
+
+def write_page(out: Path, docs: Path) -> Path:
+    """All subjects as one page, pictures below it; returns the page.
+
+    What is in ``out`` replaces what the page was last made of, which is kept beside it in ``validation/``:
+    one subject can be run anew alone.
+    """
+    kept, pictures = docs / "validation", docs / "pictures" / "validation"
+    kept.mkdir(parents=True, exist_ok=True)
+    parts = []
+    for name in PARTS:
+        new, old = out / name / KEPT, kept / f"{name}.json"
+        if new.is_file():
+            copy_pictures(_read(new, new.parent), pictures)
+            with replacing(old) as written:
+                written.write_bytes(new.read_bytes())
+        if old.is_file():
+            parts.append(_read(old, pictures))
+    page = docs / "validation.md"
+    with replacing(page) as written:
+        written.write_text(page_text(parts, "pictures/validation"), encoding="utf-8")
+    return page
+
+
+def _read(file: Path, pictures: Path) -> Subject:
+    kept = json.loads(file.read_text(encoding="utf-8"))
+    comparisons = tuple(from_record(record, pictures) for record in kept.pop("comparisons"))
+    return Subject(**kept, comparisons=comparisons)
+
+
+def _module(name: str) -> ModuleType | None:
+    """The module of a subject; None where this version has none."""
+    whole = f"{__package__}.{name}"
+    return importlib.import_module(whole) if importlib.util.find_spec(whole) else None
+
+
+def keep_subject(part: Subject, folder: Path) -> None:
+    """Write a subject as JSON and Markdown into a folder, where ``write_page`` finds it."""
+    folder.mkdir(parents=True, exist_ok=True)
+    record = {
+        "name": part.name,
+        "title": part.title,
+        "summary": part.summary,
+        "terms": part.terms,
+        "comparisons": [as_record(c) for c in part.comparisons],
+    }
+    with replacing(folder / KEPT) as written:
+        written.write_text(
+            json.dumps(record, indent=1, ensure_ascii=False, default=lambda v: v.item()),
+            encoding="utf-8",
+        )
+    with replacing(folder / "validation.md") as written:
+        written.write_text(part_text(part, ""), encoding="utf-8")
+
+
+def tell_subject(part: Subject, seconds: float, say: Say) -> None:
+    """Say a subject's table, and what does not agree."""
+    say(f"\n{part.title} ({seconds:.0f} CPU s)")
+    rows = [_row(c) for c in part.comparisons]
+    head = ("", "measured", "simulated", "")
+    width = [max(len(row[k]) for row in [head, *rows]) for k in range(4)]
+    for row in [head, *rows]:
+        say("  " + "  ".join(text.ljust(w) for text, w in zip(row, width, strict=True)).rstrip())
+    for comparison in part.comparisons:
+        if comparison.agrees is False and comparison.words:
+            say(f"  {comparison.quantity}: {comparison.words}")
+
+
+def _row(c: Comparison) -> tuple[str, str, str, str]:
+    return (
+        f"{c.quantity}, {c.unit}" if c.unit else c.quantity,
+        c.measured.text() if c.measured else "not measured",
+        c.simulated.text() if c.simulated else "-",
+        c.verdict,
+    )

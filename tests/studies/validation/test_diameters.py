@@ -1,0 +1,130 @@
+"""Stems of two lists matched, and diameters by tape, by circle and as FORTLS has them."""
+
+import numpy as np
+import pytest
+from references.measured import FOUND, needs_measurements
+
+from forest_addon.base.rng import stream
+from studies.validation import tapes as residuals
+from studies.validation.tapes import (
+    bole,
+    breast_diameter,
+    by_circle,
+    by_tape,
+    match_stems,
+    matched_stems,
+    scan_plot,
+    section,
+    sections_of,
+    taper_of,
+)
+
+
+def two_lists(rng, turn_deg, shift, lost=8, stems=40):
+    radius = 20 * np.sqrt(rng.random(stems))
+    turn = rng.uniform(0, 2 * np.pi, stems)
+    given = np.column_stack([radius * np.cos(turn), radius * np.sin(turn)])
+    t = np.deg2rad(-turn_deg)
+    matrix = np.array([[np.cos(t), -np.sin(t)], [np.sin(t), np.cos(t)]])
+    order = rng.permutation(stems)[lost:]
+    found = (given[order] - shift) @ matrix.T + 0.1 * rng.standard_normal((len(order), 2))
+    return given, found, order
+
+
+@pytest.mark.parametrize("turn_deg", [-9.0, 100.0])
+def test_lists_that_are_turned_and_shifted_are_matched(turn_deg):
+    given, found, order = two_lists(stream(5, "lists"), turn_deg, np.array([0.5, -1.0]))
+    match = match_stems(given, found)
+    assert match.certain
+    assert np.degrees(match.turn) == pytest.approx(turn_deg, abs=0.5)
+    assert match.shift == pytest.approx([0.5, -1.0], abs=0.15)
+    assert (order[match.found] == match.given).mean() > 0.95
+    assert len(match.given) >= 30
+
+
+def test_lists_of_different_plots_are_not():
+    rng = stream(6, "lists")
+    assert not match_stems(rng.uniform(-15, 15, (40, 2)), rng.uniform(-15, 15, (36, 2))).certain
+
+
+def test_a_tape_spans_hollows_and_a_circle_does_not():
+    angle = 2 * np.pi * (np.arange(3600) + 0.5) / 3600
+    round_one = 0.15 * np.column_stack([np.cos(angle), np.sin(angle)])
+    assert by_tape(round_one) == pytest.approx(0.3, rel=1e-5)
+    assert by_circle(round_one)[1] == pytest.approx(0.3, rel=1e-9)
+    deep = np.where(np.arange(3600) % 20 < 8, 0.14, 0.15)[
+        :, None
+    ]  # furrows of 1 cm, 40 % of the way
+    furrowed = deep / 0.15 * round_one
+    assert by_tape(furrowed) == pytest.approx(0.3, rel=2e-3)
+    assert by_circle(furrowed)[1] == pytest.approx(2 * (0.4 * 0.14 + 0.6 * 0.15), rel=1e-3)
+
+
+def seen_half(diameter, away, step, noise=0.0, eye=1.5):
+    """Points of a tapered stem's near side, as a scanner's steps find it: rays meet the cylinder of each
+    height in closed form."""
+    turn = np.arange(-0.3, 0.3, step)
+    z = np.concatenate([h + np.arange(-0.06, 0.06, step * away) for h in (1.0, 1.3, 1.6)])
+    azimuth, height = (v.ravel() for v in np.meshgrid(turn, z))
+    radius = (diameter - 0.02 * (height - 1.3)) / 2
+    met = np.abs(np.sin(azimuth)) < radius / away
+    azimuth, height, radius = azimuth[met], height[met], radius[met]
+    range_ = away * np.cos(azimuth) - np.sqrt(radius**2 - (away * np.sin(azimuth)) ** 2)
+    range_ = range_ + noise * stream(3, "half").standard_normal(len(range_))
+    return np.column_stack([range_ * np.cos(azimuth), range_ * np.sin(azimuth), height])
+
+
+@pytest.mark.parametrize("turn_deg", [0.0, 90.0, 180.0])
+def test_fortls_finds_the_diameter_and_taper_of_a_round_stem(turn_deg):
+    t = np.deg2rad(turn_deg)  # 180 degrees is where azimuths leap
+    points = seen_half(0.32, 8.0, 7.67e-4) @ np.array(
+        [[np.cos(t), np.sin(t), 0], [-np.sin(t), np.cos(t), 0], [0, 0, 1]]
+    )
+    found = sections_of(points, 1.5, 7.67e-4)
+    assert found[:, 0] == pytest.approx([1.0, 1.3, 1.6])
+    assert found[:, 1] == pytest.approx(0.32 - 0.02 * (found[:, 0] - 1.3), abs=0.02)  # grid of 1 cm
+    assert breast_diameter(found, -0.02) == pytest.approx(0.32, abs=0.01)
+    assert taper_of([np.array([[1.0, 0.326], [1.3, 0.32], [1.6, 0.314]])]) == pytest.approx(-0.02)
+
+
+def test_fortls_finds_no_stem_in_a_bush():
+    bush = stream(8, "bush").normal([8.0, 0.0, 1.3], [0.3, 0.3, 0.2], (3000, 3))
+    assert not len(sections_of(bush, 1.5, 7.67e-4))
+    assert np.isnan(breast_diameter(np.zeros((0, 2)), 0.0))
+
+
+@pytest.mark.slow
+def test_a_stem_behind_another_is_hidden():
+    stems = np.array([[5.0, 0.0, 0.4], [9.0, 0.0, 0.25], [0.0, 6.0, 0.3]])
+    found = scan_plot(stems, 3, bark=False)
+    assert np.isfinite(found.fortls).tolist() == [True, False, True]
+    assert found.fortls[[0, 2]] == pytest.approx(found.tape[[0, 2]], abs=0.015)
+
+
+@pytest.mark.slow
+def test_bark_adds_to_residuals_of_circles(monkeypatch):
+    few = np.array([[4.0, 3.0, 0.25, 17.0], [6.5, 6.0, 0.28, 17.0]])
+    monkeypatch.setattr(residuals, "pine_stems", lambda seed: few)
+    monkeypatch.setattr(residuals, "STEP", 0.25)
+    rough, smooth = (np.median(residuals.stems_of_plot(4, bark)[:, 4]) for bark in (True, False))
+    assert 0.002 < smooth < 0.0035  # the noise, 3 mm
+    assert rough > 1.4 * smooth
+
+
+def test_a_tape_about_bark_reads_more_than_the_area_says():
+    cut = section(bole(0.32, 3), 1.3001)
+    order = np.argsort(np.arctan2(cut[:, 1], cut[:, 0]))
+    x, y = cut[order].T
+    area = 0.5 * abs((x * np.roll(y, -1) - y * np.roll(x, -1)).sum())
+    assert 2 * np.sqrt(area / np.pi) == pytest.approx(0.32, abs=0.001)
+    assert 0.003 < by_tape(cut) - 0.32 < 0.02
+
+
+@pytest.mark.slow
+@needs_measurements
+def test_riojas_lists_match_in_most_plots():
+    stems, chance, left = matched_stems(FOUND / "rioja")
+    assert len(stems) > 440
+    assert chance < 130
+    assert len(left) <= 3
+    assert (stems[:, 2] - stems[:, 1]).mean() == pytest.approx(-2.1, abs=0.3)

@@ -1,0 +1,114 @@
+"""The reverb's validation: laws of decay, plausible stands, maps of trees, and exact ensembles."""
+
+import argparse
+
+import numpy as np
+import pytest
+from scipy.io import wavfile
+
+from forest_addon.spec import SpecError
+from studies.validation import reverb
+from studies.validation import reverb as reverb_own
+from studies.validation.recordings import (
+    RANGES,
+    decay_of,
+    plausible_stands,
+    read_recording,
+    settings,
+    variants,
+)
+from studies.validation.recordings import SoundPath as Path
+from studies.validation.reverb import Ensemble, judge
+
+RATE = 16e3
+BANDS = np.array([1000.0])
+
+
+def noise(level):
+    return np.random.default_rng(1).standard_normal(len(level)) * level
+
+
+def test_an_exponential_and_a_power_law_are_told_apart():
+    time = np.arange(int(1.2 * RATE)) / RATE
+    fast = decay_of(noise(10.0 ** (-3.0 * time / 0.6)), RATE, BANDS)
+    assert fast.exponential[0] < 0.7 * fast.power[0]
+    assert fast.t20[0] == pytest.approx(0.6, rel=0.1)
+    slow = decay_of(noise((0.01 + time) ** -1.5), RATE, BANDS)
+    assert slow.power[0] < 0.7 * slow.exponential[0]
+    assert slow.exponent[0] == pytest.approx(3.0, rel=0.1)
+
+
+def test_a_recording_begins_shortly_before_its_onset(tmp_path):
+    samples = np.zeros(40_000, np.float32)
+    samples[30_000] = 1.0
+    wavfile.write(tmp_path / "clap.wav", 32_000, samples)
+    found = read_recording(tmp_path / "clap.wav", RATE)
+    assert np.argmax(np.abs(found)) == pytest.approx(0.002 * RATE, abs=3)
+    (tmp_path / "none.wav").write_bytes(b"no sound")
+    with pytest.raises(SpecError, match="no WAV"):
+        read_recording(tmp_path / "none.wav", RATE)
+
+
+def test_the_figures_of_koli_are_in_the_repository():
+    table = reverb.read_table()
+    np.testing.assert_array_equal(table.band, reverb.BANDS)
+    assert 0.3 < table.t20.min() < table.t20.max() < 0.7
+
+
+def test_stands_fill_their_ranges_and_each_variant_switches_its_terms():
+    stands = plausible_stands(10, 1)
+    for name, (low, high) in RANGES.items():
+        values = np.sort([getattr(stand, name) for stand in stands])
+        assert low <= values[0] < values[-1] <= high
+        assert np.ptp(values) > 0.7 * (high - low)
+    path = Path(9.0, 1.5, 8e3, reverb.KOLI.air)
+    found = variants(stands[0], path)
+    assert found["none"].tail == "none"
+    assert not found["none"].path_ground
+    assert found["ground"].path_ground
+    assert found["ground"].bark == 0
+    assert found["bark"].bark == stands[0].bark
+    assert found["all"] == settings(stands[0], path)
+    assert found["Kaneko & Gamper's model"].model == "paper"
+
+
+def test_a_map_says_what_it_lacks(tmp_path):
+    trees = "x,y,dbh,what,z\n1,2,20,,\n5,-3,30,tree,\n-4,6,25,,\n0,0,,source,1.5\n"
+    (tmp_path / "trees.csv").write_text(trees)
+    with pytest.raises(SpecError, match="receiver"):
+        reverb_own.read_stand(tmp_path / "trees.csv")
+    (tmp_path / "trees.csv").write_text(trees + "8,0,,receiver,1.2\n")
+    trunks, source, receiver = reverb_own.read_stand(tmp_path / "trees.csv")
+    np.testing.assert_allclose(trunks.radius, [0.1, 0.15, 0.125])
+    np.testing.assert_allclose((source, receiver), [[0, 0, 1.5], [8, 0, 1.2]])
+    (tmp_path / "trees.csv").write_text(trees.replace("20", "thick"))
+    with pytest.raises(SpecError, match="line 2"):
+        reverb_own.read_stand(tmp_path / "trees.csv")
+
+
+@pytest.mark.slow
+def test_a_recording_of_ones_own(tmp_path, monkeypatch):
+    monkeypatch.setattr(reverb_own, "SEVERAL", 1)
+    monkeypatch.setattr(reverb_own, "REACH", 40.0)
+    rng = np.random.default_rng(2)
+    rows = [f"{x:.2f},{y:.2f},0.12,," for x, y in rng.uniform(-15, 15, (40, 2))]
+    ends = ["-4,0,,source,1.5", "4,0,,receiver,1.5"]
+    (tmp_path / "trees.csv").write_text("\n".join(["x,y,radius,what,z", *rows, *ends]))
+    decay = noise(10.0 ** (-3.0 * np.arange(32_000) / 32_000 / 0.5)).astype(np.float32)
+    wavfile.write(tmp_path / "clap.wav", 32_000, decay)
+    own = argparse.Namespace(file=tmp_path / "clap.wav", stand=tmp_path / "trees.csv", seed=1)
+    found = reverb.validate(tmp_path, tmp_path, own)
+    assert found[0].quantity == "T20 at 250 Hz"
+    assert found[1].measured.value == pytest.approx(0.5, rel=0.15)
+    assert found[0].pictures[0].path.is_file()
+
+
+@pytest.mark.slow
+def test_transport_is_what_exact_multiple_scattering_has_on_average():
+    """60 trunks, ka 0.5: transport within 2.5 dB at all times; single scattering loses it late."""
+    found = judge(Ensemble(60, 0.15, 8.0, 0.5, stands=2, sources=3), np.geomspace(5.5, 36.0, 7))
+    assert np.abs(found.level["transport"]).max() < 2.5
+    assert np.abs(found.level["transport without shadow"]).max() < 2.5
+    assert np.abs(found.level["single"][:3]).max() < 2.5
+    assert found.level["single"][-1] < -6.0
+    assert (found.level["single, coherent extinction"][2:] < found.level["single"][2:]).all()
