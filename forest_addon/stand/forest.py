@@ -23,6 +23,7 @@ from .before_fall import TreesBeforeFall, key_of
 from .inputs import Inputs
 from .intensity.terrain import sink
 from .measured import MeasuredTrees, dbh_at, scales_for, with_targets
+from .placed import stacked
 from .plan import Stand, labels, plan_stand
 from .targets import TargetsMet, found_in, in_band, not_met, targets_met
 
@@ -233,29 +234,27 @@ def leaf_table(forest: GrownForest) -> dict[str, np.ndarray]:
     ``tree`` and ``leaf`` are the numbers that sensors report; ``branch`` counts the first-level
     branches of the tree.
     """
-    columns: dict[str, list[np.ndarray]] = {
-        name: []
-        for name in ("centre", "normal", "axis", "length", "width", "radius", "branch", "leaf")
-    }
-    columns |= {"tree": [], "species": []}
+    tables = []
     for tree, matrix in enumerate(forest.transforms()):
         leaves: Leaves = forest.variant_of(tree).leaves
-        scale = float(forest.stand.scale[tree])
+        scale, count = float(forest.stand.scale[tree]), len(leaves)
         turn = matrix[:, :3] / scale
-        columns["centre"].append(leaves.centre @ matrix[:, :3].T + matrix[:, 3])
-        columns["normal"].append(leaves.normal @ turn.T)
-        columns["axis"].append(leaves.axis @ turn.T)
-        for name in ("length", "width", "radius"):
-            columns[name].append(getattr(leaves, name) * scale)
-        columns["branch"].append(leaves.branch)
-        columns["leaf"].append(np.arange(len(leaves), dtype=np.int32))
-        columns["tree"].append(np.full(len(leaves), forest.stand.id[tree], dtype=np.int32))
-        columns["species"].append(np.full(len(leaves), forest.stand.species[tree], dtype=np.int16))
-    empty = {"centre": (0, 3), "normal": (0, 3), "axis": (0, 3)}
-    return {
-        name: np.concatenate(parts) if parts else np.empty(empty.get(name, (0,)))
-        for name, parts in columns.items()
-    }
+        tables.append(
+            {
+                "centre": leaves.centre @ matrix[:, :3].T + matrix[:, 3],
+                "normal": leaves.normal @ turn.T,
+                "axis": leaves.axis @ turn.T,
+                **{n: getattr(leaves, n) * scale for n in ("length", "width", "radius")},
+                "branch": leaves.branch,
+                "leaf": np.arange(count, dtype=np.int32),
+                "tree": np.full(count, forest.stand.id[tree], dtype=np.int32),
+                "species": np.full(count, forest.stand.species[tree], dtype=np.int16),
+            }
+        )
+    vectors, numbers = ("centre", "normal", "axis"), ("length", "width", "radius", "branch", "leaf")
+    nothing: dict[str, np.ndarray] = {name: np.empty((0, 3)) for name in vectors}
+    nothing |= {name: np.empty(0) for name in (*numbers, "tree", "species")}
+    return stacked(tables) or nothing
 
 
 def variant_leaf_table(forest: GrownForest) -> dict[str, np.ndarray]:
