@@ -15,6 +15,7 @@ from importlib import import_module
 from pathlib import Path
 
 from forest_addon.api import SpecError
+from forest_addon.formats.ownership import Keeper, keeping
 from studies.bench.run import ON_REQUEST, SECTIONS
 from studies.bench.run import run as run_bench
 
@@ -31,7 +32,9 @@ def main(words: Sequence[str] | None = None) -> int:
     try:
         if getattr(chosen, "seed", 0) < 0:
             raise SpecError("--seed", f"{chosen.seed} is out of range; use at least 0")
-        chosen.run(chosen)
+        keeper = Keeper(getattr(chosen, "out", None), "studies", force=chosen.force)
+        with keeping(keeper):
+            chosen.run(chosen)
     except ModuleNotFoundError as problem:
         if (problem.name or "").split(".")[0] in ("forest_addon", "studies"):
             raise
@@ -53,6 +56,9 @@ def _fail(problem: object, code: int) -> int:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="python -m studies", description="Benchmarks, validation, papers."
+    )
+    parser.add_argument(
+        "--force", action="store_true", help="replace files that Forest Sensing did not write"
     )
     commands = parser.add_subparsers(required=True, metavar="STUDY")
     _add_validate(commands)

@@ -11,7 +11,6 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-import headless as package
 from forest_addon.formats import atomic
 from forest_addon.formats.ownership import RECORD, Keeper, keeping
 from forest_addon.formats.stl import write_stl
@@ -22,6 +21,7 @@ from headless.tiled import run_by_workers
 from tests.references.dataset_runs import PLAN
 from tests.references.model_tree import tree
 
+ROOT = Path(__file__).resolve().parents[2]
 SMALL = Path(__file__).with_name("small.toml").read_text(encoding="utf-8")
 FLIGHT = """
 [forest]
@@ -53,11 +53,8 @@ WORDS = {
     "export": "export small.toml --out {out} --quiet",
     "convolve": "convolve ir.wav dry.wav --out {out}/wet.wav",
     "fly": "fly flight.toml --episodes 1 --out {out}",
-    "flight": "flight hedge --size 0.008 --out {out}",
 }
-SLOW = {"run", "demo", "accuracy", "flight", "fly", "dataset", "assets", "species"}
-# These write into documents, or need measurements and packages that are not here.
-NOT_RUN = {"bench", "validate", "study", "simlidar", "reverb-figures"}
+SLOW = {"run", "demo", "accuracy", "fly", "dataset", "assets", "species"}
 USERS = ("notes.txt", "my.blend", "wood.txt", "42/mine.txt", "scenes/0001/mine.laz", "scenes/42/a")
 
 
@@ -111,7 +108,7 @@ def put(folder, names):
 
 
 def test_every_command_is_tried():
-    assert {each.name for each in COMMANDS if each.outputs} == set(WORDS) | NOT_RUN
+    assert {each.name for each in COMMANDS if each.outputs} == set(WORDS)
 
 
 @pytest.mark.parametrize(
@@ -268,8 +265,11 @@ def test_no_file_of_the_working_folder_is_run(tmp_path, monkeypatch):
 
 
 def test_every_process_takes_the_environment_of_a_child():
-    root = Path(package.__file__).parent
-    for path in [*root.rglob("*.py"), *(root.parent / "forest_addon").rglob("*.py")]:
+    for path in [
+        path
+        for room in ("headless", "forest_addon", "studies")
+        for path in (ROOT / room).rglob("*.py")
+    ]:
         text = path.read_text(encoding="utf-8")
         if "sys.executable" in text and re.search(r"subprocess\.(run|Popen)\(", text):
             assert "environment_of_child(" in text, path
