@@ -101,7 +101,7 @@ _TYPES = {  # of what functions take and give, imported when they are asked for
     "Audit": "..sensing.audit",
     "Canopy": "..sensing.canopy",
     "Check": "..sensing.audit",
-    "Choice": "..spec.auto",
+    "Choice": "..spec.scene",
     "Cloud": "..sensing.lidar.cloud",
     "Contributions": "..sensing.sonar.ping",
     "Echo": "..sensing.sonar.ping",

@@ -7,7 +7,7 @@ from typing import Any
 from ..formats.scanner_file import PLATFORMS, read_scanner, scanner_names
 from ..formats.toml_file import structure
 from ..spec import Scanner, Sensor, unknown
-from ..spec.typed import typed
+from ..spec.base import typed
 
 
 def instruments() -> tuple[str, ...]:

@@ -32,7 +32,7 @@ from ..spec import (
     Terrestrial,
     Tractor,
 )
-from ..spec.typed import typed
+from ..spec.base import typed
 from . import truth
 from .given import called, enough_memory, file_to_write, import_blender, points_of, progress_of
 from .results import Echoes, PointCloud, Response, Result, RowScan, is_scanner, result_of

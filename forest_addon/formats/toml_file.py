@@ -15,8 +15,7 @@ from typing import Any, TypeVar
 
 from ..base.places import version
 from ..spec import AUTO, SENSORS, Sensor, Settings, SpecError, param_of
-from ..spec.base import refuse_many, refuse_unknown
-from ..spec.typed import WORDS, shown, typed
+from ..spec.base import WORDS, refuse_many, refuse_unknown, shown, typed
 from .atomic import replacing
 from .foreign import guarded
 from .scanner_file import PLATFORMS, merged, settings_of

@@ -15,7 +15,7 @@ from typing import Any
 
 from ..base.places import version
 from ..spec import SpecError
-from ..spec.typed import shown
+from ..spec.base import shown
 from .foreign import guarded
 
 MOST_BYTES = 100_000_000  # minutes of reading
