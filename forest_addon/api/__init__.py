@@ -89,12 +89,10 @@ from ..spec import (
     Tractor,
     Wind,
 )
-from .patterns import save_pattern
+from .given import instrument, instruments, save_pattern, trajectory
 from .results import Echoes, PointCloud, Response, Result, RowScan
-from .scanners import instrument, instruments
 from .site import Site, build, current, read
 from .tiles import Tile, TiledScan, Tiling
-from .ways import trajectory
 from .world import World
 
 _TYPES = {  # of what functions take and give, imported when they are asked for

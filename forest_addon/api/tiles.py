@@ -42,10 +42,9 @@ from ..tiles import (
     tiled_pulses,
     write_part,
 )
-from .given import enough_memory, file_to_write, import_blender, progress_of
+from .given import enough_memory, file_to_write, import_blender, progress_of, way_of
 from .results import Result, is_scanner
 from .site import Site
-from .ways import way_of
 from .world import World
 
 if TYPE_CHECKING:

@@ -53,8 +53,7 @@ def measure(section: str, name: str) -> None:
 
 def _points() -> Job:
     from forest_addon.base.rng import stream
-    from forest_addon.stand.poisson import sample
-    from forest_addon.stand.process import Process
+    from forest_addon.stand.poisson import Process, sample
     from studies.bench.stand import KINDS, SIDE
 
     process = Process(KINDS["wide hills, thinned"](), np.zeros(2), np.full(2, SIDE))

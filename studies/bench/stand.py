@@ -22,8 +22,7 @@ from forest_addon.spec import Forest
 from forest_addon.stand.forest import GrownForest, grow_forest
 from forest_addon.stand.intensity.functions import Intensity, Mixture
 from forest_addon.stand.intensity.layers import RasterIntensity
-from forest_addon.stand.poisson import sample
-from forest_addon.stand.process import Process
+from forest_addon.stand.poisson import Process, sample
 from forest_addon.stand.spacing import greedy, matern_ii
 from forest_addon.stand.statistics.goodness import window_of
 from forest_addon.stand.statistics.k_function import At, choose_radii, inhomogeneous_k

@@ -24,7 +24,7 @@ from forest_addon.sensing.reverb.response import ImpulseResponse, impulse_respon
 from forest_addon.sensing.reverb.sums.fast_scattering import Expansions
 from forest_addon.sensing.reverb.trunks.slices import Trunks
 from forest_addon.spec import Air, Forest, Normal, Reverb, Stems
-from forest_addon.stand.stems import plant_stems
+from forest_addon.stand.layouts import plant_stems
 from headless.report.pictures import FAINT, INK, blank_figure, save_figure
 
 SIDE = 1000.0  # m

@@ -22,7 +22,7 @@ from forest_addon.base.progress import Say
 from forest_addon.base.rng import stream
 from forest_addon.formats.atomic import replacing
 from forest_addon.formats.table import write_csv
-from forest_addon.formats.toml_text import read_tables
+from forest_addon.formats.toml_file import read_tables
 from forest_addon.spec import Scene, SpecError
 from headless.dataset.engine import Cluster
 from headless.dataset.factory import Asked, make_dataset

@@ -12,8 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from forest_addon.blender.rays.casters import make_caster
-from forest_addon.formats.scanner_file import settings_of
-from forest_addon.formats.toml_file import structure
+from forest_addon.formats.toml_file import settings_of, structure
 from forest_addon.sensing.lidar.scan import scan
 from forest_addon.spec import Rays, Terrestrial
 from studies.validation.flights import compare_flights, shares_of

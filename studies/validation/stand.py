@@ -16,14 +16,12 @@ import numpy as np
 
 from forest_addon.base.rng import stream
 from forest_addon.formats.tree_map import read_tree_map
-from forest_addon.stand.cluster import sample_clusters
-from forest_addon.stand.gibbs import sample_strauss
 from forest_addon.stand.intensity.functions import Constant, Intensity
 from forest_addon.stand.intensity.layers import RasterIntensity
-from forest_addon.stand.poisson import sample
-from forest_addon.stand.process import Process
+from forest_addon.stand.layouts import sample_clusters, sample_strauss
+from forest_addon.stand.poisson import Process, sample
 from forest_addon.stand.statistics.covariates import LogLinear, fit_covariates
-from forest_addon.stand.statistics.envelope import SIMULATIONS, Envelope, envelope
+from forest_addon.stand.statistics.goodness import SIMULATIONS, Envelope, envelope
 from forest_addon.stand.statistics.interaction import fit_clusters, fit_strauss
 from forest_addon.stand.statistics.k_function import inhomogeneous_k
 from forest_addon.stand.statistics.window import Window

@@ -26,8 +26,7 @@ from forest_addon.site import ForestSite
 from forest_addon.spec import Forest, Planting, Scene, SpecError, Wind
 from forest_addon.stand.wind.field import DISPLACED, DRAG, ROUGH, WindField
 from forest_addon.stand.wind.response import WOOD_DRAG, SwayResponse, response_of
-from forest_addon.stand.wind.shelter import LAYERS
-from forest_addon.stand.wind.sway import sway_of
+from forest_addon.stand.wind.sway import LAYERS, sway_of
 from headless.report.pictures import BARK, FAINT, INK, LEAF_GREEN, blank_figure, save_figure
 from studies.validation.ears import of_ears
 from studies.validation.run import Comparison, Interval, Picture

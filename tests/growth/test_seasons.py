@@ -15,8 +15,7 @@ from forest_addon.growth.truth import wood_of_tree
 from forest_addon.site import ForestSite
 from forest_addon.spec import Forest, Planting, Scene
 from forest_addon.stand import forest as room
-from forest_addon.stand.before_fall import TreesBeforeFall
-from forest_addon.stand.forest import tree_table
+from forest_addon.stand.forest import TreesBeforeFall, tree_table
 
 
 def grown(**given):

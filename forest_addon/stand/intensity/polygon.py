@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from .functions import IntensityError, Mask
-from .pyramid import Pyramid
+from .surface import Pyramid
 
 BINS = 256  # along each side of the polygon's box
 CHUNK = 1 << 22  # pairs of edges checked at a time

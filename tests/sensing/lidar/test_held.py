@@ -6,7 +6,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from forest_addon.base.trimesh import OTHER, TriMesh
-from forest_addon.formats.helios.motion import MotionSequence, MotionStep, PartMotion
+from forest_addon.formats.helios.parts import MotionSequence, MotionStep, PartMotion
 from forest_addon.sensing.lidar.surveys.held import HeldCaster, stretch_of
 from forest_addon.sensing.lidar.surveys.stepped import SteppedMotion, SteppedPath
 from forest_addon.sensing.rays.exact import ExactCaster

@@ -12,7 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ....formats.helios.motion import MotionSequence, MotionStep, PartMotion
+from ....formats.helios.parts import MotionSequence, MotionStep, PartMotion
 from ...rays.paths import PathTable, RigidPath, SceneMotion
 
 STILL = MotionStep(np.eye(3), np.eye(3), np.zeros(3))
