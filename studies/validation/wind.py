@@ -12,24 +12,43 @@ from pathlib import Path
 import numpy as np
 from scipy.signal import butter, filtfilt, welch
 
-from forest_addon.base.rng import stream
-from forest_addon.growth.library.species_file import find_species, load_species
-from forest_addon.growth.measured.crown import scaled_to
-from forest_addon.growth.measured.curves import curved
-from forest_addon.growth.measured.meet import grow_measured
-from forest_addon.growth.measured.wanted import Kind, Wanted, drawn
-from forest_addon.growth.mesh.blades import leaf_areas
-from forest_addon.growth.sway.beams import wood_of_species
-from forest_addon.growth.sway.shape import SwayShape, shape_with
-from forest_addon.growth.tree import blade_of, has_curves
-from forest_addon.site import ForestSite
-from forest_addon.spec import Forest, Planting, Scene, SpecError, Wind
-from forest_addon.stand.wind.field import DISPLACED, DRAG, ROUGH, WindField
-from forest_addon.stand.wind.response import WOOD_DRAG, SwayResponse, response_of
-from forest_addon.stand.wind.sway import LAYERS, sway_of
-from headless.report.pictures import BARK, FAINT, INK, LEAF_GREEN, blank_figure, save_figure
+from forest_addon.api import Forest, Planting, Scene, SpecError, Wind
 from studies.validation.ears import of_ears
 from studies.validation.run import Comparison, Interval, Picture
+
+from ..inside import (
+    BARK,
+    DISPLACED,
+    DRAG,
+    FAINT,
+    INK,
+    LAYERS,
+    LEAF_GREEN,
+    ROUGH,
+    WOOD_DRAG,
+    ForestSite,
+    Kind,
+    SwayResponse,
+    SwayShape,
+    Wanted,
+    WindField,
+    blade_of,
+    blank_figure,
+    curved,
+    find_species,
+    grow_measured,
+    has_curves,
+    leaf_areas,
+    load_species,
+    response_of,
+    save_figure,
+    scaled_to,
+    shape_with,
+    stream,
+    sway_of,
+    wood_of_species,
+)
+from ..inside import measures_drawn as drawn
 
 CONIFER_PRESETS = {"Picea": "norway-spruce", "Abies": "silver-fir", "Pseudotsuga": "douglas-fir"}
 BROADLEAF_PRESETS = {
@@ -78,8 +97,7 @@ def shape_as(tree: MeasuredSway, preset: str, rng: np.random.Generator, vary: bo
     given = np.array([[tree.height, np.nan, np.nan, np.nan]])
     row = drawn(kind.allometry, np.array([tree.dbh]), given, chance, preset, np.zeros(4))[0]
     blade, wanted = blade_of(species, kind.blade), Wanted(*row.tolist())
-    met = grow_measured(species, wanted, blade, rng)
-    skeleton, sites = met.skeleton, met.sites
+    skeleton, sites, _ = grow_measured(species, wanted, blade, rng)
     if has_curves(species):
         skeleton, sites = curved(skeleton, sites, species.crown.collar if species.crown else 0.0)
         skeleton = scaled_to(skeleton, wanted.dbh)
@@ -653,7 +671,7 @@ def _tops(seed: int) -> Comparison:
     time, found = np.linspace(0.0, 60.0, 300), []
     for tree in range(len(grown.stand)):
         top = int(grown.variant_of(tree).mesh.vertices[:, 2].argmax())
-        held = sway.anchors(tree)[np.full(len(time), top)]
+        held = sway.anchors(tree).select(np.full(len(time), top))
         moved = sway.displacement(np.full(len(time), tree), held, time)
         found.append(100 * float(np.sqrt(moved.var(axis=0).sum())))
     words = f"{len(found)} beeches on 30 x 30 m, one minute; deviation about the lean, flutter included."

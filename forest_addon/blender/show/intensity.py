@@ -1,0 +1,117 @@
+"""Intensity to be edited in the view: hills as Empties, and the mesh that weights are painted on.
+
+An Empty lies where a hill is and reaches where that has fallen to 1/e: its place and scale along the
+world's x and y are centre and widths of its hill, whatever moves it: a hand, keys, a parent. Height and
+turn mean nothing and are locked. Weights are painted on a grid over the field, at the height of the
+ground.
+"""
+
+from __future__ import annotations
+
+import bpy
+import numpy as np
+from mathutils import Matrix, Vector
+
+from ... import spec
+from ...stand.intensity.terrain import GroundSurface
+from ..scene.instances import IGNORED_KEY
+
+HANDLE_KEY = (
+    "forest_handle"  # custom property of a handle: its own name; a copy still has the other's
+)
+FLAT = 1e-3  # scale along z of what is drawn as a circle with a cross
+LEAST = 1e-3  # m, the narrowest hill that a handle makes
+
+
+def new_handle(name: str, home: bpy.types.Collection, height: float) -> bpy.types.Object:
+    """A new handle in a collection, at a height, not yet placed."""
+    thing = bpy.data.objects.new(name, None)
+    thing.empty_display_type = "SPHERE"  # seen from above; Blender's circle stands upright
+    thing.empty_display_size = 1.0
+    thing.show_in_front = thing.show_name = True
+    thing.location.z, thing.scale.z = height, FLAT
+    thing.lock_location[2] = thing.lock_scale[2] = True
+    thing.lock_rotation = (True, True, True)
+    home.objects.link(thing)
+    sign(thing)
+    return thing
+
+
+def sign(thing: bpy.types.Object) -> None:
+    """Note that this object is a handle, under the name it has now."""
+    if thing.get(HANDLE_KEY) != thing.name:
+        thing[HANDLE_KEY] = thing.name
+
+
+def place(thing: bpy.types.Object, centre: tuple[float, ...], width: tuple[float, ...]) -> None:
+    """Move and scale a handle to where a hill is, centre (2,) and width (2,) in metres."""
+    if thing.parent is None:
+        thing.location[:2], thing.scale[:2] = centre, width
+        return
+    was = thing.matrix_world
+    where = Vector((*centre, was.translation.z))
+    thing.matrix_world = Matrix.LocRotScale(where, None, Vector((*width, was.to_scale().z)))
+
+
+def shape_of(matrix: Matrix) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Centre and width of the hill whose handle stands so in the world."""
+    world = np.array(matrix, dtype=np.float64)
+    x, y = world[:2, 3].tolist()
+    wide, long = np.maximum(LEAST, np.hypot(world[:2, 0], world[:2, 1])).tolist()
+    return (x, y), (wide, long)
+
+
+CANVAS_KEY = "forest_canvas"  # custom property of a canvas
+CELLS = 100  # along each side: a brush is many of them wide, and a stroke is light
+LIFT = 0.02  # m above the ground, so that the two do not flicker
+
+
+def find_canvas(home: bpy.types.Collection) -> bpy.types.Object | None:
+    """The canvas in a collection, None where there is none."""
+    return next((t for t in home.objects if CANVAS_KEY in t and t.type == "MESH"), None)
+
+
+def new_canvas(name: str, home: bpy.types.Collection) -> bpy.types.Object:
+    """A new canvas in a collection, not yet laid."""
+    side = np.linspace(0.0, 1.0, CELLS + 1)
+    x, y = (part.ravel() for part in np.meshgrid(side, side, indexing="ij"))
+    corner = (np.arange(CELLS)[:, None] * (CELLS + 1) + np.arange(CELLS)).ravel()
+    quads = np.stack([corner, corner + CELLS + 1, corner + CELLS + 2, corner + 1], axis=1)
+    data = bpy.data.meshes.new(name)
+    data.from_pydata(np.column_stack([x, y, 0 * x]).tolist(), [], quads.tolist())
+    thing = bpy.data.objects.new(name, data)
+    thing[CANVAS_KEY] = thing[IGNORED_KEY] = True
+    thing.hide_render = True
+    home.objects.link(thing)
+    return thing
+
+
+def lay(thing: bpy.types.Object, field: spec.Forest, terrain: GroundSurface) -> None:
+    """Stretch a canvas over the field, at the terrain's height; where that has none, at its base."""
+    thing.matrix_world = Matrix()
+    position = thing.data.attributes["position"].data
+    vertices = np.empty((len(position), 3), dtype=np.float32)
+    position.foreach_get("vector", vertices.ravel())
+    low, high = vertices[:, :2].min(axis=0), vertices[:, :2].max(axis=0)
+    places = np.array(field.origin) + (vertices[:, :2] - low) / (high - low) * np.array(field.size)
+    height = terrain.height(places)
+    height = np.where(np.isfinite(height), height, field.terrain.base) + LIFT
+    position.foreach_set("vector", np.column_stack([places, height]).astype(np.float32).ravel())
+    thing.data.update()
+
+
+def take_up(thing: bpy.types.Object) -> None:
+    """Show a canvas before the trees that stand on it."""
+    thing.display_type, thing.show_in_front = "TEXTURED", True
+
+
+def put_away(thing: bpy.types.Object) -> None:
+    """Leave of a canvas only its outline in sight."""
+    thing.display_type, thing.show_in_front = "BOUNDS", False
+
+
+def layer_of(thing: bpy.types.Object, name: str) -> bpy.types.VertexGroup:
+    """The layer of this name, made where it is missing, as the one that is painted."""
+    group = thing.vertex_groups.get(name) or thing.vertex_groups.new(name=name)
+    thing.vertex_groups.active = group
+    return group
