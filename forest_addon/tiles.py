@@ -33,7 +33,7 @@ from .results.points import POINT
 from .results.scan_file import ScanState, Written, comments_of, finish, stem_of
 from .sensing.lidar.cloud import Lost, together
 from .sensing.lidar.footprint import reach
-from .sensing.lidar.scanner import LiDAR, Pattern, Pulses
+from .sensing.lidar.pattern import LiDAR, Pattern, Pulses
 from .spec import Forest, Scanner
 from .stand.forest import ForestPlan, GrownForest, keys_of
 from .stand.plan import Stand, labels

@@ -362,7 +362,7 @@ class TiledScan:
     def __init__(
         self, tiling: Any, sensor: Any, folder: Path, way: Trajectory | None = None
     ) -> None:
-        from ..sensing.lidar.scanner import pattern_of
+        from ..sensing.lidar.pattern import pattern_of
 
         if not is_scanner(sensor):
             raise SpecError(getattr(sensor, "name", "scan_to"), "is no scanner; use look")

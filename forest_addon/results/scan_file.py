@@ -53,7 +53,7 @@ class Written:
 @dataclass(frozen=True)
 class ScanState:
     """State of an unfinished scan: which scan, its pulses, those of a chunk, those done, those of them
-    that were lost, its points, turned rays that met a second polished surface."""
+    that were lost, its points, turned rays that met a second specular surface."""
 
     scan: str
     pulses: int

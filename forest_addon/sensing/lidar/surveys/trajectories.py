@@ -10,13 +10,17 @@ from north.
 from __future__ import annotations
 
 import csv
+import warnings
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
+from ....formats.atomic import replacing
 from ....formats.crs import to_map
 from ....formats.foreign import guarded
 from ....spec import SpecError
+from ..pattern import Pattern
 
 COLUMNS = ("time_s", "x_m", "y_m", "z_m", "heading_deg", "pitch_deg", "roll_deg")
 RECORD = 17  # doubles of an SBET
@@ -85,3 +89,48 @@ def read_sbet(path: Path, crs: str) -> np.ndarray:
     turn = 90 - np.degrees(heading - wander) + grid
     turn = (turn + 180) % 360 - 180
     return np.column_stack([time, east, north, up, turn, np.degrees(pitch), np.degrees(roll)])
+
+
+# Tables of poses for interpolated platforms of HELIOS++: time, attitude, place.
+
+
+Poses = tuple[np.ndarray, np.ndarray, np.ndarray]
+
+
+def write_poses(path: Path, poses: Poses) -> None:
+    """Write times (K,) in seconds, roll, pitch and yaw (K, 3) in degrees and places (K, 3) in metres."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with replacing(path) as partial:
+        np.savetxt(
+            partial,
+            np.column_stack(poses),
+            fmt="%.14g",
+            delimiter=",",
+            comments="#",
+            header='HEADER: "t", "roll", "pitch", "yaw", "x", "y", "z"',
+        )
+
+
+def canonical(attitude: Rotation) -> np.ndarray:
+    """(K, 3) roll, pitch and yaw of attitudes, degrees, as HELIOS++'s CANONICAL turns them, without jumps.
+
+    Where roll and yaw turn about one axis (a pitch of 90 degrees) yaw is 0, right to 1e-7.
+    """
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Gimbal lock")
+        angles = attitude.as_euler("XYZ")
+    return np.asarray(np.rad2deg(np.unwrap(angles, axis=0)))
+
+
+def beam_poses(pattern: Pattern, rate: float) -> Poses:
+    """Poses of a platform that carries a beam which looks ahead, so that it goes where a pattern's pulses go.
+
+    A pulse of theirs leaves at the end of its period: the first at 1/rate, and the platform waits for it.
+    """
+    pulses = pattern.pulses(np.arange(pattern.count))
+    beside = np.cross(pulses.direction, pulses.across)
+    axes = np.stack([beside, pulses.direction, pulses.across], axis=2)
+    rows = np.append(0, np.arange(pattern.count))
+    time = np.arange(pattern.count + 1) / rate
+    angles = canonical(Rotation.from_matrix(axes))
+    return time, angles[rows], np.asarray(pulses.origin)[rows]

@@ -17,7 +17,6 @@ from ...base.attitudes import composed
 from ...base.rows import RowTable
 from ...spec import Airborne, Mobile, MovingScanner, SpecError, Terrestrial, refuse_absurd
 from ..trajectory import Trajectory, strips, through
-from .steps import steps
 
 LiDAR = Terrestrial | Mobile | Airborne
 
@@ -199,3 +198,11 @@ class Sweep:
         cos, sin = np.cos(turn), np.sin(turn)
         way = np.stack([np.cos(el) * cos, np.cos(el) * sin, np.sin(el)], 1)
         return way, np.stack([sin, -cos, np.zeros(len(turns))], 1), el
+
+
+# Even steps, without the drift of adding them up.
+
+
+def steps(low: float, high: float, step: float) -> np.ndarray:
+    """From ``low`` to at most ``high``; a last step that rounding would lose is kept."""
+    return low + step * np.arange(int(np.floor((high - low) / step + 1e-9)) + 1)
