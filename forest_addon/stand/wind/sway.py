@@ -258,7 +258,7 @@ class ForestSway:
                 continue
             for first in range(0, len(rows), FEW):
                 few = rows[first : first + FEW]
-                found[few] = self._of_one(number, at[few], np.asarray(time)[few], order)
+                found[few] = self._of_one(number, at.select(few), np.asarray(time)[few], order)
         return found
 
     def _of_one(self, tree: int, at: Anchors, time: np.ndarray, order: int) -> np.ndarray:
@@ -274,7 +274,7 @@ class ForestSway:
         moved = six[:, :3] + np.cross(six[:, 3:], at.arm)
         leafy = np.flatnonzero(at.leaf >= 0)
         if len(leafy):
-            moved[leafy] += self._fluttered(tree, at[leafy], time[leafy], order)
+            moved[leafy] += self._fluttered(tree, at.select(leafy), time[leafy], order)
         cos, sin = np.cos(stand.rotation[tree]), np.sin(stand.rotation[tree])
         x, y, z = moved.T
         return np.stack([cos * x - sin * y, sin * x + cos * y, z], axis=1)
