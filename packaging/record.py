@@ -11,7 +11,8 @@ give at two seeds through command, Python and panel), ``others`` (hashes of what
 
 Scenes are run small: few trees and variants, coarse scans, no pictures. Arrays of .npz are facts of their
 own, with size and root mean square, so that a sound that moved below its tolerance is told from one that is
-wrong. Left out is what differs between runs: dates, seconds, memory, versions, and the folder.
+wrong. Left out is what differs between runs: dates, seconds, memory, versions, the folder, and whole files
+that hold a date or a number of their own (.mat, .e57, .blend), pictures and report.html.
 """
 
 from __future__ import annotations
@@ -105,8 +106,10 @@ def api_facts() -> Facts:
 def signature_of(thing: object) -> str:
     """The signature of a function, method or class, or the kind of anything else."""
     thing = getattr(thing, "__func__", thing)
+    if not callable(thing):
+        return type(thing).__name__
     try:
-        return str(inspect.signature(thing)) if callable(thing) else type(thing).__name__
+        return re.sub(" at 0x[0-9a-f]+", "", str(inspect.signature(thing)))
     except ValueError:
         return type(thing).__name__
 
@@ -284,7 +287,7 @@ def folder_facts(out: Path, home: Path) -> Facts:
         elif file.suffix == ".json":
             for key, value in leaves_of(json.loads(file.read_text("utf-8"))):
                 yield f"{name} {key}", without(str(value), home)
-        elif file.suffix not in (".png", ".blend", ".html"):
+        elif file.suffix not in (".png", ".blend", ".html", ".mat", ".e57"):
             data = file.read_bytes()
             if file.suffix in (".toml", ".csv", ".xml", ".txt", ".md", ".obj", ".mtl"):
                 data = without(data.decode("utf-8"), home).encode()

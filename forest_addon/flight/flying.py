@@ -149,3 +149,13 @@ def _track(
     return Track(
         place, heading, near, end, goal, flyers.flight.step, float(flown[row]), forest, seeds[row]
     )
+
+
+def interval(successes: int, trials: int, z: float = 1.96) -> tuple[float, float]:
+    """Wilson's interval of a share (1927): from, to; 0 to 1 without trials."""
+    if not trials:
+        return 0.0, 1.0
+    share, square = successes / trials, z * z / trials
+    middle = (share + square / 2) / (1 + square)
+    half = z * np.sqrt(share * (1 - share) / trials + square / (4 * trials)) / (1 + square)
+    return max(0.0, float(middle - half)), min(1.0, float(middle + half))

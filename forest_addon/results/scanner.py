@@ -13,7 +13,7 @@ from ..spec import Scanner, Terrestrial
 from .coordinates import Offset
 from .figures import Figure, numbers, organ_figures, share
 from .kind import ResultKind, Variables
-from .point_files import ENDINGS, write_points
+from .points import ENDINGS, write_points
 
 THIRDS = 3  # of the heights of what moves
 
@@ -145,7 +145,7 @@ def cloud_plot(scanner: Scanner, cloud: Cloud) -> Plot | None:
         return None
     if not isinstance(scanner, Terrestrial):
         return from_above(cloud.position)
-    from ..sensing.lidar.panorama import range_image
+    from ..sensing.lidar.glance import range_image
 
     distance = range_image(cloud, scanner)
     (west, east), (low, high) = scanner.azimuth_deg, scanner.elevation_deg

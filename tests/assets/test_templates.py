@@ -12,7 +12,7 @@ import pytest
 
 from forest_addon.base.trimesh import WOOD
 from forest_addon.formats.stl import read_stl
-from forest_addon.growth.mesh.leaves import join_leaves
+from forest_addon.growth.mesh.leaves import Leaves
 from forest_addon.growth.own_tree.template import TreeTemplate, split_tree
 
 ASSETS = Path(__file__).resolve().parents[2] / "assets"
@@ -97,7 +97,7 @@ def test_a_tree_is_cut_into_branches_with_all_leaves(shipped: Shipped) -> None:
         assert np.mean(along > 0.4) > 0.6
         assert 0.005 < branch.base_radius / branch.length < 0.02  # stout enough to be scaled
         assert np.count_nonzero(branch.mesh.part == WOOD) > 500
-    leaves = join_leaves([branch.leaves for branch in tree.branches])
+    leaves = Leaves.joined([branch.leaves for branch in tree.branches])
     metres = np.repeat([b.length for b in tree.branches], [len(b.leaves) for b in tree.branches])
     assert shortest <= (leaves.length * metres).min()
     assert (leaves.length * metres).max() <= longest

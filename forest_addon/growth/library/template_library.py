@@ -19,7 +19,7 @@ from ...base.trimesh import LEAF, TriMesh
 from ...formats.atomic import replacing
 from ...formats.ownership import claim, remove
 from ...formats.stl import StlError, read_stl, write_stl
-from ...formats.toml_text import VERSION_KEY
+from ...formats.toml_file import VERSION_KEY
 from ...spec import Grammar, Siblings, SpecError, unknown
 from ..likeness import Verdict, judge
 from ..mesh.leaves import measure_leaves
@@ -114,17 +114,17 @@ class Library:
 
     @property
     def height(self) -> float:
-        """Of the tree, metres."""
+        """Height of the tree, metres."""
         return float(np.ptp(self.wood[:, :, 2])) * self.unit.metres
 
     @property
     def branches(self) -> int:
-        """Return how many first-level branches it has."""
+        """Number of its first-level branches."""
         return int(np.count_nonzero(self.habit.anatomy.order == 1))
 
     @property
     def leaf_count(self) -> int:
-        """Return how many leaves."""
+        """Number of its leaves."""
         return len(self.habit.anatomy.foliage.bearer)
 
 
@@ -165,7 +165,7 @@ def make_library(
         habit = fit(dissect(found, metres))
         tell(2, 5)
         if grammar == "t20":
-            how = _t20_text(fit_grammar(split_tree(*metric)))
+            how = _grammar_text(fit_grammar(split_tree(*metric)))
         else:
             verdict = judge(habit, settings, siblings) if siblings else None
             how = _siblings_text(settings, verdict.variety if verdict else 1.0)
@@ -281,7 +281,7 @@ allometry = "{settings.allometry}"
 """
 
 
-def _t20_text(grammar: Grammar) -> str:
+def _grammar_text(grammar: Grammar) -> str:
     return f"""
 [grammar]
 generations = {grammar.generations}

@@ -1,20 +1,17 @@
-"""Strings of an L-system as arrays: one byte a symbol, and the numbers of all symbols in one row.
+"""L-systems: their strings, their productions, and parallel rewriting, all on arrays.
 
-A letter is a symbol together with how many numbers it bears, so ``F`` and ``F(1.5)`` are two letters. A
-letter without numbers has its character's code; the others get codes that no character of a grammar has.
+A string is one byte a symbol, and the numbers of all symbols in one row. A letter is a symbol together with
+how many numbers it bears, so ``F`` and ``F(1.5)`` are two letters. A letter without numbers has its
+character's code; the others get codes that no character of a grammar has.
 
-Productions as texts, in the notation of ABOP and cpfg, to tables that the rewriter reads.
+Productions are texts in the notation of ABOP and cpfg. ``A(l, w) : l > 0.1 -> !(w)F(l)A(l*r, w) : 1/3``:
+predecessor, condition, successor, probability. Of the productions of one letter, those with the same
+condition are alternatives; the first condition that holds decides, and where none holds the symbol stays.
 
-``A(l, w) : l > 0.1 -> !(w)F(l)A(l*r, w) : 1/3``: predecessor, condition, successor, probability. Of the
-productions of one letter, those with the same condition are alternatives; the first condition that holds
-decides, and where none holds the symbol stays.
-
-Parallel rewriting on arrays: every symbol of a string is replaced at once, generation by generation.
-
-Before a derivation starts its length is predicted: exactly, or as an expectation where chance decides;
-where conditions decide nothing can be said, and each generation is measured before it is made. What would
-not fit is refused with the number. Strings are worked through in blocks, so a derivation needs little
-more memory than its last two strings.
+Every symbol of a string is replaced at once, generation by generation. Before a derivation starts its length
+is predicted: exactly, or as an expectation where chance decides; where conditions decide nothing can be said,
+and each generation is measured before it is made. What would not fit is refused with the number. Strings are
+worked through in blocks, so a derivation needs little more memory than its last two strings.
 """
 
 from __future__ import annotations
@@ -197,12 +194,12 @@ class System:
 
     @property
     def conditional(self) -> bool:
-        """Return whether a symbol's numbers can decide what becomes of it."""
+        """True where a symbol's numbers can decide what becomes of it."""
         return any(case.condition for cases in self.cases.values() for case in cases)
 
     @property
     def stochastic(self) -> bool:
-        """Return whether chance can."""
+        """True where chance can decide it."""
         return any(len(case.chances) > 1 for cases in self.cases.values() for case in cases)
 
 
@@ -548,7 +545,7 @@ def _values(
 
 
 def _contents(system: System, code: int, chance: bool) -> dict[int, float]:
-    """Return how often each letter is in what a letter becomes."""
+    """Count the letters of what a letter becomes."""
     found: dict[int, float] = {}
     cases = system.cases.get(code)
     numbers = cases[0].productions if cases else (int(system.stay[code]),)

@@ -1,11 +1,5 @@
-"""Measures that a tree is to have: taken from targets and drawn by the allometry of its kind, or refused.
-
-Trees from templates that are to measure something: what of it their settings can be asked for.
-
-A sibling takes height and diameter, so that its fitted grammar grows a tree of that size; what is over, and
-crown and leaves of all trees of template parts, ``reshape`` brings to the targets.
-
-Measures of a grown tree as a forester takes them, by the definitions of the tables of measured ones.
+"""Measures that a tree is to have, taken from targets and drawn by the allometry of its kind, or refused; and
+the measures of a grown tree, as a forester takes them, by the definitions of the tables of measured ones.
 
 Diameter: of the stem 1.3 m above the ground. Height: of the highest point. Base of the crown: where the
 lowest branch that bears leaves leaves the stem. Width: the mean diameter of the crown seen from above,
@@ -24,6 +18,7 @@ from ...base.rng import keyed_uniform
 from ...spec import Allometry, Normal, SpecError, Species, Targets
 from ..draw import draw_normal
 from ..mesh.blades import Blade
+from ..mesh.leaves import Leaves
 from ..skeleton import LeafSites, Skeleton, first_level
 from .allometry import MEASURES, band, draw, measures
 from .allometry import middle as measured_middle
@@ -238,6 +233,21 @@ def lowest_branch(skeleton: Skeleton, branch: np.ndarray) -> float:
     foot = np.flatnonzero((level >= 0) & ((level != level[parent]) | (skeleton.parent < 0)))
     foot = foot[np.isin(level[foot], leafy)]
     return float(skeleton.start[foot, 2].min())
+
+
+def crown_of(skeleton: Skeleton, leaves: Leaves, grafted: bool) -> tuple[float, float]:
+    """Mean diameter of a crown seen from above, of its leaves or else of the wood, and height of its base,
+    metres.
+
+    The base is where the lowest branch with leaves leaves the stem; of a grafted tree its lowest leaf.
+    """
+    if not len(leaves):
+        return width_of(skeleton.end), 0.0
+    reach = 0.5 * leaves.length[:, None] * leaves.axis
+    width = width_of(np.concatenate([leaves.centre - reach, leaves.centre + reach]))
+    if grafted:
+        return width, float(leaves.centre[:, 2].min())
+    return width, lowest_branch(skeleton, leaves.branch)
 
 
 def width_of(points: np.ndarray) -> float:

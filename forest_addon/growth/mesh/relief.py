@@ -13,15 +13,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...base.rng import stream
+from ...base.runs import numbered
 from .nodes import Line
 
 FROM = 0.05  # metres of radius, below which an axis is smooth
 FULL = 0.12  # metres of radius, from which furrows have all of their depth
 AROUND = 5  # corners a ridge around the stem
-ALONG, RUNNING = (
-    3.0,
-    1.0,
-)  # rings a ridge's width along it; of furrows, which run up the stem seven widths
+ALONG = 3.0  # rings a ridge's width along it
+RUNNING = 1.0  # the same of furrows, which run up the stem seven widths
 MOST_CORNERS = 360
 SMALLEST = 0.035  # metres: scales that are smaller are meshed as if they had this size
 DEEPEST = 0.25  # of a ring's radius, that a furrow is deep at most
@@ -68,8 +67,8 @@ class Relief:
         rough[last] = False
         times = np.where(rough, np.ceil(step * self.rings / self.size), 1).astype(np.int64)
         times = np.maximum(times, 1)
-        node = np.repeat(np.arange(len(times)), times)
-        part = (np.arange(len(node)) - np.repeat(np.cumsum(times) - times, times)) / times[node]
+        node, number = numbered(times)
+        part = number / times[node]
         onward = np.minimum(node + 1, len(times) - 1)
         point = line.point[node] + part[:, None] * (line.point[onward] - line.point[node])
         between = line.above[node] + part * (line.below[onward] - line.above[node])

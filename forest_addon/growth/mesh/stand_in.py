@@ -19,9 +19,7 @@ from .meshing import tube
 WIDEST = 4.2  # of a card, its size over the spread of its leaves
 ENOUGH = 20_000  # triangles of leaves that are looked at
 SLENDER = 1.25  # of a card, length over width
-SPREAD = (
-    1.6  # cards have so many times the area of their leaves: a card hides itself less than they do
-)
+SPREAD = 1.6  # area of cards over that of their leaves: a card hides itself less than they do
 
 
 class Level(NamedTuple):
@@ -80,7 +78,7 @@ def _wood(skeleton: Skeleton, level: Level) -> list[tuple[np.ndarray, np.ndarray
     if not len(skeleton):
         return []
     axes = find_axes(skeleton)
-    length = np.linalg.norm(skeleton.end - skeleton.start, axis=1)
+    length = skeleton.length
     volume = length * (skeleton.radius**2).sum(axis=1)
     held = np.add.reduceat(volume[axes.segment], axes.first[:-1])
     order = skeleton.order[axes.segment[axes.first[:-1]]]

@@ -2,7 +2,7 @@
 
 Of all points is looked at whether they are in order and their pulses complete. Then pulses are drawn: as many
 as time allows are sent again by the engine, and at least ``LEAST`` of those that came back and of those
-that did not are followed ray by ray in float64 (``rays/referee``), each to everything that the cloud says of
+that did not are followed ray by ray in float64 (``rays/exact``), each to everything that the cloud says of
 it. A pulse that lacks a return, or has one too many or with another label, is infinitely far off.
 """
 
@@ -16,10 +16,9 @@ import numpy as np
 from ...spec import Tractor
 from ..audit import LEAST, Audit, Check, Sampled, sample
 from ..rays.caster import RayCaster
+from ..rays.exact import Referee
 from ..rays.geometry import SceneGeometry
-from ..rays.referee import Referee
-from .cloud import Cloud
-from .returns import Returns
+from .cloud import Cloud, Returns
 from .scan import Scan
 from .tractor import TractorScan, beams
 
@@ -41,7 +40,7 @@ def audit_scan(
     share: float,
     scene: SceneGeometry | None = None,
 ) -> Audit:
-    """Of a cloud that took ``seconds``, at a cost of about ``share`` of that.
+    """Audit of a cloud that took ``seconds``, at a cost of about ``share`` of that.
 
     scan : the same scan, ready to look again. scene : the true one; left out: the caster's.
     """
@@ -107,7 +106,7 @@ def audit_drive(
     share: float,
     scene: SceneGeometry | None = None,
 ) -> Audit:
-    """Of a tractor's scan, as ``audit_scan``."""
+    """Audit of a tractor's scan, as ``audit_scan``."""
     exact, returns = Referee(caster, scene), found.returns
     met = np.isfinite(returns.distance)
     wanted, budget = ALLOWED + _rounding(caster), share * seconds
@@ -181,7 +180,7 @@ def ray_errors(
 
 
 def _in_order(scan: Scan, cloud: Cloud) -> Check:
-    """Of all points: pulses in order and of this scan, each with all its returns, every number finite."""
+    """Check of all points: pulses in order and of this scan, with all returns, every number finite."""
     pulse, number, last = cloud.pulse, cloud.number, cloud.number == cloud.count
     step = pulse[1:] - pulse[:-1]
     wrong = ~np.isfinite(cloud.position.sum(axis=1))
@@ -209,7 +208,7 @@ def _differ(one: Returns, other: Returns) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _rows(cloud: Cloud, number: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return where the returns of pulses begin and end."""
+    """Rows at which the returns of pulses begin and end."""
     return (
         np.searchsorted(cloud.pulse, number, side="left"),
         np.searchsorted(cloud.pulse, number, side="right"),

@@ -1,8 +1,8 @@
 """A LiDAR scan: pulses go out, their sub-rays meet surfaces, echoes come back as a point cloud.
 
-    pulses (``scanner``) → sub-rays (``footprint``) → contacts (``passage``) → light that comes back
+    pulses (``pattern``) → sub-rays (``footprint``) → contacts (``passage``) → light that comes back
     (``radiometry``) → echoes (``waveform``) → what the electronics make of them (``receiver``) → errors
-    (``noise``) → returns with labels and truth
+    (``radiometry``) → returns with labels and truth
 
 Each pulse is a function of its number and the seed alone, so a scan may be cut anywhere. A surface
 counts where its distance lies in [min_range, max_range], both ends included; what is nearer hides what
@@ -21,20 +21,31 @@ from ...base.progress import Progress
 from ...base.rng import daughter_keys, first_key
 from ...base.trimesh import LEAF
 from ...base.vectors import azimuth_of
+from ..moving_rays import MovingCaster
 from ..rays.bundles import Faces
 from ..rays.caster import Hits, RayCaster, hit_normals
+from ..rays.exact import Referee
 from ..rays.geometry import SceneGeometry
-from ..rays.moving import TimedCaster
-from ..rays.referee import Referee
 from ..trajectory import Trajectory
-from . import noise, patches
-from .cloud import Cloud, Lost, join
-from .footprint import BeamFrames, frames, sub_rays
-from .one_face import Planes, Received, alone, received, seen
-from .passage import Contacts, meet
-from .polish.bounces import DIRECT, PolishedScene, alike_bounces, follow
-from .polish.halo import Halo
-from .radiometry import detection_limit, intensity, reflectance_of, refuse_surplus
+from .cloud import Cloud, Lost, cosines, join, label
+from .footprint import (
+    BeamFrames,
+    ContactedBeams,
+    blurred_patches,
+    frames,
+    goes_on_long,
+    sub_rays,
+)
+from .passage import Contacts, Planes, Received, alone, meet, received, seen
+from .pattern import LiDAR, Pattern, Pulses, pattern_of
+from .radiometry import (
+    detection_limit,
+    intensity,
+    range_error,
+    reflectance_of,
+    refuse_surplus,
+    survives_drop_out,
+)
 from .receiver import (
     arrives_awake,
     awake,
@@ -45,8 +56,7 @@ from .receiver import (
     reading,
     unambiguous_range,
 )
-from .returns import cosines, label
-from .scanner import LiDAR, Pattern, Pulses, pattern_of
+from .specular import DIRECT, Halo, SpecularScene, alike_bounces, follow
 from .waveform import LIGHT, find_echoes, pulse_length
 
 RAYS_AT_ONCE = 65_536
@@ -66,7 +76,7 @@ class Scan:
     def __init__(
         self,
         scanner: LiDAR,
-        caster: RayCaster,
+        caster: RayCaster | MovingCaster,
         seed: int = 0,
         path: Trajectory | None = None,
         pattern: Pattern | None = None,
@@ -77,11 +87,11 @@ class Scan:
         self._key = first_key(seed, "lidar", scanner.name)
         self.pulses = self.pattern.count
         self.at_once = max(1, RAYS_AT_ONCE // scanner.beam.subrays)
-        self._moving = caster if isinstance(caster, TimedCaster) else None
+        self._moving = caster.moving if isinstance(caster, MovingCaster) else None
         self._halo = None if self._moving else Halo.of(scanner, caster.scene)
-        self._polished = PolishedScene.of(caster.scene, scanner)
+        self._specular = SpecularScene.of(caster.scene, scanner)
         self._unfollowed = 0
-        still = self._moving is None and self._polished is None and scanner.beam.subrays > 1
+        still = self._moving is None and self._specular is None and scanner.beam.subrays > 1
         self._faces = Faces.of(caster.scene) if still else None
         if self._faces is not None:
             self.at_once *= 16  # hardly a ray is traced
@@ -97,17 +107,17 @@ class Scan:
         other.pulses = other.pattern.count
         return other
 
-    def seen_by(self, caster: RayCaster) -> Scan:
+    def seen_by(self, caster: RayCaster | MovingCaster) -> Scan:
         """The same scan by another caster of the same scene, which is asked for every ray."""
         other = copy(self)
         other.caster, other._faces = caster, None
-        other._moving = caster if isinstance(caster, TimedCaster) else None
+        other._moving = caster.moving if isinstance(caster, MovingCaster) else None
         return other
 
     def exactly(self, true: SceneGeometry | None = None) -> Scan:
         """The same scan with every ray held against float64. true : the scene that is; left out: its own."""
-        if self._moving is not None:
-            return self.seen_by(self._moving.judged(true))
+        if isinstance(self.caster, MovingCaster):
+            return self.seen_by(self.caster.judged(true))
         return self.seen_by(Referee(self.caster, true))
 
     def look(self, first: int, stop: int) -> Cloud:
@@ -144,9 +154,9 @@ class Scan:
     ) -> Contacts:
         """Return what origins and directions of rays meet, at times where the scene moves."""
         limits = self.scanner.max_range, self.scanner.surfaces
-        if self._polished is None:
+        if self._specular is None:
             return meet(self.caster, *rays, *limits, keys, at)
-        found, ended = follow(self.caster, self._polished, rays, *limits, keys)
+        found, ended = follow(self.caster, self._specular, rays, *limits, keys)
         self._unfollowed += ended
         return found
 
@@ -289,11 +299,11 @@ class Scan:
         if scanner.beam.subrays > 1:
             blur = np.zeros(len(counts))
             solid = np.flatnonzero(contacts.organ[counts] != LEAF)
-            solid = solid[patches.long(pulse[solid], distance[solid], sigma)]
+            solid = solid[goes_on_long(pulse[solid], distance[solid], sigma)]
             for alike in [solid] if sight is None else alike_bounces(contacts, counts, solid):
                 rows = counts[alike]
                 starts = rays[0][contacts.ray[rows]] if sight is None else sight.origin[rows]
-                met = patches.Contacted(
+                met = ContactedBeams(
                     pulse=pulse[alike],
                     subray=subray[alike],
                     distance=distance[alike],
@@ -302,7 +312,7 @@ class Scan:
                     direction=ways[rows],
                     normal=normal[rows],
                 )
-                distance[alike], blur[alike] = patches.blurred(met, scanner.beam.subrays, sigma)
+                distance[alike], blur[alike] = blurred_patches(met, scanner.beam.subrays, sigma)
         echoes = find_echoes(pulse, subray, distance, energy[counts], sigma, blur)
         chosen = counts[echoes.contact]
         bounce = None if sight is None else sight.bounce[chosen]
@@ -323,7 +333,7 @@ class Scan:
         found = found.select(np.flatnonzero(found.echoes.energy >= detection_limit(scanner)))
         found = found.select(awake(found.echoes, scanner.receiver.dead_zone))
         return_keys = daughter_keys(keys[found.echoes.pulse], ranks(found.echoes.pulse))
-        kept = np.flatnonzero(noise.kept(scanner.noise, return_keys))
+        kept = np.flatnonzero(survives_drop_out(scanner.noise, return_keys))
         found, return_keys = found.select(kept), return_keys[kept]
         kept = chosen_returns(found.echoes, scanner.beam.max_returns, scanner.receiver.keep)
         found, return_keys = found.select(kept), return_keys[kept]
@@ -331,7 +341,7 @@ class Scan:
         rank = ranks(echoes.pulse)
 
         labelled = label(self.caster.scene, found.hits, found.way, found.normal)
-        measured = echoes.distance + noise.range_error(
+        measured = echoes.distance + range_error(
             scanner.noise, echoes.distance, labelled.cos_incidence, return_keys
         )
         travelled = echoes.distance
@@ -384,7 +394,7 @@ def scan(
 ) -> Cloud:
     """A whole scan in memory; ``formats.scan_file`` writes one of any size to disk.
 
-    seed : scene seed, for noise and chances. path : see ``scanner.pattern_of``.
+    seed : scene seed, for noise and chances. path : see ``pattern.pattern_of``.
 
     Raises
     ------

@@ -13,9 +13,7 @@ from ...base.rng import stream
 from ...base.words import keep
 from ...spec import AUTO, Choice, Reverb, Scene
 from ..audit import Audit
-from ..cost import Cost, cost_of_work
-from ..kind import SOUND, Observation, Seen, SensorKind
-from ..lines import chain
+from ..kind import SOUND, Cost, Observation, Seen, SensorKind, chain, cost_of_work
 from ..looks import SensorLook
 
 BEGIN = 1.6  # s, a first guess: leaves and branches are measured, the response is drawn and written
@@ -48,7 +46,7 @@ def trunks_between(
     seen: Seen, reverb: Reverb, settings: Scene, ends: Any
 ) -> Callable[[np.ndarray, np.ndarray], Any]:
     """Trunks of the scene, by source and receiver, and those that are stems only. ends : ``Ends``."""
-    from ...stand.stems import plant_stems
+    from ...stand.layouts import plant_stems
     from .trunks.slices import Trunks
 
     position, radius = plant_stems(settings.seed, settings.forest, settings.stems)
