@@ -31,9 +31,8 @@ from forest_addon.results.kinds import write_finding
 from forest_addon.spec import Scene, SpecError
 from forest_addon.stand.forest import angle_table, tree_table
 
-from .memory import peak_memory_mb
 from .progress import Stages, hushed
-from .record import made_with
+from .record import made_with, peak_memory_mb
 
 FOLDER = "tiles"
 BLOCK = 250_000  # trees of trees.csv at a time
