@@ -54,7 +54,8 @@ from forest_addon.stand.truth import cylinder_table
 from .command import DoubtfulError
 from .progress import Stages, hushed
 from .record import facts_of, write_record
-from .report import can_draw, findings, page, without
+from .report import can_draw, page, without
+from .report import page as findings
 from .report.turning import BUDGET, turning_cloud
 from .unfinished import Unfinished
 
@@ -228,7 +229,7 @@ def _describe(run: Run, world: World, result: Result) -> page.Finding:
     sensor, found, picture = result.sensor, result.found, None
     if run.settings.output.pictures:  # what draws is imported where it is asked for: a second
         path = run.out / f"{sensor.name}.png"
-        from .report.result import draw_result
+        from .report.page import draw_result
 
         picture = draw_result(sensor, found, world.observer, run.forest, path)
         if picture is not None:
@@ -257,7 +258,7 @@ def _describe_stand(run: Run, inputs: Inputs) -> None:
     stand = run.forest.stand.first(own)
     drawn = None
     if wanted.pictures:
-        from .report.result import draw_stand
+        from .report.page import draw_stand
 
         with run.stages.stage("draw the stand"):
             path = run.path("stand.png")
@@ -291,7 +292,7 @@ def _describe_stand(run: Run, inputs: Inputs) -> None:
 
 def _say_what_is_lacking(run: Run) -> None:
     """Say, here and in the report, that pictures are plain, what their colours mean, and what to do."""
-    from .report.result import colours_in_words
+    from .report.page import colours_in_words
 
     sentence = without("Pictures are plain and the curve of L(r) - r is left out")
     run.stages.say(f"  {sentence}")

@@ -18,7 +18,7 @@ from forest_addon.spec import Forest, Planting, Reverb, Scene, SpecError
 from forest_addon.stand.inputs import Inputs
 from forest_addon.ui.results.images import ABOVE, BELOW, LEFT
 from headless import report
-from headless.report import result
+from headless.report import page as result
 
 PLANTING = '[[plantings]]\nspecies = "{}"\nexpected = 20\nexact = true\n'
 
