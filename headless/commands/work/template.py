@@ -30,7 +30,7 @@ from forest_addon.spec import Siblings, SpecError, Species
 from ...command import PROGRAM, UnlikeError
 from ...progress import Stages, hushed
 from ...report import can_draw, without
-from ...report.likeness import add_sensors, tell_likeness
+from ...report.trees import add_sensors, tell_likeness
 
 SHOWN = 5  # siblings in the picture
 SENSED = 8  # siblings that are scanned and listened to

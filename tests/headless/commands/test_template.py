@@ -29,7 +29,7 @@ def files(tmp_path):
 def test_a_users_tree_becomes_a_forest_in_two_commands(files, capsys, monkeypatch):
     pytest.importorskip("bpy")
     monkeypatch.setattr("headless.report.trees.WIDTH", 500)  # it is rendered, which takes seconds
-    monkeypatch.setattr("headless.report.likeness.OF_TEMPLATE", 6)
+    monkeypatch.setattr("headless.report.trees.OF_TEMPLATE", 6)
     out = files / "elm"
     assert (
         main(
@@ -185,7 +185,7 @@ def test_siblings_unlike_the_tree_get_no_scene_unless_they_are_accepted(files, c
     monkeypatch.setattr("forest_addon.growth.likeness.MOST_DIFFERENCE", 1e-4)
     monkeypatch.setattr("headless.commands.work.template.can_draw", lambda: False)
     monkeypatch.setattr("headless.commands.work.template.SENSED", 2)
-    monkeypatch.setattr("headless.report.likeness.OF_TEMPLATE", 3)
+    monkeypatch.setattr("headless.report.trees.OF_TEMPLATE", 3)
     out = files / "elm"
     words = ["template", f"{files}/w.stl", f"{files}/l.stl", "--name", "elm", "--out", str(out)]
     assert main([*words, "--siblings", "3", "--accept"]) == 0
