@@ -56,7 +56,7 @@ from .progress import Stages, hushed
 from .record import facts_of, write_record
 from .report import can_draw, page, without
 from .report import page as findings
-from .report.turning import BUDGET, turning_cloud
+from .report.motion import BUDGET, turning_cloud
 from .unfinished import Unfinished
 
 MOST_LEAVES = 5_000_000  # rows of leaves.npz; beyond, leaves are written once a variant

@@ -34,7 +34,7 @@ from forest_addon.stand.plan import Stand
 from forest_addon.stand.targets import TargetsMet, facts_of, sentences
 
 from . import can_draw
-from .turning import viewer
+from .motion import viewer
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
