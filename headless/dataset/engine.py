@@ -1,35 +1,294 @@
-"""Workers that make the scenes: threads of this process, or those of a Dask cluster.
+"""A handle on the process that has Blender loaded: start it, have it make a scene, end it.
 
-A thread waits for a child that has Blender loaded; so workers of one machine need no scheduler and no
-processes besides these children.
-
-A scheduler only hands out jobs. What is done stands on the disk; so whatever a scheduler loses (workers that
-end by walltime, tasks that it gives up after some such ends) is handed out again, as long as it goes on
-finishing some. Dask's processes hold a handle on a child that has Blender loaded, never Blender itself.
+Whoever holds the handle never loads Blender. The child is watched while it works: it is killed when a scene
+runs past its time or needs more memory than it may, and what came of a scene is told in one ``SceneOutcome``.
 """
 
 from __future__ import annotations
 
+import atexit
 import contextlib
 import importlib
+import json
 import logging
 import os
 import queue
 import shlex
+import subprocess
+import sys
+import tempfile
 import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import CancelledError
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 from forest_addon.base.places import environment_of_child
 from forest_addon.spec import SpecError
 
 from . import disk
-from .worker import Worker, work
+from .plan import Recipe
+from .settings import Running
+
+LOOK = 0.1  # s between two looks at its memory
+STARTS_IN = 300.0  # s, at most
+TOLD = 300  # characters of its last words
+TRIMS = "MALLOC_TRIM_THRESHOLD_"  # that Dask sets for its workers: scenes took a fifth longer
+
+
+@dataclass(frozen=True)
+class SceneOutcome:
+    """Outcome of a scene: ``kind`` is done, or why it was not: settings, fault, disk, memory, timeout, crash.
+
+    seconds : CPU time of each stage. wall : seconds. memory, peak : bytes that the process held afterwards,
+    and at most.
+    """
+
+    kind: str
+    why: str = ""
+    seconds: dict[str, float] = field(default_factory=dict)
+    wall: float = 0.0
+    memory: float = 0.0
+    peak: float = 0.0
+
+
+class Child:
+    """The process, started when it is first needed."""
+
+    def __init__(self, threads: int = 1) -> None:
+        self.threads = threads
+        self.scenes = 0  # that it has made
+        self.first_memory = 0.0  # after the first
+        self._process: subprocess.Popen[str] | None = None
+        self._answers: queue.Queue[str | None] = queue.Queue()
+        self._words: IO[bytes] | None = None
+
+    def make(self, root: Path, recipe: dict[str, Any], timeout: float, most: float) -> SceneOutcome:
+        """Have a scene made; ``most`` bytes of memory, ``timeout`` seconds."""
+        if self._process is None or self._process.poll() is not None:
+            problem = self._start()
+            if problem:
+                return SceneOutcome("crash", problem)
+        started = time.monotonic()
+        try:
+            self._send({"root": str(root), "recipe": recipe})
+        except OSError:
+            return self._crashed()
+        answer = self._wait(started + timeout, most)
+        wall = time.monotonic() - started
+        if isinstance(answer, SceneOutcome):
+            return answer
+        memory, peak = float(answer.get("memory", 0.0)), float(answer.get("peak", 0.0))
+        self.scenes += 1
+        self.first_memory = self.first_memory or memory
+        if "done" in answer:
+            return SceneOutcome("done", "", answer["seconds"], wall, memory, peak)
+        return SceneOutcome(str(answer["failed"]), str(answer["why"]), {}, wall, memory)
+
+    def _start(self) -> str:
+        """Start it; returns what went wrong, empty if it is ready."""
+        self.end()
+        one = "1"  # small matrices; and the same sums everywhere
+        environment = environment_of_child(OPENBLAS_NUM_THREADS=one, OMP_NUM_THREADS=one)
+        environment.pop(TRIMS, None)
+        self._words = tempfile.TemporaryFile()  # noqa: SIM115 - it lives as long as the process
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", f"{__package__}.maker", str(self.threads)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=self._words,
+            text=True,
+            encoding="utf-8",
+            env=environment,
+            start_new_session=os.name != "nt",  # Ctrl-C is for the command, which ends us
+        )
+        self._answers, self.scenes, self.first_memory = queue.Queue(), 0, 0.0
+        threading.Thread(
+            target=_read, args=(self._process.stdout, self._answers), daemon=True
+        ).start()
+        ready = self._wait(time.monotonic() + STARTS_IN, float("inf"))
+        return ready.why if isinstance(ready, SceneOutcome) else ""
+
+    def _send(self, what: dict[str, Any]) -> None:
+        assert self._process is not None
+        assert self._process.stdin is not None
+        self._process.stdin.write(json.dumps(what) + "\n")
+        self._process.stdin.flush()
+
+    def _wait(self, deadline: float, most: float) -> dict[str, Any] | SceneOutcome:
+        """Its next answer, or what became of it instead; then it is dead."""
+        while True:
+            try:
+                line = self._answers.get(timeout=LOOK)
+            except queue.Empty:
+                if time.monotonic() > deadline:
+                    self.end()
+                    return SceneOutcome("timeout", "ran past its time")
+                held = self.memory()
+                if held > most:
+                    self.end()
+                    return SceneOutcome(
+                        "memory", f"needs more memory than it may have ({most / 1e9:.1f} GB)"
+                    )
+                continue
+            return self._crashed() if line is None else json.loads(line)
+
+    def _crashed(self) -> SceneOutcome:
+        assert self._process is not None
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self._process.wait(5.0)
+        code, said = self._process.returncode, self._last_words()
+        self.end()
+        how = (
+            f"was ended by signal {-code}"
+            if code is not None and code < 0
+            else f"ended with {code}"
+        )
+        return SceneOutcome("crash", f"Blender's process {how}" + (f": {said}" if said else ""))
+
+    def _last_words(self) -> str:
+        if self._words is None:
+            return ""
+        self._words.seek(0, os.SEEK_END)
+        self._words.seek(max(0, self._words.tell() - 4 * TOLD))
+        lines = self._words.read().decode("utf-8", "replace").strip().splitlines()
+        return lines[-1][-TOLD:] if lines else ""
+
+    def memory(self) -> float:
+        """Bytes that it holds; 0 where the system does not tell."""
+        if self._process is None:
+            return 0.0
+        try:
+            pages = int(Path(f"/proc/{self._process.pid}/statm").read_text().split()[1])
+            return float(pages * os.sysconf("SC_PAGE_SIZE"))
+        except (OSError, ValueError, IndexError):
+            return 0.0
+
+    @property
+    def pid(self) -> int | None:
+        """Of the process, None where there is none."""
+        return None if self._process is None else self._process.pid
+
+    def kill(self) -> None:
+        """Kill the process while another thread waits for its answer, which then finds it crashed."""
+        process = self._process
+        if process is not None:
+            process.kill()
+
+    def end(self) -> None:
+        """Kill it; a scene that it was making is lost."""
+        process, self._process = self._process, None
+        if process is not None:
+            process.kill()
+            process.wait()
+            for stream in (process.stdin, process.stdout):
+                with contextlib.suppress(OSError):
+                    if stream is not None:
+                        stream.close()
+        if self._words is not None:
+            self._words.close()
+            self._words = None
+
+
+def _read(stream: IO[str] | None, answers: queue.Queue[str | None]) -> None:
+    try:
+        for line in stream or ():
+            answers.put(line)
+    except (OSError, ValueError):  # closed under us
+        pass
+    answers.put(None)
+
+
+TRIES = 2  # the second in a fresh process
+
+
+class Worker:
+    """One Blender and what it has been through."""
+
+    def __init__(self) -> None:
+        self.child = Child()
+        self.renewed = 0
+        self._stopped = False
+
+    def make(self, job: dict[str, Any]) -> dict[str, Any]:
+        """Make the scene of a job. ``result`` is done, failed, disk or stopped; ``why`` says what was
+        wrong."""
+        root, recipe, running = Path(job["root"]), job["recipe"], Running(**job["running"])
+        number, threads = int(recipe["number"]), int(job["threads"])
+        if threads != self.child.threads:
+            self.end()
+            self.child = Child(threads)
+        there = disk.read_scene(root / disk.SCENES / disk.scene_name(number))
+        if there is not None and there.record.get("settings") == recipe["digest"]:
+            return {"result": "done", "scene": number}
+        outcome = SceneOutcome("fault")
+        for _ in range(TRIES):
+            outcome = self.child.make(root, recipe, running.timeout, float(job["memory"]))
+            if outcome.kind in ("done", "disk") or self._stopped:
+                break
+            self._renew()
+        told = {"result": outcome.kind, "scene": number, "why": outcome.why}
+        if outcome.kind == "disk":
+            return told
+        if self._stopped and outcome.kind != "done":
+            return told | {"result": "stopped"}
+        status = {
+            "status": "done" if outcome.kind == "done" else "failed",
+            "settings": recipe["digest"],
+        }
+        status |= {"kind": outcome.kind, "why": outcome.why} if outcome.kind != "done" else {}
+        status |= {"seconds": outcome.wall, "cpu": outcome.seconds, "memory": outcome.memory}
+        try:
+            disk.write_status(root, number, status)
+        except OSError as problem:
+            return {"result": "disk", "scene": number, "why": str(problem)}
+        grown = outcome.memory - self.child.first_memory > running.renew_grown_gb * 1e9
+        if outcome.kind == "done" and (grown or self.child.scenes >= running.renew_after):
+            self._renew()
+        told["result"] = status["status"]
+        return told | {"seconds": outcome.wall, "cpu": sum(outcome.seconds.values())}
+
+    def stop(self) -> None:
+        """Have the thread that is in ``make`` come back soon; the scene that it is at is lost."""
+        self._stopped = True
+        self.child.kill()
+
+    def end(self) -> None:
+        """End its Blender."""
+        self.child.end()
+
+    def _renew(self) -> None:
+        self.end()
+        self.renewed += 1
+
+
+def job_of(
+    recipe: Recipe, root: Path, running: Running, memory: float, threads: int
+) -> dict[str, Any]:
+    """The table that a worker is sent: a scene, where it goes, and how much it may take."""
+    return {
+        "root": str(root),
+        "recipe": asdict(recipe),
+        "running": asdict(running),
+        "memory": memory,
+        "threads": threads,
+    }
+
+
+_own = threading.local()
+
+
+def work(job: dict[str, Any]) -> dict[str, Any]:
+    """``Worker.make`` by the one worker of this thread; what a scheduler calls."""
+    if not hasattr(_own, "worker"):
+        _own.worker = Worker()
+        atexit.register(_own.worker.end)
+    made: dict[str, Any] = _own.worker.make(job)
+    return made
+
 
 Report = Callable[[dict[str, Any]], None]
 POLL = 1.0  # s

@@ -27,7 +27,7 @@ import numpy as np
 from forest_addon.sensing.kinds import KINDS, kind_of
 
 from . import disk
-from .child import Child, SceneOutcome
+from .engine import Child, SceneOutcome
 from .factory import _machine_memory
 from .plan import Plan, Recipe, recipes
 

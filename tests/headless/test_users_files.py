@@ -16,7 +16,7 @@ from forest_addon.formats.ownership import RECORD, Keeper, keeping
 from forest_addon.formats.stl import write_stl
 from forest_addon.formats.wav import write_wav
 from headless.commands import COMMANDS
-from headless.dataset.child import Child
+from headless.dataset.engine import Child
 from headless.tiled import run_by_workers
 from tests.references.dataset_runs import PLAN
 from tests.references.model_tree import tree
