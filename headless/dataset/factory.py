@@ -21,8 +21,8 @@ from ..lock import only_one
 from ..progress import plain
 from . import disk
 from .card import CARD, versions, write_card
+from .disk import MANIFEST, write_manifest
 from .engine import Cluster, job_of, make_all
-from .manifest import MANIFEST, write_manifest
 from .plan import Plan, Recipe, recipes
 
 NAMED = 8  # scenes that a message names

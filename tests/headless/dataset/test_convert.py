@@ -22,8 +22,8 @@ from forest_addon.spec import Air, Sonar
 from headless.cli import main
 from headless.dataset import card, disk
 from headless.dataset.convert import legend
+from headless.dataset.disk import write_shards
 from headless.dataset.place import ROUTE_HEAD
-from headless.dataset.shards import write_shards
 
 laspy = pytest.importorskip("laspy")
 CLASSES = ("unclassified", "low vegetation", "terrain", "out points", "stem", "live branches")
