@@ -31,8 +31,8 @@ from forest_addon.spec.base import Settings, with_files
 
 from . import dotted, vary
 from .place import refuse_out_of_range
-from .randomise import randomised
 from .settings import Ground, Head, Keep, Mix, Placing, Running, Splits
+from .vary import randomised
 
 
 def refuse_without_chance(species: Iterable[tuple[str, Path, set[str]]]) -> None:
