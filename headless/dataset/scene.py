@@ -48,8 +48,7 @@ from forest_addon.stand.wind.sway import sway_of
 
 from ..progress import hushed
 from .for_instance import orders_of, write_for_instance
-from .ground import FILE, heights_of, terrain_of
-from .place import place_sensors
+from .place import FILE, heights_of, place_sensors, terrain_of
 from .plan import Recipe
 from .settings import Ground, Keep, Placing
 
