@@ -293,7 +293,7 @@ def _write_blender(
             render(scene, settings.output, folder / "preview.png", lambda done, total: None)
     if keep.preview:
         from .convert.panoptic import SEGMENTS
-        from .convert.segments import write_segments
+        from .for_instance import write_segments
 
         seen = observer.caster, forest, settings.plantings
         write_segments(folder / SEGMENTS, scene, *seen)
