@@ -26,7 +26,7 @@ from forest_addon.spec import Planting
 from forest_addon.stand.forest import GrownForest
 from forest_addon.stand.undergrowth import PLANTS
 
-from .convert.panoptic import EIGHT
+from .convert.formats import EIGHT
 
 CLASSES = (
     *("unclassified", "low vegetation", "terrain", "out points"),

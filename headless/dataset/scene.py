@@ -292,7 +292,7 @@ def _write_blender(
         if keep.preview:
             render(scene, settings.output, folder / "preview.png", lambda done, total: None)
     if keep.preview:
-        from .convert.panoptic import SEGMENTS
+        from .convert.formats import SEGMENTS
         from .for_instance import write_segments
 
         seen = observer.caster, forest, settings.plantings

@@ -6,7 +6,7 @@ import pytest
 bpy = pytest.importorskip("bpy")
 from mathutils import Vector
 
-from headless.dataset.convert.panoptic import segments_from
+from headless.dataset.convert.formats import segments_from
 from headless.dataset.for_instance import camera_rays
 
 
