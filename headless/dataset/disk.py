@@ -29,7 +29,6 @@ from forest_addon.formats.atomic import replacing
 from forest_addon.formats.ownership import claim, digest_of, remove
 from forest_addon.formats.table import write_csv
 
-from . import disk
 from .plan import SPLITS, Recipe
 
 SCENES, STATUS, RECORD = "scenes", "status", "scene.json"
@@ -218,7 +217,7 @@ COLUMNS = (
 
 def rows_of(root: Path, recipes: Sequence[Recipe]) -> list[dict[str, Any]]:
     """A row for every scene of the plan, and for every other that is there."""
-    done = {one.number: one for one in disk.scenes_done(root)}
+    done = {one.number: one for one in scenes_done(root)}
     rows = []
     for recipe in recipes:
         rows.append(_row(root, recipe, done.pop(recipe.number, None)))
@@ -226,12 +225,12 @@ def rows_of(root: Path, recipes: Sequence[Recipe]) -> list[dict[str, Any]]:
     return rows
 
 
-def _row(root: Path, recipe: Recipe | None, done: disk.Done | None) -> dict[str, Any]:
+def _row(root: Path, recipe: Recipe | None, done: Done | None) -> dict[str, Any]:
     number = done.number if done is not None else recipe.number if recipe is not None else -1
-    status = disk.read_status(root, number)
+    status = read_status(root, number)
     cpu = status.get("cpu") or {}
     row: dict[str, Any] = dict.fromkeys(COLUMNS, "")
-    row |= {"scene": disk.scene_name(number), "status": "missing"}
+    row |= {"scene": scene_name(number), "status": "missing"}
     if recipe is not None:
         row |= {
             "split": recipe.split,
@@ -284,9 +283,9 @@ def write_shards(root: Path, size: int) -> list[Path]:
     before = _packed(folder / INDEX)
     claim(folder / INDEX)
     written = []
-    done = list(disk.scenes_done(root))
+    done = list(scenes_done(root))
     for split in SPLITS:
-        held: list[disk.Done] = []
+        held: list[Done] = []
         number = 0
         mine = [one for one in done if one.record["split"] == split]
         for place, one in enumerate(mine):
@@ -310,10 +309,10 @@ def _packed(index: Path) -> set[str]:
         return set()
 
 
-def _pack(path: Path, scenes: list[disk.Done]) -> Path:
+def _pack(path: Path, scenes: list[Done]) -> Path:
     with replacing(path) as partial, tarfile.open(partial, "w", format=tarfile.USTAR_FORMAT) as tar:
         for one in scenes:
-            for name in sorted([*one.record["files"], disk.RECORD]):
+            for name in sorted([*one.record["files"], RECORD]):
                 info = tarfile.TarInfo(f"{one.folder.name}.{name}")
                 info.size = (one.folder / name).stat().st_size
                 with open(one.folder / name, "rb") as file:

@@ -11,22 +11,17 @@ from collections.abc import Sequence
 from datetime import date
 from pathlib import Path
 
-import bpy
 import laspy
 import numpy as np
 
 from forest_addon.base.trimesh import DEAD, GROUND, LEAF, WOOD
 from forest_addon.formats.atomic import replacing
-from forest_addon.formats.png import write_png
 from forest_addon.sensing.lidar.cloud import Cloud
-from forest_addon.sensing.lidar.returns import Returns, label
-from forest_addon.sensing.rays.caster import RayCaster
+from forest_addon.sensing.lidar.returns import Returns
 from forest_addon.sensing.rays.geometry import SceneGeometry
 from forest_addon.spec import Planting
 from forest_addon.stand.forest import GrownForest
 from forest_addon.stand.undergrowth import PLANTS
-
-from .convert.formats import EIGHT
 
 CLASSES = (
     *("unclassified", "low vegetation", "terrain", "out points"),
@@ -111,50 +106,5 @@ def write_for_instance(
         las.write(file, do_compress=True)
 
 
-MOST = 2**24 - 1  # that three bytes hold: two million trees
-AT_ONCE = 200_000  # rays
-
-
-def camera_rays(scene: bpy.types.Scene) -> tuple[np.ndarray, np.ndarray]:
-    """(3,) place of the camera, metres, and (H, W, 3) unit ways through its pixels, upper row first."""
-    camera, render = scene.camera, scene.render
-    share = render.resolution_percentage / 100
-    wide, high = (int(size * share) for size in (render.resolution_x, render.resolution_y))
-    corners = np.array(camera.data.view_frame(scene=scene))  # upper right, lower right, lower left
-    right, lower, left = corners[0], corners[1], corners[2]
-    x = ((np.arange(wide) + 0.5) / wide)[None, :, None]
-    y = ((np.arange(high) + 0.5) / high)[:, None, None]
-    ways = left + (lower - right) * (y - 1) + (lower - left) * x
-    turn = np.array(camera.matrix_world)
-    ways = ways @ turn[:3, :3].T
-    return turn[:3, 3], ways / np.linalg.norm(ways, axis=2, keepdims=True)
-
-
-def write_segments(
-    path: Path,
-    scene: bpy.types.Scene,
-    caster: RayCaster,
-    forest: GrownForest,
-    plantings: Sequence[Planting],
-) -> None:
-    """Write segments of what the camera of a scene sees, as the colours of a PNG.
-
-    Raises
-    ------
-    OSError : it cannot be written.
-    """
-    place, ways = camera_rays(scene)
-    flat = ways.reshape(-1, 3)
-    found = []
-    for first in range(0, len(flat), AT_ONCE):
-        some = flat[first : first + AT_ONCE]
-        hits = caster.cast(np.broadcast_to(place, some.shape), some)
-        returns = label(caster.scene, hits, some)
-        order = orders_of(returns, caster.scene, forest)
-        classes, tree = classes_of(returns, order, plantings)
-        segment = tree.astype(np.int64) * EIGHT + classes
-        found.append(np.where(hits.found & (segment <= MOST), segment, 0))
-    numbers = np.concatenate(found).reshape(ways.shape[:2])
-    colours = np.stack([numbers & 255, numbers >> 8 & 255, numbers >> 16], axis=2)
-    with replacing(path) as partial:
-        partial.write_bytes(write_png(colours / 255.0))
+IMAGE, SEGMENTS = "preview.png", "preview-segments.png"
+EIGHT = 8  # a pixel's segment is its tree times so many, and its class

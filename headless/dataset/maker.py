@@ -37,7 +37,7 @@ def main() -> None:
     os.dup2(2, 1)  # whatever prints does not disturb the answers
     asked: queue.Queue[str] = queue.Queue()
     threading.Thread(target=_listen, args=(asked,), daemon=True).start()
-    from ..record import forget_peak, peak_memory_mb
+    from ..progress import forget_peak, peak_memory_mb
     from .scene import Session
 
     session = Session(int(sys.argv[1]) if len(sys.argv) > 1 else 1)

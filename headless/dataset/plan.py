@@ -29,7 +29,7 @@ from forest_addon.sensing import kinds as _kinds  # noqa: F401  whose words a pl
 from forest_addon.spec import Scene, SpecError, Species, refuse_unknown, unknown
 from forest_addon.spec.base import Settings, with_files
 
-from . import dotted, vary
+from . import vary
 from .place import refuse_out_of_range
 from .settings import Ground, Head, Keep, Mix, Placing, Running, Splits
 from .vary import randomised
@@ -308,7 +308,7 @@ def _override(tables: dict[str, Any], said: str) -> None:
     if key.startswith("vary."):  # what follows is one key, dots and all
         tables.setdefault("vary", {})[key.removeprefix("vary.")] = parsed
     else:
-        dotted.put(tables, key, parsed)
+        put(tables, key, parsed)
 
 
 def _plan(path: Path, tables: dict[str, Any]) -> Plan:
@@ -453,7 +453,7 @@ def _resolved(
     tables = copy.deepcopy(tables | plan.own)
     for path, value in drawn.items():
         own = path.split(".")[0].split("[")[0] in OWN
-        dotted.put(tables, path if own else f"scene.{path}", copy.deepcopy(value))
+        put(tables, path if own else f"scene.{path}", copy.deepcopy(value))
     mix = _within("mix", tables, Mix)
     if mix.species or "plantings" in tables["scene"]:
         own = tables["scene"].get("plantings", [])

@@ -20,7 +20,7 @@ from forest_addon.drawing.strips import Plot, stand_map
 from forest_addon.formats.atomic import replacing
 from forest_addon.formats.png import write_png
 from forest_addon.results.figures import facts, octave_table, of_forest
-from forest_addon.results.kind import Finding
+from forest_addon.results.kind import Finding as SensorFinding
 from forest_addon.results.kinds import results_of
 from forest_addon.sensing.audit import Audit
 from forest_addon.sensing.kind import Seen
@@ -34,7 +34,7 @@ from forest_addon.stand.plan import Stand
 from forest_addon.stand.targets import TargetsMet, facts_of, sentences
 
 from . import can_draw
-from .motion import viewer
+from .turning import viewer
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -45,7 +45,7 @@ LEAVES = 60_000  # on a map
 
 
 def draw_result(
-    sensor: Sensor, found: Finding, observer: Observer, forest: GrownForest, path: Path
+    sensor: Sensor, found: SensorFinding, observer: Observer, forest: GrownForest, path: Path
 ) -> Path | None:
     """Draw what a sensor found into a PNG; return its path, None where there is nothing to draw."""
     if can_draw() and (figure := _figure_of(sensor, found, observer, forest)) is not None:
@@ -57,7 +57,7 @@ def draw_result(
 
 
 def _figure_of(
-    sensor: Sensor, found: Finding, observer: Observer, forest: GrownForest
+    sensor: Sensor, found: SensorFinding, observer: Observer, forest: GrownForest
 ) -> Figure | None:
     from forest_addon.drawing import echoes, figures
 

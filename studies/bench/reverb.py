@@ -25,7 +25,7 @@ from forest_addon.sensing.reverb.sums.fast_scattering import Expansions
 from forest_addon.sensing.reverb.sums.scattering import TrunkPaths, direct_sum, trunk_paths
 from forest_addon.sensing.reverb.trunks.slices import Trunks
 from forest_addon.spec import Air, Reverb
-from headless.record import peak_memory_mb
+from headless.progress import peak_memory_mb
 from studies.tables import median_seconds, table
 
 TITLE = "reverb: sum over trunks on 1 km², radius 0.25 m, all paths in the record"

@@ -30,7 +30,7 @@ from forest_addon.stand.statistics.k_function import At, choose_radii, inhomogen
 from forest_addon.stand.statistics.kernel import kernel_estimate
 from forest_addon.stand.statistics.mixture import fit_mixture
 from forest_addon.stand.statistics.window import Window
-from headless.record import peak_memory_mb
+from headless.progress import peak_memory_mb
 from studies.bench.cold import say_cold
 from studies.tables import median_seconds, table
 

@@ -18,7 +18,7 @@ import numpy as np
 
 from forest_addon.base.places import environment_of_child
 from forest_addon.base.progress import Say
-from headless.record import peak_memory_mb
+from headless.progress import peak_memory_mb
 from studies.tables import table
 
 TITLE = "waiting: large jobs, cold beside warm"

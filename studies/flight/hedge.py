@@ -30,7 +30,7 @@ from forest_addon.sensing.sonar.poses import SonarPose
 from forest_addon.sensing.sonar.station import Equipment
 from forest_addon.sensing.trajectory import frame_of
 from forest_addon.spec import Air, Sonar
-from headless.report.motion import new_figure
+from headless.report.flights import new_figure
 from headless.report.pictures import FAINT, STYLE, save_figure
 
 SIZE = (3.0, 1.6, 0.4)  # metres across, up, deep

@@ -23,7 +23,7 @@ from forest_addon.flight.stems import StemWorld
 from forest_addon.flight.theory import poisson_strip
 from forest_addon.formats.table import write_csv
 from forest_addon.spec import Flight
-from headless.report.motion import new_figure
+from headless.report.flights import new_figure
 from headless.report.pictures import FAINT, STYLE, save_figure
 
 DENSITY, TRUNK = 0.08, 0.2  # trees/m², metres

@@ -22,7 +22,7 @@ from forest_addon.flight.woods import Stock
 from forest_addon.formats.table import write_csv
 from forest_addon.spec import Flight, Forest, Planting, Scene
 from headless.progress import hushed
-from headless.report.motion import new_figure
+from headless.report.flights import new_figure
 from headless.report.pictures import FAINT, STYLE, save_figure
 
 DENSITIES = (0.02, 0.05, 0.1)  # trees/m²

@@ -26,7 +26,7 @@ from forest_addon.flight.stems import StemWorld
 from forest_addon.flight.theory import chance_of_way, critical_slope, poisson_strip
 from forest_addon.formats.table import write_csv
 from forest_addon.spec import Flight
-from headless.report.motion import new_figure
+from headless.report.flights import new_figure
 from headless.report.pictures import FAINT, INK, STYLE, save_figure
 
 LENGTH, WIDTH = 500.0, 60.0  # metres

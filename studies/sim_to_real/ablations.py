@@ -27,7 +27,7 @@ from forest_addon.spec import Scene, SpecError
 from headless.dataset.engine import Cluster
 from headless.dataset.factory import Asked, make_dataset
 from headless.dataset.plan import find_plan, read_plan
-from headless.report.motion import new_figure
+from headless.report.flights import new_figure
 from headless.report.pictures import save_figure
 from studies.sim_to_real.clouds import Labelled, measured_trees
 from studies.sim_to_real.run import PLAN, needs_extras, read_plots, scored, some_of, taught, train

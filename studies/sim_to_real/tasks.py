@@ -28,7 +28,7 @@ from headless.dataset import disk
 from headless.dataset.engine import Cluster
 from headless.dataset.factory import Asked, make_dataset
 from headless.dataset.plan import find_plan, read_plan
-from headless.report.motion import new_figure
+from headless.report.flights import new_figure
 from headless.report.pictures import save_figure
 from studies.sim_to_real.clouds import TREES, follow_stem, ground_below
 from studies.sim_to_real.run import PLAN

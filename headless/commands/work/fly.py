@@ -68,7 +68,7 @@ def fly_scene(
     """
     from forest_addon.blender.files.opening import empty_file
 
-    from ...report.motion import draw_flights
+    from ...report.flights import draw_flights
 
     with hushed():
         empty_file()

@@ -21,9 +21,8 @@ from forest_addon.formats.png import read_png
 from forest_addon.formats.toml_text import read_tables
 from forest_addon.spec import SpecError, unknown
 
-from .. import disk
-from ..disk import Done
-from ..for_instance import CLASSES, LIVE, STEM, WOODY
+from ..disk import SCENES, Done, scenes_done
+from ..for_instance import CLASSES, EIGHT, IMAGE, LIVE, SEGMENTS, STEM, WOODY
 from ..plan import SPLITS
 
 ENDING = "-forinstance.laz"
@@ -52,14 +51,14 @@ class LabelledScan:
     stands: np.ndarray | None
 
 
-def done_scenes(root: Path) -> list[disk.Done]:
+def done_scenes(root: Path) -> list[Done]:
     """Return the scenes that a dataset has, in order.
 
     Raises
     ------
     SpecError : there is none.
     """
-    done = list(disk.scenes_done(root)) if (root / disk.SCENES).is_dir() else []
+    done = list(scenes_done(root)) if (root / SCENES).is_dir() else []
     if not done:
         raise SpecError(
             f"--convert {root}", "holds no finished scene; give the folder of a dataset"
@@ -67,7 +66,7 @@ def done_scenes(root: Path) -> list[disk.Done]:
     return done
 
 
-def scans_of(one: disk.Done) -> Iterator[LabelledScan]:
+def scans_of(one: Done) -> Iterator[LabelledScan]:
     """Clouds of a scene, by name.
 
     Raises
@@ -182,8 +181,6 @@ def _write_text(path: Path, lines: Sequence[str]) -> None:
         text.write_text("".join(f"{line}\n" for line in lines), encoding="utf-8")
 
 
-IMAGE, SEGMENTS = "preview.png", "preview-segments.png"
-EIGHT = 8  # a segment is its tree times so many, and its class
 THINGS = (STEM, LIVE, WOODY)  # one of a tree; the rest is stuff
 
 

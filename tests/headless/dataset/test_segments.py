@@ -7,7 +7,7 @@ bpy = pytest.importorskip("bpy")
 from mathutils import Vector
 
 from headless.dataset.convert.formats import segments_from
-from headless.dataset.for_instance import camera_rays
+from headless.dataset.scene import camera_rays
 
 
 @pytest.mark.parametrize(("wide", "high"), [(64, 40), (40, 64), (33, 33)])
