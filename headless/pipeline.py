@@ -55,7 +55,7 @@ from .command import DoubtfulError
 from .progress import Stages, hushed
 from .record import facts_of, write_record
 from .report import can_draw, page, without
-from .report.turning import BUDGET, turning_cloud
+from .report.page import BUDGET, turning_cloud
 from .unfinished import Unfinished
 
 MOST_LEAVES = 5_000_000  # rows of leaves.npz; beyond, leaves are written once a variant
