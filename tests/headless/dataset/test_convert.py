@@ -21,7 +21,7 @@ from forest_addon.sensing.sonar.ping import ping
 from forest_addon.spec import Air, Sonar
 from headless.cli import main
 from headless.dataset import card, disk
-from headless.dataset.convert import legend
+from headless.dataset import card as legend
 from headless.dataset.disk import write_shards
 from headless.dataset.place import ROUTE_HEAD
 
