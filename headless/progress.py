@@ -1,4 +1,4 @@
-"""Stages of a run: a line and a time each, a bar for whatever takes longer than a second, the largest memory."""
+"""Stages of a run: a line and a time each, a bar for what takes longer than a second, memory."""
 
 from __future__ import annotations
 

@@ -276,7 +276,7 @@ def _table(path: Path) -> list[dict[str, str]]:
         return list(csv.DictReader(file))
 
 
-LOADER = Path(__file__).parent / "convert" / "loader.py"  # read, never imported here
+LOADER = Path(__file__).parent / "loader.py"  # read, never imported here
 LEGEND = "legend.csv"
 CARD = ("README.md", "loader.py", LEGEND, "overview.png", "varied.png")
 PACKAGES = ("forest-sensing", "bpy", "numpy", "scipy", "laspy", "lazrs")
@@ -420,11 +420,11 @@ def versions() -> dict[str, str]:
     return found
 
 
-ORGANS = ", ".join(f"{number} {name}" for number, name in enumerate(PART_NAMES))
+ORGAN_NUMBERS = ", ".join(f"{number} {name}" for number, name in enumerate(PART_NAMES))
 _POINT = {
     "tree": "tree of trees.csv; -1 none",
     "species": "planting of scene.toml, from 0, undergrowth after the rest; -1 none",
-    "organ": ORGANS,
+    "organ": ORGAN_NUMBERS,
     "leaf": "leaf of its tree, a row of leaves.npz; -1 none",
     "object": "instance in the scene; -1 none",
     "amplitude": "energy that came back; 1: a white surface that faces at 1 m",
@@ -591,7 +591,7 @@ NAMES: dict[str, dict[str, str]] = {
     "NAME-forinstance.laz": {
         "classification": ", ".join(f"{number} {name}" for number, name in enumerate(CLASSES)),
         "treeID": "tree of trees.csv + 1; 0 none",
-        "organ": ORGANS,
+        "organ": ORGAN_NUMBERS,
         "order": "0 the stem, 1 its branches and so on; -1 unknown",
     },
 }
