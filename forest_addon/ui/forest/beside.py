@@ -22,7 +22,7 @@ def beside_cube(scene: bpy.types.Scene, settings: spec.Scene) -> spec.Scene:
     """Move a forest beside the start cube of a new file, if a window shows that; else it stays in place."""
     if bpy.app.background or bpy.data.filepath or not _is_start(scene) or _is_bound(settings):
         return settings
-    from ...blender.scene.ground_nodes import around
+    from ...blender.scene.nodes import around
 
     field = settings.forest
     right = BESIDE + around(field) - field.origin[0]

@@ -6,9 +6,8 @@ from typing import Any
 
 import bpy
 
-from ...blender.scene.layout import POINTS_ROLE, TREES, find_part
+from ...blender.scene.layout import POINTS_ROLE, ROLE_KEY, TREES, find_part
 from ...blender.scene.nodes import LEVEL_KEY, instancer_of, show_as, shown_of
-from ...blender.scene.ours import ROLE_KEY
 from ..shell.views import views
 from ..shell.words import label
 

@@ -18,9 +18,8 @@ from bpy_extras.view3d_utils import (
 )
 from mathutils import Vector
 
-from ...blender.scene.layout import VARIANTS
-from ...blender.scene.ours import ROLE_KEY, SHAPE_KEY, by_role
-from ...blender.scene.standings import ASSET_KEY
+from ...blender.scene.instances import ASSET_KEY
+from ...blender.scene.layout import ROLE_KEY, SHAPE_KEY, VARIANTS, by_role
 from ..shell.running import obstacle
 from ..shell.views import region_below
 from ..shell.words import say

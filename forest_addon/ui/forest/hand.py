@@ -11,7 +11,7 @@ from typing import Any
 import bpy
 import numpy as np
 
-from ...blender.scene.stood import StoodTree, stood_trees
+from ...blender.scene.planted import StoodTree, stood_trees
 from .hand_edits import Place, clear_spot, find_set, plantings_by_label, remove_tree, set_tree
 
 APART = 0.6  # of the mean distance at a density, that trees of one stroke keep

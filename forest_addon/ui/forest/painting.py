@@ -43,7 +43,7 @@ def _put_away(*_: object) -> None:
     global _in_hand
     if not _in_hand or bpy.context.mode == PAINTING:
         return
-    from ...blender.show.canvas import CANVAS_KEY, put_away
+    from ...blender.show.intensity import CANVAS_KEY, put_away
 
     thing = bpy.data.objects.get(_in_hand)
     _in_hand = ""
@@ -73,7 +73,7 @@ class FOREST_OT_paint(bpy.types.Operator):
         return not reason
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        from ...blender.show.canvas import layer_of, take_up
+        from ...blender.show.intensity import layer_of, take_up
 
         global _in_hand
         if context.mode == PAINTING:
@@ -97,15 +97,15 @@ class FOREST_OT_paint(bpy.types.Operator):
         return {"FINISHED"}
 
     def _canvas(self, context: bpy.types.Context) -> bpy.types.Object:
-        """The scene's canvas, laid over the field as it is now."""
-        from ...blender.show import canvas
+        """The scene's intensity, laid over the field as it is now."""
+        from ...blender.show import intensity
 
         props = context.scene.forest_sensing
         field = exchange.read(props.forest, spec.Forest, "forest")
         terrain = _terrain(context, field, Path(bpy.path.abspath(props.folder)))
         home = part(context.scene, INTENSITY)
-        thing = canvas.find_canvas(home) or canvas.new_canvas(NAME, home)
-        canvas.lay(thing, field, terrain)
+        thing = intensity.find_canvas(home) or intensity.new_canvas(NAME, home)
+        intensity.lay(thing, field, terrain)
         return thing
 
 
@@ -123,7 +123,7 @@ def _terrain(context: bpy.types.Context, field: spec.Forest, folder: Path) -> An
 
 
 def _layer_name(planting: Any, thing: bpy.types.Object) -> str:
-    """The layer that the planting has on the canvas, or the name for one of its own."""
+    """The layer that the planting has on the intensity, or the name for one of its own."""
     if planting.painted_pointer == thing and planting.painted_layer in thing.vertex_groups:
         return str(planting.painted_layer)
     stem = name = Path(planting.species).stem or "trees"

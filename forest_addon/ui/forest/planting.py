@@ -18,8 +18,7 @@ from gpu_extras.batch import batch_for_shader
 from mathutils import Vector
 
 from ...base.rng import stream
-from ...blender.scene.layout import GROUND_NAME, GROUND_ROLE, find_part
-from ...blender.scene.ours import ROLE_KEY
+from ...blender.scene.layout import GROUND_NAME, GROUND_ROLE, ROLE_KEY, find_part
 from ..shell.chosen import chosen_planting
 from ..shell.running import current, obstacle
 from ..shell.views import region_of, views

@@ -13,8 +13,8 @@ from pathlib import Path
 import bpy
 
 from ... import spec
-from ...blender.scene.ours import is_ours
-from ...blender.scene.standings import IGNORED_KEY, may_be_met
+from ...blender.scene.instances import IGNORED_KEY, may_be_met
+from ...blender.scene.layout import is_ours
 from ...formats.toml_file import write_settings
 from ..settings.exchange import to_spec
 from ..shell.words import say

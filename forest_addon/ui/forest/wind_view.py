@@ -27,8 +27,7 @@ class FOREST_OT_show_wind(Working, bpy.types.Operator):
     bl_label = "Show Wind"
 
     def work(self, context: bpy.types.Context) -> Work:
-        from ...blender.show.wind import knots_of, show_wind
-        from ...blender.show.wind_pieces import amplitudes_of
+        from ...blender.show.wind import amplitudes_of, knots_of, show_wind
         from ...stand.wind.response import KNOTS
 
         if to_spec(context.scene).wind.speed == 0:
@@ -81,7 +80,7 @@ class FOREST_OT_bake_wind(InOwnScene, bpy.types.Operator):
         return {"RUNNING_MODAL"}
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        from ...blender.files.baked import bake
+        from ...blender.files.export import bake
         from ...blender.show.wind import shows_wind
 
         path = Path(bpy.path.abspath(self.filepath))

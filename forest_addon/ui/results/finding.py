@@ -14,9 +14,15 @@ import numpy as np
 
 from ...base.labels import Labels
 from ...blender.scene.layout import RESULTS, part
-from ...blender.show.cloud import end_with_ground, show_cloud, show_heard
-from ...blender.show.kept_cloud import note_scan
-from ...blender.show.legend import Entry, legend_of, legend_of_heard
+from ...blender.show.cloud import (
+    Entry,
+    end_with_ground,
+    legend_of,
+    legend_of_heard,
+    note_scan,
+    show_cloud,
+    show_heard,
+)
 from ...blender.show.sound import give_sound
 from ...results.coordinates import NO_OFFSET, Offset
 from ...results.figures import Figure, of_forest

@@ -1,7 +1,7 @@
 """Echoes and impulse responses as bytes, which a Blender file keeps with the results that they are.
 
 The bytes are an NPZ: arrays, and how settings and records are made of them as JSON. Clouds need none: the
-mesh that shows one holds all of it (``kept_cloud``).
+mesh that shows one holds all of it (``show.cloud``).
 """
 
 from __future__ import annotations

@@ -7,8 +7,8 @@ from typing import ClassVar
 import bpy
 from mathutils import Vector
 
+from ...blender.scene.instances import SOLID_TYPES
 from ...blender.scene.layout import RESULTS, find_part
-from ...blender.scene.standings import SOLID_TYPES
 from ...blender.sensors import objects as sensors
 from ..settings.exchange import add_sensor
 from ..shell.chosen import choose_sensor, chosen_sensor

@@ -12,8 +12,8 @@ from typing import Any
 import bpy
 
 from ... import spec
+from ...blender.scene.instances import IGNORED_KEY, REFLECTANCE_KEY, SOLID_TYPES
 from ...blender.scene.layout import CLOUD_KEY
-from ...blender.scene.standings import IGNORED_KEY, REFLECTANCE_KEY, SOLID_TYPES
 from ...blender.sensors import objects as sensors
 from ...spec.choices import meaning_of, title_of
 

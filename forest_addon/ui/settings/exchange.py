@@ -13,7 +13,7 @@ from dataclasses import replace
 from typing import Any, TypeVar
 
 from ... import spec
-from ...blender.read.single import shortest
+from ...blender.read.inputs import shortest
 from ...blender.sensors import objects as sensors
 from ...blender.sensors.objects import file_name
 from ...spec import Settings, SpecError

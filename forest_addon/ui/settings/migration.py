@@ -17,9 +17,9 @@ from typing import Any, ClassVar
 import bpy
 
 from ... import spec
-from ...blender.read.single import shortest
+from ...blender.read.inputs import shortest
 from ...blender.scene import layout
-from ...blender.scene.ours import MADE_KEY
+from ...blender.scene.layout import MADE_KEY
 from ...blender.sensors import objects as sensors
 from ...spec import Settings, SpecError
 from ..shell.running import InOwnScene

@@ -14,7 +14,7 @@ import bpy
 
 from ... import spec
 from ...base.places import ASSETS
-from ...blender.show.handles import HANDLE_KEY
+from ...blender.show.intensity import HANDLE_KEY
 from ...spec import Param
 from .references import HEARD_TYPES, REFERENCES, layers_of
 

@@ -15,8 +15,8 @@ from typing import Any
 import bpy
 from bpy.props import CollectionProperty, IntProperty, PointerProperty, StringProperty
 
-from ...blender.scene.standings import SOLID_TYPES, SPECIES_KEY
-from ...blender.show.handles import HANDLE_KEY
+from ...blender.scene.instances import SOLID_TYPES, SPECIES_KEY
+from ...blender.show.intensity import HANDLE_KEY
 from ...spec import SpecError
 from ..shell.words import say
 

@@ -11,7 +11,7 @@ from typing import Any
 
 from bpy.props import FloatProperty, FloatVectorProperty
 
-from ...blender.read.single import shortest
+from ...blender.read.inputs import shortest
 from ...spec import Param
 
 FACE = "_shown"  # ends the name of the property beside a setting

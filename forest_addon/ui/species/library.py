@@ -22,7 +22,7 @@ FIRST = ("norway-maple", "silver-birch", "norway-spruce", "hazelnut")  # where n
 
 
 def _import_rooms(_tell: Any) -> None:
-    from ...blender.library import build as library  # noqa: F401
+    pass
 
 
 class FOREST_OT_make_library(Working, bpy.types.Operator):
