@@ -1,7 +1,11 @@
-"""Results as one NPZ without pickles: arrays as they are, all else as JSON beside them.
+"""Results of a run that was ended before its last sensor, kept so that ``--resume`` need not take them again.
 
-Dataclasses of the add-on are named by module and class, and made again from their fields; nothing that a file
-names is called, and nothing but such a dataclass is looked up.
+They lie in ``.unfinished`` of the run's folder, one file a sensor, until the run is done. A file is named by
+all that decides its result: the scene's settings, the evaluated scene, files that the sensor names, versions.
+
+A file is an NPZ without pickles: arrays as they are, all else as JSON beside them. Dataclasses of the add-on
+are named by module and class, and made again from their fields; nothing that a file names is called, and
+nothing but such a dataclass is looked up.
 """
 
 from __future__ import annotations

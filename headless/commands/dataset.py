@@ -91,7 +91,7 @@ Exit code 4: some scenes could not be made; manifest.csv says why."""
             check_dataset(chosen.check, _say(chosen.quiet))
             return
         if chosen.convert is not None:
-            from ..dataset.convert.formats import convert_dataset
+            from ..dataset.formats import convert_dataset
 
             convert_dataset(chosen.convert, chosen.to, chosen.out, _say(chosen.quiet))
             return

@@ -1,4 +1,9 @@
-"""Legend of the files of a scene's folder, in words, for the data card."""
+"""The data card of a dataset: README.md with its pictures, the legend of every file and of every name in
+one, and the loader.
+
+Pictures are a contact sheet of random scenes and histograms of what varied. In ``legend.csv`` a ``*`` in
+a name stands for anything; ``NAME_unit`` beside an array is its unit as text.
+"""
 
 from __future__ import annotations
 

@@ -5,9 +5,13 @@
     DIR/scenes/000017/          files of the scene, and scene.json with their SHA-256, written last
     DIR/scenes/.000017.*        a scene in the making; it is renamed when all of it is on the disk
     DIR/status/000017.json      how long it took, or the error for which it was set aside
+    DIR/manifest.csv, splits/   what there is, read from these folders and nothing else
+    DIR/shards/                 scenes of a split packed in order as WebDataset tars: tls.laz of scene 000017
+                                is 000017.tls.laz, without dates and owners, so equal scenes are equal tars
 
 Whoever finishes a scene that another has finished meanwhile throws his away: they are the same bytes.
-Folders and names are synchronised before and after the rename, so that a power cut leaves one or the other.
+Folders and names are synchronised before and after the rename, so that a power cut leaves one or the
+other.
 """
 
 from __future__ import annotations

@@ -1,7 +1,14 @@
-"""A handle on the process that has Blender loaded: start it, have it make a scene, end it.
+"""Workers that make the scenes: threads of this process, or those of a Dask cluster.
 
-Whoever holds the handle never loads Blender. The child is watched while it works: it is killed when a scene
-runs past its time or needs more memory than it may, and what came of a scene is told in one ``SceneOutcome``.
+A worker holds a child that has Blender loaded and never loads it itself, so workers of one machine need
+no scheduler and no processes besides these children. The child is watched: it is killed when a scene
+runs past its time or needs more memory than it may, renewed after a while, and a scene that it cannot
+make is set aside.
+
+A job is a plain table, so that it can be sent to another machine. A scheduler only hands out jobs. What
+is done stands on the disk before a result is given; so whatever a scheduler loses (workers that end by
+walltime, tasks that it gives up after some such ends) is handed out again, as long as it goes on
+finishing some.
 """
 
 from __future__ import annotations

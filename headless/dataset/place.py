@@ -1,4 +1,7 @@
-"""A random ground: a sum of smooth waves in all directions, each octave half as long and somewhat lower."""
+"""Where sensors of a scene stand, fly or listen, by a rule; and its random ground.
+
+The ground is a sum of smooth waves in all directions, each octave half as long and somewhat lower.
+"""
 
 from __future__ import annotations
 

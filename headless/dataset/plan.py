@@ -1,7 +1,17 @@
-"""Chance of a species: without, all its trees are one tree, wherever and in whichever split.
+"""A plan: base scenes, what varies in them, and for every scene of the dataset the recipe that follows.
 
-Trees of templates, of crowns and of Honda's branches with a spread of lengths draw numbers that no two share.
-Of all others two are grown from streams of their own and compared.
+A recipe is all that decides the bytes of a scene: settings, seed, ground, rules for sensors, what is
+kept, and the content of every file that it names; its digest is their SHA-256. Which scene goes to which
+split is dealt by the golden ratio, so that every run of scenes has nearly the shares that were asked
+for, and a larger count leaves earlier scenes where they are.
+
+Keys are dotted paths into tables, such as ``air.humidity``, ``sensors[tls].angle_step_deg`` and
+``plantings[*].scale[0]``: an index is a number, the name of an entry (its ``name``, ``sensor`` or
+``species``), or ``*`` for all.
+
+Trees of templates, of crowns and of Honda's branches with a spread of lengths draw numbers that no two
+share. Of all other species two trees are grown and compared: one that knows no chance is one tree in
+every split.
 """
 
 from __future__ import annotations

@@ -4,6 +4,10 @@ Every distribution is its quantile function Q(u), so a design only has to say ho
 each for itself, as a Latin hypercube (every key has one scene in each of its N slices), or as a scrambled
 Sobol sequence (Owen 1998), whose first scenes stay when more are asked for. A grid goes through all
 combinations of its values. Keys of the same design make one design together.
+
+With ``randomise = "measured"`` a plan varies by itself within ranges that were measured. Every range has its
+source beside it, and in docs/dataset.md; *ours* is a choice without a measurement. A key that the plan's own
+[vary] names is left to that.
 """
 
 from __future__ import annotations

@@ -1,4 +1,6 @@
-"""Pictures of trees: species on a contact sheet, a user's tree with what was recognised and grown of it."""
+"""Pictures of trees (species on a contact sheet, a user's tree with what was recognised and grown of it), and
+how like the tree its siblings are, in a table and in what sensors make of them.
+"""
 
 from __future__ import annotations
 

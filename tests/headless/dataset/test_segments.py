@@ -6,7 +6,7 @@ import pytest
 bpy = pytest.importorskip("bpy")
 from mathutils import Vector
 
-from headless.dataset.convert.formats import segments_from
+from headless.dataset.formats import segments_from
 from headless.dataset.scene import camera_rays
 
 

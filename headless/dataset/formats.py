@@ -1,7 +1,25 @@
-"""Scenes of a made dataset as converters take them: clouds with classes and trees, by split.
+"""A made dataset in the formats that people train with; ``FORMATS`` names them.
 
-Classes are those of FOR-instance, so a dataset needs ``keep.for_instance = true``; intensities stand in the
+Classes are those of FOR-instance, so clouds need ``keep.for_instance = true``; intensities stand in the
 scan's own file, whose points are the same in the same order.
+
+SemanticKITTI (Behley et al. 2019, arXiv 1904.01416), a sequence a scene, a frame a scan::
+
+    sequences/00/velodyne/000000.bin  float32 x, y, z from the scanner, remission 0 to 1
+    sequences/00/labels/000000.label    uint32: class in the lower 16 bits, tree in the upper
+    sequences/00/poses.txt, calib.txt, times.txt
+    semantic-kitti.yaml                 names, colours and sequences of each split, as its tools read them
+
+S3DIS (Armeni et al. 2016), an area a split, a room a scene, a text file an object; scans of a scene are
+joined, colours are grey, the strength of the echo::
+
+    Area_1/scene_000000/scene_000000.txt        x y z r g b, all points; 1 train, 2 validation, 3 test
+    Area_1/scene_000000/Annotations/stem_12.txt those of tree 12's stem; names end at the first _
+
+COCO panoptic (Kirillov et al. 2019), previews; a segment, red + 256 green + 65536 blue of its PNG, is
+tree times 8 plus class::
+
+    images/000000.png  panoptic/000000.png  panoptic_train.json  panoptic_validation.json  panoptic_test.json
 """
 
 from __future__ import annotations
@@ -21,9 +39,9 @@ from forest_addon.formats.png import read_png
 from forest_addon.formats.toml_text import read_tables
 from forest_addon.spec import SpecError, unknown
 
-from ..disk import SCENES, Done, scenes_done
-from ..for_instance import CLASSES, EIGHT, IMAGE, LIVE, SEGMENTS, STEM, WOODY
-from ..plan import SPLITS
+from .disk import SCENES, Done, scenes_done
+from .for_instance import CLASSES, EIGHT, IMAGE, LIVE, SEGMENTS, STEM, WOODY
+from .plan import SPLITS
 
 ENDING = "-forinstance.laz"
 COLOURS = (  # red, green, blue of each class, for viewers
