@@ -14,7 +14,7 @@ from forest_addon.formats.helios.survey import read_survey
 from forest_addon.sensing.lidar.surveys.leg import SurveyLeg
 from forest_addon.sensing.lidar.surveys.mirrors import refracted
 from forest_addon.spec import SpecError
-from headless.commands.work.survey import scan_survey
+from headless.commands.lidar_survey import scan_survey
 
 GROUND = """mtllib ground.mtl
 v -1 -1 0

@@ -23,7 +23,7 @@ from forest_addon.sensing.lidar.surveys.leg import SurveyLeg
 from forest_addon.sensing.lidar.surveys.mirrors import oscillating
 from forest_addon.sensing.lidar.surveys.stepped import SteppedPath
 from forest_addon.spec import SpecError
-from headless.commands.work.survey import (
+from headless.commands.lidar_survey import (
     CountedDigitisedScan,
     CountedScan,
     casters_of,

@@ -36,7 +36,7 @@ def main(scene: str, folder: str) -> None:
         codes.append(command.run(words))
         seen.append(state())
         import_module(
-            "headless.commands.work.species"
+            "headless.commands.species"
         ).WIDTH = 300  # pixels of the sheet, which is rendered
     answer = {"codes": codes, "seen": seen, "files": sorted(p.name for p in out.iterdir())}
     (out / "answer.json").write_text(json.dumps(answer, indent=1))

@@ -28,7 +28,7 @@ from forest_addon.sensing.rays.geometry import SceneGeometry
 from forest_addon.sensing.rays.moving import MovingCaster, TimedCaster
 from forest_addon.spec import Beam, Noise, Rays, SpecError, Terrestrial
 
-from ...progress import Stages, hushed
+from ..progress import Stages, hushed
 
 ECHOES = ("survey", "waveform")
 FARTHEST = 1e5  # metres that a scanner may see
