@@ -1,7 +1,4 @@
-"""``python -m headless allometry``: laws of size from measured trees, and whether grown ones keep them.
-
-Fit allometry of kinds of trees to a table; count how many grown trees lie where measured ones do.
-"""
+"""``python -m headless allometry``: laws of size from measured trees, and whether grown ones keep them."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""``python -m headless assets``: an asset library for Blender's Asset Browser.
-
-An asset library on the disk, a species after the other, and its pictures on one sheet.
-"""
+"""``python -m headless assets``: an asset library for Blender's Asset Browser."""
 
 from __future__ import annotations
 

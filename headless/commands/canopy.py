@@ -1,7 +1,4 @@
-"""``python -m headless canopy``: leaf area index and gap fraction of a stand, seen from below.
-
-A stand seen from below: gaps and area indices as a table, hemispherical pictures as PNG.
-"""
+"""``python -m headless canopy``: leaf area index and gap fraction of a stand, seen from below."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""``python -m headless convolve``: a dry sound, heard in the forest.
-
-A dry sound, heard in the forest.
-"""
+"""``python -m headless convolve``: a dry sound, heard in the forest."""
 
 from __future__ import annotations
 

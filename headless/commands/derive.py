@@ -1,7 +1,4 @@
-"""``python -m headless derive``: the string that a species' L-system makes.
-
-The string that a species' L-system makes, or how many symbols and branches it has.
-"""
+"""``python -m headless derive``: the string that a species' L-system makes."""
 
 from __future__ import annotations
 

@@ -1,7 +1,5 @@
 """``python -m headless estimate``: a map of trees becomes a scene whose forests are like the site.
 
-A map of trees becomes a scene whose forests are like the site: its intensity and the law about it.
-
 Written beside each other: the scene (TOML), for kernel estimates one array a species (npy), and a picture
 of trees, estimated intensity and what the statistics say.
 """

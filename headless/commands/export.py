@@ -1,7 +1,4 @@
-"""``python -m headless export``: a scene for other programs, as surveys of HELIOS++, OBJ parts and JSON.
-
-Scenes for other programs, from a scene file.
-"""
+"""``python -m headless export``: a scene for other programs, as surveys of HELIOS++, OBJ parts and JSON."""
 
 from __future__ import annotations
 

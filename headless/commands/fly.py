@@ -1,7 +1,5 @@
 """``python -m headless fly SCENE.toml``: flights through a scene by a policy.
 
-Flies a policy through a scene: every way, success against speed and density, a picture, a .blend.
-
 Flights of one speed and density share forests, ``AT_ONCE`` in each, so that their rays are cast together; the
 forest of a batch has the seed of its first flight.
 """

@@ -1,7 +1,5 @@
 """``python -m headless lidar FILE.blend``: scan any Blender scene with a real instrument, into a file.
 
-Scan any Blender scene with a real instrument, into a file: what the command ``lidar`` does.
-
 Nothing of a forest of ours need be in the scene. The scan is written chunk by chunk; one that was
 interrupted, or killed, goes on with ``--resume``.
 """

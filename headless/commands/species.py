@@ -1,7 +1,5 @@
 """``python -m headless species``: every preset in a table, and in pictures.
 
-Every preset in a table, and in a contact sheet with ``--sheet``.
-
 ``--pictures`` renders a small picture of each, as Blender's panel shows them (assets/species/pictures);
 ``--close-ups`` a fork, the bark of a stem at a metre and a twig against the light.
 """

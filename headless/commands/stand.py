@@ -1,7 +1,5 @@
 """``python -m headless stand``: where the trees of a scene stand, without growing any.
 
-Positions of the trees of a scene, without growing any.
-
 Positions go into a CSV or GeoJSON file, a map of them into a picture beside it; what was expected, drawn and
 removed is printed as a table.
 """
