@@ -90,8 +90,8 @@ def _fitted(path: Path, generations: int | None, seed: int) -> str:
 
 
 def _system(species: Species, generations: int | None) -> tuple[System, str, int]:
-    from forest_addon.growth.lsystem.ruled import system_of
     from forest_addon.growth.lsystem.tanveer import system_of_grammar
+    from forest_addon.growth.lsystem.turtle import system_of
 
     if species.honda is not None:
         raise SpecError(

@@ -147,8 +147,8 @@ def fly_scene(
     """
 
     from forest_addon.blender.files.export import empty_file
+    from forest_addon.flight.flying import interval
     from forest_addon.flight.senses import lidar_of
-    from forest_addon.flight.statistics import interval
     from forest_addon.flight.woods import Stock
 
     from ...report.flights import draw_flights
@@ -244,8 +244,7 @@ def _cell(
     density: float,
 ) -> tuple[FlightCell, FlightSurroundings]:
     from forest_addon.flight.flying import fly
-    from forest_addon.flight.learning import load
-    from forest_addon.flight.policies import policy_of
+    from forest_addon.flight.policies import load, policy_of
     from forest_addon.flight.senses import EarSense, LidarSense, lidar_of, sonar_of
     from forest_addon.flight.simulation import Flyers
 
@@ -310,7 +309,7 @@ def write_tracks(path: Path, cells: Sequence[FlightCell]) -> None:
 def write_success(path: Path, cells: Sequence[FlightCell]) -> None:
     """A row a speed and density: how many arrive, with the interval of 95 %."""
 
-    from forest_addon.flight.statistics import interval
+    from forest_addon.flight.flying import interval
     from forest_addon.formats.table import write_csv
 
     rows = []

@@ -36,8 +36,8 @@ from forest_addon.results.kinds import results_of, write_finding
 from forest_addon.results.points import records
 from forest_addon.results.scan_file import write_npz_rows
 from forest_addon.sensing.lidar import scan as lidar
+from forest_addon.sensing.lidar.cloud import label
 from forest_addon.sensing.lidar.occlusion import occlusion, on_the_line
-from forest_addon.sensing.lidar.returns import label
 from forest_addon.sensing.rays.caster import RayCaster
 from forest_addon.sensing.rays.cells import Cells
 from forest_addon.sensing.reverb.sums.fast_scattering import Expansions

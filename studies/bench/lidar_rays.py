@@ -24,6 +24,7 @@ from ..inside import (
     Hits,
     Kind,
     MovingCaster,
+    MovingScene,
     RayCaster,
     RigidPath,
     Say,
@@ -32,7 +33,7 @@ from ..inside import (
     Search,
     ShapePath,
     cast_exactly,
-    embree_parts,
+    embree_motion,
     find_species,
     grow,
     load_species,
@@ -230,8 +231,8 @@ def _moving(
     ways, time = rng.normal(size=(count, 3)), rng.uniform(0, 1, count)
     ways /= np.linalg.norm(ways, axis=1, keepdims=True)
     origins = np.zeros((count, 3))
-    engine = embree_parts if make is EmbreeCaster else None
-    still, caster = make(scene), MovingCaster(scene, motion, make, engine)
+    engine = embree_motion if make is EmbreeCaster else None
+    still, caster = make(scene), MovingCaster(MovingScene(scene, motion), make, engine)
     still.cast(origins, ways)
     caster.cast(origins, ways, time=time)
     before = median_seconds(lambda: still.cast(origins, ways))

@@ -8,7 +8,7 @@ from ..shell.progress import duration
 from ..shell.words import say
 
 if TYPE_CHECKING:
-    from ...sensing.cost import Cost
+    from ...sensing.kind import Cost
 
 
 def time_in_words(seconds: float) -> str:

@@ -14,7 +14,7 @@ from ..shell.progress import duration
 from ..shell.words import label
 
 if TYPE_CHECKING:
-    from ...sensing.cost import Cost
+    from ...sensing.kind import Cost
 
 LONG = 60.0  # s; what takes longer is asked about
 LARGE = 2e9  # bytes; the same

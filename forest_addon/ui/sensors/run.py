@@ -152,7 +152,7 @@ class FOREST_OT_run(Working, bpy.types.Operator):
         from ...blender.sensors.moving import seconds_of
         from ...blender.sensors.observe import Observer
         from ...results.coordinates import Offset
-        from ...sensing.cost import note_pace
+        from ...sensing.kind import note_pace
         from ...sensing.kinds import choose
         from ...stand.plan import labels
         from ..results import frames
