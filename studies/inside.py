@@ -234,7 +234,7 @@ INSIDE = {
     "numbers": "headless.commands.lidar:numbers",
     "FlownCloud": "headless.commands.lidar_like:FlownCloud",
     "read_flown": "headless.commands.lidar_like:read_flown",
-    "Child": "headless.dataset.engine:Child",
+    "Worker": "headless.dataset.engine:Worker",
     "disk": "headless.dataset.disk:",
     "remove_scene": "headless.dataset.disk:remove_scene",
     "scenes_done": "headless.dataset.disk:scenes_done",

@@ -28,7 +28,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import CancelledError
+from concurrent.futures import CancelledError, ThreadPoolExecutor, as_completed
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import IO, Any
@@ -36,6 +36,7 @@ from typing import IO, Any
 from forest_addon.base.places import environment_of_child
 from forest_addon.spec import SpecError
 
+from ..progress import held_memory
 from . import disk
 from .plan import Recipe
 from .settings import Running
@@ -43,6 +44,7 @@ from .settings import Running
 LOOK = 0.1  # s between two looks at its memory
 STARTS_IN = 300.0  # s, at most
 TOLD = 300  # characters of its last words
+TRIES = 2  # the second in a fresh process
 TRIMS = "MALLOC_TRIM_THRESHOLD_"  # that Dask sets for its workers: scenes took a fifth longer
 
 
@@ -62,41 +64,79 @@ class SceneOutcome:
     peak: float = 0.0
 
 
-class Child:
-    """The process, started when it is first needed."""
+class Worker:
+    """A child that has Blender loaded, started when it is first needed, and what it has been through."""
 
     def __init__(self, threads: int = 1) -> None:
         self.threads = threads
-        self.scenes = 0  # that it has made
-        self.first_memory = 0.0  # after the first
+        self.scenes = 0  # that its child has made
+        self.first_memory = 0.0  # of its child, after the first
+        self._stopped = False
         self._process: subprocess.Popen[str] | None = None
         self._answers: queue.Queue[str | None] = queue.Queue()
         self._words: IO[bytes] | None = None
 
-    def make(self, root: Path, recipe: dict[str, Any], timeout: float, most: float) -> SceneOutcome:
-        """Have a scene made; ``most`` bytes of memory, ``timeout`` seconds."""
+    def make(self, job: dict[str, Any]) -> dict[str, Any]:
+        """Make the scene of a job. ``result`` is done, failed, disk or stopped; ``why`` says what was
+        wrong."""
+        root, recipe, running = Path(job["root"]), job["recipe"], Running(**job["running"])
+        number = int(recipe["number"])
+        if int(job["threads"]) != self.threads:
+            self.end()
+            self.threads = int(job["threads"])
+        there = disk.read_scene(root / disk.SCENES / disk.scene_name(number))
+        if there is not None and there.record.get("settings") == recipe["digest"]:
+            return {"result": "done", "scene": number}
+        for _ in range(TRIES):
+            outcome = self.scene(root, recipe, running.timeout, float(job["memory"]))
+            if outcome.kind in ("done", "disk") or self._stopped:
+                break
+            self.end()
+        done = outcome.kind == "done"
+        told = {"result": outcome.kind, "scene": number, "why": outcome.why}
+        if outcome.kind == "disk":
+            return told
+        if self._stopped and not done:
+            return told | {"result": "stopped"}
+        status = {"status": "done" if done else "failed", "settings": recipe["digest"]}
+        status |= {} if done else {"kind": outcome.kind, "why": outcome.why}
+        status |= {"seconds": outcome.wall, "cpu": outcome.seconds, "memory": outcome.memory}
+        try:
+            disk.write_status(root, number, status)
+        except OSError as problem:
+            return {"result": "disk", "scene": number, "why": str(problem)}
+        grown = outcome.memory - self.first_memory > running.renew_grown_gb * 1e9
+        if done and (grown or self.scenes >= running.renew_after):
+            self.end()
+        told |= {"result": status["status"], "seconds": outcome.wall}
+        return told | {"cpu": sum(outcome.seconds.values())}
+
+    def scene(
+        self, root: Path, recipe: dict[str, Any], timeout: float, most: float
+    ) -> SceneOutcome:
+        """Have the child try a scene; ``most`` bytes of memory, ``timeout`` seconds."""
         if self._process is None or self._process.poll() is not None:
-            problem = self._start()
+            problem = self.start()
             if problem:
                 return SceneOutcome("crash", problem)
+        assert self._process is not None
+        assert self._process.stdin is not None
         started = time.monotonic()
         try:
-            self._send({"root": str(root), "recipe": recipe})
+            self._process.stdin.write(json.dumps({"root": str(root), "recipe": recipe}) + "\n")
+            self._process.stdin.flush()
         except OSError:
             return self._crashed()
         answer = self._wait(started + timeout, most)
-        wall = time.monotonic() - started
         if isinstance(answer, SceneOutcome):
             return answer
-        memory, peak = float(answer.get("memory", 0.0)), float(answer.get("peak", 0.0))
+        outcome = SceneOutcome(**answer, wall=time.monotonic() - started)
         self.scenes += 1
-        self.first_memory = self.first_memory or memory
-        if "done" in answer:
-            return SceneOutcome("done", "", answer["seconds"], wall, memory, peak)
-        return SceneOutcome(str(answer["failed"]), str(answer["why"]), {}, wall, memory)
+        self.first_memory = self.first_memory or outcome.memory
+        return outcome
 
-    def _start(self) -> str:
-        """Start it; returns what went wrong, empty if it is ready."""
+    def start(self) -> str:
+        """Start the child; returns what went wrong, empty if it is ready."""
         self.end()
         one = "1"  # small matrices; and the same sums everywhere
         environment = environment_of_child(OPENBLAS_NUM_THREADS=one, OMP_NUM_THREADS=one)
@@ -119,74 +159,49 @@ class Child:
         ready = self._wait(time.monotonic() + STARTS_IN, float("inf"))
         return ready.why if isinstance(ready, SceneOutcome) else ""
 
-    def _send(self, what: dict[str, Any]) -> None:
-        assert self._process is not None
-        assert self._process.stdin is not None
-        self._process.stdin.write(json.dumps(what) + "\n")
-        self._process.stdin.flush()
-
     def _wait(self, deadline: float, most: float) -> dict[str, Any] | SceneOutcome:
-        """Its next answer, or what became of it instead; then it is dead."""
+        """Return the child's next answer, or what became of it instead; then it is dead."""
         while True:
             try:
                 line = self._answers.get(timeout=LOOK)
             except queue.Empty:
+                assert self._process is not None
                 if time.monotonic() > deadline:
                     self.end()
                     return SceneOutcome("timeout", "ran past its time")
-                held = self.memory()
-                if held > most:
+                if held_memory(self._process.pid) > most:
                     self.end()
-                    return SceneOutcome(
-                        "memory", f"needs more memory than it may have ({most / 1e9:.1f} GB)"
-                    )
+                    why = f"needs more memory than it may have ({most / 1e9:.1f} GB)"
+                    return SceneOutcome("memory", why)
                 continue
             return self._crashed() if line is None else json.loads(line)
 
     def _crashed(self) -> SceneOutcome:
+        """Return how the child ended, with its last words."""
         assert self._process is not None
+        assert self._words is not None
         with contextlib.suppress(subprocess.TimeoutExpired):
             self._process.wait(5.0)
-        code, said = self._process.returncode, self._last_words()
+        code = self._process.returncode
+        self._words.seek(max(0, self._words.seek(0, os.SEEK_END) - 4 * TOLD))
+        said = self._words.read().decode("utf-8", "replace").strip().splitlines()
         self.end()
         how = (
             f"was ended by signal {-code}"
             if code is not None and code < 0
             else f"ended with {code}"
         )
-        return SceneOutcome("crash", f"Blender's process {how}" + (f": {said}" if said else ""))
+        last = f": {said[-1][-TOLD:]}" if said else ""
+        return SceneOutcome("crash", f"Blender's process {how}{last}")
 
-    def _last_words(self) -> str:
-        if self._words is None:
-            return ""
-        self._words.seek(0, os.SEEK_END)
-        self._words.seek(max(0, self._words.tell() - 4 * TOLD))
-        lines = self._words.read().decode("utf-8", "replace").strip().splitlines()
-        return lines[-1][-TOLD:] if lines else ""
-
-    def memory(self) -> float:
-        """Bytes that it holds; 0 where the system does not tell."""
-        if self._process is None:
-            return 0.0
-        try:
-            pages = int(Path(f"/proc/{self._process.pid}/statm").read_text().split()[1])
-            return float(pages * os.sysconf("SC_PAGE_SIZE"))
-        except (OSError, ValueError, IndexError):
-            return 0.0
-
-    @property
-    def pid(self) -> int | None:
-        """Of the process, None where there is none."""
-        return None if self._process is None else self._process.pid
-
-    def kill(self) -> None:
-        """Kill the process while another thread waits for its answer, which then finds it crashed."""
-        process = self._process
-        if process is not None:
+    def stop(self) -> None:
+        """Have the thread that is in ``make`` come back soon; the scene that it is at is lost."""
+        self._stopped, process = True, self._process
+        if process is not None:  # its thread finds it crashed
             process.kill()
 
     def end(self) -> None:
-        """Kill it; a scene that it was making is lost."""
+        """Kill the child; a scene that it was making is lost."""
         process, self._process = self._process, None
         if process is not None:
             process.kill()
@@ -200,76 +215,11 @@ class Child:
             self._words = None
 
 
-def _read(stream: IO[str] | None, answers: queue.Queue[str | None]) -> None:
-    try:
-        for line in stream or ():
+def _read(stream: IO[str], answers: queue.Queue[str | None]) -> None:
+    with contextlib.suppress(OSError, ValueError):  # closed under us
+        for line in stream:
             answers.put(line)
-    except (OSError, ValueError):  # closed under us
-        pass
     answers.put(None)
-
-
-TRIES = 2  # the second in a fresh process
-
-
-class Worker:
-    """One Blender and what it has been through."""
-
-    def __init__(self) -> None:
-        self.child = Child()
-        self.renewed = 0
-        self._stopped = False
-
-    def make(self, job: dict[str, Any]) -> dict[str, Any]:
-        """Make the scene of a job. ``result`` is done, failed, disk or stopped; ``why`` says what was
-        wrong."""
-        root, recipe, running = Path(job["root"]), job["recipe"], Running(**job["running"])
-        number, threads = int(recipe["number"]), int(job["threads"])
-        if threads != self.child.threads:
-            self.end()
-            self.child = Child(threads)
-        there = disk.read_scene(root / disk.SCENES / disk.scene_name(number))
-        if there is not None and there.record.get("settings") == recipe["digest"]:
-            return {"result": "done", "scene": number}
-        outcome = SceneOutcome("fault")
-        for _ in range(TRIES):
-            outcome = self.child.make(root, recipe, running.timeout, float(job["memory"]))
-            if outcome.kind in ("done", "disk") or self._stopped:
-                break
-            self._renew()
-        told = {"result": outcome.kind, "scene": number, "why": outcome.why}
-        if outcome.kind == "disk":
-            return told
-        if self._stopped and outcome.kind != "done":
-            return told | {"result": "stopped"}
-        status = {
-            "status": "done" if outcome.kind == "done" else "failed",
-            "settings": recipe["digest"],
-        }
-        status |= {"kind": outcome.kind, "why": outcome.why} if outcome.kind != "done" else {}
-        status |= {"seconds": outcome.wall, "cpu": outcome.seconds, "memory": outcome.memory}
-        try:
-            disk.write_status(root, number, status)
-        except OSError as problem:
-            return {"result": "disk", "scene": number, "why": str(problem)}
-        grown = outcome.memory - self.child.first_memory > running.renew_grown_gb * 1e9
-        if outcome.kind == "done" and (grown or self.child.scenes >= running.renew_after):
-            self._renew()
-        told["result"] = status["status"]
-        return told | {"seconds": outcome.wall, "cpu": sum(outcome.seconds.values())}
-
-    def stop(self) -> None:
-        """Have the thread that is in ``make`` come back soon; the scene that it is at is lost."""
-        self._stopped = True
-        self.child.kill()
-
-    def end(self) -> None:
-        """End its Blender."""
-        self.child.end()
-
-    def _renew(self) -> None:
-        self.end()
-        self.renewed += 1
 
 
 def job_of(
@@ -342,50 +292,36 @@ def make_all(jobs: Sequence[dict[str, Any]], cluster: Cluster, report: Report) -
 
 def _make_here(jobs: Sequence[dict[str, Any]], workers: int, report: Report) -> None:
     """Have jobs done by workers of this process, a thread each, which wait for their children."""
-    left = deque(jobs)
-    ended: queue.SimpleQueue[dict[str, Any] | Exception] = queue.SimpleQueue()
+    idle: queue.SimpleQueue[Worker] = queue.SimpleQueue()
     every = [Worker() for _ in range(workers)]
-    threads = [
-        threading.Thread(target=_work_off, args=(worker, left, ended), daemon=True)
-        for worker in every
-    ]
+    for worker in every:
+        idle.put(worker)
+
+    def make(job: dict[str, Any]) -> dict[str, Any]:
+        worker = idle.get()
+        try:
+            return worker.make(job)
+        finally:
+            idle.put(worker)
+
+    pool = ThreadPoolExecutor(workers)
+    results = [pool.submit(make, job) for job in jobs]
     try:
-        for thread in threads:
-            thread.start()
-        for _ in jobs:
-            result = ended.get()
-            if isinstance(result, Exception):
-                raise result
-            _take(result, report)
+        for result in as_completed(results):
+            _take(result.result(), report)
     except BaseException:  # also Ctrl-C: no scene is waited for
-        left.clear()
-        while any(thread.is_alive() for thread in threads):
-            for worker, thread in zip(every, threads, strict=True):
+        pool.shutdown(wait=False, cancel_futures=True)
+        while not all(result.done() for result in results):
+            for worker in every:
                 worker.stop()
-                thread.join(STOPS_IN)
+            time.sleep(STOPS_IN)
         for root in {job["root"] for job in jobs}:
             disk.clean(Path(root))  # of scenes that were being made
         raise
     finally:
+        pool.shutdown()
         for worker in every:
             worker.end()
-
-
-def _work_off(
-    worker: Worker,
-    left: deque[dict[str, Any]],
-    ended: queue.SimpleQueue[dict[str, Any] | Exception],
-) -> None:
-    """Have a worker do jobs until none are left."""
-    try:
-        while True:
-            try:
-                job = left.popleft()
-            except IndexError:
-                return
-            ended.put(worker.make(job))
-    except Exception as problem:  # raised where it is waited for
-        ended.put(problem)
 
 
 def _take(result: dict[str, Any], report: Report) -> None:
