@@ -183,7 +183,7 @@ with the same command and --resume, to the same bytes."""
         ------
         SpecError : words that do not go with it, or a cloud that cannot be used.
         """
-        from .lidar_like import write_like
+        from ..surveys import write_like
 
         words = ("blend", "survey", "at", "along", "azimuth", "set", "resume", "chunk", "format")
         for word in words:
@@ -201,7 +201,7 @@ with the same command and --resume, to the same bytes."""
         ------
         SpecError : words that do not go with a survey, or a survey that cannot be used.
         """
-        from .lidar_survey import ScanChoice, scan_survey
+        from ..surveys import ScanChoice, scan_survey
 
         words = ("blend", "scanner", "at", "along", "azimuth", "set", "resume", "chunk")
         for word in words:
