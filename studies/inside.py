@@ -21,8 +21,6 @@ INSIDE = {
     "scattered_fields": "forest_addon.acoustics.multiple:scattered_fields",
     "DelayedSum": "forest_addon.acoustics.nonuniform:DelayedSum",
     "sum_delayed": "forest_addon.acoustics.nonuniform:sum_delayed",
-    "forget": "forest_addon.acoustics.smoothness:forget",
-    "smoothness": "forest_addon.acoustics.smoothness:smoothness",
     "ASSETS": "forest_addon.base.places:ASSETS",
     "environment_of_child": "forest_addon.base.places:environment_of_child",
     "version": "forest_addon.base.places:version",

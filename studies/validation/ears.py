@@ -17,7 +17,6 @@ from scipy.signal import stft
 from scipy.spatial.transform import Rotation
 
 from forest_addon.api import Forest, Planting, Scene, Wind
-from studies.validation.run import Comparison, Interval
 
 from ..inside import (
     ForestSite,
@@ -30,6 +29,7 @@ from ..inside import (
     stream,
     sway_of,
 )
+from .run import Comparison, Interval
 
 MOTIONS = {"inwards": (1, 0), "outwards": (-1, 0), "upwards": (0, 1), "downwards": (0, -1)}
 ASIDE, ABOVE = 25.0, 15.0  # degrees to which the ear points in the middle of its turn

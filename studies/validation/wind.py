@@ -13,8 +13,6 @@ import numpy as np
 from scipy.signal import butter, filtfilt, welch
 
 from forest_addon.api import Forest, Planting, Scene, SpecError, Wind
-from studies.validation.ears import of_ears
-from studies.validation.run import Comparison, Interval, Picture
 
 from ..inside import (
     BARK,
@@ -49,6 +47,8 @@ from ..inside import (
     wood_of_species,
 )
 from ..inside import measures_drawn as drawn
+from .ears import of_ears
+from .run import Comparison, Interval, Picture
 
 CONIFER_PRESETS = {"Picea": "norway-spruce", "Abies": "silver-fir", "Pseudotsuga": "douglas-fir"}
 BROADLEAF_PRESETS = {
