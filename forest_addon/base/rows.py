@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import fields
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -17,7 +18,7 @@ class RowTable:
     def select(self, rows: np.ndarray | slice) -> Self:
         """Some rows of every column, by number, mask or slice."""
         kept = {}
-        for name in self.__dataclass_fields__:
+        for name in (column.name for column in fields(self)):
             value = getattr(self, name)
             if isinstance(value, np.ndarray):
                 if isinstance(rows, np.ndarray) and rows.dtype != bool:
@@ -35,7 +36,7 @@ class RowTable:
         if len(parts) == 1:
             return parts[0]
         columns = {}
-        for name in cls.__dataclass_fields__:
+        for name in (column.name for column in fields(cls)):
             value = getattr(parts[0], name)
             if isinstance(value, np.ndarray):
                 value = np.concatenate([getattr(part, name) for part in parts])
