@@ -151,7 +151,7 @@ def fly_scene(
     from forest_addon.flight.senses import lidar_of
     from forest_addon.flight.woods import Stock
 
-    from ...report.flights import draw_flights
+    from ..report.flights import draw_flights
 
     with hushed():
         empty_file()

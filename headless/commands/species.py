@@ -106,7 +106,7 @@ def show_species(
     if not can_draw():
         asked = "--sheet" if sheet else "--pictures"
         raise SpecError(asked, without("cannot be drawn here"))
-    from ...report.trees import draw_pictures, draw_sheet
+    from ..report.trees import draw_pictures, draw_sheet
 
     if sheet:
         draw_sheet(grown, sheet, pixels)

@@ -83,7 +83,7 @@ def sample_stand(scene: Path, out: Path, seed: int | None = None, say: Say = pri
     write_note(out.with_name(f"{out.stem}-{FILE}"), settings.offset, settings.crs)
     if not can_draw():
         say(without("The map is plain"))
-    from ...report.page import draw_stand
+    from ..report.page import draw_stand
 
     picture = draw_stand(stand, names, settings, site.inputs, out.with_suffix(".png"))
     say(f"\nSampled in {took:.2f} s. Wrote {out} and {picture}")

@@ -152,7 +152,7 @@ def make_template(
     _tell_how(made, bool(brought.up), say)
     written = f"{made.species}, its STL files"
     if can_draw():
-        from ...report.trees import draw_recognised
+        from ..report.trees import draw_recognised
 
         draw_recognised(made.found, made.unit.metres, name, out / "recognised.png")
         written += ", recognised.png"
@@ -171,7 +171,7 @@ def _drawn(problem: NotUnderstoodError, name: str, out: Path) -> str:
     """Draw what was not understood, and say where the picture is."""
     if not can_draw():
         return problem.problem
-    from ...report.trees import draw_problem
+    from ..report.trees import draw_problem
 
     out.mkdir(parents=True, exist_ok=True)
     picture = draw_problem(problem.facets, problem.places, name, out / "recognised.png")
@@ -258,7 +258,7 @@ def _show_siblings(made: Library, sensed: int, path: Path, say: Say) -> None:
     with hushed():
         found = add_sensors(verdict.likeness, itself, (sibling(k) for k in range(sensed)))
         if can_draw():
-            from ...report.trees import render_three
+            from ..report.trees import render_three
 
             shown = [sibling(number) for number in range(SHOWN)]
             render_three(made.found, made.unit.metres, itself, shown, species.look, path)
