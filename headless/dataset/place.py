@@ -1,4 +1,7 @@
-"""Where sensors of a scene stand, fly or listen, by a rule; and its random ground.
+"""Placing of a scene's sensors by the rules of its plan, off trunks and above the ground; a random ground.
+
+Trunks are where the stand has its trees, before any is grown. A place that is too near to one is drawn
+again; where there is no room, the one of many that is farthest from trunks is taken.
 
 The ground is a sum of smooth waves in all directions, each octave half as long and somewhat lower.
 """
