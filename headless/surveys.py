@@ -20,8 +20,7 @@ from forest_addon.base.trimesh import GROUND, LEAF, OTHER, TriMesh
 from forest_addon.formats.helios.legs import Leg
 from forest_addon.formats.helios.survey import Survey, read_survey
 from forest_addon.formats.las import read_las
-from forest_addon.formats.scanner_file import read_scanner
-from forest_addon.formats.toml_file import structure, write_settings
+from forest_addon.formats.toml_file import read_scanner, structure, write_settings
 from forest_addon.results.coordinates import NO_OFFSET, Offset
 from forest_addon.results.scan_file import write_scan
 from forest_addon.sensing.lidar.cloud import Cloud

@@ -90,8 +90,7 @@ def look_up_in(
     import numpy as np
 
     from forest_addon.api import Site
-    from forest_addon.formats.npz import write_npz
-    from forest_addon.formats.table import write_csv
+    from forest_addon.formats.table import write_csv, write_npz
 
     settings = read_scene(scene, seed)
     folder = scene.resolve().parent

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
     from forest_addon.formats.tree_map import TreeMap
     from forest_addon.stand.inputs import Inputs
-    from forest_addon.stand.process import Process
+    from forest_addon.stand.poisson import Process
     from forest_addon.stand.statistics.choose import ChosenLaw, MappedSpecies
     from forest_addon.stand.statistics.goodness import Estimate, Goodness
     from forest_addon.stand.statistics.window import Window
@@ -374,7 +374,7 @@ def _scene_text(scene: Scene, source: str, method: str, positions: np.ndarray) -
     import numpy as np
     from scipy.spatial import cKDTree
 
-    from forest_addon.formats.toml_text import VERSION_KEY
+    from forest_addon.formats.toml_file import VERSION_KEY
 
     field = scene.forest
     places = np.unique(positions, axis=0)

@@ -241,8 +241,7 @@ def _offset(chosen: argparse.Namespace) -> Offset:
 def list_scanners() -> None:
     """Print every preset: platforms, range, divergence, rate."""
 
-    from forest_addon.formats.scanner_file import read_scanner, scanner_names
-    from forest_addon.formats.toml_file import structure
+    from forest_addon.formats.toml_file import read_scanner, scanner_names, structure
 
     print(f"{'scanner':<20}{'instrument':<34}{'on':<22}{'range, m':>10}{'mrad':>12}{'kHz':>7}")
     for name in scanner_names():
@@ -270,8 +269,7 @@ def sensor_of(
     SpecError : what is missing or cannot be used.
     """
 
-    from forest_addon.formats.scanner_file import merged, read_scanner
-    from forest_addon.formats.toml_file import structure
+    from forest_addon.formats.toml_file import merged, read_scanner, structure
 
     if not scanner:
         raise SpecError("--scanner", "is missing; --list prints the scanners")
@@ -297,7 +295,7 @@ def sensor_of(
 def _kind(scanner: str, at: str | None, along: str | None, tables: Mapping[str, Any]) -> str:
     """The platform: what it follows makes it mobile, a place a tripod or an aircraft."""
 
-    from forest_addon.formats.scanner_file import PLATFORMS, read_scanner, scanner_names
+    from forest_addon.formats.toml_file import PLATFORMS, read_scanner, scanner_names
 
     if along:
         able: tuple[str, ...] = ("mobile",)
@@ -335,7 +333,7 @@ def numbers(option: str, text: str, count: int) -> tuple[float, ...]:
 
 
 def _setting(word: str) -> dict[str, Any]:
-    from forest_addon.formats.toml_text import parse_tables
+    from forest_addon.formats.toml_file import parse_tables
 
     key, equals, value = word.partition("=")
     lines = (f"{key} = {value}", f'{key} = "{value}"')  # a text needs no quotes here

@@ -58,7 +58,7 @@ def sample_stand(scene: Path, out: Path, seed: int | None = None, say: Say = pri
     """
 
     from forest_addon.results.coordinates import FILE, note_of, write_note
-    from forest_addon.results.stand_table import write_stand
+    from forest_addon.results.tables import write_stand
     from forest_addon.site import ForestSite, check_species
     from forest_addon.stand.files import read_inputs
     from forest_addon.stand.plan import labels

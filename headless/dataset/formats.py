@@ -35,8 +35,8 @@ import numpy as np
 
 from forest_addon.formats.atomic import replacing
 from forest_addon.formats.las import read_las
-from forest_addon.formats.png import read_png
-from forest_addon.formats.toml_text import read_tables
+from forest_addon.formats.raster_file import read_png
+from forest_addon.formats.toml_file import read_tables
 from forest_addon.spec import SpecError, unknown
 
 from .disk import SCENES, Done, scenes_done

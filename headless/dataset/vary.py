@@ -22,7 +22,7 @@ import numpy as np
 from scipy.special import ndtr, ndtri
 
 from forest_addon.base.rng import stream
-from forest_addon.formats.scanner_file import PLATFORMS, read_scanner, scanner_names
+from forest_addon.formats.toml_file import PLATFORMS, read_scanner, scanner_names
 from forest_addon.spec import SpecError, did_you_mean, unknown
 
 from .settings import Head, Mix
