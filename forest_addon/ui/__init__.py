@@ -54,8 +54,20 @@ def _steps() -> Iterator[Step]:
         pointer = bpy.props.PointerProperty(type=group)
         yield partial(setattr, owner, name, pointer), partial(delattr, owner, name)
     for room in _rooms():
+        of_windows = () if bpy.app.background else getattr(room, "WINDOW_HANDLERS", ())
+        for name, handler in (*getattr(room, "HANDLERS", ()), *of_windows):
+            handlers = getattr(bpy.app.handlers, name)
+            yield partial(handlers.append, handler), partial(_drop, handlers, handler)
+        for name, draw in getattr(room, "MENUS", ()):
+            menu = getattr(bpy.types, name)
+            yield partial(menu.append, draw), partial(menu.remove, draw)
         if hasattr(room, "unregister"):  # some only have something to take back
             yield getattr(room, "register", lambda: None), room.unregister
+
+
+def _drop(handlers: list, handler: Callable[..., object]) -> None:
+    if handler in handlers:
+        handlers.remove(handler)
 
 
 def _classes() -> tuple[type, ...]:
@@ -63,7 +75,11 @@ def _classes() -> tuple[type, ...]:
 
 
 def _rooms() -> tuple[ModuleType, ...]:
-    """Return what has classes, menus or handlers; panels in the order in which they stand."""
+    """Return what has classes, menus or handlers; panels in the order in which they stand.
+
+    ``CLASSES`` are registered, ``HANDLERS`` appended to the lists of bpy.app.handlers that they name
+    (``WINDOW_HANDLERS`` not in the background), ``MENUS`` to Blender's menus; ``register`` and ``unregister`` do the rest.
+    """
     from . import overlay, properties
     from .forest import (
         build,

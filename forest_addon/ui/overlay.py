@@ -59,25 +59,18 @@ CLASSES = (FOREST_PT_view,)
 
 
 def register() -> None:
-    """Draw from now on, and hear of changes."""
+    """Draw from now on, where there is a view to draw over."""
     global _handle
-    if bpy.app.background:  # there is no view to draw over
-        return
-    _handle = bpy.types.SpaceView3D.draw_handler_add(_draw, (), "WINDOW", "POST_VIEW")
-    for handlers in _handlers():
-        handlers.append(_forget)
+    if not bpy.app.background:
+        _handle = bpy.types.SpaceView3D.draw_handler_add(_draw, (), "WINDOW", "POST_VIEW")
 
 
 def unregister() -> None:
     """Take everything back."""
     global _handle
-    if _handle is None:
-        return
-    bpy.types.SpaceView3D.draw_handler_remove(_handle, "WINDOW")
-    _handle = None
-    for handlers in _handlers():
-        if _forget in handlers:
-            handlers.remove(_forget)
+    if _handle is not None:
+        bpy.types.SpaceView3D.draw_handler_remove(_handle, "WINDOW")
+        _handle = None
     forget(DRAWINGS)
 
 
@@ -100,20 +93,15 @@ def forget(drawings: Iterable[Drawing], depsgraph: bpy.types.Depsgraph | None = 
         drawing.forget(depsgraph)
 
 
-def _handlers() -> tuple[list, ...]:
-    handlers = bpy.app.handlers
-    return (
-        handlers.depsgraph_update_post,
-        handlers.frame_change_post,
-        handlers.undo_post,
-        handlers.redo_post,
-        handlers.load_post,
-    )
-
-
 @bpy.app.handlers.persistent
 def _forget(_scene: object = None, depsgraph: bpy.types.Depsgraph | None = None) -> None:
     forget(DRAWINGS, depsgraph)
+
+
+WINDOW_HANDLERS = tuple(
+    (f"{name}_post", _forget)
+    for name in ("depsgraph_update", "frame_change", "undo", "redo", "load")
+)
 
 
 def _draw() -> None:

@@ -71,18 +71,6 @@ class FOREST_OT_plant_dropped(bpy.types.Operator):
         return {"FINISHED"}
 
 
-def register() -> None:
-    """Hear of what is dropped, where there is a window."""
-    if not bpy.app.background:
-        bpy.app.handlers.depsgraph_update_post.append(hear)
-
-
-def unregister() -> None:
-    """Hear no longer."""
-    if hear in bpy.app.handlers.depsgraph_update_post:
-        bpy.app.handlers.depsgraph_update_post.remove(hear)
-
-
 @bpy.app.handlers.persistent
 def hear(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     """Have a tree planted if it is what Blender did last."""
@@ -154,3 +142,4 @@ def _stand_below(context: bpy.types.Context, thing: bpy.types.Object) -> None:
 
 
 CLASSES = (FOREST_OT_plant_dropped,)
+WINDOW_HANDLERS = (("depsgraph_update_post", hear),)

@@ -130,10 +130,6 @@ def icon_of(preset: str) -> int:
 CLASSES = (FOREST_OT_gallery,)
 
 
-def register() -> None:
-    """Pictures are loaded when they are first drawn."""
-
-
 def unregister() -> None:
     """Free the pictures."""
     global _pictures

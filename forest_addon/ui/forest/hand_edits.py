@@ -263,16 +263,7 @@ def draw_menu(menu: Any, context: bpy.types.Context) -> None:
         menu.layout.operator("forest.adopt_trees")
 
 
-def register() -> None:
-    """Add to Blender's own menu."""
-    bpy.types.VIEW3D_MT_object_context_menu.append(draw_menu)
-
-
-def unregister() -> None:
-    """Take it back."""
-    bpy.types.VIEW3D_MT_object_context_menu.remove(draw_menu)
-
-
+MENUS = (("VIEW3D_MT_object_context_menu", draw_menu),)
 CLASSES = (
     FOREST_OT_lock_trees,
     FOREST_OT_swap_trees,

@@ -54,19 +54,8 @@ class FOREST_OT_live(bpy.types.Operator):
         return {"FINISHED"}
 
 
-def register() -> None:
-    """Hear of changes, where there is a window."""
-    if bpy.app.background:
-        return
-    for handlers, hear in _handlers():
-        handlers.append(hear)
-
-
 def unregister() -> None:
     """Take everything back."""
-    for handlers, hear in _handlers():
-        if hear in handlers:
-            handlers.remove(hear)
     if bpy.app.timers.is_registered(_settle):
         bpy.app.timers.unregister(_settle)
     for known in (_now, _let_be, _digests, _brought):
@@ -174,13 +163,6 @@ def _digest(*arrays: np.ndarray | None) -> str:
 # ---------------------------------------------------------------------------------- what is reported
 
 
-def _handlers() -> tuple[tuple[list, Any], ...]:
-    handlers = bpy.app.handlers
-    changes = (handlers.depsgraph_update_post, handlers.frame_change_post)
-    brought = (handlers.undo_post, handlers.redo_post, handlers.load_post)
-    return (*((h, _hear) for h in changes), *((h, _hear_brought) for h in brought))
-
-
 @bpy.app.handlers.persistent
 def _hear(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     """Something has changed."""
@@ -263,3 +245,7 @@ def _attend(window: bpy.types.Window) -> bool:
 
 
 CLASSES = (FOREST_OT_live,)
+WINDOW_HANDLERS = (
+    *((name, _hear) for name in ("depsgraph_update_post", "frame_change_post")),
+    *((name, _hear_brought) for name in ("undo_post", "redo_post", "load_post")),
+)

@@ -108,19 +108,7 @@ def draw_in_menu(menu: bpy.types.Menu, _context: bpy.types.Context) -> None:
 
 
 CLASSES = (FOREST_OT_new, FOREST_OT_furnish, FOREST_MT_new)
-
-
-def register() -> None:
-    """Add the entry to Blender's menu and hear of new files."""
-    bpy.types.TOPBAR_MT_file_new.append(draw_in_menu)
-    bpy.app.handlers.load_post.append(_furnish_awaited)
-
-
-def unregister() -> None:
-    """Take both back."""
-    bpy.types.TOPBAR_MT_file_new.remove(draw_in_menu)
-    if _furnish_awaited in bpy.app.handlers.load_post:
-        bpy.app.handlers.load_post.remove(_furnish_awaited)
+MENUS = (("TOPBAR_MT_file_new", draw_in_menu),)
 
 
 @bpy.app.handlers.persistent
@@ -147,3 +135,6 @@ def _furnish_soon(preset: str) -> None:
         return None
 
     bpy.app.timers.register(furnish)
+
+
+HANDLERS = (("load_post", _furnish_awaited),)

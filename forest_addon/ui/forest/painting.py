@@ -26,17 +26,6 @@ PAINTING = "PAINT_WEIGHT"
 _in_hand = ""  # the canvas that is being painted
 
 
-def register() -> None:
-    """Hear when a mode is left."""
-    bpy.app.handlers.depsgraph_update_post.append(_put_away)
-
-
-def unregister() -> None:
-    """Take the handler back."""
-    if _put_away in bpy.app.handlers.depsgraph_update_post:
-        bpy.app.handlers.depsgraph_update_post.remove(_put_away)
-
-
 @bpy.app.handlers.persistent
 def _put_away(*_: object) -> None:
     """Put the canvas away when it is no longer painted."""
@@ -135,3 +124,4 @@ def _layer_name(planting: Any, thing: bpy.types.Object) -> str:
 
 
 CLASSES = (FOREST_OT_paint,)
+HANDLERS = (("depsgraph_update_post", _put_away),)

@@ -175,13 +175,4 @@ def draw_in_menu(menu: bpy.types.Menu, _context: bpy.types.Context) -> None:
 
 
 CLASSES = (FOREST_OT_start, FOREST_MT_more, FOREST_MT_more_new, FOREST_MT_start)
-
-
-def register() -> None:
-    """Add the entry to Blender's menu."""
-    bpy.types.VIEW3D_MT_add.append(draw_in_menu)
-
-
-def unregister() -> None:
-    """Take it back."""
-    bpy.types.VIEW3D_MT_add.remove(draw_in_menu)
+MENUS = (("VIEW3D_MT_add", draw_in_menu),)

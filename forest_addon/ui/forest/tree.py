@@ -232,13 +232,14 @@ def draw_in_menu(menu: bpy.types.Menu, _context: bpy.types.Context) -> None:
 CLASSES = (FOREST_PG_grown, FOREST_OT_add_tree, FOREST_OT_grow_again, FOREST_PT_grown)
 
 
+MENUS = (("VIEW3D_MT_mesh_add", draw_in_menu),)
+
+
 def register() -> None:
-    """Add the entry to Blender's menu, and the settings to meshes."""
+    """Give meshes the settings."""
     bpy.types.Mesh.forest_grown = bpy.props.PointerProperty(type=FOREST_PG_grown)
-    bpy.types.VIEW3D_MT_mesh_add.append(draw_in_menu)
 
 
 def unregister() -> None:
-    """Take both back."""
+    """Take them back."""
     del bpy.types.Mesh.forest_grown
-    bpy.types.VIEW3D_MT_mesh_add.remove(draw_in_menu)

@@ -108,18 +108,10 @@ def show_frame(scene: bpy.types.Scene) -> None:
             _say(result, each.said)
 
 
-def register() -> None:
-    """Hear of frames, before Blender evaluates them."""
-    bpy.app.handlers.frame_change_pre.append(_to_frame)
-
-
-def unregister() -> None:
-    """Take the handler back."""
-    if _to_frame in bpy.app.handlers.frame_change_pre:
-        bpy.app.handlers.frame_change_pre.remove(_to_frame)
-
-
 @bpy.app.handlers.persistent
 def _to_frame(scene: bpy.types.Scene, _depsgraph: object = None) -> None:
     if scene.is_editable:
         show_frame(scene)
+
+
+HANDLERS = (("frame_change_pre", _to_frame),)

@@ -43,15 +43,8 @@ def _rename(scene: bpy.types.Scene, result: Any, name: str) -> None:
         result.shown = shown.name
 
 
-def register() -> None:
-    """Hear of names."""
-    bpy.app.handlers.depsgraph_update_post.append(_look)
-
-
 def unregister() -> None:
-    """Take the handler back."""
-    if _look in bpy.app.handlers.depsgraph_update_post:
-        bpy.app.handlers.depsgraph_update_post.remove(_look)
+    """Forget the sensors."""
     _sensor_of.clear()
 
 
@@ -59,3 +52,6 @@ def unregister() -> None:
 def _look(scene: bpy.types.Scene, _depsgraph: object) -> None:
     if scene.is_editable and len(scene.forest_sensing.results):
         follow_names(scene)
+
+
+HANDLERS = (("depsgraph_update_post", _look),)

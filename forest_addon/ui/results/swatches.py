@@ -48,10 +48,6 @@ def unregister() -> None:
         _swatches = None
 
 
-def register() -> None:
-    """Icons are made when they are first drawn."""
-
-
 def pixels_of(colour: tuple[float, float, float]) -> np.ndarray:
     """(SIDE, SIDE, 4) a square of a colour, as the screen has it, rimmed, so that it is seen on any theme."""
     pixels = np.zeros((SIDE, SIDE, 4), np.float32)

@@ -176,13 +176,4 @@ CLASSES = (
     FOREST_OT_adopt_sensor,
     FOREST_MT_sensors,
 )
-
-
-def register() -> None:
-    """Add the entry to Blender's menu."""
-    bpy.types.VIEW3D_MT_add.append(draw_in_menu)
-
-
-def unregister() -> None:
-    """Take it back."""
-    bpy.types.VIEW3D_MT_add.remove(draw_in_menu)
+MENUS = (("VIEW3D_MT_add", draw_in_menu),)

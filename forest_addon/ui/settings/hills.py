@@ -27,24 +27,6 @@ _following = False  # handles are setting hills, which must not move handles
 _active = ""  # the handle that was the active object when last looked
 
 
-def register() -> None:
-    """Hear of what is moved, deleted and copied."""
-    for handlers in _handlers():
-        handlers.append(follow)
-
-
-def unregister() -> None:
-    """Take the handlers back."""
-    for handlers in _handlers():
-        if follow in handlers:
-            handlers.remove(follow)
-
-
-def _handlers() -> tuple[list, ...]:
-    handlers = bpy.app.handlers
-    return handlers.depsgraph_update_post, handlers.frame_change_post
-
-
 def renew(scene: bpy.types.Scene) -> None:
     """Remove the handles of hills that are gone, and make those that are missing."""
     props = scene.forest_sensing
@@ -105,6 +87,9 @@ def follow(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
         _choose_active(props, layer.objects.active)
     finally:
         _following = False
+
+
+HANDLERS = (("depsgraph_update_post", follow), ("frame_change_post", follow))
 
 
 def _hills(props: Any) -> Iterator[tuple[Any, int, Any]]:

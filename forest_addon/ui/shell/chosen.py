@@ -79,17 +79,6 @@ def choose_number(props: Any, number: int) -> None:
         choose_sensor(bpy.context, thing)
 
 
-def register() -> None:
-    """Hear of what becomes the active object."""
-    bpy.app.handlers.depsgraph_update_post.append(_remember)
-
-
-def unregister() -> None:
-    """Take the handler back."""
-    if _remember in bpy.app.handlers.depsgraph_update_post:
-        bpy.app.handlers.depsgraph_update_post.remove(_remember)
-
-
 @bpy.app.handlers.persistent
 def _remember(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     """The active sensor stays the chosen one when something else becomes active."""
@@ -99,3 +88,6 @@ def _remember(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     props = scene.forest_sensing
     if props.last_sensor != active and active in sensors.sensors_of(scene):
         props.last_sensor = active
+
+
+HANDLERS = (("depsgraph_update_post", _remember),)

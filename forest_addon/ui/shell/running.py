@@ -227,32 +227,22 @@ def _what_is_gone(problem: ReferenceError) -> str:
     return keep("Something of the scene was removed or undone meanwhile; run it again")
 
 
-def register() -> None:
-    """Undo and loading a file replace Blender's data: a job must not go on over it."""
-    for handlers in _handlers():
-        handlers.append(_stop_before)
-
-
 def unregister() -> None:
-    """Take the handlers back and stop what runs."""
+    """Stop what runs."""
     if current() is not None:
         show_no_job(bpy.context)
     stop()
-    for handlers in _handlers():
-        if _stop_before in handlers:
-            handlers.remove(_stop_before)
-
-
-def _handlers() -> tuple[list, ...]:
-    handlers = bpy.app.handlers
-    return handlers.undo_pre, handlers.redo_pre, handlers.load_pre
 
 
 @bpy.app.handlers.persistent
 def _stop_before(*_: object) -> None:
+    """Undo and loading a file replace Blender's data: a job must not go on over it."""
     stop()
     if _current is not None:
         _current.kept.clear()  # undone or gone with the file
+
+
+HANDLERS = tuple((name, _stop_before) for name in ("undo_pre", "redo_pre", "load_pre"))
 
 
 def _outcome(job: Job) -> set[str]:
