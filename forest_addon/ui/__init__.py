@@ -16,9 +16,9 @@ Step = tuple[Callable[[], object], Callable[[], object]]
 
 def register() -> None:
     """Register every class, property, menu and handler; what fails takes back what came before it."""
-    from .shell import requirements
+    from .shell import running
 
-    requirements.missing.cache_clear()
+    running.missing.cache_clear()
     undone: list[Callable[[], object]] = []
     try:
         for do, undo in _steps():
@@ -71,64 +71,38 @@ def _drop(handlers: list, handler: Callable[..., object]) -> None:
 
 
 def _classes() -> tuple[type, ...]:
-    return tuple(cls for room in _rooms() for cls in getattr(room, "CLASSES", ()))
+    """Return the classes of Blender's kinds in every room: those that it made, then those in its text."""
+    found: list[type] = []
+    for room in _rooms():
+        found += getattr(room, "CLASSES", ())
+        for name, cls in vars(room).items():
+            if name.startswith("FOREST_") and cls.__module__ == room.__name__ and cls not in found:
+                found.append(cls)
+    return tuple(found)
 
 
 def _rooms() -> tuple[ModuleType, ...]:
     """Return what has classes, menus or handlers; panels in the order in which they stand.
 
-    ``CLASSES`` are registered, ``HANDLERS`` appended to the lists of bpy.app.handlers that they name
-    (``WINDOW_HANDLERS`` not in the background), ``MENUS`` to Blender's menus; ``register`` and ``unregister`` do the rest.
+    Classes FOREST_* and the made ones in ``CLASSES`` are registered, ``HANDLERS`` appended to the lists of
+    bpy.app.handlers that they name (``WINDOW_HANDLERS`` not in the background), ``MENUS`` to Blender's menus;
+    ``register`` and ``unregister`` do the rest.
     """
     from . import overlay, properties
-    from .forest import (
-        build,
-        by_hand,
-        dropped,
-        gallery,
-        hand_edits,
-        live,
-        new_file,
-        painting,
-        planting,
-        scene_file,
-        start,
-        tree,
-        wind_view,
-    )
-    from .forest import lists as forest_lists
+    from .forest import build, hand, painting, planting, scene_file, start, tree, wind
     from .forest import panels as forest_panels
-    from .results import export, frames, names, show, shown, swatches
+    from .results import buttons, keep
     from .results import panel as results_panel
-    from .sensors import add, flight, instruments, look_through, run, things
-    from .sensors import lists as sensors_lists
-    from .sensors import panels as sensors_panels
-    from .settings import command, hills, manual, migration, preferences, presets
-    from .shell import chosen, languages, pace, running
-    from .species import edit, import_stl, library, pictures
+    from .sensors import add, flight, look_through, run
+    from .sensors import panels as sensor_panels
+    from .settings import hills, migration, preferences, presets
+    from .shell import chosen, running, words
+    from .species import edit, import_stl
     from .species import panel as species_panel
 
     return (
-        *(properties, pictures, languages, pace, running, things, tree, gallery, start, new_file),
-        *(
-            sensors_lists,
-            forest_lists,
-            build,
-            scene_file,
-            add,
-            instruments,
-            run,
-            look_through,
-            show,
-            shown,
-            export,
-            frames,
-            names,
-            swatches,
-        ),
-        preferences,
-        presets,
-        *(forest_panels, by_hand, sensors_panels, flight, results_panel),
-        *(overlay, edit, import_stl, library, species_panel, wind_view),
-        *(chosen, hills, painting, hand_edits, dropped, planting, live, command, manual, migration),
+        *(properties, edit, words, running, tree, start, build, scene_file, add, run, look_through),
+        *(buttons, keep, preferences, presets),
+        *(forest_panels, sensor_panels, flight, results_panel, overlay, import_stl, species_panel),
+        *(wind, chosen, hills, painting, hand, planting, migration),
     )

@@ -21,12 +21,11 @@ from bpy.props import (
 )
 
 from .. import spec
-from .forest import display, live
+from .forest import build, wind
 from .settings import hills, references
-from .settings.fields import fields_of
-from .settings.groups import group_class, help_of, label_of, make_group, property_of
+from .settings.groups import fields_of, group_class, help_of, label_of, make_group, property_of
 from .shell.chosen import choose_number, number_of_sensor
-from .species import pictures
+from .species import edit
 
 # What follows when a setting changes, or an item of a list is chosen.
 WHEN_SET = {
@@ -171,7 +170,7 @@ def _renew_hills(props: Any, _context: Any) -> None:
 
 
 def _begin_live(props: Any, _context: Any) -> None:
-    live.begin(props.id_data)
+    build.begin_live(props.id_data)
 
 
 def _scene_group() -> type[bpy.types.PropertyGroup]:
@@ -210,10 +209,10 @@ def _scene_group() -> type[bpy.types.PropertyGroup]:
             "display": EnumProperty(
                 name="Display",
                 description="What views show of trees that are points; renders and sensors see full trees",
-                items=display.ITEMS,
+                items=wind.ITEMS,
                 options={"SKIP_SAVE"},
-                get=display.get_display,
-                set=display.set_display,
+                get=wind.get_display,
+                set=wind.set_display,
             ),
             "look_shows": EnumProperty(
                 name="Image Shows",
@@ -309,9 +308,9 @@ def _scene_group() -> type[bpy.types.PropertyGroup]:
             "species_picture": EnumProperty(
                 name="Species",
                 description="What the chosen planting plants",
-                items=lambda props, _: pictures.choices(props),
-                get=pictures.number_of,
-                set=pictures.choose,
+                items=lambda props, _: edit.choices(props),
+                get=edit.number_of,
+                set=edit.choose,
                 options={"SKIP_SAVE"},
             ),
             "results": CollectionProperty(type=FOREST_PG_result),

@@ -129,9 +129,9 @@ def scenario(steps: Steps) -> Scenario:
 
 
 def stale() -> bool:
-    from bl_ext.user_default.forest_sensing.forest_addon.ui.forest import live
+    from bl_ext.user_default.forest_sensing.forest_addon.ui.forest import build
 
-    return live.is_stale(bpy.context.scene)
+    return build.is_stale(bpy.context.scene)
 
 
 play(scenario, OUT)

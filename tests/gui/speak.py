@@ -4,7 +4,7 @@ The Blender that comes as a module speaks English only, so this is where transla
 """
 
 import bpy
-from bl_ext.user_default.forest_sensing.forest_addon.ui.shell import languages, words
+from bl_ext.user_default.forest_sensing.forest_addon.ui.shell import words
 
 import addon_utils  # isort: skip
 
@@ -44,7 +44,7 @@ def enable_anew() -> None:
 
 
 assert bpy.app.build_options.international, "this Blender speaks English only"
-file = languages.LANGUAGES / f"{LANGUAGE}.po"
+file = words.LANGUAGES / f"{LANGUAGE}.po"
 kept = words.keep("{density:,.0f} trees/ha", density=1234.4)
 file.write_text(CATALOG, encoding="utf-8")
 try:

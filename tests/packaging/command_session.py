@@ -21,7 +21,7 @@ MODULE = "bl_ext.user_default.forest_sensing"
 def main(scene: str, folder: str) -> None:
     out = Path(folder)
     bpy.ops.preferences.addon_enable(module=MODULE)
-    command = import_module(f"{MODULE}.forest_addon.ui.settings.command")
+    command = import_module(f"{MODULE}.forest_addon.ui.settings.preferences")
     seen = [state()]
     jobs = (
         ["run", scene, "--out", folder, "--quiet"],

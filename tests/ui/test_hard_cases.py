@@ -30,7 +30,7 @@ from forest_addon.results import plot as plots
 from forest_addon.ui.forest import build
 from forest_addon.ui.settings import exchange
 from forest_addon.ui.shell import running
-from forest_addon.ui.species import library
+from forest_addon.ui.species import edit
 
 ROOT = Path(__file__).resolve().parents[2]
 TWIG = """
@@ -170,7 +170,7 @@ def again(home, tmp_path, monkeypatch):
     """Opens the forest as it was, with copies of its files in a folder of the test's own."""
     folder = tmp_path / "files"
     monkeypatch.setattr(build, "DEMO", folder / "scene.toml")  # smaller than the real one
-    monkeypatch.setattr(library, "FIRST", ("abop-monopodial-a",))
+    monkeypatch.setattr(edit, "FIRST", ("abop-monopodial-a",))
     small_pictures(monkeypatch)
 
     def open_again():

@@ -7,13 +7,13 @@ bpy = pytest.importorskip("bpy")
 from forest_addon import spec
 from forest_addon.blender.read.inputs import read_painted
 from forest_addon.ui import properties
-from forest_addon.ui.settings import offers
+from forest_addon.ui.settings import references
 
 FREE = {"name", "crs", "source", "axiom", "engine"}  # texts that name nothing there is
 
 
 def offered(group, name, typed=""):
-    return offers.SEARCHES[name](group, bpy.context, typed)
+    return references.SEARCHES[name](group, bpy.context, typed)
 
 
 def plane(name):
@@ -33,10 +33,12 @@ def texts():
 
 
 def test_every_text_names_a_file_or_offers_something(props):
-    silent = {name for _, name, known in texts() if not known.file and name not in offers.SEARCHES}
+    silent = {
+        name for _, name, known in texts() if not known.file and name not in references.SEARCHES
+    }
     assert silent <= FREE
     for cls, name, param in texts():
-        if param.file and name not in offers.SEARCHES:
+        if param.file and name not in references.SEARCHES:
             known = {p.identifier: p for p in properties.GROUPS[cls].bl_rna.properties}
             assert known[name].subtype == "FILE_PATH", name
 

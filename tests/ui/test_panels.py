@@ -14,10 +14,10 @@ from forest_addon.blender.sensors import objects as sensors
 from forest_addon.sensing.kinds import KINDS
 from forest_addon.spec.depth import ADVANCED, APPLIES
 from forest_addon.ui import properties
-from forest_addon.ui.results.finding import OF_TREES
+from forest_addon.ui.results.keep import OF_TREES
 from forest_addon.ui.settings import exchange
-from forest_addon.ui.settings.fields import fields_of
-from forest_addon.ui.shell import requirements
+from forest_addon.ui.settings.groups import fields_of
+from forest_addon.ui.shell import running
 from forest_addon.ui.species.panel import SPREADS
 
 
@@ -225,7 +225,7 @@ def test_an_empty_list_says_so(small):
 
 
 def test_what_is_missing_is_said_with_what_to_do(props, monkeypatch):
-    monkeypatch.setattr(requirements, "missing", lambda: ("scipy",))
+    monkeypatch.setattr(running, "missing", lambda: ("scipy",))
     seen = drawn()
     assert "scipy is missing in this Blender" in seen
     assert any("Install from Disk" in text for text in seen)

@@ -109,8 +109,8 @@ importlib.util.find_spec = lambda name: None if name == "scipy" else find(name)
 import forest_addon
 atexit.register(forest_addon.unregister)
 forest_addon.register()
-from forest_addon.ui.shell import requirements
-print(requirements.missing())
+from forest_addon.ui.shell import running
+print(running.missing())
 try:
     bpy.ops.forest.build()
 except RuntimeError as problem:

@@ -24,7 +24,7 @@ from forest_addon.blender.sensors import objects as sensors
 from forest_addon.ui.forest import build
 from forest_addon.ui.sensors.run import FOREST_OT_run
 from forest_addon.ui.settings import exchange
-from forest_addon.ui.shell import requirements, running
+from forest_addon.ui.shell import running
 
 
 @pytest.mark.slow
@@ -39,7 +39,7 @@ def test_other_modes_are_refused_with_a_reason(built, name):
 
 @pytest.mark.parametrize("name", ["build", "run"])
 def test_a_missing_package_is_named(small, name, monkeypatch):
-    monkeypatch.setattr(requirements, "missing", lambda: ("scipy",))
+    monkeypatch.setattr(running, "missing", lambda: ("scipy",))
     with pytest.raises(RuntimeError, match="scipy is missing"):
         press(name)
 

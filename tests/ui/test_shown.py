@@ -9,7 +9,7 @@ bpy = pytest.importorskip("bpy")
 from forest_addon import spec
 from forest_addon.ui import properties
 from forest_addon.ui.settings import exchange
-from forest_addon.ui.settings.fields import fields_of
+from forest_addon.ui.settings.groups import fields_of
 
 
 def test_every_angle_of_a_panel_is_one_of_blenders(registered):

@@ -35,16 +35,7 @@ from .passage import Contacts, meet
 from .polish.bounces import DIRECT, PolishedScene, alike_bounces, follow
 from .polish.halo import Halo
 from .radiometry import detection_limit, intensity, reflectance_of, refuse_surplus
-from .receiver import (
-    arrives_awake,
-    awake,
-    chosen_returns,
-    false_echoes,
-    noisy_light,
-    ranks,
-    reading,
-    unambiguous_range,
-)
+from .receiver import arrives_awake, awake, chosen_returns, false_echoes, noisy_light, ranks, reading, unambiguous_range
 from .returns import cosines, label
 from .scanner import LiDAR, Pattern, Pulses, pattern_of
 from .waveform import LIGHT, find_echoes, pulse_length

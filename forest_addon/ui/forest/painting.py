@@ -7,16 +7,15 @@ Weight Paint mode, by the button or Blender's own ways, it is put away then.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import bpy
 
 from ... import spec
 from ...blender.scene.layout import INTENSITY, part
 from ..settings import exchange
-from ..shell.chosen import chosen_planting
-from ..shell.running import LINKED, PROBLEMS, in_words
-from ..shell.selection import select
+from ..shell.chosen import chosen_planting, select
+from ..shell.running import Button
 from ..shell.views import see_through
 from ..shell.words import say
 
@@ -41,39 +40,30 @@ def _put_away(*_: object) -> None:
         put_away(thing)
 
 
-class FOREST_OT_paint(bpy.types.Operator):
+class FOREST_OT_paint(Button, bpy.types.Operator):
     """Paint where this species stands, on the ground; press again when it is done"""
 
     bl_idname = "forest.paint"
     bl_label = "Paint"
-    bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO"}
 
     @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        reason = ""
+    def obstacle(cls, context: bpy.types.Context) -> str:
         if context.mode not in ("OBJECT", PAINTING):
-            reason = say("Leave this mode first: painting begins in Object Mode")
-        elif not context.scene.is_editable:
-            reason = say(LINKED)
-        elif chosen_planting(context.scene.forest_sensing) is None:
+            return say("Leave this mode first: painting begins in Object Mode")
+        reason = super().obstacle(context)
+        if not reason and chosen_planting(context.scene.forest_sensing) is None:
             reason = say("There is no planting yet. Add one to the list")
-        if reason:
-            cls.poll_message_set(reason)
-        return not reason
+        return reason
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def act(self, context: bpy.types.Context) -> str:
         from ...blender.show.canvas import layer_of, take_up
 
         global _in_hand
         if context.mode == PAINTING:
             bpy.ops.object.mode_set(mode="OBJECT")
             _put_away()
-            return {"FINISHED"}
-        try:
-            thing = self._canvas(context)
-        except PROBLEMS as problem:
-            self.report({"ERROR"}, in_words(problem))
-            return {"CANCELLED"}
+            return ""
+        thing = self._canvas(context)
         planting = chosen_planting(context.scene.forest_sensing)
         layer = layer_of(thing, _layer_name(planting, thing))
         planting.painted = f"{thing.name}:{layer.name}"
@@ -82,8 +72,7 @@ class FOREST_OT_paint(bpy.types.Operator):
         take_up(thing)
         _in_hand = thing.name
         see_through(True)
-        self.report({"INFO"}, "Paint where trees stand; Done ends it, Grow Forest plants them")
-        return {"FINISHED"}
+        return say("Paint where trees stand; Done ends it, Grow Forest plants them")
 
     def _canvas(self, context: bpy.types.Context) -> bpy.types.Object:
         """The scene's canvas, laid over the field as it is now."""
@@ -123,5 +112,4 @@ def _layer_name(planting: Any, thing: bpy.types.Object) -> str:
     return name
 
 
-CLASSES = (FOREST_OT_paint,)
 HANDLERS = (("depsgraph_update_post", _put_away),)

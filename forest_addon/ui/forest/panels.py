@@ -1,7 +1,8 @@
-"""The panel *Forest*: what grows, where it stands, on which ground."""
+"""The panel *Forest*: what grows, where it stands, on which ground, with the lists that it has."""
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any, ClassVar
 
 import bpy
@@ -17,20 +18,108 @@ from ..settings.drawing import (
     split,
 )
 from ..settings.exchange import forestless
-from ..settings.lists import draw_list
+from ..settings.lists import Listed, Row, buttons, draw_list, rows
 from ..settings.migration import draw_notice
 from ..settings.presets import draw_presets
-from ..shell import requirements
-from ..shell.chosen import chosen
-from ..shell.progress import draw_job
-from ..shell.running import current
-from ..shell.words import label
-from . import live
-from .display import draw_display
+from ..shell import running
+from ..shell.chosen import chosen, chosen_planting
+from ..shell.running import current, draw_job
+from ..shell.words import EDITED, keep, label, title_of
+from . import build
 from .painting import PAINTING
+from .planting import is_planting
+from .wind import draw_display
+
+Context = bpy.types.Context
 
 
-def _planting(context: bpy.types.Context) -> Any:
+def _props(context: Context) -> Any:
+    return context.scene.forest_sensing
+
+
+def _planting(context: Context) -> Any:
+    return chosen_planting(_props(context))
+
+
+def _middle(field: Any) -> list[float]:
+    return [o + s / 2 for o, s in zip(field.origin, field.size, strict=True)]
+
+
+NO_PLANTING = keep("There is no planting yet. Add one to the list")
+PLANTINGS = Listed("plantings", _props)
+HILLS = Listed("gaussians", _planting, NO_PLANTING)
+IMAGES = Listed("rasters", _planting, NO_PLANTING)
+DISTANCES = Listed("distances", lambda context: _props(context).forest)
+STEMS = Listed("stems", _props)
+
+
+def _planting_row(item: Any) -> Row:
+    edited = item.species.startswith(EDITED)
+    known = item.standing >= 0
+    count = item.standing if known else item.expected
+    number = label("1 tree") if count == 1 else label("{expected:g} trees", expected=count)
+    return Row(
+        title_of(item.species) or label("(no species)"),
+        "GREASEPENCIL" if edited else "OUTLINER_OB_CURVES",
+        number if known or item.use_expected else "",
+    )
+
+
+def _hill_row(item: Any) -> Row:
+    x, y = item.centre
+    return Row(f"{x:g}, {y:g} m", "MESH_CIRCLE", label("peak {height:.3g}", height=item.peak))
+
+
+def _stems_row(item: Any) -> Row:
+    return Row(label("{count:,} stems", count=item.count), "MESH_CYLINDER")
+
+
+def _image_row(item: Any) -> Row:
+    return Row(Path(item.file).name or label("(no file)"), "IMAGE_DATA", item.use)
+
+
+def _distance_row(item: Any) -> Row:
+    pair = f"{item.species or '?'}, {item.other or '?'}"
+    return Row(pair, "DRIVER_DISTANCE", f"{item.distance:g} m")
+
+
+def _start_planting(planting: Any, _context: Context) -> None:
+    planting.species = "maple"
+    planting.use_expected = True
+
+
+def _start_hill(hill: Any, context: Context) -> None:
+    field = _props(context).forest
+    hill.centre = _middle(field)
+    hill.width = [s / 4 for s in field.size]
+
+
+def _start_image(raster: Any, context: Context) -> None:
+    field = _props(context).forest
+    raster.size, raster.origin = field.size, field.origin  # when switched on
+
+
+def _start_distance(pair: Any, context: Context) -> None:
+    planting = _planting(context)
+    if planting is not None:
+        pair.species = pair.other = planting.species
+    pair.distance = _props(context).forest.spacing
+
+
+def _start_stems(stems: Any, _context: Context) -> None:
+    stems.count = 1000
+
+
+OF_PLANTING = "Plant one more species"
+OF_HILL = "Add a hill of the intensity function, in the middle of the field"
+OF_IMAGE = "Add an image to the intensity function"
+OF_DISTANCE = (
+    "Add a distance between trees of two species, at first of the chosen planting with itself"
+)
+OF_STEMS = "Add trees that are upright cylinders only: reverb hears them, nothing is grown"
+
+
+def _shown_planting(context: bpy.types.Context) -> Any:
     return chosen(context.scene.forest_sensing, "plantings")
 
 
@@ -46,7 +135,7 @@ class FOREST_PT_forest(Tab, bpy.types.Panel):
 
     def draw(self, context: bpy.types.Context) -> None:
         layout, props = self.layout, context.scene.forest_sensing
-        if requirements.missing():
+        if running.missing():
             _say_what_is_missing(layout)
         if props.notice:
             draw_notice(layout, props)
@@ -80,7 +169,7 @@ class FOREST_PT_plantings(WithForest, bpy.types.Panel):
         if not props.plantings:
             layout.label(text="No trees: add a planting", icon="INFO")
             return
-        column, planting = split(layout), _planting(context)
+        column, planting = split(layout), _shown_planting(context)
         if props.advanced:  # a species file that no folder of ours has
             draw_field(column, planting, "species")
         for name in ("variants", "layout", "expected", "density", "exact"):
@@ -105,7 +194,7 @@ class FOREST_PT_intensity(_OfPlanting, bpy.types.Panel):
     bl_options: ClassVar[set[str]] = set()
 
     def draw(self, context: bpy.types.Context) -> None:
-        layout, planting = self.layout, _planting(context)
+        layout, planting = self.layout, _shown_planting(context)
         layout.active = planting.layout in ("poisson", "clusters", "strauss")
         draw_list(layout, "FOREST_UL_gaussians", planting, "gaussians", "gaussian")
         if not planting.gaussians:
@@ -135,7 +224,7 @@ class FOREST_PT_limits(_OfPlanting, bpy.types.Panel):
     def draw(self, context: bpy.types.Context) -> None:
         column = split(self.layout)
         for name in ("slope_deg", "altitude", "polygon", "holes"):
-            draw_field(column, _planting(context), name)
+            draw_field(column, _shown_planting(context), name)
 
 
 class _OfLayout(_OfPlanting):
@@ -144,7 +233,7 @@ class _OfLayout(_OfPlanting):
     which: ClassVar[str]
 
     def draw(self, context: bpy.types.Context) -> None:
-        column, planting = split(self.layout), _planting(context)
+        column, planting = split(self.layout), _shown_planting(context)
         column.active = planting.layout == self.which
         draw_settings(column, getattr(planting, self.which))
 
@@ -168,7 +257,7 @@ class FOREST_PT_list(_OfPlanting, bpy.types.Panel):
     bl_label = "List of Trees"
 
     def draw(self, context: bpy.types.Context) -> None:
-        column, planting = split(self.layout), _planting(context)
+        column, planting = split(self.layout), _shown_planting(context)
         column.active = planting.layout == "list"
         for name in ("trees", "collection"):
             draw_field(column, planting, name)
@@ -178,10 +267,10 @@ class FOREST_PT_targets(_OfPlanting, bpy.types.Panel):
     bl_label = "Grown to Measure"
 
     def draw_header(self, context: bpy.types.Context) -> None:
-        self.layout.prop(_planting(context), "use_targets", text="")
+        self.layout.prop(_shown_planting(context), "use_targets", text="")
 
     def draw(self, context: bpy.types.Context) -> None:
-        column, planting = split(self.layout), _planting(context)
+        column, planting = split(self.layout), _shown_planting(context)
         column.active = planting.use_targets
         targets = planting.targets
         row = column.row(align=True, heading=targets.bl_rna.properties["dbh"].name)
@@ -259,7 +348,7 @@ def _draw_update(layout: bpy.types.UILayout, scene: bpy.types.Scene) -> None:
     if "forest" not in scene.forest_sensing.results:
         _build_or_progress(row, "OUTLINER_OB_CURVES", label("Grow Forest"))
     else:
-        star = " *" if live.is_stale(scene) else ""
+        star = " *" if build.is_stale(scene) else ""
         _build_or_progress(row, "FILE_REFRESH", label("Grow Forest") + star)
     beside = row.row(align=True)
     beside.scale_y = BIG
@@ -271,8 +360,8 @@ def _say_what_is_missing(layout: bpy.types.UILayout) -> None:
     box = layout.box()
     box.alert = True
     column = box.column(align=True)
-    column.label(text=requirements.in_words(requirements.missing()), icon="ERROR")
-    for line in requirements.WHAT_TO_DO:
+    column.label(text=running.packages_in_words(running.missing()), icon="ERROR")
+    for line in running.WHAT_TO_DO:
         column.label(text=line)
 
 
@@ -293,17 +382,81 @@ def _build_or_progress(layout: bpy.types.UILayout, icon: str, text: str) -> None
         row.operator("forest.build", text=text, icon=icon)
 
 
+HANDS = Listed("by_hand", _planting, NO_PLANTING)
+CLEARINGS = Listed("clearings", _planting, NO_PLANTING)
+OF_HAND = "Set a tree by hand at the 3D cursor"
+OF_CLEARING = "Keep a disc around the 3D cursor free of trees that are drawn"
+WIDE = 2.0  # metres, of a clearing that a button makes
+
+
+def _tree_row(tree: Any) -> Row:
+    x, y = tree.position
+    right = label("variant {number}", number=tree.variant) if tree.use_variant else ""
+    return Row(f"{x:.2f}, {y:.2f} m", "OUTLINER_OB_CURVES", right)
+
+
+def _clearing_row(disc: Any) -> Row:
+    x, y = disc.position
+    return Row(f"{x:.2f}, {y:.2f} m", "MESH_CIRCLE", f"{disc.radius:.3g} m")
+
+
+def _start_tree(tree: Any, context: bpy.types.Context) -> None:
+    tree.position = context.scene.cursor.location[:2]
+
+
+def _start_clearing(disc: Any, context: bpy.types.Context) -> None:
+    disc.position, disc.radius = context.scene.cursor.location[:2], WIDE
+
+
+class FOREST_PT_by_hand(Tab, bpy.types.Panel):
+    """Of the chosen planting: single trees that stay as they were set, discs without trees."""
+
+    bl_label = "By Hand"
+    bl_parent_id = "FOREST_PT_plantings"
+    bl_options: ClassVar[set[str]] = {"DEFAULT_CLOSED"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return bool(context.scene.forest_sensing.plantings)
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout, planting = self.layout, chosen(context.scene.forest_sensing, "plantings")
+        props = context.scene.forest_sensing
+        text = label("Done Planting") if is_planting() else label("Plant by Hand")
+        row = layout.row()
+        row.scale_y = BIG
+        row.operator("forest.plant", text=text, icon="CHECKMARK" if is_planting() else "BRUSH_DATA")
+        column = split(layout)
+        for name in ("plant_radius", "plant_density", "plant_grows"):
+            column.prop(props, name)
+        layout.label(text="Selected Trees")
+        row = layout.column(align=True)  # side by side their names would be cut off
+        for name, icon in (("lock", "LOCKED"), ("swap", "FILE_REFRESH"), ("remove", "X")):
+            row.operator(f"forest.{name}_trees", icon=icon)
+        row.operator("forest.adopt_trees", icon="ADD")
+        layout.label(text="Trees Set by Hand")
+        draw_list(layout, "FOREST_UL_by_hand", planting, "by_hand", "hand_tree")
+        if planting.by_hand:
+            draw_settings(split(layout), chosen(planting, "by_hand"))
+        layout.label(text="Clearings")
+        draw_list(layout, "FOREST_UL_clearings", planting, "clearings", "clearing")
+        if planting.clearings:
+            draw_settings(split(layout), chosen(planting, "clearings"))
+
+
 CLASSES = (
-    FOREST_PT_forest,
-    FOREST_PT_plantings,
-    FOREST_PT_intensity,
-    FOREST_PT_limits,
-    FOREST_PT_clusters,
-    FOREST_PT_strauss,
-    FOREST_PT_rows,
-    FOREST_PT_list,
-    FOREST_PT_targets,
-    FOREST_PT_spacing,
-    FOREST_PT_stems,
-    FOREST_PT_ground,
+    rows("plantings", "Species of the forest", _planting_row),
+    rows("gaussians", "Hills of a species' intensity", _hill_row),
+    rows("rasters", "Images of a species' intensity", _image_row),
+    rows("distances", "Distances between pairs of species", _distance_row),
+    rows("stems", "Stems that only reverb hears", _stems_row),
+    *buttons("planting", "Planting", PLANTINGS, OF_PLANTING, _start_planting),
+    *buttons("gaussian", "Hill", HILLS, OF_HILL, _start_hill),
+    *buttons("raster", "Image", IMAGES, OF_IMAGE, _start_image),
+    *buttons("distance", "Distance", DISTANCES, OF_DISTANCE, _start_distance),
+    *buttons("stems", "Stems", STEMS, OF_STEMS, _start_stems),
+    rows("by_hand", "Trees of a planting that were set by hand", _tree_row),
+    rows("clearings", "Discs that a planting keeps free", _clearing_row),
+    *buttons("hand_tree", "Tree", HANDS, OF_HAND, _start_tree),
+    *buttons("clearing", "Clearing", CLEARINGS, OF_CLEARING, _start_clearing),
 )

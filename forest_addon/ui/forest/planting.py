@@ -1,8 +1,13 @@
-"""Plant by hand: a brush over the ground that sets trees, takes them away and changes single ones.
+"""Plant by hand in the view: a brush over the ground, and trees dragged from the Asset Browser.
 
 A click sets a tree, a drag fills the brush's disc up to a density, with Ctrl it clears; with Shift the
 nearest tree is dragged. The forest is grown after each stroke, so that what is seen is what a scene file
 grows.
+
+Blender sets a tree that is dropped down as an object, by an operator of its own that no class of ours stands
+behind. What that operator has just set down is seen here, and planted as *Plant Copies* does, with *Grow at
+Once*; without, it stays an object until that button is pressed. So does a tree of another file, unless it is
+the same as one of this forest: the message says what to do.
 """
 
 from __future__ import annotations
@@ -13,19 +18,23 @@ from typing import Any, ClassVar
 import bpy
 import gpu
 import numpy as np
-from bpy_extras.view3d_utils import region_2d_to_origin_3d, region_2d_to_vector_3d
+from bpy_extras.view3d_utils import (
+    location_3d_to_region_2d,
+    region_2d_to_origin_3d,
+    region_2d_to_vector_3d,
+)
 from gpu_extras.batch import batch_for_shader
 from mathutils import Vector
 
 from ...base.rng import stream
-from ...blender.scene.layout import GROUND_NAME, GROUND_ROLE, find_part
-from ...blender.scene.ours import ROLE_KEY
+from ...blender.scene.layout import GROUND_NAME, GROUND_ROLE, VARIANTS, find_part
+from ...blender.scene.ours import ROLE_KEY, SHAPE_KEY, by_role
+from ...blender.scene.standings import ASSET_KEY
 from ..shell.chosen import chosen_planting
-from ..shell.running import current, obstacle
-from ..shell.views import region_of, views
+from ..shell.running import WhenReady, current, obstacle
+from ..shell.views import region_below, region_of, views
 from ..shell.words import keep, say
-from .hand import Hand
-from .hand_edits import take_up_changes
+from .hand import Hand, copy_of, take_up_changes, variant_copied
 
 TICK = 0.1  # s between two looks at whether the forest can be grown
 STEP = 0.5  # of the radius that the brush moves between two dabs
@@ -41,7 +50,7 @@ _working: FOREST_OT_plant | None = None
 _handle: Any = None
 
 
-class FOREST_OT_plant(bpy.types.Operator):
+class FOREST_OT_plant(WhenReady, bpy.types.Operator):
     """Plant the chosen species with a brush: click, drag, Ctrl to clear, Shift to move; press again to end"""
 
     bl_idname = "forest.plant"
@@ -49,17 +58,15 @@ class FOREST_OT_plant(bpy.types.Operator):
     bl_options: ClassVar[set[str]] = {"UNDO"}
 
     @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
+    def obstacle(cls, context: bpy.types.Context) -> str:
         if _working is not None:
-            return True
-        reason = obstacle(context)
+            return ""
+        reason = super().obstacle(context)
         if not reason and chosen_planting(context.scene.forest_sensing) is None:
             reason = say("There is no planting yet. Add one to the list")
         if not reason and (context.area is None or context.area.type != "VIEW_3D"):
             reason = say("Plant in a 3D view")
-        if reason:
-            cls.poll_message_set(reason)
-        return not reason
+        return reason
 
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
         global _working
@@ -299,4 +306,118 @@ def unregister() -> None:
     _draw_no_more()
 
 
-CLASSES = (FOREST_OT_plant,)
+LOCAL = "OBJECT_OT_add_named"  # what Blender does when an asset of this file is dropped
+FOREIGN = ("OBJECT_OT_transform_to_mouse", "OBJECT_OT_collection_external_asset_drop")
+SOON = 0.01  # s: not within the update that tells of it
+
+_known = 0  # the session_uid of the tree that was dropped last
+
+
+class FOREST_OT_plant_dropped(bpy.types.Operator):
+    """Plant the tree that was dropped last, below the mouse
+
+    Only an operator is told where the mouse is, by the event that it is invoked with.
+    """
+
+    bl_idname = "forest.plant_dropped"
+    bl_label = "Plant Dropped Tree"
+    bl_options: ClassVar[set[str]] = {"INTERNAL"}
+
+    foreign: bpy.props.BoolProperty(
+        name="Of Another File",
+        description="The tree came from another file or library",
+        options={"HIDDEN", "SKIP_SAVE"},
+    )
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        thing = context.view_layer.objects.active
+        if thing is None or obstacle(context):
+            return {"CANCELLED"}
+        if self.foreign and not is_of_forest(thing, context.scene):
+            told = say(
+                "{name} is a tree of another file and stays an object, which sensors meet as it is; "
+                "add its species to the forest to plant_dropped it",
+                name=thing.name,
+            )
+            self.report({"INFO"}, told)
+            return {"FINISHED"}
+        area, region = region_below(context.window, event.mouse_x, event.mouse_y)
+        with context.temp_override(area=area, region=region, selected_objects=[thing]):
+            if region is not None:
+                _stand_below(bpy.context, thing)
+                context.view_layer.update()
+            bpy.ops.forest.adopt_trees()
+        return {"FINISHED"}
+
+
+@bpy.app.handlers.persistent
+def hear_drop(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
+    """Have a tree planted if it is what Blender did last."""
+    global _known
+    done = bpy.context.window_manager.operators
+    thing = depsgraph.view_layer.objects.active
+    if not len(done) or thing is None or thing.session_uid == _known:
+        return
+    foreign = done[-1].bl_idname in FOREIGN
+    if not foreign and done[-1].bl_idname != LOCAL:
+        return
+    is_tree = is_foreign_tree(thing) if foreign else copy_of(thing) is not None
+    if not is_tree or not (foreign or scene.forest_sensing.plant_grows):
+        return
+    _known = thing.session_uid
+    bpy.app.timers.register(plant_dropped, first_interval=SOON)
+
+
+def plant_dropped() -> None:
+    """Plant the tree that was dropped last, and grow the forest."""
+    for window in bpy.context.window_manager.windows:
+        thing = window.view_layer.objects.active
+        if thing is None or thing.session_uid != _known:
+            continue
+        done = bpy.context.window_manager.operators
+        foreign = bool(len(done)) and done[-1].bl_idname in FOREIGN
+        with bpy.context.temp_override(window=window):
+            bpy.ops.forest.plant_dropped("INVOKE_DEFAULT", foreign=foreign)
+        return
+
+
+def is_foreign_tree(thing: bpy.types.Object) -> bool:
+    """Return whether an object from another file is a tree of ours: a variant of a forest, or of a library of
+    species."""
+    home = thing.instance_collection
+    meshes = [t.data for t in home.objects] if home is not None else [thing.data]
+    said = [*(mesh for mesh in meshes if mesh is not None), thing]
+    return any(ASSET_KEY in block for block in said) or _role(thing).startswith(f"{VARIANTS}/")
+
+
+def is_of_forest(thing: bpy.types.Object, scene: bpy.types.Scene) -> bool:
+    """Return whether a tree from another file is the same as the variant of its name in this forest."""
+    known = variant_copied(thing)
+    mesh = by_role(bpy.data.meshes).get(_role(thing)) if known is not None else None
+    own = scene.forest_sensing.plant_grows and thing.data is not None
+    return bool(own and mesh and mesh.get(SHAPE_KEY, "") == thing.data.get(SHAPE_KEY))
+
+
+def _role(thing: bpy.types.Object) -> str:
+    return str(thing.get(ROLE_KEY, ""))
+
+
+def _stand_below(context: bpy.types.Context, thing: bpy.types.Object) -> None:
+    """Stand a tree upright where the mouse pointed at the ground.
+
+    Blender sets the middle of the box's bottom on the first face below the mouse, which may be of a crown.
+    """
+    low, high = thing.bound_box[0], thing.bound_box[6]
+    bottom = Vector(((low[0] + high[0]) / 2, (low[1] + high[1]) / 2, low[2]))
+    region, view = context.region, context.region.data
+    mouse = location_3d_to_region_2d(region, view, thing.matrix_world @ bottom)
+    if mouse is None:
+        return
+    begin = region_2d_to_origin_3d(region, view, mouse)
+    place = ground_below(context, begin, region_2d_to_vector_3d(region, view, mouse))
+    if place is not None:
+        thing.rotation_euler[:2] = 0.0, 0.0
+        thing.location = place
+
+
+WINDOW_HANDLERS = (("depsgraph_update_post", hear_drop),)

@@ -14,9 +14,9 @@ import bpy
 from bpy_extras.object_utils import AddObjectHelper, object_data_add
 
 from ...spec import Species
-from ..shell.running import PROBLEMS, WhenReady, in_words
+from ..shell.running import WhenReady
 from ..shell.words import say
-from ..species import pictures
+from ..species import edit
 
 LEAFY = "maple"  # what grows first
 SHAPE_OF = "forest_shape_of"  # on a mesh: the species that it has the shape of by now
@@ -26,7 +26,7 @@ SETTINGS = ("species", "seed", "generations", "leaves")
 def species_items(_owner: Any = None, context: Any = None) -> list[tuple[str, str, str, int, int]]:
     """Presets, the user's own species and those edited in this file, as a menu; a leafy one first."""
     props = (context or bpy.context).scene.forest_sensing
-    return pictures.menu(props, LEAFY)
+    return edit.menu(props, LEAFY)
 
 
 def _settings() -> dict[str, Any]:
@@ -87,14 +87,10 @@ class FOREST_OT_add_tree(WhenReady, bpy.types.Operator, AddObjectHelper):
 
     __annotations__ = _settings()
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
-        try:
-            data = _grow(context, self.species, self.seed, self.generations, self.leaves)
-        except PROBLEMS as problem:
-            self.report({"ERROR"}, in_words(problem))
-            return {"CANCELLED"}
+    def act(self, context: bpy.types.Context) -> str:
+        data = _grow(context, self.species, self.seed, self.generations, self.leaves)
         object_data_add(context, data, operator=self)
-        return {"FINISHED"}
+        return ""
 
     def draw(self, _context: bpy.types.Context) -> None:
         column = self.layout.column()
@@ -109,36 +105,26 @@ class FOREST_OT_grow_again(WhenReady, bpy.types.Operator):
 
     bl_idname = "forest.grow_again"
     bl_label = "Grow Again"
-    bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO"}
 
     new_seed: bpy.props.BoolProperty(
         name="New Seed", description="Another tree of the same species", options={"SKIP_SAVE"}
     )
 
     @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        if not super().poll(context):
-            return False
+    def obstacle(cls, context: bpy.types.Context) -> str:
         if context.mode != "OBJECT":
-            cls.poll_message_set(say("Leave this mode first: trees grow in Object Mode"))
-            return False
+            return say("Leave this mode first: trees grow in Object Mode")
         if not _is_grown(context.object):
-            cls.poll_message_set(say("This is no tree of Add > Mesh > L-system Tree"))
-            return False
+            return say("This is no tree of Add > Mesh > L-system Tree")
         if not context.object.data.is_editable:
-            cls.poll_message_set(say("This tree is of another file: grow it there"))
-            return False
-        return True
+            return say("This tree is of another file: grow it there")
+        return super().obstacle(context)
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def act(self, context: bpy.types.Context) -> str:
         old = context.object.data
         settings = old.forest_grown
         seed = settings.seed + 1 if self.new_seed else settings.seed
-        try:
-            data = _grow(context, settings.grown, seed, settings.generations, settings.leaves)
-        except PROBLEMS as problem:
-            self.report({"ERROR"}, in_words(problem))
-            return {"CANCELLED"}
+        data = _grow(context, settings.grown, seed, settings.generations, settings.leaves)
         if old.get(SHAPE_OF) == settings.grown:  # another species has a bark of its own
             made = list(data.materials)
             data.materials.clear()
@@ -152,7 +138,7 @@ class FOREST_OT_grow_again(WhenReady, bpy.types.Operator):
         old.user_remap(data)
         bpy.data.meshes.remove(old)
         data.name = name
-        return {"FINISHED"}
+        return ""
 
 
 class FOREST_PT_grown(bpy.types.Panel):
@@ -227,9 +213,6 @@ def with_generations(species: Species, generations: int) -> Species:
 def draw_in_menu(menu: bpy.types.Menu, _context: bpy.types.Context) -> None:
     """The entry in Add > Mesh."""
     menu.layout.operator(FOREST_OT_add_tree.bl_idname, icon="OUTLINER_OB_CURVES")
-
-
-CLASSES = (FOREST_PG_grown, FOREST_OT_add_tree, FOREST_OT_grow_again, FOREST_PT_grown)
 
 
 MENUS = (("VIEW3D_MT_mesh_add", draw_in_menu),)

@@ -17,7 +17,7 @@ from ...blender.scene.layout import RESULTS, part
 from ..settings.drawing import BIG, OnceStarted, draw_settings, split
 from ..settings.exchange import add_sensor, to_spec
 from ..shell.chosen import choose_sensor
-from ..shell.running import InOwnScene, Working, getting_ready
+from ..shell.running import Button, Working, getting_ready
 from ..shell.words import say
 
 FLYER_KEY = "forest_flyer"
@@ -33,14 +33,13 @@ POLICIES = (
 )
 
 
-class FOREST_OT_add_flight(InOwnScene, bpy.types.Operator):
+class FOREST_OT_add_flight(Button, bpy.types.Operator):
     """Add a flyer with a LiDAR and two ears that go along with it"""
 
     bl_idname = "forest.add_flight"
     bl_label = "Flight"
-    bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO"}
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def act(self, context: bpy.types.Context) -> str:
         from ...flight.senses import LIDAR, SONAR
 
         scene = context.scene
@@ -56,7 +55,7 @@ class FOREST_OT_add_flight(InOwnScene, bpy.types.Operator):
             made.name = f"{thing.name} {settings.name}"
         context.view_layer.update()
         choose_sensor(context, made)
-        return {"FINISHED"}
+        return ""
 
 
 def flyer_of(scene: bpy.types.Scene) -> bpy.types.Object | None:
@@ -156,6 +155,3 @@ class FOREST_PT_flight(OnceStarted, bpy.types.Panel):
         else:
             row.operator_menu_enum("forest.fly", "policy", text="Fly", icon="PLAY")
         draw_settings(split(self.layout), context.scene.forest_sensing.flight)
-
-
-CLASSES = (FOREST_OT_add_flight, FOREST_OT_fly, FOREST_PT_flight)

@@ -23,7 +23,7 @@ from ...sensing.kinds import KINDS, choose
 from ..settings.exchange import sensor_of, to_spec
 from ..settings.preferences import rays_of
 from ..shell.chosen import chosen_sensor
-from ..shell.running import PROBLEMS, current, in_words, obstacle
+from ..shell.running import PROBLEMS, WhenReady, current, in_words
 from ..shell.views import views
 from ..shell.words import keep, label, say
 
@@ -104,7 +104,7 @@ _handle: Any = None
 _reading = False
 
 
-class FOREST_OT_look_through(bpy.types.Operator):
+class FOREST_OT_look_through(WhenReady, bpy.types.Operator):
     """Show live what the chosen scanner sees, or a sonar at the 3D cursor hears; press again to end"""
 
     bl_idname = "forest.look_through"
@@ -112,27 +112,23 @@ class FOREST_OT_look_through(bpy.types.Operator):
     bl_options: ClassVar[set[str]] = set()
 
     @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
+    def obstacle(cls, context: bpy.types.Context) -> str:
         if _eye is not None:
-            return True
+            return ""
         thing = chosen_sensor(context)
         if thing is None or KINDS[sensors.kind_of(thing)].glance is None:
-            cls.poll_message_set(say(NO_EYES))
-            return False
-        reason = obstacle(context)
-        if reason:
-            cls.poll_message_set(reason)
-        return not reason
+            return say(NO_EYES)
+        return super().obstacle(context)
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def act(self, context: bpy.types.Context) -> str:
         if _eye is not None:
             end()
-            return {"FINISHED"}
+            return ""
         eye = begin(context.scene)
         _look(eye, context)
         if eye.problem:
             self.report({"WARNING"}, eye.problem)
-        return {"FINISHED"}
+        return ""
 
 
 def draw_switch(
@@ -310,6 +306,3 @@ def _write(text: str, x: float, y: float, colour: tuple[float, float, float]) ->
     blf.color(FONT, *colour, 1.0)
     blf.draw(FONT, text)
     return x + blf.dimensions(FONT, text)[0]
-
-
-CLASSES = (FOREST_OT_look_through,)

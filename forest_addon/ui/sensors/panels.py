@@ -1,28 +1,396 @@
-"""The panel *Sensors*: which there are, what they are set to, and the buttons that run them."""
+"""The panel *Sensors*: which there are, how they are set, what runs them; objects as sensors see them.
+
+Whether an object is seen, how much light it sends back and whether it is a mirror, glass or water stays what
+it is without the add-on, custom properties of the object (``blender/read``); here it gets names, limits and
+help. The menu of instruments has their makers' names; the setting that is stored is the scanner file's name.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
-from typing import Any, ClassVar
+from functools import cache, partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import bpy
 
 from ... import spec
+from ...blender.scene.layout import CLOUD_KEY
+from ...blender.scene.standings import IGNORED_KEY, REFLECTANCE_KEY, SOLID_TYPES
 from ...blender.sensors import objects as sensors
+from ...blender.sensors.objects import kind_of
 from ...sensing.kinds import KINDS
-from ..forest.wind_view import draw_wind
+from ...spec.choices import meaning_of, title_of
+from ..forest.wind import draw_wind
 from ..results.panel import draw_found
 from ..settings import references
-from ..settings.drawing import BIG, OnceStarted, draw_settings, folded, name_in, split
-from ..settings.lists import draw_list
+from ..settings.drawing import BIG, OnceStarted, draw_settings, folded, icon_of, name_in, split
+from ..settings.lists import Listed, Row, buttons, draw_list, rows
 from ..settings.presets import draw_presets
 from ..shell.chosen import chosen, chosen_sensor, while_drawn
-from ..shell.progress import draw_job
-from ..shell.running import current
-from ..shell.words import keep, label, label_kept
-from .instruments import draw_instrument
+from ..shell.running import current, draw_job
+from ..shell.words import keep, label, label_kept, say
 from .look_through import draw_switch
-from .things import is_unrendered, seen_thing
+
+if TYPE_CHECKING:
+    from ...formats.scanner_file import ScannerFile
+
+KIND_KEY, INDEX_KEY, SHARE_KEY, GAIN_KEY = (
+    spec.property_of(name) for name in ("optics", "index", "mirror", "gain")
+)
+OPTICS = ("", *spec.POLISHED)
+OTHERWISE = spec.Surfaces().other  # reflectance that an object's own starts with
+
+
+def seen_thing(context: bpy.types.Context) -> bpy.types.Object | None:
+    """The active object, if sensors could see it."""
+    thing = context.object
+    solid = thing is not None and thing.type in SOLID_TYPES
+    return thing if solid and not sensors.kind_of(thing) else None
+
+
+def is_unrendered(thing: bpy.types.Object) -> bool:
+    """Return whether sensors meet an object that renders do not show: they see what views show."""
+    hidden = thing.hide_render and thing.visible_get() and CLOUD_KEY not in thing
+    return hidden and _is_seen(thing) and thing.type in SOLID_TYPES
+
+
+def _is_seen(thing: Any) -> bool:
+    return not thing.get(IGNORED_KEY, False)
+
+
+def _set_seen(thing: Any, seen: bool) -> None:
+    _say(thing, IGNORED_KEY, None if seen else True)
+
+
+def _has_reflectance(thing: Any) -> bool:
+    return REFLECTANCE_KEY in thing
+
+
+def _set_has_reflectance(thing: Any, has: bool) -> None:
+    _say(thing, REFLECTANCE_KEY, _reflectance(thing) if has else None)
+
+
+def _reflectance(thing: Any) -> float:
+    value = thing.get(REFLECTANCE_KEY)
+    return value if isinstance(value, int | float) else OTHERWISE
+
+
+def _set_reflectance(thing: Any, value: float) -> None:
+    _say(thing, REFLECTANCE_KEY, min(max(value, 0.0), 1.0))
+
+
+def _kind(thing: Any) -> int:
+    kind = thing.get(KIND_KEY, "")
+    return OPTICS.index(kind) if kind in OPTICS else 0
+
+
+def _set_kind(thing: Any, number: int) -> None:
+    _say(thing, KIND_KEY, OPTICS[number] or None)
+
+
+def _index(thing: Any) -> float:
+    value = thing.get(INDEX_KEY)
+    usual = spec.USUAL_INDEX.get(OPTICS[_kind(thing)], 1.0)
+    return value if isinstance(value, int | float) and value >= 1 else usual
+
+
+def _set_index(thing: Any, value: float) -> None:
+    _say(thing, INDEX_KEY, min(max(value, 1.0), 5.0))
+
+
+def _share(thing: Any) -> float:
+    value = thing.get(SHARE_KEY)
+    return value if isinstance(value, int | float) else spec.Polished().mirror
+
+
+def _set_share(thing: Any, value: float) -> None:
+    _say(thing, SHARE_KEY, min(max(value, 0.0), 1.0))
+
+
+def _gain(thing: Any) -> float:
+    value = thing.get(GAIN_KEY)
+    return value if isinstance(value, int | float) else spec.Polished().gain
+
+
+def _set_gain(thing: Any, value: float) -> None:
+    _say(thing, GAIN_KEY, max(value, 1.0))
+
+
+def _say(thing: Any, key: str, value: Any) -> None:
+    if value is not None:
+        thing[key] = value
+    elif key in thing:
+        del thing[key]
+    thing.update_tag()  # what was read of the scene is read again
+
+
+PROPERTIES = {
+    "forest_seen": bpy.props.BoolProperty(
+        name="Seen by Sensors",
+        description="LiDAR, sonar and reverb meet this object; off: they pass through it",
+        get=_is_seen,
+        set=_set_seen,
+    ),
+    "forest_reflects": bpy.props.BoolProperty(
+        name="Own Reflectance",
+        description="LiDAR takes this object's reflectance, not that of the scanner's surfaces",
+        get=_has_reflectance,
+        set=_set_has_reflectance,
+    ),
+    "forest_reflected": bpy.props.FloatProperty(
+        name="Reflectance",
+        description="Share of the light that this object sends back (Lambert); a material that has the "
+        "custom property forest_reflectance comes first",
+        min=0.0,
+        max=1.0,
+        subtype="FACTOR",
+        get=_reflectance,
+        set=_set_reflectance,
+    ),
+    "forest_polish": bpy.props.EnumProperty(
+        name="Polish",
+        description="LiDAR that follows bounces finds this object a mirror, glass or water; without them it "
+        "is as any other surface. A material that has the custom property of the same meaning comes first",
+        items=[
+            ("NONE", "None", "Light is scattered to all sides"),
+            *(
+                (kind.upper(), title_of("optics", kind), meaning_of("optics", kind))
+                for kind in spec.POLISHED
+            ),
+        ],
+        get=_kind,
+        set=_set_kind,
+    ),
+    "forest_refraction": bpy.props.FloatProperty(
+        name="Index",
+        description="Refractive index of the glass or the water",
+        min=1.0,
+        max=5.0,
+        get=_index,
+        set=_set_index,
+    ),
+    "forest_mirrored": bpy.props.FloatProperty(
+        name="Sends On",
+        description="Share of the light that the mirror sends on",
+        min=0.0,
+        max=1.0,
+        subtype="FACTOR",
+        get=_share,
+        set=_set_share,
+    ),
+    "forest_gained": bpy.props.FloatProperty(
+        name="Gain",
+        description="Light that the retro-reflector sends back, of that of a white surface",
+        min=1.0,
+        max=1e6,
+        soft_max=5000.0,
+        get=_gain,
+        set=_set_gain,
+    ),
+}
+
+
+def register() -> None:
+    """Give objects these properties."""
+    for name, prop in PROPERTIES.items():
+        setattr(bpy.types.Object, name, prop)
+
+
+def unregister() -> None:
+    """Take them back; what they have set stays with the objects."""
+    for name in PROPERTIES:
+        if hasattr(bpy.types.Object, name):
+            delattr(bpy.types.Object, name)
+
+
+Context = bpy.types.Context
+
+
+class FOREST_UL_sensors(bpy.types.UIList):
+    """Sensors of the scene, which are objects."""
+
+    def draw_item(self, context, layout, data, item, icon, active, name, index=0) -> None:
+        layout.prop(item, "name", text="", emboss=False, icon=icon_of(kind_of(item)))
+        run = layout.operator("forest.run", text="", icon="PLAY", emboss=False)
+        run.sensor, run.frames = item.name, "THIS"
+
+    def filter_items(self, context, data, name) -> tuple[list[int], list[int]]:
+        things = getattr(data, name)
+        return [self.bitflag_filter_item if kind_of(thing) else 0 for thing in things], []
+
+
+def _of_sensor(kind: str) -> Callable[[Context], Any]:
+    """The settings of the chosen sensor, if it is of a kind."""
+
+    def settings(context: Context) -> Any:
+        thing = chosen_sensor(context)
+        fits = thing is not None and kind_of(thing) == kind
+        return getattr(thing.forest_sensor, kind) if fits else None
+
+    return settings
+
+
+NO_SCANNER = keep("Choose a moving scanner in the list of sensors first")
+NO_REVERB = keep("Choose a reverb in the list of sensors first")
+
+
+def _say_names(name: str, reverb: Any) -> None:
+    references.listed_anew(reverb, name)
+
+
+POSES = Listed("poses", _of_sensor("mobile"), NO_SCANNER)
+SOURCES = Listed("sources", _of_sensor("reverb"), NO_REVERB)
+RECEIVERS = Listed("receivers", _of_sensor("reverb"), NO_REVERB)
+SOURCE_OBJECTS, RECEIVER_OBJECTS = (
+    Listed(f"{name}_pointers", _of_sensor("reverb"), NO_REVERB, partial(_say_names, name))
+    for name in ("source_objects", "receiver_objects")
+)
+
+
+def _pose_row(item: Any) -> Row:
+    x, y, z = item.position
+    return Row(f"{x:g}, {y:g}, {z:g} m", "EMPTY_ARROWS", f"{item.time:g} s")
+
+
+def _place_row(item: Any) -> Row:
+    x, y, z = item.position
+    return Row(f"{x:g}, {y:g}, {z:g} m", "EMPTY_AXIS")
+
+
+def _object_row(item: Any) -> Row:
+    lost = item.thing is None
+    return Row(item.name or "?" if lost else item.thing.name, "ERROR" if lost else "OBJECT_DATA")
+
+
+def _start_pose(pose: Any, context: Context) -> None:
+    poses = POSES.owner(context).poses
+    if len(poses) < 2:
+        return
+    last = poses[len(poses) - 2]
+    pose.time, pose.heading_deg = last.time + 10, last.heading_deg
+    x, y, z = last.position
+    heading = math.radians(last.heading_deg)
+    pose.position = (x + 10 * math.cos(heading), y + 10 * math.sin(heading), z)
+
+
+def _start_place(place: Any, context: Context) -> None:
+    field = context.scene.forest_sensing.forest
+    x, y = (o + s / 2 for o, s in zip(field.origin, field.size, strict=True))
+    place.position = (x, y, place.position[2])
+
+
+OF_POSE = "Add a place that the scanner passes, ten seconds and ten metres after the last"
+OF_SOURCE = "Add one more source, in the middle of the field"
+OF_SPEAKER = "Add a Speaker of the scene as one more source; pick it below"
+OF_EAR = "Add an Empty or a Camera of the scene as one more receiver; pick it below"
+OF_RECEIVER = "Add one more receiver, in the middle of the field"
+
+CLASSES = (
+    rows("poses", "Poses of a moving scanner", _pose_row),
+    rows("places", "Further sources or receivers of a reverb", _place_row),
+    *buttons("pose", "Pose", POSES, OF_POSE, _start_pose),
+    *buttons("source", "Source", SOURCES, OF_SOURCE, _start_place),
+    *buttons("receiver", "Receiver", RECEIVERS, OF_RECEIVER, _start_place),
+    rows("objects", "Objects that are further sources or receivers of a reverb", _object_row),
+    *buttons("source_object", "Source Object", SOURCE_OBJECTS, OF_SPEAKER),
+    *buttons("receiver_object", "Receiver Object", RECEIVER_OBJECTS, OF_EAR),
+)
+
+
+OWN = "My Own"
+
+
+@cache
+def instruments() -> dict[str, ScannerFile]:
+    """Every instrument that the add-on brings, by the name of its file; read once."""
+    from ...formats.scanner_file import read_scanner, scanner_names
+
+    return {name: read_scanner(name) for name in scanner_names()}
+
+
+def draw_instrument(layout: bpy.types.UILayout, group: Any) -> None:
+    """The menu, which shows the instrument that a scanner's settings started from."""
+    layout.row(heading="Instrument").menu(
+        FOREST_MT_instruments.__name__, text=instrument_title(group)
+    )
+
+
+def instrument_title(group: Any) -> str:
+    """Return what the settings of a scanner started from: an instrument, a file of the user's, or nothing."""
+    file = instruments().get(group.scanner)
+    if file is not None:
+        return short(file.title)
+    return Path(group.scanner).name if group.scanner else label(OWN)
+
+
+def short(title: str) -> str:
+    """A title without what stands in brackets, so that it fits beside its label."""
+    return title.partition(" (")[0]
+
+
+def figures_of(file: ScannerFile, kind: str) -> str:
+    """Return how far, how often and how narrow, of an instrument on a platform."""
+    figures = file.tables[kind]
+    parts = []
+    if "max_range" in figures:
+        parts.append(say("{metres:g} m", metres=figures["max_range"]))
+    if "pulse_rate" in figures:
+        parts.append(say("{rate:g} kHz", rate=figures["pulse_rate"] / 1e3))
+    spread = figures.get("beam", {}).get("divergence_mrad")
+    if spread:
+        parts.append(say("{spread:g} mrad", spread=max(spread)))
+    return ", ".join(parts)
+
+
+class FOREST_OT_choose_instrument(bpy.types.Operator):
+    """Start from an instrument's published figures"""
+
+    bl_idname = "forest.choose_instrument"
+    bl_label = "Instrument"
+    bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO", "INTERNAL"}
+
+    scanner: bpy.props.StringProperty(name="Instrument")
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        thing = chosen_sensor(context)
+        return thing is not None and hasattr(spec.SENSORS[sensors.kind_of(thing)], "scanner")
+
+    @classmethod
+    def description(cls, context: bpy.types.Context, settings: Any) -> str:
+        file, thing = instruments().get(settings.scanner), chosen_sensor(context)
+        if file is None or thing is None or sensors.kind_of(thing) not in file.tables:
+            return say("All settings as they are, of no instrument")
+        figures = figures_of(file, sensors.kind_of(thing))
+        return say("{instrument}: {figures}", instrument=file.title, figures=figures)
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        thing = chosen_sensor(context)
+        group = getattr(thing.forest_sensor, sensors.kind_of(thing))
+        group.scanner = self.scanner  # what follows when it is set takes the figures
+        return {"FINISHED"}
+
+
+class FOREST_MT_instruments(bpy.types.Menu):
+    """Instruments that are used on what carries the chosen sensor"""
+
+    bl_label = "Instruments"
+
+    def draw(self, context: bpy.types.Context) -> None:
+        thing = chosen_sensor(context)
+        if thing is None:
+            return
+        kind = sensors.kind_of(thing)
+        for name, file in instruments().items():
+            if kind in file.tables:
+                title = short(file.title)
+                choose = self.layout.operator(FOREST_OT_choose_instrument.bl_idname, text=title)
+                choose.scanner = name
+        none = self.layout.operator(FOREST_OT_choose_instrument.bl_idname, text=label(OWN))
+        none.scanner = ""
+
 
 AXES = (keep("Rotation X"), keep("Rotation Y"), keep("Rotation Z"))
 
@@ -267,14 +635,3 @@ class FOREST_PT_rays(OnceStarted, bpy.types.Panel):
     def draw(self, context: bpy.types.Context) -> None:
         draw_settings(split(self.layout), context.scene.forest_sensing.rays)
         draw_settings(split(self.layout), context.scene.forest_sensing.accuracy)
-
-
-CLASSES = (
-    FOREST_PT_sensors,
-    FOREST_PT_sensor,
-    FOREST_PT_sensor_data,
-    FOREST_PT_thing,
-    FOREST_PT_air,
-    FOREST_PT_wind,
-    FOREST_PT_rays,
-)

@@ -15,9 +15,8 @@ from ...sensing.kinds import KINDS
 from ...spec.depth import applies, is_advanced
 from ..shell.words import label
 from .exchange import forestless, untouched
-from .groups import PARTS
+from .groups import FACE, PARTS
 from .references import is_lost
-from .shown import FACE
 
 FOLDED = True  # parts of settings are closed until someone opens them
 BIG = 1.4  # heights of a row: the buttons that start work

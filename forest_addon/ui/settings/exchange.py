@@ -19,7 +19,7 @@ from ...blender.sensors.objects import file_name
 from ...spec import Settings, SpecError
 from ..shell.words import say
 from . import hills, references
-from .fields import (
+from .groups import (
     LARGEST_INT,
     WHEN_USED,
     fields_of,
@@ -133,8 +133,8 @@ def from_spec(scene: Any, settings: spec.Scene, keep_sensors: bool = False) -> N
     write(props.rays, settings.rays)
     write(props.flight, settings.flight)
     write(props.accuracy, settings.accuracy)
-    _fill(props, "plantings", settings.plantings)
-    _fill(props, "stems", settings.stems)
+    fill(props, "plantings", settings.plantings)
+    fill(props, "stems", settings.stems)
     there = sensors.sensors_of(scene)
     known = _unnamed(there) if keep_sensors else []
     for thing in () if keep_sensors else there:
@@ -250,7 +250,7 @@ def write(group: Any, settings: Settings, only: Mapping[str, Any] | None = None)
         if is_group(without_none(kind) or kind):
             write(getattr(group, name), value, None if only is None else only[name])
         elif items_of(kind):
-            _fill(group, name, value)
+            fill(group, name, value)
         elif is_text(name, kind):
             text = text_of(value)
             setattr(group, name, text.strip("[]") if listed(kind) in (int, float) else text)
@@ -258,7 +258,8 @@ def write(group: Any, settings: Settings, only: Mapping[str, Any] | None = None)
             setattr(group, name, value)
 
 
-def _fill(group: Any, name: str, items: Iterable[Settings]) -> None:
+def fill(group: Any, name: str, items: Iterable[Settings]) -> None:
+    """Put settings into a list of property groups, in place of those in it."""
     collection = getattr(group, name)
     collection.clear()
     for item in items:

@@ -1,16 +1,19 @@
 """Settings as Blender properties: every property group is made from a dataclass of ``spec``.
 
-Name, unit, range, default and help come from ``param_of``, so a parameter is written once. Angles stay
-degrees, as in a scene file, and are shown as Blender's (``shown``). A value that may be left out becomes a
-number with a switch beside it.
-``exchange`` takes settings in and gives them back.
+Name, unit, range, default and help come from ``param_of``, so a parameter is written once. A value that may
+be left out becomes a number with a switch beside it; corners and lists are texts. What is stored stays
+degrees and hertz, as in a scene file; beside an angle or a high frequency stands a property NAME_shown that
+converts when it is read or set. ``exchange`` takes settings in and gives them back.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import functools
+import json
 import math
 import re
+import types
 import typing
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any
@@ -29,22 +32,159 @@ from bpy.props import (
     StringProperty,
 )
 
-from ...spec import AUTO, Param, Settings
+from ... import spec
+from ...blender.read.single import shortest
+from ...spec import AUTO, Param, Settings, param_of
 from ...spec.choices import meaning_of, title_of
 from ..shell.words import keep
-from .fields import (
-    LARGEST_INT,
-    WHEN_USED,
-    fields_of,
-    is_group,
-    is_sensor_kind,
-    is_text,
-    items_of,
-    text_of,
-    without_none,
-)
-from .offers import offered
-from .shown import FACE, shown_property
+from .references import offered
+
+LARGEST_INT = 2**31 - 1  # what Blender's whole numbers hold
+# What a value that was left out starts with when it is switched on.
+WHEN_USED = {
+    "expected": 20.0,
+    "density": 0.05,
+    "rotation_deg": 0.0,
+    "scale": 1.0,  # of a tree set by hand
+    "diameter": 0.25,
+    "variant": 0,
+    "sound_speed": 343.2,
+    "line_step_deg": 0.25,
+    "size": (30.0, 30.0),
+    "origin": (0.0, 0.0),
+    "start": (0.0, 0.0, 2.0),
+    "low": 0.0,
+    "escape": 0.0,
+    "high": 1.0,
+    "trunk_daughters": spec.Discrete(values=(3,)),
+    "template": spec.Template(wood=""),
+    "siblings": spec.Siblings(),
+    "rules": spec.Rules(axiom="A", productions=("A -> F[+A][-A]/(90)A",)),
+    "honda": spec.Honda(),
+    "crown": spec.Crown(),
+    "targets": spec.Targets(),
+    "needles": spec.Needles(),
+    "architecture": spec.Architecture(),
+    "dbh": spec.Normal(mean=0.25, sd=0.06),
+    "inclination": spec.Inclination(),
+}
+
+
+@functools.cache
+def fields_of(settings: type[Settings]) -> tuple[tuple[str, Any, Param, Any], ...]:
+    """(name, type, param, default) of every field."""
+    kinds = typing.get_type_hints(settings)
+    return tuple(
+        (field.name, kinds[field.name], param_of(field), field.default)
+        for field in dataclasses.fields(settings)  # type: ignore[arg-type]
+    )
+
+
+def items_of(kind: Any) -> type[Settings] | None:
+    """The settings class of ``tuple[Class, ...]``, None for any other type."""
+    parts = typing.get_args(kind)
+    if typing.get_origin(kind) is tuple and len(parts) == 2 and parts[1] is Ellipsis:
+        return parts[0] if isinstance(parts[0], type) and issubclass(parts[0], Settings) else None
+    return None
+
+
+def is_group(kind: Any) -> bool:
+    """Return whether a field is one group of settings within another."""
+    return isinstance(kind, type) and issubclass(kind, Settings)
+
+
+def is_text(name: str, kind: Any) -> bool:
+    """Return whether a field is written as text: corners and lists, which Blender has no property for, and
+    what needs more digits than Blender's numbers keep."""
+    nested = any(typing.get_origin(part) is tuple for part in typing.get_args(kind))
+    return (
+        name == "offset"
+        or listed(kind) is not None
+        or (typing.get_origin(kind) is tuple and nested)
+    )
+
+
+def listed(kind: Any) -> type | None:
+    """int of ``tuple[int, ...]``, as also float and str; None for any other type."""
+    parts = typing.get_args(kind)
+    many = typing.get_origin(kind) is tuple and len(parts) == 2 and parts[1] is Ellipsis
+    return parts[0] if many and parts[0] in (int, float, str) else None
+
+
+def text_of(value: Any) -> str:
+    """Numbers as a scene file writes them, [[0, 0], [10, 0], [10, 5.5]]; nothing for an empty list.
+
+    Texts are parted by semicolons.
+    """
+    if value and isinstance(value[0], str):
+        return "; ".join(value)
+    return json.dumps(value) if value else ""
+
+
+def without_none(kind: Any) -> Any:
+    """float of ``float | None``, None for a type that is always given."""
+    if not isinstance(kind, types.UnionType):
+        return None
+    return next(part for part in typing.get_args(kind) if part is not types.NoneType)
+
+
+def is_sensor_kind(name: str, known: Param) -> bool:
+    return name == "kind" and len(known.choices) == 1
+
+
+FACE = "_shown"  # ends the name of the property beside a setting
+HIGH = 1000.0  # Hz from which a frequency is one of kHz
+LONGEST = 15  # letters of a label
+DEGREE = math.pi / 180.0
+ROOM = 6  # digits of an angle that are kept: Blender's numbers have no more
+
+
+def factor_of(known: Param, default: Any) -> float:
+    """By how much a value of a setting is multiplied when it is shown; 1: as it is stored."""
+    if known.unit == "deg":
+        return DEGREE
+    values = default if isinstance(default, tuple) else (default,)
+    numbers = [value for value in values if isinstance(value, int | float)]
+    return 1e-3 if known.unit == "Hz" and numbers and max(numbers) >= HIGH else 1.0
+
+
+def shown_property(name: str, title: str, words: str, known: Param, default: Any) -> Any:
+    """The property that shows a setting in another unit, None where that is as it is stored."""
+    factor, many = factor_of(known, default), isinstance(default, tuple)
+    if factor == 1.0:
+        return None
+
+    def read(group: Any) -> Any:
+        value = getattr(group, name)
+        return [factor * part for part in value] if many else factor * value
+
+    def stored(part: float) -> float:
+        if factor == DEGREE:
+            return float(f"{math.degrees(part):.{ROOM}g}")
+        return shortest(part) / factor
+
+    def write(group: Any, value: Any) -> None:
+        setattr(group, name, [stored(part) for part in value] if many else stored(value))
+
+    given: dict[str, Any] = {"description": words, "get": read, "set": write}
+    for limit, end in (("min", known.minimum), ("max", known.maximum)):
+        if math.isfinite(end):
+            given[limit] = factor * end
+    if factor == DEGREE:
+        given |= {"name": title.removesuffix(" (°)").removesuffix("(°)"), "unit": "ROTATION"}
+        given |= {"step": 100, "precision": 3}
+    else:
+        whole = f"{title} (kHz)"
+        given["name"] = whole if len(whole) <= LONGEST else f"{title} kHz"
+        given |= {"step": 100, "precision": 2}
+    if many:
+        given["size"] = len(default)
+    if many:
+        return FloatVectorProperty(options={"SKIP_SAVE"}, **given)
+    if factor == DEGREE:
+        given["subtype"] = "ANGLE"
+    return FloatProperty(options={"SKIP_SAVE"}, **given)
+
 
 Update = Callable[[Any, Any], None]  # told of a group and the context when a setting changed
 

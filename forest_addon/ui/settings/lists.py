@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 
 import bpy
 
-from ..shell.running import LINKED
+from ..shell.running import Button
 from ..shell.words import say
 from . import hills
 
@@ -98,46 +98,38 @@ def buttons(
     return add, remove
 
 
-class _Button:
+class _Listing(Button):
     """A button beside a list."""
 
-    bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO"}
     # Not ClassVar[Listed]: Blender 4.5 evaluates it, typing keeps what it evaluated, by that this module and
     # by that bpy, which then cannot end: a process with bpy as a module would wait for ever.
     listed: ClassVar[Any]
 
     @classmethod
     def obstacle(cls, context: Context) -> str:
-        """Return why the list cannot be changed; empty where it can."""
-        if not context.scene.is_editable:
-            return say(LINKED)
-        return "" if cls.listed.owner(context) is not None else say(cls.listed.no_owner)
+        reason = super().obstacle(context)
+        if not reason and cls.listed.owner(context) is None:
+            reason = say(cls.listed.no_owner)
+        return reason
 
-    @classmethod
-    def poll(cls, context: Context) -> bool:
-        reason = cls.obstacle(context)
-        if reason:
-            cls.poll_message_set(reason)
-        return not reason
-
-    def execute(self, context: Context) -> set[str]:
+    def act(self, context: Context) -> str:
         owner, name = self.listed.owner(context), self.listed.items
         number = self.change(getattr(owner, name), getattr(owner, f"active_{name}"), context)
         hills.renew(context.scene)
         setattr(owner, f"active_{name}", number)
         self.listed.changed(owner)
         context.scene.update_tag()
-        return {"FINISHED"}
+        return ""
 
 
-class _Add(_Button):
+class _Add(_Listing):
     def change(self, items: Any, _active: int, context: Context) -> int:
         """Add one item; returns its number."""
         self.start(items.add(), context)
         return len(items) - 1
 
 
-class _Remove(_Button):
+class _Remove(_Listing):
     @classmethod
     def obstacle(cls, context: Context) -> str:
         reason = super().obstacle(context)

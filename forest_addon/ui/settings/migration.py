@@ -12,7 +12,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from typing import Any, ClassVar
+from typing import Any
 
 import bpy
 
@@ -22,10 +22,10 @@ from ...blender.scene import layout
 from ...blender.scene.ours import MADE_KEY
 from ...blender.sensors import objects as sensors
 from ...spec import Settings, SpecError
-from ..shell.running import InOwnScene
+from ..shell.running import Button
 from ..shell.words import say
 from . import exchange, references
-from .fields import fields_of
+from .groups import fields_of
 
 LAYOUT = 3  # how a scene keeps its settings now
 KEY = "forest_sensing"  # of the scene's settings, as Blender stores them
@@ -64,12 +64,11 @@ def migrate(scene: bpy.types.Scene) -> None:
             _tell(scene, say("Saved by an older version"), said)
 
 
-class FOREST_OT_take_note(InOwnScene, bpy.types.Operator):
+class FOREST_OT_take_note(Button, bpy.types.Operator):
     """Remove this message"""
 
     bl_idname = "forest.take_note"
     bl_label = "Dismiss"
-    bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO"}
 
     @classmethod
     def description(cls, context: bpy.types.Context, _properties: Any) -> str:
@@ -77,20 +76,15 @@ class FOREST_OT_take_note(InOwnScene, bpy.types.Operator):
         return say("{notice}. Press to take this line away", notice=notice)
 
     @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        if not super().poll(context):
-            return False
-        if not context.scene.forest_sensing.notice:
-            cls.poll_message_set(say("There is nothing to take note of"))
-            return False
-        return True
+    def obstacle(cls, context: bpy.types.Context) -> str:
+        reason = super().obstacle(context)
+        if not reason and not context.scene.forest_sensing.notice:
+            reason = say("There is nothing to take note of")
+        return reason
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def act(self, context: bpy.types.Context) -> str:
         context.scene.forest_sensing.property_unset("notice")
-        return {"FINISHED"}
-
-
-CLASSES = (FOREST_OT_take_note,)
+        return ""
 
 
 def draw_notice(panel: bpy.types.UILayout, props: Any) -> None:

@@ -1,12 +1,16 @@
-"""Species of one's own: take a preset into properties, change it, save it as a species file.
+"""Species: chosen by picture, taken into properties and changed, saved as files and as assets.
+
+Folders are looked into when species are first drawn, and not again; ``refresh`` takes note of a new file.
+Pictures of what is planted are read then, the others one by one afterwards, so that the menu has them when it
+is opened: Blender would show a spinner for each that it has not read yet.
 
 An edited species lives in the .blend under a name such as edited/maple.toml, which plantings use as if it
-were a file; ``load`` takes it from there. STL files that it names start from the folder that it came
-from.
+were a file; ``load`` takes it from there. STL files that it names start from the folder that it came from.
 """
 
 from __future__ import annotations
 
+import functools
 import os
 from collections.abc import Mapping
 from dataclasses import replace
@@ -14,17 +18,162 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 import bpy
+import bpy.utils.previews
 from bpy_extras.io_utils import ExportHelper
 
 from ... import spec
 from ...base.places import ASSETS
+from ...blender.jobs import Task, Work
 from ..settings import exchange
-from ..settings.preferences import species_folder
+from ..settings.preferences import library_folder, species_folder
 from ..shell.chosen import chosen_planting
-from ..shell.names import EDITED, title_of
-from ..shell.running import LINKED, PROBLEMS, in_words
-from ..shell.words import say
-from .pictures import refresh
+from ..shell.running import Button, Reading, Working, getting_ready, press
+from ..shell.words import EDITED, label, language, say, title_of
+
+Choice = tuple[str, str, str, int, int]  # what a planting calls it, name, help, icon, number
+
+BETWEEN = 0.02  # s between two pictures that are read
+
+_pictures: Any = None
+_unread: list[str] = []  # species whose pictures are not read yet
+
+
+def choices(props: Any) -> tuple[Choice, ...]:
+    """Presets, one's own species, those edited here, and what else is planted."""
+    edited = tuple((item.name, item.origin) for item in props.edited)
+    return _choices(edited, tuple(planting.species for planting in props.plantings), language())
+
+
+def menu(props: Any, first: str) -> list[Choice]:
+    """Presets, one's own species and those edited and planted, as items of a menu that starts with one."""
+    planted = {planting.species for planting in props.plantings}
+    edited = tuple((item.name, item.origin) for item in props.edited if item.name in planted)
+    return _menu(edited, first, language())
+
+
+@functools.lru_cache(maxsize=4)
+def _menu(edited: tuple[tuple[str, str], ...], first: str, _language: str) -> list[Choice]:
+    found = _choices(edited, (), _language)
+    ordered = sorted(found, key=lambda choice: choice[0] != first)
+    return [
+        (name, title, label("Grow a {species}", species=title), icon, number)
+        for number, (name, title, _, icon, _) in enumerate(ordered)
+    ]
+
+
+def number_of(props: Any) -> int:
+    """The place of the chosen planting's species in ``choices``."""
+    planting = chosen_planting(props)
+    species = "" if planting is None else planting.species
+    return next((choice[4] for choice in choices(props) if choice[0] == species), 0)
+
+
+def choose(props: Any, number: int) -> None:
+    """Plant another of ``choices``, in place of the chosen planting's species."""
+    planting = chosen_planting(props)
+    if planting is not None:
+        planting.species = choices(props)[number][0]
+
+
+def refresh() -> None:
+    """Look into the folders again when species are next drawn."""
+    _files.cache_clear()
+    _choices.cache_clear()
+    _menu.cache_clear()
+
+
+def register() -> None:
+    """Look into the folders when species are first drawn."""
+    refresh()
+
+
+def unregister() -> None:
+    """Free the pictures."""
+    global _pictures
+    refresh()
+    _unread.clear()
+    if bpy.app.timers.is_registered(_read_next):
+        bpy.app.timers.unregister(_read_next)
+    if _pictures is not None:
+        bpy.utils.previews.remove(_pictures)
+        _pictures = None
+
+
+@functools.lru_cache(maxsize=16)  # Blender wants the texts kept while it shows them
+def _choices(
+    edited: tuple[tuple[str, str], ...], planted: tuple[str, ...], _language: str
+) -> tuple[Choice, ...]:
+    origins = dict(edited)
+    names = dict.fromkeys([*_files(), *origins, *filter(None, planted)])
+    titles = [
+        label("{species} (edited)", species=title_of(name)) if name in origins else title_of(name)
+        for name in names
+    ]
+    return tuple(
+        (
+            name,
+            title,
+            label("Plant {species}", species=title),
+            _icon(origins.get(name, name), name in planted),
+            number,
+        )
+        for number, (name, title) in enumerate(zip(names, titles, strict=True))
+    )
+
+
+@functools.cache
+def _files() -> dict[str, Path | None]:
+    """Return what a planting calls each species that is there, and its picture if it has one."""
+    presets = sorted(file.stem for file in (ASSETS / "species").glob("*.toml"))
+    pictures = {file.stem: file for file in (ASSETS / "species" / "pictures").glob("*.jpg")}
+    own = sorted([*species_folder().glob("*.toml"), *species_folder().glob("*/*.toml")])
+    mine = {
+        file.as_posix(): picture_of(file) if picture_of(file).exists() else None
+        for file in own
+        if file.name != "scene.toml"
+    }
+    return {name: pictures.get(name) for name in presets} | mine
+
+
+def picture_of(species: Path) -> Path:
+    """The picture of one's own species, beside its file."""
+    return species.with_suffix(".png")
+
+
+def _icon(species: str, now: bool) -> int:
+    """The number of a species' picture; that of a plain icon where it has none. now : it is read at once."""
+    global _pictures
+    if _pictures is None:
+        _pictures = bpy.utils.previews.new()
+    picture = _files().get(species)
+    if picture is None:
+        return int(_plain_icons()["OUTLINER_OB_CURVES"].value)
+    if species not in _pictures:
+        _pictures.load(species, str(picture), "IMAGE")
+        _unread.append(species)
+        if not bpy.app.background and not bpy.app.timers.is_registered(_read_next):
+            bpy.app.timers.register(_read_next, first_interval=BETWEEN)
+    if now and species in _unread:
+        _read_picture(species)
+    return int(_pictures[species].icon_id)
+
+
+def _read_picture(species: str) -> None:
+    """Have Blender read a picture's file now, as it does when it is asked for the size."""
+    _unread.remove(species)
+    tuple(_pictures[species].image_size)
+
+
+def _read_next() -> float | None:
+    """Read one more picture; returns the seconds until the next, None after the last."""
+    if _unread and _pictures is not None:
+        _read_picture(_unread[0])
+    return BETWEEN if _unread else None
+
+
+def _plain_icons() -> Any:
+    return bpy.types.UILayout.bl_rna.functions["label"].parameters["icon"].enum_items
+
 
 Edited = Mapping[str, tuple[spec.Species, Path]]  # by what plantings call it; where its files are
 
@@ -79,35 +228,20 @@ def edited_item(props: Any) -> Any:
     return None if planting is None else props.edited.get(planting.species)
 
 
-class _OfSpecies:
+class _OfSpecies(Button):
     """An operator on the species of the chosen planting."""
 
-    bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO"}
     of_edited = True
 
     @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        props = context.scene.forest_sensing
-        reason = ""
-        if not context.scene.is_editable:
-            reason = say(LINKED)
-        elif chosen_planting(props) is None:
+    def obstacle(cls, context: bpy.types.Context) -> str:
+        props, reason = context.scene.forest_sensing, super().obstacle(context)
+        if not reason and chosen_planting(props) is None:
             reason = say("There is no planting yet. Add one to the list")
-        elif (edited_item(props) is not None) != cls.of_edited:
+        elif not reason and (edited_item(props) is not None) != cls.of_edited:
             not_yet = say("This species is not edited yet. Press Edit first")
             reason = not_yet if cls.of_edited else say("This species is being edited already")
-        if reason:
-            cls.poll_message_set(reason)
-        return not reason
-
-    def execute(self, context: bpy.types.Context) -> set[str]:
-        try:
-            said = self.change(context.scene)
-        except PROBLEMS as problem:
-            self.report({"ERROR"}, in_words(problem))
-            return {"CANCELLED"}
-        self.report({"INFO"}, said)
-        return {"FINISHED"}
+        return reason
 
 
 class FOREST_OT_edit_species(_OfSpecies, bpy.types.Operator):
@@ -117,10 +251,11 @@ class FOREST_OT_edit_species(_OfSpecies, bpy.types.Operator):
     bl_label = "Edit"
     of_edited = False
 
-    def change(self, scene: bpy.types.Scene) -> str:
+    def act(self, context: bpy.types.Context) -> str:
         from ...formats.toml_file import read_settings
         from ...growth.library.species_file import find_species
 
+        scene = context.scene
         props = scene.forest_sensing
         planting = chosen_planting(props)
         path = find_species(planting.species, Path(bpy.path.abspath(props.folder)))
@@ -143,7 +278,9 @@ class FOREST_OT_discard_species(_OfSpecies, bpy.types.Operator):
     bl_idname = "forest.discard_species"
     bl_label = "Discard"
 
-    def change(self, scene: bpy.types.Scene) -> str:
+    def act(self, context: bpy.types.Context) -> str:
+
+        scene = context.scene
         item = edited_item(scene.forest_sensing)
         origin = item.origin
         _replace(scene, item, origin)
@@ -167,9 +304,10 @@ class FOREST_OT_save_species(_OfSpecies, bpy.types.Operator, ExportHelper):
             self.filepath = str(Path(item.folder) / Path(item.origin).name)
         return ExportHelper.invoke(self, context, event)
 
-    def change(self, scene: bpy.types.Scene) -> str:
+    def act(self, context: bpy.types.Context) -> str:
         from ...formats.toml_file import write_settings
 
+        scene = context.scene
         props = scene.forest_sensing
         item = edited_item(props)
         species, home = _read(item)
@@ -180,9 +318,6 @@ class FOREST_OT_save_species(_OfSpecies, bpy.types.Operator, ExportHelper):
         _replace(scene, item, _called(path, props.folder))
         refresh()
         return say("Written: {file}", file=path)
-
-
-CLASSES = (FOREST_OT_edit_species, FOREST_OT_discard_species, FOREST_OT_save_species)
 
 
 def _read(item: Any) -> tuple[spec.Species, Path]:
@@ -219,3 +354,79 @@ def _called(path: Path, folder: str) -> str:
     home = Path(bpy.path.abspath(folder)).resolve()
     inside = folder and path.is_relative_to(home)
     return (path.relative_to(home) if inside else path).as_posix()
+
+
+NAME = "Forest Sensing"
+SEED = 1
+FIRST = ("norway-maple", "silver-birch", "norway-spruce", "hazelnut")  # where nothing is planted
+
+
+def _import_rooms(_tell: Any) -> None:
+    from ...blender.library import build as library  # noqa: F401
+
+
+class FOREST_OT_make_library(Working, bpy.types.Operator):
+    """Write trees of this scene's species, or four usual ones, as assets for the Asset Browser"""
+
+    bl_idname = "forest.make_library"
+    bl_label = "Make Asset Library"
+
+    variants: bpy.props.IntProperty(  # type: ignore[valid-type]
+        name="Trees", description="How many of each species", default=4, min=1, max=200
+    )
+    add: bpy.props.BoolProperty(  # type: ignore[valid-type]
+        name="Add", description="Add it to Blender's asset libraries", options={"SKIP_SAVE"}
+    )
+
+    def work(self, context: bpy.types.Context) -> Work:
+        yield getting_ready(_import_rooms)
+        from ...blender.library.build import grow_exhibits, write_species
+
+        props, out = context.scene.forest_sensing, library_folder()
+        folder = Path(bpy.path.abspath(props.folder))
+        edited, count = edited_species(context.scene), int(self.variants)
+        names = list(dict.fromkeys(p.species for p in props.plantings if p.species)) or [*FIRST]
+        for done, name in enumerate(names):
+            loaded = yield Task(
+                say("reading files"), lambda _, name=name: load(name, folder, edited)
+            )
+            exhibits = yield Task(
+                say("growing trees"),
+                lambda tell, loaded=loaded: grow_exhibits(*loaded, count, SEED, tell),
+                span=(done / len(names), (done + 1) / len(names)),
+            )
+            write_species(out, loaded[0], exhibits)
+        if self.add and not _is_added(context):
+            _add(context)
+        return say("{trees} trees in {folder}", trees=count * len(names), folder=out)
+
+
+class FOREST_OT_add_library(Reading, bpy.types.Operator):
+    """Add the folder of trees to Blender's asset libraries; where it is empty, trees are made first"""
+
+    bl_idname = "forest.add_library"
+    bl_label = "Add to Asset Libraries"
+    bl_options: ClassVar[set[str]] = set()
+
+    @classmethod
+    def obstacle(cls, context: bpy.types.Context) -> str:
+        return say("It is among Blender's asset libraries already") if _is_added(context) else ""
+
+    def act(self, context: bpy.types.Context) -> str:
+        if not any(library_folder().glob("*.blend")):
+            press(bpy.ops.forest.make_library, add=True)
+            return ""
+        _add(context)
+        return say("The Asset Browser has it as {name}", name=NAME)
+
+
+def _add(context: bpy.types.Context) -> None:
+    libraries = context.preferences.filepaths.asset_libraries
+    libraries.new(name=NAME, directory=str(library_folder()))
+    context.preferences.is_dirty = True
+
+
+def _is_added(context: bpy.types.Context) -> bool:
+    mine = library_folder().resolve()
+    known = context.preferences.filepaths.asset_libraries
+    return any(Path(bpy.path.abspath(one.path)).resolve() == mine for one in known)

@@ -14,9 +14,9 @@ from ...blender.jobs import Task, Work
 from ...blender.sensors.objects import file_name
 from ...spec import SpecError
 from ..settings.preferences import species_folder
-from ..shell.running import PROBLEMS, WhenReady, Working, in_words
+from ..shell.running import WhenReady, Working, press
 from ..shell.words import say
-from .pictures import picture_of, refresh
+from .edit import picture_of, refresh
 
 JUDGED = 24  # siblings that are grown to be held to the tree
 OF_LEAVES = ("leaf", "leaves", "foliage")  # within the name of the file that holds them
@@ -66,21 +66,18 @@ class FOREST_OT_import_tree(WhenReady, bpy.types.Operator, ImportHelper):
         column.prop(self, "height")
         column.prop(self, "accept")
 
-    def execute(self, _context: bpy.types.Context) -> set[str]:
+    def act(self, _context: bpy.types.Context) -> str:
         named = [Path(self.directory) / file.name for file in self.files if file.name]
-        try:
-            wood, leaves = parts_of(named or [Path(self.filepath)])
-            return bpy.ops.forest.make_species(
-                "EXEC_DEFAULT" if bpy.app.background else "INVOKE_DEFAULT",
-                wood=str(wood),
-                leaves=str(leaves or ""),
-                title=self.title or title_from(wood),
-                height=self.height,
-                accept=self.accept,
-            ) and {"FINISHED"}
-        except (*PROBLEMS, RuntimeError) as problem:
-            self.report({"ERROR"}, in_words(problem).removeprefix("Error: ").strip())
-            return {"CANCELLED"}
+        wood, leaves = parts_of(named or [Path(self.filepath)])
+        press(
+            bpy.ops.forest.make_species,
+            wood=str(wood),
+            leaves=str(leaves or ""),
+            title=self.title or title_from(wood),
+            height=self.height,
+            accept=self.accept,
+        )
+        return ""
 
 
 class FOREST_OT_make_species(Working, bpy.types.Operator):
@@ -141,9 +138,6 @@ class FOREST_OT_make_species(Working, bpy.types.Operator):
             height=made.height,
             unit=made.unit.name,
         )
-
-
-CLASSES = (FOREST_OT_import_tree, FOREST_OT_make_species)
 
 
 def parts_of(files: Sequence[Path]) -> tuple[Path, Path | None]:

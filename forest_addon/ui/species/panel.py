@@ -149,6 +149,3 @@ def _line(column: bpy.types.UILayout, heading: str) -> bpy.types.UILayout:
     left.alignment = "RIGHT"
     left.label(text=heading)
     return halves.row(align=True)
-
-
-CLASSES = (FOREST_PT_species, FOREST_PT_edited)

@@ -5,9 +5,8 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from forest_addon.ui.results.export import endings_of
-from forest_addon.ui.results.show import heard_of
-from forest_addon.ui.results.shown import points_of
+from forest_addon.ui.results.buttons import endings_of, heard_of
+from forest_addon.ui.results.keep import points_of
 
 from ..pressing import add_cube, press, run, settings_of
 

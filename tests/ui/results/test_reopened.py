@@ -7,7 +7,7 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from forest_addon.results.point_files import ENDINGS, can_write
-from forest_addon.ui.results.names import follow_names
+from forest_addon.ui.results.keep import follow_names
 
 from ..pressing import press, run
 

@@ -1,0 +1,525 @@
+"""Keeping a result: points in the scene, figures in the panel, a file; frame by frame where asked.
+
+The panel keeps the last result of each kind, the newest first; views show the points of one at a time, unless
+several are asked for. Echoes and impulse responses are kept as the bytes of an NPZ: arrays, and how settings
+and records are made of them as JSON. Clouds need none: the mesh that shows one holds all of it
+(``kept_cloud``).
+
+Of a frame range, a result holds a mesh, a picture, a sound, what is exported, figures and a legend of every
+frame that ran. When Blender goes to a frame, all that shows the result is given those of that frame, or of
+the last one before it that ran. A result whose sensor is renamed follows, with its points.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import io
+import json
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any, ClassVar
+
+import bpy
+import numpy as np
+
+from ...base.labels import Labels
+from ...blender.scene.layout import CLOUD_KEY, FRAME_KEY, RESULTS, part
+from ...blender.sensors.objects import file_name, kind_of, sensors_of
+from ...blender.show.cloud import end_with_ground, show_cloud, show_heard
+from ...blender.show.kept_cloud import note_scan
+from ...blender.show.legend import Entry, legend_of, legend_of_heard
+from ...blender.show.sound import give_sound
+from ...results.coordinates import NO_OFFSET, Offset
+from ...results.figures import Figure, of_forest
+from ...results.kind import Finding
+from ...results.kinds import figures_of, results_of, sentence_of, write_finding
+from ...results.labels import labels_by_material, labels_by_object, labels_by_species
+from ...sensing.audit import Audit
+from ...sensing.lidar.cloud import Cloud
+from ...sensing.rays.geometry import SceneGeometry
+from ...spec import Scene, Sensor
+from ...spec.base import Settings
+from ...stand.forest import GrownForest
+from ..settings.exchange import forestless
+from ..shell.chosen import show
+from ..shell.running import Reading
+from ..shell.words import Kept, keep, label_kept, say, say_kept
+from . import images
+
+MOST = 2**30  # bytes of a result; Blender's files hold no text of twice as many
+TREE = "tree"  # name of the JSON among the arrays
+# What no file that is exported needs: working tables of a ping, and what follows from its responses.
+LEFT_OUT = {"groups", "list_heard", "envelopes", "called"}
+
+Unpacked = tuple[Sensor, Finding, Offset]
+
+
+def pack(sensor: Sensor, found: Finding, offset: Offset) -> bytes:
+    """Return a sensor's settings, what it found and the scene's offset; no bytes of more than ``MOST``."""
+    arrays: list[np.ndarray] = []
+    tree = json.dumps([_packed(value, arrays) for value in (sensor, found, offset)])
+    if sum(array.nbytes for array in arrays) > MOST:
+        return b""
+    file = io.BytesIO()
+    np.savez(file, **{TREE: np.array(tree)}, **{f"{n}": array for n, array in enumerate(arrays)})
+    return file.getvalue()
+
+
+def unpack(data: bytes) -> Unpacked:
+    """Return what was packed: settings, finding, offset; of an echo without what is ``LEFT_OUT``."""
+    with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
+        sensor, found, offset = (
+            _unpacked(value, arrays, _records()) for value in json.loads(str(arrays[TREE]))
+        )
+    return sensor, found, offset
+
+
+def _records() -> dict[str, type]:
+    """Records that a result is made of, by name: no other is ever made of a file's bytes."""
+    from ...sensing.reverb.forest.clutter import Clutter
+    from ...sensing.reverb.forest.losses import TrunkStand
+    from ...sensing.reverb.model_error import ModelError
+    from ...sensing.reverb.pair import ImpulseResponse
+    from ...sensing.sonar.flight import PingSeries
+    from ...sensing.sonar.ping import Echo
+    from ...sensing.sonar.poses import SonarPose
+
+    found = [Echo, PingSeries, SonarPose, ImpulseResponse, ModelError, TrunkStand, Clutter]
+    groups: list[type] = [Settings]
+    for group in groups:  # it grows
+        groups.extend(group.__subclasses__())
+    return {kind.__name__: kind for kind in [*groups, *found]}
+
+
+def _packed(value: Any, arrays: list[np.ndarray]) -> Any:
+    """A value as JSON; a list says first what it stands for."""
+    if isinstance(value, np.ndarray):
+        arrays.append(value)
+        return ["array", len(arrays) - 1]
+    if isinstance(value, Offset):
+        return ["offset", list(value), value.crs]
+    if isinstance(value, dict):
+        return ["dict", [[_packed(part, arrays) for part in pair] for pair in value.items()]]
+    if isinstance(value, tuple | list):
+        return [type(value).__name__, [_packed(part, arrays) for part in value]]
+    if dataclasses.is_dataclass(value):
+        names = [f.name for f in dataclasses.fields(value) if f.init and f.name not in LEFT_OUT]
+        said = {name: _packed(getattr(value, name), arrays) for name in names}
+        return ["record", type(value).__name__, said]
+    return value.item() if isinstance(value, np.generic) else value
+
+
+def _unpacked(value: Any, arrays: Any, records: dict[str, type]) -> Any:
+    """The value that was packed."""
+    if not isinstance(value, list):
+        return value
+    kind, *rest = value
+    if kind == "array":
+        return arrays[f"{rest[0]}"]
+    if kind == "offset":
+        return Offset(*rest)
+    if kind == "record":
+        name, said = rest
+        left = {f.name for f in dataclasses.fields(records[name])} & LEFT_OUT
+        given = {key: _unpacked(part, arrays, records) for key, part in said.items()}
+        return records[name](**given, **dict.fromkeys(left))
+    parts = [_unpacked(part, arrays, records) for part in rest[0]]
+    return dict(parts) if kind == "dict" else tuple(parts) if kind == "tuple" else parts
+
+
+def blocks_of(result: Any) -> list[bpy.types.ID | None]:
+    """The points, pictures and sounds that a result holds."""
+    of_frames = ((each.points, each.picture, each.sound) for each in result.frames)
+    return [result.picture, *(block for blocks in of_frames for block in blocks)]
+
+
+def hold_frame(result: Any, frame: int, sound: bpy.types.Sound | None) -> None:
+    """Keep what a result shows now for a frame, beside what is kept of others. sound : of its Speaker."""
+    shown = bpy.data.objects.get(result.shown)
+    points = shown.data if shown is not None else None
+    if points is not None:
+        points[FRAME_KEY] = frame
+    numbers = [each.frame for each in result.frames]
+    if frame in numbers:
+        item = result.frames[numbers.index(frame)]
+    else:
+        result.frames.add()
+        at = sum(number < frame for number in numbers)
+        result.frames.move(len(numbers), at)
+        item = result.frames[at]
+    item.frame, item.said, item.found = frame, _said_of(result), result.found
+    item.points, item.picture, item.sound = points, result.picture, sound
+
+
+def tell_again(result: Any, frame: int) -> None:
+    """Note what a result says by now, where it is kept for this frame."""
+    for each in result.frames:
+        if each.frame == frame:
+            each.said = _said_of(result)
+
+
+def _said_of(result: Any) -> str:
+    """Figures and legend of a result as one text: hundreds of frames have hundreds of lines each."""
+    figures = [(each.name, each.value, each.made_of) for each in result.figures]
+    legend = [(each.name, each.choice, *each.colour) for each in result.legend]
+    return json.dumps((figures, legend))
+
+
+def _say(result: Any, said: str) -> None:
+    """Have a result say what was noted of a frame."""
+    figures, legend = json.loads(said)
+    result.figures.clear()
+    result.legend.clear()
+    for name, value, made_of in figures:
+        item = result.figures.add()
+        item.name, item.value, item.made_of = name, value, made_of
+    for name, choice, *colour in legend:
+        item = result.legend.add()
+        item.name, item.choice, item.colour = name, choice, colour
+
+
+def begin_frames(scene: bpy.types.Scene, name: str) -> None:
+    """Keep nothing of earlier frames of a sensor any longer, but what is shown now."""
+    result = scene.forest_sensing.results.get(name)
+    if result is None:
+        return
+    left = blocks_of(result)
+    for each in result.frames:
+        if each.points is not None:
+            del each.points[FRAME_KEY]  # it is points as any other now
+    result.frames.clear()
+    let_go(left)
+
+
+def let_go(blocks: Iterable[bpy.types.ID | None]) -> None:
+    """Remove those of these points, pictures and sounds that nothing shows or keeps any longer."""
+    there = {block for block in blocks if block is not None}
+    bpy.data.batch_remove([block for block in there if not block.users])
+
+
+def show_frame(scene: bpy.types.Scene) -> None:
+    """Give every result all that is kept of the frame that the scene is at."""
+    for result in scene.forest_sensing.results:
+        if not result.frames:
+            continue
+        now = scene.frame_current
+        before = [each for each in result.frames if each.frame <= now]
+        each = before[-1] if before else result.frames[0]
+        thing = scene.objects.get(result.shown)
+        ours = thing is not None and CLOUD_KEY in thing and FRAME_KEY in thing.data
+        if ours and each.points is not None and thing.data != each.points:
+            thing.data = each.points
+        if each.picture is not None and result.picture != each.picture:
+            result.picture = each.picture
+        speaker = scene.objects.get(result.name)
+        if each.sound is not None and speaker is not None and speaker.type == "SPEAKER":
+            speaker.data.sound = each.sound
+        result.found = each.found
+        if each.said and each.said != _said_of(result):  # nothing, in files of before
+            _say(result, each.said)
+
+
+@bpy.app.handlers.persistent
+def _to_frame(scene: bpy.types.Scene, _depsgraph: object = None) -> None:
+    if scene.is_editable:
+        show_frame(scene)
+
+
+_sensor_of: dict[tuple[int, str], int] = {}  # uid of a sensor, by scene and name of its result
+
+
+def follow_names(scene: bpy.types.Scene) -> None:
+    """Rename results whose sensor has another name by now."""
+    results = scene.forest_sensing.results
+    for result in results:
+        key = scene.session_uid, result.name
+        thing = scene.objects.get(result.name)
+        if thing is not None and kind_of(thing) == result.kind:
+            _sensor_of[key] = thing.session_uid
+            continue
+        uid = _sensor_of.pop(key, None)
+        if uid is None:
+            continue
+        thing = next((t for t in sensors_of(scene) if t.session_uid == uid), None)
+        if thing is not None and thing.name not in results:
+            _rename(scene, result, thing.name)
+            _sensor_of[scene.session_uid, thing.name] = uid
+
+
+def _rename(scene: bpy.types.Scene, result: Any, name: str) -> None:
+    """Call a result otherwise, and its points, unless the user has named those."""
+    from ...blender.show.cloud import rename_cloud  # brings in scipy
+
+    if result.title == result.name:
+        result.title = name
+    result.name = name
+    shown = scene.objects.get(result.shown)
+    if shown is not None and CLOUD_KEY in shown:
+        rename_cloud(shown, file_name(name))
+        result.shown = shown.name
+
+
+def unregister() -> None:
+    """Forget the sensors."""
+    _sensor_of.clear()
+
+
+@bpy.app.handlers.persistent
+def _look(scene: bpy.types.Scene, _depsgraph: object) -> None:
+    if scene.is_editable and len(scene.forest_sensing.results):
+        follow_names(scene)
+
+
+HANDLERS = (("frame_change_pre", _to_frame), ("depsgraph_update_post", _look))
+
+
+class FOREST_OT_show_result(Reading, bpy.types.Operator):
+    """Show these points alone, or hide them; with Shift beside those that are shown"""
+
+    bl_idname = "forest.show_result"
+    bl_label = "Show Points"
+    bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO"}
+    result: bpy.props.StringProperty(options={"HIDDEN"})
+    more: bpy.props.BoolProperty(
+        name="Beside Others", description="Other points stay as they are", options={"SKIP_SAVE"}
+    )
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        self.more = event.shift
+        return self.execute(context)
+
+    def act(self, context: bpy.types.Context) -> str:
+        results = context.scene.forest_sensing.results
+        thing = points_of(results[self.result]) if self.result in results else None
+        if thing is None:
+            raise ValueError(
+                say("{name} has no points here. Run its sensor again", name=self.result)
+            )
+        if is_seen(thing):
+            thing.hide_set(True)
+        else:
+            show_result(context, results[self.result], self.more)
+        return ""
+
+
+def points_of(result: Any) -> bpy.types.Object | None:
+    """The object of a result's points in its scene, None where there is none."""
+    return result.id_data.objects.get(result.shown) if result.shown else None
+
+
+def is_seen(thing: bpy.types.Object) -> bool:
+    """Return whether the view layer shows an object."""
+    return bool(thing.visible_get())
+
+
+def show_result(context: bpy.types.Context, result: Any, more: bool = False) -> None:
+    """Show the points of a result, and hide those of others. more : those stay as they are."""
+    thing = points_of(result)
+    if thing is None:
+        return
+    show(context, thing)  # not selected: all points would be orange
+    for other in () if more else context.scene.forest_sensing.results:
+        points = points_of(other)
+        if points is not None and points != thing and CLOUD_KEY in points and is_seen(points):
+            points.hide_set(True)
+
+
+# What says nothing where no forest was asked for and none of it was met.
+OF_TREES = {
+    *("Trees Seen", "Wood", "Leaves", "Ground", "Leaves Heard", "Wood Heard", "Behind Wood"),
+    *("Trunks Heard", "Beyond Field", "Too Late"),
+}
+
+Words = dict[str, str]
+Names = tuple[Sequence[str], Sequence[str]]
+
+
+def keep_forest(
+    context: bpy.types.Context, settings: Scene, forest: GrownForest, seconds: float
+) -> str:
+    """Note what stands now; results of the forest before stay, marked. Returns the figures in a sentence."""
+    props = context.scene.forest_sensing
+    for result in props.results:
+        result.stale = result.kind != "forest"
+    figures = in_words(of_forest(forest))
+    for number, planting in enumerate(props.plantings):
+        planting.standing = int(np.count_nonzero(forest.stand.species == number))
+    _note(props, "forest", "forest", settings.name, figures | {keep("Time"): f"{seconds:.1f} s"})
+    trees, leaves = figures["Trees"], figures["Leaves"]
+    if len(forest.stand) == 1:
+        return say("1 tree with {leaves} leaves in {seconds:.1f} s", leaves=leaves, seconds=seconds)
+    return say(
+        "{trees} trees with {leaves} leaves in {seconds:.1f} s",
+        trees=trees,
+        leaves=leaves,
+        seconds=seconds,
+    )
+
+
+def keep_finding(
+    context: bpy.types.Context,
+    thing: bpy.types.Object,
+    sensor: Sensor,
+    found: Finding,
+    seconds: float,
+    offset: Offset = NO_OFFSET,
+    names: Names = ((), ()),
+    frame: int | None = None,
+    geometry: SceneGeometry | None = None,
+) -> str:
+    """Show, note and draw what a sensor found. Returns the key figures in a sentence.
+
+    offset : of the scene; what is exported later is moved by it. names : of objects and of species, by
+    their numbers. frame : that it is kept for, beside what was kept for other frames; None: it alone.
+    geometry : of the scene, which says what points are of; without it they are exported by class alone.
+    """
+    props = context.scene.forest_sensing
+    record = results_of(sensor)
+    figured, sentence = figures_of(sensor, found), sentence_of(sensor, found)
+    if forestless(props):
+        figured = [each for each in figured if each.short not in OF_TREES or _is_some(each)]
+    figures = in_words(figured)
+    plot = record.plot(sensor, found)
+    title = f"Forest {sensor.name}" + ("" if frame is None else f" {frame:04d}")
+    picture = images.show(title, plot) if plot else None
+    sound = None
+    if record.is_response and record.sound is not None and thing.type == "SPEAKER":
+        sound = give_sound(thing, sensor.name, *record.sound(sensor, found))
+    earlier = props.results.get(thing.name)
+    left = blocks_of(earlier) if earlier is not None else []
+    result = _note(  # what needs disk space is done
+        props, thing.name, sensor.kind, thing.name, figures | {keep("Time"): f"{seconds:.1f} s"}
+    )
+    result.summary.value = sentence
+    result.summary.made_of = sentence.made_of if isinstance(sentence, Kept) else ""
+    result.picture, result.caption = picture, label_kept(plot.caption) if plot else ""
+    cloud, marks = record.points(sensor, found), record.marks(found)
+    if cloud is None:
+        result.found = pack(sensor, found, offset)
+    else:
+        labels = _labels(cloud, geometry, names[1]) if geometry is not None else {}
+        points = show_cloud(part(context.scene, RESULTS), sensor.name, cloud)
+        note_scan(points.data, cloud, offset, offset.crs, labels)
+        result.shown = points.name
+        _explain(result, legend_of(cloud, *names))
+    if marks is not None:
+        points = show_heard(part(context.scene, RESULTS), sensor.name, marks)
+        result.shown = points.name
+        _explain(result, legend_of_heard(marks))
+    if result.shown:
+        show_result(context, result)
+        _note_beyond(result, end_with_ground(points, context.scene))
+    if frame is not None:
+        hold_frame(result, frame, sound)
+    else:
+        result.frames.clear()
+    let_go(left)
+    return say("{found} in {seconds:.1f} s", found=say_kept(sentence), seconds=seconds)
+
+
+def save_finding(
+    context: bpy.types.Context,
+    folder: Path,
+    name: str,
+    sensor: Sensor,
+    found: Any,
+    offset: Offset,
+) -> Path:
+    """Write a result to a folder and note the file in the panel, at the result of this name.
+
+    Raises
+    ------
+    OSError : it cannot be written.
+    """
+    path = write_finding(folder, sensor, found, offset)[0]
+    context.scene.forest_sensing.results[name].file = str(path)
+    return path
+
+
+def in_words(figures: list[Figure]) -> Words:
+    """Return what the panel shows of figures; kept in English, said in the language when it is read."""
+    return {
+        keep(each.short): keep(each.pattern, **each.values) if each.pattern else each.text
+        for each in figures
+        if each.short
+    }
+
+
+def _is_some(figure: Figure) -> bool:
+    """Return whether a count or a share is more than none."""
+    return any(digit in "123456789" for digit in figure.text)
+
+
+def note_audit(context: bpy.types.Context, name: str, audit: Audit) -> None:
+    """Add to a result how many of its values were checked, and how far off they are."""
+    off, allowed = (plain(value, audit.unit) for value in (audit.error, audit.allowed))
+    words = keep("off by {off}", off=off)
+    if not audit.kept:
+        words = keep("{off} off: MORE than {allowed}", off=off, allowed=allowed)
+    result = context.scene.forest_sensing.results[name]
+    for title, value in ((keep("Checked"), f"{audit.checked:,}"), (keep("Audit"), words)):
+        figure = result.figures.add()
+        figure.name, figure.value = title, value
+        figure.made_of = value.made_of if isinstance(value, Kept) else ""
+    tell_again(result, context.scene.frame_current)
+
+
+def plain(value: float, unit: str) -> str:
+    """An error as one says it: metres in parts of a millimetre, a share in percent."""
+    if not np.isfinite(value):
+        return f"{value} {unit}".strip()
+    if unit == "m":
+        return "< 0.001 mm" if value < 1e-6 else keep("{size:,.3f} mm", size=1e3 * value)
+    return "< 0.0001 %" if value < 1e-6 else f"{100.0 * value:,.4f} %"
+
+
+def note_estimate(context: bpy.types.Context, name: str, took: float, estimated: float) -> None:
+    """Say beside the time that a run took what was estimated before."""
+    words = keep("{took:.1f} s, {estimated:.1f} s estimated", took=took, estimated=estimated)
+    result = context.scene.forest_sensing.results[name]
+    figure = result.figures.get("Time")
+    if figure is not None:
+        figure.value, figure.made_of = words, words.made_of
+        tell_again(result, context.scene.frame_current)
+
+
+def _labels(cloud: Cloud, geometry: SceneGeometry, species: Sequence[str]) -> dict[str, Labels]:
+    """Return what the points of a cloud can be labelled by when they are exported."""
+    return {
+        "OBJECT": labels_by_object(cloud.returns, geometry),
+        "SPECIES": labels_by_species(cloud.returns, species),
+        "MATERIAL": labels_by_material(cloud.returns, geometry),
+    }
+
+
+def _note_beyond(result: Any, count: int) -> None:
+    """Say of points that views leave out how many they are."""
+    if not count:
+        return
+    figure, words = result.figures.add(), keep("{count:,} not shown", count=count)
+    figure.name, figure.value, figure.made_of = keep("Far Points"), words, words.made_of
+
+
+def _explain(result: Any, legend: Iterable[Entry]) -> None:
+    """Note what the colours of a result's points mean."""
+    for entry in legend:
+        item = result.legend.add()
+        item.name, item.choice, item.colour = entry.name, entry.choice, entry.colour
+
+
+def _note(props: Any, name: str, kind: str, title: str, figures: Words) -> Any:
+    """The entry of this name, at the top of the panel; of an earlier one its frames stay."""
+    for other in props.results:
+        other.opened = False
+    if name not in props.results:
+        props.results.add().name = name
+    props.results.move(props.results.find(name), 0)
+    result = props.results[0]
+    for field in set(result.bl_rna.properties.keys()) - {"rna_type", "name", "frames"}:
+        result.property_unset(field)
+    result.name, result.kind, result.title = name, kind, title
+    for label, value in figures.items():
+        figure = result.figures.add()
+        figure.name, figure.value = label, value
+        figure.made_of = value.made_of if isinstance(value, Kept) else ""
+    return result
