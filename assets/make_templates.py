@@ -26,7 +26,7 @@ if __name__ == "__main__":
 
 from forest_addon.base.rng import stream  # noqa: E402
 from forest_addon.formats.stl import write_stl  # noqa: E402
-from forest_addon.growth.mesh.tubes import tube  # noqa: E402
+from forest_addon.growth.mesh.meshing import tube  # noqa: E402
 
 SEED = 2028
 UP = np.array([0.0, 0.0, 1.0])

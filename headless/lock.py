@@ -40,9 +40,9 @@ def only_one(root: Path, name: str = LOCK) -> Iterator[None]:
             with suppress(OSError):  # Windows removes no open file: it stays, and is taken again
                 if not empty:
                     (root / name).unlink()
-    if made:
-        with suppress(OSError):  # there is something in it
-            root.rmdir()
+            if made:
+                with suppress(OSError):  # there is something in it
+                    root.rmdir()
 
 
 MOST = 1000  # characters of a lock

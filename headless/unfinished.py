@@ -57,7 +57,7 @@ class Unfinished:
     def keep(self, result: Result, sensor: Sensor) -> None:
         """Keep a result until the run is done."""
         self._folder.mkdir(exist_ok=True)
-        with replacing(self._file(sensor)) as partial, open(partial, "wb") as stream:
+        with replacing(self._file(sensor), ours=True) as partial, open(partial, "wb") as stream:
             write_value(stream, result)
 
     def drop(self) -> None:

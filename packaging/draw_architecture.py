@@ -42,18 +42,15 @@ WINGS = {
     "sensing/rays": (33, 14.7, 35, 5.4),
     "stand/statistics": (4, 5, 23, 6.6),
     "stand/intensity": (4, 14.7, 23, 5.4),
-    "growth/graft": (4, 5, 24, 5.6),
-    "growth/regrow": (33, 5, 24, 5.6),
-    "growth/lsystem": (4, 13.4, 15, 6.6),
-    "growth/recognise": (21, 13.4, 20, 6.6),
-    "growth/mesh": (44, 13.4, 13, 6.6),
+    "growth/own_tree": (4, 5, 53, 5.6),
+    "growth/lsystem": (4, 13.4, 24, 6.6),
+    "growth/mesh": (33, 13.4, 24, 6.6),
 }
 STRAIGHT: dict[tuple[str, str], float] = {}  # left of which an arrow goes, where not in the middle
 SIDEWAYS = {
     ("sensing", "stand"),
     ("headless", "ui"),
-    ("growth/regrow", "growth/graft"),
-    ("growth/recognise", "growth/mesh"),
+    ("growth/lsystem", "growth/mesh"),
 }
 SHOWN = "shown"  # the metadata's key
 

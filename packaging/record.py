@@ -49,6 +49,7 @@ COARSE = {  # settings of sensors, and what they are at least or at most
     "step": (0.02, max),
     "sample_rate": (250e3, min),
     "continue_to": (60.0, min),
+    "tolerance": (1e-5, max),
 }
 UNSAID = ("seconds", "memory", "versions", "platform", "cores", "settings", "files")  # keys of JSON
 Facts = Iterator[tuple[str, object]]
@@ -168,7 +169,7 @@ def output_facts(scenes: list[str]) -> Facts:
     for name in scenes:
         with tempfile.TemporaryDirectory() as folder:
             home = Path(folder)
-            scene = small(forest.read(SCENES / f"{name}.toml"))
+            scene = small(forest.read(SCENES / f"{name}.toml"), home)
             file = home / f"{name}.toml"
             write_settings(file, scene)
             for seed in SEEDS:
@@ -185,9 +186,9 @@ def output_facts(scenes: list[str]) -> Facts:
                     shutil.rmtree(out)
 
 
-def small(scene: forest.Scene) -> forest.Scene:
-    """The scene with fewer trees, coarser sensors and no pictures."""
-    plantings = [
+def small(scene: forest.Scene, home: Path) -> forest.Scene:
+    """The scene with fewer trees, coarser sensors, two poses of a route and no pictures."""
+    plantings = tuple(
         dataclasses.replace(
             planting,
             variants=min(planting.variants, 2),
@@ -195,27 +196,30 @@ def small(scene: forest.Scene) -> forest.Scene:
             rows=dataclasses.replace(planting.rows, trees=min(planting.rows.trees, 4)),
         )
         for planting in scene.plantings
-    ]
-    stems = [dataclasses.replace(each, count=min(each.count, 3000)) for each in scene.stems]
-    output = dataclasses.replace(
-        scene.output, blend=False, preview=False, pictures=False, report=False, qsm=True
     )
+    stems = tuple(dataclasses.replace(each, count=min(each.count, 3000)) for each in scene.stems)
+    nothing = {"blend": False, "preview": False, "pictures": False, "report": False}
     return scene.changed(
-        plantings=tuple(plantings),
-        stems=tuple(stems),
-        sensors=tuple(coarse(sensor) for sensor in scene.sensors),
-        output=output,
+        plantings=plantings,
+        stems=stems,
+        sensors=tuple(coarse(sensor, home) for sensor in scene.sensors),
+        output=dataclasses.replace(scene.output, **nothing, qsm=bool(plantings)),
     )
 
 
-def coarse(sensor: forest.Sensor) -> forest.Sensor:
+def coarse(sensor: forest.Sensor, home: Path) -> forest.Sensor:
+    """The sensor with coarser settings; a folder gets its shorter route."""
     changes = {
         key: choose(getattr(sensor, key), value)
         for key, (value, choose) in COARSE.items()
         if isinstance(getattr(sensor, key, None), float)
     }
     if sensor.kind == "reverb":
-        changes |= {"duration": 0.25}
+        changes["duration"] = 0.25
+    if getattr(sensor, "route", ""):
+        lines = Path(sensor.route).read_text("utf-8").splitlines(keepends=True)
+        changes["route"] = str(home / "route.csv")
+        (home / "route.csv").write_text("".join(lines[:3]), "utf-8")
     return dataclasses.replace(sensor, **changes)
 
 
@@ -336,15 +340,15 @@ def other_facts() -> Facts:
     with tempfile.TemporaryDirectory() as folder:
         home = Path(folder)
         file = home / "small.toml"
-        write_settings(file, small(forest.read(SCENES / "demo.toml")))
+        write_settings(file, small(forest.read(SCENES / "demo.toml"), home))
         flight, trees = SCENES / "flight-hedge.toml", SCENES / "rioja-pines.csv"
         windy = home / "windy.toml"
-        write_settings(windy, in_wind(small(forest.read(SCENES / "demo.toml"))))
+        write_settings(windy, in_wind(small(forest.read(SCENES / "demo.toml"), home)))
         every = home / "every.toml"
         kinds = sorted(path.stem for path in (ROOT / "assets" / "species").glob("*.toml"))
         one = {"variants": 1, "expected": 1.0, "exact": True}
         planted = tuple(forest.Planting(species=kind, **one) for kind in kinds)
-        nothing = dataclasses.replace(small(forest.Scene()).output, glb=False)
+        nothing = dataclasses.replace(small(forest.Scene(), home).output, glb=False)
         write_settings(every, forest.Scene(plantings=planted, output=nothing))
         for words in (
             ("run", str(every), "--quiet", "--out", str(home / "every")),
@@ -392,7 +396,7 @@ def in_wind(scene: forest.Scene) -> forest.Scene:
 
 def error_facts() -> Facts:
     """Errors against the direct sums (``tolerance`` 0), of engines against each other, and audits."""
-    scene = small(forest.read(SCENES / "demo.toml"))
+    scene = small(forest.read(SCENES / "demo.toml"), Path())
     tractor, tripod, bat, clap = scene.sensors
     ranges = {}
     for engine in ("embree", "bvhtree"):

@@ -15,9 +15,9 @@ from importlib import import_module
 from pathlib import Path
 
 from forest_addon.api import SpecError
-
-from .bench.run import ON_REQUEST, SECTIONS
-from .bench.run import run as run_bench
+from forest_addon.formats.ownership import Keeper, keeping
+from studies.bench.run import ON_REQUEST, SECTIONS
+from studies.bench.run import run as run_bench
 
 DATA = "FOREST_MEASURED"  # the environment's name for the folder of measurements
 EXPERIMENTS = ("speed", "hedge", "plants", "senses", "learn")
@@ -32,7 +32,9 @@ def main(words: Sequence[str] | None = None) -> int:
     try:
         if getattr(chosen, "seed", 0) < 0:
             raise SpecError("--seed", f"{chosen.seed} is out of range; use at least 0")
-        chosen.run(chosen)
+        keeper = Keeper(getattr(chosen, "out", None), "studies", force=chosen.force)
+        with keeping(keeper):
+            chosen.run(chosen)
     except ModuleNotFoundError as problem:
         if (problem.name or "").split(".")[0] in ("forest_addon", "studies"):
             raise
@@ -54,6 +56,9 @@ def _fail(problem: object, code: int) -> int:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="python -m studies", description="Benchmarks, validation, papers."
+    )
+    parser.add_argument(
+        "--force", action="store_true", help="replace files that Forest Sensing did not write"
     )
     commands = parser.add_subparsers(required=True, metavar="STUDY")
     _add_validate(commands)
@@ -131,13 +136,13 @@ def _add_data(command: argparse.ArgumentParser) -> None:
 
 def _validate(chosen: argparse.Namespace) -> None:
     if chosen.other:
-        from .validation.clouds.pair import hold_pair
+        from studies.validation.cloud_pair import hold_pair
 
         hold_pair(chosen.subject, (chosen.file, chosen.other), chosen.origin, chosen)
         return
     if chosen.origin:
         raise SpecError("--origin", "belongs to two clouds: validate lidar A.laz B.laz")
-    from .validation.run import run_sections
+    from studies.validation.run import run_sections
 
     run_sections([chosen.subject] if chosen.subject else [], chosen, chosen.out)
 
@@ -182,26 +187,23 @@ def _study(chosen: argparse.Namespace) -> None:
         if not 1 <= value <= 1000:
             raise SpecError(key, f"{value} is out of range; use 1 to 1000")
     data = None if chosen.data is None else Path(chosen.data)
-    from .validation.run import keep_subject, tell_subject, write_page
+    from studies.validation.run import keep_subject, tell_subject, write_page
 
     began = time.process_time()
     if chosen.study == "sim-to-real":
-        from .sim_to_real.page import subject_of
-        from .sim_to_real.run import Request, run_study
+        from studies.sim_to_real.run import Request, run_study, subject_of
 
         request = Request(plots, chosen.seeds, chosen.seed, data, chosen.real)
         part = subject_of(run_study(request, out), out)
     elif chosen.study == "ablations":
-        from .sim_to_real.ablation_page import ablation_subject
-        from .sim_to_real.ablations import run_ablations
+        from studies.sim_to_real.ablations import ablation_subject, run_ablations
 
         if data is None:
             raise SpecError("--data", "is needed: the measurements, with wood/ in it")
         found = run_ablations(data, out, plots, chosen.seeds, chosen.seed)
         part = ablation_subject(found, out)
     else:
-        from .sim_to_real.task_page import task_subject
-        from .sim_to_real.tasks import run_tasks
+        from studies.sim_to_real.tasks import run_tasks, task_subject
 
         part = task_subject(run_tasks(chosen.tool, data, out, plots, chosen.seed), out)
     keep_subject(part, out / part.name)
@@ -236,7 +238,7 @@ def _add_papers(commands: argparse._SubParsersAction) -> None:
 
 
 def _simlidar(chosen: argparse.Namespace) -> None:
-    from .papers.simlidar import run_experiment
+    from studies.papers.simlidar import run_experiment
 
     run_experiment(
         chosen.out, quick=chosen.quick, seed=chosen.seed, engine=chosen.engine, quiet=chosen.quiet
@@ -244,7 +246,7 @@ def _simlidar(chosen: argparse.Namespace) -> None:
 
 
 def _reverb_figures(chosen: argparse.Namespace) -> None:
-    from .papers.reverb_figures import draw_figures
+    from studies.papers.reverb_figures import draw_figures
 
     draw_figures(chosen.out, chosen.quick)
 

@@ -13,8 +13,8 @@ from scipy.ndimage import distance_transform_edt
 from scipy.spatial import cKDTree
 
 from ..base.trimesh import LEAF, TriMesh, is_wood
-from ..growth.recognise.centreline import find_centrelines
-from ..growth.recognise.pieces import part
+from ..growth.own_tree.centreline import find_centrelines
+from ..growth.own_tree.pieces import part
 
 CELLS = 400_000  # of a mesh
 FINEST = 0.05  # metres, a cell's edge

@@ -15,8 +15,6 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from ..spec import SpecError
-
 RECORD = ".forest-sensing.jsonl"
 ADVICE = "choose another --out, or --force to replace it"
 
@@ -57,7 +55,7 @@ class Keeper:
         with suppress(OSError):  # it is not there, or is a link to nothing
             found = os.stat(path)
             if any(os.path.samestat(found, read) for read in self._read):
-                raise SpecError(str(path), "is read by this command; choose another --out")
+                raise _refusal(str(path), "is read by this command; choose another --out")
 
     def claim(self, path: Path, ours: bool = False) -> None:
         """Make sure that a file may be replaced or removed. ours : another record says that it may.
@@ -73,7 +71,7 @@ class Keeper:
         if ours or self._is_ours(place):
             return
         if not self._force:
-            raise SpecError(str(path), f"is not what Forest Sensing wrote there; {ADVICE}")
+            raise _refusal(str(path), f"is not what Forest Sensing wrote there; {ADVICE}")
         self._say(f"--force: {path} is replaced")
 
     def writes(self, path: Path, content: Path) -> None:
@@ -130,7 +128,7 @@ class Keeper:
             if not all(isinstance(line[key], str) for line in lines for key in KEYS):
                 raise TypeError
         except (ValueError, KeyError, TypeError):
-            raise SpecError(str(record), "is no record of Forest Sensing; move it away") from None
+            raise _refusal(str(record), "is no record of Forest Sensing; move it away") from None
         self._lines[record] = (size, lines)
         return lines
 
@@ -188,6 +186,12 @@ def digest_of(path: Path) -> str:
     """SHA-256 of a file."""
     with open(path, "rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _refusal(path: str, problem: str) -> ValueError:
+    from ..spec import SpecError  # here: Ctrl-C is listened for before what takes long is imported
+
+    return SpecError(path, problem)
 
 
 def _place(path: Path) -> Path:

@@ -8,6 +8,8 @@ from scipy.special import betaincinv, ndtr, ndtri
 from ..base.rng import keyed_uniform
 from ..spec import Discrete, Inclination, Normal
 
+GOLDEN = np.pi * (3 - np.sqrt(5))  # radians; turned on by it, no two directions are ever the same
+
 
 def draw_normal(spread: Normal, keys: np.ndarray, purpose: str) -> np.ndarray:
     """(N,) truncated normals, one a key."""

@@ -16,13 +16,12 @@ import numpy as np
 
 from ..base.rng import daughter_keys, keyed_uniform
 from ..spec import MAX_REACH, Honda, Leaf
-from .draw import draw_discrete, draw_normal, mean_of
-from .lsystem.rewrite import written
-from .mesh.foliage import set_leaves
+from .draw import GOLDEN, draw_discrete, draw_normal, mean_of
+from .lsystem.system import written
+from .mesh.blades import set_leaves
 from .skeleton import LeafSites, Skeleton
 
 MAX_SEGMENTS = 5_000_000
-GOLDEN = np.pi * (3 - np.sqrt(5))  # turn from leaf to leaf
 LEADER = 1 << 32  # a child's number that no other child has
 
 

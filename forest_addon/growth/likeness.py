@@ -1,22 +1,193 @@
-"""Likeness of grown trees to the one that they are to be like: means, spreads, distributions, profiles.
+"""A tree in numbers: what a forester measures on it, and how it is spread over its height.
+
+Taken from all of its wood as segments and the truth of its leaves, so that a template and what is grown
+from it are measured alike. Profiles are over height as a share of the tree's own.
+
+Likeness of grown trees to the one that they are to be like: means, spreads, distributions, profiles.
 
 A number is compared by its mean over the siblings, in per cent of the template's and in standard
 deviations of the siblings. Samples, such as all insertion angles, are pooled and compared by the distance
 of Kolmogorov and Smirnov and by that of the earth mover (the area between both distributions, in their own
 unit). Profiles are compared by their overlap, Σ min(p, q).
+
+The verdict on a fitted grammar: do its siblings stand, and are they like the tree that was brought?
+
+Siblings are grown and measured without their meshes. They should be as high, wide, stout and leafy in the
+mean as the tree, to 10 %, with its numbers of branches and its profiles, lean at most 10° more than it does,
+stay out of the ground, and have every branch on its parent. Where they are not, variety is lowered step by
+step. What then is still off by more than twice what is allowed speaks against planting them.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from scipy.stats import wasserstein_distance
 
-from .portrait import Portrait
+from ..base.rng import stream
+from ..spec import Siblings
+from .mesh.leaves import Leaves
+from .own_tree.habit import Habit
+from .own_tree.relay import SiblingStanding, lowest_corner, outline_of, standing_of
+from .own_tree.sibling import Grown, grow_sibling
+from .own_tree.size import BREAST
+from .skeleton import Skeleton
 
+BINS = 20  # of a vertical profile
+SIDES = 18  # from which the width of the crown is measured
+LOWEST = 0.02  # share of the leaf area below the base of the crown
+SAMPLES = 8  # of a segment's length
 MOST_DIFFERENCE, LEAST_OVERLAP, MOST_SPREADS = 0.10, 0.85, 2.0  # the goals
+VARIETIES = (1.0, 0.7, 0.5, 0.3, 0.15)  # tried one after the other
+FEWEST = 24  # siblings that tell
+REFUSED = 2.0  # times what is allowed
+JUDGED = ("height", "crown width", "crown base", "DBH", "wood volume", "leaf area", "branches of")
+ONE_BRANCH = 1.0  # that a mean number of branches may be off in any case
+MOST_LEAN, MOST_SUNK, MOST_GAP = np.deg2rad(10.0), 0.05, 1e-3
+MOST_THICKER = 0.02  # of the parent's radius, more than in the tree
+MESHED = 5  # siblings whose meshes are looked at
+TOLD = 4  # goals that a sentence names at most
+
+
+class Measurable(Protocol):
+    """A tree, or the outline of one."""
+
+    @property
+    def skeleton(self) -> Skeleton:
+        """All of its wood as segments."""
+
+    @property
+    def leaves(self) -> Leaves:
+        """The truth of its leaves."""
+
+    @property
+    def height(self) -> float:
+        """Metres from the ground to the highest point."""
+
+
+@dataclass(frozen=True)
+class Portrait:
+    """One tree.
+
+    numbers : by name and unit. samples : by name, one number a branch. profiles : by name, (BINS,)
+    shares that add up to 1, from the ground to the top.
+    """
+
+    numbers: dict[str, float]
+    samples: dict[str, np.ndarray]
+    profiles: dict[str, np.ndarray]
+
+
+def portray(tree: Measurable) -> Portrait:
+    """The portrait of a tree of which all wood is in the skeleton."""
+    wood, leaves = tree.skeleton, tree.leaves
+    first, axis = axes_of(wood)
+    order, length = wood.order[first], np.bincount(axis, _lengths(wood))
+    angle = insertion_angles(wood)
+    area = np.pi * leaves.radius**2
+    height = tree.height
+    numbers = {
+        "height, m": height,
+        "crown width, m": crown_width(tree),
+        "crown base, m": crown_base(tree),
+        "DBH, cm": 200 * trunk_radius(wood, min(BREAST, height / 2)),
+        "taper: diameter at half height / DBH": trunk_radius(wood, height / 2)
+        / max(trunk_radius(wood, min(BREAST, height / 2)), 1e-9),
+    }
+    samples = {}
+    for level in range(1, int(wood.order.max(initial=0)) + 1):
+        mine = order == level
+        numbers[f"branches of order {level}"] = float(mine.sum())
+        numbers[f"their length, order {level}, m"] = float(length[mine].sum())
+        samples[f"insertion angle, order {level}, deg"] = np.rad2deg(angle[mine])
+        samples[f"length of a branch, order {level}, m"] = length[mine]
+    numbers["wood volume, l"] = 1000 * _volume(wood)
+    if len(leaves):
+        numbers["leaves"] = float(len(leaves))
+        numbers["leaf area, m²"] = float(area.sum())
+        facing = np.clip(np.abs(leaves.normal[:, 2]), 0.0, 1.0)
+        samples["inclination of a leaf, deg"] = np.rad2deg(np.arccos(facing))
+    place, weight = _along(wood, wood.order > 0)
+    profiles = {"branch length": _profile(place, weight, height)}
+    if len(leaves):
+        profiles["leaf area"] = _profile(leaves.centre[:, 2], area, height)
+    return Portrait(numbers, samples, profiles)
+
+
+def axes_of(wood: Skeleton) -> tuple[np.ndarray, np.ndarray]:
+    """(B,) first segment of each axis, and (S,) axis of each segment."""
+    begins = (wood.parent < 0) | (wood.order[np.maximum(wood.parent, 0)] != wood.order)
+    begin = np.where(begins, np.arange(len(begins)), wood.parent)
+    while not begins[begin].all():  # twice as far with each round
+        begin = begin[begin]
+    axis = np.cumsum(begins)[begin] - 1
+    return np.flatnonzero(begins), axis
+
+
+def insertion_angles(wood: Skeleton) -> np.ndarray:
+    """(B,) radians between the first segment of each axis and what bears it; a trunk's from upright."""
+    first, _ = axes_of(wood)
+    heading = wood.end - wood.start
+    heading = heading / np.maximum(np.linalg.norm(heading, axis=1, keepdims=True), 1e-12)
+    borne = wood.parent[first] >= 0
+    bearer = np.where(borne[:, None], heading[wood.parent[first]], [0.0, 0.0, 1.0])
+    cosine = np.einsum("bi,bi->b", heading[first], bearer)
+    return np.asarray(np.arccos(np.clip(cosine, -1.0, 1.0)))
+
+
+def crown_width(tree: Measurable) -> float:
+    """Mean width of the crown's shadow between parallel lines, from all sides; else of the wood."""
+    points = tree.leaves.centre if len(tree.leaves) else tree.skeleton.end
+    side = np.pi * np.arange(SIDES) / SIDES
+    across = points[:, :2] @ np.stack([np.cos(side), np.sin(side)])
+    return float(np.ptp(across, axis=0).mean()) if len(points) else 0.0
+
+
+def crown_base(tree: Measurable) -> float:
+    """Height with a fiftieth of the leaf area below it; without leaves, the lowest branch's foot."""
+    if len(tree.leaves):
+        up = np.argsort(tree.leaves.centre[:, 2])
+        area = np.cumsum(tree.leaves.radius[up] ** 2)
+        return float(tree.leaves.centre[up[np.searchsorted(area, LOWEST * area[-1])], 2])
+    branches = tree.skeleton.order == 1
+    return float(tree.skeleton.start[branches, 2].min()) if branches.any() else tree.height
+
+
+def trunk_radius(wood: Skeleton, height: float) -> float:
+    """Radius of the trunk at a height; 0 above its tip."""
+    trunk = np.flatnonzero(wood.order == 0)
+    crossed = trunk[(wood.start[trunk, 2] <= height) & (wood.end[trunk, 2] > height)]
+    if not len(crossed):
+        return 0.0
+    s = crossed[0]
+    part = (height - wood.start[s, 2]) / (wood.end[s, 2] - wood.start[s, 2])
+    return float(wood.radius[s, 0] + part * (wood.radius[s, 1] - wood.radius[s, 0]))
+
+
+def _lengths(wood: Skeleton) -> np.ndarray:
+    return np.asarray(np.linalg.norm(wood.end - wood.start, axis=1))
+
+
+def _volume(wood: Skeleton) -> float:
+    r1, r2 = wood.radius.T
+    return float((np.pi * _lengths(wood) * (r1**2 + r1 * r2 + r2**2) / 3).sum())
+
+
+def _along(wood: Skeleton, which: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Heights of places along segments, and the length that each stands for."""
+    part = (np.arange(SAMPLES) + 0.5) / SAMPLES
+    low, high = wood.start[which, 2], wood.end[which, 2]
+    place = low[:, None] + part * (high - low)[:, None]
+    return place.ravel(), np.repeat(_lengths(wood)[which] / SAMPLES, SAMPLES)
+
+
+def _profile(place: np.ndarray, weight: np.ndarray, height: float) -> np.ndarray:
+    bins = np.clip((place / max(height, 1e-9) * BINS).astype(np.int64), 0, BINS - 1)
+    total = np.bincount(bins, weight, BINS)
+    return np.asarray(total / max(total.sum(), 1e-300))
 
 
 @dataclass(frozen=True)
@@ -131,3 +302,116 @@ def kolmogorov(one: np.ndarray, other: np.ndarray) -> float:
     low = np.searchsorted(np.sort(one), places, side="right") / len(one)
     high = np.searchsorted(np.sort(other), places, side="right") / len(other)
     return float(np.abs(low - high).max())
+
+
+@dataclass(frozen=True)
+class Miss:
+    """A goal that siblings miss: in words, and how many times what is allowed they are off."""
+
+    words: str
+    times: float
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Comparison of siblings with the tree, and what it speaks against.
+
+    variety : the largest of ``VARIETIES`` that meets all goals, or that which comes nearest.
+    siblings : how many were grown. missed : goals that they miss, the worst first.
+    """
+
+    variety: float
+    siblings: int
+    likeness: Likeness
+    missed: tuple[Miss, ...]
+
+    @property
+    def stands(self) -> bool:
+        """True where they may be planted: no goal is missed by more than twice what is allowed."""
+        return not self.missed or self.missed[0].times <= REFUSED
+
+    @property
+    def sentence(self) -> str:
+        """One sentence that says what is missed; empty where nothing is."""
+        if not self.missed:
+            return ""
+        told = "; ".join(miss.words for miss in self.missed[:TOLD])
+        more = len(self.missed) - TOLD
+        return f"siblings are not like the tree: {told}" + (f"; {more} more" if more > 0 else "")
+
+
+def judge(habit: Habit, settings: Siblings, count: int) -> Verdict:
+    """Grow so many siblings by a grammar, ``FEWEST`` at least, of less and less variety until they are like
+    the tree.
+    """
+    count = max(count, FEWEST)
+    itself = grow_sibling(habit, Siblings(variety=0.0), 0)
+    one = portray(outline_of(habit.anatomy, itself, 0.0))
+    own, low = standing_of(itself), lowest_corner(habit.anatomy, itself, 0.0)
+    keys = [
+        int(stream(0, "template", "sibling", number).integers(2**63)) for number in range(count)
+    ]
+    verdicts = []
+    for variety in VARIETIES:
+        varied = Siblings(variety=variety, allometry=settings.allometry)
+        grown = [grow_sibling(habit, varied, key) for key in keys]
+        portraits = [portray(outline_of(habit.anatomy, tree, variety)) for tree in grown]
+        likeness = compare(one, portraits)
+        missed = [*_unlike(likeness), *_unsound(own, [standing_of(tree) for tree in grown])]
+        missed += _sunk(habit, low, grown[:MESHED], variety)
+        missed.sort(key=lambda miss: -miss.times)
+        verdicts.append(Verdict(variety, count, likeness, tuple(missed)))
+        if not missed:
+            break
+    return min(verdicts, key=lambda verdict: verdict.missed[0].times if verdict.missed else 0.0)
+
+
+def _unlike(likeness: Likeness) -> list[Miss]:
+    """Means and profiles that are off."""
+    missed = []
+    for row in likeness.numbers:
+        if not row.name.startswith(JUDGED):
+            continue
+        allowed = max(MOST_DIFFERENCE * abs(row.template), row.room)
+        if row.name.startswith("branches"):
+            allowed = max(allowed, ONE_BRANCH)
+        times = abs(row.mean - row.template) / max(allowed, 1e-12)
+        if times > 1:
+            name = row.name.split(",")[0]
+            words = f"{name} {100 * row.difference:+.0f} % ({100 * MOST_DIFFERENCE:.0f} % allowed)"
+            missed.append(Miss(words, times))
+    for profile in likeness.profiles:
+        times = (1 - profile.overlap) / (1 - LEAST_OVERLAP)
+        if times > 1:
+            words = f"{profile.name} over height overlaps by {profile.overlap:.2f} ({LEAST_OVERLAP} wanted)"
+            missed.append(Miss(words, times))
+    return missed
+
+
+def _unsound(own: SiblingStanding, found: list[SiblingStanding]) -> list[Miss]:
+    """Trunks that lean, and branches that are off their parents or thicker than these."""
+    missed = []
+    lean, gap = max(one.lean for one in found), max(one.gap for one in found)
+    thicker = max(one.thicker for one in found)
+    if lean > own.lean + MOST_LEAN:
+        words = f"a trunk leans {np.rad2deg(lean):.0f}° ({np.rad2deg(own.lean):.0f}° in the tree)"
+        missed.append(Miss(words, float((lean - own.lean) / MOST_LEAN)))
+    if gap > MOST_GAP:
+        words = f"a branch begins {1000 * gap:.0f} mm off its parent (1 mm allowed)"
+        missed.append(Miss(words, gap / MOST_GAP))
+    if thicker > max(own.thicker, 1.0) + MOST_THICKER:
+        words = f"a branch is {thicker:.1f} times as thick as its parent ({own.thicker:.1f} in the tree)"
+        missed.append(Miss(words, (thicker - max(own.thicker, 1.0)) / MOST_THICKER))
+    return missed
+
+
+def _sunk(habit: Habit, low: float, grown: list[Grown], variety: float) -> list[Miss]:
+    """Parts below the ground, deeper than the tree's own roots are."""
+    deepest = min(lowest_corner(habit.anatomy, tree, variety) for tree in grown)
+    below = min(low, 0.0) * (1 + MOST_DIFFERENCE) - deepest
+    if below <= MOST_SUNK:
+        return []
+    words = (
+        f"a branch reaches {100 * below:.0f} cm into the ground ({100 * MOST_SUNK:.0f} cm allowed)"
+    )
+    return [Miss(words, below / MOST_SUNK)]

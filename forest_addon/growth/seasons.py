@@ -3,7 +3,7 @@
 Stems and branches keep elastic similarity (McMahon, T. 1973. Size and shape in biology. Science 179,
 1201): their lengths go with the power 2/3 of their diameters, which grow in proportion to age. With each
 halving of its age a tree that is branched by rules has one generation fewer. Trees of templates keep what
-their allometry says (``regrow.size``); of trees that are grown to measure the stand has the diameters
+their allometry says (``own_tree.size``); of trees that are grown to measure the stand has the diameters
 (``stand.measured``).
 """
 

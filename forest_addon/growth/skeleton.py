@@ -2,6 +2,18 @@
 
 What a turtle or a branching model makes and a mesher takes. A child may start anywhere on her parent,
 not only at her end; a segment of the same order as its parent continues her axis.
+
+Axes of a skeleton: the segments of each, and the first-level branch that each belongs to.
+
+An axis goes on from a segment to its first child of equal order that starts where the segment ends;
+every other child starts an axis of its own. Both questions are answered for all segments at once by
+pointer doubling: a segment that has jumped k parents towards its end of the chain jumps 2k next time.
+
+The branches of a tree as cylinders, in the terms of quantitative structure models (TreeQSM and its kin).
+
+A segment of the skeleton is a cylinder: it knows its parent, its extension (the segment that goes on along
+the same axis), its axis and its order. Radii are those at both ends; the cylinder's own is that of equal
+volume, r² = (r₁² + r₁r₂ + r₂²)/3.
 """
 
 from __future__ import annotations
@@ -9,6 +21,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+
+TOUCH = 1e-6  # metres between the end of a segment and the start of the one that continues it
 
 
 @dataclass(frozen=True)
@@ -92,3 +106,130 @@ class LeafSites:
         """No leaves at all."""
         vectors, numbers = np.empty((0, 3)), np.empty(0)
         return cls(vectors, vectors, vectors, numbers, numbers, np.empty(0, np.int64))
+
+
+@dataclass(frozen=True)
+class Axes:
+    """S segments sorted into A axes.
+
+    segment : (S,) int64, the segments axis by axis, from foot to tip.
+    first : (A + 1,) int64, where each axis starts within ``segment``; the last entry is S.
+    """
+
+    segment: np.ndarray
+    first: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.first) - 1
+
+
+def find_axes(skeleton: Skeleton) -> Axes:
+    """Sort the segments of a skeleton into axes."""
+    before = _before(skeleton)
+    head = _root(before)
+    segment = np.argsort(head, kind="stable")  # a parent comes first, so an axis stays in order
+    starts = np.flatnonzero(np.diff(head[segment], prepend=-1))
+    return Axes(segment, np.append(starts, len(segment)).astype(np.int64))
+
+
+def first_level(skeleton: Skeleton) -> np.ndarray:
+    """(S,) int64: the first-level branch of each segment, counted from 0; -1 on the trunk."""
+    order, parent = skeleton.order, skeleton.parent
+    starts = (order == 1) & ((parent < 0) | (order[np.maximum(parent, 0)] == 0))
+    number = np.where(starts, np.cumsum(starts) - 1, -1)
+    up = np.where(starts | (order == 0), -1, parent)
+    return np.asarray(np.where(order == 0, -1, number[_root(up)]))
+
+
+def _before(skeleton: Skeleton) -> np.ndarray:
+    """(S,) the segment that each one continues, -1 where an axis starts."""
+    parent = skeleton.parent
+    mother = np.maximum(parent, 0)
+    gap = np.abs(skeleton.start - skeleton.end[mother]).max(axis=1, initial=0.0)
+    onward = np.flatnonzero(
+        (parent >= 0) & (skeleton.order == skeleton.order[mother]) & (gap <= TOUCH)
+    )
+    chosen = np.full(len(parent), -1, dtype=np.int64)
+    chosen[parent[onward[::-1]]] = onward[::-1]  # written backwards: the first child stays
+    before = np.full(len(parent), -1, dtype=np.int64)
+    continued = np.flatnonzero(chosen >= 0)
+    before[chosen[continued]] = continued
+    return before
+
+
+def _root(up: np.ndarray) -> np.ndarray:
+    """(S,) where a chain of pointers ends; -1 points nowhere."""
+    at = np.where(up < 0, np.arange(len(up)), up)
+    while True:
+        further = at[at]
+        if np.array_equal(further, at):
+            return at
+        at = further
+
+
+@dataclass(frozen=True)
+class Cylinders:
+    """C cylinders of one tree, a parent before its children.
+
+    start, end : (C, 3) metres. radius : (C, 2) at start and end. parent, extension : (C,) int64, -1 where
+    there is none. axis : (C,) int64, counted from the trunk's 0. order : (C,) int64, 0 for the trunk.
+    """
+
+    start: np.ndarray
+    end: np.ndarray
+    radius: np.ndarray
+    parent: np.ndarray
+    extension: np.ndarray
+    axis: np.ndarray
+    order: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.parent)
+
+    @property
+    def equal_radius(self) -> np.ndarray:
+        """(C,) radius of the cylinder of the same length and volume."""
+        r1, r2 = self.radius.T
+        return np.asarray(np.sqrt((r1**2 + r1 * r2 + r2**2) / 3))
+
+    @property
+    def length(self) -> np.ndarray:
+        """(C,) metres."""
+        return np.asarray(np.linalg.norm(self.end - self.start, axis=1))
+
+
+def cylinders_of(skeleton: Skeleton) -> Cylinders:
+    """The cylinders of a skeleton, in its order."""
+    axes = find_axes(skeleton)
+    count = len(skeleton)
+    axis = np.empty(count, np.int64)
+    axis[axes.segment] = np.repeat(np.arange(len(axes)), np.diff(axes.first))
+    extension = np.full(count, -1, np.int64)
+    before, after = axes.segment[:-1], axes.segment[1:]
+    same = axis[before] == axis[after]
+    extension[before[same]] = after[same]
+    return Cylinders(
+        start=skeleton.start,
+        end=skeleton.end,
+        radius=skeleton.radius,
+        parent=skeleton.parent,
+        extension=extension,
+        axis=axis,
+        order=skeleton.order,
+    )
+
+
+def diameter_at(skeleton: Skeleton, height: float) -> float:
+    """Diameter of the trunk at a height; of several stems that of a circle of all their area.
+
+    A stem is measured where its axis of order 0 first passes the height, at right angles to the axis. 0 where
+    no stem reaches it.
+    """
+    trunk = skeleton.order == 0
+    low, high = skeleton.start[trunk, 2], skeleton.end[trunk, 2]
+    passed = (low <= height) & (high > height)
+    if not passed.any():
+        return 0.0
+    share = (height - low[passed]) / (high[passed] - low[passed])
+    r1, r2 = skeleton.radius[trunk][passed].T
+    return float(2 * np.sqrt(((r1 + share * (r2 - r1)) ** 2).sum()))

@@ -7,8 +7,8 @@ import numpy as np
 from ..spec import Species
 from .honda import grow_honda
 from .lsystem.ruled import grow_ruled
+from .lsystem.tanveer import grow_whole
 from .skeleton import LeafSites, Skeleton
-from .without_templates import grow_whole
 
 
 def skeleton_of(species: Species, rng: np.random.Generator) -> tuple[Skeleton, LeafSites]:

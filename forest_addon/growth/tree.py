@@ -1,7 +1,7 @@
 """One tree: grown to the last twig as a skeleton, or grafted from templates (Tanveer et al. 2020a).
 
 A species without a template is a skeleton with leaf sites, of which meshes are made. With one, either a
-grammar fitted to that tree makes siblings of it out of its own pieces (``regrow.sibling``), or Tanveer et
+grammar fitted to that tree makes siblings of it out of its own pieces (``own_tree.sibling``), or Tanveer et
 al.'s L-system gives trunk and first-level nodes, templates give the branches: the trunk is a tube along
 the skeleton's axis of order 0; at every node where an axis of order 1 leaves it, and at the trunk's tip, a
 branch template is grafted whose length is that of the whole axis. With as many templates as nodes they
@@ -20,31 +20,22 @@ from ..base.rng import daughter_keys, truncated_normal
 from ..base.trimesh import DEAD, LEAF, WOOD, TriMesh, join
 from ..spec import Siblings, Species
 from .draw import draw_inclination
-from .graft.cut import TreeTemplate
-from .graft.graft import GraftSite, Scion, graft, prepare
-from .lsystem.grammar import string_of
-from .lsystem.turtle import interpret
+from .lsystem.tanveer import interpret, string_of
+from .measured.crown import scaled_to
 from .measured.curves import curved
 from .measured.dead import with_dead
-from .measured.meet import grow_measured
+from .measured.meet import Parts, grow_measured, lowest_kept, reshaped
 from .measured.needles import coarse_shoot, shoot_of
-from .measured.pipes import scaled_to
-from .measured.reshape import Parts, lowest_kept, reshaped
-from .measured.templates import fitted_template
-from .measured.wanted import Kind, Wanted, one_tree
-from .mesh.axes import first_level
-from .mesh.blades import Blade, facings, lay, leaf_areas, thin_leaves, truth_of
-from .mesh.edges import repeated_edges
-from .mesh.incline import incline_leaves, incline_sites
-from .mesh.leaves import Leaves, join_leaves
-from .mesh.meshing import mesh_wood
+from .measured.wanted import Kind, Wanted, fitted_template, one_tree
+from .mesh.blades import Blade, facings, lay, leaf_areas, leaf_blade, thin_leaves, truth_of
+from .mesh.leaves import Leaves, incline_leaves, incline_sites, join_leaves
+from .mesh.meshing import mesh_wood, repeated_edges, sides_for, tube
 from .mesh.relief import SMALLEST, Relief
-from .mesh.shapes import leaf_blade
-from .mesh.tubes import sides_for, tube
-from .regrow.fitted import Habit
-from .regrow.relay import mesh_of, skeleton_of_grown
-from .regrow.sibling import grow_sibling
-from .skeleton import Skeleton
+from .own_tree.habit import Habit
+from .own_tree.relay import mesh_of, skeleton_of_grown
+from .own_tree.sibling import grow_sibling
+from .own_tree.template import GraftSite, Scion, TreeTemplate, graft, prepare
+from .skeleton import Skeleton, first_level
 from .species import skeleton_of
 
 TOLERANCE = 0.002  # metres between a trunk's polygon and its circle

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from ..growth.graft.cut import TreeTemplate
 from ..growth.measured.wanted import Wanted
-from ..growth.regrow.fitted import Habit
+from ..growth.own_tree.habit import Habit
+from ..growth.own_tree.template import TreeTemplate
 from ..growth.tree import Tree
 from ..spec import Look, Species
 

@@ -12,7 +12,7 @@ import numpy as np
 from .. import spec
 from ..formats.raster_file import read_raster
 from ..formats.stl import StlError, read_stl
-from ..growth.library.allometry_file import read_allometry
+from ..growth.library.species_file import read_allometry
 from ..spec import SpecError
 from .inputs import Inputs, TreeList
 from .intensity.functions import IntensityError

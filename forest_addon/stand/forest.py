@@ -10,11 +10,11 @@ import numpy as np
 
 from ..base.progress import Progress
 from ..base.rng import stream
-from ..growth.graft.cut import TreeTemplate
 from ..growth.measured.wanted import TARGETS, Kind
 from ..growth.mesh.blades import Blade
 from ..growth.mesh.leaves import Leaves, join_leaves
-from ..growth.regrow.fitted import Habit
+from ..growth.own_tree.habit import Habit
+from ..growth.own_tree.template import TreeTemplate
 from ..growth.seasons import aged, fallen, in_season, with_fallen
 from ..growth.tree import Tree, grow
 from ..growth.truth import crown_base, crown_width, leaf_angles, wood_of_tree

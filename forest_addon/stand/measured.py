@@ -21,8 +21,16 @@ from scipy.special import ndtri
 
 from ..base.rng import daughter_keys, first_key, keyed_uniform, stream
 from ..growth.measured.allometry import MEASURES, Z90, band, middle
-from ..growth.measured.measure import BREAST, stem_profile
-from ..growth.measured.wanted import TARGETS, Kind, Wanted, draw_dbh, drawn, given_by
+from ..growth.measured.wanted import (
+    BREAST,
+    TARGETS,
+    Kind,
+    Wanted,
+    draw_dbh,
+    drawn,
+    given_by,
+    stem_profile,
+)
 from ..growth.skeleton import Skeleton
 from ..spec import Allometry, Planting, Species
 from .by_hand import told_of

@@ -16,10 +16,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..base.vectors import azimuth_of
-from ..growth.cylinders import cylinders_of
-from ..growth.measured.measure import BREAST, stem_profile
+from ..growth.measured.wanted import BREAST, stem_profile
 from ..growth.mesh.leaves import Leaves
-from ..growth.skeleton import Skeleton
+from ..growth.skeleton import Skeleton, cylinders_of
 
 
 @dataclass(frozen=True)

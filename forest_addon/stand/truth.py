@@ -2,7 +2,7 @@
 
 Tables are in world coordinates. A tree's breast height is 1.3 m above the ground at its foot; its crown's
 base has a fiftieth of the leaf area below it, and the crown's width is the mean of its extents from all sides
-(``growth.portrait``).
+(``growth.likeness``).
 """
 
 from __future__ import annotations
@@ -12,10 +12,10 @@ from collections.abc import Iterator
 import numpy as np
 
 from ..base.trimesh import LEAF, is_wood
-from ..growth.cylinders import Cylinders, cylinders_of, diameter_at
+from ..growth.likeness import crown_base, crown_width
 from ..growth.mesh.cells import CellAreas, areas_by_cell, join_areas, triangle_areas
-from ..growth.portrait import crown_base, crown_width
-from ..growth.regrow.allometry import BREAST
+from ..growth.own_tree.size import BREAST
+from ..growth.skeleton import Cylinders, cylinders_of, diameter_at
 from ..growth.tree import Tree
 from .forest import GrownForest, tree_table
 

@@ -1,6 +1,6 @@
 """Likeness of siblings to their template, as a forester, a scanner and a bat see it: a table.
 
-To the portrait of each tree (``growth.portrait``) come, with the sensors of this project, an airborne scan
+To the portrait of each tree (``growth.likeness``) come, with the sensors of this project, an airborne scan
 straight down on a grid (heights of first returns; share of pulses within the crown's circle that reach the
 ground) and the echo of its leaves, or bare wood, from all sides.
 """
@@ -15,8 +15,7 @@ import numpy as np
 from forest_addon.base.progress import Say
 from forest_addon.base.trimesh import GROUND, TriMesh
 from forest_addon.blender.rays.casters import make_caster
-from forest_addon.growth.likeness import Likeness, compare
-from forest_addon.growth.portrait import BINS, Portrait, crown_width, portray
+from forest_addon.growth.likeness import BINS, Likeness, Portrait, compare, crown_width, portray
 from forest_addon.growth.tree import Tree
 from forest_addon.sensing.rays.geometry import SceneGeometry
 from forest_addon.sensing.sonar.ping import EchoTargets, ping

@@ -22,7 +22,7 @@ from forest_addon.drawing.figures import blank_figure, figure_on, save_figure
 from forest_addon.drawing.palette import FAINT, INK, LEAF_GREEN, PAPER, rgb
 from forest_addon.formats.atomic import replacing
 from forest_addon.growth.mesh.leaves import measure_leaves
-from forest_addon.growth.recognise.recognise import Recognition
+from forest_addon.growth.own_tree.recognise import Recognition
 from forest_addon.growth.tree import Tree
 from forest_addon.spec import Look, Species
 

@@ -30,8 +30,7 @@ from headless.dataset import disk
 from headless.dataset.engine import Cluster
 from headless.dataset.factory import Asked, make_scenes
 from headless.dataset.plan import PLANS, Plan, Recipe, read_plan, recipes
-
-from ..tables import table
+from studies.tables import table
 
 TITLE = "cluster: handing out 10,000 scenes, and loss of a quarter of the workers"
 TRIALS = ((1_000, False), (10_000, True))  # scenes, and whether something is lost

@@ -19,8 +19,7 @@ import numpy as np
 
 from forest_addon.base.places import environment_of_child
 from forest_addon.base.progress import Say
-
-from ..tables import table
+from studies.tables import table
 
 Job = tuple[
     Callable[[], object], Callable[[object], str]
@@ -56,8 +55,7 @@ def _points() -> Job:
     from forest_addon.base.rng import stream
     from forest_addon.stand.poisson import sample
     from forest_addon.stand.process import Process
-
-    from .intensities import KINDS, SIDE
+    from studies.bench.stand import KINDS, SIDE
 
     process = Process(KINDS["wide hills, thinned"](), np.zeros(2), np.full(2, SIDE))
     process = process.scaled(1000 / process.expected())

@@ -23,8 +23,7 @@ from headless.dataset.engine import Cluster, make_all
 from headless.dataset.estimate import Estimate, estimate
 from headless.dataset.plan import PLANS, Plan, read_plan, recipes
 from headless.dataset.worker import job_of
-
-from ..tables import table
+from studies.tables import table
 
 TITLE = "dataset: a factory of labelled forests"
 SMALL = (  # lidar-plots, reduced, for what needs many scenes

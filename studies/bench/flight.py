@@ -16,8 +16,7 @@ import numpy as np
 from forest_addon.base.places import ASSETS
 from forest_addon.base.progress import Say
 from forest_addon.base.rng import stream
-
-from ..tables import table
+from studies.tables import table
 
 TITLE = "flight: steps, pings and resets"
 SCENE = ASSETS / "scenes" / "flight-poisson.toml"

@@ -10,9 +10,10 @@ stands at the upper rim.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from forest_addon.base.progress import Say
 from forest_addon.base.rng import stream
@@ -21,14 +22,9 @@ from forest_addon.sensing.lidar.scan import scan
 from forest_addon.sensing.sonar.discs import LeafDiscs
 from forest_addon.sensing.sonar.ping import ping
 from forest_addon.spec import Air, Sonar, Terrestrial
-
-from ..tables import median_seconds, table
-from . import reverb
-from .lidar_pulses import BEAM, ONE_THREAD, forest
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+from studies.bench import reverb as reverb
+from studies.bench.lidar import BEAM, ONE_THREAD, forest
+from studies.tables import median_seconds, table
 
 TITLE = "frontier: all simulators, error against seconds"
 ASSUMPTIONS = """\

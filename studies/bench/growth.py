@@ -20,9 +20,8 @@ from forest_addon.growth.species import skeleton_of
 from forest_addon.growth.tree import grow
 from forest_addon.spec import Species
 from headless.report.pictures import blank_figure
-
-from ..tables import median_seconds, table
-from .cold import say_cold
+from studies.bench.cold import say_cold
+from studies.tables import median_seconds, table
 
 TITLE = "growth: trees and triangles a second, error of the mesh"
 SIZES = {"maple": (4, 6, 7), "ginkgo": (6, 7, 8), "apple-stochastic": (5, 6, 7)}

@@ -1,18 +1,470 @@
-"""LiDAR: rays a second of the engines, pulses a second of whole scans, tubes for cones, and all errors."""
+"""Pulses a second of whole scans, from the trajectory to the closed file; and how many sub-rays are enough.
+
+Time is CPU time of all threads, with growing and reading of the scene left out. The error of a beam of
+few sub-rays is against the same beam of 1000: of the energy that comes back from each pulse, and of the
+range of its first return.
+"""
 
 from __future__ import annotations
 
-from forest_addon.base.progress import Say
+import tempfile
+import time
+from dataclasses import replace
+from pathlib import Path
 
-from . import lidar_blocks, lidar_moving, lidar_pulses, lidar_rays, lidar_wood
+import numpy as np
+
+from forest_addon.base.progress import Say
+from forest_addon.base.rng import stream
+from forest_addon.base.trimesh import GROUND, OTHER, WOOD, TriMesh, join
+from forest_addon.blender.rays.casters import make_caster
+from forest_addon.growth.library.species_file import find_species, load_species
+from forest_addon.growth.mesh.meshing import mesh_wood, sides_for, tube
+from forest_addon.growth.skeleton import Skeleton
+from forest_addon.growth.tree import grow
+from forest_addon.results.scan_file import write_scan
+from forest_addon.sensing.lidar.cloud import join as join_clouds
+from forest_addon.sensing.lidar.scan import Scan, scan
+from forest_addon.sensing.lidar.tractor import TractorScan, drive
+from forest_addon.sensing.lidar.wood_indices import impacted_area
+from forest_addon.sensing.rays.caster import Hits, RayCaster
+from forest_addon.sensing.rays.geometry import SceneGeometry
+from forest_addon.spec import Beam, Rays, Terrestrial, Tractor
+from studies.bench.lidar_rays import say_moving, say_rays
+from studies.papers import simlidar as orchards
+from studies.papers.simlidar import stand_up
+from studies.tables import table
+
+SCENES = ((1, 200_000), (10, 200_000), (100, 20_000))  # trees, triangles of each
+SUBRAYS = (1, 7, 19, 37, 100, 300)
+MANY = 1000
+ONE_THREAD = Rays(threads=1)
+BEAM = Beam(divergence_mrad=(0.35, 0.35), exit_diameter=0.007, max_returns=5, pulse_ns=3.0)
+
+
+def say_pulses(say: Say) -> None:
+    """Print both tables."""
+    say("\nScans of trees, leaf-on, on the ground, written as LAS with all labels and truth:\n")
+    rows = []
+    for trees, triangles in SCENES:
+        caster = make_caster(forest(trees, triangles), ONE_THREAD)
+        for subrays in (1, 19):
+            rows.append([f"{trees} x {triangles:,}", *_whole_scan(caster, subrays)])
+    head = ["trees x triangles", "sub-rays", "pulses", "points", "pulses/s", "rays/s", "engine"]
+    table(say, head, rows)
+
+    say(f"\nSub-rays of a beam of 0.35 mrad in ten trees, against {MANY}:\n")
+    table(
+        say,
+        [
+            *("sub-rays", "µs a pulse", "energy, mean error", "energy, bias"),
+            *("no echo for an echo", "first range, median error", "first range, 90 %"),
+        ],
+        _convergence(make_caster(forest(10, 200_000), ONE_THREAD)),
+    )
+
+
+def forest(trees: int, triangles: int) -> SceneGeometry:
+    """Trees of one variant on a square grid of 6 m, each turned, on a wide ground."""
+    species, template = load_species(find_species("maple", Path()))
+    grown = [grow(species, template, stream(1, "bench", n)).mesh for n in range(2)]
+    whole = join(grown)
+    order = stream(2, "bench", "triangles").permutation(len(whole.triangles))
+    keep = np.zeros(len(order), dtype=bool)
+    keep[order[:triangles]] = True
+    corners = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]) * 300.0
+    ground = TriMesh.of_part(corners, np.array([[0, 1, 2], [0, 2, 3]]), GROUND)
+
+    side = int(np.ceil(np.sqrt(trees)))
+    turn = stream(3, "bench", "turn").uniform(0, 2 * np.pi, trees)
+    transform = np.tile(np.eye(3, 4), (trees + 1, 1, 1))
+    transform[:-1, 0, 0] = transform[:-1, 1, 1] = np.cos(turn)
+    transform[:-1, 1, 0], transform[:-1, 0, 1] = np.sin(turn), -np.sin(turn)
+    transform[:-1, 0, 3], transform[:-1, 1, 3] = 6.0 * np.array(divmod(np.arange(trees), side))
+    number = np.append(np.arange(trees), -1)
+    return SceneGeometry(
+        meshes=(whole.select(keep), ground),
+        transform=transform,
+        mesh_index=np.append(np.zeros(trees, dtype=np.int64), 1),
+        object_name=("tree",) * trees + ("ground",),
+        tree=number,
+        species=np.minimum(number, 0),
+    )
+
+
+def _whole_scan(caster: RayCaster, subrays: int) -> list[str]:
+    """A full turn at 0.1° or so from outside the stand, into a file."""
+    scanner = Terrestrial(
+        position=(-5.0, -5.0, 1.6),
+        azimuth_deg=(0.0, 90.0),
+        elevation_deg=(-30.0, 60.0),
+        angle_step_deg=0.1 if subrays == 1 else 0.3,
+        beam=replace(BEAM, subrays=subrays, max_returns=1 if subrays == 1 else 5),
+    )
+    work = Scan(scanner, caster)
+    work.look(0, 100)  # whatever is made when it is first needed
+    with tempfile.TemporaryDirectory() as folder:
+        start = time.process_time()
+        done = write_scan(Path(folder) / "scan.las", work, 0)
+        seconds = time.process_time() - start
+    return [
+        f"{subrays}",
+        f"{done.pulses:,}",
+        f"{done.points:,}",
+        f"{done.pulses / seconds:,.0f}",
+        f"{done.pulses * subrays / seconds:,.0f}",
+        caster.engine,
+    ]
+
+
+def _convergence(caster: RayCaster) -> list[list[str]]:
+    scanner = Terrestrial(
+        position=(-5.0, -5.0, 1.6),
+        azimuth_deg=(20.0, 70.0),
+        elevation_deg=(0.0, 40.0),
+        angle_step_deg=1.0,
+    )
+    energy, first, _ = _beams(scanner, caster, MANY)
+    rows = []
+    for subrays in SUBRAYS:
+        got, near, seconds = _beams(scanner, caster, subrays)
+        both = np.isfinite(near) & np.isfinite(first)
+        away = np.abs(near[both] - first[both])
+        hit = energy > 0
+        rows.append(
+            [
+                f"{subrays}",
+                f"{1e6 * seconds / len(energy):.1f}",
+                f"{np.abs(got - energy).sum() / energy.sum():.1%}",
+                f"{got.sum() / energy.sum() - 1:+.2%}",
+                f"{np.mean(np.isinf(near[hit])):.1%}",
+                f"{1e3 * np.median(away):.2f} mm",
+                f"{1e3 * np.quantile(away, 0.9):.1f} mm",
+            ]
+        )
+    return rows
+
+
+def _beams(
+    scanner: Terrestrial, caster: RayCaster, subrays: int
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """Energy (P,) and range of the first return (P,), inf where there is none; seconds."""
+    start = time.process_time()
+    cloud = scan(replace(scanner, beam=replace(BEAM, subrays=subrays, max_returns=15)), caster)
+    seconds = time.process_time() - start
+    energy = np.bincount(cloud.pulse, cloud.intensity * cloud.true_range**2, cloud.pulses)
+    first = np.full(cloud.pulses, np.inf)
+    leading = cloud.number == 1
+    first[cloud.pulse[leading]] = cloud.true_range[leading]
+    return energy, first, seconds
+
+
+# Scans of blocks on the ground, as surveys of HELIOS++ have them: beams on one face, against rays.
+#
+# CPU time of all threads from pulse to cloud; the plain way traces every ray of every beam. Error: the
+# largest difference of a range between both.
+
+
+BLOCK_SUBRAYS = (7, 19, 61)
+STEP = 0.12  # degrees
+
+
+def say_blocks(say: Say) -> None:
+    """Print one table."""
+    say(
+        "\nA tripod among blocks, pillars and ground; known: no ray is traced of a beam on one face:\n"
+    )
+    caster = make_caster(blocks(), Rays(threads=1))
+    rows = []
+    for subrays in BLOCK_SUBRAYS:
+        beam = Beam(divergence_mrad=(0.3, 0.3), exit_diameter=0.007, pulse_ns=5.0, subrays=subrays)
+        scanner = Terrestrial(
+            position=(-26.0, -31.0, 1.7),
+            azimuth_deg=(0.0, 90.0),
+            elevation_deg=(-40.0, 60.0),
+            angle_step_deg=STEP,
+            beam=beam,
+        )
+        work = Scan(scanner, caster)
+        took, ranges = [], []
+        for way in (work, work.seen_by(caster)):
+            way.look(0, 1000)  # whatever is made when it is first needed
+            start = time.process_time()
+            cloud = join_clouds([piece for _, piece in way.chunks()])
+            took.append(time.process_time() - start)
+            ranges.append(cloud.true_range)
+        known, plain = took
+        apart = np.abs(ranges[0] - ranges[1]).max() if len(ranges[0]) == len(ranges[1]) else np.inf
+        row = [f"{subrays}", f"{work.pulses:,}", f"{known:.2f}", f"{plain:.2f}"]
+        rows.append([*row, f"{plain / known:.1f}", f"{apart:.0e}"])
+    head = ["sub-rays", "pulses", "known, s", "every ray, s", "times", "largest difference, m"]
+    table(say, head, rows)
+
+
+def blocks() -> SceneGeometry:
+    """Four blocks and two pillars on a wide ground."""
+    square = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
+    ground = TriMesh.of_part(
+        np.column_stack([140 * square, np.zeros(4)]), np.array([[0, 1, 2], [0, 2, 3]]), GROUND
+    )
+    corners = np.concatenate([np.column_stack([square, np.full(4, z)]) for z in (0.0, 2.0)])
+    sides = [(0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7), (4, 5, 6, 7)]
+    faces = np.array([t for a, b, c, d in sides for t in ((a, b, c), (a, c, d))])
+    block = TriMesh.of_part(corners, faces, OTHER)
+    path = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 12.0]])
+    pillar = TriMesh.of_part(*tube(path, np.full(2, 2.0), 64), OTHER)
+    transform = np.tile(np.eye(3, 4), (7, 1, 1))
+    places = [(0, 0, 8.0), (15, -12, 4.0), (-5, 20, 5.0), (30, 18, 9.0)]
+    for row, (x, y, size) in enumerate(places):
+        transform[1 + row, :, :3] *= size
+        transform[1 + row, :2, 3] = x, y
+    transform[5:, :2, 3] = [(12, 4), (-12, 8)]
+    return SceneGeometry(
+        meshes=(ground, block, pillar),
+        transform=transform,
+        mesh_index=np.array([0, 1, 1, 1, 1, 2, 2]),
+        object_name=tuple("gbbbbpp"),
+        tree=np.full(7, -1),
+        species=np.full(7, -1),
+    )
+
+
+# First hits of rays on the exact frusta of a skeleton's segments, float64: no mesh in between.
+#
+# Each segment is the closed frustum of a cone (its caps included) that ``growth.truth`` sums up. A point
+# at s along the axis has the radius r₁ + k·s, so with w the way from the start to the ray's origin, and ⊥
+# what is at right angles to the axis, |w⊥ + t·d⊥|² = (r₁ + k·(w∥ + t·d∥))² is a quadratic equation in t.
+
+
+PAIRS = 400_000  # rays x segments at a time
+
+
+def first_hits(skeleton: Skeleton, origins: np.ndarray, directions: np.ndarray) -> np.ndarray:
+    """(R,) metres along unit directions (R, 3) to the first surface, inf where there is none."""
+    distance = np.full(len(origins), np.inf)
+    at_once = max(1, PAIRS // max(len(skeleton), 1))
+    for first in range(0, len(origins), at_once):
+        rows = slice(first, first + at_once)
+        distance[rows] = _meet(skeleton, origins[rows], directions[rows])
+    return distance
+
+
+def _meet(skeleton: Skeleton, origins: np.ndarray, directions: np.ndarray) -> np.ndarray:
+    """The nearest of all segments, (R,)."""
+    axis = skeleton.end - skeleton.start
+    length = np.linalg.norm(axis, axis=1)
+    axis = axis / length[:, None]
+    r1, r2 = skeleton.radius.T
+    taper = (r2 - r1) / length
+    w = origins[:, None] - skeleton.start  # (R, S, 3)
+    along, speed = np.einsum("rsi,si->rs", w, axis), directions @ axis.T
+    ww, wd = np.einsum("rsi,rsi->rs", w, w), np.einsum("rsi,ri->rs", w, directions)
+    here = r1 + taper * along  # the cone's radius beside the origin
+    a = 1.0 - speed**2 * (1.0 + taper**2)
+    b = wd - along * speed - taper * speed * here
+    c = ww - along**2 - here**2
+    nearest = np.full(len(origins), np.inf)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        root = np.sqrt(b * b - a * c)
+        for t in ((-b - root) / a, (-b + root) / a):
+            s = along + t * speed
+            on = (t >= 0) & (s >= 0) & (s <= length) & (r1 + taper * s >= 0)
+            nearest = np.minimum(nearest, np.where(on, t, np.inf).min(axis=1, initial=np.inf))
+        for end, radius in ((0.0, r1), (length, r2)):
+            t = (end - along) / speed
+            off = ww + 2 * t * wd + t * t - end**2  # squared distance from the axis on the cap
+            on = (t >= 0) & (off <= radius**2)
+            nearest = np.minimum(nearest, np.where(on, t, np.inf).min(axis=1, initial=np.inf))
+    return nearest
+
+
+# Accuracy of a branch's mesh: tubes of some sides against the exact cones, as the tractor sees them.
+#
+# One leafless apple tree of S is meshed with several tolerances and scanned; the same rays meet the exact
+# cylinders of its skeleton. Ranges are compared where both meet the same wood; rays that meet another
+# branch, or that only one of the two meets, are counted. What stays at the finest mesh is not the
+# roundness: where an axis bends, tubes are mitred and cylinders overlap. Last, the largest orchard is
+# timed as a whole.
+
+
+TOLERANCES = (4.0, 2.0, 1.0, 0.5, 0.2, 0.1, 0.05)  # mm
+FINE = 1e-4  # metres
+PARTS, SOLID = (0, 1, 2, 4), 8
+SAME = 0.02  # metres; ranges that differ by more are of another branch
+ORCHARD = orchards.Orchard(iterations=4, trees=1, smallest=0.006)
+LARGEST = orchards.Orchard(iterations=7, trees=4, smallest=0.006)
+EVERY = 8  # of the scans
+
+
+def say_wood(say: Say) -> None:
+    """Print the tables."""
+    forest = orchards.plant(ORCHARD, orchards.first_internode(), seed=1)
+    skeleton = forest.variants[0, 0].skeleton
+    tractor = _past(skeleton)
+    start = time.process_time()
+    exact = drive(tractor, _Cones(skeleton))
+    took = time.process_time() - start
+    area, met = impacted_area(exact, tractor), np.isfinite(exact.distance)
+    say(
+        f"\nTubes against exact cylinders: {len(skeleton)} branches, {met.size:,} beams, {met.sum():,} on "
+        f"wood, A_IM = {1e4 * area:.2f} cm² (of every {EVERY}th scan); these rays took {took:.1f} CPU s:\n"
+    )
+    table(
+        say,
+        [
+            *("tolerance", "sides, mean", "triangles", "range, bias", "range, rms"),
+            *("range, median error", "another branch", "hit by one only", "A_IM, error", "CPU s"),
+        ],
+        [_row(skeleton, tractor, exact, mm / 1000) for mm in TOLERANCES],
+    )
+    say(f"\nS's solid beam on the mesh of {FINE * 1000:g} mm, by its P:\n")
+    caster = make_caster(_scene(mesh_wood(skeleton, FINE)), Rays(threads=1))
+    solid = impacted_area(drive(replace(tractor, splits=SOLID), caster), tractor)
+    table(
+        say,
+        ["P", "rays a beam", "A_IM", "times exact rays", f"to P = {SOLID}", "CPU s"],
+        [_solid_row(tractor, caster, parts, area, solid) for parts in PARTS],
+    )
+    say("\nThe whole of Méndez et al.'s largest row, from the L-system to A_IM, one thread:\n")
+    table(
+        say,
+        [
+            *("engine", "branches", "triangles", "beams", "grow, build, read: CPU s"),
+            *("scan: CPU s", "all: CPU s", "S", "A_IM"),
+        ],
+        [_largest(engine) for engine in ("embree", "bvhtree")],
+    )
+
+
+def _largest(engine: str) -> list[str]:
+    start = time.process_time()
+    forest = orchards.plant(LARGEST, orchards.first_internode(), seed=1)
+    tractor = orchards.tractor_for(forest, 0)
+    scene = orchards.scene_of(tractor)
+    observer = stand_up(forest, scene, Rays(engine=engine, threads=1))
+    meshes = observer.caster.scene.meshes
+    built = time.process_time()
+    scan = drive(tractor, observer.caster)
+    area = impacted_area(scan, tractor)
+    done = time.process_time()
+    return [
+        *(observer.caster.engine, f"{sum(len(t.skeleton) for t in forest.variants.values()):,}"),
+        *(f"{sum(len(mesh.triangles) for mesh in meshes):,}", f"{scan.distance.size:,}"),
+        *(f"{built - start:.2f}", f"{done - built:.2f}", f"{done - start:.2f}"),
+        *("210 minutes", f"{area:.5f} m²"),
+    ]
+
+
+def _past(skeleton: Skeleton) -> Tractor:
+    """The experiment's scanner, driving past one tree that stands at the origin."""
+    low, high = skeleton.end[:, 1].min(), skeleton.end[:, 1].max()
+    return Tractor(
+        position=(orchards.SCANNER[0] - orchards.ROW, float(low), orchards.SCANNER[1]),
+        track=float(high - low),
+        step=orchards.STEP,
+        gap=EVERY - 1,
+        angle_step_deg=orchards.ANGLE_STEP_DEG,
+        reach=1.0,
+        top=3.0,
+        max_range=20.0,
+    )
+
+
+def _row(skeleton: Skeleton, tractor: Tractor, exact: TractorScan, tolerance: float) -> list[str]:
+    mesh = mesh_wood(skeleton, tolerance)
+    caster = make_caster(_scene(mesh), Rays(threads=1))
+    start = time.process_time()
+    scan = drive(tractor, caster)
+    took = time.process_time() - start
+    here, there = np.isfinite(scan.distance), np.isfinite(exact.distance)
+    away = scan.distance[here & there] - exact.distance[here & there]
+    near = away[np.abs(away) < SAME]
+    sides = np.mean([sides_for(float(r), tolerance) for r in skeleton.radius[:, 0]])
+    error = impacted_area(scan, tractor) / impacted_area(exact, tractor) - 1
+    return [
+        *(f"{1e3 * tolerance:g} mm", f"{sides:.1f}", f"{len(mesh.triangles):,}"),
+        *(f"{1e3 * near.mean():+.3f} mm", f"{1e3 * np.sqrt((near**2).mean()):.3f} mm"),
+        f"{1e3 * np.median(np.abs(near)):.4f} mm",
+        f"{1 - len(near) / len(away):.2%}",
+        *(f"{np.mean((here != there)[here | there]):.2%}", f"{error:+.2%}", f"{took:.2f}"),
+    ]
+
+
+def _solid_row(
+    tractor: Tractor, caster: RayCaster, parts: int, exact: float, solid: float
+) -> list[str]:
+    start = time.process_time()
+    scan = drive(replace(tractor, splits=parts), caster)
+    took = time.process_time() - start
+    area = impacted_area(scan, tractor)
+    return [
+        *(f"{parts}", f"{(parts + 1) ** 2}", f"{1e4 * area:.2f} cm²"),
+        *(f"{area / exact:.3f}", f"{area / solid - 1:+.2%}", f"{took:.2f}"),
+    ]
+
+
+class _Cones:
+    """A caster of the exact cones; whatever it hits is the one triangle of its scene, which is wood."""
+
+    engine = "exact cones"
+
+    def __init__(self, skeleton: Skeleton) -> None:
+        self._skeleton = skeleton
+        self.scene = _scene(TriMesh.of_part(np.eye(3), np.array([[0, 1, 2]]), WOOD))
+
+    def cast(
+        self,
+        origins: np.ndarray,
+        directions: np.ndarray,
+        max_distance: float | np.ndarray = np.inf,
+        *,
+        min_distance: float | np.ndarray = 0.0,
+        leaving: Hits | None = None,
+    ) -> Hits:
+        """The closest hits of rays that start outside of all wood."""
+        assert leaving is None
+        assert not np.any(min_distance)
+        distance = first_hits(self._skeleton, origins, directions)
+        distance[distance > max_distance] = np.inf
+        what = np.where(np.isfinite(distance), 0, -1)
+        return Hits(distance, what, what)
+
+    def occluded(
+        self,
+        origins: np.ndarray,
+        directions: np.ndarray,
+        max_distance: float | np.ndarray = np.inf,
+        *,
+        min_distance: float | np.ndarray = 0.0,
+        leaving: Hits | None = None,
+    ) -> np.ndarray:
+        """Return whether anything is hit."""
+        return self.cast(
+            origins, directions, max_distance, min_distance=min_distance, leaving=leaving
+        ).found
+
+
+def _scene(mesh: TriMesh) -> SceneGeometry:
+    return SceneGeometry(
+        meshes=(mesh,),
+        transform=np.eye(3, 4)[None],
+        mesh_index=np.zeros(1, dtype=np.int64),
+        object_name=("tree",),
+        tree=np.zeros(1, dtype=np.int64),
+        species=np.zeros(1, dtype=np.int64),
+    )
+
+
+# LiDAR: rays a second of the engines, pulses a second of whole scans, tubes for cones, and all errors.
+
 
 TITLE = "lidar: rays and pulses a second, and their errors"
 
 
 def run(say: Say) -> None:
     """Print the tables of rays, of rays where bodies move, then those of pulses, of blocks and of wood."""
-    lidar_rays.run(say)
-    lidar_moving.run(say)
-    lidar_pulses.run(say)
-    lidar_blocks.run(say)
-    lidar_wood.run(say)
+    say_rays(say)
+    say_moving(say)
+    say_pulses(say)
+    say_blocks(say)
+    say_wood(say)

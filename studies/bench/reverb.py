@@ -26,8 +26,7 @@ from forest_addon.sensing.reverb.sums.scattering import TrunkPaths, direct_sum, 
 from forest_addon.sensing.reverb.trunks.slices import Trunks
 from forest_addon.spec import Air, Reverb
 from headless.memory import peak_memory_mb
-
-from ..tables import median_seconds, table
+from studies.tables import median_seconds, table
 
 TITLE = "reverb: sum over trunks on 1 km², radius 0.25 m, all paths in the record"
 SIDE = 1000.0  # m

@@ -16,8 +16,7 @@ from tempfile import TemporaryDirectory
 
 from forest_addon.base.places import environment_of_child
 from forest_addon.base.progress import Say
-
-from ..tables import table
+from studies.tables import table
 
 TITLE = "series: one scene after the other in a process"
 LATER = 2  # scenes after the first

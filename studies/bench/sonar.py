@@ -1,16 +1,19 @@
-"""Echoes end to end: a ping among 5 and 1000 trees, Tanveer et al.'s Table 1, culling, the leaf models.
-
-The kernel's own speed and error, by the number of leaves and the tolerance, is in ``sonar_kernel``.
-"""
+"""The echo sum alone: time, error and memory by leaves and tolerance; what the leaf models differ by."""
 
 from __future__ import annotations
 
+import math
 import time
-from dataclasses import replace
+import tracemalloc
+from collections import Counter
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
+from forest_addon.acoustics.disc import backscatter
+from forest_addon.acoustics.nonuniform import DelayedSum, sum_delayed
+from forest_addon.acoustics.smoothness import forget, smoothness
 from forest_addon.base.places import ASSETS
 from forest_addon.base.progress import Say
 from forest_addon.base.rng import stream
@@ -19,15 +22,234 @@ from forest_addon.growth.library.species_file import find_species, load_species
 from forest_addon.growth.tree import grow
 from forest_addon.sensing.kinds import of_family
 from forest_addon.sensing.rays.geometry import SceneGeometry
+from forest_addon.sensing.sonar.beam import MeasuredSphere
+from forest_addon.sensing.sonar.discs import LeafDiscs
 from forest_addon.sensing.sonar.equipment_files import equip, find, read_route
 from forest_addon.sensing.sonar.flight import fly
+from forest_addon.sensing.sonar.leaves import DiscStrength
 from forest_addon.sensing.sonar.ping import Echo, EchoTargets, ping
 from forest_addon.sensing.sonar.poses import SonarPose, posed, poses_of
+from forest_addon.sensing.sonar.scatterers import ScattererPart
+from forest_addon.sensing.sonar.station import Equipment
 from forest_addon.spec import Air, Scene, Sonar
 from forest_addon.stand.forest import GrownForest, grow_forest
+from studies.bench.cold import say_cold
+from studies.tables import median_seconds, table
 
-from ..tables import median_seconds, table
-from .cold import say_cold
+SUM = "sonar: the sum over leaves, 1201 bins from 60 to 80 kHz, amplitudes included"
+START, BAND, BINS, SPEED = 60e3, 20e3, 1201, 340.0
+SPACING = BAND / (BINS - 1)
+SHARE = 40  # every so many bins are summed directly, for the error
+TIMED = 5_000  # leaves of the direct sum that is timed
+TOLERANCES = (1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8)
+
+
+def say_sum(say: Say) -> None:
+    """Print the tables."""
+    say(f"Errors against the direct sum at every {SHARE}th bin; leaves of 2.5 cm of any direction.")
+    say("Spread: at 1 to 10 m. Equal: all at one place, so that all errors add up.")
+    say(
+        f"Direct: time of {TIMED:,} leaves, times the number of them. First: nothing is known yet.\n"
+    )
+    rows = []
+    for model, count in (("paper", 1_000), ("paper", 10_000), ("paper", 100_000)):
+        rows += _rows(model, count, "spread", TOLERANCES)
+    rows += _rows("paper", 1_000_000, "spread", (1e-3, 1e-5, 1e-6))
+    for model in ("piston", "exact"):
+        rows += _rows(model, 100_000, "spread", (1e-3, 1e-4, 1e-5, 1e-6))
+    for model in ("paper", "piston", "exact"):
+        rows += _rows(model, 100, "spread", (1e-6,))
+        rows += _rows(model, 10_000, "equal", (1e-3, 1e-6))
+    head = ["leaf model", "leaves", "where", "tolerance", "first, ms", "again, ms", "direct, s"]
+    head += ["times as fast", "bound / Σ|A|", "largest error / Σ|A|", "nodes", "MB"]
+    table(say, head, rows)
+    say(
+        "\nLevel of the leaf models re the exact disc, dB: piston / paper. All: rms over directions.\n"
+    )
+    models(say)
+
+
+@dataclass(frozen=True)
+class _Leaves:
+    """Random leaves, summed as a ping sums them: in the parts of their strength."""
+
+    distance: np.ndarray
+    strength: DiscStrength
+
+    @classmethod
+    def random(cls, model: str, count: int, where: str) -> _Leaves:
+        rng = stream(5, "bench", "leaves", count)
+        radius = np.clip(rng.normal(0.025, 0.005, count), 0.005, 0.05)
+        distance, angle = rng.uniform(1, 10, count), np.arccos(rng.uniform(0, 1, count))
+        if where == "equal":
+            radius, distance, angle = (np.full(count, v[0]) for v in (radius, distance, angle))
+        return cls(distance, DiscStrength(radius, angle, np.ones(count), model))
+
+    def sum(self, tolerance: float, start: float, spacing: float, bins: int) -> DelayedSum:
+        """Σ over the parts; the sizes of parts add up, which is more than that of the leaves."""
+        band = (start, start + spacing * (bins - 1))
+        low, high = (2.0 * math.pi * end / SPEED for end in band)
+        every = ScattererPart(
+            np.arange(len(self.distance)), np.zeros(len(self.distance)), self.strength
+        )
+        spectrum, size, error, nodes = np.zeros(bins, dtype=np.complex128), 0.0, 0.0, Counter()
+        for part in self.strength.parts(low, high, tolerance) if tolerance else [every]:
+            away, strength = self.distance[part.rows], part.strength
+
+            def amplitude(frequency: np.ndarray, rows: np.ndarray) -> np.ndarray:
+                k = 2.0 * math.pi * frequency / SPEED
+                return strength.select(rows).amplitude(k) / away[rows] ** 2  # noqa: B023
+
+            found = sum_delayed(
+                amplitude,
+                (2.0 * away + part.offset) / SPEED,
+                start,
+                spacing,
+                bins,
+                tolerance=tolerance,
+                smooth=smoothness(strength.profile(), band, SPEED, away**-2.0, [])
+                if tolerance
+                else None,
+            )
+            spectrum += found.spectrum
+            size += found.size
+            error += found.error_bound * found.size
+            nodes.update(found.nodes)
+        return DelayedSum(spectrum, size, 0.0, error / size, dict(nodes))
+
+
+def _rows(model: str, count: int, where: str, tolerances: tuple[float, ...]) -> list[list[str]]:
+    leaves = _Leaves.random(model, count, where)
+    few = _Leaves.random(model, min(count, TIMED), where)
+    exact = leaves.sum(0.0, START, SHARE * SPACING, (BINS - 1) // SHARE + 1)
+    slow = median_seconds(lambda: few.sum(0.0, START, SPACING, BINS), runs=1)
+    slow *= count / len(few.distance)
+    rows = []
+    for tolerance in tolerances:
+
+        def fast(tolerance: float = tolerance) -> DelayedSum:
+            return leaves.sum(tolerance, START, SPACING, BINS)
+
+        forget()
+        first = median_seconds(fast, runs=1)
+        found = fast()
+        seconds = median_seconds(fast, runs=3 if count < 1_000_000 else 1)
+        difference = found.spectrum[::SHARE] - exact.spectrum
+        mean_nodes = sum(nodes * some for nodes, some in found.nodes.items()) / count
+        rows.append(
+            [
+                model,
+                f"{count:,}",
+                where,
+                f"{tolerance:.0e}",
+                f"{1e3 * first:.1f}",
+                f"{1e3 * seconds:.1f}",
+                f"{slow:.2f}",
+                f"{slow / seconds:,.0f}",
+                f"{found.error_bound:.0e}",
+                f"{np.abs(difference).max() / exact.size:.0e}",
+                f"{mean_nodes:.1f}",
+                f"{_megabytes(fast):.1f}",
+            ]
+        )
+    return rows
+
+
+def _megabytes(work) -> float:
+    """Largest memory in use on the way, beyond what the leaves take."""
+    tracemalloc.start()
+    try:
+        work()
+        return tracemalloc.get_traced_memory()[1] / 1e6
+    finally:
+        tracemalloc.stop()
+
+
+def models(say: Say) -> None:
+    """Print by how much the leaf models differ, by ka and incidence."""
+    degrees = (0, 10, 20, 30, 45, 60, 75)
+    every = np.arccos((np.arange(20_000) + 0.5) / 20_000)  # isotropic
+    rows = []
+    for ka in (0.5, 1, 2, 5, 10, 20, 37, 60, 100, 200):
+        cells = [f"{ka}"]
+        for angle in (*np.radians(degrees), every):
+            levels = {
+                model: 10.0 * np.log10(np.mean(backscatter(ka, angle, model) ** 2))
+                for model in ("exact", "piston", "paper")
+            }
+            shown = (f"{levels[name] - levels['exact']:+.1f}" for name in ("piston", "paper"))
+            cells.append(" / ".join(shown))
+        rows.append(cells)
+    table(say, ["ka", *(f"{angle}°" for angle in degrees), "all"], rows)
+
+
+# Pings of two ears with Doppler, plain and measured all round, beside those without.
+#
+# Leaves of 8 to 30 mm stand at random in a sphere of 1.5 m about a place 4 m ahead; the sonar flies at
+# them at 5 m/s with a sweep of 2 ms from 80 to 40 kHz. Nothing is culled, so that every row sums the same
+# leaves.
+
+
+DOPPLER = "sonar: Doppler and measured ears, 6,936 leaves"
+LEAVES, DIRECTIONS, AGAIN = 6936, 800, 3
+SONAR = Sonar(
+    position=(0.0, 0.0, 0.0), ears=2, ear_spacing=0.015, band=(40e3, 80e3), sample_rate=250e3,
+    call="fm", speed=5.0, cull=0.0, tolerance=1e-3, facets=False, wood=False, shading="none",
+    beam_width_deg=(60.0, 60.0), hearing="gaussian", max_range=10.0,
+)  # fmt: skip
+
+
+def say_doppler(say: Say) -> None:
+    """Print the table."""
+    targets = EchoTargets.of_discs(_leaves())
+    rows = []
+    for model in ("paper", "piston", "exact"):
+        for hearing in ("gaussian", "measured"):
+            taken = [_seconds(targets, model, hearing, doppler) for doppler in (False, True)]
+            rows.append([model, hearing, *(f"{1e3 * seconds:.0f}" for seconds in taken)])
+    table(say, ["leaf model", "ears", "ping, ms", "with Doppler, ms"], rows)
+
+
+def _seconds(targets: EchoTargets, model: str, hearing: str, doppler: bool) -> float:
+    """The least CPU time of a ping of several, warm."""
+    sonar = SONAR.changed(leaf_model=model, doppler=doppler)
+    hears = (_ear(1.0), _ear(-1.0)) if hearing == "measured" else ()
+    equipment = Equipment.of(sonar, hears=hears)
+    ping(targets, sonar, Air(), equipment=equipment)
+    taken = []
+    for _ in range(AGAIN):
+        start = time.thread_time()
+        ping(targets, sonar, Air(), equipment=equipment)
+        taken.append(time.thread_time() - start)
+    return min(taken)
+
+
+def _leaves() -> LeafDiscs:
+    rng = stream(5, "bench", "sonar", "doppler")
+    away = rng.normal(size=(LEAVES, 3))
+    away *= 1.5 * np.cbrt(rng.uniform(size=(LEAVES, 1))) / np.linalg.norm(away, axis=1)[:, None]
+    normal = rng.normal(size=(LEAVES, 3))
+    normal /= np.linalg.norm(normal, axis=1)[:, None]
+    number, one = np.arange(LEAVES), np.zeros(LEAVES, np.int64)
+    radius = rng.uniform(0.008, 0.03, LEAVES)
+    centre = away + np.array([4.0, 0.0, 0.0])
+    return LeafDiscs(centre, normal, radius, one, number, one - 1)
+
+
+def _ear(left: float) -> MeasuredSphere:
+    """An ear that hears best aside and ahead, the more so the higher the frequency."""
+    rng = stream(6, "bench", "sonar", "ears")
+    towards = rng.normal(size=(DIRECTIONS, 3))
+    towards /= np.linalg.norm(towards, axis=1)[:, None]
+    frequency = np.linspace(30e3, 90e3, 7)
+    level = 12.0 * (0.8 * towards[:, 0] + 0.6 * left * towards[:, 1] - 1.0)
+    return MeasuredSphere.all_round(towards, frequency, level[:, None] * frequency / 60e3)
+
+
+# Echoes end to end: a ping among 5 and 1000 trees, Tanveer et al.'s Table 1, culling, the leaf models.
+#
+# The kernel's own speed and error, by the number of leaves and the tolerance, is in ``sonar_kernel``.
+
 
 TITLE = "sonar: pings among trees"
 SPECIES, VARIANTS = "honda-birch", 5
@@ -55,12 +277,10 @@ def run(say: Say) -> None:
         "\nWhat leaves, wood and ground add, and what shading takes: 5 trees, 40° beam, peak level.\n"
     )
     _kinds(say, forests[5])
-    from . import sonar_doppler, sonar_kernel
-
-    say(f"\n{sonar_doppler.TITLE}\n")
-    sonar_doppler.run(say)
-    say(f"\n{sonar_kernel.TITLE}\n")
-    sonar_kernel.run(say)
+    say(f"\n{DOPPLER}\n")
+    say_doppler(say)
+    say(f"\n{SUM}\n")
+    say_sum(say)
     say_cold(say, "sonar")
 
 

@@ -1,26 +1,304 @@
-"""The stand: time to sample and to space trees, with the statistical error of their numbers.
-
-What is measured of statistics, and of forests in Blender, is in the modules that ``PARTS`` names.
-"""
+"""Intensities that the benches of stands sample: four hills or a raster on a square of 300 m."""
 
 from __future__ import annotations
 
+import json
+import subprocess
+import sys
+import tempfile
+import time
 from collections.abc import Callable
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 
+from forest_addon import spec
+from forest_addon.base.places import environment_of_child
 from forest_addon.base.progress import Say
 from forest_addon.base.rng import stream
-from forest_addon.stand.intensity.functions import Intensity
+from forest_addon.growth.library.species_file import find_species, load_species
+from forest_addon.spec import Forest
+from forest_addon.stand.forest import GrownForest, grow_forest
+from forest_addon.stand.intensity.functions import Intensity, Mixture
+from forest_addon.stand.intensity.layers import RasterIntensity
 from forest_addon.stand.poisson import sample
 from forest_addon.stand.process import Process
 from forest_addon.stand.spacing import greedy, matern_ii
+from forest_addon.stand.statistics.goodness import window_of
+from forest_addon.stand.statistics.k_function import At, choose_radii, inhomogeneous_k
+from forest_addon.stand.statistics.kernel import kernel_estimate
+from forest_addon.stand.statistics.mixture import fit_mixture
+from forest_addon.stand.statistics.window import Window
+from headless.memory import peak_memory_mb
+from studies.bench.cold import say_cold
+from studies.tables import median_seconds, table
 
-from ..tables import median_seconds, table
-from . import stand_scene, stand_statistics
-from .cold import say_cold
-from .intensities import KINDS, SIDE
+SIDE = 300.0
+CENTRES = np.array([[61.0, 91.0], [62.0, 141.0], [71.0, 221.0], [205.0, 103.0]])  # Wahed et al.'s
+
+
+class Thinned(Intensity):
+    """The same intensity as a stranger, known by its values and bounds alone: it is thinned."""
+
+    def __init__(self, of: Intensity) -> None:
+        self.of = of
+
+    def at(self, points: np.ndarray) -> np.ndarray:
+        return self.of.at(points)
+
+    def bounds(self, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return self.of.bounds(low, high)
+
+    def closed_integral(self, low: np.ndarray, high: np.ndarray) -> float | None:
+        return self.of.closed_integral(low, high)
+
+
+def _hills(sigma: float) -> Mixture:
+    return Mixture(np.ones(4), CENTRES, np.full((4, 2), sigma * np.sqrt(2)))
+
+
+def _raster() -> RasterIntensity:
+    """Hills of 44.7 m, in pixels that differ from their neighbours by noise."""
+    side = (np.arange(512) + 0.5) * SIDE / 512
+    x, y = np.meshgrid(side, side[::-1])
+    value = _hills(44.7).at(np.column_stack([x.ravel(), y.ravel()])).reshape(512, 512)
+    value *= stream(1, "bench", "raster").uniform(0.5, 1.5, value.shape)
+    return RasterIntensity(value, np.zeros(2), np.full(2, SIDE))
+
+
+KINDS: dict[str, Callable[[], Intensity]] = {
+    "wide hills, σ = 44.7 m, by component": lambda: _hills(44.7),
+    "narrow hills, σ = 0.5 m, by component": lambda: _hills(0.5),
+    "wide hills, thinned": lambda: Thinned(_hills(44.7)),
+    "narrow hills, thinned": lambda: Thinned(_hills(0.5)),
+    "raster, 512 x 512": _raster,
+}
+
+
+# K and estimated intensities: time and error by number of trees.
+
+
+STATISTICS = "stand_statistics: the K function and estimated intensities, by number of trees"
+COUNTS = (100, 1_000, 10_000, 100_000)
+HILLS = Mixture(  # the second reaches over the edge
+    np.array([1.0, 1.6]),
+    np.array([[90.0, 90.0], [255.0, 180.0]]),
+    np.array([[60.0, 45.0], [66.0, 105.0]]),
+)
+
+
+def say_statistics(say: Say) -> None:
+    """Print the tables."""
+    say("Inhomogeneous K of Poisson trees, λ rising e-fold in 120 m on 300 m x 300 m, translation")
+    say("correction, 60 radii; K/πr² over seeds at the largest radius.\n")
+    _bench_k(say)
+    say(
+        "\nEstimates of two hills on 300 m x 300 m, one over the edge; relative integrated squared error"
+    )
+    say("over seeds, ∫(estimate - λ)² / ∫λ².\n")
+    _bench_estimates(say)
+
+
+def _bench_k(say: Say) -> None:
+    rows = []
+    for count in COUNTS:
+        window, points = _field(), _rising(count, 0)
+        radii = choose_radii(points, window)
+        radius = float(radii[-1])
+        found = [
+            inhomogeneous_k(trees, _rise(trees), window, radii)
+            for trees in (_rising(count, seed) for seed in range(_seeds(count)))
+        ]
+        ratios = np.array([k.value[-1] for k in found]) / (np.pi * radius**2)
+        seconds = median_seconds(
+            lambda p=points, r=radii, w=window: inhomogeneous_k(p, _rise(p), w, r)
+        )
+        rows.append(
+            [
+                f"{count:,}",
+                f"{radius:.1f}",
+                f"{found[0].pairs:,}",
+                f"{seconds:.4f}",
+                f"{np.mean(ratios) - 1:+.4f} ± {np.std(ratios) / np.sqrt(len(ratios)):.4f}",
+                f"{np.sqrt(np.mean((ratios - 1) ** 2)):.4f}",
+                f"{len(ratios)}",
+            ]
+        )
+    table(say, ["trees", "r, m", "pairs", "time, s", "bias", "rms", "seeds"], rows)
+
+
+def _bench_estimates(say: Say) -> None:
+    whole = Process(HILLS, np.zeros(2), np.full(2, SIDE))
+    x, y = np.meshgrid(*[np.arange(SIDE / 200, SIDE, SIDE / 100)] * 2)
+    at = np.column_stack([x.ravel(), y.ravel()])
+    rows = []
+    for count in COUNTS:
+        process = whole.scaled(count / whole.expected())
+        law, errors, hills, widths = process.at(at), [], [], []
+        for seed in range(4 if count < 10_000 else 2):
+            points = sample(process, stream(seed, "bench estimate", count))
+            smooth, fit = kernel_estimate(points, _field()), fit_mixture(points, _field())
+            errors.append([_ise(smooth.at, at, law), _ise(fit.at, at, law)])
+            hills.append(len(fit.peak))
+            widths.append(smooth.bandwidth)
+        seconds = [
+            median_seconds(lambda e=estimate, p=points: e(p, _field()), runs=1)
+            for estimate in (kernel_estimate, fit_mixture)
+        ]
+        error = np.mean(errors, axis=0)
+        rows.append(
+            [
+                f"{count:,}",
+                f"{seconds[0]:.2f}",
+                f"{np.mean(widths):.1f}",
+                f"{error[0]:.1e}",
+                f"{seconds[1]:.2f}",
+                f"{min(hills)}" if min(hills) == max(hills) else f"{min(hills)} to {max(hills)}",
+                f"{error[1]:.1e}",
+                f"{len(errors)}",
+            ]
+        )
+    head = ["trees", "kernel, s", "σ, m", "error", "mixture, s", "hills found", "error", "seeds"]
+    table(say, head, rows)
+
+
+def _field() -> Window:
+    return window_of(Forest(size=(SIDE, SIDE)))
+
+
+def _seeds(count: int) -> int:
+    return 100 if count <= 10_000 else 4
+
+
+def _rise(points: np.ndarray) -> np.ndarray:
+    return np.asarray(np.exp(points[:, 0] / 120))
+
+
+def _rising(count: int, seed: int) -> np.ndarray:
+    """Exactly Poisson with λ ∝ exp(x/120), by inversion along x."""
+    rng = stream(seed, "bench k", count)
+    number, top = rng.poisson(count), np.exp(SIDE / 120) - 1
+    x = 120 * np.log1p(top * rng.random(number))
+    return np.column_stack([x, SIDE * rng.random(number)])
+
+
+def _ise(estimate: At, points: np.ndarray, law: np.ndarray) -> float:
+    return float(((estimate(points) - law) ** 2).sum() / (law**2).sum())
+
+
+# Forests of many trees in Blender: time and memory to build, read back, scan, save and open them.
+#
+# Each size runs in a process of its own, because a process has one peak of memory. The error is how far the
+# evaluated instances stand from the plan, and how many trees are missing or bear another number. The first
+# chunk is that of an airborne strip, with all that it needs of the scene.
+
+
+SCENES = "stand_scene: forests of 20 maples in Blender, by number of trees"
+FORESTS = (("points", 1_000), ("points", 10_000), ("points", 100_000), ("objects", 1_000))
+VARIANTS, ROOM = 20, 25.0  # m² a tree
+
+
+def say_scenes(say: Say) -> None:
+    """Print CPU seconds, peak memory and errors by number of trees."""
+    rows = []
+    for instancing, count in FORESTS:
+        words = [sys.executable, "-m", __name__, instancing, str(count)]
+        ended = subprocess.run(
+            words, capture_output=True, text=True, check=True, env=environment_of_child()
+        )
+        told = json.loads(ended.stdout.strip().splitlines()[-1])
+        seconds = (f"{told[key]:.2f}" for key in ("grow", "build", "evaluate", "read", "strip"))
+        files = (f"{told[key]:.2f}" for key in ("save", "open"))
+        sizes = (f"{told['peak']:.2f}", f"{told['size']:.0f}")
+        error = (f"{told['error']:.0e}", f"{told['wrong']:.0f}")
+        shown = (f"{told['trees']:,}", instancing, f"{told['triangles']:,}")
+        rows.append([*shown, *seconds, *files, *sizes, *error])
+    times = [
+        "grow, s",
+        "build, s",
+        "evaluate, s",
+        "read, s",
+        "first chunk, s",
+        "save, s",
+        "open, s",
+    ]
+    head = ["trees", "as", "triangles shown", *times, "peak, GB", "file, MB"]
+    table(say, [*head, "largest error, m", "wrong numbers"], rows)
+
+
+def measure(instancing: str, count: int) -> dict[str, float]:
+    """Build, evaluate, read, scan, save and open one forest: CPU seconds, GB, MB, metres."""
+    import bpy
+
+    from forest_addon.blender.files.export import save_blend
+    from forest_addon.blender.files.opening import empty_file, open_file
+    from forest_addon.blender.scene.forest import build
+    from forest_addon.blender.sensors.observe import Observer
+    from forest_addon.sensing.kinds import choose
+    from forest_addon.sensing.lidar.scan import Scan
+
+    empty_file()
+    told: dict[str, float] = {}
+    start = time.process_time()
+
+    def lap(name: str) -> None:
+        nonlocal start
+        told[name] = time.process_time() - start
+        start = time.process_time()
+
+    settings, forest = _forest(instancing, count)
+    lap("grow")
+    build(bpy.context.scene, settings, forest)
+    lap("build")
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    lap("evaluate")
+    observer = Observer(depsgraph)
+    geometry = observer.geometry
+    lap("read")
+    strip, _ = choose(spec.Airborne(name="strip"))
+    next(iter(Scan(strip, observer.eyes(strip), 0).chunks()))
+    lap("strip")
+    faces = np.array([len(mesh.triangles) for mesh in geometry.meshes])
+    told |= {"trees": len(forest.stand), "triangles": int(faces[geometry.mesh_index].sum())}
+    told |= _errors(geometry, forest)
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "forest.blend"
+        start = time.process_time()
+        save_blend(path)
+        lap("save")
+        told["size"] = path.stat().st_size / 1e6
+        open_file(path)
+        bpy.context.evaluated_depsgraph_get()
+        lap("open")
+    told["peak"] = (peak_memory_mb() or 0.0) / 1024
+    return told
+
+
+def _forest(instancing: str, count: int) -> tuple[spec.Scene, GrownForest]:
+    side = float(np.sqrt(ROOM * count))
+    settings = spec.Scene(
+        seed=4,
+        forest=spec.Forest(size=(side, side), instancing=instancing),
+        plantings=(spec.Planting(species="maple", variants=VARIANTS, expected=count, exact=True),),
+    )
+    return settings, grow_forest(settings, [load_species(find_species("maple", Path()))])
+
+
+def _errors(geometry, forest: GrownForest) -> dict[str, float]:
+    """Of the evaluated scene against the plan."""
+    trees = np.flatnonzero(geometry.tree >= 0)
+    number = geometry.tree[trees]
+    offset = geometry.transform[trees] - forest.transforms()[number]
+    missing = len(forest.stand) - len(np.unique(number))
+    other = np.count_nonzero(geometry.species[trees] != forest.stand.species[number])
+    return {"error": float(np.abs(offset).max()), "wrong": float(missing + other)}
+
+
+# The stand: time to sample and to space trees, with the statistical error of their numbers.
+#
+# What is measured of statistics, and of forests in Blender, is in the modules that ``PARTS`` names.
+
 
 TITLE = "stand: exact Poisson forests, 4 hills or a 512 x 512 raster on a square of 300 m"
 SIZES = (10**3, 10**4, 10**5, 10**6, 10**7)
@@ -47,9 +325,10 @@ def run(say: Say) -> None:
         "at the edge a little more; greedy has no closed form."
     )
     say_cold(say, "stand")
-    for part in (stand_statistics, stand_scene):
-        say(f"\n### {part.TITLE}\n")
-        part.run(say)
+    say(f"\n### {STATISTICS}\n")
+    say_statistics(say)
+    say(f"\n### {SCENES}\n")
+    say_scenes(say)
 
 
 def _sampled(name: str, intensity: Intensity, count: int) -> list[str]:
@@ -111,3 +390,7 @@ def _spaced(rule: Callable[..., np.ndarray], count: int) -> list[str]:
         f"{share - theory:+.4f}" if rule is matern_ii else "-",
         f"{nearest.min() / distance:.6f}",
     ]
+
+
+if __name__ == "__main__":
+    print(json.dumps(measure(sys.argv[1], int(sys.argv[2]))))

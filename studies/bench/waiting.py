@@ -19,8 +19,7 @@ import numpy as np
 from forest_addon.base.places import environment_of_child
 from forest_addon.base.progress import Say
 from headless.memory import peak_memory_mb
-
-from ..tables import table
+from studies.tables import table
 
 TITLE = "waiting: large jobs, cold beside warm"
 HECTARE = """

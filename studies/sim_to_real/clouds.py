@@ -1,8 +1,9 @@
-"""Clouds with labels: plots of ours and of others by FOR-instance's names, and measured trees.
+"""Stem labels of one tree's cloud, by circles fitted to layers of it and followed upwards from the ground.
 
-Labels of the measured trees are not drawn by hand. Stems of pine and spruce (TreeLS) are circles fitted to
-layers (``circles``): sure below the crown, less so in it, and none above. Wood of the broadleaved tree
-(aRchi) is what is near its published cylinders (TreeQSM): twigs without a cylinder count as other than wood.
+Each circle is found by random sampling near the one below (Fischler & Bolles 1981, RANSAC), then fitted to
+its own points by least squares, outliers counting less. A circle that strays from its neighbours takes their
+median. Above the first metre and a half in which no circle fits, nothing is labelled: what stem there is
+cannot be told from branches by a circle, so those heights do not count in any score.
 """
 
 from __future__ import annotations
@@ -13,6 +14,9 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
+from scipy.interpolate import griddata
+from scipy.ndimage import maximum_filter, median_filter, uniform_filter
+from scipy.optimize import least_squares
 from scipy.sparse import csr_matrix
 from scipy.spatial import cKDTree
 
@@ -20,8 +24,255 @@ from forest_addon.base.rng import stream
 from forest_addon.formats.las import read_las
 from forest_addon.spec import SpecError
 
-from .circles import follow_stem
-from .features import VoxelCells, cells_of, features_of, ground_below, means_of
+CIRCLE_LAYER = 0.2  # metres, height of a layer
+TRIES = 400  # circles drawn in a layer
+CLOSE = 0.012  # metres from the circle within which a point is one of its own while it is sought
+THICK = (
+    0.03  # metres from the circle within which a point is stem: bark, lean within a layer, noise
+)
+SMALLEST, LARGEST = 0.05, 0.6  # metres, radii
+FEWEST = 20  # points on a circle
+AROUND = 0.35  # share of the circle's circumference that has points, at least
+FLARE = 1.3  # times the median radius of the lowest circles: more is undergrowth or a root, not the stem
+LOST = 1.5  # metres without a circle after which the stem is lost
+
+
+@dataclass(frozen=True)
+class Stem:
+    """Circles of a stem: height (K,), centre (K, 2), radius (K,), metres; ``top``: up to where they hold."""
+
+    height: np.ndarray
+    centre: np.ndarray
+    radius: np.ndarray
+    top: float
+
+    def at(self, height: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(P, 2) centres and (P,) radii at heights (P,)."""
+        x, y = (np.interp(height, self.height, axis) for axis in self.centre.T)
+        return np.stack([x, y], axis=1), np.interp(height, self.height, self.radius)
+
+    def holds(self, points: np.ndarray, height: np.ndarray) -> np.ndarray:
+        """(P,) whether points are on the stem, or within it."""
+        centre, radius = self.at(height)
+        away = np.linalg.norm(points[:, :2] - centre, axis=1)
+        return np.asarray((away < radius + THICK) & (height < self.top))
+
+
+def follow_stem(points: np.ndarray, height: np.ndarray, seed: int = 0) -> Stem | None:
+    """The stem of the tree that stands nearest to the middle of a cloud; None where no circle fits.
+
+    points : (P, 3) metres. height : (P,) metres above the ground.
+    """
+    rng = stream(seed, "circles")
+    rows, last, misses = [], None, 0
+    layers = np.arange(0.3, height.max(), CIRCLE_LAYER)
+    for low in layers:
+        mine = points[(height >= low) & (height < low + CIRCLE_LAYER), :2]
+        if last is not None:
+            mine = mine[np.linalg.norm(mine - last[:2], axis=1) < last[2] + 0.15]
+        circle = _circle(mine, last, rng)
+        if circle is None:
+            misses += last is not None
+            if misses * CIRCLE_LAYER > LOST:
+                break
+            continue
+        rows.append((low + CIRCLE_LAYER / 2, *circle))
+        last, misses = np.array(circle), 0
+    if len(rows) < 5:
+        return None
+    found = np.array(rows)
+    found = found[found[:, 3] < FLARE * np.median(found[:10, 3])]
+    smooth = np.stack([median_filter(axis, 5, mode="nearest") for axis in found[:, 1:].T], axis=1)
+    return Stem(found[:, 0], smooth[:, :2], smooth[:, 2], float(found[-1, 0] + CIRCLE_LAYER / 2))
+
+
+def _circle(
+    points: np.ndarray, last: np.ndarray | None, rng: np.random.Generator
+) -> tuple[float, float, float] | None:
+    """Centre and radius of the circle that most points of a layer (N, 2) are on; None: none is good."""
+    if len(points) < FEWEST:
+        return None
+    first = points[rng.integers(len(points), size=TRIES)]
+    pick = points[rng.integers(len(points), size=(TRIES, 2))]
+    x, y, r = _through(first, pick[:, 0], pick[:, 1])
+    good = np.isfinite(r) & (r > SMALLEST) & (r < LARGEST)
+    if last is not None:
+        good &= (
+            (np.hypot(x - last[0], y - last[1]) < 0.08) & (r < 1.1 * last[2]) & (r > 0.7 * last[2])
+        )
+    if not good.any():
+        return None
+    x, y, r = x[good], y[good], r[good]
+    away = np.hypot(points[:, None, 0] - x, points[:, None, 1] - y) - r
+    score = (np.abs(away) < CLOSE).sum(axis=0) - 2.0 * (away < -3 * CLOSE).sum(axis=0)
+    best = int(np.argmax(score))
+    own = np.abs(away[:, best]) < 2 * CLOSE
+    if own.sum() < FEWEST:
+        return None
+    fitted = least_squares(
+        lambda v: np.hypot(points[own, 0] - v[0], points[own, 1] - v[1]) - v[2],
+        (x[best], y[best], r[best]),
+        loss="soft_l1",
+        f_scale=0.01,
+    ).x
+    turn = np.arctan2(points[own, 1] - fitted[1], points[own, 0] - fitted[0])
+    covered = len(np.unique(np.floor(turn / (np.pi / 18)))) / 36
+    near = np.hypot(points[:, 0] - fitted[0], points[:, 1] - fitted[1]) < fitted[2] - 3 * CLOSE
+    if covered < AROUND or near.sum() > 0.25 * own.sum():
+        return None
+    return float(fitted[0]), float(fitted[1]), float(fitted[2])
+
+
+def _through(
+    a: np.ndarray, b: np.ndarray, c: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Centres and radii of circles through three points each (N, 2); infinite where they are on a line."""
+    u, v = b - a, c - a
+    cross = 2 * (u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        x = (v[:, 1] * (u**2).sum(1) - u[:, 1] * (v**2).sum(1)) / cross
+        y = (u[:, 0] * (v**2).sum(1) - v[:, 0] * (u**2).sum(1)) / cross
+    return a[:, 0] + x, a[:, 1] + y, np.hypot(x, y)
+
+
+# Shapes around the points of a cloud, as a classifier sees them, alike for every instrument and density.
+#
+# A cloud is reduced to the means of its points in cells of 5 cm, so that how many points there were no
+# longer matters; heights are above the ground, which is the lowest of each square metre. Around each mean
+# follow, at several radii, the eigenvalue features of Weinmann et al. (2015, ISPRS J. 105:286) by pgeof,
+# and how far what is there goes on straight up and down and how much of it is near: stems go on, branches
+# do not.
+
+
+EDGE = 0.05  # metres, of a cell
+SCALES = ((0.05, 0.125), (0.05, 0.25), (0.1, 0.5), (0.2, 1.0))  # metres: cells and ball around them
+MOST = 200  # neighbours that count; a level surface has 79 cells in each of the larger balls
+KINDS = ("Linearity", "Planarity", "Scattering", "VerticalityPGEOF", "Verticality", "Curvature")
+WORDS = ("linearity", "planarity", "scattering", "verticality", "wall", "curvature")
+REACH, LAYER = 1.0, 0.1  # metres up and down an upright column, and of a layer of it
+COLUMNS = (1, 3)  # layers' heights that a column is wide
+BOXES = ((3, 7), (5, 13))  # layers' heights that two level slabs, three high, are wide
+NAMES = (
+    *(f"{word} {radius:g} m" for _, radius in SCALES for word in WORDS),
+    *(f"{way} {wide * LAYER:.1f} m" for wide in COLUMNS for way in ("above", "below")),
+    *(f"inner {inner * LAYER:.1f} m" for inner, _ in BOXES),
+)
+
+
+@dataclass(frozen=True)
+class VoxelCells:
+    """Cells of a cloud that hold a point.
+
+    centre : (C, 3) metres, the mean of their points. height : (C,) metres above the ground.
+    of_point : (P,) the cell of each point.
+    """
+
+    centre: np.ndarray
+    height: np.ndarray
+    of_point: np.ndarray
+
+    def majority(self, flags: np.ndarray) -> np.ndarray:
+        """(C,) share of the points (P,) of each cell that have a flag."""
+        count = np.bincount(self.of_point, minlength=len(self.centre))
+        return np.bincount(self.of_point, flags, len(self.centre)) / count
+
+
+def cells_of(points: np.ndarray, edge: float = EDGE) -> VoxelCells:
+    """Reduce points (P, 3), metres, to the means of cells."""
+    centre, of_point = means_of(points, edge)
+    return VoxelCells(centre, centre[:, 2] - ground_below(centre), of_point)
+
+
+def means_of(points: np.ndarray, edge: float = EDGE) -> tuple[np.ndarray, np.ndarray]:
+    """(C, 3) means of the points of each cell of a grid, and (P,) the cell of each point."""
+    index = np.floor((points - points.min(axis=0)) / edge).astype(np.int64)
+    wide = index.max(axis=0) + 1
+    key = (index[:, 0] * wide[1] + index[:, 1]) * wide[2] + index[:, 2]
+    _, of_point = np.unique(key, return_inverse=True)
+    count = np.bincount(of_point)
+    return np.stack([np.bincount(of_point, axis) / count for axis in points.T], 1), of_point
+
+
+def ground_below(points: np.ndarray, edge: float = 1.0) -> np.ndarray:
+    """(P,) height of the ground below points (P, 3): the lowest of squares, where it is like its neighbours.
+
+    A square whose lowest point is more than its size above the lowest of its neighbours saw no ground; the
+    ground goes on there between the others.
+    """
+    cell = np.floor((points[:, :2] - points[:, :2].min(axis=0)) / edge).astype(int)
+    low = np.full(cell.max(axis=0) + 1, np.inf)
+    np.minimum.at(low, tuple(cell.T), points[:, 2])
+    seen = np.isfinite(low)
+    middle = median_filter(np.where(seen, low, np.median(low[seen])), size=3)
+    good = seen & (np.abs(low - middle) < edge)
+    if good.sum() < 4:
+        return np.full(len(points), np.percentile(points[:, 2], 0.5))
+    known, value = (np.argwhere(good) + 0.5) * edge, low[good]
+    place = points[:, :2] - points[:, :2].min(axis=0)
+    flat = np.ptp(known, axis=0).min() == 0  # a line of squares has no triangles
+    found = np.full(len(place), np.nan) if flat else griddata(known, value, place)
+    nearest = value[cKDTree(known).query(place)[1]]
+    return np.where(np.isnan(found), nearest, found)
+
+
+def features_of(cells: VoxelCells) -> np.ndarray:
+    """(C, len(NAMES)) float32 features of cells."""
+    centre = cells.centre - cells.centre.min(axis=0)
+    shapes = [_shapes(centre, *scale) for scale in SCALES]
+    found = np.column_stack([*shapes, *_columns(centre), *_boxes(centre)])
+    return np.nan_to_num(found, nan=0.0).astype(np.float32)
+
+
+def _shapes(centre: np.ndarray, edge: float, radius: float) -> np.ndarray:
+    """(C, len(KINDS)) eigenvalue features of balls around cells; wide balls are taken of coarser cells."""
+    import pgeof  # an extra: see [project.optional-dependencies] study
+
+    wanted = [getattr(pgeof.EFeatureID, kind) for kind in KINDS]
+    coarse, of_fine = means_of(centre, edge) if edge > EDGE else (centre, slice(None))
+    near = np.ascontiguousarray(coarse, dtype=np.float32)
+    return np.asarray(pgeof.compute_features_selected(near, radius, MOST, wanted))[of_fine]
+
+
+def _columns(centre: np.ndarray) -> list[np.ndarray]:
+    """Shares of the layers above and below a cell in which a thin upright column holds something."""
+    index = np.floor((centre - centre.min(axis=0)) / LAYER).astype(int)
+    layers = round(REACH / LAYER)
+    filled = np.zeros(np.add(index.max(axis=0), (1, 1, 1 + 2 * layers)), dtype=bool)
+    index[:, 2] += layers
+    filled[tuple(index.T)] = True
+    found = []
+    for wide in COLUMNS:
+        column = maximum_filter(filled, size=(wide, wide, 1))
+        sums = np.cumsum(column, axis=2, dtype=np.uint16)
+        x, y, z = index.T
+        above = sums[x, y, z + layers] - sums[x, y, z]
+        below = sums[x, y, z - 1] - np.where(z > layers, sums[x, y, z - layers - 1], 0)
+        found += [above / layers, below / layers]
+    return found
+
+
+def _boxes(centre: np.ndarray) -> list[np.ndarray]:
+    """Shares of what a level slab holds that stands near its middle."""
+    index = np.floor((centre - centre.min(axis=0)) / LAYER).astype(int)
+    filled = np.zeros(index.max(axis=0) + 1, dtype=np.float32)
+    filled[tuple(index.T)] = 1.0
+    found = []
+    for inner, outer in BOXES:
+        few, many = (
+            wide**2 * uniform_filter(filled, (wide, wide, 3), mode="constant")[tuple(index.T)]
+            for wide in (inner, outer)
+        )
+        found.append(few / np.maximum(many, 1e-6))
+    return found
+
+
+# Clouds with labels: plots of ours and of others by FOR-instance's names, and measured trees.
+#
+# Labels of the measured trees are not drawn by hand. Stems of pine and spruce (TreeLS) are circles fitted
+# to layers (``circles``): sure below the crown, less so in it, and none above. Wood of the broadleaved
+# tree (aRchi) is what is near its published cylinders (TreeQSM): twigs without a cylinder count as other
+# than wood.
+
 
 STEM, CLASSES = 4, 7
 LOWEST = 0.3  # metres above the ground: below is ground and litter, which no score counts

@@ -21,8 +21,7 @@ from forest_addon.base.rng import stream
 from forest_addon.growth.library.species_file import find_species, load_species
 from forest_addon.growth.tree import grow
 from headless.report.pictures import BARK, FAINT, INK, LEAF_GREEN, blank_figure, save_figure
-
-from .comparison import Comparison, Interval, Picture
+from studies.validation.run import Comparison, Interval, Picture
 
 TITLE = "Leaves: how they incline"
 SUMMARY = """\

@@ -15,8 +15,7 @@ from scipy.spatial import cKDTree
 
 from forest_addon.formats.las import read_las
 from forest_addon.spec import Scene, SpecError
-
-from .comparison import Comparison, Interval
+from studies.validation.run import Comparison, Interval
 
 MOST = 4  # returns that are told apart
 RELATIVE = 0.1  # of a share or a height, that counts as the same

@@ -1,36 +1,429 @@
-"""Forest reverb held to recordings: Koli by octave, Albert's stands, or a recording of the user's own.
+"""Multiple scattering averaged over stands, exact, against the sums that stand in for it.
 
-T20 and C50 of a band of plausible stands stand beside the recording's, then what each term of the model does
-to them, and the shape of the decay.
+A disc of trunks at random, a few sources and many receivers in it; in a band of frequencies the exact field
+(``acoustics.multiple``) and that of single scattering are computed, turned into energy by path length, and
+averaged over pairs and stands. Beside them: single scattering with extinction, and transport.
 """
 
 from __future__ import annotations
 
 import argparse
 import csv
+import math
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
+from forest_addon.acoustics.extinction import cross_sections
+from forest_addon.acoustics.multiple import scattered_fields
 from forest_addon.base.places import ASSETS
+from forest_addon.base.rng import stream
 from forest_addon.formats.atomic import replacing
-from forest_addon.sensing.reverb.metrics import room_metrics
+from forest_addon.sensing.reverb.forest.transport import Density, PhaseFunction, transported
+from forest_addon.sensing.reverb.metrics import octave, octave_bands, onset, room_metrics
+from forest_addon.sensing.reverb.response import impulse_response
 from forest_addon.sensing.reverb.sums.fast_scattering import Expansions
-from forest_addon.spec import Air
+from forest_addon.sensing.reverb.trunks.slices import Trunks
+from forest_addon.spec import Air, Reverb, SpecError
+from headless.report.pictures import FAINT, INK, LEAF_GREEN, RED, blank_figure, save_figure
+from studies.validation.recordings import BANDS as RANGE_BANDS
+from studies.validation.recordings import (
+    FRAME,
+    NEAREST,
+    REACH,
+    Decay,
+    PlausibleStand,
+    Range,
+    SoundPath,
+    decay_of,
+    heard,
+    judge_agreement,
+    judge_losses,
+    missing_loss,
+    plausible_stands,
+    range_of,
+    read_range,
+    read_recording,
+    ring,
+    settings,
+    variants,
+)
+from studies.validation.run import Comparison, Interval, Picture
 
-from .comparison import Comparison, Interval, Picture
-from .responses.agreement import judge_agreement
-from .responses.decay import Decay, decay_of, missing_loss, read_recording
-from .responses.ensemble import Ensemble, judge
-from .responses.levels import BANDS as RANGE_BANDS
-from .responses.levels import NEAREST, Range, range_of, read_range
-from .responses.losses import judge_losses
-from .responses.pictures import draw_ablation, draw_bands, draw_decays, draw_ensembles
-from .responses.sources import ring
-from .responses.stands import Path as SoundPath
-from .responses.stands import PlausibleStand, heard, plausible_stands, settings, variants
+SPEED = 343.0
+BAND = 0.5  # width over the middle of the band of frequencies
+CELL = 0.25  # m, of the density
+PACKETS = 40_000
+WAYS = (
+    "single",
+    "single, energy extinction",
+    "single, coherent extinction",
+    "transport",
+    "transport without shadow",
+)
+
+
+@dataclass(frozen=True)
+class Ensemble:
+    """Trunks of one radius in a disc of ``extent`` metres radius; ends ``distance`` apart; ka mid-band."""
+
+    trunks: int
+    radius: float
+    extent: float
+    ka: float
+    distance: float = 4.0
+    stands: int = 3
+    sources: int = 4
+    receivers: int = 12
+
+    @property
+    def density(self) -> float:
+        """Trunks per m²."""
+        return self.trunks / (math.pi * self.extent**2)
+
+    @property
+    def frequency(self) -> float:
+        """Hz, the middle of the band."""
+        return self.ka * SPEED / (2.0 * math.pi * self.radius)
+
+
+@dataclass(frozen=True)
+class JudgedSum:
+    """By path length (X + 1,) edges in metres: the exact energy, and of each way its level above it in dB.
+
+    spread : (X,) dB, standard deviation of the exact mean over stands and sources.
+    """
+
+    edges: np.ndarray
+    exact: np.ndarray
+    spread: np.ndarray
+    level: dict[str, np.ndarray]
+
+
+def judge(case: Ensemble, edges: np.ndarray, seed: int = 1) -> JudgedSum:
+    """Run an ensemble. edges : (X + 1,) metres of path, the last within the disc's echoes."""
+    period = 2.5 * float(edges[-1])  # m, after which sound would come again
+    step = SPEED / period
+    half = max(8, int(0.5 * BAND * case.frequency / step))
+    frequency = case.frequency + step * np.arange(-half, half + 1)
+    window = np.hanning(len(frequency) + 2)[1:-1]
+    every, once = [], []
+    for number in range(case.stands):
+        rng = stream(seed, "ensemble", case.trunks, number)
+        sources, receivers = _ends(case, rng)
+        centre = _stand(case, rng, np.concatenate([sources, receivers.reshape(-1, 2)]))
+        radius = np.full(len(centre), case.radius)
+        orders = math.ceil(case.ka * (1 + BAND / 2) + 2.3 * case.ka ** (1 / 3) + 1)
+        fields = [
+            scattered_fields(f, centre, radius, sources, receivers.reshape(-1, 2), SPEED, orders)
+            for f in frequency.tolist()
+        ]
+        for kept, found in zip((every, once), zip(*fields, strict=True), strict=True):
+            spectra = np.array(found).reshape(len(frequency), case.sources, case.sources, -1)
+            own = np.einsum("fssr->fsr", spectra)  # each source hears its own circle
+            kept.append(_by_length(own * window[:, None, None], window, step, edges))
+    exact, single = (np.concatenate(part) for part in (every, once))  # (stands·S, X)
+    mean = exact.mean(axis=0)
+    spread = exact.std(axis=0) / math.sqrt(len(exact)) / mean
+    level = {name: 10.0 * np.log10(part / mean) for name, part in _ways(case, edges, single, seed)}
+    return JudgedSum(edges, mean, 10.0 * np.log10(1.0 + spread), level)
+
+
+def _ways(
+    case: Ensemble, edges: np.ndarray, single: np.ndarray, seed: int
+) -> list[tuple[str, np.ndarray]]:
+    middle = 0.5 * (edges[1:] + edges[:-1])
+    once = single.mean(axis=0)
+    widths = cross_sections(np.array([case.ka]))
+    lost = [
+        np.exp(-case.density * case.radius * width * middle)
+        for width in (widths.energy[0], widths.extinction[0])
+    ]
+    found = [(WAYS[0], once), (WAYS[1], once * lost[0]), (WAYS[2], once * lost[1])]
+    density = _disc(case)
+    for name, way in ((WAYS[3], "coherent"), (WAYS[4], "energy")):
+        phase = PhaseFunction.of(case.frequency, np.array([case.radius]), SPEED, 0.0, way)
+        total = np.zeros(len(middle))
+        for number in range(case.sources):
+            rng = stream(seed, "ensemble", "packets", number)
+            turn = 2.0 * math.pi * number / case.sources
+            source = 0.3 * case.extent * np.array([math.cos(turn), math.sin(turn)])
+            for side in (1.0, -1.0):
+                receiver = source + side * case.distance * np.array([0.6, 0.8])
+                energy = transported(phase, density, source, receiver, edges, PACKETS // 4, rng)
+                total += energy.once + energy.again
+        found.append((name, total * middle / (2.0 * case.sources)))  # in the plane: 2πP
+    return found
+
+
+def _disc(case: Ensemble) -> Density:
+    side = math.ceil(2.0 * case.extent / CELL)
+    place = (np.arange(side) + 0.5) * CELL - case.extent
+    inside = np.hypot(*np.meshgrid(place, place, indexing="ij")) <= case.extent
+    return Density(case.density * inside, (-case.extent, -case.extent), (CELL, CELL), 0.0)
+
+
+def _ends(case: Ensemble, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """(S, 2) sources, and (S, R, 2) receivers around each."""
+    turn = 2.0 * math.pi * (np.arange(case.sources) + rng.random()) / case.sources
+    sources = 0.3 * case.extent * np.column_stack([np.cos(turn), np.sin(turn)])
+    around = 2.0 * math.pi * (np.arange(case.receivers) + rng.random()) / case.receivers
+    circle = case.distance * np.column_stack([np.cos(around), np.sin(around)])
+    return sources, sources[:, None] + circle
+
+
+def _stand(case: Ensemble, rng: np.random.Generator, clear: np.ndarray) -> np.ndarray:
+    """(N, 2) trunks at random, none over another or over an end."""
+    placed: list[np.ndarray] = []
+    while len(placed) < case.trunks:
+        place = rng.uniform(-case.extent, case.extent, 2)
+        if np.hypot(*place) > case.extent or np.hypot(*(clear - place).T).min() < 1.2 * case.radius:
+            continue
+        if placed and np.hypot(*(np.array(placed) - place).T).min() < 2.05 * case.radius:
+            continue
+        placed.append(place)
+    return np.array(placed)
+
+
+def _by_length(
+    spectra: np.ndarray, window: np.ndarray, step: float, edges: np.ndarray
+) -> np.ndarray:
+    """(S, X) energy a metre of path: an arrival 1/√r gives 1/r in all."""
+    size = 4 * len(window)
+    length = np.arange(size) * (SPEED / step / size)
+    whole = float((np.abs(np.fft.ifft(window, size)) ** 2).sum()) * (length[1] - length[0])
+    energy = np.abs(np.fft.ifft(spectra, size, axis=0)) ** 2 / whole  # (T, S, R)
+    mean = energy.mean(axis=2)
+    rows = np.searchsorted(edges, length, side="right") - 1
+    found = np.array([mean[rows == n].mean(axis=0) for n in range(len(edges) - 1)])
+    return found.T
+
+
+# Pictures of the reverb's validation.
+
+
+def draw_bands(
+    path: Path, measured: Decay, every: Sequence[Decay], before: Sequence[Decay]
+) -> Path:
+    """T20 and C50 by octave: the recording, and what 90 % of the stands have."""
+    figure = blank_figure((10.0, 3.8))
+    for axes, name, title in zip(
+        figure.subplots(1, 2), ("t20", "c50"), ("T20, s", "C50, dB"), strict=True
+    ):
+        place = np.arange(len(measured.band))
+        for some, colour, label in (
+            (before, RED, "Kaneko & Gamper's model"),
+            (every, LEAF_GREEN, "all terms"),
+        ):
+            low, middle, high = np.nanquantile(
+                [getattr(each, name) for each in some], [0.05, 0.5, 0.95], axis=0
+            )
+            axes.fill_between(place, low, high, color=colour, alpha=0.22, lw=0)
+            axes.plot(place, middle, color=colour, label=f"{label}, median and 90 % of stands")
+        axes.plot(place, getattr(measured, name), "o-", color=INK, label="recording")
+        axes.set_xticks(place, [f"{band:g}" for band in measured.band])
+        axes.set_xlabel("octave, Hz")
+        axes.set_title(title)
+        axes.set_ylim(bottom=0)
+    figure.axes[0].legend(fontsize=8)
+    return save_figure(figure, path)
+
+
+def draw_ablation(
+    path: Path, measured: Decay, rows: dict[str, tuple[np.ndarray, np.ndarray]]
+) -> Path:
+    """One line a variant; the recording in black."""
+    import matplotlib
+
+    colours = matplotlib.colormaps["tab10"].colors
+    figure = blank_figure((11.0, 4.4))
+    place = np.arange(len(measured.band))
+    for axes, part, title in zip(figure.subplots(1, 2), (0, 1), ("T20, s", "C50, dB"), strict=True):
+        for number, (name, values) in enumerate(rows.items()):
+            strong = {
+                "all": (LEAF_GREEN, 2.6),
+                "none": (FAINT, 2.6),
+                "Kaneko & Gamper's model": (RED, 2.6),
+            }
+            colour, width = strong.get(name, (colours[number % 10], 1.2))
+            axes.plot(place, values[part], color=colour, lw=width, label=name)
+        axes.plot(place, (measured.t20, measured.c50)[part], "o-", color=INK, label="recording")
+        axes.set_xticks(place, [f"{band:g}" for band in measured.band])
+        axes.set_xlabel("octave, Hz")
+        axes.set_title(title)
+        axes.set_ylim(bottom=0)
+    figure.legend(
+        *figure.axes[0].get_legend_handles_labels(), loc="outside right upper", fontsize=8
+    )
+    return save_figure(figure, path)
+
+
+def draw_decays(
+    path: Path, recorded: np.ndarray, simulated: Sequence[np.ndarray], rate: float
+) -> Path:
+    """Energy of frames of two octaves, over the logarithm of time: a power law is straight."""
+    figure = blank_figure((10.0, 3.8))
+    for axes, band in zip(figure.subplots(1, 2, sharey=True), (1000.0, 4000.0), strict=True):
+        for samples in simulated:
+            axes.plot(*_frames(samples, rate, band), color=LEAF_GREEN, alpha=0.4, lw=0.8)
+        axes.plot(*_frames(recorded, rate, band), color=INK, lw=1.4)
+        axes.set_xscale("log")
+        axes.set_ylim(-80, 2)
+        axes.set_xlim(0.01, 2.0)
+        axes.set_xlabel("s after the onset")
+        axes.set_title(f"{band:g} Hz, dB re the first frame: recording black, stands green")
+    return save_figure(figure, path)
+
+
+def _frames(samples: np.ndarray, rate: float, band: float) -> tuple[np.ndarray, np.ndarray]:
+    frame = round(FRAME * rate)
+    part = octave(samples, rate, band)[onset(samples) :]
+    count = len(part) // frame
+    energy = np.square(part[: count * frame]).reshape(count, frame).sum(axis=1)
+    level = 10.0 * np.log10(np.maximum(energy, 1e-30) / energy[0])
+    return FRAME * (np.arange(count) + 0.5), level
+
+
+def draw_ensembles(path: Path, cases: Sequence[tuple[str, JudgedSum]]) -> Path:
+    """Level of each way above exact multiple scattering, by path length."""
+    figure = blank_figure((5.2 * len(cases), 3.8))
+    colours = (FAINT, RED, "#d99a2b", LEAF_GREEN, "#2f7f8f")
+    every = figure.subplots(1, len(cases), sharey=True, squeeze=False)[0]
+    for axes, (title, judged) in zip(every, cases, strict=True):
+        middle = np.sqrt(judged.edges[1:] * judged.edges[:-1])
+        axes.fill_between(middle, -judged.spread, judged.spread, color=FAINT, alpha=0.5, lw=0)
+        for (name, level), colour in zip(judged.level.items(), colours, strict=True):
+            axes.plot(middle, level, color=colour, lw=1.8, label=name)
+        axes.set_xscale("log")
+        axes.set_ylim(-20, 4)
+        axes.set_xticks((6, 10, 20, 30), ("6", "10", "20", "30"))
+        axes.minorticks_off()
+        axes.set_xlabel("path, m")
+        axes.set_title(title)
+    every[0].set_ylabel("dB re exact multiple scattering")
+    every[0].legend(fontsize=8, loc="lower left")
+    return save_figure(figure, path)
+
+
+# A recording of the user's own held to a simulation of the trees that were mapped around it.
+#
+# The map is a CSV with x, y in metres and radius (m) or dbh (cm), a row a tree; two rows more, whose
+# column ``what`` says source and receiver, with z their height. Beyond the map the forest goes on as
+# dense as in it.
+
+
+RATE, SEVERAL = 32e3, 6  # Hz; stands of the same trees with losses drawn from their ranges
+T20_SHARE, C50_DB = 0.25, 3.0
+LOWEST = 250.0  # Hz
+
+
+def validate_own(recording: Path, stand: Path | None, out: Path) -> list[Comparison]:
+    """T20 and C50 by octave of a recording, beside the mapped trees with plausible losses.
+
+    Raises
+    ------
+    SpecError : the recording or the map cannot be used; says what to change.
+    """
+    if stand is None:
+        raise SpecError("--stand", "is needed for a recording; give a CSV of the trees around it")
+    trunks, source, receiver = read_stand(stand)
+    samples = read_recording(recording, RATE)
+    bands = np.array([band for band in octave_bands(RATE) if band >= LOWEST])
+    measured = decay_of(samples, RATE, bands)
+    corner, size = trunks.position.min(axis=0), np.ptp(trunks.position, axis=0)
+    path = SoundPath(math.dist(source[:2], receiver[:2]), float(source[2]), RATE, Air())
+    every: dict[str, list[Decay]] = {"forest": [], "paper": []}
+    for drawn in plausible_stands(SEVERAL, 1):
+        for model, some in every.items():
+            if model == "paper" and some:
+                continue
+            placed = {"source": tuple(source), "receiver": tuple(receiver), "continue_to": REACH}
+            reverb: Reverb = settings(drawn, path, model=model, tolerance=1e-3, **placed)
+            found = impulse_response(
+                trunks,
+                reverb,
+                path.air,
+                rng=stream(drawn.number, "validate", "continuation"),
+                field=((corner[0], corner[1]), (size[0], size[1])),
+                expansions=Expansions(),
+                key=(drawn.number, "validate"),
+            )
+            some.append(decay_of(found.samples, RATE, bands))
+    drawn_bands = draw_bands(out / "reverb-own.png", measured, every["forest"], every["paper"])
+    words = f"{recording.name} and {len(trunks)} trees of {stand.name}."
+    return _rows(measured, every["forest"], every["paper"], Picture(drawn_bands, words))
+
+
+def read_stand(path: Path) -> tuple[Trunks, np.ndarray, np.ndarray]:
+    """Trunks, source (3,) and receiver (3,) of a map.
+
+    Raises
+    ------
+    SpecError : a column, the source or the receiver is missing; a value is no number.
+    """
+    try:
+        with path.open(encoding="utf-8-sig", newline="") as text:
+            rows = list(csv.DictReader(text))
+    except OSError as problem:
+        raise SpecError(str(path), f"cannot be read ({problem.strerror})") from None
+    ends: dict[str, np.ndarray] = {}
+    trees = []
+    for number, row in enumerate(rows, start=2):
+        try:
+            what = (row.get("what") or "tree").strip().lower()
+            if what in ("source", "receiver"):
+                ends[what] = np.array([float(row[key]) for key in ("x", "y", "z")])
+            else:
+                radius = float(row["radius"]) if row.get("radius") else float(row["dbh"]) / 200.0
+                trees.append((float(row["x"]), float(row["y"]), radius))
+        except (KeyError, TypeError, ValueError):
+            raise SpecError(
+                f"{path.name}, line {number}",
+                "needs numbers in x, y and radius (m) or dbh (cm); source and receiver in x, y, z",
+            ) from None
+    for name in ("source", "receiver"):
+        if name not in ends:
+            raise SpecError(path.name, f"has no row whose column what says {name}; add it")
+    if len(trees) < 3:
+        raise SpecError(path.name, "has fewer than three trees; map more of them")
+    place = np.array(trees)
+    trunks = Trunks(place[:, :2], place[:, 2], np.full(len(place), -1))
+    return trunks, ends["source"], ends["receiver"]
+
+
+def _rows(
+    measured: Decay, every: list[Decay], before: list[Decay], picture: Picture
+) -> list[Comparison]:
+    found = []
+    for name, unit, near in (("t20", "s", T20_SHARE), ("c50", "dB", C50_DB)):
+        for n, band in enumerate(measured.band):
+            true = float(getattr(measured, name)[n])
+            now = np.array([getattr(each, name)[n] for each in every])
+            old = float(getattr(before[0], name)[n])
+            now = now[np.isfinite(now)]
+            apart = near * true if name == "t20" else near
+            known = math.isfinite(true) and len(now) > 0
+            found.append(
+                Comparison(
+                    f"{name.upper()} at {band:g} Hz",
+                    unit,
+                    Interval(true, true - apart, true + apart) if math.isfinite(true) else None,
+                    Interval.of(now) if len(now) else None,
+                    bool(abs(np.median(now) - true) <= apart) if known else None,
+                    before=Interval(old) if math.isfinite(old) else None,
+                    pictures=(picture,) if not found else (),
+                )
+            )
+    return found
+
+
+# Forest reverb held to recordings: Koli by octave, Albert's stands, or a recording of the user's own.
+#
+# T20 and C50 of a band of plausible stands stand beside the recording's, then what each term of the model
+# does to them, and the shape of the decay.
+
 
 TITLE = "Forest reverb"
 SUMMARY = """\
@@ -83,7 +476,7 @@ ALBERT = SoundPath(30.0, 1.5, 8e3, Air(temperature_c=20.0, humidity=60.0))
 BANDS = np.array([500.0, 1000.0, 2000.0, 4000.0, 8000.0])
 STANDS, ABLATED, SEARCHED = 12, 3, 48
 ENSEMBLES = (Ensemble(60, 0.15, 8.0, 0.5, stands=2), Ensemble(100, 0.15, 9.0, 1.2, stands=1))
-T20_SHARE, C50_DB, RANGE_DB = 0.25, 3.0, 3.0
+RANGE_DB = 3.0
 TABLE = ASSETS / "measured" / "koli_decay.csv"
 RANGES = (Path("attenuation") / "jura_sm4.npz", Path("attenuation") / "jura_svantek.npz")
 RANGED = 8  # stands whose levels by distance are computed
@@ -98,8 +491,6 @@ def validate(data: Path, out: Path, arguments: argparse.Namespace) -> list[Compa
     SpecError : a recording or a stand cannot be read.
     """
     if arguments.file:
-        from .responses.own import validate_own
-
         return validate_own(arguments.file, arguments.stand, out)
     recording = data / RECORDING
     samples = read_recording(recording, KOLI.rate) if recording.is_file() else None

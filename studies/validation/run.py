@@ -1,4 +1,5 @@
-"""Run validations: print their tables; keep each as JSON, Markdown and pictures in its own folder."""
+"""Comparisons of a validation: a quantity, as measured and as simulated, each with an interval, and a
+verdict."""
 
 from __future__ import annotations
 
@@ -8,15 +9,205 @@ import importlib.util
 import json
 import time
 from collections.abc import Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from types import ModuleType
+
+import numpy as np
 
 from forest_addon.base.progress import Say
 from forest_addon.formats.atomic import replacing
 from forest_addon.spec import SpecError, unknown
 
-from .comparison import Comparison, as_record, from_record
-from .page import Subject, copy_pictures, page_text, part_text
+
+@dataclass(frozen=True)
+class Interval:
+    """A value with the interval that it was measured to; low and high None where nobody knows."""
+
+    value: float
+    low: float | None = None
+    high: float | None = None
+
+    @staticmethod
+    def of(values: np.ndarray, level: float = 0.9) -> Interval:
+        """Median of values, and the quantiles that hold ``level`` of them."""
+        edge = (1 - level) / 2
+        low, middle, high = np.quantile(values, [edge, 0.5, 1 - edge])
+        return Interval(float(middle), float(low), float(high))
+
+    def meets(self, other: Interval) -> bool:
+        """Return whether the intervals overlap; a value without an interval is a point."""
+        mine, theirs = self._ends(), other._ends()
+        return mine[0] <= theirs[1] and theirs[0] <= mine[1]
+
+    def _ends(self) -> tuple[float, float]:
+        low = self.value if self.low is None else self.low
+        return low, self.value if self.high is None else self.high
+
+    def text(self) -> str:
+        """As a table shows it."""
+        if self.low is None or self.high is None:
+            return _number(self.value)
+        return f"{_number(self.value)} ({_number(self.low)} to {_number(self.high)})"
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A drawn file and the sentence below it."""
+
+    path: Path
+    words: str
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """One quantity beside its measurement.
+
+    agrees : None where nothing was promised, or nothing was measured.
+    before : what was simulated before the model was mended, where it was.
+    """
+
+    quantity: str
+    unit: str
+    measured: Interval | None
+    simulated: Interval | None
+    agrees: bool | None
+    words: str = ""
+    before: Interval | None = None
+    pictures: tuple[Picture, ...] = ()
+
+    @property
+    def verdict(self) -> str:
+        """In a word."""
+        return {True: "agrees", False: "does not agree", None: "-"}[self.agrees]
+
+
+def as_record(comparison: Comparison) -> dict:
+    """A comparison as JSON keeps it; pictures by the names of their files."""
+    record = asdict(comparison)
+    record["pictures"] = [
+        {"file": picture.path.name, "words": picture.words} for picture in comparison.pictures
+    ]
+    return record
+
+
+def from_record(record: dict, folder: Path) -> Comparison:
+    """The comparison of a record, its pictures in ``folder``."""
+    intervals = {
+        name: Interval(**record[name]) if record[name] else None
+        for name in ("measured", "simulated", "before")
+    }
+    pictures = tuple(Picture(folder / p["file"], p["words"]) for p in record["pictures"])
+    return Comparison(**(record | intervals | {"pictures": pictures}))
+
+
+def _number(value: float) -> str:
+    if not np.isfinite(value):
+        return "-"
+    if abs(value) < 1e-6:
+        return "0"
+    return f"{value:.0f}" if abs(value) >= 1000 else f"{value:.3g}"
+
+
+# Comparisons in Markdown: a part a subject, and all parts as one page of the documentation.
+
+
+HEAD = """\
+# How real
+
+Each sensor and each way to grow and plant, held to measurements of real forests. The page is written by
+`python -m studies validate --data FOLDER --docs docs`; each part names its measurements. *Agrees* means
+that intervals overlap, or what a row says. What does not agree stands here like what does.
+"""
+TAIL = """\
+## What was not measured
+
+- **Sonar.** No echoes of foliage with its leaves' positions were at hand; the echo model is held to exact
+  waves on discs and facets ([sonar](sonar.md)), not to an animal's recording.
+- **Intensity of LiDAR** in absolute units: the clouds give digital numbers without calibration.
+- **Rain and moving leaves**, and how wind changes a scan from one time to the next.
+- **Bark**: its roughness, and its reflectance at the wavelengths of scanners.
+"""
+
+
+@dataclass(frozen=True)
+class Subject:
+    """Subject of a validation: its title, sentences before and after the table, and comparisons."""
+
+    name: str
+    title: str
+    summary: str
+    terms: str
+    comparisons: tuple[Comparison, ...]
+
+
+def table_of(comparisons: Sequence[Comparison]) -> list[str]:
+    """The rows of a Markdown table; the column *before* only where something was mended."""
+    before = any(c.before for c in comparisons)
+    names = ["quantity", "measured", *(["before"] if before else []), "simulated", "verdict"]
+    lines = ["| " + " | ".join(names) + " |", "|" + "---|" * len(names)]
+    for c in comparisons:
+        quantity = f"{c.quantity}, {c.unit}" if c.unit else c.quantity
+        columns = [quantity, c.measured.text() if c.measured else "not measured"]
+        if before:
+            columns.append(c.before.text() if c.before else "")
+        columns += [c.simulated.text() if c.simulated else "", c.verdict]
+        lines.append("| " + " | ".join(column.replace("|", "\\|") for column in columns) + " |")
+    return lines
+
+
+def part_text(part: Subject, pictures: str) -> str:
+    """A subject's part of the page.
+
+    pictures : the folder of its pictures, from where the text is kept; empty: beside it.
+    """
+    lines = [f"## {part.title}", ""]
+    if part.summary:
+        lines += [part.summary.strip(), ""]
+    lines += [*table_of(part.comparisons), ""]
+    said = [f"- **{c.quantity}.** {c.words}" for c in part.comparisons if c.words]
+    if said:
+        lines += [*said, ""]
+    where = f"{pictures}/" if pictures else ""
+    for picture in {p.path: p for c in part.comparisons for p in c.pictures}.values():
+        lines += [f"![]({where}{picture.path.name})", "", picture.words, ""]
+    if part.terms:
+        lines += [part.terms.strip(), ""]
+    return "\n".join(lines)
+
+
+def page_text(parts: Sequence[Subject], pictures: str) -> str:
+    """The whole page."""
+    every = [c for part in parts for c in part.comparisons]
+    agree, disagree = (sum(c.agrees is wanted for c in every) for wanted in (True, False))
+    overview = [
+        "| | agree | do not | not judged |",
+        "|---|---|---|---|",
+        *(_counts_of(part) for part in parts),
+    ]
+    said = (
+        f"Of {agree + disagree} quantities that were judged, {agree} agree and {disagree} do not."
+    )
+    texts = [HEAD, said + "\n", "\n".join(overview) + "\n"]
+    return "\n".join([*texts, *(part_text(part, pictures) for part in parts), TAIL])
+
+
+def _counts_of(part: Subject) -> str:
+    counts = [sum(c.agrees is wanted for c in part.comparisons) for wanted in (True, False, None)]
+    return f"| {part.title} | " + " | ".join(map(str, counts)) + " |"
+
+
+def copy_pictures(part: Subject, folder: Path) -> None:
+    """Put a part's pictures into a folder."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for comparison in part.comparisons:
+        for picture in comparison.pictures:
+            with replacing(folder / picture.path.name) as partial:
+                partial.write_bytes(picture.path.read_bytes())
+
+
+# Run validations: print their tables; keep each as JSON, Markdown and pictures in its own folder.
+
 
 SECTIONS = ("reverb", "lidar", "stand", "leaves", "trees", "wind")  # in the order of the page
 PARTS = (*SECTIONS, "training", "ablations", "tasks")  # the last three are made by ``study``

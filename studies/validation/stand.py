@@ -28,8 +28,7 @@ from forest_addon.stand.statistics.interaction import fit_clusters, fit_strauss
 from forest_addon.stand.statistics.k_function import inhomogeneous_k
 from forest_addon.stand.statistics.window import Window
 from headless.report.pictures import FAINT, INK, LEAF_GREEN, RED, blank_figure, save_figure
-
-from .comparison import Comparison, Interval, Picture
+from studies.validation.run import Comparison, Interval, Picture
 
 TITLE = "Stands: where trees stand"
 SUMMARY = """\

@@ -1,17 +1,27 @@
-"""Sway of trees in the wind: frequencies of grown skeletons, spectra, damping and scanned stems, held to
-measurement.
-"""
+"""Sway of grown trees: skeletons of measured size, their modes and what a gauge at their foot would tell."""
 
 from __future__ import annotations
 
 import argparse
+import csv
+import lzma
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from scipy.signal import butter, filtfilt, welch
 
 from forest_addon.base.rng import stream
-from forest_addon.growth.sway.shape import SwayShape
+from forest_addon.growth.library.species_file import find_species, load_species
+from forest_addon.growth.measured.crown import scaled_to
+from forest_addon.growth.measured.curves import curved
+from forest_addon.growth.measured.meet import grow_measured
+from forest_addon.growth.measured.wanted import Kind, Wanted, drawn
+from forest_addon.growth.mesh.blades import leaf_areas
+from forest_addon.growth.sway.beams import wood_of_species
+from forest_addon.growth.sway.shape import SwayShape, shape_with
+from forest_addon.growth.tree import blade_of, has_curves
 from forest_addon.site import ForestSite
 from forest_addon.spec import Forest, Planting, Scene, SpecError, Wind
 from forest_addon.stand.wind.field import DISPLACED, DRAG, ROUGH, WindField
@@ -19,12 +29,306 @@ from forest_addon.stand.wind.response import WOOD_DRAG, SwayResponse, response_o
 from forest_addon.stand.wind.shelter import LAYERS
 from forest_addon.stand.wind.sway import sway_of
 from headless.report.pictures import BARK, FAINT, INK, LEAF_GREEN, blank_figure, save_figure
+from studies.validation.ears import of_ears
+from studies.validation.run import Comparison, Interval, Picture
 
-from .comparison import Comparison, Interval, Picture
-from .winds.ears import of_ears
-from .winds.grown import MeasuredSway, shape_as, strain, trunk_motion
-from .winds.loads import LEAF_AREA_INDEX, of_loads
-from .winds.records import floor_of, gauged, measured_records, measured_trees, slope_of
+CONIFER_PRESETS = {"Picea": "norway-spruce", "Abies": "silver-fir", "Pseudotsuga": "douglas-fir"}
+BROADLEAF_PRESETS = {
+    "Acer": "norway-maple",
+    "Quercus": "pedunculate-oak",
+    "Fraxinus": "european-ash",
+    "Betula": "silver-birch",
+}
+
+
+PINES = ("Pinus", "Agathis", "Cupressus")
+
+
+@dataclass(frozen=True)
+class MeasuredSway:
+    """A measured tree: its genus, diameter and height in m, sway frequency in Hz."""
+
+    genus: str
+    dbh: float
+    height: float
+    frequency: float
+
+    @property
+    def preset(self) -> str:
+        """The species of ours that is nearest: of its genus, else a pine or a beech."""
+        return {**CONIFER_PRESETS, **BROADLEAF_PRESETS}.get(self.genus, "")
+
+    @property
+    def stand_in(self) -> str:
+        """The species of ours that it is grown as."""
+        return self.preset or ("scots-pine" if self.genus in PINES else "european-beech")
+
+
+def shape_as(tree: MeasuredSway, preset: str, rng: np.random.Generator, vary: bool) -> SwayShape:
+    """Grow a skeleton of a measured diameter and height, and find its modes.
+
+    vary : crown and leaf area are drawn as the species' allometry has them, else its medians.
+
+    Raises
+    ------
+    SpecError : no tree of the species has such a diameter and height.
+    """
+    species, kind = load_species(find_species(preset, Path()))
+    assert isinstance(kind, Kind)
+    chance = rng.random((1, 4)) if vary else np.full((1, 4), 0.5)
+    given = np.array([[tree.height, np.nan, np.nan, np.nan]])
+    row = drawn(kind.allometry, np.array([tree.dbh]), given, chance, preset, np.zeros(4))[0]
+    blade, wanted = blade_of(species, kind.blade), Wanted(*row.tolist())
+    met = grow_measured(species, wanted, blade, rng)
+    skeleton, sites = met.skeleton, met.sites
+    if has_curves(species):
+        skeleton, sites = curved(skeleton, sites, species.crown.collar if species.crown else 0.0)
+        skeleton = scaled_to(skeleton, wanted.dbh)
+    area = np.bincount(
+        np.maximum(sites.segment, 0), leaf_areas(sites, blade), minlength=len(skeleton)
+    )
+    return shape_with(skeleton, area, wood_of_species(species))
+
+
+def strain(shape: SwayShape, response: SwayResponse, time: np.ndarray) -> np.ndarray:
+    """(T, 2) bending of the stem's foot over time, as two gauges at right angles have it, rad/m."""
+    low, high = shape.ends
+    length = float(np.linalg.norm(shape.members.end[0] - shape.members.start[0]))
+    bend = (high - low)[0, :, 3:5] / length
+    return response.exact(time)[0] @ bend
+
+
+def tip_motion(shape: SwayShape, response: SwayResponse, time: np.ndarray) -> np.ndarray:
+    """(T, 2) level displacement in m of the tree's highest node."""
+    top = int(np.argmax(shape.members.nodes[:, 2]))
+    return response.exact(time)[0] @ shape.modes.shape[top, :, :2]
+
+
+def trunk_motion(
+    shape: SwayShape, response: SwayResponse, share: float, time: np.ndarray
+) -> np.ndarray:
+    """(T, 2) level displacement in m of the stem at a share of the tree's height."""
+    nodes = shape.members.nodes
+    height = share * float(nodes[:, 2].max())
+    chain = _stem(shape)
+    order = np.argsort(nodes[chain, 2])
+    level = nodes[chain, 2][order]
+    modes = shape.modes.shape[chain][order][:, :, :2]
+    at = np.stack(
+        [
+            [np.interp(height, level, modes[:, m, axis]) for axis in range(2)]
+            for m in range(modes.shape[1])
+        ]
+    )
+    return response.exact(time)[0] @ at
+
+
+def _stem(shape: SwayShape) -> np.ndarray:
+    """Nodes of the stem, from the ground on: the thickest member that goes on from each."""
+    members, chain = shape.members, [0]
+    while True:
+        onward = np.flatnonzero(members.node[:, 0] == chain[-1])
+        if not len(onward):
+            return np.array(chain)
+        chain.append(int(onward[np.argmax(members.radius[onward, 0])]) + 1)
+
+
+# Measured sway: frequencies of trees, hour-long records of trunks, and the slope of a record's spectrum.
+
+
+BAND = (0.05, 2.0)  # Hz, of the slope
+NOMINAL = 4.0  # Hz
+CUT = 0.0017  # Hz, of the high pass
+
+
+def measured_trees(folder: Path, clade: str, place: str) -> list[MeasuredSway]:
+    """Trees of a clade (Conifer, Broadleaf) and a place (Forest, Open) with all three measures."""
+    with (folder / "sway_trees.csv").open(encoding="utf-8") as file:
+        rows = [
+            r for r in csv.DictReader(file) if r["clade"] == clade and r["environment"] == place
+        ]
+    return [
+        MeasuredSway(
+            (row["species"].split() or [""])[0],
+            float(row["dbh_m"]),
+            float(row["height_m"]),
+            float(row["f0_hz"]),
+        )
+        for row in rows
+        if row["dbh_m"] and row["height_m"] and row["f0_hz"]
+    ]
+
+
+@dataclass(frozen=True)
+class SwayRecord:
+    """A record of trunk motion: two channels or more (T, C) at a rate in Hz, by a kind of sensor of a clade.
+
+    published : slope of its spectrum as its authors give it, NaN where they give none.
+    """
+
+    name: str
+    clade: str
+    sensor: str
+    rate: float
+    published: float
+    motion: np.ndarray
+
+
+def measured_records(folder: Path) -> list[SwayRecord]:
+    """Read the measured records."""
+    with (folder / "records" / "records.csv").open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    found = []
+    for row in rows:
+        name = row["Filename"]
+        with lzma.open(folder / "records" / f"{name}.csv.xz", "rt") as text:
+            motion = np.genfromtxt(text, delimiter=",")
+        published = float(row["sh_s_slope_005_2"])
+        rate = float(row["Res_Hz"])
+        found.append(SwayRecord(name, row["Clade2"], row["Sensor"], rate, published, motion))
+    return found
+
+
+def slope_of(motion: np.ndarray, rate: float = NOMINAL) -> float:
+    """Slope of log power over log frequency, 0.05 to 2 Hz, of motion (T, C), as the records' authors find it.
+
+    High pass of fourth order, the first principal component, Welch's spectrum of eight Hamming windows that
+    overlap by half, least squares over its evenly spaced lines (Jackson et al. 2021,
+    ``calculate_features_fn7``, ``slope_of_spectrum2``). They take every record for one of 4 Hz, so that
+    the bands of faster ones lie 1.25 or 2.5 times higher.
+    """
+    high = butter(4, CUT / (rate / 2), "high")
+    calm = filtfilt(*high, motion - motion.mean(axis=0), axis=0)
+    calm -= calm.mean(axis=0)
+    main = calm @ np.linalg.svd(calm, full_matrices=False)[2][0]
+    frequency, power = spectrum_of(main, rate)
+    rows = (frequency >= BAND[0]) & (frequency <= BAND[1]) & (power > 0)
+    return float(np.polyfit(np.log(frequency[rows]), np.log(power[rows]), 1)[0])
+
+
+def spectrum_of(series: np.ndarray, rate: float) -> tuple[np.ndarray, np.ndarray]:
+    """Frequencies in Hz and power density of a series (T,), as Matlab's ``pwelch`` has them unasked."""
+    piece = int(len(series) / 4.5)  # of eight that overlap by half
+    lines = max(256, 2 ** int(np.ceil(np.log2(piece))))
+    return welch(series, rate, "hamming", piece, noverlap=piece // 2, nfft=lines, detrend=False)
+
+
+def floor_of(record: SwayRecord) -> float:
+    """Share of a record's variance that white noise at the level of its highest fifth of frequencies has."""
+    motion = record.motion - record.motion.mean(axis=0)
+    main = motion @ np.linalg.svd(motion, full_matrices=False)[2][0]
+    frequency, power = spectrum_of(main, record.rate)
+    level = float(np.median(power[frequency > 0.4 * record.rate]))
+    return level * record.rate / 2 / float(np.trapezoid(power, frequency))
+
+
+def gauged(motion: np.ndarray, floor: float, rng: np.random.Generator) -> np.ndarray:
+    """(T, C) motion as a gauge records it whose white noise has a share of the variance of both channels."""
+    deviation = np.sqrt(floor * motion.var(axis=0).sum())
+    return motion + deviation * rng.normal(size=motion.shape)
+
+
+# Loads on stems in a stand: the largest turning moment within an hour and how far gusts exceed the mean.
+
+
+TURNING = 111.7  # kg/m³: the moment over diameter² height speed²
+HOUR = np.arange(0.0, 3600.0, 0.5)
+LEAF_AREA_INDEX = 4.0
+
+
+def of_loads(
+    trees: Sequence[MeasuredSway],
+    shapes: Sequence[SwayShape],
+    responses: Sequence[SwayResponse],
+    speed: float,
+) -> list[Comparison]:
+    """Turning moments, gust factors and sway of the tops of conifers in a stand of their like.
+
+    responses : to wind of a speed at the tops, m/s.
+    """
+    peak, gust, published, lean, sway = [], [], [], [], []
+    for tree, shape, response in zip(trees, shapes, responses, strict=True):
+        moment = np.linalg.norm(turning_moments(tree, shape, response), axis=1)
+        steady = np.linalg.norm(moment_of(tree, shape, response.mean))
+        peak.append(moment.max() / (TURNING * tree.dbh**2 * tree.height * speed**2))
+        gust.append(moment.max() / steady)
+        apart = np.sqrt(2 * shape.leafy.sum() / LEAF_AREA_INDEX) / tree.height
+        published.append(gust_factor(apart))
+        tops = tip_motion(shape, response, HOUR)
+        lean.append(100 * np.linalg.norm(tops.mean(axis=0)) / tree.height)
+        sway.append(100 * np.sqrt(tops.var(axis=0).sum()) / tree.height)
+    ours, gusts = Interval.of(np.array(peak)), Interval.of(np.array(gust))
+    words = (
+        f"{len(peak)} conifers at {speed:g} m/s at the tops, one hour each, nothing fitted. 1: the "
+        "regression of Hale et al. 2012 on conifers of British stands, its figure as ForestGALES has it "
+        "(Locatelli et al. 2022), R² 0.95."
+    )
+    return [
+        Comparison(
+            "largest turning moment of conifers within an hour, over 111.7 dbh² h U²",
+            "",
+            Interval(1.0),
+            ours,
+            ours.meets(Interval(1.0)),
+            words,
+        ),
+        Comparison(
+            "largest turning moment within an hour over the mean one",
+            "",
+            Interval.of(np.array(published)),
+            gusts,
+            None,
+            "Measured: of wind tunnel and field by spacing over height (Gardiner et al. 1997), deep in a "
+            "stand. Ours are of normal gusts; those over real canopies are skewed.",
+        ),
+        Comparison(
+            f"mean lean of conifers' tops at {speed:g} m/s",
+            "% of the height",
+            None,
+            Interval.of(np.array(lean)),
+            None,
+        ),
+        Comparison(
+            f"sway of conifers' tops about it at {speed:g} m/s, deviation",
+            "% of the height",
+            None,
+            Interval.of(np.array(sway)),
+            None,
+        ),
+    ]
+
+
+def gust_factor(spacing: float) -> float:
+    """Largest over mean turning moment deep in a stand, by its trees' spacing over their height (Gardiner et
+    al.
+    1997, as ForestGALES has it, from nine heights on)."""
+    s = float(np.clip(spacing, 0.075, 0.45))
+    most = 2.7193 * s - 0.061 + (-1.273 * s + 0.9701) * (1.1127 * s + 0.0311) ** 9
+    return most / (0.68 * s - 0.0385 + (-0.68 * s + 0.4785) * (1.7239 * s + 0.0316) ** 9)
+
+
+def turning_moments(tree: MeasuredSway, shape: SwayShape, response: SwayResponse) -> np.ndarray:
+    """(T, 2) bending moments of the stem's foot over an hour, N m."""
+    return strain(shape, response, HOUR) * _stiffness(tree, shape)
+
+
+def moment_of(tree: MeasuredSway, shape: SwayShape, amplitude: np.ndarray) -> np.ndarray:
+    """(2,) bending moment of the stem's foot at amplitudes (M,), N m."""
+    low, high = shape.ends
+    length = float(np.linalg.norm(shape.members.end[0] - shape.members.start[0]))
+    return np.asarray(amplitude @ (high - low)[0, :, 3:5] / length * _stiffness(tree, shape))
+
+
+def _stiffness(tree: MeasuredSway, shape: SwayShape) -> float:
+    """Bending stiffness of the stem's foot, N m²."""
+    species, _ = load_species(find_species(tree.stand_in, Path()))
+    wood, radius = wood_of_species(species), float(shape.members.radius[0].mean())
+    return wood.modulus * np.pi / 4 * (wood.inside * radius) ** 4
+
+
+# Sway of trees in the wind: frequencies of grown skeletons, spectra, damping and scanned stems, held to
+# measurement.
+
 
 TITLE = "Wind: how trees sway"
 SUMMARY = """\

@@ -11,8 +11,8 @@ import pytest
 
 from forest_addon.base.trimesh import WOOD
 from forest_addon.formats.stl import read_stl
-from forest_addon.growth.graft.cut import TreeTemplate, split_tree
 from forest_addon.growth.mesh.leaves import Leaves, join_leaves
+from forest_addon.growth.own_tree.template import TreeTemplate, split_tree
 
 ASSETS = Path(__file__).resolve().parents[2] / "assets"
 TEMPLATES = ASSETS / "templates"

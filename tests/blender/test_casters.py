@@ -16,7 +16,7 @@ from forest_addon.base.trimesh import LEAF, OTHER, TriMesh, join
 from forest_addon.blender.rays import bvh
 from forest_addon.blender.rays.bvh import BvhCaster
 from forest_addon.blender.rays.embree import EmbreeCaster
-from forest_addon.growth.mesh.tubes import tube
+from forest_addon.growth.mesh.meshing import tube
 from forest_addon.sensing.rays.caster import hit_normals
 from forest_addon.sensing.rays.geometry import SceneGeometry
 

@@ -12,8 +12,8 @@ from references.model_tree import tree
 bpy = pytest.importorskip("bpy")
 
 from forest_addon.blender.files.tree_files import read_groups
-from forest_addon.growth.recognise.parts import likely_up, sort_out, upright
-from forest_addon.growth.recognise.recognise import recognise
+from forest_addon.growth.own_tree.pieces import likely_up, sort_out, upright
+from forest_addon.growth.own_tree.recognise import recognise
 from forest_addon.spec import SpecError
 
 

@@ -7,7 +7,7 @@ from forest_addon.base.trimesh import LEAF, WOOD, TriMesh, join
 from forest_addon.flight.obstacles import MeshObstacles, StemObstacles, touched
 from forest_addon.flight.solids import Solid, stopping
 from forest_addon.flight.sweep import distances, touches
-from forest_addon.growth.mesh.tubes import tube
+from forest_addon.growth.mesh.meshing import tube
 from forest_addon.sensing.rays.geometry import SceneGeometry
 
 FLOOR = np.array([[[-9.0, -9, 0], [9, -9, 0], [0, 20, 0]]])

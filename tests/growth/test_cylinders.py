@@ -5,8 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from forest_addon.growth.cylinders import cylinders_of, diameter_at
-from forest_addon.growth.skeleton import Skeleton
+from forest_addon.growth.skeleton import Skeleton, cylinders_of, diameter_at
 
 
 def fork():

@@ -9,9 +9,9 @@ import pytest
 from forest_addon.base.places import ASSETS
 from forest_addon.base.rng import stream
 from forest_addon.base.trimesh import LEAF, WOOD
-from forest_addon.growth.graft.graft import GraftSite, graft, prepare
 from forest_addon.growth.library.species_file import load_species
 from forest_addon.growth.mesh.leaves import measure_leaves
+from forest_addon.growth.own_tree.template import GraftSite, graft, prepare
 from forest_addon.growth.tree import grow
 from forest_addon.spec import Template
 
@@ -106,7 +106,7 @@ def test_leaves_face_the_light_as_their_template_does(tree):
 @pytest.mark.skipif(not SHARED.is_dir(), reason="the maple of T20 is not beside the repository")
 def test_the_papers_own_maple_gives_trees_too(maple):
     from forest_addon.formats.stl import read_stl
-    from forest_addon.growth.graft.cut import split_tree
+    from forest_addon.growth.own_tree.template import split_tree
 
     wood, leaves = (read_stl(SHARED / f"maple_{part}.stl") for part in ("stem", "leaves"))
     template = split_tree(wood, leaves, height=12.0)

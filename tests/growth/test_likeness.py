@@ -7,9 +7,8 @@ import pytest
 from scipy.stats import ks_2samp
 
 from forest_addon.base.trimesh import WOOD, TriMesh
-from forest_addon.growth.likeness import compare, kolmogorov
+from forest_addon.growth.likeness import BINS, Portrait, axes_of, compare, kolmogorov, portray
 from forest_addon.growth.mesh.leaves import Leaves
-from forest_addon.growth.portrait import BINS, Portrait, axes_of, portray
 from forest_addon.growth.skeleton import Skeleton
 from forest_addon.growth.tree import Tree
 

@@ -11,10 +11,9 @@ from forest_addon.growth.library.species_file import find_species, load_species
 from forest_addon.growth.mesh.leaves import no_leaves
 from forest_addon.growth.mesh.meshing import mesh_wood
 from forest_addon.growth.skeleton import Skeleton
-from forest_addon.growth.solid import volume_of
 from forest_addon.growth.species import skeleton_of
 from forest_addon.growth.tree import Tree
-from forest_addon.growth.truth import wood_of_skeleton, wood_of_tree
+from forest_addon.growth.truth import volume_of, wood_of_skeleton, wood_of_tree
 
 
 def skeleton(*segments):

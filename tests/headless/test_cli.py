@@ -93,4 +93,4 @@ def test_a_species_called_as_no_file_can_be(headless, tmp_path):
     (tmp_path / "s.toml").write_text('name = "oak/pine\\\\x"\n[honda]\nlevels.values = [1]\n')
     done = headless("species", tmp_path / "s.toml", "--pictures", tmp_path / "p")
     assert done.returncode == 0, done.stderr
-    assert [path.name for path in (tmp_path / "p").iterdir()] == ["oak_pine_x.jpg"]
+    assert [path.name for path in (tmp_path / "p").glob("*.jpg")] == ["oak_pine_x.jpg"]

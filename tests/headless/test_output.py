@@ -9,6 +9,8 @@ import pytest
 
 pytest.importorskip("bpy")
 
+from forest_addon.formats.ownership import RECORD
+
 ROOT = Path(__file__).resolve().parents[2]
 STAND = """
 seed = 5
@@ -58,12 +60,12 @@ def test_what_is_switched_off_is_not_made_nor_imported(tmp_path, headless, few_s
     scene = tmp_path / "scene.toml"
     scene.write_text(STAND + OFF)
     assert run(scene, tmp_path / "bare") == []
-    assert sorted(file.name for file in (tmp_path / "bare").iterdir()) == ALWAYS
+    assert sorted(file.name for file in (tmp_path / "bare").iterdir()) == [RECORD, *ALWAYS]
     scene.write_text(STAND)
     assert headless("run", scene, "--out", tmp_path / "all").returncode == 0
     pictures = ["cloud.png", "goodness.png", "stand.png"]
     made = sorted(file.name for file in (tmp_path / "all").iterdir())
-    assert made == sorted([*ALWAYS, *pictures, "leaves.npz", "report.html"])
+    assert made == sorted([RECORD, *ALWAYS, *pictures, "leaves.npz", "report.html"])
     for name in ALWAYS:
         if name != "run.json":  # which says how long it took
             same = (tmp_path / "all" / name).read_bytes() == (tmp_path / "bare" / name).read_bytes()

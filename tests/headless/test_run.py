@@ -14,6 +14,7 @@ from references import gltf
 bpy = pytest.importorskip("bpy")
 
 from forest_addon.blender.rays.casters import embree_problem
+from forest_addon.formats.ownership import RECORD
 from headless.report.turning import viewer
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -68,7 +69,7 @@ def done(once):
 @pytest.mark.slow
 def test_every_result_is_there_and_nothing_else(done):
     out, said, told = done
-    assert sorted(p.name for p in out.iterdir()) == RESULTS
+    assert sorted(p.name for p in out.iterdir()) == [RECORD, *RESULTS]
     assert all((out / name).stat().st_size > 100 for name in RESULTS)
     assert said == ""  # Blender's chatter is kept away
     assert "report.html" in told.splitlines()[-1]
@@ -174,7 +175,7 @@ def test_without_trees_the_sensors_see_the_ground_only(headless, tmp_path):
     scene.write_text(text)
     ended = headless("run", scene, "--out", tmp_path / "o")
     assert ended.returncode == 0, ended.stderr
-    assert sorted(p.name for p in (tmp_path / "o").iterdir()) == RESULTS
+    assert sorted(p.name for p in (tmp_path / "o").iterdir()) == [RECORD, *RESULTS]
     with np.load(tmp_path / "o" / "scan.npz") as scan:
         assert set(np.unique(scan["organ"])) == {-1, 3}
     with np.load(tmp_path / "o" / "echo.npz") as echo:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from forest_addon.growth.recognise.recognise import Recognition
+from forest_addon.growth.own_tree.recognise import Recognition
 
 UP = np.array([0.0, 0.0, 1.0])
 

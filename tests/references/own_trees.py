@@ -9,10 +9,10 @@ import numpy as np
 
 from forest_addon.base.rng import stream
 from forest_addon.base.trimesh import LEAF, WOOD
-from forest_addon.growth.portrait import axes_of
-from forest_addon.growth.recognise.recognise import Recognition, recognise
-from forest_addon.growth.regrow.anatomy import Anatomy, dissect
-from forest_addon.growth.regrow.fitted import Habit, fit
+from forest_addon.growth.likeness import axes_of
+from forest_addon.growth.own_tree.anatomy import Anatomy, dissect
+from forest_addon.growth.own_tree.habit import Habit, fit
+from forest_addon.growth.own_tree.recognise import Recognition, recognise
 from forest_addon.growth.tree import Tree, grow
 from forest_addon.spec import (
     Detail,

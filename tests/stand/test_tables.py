@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from forest_addon.growth.solid import volume_of
+from forest_addon.growth.truth import volume_of
 from forest_addon.spec import Forest, Grammar, Planting, Scene, Species
 from forest_addon.stand.forest import (
     angle_table,

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from forest_addon.api import truth
-from forest_addon.growth.library.allometry_file import read_allometry
-from forest_addon.growth.library.species_file import find_species, load_species
+from forest_addon.growth.library.species_file import find_species, load_species, read_allometry
 from forest_addon.growth.measured.allometry import band
 from forest_addon.growth.measured.wanted import TARGETS
 from forest_addon.spec import Forest, Planting, Scene, Targets

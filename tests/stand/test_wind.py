@@ -10,8 +10,8 @@ from scipy.optimize import brentq
 from scipy.signal import welch
 
 from forest_addon.growth.mesh.leaves import Leaves
+from forest_addon.growth.sway.beams import GreenWood
 from forest_addon.growth.sway.shape import shape_of, shape_with
-from forest_addon.growth.sway.wood import GreenWood
 from forest_addon.spec import Wind
 from forest_addon.stand.wind.field import DECAY, WindField, kaimal
 from forest_addon.stand.wind.response import INTERNAL, drag, response_of

@@ -15,7 +15,7 @@ import bpy
 import numpy as np
 
 from ...formats.stl import StlError, read_stl
-from ...growth.recognise.parts import Group
+from ...growth.own_tree.pieces import Group
 from ...spec import SpecError
 
 ENDINGS = (".ply", ".obj", ".gltf", ".glb")

@@ -13,7 +13,7 @@ import numpy as np
 
 from ...base.rng import stream
 from ...base.trimesh import OTHER, TriMesh
-from ...growth.mesh.tubes import tube
+from ...growth.mesh.meshing import tube
 from ...sensing.rays.geometry import SceneGeometry
 from ...sensing.rays.moving import MakeMotion
 from ...sensing.rays.pieces import MakeEngine

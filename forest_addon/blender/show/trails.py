@@ -12,7 +12,7 @@ from typing import Any
 import bpy
 import numpy as np
 
-from ...growth.mesh.tubes import tube
+from ...growth.mesh.meshing import tube
 from ..scene.ours import own
 from ..scene.standings import IGNORED_KEY
 

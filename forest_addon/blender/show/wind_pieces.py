@@ -17,7 +17,9 @@ from ..scene.ours import make_object
 from .wind_nodes import COLUMNS, MODES, amplitude_name, basis_name
 
 if TYPE_CHECKING:
-    from ...growth.sway.rig import SwayRig  # brings in scipy, and panels are drawn with this module
+    from ...growth.sway.shape import (
+        SwayRig,  # brings in scipy, and panels are drawn with this module
+    )
 
 
 class SwayingTrees(Protocol):

@@ -21,16 +21,30 @@ from ...formats.ownership import claim, remove
 from ...formats.stl import StlError, read_stl, write_stl
 from ...formats.toml_text import VERSION_KEY
 from ...spec import Grammar, Siblings, SpecError, unknown
-from ..graft.cut import split_tree
-from ..graft.habit import fit_grammar
+from ..likeness import Verdict, judge
 from ..mesh.leaves import measure_leaves
-from ..recognise.parts import UPRIGHT, Group, Sorted, likely_up, sort_out, stood
-from ..recognise.recognise import LeanError, Recognition, TemplateError, recognise, recognise_pieces
-from ..recognise.unit import UNITS, Unit, infer_unit
-from ..regrow.allometry import allometry_of
-from ..regrow.anatomy import dissect
-from ..regrow.fitted import Habit, fit
-from ..verdict import Verdict, judge
+from ..own_tree.anatomy import dissect
+from ..own_tree.habit import Habit, fit
+from ..own_tree.pieces import (
+    UNITS,
+    UPRIGHT,
+    Group,
+    Sorted,
+    Unit,
+    infer_unit,
+    likely_up,
+    sort_out,
+    stood,
+)
+from ..own_tree.recognise import (
+    LeanError,
+    Recognition,
+    TemplateError,
+    recognise,
+    recognise_pieces,
+)
+from ..own_tree.size import allometry_of
+from ..own_tree.template import fit_grammar, split_tree
 from .species_file import MOST_OF_TREE
 
 

@@ -10,12 +10,8 @@ from ...base.rng import daughter_keys
 from ...spec import MAX_REACH, Leaf, Rules
 from ..draw import draw_normal
 from ..skeleton import LeafSites, Skeleton
-from .dialect import DIALECTS, Commands, read_commands
-from .production import System, read_constants, read_system
-from .prune import prune_descending
-from .rewrite import Prediction, predict, rewrite, written
-from .walk import Bend, walk
-from .word import Word
+from .system import Prediction, System, Word, predict, read_constants, read_system, rewrite, written
+from .turtle import DIALECTS, Bend, Commands, prune_descending, read_commands, walk
 
 MAX_WALKED = 10_000_000  # symbols; a tree needs about 150 bytes a symbol
 

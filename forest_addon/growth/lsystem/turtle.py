@@ -1,167 +1,648 @@
-"""T20's symbols to a skeleton.
+r"""Dialects of turtles: the meaning of each symbol as tables of texts, which a user changes without code.
 
-``d`` is an internode and ``g`` a growing tip, both a segment. ``(`` starts a side branch at the current
-node and ``[`` lets the axis grow on; ``)`` goes back to the node where they stood. ``+`` starts a branch
-at the place symmetric to the previous one, raised by a random height along the axis; it ends with its
-parent. A side branch leaves at the branching angle, its symmetric one at the opposite angle, and each
-internode on an axis is twisted about it (Tanveer et al. 2020a).
+``F(l) = draw(l)`` gives a letter a command and the numbers that it takes, arithmetic over the letter's
+own. A symbol without an entry is passed over, as ABOP does with the variables of a grammar.
+
+ABOP: Prusinkiewicz & Lindenmayer, The Algorithmic Beauty of Plants, section 1.5 and appendix C. Turns
+are right-handed about the turtle's up (+), left (&) and heading (\). S: Méndez et al., SIMLIDAR; an
+internode of generation n is h0/2^(n-1) long and N·dm/n thick, N being the number of generations.
+
+Commands to steps: what only turns or widens is joined to what follows it within its branch.
+
+A step turns by a fixed rotation of the turtle's own frame, changes the diameter to diameter·factor +
+offset, and then does what the last of its commands says: draw, move, level, bear a leaf, or nothing. A
+turtle has a fraction of the steps to walk that its string has symbols.
+
+Brackets to paths: which step comes before each, as the turtle walks, and how far from the root.
+
+A bracket that closes takes the turtle back to where it opened, so commands form a tree. It is found for
+the branches of one bracket depth at once: sorted by depth, the commands of a branch stand together, in
+order, behind the bracket that opens it.
+
+The general turtle: commands to a skeleton, all that is equally far from the root at once.
+
+A turtle's state is a place, a frame (heading H, left L, up U, kept as a quaternion), a diameter and the
+segment drawn last. Each step makes a new state of the one before it on its path, so the steps of one
+level of ``paths`` are worked through together, whatever branches they stand in. Tropism is ABOP's:
+after each segment the heading turns towards T by e·|H × T|, about H × T (section 2.1, p. 58).
+
+Méndez et al.'s pruning: a branch whose turtle descends is removed with all that it bears.
 """
 
 from __future__ import annotations
 
-from functools import lru_cache
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
 
 import numpy as np
 
-from ...base.rng import truncated_normal
-from ...spec import Grammar, Jitter
-from ..skeleton import Skeleton
+from ..skeleton import LeafSites, Skeleton
+from .expression import Expression, ExpressionError, Value, parse_expression
+from .system import GrammarError, Notation, Word, split_arguments
 
-CENTRE, SIDE, SYMMETRIC = 0, 1, 2
-_ROLE = {ord("["): CENTRE, ord("("): SIDE, ord("+"): SYMMETRIC}
-# Symbols whose segments ``)`` goes back from: a symmetric branch ends with its parent in Tanveer et al.
-# 2020a, in A20 it has a bracket of its own, and the trunk goes on without one.
-_OPENING = {"T20": b"[(", "A20": b"(+"}
+SKIP, DRAW, MOVE, TURN, PITCH, ROLL, LEVEL, WIDTH, THIN, LEAF, BRANCH, END, OUTLINE, CLOSE = range(
+    14
+)
+# Command, and the fewest and the most numbers that it takes.
+COMMANDS: dict[str, tuple[int, int, int]] = {
+    "skip": (SKIP, 0, 0),
+    "draw": (DRAW, 1, 2),  # length, diameter
+    "move": (MOVE, 1, 1),  # length
+    "turn": (TURN, 1, 1),  # degrees about the turtle's up
+    "pitch": (PITCH, 1, 1),  # degrees about its left
+    "roll": (ROLL, 1, 1),  # degrees about its heading
+    "level": (LEVEL, 0, 0),  # roll until left is horizontal
+    "width": (WIDTH, 1, 1),  # diameter
+    "thin": (THIN, 1, 1),  # factor of the diameter
+    "leaf": (LEAF, 0, 2),  # length, width
+    "branch": (BRANCH, 0, 0),
+    "end": (END, 0, 0),
+    "outline": (OUTLINE, 0, 0),  # what is walked until close is the outline of a leaf
+    "close": (CLOSE, 0, 0),
+}
+MOST_NUMBERS = 2
+_AXIS = {PITCH: 1, TURN: 2, ROLL: 3}  # L, U and H are x, y and z of the turtle's own frame
+_TURNS = np.isin(np.arange(16), (TURN, PITCH, ROLL))  # tables by kind of command
+_JOINS_ON = np.isin(np.arange(16), (TURN, PITCH, ROLL, WIDTH, THIN, BRANCH))
+_STARTS = np.isin(np.arange(16), (BRANCH, END, OUTLINE, CLOSE))  # never joined to what is before
+_PARALLEL = 1e-12  # |H × T| below which a heading counts as parallel: no bend, no roll
+ROUNDING = 1e-9  # of a segment's length: less than this is not a descent but rounding
 
 
-def parse(symbols: np.ndarray, dialect: str = "T20") -> tuple[np.ndarray, np.ndarray]:
-    """Parent (S,) and role (S,) of every segment of Tanveer et al. 2020a or 2020b symbols, in the order
-    they are written.
+@dataclass(frozen=True)
+class Dialect:
+    """Dialect of an L-system: the notation of strings and the meaning of their symbols."""
+
+    notation: Notation
+    symbols: tuple[str, ...]
+
+
+ABOP = Dialect(
+    Notation(),
+    (
+        *("F = draw(length)", "F(l) = draw(l)", "f = move(length)", "f(l) = move(l)"),
+        *("+ = turn(angle)", "+(a) = turn(a)", "- = turn(-angle)", "-(a) = turn(-a)"),
+        *("& = pitch(angle)", "&(a) = pitch(a)", "^ = pitch(-angle)", "^(a) = pitch(-a)"),
+        *("\\ = roll(angle)", "\\(a) = roll(a)", "/ = roll(-angle)", "/(a) = roll(-a)"),
+        *("| = turn(180)", "$ = level", "! = thin(thinning)", "!(w) = width(w)"),
+        *("~ = leaf", "~(l) = leaf(l)", "~(l, w) = leaf(l, w)"),
+        *("[ = branch", "] = end", "{ = outline", "} = close"),
+    ),
+)
+S = Dialect(
+    Notation(tagged="I"),
+    (
+        "I(n) = draw(h0 / 2^(n - 1), N * dm / n)",
+        *("+ = pitch(angle)", "- = pitch(-angle)", "T = turn(rotation)", "t = turn(-rotation)"),
+        *("F = leaf", "[ = branch", "] = end"),
+    ),
+)
+DIALECTS = {"ABOP": ABOP, "S": S}
+
+
+@dataclass(frozen=True)
+class Commands:
+    """Commands of the turtle, symbol after symbol, without those that are passed over.
+
+    kind : (C,) int8. number : (C, 2) float64, NaN where a command has none.
+    """
+
+    kind: np.ndarray
+    number: np.ndarray
+
+
+@dataclass(frozen=True)
+class _Meaning:
+    kind: int
+    parameters: tuple[str, ...]
+    numbers: tuple[Expression, ...]
+
+
+def read_commands(word: Word, symbols: Sequence[str], known: Mapping[str, float]) -> Commands:
+    """The commands of a string.
+
+    symbols : entries of a dialect; of two for the same letter the later counts.
+    known : names that entries may use besides a letter's own numbers.
 
     Raises
     ------
-    ValueError : a bracket closes what was not opened, or a symbol is not Tanveer et al.'s.
+    GrammarError : an entry cannot be read, or a symbol bears more or fewer numbers than any entry takes.
     """
-    parent: list[int] = []
-    role: list[int] = []
-    open_nodes: list[int] = []
-    node, next_role = -1, CENTRE
-    opening = _OPENING[dialect]
-    for position, symbol in enumerate(symbols.tolist()):
-        if symbol in (100, 103):  # d, g
-            parent.append(node)
-            role.append(next_role)
-            node = len(parent) - 1
-        elif symbol == 41:  # )
-            if open_nodes:
-                node = open_nodes.pop()
-            elif position != len(symbols) - 1:
-                raise ValueError(f"symbol {position}: ')' closes a branch that was not opened")
-        elif symbol in _ROLE:
-            next_role = _ROLE[symbol]
-            if symbol in opening:
-                open_nodes.append(node)
-        else:
-            raise ValueError(f"symbol {position}: '{chr(symbol)}' is not one of d g ( ) [ +")
-    return np.array(parent, dtype=np.int64), np.array(role, dtype=np.int64)
+    meanings = _read_meanings(symbols, known)
+    first_value = word.first_value()
+    kind = np.zeros(len(word), np.int8)
+    number = np.full((len(word), MOST_NUMBERS), np.nan)
+    for code, (symbol, arity) in word.alphabet.letters().items():
+        meaning = meanings.get((symbol, arity))
+        if meaning is None:
+            takes = sorted(count for other, count in meanings if other == symbol)
+            where = np.flatnonzero(word.codes == code)
+            if takes and len(where):
+                counts = " or ".join(map(str, takes))
+                raise GrammarError(f'"{symbol}" takes {counts} numbers, not {arity}')
+            continue
+        where = np.flatnonzero(word.codes == code)
+        kind[where] = meaning.kind
+        values: dict[str, Value] = dict(known)
+        for rank, name in enumerate(meaning.parameters):
+            values[name] = word.values[first_value[where] + rank]
+        for rank, expression in enumerate(meaning.numbers):
+            number[where, rank] = expression(values)
+    kept = kind != SKIP
+    return Commands(kind[kept], number[kept])
 
 
-@lru_cache(maxsize=16)
-def _lineage(symbols: bytes, dialect: str) -> tuple[np.ndarray, ...]:
-    """Parent, role, generation and order (S,) of every segment: one string serves a whole species."""
-    parent, role = parse(np.frombuffer(symbols, np.uint8), dialect)
-    generation = np.zeros(len(parent), dtype=np.int64)
-    order = np.zeros(len(parent), dtype=np.int64)
-    for segment in range(1, len(parent)):  # parents come first
-        mother = parent[segment]
-        generation[segment] = generation[mother] + 1
-        order[segment] = order[mother] + (role[segment] != CENTRE)
-    for column in (parent, role, generation, order):
-        column.setflags(write=False)
-    return parent, role, generation, order
+def _read_meanings(
+    symbols: Sequence[str], known: Mapping[str, float]
+) -> dict[tuple[str, int], _Meaning]:
+    meanings: dict[tuple[str, int], _Meaning] = {}
+    for text in symbols:
+        try:
+            letter, meaning = _read_meaning(text, known)
+        except (GrammarError, ExpressionError) as problem:
+            raise GrammarError(f'symbol "{text}": {problem}') from None
+        meanings[letter] = meaning
+    return meanings
 
 
-def interpret(
-    symbols: np.ndarray, grammar: Grammar, jitter: Jitter, rng: np.random.Generator
-) -> Skeleton:
-    """The skeleton of a T20 string, foot at the origin, growing along +Z.
+def _read_meaning(text: str, known: Mapping[str, float]) -> tuple[tuple[str, int], _Meaning]:
+    left, equals, right = text.strip()[1:].partition("=")
+    if not equals:
+        raise GrammarError('is not like "F(l) = draw(l)"')
+    symbol, left = text.strip()[0], left.strip()
+    parameters = split_arguments(left, 0)[0] if left else []
+    name, opened, _ = right.strip().partition("(")
+    numbers = split_arguments(right.strip(), len(name))[0] if opened else []
+    if name.strip() not in COMMANDS:
+        raise GrammarError(f'"{name.strip()}" is not known; use one of {", ".join(COMMANDS)}')
+    kind, fewest, most = COMMANDS[name.strip()]
+    if not fewest <= len(numbers) <= most:
+        raise GrammarError(f"{name.strip()} takes {fewest} to {most} numbers")
+    names = [*known, *parameters]
+    expressions = tuple(parse_expression(number, names) for number in numbers)
+    return (symbol, len(parameters)), _Meaning(kind, tuple(parameters), expressions)
 
-    All segments of one generation are placed at once. Draws are taken per segment in the order of the
-    string, so the skeleton is a function of the string and the stream alone.
+
+@dataclass(frozen=True)
+class Steps:
+    """R steps in the order of the string.
+
+    kind, number : (R,), (R, 2) of the last command of each.
+    turn : (4, R) quaternion. factor, offset : (R,) of the diameter.
+    opens, closes : (R,) whether a step starts with an opening bracket, or is a closing one.
+    outline : (R,) number of the outermost outline that it stands in, from its opening on, or -1.
     """
-    parent, role, generation, order = _lineage(symbols.tobytes(), grammar.dialect)
-    count = len(parent)
-    draws = {
-        name: truncated_normal(rng, count) for name in ("length", "angle", "twist", "lean", "side")
-    }
-    lift = rng.random(count) * jitter.raise_ratio
 
-    ratio = np.where(role == CENTRE, grammar.centre_ratio, grammar.side_ratio)
-    length = np.empty(count)
-    radius = np.empty(count)
-    heading = np.empty((count, 3))  # H
-    left = np.empty((count, 3))  # L, the axis that side branches turn about
-    start = np.empty((count, 3))
-    end = np.empty((count, 3))
+    kind: np.ndarray
+    number: np.ndarray
+    turn: np.ndarray
+    factor: np.ndarray
+    offset: np.ndarray
+    opens: np.ndarray
+    closes: np.ndarray
+    outline: np.ndarray
 
-    length[0] = grammar.length * (1 + jitter.length * draws["length"][0])
-    radius[0] = grammar.radius
-    start[0], end[0] = 0.0, (0.0, 0.0, length[0])
-    heading[0], left[0] = (0.0, 0.0, 1.0), (1.0, 0.0, 0.0)
 
-    angle = np.deg2rad(grammar.angle_deg + jitter.angle_deg * draws["angle"])
-    twist = np.deg2rad(grammar.twist_deg + jitter.twist_deg * draws["twist"])
-    lean = np.deg2rad(jitter.lean_deg)
-    centre_of = np.full(count, -1)  # the segment that continues a node's axis
-    onward = np.flatnonzero(role == CENTRE)[1:]
-    centre_of[parent[onward]] = onward
+def join_commands(commands: Commands) -> Steps:
+    """The steps of commands.
 
-    for level in range(1, int(generation.max(initial=0)) + 1):
-        # A symmetric branch may sit on the axis that goes on: that one comes first.
-        for kind in (CENTRE, SIDE, SYMMETRIC):
-            s = np.flatnonzero((generation == level) & (role == kind))
-            if not len(s):
-                continue
-            mother = parent[s]
-            length[s] = length[mother] * ratio[s] * (1 + jitter.length * draws["length"][s])
-            axis, side = heading[mother], left[mother]
-            if kind == CENTRE:
-                side = _rotate(side, axis, twist[s])
-                bent = axis + np.tan(lean) * (
-                    draws["lean"][s, None] * side + draws["side"][s, None] * np.cross(axis, side)
-                )
-                heading[s] = _unit(bent)
-                left[s] = _unit(side - _dot(side, heading[s])[:, None] * heading[s])
-                radius[s] = radius[mother] * ratio[s]
-                start[s] = end[mother]
-            else:
-                turn = angle[s] if kind == SIDE else -angle[s]
-                heading[s] = _rotate(axis, side, turn)
-                left[s] = side
-                radius[s] = radius[mother] * grammar.radius_ratio
-                start[s] = end[mother]
-                if kind == SYMMETRIC:
-                    onto = centre_of[mother]  # -1 where the axis ends: nothing to be raised along
-                    rise = lift[s] * np.where(onto < 0, 0.0, length[onto])
-                    start[s] += rise[:, None] * heading[onto]
-            end[s] = start[s] + length[s, None] * heading[s]
+    Raises
+    ------
+    GrammarError : an outline closes that was not opened.
+    """
+    kind, number = commands.kind, commands.number
+    starts = np.ones(len(kind), bool)
+    starts[1:] = ~_JOINS_ON[kind[:-1]] | _STARTS[kind[1:]]
+    first = np.flatnonzero(starts)
+    length = np.diff(np.append(first, len(kind)))
+    last = first + length - 1
 
-    return Skeleton(
+    turn = np.zeros((4, len(first)))
+    turn[0] = 1.0
+    factor, offset = np.ones(len(first)), np.zeros(len(first))
+    for rank in range(int(length.max(initial=0))):
+        step = np.flatnonzero(length > rank)
+        does = kind[first[step] + rank]
+        turns = _TURNS[does]
+        at = step[turns]
+        local = _local_turns(does[turns], number[first[at] + rank, 0])
+        turn[:, at] = local if rank == 0 else product(turn[:, at], local)
+        for command in (WIDTH, THIN):
+            at = step[does == command]
+            given = number[first[at] + rank, 0]
+            factor[at] = 0.0 if command == WIDTH else factor[at] * given
+            offset[at] = given if command == WIDTH else offset[at] * given
+    return Steps(
+        kind=kind[last],
+        number=number[last],
+        turn=turn,
+        factor=factor,
+        offset=offset,
+        opens=kind[first] == BRANCH,
+        closes=kind[first] == END,
+        outline=_outlines(kind)[last],
+    )
+
+
+def product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """(4, N) Hamilton products of quaternions."""
+    out = np.empty_like(a)
+    out[0] = a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3]
+    out[1] = a[0] * b[1] + a[1] * b[0] + a[2] * b[3] - a[3] * b[2]
+    out[2] = a[0] * b[2] - a[1] * b[3] + a[2] * b[0] + a[3] * b[1]
+    out[3] = a[0] * b[3] + a[1] * b[2] - a[2] * b[1] + a[3] * b[0]
+    return out
+
+
+def _local_turns(kind: np.ndarray, degrees: np.ndarray) -> np.ndarray:
+    """(4, P) quaternions of the turns about the turtle's own axes."""
+    local = np.zeros((4, len(kind)))
+    half = np.deg2rad(degrees) / 2
+    local[0] = np.cos(half)
+    sine = np.sin(half)
+    for command, axis in _AXIS.items():
+        local[axis] = np.where(kind == command, sine, 0.0)
+    return local
+
+
+def _outlines(kind: np.ndarray) -> np.ndarray:
+    """(C,) number of the outermost outline that a command stands in, from its opening on, or -1."""
+    opens = kind == OUTLINE
+    depth = np.cumsum(opens.astype(np.int64) - (kind == CLOSE))
+    if len(depth) and depth.min() < 0:
+        raise GrammarError("an outline closes that was not opened")
+    outermost = opens & (depth == 1)
+    return np.asarray(np.where(depth > 0, np.cumsum(outermost) - 1, -1))
+
+
+@dataclass(frozen=True)
+class Paths:
+    """The tree of P steps; closing brackets are left out.
+
+    command : (P,) number of the step in the string, ascending.
+    before : (P,) which of the P the turtle does before it, -1 where it starts.
+    level : (P,) how many come before it on its path.
+    branch : (P,) number of the pair of brackets that it stands in, 0 outside all. A bracket that opens
+        counts to the branch that it opens.
+    parent : (B,) branch that each branch leaves, -1 for branch 0; a parent has a smaller number.
+    """
+
+    command: np.ndarray
+    before: np.ndarray
+    level: np.ndarray
+    branch: np.ndarray
+    mother: np.ndarray
+
+
+def find_paths(opens: np.ndarray, closes: np.ndarray) -> Paths:
+    """The paths of commands, given which of them (C,) open and which close a bracket.
+
+    Brackets that stay open are closed by the end of the string.
+
+    Raises
+    ------
+    GrammarError : a bracket closes that was not opened.
+    """
+    total = len(opens)
+    depth = np.cumsum(opens.astype(np.int64) - closes)
+    if total and depth.min() < 0:
+        at = int(np.flatnonzero(depth < 0)[0])
+        raise GrammarError(f"step {at}: a bracket closes a branch that was not opened")
+    command = np.flatnonzero(~closes)
+    depth, is_open = depth[command], opens[command]
+    count = len(command)
+
+    by_depth = np.argsort(depth, kind="stable")  # then by place in the string
+    rank_opens = is_open[by_depth]
+    branch_sorted = np.cumsum(rank_opens)
+    previous = np.empty(count, np.int64)  # in sorted order: what stands before
+    previous[:1] = -1
+    previous[1:] = by_depth[:-1]
+
+    # A bracket follows the last command that is one level up and further left.
+    key = depth[by_depth] * (count + 1) + by_depth
+    heads = np.flatnonzero(rank_opens)
+    head = by_depth[heads]
+    found = np.searchsorted(key, (depth[head] - 1) * (count + 1) + head) - 1
+    outside = (found < 0) | (depth[by_depth[found]] != depth[head] - 1)
+    previous[heads] = np.where(outside, -1, by_depth[found])
+
+    before = np.empty(count, np.int64)
+    before[by_depth] = previous
+    branch = np.empty(count, np.int64)
+    branch[by_depth] = branch_sorted
+    mother = np.full(len(heads) + 1, -1, np.int64)
+    mother[1:] = np.where(outside, 0, branch[previous[heads]])
+
+    return Paths(command, before, _levels(depth, by_depth, heads, previous), branch, mother)
+
+
+def _levels(
+    depth: np.ndarray, by_depth: np.ndarray, heads: np.ndarray, previous: np.ndarray
+) -> np.ndarray:
+    """(P,) number of commands before each one: rank in its branch plus the level of its bracket."""
+    count = len(depth)
+    first = np.zeros(count, np.int64)  # sorted place of the bracket of each command's branch
+    first[heads] = heads
+    first = np.maximum.accumulate(first)
+    rank = np.arange(count) - first
+    level = np.zeros(count, np.int64)
+    bounds = np.searchsorted(depth[by_depth], np.arange(int(depth.max(initial=0)) + 2))
+    head_bounds = np.searchsorted(heads, bounds)
+    level[by_depth[: bounds[1]]] = rank[: bounds[1]]
+    base = np.zeros(count, np.int64)  # by sorted place of the bracket
+    for d in range(1, len(bounds) - 1):
+        opening = heads[head_bounds[d] : head_bounds[d + 1]]
+        outer = previous[opening]
+        base[opening] = np.where(outer < 0, 0, level[outer] + 1)
+        here = slice(bounds[d], bounds[d + 1])
+        level[by_depth[here]] = rank[here] + base[first[here]]
+    return level
+
+
+@dataclass(frozen=True)
+class Bend:
+    """Tropism: direction T (ABOP: its length counts) and elasticity e in radians."""
+
+    direction: tuple[float, float, float] = (0.0, 0.0, -1.0)
+    elasticity: float = 0.0
+
+
+@dataclass(frozen=True)
+class Walk:
+    """Drawing of a turtle; lengths in its own unit.
+
+    skeleton : its segments, in the order of the string.
+    leaves : length and width NaN where the string says none.
+    branch, leaf_branch : (S,), (L,) brackets that a segment and a leaf stand in.
+    parent : (B,) branch that each branch leaves.
+    """
+
+    skeleton: Skeleton
+    leaves: LeafSites
+    branch: np.ndarray
+    leaf_branch: np.ndarray
+    mother: np.ndarray
+
+
+def walk(commands: Commands, diameter: float, bend: Bend | None = None) -> Walk:
+    """Walk a turtle from the origin along +Z, its left towards +X.
+
+    Raises
+    ------
+    GrammarError : brackets do not match, or a diameter is negative.
+    """
+    bend = bend or Bend()
+    steps = join_commands(commands)
+    paths = find_paths(steps.opens, steps.closes)
+    steps = _open_only(steps, paths.command)
+    kind, number, outline = steps.kind, steps.number, steps.outline
+    drawn = (kind == DRAW) & (outline < 0)
+    states = _states(steps, drawn, paths, diameter, bend)
+    if (states.diameter < 0).any():
+        raise GrammarError("a diameter is negative; make it 0 or larger")
+
+    segment = np.flatnonzero(drawn)
+    leaf = np.flatnonzero(((kind == LEAF) & (outline < 0)) | _begins(outline))
+    leaves = LeafSites(
+        foot=states.place[leaf],
+        direction=states.heading(leaf),
+        up=states.up(leaf),
+        length=np.where(kind[leaf] == LEAF, number[leaf, 0], np.nan),
+        width=np.where(kind[leaf] == LEAF, number[leaf, 1], np.nan),
+        segment=states.last[leaf],
+    )
+    _measure_outlines(leaves, leaf, outline, states)
+    start = states.place[paths.before[segment]] if len(segment) else np.empty((0, 3))
+    start[paths.before[segment] < 0] = 0.0
+    radius = states.drawn_diameter[segment] / 2
+    skeleton = Skeleton(
         start=start,
-        end=end,
-        radius=np.stack([radius, radius * grammar.centre_ratio], axis=1),
-        parent=parent,
-        order=order,
-        generation=generation,
+        end=states.place[segment],
+        radius=np.stack([radius, radius], axis=1),
+        parent=states.mother[segment],
+        order=states.order[segment],
+        generation=states.generation[segment],
+    )
+    return Walk(skeleton, leaves, paths.branch[segment], paths.branch[leaf], paths.mother)
+
+
+@dataclass(frozen=True)
+class _States:
+    """The turtle after each of P steps."""
+
+    turn: np.ndarray  # (4, P) quaternion from its frame to the world
+    place: np.ndarray  # (P, 3)
+    diameter: np.ndarray  # (P,)
+    drawn_diameter: np.ndarray  # (P,) of the segment that a step draws
+    last: np.ndarray  # (P,) the segment drawn last
+    mother: np.ndarray  # (P,) the one before it
+    order: np.ndarray  # (P,)
+    generation: np.ndarray  # (P,)
+
+    def heading(self, which: np.ndarray) -> np.ndarray:
+        """(N, 3)"""
+        return _heading(self.turn[:, which]).T
+
+    def up(self, which: np.ndarray) -> np.ndarray:
+        """(N, 3)"""
+        return _up(self.turn[:, which]).T
+
+    def left(self, which: np.ndarray) -> np.ndarray:
+        """(N, 3)"""
+        return np.cross(self.up(which), self.heading(which))
+
+
+def _open_only(steps: Steps, command: np.ndarray) -> Steps:
+    """The steps without closing brackets."""
+    return Steps(
+        **{
+            field.name: getattr(steps, field.name)[..., command]
+            if field.name != "number"
+            else steps.number[command]
+            for field in fields(Steps)
+        }
     )
 
 
-def _rotate(vectors: np.ndarray, axes: np.ndarray, angles: np.ndarray) -> np.ndarray:
-    """Vectors (N, 3) turned about unit axes (N, 3) by angles (N,), right-handed (Rodrigues)."""
-    cos, sin = np.cos(angles)[:, None], np.sin(angles)[:, None]
-    turned: np.ndarray = (
-        cos * vectors
-        + sin * np.cross(axes, vectors)
-        + (1 - cos) * _dot(axes, vectors)[:, None] * axes
+def _states(steps: Steps, drawn: np.ndarray, paths: Paths, diameter: float, bend: Bend) -> _States:
+    """Level by level, in arrays sorted by level; place 0 is the turtle before all steps."""
+    count = len(steps.kind)
+    by_level = np.argsort(paths.level, kind="stable")
+    slot = np.empty(count + 1, np.int64)  # where each step's state is; the last is "none before"
+    slot[by_level] = np.arange(1, count + 1)
+    slot[count] = 0
+    before = slot[paths.before[by_level]]
+    own = (np.cumsum(drawn) - 1)[by_level]  # number of the segment that a step draws
+    kind, number, drawn = steps.kind[by_level], steps.number[by_level], drawn[by_level]
+    local, factor, offset = steps.turn[:, by_level], steps.factor[by_level], steps.offset[by_level]
+    branch = paths.branch[by_level]
+
+    reach = np.where((kind == DRAW) | (kind == MOVE), number[:, 0], 0.0)
+    levels_left = kind == LEVEL
+    bends = drawn & (reach != 0) & (bend.elasticity != 0)
+    tropism = np.asarray(bend.direction, np.float64)
+
+    turn = np.zeros((4, count + 1))
+    turn[0, 0] = 1.0
+    place = np.zeros((3, count + 1))
+    width = np.full(count + 1, diameter)
+    last = np.full(count + 1, -1)
+    mother = np.full(count + 1, -1)
+    last_branch = np.full(count + 1, -1)
+    order = np.zeros(count + 1, np.int64)
+    generation = np.full(count + 1, -1)
+
+    ends = np.searchsorted(paths.level[by_level], np.arange(int(paths.level.max(initial=-1)) + 2))
+    for begin, end in zip(ends[:-1].tolist(), ends[1:].tolist(), strict=True):
+        here, new, old = slice(begin, end), slice(begin + 1, end + 1), before[begin:end]
+        turned = product(turn[:, old], local[:, here])
+        rolls = np.flatnonzero(levels_left[here])
+        if len(rolls):
+            turned[:, rolls] = _level(turned[:, rolls])
+        place[:, new] = place[:, old] + reach[here] * _heading(turned)
+        bent = np.flatnonzero(bends[here])
+        if len(bent):
+            turned[:, bent] = _bend(turned[:, bent], tropism, bend.elasticity)
+        turn[:, new] = turned
+        width[new] = width[old] * factor[here] + offset[here]
+
+        draws, before_it = drawn[here], last[old]
+        mother[new] = before_it
+        last[new] = np.where(draws, own[here], before_it)
+        leaves_axis = (before_it >= 0) & (last_branch[old] != branch[here])
+        order[new] = order[old] + (draws & leaves_axis)
+        generation[new] = generation[old] + draws
+        last_branch[new] = np.where(draws, branch[here], last_branch[old])
+
+    given = np.where(kind == DRAW, number[:, 1], np.nan)
+    drawn_width = np.where(np.isnan(given), width[1:], given)
+    back = slot[:count]
+    return _States(
+        turn=turn[:, back],
+        place=np.ascontiguousarray(place[:, back].T),
+        diameter=width[back],
+        drawn_diameter=drawn_width[back - 1],
+        last=last[back],
+        mother=mother[back],
+        order=order[back],
+        generation=generation[back],
     )
-    return turned
 
 
-def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    product: np.ndarray = np.einsum("ni,ni->n", a, b)
-    return product
+def _heading(q: np.ndarray) -> np.ndarray:
+    """(3, N) the image of the turtle's z; the norm is divided out, so rounding cannot build up."""
+    w, x, y, z = q
+    ww, xx, yy, zz = w * w, x * x, y * y, z * z
+    image = np.stack([2 * (x * z + w * y), 2 * (y * z - w * x), ww - xx - yy + zz])
+    return np.asarray(image / (ww + xx + yy + zz))
 
 
-def _unit(vectors: np.ndarray) -> np.ndarray:
-    unit: np.ndarray = vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
-    return unit
+def _up(q: np.ndarray) -> np.ndarray:
+    """(3, N) the image of its y."""
+    w, x, y, z = q
+    ww, xx, yy, zz = w * w, x * x, y * y, z * z
+    image = np.stack([2 * (x * y - w * z), ww - xx + yy - zz, 2 * (y * z + w * x)])
+    return np.asarray(image / (ww + xx + yy + zz))
+
+
+def _level(q: np.ndarray) -> np.ndarray:
+    """Rolled about the heading until left is horizontal, V × H; a vertical heading keeps its roll."""
+    heading, up = _heading(q), _up(q)
+    left = np.cross(up, heading, axis=0)
+    wanted = np.stack([-heading[1], heading[0], np.zeros(q.shape[1])])
+    length = np.hypot(wanted[0], wanted[1])
+    # left -> cos·left + sin·up, right-handed about the heading
+    angle = np.arctan2((up * wanted).sum(axis=0), (left * wanted).sum(axis=0))
+    half = np.where(length > 1e-9, angle, 0.0) / 2
+    zero = np.zeros_like(half)
+    return product(q, np.stack([np.cos(half), zero, zero, np.sin(half)]))
+
+
+def _bend(q: np.ndarray, tropism: np.ndarray, elasticity: float) -> np.ndarray:
+    """Turned towards the tropism by elasticity·|H × T|; a heading along it, or against it, stays."""
+    axis = np.cross(_heading(q), tropism, axis=0)
+    size = np.sqrt((axis * axis).sum(axis=0))
+    half = elasticity * size / 2
+    axis = axis / np.maximum(size, _PARALLEL)
+    return product(np.concatenate([np.cos(half)[None], np.sin(half) * axis]), q)
+
+
+def _begins(outline: np.ndarray) -> np.ndarray:
+    """(P,) whether an outline begins at a step."""
+    found = np.zeros(len(outline), bool)
+    numbers, first = np.unique(outline, return_index=True)
+    found[first[numbers >= 0]] = True
+    return found
+
+
+def _measure_outlines(
+    leaves: LeafSites, leaf: np.ndarray, outline: np.ndarray, states: _States
+) -> None:
+    """Fill in length and width of leaves that were walked: their extents along and across."""
+    walked = np.flatnonzero(outline[leaf] >= 0)
+    if not len(walked):
+        return
+    row = np.full(int(outline.max()) + 1, -1)
+    row[outline[leaf[walked]]] = walked
+    inside = np.flatnonzero(outline >= 0)
+    owner = row[outline[inside]]
+    offset = states.place[inside] - leaves.foot[owner]
+    left = states.left(leaf)
+    for out, axis in ((leaves.length, leaves.direction), (leaves.width, left)):
+        along = np.einsum("ni,ni->n", offset, axis[owner])
+        low, high = np.zeros(len(leaf)), np.zeros(len(leaf))
+        np.minimum.at(low, owner, along)
+        np.maximum.at(high, owner, along)
+        out[walked] = (high - low)[walked]
+
+
+def prune_descending(walked: Walk) -> Walk:
+    """The walk without the brackets in which a segment ends lower than it starts."""
+    skeleton = walked.skeleton
+    rise = skeleton.end[:, 2] - skeleton.start[:, 2]
+    length = np.linalg.norm(skeleton.end - skeleton.start, axis=1)
+    removed = np.zeros(len(walked.mother), bool)
+    removed[walked.branch[rise < -ROUNDING * length]] = True
+    removed = _with_all_above(removed, walked.mother)
+
+    kept, kept_leaf = ~removed[walked.branch], ~removed[walked.leaf_branch]
+    # What a kept segment hangs on is kept too: it stands in the same branch or in one below.
+    number = np.append(np.cumsum(kept) - 1, -1)
+    return Walk(
+        skeleton=Skeleton(
+            start=skeleton.start[kept],
+            end=skeleton.end[kept],
+            radius=skeleton.radius[kept],
+            parent=number[skeleton.parent[kept]],
+            order=skeleton.order[kept],
+            generation=skeleton.generation[kept],
+        ),
+        leaves=keep_sites(walked.leaves, kept_leaf, number),
+        branch=walked.branch[kept],
+        leaf_branch=walked.leaf_branch[kept_leaf],
+        mother=walked.mother,
+    )
+
+
+def keep_sites(leaves: LeafSites, kept: np.ndarray, number: np.ndarray) -> LeafSites:
+    """The leaves that stay; ``number`` gives segments their new numbers, its last entry is -1."""
+    return LeafSites(
+        foot=leaves.foot[kept],
+        direction=leaves.direction[kept],
+        up=leaves.up[kept],
+        length=leaves.length[kept],
+        width=leaves.width[kept],
+        segment=number[leaves.segment[kept]],
+    )
+
+
+def _with_all_above(removed: np.ndarray, mother: np.ndarray) -> np.ndarray:
+    """Marks handed on from parents to children, by pointer doubling (deep brackets cost a log)."""
+    up = np.maximum(mother, 0)  # branch 0 is its own parent
+    while True:
+        marked = removed | removed[up]
+        further = up[up]
+        if (further == up).all() and (marked == removed).all():
+            return marked
+        removed, up = marked, further

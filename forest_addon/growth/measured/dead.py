@@ -15,7 +15,7 @@ from ...base.rng import daughter_keys, keyed_normal, keyed_uniform
 from ...base.vectors import cross_rows
 from ...spec import Architecture
 from ..draw import draw_normal
-from ..mesh.foliage import across
+from ..mesh.blades import across
 from ..skeleton import Skeleton
 from .wanted import Wanted
 

@@ -15,9 +15,9 @@ from functools import lru_cache
 import numpy as np
 
 from ...spec import Needles
+from ..draw import GOLDEN
 from ..mesh.blades import Blade
 
-GOLDEN = np.pi * (3 - np.sqrt(5))
 DIRECTIONS, PIXELS = 16, 256
 CLOSELY = 150, 128  # directions and pixels
 BARE = 0.06  # of a shoot's foot without needles

@@ -1,4 +1,30 @@
-"""A whole skeleton to triangles, all branches at once.
+"""Edges of tubes and of leaves, known from how they are made.
+
+Blender needs each edge once and the edge of every corner of every triangle. It can find them itself, but
+that takes longer than everything else about a mesh; whoever makes triangles in patterns knows them.
+
+Ring frames along axes by parallel transport, laid into the bisecting plane where an axis bends.
+
+From one segment to the next a frame takes the smallest turn that brings the direction over, so nothing
+twists. At a bend the ring lies in the bisecting plane and is stretched there by 1/cos of half the bend:
+that is where two cylinders really meet, and the tube keeps its thickness and its volume.
+
+A polyline with radii to a closed tube of triangles.
+
+Rings follow the line by parallel transport, so that nothing twists. A ring of n corners is widened by
+π/(n·sin(π/n)): its perimeter, and so its mean silhouette, is then the circle's, where an inscribed
+8-gon would be 2.6 % too thin. n is chosen so that the polygon departs from the circle by at most a
+tolerance.
+
+The nodes of a skeleton's axes, as a mesher wants them: sorted, with joints, none to spare.
+
+Axes come sorted by the number of corners their rings get, so that rings of equal n lie together. Segments
+without a length and axes without a radius are passed over. A branch starts on its parent's axis, so its
+foot is inside her; where the parent ends in a fork, or is thinner than the branch, it starts one node
+earlier, within her and along her: it bends out of the parent, and no wedge opens between them. Nodes that
+the line passes within the tolerance anyway are left out.
+
+A whole skeleton to triangles, all branches at once.
 
 Every axis becomes a closed tube as in ``tubes``: a ring of n corners is widened by π/(n·sin(π/n)), which
 gives it the circle's perimeter and so its mean silhouette; n follows from the tolerance. ``nodes`` sorts
@@ -15,13 +41,143 @@ import numpy as np
 
 from ...base.trimesh import WOOD, Edges, TriMesh
 from ..skeleton import Skeleton
-from .edges import tube_edges
-from .frames import ring_frames
-from .nodes import Line, lines_of, thin_nodes
+from .nodes import Line, lines_of, ring_frames, thin_nodes
 from .relief import FROM, Relief
 
 STEP = 1e-12  # metres between two radii of a node from which it has two rings
 POINTED = 2e-5  # metres; a thinner tip is a point: float32 would flatten its ring
+
+
+def tube_edges(
+    n: int, vertex: int, edge: int, wall: np.ndarray, feet: np.ndarray, tips: np.ndarray, rings: int
+) -> Edges:
+    """Edges of a group of tubes with rings of n corners, their triangles in the order of ``meshing``.
+
+    vertex, edge : the first of the group.
+    wall : (W,) rings with a wall above, counted within the group.
+    feet, tips : (A,) first and last ring of each tube.
+
+    Every ring has 3n edges: those around it, and the upright and the slanted ones of the wall above.
+    Above a last ring there is no wall: there the spokes of the tip and of the foot take their place.
+    """
+    corner = np.arange(n, dtype=np.int32)
+    following = (corner + 1) % n
+    count = len(feet)
+    around, upright, slanted = corner, n + corner, 2 * n + corner
+
+    pattern = np.concatenate(
+        [
+            np.stack([corner, following], axis=1),
+            np.stack([corner, n + corner], axis=1),
+            np.stack([corner, n + following], axis=1),
+        ]
+    )  # (3n, 2)
+    ends = pattern + (vertex + n * np.arange(rings, dtype=np.int32))[:, None, None]
+    middle = (vertex + n * rings + np.arange(count, dtype=np.int32))[:, None]
+    ends[tips, n : 2 * n, 1] = middle + count
+    ends[tips, 2 * n :, 0] = middle
+    ends[tips, 2 * n :, 1] = (vertex + n * feet.astype(np.int32))[:, None] + corner
+
+    pattern = np.stack(
+        [around, upright[following], slanted, slanted, 3 * n + around, upright], axis=1
+    ).reshape(-1)  # (6n,)
+    of_corner = np.empty((2 * n * (len(wall) + count), 3), dtype=np.int32)
+    below = (edge + 3 * n * wall).astype(np.int32)
+    np.add(below[:, None], pattern, out=of_corner[: 2 * n * len(wall)].reshape(-1, 6 * n))
+    fans = of_corner[2 * n * len(wall) :].reshape(2, count, 3 * n)
+    first = (edge + 3 * n * feet).astype(np.int32)[:, None]
+    last = (edge + 3 * n * tips).astype(np.int32)[:, None]
+    np.add(last, np.repeat(upright, 3), out=fans[1])
+    fans[1, :, 1::3], fans[1, :, 2::3] = last + around, last + upright[following]
+    np.add(last, np.repeat(slanted, 3), out=fans[0])
+    fans[0, :, 0::3], fans[0, :, 1::3] = last + slanted[following], first + around
+    return Edges(ends.reshape(-1, 2), of_corner)
+
+
+def repeated_edges(
+    triangles: np.ndarray, corners: int, times: int, first: Edges | None = None, vertex: int = 0
+) -> Edges:
+    """Edges of a shape (F, 3) with so many corners that is there so many times, one after the other.
+
+    first : edges that come before them, of ``vertex`` vertices.
+    """
+    ahead = np.stack([triangles, triangles[:, [1, 2, 0]]], axis=2).reshape(-1, 2)  # (3F, 2)
+    low, high = ahead.min(axis=1).astype(np.int64), ahead.max(axis=1)
+    base = int(high.max(initial=0)) + 1
+    keys, index = np.unique(low * base + high, return_inverse=True)  # quicker than unique rows
+    ends = np.stack(np.divmod(keys, base), axis=1).reshape(-1).astype(np.int32)
+    before = np.empty((0, 2), np.int32) if first is None else first.ends
+    turns = np.empty((0, 3), np.int32) if first is None else first.of_corner
+    copy = np.arange(times, dtype=np.int32)[:, None]
+    return Edges(
+        _behind(before, ends, vertex + corners * copy),
+        _behind(turns, index.reshape(-1).astype(np.int32), len(before) + len(keys) * copy),
+    )
+
+
+def _behind(first: np.ndarray, pattern: np.ndarray, shift: np.ndarray) -> np.ndarray:
+    """Rows (N, C), and behind them a flat pattern of such rows once for each shift (L, 1)."""
+    wide = first.shape[1]
+    out = np.empty((len(first) + len(shift) * len(pattern) // wide, wide), dtype=np.int32)
+    out[: len(first)] = first
+    np.add(pattern, shift, out=out[len(first) :].reshape(len(shift), len(pattern)))
+    return out
+
+
+def sides_for(radius: float, tolerance: float) -> int:
+    """Corners of a ring that stays within ``tolerance`` metres of a circle of ``radius`` metres."""
+    return int(np.clip(np.ceil(np.pi / np.arccos(1 - min(tolerance / radius, 0.9))), 3, 64))
+
+
+def tube(points: np.ndarray, radius: np.ndarray, sides: int) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices (P·sides + 2, 3) and triangles (T, 3) of a tube with closed ends, facing outwards.
+
+    points : (P, 3) the axis, P >= 2, no two neighbours equal.
+    radius : (P,) metres.
+    """
+    count = len(points)
+    step = np.diff(points, axis=0)
+    step /= np.linalg.norm(step, axis=1, keepdims=True)
+    between = step[:-1] + step[1:]
+    sharp = np.linalg.norm(between, axis=1) < 1e-6  # the line turns back on itself: keep its way
+    between[sharp] = step[:-1][sharp]
+    tangent = np.concatenate([step[:1], between, step[-1:]])
+    tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
+
+    around = np.empty((count, 3))
+    around[0] = _across(tangent[0])
+    for ring in range(1, count):  # parallel transport: keep the last direction, made normal again
+        kept = around[ring - 1] - around[ring - 1] @ tangent[ring] * tangent[ring]
+        size = np.linalg.norm(kept)
+        around[ring] = kept / size if size > 1e-9 else _across(tangent[ring])
+    across = np.cross(tangent, around)
+
+    angle = 2 * np.pi * np.arange(sides) / sides
+    widened = radius * np.pi / (sides * np.sin(np.pi / sides))
+    ring_points = points[:, None] + widened[:, None, None] * (
+        np.cos(angle)[:, None] * around[:, None] + np.sin(angle)[:, None] * across[:, None]
+    )
+    vertices = np.concatenate([ring_points.reshape(-1, 3), points[:1], points[-1:]])
+
+    corner = np.arange(sides)
+    following = (corner + 1) % sides
+    low = (np.arange(count - 1) * sides)[:, None]
+    a, b, c, d = low + corner, low + following, low + sides + following, low + sides + corner
+    walls = np.stack([np.stack([a, b, c], -1), np.stack([a, c, d], -1)], axis=2).reshape(-1, 3)
+    foot, tip = count * sides, count * sides + 1
+    last = (count - 1) * sides
+    caps = [
+        np.stack([np.full(sides, foot), following, corner], axis=1),
+        np.stack([np.full(sides, tip), last + corner, last + following], axis=1),
+    ]
+    return vertices, np.concatenate([walls, *caps]).astype(np.int32)
+
+
+def _across(direction: np.ndarray) -> np.ndarray:
+    """A unit vector at right angles to a unit direction."""
+    normal = np.cross(direction, np.eye(3)[np.argmin(np.abs(direction))])
+    unit: np.ndarray = normal / np.linalg.norm(normal)
+    return unit
 
 
 def mesh_wood(

@@ -13,9 +13,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ...base.trimesh import LEAF, WOOD, TriMesh, join
-from ..skeleton import Skeleton
-from .axes import find_axes
-from .tubes import tube
+from ..skeleton import Skeleton, find_axes
+from .meshing import tube
 
 WIDEST = 4.2  # of a card, its size over the spread of its leaves
 ENOUGH = 20_000  # triangles of leaves that are looked at

@@ -1,4 +1,28 @@
-"""Euler-Bernoulli beams in space: stiffness and mass of tapered members, and the first modes of a tree.
+"""Table of green wood: density and modulus of elasticity by genus, and what leaves weigh.
+
+Where trees of a genus were tested as they grow in Europe: modulus in static bending and density as they
+stand (ForestGALES: Locatelli et al. 2022, package fgr, ``species_parameters``; moduli of Lavers 1983, The
+strength properties of timber). Of beech and oak that table's density, 1158 kg/m³, is nearly that of wood
+full of water, and the handbook's stands here. Other genera: Forest Products Laboratory 2010, Wood handbook,
+FPL-GTR-190, modulus of green wood by Table 5-3, the mean of the species of a genus, density by the specific
+gravity on green volume there times one plus the mean moisture content of heartwood and sapwood (Table 4-1).
+Apple: Markwardt & Wilson 1935. Moduli are those of the tests, of short beams of clear wood: the shear in
+them takes a tenth, knots and young wood of whole stems take more (2.0 to 6.4 GPa in standing Sitka spruces,
+whose sawn wood has 5.9: Milne & Blackburn 1989, Tree Physiol. 5:195).
+
+Leaves: dry mass over the leaf area (BAAD, Falster et al. 2015: the geometric mean over studies of a genus of
+their medians), which is half of the surface of needles however a study counted (``measured/allometry``),
+as allometry draws it; fresh leaves have 0.4 of their mass dry. Needles weigh 0.22 kg/m² dry by their
+one-sided area (Poorter et al. 2009, New Phytol. 182). Bark weighs as wood and stiffens nothing:
+diameters inside of it are 0.87 to 0.93 of those over it (Husch, Beers & Kershaw 2003, Forest Mensuration,
+ch. 6), of thin-barked genera more.
+
+Reduction of a skeleton to a few straight members, which carry all the rest of the tree as mass.
+
+Short segments of one axis become a member of up to a fortieth of the tree's height; of those the thickest
+stay. What is thinner rides rigidly on the member that it grows from.
+
+Euler-Bernoulli beams in space: stiffness and mass of tapered members, and the first modes of a tree.
 
 Every member is one element: cubic in bending, linear in stretch and torsion, its taper integrated exactly by
 five Gauss points (Przemieniecki 1968, ch. 5, 11 and 15). The weight of what a member carries takes from its
@@ -14,14 +38,260 @@ import numpy as np
 from scipy.sparse import coo_matrix, csc_matrix
 from scipy.sparse.linalg import eigsh
 
-from .members import Members, frustum
-from .wood import TORSION, GreenWood
+from ...spec import Species
+from ..skeleton import Skeleton
 
+DRY = 0.4  # dry mass of leaves over the fresh one
+BROAD_LEAF, NEEDLE = 0.053, 0.22  # kg/m² dry, by one-sided area
+INSIDE = 0.92  # diameter without bark over that with it
+THIN_BARK = {"fagus": 0.97, "picea": 0.95, "abies": 0.95}
+TORSION = 0.065  # shear modulus over modulus of elasticity (Wood handbook, Table 5-1)
+EVERGREEN = ("picea", "pinus", "pseudotsuga", "abies")
+LONGEST = 1 / 40  # of the tree's height, of a member
+MOST = 240  # members
 GRAVITY = 9.81
 # Of the frequency without weight, what a tree keeps at least: it is 1.4 times lower than the height at which
 # it buckles. Our judgement: measured safety factors of slender forest trees lie there and above.
 STEADY = 0.8
 POINT, WEIGHT = np.polynomial.legendre.leggauss(5)
+
+
+@dataclass(frozen=True)
+class GreenWood:
+    """Wood as it stands: density kg/m³, modulus of elasticity Pa, fresh leaf mass kg by m² of leaf area.
+
+    inside : diameter inside of the bark over that outside. one_sided : m² of one side of leaves in a m² of
+    leaf area.
+    """
+
+    density: float
+    modulus: float
+    leaf_mass: float = BROAD_LEAF / DRY
+    inside: float = 1.0
+    one_sided: float = 1.0
+
+
+# genus: modulus GPa, density kg/m³, dry leaf mass kg/m²
+CONIFERS = {
+    "picea": (6.3, 850.0, 0.173),
+    "pinus": (7.3, 850.0, 0.228),
+    "pseudotsuga": (8.3, 850.0, 0.202),
+    "abies": (5.7, 850.0, 0.133),
+    "larix": (7.9, 850.0, BROAD_LEAF),
+}
+BROADLEAVES = {
+    "fagus": (9.8, 916.0, 0.052),
+    "acer": (8.7, 848.0, 0.056),
+    "betula": (9.9, 900.0, 0.050),
+    "fraxinus": (9.8, 810.0, BROAD_LEAF),
+    "quercus": (8.3, 1003.0, 0.082),
+    "populus": (6.8, 785.0, BROAD_LEAF),
+    "tilia": (7.2, 662.0, BROAD_LEAF),
+    "malus": (7.2, 1083.0, BROAD_LEAF),
+}
+ENGLISH = {
+    "spruce": "picea",
+    "pine": "pinus",
+    "douglas": "pseudotsuga",
+    "fir": "abies",
+    "larch": "larix",
+    "beech": "fagus",
+    "maple": "acer",
+    "birch": "betula",
+    "hazel": "betula",
+    "corylus": "betula",
+    "ash": "fraxinus",
+    "oak": "quercus",
+    "aspen": "populus",
+    "linden": "tilia",
+    "apple": "malus",
+}
+
+
+def wood_of_species(species: Species) -> GreenWood:
+    """Green wood of a species, by the genus that its allometry or name says, else the mean of its kind."""
+    genus = genus_of(species)
+    if genus:
+        return wood_of_genus(genus)
+    return _mean(CONIFERS if species.needles is not None else BROADLEAVES)
+
+
+def genus_of(species: Species) -> str:
+    """Genus of the table that a species' allometry or name says; "": none."""
+    target = species.targets.allometry if species.targets is not None else ""
+    words = f"{target} {species.name}".lower().replace("-", " ").replace("_", " ").split()
+    for word in words:
+        for start, genus in {
+            **ENGLISH,
+            **{name: name for name in (*CONIFERS, *BROADLEAVES)},
+        }.items():
+            if word == start or (len(start) > 3 and word.startswith(start)):
+                return genus
+    return ""
+
+
+def wood_of_genus(genus: str) -> GreenWood:
+    """Green wood of a genus of the table.
+
+    Raises
+    ------
+    KeyError : it is not in the table.
+    """
+    modulus, density, leaf = {**CONIFERS, **BROADLEAVES}[genus]
+    inside = THIN_BARK.get(genus, INSIDE)
+    one_sided = min(1.0, leaf / NEEDLE) if genus in EVERGREEN else 1.0
+    return GreenWood(density, 1e9 * modulus, leaf / DRY, inside, one_sided)
+
+
+def _mean(table: dict[str, tuple[float, float, float]]) -> GreenWood:
+    woods = [wood_of_genus(genus) for genus in table]
+    means = [
+        sum(getattr(wood, name) for wood in woods) / len(woods)
+        for name in ("density", "modulus", "leaf_mass", "inside", "one_sided")
+    ]
+    return GreenWood(*means)
+
+
+@dataclass(frozen=True)
+class Members:
+    """B straight tapered members of a tree and how its S segments ride on them.
+
+    start, end : (B, 3) metres. radius : (B, 2) at start and end, metres, that give the segments' volume.
+    node : (B, 2) int64, nodes of start and end; node 0 is the ground, b + 1 the end of member b.
+    offset : (B, 3) metres from the start's node to the member's start.
+    of_segment : (S,) int64, the member that each segment is part of, or rides on.
+    kept : (S,) bool, part of a member. along : (S, 2) share of the member's length where each segment's start
+    and end hold on to it.
+    """
+
+    start: np.ndarray
+    end: np.ndarray
+    radius: np.ndarray
+    node: np.ndarray
+    offset: np.ndarray
+    of_segment: np.ndarray
+    kept: np.ndarray
+    along: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.start)
+
+    @property
+    def nodes(self) -> np.ndarray:
+        """(B + 1, 3) places of the nodes, metres."""
+        return np.concatenate([self.start[:1], self.end])
+
+
+def members_of(skeleton: Skeleton, most: int = MOST) -> Members:
+    """Reduce a skeleton of at least one segment to members."""
+    height = float(skeleton.end[:, 2].max() - skeleton.start[:, 2].min())
+    member = _joined(skeleton, LONGEST * height)
+    count = int(member.max()) + 1
+    first, last = _ends(member, count)
+    mother = skeleton.parent[first]
+    above = np.where(mother >= 0, member[np.maximum(mother, 0)], -1)
+    girth = skeleton.radius[first].mean(axis=1)
+    for b in range(count):  # a member is no thicker than the one that it grows from
+        if above[b] >= 0:
+            girth[b] = min(girth[b], girth[above[b]])
+    stays = np.zeros(count, dtype=bool)
+    stays[np.argsort(-girth, kind="stable")[:most]] = True
+    number = np.cumsum(stays) - 1
+    bearer = np.arange(count)
+    for b in range(count):
+        if not stays[b]:
+            bearer[b] = bearer[above[b]] if above[b] >= 0 else 0
+    own = bearer[member]
+    start, end = skeleton.start[first[stays]], skeleton.end[last[stays]]
+    radius = _radii(skeleton, member, first, last)[stays]
+    node, offset = _nodes(start, end, np.where(above >= 0, number[above], -1)[stays])
+    along = _along(skeleton, stays[member], number[own], start, end)
+    return Members(start, end, radius, node, offset, number[own], stays[member], along)
+
+
+def _joined(skeleton: Skeleton, longest: float) -> np.ndarray:
+    """(S,) the member of each segment: on along its axis until that is long enough; parents come first."""
+    length = np.linalg.norm(skeleton.end - skeleton.start, axis=1).tolist()
+    parent, order = skeleton.parent.tolist(), skeleton.order.tolist()
+    member = [0] * len(parent)
+    went_on = [False] * len(parent)
+    reach: list[float] = []
+    for s, mother in enumerate(parent):
+        on = mother >= 0 and order[mother] == order[s] and not went_on[mother]
+        if on:
+            went_on[mother] = True
+        if on and reach[member[mother]] + length[s] <= longest:
+            member[s] = member[mother]
+            reach[member[s]] += length[s]
+        else:
+            member[s] = len(reach)
+            reach.append(length[s])
+    return np.array(member)
+
+
+def _ends(member: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """(B,) the first and the last segment of each member."""
+    rows = np.arange(len(member))
+    first, last = np.full(count, len(member)), np.zeros(count, dtype=np.int64)
+    np.minimum.at(first, member, rows)
+    np.maximum.at(last, member, rows)
+    return first, last
+
+
+def _radii(
+    skeleton: Skeleton, member: np.ndarray, first: np.ndarray, last: np.ndarray
+) -> np.ndarray:
+    """(B, 2) radii of members whose volume is that of their segments."""
+    radius = np.stack([skeleton.radius[first, 0], skeleton.radius[last, 1]], axis=1)
+    chord = np.linalg.norm(skeleton.end[last] - skeleton.start[first], axis=1)
+    volume = np.bincount(member, frustum(skeleton.start, skeleton.end, skeleton.radius))
+    r1, r2 = np.maximum(radius, 1e-5).T
+    own = np.pi * np.maximum(chord, 1e-9) * (r1 * r1 + r1 * r2 + r2 * r2) / 3
+    scale = np.sqrt(np.clip(volume / own, 0.25, 4.0))
+    return np.stack([r1, r2], axis=1) * scale[:, None]
+
+
+def frustum(start: np.ndarray, end: np.ndarray, radius: np.ndarray) -> np.ndarray:
+    """(S,) volumes of tapered segments, m³."""
+    r1, r2 = radius.T
+    return np.pi * np.linalg.norm(end - start, axis=1) * (r1 * r1 + r1 * r2 + r2 * r2) / 3
+
+
+def _nodes(start: np.ndarray, end: np.ndarray, above: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(B, 2) nodes of members and (B, 3) from its node, the nearer end of the mother, to each start."""
+    count = len(start)
+    base = np.zeros(count, dtype=np.int64)
+    node = np.stack([base, np.arange(count) + 1], axis=1)
+    place = np.concatenate([start[:1], end])
+    for b in range(1, count):
+        if above[b] < 0:
+            continue
+        ends = node[above[b]]
+        away = np.linalg.norm(place[ends] - start[b], axis=1)
+        node[b, 0] = ends[int(np.argmin(away))]
+    return node, np.where((above < 0)[:, None], 0.0, start - place[node[:, 0]])
+
+
+def _along(
+    skeleton: Skeleton,
+    kept: np.ndarray,
+    own: np.ndarray,
+    start: np.ndarray,
+    end: np.ndarray,
+) -> np.ndarray:
+    """(S, 2) where segments hold on; what rides does so where the first of it leaves the member."""
+    axis = (end - start)[own]
+    square = np.maximum((axis * axis).sum(axis=1), 1e-18)
+
+    def share(points: np.ndarray) -> np.ndarray:
+        return np.clip(((points - start[own]) * axis).sum(axis=1) / square, 0.0, 1.0)
+
+    along = np.stack([share(skeleton.start), share(skeleton.end)], axis=1)
+    for s in np.flatnonzero(~kept).tolist():
+        mother = skeleton.parent[s]
+        rides = mother >= 0 and not kept[mother]
+        along[s] = along[mother, 0] if rides else along[s, 0]
+    return along
 
 
 @dataclass(frozen=True)

@@ -35,7 +35,7 @@ from ...acoustics.modes.waves import (
 from ...acoustics.smoothness import SmoothnessProfile
 from ...base.rows import RowTable
 from ...base.trimesh import TriMesh, is_wood
-from ...growth.recognise.pieces import part
+from ...growth.own_tree.pieces import part
 from .scatterers import (
     CLEAR,
     FACET,

@@ -1,7 +1,7 @@
 """Trunks and branches as finite cylinders: where they run in a mesh, and how they sound back.
 
 Wood is any mesh of tubes. Its pieces and their centrelines are found as for templates
-(``growth/recognise/centreline``), so that bent, scaled and imported wood is heard as it is evaluated; a line
+(``growth/own_tree/centreline``), so that bent, scaled and imported wood is heard as it is evaluated; a line
 is straightened where it stays within a tolerance of a chord. A segment of length ℓ and radius a that the
 sound meets at the angle ψ to its axis scatters back with
 
@@ -38,8 +38,8 @@ from ...acoustics.modes.waves import (
 from ...acoustics.smoothness import SmoothnessProfile
 from ...base.rows import RowTable
 from ...base.trimesh import TriMesh, is_wood
-from ...growth.recognise.centreline import find_centrelines
-from ...growth.recognise.pieces import part
+from ...growth.own_tree.centreline import find_centrelines
+from ...growth.own_tree.pieces import part
 from .scatterers import (
     WOOD,
     Scatterers,

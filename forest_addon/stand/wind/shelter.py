@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ...growth.sway.wood import GreenWood
+from ...growth.sway.beams import GreenWood
 from ...growth.tree import Tree
 from ..forest import GrownForest
 from .field import DRAG

@@ -13,10 +13,16 @@ import numpy as np
 
 from ...base.rng import daughter_keys, first_key
 from ...base.trimesh import TriMesh
-from ...growth.sway.motion import Anchors
-from ...growth.sway.rig import SwayRig, piece_of_triangles, rig_of
-from ...growth.sway.shape import SwayShape, corner_leaves, shape_of
-from ...growth.sway.wood import wood_of_species
+from ...growth.sway.beams import wood_of_species
+from ...growth.sway.shape import (
+    Anchors,
+    SwayRig,
+    SwayShape,
+    corner_leaves,
+    piece_of_triangles,
+    rig_of,
+    shape_of,
+)
 from ...growth.tree import Tree
 from ...spec import Species, Wind
 from ..forest import GrownForest
@@ -34,7 +40,7 @@ LEAN = 0.2  # of a tree's height: a top that is farther off no longer moves by s
 
 
 class ForestSway:
-    """Motion of the trees of a grown forest in the wind (a ``growth.sway.motion.Motion``).
+    """Motion of the trees of a grown forest in the wind (a ``growth.sway.shape.Motion``).
 
     field : the wind. like : of a forest of the same variants, whose modes are shared. Trees without a
     skeleton, and dead wood that lies or stands as a stump, do not move.

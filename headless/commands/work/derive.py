@@ -11,14 +11,12 @@ import numpy as np
 from forest_addon.base.rng import stream
 from forest_addon.formats.toml_file import read_settings
 from forest_addon.growth.library.species_file import find_species, load_species
-from forest_addon.growth.lsystem.grammar import system_of_grammar
-from forest_addon.growth.lsystem.production import System
-from forest_addon.growth.lsystem.rewrite import Prediction, predict, rewrite, written
 from forest_addon.growth.lsystem.ruled import system_of
-from forest_addon.growth.lsystem.word import Word
-from forest_addon.growth.regrow.fitted import Habit
-from forest_addon.growth.regrow.sibling import grow_sibling
-from forest_addon.growth.regrow.written import generations_of, write_string
+from forest_addon.growth.lsystem.system import Prediction, System, Word, predict, rewrite, written
+from forest_addon.growth.lsystem.tanveer import system_of_grammar
+from forest_addon.growth.own_tree.habit import Habit
+from forest_addon.growth.own_tree.relay import generations_of, write_string
+from forest_addon.growth.own_tree.sibling import grow_sibling
 from forest_addon.spec import Siblings, SpecError, Species
 
 BRANCHES = {"T20": "(+", "A20": "(+", "S": "[", "ABOP": "["}  # symbols that begin a side branch

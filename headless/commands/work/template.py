@@ -20,11 +20,11 @@ from forest_addon.growth.library.template_library import (
     NotUnderstoodError,
     make_library,
 )
-from forest_addon.growth.recognise.parts import Group
-from forest_addon.growth.regrow.relay import farthest_off
-from forest_addon.growth.regrow.sibling import grow_sibling
+from forest_addon.growth.likeness import Verdict
+from forest_addon.growth.own_tree.pieces import Group
+from forest_addon.growth.own_tree.relay import farthest_off
+from forest_addon.growth.own_tree.sibling import grow_sibling
 from forest_addon.growth.tree import Tree, grow
-from forest_addon.growth.verdict import Verdict
 from forest_addon.spec import Siblings, SpecError, Species
 
 from ...command import PROGRAM, UnlikeError

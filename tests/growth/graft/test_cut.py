@@ -10,9 +10,9 @@ from references.model_tree import UP, Model, at, blade, line, tree, tube
 
 from forest_addon.base.trimesh import LEAF, WOOD, TriMesh
 from forest_addon.formats.stl import read_stl
-from forest_addon.growth.graft import cut as template
-from forest_addon.growth.graft.cut import TemplateError, split_tree
-from forest_addon.growth.recognise.recognise import recognise
+from forest_addon.growth.own_tree import template
+from forest_addon.growth.own_tree.recognise import TemplateError, recognise
+from forest_addon.growth.own_tree.template import split_tree
 
 MAPLE = Path(__file__).resolve().parents[4] / "shared" / "data" / "maple"
 

@@ -8,11 +8,10 @@ import pytest
 from forest_addon.base.places import ASSETS
 from forest_addon.base.rng import stream
 from forest_addon.formats.stl import read_stl
-from forest_addon.growth.graft.cut import split_tree
-from forest_addon.growth.graft.dress import dress
 from forest_addon.growth.library.species_file import load_species
 from forest_addon.growth.mesh.blades import SHAPES
-from forest_addon.growth.recognise.recognise import recognise
+from forest_addon.growth.own_tree.recognise import recognise
+from forest_addon.growth.own_tree.template import dress, split_tree
 from forest_addon.growth.tree import grow
 from forest_addon.spec import Leaf, Normal
 

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from forest_addon.growth.lsystem.grammar import T20, LSystem, derive
+from forest_addon.growth.lsystem.tanveer import T20, LSystem, derive
 
 symbols = st.sampled_from("abcd[]")
 

@@ -7,11 +7,16 @@ from hypothesis import strategies as st
 from scipy.stats import chi2
 
 from forest_addon.base.rng import stream
-from forest_addon.growth.lsystem import rewrite as engine
+from forest_addon.growth.lsystem import system as engine
 from forest_addon.growth.lsystem.expression import ExpressionError
-from forest_addon.growth.lsystem.production import read_constants, read_system
-from forest_addon.growth.lsystem.rewrite import predict, rewrite
-from forest_addon.growth.lsystem.word import GrammarError, Notation
+from forest_addon.growth.lsystem.system import (
+    GrammarError,
+    Notation,
+    predict,
+    read_constants,
+    read_system,
+    rewrite,
+)
 
 S = Notation(tagged="I")
 APPLE = ["F -> InIn[t+InIn+F]In[T-InF]InF"]

@@ -8,13 +8,9 @@ import pytest
 from forest_addon.base.rng import stream
 from forest_addon.formats.toml_file import read_settings, structure
 from forest_addon.growth.library.species_file import find_species
-from forest_addon.growth.lsystem.dialect import ABOP, read_commands
-from forest_addon.growth.lsystem.production import read_system
-from forest_addon.growth.lsystem.prune import prune_descending
-from forest_addon.growth.lsystem.rewrite import rewrite
 from forest_addon.growth.lsystem.ruled import system_of
-from forest_addon.growth.lsystem.walk import walk
-from forest_addon.growth.lsystem.word import GrammarError
+from forest_addon.growth.lsystem.system import GrammarError, read_system, rewrite
+from forest_addon.growth.lsystem.turtle import ABOP, prune_descending, read_commands, walk
 from forest_addon.growth.species import skeleton_of
 from forest_addon.spec import Grammar, Leaf, Rules, SpecError, Species
 

@@ -7,8 +7,15 @@ import pytest
 from references.turtle_plain import grow_plainly
 
 from forest_addon.base.rng import stream
-from forest_addon.growth.lsystem.grammar import T20, derive
-from forest_addon.growth.lsystem.turtle import CENTRE, SIDE, SYMMETRIC, interpret, parse
+from forest_addon.growth.lsystem.tanveer import (
+    CENTRE,
+    SIDE,
+    SYMMETRIC,
+    T20,
+    derive,
+    interpret,
+    parse,
+)
 from forest_addon.spec import Grammar, Jitter
 
 STILL = Jitter(length=0, angle_deg=0, twist_deg=0, raise_ratio=0, lean_deg=0, leaf_size=0)

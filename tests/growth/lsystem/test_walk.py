@@ -6,12 +6,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from references.turtle_abop import walk_plainly
 
-from forest_addon.growth.lsystem.dialect import ABOP, S, read_commands
 from forest_addon.growth.lsystem.expression import ExpressionError
-from forest_addon.growth.lsystem.production import read_system
-from forest_addon.growth.lsystem.rewrite import rewrite
-from forest_addon.growth.lsystem.walk import Bend, walk
-from forest_addon.growth.lsystem.word import GrammarError
+from forest_addon.growth.lsystem.system import GrammarError, read_system, rewrite
+from forest_addon.growth.lsystem.turtle import ABOP, Bend, S, read_commands, walk
 
 KNOWN = {"length": 0.7, "angle": 25.0, "rotation": 20.0, "thinning": 0.8}
 

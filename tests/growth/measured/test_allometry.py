@@ -5,14 +5,21 @@ import pytest
 from references.measured import FOUND, needs_measurements
 
 from forest_addon.base.rng import stream
-from forest_addon.growth.library.allometry_file import (
+from forest_addon.growth.library.species_file import (
     FOLDER,
     allometry_names,
     read_allometry,
     read_measured,
 )
-from forest_addon.growth.measured.allometry import MEASURES, band, draw, measures, scores
-from forest_addon.growth.measured.fit import KINDS, fit_kind
+from forest_addon.growth.measured.allometry import (
+    KINDS,
+    MEASURES,
+    band,
+    draw,
+    fit_kind,
+    measures,
+    scores,
+)
 from forest_addon.spec import SpecError
 
 NOTHING = np.nan

@@ -9,14 +9,11 @@ from references.solid_brute import union_volume
 from forest_addon.base.rng import stream
 from forest_addon.growth.library.species_file import find_species, load_species
 from forest_addon.growth.measured.curves import TAPER, TIGHT, curved
-from forest_addon.growth.measured.measure import dbh_of
-from forest_addon.growth.measured.wanted import Wanted
-from forest_addon.growth.mesh.axes import find_axes
+from forest_addon.growth.measured.wanted import Wanted, dbh_of
 from forest_addon.growth.mesh.meshing import mesh_wood
-from forest_addon.growth.mesh.union import shared_once
-from forest_addon.growth.skeleton import LeafSites, Skeleton
-from forest_addon.growth.solid import volume_of
+from forest_addon.growth.skeleton import LeafSites, Skeleton, find_axes
 from forest_addon.growth.tree import grow
+from forest_addon.growth.truth import shared_once, volume_of
 from forest_addon.spec import Detail
 
 BRANCH = Skeleton(

@@ -8,11 +8,9 @@ import pytest
 from forest_addon.base.rng import stream
 from forest_addon.base.trimesh import WOOD
 from forest_addon.growth.library.species_file import find_species, load_species
-from forest_addon.growth.measured.colonise import colonise
-from forest_addon.growth.measured.measure import crown_base_of, dbh_of, width_of
+from forest_addon.growth.measured.crown import borne, colonise
 from forest_addon.growth.measured.meet import grow_measured, leaves_needed
-from forest_addon.growth.measured.pipes import borne
-from forest_addon.growth.measured.wanted import Wanted
+from forest_addon.growth.measured.wanted import Wanted, crown_base_of, dbh_of, width_of
 from forest_addon.growth.tree import blade_of, grow
 from forest_addon.growth.truth import tree_truth
 from forest_addon.spec import Crown, Honda, Leaf, Normal, SpecError, Species, Targets

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from references.measured import FOUND, needs_measurements
 
-from forest_addon.growth.library.allometry_file import FOLDER, read_allometry, read_measured
+from forest_addon.growth.library.species_file import FOLDER, read_allometry, read_measured
 from forest_addon.growth.measured.allometry import measures
 from forest_addon.spec import SpecError
 

@@ -13,8 +13,7 @@ from forest_addon.base.trimesh import LEAF
 from forest_addon.growth.draw import draw_inclination
 from forest_addon.growth.library.species_file import find_species, load_species
 from forest_addon.growth.mesh.blades import facings, truth_of
-from forest_addon.growth.mesh.incline import incline_sites, turns
-from forest_addon.growth.mesh.leaves import measure_leaves
+from forest_addon.growth.mesh.leaves import incline_sites, measure_leaves, turns
 from forest_addon.growth.skeleton import LeafSites
 from forest_addon.growth.tree import blade_of, grow
 from forest_addon.spec import Inclination, Siblings, SpecError, Species, Template

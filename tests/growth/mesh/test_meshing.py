@@ -4,11 +4,9 @@ import numpy as np
 import pytest
 
 from forest_addon.base.trimesh import WOOD
-from forest_addon.growth.mesh.axes import find_axes, first_level
-from forest_addon.growth.mesh.meshing import mesh_wood
+from forest_addon.growth.mesh.meshing import mesh_wood, sides_for, tube
 from forest_addon.growth.mesh.nodes import sides_of
-from forest_addon.growth.mesh.tubes import sides_for, tube
-from forest_addon.growth.skeleton import Skeleton
+from forest_addon.growth.skeleton import Skeleton, find_axes, first_level
 
 
 def skeleton(start, end, radius, parent, order):

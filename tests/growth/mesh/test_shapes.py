@@ -7,9 +7,8 @@ import pytest
 
 from forest_addon.growth.library.species_file import find_species, load_species
 from forest_addon.growth.measured.needles import shoot_of
-from forest_addon.growth.mesh.blades import SHAPES, lay, truth_of
+from forest_addon.growth.mesh.blades import HALVES, SHAPES, STALK, lay, leaf_blade, truth_of
 from forest_addon.growth.mesh.leaves import measure_leaves
-from forest_addon.growth.mesh.shapes import HALVES, STALK, leaf_blade
 from forest_addon.growth.skeleton import LeafSites
 from forest_addon.spec import Leaf, Needles
 

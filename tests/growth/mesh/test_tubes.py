@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from forest_addon.growth.mesh.tubes import sides_for, tube
+from forest_addon.growth.mesh.meshing import sides_for, tube
 
 
 def area_and_volume(vertices, triangles):

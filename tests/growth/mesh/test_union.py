@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from forest_addon.growth.mesh.union import shared_once
+from forest_addon.growth.truth import shared_once
 
 CORNERS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], dtype=float)
 SIDES = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]

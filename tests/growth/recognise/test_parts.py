@@ -6,17 +6,17 @@ import numpy as np
 import pytest
 from references.model_tree import Model, at, blade, line, tree, tube
 
-from forest_addon.growth.recognise.parts import (
+from forest_addon.growth.own_tree.pieces import (
     UPRIGHT,
     Group,
     likely_up,
     looks_like_leaves,
+    part,
     sort_out,
     stood,
     upright,
 )
-from forest_addon.growth.recognise.pieces import part
-from forest_addon.growth.recognise.recognise import recognise, recognise_pieces
+from forest_addon.growth.own_tree.recognise import recognise, recognise_pieces
 
 
 def card(base: np.ndarray, out: np.ndarray, across: np.ndarray) -> np.ndarray:

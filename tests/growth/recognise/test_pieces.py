@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from forest_addon.growth.recognise.pieces import part, weld
+from forest_addon.growth.own_tree.pieces import part, weld
 
 A, B, C, D = [0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]
 SQUARE = np.array([[A, B, C], [A, C, D]])

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from references.model_tree import Model, at, line, tree
 
-from forest_addon.growth.graft.cut import split_tree
-from forest_addon.growth.recognise.recognise import recognise
-from forest_addon.growth.recognise.tubes import find_contacts
+from forest_addon.growth.own_tree.centreline import find_contacts
+from forest_addon.growth.own_tree.recognise import recognise
+from forest_addon.growth.own_tree.template import split_tree
 
 
 @pytest.mark.medium

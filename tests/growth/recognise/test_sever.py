@@ -11,11 +11,11 @@ from references.model_tree import Model, at, line, tree, tube
 from scipy.spatial import cKDTree
 
 from forest_addon.base.rng import stream
-from forest_addon.growth.graft.cut import split_tree
 from forest_addon.growth.library.species_file import find_species, load_species
 from forest_addon.growth.mesh.meshing import mesh_wood
-from forest_addon.growth.recognise.pieces import join_along, part
-from forest_addon.growth.recognise.recognise import LeanError, Recognition, TemplateError, recognise
+from forest_addon.growth.own_tree.pieces import join_along, part
+from forest_addon.growth.own_tree.recognise import LeanError, Recognition, TemplateError, recognise
+from forest_addon.growth.own_tree.template import split_tree
 from forest_addon.growth.skeleton import Skeleton
 from forest_addon.growth.tree import grow
 

@@ -8,12 +8,11 @@ from hypothesis import Phase, example, given, settings
 from hypothesis import strategies as some
 from references.brought_trees import TREES, decimated, doubled, rough
 
-from forest_addon.growth.recognise.recognise import Recognition, recognise
-from forest_addon.growth.regrow.anatomy import dissect
-from forest_addon.growth.regrow.fitted import fit
-from forest_addon.growth.regrow.relay import farthest_off
-from forest_addon.growth.regrow.sibling import grow_sibling
-from forest_addon.growth.regrow.standing import lowest_corner, standing_of
+from forest_addon.growth.own_tree.anatomy import dissect
+from forest_addon.growth.own_tree.habit import fit
+from forest_addon.growth.own_tree.recognise import Recognition, recognise
+from forest_addon.growth.own_tree.relay import farthest_off, lowest_corner, standing_of
+from forest_addon.growth.own_tree.sibling import grow_sibling
 from forest_addon.spec import Siblings
 
 SIBLINGS = 5

@@ -11,12 +11,12 @@ from references.own_trees import SPECIES, mothers_of, own_tree, sibling
 from scipy.spatial import cKDTree
 
 from forest_addon.base.trimesh import LEAF, WOOD
-from forest_addon.growth.recognise.recognise import recognise
-from forest_addon.growth.regrow.anatomy import dissect
-from forest_addon.growth.regrow.courses import lay, lay_sloping, slopes, unbend, walk
-from forest_addon.growth.regrow.fitted import fit
-from forest_addon.growth.regrow.relay import farthest_off, mesh_of
-from forest_addon.growth.regrow.sibling import grow_sibling
+from forest_addon.growth.own_tree.anatomy import dissect
+from forest_addon.growth.own_tree.habit import fit
+from forest_addon.growth.own_tree.lines import lay, lay_sloping, slopes, unbend, walk
+from forest_addon.growth.own_tree.recognise import recognise
+from forest_addon.growth.own_tree.relay import farthest_off, mesh_of
+from forest_addon.growth.own_tree.sibling import grow_sibling
 from forest_addon.spec import Siblings
 
 SAME = Siblings(variety=0.0)

@@ -9,11 +9,11 @@ import pytest
 from references.own_trees import SPECIES, own_tree, sibling
 
 from forest_addon.base.trimesh import WOOD
-from forest_addon.growth.likeness import compare
-from forest_addon.growth.portrait import axes_of, insertion_angles, portray, trunk_radius
-from forest_addon.growth.regrow.fitted import fit
-from forest_addon.growth.regrow.relay import feet_of_leaves, hang_leaves, mesh_of
-from forest_addon.growth.regrow.sibling import grow_sibling, stand_on
+from forest_addon.growth.likeness import axes_of, compare, insertion_angles, portray, trunk_radius
+from forest_addon.growth.own_tree.habit import fit
+from forest_addon.growth.own_tree.lines import stand_on
+from forest_addon.growth.own_tree.relay import feet_of_leaves, hang_leaves, mesh_of
+from forest_addon.growth.own_tree.sibling import grow_sibling
 from forest_addon.spec import Siblings, SpecError
 
 COUNT = 30

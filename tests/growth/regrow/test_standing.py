@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from references.model_tree import Model, at, line
 
-from forest_addon.growth.recognise.recognise import recognise
-from forest_addon.growth.regrow.anatomy import dissect
-from forest_addon.growth.regrow.fitted import fit
-from forest_addon.growth.regrow.relay import mesh_of
-from forest_addon.growth.regrow.sibling import Grown, grow_sibling
+from forest_addon.growth.own_tree.anatomy import dissect
+from forest_addon.growth.own_tree.habit import fit
+from forest_addon.growth.own_tree.recognise import recognise
+from forest_addon.growth.own_tree.relay import mesh_of
+from forest_addon.growth.own_tree.sibling import Grown, grow_sibling
 from forest_addon.spec import Siblings
 
 

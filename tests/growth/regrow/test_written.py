@@ -7,12 +7,16 @@ import pytest
 from references.own_trees import own_tree
 from scipy.spatial import cKDTree
 
-from forest_addon.growth.lsystem.dialect import ABOP, read_commands
-from forest_addon.growth.lsystem.production import read_system
-from forest_addon.growth.lsystem.walk import walk
-from forest_addon.growth.regrow.relay import feet_of_leaves, hang_leaves, skeleton_of_grown
-from forest_addon.growth.regrow.sibling import grow_sibling
-from forest_addon.growth.regrow.written import generations_of, write_string
+from forest_addon.growth.lsystem.system import read_system
+from forest_addon.growth.lsystem.turtle import ABOP, read_commands, walk
+from forest_addon.growth.own_tree.relay import (
+    feet_of_leaves,
+    generations_of,
+    hang_leaves,
+    skeleton_of_grown,
+    write_string,
+)
+from forest_addon.growth.own_tree.sibling import grow_sibling
 from forest_addon.spec import Siblings
 
 NAMES = {"length": 1.0, "angle": 0.0, "thinning": 1.0}

@@ -9,10 +9,16 @@ from scipy.optimize import brentq
 from scipy.special import iv, jv, kv, yv
 
 from forest_addon.growth.skeleton import Skeleton
-from forest_addon.growth.sway.beams import STEADY, modes_of, point_masses, standing_modes
-from forest_addon.growth.sway.members import members_of
+from forest_addon.growth.sway.beams import (
+    STEADY,
+    GreenWood,
+    members_of,
+    modes_of,
+    point_masses,
+    standing_modes,
+    wood_of_genus,
+)
 from forest_addon.growth.sway.shape import shape_with
-from forest_addon.growth.sway.wood import GreenWood, wood_of_genus
 
 WOOD = GreenWood(density=800.0, modulus=9e9)
 HEIGHT = 20.0

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from references.rods import rod
 
-from forest_addon.growth.sway.rig import rig_of
-from forest_addon.growth.sway.shape import shape_with
-from forest_addon.growth.sway.wood import GreenWood
+from forest_addon.growth.sway.beams import GreenWood
+from forest_addon.growth.sway.shape import rig_of, shape_with
 
 WOOD = GreenWood(800.0, 9e9)
 

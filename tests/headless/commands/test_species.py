@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from forest_addon.formats.ownership import RECORD
 from headless.cli import main
 
 
@@ -37,8 +38,9 @@ def test_small_pictures_for_the_panel(tmp_path, capsys, monkeypatch):
     folder = tmp_path / "new" / "pictures"
     assert main(["species", "hazelnut", "honda-conifer", "--pictures", str(folder)]) == 0
     assert "Wrote 2 pictures" in capsys.readouterr().out
-    assert sorted(path.name for path in folder.iterdir()) == ["hazelnut.jpg", "honda-conifer.jpg"]
-    for path in folder.iterdir():
+    names = {path.name for path in folder.iterdir()}
+    assert names == {RECORD, "hazelnut.jpg", "honda-conifer.jpg"}
+    for path in folder.glob("*.jpg"):
         with Image.open(path) as picture:
             assert picture.size == (64, 64)
             grey = np.asarray(picture.convert("L"), float)

@@ -10,7 +10,7 @@ from references.model_tree import tree
 
 from forest_addon.formats.stl import read_stl, write_stl
 from forest_addon.growth.library.species_file import load_species
-from forest_addon.growth.recognise.unit import infer_unit
+from forest_addon.growth.own_tree.pieces import infer_unit
 from headless.cli import main
 
 MAPLE = Path(__file__).resolve().parents[4] / "shared" / "data" / "maple"
@@ -182,7 +182,7 @@ def test_unit_and_axis_may_be_given(files, capsys):
 @pytest.mark.slow
 def test_siblings_unlike_the_tree_get_no_scene_unless_they_are_accepted(files, capsys, monkeypatch):
     """Allowed is so little that no siblings keep to it: exit code 5, the files and no scene."""
-    monkeypatch.setattr("forest_addon.growth.verdict.MOST_DIFFERENCE", 1e-4)
+    monkeypatch.setattr("forest_addon.growth.likeness.MOST_DIFFERENCE", 1e-4)
     monkeypatch.setattr("headless.commands.work.template.can_draw", lambda: False)
     monkeypatch.setattr("headless.commands.work.template.SENSED", 2)
     monkeypatch.setattr("headless.report.likeness.OF_TEMPLATE", 3)

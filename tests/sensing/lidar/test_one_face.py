@@ -8,7 +8,7 @@ from references.lidar_scenes import ground, scene_with, wall
 from references.rays_brute import BruteCaster
 
 from forest_addon.base.trimesh import LEAF, WOOD, TriMesh
-from forest_addon.growth.mesh.tubes import tube
+from forest_addon.growth.mesh.meshing import tube
 from forest_addon.sensing.lidar import one_face
 from forest_addon.sensing.lidar.scan import Scan
 from forest_addon.spec import Beam, Mobile, Noise, Pose, Surfaces, Terrestrial

@@ -6,7 +6,7 @@ from references.lidar_scenes import ground, scene_with
 from references.rays_brute import BruteCaster
 
 from forest_addon.base.trimesh import GROUND, WOOD, TriMesh
-from forest_addon.growth.mesh.tubes import tube
+from forest_addon.growth.mesh.meshing import tube
 from forest_addon.sensing.lidar.scan import scan
 from forest_addon.spec import Terrestrial
 

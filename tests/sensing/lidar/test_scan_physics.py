@@ -9,7 +9,7 @@ from references.rays_brute import BruteCaster
 from scipy.special import erf
 
 from forest_addon.base.trimesh import GROUND, LEAF, OTHER, WOOD, TriMesh
-from forest_addon.growth.mesh.tubes import tube
+from forest_addon.growth.mesh.meshing import tube
 from forest_addon.sensing.lidar import radiometry
 from forest_addon.sensing.lidar.scan import Scan, scan
 from forest_addon.sensing.lidar.waveform import LIGHT, pulse_length

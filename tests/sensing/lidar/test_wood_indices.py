@@ -8,7 +8,7 @@ from references.lidar_scenes import ground, scene_with, wall
 from references.rays_brute import BruteCaster
 
 from forest_addon.base.trimesh import WOOD, TriMesh
-from forest_addon.growth.mesh.tubes import tube
+from forest_addon.growth.mesh.meshing import tube
 from forest_addon.growth.skeleton import Skeleton
 from forest_addon.growth.truth import wood_of_skeleton
 from forest_addon.sensing.lidar import tractor as driven

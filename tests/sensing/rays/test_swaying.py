@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from forest_addon.base.trimesh import OTHER, WOOD, TriMesh, join
-from forest_addon.growth.mesh.tubes import tube
+from forest_addon.growth.mesh.meshing import tube
 from forest_addon.sensing.rays.boxes import extents, within
 from forest_addon.sensing.rays.caster import Hits
 from forest_addon.sensing.rays.exact import ExactCaster

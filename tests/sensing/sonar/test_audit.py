@@ -10,7 +10,7 @@ from references.echo_scenes import scene_of
 
 from forest_addon.base.rng import stream
 from forest_addon.base.trimesh import LEAF, WOOD, TriMesh, join
-from forest_addon.growth.mesh.tubes import tube
+from forest_addon.growth.mesh.meshing import tube
 from forest_addon.sensing.sonar.audit import audit_echoes
 from forest_addon.sensing.sonar.ping import ping
 from forest_addon.sensing.sonar.poses import posed

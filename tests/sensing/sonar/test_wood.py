@@ -10,7 +10,7 @@ from references.echo_scenes import scene_of
 
 from forest_addon.acoustics.cylinder import scattering_sum
 from forest_addon.base.trimesh import WOOD, TriMesh
-from forest_addon.growth.mesh.tubes import tube
+from forest_addon.growth.mesh.meshing import tube
 from forest_addon.sensing.sonar.ping import ping
 from forest_addon.sensing.sonar.targets import EchoTargets
 from forest_addon.sensing.sonar.wood import (

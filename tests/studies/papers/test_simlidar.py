@@ -9,10 +9,11 @@ pytest.importorskip("bpy")
 
 from forest_addon.growth.skeleton import Skeleton
 from studies.__main__ import main
-from studies.bench.exact_cones import first_hits
-from studies.papers import orchards, simlidar, simlidar_report
-from studies.papers.orchards import Orchard
-from studies.papers.simlidar_rows import OrchardFinding, TreeFinding, read_rows
+from studies.bench.lidar import first_hits
+from studies.papers import simlidar
+from studies.papers import simlidar as orchards
+from studies.papers import simlidar as simlidar_report
+from studies.papers.simlidar import Orchard, OrchardFinding, TreeFinding, read_rows
 
 SMALL = [
     Orchard(iterations=2, trees=1, smallest=0.006),

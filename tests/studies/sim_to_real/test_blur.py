@@ -5,9 +5,8 @@ import pytest
 
 pytest.importorskip("pgeof")
 
-from studies.sim_to_real.clouds import Labelled, blurred, near_cylinders
-from studies.sim_to_real.features import cells_of
-from studies.sim_to_real.learn import told_by
+from studies.sim_to_real.clouds import Labelled, blurred, cells_of, near_cylinders
+from studies.sim_to_real.run import told_by
 
 
 def _plank(seed=1, count=4000):

@@ -5,16 +5,18 @@ import numpy as np
 import pytest
 
 from forest_addon.spec import SpecError
-from studies.sim_to_real.circles import follow_stem
-from studies.sim_to_real.clouds import Labelled, near_cylinders, read_folder
-from studies.sim_to_real.features import (
+from studies.sim_to_real.clouds import (
     NAMES,
+    Labelled,
     VoxelCells,
     cells_of,
     features_of,
+    follow_stem,
     ground_below,
+    near_cylinders,
+    read_folder,
 )
-from studies.sim_to_real.learn import Score, Taught, cross_validated, lent, train
+from studies.sim_to_real.run import Score, Taught, cross_validated, lent, train
 
 RNG = np.random.default_rng(7)
 
@@ -176,8 +178,7 @@ def test_ways_of_ablation_change_what_they_name_and_nothing_else(tmp_path):
 
 @pytest.mark.medium
 def test_differences_are_of_pairs_of_seeds(tmp_path):
-    from studies.sim_to_real.ablation_page import ablation_subject
-    from studies.sim_to_real.ablations import AblationScore, differences
+    from studies.sim_to_real.ablations import AblationScore, ablation_subject, differences
 
     found = [
         AblationScore(way, plots, "pine", "stem", seed, iou + 0.1 * seed, 0.5)

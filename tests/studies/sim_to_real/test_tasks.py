@@ -6,8 +6,14 @@ import stat
 import numpy as np
 import pytest
 
-from studies.sim_to_real.task_page import task_subject
-from studies.sim_to_real.tasks import TaskFindings, errors_of, matched, run_tasks, run_tool
+from studies.sim_to_real.tasks import (
+    TaskFindings,
+    errors_of,
+    matched,
+    run_tasks,
+    run_tool,
+    task_subject,
+)
 
 TRUTH = np.array([[0.0, 0.0, 0.2, 15.0], [5.0, 0.0, 0.3, 18.0], [0.0, 5.0, 0.1, 9.0]])
 

@@ -10,11 +10,8 @@ from scipy.stats import hypergeom
 from forest_addon.base.rng import stream
 from forest_addon.spec import SpecError
 from studies.__main__ import main
-from studies.validation.clouds import sums as cloud_sums
-from studies.validation.clouds.between import compare_clouds
-from studies.validation.clouds.circles import stems_of
-from studies.validation.clouds.pair import hold_pair
-from studies.validation.clouds.sums import lines_in, rarefied
+from studies.validation import cloud_pair as cloud_sums
+from studies.validation.cloud_pair import compare_clouds, hold_pair, lines_in, rarefied, stems_of
 
 ORIGIN = np.array([15.0, 15.0, 4000.0])
 TALL, WIDE = 12.0, 30.0

@@ -5,11 +5,19 @@ import pytest
 from references.measured import FOUND, needs_measurements
 
 from forest_addon.base.rng import stream
-from studies.validation.tapes import residuals
-from studies.validation.tapes.diameters import matched_stems
-from studies.validation.tapes.fortls import breast_diameter, sections_of, taper_of
-from studies.validation.tapes.girths import bole, by_circle, by_tape, scan_plot, section
-from studies.validation.tapes.stem_lists import match_stems
+from studies.validation import tapes as residuals
+from studies.validation.tapes import (
+    bole,
+    breast_diameter,
+    by_circle,
+    by_tape,
+    match_stems,
+    matched_stems,
+    scan_plot,
+    section,
+    sections_of,
+    taper_of,
+)
 
 
 def two_lists(rng, turn_deg, shift, lost=8, stems=40):

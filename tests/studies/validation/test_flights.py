@@ -7,9 +7,8 @@ import pytest
 
 from forest_addon.base.rng import stream
 from headless.commands.work.like import FlownCloud
-from studies.validation.clouds import flights
-from studies.validation.clouds.light import IntensityScale, threshold
-from studies.validation.clouds.shares import BLOCK, halves_apart, shares_of
+from studies.validation import flights
+from studies.validation.flights import BLOCK, IntensityScale, halves_apart, shares_of, threshold
 from studies.validation.own_cloud import CloudReturns
 
 

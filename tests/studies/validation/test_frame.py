@@ -10,8 +10,7 @@ import pytest
 
 from forest_addon.spec import SpecError
 from studies.validation import run
-from studies.validation.comparison import Comparison, Interval, Picture
-from studies.validation.page import page_text, table_of
+from studies.validation.run import Comparison, Interval, Picture, page_text, table_of
 
 
 def arguments(**given):

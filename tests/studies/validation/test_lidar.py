@@ -13,9 +13,16 @@ from forest_addon.formats.las import read_las
 from forest_addon.spec import SpecError
 from studies.validation import lidar, own_cloud
 from studies.validation.own_cloud import CloudReturns, compare_own, read_cloud
-from studies.validation.stems import find_stems, ratios, read_plots, taubin
-from studies.validation.twigs import DIAMETERS, NONE, REAL
-from studies.validation.twigs import ratios as thicker
+from studies.validation.stems import (
+    DIAMETERS,
+    NONE,
+    REAL,
+    find_stems,
+    ratios,
+    read_plots,
+    taubin,
+    thicker,
+)
 
 
 def test_a_circle_through_an_arc_is_found_again():

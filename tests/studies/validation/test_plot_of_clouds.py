@@ -8,23 +8,24 @@ import pytest
 from references.measured import FOUND, needs_measurements
 
 from forest_addon.base.rng import stream
-from forest_addon.growth.library.allometry_file import read_allometry
+from forest_addon.growth.library.species_file import read_allometry
 from forest_addon.growth.measured.wanted import Wanted, refuse_contradictions
 from forest_addon.spec import Mobile, SpecError, Surfaces
-from studies.validation.clouds.crowns import WOOD, clumping_of, most_leaves, trees_of
-from studies.validation.clouds.flights import (
+from studies.validation.flights import (
     FLIGHTS,
-    as_bright,
-    leaves_missing,
-    read_flight,
-)
-from studies.validation.clouds.light import (
     IntensityScale,
+    as_bright,
+    clumping_of,
+    leaves_missing,
     light_of_two,
+    most_leaves,
+    read_flight,
     reflectances,
     scale_of,
     singles,
+    trees_of,
 )
+from studies.validation.flights import HELD_BY_WOOD as WOOD
 from studies.validation.own_cloud import CloudReturns
 
 

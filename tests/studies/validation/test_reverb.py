@@ -8,16 +8,17 @@ from scipy.io import wavfile
 
 from forest_addon.spec import SpecError
 from studies.validation import reverb
-from studies.validation.responses import own as reverb_own
-from studies.validation.responses.decay import decay_of, read_recording
-from studies.validation.responses.ensemble import Ensemble, judge
-from studies.validation.responses.stands import (
+from studies.validation import reverb as reverb_own
+from studies.validation.recordings import (
     RANGES,
-    Path,
+    decay_of,
     plausible_stands,
+    read_recording,
     settings,
     variants,
 )
+from studies.validation.recordings import SoundPath as Path
+from studies.validation.reverb import Ensemble, judge
 
 RATE = 16e3
 BANDS = np.array([1000.0])

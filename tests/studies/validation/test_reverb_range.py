@@ -4,10 +4,16 @@ import numpy as np
 import pytest
 
 from forest_addon.acoustics.air import absorption
-from studies.validation.responses.agreement import effects_of
-from studies.validation.responses.expected import ExpectedEnergy
-from studies.validation.responses.levels import ALPINE, BANDS, range_of, read_range
-from studies.validation.responses.stands import RANGES, plausible_stands
+from studies.validation.recordings import (
+    ALPINE,
+    BANDS,
+    RANGES,
+    ExpectedEnergy,
+    effects_of,
+    plausible_stands,
+    range_of,
+    read_range,
+)
 
 
 def test_a_made_up_recording(tmp_path):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from forest_addon.base.rng import stream
-from studies.validation.clouds.yardstick import VOXEL, measure_plot, voxels
+from studies.validation.plots import VOXEL, measure_plot, voxels
 from studies.validation.stems import taubin
 
 STEMS = np.array([[2.0, 2.0, 0.10], [6.0, 2.5, 0.14], [4.0, 6.0, 0.07]])

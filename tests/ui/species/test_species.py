@@ -244,7 +244,7 @@ def test_a_tree_from_stl_is_planted(planting, model, own):
 def test_a_tree_whose_siblings_are_unlike_it_is_planted_only_if_accepted(
     planting, model, own, monkeypatch
 ):
-    monkeypatch.setattr("forest_addon.growth.verdict.MOST_DIFFERENCE", 1e-4)
+    monkeypatch.setattr("forest_addon.growth.likeness.MOST_DIFFERENCE", 1e-4)
     wood = {"filepath": str(model / "wood.stl"), "directory": str(model)}
     with pytest.raises(RuntimeError, match=r"siblings are not like the tree: .*tick Accept"):
         bpy.ops.forest.import_tree(**wood)

@@ -3,7 +3,7 @@
 The segments of one contour, with the normals of the triangles they come from, go in; the centre in the
 cutting plane and the radius come out. The radius is that of the circle with the perimeter of the
 contour's convex hull: by Cauchy's formula a hull's perimeter over π is the mean width of its silhouette
-over all directions, which is what sound meets. It is exact for the n-gons of ``growth/mesh/tubes`` (rings of
+over all directions, which is what sound meets. It is exact for the n-gons of ``growth/mesh`` (rings of
 equal perimeter), asks neither for ordered segments nor for a closed or consistently wound mesh, and
 does not follow every groove of the bark.
 """

@@ -26,7 +26,7 @@ def tube(
     sides: int = 24,
     part: int = WOOD,
 ) -> TriMesh:
-    """An open n-gon tube whose rings have the perimeter of the circle, as ``growth/mesh/tubes`` makes."""
+    """An open n-gon tube whose rings have the perimeter of the circle, as ``growth/mesh/meshing`` makes."""
     foot, top = np.asarray(start, float), np.asarray(end, float)
     axis = (top - foot) / np.linalg.norm(top - foot)
     across = np.cross(axis, [0.0, 1.0, 0.0] if abs(axis[1]) < 0.9 else [1.0, 0.0, 0.0])

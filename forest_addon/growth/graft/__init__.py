@@ -1,1 +1,0 @@
-"""Branch templates, cut and grafted."""

@@ -1,0 +1,585 @@
+"""Strings of an L-system as arrays: one byte a symbol, and the numbers of all symbols in one row.
+
+A letter is a symbol together with how many numbers it bears, so ``F`` and ``F(1.5)`` are two letters. A
+letter without numbers has its character's code; the others get codes that no character of a grammar has.
+
+Productions as texts, in the notation of ABOP and cpfg, to tables that the rewriter reads.
+
+``A(l, w) : l > 0.1 -> !(w)F(l)A(l*r, w) : 1/3``: predecessor, condition, successor, probability. Of the
+productions of one letter, those with the same condition are alternatives; the first condition that holds
+decides, and where none holds the symbol stays.
+
+Parallel rewriting on arrays: every symbol of a string is replaced at once, generation by generation.
+
+Before a derivation starts its length is predicted: exactly, or as an expectation where chance decides;
+where conditions decide nothing can be said, and each generation is measured before it is made. What would
+not fit is refused with the number. Strings are worked through in blocks, so a derivation needs little
+more memory than its last two strings.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from .expression import Expression, ExpressionError, Value, parse_expression
+
+# Codes of letters with numbers: control characters and what lies beyond ASCII.
+_FREE = [*range(1, 32), *range(128, 256)]
+MAX_SYMBOLS = 50_000_000
+MAX_NUMBERS = 60_000_000  # float64 numbers that all symbols of a string bear
+BLOCK = 1 << 16  # symbols rewritten at a time: their arrays stay in the cache
+
+
+class GrammarError(ValueError):
+    """A grammar that cannot be used; the text says what and where."""
+
+
+@dataclass(frozen=True)
+class Notation:
+    """Notation of strings: whether ``(`` opens numbers, and the letters that bear a tag.
+
+    tagged : a letter of these followed by ``n`` is given the generation in which it is made: ``In``
+        stands for I(n) and is printed I01, I02, ... (Méndez et al.).
+    """
+
+    parametric: bool = True
+    tagged: str = ""
+
+
+@dataclass
+class Alphabet:
+    """The letters that a grammar uses; grows while it is read."""
+
+    notation: Notation = field(default_factory=Notation)
+    codes: dict[tuple[str, int], int] = field(default_factory=dict)
+
+    def code(self, symbol: str, arity: int) -> int:
+        """The code of a letter."""
+        letter = (symbol, arity)
+        if letter not in self.codes:
+            if arity == 0:
+                self.codes[letter] = ord(symbol)
+            else:
+                taken = set(self.codes.values())
+                free = [code for code in _FREE if code not in taken]
+                if not free:
+                    raise GrammarError("a grammar can have at most 159 letters with numbers")
+                self.codes[letter] = free[0]
+        return self.codes[letter]
+
+    def letters(self) -> dict[int, tuple[str, int]]:
+        """Symbol and arity by code."""
+        return {code: letter for letter, code in self.codes.items()}
+
+    def arity(self) -> np.ndarray:
+        """(256,) numbers that each code bears."""
+        table = np.zeros(256, np.int64)
+        for (_, arity), code in self.codes.items():
+            table[code] = arity
+        return table
+
+
+@dataclass(frozen=True)
+class Word:
+    """A string of S symbols.
+
+    codes : (S,) uint8 letters. values : (V,) float64 their numbers, symbol after symbol.
+    """
+
+    codes: np.ndarray
+    values: np.ndarray
+    alphabet: Alphabet
+
+    def __len__(self) -> int:
+        return len(self.codes)
+
+    def first_value(self) -> np.ndarray:
+        """(S,) where the numbers of each symbol start in ``values``."""
+        arity = self.alphabet.arity()[self.codes]
+        return np.asarray(np.cumsum(arity) - arity)
+
+    def text(self) -> str:
+        """The string as it is written."""
+        if not len(self.values):
+            return self.codes.tobytes().decode("latin-1")
+        letters, tagged = self.alphabet.letters(), self.alphabet.notation.tagged
+        numbers = iter(self.values.tolist())
+        parts = []
+        for code in self.codes.tolist():
+            symbol, arity = letters[code]
+            given = [next(numbers) for _ in range(arity)]
+            if arity and symbol in tagged:
+                symbol += f"{given[0]:02.0f}"
+            elif arity:
+                symbol += f"({','.join(f'{value:g}' for value in given)})"
+            parts.append(symbol)
+        return "".join(parts)
+
+
+Module = tuple[str, tuple[Expression, ...]]
+
+
+def read_modules(text: str, notation: Notation, names: Sequence[str]) -> list[Module]:
+    """Symbols with the expressions that they bear; spaces do not count.
+
+    Raises
+    ------
+    GrammarError : a bracket of numbers is not closed. ExpressionError : bad arithmetic.
+    """
+    modules: list[Module] = []
+    at = 0
+    while at < len(text):
+        symbol, at = text[at], at + 1
+        if symbol.isspace():
+            continue
+        if notation.parametric and not " " < symbol <= "~":
+            raise GrammarError(f'"{symbol}" cannot be a symbol; use letters and signs of ASCII')
+        arguments: list[str] = []
+        if symbol in notation.tagged and text[at : at + 1] == "n":
+            arguments, at = ["n"], at + 1
+        elif notation.parametric and text[at : at + 1] == "(":
+            arguments, at = split_arguments(text, at)
+        modules.append((symbol, tuple(parse_expression(a, names) for a in arguments)))
+    return modules
+
+
+def split_arguments(text: str, opening: int) -> tuple[list[str], int]:
+    """The texts between the bracket at ``opening`` and its partner, and where it goes on."""
+    parts, depth, begun = [], 0, opening + 1
+    for at in range(opening, len(text)):
+        depth += (text[at] == "(") - (text[at] == ")")
+        if depth == 0 or (depth == 1 and text[at] == ","):
+            parts.append(text[begun:at].strip())
+            begun = at + 1
+        if depth == 0:
+            return parts, at + 1
+    raise GrammarError(f'"{text}": the bracket at {opening} is not closed')
+
+
+@dataclass(frozen=True)
+class Production:
+    """One successor: its letters and the numbers that they bear, all in one row.
+
+    parameters : names of the predecessor's numbers.
+    """
+
+    parameters: tuple[str, ...]
+    codes: np.ndarray
+    expressions: tuple[Expression, ...]
+
+
+@dataclass(frozen=True)
+class Case:
+    """Alternatives where a condition holds: numbers of productions, and how likely each is."""
+
+    condition: Expression | None
+    productions: tuple[int, ...]
+    chances: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class System:
+    """An L-system ready to rewrite.
+
+    stay : (256,) number of the production by which a letter stays what it is.
+    cases : by code; a letter without cases stays.
+    """
+
+    axiom: Word
+    productions: list[Production]
+    stay: np.ndarray
+    cases: dict[int, list[Case]]
+    constants: dict[str, float]
+
+    @property
+    def conditional(self) -> bool:
+        """Return whether a symbol's numbers can decide what becomes of it."""
+        return any(case.condition for cases in self.cases.values() for case in cases)
+
+    @property
+    def stochastic(self) -> bool:
+        """Return whether chance can."""
+        return any(len(case.chances) > 1 for cases in self.cases.values() for case in cases)
+
+
+@dataclass
+class _Rule:
+    """A production as it was written."""
+
+    text: str
+    condition: str
+    chance: float | None
+    production: Production
+
+
+@dataclass
+class _Reader:
+    alphabet: Alphabet
+    constants: dict[str, float]
+    rules: dict[int, list[_Rule]] = field(default_factory=dict)
+
+
+def read_constants(texts: Sequence[str]) -> dict[str, float]:
+    """Named numbers, each ``name = arithmetic`` over those before it.
+
+    Raises
+    ------
+    GrammarError : no ``=``, a bad or taken name. ExpressionError : bad arithmetic.
+    """
+    known: dict[str, float] = {}
+    for text in texts:
+        name, equals, value = (part.strip() for part in text.partition("="))
+        if not equals or not name.isidentifier():
+            raise GrammarError(f'constant "{text}" is not like "name = number"')
+        if name in known or name in ("n", "N"):
+            raise GrammarError(f'constant "{name}" is taken; use another name')
+        known[name] = float(parse_expression(value, known)(known))
+    return known
+
+
+def read_system(
+    axiom: str,
+    productions: Sequence[str],
+    constants: Mapping[str, float] | None = None,
+    notation: Notation | None = None,
+) -> System:
+    """An L-system from its texts.
+
+    Raises
+    ------
+    GrammarError : what cannot be read, with the production that it is in.
+    """
+    reader = _Reader(Alphabet(notation or Notation()), dict(constants or {}))
+    reader.constants.setdefault("n", 0.0)
+    try:
+        start = _read_word(axiom, reader)
+    except (ExpressionError, GrammarError) as problem:
+        raise GrammarError(f"axiom: {problem}") from None
+    for text in productions:
+        try:
+            _read_production(text, reader)
+        except (ExpressionError, GrammarError) as problem:
+            raise GrammarError(f'production "{text}": {problem}') from None
+    return _tabulate(start, reader)
+
+
+def _read_word(text: str, reader: _Reader) -> Word:
+    modules = read_modules(text, reader.alphabet.notation, list(reader.constants))
+    codes = [reader.alphabet.code(symbol, len(given)) for symbol, given in modules]
+    values = [float(number(reader.constants)) for _, given in modules for number in given]
+    return Word(np.array(codes, np.uint8), np.array(values, np.float64), reader.alphabet)
+
+
+def _read_production(text: str, reader: _Reader) -> None:
+    left, arrow, right = text.partition("->")
+    if not arrow:
+        raise GrammarError('has no "->"')
+    predecessor, _, condition = left.partition(":")
+    successor, _, chance = right.partition(":")
+    symbol, parameters = _read_predecessor(predecessor.strip(), reader)
+    names = [*reader.constants, *parameters]
+    modules = read_modules(successor, reader.alphabet.notation, names)
+    production = Production(
+        parameters=tuple(parameters),
+        codes=np.array([reader.alphabet.code(s, len(given)) for s, given in modules], np.uint8),
+        expressions=tuple(number for _, given in modules for number in given),
+    )
+    if condition.strip():
+        parse_expression(condition, names)
+    likely = float(parse_expression(chance, [])({})) if chance.strip() else None
+    if likely is not None and not 0 < likely <= 1:
+        raise GrammarError(f"its probability {likely:g} must be larger than 0 and at most 1")
+    rules = reader.rules.setdefault(reader.alphabet.code(symbol, len(parameters)), [])
+    rules.append(_Rule(text, condition.strip(), likely, production))
+
+
+def _read_predecessor(text: str, reader: _Reader) -> tuple[str, list[str]]:
+    if not text:
+        raise GrammarError('has no symbol before "->"')
+    symbol, rest = text[0], text[1:].strip()
+    parameters: list[str] = []
+    if symbol in reader.alphabet.notation.tagged and rest == "n":
+        raise GrammarError(f'write "{symbol}(name)", not "{text}", before the "->"')
+    if rest:
+        if not rest.startswith("(") or not reader.alphabet.notation.parametric:
+            raise GrammarError(f'"{text}" is more than one symbol')
+        parameters, end = split_arguments(rest, 0)
+        if rest[end:].strip():
+            raise GrammarError(f'"{text}" is more than one symbol')
+    for name in parameters:
+        if not name.isidentifier():
+            raise GrammarError(f'"{name}" is not a name')
+        if name in reader.constants or name == "N" or parameters.count(name) > 1:
+            raise GrammarError(f'the name "{name}" is taken; use another')
+    return symbol, parameters
+
+
+def _tabulate(axiom: Word, reader: _Reader) -> System:
+    productions: list[Production] = []
+    cases: dict[int, list[Case]] = {}
+    for code, rules in reader.rules.items():
+        cases[code] = []
+        for condition in dict.fromkeys(rule.condition for rule in rules):
+            alike = [rule for rule in rules if rule.condition == condition]
+            first = len(productions)
+            productions += [rule.production for rule in alike]
+            holds = None
+            if condition:
+                names = [*reader.constants, *alike[0].production.parameters]
+                holds = parse_expression(condition, names)
+                # The names of a condition are those of its first production.
+                if any(r.production.parameters != alike[0].production.parameters for r in alike):
+                    raise GrammarError(
+                        f'production "{alike[-1].text}": give its numbers the names that '
+                        f'"{alike[0].text}" gives them'
+                    )
+            numbers = tuple(range(first, len(productions)))
+            cases[code].append(Case(holds, numbers, _chances(alike)))
+
+    stay = np.zeros(256, np.int64)
+    letters = reader.alphabet.letters()
+    for code in range(256):
+        symbol_arity = letters.get(code, ("", 0))[1]
+        names_ = tuple(f"#{k}" for k in range(symbol_arity))
+        stay[code] = len(productions)
+        productions.append(
+            Production(
+                names_,
+                np.array([code], np.uint8),
+                tuple(Expression(name, (("name", name),)) for name in names_),
+            )
+        )
+    return System(axiom, productions, stay, cases, reader.constants)
+
+
+def _chances(alike: list[_Rule]) -> tuple[float, ...]:
+    given = [rule.chance for rule in alike]
+    if len(alike) > 1 and None in given:
+        raise GrammarError(
+            f'production "{alike[given.index(None)].text}": has a rival of the same predecessor and '
+            "condition; give both a probability"
+        )
+    chances = [1.0 if chance is None else chance for chance in given]
+    if abs(sum(chances) - 1) > 1e-3:
+        raise GrammarError(
+            f'production "{alike[0].text}": probabilities of its predecessor add up to '
+            f"{sum(chances):g}; make it 1"
+        )
+    total = sum(chances)
+    return tuple(chance / total for chance in chances)
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """Numbers of symbols and parameters that a derivation ends with, and whether they are certain.
+
+    letters : how many of each symbol, whatever numbers it bears.
+    """
+
+    symbols: float  # an int where exact
+    numbers: float
+    exact: bool
+    letters: Mapping[str, float] = field(default_factory=dict)
+
+
+def predict(system: System, generations: int) -> Prediction:
+    """The size after so many generations; under conditions, as if each first one always held."""
+    chance = system.stochastic
+    counts: dict[int, float] = {}
+    for code in system.axiom.codes.tolist():
+        counts[code] = counts.get(code, 0) + 1
+    contents = {code: _contents(system, code, chance) for code in range(256)}
+    for _ in range(generations):
+        following: dict[int, float] = {}
+        for code, count in counts.items():
+            for successor, times in contents[code].items():
+                following[successor] = following.get(successor, 0) + count * times
+        counts = following
+    arity = system.axiom.alphabet.arity().tolist()
+    numbers = sum(count * arity[code] for code, count in counts.items())
+    letters: dict[str, float] = {}
+    for code, count in counts.items():
+        symbol = system.axiom.alphabet.letters()[code][0]
+        letters[symbol] = letters.get(symbol, 0) + count
+    certain = not (chance or system.conditional)
+    return Prediction(sum(counts.values()), numbers, certain, letters)
+
+
+def rewrite(system: System, generations: int, rng: np.random.Generator | None = None) -> Word:
+    """The string after so many generations.
+
+    rng : draws where productions have probabilities, one number an occurrence in the order of the string.
+
+    Raises
+    ------
+    ValueError : more than ``MAX_SYMBOLS``; says how many. ExpressionError : a number is not finite.
+    """
+    expected = predict(system, generations)
+    if not system.conditional:
+        _refuse_if_large(expected, generations)
+    word = system.axiom
+    for generation in range(1, generations + 1):
+        word = _step(system, word, generation, generations, rng)
+    return word
+
+
+def _step(
+    system: System, word: Word, generation: int, generations: int, rng: np.random.Generator | None
+) -> Word:
+    known = {**system.constants, "n": float(generation)}
+    size = np.array([len(p.codes) for p in system.productions])
+    bears = np.array([len(p.expressions) for p in system.productions])
+    chosen = np.empty(len(word), np.uint16)
+    symbols = numbers = 0
+    for begin, block in _blocks(word):
+        picked = _choose(system, block, known, rng)
+        chosen[begin : begin + len(block)] = picked
+        symbols += int(size[picked].sum())
+        numbers += int(bears[picked].sum())
+    _refuse_if_large(Prediction(symbols, numbers, True), generations, generation)
+
+    table = np.concatenate([p.codes for p in system.productions])
+    first = np.cumsum(size) - size
+    codes = np.empty(symbols, np.uint8)
+    values = np.empty(numbers, np.float64)
+    at = at_value = 0
+    for begin, block in _blocks(word):
+        picked = chosen[begin : begin + len(block)]
+        grown = size[picked]
+        end = np.cumsum(grown)
+        made = int(end[-1])
+        # Where each new symbol lies in the table: its production's place plus its own rank there.
+        place = np.repeat(first[picked] - (end - grown), grown) + np.arange(made)
+        codes[at : at + made] = table[place]
+        at += made
+        at_value += _compute(system, block, picked, bears, known, values[at_value:])
+    return Word(codes, values, word.alphabet)
+
+
+def _blocks(word: Word) -> Iterator[tuple[int, Word]]:
+    """Parts of a string with the numbers that belong to them."""
+    arity = word.alphabet.arity()
+    at_value = 0
+    for begin in range(0, len(word), BLOCK):
+        codes = word.codes[begin : begin + BLOCK]
+        count = int(arity[codes].sum()) if len(word.values) else 0
+        yield begin, Word(codes, word.values[at_value : at_value + count], word.alphabet)
+        at_value += count
+
+
+def _choose(
+    system: System, block: Word, known: Mapping[str, float], rng: np.random.Generator | None
+) -> np.ndarray:
+    """(S,) number of the production that each symbol takes."""
+    chosen = system.stay[block.codes]
+    draws = np.empty(0)
+    by_chance = [c for c, cases in system.cases.items() if any(len(k.chances) > 1 for k in cases)]
+    if by_chance:
+        if rng is None:
+            raise ValueError("a stochastic grammar needs a random stream")
+        drawing = np.zeros(256, bool)
+        drawing[by_chance] = True
+        which = drawing[block.codes]
+        draws = np.zeros(len(block))
+        draws[which] = rng.random(int(which.sum()))
+    first_value = block.first_value() if system.conditional else np.empty(0)
+    for code, cases in system.cases.items():
+        where = np.flatnonzero(block.codes == code)
+        for case in cases:
+            if not len(where):
+                break
+            here = where
+            if case.condition is not None:
+                names = system.productions[case.productions[0]].parameters
+                holds = case.condition(_values(names, block, first_value, where, known))
+                true = np.broadcast_to(np.asarray(holds) != 0, where.shape)
+                here, where = where[true], where[~true]
+            else:
+                where = where[:0]
+            picked = np.zeros(len(here), np.int64)
+            if len(case.chances) > 1:
+                # The last bound is left out: rounding must not let a draw fall beyond it.
+                bounds = np.cumsum(case.chances)[:-1]
+                picked = np.searchsorted(bounds, draws[here], side="right")
+            chosen[here] = np.array(case.productions)[picked]
+    return chosen
+
+
+def _compute(
+    system: System,
+    block: Word,
+    picked: np.ndarray,
+    bears: np.ndarray,
+    known: Mapping[str, float],
+    out: np.ndarray,
+) -> int:
+    """Write the numbers of all new symbols of a block to ``out``; says how many."""
+    given = bears[picked]
+    total = int(given.sum())
+    if not total:
+        return 0
+    start = np.cumsum(given) - given
+    first_value = block.first_value()
+    for number in np.flatnonzero(np.bincount(picked, minlength=len(bears)) * bears):
+        production: Production = system.productions[number]
+        here = np.flatnonzero(picked == number)
+        values = _values(production.parameters, block, first_value, here, known)
+        for rank, expression in enumerate(production.expressions):
+            out[start[here] + rank] = expression(values)
+    return total
+
+
+def _values(
+    names: tuple[str, ...],
+    block: Word,
+    first_value: np.ndarray,
+    where: np.ndarray,
+    known: Mapping[str, float],
+) -> dict[str, Value]:
+    """Return the values of names at some symbols of a block."""
+    values: dict[str, Value] = dict(known)
+    for rank, name in enumerate(names):
+        values[name] = block.values[first_value[where] + rank]
+    return values
+
+
+def _contents(system: System, code: int, chance: bool) -> dict[int, float]:
+    """Return how often each letter is in what a letter becomes."""
+    found: dict[int, float] = {}
+    cases = system.cases.get(code)
+    numbers = cases[0].productions if cases else (int(system.stay[code]),)
+    chances = cases[0].chances if cases else (1.0,)
+    for number, likely in zip(numbers, chances, strict=True):
+        for made in system.productions[number].codes.tolist():
+            found[made] = found.get(made, 0) + (likely if chance else 1)
+    return found
+
+
+def _refuse_if_large(size: Prediction, generations: int, reached: int | None = None) -> None:
+    for count, limit, what in (
+        (size.symbols, MAX_SYMBOLS, "symbols"),
+        (size.numbers, MAX_NUMBERS, "numbers on symbols"),
+    ):
+        if count > limit:
+            which = f"{generations} generations make"
+            if reached is not None and reached < generations:
+                which = f"generation {reached} of {generations} makes"
+            about = "" if size.exact else "about "
+            raise ValueError(
+                f"{which} {about}{written(count)} {what}, more than {limit:,}; "
+                "use fewer generations"
+            )
+
+
+def written(count: float) -> str:
+    """A count in words that stay short."""
+    if count == math.inf:
+        return "more than 1e308"
+    if count >= 10**60:
+        exponent = math.floor(math.log10(count))
+        return f"1e{exponent}"
+    return f"{round(count):,}"

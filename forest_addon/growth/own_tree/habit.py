@@ -1,0 +1,279 @@
+"""A stochastic, parametric L-system fitted to one tree: what its axes bear, by order and position.
+
+A piece of wood that bears others is read as a production: an axis of its order puts children on nodes
+(children closer together than a quarter of the mean spacing, as in a whorl, share one) at such shares of
+its length, azimuths and angles. Pieces that are alike (same order, length within a factor, place on the
+parent, slope of the heading) are a class, a letter of the grammar; its members are that letter's
+productions and equally likely, so that a tree made by them has, in the mean, as many branches, lengths
+and leaves as the one they come from. Tables over the position along the parent (local linear regression
+with a Gaussian kernel) say how length, angle and thickness change with it.
+
+Prusinkiewicz & Lindenmayer 1990, section 1.7 and 1.10 (stochastic, parametric L-systems).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...base.runs import Runs
+from .anatomy import Anatomy
+from .pieces import lengths
+
+NODE = 0.25  # mean spacings within which children share a node
+LIMB = (
+    0.5,
+    0.25,
+)  # radii of the trunk there, and at its foot, from which a branch is a limb: always there
+ALIKE_LENGTH = 0.45  # logarithm of length
+ALIKE_SHARE = 0.15  # of the parent
+ALIKE_SLOPE = np.deg2rad(35.0)
+MOST_ALIKE = 4  # members of a class
+KERNEL = 0.12  # of the parent's length: how far a table looks
+PLACES = 33  # of a table
+MOST_CHANCE = 0.25
+BY_CHANCE = 0.25  # of what pieces are off the means; the rest comes with the pieces themselves
+MOST_LENGTH_SPREAD, MOST_ANGLE_SPREAD = 0.1, np.deg2rad(4.0)
+FEW = 6.0
+MOST_UNEVEN = 0.1  # relative spread of the number of branches of an order, by chance
+
+
+@dataclass(frozen=True)
+class Table:
+    """Means over the position along the parent, for pieces of one order.
+
+    share : (P,) position, 0 foot to 1 tip. length : (P,) of a child over her parent's.
+    angle : (P,) radians. thickness : (P,) radius at the foot over the parent's there.
+    density : (P,) children per parent and unit of share.
+    length_spread, angle_spread : what is added by chance, relative and radians: a share of what pieces
+        are off these means.
+    """
+
+    share: np.ndarray
+    length: np.ndarray
+    angle: np.ndarray
+    thickness: np.ndarray
+    density: np.ndarray
+    length_spread: float
+    angle_spread: float
+
+
+@dataclass(frozen=True)
+class Slots:
+    """The children of every piece, from its foot up: N = C - trunks.
+
+    of_piece : which of the N each piece bears. piece : (N,) the child.
+    node : (N,) of its parent, from 0. before, after : (N,) share of the parent to the next nodes.
+    limb : (N,) whether it is as stout as the trunk that it leaves.
+    """
+
+    of_piece: Runs
+    piece: np.ndarray
+    node: np.ndarray
+    before: np.ndarray
+    after: np.ndarray
+    limb: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Habit:
+    """The grammar of one tree.
+
+    share : (C,) seat of each piece as a share of its parent. slots : what each piece bears.
+    of_class, member : classes of pieces that may stand for each other. kind : (C,) class of each.
+    chance : by order of the child, that one is missing, and that one is doubled.
+    scatter : by order, relative spread of the distance between nodes.
+    tables : by order, from order 1 on.
+    floor : (C,) metres above the ground below which no knot of a piece goes: so low that leaves do not reach
+        into the ground, or as low as it is in the template, as roots are.
+    """
+
+    anatomy: Anatomy
+    share: np.ndarray
+    slots: Slots
+    of_class: Runs
+    member: np.ndarray
+    kind: np.ndarray
+    chance: np.ndarray
+    scatter: np.ndarray
+    tables: tuple[Table, ...]
+    floor: np.ndarray
+
+
+def fit(anatomy: Anatomy) -> Habit:
+    """The grammar of a tree."""
+    share = anatomy.share()
+    slots = _slots(anatomy, share)
+    kind = _classes(anatomy, share)
+    orders = int(anatomy.order.max(initial=0)) + 1
+    spread = [_spread(anatomy, slots, order) for order in range(1, orders)]
+    tables = tuple(_table(anatomy, share, order) for order in range(1, orders))
+    return Habit(
+        anatomy=anatomy,
+        share=share,
+        slots=slots,
+        of_class=Runs.of(np.sort(kind), int(kind.max(initial=-1)) + 1),
+        member=np.argsort(kind, kind="stable"),
+        kind=kind,
+        chance=np.array([0.0, *(chance for chance, _ in spread)]),
+        scatter=np.array([0.0, *(scatter for _, scatter in spread)]),
+        tables=tables,
+        floor=_floors(anatomy),
+    )
+
+
+def _floors(anatomy: Anatomy) -> np.ndarray:
+    """(C,) of how low pieces may be laid."""
+    lines, leaves = anatomy.lines, anatomy.foliage
+    begin = lines.first[:-1] + np.arange(anatomy.count)
+    lowest = np.minimum.reduceat(lines.knot[:, 2], begin)
+    hang = np.maximum.reduceat(lines.radius, begin)
+    if len(leaves.bearer):
+        stock = leaves.stock
+        reach = np.maximum.reduceat(lengths(stock.place), stock.vertices.first)
+        np.maximum.at(hang, leaves.bearer, reach + leaves.seat.away)
+    return np.asarray(np.minimum(lowest, hang))
+
+
+def limbs(anatomy: Anatomy) -> np.ndarray:
+    """(C,) whether a piece is a first-level branch nearly as stout as the trunk: a fork of it."""
+    foot = anatomy.foot_radius()
+    trunk = foot[np.maximum(anatomy.parent, 0)]
+    there, at_foot = LIMB
+    stout = (foot >= there * radius_at_seat(anatomy)) & (foot >= at_foot * trunk)
+    return np.asarray(stout & (anatomy.order == 1))
+
+
+def radius_at_seat(anatomy: Anatomy) -> np.ndarray:
+    """(C,) radius of the parent where each piece sits; infinite on the ground."""
+    lines, mother = anatomy.lines, np.maximum(anatomy.parent, 0)
+    knot = lines.first[mother] + anatomy.seat.stretch + mother
+    step = lines.radius[knot + 1] - lines.radius[knot]
+    return np.where(anatomy.parent < 0, np.inf, lines.radius[knot] + anatomy.seat.part * step)
+
+
+def _slots(anatomy: Anatomy, share: np.ndarray) -> Slots:
+    hanging = np.flatnonzero(anatomy.parent >= 0)
+    piece = hanging[np.lexsort((hanging, share[hanging], anatomy.parent[hanging]))]
+    mother, place = anatomy.parent[piece], share[piece]
+    of_piece = Runs.of(mother, anatomy.count)
+    count = len(piece)
+    starts = np.zeros(count, dtype=bool)
+    starts[of_piece.first[of_piece.size > 0]] = True
+    last = (of_piece.first + of_piece.size - 1)[mother]
+    span = place[last] - place[of_piece.first[mother]]
+    mean = span / np.maximum(of_piece.size[mother] - 1, 1)
+    opens = starts | (np.diff(place, prepend=0.0) > NODE * mean)
+    node = np.cumsum(opens) - 1  # over all pieces
+    middle = np.bincount(node, place) / np.bincount(node)
+    owner = mother[opens]
+    gap = np.diff(middle)
+    inside = np.diff(owner) == 0
+    before = np.concatenate([[np.nan], np.where(inside, gap, np.nan)]) if count else middle
+    after = np.concatenate([np.where(inside, gap, np.nan), [np.nan]]) if count else middle
+    before = np.where(np.isnan(before), middle, before)  # to the foot, and to the tip
+    after = np.where(np.isnan(after), 1.0 - middle, after)
+    return Slots(
+        of_piece=of_piece,
+        piece=piece,
+        node=node - node[of_piece.first[mother]] if count else node,
+        before=before[node],
+        after=after[node],
+        limb=limbs(anatomy)[piece],
+    )
+
+
+def _spread(anatomy: Anatomy, slots: Slots, order: int) -> tuple[float, float]:
+    """Return how uneven children of an order stand: the chance that one is missing, the spread of spacing.
+
+    The chance is half the variance of the number on a node over its mean; where nodes bear one each,
+    that of a renewal process, the squared coefficient of variation of the spacing.
+    """
+    mine = np.flatnonzero(anatomy.order[slots.piece] == order)
+    mother = anatomy.parent[slots.piece[mine]]
+    _, first, size = np.unique(
+        np.stack([mother, slots.node[mine]]), axis=1, return_index=True, return_counts=True
+    )
+    gap = slots.after[mine][first]
+    same = np.diff(mother[first], append=-1) == 0
+    pairs = np.flatnonzero(same[:-1] & same[1:])  # a gap and the next of the same parent
+    if len(pairs) < 2:
+        return 0.0, 0.0
+    # Neighbouring gaps are compared, so that spacing that changes along the parent is no spread.
+    contrast = np.log(np.maximum(gap[pairs + 1], 1e-6) / np.maximum(gap[pairs], 1e-6))
+    scatter = min(float(np.median(np.abs(contrast))) / (0.6745 * np.sqrt(2)), 0.6)
+    scatter *= float(np.sqrt(len(pairs) / (len(pairs) + FEW)))  # a few gaps tell little
+    uneven = float(np.diff(size)[same[:-1]].var() / 2 / size.mean())
+    whorled = size.mean() > 1.5
+    chance = (uneven if whorled else scatter**2) / 2
+    most = MOST_UNEVEN**2 * len(mine) / 2  # the number of all goes by sqrt(2 · chance · n)
+    return min(chance, most, MOST_CHANCE), scatter
+
+
+def _classes(anatomy: Anatomy, share: np.ndarray) -> np.ndarray:
+    """(C,) class of each piece: cells of length, place and slope, split until all in one are alike."""
+    heading = anatomy.lines.frame[anatomy.lines.first[:-1], :, 2]
+    feature = np.stack(
+        [
+            np.log(np.maximum(anatomy.lines.reach(), 1e-9)) / ALIKE_LENGTH,
+            share / ALIKE_SHARE,
+            np.arcsin(np.clip(heading[:, 2], -1, 1)) / ALIKE_SLOPE,
+        ],
+        axis=1,
+    )
+    group = 2 * anatomy.order + limbs(anatomy)
+    kind, count = np.empty(anatomy.count, np.int64), 0
+    cells = [np.flatnonzero(group == g) for g in np.unique(group)]
+    while cells:
+        cell = cells.pop()
+        extent = np.ptp(feature[cell], axis=0)
+        along = int(np.argmax(extent))
+        if extent[along] <= 1.0 and len(cell) <= MOST_ALIKE:
+            kind[cell], count = count, count + 1
+            continue
+        ordered = cell[np.argsort(feature[cell, along], kind="stable")]
+        cut = len(ordered) // 2
+        if extent[along] > 1.0:  # where the widest gap near the middle is
+            near = slice(max(1, len(ordered) // 4), max(2, len(ordered) - len(ordered) // 4))
+            widest = np.diff(feature[ordered, along])[near.start - 1 : near.stop - 1]
+            cut = near.start + int(np.argmax(widest))
+        cells += [ordered[:cut], ordered[cut:]]
+    return kind
+
+
+def _table(anatomy: Anatomy, share: np.ndarray, order: int) -> Table:
+    mine = np.flatnonzero(anatomy.order == order)
+    mother = anatomy.parent[mine]
+    reach = anatomy.lines.reach()
+    place = np.linspace(0.0, 1.0, PLACES)
+    smooth = _smoother(share[mine], place)
+    inside = ((place[:, None] - share[mine]) / KERNEL) ** 2
+    mass = np.exp(-inside / 2).sum(axis=1) / (KERNEL * np.sqrt(2 * np.pi))
+    length = np.log(np.maximum(reach[mine] / reach[mother], 1e-9))
+    means = smooth @ length, smooth @ anatomy.angle[mine]
+    off = [
+        float((values - np.interp(share[mine], place, mean)).std())
+        for values, mean in zip((length, anatomy.angle[mine]), means, strict=True)
+    ]
+    return Table(
+        share=place,
+        length=np.exp(means[0]),
+        angle=np.clip(means[1], 0.0, np.pi),
+        thickness=np.exp(
+            smooth @ np.log(anatomy.foot_radius()[mine] / radius_at_seat(anatomy)[mine])
+        ),
+        density=mass / max(int((anatomy.order == order - 1).sum()), 1),
+        length_spread=min(BY_CHANCE * off[0], MOST_LENGTH_SPREAD),
+        angle_spread=min(BY_CHANCE * off[1], MOST_ANGLE_SPREAD),
+    )
+
+
+def _smoother(x: np.ndarray, place: np.ndarray) -> np.ndarray:
+    """(P, N) weights of a local linear regression at places (P,) of values at x (N,)."""
+    d = x - place[:, None]
+    weight = np.exp(-((d / KERNEL) ** 2) / 2) + 1e-9
+    s0, s1, s2 = weight.sum(1), (weight * d).sum(1), (weight * d * d).sum(1)
+    ridge = s2 + 0.05 * KERNEL**2 * s0  # where all lie on one side the slope is held back
+    solved = weight * (ridge[:, None] - s1[:, None] * d)
+    return np.asarray(solved / (ridge * s0 - s1 * s1)[:, None])

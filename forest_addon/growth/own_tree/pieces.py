@@ -1,0 +1,516 @@
+"""Facets into pieces: weld corners to vertices, then part the mesh where no edge joins it.
+
+An STL is a bag of facets. Corners closer than a millionth of the mesh's extent become one vertex;
+facets that collapse, or that repeat another whichever way round (a leaf drawn from both sides), are
+dropped. A piece is what hangs together along edges: two leaves or branches that only touch at a point
+stay two, and two that share an edge are one. Facets of no area, such as the needles that close cracks
+between unequal rings, join pieces but are dropped afterwards.
+
+Parts of a tree in a file: meshes with names, told apart into wood and leaves, and set upright.
+
+Names of objects and materials tell first ("leaf", "bark"); a mesh whose name does not tell is what most
+of its area looks like, and a file without names is looked at piece by piece. A piece is a leaf where its
+facets face one way (|sum of area vectors| above half of the area: a tube's cancel), where it is a card
+or crossed cards (most of its edges are borders), or where it is one of very many small ones that are plain,
+as needles are, or have an edge that more than two facets share, as tufts of needles have. The upright axis is
+that along which the tree stands on a narrow, solid foot.
+
+The unit in which a tree's file was drawn: an STL does not say.
+
+Metres, where the tree is then 0.3 to 120 m high. Else, of the other units in which people draw and in which
+it is, the one that brings tree and leaves nearest to usual sizes, on a logarithmic scale: trees are some 10 m
+high and leaves some 10 cm long, give or take a factor of three.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+WELD = 1e-6  # share of the extent: nearer vertices are one, lower facets have no area
+CELLS = 2**21 - 1  # along the extent, in which vertices are first gathered: 21 bits an axis
+SLANT = np.array([0.5257, 0.6943, 0.4916])  # a direction that no mesh is likely to be aligned with
+LOOKS = 16  # pairs along it looked at for each vertex, beyond which another search is quicker
+MIX = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], np.uint64)
+LEAFY = (
+    "leaf",
+    "leaves",
+    "foliage",
+    "needle",
+    "frond",
+    "blade",
+    "petal",
+    "flower",
+    "fruit",
+    "card",
+)
+WOODY = ("wood", "bark", "trunk", "branch", "stem", "twig", "log", "bole")
+OTHER = ("ground", "terrain", "floor", "soil", "grass")
+FACING = 0.5  # share of a piece's area that faces one way if it is a leaf
+BORDER = 0.6  # share of its edges that have one facet only, if it is cards
+SMALL = 0.01  # extents of the tree that a needle is long at most
+PLAIN = 24  # facets of a needle at most
+TUFT = 0.03  # extents that needles with a common edge are long together
+MANY = 50  # needles of one make at least, and
+OFTEN = 3  # times as many as there are other pieces of wood
+FOOT = 0.02  # share of the extent, from the ground up, where the foot is looked for
+NARROW = 0.03  # extents that any foot may be wide
+CLEARLY = 3.0  # times as good a foot, that an axis other than z is taken for upright
+UPRIGHT = {
+    "z": np.eye(3),
+    "y": np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]),
+}
+UNITS = {
+    "metres": 1.0,
+    "decimetres": 0.1,
+    "centimetres": 0.01,
+    "millimetres": 0.001,
+    "feet": 0.3048,
+    "inches": 0.0254,
+}
+LOWEST, HIGHEST = 0.3, 120.0  # metres
+USUAL_HEIGHT, HEIGHT_SPREAD = 10.0, math.log(3.0)
+USUAL_LEAF, LEAF_SPREAD = 0.10, math.log(2.5)
+
+
+@dataclass(frozen=True)
+class Pieces:
+    """A welded mesh of C pieces, numbered in the order in which the file first shows them.
+
+    vertices : (V, 3) float64, sorted by piece; no vertex belongs to two pieces.
+    triangles : (T, 3) int32, all with an area, in the file's order.
+    piece : (T,) int32, piece of each triangle.
+    piece_of_vertex : (V,) int32.
+    edges : (E, 2) int32, each once; those of needles too, so that every piece hangs together.
+    drawn : how many of the triangles, the first ones, are the file's; what follows closes pieces where
+        they were cut from one another.
+    """
+
+    vertices: np.ndarray
+    triangles: np.ndarray
+    piece: np.ndarray
+    piece_of_vertex: np.ndarray
+    edges: np.ndarray
+    drawn: int
+
+    @property
+    def count(self) -> int:
+        """C, the number of pieces."""
+        return int(self.piece_of_vertex[-1]) + 1 if len(self.piece_of_vertex) else 0
+
+    @cached_property
+    def area(self) -> np.ndarray:
+        """(T,) of the triangles."""
+        return lengths(self.area_vectors())
+
+    def area_vectors(self) -> np.ndarray:
+        """(T, 3) half cross products of the triangles' edges."""
+        a = self.vertices[self.triangles[:, 0]]
+        bx, by, bz = (self.vertices[self.triangles[:, 1]] - a).T
+        cx, cy, cz = (self.vertices[self.triangles[:, 2]] - a).T
+        return 0.5 * np.stack([by * cz - bz * cy, bz * cx - bx * cz, bx * cy - by * cx], axis=1)
+
+
+def part(facets: np.ndarray) -> Pieces:
+    """Weld facets (T, 3, 3) and part them into pieces; no pieces if no facet has an area."""
+    vertices, triangles = weld(np.asarray(facets, dtype=np.float64))
+    triangles = _distinct(triangles)
+    piece = _join_along_edges(triangles, len(vertices))
+    has_area = ~_is_needle(vertices, triangles)
+
+    solid = np.zeros(int(piece.max(initial=-1)) + 1, dtype=bool)
+    solid[piece[has_area]] = True
+    if not solid.all():  # needles alone are no piece
+        kept = solid[piece]
+        triangles, has_area, piece = triangles[kept], has_area[kept], piece[kept]
+    piece = (np.cumsum(solid) - 1)[piece]
+
+    return assemble(vertices, triangles, piece, has_area)
+
+
+def assemble(
+    vertices: np.ndarray,
+    triangles: np.ndarray,
+    piece: np.ndarray,
+    has_area: np.ndarray | None = None,
+    drawn: int | None = None,
+) -> Pieces:
+    """Pieces of triangles (T, 3) whose piece (T,) is known: each gets vertices of its own.
+
+    has_area : (T,) where not, a triangle lends its edges only. drawn : see ``Pieces``.
+    """
+    has_area = np.ones(len(triangles), dtype=bool) if has_area is None else has_area
+    # a vertex is a pair (piece, welded vertex); nearly all are in one piece only
+    some = np.full(len(vertices), -1, dtype=np.int64)
+    some[triangles] = piece[:, None]
+    used = np.flatnonzero(some >= 0)
+    pairs = some[used] * len(vertices) + used
+    elsewhere = some[triangles] != piece[:, None]
+    corner = np.broadcast_to(piece[:, None], triangles.shape)[elsewhere] * len(vertices)
+    corner = corner + triangles[elsewhere]
+    pairs = np.sort(np.concatenate([pairs, np.unique(corner)]))
+    owner, welded = np.divmod(pairs, max(len(vertices), 1))
+    number = np.zeros(len(vertices), dtype=np.int64)
+    here = some[welded] == owner
+    number[welded[here]] = np.flatnonzero(here)
+    triangles = number[triangles]
+    triangles[elsewhere] = np.searchsorted(pairs, corner)
+    keys = np.sort(_edge_keys(triangles, len(pairs)))
+    keys = keys[np.diff(keys, prepend=-1) > 0]
+    edges = np.stack(np.divmod(keys, max(len(pairs), 1)), axis=1)
+    return Pieces(
+        vertices=vertices[welded],
+        triangles=triangles[has_area].astype(np.int32),
+        piece=piece[has_area].astype(np.int32),
+        piece_of_vertex=owner.astype(np.int32),
+        edges=edges[edges[:, 0] != edges[:, 1]].astype(np.int32),
+        drawn=int(np.count_nonzero(has_area[:drawn])),
+    )
+
+
+def select(pieces: Pieces, chosen: np.ndarray) -> Pieces:
+    """Some pieces (C,) alone, in their order."""
+    number = np.cumsum(chosen) - 1
+    vertex = chosen[pieces.piece_of_vertex]
+    renumbered = (np.cumsum(vertex) - 1).astype(np.int32)
+    triangle = chosen[pieces.piece]
+    edge = vertex[pieces.edges[:, 0]]
+    return Pieces(
+        vertices=pieces.vertices[vertex],
+        triangles=renumbered[pieces.triangles[triangle]],
+        piece=number[pieces.piece[triangle]].astype(np.int32),
+        piece_of_vertex=number[pieces.piece_of_vertex[vertex]].astype(np.int32),
+        edges=renumbered[pieces.edges[edge]],
+        drawn=int(np.count_nonzero(triangle[: pieces.drawn])),
+    )
+
+
+def join_pieces(one: Pieces, other: Pieces) -> Pieces:
+    """Pieces of two meshes, those of ``one`` first; what was not drawn comes last."""
+    vertices, count = np.int32(len(one.vertices)), np.int32(one.count)
+    order = np.argsort(
+        np.concatenate([np.arange(len(mesh.triangles)) >= mesh.drawn for mesh in (one, other)]),
+        kind="stable",
+    )
+    return Pieces(
+        vertices=np.concatenate([one.vertices, other.vertices]),
+        triangles=np.concatenate([one.triangles, other.triangles + vertices])[order],
+        piece=np.concatenate([one.piece, other.piece + count])[order],
+        piece_of_vertex=np.concatenate([one.piece_of_vertex, other.piece_of_vertex + count]),
+        edges=np.concatenate([one.edges, other.edges + vertices]),
+        drawn=one.drawn + other.drawn,
+    )
+
+
+def weld(facets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices (V, 3) and triangles (T, 3) of facets (T, 3, 3); chains of near vertices are one.
+
+    Vertices are gathered in cells, then cells whose vertices are near are joined, so that it does not
+    matter where the borders of the cells lie.
+    """
+    corners = facets.reshape(-1, 3)
+    if not len(corners):
+        return np.empty((0, 3)), np.empty((0, 3), dtype=np.int64)
+    low = corners.min(axis=0)
+    extent = float((corners.max(axis=0) - low).max()) or 1.0
+    cell = ((corners - low) / extent * CELLS).astype(np.int64)
+    key = (cell[:, 0] << 42) | (cell[:, 1] << 21) | cell[:, 2]
+    order = np.argsort(key)
+    begins = np.diff(key[order], prepend=-1) > 0
+    vertices = corners[np.minimum.reduceat(order, np.flatnonzero(begins))]
+    index = np.empty(len(key), dtype=np.int64)
+    index[order] = np.cumsum(begins) - 1
+
+    near = _near_pairs(vertices, WELD * extent)
+    if not len(near):
+        return vertices, index.reshape(-1, 3)
+    label = join_along(near, len(vertices))
+    chosen = np.zeros(int(label.max()) + 1, dtype=np.int64)
+    chosen[label[::-1]] = np.arange(len(vertices))[::-1]  # the first of each chain
+    return vertices[chosen], label[index].reshape(-1, 3).astype(np.int64)
+
+
+def lengths(vectors: np.ndarray) -> np.ndarray:
+    """(N,) of vectors (N, 3); quicker than a norm along an axis."""
+    return np.sqrt(np.einsum("ni,ni->n", vectors, vectors))
+
+
+def _near_pairs(places: np.ndarray, radius: float) -> np.ndarray:
+    """(N, 2) places (V, 3) within a radius of each other.
+
+    In order along a slanting line, near ones are few steps apart; where many places crowd, a search
+    tree is quicker.
+    """
+    along = places @ SLANT / np.linalg.norm(SLANT)
+    order = np.argsort(along)
+    along = along[order]
+    row, found, looks = np.arange(len(places)), [np.empty((0, 2), dtype=np.int64)], 0
+    for step in range(1, len(places)):
+        row = row[: np.searchsorted(row, len(places) - step)]
+        row = row[along[row + step] - along[row] <= radius]
+        looks += len(row)
+        if not len(row):
+            break
+        if looks > LOOKS * len(places):
+            return np.asarray(cKDTree(places).query_pairs(radius, output_type="ndarray"))
+        one, other = order[row], order[row + step]
+        near = lengths(places[one] - places[other]) <= radius
+        found.append(np.stack([one[near], other[near]], axis=1))
+    return np.concatenate(found)
+
+
+def _distinct(triangles: np.ndarray) -> np.ndarray:
+    """Triangles of three different vertices, the first of each set of three, in order."""
+    a, b, c = triangles.T
+    low, high = np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
+    corners = np.stack([low, a + b + c - low - high, high], axis=1)
+    whole = np.flatnonzero((corners[:, 0] < corners[:, 1]) & (corners[:, 1] < corners[:, 2]))
+    corners = corners[whole]
+    # Only those that share a number with others, as equal ones do, are looked at closely.
+    mixed = (corners.astype(np.uint64) * MIX).sum(axis=1)
+    ranked = np.sort(mixed)
+    twice = ranked[1:][ranked[1:] == ranked[:-1]]
+    if not len(twice):
+        return np.asarray(triangles[whole])
+    may = np.flatnonzero(np.isin(mixed, twice))
+    order = may[
+        np.lexsort(corners[may].T)
+    ]  # stable: of equal ones the first in the file comes first
+    repeats = (np.diff(corners[order], axis=0) == 0).all(axis=1)
+    kept = np.ones(len(whole), dtype=bool)
+    kept[order[1:][repeats]] = False
+    return np.asarray(triangles[whole[kept]])
+
+
+def _join_along_edges(triangles: np.ndarray, vertices: int) -> np.ndarray:
+    """(T,) number of the piece of each triangle, in order of first appearance."""
+    keys = _edge_keys(triangles, vertices)
+    order = np.argsort(keys)
+    shared = keys[order[1:]] == keys[order[:-1]]
+    triangle = order % max(len(triangles), 1)
+    pairs = np.stack([triangle[:-1][shared], triangle[1:][shared]], axis=1)
+    return join_along(pairs, len(triangles))
+
+
+def edge_uses(pieces: Pieces) -> tuple[np.ndarray, np.ndarray]:
+    """Key of every edge of a triangle, lower vertex first, and how many triangles have it."""
+    key = np.sort(_edge_keys(pieces.triangles.astype(np.int64), len(pieces.vertices)))
+    bounds = np.flatnonzero(np.diff(key, prepend=-1, append=-1))
+    return key[bounds[:-1]], np.diff(bounds)
+
+
+def join_along(pairs: np.ndarray, nodes: int) -> np.ndarray:
+    """(nodes,) which of them pairs (N, 2) join: one number for all that hang together."""
+    graph = coo_matrix((np.ones(len(pairs), dtype=bool), pairs.T), shape=(nodes, nodes))
+    return np.asarray(connected_components(graph, directed=False)[1])
+
+
+def _edge_keys(triangles: np.ndarray, vertices: int) -> np.ndarray:
+    """(3T,) one number for each edge of each triangle, whichever way it runs."""
+    one = triangles.T.ravel()
+    other = triangles[:, [1, 2, 0]].T.ravel()
+    keys: np.ndarray = np.minimum(one, other) * vertices + np.maximum(one, other)
+    return keys
+
+
+def _is_needle(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+    """(T,) whether a triangle's height over its longest edge is within the welding distance."""
+    if not len(triangles):
+        return np.zeros(0, dtype=bool)
+    a, b, c = (vertices[triangles[:, corner]] for corner in range(3))
+    ux, uy, uz = (b - a).T
+    vx, vy, vz = (c - a).T
+    twice_area = np.sqrt(
+        (uy * vz - uz * vy) ** 2 + (uz * vx - ux * vz) ** 2 + (ux * vy - uy * vx) ** 2
+    )
+    longest = np.maximum(np.maximum(lengths(b - a), lengths(c - b)), lengths(a - c))
+    extent = float(np.ptp(vertices, axis=0).max())
+    needle: np.ndarray = twice_area <= WELD * extent * longest
+    return needle
+
+
+@dataclass(frozen=True)
+class Group:
+    """Facets (T, 3, 3) of one object and material of a file."""
+
+    name: str
+    material: str
+    facets: np.ndarray
+
+
+@dataclass(frozen=True)
+class Sorted:
+    """Wood, leaves or None, as facets, and in words how they were told apart.
+
+    parted : the same as pieces, where they had to be looked at.
+    """
+
+    wood: np.ndarray
+    leaves: np.ndarray | None
+    said: str
+    parted: tuple[Pieces, Pieces | None] | None = None
+
+
+def sort_out(groups: Sequence[Group]) -> Sorted:
+    """Tell wood from leaves."""
+    kinds = [_kind_by_name(group) for group in groups]
+    named = {kind for kind in kinds if kind in ("wood", "leaves")}
+    if named == {"wood", "leaves"} and all(kinds):
+        return _gather(groups, kinds, "by name")
+    left = [k for k in range(len(groups)) if kinds[k] != "other"]
+    facets = np.concatenate([groups[k].facets for k in left] or [np.empty((0, 3, 3))])
+    if not len(facets):
+        return Sorted(facets, None, "")
+    pieces, source = part(facets), None
+    leaf = looks_like_leaves(pieces)
+    owner = np.repeat(np.arange(len(left)), [len(groups[k].facets) for k in left])
+    if len(left) > 1:
+        source = _group_of_triangles(pieces, facets, owner)
+        area = pieces.area
+        total = np.bincount(source, area, len(left))
+        leafy = np.bincount(source, area * leaf[pieces.piece], len(left))
+        for number, k in enumerate(left):
+            if not kinds[k]:
+                kinds[k] = "leaves" if leafy[number] > total[number] / 2 else "wood"
+        return _gather(groups, kinds, "by name and shape" if named else "by shape")
+    if kinds[left[0]]:
+        return _gather(groups, kinds, "by name")
+    if not leaf.any() or leaf.all():
+        return Sorted(facets, None, "", (pieces, None))
+    shown = pieces.vertices[pieces.triangles]
+    mine = leaf[pieces.piece]
+    parted = None
+    if len(edge_uses(pieces)[0]) == len(pieces.edges):  # no facet without area joins any of them
+        parted = (select(pieces, ~leaf), select(pieces, leaf))
+    return Sorted(shown[~mine], shown[mine], "by shape", parted)
+
+
+def looks_like_leaves(pieces: Pieces) -> np.ndarray:
+    """(C,) whether a piece has the shape of a leaf, a card or a needle."""
+    count = pieces.count
+    vectors = pieces.area_vectors()
+    area = np.bincount(pieces.piece, pieces.area, count)
+    total = np.stack([np.bincount(pieces.piece, x, count) for x in vectors.T], axis=1)
+    facing = np.linalg.norm(total, axis=1) / np.maximum(area, 1e-300)
+    triangles = np.bincount(pieces.piece, minlength=count)
+    key, times = edge_uses(pieces)
+    of_edge = pieces.piece_of_vertex[key // len(pieces.vertices)] if len(key) else key
+    edges = np.bincount(of_edge, minlength=count)
+    border = np.bincount(of_edge[times == 1], minlength=count) / np.maximum(edges, 1)
+    leaf = (facing > FACING) | (border > BORDER)
+
+    low, high = np.full((count, 3), np.inf), np.full((count, 3), -np.inf)
+    np.minimum.at(low, pieces.piece_of_vertex, pieces.vertices)
+    np.maximum.at(high, pieces.piece_of_vertex, pieces.vertices)
+    length = np.linalg.norm(high - low, axis=1)
+    extent = float(np.ptp(pieces.vertices, axis=0).max())
+    small = (triangles <= PLAIN) & (length < SMALL * extent)
+    tuft = np.zeros(count, dtype=bool)  # tubes have no edge that three facets share
+    tuft[of_edge[times > 2]] = True
+    small = ~leaf & (small | (tuft & (length < TUFT * extent)))
+    others = int(np.count_nonzero(~leaf & ~small))
+    if others and int(np.count_nonzero(small)) >= max(MANY, OFTEN * others):
+        leaf |= small
+    return np.asarray(leaf)
+
+
+def likely_up(wood: np.ndarray) -> str:
+    """The axis, "z" or "y", along which wood (T, 3, 3) stands on a narrow foot."""
+    middle = wood.mean(axis=1)
+    area = np.linalg.norm(np.cross(wood[:, 1] - wood[:, 0], wood[:, 2] - wood[:, 0]), axis=1)
+    extent = max(float(np.ptp(middle, axis=0).max()), 1e-300)
+
+    def foot(axis: str) -> float:
+        place = middle @ UPRIGHT[axis].T
+        low = place[:, 2] <= place[:, 2].min() + FOOT * extent
+        weight = area[low] / max(float(area[low].sum()), 1e-300)
+        mean = weight @ place[low, :2]
+        spread = float(np.sqrt(weight @ ((place[low, :2] - mean) ** 2).sum(axis=1))) / extent
+        return float(area[low].sum() / area.sum()) / (spread + NARROW) ** 2
+
+    return "y" if foot("y") > CLEARLY * foot("z") else "z"
+
+
+def stood(parts: Sorted, up: str) -> Sorted:
+    """Wood and leaves turned so that this axis points up."""
+    if up == "z":
+        return parts
+
+    def turned(pieces: Pieces) -> Pieces:
+        return replace(pieces, vertices=upright(pieces.vertices, up))
+
+    parted = None
+    if parts.parted is not None:
+        timber, foliage = parts.parted
+        parted = (turned(timber), None if foliage is None else turned(foliage))
+    leaves = None if parts.leaves is None else upright(parts.leaves, up)
+    return Sorted(upright(parts.wood, up), leaves, parts.said, parted)
+
+
+def upright(facets: np.ndarray, up: str) -> np.ndarray:
+    """Facets (T, 3, 3), or places (V, 3), turned so that this axis points up."""
+    return facets if up == "z" else np.asarray(facets @ UPRIGHT[up].T)
+
+
+def _kind_by_name(group: Group) -> str:
+    """Return what the material's name says, or else the object's; empty where neither says."""
+    for name in (group.material.lower(), group.name.lower()):
+        found = [
+            kind
+            for kind, words in (("leaves", LEAFY), ("wood", WOODY), ("other", OTHER))
+            if any(word in name for word in words)
+        ]
+        if found:
+            return found[0] if len(found) == 1 else ""
+    return ""
+
+
+def _gather(groups: Sequence[Group], kinds: Sequence[str], said: str) -> Sorted:
+    def of(kind: str) -> np.ndarray:
+        chosen = [g.facets for g, k in zip(groups, kinds, strict=True) if k == kind]
+        return np.concatenate(chosen or [np.empty((0, 3, 3))])
+
+    leaves = of("leaves")
+    return Sorted(of("wood"), leaves if len(leaves) else None, said)
+
+
+def _group_of_triangles(pieces: Pieces, facets: np.ndarray, owner: np.ndarray) -> np.ndarray:
+    """(T,) group of each triangle that was kept: that of the facet with the same middle."""
+    from scipy.spatial import cKDTree
+
+    middle = pieces.vertices[pieces.triangles].mean(axis=1)
+    return np.asarray(owner[cKDTree(facets.mean(axis=1)).query(middle)[1]])
+
+
+@dataclass(frozen=True)
+class Unit:
+    """Metres in one unit of a file, and what it is called."""
+
+    metres: float
+    name: str
+
+
+def infer_unit(height: float, leaf: float | None = None) -> Unit:
+    """Metres where a tree of this height, in file units, is then as high as trees are, else the likeliest
+    unit in which it is.
+
+    leaf : median length of a leaf, in file units.
+    """
+
+    def odds(name: str) -> float:
+        metres = UNITS[name]
+        far = (math.log(height * metres / USUAL_HEIGHT) / HEIGHT_SPREAD) ** 2
+        if leaf:
+            far += (math.log(leaf * metres / USUAL_LEAF) / LEAF_SPREAD) ** 2
+        return far
+
+    possible = [name for name in UNITS if LOWEST <= height * UNITS[name] <= HIGHEST]
+    name = "metres" if "metres" in possible else min(possible or ["metres"], key=odds)
+    return Unit(UNITS[name], name)

@@ -1,0 +1,355 @@
+"""Fronds of a palm: leaves so large that they are its branches.
+
+A trunk that bears no wood but long leaves is a palm's. Each frond gets a midrib, a thin tube along its
+centreline from the trunk's axis to its tip, which is its branch and bears it; so a palm is made of the
+same pieces as other trees.
+
+A tree recognised in facets: its trunk, what hangs on what, and which wood bears which leaf.
+
+Facets of wood and of leaves go in, in any unit, z up. They are parted into pieces (``pieces``), joined
+wood is cut at its forks (``sever``) and a palm's fronds become branches (``fronds``); the wood gets
+centrelines (``centreline``) and parents (``hierarchy``), every leaf its bearer. ``template`` cuts the
+tree along these lines; a picture of it can be drawn from them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..mesh.meshing import tube
+from .centreline import Centrelines, find_centrelines, find_contacts
+from .hierarchy import (
+    LEVEL,
+    STEM,
+    Hierarchy,
+    Known,
+    find_bearers,
+    find_parents,
+    find_trunk,
+    root,
+)
+from .pieces import Pieces, assemble, join_pieces, part
+from .sever import join_stacked, may_fork, sever
+
+LONG = 0.08  # heights of the trunk that a frond is long at least
+FEWEST = 3
+SLENDER = 0.004  # of a frond's length is its midrib's radius, at the trunk
+SIDES = 4
+MOST_LEAN = np.deg2rad(60.0)
+LOWER = 0.15  # share of the trunk's length, from its foot, that may stand upright for all
+FARTHEST_WOOD = 0.25  # heights of the tree between a piece and what it hangs on
+LARGEST_LEAF = 0.5  # extents of the wood; what is larger is foliage in one piece, and no leaf
+FLOATING = 0.01  # heights between a piece and what it hangs on, above which that is a guess
+FLOATING_LEAF = 0.05  # extents of the wood between it and a leaf, likewise
+FARTHEST_LEAVES = 0.5  # extents of the wood between it and half of the leaves
+
+
+def are_fronds(trunk: Centrelines, leaves: Pieces) -> bool:
+    """Return whether the leaves are so long that they are a palm's fronds."""
+    if leaves.count < FEWEST:
+        return False
+    low, high = np.full((leaves.count, 3), np.inf), np.full((leaves.count, 3), -np.inf)
+    np.minimum.at(low, leaves.piece_of_vertex, leaves.vertices)
+    np.maximum.at(high, leaves.piece_of_vertex, leaves.vertices)
+    long = float(np.median(np.linalg.norm(high - low, axis=1)))
+    return long >= LONG * float(trunk.length().max())
+
+
+def draw_midribs(
+    timber: Pieces, lines: Centrelines, leaves: Pieces
+) -> tuple[Pieces, Centrelines, Known]:
+    """The trunk and a midrib for each frond, in their order; their lines, and that they hang on it."""
+    fronds = find_centrelines(leaves)
+    ends = fronds.ends()
+    touch = find_contacts(lines, np.array([0]), ends.reshape(-1, 3))
+    gap = touch.gap.reshape(-1, 2)
+    foot_end = np.argmin(gap, axis=1)
+    row = np.arange(leaves.count)
+    along = touch.along.reshape(-1, 2)[row, foot_end]
+    foot = np.stack([np.interp(along, lines.along, x) for x in lines.knot.T], axis=1)
+    thick = touch.radius.reshape(-1, 2)[row, foot_end]
+    vertices, triangles, piece, count = [], [], [], 0
+    for number in range(leaves.count):
+        knots = fronds.knot[fronds.first[number] : fronds.first[number + 1]]
+        knots = knots[::-1] if foot_end[number] else knots
+        knots = _smooth(np.concatenate([foot[number : number + 1], knots]))
+        step = np.linalg.norm(np.diff(knots, axis=0), axis=1)
+        knots = knots[np.concatenate([[True], step > 1e-9 * step.sum()])]
+        radius = SLENDER * float(step.sum()) * np.linspace(1.0, 0.25, len(knots))
+        corners, facets = tube(knots, radius, SIDES)
+        vertices.append(corners)
+        triangles.append(facets.astype(np.int64) + count)
+        piece.append(np.full(len(facets), number))
+        count += len(corners)
+    midribs = assemble(
+        np.concatenate(vertices), np.concatenate(triangles), np.concatenate(piece), drawn=0
+    )
+    whole = join_pieces(timber, midribs)
+    known = Known(
+        np.concatenate([[-1], np.zeros(leaves.count, dtype=np.int64)]),
+        np.concatenate([np.zeros((1, 3)), foot]),
+        np.concatenate([[0.0], thick]),
+    )
+    return whole, find_centrelines(whole), known
+
+
+def _smooth(knots: np.ndarray) -> np.ndarray:
+    """A course through knots that lie now on one half of a flat frond, now on the other."""
+    for _ in range(min(len(knots) // 2, 12)):
+        knots[1:-1] = (knots[:-2] + 2 * knots[1:-1] + knots[2:]) / 4
+    return knots
+
+
+class TemplateError(ValueError):
+    """Facets that are no tree to take templates from: one sentence with what and what to do.
+
+    places : (N, 3) where, in the units and axes of the facets; none if it is not about a place.
+    """
+
+    def __init__(self, sentence: str, places: np.ndarray | None = None) -> None:
+        super().__init__(sentence)
+        self.places = np.empty((0, 3)) if places is None else np.reshape(places, (-1, 3))
+
+
+class LeanError(TemplateError):
+    """Error: the piece that looks like the trunk lies down; perhaps another axis points up."""
+
+
+@dataclass(frozen=True)
+class Doubt:
+    """Doubt about what was recognised: a sentence, and the (N, 3) places where."""
+
+    sentence: str
+    places: np.ndarray
+
+
+@dataclass(frozen=True)
+class Recognition:
+    """Result of the recognition, in the units of the facets: C pieces of wood and L leaves.
+
+    wood : the pieces of wood; ``wood.piece`` is the piece of each triangle.
+    lines : their centrelines.
+    hierarchy : trunk, parent and first-level branch of each piece.
+    leaves : the leaves, as pieces; ``leaves.piece`` is the leaf of each triangle.
+    bearer : (L,) int64, the piece of wood that bears each leaf.
+    doubts : what may be wrong, and where.
+    fronds : whether the leaves are a palm's fronds, on midribs that were drawn through them.
+    """
+
+    wood: Pieces
+    lines: Centrelines
+    hierarchy: Hierarchy
+    leaves: Pieces
+    bearer: np.ndarray
+    doubts: tuple[Doubt, ...] = ()
+    fronds: bool = False
+
+    @property
+    def trunk(self) -> int:
+        """The piece that is the trunk."""
+        return self.hierarchy.trunk
+
+    @property
+    def parent(self) -> np.ndarray:
+        """(C,) the piece that each one hangs on, -1 for the trunk and stems that stand apart from it."""
+        return self.hierarchy.parent
+
+    @property
+    def branch(self) -> np.ndarray:
+        """(C,) the first-level branch that each piece belongs to, -1 for the trunk."""
+        return self.hierarchy.branch
+
+    @property
+    def firsts(self) -> np.ndarray:
+        """First-level branches, stems that stand apart from the trunk among them."""
+        return np.flatnonzero(self.branch == np.arange(len(self.branch)))
+
+    @property
+    def foot(self) -> np.ndarray:
+        """(C, 3) middle of the end at which each piece hangs."""
+        return self._of_end(self.lines.ends(), self.hierarchy.foot_end)
+
+    @property
+    def tip(self) -> np.ndarray:
+        """(C, 3) middle of the other end."""
+        return self._of_end(self.lines.ends(), 1 - self.hierarchy.foot_end)
+
+    @property
+    def radius(self) -> np.ndarray:
+        """(C,) radius at the foot."""
+        return self._of_end(self.lines.end_radius, self.hierarchy.foot_end)
+
+    @property
+    def origin(self) -> np.ndarray:
+        """(3,) where the tree stands: the middle of the trunk's foot, as low as the trunk reaches."""
+        lowest = self.wood.vertices[self.wood.piece_of_vertex == self.trunk, 2].min()
+        return np.array([*self.foot[self.trunk, :2], lowest])
+
+    @property
+    def stems(self) -> np.ndarray:
+        """Pieces that stand on the ground as the trunk does, itself first: several in a bush."""
+        level = LEVEL * np.ptp(self.wood.vertices[:, 2]) + self.radius[self.trunk]
+        beside = self.foot[:, 2] <= self.foot[self.trunk, 2] + level
+        beside &= (self.parent == self.trunk) | (self.parent < 0)
+        beside &= (np.arange(len(beside)) != self.trunk) & (self.tip[:, 2] > self.foot[:, 2])
+        beside &= self.radius >= STEM * self.radius[self.trunk]
+        return np.concatenate([[self.trunk], np.flatnonzero(beside)])
+
+    @staticmethod
+    def _of_end(values: np.ndarray, end: np.ndarray) -> np.ndarray:
+        return np.asarray(values[np.arange(len(end)), end])
+
+
+def recognise(wood: np.ndarray, leaves: np.ndarray | None = None) -> Recognition:
+    """Recognise a tree in facets (T, 3, 3) of its wood and of its leaves.
+
+    Raises
+    ------
+    TemplateError : there is no trunk with branches, or the leaves cannot be told apart.
+    """
+    bare = leaves is None or not len(leaves)
+    foliage = None if bare else _pieces_of(leaves, "leaves")
+    return recognise_pieces(_pieces_of(wood, "wood"), foliage)
+
+
+def recognise_pieces(timber: Pieces, foliage: Pieces | None = None) -> Recognition:
+    """As ``recognise``, of wood and leaves that are in pieces already."""
+    bare = foliage is None
+    foliage = part(np.empty((0, 3, 3))) if foliage is None else foliage
+    timber, lines, known, together = _cut_at_forks(timber)
+    fronds = timber.count == 1 and are_fronds(lines, foliage)
+    if fronds:
+        timber, lines, known = draw_midribs(timber, lines, foliage)
+    if timber.count == 1:
+        raise TemplateError(
+            "the wood is one piece without a fork, so there are no branches to grow from; bring trunk "
+            "and branches, joined or as separate parts.",
+            lines.ends()[0],
+        )
+    trunk = find_trunk(timber, lines, known.mother < 0)
+    hierarchy = find_parents(lines, trunk, root(lines, trunk, known))
+    found = Recognition(timber, lines, hierarchy, foliage, np.empty(0, dtype=np.int64))
+    _check_one_tree(found)
+    doubts = _doubts_about_wood(found, together)
+    if bare:
+        return replace(found, doubts=doubts)
+    if fronds:
+        return replace(found, bearer=1 + np.arange(foliage.count), doubts=doubts, fronds=True)
+    bearer, gap = find_bearers(lines, foliage)
+    _check_leaves(foliage, gap, extent=float(np.ptp(timber.vertices, axis=0).max()))
+    return replace(found, bearer=bearer, doubts=doubts + _doubts_about_leaves(found, gap))
+
+
+def _cut_at_forks(timber: Pieces) -> tuple[Pieces, Centrelines, Known, np.ndarray]:
+    """Pieces none of which forks, their lines, what is known of those that were joined, and (N, 3)
+    places where branches have grown into one another.
+    """
+    lines = None
+    joined = np.ones(1, dtype=bool)
+    if timber.count > 1:
+        lines = find_centrelines(timber)
+        whole = join_stacked(timber, lines)
+        if whole is not timber:
+            timber, lines = whole, find_centrelines(whole)
+        joined = may_fork(timber, lines)
+    if joined.any():
+        cut = sever(timber, joined)
+        if cut.pieces.count > timber.count:
+            return cut.pieces, find_centrelines(cut.pieces), cut.known, cut.grown_together
+    lines = find_centrelines(timber) if lines is None else lines
+    return timber, lines, Known.nothing(timber.count), np.empty((0, 3))
+
+
+def checked_facets(facets: np.ndarray | None, what: str) -> np.ndarray:
+    """Facets as (T, 3, 3) float64; ``TemplateError`` if they are anything else."""
+    corners = np.asarray(facets, dtype=np.float64)
+    if corners.ndim != 3 or corners.shape[1:] != (3, 3) or not np.isfinite(corners).all():
+        raise TemplateError(f"the facets of the {what} must be finite numbers of shape (T, 3, 3).")
+    return corners
+
+
+def _pieces_of(facets: np.ndarray | None, what: str) -> Pieces:
+    pieces = part(checked_facets(facets, what))
+    if not pieces.count:
+        raise TemplateError(f"there is no facet with an area in the {what}; export the mesh again.")
+    return pieces
+
+
+def _doubts_about_wood(found: Recognition, together: np.ndarray) -> tuple[Doubt, ...]:
+    doubts = []
+    gap, length = found.hierarchy.gap, found.lines.length()
+    floats = gap > np.maximum(FLOATING * float(np.ptp(found.wood.vertices[:, 2])), found.radius)
+    if floats.any():
+        doubts.append(
+            Doubt(
+                f"{np.count_nonzero(floats):,} pieces of wood ({length[floats].sum() / length.sum():.1%} of "
+                "its length) touch nothing and were hung on what is nearest.",
+                found.foot[floats],
+            )
+        )
+    if len(together):
+        doubts.append(
+            Doubt(
+                f"branches have grown into one another at about {len(together):,} places, where one "
+                "may be taken for the other.",
+                together,
+            )
+        )
+    return tuple(doubts)
+
+
+def _doubts_about_leaves(found: Recognition, gap: np.ndarray) -> tuple[Doubt, ...]:
+    far = gap > FLOATING_LEAF * float(np.ptp(found.wood.vertices, axis=0).max())
+    if not far.any():
+        return ()
+    leaves = found.leaves
+    size = np.bincount(leaves.piece_of_vertex, minlength=leaves.count)
+    total = [np.bincount(leaves.piece_of_vertex, x, leaves.count) for x in leaves.vertices.T]
+    middle = np.stack(total, axis=1) / size[:, None]
+    sentence = f"{np.count_nonzero(far):,} leaves are far from all wood."
+    return (Doubt(sentence, middle[far]),)
+
+
+def _check_one_tree(found: Recognition) -> None:
+    knots = slice(found.lines.first[found.trunk], found.lines.first[found.trunk + 1])
+    knot, along = found.lines.knot[knots], found.lines.along[knots]
+    low = LOWER * along[-1]
+    low = along[-1] - low if found.hierarchy.foot_end[found.trunk] == 1 else low
+    lower = np.array([np.interp(low, along, x) for x in knot.T])
+    leans = []  # of all of it, and of its lower part: it may end as a limb
+    for axis in (found.tip[found.trunk] - found.foot[found.trunk], lower - found.foot[found.trunk]):
+        leans.append(float(np.arctan2(np.hypot(axis[0], axis[1]), axis[2])))
+    lean = min(leans)
+    if lean > MOST_LEAN:
+        raise LeanError(
+            f"what looks like the trunk leans {np.rad2deg(lean):.0f}° from the z axis; export the tree "
+            "with z up, and without ground or other objects.",
+            np.stack([found.foot[found.trunk], found.tip[found.trunk]]),
+        )
+    height = float(np.ptp(found.wood.vertices[:, 2]))
+    if found.hierarchy.gap.max() > FARTHEST_WOOD * height:
+        raise TemplateError(
+            "some of the wood lies far from the rest; export one tree alone, without other objects.",
+            found.foot[found.hierarchy.gap > FARTHEST_WOOD * height],
+        )
+
+
+def _check_leaves(leaves: Pieces, gap: np.ndarray, extent: float) -> None:
+    if np.median(gap) > FARTHEST_LEAVES * extent:
+        raise TemplateError(
+            "the leaves lie far from the wood; export both from the same scene, with the same units "
+            "and origin.",
+            leaves.vertices[:: max(1, len(leaves.vertices) // 20)],
+        )
+    low, high = np.full((leaves.count, 3), np.inf), np.full((leaves.count, 3), -np.inf)
+    np.minimum.at(low, leaves.piece_of_vertex, leaves.vertices)
+    np.maximum.at(high, leaves.piece_of_vertex, leaves.vertices)
+    largest = float((high - low).max())
+    if largest > LARGEST_LEAF * extent:
+        raise TemplateError(
+            f"one leaf is {largest / extent:.0%} as large as the tree, so leaves seem to hang together "
+            "along edges; separate them before you export them.",
+            ((high + low) / 2)[np.argmax((high - low).max(axis=1))],
+        )

@@ -1,0 +1,491 @@
+r"""The mesh of a tree whose branches have been laid: pieces bent along their courses, leaves hung on them.
+
+A vertex v = p + q, with p on the line of its piece, goes to p' + A q: p' is as far along the line as it is
+laid, A the weighted mean of F' D Fᵀ over its own stretch and the nearer next, with the frames F in the
+template and F' where they are laid, and scales D = diag(girth, ±girth, length) (-1: mirrored). Where
+nothing is bent that is exact, and what hangs on the line hangs on the mesh, however it is bent.
+Leaves are moved as they are, whatever their branch
+is scaled by; a longer branch bears more of them.
+
+Measures of how a sibling stands: lean of its trunks, its lowest corner, and seats of its branches.
+
+The string of a tree of a fitted grammar, in the notation of ABOP, as far as it has been rewritten.
+
+After 0 generations it is the letter of the trunk, A(class, length, diameter). Each generation rewrites
+every such letter into the axis that it stands for, with the letters of its children in brackets; the last
+sets the leaves. ``\``, ``&`` and ``\`` bring the turtle into a child's frame (the angles of Euler, as
+z, x, z), ``f`` takes it from the parent's axis to the child's foot.
+
+The turtle's left, up and heading are N, B and T of ``courses``; it starts upright.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ...base.rng import daughter_keys, keyed_normal, keyed_uniform
+from ...base.trimesh import TriMesh, join
+from ...base.vectors import cross_rows, zenith_of
+from ..mesh.leaves import Leaves
+from ..skeleton import Skeleton
+from .anatomy import GROUND, Anatomy
+from .habit import Habit
+from .lines import Seats, seat_at, seats_on, share_of, stand_on
+from .sibling import Grown
+
+LEAF_SIZE = 0.10  # relative spread
+LEAF_TURN = np.deg2rad(12.0)
+LEAF_SHIFT = 0.3  # of the distance from leaf to leaf along the branch
+BLOCK = 1 << 17  # vertices that are moved at once
+Hung = tuple[int, float, str]  # stretch of the axis, how far along it, text
+LEAST = 1e-7  # metres and degrees that are left out
+FULL_TURN = 360.0
+
+
+@dataclass(frozen=True)
+class Outline:
+    """A tree as its wood in segments, the truth of its leaves, and its height in metres."""
+
+    skeleton: Skeleton
+    leaves: Leaves
+    height: float
+
+
+@dataclass(frozen=True)
+class HungLeaves:
+    """L leaves of a tree: leaf of the template, branch, seat on it, size, turn about the branch."""
+
+    source: np.ndarray
+    branch: np.ndarray
+    seat: Seats
+    share: np.ndarray
+    size: np.ndarray
+    turn: np.ndarray
+
+
+def mesh_of(anatomy: Anatomy, grown: Grown, variety: float) -> tuple[TriMesh, Leaves, np.ndarray]:
+    """Wood and leaves of a tree in one mesh, the truth of the leaves, and (L, 3) where they hang."""
+    wood = _wood(anatomy, grown)
+    leaves, truth, foot = _leaves(anatomy, grown, hang_leaves(anatomy, grown, variety), variety > 0)
+    return join([wood, leaves]), truth, foot
+
+
+def farthest_off(anatomy: Anatomy, grown: Grown) -> float:
+    """The largest distance between a vertex and where it was in the template, metres."""
+    wood, leaves = anatomy.wood.stock, anatomy.foliage.stock
+    vertex, owner, _ = wood.vertices.copy(grown.piece)
+    knot = anatomy.lines.first[grown.piece[owner]] + anatomy.wood.stretch[vertex]
+    knot += grown.piece[owner]
+    start, end = anatomy.lines.knot[knot], anatomy.lines.knot[knot + 1]
+    was = start + anatomy.wood.part[vertex][:, None] * (end - start) + wood.place[vertex]
+    moved = _wood(anatomy, grown).vertices - was
+    hung = hang_leaves(anatomy, grown, 0.0)
+    vertex, leaf, _ = leaves.vertices.copy(hung.source)
+    was = leaves.place[vertex] + anatomy.foliage.foot[hung.source][leaf]
+    fell = _leaves(anatomy, grown, hung, False)[0].vertices - was
+    every = np.concatenate([moved, fell])
+    return float(np.sqrt(np.einsum("vi,vi->v", every, every).max(initial=0.0)))
+
+
+def skeleton_of_grown(grown: Grown) -> Skeleton:
+    """All wood of a tree as segments, the trunk's first."""
+    lines = grown.lines
+    line = lines.line
+    knot = np.arange(len(lines.length)) + line
+    inner = np.arange(len(lines.length)) > lines.first[line]
+    mother = np.maximum(grown.mother, 0)
+    seat, _ = seat_at(lines, mother, grown.share)
+    foot = np.where(grown.mother < 0, -1, lines.first[mother] + seat)
+    parent = np.where(inner, np.arange(len(line)) - 1, foot[line])
+    generation = np.zeros(len(line), np.int64)
+    below = np.zeros(len(grown.piece), np.int64)  # of the foot of each branch
+    for order in range(int(grown.order.max(initial=0)) + 1):
+        mine = np.flatnonzero(grown.order == order)
+        if order:
+            below[mine] = generation[foot[mine]] + 1
+        rows = np.flatnonzero(grown.order[line] == order)
+        generation[rows] = below[line[rows]] + rows - lines.first[line[rows]]
+    return Skeleton(
+        start=lines.knot[knot],
+        end=lines.knot[knot + 1],
+        radius=np.stack([lines.radius[knot], lines.radius[knot + 1]], axis=1),
+        parent=parent,
+        order=grown.order[line],
+        generation=generation,
+    )
+
+
+def first_levels(grown: Grown) -> np.ndarray:
+    """(B,) number of the first-level branch that each branch belongs to, -1 for trunks."""
+    number = np.full(len(grown.piece), -1)
+    firsts = np.flatnonzero(grown.order == 1)
+    number[firsts] = np.arange(len(firsts))
+    for order in range(2, int(grown.order.max(initial=0)) + 1):
+        mine = np.flatnonzero(grown.order == order)
+        number[mine] = number[grown.mother[mine]]
+    return number
+
+
+def _wood(anatomy: Anatomy, grown: Grown) -> TriMesh:
+    wood, lines = anatomy.wood, grown.lines
+    mesh, vertex, owner, of_triangle = wood.stock.copy(grown.piece, grown.sign < 0)
+    knot = np.arange(len(lines.length)) + lines.line
+    start, way = lines.knot[knot], lines.knot[knot + 1] - lines.knot[knot]
+    matrix = _turns_of_stretches(anatomy, grown)
+    after = np.minimum(np.arange(len(matrix)) + 1, (lines.first[1:] - 1)[lines.line])
+    columns = [
+        np.ascontiguousarray(held.T) for held in (matrix, matrix[after] - matrix, start, way)
+    ]
+    place = np.empty((len(vertex), 3))
+    for begin in range(0, len(vertex), BLOCK):
+        rows = slice(begin, begin + BLOCK)
+        of, first = vertex[rows], lines.first[owner[rows]]
+        on, bone = first + wood.stretch[of], first + wood.bone[of]
+        place[rows] = _carried(
+            columns, wood.stock.place[of], on, wood.part[of], bone, wood.weight[of]
+        )
+    return replace(mesh, vertices=place, order=grown.order.astype(np.int8)[of_triangle])
+
+
+def _turns_of_stretches(anatomy: Anatomy, grown: Grown) -> np.ndarray:
+    """(S, 9) by stretch, how what is around it is turned and scaled."""
+    old, new = anatomy.lines, grown.lines
+    scales = np.stack(
+        [grown.girth, grown.girth * grown.sign[new.line], grown.scale[new.line]], axis=1
+    )
+    matrix = (new.frame * scales[:, None]) @ np.swapaxes(old.frame[grown.source], 1, 2)
+    return np.asarray(matrix.reshape(-1, 9))
+
+
+def _carried(
+    columns: list[np.ndarray],
+    place: np.ndarray,
+    on: np.ndarray,
+    part: np.ndarray,
+    bone: np.ndarray,
+    weight: np.ndarray,
+) -> np.ndarray:
+    """(V, 3) places of vertices seen from their lines (V, 3), by column for speed."""
+    matrix, onward, start, way = columns
+    moved = np.empty_like(place)
+    offset = np.ascontiguousarray(place.T)
+    for axis in range(3):
+        total = way[axis][on]
+        total *= part
+        total += start[axis][on]
+        for k, value in enumerate(offset):
+            held = onward[3 * axis + k][bone]
+            held *= weight
+            held += matrix[3 * axis + k][bone]
+            held *= value
+            total += held
+        moved[:, axis] = total
+    return moved
+
+
+def hang_leaves(anatomy: Anatomy, grown: Grown, variety: float) -> HungLeaves:
+    """The leaves of all branches: as many times those of their pieces as they are longer."""
+    foliage, lines = anatomy.foliage, anatomy.lines
+    row, branch, _ = foliage.of_piece.copy(grown.piece)
+    rank = row - foliage.of_piece.first[grown.piece[branch]]
+    key = daughter_keys(daughter_keys(grown.key[branch], "leaf"), rank)
+    times = np.floor(grown.scale[branch] + keyed_uniform(key, "times"))
+    times = np.where(grown.scale[branch] == 1, 1, times).astype(np.int64)
+    which = np.repeat(np.arange(len(row)), times)
+    copy = np.arange(len(which)) - np.repeat(np.cumsum(times) - times, times)
+    row, branch, key = row[which], branch[which], key[which]
+    key = np.where(copy > 0, daughter_keys(key, copy), key)
+
+    seat = foliage.seat.take(row)
+    piece = grown.piece[branch]
+    share = share_of(lines, piece, seat)
+    each = 1.0 / np.maximum(foliage.of_piece.size[piece], 1)
+    shift = variety * LEAF_SHIFT * (2 * keyed_uniform(key, "shift") - 1)
+    shift = np.where(copy > 0, keyed_uniform(key, "further") - 0.5, shift) * each
+    moved = np.flatnonzero((shift != 0) & (share < 1) & (share > 0))  # at a tip it stays
+    share[moved] = np.clip(share[moved] + shift[moved], 0.0, 1.0)
+    stretch, part = seat_at(lines, piece[moved], share[moved])
+    seat.stretch[moved], seat.part[moved] = stretch, part
+    turn = variety * LEAF_TURN * keyed_normal(key, "turn")
+    turn = np.where(copy > 0, np.pi * (0.4 + 1.2 * keyed_uniform(key, "turn")), turn)
+    size = 1 + variety * LEAF_SIZE * np.clip(keyed_normal(key, "size"), -2, 2)
+    return HungLeaves(row, branch, seat, share, size, turn)
+
+
+def outline_of(anatomy: Anatomy, grown: Grown, variety: float) -> Outline:
+    """A tree without its mesh: all that a portrait is drawn from."""
+    hung = hang_leaves(anatomy, grown, variety)
+    foot, matrix = feet_of_leaves(anatomy, grown, hung, variety > 0)
+    truth = _truth(anatomy, grown, hung, foot, matrix * hung.size[:, None, None])
+    highest = grown.lines.knot[:, 2].max(initial=0.0)
+    highest = max(highest, (truth.centre[:, 2]).max(initial=0.0))
+    return Outline(skeleton_of_grown(grown), truth, float(highest))
+
+
+def _leaves(
+    anatomy: Anatomy, grown: Grown, hung: HungLeaves, varied: bool
+) -> tuple[TriMesh, Leaves, np.ndarray]:
+    foliage = anatomy.foliage
+    source, branch = hung.source, hung.branch
+    foot, matrix = feet_of_leaves(anatomy, grown, hung, varied)
+    matrix = matrix * hung.size[:, None, None]
+    mesh, vertex, leaf, of_triangle = foliage.stock.copy(source, grown.sign[branch] < 0)
+    mesh.leaf[:] = of_triangle
+    mesh = replace(
+        mesh,
+        vertices=_hung(matrix, foot, leaf, foliage.stock.place[vertex]),
+        order=grown.order.astype(np.int8)[branch][of_triangle],
+    )
+    return mesh, _truth(anatomy, grown, hung, foot, matrix), foot
+
+
+def _truth(
+    anatomy: Anatomy, grown: Grown, hung: HungLeaves, foot: np.ndarray, matrix: np.ndarray
+) -> Leaves:
+    """The measures of hung leaves, from where they hang and how they are turned and scaled."""
+    foliage, source = anatomy.foliage, hung.source
+    own = foliage.truth
+    turn = matrix / hung.size[:, None, None]
+    return Leaves(
+        centre=foot + np.einsum("nij,nj->ni", matrix, (own.centre - foliage.foot)[source]),
+        normal=np.einsum("nij,nj->ni", turn, own.normal[source]),
+        axis=np.einsum("nij,nj->ni", turn, own.axis[source]),
+        length=own.length[source] * hung.size,
+        width=own.width[source] * hung.size,
+        radius=own.radius[source] * hung.size,
+        branch=first_levels(grown)[hung.branch].astype(np.int32),
+    )
+
+
+def _hung(matrix: np.ndarray, foot: np.ndarray, leaf: np.ndarray, place: np.ndarray) -> np.ndarray:
+    """(V, 3) corners of leaves, turned as their leaf is and moved to its foot."""
+    x, y, z = np.ascontiguousarray(place.T)
+    moved = np.empty_like(place)
+    for axis in range(3):
+        total = np.ascontiguousarray(foot[:, axis])[leaf]
+        for k, value in enumerate((x, y, z)):
+            total += np.ascontiguousarray(matrix[:, axis, k])[leaf] * value
+        moved[:, axis] = total
+    return moved
+
+
+def feet_of_leaves(
+    anatomy: Anatomy, grown: Grown, hung: HungLeaves, varied: bool
+) -> tuple[np.ndarray, np.ndarray]:
+    """(L, 3) where leaves hang, and (L, 3, 3) how each is turned from its template.
+
+    varied : whether branches are bent otherwise than in the template.
+
+    A leaf keeps its distance to the bark, and inside the wood its share of the radius.
+    """
+    foliage, lines = anatomy.foliage, anatomy.lines
+    own = foliage.seat.take(hung.source)
+    _, was, thick = stand_on(lines, foliage.bearer[hung.source], own)
+    place, frame, thickness = stand_on(grown.lines, hung.branch, hung.seat)
+    thick = np.maximum(thick, np.finfo(float).tiny)
+    outside = own.away > thick
+    away = np.where(outside, own.away + (thickness - thick), own.away / thick * thickness)
+    sign = grown.sign[hung.branch]
+    around = sign * own.aside + hung.turn
+    foot = place + (away * np.cos(around))[:, None] * frame[:, :, 0]
+    foot += (away * np.sin(around))[:, None] * frame[:, :, 1]
+    foot += own.along[:, None] * frame[:, :, 2]
+    # Turned about the branch by ``turn``, mirrored across B.
+    cos, sin = np.cos(hung.turn), np.sin(hung.turn)
+    turned = np.empty_like(frame)
+    turned[:, :, 0] = cos[:, None] * frame[:, :, 0] + sin[:, None] * frame[:, :, 1]
+    turned[:, :, 1] = sign[:, None] * (
+        -sin[:, None] * frame[:, :, 0] + cos[:, None] * frame[:, :, 1]
+    )
+    turned[:, :, 2] = frame[:, :, 2]
+    matrix = turned @ np.swapaxes(was, 1, 2)
+    if varied:
+        matrix = _facing(matrix, foliage.truth.normal[hung.source])
+    return foot, matrix
+
+
+def _facing(matrix: np.ndarray, normal: np.ndarray) -> np.ndarray:
+    """(L, 3, 3) turned by the least turn that gives each leaf the inclination of its template.
+
+    A leaf keeps to the light whatever way its branch is bent.
+    """
+    now = np.einsum("nij,nj->ni", matrix, normal)
+    flat = np.hypot(now[:, 0], now[:, 1])
+    some = flat > 1e-9
+    level = np.hypot(normal[:, 0], normal[:, 1]) / np.where(some, flat, 1.0)
+    to = np.stack([now[:, 0] * level, now[:, 1] * level, normal[:, 2]], axis=1)
+    to[~some] = now[~some]
+    axis, cosine = cross_rows(now, to), np.einsum("ni,ni->n", now, to)
+    cross = np.zeros((len(now), 3, 3))
+    cross[:, 0, 1], cross[:, 0, 2], cross[:, 1, 2] = -axis[:, 2], axis[:, 1], -axis[:, 0]
+    cross -= np.swapaxes(cross, 1, 2)
+    turn = np.eye(3) + cross + cross @ cross / np.maximum(1 + cosine, 1e-9)[:, None, None]
+    return np.asarray(turn @ matrix)
+
+
+@dataclass(frozen=True)
+class SiblingStanding:
+    """Measures of one tree.
+
+    lean : radians between the vertical and the way from foot to tip of the trunk that leans most.
+    gap : metres from the foot of a branch to its parent's wood, at most; 0 within.
+    thicker : radius of a branch at its foot over its parent's there, at most.
+    """
+
+    lean: float
+    gap: float
+    thicker: float
+
+
+def standing_of(grown: Grown) -> SiblingStanding:
+    """The measures of a grown tree."""
+    lines, knots = grown.lines, grown.lines.first + np.arange(len(grown.lines.first))
+    feet, tips = lines.knot[knots[:-1]], lines.knot[knots[1:] - 1]
+    way = (tips - feet)[grown.order == 0]
+    lean = zenith_of(way).max()
+    borne = np.flatnonzero(grown.mother >= 0)
+    if not len(borne):
+        return SiblingStanding(float(lean), 0.0, 0.0)
+    seat = seats_on(lines, grown.mother[borne], feet[borne])
+    _, _, thick = stand_on(lines, grown.mother[borne], seat)
+    gap = np.hypot(seat.away, seat.along) - thick
+    thicker = lines.radius[knots[:-1]][borne] / np.maximum(thick, np.finfo(float).tiny)
+    return SiblingStanding(float(lean), max(float(gap.max()), 0.0), float(thicker.max()))
+
+
+def lowest_corner(anatomy: Anatomy, grown: Grown, variety: float) -> float:
+    """Metres above the ground of the lowest vertex of a grown tree's mesh."""
+    return float(mesh_of(anatomy, grown, variety)[0].vertices[:, 2].min())
+
+
+def write_string(habit: Habit, grown: Grown, variety: float, generations: int) -> str:
+    """The string after so many generations; one more than the deepest order has the leaves too."""
+    parts: dict[int, list[Hung]] = {}
+    orders = int(grown.order.max(initial=0)) + 1
+    if generations > orders:
+        for branch, hung in _hung_texts(habit.anatomy, grown, variety):
+            parts.setdefault(branch, []).append(hung)
+    seat = _seats(grown)
+    for branch in range(len(grown.piece) - 1, -1, -1):  # children come after their parents
+        order = int(grown.order[branch])
+        if order > generations:
+            continue
+        own = parts.pop(branch, [])
+        text = _axis(grown, branch, own) if order < generations else _letter(habit, grown, branch)
+        mother = int(grown.mother[branch])
+        way = _way_to(grown, branch, seat)
+        opened = f"[{way}{text}]" if mother >= 0 or (grown.mother < 0).sum() > 1 else way + text
+        where = int(seat[0][branch]), float(seat[1][branch])
+        parts.setdefault(mother, []).append((*where, opened))
+    return "".join(text for _, _, text in parts.get(-1, []))
+
+
+def generations_of(habit: Habit) -> int:
+    """Return how often a string is rewritten until the leaves are set."""
+    return int(habit.anatomy.order.max(initial=0)) + 2
+
+
+def _axis(grown: Grown, branch: int, hanging: list[Hung]) -> str:
+    """The steps of an axis with what hangs on it."""
+    lines = grown.lines
+    rows = range(int(lines.first[branch]), int(lines.first[branch + 1]))
+    hanging = sorted(hanging, key=lambda hung: hung[:2])
+    out, next_one = [], 0
+    for number, row in enumerate(rows):
+        out.append(_turned(lines.frame[row - 1].T @ lines.frame[row]) if number else "")
+        knot = row + branch
+        out.append(f"!({lines.radius[knot] + lines.radius[knot + 1]:.6g})")
+        at = 0.0
+        while next_one < len(hanging) and hanging[next_one][0] == number:
+            part = hanging[next_one][1]
+            out += [_step("F", (part - at) * lines.length[row]), hanging[next_one][2]]
+            at, next_one = part, next_one + 1
+        out.append(_step("F", (1.0 - at) * lines.length[row]))
+    return "".join(out)
+
+
+def _letter(habit: Habit, grown: Grown, branch: int) -> str:
+    lines = grown.lines
+    reach = lines.length[lines.first[branch] : lines.first[branch + 1]].sum()
+    letter = chr(ord("A") + min(int(grown.order[branch]), 20))
+    diameter = 2 * lines.radius[lines.first[branch] + branch]
+    return f"{letter}({habit.kind[grown.piece[branch]]},{reach:.6g},{diameter:.6g})"
+
+
+def _seats(grown: Grown) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Of every branch on its parent: stretch and part, and (B, 3) from her axis to its foot in her frame."""
+    lines = grown.lines
+    foot = lines.knot[lines.first[:-1] + np.arange(len(grown.piece))]
+    borne = np.flatnonzero(grown.mother >= 0)
+    found = seats_on(lines, grown.mother[borne], foot[borne])
+    stretch, part = np.zeros(len(foot), np.int64), np.zeros(len(foot))
+    stretch[borne], part[borne] = found.stretch, found.part
+    off = foot.copy()  # on the ground, in its frame
+    off[borne] = np.stack(
+        [found.away * np.cos(found.aside), found.away * np.sin(found.aside), found.along], axis=1
+    )
+    return stretch, part, off
+
+
+def _way_to(grown: Grown, branch: int, seat: tuple[np.ndarray, np.ndarray, np.ndarray]) -> str:
+    """Return how the turtle gets from her parent's axis into a branch's frame."""
+    mother = int(grown.mother[branch])
+    stretch, off = seat[0][branch], seat[2][branch]
+    frame = GROUND if mother < 0 else grown.lines.frame[grown.lines.first[mother] + stretch]
+    start = grown.lines.frame[grown.lines.first[branch]]
+    return _moved(off) + _turned(frame.T @ start)
+
+
+def _hung_texts(anatomy: Anatomy, grown: Grown, variety: float) -> Iterator[tuple[int, Hung]]:
+    """The branch of every leaf, and how it hangs there."""
+    hung = hang_leaves(anatomy, grown, variety)
+    foot, matrix = feet_of_leaves(anatomy, grown, hung, variety > 0)
+    own = anatomy.foliage.truth
+    heading = np.einsum("nij,nj->ni", matrix, own.axis[hung.source])
+    outward = np.einsum("nij,nj->ni", matrix, (own.centre - anatomy.foliage.foot)[hung.source])
+    heading *= np.where(np.einsum("ni,ni->n", heading, outward) < 0, -1.0, 1.0)[:, None]
+    up = np.einsum("nij,nj->ni", matrix, own.normal[hung.source])
+    frame = np.stack([np.cross(up, heading), up, heading], axis=2)
+    line = hung.branch
+    bearer = grown.lines.frame[grown.lines.first[line] + hung.seat.stretch]
+    knot = grown.lines.first[line] + hung.seat.stretch + line
+    start, end = grown.lines.knot[knot], grown.lines.knot[knot + 1]
+    off = foot - start - hung.seat.part[:, None] * (end - start)
+    off = np.einsum("nij,ni->nj", bearer, off)
+    for row in range(len(line)):
+        size = f"~({own.length[hung.source[row]] * hung.size[row]:.6g},"
+        size += f"{own.width[hung.source[row]] * hung.size[row]:.6g})"
+        text = f"[{_moved(off[row])}{_turned(bearer[row].T @ frame[row])}{size}]"
+        yield int(line[row]), (int(hung.seat.stretch[row]), float(hung.seat.part[row]), text)
+
+
+def _moved(off: np.ndarray) -> str:
+    """From where the turtle is to a place (3,) in its frame, its frame as before."""
+    away = float(np.hypot(off[0], off[1]))
+    text = _step("f", float(off[2]))
+    if away > LEAST:
+        around = float(np.rad2deg(np.arctan2(off[1], off[0]))) + 90.0
+        text += f"{_turn(chr(92), around)}&(90)f({away:.6g})&(-90){_turn(chr(92), -around)}"
+    return text
+
+
+def _turned(matrix: np.ndarray) -> str:
+    """Into a frame given in the turtle's own (3, 3)."""
+    angle = float(np.arctan2(np.hypot(matrix[0, 2], matrix[1, 2]), matrix[2, 2]))
+    if np.rad2deg(angle) < LEAST:
+        return _turn("\\", float(np.rad2deg(np.arctan2(matrix[1, 0], matrix[0, 0]))))
+    before = float(np.rad2deg(np.arctan2(matrix[0, 2], -matrix[1, 2])))
+    after = float(np.rad2deg(np.arctan2(matrix[2, 0], matrix[2, 1])))
+    return _turn("\\", before) + _turn("&", float(np.rad2deg(angle))) + _turn("\\", after)
+
+
+def _turn(symbol: str, degrees: float) -> str:
+    degrees = (degrees + FULL_TURN / 2) % FULL_TURN - FULL_TURN / 2
+    return f"{symbol}({degrees:.9g})" if abs(degrees) > LEAST else ""
+
+
+def _step(symbol: str, length: float) -> str:
+    return f"{symbol}({length:.9g})" if abs(length) > LEAST else ""

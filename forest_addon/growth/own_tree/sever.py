@@ -1,0 +1,477 @@
+"""Closing of a joined mesh where it was cut: the parent's hole is closed, the child goes on to its axis.
+
+A child's rim is a ring of edges beyond which her parent's triangles lie. A fan over it closes the
+parent; the ring, moved along to where the two axes meet and made to fit within her, gives the child
+her foot. Rings at which branches have grown together elsewhere stay open.
+
+A joined mesh is cut at its forks, as if trunk and branches had been drawn as separate parts.
+
+``levels`` slices the mesh, ``axes`` says which slices are one branch. A branch leaves its parent where
+the surface leaves her tube: what a level line, which runs askew around a fork, has left to the parent is
+taken back from there. Then the parent's hole is closed, and the branch goes on inwards to where its axis
+meets hers, so that pieces are as whole as those that others draw apart.
+
+Pieces that stand on one another: a trunk or a limb that was drawn as several tubes, end to end.
+
+Where one piece ends, about as thick and on the same course another begins; these two are one axis. They
+become one piece, joined by edges that no facet has, so that it gets one centreline.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from .centreline import Centrelines
+from .hierarchy import Known
+from .pieces import Pieces, assemble, join_along, join_pieces, select
+from .slices import (
+    Course,
+    PieceAxes,
+    Slices,
+    band_width,
+    beginnings,
+    distance_from,
+    find_axes,
+    slice_up,
+    smooth,
+)
+
+WITHIN = 0.8  # radius of the parent within which the foot of a child is made to fit
+DEEPEST = 4.0  # radii of the parent that it goes inwards at most
+FAR = 3.0  # radii of a tube of that area and length, beyond which a piece may fork
+FEWEST = 12  # triangles of a piece that forks
+COARSE = 3.0  # width of bands for the first look, from the wrong end
+STOUT_ROOT = 0.7  # share of the thickest end's radius that the root's is at least
+OUTSIDE = 1.15  # radii of the parent from her axis where a child's bark begins
+BESIDE = 2.0  # radii of the child from her axis within which it is hers
+ROUNDS = 100  # of taking bark back, an edge at a time
+ALIKE = 1.35  # factor between the radii of the two ends, at most
+STRAIGHT = np.cos(np.deg2rad(30.0))  # of the turn from one to the other
+ASIDE = 0.4  # radii that the ends are off each other's course
+GAP, OVERLAP = 1.0, 2.0  # radii that they are apart along it, or within each other
+TIED = 1.5  # radii of an end whose corners are tied to the other's
+CROWD, LIKE = (
+    2.0,
+    2.0,
+)  # radii around two ends within which no third one is, thinner by less than this factor
+TAPERED = 0.35  # of a piece's other end: one that is thinner is a tip
+NO_TWIG = 0.15  # of the thickest end: twigs that begin at one another's tips stay apart
+SLENDER = 1.0  # radii that a piece is long at least
+
+
+@dataclass(frozen=True)
+class Severed:
+    """Pieces after the cut, and what the cut tells of them.
+
+    known : from which piece each was cut, and where.
+    grown_together : (N, 3) places where branches hang together that do not fork there.
+    """
+
+    pieces: Pieces
+    known: Known
+    grown_together: np.ndarray
+
+
+def close(
+    pieces: Pieces,
+    label: np.ndarray,
+    slices: Slices,
+    axes: PieceAxes,
+    course: Course,
+    together: np.ndarray,
+    halves: np.ndarray,
+    loose_edges: np.ndarray,
+) -> Severed:
+    """Pieces by label, holes closed and feet drawn inwards."""
+    triangles = pieces.triangles.astype(np.int64)
+    halves = halves[label[halves[:, 0] // 3] != label[halves[:, 1] // 3]]
+    halves = np.concatenate([halves, halves[:, ::-1]])
+    daughter, beyond = label[halves[:, 0] // 3], label[halves[:, 1] // 3]
+    rim = (axes.mother[daughter] >= 0) & (axes.mother[beyond] != daughter)
+    half, daughter, beyond = halves[rim, 0], daughter[rim], beyond[rim]
+    a = triangles[half // 3, half % 3]
+    b = triangles[half // 3, (half + 1) % 3]
+    to_mother = beyond == axes.mother[daughter]
+    begins = slices.centre[np.maximum(axes.fork, 0)]
+    foot_rim = _nearest_rim(pieces.vertices, a, b, daughter, to_mother, begins)
+    a, b, daughter = a[foot_rim], b[foot_rim], daughter[foot_rim]
+
+    count = len(axes)
+    size = np.maximum(np.bincount(daughter, minlength=count), 1)
+    place = pieces.vertices[a]
+    middle = np.stack([np.bincount(daughter, x, count) for x in place.T], axis=1) / size[:, None]
+    wide = np.sqrt(
+        np.bincount(daughter, ((place - middle[daughter]) ** 2).sum(axis=1), count) / size
+    )
+    foot, apex, thick = _meetings(slices, axes, course, middle, wide)
+    shrink = np.minimum(1.0, WITHIN * thick / np.maximum(wide, 1e-300))
+
+    base = len(pieces.vertices)
+    keys, number = np.unique(
+        np.concatenate([daughter * base + a, daughter * base + b]), return_inverse=True
+    )
+    whose, vertex = np.divmod(keys, base)
+    inner = foot[whose] + (pieces.vertices[vertex] - middle[whose]) * shrink[whose, None]
+    inner_a, inner_b = base + number.reshape(2, -1)
+    tip = base + len(inner) + daughter
+    vertices = np.concatenate([pieces.vertices, inner, apex])
+    mother = axes.mother[daughter]
+    made = np.concatenate(
+        [
+            np.stack([a, b, tip], axis=1),
+            np.stack([b, a, inner_a], axis=1),
+            np.stack([b, inner_a, inner_b], axis=1),
+        ]
+    )
+    everything = np.concatenate([triangles, made, loose_edges])
+    loose = len(everything) - len(triangles) - len(made)
+    loose_label = axes.of_slice[slices.of_vertex[everything[len(everything) - loose :, 0]]]
+    whole = np.concatenate([label, mother, daughter, daughter, loose_label])
+    present, first = np.unique(label, return_index=True)
+    known = np.isin(whole, present)
+    everything, whole = everything[known], whole[known]
+    has_area = everything[:, 1] != everything[:, 2]
+    number = np.zeros(count, dtype=np.int64)
+    by_appearance = present[np.argsort(first)]
+    number[by_appearance] = np.arange(len(by_appearance))
+    cut = assemble(vertices, everything, number[whole], has_area, drawn=len(triangles))
+    mothers = axes.mother[by_appearance]
+    mothers = np.where(np.isin(mothers, present), number[np.maximum(mothers, 0)], -1)
+    mothers[np.bincount(daughter, minlength=count)[by_appearance] == 0] = -1
+    return _hang_together(cut, Known(mothers, foot[by_appearance], thick[by_appearance]), together)
+
+
+def _hang_together(pieces: Pieces, known: Known, together: np.ndarray) -> Severed:
+    """Parts of a piece that do not hang together become pieces; what only closed them is dropped."""
+    part = join_along(pieces.edges, len(pieces.vertices))
+    area = pieces.area
+    drawn = np.arange(len(pieces.triangles)) < pieces.drawn
+    of_triangle = part[pieces.triangles[:, 0]]
+    total = np.bincount(of_triangle, np.where(drawn, area, 0.0), int(part.max()) + 1)
+    if len(total) == pieces.count:
+        return Severed(pieces, known, together)
+    of_part = np.zeros(len(total), dtype=np.int64)
+    of_part[part] = pieces.piece_of_vertex
+    order = np.lexsort((-total, of_part))
+    main = order[np.diff(of_part[order], prepend=-1) > 0]
+    others = np.setdiff1d(np.flatnonzero(total > 0), main)
+    number = np.full(len(total), -1)
+    number[main], number[others] = of_part[main], pieces.count + np.arange(len(others))
+    kept = number[of_triangle] >= 0
+    loose = loose_edges_of(pieces, half_edges(pieces.triangles, len(pieces.vertices))[1])
+    loose = loose[number[part[loose[:, 0]]] >= 0]
+    whole = assemble(
+        pieces.vertices,
+        np.concatenate([pieces.triangles[kept].astype(np.int64), loose]),
+        np.concatenate([number[of_triangle[kept]], number[part[loose[:, 0]]]]),
+        np.arange(int(kept.sum()) + len(loose)) < kept.sum(),
+        drawn=pieces.drawn,
+    )
+    more = Known.nothing(len(others))
+    joined = Known(
+        np.concatenate([known.mother, more.mother]),
+        np.concatenate([known.foot, more.foot]),
+        np.concatenate([known.radius, more.radius]),
+    )
+    return Severed(whole, joined, together)
+
+
+def _nearest_rim(
+    vertices: np.ndarray,
+    a: np.ndarray,
+    b: np.ndarray,
+    daughter: np.ndarray,
+    to_mother: np.ndarray,
+    begins: np.ndarray,
+) -> np.ndarray:
+    """(N,) whether an edge from a to b is on the rim where its child begins; others are where she
+    has grown together with somebody, and are left open.
+    """
+    base = len(vertices)
+    keys, number = np.unique(
+        np.concatenate([daughter * base + a, daughter * base + b]), return_inverse=True
+    )
+    one, other = number.reshape(2, -1)
+    rim = join_along(np.stack([one, other], axis=1), len(keys))[one]
+    count = int(rim.max(initial=-1)) + 1
+    size = np.maximum(np.bincount(rim, minlength=count), 1)
+    middle = np.stack([np.bincount(rim, x, count) for x in vertices[a].T], axis=1) / size[:, None]
+    whose = np.zeros(count, dtype=np.int64)
+    whose[rim] = daughter
+    away = np.linalg.norm(middle - begins[whose], axis=1)
+    hers = np.bincount(rim, to_mother, count) > 0
+    order = np.lexsort((away, ~hers, whose))
+    chosen = np.zeros(count, dtype=bool)
+    chosen[order[np.diff(whose[order], prepend=-1) > 0]] = True
+    return np.asarray(chosen[rim])
+
+
+def loose_edges_of(pieces: Pieces, keys: np.ndarray) -> np.ndarray:
+    """(N, 3) the edges that no triangle has, as triangles without area."""
+    count = len(pieces.vertices)
+    one, other = pieces.edges.T.astype(np.int64)
+    mine = np.minimum(one, other) * count + np.maximum(one, other)
+    key = np.sort(keys)
+    at = np.minimum(np.searchsorted(key, mine), len(key) - 1)
+    loose = key[at] != mine
+    return np.stack([one[loose], other[loose], other[loose]], axis=1)
+
+
+def _meetings(
+    slices: Slices, axes: PieceAxes, course: Course, middle: np.ndarray, wide: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return where the axes of children meet those of their parents (A, 3), the middle of the parent's
+    bark there (A, 3), and her radius (A,)."""
+    start, heading, _ = beginnings(slices, axes, course)
+    foot, apex, thick = middle.copy(), middle.copy(), np.ones(len(axes))
+    chain = np.flatnonzero(axes.chain)
+    order = chain[np.argsort(axes.of_slice[chain], kind="stable")]
+    many = np.bincount(axes.of_slice[order], minlength=len(axes))
+    first = np.cumsum(many) - many
+    rank = np.zeros(len(slices), dtype=np.int64)
+    rank[order] = np.arange(len(order)) - np.repeat(first, many)
+    for axis in np.flatnonzero(axes.mother >= 0).tolist():
+        mother = int(axes.mother[axis])
+        fork = int(axes.fork[axis])
+        while not axes.chain[fork]:
+            fork = int(slices.below[fork])
+        radius = float(course.radius[fork])
+        reach = int(np.ceil((DEEPEST * radius + 4 * wide[axis]) / slices.width)) + 1
+        at = int(rank[fork])
+        near = order[
+            first[mother] + max(at - reach, 0) : first[mother] + min(at + reach, many[mother])
+        ]
+        places = course.centre[near]
+        beside = np.linalg.norm(places - middle[axis], axis=1)
+        closest = int(near[np.argmin(beside)])
+        back = (places - start[axis]) @ heading[axis]
+        aside = np.linalg.norm(places - start[axis] - back[:, None] * heading[axis], axis=1)
+        allowed = (back <= 0) & (beside <= DEEPEST * radius)
+        meet = int(near[np.argmin(np.where(allowed, aside, np.inf))]) if allowed.any() else closest
+        foot[axis], thick[axis] = course.centre[meet], course.radius[meet]
+        out = middle[axis] - course.centre[closest]
+        far = float(np.linalg.norm(out))
+        if far > 0:
+            apex[axis] = course.centre[closest] + out * min(1.0, course.radius[closest] / far)
+    return foot, apex, thick
+
+
+def half_edges(triangles: np.ndarray, vertices: int) -> tuple[np.ndarray, np.ndarray]:
+    """(N, 2) half-edges 3·t + k, from corner k to the next, that lie on one another; half-edges' key."""
+    one, other = triangles.astype(np.int64), np.roll(triangles, -1, axis=1).astype(np.int64)
+    key = (np.minimum(one, other) * vertices + np.maximum(one, other)).ravel()
+    order = np.argsort(key, kind="stable")
+    same = key[order[1:]] == key[order[:-1]]
+    return np.stack([order[:-1][same], order[1:][same]], axis=1), key
+
+
+def sever(pieces: Pieces, forked: np.ndarray) -> Severed:
+    """Cut pieces at their forks, those (C,) that may have some; the others come first, as they are."""
+    rest = select(pieces, ~forked)
+    cut = _cut(select(pieces, forked))
+    known, count = cut.known, rest.count
+    return Severed(
+        join_pieces(rest, cut.pieces),
+        Known(
+            np.concatenate(
+                [np.full(count, -1), np.where(known.mother < 0, -1, known.mother + count)]
+            ),
+            np.concatenate([np.zeros((count, 3)), known.foot]),
+            np.concatenate([np.zeros(count), known.radius]),
+        ),
+        cut.grown_together,
+    )
+
+
+def may_fork(pieces: Pieces, lines: Centrelines) -> np.ndarray:
+    """(C,) whether some of a piece is farther from its line than a tube's surface is."""
+    area = np.bincount(pieces.piece, pieces.area, pieces.count)
+    radius = area / (2 * np.pi * np.maximum(lines.length(), 1e-300))
+    away = np.zeros(pieces.count)
+    np.maximum.at(away, pieces.piece_of_vertex, np.linalg.norm(lines.outward, axis=1))
+    enough = np.bincount(pieces.piece, minlength=pieces.count) >= FEWEST
+    return np.asarray((away > FAR * radius) & enough)
+
+
+def _cut(pieces: Pieces) -> Severed:
+    roots = _find_roots(pieces)
+    slices = slice_up(pieces, distance_from(pieces, roots), band_width(pieces))
+    axes = find_axes(slices)
+    course = smooth(slices, axes)
+    owner = _take_back(pieces, slices, axes, course)
+    halves, keys = half_edges(pieces.triangles, len(pieces.vertices))
+    label = _whole(pieces, _of_triangles(owner, pieces.triangles), halves)
+    together = slices.centre[slices.loops].mean(axis=1)
+    loose = loose_edges_of(pieces, keys)
+    return close(pieces, label, slices, axes, course, together, halves, loose)
+
+
+def _find_roots(pieces: Pieces) -> np.ndarray:
+    """Vertices around the thick, low end of each piece."""
+    count, owner = pieces.count, pieces.piece_of_vertex
+    size = np.bincount(owner, minlength=count)
+    middle = np.stack([np.bincount(owner, x, count) for x in pieces.vertices.T], axis=1)
+    away = np.linalg.norm(pieces.vertices - (middle / size[:, None])[owner], axis=1)
+    start = np.lexsort((away, owner))[np.cumsum(size) - 1]
+    slices = slice_up(pieces, distance_from(pieces, start), COARSE * band_width(pieces))
+    axes = find_axes(slices)
+    radius = smooth(slices, axes).radius
+
+    chain = np.flatnonzero(axes.chain)
+    order = chain[np.argsort(axes.of_slice[chain], kind="stable")]
+    many = np.bincount(axes.of_slice[order], minlength=len(axes))
+    last, first = order[np.cumsum(many) - 1], order[np.cumsum(many) - many]
+    ends = np.concatenate([last, first[axes.mother < 0]])
+    piece = slices.piece[ends]
+    thickest = np.zeros(count)
+    np.maximum.at(thickest, piece, radius[ends])
+    stout = radius[ends] >= STOUT_ROOT * thickest[piece]
+    chosen = np.lexsort((slices.centre[ends, 2], ~stout, piece))
+    chosen = ends[chosen[np.diff(piece[chosen], prepend=-1) > 0]]
+    root = np.zeros(len(slices), dtype=bool)
+    root[chosen] = True
+    found = root[slices.of_vertex]
+    found[start[~np.isin(np.arange(count), owner[found])]] = True
+    return np.flatnonzero(found)
+
+
+def _take_back(pieces: Pieces, slices: Slices, axes: PieceAxes, course: Course) -> np.ndarray:
+    """(V,) axis of each vertex, children' bark beyond the parents' tubes given to the children."""
+    owner = axes.of_slice[slices.of_vertex]
+    start, heading, thick = beginnings(slices, axes, course)
+    one, other = np.concatenate([pieces.edges, pieces.edges[:, ::-1]]).T
+    front = np.flatnonzero(axes.mother[owner[one]] == owner[other])
+    for _ in range(ROUNDS):
+        daughter, place = owner[one[front]], other[front]
+        offset = pieces.vertices[place] - start[daughter]
+        along = np.einsum("ni,ni->n", offset, heading[daughter])
+        aside = np.linalg.norm(offset - along[:, None] * heading[daughter], axis=1)
+        hers = (aside <= BESIDE * thick[daughter]) & _outside(pieces, slices, course, place)
+        if not hers.any():
+            break
+        owner[place[hers]] = daughter[hers]
+        moved = np.zeros(len(owner), dtype=bool)
+        moved[place[hers]] = True
+        front = np.flatnonzero(moved[one])
+        front = front[axes.mother[owner[one[front]]] == owner[other[front]]]
+    return owner
+
+
+def _outside(pieces: Pieces, slices: Slices, course: Course, place: np.ndarray) -> np.ndarray:
+    """Return whether vertices lie beyond the tube of the axis whose slice they are in."""
+    of = slices.of_vertex[place]
+    offset = pieces.vertices[place] - course.centre[of]
+    along = np.einsum("ni,ni->n", offset, course.heading[of])
+    aside = np.linalg.norm(offset - along[:, None] * course.heading[of], axis=1)
+    return np.asarray(aside > OUTSIDE * course.radius[of])
+
+
+def _of_triangles(owner: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+    """(T,) axis of most of a triangle's corners; of three, that which is most of a parent."""
+    a, b, c = owner[triangles].T
+    return np.where((a == b) | (a == c), a, np.where(b == c, b, np.minimum(np.minimum(a, b), c)))
+
+
+def _whole(pieces: Pieces, label: np.ndarray, halves: np.ndarray) -> np.ndarray:
+    """(T,) labels of triangles such that each hangs together: crumbs go to what is beside them."""
+    area = pieces.area
+    beside = halves // 3
+    count = len(label)
+    for _ in range(4):
+        same = label[beside[:, 0]] == label[beside[:, 1]]
+        pairs = beside[same]
+        part = join_along(pairs, count)
+        total = np.bincount(part, area)
+        of_part = np.zeros(len(total), dtype=np.int64)
+        of_part[part] = label
+        order = np.lexsort((-total, of_part))
+        crumb = np.ones(len(total), dtype=bool)
+        crumb[order[np.diff(of_part[order], prepend=-1) > 0]] = False
+        rim = beside[~same]
+        rim = np.concatenate([rim, rim[:, ::-1]])
+        rim = rim[crumb[part[rim[:, 0]]] & ~crumb[part[rim[:, 1]]]]
+        if not len(rim):
+            break
+        goes_to = of_part.copy()
+        goes_to[part[rim[:, 0]]] = label[rim[:, 1]]
+        label = goes_to[part]
+    return label
+
+
+def join_stacked(pieces: Pieces, lines: Centrelines) -> Pieces:
+    """The pieces, those that stand on one another as one."""
+    pairs = _stacked_ends(lines)
+    if not len(pairs) or len(pairs) == pieces.count - 1:  # all of it would be a pole
+        return pieces
+    triangles = pieces.triangles.astype(np.int64)
+    loose = loose_edges_of(pieces, half_edges(pieces.triangles, len(pieces.vertices))[1])
+    ties = np.concatenate([_ties(pieces, lines, *ends) for ends in pairs.tolist()])
+    label = join_along(pairs // 2, pieces.count).astype(np.int64)
+    everything = np.concatenate([triangles, loose, ties])
+    of = label[pieces.piece_of_vertex[everything[:, 0]]]
+    _, first, of = np.unique(of, return_index=True, return_inverse=True)
+    rank = np.empty(len(first), np.int64)
+    rank[np.argsort(first)] = np.arange(len(first))  # in the order of the file
+    has_area = np.arange(len(everything)) < len(triangles)
+    return assemble(pieces.vertices, everything, rank[of.ravel()], has_area, drawn=pieces.drawn)
+
+
+def _stacked_ends(lines: Centrelines) -> np.ndarray:
+    """(N, 2) ends, 2·piece + 0 first or 1 last, that meet; each end is in one pair at most."""
+    ends, radius = lines.ends().reshape(-1, 3), lines.end_radius.ravel()
+    second = np.stack([lines.first[:-1] + 1, lines.first[1:] - 2], axis=1).ravel()
+    out = ends - lines.knot[second]
+    out /= np.maximum(np.linalg.norm(out, axis=1, keepdims=True), np.finfo(float).tiny)
+    far = lines.end_radius[:, ::-1].ravel()
+    fit = np.repeat((lines.length() > SLENDER * lines.end_radius.max(axis=1)), 2) & (radius > 0)
+    fit &= (radius >= TAPERED * far) & (radius >= NO_TWIG * radius.max())
+    row = np.flatnonzero(fit)
+    if len(row) < 2:
+        return np.empty((0, 2), np.int64)
+    near = cKDTree(ends[row]).query(ends[row], k=min(8, len(row)))[1]
+    one = np.repeat(row, near.shape[1])
+    other = row[near].ravel()
+    kept = one // 2 < other // 2
+    pair = np.unique(np.stack([one[kept], other[kept]], axis=1), axis=0)
+    one, other = pair.T
+    way = ends[other] - ends[one]
+    thin = np.minimum(radius[one], radius[other])
+    thick = np.maximum(radius[one], radius[other])
+    apart = np.einsum("ni,ni->n", way, out[one])
+    course = out[one] - out[other]
+    course /= np.maximum(np.linalg.norm(course, axis=1, keepdims=True), np.finfo(float).tiny)
+    aside = way - np.einsum("ni,ni->n", way, course)[:, None] * course
+    turn = -np.einsum("ni,ni->n", out[one], out[other])
+    off = np.linalg.norm(aside, axis=1)
+    meets = (thick <= ALIKE * thin) & (turn >= STRAIGHT) & (off <= ASIDE * thin)
+    meets &= (apart <= GAP * thin) & (apart >= -OVERLAP * thin)
+    middle, reach = (ends[one] + ends[other]) / 2, CROWD * thick + np.abs(apart)
+    for k in np.flatnonzero(meets).tolist():  # more that are about as thick begin at a fork
+        here = np.linalg.norm(ends - middle[k], axis=1) <= reach[k]
+        meets[k] = np.count_nonzero(here & (radius * LIKE >= thick[k])) == 2
+    rank = off / np.maximum(thin, np.finfo(float).tiny) + (1 - turn) + (thick / thin - 1)
+    taken: set[int] = set()
+    chosen = []
+    for k in np.flatnonzero(meets)[np.argsort(rank[meets], kind="stable")].tolist():
+        if not taken & set(pair[k].tolist()):
+            taken |= set(pair[k].tolist())
+            chosen.append(pair[k])
+    return np.array(chosen, np.int64).reshape(-1, 2)
+
+
+def _ties(pieces: Pieces, lines: Centrelines, one: int, other: int) -> np.ndarray:
+    """(N, 3) edges between the corners of two ends, as triangles without area."""
+    rows = []
+    for end in (one, other):
+        piece, last = divmod(end, 2)
+        begin, after = np.searchsorted(pieces.piece_of_vertex, [piece, piece + 1])
+        place = lines.ends()[piece, last]
+        away = np.linalg.norm(pieces.vertices[begin:after] - place, axis=1)
+        mine = begin + np.flatnonzero(away <= TIED * lines.end_radius[piece, last])
+        rows.append(mine if len(mine) else begin + np.argsort(away)[:1])
+    a, b = rows
+    nearest = b[cKDTree(pieces.vertices[b]).query(pieces.vertices[a])[1]]
+    return np.stack([a, nearest, nearest], axis=1)

@@ -1,0 +1,533 @@
+"""Branch templates: a full tree in facets, cut into its trunk and its first-level branches (Tanveer et al.
+2020a, b).
+
+A first-level branch is a piece of wood that hangs on the trunk, with all that hangs on it, wood and
+leaves. Each is brought into one canonical frame, so that it can be set on any node of a grammar: foot at
+the origin, axis from foot to tip along +X, length 1, and the side that was up in the tree towards +Z.
+
+What hard cases come to: two leaves that touch at a point stay two, two that share an edge are one; a
+leaf drawn from both sides is one leaf; leaves may touch wood, as they come as facets of their own; shoots
+on the trunk shorter than a twentieth of its longest branch, which a grammar would blow up to branches, and
+roots are counted and left out; a piece of wood that is modelled inside out is turned.
+
+Branch templates onto nodes: rotate, scale and move so that foot and direction match (Tanveer et al.
+2020a).
+
+A template lies along +X with its upper side towards +Z. At a node its axis is turned into the branch's
+direction and its upper side as far up as that direction allows, so that leaves keep facing the light.
+Wood is scaled with the branch; leaves move with it but keep their own size, because a longer branch
+bears no larger leaves.
+
+T20's grammar fitted to a template tree, so that what grows from a user's tree has its habit.
+
+The trunk's first internode is the trunk below the lowest branch, the contraction along the trunk makes up
+its length, and angle, thickness and length of the branches are means over the templates.
+
+Leaves for a template tree that has none: set on its outermost branches, as facets like an STL file's.
+
+A piece of wood that bears no other is a twig. Along its outer part stand ``leaf.nodes`` nodes of
+``leaf.per_node`` leaves each, turned from node to node by ``leaf.fan_deg``, the last at the tip (Tanveer
+et al. 2020a's growing tips). What comes out goes the way of a user's own leaves: recognised, measured and
+grafted.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from scipy.optimize import brentq
+from scipy.spatial import cKDTree
+
+from ...base.rng import daughter_keys, stream, truncated_normal
+from ...base.runs import Runs
+from ...base.trimesh import LEAF, WOOD, Edges, TriMesh, join_edges
+from ...spec import Grammar, Jitter, Leaf
+from ..lsystem.tanveer import T20, derive, interpret
+from ..mesh.blades import Blade, across, lay, set_leaves
+from ..mesh.leaves import Leaves, measure_leaves
+from ..mesh.meshing import repeated_edges
+from .centreline import find_contacts
+from .recognise import Recognition, TemplateError, checked_facets, recognise
+
+__all__ = ["BranchTemplate", "TemplateError", "TreeTemplate", "split_tree"]
+
+SHORTEST = 0.05  # of the longest first-level branch; shorter ones are stubs
+ROOTS = 0.05  # share of the trunk's length up to which what ends below its foot is a root
+BARK_SLOT, LEAF_SLOT = 0, 1  # material slots
+MOST_LEAVES_A_FOOT = 3.0
+COPIES = 2  # sets of branches at a node; each set has two
+STILL = Jitter(length=0, angle_deg=0, twist_deg=0, raise_ratio=0, lean_deg=0, leaf_size=0)
+BARE = 0.25  # share of a twig, from its foot, that bears no leaves
+KEY = 0x1EAF  # every draw is keyed by twig and leaf below this
+
+
+@dataclass(frozen=True)
+class BranchTemplate:
+    """A first-level branch with all it bears, in its canonical frame.
+
+    mesh : wood and leaf triangles; leaf numbers 0 .. L - 1.
+    leaves : their truth in the same frame; ``branch`` is the piece of wood within this template that
+        bears the leaf, 0 the first-level branch itself, the others from 1 in the order of the file.
+    length : metres from foot to tip in the template tree, straight.
+    base_radius : metres, at the foot.
+    height : where it hangs, as a share of the trunk's length, 0 .. 1.
+    angle : radians between its axis and the trunk's direction there.
+    """
+
+    mesh: TriMesh
+    leaves: Leaves
+    length: float
+    base_radius: float
+    height: float
+    angle: float
+
+
+@dataclass(frozen=True, eq=False)  # one template is another only if it is the same object
+class TreeTemplate:
+    """A tree taken apart.
+
+    branches : templates of the first-level branches, from the lowest up.
+    trunk : metres, middle of its foot at the origin, z up.
+    trunk_length : metres along its centreline.
+    trunk_radius : metres, at the foot.
+    unit : metres in one unit of the facets.
+    wood_components, leaf_count : pieces of wood, trunk and stubs included, and leaves.
+    unattached_leaves : leaves in no template: borne by the trunk or by a stub.
+    stubs : what hangs on the trunk but is no template, because it is too short or a root.
+    """
+
+    branches: tuple[BranchTemplate, ...]
+    trunk: TriMesh
+    trunk_length: float
+    trunk_radius: float
+    unit: float
+    wood_components: int
+    leaf_count: int
+    unattached_leaves: int
+    stubs: int
+
+
+def split_tree(
+    wood: np.ndarray, leaves: np.ndarray | None = None, *, height: float = 0.0
+) -> TreeTemplate:
+    """Split a tree into trunk and branch templates.
+
+    wood, leaves : (T, 3, 3) facets, z up.
+    height : metres from the lowest to the highest wood; 0: the facets are in metres.
+
+    Raises
+    ------
+    TemplateError : the facets are no tree with a trunk and branches.
+    """
+    wood = checked_facets(wood, "wood")
+    tall = float(np.ptp(wood[:, :, 2])) if len(wood) else 0.0
+    unit = height / tall if height > 0 and tall > 0 else 1.0
+    found = recognise(wood * unit, None if leaves is None else np.asarray(leaves) * unit)
+    timber = _mesh(found.wood.vertices, turned_outwards(found), WOOD)
+    foliage = _mesh(found.leaves.vertices, found.leaves.triangles, LEAF, found.leaves.piece)
+
+    firsts, share, direction, stubs = _first_level(found)
+    branches = [
+        _cut(found, int(firsts[at]), timber, foliage, float(share[at]), direction[at])
+        for at in range(len(firsts))
+    ]
+    trunk = timber.select(found.wood.piece == found.trunk)
+    return TreeTemplate(
+        branches=tuple(branches),
+        trunk=_moved(trunk, found.foot[found.trunk], np.eye(3), 1.0),
+        trunk_length=float(found.lines.length()[found.trunk]),
+        trunk_radius=float(found.radius[found.trunk]),
+        unit=unit,
+        wood_components=found.wood.count,
+        leaf_count=found.leaves.count,
+        unattached_leaves=found.leaves.count - sum(len(branch.leaves) for branch in branches),
+        stubs=stubs,
+    )
+
+
+def canonical_frame(axis: np.ndarray) -> np.ndarray:
+    """(3, 3) rotation whose rows are the canonical X, Y, Z of a branch with this unit axis.
+
+    Z is as far up as the axis allows. Along an upright axis no side is up: Y stays what it is.
+    """
+    side = np.cross([0.0, 0.0, 1.0], axis)
+    norm = float(np.linalg.norm(side))
+    side = side / norm if norm > 1e-9 else np.array([0.0, 1.0, 0.0])
+    return np.stack([axis, side, np.cross(axis, side)])
+
+
+def _first_level(found: Recognition) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
+    """First-level branches from the lowest up: (N,) pieces, (N,) the shares of the trunk's length at
+    which they hang, (N, 3) its direction there; and how many were left out.
+    """
+    firsts = found.firsts
+    foot, tip = found.foot[firsts], found.tip[firsts]
+    contact = find_contacts(found.lines, np.array([found.trunk]), foot)
+    share, direction = contact.along / found.lines.length()[found.trunk], contact.direction
+    if found.hierarchy.foot_end[found.trunk] == 1:
+        share, direction = 1.0 - share, -direction
+
+    root = (share < ROOTS) & (tip[:, 2] < found.foot[found.trunk, 2])
+    if root.all():
+        raise TemplateError(
+            "the trunk has roots but no branches; export trunk and branches as separate parts."
+        )
+    length = np.linalg.norm(tip - foot, axis=1)
+    kept = ~root & (length >= SHORTEST * length[~root].max())
+    order = np.flatnonzero(kept)[np.argsort(share[kept], kind="stable")]
+    return firsts[order], share[order], direction[order], int(np.count_nonzero(~kept))
+
+
+def _cut(
+    found: Recognition,
+    first: int,
+    timber: TriMesh,
+    foliage: TriMesh,
+    height: float,
+    trunk_direction: np.ndarray,
+) -> BranchTemplate:
+    """The template of one first-level branch."""
+    foot, axis = found.foot[first], found.tip[first] - found.foot[first]
+    length = float(np.linalg.norm(axis))
+    frame = canonical_frame(axis / length)
+    members = found.branch == first
+    borne = members[found.bearer]  # (L,)
+    wood = _moved(timber.select(members[found.wood.piece]), foot, frame, length)
+    blades = _moved(foliage.select(borne[found.leaves.piece]), foot, frame, length)
+    renumbered = (np.cumsum(borne) - 1).astype(np.int32)
+    mesh = TriMesh(
+        vertices=np.concatenate([wood.vertices, blades.vertices]),
+        triangles=np.concatenate([wood.triangles, blades.triangles + np.int32(len(wood.vertices))]),
+        part=np.concatenate([wood.part, blades.part]),
+        leaf=np.concatenate([wood.leaf, renumbered[blades.leaf]]),
+        material=np.concatenate([wood.material, blades.material]),
+    )
+    pieces = np.flatnonzero(members)
+    number = np.zeros(len(members), dtype=np.int32)
+    number[pieces[pieces != first]] = np.arange(1, len(pieces))
+    return BranchTemplate(
+        mesh=mesh,
+        leaves=measure_leaves(mesh, number[found.bearer[borne]]),
+        length=length,
+        base_radius=float(found.radius[first]),
+        height=height,
+        angle=float(np.arccos(np.clip(frame[0] @ trunk_direction, -1.0, 1.0))),
+    )
+
+
+def turned_outwards(found: Recognition) -> np.ndarray:
+    """(T, 3) triangles of the wood, those of pieces that face their centreline turned over."""
+    wood = found.wood
+    outward = found.lines.outward[wood.triangles].mean(axis=1)
+    facing = np.einsum("ti,ti->t", wood.area_vectors(), outward)
+    inside_out = np.bincount(wood.piece, facing, wood.count) < 0
+    return np.where(inside_out[wood.piece, None], wood.triangles[:, ::-1], wood.triangles)
+
+
+def _mesh(
+    vertices: np.ndarray, triangles: np.ndarray, what: int, leaf: np.ndarray | None = None
+) -> TriMesh:
+    count = len(triangles)
+    return TriMesh(
+        vertices=vertices,
+        triangles=triangles,
+        part=np.full(count, what, dtype=np.int8),
+        leaf=np.full(count, -1, dtype=np.int32) if leaf is None else leaf,
+        material=np.full(count, LEAF_SLOT if what == LEAF else BARK_SLOT, dtype=np.int32),
+    )
+
+
+def _moved(mesh: TriMesh, origin: np.ndarray, frame: np.ndarray, length: float) -> TriMesh:
+    """A mesh in a frame: its origin there, its rows the new axes, its unit of length."""
+    return TriMesh(
+        vertices=(mesh.vertices - origin) @ frame.T / length,
+        triangles=mesh.triangles,
+        part=mesh.part,
+        leaf=mesh.leaf,
+        material=mesh.material,
+    )
+
+
+@dataclass(frozen=True)
+class Scion:
+    """A branch template made ready to graft: wood and leaves apart, every leaf with its foot."""
+
+    wood: TriMesh
+    leaf_mesh: TriMesh
+    leaf_foot: np.ndarray  # (L, 3) where each leaf hangs, canonical frame
+    blade: np.ndarray  # (V, 3) vertices of leaf_mesh from where their leaf hangs
+    vertices: Runs  # of each leaf, as are triangles and edges
+    triangles: Runs
+    edges: Runs
+    leaves: Leaves  # their truth, canonical frame
+    length: float  # metres in the template tree
+
+
+@dataclass(frozen=True)
+class GraftSite:
+    """Place of a graft: its foot (3,), unit direction (3,) and length in metres."""
+
+    foot: np.ndarray
+    direction: np.ndarray
+    length: float
+
+
+def prepare(template: BranchTemplate) -> Scion:
+    """Take a template apart; a leaf's foot is its corner or edge middle nearest to any wood."""
+    mesh = template.mesh
+    wood, leaf_mesh, leaf_of_vertex = _apart(mesh)
+    count = len(template.leaves)
+    foot = np.zeros((count, 3))
+    if count:
+        corners = leaf_mesh.vertices[leaf_mesh.triangles]
+        places = np.concatenate([corners, (corners + np.roll(corners, 1, axis=1)) / 2], axis=1)
+        owner = np.repeat(leaf_mesh.leaf, places.shape[1])
+        places = places.reshape(-1, 3)
+        gap = cKDTree(wood.vertices).query(places)[0]
+        farthest_first = np.argsort(-gap, kind="stable")
+        foot[owner[farthest_first]] = places[farthest_first]
+    edges = repeated_edges(leaf_mesh.triangles, 0, 1)
+    return Scion(
+        wood=replace(wood, edges=repeated_edges(wood.triangles, 0, 1)),
+        leaf_mesh=replace(leaf_mesh, edges=edges),
+        leaf_foot=foot,
+        blade=leaf_mesh.vertices - foot[leaf_of_vertex],
+        vertices=Runs.of(leaf_of_vertex, count),
+        triangles=Runs.of(leaf_mesh.leaf, count),
+        edges=Runs.of(leaf_of_vertex[edges.ends[:, 0]], count),
+        leaves=template.leaves,
+        length=template.length,
+    )
+
+
+def _apart(mesh: TriMesh) -> tuple[TriMesh, TriMesh, np.ndarray]:
+    """Wood, leaves sorted by leaf, and the leaf of every leaf vertex."""
+    wood, leaves = mesh.select(mesh.part == WOOD), mesh.select(mesh.part == LEAF)
+    triangle_order = np.argsort(leaves.leaf, kind="stable")
+    leaf_of_vertex = np.zeros(len(leaves.vertices), dtype=np.int64)
+    leaf_of_vertex[leaves.triangles] = leaves.leaf[:, None]
+    vertex_order = np.argsort(leaf_of_vertex, kind="stable")
+    new_number = np.empty_like(vertex_order)
+    new_number[vertex_order] = np.arange(len(vertex_order))
+    ordered = TriMesh(
+        vertices=leaves.vertices[vertex_order],
+        triangles=new_number[leaves.triangles[triangle_order]].astype(np.int32),
+        part=leaves.part[triangle_order],
+        leaf=leaves.leaf[triangle_order],
+        material=leaves.material[triangle_order],
+    )
+    return wood, ordered, leaf_of_vertex[vertex_order]
+
+
+def graft(
+    scion: Scion, site: GraftSite, leaf_spread: float, roll: float, rng: np.random.Generator
+) -> tuple[TriMesh, Leaves, np.ndarray]:
+    """The branch at its site, wood and leaves in one mesh with leaf numbers from 0; their truth, and
+    (L, 3) where they hang.
+
+    leaf_spread : relative standard deviation of leaf size.
+    roll : radians that the branch is turned about its own axis.
+
+    A longer branch bears more leaves, not larger ones. The truth of a leaf is its template's, moved as
+    the leaf is moved.
+    """
+    turn = canonical_frame(site.direction).T @ _roll(roll)  # columns: images of X, Y, Z
+    wood = scion.wood
+    wood_vertices = (wood.vertices * site.length) @ turn.T + site.foot
+
+    leaves, truth, foot = _hang_leaves(scion, site.length, leaf_spread, rng)
+    leaf_vertices = leaves.vertices @ turn.T + site.foot
+    mesh = TriMesh(
+        vertices=np.concatenate([wood_vertices, leaf_vertices]),
+        triangles=np.concatenate([wood.triangles, leaves.triangles + np.int32(len(wood_vertices))]),
+        part=np.concatenate([wood.part, leaves.part]),
+        leaf=np.concatenate([wood.leaf, leaves.leaf]),
+        material=np.concatenate([wood.material, leaves.material]),
+        edges=join_edges([wood, leaves]),
+    )
+    moved = replace(
+        truth,
+        centre=truth.centre @ turn.T + site.foot,
+        normal=truth.normal @ turn.T,
+        axis=truth.axis @ turn.T,
+    )
+    return mesh, moved, foot @ turn.T + site.foot
+
+
+def _hang_leaves(
+    scion: Scion, length: float, spread: float, rng: np.random.Generator
+) -> tuple[TriMesh, Leaves, np.ndarray]:
+    """Leaves of a branch of this length, their truth and feet, in the template's frame but in metres.
+
+    The number of leaves goes with length^1.5, as a crown's leaf area between its length and its area: a
+    leaf of the template hangs there not at all, once or several times, each further one turned about
+    the vertical at the same foot.
+    """
+    count = len(scion.leaf_foot)
+    share = min((length / scion.length) ** 1.5, MOST_LEAVES_A_FOOT)
+    times = np.floor(share + rng.random(count)).astype(int)
+    source = np.repeat(np.arange(count), times)  # (L,) leaf of the template
+    rank = np.arange(len(source)) - np.repeat(np.cumsum(times) - times, times)
+    size = scion.length * (1 + spread * truncated_normal(rng, len(source)))
+    turn = np.where(rank == 0, 0.0, np.pi * rng.uniform(0.4, 1.6, len(source)))
+
+    # Vertices and triangles of a template's leaf stand together: copy the runs.
+    vertex, vertex_leaf, moved = scion.vertices.copy(source)
+    cos, sin = np.cos(turn), np.sin(turn)
+    # ``take`` along the rows is twice as fast as brackets, and so are numbers of half the size.
+    blade = scion.blade.take(vertex, axis=0)
+    turned = _about_vertical(blade, cos.take(vertex_leaf), sin.take(vertex_leaf))
+    turned *= size.take(vertex_leaf)[:, None]
+    foot = scion.leaf_foot[source] * length
+    turned += foot.take(vertex_leaf, axis=0)
+    triangle, triangle_leaf, _ = scion.triangles.copy(source)
+    moved = moved.astype(np.int32)
+    triangles = scion.leaf_mesh.triangles.take(triangle, axis=0)
+    triangles += moved.take(triangle_leaf)[:, None]
+    mesh = TriMesh(
+        vertices=turned,
+        triangles=triangles,
+        part=scion.leaf_mesh.part[triangle],
+        leaf=triangle_leaf.astype(np.int32),
+        material=np.ones(len(triangle), dtype=np.int32),
+        edges=_hung_edges(scion, source, moved, triangle, triangle_leaf),
+    )
+    own = scion.leaves
+    middle = _about_vertical(own.centre[source] - scion.leaf_foot[source], cos, sin)
+    truth = Leaves(
+        centre=foot + middle * size[:, None],
+        normal=_about_vertical(own.normal[source], cos, sin),
+        axis=_about_vertical(own.axis[source], cos, sin),
+        length=own.length[source] * size,
+        width=own.width[source] * size,
+        radius=own.radius[source] * size,
+        branch=own.branch[source],
+    )
+    return mesh, truth, foot
+
+
+def _hung_edges(
+    scion: Scion,
+    source: np.ndarray,
+    moved: np.ndarray,
+    triangle: np.ndarray,
+    triangle_leaf: np.ndarray,
+) -> Edges:
+    """Edges of the leaves ``source`` of a template, copied as their vertices and triangles are."""
+    known = scion.leaf_mesh.known_edges()
+    assert known is not None  # ``prepare`` finds them
+    edge, edge_leaf, edge_moved = scion.edges.copy(source)
+    ends = known.ends.take(edge, axis=0)
+    ends += moved.take(edge_leaf)[:, None]
+    of_corner = known.of_corner.take(triangle, axis=0)
+    of_corner += edge_moved.astype(np.int32).take(triangle_leaf)[:, None]
+    return Edges(ends, of_corner)
+
+
+def _about_vertical(vectors: np.ndarray, cos: np.ndarray, sin: np.ndarray) -> np.ndarray:
+    """Vectors (N, 3), each turned about +Z by the angle with this cosine and sine."""
+    x, y, z = vectors.T
+    turned = np.empty(vectors.shape)
+    np.subtract(cos * x, sin * y, out=turned[:, 0])
+    np.add(sin * x, cos * y, out=turned[:, 1])
+    turned[:, 2] = z
+    return turned
+
+
+def _roll(angle: float) -> np.ndarray:
+    cos, sin = np.cos(angle), np.sin(angle)
+    return np.array([[1.0, 0.0, 0.0], [0.0, cos, -sin], [0.0, sin, cos]])
+
+
+def fit_grammar(template: TreeTemplate) -> Grammar:
+    """The grammar whose trees look most like the one that the template was taken from."""
+    branches = template.branches
+    generations = int(np.clip(round(len(branches) / (2 * COPIES)), 2, 10))
+    total = template.trunk_length
+    length = float(np.clip(branches[0].height, 0.02, 0.9)) * total
+    grammar = Grammar(
+        generations=generations,
+        copies=COPIES,
+        length=length,
+        side_ratio=1.0,
+        centre_ratio=_contraction(total / length, generations),
+        angle_deg=float(np.rad2deg(np.median([b.angle for b in branches]))),
+        radius=template.trunk_radius,
+        radius_ratio=float(
+            np.clip(np.median([b.base_radius for b in branches]) / template.trunk_radius, 0.05, 1)
+        ),
+    )
+    wanted = float(np.mean([b.length for b in branches]))
+    ratio = float(np.clip(wanted / _mean_reach(grammar), 0.01, 2.0))
+    fitted = replace(grammar, side_ratio=ratio)
+    return _rounded(fitted)
+
+
+def _contraction(internodes: float, generations: int) -> float:
+    """The ratio c for which 1 + c + ... over all internodes of the trunk is this many first ones."""
+
+    def miss(c: float) -> float:
+        return float((c ** np.arange(generations + 1)).sum()) - internodes
+
+    if miss(0.05) >= 0 or miss(1.5) <= 0:
+        return 0.05 if miss(0.05) >= 0 else 1.5
+    return float(brentq(miss, 0.05, 1.5))
+
+
+def _mean_reach(grammar: Grammar) -> float:
+    """Mean length of the first-level axes of a tree without jitter."""
+    skeleton = interpret(derive(T20, grammar.generations), grammar, STILL, stream(0, "habit"))
+    length = np.linalg.norm(skeleton.end - skeleton.start, axis=1)
+    parent_order = skeleton.order[np.maximum(skeleton.parent, 0)]
+    firsts = np.flatnonzero((skeleton.order == 1) & (parent_order == 0))
+    return float(np.mean([length[skeleton.axis(int(first))].sum() for first in firsts]))
+
+
+def _rounded(grammar: Grammar) -> Grammar:
+    """Four digits: what is fitted is no more exact, and a person will read it."""
+    digits: dict[str, Any] = {
+        name: float(f"{getattr(grammar, name):.4g}")
+        for name in ("length", "side_ratio", "centre_ratio", "angle_deg", "radius", "radius_ratio")
+    }
+    return replace(grammar, **digits)
+
+
+def dress(wood: np.ndarray, leaf: Leaf, blade: Blade, unit: float) -> np.ndarray:
+    """(T, 3, 3) facets of leaves for the wood's facets (T, 3, 3), in the wood's own units.
+
+    unit : metres per unit of the wood.
+
+    Raises
+    ------
+    TemplateError : there is no trunk with branches in the wood.
+    """
+    found = recognise(wood)
+    bears = np.zeros(len(found.parent), dtype=bool)
+    bears[found.parent[found.parent >= 0]] = True
+    bears[found.trunk] = True
+    share = np.linspace(BARE, 1.0, leaf.nodes)
+    feet, headings, twigs = [], [], np.flatnonzero(~bears)
+    for twig in twigs:
+        knots = slice(found.lines.first[twig], found.lines.first[twig + 1])
+        knot, along = found.lines.knot[knots], found.lines.along[knots]
+        backwards = found.hierarchy.foot_end[twig] == 1
+        place = along[-1] * (1.0 - share if backwards else share)
+        feet.append(np.stack([np.interp(place, along, axis) for axis in knot.T], axis=1))
+        step = np.diff(knot, axis=0)
+        of_step = np.clip(np.searchsorted(along, place, side="right") - 1, 0, len(step) - 1)
+        heading = step[of_step] * (-1.0 if backwards else 1.0)
+        headings.append(heading / np.linalg.norm(heading, axis=1, keepdims=True))
+
+    each = leaf.nodes * leaf.per_node
+    node, rank = np.divmod(np.tile(np.arange(each), len(twigs)), leaf.per_node)
+    rows = np.repeat(np.arange(len(twigs) * leaf.nodes), leaf.per_node)
+    foot, heading = np.concatenate(feet)[rows] * unit, np.concatenate(headings)[rows]
+    azimuth = 2 * np.pi * rank / leaf.per_node + np.deg2rad(leaf.fan_deg) * node
+    keys = daughter_keys(np.full(len(rows), KEY, np.uint64), np.repeat(twigs, each))
+    keys = daughter_keys(keys, np.tile(np.arange(each), len(twigs)))
+    sites = set_leaves(leaf, keys, foot, heading, across(heading), azimuth, np.repeat(twigs, each))
+    mesh = lay(sites, blade)
+    facets: np.ndarray = mesh.vertices[mesh.triangles] / unit
+    return facets

@@ -1,1 +1,0 @@
-"""A tree recognised in facets."""

@@ -1,1 +1,0 @@
-"""Siblings by a grammar fitted to a tree."""

@@ -1,1 +1,0 @@
-"""The same scan by other programs."""

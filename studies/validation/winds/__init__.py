@@ -1,1 +1,0 @@
-"""Trees and records of sway that ``validate wind`` compares."""
