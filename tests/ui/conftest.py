@@ -7,7 +7,7 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from forest_addon import ui
-from forest_addon.results import plot as plots
+from forest_addon.drawing import strips as plots
 
 
 @pytest.fixture(scope="session")

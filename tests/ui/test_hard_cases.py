@@ -26,7 +26,7 @@ from forest_addon.blender.read.depsgraph import TREE_KEY
 from forest_addon.blender.scene import assets, layout
 from forest_addon.blender.scene.layout import CLOUD_KEY
 from forest_addon.blender.sensors import objects as sensors
-from forest_addon.results import plot as plots
+from forest_addon.drawing import strips as plots
 from forest_addon.ui.forest import build
 from forest_addon.ui.settings import exchange
 from forest_addon.ui.shell import running

@@ -8,7 +8,7 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from forest_addon import spec
-from forest_addon.results import plot as plots
+from forest_addon.drawing import strips as plots
 from forest_addon.results.scanner import cloud_plot
 from forest_addon.sensing.lidar import panorama
 from forest_addon.sensing.lidar.scanner import pattern_of
