@@ -1,67 +1,50 @@
-"""Files that an older version saved: what they hold is brought to how it is kept today, step by step.
+"""Files of other versions: what is not read of them stands in the panel until the user takes note.
 
-A scene that is saved says which layout its settings have: 3, or 2, which knew what it named by names
-alone. One that says nothing has 2, or that of the panel before it, 1, which kept one sensor of each kind in
-the scene. Settings are read as they were stored, because what registers today no longer knows them. What
-could not be carried over stands in the panel until the user takes note, and in the console. A file without
-settings of ours is left alone.
+A scene that is saved says which layout its settings have. One of a newer version, and one of before 1.0, which
+kept one sensor of each kind in the scene, is told of in the panel and in the console. A file without settings
+of ours is left alone.
 """
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterator
-from dataclasses import replace
+from collections.abc import Iterator
 from typing import Any
 
 import bpy
 
-from ... import spec
-from ...blender.read.single import shortest
-from ...blender.scene import layout
-from ...blender.scene.ours import MADE_KEY
 from ...blender.sensors import objects as sensors
-from ...spec import Settings, SpecError
 from ..shell.running import Button
 from ..shell.words import say
-from . import exchange, references
-from .groups import fields_of
+from . import references
 
 LAYOUT = 3  # how a scene keeps its settings now
 KEY = "forest_sensing"  # of the scene's settings, as Blender stores them
-
-# The first panel: its sensors, what then was other than today, and the marks where they stood.
-FIRST_KINDS = ("tractor", "terrestrial", "sonar", "reverb")
-FIRST_CHOICES = {("sonar", "leaf_model"): ("piston", "paper")}
-FIRST_DEFAULTS = {"sonar": {"leaf_model": "piston"}}
-FIRST_MARK = "forest_sensor"
+BEFORE = ("tractor", "terrestrial", "sonar", "reverb")  # settings of sensors in a scene, before 1.0
 
 log = logging.getLogger(__name__)
 
 
-def migrate(scene: bpy.types.Scene) -> None:
-    """Bring the settings of a scene to today's layout; nothing happens where it has it, or has none."""
+def look_at(scene: bpy.types.Scene) -> None:
+    """Say of a scene whose settings have another layout what is not read of them."""
     stored = _stored(scene)
     if stored is None or not _holds_values(stored) or not scene.is_editable:
         return
-    found = stored.get("layout") or (1 if any(kind in stored for kind in FIRST_KINDS) else 2)
+    what, found = "", stored.get("layout", 0)
     if found > LAYOUT:
-        _tell(
-            scene,
-            say("Saved by a newer version"),
-            [
-                say(
-                    "it keeps settings in layout {found}, this version knows {known}: what is new in it "
-                    "has no effect here. Update Forest Sensing",
-                    found=found,
-                    known=LAYOUT,
-                )
-            ],
+        what = say("Saved by a newer version")
+        sentence = say(
+            "it keeps settings in layout {found}, this version knows {known}: what is new in it "
+            "has no effect here. Update Forest Sensing",
+            found=found,
+            known=LAYOUT,
         )
-    for step in range(found, LAYOUT):
-        said = STEPS[step](scene, stored)
-        if said:
-            _tell(scene, say("Saved by an older version"), said)
+    elif any(kind in stored for kind in BEFORE):
+        what = say("Saved before version 1.0")
+        sentence = say("its sensors are not read; export a scene file there and open that here")
+    if what:
+        scene.forest_sensing.notice = f"{what}: {sentence}"
+        log.warning("Forest Sensing, scene %s. %s: %s", scene.name, what, sentence)
 
 
 class FOREST_OT_take_note(Button, bpy.types.Operator):
@@ -95,34 +78,20 @@ def draw_notice(panel: bpy.types.UILayout, props: Any) -> None:
 
 
 def register() -> None:
-    """Look at every file that is loaded or appended, and mark those that are saved."""
-    for handlers, handler in _handlers():
-        handlers.append(handler)
-    bpy.app.timers.register(_look_at_all, first_interval=0.0)  # at the file that is open by now
+    """Look at the file that is open by now."""
+    bpy.app.timers.register(_look_at_all, first_interval=0.0)
 
 
 def unregister() -> None:
-    """Take the handlers back."""
-    for handlers, handler in _handlers():
-        if handler in handlers:
-            handlers.remove(handler)
+    """Look at it no longer."""
     if bpy.app.timers.is_registered(_look_at_all):
         bpy.app.timers.unregister(_look_at_all)
-
-
-def _handlers() -> tuple[tuple[list, Callable[..., None]], ...]:
-    handlers = bpy.app.handlers
-    return (
-        (handlers.load_post, _look_at_all),
-        (handlers.blend_import_post, _look_at_all),
-        (handlers.save_pre, _sign),
-    )
 
 
 @bpy.app.handlers.persistent
 def _look_at_all(*_: object) -> None:
     for scene in bpy.data.scenes:
-        migrate(scene)
+        look_at(scene)
 
 
 @bpy.app.handlers.persistent
@@ -134,12 +103,6 @@ def _sign(*_: object) -> None:
             props = scene.forest_sensing
             props.layout = max(LAYOUT, props.layout)
             references.renew_texts(_groups_that_name(scene))
-
-
-def _tell(scene: bpy.types.Scene, what: str, sentences: list[str]) -> None:
-    notice = f"{what}: {'; '.join(sentences)}"
-    scene.forest_sensing.notice = notice
-    log.warning("Forest Sensing, scene %s. %s", scene.name, notice)
 
 
 def _stored(scene: bpy.types.Scene) -> Any:
@@ -159,107 +122,6 @@ def _holds_values(stored: Any) -> bool:
     )
 
 
-# ------------------------------------------------------------------------ the first panel, layout 1
-
-
-def _sensors_become_objects(scene: bpy.types.Scene, stored: Any) -> list[str]:
-    """The first panel kept one sensor of each kind in the scene, and marked in the view where it was."""
-    said = []
-    _adopt(scene)
-    for kind in FIRST_KINDS:
-        sensor, problem = _first_sensor(kind, stored.get(kind, {}))
-        if problem:
-            said.append(problem)
-        thing = exchange.add_sensor(scene, sensor)
-        result = scene.forest_sensing.results.get(kind)
-        if result is not None:
-            result.name, result.kind, result.title = thing.name, kind, thing.name
-        if kind in stored:
-            del stored[kind]
-    forest = scene.forest_sensing.results.get("forest")
-    if forest is not None:
-        forest.kind = "forest"
-    if hasattr(scene, "bl_system_properties_get"):
-        scene.pop(KEY, None)  # the copy that Blender 5 leaves among the custom properties
-    objects = say("sensors are objects now, one of each kind, with the settings that they had")
-    return [objects, *said]
-
-
-def _first_sensor(kind: str, stored: Any) -> tuple[Settings, str]:
-    """The settings of a sensor of the first panel, and what of them could not be used, in a sentence."""
-    cls = spec.SENSORS[kind]
-    given = dict(FIRST_DEFAULTS.get(kind, {}))
-    for name, type_, known, _ in fields_of(cls):
-        if name in stored:
-            choices = FIRST_CHOICES.get((kind, name), known.choices)
-            given[name] = choices[stored[name]] if choices else _plain(stored[name], type_)
-    try:
-        settings = cls(**given)
-    except SpecError as problem:
-        because = say(
-            "{sensor} has default settings, because {problem}", sensor=kind, problem=problem
-        )
-        return cls(), because
-    if "reflectance" in stored:  # of everything alike
-        share = shortest(stored["reflectance"])
-        alike = dict.fromkeys(("other", "wood", "leaf", "ground"), share)
-        settings = replace(settings, surfaces=replace(settings.surfaces, **alike))
-    return settings, ""
-
-
-def _plain(value: Any, type_: Any) -> Any:
-    if type_ in (bool, int, str):
-        return type_(value)
-    return shortest(value) if type_ is float else tuple(shortest(number) for number in value)
-
-
-def _adopt(scene: bpy.types.Scene) -> None:
-    """Sign what the first panel built, so that the next forest takes its place; marks of sensors go."""
-    top = layout.root(scene)
-    if top is None:
-        return
-    for home in top.children:
-        for part in (layout.TREES, layout.GROUND_NAME, layout.SENSORS, layout.RESULTS):
-            if home.name.startswith(part):
-                home[layout.PART_KEY] = part
-    for home in (top, *top.children_recursive):
-        home[MADE_KEY] = home.name
-        for thing in list(home.objects):
-            if FIRST_MARK in thing:
-                bpy.data.objects.remove(thing)
-            elif _was_built(thing, home):
-                thing[MADE_KEY] = thing.name
-
-
-def _was_built(thing: bpy.types.Object, home: bpy.types.Collection) -> bool:
-    """Return whether a tree, points that were found, or the ground; else the user put it there."""
-    from ...blender.read.depsgraph import TREE_KEY  # brings in scipy, which no other file needs
-
-    ground = home.get(layout.PART_KEY) == layout.GROUND_NAME and thing.name.startswith("Ground")
-    return TREE_KEY in thing or layout.CLOUD_KEY in thing or ground
-
-
-# --------------------------------------------------------------------------------------- layout 2
-
-
-def _names_become_pointers(scene: bpy.types.Scene, _stored: Any) -> list[str]:
-    """Give pointers to settings that named things. A tripod that was turned, which had no effect, is
-    turned back."""
-    references.resolve_all(_groups_that_name(scene))
-    said = []
-    for thing in sensors.sensors_of(scene):
-        sensors.lock(thing)
-        if sensors.kind_of(thing) != "terrestrial":
-            continue
-        if thing.parent is None and not thing.animation_data and not thing.constraints:
-            thing.rotation_euler = (0.0, 0.0, 0.0)
-        else:
-            said.append(
-                say("{sensor} scans the way that its object is turned now", sensor=thing.name)
-            )
-    return said
-
-
 def _groups_that_name(scene: bpy.types.Scene) -> Iterator[Any]:
     """Every group of a scene's settings that names something of it."""
     props = scene.forest_sensing
@@ -269,7 +131,8 @@ def _groups_that_name(scene: bpy.types.Scene) -> Iterator[Any]:
         yield getattr(thing.forest_sensor, sensors.kind_of(thing))
 
 
-STEPS: dict[int, Callable[[bpy.types.Scene, Any], list[str]]] = {
-    1: _sensors_become_objects,
-    2: _names_become_pointers,
-}
+HANDLERS = (
+    ("load_post", _look_at_all),
+    ("blend_import_post", _look_at_all),
+    ("save_pre", _sign),
+)
