@@ -18,7 +18,7 @@ from ..settings.drawing import (
     split,
 )
 from ..settings.exchange import forestless
-from ..settings.lists import Listed, Row, buttons, draw_list, rows
+from ..settings.lists import Listed, Row, buttons, draw_listed, rows
 from ..settings.migration import draw_notice
 from ..settings.presets import draw_presets
 from ..shell import running
@@ -41,16 +41,8 @@ def _planting(context: Context) -> Any:
     return chosen_planting(_props(context))
 
 
-def _middle(field: Any) -> list[float]:
-    return [o + s / 2 for o, s in zip(field.origin, field.size, strict=True)]
-
-
 NO_PLANTING = keep("There is no planting yet. Add one to the list")
-PLANTINGS = Listed("plantings", _props)
-HILLS = Listed("gaussians", _planting, NO_PLANTING)
-IMAGES = Listed("rasters", _planting, NO_PLANTING)
-DISTANCES = Listed("distances", lambda context: _props(context).forest)
-STEMS = Listed("stems", _props)
+WIDE = 2.0  # metres, of a clearing that a button makes
 
 
 def _planting_row(item: Any) -> Row:
@@ -65,22 +57,8 @@ def _planting_row(item: Any) -> Row:
     )
 
 
-def _hill_row(item: Any) -> Row:
-    x, y = item.centre
-    return Row(f"{x:g}, {y:g} m", "MESH_CIRCLE", label("peak {height:.3g}", height=item.peak))
-
-
-def _stems_row(item: Any) -> Row:
-    return Row(label("{count:,} stems", count=item.count), "MESH_CYLINDER")
-
-
-def _image_row(item: Any) -> Row:
-    return Row(Path(item.file).name or label("(no file)"), "IMAGE_DATA", item.use)
-
-
-def _distance_row(item: Any) -> Row:
-    pair = f"{item.species or '?'}, {item.other or '?'}"
-    return Row(pair, "DRIVER_DISTANCE", f"{item.distance:g} m")
+def _place(place: Any, form: str = "g") -> str:
+    return f"{place[0]:{form}}, {place[1]:{form}} m"
 
 
 def _start_planting(planting: Any, _context: Context) -> None:
@@ -90,7 +68,7 @@ def _start_planting(planting: Any, _context: Context) -> None:
 
 def _start_hill(hill: Any, context: Context) -> None:
     field = _props(context).forest
-    hill.centre = _middle(field)
+    hill.centre = [o + s / 2 for o, s in zip(field.origin, field.size, strict=True)]
     hill.width = [s / 4 for s in field.size]
 
 
@@ -110,13 +88,106 @@ def _start_stems(stems: Any, _context: Context) -> None:
     stems.count = 1000
 
 
-OF_PLANTING = "Plant one more species"
-OF_HILL = "Add a hill of the intensity function, in the middle of the field"
-OF_IMAGE = "Add an image to the intensity function"
-OF_DISTANCE = (
-    "Add a distance between trees of two species, at first of the chosen planting with itself"
+def _start_tree(tree: Any, context: Context) -> None:
+    tree.position = context.scene.cursor.location[:2]
+
+
+def _start_clearing(disc: Any, context: Context) -> None:
+    disc.position, disc.radius = context.scene.cursor.location[:2], WIDE
+
+
+CLASSES = (
+    rows("plantings", "Species of the forest", _planting_row),
+    *buttons(
+        "planting",
+        "Planting",
+        Listed("plantings", _props),
+        "Plant one more species",
+        _start_planting,
+    ),
+    rows(
+        "gaussians",
+        "Hills of a species' intensity",
+        lambda item: Row(
+            _place(item.centre), "MESH_CIRCLE", label("peak {height:.3g}", height=item.peak)
+        ),
+    ),
+    *buttons(
+        "gaussian",
+        "Hill",
+        Listed("gaussians", _planting, NO_PLANTING),
+        "Add a hill of the intensity function, in the middle of the field",
+        _start_hill,
+    ),
+    rows(
+        "rasters",
+        "Images of a species' intensity",
+        lambda item: Row(Path(item.file).name or label("(no file)"), "IMAGE_DATA", item.use),
+    ),
+    *buttons(
+        "raster",
+        "Image",
+        Listed("rasters", _planting, NO_PLANTING),
+        "Add an image to the intensity function",
+        _start_image,
+    ),
+    rows(
+        "distances",
+        "Distances between pairs of species",
+        lambda item: Row(
+            f"{item.species or '?'}, {item.other or '?'}",
+            "DRIVER_DISTANCE",
+            f"{item.distance:g} m",
+        ),
+    ),
+    *buttons(
+        "distance",
+        "Distance",
+        Listed("distances", lambda context: _props(context).forest),
+        "Add a distance between trees of two species, at first of the chosen planting with itself",
+        _start_distance,
+    ),
+    rows(
+        "stems",
+        "Stems that only reverb hears",
+        lambda item: Row(label("{count:,} stems", count=item.count), "MESH_CYLINDER"),
+    ),
+    *buttons(
+        "stems",
+        "Stems",
+        Listed("stems", _props),
+        "Add trees that are upright cylinders only: reverb hears them, nothing is grown",
+        _start_stems,
+    ),
+    rows(
+        "by_hand",
+        "Trees of a planting that were set by hand",
+        lambda item: Row(
+            _place(item.position, ".2f"),
+            "OUTLINER_OB_CURVES",
+            label("variant {number}", number=item.variant) if item.use_variant else "",
+        ),
+    ),
+    *buttons(
+        "hand_tree",
+        "Tree",
+        Listed("by_hand", _planting, NO_PLANTING),
+        "Set a tree by hand at the 3D cursor",
+        _start_tree,
+    ),
+    rows(
+        "clearings",
+        "Discs that a planting keeps free",
+        lambda item: Row(_place(item.position, ".2f"), "MESH_CIRCLE", f"{item.radius:.3g} m"),
+    ),
+    *buttons(
+        "clearing",
+        "Clearing",
+        Listed("clearings", _planting, NO_PLANTING),
+        "Keep a disc around the 3D cursor free of trees that are drawn",
+        _start_clearing,
+    ),
 )
-OF_STEMS = "Add trees that are upright cylinders only: reverb hears them, nothing is grown"
 
 
 def _shown_planting(context: bpy.types.Context) -> Any:
@@ -196,16 +267,13 @@ class FOREST_PT_intensity(_OfPlanting, bpy.types.Panel):
     def draw(self, context: bpy.types.Context) -> None:
         layout, planting = self.layout, _shown_planting(context)
         layout.active = planting.layout in ("poisson", "clusters", "strauss")
-        draw_list(layout, "FOREST_UL_gaussians", planting, "gaussians", "gaussian")
+        draw_listed(layout, planting, "gaussians", "gaussian")
         if not planting.gaussians:
             layout.label(text="No hills: the same everywhere", icon="INFO")
         else:
-            draw_settings(split(layout), chosen(planting, "gaussians"))
             layout.prop(context.scene.forest_sensing, "drag_hills", icon="EMPTY_AXIS", toggle=True)
         layout.label(text="Images")
-        draw_list(layout, "FOREST_UL_rasters", planting, "rasters", "raster")
-        if planting.rasters:
-            draw_settings(split(layout), chosen(planting, "rasters"))
+        draw_listed(layout, planting, "rasters", "raster")
         column = split(layout)
         draw_field(column, planting, "base")
         draw_reference(column, planting, "painted")
@@ -282,6 +350,31 @@ class FOREST_PT_targets(_OfPlanting, bpy.types.Panel):
         draw_settings(column, targets)
 
 
+class FOREST_PT_by_hand(_OfPlanting, bpy.types.Panel):
+    """Of the chosen planting: single trees that stay as they were set, discs without trees."""
+
+    bl_label = "By Hand"
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout, planting, props = self.layout, _shown_planting(context), _props(context)
+        text = label("Done Planting") if is_planting() else label("Plant by Hand")
+        row = layout.row()
+        row.scale_y = BIG
+        row.operator("forest.plant", text=text, icon="CHECKMARK" if is_planting() else "BRUSH_DATA")
+        column = split(layout)
+        for name in ("plant_radius", "plant_density", "plant_grows"):
+            column.prop(props, name)
+        layout.label(text="Selected Trees")
+        row = layout.column(align=True)  # side by side their names would be cut off
+        for name, icon in (("lock", "LOCKED"), ("swap", "FILE_REFRESH"), ("remove", "X")):
+            row.operator(f"forest.{name}_trees", icon=icon)
+        row.operator("forest.adopt_trees", icon="ADD")
+        layout.label(text="Trees Set by Hand")
+        draw_listed(layout, planting, "by_hand", "hand_tree")
+        layout.label(text="Clearings")
+        draw_listed(layout, planting, "clearings", "clearing")
+
+
 class FOREST_PT_spacing(WithForest, bpy.types.Panel):
     bl_label = "Spacing"
     bl_parent_id = "FOREST_PT_forest"
@@ -294,9 +387,7 @@ class FOREST_PT_spacing(WithForest, bpy.types.Panel):
             if is_shown(forest, name):
                 draw_field(column, forest, name)
         layout.label(text="Between Two Species")
-        draw_list(layout, "FOREST_UL_distances", forest, "distances", "distance")
-        if forest.distances:
-            draw_settings(split(layout), chosen(forest, "distances"))
+        draw_listed(layout, forest, "distances", "distance")
 
 
 class FOREST_PT_stems(WithForest, bpy.types.Panel):
@@ -306,11 +397,9 @@ class FOREST_PT_stems(WithForest, bpy.types.Panel):
 
     def draw(self, context: bpy.types.Context) -> None:
         layout, props = self.layout, context.scene.forest_sensing
-        draw_list(layout, "FOREST_UL_stems", props, "stems", "stems")
+        draw_listed(layout, props, "stems", "stems")
         if props.stems:
-            stems = chosen(props, "stems")
-            draw_settings(split(layout), stems)
-            draw_settings(split(layout), stems.radius)
+            draw_settings(split(layout), chosen(props, "stems").radius)
 
 
 class FOREST_PT_ground(WithForest, bpy.types.Panel):
@@ -380,83 +469,3 @@ def _build_or_progress(layout: bpy.types.UILayout, icon: str, text: str) -> None
         draw_job(row, job)
     else:
         row.operator("forest.build", text=text, icon=icon)
-
-
-HANDS = Listed("by_hand", _planting, NO_PLANTING)
-CLEARINGS = Listed("clearings", _planting, NO_PLANTING)
-OF_HAND = "Set a tree by hand at the 3D cursor"
-OF_CLEARING = "Keep a disc around the 3D cursor free of trees that are drawn"
-WIDE = 2.0  # metres, of a clearing that a button makes
-
-
-def _tree_row(tree: Any) -> Row:
-    x, y = tree.position
-    right = label("variant {number}", number=tree.variant) if tree.use_variant else ""
-    return Row(f"{x:.2f}, {y:.2f} m", "OUTLINER_OB_CURVES", right)
-
-
-def _clearing_row(disc: Any) -> Row:
-    x, y = disc.position
-    return Row(f"{x:.2f}, {y:.2f} m", "MESH_CIRCLE", f"{disc.radius:.3g} m")
-
-
-def _start_tree(tree: Any, context: bpy.types.Context) -> None:
-    tree.position = context.scene.cursor.location[:2]
-
-
-def _start_clearing(disc: Any, context: bpy.types.Context) -> None:
-    disc.position, disc.radius = context.scene.cursor.location[:2], WIDE
-
-
-class FOREST_PT_by_hand(Tab, bpy.types.Panel):
-    """Of the chosen planting: single trees that stay as they were set, discs without trees."""
-
-    bl_label = "By Hand"
-    bl_parent_id = "FOREST_PT_plantings"
-    bl_options: ClassVar[set[str]] = {"DEFAULT_CLOSED"}
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return bool(context.scene.forest_sensing.plantings)
-
-    def draw(self, context: bpy.types.Context) -> None:
-        layout, planting = self.layout, chosen(context.scene.forest_sensing, "plantings")
-        props = context.scene.forest_sensing
-        text = label("Done Planting") if is_planting() else label("Plant by Hand")
-        row = layout.row()
-        row.scale_y = BIG
-        row.operator("forest.plant", text=text, icon="CHECKMARK" if is_planting() else "BRUSH_DATA")
-        column = split(layout)
-        for name in ("plant_radius", "plant_density", "plant_grows"):
-            column.prop(props, name)
-        layout.label(text="Selected Trees")
-        row = layout.column(align=True)  # side by side their names would be cut off
-        for name, icon in (("lock", "LOCKED"), ("swap", "FILE_REFRESH"), ("remove", "X")):
-            row.operator(f"forest.{name}_trees", icon=icon)
-        row.operator("forest.adopt_trees", icon="ADD")
-        layout.label(text="Trees Set by Hand")
-        draw_list(layout, "FOREST_UL_by_hand", planting, "by_hand", "hand_tree")
-        if planting.by_hand:
-            draw_settings(split(layout), chosen(planting, "by_hand"))
-        layout.label(text="Clearings")
-        draw_list(layout, "FOREST_UL_clearings", planting, "clearings", "clearing")
-        if planting.clearings:
-            draw_settings(split(layout), chosen(planting, "clearings"))
-
-
-CLASSES = (
-    rows("plantings", "Species of the forest", _planting_row),
-    rows("gaussians", "Hills of a species' intensity", _hill_row),
-    rows("rasters", "Images of a species' intensity", _image_row),
-    rows("distances", "Distances between pairs of species", _distance_row),
-    rows("stems", "Stems that only reverb hears", _stems_row),
-    *buttons("planting", "Planting", PLANTINGS, OF_PLANTING, _start_planting),
-    *buttons("gaussian", "Hill", HILLS, OF_HILL, _start_hill),
-    *buttons("raster", "Image", IMAGES, OF_IMAGE, _start_image),
-    *buttons("distance", "Distance", DISTANCES, OF_DISTANCE, _start_distance),
-    *buttons("stems", "Stems", STEMS, OF_STEMS, _start_stems),
-    rows("by_hand", "Trees of a planting that were set by hand", _tree_row),
-    rows("clearings", "Discs that a planting keeps free", _clearing_row),
-    *buttons("hand_tree", "Tree", HANDS, OF_HAND, _start_tree),
-    *buttons("clearing", "Clearing", CLEARINGS, OF_CLEARING, _start_clearing),
-)

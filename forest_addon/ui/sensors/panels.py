@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from functools import cache, partial
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -26,9 +26,9 @@ from ..forest.wind import draw_wind
 from ..results.panel import draw_found
 from ..settings import references
 from ..settings.drawing import BIG, OnceStarted, draw_settings, folded, icon_of, name_in, split
-from ..settings.lists import Listed, Row, buttons, draw_list, rows
+from ..settings.lists import Listed, Row, buttons, draw_list, draw_listed, rows
 from ..settings.presets import draw_presets
-from ..shell.chosen import chosen, chosen_sensor, while_drawn
+from ..shell.chosen import chosen, chosen_sensor, chosen_settings, while_drawn
 from ..shell.running import current, draw_job
 from ..shell.words import keep, label, label_kept, say
 from .look_through import draw_switch
@@ -40,7 +40,6 @@ KIND_KEY, INDEX_KEY, SHARE_KEY, GAIN_KEY = (
     spec.property_of(name) for name in ("optics", "index", "mirror", "gain")
 )
 OPTICS = ("", *spec.POLISHED)
-OTHERWISE = spec.Surfaces().other  # reflectance that an object's own starts with
 
 
 def seen_thing(context: bpy.types.Context) -> bpy.types.Object | None:
@@ -60,62 +59,24 @@ def _is_seen(thing: Any) -> bool:
     return not thing.get(IGNORED_KEY, False)
 
 
-def _set_seen(thing: Any, seen: bool) -> None:
-    _say(thing, IGNORED_KEY, None if seen else True)
-
-
-def _has_reflectance(thing: Any) -> bool:
-    return REFLECTANCE_KEY in thing
-
-
-def _set_has_reflectance(thing: Any, has: bool) -> None:
-    _say(thing, REFLECTANCE_KEY, _reflectance(thing) if has else None)
-
-
-def _reflectance(thing: Any) -> float:
-    value = thing.get(REFLECTANCE_KEY)
-    return value if isinstance(value, int | float) else OTHERWISE
-
-
-def _set_reflectance(thing: Any, value: float) -> None:
-    _say(thing, REFLECTANCE_KEY, min(max(value, 0.0), 1.0))
-
-
 def _kind(thing: Any) -> int:
     kind = thing.get(KIND_KEY, "")
     return OPTICS.index(kind) if kind in OPTICS else 0
 
 
-def _set_kind(thing: Any, number: int) -> None:
-    _say(thing, KIND_KEY, OPTICS[number] or None)
+def _number(key: str, low: float, high: float, usual: Callable[[Any], float]) -> dict[str, Any]:
+    """How a number that an object keeps is read and set; ``usual`` is read where it keeps none."""
 
+    def read(thing: Any) -> float:
+        value = thing.get(key)
+        return value if isinstance(value, int | float) and value >= low else usual(thing)
 
-def _index(thing: Any) -> float:
-    value = thing.get(INDEX_KEY)
-    usual = spec.USUAL_INDEX.get(OPTICS[_kind(thing)], 1.0)
-    return value if isinstance(value, int | float) and value >= 1 else usual
-
-
-def _set_index(thing: Any, value: float) -> None:
-    _say(thing, INDEX_KEY, min(max(value, 1.0), 5.0))
-
-
-def _share(thing: Any) -> float:
-    value = thing.get(SHARE_KEY)
-    return value if isinstance(value, int | float) else spec.Polished().mirror
-
-
-def _set_share(thing: Any, value: float) -> None:
-    _say(thing, SHARE_KEY, min(max(value, 0.0), 1.0))
-
-
-def _gain(thing: Any) -> float:
-    value = thing.get(GAIN_KEY)
-    return value if isinstance(value, int | float) else spec.Polished().gain
-
-
-def _set_gain(thing: Any, value: float) -> None:
-    _say(thing, GAIN_KEY, max(value, 1.0))
+    return {
+        "get": read,
+        "set": lambda thing, value: _say(thing, key, min(max(value, low), high)),
+        "min": low,
+        "max": high,
+    }
 
 
 def _say(thing: Any, key: str, value: Any) -> None:
@@ -126,28 +87,28 @@ def _say(thing: Any, key: str, value: Any) -> None:
     thing.update_tag()  # what was read of the scene is read again
 
 
+REFLECTANCE = _number(REFLECTANCE_KEY, 0.0, 1.0, lambda _: spec.Surfaces().other)
 PROPERTIES = {
     "forest_seen": bpy.props.BoolProperty(
         name="Seen by Sensors",
         description="LiDAR, sonar and reverb meet this object; off: they pass through it",
         get=_is_seen,
-        set=_set_seen,
+        set=lambda thing, seen: _say(thing, IGNORED_KEY, None if seen else True),
     ),
     "forest_reflects": bpy.props.BoolProperty(
         name="Own Reflectance",
         description="LiDAR takes this object's reflectance, not that of the scanner's surfaces",
-        get=_has_reflectance,
-        set=_set_has_reflectance,
+        get=lambda thing: REFLECTANCE_KEY in thing,
+        set=lambda thing, has: _say(
+            thing, REFLECTANCE_KEY, REFLECTANCE["get"](thing) if has else None
+        ),
     ),
     "forest_reflected": bpy.props.FloatProperty(
         name="Reflectance",
         description="Share of the light that this object sends back (Lambert); a material that has the "
         "custom property forest_reflectance comes first",
-        min=0.0,
-        max=1.0,
         subtype="FACTOR",
-        get=_reflectance,
-        set=_set_reflectance,
+        **REFLECTANCE,
     ),
     "forest_polish": bpy.props.EnumProperty(
         name="Polish",
@@ -161,33 +122,26 @@ PROPERTIES = {
             ),
         ],
         get=_kind,
-        set=_set_kind,
+        set=lambda thing, number: _say(thing, KIND_KEY, OPTICS[number] or None),
     ),
     "forest_refraction": bpy.props.FloatProperty(
         name="Index",
         description="Refractive index of the glass or the water",
-        min=1.0,
-        max=5.0,
-        get=_index,
-        set=_set_index,
+        **_number(
+            INDEX_KEY, 1.0, 5.0, lambda thing: spec.USUAL_INDEX.get(OPTICS[_kind(thing)], 1.0)
+        ),
     ),
     "forest_mirrored": bpy.props.FloatProperty(
         name="Sends On",
         description="Share of the light that the mirror sends on",
-        min=0.0,
-        max=1.0,
         subtype="FACTOR",
-        get=_share,
-        set=_set_share,
+        **_number(SHARE_KEY, 0.0, 1.0, lambda _: spec.Polished().mirror),
     ),
     "forest_gained": bpy.props.FloatProperty(
         name="Gain",
         description="Light that the retro-reflector sends back, of that of a white surface",
-        min=1.0,
-        max=1e6,
         soft_max=5000.0,
-        get=_gain,
-        set=_set_gain,
+        **_number(GAIN_KEY, 1.0, 1e6, lambda _: spec.Polished().gain),
     ),
 }
 
@@ -221,42 +175,21 @@ class FOREST_UL_sensors(bpy.types.UIList):
         return [self.bitflag_filter_item if kind_of(thing) else 0 for thing in things], []
 
 
-def _of_sensor(kind: str) -> Callable[[Context], Any]:
-    """The settings of the chosen sensor, if it is of a kind."""
-
-    def settings(context: Context) -> Any:
-        thing = chosen_sensor(context)
-        fits = thing is not None and kind_of(thing) == kind
-        return getattr(thing.forest_sensor, kind) if fits else None
-
-    return settings
-
-
 NO_SCANNER = keep("Choose a moving scanner in the list of sensors first")
 NO_REVERB = keep("Choose a reverb in the list of sensors first")
 
 
-def _say_names(name: str, reverb: Any) -> None:
-    references.listed_anew(reverb, name)
+def _poses_of(context: Context) -> Any:
+    return chosen_settings(context, "mobile")
 
 
-POSES = Listed("poses", _of_sensor("mobile"), NO_SCANNER)
-SOURCES = Listed("sources", _of_sensor("reverb"), NO_REVERB)
-RECEIVERS = Listed("receivers", _of_sensor("reverb"), NO_REVERB)
-SOURCE_OBJECTS, RECEIVER_OBJECTS = (
-    Listed(f"{name}_pointers", _of_sensor("reverb"), NO_REVERB, partial(_say_names, name))
-    for name in ("source_objects", "receiver_objects")
-)
+def _reverb_of(context: Context) -> Any:
+    return chosen_settings(context, "reverb")
 
 
-def _pose_row(item: Any) -> Row:
-    x, y, z = item.position
-    return Row(f"{x:g}, {y:g}, {z:g} m", "EMPTY_ARROWS", f"{item.time:g} s")
-
-
-def _place_row(item: Any) -> Row:
-    x, y, z = item.position
-    return Row(f"{x:g}, {y:g}, {z:g} m", "EMPTY_AXIS")
+def _place(position: Any) -> str:
+    x, y, z = position
+    return f"{x:g}, {y:g}, {z:g} m"
 
 
 def _object_row(item: Any) -> Row:
@@ -265,7 +198,7 @@ def _object_row(item: Any) -> Row:
 
 
 def _start_pose(pose: Any, context: Context) -> None:
-    poses = POSES.owner(context).poses
+    poses = _poses_of(context).poses
     if len(poses) < 2:
         return
     last = poses[len(poses) - 2]
@@ -281,21 +214,61 @@ def _start_place(place: Any, context: Context) -> None:
     place.position = (x, y, place.position[2])
 
 
-OF_POSE = "Add a place that the scanner passes, ten seconds and ten metres after the last"
-OF_SOURCE = "Add one more source, in the middle of the field"
-OF_SPEAKER = "Add a Speaker of the scene as one more source; pick it below"
-OF_EAR = "Add an Empty or a Camera of the scene as one more receiver; pick it below"
-OF_RECEIVER = "Add one more receiver, in the middle of the field"
-
 CLASSES = (
-    rows("poses", "Poses of a moving scanner", _pose_row),
-    rows("places", "Further sources or receivers of a reverb", _place_row),
-    *buttons("pose", "Pose", POSES, OF_POSE, _start_pose),
-    *buttons("source", "Source", SOURCES, OF_SOURCE, _start_place),
-    *buttons("receiver", "Receiver", RECEIVERS, OF_RECEIVER, _start_place),
+    rows(
+        "poses",
+        "Poses of a moving scanner",
+        lambda item: Row(_place(item.position), "EMPTY_ARROWS", f"{item.time:g} s"),
+    ),
+    rows(
+        "places",
+        "Further sources or receivers of a reverb",
+        lambda item: Row(_place(item.position), "EMPTY_AXIS"),
+    ),
     rows("objects", "Objects that are further sources or receivers of a reverb", _object_row),
-    *buttons("source_object", "Source Object", SOURCE_OBJECTS, OF_SPEAKER),
-    *buttons("receiver_object", "Receiver Object", RECEIVER_OBJECTS, OF_EAR),
+    *buttons(
+        "pose",
+        "Pose",
+        Listed("poses", _poses_of, NO_SCANNER),
+        "Add a place that the scanner passes, ten seconds and ten metres after the last",
+        _start_pose,
+    ),
+    *buttons(
+        "source",
+        "Source",
+        Listed("sources", _reverb_of, NO_REVERB),
+        "Add one more source, in the middle of the field",
+        _start_place,
+    ),
+    *buttons(
+        "receiver",
+        "Receiver",
+        Listed("receivers", _reverb_of, NO_REVERB),
+        "Add one more receiver, in the middle of the field",
+        _start_place,
+    ),
+    *buttons(
+        "source_object",
+        "Source Object",
+        Listed(
+            "source_objects_pointers",
+            _reverb_of,
+            NO_REVERB,
+            lambda reverb: references.listed_anew(reverb, "source_objects"),
+        ),
+        "Add a Speaker of the scene as one more source; pick it below",
+    ),
+    *buttons(
+        "receiver_object",
+        "Receiver Object",
+        Listed(
+            "receiver_objects_pointers",
+            _reverb_of,
+            NO_REVERB,
+            lambda reverb: references.listed_anew(reverb, "receiver_objects"),
+        ),
+        "Add an Empty or a Camera of the scene as one more receiver; pick it below",
+    ),
 )
 
 
@@ -529,8 +502,10 @@ def _draw_sensor(layout: bpy.types.UILayout, thing: bpy.types.Object) -> None:
         header.label(text=name_in(type(group), part))
         if body is not None:
             draw_settings(split(body), getattr(group, part))
-    if kind in LISTS:
-        LISTS[kind](layout, group)
+    if kind == "mobile":
+        _draw_poses(layout, group)
+    elif kind == "reverb":
+        _draw_further(layout, group)
 
 
 def _draw_poses(layout: bpy.types.UILayout, group: Any) -> None:
@@ -538,41 +513,22 @@ def _draw_poses(layout: bpy.types.UILayout, group: Any) -> None:
     if group.follow:
         return
     layout.label(text="Where It Goes")
-    draw_list(layout, "FOREST_UL_poses", group, "poses", "pose")
-    if group.poses:
-        draw_settings(split(layout), chosen(group, "poses"))
+    draw_listed(layout, group, "poses", "pose")
 
 
 def _draw_further(layout: bpy.types.UILayout, group: Any) -> None:
-    """Further sources and receivers of a reverb."""
-    layout.label(text="Further Sources")
-    _draw_ends(layout, group, "sources", "source")
-    _draw_objects(layout, group, "source_objects", "source_object")
-    layout.label(text="Further Receivers")
-    _draw_ends(layout, group, "receivers", "receiver")
-    _draw_objects(layout, group, "receiver_objects", "receiver_object")
-
-
-LISTS: dict[str, Callable[[bpy.types.UILayout, Any], None]] = {  # of the settings of a kind
-    "mobile": _draw_poses,
-    "reverb": _draw_further,
-}
-
-
-def _draw_ends(layout: bpy.types.UILayout, reverb: Any, name: str, thing: str) -> None:
-    """Further sources or receivers: the list, and the place of the chosen one."""
-    draw_list(layout, "FOREST_UL_places", reverb, name, thing)
-    if getattr(reverb, name):
-        draw_settings(split(layout), chosen(reverb, name))
-
-
-def _draw_objects(layout: bpy.types.UILayout, reverb: Any, name: str, thing: str) -> None:
-    """Objects that are further ends: the list, and the picker of the chosen one."""
-    layout.label(text=name_in(type(reverb), name))
-    items = f"{name}_pointers"
-    draw_list(layout, "FOREST_UL_objects", reverb, items, thing)
-    if getattr(reverb, items):
-        split(layout).prop(chosen(reverb, items), "thing")
+    """Further sources and receivers of a reverb: places, and objects that are picked."""
+    for end, title in (
+        ("source", keep("Further Sources")),
+        ("receiver", keep("Further Receivers")),
+    ):
+        layout.label(text=label_kept(title))
+        draw_listed(layout, group, f"{end}s", end, "places")
+        layout.label(text=name_in(type(group), f"{end}_objects"))
+        items = f"{end}_objects_pointers"
+        draw_list(layout, group, items, f"{end}_object", "objects")
+        if getattr(group, items):
+            split(layout).prop(chosen(group, items), "thing")
 
 
 class FOREST_PT_thing(OnceStarted, bpy.types.Panel):

@@ -11,9 +11,11 @@ from typing import Any, ClassVar
 
 import bpy
 
+from ..shell.chosen import chosen
 from ..shell.running import Button
 from ..shell.words import say
 from . import hills
+from .drawing import draw_settings, split
 
 Context = bpy.types.Context
 
@@ -41,13 +43,25 @@ class Listed:
     changed: Callable[[Any], None] = lambda owner: None
 
 
-def draw_list(layout: bpy.types.UILayout, shown: str, owner: Any, name: str, thing: str) -> None:
-    """A list with buttons that add and remove."""
+def draw_list(
+    layout: bpy.types.UILayout, owner: Any, name: str, thing: str, shown: str = ""
+) -> None:
+    """A list with buttons that add and remove a THING; ``shown`` names its rows, by default as the list."""
     row = layout.row()
-    row.template_list(shown, "", owner, name, owner, f"active_{name}", rows=2)
+    known = f"FOREST_UL_{shown or name}"
+    row.template_list(known, "", owner, name, owner, f"active_{name}", rows=2)
     buttons = row.column(align=True)
     buttons.operator(f"forest.add_{thing}", text="", icon="ADD")
     buttons.operator(f"forest.remove_{thing}", text="", icon="REMOVE")
+
+
+def draw_listed(
+    layout: bpy.types.UILayout, owner: Any, name: str, thing: str, shown: str = ""
+) -> None:
+    """A list, and the settings of the chosen item below it."""
+    draw_list(layout, owner, name, thing, shown)
+    if getattr(owner, name):
+        draw_settings(split(layout), chosen(owner, name))
 
 
 def rows(name: str, meaning: str, row_of: Callable[[Any], Row]) -> type[bpy.types.UIList]:

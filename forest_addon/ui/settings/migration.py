@@ -1,8 +1,8 @@
 """Files of other versions: what is not read of them stands in the panel until the user takes note.
 
-A scene that is saved says which layout its settings have. One of a newer version, and one of before 1.0, which
-kept one sensor of each kind in the scene, is told of in the panel and in the console. A file without settings
-of ours is left alone.
+A scene that is saved says which layout its settings have. One of a newer version, and one of before 1.0,
+which kept one sensor of each kind in the scene, is told of in the panel and in the console. A file without
+settings of ours is left alone.
 """
 
 from __future__ import annotations

@@ -24,7 +24,7 @@ class FOREST_PT_species(WithForest, bpy.types.Panel):
 
     def draw(self, context: bpy.types.Context) -> None:
         layout, props = self.layout, context.scene.forest_sensing
-        draw_list(layout, "FOREST_UL_plantings", props, "plantings", "planting")
+        draw_list(layout, props, "plantings", "planting")
         halves = layout.split(factor=0.5)
         if chosen_planting(props) is not None:
             halves.template_icon_view(
