@@ -2,8 +2,8 @@
 
 Scene files say names, and so does the text that a .blend has had since there are such settings. Where a name
 is found, the pointer holds what it means, and the name is read from that; a name that nothing has yet stays a
-text. Several objects, whose names a text parts by commas, are a list of pointers. Where a text is typed,
-names are offered: species, scanners, objects, layers. A file is chosen in the file browser; Blender's ``//``
+text. Several objects, whose names a text parts by commas, are a list of pointers. Where a species or
+a scanner is typed, names are offered. A file is chosen in the file browser; Blender's ``//``
 becomes a whole path, which scene files understand.
 """
 
@@ -292,51 +292,6 @@ def _scanners(group: Any, _context: Any, typed: str) -> list[str]:
     return [n for n in _matching(scanner_names(), typed) if kind in read_scanner(n).tables]
 
 
-def _paths(_group: Any, context: Any, typed: str) -> list[str]:
-    """Curves, and objects that are animated."""
-    able = [t for t in context.scene.objects if REFERENCES["follow"].fits(None, t)]
-    return _matching(sorted(thing.name for thing in able), typed)
-
-
-def _surfaces(_group: Any, context: Any, typed: str) -> list[str]:
-    return _matching(sorted(thing.name for thing in _solid(context)), typed)
-
-
-def _layers_of_all(_group: Any, context: Any, typed: str) -> list[str]:
-    """Vertex groups, and attributes of numbers with a fraction or of colours, of every mesh."""
-    names = []
-    for thing in _solid(context):
-        names += [f"{thing.name}:{layer}" for layer in layers_of(thing)]
-    return _matching(sorted(names), typed)
-
-
-def _collections(_group: Any, _context: Any, typed: str) -> list[str]:
-    return _matching(sorted(home.name for home in bpy.data.collections), typed)
-
-
-def _heard(name: str) -> Any:
-    def search(_group: Any, context: Any, typed: str) -> list[str]:
-        before, comma, last = typed.rpartition(",")
-        names = sorted(
-            thing.name
-            for thing in context.scene.objects
-            if thing.type in HEARD_TYPES[name] and HANDLE_KEY not in thing
-        )
-        chosen = {part.strip() for part in before.split(",")}
-        start = f"{before}{comma} " if comma else ""
-        return [start + n for n in _matching(names, last.strip()) if n not in chosen]
-
-    return search
-
-
-def _solid(context: Any) -> list[bpy.types.Object]:
-    """Objects with a surface; a forest's own trees are none that one would name."""
-    from ...blender.read.depsgraph import SOLID_TYPES, SPECIES_KEY
-
-    solid = (thing for thing in context.scene.objects if thing.type in SOLID_TYPES)
-    return [thing for thing in solid if SPECIES_KEY not in thing]
-
-
 def _matching(names: Iterable[str], typed: str) -> list[str]:
     return [name for name in names if typed.lower() in name.lower()]
 
@@ -361,10 +316,4 @@ SEARCHES = {
     "species": _species,
     "other": _planted,
     "scanner": _scanners,
-    "follow": _paths,
-    "object": _surfaces,
-    "painted": _layers_of_all,
-    "collection": _collections,
-    "source_objects": _heard("source_objects"),
-    "receiver_objects": _heard("receiver_objects"),
 }
