@@ -26,13 +26,9 @@ from .settings import hills, references
 from .settings.groups import (
     fields_of,
     group_class,
-    help_of,
-    is_group,
-    items_of,
-    label_of,
     make_group,
     property_of,
-    without_none,
+    words_of,
 )
 from .shell.chosen import choose_number, number_of_sensor
 from .species import edit
@@ -53,17 +49,17 @@ def _besides(settings: type[spec.Settings]) -> dict[str, Any]:
     held: dict[str, Any] = {}
     if settings is spec.Planting:
         held["standing"] = IntProperty(default=-1, options={"HIDDEN"})
-    for name, kind, known, _ in fields_of(settings):
-        if name in references.REFERENCES and kind is str:
-            held |= references.pointers(name, label_of(name, known), help_of(known))
+    for field in fields_of(settings):
+        if field.name in references.REFERENCES and field.kind is str:
+            held |= references.pointers(field.name, words_of(field))
     return held
 
 
 def _make_group(settings: type[spec.Settings]) -> None:
     """Make the group of a settings class, after those that it holds."""
-    for _, kind, _, _ in fields_of(settings):
-        part = items_of(kind) or without_none(kind) or kind
-        if is_group(part) and part not in GROUPS:
+    for field in fields_of(settings):
+        part = {"group": field.kind, "groups": field.item}.get(field.how)
+        if part is not None and part not in GROUPS:
             _make_group(part)
     GROUPS[settings] = make_group(settings, GROUPS, WHEN_SET, _besides(settings))
 
@@ -144,11 +140,11 @@ class FOREST_PG_result(bpy.types.PropertyGroup):
     frames: CollectionProperty(type=FOREST_PG_frame)
 
 
-PLAIN = {name: (kind, known, default) for name, kind, known, default in fields_of(spec.Scene)}
+PLAIN = {field.name: field for field in fields_of(spec.Scene)}
 FOREST_PG_scene = group_class(  # everything that a Blender scene holds of ours
     "scene",
     {
-        **{name: property_of(name, *PLAIN[name]) for name in ("name", "seed", "offset", "crs")},
+        **{name: property_of(PLAIN[name]) for name in ("name", "seed", "offset", "crs")},
         "forest": PointerProperty(type=GROUPS[spec.Forest]),
         "plantings": CollectionProperty(type=GROUPS[spec.Planting]),
         "active_plantings": IntProperty(

@@ -27,9 +27,9 @@ def plane(name):
 def texts():
     """(class, field, param) of every text of the panel that is no choice of a few."""
     for cls in properties.GROUPS:
-        for name, kind, known, _ in properties.fields_of(cls):
-            if kind is str and not known.choices:
-                yield cls, name, known
+        for field in properties.fields_of(cls):
+            if field.kind is str and field.how == "value" and not field.param.choices:
+                yield cls, field.name, field.param
 
 
 def test_every_text_names_a_file_or_offers_something(props):

@@ -162,15 +162,17 @@ def test_basic_hides_the_papers_symbols(small):
 
 
 def test_every_rule_names_settings_that_there_are(props):
-    fields = {kind: {name for name, *_ in fields_of(kind)} for kind in properties.GROUPS}
+    fields = {
+        kind: {field.name: field.param for field in fields_of(kind)} for kind in properties.GROUPS
+    }
     lower = {kind.__name__.lower(): names for kind, names in fields.items()}
     for settings, names in ADVANCED.items():
-        assert names <= lower[settings]
+        assert names <= lower[settings].keys()
     for name, (other, values) in APPLIES.items():
-        holders = [kind for kind, names in fields.items() if {name, other} <= names]
+        holders = [kind for kind, names in fields.items() if {name, other} <= names.keys()]
         assert holders, name
         for kind in holders:
-            known = next(param for field, _, param, _ in fields_of(kind) if field == other)
+            known = fields[kind][other]
             assert not known.choices or set(values) <= set(known.choices)
 
 

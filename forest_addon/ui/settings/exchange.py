@@ -23,13 +23,7 @@ from .groups import (
     LARGEST_INT,
     WHEN_USED,
     fields_of,
-    is_group,
-    is_sensor_kind,
-    is_text,
-    items_of,
-    listed,
     text_of,
-    without_none,
 )
 
 T = TypeVar("T", bound=Settings)
@@ -206,29 +200,27 @@ def read(group: Any, settings: type[T], place: str = "", given: dict[str, Any] |
     SpecError : a value that cannot be used.
     """
     values: dict[str, Any] = {}
-    for name, kind, known, _ in fields_of(settings):
-        items = items_of(kind)
+    for field in fields_of(settings):
+        name, key = field.name, f"{place}.{field.name}".lstrip(".")
         if given and name in given:
             values[name] = given[name]
-        elif items:
+        elif field.how == "kind":
+            continue
+        elif field.optional and not getattr(group, f"use_{name}"):
+            values[name] = None
+        elif field.how == "groups":
             values[name] = tuple(
-                read(item, items, f"{place}.{name}[{number}]".lstrip("."))
+                read(item, field.item, f"{key}[{number}]")
                 for number, item in enumerate(getattr(group, name))
             )
-        elif without_none(kind) and not getattr(group, f"use_{name}"):
-            values[name] = None
-        elif is_group(without_none(kind) or kind):
-            part = without_none(kind) or kind
-            values[name] = read(getattr(group, name), part, f"{place}.{name}".lstrip("."))
-        elif is_sensor_kind(name, known):
-            continue
-        elif listed(kind):
-            key = f"{place}.{name}".lstrip(".")
-            values[name] = _list_of(key, getattr(group, name), listed(kind))
-        elif is_text(name, kind):
-            values[name] = _parsed(f"{place}.{name}".lstrip("."), getattr(group, name))
-        elif name in references.REFERENCES and kind is str:
-            values[name] = _named(f"{place}.{name}".strip("."), group, name)
+        elif field.how == "group":
+            values[name] = read(getattr(group, name), field.kind, key)
+        elif field.how == "list":
+            values[name] = _list_of(key, getattr(group, name), field.item)
+        elif field.how == "text":
+            values[name] = _parsed(key, getattr(group, name))
+        elif name in references.REFERENCES and field.kind is str:
+            values[name] = _named(key, group, name)
         else:
             values[name] = _plain(getattr(group, name))
     try:
@@ -239,22 +231,21 @@ def read(group: Any, settings: type[T], place: str = "", given: dict[str, Any] |
 
 def write(group: Any, settings: Settings, only: Mapping[str, Any] | None = None) -> None:
     """Put settings into their property group; ``only`` those that such a table names."""
-    for name, kind, known, _ in fields_of(type(settings)):
+    for field in fields_of(type(settings)):
+        name, value = field.name, getattr(settings, field.name)
         if only is not None and name not in only:
             continue
-        value = getattr(settings, name)
-        if without_none(kind):
+        if field.optional:
             setattr(group, f"use_{name}", value is not None)
-            if value is None and is_group(without_none(kind)):
-                value = WHEN_USED[name]
-        if is_group(without_none(kind) or kind):
+        if field.how == "group":
+            value = WHEN_USED[name] if value is None else value
             write(getattr(group, name), value, None if only is None else only[name])
-        elif items_of(kind):
+        elif field.how == "groups":
             fill(group, name, value)
-        elif is_text(name, kind):
+        elif field.how in ("list", "text"):
             text = text_of(value)
-            setattr(group, name, text.strip("[]") if listed(kind) in (int, float) else text)
-        elif value is not None and not is_sensor_kind(name, known):
+            setattr(group, name, text.strip("[]") if field.item in (int, float) else text)
+        elif value is not None and field.how != "kind":
             setattr(group, name, value)
 
 

@@ -37,19 +37,11 @@ ADDON = (__package__ or "").split(".forest_addon")[0].removesuffix(".ui")
 FRESH = 2.0  # s that the size of the cache is shown before it is looked up again
 
 
-def _ray_fields() -> dict[str, Any]:
-    """Engine and threads, with the words of ``spec``."""
-    return {
-        name: property_of(name, kind, known, default)
-        for name, kind, known, default in fields_of(spec.Rays)
-    }
-
-
 class FOREST_AP_preferences(bpy.types.AddonPreferences):
     """Preferences that hold for every scene that does not say otherwise."""
 
     bl_idname = ADDON
-    __annotations__ = _ray_fields()
+    __annotations__ = {field.name: property_of(field) for field in fields_of(spec.Rays)}
 
     def draw(self, _context: bpy.types.Context) -> None:
         column = self.layout.column()

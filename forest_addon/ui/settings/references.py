@@ -79,7 +79,7 @@ class FOREST_PG_heard(bpy.types.PropertyGroup):
 CLASSES = (FOREST_PG_heard,)
 
 
-def pointers(name: str, title: str, meaning: str) -> dict[str, Any]:
+def pointers(name: str, words: dict[str, Any]) -> dict[str, Any]:
     """The properties that a group holds beside the text of this setting."""
     known = REFERENCES[name]
     if known.many:
@@ -92,8 +92,7 @@ def pointers(name: str, title: str, meaning: str) -> dict[str, Any]:
     made = {
         f"{name}_pointer": PointerProperty(
             type=known.of,
-            name=title,
-            description=meaning,
+            **words,
             poll=known.fits,
             update=lambda group, _context: _say_name(group, name),
         )
