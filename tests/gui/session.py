@@ -125,8 +125,8 @@ def a_broken_overlay_stays_alone() -> Scenario:
     track.forest_sensor.mobile.follow_pointer = curve
     yield 1
     assert not overlay._broken
-    assert len(overlay.outlines._batches) == 4
-    assert any(overlay.points._batches.values())
+    assert len(overlay._outlines) == 4
+    assert any(overlay._points.values())
     for thing in (*added, curve):
         bpy.data.objects.remove(thing)
 

@@ -7,6 +7,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
+from forest_addon import spec
 from forest_addon.blender.read.depsgraph import read_scene
 from forest_addon.ui.sensors import panels
 
@@ -36,7 +37,7 @@ def test_an_object_has_a_reflectance_of_its_own(wall):
     assert not wall.forest_reflects
     assert np.isnan(found().reflectance).all()
     wall.forest_reflects = True
-    assert wall["forest_reflectance"] == panels.OTHERWISE
+    assert wall["forest_reflectance"] == spec.Surfaces().other
     wall.forest_reflected = 0.25
     assert found().reflectance.tolist() == [0.25]
     wall.forest_reflected = 3.0  # a share
@@ -73,7 +74,7 @@ def test_what_a_script_has_set_is_shown(wall):
     assert wall.forest_reflects
     assert wall.forest_reflected == 0.75
     wall["forest_reflectance"] = "white"  # sensors do not count it either
-    assert wall.forest_reflected == panels.OTHERWISE
+    assert wall.forest_reflected == spec.Surfaces().other
 
 
 def test_it_is_undone(wall):
