@@ -96,13 +96,13 @@ def _rooms() -> tuple[ModuleType, ...]:
     from .sensors import add, flight, look_through, run
     from .sensors import panels as sensor_panels
     from .settings import hills, migration, preferences, presets
-    from .shell import chosen, running, words
-    from .species import edit, import_stl
+    from .shell import running, views, words
+    from .species import edit
     from .species import panel as species_panel
 
     return (
         *(properties, edit, words, running, tree, start, build, scene_file, add, run, look_through),
         *(buttons, keep, preferences, presets),
-        *(forest_panels, sensor_panels, flight, results_panel, overlay, import_stl, species_panel),
-        *(wind, chosen, hills, painting, hand, planting, migration),
+        *(forest_panels, sensor_panels, flight, results_panel, overlay, species_panel),
+        *(wind, views, hills, painting, hand, planting, migration),
     )

@@ -30,7 +30,7 @@ from ..spec import Scene, SpecError
 from .settings import exchange
 from .settings.drawing import OnceStarted, split
 from .settings.exchange import forestless
-from .shell.chosen import chosen_sensor
+from .shell.views import chosen_sensor
 
 CELLS = 96  # of the intensity along the longer side of the field
 LIFT = 0.05  # m above the ground, so that the two do not flicker

@@ -22,15 +22,9 @@ from bpy.props import (
 
 from .. import spec
 from .forest import build, wind
-from .settings import hills, references
-from .settings.groups import (
-    fields_of,
-    group_class,
-    make_group,
-    property_of,
-    words_of,
-)
-from .shell.chosen import choose_number, number_of_sensor
+from .settings import exchange, hills, references
+from .settings.groups import fields_of, group_class, make_group, property_of, words_of
+from .shell.views import choose_number, number_of_sensor
 from .species import edit
 
 # What follows when a setting changes, or an item of a list is chosen.
@@ -39,6 +33,7 @@ WHEN_SET = {
     "centre": lambda hill, _: hills.place(hill),
     "width": lambda hill, _: hills.place(hill),
     "active_gaussians": hills.choose,
+    "scanner": exchange.take_scanner,
 }
 
 

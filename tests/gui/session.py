@@ -133,7 +133,7 @@ def a_broken_overlay_stays_alone() -> Scenario:
 
 def a_copy_is_chosen(area: bpy.types.Area, main: bpy.types.Region) -> Scenario:
     """Copy the echo as Shift-D does, see that list and buttons mean the copy, and remove it."""
-    from bl_ext.user_default.forest_sensing.forest_addon.ui.shell.chosen import chosen_sensor
+    from bl_ext.user_default.forest_sensing.forest_addon.ui.shell.views import chosen_sensor
 
     window, echo = view()[0], bpy.data.objects["bat"]
     things = echo.users_collection[0].objects

@@ -183,7 +183,7 @@ def of_ours():
 def test_operators_that_start_jobs_are_not_redone(registered):
     """The redo panel and *Repeat Last* run an operator to its end at once: the window would stand still."""
     made = (
-        "forest_addon.ui.settings.lists",
+        "forest_addon.ui.settings.drawing",
         "forest_addon.ui.settings.presets",
     )  # without a source
     plain = [cls for cls in of_ours() if cls.__module__ not in made]

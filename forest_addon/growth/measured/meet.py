@@ -28,27 +28,8 @@ from ..mesh.blades import Blade, leaf_areas, stalk_of
 from ..mesh.leaves import Leaves
 from ..skeleton import LeafSites, Skeleton, first_level
 from ..species import skeleton_of
-from .crown import (
-    borne,
-    colonise,
-    leaves_on,
-    scaffold_of,
-    scaled_to,
-    seat_twigs,
-    skeleton_of_nodes,
-    with_radii,
-    with_twigs,
-)
-from .wanted import (
-    BREAST,
-    TARGETS,
-    Wanted,
-    crown_base_of,
-    dbh_of,
-    leaf_tips,
-    lowest_branch,
-    width_of,
-)
+from .crown import borne, colonise, leaves_on, scaffold_of, scaled_to, seat_twigs, skeleton_of_nodes, with_radii, with_twigs
+from .wanted import BREAST, TARGETS, Wanted, crown_base_of, dbh_of, leaf_tips, lowest_branch, width_of
 
 MOST_LEAVES = 5_000_000
 STRETCHES = 12

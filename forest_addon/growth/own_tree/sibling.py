@@ -37,18 +37,7 @@ from ...spec import Siblings
 from ..draw import GOLDEN
 from .anatomy import GROUND
 from .habit import Habit, radius_at_seat
-from .lines import (
-    Lines,
-    Seats,
-    foot_frames,
-    lay,
-    lay_sloping,
-    seat_at,
-    sloped,
-    slopes,
-    stand_on,
-    walk,
-)
+from .lines import Lines, Seats, foot_frames, lay, lay_sloping, seat_at, sloped, slopes, stand_on, walk
 from .size import Size, size_of, trunk_girth
 
 JITTER = 0.25  # share of the scatter of spacing by which a node moves

@@ -32,15 +32,7 @@ from ...spec import Scene
 from ..settings import exchange
 from ..settings.exchange import forestless, to_spec
 from ..shell import running
-from ..shell.running import (
-    PROBLEMS,
-    Button,
-    Working,
-    current,
-    getting_ready,
-    obstacle,
-    stop,
-)
+from ..shell.running import PROBLEMS, Button, Working, current, getting_ready, obstacle, stop
 from ..shell.views import look_at, redraw_panels, region_of, views
 from ..shell.words import say
 from ..species.edit import edited_species, load

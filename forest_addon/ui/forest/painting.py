@@ -14,9 +14,8 @@ import bpy
 from ... import spec
 from ...blender.scene.layout import INTENSITY, part
 from ..settings import exchange
-from ..shell.chosen import chosen_planting, select
 from ..shell.running import Button
-from ..shell.views import see_through
+from ..shell.views import chosen_planting, see_through, select
 from ..shell.words import say
 
 NAME = "Canvas"

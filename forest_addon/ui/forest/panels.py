@@ -9,21 +9,25 @@ import bpy
 
 from ..settings.drawing import (
     BIG,
+    Listed,
+    Row,
     Tab,
     WithForest,
+    buttons,
     draw_field,
+    draw_listed,
     draw_reference,
     draw_settings,
     is_shown,
+    rows,
     split,
 )
 from ..settings.exchange import forestless
-from ..settings.lists import Listed, Row, buttons, draw_listed, rows
 from ..settings.migration import draw_notice
 from ..settings.presets import draw_presets
 from ..shell import running
-from ..shell.chosen import chosen, chosen_planting
 from ..shell.running import current, draw_job
+from ..shell.views import chosen, chosen_planting
 from ..shell.words import EDITED, keep, label, title_of
 from . import build
 from .painting import PAINTING

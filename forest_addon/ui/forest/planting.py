@@ -30,9 +30,8 @@ from ...base.rng import stream
 from ...blender.scene.layout import GROUND_NAME, GROUND_ROLE, VARIANTS, find_part
 from ...blender.scene.ours import ROLE_KEY, SHAPE_KEY, by_role
 from ...blender.scene.standings import ASSET_KEY
-from ..shell.chosen import chosen_planting
 from ..shell.running import WhenReady, current, obstacle
-from ..shell.views import region_below, region_of, views
+from ..shell.views import chosen_planting, region_below, region_of, views
 from ..shell.words import keep, say
 from .hand import Hand, copy_of, take_up_changes, variant_copied
 

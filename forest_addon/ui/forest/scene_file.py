@@ -24,8 +24,8 @@ from ...blender.sensors.objects import file_name, sensors_of
 from ...formats.toml_file import write_settings
 from ..settings.exchange import from_spec, to_spec
 from ..settings.preferences import rays_of
-from ..shell.chosen import choose_sensor
 from ..shell.running import Button, Reading
+from ..shell.views import choose_sensor
 from ..shell.words import say
 from ..species.edit import Edited, edited_species, from_folder, relocated
 

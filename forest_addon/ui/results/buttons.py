@@ -13,9 +13,8 @@ from ...blender.scene.layout import RESULTS, find_part
 from ...blender.scene.ours import is_ours
 from ...blender.sensors.objects import file_name
 from ...spec import SpecError
-from ..shell.chosen import select
 from ..shell.running import Button, Reading
-from ..shell.views import region_of
+from ..shell.views import region_of, select
 from ..shell.words import say
 from .keep import blocks_of, let_go, points_of
 

@@ -41,8 +41,8 @@ from ...spec import Scene, Sensor
 from ...spec.base import Settings
 from ...stand.forest import GrownForest
 from ..settings.exchange import forestless
-from ..shell.chosen import show
 from ..shell.running import Reading
+from ..shell.views import show
 from ..shell.words import Kept, keep, label_kept, say, say_kept
 from . import images
 

@@ -19,8 +19,8 @@ from ...blender.scene.standings import SOLID_TYPES
 from ...blender.sensors import objects as sensors
 from ...sensing.kinds import KINDS
 from ..settings.exchange import add_sensor
-from ..shell.chosen import choose_sensor, chosen_sensor
 from ..shell.running import Button
+from ..shell.views import choose_sensor, chosen_sensor
 from ..shell.words import keep, say
 
 Point = tuple[float, float, float]

@@ -16,8 +16,8 @@ from ...blender.jobs import Task, Work
 from ...blender.scene.layout import RESULTS, part
 from ..settings.drawing import BIG, OnceStarted, draw_settings, split
 from ..settings.exchange import add_sensor, to_spec
-from ..shell.chosen import choose_sensor
 from ..shell.running import Button, Working, getting_ready
+from ..shell.views import choose_sensor
 from ..shell.words import say
 
 FLYER_KEY = "forest_flyer"

@@ -22,9 +22,8 @@ from ...blender.sensors import objects as sensors
 from ...sensing.kinds import KINDS, choose
 from ..settings.exchange import sensor_of, to_spec
 from ..settings.preferences import rays_of
-from ..shell.chosen import chosen_sensor
 from ..shell.running import PROBLEMS, WhenReady, current, in_words
-from ..shell.views import views
+from ..shell.views import chosen_sensor, views
 from ..shell.words import keep, label, say
 
 TICK, QUIET = 0.05, 0.5  # s between two looks; s without a change before the scene is read again

@@ -25,11 +25,24 @@ from ...spec.choices import meaning_of, title_of
 from ..forest.wind import draw_wind
 from ..results.panel import draw_found
 from ..settings import references
-from ..settings.drawing import BIG, OnceStarted, draw_settings, folded, icon_of, name_in, split
-from ..settings.lists import Listed, Row, buttons, draw_list, draw_listed, rows
+from ..settings.drawing import (
+    BIG,
+    Listed,
+    OnceStarted,
+    Row,
+    buttons,
+    draw_list,
+    draw_listed,
+    draw_settings,
+    folded,
+    icon_of,
+    name_in,
+    rows,
+    split,
+)
 from ..settings.presets import draw_presets
-from ..shell.chosen import chosen, chosen_sensor, chosen_settings, while_drawn
 from ..shell.running import current, draw_job
+from ..shell.views import chosen, chosen_sensor, chosen_settings, while_drawn
 from ..shell.words import keep, label, label_kept, say
 from .look_through import draw_switch
 

@@ -10,7 +10,10 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
+from pathlib import Path
 from typing import Any, TypeVar
+
+import bpy
 
 from ... import spec
 from ...blender.read.single import shortest
@@ -19,12 +22,7 @@ from ...blender.sensors.objects import file_name
 from ...spec import Settings, SpecError
 from ..shell.words import say
 from . import hills, references
-from .groups import (
-    LARGEST_INT,
-    WHEN_USED,
-    fields_of,
-    text_of,
-)
+from .groups import LARGEST_INT, WHEN_USED, fields_of, text_of
 
 T = TypeVar("T", bound=Settings)
 # What is set where one senses, whether a forest is to stand there or not.
@@ -247,6 +245,21 @@ def write(group: Any, settings: Settings, only: Mapping[str, Any] | None = None)
             setattr(group, name, text.strip("[]") if field.item in (int, float) else text)
         elif value is not None and field.how != "kind":
             setattr(group, name, value)
+
+
+def take_scanner(props: Any, context: Any) -> None:
+    """Put the figures of the scanner that was chosen into the settings; they can be changed after."""
+    from ...formats.scanner_file import settings_of
+    from ...formats.toml_file import structure
+
+    kind = type(props).__name__.removeprefix("FOREST_PG_")
+    folder = Path(bpy.path.abspath(context.scene.forest_sensing.folder))
+    try:
+        figures = settings_of(props.scanner, kind, folder)
+        chosen = structure(figures, spec.SENSORS[kind])
+    except (spec.SpecError, ImportError):
+        return  # not a whole name yet, or none: what is set stays
+    write(props, chosen, figures)
 
 
 def fill(group: Any, name: str, items: Iterable[Settings]) -> None:

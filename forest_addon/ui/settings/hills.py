@@ -18,7 +18,7 @@ from mathutils import Matrix
 
 from ...blender.scene.layout import INTENSITY, find_part, part
 from ...blender.show import handles
-from ..shell.chosen import select_alone
+from ..shell.views import select_alone
 from ..shell.words import title_of
 
 SAME = 1e-6  # relative difference that is rounding: of a parent's matrix

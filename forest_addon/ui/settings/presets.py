@@ -19,8 +19,8 @@ from bl_ui.utils import PresetPanel
 from ... import spec
 from ...sensing.kinds import KINDS
 from ...spec import SpecError
-from ..shell.chosen import chosen_planting, chosen_sensor, chosen_settings
 from ..shell.running import Reading, in_words
+from ..shell.views import chosen_planting, chosen_sensor, chosen_settings
 from ..shell.words import say
 from . import exchange, references
 

@@ -12,13 +12,11 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import bpy
 from bpy.props import CollectionProperty, IntProperty, PointerProperty, StringProperty
 
-from ... import spec
 from ...base.places import ASSETS
 from ...blender.scene.standings import SOLID_TYPES, SPECIES_KEY
 from ...blender.show.handles import HANDLE_KEY
@@ -255,8 +253,7 @@ def offered(name: str, known: Param) -> dict[str, Any]:
     """Return what the property of a text needs so that something is offered for it; nothing for a free
     text."""
     if name in SEARCHES:
-        words = {"search": SEARCHES[name], "search_options": {"SUGGESTION"}}
-        return words | ({"update": _take_scanner} if name == "scanner" else {})
+        return {"search": SEARCHES[name], "search_options": {"SUGGESTION"}}
     if known.file:
         return {"subtype": "FILE_PATH", "update": lambda group, _: _whole_path(group, name)}
     return {}
@@ -293,22 +290,6 @@ def _scanners(group: Any, _context: Any, typed: str) -> list[str]:
 
 def _matching(names: Iterable[str], typed: str) -> list[str]:
     return [name for name in names if typed.lower() in name.lower()]
-
-
-def _take_scanner(props: Any, context: Any) -> None:
-    """Put the figures of the scanner that was chosen into the settings; they can be changed after."""
-    from ...formats.scanner_file import settings_of
-    from ...formats.toml_file import structure
-    from . import exchange
-
-    kind = type(props).__name__.removeprefix("FOREST_PG_")
-    folder = Path(bpy.path.abspath(context.scene.forest_sensing.folder))
-    try:
-        figures = settings_of(props.scanner, kind, folder)
-        chosen = structure(figures, spec.SENSORS[kind])
-    except (spec.SpecError, ImportError):
-        return  # not a whole name yet, or none: what is set stays
-    exchange.write(props, chosen, figures)
 
 
 SEARCHES = {

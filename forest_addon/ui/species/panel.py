@@ -7,9 +7,8 @@ from typing import Any
 
 import bpy
 
-from ..settings.drawing import WithForest, draw_settings, folded, name_in, split
-from ..settings.lists import draw_list
-from ..shell.chosen import chosen_planting
+from ..settings.drawing import WithForest, draw_list, draw_settings, folded, name_in, split
+from ..shell.views import chosen_planting
 from ..shell.words import keep, label, label_kept
 from .edit import edited_item
 

@@ -12,7 +12,7 @@ from forest_addon.blender.show.glance import glance_colours
 from forest_addon.sensing.lidar.panorama import range_image
 from forest_addon.ui.sensors import look_through
 from forest_addon.ui.settings import exchange
-from forest_addon.ui.shell.chosen import choose_sensor
+from forest_addon.ui.shell.views import choose_sensor
 
 from ..pressing import counts, press, trees
 

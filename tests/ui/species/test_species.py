@@ -24,7 +24,6 @@ from forest_addon.spec import SpecError
 from forest_addon.ui.settings import preferences
 from forest_addon.ui.settings.exchange import to_spec
 from forest_addon.ui.species import edit
-from forest_addon.ui.species import import_stl as species_import
 
 PRESETS = sorted(path.stem for path in (ASSETS / "species").glob("*.toml"))
 
@@ -33,7 +32,7 @@ PRESETS = sorted(path.stem for path in (ASSETS / "species").glob("*.toml"))
 def own(tmp_path, monkeypatch):
     """A folder of one's own species that is only of this test."""
     folder = tmp_path / "own"
-    for room in (preferences, edit, species_import):
+    for room in (preferences, edit):
         monkeypatch.setattr(room, "species_folder", lambda: folder)
     edit.refresh()
     yield folder
@@ -308,12 +307,12 @@ def test_an_import_that_is_cancelled_leaves_nothing(model, own):
 
 def test_names_tell_wood_from_leaves():
     wood, leaves = Path("oak_stem.stl"), Path("oak_Leaves.stl")
-    assert species_import.parts_of([leaves, wood]) == (wood, leaves)
-    assert species_import.parts_of([wood]) == (wood, None)
+    assert edit.parts_of([leaves, wood]) == (wood, leaves)
+    assert edit.parts_of([wood]) == (wood, None)
     with pytest.raises(SpecError):
-        species_import.parts_of([leaves, leaves])
-    assert species_import.title_from(Path("/trees/old oak/wood.stl")) == "old-oak"
-    assert species_import.title_from(Path("/trees/elm.stl")) == "elm"
+        edit.parts_of([leaves, leaves])
+    assert edit.title_from(Path("/trees/old oak/wood.stl")) == "old-oak"
+    assert edit.title_from(Path("/trees/elm.stl")) == "elm"
 
 
 # ---------------------------------------------------------------------------------------- pictures
