@@ -171,9 +171,9 @@ def starts_a_job(cls):
     if issubclass(cls, running.Working):
         return True
     tree = ast.parse(textwrap.dedent(inspect.getsource(cls)))
-    called = {ast.unparse(node.func) for node in ast.walk(tree) if isinstance(node, ast.Call)}
+    named = {ast.unparse(node) for node in ast.walk(tree) if isinstance(node, ast.Attribute)}
     jobs = {f"bpy.ops.{c.bl_idname}" for c in of_ours() if issubclass(c, running.Working)}
-    return bool(called & {*jobs, "bpy.ops.wm.read_homefile"})
+    return bool(named & {*jobs, "bpy.ops.wm.read_homefile"})
 
 
 def of_ours():
