@@ -31,7 +31,7 @@ from ...blender.scene.layout import GROUND_NAME, GROUND_ROLE, VARIANTS, find_par
 from ...blender.scene.ours import ROLE_KEY, SHAPE_KEY, by_role
 from ...blender.scene.standings import ASSET_KEY
 from ..shell.running import WhenReady, current, obstacle
-from ..shell.views import chosen_planting, region_below, region_of, views
+from ..shell.views import chosen_planting, redraw_views, region_below, region_of
 from ..shell.words import keep, say
 from .hand import Hand, copy_of, take_up_changes, variant_copied
 
@@ -68,7 +68,7 @@ class FOREST_OT_plant(WhenReady, bpy.types.Operator):
         return reason
 
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
-        global _working
+        global _working, _handle
         if _working is not None:
             _working.over = True
             return {"CANCELLED"}
@@ -82,10 +82,10 @@ class FOREST_OT_plant(WhenReady, bpy.types.Operator):
         self.area, self.grew = context.area, None
         self.timer = context.window_manager.event_timer_add(TICK, window=context.window)
         _working = self
-        _draw_from_now_on()
+        _handle = bpy.types.SpaceView3D.draw_handler_add(_draw, (), "WINDOW", "POST_VIEW")
         context.workspace.status_text_set(say(KEYS))
         context.window_manager.modal_handler_add(self)
-        _redraw()
+        redraw_views()
         return {"RUNNING_MODAL"}
 
     def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
@@ -105,7 +105,7 @@ class FOREST_OT_plant(WhenReady, bpy.types.Operator):
             self.clearing = event.ctrl
             if self.stroke and place is not None:
                 self._drag(context, place)
-            self.area.tag_redraw()
+            self.area.tagredraw_views()
             return {"RUNNING_MODAL"} if self.stroke else {"PASS_THROUGH"}
         if event.value != "PRESS" or place is None:
             return {"PASS_THROUGH"}
@@ -179,7 +179,7 @@ class FOREST_OT_plant(WhenReady, bpy.types.Operator):
                 self.due = True
         else:
             return {"PASS_THROUGH"}
-        self.area.tag_redraw()
+        self.area.tagredraw_views()
         return {"RUNNING_MODAL"}
 
     def _grow(self, context: bpy.types.Context) -> None:
@@ -189,7 +189,7 @@ class FOREST_OT_plant(WhenReady, bpy.types.Operator):
             context.workspace.status_text_set(say(KEYS))  # where the job said how far it was
             if not self.due and not self.stroke:
                 self.hand.look()
-                self.area.tag_redraw()
+                self.area.tagredraw_views()
         if not self.due or self.stroke or current() is not None:
             return
         self.due = False
@@ -217,7 +217,7 @@ class FOREST_OT_plant(WhenReady, bpy.types.Operator):
             context.workspace.status_text_set(None)
             _working = None
             _draw_no_more()
-            _redraw()
+            redraw_views()
         return {"FINISHED"} if self.hand.before else {"CANCELLED"}
 
 
@@ -246,16 +246,6 @@ def ground_below(context: bpy.types.Context, begin: Vector, way: Vector) -> Vect
 def _is_over(region: bpy.types.Region, event: bpy.types.Event) -> bool:
     x, y = event.mouse_x - region.x, event.mouse_y - region.y
     return region.width > 1 and 0 <= x < region.width and 0 <= y < region.height
-
-
-def _redraw() -> None:
-    for _, area in views():
-        area.tag_redraw()
-
-
-def _draw_from_now_on() -> None:
-    global _handle
-    _handle = bpy.types.SpaceView3D.draw_handler_add(_draw, (), "WINDOW", "POST_VIEW")
 
 
 def _draw_no_more() -> None:

@@ -10,6 +10,7 @@ file.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import fields, is_dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -89,16 +90,20 @@ def _is_start(scene: bpy.types.Scene) -> bool:
     )
 
 
-def _is_bound(settings: Any) -> bool:
+def _is_bound(settings: spec.Settings) -> bool:
     """Return whether anything in settings is placed by a file or an object."""
-    for field in fields(settings):
-        value = getattr(settings, field.name)
-        if field.name in NAMED and value and not isinstance(value, int):
-            return True
-        parts = value if isinstance(value, tuple) else (value,)
-        if any(is_dataclass(part) and _is_bound(part) for part in parts):
-            return True
-    return False
+    return any(
+        name in NAMED and value and not isinstance(value, int) for name, value in _all_in(settings)
+    )
+
+
+def _all_in(settings: spec.Settings) -> Iterator[tuple[str, Any]]:
+    """Name and value of every setting, also of settings within others."""
+    for name, value in vars(settings).items():
+        yield name, value
+        for inner in value if isinstance(value, tuple) else (value,):
+            if isinstance(inner, spec.Settings):
+                yield from _all_in(inner)
 
 
 OF_OBJECTS = ("object", "painted", "collection", "follow", "source_objects", "receiver_objects")
@@ -135,7 +140,9 @@ def _blend_for(scene: bpy.types.Scene, settings: spec.Scene, home: Path) -> tupl
         for thing in scene.objects
         if may_be_met(thing) and not is_ours(thing) and not thing.get(IGNORED_KEY)
     )
-    others += sorted(_named_objects(settings) - set(others))
+    others += sorted(
+        {value for name, value in _all_in(settings) if name in OF_OBJECTS and value} - set(others)
+    )
     if not others:
         return "", ""
     few = ", ".join(others[:3])
@@ -147,18 +154,6 @@ def _blend_for(scene: bpy.types.Scene, settings: spec.Scene, home: Path) -> tupl
     if bpy.data.is_dirty and not bpy.app.background:  # without a window 4.5 says so always
         return blend, say("It starts from this .blend ({few}): save that too", few=few)
     return blend, ""
-
-
-def _named_objects(settings: spec.Settings) -> set[str]:
-    """Return what settings name of the scene: objects, layers of them, collections."""
-    named: set[str] = set()
-    for name, value in vars(settings).items():
-        if name in OF_OBJECTS and value:
-            named.add(value)
-        for inner in value if isinstance(value, tuple) else (value,):
-            if isinstance(inner, spec.Settings):
-                named |= _named_objects(inner)
-    return named
 
 
 def _with_edited(settings: spec.Scene, edited: Edited, path: Path) -> spec.Scene:

@@ -14,15 +14,15 @@ import functools
 import textwrap
 import tomllib
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import bpy
-import bpy.utils.previews
 
 from ...base.places import ASSETS
 from ...blender.jobs import Work
+from ..settings.drawing import split
 from ..shell.running import WhenReady, Working, current, press
-from ..shell.views import look_at, open_tab, region_of, views
+from ..shell.views import icons, look_at, open_tab, region_of, views
 from ..shell.words import keep, label, say
 from .build import FOREST_OT_build
 
@@ -73,8 +73,6 @@ GALLERY = (
     ),
 )
 
-_pictures: Any = None
-
 
 class FOREST_OT_gallery(bpy.types.Operator):
     """Forests to start from, with pictures"""
@@ -107,10 +105,7 @@ def draw_gallery(layout: bpy.types.UILayout, operator: str) -> None:
     for card in GALLERY:
         column = grid.box().column(align=True)
         column.template_icon(icon_value=icon_of(card.preset), scale=7.0)
-        entry = column.operator(operator, text=label(card.title))
-        entry.preset = card.preset
-        if operator == "forest.start":
-            entry.grow = True
+        _draw_entry(column, operator, card.preset, label(card.title))
         lines = column.column(align=True)
         lines.active = False
         words = textwrap.wrap(label(card.words), LETTERS)
@@ -125,23 +120,12 @@ def words_of(preset: str) -> str:
 
 def icon_of(preset: str) -> int:
     """The number of a preset's picture; 0 where it has none."""
-    global _pictures
-    if _pictures is None:
-        _pictures = bpy.utils.previews.new()
-    if preset not in _pictures:
-        file = PREVIEWS / f"{preset}.jpg"
+    name, file = f"scene {preset}", PREVIEWS / f"{preset}.jpg"
+    if name not in icons():
         if not any(card.preset == preset for card in GALLERY) or not file.is_file():
             return 0
-        tuple(_pictures.load(preset, str(file), "IMAGE").image_size)  # reads it now: no spinner
-    return int(_pictures[preset].icon_id)
-
-
-def unregister() -> None:
-    """Free the pictures."""
-    global _pictures
-    if _pictures is not None:
-        bpy.utils.previews.remove(_pictures)
-        _pictures = None
+        tuple(icons().load(name, str(file), "IMAGE").image_size)  # reads it now: no spinner
+    return int(icons()[name].icon_id)
 
 
 SCENES = ASSETS / "scenes"
@@ -150,12 +134,11 @@ SCENES = ASSETS / "scenes"
 @functools.cache
 def presets() -> tuple[tuple[str, str], ...]:
     """(file, title) of every scene that comes with the add-on, the demo first."""
-    found = []
-    for path in sorted(SCENES.glob("*.toml"), key=lambda path: (path.stem != "demo", path.stem)):
-        found.append(
-            (path.stem, tomllib.loads(path.read_text(encoding="utf-8")).get("name", path.stem))
-        )
-    return tuple(found)
+    files = sorted(SCENES.glob("*.toml"), key=lambda path: (path.stem != "demo", path.stem))
+    tables = (tomllib.loads(path.read_text(encoding="utf-8")) for path in files)
+    return tuple(
+        (p.stem, table.get("name", p.stem)) for p, table in zip(files, tables, strict=True)
+    )
 
 
 class FOREST_OT_start(WhenReady, bpy.types.Operator):
@@ -199,9 +182,7 @@ class FOREST_OT_start(WhenReady, bpy.types.Operator):
         )
 
     def draw(self, _context: bpy.types.Context) -> None:
-        column = self.layout.column()
-        column.use_property_split = True
-        column.use_property_decorate = False
+        column = split(self.layout)
         column.label(text="Field and plantings are replaced.")
         column.row().prop(self, "sensors", expand=True)
 
@@ -268,9 +249,8 @@ def draw_presets(layout: bpy.types.UILayout, operator: str) -> None:
     layout.operator("forest.gallery", icon="IMGDISPLAY").new = operator == "forest.new"
     layout.separator()
     for card in GALLERY:
-        entry = layout.operator(operator, text=label(card.title), icon_value=icon_of(card.preset))
-        entry.preset = card.preset
-        _grown_at_once(entry, operator)
+        title = label(card.title)
+        _draw_entry(layout, operator, card.preset, title, icon_value=icon_of(card.preset))
     layout.separator()
     more = FOREST_MT_more_new if operator == "forest.new" else FOREST_MT_more
     layout.menu(more.__name__, icon="DOCUMENTS")
@@ -282,13 +262,15 @@ def draw_others(layout: bpy.types.UILayout, operator: str) -> None:
     shown = {card.preset for card in GALLERY}
     for file, title in presets():
         if file not in shown:
-            entry = layout.operator(operator, text=title)
-            entry.preset = file
-            _grown_at_once(entry, operator)
+            _draw_entry(layout, operator, file, title)
 
 
-def _grown_at_once(entry: Any, operator: str) -> None:
-    """Have a forest that is added be grown by the click; that of a new file is anyway."""
+def _draw_entry(
+    layout: bpy.types.UILayout, operator: str, preset: str, text: str, **icon: int
+) -> None:
+    """A preset to press; one that is added is grown by the click, that of a new file is anyway."""
+    entry = layout.operator(operator, text=text, **icon)
+    entry.preset = preset
     if operator == "forest.start":
         entry.grow = True
 

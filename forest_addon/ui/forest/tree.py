@@ -14,6 +14,7 @@ import bpy
 from bpy_extras.object_utils import AddObjectHelper, object_data_add
 
 from ...spec import Species
+from ..settings.drawing import split
 from ..shell.running import WhenReady
 from ..shell.words import say
 from ..species import edit
@@ -93,9 +94,7 @@ class FOREST_OT_add_tree(WhenReady, bpy.types.Operator, AddObjectHelper):
         return ""
 
     def draw(self, _context: bpy.types.Context) -> None:
-        column = self.layout.column()
-        column.use_property_split = True
-        column.use_property_decorate = False
+        column = split(self.layout)
         for name in (*SETTINGS, "align", "location", "rotation"):
             column.prop(self, name)
 
@@ -155,9 +154,7 @@ class FOREST_PT_grown(bpy.types.Panel):
 
     def draw(self, context: bpy.types.Context) -> None:
         settings = context.object.data.forest_grown
-        column = self.layout.column()
-        column.use_property_split = True
-        column.use_property_decorate = False
+        column = split(self.layout)
         for name in SETTINGS:
             column.prop(settings, name)
         row = self.layout.row(align=True)

@@ -20,7 +20,7 @@ from ...blender.scene.ours import ROLE_KEY
 from ...spec import SpecError
 from ..settings.exchange import to_spec
 from ..shell.running import Button, Working
-from ..shell.views import views
+from ..shell.views import redraw_views
 from ..shell.words import label, say
 from ..species.edit import edited_species, load
 from . import build
@@ -58,8 +58,7 @@ def set_display(props: Any, number: int) -> None:
     modifier = forest_of_points(props.id_data)
     if modifier is not None:
         show_as(modifier, SHOWN[number])
-        for _, area in views():  # a script that sets it has nothing else drawn
-            area.tag_redraw()
+        redraw_views()  # a script that sets it has nothing else drawn
 
 
 def draw_display(layout: bpy.types.UILayout, props: Any) -> None:

@@ -16,7 +16,6 @@ import dataclasses
 import io
 import json
 from collections.abc import Iterable, Sequence
-from pathlib import Path
 from typing import Any, ClassVar
 
 import bpy
@@ -32,7 +31,7 @@ from ...blender.show.sound import give_sound
 from ...results.coordinates import NO_OFFSET, Offset
 from ...results.figures import Figure, of_forest
 from ...results.kind import Finding
-from ...results.kinds import figures_of, results_of, sentence_of, write_finding
+from ...results.kinds import figures_of, results_of, sentence_of
 from ...results.labels import labels_by_material, labels_by_object, labels_by_species
 from ...sensing.audit import Audit
 from ...sensing.lidar.cloud import Cloud
@@ -408,32 +407,14 @@ def keep_finding(
         _explain(result, legend_of_heard(marks))
     if result.shown:
         show_result(context, result)
-        _note_beyond(result, end_with_ground(points, context.scene))
+        if beyond := end_with_ground(points, context.scene):
+            _set_figures(result, {keep("Far Points"): keep("{count:,} not shown", count=beyond)})
     if frame is not None:
         hold_frame(result, frame, sound)
     else:
         result.frames.clear()
     let_go(left)
     return say("{found} in {seconds:.1f} s", found=say_kept(sentence), seconds=seconds)
-
-
-def save_finding(
-    context: bpy.types.Context,
-    folder: Path,
-    name: str,
-    sensor: Sensor,
-    found: Any,
-    offset: Offset,
-) -> Path:
-    """Write a result to a folder and note the file in the panel, at the result of this name.
-
-    Raises
-    ------
-    OSError : it cannot be written.
-    """
-    path = write_finding(folder, sensor, found, offset)[0]
-    context.scene.forest_sensing.results[name].file = str(path)
-    return path
 
 
 def in_words(figures: list[Figure]) -> Words:
@@ -456,12 +437,21 @@ def note_audit(context: bpy.types.Context, name: str, audit: Audit) -> None:
     words = keep("off by {off}", off=off)
     if not audit.kept:
         words = keep("{off} off: MORE than {allowed}", off=off, allowed=allowed)
+    note_figures(context, name, {keep("Checked"): f"{audit.checked:,}", keep("Audit"): words})
+
+
+def note_figures(context: bpy.types.Context, name: str, figures: Words) -> None:
+    """Add figures to a result, or change them, where it is kept for this frame as well."""
     result = context.scene.forest_sensing.results[name]
-    for title, value in ((keep("Checked"), f"{audit.checked:,}"), (keep("Audit"), words)):
-        figure = result.figures.add()
-        figure.name, figure.value = title, value
-        figure.made_of = value.made_of if isinstance(value, Kept) else ""
+    _set_figures(result, figures)
     tell_again(result, context.scene.frame_current)
+
+
+def _set_figures(result: Any, figures: Words) -> None:
+    for name, value in figures.items():
+        figure = result.figures.get(name) or result.figures.add()
+        figure.name, figure.value = name, value
+        figure.made_of = value.made_of if isinstance(value, Kept) else ""
 
 
 def plain(value: float, unit: str) -> str:
@@ -473,16 +463,6 @@ def plain(value: float, unit: str) -> str:
     return "< 0.0001 %" if value < 1e-6 else f"{100.0 * value:,.4f} %"
 
 
-def note_estimate(context: bpy.types.Context, name: str, took: float, estimated: float) -> None:
-    """Say beside the time that a run took what was estimated before."""
-    words = keep("{took:.1f} s, {estimated:.1f} s estimated", took=took, estimated=estimated)
-    result = context.scene.forest_sensing.results[name]
-    figure = result.figures.get("Time")
-    if figure is not None:
-        figure.value, figure.made_of = words, words.made_of
-        tell_again(result, context.scene.frame_current)
-
-
 def _labels(cloud: Cloud, geometry: SceneGeometry, species: Sequence[str]) -> dict[str, Labels]:
     """Return what the points of a cloud can be labelled by when they are exported."""
     return {
@@ -490,14 +470,6 @@ def _labels(cloud: Cloud, geometry: SceneGeometry, species: Sequence[str]) -> di
         "SPECIES": labels_by_species(cloud.returns, species),
         "MATERIAL": labels_by_material(cloud.returns, geometry),
     }
-
-
-def _note_beyond(result: Any, count: int) -> None:
-    """Say of points that views leave out how many they are."""
-    if not count:
-        return
-    figure, words = result.figures.add(), keep("{count:,} not shown", count=count)
-    figure.name, figure.value, figure.made_of = keep("Far Points"), words, words.made_of
 
 
 def _explain(result: Any, legend: Iterable[Entry]) -> None:
@@ -518,8 +490,5 @@ def _note(props: Any, name: str, kind: str, title: str, figures: Words) -> Any:
     for field in set(result.bl_rna.properties.keys()) - {"rna_type", "name", "frames"}:
         result.property_unset(field)
     result.name, result.kind, result.title = name, kind, title
-    for label, value in figures.items():
-        figure = result.figures.add()
-        figure.name, figure.value = label, value
-        figure.made_of = value.made_of if isinstance(value, Kept) else ""
+    _set_figures(result, figures)
     return result

@@ -5,13 +5,13 @@ from __future__ import annotations
 from typing import Any
 
 import bpy
-import bpy.utils.previews
 import numpy as np
 
 from ...blender.scene.layout import COLOUR_BY, COLOUR_MAP, FAR_POINTS, RADIUS, SHARE
 from ...blender.scene.nodes import chosen_input, drawn_inputs
 from ...blender.show.cloud_nodes import is_measure, on_map
 from ..settings.drawing import OnceStarted, icon_of, split
+from ..shell.views import icons
 from ..shell.words import label, label_of_kept
 from .keep import is_seen, points_of
 
@@ -20,8 +20,6 @@ EDGE = 2  # of these, left free around it
 RIM = 2  # of these, around the colour: dark around what is light and light around what is dark
 LUMA = np.array([0.2126, 0.7152, 0.0722])  # how bright each channel looks (ITU-R BT.709)
 GAMMA = 1 / 2.2  # colours are linear, the screen's are not
-
-_swatches: Any = None
 
 
 def draw_legend(layout: bpy.types.UILayout, result: Any, choice: str, colour_map: str = "") -> None:
@@ -42,14 +40,6 @@ def draw_legend(layout: bpy.types.UILayout, result: Any, choice: str, colour_map
             row.label(text=entries[number].name, icon_value=_icon(colours[number]))
 
 
-def unregister() -> None:
-    """Free the icons."""
-    global _swatches
-    if _swatches is not None:
-        bpy.utils.previews.remove(_swatches)
-        _swatches = None
-
-
 def pixels_of(colour: tuple[float, float, float]) -> np.ndarray:
     """(SIDE, SIDE, 4) a square of a colour, as the screen has it, rimmed, so that it is seen on any theme."""
     pixels = np.zeros((SIDE, SIDE, 4), np.float32)
@@ -62,15 +52,12 @@ def pixels_of(colour: tuple[float, float, float]) -> np.ndarray:
 
 
 def _icon(colour: tuple[float, float, float]) -> int:
-    global _swatches
-    if _swatches is None:
-        _swatches = bpy.utils.previews.new()
-    name = " ".join(f"{channel:.4f}" for channel in colour)
-    if name not in _swatches:
-        made = _swatches.new(name)
+    name = "colour " + " ".join(f"{channel:.4f}" for channel in colour)
+    if name not in icons():
+        made = icons().new(name)
         made.icon_size = (SIDE, SIDE)
         made.icon_pixels_float.foreach_set(pixels_of(colour).ravel())
-    return int(_swatches[name].icon_id)
+    return int(icons()[name].icon_id)
 
 
 class FOREST_PT_results(OnceStarted, bpy.types.Panel):

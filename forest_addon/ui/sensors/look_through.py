@@ -23,7 +23,7 @@ from ...sensing.kinds import KINDS, choose
 from ..settings.exchange import sensor_of, to_spec
 from ..settings.preferences import rays_of
 from ..shell.running import PROBLEMS, WhenReady, current, in_words
-from ..shell.views import chosen_sensor, views
+from ..shell.views import chosen_sensor, redraw_views, views
 from ..shell.words import keep, label, say
 
 TICK, QUIET = 0.05, 0.5  # s between two looks; s without a change before the scene is read again
@@ -155,43 +155,26 @@ def begin(scene: bpy.types.Scene) -> Eye:
     global _eye, _handle
     end()
     _eye = Eye(scene.session_uid)
-    for handlers, hear in _handlers():
-        handlers.append(hear)
     if not bpy.app.background:
         bpy.app.timers.register(_tick, first_interval=TICK)
         _handle = bpy.types.SpaceView3D.draw_handler_add(_draw, (), "WINDOW", "POST_PIXEL")
     return _eye
 
 
+@bpy.app.handlers.persistent
 def end(*_: object) -> None:
     """Look no longer, and leave nothing behind."""
     global _eye, _handle
     _eye = None
-    for handlers, hear in _handlers():
-        if hear in handlers:
-            handlers.remove(hear)
     if bpy.app.timers.is_registered(_tick):
         bpy.app.timers.unregister(_tick)
     if _handle is not None:
         bpy.types.SpaceView3D.draw_handler_remove(_handle, "WINDOW")
         _handle = None
-    _redraw()
+    redraw_views()
 
 
-def unregister() -> None:
-    """Take everything back."""
-    end()
-
-
-def _handlers() -> tuple[tuple[list, Any], ...]:
-    handlers = bpy.app.handlers
-    changes = (handlers.depsgraph_update_post, handlers.frame_change_post)
-    undone = (handlers.undo_post, handlers.redo_post)
-    return (
-        *((h, _hear) for h in changes),
-        *((h, _hear_undone) for h in undone),
-        (handlers.load_pre, end),
-    )
+unregister = end
 
 
 @bpy.app.handlers.persistent
@@ -235,14 +218,9 @@ def _tick() -> float | None:
             with bpy.context.temp_override(window=window, area=area):
                 shown = window.scene.forest_sensing.look_shows
                 if _look(_eye, bpy.context) or (_eye.found and shown not in _eye.drawn):
-                    _redraw()
+                    redraw_views()
             return TICK
     return QUIET
-
-
-def _redraw() -> None:
-    for _, area in views():
-        area.tag_redraw()
 
 
 def _draw() -> None:
@@ -305,3 +283,10 @@ def _write(text: str, x: float, y: float, colour: tuple[float, float, float]) ->
     blf.color(FONT, *colour, 1.0)
     blf.draw(FONT, text)
     return x + blf.dimensions(FONT, text)[0]
+
+
+HANDLERS = (
+    *((name, _hear) for name in ("depsgraph_update_post", "frame_change_post")),
+    *((name, _hear_undone) for name in ("undo_post", "redo_post")),
+    ("load_pre", end),
+)

@@ -16,10 +16,11 @@ from ...blender.scene.standings import may_be_met
 from ...blender.sensors import objects as sensors
 from ...spec import SpecError
 from ..forest.wind import swaying
+from ..settings.drawing import split
 from ..settings.exchange import to_spec
 from ..settings.preferences import expansions, rays_of
 from ..shell.running import PROBLEMS, WhenReady, Working, duration, getting_ready, in_words, press
-from ..shell.words import label, say
+from ..shell.words import keep, label, say
 from .panels import is_unrendered
 
 if TYPE_CHECKING:
@@ -29,6 +30,14 @@ LONG = 60.0  # s; what takes longer is asked about
 LARGE = 2e9  # bytes; the same
 KEPT = 1 / 3  # of a run's memory: 100 bytes a point, which is what Blender keeps of it
 PICTURE = 1e6  # bytes of a picture that is kept, as measured
+
+
+COUNTED = {  # what runs are counted in: one, several
+    "pulses": (keep("{count} pulses"), keep("{count} pulses")),
+    "pings": (keep("1 ping"), keep("{count} pings")),
+    "channels": (keep("1 channel"), keep("{count} channels")),
+    "runs": (keep("1 run"), keep("{count} runs")),
+}
 
 
 def costs(context: bpy.types.Context, things: Iterable[bpy.types.Object]) -> list[Cost]:
@@ -75,23 +84,11 @@ def memory_of(found: list[Cost], kept: int = 1) -> float:
 def cost_in_words(found: list[Cost], frames: int = 1, keep: bool = False) -> str:
     """22.5 M pulses, about 5 min, 1.8 GB."""
 
-    def count(what: str) -> str:
-        return short(frames * sum(cost.count for cost in found if cost.what == what))
-
-    there = {cost.what for cost in found}
     parts = []
-    if "pulses" in there:
-        parts.append(label("{count} pulses", count=count("pulses")))
-    if "pings" in there:
-        one = count("pings") == "1"
-        parts.append(label("1 ping") if one else label("{count} pings", count=count("pings")))
-    if "channels" in there:
-        one = count("channels") == "1"
-        many = label("{count} channels", count=count("channels"))
-        parts.append(label("1 channel") if one else many)
-    if "runs" in there:
-        one = count("runs") == "1"
-        parts.append(label("1 run") if one else label("{count} runs", count=count("runs")))
+    for what, (one, many) in COUNTED.items():
+        number = frames * sum(cost.count for cost in found if cost.what == what)
+        if any(cost.what == what for cost in found):
+            parts.append(label(one if number == 1 else many, count=short(number)))
     parts.append(label("about {time}", time=duration(frames * sum(c.seconds for c in found))))
     memory = memory_of(found, frames if keep else 1)
     if memory >= 5e7:
@@ -291,21 +288,19 @@ class FOREST_OT_run(Working, bpy.types.Operator):
         from ...blender.sensors.moving import seconds_of
         from ...blender.sensors.observe import Observer
         from ...results.coordinates import Offset
+        from ...results.kinds import write_finding
         from ...sensing.cost import note_pace
         from ...sensing.kinds import choose
         from ...stand.plan import labels
-        from ..results import keep
-        from ..results.keep import keep_finding, note_audit, note_estimate, save_finding
+        from ..results.keep import begin_frames, keep_finding, note_audit, note_figures
 
         rays = rays_of(to_spec(context.scene, []).rays)
         missing: list[str] = []
         sway = yield from swaying(context, missing)
         observer = Observer.of(context.evaluated_depsgraph_get(), rays, expansions())
         observer.blow(sway, seconds_of(context.scene))
-        for sentence in missing:
-            self.report({"WARNING"}, sentence)
-        unrendered = names_unrendered(context.view_layer)
-        for sentence in filter(None, (observer.warning, unrendered)):
+        warnings = (*missing, observer.warning, names_unrendered(context.view_layer))
+        for sentence in filter(None, warnings):
             self.report({"WARNING"}, sentence)
         home = Path(bpy.path.abspath(context.scene.forest_sensing.folder))
         sentence, number = "", "" if frame is None else f"-{frame:04d}"
@@ -322,10 +317,8 @@ class FOREST_OT_run(Working, bpy.types.Operator):
             note_pace(sensor, cost, took)
             ahead.note(thing.name, took, cost.seconds)
             planted = planted_names(context.scene, labels(settings.plantings))
-            names = observer.names, planted
-            kept = frame if self.keep else None
             if self.keep and thing.name not in self._job.kept:
-                keep.begin_frames(context.scene, thing.name)
+                begin_frames(context.scene, thing.name)
             sentence = keep_finding(
                 context,
                 thing,
@@ -333,11 +326,14 @@ class FOREST_OT_run(Working, bpy.types.Operator):
                 found,
                 took,
                 Offset.of(settings),
-                names,
-                kept,
+                (observer.names, planted),
+                frame if self.keep else None,
                 observer.geometry,
             )
-            note_estimate(context, thing.name, took, cost.seconds)
+            estimate = keep(
+                "{took:.1f} s, {estimated:.1f} s estimated", took=took, estimated=cost.seconds
+            )
+            note_figures(context, thing.name, {"Time": estimate})
             empty = observer.empty(sensor, settings, found, home, way)
             if empty:
                 sentence = f"{thing.name}: {empty}"
@@ -346,9 +342,8 @@ class FOREST_OT_run(Working, bpy.types.Operator):
             if folder is not None:
                 try:
                     numbered = replace(sensor, name=sensor.name + number)
-                    path = save_finding(
-                        context, folder, thing.name, numbered, found, Offset.of(settings)
-                    )
+                    path = write_finding(folder, numbered, found, Offset.of(settings))[0]
+                    context.scene.forest_sensing.results[thing.name].file = str(path)
                     sentence = say("{found}, saved as {path}", found=sentence, path=path)
                 except (OSError, ImportError) as problem:
                     reason = in_words(problem)
@@ -428,9 +423,7 @@ class FOREST_OT_run_frames(WhenReady, bpy.types.Operator):
 
     def draw(self, context: bpy.types.Context) -> None:
         layout, scene = self.layout, context.scene
-        column = layout.column()
-        column.use_property_split = True
-        column.use_property_decorate = False
+        column = split(layout)
         column.row().prop(self, "which", expand=True)
         frames = column.column(align=True)
         for name in ("frame_start", "frame_end", "frame_step"):

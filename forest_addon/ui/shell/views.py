@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from typing import Any
 
 import bpy
+import bpy.utils.previews
 from mathutils import Vector
 
 from ...blender.sensors import objects as sensors
@@ -18,6 +19,7 @@ ACROSS = (
     0.36  # metres from the middle to the edge of a view, a metre of its distance; lens of 50 mm
 )
 
+_icons: Any = None
 _seen_through: set[int] = set()  # areas whose views were made so by us
 
 
@@ -248,3 +250,25 @@ def _remember(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
 
 
 HANDLERS = (("depsgraph_update_post", _remember),)
+
+
+def icons() -> Any:
+    """Pictures of ours that Blender shows as icons, by name; from their first use until the add-on goes."""
+    global _icons
+    if _icons is None:
+        _icons = bpy.utils.previews.new()
+    return _icons
+
+
+def unregister() -> None:
+    """Free the pictures."""
+    global _icons
+    if _icons is not None:
+        bpy.utils.previews.remove(_icons)
+        _icons = None
+
+
+def redraw_views() -> None:
+    """Have every 3D view drawn anew."""
+    for _, area in views():
+        area.tag_redraw()

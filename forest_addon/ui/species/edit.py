@@ -19,7 +19,6 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 import bpy
-import bpy.utils.previews
 from bpy_extras.io_utils import ExportHelper, ImportHelper
 
 from ... import spec
@@ -28,16 +27,16 @@ from ...blender.jobs import Task, Work
 from ...blender.sensors.objects import file_name
 from ...spec import SpecError
 from ..settings import exchange
+from ..settings.drawing import split
 from ..settings.preferences import library_folder, species_folder
 from ..shell.running import Button, Reading, WhenReady, Working, getting_ready, press
-from ..shell.views import chosen_planting
+from ..shell.views import chosen_planting, icons
 from ..shell.words import EDITED, label, language, say, title_of
 
 Choice = tuple[str, str, str, int, int]  # what a planting calls it, name, help, icon, number
 
 BETWEEN = 0.02  # s between two pictures that are read
 
-_pictures: Any = None
 _unread: list[str] = []  # species whose pictures are not read yet
 
 
@@ -91,15 +90,11 @@ def register() -> None:
 
 
 def unregister() -> None:
-    """Free the pictures."""
-    global _pictures
+    """Read no more pictures."""
     refresh()
     _unread.clear()
     if bpy.app.timers.is_registered(_read_next):
         bpy.app.timers.unregister(_read_next)
-    if _pictures is not None:
-        bpy.utils.previews.remove(_pictures)
-        _pictures = None
 
 
 @functools.lru_cache(maxsize=16)  # Blender wants the texts kept while it shows them
@@ -145,31 +140,28 @@ def picture_of(species: Path) -> Path:
 
 def _icon(species: str, now: bool) -> int:
     """The number of a species' picture; that of a plain icon where it has none. now : it is read at once."""
-    global _pictures
-    if _pictures is None:
-        _pictures = bpy.utils.previews.new()
     picture = _files().get(species)
     if picture is None:
         return int(_plain_icons()["OUTLINER_OB_CURVES"].value)
-    if species not in _pictures:
-        _pictures.load(species, str(picture), "IMAGE")
+    if species not in icons():
+        icons().load(species, str(picture), "IMAGE")
         _unread.append(species)
         if not bpy.app.background and not bpy.app.timers.is_registered(_read_next):
             bpy.app.timers.register(_read_next, first_interval=BETWEEN)
     if now and species in _unread:
         _read_picture(species)
-    return int(_pictures[species].icon_id)
+    return int(icons()[species].icon_id)
 
 
 def _read_picture(species: str) -> None:
     """Have Blender read a picture's file now, as it does when it is asked for the size."""
     _unread.remove(species)
-    tuple(_pictures[species].image_size)
+    tuple(icons()[species].image_size)
 
 
 def _read_next() -> float | None:
     """Read one more picture; returns the seconds until the next, None after the last."""
-    if _unread and _pictures is not None:
+    if _unread:
         _read_picture(_unread[0])
     return BETWEEN if _unread else None
 
@@ -476,9 +468,7 @@ class FOREST_OT_import_tree(WhenReady, bpy.types.Operator, ImportHelper):
         column = layout.column(align=True)
         column.label(text="Choose the file of the wood and,")
         column.label(text="with Ctrl, that of the leaves, or one of both.")
-        column = layout.column()
-        column.use_property_split = True
-        column.use_property_decorate = False
+        column = split(layout)
         column.prop(self, "title", placeholder="As the file")
         column.prop(self, "height")
         column.prop(self, "accept")

@@ -23,6 +23,7 @@ from forest_addon.growth.library.template_library import Brought, make_library
 from forest_addon.spec import SpecError
 from forest_addon.ui.settings import preferences
 from forest_addon.ui.settings.exchange import to_spec
+from forest_addon.ui.shell import views
 from forest_addon.ui.species import edit
 
 PRESETS = sorted(path.stem for path in (ASSETS / "species").glob("*.toml"))
@@ -356,12 +357,11 @@ def test_drawing_touches_no_file_after_the_first_time(planting, monkeypatch):
 
 def test_pictures_go_with_the_add_on(planting):
     edit.choices(bpy.context.scene.forest_sensing)
-    held = edit._pictures
-    assert held is not None
+    held = views.icons()
     assert len(held)
     ui.unregister()
     try:
-        assert edit._pictures is None
+        assert views._icons is None
         assert len(held) == 0
     finally:
         ui.register()
