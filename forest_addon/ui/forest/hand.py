@@ -272,10 +272,14 @@ class Hand:
     cleared: list[tuple[float, float, float]] = field(default_factory=list)
     before: list[Kept] = field(default_factory=list)
 
+    @property
+    def places(self) -> np.ndarray:
+        """Where trees stand, (N, 2) m."""
+        return np.reshape([tree.place for tree in self.trees], (-1, 2))
+
     def look(self) -> None:
         """See what stands now."""
         self.trees = stood_trees(self.scene)
-        self.places = np.reshape([tree.place for tree in self.trees], (-1, 2))
         self.set.clear()
         self.cleared.clear()
 
@@ -334,7 +338,7 @@ class Hand:
                     planting.by_hand.remove(number)
                     gone += 1
         self.set = [xy for xy in self.set if np.hypot(*np.subtract(xy, place)) > radius]
-        self._drop(near)
+        self.trees = [tree for k, tree in enumerate(self.trees) if k not in near]
         if gone:
             self.cleared.append((float(place[0]), float(place[1]), radius))
         return gone
@@ -358,7 +362,6 @@ class Hand:
             tree.thing.location[:2] = place
         set_tree(planting, now, None if variant is None else variant % planting.variants)
         self.trees[number] = replace(now, planted=now.place, was=(now.rotation, now.scale))
-        self.places[number] = now.place
         self.set.append(now.place)
 
     def remove(self, tree: StoodTree) -> None:
@@ -367,15 +370,10 @@ class Hand:
         if tree.label in known:
             remove_tree(known[tree.label], tree.planted)
             self.cleared.append((*tree.planted, 0.5))
-            self._drop(np.array([self.trees.index(tree)]))
+            self.trees.remove(tree)
 
     def _is_set(self, known: dict[str, Any], tree: StoodTree) -> bool:
         return tree.label in known and find_set(known[tree.label], tree.planted) is not None
-
-    def _drop(self, rows: np.ndarray) -> None:
-        gone = set(rows.tolist())
-        self.trees = [tree for number, tree in enumerate(self.trees) if number not in gone]
-        self.places = np.delete(self.places, rows, axis=0)
 
 
 def _kept(scene: bpy.types.Scene) -> Kept:

@@ -10,9 +10,9 @@ import bpy
 from ..settings.drawing import (
     BIG,
     Listed,
+    OfForest,
     Row,
     Tab,
-    WithForest,
     buttons,
     draw_field,
     draw_listed,
@@ -229,12 +229,10 @@ class FOREST_PT_forest(Tab, bpy.types.Panel):
         draw_display(column, props)
 
 
-class FOREST_PT_plantings(WithForest, bpy.types.Panel):
+class FOREST_PT_plantings(OfForest, bpy.types.Panel):
     """Of the species that is chosen above: how many, and how they stand."""
 
     bl_label = "Planting"
-    bl_parent_id = "FOREST_PT_forest"
-    bl_options: ClassVar[set[str]] = {"DEFAULT_CLOSED"}
 
     def draw_header_preset(self, _context: bpy.types.Context) -> None:
         draw_presets(self.layout, "planting")
@@ -379,10 +377,8 @@ class FOREST_PT_by_hand(_OfPlanting, bpy.types.Panel):
         draw_listed(layout, planting, "clearings", "clearing")
 
 
-class FOREST_PT_spacing(WithForest, bpy.types.Panel):
+class FOREST_PT_spacing(OfForest, bpy.types.Panel):
     bl_label = "Spacing"
-    bl_parent_id = "FOREST_PT_forest"
-    bl_options: ClassVar[set[str]] = {"DEFAULT_CLOSED"}
 
     def draw(self, context: bpy.types.Context) -> None:
         layout, forest = self.layout, context.scene.forest_sensing.forest
@@ -394,10 +390,8 @@ class FOREST_PT_spacing(WithForest, bpy.types.Panel):
         draw_listed(layout, forest, "distances", "distance")
 
 
-class FOREST_PT_stems(WithForest, bpy.types.Panel):
+class FOREST_PT_stems(OfForest, bpy.types.Panel):
     bl_label = "Stems for Reverb"
-    bl_parent_id = "FOREST_PT_forest"
-    bl_options: ClassVar[set[str]] = {"DEFAULT_CLOSED"}
 
     def draw(self, context: bpy.types.Context) -> None:
         layout, props = self.layout, context.scene.forest_sensing
@@ -406,10 +400,8 @@ class FOREST_PT_stems(WithForest, bpy.types.Panel):
             draw_settings(split(layout), chosen(props, "stems").radius)
 
 
-class FOREST_PT_ground(WithForest, bpy.types.Panel):
+class FOREST_PT_ground(OfForest, bpy.types.Panel):
     bl_label = "Ground"
-    bl_parent_id = "FOREST_PT_forest"
-    bl_options: ClassVar[set[str]] = {"DEFAULT_CLOSED"}
 
     def draw(self, context: bpy.types.Context) -> None:
         props = context.scene.forest_sensing

@@ -31,7 +31,7 @@ from ...blender.scene.layout import GROUND_NAME, GROUND_ROLE, VARIANTS, find_par
 from ...blender.scene.ours import ROLE_KEY, SHAPE_KEY, by_role
 from ...blender.scene.standings import ASSET_KEY
 from ..shell.running import WhenReady, current, obstacle
-from ..shell.views import chosen_planting, redraw_views, region_below, region_of
+from ..shell.views import chosen_planting, holds, redraw_views, region_below, region_of
 from ..shell.words import keep, say
 from .hand import Hand, copy_of, take_up_changes, variant_copied
 
@@ -201,14 +201,11 @@ class FOREST_OT_plant(WhenReady, bpy.types.Operator):
 
     def _below(self, context: bpy.types.Context, event: bpy.types.Event) -> Vector | None:
         """Return where the ground is below the mouse, None beside the view."""
-        region = region_of(self.area, "WINDOW")
-        over = [r for r in self.area.regions if _is_over(r, event)]
-        if over != [region]:
+        region, x, y = region_of(self.area, "WINDOW"), event.mouse_x, event.mouse_y
+        if [r for r in self.area.regions if r.width > 1 and holds(r, x, y)] != [region]:
             return None
-        xy = event.mouse_x - region.x, event.mouse_y - region.y
         view = self.area.spaces.active.region_3d
-        begin = region_2d_to_origin_3d(region, view, xy)
-        return ground_below(context, begin, region_2d_to_vector_3d(region, view, xy))
+        return _ground_seen(context, region, view, (x - region.x, y - region.y))
 
     def _end(self, context: bpy.types.Context) -> set[str]:
         global _working
@@ -226,8 +223,12 @@ def is_planting() -> bool:
     return _working is not None
 
 
-def ground_below(context: bpy.types.Context, begin: Vector, way: Vector) -> Vector | None:
-    """Return where a line meets the ground of the forest, or the level of flat ground; else None."""
+def _ground_seen(
+    context: bpy.types.Context, region: bpy.types.Region, view: bpy.types.RegionView3D, mouse: Any
+) -> Vector | None:
+    """Return where the ground of the forest is below (x, y) of a region, or the level of flat ground."""
+    begin = region_2d_to_origin_3d(region, view, mouse)
+    way = region_2d_to_vector_3d(region, view, mouse)
     terrain = context.scene.forest_sensing.forest.terrain
     home = find_part(context.scene, GROUND_NAME)
     things = [t for t in home.objects if t.get(ROLE_KEY) == GROUND_ROLE] if home else []
@@ -241,11 +242,6 @@ def ground_below(context: bpy.types.Context, begin: Vector, way: Vector) -> Vect
     if abs(way.z) < 1e-9 or (terrain.base - begin.z) / way.z <= 0:
         return None
     return begin + way * ((terrain.base - begin.z) / way.z)
-
-
-def _is_over(region: bpy.types.Region, event: bpy.types.Event) -> bool:
-    x, y = event.mouse_x - region.x, event.mouse_y - region.y
-    return region.width > 1 and 0 <= x < region.width and 0 <= y < region.height
 
 
 def _draw_no_more() -> None:
@@ -402,8 +398,7 @@ def _stand_below(context: bpy.types.Context, thing: bpy.types.Object) -> None:
     mouse = location_3d_to_region_2d(region, view, thing.matrix_world @ bottom)
     if mouse is None:
         return
-    begin = region_2d_to_origin_3d(region, view, mouse)
-    place = ground_below(context, begin, region_2d_to_vector_3d(region, view, mouse))
+    place = _ground_seen(context, region, view, mouse)
     if place is not None:
         thing.rotation_euler[:2] = 0.0, 0.0
         thing.location = place

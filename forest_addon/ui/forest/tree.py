@@ -14,7 +14,7 @@ import bpy
 from bpy_extras.object_utils import AddObjectHelper, object_data_add
 
 from ...spec import Species
-from ..settings.drawing import split
+from ..settings.drawing import OfData, split
 from ..shell.running import WhenReady
 from ..shell.words import say
 from ..species import edit
@@ -140,13 +140,10 @@ class FOREST_OT_grow_again(WhenReady, bpy.types.Operator):
         return ""
 
 
-class FOREST_PT_grown(bpy.types.Panel):
+class FOREST_PT_grown(OfData, bpy.types.Panel):
     """The settings of a single tree, where Blender's own meshes have theirs."""
 
     bl_label = "L-system Tree"
-    bl_space_type = "PROPERTIES"
-    bl_region_type = "WINDOW"
-    bl_context = "data"
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:

@@ -7,18 +7,18 @@ place and heading; the trail is coloured by how near anything was.
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from typing import Any
 
 import bpy
 
 from ... import spec
 from ...blender.jobs import Task, Work
 from ...blender.scene.layout import RESULTS, part
-from ..settings.drawing import BIG, OnceStarted, draw_settings, split
+from ..settings.drawing import BIG, OfSensors, draw_settings, split
 from ..settings.exchange import add_sensor, to_spec
 from ..shell.running import Button, Working, getting_ready
 from ..shell.views import choose_sensor
-from ..shell.words import say
+from ..shell.words import keep, say
 
 FLYER_KEY = "forest_flyer"
 NAME = "Flyer"
@@ -120,32 +120,18 @@ class FOREST_OT_fly(Working, bpy.types.Operator):
             )
         track = yield Task(say("flying"), flown)
         show_flights(part(scene, RESULTS), [track], name=thing.name, flyer=thing)
-        ends = {
-            "arrived": say(
-                "It arrives after {seconds:.1f} s and {way:.0f} m",
-                seconds=track.seconds,
-                way=track.flown,
-            ),
-            "crashed": say(
-                "It touches something after {seconds:.1f} s and {way:.0f} m",
-                seconds=track.seconds,
-                way=track.flown,
-            ),
-            "late": say(
-                "It is still on its way after {seconds:.1f} s and {way:.0f} m",
-                seconds=track.seconds,
-                way=track.flown,
-            ),
-        }
-        return ends[track.end]
+        sentence = {
+            "arrived": keep("It arrives after {seconds:.1f} s and {way:.0f} m"),
+            "crashed": keep("It touches something after {seconds:.1f} s and {way:.0f} m"),
+            "late": keep("It is still on its way after {seconds:.1f} s and {way:.0f} m"),
+        }[track.end]
+        return say(sentence, seconds=track.seconds, way=track.flown)
 
 
-class FOREST_PT_flight(OnceStarted, bpy.types.Panel):
+class FOREST_PT_flight(OfSensors, bpy.types.Panel):
     """Panel of a flyer: what its body can do, and where it is to go."""
 
     bl_label = spec.Flight.TITLE
-    bl_parent_id = "FOREST_PT_sensors"
-    bl_options: ClassVar[set[str]] = {"DEFAULT_CLOSED"}
 
     def draw(self, context: bpy.types.Context) -> None:
         row = self.layout.row(align=True)

@@ -28,6 +28,8 @@ from ..settings import references
 from ..settings.drawing import (
     BIG,
     Listed,
+    OfData,
+    OfSensors,
     OnceStarted,
     Row,
     buttons,
@@ -410,12 +412,10 @@ class FOREST_PT_sensors(OnceStarted, bpy.types.Panel):
         split(layout).prop(props, "output", placeholder="In this file alone")
 
 
-class FOREST_PT_sensor(OnceStarted, bpy.types.Panel):
+class FOREST_PT_sensor(OfSensors, bpy.types.Panel):
     """Settings of the chosen sensor."""
 
     bl_label = "Sensor Settings"
-    bl_parent_id = "FOREST_PT_sensors"
-    bl_options: ClassVar[set[str]] = {"DEFAULT_CLOSED"}  # results stay in sight
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
@@ -432,13 +432,10 @@ class FOREST_PT_sensor(OnceStarted, bpy.types.Panel):
         _draw_sensor(self.layout, thing)
 
 
-class FOREST_PT_sensor_data(bpy.types.Panel):
+class FOREST_PT_sensor_data(OfData, bpy.types.Panel):
     """The same in the Properties editor, where Blender's own cameras and lamps have theirs."""
 
     bl_label = "Forest Sensor"
-    bl_space_type = "PROPERTIES"
-    bl_region_type = "WINDOW"
-    bl_context = "data"
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
@@ -544,12 +541,10 @@ def _draw_further(layout: bpy.types.UILayout, group: Any) -> None:
             split(layout).prop(chosen(group, items), "thing")
 
 
-class FOREST_PT_thing(OnceStarted, bpy.types.Panel):
+class FOREST_PT_thing(OfSensors, bpy.types.Panel):
     """Panel of the active object as sensors see it."""
 
     bl_label = "This Object"
-    bl_parent_id = "FOREST_PT_sensors"
-    bl_options: ClassVar[set[str]] = {"DEFAULT_CLOSED"}
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
@@ -574,19 +569,15 @@ class FOREST_PT_thing(OnceStarted, bpy.types.Panel):
             column.prop(thing, "forest_refraction")
 
 
-class FOREST_PT_air(OnceStarted, bpy.types.Panel):
+class FOREST_PT_air(OfSensors, bpy.types.Panel):
     bl_label = "Air"
-    bl_parent_id = "FOREST_PT_sensors"
-    bl_options: ClassVar[set[str]] = {"DEFAULT_CLOSED"}
 
     def draw(self, context: bpy.types.Context) -> None:
         draw_settings(split(self.layout), context.scene.forest_sensing.air)
 
 
-class FOREST_PT_wind(OnceStarted, bpy.types.Panel):
+class FOREST_PT_wind(OfSensors, bpy.types.Panel):
     bl_label = "Wind"
-    bl_parent_id = "FOREST_PT_sensors"
-    bl_options: ClassVar[set[str]] = {"DEFAULT_CLOSED"}
 
     def draw_header_preset(self, _context: bpy.types.Context) -> None:
         draw_presets(self.layout, "wind")
@@ -596,10 +587,8 @@ class FOREST_PT_wind(OnceStarted, bpy.types.Panel):
         draw_wind(self.layout, context.scene)
 
 
-class FOREST_PT_rays(OnceStarted, bpy.types.Panel):
+class FOREST_PT_rays(OfSensors, bpy.types.Panel):
     bl_label = spec.Rays.TITLE
-    bl_parent_id = "FOREST_PT_sensors"
-    bl_options: ClassVar[set[str]] = {"DEFAULT_CLOSED"}
 
     def draw(self, context: bpy.types.Context) -> None:
         draw_settings(split(self.layout), context.scene.forest_sensing.rays)

@@ -60,6 +60,28 @@ class WithForest(OnceStarted):
         return not forestless(context.scene.forest_sensing)
 
 
+class OfForest(WithForest):
+    """More of the forest, closed until someone opens it."""
+
+    bl_parent_id = "FOREST_PT_forest"
+    bl_options: ClassVar[set[str]] = {"DEFAULT_CLOSED"}
+
+
+class OfSensors(OnceStarted):
+    """More of sensors, closed until someone opens it; results stay in sight."""
+
+    bl_parent_id = "FOREST_PT_sensors"
+    bl_options: ClassVar[set[str]] = {"DEFAULT_CLOSED"}
+
+
+class OfData:
+    """A panel in the Properties editor, where Blender's own meshes, cameras and lamps have theirs."""
+
+    bl_space_type = "PROPERTIES"
+    bl_region_type = "WINDOW"
+    bl_context = "data"
+
+
 def split(layout: bpy.types.UILayout) -> bpy.types.UILayout:
     """A column with labels to the left and values to the right."""
     column = layout.column()

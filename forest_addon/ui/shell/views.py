@@ -42,14 +42,14 @@ def region_below(
     """The 3D view below the mouse at (x, y) of a window and its region there, of four views the one that it
     is; the first view where there is none below."""
     areas = [area for area in window.screen.areas if area.type == "VIEW_3D"]
-    below = [area for area in areas if _holds(area, x, y)]
+    below = [area for area in areas if holds(area, x, y)]
     area = next(iter(below or areas), None)
     found = [r for r in area.regions if r.type == "WINDOW" and r.width > 1] if area else []
-    return area, next((r for r in found if _holds(r, x, y)), next(iter(found), None))
+    return area, next((r for r in found if holds(r, x, y)), next(iter(found), None))
 
 
-def _holds(box: bpy.types.Area | bpy.types.Region, x: int, y: int) -> bool:
-    """Return whether a place of the window is in an area or region."""
+def holds(box: bpy.types.Area | bpy.types.Region, x: int, y: int) -> bool:
+    """Return whether (x, y) of a window is in an area or region of it."""
     return box.x <= x < box.x + box.width and box.y <= y < box.y + box.height
 
 
