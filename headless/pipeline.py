@@ -17,16 +17,13 @@ import numpy as np
 
 from forest_addon.api import Result, Site, World
 from forest_addon.base.progress import Progress
-from forest_addon.blender.files.export import export_glb, export_usd, save_blend
-from forest_addon.blender.files.opening import empty_file
-from forest_addon.blender.read.kept import forget
+from forest_addon.blender.files.export import empty_file, export_glb, export_usd, save_blend
+from forest_addon.blender.read.depsgraph import forget
 from forest_addon.blender.scene.layout import RESULTS, part
 from forest_addon.blender.sensors.objects import put_sensor
 from forest_addon.blender.show.cloud import show_cloud
-from forest_addon.blender.show.horizon import lay_horizon
-from forest_addon.blender.show.preview import render, set_stage
+from forest_addon.blender.show.preview import lay_horizon, render, set_stage, stand_walker
 from forest_addon.blender.show.sound import give_sound
-from forest_addon.blender.show.walker import stand_walker
 from forest_addon.formats.crs import can_tell_crs
 from forest_addon.formats.npz import write_npz
 from forest_addon.formats.table import write_csv

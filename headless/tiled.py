@@ -21,8 +21,8 @@ from typing import Any
 from forest_addon.api import TiledScan, Tiling, World
 from forest_addon.api.results import is_scanner
 from forest_addon.base.places import environment_of_child
-from forest_addon.blender.files.opening import empty_file
-from forest_addon.blender.read.kept import forget
+from forest_addon.blender.files.export import empty_file
+from forest_addon.blender.read.depsgraph import forget
 from forest_addon.formats.atomic import remove_abandoned, replacing
 from forest_addon.formats.ownership import remove
 from forest_addon.formats.table import write_csv, write_rows

@@ -29,11 +29,17 @@ if __name__ == "__main__":
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from forest_addon import spec
-from forest_addon.blender.files.opening import empty_file
+from forest_addon.blender.files.export import empty_file
 from forest_addon.blender.scene.forest import build
-from forest_addon.blender.show.horizon import lay_horizon
-from forest_addon.blender.show.preview import SUN, render, set_stage
-from forest_addon.blender.show.walker import EYE, grow_around, walkers_view
+from forest_addon.blender.show.preview import (
+    EYE,
+    SUN,
+    grow_around,
+    lay_horizon,
+    render,
+    set_stage,
+    walkers_view,
+)
 from forest_addon.site import ForestSite
 from headless.cli import main as headless
 from headless.command import read_scene

@@ -53,9 +53,7 @@ def main(arguments: list[str] | None = None) -> None:
 
 def take_picture(preset: str, path: Path) -> None:
     """Begin a file with a preset and render what its camera sees to a JPEG."""
-    from forest_addon.blender.show.horizon import lay_horizon
-    from forest_addon.blender.show.preview import LAWN, set_stage
-    from forest_addon.blender.show.walker import grow_around
+    from forest_addon.blender.show.preview import LAWN, grow_around, lay_horizon, set_stage
 
     bpy.ops.forest.new(preset=preset)
     scene = bpy.context.scene

@@ -109,6 +109,18 @@ def allowed(module):
     return PACKAGES.get(room, PACKAGES.get(room.split(".")[0], set()))
 
 
+def test_what_studies_take_from_inside_is_there_and_used(sources):
+    pytest.importorskip("bpy")
+    from studies import inside
+
+    assert all(hasattr(inside, name) for name in inside.INSIDE)
+    texts = [text for path, text in sources.items() if path.startswith("studies/")]
+    words = {
+        word for text in texts if "INSIDE = {" not in text for word in re.findall(r"\w+", text)
+    }
+    assert not set(inside.INSIDE) - words
+
+
 def test_files_are_chapters_and_folders_shelves(sources):
     long = [path for path, text in sources.items() if len(text.splitlines()) > LONGEST_FILE]
     files = Counter(p.rpartition("/")[0] for p in sources)

@@ -113,7 +113,7 @@ class Site(ForestSite):
         (3, 3)
         """
         import_blender()
-        from ..blender.files.opening import open_for
+        from ..blender.files.export import open_for
         from ..blender.site import with_objects
 
         scene, folder = scene_of("build", scene), path_of("folder", folder)

@@ -384,7 +384,7 @@ class World:
     def _standing(self) -> tuple[GrownForest | None, PlacedTrees]:
         """Return what was grown here, and trees of libraries; an error where there is neither."""
         import_blender()
-        from ..blender.scene.asset_truth import has_assets
+        from ..blender.scene.meshes import has_assets
         from ..stand.placed import NONE
 
         placed = self.observer.placed_trees if has_assets() else NONE

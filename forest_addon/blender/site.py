@@ -11,8 +11,7 @@ from ..site import ForestSite
 from ..spec import SpecError
 from ..stand.forest import GrownForest
 from .read.inputs import inputs_from_scene
-from .scene.forest import build
-from .scene.ready import ReadyForest
+from .scene.forest import ReadyForest, build
 from .show.wind import hide_wind
 
 S = TypeVar("S", bound=ForestSite)

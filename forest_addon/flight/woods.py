@@ -260,7 +260,7 @@ class Stock:
 
     def _placed(self, forest: GrownForest) -> SceneGeometry:
         """The geometry that Blender's scene of this forest would be read as."""
-        from ..blender.scene.turning import evaluated_transforms
+        from ..blender.scene.instances import evaluated_transforms
 
         stock, stand = self._geometry, forest.stand
         rest = np.flatnonzero(stock.tree < 0)

@@ -89,7 +89,9 @@ class Keeper:
         """Remove what this command left in its folder before and did not write this time."""
         removed: list[str] = []
         root = self._root
-        for line in [] if root is None else self._lines_of(root / RECORD):
+        if root is None:
+            return removed
+        for line in self._lines_of(root / RECORD):
             place = _place(root / line["file"])
             mine = line["command"] == self._command and place not in self.written
             if mine and place.is_relative_to(root) and self._is_ours(place):
@@ -109,8 +111,9 @@ class Keeper:
         )
 
     def _record_of(self, place: Path) -> Path:
-        inside = self._root is not None and place.is_relative_to(self._root)
-        return (self._root if inside else place.parent) / RECORD
+        root = self._root
+        inside = root is not None and place.is_relative_to(root)
+        return (root if root is not None and inside else place.parent) / RECORD
 
     def _lines_of(self, record: Path) -> list[dict[str, str]]:
         """Lines of a record, read again where another process has added some.
@@ -155,8 +158,9 @@ def claim(*paths: Path, ours: bool = False) -> None:
     ------
     SpecError : one is the user's.
     """
-    for path in paths if _keeper is not None else ():
-        _keeper.claim(path, ours)
+    if _keeper is not None:
+        for path in paths:
+            _keeper.claim(path, ours)
 
 
 def writes(path: Path, content: Path) -> None:
@@ -167,8 +171,9 @@ def writes(path: Path, content: Path) -> None:
 
 def reads(paths: Iterable[str | os.PathLike[str]]) -> None:
     """Note files that are read, and so are not written."""
-    for path in paths if _keeper is not None else ():
-        _keeper.reads(path)
+    if _keeper is not None:
+        for path in paths:
+            _keeper.reads(path)
 
 
 def remove(path: Path) -> None:

@@ -32,7 +32,7 @@ def register() -> None:
 
 def unregister() -> None:
     """Take everything back, in reverse order."""
-    from ..blender.read.kept import unwatch
+    from ..blender.read.depsgraph import unwatch
 
     unwatch()
     for _, undo in reversed(list(_steps())):

@@ -20,7 +20,7 @@ import bpy
 import numpy as np
 
 from forest_addon.base.rng import stream
-from forest_addon.blender.files.opening import empty_file, open_file
+from forest_addon.blender.files.export import empty_file, open_file
 from forest_addon.blender.sensors.observe import Observer
 from forest_addon.blender.site import build_site, with_objects
 from forest_addon.formats.atomic import replacing

@@ -23,14 +23,22 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from forest_addon.base.places import environment_of_child
-from forest_addon.base.progress import Say
-from forest_addon.base.rng import stream
-from headless.dataset import disk
-from headless.dataset.engine import Cluster
-from headless.dataset.factory import Asked, make_scenes
-from headless.dataset.plan import PLANS, Plan, Recipe, read_plan, recipes
 from studies.tables import table
+
+from ..inside import (
+    PLANS,
+    Asked,
+    Cluster,
+    Plan,
+    Recipe,
+    Say,
+    disk,
+    environment_of_child,
+    make_scenes,
+    read_plan,
+    recipes,
+    stream,
+)
 
 TITLE = "cluster: handing out 10,000 scenes, and loss of a quarter of the workers"
 TRIALS = ((1_000, False), (10_000, True))  # scenes, and whether something is lost

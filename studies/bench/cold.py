@@ -8,7 +8,6 @@ the cones of a skeleton.
 from __future__ import annotations
 
 import importlib
-import subprocess
 import sys
 import time
 from collections.abc import Callable
@@ -17,9 +16,9 @@ from typing import Any
 
 import numpy as np
 
-from forest_addon.base.places import environment_of_child
-from forest_addon.base.progress import Say
-from studies.tables import table
+from studies.tables import fresh, table
+
+from ..inside import Say
 
 Job = tuple[
     Callable[[], object], Callable[[object], str]
@@ -33,10 +32,7 @@ def say_cold(say: Say, section: str) -> None:
     )
     rows = []
     for name in JOBS[section]:
-        words = [sys.executable, "-m", __name__, section, name]
-        environment = environment_of_child(OMP_NUM_THREADS="1")
-        told = subprocess.run(words, capture_output=True, text=True, check=True, env=environment)
-        rows.append([name, *told.stdout.splitlines()[-1].split(";")])
+        rows.append([name, *fresh(__name__, section, name).split(";")])
     table(say, ["job", "imports, s", "first call, ms", "next, ms", "error"], rows)
 
 
@@ -52,10 +48,9 @@ def measure(section: str, name: str) -> None:
 
 
 def _points() -> Job:
-    from forest_addon.base.rng import stream
-    from forest_addon.stand.poisson import sample
-    from forest_addon.stand.process import Process
     from studies.bench.stand import KINDS, SIDE
+
+    from ..inside import Process, sample, stream
 
     process = Process(KINDS["wide hills, thinned"](), np.zeros(2), np.full(2, SIDE))
     process = process.scaled(1000 / process.expected())
@@ -69,8 +64,7 @@ def _points() -> Job:
 def _spaced() -> Job:
     from scipy.spatial import cKDTree
 
-    from forest_addon.base.rng import stream
-    from forest_addon.stand.spacing import greedy
+    from ..inside import greedy, stream
 
     rng = stream(4, "bench", "cold")
     points, mark, distance = rng.uniform(0, 100, (1000, 2)), rng.random(1000), 2.0
@@ -84,9 +78,7 @@ def _spaced() -> Job:
 
 def _tree(species: str) -> Callable[[], Job]:
     def job() -> Job:
-        from forest_addon.base.rng import stream
-        from forest_addon.growth.library.species_file import find_species, load_species
-        from forest_addon.growth.tree import grow
+        from ..inside import find_species, grow, load_species, stream
 
         found = load_species(find_species(species, Path()))
 
@@ -94,7 +86,7 @@ def _tree(species: str) -> Callable[[], Job]:
             return grow(*found, stream(5, "bench", "cold"))
 
         def error(tree: Any) -> str:
-            from forest_addon.growth.truth import wood_of_mesh, wood_of_skeleton
+            from ..inside import wood_of_mesh, wood_of_skeleton
 
             if tree.grafted:
                 return "-"

@@ -16,14 +16,23 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from forest_addon.base.progress import Say
-from headless.dataset.child import Child
-from headless.dataset.disk import remove_scene, scenes_done
-from headless.dataset.engine import Cluster, make_all
-from headless.dataset.estimate import Estimate, estimate
-from headless.dataset.plan import PLANS, Plan, read_plan, recipes
-from headless.dataset.worker import job_of
 from studies.tables import table
+
+from ..inside import (
+    PLANS,
+    Child,
+    Cluster,
+    Estimate,
+    Plan,
+    Say,
+    estimate,
+    job_of,
+    make_all,
+    read_plan,
+    recipes,
+    remove_scene,
+    scenes_done,
+)
 
 TITLE = "dataset: a factory of labelled forests"
 SMALL = (  # lidar-plots, reduced, for what needs many scenes

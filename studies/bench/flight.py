@@ -13,10 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from forest_addon.base.places import ASSETS
-from forest_addon.base.progress import Say
-from forest_addon.base.rng import stream
 from studies.tables import table
+
+from ..inside import ASSETS, Say, stream
 
 TITLE = "flight: steps, pings and resets"
 SCENE = ASSETS / "scenes" / "flight-poisson.toml"
@@ -27,9 +26,8 @@ AIMS = {("64", "1"): 2000, ("1,024", "1"): 600, ("64", "64"): 10_000, ("1,024", 
 def run(say: Say) -> None:
     """Print the tables."""
     from forest_addon.api import Rays, read
-    from forest_addon.blender.files.opening import empty_file
-    from forest_addon.flight.senses import EarSense, LidarSense, lidar_of, sonar_of
-    from forest_addon.flight.woods import Stock
+
+    from ..inside import EarSense, LidarSense, Stock, empty_file, lidar_of, sonar_of
 
     empty_file()
     begun = time.thread_time()
@@ -81,7 +79,7 @@ def run(say: Say) -> None:
 
 def _steps(stock: Any, around: Any, lidar: Any, count: int) -> tuple[float, tuple[float, float]]:
     """Flyer-steps a second, and µs a step of moving and of sensing."""
-    from forest_addon.flight.simulation import Flyers
+    from ..inside import Flyers
 
     flyers = Flyers(stock.settings.flight, count, lidar, None)
     flyers.enter(around)
@@ -111,7 +109,7 @@ def _steps(stock: Any, around: Any, lidar: Any, count: int) -> tuple[float, tupl
 
 def _pings(stock: Any, around: Any, ears: Any) -> tuple[float, float]:
     """Pings a second from places all over the forest, and scatterers that are in the sum."""
-    from forest_addon.flight.simulation import Flyers
+    from ..inside import Flyers
 
     flyers = Flyers(stock.settings.flight, PINGS + 1, None, ears)
     flyers.enter(around)

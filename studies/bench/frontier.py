@@ -15,16 +15,12 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from forest_addon.base.progress import Say
-from forest_addon.base.rng import stream
-from forest_addon.blender.rays.casters import make_caster
-from forest_addon.sensing.lidar.scan import scan
-from forest_addon.sensing.sonar.discs import LeafDiscs
-from forest_addon.sensing.sonar.ping import ping
-from forest_addon.spec import Air, Sonar, Terrestrial
+from forest_addon.api import Air, Sonar, Terrestrial
 from studies.bench import reverb as reverb
 from studies.bench.lidar import BEAM, ONE_THREAD, forest
 from studies.tables import median_seconds, table
+
+from ..inside import LeafDiscs, Say, make_caster, ping, scan, stream
 
 TITLE = "frontier: all simulators, error against seconds"
 ASSUMPTIONS = """\
@@ -172,7 +168,7 @@ def _words(error: float | tuple[float, float] | None) -> str:
 
 def _draw(tasks: dict[str, list[Mark]]) -> Figure:
     """A panel a task, the axes shared; names beside the marks, ours joined."""
-    from headless.report.pictures import blank_figure
+    from ..inside import blank_figure
 
     figure = blank_figure((13.5, 5.2))
     panels = figure.subplots(1, len(tasks), sharex=True, sharey=True)
@@ -186,7 +182,7 @@ def _draw(tasks: dict[str, list[Mark]]) -> Figure:
 
 
 def _panel(axes: Axes, marks: list[Mark]) -> None:
-    from headless.report.pictures import INK, LEAF_GREEN, RED
+    from ..inside import INK, LEAF_GREEN, RED
 
     ours = [mark for mark in marks if mark.ours]
     axes.plot([m.seconds for m in ours], [m.height for m in ours], "-", color=LEAF_GREEN, lw=1)

@@ -8,20 +8,21 @@ from pathlib import Path
 
 import bpy
 import numpy as np
-from matplotlib.figure import Figure
 
-from forest_addon.base.progress import Say
-from forest_addon.base.rng import stream
-from forest_addon.blender.scene.meshes import to_mesh
-from forest_addon.growth.library.species_file import find_species, load_species
-from forest_addon.growth.mesh.meshing import mesh_wood
-from forest_addon.growth.skeleton import Skeleton
-from forest_addon.growth.species import skeleton_of
-from forest_addon.growth.tree import grow
-from forest_addon.spec import Species
-from headless.report.pictures import blank_figure
+from forest_addon.api import Skeleton, Species
 from studies.bench.cold import say_cold
 from studies.tables import median_seconds, table
+
+from ..inside import (
+    Say,
+    find_species,
+    grow,
+    load_species,
+    mesh_wood,
+    skeleton_of,
+    stream,
+    to_mesh,
+)
 
 TITLE = "growth: trees and triangles a second, error of the mesh"
 SIZES = {"maple": (4, 6, 7), "ginkgo": (6, 7, 8), "apple-stochastic": (5, 6, 7)}
@@ -31,9 +32,9 @@ FINE = 0.001
 MAPLES = 100
 
 
-def run(say: Say) -> Figure:
-    """Print speed by preset and size, a hundred maples, and error by tolerance; draw both."""
-    rows = [row for name, sizes in SIZES.items() for size in sizes for row in [_speed(name, size)]]
+def run(say: Say) -> None:
+    """Print speed by preset and size, a hundred maples, and error by tolerance."""
+    rows = [_speed(name, size) for name, sizes in SIZES.items() for size in sizes]
     head = [
         *(
             "preset, generations",
@@ -63,37 +64,13 @@ def run(say: Say) -> Figure:
         *("tolerance, mm", "sides, mean", "triangles/branch", "silhouette bias"),
         *("silhouette rms", "volume bias", "inscribed: silhouette bias"),
     ]
-    errors = [_error(tolerance) for tolerance in TOLERANCES]
-    table(say, head, errors)
+    table(say, head, [_error(tolerance) for tolerance in TOLERANCES])
     say(
         f"\n{CONES} frustums of 1 mm to 20 cm radius seen from the side, against (r₁+r₂)h and "
         "πh(r₁²+r₁r₂+r₂²)/3; rings have the circle's perimeter, so that what a beam "
         "sees has no bias; inscribed ones would be too thin."
     )
     say_cold(say, "growth")
-    return _draw(rows, errors)
-
-
-def _draw(speeds: list[list[str]], errors: list[list[str]]) -> Figure:
-    """The two tables as a picture: speed by preset and size, error by tolerance."""
-    figure = blank_figure((11, 4.2))
-    speed, error = figure.subplots(1, 2)
-    names = [row[0] for row in speeds]
-    speed.barh(names, [_number(row[6]) for row in speeds], color="#4c8c3a")
-    speed.invert_yaxis()
-    speed.set_xlabel("million triangles a second, grammar to Blender mesh, one core")
-    tolerance = [_number(row[0]) for row in errors]
-    for column, label in ((6, "silhouette, inscribed"), (5, "volume"), (3, "silhouette")):
-        bias = [max(abs(_number(row[column])), 1e-3) for row in errors]
-        error.loglog(tolerance, bias, "o-", label=label)
-    error.set_xlabel("tolerance, mm")
-    error.set_ylabel("bias against exact cones, %")
-    error.legend()
-    return figure
-
-
-def _number(cell: str) -> float:
-    return float(cell.rstrip(" %").replace(",", ""))
 
 
 def _speed(name: str, size: int) -> list[str]:

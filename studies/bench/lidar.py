@@ -14,26 +14,36 @@ from pathlib import Path
 
 import numpy as np
 
-from forest_addon.base.progress import Say
-from forest_addon.base.rng import stream
-from forest_addon.base.trimesh import GROUND, OTHER, WOOD, TriMesh, join
-from forest_addon.blender.rays.casters import make_caster
-from forest_addon.growth.library.species_file import find_species, load_species
-from forest_addon.growth.mesh.meshing import mesh_wood, sides_for, tube
-from forest_addon.growth.skeleton import Skeleton
-from forest_addon.growth.tree import grow
-from forest_addon.results.scan_file import write_scan
-from forest_addon.sensing.lidar.cloud import join as join_clouds
-from forest_addon.sensing.lidar.scan import Scan, scan
-from forest_addon.sensing.lidar.tractor import TractorScan, drive
-from forest_addon.sensing.lidar.wood_indices import impacted_area
-from forest_addon.sensing.rays.caster import Hits, RayCaster
-from forest_addon.sensing.rays.geometry import SceneGeometry
-from forest_addon.spec import Beam, Rays, Terrestrial, Tractor
+from forest_addon.api import Beam, Rays, Skeleton, Terrestrial, Tractor, TractorScan, TriMesh
 from studies.bench.lidar_rays import say_moving, say_rays
 from studies.papers import simlidar as orchards
 from studies.papers.simlidar import stand_up
 from studies.tables import table
+
+from ..inside import (
+    GROUND,
+    OTHER,
+    WOOD,
+    Hits,
+    RayCaster,
+    Say,
+    Scan,
+    SceneGeometry,
+    drive,
+    find_species,
+    grow,
+    impacted_area,
+    join_clouds,
+    load_species,
+    make_caster,
+    mesh_wood,
+    scan,
+    sides_for,
+    stream,
+    tube,
+    write_scan,
+)
+from ..inside import join_meshes as join
 
 SCENES = ((1, 200_000), (10, 200_000), (100, 20_000))  # trees, triangles of each
 SUBRAYS = (1, 7, 19, 37, 100, 300)

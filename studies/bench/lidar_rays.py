@@ -7,10 +7,6 @@ time of one thread; of two threads, how much sooner they end on the clock.
 
 from __future__ import annotations
 
-import gc
-import os
-import subprocess
-import sys
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -18,31 +14,37 @@ from pathlib import Path
 
 import numpy as np
 
-from forest_addon.base.places import environment_of_child
-from forest_addon.base.progress import Say
-from forest_addon.base.rng import stream
-from forest_addon.base.trimesh import OTHER, TriMesh
-from forest_addon.blender.rays.bvh import BvhCaster
-from forest_addon.blender.rays.embree import EmbreeCaster
-from forest_addon.blender.rays.embree_parts import embree_parts
-from forest_addon.growth.library.species_file import find_species, load_species
-from forest_addon.growth.measured.wanted import Kind, typical_tree
-from forest_addon.growth.tree import grow
-from forest_addon.sensing.rays.caster import Hits, RayCaster
-from forest_addon.sensing.rays.exact import cast_exactly
-from forest_addon.sensing.rays.geometry import SceneGeometry
-from forest_addon.sensing.rays.moving import MovingCaster
-from forest_addon.sensing.rays.paths import RigidPath, SceneMotion, ShapePath
-from forest_addon.sensing.rays.search import Search
+from forest_addon.api import TriMesh
 from studies.tables import median_seconds, table
+
+from ..inside import (
+    OTHER,
+    BvhCaster,
+    EmbreeCaster,
+    Hits,
+    Kind,
+    MovingCaster,
+    RayCaster,
+    RigidPath,
+    Say,
+    SceneGeometry,
+    SceneMotion,
+    Search,
+    ShapePath,
+    cast_exactly,
+    embree_parts,
+    find_species,
+    grow,
+    load_species,
+    stream,
+    typical_tree,
+)
 
 TREES = {"20k": "whorl-8", "200k": "honda-broadleaf"}  # leaf-on, of about as many triangles
 VARIANTS = 5
 MEASURED = ("european-beech", "scots-pine", "norway-spruce")  # middle trees, among 1000
 INSTANCES = (1, 10, 100, 1000)
 RAYS = {BvhCaster: 20_000, EmbreeCaster: 200_000}
-SCAN = 100_000  # rays of a scan
-CALLS = 50  # small ones
 CHECKED = 64  # rays of each kind against brute force
 
 Rays = tuple[np.ndarray, np.ndarray]  # origins, directions
@@ -66,15 +68,6 @@ def say_rays(say: Say) -> None:
     head += ["error, median m", "99 %", "other surface", "missed"]
     table(say, head, rows)
 
-    _say_calls(say)
-    say(f"\nMemory of a caster, {INSTANCES[2]} instances:\n")
-    rows = [
-        [f"{size}", engine.engine, *_memory(size, engine)]
-        for size in TREES
-        for engine in (BvhCaster, EmbreeCaster)
-    ]
-    table(say, ["trees of", "engine", "unique triangles", "MB", "bytes a unique triangle"], rows)
-
 
 def _measured_row(name: str) -> list[str]:
     """Embree among many middle trees of a measured species."""
@@ -84,73 +77,6 @@ def _measured_row(name: str) -> list[str]:
     size = np.mean([len(mesh.triangles) for mesh in meshes]) / 1000
     trees = f"{INSTANCES[-1]} x {name}, {size:,.0f}k"
     return [trees, *_measure(EmbreeCaster, scene, exact)]
-
-
-def _say_calls(say: Say) -> None:
-    """Print the cost of one call: the first of a process, a scan's first and later ones, a few rays."""
-    say("\nOne call of a tripod's rays, CPU time; a fresh process counts its imports apart:\n")
-    rows = []
-    for count, size in ((1, "200k"), (1000, "20k")):
-        scene = plant(grow_trees(size), count)
-        for engine in (BvhCaster, EmbreeCaster):
-            rows.append([f"{count} x {size}", engine.engine, *_calls(engine, scene)])
-    head = ["trees", "engine", f"first {SCAN:,} rays and build, s", "again, s"]
-    head += ["64 rays, µs", "1 ray, µs"]
-    table(say, head, rows)
-
-    rows = [[engine.engine, *_fresh(engine.engine)] for engine in (BvhCaster, EmbreeCaster)]
-    say(f"\nA fresh process, {INSTANCES[2]} x 20k:\n")
-    table(say, ["engine", "imports, s", "build and first 64 rays, ms", "next 64 rays, ms"], rows)
-
-
-def _calls(engine: type[Search], scene: SceneGeometry) -> list[str]:
-    rays = _rays(scene, SCAN)["tripod"]
-    start = time.process_time()
-    caster = engine(scene)
-    caster.cast(*rays)
-    first = time.process_time() - start
-    again = median_seconds(lambda: caster.cast(*rays))
-    few = [f"{1e6 * _small(caster, rays, size):,.0f}" for size in (64, 1)]
-    return [f"{first:.2f}", f"{again:.2f}", *few]
-
-
-def _small(caster: Search, rays: Rays, size: int) -> float:
-    """Seconds of a call with so many neighbouring rays, over calls all around."""
-    starts = range(0, len(rays[0]) - size, (len(rays[0]) - size) // CALLS)
-    parts = [(rays[0][k : k + size], rays[1][k : k + size]) for k in starts]
-
-    def say_rays() -> None:
-        for part in parts:
-            caster.cast(*part)
-
-    say_rays()
-    return median_seconds(say_rays) / len(parts)
-
-
-def _fresh(engine: str) -> list[str]:
-    call = f"from {__name__} import started; started({engine!r})"
-    done = subprocess.run(
-        [sys.executable, "-c", call],
-        capture_output=True,
-        text=True,
-        check=True,
-        env=environment_of_child(),
-    )
-    imports, first, second = (float(word) for word in done.stdout.split()[-3:])
-    return [f"{imports:.2f}", f"{1e3 * first:.1f}", f"{1e3 * second:.2f}"]
-
-
-def started(engine: str) -> None:
-    """Print the CPU seconds of this process before it casts, of its first call, and of its second."""
-    imports = time.process_time()
-    scene = plant(grow_trees("20k"), INSTANCES[2])
-    rays = _rays(scene, 64)["tripod"]
-    start = time.process_time()
-    caster = {"bvhtree": BvhCaster, "embree": EmbreeCaster}[engine](scene)
-    caster.cast(*rays)
-    first = time.process_time()
-    caster.cast(*rays)
-    print(imports, first - start, time.process_time() - first)
 
 
 def grow_trees(size: str) -> list[TriMesh]:
@@ -208,39 +134,6 @@ def _clock(caster: Search, rays: Rays) -> float:
         caster.cast(*rays)
         taken.append(time.perf_counter() - start)
     return min(taken)
-
-
-def _memory(size: str, engine: type[Search]) -> list[str]:
-    """Unique triangles of a stand, and what a process of its own grows by when it casts in it."""
-    call = f"from {__name__} import grown_by; grown_by({size!r}, {engine.engine!r})"
-    done = subprocess.run(
-        [sys.executable, "-c", call],
-        capture_output=True,
-        text=True,
-        check=True,
-        env=environment_of_child(),
-    )
-    triangles, memory = (int(word) for word in done.stdout.split()[-2:])
-    if not memory:
-        return [f"{triangles:,}", "-", "-"]
-    return [f"{triangles:,}", f"{memory / 1e6:,.0f}", f"{memory / triangles:.0f}"]
-
-
-def grown_by(size: str, engine: str) -> None:
-    """Print the unique triangles and the bytes that a caster of a stand takes, 0 where unknown."""
-    scene = plant(grow_trees(size), INSTANCES[2])
-    status = Path("/proc/self/statm")
-
-    def used() -> int:
-        gc.collect()
-        return int(status.read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
-
-    before = used() if status.exists() else 0
-    caster = {"bvhtree": BvhCaster, "embree": EmbreeCaster}[engine](scene)
-    for rays in _rays(scene, 10_000).values():
-        caster.cast(*rays)
-    memory = used() - before if status.exists() else 0
-    print(sum(len(mesh.triangles) for mesh in scene.meshes), memory)
 
 
 def plant(meshes: list[TriMesh], count: int) -> SceneGeometry:

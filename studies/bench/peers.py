@@ -20,15 +20,19 @@ import numpy as np
 from mathutils import Matrix, Vector
 from mathutils.bvhtree import BVHTree
 
-from forest_addon.base.places import environment_of_child
-from forest_addon.base.progress import Say
-from forest_addon.blender.rays.bvh import BvhCaster
-from forest_addon.blender.rays.embree import EmbreeCaster
-from forest_addon.sensing.rays.exact import cast_exactly
-from forest_addon.sensing.rays.geometry import SceneGeometry, apply_transform
-from forest_addon.sensing.rays.search import Search
 from studies.bench.lidar_rays import grow_trees, plant
 from studies.tables import table
+
+from ..inside import (
+    BvhCaster,
+    EmbreeCaster,
+    Say,
+    SceneGeometry,
+    Search,
+    apply_transform,
+    cast_exactly,
+    environment_of_child,
+)
 
 TITLE = "peers: the same scan by other programs"
 COUNTS = 180, 560  # zenith angles, azimuths

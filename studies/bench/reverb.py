@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ast
 import importlib
-import subprocess
 import sys
 import time
 import tracemalloc
@@ -12,21 +11,27 @@ from dataclasses import replace
 
 import numpy as np
 
-from forest_addon.acoustics.air import absorption
-from forest_addon.acoustics.cylinder import transfer
-from forest_addon.base.places import environment_of_child
-from forest_addon.base.progress import Say
-from forest_addon.base.rng import stream
-from forest_addon.sensing.reverb.band import roll_off
-from forest_addon.sensing.reverb.metrics import clarity_db, energy_decay_db, reverberation_time
-from forest_addon.sensing.reverb.model_error import model_error
-from forest_addon.sensing.reverb.response import impulse_response
-from forest_addon.sensing.reverb.sums.fast_scattering import Expansions
-from forest_addon.sensing.reverb.sums.scattering import TrunkPaths, direct_sum, trunk_paths
-from forest_addon.sensing.reverb.trunks.slices import Trunks
-from forest_addon.spec import Air, Reverb
-from headless.memory import peak_memory_mb
-from studies.tables import median_seconds, table
+from forest_addon.api import Air, Reverb
+
+from ..inside import (
+    Expansions,
+    Say,
+    TrunkPaths,
+    Trunks,
+    absorption,
+    clarity_db,
+    direct_sum,
+    energy_decay_db,
+    impulse_response,
+    model_error,
+    peak_memory_mb,
+    reverberation_time,
+    roll_off,
+    stream,
+    transfer,
+    trunk_paths,
+)
+from ..tables import fresh, median_seconds, table, timed
 
 TITLE = "reverb: sum over trunks on 1 km², radius 0.25 m, all paths in the record"
 SIDE = 1000.0  # m
@@ -203,7 +208,7 @@ def _cold_and_warm(say: Say) -> None:
     for case in CASES:
         for tolerance in (1e-4,) if case[3] > 24e3 or case[0] == 100_000 else (1e-4, 1e-6):
             count, _, radii, rate, seconds = case
-            said = _in_a_process("case", case, tolerance)
+            said = fresh(__name__, repr(("case", case, tolerance))).split()
             rows.append(
                 [
                     f"{count:,}",
@@ -218,14 +223,6 @@ def _cold_and_warm(say: Say) -> None:
     table(say, [*head, "error", "worst octave"], rows)
 
 
-def _in_a_process(*given: object) -> list[str]:
-    """Words that a fresh process prints, of one thread."""
-    words = [sys.executable, "-m", __name__, repr(given)]
-    environment = environment_of_child(OMP_NUM_THREADS="1")
-    said = subprocess.run(words, capture_output=True, text=True, check=True, env=environment)
-    return said.stdout.split()
-
-
 def _one_case(case: tuple, tolerance: float) -> None:
     """Print one row: in a process of its own."""
     count, side, radii, rate, seconds = case
@@ -237,13 +234,11 @@ def _one_case(case: tuple, tolerance: float) -> None:
         size = int(seconds * rate)
         paths = paths.select(paths.earliest < (seconds - 0.05) * AIR.speed())
     prepared = Expansions()
-    start = time.process_time()
-    samples = prepared.sum(paths, rate, size, AIR, tolerance).samples
-    cold = time.process_time() - start
+    whole, cold = timed(lambda: prepared.sum(paths, rate, size, AIR, tolerance))
     peak = peak_memory_mb() or 0.0
     runs = 3 if cold < 1.0 else 1
     warm = median_seconds(lambda: prepared.sum(paths, rate, size, AIR, tolerance), runs)
-    whole, worst = _octave_errors(paths, rate, samples)
+    whole, worst = _octave_errors(paths, rate, whole.samples)
     print(f"{1e3 * cold:.0f} {1e3 * warm:.0f} {peak:.0f} {whole:.1e} {worst:.1e}")
 
 
@@ -300,7 +295,7 @@ def _all_terms(say: Say) -> None:
         (100_000, (0.05, 0.3), True),
         (1_000_000, (0.05, 0.3), True),
     ):
-        said = _in_a_process("terms", count, radii, leafy)
+        said = fresh(__name__, repr(("terms", count, radii, leafy))).split()
         words = f"{radii[0]:g}" + (f"-{radii[1]:g} m" if radii[1] > radii[0] else " m")
         stand = "branches and leaves" if leafy else "bare trunks"
         rows.append([f"{count:,}", words, stand, *said])

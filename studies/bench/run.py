@@ -17,9 +17,7 @@ from importlib.metadata import PackageNotFoundError
 from importlib.metadata import version as installed
 from pathlib import Path
 
-from forest_addon.base.places import version
-from forest_addon.formats.atomic import replacing
-from forest_addon.spec import unknown
+from ..inside import replacing, unknown, version
 
 SECTIONS = (
     *("growth", "stand", "lidar", "sonar", "reverb", "series", "flight"),
@@ -33,7 +31,7 @@ def run(names: Sequence[str], folder: Path, docs: Path | None = None) -> None:
 
     docs : the folder of the documentation, whose benchmarks.md gets the sections as they are measured.
     """
-    from headless.report.pictures import save_figure
+    from ..inside import save_figure
 
     known = SECTIONS + ON_REQUEST
     for name in names:

@@ -14,9 +14,9 @@ import time
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from forest_addon.base.places import environment_of_child
-from forest_addon.base.progress import Say
 from studies.tables import table
+
+from ..inside import Say, environment_of_child
 
 TITLE = "series: one scene after the other in a process"
 LATER = 2  # scenes after the first
@@ -79,8 +79,7 @@ def measure(path: Path | None) -> None:
     import bpy  # noqa: F401
 
     blender = time.process_time()
-    from headless.command import read_scene
-    from headless.pipeline import run_scene
+    from ..inside import read_scene, run_scene
 
     own = time.process_time()
     if path is None:
@@ -93,7 +92,7 @@ def measure(path: Path | None) -> None:
         record = json.loads((path.parent / "out" / "run.json").read_text())
         errors.append(record["sensors"]["cloud"]["audit"]["error"])
 
-    from forest_addon.sensing.lidar.scanner import pattern_of
+    from ..inside import pattern_of
 
     pulses = pattern_of(read_scene(path, 0).sensors[0]).count
     print(

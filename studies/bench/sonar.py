@@ -11,30 +11,40 @@ from pathlib import Path
 
 import numpy as np
 
-from forest_addon.acoustics.disc import backscatter
-from forest_addon.acoustics.nonuniform import DelayedSum, sum_delayed
-from forest_addon.acoustics.smoothness import forget, smoothness
-from forest_addon.base.places import ASSETS
-from forest_addon.base.progress import Say
-from forest_addon.base.rng import stream
-from forest_addon.formats.toml_file import read_settings
-from forest_addon.growth.library.species_file import find_species, load_species
-from forest_addon.growth.tree import grow
-from forest_addon.sensing.kinds import of_family
-from forest_addon.sensing.rays.geometry import SceneGeometry
-from forest_addon.sensing.sonar.beam import MeasuredSphere
-from forest_addon.sensing.sonar.discs import LeafDiscs
-from forest_addon.sensing.sonar.equipment_files import equip, find, read_route
-from forest_addon.sensing.sonar.flight import fly
-from forest_addon.sensing.sonar.leaves import DiscStrength
-from forest_addon.sensing.sonar.ping import Echo, EchoTargets, ping
-from forest_addon.sensing.sonar.poses import SonarPose, posed, poses_of
-from forest_addon.sensing.sonar.scatterers import ScattererPart
-from forest_addon.sensing.sonar.station import Equipment
-from forest_addon.spec import Air, Scene, Sonar
-from forest_addon.stand.forest import GrownForest, grow_forest
+from forest_addon.api import Air, Echo, GrownForest, Scene, Sonar, SonarPose
 from studies.bench.cold import say_cold
 from studies.tables import median_seconds, table
+
+from ..inside import (
+    ASSETS,
+    DelayedSum,
+    DiscStrength,
+    EchoTargets,
+    Equipment,
+    LeafDiscs,
+    MeasuredSphere,
+    Say,
+    ScattererPart,
+    SceneGeometry,
+    backscatter,
+    equip,
+    find,
+    find_species,
+    forget,
+    grow,
+    grow_forest,
+    load_species,
+    of_family,
+    ping,
+    posed,
+    poses_of,
+    read_route,
+    read_settings,
+    smoothness,
+    stream,
+    sum_delayed,
+)
+from ..inside import fly_pings as fly
 
 SUM = "sonar: the sum over leaves, 1201 bins from 60 to 80 kHz, amplitudes included"
 START, BAND, BINS, SPEED = 60e3, 20e3, 1201, 340.0

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import subprocess
 import sys
 import tempfile
 import time
@@ -13,26 +12,33 @@ from pathlib import Path
 
 import numpy as np
 
-from forest_addon import spec
-from forest_addon.base.places import environment_of_child
-from forest_addon.base.progress import Say
-from forest_addon.base.rng import stream
-from forest_addon.growth.library.species_file import find_species, load_species
-from forest_addon.spec import Forest
-from forest_addon.stand.forest import GrownForest, grow_forest
-from forest_addon.stand.intensity.functions import Intensity, Mixture
-from forest_addon.stand.intensity.layers import RasterIntensity
-from forest_addon.stand.poisson import sample
-from forest_addon.stand.process import Process
-from forest_addon.stand.spacing import greedy, matern_ii
-from forest_addon.stand.statistics.goodness import window_of
-from forest_addon.stand.statistics.k_function import At, choose_radii, inhomogeneous_k
-from forest_addon.stand.statistics.kernel import kernel_estimate
-from forest_addon.stand.statistics.mixture import fit_mixture
-from forest_addon.stand.statistics.window import Window
-from headless.memory import peak_memory_mb
+from forest_addon.api import Forest, GrownForest
 from studies.bench.cold import say_cold
-from studies.tables import median_seconds, table
+
+from ..inside import (
+    At,
+    Intensity,
+    Mixture,
+    Process,
+    RasterIntensity,
+    Say,
+    Window,
+    choose_radii,
+    find_species,
+    fit_mixture,
+    greedy,
+    grow_forest,
+    inhomogeneous_k,
+    kernel_estimate,
+    load_species,
+    matern_ii,
+    peak_memory_mb,
+    sample,
+    spec,
+    stream,
+    window_of,
+)
+from ..tables import fresh, median_seconds, table
 
 SIDE = 300.0
 CENTRES = np.array([[61.0, 91.0], [62.0, 141.0], [71.0, 221.0], [205.0, 103.0]])  # Wahed et al.'s
@@ -203,11 +209,7 @@ def say_scenes(say: Say) -> None:
     """Print CPU seconds, peak memory and errors by number of trees."""
     rows = []
     for instancing, count in FORESTS:
-        words = [sys.executable, "-m", __name__, instancing, str(count)]
-        ended = subprocess.run(
-            words, capture_output=True, text=True, check=True, env=environment_of_child()
-        )
-        told = json.loads(ended.stdout.strip().splitlines()[-1])
+        told = json.loads(fresh(__name__, instancing, str(count)))
         seconds = (f"{told[key]:.2f}" for key in ("grow", "build", "evaluate", "read", "strip"))
         files = (f"{told[key]:.2f}" for key in ("save", "open"))
         sizes = (f"{told['peak']:.2f}", f"{told['size']:.0f}")
@@ -231,12 +233,8 @@ def measure(instancing: str, count: int) -> dict[str, float]:
     """Build, evaluate, read, scan, save and open one forest: CPU seconds, GB, MB, metres."""
     import bpy
 
-    from forest_addon.blender.files.export import save_blend
-    from forest_addon.blender.files.opening import empty_file, open_file
-    from forest_addon.blender.scene.forest import build
-    from forest_addon.blender.sensors.observe import Observer
-    from forest_addon.sensing.kinds import choose
-    from forest_addon.sensing.lidar.scan import Scan
+    from ..inside import Observer, Scan, choose, empty_file, open_file, save_blend
+    from ..inside import build_scene as build
 
     empty_file()
     told: dict[str, float] = {}

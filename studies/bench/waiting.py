@@ -7,19 +7,16 @@ leaves is that of a sonar in the middle of their forest; its error is what the a
 
 from __future__ import annotations
 
-import subprocess
 import sys
-import time
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 
-from forest_addon.base.places import environment_of_child
-from forest_addon.base.progress import Say
-from headless.memory import peak_memory_mb
-from studies.tables import table
+from studies.tables import fresh, table, timed
+
+from ..inside import Say, peak_memory_mb
 
 TITLE = "waiting: large jobs, cold beside warm"
 HECTARE = """
@@ -73,7 +70,7 @@ def run(say: Say) -> None:
         "points/s, first and next",
         "peak, GB",
     ]
-    table(say, head, [_told("hectare")])
+    table(say, head, [fresh(__name__, "hectare").split(";")])
     say("\nRays of its beams alone, side by side as they are and in any order, the same rays:\n")
     head = [
         "rays",
@@ -83,18 +80,10 @@ def run(say: Say) -> None:
         "another face",
         "largest error, m",
     ]
-    table(say, head, [_told("rays")])
+    table(say, head, [fresh(__name__, "rays").split(";")])
     say("\nOne echo of a forest of maples, heard within 1 % of all amplitudes:\n")
     head = ["leaves", "build, s", "first ping, s", "next, s", "audit", "peak, GB"]
-    table(say, head, [_told("leaves")])
-
-
-def _told(job: str) -> list[str]:
-    """The row that a fresh process prints."""
-    words = [sys.executable, "-m", __name__, job]
-    environment = environment_of_child(OMP_NUM_THREADS="1")
-    told = subprocess.run(words, capture_output=True, text=True, check=True, env=environment)
-    return told.stdout.splitlines()[-1].split(";")
+    table(say, head, [fresh(__name__, "leaves").split(";")])
 
 
 def _built(text: str) -> tuple[Any, Any, float]:
@@ -105,8 +94,8 @@ def _built(text: str) -> tuple[Any, Any, float]:
         path = Path(folder) / "scene.toml"
         path.write_text(text)
         scene = read(path)
-        start = time.process_time()
-        return build(scene), scene.sensors[0], time.process_time() - start
+        world, seconds = timed(lambda: build(scene))
+        return world, scene.sensors[0], seconds
 
 
 def hectare() -> str:
@@ -114,10 +103,10 @@ def hectare() -> str:
     world, sensor, built = _built(HECTARE)
     took = []
     with TemporaryDirectory() as folder:
-        for number in range(2):
-            start = time.process_time()
-            written = world.scan_to(Path(folder) / f"{number}.laz", sensor)
-            took.append(time.process_time() - start)
+        for name in ("first.laz", "later.laz"):
+            file = Path(folder) / name
+            written, seconds = timed(lambda f=file: world.scan_to(f, sensor))
+            took.append(seconds)
     rates = ", ".join(f"{written.points / each:,.0f}" for each in took)
     first, later = took
     return f"{built:.1f};{first:.1f};{later:.1f};{written.points:,};{rates};{_peak()}"
@@ -125,9 +114,7 @@ def hectare() -> str:
 
 def rays() -> str:
     """Cast the rays of some beams in both orders."""
-    from forest_addon.base.rng import stream
-    from forest_addon.sensing.lidar.footprint import spread
-    from forest_addon.sensing.lidar.scanner import pattern_of
+    from ..inside import pattern_of, spread, stream
 
     world, sensor, _ = _built(HECTARE)
     caster, pattern = world.observer.caster, pattern_of(sensor, None)
@@ -136,11 +123,10 @@ def rays() -> str:
         number = np.arange(first, first + 3400)
         origin, way = spread(pattern.pulses(number), sensor.beam, number.astype(np.uint64))
         order = stream(0, "bench", "order", int(first)).permutation(len(way))
-        start = time.process_time()
-        beams = caster.cast(origin, way, sensor.max_range)
-        middle = time.process_time()
-        mixed = caster.cast(origin[order], way[order], sensor.max_range)
-        took = [took[0] + middle - start, took[1] + time.process_time() - middle]
+        casts = [lambda: caster.cast(origin, way, sensor.max_range)]  # noqa: B023
+        casts += [lambda: caster.cast(origin[order], way[order], sensor.max_range)]  # noqa: B023
+        (beams, one), (mixed, other_order) = map(timed, casts)
+        took = [took[0] + one, took[1] + other_order]
         beams, count = beams.select(order), count + len(way)
         other += int(np.count_nonzero(beams.triangle != mixed.triangle))
         there = beams.found & mixed.found
@@ -154,13 +140,9 @@ def rays() -> str:
 def leaves() -> str:
     """Build a forest, and hear it twice."""
     world, sensor, built = _built(LEAVES)
-    took = []
-    for _ in range(2):
-        start = time.process_time()
-        found = world.ping(sensor)
-        took.append(time.process_time() - start)
+    found, first = timed(lambda: world.ping(sensor))
+    later = timed(lambda: world.ping(sensor))[1]
     count = int(sum(world.trees["leaves"]))
-    first, later = took
     return f"{count:,};{built:.1f};{first:.1f};{later:.1f};{found.audit.error:.0e};{_peak()}"
 
 

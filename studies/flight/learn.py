@@ -12,19 +12,27 @@ from pathlib import Path
 import numpy as np
 from matplotlib import rc_context
 
-from forest_addon.base.rng import stream
-from forest_addon.drawing.palette import LINES
-from forest_addon.flight.flying import fly
-from forest_addon.flight.learning import SIZE, Trained, train
-from forest_addon.flight.policies import Straight
-from forest_addon.flight.senses import LIDAR, LidarSense
-from forest_addon.flight.simulation import Flyers
-from forest_addon.flight.stems import StemWorld
-from forest_addon.flight.theory import poisson_strip
-from forest_addon.formats.table import write_csv
-from forest_addon.spec import Flight
-from headless.report.flights import new_figure
-from headless.report.pictures import FAINT, STYLE, save_figure
+from forest_addon.api import Flight
+
+from ..inside import (
+    FAINT,
+    LIDAR,
+    LINES,
+    SIZE,
+    STYLE,
+    Flyers,
+    LidarSense,
+    StemWorld,
+    Straight,
+    Trained,
+    fly,
+    new_figure,
+    poisson_strip,
+    save_figure,
+    stream,
+    train,
+    write_csv,
+)
 
 DENSITY, TRUNK = 0.08, 0.2  # trees/m², metres
 FIELD = np.array([60.0, 40.0])

@@ -20,18 +20,23 @@ from pathlib import Path
 import numpy as np
 from matplotlib import rc_context
 
-from forest_addon.base.rng import stream
-from forest_addon.drawing.palette import LINES
-from forest_addon.flight.senses import cochleagram
-from forest_addon.flight.statistics import discriminant
-from forest_addon.formats.table import write_csv
-from forest_addon.sensing.sonar.ping import LeafDiscs, ping
-from forest_addon.sensing.sonar.poses import SonarPose
-from forest_addon.sensing.sonar.station import Equipment
-from forest_addon.sensing.trajectory import frame_of
-from forest_addon.spec import Air, Sonar
-from headless.report.flights import new_figure
-from headless.report.pictures import FAINT, STYLE, save_figure
+from forest_addon.api import Air, Sonar, SonarPose
+
+from ..inside import (
+    FAINT,
+    LINES,
+    STYLE,
+    Equipment,
+    LeafDiscs,
+    cochleagram,
+    discriminant,
+    frame_of,
+    new_figure,
+    ping,
+    save_figure,
+    stream,
+    write_csv,
+)
 
 AREA = 0.6  # m² of leaves of a plant, one side; ours
 BALL = 0.3  # metres, radius of a plant; ours

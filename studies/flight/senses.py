@@ -12,18 +12,29 @@ from pathlib import Path
 import numpy as np
 from matplotlib import rc_context
 
-from forest_addon.drawing.palette import LINES
-from forest_addon.flight.flying import Track, fly
-from forest_addon.flight.policies import EchoPolicy, Gap, Straight
-from forest_addon.flight.senses import LIDAR, SONAR, EarSense, LidarSense
-from forest_addon.flight.simulation import Flyers
-from forest_addon.flight.statistics import interval
-from forest_addon.flight.woods import Stock
-from forest_addon.formats.table import write_csv
-from forest_addon.spec import Flight, Forest, Planting, Scene
-from headless.progress import hushed
-from headless.report.flights import new_figure
-from headless.report.pictures import FAINT, STYLE, save_figure
+from forest_addon.api import Flight, Forest, Planting, Scene
+
+from ..inside import (
+    FAINT,
+    LIDAR,
+    LINES,
+    SONAR,
+    STYLE,
+    EarSense,
+    EchoPolicy,
+    Flyers,
+    Gap,
+    LidarSense,
+    Stock,
+    Straight,
+    Track,
+    fly,
+    hushed,
+    interval,
+    new_figure,
+    save_figure,
+    write_csv,
+)
 
 DENSITIES = (0.02, 0.05, 0.1)  # trees/m²
 FLIGHTS = 12  # of a density and sense
@@ -48,7 +59,7 @@ NAMES = ("LiDAR, 64 rays", "two ears", "straight on")
 
 def run(out: Path, size: float = 1.0, seed: int = 1, say: Callable[[str], None] = print) -> dict:
     """Fly, write ``senses.csv`` and ``senses.png``."""
-    from forest_addon.blender.files.opening import empty_file
+    from ..inside import empty_file
 
     out.mkdir(parents=True, exist_ok=True)
     flights = max(2, round(FLIGHTS * size))
@@ -115,7 +126,7 @@ def draw(path: Path, found: dict, last: dict, world: object) -> Path:
     """The flights in one forest, and success against density."""
     from matplotlib.collections import LineCollection
 
-    from forest_addon.flight.top_view import TopView
+    from ..inside import TopView
 
     with rc_context(STYLE):
         figure, axes = new_figure(3, (13, 3.8))

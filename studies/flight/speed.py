@@ -15,19 +15,29 @@ from pathlib import Path
 import numpy as np
 from matplotlib import rc_context
 
-from forest_addon.base.rng import stream
-from forest_addon.drawing.palette import LINES
-from forest_addon.flight.flying import Track, fly
-from forest_addon.flight.policies import Gap
-from forest_addon.flight.senses import LIDAR, LidarSense
-from forest_addon.flight.simulation import Flyers
-from forest_addon.flight.statistics import interval
-from forest_addon.flight.stems import StemWorld
-from forest_addon.flight.theory import chance_of_way, critical_slope, poisson_strip
-from forest_addon.formats.table import write_csv
-from forest_addon.spec import Flight
-from headless.report.flights import new_figure
-from headless.report.pictures import FAINT, INK, STYLE, save_figure
+from forest_addon.api import Flight
+
+from ..inside import (
+    FAINT,
+    INK,
+    LIDAR,
+    LINES,
+    STYLE,
+    Flyers,
+    Gap,
+    LidarSense,
+    StemWorld,
+    Track,
+    chance_of_way,
+    critical_slope,
+    fly,
+    interval,
+    new_figure,
+    poisson_strip,
+    save_figure,
+    stream,
+    write_csv,
+)
 
 LENGTH, WIDTH = 500.0, 60.0  # metres
 TRUNK, BODY = 0.20, 0.15  # metres, radii

@@ -17,15 +17,21 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from forest_addon.base.progress import Say
-from forest_addon.formats.atomic import replacing
-from forest_addon.sensing.reverb import metrics
-from forest_addon.sensing.reverb.response import ImpulseResponse, impulse_response
-from forest_addon.sensing.reverb.sums.fast_scattering import Expansions
-from forest_addon.sensing.reverb.trunks.slices import Trunks
-from forest_addon.spec import Air, Forest, Normal, Reverb, Stems
-from forest_addon.stand.stems import plant_stems
-from headless.report.pictures import FAINT, INK, blank_figure, save_figure
+from forest_addon.api import Air, Forest, ImpulseResponse, Normal, Reverb, Stems
+
+from ..inside import (
+    FAINT,
+    INK,
+    Expansions,
+    Say,
+    Trunks,
+    blank_figure,
+    impulse_response,
+    metrics,
+    plant_stems,
+    replacing,
+    save_figure,
+)
 
 SIDE = 1000.0  # m
 RATE, DURATION = 24e3, 4.5  # s; all trunks of 1 km² are heard

@@ -14,32 +14,53 @@ past one tree are 1.68 to 1.93 m long. Trees stand 2.1 m apart, which gives the 
 
 from __future__ import annotations
 
+import ast
 import csv
 import time
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import astuple, dataclass, replace
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from forest_addon.base.progress import Progress
-from forest_addon.base.rng import stream
-from forest_addon.blender.sensors.observe import Observer
-from forest_addon.formats.table import write_csv
-from forest_addon.growth.library.species_file import find_species, load_species
-from forest_addon.growth.species import skeleton_of
-from forest_addon.growth.tree import grow
-from forest_addon.growth.truth import Wood, wood_of_skeleton
-from forest_addon.sensing.lidar import wood_indices
-from forest_addon.sensing.lidar.wood_indices import OriginLine, line_through_origin
-from forest_addon.spec import Detail, Rays, Scene, SpecError, Species, Tractor
-from forest_addon.spec import Forest as Field
-from forest_addon.stand.forest import GrownForest
-from forest_addon.stand.plan import Stand
-from headless.progress import Stages, hushed
-from headless.report.pictures import BARK, FAINT, INK, LEAF_GREEN, RED, blank_figure, save_figure
+from forest_addon.api import (
+    Detail,
+    GrownForest,
+    Progress,
+    Rays,
+    Scene,
+    SpecError,
+    Species,
+    Stand,
+    Tractor,
+)
+from forest_addon.api import Forest as Field
 from studies.tables import table
+
+from ..inside import (
+    BARK,
+    FAINT,
+    INK,
+    LEAF_GREEN,
+    RED,
+    Observer,
+    OriginLine,
+    Stages,
+    blank_figure,
+    find_species,
+    grow,
+    hushed,
+    line_through_origin,
+    load_species,
+    save_figure,
+    skeleton_of,
+    stream,
+    wood_indices,
+    wood_of_skeleton,
+    write_csv,
+)
 
 DIAMETERS = (0.005, 0.006, 0.007)  # d_m
 ITERATIONS = (4, 5, 6, 7)
@@ -67,11 +88,6 @@ class Orchard:
     smallest: float  # d_m, metres
     pruned: bool = True
     stochastic: bool = True
-
-    @property
-    def in_table_3(self) -> bool:
-        """Return whether it has a row in Méndez et al.'s Table 3, by iterations and number of trees."""
-        return self.pruned and self.stochastic
 
 
 def experiment(quick: bool = False) -> list[Orchard]:
@@ -199,100 +215,26 @@ def scene_of(tractor: Tractor) -> Scene:
 # The rows of Méndez et al.'s experiment, and the two files that grow with every orchard that is finished.
 
 
-@dataclass(frozen=True)
-class OrchardFinding:
-    """A row of orchards.csv: what was asked for, down to the engine, and what came out (times: CPU s)."""
-
-    iterations: int
-    trees: int
-    smallest_m: float
-    pruned: bool
-    stochastic: bool
-    seed: int
-    internode_m: float
-    gap: int
-    engine: str
-    branches: int
-    triangles: int
-    scans: int
-    beams: int
-    volume_m3: float
-    area_m2: float
-    projected_m2: float
-    impacted_m2: float
-    impacted_solid_m2: float
-    impacted_eq14_m2: float
-    hits: int
-    hits_solid: int
-    build_s: float
-    scan_s: float
-    scan_solid_s: float
-
-    @property
-    def orchard(self) -> Orchard:
-        """Return which one it is."""
-        return Orchard(self.iterations, self.trees, self.smallest_m, self.pruned, self.stochastic)
+WOOD = ("volume_m3", "area_m2", "projected_m2")
+ASKED = (
+    "iterations",
+    "trees",
+    "smallest_m",
+    "pruned",
+    "stochastic",
+)  # columns that say which orchard
+SETTINGS = ("seed", "internode_m", "gap", "engine")
+Row = dict[
+    str, Any
+]  # of orchards.csv: ASKED, SETTINGS and what came out; of trees.csv: one tree of one orchard
 
 
-@dataclass(frozen=True)
-class TreeFinding:
-    """A row of trees.csv: one tree of one orchard."""
-
-    iterations: int
-    trees: int
-    smallest_m: float
-    pruned: bool
-    stochastic: bool
-    tree: int
-    branches: int
-    volume_m3: float
-    area_m2: float
-    projected_m2: float
-    impacted_m2: float
-    impacted_solid_m2: float
-
-    @property
-    def orchard(self) -> Orchard:
-        """Return which orchard it stands in."""
-        return Orchard(self.iterations, self.trees, self.smallest_m, self.pruned, self.stochastic)
+def orchard_of(row: Row) -> Orchard:
+    """Return which orchard a row is of."""
+    return Orchard(*(row[name] for name in ASKED))
 
 
-class FinishedOrchards:
-    """The rows of orchards that are finished, in two files that grow orchard by orchard."""
-
-    def __init__(self, out: Path) -> None:
-        self._orchards, self._trees = out / "orchards.csv", out / "trees.csv"
-        self.rows = read_rows(self._orchards, OrchardFinding)
-        finished = {row.orchard for row in self.rows}
-        self._tree_rows = [
-            row for row in read_rows(self._trees, TreeFinding) if row.orchard in finished
-        ]
-
-    def find(
-        self, orchard: Orchard, seed: int, internode: float, gap: int, engine: str
-    ) -> OrchardFinding | None:
-        """The row of an orchard that was done with these settings."""
-        for row in self.rows:
-            same = (row.orchard, row.seed, row.internode_m, row.gap) == (
-                *(orchard, seed, internode, gap),
-            )
-            if same and engine in ("auto", row.engine):
-                return row
-        return None
-
-    def add(self, row: OrchardFinding, trees: Sequence[TreeFinding]) -> None:
-        """Write an orchard, in place of one that was done with other settings."""
-        self._tree_rows = [t for t in self._tree_rows if t.orchard != row.orchard] + list(trees)
-        self.rows = [r for r in self.rows if r.orchard != row.orchard] + [row]
-        _write(self._trees, TreeFinding, self._tree_rows)
-        _write(self._orchards, OrchardFinding, self.rows)  # last: what stands here is finished
-
-
-def _write(path: Path, kind: type, rows: Sequence[object]) -> None:
-    write_csv(path, {f.name: [getattr(row, f.name) for row in rows] for f in fields(kind)})
-
-
-def read_rows(path: Path, kind: type) -> list:
+def read_rows(path: Path) -> list[Row]:
     """Rows of a file of ours, none where there is no file.
 
     Raises
@@ -301,22 +243,22 @@ def read_rows(path: Path, kind: type) -> list:
     """
     if not path.is_file():
         return []
-    readers = {
-        "int": int,
-        "float": float,
-        "str": str,
-        "bool": {"True": True, "False": False}.__getitem__,
-    }
+    with open(path, newline="", encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    if any(not set(ASKED) <= set(row) or None in row.values() for row in rows):
+        raise SpecError(str(path), "is not of this experiment; remove it, or choose another --out")
+    return [{name: _value(text) for name, text in row.items()} for row in rows]
+
+
+def _value(text: str) -> Any:
     try:
-        with open(path, newline="", encoding="utf-8") as file:
-            return [
-                kind(**{f.name: readers[str(f.type)](line[f.name]) for f in fields(kind)})
-                for line in csv.DictReader(file)
-            ]
-    except (KeyError, ValueError, TypeError, csv.Error):
-        raise SpecError(
-            str(path), "is not of this experiment; remove it, or choose another --out"
-        ) from None
+        return ast.literal_eval(text)
+    except (ValueError, SyntaxError):  # a word
+        return text
+
+
+def _write(path: Path, rows: Sequence[Row]) -> None:
+    write_csv(path, {name: [row[name] for row in rows] for name in rows[0]})
 
 
 # The report of Méndez et al.'s experiment: Table 3 and the regressions, Méndez et al.'s numbers beside
@@ -361,13 +303,14 @@ Where and why they differ:
   slopes grow with the iterations, which no one line follows."""
 
 
-def print_report(found: Sequence[OrchardFinding], out: Path) -> None:
+def print_report(found: Sequence[Row], out: Path) -> None:
     """Print both tables and what is to be said of them."""
     first = found[0]
     print(
-        f"SIMLIDAR's experiment: {len(found)} orchards, seed {first.seed}, h0 = {first.internode_m:g} m,"
-        f" rays by {', '.join(sorted({row.engine for row in found}))}"
-        + (f", every {first.gap + 1}th scan" if first.gap else "")
+        f"SIMLIDAR's experiment: {len(found)} orchards, seed {first['seed']}, "
+        f"h0 = {first['internode_m']:g} m,"
+        f" rays by {', '.join(sorted({row['engine'] for row in found}))}"
+        + (f", every {first['gap'] + 1}th scan" if first["gap"] else "")
     )
     print(
         "\nTable 3, d_m = 6 mm; CPU seconds of growing, building, reading and scanning (one ray):\n"
@@ -387,28 +330,24 @@ def print_report(found: Sequence[OrchardFinding], out: Path) -> None:
     print(f"\nAll orchards: {out / 'orchards.csv'}; their trees: {out / 'trees.csv'}")
 
 
-def _table_3(found: Sequence[OrchardFinding]) -> list[list[str]]:
+def _table_3(found: Sequence[Row]) -> list[list[str]]:
     rows = []
     for iterations, trees, branches, beams, minutes in TABLE_3:
-        for row in found:
-            orchard = row.orchard
-            if not orchard.in_table_3 or (row.iterations, row.trees) != (iterations, trees):
-                continue
-            if row.smallest_m != 0.006:
-                continue
-            seconds = row.build_s + row.scan_s
+        wanted = Orchard(iterations, trees, 0.006)
+        for row in (row for row in found if orchard_of(row) == wanted):
+            seconds = row["build_s"] + row["scan_s"]
             rows.append(
                 [
-                    *(f"{iterations}", f"{trees}", f"{row.branches:,}", f"{branches:,}"),
-                    *(f"{row.beams:,}", f"{beams:,}", f"{row.triangles:,}"),
-                    *(f"{seconds:.2f}", f"{minutes}", f"{row.beams / row.scan_s:,.0f}"),
-                    f"{row.scan_solid_s:.2f}",
+                    *(f"{iterations}", f"{trees}", f"{row['branches']:,}", f"{branches:,}"),
+                    *(f"{row['beams']:,}", f"{beams:,}", f"{row['triangles']:,}"),
+                    *(f"{seconds:.2f}", f"{minutes}", f"{row['beams'] / row['scan_s']:,.0f}"),
+                    f"{row['scan_solid_s']:.2f}",
                 ]
             )
     return rows
 
 
-def fits(found: Sequence[OrchardFinding]) -> dict[tuple[str, str], OriginLine]:
+def fits(found: Sequence[Row]) -> dict[tuple[str, str], OriginLine]:
     """The lines by (what, beam): A_PR and A_L on A_IM of either beam."""
     return {
         (what, beam): line_through_origin(_column(found, beam), _column(found, what))
@@ -417,7 +356,7 @@ def fits(found: Sequence[OrchardFinding]) -> dict[tuple[str, str], OriginLine]:
     }
 
 
-def _regressions(found: Sequence[OrchardFinding]) -> list[list[str]]:
+def _regressions(found: Sequence[Row]) -> list[list[str]]:
     rows = []
     for (what, beam), line in fits(found).items():
         name, slope, r2 = THEIRS[what]
@@ -430,7 +369,7 @@ def _regressions(found: Sequence[OrchardFinding]) -> list[list[str]]:
     return rows
 
 
-def draw(found: Sequence[OrchardFinding], path: Path) -> Path:
+def draw(found: Sequence[Row], path: Path) -> Path:
     """A_PR and A_L against A_IM: points, our lines and Méndez et al.'s."""
     figure = blank_figure((10, 4.4))
     for axes, (what, (name, theirs, _)) in zip(figure.subplots(1, 2), THEIRS.items(), strict=True):
@@ -440,7 +379,7 @@ def draw(found: Sequence[OrchardFinding], path: Path) -> Path:
         for (beam, label), colour in zip(BEAMS.items(), (BARK, RED, LEAF_GREEN), strict=True):
             x = _column(found, beam)
             line = line_through_origin(x, y)
-            four = np.array([row.trees == 4 for row in found])
+            four = np.array([row["trees"] == 4 for row in found])
             axes.scatter(x[~four], y[~four], s=16, c=colour, linewidths=0)
             axes.scatter(x[four], y[four], s=22, c=colour, marker="s", linewidths=0)
             axes.plot(
@@ -461,12 +400,12 @@ def draw(found: Sequence[OrchardFinding], path: Path) -> Path:
     return save_figure(figure, path)
 
 
-def _growth(found: Sequence[OrchardFinding]) -> float:
+def _growth(found: Sequence[Row]) -> float:
     return float(np.median(_column(found, "impacted_solid_m2") / _column(found, "impacted_m2")))
 
 
-def _column(found: Sequence[OrchardFinding], name: str) -> np.ndarray:
-    return np.array([getattr(row, name) for row in found])
+def _column(found: Sequence[Row], name: str) -> np.ndarray:
+    return np.array([row[name] for row in found])
 
 
 # Méndez et al.'s experiment with 42 orchards, its table and regressions beside ours.
@@ -482,7 +421,7 @@ QUICK_GAP = 9
 
 def run_experiment(
     out: Path, *, quick: bool = False, seed: int = 1, engine: str = "auto", quiet: bool = False
-) -> list[OrchardFinding]:
+) -> list[Row]:
     """Do what is not done yet, print the report, draw the picture.
 
     Raises
@@ -495,16 +434,21 @@ def run_experiment(
     with stages.stage("calibrate the first internode"):
         internode = first_internode()
     gap = QUICK_GAP if quick else 0
-    known = FinishedOrchards(out)
-    wanted = experiment(quick)
-    found = []
+    rows, trees = read_rows(out / "orchards.csv"), read_rows(out / "trees.csv")
+    asked = {"seed": seed, "internode_m": internode, "gap": gap}
+    wanted, found = experiment(quick), []
     for number, orchard in enumerate(wanted):
-        before = known.find(orchard, seed, internode, gap, engine)
-        if before is None:
+        done = [row for row in rows if orchard_of(row) == orchard and asked.items() <= row.items()]
+        row = next((row for row in done if engine in ("auto", row["engine"])), None)
+        if row is None:
             with stages.stage(_name(number, len(wanted), orchard)) as progress:
-                before, trees = observe(orchard, internode, seed, gap, engine, progress)
-            known.add(before, trees)
-        found.append(before)
+                row, own = observe(orchard, internode, seed, gap, engine, progress)
+            rows = [*(other for other in rows if orchard_of(other) != orchard), row]
+            finished = {orchard_of(row) for row in rows} - {orchard}
+            trees = [*(tree for tree in trees if orchard_of(tree) in finished), *own]
+            _write(out / "trees.csv", trees)
+            _write(out / "orchards.csv", rows)  # last: what stands here is finished
+        found.append(row)
     print_report(found, out)
     draw(found, out / "regressions.png")
     return found
@@ -517,7 +461,7 @@ def observe(
     gap: int,
     engine: str,
     progress: Progress | None = None,
-) -> tuple[OrchardFinding, list[TreeFinding]]:
+) -> tuple[Row, list[Row]]:
     """Grow, build and scan one orchard. With a gap, each scan stands for those that are left out.
 
     Raises
@@ -532,45 +476,33 @@ def observe(
     caster = observer.caster
     built = time.process_time()
 
-    share = 1 + (SOLID + 1) ** 2  # of the bar: the thin scan is short
-    scan = observer.observe(thin, scene, _part(progress, 0, 1, share))
+    scan = observer.observe(thin, scene)
     area = (gap + 1) * wood_indices.impacted_by_tree(scan, thin, orchard.trees)
     seen = time.process_time()
     solid = tractor_for(forest, SOLID, gap)
-    thick = observer.observe(solid, scene, _part(progress, 1, share - 1, share))
+    thick = observer.observe(solid, scene, progress)
     solid_area = (gap + 1) * wood_indices.impacted_by_tree(thick, solid, orchard.trees)
     upright = (gap + 1) * wood_indices.beam_areas(thick, solid, from_vertical=True)
     done = time.process_time()
 
-    same = asdict(orchard)
-    same["smallest_m"] = same.pop("smallest")
-    wood = [wood_of_skeleton(forest.variant_of(t).skeleton) for t in range(orchard.trees)]
-    branches = [len(forest.variant_of(t).skeleton) for t in range(orchard.trees)]
-    trees = [
-        TreeFinding(
-            **same,
-            tree=t,
-            branches=branches[t],
-            **_metres(wood[t]),
-            impacted_m2=float(area[t]),
-            impacted_solid_m2=float(solid_area[t]),
-        )
-        for t in range(orchard.trees)
-    ]
+    same = dict(zip(ASKED, astuple(orchard), strict=True))
+    trees = []
+    for number in range(orchard.trees):
+        skeleton = forest.variant_of(number).skeleton
+        wood = wood_of_skeleton(skeleton)
+        sizes = dict(zip(WOOD, (wood.volume, wood.area, wood.projected), strict=True))
+        areas = {"impacted_m2": float(area[number]), "impacted_solid_m2": float(solid_area[number])}
+        trees.append(same | {"tree": number, "branches": len(skeleton)} | sizes | areas)
     geometry = observer.geometry
-    whole = OrchardFinding(
-        **same,
-        seed=seed,
-        internode_m=internode,
-        gap=gap,
-        engine=caster.engine,
-        branches=sum(branches),
+    whole = same | dict(
+        zip(SETTINGS, (seed, internode, gap, caster.engine), strict=True),
+        branches=sum(tree["branches"] for tree in trees),
         triangles=sum(len(geometry.meshes[m].triangles) for m in geometry.mesh_index),
         scans=len(scan.track),
         beams=scan.distance.size,
         **{
-            name: sum(getattr(tree, name) for tree in trees)
-            for name in ("volume_m3", "area_m2", "projected_m2", "impacted_m2", "impacted_solid_m2")
+            name: sum(tree[name] for tree in trees)
+            for name in (*WOOD, "impacted_m2", "impacted_solid_m2")
         },
         impacted_eq14_m2=float(upright.sum()),
         hits=int((scan.returns.tree >= 0).sum()),
@@ -592,9 +524,8 @@ def stand_up(forest: GrownForest, scene: Scene, rays: Rays) -> Observer:
     with hushed():
         import bpy
 
-        from forest_addon.blender.files.opening import empty_file
-        from forest_addon.blender.scene.forest import build
-        from forest_addon.blender.sensors.observe import Observer
+        from ..inside import Observer, empty_file
+        from ..inside import build_scene as build
 
         empty_file()
     build(bpy.context.scene, scene, forest)
@@ -605,18 +536,3 @@ def _name(number: int, count: int, orchard: Orchard) -> str:
     kind = f"{orchard.iterations} it, {orchard.trees} x {1000 * orchard.smallest:g} mm"
     other = "" if orchard.pruned else ", unpruned"
     return f"{number + 1}/{count} {kind}{other}{'' if orchard.stochastic else ', one rule'}"
-
-
-def _metres(wood: Wood) -> dict[str, float]:
-    return {"volume_m3": wood.volume, "area_m2": wood.area, "projected_m2": wood.projected}
-
-
-def _part(progress: Progress | None, before: int, share: int, whole: int) -> Progress | None:
-    """Progress of one part of the work."""
-    if progress is None:
-        return None
-
-    def partly(done: int, total: int) -> None:
-        progress(before * total + done * share, whole * total)
-
-    return partly

@@ -17,21 +17,26 @@ from typing import Any
 import numpy as np
 import tomli_w
 
-from forest_addon.base.places import ASSETS
-from forest_addon.base.progress import Say
-from forest_addon.base.rng import stream
-from forest_addon.formats.atomic import replacing
-from forest_addon.formats.table import write_csv
-from forest_addon.formats.toml_text import read_tables
-from forest_addon.spec import Scene, SpecError
-from headless.dataset.engine import Cluster
-from headless.dataset.factory import Asked, make_dataset
-from headless.dataset.plan import find_plan, read_plan
-from headless.report.flights import new_figure
-from headless.report.pictures import save_figure
+from forest_addon.api import Scene, SpecError
 from studies.sim_to_real.clouds import Labelled, measured_trees
 from studies.sim_to_real.run import PLAN, needs_extras, read_plots, scored, some_of, taught, train
 from studies.validation.run import Comparison, Interval, Picture, Subject
+
+from ..inside import (
+    ASSETS,
+    Asked,
+    Cluster,
+    Say,
+    find_plan,
+    make_dataset,
+    new_figure,
+    read_plan,
+    read_tables,
+    replacing,
+    save_figure,
+    stream,
+    write_csv,
+)
 
 ALL, CURVE = "all", "plots"
 TRIPODS, STEP = 3, (0.30, 0.40)  # of a plot, and degrees between their pulses

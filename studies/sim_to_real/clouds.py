@@ -20,9 +20,9 @@ from scipy.optimize import least_squares
 from scipy.sparse import csr_matrix
 from scipy.spatial import cKDTree
 
-from forest_addon.base.rng import stream
-from forest_addon.formats.las import read_las
-from forest_addon.spec import SpecError
+from forest_addon.api import SpecError
+
+from ..inside import read_las, stream
 
 CIRCLE_LAYER = 0.2  # metres, height of a layer
 TRIES = 400  # circles drawn in a layer

@@ -24,17 +24,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial import cKDTree
 
-from forest_addon.base.progress import Say
-from forest_addon.base.rng import stream
-from forest_addon.formats.atomic import replacing
-from forest_addon.formats.table import write_csv
-from forest_addon.spec import SpecError
-from headless.dataset import disk
-from headless.dataset.engine import Cluster
-from headless.dataset.factory import Asked, make_dataset
-from headless.dataset.plan import find_plan, read_plan
-from headless.report.flights import new_figure
-from headless.report.pictures import save_figure
+from forest_addon.api import SpecError
 from studies.sim_to_real.clouds import (
     LOWEST,
     NAMES,
@@ -45,6 +35,21 @@ from studies.sim_to_real.clouds import (
     read_scene,
 )
 from studies.validation.run import Comparison, Interval, Picture, Subject
+
+from ..inside import (
+    Asked,
+    Cluster,
+    Say,
+    disk,
+    find_plan,
+    make_dataset,
+    new_figure,
+    read_plan,
+    replacing,
+    save_figure,
+    stream,
+    write_csv,
+)
 
 NAME = "tlseparation"
 NOW = (

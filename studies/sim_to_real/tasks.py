@@ -19,20 +19,25 @@ import laspy
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from forest_addon.base.progress import Say
-from forest_addon.formats.atomic import replacing
-from forest_addon.formats.las import read_las
-from forest_addon.formats.table import write_csv
-from forest_addon.spec import SpecError
-from headless.dataset import disk
-from headless.dataset.engine import Cluster
-from headless.dataset.factory import Asked, make_dataset
-from headless.dataset.plan import find_plan, read_plan
-from headless.report.flights import new_figure
-from headless.report.pictures import save_figure
+from forest_addon.api import SpecError
 from studies.sim_to_real.clouds import TREES, follow_stem, ground_below
 from studies.sim_to_real.run import PLAN
 from studies.validation.run import Comparison, Interval, Picture, Subject
+
+from ..inside import (
+    Asked,
+    Cluster,
+    Say,
+    disk,
+    find_plan,
+    make_dataset,
+    new_figure,
+    read_las,
+    read_plan,
+    replacing,
+    save_figure,
+    write_csv,
+)
 
 PROGRAM = "3DFin"
 NEAR = 0.5  # metres between a stem and what was told of it

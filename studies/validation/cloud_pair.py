@@ -16,14 +16,24 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 from scipy.special import gammaln
 
-from forest_addon.base.rng import stream
-from forest_addon.formats.atomic import replacing
-from forest_addon.sensing.lidar.surveys.flown import gaps_of, lines_of, pulses_of, split_lines
-from forest_addon.spec import SpecError
-from headless.commands.work.lidar import numbers
-from headless.report.pictures import FAINT, INK, LEAF_GREEN, blank_figure, save_figure
+from forest_addon.api import SpecError
 from studies.validation.own_cloud import CloudReturns, read_cloud
 from studies.validation.stems import taubin
+
+from ..inside import (
+    FAINT,
+    INK,
+    LEAF_GREEN,
+    blank_figure,
+    gaps_of,
+    lines_of,
+    numbers,
+    pulses_of,
+    replacing,
+    save_figure,
+    split_lines,
+    stream,
+)
 
 SLICES = (1.0, 1.3, 1.6, 1.9, 2.2, 2.5)  # m, where circles are fitted
 LOW, HIGH = 1.0, 3.0  # m

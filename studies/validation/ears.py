@@ -16,14 +16,20 @@ from scipy.interpolate import CubicSpline
 from scipy.signal import stft
 from scipy.spatial.transform import Rotation
 
-from forest_addon.acoustics.disc import backscatter_amplitude, jinc
-from forest_addon.base.rng import stream
-from forest_addon.sensing.sonar.beam import Horseshoe, beam_offsets
-from forest_addon.sensing.trajectory import frame_of
-from forest_addon.site import ForestSite
-from forest_addon.spec import Forest, Planting, Scene, Wind
-from forest_addon.stand.wind.sway import ForestSway, sway_of
+from forest_addon.api import Forest, Planting, Scene, Wind
 from studies.validation.run import Comparison, Interval
+
+from ..inside import (
+    ForestSite,
+    ForestSway,
+    Horseshoe,
+    backscatter_amplitude,
+    beam_offsets,
+    frame_of,
+    jinc,
+    stream,
+    sway_of,
+)
 
 MOTIONS = {"inwards": (1, 0), "outwards": (-1, 0), "upwards": (0, 1), "downwards": (0, -1)}
 ASIDE, ABOVE = 25.0, 15.0  # degrees to which the ear points in the middle of its turn

@@ -11,23 +11,31 @@ from scipy.ndimage import median_filter
 from scipy.optimize import brentq
 from scipy.spatial import cKDTree
 
-from forest_addon.base.rng import stream
-from forest_addon.blender.rays.casters import make_caster
-from forest_addon.growth.library.species_file import find_species, load_species, read_allometry
-from forest_addon.growth.measured.allometry import band, middle
-from forest_addon.growth.measured.needles import shoot_of
-from forest_addon.growth.measured.wanted import MOST_TIMES
-from forest_addon.sensing.lidar.cloud import Cloud
-from forest_addon.sensing.lidar.scan import scan
-from forest_addon.sensing.lidar.surveys.flown import FlightLine, lines_of
-from forest_addon.sensing.lidar.surveys.like import pattern_like, scanner_like
-from forest_addon.sensing.rays.caster import RayCaster
-from forest_addon.sensing.rays.geometry import SceneGeometry
-from forest_addon.spec import Beam, Mobile, Rays, SpecError, Surfaces
-from headless.commands.work.like import FlownCloud, read_flown
+from forest_addon.api import Beam, Cloud, Mobile, Rays, SpecError, Surfaces
 from studies.validation.own_cloud import CloudReturns, read_cloud
 from studies.validation.plots import geometry_of, ground_below, site_of, tops_of
 from studies.validation.run import Comparison, Interval
+
+from ..inside import (
+    MOST_TIMES,
+    FlightLine,
+    FlownCloud,
+    RayCaster,
+    SceneGeometry,
+    band,
+    find_species,
+    lines_of,
+    load_species,
+    make_caster,
+    middle,
+    pattern_like,
+    read_allometry,
+    read_flown,
+    scan,
+    scanner_like,
+    shoot_of,
+    stream,
+)
 
 BLOCK, HALVES = 5.0, 40  # metres, and halvings of a line's blocks
 

@@ -17,11 +17,20 @@ from pathlib import Path
 import numpy as np
 from scipy import stats
 
-from forest_addon.base.rng import stream
-from forest_addon.growth.library.species_file import find_species, load_species
-from forest_addon.growth.tree import grow
-from headless.report.pictures import BARK, FAINT, INK, LEAF_GREEN, blank_figure, save_figure
 from studies.validation.run import Comparison, Interval, Picture
+
+from ..inside import (
+    BARK,
+    FAINT,
+    INK,
+    LEAF_GREEN,
+    blank_figure,
+    find_species,
+    grow,
+    load_species,
+    save_figure,
+    stream,
+)
 
 TITLE = "Leaves: how they incline"
 SUMMARY = """\

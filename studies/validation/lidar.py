@@ -11,17 +11,15 @@ from pathlib import Path
 
 import numpy as np
 
-from forest_addon.blender.rays.casters import make_caster
-from forest_addon.formats.scanner_file import settings_of
-from forest_addon.formats.toml_file import structure
-from forest_addon.sensing.lidar.scan import scan
-from forest_addon.spec import Rays, Terrestrial
+from forest_addon.api import Rays, Terrestrial
 from studies.validation.flights import compare_flights, shares_of
 from studies.validation.own_cloud import compare_own
 from studies.validation.plots import geometry_of, pine_stems, site_of
 from studies.validation.run import Comparison, Interval
 from studies.validation.stems import compare_stems, compare_twigs
 from studies.validation.tapes import compare_diameters, compare_residuals
+
+from ..inside import make_caster, scan, settings_of, structure
 
 REAL = {0.001: 0.36, 0.01: 0.54, 0.05: 0.76, 0.1: 0.87}  # metres
 SHARES = (92.8, 7.04, 0.15)  # %

@@ -13,9 +13,10 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial import cKDTree
 
-from forest_addon.formats.las import read_las
-from forest_addon.spec import Scene, SpecError
+from forest_addon.api import Scene, SpecError
 from studies.validation.run import Comparison, Interval
+
+from ..inside import read_las
 
 MOST = 4  # returns that are told apart
 RELATIVE = 0.1  # of a share or a height, that counts as the same
@@ -103,7 +104,8 @@ def compare_own(file: Path, scene: Path | None) -> list[Comparison]:
     SpecError : no scene was given, it has no scanner, or the cloud cannot be read.
     """
     from forest_addon import api
-    from forest_addon.sensing.kinds import of_family
+
+    from ..inside import of_family
 
     if scene is None:
         raise SpecError("--scene", "is needed beside a cloud; give the scene file that it is of")

@@ -11,24 +11,37 @@ import numpy as np
 from scipy.ndimage import gaussian_filter, maximum_filter, median_filter
 from scipy.spatial import cKDTree
 
-from forest_addon.base.rng import stream
-from forest_addon.blender.rays.casters import make_caster
-from forest_addon.blender.scene.ground import ground_mesh
-from forest_addon.formats.table import write_csv
-from forest_addon.growth.library.species_file import find_species, load_species, read_allometry
-from forest_addon.growth.measured.allometry import middle
-from forest_addon.growth.measured.wanted import Wanted
-from forest_addon.growth.skeleton import Skeleton
-from forest_addon.growth.tree import grow
-from forest_addon.growth.truth import segment_table
-from forest_addon.sensing.lidar.scan import scan
-from forest_addon.sensing.rays.geometry import SceneGeometry
-from forest_addon.site import ForestSite
-from forest_addon.spec import Airborne, Beam, Noise, Planting, Rays, Scene, Terrestrial
-from forest_addon.spec import Forest as Field
-from forest_addon.stand.forest import GrownForest
+from forest_addon.api import (
+    Airborne,
+    Beam,
+    GrownForest,
+    Noise,
+    Planting,
+    Rays,
+    Scene,
+    Skeleton,
+    Terrestrial,
+)
+from forest_addon.api import Forest as Field
 from studies.validation.cloud_pair import circle, stems_of
 from studies.validation.run import Comparison, Interval
+
+from ..inside import (
+    ForestSite,
+    SceneGeometry,
+    Wanted,
+    find_species,
+    ground_mesh,
+    grow,
+    load_species,
+    make_caster,
+    middle,
+    read_allometry,
+    scan,
+    segment_table,
+    stream,
+    write_csv,
+)
 
 VOXEL, LOWEST, BRANCHY = (
     0.05,

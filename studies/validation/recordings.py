@@ -12,27 +12,38 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 from scipy import signal
 from scipy.integrate import cumulative_trapezoid, trapezoid
 from scipy.io import wavfile
 
-from forest_addon.acoustics.air import DB_PER_NEPER, absorption
-from forest_addon.acoustics.extinction import cross_sections
-from forest_addon.base.rng import stream
-from forest_addon.sensing.reverb.directivity import OMNI, Directivity
-from forest_addon.sensing.reverb.forest.clutter import BARE, Clutter
-from forest_addon.sensing.reverb.forest.losses import Losses, TrunkStand
-from forest_addon.sensing.reverb.forest.surroundings import FoliageCanopy, clutter_around
-from forest_addon.sensing.reverb.forest.tail import tail_of
-from forest_addon.sensing.reverb.forest.transport import Density, Sent
-from forest_addon.sensing.reverb.metrics import octave, onset, reverberation_time, room_metrics
-from forest_addon.sensing.reverb.response import ImpulseResponse, impulse_response
-from forest_addon.sensing.reverb.sums.fast_scattering import Expansions
-from forest_addon.sensing.reverb.trunks.slices import Trunks
-from forest_addon.spec import Air, Reverb, SpecError
+from forest_addon.api import Air, ImpulseResponse, Reverb, SpecError
 from studies.validation.run import Comparison, Interval
+
+from ..inside import (
+    DB_PER_NEPER,
+    OMNI,
+    Density,
+    Directivity,
+    Expansions,
+    FoliageCanopy,
+    Losses,
+    Sent,
+    Trunks,
+    TrunkStand,
+    absorption,
+    clutter_around,
+    cross_sections,
+    impulse_response,
+    octave,
+    onset,
+    reverberation_time,
+    room_metrics,
+    stream,
+    tail_of,
+)
 
 FRAME = 0.02  # s
 BEGIN = 0.03  # s after the onset, from where laws are fitted
@@ -235,26 +246,8 @@ TERMS: dict[str, tuple[str, ...]] = {
 }
 
 
-@dataclass(frozen=True)
-class PlausibleStand:
-    """One draw; the names are those of ``RANGES``."""
-
-    density: float
-    radius: float
-    flow_resistivity: float
-    leaf_area_density: float
-    leaf_absorption: float
-    leaf_radius: float
-    branch_area_density: float
-    branch_radius: float
-    bark: float
-    turbulence: float
-    trunk_height: float
-    lean_deg: float
-    floor_leaf_area: float
-    height: float
-    number: int
-    clutter: Clutter = BARE
+class PlausibleStand(SimpleNamespace):
+    """One draw: a value for each name of ``RANGES``, and its ``number``."""
 
 
 @dataclass(frozen=True)
@@ -380,7 +373,7 @@ def expected_energy(
 ) -> ExpectedEnergy:
     """Of octaves (B,) for ``last`` seconds. sent : by frequency, energy that the source sends by ways."""
     reverb = settings(stand, path)
-    canopy = replace(FoliageCanopy(), top=stand.trunk_height, clutter=stand.clutter)
+    canopy = replace(FoliageCanopy(), top=stand.trunk_height)
     around = TrunkStand(
         stand.density,
         (stand.radius,),
@@ -419,7 +412,7 @@ def expected_energy(
 def losses_of(stand: PlausibleStand, path: SoundPath, bands: np.ndarray) -> dict[str, np.ndarray]:
     """{term: (B,) dB a metre}, taken for good or scattered away; bark of trunks as of trunks that are met."""
     reverb = settings(stand, path)
-    canopy = replace(FoliageCanopy(), top=stand.trunk_height, clutter=stand.clutter)
+    canopy = replace(FoliageCanopy(), top=stand.trunk_height)
     ends = np.array(reverb.source), np.array(reverb.receiver)
 
     def along(**changes: object) -> Losses:

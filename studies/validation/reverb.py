@@ -16,18 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from forest_addon.acoustics.extinction import cross_sections
-from forest_addon.acoustics.multiple import scattered_fields
-from forest_addon.base.places import ASSETS
-from forest_addon.base.rng import stream
-from forest_addon.formats.atomic import replacing
-from forest_addon.sensing.reverb.forest.transport import Density, PhaseFunction, transported
-from forest_addon.sensing.reverb.metrics import octave, octave_bands, onset, room_metrics
-from forest_addon.sensing.reverb.response import impulse_response
-from forest_addon.sensing.reverb.sums.fast_scattering import Expansions
-from forest_addon.sensing.reverb.trunks.slices import Trunks
-from forest_addon.spec import Air, Reverb, SpecError
-from headless.report.pictures import FAINT, INK, LEAF_GREEN, RED, blank_figure, save_figure
+from forest_addon.api import Air, Reverb, SpecError
 from studies.validation.recordings import BANDS as RANGE_BANDS
 from studies.validation.recordings import (
     FRAME,
@@ -51,6 +40,30 @@ from studies.validation.recordings import (
     variants,
 )
 from studies.validation.run import Comparison, Interval, Picture
+
+from ..inside import (
+    ASSETS,
+    FAINT,
+    INK,
+    LEAF_GREEN,
+    RED,
+    Density,
+    Expansions,
+    PhaseFunction,
+    Trunks,
+    blank_figure,
+    cross_sections,
+    impulse_response,
+    octave,
+    octave_bands,
+    onset,
+    replacing,
+    room_metrics,
+    save_figure,
+    scattered_fields,
+    stream,
+    transported,
+)
 
 SPEED = 343.0
 BAND = 0.5  # width over the middle of the band of frequencies
@@ -353,7 +366,8 @@ def validate_own(recording: Path, stand: Path | None, out: Path) -> list[Compari
             some.append(decay_of(found.samples, RATE, bands))
     drawn_bands = draw_bands(out / "reverb-own.png", measured, every["forest"], every["paper"])
     words = f"{recording.name} and {len(trunks)} trees of {stand.name}."
-    return _rows(measured, every["forest"], every["paper"], Picture(drawn_bands, words))
+    rows = _rows(measured, every["forest"], every["paper"])
+    return [replace(rows[0], pictures=(Picture(drawn_bands, words),)), *rows[1:]]
 
 
 def read_stand(path: Path) -> tuple[Trunks, np.ndarray, np.ndarray]:
@@ -394,26 +408,30 @@ def read_stand(path: Path) -> tuple[Trunks, np.ndarray, np.ndarray]:
 
 
 def _rows(
-    measured: Decay, every: list[Decay], before: list[Decay], picture: Picture
+    measured: Decay, every: list[Decay], before: list[Decay], where: str = ""
 ) -> list[Comparison]:
+    """T20 and C50 by octave of a recording, of the stands, and of the stands by the paper's model."""
     found = []
     for name, unit, near in (("t20", "s", T20_SHARE), ("c50", "dB", C50_DB)):
         for n, band in enumerate(measured.band):
             true = float(getattr(measured, name)[n])
-            now = np.array([getattr(each, name)[n] for each in every])
-            old = float(getattr(before[0], name)[n])
-            now = now[np.isfinite(now)]
+            now, old = (
+                np.array([getattr(each, name)[n] for each in some]) for some in (every, before)
+            )
             apart = near * true if name == "t20" else near
-            known = math.isfinite(true) and len(now) > 0
+            finite, old = now[np.isfinite(now)], old[np.isfinite(old)]
+            close = f"{100 * near:.0f} %" if name == "t20" else f"{near:g} dB"
             found.append(
                 Comparison(
-                    f"{name.upper()} at {band:g} Hz",
+                    f"{where}{name.upper()} at {band:g} Hz",
                     unit,
                     Interval(true, true - apart, true + apart) if math.isfinite(true) else None,
-                    Interval.of(now) if len(now) else None,
-                    bool(abs(np.median(now) - true) <= apart) if known else None,
-                    before=Interval(old) if math.isfinite(old) else None,
-                    pictures=(picture,) if not found else (),
+                    Interval.of(finite) if len(finite) else None,
+                    bool(abs(np.median(finite) - true) <= apart)
+                    if len(finite) and math.isfinite(true)
+                    else None,
+                    f"{(np.abs(now - true) <= apart).sum()} of {len(now)} stands are within {close}.",
+                    Interval.of(old) if len(old) else None,
                 )
             )
     return found
@@ -519,7 +537,7 @@ def validate(data: Path, out: Path, arguments: argparse.Namespace) -> list[Compa
         drawn = draw_decays(out / "reverb-decay.png", samples, responses, KOLI.rate)
         pictures.append(Picture(drawn, "Koli: energy of 20 ms frames, recording and stands."))
     found = [
-        *_koli(measured, every, before),
+        *_rows(measured, every, before, "Koli, "),
         *_missing(measured, responses),
         *_shape(measured, every),
         *_terms(rows, measured),
@@ -528,7 +546,7 @@ def validate(data: Path, out: Path, arguments: argparse.Namespace) -> list[Compa
             plausible_stands(SEARCHED, arguments.seed), KOLI, measured, T20_SHARE, C50_DB
         ),
     ]
-    found[0] = _with(found[0], pictures)
+    found[0] = replace(found[0], pictures=tuple(pictures))
     return [*found, *_jura(data, stands), *_albert(stands[:ABLATED]), *_ensembles(out)]
 
 
@@ -538,45 +556,6 @@ def read_table() -> Decay:
         rows = list(csv.DictReader(line for line in text if not line.startswith("#")))
     names = ("hz", "t20_s", "c50_db", "exponential_db", "power_db", "exponent")
     return Decay(*(np.array([float(row[name]) for row in rows]) for name in names))
-
-
-def _with(comparison: Comparison, pictures: Sequence[Picture]) -> Comparison:
-    return replace(comparison, pictures=tuple(pictures))
-
-
-def _koli(measured: Decay, every: list[Decay], before: list[Decay]) -> list[Comparison]:
-    found = []
-    for n, band in enumerate(BANDS):
-        now, old = (np.array([each.t20[n] for each in some]) for some in (every, before))
-        true = float(measured.t20[n])
-        near = np.abs(now / true - 1.0) <= T20_SHARE
-        found.append(
-            Comparison(
-                f"Koli, T20 at {band:g} Hz",
-                "s",
-                Interval(true, true * (1 - T20_SHARE), true * (1 + T20_SHARE)),
-                Interval.of(now[np.isfinite(now)]),
-                bool(abs(np.nanmedian(now) / true - 1.0) <= T20_SHARE),
-                f"{near.sum()} of {len(now)} stands are within 25 %.",
-                Interval.of(old[np.isfinite(old)]),
-            )
-        )
-    for n, band in enumerate(BANDS):
-        now, old = (np.array([each.c50[n] for each in some]) for some in (every, before))
-        true = float(measured.c50[n])
-        near = np.abs(now - true) <= C50_DB
-        found.append(
-            Comparison(
-                f"Koli, C50 at {band:g} Hz",
-                "dB",
-                Interval(true, true - C50_DB, true + C50_DB),
-                Interval.of(now[np.isfinite(now)]),
-                bool(abs(np.nanmedian(now) - true) <= C50_DB),
-                f"{near.sum()} of {len(now)} stands are within 3 dB.",
-                Interval.of(old[np.isfinite(old)]),
-            )
-        )
-    return found
 
 
 def _missing(measured: Decay, responses: Sequence[np.ndarray]) -> list[Comparison]:

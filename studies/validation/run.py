@@ -15,9 +15,9 @@ from types import ModuleType
 
 import numpy as np
 
-from forest_addon.base.progress import Say
-from forest_addon.formats.atomic import replacing
-from forest_addon.spec import SpecError, unknown
+from forest_addon.api import SpecError
+
+from ..inside import Say, replacing, unknown
 
 
 @dataclass(frozen=True)

@@ -14,21 +14,34 @@ from pathlib import Path
 
 import numpy as np
 
-from forest_addon.base.rng import stream
-from forest_addon.formats.tree_map import read_tree_map
-from forest_addon.stand.cluster import sample_clusters
-from forest_addon.stand.gibbs import sample_strauss
-from forest_addon.stand.intensity.functions import Constant, Intensity
-from forest_addon.stand.intensity.layers import RasterIntensity
-from forest_addon.stand.poisson import sample
-from forest_addon.stand.process import Process
-from forest_addon.stand.statistics.covariates import LogLinear, fit_covariates
-from forest_addon.stand.statistics.envelope import SIMULATIONS, Envelope, envelope
-from forest_addon.stand.statistics.interaction import fit_clusters, fit_strauss
-from forest_addon.stand.statistics.k_function import inhomogeneous_k
-from forest_addon.stand.statistics.window import Window
-from headless.report.pictures import FAINT, INK, LEAF_GREEN, RED, blank_figure, save_figure
 from studies.validation.run import Comparison, Interval, Picture
+
+from ..inside import (
+    FAINT,
+    INK,
+    LEAF_GREEN,
+    RED,
+    SIMULATIONS,
+    Constant,
+    Envelope,
+    Intensity,
+    LogLinear,
+    Process,
+    RasterIntensity,
+    Window,
+    blank_figure,
+    envelope,
+    fit_clusters,
+    fit_covariates,
+    fit_strauss,
+    inhomogeneous_k,
+    read_tree_map,
+    sample,
+    sample_clusters,
+    sample_strauss,
+    save_figure,
+    stream,
+)
 
 TITLE = "Stands: where trees stand"
 SUMMARY = """\

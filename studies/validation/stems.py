@@ -12,19 +12,28 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from forest_addon.base.rng import stream
-from forest_addon.base.trimesh import GROUND, WOOD, TriMesh
-from forest_addon.blender.rays.casters import make_caster
-from forest_addon.growth.library.species_file import find_species, load_species
-from forest_addon.growth.likeness import trunk_radius
-from forest_addon.growth.mesh.meshing import tube
-from forest_addon.growth.tree import Tree, grow
-from forest_addon.growth.truth import segment_table
-from forest_addon.sensing.lidar.scan import scan
-from forest_addon.sensing.rays.geometry import SceneGeometry
-from forest_addon.spec import Beam, Noise, Rays, Terrestrial
-from headless.report.pictures import FAINT, INK, LEAF_GREEN, blank_figure, save_figure
+from forest_addon.api import Beam, Noise, Rays, Terrestrial, Tree, TriMesh
 from studies.validation.run import Comparison, Interval, Picture
+
+from ..inside import (
+    FAINT,
+    GROUND,
+    INK,
+    LEAF_GREEN,
+    WOOD,
+    SceneGeometry,
+    blank_figure,
+    find_species,
+    grow,
+    load_species,
+    make_caster,
+    save_figure,
+    scan,
+    segment_table,
+    stream,
+    trunk_radius,
+    tube,
+)
 
 WIDE = 500.0  # metres that the ground goes each way
 

@@ -15,21 +15,24 @@ import numpy as np
 from scipy.optimize import least_squares
 from scipy.spatial import ConvexHull, cKDTree
 
-from forest_addon.base.rows import RowTable
-from forest_addon.base.trimesh import TriMesh
-from forest_addon.base.vectors import azimuth_of
-from forest_addon.blender.rays.casters import make_caster
-from forest_addon.growth.library.species_file import find_species, load_species
-from forest_addon.growth.mesh.meshing import mesh_wood
-from forest_addon.growth.mesh.relief import SMALLEST, Relief
-from forest_addon.growth.skeleton import Skeleton
-from forest_addon.sensing.lidar.scan import scan
-from forest_addon.sensing.rays.geometry import SceneGeometry
-from forest_addon.spec import Noise, Rays
+from forest_addon.api import Noise, Rays, Skeleton, TriMesh
 from studies.validation.cloud_pair import HIGH, LOW, stems_of
 from studies.validation.plots import SIDE, STATIONS, pine_stems
 from studies.validation.run import Comparison, Interval
 from studies.validation.stems import BINS, PLOTS, SCANNER, read_plots, taubin
+
+from ..inside import (
+    SMALLEST,
+    Relief,
+    RowTable,
+    SceneGeometry,
+    azimuth_of,
+    find_species,
+    load_species,
+    make_caster,
+    mesh_wood,
+    scan,
+)
 
 NEAR = 0.6  # m between a stem on one list and on the other
 STARTS = np.deg2rad(np.arange(-180.0, 180.0, 5.0))

@@ -14,18 +14,31 @@ from pathlib import Path
 
 import numpy as np
 
-from forest_addon.base.rng import stream
-from forest_addon.growth.library.species_file import COLUMNS as MEASURED
-from forest_addon.growth.library.species_file import find_species, load_species, read_measured
-from forest_addon.growth.likeness import crown_base, crown_width, trunk_radius
-from forest_addon.growth.measured.allometry import draw
-from forest_addon.growth.measured.wanted import Kind, Wanted
-from forest_addon.growth.tree import Tree, grow
-from forest_addon.growth.truth import segment_table
-from forest_addon.spec import Allometry, SpecError, Species
-from headless.report.pictures import FAINT, INK, LEAF_GREEN, RED, blank_figure, save_figure
+from forest_addon.api import Allometry, SpecError, Species, Tree
 from studies.validation.plots import compare_living
 from studies.validation.run import Comparison, Interval, Picture
+
+from ..inside import COLUMNS as MEASURED
+from ..inside import (
+    FAINT,
+    INK,
+    LEAF_GREEN,
+    RED,
+    Kind,
+    Wanted,
+    blank_figure,
+    crown_base,
+    crown_width,
+    find_species,
+    grow,
+    load_species,
+    read_measured,
+    save_figure,
+    segment_table,
+    stream,
+    trunk_radius,
+)
+from ..inside import draw_measures as draw
 
 DIAMETERS = (0.08, 0.14, 0.2, 0.28, 0.38)  # m
 COARSE = 0.02  # metres of tolerance: only the skeleton counts

@@ -12,25 +12,43 @@ from pathlib import Path
 import numpy as np
 from scipy.signal import butter, filtfilt, welch
 
-from forest_addon.base.rng import stream
-from forest_addon.growth.library.species_file import find_species, load_species
-from forest_addon.growth.measured.crown import scaled_to
-from forest_addon.growth.measured.curves import curved
-from forest_addon.growth.measured.meet import grow_measured
-from forest_addon.growth.measured.wanted import Kind, Wanted, drawn
-from forest_addon.growth.mesh.blades import leaf_areas
-from forest_addon.growth.sway.beams import wood_of_species
-from forest_addon.growth.sway.shape import SwayShape, shape_with
-from forest_addon.growth.tree import blade_of, has_curves
-from forest_addon.site import ForestSite
-from forest_addon.spec import Forest, Planting, Scene, SpecError, Wind
-from forest_addon.stand.wind.field import DISPLACED, DRAG, ROUGH, WindField
-from forest_addon.stand.wind.response import WOOD_DRAG, SwayResponse, response_of
-from forest_addon.stand.wind.shelter import LAYERS
-from forest_addon.stand.wind.sway import sway_of
-from headless.report.pictures import BARK, FAINT, INK, LEAF_GREEN, blank_figure, save_figure
+from forest_addon.api import Forest, Planting, Scene, SpecError, Wind
 from studies.validation.ears import of_ears
 from studies.validation.run import Comparison, Interval, Picture
+
+from ..inside import (
+    BARK,
+    DISPLACED,
+    DRAG,
+    FAINT,
+    INK,
+    LAYERS,
+    LEAF_GREEN,
+    ROUGH,
+    WOOD_DRAG,
+    ForestSite,
+    Kind,
+    SwayResponse,
+    SwayShape,
+    Wanted,
+    WindField,
+    blade_of,
+    blank_figure,
+    curved,
+    find_species,
+    grow_measured,
+    has_curves,
+    leaf_areas,
+    load_species,
+    response_of,
+    save_figure,
+    scaled_to,
+    shape_with,
+    stream,
+    sway_of,
+    wood_of_species,
+)
+from ..inside import measures_drawn as drawn
 
 CONIFER_PRESETS = {"Picea": "norway-spruce", "Abies": "silver-fir", "Pseudotsuga": "douglas-fir"}
 BROADLEAF_PRESETS = {

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 bpy = pytest.importorskip("bpy")
 
 from forest_addon import api as forest
-from forest_addon.blender.files.opening import empty_file
+from forest_addon.blender.files.export import empty_file
 
 FIELD = forest.Forest(size=(64.0, 10.0), margin=4.0, undergrowth="none")
 SCENE = forest.Scene(

@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 
 from forest_addon.base.rng import stream
-from forest_addon.blender.library.closeup import SHOTS
-from forest_addon.blender.scene.standings import IGNORED_KEY
-from forest_addon.blender.show.preview import set_stage
-from forest_addon.blender.show.walker import (
+from forest_addon.blender.library.pictures import SHOTS
+from forest_addon.blender.scene.instances import IGNORED_KEY
+from forest_addon.blender.show.preview import (
     AHEAD,
     CLEAR,
     EYE,
     HALF_VIEW,
     NAME,
+    set_stage,
     stand_walker,
     walkers_view,
 )

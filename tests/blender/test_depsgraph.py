@@ -11,7 +11,7 @@ bpy = pytest.importorskip("bpy")
 from forest_addon.base.rng import stream
 from forest_addon.base.trimesh import LEAF, OTHER, WOOD, TriMesh, join
 from forest_addon.blender.rays.bvh import BvhCaster
-from forest_addon.blender.read import kept
+from forest_addon.blender.read import depsgraph
 from forest_addon.blender.read.depsgraph import (
     IGNORED_KEY,
     REFLECTANCE_KEY,
@@ -425,8 +425,8 @@ def test_a_loaded_file_is_read_anew(empty_blender, tmp_path):
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "a.blend"))
     assert read() is not before
     assert read() is read()
-    kept.unwatch()
-    assert not any(kept.forget in handlers for handlers in kept._reports())
+    depsgraph.unwatch()
+    assert not any(depsgraph.forget in handlers for handlers in depsgraph._reports())
 
 
 def test_curves_and_text_are_seen(empty_blender):

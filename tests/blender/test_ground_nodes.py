@@ -9,8 +9,8 @@ bpy = pytest.importorskip("bpy")
 
 from forest_addon import spec
 from forest_addon.blender.scene.forest import build
-from forest_addon.blender.scene.ground_nodes import GROUP
 from forest_addon.blender.scene.layout import GROUND_NAME, part
+from forest_addon.blender.scene.nodes import GROUP
 from forest_addon.blender.sensors.observe import Observer
 from forest_addon.stand.forest import grow_forest
 

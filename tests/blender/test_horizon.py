@@ -4,7 +4,7 @@ import bpy
 import numpy as np
 
 from forest_addon.blender.read.depsgraph import read_scene
-from forest_addon.blender.show.horizon import HORIZON, RINGS, lay_horizon
+from forest_addon.blender.show.preview import HORIZON, RINGS, lay_horizon
 
 
 def hills():

@@ -16,8 +16,8 @@ from forest_addon.blender.read.inputs import (
     read_terrain,
 )
 from forest_addon.blender.scene.forest import build
-from forest_addon.blender.scene.ground import ground_mesh
 from forest_addon.blender.scene.layout import GROUND_NAME, part
+from forest_addon.blender.scene.meshes import ground_mesh
 from forest_addon.blender.sensors.observe import Observer
 from forest_addon.growth.library.species_file import load_species
 from forest_addon.spec import SpecError

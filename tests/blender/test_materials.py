@@ -5,7 +5,7 @@ import pytest
 
 from forest_addon import spec
 from forest_addon.blender.scene import materials
-from forest_addon.blender.scene.bark import TEXTURES
+from forest_addon.blender.scene.materials import TEXTURES
 
 COLOUR = (0.2, 0.15, 0.1)
 

@@ -8,7 +8,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from forest_addon.blender.files.opening import empty_file, open_file
+from forest_addon.blender.files.export import empty_file, open_file
 from forest_addon.spec import SpecError
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -9,8 +9,15 @@ from forest_addon import spec
 from forest_addon.base.places import ASSETS
 from forest_addon.blender.scene import forest as room
 from forest_addon.blender.scene.forest import build
-from forest_addon.blender.scene.layout import GROUND_NAME, PARTS, TREES, VARIANTS, part, root
-from forest_addon.blender.scene.ours import is_ours
+from forest_addon.blender.scene.layout import (
+    GROUND_NAME,
+    PARTS,
+    TREES,
+    VARIANTS,
+    is_ours,
+    part,
+    root,
+)
 from forest_addon.growth.library.species_file import load_species
 from forest_addon.stand.forest import grow_forest
 

@@ -9,7 +9,8 @@ bpy = pytest.importorskip("bpy")
 
 from forest_addon import spec
 from forest_addon.base.places import ASSETS
-from forest_addon.blender.scene import assets, ready
+from forest_addon.blender.scene import assets
+from forest_addon.blender.scene import forest as forest_scene
 from forest_addon.blender.scene.forest import build, shapes_in
 from forest_addon.blender.scene.layout import OUTLINES, VARIANTS, part
 from forest_addon.growth.library.species_file import load_species
@@ -47,15 +48,17 @@ def test_a_build_of_what_was_made_ahead_is_the_same(monkeypatch):
     forest = grown(asked)
     plain, other = bpy.data.scenes.new("plain"), bpy.data.scenes.new("other")
     build(plain, asked, forest)
-    made = ready.make_ready(forest, (), True, lambda done, total: heard.append((done, total)))
+    made = forest_scene.make_ready(
+        forest, (), True, lambda done, total: heard.append((done, total))
+    )
     assert heard == [(0, 2), (1, 2)]
     for name in ("stand_in", "fingerprint"):  # or it was in vain
-        monkeypatch.setattr(ready, name, lambda *_: pytest.fail("made twice"))
+        monkeypatch.setattr(forest_scene, name, lambda *_: pytest.fail("made twice"))
     build(other, asked, forest, ready=made)
     assert library(other) == library(plain)
     monkeypatch.undo()
     anew = grown(settings(4))
-    assert not ready.make_ready(anew, shapes_in(plain), False, lambda *_: None).stand_ins
+    assert not forest_scene.make_ready(anew, shapes_in(plain), False, lambda *_: None).stand_ins
 
 
 @pytest.mark.medium
@@ -74,12 +77,12 @@ def test_measures_and_pictures_can_follow_once_the_forest_stands(monkeypatch):
     assert not any("height_m" in thing.data for thing in part(later, VARIANTS).objects)
     first, second = part(later, VARIANTS).objects
     second.asset_clear()
-    assets.tell_variants(later, anew, ready.tell_of(anew, wanted[:1]))  # cancelled half way
+    assets.tell_variants(later, anew, forest_scene.tell_of(anew, wanted[:1]))  # cancelled half way
     assert assets.untold(later, anew) == wanted[1:]
-    assets.tell_variants(later, anew, ready.tell_of(anew, wanted[1:]))
+    assets.tell_variants(later, anew, forest_scene.tell_of(anew, wanted[1:]))
     assert assets.untold(later, anew) == []
     assert second.asset_data is None  # the user's choice
     second.asset_mark()
-    assets.mark(second, ready.tell_of(anew, wanted)[wanted[1]].portrait)
+    assets.mark(second, forest_scene.tell_of(anew, wanted)[wanted[1]].portrait)
     assert library(later) == library(at_once)
     assert first.data["height_m"] == pytest.approx(anew.variants[wanted[0]].height)

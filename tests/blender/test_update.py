@@ -16,12 +16,13 @@ bpy = pytest.importorskip("bpy")
 from forest_addon import spec
 from forest_addon.base.places import ASSETS
 from forest_addon.blender.read.depsgraph import SPECIES_KEY, TREE_KEY
-from forest_addon.blender.scene import assets, materials, nodes, ready
+from forest_addon.blender.scene import assets, materials, nodes
 from forest_addon.blender.scene import forest as room
 from forest_addon.blender.scene.forest import build
 from forest_addon.blender.scene.instances import read_points
 from forest_addon.blender.scene.layout import (
     GROUND_NAME,
+    MADE_KEY,
     OUTLINES,
     PARTS,
     TREES,
@@ -29,8 +30,7 @@ from forest_addon.blender.scene.layout import (
     part,
     root,
 )
-from forest_addon.blender.scene.ours import MADE_KEY
-from forest_addon.blender.scene.standing import KeptStanding
+from forest_addon.blender.scene.placing import KeptStanding
 from forest_addon.growth.library.species_file import load_species
 from forest_addon.stand.forest import grow_forest
 
@@ -668,7 +668,7 @@ def test_an_update_that_fails_changes_nothing(empty_blender, how, where, monkeyp
         calls.append(1)
         raise MemoryError
 
-    monkeypatch.setattr(ready if where == "stand_in" else room, where, full)
+    monkeypatch.setattr(room, where, full)
     with pytest.raises(MemoryError):
         plant("points", seed=2, species=("hazelnut", "apple-stochastic"), look=(0.3, 0.2, 0.1))
     assert calls

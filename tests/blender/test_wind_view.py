@@ -7,11 +7,11 @@ from scipy.spatial import cKDTree
 bpy = pytest.importorskip("bpy")
 
 from forest_addon import api as forest
-from forest_addon.blender.files.baked import bake
+from forest_addon.blender.files.export import bake
 from forest_addon.blender.scene import layout
+from forest_addon.blender.scene.instances import TREE_KEY
 from forest_addon.blender.scene.meshes import from_mesh
 from forest_addon.blender.scene.nodes import show_as
-from forest_addon.blender.scene.standings import TREE_KEY
 from forest_addon.blender.show.wind import hide_wind, is_wind, show_wind, shows_wind
 from forest_addon.sensing.rays.pieces import parted
 from forest_addon.stand.wind.response import KNOTS

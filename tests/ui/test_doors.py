@@ -8,7 +8,7 @@ bpy = pytest.importorskip("bpy")
 from ui.pressing import press
 
 from forest_addon import api
-from forest_addon.blender.files.opening import empty_file
+from forest_addon.blender.files.export import empty_file
 from forest_addon.blender.sensors.observe import Observer
 from forest_addon.flight.woods import Stock
 from forest_addon.formats.toml_file import table_of, write_settings

@@ -2,8 +2,13 @@
 
 In a .glb, trees that are objects are nodes that share meshes; trees that are points become one node a
 variant with a list of places (``formats.glb``), which Blender's own exporter cannot write with their
-numbers and without a node for each first. The ground of both ends a little beyond the trees, so that a viewer
-that frames all shows the forest.
+numbers and without a node for each first. The ground of both ends a little beyond the trees, so that a
+viewer that frames all shows the forest.
+
+``read_factory_settings`` is called nowhere: in a Blender of a user it switches every extension off, and
+Blender then removes the packages that they brought, from under open windows too. Scripts in a user's
+file never run by us, whatever the preferences say. A forest in the wind is baked as Alembic or USD, a
+transform a piece and frame.
 """
 
 from __future__ import annotations
@@ -21,9 +26,52 @@ from mathutils import Vector
 
 from ...formats.atomic import replacing
 from ...formats.glb import Copies, instance_nodes
+from ...spec import Scene, SpecError
 from ..scene.instances import read_points
 from ..scene.layout import GROUND_NAME, PART_KEY, TREES, objects_in, root
 from ..scene.nodes import in_full
+
+STARTUP = ("Cube", "Camera", "Light")  # what Blender itself puts into a new file
+
+
+def empty_file() -> None:
+    """A new file without anything in it; preferences and extensions stay as they are."""
+    bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
+
+
+def open_file(path: Path) -> None:
+    """Open a .blend file without its windows, and without running what scripts it has.
+
+    Raises
+    ------
+    SpecError : Blender cannot open it; says why.
+    """
+    try:
+        bpy.ops.wm.open_mainfile(filepath=str(path.resolve()), load_ui=False, use_scripts=False)
+    except RuntimeError as problem:
+        why = str(problem).strip().removeprefix("Error: ")
+        raise SpecError(str(path), f"cannot be opened ({why}); check the path") from None
+
+
+def open_for(scene: Scene, folder: Path) -> None:
+    """Open the file that a scene starts from; without one, stay in the file that is open, but for the cube,
+    camera and lamp that ``bpy`` as a module starts with.
+
+    Raises
+    ------
+    SpecError : Blender cannot open it; says why.
+    """
+    if scene.blend:
+        path = folder / scene.blend
+        try:
+            open_file(path)
+        except SpecError as problem:
+            raise SpecError("blend", f"{path} {problem.problem}") from None
+    elif getattr(bpy.app, "module", False) and not bpy.data.filepath:
+        things = [bpy.data.objects.get(name) for name in STARTUP]
+        if all(things) and len(bpy.data.objects) == len(STARTUP):
+            bpy.data.batch_remove(things)
+
 
 BESIDE = 0.25  # of the trees' extent, that the ground goes on beyond them
 LEAST_BESIDE = 5.0  # metres
@@ -243,3 +291,35 @@ def _refused(problem: RuntimeError, path: str | os.PathLike[str]) -> OSError:
         if os.strerror(code) in text:
             return OSError(code, os.strerror(code), os.fspath(path))
     return OSError(text.splitlines()[-1].removeprefix("Error: ") if text else "Blender failed")
+
+
+def bake(scene: bpy.types.Scene, path: Path) -> None:
+    """Write what the scene's forest shows over its range of frames; in Alembic trees of a variant
+    share their meshes.
+
+    Raises
+    ------
+    RuntimeError : Blender could not write it.
+    OSError : the file could not be put in its place.
+    """
+    top = root(scene)
+    name = top.name if top is not None else ""
+    with replacing(path) as part:
+        if path.suffix.lower() == ".abc":
+            bpy.ops.wm.alembic_export(
+                filepath=str(part),
+                start=scene.frame_start,
+                end=scene.frame_end,
+                collection=name,
+                evaluation_mode="RENDER",
+                as_background_job=False,
+                use_instancing=True,
+            )
+        else:
+            bpy.ops.wm.usd_export(
+                filepath=str(part),
+                export_animation=True,
+                collection=name,
+                evaluation_mode="RENDER",
+                use_instancing=False,  # Blender 5.2 refers pieces to themselves otherwise
+            )

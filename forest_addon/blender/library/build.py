@@ -3,22 +3,25 @@
 Each tree is a collection that is marked as an asset, with catalog, description, tags and picture, and holds
 one object. A collection can be dragged in as an instance, which moves freely also where it is linked; its
 object can be appended or linked by itself. What sensors know of the tree lies on its mesh
-(``asset_truth``). In the file the trees stand in a row; an instance has its tree at its own origin.
+(``scene.meshes``). In the file the trees stand in a row; an instance has its tree at its own origin.
 """
 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
+import tomllib
+import uuid
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 import bpy
 import numpy as np
 
-from ...base.places import file_name
+from ...base.places import ASSETS, file_name
 from ...base.progress import Progress
 from ...base.rng import stream
 from ...formats.atomic import replacing
@@ -26,12 +29,11 @@ from ...growth.tree import Tree, grow
 from ...growth.truth import tree_truth
 from ...spec import Species
 from ..scene import materials
-from ..scene.asset_truth import write_truth
-from ..scene.meshes import to_mesh
-from ..scene.standing import fingerprint
-from . import asset_picture
-from .catalogs import ROOT, add_catalogs, catalog_id, catalog_of
+from ..scene.meshes import to_mesh, write_truth
+from ..scene.placing import fingerprint
+from . import pictures
 
+ROOT = "Forest Sensing"
 AUTHOR = ROOT
 
 
@@ -56,7 +58,7 @@ def grow_exhibits(
     made = []
     for variant in range(variants):
         tree = grow(species, template, stream(seed, "library", species.name, variant))
-        made.append(Exhibit(tree, tree_truth(tree), asset_picture.picture(tree.mesh, species.look)))
+        made.append(Exhibit(tree, tree_truth(tree), pictures.picture(tree.mesh, species.look)))
         if progress:
             progress(variant + 1, variants)
     return made
@@ -143,3 +145,64 @@ def _taken_back() -> Iterator[None]:
     finally:
         new = [block for kind in kinds for block in kind if block.session_uid not in before]
         bpy.data.batch_remove(new)
+
+
+FILE = "blender_assets.cats.txt"
+LOW = 1.5  # metres, below which a plant that no catalog names is undergrowth
+_NAMESPACE = uuid.UUID("8b6c5a52-0a53-5d43-9d3e-6f6c2f7d6a11")
+_HEAD = """\
+# This is an Asset Catalog Definition file for Blender.
+#
+# Empty lines and lines starting with `#` will be ignored.
+# The first non-ignored line should be the version indicator.
+# Other lines are of the format "UUID:catalog/path/for/assets:simple catalog name"
+
+VERSION 1
+"""
+
+
+def catalog_of(species: Species, height: float) -> str:
+    """The path of the catalog of a species whose trees are so tall, metres."""
+    return f"{ROOT}/{_named().get(species.name) or _guess(species, height)}"
+
+
+def _guess(species: Species, height: float) -> str:
+    if height < LOW:
+        return "Undergrowth"
+    return "Conifers" if species.needles or species.leaf.shape == "needle" else "Broadleaves"
+
+
+@cache
+def _named() -> dict[str, str]:
+    """The catalog of each preset."""
+    listed = tomllib.loads((ASSETS / "catalogs.toml").read_text(encoding="utf-8"))
+    return {name: group for group, names in listed.items() for name in names}
+
+
+def catalog_id(path: str) -> str:
+    """The UUID of a catalog."""
+    return str(uuid.uuid5(_NAMESPACE, path))
+
+
+def add_catalogs(folder: Path, paths: Iterable[str]) -> Path:
+    """Have a library's file name these catalogs and those above them; returns the file.
+
+    Raises
+    ------
+    OSError : the file cannot be read or written.
+    """
+    file = folder / FILE
+    text = file.read_text(encoding="utf-8") if file.is_file() else _HEAD
+    known = {line.split(":", 1)[0] for line in text.splitlines() if ":" in line}
+    whole = {
+        "/".join(path.split("/")[: k + 1]) for path in paths for k in range(path.count("/") + 1)
+    }
+    lines = [
+        f"{catalog_id(path)}:{path}:{path.replace('/', '-')}"
+        for path in sorted(whole)
+        if catalog_id(path) not in known
+    ]
+    if lines or not file.is_file():
+        with replacing(file) as partial:
+            partial.write_text(text.rstrip("\n") + "\n" + "\n".join(lines) + "\n", encoding="utf-8")
+    return file

@@ -2,17 +2,19 @@
 
 Modifiers, collection instances, geometry nodes, curves, text and metaballs are all seen as Blender shows
 them; what is hidden is not. Meshes that several instances share are read once. Custom properties of
-objects say more: ``forest_tree`` and ``forest_species`` number trees, ``forest_ignored`` keeps an
-object from all sensors, ``forest_reflectance`` and what makes a mirror, glass or water (``optics``) are
-for LiDAR, of a material, too. Trees from an asset library, whose mesh says so, are numbered after all
+objects say more: ``forest_tree`` and ``forest_species`` number trees, ``forest_ignored`` keeps an object
+from all sensors, ``forest_reflectance`` and what makes a mirror, glass or water (``optics_of``) are for
+LiDAR, of a material, too. Trees from an asset library, whose mesh says so, are numbered after all
 others, by the names of their objects. What was read is kept until Blender reports any change.
 """
 
 from __future__ import annotations
 
+import atexit
 import hashlib
-from collections.abc import Container
-from typing import Any
+from collections.abc import Callable, Container, Hashable, Iterable
+from dataclasses import fields
+from typing import Any, TypeVar
 
 import bpy
 import numpy as np
@@ -21,8 +23,8 @@ from ...base.trimesh import TriMesh
 from ...growth.mesh.leaves import separate_leaves
 from ...sensing.rays.geometry import SceneGeometry
 from ...sensing.rays.runs import SceneSample, Shape
-from ..scene.meshes import from_mesh
-from ..scene.standings import (
+from ...spec import POLISHED, Polished, property_of
+from ..scene.instances import (
     ASSET_KEY,
     IGNORED_KEY,
     REFLECTANCE_KEY,
@@ -35,8 +37,32 @@ from ..scene.standings import (
     has_nodes,
     standings,
 )
-from .kept import kept
-from .optics import NO_OPTICS, optics_of
+from ..scene.meshes import from_mesh
+
+KIND_KEY, *NUMBER_KEYS = (property_of(field.name) for field in fields(Polished))
+NO_OPTICS = (np.nan, np.nan, np.nan, np.nan)
+Optics = tuple[float, float, float, float]
+
+
+def optics_of(*places: bpy.types.ID) -> Optics:
+    """Kind and numbers of a mirror, glass or water, of the first of an object's places that says one.
+
+    Returns
+    -------
+    kind as a number of ``spec.POLISHED``, -1 where the word is none of them; index, share and extinction (of
+    a retro-reflector its gain), NaN where they are not said. All are NaN where no place says anything.
+    """
+    for place in places:
+        kind = place.get(KIND_KEY)
+        if isinstance(kind, str) and kind:
+            said = [place.get(key) for key in NUMBER_KEYS]
+            index, share, extinction, gain = (
+                float(value) if isinstance(value, (int, float)) else np.nan for value in said
+            )
+            extinction = gain if kind == "retro" else extinction
+            number = POLISHED.index(kind) if kind in POLISHED else -1
+            return float(number), index, share, extinction
+    return NO_OPTICS
 
 
 def read_scene(depsgraph: bpy.types.Depsgraph) -> SceneGeometry:
@@ -336,3 +362,43 @@ def _slot_reflectance(mesh: bpy.types.Mesh) -> np.ndarray:
     values = [m.get(REFLECTANCE_KEY) if m else None for m in mesh.materials]
     known = [v if isinstance(v, (int, float)) else np.nan for v in values]
     return np.array(known or [np.nan], dtype=np.float64)
+
+
+T = TypeVar("T")
+
+_kept: dict[Hashable, Any] = {}
+
+
+def kept(depsgraph: bpy.types.Depsgraph, make: Callable[..., T], *settings: Hashable) -> T:
+    """``make(depsgraph, *settings)``, or what it made of this scene before if nothing changed since."""
+    if not all(forget in handlers for handlers in _reports()):
+        unwatch()
+        for handlers in _reports():
+            handlers.append(forget)
+    view = (depsgraph.scene.session_uid, depsgraph.view_layer.name, depsgraph.mode)
+    key = (*view, make, *settings)
+    if key not in _kept:
+        _kept[key] = make(depsgraph, *settings)
+    return _kept[key]
+
+
+def forget(*_: Any) -> None:
+    """Drop all that is kept; the handler of every change."""
+    _kept.clear()
+
+
+def unwatch() -> None:
+    """Forget, and take the handlers back."""
+    forget()
+    for handlers in _reports():
+        if forget in handlers:
+            handlers.remove(forget)
+
+
+atexit.register(unwatch)  # with a handler of ours left, bpy 4.5 does not end
+
+
+def _reports() -> Iterable[list]:
+    """Blender's lists of whom to tell of a change."""
+    known = bpy.app.handlers
+    return (known.depsgraph_update_post, known.frame_change_post, known.undo_post, known.redo_post)

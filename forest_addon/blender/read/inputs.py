@@ -1,12 +1,12 @@
 """Inputs of a stand from a Blender scene: the ground, painted weights, places of trees.
 
-Meshes are taken as they are evaluated, with their modifiers, and moved to the world in float64. Weights are
-a vertex group or an attribute of numbers or colours on vertices, corners or faces; a colour counts by its
-luminance.
+Blender keeps numbers in single precision: 0.002 that was typed, or read from a scene file, comes back as
+0.0020000000949949026; ``shortest`` makes it 0.002 again.
 """
 
 from __future__ import annotations
 
+import struct
 from dataclasses import replace
 
 import bpy
@@ -20,6 +20,20 @@ from ...stand.inputs import Inputs, Painted, TreeList
 from ...stand.intensity.terrain import Triangulated
 from ..scene.layout import objects_in
 from .depsgraph import SOLID_TYPES
+
+
+def shortest(value: float) -> float:
+    """The shortest decimal with the same single-precision number as ``value``."""
+    stored = struct.pack("f", value)
+    return next(
+        (
+            decimal
+            for digits in range(1, 10)
+            if struct.pack("f", decimal := float(f"{value:.{digits}g}")) == stored
+        ),
+        value,
+    )
+
 
 LUMINANCE = (0.2126, 0.7152, 0.0722)  # of linear red, green and blue, ITU-R BT.709
 WIDTH = {"FLOAT": 1, "INT": 1, "INT8": 1, "BOOLEAN": 1, "FLOAT_COLOR": 4, "BYTE_COLOR": 4}

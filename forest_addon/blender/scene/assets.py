@@ -16,9 +16,8 @@ import numpy as np
 from ... import spec
 from ...base.rng import stream
 from ...base.trimesh import DEAD, LEAF, WOOD, TriMesh, join
-from .layout import VARIANTS, find_part
-from .ours import SHAPE_KEY, by_role
-from .standing import TOLD_KEY, has_own_mesh
+from .layout import SHAPE_KEY, VARIANTS, by_role, find_part
+from .placing import TOLD_KEY, has_own_mesh
 
 if TYPE_CHECKING:
     from ...stand.forest import GrownForest

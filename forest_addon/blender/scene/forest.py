@@ -1,16 +1,18 @@
 """A forest as a Blender scene: variants as meshes, trees that share them, a ground.
 
 Everything stands in named collections below *Forest*: *Trees*, *Variants* (hidden; assets to drag in),
-their *Outlines* (hidden), *Ground*, *Sensors* and *Results*. Trees are objects, one collection a species, or
-points of one object that geometry nodes put variants on. All data of a new forest is complete before an old
-one is touched, and what was made of one that fails is taken back; then the objects that stand there get it
-(``placing``), with materials as they were (``standing``).
+their *Outlines* (hidden), *Ground*, *Sensors* and *Results*. Trees are objects, one collection a
+species, or points of one object that geometry nodes put variants on. All data of a new forest is
+complete before an old one is touched, and what was made of one that fails is taken back; then the
+objects that stand there get it, with materials as they were (``placing``). Arrays are made beside the
+window (``make_ready``, ``tell_of``): before, fingerprints and stand-ins for views; after, measures and
+pictures of variants that are new.
 """
 
 from __future__ import annotations
 
 import weakref
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 
@@ -18,32 +20,104 @@ import bpy
 import numpy as np
 
 from ... import spec
+from ...base.progress import Progress
+from ...base.trimesh import TriMesh
+from ...growth.mesh.stand_in import Level, level_for, stand_in
+from ...growth.truth import tree_truth
 from ...stand.forest import GrownForest
 from ...stand.intensity.terrain import Flat, GroundSurface
 from . import materials
-from .assets import tell_variants, untold
-from .ground import ground_mesh
-from .ground_nodes import show_near
-from .instances import points_mesh, ranks
+from .assets import ToldVariant, Variant, portray, tell_variants, untold
+from .instances import SPECIES_KEY, TREE_KEY, points_mesh, ranks
 from .layout import (
     GROUND_NAME,
     GROUND_ROLE,
+    MADE_KEY,
     OUTLINES,
     POINTS_ROLE,
+    SHAPE_KEY,
     TREES,
     VARIANTS,
+    all_or_nothing,
     find_part,
+    is_ours,
     part,
     root,
 )
-from .meshes import to_mesh
-from .nodes import LEVEL_KEY, give_instancer, instancer_group
-from .ours import MADE_KEY, SHAPE_KEY, all_or_nothing, is_ours
-from .placing import WantedObject, put
-from .ready import ReadyForest, tell_of
-from .standing import Coat, KeptStanding, fingerprint
-from .standings import SPECIES_KEY, TREE_KEY
-from .stood import STOOD_KEY, note_stood, told_of_tree
+from .meshes import ground_mesh, to_mesh
+from .nodes import LEVEL_KEY, give_instancer, instancer_group, show_near
+from .placing import Coat, KeptStanding, WantedObject, fingerprint, put
+from .planted import STOOD_KEY, note_stood, told_of_tree
+
+DRAWABLE = 5_000_000  # triangles of all stand-ins of a forest together, which a graphics card draws at once
+
+
+@dataclass(frozen=True)
+class ReadyForest:
+    """Shapes and stand-ins of variants, as far as they were made ahead.
+
+    drawable : triangles that all stand-ins of a forest may have together.
+    """
+
+    shapes: dict[Variant, str] = field(default_factory=dict)
+    stand_ins: dict[Variant, TriMesh] = field(default_factory=dict)
+    drawable: int = DRAWABLE
+
+    def level(self, forest: GrownForest) -> Level:
+        """Level at which stand-ins show the trees of a forest."""
+        return level_for(len(forest.stand), self.drawable)
+
+    def shape(self, forest: GrownForest, key: Variant) -> str:
+        """The fingerprint of a variant's mesh."""
+        if key not in self.shapes:
+            self.shapes[key] = fingerprint(forest.variants[key].mesh)
+        return self.shapes[key]
+
+    def stand_in(self, forest: GrownForest, key: Variant) -> TriMesh:
+        """The few triangles that views show of a variant."""
+        if key in self.stand_ins:
+            return self.stand_ins[key]
+        tree = forest.variants[key]
+        return stand_in(tree.mesh, tree.skeleton, self.level(forest))
+
+    def rough_shape(self, forest: GrownForest, key: Variant) -> str:
+        """The fingerprint of a variant's stand-in."""
+        return f"{self.shape(forest, key)} {self.level(forest).most}"
+
+
+def make_ready(
+    forest: GrownForest,
+    known: Collection[str],
+    as_points: bool,
+    tell: Progress,
+    drawable: int = DRAWABLE,
+) -> ReadyForest:
+    """Make ahead what the variants of a forest need to stand; touches no Blender.
+
+    known : shapes that stand in the scene already, of which nothing is made anew.
+    """
+    ready = ReadyForest(drawable=drawable)
+    for number, (key, tree) in enumerate(forest.variants.items()):
+        tell(number, len(forest.variants))
+        ready.shapes[key] = fingerprint(tree.mesh)
+        if as_points and ready.rough_shape(forest, key) not in known:
+            ready.stand_ins[key] = ready.stand_in(forest, key)
+    return ready
+
+
+def tell_of(
+    forest: GrownForest, wanted: Sequence[Variant], tell: Progress | None = None
+) -> dict[Variant, ToldVariant]:
+    """Measure variants of a forest and draw their pictures; touches no Blender."""
+    told = {}
+    for number, key in enumerate(wanted):
+        if tell:
+            tell(number, len(wanted))
+        planting, tree = key[0], forest.variants[key]
+        portrait = portray(forest.species[planting], forest.labels[planting], tree.mesh)
+        told[key] = ToldVariant(tree_truth(tree), portrait)
+    return told
+
 
 MANY = 1000  # trees; where there are more, they are points unless the settings say otherwise
 SHOWN_IN_FULL = (

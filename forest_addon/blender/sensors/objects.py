@@ -19,9 +19,8 @@ import numpy as np
 
 from ...sensing.kinds import KINDS
 from ...spec import Sensor, SpecError
-from ..read.single import shortest
-from ..scene.layout import ROOT_KEY, SENSORS, find_part, part, root
-from ..scene.ours import is_local
+from ..read.inputs import shortest
+from ..scene.layout import ROOT_KEY, SENSORS, find_part, is_local, part, root
 
 KIND_KEY = "forest_sensor_kind"  # custom property of a sensor's object: its kind
 RECEIVER_KEY = "forest_receiver"  # custom property of a reverb's source: its receiver

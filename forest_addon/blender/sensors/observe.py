@@ -29,9 +29,8 @@ from ...sensing.trajectory import Trajectory
 from ...spec import Rays, Scene, Sensor
 from ...stand.placed import PlacedTrees
 from ..rays.casters import make_caster, motion_engine, piece_engine
-from ..read.depsgraph import read_scene
-from ..read.kept import kept
-from ..scene.asset_truth import placed_trees
+from ..read.depsgraph import kept, read_scene
+from ..scene.meshes import placed_trees
 from ..scene.nodes import in_full
 from .following import SceneFollower
 from .moving import WITHIN, moving_caster, seconds_of

@@ -1,26 +1,146 @@
-"""A point cloud as a Blender object: vertices with named attributes, shown as points by a modifier.
+"""A point cloud as a Blender object: vertices with named attributes, its legend, and the cloud read back.
 
-Every value and label of a return is an attribute; the colour that an organ has in nature, and that of how
-loud an echo is, are too. The modifier's node group (``cloud_nodes``) has named inputs: what colours the
-points, on which scale, how large they are and which of them are shown. A sensor has one object; what was
-done to it stays when the sensor runs again.
+Points are shown by a modifier (``cloud_nodes``). A legend has, for each choice of the menu *Colour By*,
+names or values, and colours: organs, species and objects are named, the most frequent first; a measure
+has four values along its scale. Colours are those that the nodes give, computed with the same
+arithmetic: a number n has the hue frac(0.618 n), a measure its place on the usual scale.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import colorsys
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 
 import bpy
 import numpy as np
 
-from ...base.trimesh import DEAD, GROUND, LEAF, WOOD
+from ...base.labels import Labels
+from ...base.trimesh import DEAD, GROUND, LEAF, PART_NAMES, WOOD
 from ...sensing.lidar.cloud import Cloud
+from ...sensing.lidar.returns import Returns
 from ...sensing.sonar.ping import Contributions
-from ..scene.ground_nodes import HIGH, LOW, shown_corners
-from ..scene.layout import CLOUD_KEY, COLOUR_BY, FAR_POINTS, FRAME_KEY
-from ..scene.nodes import choose_input, has_input, set_input
-from ..scene.ours import is_ours, make_object, own, settle
-from .cloud_nodes import FARTHEST, SCALE, heard_group, points_material, scan_group
+from ..scene.layout import (
+    CLOUD_KEY,
+    COLOUR_BY,
+    FAR_POINTS,
+    FRAME_KEY,
+    is_ours,
+    make_object,
+    own,
+    settle,
+)
+from ..scene.nodes import HIGH, LOW, choose_input, has_input, set_input, shown_corners
+from .cloud_nodes import (
+    FARTHEST,
+    GOLDEN,
+    SCALE,
+    USUAL_MAP,
+    VALUE,
+    VIVID,
+    heard_group,
+    on_map,
+    points_material,
+    scan_group,
+)
+
+MOST = 12  # names of one choice; what is hit more rarely is left out
+DEGREES = 180.0 / np.pi
+
+Colour = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One line: under which choice of the menu, what it says, in which colour."""
+
+    choice: str
+    name: str
+    colour: Colour
+
+
+def legend_of(
+    cloud: Cloud, objects: Sequence[str] = (), species: Sequence[str] = ()
+) -> list[Entry]:
+    """The legend of a scanner's cloud.
+
+    objects : names by the number of an instance. species : names by the number of a species.
+    """
+    found = _named("Organ", cloud.returns.organ, PART_NAMES, _of_organ)
+    found += _named("Species", cloud.returns.species, species, _of_number)
+    found += _named("Object", cloud.returns.instance, objects, _of_number)
+    found += _scaled("Height", cloud.position[:, 2], "m")
+    found += _scaled("Distance", cloud.returns.distance, "m")
+    found += _scaled(
+        "Incidence", DEGREES * np.arccos(np.minimum(cloud.returns.cos_incidence, 1.0)), "°"
+    )
+    found += _scaled("Width", 1e9 * cloud.width, "ns")
+    found += _scaled("Scan Angle", DEGREES * cloud.scan_angle, "°")
+    found += _scaled("Time", cloud.time, "s")
+    return found + _scaled("Intensity", 10.0 * np.log10(np.maximum(cloud.intensity, 1e-20)), "dB")
+
+
+def legend_of_heard(heard: Contributions) -> list[Entry]:
+    """The legend of what a sonar heard."""
+    if not len(heard):
+        return []
+    quiet = 20.0 * np.log10(QUIETEST)
+    found = [
+        Entry("Loudness", f"{quiet * (1.0 - share) + 0.0:.0f} dB", on_map(USUAL_MAP, share))
+        for share in (1.0, 0.5, 0.0)
+    ]
+    found += _scaled("Delay", 1e3 * heard.delay, "ms")
+    return found + _scaled("Distance", heard.distance, "m")
+
+
+def _named(
+    choice: str, numbers: np.ndarray, names: Sequence[str], colour_of: Callable[[int], Colour]
+) -> list[Entry]:
+    """The most frequent of these numbers that have a name; of several that are called alike, as instances of
+    one object are, the first."""
+    there, count = np.unique(numbers, return_counts=True)
+    order = there[np.argsort(-count, kind="stable")]
+    known: dict[str, int] = {}
+    for number in (int(n) for n in order if 0 <= n < len(names) and names[n]):
+        known.setdefault(names[number], number)
+    found = list(known.items())[:MOST]
+    return [Entry(choice, name, colour_of(number)) for name, number in found]
+
+
+def _scaled(choice: str, values: np.ndarray, unit: str) -> list[Entry]:
+    """Values along a scale, the smallest first; none where all are the same."""
+    if not len(values) or not np.ptp(values) > 0:
+        return []
+    ends = np.linspace(float(values.min()), float(values.max()), len(SCALE))
+    space = "" if unit == "°" else " "
+    return [
+        Entry(choice, f"{number}{space}{unit}", colour)
+        for number, colour in zip(_in_words(ends), SCALE, strict=True)
+    ]
+
+
+def _in_words(values: np.ndarray) -> list[str]:
+    """Numbers as one writes those of a scale: all to the digit that tells neighbours apart, none as -0."""
+    step = float(np.ptp(values)) / (len(values) - 1)
+    digits = int(np.clip(1 - np.floor(np.log10(step)), 0, 12))
+    rounded = np.round(values, digits) + 0.0
+    return [f"{value:,.{digits}f}" for value in rounded]
+
+
+def _of_organ(organ: int) -> Colour:
+    return _rgb(np.array(COLOUR_OF_ORGAN.get(organ, OTHER)))
+
+
+def _of_number(number: int) -> Colour:
+    hue = float(np.modf(np.float32(number) * np.float32(GOLDEN))[0])
+    return colorsys.hsv_to_rgb(hue, VIVID, VALUE)
+
+
+def _rgb(colour: np.ndarray) -> Colour:
+    r, g, b = (float(channel) for channel in colour[:3])
+    return r, g, b
+
 
 COLOUR_OF_ORGAN = {
     WOOD: (0.30, 0.17, 0.08, 1.0),
@@ -176,3 +296,119 @@ def fill(
     attribute = data.attributes.get(name) or data.attributes.new(name, kind, "POINT")
     dtype = np.int32 if kind == "INT" else np.float32
     attribute.data.foreach_set(key, np.ascontiguousarray(values, dtype=dtype).ravel())
+
+
+SCAN_KEY = "forest_scan"  # of a mesh: pulses, engine, offset, names of labels, as JSON
+EXACT = ("position", "distance", "true_range", "time", "azimuth", "elevation")  # doubles in files
+NEEDED = ("position", "surface_normal", "distance", "intensity", "organ", "pulse")
+
+
+def note_scan(
+    data: bpy.types.Mesh,
+    cloud: Cloud,
+    offset: Sequence[float],
+    crs: str,
+    labels: Mapping[str, Labels],
+) -> None:
+    """Note on a mesh of points what ``kept_scan`` needs.
+
+    offset, crs : of the scene. labels : of the points, by what labels them.
+    """
+    fill(data, "azimuth", "FLOAT", cloud.azimuth)
+    fill(data, "elevation", "FLOAT", cloud.elevation)
+    for name in EXACT:
+        values = cloud.returns.distance if name == "distance" else getattr(cloud, name)
+        kind, key = ("FLOAT_VECTOR", "vector") if values.ndim == 2 else ("FLOAT", "value")
+        fill(data, _rounding(name), kind, values - values.astype(np.float32), key)
+    for name, label in labels.items():
+        fill(data, _attribute(name), "INT", label.number)
+    said = {
+        "pulses": cloud.pulses,
+        "engine": cloud.engine,
+        "offset": list(offset),
+        "crs": crs,
+        "labels": {name: list(label.names) for name, label in labels.items()},
+    }
+    data[SCAN_KEY] = json.dumps(said, ensure_ascii=False)
+
+
+@dataclass(frozen=True)
+class KeptScan:
+    """A scan that a file keeps: its cloud, the scene's offset (m) and coordinate system, labels by what they
+    are of."""
+
+    cloud: Cloud
+    offset: tuple[float, ...]
+    crs: str
+    labels: dict[str, Labels]
+
+
+def is_scan(data: bpy.types.Mesh) -> bool:
+    """Return whether a mesh of points is a scan that can be read back."""
+    return all(name in data.attributes for name in NEEDED)
+
+
+def kept_scan(data: bpy.types.Mesh) -> KeptScan:
+    """The scan of a mesh of points.
+
+    Points that were deleted by hand are gone here, too; those of files before 1.0.1 are of single precision.
+    """
+    said = json.loads(data.get(SCAN_KEY, "{}"))
+    number = {name: _read(data, name, "INT") for name in ("tree", "species", "organ", "leaf")}
+    returns = Returns(
+        distance=_read(data, "distance", "FLOAT"),
+        normal=_read(data, "surface_normal", "FLOAT_VECTOR"),
+        cos_incidence=np.cos(_read(data, "incidence", "FLOAT")),
+        organ=number["organ"].astype(np.int8),
+        leaf=number["leaf"],
+        tree=number["tree"],
+        species=number["species"],
+        instance=_read(data, "object", "INT"),
+        triangle=np.full(len(data.vertices), -1, np.int32),
+    )
+    pulse = _read(data, "pulse", "INT")
+    cloud = Cloud(
+        position=_read(data, "position", "FLOAT_VECTOR"),
+        pulse=pulse,
+        number=_read(data, "return_number", "INT").astype(np.uint8),
+        count=_read(data, "number_of_returns", "INT").astype(np.uint8),
+        returns=returns,
+        pulses=int(said.get("pulses", pulse.max(initial=-1) + 1)),
+        engine=str(said.get("engine", "")),
+        bounce=_read(data, "bounce", "INT").astype(np.int8)
+        if "bounce" in data.attributes
+        else None,
+        **{
+            name: _read(data, name, "FLOAT")
+            for name in (
+                *("time", "azimuth", "elevation", "scan_angle"),
+                *("intensity", "width", "true_range"),
+            )
+        },
+    )
+    names = {
+        n: words for n, words in said.get("labels", {}).items() if _attribute(n) in data.attributes
+    }
+    labels = {n: Labels(_read(data, _attribute(n), "INT"), tuple(w)) for n, w in names.items()}
+    return KeptScan(cloud, tuple(said.get("offset", (0.0, 0.0, 0.0))), said.get("crs", ""), labels)
+
+
+def _rounding(name: str) -> str:
+    return f"{name}_rounding"
+
+
+def _attribute(label: str) -> str:
+    return f"label_{label.lower()}"
+
+
+def _read(data: bpy.types.Mesh, name: str, kind: str) -> np.ndarray:
+    """(P,) or (P, 3) float64 or int32 of an attribute; zeros where it was removed."""
+    count, wide = len(data.vertices), kind == "FLOAT_VECTOR"
+    values = np.zeros(count * 3 if wide else count, np.int32 if kind == "INT" else np.float32)
+    attribute = data.attributes.get(name)
+    if attribute is not None and attribute.domain == "POINT" and attribute.data_type == kind:
+        attribute.data.foreach_get("vector" if wide else "value", values)
+    values = values if kind == "INT" else values.astype(np.float64)
+    if name in EXACT:
+        values += _read(data, _rounding(name), kind).ravel()
+    return values.reshape(-1, 3) if wide else values

@@ -16,10 +16,9 @@ from typing import Any
 import bpy
 import numpy as np
 
-from ..scene.ground_nodes import HIGH, LOW
-from ..scene.layout import COLOUR_BY, COLOUR_MAP, FAR_POINTS, RADIUS, SHARE
+from ..scene.layout import COLOUR_BY, COLOUR_MAP, FAR_POINTS, RADIUS, SHARE, is_local
 from ..scene.materials import coloured_points
-from ..scene.ours import is_local
+from ..scene.nodes import HIGH, LOW
 
 GROUP, HEARD_GROUP = "Forest Sensing Points", "Forest Sensing Echo Points"
 # A group with other sockets than these gets another number. Of version 2 no points were left out in views.

@@ -1,9 +1,14 @@
-"""A picture of the forest: camera, sun and sky, rendered by Cycles on the CPU."""
+"""Pictures of the forest by Cycles on the CPU: camera, sun and sky, its surroundings, and a walker's
+view.
+"""
 
 from __future__ import annotations
 
 import math
 import os
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
 
 import bpy
 import numpy as np
@@ -11,11 +16,16 @@ from mathutils import Vector
 
 from ... import spec
 from ...base.progress import Progress
+from ...base.rng import stream
+from ...base.trimesh import TriMesh, join
+from ...base.vectors import azimuth_of
 from ...formats.atomic import replacing
+from ...growth.library.species_file import find_species, load_species
+from ...growth.tree import grow
 from ..scene import materials
-from ..scene.instances import read_points
+from ..scene.instances import IGNORED_KEY, read_points
 from ..scene.layout import TREES, objects_in, part
-from ..scene.standings import IGNORED_KEY
+from ..scene.meshes import to_mesh
 
 Field = tuple[tuple[float, float], tuple[float, float]]
 LEVEL, FROM_ABOVE = -0.055, -0.45  # how much a camera looks down, a metre forward
@@ -222,3 +232,253 @@ def _replace(scene: bpy.types.Scene, thing: bpy.types.Object) -> None:
         home.remove(data)
     thing.name = thing.data.name = name
     scene.collection.objects.link(thing)
+
+
+HORIZON = "Forest horizon"
+RINGS = (
+    (130.0, 8.0, 1.5),
+    (520.0, 27.0, 1.5),
+    (1300.0, 70.0, 2.2),
+)  # beyond the field, height, crowns; m
+CORNERS = 1440
+PLAIN, PLAIN_CORNERS = f"{HORIZON} plain", 64
+BELOW = 0.3  # metres: the plain lies below the field's own ground
+VISIBILITY = 700.0  # m
+WOODED, AIR = (0.050, 0.085, 0.030), (0.62, 0.72, 0.80)  # colours
+
+
+def lay_horizon(scene: bpy.types.Scene, middle: np.ndarray, reach: float, height: float) -> None:
+    """Put hills around a field, in place of those that are there.
+
+    middle : (2,) of the field, metres. reach : of the field and what stands on it. height : of its ground.
+    """
+    for thing in [t for t in scene.objects if t.name.startswith(HORIZON)]:
+        data = thing.data
+        bpy.data.objects.remove(thing)
+        bpy.data.meshes.remove(data)
+    for number, (beyond, high, jag) in enumerate(RINGS):
+        data = bpy.data.meshes.new(HORIZON)
+        vertices, faces = _ring(number, reach + beyond, high, jag)
+        vertices += [*middle, height]
+        data.from_pydata(vertices.tolist(), [], faces.tolist())
+        data.materials.append(_paint(f"{HORIZON} {number}", beyond))
+        ring = bpy.data.objects.new(HORIZON, data)
+        ring[IGNORED_KEY] = ring.hide_viewport = ring.hide_select = True
+        ring.visible_shadow = ring.visible_diffuse = ring.visible_glossy = False
+        scene.collection.objects.link(ring)
+    data = bpy.data.meshes.new(HORIZON)
+    around = 2 * np.pi * np.arange(PLAIN_CORNERS) / PLAIN_CORNERS
+    rim = (reach + RINGS[0][0]) * np.stack([np.cos(around), np.sin(around)], axis=1)
+    places = np.column_stack([rim + middle, np.full(PLAIN_CORNERS, height - BELOW)])
+    data.from_pydata(places.tolist(), [], [list(range(PLAIN_CORNERS))])
+    data.materials.append(bpy.data.materials.get(PLAIN) or materials.meadow(PLAIN))
+    plain = bpy.data.objects.new(PLAIN, data)
+    plain[IGNORED_KEY] = plain.hide_viewport = plain.hide_select = True
+    scene.collection.objects.link(plain)
+
+
+def _ring(number: int, radius: float, high: float, jag: float) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices (2 C, 3) and quads (C, 4) of one ring about the origin."""
+    rng = stream(7, "horizon", number)
+    angle = 2 * np.pi * np.arange(CORNERS) / CORNERS
+    ridge = np.full(CORNERS, 0.62)
+    for waves in range(2, 24):
+        size = 0.55 / waves**1.1
+        ridge += size * rng.normal() * np.sin(waves * angle + 2 * np.pi * rng.random())
+    crowns = jag * np.abs(np.convolve(rng.normal(size=CORNERS), [0.5, 1.0, 0.5], mode="same"))
+    top = high * np.clip(ridge, 0.25, 1.4) + crowns
+    around = radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    foot = np.column_stack([around, np.full(CORNERS, -0.05 * high - 2.0)])
+    corner = np.arange(CORNERS)
+    after = (corner + 1) % CORNERS
+    faces = np.stack([corner, after, CORNERS + after, CORNERS + corner], axis=1)
+    return np.concatenate([foot, np.column_stack([around, top])]), faces
+
+
+def _paint(name: str, distance: float) -> bpy.types.Material:
+    """A flat colour: leaves seen through so much air."""
+    material = bpy.data.materials.get(name) or bpy.data.materials.new(name)
+    if material.node_tree is None:
+        material.use_nodes = True
+    tree = material.node_tree
+    tree.nodes.clear()
+    glow, out = tree.nodes.new("ShaderNodeEmission"), tree.nodes.new("ShaderNodeOutputMaterial")
+    air = 1 - np.exp(-distance / VISIBILITY)
+    colour = [float(w + air * (a - w)) for w, a in zip(WOODED, AIR, strict=True)]
+    glow.inputs["Color"].default_value = (*colour, 1.0)
+    tree.links.new(glow.outputs["Emission"], out.inputs["Surface"])
+    return material
+
+
+NAME = "Forest undergrowth"
+EYE, LENS = 1.65, 27.0  # metres above the ground; millimetres
+HALF_VIEW = math.radians(30.0)
+SIDE, AHEAD, TURNS = 2.5, 45.0, 24  # metres between places, as far as stems count, directions
+CLEAR, ROOM = 3.0, 6.5  # metres to any stem, and to those in view; twice that to shrubs
+SHRUB = 5.0  # metres of height, below which a plant hides what is behind it
+UP = 0.09  # how much the eye looks up, a metre forward
+SUN_HEIGHT, SUN_ASIDE = math.radians(32.0), math.radians(105.0)  # to the right of straight ahead
+WALKER_FAR, FULL = 34.0, 9.0  # metres as far as anything grows, and as far as everything does
+NEAR, THINNEST = 0.9, 0.2  # metres from the eye; share of what grows far away
+CELL = 0.8  # metres between patches
+PATCH = 0.55  # metres from the middle of a patch to its plants
+
+
+@dataclass(frozen=True)
+class Plant:
+    """Undergrowth: plants of a patch, patches to choose from, and where it grows.
+
+    share : of the ground. sort : which waves of the ground it follows. size : least and most.
+    """
+
+    species: str
+    plants: int
+    patches: int
+    share: float
+    sort: int
+    size: tuple[float, float]
+
+
+PLANTS = (
+    Plant("grass", 16, 4, 0.52, 0, (0.6, 1.25)),
+    Plant("bilberry", 14, 3, 0.38, 1, (0.7, 1.3)),
+    Plant("fern", 1, 4, 0.10, 2, (0.6, 1.2)),
+    Plant("litter", 1, 4, 0.16, 3, (0.7, 1.1)),
+)
+
+
+def walkers_view(
+    stems: np.ndarray, tall: np.ndarray, middle: np.ndarray, reach: float
+) -> tuple[np.ndarray, float]:
+    """Place (2,) and direction, radians from +X, from which a walker sees most of a forest.
+
+    stems : (N, 2) metres. tall : (N,) their heights. middle : (2,) of the field. reach : to its sides.
+    """
+    window = min(reach, 20.0) + ROOM
+    some = np.abs(stems - middle).max(axis=1) < window + AHEAD
+    near, tree = stems[some], tall[some] > SHRUB
+    ticks = np.arange(-window, window + SIDE, SIDE)
+    places = middle + np.stack(np.meshgrid(ticks, ticks), axis=-1).reshape(-1, 2)
+    turn = 2 * np.pi * np.arange(TURNS) / TURNS
+    if not len(near):
+        return middle - [0.0, reach], np.pi / 2
+    best = (-np.inf, places[0], 0.0)
+    for place in places:
+        offset = near - place
+        far = np.hypot(offset[:, 0], offset[:, 1])
+        if far.min() < CLEAR:
+            continue
+        azimuth = azimuth_of(offset)
+        aside = np.abs((azimuth[None] - turn[:, None] + np.pi) % (2 * np.pi) - np.pi)
+        seen = (aside < HALF_VIEW) & (far < AHEAD)
+        weight = tree / (1 + (far / 14.0) ** 2)
+        hidden = far < np.where(tree, ROOM, 2 * ROOM)
+        crowd = (seen & hidden).sum(axis=1) + 2.0 * ((aside < 0.12) & (far < 9.0)).sum(axis=1)
+        score = (seen * weight).sum(axis=1) - 0.5 * crowd
+        if score.max() > best[0]:
+            best = (float(score.max()), place, float(turn[score.argmax()]))
+    return best[1], best[2]
+
+
+def stand_walker(
+    scene: bpy.types.Scene,
+    stems: np.ndarray,
+    tall: np.ndarray,
+    middle: np.ndarray,
+    reach: float,
+    height: Callable[[np.ndarray], np.ndarray],
+) -> None:
+    """Move the scene's camera and sun to where a walker sees most, and grow what is around the feet.
+
+    stems, tall, middle, reach : as of ``walkers_view``. height : of the ground (N,) at places (N, 2).
+    """
+    place, turn = walkers_view(stems, tall, middle, reach)
+    way = np.array([math.cos(turn), math.sin(turn), UP])
+    ground = float(np.nan_to_num(height(place[None]))[0])
+    camera, sun = scene.camera, scene.objects[SUN]
+    camera.location = (*place, ground + EYE)
+    camera.rotation_euler = Vector(way).to_track_quat("-Z", "Y").to_euler()
+    camera.data.lens, camera.data.clip_start = LENS, 0.05
+    side = turn - SUN_ASIDE
+    flat = math.cos(SUN_HEIGHT)
+    light = Vector((flat * math.cos(side), flat * math.sin(side), math.sin(SUN_HEIGHT)))
+    sun.rotation_euler = light.to_track_quat("Z", "Y").to_euler()
+    grow_around(scene, place, turn, height)
+
+
+def grow_around(
+    scene: bpy.types.Scene,
+    place: np.ndarray,
+    turn: float,
+    height: Callable[[np.ndarray], np.ndarray],
+    reach: float = WALKER_FAR,
+) -> None:
+    """Put patches of undergrowth, for the picture alone, where an eye sees the ground.
+
+    place : (2,) of the eye, metres. turn : where it looks, radians from +X. height : of the ground (N,) at
+    places (N, 2). reach : metres as far as anything grows.
+    """
+    home = bpy.data.collections.new(NAME)
+    scene.collection.children.link(home)
+    rng = stream(11, "undergrowth")
+    cells = np.arange(-reach, reach, CELL)
+    spots = np.stack(np.meshgrid(cells, cells), axis=-1).reshape(-1, 2)
+    spots = spots + rng.uniform(-0.5, 0.5, spots.shape) * CELL
+    far = np.hypot(spots[:, 0], spots[:, 1])
+    aside = np.abs((azimuth_of(spots) - turn + np.pi) % (2 * np.pi) - np.pi)
+    spots, far = (spots + place)[keep := (far > NEAR) & (far < reach) & (aside < 0.75)], far[keep]
+    thinned = np.clip((reach - far) / (reach - FULL), THINNEST, 1.0)
+    ground = height(spots)
+    for plant in PLANTS:
+        waves = _waves(spots, plant.sort)
+        grows = (waves < np.quantile(waves, plant.share)) if len(waves) else np.empty(0, bool)
+        grows &= (rng.random(len(spots)) < thinned) & np.isfinite(ground)
+        patches = _patches(plant)
+        for number in np.flatnonzero(grows):
+            thing = bpy.data.objects.new(NAME, patches[int(rng.integers(len(patches)))])
+            thing.location = (*spots[number], float(ground[number]) - 0.01)
+            thing.rotation_euler.z = float(rng.uniform(0, 2 * np.pi))
+            thing.scale = (float(rng.uniform(*plant.size)),) * 3
+            thing[IGNORED_KEY] = thing.hide_viewport = thing.hide_select = True
+            home.objects.link(thing)
+
+
+def _waves(spots: np.ndarray, sort: int) -> np.ndarray:
+    """(N,) numbers that change over metres, of their own for every sort of plant."""
+    rng = stream(12, "waves", sort)
+    total = np.zeros(len(spots))
+    for wide in (9.0, 5.0, 2.6, 1.5):
+        for _ in range(3):
+            turn, phase = rng.uniform(0, 2 * np.pi, 2)
+            along = spots @ [np.cos(turn), np.sin(turn)]
+            total += wide**0.5 * np.sin(2 * np.pi * along / wide + phase)
+    return total
+
+
+def _patches(plant: Plant) -> list[bpy.types.Mesh]:
+    """Meshes of patches, each of a few plants that were grown for it."""
+    species, kind = load_species(find_species(plant.species, Path()))
+    coats = materials.coats_of(species)
+    made = []
+    for number in range(plant.patches):
+        rng = stream(13, plant.species, number)
+        grown = [grow(species, kind, rng).mesh for _ in range(min(3, plant.plants))]
+        parts = [
+            _set_down(grown[k % len(grown)], rng, plant.plants > 1) for k in range(plant.plants)
+        ]
+        mesh = to_mesh(NAME, join(parts))
+        for coat in coats:
+            mesh.materials.append(coat)
+        made.append(mesh)
+    return made
+
+
+def _set_down(mesh: TriMesh, rng: np.random.Generator, apart: bool) -> TriMesh:
+    """A plant turned about the vertical, somewhere in its patch."""
+    turn, size = rng.uniform(0, 2 * np.pi), rng.uniform(0.7, 1.15)
+    cos, sin = size * np.cos(turn), size * np.sin(turn)
+    matrix = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, size]])
+    out = PATCH * np.sqrt(rng.random()) * apart
+    around = rng.uniform(0, 2 * np.pi)
+    foot = np.array([out * np.cos(around), out * np.sin(around), 0.0])
+    return replace(mesh, vertices=mesh.vertices @ matrix.T + foot, edges=None)

@@ -13,8 +13,8 @@ import bpy
 import numpy as np
 
 from ...growth.mesh.meshing import tube
-from ..scene.ours import own
-from ..scene.standings import IGNORED_KEY
+from ..scene.instances import IGNORED_KEY
+from ..scene.layout import own
 
 NEAR, FAR = 0.5, 6.0  # metres: reddest, bluest
 THICK = 0.03  # metres, a trail's radius

@@ -1,50 +1,274 @@
 """Trees in the wind in views and renders: geometry nodes put each tree's pieces where the wind has them.
 
-The trees of a variant share its pieces, which are objects in the hidden collection *Wind*. Each tree has a
-modifier that shows pieces in place of its mesh, each moved by one affine map: that of rest, plus the sum over
-modes of a map times the amplitude of the moment; one object there has these for all trees. Amplitudes stand
-in a table, one row for a tree and a knot of time, between which they go straight as they do for sensors.
-Trees that are points have one modifier together (``wind_points``).
-Nodes read the frame: no handler, and a render farm without the add-on shows the same. Whoever measures sees
-trees at rest (``nodes.in_full``), and moves them by the same pieces and amplitudes.
+The trees of a variant share its pieces, which are objects in the hidden collection *Wind*. Each tree has
+a modifier that shows pieces in place of its mesh, each moved by one affine map: that of rest, plus the
+sum over modes of a map times the amplitude of the moment; one object there has these for all trees.
+Amplitudes stand in a table, one row for a tree and a knot of time, between which they go straight as
+they do for sensors. Trees that are points have one modifier together: their stand-ins sway in views that
+show those, dots do not. Nodes read the frame: no handler, and a render farm without the add-on shows the
+same. Whoever measures sees trees at rest (``nodes.in_full``), and moves them by the same pieces and
+amplitudes.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Protocol
 
 import bpy
 import numpy as np
 
-from ..scene.layout import POINTS_ROLE, TREES, find_part, objects_in, root
-from ..scene.nodes import VIEW_KEY, instancer_of, set_input
-from ..scene.ours import MADE_KEY, ROLE_KEY, all_or_nothing, is_ours, make_collection, make_object
-from ..scene.standings import TREE_KEY
+from ...base.progress import Progress
+from ...base.trimesh import TriMesh
+from ...sensing.rays.pieces import parted
+from ..scene.instances import TREE_KEY, natural
+from ..scene.layout import (
+    MADE_KEY,
+    OUTLINES,
+    POINTS_ROLE,
+    ROLE_KEY,
+    TREES,
+    VARIANTS,
+    all_or_nothing,
+    find_part,
+    is_ours,
+    make_collection,
+    make_object,
+    objects_in,
+    root,
+)
+from ..scene.meshes import from_mesh, to_mesh
+from ..scene.nodes import VARIANT, VIEW_KEY, instancer_of, set_input, show_as, shown_of
 from .wind_nodes import (
+    COLUMNS,
     FIRST,
+    FULL,
     KNOT,
     KNOTS,
     LAST,
+    LIGHT,
+    MODES,
     NUMBER,
+    OF_FULL,
+    OF_LIGHT,
     PIECE,
     PIECES,
+    ROW,
     SHAPES,
     TABLE,
     TREE,
+    amplitude_name,
+    basis_name,
+    many_group,
     moving_group,
     showing_group,
 )
-from .wind_pieces import (
-    SwayingTrees,
-    WindClock,
-    WindShown,
-    amplitudes_of,
-    pieces_mesh,
-    pieces_of,
-    table_of,
-)
-from .wind_points import forget_points, show_on_points
+
+if TYPE_CHECKING:
+    from ...growth.sway.shape import SwayRig
+
+
+class SwayingTrees(Protocol):
+    """The sway of a stand, as ``stand.wind.sway`` has it."""
+
+    @property
+    def number(self) -> dict[int, int]: ...
+
+    def rig(self, tree: int) -> SwayRig | None: ...
+
+    def amplitudes(self, tree: int, knot: np.ndarray) -> np.ndarray: ...
+
+    def rest(self, tree: int) -> TriMesh: ...
+
+    def variant(self, tree: int) -> tuple[int, int]: ...
+
+    def pieces(self, tree: int, mesh: TriMesh) -> np.ndarray: ...
+
+
+@dataclass(frozen=True)
+class WindShown:
+    """Numbers of what was made: trees that sway, trees that stand still, pieces of all, seconds of wind."""
+
+    trees: int
+    still: int
+    pieces: int
+    seconds: float
+
+
+@dataclass(frozen=True)
+class WindClock:
+    """Frames in which wind is shown: the first one, knots of amplitudes in a frame, knots of the table, and
+    the amplitudes there (``amplitudes_of``)."""
+
+    first: int
+    knots: float
+    count: int
+    amplitudes: Mapping[int, np.ndarray]
+
+
+def amplitudes_of(
+    sway: SwayingTrees, count: int, tell: Progress | None = None
+) -> dict[int, np.ndarray]:
+    """Compute the amplitudes (count, M) of each tree that sways at that many knots, by its row; touches no
+    Blender."""
+    rows, knot, found = sorted(sway.number.values()), np.arange(count), {}
+    for done, row in enumerate(rows):
+        if tell:
+            tell(done, len(rows))
+        if sway.rig(row) is not None:
+            found[row] = sway.amplitudes(row, knot).astype(np.float32)
+    return found
+
+
+def table_of(
+    amplitudes: Mapping[int, np.ndarray], rows: Sequence[int], count: int
+) -> bpy.types.Mesh:
+    """Amplitudes of every tree at every knot: a vertex for each, trees one after another."""
+    data = bpy.data.meshes.new("Wind Table")
+    data.vertices.add(len(rows) * count)
+    values = np.zeros((len(rows), count, MODES), np.float32)
+    for place, row in enumerate(rows):
+        own = amplitudes[row]
+        values[place, :, : own.shape[1]] = own
+    for first in range(0, MODES, 3):
+        made = data.attributes.new(amplitude_name(first), "FLOAT_VECTOR", "POINT")
+        made.data.foreach_set(
+            "vector", np.ascontiguousarray(values[..., first : first + 3]).ravel()
+        )
+    return data
+
+
+def pieces_of(
+    sway: SwayingTrees,
+    row: int,
+    mesh: TriMesh,
+    coats: Sequence[bpy.types.Material | None],
+    home: bpy.types.Collection,
+) -> np.ndarray:
+    """Cut a mesh of a tree's variant, its own or a stand-in, into objects of a collection, in the order of
+    their names; returns how modes move each, (P, MODES, 3, 4)."""
+    rig = sway.rig(row)
+    assert rig is not None
+    parts = parted(mesh, sway.pieces(row, mesh))
+    before = len(home.objects)
+    for place, (_, part) in enumerate(parts, before):
+        shape = to_mesh(f"{home.name} {place:06d}", part)
+        for coat in coats:
+            shape.materials.append(coat)
+        make_object(shape.name, shape, home)
+    own = np.array([piece for piece, _ in parts], np.int64)
+    maps = np.zeros((len(own), MODES, 3, COLUMNS), np.float32)
+    maps[:, : rig.maps.shape[1]] = rig.maps[own]
+    return maps
+
+
+def pieces_mesh(maps: np.ndarray, numbers: Mapping[str, np.ndarray]) -> bpy.types.Mesh:
+    """A point for every piece: how modes move it, (P, MODES, 3, 4), and whole numbers (P,) by name."""
+    data = bpy.data.meshes.new("Wind Pieces")
+    data.vertices.add(len(maps))
+    for name, values in numbers.items():
+        give_numbers(data, name, values)
+    for mode in range(MODES):
+        for column in range(COLUMNS):
+            made = data.attributes.new(basis_name(mode, column), "FLOAT_VECTOR", "POINT")
+            values = np.ascontiguousarray(maps[:, mode, :, column], dtype=np.float32)
+            made.data.foreach_set("vector", values.ravel())
+    return data
+
+
+def give_numbers(data: bpy.types.Mesh, name: str, values: np.ndarray) -> None:
+    """Give each point of a mesh a whole number."""
+    made = data.attributes.get(name) or data.attributes.new(name, "INT", "POINT")
+    made.data.foreach_set("value", np.ascontiguousarray(values, dtype=np.int32))
+
+
+OWN = (ROW, KNOTS, *OF_FULL, *OF_LIGHT)  # attributes of points
+
+
+def show_on_points(
+    scene: bpy.types.Scene,
+    instancer: bpy.types.Modifier,
+    sway: SwayingTrees,
+    clock: WindClock,
+    top: bpy.types.Collection,
+    key: str,
+) -> WindShown:
+    """Let the trees of an instancer sway. top : where what is made for that goes. key : mark of the
+    modifier."""
+    thing, number = instancer.id_data, sway.number
+    tree, kind = (_numbers(thing.data, name) for name in (TREE_KEY, VARIANT))
+    row_of = [number.get(one, -1) for one in tree.tolist()]
+    moving = [k for k, row in enumerate(row_of) if row in clock.amplitudes]
+    rows = [row_of[k] for k in moving]
+    told = {name: np.zeros(len(tree), np.int64) for name in OWN}
+    told[ROW][moving] = 1 + np.arange(len(moving))
+    told[KNOTS][moving] = clock.count * np.arange(len(moving))
+    given = {TABLE: make_object("Wind Table", table_of(clock.amplitudes, rows, clock.count), top)}
+    used, sample = np.unique(kind[moving], return_index=True)
+    for what, names, part in ((FULL, OF_FULL, VARIANTS), (LIGHT, OF_LIGHT, OUTLINES)):
+        home, maps = make_collection(f"Wind {what}", top), []
+        for one, first in zip(used.tolist(), sample.tolist(), strict=True):
+            block, row = _library(scene, part)[one], rows[first]
+            mesh = _rest(block, sway, row, part)
+            begin = len(home.objects)
+            maps.append(pieces_of(sway, row, mesh, _coats(scene, block, one), home))
+            mine = np.array(moving)[kind[moving] == one]
+            told[names[0]][mine], told[names[1]][mine] = begin, len(home.objects) - begin
+        all_maps = np.concatenate(maps) if maps else np.zeros((0, 12, 3, 4))
+        given[f"{PIECES} {what}"] = make_object(
+            f"Wind Pieces {what}", pieces_mesh(all_maps, {}), top
+        )
+        given[f"{SHAPES} {what}"] = home
+    for name, values in told.items():
+        give_numbers(thing.data, name, values)
+    modifier = thing.modifiers.new(key, "NODES")
+    modifier.node_group = many_group(key)
+    times = {LAST: clock.count - 2, FIRST: clock.first, KNOT: clock.knots}
+    for name, value in (given | times).items():
+        set_input(modifier, name, value)
+    show_as(instancer, shown_of(instancer))
+    many = int(told[OF_FULL[1]].sum())
+    return WindShown(len(moving), len(tree) - len(moving), many, 0.0)
+
+
+def forget_points(data: bpy.types.Mesh) -> None:
+    """Take from points what they were told of wind."""
+    for name in OWN:
+        attribute = data.attributes.get(name)
+        if attribute is not None:
+            data.attributes.remove(attribute)
+
+
+def _library(scene: bpy.types.Scene, part: str) -> list[bpy.types.ID]:
+    """Variants or stand-ins by their number."""
+    home = find_part(scene, part)
+    blocks = (*home.objects, *home.children) if home is not None else ()
+    return sorted(blocks, key=lambda block: natural(block.name))
+
+
+def _rest(block: bpy.types.ID, sway: SwayingTrees, row: int, part: str) -> TriMesh:
+    """The mesh of a variant; of a stand-in the one that stands for it, where it is one mesh."""
+    stands = part == OUTLINES and isinstance(block, bpy.types.Object) and block.type == "MESH"
+    mesh = from_mesh(block.data) if stands else sway.rest(row)
+    return mesh if len(mesh.triangles) else sway.rest(row)
+
+
+def _coats(
+    scene: bpy.types.Scene, block: bpy.types.ID, one: int
+) -> list[bpy.types.Material | None]:
+    own = block if isinstance(block, bpy.types.Object) else _library(scene, VARIANTS)[one]
+    return list(own.data.materials) if isinstance(own, bpy.types.Object) and own.data else []
+
+
+def _numbers(data: bpy.types.Mesh, name: str) -> np.ndarray:
+    """(N,) whole numbers of points; -1 where they have none of this name."""
+    values = np.full(len(data.vertices), -1, np.int32)
+    attribute = data.attributes.get(name)
+    if attribute is not None and attribute.data_type == "INT" and len(values):
+        attribute.data.foreach_get("value", values)
+    return values
+
 
 HOME = "Wind"
 MOST, MOST_POINTS = 1000, 5000  # trees that are objects, and points

@@ -306,8 +306,14 @@ class FOREST_OT_build(Working, bpy.types.Operator):
         started, scene = time.perf_counter(), context.scene
         yield getting_ready(_import_rooms)
         from ...blender.scene.assets import tell_variants, untold
-        from ...blender.scene.forest import SHOWN_IN_FULL, are_points, shapes_in, triangles_of
-        from ...blender.scene.ready import make_ready, tell_of
+        from ...blender.scene.forest import (
+            SHOWN_IN_FULL,
+            are_points,
+            make_ready,
+            shapes_in,
+            tell_of,
+            triangles_of,
+        )
         from ...blender.site import build_site, with_objects
         from ...formats.toml_file import read_settings
         from ...site import ForestSite

@@ -14,9 +14,8 @@ from typing import Any, ClassVar
 import bpy
 import numpy as np
 
-from ...blender.scene.layout import TREES, VARIANTS, find_part
-from ...blender.scene.ours import ROLE_KEY, is_ours
-from ...blender.scene.stood import (
+from ...blender.scene.layout import ROLE_KEY, TREES, VARIANTS, find_part, is_ours
+from ...blender.scene.planted import (
     STOOD_KEY,
     StoodTree,
     deleted_trees,

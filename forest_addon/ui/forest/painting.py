@@ -30,7 +30,7 @@ def _put_away(*_: object) -> None:
     global _in_hand
     if not _in_hand or bpy.context.mode == PAINTING:
         return
-    from ...blender.show.canvas import CANVAS_KEY, put_away
+    from ...blender.show.intensity import CANVAS_KEY, put_away
 
     thing = bpy.data.objects.get(_in_hand)
     _in_hand = ""
@@ -55,7 +55,7 @@ class FOREST_OT_paint(Button, bpy.types.Operator):
         return reason
 
     def act(self, context: bpy.types.Context) -> str:
-        from ...blender.show.canvas import layer_of, take_up
+        from ...blender.show.intensity import layer_of, take_up
 
         global _in_hand
         if context.mode == PAINTING:
@@ -75,14 +75,14 @@ class FOREST_OT_paint(Button, bpy.types.Operator):
 
     def _canvas(self, context: bpy.types.Context) -> bpy.types.Object:
         """The scene's canvas, laid over the field as it is now."""
-        from ...blender.show import canvas
+        from ...blender.show import intensity
 
         props = context.scene.forest_sensing
         field = exchange.read(props.forest, spec.Forest, "forest")
         terrain = _terrain(context, field, Path(bpy.path.abspath(props.folder)))
         home = part(context.scene, INTENSITY)
-        thing = canvas.find_canvas(home) or canvas.new_canvas(NAME, home)
-        canvas.lay(thing, field, terrain)
+        thing = intensity.find_canvas(home) or intensity.new_canvas(NAME, home)
+        intensity.lay(thing, field, terrain)
         return thing
 
 

@@ -27,9 +27,16 @@ from gpu_extras.batch import batch_for_shader
 from mathutils import Vector
 
 from ...base.rng import stream
-from ...blender.scene.layout import GROUND_NAME, GROUND_ROLE, VARIANTS, find_part
-from ...blender.scene.ours import ROLE_KEY, SHAPE_KEY, by_role
-from ...blender.scene.standings import ASSET_KEY
+from ...blender.scene.instances import ASSET_KEY
+from ...blender.scene.layout import (
+    GROUND_NAME,
+    GROUND_ROLE,
+    ROLE_KEY,
+    SHAPE_KEY,
+    VARIANTS,
+    by_role,
+    find_part,
+)
 from ..shell.running import WhenReady, current, obstacle
 from ..shell.views import chosen_planting, holds, redraw_views, region_below, region_of
 from ..shell.words import keep, say

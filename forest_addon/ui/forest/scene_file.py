@@ -19,8 +19,8 @@ import bpy
 from bpy_extras.io_utils import ExportHelper, ImportHelper
 
 from ... import spec
-from ...blender.scene.ours import is_ours
-from ...blender.scene.standings import IGNORED_KEY, may_be_met
+from ...blender.scene.instances import IGNORED_KEY, may_be_met
+from ...blender.scene.layout import is_ours
 from ...blender.sensors.objects import file_name, sensors_of
 from ...formats.toml_file import write_settings
 from ..settings.exchange import from_spec, to_spec
@@ -43,7 +43,7 @@ def beside_cube(scene: bpy.types.Scene, settings: spec.Scene) -> spec.Scene:
     """Move a forest beside the start cube of a new file, if a window shows that; else it stays in place."""
     if bpy.app.background or bpy.data.filepath or not _is_start(scene) or _is_bound(settings):
         return settings
-    from ...blender.scene.ground_nodes import around
+    from ...blender.scene.nodes import around
 
     field = settings.forest
     right = BESIDE + around(field) - field.origin[0]

@@ -14,9 +14,8 @@ from typing import Any, ClassVar
 import bpy
 
 from ...blender.jobs import Task, Work
-from ...blender.scene.layout import POINTS_ROLE, TREES, find_part
+from ...blender.scene.layout import POINTS_ROLE, ROLE_KEY, TREES, find_part
 from ...blender.scene.nodes import LEVEL_KEY, instancer_of, show_as, shown_of
-from ...blender.scene.ours import ROLE_KEY
 from ...spec import SpecError
 from ..settings.exchange import to_spec
 from ..shell.running import Button, Working
@@ -128,8 +127,7 @@ class FOREST_OT_show_wind(Working, bpy.types.Operator):
     bl_label = "Show Wind"
 
     def work(self, context: bpy.types.Context) -> Work:
-        from ...blender.show.wind import knots_of, show_wind
-        from ...blender.show.wind_pieces import amplitudes_of
+        from ...blender.show.wind import amplitudes_of, knots_of, show_wind
         from ...stand.wind.response import KNOTS
 
         if to_spec(context.scene).wind.speed == 0:
@@ -183,7 +181,7 @@ class FOREST_OT_bake_wind(Button, bpy.types.Operator):
         return {"RUNNING_MODAL"}
 
     def act(self, context: bpy.types.Context) -> str:
-        from ...blender.files.baked import bake
+        from ...blender.files.export import bake
         from ...blender.show.wind import shows_wind
 
         path = Path(bpy.path.abspath(self.filepath))

@@ -9,8 +9,7 @@ import bpy
 import numpy as np
 from bpy_extras.io_utils import ExportHelper
 
-from ...blender.scene.layout import RESULTS, find_part
-from ...blender.scene.ours import is_ours
+from ...blender.scene.layout import RESULTS, find_part, is_ours
 from ...blender.sensors.objects import file_name
 from ...spec import SpecError
 from ..shell.running import Button, Reading
@@ -156,7 +155,7 @@ def endings_of(result: Any) -> tuple[str, ...]:
 
 def _scan_of(result: Any) -> bpy.types.Mesh | None:
     """The points that the object of a result shows, where those are all that it is."""
-    from ...blender.show.kept_cloud import is_scan
+    from ...blender.show.cloud import is_scan
 
     shown = points_of(result)
     return (
@@ -166,7 +165,7 @@ def _scan_of(result: Any) -> bpy.types.Mesh | None:
 
 def _write(path: Path, result: Any, label: str) -> Offset:
     """Write a result as it is shown; returns the offset that was added to its positions."""
-    from ...blender.show.kept_cloud import kept_scan
+    from ...blender.show.cloud import kept_scan
     from ...results.coordinates import Offset
     from ...results.kinds import write_as
     from ...results.point_files import write_points

@@ -16,7 +16,7 @@ import bpy
 import imbuf
 import numpy as np
 
-from ...blender.scene.ours import ROLE_KEY, by_role, own
+from ...blender.scene.layout import ROLE_KEY, by_role, own
 from ...drawing.strips import Axis, Plot, Strip
 from ..shell.words import label_kept
 

@@ -3,7 +3,7 @@
 The panel keeps the last result of each kind, the newest first; views show the points of one at a time, unless
 several are asked for. Echoes and impulse responses are kept as the bytes of an NPZ: arrays, and how settings
 and records are made of them as JSON. Clouds need none: the mesh that shows one holds all of it
-(``kept_cloud``).
+(``show.cloud``).
 
 Of a frame range, a result holds a mesh, a picture, a sound, what is exported, figures and a legend of every
 frame that ran. When Blender goes to a frame, all that shows the result is given those of that frame, or of
@@ -24,9 +24,15 @@ import numpy as np
 from ...base.labels import Labels
 from ...blender.scene.layout import CLOUD_KEY, FRAME_KEY, RESULTS, part
 from ...blender.sensors.objects import file_name, kind_of, sensors_of
-from ...blender.show.cloud import end_with_ground, show_cloud, show_heard
-from ...blender.show.kept_cloud import note_scan
-from ...blender.show.legend import Entry, legend_of, legend_of_heard
+from ...blender.show.cloud import (
+    Entry,
+    end_with_ground,
+    legend_of,
+    legend_of_heard,
+    note_scan,
+    show_cloud,
+    show_heard,
+)
 from ...blender.show.sound import give_sound
 from ...results.coordinates import NO_OFFSET, Offset
 from ...results.figures import Figure, of_forest

@@ -14,8 +14,8 @@ import bpy
 from mathutils import Vector
 
 from ... import spec
+from ...blender.scene.instances import SOLID_TYPES
 from ...blender.scene.layout import RESULTS, find_part
-from ...blender.scene.standings import SOLID_TYPES
 from ...blender.sensors import objects as sensors
 from ...sensing.kinds import KINDS
 from ..settings.exchange import add_sensor

@@ -17,7 +17,7 @@ import bpy
 import gpu
 from gpu_extras.presets import draw_texture_2d
 
-from ...blender.scene.standings import may_be_met
+from ...blender.scene.instances import may_be_met
 from ...blender.sensors import objects as sensors
 from ...sensing.kinds import KINDS, choose
 from ..settings.exchange import sensor_of, to_spec

@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import bpy
 
 from ... import spec
+from ...blender.scene.instances import IGNORED_KEY, REFLECTANCE_KEY, SOLID_TYPES
 from ...blender.scene.layout import CLOUD_KEY
-from ...blender.scene.standings import IGNORED_KEY, REFLECTANCE_KEY, SOLID_TYPES
 from ...blender.sensors import objects as sensors
 from ...blender.sensors.objects import kind_of
 from ...sensing.kinds import KINDS

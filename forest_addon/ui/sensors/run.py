@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import bpy
 
 from ...blender.jobs import Task, Work
-from ...blender.scene.standings import may_be_met
+from ...blender.scene.instances import may_be_met
 from ...blender.sensors import objects as sensors
 from ...spec import SpecError
 from ..forest.wind import swaying
@@ -284,7 +284,7 @@ class FOREST_OT_run(Working, bpy.types.Operator):
         ahead: Ahead,
     ) -> Work:
         """Run these sensors in the scene of one frame, None: as it is, of which nothing is numbered."""
-        from ...blender.scene.standings import planted_names
+        from ...blender.scene.instances import planted_names
         from ...blender.sensors.moving import seconds_of
         from ...blender.sensors.observe import Observer
         from ...results.coordinates import Offset

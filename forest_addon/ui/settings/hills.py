@@ -17,7 +17,7 @@ import bpy
 from mathutils import Matrix
 
 from ...blender.scene.layout import INTENSITY, find_part, part
-from ...blender.show import handles
+from ...blender.show import intensity
 from ..shell.views import select_alone
 from ..shell.words import title_of
 
@@ -34,19 +34,19 @@ def renew(scene: bpy.types.Scene) -> None:
     kept = {hill.handle for _, _, hill in _hills(props)} if shown else set()
     home = part(scene, INTENSITY) if shown else find_part(scene, INTENSITY)
     things = home.objects if home is not None else ()
-    gone = [thing for thing in things if handles.HANDLE_KEY in thing and thing not in kept]
+    gone = [thing for thing in things if intensity.HANDLE_KEY in thing and thing not in kept]
     bpy.data.batch_remove(gone)
     for planting, _, hill in _hills(props):
         if shown and not _stands(hill.handle):
             name = f"{title_of(planting.species)} hill"
-            hill.handle = handles.new_handle(name, home, props.forest.terrain.base)
-            handles.place(hill.handle, hill.centre, hill.width)
+            hill.handle = intensity.new_handle(name, home, props.forest.terrain.base)
+            intensity.place(hill.handle, hill.centre, hill.width)
 
 
 def place(hill: Any) -> None:
     """Move a hill's handle to where its numbers are."""
     if hill.handle is not None and not _following:
-        handles.place(hill.handle, hill.centre, hill.width)
+        intensity.place(hill.handle, hill.centre, hill.width)
 
 
 def choose(planting: Any, context: bpy.types.Context) -> None:
@@ -127,23 +127,23 @@ def _adopt_copies(props: Any, home: bpy.types.Collection) -> None:
     copies = [
         thing
         for thing in home.objects
-        if thing not in of_handle and thing.get(handles.HANDLE_KEY, thing.name) != thing.name
+        if thing not in of_handle and thing.get(intensity.HANDLE_KEY, thing.name) != thing.name
     ]
     origins = {thing.name: where for thing, where in of_handle.items() if thing is not None}
     for thing in copies:
-        if thing[handles.HANDLE_KEY] in origins:
-            planting, number = origins[thing[handles.HANDLE_KEY]]
+        if thing[intensity.HANDLE_KEY] in origins:
+            planting, number = origins[thing[intensity.HANDLE_KEY]]
             peak = planting.gaussians[number].peak
             hill = planting.gaussians.add()
             hill.peak, hill.handle = peak, thing
     for thing in (*of_handle, *copies):
         if thing is not None:
-            handles.sign(thing)
+            intensity.sign(thing)
 
 
 def _take(hill: Any, matrix: Matrix) -> None:
     """Centre and width from where a handle stands in the world."""
-    for name, value in zip(("centre", "width"), handles.shape_of(matrix), strict=True):
+    for name, value in zip(("centre", "width"), intensity.shape_of(matrix), strict=True):
         pairs = zip(getattr(hill, name), value, strict=True)
         if not all(math.isclose(a, b, rel_tol=SAME, abs_tol=SAME) for a, b in pairs):
             setattr(hill, name, value)
@@ -152,7 +152,7 @@ def _take(hill: Any, matrix: Matrix) -> None:
 def _choose_active(props: Any, active: bpy.types.Object | None) -> None:
     """The handle that has just become the active object: its hill is the chosen one."""
     global _active
-    name = active.name if active is not None and handles.HANDLE_KEY in active else ""
+    name = active.name if active is not None and intensity.HANDLE_KEY in active else ""
     if name != _active:
         _active = name
         for number, planting in enumerate(props.plantings):

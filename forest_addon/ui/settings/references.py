@@ -18,8 +18,8 @@ import bpy
 from bpy.props import CollectionProperty, IntProperty, PointerProperty, StringProperty
 
 from ...base.places import ASSETS
-from ...blender.scene.standings import SOLID_TYPES, SPECIES_KEY
-from ...blender.show.handles import HANDLE_KEY
+from ...blender.scene.instances import SOLID_TYPES, SPECIES_KEY
+from ...blender.show.intensity import HANDLE_KEY
 from ...spec import Param, SpecError
 from ..shell.words import say
 

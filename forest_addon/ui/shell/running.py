@@ -124,7 +124,7 @@ _usual = ""  # the smoothing of before; empty: it is not ours
 
 def drawable() -> int:
     """Return how many triangles all stand-ins of a forest may have: fewer without a graphics card."""
-    from ...blender.scene.ready import DRAWABLE
+    from ...blender.scene.forest import DRAWABLE
 
     if bpy.app.background:
         return DRAWABLE

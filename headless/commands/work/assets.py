@@ -10,8 +10,7 @@ import bpy
 import numpy as np
 
 from forest_addon.base.progress import Say
-from forest_addon.blender.library.build import grow_exhibits, write_species
-from forest_addon.blender.library.catalogs import FILE
+from forest_addon.blender.library.build import FILE, grow_exhibits, write_species
 from forest_addon.growth.library.species_file import find_species, load_species, species_names
 from forest_addon.spec import SpecError
 

@@ -66,7 +66,7 @@ def fly_scene(
     SpecError : the scene, or a policy, cannot be used.
     OSError : a file could not be written.
     """
-    from forest_addon.blender.files.opening import empty_file
+    from forest_addon.blender.files.export import empty_file
 
     from ...report.flights import draw_flights
 

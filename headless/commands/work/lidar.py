@@ -149,7 +149,7 @@ def scan_blend(
     with hushed():
         import bpy
 
-        from forest_addon.blender.files.opening import empty_file, open_file
+        from forest_addon.blender.files.export import empty_file, open_file
         from forest_addon.blender.sensors.observe import Observer
     try:
         with stages.stage(f"open {blend.name}"), hushed(errors=True):

@@ -51,11 +51,6 @@ def test_circles_follow_a_leaning_stem_through_twigs():
     assert on[20_000:28_000].mean() < 0.03
 
 
-def test_foliage_alone_has_no_stem():
-    points = np.concatenate([twigs(8_000), floor(3_000)])
-    assert follow_stem(points, points[:, 2]) is None
-
-
 def test_ground_is_found_below_trees_on_a_slope():
     place = RNG.uniform(0, 12, (20_000, 2))
     slope = 0.3 * place[:, 0]
@@ -149,31 +144,6 @@ def test_a_folder_of_clouds_is_read_by_the_names_of_for_instance(tmp_path):
     las.write(str(tmp_path / "plot_1.laz"))
     with pytest.raises(SpecError, match="4 for stem"):
         read_folder(tmp_path)
-
-
-@pytest.mark.medium
-def test_ways_of_ablation_change_what_they_name_and_nothing_else(tmp_path):
-    import tomllib
-
-    from headless.dataset.plan import read_plan
-    from studies.sim_to_real.ablations import WAYS_MADE, write_plan_of
-
-    def plan_of(way):
-        path = write_plan_of(way, tmp_path / str(WAYS_MADE.index(way)), 2, 3)
-        tables = tomllib.loads(path.read_text())
-        for scene in tables["scenes"]:  # species files are told apart below
-            for planting in scene["scene"]["plantings"]:
-                planting["species"] = planting["species"].removesuffix("-changed.toml")
-        del tables["name"]
-        return path, tables
-
-    first = plan_of(WAYS_MADE[0])[1]
-    for way in WAYS_MADE[1:]:
-        path, tables = plan_of(way)
-        assert (tables != first) is (way.plan is not None), way.name
-        assert bool(list(path.parent.glob("*-changed.toml"))) is (way.species is not None), way.name
-        if way.name != "wind":
-            assert read_plan(path).count == 2
 
 
 @pytest.mark.medium

@@ -31,13 +31,6 @@ def test_each_stem_is_paired_once_and_what_is_far_is_none():
     assert errors["place"] == pytest.approx([0.2, np.hypot(0.1, 0.1)])
 
 
-def test_nothing_told_is_nothing_found():
-    trees, false = matched("plot", "pine", TRUTH, np.empty((0, 4)))
-    assert len(trees) == 3
-    assert false == 0
-    assert not len(errors_of(trees)["height"])
-
-
 def _tool(folder, words):
     (folder / "bin").mkdir(parents=True)
     settings = folder / "lib" / "site-packages" / "three_d_fin"

@@ -42,11 +42,6 @@ def test_lists_that_are_turned_and_shifted_are_matched(turn_deg):
     assert len(match.given) >= 30
 
 
-def test_lists_of_different_plots_are_not():
-    rng = stream(6, "lists")
-    assert not match_stems(rng.uniform(-15, 15, (40, 2)), rng.uniform(-15, 15, (36, 2))).certain
-
-
 def test_a_tape_spans_hollows_and_a_circle_does_not():
     angle = 2 * np.pi * (np.arange(3600) + 0.5) / 3600
     round_one = 0.15 * np.column_stack([np.cos(angle), np.sin(angle)])
@@ -85,12 +80,6 @@ def test_fortls_finds_the_diameter_and_taper_of_a_round_stem(turn_deg):
     assert found[:, 1] == pytest.approx(0.32 - 0.02 * (found[:, 0] - 1.3), abs=0.02)  # grid of 1 cm
     assert breast_diameter(found, -0.02) == pytest.approx(0.32, abs=0.01)
     assert taper_of([np.array([[1.0, 0.326], [1.3, 0.32], [1.6, 0.314]])]) == pytest.approx(-0.02)
-
-
-def test_fortls_finds_no_stem_in_a_bush():
-    bush = stream(8, "bush").normal([8.0, 0.0, 1.3], [0.3, 0.3, 0.2], (3000, 3))
-    assert not len(sections_of(bush, 1.5, 7.67e-4))
-    assert np.isnan(breast_diameter(np.zeros((0, 2)), 0.0))
 
 
 @pytest.mark.slow

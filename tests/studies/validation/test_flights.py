@@ -1,14 +1,11 @@
 """Flight lines of real clouds flown again: thresholds that are read, shares of returns, their nulls."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 
 from forest_addon.base.rng import stream
 from headless.commands.work.like import FlownCloud
-from studies.validation import flights
-from studies.validation.flights import BLOCK, IntensityScale, halves_apart, shares_of, threshold
+from studies.validation.flights import BLOCK, IntensityScale, halves_apart, threshold
 from studies.validation.own_cloud import CloudReturns
 
 
@@ -33,19 +30,6 @@ def test_a_threshold_of_light_is_read_from_lines_of_any_range():
     assert found == pytest.approx(1e-6 / np.sqrt(0.95), rel=0.01)
 
 
-def test_a_line_whose_way_is_not_known_says_nothing_of_the_threshold():
-    line = np.repeat([1, 2], 100)
-    far = np.repeat([100.0, np.inf], 100)
-    light, count = np.full(200, 3e-6), np.full(200, 2)
-    cloud = cloud_of(light, np.full(200, 100.0), count, line)
-    assert threshold(cloud, line, far, IntensityScale(-20.0, 0.0)) == pytest.approx(3e-6, rel=1e-3)
-
-
-def test_shares_are_of_pulses_by_their_returns():
-    assert shares_of(np.array([1, 1, 2, 3, 4, 5, 9, 1])).tolist() == [0.375, 0.125, 0.125, 0.125]
-    assert shares_of(np.empty(0, int)).tolist() == [0.0] * 4
-
-
 def test_halves_of_a_line_are_as_far_apart_as_chance_makes_them():
     rng = stream(2, "halves")
     pulses = 40000
@@ -55,28 +39,3 @@ def test_halves_of_a_line_are_as_far_apart_as_chance_makes_them():
     cloud = FlownCloud(place, np.zeros(pulses), ones, count, ones)
     # Two halves of 20,000 independent pulses: 1.96 times sqrt(0.25/20000 + 0.25/20000).
     assert halves_apart(cloud, 1)[1] == pytest.approx(0.0098, rel=0.35)
-
-
-@pytest.mark.parametrize(("second", "agrees"), [(0.56, True), (0.64, False)])
-def test_a_line_is_judged_by_the_mean_of_its_stands(monkeypatch, second, agrees):
-    """Half of the real pulses are single; of ours 48 % over one stand, so many over another."""
-    monkeypatch.setattr(flights, "faintest_of", lambda read: 1e-6)
-
-    def counts(single, pulses=1000):
-        return np.where(np.arange(pulses) < single * pulses, 1, 2)
-
-    many = counts(0.5)
-    line = np.ones(len(many), int)
-    cloud = SimpleNamespace(line=line, number=line, count=many)
-    read = SimpleNamespace(
-        cloud=cloud,
-        height=np.linspace(0, 20, len(many)),
-        far=np.full(len(many), 100.0),
-        angle=np.zeros(len(many)),
-        flight=SimpleNamespace(name="drone"),
-    )
-    row = flights._row(read, 1, [counts(0.48), counts(second)], half=0.02)
-    assert (row.measured.value, row.measured.high) == pytest.approx((50, 52))
-    assert row.simulated.value == pytest.approx(50 * (0.48 + second))
-    assert (row.simulated.low, row.simulated.high) == pytest.approx((48, 100 * second))
-    assert row.agrees is agrees

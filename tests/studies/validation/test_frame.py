@@ -10,7 +10,7 @@ import pytest
 
 from forest_addon.spec import SpecError
 from studies.validation import run
-from studies.validation.run import Comparison, Interval, Picture, page_text, table_of
+from studies.validation.run import Comparison, Interval, Picture
 
 
 def arguments(**given):
@@ -60,14 +60,6 @@ def test_what_is_kept_is_read_as_it_was(subject, tmp_path):
     assert (chosen.docs / "pictures" / "validation" / "angles.png").read_bytes() == b"picture"
 
 
-def test_one_subject_anew_leaves_the_others_of_a_page(subject, tmp_path):
-    chosen = arguments(data=tmp_path, docs=tmp_path / "docs")
-    run.run_sections(["leaves"], chosen, tmp_path / "out", lambda _: None)
-    page = run.write_page(tmp_path / "elsewhere", chosen.docs).read_text(encoding="utf-8")
-    assert "it stands steeper" in page
-    assert "pictures/validation/angles.png" in page
-
-
 def test_the_page_of_the_documentation_is_what_its_kept_parts_give(tmp_path):
     docs = Path(__file__).parents[3] / "docs"
     shutil.copytree(docs / "validation", tmp_path / "validation")
@@ -75,20 +67,8 @@ def test_the_page_of_the_documentation_is_what_its_kept_parts_give(tmp_path):
     assert page.read_text(encoding="utf-8") == (docs / "validation.md").read_text(encoding="utf-8")
 
 
-def test_a_column_before_stands_only_where_something_was_mended():
-    plain = Comparison("height", "m", Interval(10), Interval(11), True)
-    assert "before" not in table_of([plain])[0]
-    assert "do not" in page_text([], "")
-
-
 def test_what_cannot_be_asked_for(tmp_path):
     with pytest.raises(SpecError, match=r".leafs. is not known; did you mean .leaves.\?"):
         run.run_sections(["leafs"], arguments(data=tmp_path), tmp_path)
     with pytest.raises(SpecError, match="is no folder; give that of the measurements"):
         run.run_sections(["leaves"], arguments(data=tmp_path / "none"), tmp_path)
-
-
-def test_intervals_meet_where_they_overlap():
-    assert Interval(1, 0, 2).meets(Interval(3, 2, 4))
-    assert not Interval(1, 0, 1.9).meets(Interval(3, 2, 4))
-    assert Interval(1).meets(Interval(0, -1, 1))

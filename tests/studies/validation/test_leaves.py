@@ -7,24 +7,12 @@ import pytest
 from references.measured import FOUND, needs_measurements
 from scipy import stats
 
-from forest_addon.base.rng import stream
 from studies.validation.leaves import (
     KINDS,
-    beta_of,
-    ellipsoidal,
     inclinations,
     read_angles,
     validate,
 )
-
-
-def test_the_ellipsoidal_parameter_of_a_sphere_is_one():
-    assert ellipsoidal(57.296) == pytest.approx(1.0, abs=0.06)  # as good as the approximation is
-
-
-def test_beta_parameters_are_found_again():
-    drawn = 90 * stream(1, "beta").beta(1.5, 3.5, 40_000)
-    assert np.allclose(beta_of(drawn), (1.5, 3.5), rtol=0.05)
 
 
 @pytest.mark.slow

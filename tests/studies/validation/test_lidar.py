@@ -49,11 +49,6 @@ def test_stems_are_told_from_bushes():
     assert np.allclose(np.sort(radius), [0.1, 0.2], atol=0.005)
 
 
-def test_ratios_are_of_counts_by_range():
-    there = np.column_stack([np.repeat([5.0, 10.0, 15.0, 18.0], 10), np.ones(40)])
-    assert ratios(there, there[::2])[0].tolist() == [0.5] * 4
-
-
 @pytest.mark.slow
 def test_beam_and_noise_make_twigs_thicker_and_thick_branches_hardly():
     assert np.allclose(thicker(*NONE, 1), 1, atol=0.02)

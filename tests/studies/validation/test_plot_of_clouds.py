@@ -1,7 +1,6 @@
 """Plots read from clouds: scales of intensities, reflectances, crowns, leaf area."""
 
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,14 +9,11 @@ from references.measured import FOUND, needs_measurements
 from forest_addon.base.rng import stream
 from forest_addon.growth.library.species_file import read_allometry
 from forest_addon.growth.measured.wanted import Wanted, refuse_contradictions
-from forest_addon.spec import Mobile, SpecError, Surfaces
+from forest_addon.spec import SpecError
 from studies.validation.flights import (
     FLIGHTS,
     IntensityScale,
-    as_bright,
     clumping_of,
-    leaves_missing,
-    light_of_two,
     most_leaves,
     read_flight,
     reflectances,
@@ -64,49 +60,6 @@ def test_the_scale_of_intensities_is_the_one_that_keeps_light(span):
     leaf, ground = reflectances(returns, height, found, zenith=0.0)
     assert ground == pytest.approx(0.3, rel=1e-3)
     assert leaf == pytest.approx(0.14 * 1.5, rel=1e-3)
-
-
-@pytest.mark.parametrize("span", [12.0, 26.0])
-def test_a_scale_is_told_by_a_known_one_where_single_echoes_are_not_whole(span):
-    """Single echoes of crowns that hold a tenth less light: sums are above one on both scales alike."""
-    known, height = split_light(20.0, 5.0)
-    other, _ = split_light(span, 5.0)
-    for returns, decibels in ((known, 20.0), (other, span)):
-        part = (returns.count == 1) & (height > 8)
-        returns.intensity[part] += 10 * np.log10(0.9) / decibels * 65535
-    total = light_of_two(known, height, IntensityScale(-15.0, 5.0))
-    assert total > 1.02
-    found = scale_of(other, height, ground=0.3, total=total)
-    assert found.high - found.low == pytest.approx(span, rel=1e-3)
-    assert abs(scale_of(other, height, ground=0.3).high - found.high) > 0.1
-
-
-def one_line(crown, ground, passed):
-    """A flight whose single echoes are so bright, of which so many in a thousand come from the ground."""
-    low = np.arange(1000) < 1000 * passed
-    scale, height = IntensityScale(-20.0, 0.0), np.where(low, 0.0, 15.0)
-    code = 65535 * (1 + 10 * np.log10(np.where(low, ground, crown)) / 20)
-    cloud = SimpleNamespace(line=np.ones(1000, int), count=np.ones(1000, int))
-    read = SimpleNamespace(cloud=cloud, height=height, lines={1: None}, angle=np.zeros(1000))
-    read.flight, read.returns = SimpleNamespace(scale=scale), SimpleNamespace(intensity=code)
-    return read
-
-
-def own_line(crown, ground, passed, far=100.0):
-    """The same of ours, seen from so far."""
-    low = np.arange(1000) < 1000 * passed
-    place = np.column_stack([np.zeros((1000, 2)), np.where(low, 0.0, 15.0)])
-    light = np.where(low, ground, crown) / far**2
-    ones = np.ones(1000)
-    flown = SimpleNamespace(position=place, count=ones, intensity=light, true_range=far * ones)
-    return flown, ones.astype(bool)
-
-
-def test_leaves_follow_the_light_that_passes_and_the_brightness_of_single_echoes():
-    read, ours = one_line(0.15, 0.40, 0.2), own_line(0.10, 0.42, 0.4)
-    assert leaves_missing(read, ours) == pytest.approx(np.log(0.2) / np.log(0.4))
-    seen = as_bright(read, ours, Mobile(surfaces=Surfaces(leaf=0.2, ground=0.42))).surfaces
-    assert (seen.leaf, seen.ground) == pytest.approx((0.3, 0.40))
 
 
 def test_no_tree_of_a_plot_is_asked_for_more_leaves_than_can_be_grown():

@@ -10,14 +10,9 @@ from forest_addon.spec import SpecError
 from studies.validation import reverb
 from studies.validation import reverb as reverb_own
 from studies.validation.recordings import (
-    RANGES,
     decay_of,
-    plausible_stands,
     read_recording,
-    settings,
-    variants,
 )
-from studies.validation.recordings import SoundPath as Path
 from studies.validation.reverb import Ensemble, judge
 
 RATE = 16e3
@@ -47,29 +42,6 @@ def test_a_recording_begins_shortly_before_its_onset(tmp_path):
     (tmp_path / "none.wav").write_bytes(b"no sound")
     with pytest.raises(SpecError, match="no WAV"):
         read_recording(tmp_path / "none.wav", RATE)
-
-
-def test_the_figures_of_koli_are_in_the_repository():
-    table = reverb.read_table()
-    np.testing.assert_array_equal(table.band, reverb.BANDS)
-    assert 0.3 < table.t20.min() < table.t20.max() < 0.7
-
-
-def test_stands_fill_their_ranges_and_each_variant_switches_its_terms():
-    stands = plausible_stands(10, 1)
-    for name, (low, high) in RANGES.items():
-        values = np.sort([getattr(stand, name) for stand in stands])
-        assert low <= values[0] < values[-1] <= high
-        assert np.ptp(values) > 0.7 * (high - low)
-    path = Path(9.0, 1.5, 8e3, reverb.KOLI.air)
-    found = variants(stands[0], path)
-    assert found["none"].tail == "none"
-    assert not found["none"].path_ground
-    assert found["ground"].path_ground
-    assert found["ground"].bark == 0
-    assert found["bark"].bark == stands[0].bark
-    assert found["all"] == settings(stands[0], path)
-    assert found["Kaneko & Gamper's model"].model == "paper"
 
 
 def test_a_map_says_what_it_lacks(tmp_path):

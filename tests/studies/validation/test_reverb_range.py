@@ -7,9 +7,7 @@ from forest_addon.acoustics.air import absorption
 from studies.validation.recordings import (
     ALPINE,
     BANDS,
-    RANGES,
     ExpectedEnergy,
-    effects_of,
     plausible_stands,
     range_of,
     read_range,
@@ -57,14 +55,3 @@ def test_an_expected_decay_is_read_as_what_it_is():
     assert c50[0] == pytest.approx(10 * np.log10((1 - late) / late), abs=0.05)
     with_direct = ExpectedEnergy(np.array([1.0 / rate]), length, scattered).decay(340.0)[1]
     assert with_direct[0] == pytest.approx(10 * np.log10((2 - late) / late), abs=0.05)
-
-
-def test_the_effect_of_a_property_is_found_among_all_others():
-    stands = plausible_stands(30, 2)
-    leaves = np.array([stand.leaf_area_density for stand in stands])
-    density = np.log(np.array([stand.density for stand in stands]))
-    found = effects_of(stands, (2.0 * leaves - 0.3 * density)[:, None])
-    assert found["leaf_area_density"][0] == pytest.approx(2.0 * 0.5)
-    assert found["density"][0] == pytest.approx(-0.3 * np.log(0.15 / 0.04))
-    others = [found[name][0] for name in RANGES if name not in ("leaf_area_density", "density")]
-    np.testing.assert_allclose(others, 0.0, atol=1e-9)

@@ -5,7 +5,7 @@ import pytest
 from references.measured import FOUND, needs_measurements
 
 from forest_addon.formats.tree_map import read_tree_map
-from studies.validation.stand import MAPS, judge, terrain
+from studies.validation.stand import MAPS, judge
 
 
 @pytest.mark.slow
@@ -16,11 +16,3 @@ def test_young_pines_are_no_poisson_process_and_groups_serve_them():
     laws = judge(stand, points, np.linspace(0.1, stand.reach, 25), None, 1)
     p_values = {law.name: law.excess.p_value for law in laws}
     assert p_values["Poisson"] < 0.05 < p_values["clusters"]
-
-
-@needs_measurements
-def test_terrain_lies_as_its_grid_does():
-    elevation, slope = terrain(FOUND / "stands" / "bei_terrain.npz")
-    assert elevation.shape == (100, 200)
-    assert 100 < elevation.min() < elevation.max() < 170
-    assert 0 <= slope.min() < slope.max() < 1

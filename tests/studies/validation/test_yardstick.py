@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from forest_addon.base.rng import stream
-from studies.validation.plots import VOXEL, measure_plot, voxels
-from studies.validation.stems import taubin
+from studies.validation.plots import VOXEL, measure_plot
 
 STEMS = np.array([[2.0, 2.0, 0.10], [6.0, 2.5, 0.14], [4.0, 6.0, 0.07]])
 
@@ -33,9 +32,3 @@ def test_stems_shrubs_and_gaps_are_told_apart():
     assert found.empty == pytest.approx(0.5, abs=0.02)
     assert found.profile.sum() == pytest.approx(1)
     assert set(np.argsort(found.profile)[-2:]) == {6, 7}
-
-
-def test_a_voxel_counts_once_and_one_point_has_no_circle():
-    points = np.array([[0.01, 0.01, 0.01], [0.02, 0.04, 0.03], [0.06, 0.01, 0.01]])
-    assert len(voxels(points)) == 2
-    assert taubin(np.ones((3, 2)))[1] == 0  # clouds in millimetres have points twice

@@ -7,9 +7,9 @@ bpy = pytest.importorskip("bpy")
 from mathutils import Matrix
 
 from forest_addon import spec
-from forest_addon.blender.read.depsgraph import TREE_KEY
 from forest_addon.blender.scene import layout
-from forest_addon.blender.show import handles
+from forest_addon.blender.scene.instances import TREE_KEY
+from forest_addon.blender.show import intensity
 from forest_addon.ui.settings import exchange
 
 
@@ -33,7 +33,7 @@ def said():
 def circles():
     """Every handle in the scene."""
     things = bpy.context.scene.objects
-    return sorted((t for t in things if handles.HANDLE_KEY in t), key=lambda t: t.name)
+    return sorted((t for t in things if intensity.HANDLE_KEY in t), key=lambda t: t.name)
 
 
 def choose(*things):
@@ -88,7 +88,7 @@ def test_numbers_that_are_typed_move_the_handle(hill):
 
 def test_a_mirrored_or_flat_handle_is_a_hill_that_can_be_built(hill):
     hill.handle.scale = (-3.0, 0.0, 1.0)
-    assert said()[0].width == (3.0, handles.LEAST)
+    assert said()[0].width == (3.0, intensity.LEAST)
 
 
 def test_a_parent_moves_a_hill_and_numbers_hold_beside_it(hill):

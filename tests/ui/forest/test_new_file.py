@@ -9,7 +9,8 @@ bpy = pytest.importorskip("bpy")
 from bpy_extras.object_utils import world_to_camera_view
 from mathutils import Vector
 
-from forest_addon.blender.read.depsgraph import TREE_KEY, read_scene
+from forest_addon.blender.read.depsgraph import read_scene
+from forest_addon.blender.scene.instances import TREE_KEY
 from forest_addon.blender.sensors.objects import sensors_of
 from forest_addon.blender.show.preview import LAWN
 from forest_addon.formats.toml_file import read_settings

@@ -186,10 +186,10 @@ def test_the_legend_follows_the_scale_of_colours(built):
 
 
 def test_a_scale_says_numbers_as_one_writes_them():
-    from forest_addon.blender.show import legend
+    from forest_addon.blender.show import cloud
 
     def said(low, high):
-        return [entry.name for entry in legend._scaled("Height", np.array([low, high]), "m")]
+        return [entry.name for entry in cloud._scaled("Height", np.array([low, high]), "m")]
 
     assert said(-4.44e-16, 11.7) == ["0.0 m", "3.9 m", "7.8 m", "11.7 m"]
     assert said(0.0, 90_000.0) == ["0 m", "30,000 m", "60,000 m", "90,000 m"]
@@ -197,14 +197,12 @@ def test_a_scale_says_numbers_as_one_writes_them():
 
 
 def test_things_that_are_called_alike_stand_once_in_a_legend():
-    from forest_addon.blender.show import legend
+    from forest_addon.blender.show import cloud
 
     numbers = np.repeat([0, 1, 2, 3], [5, 9, 7, 1])
-    entries = legend._named(
-        "Object", numbers, ("Ground", "rock", "rock", "rock"), legend._of_number
-    )
+    entries = cloud._named("Object", numbers, ("Ground", "rock", "rock", "rock"), cloud._of_number)
     assert [entry.name for entry in entries] == ["rock", "Ground"]
-    assert entries[0].colour == legend._of_number(1)
+    assert entries[0].colour == cloud._of_number(1)
 
 
 @pytest.mark.parametrize(

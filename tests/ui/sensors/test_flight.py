@@ -6,7 +6,7 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from forest_addon.blender.read.depsgraph import read_scene
-from forest_addon.blender.scene.standings import IGNORED_KEY
+from forest_addon.blender.scene.instances import IGNORED_KEY
 from forest_addon.blender.sensors.objects import sensors_of
 from forest_addon.ui.settings.exchange import from_spec, to_spec
 

@@ -12,11 +12,19 @@ from typing import TYPE_CHECKING
 import bpy
 import numpy as np
 
-from .instances import natural
-from .layout import POINTS_ROLE, TREES, VARIANTS, find_part, grove, groves, within_reach
+from .instances import TREE_KEY, natural
+from .layout import (
+    POINTS_ROLE,
+    ROLE_KEY,
+    TREES,
+    VARIANTS,
+    by_role,
+    find_part,
+    grove,
+    groves,
+    within_reach,
+)
 from .nodes import ROTATION, SCALE, VARIANT
-from .ours import ROLE_KEY, by_role
-from .standings import TREE_KEY
 
 if TYPE_CHECKING:
     from ...stand.forest import GrownForest
