@@ -273,7 +273,7 @@ class Hand:
 
     @property
     def places(self) -> np.ndarray:
-        """Where trees stand, (N, 2) m."""
+        """Places of the trees, (N, 2) m."""
         return np.reshape([tree.place for tree in self.trees], (-1, 2))
 
     def look(self) -> None:

@@ -230,7 +230,7 @@ class FOREST_PT_forest(Tab, bpy.types.Panel):
 
 
 class FOREST_PT_plantings(OfForest, bpy.types.Panel):
-    """Of the species that is chosen above: how many, and how they stand."""
+    """Planting of the species that is chosen above: how many, and how they stand."""
 
     bl_label = "Planting"
 
@@ -353,7 +353,7 @@ class FOREST_PT_targets(_OfPlanting, bpy.types.Panel):
 
 
 class FOREST_PT_by_hand(_OfPlanting, bpy.types.Panel):
-    """Of the chosen planting: single trees that stay as they were set, discs without trees."""
+    """Single trees of the chosen planting that stay as they were set, discs without trees."""
 
     bl_label = "By Hand"
 

@@ -80,7 +80,7 @@ def _kind(thing: Any) -> int:
 
 
 def _number(key: str, low: float, high: float, usual: Callable[[Any], float]) -> dict[str, Any]:
-    """How a number that an object keeps is read and set; ``usual`` is read where it keeps none."""
+    """Get, set and limits of a number that an object keeps; ``usual`` is read where it keeps none."""
 
     def read(thing: Any) -> float:
         value = thing.get(key)

@@ -307,7 +307,7 @@ def make_group(
 
 
 def words_of(field: Field) -> dict[str, Any]:
-    """What a property of a field is called, and its help."""
+    """Return what a property of a field is called, and its help."""
     return {"name": label_of(field.name, field.param), "description": help_of(field.param)}
 
 

@@ -1,4 +1,4 @@
-"""What the installed extension gives Blender: preferences, a cache, a command, its manual.
+"""Extension as it is installed: its preferences, cache, command and manual.
 
 Preferences say how rays are cast where a scene leaves it open. The cache holds what libraries compute once a
 machine (the fonts of pictures). It lies in the folder that Blender gives this extension, and can be cleared

@@ -448,7 +448,7 @@ HANDLERS = tuple((name, _stop_before) for name in ("undo_pre", "redo_pre", "load
 
 
 def _outcome(job: Job) -> set[str]:
-    """Of a job that did not come to its end: whether Blender is to make a step to undo of it."""
+    """Say to Blender whether a job that did not come to its end is a step to undo."""
     return {"FINISHED"} if job.kept else {"CANCELLED"}
 
 

@@ -1,4 +1,4 @@
-"""What windows show and what is chosen: 3D views, items of lists, the object that is active and alone."""
+"""Views that windows show, and what is chosen: items of lists, the object that is active and alone."""
 
 from __future__ import annotations
 
