@@ -38,32 +38,12 @@ def test_a_cloud_is_exported_as_one_chooses(built, tmp_path):
         press("export_result", result="cloud", filepath=str(tmp_path / "mine.doc"))
 
 
-@pytest.mark.slow
-def test_sounds_are_exported_too(built, tmp_path):
-    for name in ("echo", "reverb"):
-        run(name)
-        for ending in ("wav", "csv"):
-            path = tmp_path / f"{name}.{ending}"
-            assert press("export_result", result=name, filepath=str(path)) == {"FINISHED"}
-
-
 @pytest.mark.medium
 def test_what_is_too_large_to_be_kept_says_so(built, tmp_path, monkeypatch):
     monkeypatch.setattr(keep, "MOST", 1000)
     run("echo")
     with pytest.raises(RuntimeError, match="Run its sensor again"):
         press("export_result", result="echo", filepath=str(tmp_path / "mine.wav"))
-
-
-@pytest.mark.medium
-def test_a_result_is_removed_with_its_points(built):
-    before = len(bpy.data.objects), len(bpy.data.meshes)
-    run("cloud")
-    shown = built.results["cloud"].shown
-    press("remove_result", result="cloud")
-    assert "cloud" not in built.results
-    assert shown not in bpy.data.objects
-    assert (len(bpy.data.objects), len(bpy.data.meshes)) == before
 
 
 @pytest.mark.medium
