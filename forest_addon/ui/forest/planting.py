@@ -233,9 +233,13 @@ def is_planting() -> bool:
 def _ground_seen(
     context: bpy.types.Context, region: bpy.types.Region, view: bpy.types.RegionView3D, mouse: Any
 ) -> Vector | None:
-    """Return where the ground of the forest is below (x, y) of a region, or the level of flat ground."""
+    """Return where the ground is below (x, y) of a region."""
     begin = region_2d_to_origin_3d(region, view, mouse)
-    way = region_2d_to_vector_3d(region, view, mouse)
+    return ground_below(context, begin, region_2d_to_vector_3d(region, view, mouse))
+
+
+def ground_below(context: bpy.types.Context, begin: Vector, way: Vector) -> Vector | None:
+    """Return where a line meets the ground of the forest, or the level of flat ground; else None."""
     terrain = context.scene.forest_sensing.forest.terrain
     home = find_part(context.scene, GROUND_NAME)
     things = [t for t in home.objects if t.get(ROLE_KEY) == GROUND_ROLE] if home else []
