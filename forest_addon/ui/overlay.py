@@ -88,14 +88,10 @@ def _renewed(drawn: tuple[Any, Any], depsgraph: bpy.types.Depsgraph) -> tuple[An
         return None, None  # the panel says what is wrong when the forest is built
     folder = bpy.path.abspath(scene.forest_sensing.folder)
     key = (scene.session_uid, folder, settings.offset, settings.forest, settings.plantings)
-    if drawn[0] == key and not _takes_from_scene(settings):
+    objects = settings.forest.terrain.object or any(p.painted for p in settings.plantings)
+    if drawn[0] == key and not objects:  # which may have changed
         return drawn
     return key, _batch_of(settings, Path(folder), depsgraph)
-
-
-def _takes_from_scene(settings: Scene) -> bool:
-    """Return whether the intensity depends on objects, which may have changed."""
-    return bool(settings.forest.terrain.object or any(p.painted for p in settings.plantings))
 
 
 def _batch_of(settings: Scene, folder: Path, depsgraph: bpy.types.Depsgraph) -> Any:

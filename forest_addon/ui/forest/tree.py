@@ -65,18 +65,12 @@ class FOREST_PG_grown(bpy.types.PropertyGroup):
             name="Species",
             description="What grows",
             items=species_items,
-            get=lambda group: _number_of(group.grown),
-            set=lambda group, number: setattr(group, "grown", _name_of(number)),
+            get=lambda group: next((i[4] for i in species_items() if i[0] == group.grown), 0),
+            set=lambda group, number: setattr(
+                group, "grown", next((i[0] for i in species_items() if i[4] == number), LEAFY)
+            ),
         ),
     }
-
-
-def _number_of(species: str) -> int:
-    return next((item[4] for item in species_items() if item[0] == species), 0)
-
-
-def _name_of(number: int) -> str:
-    return next((item[0] for item in species_items() if item[4] == number), LEAFY)
 
 
 class FOREST_OT_add_tree(WhenReady, bpy.types.Operator, AddObjectHelper):

@@ -107,7 +107,10 @@ def _draw_result(layout: bpy.types.UILayout, result: Any) -> None:
         body.label(text=frames, icon="PLAY")
     _draw_points(body, result)
     if record is not None and record.is_response:
-        _draw_sound(body, result.id_data.forest_sensing)
+        column, props = split(body), result.id_data.forest_sensing
+        column.prop(props, "dry")
+        if props.dry == "FILE":
+            column.prop(props, "dry_file")
     table = body.split(factor=0.45)
     names, values = table.column(align=True), table.column(align=True)
     names.active = False
@@ -115,7 +118,10 @@ def _draw_result(layout: bpy.types.UILayout, result: Any) -> None:
         names.label(text=figure.name)
         values.label(text=label_of_kept(figure.made_of) if figure.made_of else figure.value)
     if result.kind != "forest":
-        _draw_end(body, result)
+        row = body.row(align=True)
+        row.prop(result, "title", text="")
+        row.operator("forest.export_result", text="", icon="EXPORT").result = result.name
+        row.operator("forest.remove_result", text="", icon="TRASH").result = result.name
 
 
 def draw_found(layout: bpy.types.UILayout, result: Any) -> None:
@@ -144,22 +150,6 @@ def _draw_looks(layout: bpy.types.UILayout, result: Any) -> None:
     if result.picture is not None:
         shown = layout.operator("forest.show_picture", text="", icon="IMAGE_DATA")
         shown.result = result.name
-
-
-def _draw_end(layout: bpy.types.UILayout, result: Any) -> None:
-    """Draw what can be done with a result: called otherwise, exported, removed."""
-    row = layout.row(align=True)
-    row.prop(result, "title", text="")
-    row.operator("forest.export_result", text="", icon="EXPORT").result = result.name
-    row.operator("forest.remove_result", text="", icon="TRASH").result = result.name
-
-
-def _draw_sound(layout: bpy.types.UILayout, props: Any) -> None:
-    """Draw what is heard when a reverb is played."""
-    column = split(layout)
-    column.prop(props, "dry")
-    if props.dry == "FILE":
-        column.prop(props, "dry_file")
 
 
 def _draw_points(layout: bpy.types.UILayout, result: Any) -> None:

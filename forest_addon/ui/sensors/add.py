@@ -63,20 +63,6 @@ class Start:
     path: Callable[[Around], list[Point]] | None = None
 
 
-def _tripod(around: Around) -> spec.Sensor:
-    return spec.Terrestrial(position=around.raised(1.6))
-
-
-def _drone(_around: Around) -> spec.Sensor:
-    return spec.Mobile(
-        speed=5.0,
-        max_range=150.0,
-        pulse_rate=50e3,
-        field_deg=(-35.0, 35.0),
-        line_rate=50.0,
-    )
-
-
 def _over(around: Around) -> list[Point]:
     """Back and forth above everything."""
     (x0, x1), (y0, y1) = around.reach(0), around.reach(1)
@@ -88,18 +74,6 @@ def _over(around: Around) -> list[Point]:
         ends = [(x, y0, height), (x, y1, height)]
         path += ends[::-1] if leg % 2 else ends
     return path
-
-
-def _vehicle(_around: Around) -> spec.Sensor:
-    return spec.Mobile(
-        speed=5.0,
-        max_range=80.0,
-        pulse_rate=100e3,
-        pattern="spinning",
-        field_deg=(-25.0, 15.0),
-        line_rate=10.0,
-        channels=32,
-    )
 
 
 def _along(around: Around) -> list[Point]:
@@ -114,10 +88,6 @@ def _aircraft(around: Around) -> spec.Sensor:
     return spec.Airborne(
         position=((x0 + x1) / 2, y0, height), track=y1 - y0, max_range=1000.0, pulse_rate=200e3
     )
-
-
-def _tractor(around: Around) -> spec.Sensor:
-    return spec.Tractor(position=around.raised(1.0), step=0.01)
 
 
 def _bat(around: Around) -> spec.Sensor:
@@ -141,14 +111,20 @@ STARTS: dict[str, Start] = {
         "terrestrial",
         KINDS["terrestrial"].icon,
         KINDS["terrestrial"].help,
-        _tripod,
+        lambda around: spec.Terrestrial(position=around.raised(1.6)),
     ),
     "drone": Start(
         keep("Drone LiDAR"),
         "mobile",
         "OUTLINER_OB_FORCE_FIELD",
         keep("A scanner under a drone, which flies to and fro along a curve"),
-        _drone,
+        lambda around: spec.Mobile(
+            speed=5.0,
+            max_range=150.0,
+            pulse_rate=50e3,
+            field_deg=(-35.0, 35.0),
+            line_rate=50.0,
+        ),
         _over,
     ),
     "mobile": Start(
@@ -156,7 +132,15 @@ STARTS: dict[str, Start] = {
         "mobile",
         "AUTO",
         KINDS["mobile"].help,
-        _vehicle,
+        lambda around: spec.Mobile(
+            speed=5.0,
+            max_range=80.0,
+            pulse_rate=100e3,
+            pattern="spinning",
+            field_deg=(-25.0, 15.0),
+            line_rate=10.0,
+            channels=32,
+        ),
         _along,
     ),
     "airborne": Start(
@@ -171,7 +155,7 @@ STARTS: dict[str, Start] = {
         "tractor",
         KINDS["tractor"].icon,
         KINDS["tractor"].help,
-        _tractor,
+        lambda around: spec.Tractor(position=around.raised(1.0), step=0.01),
     ),
     "sonar": Start(
         keep("Bat Sonar"),
@@ -190,13 +174,13 @@ STARTS: dict[str, Start] = {
 }
 
 
-def _beside(settings: type[spec.Sensor]) -> Callable[[Around], spec.Sensor]:
-    return lambda around: settings(position=around.raised(1.5))
-
-
 STARTS |= {  # every other kind stands where it is put
     name: Start(
-        kind.settings.TITLE or name.title(), name, kind.icon, kind.help, _beside(kind.settings)
+        kind.settings.TITLE or name.title(),
+        name,
+        kind.icon,
+        kind.help,
+        lambda around, settings=kind.settings: settings(position=around.raised(1.5)),
     )
     for name, kind in KINDS.items()
     if name not in {start.kind for start in STARTS.values()}

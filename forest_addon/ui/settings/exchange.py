@@ -51,6 +51,7 @@ def to_spec(scene: Any, things: Iterable[Any] | None = None) -> spec.Scene:
     SpecError : a value that cannot be used; ``key`` names it as a scene file would.
     """
     props = scene.forest_sensing
+    things = sensors.sensors_of(scene) if things is None else things
     return spec.Scene(
         name=props.name,
         seed=props.seed,
@@ -69,7 +70,7 @@ def to_spec(scene: Any, things: Iterable[Any] | None = None) -> spec.Scene:
         rays=read(props.rays, spec.Rays, "rays"),
         flight=read(props.flight, spec.Flight, "flight"),
         accuracy=read(props.accuracy, spec.Accuracy, "accuracy"),
-        sensors=tuple(sensor_of(thing) for thing in _all_of(scene, things)),
+        sensors=tuple(sensor_of(thing) for thing in things),
     )
 
 
@@ -119,12 +120,8 @@ def from_spec(scene: Any, settings: spec.Scene, keep_sensors: bool = False) -> N
     props = scene.forest_sensing
     props.name, props.seed = settings.name, settings.seed
     props.offset, props.crs = text_of(settings.offset), settings.crs
-    write(props.forest, settings.forest)
-    write(props.air, settings.air)
-    write(props.wind, settings.wind)
-    write(props.rays, settings.rays)
-    write(props.flight, settings.flight)
-    write(props.accuracy, settings.accuracy)
+    for name in ("forest", "air", "wind", "rays", "flight", "accuracy"):
+        write(getattr(props, name), getattr(settings, name))
     fill(props, "plantings", settings.plantings)
     fill(props, "stems", settings.stems)
     there = sensors.sensors_of(scene)
@@ -156,10 +153,6 @@ def add_sensor(scene: Any, settings: Settings) -> Any:
     thing = sensors.new_sensor(scene, settings)
     write(getattr(thing.forest_sensor, settings.kind), settings)
     return thing
-
-
-def _all_of(scene: Any, things: Iterable[Any] | None) -> Iterable[Any]:
-    return sensors.sensors_of(scene) if things is None else things
 
 
 def forestless(props: Any) -> bool:
