@@ -15,7 +15,7 @@ from __future__ import annotations
 import hashlib
 import secrets
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Generator
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -290,6 +290,22 @@ def _grown(site: ForestSite, tell: Progress) -> GrownForest:
     return forest
 
 
+def read_site(
+    context: bpy.types.Context, settings: Scene, folder: Path
+) -> Generator[Task, Any, ForestSite]:
+    """Read the files and objects of a scene as part of a job, with the species that it edits."""
+    from ...blender.site import with_objects
+    from ...site import ForestSite
+
+    edited = edited_species(context.scene)
+
+    def read(_tell: Any) -> Any:
+        return ForestSite.read(settings, folder, lambda name, home: load(name, home, edited))
+
+    site = yield Task(say("reading files"), read)
+    return with_objects(site, context.evaluated_depsgraph_get())
+
+
 class FOREST_OT_build(Working, bpy.types.Operator):
     """Grow the trees and plant them, in place of the forest that stands; results stay and are marked"""
 
@@ -314,9 +330,8 @@ class FOREST_OT_build(Working, bpy.types.Operator):
             tell_of,
             triangles_of,
         )
-        from ...blender.site import build_site, with_objects
+        from ...blender.site import build_site
         from ...formats.toml_file import read_settings
-        from ...site import ForestSite
         from ..results.keep import keep_forest
 
         demo = forestless(scene.forest_sensing)
@@ -325,15 +340,10 @@ class FOREST_OT_build(Working, bpy.types.Operator):
         settings = beside_cube(scene, given) if demo else given
         if demo and sensors_of(scene):
             settings = replace(settings, sensors=())  # those that are there are the user's own
-        edited = edited_species(scene)
         folder = DEMO.parent if demo else Path(bpy.path.abspath(scene.forest_sensing.folder))
         mark = "" if demo else fingerprint(scene, context.evaluated_depsgraph_get())
 
-        def read(_tell: Any) -> Any:
-            return ForestSite.read(settings, folder, lambda name, home: load(name, home, edited))
-
-        site = yield Task(say("reading files"), read)
-        site = with_objects(site, context.evaluated_depsgraph_get())
+        site = yield from read_site(context, settings, folder)
         forest = yield Task(say("growing trees"), partial(_grown, site))
         known, points = shapes_in(scene), are_points(settings.forest, forest)
         if settings.forest.instancing == "auto" and triangles_of(forest) > SHOWN_IN_FULL:

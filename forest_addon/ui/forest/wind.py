@@ -21,8 +21,7 @@ from ..settings.exchange import to_spec
 from ..shell.running import Button, Working
 from ..shell.views import redraw_views
 from ..shell.words import label, say
-from ..species.edit import edited_species, load
-from . import build
+from .build import fingerprint, read_site
 
 FINEST = 500  # triangles at most of stand-ins of files that do not say how many theirs have
 SHOWN = ("FULL", "LIGHT", "DOTS")
@@ -88,7 +87,7 @@ def swaying(context: bpy.types.Context, missing: list[str]) -> Generator[Task, A
     settings = to_spec(scene)
     if settings.wind.speed == 0 or not scene.forest_sensing.built:
         return None
-    mark = build.fingerprint(scene, context.evaluated_depsgraph_get())
+    mark = fingerprint(scene, context.evaluated_depsgraph_get())
     if mark != scene.forest_sensing.built:
         missing.append(
             say("Trees stand still: the forest is older than its settings. Press Grow Forest")
@@ -98,19 +97,12 @@ def swaying(context: bpy.types.Context, missing: list[str]) -> Generator[Task, A
     if _known.get(scene.session_uid, (None,))[0] == key:
         return _known[scene.session_uid][1]
     from ...blender.scene.forest import standing_forest
-    from ...blender.site import with_objects
-    from ...site import ForestSite
     from ...stand.wind.sway import sway_of
 
     forest = standing_forest(scene)
     if forest is None:
-        edited, folder = edited_species(scene), Path(bpy.path.abspath(scene.forest_sensing.folder))
-
-        def read(_tell: Any) -> Any:
-            return ForestSite.read(settings, folder, lambda name, home: load(name, home, edited))
-
-        site = yield Task(say("reading files"), read)
-        site = with_objects(site, context.evaluated_depsgraph_get())
+        folder = Path(bpy.path.abspath(scene.forest_sensing.folder))
+        site = yield from read_site(context, settings, folder)
         forest = yield Task(say("growing trees, to know how they sway"), site.grow)
     _known.clear()
     _known[scene.session_uid] = key, sway_of(forest, settings.wind, settings.seed)
