@@ -284,7 +284,7 @@ class Hand:
 
     def begin(self) -> None:
         """Note what there was before a stroke."""
-        self.before.append(_kept(self.scene))
+        self.before.append(hand_trees(self.scene))
 
     def take_back(self) -> bool:
         """Undo a stroke; returns whether there was one."""
@@ -375,8 +375,13 @@ class Hand:
         return tree.label in known and find_set(known[tree.label], tree.planted) is not None
 
 
-def _kept(scene: bpy.types.Scene) -> Kept:
-    """Return what is set and cleared in each planting."""
+def hand_trees(scene: bpy.types.Scene) -> Kept:
+    """Return the trees and clearings that are set by hand in each planting.
+
+    Raises
+    ------
+    SpecError : a value that cannot be used.
+    """
     return [
         (
             tuple(read(tree, HandTree) for tree in planting.by_hand),

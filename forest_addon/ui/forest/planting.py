@@ -37,10 +37,11 @@ from ...blender.scene.layout import (
     by_role,
     find_part,
 )
+from ...spec import SpecError
 from ..shell.running import WhenReady, current, obstacle
 from ..shell.views import chosen_planting, holds, redraw_views, region_below, region_of
 from ..shell.words import keep, say
-from .hand import Hand, copy_of, take_up_changes, variant_copied
+from .hand import Hand, copy_of, hand_trees, take_up_changes, variant_copied
 
 TICK = 0.1  # s between two looks at whether the forest can be grown
 STEP = 0.5  # of the radius that the brush moves between two dabs
@@ -78,6 +79,11 @@ class FOREST_OT_plant(WhenReady, bpy.types.Operator):
         global _working, _handle
         if _working is not None:
             _working.over = True
+            return {"CANCELLED"}
+        try:
+            hand_trees(context.scene)  # those that cannot be used could not be taken back
+        except SpecError as problem:
+            self.report({"ERROR"}, str(problem))
             return {"CANCELLED"}
         take_up_changes(context.scene)
         # chance itself is wanted; what comes of it is noted in the settings
