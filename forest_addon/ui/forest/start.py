@@ -120,7 +120,7 @@ def words_of(preset: str) -> str:
 
 def icon_of(preset: str) -> int:
     """The number of a preset's picture; 0 where it has none."""
-    name, file = f"scene {preset}", PREVIEWS / f"{preset}.jpg"
+    name, file = f"scene/{preset}", PREVIEWS / f"{preset}.jpg"
     if name not in icons():
         if not any(card.preset == preset for card in GALLERY) or not file.is_file():
             return 0

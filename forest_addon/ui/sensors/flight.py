@@ -18,7 +18,7 @@ from ..settings.drawing import BIG, OfSensors, draw_settings, split
 from ..settings.exchange import add_sensor, to_spec
 from ..shell.running import Button, Working, getting_ready
 from ..shell.views import choose_sensor
-from ..shell.words import keep, say
+from ..shell.words import say
 
 FLYER_KEY = "forest_flyer"
 NAME = "Flyer"
@@ -120,12 +120,22 @@ class FOREST_OT_fly(Working, bpy.types.Operator):
             )
         track = yield Task(say("flying"), flown)
         show_flights(part(scene, RESULTS), [track], name=thing.name, flyer=thing)
-        sentence = {
-            "arrived": keep("It arrives after {seconds:.1f} s and {way:.0f} m"),
-            "crashed": keep("It touches something after {seconds:.1f} s and {way:.0f} m"),
-            "late": keep("It is still on its way after {seconds:.1f} s and {way:.0f} m"),
+        seconds, way = track.seconds, track.flown
+        return {
+            "arrived": say(
+                "It arrives after {seconds:.1f} s and {way:.0f} m", seconds=seconds, way=way
+            ),
+            "crashed": say(
+                "It touches something after {seconds:.1f} s and {way:.0f} m",
+                seconds=seconds,
+                way=way,
+            ),
+            "late": say(
+                "It is still on its way after {seconds:.1f} s and {way:.0f} m",
+                seconds=seconds,
+                way=way,
+            ),
         }[track.end]
-        return say(sentence, seconds=track.seconds, way=track.flown)
 
 
 class FOREST_PT_flight(OfSensors, bpy.types.Panel):

@@ -534,8 +534,9 @@ def _draw_further(layout: bpy.types.UILayout, group: Any) -> None:
     ):
         layout.label(text=label_kept(title))
         draw_listed(layout, group, f"{end}s", end, "places")
-        layout.label(text=name_in(type(group), f"{end}_objects"))
-        items = f"{end}_objects_pointers"
+        objects = f"{end}_objects"
+        layout.label(text=name_in(type(group), objects))
+        items = f"{objects}_pointers"
         draw_list(layout, group, items, f"{end}_object", "objects")
         if getattr(group, items):
             split(layout).prop(chosen(group, items), "thing")

@@ -30,6 +30,7 @@ PLACES |= {"by_hand", "clearings"}
 ENDS = {"sources", "receivers", "source_path", "receiver_path", "poses", "follow"}
 
 
+TITLES = {"planting": "Planting Presets", "wind": "Wind Presets"}
 SETTINGS: dict[str, type[spec.Settings]] = {
     "planting": spec.Planting,
     "wind": spec.Wind,
@@ -142,13 +143,12 @@ class _PresetButton(AddPresetBase):
 def _classes(kind: str) -> tuple[type, type]:
     """The panel of a kind's presets, and the operator that adds and removes them."""
     folder, name = f"{FOLDER}/{kind}", f"FOREST_PT_presets_{kind}"
-    title = "Sensor Presets" if kind in spec.SENSORS else f"{kind.title()} Presets"
     panel = type(
         name,
         (PresetPanel, bpy.types.Panel),
         {
             "__doc__": "Choose a preset, keep the settings as one, or remove one",
-            "bl_label": title,
+            "bl_label": TITLES.get(kind, "Sensor Presets"),
             "preset_subdir": folder,
             "preset_operator": "script.execute_preset",
             "preset_add_operator": f"forest.preset_{kind}",
