@@ -32,14 +32,6 @@ KEPT = 1 / 3  # of a run's memory: 100 bytes a point, which is what Blender keep
 PICTURE = 1e6  # bytes of a picture that is kept, as measured
 
 
-COUNTED = {  # what runs are counted in: one, several
-    "pulses": (keep("{count} pulses"), keep("{count} pulses")),
-    "pings": (keep("1 ping"), keep("{count} pings")),
-    "channels": (keep("1 channel"), keep("{count} channels")),
-    "runs": (keep("1 run"), keep("{count} runs")),
-}
-
-
 def costs(context: bpy.types.Context, things: Iterable[bpy.types.Object]) -> list[Cost]:
     """The cost of running each of these sensors once.
 
@@ -85,10 +77,18 @@ def cost_in_words(found: list[Cost], frames: int = 1, keep: bool = False) -> str
     """22.5 M pulses, about 5 min, 1.8 GB."""
 
     parts = []
-    for what, (one, many) in COUNTED.items():
+    for what in ("pulses", "pings", "channels", "runs"):
         number = frames * sum(cost.count for cost in found if cost.what == what)
         if any(cost.what == what for cost in found):
-            parts.append(label(one if number == 1 else many, count=short(number)))
+            count = short(number)
+            many = {
+                "pulses": label("{count} pulses", count=count),
+                "pings": label("{count} pings", count=count),
+                "channels": label("{count} channels", count=count),
+                "runs": label("{count} runs", count=count),
+            }
+            one = {"pings": label("1 ping"), "channels": label("1 channel"), "runs": label("1 run")}
+            parts.append(one.get(what, many[what]) if number == 1 else many[what])
     parts.append(label("about {time}", time=duration(frames * sum(c.seconds for c in found))))
     memory = memory_of(found, frames if keep else 1)
     if memory >= 5e7:
