@@ -60,7 +60,7 @@ words: $(READY) ## write the template for translators, build/forest_sensing.pot
 	@$(RUN) packaging/list_words.py
 
 architecture: $(READY) ## draw docs/pictures/architecture.png anew, from the imports of the code
-	@$(RUN) packaging/draw_architecture.py
+	@PYTHONPATH=. $(RUN) packaging/draw_architecture.py
 
 clean: ## remove caches, build/ and out/demo
 	@rm -rf build out/demo *.egg-info .pytest_cache .ruff_cache .mypy_cache .hypothesis

@@ -12,6 +12,7 @@ import json
 import textwrap
 from pathlib import Path
 
+import grimp
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import FancyArrowPatch, FancyBboxPatch
@@ -26,12 +27,12 @@ ROWS = (
     (11, {"headless": (2, 60, SHELL), "ui": (64, 34, SHELL)}),
     (6, {"flight": (64, 34, SHELL)}),
     (6, {"api": (2, 96, SHELL)}),
-    (6, {"blender": (2, 46, SHELL)}),
-    (6, {"site": (2, 46, PURE), "results": (52, 46, FILES)}),
+    (6, {"blender": (2, 46, SHELL), "results": (52, 46, FILES)}),
+    (6, {"site": (2, 46, PURE), "drawing": (52, 46, FILES)}),
     (22, {"stand": (2, 27, PURE), "sensing": (31, 67, PURE)}),
     (21, {"growth": (2, 57, PURE), "acoustics": (62, 36, PURE)}),
-    (6, {"formats": (2, 96, BASE)}),
-    (6, {"spec": (2, 50, BASE), "base": (54, 44, BASE)}),
+    (6, {"formats": (2, 57, BASE)}),
+    (6, {"spec": (2, 40, BASE), "base": (46, 52, BASE)}),
 )
 GAP = 4
 # Wings within their room: left, top below that of the room, width, height.
@@ -78,22 +79,12 @@ def box_of(module: str) -> str:
 
 def project_arrows() -> list[tuple[str, str]]:
     """Which box imports from which, imports within functions too."""
-    files = [
-        p for room in ("forest_addon", "headless") for p in sorted((ROOT / room).rglob("*.py"))
-    ]
-    arrows = set()
-    for path in files:
-        inside = path.relative_to(ROOT).parts
-        name = ".".join(inside).removesuffix(".py").removesuffix(".__init__")
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if not isinstance(node, ast.ImportFrom):
-                continue
-            start = list(inside[: len(inside) - node.level]) if node.level else []
-            base = ".".join([*start, *(node.module or "").split(".")]).rstrip(".")
-            for alias in node.names:
-                target = f"{base}.{alias.name}"
-                if target.split(".")[0] in ("forest_addon", "headless"):
-                    arrows.add((box_of(name), box_of(target)))
+    graph = grimp.build_graph("forest_addon", "headless", cache_dir=None)
+    arrows = {
+        (box_of(name), box_of(target))
+        for name in graph.modules
+        for target in graph.find_modules_directly_imported_by(name)
+    }
     return sorted((a, b) for a, b in arrows if a and b and a != b)
 
 

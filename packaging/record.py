@@ -105,8 +105,10 @@ def api_facts() -> Facts:
 def signature_of(thing: object) -> str:
     """The signature of a function, method or class, or the kind of anything else."""
     thing = getattr(thing, "__func__", thing)
+    if not callable(thing):
+        return type(thing).__name__
     try:
-        return str(inspect.signature(thing)) if callable(thing) else type(thing).__name__
+        return re.sub(" at 0x[0-9a-f]+", "", str(inspect.signature(thing)))
     except ValueError:
         return type(thing).__name__
 

@@ -29,9 +29,9 @@ SHOTS = {
     "road-sensor": Shot("road", "a-sensor-of-my-own", 1000),
     "road-export": Shot("road", "the-cloud-is-exported", 1000),
     "road-reopened": Shot("road", "the-file-reopened", 1000),
-    "panel": Shot(".", "build-the-demo-forest", 1440),
-    "panel-echo": Shot(".", "the-echo-in-the-image-editor", 1440),
-    "panel-cloud": Shot("ten-clicks", "down-to-the-results", 1440),
+    "panel": Shot("session", "build-the-demo-forest", 1440),
+    "panel-echo": Shot("ten_clicks", "the-echo-as-a-picture", 1440),
+    "panel-cloud": Shot("ten_clicks", "down-to-the-results", 1440),
 }
 
 

@@ -16,9 +16,10 @@ from pathlib import Path
 from typing import Any
 
 from forest_addon.api import SpecError
-from studies.bench.run import ON_REQUEST, SECTIONS
-from studies.bench.run import run as run_bench
-from studies.inside import Keeper, keeping
+
+from .bench.run import ON_REQUEST, SECTIONS
+from .bench.run import run as run_bench
+from .inside import Keeper, keeping
 
 DATA = "FOREST_MEASURED"  # the environment's name for the folder of measurements
 

@@ -65,11 +65,6 @@ def backscatter_amplitude(ka: ArrayLike, incidence: ArrayLike, model: str = "exa
     raise _unknown(model, MODELS)
 
 
-def continued_paper(ka: np.ndarray, incidence: np.ndarray) -> np.ndarray:
-    """k·f of the paper's fit, which goes on smoothly beyond 0 and π/2."""
-    return _paper(ka, incidence)
-
-
 def amplitude_bound(
     lowest: float, highest: float, radius: ArrayLike, incidence: ArrayLike, model: str
 ) -> np.ndarray:

@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import math
 import platform
-from collections.abc import Callable
 from functools import lru_cache
 from hashlib import blake2b
 from pathlib import Path
@@ -31,6 +30,8 @@ ERROR = 1e-5
 
 SERIES, ROUNDED = 3e-8, 4e-7  # of ``level``, where the file's series are cut; of k·f
 MISSED, RIPPLE = 1.5, 0.1
+
+DISCS_AT_ONCE, FEW_SIZES = 2048, 6
 
 MARGIN = 10  # points beyond the domain: what a spline does at its end has decayed by a factor of 4 a point
 KA_STEP, KA_SHIFT = 0.008, 1.0
@@ -62,20 +63,8 @@ def tabulated(ka: np.ndarray, angle: np.ndarray) -> np.ndarray:
     row, across = _cell_of_ka(ka)
     column, along = _cell_of_angle(angle)
     weight_across, weight_along = spline_weights(across), spline_weights(along)
-    first = int(row.min(initial=len(splines)))
-    rows = int(row.max(initial=0)) + 4 - first
-    if _many_sizes(np.shape(ka), np.shape(angle), rows):
-        # over the incidence once for each row of the table: the same numbers in the same order
-        some = splines[first : first + rows]
-        lines = weight_along[0] * some.take(column, axis=1)
-        for j in range(1, 4):
-            lines += weight_along[j] * some.take(column + j, axis=1)
-        flat, step = lines.ravel(), lines.shape[1]
-        corner = (row - first) * step + np.arange(step, dtype=np.int32)
-        total = np.zeros(corner.shape, dtype=np.complex64)
-        for i in range(4):
-            total += weight_across[i] * flat.take(corner + i * step)
-        return np.asarray(total * level(ka))
+    if np.ndim(ka) == 2 and np.shape(angle) == np.shape(ka)[1:] and len(ka) >= FEW_SIZES:
+        return _along_lines(row, weight_across, column, weight_along) * level(ka)
     width = splines.shape[1]
     corner = row * width + column
     flat = splines.ravel()
@@ -89,26 +78,36 @@ def tabulated(ka: np.ndarray, angle: np.ndarray) -> np.ndarray:
     return np.asarray(total * level(ka))
 
 
-def tabulated_on(
-    ka: np.ndarray, angle: np.ndarray, made: Callable[[np.ndarray], np.ndarray]
+def _along_lines(
+    row: np.ndarray,
+    across: tuple[np.ndarray, ...],
+    column: np.ndarray,
+    along: tuple[np.ndarray, ...],
 ) -> np.ndarray:
-    """(S, V) complex64 k·f of S sizes at each of V angles, or of what is made of them: one axis after the
-    other.
-
-    made : linear, called with rows (U, V) of the table at the angles; what it returns goes on.
-    """
-    splines = _splines()
-    row, across = _cell_of_ka(ka)
-    column, along = _cell_of_angle(angle)
-    first, last = int(row.min()), int(row.max()) + 4
-    weight = spline_weights(along)
-    lines = sum(weight[j] * splines[first:last].take(column + j, axis=1) for j in range(4))
-    lines = np.ascontiguousarray(made(lines), dtype=np.complex64)
-    four = (row - first)[:, None] + np.arange(4, dtype=np.int32)
-    factors = np.stack(spline_weights(across), axis=1) * level(ka)[:, None].astype(np.float32)
-    ends = np.arange(0, four.size + 1, 4, dtype=np.int32)
-    picked = sparse.csr_matrix((factors.ravel(), four.ravel(), ends), shape=(len(ka), len(lines)))
-    found: np.ndarray = (picked @ lines.view(np.float32)).view(np.complex64)
+    """(Q, M) k·f over ``level`` of discs (M,) at Q sizes each: first over the incidence, for all rows that
+    discs have in common, then over the sizes."""
+    found = np.empty(row.shape, dtype=np.complex64)
+    weights = np.stack(along, axis=1)
+    four = column[:, None] + np.arange(4, dtype=np.int32)
+    ends = np.arange(0, 4 * DISCS_AT_ONCE + 1, 4, dtype=np.int32)
+    for begin in range(0, len(column), DISCS_AT_ONCE):
+        some = slice(begin, begin + DISCS_AT_ONCE)
+        place = row[:, some]
+        first = int(place.min())
+        lines = np.ascontiguousarray(_by_incidence()[:, first : int(place.max()) + 4])
+        count, width = place.shape[1], lines.shape[1]
+        entries = weights[some].ravel(), four[some].ravel(), ends[: count + 1]
+        picked = sparse.csr_matrix(entries, shape=(count, len(lines)))
+        flat = (picked @ lines.view(np.float32)).view(np.complex64).ravel()
+        place = place + (width * np.arange(count, dtype=np.int32) - first)
+        total = flat.take(place)
+        total *= across[0][:, some]
+        for weight in across[1:]:
+            place += 1
+            more = flat.take(place)
+            more *= weight[:, some]
+            total += more
+        found[:, some] = total
     return found
 
 
@@ -146,16 +145,16 @@ def table_error(ka: np.ndarray, angle: np.ndarray) -> np.ndarray:
     return error
 
 
-def _many_sizes(ka: tuple[int, ...], angle: tuple[int, ...], rows: int) -> bool:
-    """Return whether discs (m,) are asked for at so many sizes each (Q, m) that their rows are fewer."""
-    discs = math.prod(angle)
-    return len(ka) == 2 and angle[-1:] == ka[1:] and discs == ka[1] and 0 < rows < 2 * ka[0]
-
-
 @lru_cache(maxsize=1)
 def _splines() -> np.ndarray:
     """(U, V) complex64, coefficients of cardinal cubic splines over both axes."""
     return kept_table("disc-splines", _version(), _make_splines)
+
+
+@lru_cache(maxsize=1)
+def _by_incidence() -> np.ndarray:
+    """(V, U) the same, by incidence."""
+    return np.ascontiguousarray(_splines().T)
 
 
 @lru_cache(maxsize=1)

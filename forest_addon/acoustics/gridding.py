@@ -51,12 +51,12 @@ class DelayGrid:
         real, of each in the sums."""
         width = self._kernel.width
         place = (turns - np.floor(turns)) * self._size  # 0 … size, both included
+        values = np.ascontiguousarray(weight, dtype=np.complex128).view(np.float64)
         first, taps = self._kernel.spread(place, np.float64)
         first += np.where(first < 0, np.int32(self._size), np.int32(0))
         columns = first[:, None] + np.arange(width, dtype=np.int32)
         rows = np.arange(0, taps.size + 1, width, dtype=np.int32)
         shape = (len(turns), self._grid.shape[1])
-        values = np.ascontiguousarray(weight, dtype=np.complex128).view(np.float64)
         for number, grid in enumerate(self._grid):
             mine = taps if several is None else taps * several[:, number]
             deposit = sparse.csr_matrix((mine.T.ravel(), columns.ravel(), rows), shape=shape)

@@ -1,50 +1,58 @@
 """The spectrum of many echoes at once: Σ_i A_i(f)·e^{-i2πfτ_i} on an even grid of frequencies.
 
-But for its carrier an echo is smooth in f. So A_i is computed at a few Chebyshev nodes f_r of the band
-only, and with the polynomials ℓ_r that interpolate between them (Lagrange)
+But for its carrier an echo is smooth in frequency. So A_i is computed at a few Chebyshev nodes f_r of the
+band only; with the polynomials ℓ_r that interpolate between them (Lagrange) it is a short sum of products,
 
     Σ_i A_i(f)·e^{-i2πfτ_i} = Σ_r ℓ_r(f)·[Σ_i A_i(f_r)·e^{-i2πfτ_i}],
 
-whose brackets are sums over delays alone: ``gridding`` does them with an FFT. How many nodes an echo
-needs is known beforehand for its class (``smoothness``). Echoes of which nothing is known are looked at
-in twice the nodes, until the second half of their Chebyshev series is small enough to be left out, and in
-the end summed directly, bin by bin. What was left out is added up, echo by echo, to the bound on the
-error; while that is above the tolerance, the sum is done again with more nodes. Several sums of the same
-echoes, weighted differently, share their amplitudes.
+whose brackets are sums over delays alone, which ``gridding`` does with an FFT.
+
+How many nodes an echo needs follows from how far its response reaches around its delay and from how loud it
+is: the series of e^{iθx} falls as n·(α - tanh α) beyond n = θ·cosh α (Debye), and every echo may be off by
+as much as any other. How strict that has to be is measured: some echoes, drawn evenly and by loudness, are
+computed in more nodes than any will need, and what their Chebyshev series hold beyond their nodes is the
+error that all of them make. The tolerance holds with all of these errors in phase. The error that is told
+is smaller where echoes cancel each other as random ones do, since their errors do so too.
+
+Several sums of the same echoes, weighted differently, share their amplitudes.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from . import chebyshev
 from .gridding import ALIASING, NARROWEST, DelayGrid, width_for
-from .node_plan import NodePlan, planned
-from .smoothness import LEVELS, Smoothness
 from .spectrum import delay_factors, phasors
 
 Amplitude = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
-DENSE = (8, 16, 32, 64, 128, 256)  # nodes in which an unknown echo is looked at
-UNSEEN = 4.0  # what may lie beyond these, in parts of their last quarter
+# Numbers of nodes.
+LEVELS = np.unique(np.rint(2.0 * 1.12 ** np.arange(45)).astype(np.int64))  # up to 293
+# Nepers by which errors may be asked to be smaller than the tolerance, or larger: one after the other.
+STRICTNESS = np.concatenate([np.arange(-18.0, 30.0, 0.5), 30.0 * 1.2 ** np.arange(40)])
+SAMPLES = 128  # echoes that are measured, and of many more
+SPARE = 12  # nodes beyond those that the farthest reaching of them should need
+RESOLVED = 0.01  # of the tolerance, that the last quarter of a series may hold
+FLAT = 3.0  # times what is left beyond two thirds of it: amplitudes are no smoother
+SAFE = 0.5  # of the tolerance, for what a few echoes tell of all
+KERNEL = 0.25  # of the tolerance, for the transform
+TYPICAL = 0.4  # root of the mean square of the transform's error, over the largest
+PEAK = 3.5  # largest of many random values over their root of the mean square, about
 VALUES_AT_ONCE = 1 << 16  # amplitudes at once: what is computed on the way fits a core's cache
 DIRECT_AT_ONCE = 1 << 15  # and of those at every bin
 ROUNDING = 16.0 * 2.0**-53  # of a sum, and for each period of the carrier
+SINGLE = 4e-7  # of amplitudes in single precision
 FEW = 1 << 16  # products of echoes and bins that are summed directly: the fast way costs more
 DEPOSITED = 1 << 22  # values on the grid of the nodes and weights that are deposited at once
-KERNEL = 0.5  # share of the tolerance that the kernel's error may take
-TAIL = (
-    0.5  # of what is left, for an echo of which nothing is known: of itself, or of the mean of all
-)
-SAFE = 0.8  # of the budget that is planned for, since sizes are known by classes only
-ATTEMPTS = 4
-SAMPLED, NODES_SAMPLED = 256, 8  # echoes and nodes of an estimate of all amplitudes
+TRANSFORM = 0.15  # of the time of an amplitude, that of a bin of a transform
 
 
 @dataclass(frozen=True)
@@ -52,17 +60,15 @@ class DelayedSum:
     """Result of ``sum_delayed``.
 
     spectrum : (K,) complex, or (W, K) where W weights were given.
-    size, least : Σ_i of the largest and of the smallest |A_i| at the nodes.
-    error_bound : no value of the spectrum is farther from the exact sum than this share of Σ_i max|A_i|
-        over the band; with weights, this times the largest. It may be above the tolerance where the
-        amplitudes themselves are not smooth enough (``Smoothness.floor``).
+    size : Σ_i of the largest |A_i| at the nodes.
+    error : about how far, as a share of the size, values of the spectrum are from the exact sum; with
+        weights, of those of 1. It may be above the tolerance where amplitudes themselves are not smooth.
     nodes : {number of nodes: how many echoes were interpolated with it}, K for those summed directly.
     """
 
     spectrum: np.ndarray
     size: float
-    least: float
-    error_bound: float
+    error: float
     nodes: dict[int, int]
 
 
@@ -74,9 +80,9 @@ def sum_delayed(
     count: int,
     *,
     tolerance: float = 1e-6,
-    spread: ArrayLike = 0.0,
+    reach: ArrayLike = 0.0,
+    loudness: ArrayLike = 1.0,
     weights: np.ndarray | None = None,
-    smooth: Smoothness | None = None,
     ends: tuple[float, float] | None = None,
 ) -> DelayedSum:
     """Σ_i A_i(f)·e^{-i2πfτ_i} at f = start + (0 … count - 1)·spacing, K = count values.
@@ -86,31 +92,29 @@ def sum_delayed(
     delay : (M,) s, finite, of either sign.
     start, spacing : Hz, spacing larger than 0.
     tolerance : largest error of a value, relative to Σ_i max|A_i|; 0: the direct sum.
-    spread : (M,) or one, s; if known, how far an echo's own response reaches around its delay (a disc's:
-        2a·sinβ/c). It saves evaluations where nothing else is known, and does not bear on the error.
+    reach : (M,) or one, s, about how far an echo's own response reaches to both sides of its delay.
+    loudness : (M,) or one, about the largest |A_i|, or in proportion to it.
     weights : (M, W) real, of the echoes in W sums; left out: one sum, all weights 1.
-    smooth : what is known of the echoes in this band.
     ends : Hz, of a band around the bins, in whose nodes A is asked for; left out: the first and last bin.
 
-    The carrier is exact to 2π·2⁻⁵³ times the number of its periods. The time is that of evaluating
-    the amplitudes, plus about 0.2 µs an echo at 1e-6.
+    ``reach`` and ``loudness`` bear on the time; the error is measured. The carrier is exact to 2π·2⁻⁵³ times
+    the number of its periods.
     """
-    delay = np.asarray(delay, dtype=np.float64)
-    direct = summed_directly(len(delay), count, tolerance)
-    given = np.ones((len(delay), 1)) if weights is None else weights
-    spread = np.broadcast_to(np.asarray(spread, np.float64), delay.shape)
-    task = _Task(amplitude, delay, given, start, spacing, count, ends)
-    if direct:
+    delay = np.asarray(delay, np.float64)
+    task = _Task(amplitude, delay, weights, start, spacing, count, tolerance, ends)
+    if tolerance < 2.0 * ALIASING[-1] or len(delay) * count <= FEW:
         task.direct(np.arange(len(delay)))
-        found = task.result(0)
-    else:
-        found = _fast(task, tolerance, spread, smooth)
-    return found if weights is not None else replace(found, spectrum=found.spectrum[0])
-
-
-def summed_directly(echoes: int, count: int, tolerance: float) -> bool:
-    """Return whether so many echoes are summed at each of ``count`` frequencies: few, or to all digits."""
-    return tolerance < 2.0 * ALIASING[-1] or echoes * count <= FEW
+        return task.result(0.0, 0.0, 0.0)
+    width = width_for(KERNEL * tolerance)
+    kernel = ALIASING[width - NARROWEST]
+    plan = _planned(task, reach, loudness, SAFE * max(tolerance - kernel, 0.1 * tolerance))
+    for nodes in np.unique(plan.nodes).tolist():
+        rows = plan.order[plan.nodes[plan.order] == nodes]
+        if nodes == 0:
+            task.direct(rows)
+        else:
+            task.interpolate(rows, nodes, width)
+    return task.result(kernel, plan.error, plan.scattered)
 
 
 def nodes_needed(
@@ -118,51 +122,106 @@ def nodes_needed(
     start: float,
     spacing: float,
     count: int,
-    echoes: int,
+    reach: np.ndarray,
+    loudness: np.ndarray,
     tolerance: float,
-    smooth: Smoothness | None = None,
 ) -> np.ndarray:
     """(M,) Chebyshev nodes between which amplitudes are interpolated within a tolerance; 0: none serve.
 
-    Arguments as of ``sum_delayed``; echoes : M.
+    Arguments as of ``sum_delayed``.
     """
-    if smooth is None:
-        nothing = np.zeros(echoes)
-        task = _Task(amplitude, nothing, nothing[:, None], start, spacing, count)
-        plan = task.unknown(nothing, TAIL * tolerance)
-    else:
-        plan = planned(smooth, SAFE * tolerance, count)
-    needed: np.ndarray = np.append(LEVELS, 0)[plan.level]
-    return needed
+    task = _Task(amplitude, np.zeros(len(reach)), None, start, spacing, count, tolerance)
+    return _planned(task, reach, loudness, SAFE * tolerance).nodes
 
 
-def _fast(
-    task: _Task, tolerance: float, spread: np.ndarray, smooth: Smoothness | None
-) -> DelayedSum:
-    """With as many nodes as keep the bound below the tolerance, if any number does."""
-    width = width_for(KERNEL * tolerance)
-    kernel = ALIASING[width - NARROWEST]
-    budget = max(tolerance - kernel, 0.1 * tolerance)
-    share = SAFE
-    loudness = 1.0 if smooth is None else task.loudness(smooth.size)
-    for _ in range(ATTEMPTS):
-        if smooth is None:
-            plan = task.unknown(spread, TAIL * share * budget)
-        else:
-            plan = planned(smooth, share * loudness * budget, task.count)
-        task.clear()
-        for index in np.unique(plan.level).tolist():
-            rows = np.flatnonzero(plan.level == index)
-            if index < len(LEVELS) and LEVELS[index] <= task.count // 2:
-                task.interpolate(rows, LEVELS[index], width)
-                task.error += float(plan.error[rows].sum())
-            else:
-                task.direct(rows)
-        found = task.result(kernel)
-        excess = plan.reducible / (found.size or 1.0) / budget
-        if task.error <= budget * found.size or excess <= 0.1:
+@dataclass(frozen=True)
+class _NodePlan:
+    """nodes : (M,) of the echoes, 0: directly. order : (M,) of them, like ones together. error, scattered :
+    of Σ max|A|, measured: all errors in phase, and their root of the sum of squares."""
+
+    nodes: np.ndarray
+    order: np.ndarray
+    error: float
+    scattered: float
+
+
+def _planned(task: _Task, reach: ArrayLike, loudness: ArrayLike, allowed: float) -> _NodePlan:
+    """Nodes of all echoes, with errors of at most ``allowed``·Σ max|A| as far as some tell."""
+    shape = task.delay.shape
+    loud = np.maximum(np.broadcast_to(loudness, shape), 1e-300)
+    turn = task.octave + math.pi * task.width * np.broadcast_to(np.abs(reach), shape)
+    total = float(loud.sum())
+    chance = 0.5 / len(loud) + (0.5 / total) * loud  # of being drawn, over how many are
+    order = np.argsort(turn, kind="stable")
+    drawn = np.cumsum(chance[order])
+    draws = min(SAMPLES + len(loud) // 256, len(loud))
+    places = (np.arange(draws) + 0.5) / draws * drawn[-1]
+    some = order[np.searchsorted(drawn, places).clip(0, len(loud) - 1)]
+    weight = 1.0 / (draws * chance[some])
+    dense = int(_nodes_for(turn[some].max(), 7.0 - math.log(allowed))) + SPARE
+    while True:
+        values = task.values(dense, some)
+        terms = np.abs(chebyshev.series(dense) @ values)
+        size = float(weight @ np.abs(values).max(axis=0))
+        beyond = PEAK * np.sqrt(np.square(terms[3 * dense // 4 :]).sum(axis=0))
+        if dense >= min(LEVELS[-1], 2 * task.count) or weight @ beyond <= RESOLVED * allowed * size:
             break
-        share *= min(0.7 / excess, 0.5)
+        dense = min(2 * dense, 2 * int(LEVELS[-1]))
+    terms = np.append(terms, np.zeros_like(terms[:1]), axis=0)
+    # (dense + 1, S) that interpolation between n nodes misses, on average over the band and at most
+    typical = np.sqrt(np.cumsum(np.square(terms[::-1]), axis=0)[::-1]) + beyond
+    after = 2.0 * np.minimum(np.cumsum(terms[::-1], axis=0)[::-1], PEAK * typical) + beyond
+    scale = total / (len(loud) * loud)  # every echo may be off by the same
+    levels = LEVELS[max(min(dense, task.count // 2), LEVELS[0]) >= LEVELS]
+    direct = task.count <= 2 * dense  # as cheap as more nodes
+    level = _level(turn[some], STRICTNESS[:, None] - math.log(allowed), scale[some], levels)
+    served = np.append(levels, levels[-1])[level], np.arange(draws)
+    missed = (level < len(levels)) | (not direct)
+    errors = np.where(missed, after[served], 0.0) @ weight
+    least = FLAT * float(after[2 * dense // 3] @ weight)
+    chosen = int(np.argmax(errors <= max(allowed * size, least)))
+    level = _level(turn, STRICTNESS[chosen] - math.log(allowed), scale, levels)
+    nodes = _together(level if direct else np.minimum(level, len(levels) - 1), levels, task.count)
+    left = np.where(missed, typical[served], 0.0)[chosen]
+    scattered = math.sqrt(float(left**2 @ weight))
+    unit = size or 1.0
+    return _NodePlan(nodes, order, float(errors[chosen]) / unit, scattered / unit)
+
+
+def _level(
+    turn: np.ndarray, nepers: np.ndarray | float, scale: np.ndarray, levels: np.ndarray
+) -> np.ndarray:
+    """(M,) the first of the levels that leaves ``nepers`` less than ``scale`` of echoes, their number where
+    none does."""
+    level: np.ndarray = np.searchsorted(levels, _nodes_for(turn, nepers - np.log(scale)))
+    return level
+
+
+def _nodes_for(turn: np.ndarray, nepers: np.ndarray | float) -> np.ndarray:
+    """(M,) nodes n for which the series of e^{i·turn·x} has fallen by so much: by n·(α - tanh α) where
+    cosh α = n/turn, which is turn·(α·cosh α - sinh α)."""
+    alpha, fall = _falls()
+    found = turn * np.cosh(np.interp(np.maximum(nepers, 0.0) / turn, fall, alpha))
+    return np.asarray(found)
+
+
+@lru_cache(maxsize=1)
+def _falls() -> tuple[np.ndarray, np.ndarray]:
+    alpha = np.linspace(0.0, 8.0, 4000)
+    return alpha, alpha * np.cosh(alpha) - np.sinh(alpha)
+
+
+def _together(level: np.ndarray, levels: np.ndarray, count: int) -> np.ndarray:
+    """(M,) nodes of levels (M,), some raised to the next that are used: transforms of their own cost more."""
+    echoes = np.bincount(level, minlength=len(levels) + 1)
+    raised = np.arange(len(levels) + 1)
+    used = np.flatnonzero(echoes[:-1]).tolist()
+    for here, following in pairwise(used):
+        more = levels[following] - levels[here]
+        if echoes[here] * more < TRANSFORM * count * levels[here]:
+            echoes[following] += echoes[here]
+            raised[raised == here] = following
+    found: np.ndarray = np.append(levels, 0)[raised[level]]
     return found
 
 
@@ -173,75 +232,40 @@ class _Task:
         self,
         amplitude: Amplitude,
         delay: np.ndarray,
-        weights: np.ndarray,
+        weights: np.ndarray | None,
         start: float,
         spacing: float,
         count: int,
+        tolerance: float,
         ends: tuple[float, float] | None = None,
     ) -> None:
-        self._amplitude, self._delay, self._weights = amplitude, delay, weights
+        self._amplitude, self.delay, self._tolerance = amplitude, delay, tolerance
+        self._one = weights is None
+        self._weights = np.ones((len(delay), 1)) if weights is None else weights
         self._start, self._spacing, self.count = start, spacing, count
         self._middle = start + (count // 2) * spacing
         last = start + (count - 1) * spacing
         self._ends = (start, last) if ends is None else (min(ends[0], start), max(ends[1], last))
-        self.clear()
-
-    def clear(self) -> None:
-        """Start from nothing."""
-        self._spectrum = np.zeros((self._weights.shape[1], self.count), dtype=np.complex128)
-        self._size = self._least = self._interpolated = self.error = 0.0
+        self._spectrum = np.zeros((self._weights.shape[1], count), dtype=np.complex128)
+        self._size = self._squares = self._interpolated = 0.0
+        self._single = False
         self._nodes: dict[int, int] = {}
 
-    def _values(self, nodes: int, rows: np.ndarray) -> np.ndarray:
+    @property
+    def width(self) -> float:
+        """Hz of the band."""
+        return self._ends[1] - self._ends[0]
+
+    @property
+    def octave(self) -> float:
+        """Width of the band over its upper end: powers of the frequency turn by about as much."""
+        return max(self.width / (abs(self._ends[1]) or 1.0), 1e-3)
+
+    def values(self, nodes: int, rows: np.ndarray) -> np.ndarray:
         """(R, m) amplitudes at the nodes."""
         low, high = self._ends
         frequency = (low + high) / 2 + (high - low) / 2 * chebyshev.points(nodes)
         return np.asarray(self._amplitude(frequency, rows))
-
-    def loudness(self, size: np.ndarray) -> float:
-        """Return how large amplitudes are, of what classes say, from a few echoes, mostly loud ones."""
-        total = np.cumsum(size)
-        if not total[-1] > 0:
-            return 1.0
-        places = (np.arange(SAMPLED) + 0.5) / SAMPLED * total[-1]
-        rows = np.searchsorted(total, places).clip(0, len(size) - 1)
-        largest = np.abs(self._values(NODES_SAMPLED, rows)).max(axis=0)
-        return float(np.mean(largest / size[rows]))
-
-    def unknown(self, spread: np.ndarray, allowed: float) -> NodePlan:
-        """Of echoes that nothing is known of, by looking at each in more nodes than it will need."""
-        level = np.full(len(spread), len(LEVELS))
-        error = np.zeros(len(spread))
-        reach = math.pi * self.count * self._spacing * np.abs(spread)
-        stage = np.searchsorted(DENSE, np.minimum(2.0 * reach, DENSE[-1]))
-        pending = np.empty(0, dtype=np.int64)
-        for number, dense in enumerate(DENSE):
-            rows = np.concatenate([pending, np.flatnonzero(stage == number)])
-            if dense > 2 * self.count:
-                break
-            rejected = [rows[:0]]
-            step = max(1, VALUES_AT_ONCE // dense)
-            for begin in range(0, len(rows), step):
-                some = rows[begin : begin + step]
-                level[some], error[some] = self._look(some, dense, allowed)
-                rejected.append(some[level[some] == len(LEVELS)])
-            pending = np.concatenate(rejected)
-        return NodePlan(level, error, float(error.sum()))
-
-    def _look(self, rows: np.ndarray, dense: int, allowed: float) -> tuple[np.ndarray, np.ndarray]:
-        """Level (m,) and error (m,) of some echoes, from their series of ``dense`` terms."""
-        values = self._values(dense, rows)
-        terms = np.abs(chebyshev.series(dense) @ values)
-        beyond = UNSEEN * terms[3 * dense // 4 :].sum(axis=0)
-        after = np.append(np.cumsum(terms[::-1], axis=0)[::-1], np.zeros((1, len(rows))), axis=0)
-        levels = [nodes for nodes in LEVELS if nodes <= dense // 2]
-        error = np.array([after[n] + after[n + 1] for n in levels]) + 2.0 * beyond
-        peak = np.abs(values).max(axis=0)
-        enough = error <= allowed * np.maximum(peak, peak.mean())
-        level = np.where(enough.any(axis=0), enough.argmax(axis=0), len(LEVELS))
-        error = np.append(error, np.zeros((1, len(rows))), axis=0)
-        last = np.where(level < len(LEVELS), level, len(levels))
-        return level, error[last, np.arange(len(rows))]
 
     def interpolate(self, rows: np.ndarray, nodes: int, width: int) -> None:
         """Add the echoes ``rows``, which are smooth enough for so many nodes."""
@@ -249,21 +273,26 @@ class _Task:
         grid, step = self._grid(nodes, first, width), max(1, VALUES_AT_ONCE // nodes)
         for begin in range(0, len(rows), step):
             some = rows[begin : begin + step]
-            values = self._values(nodes, some)
+            values = self.values(nodes, some)
             self._deposit(grid, some, values, first)
-            absolute = values.real**2 + values.imag**2
-            size = float(np.sqrt(absolute.max(axis=0)).sum(dtype=np.float64))
-            self._size += size
-            self._interpolated += size
-            self._least += float(np.sqrt(absolute.min(axis=0)).sum(dtype=np.float64))
+            self._interpolated += self._measure(values)
         self._nodes[nodes] = self._nodes.get(nodes, 0) + len(rows)
         self._collect(grid, nodes, first)
         for block in others:
             grid = self._grid(nodes, block, width)
             for begin in range(0, len(rows), step):
                 some = rows[begin : begin + step]
-                self._deposit(grid, some, self._values(nodes, some), block)
+                self._deposit(grid, some, self.values(nodes, some), block)
             self._collect(grid, nodes, block)
+
+    def _measure(self, values: np.ndarray) -> float:
+        """Add the sizes of amplitudes (R, m); returns their sum."""
+        largest = np.abs(values).max(axis=0).astype(np.float64)
+        size = float(largest.sum())
+        self._single |= values.dtype == np.complex64
+        self._size += size
+        self._squares += float(largest @ largest)
+        return size
 
     def _blocks(self, nodes: int) -> list[slice]:
         """The weights in runs whose grids are of a bounded size."""
@@ -275,12 +304,10 @@ class _Task:
 
     def _deposit(self, grid: DelayGrid, rows: np.ndarray, values: np.ndarray, block: slice) -> None:
         """Lay amplitudes (R, m) times their weights down at their delays."""
-        delay = self._delay[rows]
+        delay = self.delay[rows]
         turn = phasors(self._middle * delay)
-        if self._weights.shape[1] == 1:
-            grid.add(delay * self._spacing, (values * (turn * self._weights[rows, 0])).T)
-        else:
-            grid.add(delay * self._spacing, (values * turn).T, self._weights[rows, block])
+        several = None if self._one else self._weights[rows, block]
+        grid.add(delay * self._spacing, (values * turn).T, several)
 
     def _collect(self, grid: DelayGrid, nodes: int, block: slice) -> None:
         """Add what was laid down to the sums of some weights."""
@@ -301,25 +328,32 @@ class _Task:
         for first in range(0, len(rows), step):
             some = rows[first : first + step]
             values = np.asarray(self._amplitude(frequency, some))
-            carrier = delay_factors(self._start, self._spacing, self.count, self._delay[some])
+            carrier = delay_factors(self._start, self._spacing, self.count, self.delay[some])
             carrier *= values
             if self._weights.shape[1] == 1:  # a matrix product has no columns to work on here
                 self._spectrum[0] += np.einsum("km,m->k", carrier, self._weights[some, 0])
             else:
                 self._spectrum += (carrier @ self._weights[some]).T
-            absolute = values.real**2 + values.imag**2
-            self._size += float(np.sqrt(absolute.max(axis=0)).sum())
-            self._least += float(np.sqrt(absolute.min(axis=0)).sum())
+            self._measure(values)
             self._nodes[self.count] = self._nodes.get(self.count, 0) + len(some)
 
-    def result(self, kernel: float) -> DelayedSum:
-        """With the error of a term on the grid."""
-        error = 0.0
-        if self._size:
-            error = kernel * min(self._interpolated / self._size, 1.0) + self.error / self._size
-            turns = (self._start + self._spacing * self.count) * float(np.abs(self._delay).max())
-            error += ROUNDING * (1.0 + turns)
-        return DelayedSum(self._spectrum, self._size, self._least, error, self._nodes)
+    def result(self, kernel: float, error: float, scattered: float) -> DelayedSum:
+        """With the error of a term on the grid, and of interpolation: all in phase, and scattered."""
+        spectrum = self._spectrum[0] if self._one else self._spectrum
+        if not self._size:
+            return DelayedSum(spectrum, 0.0, 0.0, self._nodes)
+        turns = (self._start + self._spacing * self.count) * float(np.abs(self.delay).max())
+        rounding = ROUNDING * (1.0 + turns)
+        # Errors cancel as echoes do: these are so many times as loud as random ones.
+        random = math.sqrt(self._squares)
+        loud = max(float(np.abs(self._spectrum).max()) / (PEAK * random), 1.0) * PEAK
+        together = min(loud * random / self._size, 1.0)
+        kernel *= min(self._interpolated / self._size, 1.0)
+        kernel *= together * (TYPICAL + (1.0 - TYPICAL) * together)
+        if self._single and self._tolerance > 0:
+            rounding += SINGLE * together
+        told = min(error, loud * scattered) + kernel + rounding
+        return DelayedSum(spectrum, self._size, told, self._nodes)
 
 
 @lru_cache(maxsize=64)

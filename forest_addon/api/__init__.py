@@ -113,7 +113,7 @@ _TYPES = {  # of what functions take and give, imported when they are asked for
     "ModelError": "..sensing.reverb.model_error",
     "Offset": "..results.coordinates",
     "PingSeries": "..sensing.sonar.flight",
-    "Returns": "..sensing.lidar.returns",
+    "Returns": "..sensing.lidar.cloud",
     "RoomMetrics": "..sensing.reverb.metrics",
     "Skeleton": "..growth.skeleton",
     "SonarPose": "..sensing.sonar.poses",

@@ -17,7 +17,7 @@ from ..results.coordinates import Offset
 from ..results.points import records
 from ..results.scan_parts import TileFiles, join_parts, read_note, write_part
 from ..sensing.kinds import choose
-from ..sensing.lidar.tiled import LEVELS, TiledPulses, buffer_of, tiled_pulses
+from ..sensing.lidar.scan import LEVELS, TiledPulses, buffer_of, tiled_pulses
 from ..spec import SpecError
 from .results import is_scanner
 from .world import World
@@ -41,7 +41,7 @@ class TiledScan:
     def __init__(
         self, tiling: Any, sensor: Any, folder: Path, way: Trajectory | None = None
     ) -> None:
-        from ..sensing.lidar.scanner import pattern_of
+        from ..sensing.lidar.pattern import pattern_of
 
         if not is_scanner(sensor):
             raise SpecError(getattr(sensor, "name", "scan_to"), "is no scanner; use look")

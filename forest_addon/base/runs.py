@@ -36,3 +36,19 @@ class Runs:
 def bounds(size: np.ndarray) -> np.ndarray:
     """(N + 1,) the first row of owners with so many rows each, one after the other, and the end."""
     return np.concatenate([[0], np.cumsum(size)]).astype(np.int64)
+
+
+def numbered(size: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(M,) the owner of each row, of owners with so many rows each (N,), and (M,) its number among them."""
+    owner = np.repeat(np.arange(len(size)), size)
+    return owner, np.arange(len(owner)) - np.repeat(np.cumsum(size) - size, size)
+
+
+def sums(owner: np.ndarray, values: np.ndarray, count: int) -> np.ndarray:
+    """(count, K) sums over the rows (N, K) of each owner (N,)."""
+    return np.stack([np.bincount(owner, column, count) for column in values.T], axis=1)
+
+
+def firsts(ranked: np.ndarray, owner: np.ndarray) -> np.ndarray:
+    """The first row of each owner, of rows ranked so that those of an owner (N,) stand together."""
+    return ranked[np.diff(owner[ranked], prepend=-1) > 0]

@@ -16,9 +16,8 @@ from matplotlib.patches import Patch
 
 from ..base.trimesh import DEAD, GROUND, LEAF, WOOD
 from ..formats.atomic import replacing
-from ..sensing.lidar.cloud import Cloud
-from ..sensing.lidar.panorama import range_image
-from ..sensing.lidar.returns import ESCAPED
+from ..sensing.lidar.cloud import ESCAPED, Cloud
+from ..sensing.lidar.glance import range_image
 from ..sensing.lidar.tractor import TractorScan
 from ..sensing.reverb import metrics
 from ..sensing.reverb.response import ImpulseResponse

@@ -1,7 +1,7 @@
 """The colours of everything that is drawn, each with its meaning."""
 
 from ..base.trimesh import DEAD, GROUND, LEAF, OTHER, WOOD
-from ..sensing.lidar.returns import ESCAPED
+from ..sensing.lidar.cloud import ESCAPED
 
 INK, FAINT, PAPER, SKY = "#24302a", "#b9c2bb", "#f4f2ec", "#eef3f6"
 LEAF_GREEN, BARK, SOIL, RED = "#4c8c3a", "#7a5230", "#cdb892", "#c8442c"

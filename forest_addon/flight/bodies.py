@@ -2,7 +2,7 @@
 
 N flyers move at a time. An action is a number from -1 to 1 for each thing a body can decide, and the state
 is place, velocity through the air, heading and tilt. A step is flown as straight pieces: of these the
-corners come back, and what touches is looked for along them (``sweep``).
+corners come back, and what touches is looked for along them (``obstacles``).
 
 - bat: turn, climb, thrust. ω ≤ a/v, so that the turn keeps within the acceleration a; the speed along the
   heading stays between the slowest and the largest.

@@ -1,7 +1,7 @@
 """Obstacles of flyers in a world: the room around a place, and the first touch along a path.
 
 ``room`` bounds the distance to the nearest solid from below and is one look-up for all flyers; only whose
-step does not fit into it is looked at with the triangles themselves (``sweep``), so the answer is exact and
+step does not fit into it is looked at with the triangles themselves (below), so the answer is exact and
 nearly always free. Instances stand in a map of squares; stems are endless upright cylinders.
 """
 
@@ -10,10 +10,13 @@ from __future__ import annotations
 from typing import Protocol
 
 import numpy as np
+from scipy.ndimage import distance_transform_edt
+from scipy.spatial import cKDTree
 
+from ..base.trimesh import LEAF, TriMesh, is_wood
+from ..growth.own_tree.centreline import find_centrelines
+from ..growth.own_tree.pieces import part
 from ..sensing.rays.geometry import SceneGeometry, invert_transforms
-from .solids import Solid, repeated
-from .sweep import distances, first_trunk, touches
 
 SQUARE = 2.0  # metres, of the map of what may be near
 REACH = 2.0  # metres, beyond which room is not told
@@ -325,3 +328,256 @@ class StemObstacles:
     def encloses(self, place: np.ndarray) -> bool:
         """See ``Obstacles``."""
         return bool((np.hypot(*(self._position - place[:2]).T) < self._radius).any())
+
+
+# Obstacles in one mesh: its triangles in cells, and the least distance from all of them to each cell.
+#
+# Wood as thick as asked for, ground and everything that is no leaf counts. ``room`` of a cell is a bound
+# from below on the distance from anywhere in it to any of these triangles: the distance between cells
+# (Euclidean distance transform of those that some triangle's box overlaps) less a cell's diagonal. Far from
+# wood a look-up tells that nothing is near; near it, the triangles of the cells around are the only ones to
+# be asked.
+
+
+CELLS = 400_000  # of a mesh
+FINEST = 0.05  # metres, a cell's edge
+MARGIN = 1.5  # metres around the mesh that have cells
+MOST = 2_000_000  # cells that triangles are written into
+
+
+def stopping(mesh: TriMesh, thinnest: float) -> np.ndarray:
+    """Numbers of the triangles that stop a flyer: no leaves, no wood thinner than that radius."""
+    with np.errstate(invalid="ignore"):
+        finite = np.isfinite(mesh.vertices[mesh.triangles].sum(axis=(1, 2)))
+    stops = finite & (mesh.part != LEAF)
+    wood = np.flatnonzero(stops & is_wood(mesh.part))
+    if not thinnest or not len(wood):
+        return np.flatnonzero(stops)
+    corners = mesh.vertices[mesh.triangles[wood]]
+    pieces = part(corners)
+    if not pieces.count:
+        return np.flatnonzero(stops)
+    lines = find_centrelines(pieces)
+    places, radius, owner = _along(lines.knot, lines.radius, lines.first)
+    middle = corners.mean(axis=1)
+    _, same = cKDTree(pieces.vertices[pieces.triangles].mean(axis=1)).query(middle)
+    # A triangle is as thick as its own piece is nearest to it: a twig that leaves a trunk thins none of it.
+    apart = 10.0 * (1.0 + np.ptp(middle, axis=0).max())
+    tree = cKDTree(np.column_stack([places, apart * owner]))
+    _, nearest = tree.query(np.column_stack([middle, apart * pieces.piece[same]]))
+    stops[wood] = radius[nearest] >= thinnest
+    return np.flatnonzero(stops)
+
+
+def _along(
+    knot: np.ndarray, radius: np.ndarray, first: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Places along centrelines a radius or so apart, how thick the wood is there, and the line of each."""
+    starts = np.setdiff1d(np.arange(len(knot) - 1), first[1:-1] - 1)
+    length = np.linalg.norm(knot[starts + 1] - knot[starts], axis=1)
+    count = np.clip(np.ceil(length / np.maximum(radius[starts], 1e-3)), 1, 64).astype(np.int64)
+    which, place = repeated(count)
+    row, share = starts[which], place / count[which]
+    places = knot[row] + share[:, None] * (knot[row + 1] - knot[row])
+    thick = radius[row] + share * (radius[row + 1] - radius[row])
+    line = np.searchsorted(first, np.concatenate([row, np.arange(len(knot))]), side="right") - 1
+    return np.concatenate([places, knot]), np.concatenate([thick, radius]), line
+
+
+class Solid:
+    """The stopping triangles of a mesh in local space.
+
+    corners : (T, 3, 3). low : (3,) where the cells start. cell : metres. room : (X, Y, Z) float32, metres.
+    items : triangles by cell, cell after cell; count : (X·Y·Z,) how many each has.
+    """
+
+    def __init__(self, mesh: TriMesh, thinnest: float) -> None:
+        self.corners = mesh.vertices[mesh.triangles[stopping(mesh, thinnest)]]
+        self.empty = not len(self.corners)
+        points = self.corners.reshape(-1, 3)
+        self.box = (
+            (points.min(axis=0), points.max(axis=0))
+            if not self.empty
+            else (np.zeros(3), np.zeros(3))
+        )
+        self.low = self.box[0] - MARGIN
+        extent = self.box[1] - self.box[0] + 2 * MARGIN
+        self.cell = max(FINEST, float(np.cbrt(extent.prod() / CELLS)))
+        shape = np.maximum(np.ceil(extent / self.cell), 1).astype(np.int64)
+        self.shape = shape
+        self._file()
+        if self.empty:
+            self.room = np.full(self.shape, np.inf, dtype=np.float32)
+            return
+        away = distance_transform_edt((self.count == 0).reshape(self.shape)) * self.cell
+        bound = np.maximum(away - np.sqrt(3) * self.cell, 0.0)
+        self.room = (bound * (1 - 1e-6)).astype(np.float32)
+
+    def _file(self) -> None:
+        """Write every triangle into the cells that its box overlaps."""
+        slack = 1e-6 * self.cell
+        first = np.floor((self.corners.min(axis=1) - self.low - slack) / self.cell).astype(np.int64)
+        last = np.floor((self.corners.max(axis=1) - self.low + slack) / self.cell).astype(np.int64)
+        first, last = np.maximum(first, 0), np.minimum(last, self.shape - 1)
+        span = last - first + 1
+        count = span.prod(axis=1)
+        while count.sum() > MOST:  # few triangles over very many cells: a ground
+            self.cell *= 2.0
+            self.shape = np.maximum(-(-self.shape // 2), 1)
+            first, last = first // 2, last // 2
+            span = last - first + 1
+            count = span.prod(axis=1)
+        item, place = repeated(count)
+        across = span[item]
+        x, rest = np.divmod(place, across[:, 1] * across[:, 2])
+        y, z = np.divmod(rest, across[:, 2])
+        cells = first[item] + np.stack([x, y, z], axis=1)
+        number = self._number(cells)
+        self.items = item[np.argsort(number, kind="stable")]
+        self.count = np.bincount(number, minlength=int(self.shape.prod()))
+
+    def _number(self, cells: np.ndarray) -> np.ndarray:
+        number: np.ndarray = (cells[:, 0] * self.shape[1] + cells[:, 1]) * self.shape[2] + cells[
+            :, 2
+        ]
+        return number
+
+
+def repeated(count: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(Σ count,) row of each of so many copies, and which copy of its row it is."""
+    row = np.repeat(np.arange(len(count)), count)
+    return row, np.arange(len(row)) - np.repeat(np.cumsum(count) - count, count)
+
+
+# First touch of a moving sphere: triangles and upright trunks, in closed form.
+#
+# A sphere of radius r goes from p along w. Its centre first comes within r of a triangle on one of the
+# surfaces that bound all such places: the triangle's plane shifted by r, a cylinder of radius r around an
+# edge, a sphere around a corner. Each gives a root of at most the second degree in the share t of the way,
+# so nothing is stepped and nothing can be jumped over, however long the way is. An upright trunk is the
+# circle of it in the plane. All in float64; roots are taken as c/(√(b² - ac) - b), which loses no digits.
+
+
+NEXT = (1, 2, 0)
+
+
+def touches(start: np.ndarray, way: np.ndarray, radius: float, corners: np.ndarray) -> np.ndarray:
+    """(T,) shares of ways at which spheres touch one triangle each of (T, 3, 3); ``inf``: never.
+
+    start, way : (3,) or (T, 3).
+    """
+    start, way = (np.broadcast_to(v, (len(corners), 3)) for v in (start, way))
+    share = _faces(start, way, radius, corners)
+    for k, n in enumerate(NEXT):
+        np.minimum(share, _edges(start, way, radius, corners[:, k], corners[:, n]), out=share)
+        np.minimum(share, _spheres(start, way, radius, corners[:, k]), out=share)
+    share[distances(start, corners) <= radius] = 0.0
+    return share
+
+
+def distances(point: np.ndarray, corners: np.ndarray) -> np.ndarray:
+    """(T,) metres from a point (3,), or (T, 3) one each, to triangles (T, 3, 3)."""
+    nearest = np.full(len(corners), np.inf)
+    for k, n in enumerate(NEXT):
+        edge = corners[:, n] - corners[:, k]
+        away = point - corners[:, k]
+        along = np.einsum("ti,ti->t", away, edge) / np.maximum(
+            np.einsum("ti,ti->t", edge, edge), 1e-300
+        )
+        away -= np.clip(along, 0.0, 1.0)[:, None] * edge
+        np.minimum(nearest, np.sqrt(np.einsum("ti,ti->t", away, away)), out=nearest)
+    normal, length = _normals(corners)
+    high = np.einsum("ti,ti->t", point - corners[:, 0], normal)
+    foot = point - high[:, None] * normal
+    inside = _inside(foot, corners, normal) & (length > 0)
+    nearest[inside] = np.abs(high[inside])
+    return nearest
+
+
+def first_trunk(
+    start: np.ndarray, way: np.ndarray, reach: np.ndarray, centre: np.ndarray
+) -> np.ndarray:
+    """(M,) shares of ways (M, 2) from (M, 2) at which points come within ``reach`` (M, K) of centres
+    (M, K, 2) first; 0 where they are, ``inf`` where they never come.
+    """
+    away = start[:, None] - centre
+    c = away[..., 0] ** 2 + away[..., 1] ** 2 - reach**2
+    b = away[..., 0] * way[:, None, 0] + away[..., 1] * way[:, None, 1]
+    a = way[:, 0] ** 2 + way[:, 1] ** 2
+    with np.errstate(invalid="ignore", divide="ignore"):
+        root = b * b - a[:, None] * c
+        share = c / (np.sqrt(root) - b)
+    share = np.where((root >= 0) & (b < 0) & (share <= 1.0), share, np.inf)
+    return np.where(c <= 0, 0.0, share).min(axis=1, initial=np.inf)
+
+
+def _faces(start: np.ndarray, way: np.ndarray, radius: float, corners: np.ndarray) -> np.ndarray:
+    """Return where spheres touch the insides of triangles."""
+    normal, length = _normals(corners)
+    high = np.einsum("ti,ti->t", start - corners[:, 0], normal)
+    side = np.sign(high)
+    towards = side * np.einsum("ti,ti->t", way, normal)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        share = (np.abs(high) - radius) / -towards
+        met = (share >= 0) & (share <= 1) & (towards < 0) & (length > 0)
+    share[~met] = np.inf
+    rows = met.nonzero()[0]
+    if len(rows):
+        n, some = normal[rows], share[rows, None]
+        foot = start[rows] + some * way[rows] - radius * side[rows, None] * n
+        share[rows[~_inside(foot, corners[rows], n)]] = np.inf
+    return share
+
+
+def _edges(
+    start: np.ndarray, way: np.ndarray, radius: float, one: np.ndarray, other: np.ndarray
+) -> np.ndarray:
+    """Return where spheres touch edges (T, 3), (T, 3) between their ends: at right angles to each, a
+    circle."""
+    edge = other - one
+    square = np.einsum("ti,ti->t", edge, edge)
+    away = start - one
+    size = np.maximum(square, 1e-300)
+    away_along, way_along = (
+        np.einsum("ti,ti->t", away, edge) / size,
+        np.einsum("ti,ti->t", edge, way) / size,
+    )
+    away = away - away_along[:, None] * edge
+    across = way - way_along[:, None] * edge
+    a = np.einsum("ti,ti->t", across, across)
+    b = np.einsum("ti,ti->t", away, across)
+    c = np.einsum("ti,ti->t", away, away) - radius**2
+    with np.errstate(invalid="ignore", divide="ignore"):
+        root = b * b - a * c
+        share = c / (np.sqrt(root) - b)
+        along = away_along + share * way_along
+        met = (root >= 0) & (b < 0) & (c > 0) & (share <= 1) & (along >= 0) & (along <= 1)
+    return np.where(met & (square > 0), share, np.inf)
+
+
+def _spheres(start: np.ndarray, way: np.ndarray, radius: float, point: np.ndarray) -> np.ndarray:
+    away = start - point
+    a = np.einsum("ti,ti->t", way, way)
+    b = np.einsum("ti,ti->t", away, way)
+    c = np.einsum("ti,ti->t", away, away) - radius**2
+    with np.errstate(invalid="ignore", divide="ignore"):
+        root = b * b - a * c
+        share = c / (np.sqrt(root) - b)
+        met = (root >= 0) & (b < 0) & (c > 0) & (share <= 1)
+    return np.where(met, share, np.inf)
+
+
+def _normals(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(T, 3) unit normals, 0 where a triangle has no area, and (T,) twice the areas."""
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    length = np.sqrt(np.einsum("ti,ti->t", normal, normal))
+    return normal / np.where(length > 0, length, 1.0)[:, None], length
+
+
+def _inside(foot: np.ndarray, corners: np.ndarray, normal: np.ndarray) -> np.ndarray:
+    """(T,) whether places (T, 3) in the planes of triangles lie within them."""
+    inside = np.ones(len(corners), dtype=bool)
+    for k, n in enumerate(NEXT):
+        turn = np.cross(corners[:, n] - corners[:, k], foot - corners[:, k])
+        inside &= np.einsum("ti,ti->t", turn, normal) >= 0
+    return inside

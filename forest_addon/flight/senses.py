@@ -18,9 +18,9 @@ from scipy import fft
 from scipy.spatial.transform import Rotation
 
 from ..base.rng import stream
+from ..sensing.lidar.pattern import Sweep
 from ..sensing.lidar.scan import Scan
-from ..sensing.lidar.scanner import Sweep
-from ..sensing.rays.moving import TimedCaster
+from ..sensing.moving_rays import MovingCaster
 from ..sensing.sonar.ping import Echo, ping
 from ..sensing.sonar.poses import SonarPose as Place
 from ..sensing.sonar.station import Equipment
@@ -135,7 +135,7 @@ class LidarSense:
         origins = np.repeat(state.position, self.rays, axis=0)
         most = self.scanner.max_range
         when = {}
-        if isinstance(around.caster, TimedCaster):
+        if isinstance(around.caster, MovingCaster):
             pulses = np.arange(self.rays) / self.scanner.pulse_rate
             when["time"] = (time[:, None] + pulses).ravel()
         found = around.caster.cast(origins, ways, most, **when).distance

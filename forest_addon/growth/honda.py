@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..base.rng import daughter_keys, keyed_uniform
+from ..base.runs import numbered
 from ..spec import MAX_REACH, Honda, Leaf
 from .draw import GOLDEN, draw_discrete, draw_normal, mean_of
 from .lsystem.system import written
@@ -101,7 +102,7 @@ def grow_honda(honda: Honda, leaf: Leaf, key: int) -> tuple[Skeleton, LeafSites]
             here = _daughters(honda, here, chains, length_ratio, radius_ratio, level)
             if drawn + len(here.key) * honda.pieces > MAX_SEGMENTS:
                 raise ValueError(_too_many(drawn + len(here.key) * honda.pieces))
-    return _join_skeletons(skeletons), join_sites(leaves)
+    return Skeleton.joined(skeletons), LeafSites.joined([LeafSites.none(), *leaves])
 
 
 def _refuse_if_large(honda: Honda) -> None:
@@ -188,29 +189,29 @@ def _daughters(
     """The next level: children of every branch, and its leader."""
     choice = (honda.trunk_daughters if level == 0 else None) or honda.daughters
     born = draw_discrete(choice, here.key, "daughters")
-    mother = np.repeat(np.arange(len(born)), born)
-    number = np.arange(len(mother)) - np.repeat(np.cumsum(born) - born, born)
-    key = daughter_keys(here.key[mother], number)
-    share = np.ones(len(mother))
+    parent, number = numbered(born)
+    key = daughter_keys(here.key[parent], number)
+    share = np.ones(len(parent))
     if honda.sprouting == "along":
         share = honda.bare + (1 - honda.bare) * keyed_uniform(key, "place")
-        upwards = np.lexsort((share, mother))  # twists are counted from the foot up
+        upwards = np.lexsort((share, parent))  # twists are counted from the foot up
         key, share = key[upwards], share[upwards]
-    if honda.sprouting == "along":
-        azimuth = _running_sum(np.deg2rad(draw_normal(honda.twist_deg, key, "twist")), born)
+        total = np.cumsum(np.deg2rad(draw_normal(honda.twist_deg, key, "twist")))
+        before = np.concatenate([[0.0], total])[np.cumsum(born) - born]
+        azimuth = total - np.repeat(before, born)
     else:  # evenly around the tip
         turned = np.deg2rad(draw_normal(honda.twist_deg, here.key, "twist of daughters"))
-        azimuth = turned[mother] + 2 * np.pi * number / born[mother]
+        azimuth = turned[parent] + 2 * np.pi * number / born[parent]
     angle = np.deg2rad(draw_normal(honda.angle_deg, key, "angle"))
     shorter = 1 - honda.cone * (share - honda.bare) / (1 - honda.bare)
-    length = here.length[mother] * length_ratio * np.minimum(shorter, 1.0)
-    radius = here.radius[mother] * radius_ratio
-    order = here.order[mother] + 1
+    length = here.length[parent] * length_ratio * np.minimum(shorter, 1.0)
+    radius = here.radius[parent] * radius_ratio
+    order = here.order[parent] + 1
 
     if honda.leader_ratio > 0:
         every = np.arange(len(born))
         leader = daughter_keys(here.key, LEADER)
-        mother, share = np.concatenate([mother, every]), np.concatenate([share, np.ones(len(born))])
+        parent, share = np.concatenate([parent, every]), np.concatenate([share, np.ones(len(born))])
         key, angle = np.concatenate([key, leader]), np.concatenate([angle, np.zeros(len(born))])
         twist = np.deg2rad(draw_normal(honda.twist_deg, leader, "twist"))
         azimuth = np.concatenate([azimuth, twist])
@@ -218,74 +219,45 @@ def _daughters(
         radius = np.concatenate([radius, here.radius * honda.tip])
         order = np.concatenate([order, here.order])
 
-    place = _along(chains, mother, share)
-    local = here.radius[mother] * (1 + (honda.tip - 1) * share)
-    around = np.cos(azimuth)[:, None] * place.across
-    around = around + np.sin(azimuth)[:, None] * np.cross(place.heading, place.across)
+    foot, forward, across, piece, segment = _along(chains, parent, share)
+    local = here.radius[parent] * (1 + (honda.tip - 1) * share)
+    around = np.cos(azimuth)[:, None] * across
+    around = around + np.sin(azimuth)[:, None] * np.cross(forward, across)
     cos, sin = np.cos(angle)[:, None], np.sin(angle)[:, None]
     return _Branches(
         key=key,
-        foot=place.foot,
-        heading=cos * place.heading + sin * around,
-        across=cos * around - sin * place.heading,  # in the plane of parent and child
+        foot=foot,
+        heading=cos * forward + sin * around,
+        across=cos * around - sin * forward,  # in the plane of parent and child
         length=length,
-        radius=np.minimum(radius, local),  # no thicker than the parent where it leaves her
-        parent=place.segment,
+        radius=np.minimum(radius, local),  # no thicker than the parent where it leaves it
+        parent=segment,
         order=order,
-        generation=here.generation[mother] + place.piece + 1,
+        generation=here.generation[parent] + piece + 1,
     )
 
 
-@dataclass(frozen=True)
-class _Places:
-    foot: np.ndarray
-    heading: np.ndarray
-    across: np.ndarray
-    piece: np.ndarray
-    segment: np.ndarray
-
-
-def _along(chains: _Chains, branch: np.ndarray, share: np.ndarray) -> _Places:
-    """Places at a share of the length of branches."""
+def _along(chains: _Chains, branch: np.ndarray, share: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Places (N, 3) at shares (N,) of the length of branches (N,), heading and across (N, 3) there, and
+    the piece and the segment (N,) that they are on."""
     pieces = chains.heading.shape[1]
     piece = np.minimum((share * pieces).astype(np.int64), pieces - 1)
     part = (share * pieces - piece)[:, None]
     start, end = chains.node[branch, piece], chains.node[branch, piece + 1]
-    return _Places(
-        foot=start + part * (end - start),
-        heading=chains.heading[branch, piece],
-        across=chains.across[branch, piece],
-        piece=piece,
-        segment=chains.first + branch * pieces + piece,
+    return (
+        start + part * (end - start),
+        chains.heading[branch, piece],
+        chains.across[branch, piece],
+        piece,
+        chains.first + branch * pieces + piece,
     )
 
 
 def _leaves(honda: Honda, leaf: Leaf, here: _Branches, chains: _Chains) -> LeafSites:
     """Evenly along every branch, the last at its very tip."""
     born = draw_discrete(honda.leaves, here.key, "leaves")
-    branch = np.repeat(np.arange(len(born)), born)
-    number = np.arange(len(branch)) - np.repeat(np.cumsum(born) - born, born)
+    branch, number = numbered(born)
     key = daughter_keys(daughter_keys(here.key[branch], "leaf"), number)
-    place = _along(chains, branch, (number + 1) / born[branch])
+    foot, heading, across, _, segment = _along(chains, branch, (number + 1) / born[branch])
     phase = 2 * np.pi * keyed_uniform(here.key, "leaf phase")[branch]
-    azimuth = phase + GOLDEN * number
-    return set_leaves(leaf, key, place.foot, place.heading, place.across, azimuth, place.segment)
-
-
-def _running_sum(values: np.ndarray, sizes: np.ndarray) -> np.ndarray:
-    """Sums from the first of each group on; groups stand one after the other."""
-    total = np.cumsum(values)
-    before = np.concatenate([[0.0], total])[np.cumsum(sizes) - sizes]
-    return np.asarray(total - np.repeat(before, sizes))
-
-
-def _join_skeletons(parts: list[Skeleton]) -> Skeleton:
-    names = ("start", "end", "radius", "parent", "order", "generation")
-    return Skeleton(**{n: np.concatenate([getattr(p, n) for p in parts]) for n in names})
-
-
-def join_sites(parts: list[LeafSites]) -> LeafSites:
-    """Leaves one after the other."""
-    names = ("foot", "direction", "up", "length", "width", "segment")
-    parts = [LeafSites.none(), *parts]
-    return LeafSites(**{n: np.concatenate([getattr(p, n) for p in parts]) for n in names})
+    return set_leaves(leaf, key, foot, heading, across, phase + GOLDEN * number, segment)

@@ -1,40 +1,37 @@
-"""A tree in numbers: what a forester measures on it, and how it is spread over its height.
+"""Likeness of grown trees to the one that they are to be like: portraits, comparisons, and a verdict.
 
-Taken from all of its wood as segments and the truth of its leaves, so that a template and what is grown
+A portrait is a tree in numbers: what a forester measures on it, and how it is spread over its height. It is
+taken from all of its wood as segments and the truth of its leaves, so that a template and what is grown
 from it are measured alike. Profiles are over height as a share of the tree's own.
-
-Likeness of grown trees to the one that they are to be like: means, spreads, distributions, profiles.
 
 A number is compared by its mean over the siblings, in per cent of the template's and in standard
 deviations of the siblings. Samples, such as all insertion angles, are pooled and compared by the distance
 of Kolmogorov and Smirnov and by that of the earth mover (the area between both distributions, in their own
 unit). Profiles are compared by their overlap, Σ min(p, q).
 
-The verdict on a fitted grammar: do its siblings stand, and are they like the tree that was brought?
-
-Siblings are grown and measured without their meshes. They should be as high, wide, stout and leafy in the
-mean as the tree, to 10 %, with its numbers of branches and its profiles, lean at most 10° more than it does,
-stay out of the ground, and have every branch on its parent. Where they are not, variety is lowered step by
-step. What then is still off by more than twice what is allowed speaks against planting them.
+The verdict on a fitted grammar: siblings are grown and measured without their meshes. They should be as high,
+wide, stout and leafy in the mean as the tree, to 10 %, with its numbers of branches and its profiles, lean at
+most 10° more than it does, stay out of the ground, and have every branch on its parent. Where they are not,
+variety is lowered step by step. What then is still off by more than twice what is allowed speaks against
+planting them.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from scipy.stats import wasserstein_distance
 
 from ..base.rng import stream
 from ..spec import Siblings
-from .mesh.leaves import Leaves
 from .own_tree.habit import Habit
-from .own_tree.relay import SiblingStanding, lowest_corner, outline_of, standing_of
+from .own_tree.relay import Outline, SiblingStanding, lowest_corner, outline_of, standing_of
 from .own_tree.sibling import Grown, grow_sibling
 from .own_tree.size import BREAST
-from .skeleton import Skeleton
+from .skeleton import Skeleton, root_of
+from .tree import Tree
 
 BINS = 20  # of a vertical profile
 SIDES = 18  # from which the width of the crown is measured
@@ -52,22 +49,6 @@ MESHED = 5  # siblings whose meshes are looked at
 TOLD = 4  # goals that a sentence names at most
 
 
-class Measurable(Protocol):
-    """A tree, or the outline of one."""
-
-    @property
-    def skeleton(self) -> Skeleton:
-        """All of its wood as segments."""
-
-    @property
-    def leaves(self) -> Leaves:
-        """The truth of its leaves."""
-
-    @property
-    def height(self) -> float:
-        """Metres from the ground to the highest point."""
-
-
 @dataclass(frozen=True)
 class Portrait:
     """One tree.
@@ -81,11 +62,11 @@ class Portrait:
     profiles: dict[str, np.ndarray]
 
 
-def portray(tree: Measurable) -> Portrait:
+def portray(tree: Outline | Tree) -> Portrait:
     """The portrait of a tree of which all wood is in the skeleton."""
     wood, leaves = tree.skeleton, tree.leaves
     first, axis = axes_of(wood)
-    order, length = wood.order[first], np.bincount(axis, _lengths(wood))
+    order, length = wood.order[first], np.bincount(axis, wood.length)
     angle = insertion_angles(wood)
     area = np.pi * leaves.radius**2
     height = tree.height
@@ -104,7 +85,7 @@ def portray(tree: Measurable) -> Portrait:
         numbers[f"their length, order {level}, m"] = float(length[mine].sum())
         samples[f"insertion angle, order {level}, deg"] = np.rad2deg(angle[mine])
         samples[f"length of a branch, order {level}, m"] = length[mine]
-    numbers["wood volume, l"] = 1000 * _volume(wood)
+    numbers["wood volume, l"] = 1000 * float(wood.volume.sum())
     if len(leaves):
         numbers["leaves"] = float(len(leaves))
         numbers["leaf area, m²"] = float(area.sum())
@@ -120,11 +101,8 @@ def portray(tree: Measurable) -> Portrait:
 def axes_of(wood: Skeleton) -> tuple[np.ndarray, np.ndarray]:
     """(B,) first segment of each axis, and (S,) axis of each segment."""
     begins = (wood.parent < 0) | (wood.order[np.maximum(wood.parent, 0)] != wood.order)
-    begin = np.where(begins, np.arange(len(begins)), wood.parent)
-    while not begins[begin].all():  # twice as far with each round
-        begin = begin[begin]
-    axis = np.cumsum(begins)[begin] - 1
-    return np.flatnonzero(begins), axis
+    begin = root_of(np.where(begins, -1, wood.parent))
+    return np.flatnonzero(begins), np.cumsum(begins)[begin] - 1
 
 
 def insertion_angles(wood: Skeleton) -> np.ndarray:
@@ -138,7 +116,7 @@ def insertion_angles(wood: Skeleton) -> np.ndarray:
     return np.asarray(np.arccos(np.clip(cosine, -1.0, 1.0)))
 
 
-def crown_width(tree: Measurable) -> float:
+def crown_width(tree: Outline | Tree) -> float:
     """Mean width of the crown's shadow between parallel lines, from all sides; else of the wood."""
     points = tree.leaves.centre if len(tree.leaves) else tree.skeleton.end
     side = np.pi * np.arange(SIDES) / SIDES
@@ -146,7 +124,7 @@ def crown_width(tree: Measurable) -> float:
     return float(np.ptp(across, axis=0).mean()) if len(points) else 0.0
 
 
-def crown_base(tree: Measurable) -> float:
+def crown_base(tree: Outline | Tree) -> float:
     """Height with a fiftieth of the leaf area below it; without leaves, the lowest branch's foot."""
     if len(tree.leaves):
         up = np.argsort(tree.leaves.centre[:, 2])
@@ -167,21 +145,12 @@ def trunk_radius(wood: Skeleton, height: float) -> float:
     return float(wood.radius[s, 0] + part * (wood.radius[s, 1] - wood.radius[s, 0]))
 
 
-def _lengths(wood: Skeleton) -> np.ndarray:
-    return np.asarray(np.linalg.norm(wood.end - wood.start, axis=1))
-
-
-def _volume(wood: Skeleton) -> float:
-    r1, r2 = wood.radius.T
-    return float((np.pi * _lengths(wood) * (r1**2 + r1 * r2 + r2**2) / 3).sum())
-
-
 def _along(wood: Skeleton, which: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Heights of places along segments, and the length that each stands for."""
     part = (np.arange(SAMPLES) + 0.5) / SAMPLES
     low, high = wood.start[which, 2], wood.end[which, 2]
     place = low[:, None] + part * (high - low)[:, None]
-    return place.ravel(), np.repeat(_lengths(wood)[which] / SAMPLES, SAMPLES)
+    return place.ravel(), np.repeat(wood.length[which] / SAMPLES, SAMPLES)
 
 
 def _profile(place: np.ndarray, weight: np.ndarray, height: float) -> np.ndarray:

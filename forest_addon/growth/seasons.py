@@ -10,13 +10,12 @@ their allometry says (``own_tree.size``); of trees that are grown to measure the
 from __future__ import annotations
 
 import math
-from dataclasses import fields, replace
+from dataclasses import replace
 
 import numpy as np
 
 from ..base.trimesh import LEAF
 from ..spec import Discrete, Normal, Species
-from .mesh.leaves import Leaves
 from .tree import Tree, without_leaves
 
 ELASTIC = 2 / 3  # power of a diameter that a length goes with
@@ -88,7 +87,7 @@ def with_fallen(tree: Tree, share: float, rng: np.random.Generator) -> Tree:
     left = mesh.select(stays_there)
     number = np.cumsum(stays) - 1
     leaf = np.where(left.leaf >= 0, number[left.leaf], -1).astype(left.leaf.dtype)
-    kept = Leaves(**{f.name: getattr(tree.leaves, f.name)[stays] for f in fields(tree.leaves)})
+    kept = tree.leaves.select(stays)
     return replace(tree, mesh=replace(left, leaf=leaf), leaves=kept)
 
 

@@ -1,33 +1,31 @@
 """The skeleton of a tree: straight segments that know their parent, and where its leaves sit.
 
-What a turtle or a branching model makes and a mesher takes. A child may start anywhere on her parent,
-not only at her end; a segment of the same order as its parent continues her axis.
-
-Axes of a skeleton: the segments of each, and the first-level branch that each belongs to.
+What a turtle or a branching model makes and a mesher takes. A child may start anywhere on its parent,
+not only at the end; a segment of the same order as its parent continues that axis.
 
 An axis goes on from a segment to its first child of equal order that starts where the segment ends;
-every other child starts an axis of its own. Both questions are answered for all segments at once by
+every other child starts an axis of its own. Such questions are answered for all segments at once by
 pointer doubling: a segment that has jumped k parents towards its end of the chain jumps 2k next time.
 
-The branches of a tree as cylinders, in the terms of quantitative structure models (TreeQSM and its kin).
-
-A segment of the skeleton is a cylinder: it knows its parent, its extension (the segment that goes on along
-the same axis), its axis and its order. Radii are those at both ends; the cylinder's own is that of equal
-volume, r² = (r₁² + r₁r₂ + r₂²)/3.
+In the terms of quantitative structure models (TreeQSM and its kin) a segment is a cylinder: it knows its
+parent, its extension (the segment that goes on along the same axis), its axis and its order. Radii are those
+at both ends; the cylinder's own is that of equal volume, r² = (r₁² + r₁r₂ + r₂²)/3.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+
+from ..base.rows import RowTable
 
 TOUCH = 1e-6  # metres between the end of a segment and the start of the one that continues it
 
 
 @dataclass(frozen=True)
-class Skeleton:
-    """S segments, perhaps none; a parent comes before her children.
+class Skeleton(RowTable):
+    """S segments, perhaps none; a parent comes before its children.
 
     start, end : (S, 3) metres.
     radius : (S, 2) at start and end, metres.
@@ -53,20 +51,24 @@ class Skeleton:
         """(S,) bool, whether each segment is dead."""
         return np.zeros(len(self), dtype=bool) if self.dead is None else self.dead
 
+    @property
+    def length(self) -> np.ndarray:
+        """(S,) metres."""
+        return np.asarray(np.linalg.norm(self.end - self.start, axis=1))
+
+    @property
+    def volume(self) -> np.ndarray:
+        """(S,) m³, as frustums of cones."""
+        r1, r2 = self.radius.T
+        return np.asarray(np.pi * self.length * (r1**2 + r1 * r2 + r2**2) / 3)
+
     def some(self, keep: np.ndarray) -> Skeleton:
         """The segments where ``keep`` (S,) is true; one whose parent is not kept becomes a root."""
         number = np.cumsum(keep) - 1
-        mother = self.parent[keep]
-        known = (mother >= 0) & keep[np.maximum(mother, 0)]
-        return Skeleton(
-            start=self.start[keep],
-            end=self.end[keep],
-            radius=self.radius[keep],
-            parent=np.where(known, number[np.maximum(mother, 0)], -1),
-            order=self.order[keep],
-            generation=self.generation[keep],
-            dead=None if self.dead is None else self.dead[keep],
-        )
+        above = self.parent[keep]
+        known = (above >= 0) & keep[np.maximum(above, 0)]
+        parent = np.where(known, number[np.maximum(above, 0)], -1)
+        return replace(self.select(keep), parent=parent)
 
     def axis(self, first: int) -> list[int]:
         """The segments of one axis, from ``first`` on, each followed by its child of equal order."""
@@ -81,7 +83,7 @@ class Skeleton:
 
 
 @dataclass(frozen=True)
-class LeafSites:
+class LeafSites(RowTable):
     """Sites of L leaves on a skeleton, before they have a shape.
 
     foot : (L, 3) where the leaf leaves the wood, metres.
@@ -122,11 +124,41 @@ class Axes:
     def __len__(self) -> int:
         return len(self.first) - 1
 
+    @property
+    def of_row(self) -> np.ndarray:
+        """(S,) the axis of each entry of ``segment``."""
+        return np.repeat(np.arange(len(self)), np.diff(self.first))
+
+    @property
+    def of_segment(self) -> np.ndarray:
+        """(S,) the axis of each segment."""
+        axis = np.empty(len(self.segment), np.int64)
+        axis[self.segment] = self.of_row
+        return axis
+
+    @property
+    def onward(self) -> np.ndarray:
+        """(S,) the segment by which the axis goes on from each segment, -1 from a last one."""
+        onward = np.full(len(self.segment), -1, np.int64)
+        within = np.diff(self.of_row) == 0
+        onward[self.segment[:-1][within]] = self.segment[1:][within]
+        return onward
+
 
 def find_axes(skeleton: Skeleton) -> Axes:
     """Sort the segments of a skeleton into axes."""
-    before = _before(skeleton)
-    head = _root(before)
+    parent = skeleton.parent
+    above = np.maximum(parent, 0)
+    gap = np.abs(skeleton.start - skeleton.end[above]).max(axis=1, initial=0.0)
+    onward = np.flatnonzero(
+        (parent >= 0) & (skeleton.order == skeleton.order[above]) & (gap <= TOUCH)
+    )
+    chosen = np.full(len(parent), -1, dtype=np.int64)
+    chosen[parent[onward[::-1]]] = onward[::-1]  # written backwards: the first child stays
+    before = np.full(len(parent), -1, dtype=np.int64)  # the segment that each one continues
+    continued = np.flatnonzero(chosen >= 0)
+    before[chosen[continued]] = continued
+    head = root_of(before)
     segment = np.argsort(head, kind="stable")  # a parent comes first, so an axis stays in order
     starts = np.flatnonzero(np.diff(head[segment], prepend=-1))
     return Axes(segment, np.append(starts, len(segment)).astype(np.int64))
@@ -138,27 +170,11 @@ def first_level(skeleton: Skeleton) -> np.ndarray:
     starts = (order == 1) & ((parent < 0) | (order[np.maximum(parent, 0)] == 0))
     number = np.where(starts, np.cumsum(starts) - 1, -1)
     up = np.where(starts | (order == 0), -1, parent)
-    return np.asarray(np.where(order == 0, -1, number[_root(up)]))
+    return np.asarray(np.where(order == 0, -1, number[root_of(up)]))
 
 
-def _before(skeleton: Skeleton) -> np.ndarray:
-    """(S,) the segment that each one continues, -1 where an axis starts."""
-    parent = skeleton.parent
-    mother = np.maximum(parent, 0)
-    gap = np.abs(skeleton.start - skeleton.end[mother]).max(axis=1, initial=0.0)
-    onward = np.flatnonzero(
-        (parent >= 0) & (skeleton.order == skeleton.order[mother]) & (gap <= TOUCH)
-    )
-    chosen = np.full(len(parent), -1, dtype=np.int64)
-    chosen[parent[onward[::-1]]] = onward[::-1]  # written backwards: the first child stays
-    before = np.full(len(parent), -1, dtype=np.int64)
-    continued = np.flatnonzero(chosen >= 0)
-    before[chosen[continued]] = continued
-    return before
-
-
-def _root(up: np.ndarray) -> np.ndarray:
-    """(S,) where a chain of pointers ends; -1 points nowhere."""
+def root_of(up: np.ndarray) -> np.ndarray:
+    """(S,) where chains of pointers (S,) end; -1 points nowhere. Each round goes twice as far."""
     at = np.where(up < 0, np.arange(len(up)), up)
     while True:
         further = at[at]
@@ -201,20 +217,13 @@ class Cylinders:
 def cylinders_of(skeleton: Skeleton) -> Cylinders:
     """The cylinders of a skeleton, in its order."""
     axes = find_axes(skeleton)
-    count = len(skeleton)
-    axis = np.empty(count, np.int64)
-    axis[axes.segment] = np.repeat(np.arange(len(axes)), np.diff(axes.first))
-    extension = np.full(count, -1, np.int64)
-    before, after = axes.segment[:-1], axes.segment[1:]
-    same = axis[before] == axis[after]
-    extension[before[same]] = after[same]
     return Cylinders(
         start=skeleton.start,
         end=skeleton.end,
         radius=skeleton.radius,
         parent=skeleton.parent,
-        extension=extension,
-        axis=axis,
+        extension=axes.onward,
+        axis=axes.of_segment,
         order=skeleton.order,
     )
 
@@ -233,3 +242,17 @@ def diameter_at(skeleton: Skeleton, height: float) -> float:
     share = (height - low[passed]) / (high[passed] - low[passed])
     r1, r2 = skeleton.radius[trunk][passed].T
     return float(2 * np.sqrt(((r1 + share * (r2 - r1)) ** 2).sum()))
+
+
+def depths(parent: np.ndarray, each: np.ndarray | None = None) -> np.ndarray:
+    """(N,) how many ancestors each of N things has, by their parents (N,), -1 for none.
+
+    each : (N,) what a step to the parent counts, where that is not 1.
+    """
+    has = parent >= 0
+    depth, above = np.where(has, 1 if each is None else each, 0).astype(np.int64), parent
+    while has.any():  # twice as far with each round
+        depth = depth + np.where(has, depth[np.maximum(above, 0)], 0)
+        above = np.where(has, above[np.maximum(above, 0)], -1)
+        has = above >= 0
+    return depth

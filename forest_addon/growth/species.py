@@ -6,8 +6,8 @@ import numpy as np
 
 from ..spec import Species
 from .honda import grow_honda
-from .lsystem.ruled import grow_ruled
 from .lsystem.tanveer import grow_whole
+from .lsystem.turtle import grow_ruled
 from .skeleton import LeafSites, Skeleton
 
 

@@ -25,10 +25,19 @@ from .measured.crown import scaled_to
 from .measured.curves import curved
 from .measured.dead import with_dead
 from .measured.meet import Parts, grow_measured, lowest_kept, reshaped
-from .measured.needles import coarse_shoot, shoot_of
 from .measured.wanted import Kind, Wanted, fitted_template, one_tree
-from .mesh.blades import Blade, facings, lay, leaf_areas, leaf_blade, thin_leaves, truth_of
-from .mesh.leaves import Leaves, incline_leaves, incline_sites, join_leaves
+from .mesh.blades import (
+    Blade,
+    coarse_shoot,
+    facings,
+    lay,
+    leaf_areas,
+    leaf_blade,
+    shoot_of,
+    thin_leaves,
+    truth_of,
+)
+from .mesh.leaves import Leaves, incline_leaves, incline_sites
 from .mesh.meshing import mesh_wood, repeated_edges, sides_for, tube
 from .mesh.relief import SMALLEST, Relief
 from .own_tree.habit import Habit
@@ -95,7 +104,11 @@ def grow(
     if isinstance(template, Habit | TreeTemplate):
         asked = fitted_template(species, wanted) if wanted else species
         if isinstance(template, Habit):
-            tree = _sibling(asked, template, rng, wanted)
+            siblings = asked.siblings or Siblings()
+            grown = grow_sibling(template, siblings, int(rng.integers(2**63)))
+            mesh, leaves, foot = mesh_of(template.anatomy, grown, siblings.variety)
+            parts = Parts(mesh, leaves, foot, skeleton_of_grown(grown), grafted=True)
+            tree = _of_parts(asked, parts, rng, wanted)
         else:
             tree = _grafted(asked, template, rng, wanted)
         return tree if species.detail.leaves else without_leaves(tree)
@@ -107,10 +120,7 @@ def grow(
 
 def without_leaves(tree: Tree) -> Tree:
     """The same tree, bare."""
-    none = np.empty((0, 3))
-    size = np.empty(0)
-    leaves = Leaves(none, none, none, size, size, size, np.empty(0, np.int32))
-    return replace(tree, mesh=tree.mesh.select(tree.mesh.part != LEAF), leaves=leaves)
+    return replace(tree, mesh=tree.mesh.select(tree.mesh.part != LEAF), leaves=Leaves.none())
 
 
 def wood_of(skeleton: Skeleton, tolerance: float, relief: Relief | None = None) -> TriMesh:
@@ -160,17 +170,6 @@ def leaves_left(species: Species) -> float:
     return min(1.0, share * (needles.blades or needles.count) / blades_left(species))
 
 
-def _sibling(
-    species: Species, habit: Habit, rng: np.random.Generator, wanted: Wanted | None
-) -> Tree:
-    """A tree like the template's, of its own pieces."""
-    siblings = species.siblings or Siblings()
-    grown = grow_sibling(habit, siblings, int(rng.integers(2**63)))
-    mesh, leaves, foot = mesh_of(habit.anatomy, grown, siblings.variety)
-    parts = Parts(mesh, leaves, foot, skeleton_of_grown(grown), grafted=True)
-    return _of_parts(species, parts, rng, wanted)
-
-
 def _of_parts(
     species: Species, parts: Parts, rng: np.random.Generator, wanted: Wanted | None
 ) -> Tree:
@@ -178,7 +177,10 @@ def _of_parts(
     missed: tuple[str, ...] = ()
     if wanted is not None:
         parts, missed = reshaped(parts, wanted, int(rng.integers(2**63)), species.name)
-    mesh, leaves = _inclined(species, parts.mesh, parts.leaves, parts.foot, rng)
+    mesh, leaves = parts.mesh, parts.leaves
+    if species.inclination is not None and len(leaves):
+        angle = draw_inclination(species.inclination, _leaf_keys(len(leaves), rng))
+        mesh, leaves = incline_leaves(mesh, leaves, parts.foot, angle)
     return Tree(mesh, leaves, parts.skeleton, wanted=wanted, missed=missed)
 
 
@@ -190,8 +192,7 @@ def _whole(
     if wanted is None:
         skeleton, sites = skeleton_of(species, rng)
     else:
-        met = grow_measured(species, wanted, blade, rng)
-        skeleton, sites, missed = met.skeleton, met.sites, met.missed
+        skeleton, sites, missed = grow_measured(species, wanted, blade, rng)
     if has_curves(species):
         skeleton, sites = curved(skeleton, sites, species.crown.collar if species.crown else 0.0)
         skeleton = skeleton if wanted is None else scaled_to(skeleton, wanted.dbh)
@@ -235,7 +236,8 @@ def _grafted(
     trunk = skeleton.axis(0)
     sites = _sites(skeleton, trunk, species, rng)
     scions = _scions(template)
-    chosen = _choose(len(sites), len(scions), rng)
+    one_each = len(sites) == len(scions)
+    chosen = np.arange(len(sites)) if one_each else rng.integers(len(scions), size=len(sites))
     roll = np.deg2rad(15.0) * truncated_normal(rng, len(sites))
     branches, truths, feet = [], [], []
     for number, (pick, site, turn) in enumerate(zip(chosen, sites, roll, strict=True)):
@@ -243,27 +245,19 @@ def _grafted(
         branches.append(branch)
         feet.append(foot)
         truths.append(replace(truth, branch=np.full(len(truth), number, dtype=np.int32)))
-    kept, wood = list(range(len(sites))), _first_levels(skeleton)
+    kept, wood = list(range(len(sites))), skeleton.some(skeleton.order <= 1)
     if wanted is not None:
         start = np.array([site.foot[2] for site in sites])
         leaf = np.array([truth.centre[:, 2].min(initial=np.inf) for truth in truths])
         top = max(float(branch.vertices[:, 2].max()) for branch in branches)
         lowest = lowest_kept(start, leaf, top, wanted)
-        kept, wood = np.flatnonzero(start >= lowest).tolist(), _above(wood, lowest)
+        kept, level = np.flatnonzero(start >= lowest).tolist(), first_level(wood)
+        foot = wood.start[(wood.order == 1) & (wood.order[np.maximum(wood.parent, 0)] == 0), 2]
+        wood = wood.some((level < 0) | (foot[level] >= lowest))
     mesh = join([_trunk_mesh(skeleton, trunk), *(branches[k] for k in kept)])
-    leaves, foot = join_leaves([truths[k] for k in kept]), np.concatenate([feet[k] for k in kept])
+    leaves, foot = Leaves.joined([truths[k] for k in kept]), np.concatenate([feet[k] for k in kept])
     parts = Parts(mesh, leaves, foot, wood, grafted=True)
     return _of_parts(species, parts, rng, wanted)
-
-
-def _inclined(
-    species: Species, mesh: TriMesh, leaves: Leaves, foot: np.ndarray, rng: np.random.Generator
-) -> tuple[TriMesh, Leaves]:
-    """Mesh and leaves, inclined as the species says."""
-    if species.inclination is None or not len(leaves):
-        return mesh, leaves
-    wanted = draw_inclination(species.inclination, _leaf_keys(len(leaves), rng))
-    return incline_leaves(mesh, leaves, foot, wanted)
 
 
 def _leaf_keys(count: int, rng: np.random.Generator) -> np.ndarray:
@@ -282,7 +276,7 @@ def _sites(
     skeleton: Skeleton, trunk: list[int], species: Species, rng: np.random.Generator
 ) -> list[GraftSite]:
     """Foot, direction and length of every first-level branch, from the lowest up, then the tip."""
-    length = np.linalg.norm(skeleton.end - skeleton.start, axis=1)
+    length = skeleton.length
     firsts = np.flatnonzero(
         (skeleton.order == 1) & (skeleton.order[np.maximum(skeleton.parent, 0)] == 0)
     )
@@ -314,21 +308,17 @@ def _turned(direction: np.ndarray, share: float) -> np.ndarray:
     return np.array([cos * x - sin * y, sin * x + cos * y, z])
 
 
-def _choose(sites: int, templates: int, rng: np.random.Generator) -> np.ndarray:
-    if sites == templates:
-        return np.arange(sites)
-    return rng.integers(templates, size=sites)
-
-
 def _trunk_mesh(skeleton: Skeleton, trunk: list[int]) -> TriMesh:
     """The trunk as one tube, smooth through the nodes, with a flare at the foot."""
+    from scipy.interpolate import PchipInterpolator
+
     nodes = np.concatenate([skeleton.start[trunk], skeleton.end[trunk[-1:]]])
     radius = np.concatenate([skeleton.radius[trunk, 0], skeleton.radius[trunk[-1:], 1]])
     along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(nodes, axis=0), axis=1))])
     fine = np.unique(np.concatenate([np.linspace(a, b, 5) for a, b in pairwise(along)]))
     fine = np.unique(np.concatenate([fine, radius[0] * np.array([0.5, 1.0, 2.0, 4.0])]))
     fine = fine[fine <= along[-1]]
-    points = _smooth(along, nodes, fine)
+    points = np.asarray(PchipInterpolator(along, nodes)(fine))
     thickness = np.interp(fine, along, radius)
     thickness *= 1 + 0.35 * np.exp(-fine / (1.5 * radius[0]))  # root flare
     points = np.concatenate([points[:1] - [[0.0, 0.0, SUNK]], points])
@@ -336,23 +326,3 @@ def _trunk_mesh(skeleton: Skeleton, trunk: list[int]) -> TriMesh:
     vertices, triangles = tube(points, thickness, sides_for(float(radius[0]), TOLERANCE))
     mesh = TriMesh.of_part(vertices, triangles, WOOD)
     return replace(mesh, edges=repeated_edges(mesh.triangles, 0, 1))
-
-
-def _smooth(along: np.ndarray, nodes: np.ndarray, fine: np.ndarray) -> np.ndarray:
-    from scipy.interpolate import PchipInterpolator
-
-    return np.asarray(PchipInterpolator(along, nodes)(fine))
-
-
-def _above(skeleton: Skeleton, lowest: float) -> Skeleton:
-    """A trunk with those of its first-level axes that start at this height or above."""
-    foot = np.arange(len(skeleton))
-    for segment in np.flatnonzero(skeleton.order == 1).tolist():
-        if skeleton.order[skeleton.parent[segment]] == 1:
-            foot[segment] = foot[skeleton.parent[segment]]
-    return skeleton.some((skeleton.order == 0) | (skeleton.start[foot, 2] >= lowest))
-
-
-def _first_levels(skeleton: Skeleton) -> Skeleton:
-    """Trunk and first-level axes only; what branches further comes from the templates."""
-    return skeleton.some(skeleton.order <= 1)

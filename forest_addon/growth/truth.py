@@ -1,11 +1,11 @@
 """The truth of a tree: its wood as exact cones, its leaves by area and angle.
 
-A segment of length h with radii r₁ and r₂ is the frustum of a cone: V = πh(r₁² + r₁r₂ + r₂²)/3, lateral
-area A_L = π(r₁ + r₂)√(h² + (r₁ − r₂)²), projected area A_PR = (r₁ + r₂)h. For cylinders of diameter d these
-are V = Σπd²h/4, A_L = Σπdh and A_PR = Σdh of S (SIMLIDAR), who sums segments each for itself, so that what
-overlaps at a joint counts twice. A tree's volume is that of the solid, joints counted once (``solid``):
-1 to 12 % less. The mesh fills somewhat less than that, since its polygons have the circle's perimeter (a
-hexagon 91 % of its area), and goes on below the ground, which does not count.
+A segment of length h with radii r₁ and r₂ is the frustum of a cone: V = πh(r₁² + r₁r₂ + r₂²)/3, lateral area
+A_L = π(r₁ + r₂)√(h² + (r₁ − r₂)²), projected area A_PR = (r₁ + r₂)h. For cylinders of diameter d these are V
+= Σπd²h/4, A_L = Σπdh and A_PR = Σdh of Méndez et al. (SIMLIDAR), who sum segments each for itself, so that
+what overlaps at a joint counts twice. A tree's volume is that of the solid, joints counted once: 1 to 12 %
+less. The mesh fills somewhat less than that, since its polygons have the circle's perimeter (a hexagon 91 %
+of its area), and goes on below the ground, which does not count.
 
 Of a tree that is grafted from templates the skeleton knows the trunk and the places of branches only; its
 wood is measured on the triangles, with A_PR = A_L/π, which holds for a cylinder however it is turned.
@@ -13,9 +13,9 @@ wood is measured on the triangles, with A_PR = A_L/π, which holds for a cylinde
 Volume of a skeleton's wood: that of the union of its tubes, joints counted once.
 
 An axis is a bent tube: its segments are frustums cut where they meet, so their volumes πh(r₁² + r₁r₂ + r₂²)/3
-add up. A child starts within her parent. What her first segments share with the parent's axis, and with
-sisters and aunts that leave the same segment before her, or the one below, is found by points spread
-evenly in them and taken off. Branches that cross each other elsewhere count twice.
+add up. A child starts within its parent. What its first segments share with the parent's axis, and with
+other children that leave the same segment before it, or the one below, is found by points spread evenly in
+them and taken off. Branches that cross each other elsewhere count twice.
 
 Volume of the union of closed pieces of a mesh that reach into each other, as grafted branches do.
 
@@ -32,6 +32,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..base.rng import stream
+from ..base.runs import numbered
 from ..base.trimesh import TriMesh, is_wood
 from .measured.wanted import dbh_of, lowest_branch, width_of
 from .mesh.leaves import Leaves
@@ -45,8 +46,8 @@ MEASURES = (  # what ``tree_truth`` tells
     *("leaves", "leaf_area_m2", "mean_leaf_angle_deg"),
 )
 HEADS = 3  # segments of an axis that may lie within others
-SISTERS = 4  # of a branch, those before her, that she may share wood with
-AUNTS = 3  # that leave the segment before her parent
+OTHER_CHILDREN = 4  # of a parent, before a branch, that it may share wood with
+PARENTS_SIBLINGS = 3  # that leave the segment below
 POINTS = 100_000  # of a tree, in all its joints together
 FEWEST, MOST = 32, 4096  # in a segment
 ROUNDED = 1e-6  # of lengths, by which nearest points may be rounded
@@ -71,34 +72,31 @@ def wood_of_tree(tree: Tree) -> Wood:
     It is kept with the skeleton: many places ask, also of the same tree with fewer leaves.
     """
     kept: dict[str, Wood] = vars(tree.skeleton)
-    if "_wood" not in kept:
-        kept["_wood"] = _wood_of(tree)
+    if "_wood" not in kept and tree.grafted:
+        kept["_wood"] = wood_of_mesh(tree.mesh)
+    elif "_wood" not in kept:
+        whole = wood_of_skeleton(tree.skeleton)
+        kept["_wood"] = replace(whole, volume=volume_of(tree.skeleton))
     return kept["_wood"]
-
-
-def _wood_of(tree: Tree) -> Wood:
-    if tree.grafted:
-        return wood_of_mesh(tree.mesh)
-    return replace(wood_of_skeleton(tree.skeleton), volume=volume_of(tree.skeleton))
 
 
 def segment_table(skeleton: Skeleton) -> dict[str, np.ndarray]:
     """Columns by segment: order, generation, length, diameter, volume, area and projected area."""
-    length = np.linalg.norm(skeleton.end - skeleton.start, axis=1)
+    length = skeleton.length
     r1, r2 = skeleton.radius.T
     return {
         "order": skeleton.order,
         "generation": skeleton.generation,
         "length_m": length,
         "diameter_m": r1 + r2,
-        "volume_m3": np.pi * length * (r1**2 + r1 * r2 + r2**2) / 3,
+        "volume_m3": skeleton.volume,
         "area_m2": np.pi * (r1 + r2) * np.hypot(length, r1 - r2),
         "projected_m2": (r1 + r2) * length,
     }
 
 
 def wood_of_skeleton(skeleton: Skeleton) -> Wood:
-    """The sum over all segments, as S does."""
+    """The sum over all segments, as Méndez et al. have it."""
     table = segment_table(skeleton)
     return Wood(*(float(table[name].sum()) for name in ("volume_m3", "area_m2", "projected_m2")))
 
@@ -165,9 +163,7 @@ def tree_truth(tree: Tree) -> dict[str, float]:
 
 def volume_of(skeleton: Skeleton) -> float:
     """m³ of wood."""
-    length = np.linalg.norm(skeleton.end - skeleton.start, axis=1)
-    r1, r2 = skeleton.radius.T
-    volume = np.pi * length * (r1**2 + r1 * r2 + r2**2) / 3
+    length, volume = skeleton.length, skeleton.volume
     heads, others = _joints(skeleton, length)
     if not len(heads):
         return float(volume.sum())
@@ -186,30 +182,25 @@ def volume_of(skeleton: Skeleton) -> float:
 def _joints(skeleton: Skeleton, length: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """First segments of children (H,), and those that each may lie in (H, C), -1 for none."""
     axes = find_axes(skeleton)
-    onward = np.full(len(skeleton) + 1, -1)  # the last one: of none, none
-    chain = axes.segment
-    inner = np.ones(len(chain), dtype=bool)
-    inner[axes.first[1:] - 1] = False
-    rows = np.flatnonzero(inner)
-    onward[chain[rows]] = chain[rows + 1]
-    foot = chain[axes.first[:-1]]
-    foot = foot[(skeleton.parent[foot] >= 0)]
-    mother = skeleton.parent[foot]
-    order = np.lexsort((foot, mother))
-    foot, mother = foot[order], mother[order]
+    onward = np.append(axes.onward, -1)  # the last one: of none, none
+    foot = axes.segment[axes.first[:-1]]
+    foot = foot[skeleton.parent[foot] >= 0]
+    bearer = skeleton.parent[foot]
+    order = np.lexsort((foot, bearer))
+    foot, bearer = foot[order], bearer[order]
 
     parent = np.append(skeleton.parent, -1)
-    before, after = parent[mother], onward[mother]
-    own = [mother, before, parent[before], after, onward[after]]
-    for back in range(1, SISTERS + 1):
-        sister = np.full(len(foot), -1)
-        same = mother[back:] == mother[:-back]
-        sister[back:][same] = foot[:-back][same]
-        own += [sister, onward[sister]]
-    low, high = np.searchsorted(mother, before), np.searchsorted(mother, before, "right")
-    for place in range(AUNTS):
-        aunt = np.append(foot, -1)[np.minimum(low + place, len(foot))]
-        own.append(np.where((before >= 0) & (low + place < high), aunt, -1))
+    before, after = parent[bearer], onward[bearer]
+    own = [bearer, before, parent[before], after, onward[after]]
+    for back in range(1, OTHER_CHILDREN + 1):
+        other_child = np.full(len(foot), -1)
+        same = bearer[back:] == bearer[:-back]
+        other_child[back:][same] = foot[:-back][same]
+        own += [other_child, onward[other_child]]
+    low, high = np.searchsorted(bearer, before), np.searchsorted(bearer, before, "right")
+    for place in range(PARENTS_SIBLINGS):
+        parents_sibling = np.append(foot, -1)[np.minimum(low + place, len(foot))]
+        own.append(np.where((before >= 0) & (low + place < high), parents_sibling, -1))
     others = np.stack(own, axis=1)
     feet, within = [foot], [others]
     for _ in range(HEADS - 1):
@@ -256,8 +247,7 @@ def _fraction(value: np.ndarray) -> np.ndarray:
 
 
 def _dot(one: np.ndarray, two: np.ndarray) -> np.ndarray:
-    found: np.ndarray = np.einsum("ni,ni->n", one, two)
-    return found
+    return np.asarray(np.einsum("ni,ni->n", one, two))
 
 
 def _shared(
@@ -304,8 +294,7 @@ def _shared(
         here &= share >= 0
         here &= share <= 1
         inside[rows] |= here
-    found: np.ndarray = (weight * inside).sum(axis=1) / np.maximum(weight.sum(axis=1), 1e-300)
-    return found
+    return np.asarray((weight * inside).sum(axis=1) / np.maximum(weight.sum(axis=1), 1e-300))
 
 
 def shared_once(corners: np.ndarray) -> float:
@@ -320,8 +309,7 @@ def shared_once(corners: np.ndarray) -> float:
     first = np.ceil((low - shift) / cell).astype(np.int64)
     count = np.maximum(np.floor((high - shift) / cell).astype(np.int64) - first + 1, 0)
     each = count.prod(axis=1)
-    triangle = np.repeat(np.arange(len(each)), each)
-    place = np.arange(len(triangle)) - np.repeat(np.cumsum(each) - each, each)
+    triangle, place = numbered(each)
     column = first[triangle] + np.stack(
         [place // count[triangle, 1], place % count[triangle, 1]], axis=1
     )

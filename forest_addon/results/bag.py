@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from ..formats.rosbag import BagWay, write_bag
 from ..sensing.lidar.cloud import Cloud
-from ..sensing.lidar.scanner import Sweep, pattern_of
+from ..sensing.lidar.pattern import Sweep, pattern_of
 from ..sensing.trajectory import Trajectory
 from .point_files import origin_of
 from .points import records

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..base.labels import UNKNOWN, Labels
-from ..sensing.lidar.returns import Returns
+from ..sensing.lidar.cloud import Returns
 from ..sensing.rays.geometry import SceneGeometry
 
 

@@ -145,7 +145,7 @@ def cloud_plot(scanner: Scanner, cloud: Cloud) -> Plot | None:
         return None
     if not isinstance(scanner, Terrestrial):
         return from_above(cloud.position)
-    from ..sensing.lidar.panorama import range_image
+    from ..sensing.lidar.glance import range_image
 
     distance = range_image(cloud, scanner)
     (west, east), (low, high) = scanner.azimuth_deg, scanner.elevation_deg

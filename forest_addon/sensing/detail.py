@@ -32,9 +32,8 @@ from ..spec import Choice, Scene, Species
 from ..stand.before_fall import TreesBeforeFall
 from ..stand.forest import ForestPlan, Grown, GrownForest, Planted, keys_of
 from ..stand.inputs import Inputs
-from .far_leaves import range_shift
 from .kinds import kind_of
-from .looks import Leafy, SensorLook, Upright
+from .looks import Leafy, SensorLook, Upright, range_shift
 
 COARSE = 1000  # added to a variant's number; a planting has at most as many
 SHARE = 0.25  # of the leaves, and of a shoot's blades, that a coarse variant has

@@ -12,7 +12,7 @@ all else has a default.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
@@ -21,13 +21,13 @@ import numpy as np
 from ..base.progress import Progress
 from ..spec import Choice, Scene, Sensor
 from .audit import Audit
-from .cost import Cost, cost_of_work
 from .looks import SensorLook, look_at_leaves
 from .rays.caster import RayCaster
 from .rays.geometry import SceneGeometry
 
-if TYPE_CHECKING:  # it brings scipy, which what draws a panel does without
+if TYPE_CHECKING:
     from .trajectory import Follower, Trajectory
+
 
 T = TypeVar("T")
 Colour = tuple[float, float, float, float]
@@ -209,3 +209,147 @@ class SensorKind:
     def name(self) -> str:
         """Its word in a scene file."""
         return str(self.settings.__dataclass_fields__["kind"].default)
+
+
+# Cost of a run, before it begins: how much it sends, how long that takes, how much it keeps.
+#
+# The time is a guess until sensors of a kind have run once in this process: seconds to begin, as tables
+# take, and seconds for each unit of work, as measured in the demo forest. Then the guess is multiplied by
+# what the last run took over what was guessed, on this machine and in this scene.
+
+
+RAY = 2.5e-6  # s, a first guess: a ray of Embree
+BEGIN = 0.7  # s to read a scene, make Embree ready and draw what was found
+SLOWER = 15.0  # times that BVHTree takes a ray
+RETURN = 300  # bytes of a point: what is computed of it, and what Blender keeps
+
+_pace: dict[str, float] = {}  # s taken over s guessed, of the last run of sensors of a kind
+
+
+@dataclass(frozen=True)
+class Cost:
+    """Of one run: ``count`` of what it sends (pulses, pings, channels), seconds, bytes.
+
+    work : what the time grows with: rays, pings, channels. guess : seconds as guessed before any has run.
+    """
+
+    what: str
+    count: int
+    work: int
+    seconds: float
+    memory: int
+    guess: float = 0.0
+
+    def __str__(self) -> str:
+        rays = f" of {self.work:,} rays" if self.work > self.count else ""
+        memory = f", {_few_digits(self.memory / 1e9)} GB" if self.memory > 5e7 else ""
+        what = self.what.removesuffix("s") if self.count == 1 else self.what
+        return f"{self.count:,} {what}{rays}: about {_lasting(self.seconds)}{memory}"
+
+
+def cost_with(cost: Cost, more: float) -> Cost:
+    """The cost of a run to whose first guess so many seconds are added."""
+    guess = cost.guess + more
+    pace = cost.seconds / cost.guess if cost.guess > 0 else 1.0
+    return replace(cost, seconds=guess * pace, guess=guess)
+
+
+def _lasting(seconds: float) -> str:
+    """A time as one says it, of a guess."""
+    if seconds < 1.5:
+        return "a second"
+    if seconds < 90:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{_few_digits(seconds / 3600)} h"
+
+
+def _few_digits(value: float) -> str:
+    return f"{value:,.1f}" if value < 100 else f"{value:,.0f}"
+
+
+def cost_of_rays(sensor: Sensor, count: int, subrays: int, returns: float, engine: str) -> Cost:
+    """The cost of ``count`` pulses of ``subrays`` rays, each with so many returns, by a ray engine."""
+    ray = RAY if engine == "embree" else SLOWER * RAY
+    memory = int(count * returns) * RETURN
+    work = count * subrays
+    return cost_of_work(sensor, "pulses", count, ray, work=work, memory=memory, begin=BEGIN)
+
+
+def cost_of_work(
+    sensor: Sensor,
+    what: str,
+    count: int,
+    unit: float,
+    *,
+    work: int = 0,
+    memory: int = 0,
+    begin: float = 0.0,
+) -> Cost:
+    """The cost of ``count`` of something.
+
+    unit : seconds of a unit of work, begin : seconds before the first, until a sensor of this kind has run.
+    work : units; 0: ``count``.
+    """
+    work = work or count
+    guess = begin + work * unit
+    return Cost(what, count, work, guess * _pace.get(sensor.kind, 1.0), memory, guess)
+
+
+def note_pace(sensor: Sensor, cost: Cost, seconds: float) -> None:
+    """Remember how long a run took."""
+    if cost.guess > 0:
+        _pace[sensor.kind] = seconds / cost.guess
+
+
+# Reasons why a sensor found nothing, in a sentence: nothing there, nothing in reach, nothing met.
+
+
+def why_nothing(found: str, points: np.ndarray, reach: float, scene: SceneGeometry) -> str:
+    """Say that a sensor found nothing, and why.
+
+    found : the nothing in words, as "0 points". points : (P, 3) m, where it was. reach : m, beyond which it
+    finds nothing.
+    """
+    gap = nearest(points, scene)
+    if not np.isfinite(gap):
+        return f"{found}: there is nothing in the scene"
+    if gap > reach:
+        return (
+            f"{found}: the nearest thing is {gap:,.4g} m away and it reaches {reach:,.4g} m; go nearer, "
+            "or raise max_range"
+        )
+    return (
+        f"{found}: nothing that sends enough back is where it looks; turn it, or widen what it sees"
+    )
+
+
+def nearest(points: np.ndarray, scene: SceneGeometry) -> float:
+    """Metres from the nearest of points (P, 3) to the box around the nearest thing; inf without any."""
+    low, high = scene.bounds()
+    there = np.isfinite(low).all(axis=1)
+    if not there.any() or not len(points):
+        return float("inf")
+    gaps = [
+        np.linalg.norm(np.maximum(np.maximum(low[there] - at, at - high[there]), 0.0), axis=1).min()
+        for at in np.asarray(points, dtype=np.float64)
+    ]
+    return float(min(gaps))
+
+
+# Lines that show where a sensor looks: chains of segments, and rays from a place.
+#
+# Points in world coordinates, metres, go in, line segments come out; they can be drawn while a slider
+# moves.
+
+
+AROUND = 64  # segments of a full circle
+
+
+def chain(points: np.ndarray) -> np.ndarray:
+    """(N - 1, 2, 3) segments along points (N, 3)."""
+    return np.stack([points[:-1], points[1:]], axis=1)
+
+
+def rays_to(point: np.ndarray, ends: np.ndarray) -> np.ndarray:
+    """(N, 2, 3) segments from a point to ends (N, 3)."""
+    return np.stack([np.broadcast_to(point, ends.shape), ends], axis=1)

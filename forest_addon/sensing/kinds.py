@@ -11,8 +11,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from ..spec import SENSORS, Choice, Scene, Sensor
-from .cost import Cost, cost_with
-from .kind import SensorKind
+from .kind import Cost, SensorKind, cost_with
 from .lidar.kind import AIRBORNE, MOBILE, TERRESTRIAL, TRACTOR
 from .reverb.kind import REVERB
 from .sonar.kind import SONAR

@@ -9,7 +9,7 @@ USUAL_INDEX = {"mirror": 1.0, "glass": 1.5, "water": 1.33, "retro": 1.0}  # refr
 
 
 class Polished(Settings):
-    """Mirror, pane of glass or surface of water, where a scanner follows light on (``bounces``); or a
+    """Mirror, pane of glass or surface of water, where a scanner follows light on (``lidar/specular``); or a
     retro-reflector, for all scanners."""
 
     optics: str = param(

@@ -12,7 +12,7 @@ from ..base.progress import Progress
 from ..base.rng import stream
 from ..growth.measured.wanted import TARGETS, Kind
 from ..growth.mesh.blades import Blade
-from ..growth.mesh.leaves import Leaves, join_leaves
+from ..growth.mesh.leaves import Leaves
 from ..growth.own_tree.habit import Habit
 from ..growth.own_tree.template import TreeTemplate
 from ..growth.seasons import aged, fallen, in_season, with_fallen
@@ -264,7 +264,7 @@ def variant_leaf_table(forest: GrownForest) -> dict[str, np.ndarray]:
     """
     grown = list(forest.variants.items())
     counts = [len(tree.leaves) for _, tree in grown]
-    leaves = join_leaves([tree.leaves for _, tree in grown])
+    leaves = Leaves.joined([Leaves.none(), *(tree.leaves for _, tree in grown)])
     names = ("centre", "normal", "axis", "length", "width", "radius", "branch")
     columns = {name: getattr(leaves, name) for name in names}
     columns["leaf"] = np.concatenate([np.arange(count) for count in counts] or [np.empty(0, int)])
@@ -294,7 +294,7 @@ def angle_table(forest: GrownForest) -> dict[str, np.ndarray]:
         # Leaves count by area: all trees of a variant together weigh Σ scale².
         weight = np.bincount(which, stand.scale[rows] ** 2, minlength=len(used))
         sizes = np.repeat(np.sqrt(weight), [len(leaves) for leaves in grown])
-        leaves = join_leaves(grown)
+        leaves = Leaves.joined([Leaves.none(), *grown])
         edges, density = leaf_angles(replace(leaves, radius=leaves.radius * sizes))
         columns |= {"from_deg": np.rad2deg(edges[:-1]), "to_deg": np.rad2deg(edges[1:])}
         columns[f"{label}_per_rad"] = density

@@ -176,7 +176,7 @@ def lines(scene: bpy.types.Scene) -> Iterator[tuple[bpy.types.Object, np.ndarray
         except (SpecError, ValueError):
             continue  # the panel says what is wrong when it is run
         except Exception:  # a fault of ours: other sensors are drawn all the same
-            log.exception("Forest Sensing cannot draw_outlines where %s looks", thing.name)
+            log.exception("Forest Sensing cannot draw where %s looks", thing.name)
             continue
         if len(ends) and np.isfinite(ends).all():
             yield thing, ends
@@ -251,7 +251,7 @@ def sizes(thing: bpy.types.Object) -> np.ndarray:
 def _batch(
     thing: bpy.types.Object, shader: gpu.types.GPUShader, context: Any
 ) -> list[tuple[float, Any]]:
-    """Points to draw_points, by their size."""
+    """Points to draw, by their size."""
     key = thing.session_uid
     if key not in _points:
         evaluated = thing.evaluated_get(context.evaluated_depsgraph_get())

@@ -16,8 +16,7 @@ import numpy as np
 
 from forest_addon.base.trimesh import DEAD, GROUND, LEAF, WOOD
 from forest_addon.formats.atomic import replacing
-from forest_addon.sensing.lidar.cloud import Cloud
-from forest_addon.sensing.lidar.returns import Returns
+from forest_addon.sensing.lidar.cloud import Cloud, Returns
 from forest_addon.sensing.rays.geometry import SceneGeometry
 from forest_addon.spec import Planting
 from forest_addon.stand.forest import GrownForest

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 from forest_addon.drawing.figures import STYLE, save_figure
 from forest_addon.drawing.palette import BLUE, FAINT, LINES, RED, VIOLET
-from forest_addon.flight.statistics import interval
+from forest_addon.flight.flying import interval
 from forest_addon.flight.top_view import TopView
 
 ENDS = {"arrived": BLUE, "crashed": RED, "late": VIOLET}

@@ -23,8 +23,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from studies.tables import table
-
 from ..inside import (
     PLANS,
     Asked,
@@ -39,6 +37,7 @@ from ..inside import (
     recipes,
     stream,
 )
+from ..tables import table
 
 TITLE = "cluster: handing out 10,000 scenes, and loss of a quarter of the workers"
 TRIALS = ((1_000, False), (10_000, True))  # scenes, and whether something is lost

@@ -16,9 +16,8 @@ from typing import Any
 
 import numpy as np
 
-from studies.tables import fresh, table
-
 from ..inside import Say
+from ..tables import fresh, table
 
 Job = tuple[
     Callable[[], object], Callable[[object], str]
@@ -48,9 +47,8 @@ def measure(section: str, name: str) -> None:
 
 
 def _points() -> Job:
-    from studies.bench.stand import KINDS, SIDE
-
     from ..inside import Process, sample, stream
+    from .intensities import KINDS, SIDE
 
     process = Process(KINDS["wide hills, thinned"](), np.zeros(2), np.full(2, SIDE))
     process = process.scaled(1000 / process.expected())
@@ -100,7 +98,7 @@ def _tree(species: str) -> Callable[[], Job]:
 
 def _echo(model: str, count: int) -> Callable[[], Job]:
     def job() -> Job:
-        kernel = importlib.import_module(".sonar_kernel", __package__)
+        kernel = importlib.import_module(".sonar_sum", __package__)
         leaves = kernel._Leaves.random(model, count, "spread")
         start, spacing, bins = kernel.START, kernel.SPACING, kernel.BINS
 

@@ -16,8 +16,6 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from studies.tables import table
-
 from ..inside import (
     PLANS,
     Child,
@@ -33,6 +31,7 @@ from ..inside import (
     remove_scene,
     scenes_done,
 )
+from ..tables import table
 
 TITLE = "dataset: a factory of labelled forests"
 SMALL = (  # lidar-plots, reduced, for what needs many scenes

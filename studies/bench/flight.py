@@ -13,9 +13,21 @@ from typing import Any
 
 import numpy as np
 
-from studies.tables import table
+from forest_addon.api import Rays, read
 
-from ..inside import ASSETS, Say, stream
+from ..inside import (
+    ASSETS,
+    EarSense,
+    Flyers,
+    LidarSense,
+    Say,
+    Stock,
+    empty_file,
+    lidar_of,
+    sonar_of,
+    stream,
+)
+from ..tables import table
 
 TITLE = "flight: steps, pings and resets"
 SCENE = ASSETS / "scenes" / "flight-poisson.toml"
@@ -25,9 +37,6 @@ AIMS = {("64", "1"): 2000, ("1,024", "1"): 600, ("64", "64"): 10_000, ("1,024", 
 
 def run(say: Say) -> None:
     """Print the tables."""
-    from forest_addon.api import Rays, read
-
-    from ..inside import EarSense, LidarSense, Stock, empty_file, lidar_of, sonar_of
 
     empty_file()
     begun = time.thread_time()
@@ -79,7 +88,6 @@ def run(say: Say) -> None:
 
 def _steps(stock: Any, around: Any, lidar: Any, count: int) -> tuple[float, tuple[float, float]]:
     """Flyer-steps a second, and µs a step of moving and of sensing."""
-    from ..inside import Flyers
 
     flyers = Flyers(stock.settings.flight, count, lidar, None)
     flyers.enter(around)
@@ -109,7 +117,6 @@ def _steps(stock: Any, around: Any, lidar: Any, count: int) -> tuple[float, tupl
 
 def _pings(stock: Any, around: Any, ears: Any) -> tuple[float, float]:
     """Pings a second from places all over the forest, and scatterers that are in the sum."""
-    from ..inside import Flyers
 
     flyers = Flyers(stock.settings.flight, PINGS + 1, None, ears)
     flyers.enter(around)

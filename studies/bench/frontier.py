@@ -16,11 +16,22 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from forest_addon.api import Air, Sonar, Terrestrial
-from studies.bench import reverb as reverb
-from studies.bench.lidar import BEAM, ONE_THREAD, forest
-from studies.tables import median_seconds, table
 
-from ..inside import LeafDiscs, Say, make_caster, ping, scan, stream
+from ..inside import (
+    INK,
+    LEAF_GREEN,
+    RED,
+    LeafDiscs,
+    Say,
+    blank_figure,
+    make_caster,
+    ping,
+    scan,
+    stream,
+)
+from ..tables import median_seconds, table
+from . import reverb as reverb
+from .lidar import BEAM, ONE_THREAD, forest
 
 TITLE = "frontier: all simulators, error against seconds"
 ASSUMPTIONS = """\
@@ -168,7 +179,6 @@ def _words(error: float | tuple[float, float] | None) -> str:
 
 def _draw(tasks: dict[str, list[Mark]]) -> Figure:
     """A panel a task, the axes shared; names beside the marks, ours joined."""
-    from ..inside import blank_figure
 
     figure = blank_figure((13.5, 5.2))
     panels = figure.subplots(1, len(tasks), sharex=True, sharey=True)
@@ -182,7 +192,6 @@ def _draw(tasks: dict[str, list[Mark]]) -> Figure:
 
 
 def _panel(axes: Axes, marks: list[Mark]) -> None:
-    from ..inside import INK, LEAF_GREEN, RED
 
     ours = [mark for mark in marks if mark.ours]
     axes.plot([m.seconds for m in ours], [m.height for m in ours], "-", color=LEAF_GREEN, lw=1)

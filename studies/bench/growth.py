@@ -10,8 +10,6 @@ import bpy
 import numpy as np
 
 from forest_addon.api import Skeleton, Species
-from studies.bench.cold import say_cold
-from studies.tables import median_seconds, table
 
 from ..inside import (
     Say,
@@ -23,6 +21,8 @@ from ..inside import (
     stream,
     to_mesh,
 )
+from ..tables import median_seconds, table
+from .cold import say_cold
 
 TITLE = "growth: trees and triangles a second, error of the mesh"
 SIZES = {"maple": (4, 6, 7), "ginkgo": (6, 7, 8), "apple-stochastic": (5, 6, 7)}

@@ -15,13 +15,8 @@ from pathlib import Path
 import numpy as np
 
 from forest_addon.api import Beam, Rays, Skeleton, Terrestrial, Tractor, TractorScan, TriMesh
-from studies.bench.lidar_rays import say_moving, say_rays
-from studies.papers import simlidar as orchards
-from studies.papers.simlidar import stand_up
-from studies.tables import table
 
 from ..inside import (
-    GROUND,
     OTHER,
     WOOD,
     Hits,
@@ -44,6 +39,11 @@ from ..inside import (
     write_scan,
 )
 from ..inside import join_meshes as join
+from ..papers import simlidar as orchards
+from ..papers.simlidar import stand_up
+from ..scenes import level_ground, scene_of, turned
+from ..tables import table
+from .lidar_rays import say_moving, say_rays
 
 SCENES = ((1, 200_000), (10, 200_000), (100, 20_000))  # trees, triangles of each
 SUBRAYS = (1, 7, 19, 37, 100, 300)
@@ -82,24 +82,10 @@ def forest(trees: int, triangles: int) -> SceneGeometry:
     order = stream(2, "bench", "triangles").permutation(len(whole.triangles))
     keep = np.zeros(len(order), dtype=bool)
     keep[order[:triangles]] = True
-    corners = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]) * 300.0
-    ground = TriMesh.of_part(corners, np.array([[0, 1, 2], [0, 2, 3]]), GROUND)
-
     side = int(np.ceil(np.sqrt(trees)))
     turn = stream(3, "bench", "turn").uniform(0, 2 * np.pi, trees)
-    transform = np.tile(np.eye(3, 4), (trees + 1, 1, 1))
-    transform[:-1, 0, 0] = transform[:-1, 1, 1] = np.cos(turn)
-    transform[:-1, 1, 0], transform[:-1, 0, 1] = np.sin(turn), -np.sin(turn)
-    transform[:-1, 0, 3], transform[:-1, 1, 3] = 6.0 * np.array(divmod(np.arange(trees), side))
-    number = np.append(np.arange(trees), -1)
-    return SceneGeometry(
-        meshes=(whole.select(keep), ground),
-        transform=transform,
-        mesh_index=np.append(np.zeros(trees, dtype=np.int64), 1),
-        object_name=("tree",) * trees + ("ground",),
-        tree=number,
-        species=np.minimum(number, 0),
-    )
+    place = 6.0 * np.column_stack(divmod(np.arange(trees), side))
+    return scene_of([whole.select(keep)], turned(place, turn), under=level_ground(300.0))
 
 
 def _whole_scan(caster: RayCaster, subrays: int) -> list[str]:
@@ -214,29 +200,17 @@ def say_blocks(say: Say) -> None:
 def blocks() -> SceneGeometry:
     """Four blocks and two pillars on a wide ground."""
     square = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
-    ground = TriMesh.of_part(
-        np.column_stack([140 * square, np.zeros(4)]), np.array([[0, 1, 2], [0, 2, 3]]), GROUND
-    )
     corners = np.concatenate([np.column_stack([square, np.full(4, z)]) for z in (0.0, 2.0)])
     sides = [(0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7), (4, 5, 6, 7)]
     faces = np.array([t for a, b, c, d in sides for t in ((a, b, c), (a, c, d))])
     block = TriMesh.of_part(corners, faces, OTHER)
     path = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 12.0]])
     pillar = TriMesh.of_part(*tube(path, np.full(2, 2.0), 64), OTHER)
-    transform = np.tile(np.eye(3, 4), (7, 1, 1))
-    places = [(0, 0, 8.0), (15, -12, 4.0), (-5, 20, 5.0), (30, 18, 9.0)]
-    for row, (x, y, size) in enumerate(places):
-        transform[1 + row, :, :3] *= size
-        transform[1 + row, :2, 3] = x, y
-    transform[5:, :2, 3] = [(12, 4), (-12, 8)]
-    return SceneGeometry(
-        meshes=(ground, block, pillar),
-        transform=transform,
-        mesh_index=np.array([0, 1, 1, 1, 1, 2, 2]),
-        object_name=tuple("gbbbbpp"),
-        tree=np.full(7, -1),
-        species=np.full(7, -1),
-    )
+    places = [(0, 0), (15, -12), (-5, 20), (30, 18), (12, 4), (-12, 8)]
+    transform = turned(np.array(places), np.zeros(6))
+    transform[:4, :, :3] *= np.reshape([8.0, 4.0, 5.0, 9.0], (4, 1, 1))
+    index, none = np.array([0, 0, 0, 0, 1, 1]), np.full(6, -1)
+    return scene_of([block, pillar], transform, index, none, level_ground(140.0))
 
 
 # First hits of rays on the exact frusta of a skeleton's segments, float64: no mesh in between.
@@ -328,7 +302,7 @@ def say_wood(say: Say) -> None:
         [_row(skeleton, tractor, exact, mm / 1000) for mm in TOLERANCES],
     )
     say(f"\nS's solid beam on the mesh of {FINE * 1000:g} mm, by its P:\n")
-    caster = make_caster(_scene(mesh_wood(skeleton, FINE)), Rays(threads=1))
+    caster = make_caster(scene_of([mesh_wood(skeleton, FINE)]), Rays(threads=1))
     solid = impacted_area(drive(replace(tractor, splits=SOLID), caster), tractor)
     table(
         say,
@@ -382,7 +356,7 @@ def _past(skeleton: Skeleton) -> Tractor:
 
 def _row(skeleton: Skeleton, tractor: Tractor, exact: TractorScan, tolerance: float) -> list[str]:
     mesh = mesh_wood(skeleton, tolerance)
-    caster = make_caster(_scene(mesh), Rays(threads=1))
+    caster = make_caster(scene_of([mesh]), Rays(threads=1))
     start = time.process_time()
     scan = drive(tractor, caster)
     took = time.process_time() - start
@@ -420,7 +394,7 @@ class _Cones:
 
     def __init__(self, skeleton: Skeleton) -> None:
         self._skeleton = skeleton
-        self.scene = _scene(TriMesh.of_part(np.eye(3), np.array([[0, 1, 2]]), WOOD))
+        self.scene = scene_of([TriMesh.of_part(np.eye(3), np.array([[0, 1, 2]]), WOOD)])
 
     def cast(
         self,
@@ -452,17 +426,6 @@ class _Cones:
         return self.cast(
             origins, directions, max_distance, min_distance=min_distance, leaving=leaving
         ).found
-
-
-def _scene(mesh: TriMesh) -> SceneGeometry:
-    return SceneGeometry(
-        meshes=(mesh,),
-        transform=np.eye(3, 4)[None],
-        mesh_index=np.zeros(1, dtype=np.int64),
-        object_name=("tree",),
-        tree=np.zeros(1, dtype=np.int64),
-        species=np.zeros(1, dtype=np.int64),
-    )
 
 
 # LiDAR: rays a second of the engines, pulses a second of whole scans, tubes for cones, and all errors.

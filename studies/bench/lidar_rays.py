@@ -15,7 +15,6 @@ from pathlib import Path
 import numpy as np
 
 from forest_addon.api import TriMesh
-from studies.tables import median_seconds, table
 
 from ..inside import (
     OTHER,
@@ -24,6 +23,7 @@ from ..inside import (
     Hits,
     Kind,
     MovingCaster,
+    MovingScene,
     RayCaster,
     RigidPath,
     Say,
@@ -32,13 +32,15 @@ from ..inside import (
     Search,
     ShapePath,
     cast_exactly,
-    embree_parts,
+    embree_motion,
     find_species,
     grow,
     load_species,
     stream,
     typical_tree,
 )
+from ..scenes import scene_of, turned
+from ..tables import median_seconds, table
 
 TREES = {"20k": "whorl-8", "200k": "honda-broadleaf"}  # leaf-on, of about as many triangles
 VARIANTS = 5
@@ -143,21 +145,8 @@ def plant(meshes: list[TriMesh], count: int) -> SceneGeometry:
     side = int(np.ceil(np.sqrt(count)))
     cell = np.stack(np.divmod(np.arange(count), side), axis=1)
     turn = rng.uniform(0, 2 * np.pi, count)
-    transform = np.zeros((count, 3, 4))
-    transform[:, 0, 0] = transform[:, 1, 1] = np.cos(turn)
-    transform[:, 1, 0] = np.sin(turn)
-    transform[:, 0, 1] = -np.sin(turn)
-    transform[:, 2, 2] = 1
-    transform[:, :2, 3] = crown * (cell + rng.uniform(-0.25, 0.25, (count, 2)))
-    return SceneGeometry(
-        meshes=tuple(meshes),
-        transform=transform,
-        mesh_index=np.arange(count) % len(meshes),
-        object_name=("tree",),
-        tree=np.arange(count),
-        species=np.zeros(count, dtype=np.int64),
-        object_index=np.zeros(count, dtype=np.int64),
-    )
+    place = crown * (cell + rng.uniform(-0.25, 0.25, (count, 2)))
+    return scene_of(meshes, turned(place, turn))
 
 
 def _rays(scene: SceneGeometry, count: int) -> dict[str, Rays]:
@@ -230,8 +219,8 @@ def _moving(
     ways, time = rng.normal(size=(count, 3)), rng.uniform(0, 1, count)
     ways /= np.linalg.norm(ways, axis=1, keepdims=True)
     origins = np.zeros((count, 3))
-    engine = embree_parts if make is EmbreeCaster else None
-    still, caster = make(scene), MovingCaster(scene, motion, make, engine)
+    engine = embree_motion if make is EmbreeCaster else None
+    still, caster = make(scene), MovingCaster(MovingScene(scene, motion), make, engine)
     still.cast(origins, ways)
     caster.cast(origins, ways, time=time)
     before = median_seconds(lambda: still.cast(origins, ways))

@@ -16,12 +16,10 @@ import time
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+import bpy  # noqa: F401  where Blender is a module, it brings mathutils
 import numpy as np
 from mathutils import Matrix, Vector
 from mathutils.bvhtree import BVHTree
-
-from studies.bench.lidar_rays import grow_trees, plant
-from studies.tables import table
 
 from ..inside import (
     BvhCaster,
@@ -33,6 +31,8 @@ from ..inside import (
     cast_exactly,
     environment_of_child,
 )
+from ..tables import table
+from .lidar_rays import grow_trees, plant
 
 TITLE = "peers: the same scan by other programs"
 COUNTS = 180, 560  # zenith angles, azimuths

@@ -17,7 +17,7 @@ from importlib.metadata import PackageNotFoundError
 from importlib.metadata import version as installed
 from pathlib import Path
 
-from ..inside import replacing, unknown, version
+from ..inside import replacing, save_figure, unknown, version
 
 SECTIONS = (
     *("growth", "stand", "lidar", "sonar", "reverb", "series", "flight"),
@@ -31,15 +31,13 @@ def run(names: Sequence[str], folder: Path, docs: Path | None = None) -> None:
 
     docs : the folder of the documentation, whose benchmarks.md gets the sections as they are measured.
     """
-    from ..inside import save_figure
 
     known = SECTIONS + ON_REQUEST
     for name in names:
         if name not in known:
             raise unknown("bench", name, known)
     for name in names or SECTIONS:
-        place = f".others.{name}" if name in ON_REQUEST else f".{name}"
-        section = importlib.import_module(place, __package__)
+        section = importlib.import_module(f".{name}", __package__)
         said = [f"## {section.TITLE}", ""]
 
         def say(text: str, said: list[str] = said) -> None:

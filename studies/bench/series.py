@@ -14,9 +14,8 @@ import time
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from studies.tables import table
-
 from ..inside import Say, environment_of_child
+from ..tables import table
 
 TITLE = "series: one scene after the other in a process"
 LATER = 2  # scenes after the first

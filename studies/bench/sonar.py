@@ -1,36 +1,26 @@
-"""The echo sum alone: time, error and memory by leaves and tolerance; what the leaf models differ by."""
+"""Echoes end to end, and the sum over leaves alone (``sonar_sum``)."""
 
 from __future__ import annotations
 
-import math
 import time
-import tracemalloc
-from collections import Counter
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from forest_addon.api import Air, Echo, GrownForest, Scene, Sonar, SonarPose
-from studies.bench.cold import say_cold
-from studies.tables import median_seconds, table
+from forest_addon.api import Air, Echo, Scene, Sonar, SonarPose
 
 from ..inside import (
     ASSETS,
-    DelayedSum,
-    DiscStrength,
     EchoTargets,
     Equipment,
     LeafDiscs,
     MeasuredSphere,
     Say,
-    ScattererPart,
     SceneGeometry,
-    backscatter,
     equip,
     find,
     find_species,
-    forget,
     grow,
     grow_forest,
     load_species,
@@ -40,158 +30,13 @@ from ..inside import (
     poses_of,
     read_route,
     read_settings,
-    smoothness,
     stream,
-    sum_delayed,
 )
 from ..inside import fly_pings as fly
-
-SUM = "sonar: the sum over leaves, 1201 bins from 60 to 80 kHz, amplitudes included"
-START, BAND, BINS, SPEED = 60e3, 20e3, 1201, 340.0
-SPACING = BAND / (BINS - 1)
-SHARE = 40  # every so many bins are summed directly, for the error
-TIMED = 5_000  # leaves of the direct sum that is timed
-TOLERANCES = (1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8)
-
-
-def say_sum(say: Say) -> None:
-    """Print the tables."""
-    say(f"Errors against the direct sum at every {SHARE}th bin; leaves of 2.5 cm of any direction.")
-    say("Spread: at 1 to 10 m. Equal: all at one place, so that all errors add up.")
-    say(
-        f"Direct: time of {TIMED:,} leaves, times the number of them. First: nothing is known yet.\n"
-    )
-    rows = []
-    for model, count in (("paper", 1_000), ("paper", 10_000), ("paper", 100_000)):
-        rows += _rows(model, count, "spread", TOLERANCES)
-    rows += _rows("paper", 1_000_000, "spread", (1e-3, 1e-5, 1e-6))
-    for model in ("piston", "exact"):
-        rows += _rows(model, 100_000, "spread", (1e-3, 1e-4, 1e-5, 1e-6))
-    for model in ("paper", "piston", "exact"):
-        rows += _rows(model, 100, "spread", (1e-6,))
-        rows += _rows(model, 10_000, "equal", (1e-3, 1e-6))
-    head = ["leaf model", "leaves", "where", "tolerance", "first, ms", "again, ms", "direct, s"]
-    head += ["times as fast", "bound / Σ|A|", "largest error / Σ|A|", "nodes", "MB"]
-    table(say, head, rows)
-    say(
-        "\nLevel of the leaf models re the exact disc, dB: piston / paper. All: rms over directions.\n"
-    )
-    models(say)
-
-
-@dataclass(frozen=True)
-class _Leaves:
-    """Random leaves, summed as a ping sums them: in the parts of their strength."""
-
-    distance: np.ndarray
-    strength: DiscStrength
-
-    @classmethod
-    def random(cls, model: str, count: int, where: str) -> _Leaves:
-        rng = stream(5, "bench", "leaves", count)
-        radius = np.clip(rng.normal(0.025, 0.005, count), 0.005, 0.05)
-        distance, angle = rng.uniform(1, 10, count), np.arccos(rng.uniform(0, 1, count))
-        if where == "equal":
-            radius, distance, angle = (np.full(count, v[0]) for v in (radius, distance, angle))
-        return cls(distance, DiscStrength(radius, angle, np.ones(count), model))
-
-    def sum(self, tolerance: float, start: float, spacing: float, bins: int) -> DelayedSum:
-        """Σ over the parts; the sizes of parts add up, which is more than that of the leaves."""
-        band = (start, start + spacing * (bins - 1))
-        low, high = (2.0 * math.pi * end / SPEED for end in band)
-        every = ScattererPart(
-            np.arange(len(self.distance)), np.zeros(len(self.distance)), self.strength
-        )
-        spectrum, size, error, nodes = np.zeros(bins, dtype=np.complex128), 0.0, 0.0, Counter()
-        for part in self.strength.parts(low, high, tolerance) if tolerance else [every]:
-            away, strength = self.distance[part.rows], part.strength
-
-            def amplitude(frequency: np.ndarray, rows: np.ndarray) -> np.ndarray:
-                k = 2.0 * math.pi * frequency / SPEED
-                return strength.select(rows).amplitude(k) / away[rows] ** 2  # noqa: B023
-
-            found = sum_delayed(
-                amplitude,
-                (2.0 * away + part.offset) / SPEED,
-                start,
-                spacing,
-                bins,
-                tolerance=tolerance,
-                smooth=smoothness(strength.profile(), band, SPEED, away**-2.0, [])
-                if tolerance
-                else None,
-            )
-            spectrum += found.spectrum
-            size += found.size
-            error += found.error_bound * found.size
-            nodes.update(found.nodes)
-        return DelayedSum(spectrum, size, 0.0, error / size, dict(nodes))
-
-
-def _rows(model: str, count: int, where: str, tolerances: tuple[float, ...]) -> list[list[str]]:
-    leaves = _Leaves.random(model, count, where)
-    few = _Leaves.random(model, min(count, TIMED), where)
-    exact = leaves.sum(0.0, START, SHARE * SPACING, (BINS - 1) // SHARE + 1)
-    slow = median_seconds(lambda: few.sum(0.0, START, SPACING, BINS), runs=1)
-    slow *= count / len(few.distance)
-    rows = []
-    for tolerance in tolerances:
-
-        def fast(tolerance: float = tolerance) -> DelayedSum:
-            return leaves.sum(tolerance, START, SPACING, BINS)
-
-        forget()
-        first = median_seconds(fast, runs=1)
-        found = fast()
-        seconds = median_seconds(fast, runs=3 if count < 1_000_000 else 1)
-        difference = found.spectrum[::SHARE] - exact.spectrum
-        mean_nodes = sum(nodes * some for nodes, some in found.nodes.items()) / count
-        rows.append(
-            [
-                model,
-                f"{count:,}",
-                where,
-                f"{tolerance:.0e}",
-                f"{1e3 * first:.1f}",
-                f"{1e3 * seconds:.1f}",
-                f"{slow:.2f}",
-                f"{slow / seconds:,.0f}",
-                f"{found.error_bound:.0e}",
-                f"{np.abs(difference).max() / exact.size:.0e}",
-                f"{mean_nodes:.1f}",
-                f"{_megabytes(fast):.1f}",
-            ]
-        )
-    return rows
-
-
-def _megabytes(work) -> float:
-    """Largest memory in use on the way, beyond what the leaves take."""
-    tracemalloc.start()
-    try:
-        work()
-        return tracemalloc.get_traced_memory()[1] / 1e6
-    finally:
-        tracemalloc.stop()
-
-
-def models(say: Say) -> None:
-    """Print by how much the leaf models differ, by ka and incidence."""
-    degrees = (0, 10, 20, 30, 45, 60, 75)
-    every = np.arccos((np.arange(20_000) + 0.5) / 20_000)  # isotropic
-    rows = []
-    for ka in (0.5, 1, 2, 5, 10, 20, 37, 60, 100, 200):
-        cells = [f"{ka}"]
-        for angle in (*np.radians(degrees), every):
-            levels = {
-                model: 10.0 * np.log10(np.mean(backscatter(ka, angle, model) ** 2))
-                for model in ("exact", "piston", "paper")
-            }
-            shown = (f"{levels[name] - levels['exact']:+.1f}" for name in ("piston", "paper"))
-            cells.append(" / ".join(shown))
-        rows.append(cells)
-    table(say, ["ka", *(f"{angle}°" for angle in degrees), "all"], rows)
-
+from ..scenes import scene_of, scene_of_forest, turned
+from ..tables import median_seconds, table
+from .cold import say_cold
+from .sonar_sum import SUM, say_sum
 
 # Pings of two ears with Doppler, plain and measured all round, beside those without.
 #
@@ -258,7 +103,7 @@ def _ear(left: float) -> MeasuredSphere:
 
 # Echoes end to end: a ping among 5 and 1000 trees, Tanveer et al.'s Table 1, culling, the leaf models.
 #
-# The kernel's own speed and error, by the number of leaves and the tolerance, is in ``sonar_kernel``.
+# The kernel's own speed and error, by the number of leaves and the tolerance, is in ``sonar_sum``.
 
 
 TITLE = "sonar: pings among trees"
@@ -301,19 +146,7 @@ def _forest(count: int) -> SceneGeometry:
     rng = stream(7, "bench", "sonar", count)
     half = np.sqrt(count / 0.1) / 2
     turn = rng.uniform(0, 2 * np.pi, count)
-    transform = np.zeros((count, 3, 4))
-    transform[:, 0, 0] = transform[:, 1, 1] = np.cos(turn)
-    transform[:, 1, 0], transform[:, 0, 1] = np.sin(turn), -np.sin(turn)
-    transform[:, 2, 2] = 1
-    transform[:, :2, 3] = rng.uniform(-half, half, (count, 2))
-    return SceneGeometry(
-        meshes=meshes,
-        transform=transform,
-        mesh_index=np.arange(count) % VARIANTS,
-        object_name=("tree",) * count,
-        tree=np.arange(count),
-        species=np.zeros(count, dtype=np.int64),
-    )
+    return scene_of(meshes, turned(rng.uniform(-half, half, (count, 2)), turn))
 
 
 def _pings(say: Say, forests: dict[int, SceneGeometry]) -> None:
@@ -364,7 +197,7 @@ def _table_1(say: Say) -> None:
         settings = read_settings(ASSETS / "scenes" / f"{name}.toml", Scene)
         species = [load_species(find_species(p.species, Path())) for p in settings.plantings]
         forest = grow_forest(settings, species)
-        scene = _scene_of(forest)
+        scene = scene_of_forest(forest)
         (sonar,) = of_family(settings.sensors, "sonar")
         poses = _poses(sonar)
         equipment = equip(sonar, ASSETS / "scenes")
@@ -406,21 +239,6 @@ def _poses(sonar: Sonar) -> list[SonarPose]:
     if not sonar.route:
         return [posed(sonar)]
     return poses_of(read_route(find(sonar.route, ASSETS / "scenes", "route"), sonar.speed))
-
-
-def _scene_of(forest: GrownForest) -> SceneGeometry:
-    """A grown forest as sensors see it, without Blender in between."""
-    stand, keys = forest.stand, list(forest.variants)
-    index = {key: number for number, key in enumerate(keys)}
-    pairs = zip(stand.species.tolist(), stand.variant.tolist(), strict=True)
-    return SceneGeometry(
-        meshes=tuple(forest.variants[key].mesh for key in keys),
-        transform=forest.transforms(),
-        mesh_index=np.array([index[pair] for pair in pairs], dtype=np.int64),
-        object_name=("tree",) * len(stand),
-        tree=stand.id,
-        species=stand.species,
-    )
 
 
 def _culling(say: Say, scene: SceneGeometry) -> None:

@@ -14,9 +14,10 @@ from typing import Any
 
 import numpy as np
 
-from studies.tables import fresh, table, timed
+from forest_addon.api import build, read
 
-from ..inside import Say, peak_memory_mb
+from ..inside import Say, pattern_of, peak_memory_mb, spread, stream
+from ..tables import fresh, table, timed
 
 TITLE = "waiting: large jobs, cold beside warm"
 HECTARE = """
@@ -88,7 +89,6 @@ def run(say: Say) -> None:
 
 def _built(text: str) -> tuple[Any, Any, float]:
     """A world, its first sensor, and the CPU seconds that it took."""
-    from forest_addon.api import build, read
 
     with TemporaryDirectory() as folder:
         path = Path(folder) / "scene.toml"
@@ -114,7 +114,6 @@ def hectare() -> str:
 
 def rays() -> str:
     """Cast the rays of some beams in both orders."""
-    from ..inside import pattern_of, spread, stream
 
     world, sensor, _ = _built(HECTARE)
     caster, pattern = world.observer.caster, pattern_of(sensor, None)

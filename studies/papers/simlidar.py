@@ -37,7 +37,6 @@ from forest_addon.api import (
     Tractor,
 )
 from forest_addon.api import Forest as Field
-from studies.tables import table
 
 from ..inside import (
     BARK,
@@ -61,6 +60,7 @@ from ..inside import (
     wood_of_skeleton,
     write_csv,
 )
+from ..tables import table
 
 DIAMETERS = (0.005, 0.006, 0.007)  # d_m
 ITERATIONS = (4, 5, 6, 7)

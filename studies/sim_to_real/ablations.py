@@ -18,9 +18,6 @@ import numpy as np
 import tomli_w
 
 from forest_addon.api import Scene, SpecError
-from studies.sim_to_real.clouds import Labelled, measured_trees
-from studies.sim_to_real.run import PLAN, needs_extras, read_plots, scored, some_of, taught, train
-from studies.validation.run import Comparison, Interval, Picture, Subject
 
 from ..inside import (
     ASSETS,
@@ -37,6 +34,9 @@ from ..inside import (
     stream,
     write_csv,
 )
+from ..validation.run import Comparison, Interval, Picture, Subject
+from .clouds import Labelled, measured_trees
+from .run import PLAN, needs_extras, read_plots, scored, some_of, taught, train
 
 ALL, CURVE = "all", "plots"
 TRIPODS, STEP = 3, (0.30, 0.40)  # of a plot, and degrees between their pulses

@@ -25,16 +25,6 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from forest_addon.api import SpecError
-from studies.sim_to_real.clouds import (
-    LOWEST,
-    NAMES,
-    Labelled,
-    blurred,
-    measured_trees,
-    read_folder,
-    read_scene,
-)
-from studies.validation.run import Comparison, Interval, Picture, Subject
 
 from ..inside import (
     Asked,
@@ -49,6 +39,16 @@ from ..inside import (
     save_figure,
     stream,
     write_csv,
+)
+from ..validation.run import Comparison, Interval, Picture, Subject
+from .clouds import (
+    LOWEST,
+    NAMES,
+    Labelled,
+    blurred,
+    measured_trees,
+    read_folder,
+    read_scene,
 )
 
 NAME = "tlseparation"

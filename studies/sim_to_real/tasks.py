@@ -20,9 +20,6 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from forest_addon.api import SpecError
-from studies.sim_to_real.clouds import TREES, follow_stem, ground_below
-from studies.sim_to_real.run import PLAN
-from studies.validation.run import Comparison, Interval, Picture, Subject
 
 from ..inside import (
     Asked,
@@ -38,6 +35,9 @@ from ..inside import (
     save_figure,
     write_csv,
 )
+from ..validation.run import Comparison, Interval, Picture, Subject
+from .clouds import TREES, follow_stem, ground_below
+from .run import PLAN
 
 PROGRAM = "3DFin"
 NEAR = 0.5  # metres between a stem and what was told of it

@@ -17,8 +17,6 @@ from scipy.spatial import cKDTree
 from scipy.special import gammaln
 
 from forest_addon.api import SpecError
-from studies.validation.own_cloud import CloudReturns, read_cloud
-from studies.validation.stems import taubin
 
 from ..inside import (
     FAINT,
@@ -34,6 +32,8 @@ from ..inside import (
     split_lines,
     stream,
 )
+from .own_cloud import CloudReturns, read_cloud
+from .stems import taubin
 
 SLICES = (1.0, 1.3, 1.6, 1.9, 2.2, 2.5)  # m, where circles are fitted
 LOW, HIGH = 1.0, 3.0  # m

@@ -17,7 +17,6 @@ from scipy.signal import stft
 from scipy.spatial.transform import Rotation
 
 from forest_addon.api import Forest, Planting, Scene, Wind
-from studies.validation.run import Comparison, Interval
 
 from ..inside import (
     ForestSite,
@@ -30,6 +29,7 @@ from ..inside import (
     stream,
     sway_of,
 )
+from .run import Comparison, Interval
 
 MOTIONS = {"inwards": (1, 0), "outwards": (-1, 0), "upwards": (0, 1), "downwards": (0, -1)}
 ASIDE, ABOVE = 25.0, 15.0  # degrees to which the ear points in the middle of its turn
@@ -83,7 +83,9 @@ class Shrub:
     def at(self, leaf: np.ndarray, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(K, L, 3) centres in the world of leaves (L,) at times (K,), and (K, L, 3) their normals."""
         count, steps = len(leaf), len(time)
-        held = self.sway.anchors_of(0, self.centre[leaf], leaf)[np.tile(np.arange(count), steps)]
+        held = self.sway.anchors_of(0, self.centre[leaf], leaf).select(
+            np.tile(np.arange(count), steps)
+        )
         tree, when = np.zeros(count * steps, np.int64), np.repeat(time, count)
         still = self.centre[leaf] @ self.place[:, :3].T + self.place[:, 3]
         moved = self.sway.displacement(tree, held, when).reshape(steps, count, 3)

@@ -12,9 +12,6 @@ from scipy.optimize import brentq
 from scipy.spatial import cKDTree
 
 from forest_addon.api import Beam, Cloud, Mobile, Rays, SpecError, Surfaces
-from studies.validation.own_cloud import CloudReturns, read_cloud
-from studies.validation.plots import geometry_of, ground_below, site_of, tops_of
-from studies.validation.run import Comparison, Interval
 
 from ..inside import (
     MOST_TIMES,
@@ -36,6 +33,9 @@ from ..inside import (
     shoot_of,
     stream,
 )
+from .own_cloud import CloudReturns, read_cloud
+from .plots import geometry_of, ground_below, site_of, tops_of
+from .run import Comparison, Interval
 
 BLOCK, HALVES = 5.0, 40  # metres, and halvings of a line's blocks
 

@@ -17,8 +17,6 @@ from pathlib import Path
 import numpy as np
 from scipy import stats
 
-from studies.validation.run import Comparison, Interval, Picture
-
 from ..inside import (
     BARK,
     FAINT,
@@ -31,6 +29,7 @@ from ..inside import (
     save_figure,
     stream,
 )
+from .run import Comparison, Interval, Picture
 
 TITLE = "Leaves: how they incline"
 SUMMARY = """\

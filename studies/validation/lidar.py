@@ -12,14 +12,14 @@ from pathlib import Path
 import numpy as np
 
 from forest_addon.api import Rays, Terrestrial
-from studies.validation.flights import compare_flights, shares_of
-from studies.validation.own_cloud import compare_own
-from studies.validation.plots import geometry_of, pine_stems, site_of
-from studies.validation.run import Comparison, Interval
-from studies.validation.stems import compare_stems, compare_twigs
-from studies.validation.tapes import compare_diameters, compare_residuals
 
 from ..inside import make_caster, scan, settings_of, structure
+from .flights import compare_flights, shares_of
+from .own_cloud import compare_own
+from .plots import geometry_of, pine_stems, site_of
+from .run import Comparison, Interval
+from .stems import compare_stems, compare_twigs
+from .tapes import compare_diameters, compare_residuals
 
 REAL = {0.001: 0.36, 0.01: 0.54, 0.05: 0.76, 0.1: 0.87}  # metres
 SHARES = (92.8, 7.04, 0.15)  # %

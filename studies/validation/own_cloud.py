@@ -14,9 +14,9 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from forest_addon.api import Scene, SpecError
-from studies.validation.run import Comparison, Interval
 
 from ..inside import read_las
+from .run import Comparison, Interval
 
 MOST = 4  # returns that are told apart
 RELATIVE = 0.1  # of a share or a height, that counts as the same

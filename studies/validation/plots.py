@@ -23,8 +23,6 @@ from forest_addon.api import (
     Terrestrial,
 )
 from forest_addon.api import Forest as Field
-from studies.validation.cloud_pair import circle, stems_of
-from studies.validation.run import Comparison, Interval
 
 from ..inside import (
     ForestSite,
@@ -42,6 +40,9 @@ from ..inside import (
     stream,
     write_csv,
 )
+from ..scenes import scene_of_forest
+from .cloud_pair import circle, stems_of
+from .run import Comparison, Interval
 
 VOXEL, LOWEST, BRANCHY = (
     0.05,
@@ -202,20 +203,7 @@ def site_of(stems: np.ndarray, species: str, seed: int, undergrowth: str = "auto
 
 def geometry_of(site: ForestSite, forest: GrownForest) -> SceneGeometry:
     """Return what rays meet: instances of the grown variants, and the ground."""
-    keys = list(forest.variants)
-    number = {key: k for k, key in enumerate(keys)}
-    stand = forest.stand
-    rows = zip(stand.species.tolist(), stand.variant.tolist(), strict=True)
-    index = np.array([number[row] for row in rows], dtype=np.int64)
-    ground = ground_mesh(site.scene.forest, site.ground)
-    return SceneGeometry(
-        meshes=(*(forest.variants[key].mesh for key in keys), ground),
-        transform=np.concatenate([forest.transforms(), np.eye(3, 4)[None]]),
-        mesh_index=np.append(index, len(keys)),
-        object_name=("tree",) * len(index) + ("ground",),
-        tree=np.append(stand.id, -1),
-        species=np.append(stand.species, -1),
-    )
+    return scene_of_forest(forest, ground_mesh(site.scene.forest, site.ground))
 
 
 def scanned(site: ForestSite, forest: GrownForest, seed: int, step: float = STEP) -> np.ndarray:

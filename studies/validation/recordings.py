@@ -20,7 +20,6 @@ from scipy.integrate import cumulative_trapezoid, trapezoid
 from scipy.io import wavfile
 
 from forest_addon.api import Air, ImpulseResponse, Reverb, SpecError
-from studies.validation.run import Comparison, Interval
 
 from ..inside import (
     DB_PER_NEPER,
@@ -44,6 +43,7 @@ from ..inside import (
     stream,
     tail_of,
 )
+from .run import Comparison, Interval
 
 FRAME = 0.02  # s
 BEGIN = 0.03  # s after the onset, from where laws are fitted

@@ -17,29 +17,6 @@ from pathlib import Path
 import numpy as np
 
 from forest_addon.api import Air, Reverb, SpecError
-from studies.validation.recordings import BANDS as RANGE_BANDS
-from studies.validation.recordings import (
-    FRAME,
-    NEAREST,
-    REACH,
-    Decay,
-    PlausibleStand,
-    Range,
-    SoundPath,
-    decay_of,
-    heard,
-    judge_agreement,
-    judge_losses,
-    missing_loss,
-    plausible_stands,
-    range_of,
-    read_range,
-    read_recording,
-    ring,
-    settings,
-    variants,
-)
-from studies.validation.run import Comparison, Interval, Picture
 
 from ..inside import (
     ASSETS,
@@ -64,6 +41,29 @@ from ..inside import (
     stream,
     transported,
 )
+from .recordings import BANDS as RANGE_BANDS
+from .recordings import (
+    FRAME,
+    NEAREST,
+    REACH,
+    Decay,
+    PlausibleStand,
+    Range,
+    SoundPath,
+    decay_of,
+    heard,
+    judge_agreement,
+    judge_losses,
+    missing_loss,
+    plausible_stands,
+    range_of,
+    read_range,
+    read_recording,
+    ring,
+    settings,
+    variants,
+)
+from .run import Comparison, Interval, Picture
 
 SPEED = 343.0
 BAND = 0.5  # width over the middle of the band of frequencies

@@ -14,8 +14,6 @@ from pathlib import Path
 
 import numpy as np
 
-from studies.validation.run import Comparison, Interval, Picture
-
 from ..inside import (
     FAINT,
     INK,
@@ -42,6 +40,7 @@ from ..inside import (
     save_figure,
     stream,
 )
+from .run import Comparison, Interval, Picture
 
 TITLE = "Stands: where trees stand"
 SUMMARY = """\

@@ -13,11 +13,9 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from forest_addon.api import Beam, Noise, Rays, Terrestrial, Tree, TriMesh
-from studies.validation.run import Comparison, Interval, Picture
 
 from ..inside import (
     FAINT,
-    GROUND,
     INK,
     LEAF_GREEN,
     WOOD,
@@ -34,6 +32,8 @@ from ..inside import (
     trunk_radius,
     tube,
 )
+from ..scenes import level_ground, scene_of, turned
+from .run import Comparison, Interval, Picture
 
 WIDE = 500.0  # metres that the ground goes each way
 
@@ -59,30 +59,15 @@ def wood(
     """
     count = len(foot)
     turn = stream(seed, "validate", "turn").uniform(0, 2 * np.pi, count)
-    transform = np.tile(np.eye(3, 4), (count, 1, 1))
-    transform[:, 0, 0] = transform[:, 1, 1] = wide * np.cos(turn)
-    transform[:, 1, 0], transform[:, 0, 1] = wide * np.sin(turn), -wide * np.sin(turn)
-    transform[:, 2, 2] = tall
-    transform[:, :2, 3] = foot
-    number, of_mesh = np.arange(count), np.arange(count) % len(meshes)
+    transform, number = turned(foot, turn, wide, tall), np.arange(count)
+    of_mesh = number % len(meshes)
     if lift is not None:
-        boles = np.tile(np.eye(3, 4), (count, 1, 1))
-        boles[:, 0, 0] = boles[:, 1, 1] = bole
-        boles[:, 2, 2], boles[:, :2, 3] = lift, foot
         transform[:, 2, 3] = lift
-        transform = np.concatenate([transform, boles])
-        number, of_mesh = np.tile(number, 2), np.append(of_mesh, np.full(count, len(meshes)))
+        boles = turned(foot, np.zeros(count), bole, lift)
+        transform, number = np.concatenate([transform, boles]), np.tile(number, 2)
+        of_mesh = np.append(of_mesh, np.full(count, len(meshes)))
         meshes = [*meshes, pole(1.0, 1.0)]
-    corners = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]) * WIDE
-    ground = TriMesh.of_part(corners, np.array([[0, 1, 2], [0, 2, 3]]), GROUND)
-    return SceneGeometry(
-        meshes=(*meshes, ground),
-        transform=np.concatenate([transform, np.eye(3, 4)[None]]),
-        mesh_index=np.append(of_mesh, len(meshes)),
-        object_name=("tree",) * len(number) + ("ground",),
-        tree=np.append(number, -1),
-        species=np.append(np.zeros(len(number), np.int64), -1),
-    )
+    return scene_of(meshes, transform, of_mesh, number, level_ground(WIDE))
 
 
 def pole(radius: float, height: float) -> TriMesh:
@@ -350,15 +335,7 @@ def thicker(beam: Beam, noise: Noise, seed: int) -> np.ndarray:
 
 
 def _fitted(diameter: float, beam: Beam, noise: Noise, seed: int) -> float:
-    mesh = pole(diameter / 2, 2 * HEIGHT)
-    scene = SceneGeometry(
-        meshes=(mesh,),
-        transform=np.eye(3, 4)[None],
-        mesh_index=np.zeros(1, np.int64),
-        object_name=("twig",),
-        tree=np.zeros(1, np.int64),
-        species=np.zeros(1, np.int64),
-    )
+    scene = scene_of([pole(diameter / 2, 2 * HEIGHT)])
     caster, points = make_caster(scene, Rays()), []
     for side in range(3):
         angle = 2 * np.pi * side / 3

@@ -16,16 +16,11 @@ from scipy.optimize import least_squares
 from scipy.spatial import ConvexHull, cKDTree
 
 from forest_addon.api import Noise, Rays, Skeleton, TriMesh
-from studies.validation.cloud_pair import HIGH, LOW, stems_of
-from studies.validation.plots import SIDE, STATIONS, pine_stems
-from studies.validation.run import Comparison, Interval
-from studies.validation.stems import BINS, PLOTS, SCANNER, read_plots, taubin
 
 from ..inside import (
     SMALLEST,
     Relief,
     RowTable,
-    SceneGeometry,
     azimuth_of,
     find_species,
     load_species,
@@ -33,6 +28,11 @@ from ..inside import (
     mesh_wood,
     scan,
 )
+from ..scenes import scene_of, turned
+from .cloud_pair import HIGH, LOW, stems_of
+from .plots import SIDE, STATIONS, pine_stems
+from .run import Comparison, Interval
+from .stems import BINS, PLOTS, SCANNER, read_plots, taubin
 
 NEAR = 0.6  # m between a stem on one list and on the other
 STARTS = np.deg2rad(np.arange(-180.0, 180.0, 5.0))
@@ -318,24 +318,9 @@ def _circle_at_breast(points: np.ndarray) -> float:
     return by_circle(cut)[1] if len(cut) >= FEWEST_POINTS else np.nan
 
 
-def scene_of(meshes: list[TriMesh], place: np.ndarray) -> SceneGeometry:
-    """Return boles at places (N, 2), each a tree by its number."""
-    number = np.arange(len(meshes))
-    transform = np.tile(np.eye(3, 4), (len(meshes), 1, 1))
-    transform[:, :2, 3] = place
-    return SceneGeometry(
-        meshes=tuple(meshes),
-        transform=transform,
-        mesh_index=number,
-        object_name=("bole",) * len(meshes),
-        tree=number,
-        species=np.zeros(len(meshes), np.int64),
-    )
-
-
 def _clouds(meshes: list[TriMesh], place: np.ndarray, seed: int) -> list[np.ndarray]:
     """(P, 3) points of each bole; each is looked at where it stands, what is before it hides it."""
-    caster, found = make_caster(scene_of(meshes, place), Rays()), []
+    caster, found = make_caster(scene_of(meshes, turned(place, np.zeros(len(meshes)))), Rays()), []
     for k, (x, y) in enumerate(place.tolist()):
         away, turn = float(np.hypot(x, y)), float(np.degrees(np.arctan2(y, x)))
         half = float(np.degrees(np.arcsin(min(WIDE / away, 0.9))))
@@ -460,7 +445,10 @@ def stems_of_plot(seed: int, bark: bool = True) -> np.ndarray:
     stems = pine_stems(seed)
     stems = stems[((stems[:, :2] > 0) & (stems[:, :2] < SIDE)).all(axis=1)]
     meshes = [bole(d, seed * 1000 + k, bark, LOWEST) for k, d in enumerate(stems[:, 2])]
-    caster, place = make_caster(scene_of(meshes, stems[:, :2]), Rays()), []
+    caster, place = (
+        make_caster(scene_of(meshes, turned(stems[:, :2], np.zeros(len(meshes)))), Rays()),
+        [],
+    )
     for number, (x, y) in enumerate(STATIONS):
         for k, (dx, dy) in enumerate((stems[:, :2] - [x, y]).tolist()):
             away, turn = np.hypot(dx, dy), np.degrees(np.arctan2(dy, dx))

@@ -15,8 +15,6 @@ from pathlib import Path
 import numpy as np
 
 from forest_addon.api import Allometry, SpecError, Species, Tree
-from studies.validation.plots import compare_living
-from studies.validation.run import Comparison, Interval, Picture
 
 from ..inside import COLUMNS as MEASURED
 from ..inside import (
@@ -39,6 +37,8 @@ from ..inside import (
     trunk_radius,
 )
 from ..inside import draw_measures as draw
+from .plots import compare_living
+from .run import Comparison, Interval, Picture
 
 DIAMETERS = (0.08, 0.14, 0.2, 0.28, 0.38)  # m
 COARSE = 0.02  # metres of tolerance: only the skeleton counts

@@ -13,8 +13,6 @@ import numpy as np
 from scipy.signal import butter, filtfilt, welch
 
 from forest_addon.api import Forest, Planting, Scene, SpecError, Wind
-from studies.validation.ears import of_ears
-from studies.validation.run import Comparison, Interval, Picture
 
 from ..inside import (
     BARK,
@@ -49,6 +47,8 @@ from ..inside import (
     wood_of_species,
 )
 from ..inside import measures_drawn as drawn
+from .ears import of_ears
+from .run import Comparison, Interval, Picture
 
 CONIFER_PRESETS = {"Picea": "norway-spruce", "Abies": "silver-fir", "Pseudotsuga": "douglas-fir"}
 BROADLEAF_PRESETS = {
@@ -97,8 +97,7 @@ def shape_as(tree: MeasuredSway, preset: str, rng: np.random.Generator, vary: bo
     given = np.array([[tree.height, np.nan, np.nan, np.nan]])
     row = drawn(kind.allometry, np.array([tree.dbh]), given, chance, preset, np.zeros(4))[0]
     blade, wanted = blade_of(species, kind.blade), Wanted(*row.tolist())
-    met = grow_measured(species, wanted, blade, rng)
-    skeleton, sites = met.skeleton, met.sites
+    skeleton, sites, _ = grow_measured(species, wanted, blade, rng)
     if has_curves(species):
         skeleton, sites = curved(skeleton, sites, species.crown.collar if species.crown else 0.0)
         skeleton = scaled_to(skeleton, wanted.dbh)
@@ -672,7 +671,7 @@ def _tops(seed: int) -> Comparison:
     time, found = np.linspace(0.0, 60.0, 300), []
     for tree in range(len(grown.stand)):
         top = int(grown.variant_of(tree).mesh.vertices[:, 2].argmax())
-        held = sway.anchors(tree)[np.full(len(time), top)]
+        held = sway.anchors(tree).select(np.full(len(time), top))
         moved = sway.displacement(np.full(len(time), tree), held, time)
         found.append(100 * float(np.sqrt(moved.var(axis=0).sum())))
     words = f"{len(found)} beeches on 30 x 30 m, one minute; deviation about the lean, flutter included."

@@ -44,19 +44,22 @@ def leaves(model, count, seed=1):
 @pytest.mark.slow
 @pytest.mark.parametrize("model", MODELS)
 def test_tolerance_is_kept(model: str) -> None:
-    amplitude, delay, spread = leaves(model, 600)
+    amplitude, delay, reach = leaves(model, 600)
     exact, size = direct(amplitude, delay)
-    errors = []
+    errors, most = [], 0.0
     for tolerance in (1e-3, 1e-4, 1e-5, 1e-6, 1e-8, 1e-10, 1e-12):
         found = sum_delayed(
-            amplitude, delay, START, SPACING, COUNT, tolerance=tolerance, spread=spread
+            amplitude, delay, START, SPACING, COUNT, tolerance=tolerance, reach=reach
         )
         errors.append(np.abs(found.spectrum - exact).max() / size)
-        assert errors[-1] <= tolerance
-        assert np.abs(found.spectrum - exact).max() <= found.error_bound * size
-        assert found.error_bound <= 1.001 * tolerance + 1e-11  # rounding of the carrier
+        rough = 1e-5 if model == "exact" else 0.0  # splines are no smoother
+        assert errors[-1] <= max(tolerance, rough)
+        assert errors[-1] <= 1.5 * found.error
+        assert found.error <= max(tolerance, rough) + 1e-11  # rounding of the carrier
         assert found.size == pytest.approx(size, rel=0.05)
-        assert sum(found.nodes.values()) == 600
+        nodes = sum(number * count for number, count in found.nodes.items()) / 600
+        assert most <= 1.5 * nodes < COUNT
+        most = nodes
     assert errors[0] > 1e-9  # it is not the direct sum that was tested
     unknown = sum_delayed(amplitude, delay, START, SPACING, COUNT, tolerance=1e-4)
     assert np.abs(unknown.spectrum - exact).max() <= 1e-4 * size
@@ -65,7 +68,7 @@ def test_tolerance_is_kept(model: str) -> None:
 @pytest.mark.medium
 def test_tolerance_is_kept_when_all_errors_add_up() -> None:
     """Identical echoes: nothing averages out."""
-    amplitude, delay, spread = leaves("piston", 1)
+    amplitude, delay, reach = leaves("piston", 1)
     count = 5000
     rows = np.zeros(count, dtype=np.int64)
     exact, size = direct(amplitude, delay)
@@ -77,7 +80,7 @@ def test_tolerance_is_kept_when_all_errors_add_up() -> None:
             SPACING,
             COUNT,
             tolerance=tolerance,
-            spread=spread[rows],
+            reach=reach[rows],
         )
         assert np.abs(found.spectrum - count * exact).max() <= tolerance * count * size
 
@@ -101,7 +104,7 @@ def test_few_echoes(echoes: int) -> None:
     assert np.abs(found.spectrum - exact).max() <= 1e-6 * size
     if not echoes:
         assert (found.spectrum == 0).all()
-        assert found.size == found.error_bound == 0
+        assert found.size == found.error == 0
         assert found.nodes == {}
 
 
@@ -146,10 +149,10 @@ def test_discs_of_no_size_add_nothing() -> None:
 
     found = sum_delayed(amplitude, np.full(500, 0.01), START, SPACING, COUNT)
     assert (found.spectrum == 0).all()
-    assert found.error_bound == 0
+    assert found.error == 0
 
 
-def test_an_amplitude_that_is_not_smooth_is_summed_directly() -> None:
+def test_an_amplitude_that_is_not_smooth_is_said_to_be_off() -> None:
     rng = np.random.default_rng(7)
     delay, kink = rng.uniform(0, 0.02, 300), rng.uniform(62e3, 78e3, 300)
 
@@ -159,23 +162,23 @@ def test_an_amplitude_that_is_not_smooth_is_summed_directly() -> None:
 
     exact, size = direct(amplitude, delay)
     found = sum_delayed(amplitude, delay, START, SPACING, COUNT, tolerance=1e-8)
-    assert np.abs(found.spectrum - exact).max() <= 1e-8 * size
-    assert found.nodes[COUNT] == 100
+    error = np.abs(found.spectrum - exact).max() / size
+    assert 1e-8 < error <= found.error < 100 * error
 
 
-def test_a_wrong_spread_costs_time_only() -> None:
-    amplitude, delay, spread = leaves("piston", 300)
+def test_a_wrong_reach_costs_time_only() -> None:
+    amplitude, delay, reach = leaves("piston", 300)
     exact, size = direct(amplitude, delay)
-    for wrong in (0.0, 0.01 * spread, 100 * spread):
-        found = sum_delayed(amplitude, delay, START, SPACING, COUNT, tolerance=1e-6, spread=wrong)
+    for wrong in (0.0, 0.01 * reach, 100 * reach):
+        found = sum_delayed(amplitude, delay, START, SPACING, COUNT, tolerance=1e-6, reach=wrong)
         assert np.abs(found.spectrum - exact).max() <= 1e-6 * size
 
 
 @pytest.mark.medium
 def test_same_numbers_give_the_same_bytes() -> None:
-    amplitude, delay, spread = leaves("exact", 800)
+    amplitude, delay, reach = leaves("exact", 800)
     first, again = (
-        sum_delayed(amplitude, delay, START, SPACING, COUNT, spread=spread) for _ in range(2)
+        sum_delayed(amplitude, delay, START, SPACING, COUNT, reach=reach) for _ in range(2)
     )
     np.testing.assert_array_equal(first.spectrum, again.spectrum)
 
@@ -212,11 +215,11 @@ def test_kernel_has_the_transform_it_claims() -> None:
 @pytest.mark.parametrize("sums", [1, 3, 40])
 def test_weighted_sums_of_the_same_echoes(sums: int, tolerance: float) -> None:
     """Of narrow and wide echoes, so that some are computed again with more nodes; 40 are several blocks."""
-    amplitude, delay, spread = leaves("piston", 900)
+    amplitude, delay, reach = leaves("piston", 900)
     weights = np.random.default_rng(5).uniform(-1, 1, (900, sums))
     found = sum_delayed(
         amplitude, delay, START, SPACING, COUNT,
-        tolerance=tolerance, spread=0.3 * spread, weights=weights,
+        tolerance=tolerance, reach=0.3 * reach, weights=weights,
     )  # fmt: skip
     assert found.spectrum.shape == (sums, COUNT)
     assert sum(found.nodes.values()) == 900

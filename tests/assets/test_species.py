@@ -67,7 +67,7 @@ def test_trees_have_natural_sizes_and_stay_above_the_ground(name):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("branches", [8, 12, 16])
-def test_whorls_have_as_many_first_level_branches_as_a20s_figures(branches):
+def test_whorls_have_as_many_first_level_branches_as_the_paper_draws(branches):
     species, template = loaded(f"whorl-{branches}")
     symbols = string_of(species.grammar)
     assert symbols.tobytes().count(b"d") == branches * 3 // 4  # 6, 9 and 12, as in its strings
@@ -86,8 +86,7 @@ def test_ginkgo_without_jitter_has_the_papers_measures():
     skeleton = interpret(string_of(species.grammar), species.grammar, STILL, stream(0, "g"))
     assert skeleton.end[0].tolist() == [0, 0, 2.0]
     length = np.linalg.norm(skeleton.end - skeleton.start, axis=1)
-    mother = np.maximum(skeleton.parent, 0)
-    ratio = np.round((length / length[mother])[1:], 6)
+    ratio = np.round((length / length[np.maximum(skeleton.parent, 0)])[1:], 6)
     assert set(ratio.tolist()) == {0.62, 0.826}
     assert skeleton.radius[0, 0] == 0.04
     _, leaves = skeleton_of(species, stream(1, "g"))

@@ -14,7 +14,7 @@ from forest_addon.growth.library.species_file import find_species, load_species
 from forest_addon.growth.measured.wanted import Wanted
 from forest_addon.growth.tree import grow
 from forest_addon.sensing.detail import BOUND, COARSE, SHARE, grow_needed
-from forest_addon.sensing.lidar.look import look_of_terrestrial
+from forest_addon.sensing.lidar.kind import look_of_terrestrial
 from forest_addon.sensing.looks import loudness
 from forest_addon.sensing.rays.geometry import SceneGeometry
 from forest_addon.spec import (

@@ -10,10 +10,11 @@ from forest_addon.base.trimesh import OTHER, TriMesh
 from forest_addon.blender.rays.bvh import BvhCaster
 from forest_addon.blender.rays.casters import make_caster
 from forest_addon.blender.rays.embree import EmbreeCaster
-from forest_addon.blender.rays.embree_parts import embree_parts
+from forest_addon.blender.rays.embree_motion import embree_motion
+from forest_addon.sensing.moving import MovingScene, moved
+from forest_addon.sensing.moving_rays import MovingCaster
 from forest_addon.sensing.rays.exact import ExactCaster
 from forest_addon.sensing.rays.geometry import SceneGeometry
-from forest_addon.sensing.rays.moving import MovingCaster
 from forest_addon.sensing.rays.paths import RigidPath, SceneMotion, ShapePath
 from forest_addon.spec import Rays
 
@@ -23,7 +24,7 @@ ENGINES = [
     (lambda scene: make_caster(scene, Rays()), None),
     (BvhCaster, None),
     (ExactCaster, None),
-    (EmbreeCaster, embree_parts),
+    (EmbreeCaster, embree_motion),
 ]
 
 
@@ -55,7 +56,7 @@ def test_ranges_of_a_turning_plate_are_those_of_the_closed_form(make, engine):
     wall = np.eye(3, 4)
     wall[0, 3] = 50.0
     scene = plates([wall, turning(np.zeros(1))[0]])
-    caster = MovingCaster(scene, SceneMotion({1: path}), make, engine)
+    caster = MovingCaster(MovingScene(scene, SceneMotion({1: path})), make, engine)
     rng = np.random.default_rng(5)
     time = rng.uniform(0, 1, 4000)
     way = np.column_stack([np.ones(4000), rng.uniform(-0.09, 0.09, (4000, 2))])
@@ -84,9 +85,9 @@ def test_velocity_is_that_of_a_turning_body():
     time, own = rng.uniform(0, 1, 500), rng.normal(size=(500, 3))
     arm = np.einsum("rij,rj->ri", turning(time)[:, :, :3], own)
     expected = np.cross([0, 0, RATE], arm) + np.array([-SPEED, 0, 0])
-    got = path.velocity(own, time)
+    got = moved(path.rate(time), own)
     np.testing.assert_allclose(got, expected, rtol=1e-9, atol=1e-10)
-    assert not path.velocity(own, time + 2).any()
+    assert not path.rate(time + 2).any()
 
 
 def test_velocity_of_what_speeds_up_is_that_at_the_time():
@@ -111,7 +112,7 @@ def test_velocity_of_what_speeds_up_is_that_at_the_time():
     turning[:, 2] = 2 * spin * time
     expected = np.cross(turning, arm)
     expected += np.column_stack([12 * time**2, 3 * np.cos(3 * time), np.ones(500)])
-    assert np.abs(path.velocity(own, time) - expected).max() < 2e-3
+    assert np.abs(moved(path.rate(time), own) - expected).max() < 2e-3
 
 
 def test_velocity_carries_nothing_over_where_a_motion_breaks():
@@ -120,7 +121,7 @@ def test_velocity_carries_nothing_over_where_a_motion_breaks():
     transform = np.tile(np.eye(3, 4), (25, 1, 1))
     transform[:, 0, 3] = place
     time = np.random.default_rng(8).uniform(0, 1, 300)
-    got = RigidPath(samples, transform).velocity(np.zeros((300, 3)), time)
+    got = RigidPath(samples, transform).rate(time)[:, :, 3]
     np.testing.assert_allclose(got[:, 0], np.sign(time - samples[9]), rtol=1e-12)
 
 

@@ -9,8 +9,7 @@ from references.rays_brute import BruteCaster
 
 from forest_addon.base.rng import stream
 from forest_addon.base.trimesh import OTHER, TriMesh
-from forest_addon.blender.rays.embree import EmbreeCaster
-from forest_addon.blender.rays.embree_packets import ALIKE, LONE, lanes_for
+from forest_addon.blender.rays.embree import ALIKE, LONE, EmbreeCaster, lanes_for
 from forest_addon.sensing.rays.geometry import SceneGeometry
 
 

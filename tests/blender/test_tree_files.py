@@ -12,7 +12,7 @@ from references.model_tree import tree
 bpy = pytest.importorskip("bpy")
 
 from forest_addon.blender.files.tree_files import read_groups
-from forest_addon.growth.own_tree.pieces import likely_up, sort_out, upright
+from forest_addon.growth.own_tree.pieces import likely_up, sort_out, stood
 from forest_addon.growth.own_tree.recognise import recognise
 from forest_addon.spec import SpecError
 
@@ -71,7 +71,8 @@ def test_a_tree_is_read_and_nothing_of_it_stays(
     assert parts.said == told
     assert likely_up(parts.wood) == up
     model = tree()
-    found = recognise(upright(parts.wood, up), upright(parts.leaves, up))
+    turned = stood(parts, up)
+    found = recognise(turned.wood, turned.leaves)
     assert (found.wood.count, found.leaves.count) == (28, 63)
     daughters = np.bincount(found.parent + 1, minlength=29)
     np.testing.assert_array_equal(
@@ -137,5 +138,6 @@ def test_compressed_gltf_is_read_or_refused_in_one_sentence(folder: Path) -> Non
     before = state()
     parts = sort_out(read_groups(path))
     assert state() == before
-    found = recognise(upright(parts.wood, "y"), upright(parts.leaves, "y"))
+    turned = stood(parts, "y")
+    found = recognise(turned.wood, turned.leaves)
     assert (found.wood.count, found.leaves.count) == (28, 63)

@@ -7,8 +7,13 @@ bpy = pytest.importorskip("bpy")
 
 from forest_addon import api as forest
 from forest_addon.base.trimesh import WOOD, TriMesh
-from forest_addon.blender.rays import embree_library
-from forest_addon.blender.rays.embree_motion import EmbreePieces
+from forest_addon.blender.rays import embree as embree_library
+from forest_addon.blender.rays.bvh import BvhCaster
+from forest_addon.blender.rays.embree_motion import embree_motion
+from forest_addon.sensing.moving import KNOTS, MovingScene
+from forest_addon.sensing.moving_rays import MovingCaster
+from forest_addon.sensing.rays.exact import ExactCaster
+from forest_addon.sensing.rays.geometry import SceneGeometry
 from forest_addon.stand.wind.sway import sway_of
 
 SCAN = forest.Terrestrial(
@@ -237,36 +242,63 @@ def test_trees_that_lean_far_are_said(result):
     assert not any("lean by more" in words for words in result.warnings)
 
 
-def test_embree_without_arrays_of_instances_meets_the_same(monkeypatch):
-    """Before 4.3 each piece is an instance of its own."""
-    mesh = TriMesh.of_part(
-        np.array([[0.0, -1, -1], [0, 1, -1], [0, 0, 1]]), np.array([[0, 1, 2]]), WOOD
+class Rises:
+    """A tree of three pieces, the middle one of which rises and the last leans as time goes on."""
+
+    number = {7: 0}  # noqa: RUF012
+
+    def moves(self, _tree):
+        return True
+
+    def pieces(self, _tree, mesh):
+        return mesh.vertices[mesh.triangles].mean(axis=1)[:, 1].round().astype(np.int64)
+
+    def places(self, _tree, knot):
+        found = np.tile(np.eye(3, 4), (len(knot), 3, 1, 1))
+        found[:, 1, 2, 3] = 0.3 * np.asarray(knot) / KNOTS
+        found[:, 2, 0, 2] = 0.2 * np.asarray(knot) / KNOTS
+        return found
+
+    def most(self, _tree, _low, _high, _knot=None):
+        return 5.0
+
+
+@pytest.mark.parametrize("arrays", [True, False])
+def test_engines_meet_pieces_that_sway_where_they_are(monkeypatch, arrays):
+    """Without arrays of instances, before Embree 4.3, each piece is an instance of its own."""
+    if not arrays:
+        monkeypatch.setattr(embree_library, "has_arrays", lambda *_: False)
+    corners = np.array([[0.0, -0.5, -1], [0, 0.5, -1], [0, 0, 1]])
+    shifts = np.array([[0.0, k, 0] for k in range(3)])
+    every = np.concatenate([*(corners + shift for shift in shifts), np.zeros((3, 3))])
+    mesh = TriMesh.of_part(every, np.arange(12).reshape(4, 3), WOOD)  # the last has no area
+    place = np.tile(np.eye(3, 4), (2, 1, 1))
+    place[:, 0, 3] = 5.0, 9.0
+    nothing = np.full(2, -1)
+    scene = SceneGeometry(
+        (mesh,), place, np.zeros(2, np.int64), ("", ""), np.array([7, -1]), nothing
     )
-    gone = TriMesh.of_part(np.zeros((3, 3)), np.array([[0, 1, 2]]), WOOD)  # has no area
-    number = np.array([1, 0, 0, 1, 0])
-    places = np.tile(np.eye(3, 4), (3, 5, 1, 1))
-    places[:, :, 0, 3] = [9.0, 5.0, 6.0, 9.0, 7.0]
-    places[:, :, 1, 3] = [[0, 0, 0.8, 0, 1.6], [0, 0.1, 0.9, 0, 1.7], [0, 0.3, 1.1, 0, 1.9]]
+    moving = MovingScene(scene, sway=Rises())
     rng = np.random.default_rng(2)
-    way = np.column_stack([np.full(300, 5.0), rng.uniform(-1, 3, 300), rng.uniform(-1, 1, 300)])
-    way /= np.linalg.norm(way, axis=1, keepdims=True)
-    rays = np.zeros((300, 3)), way, np.zeros(300), np.full(300, 50.0), rng.uniform(0, 2, 300)
-
-    def met():
-        engine = EmbreePieces((mesh, gone))
-        return engine.arrays, engine(number, places).cast(*rays, None)
-
-    some = embree_library.has_arrays
-    monkeypatch.setattr(embree_library, "has_arrays", lambda *_: False)
-    alone, each = met()
-    assert not alone
-    assert set(each.instance.tolist()) == {-1, 1, 2, 4}
-    monkeypatch.setattr(embree_library, "has_arrays", some)
-    joined, together = met()
-    if not joined:
-        pytest.skip("this Embree has no arrays of instances")
-    assert np.array_equal(each.instance, together.instance)
-    assert np.array_equal(each.distance, together.distance)
+    count = 2000
+    way = np.column_stack(
+        [np.full(count, 5.0), rng.uniform(-1, 3, count), rng.uniform(-1, 1, count)]
+    )
+    time, origin = rng.uniform(0, 2, count), np.zeros((count, 3))
+    exact = MovingCaster(moving, ExactCaster).cast(origin, way, time=time)
+    assert len(np.unique(exact.instance)) == 5
+    for caster in (
+        MovingCaster(moving, ExactCaster, embree_motion),
+        MovingCaster(moving, BvhCaster),
+    ):
+        found = caster.cast(origin, way, time=time)
+        same = (found.instance == exact.instance) & (found.triangle == exact.triangle)
+        assert same.mean() > 0.995  # but for rays that pass an edge within single precision
+        assert np.abs(found.distance[same] - exact.distance[same])[exact.found[same]].max() < 1e-9
+        judged = caster.judged().cast(origin, way, time=time)
+        assert np.array_equal(judged.instance, found.instance)
+        behind = caster.cast(origin, way, time=time, min_distance=found.distance, leaving=found)
+        assert (behind.distance >= found.distance).all()
 
 
 @pytest.mark.parametrize("engine", ["embree", "bvhtree"])

@@ -1,50 +1,57 @@
-"""Pages print what can be used: commands, tables of scenes and species, Python; links lead somewhere.
+"""Pages print what can be used: commands, settings, Python, notebooks, every key; links lead somewhere.
 
-The tutorials are played in test_guides.py, the examples of docs/dataset.md in
-headless/dataset/test_convert.py.
+The examples of docs/dataset.md are played in headless/dataset/test_convert.py, the sensor of
+docs/architecture.md in test_new_sensor.py.
 """
 
-import importlib.util
+import ast
+import dataclasses
+import json
+import os
 import re
 import shlex
+import subprocess
+import sys
 import tomllib
-from pathlib import Path
 
 import pytest
+from references.scripts import ROOT, script
 
+pytest.importorskip("bpy")
+
+from forest_addon import spec
 from forest_addon.formats.toml_file import read_settings
-from forest_addon.spec import Scene, Species
 from headless.cli import _parser, _values_joined
 
-ROOT = Path(__file__).resolve().parents[2]
+guides = script("packaging/time_guides.py")
+DOCS = ROOT / "docs"
+GUIDES = sorted(DOCS.glob("guide/*.md"))
 PAGES = [
-    ROOT / "README.md",
-    ROOT / "CONTRIBUTING.md",
-    ROOT / "assets" / "species" / "README.md",
-    *sorted((ROOT / "docs").glob("*.md")),
-    *sorted((ROOT / "docs" / "guide").glob("*.md")),
+    *(ROOT / "README.md", ROOT / "CONTRIBUTING.md", ROOT / "assets/species/README.md"),
+    *sorted(DOCS.glob("*.md")),
+    *GUIDES,
 ]
+TEXT = {page: page.read_text(encoding="utf-8") for page in PAGES}
 STARTS = r"(?:\.venv/bin/python -m headless|python -m headless|forest-sensing)"
+each_page = pytest.mark.parametrize("page", PAGES, ids=lambda p: p.relative_to(ROOT).as_posix())
 
 
 def blocks(page, kind):
     """The blocks of a page of one kind, python or toml."""
-    text = page.read_text(encoding="utf-8")
-    return re.findall(rf"^```{kind}\n(.*?)^```", text, re.M | re.S)
+    return re.findall(rf"^```{kind}\n(.*?)^```", TEXT[page], re.M | re.S)
 
 
 def commands(page):
     """The words of each command of a page, in blocks and in running text."""
-    text = re.sub(r"\\\n\s*", " ", page.read_text(encoding="utf-8"))
-    found = []
+    text = re.sub(r"\\\n\s*", " ", TEXT[page])
+    found = re.findall(rf"(?<!`)`{STARTS} +([^`]+)`(?!`)", text.replace("\n", " "))
     for block in re.findall(r"^ *```[a-z]*\n(.*?)^ *```", text, re.M | re.S):
         found += re.findall(rf"^\s*{STARTS} +([^\n]*)", block, re.M)
-    found += re.findall(rf"(?<!`)`{STARTS} +([^`]+)`(?!`)", text.replace("\n", " "))
     return [shlex.split(line, comments=True) for line in found]
 
 
 @pytest.mark.medium
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
+@each_page
 def test_its_commands_are_taken(page, capsys):
     parser = _parser()
     for words in commands(page):
@@ -56,21 +63,13 @@ def test_its_commands_are_taken(page, capsys):
             pytest.fail(f"{' '.join(words)}: {capsys.readouterr().err.splitlines()[-1]}")
 
 
-def test_there_are_commands_to_take():
-    assert sum(len(commands(page)) for page in PAGES) > 40
-
-
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
+@each_page
 def test_its_links_lead_somewhere(page):
-    text = re.sub(r"^ *```.*?^ *```", "", page.read_text(encoding="utf-8"), flags=re.M | re.S)
-    for target in re.findall(r"\]\(([^)\s]+)\)", text):
-        if re.match(r"[a-z]+:", target) or target.startswith("#"):
-            continue
-        path = target.split("#")[0]
-        made = (
-            Path(path).name == "scene-file.md"
-        )  # by docs/scene_reference.py, when the site is built
-        assert made or (page.parent / path).exists(), f"{page.name}: {target}"
+    text = re.sub(r"^ *```.*?^ *```", "", TEXT[page], flags=re.M | re.S)
+    for target in re.findall(r"\]\(([^)\s#]+)[^)\s]*\)", text):
+        # scene-file.md is made by docs/scene_reference.py, when the site is built.
+        if not re.match(r"[a-z]+:", target) and not target.endswith("scene-file.md"):
+            assert (page.parent / target).exists(), f"{page.name}: {target}"
 
 
 # What stands before a table that a page shows without its head.
@@ -78,26 +77,25 @@ HEADS = {
     "[plantings.": '[[plantings]]\nspecies = "maple"\nexpected = 9\n',
     "[siblings]": 'name = "mine"\ntemplate = { wood = "wood.stl", leaves = "leaves.stl" }\n',
 }
-SETTINGS = [
-    pytest.param(text, id=f"{page.stem}-{number}")
-    for page in PAGES
-    for number, text in enumerate(blocks(page, "toml"), 1)
-]
 
 
-@pytest.mark.medium
-@pytest.mark.parametrize("text", SETTINGS)
-def test_its_tables_are_taken(text, tmp_path):
+@each_page
+def test_its_tables_are_taken(page, tmp_path):
     path = tmp_path / "my.toml"
-    path.write_text(next((h for start, h in HEADS.items() if text.startswith(start)), "") + text)
-    written = tomllib.loads(path.read_text())
-    read = read_settings(path, Species if "name" in written else Scene)
-    assert all(getattr(read, table) for table in written.keys() - {"version"})
+    for text in blocks(page, "toml"):
+        path.write_text("".join(h for start, h in HEADS.items() if text.startswith(start)) + text)
+        written = tomllib.loads(path.read_text())
+        read = read_settings(path, spec.Species if "name" in written else spec.Scene)
+        assert all(getattr(read, table) for table in written.keys() - {"version"}), text
 
 
-RUN_ELSEWHERE = {"dataset", "index", "stand", "architecture"}  # test_convert, _guides, _new_sensor
-SNIPPETS = [page for page in PAGES if blocks(page, "python") and page.stem not in RUN_ELSEWHERE]
-SNIPPETS = [page for page in SNIPPETS if page.parent.name != "guide"]
+def test_there_is_something_to_hold_pages_to():
+    assert sum(len(commands(page)) for page in PAGES) > 40
+    assert sum(len(blocks(page, "toml")) for page in PAGES) > 10
+    assert len(TEXT[ROOT / "README.md"].splitlines()) <= 200
+    described = re.findall(r"!\[(.*?)\]\(", TEXT[DOCS / "index.md"])
+    assert len(described) >= 5
+    assert all(len(words) > 10 for words in described)
 
 
 BIG = """
@@ -117,40 +115,109 @@ expected = 12
 """
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("page", SNIPPETS, ids=lambda page: page.stem)
-def test_its_python_runs(page, tmp_path, monkeypatch):
-    """As printed, in order, among the shipped assets; their scenes have fewer trees here."""
-    pytest.importorskip("bpy")
-    lay_out_few_trees(tmp_path)
-    monkeypatch.chdir(tmp_path)
-    names = {}
-    for number, text in enumerate(blocks(page, "python"), 1):
-        for needed in set(
-            re.findall(r"^(?:import|from) (gymnasium|stable_baselines3)", text, re.M)
-        ):
-            if importlib.util.find_spec(needed) is None:
-                break
-        else:
-            exec(compile(text, f"{page.name}, block {number}", "exec"), names)
-    assert names
-
-
-def lay_out_few_trees(folder):
-    """The assets beside a reader; scenes that pages name have three trees of a kind."""
-    scenes = folder / "assets" / "scenes"
+@pytest.fixture
+def reader(tmp_path, monkeypatch, empty_blender):
+    """A reader's folder: the assets, a tree of one's own; scenes that pages name have a few trees."""
+    scenes = tmp_path / "assets" / "scenes"
     scenes.mkdir(parents=True)
     for shipped in [*(ROOT / "assets").iterdir(), *(ROOT / "assets" / "scenes").iterdir()]:
-        place = folder / shipped.relative_to(ROOT)
-        if not place.exists():
-            place.symlink_to(shipped)
-    (folder / "big.toml").write_text(BIG, encoding="utf-8")
+        if shipped.name != "scenes":
+            (tmp_path / shipped.relative_to(ROOT)).symlink_to(shipped)
     for name in ("demo.toml", "flight-poisson.toml"):
-        text = (scenes / name).read_text(encoding="utf-8")
+        few = (scenes / name).read_text(encoding="utf-8")
         (scenes / name).unlink()
-        few = re.sub(r"^expected = \d+", "expected = 3\nexact = true", text, flags=re.M)
+        few = re.sub(r"^expected = \d+", "expected = 3\nexact = true", few, flags=re.M)
         (scenes / name).write_text(few, encoding="utf-8")
+    for name in ("wood.stl", "leaves.stl"):
+        (tmp_path / name).symlink_to(ROOT / "assets" / "templates" / "hazelnut" / name)
+    (tmp_path / "big.toml").write_text(BIG, encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
 
 
-def test_the_readme_is_short():
-    assert len((ROOT / "README.md").read_text(encoding="utf-8").splitlines()) <= 200
+RUN_ELSEWHERE = {"dataset", "index", "architecture"}
+TUTORIALS = [page for page in [*GUIDES, DOCS / "stand.md"] if guides.steps(page)]
+SNIPPETS = [page for page in PAGES if blocks(page, "python") and page.stem not in RUN_ELSEWHERE]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "page", dict.fromkeys(TUTORIALS + SNIPPETS), ids=lambda page: page.relative_to(ROOT).as_posix()
+)
+def test_its_code_and_commands_run(page, reader):
+    """As printed, in order; a tutorial's commands, too."""
+    if page in TUTORIALS:
+        wanted, play = TEXT[page], lambda: guides.play(page)
+    else:
+        code = [text for text in blocks(page, "python") if "stable_baselines3" not in text]
+        wanted, play = "\n".join(code), lambda: exec("\n".join(code), {})
+    if "import gymnasium" in wanted:
+        pytest.importorskip("gymnasium")
+    play()
+
+
+def test_every_tutorial_says_what_it_takes():
+    tasks = guides.TASKS.read_text(encoding="utf-8")
+    played = [page for page in TUTORIALS if page in GUIDES]
+    assert len(played) >= 9
+    cost = re.compile(r"Takes (.*?) of one core, (.*?) of memory, (.*?) of")
+    for page in played:
+        row = " | ".join(cost.search(guides.COST.search(TEXT[page])[0]).groups())
+        assert f"]({page.name}) | {row} |" in tasks, page.name
+
+
+@pytest.mark.medium
+def test_the_landing_page_s_script_runs_in_plain_python(tmp_path):
+    """A process of its own that imports bpy when it must, and ends."""
+    (tmp_path / "script.py").write_text("\n".join(blocks(DOCS / "index.md", "python")), "utf-8")
+    done = subprocess.run(
+        [sys.executable, "script.py"],
+        cwd=tmp_path,
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        timeout=300,
+    )
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "cloud.laz").stat().st_size > 1000
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("book", sorted(DOCS.glob("notebooks/*.ipynb")), ids=lambda p: p.stem)
+def test_a_notebooks_cells_run(book, reader):
+    """In order, without Jupyter; what a cell ends with is drawn as there."""
+    pyplot = pytest.importorskip("matplotlib.pyplot")
+    pyplot.switch_backend("agg")
+    names = {}
+    cells = json.loads(book.read_text(encoding="utf-8"))["cells"]
+    code = ["".join(cell["source"]) for cell in cells if cell["cell_type"] == "code"]
+    assert code
+    for number, source in enumerate(code, 1):
+        tree = ast.parse(source)
+        last = tree.body.pop() if isinstance(tree.body[-1], ast.Expr) else None
+        exec(compile(tree, f"{book.name}, cell {number}", "exec"), names)
+        if last is not None:
+            shown = eval(compile(ast.Expression(last.value), book.name, "eval"), names)
+            if hasattr(shown, "_repr_html_"):
+                assert "<img" in shown._repr_html_()
+    pyplot.close("all")
+
+
+def test_the_scene_file_page_has_every_key():
+    module = script("docs/scene_reference.py")
+    text = module.reference()
+    groups = {group for _, group in [*module.TABLES, *module.SPECIES]}
+    # Their fields stand with each platform; the last is of objects, not of scene files.
+    abstract = {spec.Settings, spec.Sensor, spec.Scanner, spec.MovingScanner, spec.Polished}
+    for group in vars(spec).values():
+        if isinstance(group, type) and issubclass(group, spec.Settings) and group not in abstract:
+            assert group in groups, group.__name__
+            for field in dataclasses.fields(group):
+                assert f"| `{field.name}` |" in text
+                assert spec.param_of(field).help.replace("|", "\\|") in text
+
+
+def test_the_benchmarks_say_what_their_picture_assumes():
+    from studies.bench.frontier import ASSUMPTIONS
+
+    assert ASSUMPTIONS in TEXT[DOCS / "benchmarks.md"]

@@ -6,12 +6,11 @@ import tracemalloc
 import numpy as np
 import pytest
 
-from forest_addon.flight import learning, theory
-from forest_addon.flight.flying import fly
+from forest_addon.flight import policies, theory
+from forest_addon.flight.flying import area_under_curve, discriminant, fly, interval
 from forest_addon.flight.policies import Gap, Straight, policy_of
 from forest_addon.flight.senses import LIDAR, LidarSense
 from forest_addon.flight.simulation import Flyers
-from forest_addon.flight.statistics import area_under_curve, discriminant, interval
 from forest_addon.flight.stems import StemCaster, StemWorld
 from forest_addon.spec import Flight, SpecError, Wind
 from forest_addon.stand.wind.field import WindField
@@ -148,27 +147,27 @@ def test_policies_by_name():
 
 
 def test_the_cross_entropy_method_finds_a_peak():
-    peak = np.linspace(-1, 1, learning.SIZE)
+    peak = np.linspace(-1, 1, policies.SIZE)
 
     def score(weights, _round):
         return -np.square(weights - peak).sum(axis=1)
 
-    found = learning.train(score, np.random.default_rng(0), rounds=60, drawings=200)
-    assert score(found[None], 0)[0] > 0.2 * score(np.zeros((1, learning.SIZE)), 0)[0]
+    found = policies.train(score, np.random.default_rng(0), rounds=60, drawings=200)
+    assert score(found[None], 0)[0] > 0.2 * score(np.zeros((1, policies.SIZE)), 0)[0]
 
 
 def test_what_was_learnt_is_kept(tmp_path):
     lidar = LidarSense(LIDAR)
-    made = learning.Trained(ALONG, lidar, np.linspace(-1, 1, learning.SIZE))
+    made = policies.Trained(ALONG, lidar, np.linspace(-1, 1, policies.SIZE))
     made.save(tmp_path / "trained.npz")
-    again = learning.load(tmp_path / "trained.npz", ALONG, lidar)
+    again = policies.load(tmp_path / "trained.npz", ALONG, lidar)
     one = flyers(ALONG, world([[9.0, 1.0]]))
     one.start([0], [1])
     told = one.sense()
     assert np.array_equal(made.act(told), again.act(told))
     (tmp_path / "other.npz").write_text("no")
     with pytest.raises(SpecError, match="train one first"):
-        learning.load(tmp_path / "other.npz", ALONG, lidar)
+        policies.load(tmp_path / "other.npz", ALONG, lidar)
 
 
 def test_ways_through_forests():
@@ -205,7 +204,7 @@ def test_flight_needs_neither_blender_nor_gymnasium_for_this():
 
     code = (
         "import sys; sys.modules['bpy'] = None; sys.modules['mathutils'] = None\n"
-        "from forest_addon.flight import policies, flying, simulation, stems, theory, learning\n"
+        "from forest_addon.flight import policies, flying, simulation, stems, theory\n"
         "print('torch' in sys.modules)"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)

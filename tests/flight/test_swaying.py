@@ -8,8 +8,8 @@ pytest.importorskip("gymnasium")
 
 from forest_addon import api as forest
 from forest_addon.flight.environment import FlightEnv
+from forest_addon.flight.obstacles import distances
 from forest_addon.flight.senses import SONAR, placed
-from forest_addon.flight.sweep import distances
 from forest_addon.spec import Flight
 
 STEP, SEED = 0.25, 11  # s: whole frames of 1/24 s

@@ -4,9 +4,15 @@ import numpy as np
 import pytest
 
 from forest_addon.base.trimesh import LEAF, WOOD, TriMesh, join
-from forest_addon.flight.obstacles import MeshObstacles, StemObstacles, touched
-from forest_addon.flight.solids import Solid, stopping
-from forest_addon.flight.sweep import distances, touches
+from forest_addon.flight.obstacles import (
+    MeshObstacles,
+    Solid,
+    StemObstacles,
+    distances,
+    stopping,
+    touched,
+    touches,
+)
 from forest_addon.growth.mesh.meshing import tube
 from forest_addon.sensing.rays.geometry import SceneGeometry
 

@@ -10,8 +10,7 @@ from forest_addon.formats.las import intensity_level, write_las
 from forest_addon.formats.npz import write_npz
 from forest_addon.formats.wav import write_wav
 from forest_addon.results.points import POINT, records
-from forest_addon.sensing.lidar.cloud import Cloud
-from forest_addon.sensing.lidar.returns import Returns
+from forest_addon.sensing.lidar.cloud import Cloud, Returns
 
 LABELS = ("tree", "species", "organ", "leaf")
 

@@ -59,20 +59,20 @@ def test_angles_ratios_and_divergence_without_chance():
     length = lengths_of(skeleton)
     heading = (skeleton.end - skeleton.start) / length[:, None]
     for i in range(1, len(skeleton)):
-        mother = skeleton.parent[i]
-        assert length[i] == pytest.approx(0.8 * length[mother])
-        assert skeleton.radius[i, 0] == pytest.approx(0.6 * skeleton.radius[mother, 0])
+        parent = skeleton.parent[i]
+        assert length[i] == pytest.approx(0.8 * length[parent])
+        assert skeleton.radius[i, 0] == pytest.approx(0.6 * skeleton.radius[parent, 0])
         assert skeleton.radius[i, 1] == pytest.approx(0.9 * skeleton.radius[i, 0])
-        assert heading[i] @ heading[mother] == pytest.approx(np.cos(np.deg2rad(35)))
-        assert np.allclose(skeleton.start[i], skeleton.end[mother])
-        assert skeleton.order[i] == skeleton.order[mother] + 1
-        assert skeleton.generation[i] == skeleton.generation[mother] + 1
-    for mother in range(7):  # two children stand opposite, in a plane square to their parent's
-        one, other = np.flatnonzero(skeleton.parent == mother)
+        assert heading[i] @ heading[parent] == pytest.approx(np.cos(np.deg2rad(35)))
+        assert np.allclose(skeleton.start[i], skeleton.end[parent])
+        assert skeleton.order[i] == skeleton.order[parent] + 1
+        assert skeleton.generation[i] == skeleton.generation[parent] + 1
+    for parent in range(7):  # two children stand opposite, in a plane square to their parent's
+        one, other = np.flatnonzero(skeleton.parent == parent)
         assert heading[one] @ heading[other] == pytest.approx(np.cos(np.deg2rad(70)))
-        if mother:
+        if parent:
             plane = np.cross(heading[one], heading[other])
-            sister = np.cross(heading[mother], heading[skeleton.parent[mother]])
+            sister = np.cross(heading[parent], heading[skeleton.parent[parent]])
             assert plane @ sister == pytest.approx(0, abs=1e-12)
 
 

@@ -2,46 +2,28 @@
 its legend, rendered by EEVEE, and frames that the timeline plays.
 """
 
-import sys
-from pathlib import Path
-
-sys.path.insert(0, str(Path(__file__).parent))
+from collections.abc import Callable
 
 import bpy
 from drive import (
     Scenario,
     Steps,
-    key,
+    escape,
+    idle,
+    middle,
     open_tab,
-    play,
     point_at,
     press,
+    props,
+    results,
     scroll,
     settle,
     view,
     wait_for,
 )
 
-OUT = Path(__file__).parent / "doors"
 KINDS = ("terrestrial", "drone", "mobile", "airborne", "tractor", "sonar", "reverb")
 TITLES = ("Drone LiDAR", "Vehicle LiDAR", "Aircraft LiDAR", "Tractor LiDAR", "Bat Sonar", "Reverb")
-
-
-def props():
-    return bpy.context.scene.forest_sensing
-
-
-def idle() -> bool:
-    from bl_ext.user_default.forest_sensing.forest_addon.ui.shell import running
-
-    return running.current() is None
-
-
-def escape(middle: tuple[int, int]) -> Scenario:
-    """Close what is open, also a menu that was opened by a script."""
-    for _ in range(2):
-        key("Escape", at=middle)
-        yield 1
 
 
 def at_rest() -> Scenario:
@@ -50,20 +32,32 @@ def at_rest() -> Scenario:
     yield from settle()
 
 
-def call_menu(name: str) -> None:
-    window, area, main, _ = view()
-    with bpy.context.temp_override(window=window, area=area, region=main):
-        bpy.ops.wm.call_menu(name=name)
+def opened(steps: Steps, name: str, act: Callable[[], object]) -> Scenario:
+    """A menu or a dialog, photographed; Escape leaves all as it is."""
+    steps.step(name)
+    place = middle()
+    point_at(*place)  # a dialog that the mouse is not over closes
+    yield 0.5
+    act()
+    yield from at_rest()
+    assert idle()
+    steps.end()
+    yield from escape(place)
+    assert idle()
 
 
-def rendered(engine: str) -> float:
+def menu(name: str) -> Callable[[], None]:
+    return lambda: press("wm.call_menu", invoke=False, name=f"FOREST_MT_{name}")
+
+
+def rendered(engine: str, path: str) -> float:
     """The share of a small picture that a renderer covers."""
-    scene, path = bpy.context.scene, OUT / "render.png"
-    scene.render.engine, scene.render.filepath = engine, str(path)
+    scene = bpy.context.scene
+    scene.render.engine, scene.render.filepath = engine, path
     scene.render.resolution_x = scene.render.resolution_y = 64
     scene.render.film_transparent = True
     bpy.ops.render.render(write_still=True)
-    picture = bpy.data.images.load(str(path))
+    picture = bpy.data.images.load(path)
     alpha = list(picture.pixels)[3::4]
     bpy.data.images.remove(picture)
     return sum(alpha) / len(alpha)
@@ -71,131 +65,36 @@ def rendered(engine: str) -> float:
 
 def every_sensor(steps: Steps) -> Scenario:
     """Each of the seven, its lines strong beside faint ones, its settings in the Properties editor."""
-    window = view()[0]
-    editor = next(area for area in window.screen.areas if area.type == "PROPERTIES")
+    areas = {area.type: area for area in view()[0].screen.areas}
     for kind in KINDS:
         steps.step(f"a new sensor: {kind}")
         bpy.context.scene.cursor.location = (-4, -4, 0)
         assert press("forest.add_sensor", invoke=False, kind=kind) == {"FINISHED"}
         yield 0.5
-        editor.spaces.active.context = "DATA"
+        areas["PROPERTIES"].spaces.active.context = "DATA"
         props().advanced = kind in ("sonar", "reverb")
         yield from at_rest()
     props().advanced = False
 
     steps.step("each of them runs as it is")
     scroll(view()[3], -40)
-    fresh = [title for title in TITLES if title not in props().results]
     press("forest.run", frames="THIS", sure=True)
-    yield from wait_for(
-        lambda: all(title in props().results for title in fresh) and idle(), 300, "what they find"
-    )
-    yield from at_rest()
-
-    steps.step("a reverb is played")
-    props().results["Reverb"].opened = True
-    told = "it sounds"
-    try:
-        press("forest.play", invoke=False, sensor="Reverb")
-    except RuntimeError as problem:  # a machine without sound says so
-        told = str(problem)
-    assert told == "it sounds" or "No sound can be played here" in told
-    print(f"FIGURE Play: {told}", flush=True)
+    yield from results(TITLES, 300)
     scroll(view()[3], 40)
-    yield from at_rest()
 
 
-def instruments(steps: Steps, name: str, middle: tuple[int, int]) -> Scenario:
-    """The menu of instruments of a tripod, by their makers' names; basic settings and all."""
-    steps.step("the menu of instruments")
-    thing = bpy.data.objects[name]
-    bpy.context.view_layer.objects.active = thing
-    before = thing.forest_sensor.terrestrial.angle_step_deg
-    point_at(*middle)
-    call_menu("FOREST_MT_instruments")
-    yield from at_rest()
-    steps.step("an instrument is chosen, and all its settings")
-    yield from escape(middle)
-    press("forest.choose_instrument", invoke=False, scanner="riegl-vz-400i")
-    props().advanced = True
-    editor = next(area for area in view()[0].screen.areas if area.type == "PROPERTIES")
-    editor.spaces.active.context = "DATA"
-    yield from at_rest()
-    assert thing.forest_sensor.terrestrial.max_range == 800
-    press("forest.choose_instrument", invoke=False, scanner="")
-    thing.forest_sensor.terrestrial.angle_step_deg = before
-    props().advanced = False
-
-
-def a_large_run_asks(steps: Steps, name: str, middle: tuple[int, int]) -> Scenario:
-    """What it will cost, and a question; Escape leaves all as it is."""
-    steps.step("a large run asks first")
-    scanner = bpy.data.objects[name].forest_sensor.terrestrial
-    before, scanner.angle_step_deg = scanner.angle_step_deg, 0.01
-    point_at(*middle)
-    yield 0.5
-    press("forest.run", sensor=name)
-    yield from at_rest()
-    assert idle()
-    steps.step("and Escape leaves all as it is")
-    yield from escape(middle)
-    assert idle()
-    scanner.angle_step_deg = before
-
-
-def kept_and_removed(steps: Steps, name: str, middle: tuple[int, int]) -> Scenario:
-    """A result is exported, called otherwise, and removed with its points."""
-    steps.step("export asks for format and labels")
-    bpy.context.preferences.view.filebrowser_display_type = "SCREEN"
-    press("forest.export_result", result=name)
-    yield from at_rest()
-    steps.step("an exported file")
-    yield from escape(middle)
-    yield from wait_for(has_view, 20, "the view")
-    file = OUT / "kept.laz"
-    press("forest.export_result", invoke=False, result=name, filepath=str(file))
-    assert file.stat().st_size > 1000
-    steps.step("a result has another name")
-    props().results[name].title = "Monkey and box"
-    scroll(view()[3], 40)
-    yield from at_rest()
-    steps.step("a result is removed with its points")
-    shown = props().results[name].shown
-    press("forest.remove_result", invoke=False, result=name)
-    yield 1
-    assert name not in props().results
-    assert shown not in bpy.data.objects
-
-
-def has_view() -> bool:
-    areas = bpy.context.window_manager.windows[0].screen.areas
-    return any(area.type == "VIEW_3D" for area in areas)
-
-
-def newcomer(steps: Steps) -> Scenario:
-    _, _, main, _ = view()
-    middle = (main.x + main.width // 2, main.y + main.height // 2)
+def scenario(steps: Steps) -> Scenario:
     bpy.ops.ed.undo_push(message="before")
 
     steps.step("the doors of the empty tab")
     yield from open_tab("Forest")
     yield 1
 
-    steps.step("Add > Sensor")
-    point_at(*middle)
-    yield 0.5
-    call_menu("FOREST_MT_sensors")
-    yield 1.5
-    steps.step("Add > Forest")
-    yield from escape(middle)
-    call_menu("FOREST_MT_start")
-    yield 2
-    steps.step("the gallery")
-    yield from escape(middle)
-    press("forest.gallery")
-    yield 3
-    steps.step("scan this scene")
-    yield from escape(middle)
+    yield from opened(steps, "Add > Sensor", menu("sensors"))
+    yield from opened(steps, "Add > Forest", menu("start"))
+    yield from opened(steps, "the gallery", lambda: press("forest.gallery"))
+
+    steps.step("scan this scene, with the legend of its points")
     for thing in list(bpy.data.objects):
         bpy.data.objects.remove(thing)
     bpy.ops.mesh.primitive_plane_add(size=20)
@@ -203,20 +102,18 @@ def newcomer(steps: Steps) -> Scenario:
     bpy.ops.mesh.primitive_cube_add(size=2, location=(3, 0, 1))
     bpy.context.scene.cursor.location = (-2, -3, 0)
     assert press("forest.scan_here", invoke=False) == {"FINISHED"}
-    (name,) = [thing.name for thing in bpy.data.objects if thing.name not in known()]
+    name = bpy.context.view_layer.objects.active.name
     bpy.data.objects[name].forest_sensor.terrestrial.angle_step_deg = 0.5
     yield 1
     press("forest.run", sensor=name)
-    yield from wait_for(lambda: name in props().results and idle(), 60, "the scan")
-    yield 1.5
-
-    steps.step("the legend of its points")
+    yield from results([name], 60)
     props().point_size = 4
     scroll(view()[3], 20)
-    yield 1.5
+    yield from at_rest()
 
     steps.step("EEVEE and Cycles render the points")
-    shown = bpy.data.objects[props().results[name].shown]
+    points = props().results[name].shown
+    shown = bpy.data.objects[points]
     eye = bpy.data.objects.new("eye", bpy.data.cameras.new("eye"))
     eye.location, eye.rotation_euler = (0, -14, 6), (1.2, 0, 0)
     bpy.context.scene.collection.objects.link(eye)
@@ -227,7 +124,7 @@ def newcomer(steps: Steps) -> Scenario:
     engines = bpy.types.RenderSettings.bl_rna.properties["engine"].enum_items.keys()
     eevee = next(e for e in ("BLENDER_EEVEE", "BLENDER_EEVEE_NEXT") if e in engines)
     for engine in (eevee, "CYCLES"):
-        covered = rendered(engine)
+        covered = rendered(engine, str(steps.folder / "render.png"))
         print(f"FIGURE {engine} covers {covered:.0%} of the picture with points", flush=True)
         assert covered > 0.02
     for thing in bpy.data.objects:
@@ -245,12 +142,6 @@ def newcomer(steps: Steps) -> Scenario:
         lambda: len(props().results[name].frames) == 3 and idle(), 60, "three frames"
     )
     seen = set()
-    for frame in (1, 2, 3):
-        scene.frame_set(frame)
-        seen.add(shown.data.name)
-        yield 0.5
-    assert len(seen) == 3
-    seen.clear()
 
     def playing() -> bool:
         seen.add(shown.data.name)
@@ -260,48 +151,36 @@ def newcomer(steps: Steps) -> Scenario:
     yield from wait_for(playing, 60, "every frame while it plays")
     press("screen.animation_play", invoke=False)
 
-    steps.step("a frame range asks first")
-    point_at(*middle)  # a dialog that the mouse is not over closes
-    yield 0.5
-    press("forest.run_frames", sensor=name)
-    yield from at_rest()
-    yield from escape(middle)
-    yield from a_large_run_asks(steps, name, middle)
+    scanner = bpy.data.objects[name].forest_sensor.terrestrial
+    run, frames, export = "forest.run", "forest.run_frames", "forest.export_result"
+    bpy.context.preferences.view.filebrowser_display_type = "SCREEN"
+    yield from opened(steps, "a frame range asks first", lambda: press(frames, sensor=name))
+    scanner.angle_step_deg = 0.01
+    yield from opened(steps, "a large run asks first", lambda: press(run, sensor=name))
+    scanner.angle_step_deg = 0.5
+    yield from opened(steps, "export asks for format", lambda: press(export, result=name))
+    yield from opened(steps, "the menu of instruments", menu("instruments"))
     yield from every_sensor(steps)
-    yield from instruments(steps, name, middle)
-    yield from kept_and_removed(steps, name, middle)
-    steps.step("a tree that can be grown again")
-    if hasattr(bpy.types, "FOREST_OT_grow_again"):
-        press("forest.add_tree", invoke=False)
-        before = len(bpy.context.object.data.vertices)
-        bpy.context.object.data.forest_grown.seed = 7
-        press("forest.grow_again", invoke=False)
-        assert len(bpy.context.object.data.vertices) != before
-    yield 1
 
-    steps.step("a new forest from eye level")
+    steps.step("a result is removed with its points")
+    press("forest.remove_result", invoke=False, result=name)
+    yield 1
+    assert name not in props().results
+    assert points not in bpy.data.objects
+
+    steps.step("a new forest by what its camera sees")
     press("forest.new", invoke=False, preset="maple-walk")
-    yield from wait_for(lambda: "forest" in props().results and idle(), 120, "the forest")
-    yield 2
-    steps.step("what its camera sees")
+    yield from results(["forest"], 120)
     view()[1].spaces.active.region_3d.view_perspective = "CAMERA"
-    yield 2
+    yield from settle()
 
     steps.step("painting shows the trees through the canvas")
-    if view()[1].spaces.active.region_3d.view_perspective == "CAMERA":
-        view()[1].spaces.active.region_3d.view_perspective = "PERSP"
+    view()[1].spaces.active.region_3d.view_perspective = "PERSP"
     yield 1
     press("forest.paint", invoke=False)
     yield 2
-    steps.step("painting is done")
+    steps.end()
     press("forest.paint", invoke=False)
     yield 1
     assert bpy.context.mode == "OBJECT"
     assert not view()[1].spaces.active.shading.show_xray
-
-
-def known() -> set[str]:
-    return {"Plane", "Suzanne", "Cube"}
-
-
-play(newcomer, OUT)

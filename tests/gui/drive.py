@@ -1,8 +1,9 @@
 """Drives a Blender window from within: one step after the other, each photographed and noted.
 
-A scenario is a generator function. It yields the seconds to wait, during which Blender's window lives; what
-it raises fails the step it is in. ``step`` names what follows; at its end the screen is photographed into
-``NN-name.png`` and a line goes to ``steps.jsonl``. Mouse and keys are xdotool's: real events.
+``blender --python drive.py -- NAME`` plays the ``scenario`` of NAME.py, a generator function. It yields the
+seconds to wait, during which Blender's window lives; what it raises fails the step it is in. ``step`` names
+what follows; at its end the screen is photographed into ``NN-name.png`` and a line goes to ``steps.jsonl``.
+Mouse and keys are xdotool's: real events.
 """
 
 from __future__ import annotations
@@ -15,8 +16,10 @@ import sys
 import threading
 import time
 import traceback
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Iterable
+from importlib import import_module
 from pathlib import Path
+from types import ModuleType
 
 import bpy
 
@@ -93,8 +96,49 @@ def photograph(path: Path) -> None:
         bpy.ops.screen.screenshot(filepath=str(path))
 
 
+def ours(name: str) -> ModuleType:
+    """A module of the installed extension."""
+    return import_module(f"bl_ext.user_default.forest_sensing.forest_addon.{name}")
+
+
+def props() -> bpy.types.PropertyGroup:
+    return bpy.context.scene.forest_sensing
+
+
+def running() -> object:
+    """The job that runs, None where none does."""
+    return ours("ui.shell.running").current()
+
+
+def idle() -> bool:
+    return running() is None
+
+
+def results(names: Iterable[str], seconds: float) -> Scenario:
+    """Wait until these results are there and all is drawn."""
+    there = set(names)
+    yield 0.3
+    yield from wait_for(lambda: there <= {*props().results.keys()} and idle(), seconds, str(there))
+    yield from settle()
+
+
+def demo_forest() -> Scenario:
+    """Grow the demo forest, without the cube that it would stand beside."""
+    yield from open_tab("Forest")
+    bpy.data.objects.remove(bpy.data.objects["Cube"])
+    press("forest.start", preset="demo", grow=True)
+    yield from results(["forest"], 120)
+
+
+def choose(thing: bpy.types.Object) -> None:
+    """Select an object and nothing else."""
+    for other in bpy.context.view_layer.objects:
+        other.select_set(other == thing)
+    bpy.context.view_layer.objects.active = thing
+
+
 def view() -> tuple[bpy.types.Window, bpy.types.Area, bpy.types.Region, bpy.types.Region]:
-    """The window, its 3D view, that view's own region and its sidebar."""
+    """The window, its 3D view, that view's region and its sidebar."""
     window = bpy.context.window_manager.windows[0]
     area = next(area for area in window.screen.areas if area.type == "VIEW_3D")
     main = next(region for region in area.regions if region.type == "WINDOW")
@@ -114,12 +158,45 @@ def open_tab(name: str) -> Scenario:
 
 
 def press(operator: str, invoke: bool = True, **settings: object) -> set[str]:
-    """Run an operator in the 3D view, as its button does."""
+    """Run an operator in the 3D view, as its button does or at once."""
     window, area, main, _ = view()
     room, _, verb = operator.partition(".")
     with bpy.context.temp_override(window=window, area=area, region=main):
         run = getattr(getattr(bpy.ops, room), verb)
         return run("INVOKE_DEFAULT", **settings) if invoke else run(**settings)
+
+
+def middle() -> tuple[int, int]:
+    """A place over the 3D view that no panel covers."""
+    main = view()[2]
+    return main.x + main.width // 3, main.y + main.height // 2
+
+
+def has_view() -> bool:
+    """Whether a 3D view is there, which a file browser may take the place of."""
+    areas = bpy.context.window_manager.windows[0].screen.areas
+    return any(area.type == "VIEW_3D" for area in areas)
+
+
+def escape(place: tuple[int, int]) -> Scenario:
+    """Close what is open there, also a menu that was opened by a script or a file browser."""
+    for _ in range(2):
+        key("Escape", at=place)
+        yield 1
+    yield from wait_for(has_view, 20, "the view")
+
+
+def turn(seconds: float) -> Generator[float, None, float]:
+    """Turn the view, frame by frame; returns the seconds a frame takes.
+
+    Without a graphics card all of Blender's window is drawn by the CPU, an empty one too.
+    """
+    frames, began = 0, time.perf_counter()
+    while frames < 3 or time.perf_counter() - began < seconds:
+        press("view3d.view_orbit", invoke=False, angle=0.1, type="ORBITLEFT")
+        yield 0.0
+        frames += 1
+    return (time.perf_counter() - began) / frames
 
 
 def wait_for(condition: Callable[[], bool], seconds: float, what: str) -> Scenario:
@@ -131,30 +208,35 @@ def wait_for(condition: Callable[[], bool], seconds: float, what: str) -> Scenar
         yield 0.1
 
 
+def xdotool(*words: str) -> None:
+    """Mouse and keys."""
+    subprocess.run(["xdotool", *words], check=True)
+
+
 def point_at(x: int, y: int) -> None:
     """Move the mouse to a place of the window, counted from its lower left as Blender does."""
-    subprocess.run(["xdotool", "mousemove", str(x), str(_from_above(y))], check=True)
+    high = int(bpy.context.window_manager.windows[0].height)
+    xdotool("mousemove", str(x), str(high - y))
 
 
 def click(x: int, y: int) -> None:
-    """Click with the left button."""
-    place = [str(x), str(_from_above(y))]
-    subprocess.Popen(["xdotool", "mousemove", *place, "sleep", "0.2", "click", "1"])
+    """Click with the left button, a moment later: Blender first sees what is below the mouse."""
+    point_at(x, y)
+    subprocess.Popen(["xdotool", "sleep", "0.2", "click", "1"])
 
 
 def key(name: str, at: tuple[int, int] | None = None) -> None:
     """Press a key, over a place of the window."""
     if at is not None:
         point_at(*at)
-    subprocess.Popen(["xdotool", "sleep", "0.2", "key", name] if at else ["xdotool", "key", name])
+    subprocess.Popen(["xdotool", "sleep", "0.2" if at else "0", "key", name])
 
 
 def scroll(region: bpy.types.Region, notches: int) -> None:
     """Turn the wheel over a region, down or up, at its edge: lists within it take it for themselves."""
     point_at(region.x + 4, region.y + region.height // 2)
     wheel = "5" if notches > 0 else "4"
-    turn = ["xdotool", "click", "--repeat", str(abs(notches)), "--delay", "20", wheel]
-    subprocess.run(turn, check=True)
+    xdotool("click", "--repeat", str(abs(notches)), "--delay", "20", wheel)
 
 
 def settle() -> Scenario:
@@ -191,14 +273,9 @@ def seek(command: str, *columns: float) -> Generator[float, None, tuple[int, int
                 if not bpy.ops.ui.copy_python_command_button.poll():
                     continue
                 bpy.ops.ui.copy_python_command_button()
-            if window_text().startswith(f"bpy.ops.{command}"):
+            if bpy.context.window_manager.clipboard.startswith(f"bpy.ops.{command}"):
                 return x, y
     return None
-
-
-def window_text() -> str:
-    """What is in the clipboard."""
-    return str(bpy.context.window_manager.clipboard)
 
 
 def find_tab(name: str) -> Generator[float, None, tuple[int, int]]:
@@ -219,62 +296,15 @@ def find_tab(name: str) -> Generator[float, None, tuple[int, int]]:
     raise AssertionError(f"there is no tab {name}")
 
 
-def _from_above(y: int) -> int:
-    return int(bpy.context.window_manager.windows[0].height) - y
-
-
-def redraw() -> None:
-    """Lay out and draw the sidebar now."""
-    window, area, main, side = view()
-    side.tag_redraw()
-    with bpy.context.temp_override(window=window, area=area, region=main):
-        bpy.ops.wm.redraw_timer(type="DRAW_WIN_SWAP", iterations=1)
-
-
-def panels() -> list[type]:
-    """Our panels of the sidebar, those above before those within them."""
-    from bl_ext.user_default.forest_sensing.forest_addon import ui
-
-    return [cls for cls in ui._classes() if issubclass(cls, bpy.types.Panel)]
-
-
 def open_every_panel() -> None:
     """Have every panel and every part of one open where it was not shown yet."""
-    from bl_ext.user_default.forest_sensing.forest_addon.ui.settings import drawing
-
-    drawing.FOLDED = False
-    for cls in reversed(panels()):
+    ours("ui.settings.drawing").FOLDED = False
+    panels = [cls for cls in ours("ui")._classes() if issubclass(cls, bpy.types.Panel)]
+    for cls in reversed(panels):
         bpy.utils.unregister_class(cls)
-    for cls in panels():
+    for cls in panels:
         cls.bl_options = getattr(cls, "bl_options", set()) - {"DEFAULT_CLOSED"}
         bpy.utils.register_class(cls)
-
-
-def in_panels(panels: list[type], times: int = 5) -> tuple[float, int]:
-    """CPU milliseconds of a redraw that these panels take, and how many of them it draws."""
-    spent, drawn = [0.0], set()
-
-    def timed(cls: type, function: Callable[[object, object], None]) -> Callable[..., None]:
-        def draw(self: object, context: object) -> None:  # Blender counts the arguments
-            started = time.thread_time()
-            function(self, context)
-            spent[0] += time.thread_time() - started
-            drawn.add(cls)
-
-        return draw
-
-    plain = {cls: cls.draw for cls in panels}
-    for cls, function in plain.items():
-        cls.draw = timed(cls, function)
-    try:
-        redraw()
-        spent[0] = 0.0
-        for _ in range(times):
-            redraw()
-    finally:
-        for cls, function in plain.items():
-            cls.draw = function
-    return 1e3 * spent[0] / times, len(drawn)
 
 
 def files_touched() -> list[str]:
@@ -287,7 +317,8 @@ def files_touched() -> list[str]:
             touched.append(f"{event} {given[0]}")
 
     sys.addaudithook(note)  # stays, and says nothing after this
-    redraw()
+    view()[3].tag_redraw()
+    press("wm.redraw_timer", invoke=False, type="DRAW_WIN_SWAP", iterations=1)
     watching = False
     return touched
 
@@ -313,3 +344,9 @@ class Ending:
         while self._job.busy:
             time.sleep(0.002)
         self.ended = time.perf_counter() - self.asked
+
+
+if __name__ == "__main__":
+    HERE = Path(__file__).parent
+    sys.path.insert(0, str(HERE))
+    play(import_module(sys.argv[-1]).scenario, HERE / sys.argv[-1])

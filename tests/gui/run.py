@@ -1,15 +1,15 @@
 """``make test-gui``: the built extension in a real Blender window, driven and photographed.
 
-Builds the zip for that Blender, installs it into an empty user folder, plays ``doors.py``, ``session.py`` and
-``ten_clicks.py`` (those that are named, or all) and says how every step went; pictures and steps are kept in
-out/gui. Where there is no such Blender and none can be made, it says so in one line and that is no failure.
+Builds the zip for that Blender, installs it into an empty user folder, plays the scenarios that are named,
+or all, and says how every step went; pictures and steps are kept in out/gui, a folder each. Where there is no
+such Blender and none can be made, it says so in one line and that is no failure.
 """
 
 from __future__ import annotations
 
 import json
+import re
 import shutil
-import statistics
 import subprocess
 import sys
 import time
@@ -20,88 +20,52 @@ from window import Blender, ImpossibleError, provide
 ROOT = Path(__file__).resolve().parents[2]
 OUT = ROOT / "out" / "gui"
 SECONDS = 900  # for a scenario
-SCENARIOS = {  # and where their pictures are
-    "doors": OUT / "doors",
-    "session": OUT,
-    "ten_clicks": OUT / "ten-clicks",
-    "large": OUT / "large",
-    "looking": OUT / "looking",
-    "working": OUT / "working",
-    "planting": OUT / "planting",
-    "road": OUT / "road",
-    "leave": OUT / "leave",
-}
-STARTS = 3
+SCENARIOS = ("doors", "session", "ten_clicks", "large", "looking", "working", "planting", "road")
 
 
 def main() -> int:
     shutil.rmtree(OUT, ignore_errors=True)
     try:
         blender = provide(OUT)
-        archive = _build(blender)
+        archive = f"{blender.inside}/{_build(blender).name}"
     except ImpossibleError as reason:
         print(f"skipped: no Blender with a window: {reason}")
         return 0
-    checked = blender.run(
-        blender.program, "--command", "extension", "validate", f"{blender.inside}/{archive.name}"
-    )
-    if checked.returncode:
-        print(checked.stdout[-3000:])
-        print("FAILED: Blender does not accept the extension")
-        return 1
-    for name in ("drive", "install", "speak", *SCENARIOS):
+    for name in ("drive", "install", *SCENARIOS):
         shutil.copy2(ROOT / "tests" / "gui" / f"{name}.py", OUT)
-    installed = blender.run(
-        blender.program, "-b", "--python-exit-code", "1",
-        "--python", f"{blender.inside}/install.py", "--", f"{blender.inside}/{archive.name}",
-    )  # fmt: skip
-    (OUT / "install.log").write_text(installed.stdout, encoding="utf-8")
-    if installed.returncode:
-        print(installed.stdout[-3000:])
-        print("FAILED: the extension could not be installed")
-        return 1
-    spoken = blender.run(
-        blender.program, "-b", "--python-exit-code", "1", "--python", f"{blender.inside}/speak.py"
+    install = (
+        "-b",
+        "--python-exit-code",
+        "1",
+        "--python",
+        f"{blender.inside}/install.py",
+        "--",
+        archive,
     )
-    if spoken.returncode:
-        print(spoken.stdout[-3000:])
-        print("FAILED: the panel cannot be translated")
-        return 1
-    named = [name for name in SCENARIOS if name in sys.argv[1:]]
-    if not named:
-        print(f"starting Blender takes {_longer(blender):.2f} s longer with the add-on")
-        named = [*SCENARIOS]
-    return max([_play(blender, name, SCENARIOS[name]) for name in named])
+    for words, failure in (
+        (("--command", "extension", "validate", archive), "Blender does not accept the extension"),
+        (install, "the extension could not be installed or translated"),
+    ):
+        done = blender.run(blender.program, *words)
+        if done.returncode:
+            print(f"{done.stdout[-3000:]}\nFAILED: {failure}")
+            return 1
+    named = [name for name in SCENARIOS if name in sys.argv[1:]] or SCENARIOS
+    return max([_play(blender, name) for name in named])
 
 
-def _longer(blender: Blender) -> float:
-    """Seconds by which the installed add-on makes Blender start later: of medians, without a window."""
-    taken: dict[str, list[float]] = {"user": [], "empty": []}
-    for _ in range(STARTS):
-        for folder, seconds in taken.items():
-            began = time.perf_counter()
-            resources = f"{blender.inside}/{folder}"
-            blender.run(
-                blender.program, "-b", "--python-expr", "pass", BLENDER_USER_RESOURCES=resources
-            )
-            seconds.append(time.perf_counter() - began)
-    return statistics.median(taken["user"]) - statistics.median(taken["empty"])
-
-
-def _play(blender: Blender, name: str, pictures: Path) -> int:
+def _play(blender: Blender, name: str) -> int:
     """Play a scenario and say how it went; 0 if all is well."""
     try:
-        played = blender.run_with_window(f"{blender.inside}/{name}.py", SECONDS)
+        played = blender.run_with_window(f"{blender.inside}/drive.py", name, SECONDS)
         log, ended = played.stdout, played.returncode == 0
     except subprocess.TimeoutExpired as late:
         log, ended = str(late.stdout), False
-    left = next((line for line in log.splitlines() if line.startswith("LEAVING ")), "")
+    left = re.search(r"^LEAVING (\S+)$", log, re.M)
     if left:
-        log += (
-            f"\nFIGURE quitting meanwhile: gone after {time.time() - float(left.split()[1]):.1f} s"
-        )
+        log += f"\nFIGURE quitting meanwhile: gone after {time.time() - float(left[1]):.1f} s"
     (OUT / f"{name}.log").write_text(log, encoding="utf-8")
-    return _judge(pictures, ended, log)
+    return _judge(OUT / name, ended and "Traceback" not in log, log)
 
 
 def _build(blender: Blender) -> Path:

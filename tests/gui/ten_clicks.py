@@ -5,11 +5,7 @@ until Blender says that what is under it is the button looked for. Looking for i
 a click nor in the seconds; pressing a key and turning the wheel are clicks too.
 """
 
-import sys
 import time
-from pathlib import Path
-
-sys.path.insert(0, str(Path(__file__).parent))
 
 import bpy
 from drive import (
@@ -18,8 +14,10 @@ from drive import (
     click,
     find_button,
     find_tab,
+    idle,
     key,
-    play,
+    middle,
+    props,
     scroll,
     seek,
     settle,
@@ -27,35 +25,8 @@ from drive import (
     wait_for,
 )
 
-OUT = Path(__file__).parent / "ten-clicks"
 ALLOWED = 10  # clicks
 ICONS = (0.82, 0.74)  # where across the sidebar the icons of a result are
-
-
-class Counted:
-    """Clicks so far, and the seconds between each and what it brought about."""
-
-    def __init__(self) -> None:
-        self.clicks = 0
-        self.seconds = 0.0
-        self._begun = 0.0
-
-    def begin(self) -> None:
-        self.clicks += 1
-        self._begun = time.perf_counter()
-
-    def end(self) -> None:
-        self.seconds += time.perf_counter() - self._begun
-
-
-def results() -> set[str]:
-    return set(bpy.context.scene.forest_sensing.results.keys())
-
-
-def idle() -> bool:
-    from bl_ext.user_default.forest_sensing.forest_addon.ui.shell import running
-
-    return running.current() is None
 
 
 def shown_picture() -> str:
@@ -66,24 +37,30 @@ def shown_picture() -> str:
     return ""
 
 
-def newcomer(steps: Steps) -> Scenario:
-    count = Counted()
-    _, area, main, side = view()
-    middle = (main.x + main.width // 3, main.y + main.height // 2)
+def scenario(steps: Steps) -> Scenario:
+    clicks: list[float] = []  # seconds between each and what it brought about
+    _, area, _, side = view()
 
-    def press(place: tuple[int, int], condition, seconds: float, what: str) -> Scenario:
-        count.begin()
-        click(*place)
+    def counted(act, condition, seconds: float, what: str) -> Scenario:
+        begun = time.perf_counter()
+        act()
         yield from wait_for(condition, seconds, what)
-        count.end()
+        clicks.append(time.perf_counter() - begun)
         yield 1
 
+    def press(place: tuple[int, int], condition, seconds: float, what: str) -> Scenario:
+        yield from counted(lambda: click(*place), condition, seconds, what)
+
+    def down() -> Scenario:
+        yield from counted(lambda: scroll(view()[3], 20), lambda: True, 10, "the wheel")
+        yield from settle()
+
+    def results() -> set[str]:
+        return set(props().results.keys())
+
     steps.step("N opens the sidebar")
-    count.begin()
-    key("n", at=middle)
-    yield from wait_for(lambda: area.spaces.active.show_region_ui, 10, "the sidebar")
-    count.end()
-    yield 1
+    opened = area.spaces.active
+    yield from counted(lambda: key("n", at=middle()), lambda: opened.show_region_ui, 10, "N")
 
     steps.step("the tab Forest")
     place = yield from find_tab("Forest")
@@ -99,10 +76,7 @@ def newcomer(steps: Steps) -> Scenario:
     yield from press(place, lambda: results() == wanted and idle(), 400, "what the sensors find")
 
     steps.step("down to the results")
-    count.begin()
-    scroll(side, 20)
-    yield from settle()
-    count.end()
+    yield from down()
 
     steps.step("the echo as a picture")
     place = yield from find_button('forest.show_picture(result="bat")', *ICONS)
@@ -112,17 +86,10 @@ def newcomer(steps: Steps) -> Scenario:
     wanted = 'forest.show_picture(result="clap")'
     place = yield from seek(wanted, *ICONS)
     if place is None:  # the view has become lower
-        count.begin()
-        scroll(view()[3], 20)
-        yield from settle()
-        count.end()
+        yield from down()
         place = yield from find_button(wanted, *ICONS)
     yield from press(place, lambda: "clap" in shown_picture(), 20, "the picture of the reverb")
 
-    told = f"{count.clicks} clicks, {count.seconds:.0f} s"
+    told = f"{len(clicks)} clicks, {sum(clicks):.0f} s"
     print(f"FIGURE from enable to cloud, echo and reverb: {told}", flush=True)
-    assert count.clicks <= ALLOWED
-    yield 0.5
-
-
-play(newcomer, OUT)
+    assert len(clicks) <= ALLOWED

@@ -67,13 +67,15 @@ class Blender:
                 raise
         return subprocess.CompletedProcess(line, running.returncode, said)
 
-    def run_with_window(self, script: str, seconds: float) -> subprocess.CompletedProcess[str]:
-        """Run a Python script in Blender's window on a screen that nobody sees."""
+    def run_with_window(
+        self, script: str, words: str, seconds: float
+    ) -> subprocess.CompletedProcess[str]:
+        """Run a Python script with its words in Blender's window on a screen that nobody sees."""
         wide, high = SIZE.split("x")
         start = (
             f"Xvfb :$$ -screen 0 {SIZE}x24 >/dev/null 2>&1 & screen=$!; sleep 2; "
             f'DISPLAY=:$$ "{self.program}" -noaudio -p 0 0 {wide} {high} --python-exit-code 1 '
-            f'--python "{script}"; code=$?; kill $screen; exit $code'
+            f'--python "{script}" -- {words}; code=$?; kill $screen; exit $code'
         )
         return self.run("sh", "-c", start, seconds=seconds, LIBGL_ALWAYS_SOFTWARE="1")
 

@@ -11,8 +11,8 @@ from scipy.spatial.transform import Rotation
 from forest_addon.base.trimesh import DEAD, GROUND, LEAF, OTHER, WOOD, TriMesh
 from forest_addon.blender.files.others import write_parts
 from forest_addon.formats.helios.survey import read_survey
+from forest_addon.sensing.lidar.pattern import pattern_of
 from forest_addon.sensing.lidar.scan import Scan, scan
-from forest_addon.sensing.lidar.scanner import pattern_of
 from forest_addon.sensing.lidar.surveys.export import write_survey
 from forest_addon.sensing.lidar.surveys.leg import SurveyLeg
 from forest_addon.sensing.lidar.tractor import axes, drive, fan, positions

@@ -11,8 +11,7 @@ import pytest
 from forest_addon.formats.helios.document import read_document
 from forest_addon.formats.helios.scene import read_scene
 from forest_addon.formats.helios.survey import read_survey
-from forest_addon.sensing.lidar.surveys.leg import SurveyLeg
-from forest_addon.sensing.lidar.surveys.mirrors import refracted
+from forest_addon.sensing.lidar.surveys.leg import SurveyLeg, refracted
 from forest_addon.spec import SpecError
 from headless.commands.work.survey import scan_survey
 

@@ -17,10 +17,9 @@ from forest_addon.formats.helios.material import Material, read_materials
 from forest_addon.formats.helios.motion import PartMotion, read_motion
 from forest_addon.formats.helios.raster import VoxelMode, read_points, read_terrain, read_voxels
 from forest_addon.formats.helios.survey import read_survey
-from forest_addon.sensing.lidar.scanner import Pulses
+from forest_addon.sensing.lidar.pattern import Pulses
 from forest_addon.sensing.lidar.surveys.digitised import digitised, pulse_shape
-from forest_addon.sensing.lidar.surveys.leg import SurveyLeg
-from forest_addon.sensing.lidar.surveys.mirrors import oscillating
+from forest_addon.sensing.lidar.surveys.leg import SurveyLeg, oscillating
 from forest_addon.sensing.lidar.surveys.stepped import SteppedPath
 from forest_addon.spec import SpecError
 from headless.commands.work.survey import (
@@ -99,7 +98,7 @@ def test_legs_before_count_for_where_a_part_is() -> None:
     assert motion is not None
     path = SteppedPath(np.eye(3, 4), np.zeros(3), motion, 1e3, (500, 10))
     np.testing.assert_allclose(path.at(np.array([0.003]))[0, :, 3], [502, 0, 0])
-    np.testing.assert_allclose(path.velocity(np.zeros((1, 3)), np.array([0.003])), [[1000, 0, 0]])
+    np.testing.assert_allclose(path.rate(np.array([0.003]))[:, :, 3], [[1000, 0, 0]])
 
 
 def test_dynamic_time_steps_are_counted_in_pulses_of_the_first_leg() -> None:

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from forest_addon.base.trimesh import GROUND, LEAF
-from forest_addon.sensing.lidar.cloud import Cloud
-from forest_addon.sensing.lidar.returns import Returns
+from forest_addon.sensing.lidar.cloud import Cloud, Returns
 from headless.report.turning import BUDGET, turning_cloud, viewer
 
 

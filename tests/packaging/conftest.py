@@ -12,6 +12,8 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 SESSION = Path(__file__).with_name("extension_session.py")
+SMALL = ROOT / "tests" / "headless" / "small.toml"
+OUTPUT = "[output]\npreview_size = [96, 54]\npreview_samples = 1\nleaves = false\n"
 NO_NETWORK = 75  # build_extension.py's exit code
 
 
@@ -42,34 +44,26 @@ def session(archive, once):
     """What extension_session.py saw."""
 
     def look(folder):
-        run = run_in_clean_blender(folder, SESSION, archive, folder / "answer.json")
+        """In a Blender that has nothing but what it ships."""
+        scene = folder / "scene.toml"
+        scene.write_text(SMALL.read_text().split("[output]")[0] + OUTPUT)
+        ours = {name: value for name, value in os.environ.items() if "PYTHON" not in name}
+        run = subprocess.run(
+            [sys._base_executable, "-s", "-S", SESSION, archive, folder, scene],
+            env=ours
+            | {
+                "PYTHONPATH": str(what_blender_ships(folder / "blender")),
+                "BLENDER_USER_RESOURCES": str(folder / "resources"),
+            },
+            cwd=folder,
+            capture_output=True,
+            text=True,
+            timeout=900,  # bpy 4.5 hangs at exit when an operator stays registered
+        )
         assert run.returncode == 0, run.stdout + run.stderr
 
     folder = once("session", look)
-    kept = {name: folder / name for name in ("resources", "enabled")}
-    return json.loads((folder / "answer.json").read_text()) | kept
-
-
-@pytest.fixture(scope="session")
-def in_clean_blender():
-    """``run(folder, script, *words)``: a script in a Blender that has nothing but what it ships."""
-    return run_in_clean_blender
-
-
-def run_in_clean_blender(folder, *words):
-    environment = {name: value for name, value in os.environ.items() if "PYTHON" not in name}
-    return subprocess.run(
-        [sys._base_executable, "-s", "-S", *map(str, words)],
-        env=environment
-        | {
-            "PYTHONPATH": str(what_blender_ships(folder / "blender")),
-            "BLENDER_USER_RESOURCES": str(folder / "resources"),
-        },
-        cwd=folder,
-        capture_output=True,
-        text=True,
-        timeout=900,  # bpy 4.5 hangs at exit when an operator stays registered
-    )
+    return json.loads((folder / "answer.json").read_text()) | {"folder": folder}
 
 
 def what_blender_ships(folder: Path) -> Path:

@@ -1,13 +1,14 @@
-"""One Blender session, run by test_extension.py: install, enable, look, disable, look again.
+"""One Blender session, run by test_extension.py: install, enable, use, run commands, disable, look again.
 
-Usage: extension_session.py ARCHIVE ANSWER.json, with BLENDER_USER_RESOURCES on an empty folder. The
-answer says where modules come from, what enabling added and what disabling left behind.
+Usage: extension_session.py ARCHIVE FOLDER SCENE.toml, with BLENDER_USER_RESOURCES on an empty folder.
+FOLDER/answer.json says where modules come from, what enabling added, what was installed after each command
+and what disabling left behind. Commands run as ``blender --command forest`` runs them: the Blender that comes
+as a module has no ``--command``; the window's test runs commands through that.
 """
 
 import importlib.util
 import json
 import os
-import shutil
 import sys
 import tempfile
 from collections.abc import Iterator
@@ -23,7 +24,8 @@ import addon_utils  # isort: skip
 MODULE = "bl_ext.user_default.forest_sensing"
 
 
-def main(archive: str, answer: str) -> None:
+def main(archive: str, folder: str, scene: str) -> None:
+    home = Path(folder)
     lacking = [name for name in ("scipy", "laspy", "lazrs", "cattrs") if not has(name)]
     before = snapshot()
     installed = bpy.ops.extensions.package_install_files(
@@ -42,11 +44,10 @@ def main(archive: str, answer: str) -> None:
     extension = Path(import_module(MODULE).__file__).parent
     tree = files_of(extension)
     with watched() as acts:
-        pressed = press_every_button(Path(answer).parent / "results")
-        typed = type_in_the_console(Path(answer).parent / "results" / "typed.laz")
-    # As it is now, for the session of test_command.py: unpacking and compiling all again takes seconds.
-    resources = Path(os.environ["BLENDER_USER_RESOURCES"])
-    shutil.copytree(resources, Path(answer).parent / "enabled")
+        pressed = press_every_button(home / "results")
+        typed = type_in_the_console(home / "results" / "typed.laz")
+    changed, foreign = sorted(tree ^ files_of(extension)), names_outside(extension)
+    seen = run_commands(scene, home / "out")
     disabled = bpy.ops.preferences.addon_disable(module=MODULE)
     result = {
         "lacking": lacking,
@@ -61,14 +62,15 @@ def main(archive: str, answer: str) -> None:
         "suspicious": sorted(acts["suspicious"]),
         "own_folder": bpy.utils.extension_path_user(MODULE),
         "temporary": [bpy.app.tempdir, tempfile.gettempdir()],
-        "changed": sorted(tree ^ files_of(extension)),
-        "foreign_names": names_outside(extension),
+        "changed": changed,
+        "foreign_names": foreign,
+        "seen": seen,
         "disabled": sorted(disabled),
         "still_loaded": addon_utils.check(MODULE)[1],
         "left": sorted(snapshot() - before),
         "lost": sorted(before - snapshot()),
     }
-    Path(answer).write_text(json.dumps(result, indent=1))
+    (home / "answer.json").write_text(json.dumps(result, indent=1))
 
 
 @contextmanager
@@ -166,6 +168,27 @@ def type_in_the_console(path: Path) -> dict[str, bool]:
     kept = {r.sensor.kind: bool(r.audit.kept) for r in (cloud, echo, sound)}
     bpy.ops.wm.read_homefile(use_factory_startup=True)
     return kept | {"saved": path.stat().st_size > 500}
+
+
+def run_commands(scene: str, out: Path) -> list[dict[str, object]]:
+    """What the extension brought, as it lies on the disk, before and after each command; an empty file."""
+    command = import_module(f"{MODULE}.forest_addon.ui.settings.preferences")
+    local = Path(bpy.utils.user_resource("EXTENSIONS")) / ".local"
+    folders = [str(path) for path in local.rglob("site-packages")]
+    own = ["--scanner", "riegl-vz-400i", "--at", "5,5,1.6", "--set", "angle_step_deg=5.0"]
+    seen: list[dict[str, object]] = []
+    for words in (
+        [],
+        ["run", scene, "--out", str(out), "--quiet"],
+        ["lidar", str(out / "forest.blend"), *own, "--out", str(out / "own.laz"), "--quiet"],
+        ["stand", scene, "--out", str(out / "points.csv")],
+    ):
+        code = command.run(words) if words else 0
+        packages = sorted({dist.name for dist in metadata.distributions(path=folders)})
+        enabled = addon_utils.check(MODULE)
+        seen.append({"code": code, "packages": packages, "enabled": enabled})
+    bpy.ops.wm.read_homefile(use_factory_startup=True)
+    return seen
 
 
 def has(name: str) -> bool:

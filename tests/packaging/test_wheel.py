@@ -11,8 +11,30 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-SMALL = ROOT / "tests" / "headless" / "small.toml"
+SMALL = (ROOT / "tests" / "headless" / "small.toml").read_text(encoding="utf-8")
 BARE = "[output]\nblend = false\nglb = false\npreview = false\npictures = false\ngoodness = false\n"
+TILES = """
+[forest]
+size = [8.0, 4.0]
+[tiles]
+size = 4.0
+buffer = 2.0
+[[sensors]]
+kind = "sonar"
+position = [4.0, 2.0, 1.5]
+"""
+USE = """
+import forest_addon
+from forest_addon.base.places import ASSETS
+from forest_addon.formats.scanner_file import FOLDER
+from forest_addon.headless.cli import main
+
+print(forest_addon.__file__)
+print(*(len(list(folder.glob("*.toml"))) for folder in (FOLDER, ASSETS / "plans")))
+assert main(["run", "small.toml", "--out", "out", "--quiet"]) == 0
+assert main(["run", "tiles.toml", "--workers", "2", "--out", "tiled", "--quiet"]) == 0
+main(["--help"])
+"""
 
 
 def run(*words, **more):
@@ -24,15 +46,12 @@ def run(*words, **more):
 @pytest.fixture(scope="module")
 def wheel(tmp_path_factory):
     folder = tmp_path_factory.mktemp("wheel")
-    source = folder / "source"
+    source = folder / "source"  # leaves no build/ here
     source.mkdir()
-    names = ("forest_addon", "headless", "assets", "pyproject.toml", "setup.py", "README.md")
     for name in (
-        *names,
-        "LICENSE",
-        "blender_manifest.toml",
-        "MANIFEST.in",
-    ):  # leaves no build/ here
+        *("forest_addon", "headless", "assets", "pyproject.toml", "setup.py", "README.md"),
+        *("LICENSE", "blender_manifest.toml", "MANIFEST.in"),
+    ):
         (source / name).symlink_to(ROOT / name)
     made = run("-m", "pip", "wheel", "--quiet", "--no-deps", "--wheel-dir", folder, source)
     if made.returncode and "No matching distribution" in made.stderr + made.stdout:
@@ -41,80 +60,31 @@ def wheel(tmp_path_factory):
     return next(folder.glob("*.whl"))
 
 
-@pytest.fixture(scope="module")
-def installed(wheel, tmp_path_factory):
-    """A folder that the wheel alone was installed into, as the environment of a process elsewhere."""
-    folder = tmp_path_factory.mktemp("site")
-    made = run("-m", "pip", "install", "--quiet", "--no-deps", "--target", folder, wheel)
-    assert made.returncode == 0, made.stderr
-    return folder, dict(os.environ) | {"PYTHONPATH": str(folder)}
-
-
 @pytest.mark.slow
-def test_the_wheel_has_one_name_and_its_version_from_the_manifest(wheel):
-    manifest = tomllib.loads((ROOT / "blender_manifest.toml").read_text(encoding="utf-8"))
+def test_the_installed_wheel_works_alone_from_another_folder(wheel, tmp_path):
+    version = tomllib.loads((ROOT / "blender_manifest.toml").read_text("utf-8"))["version"]
+    assert wheel.name.startswith(f"forest_sensing-{version}-")
     names = zipfile.ZipFile(wheel).namelist()
     tops = {name.split("/")[0] for name in names}
     assert {top for top in tops if not top.endswith(".dist-info")} == {"forest_addon"}
-    assert wheel.name.startswith(f"forest_sensing-{manifest['version']}-")
     inside = {name.removeprefix("forest_addon/assets/") for name in names if "/assets/" in name}
-    files = {p.relative_to(ROOT / "assets").as_posix() for p in (ROOT / "assets").rglob("*.toml")}
-    assert files <= inside
+    assert {
+        p.relative_to(ROOT / "assets").as_posix() for p in ROOT.glob("assets/**/*.toml")
+    } <= inside
 
-
-@pytest.mark.slow
-def test_the_installed_wheel_runs_a_scene_from_another_folder(installed, tmp_path):
-    folder, environment = installed
-    where = run(
-        "-c", "import forest_addon; print(forest_addon.__file__)", cwd=tmp_path, env=environment
-    )
-    assert where.stdout.startswith(str(folder))
-    start = "import sys; from forest_addon.headless.cli import main; sys.exit(main(sys.argv[1:]))"
-    scene = tmp_path / "small.toml"
-    scene.write_text(SMALL.read_text(encoding="utf-8").split("[output]")[0] + BARE, "utf-8")
-    words = ("run", scene, "--out", tmp_path / "out", "--quiet")
-    done = run("-c", start, *words, cwd=tmp_path, env=environment)
+    site, here = tmp_path / "site", tmp_path / "here"
+    made = run("-m", "pip", "install", "--quiet", "--no-deps", "--target", site, wheel)
+    assert made.returncode == 0, made.stderr
+    here.mkdir()
+    (here / "small.toml").write_text(SMALL.split("[output]")[0] + BARE, "utf-8")
+    (here / "tiles.toml").write_text(TILES, "utf-8")
+    done = run("-c", USE, cwd=here, env=os.environ | {"PYTHONPATH": str(site)})
     assert done.returncode == 0, done.stderr
-    record = json.loads((tmp_path / "out" / "run.json").read_text(encoding="utf-8"))
-    manifest = tomllib.loads((ROOT / "blender_manifest.toml").read_text(encoding="utf-8"))
-    assert record["versions"]["forest_sensing"] == manifest["version"]
-    help_text = run("-c", start, "--help", cwd=tmp_path, env=environment).stdout
-    assert "forest-sensing run my.toml" in help_text
-    assert "python -m headless" not in help_text
-
-
-@pytest.mark.slow
-def test_presets_instruments_and_plans_are_inside(installed, tmp_path):
-    code = (
-        "from pathlib import Path\n"
-        "from forest_addon.growth.library.species_file import find_species, load_species\n"
-        "from forest_addon.formats.scanner_file import FOLDER\n"
-        "from forest_addon.base.places import ASSETS\n"
-        "load_species(find_species('hazelnut', Path()))\n"
-        "print(len(list(FOLDER.glob('*.toml'))), len(list((ASSETS / 'plans').glob('*.toml'))))"
-    )
-    done = run("-c", code, cwd=tmp_path, env=installed[1])
-    assert done.returncode == 0, done.stderr
-    assert min(map(int, done.stdout.split())) > 2
-
-
-TILES = """
-[forest]
-size = [8.0, 4.0]
-[tiles]
-size = 4.0
-buffer = 2.0
-[[sensors]]
-kind = "sonar"
-position = [4.0, 2.0, 1.5]
-"""
-
-
-@pytest.mark.slow
-def test_workers_of_the_installed_wheel_find_its_command(installed, tmp_path):
-    (tmp_path / "tiles.toml").write_text(TILES, encoding="utf-8")
-    start = "import sys; from forest_addon.headless.cli import main; sys.exit(main(sys.argv[1:]))"
-    words = ("run", "tiles.toml", "--workers", "2", "--out", "out", "--quiet")
-    done = run("-c", start, *words, cwd=tmp_path, env=installed[1])
-    assert done.returncode == 0, done.stderr
-    assert (tmp_path / "out" / "echo.npz").is_file()
+    where, counts, *help_text = done.stdout.splitlines()
+    assert where.startswith(str(site))
+    assert min(map(int, counts.split())) > 2
+    record = json.loads((here / "out" / "run.json").read_text(encoding="utf-8"))
+    assert record["versions"]["forest_sensing"] == version
+    assert (here / "tiled" / "echo.npz").is_file()  # its workers found the command, too
+    assert any("forest-sensing run my.toml" in line for line in help_text)
+    assert not any("python -m headless" in line for line in help_text)

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from forest_addon.sensing.cost import Cost
+from forest_addon.sensing.kind import Cost
 from forest_addon.sensing.kinds import kind_of
 from forest_addon.spec import Beam, Forest, Place, Reverb, Scene, Stems, Terrestrial
 

@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
+from forest_addon.sensing.kind import AROUND
 from forest_addon.sensing.kinds import outline
-from forest_addon.sensing.lines import AROUND
 from forest_addon.sensing.sonar.beam import beam_offsets
 from forest_addon.sensing.trajectory import frame_of
 from forest_addon.spec import Airborne, Mobile, Pose, Reverb, Sonar, Terrestrial, Tractor

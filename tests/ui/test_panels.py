@@ -14,7 +14,7 @@ from forest_addon.blender.sensors import objects as sensors
 from forest_addon.sensing.kinds import KINDS
 from forest_addon.spec.depth import ADVANCED, APPLIES
 from forest_addon.ui import properties
-from forest_addon.ui.results.keep import OF_TREES
+from forest_addon.ui.results.finding import OF_TREES
 from forest_addon.ui.settings import exchange
 from forest_addon.ui.settings.groups import fields_of
 from forest_addon.ui.shell import running

@@ -19,12 +19,10 @@ import numpy as np
 from mathutils.bvhtree import BVHTree
 
 from ...base.rows import RowTable
-from ...sensing.rays.boxes import BoxTree
+from ...sensing.rays.boxes import BoxTree, Hulls
 from ...sensing.rays.caster import Hits
 from ...sensing.rays.geometry import SceneGeometry, invert_transforms
-from ...sensing.rays.hulls import Hulls
-from ...sensing.rays.refine import whole_triangles
-from ...sensing.rays.search import TASK, Search
+from ...sensing.rays.search import TASK, Search, whole_triangles
 
 BEFORE = 1e-3  # metres, and BEFORE_SHARE of the way: where a ray starts before a box
 BEFORE_SHARE = 1e-5

@@ -14,16 +14,14 @@ import numpy as np
 from ...base.rng import stream
 from ...base.trimesh import OTHER, TriMesh
 from ...growth.mesh.meshing import tube
+from ...sensing.moving import MovingScene
+from ...sensing.moving_rays import MovingCaster
 from ...sensing.rays.geometry import SceneGeometry
-from ...sensing.rays.moving import MakeMotion
-from ...sensing.rays.pieces import MakeEngine
 from ...sensing.rays.search import Search
 from ...spec import Rays
 from .bvh import BvhCaster
-from .embree import EmbreeCaster
-from .embree_library import EmbreeError
-from .embree_motion import EmbreePieces
-from .embree_parts import embree_parts
+from .embree import EmbreeCaster, EmbreeError
+from .embree_motion import EmbreeMotion, embree_motion
 
 
 def make_caster(scene: SceneGeometry, rays: Rays) -> Search:
@@ -46,18 +44,24 @@ def make_caster(scene: SceneGeometry, rays: Rays) -> Search:
     return BvhCaster(scene)
 
 
-def piece_engine(rays: Rays) -> MakeEngine | None:
-    """Return what finds hits on pieces that move, by the settings; None: a caster for each piece."""
+def make_moving_caster(
+    moving: MovingScene, rays: Rays, like: MovingCaster | None = None
+) -> MovingCaster:
+    """The caster of a scene that moves that the settings ask for. like : of a scene of the same meshes, whose
+    trees are shared."""
+    make = partial(make_caster, rays=rays)
     if rays.engine == "bvhtree" or embree_problem():
-        return None
-    return partial(EmbreePieces, threads=rays.threads or os.cpu_count() or 1)
-
-
-def motion_engine(rays: Rays) -> MakeMotion | None:
-    """Return what finds hits in a scene that moves, by the settings; None: a caster for each part."""
-    if rays.engine == "bvhtree" or embree_problem():
-        return None
-    return partial(embree_parts, threads=rays.threads or os.cpu_count() or 1)
+        return MovingCaster(moving, make)
+    search = None if like is None else like.search
+    return MovingCaster(
+        moving,
+        make,
+        partial(
+            embree_motion,
+            threads=rays.threads or os.cpu_count() or 1,
+            like=search if isinstance(search, EmbreeMotion) else None,
+        ),
+    )
 
 
 def moved_caster(like: Search, scene: SceneGeometry) -> Search:

@@ -1,153 +1,473 @@
-"""Embree on pieces that move: instances whose places have many steps, and rays with a time each.
+"""Embree on a scene that moves: instances that turn or sway, meshes that bend, and rays with a time each.
 
-Embree takes the elements of a place linearly between two steps, as ``sensing.rays.pieces`` does; what it
-finds in float32 is met again in float64, where the piece is at the ray's time.
+Rays go through the tree of what stands still, then through those of what moves meanwhile, in the same
+packets; what they find in float32 is met again in float64, where the part is at the ray's time. What moves by
+keys has windows of up to 128 samples, cut wherever something comes or goes, with the parts that are there
+then, each with as many steps as its path needs to be right to ``WITHIN``. Trees that sway have windows of
+``moving.SPAN`` knots, with the pieces about the rays; Embree takes their places linearly between knots, as
+``moving.PieceWindow`` does.
 """
 
 from __future__ import annotations
 
+from collections import OrderedDict
+from threading import Lock
+
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from ...base.trimesh import TriMesh
+from ...sensing.moving import MovingScene, PieceWindow, swept
 from ...sensing.rays.boxes import clip
 from ...sensing.rays.caster import Hits
-from ...sensing.rays.geometry import SceneGeometry
-from ...sensing.rays.pieces import boxes_of, placed, swept
-from ...sensing.rays.refine import RefinedSurfaces, whole_triangles
-from ...sensing.rays.search import in_tasks, search_on
-from . import embree_library as embree
-from .embree import EmbreeBuild
-from .embree_packets import INSTANCE, OF_ARRAY, RayPackets, lanes_for
+from ...sensing.rays.exact import meet
+from ...sensing.rays.paths import RigidPath, corners_at_rest
+from ...sensing.rays.search import RefinedSurfaces, in_tasks, search_on, whole_triangles
+from . import embree
+from .embree import EmbreeBuild, EmbreeCaster, RayPackets, lanes_for
 
+LONGEST = 128  # samples of a window; Embree takes one step more
+ROUND = 16  # a window's samples are a multiple of this, so that wide steps fit
+WITHIN = 1e-5  # m by which wider steps may miss a sample
+KEPT = 4  # windows that are kept
+MANY = 64  # moments at which something comes or goes, from which windows are short
 SLACK = 1e-6  # of the scene's size, by which rays go on
 
 
-class EmbreePieces:
-    """Embree's trees of pieces, made once; called, it gives those of a window of time their places.
+def embree_motion(
+    moving: MovingScene, threads: int = 1, like: EmbreeMotion | None = None
+) -> EmbreeMotion | None:
+    """A search in a scene that moves; None where its samples are not even, or not the same for all parts.
+
+    like : of a scene of the same meshes, whose trees are shared where they are the same.
 
     Raises
     ------
     EmbreeError : Embree is not there, or has no memory left.
     """
-
-    def __init__(self, meshes: tuple[TriMesh, ...], threads: int = 1) -> None:
-        self.library = embree.load()
-        self.threads = threads
-        self.device = self.library.rtcNewDevice(f"threads={threads}".encode())
-        self.build = EmbreeBuild(self.library, self.device)
-        self.arrays = embree.has_arrays(self.library, self.device)
-        every = np.arange(len(meshes))  # a place each, which is never asked for
-        stands = np.broadcast_to(np.eye(3, 4), (len(meshes), 3, 4))
-        scene = SceneGeometry(meshes, stands, every, ("",) * len(meshes), every, every)
-        self.surfaces = RefinedSurfaces(scene)
-        self.usable = [whole_triangles(mesh) for mesh in meshes]
-        self.size = np.array([len(rows) for rows in self.usable], np.int64)
-        self._first = np.cumsum(self.size) - self.size
-        self._all = np.concatenate([np.empty(0, np.int64), *self.usable])  # maybe of no piece
-        self.boxes = boxes_of(meshes)
-        self._meshes = meshes
-        self._scenes: dict[int, int] = {}
-
-    def __call__(self, mesh: np.ndarray, places: np.ndarray) -> _EmbreeWindow:
-        return _EmbreeWindow(self, mesh, places)
-
-    def numbered(self, mesh: np.ndarray, primitive: np.ndarray) -> np.ndarray:
-        """(R,) triangles of pieces, from those that Embree was given."""
-        return np.asarray(self._all[self._first[mesh] + primitive])
-
-    def scene(self, mesh: int) -> int:
-        """Embree's scene of a piece."""
-        if mesh not in self._scenes:
-            self._scenes[mesh] = self.build.mesh(self._meshes[mesh], self.usable[mesh])
-        return self._scenes[mesh]
+    motion = moving.motion
+    paths = [path for path in motion.paths.values() if isinstance(path, RigidPath)]
+    if len(paths) < len(motion.paths):
+        return None
+    times = [one.time for one in (*paths, *motion.shapes.values())]
+    whole = max(times, key=len, default=np.zeros(1))
+    several = [time for time in times if len(time) > 1]
+    if several:
+        whole = np.unique(np.concatenate(several))
+        steps = round((whole[-1] - whole[0]) / np.diff(whole).min())
+        even = whole[0] + np.arange(steps + 1) * (whole[-1] - whole[0]) / steps
+        near = np.minimum(np.searchsorted(even, whole - (even[1] - even[0]) / 2), steps)
+        if np.abs(whole - even[near]).max() > 1e-9 * (1 + np.abs(whole).max()):
+            return None
+        even[near] = whole
+        whole = even
+    return EmbreeMotion(moving, whole, threads, like)
 
 
-class _EmbreeWindow:
-    """Pieces of a window: mesh (P,), places (K, P, 3, 4)."""
+class EmbreeMotion:
+    """See ``MotionSearch``. time : (K,) s, even samples that all parts have, or some of them in a row."""
 
-    def __init__(self, pieces: EmbreePieces, mesh: np.ndarray, places: np.ndarray) -> None:
-        self._pieces, self._mesh, self._places = pieces, mesh, places
-        low, high = swept(pieces.boxes[mesh], places)
-        low, high = low.min(axis=0), high.max(axis=0)
-        self._centre = (low + high) / 2
-        self._slack = SLACK * float((high - low).max()) + SLACK
-        self._box = low - self._slack, high + self._slack
-        moved = places.astype(np.float64)
-        moved[:, :, :, 3] -= self._centre
-        self._build = EmbreeBuild(pieces.library, pieces.device, pieces.build)
-        self._known = np.flatnonzero(pieces.size[mesh] > 0)
-        self._top = self._placed(moved[:, self._known])
+    engine = "embree"
 
-    def _placed(self, places: np.ndarray) -> int:
-        """Embree's scene of the pieces that have a surface, at places (K, P, 3, 4) about the centre."""
-        pieces, mesh = self._pieces, self._mesh[self._known]
-        if pieces.arrays and len(mesh):
-            used, which = np.unique(mesh, return_inverse=True)
-            scenes = [pieces.scene(number) for number in used.tolist()]
-            return self._build.array(scenes, which, places)
-        scenes = [pieces.scene(number) for number in mesh.tolist()]
-        every = np.ascontiguousarray(places.swapaxes(0, 1), dtype=np.float32)
-        return self._build.instances(list(range(len(mesh))), scenes, every)
+    def __init__(
+        self,
+        moving: MovingScene,
+        time: np.ndarray,
+        threads: int = 1,
+        like: EmbreeMotion | None = None,
+    ) -> None:
+        scene, motion = moving.scene, moving.motion
+        if like is not None and not _same(scene.meshes, like._moving.scene.meshes):
+            like = None
+        self._moving, self._threads = moving, threads
+        self._still = still = EmbreeCaster(moving.still, threads, like and like._still)
+        self._arrays = embree.has_arrays(still._library, still._device)
+        self._trees = {} if like is None else like._trees  # of meshes that move, by their number
+        self._surfaces = RefinedSurfaces(scene)
+        self._first, self._count = float(time[0]), len(time)
+        self._step = float(time[-1] - time[0]) / max(len(time) - 1, 1) or 1.0
+        ends = np.unique([end for span in motion.spans.values() for end in span])
+        self._breaks = ends[np.isfinite(ends)]
+        most = ROUND if len(self._breaks) > MANY else LONGEST
+        windows = max(1, -(-(len(time) - 1) // most))
+        self._span = ROUND * max(1, -(-(len(time) - 1) // (ROUND * windows)))
+        self._windows: OrderedDict[tuple[int, int], tuple[int, EmbreeBuild]] = OrderedDict()
+        self._pieces: tuple[PieceWindow, int, np.ndarray, np.ndarray, EmbreeBuild] | None = None
+        self._lock = Lock()
+        self._number_triangles(None if like is None else like._usable)
+        self._rows = [r for r, n in enumerate(motion.rows.tolist()) if len(self._given(n))]
+        self._bound()
+        self._steps = [self._step_of(n) for n in motion.rows.tolist()]
 
     def cast(
+        self,
+        origins: np.ndarray,
+        directions: np.ndarray,
+        max_distance: np.ndarray,
+        *,
+        time: np.ndarray,
+        min_distance: np.ndarray,
+        leaving: Hits | None = None,
+    ) -> Hits:
+        """The closest hits; see ``MotionSearch``."""
+        hits = Hits.misses(len(origins))
+        rest = np.isfinite(origins.sum(axis=1) + directions.sum(axis=1))
+        rest &= min_distance <= max_distance
+        sound = np.flatnonzero(rest)
+        begin = np.maximum(min_distance, 0.0)
+        sample = np.clip((time - self._first) / self._step, 0, self._count - 1)
+        last = max(-(-(self._count - 1) // self._span), 1) - 1
+        block = np.minimum((sample / self._span).astype(np.int64), last)
+        stretch = np.searchsorted(self._breaks, time, "right")
+        keyed = block * (len(self._breaks) + 1) + stretch
+
+        def groups(rows: np.ndarray, pieces: PieceWindow | None) -> None:
+            for chosen in np.unique(keyed[rows]).tolist():
+                some = rows if (keyed[rows] == chosen).all() else rows[keyed[rows] == chosen]
+                number = divmod(chosen, len(self._breaks) + 1)
+                left = Hits.misses(len(some)) if leaving is None else leaving.select(some)
+                rays = origins[some], directions[some], min_distance[some], max_distance[some]
+                when = sample[some] / self._span - number[0]
+                found = self._cast(*rays, time[some], left, number, when, pieces)
+                if leaving is None and pieces is not None:
+                    self._settle(found, *rays[:3], time[some], pieces)
+                hits.put(some, found)
+
+        given = origins, directions, begin, max_distance, time, sound
+        for rows, window in self._moving.bundles(*given):
+            rest[rows] = False
+            groups(rows, window)
+        groups(np.flatnonzero(rest), None)
+        return hits
+
+    def _cast(
         self,
         origins: np.ndarray,
         ways: np.ndarray,
         near: np.ndarray,
         far: np.ndarray,
-        knot: np.ndarray,
-        leaving: Hits | None,
+        time: np.ndarray,
+        left: Hits,
+        number: tuple[int, int],
+        when: np.ndarray,
+        pieces: PieceWindow | None,
     ) -> Hits:
-        """The closest hits; see ``PieceWindow``."""
-        hits = Hits.misses(len(origins))
+        """The closest hits of rays (R, 3), (R, 3) in one window of each kind; when : (R,) from 0 to 1 in that
+        of what moves by keys."""
+        tops = []  # of each window: Embree's scene, the box of it, and times of rays from 0 to 1
+        if self._rows:
+            tops.append((self._window(*number), self._swept, when))
+        if pieces is not None:
+            _, top, box, _, _ = self._pieces_at(pieces)
+            share = pieces.knot(time, self._moving.start) / (len(pieces.places) - 1)
+            tops.append((top, box, share))
+        found = Hits.misses(len(near))
+        origin, way = np.ascontiguousarray(origins.T), np.ascontiguousarray(ways.T)
 
         def task(part: slice) -> None:
-            rays = origins[part], ways[part]
-            some_near, some_far, some_knot = near[part], far[part], knot[part]
-            left = Hits.misses(len(some_near)) if leaving is None else leaving.select(part)
-
             def nearest(rows: np.ndarray, start: np.ndarray) -> Hits:
-                some = rays[0][rows], rays[1][rows]
-                return self._nearest(*some, start, some_far[rows], some_knot[rows])
+                rows = rows + part.start
+                some = [(top, box, at[rows]) for top, box, at in tops]
+                rays = origin[:, rows], way[:, rows], start, far[rows], time[rows]
+                return self._nearest(*rays, some, pieces)
 
-            hits.put(part, search_on(nearest, some_near, some_far, left))
+            found.put(part, search_on(nearest, near[part], far[part], left.select(part)))
 
-        in_tasks(task, len(origins), self._pieces.threads)
-        return hits
+        in_tasks(task, len(near), self._threads)
+        return found
 
     def _nearest(
         self,
-        origins: np.ndarray,
-        ways: np.ndarray,
+        origin: np.ndarray,
+        way: np.ndarray,
         start: np.ndarray,
         limit: np.ndarray,
-        knot: np.ndarray,
+        time: np.ndarray,
+        tops: list[tuple[int, tuple[np.ndarray, np.ndarray], np.ndarray]],
+        pieces: PieceWindow | None,
     ) -> Hits:
-        found = Hits.misses(len(origins))
-        direction, origin = np.ascontiguousarray(ways.T), np.ascontiguousarray(origins.T)
-        begin, leaves = clip(*self._box, origin, direction, start, limit)
+        """Hits that rays (3, R) meet first in float32, with their exact distances."""
+        found = Hits.misses(len(limit))
+        begin, leaves = clip(self._low, self._high, origin, way, start, limit)
         rays = np.flatnonzero(begin <= leaves)
         if not len(rays):
             return found
-        origin, direction, knot = origin[:, rays], direction[:, rays], knot[rays]
-        moved = origin + begin[rays] * direction - self._centre[:, None]
-        reach = (limit[rays] - begin[rays]) * (1 + 1e-6) + self._slack
-        packets = RayPackets(len(rays), lanes_for(moved, direction))
-        packets.fill(moved, direction, reach, knot / (len(self._places) - 1))
-        packets.trace(self._pieces.library, self._top)
-        row = OF_ARRAY if self._pieces.arrays else INSTANCE
-        piece, primitive, met = packets.read(len(rays), row)
+        if len(rays) < len(limit):
+            origin, way, begin = origin[:, rays], way[:, rays], begin[rays]
+            limit, time = limit[rays], time[rays]
+            tops = [(top, box, at[rays]) for top, box, at in tops]
+        moved = origin + begin * way - self._centre[:, None]
+        packets = RayPackets(len(rays), lanes_for(moved, way))
+        packets.fill(moved, way, (limit - begin) * (1 + 1e-6) + self._slack)
+        library = self._still._library
+        packets.trace(library, self._still._top)
+        for top, box, at in tops:
+            near, leave = clip(*box, origin, way, begin, limit)
+            packets.set_time(at)
+            packets.trace(library, top, np.flatnonzero(near <= leave))
+        instance, primitive, met = packets.read(len(rays))
         if not len(met):
             return found
-        piece = self._known[piece]
-        mesh = self._mesh[piece]
-        triangle = self._pieces.numbered(mesh, primitive)
-        distance = self._pieces.surfaces.distance(
-            np.ascontiguousarray(origin[:, met]),
-            np.ascontiguousarray(direction[:, met]),
-            mesh,
-            triangle,
-            placed(self._places, piece, knot[met]),
-        )
-        found.put(rays[met], Hits(distance, piece, triangle))
+        piece = np.flatnonzero(instance >= self._moving.count)
+        if len(piece) and pieces is not None and self._arrays:
+            _, _, _, known, _ = self._pieces_at(pieces)
+            row = packets.rows_of_array(met[piece])
+            instance[piece] = self._moving.count + pieces.piece[known[row]]
+        triangle = primitive
+        if not self._whole:
+            triangle = self._numbers[self._begins[self._slot[instance]] + primitive]
+        origin, way, time = origin.take(met, 1), way.take(met, 1), time[met]
+        at = self._moving.scene.transform[instance]
+        rows, row = self._moving.motion.row_of(instance)
+        if len(rows):
+            at[rows] = self._moving.motion.table.at(row, time[rows])
+        if len(piece) and pieces is not None:
+            at[piece] = self._placed(pieces, instance[piece], time[piece])
+        distance = self._surfaces.distance(origin, way, instance, triangle, at)
+        bends = rows[np.isin(instance[rows], list(self._moving.motion.shapes))]
+        if len(bends):
+            ask = instance[bends], triangle[bends]
+            corners = self._moving.motion.corners(self._moving.scene, *ask, time[bends])
+            rays_of = origin.take(bends, 1), way.take(bends, 1)
+            distance[bends] = self._surfaces.distance(*rays_of, *ask, at[bends], corners)
+        found.put(rays[met], Hits(distance, instance, triangle))
         return found
+
+    def _placed(self, pieces: PieceWindow, instance: np.ndarray, time: np.ndarray) -> np.ndarray:
+        """(R, 3, 4) of pieces of a window, by their instances, at times (R,)."""
+        row = np.searchsorted(pieces.piece, instance - self._moving.count)
+        return pieces.at(row, pieces.knot(time, self._moving.start))
+
+    def _settle(
+        self,
+        hits: Hits,
+        origins: np.ndarray,
+        ways: np.ndarray,
+        near: np.ndarray,
+        time: np.ndarray,
+        window: PieceWindow,
+    ) -> None:
+        """Give hits (R,) at seams of pieces the copy of their triangle that is first in float64."""
+        cut, count = self._moving.pieces, self._moving.count
+        assert cut is not None
+        rows = np.flatnonzero(hits.instance >= count)
+        rows = rows[cut.at_seams(hits.instance[rows] - count, hits.triangle[rows])]
+        begun = hits.instance[rows] - count, hits.triangle[rows]
+        first, number, chosen = np.full(len(rows), np.inf), *(part.copy() for part in begun)
+        going, (piece, triangle) = np.arange(len(rows)), begun
+        while len(going):
+            there = np.isin(piece, window.piece)
+            some, of = going[there], rows[going[there]]
+            at = self._placed(window, count + piece[there], time[of])
+            own = corners_at_rest(self._moving.scene, count + piece[there], triangle[there])
+            corners = np.einsum("rij,rkj->rki", at[:, :, :3], own)
+            corners += at[:, None, :, 3] - origins[of, None]
+            distance = meet(tuple(corners.swapaxes(0, 1)), np.zeros((len(of), 3)), ways[of])
+            less = (distance < first[some]) | (
+                (distance == first[some]) & (piece[there] < number[some])
+            )
+            less &= (distance >= near[of]) & np.isfinite(distance)
+            won = some[less]
+            first[won], number[won] = distance[less], piece[there][less]
+            chosen[won] = triangle[there][less]
+            piece, triangle = cut.next_copy(piece, triangle)
+            more = (piece != begun[0][going]) | (triangle != begun[1][going])
+            going, piece, triangle = going[more], piece[more], triangle[more]
+        known = np.isfinite(first)  # else it is met at its rim, in float32 alone
+        hits.put(rows[known], Hits(first[known], count + number[known], chosen[known]))
+
+    def _number_triangles(self, like: dict[int, np.ndarray | None] | None) -> None:
+        """Note which triangles Embree is given: of meshes, and of each part that bends, all of whose corners
+        are finite at all times."""
+        scene, shapes = self._moving.scene, self._moving.motion.shapes
+        self._slot = scene.mesh_index.copy()
+        self._usable: dict[int, np.ndarray | None] = dict(like or self._still._usable)
+        for place, number in enumerate(shapes):
+            self._slot[number] = len(scene.meshes) + place
+        for slot in np.unique(self._slot).tolist():
+            if slot < len(scene.meshes) and slot not in self._usable:
+                rows = whole_triangles(scene.meshes[slot])
+                self._usable[slot] = (
+                    None if len(rows) == len(scene.meshes[slot].triangles) else rows
+                )
+        for number, shape in shapes.items():
+            finite = np.isfinite(shape.vertices).all(axis=(0, 2))
+            rows = np.flatnonzero(finite[self._mesh(number).triangles].all(axis=1))
+            self._usable[int(self._slot[number])] = rows
+        self._whole = all(rows is None for rows in self._usable.values())
+        if not self._whole:
+            count = len(scene.meshes) + len(shapes)
+            given = [self._usable.get(slot, np.empty(0, np.int64)) for slot in range(count)]
+            numbers = [
+                np.arange(len(scene.meshes[slot].triangles)) if rows is None else rows
+                for slot, rows in enumerate(given)
+            ]
+            size = np.array([len(rows) for rows in numbers])
+            self._begins, self._numbers = np.cumsum(size) - size, np.concatenate(numbers)
+
+    def _given(self, number: int) -> np.ndarray:
+        """Triangles of an instance that Embree is given."""
+        rows = self._usable[int(self._slot[number])]
+        return np.arange(len(self._mesh(number).triangles)) if rows is None else rows
+
+    def _bound(self) -> None:
+        """Set the box of all that rays may meet, at any time, and its centre."""
+        boxes = [(self._still._box_low, self._still._box_high)]
+        for row in self._rows:
+            number = int(self._moving.motion.rows[row])
+            mesh, shape = self._mesh(number), self._moving.motion.shapes.get(number)
+            used = mesh.vertices[mesh.triangles[self._given(number)]].reshape(-1, 3)
+            box = (used.min(axis=0), used.max(axis=0)) if shape is None else shape.bounds()
+            boxes.append(self._moving.motion.paths[number].swept(*box))
+        lows, highs = (np.array(ends) for ends in zip(*boxes, strict=True))
+        low, high = lows.min(axis=0), highs.max(axis=0)
+        if self._moving.pieces is not None:
+            hull = self._moving.pieces.hull
+            low, high = np.minimum(low, hull[0]), np.maximum(high, hull[1])
+        finite = np.isfinite(self._still._low).all()
+        self._centre = self._still._centre if finite else np.nan_to_num((low + high) / 2)
+        size = float((high - low).max())
+        self._slack = SLACK * (size if np.isfinite(size) else 0.0) + SLACK
+        self._swept = (
+            lows[1:].min(axis=0, initial=np.inf) - self._slack,
+            highs[1:].max(axis=0, initial=-np.inf) + self._slack,
+        )
+        self._low, self._high = low - self._slack, high + self._slack
+
+    def _step_of(self, number: int) -> int:
+        """Samples of a step of a part's way in Embree: as many as do not take it off its samples."""
+        path = self._moving.motion.paths[number]
+        assert isinstance(path, RigidPath)
+        if len(path.time) == 1:
+            return self._span
+        if len(path.time) < self._count:
+            return 1
+        mesh, shape = self._mesh(number), self._moving.motion.shapes.get(number)
+        far = np.abs(mesh.vertices if shape is None else np.array(shape.bounds())).max(axis=0)
+        reach = float(np.linalg.norm(np.nan_to_num(far)))
+        for step in (self._span, 16, 8, 4, 2):
+            if self._span % step or (self._count - 1) % step:
+                continue
+            wide = RigidPath(path.time[::step], path.transform[::step])
+            apart = wide.at(path.time) - path.transform
+            off = np.linalg.norm(apart[:, :, 3], axis=1)
+            off += reach * np.linalg.norm(apart[:, :, :3], axis=(1, 2))
+            if off.max() <= WITHIN:
+                return step
+        return 1
+
+    def _mesh(self, number: int) -> TriMesh:
+        return self._moving.scene.meshes[self._moving.scene.mesh_index[number]]
+
+    def _tree(self, number: int) -> int:
+        """Embree's scene of the mesh of a part that keeps its shape."""
+        index = int(self._moving.scene.mesh_index[number])
+        if index in self._still._of_mesh:
+            return self._still._of_mesh[index]
+        if index not in self._trees:
+            mesh = self._moving.scene.meshes[index]
+            self._trees[index] = self._still._build.mesh(mesh, self._usable[index])
+        return self._trees[index]
+
+    def _pieces_at(
+        self, window: PieceWindow
+    ) -> tuple[PieceWindow, int, tuple[np.ndarray, np.ndarray], np.ndarray, EmbreeBuild]:
+        """The window, Embree's scene of its pieces, the box of that, rows of the pieces that have a surface,
+        and what keeps them."""
+        if self._pieces is None or self._pieces[0] is not window:
+            cut, count, still = self._moving.pieces, self._moving.count, self._still
+            assert cut is not None
+            known = np.flatnonzero([len(self._given(count + p)) > 0 for p in window.piece.tolist()])
+            low, high = swept(cut.boxes[cut.mesh[window.piece]], window.places)
+            box = low.min(axis=0) - self._slack, high.max(axis=0) + self._slack
+            places = window.places[:, known]
+            places[:, :, :, 3] -= self._centre
+            numbers = count + window.piece[known]
+            build = EmbreeBuild(still._library, still._device, still._build)
+            if self._arrays and len(known):
+                used, which = np.unique(
+                    self._slot[numbers], return_index=True, return_inverse=True
+                )[1:]
+                scenes = [self._tree(number) for number in numbers[used].tolist()]
+                top = build.array(scenes, which, places, len(self._moving.scene))
+            else:
+                scenes = [self._tree(number) for number in numbers.tolist()]
+                every = np.ascontiguousarray(places.swapaxes(0, 1), dtype=np.float32)
+                top = build.instances(numbers.tolist(), scenes, every)
+            self._pieces = window, top, box, known, build
+        return self._pieces
+
+    def _window(self, block: int, stretch: int) -> int:
+        """Embree's scene of what moves by keys in a block of samples and is there in a stretch between
+        breaks."""
+        with self._lock:
+            key = block, stretch
+            if key not in self._windows:
+                while len(self._windows) >= KEPT:
+                    self._windows.popitem(last=False)
+                still = self._still
+                build = EmbreeBuild(still._library, still._device, still._build)
+                self._windows[key] = self._made(block, stretch, build), build
+            self._windows.move_to_end(key)
+            return self._windows[key][0]
+
+    def _made(self, block: int, stretch: int, build: EmbreeBuild) -> int:
+        start = self._first + block * self._span * self._step
+        breaks = np.concatenate([[-np.inf], self._breaks, [np.inf]])
+        since, until = breaks[stretch], breaks[stretch + 1]
+        numbers, scenes, places = [], [], []
+        motion = self._moving.motion
+        for row in self._rows:
+            number = int(motion.rows[row])
+            first, last = motion.span(number)
+            if first > since or last < until:
+                continue
+            path = motion.paths[number]
+            assert isinstance(path, RigidPath)
+            time = start + self._step * np.arange(0, self._span + 1, self._steps[row])
+            if len(path.time) == 1:
+                time = time[:1]
+            at = path.at(time, beyond=len(path.time) == self._count)
+            at[:, :, 3] -= self._centre
+            numbers.append(number)
+            places.append(quaternions(at))
+            bends = number in motion.shapes
+            scenes.append(self._bent(number, build, block) if bends else self._tree(number))
+        return build.turning(numbers, scenes, places)
+
+    def _bent(self, number: int, build: EmbreeBuild, block: int) -> int:
+        """Embree's scene of a part's triangles as they bend in a block of samples."""
+        shape, steps = self._moving.motion.shapes[number], None
+        if len(shape.time) == 1:
+            steps = shape.vertices[:1]
+        else:
+            first = round((shape.time[0] - self._first) / self._step)
+            wide = round((shape.time[1] - shape.time[0]) / self._step)
+            step = int(np.gcd.reduce([first, wide, self._span]))
+            sample = block * self._span + np.arange(0, self._span + 1, step)
+            if step == wide:
+                steps = shape.vertices[np.clip((sample - first) // wide, 0, len(shape.time) - 1)]
+            else:
+                every = np.arange(shape.vertices.shape[1])
+                time = self._first + self._step * sample
+                steps = np.stack([shape.at(every[None], t[None])[0] for t in time])
+        return build.shape(steps, self._mesh(number).triangles[self._given(number)])
+
+
+def quaternions(transform: np.ndarray) -> np.ndarray:
+    """(S, 16) float32 of transforms (S, 3, 4) as Embree's ``RTCQuaternionDecomposition``: scale, skew, shift,
+    turn (r, i, j, k), place."""
+    turn, shape = np.linalg.qr(transform[:, :, :3])
+    sign = np.where(np.diagonal(shape, axis1=1, axis2=2) < 0, -1.0, 1.0)
+    sign[:, 2] *= np.linalg.det(turn * sign[:, None, :])
+    turn, shape = turn * sign[:, None, :], shape * sign[:, :, None]
+    found = np.zeros((len(transform), 16))
+    found[:, :3] = np.diagonal(shape, axis1=1, axis2=2)
+    found[:, 3], found[:, 4], found[:, 5] = shape[:, 0, 1], shape[:, 0, 2], shape[:, 1, 2]
+    found[:, 9:13] = Rotation.from_matrix(turn).as_quat()[:, [3, 0, 1, 2]]
+    found[:, 13:] = transform[:, :, 3]
+    return np.ascontiguousarray(found, dtype=np.float32)
+
+
+def _same(one: tuple[TriMesh, ...], other: tuple[TriMesh, ...]) -> bool:
+    return len(one) == len(other) and all(a is b for a, b in zip(one, other, strict=True))

@@ -22,7 +22,7 @@ import numpy as np
 from ...base.trimesh import TriMesh
 from ...growth.mesh.leaves import separate_leaves
 from ...sensing.rays.geometry import SceneGeometry
-from ...sensing.rays.runs import SceneSample, Shape
+from ...sensing.rays.tracks import SceneSample, Shape
 from ...spec import POLISHED, Polished, property_of
 from ..scene.instances import (
     ASSET_KEY,

@@ -9,17 +9,14 @@ what changes its shape to ``BENT``; at most ``HALVINGS`` halvings, fewer where s
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 
 import bpy
 import numpy as np
 
 from ...base.trimesh import TriMesh
-from ...sensing.rays.caster import RayCaster
 from ...sensing.rays.geometry import SceneGeometry
-from ...sensing.rays.moving import MakeMotion, MovingCaster
-from ...sensing.rays.runs import SceneSample
-from ...sensing.rays.tracks import BENT, Strangers, Tracks
+from ...sensing.rays.paths import SceneMotion
+from ...sensing.rays.tracks import BENT, AppearingObjects, SceneSample, Tracks
 from ...spec import SpecError
 from ..read.depsgraph import read_sample
 from ..scene.nodes import in_full
@@ -32,17 +29,13 @@ MOST_FRAMES = 20_000
 MOST_BYTES = 1_000_000_000  # of samples at whole frames; of those between frames, twice as many
 
 
-def moving_caster(
-    scene: SceneGeometry,
-    seconds: float,
-    make: Callable[[SceneGeometry], RayCaster],
-    engine: MakeMotion | None = None,
-    begin: float = 0.0,
-) -> MovingCaster:
-    """A caster of a scene whose instances are where Blender has them at each ray's time.
+def read_motion(
+    scene: SceneGeometry, seconds: float, begin: float = 0.0
+) -> tuple[SceneGeometry, SceneMotion]:
+    """The scene with the instances that it has besides at other times, and how they move.
 
     scene : as it is evaluated at the present frame. seconds : that are looked at, from ``begin`` s after the
-    first frame on. make, engine : see ``MovingCaster``.
+    first frame on.
 
     Raises
     ------
@@ -94,7 +87,7 @@ def moving_caster(
                 off, bent = coarse.off(middle / rate, between, tracks)
                 found = _probed(scene, now, frames / rate, samples, reader, rate, tracks)
                 off, bent = max(off, found[0]), max(bent, found[1])
-    return MovingCaster(*tracks.motion(off, bent, steps), make, engine)
+    return tracks.motion(off, bent, steps)
 
 
 def _probed(
@@ -130,7 +123,7 @@ def _tracks(
 ) -> Tracks:
     try:
         return Tracks(scene, now, time, samples, jumps)
-    except Strangers as found:
+    except AppearingObjects as found:
         some = ", ".join(f'"{name}"' for name in found.names[:3])
         raise SpecError(
             "motion",

@@ -5,9 +5,9 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import replace
-from functools import cached_property, partial
+from functools import cached_property
 from pathlib import Path
-from typing import Any, TypeVar, cast
+from typing import Any, TypeVar
 
 import bpy
 import numpy as np
@@ -16,24 +16,23 @@ from ...base.progress import Progress
 from ...sensing.audit import Audit
 from ...sensing.kind import Observation
 from ...sensing.kinds import choose, kind_of
+from ...sensing.moving import MovingScene, Swaying
+from ...sensing.moving_rays import MovingCaster
 from ...sensing.rays.caster import RayCaster
+from ...sensing.rays.geometry import rounding_warning
 from ...sensing.rays.inside import tree_around
-from ...sensing.rays.moving import MovingCaster, TimedCaster
 from ...sensing.rays.paths import SceneMotion
-from ...sensing.rays.pieces import Swaying, SwayingScene, cut
-from ...sensing.rays.precision import rounding_warning
-from ...sensing.rays.swaying import SwayingCaster
 from ...sensing.rays.tracks import BENT
 from ...sensing.reverb.sums.fast_scattering import Expansions
 from ...sensing.trajectory import Trajectory
 from ...spec import Rays, Scene, Sensor
 from ...stand.placed import PlacedTrees
-from ..rays.casters import make_caster, motion_engine, piece_engine
+from ..rays.casters import make_caster, make_moving_caster
 from ..read.depsgraph import kept, read_scene
 from ..scene.meshes import placed_trees
 from ..scene.nodes import in_full
 from .following import SceneFollower
-from .moving import WITHIN, moving_caster, seconds_of
+from .moving import WITHIN, read_motion, seconds_of
 
 T = TypeVar("T")
 ENDS = {"SPEAKER", "EMPTY", "CAMERA"}  # what can be a source or a receiver
@@ -59,8 +58,8 @@ class Observer:
         self.rays = rays or Rays()
         self.expansions = Expansions() if expansions is None else expansions
         self._made: dict[Any, Any] = {}
-        self._moving: dict[Sensor, TimedCaster] = {}
-        self._moving_wood: dict[Sensor, TimedCaster] = {}
+        self._moving: dict[Sensor, MovingCaster] = {}
+        self._moving_wood: dict[Sensor, MovingCaster] = {}
         self._begins: dict[Sensor, float] = {}
         self._sway: Swaying | None = None
         self._start = 0.0
@@ -122,10 +121,6 @@ class Observer:
         """The same without leaves."""
         return self.wood if self._sway is None else self.once(_in_the_wind, True)
 
-    def in_pieces(self, solid: bool = False) -> SwayingScene:
-        """The scene with the trees that sway in pieces, without leaves where it is ``solid``; made once."""
-        return self.once(_cut, solid)
-
     def prepare(self, sensor: Sensor, way: Trajectory | None = None) -> None:
         """Read how the scene moves while a sensor looks, if it heeds that; on the main thread, before
         ``observe``.
@@ -140,31 +135,21 @@ class Observer:
         self._moving_wood.pop(sensor, None)
         self._begins.pop(sensor, None)
         if seconds > 0:
-            make = partial(make_caster, rays=self.rays)
-            scene = self.in_pieces().still if sways else self.geometry
             begin = 0.0
             if kind_of(sensor).moves and way is None:  # it stays, and looks at the present frame
                 begin = self._begins[sensor] = max(seconds_of(bpy.context.scene), 0.0)
-            engine = motion_engine(self.rays)
-            moving: TimedCaster = moving_caster(scene, seconds, make, engine, begin)
-            if sways:
-                given = self.in_pieces(), self._sway, moving, make, piece_engine(self.rays)
-                moving = SwayingCaster(*given)
-            self._moving[sensor] = moving
+            whole, motion = read_motion(self.geometry, seconds, begin)
+            sway, like = (self._sway, self.swaying) if sways else (None, None)
+            moving = MovingScene(self.geometry, motion, whole, sway, like=like and like.moving)
+            self._moving[sensor] = make_moving_caster(moving, self.rays, like)
         elif sways and not kind_of(sensor).listens:  # a sonar asks for what it needs
             self._moving[sensor] = self.swaying
 
-    def moving_wood(self, sensor: Sensor) -> TimedCaster:
+    def moving_wood(self, sensor: Sensor) -> MovingCaster:
         """Rays that pass leaves in the scene as it moves while a sensor looks, which was prepared."""
         if sensor not in self._moving_wood:
-            moving = self._moving[sensor]
-            if isinstance(moving, SwayingCaster):
-                make, engine = partial(make_caster, rays=self.rays), piece_engine(self.rays)
-                still = cast(MovingCaster, moving.still).solid()
-                given = self.in_pieces(True), self._sway, still, make, engine
-                self._moving_wood[sensor] = SwayingCaster(*given)
-            else:
-                self._moving_wood[sensor] = cast(MovingCaster, moving).solid()
+            moving = self._moving[sensor].moving.solid()
+            self._moving_wood[sensor] = make_moving_caster(moving, self.rays)
         return self._moving_wood[sensor]
 
     def eyes(self, sensor: Sensor) -> Any:
@@ -196,25 +181,26 @@ class Observer:
         points = kind_of(sensor).positions(Observation(sensor, self, Scene(), folder, way))
         trees = tree_around(self.wood, points)
         moving = self._moving.get(choose(sensor)[0])
+        motion = SceneMotion() if moving is None else moving.moving.motion
         said = self._in_the_wind(sensor)
         said += [
             f'{sensor.name}: "{name}" has more or fewer parts from time to time; around these moments it '
             "stands still between samples"
-            for name in (moving.held if moving is not None else ())
+            for name in motion.held
         ]
         said += [
             f'{sensor.name}: "{name}" is made of other triangles, or jumps, appears or vanishes, between '
-            f"frames; each of its states is met for {1e3 * moving.pause:.3g} ms"
-            for name in (moving.remade if moving is not None else ())
+            f"frames; each of its states is met for {1e3 * motion.pause:.3g} ms"
+            for name in motion.remade
         ]
-        if moving is not None and moving.within > WITHIN:
+        if motion.within > WITHIN:
             said.append(
-                f"{sensor.name}: what moves may be {moving.within:.1g} m off between frames; raise the frame "
+                f"{sensor.name}: what moves may be {motion.within:.1g} m off between frames; raise the frame "
                 "rate for less"
             )
-        if moving is not None and moving.bent > BENT:
+        if motion.bent > BENT:
             said.append(
-                f"{sensor.name}: what changes its shape may be {moving.bent:.1g} m off between frames; raise "
+                f"{sensor.name}: what changes its shape may be {motion.bent:.1g} m off between frames; raise "
                 "the frame rate for less"
             )
         return *said, *(
@@ -293,17 +279,9 @@ class Observer:
         return kind_of(sensor).trajectory(sensor, folder, SceneFollower(bpy.context.scene))
 
 
-def _cut(observer: Observer, solid: bool) -> SwayingScene:
-    """The scene of an observer with its trees in pieces."""
-    assert observer.sway is not None
-    scene = observer.geometry.solid() if solid else observer.geometry
-    return cut(scene, observer.sway[0])
-
-
-def _in_the_wind(observer: Observer, solid: bool) -> SwayingCaster:
+def _in_the_wind(observer: Observer, solid: bool) -> MovingCaster:
     """Rays at trees that sway, among what stands still."""
     assert observer.sway is not None
-    pieces, make = observer.in_pieces(solid), partial(make_caster, rays=observer.rays)
-    still = MovingCaster(pieces.still, SceneMotion(), make)
     sway, start = observer.sway
-    return SwayingCaster(pieces, sway, still, make, piece_engine(observer.rays), start)
+    scene = observer.geometry.solid() if solid else observer.geometry
+    return make_moving_caster(MovingScene(scene, sway=sway, start=start), observer.rays)

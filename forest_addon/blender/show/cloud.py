@@ -18,8 +18,7 @@ import numpy as np
 
 from ...base.labels import Labels
 from ...base.trimesh import DEAD, GROUND, LEAF, PART_NAMES, WOOD
-from ...sensing.lidar.cloud import Cloud
-from ...sensing.lidar.returns import Returns
+from ...sensing.lidar.cloud import Cloud, Returns
 from ...sensing.sonar.ping import Contributions
 from ..scene.layout import (
     CLOUD_KEY,

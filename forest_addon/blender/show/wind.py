@@ -21,7 +21,7 @@ import numpy as np
 
 from ...base.progress import Progress
 from ...base.trimesh import TriMesh
-from ...sensing.rays.pieces import parted
+from ...sensing.moving import split_pieces, taken
 from ..scene.instances import TREE_KEY, natural
 from ..scene.layout import (
     MADE_KEY,
@@ -150,7 +150,8 @@ def pieces_of(
     their names; returns how modes move each, (P, MODES, 3, 4)."""
     rig = sway.rig(row)
     assert rig is not None
-    parts = parted(mesh, sway.pieces(row, mesh))
+    cut = split_pieces(mesh, sway.pieces(row, mesh))
+    parts = [(which, taken(mesh, rows)) for which, rows in cut]
     before = len(home.objects)
     for place, (_, part) in enumerate(parts, before):
         shape = to_mesh(f"{home.name} {place:06d}", part)

@@ -1,13 +1,11 @@
-"""Allometry files, and tables of measured trees that they are fitted to.
+"""Species files and allometry files: TOML, the STL templates that a species may name, and tables of measured
+trees.
 
-Wherever an allometry is named, a name without an ending means a file of ``assets/allometry``. A table is a
-CSV with columns ``species``, ``pft``, ``dbh_m``, ``height_m``, ``crown_width_m``, ``crown_base_m``,
-``leaf_area_m2``, empty where nothing was measured, and perhaps ``study``, who measured, and ``leaf_area_is``,
-how leaves were counted: "half" of their surface, "all" of it, or the "outline" that a scanner sees.
-
-Species files: TOML, and the STL templates that it may name.
-
-Wherever a species is named, a name without an ending means a file of ``assets/species``.
+Wherever a species is named, a name without an ending means a file of ``assets/species``; wherever an
+allometry is named, one of ``assets/allometry``. A table is a CSV with columns ``species``, ``pft``,
+``dbh_m``, ``height_m``, ``crown_width_m``, ``crown_base_m``, ``leaf_area_m2``, empty where nothing was
+measured, and perhaps ``study``, who measured, and ``leaf_area_is``, how leaves were counted: "half" of their
+surface, "all" of it, or the "outline" that a scanner sees.
 """
 
 from __future__ import annotations
@@ -22,17 +20,18 @@ from typing import Any
 
 import numpy as np
 
+from ...base.kept import LastAsked
 from ...base.places import ASSETS, file_name
 from ...formats.foreign import guarded
 from ...formats.stl import StlError, read_stl
 from ...formats.toml_file import read_settings
 from ...spec import Allometry, SpecError, Species, quoted_with_hints, unknown
 from ..lsystem.expression import ExpressionError
-from ..lsystem.ruled import check_rules
 from ..lsystem.system import GrammarError
+from ..lsystem.turtle import check_rules
 from ..measured.allometry import diameters, half_of_surface
 from ..measured.wanted import Kind
-from ..mesh.blades import SHAPES, Blade, BladeError, blade_from
+from ..mesh.blades import Blade, BladeError, blade_from, leaf_blade
 from ..own_tree.anatomy import dissect
 from ..own_tree.habit import Habit, fit
 from ..own_tree.recognise import TemplateError, recognise
@@ -48,7 +47,7 @@ COLUMNS = {
 }
 MOST_OF_TREE, MOST_OF_LEAF = 3_000_000, 10_000  # facets of a file
 KEPT = 16  # trees that stay recognised; as many as a process keeps ready to graft
-_recognised: dict[tuple[bytes, tuple[str, float]], TreeTemplate | Habit] = {}
+_recognised: LastAsked[tuple[bytes, tuple[str, float]], TreeTemplate | Habit] = LastAsked(KEPT)
 
 
 def allometry_names() -> list[str]:
@@ -205,7 +204,7 @@ def complete_species(
         leaves = read_stl(folder / template.leaves, MOST_OF_TREE) if template.leaves else None
         if leaves is None and template.grow_leaves and leaf.on:
             unit = template.height / float(np.ptp(wood[:, :, 2])) if template.height else 1.0
-            leaves = dress(wood, leaf, blade or SHAPES[leaf.shape](), unit)
+            leaves = dress(wood, leaf, blade or leaf_blade(leaf, species.detail.tolerance), unit)
         if species.siblings is not None:
             tall = float(np.ptp(wood[:, :, 2])) if len(wood) else 0.0
             metres = template.height / tall if template.height and tall else 1.0
@@ -236,8 +235,4 @@ def _once(
     if leaves is not None:
         content.update(b"leaves" + leaves.tobytes())
     key = (content.digest(), what)
-    found = _recognised.pop(key, None) or make()
-    _recognised[key] = found  # the last again
-    for old in list(_recognised)[:-KEPT]:
-        _recognised.pop(old, None)
-    return found
+    return _recognised.once(key, make)

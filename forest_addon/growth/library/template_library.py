@@ -165,7 +165,7 @@ def make_library(
         habit = fit(dissect(found, metres))
         tell(2, 5)
         if grammar == "t20":
-            how = _t20_text(fit_grammar(split_tree(*metric)))
+            how = _grammar_text(fit_grammar(split_tree(*metric)))
         else:
             verdict = judge(habit, settings, siblings) if siblings else None
             how = _siblings_text(settings, verdict.variety if verdict else 1.0)
@@ -281,7 +281,7 @@ allometry = "{settings.allometry}"
 """
 
 
-def _t20_text(grammar: Grammar) -> str:
+def _grammar_text(grammar: Grammar) -> str:
     return f"""
 [grammar]
 generations = {grammar.generations}

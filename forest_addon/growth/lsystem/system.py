@@ -1,20 +1,17 @@
-"""Strings of an L-system as arrays: one byte a symbol, and the numbers of all symbols in one row.
+"""L-systems: their strings, their productions, and parallel rewriting, all on arrays.
 
-A letter is a symbol together with how many numbers it bears, so ``F`` and ``F(1.5)`` are two letters. A
-letter without numbers has its character's code; the others get codes that no character of a grammar has.
+A string is one byte a symbol, and the numbers of all symbols in one row. A letter is a symbol together with
+how many numbers it bears, so ``F`` and ``F(1.5)`` are two letters. A letter without numbers has its
+character's code; the others get codes that no character of a grammar has.
 
-Productions as texts, in the notation of ABOP and cpfg, to tables that the rewriter reads.
+Productions are texts in the notation of ABOP and cpfg. ``A(l, w) : l > 0.1 -> !(w)F(l)A(l*r, w) : 1/3``:
+predecessor, condition, successor, probability. Of the productions of one letter, those with the same
+condition are alternatives; the first condition that holds decides, and where none holds the symbol stays.
 
-``A(l, w) : l > 0.1 -> !(w)F(l)A(l*r, w) : 1/3``: predecessor, condition, successor, probability. Of the
-productions of one letter, those with the same condition are alternatives; the first condition that holds
-decides, and where none holds the symbol stays.
-
-Parallel rewriting on arrays: every symbol of a string is replaced at once, generation by generation.
-
-Before a derivation starts its length is predicted: exactly, or as an expectation where chance decides;
-where conditions decide nothing can be said, and each generation is measured before it is made. What would
-not fit is refused with the number. Strings are worked through in blocks, so a derivation needs little
-more memory than its last two strings.
+Every symbol of a string is replaced at once, generation by generation. Before a derivation starts its length
+is predicted: exactly, or as an expectation where chance decides; where conditions decide nothing can be said,
+and each generation is measured before it is made. What would not fit is refused with the number. Strings are
+worked through in blocks, so a derivation needs little more memory than its last two strings.
 """
 
 from __future__ import annotations

@@ -1,32 +1,23 @@
-"""Tanveer et al.'s (2020a and 2020b) L-systems, and plain ones: one character a symbol, no numbers, no
-chance.
+"""Tanveer et al.'s (2020a and 2020b) trees: their L-systems, the skeleton of a string, and trees without
+templates.
 
-Tanveer et al. (2020a) writes its rule g -> d(g)[g)+g) and its second iteration
-d(d(g)[g)+g)[d(g)[g)+g)+d(g)[g)+g). Both follow from axiom ``g)`` and g -> d(g)[g)+g: the branch that ``+``
-starts is closed by the bracket of its parent. Tanveer et al.'s (2020b) rules are groups d(d)+d) joined by
-``[``, one group a whorl: there each ``+`` has a
-``)`` of its own.
+Symbols bear no numbers and no chance. Tanveer et al. (2020a) write their rule g -> d(g)[g)+g) and its second
+iteration d(d(g)[g)+g)[d(g)[g)+g)+d(g)[g)+g). Both follow from axiom ``g)`` and g -> d(g)[g)+g: the branch
+that ``+`` starts is closed by the bracket of its parent. Tanveer et al.'s (2020b) rules are groups d(d)+d)
+joined by ``[``, one group a whorl: there each ``+`` has a ``)`` of its own.
 
-T20's symbols to a skeleton.
+``d`` is an internode and ``g`` a growing tip, both a segment. ``(`` starts a side branch at the current node
+and ``[`` lets the axis grow on; ``)`` goes back to the node where they stood. ``+`` starts a branch at the
+place symmetric to the previous one, raised by a random height along the axis. A side branch leaves at the
+branching angle, its symmetric one at the opposite angle, and each internode on an axis is twisted about it.
 
-``d`` is an internode and ``g`` a growing tip, both a segment. ``(`` starts a side branch at the current
-node and ``[`` lets the axis grow on; ``)`` goes back to the node where they stood. ``+`` starts a branch
-at the place symmetric to the previous one, raised by a random height along the axis; it ends with its
-parent. A side branch leaves at the branching angle, its symmetric one at the opposite angle, and each
-internode on an axis is twisted about it (Tanveer et al. 2020a).
-
-Tanveer et al.'s (2020a and 2020b) trees without templates: all of the skeleton is wood, and tips bear
-leaves (Tanveer et al. 2020a).
-
-First-level branches are set as often as the grammar's ``copies`` says, each copy turned about the
-vertical and raised along the trunk. Every growing tip bears nodes of leaves, each node turned on from
-the one before it by the fan angle.
+Without templates all of the skeleton is wood. First-level branches are set as often as the grammar's
+``copies`` says, each copy turned about the vertical and raised along the trunk. Every growing tip bears nodes
+of leaves, each node turned on from the one before it by the fan angle.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -34,111 +25,80 @@ import numpy as np
 from ...base.rng import daughter_keys, keyed_uniform, truncated_normal
 from ...spec import Grammar, Jitter, Species
 from ..mesh.blades import across, set_leaves
-from ..skeleton import TOUCH, LeafSites, Skeleton, first_level
+from ..skeleton import TOUCH, LeafSites, Skeleton, depths, first_level, root_of
 from .system import Notation, System, read_system, rewrite
+from .turtle import find_paths
 
 CENTRE, SIDE, SYMMETRIC = 0, 1, 2
 _ROLE = {ord("["): CENTRE, ord("("): SIDE, ord("+"): SYMMETRIC}
 # Symbols whose segments ``)`` goes back from: a symmetric branch ends with its parent in Tanveer et al.
-# 2020a, in A20 it has a bracket of its own, and the trunk goes on without one.
+# 2020a; in 2020b it has a bracket of its own, and the trunk goes on without one.
 _OPENING = {"T20": b"[(", "A20": b"(+"}
 SPREAD = 0.3  # share of its rise by which a copy may sit lower
 
 
-@dataclass(frozen=True)
-class LSystem:
-    """An axiom and one production per rewritten symbol (one character each)."""
-
-    axiom: str
-    productions: Mapping[str, str]
-
-
-T20 = LSystem(axiom="g)", productions={"g": "d(g)[g)+g"})
-
-
-def whorled(whorls: int) -> LSystem:
-    """A20's L-system: a trunk with so many whorls, rewritten once."""
-    return LSystem(axiom="g", productions={"g": "[".join(["d(d)+d)"] * whorls)})
-
-
 def system_of_grammar(grammar: Grammar) -> System:
-    """The L-system of a species' grammar, Tanveer et al.'s (2020a or 2020b)."""
-    return _system(whorled(grammar.whorls) if grammar.dialect == "A20" else T20)
+    """The L-system of a species' grammar, Tanveer et al.'s (2020a), or (2020b): a trunk with whorls."""
+    axiom, rule = "g)", "g -> d(g)[g)+g"
+    if grammar.dialect == "A20":
+        axiom, rule = "g", f"g -> {'['.join(['d(d)+d)'] * grammar.whorls)}"
+    return read_system(axiom, [rule], notation=Notation(parametric=False))
 
 
 def string_of(grammar: Grammar) -> np.ndarray:
-    """The string of a species' grammar, Tanveer et al.'s (2020a or 2020b), as (S,) uint8 character codes."""
-    if grammar.dialect == "A20":
-        return derive(whorled(grammar.whorls), min(grammar.generations, 1))
-    return derive(T20, grammar.generations)
-
-
-def derive(system: LSystem, generations: int) -> np.ndarray:
-    """The string after so many generations, as (S,) uint8 character codes.
+    """The string of a species' grammar as (S,) uint8 character codes; one of whorls is rewritten once.
 
     Raises
     ------
-    ValueError : the string would be longer than ``rewrite.MAX_SYMBOLS``; says how long.
+    ValueError : the string would be longer than ``system.MAX_SYMBOLS``; says how long.
     """
-    return rewrite(_system(system), generations).codes
-
-
-def _system(system: LSystem) -> System:
-    productions = [f"{symbol} -> {successor}" for symbol, successor in system.productions.items()]
-    return read_system(system.axiom, productions, notation=Notation(parametric=False))
+    most = 1 if grammar.dialect == "A20" else grammar.generations
+    return rewrite(system_of_grammar(grammar), min(grammar.generations, most)).codes
 
 
 def parse(symbols: np.ndarray, dialect: str = "T20") -> tuple[np.ndarray, np.ndarray]:
-    """Parent (S,) and role (S,) of every segment of Tanveer et al. 2020a or 2020b symbols, in the order
-    they are written.
+    """Parent (S,) and role (S,) of every segment of a string's symbols, in the order they are written.
 
     Raises
     ------
-    ValueError : a bracket closes what was not opened, or a symbol is not Tanveer et al.'s.
+    ValueError : a bracket closes what was not opened, or a symbol is none of these.
     """
-    parent: list[int] = []
-    role: list[int] = []
-    open_nodes: list[int] = []
-    node, next_role = -1, CENTRE
-    opening = _OPENING[dialect]
-    for position, symbol in enumerate(symbols.tolist()):
-        if symbol in (100, 103):  # d, g
-            parent.append(node)
-            role.append(next_role)
-            node = len(parent) - 1
-        elif symbol == 41:  # )
-            if open_nodes:
-                node = open_nodes.pop()
-            elif position != len(symbols) - 1:
-                raise ValueError(f"symbol {position}: ')' closes a branch that was not opened")
-        elif symbol in _ROLE:
-            next_role = _ROLE[symbol]
-            if symbol in opening:
-                open_nodes.append(node)
-        else:
-            raise ValueError(f"symbol {position}: '{chr(symbol)}' is not one of d g ( ) [ +")
-    return np.array(parent, dtype=np.int64), np.array(role, dtype=np.int64)
+    other = np.flatnonzero(~np.isin(symbols, list(b"dg()[+")))
+    if len(other):
+        symbol = chr(symbols[other[0]])
+        raise ValueError(f"symbol {other[0]}: '{symbol}' is not one of d g ( ) [ +")
+    opens, closes = np.isin(symbols, list(_OPENING[dialect])), symbols == ord(")")
+    if closes[-1:].any() and closes.sum() > opens.sum():  # the axiom's own closes nothing
+        symbols, opens, closes = symbols[:-1], opens[:-1], closes[:-1]
+    paths = find_paths(opens, closes)
+    drawn = np.isin(symbols[paths.command], list(b"dg"))
+    # The step that drew the segment on which each step stands, itself where none did.
+    stands = root_of(np.where(drawn, -1, paths.before))
+    number = np.append(np.where(drawn, np.cumsum(drawn) - 1, -1), -1)
+    before = paths.before[drawn]
+    turned = np.isin(symbols, list(_ROLE))
+    last = np.maximum.accumulate(np.where(turned, np.arange(len(symbols)), -1))
+    roles = np.zeros(256, np.int64)
+    roles[list(_ROLE)] = list(_ROLE.values())
+    role = np.where(last < 0, CENTRE, roles[symbols[np.maximum(last, 0)]])
+    parent = np.where(before < 0, -1, number[stands[before]])
+    return parent, role[paths.command[drawn]]
 
 
 @lru_cache(maxsize=16)
 def _lineage(symbols: bytes, dialect: str) -> tuple[np.ndarray, ...]:
     """Parent, role, generation and order (S,) of every segment: one string serves a whole species."""
     parent, role = parse(np.frombuffer(symbols, np.uint8), dialect)
-    generation = np.zeros(len(parent), dtype=np.int64)
-    order = np.zeros(len(parent), dtype=np.int64)
-    for segment in range(1, len(parent)):  # parents come first
-        mother = parent[segment]
-        generation[segment] = generation[mother] + 1
-        order[segment] = order[mother] + (role[segment] != CENTRE)
-    for column in (parent, role, generation, order):
+    columns = parent, role, depths(parent), depths(parent, role != CENTRE)
+    for column in columns:
         column.setflags(write=False)
-    return parent, role, generation, order
+    return columns
 
 
 def interpret(
     symbols: np.ndarray, grammar: Grammar, jitter: Jitter, rng: np.random.Generator
 ) -> Skeleton:
-    """The skeleton of a T20 string, foot at the origin, growing along +Z.
+    """The skeleton of a string, foot at the origin, growing along +Z.
 
     All segments of one generation are placed at once. Draws are taken per segment in the order of the
     string, so the skeleton is a function of the string and the stream alone.
@@ -176,26 +136,27 @@ def interpret(
             s = np.flatnonzero((generation == level) & (role == kind))
             if not len(s):
                 continue
-            mother = parent[s]
-            length[s] = length[mother] * ratio[s] * (1 + jitter.length * draws["length"][s])
-            axis, side = heading[mother], left[mother]
+            below = parent[s]
+            length[s] = length[below] * ratio[s] * (1 + jitter.length * draws["length"][s])
+            axis, side = heading[below], left[below]
             if kind == CENTRE:
                 side = _rotate(side, axis, twist[s])
                 bent = axis + np.tan(lean) * (
                     draws["lean"][s, None] * side + draws["side"][s, None] * np.cross(axis, side)
                 )
-                heading[s] = _unit(bent)
-                left[s] = _unit(side - _dot(side, heading[s])[:, None] * heading[s])
-                radius[s] = radius[mother] * ratio[s]
-                start[s] = end[mother]
+                heading[s] = bent / np.linalg.norm(bent, axis=1, keepdims=True)
+                aside = side - np.einsum("ni,ni->n", side, heading[s])[:, None] * heading[s]
+                left[s] = aside / np.linalg.norm(aside, axis=1, keepdims=True)
+                radius[s] = radius[below] * ratio[s]
+                start[s] = end[below]
             else:
                 turn = angle[s] if kind == SIDE else -angle[s]
                 heading[s] = _rotate(axis, side, turn)
                 left[s] = side
-                radius[s] = radius[mother] * grammar.radius_ratio
-                start[s] = end[mother]
+                radius[s] = radius[below] * grammar.radius_ratio
+                start[s] = end[below]
                 if kind == SYMMETRIC:
-                    onto = centre_of[mother]  # -1 where the axis ends: nothing to be raised along
+                    onto = centre_of[below]  # -1 where the axis ends: nothing to be raised along
                     rise = lift[s] * np.where(onto < 0, 0.0, length[onto])
                     start[s] += rise[:, None] * heading[onto]
             end[s] = start[s] + length[s, None] * heading[s]
@@ -213,26 +174,12 @@ def interpret(
 def _rotate(vectors: np.ndarray, axes: np.ndarray, angles: np.ndarray) -> np.ndarray:
     """Vectors (N, 3) turned about unit axes (N, 3) by angles (N,), right-handed (Rodrigues)."""
     cos, sin = np.cos(angles)[:, None], np.sin(angles)[:, None]
-    turned: np.ndarray = (
-        cos * vectors
-        + sin * np.cross(axes, vectors)
-        + (1 - cos) * _dot(axes, vectors)[:, None] * axes
-    )
-    return turned
-
-
-def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    product: np.ndarray = np.einsum("ni,ni->n", a, b)
-    return product
-
-
-def _unit(vectors: np.ndarray) -> np.ndarray:
-    unit: np.ndarray = vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
-    return unit
+    along = np.einsum("ni,ni->n", axes, vectors)[:, None]
+    return np.asarray(cos * vectors + sin * np.cross(axes, vectors) + (1 - cos) * along * axes)
 
 
 def grow_whole(species: Species, key: int, rng: np.random.Generator) -> tuple[Skeleton, LeafSites]:
-    """The skeleton and leaves of one tree."""
+    """The skeleton and leaves of one tree without templates."""
     grammar = species.grammar
     skeleton = interpret(string_of(grammar), grammar, species.jitter, rng)
     skeleton = _copied(skeleton, grammar.copies, key)
@@ -278,17 +225,16 @@ def _copied(skeleton: Skeleton, copies: int, key: int) -> Skeleton:
                 generation=skeleton.generation[aloft],
             )
         )
-    names = ("start", "end", "radius", "parent", "order", "generation")
-    return Skeleton(**{n: np.concatenate([getattr(p, n) for p in parts]) for n in names})
+    return Skeleton.joined(parts)
 
 
 def _tip_leaves(skeleton: Skeleton, species: Species, key: int) -> LeafSites:
     """Nodes of leaves along every segment whose end bears nothing, the last node at its end."""
     leaf = species.leaf
     goes_on = np.zeros(len(skeleton), bool)
-    mother = skeleton.parent
-    gap = np.abs(skeleton.start - skeleton.end[mother]).max(axis=1)
-    goes_on[mother[(mother >= 0) & (gap < TOUCH)]] = True
+    parent = skeleton.parent
+    gap = np.abs(skeleton.start - skeleton.end[parent]).max(axis=1)
+    goes_on[parent[(parent >= 0) & (gap < TOUCH)]] = True
     tip = np.flatnonzero(~goes_on)
     each = leaf.nodes * leaf.per_node
     segment = np.repeat(tip, each)

@@ -1,4 +1,6 @@
-r"""Dialects of turtles: the meaning of each symbol as tables of texts, which a user changes without code.
+r"""A species' rules to a tree: the string is derived, read with a dialect, walked by the turtle, and pruned.
+
+A dialect is the meaning of each symbol as a table of texts, which a user changes without code.
 
 ``F(l) = draw(l)`` gives a letter a command and the numbers that it takes, arithmetic over the letter's
 own. A symbol without an entry is passed over, as ABOP does with the variables of a grammar.
@@ -7,38 +9,51 @@ ABOP: Prusinkiewicz & Lindenmayer, The Algorithmic Beauty of Plants, section 1.5
 are right-handed about the turtle's up (+), left (&) and heading (\). S: Méndez et al., SIMLIDAR; an
 internode of generation n is h0/2^(n-1) long and N·dm/n thick, N being the number of generations.
 
-Commands to steps: what only turns or widens is joined to what follows it within its branch.
+What only turns or widens is joined to what follows it within its branch, to a step. A step turns by a fixed
+rotation of the turtle's own frame, changes the diameter to diameter·factor + offset, and then does what the
+last of its commands says: draw, move, level, bear a leaf, or nothing. A turtle has a fraction of the steps to
+walk that its string has symbols.
 
-A step turns by a fixed rotation of the turtle's own frame, changes the diameter to diameter·factor +
-offset, and then does what the last of its commands says: draw, move, level, bear a leaf, or nothing. A
-turtle has a fraction of the steps to walk that its string has symbols.
+Brackets say which step comes before each, as the turtle walks, and how far from the root. A bracket that
+closes takes the turtle back to where it opened, so commands form a tree, found for the branches of one
+bracket depth at once: sorted by depth, the commands of a branch stand together, in order, behind the bracket
+that opens it.
 
-Brackets to paths: which step comes before each, as the turtle walks, and how far from the root.
+All that is equally far from the root is walked at once. A turtle's state is a place, a frame (heading H, left
+L, up U, kept as a quaternion), a diameter and the segment drawn last. Each step makes a new state of the one
+before it on its path, so the steps of one level of ``paths`` are worked through together, whatever branches
+they stand in. Tropism is ABOP's: after each segment the heading turns towards T by e·|H × T|, about H × T
+(section 2.1, p. 58).
 
-A bracket that closes takes the turtle back to where it opened, so commands form a tree. It is found for
-the branches of one bracket depth at once: sorted by depth, the commands of a branch stand together, in
-order, behind the bracket that opens it.
-
-The general turtle: commands to a skeleton, all that is equally far from the root at once.
-
-A turtle's state is a place, a frame (heading H, left L, up U, kept as a quaternion), a diameter and the
-segment drawn last. Each step makes a new state of the one before it on its path, so the steps of one
-level of ``paths`` are worked through together, whatever branches they stand in. Tropism is ABOP's:
-after each segment the heading turns towards T by e·|H × T|, about H × T (section 2.1, p. 58).
-
-Méndez et al.'s pruning: a branch whose turtle descends is removed with all that it bears.
+Méndez et al. prune: a branch whose turtle descends is removed with all that it bears.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ...base.rng import daughter_keys
+from ...base.rows import RowTable
+from ...spec import MAX_REACH, Leaf, Rules
+from ..draw import draw_normal
 from ..skeleton import LeafSites, Skeleton
 from .expression import Expression, ExpressionError, Value, parse_expression
-from .system import GrammarError, Notation, Word, split_arguments
+from .system import (
+    GrammarError,
+    Notation,
+    Prediction,
+    System,
+    Word,
+    predict,
+    read_constants,
+    read_system,
+    rewrite,
+    split_arguments,
+    written,
+)
 
 SKIP, DRAW, MOVE, TURN, PITCH, ROLL, LEVEL, WIDTH, THIN, LEAF, BRANCH, END, OUTLINE, CLOSE = range(
     14
@@ -67,6 +82,7 @@ _JOINS_ON = np.isin(np.arange(16), (TURN, PITCH, ROLL, WIDTH, THIN, BRANCH))
 _STARTS = np.isin(np.arange(16), (BRANCH, END, OUTLINE, CLOSE))  # never joined to what is before
 _PARALLEL = 1e-12  # |H × T| below which a heading counts as parallel: no bend, no roll
 ROUNDING = 1e-9  # of a segment's length: less than this is not a descent but rounding
+MAX_WALKED = 10_000_000  # symbols; a tree needs about 150 bytes a symbol
 
 
 @dataclass(frozen=True)
@@ -184,11 +200,11 @@ def _read_meaning(text: str, known: Mapping[str, float]) -> tuple[tuple[str, int
 
 
 @dataclass(frozen=True)
-class Steps:
+class Steps(RowTable):
     """R steps in the order of the string.
 
     kind, number : (R,), (R, 2) of the last command of each.
-    turn : (4, R) quaternion. factor, offset : (R,) of the diameter.
+    turn : (R, 4) quaternion. factor, offset : (R,) of the diameter.
     opens, closes : (R,) whether a step starts with an opening bracket, or is a closing one.
     outline : (R,) number of the outermost outline that it stands in, from its opening on, or -1.
     """
@@ -235,7 +251,7 @@ def join_commands(commands: Commands) -> Steps:
     return Steps(
         kind=kind[last],
         number=number[last],
-        turn=turn,
+        turn=turn.T,
         factor=factor,
         offset=offset,
         opens=kind[first] == BRANCH,
@@ -291,7 +307,7 @@ class Paths:
     before: np.ndarray
     level: np.ndarray
     branch: np.ndarray
-    mother: np.ndarray
+    parent: np.ndarray
 
 
 def find_paths(opens: np.ndarray, closes: np.ndarray) -> Paths:
@@ -331,10 +347,10 @@ def find_paths(opens: np.ndarray, closes: np.ndarray) -> Paths:
     before[by_depth] = previous
     branch = np.empty(count, np.int64)
     branch[by_depth] = branch_sorted
-    mother = np.full(len(heads) + 1, -1, np.int64)
-    mother[1:] = np.where(outside, 0, branch[previous[heads]])
+    parent = np.full(len(heads) + 1, -1, np.int64)
+    parent[1:] = np.where(outside, 0, branch[previous[heads]])
 
-    return Paths(command, before, _levels(depth, by_depth, heads, previous), branch, mother)
+    return Paths(command, before, _levels(depth, by_depth, heads, previous), branch, parent)
 
 
 def _levels(
@@ -382,7 +398,7 @@ class Walk:
     leaves: LeafSites
     branch: np.ndarray
     leaf_branch: np.ndarray
-    mother: np.ndarray
+    parent: np.ndarray
 
 
 def walk(commands: Commands, diameter: float, bend: Bend | None = None) -> Walk:
@@ -395,7 +411,7 @@ def walk(commands: Commands, diameter: float, bend: Bend | None = None) -> Walk:
     bend = bend or Bend()
     steps = join_commands(commands)
     paths = find_paths(steps.opens, steps.closes)
-    steps = _open_only(steps, paths.command)
+    steps = steps.select(paths.command)  # without closing brackets
     kind, number, outline = steps.kind, steps.number, steps.outline
     drawn = (kind == DRAW) & (outline < 0)
     states = _states(steps, drawn, paths, diameter, bend)
@@ -420,11 +436,11 @@ def walk(commands: Commands, diameter: float, bend: Bend | None = None) -> Walk:
         start=start,
         end=states.place[segment],
         radius=np.stack([radius, radius], axis=1),
-        parent=states.mother[segment],
+        parent=states.parent[segment],
         order=states.order[segment],
         generation=states.generation[segment],
     )
-    return Walk(skeleton, leaves, paths.branch[segment], paths.branch[leaf], paths.mother)
+    return Walk(skeleton, leaves, paths.branch[segment], paths.branch[leaf], paths.parent)
 
 
 @dataclass(frozen=True)
@@ -436,7 +452,7 @@ class _States:
     diameter: np.ndarray  # (P,)
     drawn_diameter: np.ndarray  # (P,) of the segment that a step draws
     last: np.ndarray  # (P,) the segment drawn last
-    mother: np.ndarray  # (P,) the one before it
+    parent: np.ndarray  # (P,) the one before it
     order: np.ndarray  # (P,)
     generation: np.ndarray  # (P,)
 
@@ -453,18 +469,6 @@ class _States:
         return np.cross(self.up(which), self.heading(which))
 
 
-def _open_only(steps: Steps, command: np.ndarray) -> Steps:
-    """The steps without closing brackets."""
-    return Steps(
-        **{
-            field.name: getattr(steps, field.name)[..., command]
-            if field.name != "number"
-            else steps.number[command]
-            for field in fields(Steps)
-        }
-    )
-
-
 def _states(steps: Steps, drawn: np.ndarray, paths: Paths, diameter: float, bend: Bend) -> _States:
     """Level by level, in arrays sorted by level; place 0 is the turtle before all steps."""
     count = len(steps.kind)
@@ -475,7 +479,7 @@ def _states(steps: Steps, drawn: np.ndarray, paths: Paths, diameter: float, bend
     before = slot[paths.before[by_level]]
     own = (np.cumsum(drawn) - 1)[by_level]  # number of the segment that a step draws
     kind, number, drawn = steps.kind[by_level], steps.number[by_level], drawn[by_level]
-    local, factor, offset = steps.turn[:, by_level], steps.factor[by_level], steps.offset[by_level]
+    local, factor, offset = steps.turn[by_level].T, steps.factor[by_level], steps.offset[by_level]
     branch = paths.branch[by_level]
 
     reach = np.where((kind == DRAW) | (kind == MOVE), number[:, 0], 0.0)
@@ -488,7 +492,7 @@ def _states(steps: Steps, drawn: np.ndarray, paths: Paths, diameter: float, bend
     place = np.zeros((3, count + 1))
     width = np.full(count + 1, diameter)
     last = np.full(count + 1, -1)
-    mother = np.full(count + 1, -1)
+    parent = np.full(count + 1, -1)
     last_branch = np.full(count + 1, -1)
     order = np.zeros(count + 1, np.int64)
     generation = np.full(count + 1, -1)
@@ -508,7 +512,7 @@ def _states(steps: Steps, drawn: np.ndarray, paths: Paths, diameter: float, bend
         width[new] = width[old] * factor[here] + offset[here]
 
         draws, before_it = drawn[here], last[old]
-        mother[new] = before_it
+        parent[new] = before_it
         last[new] = np.where(draws, own[here], before_it)
         leaves_axis = (before_it >= 0) & (last_branch[old] != branch[here])
         order[new] = order[old] + (draws & leaves_axis)
@@ -524,7 +528,7 @@ def _states(steps: Steps, drawn: np.ndarray, paths: Paths, diameter: float, bend
         diameter=width[back],
         drawn_diameter=drawn_width[back - 1],
         last=last[back],
-        mother=mother[back],
+        parent=parent[back],
         order=order[back],
         generation=generation[back],
     )
@@ -601,48 +605,116 @@ def prune_descending(walked: Walk) -> Walk:
     """The walk without the brackets in which a segment ends lower than it starts."""
     skeleton = walked.skeleton
     rise = skeleton.end[:, 2] - skeleton.start[:, 2]
-    length = np.linalg.norm(skeleton.end - skeleton.start, axis=1)
-    removed = np.zeros(len(walked.mother), bool)
+    length = skeleton.length
+    removed = np.zeros(len(walked.parent), bool)
     removed[walked.branch[rise < -ROUNDING * length]] = True
-    removed = _with_all_above(removed, walked.mother)
+    removed = _with_all_above(removed, walked.parent)
 
     kept, kept_leaf = ~removed[walked.branch], ~removed[walked.leaf_branch]
     # What a kept segment hangs on is kept too: it stands in the same branch or in one below.
     number = np.append(np.cumsum(kept) - 1, -1)
-    return Walk(
-        skeleton=Skeleton(
-            start=skeleton.start[kept],
-            end=skeleton.end[kept],
-            radius=skeleton.radius[kept],
-            parent=number[skeleton.parent[kept]],
-            order=skeleton.order[kept],
-            generation=skeleton.generation[kept],
-        ),
-        leaves=keep_sites(walked.leaves, kept_leaf, number),
+    leaves = walked.leaves.select(kept_leaf)
+    return replace(
+        walked,
+        skeleton=skeleton.some(kept),
+        leaves=replace(leaves, segment=number[leaves.segment]),
         branch=walked.branch[kept],
         leaf_branch=walked.leaf_branch[kept_leaf],
-        mother=walked.mother,
     )
 
 
-def keep_sites(leaves: LeafSites, kept: np.ndarray, number: np.ndarray) -> LeafSites:
-    """The leaves that stay; ``number`` gives segments their new numbers, its last entry is -1."""
-    return LeafSites(
-        foot=leaves.foot[kept],
-        direction=leaves.direction[kept],
-        up=leaves.up[kept],
-        length=leaves.length[kept],
-        width=leaves.width[kept],
-        segment=number[leaves.segment[kept]],
-    )
-
-
-def _with_all_above(removed: np.ndarray, mother: np.ndarray) -> np.ndarray:
+def _with_all_above(removed: np.ndarray, parent: np.ndarray) -> np.ndarray:
     """Marks handed on from parents to children, by pointer doubling (deep brackets cost a log)."""
-    up = np.maximum(mother, 0)  # branch 0 is its own parent
+    up = np.maximum(parent, 0)  # branch 0 is its own parent
     while True:
         marked = removed | removed[up]
         further = up[up]
         if (further == up).all() and (marked == removed).all():
             return marked
         removed, up = marked, further
+
+
+def system_of(rules: Rules) -> System:
+    """The L-system that rules describe.
+
+    Raises
+    ------
+    GrammarError : they cannot be read; says where.
+    """
+    constants = {"N": float(rules.generations), **read_constants(rules.constants)}
+    return read_system(rules.axiom, rules.productions, constants, DIALECTS[rules.dialect].notation)
+
+
+def grow_ruled(
+    rules: Rules, leaf: Leaf, key: int, rng: np.random.Generator
+) -> tuple[Skeleton, LeafSites]:
+    """The skeleton and leaves of one tree in metres.
+
+    key : lineage of the tree, from which sizes of leaves are drawn. rng : draws of the productions.
+    """
+    word = _derive_to_walk(rules, rng)
+    walked = walk(_commands(rules, word), rules.diameter, Bend(rules.tropism, rules.elasticity))
+    if rules.prune_descending:
+        walked = prune_descending(walked)
+    skeleton, leaves = walked.skeleton, walked.leaves
+    scaled = replace(
+        skeleton,
+        start=skeleton.start * rules.scale,
+        end=skeleton.end * rules.scale,
+        radius=skeleton.radius * rules.scale,
+    )
+    reach = float(np.abs(scaled.end).max(initial=0.0))
+    if reach > MAX_REACH:
+        raise ValueError(
+            f"branches reach {written(reach)} m from the foot, more than {MAX_REACH:g} m; "
+            "use a smaller scale, smaller ratios or fewer generations"
+        )
+    return scaled, _sized(leaves, leaf, key, rules.scale) if leaf.on else LeafSites.none()
+
+
+def _derive_to_walk(rules: Rules, rng: np.random.Generator) -> Word:
+    """The string, refused before it is derived where it would be too long to walk."""
+    system = system_of(rules)
+    size = predict(system, rules.generations)
+    if system.conditional or size.symbols <= MAX_WALKED:
+        word = rewrite(system, rules.generations, rng)
+        if len(word) <= MAX_WALKED:
+            return word
+        size = Prediction(len(word), 0, True)
+    about = "" if size.exact else "about "
+    raise ValueError(
+        f"{rules.generations} generations make {about}{written(size.symbols)} symbols, more than the "
+        f"{MAX_WALKED:,} that fit in memory as a tree; use fewer generations"
+    )
+
+
+def check_rules(rules: Rules) -> None:
+    """Read all of the rules without growing anything.
+
+    Raises
+    ------
+    GrammarError, ExpressionError : they cannot be read; says where.
+    """
+    _commands(rules, system_of(rules).axiom)
+
+
+def _commands(rules: Rules, word: Word) -> Commands:
+    known = {
+        "length": rules.length,
+        "angle": rules.angle_deg,
+        "rotation": rules.rotation_deg,
+        "thinning": rules.thinning,
+        "N": float(rules.generations),
+        **read_constants(rules.constants),
+    }
+    return read_commands(word, (*DIALECTS[rules.dialect].symbols, *rules.symbols), known)
+
+
+def _sized(leaves: LeafSites, leaf: Leaf, key: int, scale: float) -> LeafSites:
+    """Leaves with their length and width: what the string says, else drawn."""
+    keys = daughter_keys(np.full(len(leaves), key, np.uint64), np.arange(len(leaves)))
+    drawn = draw_normal(leaf.length, keys, "leaf length")
+    length = np.where(np.isnan(leaves.length), drawn, leaves.length * scale)
+    ratio = draw_normal(leaf.width_ratio, keys, "leaf width")
+    width = np.where(np.isnan(leaves.width), length * ratio, leaves.width * scale)
+    return replace(leaves, foot=leaves.foot * scale, length=length, width=width)

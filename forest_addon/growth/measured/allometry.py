@@ -6,13 +6,12 @@ beyond the diameters that were measured. Of the crown base y is base/(height - b
 has a length. Residuals of a tree are correlated as measured (a Gaussian copula), cut at 1.9 standard
 deviations; what is known of a tree counts for what is drawn of it (conditional normal).
 
-Leaf areas of measured conifers as half of all their surface, whichever way a study counted them.
-
-The mean shadow of a needle over all directions is a quarter of its surface (Cauchy 1841), so that half of the
-surface (Chen & Black 1992) is the one-sided area of a flat leaf that hides as much. BAAD (Falster et al.
-2015) keeps what each study gave: all of the surface, or the outline that a scanner saw. Half of the surface
-is 1/0.778 outlines of a pine's needle and 1.14 of other conifers' (Barclay & Goodman 2000, as BAAD's authors
-convert theirs, github.com/RemkoDuursma/baadanalysis).
+Leaf areas of measured conifers are half of all their surface, whichever way a study counted them. The mean
+shadow of a needle over all directions is a quarter of its surface (Cauchy 1841), so that half of the surface
+(Chen & Black 1992) is the one-sided area of a flat leaf that hides as much. BAAD (Falster et al. 2015) keeps
+what each study gave: all of the surface, or the outline that a scanner saw. Half of the surface is 1/0.778
+outlines of a pine's needle and 1.14 of other conifers' (Barclay & Goodman 2000, as BAAD's authors convert
+theirs, github.com/RemkoDuursma/baadanalysis).
 
 Which study counted how is told by BAAD's metadata, but for these. Monserud1999: the table holds all of the
 surface by mistake (BAAD's issue 226). Maguire1998: from the same hand and marked as outlines, but 10.4 m²/kg,
@@ -21,15 +20,13 @@ Reid2004: marked as all of the surface, but scanned, and 2.8 m²/kg where all of
 6.1 (Garber2005); taken as outlines. OHara1995: all of the surface by its author's own word in BAAD's review;
 its diameters are inches, in which sapwood fits into the stems and in centimetres does not.
 
-A table of measured trees to the allometry of a kind.
-
-Columns of species, type, DBH, height, crown width, crown base and leaf area go in. Laws are ordinary least
-squares on logarithms, the curve only where enough trees tell it, moved to the median of the residuals; their
-5 and 95 % points and their correlations are those of the trees themselves. What too few trees of a species
-tell is taken from its genus, its functional type, or all trees, and the law says so. Leaf areas above
-1 m² a cm² of stem are left out: at 40 m²/ha of stems they would make a leaf area index above 40. Those of
-conifers are half of their needles' surface (``studies``). How much of
-the spread is found within one study, as in a stand, is told where five studies measured eight trees or more.
+A kind is fitted to a table of measured trees. Columns of species, type, DBH, height, crown width, crown base
+and leaf area go in. Laws are ordinary least squares on logarithms, the curve only where enough trees tell it,
+moved to the median of the residuals; their 5 and 95 % points and their correlations are those of the trees
+themselves. What too few trees of a species tell is taken from its genus, its functional type, or all trees,
+and the law says so. Leaf areas above 1 m² a cm² of stem are left out: at 40 m²/ha of stems they would make a
+leaf area index above 40. Those of conifers are half of their needles' surface. How much of the spread is
+found within one study, as in a stand, is told where five studies measured eight trees or more.
 """
 
 from __future__ import annotations
@@ -131,7 +128,10 @@ def measures(kind: Allometry, dbh: np.ndarray, z: np.ndarray) -> np.ndarray:
     found = np.empty(z.shape)
     for column, name in enumerate(MEASURES):
         law: Law = getattr(kind, name)
-        found[:, column] = np.exp(middle(law, dbh) + _residual(law, z[:, column]))
+        score = z[:, column]
+        found[:, column] = np.exp(
+            middle(law, dbh) + np.where(score < 0, -law.low, law.high) * score / Z90
+        )
     found[:, 2] *= found[:, 0] / (1 + found[:, 2])
     return found
 
@@ -206,10 +206,6 @@ def correlation_matrix(kind: Allometry) -> np.ndarray:
     matrix = (vectors * np.maximum(values, 1e-6)) @ vectors.T
     size = np.sqrt(np.diag(matrix))
     return np.asarray(matrix / np.outer(size, size))
-
-
-def _residual(law: Law, z: np.ndarray) -> np.ndarray:
-    return np.asarray(np.where(z < 0, -law.low, law.high) * z / Z90)
 
 
 def _cut(z: np.ndarray) -> np.ndarray:

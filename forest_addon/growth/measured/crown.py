@@ -1,25 +1,24 @@
-"""Branches that grow into a crown: space colonisation (Runions, Lane & Prusinkiewicz 2007).
+"""The wood of a tree that fills its crown: scaffold, branches by space colonisation, twigs, radii of pipes.
+
+Branches grow into the crown by space colonisation (Runions, Lane & Prusinkiewicz 2007).
 
 Points strewn in the envelope of a crown attract branches. Each point pulls at the node that is nearest to
 it; a node that is pulled grows by one step in the mean direction of its points; points that a node has come
 near are gone. Only nodes that are new can be nearer than those before, so each round asks a tree (k-d) of
 the new ones alone, and the whole costs about as many queries as there are points and rounds.
 
-The scaffold of a tree: its stem and its limbs by the architectural model of its species.
+The scaffold is stem and limbs by the architectural model of the species. With apical control a leader goes to
+the top; limbs stand in whorls of a year, weaker ones between them, and the lower a whorl, the more of it has
+been shed. Without, the stem divides: a few heavy limbs rise from low on it to places that are spread evenly
+under the dome of the crown, each divides again, and weak branches stand on the stem between them. A limb is a
+cubic Bézier curve from its angle at the stem to the elevation of its tip, a little crooked. Twigs and what
+bears them grow from the limbs by space colonisation.
 
-With apical control a leader goes to the top; limbs stand in whorls of a year, weaker ones between them, and
-the lower a whorl, the more of it has been shed. Without, the stem divides: a few heavy limbs rise from low
-on it to places that are spread evenly under the dome of the crown, each divides again, and weak branches
-stand on the stem between them. A limb is a cubic Bézier curve from its angle at the stem to the elevation
-of its tip, a little crooked. Twigs and what bears them grow from the limbs by space colonisation.
-
-Twigs on the thin branches of a skeleton, and leaves on twigs, as many as the leaf area asks for.
-
-Radii by the pipe model: what a stem bears decides how thick it is, and it ends at its DBH.
-
-r^n is proportional to the number of twigs above (Shinozaki et al. 1964; n = 2 is da Vinci's rule). Below the
-crown the pipes of branches that are gone stay in the stem, so that it tapers there too; at the ground it
-widens into its roots by exp(-z/1.5 r). The factor follows from the diameter at breast height, exactly.
+Twigs stand on the thin branches, and leaves on twigs, as many as the leaf area asks for. Radii follow from
+the pipe model: what a stem bears decides how thick it is, and it ends at its DBH. r^n is proportional to the
+number of twigs above (Shinozaki et al. 1964; n = 2 is da Vinci's rule). Below the crown the pipes of branches
+that are gone stay in the stem, so that it tapers there too; at the ground it widens into its roots by
+exp(-z/1.5 r). The factor follows from the diameter at breast height, exactly.
 """
 
 from __future__ import annotations
@@ -30,11 +29,12 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from ...base.rng import daughter_keys, keyed_uniform
+from ...base.runs import numbered, sums
 from ...base.vectors import azimuth_of, cross_rows
 from ...spec import Architecture, Crown, Leaf
 from ..draw import GOLDEN, draw_normal
 from ..mesh.blades import across, set_leaves
-from ..skeleton import LeafSites, Skeleton
+from ..skeleton import LeafSites, Skeleton, depths
 from .wanted import dbh_of
 
 STEP, KILL = 0.55, 0.8  # over the mean distance of points
@@ -59,7 +59,7 @@ TURN = np.deg2rad(60.0)  # by which an axis goes on at most
 
 @dataclass(frozen=True)
 class Nodes:
-    """N nodes of a tree's axes, a parent before her children.
+    """N nodes of a tree's axes, a parent before its children.
 
     place : (N, 3) metres. parent : (N,) int64, -1 for the foot. trunk : (N,) bool, of the first stem.
     """
@@ -131,7 +131,7 @@ def colonise(
             break
         pull = (points - every[owner]) / near[:, None]
         grown, which = np.unique(owner, return_inverse=True)
-        way = np.stack([np.bincount(which, pull[:, k], len(grown)) for k in range(3)], axis=1)
+        way = sums(which, pull, len(grown))
         way /= np.maximum(np.linalg.norm(way, axis=1, keepdims=True), 1e-9)
         way += crown.crook * rng.standard_normal(way.shape)
         way[:, 2] += crown.rise
@@ -198,14 +198,6 @@ def stem_line(crown: Crown, z: np.ndarray, height: float, rng: np.random.Generat
 
 
 @dataclass(frozen=True)
-class Scaffold:
-    """nodes : of stem and limbs. bearing : (N,) bool, nodes that branches may grow from."""
-
-    nodes: Nodes
-    bearing: np.ndarray
-
-
-@dataclass(frozen=True)
 class _Limbs:
     """K limbs on the stem: height of the foot, azimuth, horizontal reach, all (K,); angles in radians."""
 
@@ -221,10 +213,17 @@ def scaffold_of(
     crown: Crown,
     size: tuple[float, float, float, float],
     rng: np.random.Generator,
-) -> Scaffold:
-    """size : height, height of the crown's base, its width, diameter at breast height, metres."""
+) -> tuple[Nodes, np.ndarray]:
+    """Nodes of stem and limbs, and (N,) bool, those that branches may grow from.
+
+    size : height, height of the crown's base, its width, diameter at breast height, metres.
+    """
     height, base, width, _ = size
-    heavy = _heavy_count(plan, size[3])
+    heavy = (
+        0  # limbs that the stem divides into; none with a leader, which any has when it is young
+    )
+    if plan.fork < 1 and size[3] >= plan.control:
+        heavy = max(FEWEST, round(plan.limbs * (size[3] / THICK_AT) ** plan.growth))
     side = _weak(plan, height, base, rng) if heavy else _whorled(plan, height, base, rng)
     foot, path = _paths(side, crown, height, base, width)
     parts = [(foot, path)]
@@ -258,15 +257,7 @@ def scaffold_of(
     bearing[len(stem) - 1] = True
     if heavy:
         bearing[len(stem) : len(stem) + len(place[1])] = False  # weak branches stay weak
-    return Scaffold(Nodes(whole, np.concatenate(parent).astype(np.int64), trunk), bearing)
-
-
-def _heavy_count(plan: Architecture, dbh: float) -> int:
-    """Return how many heavy limbs a stem divides into; 0 of one that has a leader, as any has when it is
-    young."""
-    if plan.fork >= 1 or dbh < plan.control:
-        return 0
-    return max(FEWEST, round(plan.limbs * (dbh / THICK_AT) ** plan.growth))
+    return Nodes(whole, np.concatenate(parent).astype(np.int64), trunk), bearing
 
 
 def _whorled(plan: Architecture, height: float, base: float, rng: np.random.Generator) -> _Limbs:
@@ -279,8 +270,7 @@ def _whorled(plan: Architecture, height: float, base: float, rng: np.random.Gene
     drawn = np.clip(plan.whorl.mean + plan.whorl.sd * rng.standard_normal(years), 1, None)
     left = 1 - plan.shed * (1 - share) ** 2
     count = np.maximum(1, np.round(drawn * left)).astype(int)
-    of = np.repeat(np.arange(years), count)
-    within = np.arange(len(of)) - np.repeat(np.cumsum(count) - count, count)
+    of, within = numbered(count)
     azimuth = GOLDEN * of + 2 * np.pi * (within + 0.5 * rng.random(len(of))) / count[of]
     reach = 0.78 + 0.22 * rng.random(len(of))
     foot = level[of] + 0.02 * span / years * within
@@ -432,8 +422,7 @@ def _nodes_of(
     """
     chord = np.linalg.norm(path[:, 3], axis=1)
     many = np.clip(np.ceil(chord / APART), 2, MOST_NODES).astype(int)
-    of = np.repeat(np.arange(len(foot)), many)
-    within = np.arange(len(of)) - np.repeat(np.cumsum(many) - many, many)
+    of, within = numbered(many)
     t = ((within + 1) / many[of])[:, None]
     p1, p2, p3 = (path[of, k] for k in (1, 2, 3))
     place = 3 * t * (1 - t) ** 2 * p1 + 3 * t**2 * (1 - t) * p2 + t**3 * p3
@@ -516,8 +505,7 @@ def leaves_on(leaf: Leaf, twigs: Twigs, first: int, count: int, stalk: bool) -> 
     many = len(twigs.segment)
     each = np.full(many, count // many)
     each[: count - each.sum()] += 1
-    twig = np.repeat(np.arange(many), each)
-    number = np.arange(count) - np.repeat(np.cumsum(each) - each, each)
+    twig, number = numbered(each)
     share = 1 - number / np.maximum(each[twig], 1) * 0.85
     way = twigs.end - twigs.start
     heading = way / np.maximum(np.linalg.norm(way, axis=1, keepdims=True), 1e-9)
@@ -536,11 +524,7 @@ def leaves_on(leaf: Leaf, twigs: Twigs, first: int, count: int, stalk: bool) -> 
 def borne(parent: np.ndarray, own: np.ndarray) -> np.ndarray:
     """(N,) what each of N things bears itself and by all that descend from it; parents come first."""
     total = own.astype(float).copy()
-    depth = np.zeros(len(parent), dtype=np.int64)
-    at, up = np.arange(len(parent)), parent
-    while (up >= 0).any():  # pointer by pointer, as many rounds as the deepest thing has parents
-        depth[at] += up >= 0
-        up = np.where(up >= 0, parent[np.maximum(up, 0)], -1)
+    depth = depths(parent)
     by_depth = np.argsort(-depth, kind="stable")
     edges = np.flatnonzero(np.diff(depth[by_depth], prepend=-1))
     for first, last in zip(edges, [*edges[1:], len(parent)], strict=True):
@@ -578,16 +562,13 @@ def skeleton_of_nodes(nodes: Nodes, total: np.ndarray) -> Skeleton:
     """Segments between nodes, without radii yet; segment k ends at node k + 1."""
     order = orders_of(nodes, total)[1:]
     parent = nodes.parent[1:]
-    depth = np.zeros(len(nodes.parent), dtype=np.int64)
-    for node in range(1, len(depth)):
-        depth[node] = depth[nodes.parent[node]] + 1
     return Skeleton(
         start=nodes.place[parent],
         end=nodes.place[1:],
         radius=np.zeros((len(parent), 2)),
         parent=parent - 1,
         order=order,
-        generation=depth[1:] - 1,
+        generation=depths(nodes.parent)[1:] - 1,
     )
 
 
@@ -609,9 +590,9 @@ def with_radii(skeleton: Skeleton, total: np.ndarray, crown: Crown, dbh: float) 
     low = thick(skeleton.start[:, 2], total, stem)
     # An axis narrows along a segment to where it goes on; its last segment to half.
     high = 0.5 * low
-    mother = skeleton.parent
-    on = np.flatnonzero((mother >= 0) & (skeleton.order == skeleton.order[np.maximum(mother, 0)]))
-    high[mother[on]] = low[on]
+    parent = skeleton.parent
+    on = np.flatnonzero((parent >= 0) & (skeleton.order == skeleton.order[np.maximum(parent, 0)]))
+    high[parent[on]] = low[on]
     radius = np.stack([low, np.minimum(high, low)], axis=1)
     drawn = replace(skeleton, radius=radius)
     found = dbh_of(drawn)

@@ -6,23 +6,22 @@ without an elbow; a tip bends on as it came. A limb sets out between its parent'
 more along the parent the more nearly it is as thick: a fork divides, a spur stands out. Pieces are cut where
 a straight segment would leave the curve by more than a tolerance; what is straight stays whole.
 
-Collars: where a limb leaves its parent it swells, and narrows to its own radius like a trumpet's bell.
-
-At the parent's surface a limb is (1 + c) times as thick as it would be. Over a reach of a few of its radii
-that falls off by a power, steeply at first, so that the two surfaces meet in a hollow and not in a crease.
-The collar is in the radii of the skeleton: wood, its mesh and its truth have it alike. Within the parent the
-limb keeps the width that it has at the surface, and stays inside.
+Where a limb leaves its parent it swells in a collar, and narrows to its own radius like a trumpet's bell. At
+the parent's surface a limb is (1 + c) times as thick as it would be. Over a reach of a few of its radii that
+falls off by a power, steeply at first, so that the two surfaces meet in a hollow and not in a crease. The
+collar is in the radii of the skeleton: wood, its mesh and its truth have it alike. Within the parent the limb
+keeps the width that it has at the surface, and stays inside.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ...base.runs import numbered
 from ...base.vectors import cross_rows
-from ..skeleton import Axes, LeafSites, Skeleton, find_axes
+from ..skeleton import Axes, LeafSites, Skeleton, depths, find_axes
 
 TIGHT = 2.0  # smallest radius of a bend over that of the limb
 ROUNDS = 24  # of drawing nodes together
@@ -118,15 +117,9 @@ def _joints(skeleton: Skeleton, axes: Axes) -> _Joints:
     share, aside = np.ones(count), np.zeros((count, 3))
     borne = first[skeleton.parent[first] >= 0]
     share[borne], aside[borne] = _beside(skeleton, skeleton.parent[borne], skeleton.start[borne])
-    axis = np.empty(count, dtype=np.int64)
-    axis[axes.segment] = np.repeat(np.arange(len(axes)), np.diff(axes.first))
+    axis = axes.of_segment
     bearer = np.where(skeleton.parent[first] >= 0, axis[np.maximum(skeleton.parent[first], 0)], -1)
-    level = np.zeros(len(axes), dtype=np.int64)
-    while True:
-        deeper = np.where(bearer >= 0, level[np.maximum(bearer, 0)] + 1, 0)
-        if np.array_equal(deeper, level):
-            return _Joints(head, share, aside, level[axis])
-        level = deeper
+    return _Joints(head, share, aside, depths(bearer)[axis])
 
 
 def _beside(
@@ -143,14 +136,11 @@ def _beside(
 def _relaxed(skeleton: Skeleton, axes: Axes) -> np.ndarray:
     """(S, 3) ends of segments, drawn together until bends are as wide as the limb's thickness asks."""
     end = skeleton.end.copy()
-    chain = axes.segment
-    inner = np.ones(len(chain), dtype=bool)
-    inner[axes.first[1:] - 1] = False
-    at = np.flatnonzero(inner)
-    here, onward = chain[at], chain[at + 1]
-    starts = np.zeros(len(chain), dtype=bool)
-    starts[axes.first[:-1]] = True
-    before = np.where(starts[at], -1, chain[np.maximum(at - 1, 0)])
+    after = axes.onward
+    before = np.full(len(skeleton), -1)
+    before[after[after >= 0]] = np.flatnonzero(after >= 0)
+    here = axes.segment[after[axes.segment] >= 0]
+    onward, before = after[here], before[here]
     thick = TIGHT * np.maximum(skeleton.radius[here, 1], skeleton.radius[onward, 0])
     for _ in range(ROUNDS):
         a = np.where((before >= 0)[:, None], end[np.maximum(before, 0)], skeleton.start[here])
@@ -172,11 +162,7 @@ def _relaxed(skeleton: Skeleton, axes: Axes) -> np.ndarray:
 def _fitted(skeleton: Skeleton, axes: Axes, joints: _Joints, end: np.ndarray) -> Curves:
     """The pieces through moved nodes (S, 3), axes after those that bear them."""
     start = skeleton.start.copy()
-    onward = np.full(len(skeleton), -1)
-    inner = np.ones(len(axes.segment), dtype=bool)
-    inner[axes.first[1:] - 1] = False
-    at = np.flatnonzero(inner)
-    onward[axes.segment[at]] = axes.segment[at + 1]
+    onward = axes.onward
     curves = Curves(start, end, np.empty_like(end), np.empty_like(end))
     for level in range(int(joints.level.max()) + 1):
         mine = joints.level == level
@@ -257,8 +243,8 @@ def _cuts(skeleton: Skeleton, curves: Curves, collars: Collars) -> tuple[np.ndar
     count = np.ceil(np.sqrt(away / np.where(limb, AWAY, FAR)) - 1e-9)
     count = np.where(limb, np.maximum(count, np.ceil(4 * turn / TURN - 1e-9)), count)
     count = np.clip(count, 1, MOST).astype(np.int64)
-    row = np.repeat(np.arange(len(count)), count)
-    u = (np.arange(len(row)) - np.repeat(np.cumsum(count) - count, count)) / count[row]
+    row, number = numbered(count)
+    u = number / count[row]
     extra, share = collars.cuts
     row, u = np.concatenate([row, extra]), np.concatenate([u, share])
     sort = np.lexsort((u, row))
@@ -294,14 +280,17 @@ def _resampled(
         axis=1,
     )
     parent = np.arange(len(row)) - 1
-    mother = skeleton.parent
-    parent[begins] = np.where(mother < 0, -1, _part_of(row, u, mother, joints.share))
-    columns = ((f.name, getattr(skeleton, f.name)) for f in fields(skeleton))
-    taken: dict[str, Any] = {name: v if v is None else v[row] for name, v in columns}
+    bearer = skeleton.parent
+    parent[begins] = np.where(bearer < 0, -1, _part_of(row, u, bearer, joints.share))
     generation = _generations(skeleton, row, parent, begins)
     radius = _tapered(radius, np.linalg.norm(end - start, axis=1), row, axes)
     return replace(
-        Skeleton(**taken), start=start, end=end, radius=radius, parent=parent, generation=generation
+        skeleton.select(row),
+        start=start,
+        end=end,
+        radius=radius,
+        parent=parent,
+        generation=generation,
     )
 
 
@@ -310,7 +299,7 @@ def _tapered(radius: np.ndarray, length: np.ndarray, row: np.ndarray, axes: Axes
     place = np.empty(len(axes.segment), dtype=np.int64)
     place[axes.segment] = np.arange(len(place))
     chain = np.argsort(place[row], kind="stable")
-    axis = np.repeat(np.arange(len(axes)), np.diff(axes.first))[place[row[chain]]]
+    axis = axes.of_row[place[row[chain]]]
     gone = np.cumsum(length[chain])
     metres = np.stack([gone - length[chain], gone], axis=1)
     own = radius[chain].max(axis=1) >= LIMB

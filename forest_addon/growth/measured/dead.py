@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from ...base.rng import daughter_keys, keyed_normal, keyed_uniform
+from ...base.runs import numbered
 from ...base.vectors import cross_rows
 from ...spec import Architecture
 from ..draw import draw_normal
@@ -65,9 +66,11 @@ def with_dead(wood: Skeleton, plan: Architecture, wanted: Wanted, key: np.ndarra
     side = _sides(branches, keys, dead.twigs)
     if side is not None:
         line, bearer = side
-        gone = _joined(gone, _segments(line, len(wood) + bearer, 2, gone, len(wood) + len(gone)))
+        gone = Skeleton.joined(
+            [gone, _segments(line, len(wood) + bearer, 2, gone, len(wood) + len(gone))]
+        )
     living = replace(wood, dead=np.zeros(len(wood), dtype=bool))
-    return _joined(living, gone)
+    return Skeleton.joined([living, gone])
 
 
 def _on_stem(wood: Skeleton, z: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -105,7 +108,7 @@ def _bent(
 
 
 def _segments(
-    line: tuple[np.ndarray, np.ndarray], on: np.ndarray, order: int, mother: Skeleton, first: int
+    line: tuple[np.ndarray, np.ndarray], on: np.ndarray, order: int, bearer: Skeleton, first: int
 ) -> Skeleton:
     """Branches as segments, each branch in a row; numbers from ``first`` on.
 
@@ -115,8 +118,8 @@ def _segments(
     count, pieces = len(place), place.shape[1] - 1
     number = first + np.arange(count * pieces).reshape(count, pieces)
     parent = np.concatenate([on[:, None], number[:, :-1]], axis=1)
-    own = on - (first - len(mother))  # numbers within the parent
-    depth = mother.generation[own][:, None] + 1 + np.arange(pieces)
+    own = on - (first - len(bearer))  # numbers within the parent
+    depth = bearer.generation[own][:, None] + 1 + np.arange(pieces)
     return Skeleton(
         start=place[:, :-1].reshape(-1, 3),
         end=place[:, 1:].reshape(-1, 3),
@@ -137,10 +140,10 @@ def _sides(
     way = np.diff(place, axis=1)
     length = np.linalg.norm(way, axis=2).sum(axis=1)
     many = np.floor(each * length + keyed_uniform(keys, "sides")).astype(int)
-    of = np.repeat(np.arange(len(place)), many)
+    of, number = numbered(many)
     if not len(of):
         return None
-    own = daughter_keys(keys[of], np.arange(len(of)) - np.repeat(np.cumsum(many) - many, many))
+    own = daughter_keys(keys[of], number)
     at = (0.25 + 0.7 * keyed_uniform(own, "place")) * pieces
     piece = np.minimum(at.astype(int), pieces - 1)
     part = (at - piece)[:, None]
@@ -155,8 +158,3 @@ def _sides(
     thick = np.maximum(0.5 * radius[of, piece], THINNEST)
     line = _bent(foot, heading, long, thick, own, 2)
     return line, of * pieces + piece
-
-
-def _joined(first: Skeleton, second: Skeleton) -> Skeleton:
-    names = ("start", "end", "radius", "parent", "order", "generation", "dead")
-    return Skeleton(**{n: np.concatenate([getattr(first, n), getattr(second, n)]) for n in names})

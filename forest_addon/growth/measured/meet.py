@@ -1,16 +1,15 @@
-"""A tree that meets its targets: grown into its crown, or grown by rules and then fitted.
+"""A tree that meets its targets: grown into its crown, by rules, or of template parts.
 
 Whatever grew is pruned of its lower branches, stretched along and across its stem, thickened to its
 diameter and given as many leaves as its leaf area takes: the few numbers that matter, in this order. Height,
 width and base are measured with the leaves on, and the stretch is repeated until they stand.
 
-A tree of template parts brought to its targets: parts scaled and moved, leaves chosen, added and resized.
-
-All wood is scaled to the height; then heights are taken from (0, base, top) to those wanted, piece by piece
-linearly, distances from the stem's axis beyond 1.5 of its radius are drawn out by the quotient of the
-widths, and what is nearer by that of the diameters. Leaves keep their shape and inclination: they move with
-their feet, are left out by lot or set again beside themselves, turned about the vertical, until their number
-gives the leaf area, and take the little that is over in their size. Repeated until all stand.
+Of a tree of template parts, parts are scaled and moved, leaves chosen, added and resized. All wood is scaled
+to the height; then heights are taken from (0, base, top) to those wanted, piece by piece linearly, distances
+from the stem's axis beyond 1.5 of its radius are drawn out by the quotient of the widths, and what is nearer
+by that of the diameters. Leaves keep their shape and inclination: they move with their feet, are left out by
+lot or set again beside themselves, turned about the vertical, until their number gives the leaf area, and
+take the little that is over in their size. Repeated until all stand.
 """
 
 from __future__ import annotations
@@ -22,10 +21,10 @@ import numpy as np
 
 from ...base.rng import daughter_keys, keyed_uniform
 from ...base.runs import Runs
-from ...base.trimesh import TriMesh
-from ...spec import Crown, SpecError, Species
+from ...base.trimesh import TriMesh, join
+from ...spec import SpecError, Species
 from ..mesh.blades import Blade, leaf_areas, stalk_of
-from ..mesh.leaves import Leaves
+from ..mesh.leaves import Leaves, about_vertical, leaves_apart
 from ..skeleton import LeafSites, Skeleton, first_level
 from ..species import skeleton_of
 from .crown import borne, colonise, leaves_on, scaffold_of, scaled_to, seat_twigs, skeleton_of_nodes, with_radii, with_twigs
@@ -43,15 +42,6 @@ CLOSE = 2e-3  # relative, of what counts as met
 SAID = 0.05  # relative, from which on a sentence says that a target is not met
 
 
-@dataclass(frozen=True)
-class Met:
-    """A tree's wood and leaves, and what could not be met: one sentence each."""
-
-    skeleton: Skeleton
-    sites: LeafSites
-    missed: tuple[str, ...] = ()
-
-
 def leaves_needed(species: Species, blade: Blade, area: float) -> int:
     """Return how many leaves, or shoots, of a species make a leaf area.
 
@@ -62,17 +52,15 @@ def leaves_needed(species: Species, blade: Blade, area: float) -> int:
     length, ratio = species.leaf.length, species.leaf.width_ratio.mean
     square = length.mean**2 + 0.77 * length.sd**2  # a normal cut at two has 0.77 of its variance
     count = area / (blade.share * (1 + stalk_of(species.leaf)) * ratio * square)
-    if count > MOST_LEAVES:
-        raise SpecError(
-            species.name,
-            f"{area:.4g} m² of leaves would be {count:.2g} leaves, more than {MOST_LEAVES:,}; "
-            "use larger leaves or a smaller leaf_area",
-        )
+    _refuse_many(count, area, species.name)
     return max(1, round(count))
 
 
-def grow_measured(species: Species, wanted: Wanted, blade: Blade, rng: np.random.Generator) -> Met:
-    """A tree without a template that meets its targets, in whichever way its species grows.
+def grow_measured(
+    species: Species, wanted: Wanted, blade: Blade, rng: np.random.Generator
+) -> tuple[Skeleton, LeafSites, tuple[str, ...]]:
+    """A tree without a template that meets its targets, in whichever way its species grows; one sentence for
+    each that could not be met.
 
     Raises
     ------
@@ -84,13 +72,19 @@ def grow_measured(species: Species, wanted: Wanted, blade: Blade, rng: np.random
     return fit_grown(species, skeleton, sites, wanted, blade, int(rng.integers(2**63)))
 
 
-def grow_crown(species: Species, wanted: Wanted, blade: Blade, key: int) -> Met:
+def grow_crown(
+    species: Species, wanted: Wanted, blade: Blade, key: int
+) -> tuple[Skeleton, LeafSites, tuple[str, ...]]:
     """A tree that fills the envelope of its crown.
 
     key : 64 bits, the lineage of the tree.
     """
     assert species.crown is not None
-    crown = _aged(species.crown, wanted.dbh)
+    crown = species.crown
+    if crown.dome:  # its widest place moves up as its tree grows old
+        age = np.clip((wanted.dbh - YOUNG) / (OLD - YOUNG), 0.0, 1.0)
+        widest = float(np.clip(crown.widest + crown.dome * age, 0.0, 0.9))
+        crown = crown.changed(widest=widest)
     tree = np.array([key], np.uint64)
     rng = np.random.Generator(np.random.PCG64(key))
     margin = min(
@@ -99,8 +93,7 @@ def grow_crown(species: Species, wanted: Wanted, blade: Blade, key: int) -> Met:
     size = (wanted.height, wanted.crown_base, wanted.crown_width - margin)
     frame = None
     if species.architecture is not None:
-        made = scaffold_of(species.architecture, crown, (*size, wanted.dbh), rng)
-        frame = made.nodes, made.bearing
+        frame = scaffold_of(species.architecture, crown, (*size, wanted.dbh), rng)
     nodes = colonise(crown, *size, rng, frame)
     ends = np.ones(len(nodes.parent), dtype=bool)
     ends[nodes.parent[1:]] = False
@@ -117,17 +110,11 @@ def grow_crown(species: Species, wanted: Wanted, blade: Blade, key: int) -> Met:
     drawn, sites = stretched(drawn, sites, wanted)
     drawn = to_breast_height(drawn, wanted.height)
     radius = drawn.radius.copy()
-    radius[: len(bare)] = with_radii(_first(drawn, len(bare)), pipes, crown, wanted.dbh).radius
+    radius[: len(bare)] = with_radii(
+        drawn.select(slice(len(bare))), pipes, crown, wanted.dbh
+    ).radius
     wood = replace(drawn, radius=radius)
-    return Met(wood, sites if species.leaf.on else LeafSites.none())
-
-
-def _aged(crown: Crown, dbh: float) -> Crown:
-    """The crown of a stem of this diameter: its widest place moves up as its tree grows old."""
-    if not crown.dome:
-        return crown
-    age = np.clip((dbh - YOUNG) / (OLD - YOUNG), 0.0, 1.0)
-    return crown.changed(widest=float(np.clip(crown.widest + crown.dome * age, 0.0, 0.9)))
+    return wood, sites if species.leaf.on else LeafSites.none(), ()
 
 
 def to_breast_height(skeleton: Skeleton, height: float) -> Skeleton:
@@ -146,19 +133,13 @@ def to_breast_height(skeleton: Skeleton, height: float) -> Skeleton:
     return replace(skeleton, start=start, end=end)
 
 
-def _first(skeleton: Skeleton, count: int) -> Skeleton:
-    """The first segments of a skeleton."""
-    names = ("start", "end", "radius", "parent", "order", "generation")
-    return Skeleton(**{name: getattr(skeleton, name)[:count] for name in names})
-
-
 def fit_grown(
     species: Species, skeleton: Skeleton, sites: LeafSites, wanted: Wanted, blade: Blade, key: int
-) -> Met:
+) -> tuple[Skeleton, LeafSites, tuple[str, ...]]:
     """A tree that rules or ratios have grown, pruned, stretched and thickened to its targets."""
     missed: list[str] = []
     if not len(skeleton):
-        return Met(skeleton, sites, ("nothing grew",))
+        return skeleton, sites, ("nothing grew",)
     skeleton, sites = pruned(skeleton, sites, wanted.crown_base / wanted.height)
     if len(sites):
         count = leaves_needed(species, blade, wanted.leaf_area)
@@ -170,7 +151,7 @@ def fit_grown(
     skeleton = scaled_to(skeleton, wanted.dbh)
     if abs(dbh_of(skeleton) - wanted.dbh) > 1e-3:
         missed.append("its stem does not pass 1.3 m, so dbh cannot be met")
-    return Met(skeleton, sites, tuple(missed))
+    return skeleton, sites, tuple(missed)
 
 
 def pruned(skeleton: Skeleton, sites: LeafSites, share: float) -> tuple[Skeleton, LeafSites]:
@@ -183,17 +164,10 @@ def pruned(skeleton: Skeleton, sites: LeafSites, share: float) -> tuple[Skeleton
     if not len(low) or len(low) == len(foot):
         return skeleton, sites
     kept = ~np.isin(level, level[low])
-    number = np.cumsum(kept) - 1
-    names = ("start", "end", "radius", "order", "generation")
-    mother = skeleton.parent[kept]
-    wood = Skeleton(
-        **{name: getattr(skeleton, name)[kept] for name in names},
-        parent=np.where(mother < 0, -1, number[np.maximum(mother, 0)]),
-    )
-    stays = (sites.segment < 0) | kept[np.maximum(sites.segment, 0)]
-    segment = np.where(sites.segment < 0, -1, number[np.maximum(sites.segment, 0)])[stays]
-    rest = {n: getattr(sites, n)[stays] for n in ("foot", "direction", "up", "length", "width")}
-    return wood, LeafSites(**rest, segment=segment)
+    number = np.append(np.cumsum(kept) - 1, -1)  # the last for what nothing bears
+    stays = np.append(kept, True)[sites.segment]
+    sites = sites.select(stays)
+    return skeleton.some(kept), replace(sites, segment=number[sites.segment])
 
 
 def stretched(skeleton: Skeleton, sites: LeafSites, wanted: Wanted) -> tuple[Skeleton, LeafSites]:
@@ -205,9 +179,8 @@ def stretched(skeleton: Skeleton, sites: LeafSites, wanted: Wanted) -> tuple[Ske
     for _ in range(STRETCHES):
         tips = leaf_tips(sites)
         high = float(np.concatenate([skeleton.end[:, 2], tips[:, 2]]).max())
-        reach = max(
-            high - wanted.height, -0.5 * high
-        )  # leaves keep their length: ask the wood for it
+        # Leaves keep their length: ask the wood for it.
+        reach = max(high - wanted.height, -0.5 * high)
         base = crown_base_of(skeleton, bearer)
         leafy = tips if len(tips) else skeleton.end
         width = width_of(leafy)
@@ -223,12 +196,11 @@ def stretched(skeleton: Skeleton, sites: LeafSites, wanted: Wanted) -> tuple[Ske
         if base <= 1e-6 or base >= top - 1e-6:
             knots, goals = knots[[0, 2]], goals[[0, 2]]
 
-        way = (knots, goals, across)
-        start, end = _drawn_aside(skeleton.start, *way), _drawn_aside(skeleton.end, *way)
-        skeleton, sites = (
-            replace(skeleton, start=start, end=end),
-            replace(sites, foot=_drawn_aside(sites.foot, *way)),
+        start, end, foot = (
+            _drawn_aside(points, knots, goals, across)
+            for points in (skeleton.start, skeleton.end, sites.foot)
         )
+        skeleton, sites = replace(skeleton, start=start, end=end), replace(sites, foot=foot)
     return skeleton, sites
 
 
@@ -249,30 +221,40 @@ def _with_area(sites: LeafSites, blade: Blade, area: float) -> LeafSites:
 def _as_many(sites: LeafSites, skeleton: Skeleton, count: int, key: int) -> LeafSites:
     """So many leaves: some left out, or others set beside them along what bears them."""
     have = len(sites)
+    pick, again, own = _picked(have, count, key)
+    chosen = sites.select(pick)
+    if again.any():
+        share = keyed_uniform(own, "leaf place")[again, None]
+        on = chosen.segment[again]
+        start, end = skeleton.start[on], skeleton.end[on]
+        along = start + share * (end - start)
+        chosen.foot[again] = np.where((on >= 0)[:, None], along, chosen.foot[again])
+        turn = 2 * np.pi * keyed_uniform(own, "leaf turn")[again]
+        cos, sin = np.cos(turn), np.sin(turn)
+        for vectors in (chosen.direction, chosen.up):
+            vectors[again] = about_vertical(vectors[again], cos, sin)
+    return chosen
+
+
+def _picked(have: int, count: int, key: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Choose so many of the leaves that there are: some are left out by lot, or set again.
+
+    Returns the leaf (count,) that each stands for, whether that stands there already, and their keys.
+    """
     keys = daughter_keys(np.full(have, key, np.uint64), np.arange(have))
     rank = np.argsort(keyed_uniform(keys, "leaf chosen"))
-    pick = np.concatenate([np.arange(have)] * (count // have) + [rank[: count % have]])
-    pick = np.sort(pick)
+    pick = np.sort(np.concatenate([*[np.arange(have)] * (count // have), rank[: count % have]]))
     again = np.concatenate([[False], pick[1:] == pick[:-1]])
-    chosen = {
-        name: getattr(sites, name)[pick]
-        for name in ("foot", "direction", "up", "length", "width", "segment")
-    }
-    if again.any():
-        own = daughter_keys(np.full(count, key, np.uint64), np.arange(count))
-        share = keyed_uniform(own, "leaf place")[again, None]
-        on = chosen["segment"][again]
-        start, end = skeleton.start[on], skeleton.end[on]
-        chosen["foot"][again] = np.where(
-            (on >= 0)[:, None], start + share * (end - start), chosen["foot"][again]
+    return pick, again, daughter_keys(np.full(count, key, np.uint64), np.arange(count))
+
+
+def _refuse_many(count: float, area: float, where: str) -> None:
+    if count > MOST_LEAVES:
+        raise SpecError(
+            where,
+            f"{area:.4g} m² of leaves would be {count:.2g} leaves, more than {MOST_LEAVES:,}; "
+            "use larger leaves or a smaller leaf_area",
         )
-        turn = 2 * np.pi * keyed_uniform(own, "leaf turn")[again]
-        for name in ("direction", "up"):
-            x, y, z = chosen[name][again].T
-            chosen[name][again] = np.column_stack(
-                [np.cos(turn) * x - np.sin(turn) * y, np.sin(turn) * x + np.cos(turn) * y, z]
-            )
-    return LeafSites(**chosen)
 
 
 @dataclass(frozen=True)
@@ -357,70 +339,36 @@ def _with_leaf_area(parts: Parts, area: float, key: int, where: str) -> Parts:
     found = np.pi * leaves.radius**2
     have = len(leaves)
     count = max(1, round(have * area / float(found.sum()))) if found.sum() > 0 else have
-    if count > MOST_LEAVES:
-        raise SpecError(
-            where,
-            f"{area:.4g} m² of leaves would be {count:.2g} leaves, more than {MOST_LEAVES:,}; "
-            "use larger leaves or a smaller leaf_area",
-        )
-    keys = daughter_keys(np.full(have, key, np.uint64), np.arange(have))
-    rank = np.argsort(keyed_uniform(keys, "leaf chosen"))
-    pick = np.sort(np.concatenate([*[np.arange(have)] * (count // have), rank[: count % have]]))
-    again = np.concatenate([[False], pick[1:] == pick[:-1]])
-    own = daughter_keys(np.full(count, key, np.uint64), np.arange(count))
+    _refuse_many(count, area, where)
+    pick, again, own = _picked(have, count, key)
     angle = np.where(again, 2 * np.pi * keyed_uniform(own, "leaf turn"), 0.0)
+    cos, sin = np.cos(angle), np.sin(angle)
     total = float(found[pick].sum())
     size = np.sqrt(area / total) if total > 0 else 1.0
-    mesh, vertex, of_vertex = _copied(parts.mesh, have, pick)
-    turned = _about_vertical(parts.mesh.vertices[vertex] - foot[pick][of_vertex], angle[of_vertex])
-    wood = len(mesh.vertices) - len(vertex)
-    mesh.vertices[wood:] = foot[pick][of_vertex] + size * turned
+    rest, blades, of = leaves_apart(parts.mesh)
+    row, of_vertex, moved = Runs.of(of, have).copy(pick)
+    face, of_face, _ = Runs.of(blades.leaf, have).copy(pick)
+    at = foot[pick]
+    turned = about_vertical(blades.vertices[row] - at[of_vertex], cos[of_vertex], sin[of_vertex])
+    chosen = TriMesh(
+        vertices=at[of_vertex] + size * turned,
+        triangles=(blades.triangles[face] + moved[of_face][:, None]).astype(np.int32),
+        part=blades.part[face],
+        leaf=of_face.astype(np.int32),
+        material=blades.material[face],
+        uv=None if blades.uv is None else blades.uv[face],
+        order=None if blades.order is None else blades.order[face],
+    )
     made = Leaves(
-        centre=foot[pick] + size * _about_vertical(leaves.centre[pick] - foot[pick], angle),
-        normal=_about_vertical(leaves.normal[pick], angle),
-        axis=_about_vertical(leaves.axis[pick], angle),
+        centre=at + size * about_vertical(leaves.centre[pick] - at, cos, sin),
+        normal=about_vertical(leaves.normal[pick], cos, sin),
+        axis=about_vertical(leaves.axis[pick], cos, sin),
         length=leaves.length[pick] * size,
         width=leaves.width[pick] * size,
         radius=leaves.radius[pick] * size,
         branch=leaves.branch[pick],
     )
-    return replace(parts, mesh=mesh, leaves=made, foot=foot[pick])
-
-
-def _copied(mesh: TriMesh, count: int, pick: np.ndarray) -> tuple[TriMesh, np.ndarray, np.ndarray]:
-    """Wood, then the picked leaves, whose vertices are still to be placed; the vertex (V,) of the mesh that
-    each of a leaf is, and (V,) which of the picked it belongs to.
-    """
-    is_leaf = mesh.leaf >= 0
-    wood = mesh.select(~is_leaf)
-    triangle = np.flatnonzero(is_leaf)
-    triangle = triangle[np.argsort(mesh.leaf[triangle], kind="stable")]
-    owner = np.full(len(mesh.vertices), -1)
-    owner[mesh.triangles[triangle]] = mesh.leaf[triangle][:, None]
-    vertex = np.flatnonzero(owner >= 0)
-    vertex = vertex[np.argsort(owner[vertex], kind="stable")]
-    place = np.empty(len(mesh.vertices), np.int64)
-    place[vertex] = np.arange(len(vertex))
-    row, of_vertex, moved = Runs.of(owner[vertex], count).copy(pick)
-    face, of_face, _ = Runs.of(mesh.leaf[triangle], count).copy(pick)
-    of_mesh = triangle[face]
-    corners = place[mesh.triangles[of_mesh]] + moved[of_face][:, None] + len(wood.vertices)
-    places = np.concatenate([wood.vertices, np.empty((len(row), 3))])
-
-    def joined(name: str) -> np.ndarray | None:
-        mine, theirs = getattr(wood, name), getattr(mesh, name)
-        return None if theirs is None else np.concatenate([mine, theirs[of_mesh]])
-
-    made = TriMesh(
-        vertices=places,
-        triangles=np.concatenate([wood.triangles, corners.astype(np.int32)]),
-        part=np.concatenate([wood.part, mesh.part[of_mesh]]),
-        leaf=np.concatenate([wood.leaf, of_face.astype(np.int32)]),
-        material=np.concatenate([wood.material, mesh.material[of_mesh]]),
-        uv=joined("uv"),
-        order=joined("order"),
-    )
-    return made, vertex[row], of_vertex
+    return replace(parts, mesh=join([rest, chosen]), leaves=made, foot=at)
 
 
 def _stretched(parts: Parts, wanted: Wanted) -> Parts:
@@ -441,8 +389,9 @@ def _stretched(parts: Parts, wanted: Wanted) -> Parts:
         base = found["crown_base"]
         knots, goals = np.array([0.0, top]), np.array([0.0, goal])
         if 1e-3 < base < top - 1e-3 and wanted.crown_base < goal:
-            low = _limited(wanted.crown_base / base, down)
-            high = _limited((goal - low * base) / (top - base), up)
+            low = float(np.clip(wanted.crown_base / base * down, 1 / FARTHEST, FARTHEST)) / down
+            high = (goal - low * base) / (top - base)
+            high = float(np.clip(high * up, 1 / FARTHEST, FARTHEST)) / up
             down, up = down * low, up * high
             knots = np.array([0.0, base, top])
             goals = np.array([0.0, low * base, low * base + high * (top - base)])
@@ -452,10 +401,6 @@ def _stretched(parts: Parts, wanted: Wanted) -> Parts:
         across *= wide
         parts = _drawn_out(parts, knots, goals, wide, thick)
     return parts
-
-
-def _limited(factor: float, so_far: float) -> float:
-    return float(np.clip(factor * so_far, 1 / FARTHEST, FARTHEST)) / so_far
 
 
 def _drawn_out(
@@ -504,10 +449,3 @@ def _moved(
     return replace(
         parts, mesh=replace(mesh, vertices=vertices), leaves=leaves, foot=foot, skeleton=skeleton
     )
-
-
-def _about_vertical(vectors: np.ndarray, angle: np.ndarray) -> np.ndarray:
-    """Vectors (N, 3) turned by angles (N,)."""
-    cos, sin = np.cos(angle), np.sin(angle)
-    x, y, z = vectors.T
-    return np.column_stack([cos * x - sin * y, sin * x + cos * y, z])

@@ -1,11 +1,5 @@
-"""Measures that a tree is to have: taken from targets and drawn by the allometry of its kind, or refused.
-
-Trees from templates that are to measure something: what of it their settings can be asked for.
-
-A sibling takes height and diameter, so that its fitted grammar grows a tree of that size; what is over, and
-crown and leaves of all trees of template parts, ``reshape`` brings to the targets.
-
-Measures of a grown tree as a forester takes them, by the definitions of the tables of measured ones.
+"""Measures that a tree is to have, taken from targets and drawn by the allometry of its kind, or refused; and
+the measures of a grown tree, as a forester takes them, by the definitions of the tables of measured ones.
 
 Diameter: of the stem 1.3 m above the ground. Height: of the highest point. Base of the crown: where the
 lowest branch that bears leaves leaves the stem. Width: the mean diameter of the crown seen from above,

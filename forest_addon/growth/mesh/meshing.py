@@ -1,36 +1,15 @@
-"""Edges of tubes and of leaves, known from how they are made.
+"""A whole skeleton to triangles, all branches at once; and a single polyline with radii to a closed tube.
 
-Blender needs each edge once and the edge of every corner of every triangle. It can find them itself, but
-that takes longer than everything else about a mesh; whoever makes triangles in patterns knows them.
+Every axis becomes a closed tube: a ring of n corners is widened by π/(n·sin(π/n)): its perimeter, and so its
+mean silhouette, is then the circle's, where an inscribed 8-gon would be 2.6 % too thin. n is chosen so that
+the polygon departs from the circle by at most a tolerance. ``nodes`` sorts the axes by n and turns their
+rings; here rings of equal n become vertices by one matrix product and triangles by one sum. Where the radius
+steps, as between Méndez et al.'s internodes, a node has two rings. Nothing loops over branches. The rings of
+a single tube follow its line by parallel transport, so that nothing twists.
 
-Ring frames along axes by parallel transport, laid into the bisecting plane where an axis bends.
-
-From one segment to the next a frame takes the smallest turn that brings the direction over, so nothing
-twists. At a bend the ring lies in the bisecting plane and is stretched there by 1/cos of half the bend:
-that is where two cylinders really meet, and the tube keeps its thickness and its volume.
-
-A polyline with radii to a closed tube of triangles.
-
-Rings follow the line by parallel transport, so that nothing twists. A ring of n corners is widened by
-π/(n·sin(π/n)): its perimeter, and so its mean silhouette, is then the circle's, where an inscribed
-8-gon would be 2.6 % too thin. n is chosen so that the polygon departs from the circle by at most a
-tolerance.
-
-The nodes of a skeleton's axes, as a mesher wants them: sorted, with joints, none to spare.
-
-Axes come sorted by the number of corners their rings get, so that rings of equal n lie together. Segments
-without a length and axes without a radius are passed over. A branch starts on its parent's axis, so its
-foot is inside her; where the parent ends in a fork, or is thinner than the branch, it starts one node
-earlier, within her and along her: it bends out of the parent, and no wedge opens between them. Nodes that
-the line passes within the tolerance anyway are left out.
-
-A whole skeleton to triangles, all branches at once.
-
-Every axis becomes a closed tube as in ``tubes``: a ring of n corners is widened by π/(n·sin(π/n)), which
-gives it the circle's perimeter and so its mean silhouette; n follows from the tolerance. ``nodes`` sorts
-the axes by n, ``frames`` turns their rings; here rings of equal n become vertices by one matrix product
-and triangles by one sum. Where the radius steps, as between Méndez et al.'s internodes, a node has two
-rings. Nothing loops over branches.
+Edges are known from how tubes and leaves are made. Blender needs each edge once and the edge of every corner
+of every triangle. It can find them itself, but that takes longer than everything else about a mesh; whoever
+makes triangles in patterns knows them.
 """
 
 from __future__ import annotations
@@ -176,8 +155,7 @@ def tube(points: np.ndarray, radius: np.ndarray, sides: int) -> tuple[np.ndarray
 def _across(direction: np.ndarray) -> np.ndarray:
     """A unit vector at right angles to a unit direction."""
     normal = np.cross(direction, np.eye(3)[np.argmin(np.abs(direction))])
-    unit: np.ndarray = normal / np.linalg.norm(normal)
-    return unit
+    return np.asarray(normal / np.linalg.norm(normal))
 
 
 def mesh_wood(

@@ -26,7 +26,7 @@ MITRE = 2.0  # a ring is stretched no further at a bend: 120°
 TURNED_BACK = 0.1  # cosine of half a bend beyond which a line counts as turned back on itself
 SIDES = np.array([3, 4, 5, 6, 7, 8, 10, 12, 14, 16, 20, 24, 32, 40, 48, 64])
 SHORTEST = 1e-9  # metres; a shorter segment has no direction and is passed over
-SNUG = 0.98  # of the parent's polygon: how wide a branch may start within her
+SNUG = 0.98  # of the parent's polygon: how wide a branch may start within it
 TRIANGLE = 0.6  # inner radius over the circle's of a triangle of equal perimeter, π/(3·tan(π/3))
 
 
@@ -116,7 +116,7 @@ def lines_of(
     axes = find_axes(skeleton)
     span = skeleton.end - skeleton.start
     length = np.sqrt(np.einsum("si,si->s", span, span))
-    axis = np.repeat(np.arange(len(axes)), np.diff(axes.first))
+    axis = axes.of_row
     thick = np.zeros(len(axes))
     radius = np.maximum(skeleton.radius, 0.0)
     if len(axis):
@@ -164,29 +164,31 @@ def _inner(
 
     foot : (A,) first segment of each axis. chain : (S,) all segments, axis by axis.
     """
-    mother = np.maximum(skeleton.parent[foot], 0)
+    parent = np.maximum(skeleton.parent[foot], 0)
     root = skeleton.parent[foot] < 0
-    way = skeleton.end[mother] - skeleton.start[mother]
+    way = skeleton.end[parent] - skeleton.start[parent]
     way = np.where(root[:, None], skeleton.end[foot] - skeleton.start[foot], way)
-    long = np.where(root, length[foot], length[mother])
+    long = np.where(root, length[foot], length[parent])
 
-    at_end = np.abs(skeleton.start[foot] - skeleton.end[mother]).max(axis=1, initial=0.0) <= TOUCH
+    at_end = np.abs(skeleton.start[foot] - skeleton.end[parent]).max(axis=1, initial=0.0) <= TOUCH
     order_after = np.full(len(chain), -1, dtype=np.int64)
     order_after[chain[:-1]] = chain[1:]
-    onward = order_after[mother]  # the next in the chain continues the parent if it is her child
+    onward = order_after[
+        parent
+    ]  # the next in the chain continues the parent if it is a child of it
     continued = (
         (onward >= 0)
-        & (skeleton.parent[onward] == mother)
-        & (skeleton.order[onward] == skeleton.order[mother])
-        & (np.abs(skeleton.start[onward] - skeleton.end[mother]).max(axis=1, initial=0.0) <= TOUCH)
+        & (skeleton.parent[onward] == parent)
+        & (skeleton.order[onward] == skeleton.order[parent])
+        & (np.abs(skeleton.start[onward] - skeleton.end[parent]).max(axis=1, initial=0.0) <= TOUCH)
     )
-    there = skeleton.radius[mother, 1]
+    there = skeleton.radius[parent, 1]
     own = skeleton.radius[foot, 0]
     forks = ~root & at_end & (long > SHORTEST) & (~continued | (own > 0.9 * there))
     back = np.where(root, sunk, np.minimum(0.5 * long, np.maximum(there, own)))
     forks &= (there > 0) & (back > TOUCH)
     step = back / np.maximum(long, SHORTEST)
-    wide = there + (skeleton.radius[mother, 0] - there) * np.clip(step, 0, 1)
+    wide = there + (skeleton.radius[parent, 0] - there) * np.clip(step, 0, 1)
     limit = np.where(root, np.inf, SNUG * np.maximum(wide - tolerance, TRIANGLE * wide))
     point = skeleton.start[foot] - step[:, None] * way
     return forks | (root & (sunk > 0)), point, limit

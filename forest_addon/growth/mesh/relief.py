@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...base.rng import stream
+from ...base.runs import numbered
 from .nodes import Line
 
 FROM = 0.05  # metres of radius, below which an axis is smooth
@@ -68,8 +69,8 @@ class Relief:
         rough[last] = False
         times = np.where(rough, np.ceil(step * self.rings / self.size), 1).astype(np.int64)
         times = np.maximum(times, 1)
-        node = np.repeat(np.arange(len(times)), times)
-        part = (np.arange(len(node)) - np.repeat(np.cumsum(times) - times, times)) / times[node]
+        node, number = numbered(times)
+        part = number / times[node]
         onward = np.minimum(node + 1, len(times) - 1)
         point = line.point[node] + part[:, None] * (line.point[onward] - line.point[node])
         between = line.above[node] + part * (line.below[onward] - line.above[node])

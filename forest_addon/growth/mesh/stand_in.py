@@ -80,7 +80,7 @@ def _wood(skeleton: Skeleton, level: Level) -> list[tuple[np.ndarray, np.ndarray
     if not len(skeleton):
         return []
     axes = find_axes(skeleton)
-    length = np.linalg.norm(skeleton.end - skeleton.start, axis=1)
+    length = skeleton.length
     volume = length * (skeleton.radius**2).sum(axis=1)
     held = np.add.reduceat(volume[axes.segment], axes.first[:-1])
     order = skeleton.order[axes.segment[axes.first[:-1]]]

@@ -1,12 +1,7 @@
-"""A mesh of many owners, such as leaves or pieces of wood, of which any may be copied any number of times.
+"""A recognised tree taken apart so that it can be put together again, as it was or otherwise.
 
-Triangles are kept wound both ways, so that a copy can be mirrored; edges are copied with them, so that
-nobody has to look for them afterwards.
-
-A recognised tree taken apart so that it can be put together again, as it was or otherwise.
-
-Every piece of wood is a course (``courses``) that leaves its parent at a seat: a place on her line, an
-azimuth, an angle and a roll in her frame there, and how far off her axis its foot is. Every vertex is
+Every piece of wood is a course (``lines``) that leaves its parent at a seat: a place on the parent's line, an
+azimuth, an angle and a roll in its frame there, and how far off its axis the foot is. Every vertex is
 held by the two stretches of its piece nearest to it, and every leaf by the stretch it sits on, so the
 mesh follows wherever the lines are laid. Laid where they were, they give the tree itself.
 """
@@ -17,10 +12,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ...base.rows import lengths
 from ...base.runs import Runs, bounds
-from ...base.trimesh import LEAF, WOOD, Edges, TriMesh
-from ..mesh.leaves import Leaves, measure_leaves
-from ..mesh.meshing import repeated_edges
+from ...base.trimesh import LEAF, WOOD, TriMesh
+from ..mesh.leaves import CopyStock, Leaves, measure_leaves
+from ..skeleton import depths
 from .hierarchy import CLOSER
 from .lines import (
     STEEP,
@@ -37,71 +33,10 @@ from .lines import (
     upper_frames,
     walk,
 )
-from .pieces import lengths
 from .recognise import Recognition
 from .template import BARK_SLOT, LEAF_SLOT, turned_outwards
 
 GROUND = np.eye(3)  # the frame that a trunk stands in
-
-
-@dataclass(frozen=True, eq=False)
-class CopyStock:
-    """The parts of N owners; vertices, triangles and edges stand together by owner.
-
-    place : (V, 3). corners, of_corner : (2T, 3) int32, vertices and edges of all triangles, then of the
-    same inside out. ends : (E, 2) int32. part, material : what all triangles are.
-    """
-
-    place: np.ndarray
-    corners: np.ndarray
-    of_corner: np.ndarray
-    ends: np.ndarray
-    vertices: Runs
-    triangles: Runs
-    edges: Runs
-    part: int
-    material: int
-
-    @classmethod
-    def of(
-        cls, place: np.ndarray, owner: np.ndarray, triangles: np.ndarray, part: int, material: int
-    ) -> CopyStock:
-        """Of places (V, 3) sorted by owner (V,) and triangles (T, 3) sorted by owner, 0 .. N - 1."""
-        count = int(owner[-1]) + 1 if len(owner) else 0
-        edges = repeated_edges(triangles, 0, 1)
-        return cls(
-            place=place,
-            corners=np.concatenate([triangles, triangles[:, ::-1]]).astype(np.int32),
-            of_corner=np.concatenate([edges.of_corner, edges.of_corner[:, [1, 0, 2]]]),
-            ends=edges.ends,
-            vertices=Runs.of(owner, count),
-            triangles=Runs.of(owner[triangles[:, 0]], count),
-            edges=Runs.of(owner[edges.ends[:, 0]], count),
-            part=part,
-            material=material,
-        )
-
-    def copy(
-        self, wanted: np.ndarray, mirrored: np.ndarray
-    ) -> tuple[TriMesh, np.ndarray, np.ndarray, np.ndarray]:
-        """Copies of wanted owners (N,), inside out where mirrored (N,).
-
-        Returns
-        -------
-        The mesh, its vertices not placed yet; (V,) the vertex of the stock that each one is; (V,) and
-        (T,) which wanted one each vertex and triangle is of.
-        """
-        vertex, of_vertex, moved = self.vertices.copy(wanted)
-        triangle, of_triangle, _ = self.triangles.copy(wanted)
-        edge, of_edge, edge_moved = self.edges.copy(wanted)
-        wound = triangle + (len(self.corners) // 2) * mirrored[of_triangle]
-        corners, of_corner, ends = self.corners[wound], self.of_corner[wound], self.ends[edge]
-        corners += moved.astype(np.int32)[of_triangle][:, None]
-        of_corner += edge_moved.astype(np.int32)[of_triangle][:, None]
-        ends += moved.astype(np.int32)[of_edge][:, None]
-        mesh = TriMesh.of_part(np.empty((0, 3)), corners, self.part)
-        mesh.material[:] = self.material
-        return replace(mesh, edges=Edges(ends, of_corner)), vertex, of_vertex, of_triangle
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,7 +80,7 @@ class Anatomy:
     order : (C,) 0 for the trunk, 1 for first-level branches, ...
     lines, bend : courses of the pieces.
     seat : where each one's foot sits on its parent's line; ``aside`` is from its azimuth on.
-    azimuth, angle, roll : (C,) how it leaves her. carried : (C,) see ``foot_frames``.
+    azimuth, angle, roll : (C,) how it leaves the parent. carried : (C,) see ``foot_frames``.
     """
 
     parent: np.ndarray
@@ -187,7 +122,7 @@ def dissect(found: Recognition, metres: float = 1.0) -> Anatomy:
     """
     origin = found.origin
     parent = found.parent
-    order = _orders(parent)
+    order = depths(parent)
     place = (found.wood.vertices - origin) * metres
     lines, direction, stretch, part = find_bones(found, place, origin, metres)
     feet = lines.knot[lines.first[:-1] + np.arange(len(parent))]
@@ -199,21 +134,21 @@ def dissect(found: Recognition, metres: float = 1.0) -> Anatomy:
     carried = np.ones(len(parent), dtype=bool)
     for level in range(int(order.max(initial=0)) + 1):
         here = np.flatnonzero(order == level)
-        mother = parent[here]
+        bearer = parent[here]
         if level:
-            found_seat = seats_on(lines, mother, feet[here], frame)
+            found_seat = seats_on(lines, bearer, feet[here], frame)
             for name in ("stretch", "part", "away", "aside", "along"):
                 getattr(seat, name)[here] = getattr(found_seat, name)
-            mothers = frame[lines.first[mother] + found_seat.stretch]
+            parents = frame[lines.first[bearer] + found_seat.stretch]
         else:  # trunks stand on the ground, off the origin where there are several
-            mothers = np.tile(GROUND, (len(here), 1, 1))
+            parents = np.tile(GROUND, (len(here), 1, 1))
             seat.away[here] = np.hypot(feet[here, 0], feet[here, 1])
             seat.aside[here] = np.arctan2(feet[here, 1], feet[here, 0])
             seat.along[here] = feet[here, 2]
         heading = direction[lines.first[here]]
-        azimuth[here], angle[here] = angles_in(mothers, heading)
+        azimuth[here], angle[here] = angles_in(parents, heading)
         seat.aside[here] -= azimuth[here]
-        plain = foot_frames(mothers, azimuth[here], angle[here], np.zeros(len(here)), carried[here])
+        plain = foot_frames(parents, azimuth[here], angle[here], np.zeros(len(here)), carried[here])
         if level:
             carried[here] = np.abs(heading[:, 2]) >= STEEP
             level_ones = np.flatnonzero(~carried[here])
@@ -222,14 +157,11 @@ def dissect(found: Recognition, metres: float = 1.0) -> Anatomy:
             roll[here] = rolled(plain, upper)
         else:
             roll[here] = -azimuth[here]  # the least turn from upright
-        start = foot_frames(mothers, azimuth[here], angle[here], roll[here], carried[here])
+        start = foot_frames(parents, azimuth[here], angle[here], roll[here], carried[here])
         rows, _, _ = Runs.at(lines.first).copy(here)
         laid, bent = unbend(direction[rows], bounds(np.diff(lines.first)[here]), start)
         frame[rows], bend[rows] = laid, bent
-    lines = Lines(lines.first, lines.knot, lines.radius, lines.length, frame)
-    lines = Lines(
-        lines.first, walk(frame, lines.length, lines.first, feet), lines.radius, lines.length, frame
-    )
+    lines = replace(lines, knot=walk(frame, lines.length, lines.first, feet), frame=frame)
     return Anatomy(
         parent=parent,
         order=order,
@@ -245,14 +177,6 @@ def dissect(found: Recognition, metres: float = 1.0) -> Anatomy:
     )
 
 
-def _orders(parent: np.ndarray) -> np.ndarray:
-    order, above = np.zeros(len(parent), np.int64), parent.copy()
-    while (above >= 0).any():
-        order += above >= 0
-        above = np.where(above >= 0, parent[np.maximum(above, 0)], -1)
-    return order
-
-
 def _wood(
     found: Recognition, lines: Lines, place: np.ndarray, stretch: np.ndarray, part: np.ndarray
 ) -> TemplateWood:
@@ -262,8 +186,7 @@ def _wood(
     last = np.diff(lines.first)[owner] - 1
     towards_next = (part >= 0.5) & (stretch < last)
     from_before = (part < 0.5) & (stretch > 0)
-    start = lines.first[owner] + stretch + owner
-    on_line = lines.knot[start] + part[:, None] * (lines.knot[start + 1] - lines.knot[start])
+    on_line, _ = lines.at(owner, stretch, part)
     return TemplateWood(
         stock=CopyStock.of(place - on_line, owner, turned_outwards(found)[order], WOOD, BARK_SLOT),
         stretch=stretch,

@@ -7,11 +7,10 @@ Stuetzle 1989), the surface is averaged over stretches a few radii long, every p
 the nearest one on the line through these averages, and so on, three times. On a tube the averages settle
 on the axis; a ribbon or a lone facet gets a line too.
 
-Wood as tubes about its centrelines, to be asked for what is nearest to places.
-
-Tubes are cones from knot to knot, filled with balls in groups by radius; the balls nearest to a place say
-which cones are measured exactly. Lines go in, and for each place come out the piece, the gap to its surface,
-and where along it that is.
+Wood is then tubes about its centrelines, to be asked for what is nearest to places. Tubes are cones from knot
+to knot, filled with balls in groups by radius; the balls nearest to a place say which cones are measured
+exactly. Lines go in, and for each place come out the piece, the gap to its surface, and where along it that
+is.
 """
 
 from __future__ import annotations
@@ -23,7 +22,9 @@ from scipy.sparse import csc_matrix, csr_matrix
 from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
-from .pieces import Pieces, lengths
+from ...base.rows import lengths
+from ...base.runs import numbered, sums
+from .pieces import Pieces
 
 STRETCH = 4.0  # mean radii from knot to knot
 MOST_STRETCHES = 48
@@ -78,10 +79,6 @@ class _Samples:
     piece: np.ndarray  # (M,)
     weight: np.ndarray  # (M,) length of edge that each place stands for
 
-    def spread(self, values: np.ndarray) -> np.ndarray:
-        """(M,) what vertices have (V,), at every place."""
-        return np.asarray(self.of_vertices @ values)
-
 
 @dataclass(frozen=True)
 class _Lines:
@@ -127,7 +124,7 @@ def find_centrelines(pieces: Pieces) -> Centrelines:
 def _along_edges(pieces: Pieces) -> tuple[np.ndarray, np.ndarray]:
     """(V,) distance along edges from one end of each vertex's piece; (C,) length of the pieces."""
     vertices, owner, count = pieces.vertices, pieces.piece_of_vertex, pieces.count
-    distance = lengths(vertices - _mean(vertices, owner, count)[owner])
+    distance = lengths(vertices - pieces.middles()[owner])
     one, other = pieces.edges.T
     edge_length = lengths(vertices[one] - vertices[other])
     graph = csr_matrix((edge_length, (one, other)), shape=(len(vertices), len(vertices)))
@@ -147,9 +144,8 @@ def _sample(pieces: Pieces, radius: np.ndarray) -> _Samples:
     weight = np.bincount(one, each / 2, len(owner)) + np.bincount(other, each / 2, len(owner))
 
     inner = steps - 1
-    edge = np.repeat(np.arange(len(steps)), inner)
-    number = np.arange(len(edge)) - np.repeat(np.cumsum(inner) - inner, inner) + 1
-    part, many = number / steps[edge], len(owner)
+    edge, number = numbered(inner)
+    part, many = (number + 1) / steps[edge], len(owner)
     places = csr_matrix(
         (
             np.concatenate([np.ones(many), np.stack([1 - part, part], axis=1).ravel()]),
@@ -178,7 +174,7 @@ def _average(
 ) -> np.ndarray:
     """(K, n) mean around each knot of what vertices have (V, n); hat weights, gaps interpolated."""
     stretches = np.diff(first) - 1
-    place = samples.spread(share) * stretches[samples.piece]
+    place = (samples.of_vertices @ share) * stretches[samples.piece]
     before = np.minimum(place.astype(np.int64), stretches[samples.piece] - 1)
     knot = first[samples.piece] + before
     after = (place - before) * samples.weight
@@ -191,7 +187,7 @@ def _average(
         shape=(first[-1], len(knot)),
     )
     weight = hats @ np.ones(len(knot))
-    total = hats @ samples.spread(values)
+    total = hats @ (samples.of_vertices @ values)
     piece = np.repeat(np.arange(len(stretches)), stretches + 1)
     filled = weight > 1e-9 * np.bincount(samples.piece, samples.weight)[piece]
     number = (
@@ -302,8 +298,7 @@ def _find_end(
     length = np.maximum(np.maximum.reduceat(depth, _begins(owner, count)), np.finfo(float).tiny)
     mean = np.bincount(pieces.piece, pieces.area, count) / (2 * np.pi * length)
     near = np.minimum(np.maximum(NEAR * thick, SURE * mean), length / 3)
-    seen = samples.spread(depth)
-    row = np.flatnonzero(seen <= (REGION * near)[samples.piece])
+    row = np.flatnonzero(samples.of_vertices @ depth <= (REGION * near)[samples.piece])
     piece, weight = samples.piece[row], samples.weight[row]
     place = np.stack([samples.of_vertices[row] @ axis for axis in pieces.vertices.T], axis=1)
     mine = np.flatnonzero(depth <= (REGION * near)[owner])
@@ -345,7 +340,7 @@ def _find_end(
 def _weighted(place: np.ndarray, weight: np.ndarray, piece: np.ndarray, count: int) -> np.ndarray:
     """(C, 3) weighted mean of places (M, 3); NaN where none has weight."""
     total = np.bincount(piece, weight, count)
-    mean = np.stack([np.bincount(piece, weight * x, count) for x in place.T], axis=1)
+    mean = sums(piece, weight[:, None] * place, count)
     return np.asarray(mean / np.where(total > 0, total, np.nan)[:, None])
 
 
@@ -353,12 +348,6 @@ def _begins(owner: np.ndarray, count: int) -> np.ndarray:
     """(C,) first row of each owner; ``owner`` is sorted and every one has some."""
     size = np.bincount(owner, minlength=count)
     return np.asarray(np.cumsum(size) - size)
-
-
-def _mean(values: np.ndarray, owner: np.ndarray, count: int) -> np.ndarray:
-    """(C, n) mean of the values (N, n) of each owner."""
-    total = np.stack([np.bincount(owner, column, count) for column in values.T], axis=1)
-    return np.asarray(total / np.bincount(owner, minlength=count)[:, None])
 
 
 def _largest(value: np.ndarray, owner: np.ndarray, count: int) -> np.ndarray:
@@ -471,8 +460,8 @@ class Tubes:
         thick = np.maximum(ends.max(axis=1), length / 64)
         spacing = np.maximum(thick, max(float(lines.along.max()) / 1000, np.finfo(float).tiny))
         balls = np.maximum(np.ceil(length / spacing).astype(np.int64), 1)
-        of = np.repeat(np.arange(len(start)), balls)
-        part = (np.arange(len(of)) - np.repeat(np.cumsum(balls) - balls, balls) + 0.5) / balls[of]
+        of, number = numbered(balls)
+        part = (number + 0.5) / balls[of]
         radius = ends[of, 0] * (1 - part) + ends[of, 1] * part
         centre = lines.knot[start[of]] + part[:, None] * vector[of]
         apart = length[of] / balls[of]

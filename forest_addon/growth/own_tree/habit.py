@@ -17,9 +17,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...base.rows import lengths
 from ...base.runs import Runs
 from .anatomy import Anatomy
-from .pieces import lengths
 
 NODE = 0.25  # mean spacings within which children share a node
 LIMB = (
@@ -43,8 +43,8 @@ MOST_UNEVEN = 0.1  # relative spread of the number of branches of an order, by c
 class Table:
     """Means over the position along the parent, for pieces of one order.
 
-    share : (P,) position, 0 foot to 1 tip. length : (P,) of a child over her parent's.
-    angle : (P,) radians. thickness : (P,) radius at the foot over the parent's there.
+    share : (P,) position, 0 foot to 1 tip. length : (P,) of a child over its parent's.
+    angle : (P,) radians.
     density : (P,) children per parent and unit of share.
     length_spread, angle_spread : what is added by chance, relative and radians: a share of what pieces
         are off these means.
@@ -53,7 +53,6 @@ class Table:
     share: np.ndarray
     length: np.ndarray
     angle: np.ndarray
-    thickness: np.ndarray
     density: np.ndarray
     length_spread: float
     angle_spread: float
@@ -147,27 +146,26 @@ def limbs(anatomy: Anatomy) -> np.ndarray:
 
 def radius_at_seat(anatomy: Anatomy) -> np.ndarray:
     """(C,) radius of the parent where each piece sits; infinite on the ground."""
-    lines, mother = anatomy.lines, np.maximum(anatomy.parent, 0)
-    knot = lines.first[mother] + anatomy.seat.stretch + mother
-    step = lines.radius[knot + 1] - lines.radius[knot]
-    return np.where(anatomy.parent < 0, np.inf, lines.radius[knot] + anatomy.seat.part * step)
+    seat, parent = anatomy.seat, anatomy.parent
+    _, radius = anatomy.lines.at(np.maximum(parent, 0), seat.stretch, seat.part)
+    return np.where(parent < 0, np.inf, radius)
 
 
 def _slots(anatomy: Anatomy, share: np.ndarray) -> Slots:
     hanging = np.flatnonzero(anatomy.parent >= 0)
     piece = hanging[np.lexsort((hanging, share[hanging], anatomy.parent[hanging]))]
-    mother, place = anatomy.parent[piece], share[piece]
-    of_piece = Runs.of(mother, anatomy.count)
+    parent, place = anatomy.parent[piece], share[piece]
+    of_piece = Runs.of(parent, anatomy.count)
     count = len(piece)
     starts = np.zeros(count, dtype=bool)
     starts[of_piece.first[of_piece.size > 0]] = True
-    last = (of_piece.first + of_piece.size - 1)[mother]
-    span = place[last] - place[of_piece.first[mother]]
-    mean = span / np.maximum(of_piece.size[mother] - 1, 1)
+    last = (of_piece.first + of_piece.size - 1)[parent]
+    span = place[last] - place[of_piece.first[parent]]
+    mean = span / np.maximum(of_piece.size[parent] - 1, 1)
     opens = starts | (np.diff(place, prepend=0.0) > NODE * mean)
     node = np.cumsum(opens) - 1  # over all pieces
     middle = np.bincount(node, place) / np.bincount(node)
-    owner = mother[opens]
+    owner = parent[opens]
     gap = np.diff(middle)
     inside = np.diff(owner) == 0
     before = np.concatenate([[np.nan], np.where(inside, gap, np.nan)]) if count else middle
@@ -177,7 +175,7 @@ def _slots(anatomy: Anatomy, share: np.ndarray) -> Slots:
     return Slots(
         of_piece=of_piece,
         piece=piece,
-        node=node - node[of_piece.first[mother]] if count else node,
+        node=node - node[of_piece.first[parent]] if count else node,
         before=before[node],
         after=after[node],
         limb=limbs(anatomy)[piece],
@@ -191,12 +189,12 @@ def _spread(anatomy: Anatomy, slots: Slots, order: int) -> tuple[float, float]:
     that of a renewal process, the squared coefficient of variation of the spacing.
     """
     mine = np.flatnonzero(anatomy.order[slots.piece] == order)
-    mother = anatomy.parent[slots.piece[mine]]
+    parent = anatomy.parent[slots.piece[mine]]
     _, first, size = np.unique(
-        np.stack([mother, slots.node[mine]]), axis=1, return_index=True, return_counts=True
+        np.stack([parent, slots.node[mine]]), axis=1, return_index=True, return_counts=True
     )
     gap = slots.after[mine][first]
-    same = np.diff(mother[first], append=-1) == 0
+    same = np.diff(parent[first], append=-1) == 0
     pairs = np.flatnonzero(same[:-1] & same[1:])  # a gap and the next of the same parent
     if len(pairs) < 2:
         return 0.0, 0.0
@@ -244,13 +242,13 @@ def _classes(anatomy: Anatomy, share: np.ndarray) -> np.ndarray:
 
 def _table(anatomy: Anatomy, share: np.ndarray, order: int) -> Table:
     mine = np.flatnonzero(anatomy.order == order)
-    mother = anatomy.parent[mine]
+    parent = anatomy.parent[mine]
     reach = anatomy.lines.reach()
     place = np.linspace(0.0, 1.0, PLACES)
     smooth = _smoother(share[mine], place)
     inside = ((place[:, None] - share[mine]) / KERNEL) ** 2
     mass = np.exp(-inside / 2).sum(axis=1) / (KERNEL * np.sqrt(2 * np.pi))
-    length = np.log(np.maximum(reach[mine] / reach[mother], 1e-9))
+    length = np.log(np.maximum(reach[mine] / reach[parent], 1e-9))
     means = smooth @ length, smooth @ anatomy.angle[mine]
     off = [
         float((values - np.interp(share[mine], place, mean)).std())
@@ -260,9 +258,6 @@ def _table(anatomy: Anatomy, share: np.ndarray, order: int) -> Table:
         share=place,
         length=np.exp(means[0]),
         angle=np.clip(means[1], 0.0, np.pi),
-        thickness=np.exp(
-            smooth @ np.log(anatomy.foot_radius()[mine] / radius_at_seat(anatomy)[mine])
-        ),
         density=mass / max(int((anatomy.order == order - 1).sum()), 1),
         length_spread=min(BY_CHANCE * off[0], MOST_LENGTH_SPREAD),
         angle_spread=min(BY_CHANCE * off[1], MOST_ANGLE_SPREAD),

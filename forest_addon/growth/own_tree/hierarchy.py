@@ -13,14 +13,13 @@ but not if it is much thinner than the foot, nor if the foot points away from it
 the ground beside the trunk without touching it is a stem of its own. Wood is taken as tubes about
 centrelines, which also tells that a foot deep inside the trunk touches it.
 
-Rooting of pieces that begin deep within another one, so that their parent is plain.
-
-A tip or a flank may touch any wood; a foot that was drawn from its parent's axis lies near that axis. An end
-is rooted in a piece where it is at most half her radius off her axis, she is no thinner there than the end,
-and it is not where she herself begins (there, feet of a whorl lie within one another). Of several, the one
-whose axis is nearest in her radii is the parent; less likely is a thinner end of the piece, and an end of
-another one as thin as it, which may be a sister's that begins at the same place.
-What is rooted nowhere is left to whatever it touches (``hierarchy``).
+The parent of a piece that begins deep within another one is plain (``root``). A tip or a flank may touch any
+wood; a foot that was drawn from its parent's axis lies near that axis. An end is rooted in a piece where it
+is at most half the piece's radius off its axis, the piece is no thinner there than the end, and it is not
+where the piece itself begins (there, feet of a whorl lie within one another). Of several, the one whose axis
+is nearest in its own radii is the parent; less likely is a thinner end of the piece, and an end of another
+one as thin as it, which may be that of another child that begins at the same place. What is rooted nowhere is
+left to whatever it touches.
 """
 
 from __future__ import annotations
@@ -29,8 +28,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...base.rows import RowTable, lengths
 from .centreline import Centrelines, Tubes, find_contacts
-from .pieces import Pieces, lengths
+from .pieces import Pieces
 
 STOUT = 0.7  # share of the thickest piece's radius that a trunk has at least
 LEVEL = 0.02  # share of the tree's height within which pieces begin at the same level
@@ -38,24 +38,18 @@ TAPER = 1.3  # an end this many times as thick as the other is the foot
 THIN_END = 0.5  # piece lengths of gap that it takes for the thin end to be the foot after all
 REACH = 0.5  # radii that an end may stop short of the wood that it touches
 FLOAT = 1.25  # where nothing touches, gaps up to this many times the smallest are taken together
-THICKER, MISFIT = (
-    1.25,
-    4.0,
-)  # of her radius a foot may be; radii of gap that each radius more stands for
-AGAINST = (
-    1.0  # gaps that are added to one that a foot does not point across, twice where it points away
-)
-SHORT, LACK = (
-    0.5,
-    0.1,
-)  # of a floating piece's length its parent is long; share of what lacks that is added
+THICKER = 1.25  # times the parent's radius, that a foot may be thick
+MISFIT = 4.0  # times what a foot is thicker than that, added to its gap
+AGAINST = 1.0  # gaps added to one that a foot does not point across, twice where it points away
+SHORT = 0.5  # lengths of a floating piece that its parent is long at least
+LACK = 0.1  # share of what the parent lacks of that, added to the gap
 NEAREST = 8  # balls looked at, of each group
 STEM = 0.3  # radii of the trunk that another stem has at least
 BESIDE = 0.2  # heights of the tree that it is away at most
 TALL = 0.25  # heights of the tree that it reaches up
 CLOSER = 1.25  # lengths by which one comes nearer to a tapering surface, at most, for each gone
-DEEP = 0.5  # radii of the parent off her axis, at most
-NO_THINNER = 0.9  # radii of the end that she is thick there at least
+DEEP = 0.5  # radii of the parent off its axis, at most
+NO_THINNER = 0.9  # radii of the end that the parent is thick there at least
 TAPERS = 1.05  # ends differ by more than this factor where they tell which of them is the foot
 FEET = 1.5  # radii from where a piece begins within which nothing is rooted in it
 LESS = 0.25  # added, in radii, to what is less likely
@@ -64,33 +58,14 @@ BALLS = 12  # balls looked at, of each group
 
 
 @dataclass(frozen=True)
-class Hierarchy:
-    """Parents of C pieces.
-
-    trunk : piece.
-    parent : (C,) piece it hangs on, -1 for the trunk and for stems that stand apart from it.
-    branch : (C,) first-level branch it belongs to, itself if it is one or stands apart,
-        -1 for the trunk.
-    foot_end : (C,) which end of its centreline is the foot, 0 first or 1 last.
-    gap : (C,) from its foot to the wood it hangs on, negative inside it; 0 on the ground.
-    """
-
-    trunk: int
-    parent: np.ndarray
-    branch: np.ndarray
-    foot_end: np.ndarray
-    gap: np.ndarray
-
-
-@dataclass(frozen=True)
-class Known:
+class Known(RowTable):
     """Knowledge of C pieces before they are hung, because they were cut from one another.
 
-    parent : (C,) piece, -1 where it has to be found. foot : (C, 3) where it begins, on her axis.
-    radius : (C,) hers there.
+    parent : (C,) piece, -1 where it has to be found. foot : (C, 3) where it begins, on the parent's axis.
+    radius : (C,) of the parent there.
     """
 
-    mother: np.ndarray
+    parent: np.ndarray
     foot: np.ndarray
     radius: np.ndarray
 
@@ -112,15 +87,19 @@ def find_trunk(pieces: Pieces, lines: Centrelines, free: np.ndarray) -> int:
     return int(np.argmax(np.where(stout & level, area * thickest, -1.0)))
 
 
-def find_parents(lines: Centrelines, trunk: int, known: Known | None = None) -> Hierarchy:
-    """Hang all pieces on the trunk, generation by generation."""
+def find_parents(
+    lines: Centrelines, trunk: int, known: Known | None = None
+) -> tuple[np.ndarray, ...]:
+    """Hang all pieces on the trunk, generation by generation: ``parent``, ``branch``, ``foot_end`` and
+    ``gap`` of a recognised tree, (C,) each.
+    """
     ends, radius = lines.ends(), lines.end_radius
     count = len(ends)
     known = Known.nothing(count) if known is None else known
     thin = radius * TAPER < radius[:, ::-1]
     handicap = np.where(thin, THIN_END * lines.length()[:, None], 0.0) - REACH * radius
 
-    tied = known.mother >= 0
+    tied = known.parent >= 0
     stems = _stems_apart(lines, trunk, ~tied)
     parent, branch = np.full(count, -1), np.full(count, -1)
     branch[stems] = stems
@@ -136,9 +115,9 @@ def find_parents(lines: Centrelines, trunk: int, known: Known | None = None) -> 
     waiting = np.flatnonzero(~tied & ~done)
     while len(hung):
         done[hung] = True
-        daughters = np.flatnonzero(tied & ~done & done[known.mother])
-        foot_end[daughters] = np.argmin(from_foot[daughters], axis=1)
-        parent[daughters] = known.mother[daughters]
+        children = np.flatnonzero(tied & ~done & done[known.parent])
+        foot_end[children] = np.argmin(from_foot[children], axis=1)
+        parent[children] = known.parent[children]
         rank, reach, piece = _best_wood(lines, hung, waiting)
         better = rank < score[waiting]
         score[waiting] = np.where(better, rank, score[waiting])
@@ -146,17 +125,17 @@ def find_parents(lines: Centrelines, trunk: int, known: Known | None = None) -> 
         nearest[waiting] = np.where(better, piece, nearest[waiting])
         best = (score + handicap)[waiting].min(axis=1)
         ready = best <= 0
-        if not (ready.any() or len(daughters)):
+        if not (ready.any() or len(children)):
             # nothing touches: let what fits best, and what fits about as well, float
             ready = best <= FLOAT * best.min(initial=np.inf)
         touching = waiting[ready]
         foot_end[touching] = np.argmin((score + handicap)[touching], axis=1)
         parent[touching] = nearest[touching, foot_end[touching]]
         waiting = waiting[~ready]
-        hung = np.concatenate([daughters, touching])
+        hung = np.concatenate([children, touching])
         branch[hung] = np.where(parent[hung] == trunk, hung, branch[parent[hung]])
     gap[parent < 0] = 0.0
-    return Hierarchy(trunk, parent, branch, foot_end, gap[np.arange(count), foot_end])
+    return parent, branch, foot_end, gap[np.arange(count), foot_end]
 
 
 def _best_wood(
@@ -258,36 +237,33 @@ def find_bearers(lines: Centrelines, leaves: Pieces) -> tuple[np.ndarray, np.nda
 def _groups_near(tubes: Tubes, leaves: Pieces) -> np.ndarray:
     """(G, L) whether a group of balls can be the nearest to any place of a leaf, from its middle."""
     owner = leaves.piece_of_vertex
-    size = np.bincount(owner, minlength=leaves.count)
-    total = [np.bincount(owner, column, leaves.count) for column in leaves.vertices.T]
-    middle = np.stack(total, axis=1) / size[:, None]
+    size, middle = np.bincount(owner, minlength=leaves.count), leaves.middles()
     away = lengths(leaves.vertices - middle[owner])
     reach = np.maximum.reduceat(away, np.cumsum(size) - size)
     seen = tubes.look(middle)
     least = np.maximum(seen.gap.min(axis=0) + reach, 0.0)
-    near: np.ndarray = seen.gap - seen.doubt - reach <= least
-    return near
+    return np.asarray(seen.gap - seen.doubt - reach <= least)
 
 
 def root(lines: Centrelines, trunk: int, known: Known) -> Known:
     """Return what is known of parents, and the parents of pieces that are rooted deep in one."""
     count = len(lines.first) - 1
-    free = np.flatnonzero((known.mother < 0) & (np.arange(count) != trunk))
+    free = np.flatnonzero((known.parent < 0) & (np.arange(count) != trunk))
     if not len(free):
         return known
     tubes = Tubes.of(lines, np.arange(count))
     ends, thick = lines.ends()[free], lines.end_radius[free]
     cone, aside, part, radius = tubes.beside(ends.reshape(-1, 3), BALLS)
-    mother = tubes.piece[cone]
+    parent = tubes.piece[cone]
     along = tubes.along[cone] + part * tubes.length[cone]
     own = np.repeat(free, 2)[:, None]
     rank = aside / np.maximum(radius, 1e-12)
-    fits = (rank <= DEEP) & (mother != own) & (radius >= NO_THINNER * thick.reshape(-1, 1))
-    fits &= ~_begins_there(lines, mother, along, radius, TAPERS)
+    fits = (rank <= DEEP) & (parent != own) & (radius >= NO_THINNER * thick.reshape(-1, 1))
+    fits &= ~_begins_there(lines, parent, along, radius, TAPERS)
     other = thick[:, ::-1].reshape(-1, 1)
     fits &= thick.reshape(-1, 1) * TAPER >= other
     rank += LESS * (thick.reshape(-1, 1) < other)
-    sister = _begins_there(lines, mother, along, radius, TAPER)
+    sister = _begins_there(lines, parent, along, radius, TAPER)
     rank += LESS * (sister & (radius < OWN_END * thick.reshape(-1, 1)))
     rank[~fits] = np.inf
 
@@ -299,29 +275,29 @@ def root(lines: Centrelines, trunk: int, known: Known) -> Known:
     row, found, rooted = row[sure], found[sure], free[sure]
     chosen = cone[row, found]
     foot = tubes.start[chosen] + part[row, found][:, None] * tubes.vector[chosen]
-    mothers, feet, thickness = known.mother.copy(), known.foot.copy(), known.radius.copy()
-    mothers[rooted], feet[rooted] = tubes.piece[chosen], foot
+    parents, feet, thickness = known.parent.copy(), known.foot.copy(), known.radius.copy()
+    parents[rooted], feet[rooted] = tubes.piece[chosen], foot
     thickness[rooted] = radius[row, found]
-    rings = _in_rings(mothers)
-    mothers[rings] = known.mother[rings]
-    return Known(mothers, feet, thickness)
+    rings = _in_rings(parents)
+    parents[rings] = known.parent[rings]
+    return Known(parents, feet, thickness)
 
 
 def _begins_there(
-    lines: Centrelines, mother: np.ndarray, along: np.ndarray, radius: np.ndarray, tapers: float
+    lines: Centrelines, parent: np.ndarray, along: np.ndarray, radius: np.ndarray, tapers: float
 ) -> np.ndarray:
     """Return whether places along pieces are where these begin: at an end, unless that tapers by this
     factor."""
-    length, ends = lines.length()[mother], lines.end_radius[mother]
+    length, ends = lines.length()[parent], lines.end_radius[parent]
     first = (along <= FEET * radius) & (ends[..., 0] * tapers > ends[..., 1])
     last = (length - along <= FEET * radius) & (ends[..., 1] * tapers > ends[..., 0])
     return np.asarray(first | last)
 
 
-def _in_rings(mother: np.ndarray) -> np.ndarray:
+def _in_rings(parent: np.ndarray) -> np.ndarray:
     """(N,) pieces that are their own ancestors."""
-    at = np.arange(len(mother))
-    above = np.where(mother < 0, at, mother)
-    for _ in range(len(mother).bit_length()):  # so far up that who is not at the top goes round
+    at = np.arange(len(parent))
+    above = np.where(parent < 0, at, parent)
+    for _ in range(len(parent).bit_length()):  # so far up that who is not at the top goes round
         above = above[above]
-    return np.unique(above[mother[above] >= 0])
+    return np.unique(above[parent[above] >= 0])

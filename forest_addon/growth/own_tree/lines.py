@@ -1,17 +1,14 @@
-"""Polylines of many branches, and places on them.
+"""Polylines of many branches, places on them, and their courses: lengths and bends, and back, all branches at
+once.
 
 A place on a branch is a seat: a stretch of its line, how far along that, and what is left to the place
 itself, in the frame of the stretch.
-
-Courses of branches: polylines as lengths and bends, and bends back to polylines, all branches at once.
 
 Along a branch runs a frame whose columns are N, B and T, the heading. From one straight stretch to the
 next it takes the smallest turn that brings T over (parallel transport), so nothing twists. That turn is
 about an axis across T and is written as the bend (a, b), radians about N and about B: what a turtle
 does between two steps. From the frame of its foot, its bends and its lengths a branch is walked again,
 and with other bends it is bent.
-
-The stretches by which a piece of wood is bent: few, and where its mesh can bend.
 
 A recognised centreline has many knots, evenly spaced. Kept are as many as it is bent, each moved to the
 nearest place along the line where the piece has vertices. Between two rings of a tube there are none, so
@@ -21,11 +18,12 @@ with two rings is one stretch and stays straight.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial import cKDTree
 
+from ...base.rows import RowTable
 from ...base.runs import bounds
 from ...base.vectors import azimuth_of, column, cross_rows, zenith_of
 from .recognise import Recognition
@@ -62,9 +60,18 @@ class Lines:
         """(C,) length of each line."""
         return np.add.reduceat(self.length, self.first[:-1])
 
+    def at(
+        self, line: np.ndarray, stretch: np.ndarray, part: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Places (N, 3) and radii (N,) at parts (N,) of stretches (N,) of lines (N,)."""
+        knot = self.first[line] + stretch + line
+        start, radius = self.knot[knot], self.radius[knot]
+        place = start + part[:, None] * (self.knot[knot + 1] - start)
+        return place, radius + part * (self.radius[knot + 1] - radius)
+
 
 @dataclass(frozen=True)
-class Seats:
+class Seats(RowTable):
     """Seats of N things on a line.
 
     stretch : (N,) of their line, from 0. part : (N,) how far along it, 0 .. 1.
@@ -78,20 +85,13 @@ class Seats:
     aside: np.ndarray
     along: np.ndarray
 
-    def take(self, rows: np.ndarray) -> Seats:
-        """Those of some rows."""
-        return Seats(**{f.name: getattr(self, f.name)[rows] for f in fields(Seats)})
-
 
 def stand_on(
     lines: Lines, line: np.ndarray, seat: Seats
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Of seats on lines (N,): the place on the axis (N, 3), the frame (N, 3, 3), the radius (N,)."""
-    stretch = lines.first[line] + seat.stretch
-    knot = stretch + line
-    start, end = lines.knot[knot], lines.knot[knot + 1]
-    radius = lines.radius[knot] + seat.part * (lines.radius[knot + 1] - lines.radius[knot])
-    return start + seat.part[:, None] * (end - start), lines.frame[stretch], radius
+    place, radius = lines.at(line, seat.stretch, seat.part)
+    return place, lines.frame[lines.first[line] + seat.stretch], radius
 
 
 def seats_on(
@@ -181,29 +181,22 @@ def unbend(
     return frame, bend
 
 
-def lay(bend: np.ndarray, first: np.ndarray, start: np.ndarray) -> np.ndarray:
-    """The frames (S, 3, 3) of lines with these bends (S, 2), from the frames of their feet (C, 3, 3)."""
-    frame = np.empty((len(bend), 3, 3))
-    frame[first[:-1]] = start
-    turn = _turns(bend)
-    for at in _step_by_step(first):
-        frame[at] = frame[at - 1] @ turn[at]
-    return frame
-
-
-def lay_sloping(
-    bend: np.ndarray, first: np.ndarray, start: np.ndarray, slope: np.ndarray
+def lay(
+    bend: np.ndarray, first: np.ndarray, start: np.ndarray, slope: np.ndarray | None = None
 ) -> np.ndarray:
-    """The same, but with these slopes (S,), radians from the vertical, kept in the world.
+    """The frames (S, 3, 3) of lines with these bends (S, 2), from the frames of their feet (C, 3, 3).
 
-    A twig hangs and a shoot rises whatever way its parent points: after each step, which turns the line
-    sideways as its bend says, it is turned in its vertical plane until its slope is right.
+    slope : (S,) radians from the vertical, kept in the world. A twig hangs and a shoot rises whatever way its
+    parent points: after each step, which turns the line sideways as its bend says, it is turned in its
+    vertical plane until its slope is right.
     """
     frame = np.empty((len(bend), 3, 3))
     frame[first[:-1]] = start
     turn = _turns(bend)
     for at in _step_by_step(first):
-        frame[at] = sloped(frame[at - 1] @ turn[at], slope[at])
+        frame[at] = frame[at - 1] @ turn[at]
+        if slope is not None:
+            frame[at] = sloped(frame[at], slope[at])
     return frame
 
 
@@ -244,7 +237,7 @@ def walk(frame: np.ndarray, length: np.ndarray, first: np.ndarray, foot: np.ndar
 
 
 def foot_frames(
-    mother: np.ndarray,
+    parent: np.ndarray,
     azimuth: np.ndarray,
     angle: np.ndarray,
     roll: np.ndarray,
@@ -252,12 +245,12 @@ def foot_frames(
 ) -> np.ndarray:
     """(C, 3, 3) frames at the feet of branches that leave parents with these frames (C, 3, 3).
 
-    azimuth : (C,) about the parent's T, from N towards B. angle : (C,) from her T.
+    azimuth : (C,) about the parent's T, from N towards B. angle : (C,) from it.
     roll : (C,) about the branch's own T, where it counts.
     carried : (C,) whether it counts: whether the branch's N comes from its parent's. Else, and unless the
         branch stands upright, N is its upper side.
     """
-    frame = mother @ _about(2, azimuth) @ _about(1, angle) @ _about(2, roll)
+    frame = parent @ _about(2, azimuth) @ _about(1, angle) @ _about(2, roll)
     heading = frame[:, :, 2]
     level = np.flatnonzero(~carried & (np.abs(heading[:, 2]) < STEEP))
     frame[level] = upper_frames(heading[level])
@@ -272,9 +265,9 @@ def upper_frames(heading: np.ndarray) -> np.ndarray:
     return np.stack([up, np.cross(heading, up), heading], axis=2)
 
 
-def angles_in(mother: np.ndarray, heading: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def angles_in(parent: np.ndarray, heading: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Azimuth (C,) about a parent's T and angle (C,) from it of headings (C, 3)."""
-    own = np.einsum("nij,ni->nj", mother, heading)
+    own = np.einsum("nij,ni->nj", parent, heading)
     across = np.hypot(own[:, 0], own[:, 1])
     return azimuth_of(own), np.arctan2(across, column(own, 2))
 
@@ -358,7 +351,7 @@ def _from_foot_to_tip(found: Recognition, origin: np.ndarray, metres: float) -> 
     size = np.diff(first)
     owner = np.repeat(np.arange(len(size)), size)
     rank = np.arange(first[-1]) - first[owner]
-    backwards = found.hierarchy.foot_end[owner] == 1
+    backwards = found.foot_end[owner] == 1
     row = first[owner] + np.where(backwards, size[owner] - 1 - rank, rank)
     knot = (found.lines.knot[row] - origin) * metres
     radius = np.maximum(found.lines.radius[row] * metres, THINNEST)

@@ -6,20 +6,18 @@ dropped. A piece is what hangs together along edges: two leaves or branches that
 stay two, and two that share an edge are one. Facets of no area, such as the needles that close cracks
 between unequal rings, join pieces but are dropped afterwards.
 
-Parts of a tree in a file: meshes with names, told apart into wood and leaves, and set upright.
+Parts of a tree in a file are told apart into wood and leaves, and set upright. Names of objects and materials
+tell first ("leaf", "bark"); a mesh whose name does not tell is what most of its area looks like, and a file
+without names is looked at piece by piece. A piece is a leaf where its facets face one way (|sum of area
+vectors| above half of the area: a tube's cancel), where it is a card or crossed cards (most of its edges are
+borders), or where it is one of very many small ones that are plain, as needles are, or have an edge that more
+than two facets share, as tufts of needles have. The upright axis is that along which the tree stands on a
+narrow, solid foot.
 
-Names of objects and materials tell first ("leaf", "bark"); a mesh whose name does not tell is what most
-of its area looks like, and a file without names is looked at piece by piece. A piece is a leaf where its
-facets face one way (|sum of area vectors| above half of the area: a tube's cancel), where it is a card
-or crossed cards (most of its edges are borders), or where it is one of very many small ones that are plain,
-as needles are, or have an edge that more than two facets share, as tufts of needles have. The upright axis is
-that along which the tree stands on a narrow, solid foot.
-
-The unit in which a tree's file was drawn: an STL does not say.
-
-Metres, where the tree is then 0.3 to 120 m high. Else, of the other units in which people draw and in which
-it is, the one that brings tree and leaves nearest to usual sizes, on a logarithmic scale: trees are some 10 m
-high and leaves some 10 cm long, give or take a factor of three.
+The unit in which a tree was drawn an STL does not say: metres, where the tree is then 0.3 to 120 m high.
+Else, of the other units in which people draw and in which it is, the one that brings tree and leaves nearest
+to usual sizes, on a logarithmic scale: trees are some 10 m high and leaves some 10 cm long, give or take a
+factor of three.
 """
 
 from __future__ import annotations
@@ -33,6 +31,10 @@ import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
+
+from ...base.rows import lengths
+from ...base.runs import sums
+from ...base.trimesh import WOOD, TriMesh
 
 WELD = 1e-6  # share of the extent: nearer vertices are one, lower facets have no area
 CELLS = 2**21 - 1  # along the extent, in which vertices are first gathered: 21 bits an axis
@@ -112,17 +114,31 @@ class Pieces:
 
     def area_vectors(self) -> np.ndarray:
         """(T, 3) half cross products of the triangles' edges."""
-        a = self.vertices[self.triangles[:, 0]]
-        bx, by, bz = (self.vertices[self.triangles[:, 1]] - a).T
-        cx, cy, cz = (self.vertices[self.triangles[:, 2]] - a).T
-        return 0.5 * np.stack([by * cz - bz * cy, bz * cx - bx * cz, bx * cy - by * cx], axis=1)
+        return TriMesh.of_part(self.vertices, self.triangles, WOOD).area_vectors()
+
+    def middles(self) -> np.ndarray:
+        """(C, 3) mean of each piece's vertices."""
+        size = np.bincount(self.piece_of_vertex, minlength=self.count)
+        return sums(self.piece_of_vertex, self.vertices, self.count) / size[:, None]
+
+    def boxes(self) -> tuple[np.ndarray, np.ndarray]:
+        """(C, 3) lowest and highest coordinates of each piece."""
+        low, high = np.full((self.count, 3), np.inf), np.full((self.count, 3), -np.inf)
+        np.minimum.at(low, self.piece_of_vertex, self.vertices)
+        np.maximum.at(high, self.piece_of_vertex, self.vertices)
+        return low, high
 
 
 def part(facets: np.ndarray) -> Pieces:
     """Weld facets (T, 3, 3) and part them into pieces; no pieces if no facet has an area."""
     vertices, triangles = weld(np.asarray(facets, dtype=np.float64))
     triangles = _distinct(triangles)
-    piece = _join_along_edges(triangles, len(vertices))
+    keys = _edge_keys(triangles, len(vertices))
+    order = np.argsort(keys)
+    shared = keys[order[1:]] == keys[order[:-1]]
+    of_key = order % max(len(triangles), 1)
+    pairs = np.stack([of_key[:-1][shared], of_key[1:][shared]], axis=1)
+    piece = join_along(pairs, len(triangles))  # in order of first appearance
     has_area = ~_is_needle(vertices, triangles)
 
     solid = np.zeros(int(piece.max(initial=-1)) + 1, dtype=bool)
@@ -237,11 +253,6 @@ def weld(facets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return vertices[chosen], label[index].reshape(-1, 3).astype(np.int64)
 
 
-def lengths(vectors: np.ndarray) -> np.ndarray:
-    """(N,) of vectors (N, 3); quicker than a norm along an axis."""
-    return np.sqrt(np.einsum("ni,ni->n", vectors, vectors))
-
-
 def _near_pairs(places: np.ndarray, radius: float) -> np.ndarray:
     """(N, 2) places (V, 3) within a radius of each other.
 
@@ -289,16 +300,6 @@ def _distinct(triangles: np.ndarray) -> np.ndarray:
     return np.asarray(triangles[whole[kept]])
 
 
-def _join_along_edges(triangles: np.ndarray, vertices: int) -> np.ndarray:
-    """(T,) number of the piece of each triangle, in order of first appearance."""
-    keys = _edge_keys(triangles, vertices)
-    order = np.argsort(keys)
-    shared = keys[order[1:]] == keys[order[:-1]]
-    triangle = order % max(len(triangles), 1)
-    pairs = np.stack([triangle[:-1][shared], triangle[1:][shared]], axis=1)
-    return join_along(pairs, len(triangles))
-
-
 def edge_uses(pieces: Pieces) -> tuple[np.ndarray, np.ndarray]:
     """Key of every edge of a triangle, lower vertex first, and how many triangles have it."""
     key = np.sort(_edge_keys(pieces.triangles.astype(np.int64), len(pieces.vertices)))
@@ -316,8 +317,7 @@ def _edge_keys(triangles: np.ndarray, vertices: int) -> np.ndarray:
     """(3T,) one number for each edge of each triangle, whichever way it runs."""
     one = triangles.T.ravel()
     other = triangles[:, [1, 2, 0]].T.ravel()
-    keys: np.ndarray = np.minimum(one, other) * vertices + np.maximum(one, other)
-    return keys
+    return np.asarray(np.minimum(one, other) * vertices + np.maximum(one, other))
 
 
 def _is_needle(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:
@@ -332,8 +332,7 @@ def _is_needle(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:
     )
     longest = np.maximum(np.maximum(lengths(b - a), lengths(c - b)), lengths(a - c))
     extent = float(np.ptp(vertices, axis=0).max())
-    needle: np.ndarray = twice_area <= WELD * extent * longest
-    return needle
+    return np.asarray(twice_area <= WELD * extent * longest)
 
 
 @dataclass(frozen=True)
@@ -368,11 +367,14 @@ def sort_out(groups: Sequence[Group]) -> Sorted:
     facets = np.concatenate([groups[k].facets for k in left] or [np.empty((0, 3, 3))])
     if not len(facets):
         return Sorted(facets, None, "")
-    pieces, source = part(facets), None
+    pieces = part(facets)
     leaf = looks_like_leaves(pieces)
-    owner = np.repeat(np.arange(len(left)), [len(groups[k].facets) for k in left])
     if len(left) > 1:
-        source = _group_of_triangles(pieces, facets, owner)
+        owner = np.repeat(np.arange(len(left)), [len(groups[k].facets) for k in left])
+        middle = pieces.vertices[pieces.triangles].mean(axis=1)
+        source = owner[
+            cKDTree(facets.mean(axis=1)).query(middle)[1]
+        ]  # the facet with the same middle
         area = pieces.area
         total = np.bincount(source, area, len(left))
         leafy = np.bincount(source, area * leaf[pieces.piece], len(left))
@@ -397,8 +399,7 @@ def looks_like_leaves(pieces: Pieces) -> np.ndarray:
     count = pieces.count
     vectors = pieces.area_vectors()
     area = np.bincount(pieces.piece, pieces.area, count)
-    total = np.stack([np.bincount(pieces.piece, x, count) for x in vectors.T], axis=1)
-    facing = np.linalg.norm(total, axis=1) / np.maximum(area, 1e-300)
+    facing = np.linalg.norm(sums(pieces.piece, vectors, count), axis=1) / np.maximum(area, 1e-300)
     triangles = np.bincount(pieces.piece, minlength=count)
     key, times = edge_uses(pieces)
     of_edge = pieces.piece_of_vertex[key // len(pieces.vertices)] if len(key) else key
@@ -406,9 +407,7 @@ def looks_like_leaves(pieces: Pieces) -> np.ndarray:
     border = np.bincount(of_edge[times == 1], minlength=count) / np.maximum(edges, 1)
     leaf = (facing > FACING) | (border > BORDER)
 
-    low, high = np.full((count, 3), np.inf), np.full((count, 3), -np.inf)
-    np.minimum.at(low, pieces.piece_of_vertex, pieces.vertices)
-    np.maximum.at(high, pieces.piece_of_vertex, pieces.vertices)
+    low, high = pieces.boxes()
     length = np.linalg.norm(high - low, axis=1)
     extent = float(np.ptp(pieces.vertices, axis=0).max())
     small = (triangles <= PLAIN) & (length < SMALL * extent)
@@ -443,20 +442,16 @@ def stood(parts: Sorted, up: str) -> Sorted:
     if up == "z":
         return parts
 
-    def turned(pieces: Pieces) -> Pieces:
-        return replace(pieces, vertices=upright(pieces.vertices, up))
-
-    parted = None
+    turn, parted = UPRIGHT[up].T, None
     if parts.parted is not None:
-        timber, foliage = parts.parted
-        parted = (turned(timber), None if foliage is None else turned(foliage))
-    leaves = None if parts.leaves is None else upright(parts.leaves, up)
-    return Sorted(upright(parts.wood, up), leaves, parts.said, parted)
-
-
-def upright(facets: np.ndarray, up: str) -> np.ndarray:
-    """Facets (T, 3, 3), or places (V, 3), turned so that this axis points up."""
-    return facets if up == "z" else np.asarray(facets @ UPRIGHT[up].T)
+        timber, foliage = (
+            None if pieces is None else replace(pieces, vertices=pieces.vertices @ turn)
+            for pieces in parts.parted
+        )
+        assert timber is not None
+        parted = timber, foliage
+    leaves = None if parts.leaves is None else parts.leaves @ turn
+    return Sorted(parts.wood @ turn, leaves, parts.said, parted)
 
 
 def _kind_by_name(group: Group) -> str:
@@ -479,14 +474,6 @@ def _gather(groups: Sequence[Group], kinds: Sequence[str], said: str) -> Sorted:
 
     leaves = of("leaves")
     return Sorted(of("wood"), leaves if len(leaves) else None, said)
-
-
-def _group_of_triangles(pieces: Pieces, facets: np.ndarray, owner: np.ndarray) -> np.ndarray:
-    """(T,) group of each triangle that was kept: that of the facet with the same middle."""
-    from scipy.spatial import cKDTree
-
-    middle = pieces.vertices[pieces.triangles].mean(axis=1)
-    return np.asarray(owner[cKDTree(facets.mean(axis=1)).query(middle)[1]])
 
 
 @dataclass(frozen=True)

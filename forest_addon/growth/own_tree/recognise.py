@@ -1,15 +1,13 @@
-"""Fronds of a palm: leaves so large that they are its branches.
+"""A tree recognised in facets: its trunk, what hangs on what, and which wood bears which leaf.
+
+Facets of wood and of leaves go in, in any unit, z up. They are parted into pieces (``pieces``), joined
+wood is cut at its forks (``sever``) and a palm's fronds become branches; the wood gets centrelines
+(``centreline``) and parents (``hierarchy``), every leaf its bearer. ``template`` cuts the
+tree along these lines; a picture of it can be drawn from them.
 
 A trunk that bears no wood but long leaves is a palm's. Each frond gets a midrib, a thin tube along its
 centreline from the trunk's axis to its tip, which is its branch and bears it; so a palm is made of the
 same pieces as other trees.
-
-A tree recognised in facets: its trunk, what hangs on what, and which wood bears which leaf.
-
-Facets of wood and of leaves go in, in any unit, z up. They are parted into pieces (``pieces``), joined
-wood is cut at its forks (``sever``) and a palm's fronds become branches (``fronds``); the wood gets
-centrelines (``centreline``) and parents (``hierarchy``), every leaf its bearer. ``template`` cuts the
-tree along these lines; a picture of it can be drawn from them.
 """
 
 from __future__ import annotations
@@ -23,7 +21,6 @@ from .centreline import Centrelines, find_centrelines, find_contacts
 from .hierarchy import (
     LEVEL,
     STEM,
-    Hierarchy,
     Known,
     find_bearers,
     find_parents,
@@ -50,9 +47,7 @@ def are_fronds(trunk: Centrelines, leaves: Pieces) -> bool:
     """Return whether the leaves are so long that they are a palm's fronds."""
     if leaves.count < FEWEST:
         return False
-    low, high = np.full((leaves.count, 3), np.inf), np.full((leaves.count, 3), -np.inf)
-    np.minimum.at(low, leaves.piece_of_vertex, leaves.vertices)
-    np.maximum.at(high, leaves.piece_of_vertex, leaves.vertices)
+    low, high = leaves.boxes()
     long = float(np.median(np.linalg.norm(high - low, axis=1)))
     return long >= LONG * float(trunk.length().max())
 
@@ -131,7 +126,12 @@ class Recognition:
 
     wood : the pieces of wood; ``wood.piece`` is the piece of each triangle.
     lines : their centrelines.
-    hierarchy : trunk, parent and first-level branch of each piece.
+    trunk : piece.
+    parent : (C,) piece that each hangs on, -1 for the trunk and for stems that stand apart from it.
+    branch : (C,) first-level branch that each belongs to, itself if it is one or stands apart,
+        -1 for the trunk.
+    foot_end : (C,) which end of its centreline is the foot, 0 first or 1 last.
+    gap : (C,) from its foot to the wood it hangs on, negative inside it; 0 on the ground.
     leaves : the leaves, as pieces; ``leaves.piece`` is the leaf of each triangle.
     bearer : (L,) int64, the piece of wood that bears each leaf.
     doubts : what may be wrong, and where.
@@ -140,26 +140,15 @@ class Recognition:
 
     wood: Pieces
     lines: Centrelines
-    hierarchy: Hierarchy
+    trunk: int
+    parent: np.ndarray
+    branch: np.ndarray
+    foot_end: np.ndarray
+    gap: np.ndarray
     leaves: Pieces
     bearer: np.ndarray
     doubts: tuple[Doubt, ...] = ()
     fronds: bool = False
-
-    @property
-    def trunk(self) -> int:
-        """The piece that is the trunk."""
-        return self.hierarchy.trunk
-
-    @property
-    def parent(self) -> np.ndarray:
-        """(C,) the piece that each one hangs on, -1 for the trunk and stems that stand apart from it."""
-        return self.hierarchy.parent
-
-    @property
-    def branch(self) -> np.ndarray:
-        """(C,) the first-level branch that each piece belongs to, -1 for the trunk."""
-        return self.hierarchy.branch
 
     @property
     def firsts(self) -> np.ndarray:
@@ -169,17 +158,17 @@ class Recognition:
     @property
     def foot(self) -> np.ndarray:
         """(C, 3) middle of the end at which each piece hangs."""
-        return self._of_end(self.lines.ends(), self.hierarchy.foot_end)
+        return self._of_end(self.lines.ends(), self.foot_end)
 
     @property
     def tip(self) -> np.ndarray:
         """(C, 3) middle of the other end."""
-        return self._of_end(self.lines.ends(), 1 - self.hierarchy.foot_end)
+        return self._of_end(self.lines.ends(), 1 - self.foot_end)
 
     @property
     def radius(self) -> np.ndarray:
         """(C,) radius at the foot."""
-        return self._of_end(self.lines.end_radius, self.hierarchy.foot_end)
+        return self._of_end(self.lines.end_radius, self.foot_end)
 
     @property
     def origin(self) -> np.ndarray:
@@ -228,9 +217,9 @@ def recognise_pieces(timber: Pieces, foliage: Pieces | None = None) -> Recogniti
             "and branches, joined or as separate parts.",
             lines.ends()[0],
         )
-    trunk = find_trunk(timber, lines, known.mother < 0)
-    hierarchy = find_parents(lines, trunk, root(lines, trunk, known))
-    found = Recognition(timber, lines, hierarchy, foliage, np.empty(0, dtype=np.int64))
+    trunk = find_trunk(timber, lines, known.parent < 0)
+    hung = find_parents(lines, trunk, root(lines, trunk, known))
+    found = Recognition(timber, lines, trunk, *hung, foliage, np.empty(0, dtype=np.int64))
     _check_one_tree(found)
     doubts = _doubts_about_wood(found, together)
     if bare:
@@ -255,9 +244,9 @@ def _cut_at_forks(timber: Pieces) -> tuple[Pieces, Centrelines, Known, np.ndarra
             timber, lines = whole, find_centrelines(whole)
         joined = may_fork(timber, lines)
     if joined.any():
-        cut = sever(timber, joined)
-        if cut.pieces.count > timber.count:
-            return cut.pieces, find_centrelines(cut.pieces), cut.known, cut.grown_together
+        pieces, known, together = sever(timber, joined)
+        if pieces.count > timber.count:
+            return pieces, find_centrelines(pieces), known, together
     lines = find_centrelines(timber) if lines is None else lines
     return timber, lines, Known.nothing(timber.count), np.empty((0, 3))
 
@@ -279,7 +268,7 @@ def _pieces_of(facets: np.ndarray | None, what: str) -> Pieces:
 
 def _doubts_about_wood(found: Recognition, together: np.ndarray) -> tuple[Doubt, ...]:
     doubts = []
-    gap, length = found.hierarchy.gap, found.lines.length()
+    gap, length = found.gap, found.lines.length()
     floats = gap > np.maximum(FLOATING * float(np.ptp(found.wood.vertices[:, 2])), found.radius)
     if floats.any():
         doubts.append(
@@ -304,19 +293,15 @@ def _doubts_about_leaves(found: Recognition, gap: np.ndarray) -> tuple[Doubt, ..
     far = gap > FLOATING_LEAF * float(np.ptp(found.wood.vertices, axis=0).max())
     if not far.any():
         return ()
-    leaves = found.leaves
-    size = np.bincount(leaves.piece_of_vertex, minlength=leaves.count)
-    total = [np.bincount(leaves.piece_of_vertex, x, leaves.count) for x in leaves.vertices.T]
-    middle = np.stack(total, axis=1) / size[:, None]
     sentence = f"{np.count_nonzero(far):,} leaves are far from all wood."
-    return (Doubt(sentence, middle[far]),)
+    return (Doubt(sentence, found.leaves.middles()[far]),)
 
 
 def _check_one_tree(found: Recognition) -> None:
     knots = slice(found.lines.first[found.trunk], found.lines.first[found.trunk + 1])
     knot, along = found.lines.knot[knots], found.lines.along[knots]
     low = LOWER * along[-1]
-    low = along[-1] - low if found.hierarchy.foot_end[found.trunk] == 1 else low
+    low = along[-1] - low if found.foot_end[found.trunk] == 1 else low
     lower = np.array([np.interp(low, along, x) for x in knot.T])
     leans = []  # of all of it, and of its lower part: it may end as a limb
     for axis in (found.tip[found.trunk] - found.foot[found.trunk], lower - found.foot[found.trunk]):
@@ -329,10 +314,10 @@ def _check_one_tree(found: Recognition) -> None:
             np.stack([found.foot[found.trunk], found.tip[found.trunk]]),
         )
     height = float(np.ptp(found.wood.vertices[:, 2]))
-    if found.hierarchy.gap.max() > FARTHEST_WOOD * height:
+    if found.gap.max() > FARTHEST_WOOD * height:
         raise TemplateError(
             "some of the wood lies far from the rest; export one tree alone, without other objects.",
-            found.foot[found.hierarchy.gap > FARTHEST_WOOD * height],
+            found.foot[found.gap > FARTHEST_WOOD * height],
         )
 
 
@@ -343,9 +328,7 @@ def _check_leaves(leaves: Pieces, gap: np.ndarray, extent: float) -> None:
             "and origin.",
             leaves.vertices[:: max(1, len(leaves.vertices) // 20)],
         )
-    low, high = np.full((leaves.count, 3), np.inf), np.full((leaves.count, 3), -np.inf)
-    np.minimum.at(low, leaves.piece_of_vertex, leaves.vertices)
-    np.maximum.at(high, leaves.piece_of_vertex, leaves.vertices)
+    low, high = leaves.boxes()
     largest = float((high - low).max())
     if largest > LARGEST_LEAF * extent:
         raise TemplateError(

@@ -4,19 +4,15 @@ A vertex v = p + q, with p on the line of its piece, goes to p' + A q: p' is as 
 laid, A the weighted mean of F' D Fᵀ over its own stretch and the nearer next, with the frames F in the
 template and F' where they are laid, and scales D = diag(girth, ±girth, length) (-1: mirrored). Where
 nothing is bent that is exact, and what hangs on the line hangs on the mesh, however it is bent.
-Leaves are moved as they are, whatever their branch
-is scaled by; a longer branch bears more of them.
+Leaves are moved as they are, whatever their branch is scaled by; a longer branch bears more of them.
 
-Measures of how a sibling stands: lean of its trunks, its lowest corner, and seats of its branches.
+The string of such a tree is in the notation of ABOP, as far as it has been rewritten. After 0 generations it
+is the letter of the trunk, A(class, length, diameter). Each generation rewrites every such letter into the
+axis that it stands for, with the letters of its children in brackets; the last sets the leaves. ``\``, ``&``
+and ``\`` bring the turtle into a child's frame (the angles of Euler, as z, x, z), ``f`` takes it from the
+parent's axis to the child's foot.
 
-The string of a tree of a fitted grammar, in the notation of ABOP, as far as it has been rewritten.
-
-After 0 generations it is the letter of the trunk, A(class, length, diameter). Each generation rewrites
-every such letter into the axis that it stands for, with the letters of its children in brackets; the last
-sets the leaves. ``\``, ``&`` and ``\`` bring the turtle into a child's frame (the angles of Euler, as
-z, x, z), ``f`` takes it from the parent's axis to the child's foot.
-
-The turtle's left, up and heading are N, B and T of ``courses``; it starts upright.
+The turtle's left, up and heading are N, B and T of ``lines``; it starts upright.
 """
 
 from __future__ import annotations
@@ -27,10 +23,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...base.rng import daughter_keys, keyed_normal, keyed_uniform
+from ...base.runs import numbered
 from ...base.trimesh import TriMesh, join
 from ...base.vectors import cross_rows, zenith_of
 from ..mesh.leaves import Leaves
-from ..skeleton import Skeleton
+from ..skeleton import Skeleton, depths, root_of
 from .anatomy import GROUND, Anatomy
 from .habit import Habit
 from .lines import Seats, seat_at, seats_on, share_of, stand_on
@@ -77,10 +74,8 @@ def farthest_off(anatomy: Anatomy, grown: Grown) -> float:
     """The largest distance between a vertex and where it was in the template, metres."""
     wood, leaves = anatomy.wood.stock, anatomy.foliage.stock
     vertex, owner, _ = wood.vertices.copy(grown.piece)
-    knot = anatomy.lines.first[grown.piece[owner]] + anatomy.wood.stretch[vertex]
-    knot += grown.piece[owner]
-    start, end = anatomy.lines.knot[knot], anatomy.lines.knot[knot + 1]
-    was = start + anatomy.wood.part[vertex][:, None] * (end - start) + wood.place[vertex]
+    held = anatomy.wood.stretch[vertex], anatomy.wood.part[vertex]
+    was = anatomy.lines.at(grown.piece[owner], *held)[0] + wood.place[vertex]
     moved = _wood(anatomy, grown).vertices - was
     hung = hang_leaves(anatomy, grown, 0.0)
     vertex, leaf, _ = leaves.vertices.copy(hung.source)
@@ -96,37 +91,24 @@ def skeleton_of_grown(grown: Grown) -> Skeleton:
     line = lines.line
     knot = np.arange(len(lines.length)) + line
     inner = np.arange(len(lines.length)) > lines.first[line]
-    mother = np.maximum(grown.mother, 0)
-    seat, _ = seat_at(lines, mother, grown.share)
-    foot = np.where(grown.mother < 0, -1, lines.first[mother] + seat)
+    bearer = np.maximum(grown.parent, 0)
+    seat, _ = seat_at(lines, bearer, grown.share)
+    foot = np.where(grown.parent < 0, -1, lines.first[bearer] + seat)
     parent = np.where(inner, np.arange(len(line)) - 1, foot[line])
-    generation = np.zeros(len(line), np.int64)
-    below = np.zeros(len(grown.piece), np.int64)  # of the foot of each branch
-    for order in range(int(grown.order.max(initial=0)) + 1):
-        mine = np.flatnonzero(grown.order == order)
-        if order:
-            below[mine] = generation[foot[mine]] + 1
-        rows = np.flatnonzero(grown.order[line] == order)
-        generation[rows] = below[line[rows]] + rows - lines.first[line[rows]]
     return Skeleton(
         start=lines.knot[knot],
         end=lines.knot[knot + 1],
         radius=np.stack([lines.radius[knot], lines.radius[knot + 1]], axis=1),
         parent=parent,
         order=grown.order[line],
-        generation=generation,
+        generation=depths(parent),
     )
 
 
 def first_levels(grown: Grown) -> np.ndarray:
     """(B,) number of the first-level branch that each branch belongs to, -1 for trunks."""
-    number = np.full(len(grown.piece), -1)
-    firsts = np.flatnonzero(grown.order == 1)
-    number[firsts] = np.arange(len(firsts))
-    for order in range(2, int(grown.order.max(initial=0)) + 1):
-        mine = np.flatnonzero(grown.order == order)
-        number[mine] = number[grown.mother[mine]]
-    return number
+    number = np.where(grown.order == 1, np.cumsum(grown.order == 1) - 1, -1)
+    return number[root_of(np.where(grown.order > 1, grown.parent, -1))]
 
 
 def _wood(anatomy: Anatomy, grown: Grown) -> TriMesh:
@@ -134,7 +116,12 @@ def _wood(anatomy: Anatomy, grown: Grown) -> TriMesh:
     mesh, vertex, owner, of_triangle = wood.stock.copy(grown.piece, grown.sign < 0)
     knot = np.arange(len(lines.length)) + lines.line
     start, way = lines.knot[knot], lines.knot[knot + 1] - lines.knot[knot]
-    matrix = _turns_of_stretches(anatomy, grown)
+    scales = [grown.girth, grown.girth * grown.sign[lines.line], grown.scale[lines.line]]
+    # By stretch, how what is around it is turned and scaled.
+    matrix = (lines.frame * np.stack(scales, axis=1)[:, None]) @ np.swapaxes(
+        anatomy.lines.frame[grown.source], 1, 2
+    )
+    matrix = matrix.reshape(-1, 9)
     after = np.minimum(np.arange(len(matrix)) + 1, (lines.first[1:] - 1)[lines.line])
     columns = [
         np.ascontiguousarray(held.T) for held in (matrix, matrix[after] - matrix, start, way)
@@ -148,16 +135,6 @@ def _wood(anatomy: Anatomy, grown: Grown) -> TriMesh:
             columns, wood.stock.place[of], on, wood.part[of], bone, wood.weight[of]
         )
     return replace(mesh, vertices=place, order=grown.order.astype(np.int8)[of_triangle])
-
-
-def _turns_of_stretches(anatomy: Anatomy, grown: Grown) -> np.ndarray:
-    """(S, 9) by stretch, how what is around it is turned and scaled."""
-    old, new = anatomy.lines, grown.lines
-    scales = np.stack(
-        [grown.girth, grown.girth * grown.sign[new.line], grown.scale[new.line]], axis=1
-    )
-    matrix = (new.frame * scales[:, None]) @ np.swapaxes(old.frame[grown.source], 1, 2)
-    return np.asarray(matrix.reshape(-1, 9))
 
 
 def _carried(
@@ -194,12 +171,11 @@ def hang_leaves(anatomy: Anatomy, grown: Grown, variety: float) -> HungLeaves:
     key = daughter_keys(daughter_keys(grown.key[branch], "leaf"), rank)
     times = np.floor(grown.scale[branch] + keyed_uniform(key, "times"))
     times = np.where(grown.scale[branch] == 1, 1, times).astype(np.int64)
-    which = np.repeat(np.arange(len(row)), times)
-    copy = np.arange(len(which)) - np.repeat(np.cumsum(times) - times, times)
+    which, copy = numbered(times)
     row, branch, key = row[which], branch[which], key[which]
     key = np.where(copy > 0, daughter_keys(key, copy), key)
 
-    seat = foliage.seat.take(row)
+    seat = foliage.seat.select(row)
     piece = grown.piece[branch]
     share = share_of(lines, piece, seat)
     each = 1.0 / np.maximum(foliage.of_piece.size[piece], 1)
@@ -207,8 +183,7 @@ def hang_leaves(anatomy: Anatomy, grown: Grown, variety: float) -> HungLeaves:
     shift = np.where(copy > 0, keyed_uniform(key, "further") - 0.5, shift) * each
     moved = np.flatnonzero((shift != 0) & (share < 1) & (share > 0))  # at a tip it stays
     share[moved] = np.clip(share[moved] + shift[moved], 0.0, 1.0)
-    stretch, part = seat_at(lines, piece[moved], share[moved])
-    seat.stretch[moved], seat.part[moved] = stretch, part
+    seat.stretch[moved], seat.part[moved] = seat_at(lines, piece[moved], share[moved])
     turn = variety * LEAF_TURN * keyed_normal(key, "turn")
     turn = np.where(copy > 0, np.pi * (0.4 + 1.2 * keyed_uniform(key, "turn")), turn)
     size = 1 + variety * LEAF_SIZE * np.clip(keyed_normal(key, "size"), -2, 2)
@@ -262,11 +237,10 @@ def _truth(
 
 def _hung(matrix: np.ndarray, foot: np.ndarray, leaf: np.ndarray, place: np.ndarray) -> np.ndarray:
     """(V, 3) corners of leaves, turned as their leaf is and moved to its foot."""
-    x, y, z = np.ascontiguousarray(place.T)
     moved = np.empty_like(place)
     for axis in range(3):
         total = np.ascontiguousarray(foot[:, axis])[leaf]
-        for k, value in enumerate((x, y, z)):
+        for k, value in enumerate(np.ascontiguousarray(place.T)):
             total += np.ascontiguousarray(matrix[:, axis, k])[leaf] * value
         moved[:, axis] = total
     return moved
@@ -282,7 +256,7 @@ def feet_of_leaves(
     A leaf keeps its distance to the bark, and inside the wood its share of the radius.
     """
     foliage, lines = anatomy.foliage, anatomy.lines
-    own = foliage.seat.take(hung.source)
+    own = foliage.seat.select(hung.source)
     _, was, thick = stand_on(lines, foliage.bearer[hung.source], own)
     place, frame, thickness = stand_on(grown.lines, hung.branch, hung.seat)
     thick = np.maximum(thick, np.finfo(float).tiny)
@@ -346,11 +320,11 @@ def standing_of(grown: Grown) -> SiblingStanding:
     feet, tips = lines.knot[knots[:-1]], lines.knot[knots[1:] - 1]
     way = (tips - feet)[grown.order == 0]
     lean = zenith_of(way).max()
-    borne = np.flatnonzero(grown.mother >= 0)
+    borne = np.flatnonzero(grown.parent >= 0)
     if not len(borne):
         return SiblingStanding(float(lean), 0.0, 0.0)
-    seat = seats_on(lines, grown.mother[borne], feet[borne])
-    _, _, thick = stand_on(lines, grown.mother[borne], seat)
+    seat = seats_on(lines, grown.parent[borne], feet[borne])
+    _, _, thick = stand_on(lines, grown.parent[borne], seat)
     gap = np.hypot(seat.away, seat.along) - thick
     thicker = lines.radius[knots[:-1]][borne] / np.maximum(thick, np.finfo(float).tiny)
     return SiblingStanding(float(lean), max(float(gap.max()), 0.0), float(thicker.max()))
@@ -375,11 +349,11 @@ def write_string(habit: Habit, grown: Grown, variety: float, generations: int) -
             continue
         own = parts.pop(branch, [])
         text = _axis(grown, branch, own) if order < generations else _letter(habit, grown, branch)
-        mother = int(grown.mother[branch])
+        parent = int(grown.parent[branch])
         way = _way_to(grown, branch, seat)
-        opened = f"[{way}{text}]" if mother >= 0 or (grown.mother < 0).sum() > 1 else way + text
+        opened = f"[{way}{text}]" if parent >= 0 or (grown.parent < 0).sum() > 1 else way + text
         where = int(seat[0][branch]), float(seat[1][branch])
-        parts.setdefault(mother, []).append((*where, opened))
+        parts.setdefault(parent, []).append((*where, opened))
     return "".join(text for _, _, text in parts.get(-1, []))
 
 
@@ -416,11 +390,11 @@ def _letter(habit: Habit, grown: Grown, branch: int) -> str:
 
 
 def _seats(grown: Grown) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Of every branch on its parent: stretch and part, and (B, 3) from her axis to its foot in her frame."""
+    """Of every branch on its parent: stretch and part, and (B, 3) from its axis to the foot in its frame."""
     lines = grown.lines
     foot = lines.knot[lines.first[:-1] + np.arange(len(grown.piece))]
-    borne = np.flatnonzero(grown.mother >= 0)
-    found = seats_on(lines, grown.mother[borne], foot[borne])
+    borne = np.flatnonzero(grown.parent >= 0)
+    found = seats_on(lines, grown.parent[borne], foot[borne])
     stretch, part = np.zeros(len(foot), np.int64), np.zeros(len(foot))
     stretch[borne], part[borne] = found.stretch, found.part
     off = foot.copy()  # on the ground, in its frame
@@ -431,10 +405,10 @@ def _seats(grown: Grown) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def _way_to(grown: Grown, branch: int, seat: tuple[np.ndarray, np.ndarray, np.ndarray]) -> str:
-    """Return how the turtle gets from her parent's axis into a branch's frame."""
-    mother = int(grown.mother[branch])
+    """Return how the turtle gets from the parent's axis into a branch's frame."""
+    parent = int(grown.parent[branch])
     stretch, off = seat[0][branch], seat[2][branch]
-    frame = GROUND if mother < 0 else grown.lines.frame[grown.lines.first[mother] + stretch]
+    frame = GROUND if parent < 0 else grown.lines.frame[grown.lines.first[parent] + stretch]
     start = grown.lines.frame[grown.lines.first[branch]]
     return _moved(off) + _turned(frame.T @ start)
 

@@ -1,17 +1,12 @@
-"""Closing of a joined mesh where it was cut: the parent's hole is closed, the child goes on to its axis.
+"""A joined mesh is cut at its forks, as if trunk and branches had been drawn as separate parts; tubes that
+were drawn end to end are joined.
 
-A child's rim is a ring of edges beyond which her parent's triangles lie. A fan over it closes the
-parent; the ring, moved along to where the two axes meet and made to fit within her, gives the child
-her foot. Rings at which branches have grown together elsewhere stay open.
-
-A joined mesh is cut at its forks, as if trunk and branches had been drawn as separate parts.
-
-``levels`` slices the mesh, ``axes`` says which slices are one branch. A branch leaves its parent where
-the surface leaves her tube: what a level line, which runs askew around a fork, has left to the parent is
-taken back from there. Then the parent's hole is closed, and the branch goes on inwards to where its axis
-meets hers, so that pieces are as whole as those that others draw apart.
-
-Pieces that stand on one another: a trunk or a limb that was drawn as several tubes, end to end.
+``slices`` slices the mesh and says which slices are one branch. A branch leaves its parent where the surface
+leaves the parent's tube: what a level line, which runs askew around a fork, has left to the parent is taken
+back from there. The child's rim is then a ring of edges beyond which its parent's triangles lie. A fan over
+it closes the parent; the ring, moved along to where the two axes meet and made to fit within the parent,
+gives the child its foot, so that pieces are as whole as those that ottaken draw apart. Rings at which
+branches have grown together elsewhere stay open.
 
 Where one piece ends, about as thick and on the same course another begins; these two are one axis. They
 become one piece, joined by edges that no facet has, so that it gets one centreline.
@@ -19,11 +14,12 @@ become one piece, joined by edges that no facet has, so that it gets one centrel
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
 from scipy.spatial import cKDTree
 
+from ...base.runs import firsts, sums
 from .centreline import Centrelines
 from .hierarchy import Known
 from .pieces import Pieces, assemble, join_along, join_pieces, select
@@ -45,8 +41,8 @@ FAR = 3.0  # radii of a tube of that area and length, beyond which a piece may f
 FEWEST = 12  # triangles of a piece that forks
 COARSE = 3.0  # width of bands for the first look, from the wrong end
 STOUT_ROOT = 0.7  # share of the thickest end's radius that the root's is at least
-OUTSIDE = 1.15  # radii of the parent from her axis where a child's bark begins
-BESIDE = 2.0  # radii of the child from her axis within which it is hers
+OUTSIDE = 1.15  # radii of the parent from its axis where a child's bark begins
+BESIDE = 2.0  # radii of the child from its axis within which bark is its own
 ROUNDS = 100  # of taking bark back, an edge at a time
 ALIKE = 1.35  # factor between the radii of the two ends, at most
 STRAIGHT = np.cos(np.deg2rad(30.0))  # of the turn from one to the other
@@ -62,19 +58,6 @@ NO_TWIG = 0.15  # of the thickest end: twigs that begin at one another's tips st
 SLENDER = 1.0  # radii that a piece is long at least
 
 
-@dataclass(frozen=True)
-class Severed:
-    """Pieces after the cut, and what the cut tells of them.
-
-    known : from which piece each was cut, and where.
-    grown_together : (N, 3) places where branches hang together that do not fork there.
-    """
-
-    pieces: Pieces
-    known: Known
-    grown_together: np.ndarray
-
-
 def close(
     pieces: Pieces,
     label: np.ndarray,
@@ -84,41 +67,39 @@ def close(
     together: np.ndarray,
     halves: np.ndarray,
     loose_edges: np.ndarray,
-) -> Severed:
+) -> tuple[Pieces, Known, np.ndarray]:
     """Pieces by label, holes closed and feet drawn inwards."""
     triangles = pieces.triangles.astype(np.int64)
     halves = halves[label[halves[:, 0] // 3] != label[halves[:, 1] // 3]]
     halves = np.concatenate([halves, halves[:, ::-1]])
-    daughter, beyond = label[halves[:, 0] // 3], label[halves[:, 1] // 3]
-    rim = (axes.mother[daughter] >= 0) & (axes.mother[beyond] != daughter)
-    half, daughter, beyond = halves[rim, 0], daughter[rim], beyond[rim]
+    child, beyond = label[halves[:, 0] // 3], label[halves[:, 1] // 3]
+    rim = (axes.parent[child] >= 0) & (axes.parent[beyond] != child)
+    half, child, beyond = halves[rim, 0], child[rim], beyond[rim]
     a = triangles[half // 3, half % 3]
     b = triangles[half // 3, (half + 1) % 3]
-    to_mother = beyond == axes.mother[daughter]
+    to_parent = beyond == axes.parent[child]
     begins = slices.centre[np.maximum(axes.fork, 0)]
-    foot_rim = _nearest_rim(pieces.vertices, a, b, daughter, to_mother, begins)
-    a, b, daughter = a[foot_rim], b[foot_rim], daughter[foot_rim]
+    foot_rim = _nearest_rim(pieces.vertices, a, b, child, to_parent, begins)
+    a, b, child = a[foot_rim], b[foot_rim], child[foot_rim]
 
     count = len(axes)
-    size = np.maximum(np.bincount(daughter, minlength=count), 1)
+    size = np.maximum(np.bincount(child, minlength=count), 1)
     place = pieces.vertices[a]
-    middle = np.stack([np.bincount(daughter, x, count) for x in place.T], axis=1) / size[:, None]
-    wide = np.sqrt(
-        np.bincount(daughter, ((place - middle[daughter]) ** 2).sum(axis=1), count) / size
-    )
+    middle = sums(child, place, count) / size[:, None]
+    wide = np.sqrt(np.bincount(child, ((place - middle[child]) ** 2).sum(axis=1), count) / size)
     foot, apex, thick = _meetings(slices, axes, course, middle, wide)
     shrink = np.minimum(1.0, WITHIN * thick / np.maximum(wide, 1e-300))
 
     base = len(pieces.vertices)
     keys, number = np.unique(
-        np.concatenate([daughter * base + a, daughter * base + b]), return_inverse=True
+        np.concatenate([child * base + a, child * base + b]), return_inverse=True
     )
     whose, vertex = np.divmod(keys, base)
     inner = foot[whose] + (pieces.vertices[vertex] - middle[whose]) * shrink[whose, None]
     inner_a, inner_b = base + number.reshape(2, -1)
-    tip = base + len(inner) + daughter
+    tip = base + len(inner) + child
     vertices = np.concatenate([pieces.vertices, inner, apex])
-    mother = axes.mother[daughter]
+    parent = axes.parent[child]
     made = np.concatenate(
         [
             np.stack([a, b, tip], axis=1),
@@ -129,7 +110,7 @@ def close(
     everything = np.concatenate([triangles, made, loose_edges])
     loose = len(everything) - len(triangles) - len(made)
     loose_label = axes.of_slice[slices.of_vertex[everything[len(everything) - loose :, 0]]]
-    whole = np.concatenate([label, mother, daughter, daughter, loose_label])
+    whole = np.concatenate([label, parent, child, child, loose_label])
     present, first = np.unique(label, return_index=True)
     known = np.isin(whole, present)
     everything, whole = everything[known], whole[known]
@@ -138,13 +119,15 @@ def close(
     by_appearance = present[np.argsort(first)]
     number[by_appearance] = np.arange(len(by_appearance))
     cut = assemble(vertices, everything, number[whole], has_area, drawn=len(triangles))
-    mothers = axes.mother[by_appearance]
-    mothers = np.where(np.isin(mothers, present), number[np.maximum(mothers, 0)], -1)
-    mothers[np.bincount(daughter, minlength=count)[by_appearance] == 0] = -1
-    return _hang_together(cut, Known(mothers, foot[by_appearance], thick[by_appearance]), together)
+    parents = axes.parent[by_appearance]
+    parents = np.where(np.isin(parents, present), number[np.maximum(parents, 0)], -1)
+    parents[np.bincount(child, minlength=count)[by_appearance] == 0] = -1
+    return _hang_together(cut, Known(parents, foot[by_appearance], thick[by_appearance]), together)
 
 
-def _hang_together(pieces: Pieces, known: Known, together: np.ndarray) -> Severed:
+def _hang_together(
+    pieces: Pieces, known: Known, together: np.ndarray
+) -> tuple[Pieces, Known, np.ndarray]:
     """Parts of a piece that do not hang together become pieces; what only closed them is dropped."""
     part = join_along(pieces.edges, len(pieces.vertices))
     area = pieces.area
@@ -152,14 +135,14 @@ def _hang_together(pieces: Pieces, known: Known, together: np.ndarray) -> Severe
     of_triangle = part[pieces.triangles[:, 0]]
     total = np.bincount(of_triangle, np.where(drawn, area, 0.0), int(part.max()) + 1)
     if len(total) == pieces.count:
-        return Severed(pieces, known, together)
+        return pieces, known, together
     of_part = np.zeros(len(total), dtype=np.int64)
     of_part[part] = pieces.piece_of_vertex
     order = np.lexsort((-total, of_part))
-    main = order[np.diff(of_part[order], prepend=-1) > 0]
-    others = np.setdiff1d(np.flatnonzero(total > 0), main)
+    main = firsts(order, of_part)
+    ottaken = np.setdiff1d(np.flatnonzero(total > 0), main)
     number = np.full(len(total), -1)
-    number[main], number[others] = of_part[main], pieces.count + np.arange(len(others))
+    number[main], number[ottaken] = of_part[main], pieces.count + np.arange(len(ottaken))
     kept = number[of_triangle] >= 0
     loose = loose_edges_of(pieces, half_edges(pieces.triangles, len(pieces.vertices))[1])
     loose = loose[number[part[loose[:, 0]]] >= 0]
@@ -170,42 +153,36 @@ def _hang_together(pieces: Pieces, known: Known, together: np.ndarray) -> Severe
         np.arange(int(kept.sum()) + len(loose)) < kept.sum(),
         drawn=pieces.drawn,
     )
-    more = Known.nothing(len(others))
-    joined = Known(
-        np.concatenate([known.mother, more.mother]),
-        np.concatenate([known.foot, more.foot]),
-        np.concatenate([known.radius, more.radius]),
-    )
-    return Severed(whole, joined, together)
+    return whole, Known.joined([known, Known.nothing(len(ottaken))]), together
 
 
 def _nearest_rim(
     vertices: np.ndarray,
     a: np.ndarray,
     b: np.ndarray,
-    daughter: np.ndarray,
-    to_mother: np.ndarray,
+    child: np.ndarray,
+    to_parent: np.ndarray,
     begins: np.ndarray,
 ) -> np.ndarray:
-    """(N,) whether an edge from a to b is on the rim where its child begins; others are where she
+    """(N,) whether an edge from a to b is on the rim where its child begins; ottaken are where it
     has grown together with somebody, and are left open.
     """
     base = len(vertices)
     keys, number = np.unique(
-        np.concatenate([daughter * base + a, daughter * base + b]), return_inverse=True
+        np.concatenate([child * base + a, child * base + b]), return_inverse=True
     )
     one, other = number.reshape(2, -1)
     rim = join_along(np.stack([one, other], axis=1), len(keys))[one]
     count = int(rim.max(initial=-1)) + 1
     size = np.maximum(np.bincount(rim, minlength=count), 1)
-    middle = np.stack([np.bincount(rim, x, count) for x in vertices[a].T], axis=1) / size[:, None]
+    middle = sums(rim, vertices[a], count) / size[:, None]
     whose = np.zeros(count, dtype=np.int64)
-    whose[rim] = daughter
+    whose[rim] = child
     away = np.linalg.norm(middle - begins[whose], axis=1)
-    hers = np.bincount(rim, to_mother, count) > 0
-    order = np.lexsort((away, ~hers, whose))
+    to_it = np.bincount(rim, to_parent, count) > 0
+    order = np.lexsort((away, ~to_it, whose))
     chosen = np.zeros(count, dtype=bool)
-    chosen[order[np.diff(whose[order], prepend=-1) > 0]] = True
+    chosen[firsts(order, whose)] = True
     return np.asarray(chosen[rim])
 
 
@@ -224,17 +201,15 @@ def _meetings(
     slices: Slices, axes: PieceAxes, course: Course, middle: np.ndarray, wide: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return where the axes of children meet those of their parents (A, 3), the middle of the parent's
-    bark there (A, 3), and her radius (A,)."""
+    bark there (A, 3), and its radius (A,)."""
     start, heading, _ = beginnings(slices, axes, course)
     foot, apex, thick = middle.copy(), middle.copy(), np.ones(len(axes))
-    chain = np.flatnonzero(axes.chain)
-    order = chain[np.argsort(axes.of_slice[chain], kind="stable")]
-    many = np.bincount(axes.of_slice[order], minlength=len(axes))
-    first = np.cumsum(many) - many
+    order, runs = axes.chains()
+    first, many = runs.first, runs.size
     rank = np.zeros(len(slices), dtype=np.int64)
     rank[order] = np.arange(len(order)) - np.repeat(first, many)
-    for axis in np.flatnonzero(axes.mother >= 0).tolist():
-        mother = int(axes.mother[axis])
+    for axis in np.flatnonzero(axes.parent >= 0).tolist():
+        parent = int(axes.parent[axis])
         fork = int(axes.fork[axis])
         while not axes.chain[fork]:
             fork = int(slices.below[fork])
@@ -242,7 +217,7 @@ def _meetings(
         reach = int(np.ceil((DEEPEST * radius + 4 * wide[axis]) / slices.width)) + 1
         at = int(rank[fork])
         near = order[
-            first[mother] + max(at - reach, 0) : first[mother] + min(at + reach, many[mother])
+            first[parent] + max(at - reach, 0) : first[parent] + min(at + reach, many[parent])
         ]
         places = course.centre[near]
         beside = np.linalg.norm(places - middle[axis], axis=1)
@@ -268,22 +243,17 @@ def half_edges(triangles: np.ndarray, vertices: int) -> tuple[np.ndarray, np.nda
     return np.stack([order[:-1][same], order[1:][same]], axis=1), key
 
 
-def sever(pieces: Pieces, forked: np.ndarray) -> Severed:
-    """Cut pieces at their forks, those (C,) that may have some; the others come first, as they are."""
+def sever(pieces: Pieces, forked: np.ndarray) -> tuple[Pieces, Known, np.ndarray]:
+    """Cut pieces at their forks, those (C,) that may have some; the ottaken come first, as they are.
+
+    Also told: from which piece each was cut, and where; and (N, 3) places where branches hang together that
+    do not fork there.
+    """
     rest = select(pieces, ~forked)
-    cut = _cut(select(pieces, forked))
-    known, count = cut.known, rest.count
-    return Severed(
-        join_pieces(rest, cut.pieces),
-        Known(
-            np.concatenate(
-                [np.full(count, -1), np.where(known.mother < 0, -1, known.mother + count)]
-            ),
-            np.concatenate([np.zeros((count, 3)), known.foot]),
-            np.concatenate([np.zeros(count), known.radius]),
-        ),
-        cut.grown_together,
-    )
+    cut, known, together = _cut(select(pieces, forked))
+    parent = np.where(known.parent < 0, -1, known.parent + rest.count)
+    known = Known.joined([Known.nothing(rest.count), replace(known, parent=parent)])
+    return join_pieces(rest, cut), known, together
 
 
 def may_fork(pieces: Pieces, lines: Centrelines) -> np.ndarray:
@@ -296,7 +266,7 @@ def may_fork(pieces: Pieces, lines: Centrelines) -> np.ndarray:
     return np.asarray((away > FAR * radius) & enough)
 
 
-def _cut(pieces: Pieces) -> Severed:
+def _cut(pieces: Pieces) -> tuple[Pieces, Known, np.ndarray]:
     roots = _find_roots(pieces)
     slices = slice_up(pieces, distance_from(pieces, roots), band_width(pieces))
     axes = find_axes(slices)
@@ -313,26 +283,22 @@ def _find_roots(pieces: Pieces) -> np.ndarray:
     """Vertices around the thick, low end of each piece."""
     count, owner = pieces.count, pieces.piece_of_vertex
     size = np.bincount(owner, minlength=count)
-    middle = np.stack([np.bincount(owner, x, count) for x in pieces.vertices.T], axis=1)
-    away = np.linalg.norm(pieces.vertices - (middle / size[:, None])[owner], axis=1)
+    away = np.linalg.norm(pieces.vertices - pieces.middles()[owner], axis=1)
     start = np.lexsort((away, owner))[np.cumsum(size) - 1]
     slices = slice_up(pieces, distance_from(pieces, start), COARSE * band_width(pieces))
     axes = find_axes(slices)
     radius = smooth(slices, axes).radius
 
-    chain = np.flatnonzero(axes.chain)
-    order = chain[np.argsort(axes.of_slice[chain], kind="stable")]
-    many = np.bincount(axes.of_slice[order], minlength=len(axes))
-    last, first = order[np.cumsum(many) - 1], order[np.cumsum(many) - many]
-    ends = np.concatenate([last, first[axes.mother < 0]])
+    order, runs = axes.chains()
+    last, first = order[runs.first + runs.size - 1], order[runs.first]
+    ends = np.concatenate([last, first[axes.parent < 0]])
     piece = slices.piece[ends]
     thickest = np.zeros(count)
     np.maximum.at(thickest, piece, radius[ends])
     stout = radius[ends] >= STOUT_ROOT * thickest[piece]
-    chosen = np.lexsort((slices.centre[ends, 2], ~stout, piece))
-    chosen = ends[chosen[np.diff(piece[chosen], prepend=-1) > 0]]
+    ranked = np.lexsort((slices.centre[ends, 2], ~stout, piece))
     root = np.zeros(len(slices), dtype=bool)
-    root[chosen] = True
+    root[ends[firsts(ranked, piece)]] = True
     found = root[slices.of_vertex]
     found[start[~np.isin(np.arange(count), owner[found])]] = True
     return np.flatnonzero(found)
@@ -343,20 +309,20 @@ def _take_back(pieces: Pieces, slices: Slices, axes: PieceAxes, course: Course) 
     owner = axes.of_slice[slices.of_vertex]
     start, heading, thick = beginnings(slices, axes, course)
     one, other = np.concatenate([pieces.edges, pieces.edges[:, ::-1]]).T
-    front = np.flatnonzero(axes.mother[owner[one]] == owner[other])
+    front = np.flatnonzero(axes.parent[owner[one]] == owner[other])
     for _ in range(ROUNDS):
-        daughter, place = owner[one[front]], other[front]
-        offset = pieces.vertices[place] - start[daughter]
-        along = np.einsum("ni,ni->n", offset, heading[daughter])
-        aside = np.linalg.norm(offset - along[:, None] * heading[daughter], axis=1)
-        hers = (aside <= BESIDE * thick[daughter]) & _outside(pieces, slices, course, place)
-        if not hers.any():
+        child, place = owner[one[front]], other[front]
+        offset = pieces.vertices[place] - start[child]
+        along = np.einsum("ni,ni->n", offset, heading[child])
+        aside = np.linalg.norm(offset - along[:, None] * heading[child], axis=1)
+        taken = (aside <= BESIDE * thick[child]) & _outside(pieces, slices, course, place)
+        if not taken.any():
             break
-        owner[place[hers]] = daughter[hers]
+        owner[place[taken]] = child[taken]
         moved = np.zeros(len(owner), dtype=bool)
-        moved[place[hers]] = True
+        moved[place[taken]] = True
         front = np.flatnonzero(moved[one])
-        front = front[axes.mother[owner[one[front]]] == owner[other[front]]]
+        front = front[axes.parent[owner[one[front]]] == owner[other[front]]]
     return owner
 
 
@@ -389,7 +355,7 @@ def _whole(pieces: Pieces, label: np.ndarray, halves: np.ndarray) -> np.ndarray:
         of_part[part] = label
         order = np.lexsort((-total, of_part))
         crumb = np.ones(len(total), dtype=bool)
-        crumb[order[np.diff(of_part[order], prepend=-1) > 0]] = False
+        crumb[firsts(order, of_part)] = False
         rim = beside[~same]
         rim = np.concatenate([rim, rim[:, ::-1]])
         rim = rim[crumb[part[rim[:, 0]]] & ~crumb[part[rim[:, 1]]]]

@@ -1,17 +1,4 @@
-"""Nodes of axes, where their children stand: moved along and turned about the axis.
-
-The nodes of a production are kept in their order. Where an axis is longer or shorter than its template it
-has more or fewer of them, evenly (systematic sampling); each is moved by as much as spacing is uneven in
-the template. On a trunk the turn from node to node is that of a node near by, so that a spiral stays a
-spiral and whorls stay whorls; on other axes children keep their side, above, below, left or right.
-
-Laying of the branches of one order: bent otherwise than in the template, each at its own slope.
-
-A trunk leaves the ground as it does in the template, so that its base lies as flat, and does not lean much
-more. A branch is bent about its line; how its foot's slope differs fades along it, and where it would grow
-into the ground it goes on level.
-
-One tree of a fitted grammar: generation by generation, all axes of an order rewritten at once.
+"""One tree of a fitted grammar: generation by generation, all axes of an order rewritten at once.
 
 The axiom is the trunk. A rewriting step puts children on every axis of the last order: on the nodes of
 its own production, moved along and turned about it; each child is a member of its letter's class, bent
@@ -20,25 +7,43 @@ Every draw is a hash of the lineage of what draws it.
 
 What is kept within limits: a piece is lengthened or shortened to at most half as long again; where more
 would be needed another piece of its order takes its place; a branch is no thicker than its parent where
-it leaves her, and its foot is within her wood.
+it leaves it, and its foot is within the parent's wood.
+
+The nodes of a production are kept in their order. Where an axis is longer or shorter than its template it
+has more or fewer of them, evenly (systematic sampling); each is moved by as much as spacing is uneven in
+the template. On a trunk the turn from node to node is that of a node near by, so that a spiral stays a
+spiral and whorls stay whorls; on other axes children keep their side, above, below, left or right.
+
+A trunk leaves the ground as it does in the template, so that its base lies as flat, and does not lean much
+more. A branch is bent about its line; how its foot's slope differs fades along it, and where it would grow
+into the ground it goes on level.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ...base.rng import daughter_keys, keyed_normal, keyed_uniform
-from ...base.runs import Runs, bounds
+from ...base.runs import Runs, bounds, numbered
 from ...base.vectors import zenith_of
 from ...spec import Siblings
 from ..draw import GOLDEN
 from .anatomy import GROUND
 from .habit import Habit, radius_at_seat
-from .lines import Lines, Seats, foot_frames, lay, lay_sloping, seat_at, sloped, slopes, stand_on, walk
-from .size import Size, size_of, trunk_girth
+from .lines import (
+    Lines,
+    foot_frames,
+    lay,
+    seat_at,
+    sloped,
+    slopes,
+    stand_on,
+    walk,
+)
+from .size import CHILDREN, Size, size_of, trunk_girth
 
 JITTER = 0.25  # share of the scatter of spacing by which a node moves
 FARTHEST = 0.8  # share of the way to the next node
@@ -57,10 +62,8 @@ CALMER = (1.0, 0.5, 0.25, 0.0)  # shares of a trunk's own bends that are tried
 SWAY = np.deg2rad(4.0)  # of a level branch's slope at its tip
 FADE = 4.0  # how fast a foot's other slope is made up for: e^-4 of it is left at the tip
 MOST_SCALE = 1.5  # of a piece's length
-INSIDE = (
-    0.6  # of the parent's radius: a foot this near to her axis is within her, whatever her section
-)
-DAUGHTER_LENGTH = 0.5  # exponent: how children lengthen with their parent
+INSIDE = 0.6  # of the parent's radius: a foot this near to its axis is within it
+CHILD_LENGTH = 0.5  # exponent: how children lengthen with their parent
 THICKEST = 0.95  # of the parent there
 
 
@@ -75,7 +78,7 @@ class Placed:
     """
 
     slot: np.ndarray
-    mother: np.ndarray
+    parent: np.ndarray
     owner: np.ndarray
     key: np.ndarray
     share: np.ndarray
@@ -83,7 +86,7 @@ class Placed:
     azimuth: np.ndarray
 
 
-def place_daughters(
+def place_children(
     habit: Habit,
     piece: np.ndarray,
     key: np.ndarray,
@@ -141,8 +144,7 @@ def _repeated(times: np.ndarray, *columns: np.ndarray) -> tuple[np.ndarray, ...]
 
     The keys, the third column, of further copies are those of children of the first.
     """
-    which = np.repeat(np.arange(len(times)), times)
-    copy = np.arange(len(which)) - np.repeat(np.cumsum(times) - times, times)
+    which, copy = numbered(times)
     row, owner, key, *rest = (column[which] for column in columns)
     key = np.where(copy > 0, daughter_keys(key, copy), key)
     return row, owner, key, copy, times[which], *rest
@@ -238,7 +240,7 @@ class Shoots:
     """Branches of one order before they are laid."""
 
     piece: np.ndarray
-    mother: np.ndarray  # row of the order below
+    parent: np.ndarray  # row of the order below
     sign: np.ndarray
     scale: np.ndarray
     key: np.ndarray
@@ -267,7 +269,7 @@ def lay_trunks(
     for calm in CALMER:
         other = _bent_otherwise(bend, wanted.key[owner], part, calm * variety)
         slope = np.clip(slopes(plain) + calm * variety * LEAN * lean, 0.0, np.pi)
-        frame = lay_sloping(other, first, wanted.start, slope)
+        frame = lay(other, first, wanted.start, slope)
         fits = open_ones & (_leans(frame, length, first) <= most)
         mine = fits[owner]
         chosen_bend[mine], chosen[mine] = other[mine], frame[mine]
@@ -293,14 +295,14 @@ def lay_branches(
     part = part + 0.5 / np.diff(first)[owner]
     slope = _own_slopes(habit, wanted, source, owner, part, variety)
     slope, start = _above_ground(habit, wanted, slope, length, first)
-    return bend, lay_sloping(bend, first, start, slope)
+    return bend, lay(bend, first, start, slope)
 
 
 def _owners(first: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(S,) line of each stretch, and (S,) how far along it that begins, counted in stretches, 0 .. 1."""
     size = np.diff(first)
-    owner = np.repeat(np.arange(len(size)), size)
-    return owner, (np.arange(len(owner)) - first[owner]) / size[owner]
+    owner, number = numbered(size)
+    return owner, number / size[owner]
 
 
 def _bent_otherwise(
@@ -372,7 +374,7 @@ class Grown:
     """
 
     piece: np.ndarray
-    mother: np.ndarray
+    parent: np.ndarray
     order: np.ndarray
     sign: np.ndarray
     scale: np.ndarray
@@ -394,14 +396,16 @@ def grow_sibling(habit: Habit, siblings: Siblings, key: int) -> Grown:
     grown = _grow(habit, siblings.variety, size, tree)
     if siblings.height:
         reached = float(grown.lines.knot[:, 2].max())
-        grown = _grow(habit, siblings.variety, size.stretched(size.height / reached), tree)
+        grown = _grow(
+            habit, siblings.variety, replace(size, stem=size.stem * (size.height / reached)), tree
+        )
     return grown
 
 
 def _grow(habit: Habit, variety: float, size: Size, tree: np.ndarray) -> Grown:
     levels = [_lay(habit, variety, _trunks(habit, variety, size, tree), 0)]
     for order in range(1, int(habit.anatomy.order.max(initial=0)) + 1):
-        wanted = _daughters(habit, variety, size, levels[-1], order)
+        wanted = _children(habit, variety, size, levels[-1], order)
         if not len(wanted.piece):
             break
         levels.append(_lay(habit, variety, wanted, order))
@@ -422,13 +426,13 @@ def _trunks(habit: Habit, variety: float, size: Size, tree: np.ndarray) -> Shoot
         sign * anatomy.roll[piece],
         anatomy.carried[piece],
     )
-    seat = anatomy.seat.take(piece)
+    seat = anatomy.seat.select(piece)
     bearing = sign * (anatomy.azimuth[piece] + seat.aside) + turn
     sideways = np.stack([np.cos(bearing), np.sin(bearing)], axis=1) * seat.away[:, None]
     scale = np.full(len(piece), size.stem)
     return Shoots(
         piece=piece,
-        mother=np.full(len(piece), -1),
+        parent=np.full(len(piece), -1),
         sign=sign,
         scale=scale,
         key=key,
@@ -439,11 +443,11 @@ def _trunks(habit: Habit, variety: float, size: Size, tree: np.ndarray) -> Shoot
     )
 
 
-def _daughters(habit: Habit, variety: float, size: Size, below: Grown, order: int) -> Shoots:
+def _children(habit: Habit, variety: float, size: Size, below: Grown, order: int) -> Shoots:
     """Return what the axes of the order below bear."""
     anatomy = habit.anatomy
-    count = size.branches if order == 1 else below.scale**size.count_exponent
-    placed = place_daughters(
+    count = size.branches if order == 1 else below.scale**CHILDREN
+    placed = place_children(
         habit, below.piece, below.key, np.broadcast_to(count, below.piece.shape), variety, order
     )
     piece, owner, key = _class_mates(habit, placed, variety), placed.owner, placed.key
@@ -452,10 +456,13 @@ def _daughters(habit: Habit, variety: float, size: Size, below: Grown, order: in
     trend = np.interp(there, table.share, table.length) / np.interp(own, table.share, table.length)
     scale = np.clip(trend, 1 / MOST_SCALE, MOST_SCALE)
     scale = scale * np.exp(variety * table.length_spread * keyed_normal(key, "length"))
-    scale = scale * (size.crown if order == 1 else below.scale[owner] ** DAUGHTER_LENGTH)
+    scale = scale * (size.crown if order == 1 else below.scale[owner] ** CHILD_LENGTH)
     piece, scale = _fitting(habit, piece, scale, order)
 
-    seat = _reseated(habit, placed)
+    seat = anatomy.seat.select(placed.slot)  # one that has not moved keeps its own to the bit
+    moved = np.flatnonzero(placed.share != habit.share[placed.slot])
+    bearer = placed.parent[moved]
+    seat.stretch[moved], seat.part[moved] = seat_at(anatomy.lines, bearer, placed.share[moved])
     place, frame, thickness = stand_on(below.lines, owner, seat)
     bearing = below.sign[owner] * placed.azimuth
     angle = anatomy.angle[piece] + np.interp(there, table.share, table.angle)
@@ -481,7 +488,7 @@ def _daughters(habit: Habit, variety: float, size: Size, below: Grown, order: in
     base = np.minimum(scale, most)
     return Shoots(
         piece=piece,
-        mother=owner,
+        parent=owner,
         sign=below.sign[owner] * _signs(key, variety),
         scale=scale,
         key=key,
@@ -490,15 +497,6 @@ def _daughters(habit: Habit, variety: float, size: Size, below: Grown, order: in
         foot=foot,
         girth=np.stack([base, np.minimum(base, 1.0)], axis=1),
     )
-
-
-def _reseated(habit: Habit, placed: Placed) -> Seats:
-    """Seats of children on their parents' pieces; one that has not moved keeps its own to the bit."""
-    seat = habit.anatomy.seat.take(placed.slot)
-    moved = np.flatnonzero(placed.share != habit.share[placed.slot])
-    stretch, part = seat_at(habit.anatomy.lines, placed.mother[moved], placed.share[moved])
-    seat.stretch[moved], seat.part[moved] = stretch, part
-    return seat
 
 
 def _signs(key: np.ndarray, variety: float) -> np.ndarray:
@@ -579,7 +577,7 @@ def _lay(habit: Habit, variety: float, wanted: Shoots, order: int) -> Grown:
     )
     return Grown(
         piece=wanted.piece,
-        mother=wanted.mother,
+        parent=wanted.parent,
         order=np.full(len(wanted.piece), order),
         sign=wanted.sign,
         scale=wanted.scale,
@@ -598,20 +596,15 @@ def _joined(levels: Sequence[Grown]) -> Grown:
     below = np.concatenate([[0, 0], np.cumsum(sizes)[:-1]])  # first row of the order below
     stretches = np.cumsum([0, *(level.lines.first[-1] for level in levels)])
 
-    def every(name: str) -> np.ndarray:
-        return np.concatenate([getattr(level, name) for level in levels])
-
-    def of_lines(name: str) -> np.ndarray:
-        return np.concatenate([getattr(level.lines, name) for level in levels])
+    def every(tables: Sequence[Grown | Lines], names: Sequence[str]) -> dict[str, np.ndarray]:
+        return {name: np.concatenate([getattr(one, name) for one in tables]) for name in names}
 
     firsts = [level.lines.first[:-1] + at for level, at in zip(levels, stretches, strict=False)]
-    lines = Lines(
-        np.concatenate([*firsts, stretches[-1:]]),
-        *(of_lines(name) for name in ("knot", "radius", "length", "frame")),
-    )
-    mother = [
-        np.where(level.mother < 0, -1, level.mother + at)
+    parts = every([level.lines for level in levels], ("knot", "radius", "length", "frame"))
+    lines = Lines(np.concatenate([*firsts, stretches[-1:]]), **parts)
+    parent = [
+        np.where(level.parent < 0, -1, level.parent + at)
         for level, at in zip(levels, below, strict=False)
     ]
     rest = ("piece", "order", "sign", "scale", "key", "share", "bend", "source", "girth")
-    return Grown(mother=np.concatenate(mother), lines=lines, **{name: every(name) for name in rest})
+    return Grown(parent=np.concatenate(parent), lines=lines, **every(levels, rest))

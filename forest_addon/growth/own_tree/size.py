@@ -1,5 +1,5 @@
-"""Allometry of siblings: measured exponents of height and crown over the stem, and the spread within one
-stand.
+"""Size of a sibling beside its template: measured exponents of height and crown over the stem, and the spread
+within one stand.
 
 log H = log H' + h·log(D/D') along a tree's life, log W likewise with w for the width of the crown, D the
 diameter at breast height. Exponents by ordinary least squares on logarithms within each study and
@@ -11,16 +11,14 @@ has a standard deviation of 0.145, and log H = 0.216·log D + 0.088·z. That is 
 that BAAD's trees of many stands have at one diameter (0.204); crown widths of one stand were not measured,
 and are taken to differ by the same share.
 
-Size of one tree beside its template: stem, girth, crown, and how many branches follow.
-
-From age or a given height or diameter by measured allometry (``allometry``), and in between by chance as
-trees of one stand differ. A longer stem bears more nodes, not longer internodes alone; a longer branch
+Stem, girth and crown follow from age or a given height or diameter, and in between by chance as trees of
+one stand differ. A longer stem bears more nodes, not longer internodes alone; a longer branch
 more and longer children.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -34,7 +32,7 @@ HEIGHT_WITH_DBH, HEIGHT_SPREAD = 0.216, 0.088
 WITHIN_STAND = 0.43
 BREAST = 1.3  # metres
 NODES = 0.8  # exponent: nodes of the trunk with its length
-DAUGHTERS = 0.7  # exponent: number of children with their parent's length
+CHILDREN = 0.7  # exponent: number of children with their parent's length
 MOST_SPREAD = 2.0  # standard deviations
 
 
@@ -92,7 +90,7 @@ class Size:
     """Factors over the template, and the height (m) that is aimed at.
 
     stem : length of the trunk. girth : diameter at breast height. crown : length of first-level branches.
-    branches : number of first-level branches. count_exponent : of further children.
+    branches : number of first-level branches.
     """
 
     stem: float
@@ -100,17 +98,12 @@ class Size:
     crown: float
     branches: float
     height: float
-    count_exponent: float = DAUGHTERS
-
-    def stretched(self, factor: float) -> Size:
-        """The same with a trunk this many times as long."""
-        return replace(self, stem=self.stem * factor)
 
 
 def size_of(habit: Habit, siblings: Siblings, tree: np.ndarray) -> Size:
     """The size of a tree with the key ``tree`` (1,)."""
     laws = ALLOMETRY[siblings.allometry]
-    height, dbh = height_of(habit.anatomy), dbh_of(habit.anatomy)
+    height, dbh = float(habit.anatomy.lines.knot[:, 2].max()), dbh_of(habit.anatomy)
     girth = siblings.age
     stem = girth**laws.height
     if siblings.dbh:
@@ -136,11 +129,6 @@ def size_of(habit: Habit, siblings: Siblings, tree: np.ndarray) -> Size:
         v * WITHIN_STAND * laws.width_spread, wide
     )
     return Size(stem, girth, crown, branches=stem**NODES, height=stem * height)
-
-
-def height_of(anatomy: Anatomy) -> float:
-    """Of the wood, metres above the foot."""
-    return float(anatomy.lines.knot[:, 2].max())
 
 
 def dbh_of(anatomy: Anatomy) -> float:

@@ -6,13 +6,10 @@ branches there (a Reeb graph, sampled). Along an edge the distance is taken as l
 may lie between two rings of vertices, however far they are apart. Slices are the connected components
 of what edges have within bands of equal width; every one but a root's has a slice below.
 
-Axes of a joined tree: which slices of it follow one another as a trunk or a branch.
-
-At a fork the axis goes on as the child that is thickest and straightest a few radii on, where slices
-are clean of the fork itself; the others begin axes of their own. What ends before it is three times as
-long as thick, or within its parent's bark, is a bump and no branch.
-
-The course of an axis through slices of a joined tree, without the bulges of its forks.
+Axes say which slices follow one another as a trunk or a branch. At a fork the axis goes on as the child that
+is thickest and straightest a few radii on, where slices are clean of the fork itself; the others begin axes
+of their own. What ends before it is three times as long as thick, or within its parent's bark, is a bump and
+no branch. The course of an axis is without the bulges of its forks.
 """
 
 from __future__ import annotations
@@ -23,6 +20,7 @@ import numpy as np
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import dijkstra
 
+from ...base.runs import Runs, firsts, numbered, sums
 from .pieces import Pieces, join_along
 
 FINEST = 3000  # bands at most along the largest piece's extent
@@ -133,8 +131,7 @@ def _across_triangles(
     longest = first_node(corner[:, 0], corner[:, 2])
     lower, upper = first_node(corner[:, 0], corner[:, 1]), first_node(corner[:, 1], corner[:, 2])
     inner = high - low - 1
-    row = np.repeat(np.arange(len(tall)), inner)
-    rank = np.arange(len(row)) - np.repeat(np.cumsum(inner) - inner, inner)
+    row, rank = numbered(inner)
     at = low[row] + 1 + rank
     beside = np.where(at < middle[row], lower[row] + rank, upper[row] + at - middle[row] - 1)
     beside = np.where(at == middle[row], corner[row, 1], beside)
@@ -151,12 +148,10 @@ def _stack(
 ) -> tuple[np.ndarray, np.ndarray]:
     """(S,) the slice below each, that with which it shares most; and the pairs left over."""
     steps = np.where(node_slice[one] == node_slice[other], 0, inner + 1)
-    edge = np.repeat(np.arange(len(one)), steps)
-    rank = np.arange(len(edge)) - np.repeat(np.cumsum(steps) - steps, steps)
+    edge, rank = numbered(steps)
     lower = np.where(rank == 0, one[edge], first[edge] + rank - 1)
     upper = np.where(rank == inner[edge], other[edge], first[edge] + rank)
-    key = node_slice[upper] * count + node_slice[lower]
-    key = np.sort(key)
+    key = np.sort(node_slice[upper] * count + node_slice[lower])
     bounds = np.flatnonzero(np.diff(key, prepend=-1, append=-1))
     shared = np.diff(bounds)
     up, down = np.divmod(key[bounds[:-1]], count)
@@ -198,8 +193,7 @@ def _moments(
     weight = np.concatenate([held, length[edge] * np.clip(width / rise[edge], 0.0, 1.0)])
     of, count = node_slice, int(node_slice.max()) + 1
     total = np.maximum(np.bincount(of, weight, count), 1e-300)
-    centre = np.stack([np.bincount(of, weight * axis, count) for axis in place.T], axis=1)
-    centre /= total[:, None]
+    centre = sums(of, weight[:, None] * place, count) / total[:, None]
     place -= centre[of]
     spread = np.empty((count, 3, 3))
     for row in range(3):
@@ -220,21 +214,32 @@ class PieceAxes:
     """
 
     of_slice: np.ndarray
-    mother: np.ndarray
+    parent: np.ndarray
     fork: np.ndarray
     radius: np.ndarray
     chain: np.ndarray
 
     def __len__(self) -> int:
-        return len(self.mother)
+        return len(self.parent)
+
+    def chains(self) -> tuple[np.ndarray, Runs]:
+        """The slices on their axes, axis by axis from the foot up, and the run of each axis."""
+        chain = np.flatnonzero(self.chain)
+        order = chain[np.argsort(self.of_slice[chain], kind="stable")]
+        return order, Runs.of(self.of_slice[order], len(self))
 
 
 def find_axes(slices: Slices) -> PieceAxes:
     """Follow the slices of all pieces from their roots to the tips."""
     mass, top = _carried(slices)
-    onward = _heaviest(slices, mass)
+    onward = np.arange(len(slices))  # the slice above that carries most, itself at a tip
+    upper = np.flatnonzero(slices.below >= 0)
+    upper = upper[np.argsort(mass[upper], kind="stable")]
+    onward[slices.below[upper]] = upper  # the last one stays
     radius = radii(slices, onward)
-    kid, fork = _daughters(slices)
+    above = np.bincount(slices.below[slices.below >= 0], minlength=len(slices))
+    kid = np.flatnonzero((slices.below >= 0) & (above[slices.below] > 1))  # above forks
+    fork = slices.below[kid]
     reach = (top[kid] - slices.band[fork]) * slices.width
     own = _walk(onward, kid, (top[kid] - slices.band[kid]) // 2)
     first = onward[fork] == kid
@@ -246,18 +251,12 @@ def find_axes(slices: Slices) -> PieceAxes:
     score = _likeness(slices, onward, radius, kid, fork)
     order = np.lexsort((-score, fork))
     leads = np.zeros(len(kid), dtype=bool)
-    leads[order[np.diff(fork[order], prepend=-1) > 0]] = True
+    leads[firsts(order, fork)] = True
     onward = onward.copy()
     onward[fork[leads]] = kid[leads]
     radius = radii(slices, onward)
-    return _number(slices, onward, set_of(kid[~leads], len(slices)), radius)
-
-
-def set_of(members: np.ndarray, count: int) -> np.ndarray:
-    """(count,) whether each is a member."""
-    inside = np.zeros(count, dtype=bool)
-    inside[members] = True
-    return inside
+    begins = np.isin(np.arange(len(slices)), kid[~leads])
+    return _number(slices, onward, begins, radius)
 
 
 def _carried(slices: Slices) -> tuple[np.ndarray, np.ndarray]:
@@ -275,22 +274,6 @@ def _runs(band: np.ndarray) -> list[tuple[int, int]]:
     """First and last of the slices of every band, from the lowest up."""
     bounds = np.flatnonzero(np.diff(band, prepend=-1, append=band[-1] + 1))
     return list(zip(bounds[:-1].tolist(), bounds[1:].tolist(), strict=True))
-
-
-def _daughters(slices: Slices) -> tuple[np.ndarray, np.ndarray]:
-    """Slices above forks, and the forks below them."""
-    above = np.bincount(slices.below[slices.below >= 0], minlength=len(slices))
-    kid = np.flatnonzero((slices.below >= 0) & (above[slices.below] > 1))
-    return kid, slices.below[kid]
-
-
-def _heaviest(slices: Slices, mass: np.ndarray) -> np.ndarray:
-    """(S,) the slice above each that carries most, itself at a tip."""
-    onward = np.arange(len(slices))
-    upper = np.flatnonzero(slices.below >= 0)
-    upper = upper[np.argsort(mass[upper], kind="stable")]
-    onward[slices.below[upper]] = upper  # the last one stays
-    return onward
 
 
 def _walk(step: np.ndarray, start: np.ndarray, many: np.ndarray) -> np.ndarray:
@@ -342,20 +325,20 @@ def _number(
 ) -> PieceAxes:
     """Axes from the roots up; what is neither led on to nor begins an axis is its parent's."""
     of_slice = np.full(len(slices), -1)
-    mother: list[int] = []
+    parent: list[int] = []
     fork: list[int] = []
     begins = begins | (slices.below < 0)
     for low, high in _runs(slices.band):
         below = slices.below[low:high]
         new = np.flatnonzero(begins[low:high])
         of_slice[low:high] = of_slice[below]
-        of_slice[low + new] = len(mother) + np.arange(len(new))
-        mother += np.where(below[new] < 0, -1, of_slice[below[new]]).tolist()
+        of_slice[low + new] = len(parent) + np.arange(len(new))
+        parent += np.where(below[new] < 0, -1, of_slice[below[new]]).tolist()
         fork += below[new].tolist()
     chain = begins | (onward[slices.below] == np.arange(len(slices)))
     for low, high in _runs(slices.band):  # nor what stands on a bump
         chain[low:high] &= begins[low:high] | chain[slices.below[low:high]]
-    return PieceAxes(of_slice, np.array(mother), np.array(fork), radius, chain)
+    return PieceAxes(of_slice, np.array(parent), np.array(fork), radius, chain)
 
 
 @dataclass(frozen=True)
@@ -373,11 +356,8 @@ def smooth(slices: Slices, axes: PieceAxes) -> Course:
 
     centre, radius = slices.centre.copy(), axes.radius.copy()
     heading = np.zeros_like(centre)
-    chain = np.flatnonzero(axes.chain)
-    order = chain[np.argsort(axes.of_slice[chain], kind="stable")]
-    bounds = np.flatnonzero(np.diff(axes.of_slice[order], prepend=-1, append=-2))
-    for low, high in zip(bounds[:-1].tolist(), bounds[1:].tolist(), strict=True):
-        own = order[low:high]
+    order, runs = axes.chains()
+    for own in np.split(order, runs.first[1:]):
         if len(own) < 3:
             step = slices.centre[own[-1]] - slices.centre[max(slices.below[own[0]], 0)]
             heading[own] = step
@@ -406,11 +386,8 @@ def beginnings(
     slices: Slices, axes: PieceAxes, course: Course
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """(A, 3) a place on each axis clear of its fork, (A, 3) its heading there, (A,) its radius."""
-    chain = np.flatnonzero(axes.chain)
-    order = chain[np.argsort(axes.of_slice[chain], kind="stable")]
-    many = np.bincount(axes.of_slice[order], minlength=len(axes))
-    first = np.cumsum(many) - many
-    middle = order[first + many // 2]
+    order, runs = axes.chains()
+    middle = order[runs.first + runs.size // 2]
     ahead = np.ceil(2 * course.radius[middle] / slices.width).astype(np.int64)
-    clear = order[first + np.minimum(ahead, (many - 1) // 3)]
+    clear = order[runs.first + np.minimum(ahead, (runs.size - 1) // 3)]
     return course.centre[clear], course.heading[clear], course.radius[clear]

@@ -1,34 +1,23 @@
-"""Branch templates: a full tree in facets, cut into its trunk and its first-level branches (Tanveer et al.
-2020a, b).
+"""Branch templates: a full tree in facets, cut into its trunk and its first-level branches, which are grafted
+onto nodes of a grammar (Tanveer et al. 2020a, b).
 
-A first-level branch is a piece of wood that hangs on the trunk, with all that hangs on it, wood and
-leaves. Each is brought into one canonical frame, so that it can be set on any node of a grammar: foot at
-the origin, axis from foot to tip along +X, length 1, and the side that was up in the tree towards +Z.
+A first-level branch is a piece of wood that hangs on the trunk, with all that hangs on it, wood and leaves.
+Each is brought into one canonical frame: foot at the origin, axis from foot to tip along +X, length 1, and
+the side that was up in the tree towards +Z. At a node its axis is turned into the branch's direction and its
+upper side as far up as that direction allows, so that leaves keep facing the light. Wood is scaled with the
+branch; leaves move with it but keep their own size, because a longer branch bears no larger leaves.
 
 What hard cases come to: two leaves that touch at a point stay two, two that share an edge are one; a
 leaf drawn from both sides is one leaf; leaves may touch wood, as they come as facets of their own; shoots
 on the trunk shorter than a twentieth of its longest branch, which a grammar would blow up to branches, and
 roots are counted and left out; a piece of wood that is modelled inside out is turned.
 
-Branch templates onto nodes: rotate, scale and move so that foot and direction match (Tanveer et al.
-2020a).
-
-A template lies along +X with its upper side towards +Z. At a node its axis is turned into the branch's
-direction and its upper side as far up as that direction allows, so that leaves keep facing the light.
-Wood is scaled with the branch; leaves move with it but keep their own size, because a longer branch
-bears no larger leaves.
-
-T20's grammar fitted to a template tree, so that what grows from a user's tree has its habit.
-
-The trunk's first internode is the trunk below the lowest branch, the contraction along the trunk makes up
-its length, and angle, thickness and length of the branches are means over the templates.
-
-Leaves for a template tree that has none: set on its outermost branches, as facets like an STL file's.
-
-A piece of wood that bears no other is a twig. Along its outer part stand ``leaf.nodes`` nodes of
-``leaf.per_node`` leaves each, turned from node to node by ``leaf.fan_deg``, the last at the tip (Tanveer
-et al. 2020a's growing tips). What comes out goes the way of a user's own leaves: recognised, measured and
-grafted.
+``fit_grammar`` fits the grammar to a tree, so that what grows from it has its habit: the trunk's first
+internode is the trunk below the lowest branch, the contraction along the trunk makes up its length, and
+angle, thickness and length of the branches are means over the templates. ``dress`` sets leaves on a tree that
+has none, on its outermost branches, as facets like an STL file's: along the outer end of a twig stand
+``leaf.nodes`` nodes of ``leaf.per_node`` leaves each, turned from node to node by ``leaf.fan_deg``, the last
+at the tip.
 """
 
 from __future__ import annotations
@@ -41,12 +30,12 @@ from scipy.optimize import brentq
 from scipy.spatial import cKDTree
 
 from ...base.rng import daughter_keys, stream, truncated_normal
-from ...base.runs import Runs
-from ...base.trimesh import LEAF, WOOD, Edges, TriMesh, join_edges
+from ...base.runs import numbered
+from ...base.trimesh import LEAF, WOOD, TriMesh, join
 from ...spec import Grammar, Jitter, Leaf
-from ..lsystem.tanveer import T20, derive, interpret
+from ..lsystem.tanveer import interpret, string_of
 from ..mesh.blades import Blade, across, lay, set_leaves
-from ..mesh.leaves import Leaves, measure_leaves
+from ..mesh.leaves import CopyStock, Leaves, about_vertical, leaves_apart, measure_leaves
 from ..mesh.meshing import repeated_edges
 from .centreline import find_contacts
 from .recognise import Recognition, TemplateError, checked_facets, recognise
@@ -125,8 +114,9 @@ def split_tree(
     tall = float(np.ptp(wood[:, :, 2])) if len(wood) else 0.0
     unit = height / tall if height > 0 and tall > 0 else 1.0
     found = recognise(wood * unit, None if leaves is None else np.asarray(leaves) * unit)
-    timber = _mesh(found.wood.vertices, turned_outwards(found), WOOD)
-    foliage = _mesh(found.leaves.vertices, found.leaves.triangles, LEAF, found.leaves.piece)
+    timber = TriMesh.of_part(found.wood.vertices, turned_outwards(found), WOOD)
+    foliage = TriMesh.of_part(found.leaves.vertices, found.leaves.triangles, LEAF)
+    foliage.leaf[:], foliage.material[:] = found.leaves.piece, LEAF_SLOT
 
     firsts, share, direction, stubs = _first_level(found)
     branches = [
@@ -136,7 +126,7 @@ def split_tree(
     trunk = timber.select(found.wood.piece == found.trunk)
     return TreeTemplate(
         branches=tuple(branches),
-        trunk=_moved(trunk, found.foot[found.trunk], np.eye(3), 1.0),
+        trunk=replace(trunk, vertices=trunk.vertices - found.foot[found.trunk]),
         trunk_length=float(found.lines.length()[found.trunk]),
         trunk_radius=float(found.radius[found.trunk]),
         unit=unit,
@@ -166,7 +156,7 @@ def _first_level(found: Recognition) -> tuple[np.ndarray, np.ndarray, np.ndarray
     foot, tip = found.foot[firsts], found.tip[firsts]
     contact = find_contacts(found.lines, np.array([found.trunk]), foot)
     share, direction = contact.along / found.lines.length()[found.trunk], contact.direction
-    if found.hierarchy.foot_end[found.trunk] == 1:
+    if found.foot_end[found.trunk] == 1:
         share, direction = 1.0 - share, -direction
 
     root = (share < ROOTS) & (tip[:, 2] < found.foot[found.trunk, 2])
@@ -194,16 +184,10 @@ def _cut(
     frame = canonical_frame(axis / length)
     members = found.branch == first
     borne = members[found.bearer]  # (L,)
-    wood = _moved(timber.select(members[found.wood.piece]), foot, frame, length)
-    blades = _moved(foliage.select(borne[found.leaves.piece]), foot, frame, length)
-    renumbered = (np.cumsum(borne) - 1).astype(np.int32)
-    mesh = TriMesh(
-        vertices=np.concatenate([wood.vertices, blades.vertices]),
-        triangles=np.concatenate([wood.triangles, blades.triangles + np.int32(len(wood.vertices))]),
-        part=np.concatenate([wood.part, blades.part]),
-        leaf=np.concatenate([wood.leaf, renumbered[blades.leaf]]),
-        material=np.concatenate([wood.material, blades.material]),
-    )
+    parts = [timber.select(members[found.wood.piece]), foliage.select(borne[found.leaves.piece])]
+    parts = [replace(one, vertices=(one.vertices - foot) @ frame.T / length) for one in parts]
+    parts[1].leaf[:] = (np.cumsum(borne) - 1)[parts[1].leaf]
+    mesh = join(parts)
     pieces = np.flatnonzero(members)
     number = np.zeros(len(members), dtype=np.int32)
     number[pieces[pieces != first]] = np.arange(1, len(pieces))
@@ -226,41 +210,13 @@ def turned_outwards(found: Recognition) -> np.ndarray:
     return np.where(inside_out[wood.piece, None], wood.triangles[:, ::-1], wood.triangles)
 
 
-def _mesh(
-    vertices: np.ndarray, triangles: np.ndarray, what: int, leaf: np.ndarray | None = None
-) -> TriMesh:
-    count = len(triangles)
-    return TriMesh(
-        vertices=vertices,
-        triangles=triangles,
-        part=np.full(count, what, dtype=np.int8),
-        leaf=np.full(count, -1, dtype=np.int32) if leaf is None else leaf,
-        material=np.full(count, LEAF_SLOT if what == LEAF else BARK_SLOT, dtype=np.int32),
-    )
-
-
-def _moved(mesh: TriMesh, origin: np.ndarray, frame: np.ndarray, length: float) -> TriMesh:
-    """A mesh in a frame: its origin there, its rows the new axes, its unit of length."""
-    return TriMesh(
-        vertices=(mesh.vertices - origin) @ frame.T / length,
-        triangles=mesh.triangles,
-        part=mesh.part,
-        leaf=mesh.leaf,
-        material=mesh.material,
-    )
-
-
 @dataclass(frozen=True)
 class Scion:
     """A branch template made ready to graft: wood and leaves apart, every leaf with its foot."""
 
     wood: TriMesh
-    leaf_mesh: TriMesh
+    stock: CopyStock  # the mesh of the leaves, each seen from where it hangs
     leaf_foot: np.ndarray  # (L, 3) where each leaf hangs, canonical frame
-    blade: np.ndarray  # (V, 3) vertices of leaf_mesh from where their leaf hangs
-    vertices: Runs  # of each leaf, as are triangles and edges
-    triangles: Runs
-    edges: Runs
     leaves: Leaves  # their truth, canonical frame
     length: float  # metres in the template tree
 
@@ -276,8 +232,7 @@ class GraftSite:
 
 def prepare(template: BranchTemplate) -> Scion:
     """Take a template apart; a leaf's foot is its corner or edge middle nearest to any wood."""
-    mesh = template.mesh
-    wood, leaf_mesh, leaf_of_vertex = _apart(mesh)
+    wood, leaf_mesh, leaf_of_vertex = leaves_apart(template.mesh)
     count = len(template.leaves)
     foot = np.zeros((count, 3))
     if count:
@@ -288,37 +243,14 @@ def prepare(template: BranchTemplate) -> Scion:
         gap = cKDTree(wood.vertices).query(places)[0]
         farthest_first = np.argsort(-gap, kind="stable")
         foot[owner[farthest_first]] = places[farthest_first]
-    edges = repeated_edges(leaf_mesh.triangles, 0, 1)
+    hanging = leaf_mesh.vertices - foot[leaf_of_vertex]
     return Scion(
         wood=replace(wood, edges=repeated_edges(wood.triangles, 0, 1)),
-        leaf_mesh=replace(leaf_mesh, edges=edges),
+        stock=CopyStock.of(hanging, leaf_of_vertex, leaf_mesh.triangles, LEAF, LEAF_SLOT),
         leaf_foot=foot,
-        blade=leaf_mesh.vertices - foot[leaf_of_vertex],
-        vertices=Runs.of(leaf_of_vertex, count),
-        triangles=Runs.of(leaf_mesh.leaf, count),
-        edges=Runs.of(leaf_of_vertex[edges.ends[:, 0]], count),
         leaves=template.leaves,
         length=template.length,
     )
-
-
-def _apart(mesh: TriMesh) -> tuple[TriMesh, TriMesh, np.ndarray]:
-    """Wood, leaves sorted by leaf, and the leaf of every leaf vertex."""
-    wood, leaves = mesh.select(mesh.part == WOOD), mesh.select(mesh.part == LEAF)
-    triangle_order = np.argsort(leaves.leaf, kind="stable")
-    leaf_of_vertex = np.zeros(len(leaves.vertices), dtype=np.int64)
-    leaf_of_vertex[leaves.triangles] = leaves.leaf[:, None]
-    vertex_order = np.argsort(leaf_of_vertex, kind="stable")
-    new_number = np.empty_like(vertex_order)
-    new_number[vertex_order] = np.arange(len(vertex_order))
-    ordered = TriMesh(
-        vertices=leaves.vertices[vertex_order],
-        triangles=new_number[leaves.triangles[triangle_order]].astype(np.int32),
-        part=leaves.part[triangle_order],
-        leaf=leaves.leaf[triangle_order],
-        material=leaves.material[triangle_order],
-    )
-    return wood, ordered, leaf_of_vertex[vertex_order]
 
 
 def graft(
@@ -333,20 +265,12 @@ def graft(
     A longer branch bears more leaves, not larger ones. The truth of a leaf is its template's, moved as
     the leaf is moved.
     """
-    turn = canonical_frame(site.direction).T @ _roll(roll)  # columns: images of X, Y, Z
-    wood = scion.wood
-    wood_vertices = (wood.vertices * site.length) @ turn.T + site.foot
-
+    cos, sin = np.cos(roll), np.sin(roll)
+    rolled = np.array([[1.0, 0.0, 0.0], [0.0, cos, -sin], [0.0, sin, cos]])
+    turn = canonical_frame(site.direction).T @ rolled  # columns: images of X, Y, Z
+    wood = replace(scion.wood, vertices=(scion.wood.vertices * site.length) @ turn.T + site.foot)
     leaves, truth, foot = _hang_leaves(scion, site.length, leaf_spread, rng)
-    leaf_vertices = leaves.vertices @ turn.T + site.foot
-    mesh = TriMesh(
-        vertices=np.concatenate([wood_vertices, leaf_vertices]),
-        triangles=np.concatenate([wood.triangles, leaves.triangles + np.int32(len(wood_vertices))]),
-        part=np.concatenate([wood.part, leaves.part]),
-        leaf=np.concatenate([wood.leaf, leaves.leaf]),
-        material=np.concatenate([wood.material, leaves.material]),
-        edges=join_edges([wood, leaves]),
-    )
+    mesh = join([wood, replace(leaves, vertices=leaves.vertices @ turn.T + site.foot)])
     moved = replace(
         truth,
         centre=truth.centre @ turn.T + site.foot,
@@ -368,77 +292,30 @@ def _hang_leaves(
     count = len(scion.leaf_foot)
     share = min((length / scion.length) ** 1.5, MOST_LEAVES_A_FOOT)
     times = np.floor(share + rng.random(count)).astype(int)
-    source = np.repeat(np.arange(count), times)  # (L,) leaf of the template
-    rank = np.arange(len(source)) - np.repeat(np.cumsum(times) - times, times)
+    source, rank = numbered(times)  # (L,) leaf of the template, and which copy of it
     size = scion.length * (1 + spread * truncated_normal(rng, len(source)))
     turn = np.where(rank == 0, 0.0, np.pi * rng.uniform(0.4, 1.6, len(source)))
 
-    # Vertices and triangles of a template's leaf stand together: copy the runs.
-    vertex, vertex_leaf, moved = scion.vertices.copy(source)
+    mesh, vertex, of_vertex, of_triangle = scion.stock.copy(source, np.zeros(len(source), bool))
+    mesh.leaf[:] = of_triangle
     cos, sin = np.cos(turn), np.sin(turn)
-    # ``take`` along the rows is twice as fast as brackets, and so are numbers of half the size.
-    blade = scion.blade.take(vertex, axis=0)
-    turned = _about_vertical(blade, cos.take(vertex_leaf), sin.take(vertex_leaf))
-    turned *= size.take(vertex_leaf)[:, None]
+    blade = scion.stock.place.take(vertex, axis=0)
+    turned = about_vertical(blade, cos.take(of_vertex), sin.take(of_vertex))
+    turned *= size.take(of_vertex)[:, None]
     foot = scion.leaf_foot[source] * length
-    turned += foot.take(vertex_leaf, axis=0)
-    triangle, triangle_leaf, _ = scion.triangles.copy(source)
-    moved = moved.astype(np.int32)
-    triangles = scion.leaf_mesh.triangles.take(triangle, axis=0)
-    triangles += moved.take(triangle_leaf)[:, None]
-    mesh = TriMesh(
-        vertices=turned,
-        triangles=triangles,
-        part=scion.leaf_mesh.part[triangle],
-        leaf=triangle_leaf.astype(np.int32),
-        material=np.ones(len(triangle), dtype=np.int32),
-        edges=_hung_edges(scion, source, moved, triangle, triangle_leaf),
-    )
+    turned += foot.take(of_vertex, axis=0)
     own = scion.leaves
-    middle = _about_vertical(own.centre[source] - scion.leaf_foot[source], cos, sin)
+    middle = about_vertical(own.centre[source] - scion.leaf_foot[source], cos, sin)
     truth = Leaves(
         centre=foot + middle * size[:, None],
-        normal=_about_vertical(own.normal[source], cos, sin),
-        axis=_about_vertical(own.axis[source], cos, sin),
+        normal=about_vertical(own.normal[source], cos, sin),
+        axis=about_vertical(own.axis[source], cos, sin),
         length=own.length[source] * size,
         width=own.width[source] * size,
         radius=own.radius[source] * size,
         branch=own.branch[source],
     )
-    return mesh, truth, foot
-
-
-def _hung_edges(
-    scion: Scion,
-    source: np.ndarray,
-    moved: np.ndarray,
-    triangle: np.ndarray,
-    triangle_leaf: np.ndarray,
-) -> Edges:
-    """Edges of the leaves ``source`` of a template, copied as their vertices and triangles are."""
-    known = scion.leaf_mesh.known_edges()
-    assert known is not None  # ``prepare`` finds them
-    edge, edge_leaf, edge_moved = scion.edges.copy(source)
-    ends = known.ends.take(edge, axis=0)
-    ends += moved.take(edge_leaf)[:, None]
-    of_corner = known.of_corner.take(triangle, axis=0)
-    of_corner += edge_moved.astype(np.int32).take(triangle_leaf)[:, None]
-    return Edges(ends, of_corner)
-
-
-def _about_vertical(vectors: np.ndarray, cos: np.ndarray, sin: np.ndarray) -> np.ndarray:
-    """Vectors (N, 3), each turned about +Z by the angle with this cosine and sine."""
-    x, y, z = vectors.T
-    turned = np.empty(vectors.shape)
-    np.subtract(cos * x, sin * y, out=turned[:, 0])
-    np.add(sin * x, cos * y, out=turned[:, 1])
-    turned[:, 2] = z
-    return turned
-
-
-def _roll(angle: float) -> np.ndarray:
-    cos, sin = np.cos(angle), np.sin(angle)
-    return np.array([[1.0, 0.0, 0.0], [0.0, cos, -sin], [0.0, sin, cos]])
+    return replace(mesh, vertices=turned), truth, foot
 
 
 def fit_grammar(template: TreeTemplate) -> Grammar:
@@ -462,7 +339,12 @@ def fit_grammar(template: TreeTemplate) -> Grammar:
     wanted = float(np.mean([b.length for b in branches]))
     ratio = float(np.clip(wanted / _mean_reach(grammar), 0.01, 2.0))
     fitted = replace(grammar, side_ratio=ratio)
-    return _rounded(fitted)
+    # Four digits: what is fitted is no more exact, and a person will read it.
+    digits: dict[str, Any] = {
+        name: float(f"{getattr(fitted, name):.4g}")
+        for name in ("length", "side_ratio", "centre_ratio", "angle_deg", "radius", "radius_ratio")
+    }
+    return replace(fitted, **digits)
 
 
 def _contraction(internodes: float, generations: int) -> float:
@@ -478,20 +360,11 @@ def _contraction(internodes: float, generations: int) -> float:
 
 def _mean_reach(grammar: Grammar) -> float:
     """Mean length of the first-level axes of a tree without jitter."""
-    skeleton = interpret(derive(T20, grammar.generations), grammar, STILL, stream(0, "habit"))
-    length = np.linalg.norm(skeleton.end - skeleton.start, axis=1)
+    skeleton = interpret(string_of(grammar), grammar, STILL, stream(0, "habit"))
+    length = skeleton.length
     parent_order = skeleton.order[np.maximum(skeleton.parent, 0)]
     firsts = np.flatnonzero((skeleton.order == 1) & (parent_order == 0))
     return float(np.mean([length[skeleton.axis(int(first))].sum() for first in firsts]))
-
-
-def _rounded(grammar: Grammar) -> Grammar:
-    """Four digits: what is fitted is no more exact, and a person will read it."""
-    digits: dict[str, Any] = {
-        name: float(f"{getattr(grammar, name):.4g}")
-        for name in ("length", "side_ratio", "centre_ratio", "angle_deg", "radius", "radius_ratio")
-    }
-    return replace(grammar, **digits)
 
 
 def dress(wood: np.ndarray, leaf: Leaf, blade: Blade, unit: float) -> np.ndarray:
@@ -512,7 +385,7 @@ def dress(wood: np.ndarray, leaf: Leaf, blade: Blade, unit: float) -> np.ndarray
     for twig in twigs:
         knots = slice(found.lines.first[twig], found.lines.first[twig + 1])
         knot, along = found.lines.knot[knots], found.lines.along[knots]
-        backwards = found.hierarchy.foot_end[twig] == 1
+        backwards = found.foot_end[twig] == 1
         place = along[-1] * (1.0 - share if backwards else share)
         feet.append(np.stack([np.interp(place, along, axis) for axis in knot.T], axis=1))
         step = np.diff(knot, axis=0)

@@ -1,14 +1,24 @@
-"""Table of green wood: density and modulus of elasticity by genus, and what leaves weigh.
+"""A tree as beams: its green wood, a few straight members that carry all the rest as mass, and their first
+modes.
 
-Where trees of a genus were tested as they grow in Europe: modulus in static bending and density as they
-stand (ForestGALES: Locatelli et al. 2022, package fgr, ``species_parameters``; moduli of Lavers 1983, The
-strength properties of timber). Of beech and oak that table's density, 1158 kg/m³, is nearly that of wood
-full of water, and the handbook's stands here. Other genera: Forest Products Laboratory 2010, Wood handbook,
-FPL-GTR-190, modulus of green wood by Table 5-3, the mean of the species of a genus, density by the specific
-gravity on green volume there times one plus the mean moisture content of heartwood and sapwood (Table 4-1).
-Apple: Markwardt & Wilson 1935. Moduli are those of the tests, of short beams of clear wood: the shear in
-them takes a tenth, knots and young wood of whole stems take more (2.0 to 6.4 GPa in standing Sitka spruces,
-whose sawn wood has 5.9: Milne & Blackburn 1989, Tree Physiol. 5:195).
+Short segments of one axis become a member of up to a fortieth of the tree's height; of those the thickest
+stay. What is thinner rides rigidly on the member that it grows from.
+
+Members are Euler-Bernoulli beams in space: cubic in bending, linear in stretch and torsion, their taper
+integrated exactly by five Gauss points (Przemieniecki 1968, ch. 5, 11 and 15). The weight of what a member
+carries takes from its stiffness, as in Greenhill's column. The foot is clamped. The modes solve K φ = ω² M φ
+by shift-invert Lanczos (ARPACK), with φᵀMφ = 1.
+
+Green wood by genus, density and modulus of elasticity. Where trees of a genus were tested as they grow in
+Europe: modulus in static bending and density as they stand (ForestGALES: Locatelli et al. 2022, package fgr,
+``species_parameters``; moduli of Lavers 1983, The strength properties of timber). Of beech and oak that
+table's density, 1158 kg/m³, is nearly that of wood full of water, and the handbook's stands here. Other
+genera: Forest Products Laboratory 2010, Wood handbook, FPL-GTR-190, modulus of green wood by Table 5-3, the
+mean of the species of a genus, density by the specific gravity on green volume there times one plus the mean
+moisture content of heartwood and sapwood (Table 4-1). Apple: Markwardt & Wilson 1935. Moduli are those of the
+tests, of short beams of clear wood: the shear in them takes a tenth, knots and young wood of whole stems take
+more (2.0 to 6.4 GPa in standing Sitka spruces, whose sawn wood has 5.9: Milne & Blackburn 1989, Tree Physiol.
+5:195).
 
 Leaves: dry mass over the leaf area (BAAD, Falster et al. 2015: the geometric mean over studies of a genus of
 their medians), which is half of the surface of needles however a study counted (``measured/allometry``),
@@ -16,18 +26,6 @@ as allometry draws it; fresh leaves have 0.4 of their mass dry. Needles weigh 0.
 one-sided area (Poorter et al. 2009, New Phytol. 182). Bark weighs as wood and stiffens nothing:
 diameters inside of it are 0.87 to 0.93 of those over it (Husch, Beers & Kershaw 2003, Forest Mensuration,
 ch. 6), of thin-barked genera more.
-
-Reduction of a skeleton to a few straight members, which carry all the rest of the tree as mass.
-
-Short segments of one axis become a member of up to a fortieth of the tree's height; of those the thickest
-stay. What is thinner rides rigidly on the member that it grows from.
-
-Euler-Bernoulli beams in space: stiffness and mass of tapered members, and the first modes of a tree.
-
-Every member is one element: cubic in bending, linear in stretch and torsion, its taper integrated exactly by
-five Gauss points (Przemieniecki 1968, ch. 5, 11 and 15). The weight of what a member carries takes from its
-stiffness, as in Greenhill's column. The foot is clamped. The modes solve K φ = ω² M φ by shift-invert Lanczos
-(ARPACK), with φᵀMφ = 1.
 """
 
 from __future__ import annotations
@@ -113,7 +111,9 @@ def wood_of_species(species: Species) -> GreenWood:
     genus = genus_of(species)
     if genus:
         return wood_of_genus(genus)
-    return _mean(CONIFERS if species.needles is not None else BROADLEAVES)
+    woods = [wood_of_genus(g) for g in (CONIFERS if species.needles is not None else BROADLEAVES)]
+    names = ("density", "modulus", "leaf_mass", "inside", "one_sided")
+    return GreenWood(*(sum(getattr(wood, name) for wood in woods) / len(woods) for name in names))
 
 
 def genus_of(species: Species) -> str:
@@ -141,15 +141,6 @@ def wood_of_genus(genus: str) -> GreenWood:
     inside = THIN_BARK.get(genus, INSIDE)
     one_sided = min(1.0, leaf / NEEDLE) if genus in EVERGREEN else 1.0
     return GreenWood(density, 1e9 * modulus, leaf / DRY, inside, one_sided)
-
-
-def _mean(table: dict[str, tuple[float, float, float]]) -> GreenWood:
-    woods = [wood_of_genus(genus) for genus in table]
-    means = [
-        sum(getattr(wood, name) for wood in woods) / len(woods)
-        for name in ("density", "modulus", "leaf_mass", "inside", "one_sided")
-    ]
-    return GreenWood(*means)
 
 
 @dataclass(frozen=True)
@@ -187,9 +178,11 @@ def members_of(skeleton: Skeleton, most: int = MOST) -> Members:
     height = float(skeleton.end[:, 2].max() - skeleton.start[:, 2].min())
     member = _joined(skeleton, LONGEST * height)
     count = int(member.max()) + 1
-    first, last = _ends(member, count)
-    mother = skeleton.parent[first]
-    above = np.where(mother >= 0, member[np.maximum(mother, 0)], -1)
+    first, last = np.full(count, len(member)), np.zeros(count, dtype=np.int64)
+    np.minimum.at(first, member, np.arange(len(member)))
+    np.maximum.at(last, member, np.arange(len(member)))
+    parent = skeleton.parent[first]
+    above = np.where(parent >= 0, member[np.maximum(parent, 0)], -1)
     girth = skeleton.radius[first].mean(axis=1)
     for b in range(count):  # a member is no thicker than the one that it grows from
         if above[b] >= 0:
@@ -211,31 +204,22 @@ def members_of(skeleton: Skeleton, most: int = MOST) -> Members:
 
 def _joined(skeleton: Skeleton, longest: float) -> np.ndarray:
     """(S,) the member of each segment: on along its axis until that is long enough; parents come first."""
-    length = np.linalg.norm(skeleton.end - skeleton.start, axis=1).tolist()
+    length = skeleton.length.tolist()
     parent, order = skeleton.parent.tolist(), skeleton.order.tolist()
     member = [0] * len(parent)
     went_on = [False] * len(parent)
     reach: list[float] = []
-    for s, mother in enumerate(parent):
-        on = mother >= 0 and order[mother] == order[s] and not went_on[mother]
+    for s, bearer in enumerate(parent):
+        on = bearer >= 0 and order[bearer] == order[s] and not went_on[bearer]
         if on:
-            went_on[mother] = True
-        if on and reach[member[mother]] + length[s] <= longest:
-            member[s] = member[mother]
+            went_on[bearer] = True
+        if on and reach[member[bearer]] + length[s] <= longest:
+            member[s] = member[bearer]
             reach[member[s]] += length[s]
         else:
             member[s] = len(reach)
             reach.append(length[s])
     return np.array(member)
-
-
-def _ends(member: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """(B,) the first and the last segment of each member."""
-    rows = np.arange(len(member))
-    first, last = np.full(count, len(member)), np.zeros(count, dtype=np.int64)
-    np.minimum.at(first, member, rows)
-    np.maximum.at(last, member, rows)
-    return first, last
 
 
 def _radii(
@@ -244,7 +228,7 @@ def _radii(
     """(B, 2) radii of members whose volume is that of their segments."""
     radius = np.stack([skeleton.radius[first, 0], skeleton.radius[last, 1]], axis=1)
     chord = np.linalg.norm(skeleton.end[last] - skeleton.start[first], axis=1)
-    volume = np.bincount(member, frustum(skeleton.start, skeleton.end, skeleton.radius))
+    volume = np.bincount(member, skeleton.volume)
     r1, r2 = np.maximum(radius, 1e-5).T
     own = np.pi * np.maximum(chord, 1e-9) * (r1 * r1 + r1 * r2 + r2 * r2) / 3
     scale = np.sqrt(np.clip(volume / own, 0.25, 4.0))
@@ -258,7 +242,7 @@ def frustum(start: np.ndarray, end: np.ndarray, radius: np.ndarray) -> np.ndarra
 
 
 def _nodes(start: np.ndarray, end: np.ndarray, above: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(B, 2) nodes of members and (B, 3) from its node, the nearer end of the mother, to each start."""
+    """(B, 2) nodes of members and (B, 3) from its node, the nearer end of the parent, to each start."""
     count = len(start)
     base = np.zeros(count, dtype=np.int64)
     node = np.stack([base, np.arange(count) + 1], axis=1)
@@ -288,9 +272,9 @@ def _along(
 
     along = np.stack([share(skeleton.start), share(skeleton.end)], axis=1)
     for s in np.flatnonzero(~kept).tolist():
-        mother = skeleton.parent[s]
-        rides = mother >= 0 and not kept[mother]
-        along[s] = along[mother, 0] if rides else along[s, 0]
+        parent = skeleton.parent[s]
+        rides = parent >= 0 and not kept[parent]
+        along[s] = along[parent, 0] if rides else along[s, 0]
     return along
 
 
@@ -383,10 +367,8 @@ def matrices(
 
 def point_masses(node: np.ndarray, mass: np.ndarray, offset: np.ndarray, count: int) -> np.ndarray:
     """(count, 6, 6) mass of nodes that carry masses (P,) kg rigidly at offsets (P, 3) m from nodes (P,)."""
-    x, y, z = offset.T
-    zero = np.zeros_like(x)
-    cross = np.stack([zero, z, -y, -z, zero, x, y, -x, zero], axis=1).reshape(-1, 3, 3)
-    lever = np.concatenate([np.broadcast_to(np.eye(3), cross.shape), cross], axis=2)
+    arm = _arms(offset)
+    lever = np.concatenate([np.broadcast_to(np.eye(3), arm.shape), arm], axis=2)
     own = np.einsum("p,pki,pkj->pij", mass, lever, lever).reshape(-1, 36)
     total = np.empty((count, 36))
     for k in range(36):
@@ -444,7 +426,7 @@ def _under_weight(
     own = wood.density * frustum(members.start, members.end, members.radius)
     above = load[:, 0, 0].copy()
     carried = np.zeros(len(length))
-    for b in range(len(length) - 1, -1, -1):  # children come after their mothers
+    for b in range(len(length) - 1, -1, -1):  # children come after their parents
         carried[b] = above[b + 1] + own[b] / 2
         above[members.node[b, 0]] += above[b + 1] + own[b]
     push = gravity * carried * (members.end - members.start)[:, 2] / length
@@ -471,8 +453,12 @@ def _to_global(members: Members, length: np.ndarray) -> np.ndarray:
     whole = np.zeros((len(length), 12, 12))
     for block in range(4):
         whole[:, 3 * block : 3 * block + 3, 3 * block : 3 * block + 3] = frame
-    a, b, c = members.offset.T
-    zero = np.zeros_like(a)
-    cross = np.stack([zero, c, -b, -c, zero, a, b, -a, zero], axis=1).reshape(-1, 3, 3)
-    whole[:, 0:3, 3:6] = np.einsum("bij,bjk->bik", frame, cross)
+    whole[:, 0:3, 3:6] = np.einsum("bij,bjk->bik", frame, _arms(members.offset))
     return whole
+
+
+def _arms(offset: np.ndarray) -> np.ndarray:
+    """(N, 3, 3) from a rotation of nodes to the displacement of points at offsets (N, 3) from them."""
+    x, y, z = offset.T
+    zero = np.zeros_like(x)
+    return np.stack([zero, z, -y, -z, zero, x, y, -x, zero], axis=1).reshape(-1, 3, 3)

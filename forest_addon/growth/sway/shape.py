@@ -1,27 +1,23 @@
-"""Interface of moving trees to sensors: points held by a skeleton, displaced at a time.
-
-The rest geometry of a tree stays as it grew. A point of it (a vertex, a leaf's centre) is tied to the
-skeleton once for each variant, as ``Anchors``; a ``Motion`` says how far the point is from its place at
-rest at any time. Displacements within a triangle are linear between those of its corners.
-
-A tree as it sways: its first modes, what of it the wind meets, and where its points hold on.
+"""A tree as it sways: its first modes, what of it the wind meets, where its points hold on, and what moves as
+one.
 
 One ``SwayShape`` for each variant, in the variant's own frame and size; wind comes later. Wood and leaves
-that are too fine to be members ride on them with their mass and their area.
+that are too fine to be members ride on them with their mass and their area. A point of the tree (a vertex, a
+leaf's centre) is tied to the skeleton once for each variant, as ``Anchors``.
 
-Pieces of a tree that move as one: few enough that rays and the view can follow each.
-
-Neighbouring members whose motion one affine map tells, mode by mode, become a piece. A piece carries all that
-rides on its members. The map is linear in the amplitudes of the modes, so a moment of a tree is a small sum.
+Neighbouring members whose motion one affine map tells, mode by mode, become a piece (``SwayRig``): few enough
+that rays and the view can follow each. A piece carries all that rides on its members. The map is linear in
+the amplitudes of the modes, so a moment of a tree is a small sum.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
-from typing import Protocol
+from dataclasses import dataclass
 
 import numpy as np
 
+from ...base.rows import RowTable
+from ...base.runs import numbered
 from ...base.trimesh import TriMesh
 from ..mesh.leaves import Leaves
 from ..skeleton import Skeleton
@@ -35,7 +31,7 @@ PLACES = (0.0, 0.5, 1.0)  # along members, where that is looked at
 
 
 @dataclass(frozen=True)
-class Anchors:
+class Anchors(RowTable):
     """Holds of N points of a variant at rest on its moving skeleton, in the variant's own frame.
 
     bone : (N,) int32, the member of the reduced skeleton that moves the point.
@@ -54,44 +50,9 @@ class Anchors:
     def __len__(self) -> int:
         return len(self.bone)
 
-    def __getitem__(self, rows: np.ndarray) -> Anchors:
-        """The anchors of some points, by numbers or a mask; of corners (N, 3), flat them first."""
-        return Anchors(*(getattr(self, f.name)[rows] for f in fields(self)))
-
-
-class Motion(Protocol):
-    """Trees of a stand that move: a pure function of place and time, the same in any order and process.
-
-    A tree is named by its number in the stand, the one that sensors report. Results are in world axes, on
-    top of the point's place at rest in the world (``GrownForest.transforms`` times the variant's point).
-    """
-
-    def displacement(self, tree: np.ndarray, at: Anchors, time: np.ndarray) -> np.ndarray:
-        """(N, 3) metres that points of trees ``tree`` (N,) are off their rest at ``time`` (N,) seconds.
-
-        Smooth in time, with a continuous first derivative.
-        """
-        ...
-
-    def velocity(self, tree: np.ndarray, at: Anchors, time: np.ndarray) -> np.ndarray:
-        """(N, 3) metres a second, the exact derivative of ``displacement``."""
-        ...
-
-    def reach(self, tree: np.ndarray) -> np.ndarray:
-        """(N,) metres of six standard deviations, which points of each tree hardly ever exceed."""
-        ...
-
-    def anchors(self, tree: int) -> Anchors:
-        """Anchors of the mesh vertices of a tree's variant, in the order of ``Tree.mesh.vertices``."""
-        ...
-
-    def anchors_of(self, tree: int, points: np.ndarray, leaf: np.ndarray) -> Anchors:
-        """Anchors of points (N, 3) of a tree's variant in its own frame; leaf : (N,) its leaf, -1 wood."""
-        ...
-
 
 @dataclass(frozen=True)
-class LeafSeats:
+class LeafSeats(RowTable):
     """Seats of L leaves: foot (L, 3), unit axis (L, 3) along and normal (L, 3), segment (L,)."""
 
     foot: np.ndarray
@@ -155,7 +116,7 @@ class SwayShape:
             segment[on_leaf] = self.seats.segment[seat[on_leaf]]
             held[on_leaf] = self.seats.foot[seat[on_leaf]]
         if not on_leaf.all():
-            segment[~on_leaf] = nearest_segments(self.skeleton, held[~on_leaf])
+            segment[~on_leaf] = _nearest(self.skeleton, held[~on_leaf])[0]
         along = self._along(segment, held)
         own = self.members
         bone = own.of_segment[segment]
@@ -197,14 +158,12 @@ def shape_with(
     members = members_of(skeleton)
     own = members.of_segment
     middle = (skeleton.start + skeleton.end) / 2
-    fine = np.where(
-        members.kept, 0.0, wood.density * frustum(skeleton.start, skeleton.end, skeleton.radius)
-    )
+    fine = np.where(members.kept, 0.0, wood.density * skeleton.volume)
     carried = fine + wood.leaf_mass * leaf_area
     along = members.along.mean(axis=1)
     node = np.where(along < 0.5, members.node[own, 0], members.node[own, 1])
     load = point_masses(node, carried, middle - members.nodes[node], len(members) + 1)
-    length = np.linalg.norm(skeleton.end - skeleton.start, axis=1)
+    length = skeleton.length
     count = len(members)
     kept = frustum(members.start, members.end, members.radius).sum() * wood.density
     return SwayShape(
@@ -232,11 +191,6 @@ def seats_of(skeleton: Skeleton, leaves: Leaves) -> LeafSeats:
     return LeafSeats(foot, axis, leaves.normal, np.where(second, found[1][0], found[0][0]))
 
 
-def nearest_segments(skeleton: Skeleton, points: np.ndarray) -> np.ndarray:
-    """(N,) the segment whose bark is nearest to each point, among the four nearest axes."""
-    return _nearest(skeleton, points)[0]
-
-
 def corner_leaves(mesh: TriMesh) -> np.ndarray:
     """(V,) int32 the leaf that each vertex is of, -1 where it is of none."""
     leaf = np.full(len(mesh.vertices), -1, np.int32)
@@ -249,10 +203,9 @@ def _nearest(skeleton: Skeleton, points: np.ndarray) -> tuple[np.ndarray, np.nda
     """(N,) segments nearest to points, by the distance to the bark, and (N,) that distance."""
     from scipy.spatial import cKDTree
 
-    length = np.linalg.norm(skeleton.end - skeleton.start, axis=1)
+    length = skeleton.length
     pieces = np.maximum(1, np.ceil(length / SAMPLE).astype(np.int64))
-    of = np.repeat(np.arange(len(skeleton)), pieces)
-    number = np.arange(len(of)) - np.repeat(np.cumsum(pieces) - pieces, pieces)
+    of, number = numbered(pieces)
     share = ((number + 0.5) / pieces[of])[:, None]
     sample = skeleton.start[of] * (1 - share) + skeleton.end[of] * share
     many = min(4, len(sample))
@@ -383,5 +336,5 @@ def _fitted(points: np.ndarray, moved: np.ndarray) -> tuple[np.ndarray, float]:
 
 def _off(points: np.ndarray, moved: np.ndarray, fit: np.ndarray) -> float:
     told = points @ fit[:3].reshape(3, -1)
-    told += (fit[3].ravel()) - moved.reshape(len(points), -1)
+    told += fit[3].ravel() - moved.reshape(len(points), -1)
     return float(np.linalg.norm(told.reshape(moved.shape), axis=2).sum(axis=1).max(initial=0.0))

@@ -2,7 +2,7 @@
 
 Of all points is looked at whether they are in order and their pulses complete. Then pulses are drawn: as many
 as time allows are sent again by the engine, and at least ``LEAST`` of those that came back and of those
-that did not are followed ray by ray in float64 (``rays/referee``), each to everything that the cloud says of
+that did not are followed ray by ray in float64 (``rays/exact``), each to everything that the cloud says of
 it. A pulse that lacks a return, or has one too many or with another label, is infinitely far off.
 """
 
@@ -16,10 +16,9 @@ import numpy as np
 from ...spec import Tractor
 from ..audit import LEAST, Audit, Check, Sampled, sample
 from ..rays.caster import RayCaster
+from ..rays.exact import Referee
 from ..rays.geometry import SceneGeometry
-from ..rays.referee import Referee
-from .cloud import Cloud
-from .returns import Returns
+from .cloud import Cloud, Returns
 from .scan import Scan
 from .tractor import TractorScan, beams
 

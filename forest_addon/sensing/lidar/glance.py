@@ -7,19 +7,22 @@ past, a column a line along the way.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...spec import Surfaces, Terrestrial, Tractor
-from ..kind import Observation
+from ...spec import Airborne, Mobile, Surfaces, Terrestrial, Tractor
+from ..kind import AROUND, Observation, chain, rays_to
 from ..rays.caster import RayCaster
+from .cloud import ESCAPED, Cloud, label
+from .pattern import directions
 from .radiometry import intensity, reflectance_of
-from .returns import ESCAPED, label
 
 if TYPE_CHECKING:
     from ..trajectory import Trajectory
+
 
 SHAPE = (64, 256)  # rows and columns, at most
 
@@ -30,7 +33,7 @@ class Glance:
 
     distance : (H, W) metres, inf where nothing is met. brightness : (H, W) intensity times squared distance:
     what a white surface that faces the scanner would give is 1; 0 where nothing is met.
-    organ : (H, W) int8, ``trimesh.PART_NAMES`` or ``returns.ESCAPED``.
+    organ : (H, W) int8, ``trimesh.PART_NAMES`` or ``cloud.ESCAPED``.
     """
 
     distance: np.ndarray
@@ -62,7 +65,7 @@ def rays_of(
         column, row = _grid(len(positions(scanner)), len(fan(scanner)), shape)
         origin, way = axes(scanner, column.ravel(), row.ravel())
         return origin, way, column.shape[::-1]
-    from .scanner import directions, pattern_of
+    from .pattern import directions, pattern_of
 
     pattern = pattern_of(scanner, trajectory)
     if isinstance(scanner, Terrestrial):
@@ -127,3 +130,88 @@ def _look(
         np.where(there, bright, 0.0),
         np.where(there, seen.organ, ESCAPED).astype(np.int8),
     )
+
+
+# A scan from a tripod as an image: the range of the first return by azimuth and elevation.
+
+
+def range_image(cloud: Cloud, scanner: Terrestrial) -> np.ndarray:
+    """(E, A) metres: a row an elevation, from the lowest; NaN where nothing came back."""
+    azimuth, elevation = directions(scanner)
+    step = np.deg2rad(scanner.angle_step_deg)
+    line_step = np.deg2rad(scanner.line_step_deg or scanner.angle_step_deg)
+    first = cloud.number == 1
+    rounding = step / 1000  # the first column may be a little less than a whole turn away
+    turned = (cloud.azimuth[first] - azimuth[0] + rounding) % (2 * np.pi) - rounding
+    column = np.rint(turned / step).astype(int)
+    row = np.rint((cloud.elevation[first] - elevation[0]) / line_step).astype(int)
+    image = np.full((len(elevation), len(azimuth)), np.nan)
+    image[row, column] = cloud.returns.distance[first]
+    return image
+
+
+# Outlines of scanners in the viewport: a tractor's fan, a tripod's window, the strips of a flight.
+
+
+FLAT = math.radians(80.0)  # a beam nearer to the horizon is drawn at this angle from the vertical
+
+
+def fan_outline(tractor: Tractor) -> np.ndarray:
+    """The track, and the fan of beams at its start, middle and end."""
+    heading = math.radians(tractor.heading_deg)
+    ahead = np.array([math.cos(heading), math.sin(heading), 0.0])
+    aside = np.array([ahead[1], -ahead[0], 0.0]) * (1.0 if tractor.side == "right" else -1.0)
+    start = np.asarray(tractor.position)
+    height = start[2]
+    low, high = -math.atan2(height, tractor.reach), math.atan2(tractor.top - height, tractor.reach)
+    angle = np.linspace(low, high, AROUND // 4 + 1)
+    fan = tractor.reach * (
+        np.cos(angle)[:, None] * aside + np.sin(angle)[:, None] * [0.0, 0.0, 1.0]
+    )
+    parts = [chain(np.array([start, start + tractor.track * ahead]))]
+    for share in (0.0, 0.5, 1.0):
+        foot = start + share * tractor.track * ahead
+        parts += [chain(foot + fan), rays_to(foot, foot + fan[[0, -1]])]
+    return np.concatenate(parts)
+
+
+def sweep_outline(scanner: Terrestrial, radius: float = 2.0) -> np.ndarray:
+    """The window of angles that is scanned, as circles and meridians ``radius`` metres away."""
+    first, last = np.radians(scanner.azimuth_deg)
+    low, high = np.radians(scanner.elevation_deg)
+    steps = max(2, math.ceil(AROUND * (last - first) / (2.0 * math.pi)))
+    position = np.asarray(scanner.position)
+
+    def at(azimuth: np.ndarray, elevation: np.ndarray) -> np.ndarray:
+        level = np.cos(elevation)
+        place = [level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)]
+        return position + radius * np.stack(np.broadcast_arrays(*place), axis=1)
+
+    round_ = np.linspace(first, last, steps + 1)
+    parts = [
+        chain(at(round_, np.full(1, elevation))) for elevation in (low, (low + high) / 2, high)
+    ]
+    rising = np.linspace(low, high, AROUND // 4 + 1)
+    parts += [chain(at(np.full(1, azimuth), rising)) for azimuth in np.linspace(first, last, 9)]
+    return np.concatenate(parts)
+
+
+def strips_outline(flight: Airborne) -> np.ndarray:
+    """The strips of a flight, and the fan of beams down to z = 0 at the start of each."""
+    heading = math.radians(flight.heading_deg)
+    ahead = np.array([math.cos(heading), math.sin(heading), 0.0])
+    right = np.array([ahead[1], -ahead[0], 0.0])
+    height = max(flight.position[2], 0.0)
+    edges = np.clip(np.radians(flight.field_deg), -FLAT, FLAT)
+    parts = []
+    for strip in range(flight.strips):
+        start = np.asarray(flight.position) + strip * flight.spacing * right
+        foot = start + np.tan(edges)[:, None] * height * right - [0.0, 0.0, height]
+        parts += [chain(np.array([start, start + flight.track * ahead])), rays_to(start, foot)]
+        parts.append(chain(foot))
+    return np.concatenate(parts)
+
+
+def poses_outline(scanner: Mobile) -> np.ndarray:
+    """The path through the poses of a moving scanner."""
+    return chain(np.array([pose.position for pose in scanner.poses]).reshape(-1, 3))

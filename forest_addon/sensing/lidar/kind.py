@@ -12,16 +12,91 @@ from ...base.rng import stream
 from ...base.words import keep
 from ...spec import Airborne, Mobile, Terrestrial, Tractor
 from ..audit import Audit
-from ..cost import Cost, cost_of_rays
-from ..emptiness import why_nothing
-from ..kind import Observation, SensorKind
-from .look import look_of_airborne, look_of_mobile, look_of_terrestrial, look_of_tractor
+from ..kind import Cost, Observation, SensorKind, cost_of_rays, why_nothing
+from ..looks import BeamLook
 
 if TYPE_CHECKING:
     from ..trajectory import Follower, Trajectory
 
+
 PLACES = 64  # along a way, that are looked at where nothing was found
 MOST_RETURNS = 1.5  # of a pulse, as forests give them
+
+
+# Needs of LiDARs where the detail of trees is left to "auto": trajectories, beams and steps.
+
+
+def look_of_tractor(tractor: Tractor) -> BeamLook:
+    """The look of a fan of beams that drives along a straight track."""
+
+    def resolves(away: np.ndarray) -> np.ndarray:
+        step = tractor.step * (1 + tractor.gap)
+        return np.minimum(step, np.deg2rad(tractor.angle_step_deg) * away)
+
+    def width(distance: float) -> float:
+        across = distance * float(np.deg2rad(tractor.angle_step_deg))
+        return min(tractor.step, across) if tractor.splits else 0.0
+
+    heading, start = np.deg2rad(tractor.heading_deg), np.array(tractor.position, dtype=float)
+    onward = np.array([np.cos(heading), np.sin(heading), 0.0]) * tractor.track
+    return BeamLook(
+        name=tractor.name,
+        corners=np.stack([start, start + onward]),
+        exact_wood=False,
+        slack=tractor.step,  # a beam is as wide as a step
+        range=tractor.max_range,
+        resolves=resolves,
+        widths=width,
+    )
+
+
+def look_of_terrestrial(scanner: Terrestrial) -> BeamLook:
+    """The look of a scanner on a tripod, whose pulses lie evenly apart."""
+    steepest = max(abs(angle) for angle in scanner.elevation_deg)
+    across = np.deg2rad(scanner.angle_step_deg) * np.cos(np.deg2rad(min(steepest, 60.0)))
+    apart = min(across, np.deg2rad(scanner.line_step_deg or scanner.angle_step_deg))
+    return _look(scanner, np.array([scanner.position], dtype=float), float(apart))
+
+
+def look_of_mobile(scanner: Mobile) -> BeamLook:
+    """The look of a scanner on a vehicle; where it goes is known of its own poses alone."""
+    at = np.array([pose.position for pose in scanner.poses], dtype=float)
+    return _look(scanner, None if scanner.follow or not len(at) else at)
+
+
+def look_of_airborne(scanner: Airborne) -> BeamLook:
+    """The look of a scanner in an aircraft, along its strips."""
+    from ..trajectory import strips
+
+    return _look(scanner, strips(scanner).position)
+
+
+def _look(scanner: Any, corners: np.ndarray | None, apart: float = 0.0) -> BeamLook:
+    """``apart``: radians between neighbouring pulses; 0 where lines may meet anywhere."""
+    beam = scanner.beam
+
+    def resolves(away: np.ndarray) -> np.ndarray:
+        wide = beam.exit_diameter**2 + (1e-3 * min(beam.divergence_mrad) * away) ** 2
+        footprint = np.sqrt(wide) if beam.subrays > 1 else np.zeros(len(away))
+        return np.asarray(np.maximum(footprint, apart * away))
+
+    def width(distance: float) -> float:
+        if beam.subrays == 1:
+            return 0.0
+        spread = min(beam.divergence_mrad) * 1e-3 * max(distance, scanner.min_range)
+        return float(np.hypot(beam.exit_diameter, spread))
+
+    return BeamLook(
+        name=scanner.name,
+        corners=corners,
+        range=scanner.max_range,
+        exact_wood=False,
+        resolves=resolves,
+        widths=width,
+    )
+
+
+# What each kind does when it is asked: its physics is imported then.
 
 
 def _drive(job: Observation, progress: Progress | None) -> Any:
@@ -44,7 +119,7 @@ def _glance(job: Observation) -> Any:
 
 def _lasts(scanner: Any, trajectory: Any) -> float:
     """Seconds until the last pulse of a scan in a scene that moves."""
-    from .scanner import pattern_of
+    from .pattern import pattern_of
 
     if not scanner.motion:
         return 0.0
@@ -83,7 +158,7 @@ def _no_hits(job: Observation, found: Any) -> str:
 
 def _no_points(job: Observation, found: Any) -> str:
     """The reason why a scan has no point."""
-    from .scanner import pattern_of
+    from .pattern import pattern_of
 
     if len(found):
         return ""
@@ -101,7 +176,7 @@ def _cost_of_drive(tractor: Tractor, _trajectory: Any, engine: str) -> Cost:
 
 
 def _cost_of_scan(scanner: Any, trajectory: Any, engine: str) -> Cost:
-    from .scanner import pattern_of
+    from .pattern import pattern_of
 
     returns = min(scanner.beam.max_returns, MOST_RETURNS)
     count = pattern_of(scanner, trajectory).count
@@ -123,25 +198,25 @@ def _where_it_starts(job: Observation) -> np.ndarray:
 
 
 def _fan(tractor: Tractor) -> np.ndarray:
-    from .outline import fan_outline
+    from .glance import fan_outline
 
     return fan_outline(tractor)
 
 
 def _window(scanner: Terrestrial) -> np.ndarray:
-    from .outline import sweep_outline
+    from .glance import sweep_outline
 
     return sweep_outline(scanner)
 
 
 def _strips(scanner: Airborne) -> np.ndarray:
-    from .outline import strips_outline
+    from .glance import strips_outline
 
     return strips_outline(scanner)
 
 
 def _poses(scanner: Mobile) -> np.ndarray:
-    from .outline import poses_outline
+    from .glance import poses_outline
 
     return poses_outline(scanner)
 

@@ -11,8 +11,7 @@ import numpy as np
 
 from ..rays.caster import RayCaster
 from ..rays.cells import Cells, counts, walk
-from .cloud import Cloud
-from .returns import organs
+from .cloud import Cloud, organs
 from .scan import Scan
 
 AT_ONCE = 8192  # lines: what is in work stays in the cache

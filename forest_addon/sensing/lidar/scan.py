@@ -1,8 +1,8 @@
 """A LiDAR scan: pulses go out, their sub-rays meet surfaces, echoes come back as a point cloud.
 
-    pulses (``scanner``) → sub-rays (``footprint``) → contacts (``passage``) → light that comes back
+    pulses (``pattern``) → sub-rays (``footprint``) → contacts (``passage``) → light that comes back
     (``radiometry``) → echoes (``waveform``) → what the electronics make of them (``receiver``) → errors
-    (``noise``) → returns with labels and truth
+    (``radiometry``) → returns with labels and truth
 
 Each pulse is a function of its number and the seed alone, so a scan may be cut anywhere. A surface
 counts where its distance lies in [min_range, max_range], both ends included; what is nearer hides what
@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from copy import copy
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -21,23 +21,44 @@ from ...base.progress import Progress
 from ...base.rng import daughter_keys, first_key
 from ...base.trimesh import LEAF
 from ...base.vectors import azimuth_of
+from ...stand.tiles import TileGrid
+from ..moving_rays import MovingCaster
 from ..rays.bundles import Faces
 from ..rays.caster import Hits, RayCaster, hit_normals
+from ..rays.exact import Referee
 from ..rays.geometry import SceneGeometry
-from ..rays.moving import TimedCaster
-from ..rays.referee import Referee
 from ..trajectory import Trajectory
-from . import noise, patches
-from .cloud import Cloud, Lost, join
-from .footprint import BeamFrames, frames, sub_rays
-from .one_face import Planes, Received, alone, received, seen
-from .passage import Contacts, meet
-from .polish.bounces import DIRECT, PolishedScene, alike_bounces, follow
-from .polish.halo import Halo
-from .radiometry import detection_limit, intensity, reflectance_of, refuse_surplus
-from .receiver import arrives_awake, awake, chosen_returns, false_echoes, noisy_light, ranks, reading, unambiguous_range
-from .returns import cosines, label
-from .scanner import LiDAR, Pattern, Pulses, pattern_of
+from .cloud import Cloud, Lost, cosines, join, label
+from .footprint import (
+    BeamFrames,
+    ContactedBeams,
+    blurred_patches,
+    frames,
+    goes_on_long,
+    reach,
+    sub_rays,
+)
+from .passage import Contacts, Planes, Received, alone, meet, received, seen
+from .pattern import LiDAR, Pattern, Pulses, pattern_of
+from .radiometry import (
+    detection_limit,
+    intensity,
+    range_error,
+    reflectance_of,
+    refuse_surplus,
+    survives_drop_out,
+)
+from .receiver import (
+    arrives_awake,
+    awake,
+    chosen_returns,
+    false_echoes,
+    noisy_light,
+    ranks,
+    reading,
+    unambiguous_range,
+)
+from .specular import DIRECT, Halo, SpecularScene, alike_bounces, follow
 from .waveform import LIGHT, find_echoes, pulse_length
 
 RAYS_AT_ONCE = 65_536
@@ -57,7 +78,7 @@ class Scan:
     def __init__(
         self,
         scanner: LiDAR,
-        caster: RayCaster,
+        caster: RayCaster | MovingCaster,
         seed: int = 0,
         path: Trajectory | None = None,
         pattern: Pattern | None = None,
@@ -68,11 +89,11 @@ class Scan:
         self._key = first_key(seed, "lidar", scanner.name)
         self.pulses = self.pattern.count
         self.at_once = max(1, RAYS_AT_ONCE // scanner.beam.subrays)
-        self._moving = caster if isinstance(caster, TimedCaster) else None
+        self._moving = caster.moving if isinstance(caster, MovingCaster) else None
         self._halo = None if self._moving else Halo.of(scanner, caster.scene)
-        self._polished = PolishedScene.of(caster.scene, scanner)
+        self._specular = SpecularScene.of(caster.scene, scanner)
         self._unfollowed = 0
-        still = self._moving is None and self._polished is None and scanner.beam.subrays > 1
+        still = self._moving is None and self._specular is None and scanner.beam.subrays > 1
         self._faces = Faces.of(caster.scene) if still else None
         if self._faces is not None:
             self.at_once *= 16  # hardly a ray is traced
@@ -88,17 +109,17 @@ class Scan:
         other.pulses = other.pattern.count
         return other
 
-    def seen_by(self, caster: RayCaster) -> Scan:
+    def seen_by(self, caster: RayCaster | MovingCaster) -> Scan:
         """The same scan by another caster of the same scene, which is asked for every ray."""
         other = copy(self)
         other.caster, other._faces = caster, None
-        other._moving = caster if isinstance(caster, TimedCaster) else None
+        other._moving = caster.moving if isinstance(caster, MovingCaster) else None
         return other
 
     def exactly(self, true: SceneGeometry | None = None) -> Scan:
         """The same scan with every ray held against float64. true : the scene that is; left out: its own."""
-        if self._moving is not None:
-            return self.seen_by(self._moving.judged(true))
+        if isinstance(self.caster, MovingCaster):
+            return self.seen_by(self.caster.judged(true))
         return self.seen_by(Referee(self.caster, true))
 
     def look(self, first: int, stop: int) -> Cloud:
@@ -135,9 +156,9 @@ class Scan:
     ) -> Contacts:
         """Return what origins and directions of rays meet, at times where the scene moves."""
         limits = self.scanner.max_range, self.scanner.surfaces
-        if self._polished is None:
+        if self._specular is None:
             return meet(self.caster, *rays, *limits, keys, at)
-        found, ended = follow(self.caster, self._polished, rays, *limits, keys)
+        found, ended = follow(self.caster, self._specular, rays, *limits, keys)
         self._unfollowed += ended
         return found
 
@@ -280,11 +301,11 @@ class Scan:
         if scanner.beam.subrays > 1:
             blur = np.zeros(len(counts))
             solid = np.flatnonzero(contacts.organ[counts] != LEAF)
-            solid = solid[patches.long(pulse[solid], distance[solid], sigma)]
+            solid = solid[goes_on_long(pulse[solid], distance[solid], sigma)]
             for alike in [solid] if sight is None else alike_bounces(contacts, counts, solid):
                 rows = counts[alike]
                 starts = rays[0][contacts.ray[rows]] if sight is None else sight.origin[rows]
-                met = patches.Contacted(
+                met = ContactedBeams(
                     pulse=pulse[alike],
                     subray=subray[alike],
                     distance=distance[alike],
@@ -293,7 +314,7 @@ class Scan:
                     direction=ways[rows],
                     normal=normal[rows],
                 )
-                distance[alike], blur[alike] = patches.blurred(met, scanner.beam.subrays, sigma)
+                distance[alike], blur[alike] = blurred_patches(met, scanner.beam.subrays, sigma)
         echoes = find_echoes(pulse, subray, distance, energy[counts], sigma, blur)
         chosen = counts[echoes.contact]
         bounce = None if sight is None else sight.bounce[chosen]
@@ -314,7 +335,7 @@ class Scan:
         found = found.select(np.flatnonzero(found.echoes.energy >= detection_limit(scanner)))
         found = found.select(awake(found.echoes, scanner.receiver.dead_zone))
         return_keys = daughter_keys(keys[found.echoes.pulse], ranks(found.echoes.pulse))
-        kept = np.flatnonzero(noise.kept(scanner.noise, return_keys))
+        kept = np.flatnonzero(survives_drop_out(scanner.noise, return_keys))
         found, return_keys = found.select(kept), return_keys[kept]
         kept = chosen_returns(found.echoes, scanner.beam.max_returns, scanner.receiver.keep)
         found, return_keys = found.select(kept), return_keys[kept]
@@ -322,7 +343,7 @@ class Scan:
         rank = ranks(echoes.pulse)
 
         labelled = label(self.caster.scene, found.hits, found.way, found.normal)
-        measured = echoes.distance + noise.range_error(
+        measured = echoes.distance + range_error(
             scanner.noise, echoes.distance, labelled.cos_incidence, return_keys
         )
         travelled = echoes.distance
@@ -375,7 +396,7 @@ def scan(
 ) -> Cloud:
     """A whole scan in memory; ``formats.scan_file`` writes one of any size to disk.
 
-    seed : scene seed, for noise and chances. path : see ``scanner.pattern_of``.
+    seed : scene seed, for noise and chances. path : see ``pattern.pattern_of``.
 
     Raises
     ------
@@ -388,3 +409,110 @@ def scan(
         if progress:
             progress(done, work.pulses)
     return join(found)
+
+
+# Pulses of a scan by the tile that they belong to, and how far from it they go.
+#
+# Only the part of a beam between the lowest and the highest leaf of the forest can meet a tree. A pulse
+# belongs to the tile over which it comes into that layer, and its *excess* is how far the path within, with
+# the width of the beam, leads beyond the tile's edges. Where that is no more than the buffer, the tile's
+# scene holds every tree that the pulse can meet. Others are followed: they are traced in the smallest scene
+# about the same tile, of buffers that double, in which their path ends. So no pulse is ever traced in less
+# than it can meet.
+
+
+AT_ONCE = 262_144  # pulses
+LEVELS = 32  # of buffers; the first is that of the settings
+FIRST = 10.0  # metres: the least buffer that is doubled
+SPARE = 0.01  # metres about a path, for rounding
+
+
+@dataclass(frozen=True)
+class TiledPulses:
+    """A scan's pulses by piece: a tile and a level of its buffer.
+
+    start : (R,) numbers at which runs of pulses of one piece begin. piece : (R,) tile · ``LEVELS`` + level.
+    count : of all pulses. furthest : m, largest excess of a pulse. followed : pulses beyond the buffer.
+    """
+
+    start: np.ndarray
+    piece: np.ndarray
+    count: int
+    furthest: float
+    followed: int
+
+    @property
+    def pieces(self) -> np.ndarray:
+        """The pieces that have pulses, ascending."""
+        return np.unique(self.piece)
+
+    def numbers(self, piece: int, at_once: int) -> Iterator[np.ndarray]:
+        """The pulses of a piece, ascending, about so many at a time."""
+        runs = np.flatnonzero(self.piece == piece)
+        first = self.start[runs]
+        stop = np.append(self.start, self.count)[runs + 1]
+        total = np.cumsum(stop - first)
+        begin = 0
+        while begin < len(runs):
+            done = total[begin - 1] if begin else 0
+            end = max(int(np.searchsorted(total, done + at_once, "right")), begin + 1)
+            some = [np.arange(a, b) for a, b in zip(first[begin:end], stop[begin:end], strict=True)]
+            together = np.concatenate(some)
+            for k in range(0, len(together), at_once):
+                yield together[k : k + at_once]
+            begin = end
+
+
+def buffer_of(level: int, buffer: float) -> float:
+    """Metres that the scene of a level reaches beyond the tile."""
+    return buffer if level == 0 else max(buffer, FIRST) * 2.0**level
+
+
+def tiled_pulses(
+    scanner: LiDAR, pattern: Pattern, grid: TileGrid, heights: tuple[float, float], buffer: float
+) -> TiledPulses:
+    """Say of every pulse to which piece it belongs; heights : lowest and highest z of all trees, m."""
+    starts, pieces, last = [], [], -1
+    furthest, followed = 0.0, 0
+    for first in range(0, pattern.count, AT_ONCE):
+        number = np.arange(first, min(first + AT_ONCE, pattern.count))
+        tile, excess = belongs(scanner, pattern.pulses(number), grid, heights)
+        with np.errstate(divide="ignore"):
+            level = np.ceil(np.log2(excess / max(buffer, FIRST)))
+        level = np.where(excess <= buffer, 0, np.clip(level, 1, LEVELS - 1)).astype(np.int64)
+        piece = tile * LEVELS + level
+        change = np.flatnonzero(np.diff(piece, prepend=last))
+        starts.append(number[change])
+        pieces.append(piece[change])
+        last = int(piece[-1])
+        furthest = max(furthest, float(excess.max()))
+        followed += int((level > 0).sum())
+    return TiledPulses(
+        np.concatenate(starts), np.concatenate(pieces), pattern.count, furthest, followed
+    )
+
+
+def belongs(
+    scanner: LiDAR, pulses: Pulses, grid: TileGrid, heights: tuple[float, float]
+) -> tuple[np.ndarray, np.ndarray]:
+    """(P,) tile of pulses, and (P,) metres that their paths among trees lead beyond it."""
+    radius, spread = reach(scanner.beam)
+    wide = radius + np.tan(spread) * scanner.max_range + SPARE
+    low, high = heights[0] - wide, heights[1] + wide
+    up, begin = pulses.direction[:, 2], pulses.origin[:, 2]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ends = np.sort([(low - begin) / up, (high - begin) / up], axis=0)
+    level = up == 0
+    inside = (begin >= low) & (begin <= high)
+    near = np.where(level, np.where(inside, 0.0, np.inf), np.maximum(ends[0], 0.0))
+    far = np.where(level, np.inf, ends[1])
+    far = np.minimum(far, scanner.max_range)
+    meets = near <= far
+    near, far = np.where(meets, near, 0.0), np.where(meets, far, 0.0)
+    flat, where = pulses.direction[:, :2], pulses.origin[:, :2]
+    enter, leave = where + near[:, None] * flat, where + far[:, None] * flat
+    tile = grid.tile_of(enter)
+    least, most = grid.corners(tile)
+    beyond = np.maximum(least - np.minimum(enter, leave), np.maximum(enter, leave) - most)
+    excess = np.maximum(beyond.max(axis=1), 0.0) + wide
+    return tile, np.where(meets, excess, 0.0)

@@ -1,7 +1,7 @@
 """Ray casting: what a sensor asks of a scene, and what a caster promises to answer.
 
 A sensor hands a batch of world rays to a ``RayCaster`` and gets ``Hits`` back. There are two engines in
-``blender/`` that search in float32, and one without any tree in the tests; ``refine`` is where what they
+``blender/`` that search in float32, and one without any tree in the tests; ``search`` is where what they
 find becomes exact.
 """
 

@@ -6,6 +6,7 @@ that a forest costs the memory of its variants and a hit can be refined to float
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
@@ -14,8 +15,11 @@ import numpy as np
 
 from ...base.trimesh import LEAF, TriMesh
 from .boxes import morton
-from .table import TriangleTable
 
+OF_INSTANCES = (
+    *("transform", "mesh_index", "tree", "species", "object_index", "reflectance", "optics"),
+)
+OF_MESHES = ("slot_reflectance", "asset", "slot_names", "slot_optics")
 PIECES = 64  # boxes that a mesh is bounded by
 COARSE = 15  # bits of a place along the curve of 30 that do not matter: what is left is sorted by its digits
 BOXES = 1_000_000  # of all its instances together, so that memory stays small
@@ -107,6 +111,22 @@ class SceneGeometry:
                 found[rows] = np.where(np.isnan(own[:, :1]), found[rows], own)
         return found
 
+    def take(self, rows: np.ndarray, **others: np.ndarray) -> SceneGeometry:
+        """The scene of some instances (R,), by number. others : of these what is said anew."""
+        kept = {
+            name: value[rows] for name in OF_INSTANCES if (value := getattr(self, name)) is not None
+        }
+        return replace(self, **{**kept, **others})  # type: ignore[arg-type]
+
+    def with_meshes(self, meshes: Sequence[TriMesh], like: Sequence[int]) -> SceneGeometry:
+        """The scene with more meshes behind its own; each is said to be what one of these, ``like``, is."""
+        more = {
+            name: (*kept, *(kept[number] for number in like))
+            for name in OF_MESHES
+            if (kept := getattr(self, name))
+        }
+        return replace(self, meshes=(*self.meshes, *meshes), crowd=(), **more)
+
     def solid(self) -> SceneGeometry:
         """The same scene without leaves: what blocks a sound, or a line of sight."""
         return replace(self, meshes=tuple(m.select(m.part != LEAF) for m in self.meshes))
@@ -178,3 +198,78 @@ def invert_transforms(transform: np.ndarray) -> np.ndarray:
         "nij,nj->ni", inverse[regular, :, :3], transform[regular, :, 3]
     )
     return inverse
+
+
+# All triangles of a scene's meshes in one table, so that what was hit is looked up in one step.
+
+
+class TriangleTable:
+    """Triangles of meshes, one mesh after the other.
+
+    starts : (M,) number of each mesh's first triangle. triangles : (T, 3) int32, rows of ``vertices``.
+    vertices : (V, 3), in each mesh's space; float32 where that holds them all exactly, as Blender does.
+    part : (T,) int8.
+    """
+
+    def __init__(self, meshes: tuple[TriMesh, ...]) -> None:
+        triangles = [len(mesh.triangles) for mesh in meshes]
+        vertices = [len(mesh.vertices) for mesh in meshes]
+        self.starts = np.cumsum([0, *triangles])[:-1]
+        short = all(_is_short(mesh.vertices) for mesh in meshes)
+        self._corners = np.cumsum([0, *vertices])
+        room = np.zeros((self._corners[-1] + 1, 3), dtype=np.float32 if short else np.float64)
+        self.vertices = room[:-1]
+        self.triangles = np.empty((sum(triangles), 3), dtype=np.int32)
+        self.part = np.empty(sum(triangles), dtype=np.int8)
+        for number, mesh in enumerate(meshes):
+            corner, face = int(self._corners[number]), int(self.starts[number])
+            self.vertices[corner : corner + len(mesh.vertices)] = mesh.vertices
+            faces = slice(face, face + len(mesh.triangles))
+            np.add(mesh.triangles, corner, out=self.triangles[faces])
+            self.part[faces] = mesh.part
+
+    def short(self, mesh: int) -> np.ndarray | None:
+        """(V, 3) vertices of a mesh in float32, with a row more behind them; None where that does not hold
+        them."""
+        if self.vertices.dtype != np.float32:
+            return None
+        return self.vertices[self._corners[mesh] : self._corners[mesh + 1]]
+
+    def corners(self, number: np.ndarray) -> np.ndarray:
+        """(3, 3, R) float64: of each coordinate and each corner, those of triangles (R,) of the table."""
+        found = self.vertices.take(self.triangles.take(number, 0), 0)
+        return found.transpose(2, 1, 0).astype(np.float64, order="C")
+
+
+def _is_short(points: np.ndarray) -> bool:
+    """Return whether float32 holds points exactly; what is no number need not be kept."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        return bool((points.astype(np.float32) == points).all())
+
+
+# Precision of a scene's places: Blender keeps coordinates in float32.
+#
+# Beyond 8 km from the origin neighbouring float32 numbers are a millimetre apart and more (at UTM northings
+# half a metre), so what stands there has been moved by up to half of that before anything is sensed.
+
+
+VISIBLE_STEP = 1e-3  # metres between numbers, from which a user should know
+
+
+def rounding_warning(scene: SceneGeometry) -> str:
+    """A sentence on what stands too far from the origin, and what to do; empty where nothing does."""
+    if not len(scene):
+        return ""
+    local = np.array([np.abs(mesh.vertices).max(initial=0.0) for mesh in scene.meshes])
+    far = np.abs(scene.transform[:, :, 3]).max(axis=1)
+    far = np.nan_to_num(np.maximum(far, local[scene.mesh_index]), posinf=0.0)
+    worst = int(np.argmax(far))
+    step = float(np.spacing(np.float32(far[worst])))
+    if step < VISIBLE_STEP:
+        return ""
+    name = scene.object_name[scene.object_index[worst]]
+    return (
+        f'"{name}" is {far[worst] / 1000:,.0f} km from the origin, where coordinates in Blender have steps '
+        f"of {step:.2g} m: places are off by up to {step / 2:.2g} m. Move the scene near the origin and "
+        "give the distance as the offset, which is added to what is written"
+    )

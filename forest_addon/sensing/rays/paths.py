@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -13,6 +14,16 @@ from ...base.attitudes import composed
 from .geometry import SceneGeometry
 
 ALWAYS = (-np.inf, np.inf)
+
+
+class PartPath(Protocol):
+    """Transforms of a part over time; methods as of ``RigidPath``."""
+
+    def at(self, time: np.ndarray) -> np.ndarray: ...
+
+    def rate(self, time: np.ndarray) -> np.ndarray: ...
+
+    def swept(self, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]: ...
 
 
 @dataclass(frozen=True)
@@ -26,13 +37,13 @@ class RigidPath:
     time: np.ndarray
     transform: np.ndarray
 
-    def at(self, time: np.ndarray) -> np.ndarray:
-        """(R, 3, 4) transforms at times (R,)."""
-        return self._table.at(np.zeros(len(time), np.int64), time)
+    def at(self, time: np.ndarray, beyond: bool = False) -> np.ndarray:
+        """(R, 3, 4) transforms at times (R,). beyond : go on as at the ends, not stand there."""
+        return self._table.at(np.zeros(len(time), np.int64), time, beyond)
 
-    def velocity(self, points: np.ndarray, time: np.ndarray) -> np.ndarray:
-        """(R, 3) m/s of the part's own points (R, 3) at times (R,); at a sample, of what follows."""
-        return self._table.velocity(np.zeros(len(time), np.int64), points, time)
+    def rate(self, time: np.ndarray) -> np.ndarray:
+        """(R, 3, 4) change of the transforms a second at times (R,); at a sample, of what follows."""
+        return self._table.rate(np.zeros(len(time), np.int64), time)
 
     def swept(self, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Box in the world, corners (3,), that a part within a box of its own, corners (3,), never leaves.
@@ -92,18 +103,21 @@ class PathTable:
         found[:, :, :3] = self._turned(row, share).as_matrix() @ stretch
         return found
 
-    def velocity(self, which: np.ndarray, points: np.ndarray, time: np.ndarray) -> np.ndarray:
-        """(R, 3) m/s of own points (R, 3) of paths (R,) at times (R,)."""
+    def rate(self, which: np.ndarray, time: np.ndarray) -> np.ndarray:
+        """(R, 3, 4) change of the transforms of paths (R,) a second at times (R,)."""
         row, share, step = self._between(which, time)
-        turned = self._turned(row, share)
+        knots, size = self._knots[which], np.abs(self._place[row])
         bend = self._shape[row + 1] - self._shape[row]
-        stretched = np.einsum("rij,rj->ri", self._shape[row] + share[:, None] * bend, points)
-        knots = self._knots[which]
-        size = np.abs(self._place[row])
-        found = _rate(lambda k: self._place[k + 1] - self._place[k], row, share, knots, size)
+        stretch = self._shape[row] + share[:, None] * bend
         turning = _rate(lambda k: self._round[k], row, share, knots, 1.0)
-        found += turned.apply(np.cross(turning, stretched) + np.einsum("rij,rj->ri", bend, points))
-        found /= step
+        found = np.empty((len(time), 3, 4))
+        found[:, :, :3] = self._turned(row, share).as_matrix() @ (
+            np.cross(turning[:, :, None], stretch, axis=1) + bend
+        )
+        found[:, :, 3] = _rate(
+            lambda k: self._place[k + 1] - self._place[k], row, share, knots, size
+        )
+        found /= step[:, None]
         ends = self._ends[which]
         found[(time < ends[:, 0]) | (time > ends[:, 1])] = 0.0
         return found
@@ -123,6 +137,27 @@ class PathTable:
             mine = slice(None) if len(self._times) == 1 else np.flatnonzero(clock == number)
             row[mine], share[mine], step[mine] = _between(known, time[mine], beyond)
         return row + self._first[which], share[:, None], step[:, None]
+
+
+class PathsOneByOne:
+    """Paths of any kind side by side, asked by their rows; see ``PathTable``."""
+
+    def __init__(self, paths: Sequence[PartPath]) -> None:
+        self._paths = paths
+
+    def at(self, which: np.ndarray, time: np.ndarray) -> np.ndarray:
+        """See ``PathTable.at``."""
+        found = np.empty((len(time), 3, 4))
+        for row in np.unique(which).tolist():
+            found[which == row] = self._paths[row].at(time[which == row])
+        return found
+
+    def rate(self, which: np.ndarray, time: np.ndarray) -> np.ndarray:
+        """See ``PathTable.rate``."""
+        found = np.empty((len(time), 3, 4))
+        for row in np.unique(which).tolist():
+            found[which == row] = self._paths[row].rate(time[which == row])
+        return found
 
 
 @dataclass(frozen=True)
@@ -185,7 +220,7 @@ class SceneMotion:
     that are others from one sample to the next, and stand for ``pause`` s.
     """
 
-    paths: Mapping[int, RigidPath] = field(default_factory=dict)
+    paths: Mapping[int, PartPath] = field(default_factory=dict)
     shapes: Mapping[int, ShapePath] = field(default_factory=dict)
     spans: Mapping[int, tuple[float, float]] = field(default_factory=dict)
     stands_for: np.ndarray | None = None
@@ -205,9 +240,22 @@ class SceneMotion:
         return np.array(sorted(self.paths), dtype=np.int64)
 
     @cached_property
-    def table(self) -> PathTable:
+    def table(self) -> PathTable | PathsOneByOne:
         """Paths in the order of ``rows``; there must be one."""
-        return PathTable([self.paths[n] for n in self.rows.tolist()])
+        paths = [self.paths[n] for n in self.rows.tolist()]
+        rigid = [path for path in paths if isinstance(path, RigidPath)]
+        return PathTable(rigid) if len(rigid) == len(paths) else PathsOneByOne(paths)
+
+    def without(self, instances: np.ndarray) -> SceneMotion:
+        """The same of all other instances."""
+        away = set(instances.tolist()) & set(self.paths)
+        if not away:
+            return self
+        kept = {
+            name: {n: one for n, one in getattr(self, name).items() if n not in away}
+            for name in ("paths", "shapes", "spans")
+        }
+        return replace(self, **kept)
 
     def row_of(self, instance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Places (M,) of those instances (R,) that have a path, and its rows (M,)."""

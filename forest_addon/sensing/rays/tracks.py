@@ -1,21 +1,142 @@
-"""From samples of a scene over time to how it moves: which instance is which, where it goes, how it bends.
-
-An instance is known by its object, by whose mesh it has, and by its number among those alike. From one
-sample to the next it moves where it is in both, with the same triangles, and its object has as many
-instances; else it stands until the next sample, and is then gone, or another. What goes far between two
-samples and hardly before and after has jumped: it stands, too.
-"""
+"""Samples of a scene over time, and the scene that is put together of the runs in which its parts move."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ...base.trimesh import TriMesh
 from .geometry import SceneGeometry
 from .paths import RigidPath, SceneMotion, ShapePath
-from .runs import MovingScene, SceneSample, Shape, same_triangles
+
+
+@dataclass(frozen=True)
+class Shape:
+    """A mesh that may change: its vertices (V, 3) float32 in its own frame, and which triangles it has."""
+
+    vertices: np.ndarray
+    mesh: TriMesh  # the first that was read with these triangles
+
+
+@dataclass(frozen=True)
+class SceneSample:
+    """A scene of I instances at one time.
+
+    transform : (I, 3, 4). name : names of objects. object_index, mesh_index : (I,) as in ``SceneGeometry``.
+    source : (I,) names of the objects whose meshes these are; "" where nodes made them.
+    shapes : of the meshes that may change, by number.
+    """
+
+    transform: np.ndarray
+    name: tuple[str, ...]
+    object_index: np.ndarray
+    mesh_index: np.ndarray
+    shapes: dict[int, Shape]
+    source: tuple[str, ...]
+
+    @property
+    def things(self) -> list[tuple[str, str]]:
+        """(I,) objects of instances, each with the object whose mesh it is."""
+        names = (self.name[index] for index in self.object_index.tolist())
+        return list(zip(names, self.source, strict=True))
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes that it takes."""
+        return self.transform.nbytes + sum(s.vertices.nbytes for s in self.shapes.values())
+
+
+class SceneInRuns:
+    """A scene that moves, put together part by part."""
+
+    def __init__(self, scene: SceneGeometry) -> None:
+        self._read = scene
+        self._paths: dict[int, RigidPath] = {}
+        self._shapes: dict[int, ShapePath] = {}
+        self._spans: dict[int, tuple[float, float]] = {}
+        self._more: list[
+            tuple[int, int]
+        ] = []  # what each further instance stands for, and its mesh
+        self._meshes: dict[int, tuple[int, TriMesh]] = {}
+        self._bent: dict[tuple, ShapePath] = {}
+
+    def add(
+        self,
+        of: int,
+        number: int,
+        path: RigidPath,
+        shape: ShapePath | None,
+        span: tuple[float, float],
+        shapes: Sequence[Shape | None],
+    ) -> None:
+        """Add a run: under its own number where it is the first with the triangles of the scene."""
+        mesh = self._read.meshes[self._read.mesh_index[of]]
+        given = next((s.mesh for s in shapes if s is not None), mesh)
+        alike = same_triangles(given, mesh)
+        if not (alike and number < len(self._read) and number not in self._paths):
+            index = int(self._read.mesh_index[of])
+            if not alike:
+                index, _ = self._meshes.setdefault(
+                    id(given), (len(self._read.meshes) + len(self._meshes), given)
+                )
+            number = len(self._read) + len(self._more)
+            self._more.append((of, index))
+        self._paths[number] = path
+        if span != (-np.inf, np.inf):
+            self._spans[number] = span
+        if shape is not None:
+            key = tuple(id(s.vertices) for s in shapes if s is not None)
+            self._shapes[number] = self._bent.setdefault(key, shape)
+
+    def never(self, number: int) -> None:
+        """Say that an instance is not there at all."""
+        if number < len(self._read):
+            self._paths[number] = RigidPath(np.zeros(1), self._read.transform[number][None])
+            self._spans[number] = (np.inf, np.inf)
+
+    def close(self, number: int) -> None:
+        """Say that an instance is not there as the scene has it, if no run was."""
+        if number not in self._paths:
+            self.never(number)
+
+    def scene(self) -> SceneGeometry:
+        """The scene, with the further instances behind its own."""
+        read = self._read
+        if not self._more:
+            return read
+        of = np.concatenate([np.arange(len(read)), [one for one, _ in self._more]]).astype(int)
+        mesh = np.array([index for _, index in self._more], np.int64)
+        first = {index: of_ for of_, index in reversed(self._more)}
+        added = [mesh for _, mesh in self._meshes.values()]
+        like = [int(read.mesh_index[first[len(read.meshes) + k]]) for k in range(len(added))]
+        index = np.concatenate([read.mesh_index, mesh])
+        return read.with_meshes(added, like).take(of, mesh_index=index)
+
+    def motion(self, within: float, bent: float, held: tuple[str, ...]) -> SceneMotion:
+        """The motion of all runs."""
+        of = None
+        if self._more:
+            of = np.concatenate([np.arange(len(self._read)), [one for one, _ in self._more]])
+            of = of.astype(np.int64)
+        return SceneMotion(self._paths, self._shapes, self._spans, of, within, bent, held)
+
+
+def same_triangles(one: TriMesh, other: TriMesh) -> bool:
+    """Return whether two meshes have the same triangles of as many vertices."""
+    return one is other or (
+        len(one.vertices) == len(other.vertices) and np.array_equal(one.triangles, other.triangles)
+    )
+
+
+# From samples of a scene over time to how it moves: which instance is which, where it goes, how it bends.
+#
+# An instance is known by its object, by whose mesh it has, and by its number among those alike. From one
+# sample to the next it moves where it is in both, with the same triangles, and its object has as many
+# instances; else it stands until the next sample, and is then gone, or another. What goes far between two
+# samples and hardly before and after has jumped: it stands, too.
+
 
 STANDS = 1e-7  # metres, and parts of a turn, that single precision may shake
 BENT = 1e-4  # m that points of what changes its shape may be off between two samples
@@ -23,7 +144,7 @@ WIDEST = 16  # samples of a step of a shape
 JUMP, APART = 1e-3, 4.0  # m of a jump at least, and how often what is gone in the steps beside it
 
 
-class Strangers(ValueError):
+class AppearingObjects(ValueError):
     """Objects are there meanwhile that the scene as it was read does not have; ``names`` says which."""
 
     def __init__(self, names: list[str]) -> None:
@@ -38,7 +159,7 @@ class Tracks:
 
     Raises
     ------
-    Strangers : objects that the scene does not have are there meanwhile.
+    AppearingObjects : objects that the scene does not have are there meanwhile.
     """
 
     def __init__(
@@ -74,7 +195,7 @@ class Tracks:
 
         every : samples from one moment at which things are expected to change at once to the next.
         """
-        made = MovingScene(self._scene)
+        made = SceneInRuns(self._scene)
         for number in self._numbers():
             self._add(made, number)
         motion = made.motion(within, bent, self._held())
@@ -128,7 +249,7 @@ class Tracks:
     def _follow(self) -> None:
         names = {thing for thing, _ in self._keys}
         usual = _keys(self._now)
-        strangers: set[tuple[str, str]] = set()
+        appearing: set[tuple[str, str]] = set()
         present: list[set[tuple[str, str]] | None] = []
         for k, sample in enumerate(self._samples):
             same = (
@@ -140,7 +261,7 @@ class Tracks:
             keys = usual if same else _keys(sample)
             present.append(None if same else {thing for thing, _ in keys})
             if not same:
-                strangers |= {name for name, _ in keys} - names
+                appearing |= {name for name, _ in keys} - names
                 new = [key for key in keys if key not in self._keys]
                 self._keys |= {key: len(self._keys) + n for n, key in enumerate(new)}
                 missing = len(self._keys) - self._row.shape[1]
@@ -153,8 +274,8 @@ class Tracks:
                 for name, _ in keys:
                     count = self._count.setdefault(name, np.full(len(self._samples), -1))
                     count[k] = max(count[k], 0) + 1
-        if strangers:
-            raise Strangers(sorted({name for name, _ in strangers}))
+        if appearing:
+            raise AppearingObjects(sorted({name for name, _ in appearing}))
         for name, count in self._count.items():
             usually = sum(1 for known, _ in usual if known == name)
             count[count < 0] = usually
@@ -312,7 +433,7 @@ class Tracks:
             worst = max(worst, size * known[key])
         return worst
 
-    def _add(self, made: MovingScene, number: int) -> None:
+    def _add(self, made: SceneInRuns, number: int) -> None:
         """Add the runs of an instance in which it goes without a break."""
         there = self._there[:, number]
         if not there.any():

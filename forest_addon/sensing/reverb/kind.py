@@ -13,9 +13,7 @@ from ...base.rng import stream
 from ...base.words import keep
 from ...spec import AUTO, Choice, Reverb, Scene
 from ..audit import Audit
-from ..cost import Cost, cost_of_work
-from ..kind import SOUND, Observation, Seen, SensorKind
-from ..lines import chain
+from ..kind import SOUND, Cost, Observation, Seen, SensorKind, chain, cost_of_work
 from ..looks import SensorLook
 
 BEGIN = 1.6  # s, a first guess: leaves and branches are measured, the response is drawn and written

@@ -33,6 +33,7 @@ from .windy import at_moment
 MOST = 300_000  # scatterers in range that are all summed
 BINS = (4, 32)  # of a ping at a time; of one whose scatterers have to be looked for
 SAMPLES = 16  # of a ping at a time
+CAUTION = 3.0  # of an estimate
 ROUNDING = 1e-12  # besides that of phases
 OF_SAMPLES = 1e-9  # of the largest
 PIECES = 9  # of a call, which are heard anew
@@ -110,7 +111,11 @@ def audit_echoes(
 
     found = sample(batches(), PARTS[0] * share * seconds, LEAST)
     which = "everything heard" if sonar.cull > 0 and not culled else "everything in range"
-    allowed = sonar.tolerance + (sonar.cull if culled else 0.0) + ROUNDING + _of_phases(echoes)
+    # A tolerance may be finer than tables are smooth; then an echo says what it is off by.
+    promised = sonar.tolerance
+    if promised > 0:
+        promised = max(promised, CAUTION * max(echo.error_bound for echo in echoes))
+    allowed = promised + (sonar.cull if culled else 0.0) + ROUNDING + _of_phases(echoes)
     what = f"bins of the spectrum by the direct sum over {which}"
     checks = (
         Check.on(what, found.errors, pings.bins, allowed, "of all amplitudes"),

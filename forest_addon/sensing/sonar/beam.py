@@ -18,13 +18,11 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 import numpy as np
 
-from ...acoustics import chebyshev
-from ...acoustics.smoothness import Change, Loss
 from ...base.products import product
 
 if TYPE_CHECKING:
@@ -44,21 +42,13 @@ HORSESHOE = (
 Rows = np.ndarray | slice
 
 
-@dataclass(frozen=True)
-class Towards:
-    """A pattern towards M directions.
-
-    gain : of frequencies (Q,) and rows (m,): (Q, m), or (1, m) where it is alike at every frequency.
-    losses : of rows, what changes the gain over the frequency, none where nothing does.
-    """
-
-    gain: Callable[[np.ndarray, Rows], np.ndarray]
-    losses: Callable[[Rows], list[Loss | Change]]
+# Gain towards M directions of frequencies (Q,) and rows (m,): (Q, m), or (1, m) where it is always alike.
+Towards = Callable[[np.ndarray, Rows], np.ndarray]
 
 
 def _steadily(gain: np.ndarray) -> Towards:
     """The same gain (M,) at all frequencies."""
-    return Towards(lambda frequency, rows: gain[None, rows], lambda rows: [])
+    return lambda frequency, rows: gain[None, rows]
 
 
 class BeamPattern(Protocol):
@@ -126,13 +116,12 @@ class Horseshoe:
 
     def towards(self, az: np.ndarray, el: np.ndarray) -> Towards:
         away = _exponent(az, el).sum(axis=1)
-        return Towards(
-            lambda frequency, rows: np.exp(away[rows] / np.square(self.width(frequency))[:, None]),
-            lambda rows: [Loss(lambda f: self.width(f) ** -2.0, -away[rows])],
+        return lambda frequency, rows: np.exp(
+            away[rows] / np.square(self.width(frequency))[:, None]
         )
 
     def gain(self, az: np.ndarray, el: np.ndarray, frequency: np.ndarray) -> np.ndarray:
-        return self.towards(az, el).gain(frequency, slice(None))
+        return self.towards(az, el)(frequency, slice(None))
 
     def kinks(self) -> tuple[float, ...]:
         return ()
@@ -175,7 +164,7 @@ class Measured(ABC):
         return np.polynomial.chebyshev.chebvander(wanted, len(self._fit) - 1).T
 
     def gain(self, az: np.ndarray, el: np.ndarray, frequency: np.ndarray) -> np.ndarray:
-        return self.towards(az, el).gain(frequency, slice(None))
+        return self.towards(az, el)(frequency, slice(None))
 
     def towards(self, az: np.ndarray, el: np.ndarray) -> Towards:
         """By the polynomials of the logarithm, which are mixed as dB are; between directions levels are as
@@ -191,11 +180,7 @@ class Measured(ABC):
             at = np.asarray(product(self._polynomials(frequency).T, some))
             return np.exp(at, out=at)
 
-        def losses(rows: Rows) -> list[Loss | Change]:
-            used, of_row = np.unique(kind[rows], return_inverse=True)
-            return [Change(partial(self._bounds, corners[used]), of_row)]
-
-        return Towards(gain, losses)
+        return gain
 
     @abstractmethod
     def _mixed(self, az: np.ndarray, el: np.ndarray) -> tuple[np.ndarray, np.ndarray, list[Any]]:
@@ -207,21 +192,6 @@ class Measured(ABC):
         if len(self.frequency) == 1:
             return ()
         return float(self.frequency[0]), float(self.frequency[-1])
-
-    def _bounds(self, corners: np.ndarray, band: tuple[float, float], orders: int) -> np.ndarray:
-        """(C, N) no |c_n| of the gain is larger, re the gain at the lower end.
-
-        corners : (C, K) directions that dB are mixed of.
-        """
-        few = 2 * DEGREES
-        at = band[0] + (band[1] - band[0]) * (1.0 + chebyshev.points(few)) / 2
-        levels = (math.log(10.0) / 20.0) * self.levels(np.append(at, band[0])).T
-        terms = np.abs(chebyshev.series(few) @ levels[:-1])[:, corners].max(axis=2)  # (few, C)
-        lift = (chebyshev.series(few)[0] @ levels[:-1] - levels[-1])[corners].max(axis=1)
-        largest = np.cos(np.arange(1, few) * np.arccos(chebyshev.points(orders))[:, None])
-        values = np.exp(largest @ terms[1:] + lift)  # T_n in all of them, none against another
-        bounds: np.ndarray = np.abs(chebyshev.series(orders) @ values).T
-        return bounds
 
     def _loudest(self, band: tuple[float, float]) -> np.ndarray:
         """(N,) the largest dB in the band."""

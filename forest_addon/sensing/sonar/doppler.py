@@ -242,8 +242,9 @@ def _over(
             late -= lead / factor
             needed = np.zeros(len(late), np.int64)
             if tolerance:
-                asked = grid.start, grid.spacing, grid.count, len(late), tolerance
-                needed = nodes_needed(heard, *asked, heard.smooth(ends))
+                loud = (group.bound * group.shade)[part.rows]
+                asked = grid.start, grid.spacing, grid.count, heard.reach(ends), loud
+                needed = nodes_needed(heard, *asked, tolerance)
             total[ear] += _played(heard, late, factor, needed, grid, speeds)
     return total
 

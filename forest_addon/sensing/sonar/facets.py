@@ -15,38 +15,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import ClassVar
 
 import numpy as np
 
-from ...acoustics.modes.band_modes import KEPT
-from ...acoustics.modes.line_modes import BandLoss, ModeLine
-from ...acoustics.modes.mode_sum import ModalEchoes
-from ...acoustics.modes.waves import (
-    COARSEST,
-    MODAL,
-    NODES,
-    FamilyRows,
-    Smeared,
-    smeared,
-    smeared_waves,
-)
-from ...acoustics.smoothness import SmoothnessProfile
 from ...base.rows import RowTable
 from ...base.trimesh import TriMesh, is_wood
 from ...growth.own_tree.pieces import part
-from .scatterers import (
-    CLEAR,
-    FACET,
-    Scatterers,
-    Sight,
-    Views,
-    Whole,
-    cluster,
-    sinc_argument,
-    sinc_place,
-)
+from .scatterers import CLEAR, FACET, Scatterers, Sight, Views, Whole, cluster
 
 FLAT = 1e-5  # sine of the angle between facets that are in one plane
 RADIAL = 1e-9  # sine below which an edge runs through the foot
@@ -69,51 +45,8 @@ class RimStrength(RowTable, Whole):
             lobes = 1.0 / (lowest * np.abs(self.slope))
         return np.abs(self.weight) * np.minimum(lobes, 1.0)
 
-    def modal(
-        self, lowest: float, highest: float, tolerance: float, loss: BandLoss
-    ) -> ModalEchoes | None:
-        """All, as the ends of each piece or a few places between."""
-        if tolerance < COARSEST or highest <= lowest or len(self.slope) < MODAL:
-            return None
-        ends, every = (lowest, highest), np.arange(len(self.slope))
-        none, smear = np.zeros(len(every)), np.abs(self.slope)
-        parts = [FamilyRows(0, every, none)]
-        table = _waves(ends, loss)
-        return smeared_waves(table, every, parts, self.weight, none, smear, ends, tolerance)
-
-    def profile(self) -> SmoothnessProfile:
-        none = np.zeros(len(self.slope))
-        return SmoothnessProfile(SincFamily(), np.abs(self.weight), none, np.abs(self.slope))
-
-
-@lru_cache(maxsize=KEPT)
-def _waves(ends: tuple[float, float], loss: BandLoss) -> Smeared:
-    """The table of F = 1, which no length changes."""
-
-    def even(k: np.ndarray, length: np.ndarray) -> np.ndarray:
-        return np.ones((len(k), len(length)), np.complex128)
-
-    line = ModeLine(even, 0.0, 1.0, 1.0)
-    return smeared([line], line, ends, NODES, loss)
-
-
-@dataclass(frozen=True)
-class SincFamily:
-    """sinc(k·slope); it has no first variable."""
-
-    scaled: ClassVar[bool] = True
-
-    def evaluate(self, scale: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.ndarray:
-        return np.sinc(scale * (second / math.pi))
-
-    def place(self, second: np.ndarray) -> np.ndarray:
-        return sinc_place(second)
-
-    def at(self, place: np.ndarray) -> np.ndarray:
-        return sinc_argument(place)
-
-    def turns(self, first: np.ndarray, second: np.ndarray) -> np.ndarray:
-        return second
+    def reach(self, wavenumber: float) -> np.ndarray:
+        return np.abs(self.slope)
 
 
 @dataclass(frozen=True)

@@ -14,10 +14,18 @@ from ...base.rng import stream
 from ...base.words import keep
 from ...spec import AUTO, Choice, Sonar
 from ..audit import Audit
-from ..cost import Cost, cost_of_work
-from ..emptiness import why_nothing
-from ..kind import ECHO, Observation, Seen, SensorKind
-from ..lines import AROUND, chain, rays_to
+from ..kind import (
+    AROUND,
+    ECHO,
+    Cost,
+    Observation,
+    Seen,
+    SensorKind,
+    chain,
+    cost_of_work,
+    rays_to,
+    why_nothing,
+)
 from ..looks import EchoLook
 
 if TYPE_CHECKING:
@@ -54,9 +62,7 @@ def _targets(job: Observation) -> Any:
 
     geometry, moving, sway = job.seen.geometry, job.moving, job.seen.sway
     wind = None if sway is None else EchoWind(geometry, sway[0])
-    if wind is not None:
-        moving = moving.still
-    return EchoTargets(geometry, still, wind, EchoMotion(moving, geometry, wind))
+    return EchoTargets(geometry, still, wind, EchoMotion(moving.moving))
 
 
 def _casters(job: Observation) -> tuple[Any, Any]:

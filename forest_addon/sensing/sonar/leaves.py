@@ -8,7 +8,7 @@ disc's far field is in ``near``; the leaves of a mesh are in ``foliage``.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
@@ -16,17 +16,12 @@ import numpy as np
 from ...acoustics.disc import amplitude_bound, backscatter_amplitude
 from ...acoustics.disc_table import HANDOVER, table_error
 from ...acoustics.hankel import SMALLEST, hankel
-from ...acoustics.modes.disc_modes import DiscModes, has_rows, modes_of, phase_for
-from ...acoustics.modes.line_modes import BandLoss
-from ...acoustics.modes.mode_sum import ModalEchoes
-from ...acoustics.modes.waves import COARSEST, MODAL, piston_waves, rims_apart
-from ...acoustics.smoothness import SmoothnessProfile
 from ...base.rows import RowTable
 from .scatterers import CLEAR, LEAF, ScattererPart, Strength, Whole
 
-INCIDENCES = 16  # classes of them
 LATER = 1.0  # radii, about which an exact disc's response lies evenly
-LOOKED_UP = 0.45  # of the tolerance, for their error
+EXACT_REACH, PAPER_REACH = 3.0, 0.3  # radii to both sides
+PAPER_TURN = 0.36  # radians at ka = 1 by which the fit's angle turns while the frequency doubles
 GRAZING = (
     np.pi / 3
 )  # beyond it, the formula for large discs is up to 79 % off, where they are faint
@@ -51,13 +46,15 @@ class DiscStrength(RowTable):
         far = amplitude_bound(lowest, highest, self.radius, self.incidence, self.model)
         return self.nearness * far
 
-    def parts(self, lowest: float, highest: float, tolerance: float = 0.0) -> list[ScattererPart]:
+    def parts(self, lowest: float, highest: float) -> list[ScattererPart]:
         """Of a piston, far enough off its normal, the two places of its rim that sound; of an exact disc
-        itself, some time later, and where the tolerance lets it be, looked up for the whole band."""
+        itself, some time later: its rims' sound crosses its face."""
         if self.model == "exact":
-            return self._shifted(lowest, highest, tolerance)
+            later = ShiftedDisc(self.radius, self.incidence, self.nearness)
+            return [ScattererPart(np.arange(len(self.radius)), LATER * self.radius, later)]
         across = self.radius * np.sin(self.incidence)
-        rims = rims_apart(across, lowest, highest) & (self.model == "piston")
+        apart = max(SMALLEST / (2.0 * lowest), np.pi / (2.0 * (highest - lowest)))
+        rims = (across > apart) & (self.model == "piston")
         near, far = np.flatnonzero(~rims), np.flatnonzero(rims)
         parts = [ScattererPart(near, np.zeros(len(near)), self.select(near))] if len(near) else []
         if len(far):
@@ -66,43 +63,15 @@ class DiscStrength(RowTable):
                 parts.append(ScattererPart(far, side * 2.0 * across[far], strength))
         return parts
 
-    def _shifted(self, lowest: float, highest: float, tolerance: float) -> list[ScattererPart]:
-        known = has_rows(self.radius, highest) & (tolerance >= COARSEST) & (highest > lowest)
-        parts = []
-        for rows, looked_up in ((np.flatnonzero(~known), False), (np.flatnonzero(known), True)):
-            if len(rows):
-                some, table, off = self.select(rows), None, None
-                if looked_up:
-                    phase, largest = phase_for(LOOKED_UP * tolerance), float(some.radius.max())
-                    table = modes_of(self.model, (lowest, highest), phase, largest)
-                    off = some.nearness * table.errors(some.radius, some.incidence)
-                later = ShiftedDisc(some.radius, some.incidence, some.nearness, table)
-                without = replace(later, table=None)
-                parts.append(ScattererPart(rows, LATER * some.radius, later, off, without))
-        return parts
-
-    def modal(
-        self, lowest: float, highest: float, tolerance: float, loss: BandLoss
-    ) -> ModalEchoes | None:
-        """Discs that a table has rows of; of pistons the places of their rims, or the whole."""
-        if tolerance < COARSEST or len(self.radius) < MODAL or highest <= lowest:
-            return None
-        if self.model == "piston":
-            return piston_waves(self.radius, self.incidence, self.nearness, lowest, highest, loss)
-        rows = np.flatnonzero(has_rows(self.radius, highest))
-        if len(rows) < MODAL:
-            return None
-        some = self if len(rows) == len(self.radius) else self.select(rows)
-        phase, largest = phase_for(LOOKED_UP * tolerance), float(some.radius.max())
-        table = modes_of(self.model, (lowest, highest), phase, largest)
-        places = table.places(some.radius, some.incidence)
-        every = np.arange(len(rows))
-        return ModalEchoes(rows, table, places, every, some.nearness, np.zeros(len(rows)))
-
-    def profile(self) -> SmoothnessProfile:
-        return SmoothnessProfile(
-            DiscFamily(self.model), self.nearness * self.radius, self.radius, self.incidence
-        )
+    def reach(self, wavenumber: float) -> np.ndarray:
+        if self.model == "paper":  # has the beam of the mirror direction, and no rim
+            turn = (
+                PAPER_TURN * self.incidence * np.maximum(wavenumber * self.radius, 1e-3) ** -0.9065
+            )
+            return PAPER_REACH * self.radius + turn / wavenumber
+        if self.model == "exact":
+            return EXACT_REACH * self.radius
+        return 2.0 * self.radius * np.sin(self.incidence)
 
     def error(self, highest: float) -> np.ndarray | None:
         if self.model != "exact":
@@ -120,78 +89,32 @@ def count_doubtful(leaves: LeafEchoes, point: np.ndarray, wavenumber: float) -> 
 
 
 @dataclass(frozen=True)
-class DiscFamily:
-    """f/a of a disc as a function of ka and the incidence."""
-
-    model: str
-    scaled: ClassVar[bool] = False
-
-    def evaluate(self, scale: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.ndarray:
-        size = np.maximum(scale * first, 1e-9)
-        return backscatter_amplitude(size, second, self.model) / size
-
-    def place(self, second: np.ndarray) -> np.ndarray:
-        return np.asarray(second) * (2 * INCIDENCES / np.pi)
-
-    def at(self, place: np.ndarray) -> np.ndarray:
-        return np.minimum(np.asarray(place) * (np.pi / 2 / INCIDENCES), np.pi / 2)
-
-    def turns(self, first: np.ndarray, second: np.ndarray) -> np.ndarray:
-        if self.model == "paper":  # has the beam of the mirror direction, and no rim
-            return np.where(
-                first > 2e-3, 3.0 + 0.5 * second * np.maximum(first, 1e-3) ** -0.9, np.inf
-            )
-        if self.model == "exact":  # an edge's sound goes to and fro across the face
-            return 8.0 * first
-        return 2.0 * first * np.sin(second)
-
-
-@dataclass(frozen=True)
 class ShiftedDisc(RowTable, Whole):
-    """Exact discs without a delay of ``LATER`` radii, about which their responses are shortest.
-
-    radius, incidence, nearness : as of ``DiscStrength``. table : of a band, which they are looked up in;
-    None: in none.
-    """
+    """Exact discs, ``LATER`` radii later; see ``DiscStrength``."""
 
     radius: np.ndarray
     incidence: np.ndarray
     nearness: np.ndarray
-    table: DiscModes | None
 
     def amplitude(self, wavenumber: np.ndarray) -> np.ndarray:
         k = np.asarray(wavenumber)[:, None]
         size = k * self.radius
-        if self.table is not None:
-            wave = self.table.amplitude(np.asarray(wavenumber), self.radius, self.incidence)
-            turn = (LATER * size).astype(np.float32)
-            later = np.empty(turn.shape, np.complex64)
-            later.real, later.imag = np.cos(turn), np.sin(turn)
-            later *= self.nearness.astype(np.float32)
-            wave *= later
-            return wave
-        amplitude = backscatter_amplitude(size, self.incidence, "exact")
-        amplitude *= np.exp(1j * LATER * size) * (self.nearness / k)
+        amplitude = backscatter_amplitude(size, self.incidence, "exact").astype(np.complex64)
+        size *= LATER / (2.0 * np.pi)
+        size -= np.rint(size)  # in single precision, as the table is
+        turn = (2.0 * np.pi * size).astype(np.float32)
+        later = np.empty(size.shape, np.complex64)
+        later.real, later.imag = np.cos(turn), np.sin(turn)
+        later *= (self.nearness / k).astype(np.float32)
+        amplitude *= later
         return amplitude
 
     def bound(self, lowest: float, highest: float) -> np.ndarray:
         far = amplitude_bound(lowest, highest, self.radius, self.incidence, "exact")
         return self.nearness * far
 
-    def profile(self) -> SmoothnessProfile:
-        scale = self.nearness * self.radius
-        return SmoothnessProfile(ShiftedFamily(), scale, self.radius, self.incidence)
-
-
-@dataclass(frozen=True)
-class ShiftedFamily(DiscFamily):
-    """The same as a function of ka and the incidence."""
-
-    model: str = "exact"
-
-    def evaluate(self, scale: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.ndarray:
-        size = np.maximum(scale * first, 1e-9)
-        return super().evaluate(scale, first, second) * np.exp(1j * LATER * size)
+    def reach(self, wavenumber: float) -> np.ndarray:
+        return EXACT_REACH * self.radius
 
 
 @dataclass(frozen=True)
@@ -216,28 +139,8 @@ class DiscRim(RowTable, Whole):
     def bound(self, lowest: float, highest: float) -> np.ndarray:
         return np.abs(self.amplitude(np.array([lowest])))[0]
 
-    def profile(self) -> SmoothnessProfile:
-        size = 0.25 * self.radius**2 * np.cos(self.incidence) / self.across
-        return SmoothnessProfile(RimFamily(), size, 2.0 * self.across, size)
-
-
-@dataclass(frozen=True)
-class RimFamily:
-    """Hankel functions without their phase."""
-
-    scaled: ClassVar[bool] = False
-
-    def evaluate(self, scale: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.ndarray:
-        return hankel(np.maximum(scale * first, 0.8 * SMALLEST))
-
-    def place(self, second: np.ndarray) -> np.ndarray:
-        return np.zeros(len(second))
-
-    def at(self, place: np.ndarray) -> np.ndarray:
-        return np.zeros(np.shape(place))
-
-    def turns(self, first: np.ndarray, second: np.ndarray) -> np.ndarray:
-        return np.zeros(len(first))
+    def reach(self, wavenumber: float) -> np.ndarray:
+        return np.zeros(len(self.across))
 
 
 @dataclass(frozen=True)

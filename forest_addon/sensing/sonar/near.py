@@ -25,10 +25,9 @@ import numpy as np
 
 from ...acoustics.disc import backscatter_amplitude
 from ...acoustics.disc_table import table_error
-from ...acoustics.smoothness import SmoothnessProfile
 from ...base.rows import RowTable
 from .facets import PIECE, Rims, glints, rims, share_of_turn
-from .leaves import DiscFamily, LeafEchoes
+from .leaves import EXACT_REACH, LeafEchoes
 from .scatterers import LEAF, Scatterers, Sight, Strength, Whole
 
 FAR = 2.0  # ka² from where on f/r² holds within 0.1 dB, for the sound that is mirrored
@@ -151,24 +150,11 @@ class EdgeStrength(RowTable, Whole):
     def bound(self, lowest: float, highest: float) -> np.ndarray:
         return EDGE * self.share * self.radius
 
-    def profile(self) -> SmoothnessProfile:
-        return SmoothnessProfile(
-            EdgeFamily(), self.share * self.radius, self.radius, self.incidence
-        )
+    def reach(self, wavenumber: float) -> np.ndarray:
+        return EXACT_REACH * self.radius
 
     def error(self, highest: float) -> np.ndarray:
         return self.share * self.radius * table_error(highest * self.radius, self.incidence)
-
-
-@dataclass(frozen=True)
-class EdgeFamily(DiscFamily):
-    """The same as a function of ka and the incidence."""
-
-    model: str = "exact"
-
-    def evaluate(self, scale: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.ndarray:
-        size = np.maximum(scale * first, 1e-9)
-        return edge_amplitude(size, second) / size
 
 
 def edge_amplitude(ka: np.ndarray, incidence: np.ndarray) -> np.ndarray:

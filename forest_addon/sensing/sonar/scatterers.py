@@ -1,7 +1,7 @@
 """Scatterers: places in the world, each with a strength seen from a sonar.
 
 ``Scatterers`` are M places of one kind. Seen from a point, they have a ``Strength``: the scattering
-amplitude f(k) in metres, of one of the classes of its ``profile``, and never larger than its ``bound``. The
+amplitude f(k) in metres, never larger than its ``bound``. The
 kinds are in ``leaves``, ``wood`` and ``facets``.
 
 A ``Population`` is what one mesh has of one kind, in local space and in blocks; instances make scatterers
@@ -17,10 +17,6 @@ from dataclasses import dataclass
 from typing import ClassVar, Protocol, Self
 
 import numpy as np
-
-from ...acoustics.modes.line_modes import BandLoss
-from ...acoustics.modes.mode_sum import ModalEchoes
-from ...acoustics.smoothness import SmoothnessProfile
 
 SIZE = 96  # points of a block, at most
 LEAF, WOOD, FACET = "leaf", "wood", "facet"
@@ -38,27 +34,19 @@ class Strength(Protocol):
         """(M,) no |f| between two wavenumbers is larger."""
         ...
 
-    def profile(self) -> SmoothnessProfile:
-        """Return what the amplitudes depend on: of which classes of alike ones they are."""
+    def reach(self, wavenumber: float) -> np.ndarray:
+        """(M,) metres of path, about how far responses reach to both sides of their delays, from a wavenumber
+        on."""
         ...
 
     def error(self, highest: float) -> np.ndarray | None:
         """(M,) metres that f may be off by because it is tabulated, up to a wavenumber; None: nothing."""
         ...
 
-    def parts(self, lowest: float, highest: float, tolerance: float = 0.0) -> list[ScattererPart]:
-        """Smoother strengths that add up to this one between two wavenumbers, within a share ``tolerance``.
+    def parts(self, lowest: float, highest: float) -> list[ScattererPart]:
+        """Smoother strengths that add up to this one between two wavenumbers.
 
         Of a scatterer in several parts, some frequency between finds all of them in phase.
-        """
-        ...
-
-    def modal(
-        self, lowest: float, highest: float, tolerance: float, loss: BandLoss
-    ) -> ModalEchoes | None:
-        """Those of which a table has modes between two wavenumbers; None where that does not pay.
-
-        loss : of the air, at wavenumbers.
         """
         ...
 
@@ -67,48 +55,24 @@ class Strength(Protocol):
 
 @dataclass(frozen=True)
 class ScattererPart:
-    """A strength that belongs to rows (m,) of another, ``offset`` (m,) metres later on the path.
-
-    off : (m,) metres that it may be off by from what it is a part of; None: nothing. without : the
-    strength that is not.
-    """
+    """A strength that belongs to rows (m,) of another, ``offset`` (m,) metres later on the path."""
 
     rows: np.ndarray
     offset: np.ndarray
     strength: Strength
-    off: np.ndarray | None = None
-    without: Strength | None = None
 
 
 class Whole:
     """Base of strengths that come in one part, computed and not looked up."""
 
-    def parts(self, lowest: float, highest: float, tolerance: float = 0.0) -> list[ScattererPart]:
+    def parts(self, lowest: float, highest: float) -> list[ScattererPart]:
         """Itself."""
-        count = len(self.profile().length)  # type: ignore[attr-defined]
+        count = len(self.reach(1.0))  # type: ignore[attr-defined]
         return [ScattererPart(np.arange(count), np.zeros(count), self)]  # type: ignore[arg-type]
-
-    def modal(
-        self, lowest: float, highest: float, tolerance: float, loss: BandLoss
-    ) -> ModalEchoes | None:
-        """None: none."""
-        return None
 
     def error(self, highest: float) -> np.ndarray | None:
         """None: nothing."""
         return None
-
-
-def sinc_place(argument: np.ndarray) -> np.ndarray:
-    """Return where the argument of a sinc lies among classes that are narrow where it is small."""
-    place: np.ndarray = np.log1p(4.0 * np.asarray(argument)) / 0.15
-    return place
-
-
-def sinc_argument(place: np.ndarray) -> np.ndarray:
-    """The argument again."""
-    argument: np.ndarray = np.expm1(0.15 * np.asarray(place)) / 4.0
-    return argument
 
 
 class Scatterers(Protocol):

@@ -17,7 +17,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...acoustics.air import absorption
-from ...acoustics.smoothness import Change, Loss
 from ...base.rows import RowTable, lengths
 from ...spec import Air, Sonar
 from .beam import BeamPattern, GaussianBeam, Horseshoe, Omni, Rows, beam_offsets
@@ -84,21 +83,6 @@ def _beam(kind: str, width_deg: tuple[float, float], name: str) -> BeamPattern:
     raise ValueError(f"the {name}'s CSV file has not been read; give its pattern")
 
 
-@dataclass(frozen=True)
-class AirLoss:
-    """Absorption in nepers per metre at wavenumbers (K,)."""
-
-    air: Air
-    absorbs: bool
-
-    def __call__(self, wavenumber: np.ndarray) -> np.ndarray:
-        if not self.absorbs:
-            return np.zeros(len(wavenumber))
-        air = self.air
-        frequency = wavenumber * (air.speed() / (2.0 * math.pi))
-        return absorption(frequency, air.temperature_c, air.humidity, air.pressure_kpa)
-
-
 class Station:
     """A sonar with its equipment at one pose in the air."""
 
@@ -121,11 +105,6 @@ class Station:
             return np.zeros(len(frequency))
         air = self.air
         return absorption(frequency, air.temperature_c, air.humidity, air.pressure_kpa)
-
-    @property
-    def band_loss(self) -> AirLoss:
-        """The loss as a function of the wavenumber."""
-        return AirLoss(self.air, self.sonar.absorption)
 
     def ceiling(self, some: Candidates) -> np.ndarray:
         """(P,) no block adds more than this to Σ|A|, at any ear and frequency of the band."""
@@ -206,18 +185,6 @@ class EchoPaths(RowTable):
         """(Q, M), see above, times what shade leaves."""
         return EarGain(self, station, ear, shade)(frequency)
 
-    def level(self, station: Station, ear: int) -> np.ndarray | None:
-        """(M,) the gain without what the air takes; None where it changes over the frequency."""
-        equipment, heard = station.equipment, station.equipment.hear(ear)
-        if not (equipment.emit.steady and heard.steady):
-            return None
-        lowest = np.array(station.sonar.band[:1])
-        sent = equipment.emit.gain(self.emitted[0], self.emitted[1], lowest)[0]
-        same = heard is equipment.emit and station.together
-        back = sent if same else heard.gain(self.heard[ear, 0], self.heard[ear, 1], lowest)[0]
-        level: np.ndarray = sent * back / (self.distance * self.leg[ear])
-        return level
-
     def bound(self, station: Station) -> np.ndarray:
         """(M,) no gain in the band is larger, at any ear."""
         band, equipment = station.sonar.band, station.equipment
@@ -252,8 +219,8 @@ class EarGain:
         self, frequency: np.ndarray, rows: Rows = slice(None), *, single: bool = False
     ) -> np.ndarray:
         """(Q, m) of some rows; in single precision scatterer by scatterer."""
-        sent = self._sent.gain(frequency, rows)
-        heard = sent if self._heard is self._sent else self._heard.gain(frequency, rows)
+        sent = self._sent(frequency, rows)
+        heard = sent if self._heard is self._sent else self._heard(frequency, rows)
         gain = sent * heard * self._level[rows]
         if single:
             gain = np.ascontiguousarray(gain.T, dtype=np.float32).T
@@ -265,10 +232,3 @@ class EarGain:
             np.exp(weaker, out=weaker)
             gain = np.multiply(weaker, gain, out=weaker)
         return gain
-
-    def losses(self, rows: Rows = slice(None)) -> list[Loss | Change]:
-        """Return what makes the gain of some rows change over the frequency."""
-        losses = [*self._sent.losses(rows), *self._heard.losses(rows)]
-        if self._station.sonar.absorption:
-            losses.append(Loss(self._station.loss, self._length[rows]))
-        return losses

@@ -1,25 +1,25 @@
 """Scatterers that move: where they are at the moment of a ping, and how fast they go.
 
-Trees sway in the pieces of their rig (``rays/pieces``), each turned and shifted as a rigid body; broad leaves
-turn about their feet besides. Objects of a scene that moves (``rays/moving``) are where and as they are then,
-and each point of one that changes its shape has the velocity of the surface that it is on. Delays are those
-of where things are as a call, or the piece of a long one (``doppler``), is sent.
+Trees sway in the pieces of their rig (``sensing.moving``), each turned and shifted as a rigid body; broad
+leaves turn about their feet besides. Objects of a scene that moves are where and as they are then, and each
+point of one that changes its shape has the velocity of the surface that it is on. Delays are those of where
+things are as a call, or the piece of a long one (``doppler``), is sent.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ...base.trimesh import OTHER, TriMesh, is_wood
+from ...base.trimesh import TriMesh, is_wood
+from ..moving import MovingScene, trees_that_sway
+from ..moving_rays import MovingCaster
 from ..rays.caster import Hits, RayCaster
 from ..rays.geometry import SceneGeometry, invert_transforms
-from ..rays.moving import MovingCaster, TimedCaster
 from ..rays.paths import ShapePath
-from ..rays.swaying import SwayingCaster
 from .scatterers import WOOD, LeafTurns, Population, Scatterers
 
 MOST_FLUTTER = 0.7  # radians, that a leaf turns at most
@@ -74,10 +74,7 @@ class EchoWind:
         like: EchoWind | None = None,
     ) -> None:
         self.scene, self.sway, self.start = scene, sway, start
-        number = sway.number
-        row = np.array([number.get(int(tree), -1) for tree in scene.tree], np.int64)
-        moves = {tree: sway.moves(tree) for tree in np.unique(row[row >= 0]).tolist()}
-        self.tree = np.array([tree if moves.get(tree) else -1 for tree in row.tolist()], np.int64)
+        self.tree = trees_that_sway(scene, sway)
         self._pieces: dict[tuple[int, int, int], np.ndarray] = {}
         self._boxes: dict[tuple[int, int], np.ndarray] = {}
         self._arms: dict[tuple[int, int], float] = {}
@@ -268,46 +265,13 @@ class BentMesh:
 
 
 class EchoMotion:
-    """Motion of the instances of a scene, as pings meet them.
+    """Motion of the instances of a scene that moves, as pings meet them; trees that sway do nothing else."""
 
-    moving : rays at the scene that moves. read : the scene as it was read. wind : of trees that sway, which
-    do nothing else; None: there are none.
-    """
-
-    def __init__(
-        self, moving: MovingCaster, read: SceneGeometry, wind: EchoWind | None = None
-    ) -> None:
-        self._moving, self._read = moving, read
-        self.measured = len(read.meshes)  # meshes that are the same at all times
+    def __init__(self, moving: MovingScene) -> None:
+        self._moving = moving
+        self.measured = len(moving.read.meshes)  # meshes that are the same at all times
+        self.scene_at = moving.snapshot
         self._held: tuple[tuple[int, float], BentMesh] | None = None
-        none = np.zeros(0, np.int64)
-        self._sways = none if wind is None else np.flatnonzero(wind.tree >= 0)
-
-    def scene_at(self, time: float) -> SceneGeometry:
-        """The scene as it is at a time, s; what is not there has no surface."""
-        scene, motion = self._moving.scene, self._moving.motion
-        transform, index = scene.transform.copy(), scene.mesh_index.copy()
-        if len(motion.rows):
-            row = np.arange(len(motion.rows))
-            transform[motion.rows] = motion.table.at(row, np.full(len(row), time))
-        away = [n for n in motion.spans if not motion.span(n)[0] <= time < motion.span(n)[1]]
-        meshes = [*scene.meshes, TriMesh.of_part(np.empty((0, 3)), np.empty((0, 3)), OTHER)]
-        index[away] = len(scene.meshes)
-        made: dict[tuple[int, int], int] = {}
-        for number, shape in motion.shapes.items():
-            mesh = int(index[number])
-            if mesh == len(scene.meshes):
-                continue
-            if (id(shape), mesh) not in made:
-                every = np.arange(len(meshes[mesh].vertices))[None]
-                vertices = shape.at(every, np.array([time]))[0]
-                made[id(shape), mesh] = len(meshes)
-                meshes.append(replace(meshes[mesh], vertices=vertices))
-            index[number] = made[id(shape), mesh]
-        own = self._sways
-        transform[own], index[own] = self._read.transform[own], self._read.mesh_index[own]
-        scene = replace(scene, slot_reflectance=(), asset=(), slot_names=(), slot_optics=())
-        return replace(scene, meshes=tuple(meshes), transform=transform, mesh_index=index)
 
     def motion(
         self, instance: int, transform: np.ndarray, made: Scatterers, time: float
@@ -315,17 +279,17 @@ class EchoMotion:
         """(M, 3) m/s of scatterers (M,) of an instance as it goes, turns and bends, and (M, 3) where they are
         in the scene as it stands still, NaN where they are not there; transform : (3, 4), then."""
         points, motion = made.centre, self._moving.motion
-        (mine, row) = motion.row_of(np.array([instance]))
-        if not len(mine) or instance in self._sways:
+        (known, row) = motion.row_of(np.array([instance]))
+        if not len(known):
             return np.zeros_like(points), points.copy()
         inverse = invert_transforms(transform[None])[0]
         own = points @ inverse[:, :3].T + inverse[:, 3]
-        which, at = np.full(len(points), row[0]), np.full(len(points), time)
-        velocity, stood = motion.table.velocity(which, own, at), own
+        rate = motion.table.rate(row, np.array([time]))[0]
+        velocity, stood = own @ rate[:, :3].T + rate[:, 3], own
         if instance in motion.shapes:
-            rate, stood = self._bent(instance, own, made.kind, time)
-            velocity = velocity + rate @ transform[:, :3].T
-        still = self._moving.scene.transform[instance]
+            bend, stood = self._bent(instance, own, made.kind, time)
+            velocity = velocity + bend @ transform[:, :3].T
+        still = self._moving.whole.transform[instance]
         rest = stood @ still[:, :3].T + still[:, 3]
         if self.known(np.array([instance]))[0] != instance:
             rest = np.full_like(rest, np.nan)
@@ -336,7 +300,7 @@ class EchoMotion:
     ) -> tuple[np.ndarray, np.ndarray]:
         """(M, 3) m/s of own points (M, 3) by the change of shape, and where they are at rest."""
         if self._held is None or self._held[0] != (instance, time):
-            mesh = self._moving.scene.meshes[self._moving.scene.mesh_index[instance]]
+            mesh = self._moving.whole.meshes[self._moving.whole.mesh_index[instance]]
             self._held = (
                 (instance, time),
                 BentMesh.at(mesh, self._moving.motion.shapes[instance], time),
@@ -352,11 +316,9 @@ class EchoMotion:
 class AtMoment(RayCaster):
     """A caster of a still scene: one that moves, as it is at one time, s; hits are numbered as read."""
 
-    def __init__(self, caster: TimedCaster, time: float) -> None:
+    def __init__(self, caster: MovingCaster, time: float) -> None:
         self._caster, self._time = caster, time
-        self.engine, self.scene = caster.engine, caster.scene
-        if isinstance(caster, SwayingCaster):
-            self.scene = caster.cut.read
+        self.engine, self.scene = caster.engine, caster.moving.read
 
     def cast(
         self,
@@ -374,13 +336,13 @@ class AtMoment(RayCaster):
         hits = self._caster.cast(
             origins, directions, max_distance, time=time, min_distance=min_distance
         )
-        instance, triangle = self._caster.known(hits.instance, hits.triangle)
+        instance, triangle = self._caster.moving.known(hits.instance, hits.triangle)
         return Hits(hits.distance, instance, triangle)
 
 
 def at_moment(caster: Any, time: float) -> Any:
     """A caster as sonars use it: of a scene that moves at a time, s; a still one as it is."""
-    return AtMoment(caster, time) if isinstance(caster, TimedCaster) else caster
+    return AtMoment(caster, time) if isinstance(caster, MovingCaster) else caster
 
 
 def _away(points: np.ndarray, corners: np.ndarray) -> np.ndarray:

@@ -15,57 +15,22 @@ coherent sum is right nearer too. S is tabulated once, with the delay of the nea
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import ClassVar
 
 import numpy as np
 
 from ...acoustics.cylinder import scattering_sum
-from ...acoustics.modes.band_modes import KEPT
-from ...acoustics.modes.line_modes import BandLoss, ModeLine
-from ...acoustics.modes.mode_sum import ModalEchoes
-from ...acoustics.modes.waves import (
-    COARSEST,
-    MODAL,
-    NODES,
-    RESOLVED,
-    FamilyRows,
-    Smeared,
-    smeared,
-    smeared_waves,
-)
-from ...acoustics.smoothness import SmoothnessProfile
 from ...base.rows import RowTable
 from ...base.trimesh import TriMesh, is_wood
 from ...growth.own_tree.centreline import find_centrelines
 from ...growth.own_tree.pieces import part
-from .scatterers import (
-    WOOD,
-    Scatterers,
-    Sight,
-    Views,
-    Whole,
-    cluster,
-    sinc_argument,
-    sinc_place,
-)
+from .scatterers import WOOD, Scatterers, Sight, Views, Whole, cluster
 
 STRAIGHT = 0.002  # m between a centreline and the chords that stand for it
 ALIKE = 0.1  # relative change of the radius along a chord
 CREEPING = 2.0 + math.pi
-SPLIT = 3.0  # ka from where on the mirrored wave and the one that crept around are told apart
-ALONG = 3e-3  # from row to row of a band's table, of log(1 + 2ka)
-# conj S·e^{-2ika}/√ka of the mirrored wave as a series in 1/ka: fitted together with e^{-ika(2 + π)}
-# times what creeping waves decay by. It need not be right: what it lacks counts to what crept.
-MIRRORED = (
-    0.626654 + 0.626654j,
-    -0.430119 + 0.431545j,
-    -0.464547 - 0.458611j,
-    1.466057 - 0.581425j,
-    -1.965137 + 2.518473j,
-    1.185298 - 2.574824j,
-)
 LARGEST = 600.0  # ka; beyond, S grows as its root
 TABULATED, EXTENDED = 5e-7, 4e-6  # largest error of S relative to it, up to there and beyond
 
@@ -96,61 +61,14 @@ class CylinderStrength(RowTable, Whole):
             lobes = 1.0 / (lowest * self.length * np.abs(self.cosine))
         return self.length / math.pi * size * np.minimum(lobes, 1.0)
 
-    def profile(self) -> SmoothnessProfile:
-        scale = self.nearness * self.length / math.pi
-        along = self.length * np.abs(self.cosine)
-        return SmoothnessProfile(CylinderFamily(), scale, self.radius * self.sine, along)
-
-    def modal(
-        self, lowest: float, highest: float, tolerance: float, loss: BandLoss
-    ) -> ModalEchoes | None:
-        """All but the thickest, as their ends or a few places between."""
-        if tolerance < COARSEST or highest <= lowest:
-            return None
-        thick = self.radius * self.sine
-        rows = np.flatnonzero(highest * thick <= LARGEST)
-        if len(rows) < MODAL:
-            return None
-        some = self if len(rows) == len(thick) else self.select(rows)
-        thick, ends = some.radius * some.sine, (lowest, highest)
-        top = math.floor(math.log2(max(float(thick.max()), 1.0 / highest))) + 1
-        scale = some.nearness * some.length / math.pi
-        smear = some.length * np.abs(some.cosine)
-        apart = lowest * thick >= SPLIT
-        whole, parted = np.flatnonzero(~apart), np.flatnonzero(apart)
-        parts = [
-            FamilyRows(0, whole, np.zeros(len(whole))),
-            FamilyRows(1, parted, np.zeros(len(parted))),
-            FamilyRows(2, parted, CREEPING * thick[parted]),
-        ]
-        table = _waves(ends, top, loss)
-        return smeared_waves(table, rows, parts, scale, thick, smear, ends, tolerance)
+    def reach(self, wavenumber: float) -> np.ndarray:
+        # Sound creeps around the back, (2 + π)a later.
+        return self.length * np.abs(self.cosine) + CREEPING / 2 * self.radius * self.sine
 
     def error(self, highest: float) -> np.ndarray:
         size = highest * self.radius * self.sine
         share = np.where(size > LARGEST, EXTENDED, TABULATED)
         return share * self.nearness * self.length / math.pi * _largest_backscatter(size)
-
-
-@dataclass(frozen=True)
-class CylinderFamily:
-    """f·π/ℓ as a function of ka·sinψ and kℓ·cosψ."""
-
-    scaled: ClassVar[bool] = True
-
-    def evaluate(self, scale: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.ndarray:
-        along = np.sinc(scale * (second / math.pi))
-        return along * np.conj(_backscatter(np.maximum(scale * first, 1e-9)))
-
-    def place(self, second: np.ndarray) -> np.ndarray:
-        return sinc_place(second)
-
-    def at(self, place: np.ndarray) -> np.ndarray:
-        return sinc_argument(place)
-
-    def turns(self, first: np.ndarray, second: np.ndarray) -> np.ndarray:
-        # Sound creeps around the back, (2 + π)a later; it is 1e-7 of all at ka = 300.
-        return second + CREEPING * np.minimum(first, 300.0)
 
 
 @dataclass(frozen=True)
@@ -298,40 +216,6 @@ def _cut(
 
 
 # ---------------------------------------------------------------------------------------------- S
-
-
-@lru_cache(maxsize=KEPT)
-def _waves(ends: tuple[float, float], top: int, loss: BandLoss) -> Smeared:
-    """The table of conj S, up to a·sinψ of 2^top metres."""
-    largest, split = 2.0**top, SPLIT / ends[0]
-    whole = ModeLine(_around, 0.0, min(split, largest), ALONG, 2.0 * ends[1])
-    families = [whole]
-    if largest > split:
-        line = replace(whole, low=split, high=largest)
-        families.append(replace(line, values=_mirrored))
-        families.append(replace(line, values=_crept, beside=_around))
-    creeping = CREEPING * whole.high * (ends[1] - ends[0]) / 2  # radians over half the band
-    nodes = 8 * math.ceil((NODES + RESOLVED * creeping) / 8)
-    return smeared(families, replace(whole, high=largest), ends, nodes, loss)
-
-
-def _around(k: np.ndarray, thick: np.ndarray) -> np.ndarray:
-    """conj S without the near side's delay."""
-    return np.conj(_backscatter(k * np.maximum(thick, 0.0)))
-
-
-def _mirrored(k: np.ndarray, thick: np.ndarray) -> np.ndarray:
-    """The wave of it that the near side mirrors."""
-    size = k * thick
-    series = np.polynomial.polynomial.polyval(1.0 / size, MIRRORED)
-    wave: np.ndarray = series * np.sqrt(size)
-    return wave
-
-
-def _crept(k: np.ndarray, thick: np.ndarray) -> np.ndarray:
-    """The rest of it, without the delay of waves that creep around the back."""
-    wave: np.ndarray = _around(k, thick) - _mirrored(k, thick)
-    return wave * np.exp(1j * CREEPING * (k * thick))
 
 
 def _backscatter(size: np.ndarray) -> np.ndarray:

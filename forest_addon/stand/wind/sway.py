@@ -40,7 +40,7 @@ LEAN = 0.2  # of a tree's height: a top that is farther off no longer moves by s
 
 
 class ForestSway:
-    """Motion of the trees of a grown forest in the wind (a ``growth.sway.shape.Motion``).
+    """Motion of the trees of a grown forest in the wind.
 
     field : the wind. like : of a forest of the same variants, whose modes are shared. Trees without a
     skeleton, and dead wood that lies or stands as a stump, do not move.

@@ -277,7 +277,7 @@ _kept: dict[str, TreesBeforeFall] = {}  # trees of the forest that grew last, on
 def _import_rooms(_tell: Any) -> None:
     from ... import site  # noqa: F401
     from ...blender import site as blender_site  # noqa: F401
-    from ..results import keep  # noqa: F401
+    from ..results import finding  # noqa: F401
 
 
 def _grown(site: ForestSite, tell: Progress) -> GrownForest:
@@ -332,7 +332,7 @@ class FOREST_OT_build(Working, bpy.types.Operator):
         )
         from ...blender.site import build_site
         from ...formats.toml_file import read_settings
-        from ..results.keep import keep_forest
+        from ..results.finding import keep_forest
 
         demo = forestless(scene.forest_sensing)
         changed = 0 if demo else take_up_changes(scene)

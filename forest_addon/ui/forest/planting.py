@@ -338,7 +338,7 @@ class FOREST_OT_plant_dropped(bpy.types.Operator):
         if self.foreign and not is_of_forest(thing, context.scene):
             told = say(
                 "{name} is a tree of another file and stays an object, which sensors meet as it is; "
-                "add its species to the forest to plant_dropped it",
+                "add its species to the forest to plant it",
                 name=thing.name,
             )
             self.report({"INFO"}, told)

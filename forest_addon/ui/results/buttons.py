@@ -85,7 +85,7 @@ def heard_of(result: Any) -> tuple[np.ndarray, float] | None:
     from ...results.dry_sounds import PEAK_DB, dry_sound
     from ...results.kinds import RESULTS
     from ...sensing.reverb.auralise import normalised
-    from .keep import unpack
+    from .finding import unpack
 
     if not result.found:
         return None
@@ -169,7 +169,7 @@ def _write(path: Path, result: Any, label: str) -> Offset:
     from ...results.coordinates import Offset
     from ...results.kinds import write_as
     from ...results.point_files import write_points
-    from .keep import unpack
+    from .finding import unpack
 
     data = _scan_of(result)
     if data is None:

@@ -24,7 +24,7 @@ from ..shell.words import keep, label, say
 from .panels import is_unrendered
 
 if TYPE_CHECKING:
-    from ...sensing.cost import Cost
+    from ...sensing.kind import Cost
 
 LONG = 60.0  # s; what takes longer is asked about
 LARGE = 2e9  # bytes; the same
@@ -170,7 +170,7 @@ FEW = 3  # names of objects in a sentence
 
 def _import_rooms(_tell: Any) -> None:
     from ...blender.sensors import observe  # noqa: F401
-    from ..results import keep  # noqa: F401
+    from ..results import finding  # noqa: F401
 
 
 class FOREST_OT_run(Working, bpy.types.Operator):
@@ -289,10 +289,11 @@ class FOREST_OT_run(Working, bpy.types.Operator):
         from ...blender.sensors.observe import Observer
         from ...results.coordinates import Offset
         from ...results.kinds import write_finding
-        from ...sensing.cost import note_pace
+        from ...sensing.kind import note_pace
         from ...sensing.kinds import choose
         from ...stand.plan import labels
-        from ..results.keep import begin_frames, keep_finding, note_audit, note_figures
+        from ..results.finding import keep_finding, note_audit, note_figures
+        from ..results.keep import begin_frames
 
         rays = rays_of(to_spec(context.scene, []).rays)
         missing: list[str] = []

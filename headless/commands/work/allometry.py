@@ -67,13 +67,13 @@ def check_species(name: str, trees: int) -> None:
     before = time.process_time()
     for tree in range(trees):
         target = Wanted(float(dbh[tree]), *wanted[tree].tolist())
-        met = grow_measured(species, target, blade, stream(0, "check", name, tree))
-        tips, sites = leaf_tips(met.sites), met.sites
+        skeleton, sites, _ = grow_measured(species, target, blade, stream(0, "check", name, tree))
+        tips = leaf_tips(sites)
         found[tree] = (
-            dbh_of(met.skeleton),
-            max(float(met.skeleton.end[:, 2].max()), float(tips[:, 2].max())),
+            dbh_of(skeleton),
+            max(float(skeleton.end[:, 2].max()), float(tips[:, 2].max())),
             width_of(tips),
-            crown_base_of(met.skeleton, sites.segment),
+            crown_base_of(skeleton, sites.segment),
             float(leaf_areas(sites, blade).sum()),
         )
     spent = time.process_time() - before

@@ -11,9 +11,9 @@ import numpy as np
 from forest_addon.base.rng import stream
 from forest_addon.formats.toml_file import read_settings
 from forest_addon.growth.library.species_file import find_species, load_species
-from forest_addon.growth.lsystem.ruled import system_of
 from forest_addon.growth.lsystem.system import Prediction, System, Word, predict, rewrite, written
 from forest_addon.growth.lsystem.tanveer import system_of_grammar
+from forest_addon.growth.lsystem.turtle import system_of
 from forest_addon.growth.own_tree.habit import Habit
 from forest_addon.growth.own_tree.relay import generations_of, write_string
 from forest_addon.growth.own_tree.sibling import grow_sibling

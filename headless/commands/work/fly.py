@@ -13,12 +13,10 @@ from pathlib import Path
 import numpy as np
 
 from forest_addon.base.progress import Say
-from forest_addon.flight.flying import Track, fly
-from forest_addon.flight.learning import load
-from forest_addon.flight.policies import policy_of
+from forest_addon.flight.flying import Track, fly, interval
+from forest_addon.flight.policies import load, policy_of
 from forest_addon.flight.senses import EarSense, LidarSense, lidar_of, sonar_of
 from forest_addon.flight.simulation import Flyers
-from forest_addon.flight.statistics import interval
 from forest_addon.flight.woods import FlightSurroundings, Stock
 from forest_addon.formats.table import write_csv
 from forest_addon.spec import Scene, SpecError

@@ -11,9 +11,15 @@ import numpy as np
 from forest_addon.formats.las import read_las
 from forest_addon.formats.scanner_file import read_scanner
 from forest_addon.formats.toml_file import structure, write_settings
-from forest_addon.sensing.lidar.surveys.flown import FlightLine, lines_of, split_lines
-from forest_addon.sensing.lidar.surveys.like import FlownPattern, pattern_like, scanner_like
-from forest_addon.sensing.lidar.surveys.trajectory_file import read_trajectory
+from forest_addon.sensing.lidar.surveys.like import (
+    FlightLine,
+    FlownPattern,
+    lines_of,
+    pattern_like,
+    scanner_like,
+    split_lines,
+)
+from forest_addon.sensing.lidar.surveys.trajectories import read_trajectory
 from forest_addon.spec import Beam, Mobile, Pose, Scene, SpecError
 from forest_addon.spec import Forest as Field
 

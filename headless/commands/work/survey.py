@@ -6,7 +6,6 @@ import json
 import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -19,13 +18,14 @@ from forest_addon.results.coordinates import NO_OFFSET, Offset
 from forest_addon.results.scan_file import write_scan
 from forest_addon.sensing.lidar.cloud import Cloud
 from forest_addon.sensing.lidar.surveys.digitised import DigitisedScan, rings
-from forest_addon.sensing.lidar.surveys.held import FEWEST, HeldCaster, stretch_of
 from forest_addon.sensing.lidar.surveys.leg import SurveyLeg, step_count
-from forest_addon.sensing.lidar.surveys.stepped import SteppedMotion, SteppedPath
+from forest_addon.sensing.lidar.surveys.stepped import SteppedPath
 from forest_addon.sensing.lidar.surveys.voxels import Haze, HazyScan
+from forest_addon.sensing.moving import MovingScene
+from forest_addon.sensing.moving_rays import MovingCaster
 from forest_addon.sensing.rays.caster import RayCaster
 from forest_addon.sensing.rays.geometry import SceneGeometry
-from forest_addon.sensing.rays.moving import MovingCaster, TimedCaster
+from forest_addon.sensing.rays.paths import SceneMotion
 from forest_addon.spec import Beam, Noise, Rays, SpecError, Terrestrial
 
 from ...progress import Stages, hushed
@@ -166,7 +166,7 @@ def _scan_of(
     survey: Survey,
     leg: Leg,
     name: str,
-    caster: RayCaster | TimedCaster,
+    caster: RayCaster | MovingCaster,
     choice: ScanChoice,
 ) -> _Counting:
     """The scan of a leg."""
@@ -182,9 +182,9 @@ def _scan_of(
     return found.among(hazes_of(survey))
 
 
-def casters_of(survey: Survey, engine: str) -> Callable[[int], RayCaster | TimedCaster]:
+def casters_of(survey: Survey, engine: str) -> Callable[[int], RayCaster | MovingCaster]:
     """Casters of the rays of each leg, by its number: the same for all where nothing moves."""
-    from forest_addon.blender.rays.casters import make_caster
+    from forest_addon.blender.rays.casters import make_caster, make_moving_caster
 
     rays = Rays(engine=engine)
     scene = geometry_of(survey)
@@ -194,7 +194,7 @@ def casters_of(survey: Survey, engine: str) -> Callable[[int], RayCaster | Timed
         return lambda _leg: still
     sent = np.cumsum([0, *(step_count(survey, leg) for leg in survey.legs)]).tolist()
 
-    def caster(index: int) -> TimedCaster:
+    def caster(index: int) -> MovingCaster:
         leg = survey.legs[index]
         pulses = sent[index], sent[index + 1] - sent[index]
         paths = {
@@ -202,9 +202,7 @@ def casters_of(survey: Survey, engine: str) -> Callable[[int], RayCaster | Timed
             for i, part in moving.items()
             if part.motion
         }
-        motion, make = SteppedMotion(paths), partial(make_caster, rays=rays)
-        kind = MovingCaster if stretch_of(motion) < FEWEST else HeldCaster
-        return kind(scene, motion, make)
+        return make_moving_caster(MovingScene(scene, SceneMotion(paths)), rays)
 
     return caster
 

@@ -1,12 +1,39 @@
-"""Meshes of whole skeletons against closed forms of cones and cylinders, and against plain tubes."""
+"""Meshes of whole skeletons against closed forms of cones and cylinders, and against plain tubes. Tubes
+against the closed forms of cylinders and cones. Bark in relief: closed, of the same area and volume, as
+deep and as oval as asked, and off unless asked. Stand-ins of trees: few triangles that stand where the
+tree stands, with its trunk and its crown.
+"""
+
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from forest_addon.base.trimesh import WOOD
+from forest_addon.base.rng import stream
+from forest_addon.base.trimesh import LEAF, OTHER, WOOD, TriMesh
+from forest_addon.growth.library.species_file import find_species, load_species
 from forest_addon.growth.mesh.meshing import mesh_wood, sides_for, tube
 from forest_addon.growth.mesh.nodes import sides_of
+from forest_addon.growth.mesh.relief import Relief
+from forest_addon.growth.mesh.stand_in import LEVELS, level_for, stand_in
 from forest_addon.growth.skeleton import Skeleton, find_axes, first_level
+from forest_addon.growth.tree import grow, with_tolerance
+from forest_addon.spec import Accuracy, Bark, Detail, Grammar, Planting, Scene, Species
+from forest_addon.stand.forest import grow_forest
+
+STEM = Skeleton(
+    np.array([[0, 0, 0.0], [0, 0, 2]]),
+    np.array([[0, 0, 2.0], [0, 0, 4]]),
+    np.array([[0.2, 0.18], [0.18, 0.16]]),
+    np.array([-1, 0]),
+    np.array([0, 0]),
+    np.array([0, 1]),
+)
+TEXTURES = ("cracked", "smooth", "furrowed", "plated", "peeling")
+NOTHING = Skeleton(
+    *(np.empty(shape) for shape in ((0, 3), (0, 3), (0, 2))),
+    *(np.empty(0, np.int64) for _ in range(3)),
+)
 
 
 def skeleton(start, end, radius, parent, order):
@@ -38,16 +65,16 @@ def random_tree(rng, count=400):
     end[0] = (0, 0, 1)
     continued = np.zeros(count, bool)
     for s in range(1, count):
-        mother = int(rng.integers(max(0, s - 30), s))
-        parent[s] = mother
-        onward = not continued[mother] and rng.random() < 0.7
-        continued[mother] |= onward
-        order[s] = order[mother] + (not onward)
+        bearer = int(rng.integers(max(0, s - 30), s))
+        parent[s] = bearer
+        onward = not continued[bearer] and rng.random() < 0.7
+        continued[bearer] |= onward
+        order[s] = order[bearer] + (not onward)
         share = 1.0 if onward or rng.random() < 0.5 else rng.random()
-        start[s] = start[mother] + share * (end[mother] - start[mother])
-        way = end[mother] - start[mother] + rng.normal(size=3) * (0.1 if onward else 0.6)
+        start[s] = start[bearer] + share * (end[bearer] - start[bearer])
+        way = end[bearer] - start[bearer] + rng.normal(size=3) * (0.1 if onward else 0.6)
         end[s] = start[s] + way / np.linalg.norm(way) * rng.uniform(0.05, 0.4)
-        radius[s, 0] = radius[mother, 1] * (1.0 if onward else rng.uniform(0.5, 1.1))
+        radius[s, 0] = radius[bearer, 1] * (1.0 if onward else rng.uniform(0.5, 1.1))
         radius[s, 1] = radius[s, 0] * rng.uniform(0.8, 1)
     return Skeleton(start, end, radius, parent, order, np.arange(count))
 
@@ -130,15 +157,8 @@ def test_a_straight_axis_is_the_plain_tube_up_to_a_turn_about_it():
     assert len(mesh.vertices) == len(vertices)
     assert len(mesh.triangles) == len(triangles)
     assert int(sides_of(np.array([0.2]), 0.002)[0]) >= sides
-    plain = (
-        np.einsum(
-            "ti,ti->",
-            vertices[triangles[:, 0]],
-            np.cross(vertices[triangles[:, 1]], vertices[triangles[:, 2]]),
-        )
-        / 6
-    )
-    assert volume(mesh) == pytest.approx(plain, rel=1e-9)
+    plain = TriMesh.of_part(vertices, triangles, WOOD)
+    assert volume(mesh) == pytest.approx(volume(plain), rel=1e-9)
 
 
 def test_no_twist_jumps_along_a_helix_and_a_random_walk():
@@ -275,3 +295,199 @@ def test_many_segments():
     )
     mesh = mesh_wood(many, 0.001, uv=False)
     assert len(mesh.triangles) >= 12 * count
+
+
+@pytest.mark.parametrize("sides", [3, 8, 24])
+def test_straight_tube_has_the_circles_perimeter_and_faces_outwards(sides):
+    points = np.array([[0, 0, 0], [0, 0, 1.0], [0, 0, 2.5]])
+    mesh = TriMesh.of_part(*tube(points, np.full(3, 0.2), sides), WOOD)
+    widened = 0.2 * np.pi / (sides * np.sin(np.pi / sides))
+    cap = sides / 2 * widened**2 * np.sin(2 * np.pi / sides)
+    assert area(mesh) == pytest.approx(2 * np.pi * 0.2 * 2.5 + 2 * cap, rel=1e-12)  # the circle's
+    assert volume(mesh) == pytest.approx(cap * 2.5, rel=1e-12)  # positive: outward facing
+
+
+def test_closed_and_without_twist_along_a_helix():
+    t = np.linspace(0, 4 * np.pi, 200)
+    points = np.stack([np.cos(t), np.sin(t), 0.3 * t], axis=1)
+    vertices, triangles = tube(points, np.full(len(t), 0.05), 8)
+    assert_watertight(TriMesh.of_part(vertices, triangles, WOOD))
+    rings = vertices[:-2].reshape(len(t), 8, 3) - points[:, None]
+    turn = np.einsum("rki,rki->rk", rings[:-1], rings[1:]) / 0.05**2
+    assert turn.min() > 0.95  # no corner jumps to another's place
+
+
+def test_turned_back_on_itself_stays_finite():
+    points = np.array([[0, 0, 0], [0, 0, 1.0], [0, 1e-9, 0.2]])
+    vertices, _ = tube(points, np.full(3, 0.1), 6)
+    assert np.isfinite(vertices).all()
+
+
+@pytest.mark.parametrize(("radius", "tolerance"), [(0.2, 0.001), (0.05, 0.002), (0.5, 0.0005)])
+def test_sides_keep_the_tolerance(radius, tolerance):
+    n = sides_for(radius, tolerance)
+    assert radius * (1 - np.cos(np.pi / n)) <= tolerance or n == 64
+    assert radius * (1 - np.cos(np.pi / (n - 1))) > tolerance
+    assert sides_for(tolerance / 4, tolerance) == 3
+
+
+def rings(mesh, height, within=0.004):
+    """Radii and angles of vertices near a height."""
+    near = mesh.vertices[np.abs(mesh.vertices[:, 2] - height) < within]
+    near = near[np.hypot(near[:, 0], near[:, 1]) > 0.01]
+    return np.hypot(near[:, 0], near[:, 1]), np.arctan2(near[:, 1], near[:, 0])
+
+
+@pytest.mark.medium
+@pytest.mark.parametrize("texture", TEXTURES)
+def test_a_stem_in_relief_is_closed_and_keeps_its_volume(texture):
+    relief = Relief(texture, 0.05, 0.02, 0.06, 1.0, seed=3)
+    mesh = mesh_wood(STEM, 0.002, relief=relief)
+    assert_watertight(mesh)
+    length = 2.0
+    exact = sum(
+        np.pi * length / 3 * (a * a + a * b + b * b) for a, b in ((0.2, 0.18), (0.18, 0.16))
+    )
+    assert volume(mesh) == pytest.approx(exact, rel=0.01)
+    assert np.linalg.norm(mesh.area_vectors(), axis=1).min() > 0
+    far = np.abs(
+        np.hypot(*mesh.vertices[:, :2].T) - np.interp(mesh.vertices[:, 2], [0, 4], [0.2, 0.16])
+    )
+    on_axis = np.hypot(*mesh.vertices[:, :2].T) < 1e-9
+    assert far[~on_axis].max() < relief.most(0.2)
+    again = mesh_wood(STEM, 0.002, relief=relief)
+    assert np.array_equal(again.vertices, mesh.vertices)
+
+
+def test_ovality_is_the_spread_of_diameters():
+    """The caliper widths of an oval ring: (largest - smallest) / mean, of harmonics 2 to 4."""
+    mesh = mesh_wood(STEM, 0.002, relief=Relief("smooth", 0.05, 0.0, 0.08, 1.0, seed=1))
+    height = mesh.vertices[len(mesh.vertices) // 2, 2]
+    radius, angle = rings(mesh, height)
+    turn = np.pi * np.arange(180) / 180
+    points = radius[:, None] * np.exp(1j * angle[:, None])
+    width = [np.ptp((points * np.exp(-1j * t)).real) for t in turn]
+    assert (max(width) - min(width)) / np.mean(width) == pytest.approx(0.08, abs=0.015)
+
+
+@pytest.mark.parametrize("depth", [0.01, 0.03])
+def test_furrows_are_as_deep_as_asked(depth):
+    relief = Relief("plated", 0.06, depth, 0.0, 1.0, seed=2)
+    factor = relief.factor(128, np.full(200, 0.2), np.linspace(0, 2, 200), 2.0, axis=0)
+    low, high = np.percentile(0.2 * factor, [1, 99])
+    assert high - low == pytest.approx(depth, rel=0.2)
+    assert np.mean(factor * np.roll(factor, 1, axis=1), axis=1) == pytest.approx(1, abs=1e-12)
+    thin = relief.factor(64, np.full(200, 0.06), np.linspace(0, 2, 200), 2.0, axis=0)
+    low, high = np.percentile(0.06 * thin, [1, 99])
+    assert high - low == pytest.approx(depth / 2, rel=0.25)  # a thin stem has shallower ones
+
+
+def test_there_is_none_unless_a_species_asks():
+    plain = Species(name="plain", grammar=Grammar(generations=3, radius=0.1))
+    rough = plain.changed(detail=Detail(relief=True), bark=Bark(texture="furrowed", relief=0.02))
+    smooth, tree = (grow(kind, None, stream(1, "relief")) for kind in (plain, rough))
+    assert smooth.relief is None
+    assert np.array_equal(tree.skeleton.end, smooth.skeleton.end)
+    assert np.array_equal(tree.leaves.centre, smooth.leaves.centre)
+    assert len(tree.mesh.vertices) > 2 * len(smooth.mesh.vertices)
+    coarse = with_tolerance(tree, 0.02)
+    radius, _ = rings(coarse.mesh, 1.0, 0.02)
+    assert np.ptp(radius) > 0.008  # it stays at a coarser tolerance
+
+
+def test_a_scene_asks_for_relief_of_all_its_species():
+    rough = Species(name="rough", grammar=Grammar(generations=3, radius=0.1))
+    planting = Planting(species="rough", layout="rows", variants=1)
+    forests = [
+        grow_forest(Scene(plantings=(planting,), accuracy=Accuracy(relief=on)), [(rough, None)])
+        for on in (False, True)
+    ]
+    smooth, bark = (next(iter(forest.variants.values())) for forest in forests)
+    assert smooth.relief is None
+    assert bark.relief is not None
+    assert np.array_equal(forests[0].stand.position, forests[1].stand.position)
+
+
+def sky(mesh, places):
+    """The share of level rays at places (N, 2) that meet no leaf, from one side: by brute force."""
+    corners = mesh.vertices[:, 1:][mesh.triangles[mesh.part == LEAF]]  # seen along x
+    least, most = (np.ascontiguousarray(end(corners, axis=1).T) for end in (np.min, np.max))
+    met = []
+    for y, z in places:
+        rows = np.flatnonzero((least[0] <= y) & (y <= most[0]))
+        rows = rows[(least[1][rows] <= z) & (z <= most[1][rows])]
+        a, b, c = (corners[rows, k] - (y, z) for k in range(3))
+        turns = np.stack(
+            [u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0] for u, v in ((a, b), (b, c), (c, a))]
+        )
+        met.append(((turns >= 0).all(axis=0) | (turns <= 0).all(axis=0)).any())
+    return 1 - np.mean(met)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("species", ["maple", "silver-birch", "apple-leafless"])
+def test_a_stand_in_is_its_tree_at_a_glance(species):
+    tree = grow(*load_species(find_species(species, Path())), stream(2, "outline"))
+    leaves = tree.mesh.vertices[tree.mesh.triangles[tree.mesh.part == LEAF].ravel()]
+    places, true = None, 1.0
+    if len(leaves):
+        middle, half = leaves[:, 1:].mean(axis=0), 1.2 * leaves[:, 1:].std(axis=0)
+        places = np.random.default_rng(1).uniform(middle - half, middle + half, (60, 2))
+        true = sky(tree.mesh, places)
+    for number, level in enumerate(LEVELS):
+        rough = looks_like(tree, leaves, level, 1.0 + 0.5 * number)
+        if len(leaves):  # sky through the crown, of 1
+            assert abs(true - sky(rough, places)) < (0.22 if level is LEVELS[0] else 0.3)
+
+
+def looks_like(tree, leaves, level, slack):
+    """Hold a stand-in to its tree, a coarse one less strictly; returns it."""
+    mesh, rough = tree.mesh, stand_in(tree.mesh, tree.skeleton, level)
+    assert level.most / 10 < len(rough.triangles) <= level.most
+    assert np.isfinite(rough.vertices).all()
+    assert ((rough.material == 1) == (rough.part == LEAF)).all()
+    top = mesh.vertices[:, 2].max()
+    assert rough.vertices[:, 2].max() == pytest.approx(top, rel=0.12 * slack)
+    wood = rough.vertices[rough.triangles[rough.part == WOOD].ravel()]
+    low = np.abs(wood[:, 2] - 0.05 * top) < 0.06 * top  # the trunk stands at the foot, as thick
+    assert np.linalg.norm(wood[low][:, :2].mean(axis=0)) < 0.05 * top
+    assert (rough.part == LEAF).any() == bool(len(leaves))
+    if not len(leaves):
+        return rough
+    cards = rough.vertices[rough.triangles[rough.part == LEAF].ravel()]
+    assert np.allclose(cards.mean(axis=0), leaves.mean(axis=0), atol=0.06 * slack * top)
+    spread = leaves.std(axis=0)
+    assert np.allclose(cards.std(axis=0), spread, rtol=0.25 * slack, atol=0.02 * top)
+    return rough
+
+
+def test_many_trees_have_coarser_stand_ins():
+    assert level_for(0, 0) is LEVELS[0]
+    assert level_for(250, 125_000) is LEVELS[0]
+    for trees in (251, 1001, 20_000, 10**6):
+        level = level_for(trees, 125_000)
+        finer = LEVELS[: LEVELS.index(level)]
+        assert all(trees * better.most > 125_000 for better in finer)
+        assert trees * level.most <= 125_000 or level is LEVELS[-1]
+
+
+def test_what_has_no_skeleton_has_a_trunk_all_the_same():
+    angle = np.linspace(0, 2 * np.pi, 48, endpoint=False)
+    ring = np.column_stack([0.2 * np.cos(angle) + 3, 0.2 * np.sin(angle) - 1])
+    heights = np.linspace(0, 6, 13)
+    vertices = np.concatenate([np.column_stack([ring, np.full(48, z)]) for z in heights])
+    corner = np.arange(48 * 12)
+    pole = TriMesh.of_part(vertices, np.column_stack([corner, corner + 1, corner + 48]), WOOD)
+    rough = stand_in(pole, NOTHING)
+    foot = rough.vertices[rough.vertices[:, 2] < 1e-9]
+    foot = foot[np.linalg.norm(foot[:, :2] - [3, -1], axis=1) > 1e-3]  # without the cap's middle
+    assert np.abs(np.linalg.norm(foot[:, :2] - [3, -1], axis=1) - 0.2).max() < 0.03
+    assert (rough.part == WOOD).all()
+
+
+@pytest.mark.parametrize(
+    "vertices", [np.empty((0, 3)), np.zeros((3, 3)), np.array([[0, 0, -1], [1, 0, -1], [0, 1, -2]])]
+)
+def test_what_does_not_stand_up_has_no_stand_in(vertices):
+    triangles = np.array([[0, 1, 2]]) if len(vertices) else np.empty((0, 3))
+    assert len(stand_in(TriMesh.of_part(vertices, triangles, OTHER), NOTHING).triangles) == 0

@@ -12,8 +12,8 @@ from references.rays_brute import BruteCaster
 
 from forest_addon.base.trimesh import OTHER, WOOD, TriMesh
 from forest_addon.results.scan_file import write_scan
+from forest_addon.sensing.lidar import specular
 from forest_addon.sensing.lidar.audit import audit_scan
-from forest_addon.sensing.lidar.polish import fresnel
 from forest_addon.sensing.lidar.scan import Scan, scan
 from forest_addon.spec import POLISHED, Beam, Noise, Receiver, SpecError, Surfaces, Terrestrial
 
@@ -73,33 +73,33 @@ def by_angles(before, index):
 
 def cosines_of(angle, ratio):
     way = np.array([[np.sin(angle), 0.0, -np.cos(angle)]])
-    return fresnel.refracted(way, np.array([[0.0, 0.0, 1.0]]), np.array([ratio]))
+    return specular.refracted(way, np.array([[0.0, 0.0, 1.0]]), np.array([ratio]))
 
 
 @pytest.mark.medium
 @given(st.floats(1e-3, 1.56), st.floats(1.001, 3.0))
 def test_fresnel_by_angles_and_energy(angle, index):
     _, before, behind = cosines_of(angle, index)
-    across, within = fresnel.reflectances(before, behind, np.array([index]))
+    across, within = specular.reflectances(before, behind, np.array([index]))
     assert (across[0], within[0]) == pytest.approx(by_angles(angle, index), rel=1e-6, abs=1e-12)
     # The light that passes carries n·cos t/(n·cos i) times the square of its amplitude.
     passed = 2 * before / (before + index * behind), 2 * before / (index * before + behind)
     power = [index * behind / before * t**2 for t in passed]
     assert across + power[0] == pytest.approx(1.0, abs=1e-9)
     assert within + power[1] == pytest.approx(1.0, abs=1e-9)
-    back = fresnel.surface_reflectance(behind, before, np.array([1 / index]))
-    assert back == pytest.approx(fresnel.surface_reflectance(before, behind, np.array([index])))
+    back = specular.surface_reflectance(behind, before, np.array([1 / index]))
+    assert back == pytest.approx(specular.surface_reflectance(before, behind, np.array([index])))
 
 
 def test_fresnel_at_normal_brewster_and_grazing():
     _, before, behind = cosines_of(1e-9, 1.5)
-    assert fresnel.surface_reflectance(before, behind, np.array([1.5]))[0] == pytest.approx(0.04)
+    assert specular.surface_reflectance(before, behind, np.array([1.5]))[0] == pytest.approx(0.04)
     _, before, behind = cosines_of(np.arctan(1.33), 1.33)
-    assert fresnel.reflectances(before, behind, np.array([1.33]))[1][0] == pytest.approx(
+    assert specular.reflectances(before, behind, np.array([1.33]))[1][0] == pytest.approx(
         0, abs=1e-20
     )
     _, before, behind = cosines_of(np.pi / 2 - 1e-9, 1.33)
-    assert fresnel.surface_reflectance(before, behind, np.array([1.33]))[0] == pytest.approx(
+    assert specular.surface_reflectance(before, behind, np.array([1.33]))[0] == pytest.approx(
         1, abs=1e-7
     )
 
@@ -108,14 +108,14 @@ def test_fresnel_at_normal_brewster_and_grazing():
 @given(st.floats(0.0, 1.57), st.floats(1.0, 3.0))
 def test_a_pane_is_the_sum_of_its_inner_reflections(angle, index):
     _, before, behind = cosines_of(angle, index)
-    shares = [float(share[0]) for share in fresnel.reflectances(before, behind, np.array([index]))]
+    shares = [float(share[0]) for share in specular.reflectances(before, behind, np.array([index]))]
     total = 0.0
     for share in shares:
         back, inside = share, (1 - share) * (1 - share)
         for _ in range(1500):
             back, inside = back + inside * share, inside * share**2
         total += back / 2
-    pane = fresnel.pane_reflectance(before, behind, np.array([index]))
+    pane = specular.pane_reflectance(before, behind, np.array([index]))
     assert pane[0] == pytest.approx(total, abs=1e-9 if max(shares) < 0.98 else 2e-2)
 
 
@@ -123,13 +123,13 @@ def test_a_pane_is_the_sum_of_its_inner_reflections(angle, index):
 def test_total_reflection_begins_at_the_critical_angle(inside, total):
     assert np.rad2deg(np.arcsin(1 / 1.33)) == pytest.approx(48.753, abs=1e-3)
     _, before, behind = cosines_of(np.deg2rad(inside), 1 / 1.33)
-    share = fresnel.surface_reflectance(before, behind, np.array([1 / 1.33]))[0]
+    share = specular.surface_reflectance(before, behind, np.array([1 / 1.33]))[0]
     assert np.isnan(behind[0]) == total == (share == 1.0)
 
 
 def test_pure_water_takes_light_as_tables_say():
-    assert fresnel.absorption_of_water(532) == pytest.approx(0.0447, rel=0.3)  # Pope & Fry 1997
-    assert fresnel.absorption_of_water(1550) > 500
+    assert specular.absorption_of_water(532) == pytest.approx(0.0447, rel=0.3)  # Pope & Fry 1997
+    assert specular.absorption_of_water(1550) > 500
 
 
 # ----------------------------------------------------------------------------------------- mirrors

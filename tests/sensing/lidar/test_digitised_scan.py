@@ -6,7 +6,7 @@ from references.lidar_scenes import ground, scene_with, wall
 from references.rays_brute import BruteCaster
 
 from forest_addon.formats.helios.device import Digitiser
-from forest_addon.sensing.lidar.scanner import pattern_of
+from forest_addon.sensing.lidar.pattern import pattern_of
 from forest_addon.sensing.lidar.surveys.digitised import DigitisedScan
 from forest_addon.spec import Beam, Noise, Terrestrial
 

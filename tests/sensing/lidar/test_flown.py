@@ -3,7 +3,7 @@
 import numpy as np
 
 from forest_addon.base.rng import stream
-from forest_addon.sensing.lidar.surveys.flown import gaps_of, lines_of, pulses_of, split_lines
+from forest_addon.sensing.lidar.surveys.like import gaps_of, lines_of, pulses_of, split_lines
 
 
 def beams(way, time, rng, wrong=0.0):

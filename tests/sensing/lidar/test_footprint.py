@@ -6,7 +6,7 @@ from scipy.special import erf
 
 from forest_addon.base.rng import daughter_keys, first_key
 from forest_addon.sensing.lidar.footprint import radii, spread
-from forest_addon.sensing.lidar.scanner import Pulses
+from forest_addon.sensing.lidar.pattern import Pulses
 from forest_addon.spec import Beam
 
 

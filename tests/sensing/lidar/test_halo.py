@@ -9,9 +9,8 @@ from references.lidar_scenes import scene_with
 from references.rays_brute import BruteCaster
 
 from forest_addon.base.trimesh import OTHER, TriMesh
-from forest_addon.sensing.lidar.polish.bounces import PolishedScene
-from forest_addon.sensing.lidar.polish.halo import Halo
 from forest_addon.sensing.lidar.scan import Scan, scan
+from forest_addon.sensing.lidar.specular import Halo, SpecularScene
 from forest_addon.spec import POLISHED, Beam, Receiver, SpecError, Surfaces, Terrestrial
 
 GAIN, FAR = 500.0, 50.0
@@ -98,4 +97,4 @@ def test_chunks_are_the_whole_and_bounces_leave_it_alone():
     work = Scan(scanner(halo=1e-2), caster)
     parts = np.concatenate([piece.position for _, piece in work.chunks(at_once=97)])
     assert (parts == scan(scanner(halo=1e-2), caster).position).all()
-    assert PolishedScene.of(caster.scene, replace(scanner(), bounces=True)) is None
+    assert SpecularScene.of(caster.scene, replace(scanner(), bounces=True)) is None

@@ -7,7 +7,7 @@ from references.rays_brute import ray_parameters
 from forest_addon.base.rng import stream
 from forest_addon.base.trimesh import OTHER, TriMesh
 from forest_addon.growth.mesh.meshing import tube
-from forest_addon.sensing.rays.hulls import Hulls
+from forest_addon.sensing.rays.boxes import Hulls
 
 
 def bare_tree(seed, size):

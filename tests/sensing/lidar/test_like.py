@@ -4,14 +4,9 @@ import numpy as np
 import pytest
 
 from forest_addon.formats.table import write_csv
-from forest_addon.sensing.lidar.scanner import pattern_of
-from forest_addon.sensing.lidar.surveys.flown import FlightLine
-from forest_addon.sensing.lidar.surveys.like import pattern_like, scanner_like
-from forest_addon.sensing.lidar.surveys.trajectory_file import (
-    COLUMNS,
-    RECORD,
-    read_trajectory,
-)
+from forest_addon.sensing.lidar.pattern import pattern_of
+from forest_addon.sensing.lidar.surveys.like import FlightLine, pattern_like, scanner_like
+from forest_addon.sensing.lidar.surveys.trajectories import COLUMNS, RECORD, read_trajectory
 from forest_addon.spec import Mobile, Pose, SpecError
 
 

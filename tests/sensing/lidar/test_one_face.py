@@ -9,7 +9,7 @@ from references.rays_brute import BruteCaster
 
 from forest_addon.base.trimesh import LEAF, WOOD, TriMesh
 from forest_addon.growth.mesh.meshing import tube
-from forest_addon.sensing.lidar import one_face
+from forest_addon.sensing.lidar import passage
 from forest_addon.sensing.lidar.scan import Scan
 from forest_addon.spec import Beam, Mobile, Noise, Pose, Surfaces, Terrestrial
 
@@ -59,7 +59,7 @@ def test_it_is_what_the_rays_one_by_one_make(settings, monkeypatch):
     found = quick.look(0, quick.pulses)
     traced = quick.seen_by(caster).look(0, quick.pulses)
     none = np.empty(0, np.int64)
-    monkeypatch.setattr(one_face, "on_one_face", lambda *_: (none, none))
+    monkeypatch.setattr(passage, "on_one_face", lambda *_: (none, none))
     alike(found, quick.seen_by(caster).look(0, quick.pulses))
     for field in dataclasses.fields(found):  # who traced is no matter, to the bit
         one, other = getattr(found, field.name), getattr(traced, field.name)

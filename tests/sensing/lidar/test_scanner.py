@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from forest_addon.sensing.lidar.scanner import pattern_of
+from forest_addon.sensing.lidar.pattern import pattern_of
 from forest_addon.sensing.trajectory import along, through
 from forest_addon.spec import Airborne, Mobile, Pose, SpecError, Terrestrial
 

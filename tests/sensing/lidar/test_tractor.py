@@ -7,7 +7,7 @@ from references.rays_brute import BruteCaster
 
 from forest_addon.base.trimesh import GROUND, WOOD
 from forest_addon.sensing.lidar import tractor as driven
-from forest_addon.sensing.lidar.returns import ESCAPED
+from forest_addon.sensing.lidar.cloud import ESCAPED
 from forest_addon.spec import Tractor
 
 TRACTOR = Tractor(position=(1.0, 0.0, 1.0), track=0.1, step=0.002, gap=9, reach=5.0, top=4.0)

@@ -12,7 +12,6 @@ from forest_addon.growth.mesh.meshing import tube
 from forest_addon.growth.skeleton import Skeleton
 from forest_addon.growth.truth import wood_of_skeleton
 from forest_addon.sensing.lidar import tractor as driven
-from forest_addon.sensing.lidar import wood_indices
 from forest_addon.spec import Tractor
 
 TRACTOR = Tractor(position=(1.0, 0.0, 1.0), track=0.098, step=0.002, reach=4.0, top=5.0)
@@ -29,7 +28,7 @@ def test_a_wall_has_its_distance_times_the_fan():
     far = 3.0
     fine = replace(TRACTOR, angle_step_deg=0.05, reach=20.0)  # above the horizon: a wall, no ground
     scan = driven.drive(fine, BruteCaster(scene_with(ground(), wall(1.0 + far))))
-    areas = wood_indices.beam_areas(scan, fine)
+    areas = driven.beam_areas(scan, fine)
     above = scan.angle >= 0
     step = np.deg2rad(0.05)
     exact = fine.step * far * (np.sin(scan.angle + step) - np.sin(scan.angle)) / np.cos(scan.angle)
@@ -38,7 +37,7 @@ def test_a_wall_has_its_distance_times_the_fan():
     assert areas[:, above].sum() == pytest.approx(50 * 0.002 * far * span, rel=step)
     assert (areas[scan.organ != WOOD] == 0).all()
     # With θ from the vertical the same sum is D·∫tan θ = D·ln(cos θ₁/cos θ₂).
-    upright = wood_indices.beam_areas(scan, fine, from_vertical=True)[:, above].sum()
+    upright = driven.beam_areas(scan, fine, from_vertical=True)[:, above].sum()
     logarithm = np.log(np.cos(scan.angle[above][0]) / np.cos(scan.angle[-1] + step))
     assert upright == pytest.approx(50 * 0.002 * far * logarithm, rel=2 * step)
 
@@ -52,7 +51,7 @@ def test_a_vertical_cylinder_has_its_visible_front():
     scene = scene_with(ground(), TriMesh.of_part(vertices, triangles, WOOD))
     tractor = replace(TRACTOR, step=0.0005, track=0.1, angle_step_deg=1.0)
     scan = driven.drive(tractor, BruteCaster(scene))
-    areas = wood_indices.beam_areas(scan, tractor)[:, scan.angle > 0]
+    areas = driven.beam_areas(scan, tractor)[:, scan.angle > 0]
     wide = np.sin(scan.angle + np.deg2rad(1.0)) - np.sin(scan.angle)
     fan = (wide / np.cos(scan.angle))[scan.angle > 0].sum()  # S's sum in place of θ₂ - θ₁
     assert areas.sum() == pytest.approx((2 * r * far - np.pi * r**2 / 2) * fan, rel=0.01)
@@ -76,8 +75,8 @@ def test_the_truth_of_a_cylinder():
 def test_areas_by_tree_add_up_to_the_orchard():
     scene = scene_with(ground(), post(3.0, 0.011, 0.031), post(4.0, 0.021, 0.071))
     scan = driven.drive(TRACTOR, BruteCaster(scene))
-    by_tree = wood_indices.impacted_by_tree(scan, TRACTOR, 2)
-    assert by_tree.sum() == pytest.approx(wood_indices.impacted_area(scan, TRACTOR), rel=1e-12)
+    by_tree = driven.impacted_by_tree(scan, TRACTOR, 2)
+    assert by_tree.sum() == pytest.approx(driven.impacted_area(scan, TRACTOR), rel=1e-12)
     # 10 scans at 2 m; of the 25 at 3 m the first 5 are hidden.
     assert by_tree[0] / by_tree[1] == pytest.approx(2.0 / 3.0 * 10 / 20, rel=1e-12)
 
@@ -143,11 +142,11 @@ def test_the_escape_value_stands_in_the_matrix_only():
 
 def test_lines_through_the_origin():
     x, noise = np.array([1.0, 2.0, 3.0, 4.0]), np.array([0.1, -0.2, 0.1, 0.0])
-    line = wood_indices.line_through_origin(x, 3.0 * x + noise)
+    line = driven.line_through_origin(x, 3.0 * x + noise)
     assert line.slope == pytest.approx(3.0, abs=1e-12)  # the noise is at right angles to x
     assert line.r2 == pytest.approx(1 - 0.06 / ((3 * x + noise).var() * 4))
-    assert wood_indices.line_through_origin(x, 2 * x).r2 == 1.0
+    assert driven.line_through_origin(x, 2 * x).r2 == 1.0
     with pytest.raises(ValueError, match="two points"):
-        wood_indices.line_through_origin(x[:1], x[:1])
+        driven.line_through_origin(x[:1], x[:1])
     with pytest.raises(ValueError, match="not 0"):
-        wood_indices.line_through_origin(0 * x, x)
+        driven.line_through_origin(0 * x, x)

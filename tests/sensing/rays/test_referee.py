@@ -5,9 +5,8 @@ import pytest
 
 from forest_addon.base.trimesh import OTHER, TriMesh
 from forest_addon.sensing.rays.caster import Hits, RayCaster
-from forest_addon.sensing.rays.exact import ExactCaster
+from forest_addon.sensing.rays.exact import ExactCaster, Referee
 from forest_addon.sensing.rays.geometry import SceneGeometry
-from forest_addon.sensing.rays.referee import Referee
 
 
 def roof(far=0.0):

@@ -7,15 +7,11 @@ import pytest
 
 from forest_addon.base.trimesh import OTHER, WOOD, TriMesh, join
 from forest_addon.growth.mesh.meshing import tube
+from forest_addon.sensing.moving import KNOTS, SPAN, MovingScene
+from forest_addon.sensing.moving_rays import MovingCaster
 from forest_addon.sensing.rays.boxes import extents, within
-from forest_addon.sensing.rays.caster import Hits
 from forest_addon.sensing.rays.exact import ExactCaster
 from forest_addon.sensing.rays.geometry import SceneGeometry
-from forest_addon.sensing.rays.moving import MovingCaster
-from forest_addon.sensing.rays.paths import SceneMotion
-from forest_addon.sensing.rays.pieces import cut
-from forest_addon.sensing.rays.seams import Seams
-from forest_addon.sensing.rays.swaying import KNOTS, SPAN, SwayingCaster
 
 SPEED, TURN = 0.8, 0.3  # m/s along x, rad/s about y
 FAR = 10.0
@@ -71,9 +67,7 @@ def scene(mesh, tree=7):
 
 
 def caster(geometry, sway=None):
-    made = cut(geometry, sway or Lean())
-    still = MovingCaster(made.still, SceneMotion(), ExactCaster)
-    return SwayingCaster(made, sway or Lean(), still, ExactCaster)
+    return MovingCaster(MovingScene(geometry, sway=sway or Lean()), ExactCaster)
 
 
 def fan(count=400, seed=1):
@@ -109,14 +103,14 @@ def test_a_leaning_plate_is_met_where_it_is():
     assert meets_lower[sure].sum() > 50
     assert np.abs(hits.distance - expected)[sure].max() < 1e-9
     points = hits.distance[:, None] * way
-    velocity, rest = rays.velocities(points, hits.instance, hits.triangle, time)
+    velocity, rest = rays.moving.velocities(points, hits.instance, hits.triangle, time)
     ours = sure & meets_upper
     closed = np.zeros((ours.sum(), 3))
     closed[:, 0] = -SPEED + TURN * points[ours, 2]
     assert np.abs(velocity[ours] - closed).max() < 1e-9
     assert np.abs(rest[ours, 0] - FAR).max() < 1e-9
     assert not velocity[sure & ~meets_upper].any()
-    instance, triangle = rays.known(hits.instance, hits.triangle)
+    instance, triangle = rays.moving.known(hits.instance, hits.triangle)
     assert set(instance[sure].tolist()) == {0, 1}
     middle = plate().vertices[plate().triangles[triangle[ours]]].mean(axis=1)
     assert np.abs(middle[:, 2] - rest[ours, 2]).max() < 0.07
@@ -208,51 +202,27 @@ def test_windows_join():
 def test_labels_go_with_pieces(parts):
     one = plate()
     mesh = join([one] * parts)
-    made = cut(scene(mesh), Lean())
-    assert len(made.piece) == 2
-    for number, rows in enumerate(
-        made.triangle[len(made.read.meshes) + 1 :], len(made.read.meshes) + 1
-    ):
-        whole = mesh.vertices[mesh.triangles[rows]]
-        own = made.scene.meshes[number]
-        assert np.array_equal(own.vertices[own.triangles], whole)
+    pieces = MovingScene(scene(mesh), sway=Lean()).pieces
+    assert len(pieces.owner) == 2
+    for own, rows in zip(pieces.meshes, pieces.triangle, strict=True):
+        assert np.array_equal(own.vertices[own.triangles], mesh.vertices[mesh.triangles[rows]])
 
 
-def test_of_the_copies_at_a_seam_the_first_is_met():
-    """Whichever of them an engine in float32 finds."""
-    rays = caster(scene(plate()))
-    seams = Seams(rays.cut)
-    piece = np.concatenate(
-        [np.full(len(rays.scene.meshes[m].triangles), k) for k, m in pieces_of(rays)]
-    )
-    triangle = np.concatenate(
-        [np.arange(len(rays.scene.meshes[m].triangles)) for _, m in pieces_of(rays)]
-    )
-    instance = rays.cut.count + piece
-    rows = seams.shared(instance, triangle)
+def test_the_copies_of_a_triangle_at_a_seam_are_a_ring():
+    moving = MovingScene(scene(plate()), sway=Lean())
+    pieces = moving.pieces
+    size = [len(mesh.triangles) for mesh in pieces.meshes]
+    piece, triangle = np.repeat(np.arange(2), size), np.concatenate([np.arange(n) for n in size])
+    rows = pieces.at_seams(piece, triangle)
     assert len(rows) == 2 * 4  # two rows of the plate on both sides of the seam, in both pieces
-    other = seams.other(instance[rows], triangle[rows])
-    assert (other[0] != instance[rows]).all()
-    known = [rays.known(*pair) for pair in ((instance[rows], triangle[rows]), other)]
+    other = pieces.next_copy(piece[rows], triangle[rows])
+    assert (other[0] != piece[rows]).all()
+    known = [
+        moving.known(moving.count + number, of)
+        for number, of in ((piece[rows], triangle[rows]), other)
+    ]
     assert np.array_equal(known[0], known[1])
-    back = seams.other(*other)
-    assert np.array_equal(back, (instance[rows], triangle[rows]))
-    origin, way, time = fan()
-    hits = rays.cast(origin, way, time=time)
-    tree = np.flatnonzero(hits.instance >= rays.cut.count)
-    seam = tree[seams.shared(hits.instance[tree], hits.triangle[tree])]
-    assert len(seam) > 10
-    swapped = seams.other(hits.instance[seam], hits.triangle[seam])
-    given = Hits(hits.distance[seam].copy(), swapped[0].copy(), swapped[1].copy())
-    rays._settle(given, origin[seam], way[seam], time[seam], np.zeros(len(seam)))
-    assert np.abs(given.distance - hits.distance[seam]).max() < 1e-12
-    same = given.instance == hits.instance[seam]
-    assert same.mean() > 0.9  # the others are at the same distance
-
-
-def pieces_of(rays):
-    (listed,) = rays.cut.known.values()
-    return [(number, mesh) for number, (_, mesh) in enumerate(listed)]
+    assert np.array_equal(pieces.next_copy(*other), (piece[rows], triangle[rows]))
 
 
 def test_no_bundle_passes_by_a_box_that_its_ways_meet():

@@ -10,7 +10,6 @@ import pytest
 from references.leaf_discs import discs_of
 from scipy.signal import windows
 
-from forest_addon.acoustics.modes import disc_modes
 from forest_addon.sensing.sonar import calls
 from forest_addon.sensing.sonar.beam import MeasuredBeam
 from forest_addon.sensing.sonar.calls import Call, resampled, synthesise
@@ -201,20 +200,6 @@ def test_doppler_of_echoes_that_are_alike_keeps_the_tolerance(model: str, hearin
         fast = ping(many, sonar.changed(tolerance=tolerance), AIR, **given)
         off = np.abs(fast.called - count * exact.called).max() / (loudest * count * exact.size[0])
         assert 1e-12 < off <= tolerance
-
-
-@pytest.mark.slow
-def test_speeds_that_are_alike_share_a_table() -> None:
-    rng, made = np.random.default_rng(3), []
-    places = rng.normal(size=(600, 3)) * 0.3 + [2.0, 0, 0]
-    discs = discs_of(places, rng.normal(size=(600, 3)), 0.015)
-    sonar = sonar_of(call="fm", doppler=True, cull=0.0, leaf_model="exact", tolerance=1e-3)
-    for speed in (5.0, 5.01, 5.02):
-        pose = SonarPose(np.zeros(3), np.eye(3), np.array([speed, 0, 0]))
-        ping(discs, sonar, AIR, pose=pose)
-        made.append(disc_modes._modes.cache_info().misses)
-    assert made[1] == made[0]
-    assert made[2] == made[0]
 
 
 @pytest.mark.parametrize("lead", [0.0, 7e-4])

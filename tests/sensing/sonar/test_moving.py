@@ -9,8 +9,9 @@ import pytest
 from references.echo_scenes import scene_of, square_leaves
 
 from forest_addon.base.trimesh import OTHER, TriMesh
+from forest_addon.sensing.moving import MovingScene
+from forest_addon.sensing.moving_rays import MovingCaster
 from forest_addon.sensing.rays.exact import ExactCaster
-from forest_addon.sensing.rays.moving import MovingCaster
 from forest_addon.sensing.rays.paths import RigidPath, SceneMotion, ShapePath
 from forest_addon.sensing.sonar.doppler import factors
 from forest_addon.sensing.sonar.flight import fly
@@ -48,8 +49,8 @@ def at(x, angle=0.0):
 
 def targets_in(scene, motion):
     still = EchoTargets(scene)
-    moving = MovingCaster(scene, motion, ExactCaster)
-    return EchoTargets(scene, still, None, EchoMotion(moving, scene)), moving
+    moving = MovingCaster(MovingScene(scene, motion), ExactCaster)
+    return EchoTargets(scene, still, None, EchoMotion(moving.moving)), moving
 
 
 def nearing(mesh, x=FAR):
@@ -130,7 +131,8 @@ def test_what_nears_hides_what_stands_behind_it_then():
     path = RigidPath(np.array([0.0, 1.0]), np.array([at(2.0), aside]))
     targets, moving = targets_in(scene, SceneMotion({0: path}))
     sonar = SONAR.changed(facets=False, leaf_model="piston")
-    echoes = fly(targets, sonar, AIR, poses_at([0.0, 1.0]), moving.solid()).echoes
+    wood = MovingCaster(moving.moving.solid(), ExactCaster)
+    echoes = fly(targets, sonar, AIR, poses_at([0.0, 1.0]), wood).echoes
     assert [echo.hidden for echo in echoes] == [1, 0]
     assert [echo.leaves_heard if echo.groups else 0 for echo in echoes] == [0, 1]
 
@@ -146,14 +148,14 @@ def test_what_is_away_or_bends_sounds_as_it_is_at_each_ping():
         {0: (-np.inf, 1.0)},
     )
     targets, moving = targets_in(scene, motion)
-    assert moving.bends
+    assert moving.moving.motion.shapes
     early, late, gone = fly(
         targets, SONAR.changed(shading="none"), AIR, poses_at([0.0, 0.5, 1.5])
     ).echoes
     for echo, place in ((early, FAR), (late, FAR - 0.5)):
         assert echo.groups[0].paths.distance.min() == pytest.approx(place, rel=1e-12)
     assert not gone.groups
-    assert moving.solid().motion.shapes[0].vertices.shape == (2, 4, 3)
+    assert moving.moving.solid().motion.shapes[0].vertices.shape == (2, 4, 3)
 
 
 @pytest.mark.medium

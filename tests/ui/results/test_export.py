@@ -16,7 +16,7 @@ from forest_addon.results.dry_sounds import PEAK_DB, dry_sound
 from forest_addon.results.points import POINT
 from forest_addon.sensing.reverb.auralise import auralise, normalised
 from forest_addon.sensing.reverb.response import channels_of
-from forest_addon.ui.results import buttons, keep
+from forest_addon.ui.results import buttons, finding
 
 from ..pressing import add_cube, press, run
 
@@ -40,7 +40,7 @@ def test_a_cloud_is_exported_as_one_chooses(built, tmp_path):
 
 @pytest.mark.medium
 def test_what_is_too_large_to_be_kept_says_so(built, tmp_path, monkeypatch):
-    monkeypatch.setattr(keep, "MOST", 1000)
+    monkeypatch.setattr(finding, "MOST", 1000)
     run("echo")
     with pytest.raises(RuntimeError, match="Run its sensor again"):
         press("export_result", result="echo", filepath=str(tmp_path / "mine.wav"))
@@ -70,7 +70,7 @@ def test_an_echo_can_be_heard(built):
 def test_a_reverb_is_played_as_the_chosen_sound_is_heard(built, tmp_path):
     """What Blender's audio library was given is the convolution; the exported WAV has it, too."""
     run("reverb")
-    _, found, _ = keep.unpack(built.results["reverb"].found)
+    _, found, _ = finding.unpack(built.results["reverb"].found)
     responses = channels_of(found).reshape(len(found.samples), -1)
     for choice in ("CLAP", "CALL"):
         built.dry = choice

@@ -211,7 +211,7 @@ def test_things_that_are_called_alike_stand_once_in_a_legend():
      (6.7e-05, "", "0.0067 %"), (float("inf"), "m", "inf m")],
 )  # fmt: skip
 def test_an_audit_says_errors_as_one_does(value, unit, words):
-    from forest_addon.ui.results.keep import plain
+    from forest_addon.ui.results.finding import plain
 
     assert plain(value, unit) == words
 

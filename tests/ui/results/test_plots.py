@@ -10,8 +10,8 @@ bpy = pytest.importorskip("bpy")
 from forest_addon import spec
 from forest_addon.drawing import strips as plots
 from forest_addon.results.scanner import cloud_plot
-from forest_addon.sensing.lidar import panorama
-from forest_addon.sensing.lidar.scanner import pattern_of
+from forest_addon.sensing.lidar import glance
+from forest_addon.sensing.lidar.pattern import pattern_of
 from forest_addon.ui.results import images
 
 RATE = 100_000.0
@@ -198,5 +198,5 @@ def test_each_beam_of_a_whole_turn_has_its_pixel_and_there_is_no_other(step):
         elevation=np.arcsin(way[:, 2]),
         returns=SimpleNamespace(distance=np.arange(len(way), dtype=float)),
     )
-    image = panorama.range_image(cloud, scanner)
+    image = glance.range_image(cloud, scanner)
     assert np.array_equal(image.T.ravel(), cloud.returns.distance)  # column by column

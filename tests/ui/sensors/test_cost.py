@@ -8,7 +8,7 @@ bpy = pytest.importorskip("bpy")
 
 from forest_addon.blender.sensors import objects as sensors
 from forest_addon.blender.sensors.observe import Observer
-from forest_addon.sensing import cost as costs_of
+from forest_addon.sensing import kind as costs_of
 from forest_addon.sensing.kinds import KINDS, kind_of
 from forest_addon.sensing.lidar.tractor import TractorScan
 from forest_addon.spec import Sonar

@@ -11,7 +11,7 @@ from forest_addon.blender.sensors.objects import PATH_KEY, kind_of
 from forest_addon.blender.sensors.observe import Observer
 from forest_addon.sensing.kinds import KINDS
 from forest_addon.sensing.lidar import tractor
-from forest_addon.sensing.lidar.scanner import pattern_of
+from forest_addon.sensing.lidar.pattern import pattern_of
 from forest_addon.sensing.reverb.ends import ends_of
 from forest_addon.sensing.sonar.poses import posed
 from forest_addon.ui.sensors.add import STARTS

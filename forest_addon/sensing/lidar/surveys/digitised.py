@@ -18,15 +18,14 @@ from functools import cached_property
 import numpy as np
 
 from ....formats.helios.device import Digitiser
+from ...moving_rays import MovingCaster
 from ...rays.caster import Hits, RayCaster
-from ...rays.moving import TimedCaster
+from ..cloud import cosines
 from ..footprint import BeamFrames
-from ..one_face import Received, scalars_of
-from ..passage import Contacts
+from ..passage import Contacts, Received, scalars_of
+from ..pattern import LiDAR, Pattern, Pulses
 from ..radiometry import intensity, reflectance_of
-from ..returns import cosines
 from ..scan import RAYS_AT_ONCE, Scan
-from ..scanner import LiDAR, Pattern, Pulses
 from ..waveform import LIGHT, WaveformEchoes
 
 BINS_AT_ONCE = 4_000_000  # of all waveforms in work
@@ -43,7 +42,7 @@ class DigitisedScan(Scan):
     def __init__(
         self,
         scanner: LiDAR,
-        caster: RayCaster | TimedCaster,
+        caster: RayCaster | MovingCaster,
         seed: int,
         pattern: Pattern,
         digitiser: Digitiser,

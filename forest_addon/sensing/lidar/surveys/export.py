@@ -25,10 +25,10 @@ from ....spec import (
     Tractor,
 )
 from ...trajectory import Trajectory, strips
-from ..scanner import Pattern, directions, pattern_of
+from ..pattern import Pattern, directions, pattern_of
 from ..tractor import fan, positions
 from .digitised import rings
-from .poses import beam_poses, canonical, write_poses
+from .trajectories import beam_poses, canonical, write_poses
 
 LEAVE_TOGETHER = "the beams of a column leave at one time"
 PATTERNS = ("lines", "fans", "zigzag", "circles", "spinning")  # that HELIOS++ has optics for

@@ -6,14 +6,11 @@ squaring; what repeats is found first.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
 from ....formats.helios.motion import MotionSequence, MotionStep, PartMotion
-from ...rays.paths import PathTable, RigidPath, SceneMotion
 
 STILL = MotionStep(np.eye(3), np.eye(3), np.zeros(3))
 
@@ -66,8 +63,8 @@ def power(step: MotionStep, exponent: int) -> MotionStep:
     return MotionStep(found.turn[0], found.carry[0], found.move[0])
 
 
-class SteppedPath(RigidPath):
-    """Transforms of a part over time; see ``RigidPath``.
+class SteppedPath:
+    """Transforms of a part over time (a ``rays.paths.PartPath``).
 
     transform : (3, 4) local to world before the first step. before : pulses that were sent before time 0.
     pulses : how many are sent from then on, at ``rate`` Hz; the one at time t is the (t · rate)-th.
@@ -91,12 +88,10 @@ class SteppedPath(RigidPath):
         """(R, 3, 4) transforms at times (R,), s."""
         return self._placed(self._steps(time))
 
-    def velocity(self, points: np.ndarray, time: np.ndarray) -> np.ndarray:
-        """(R, 3) m/s of the part's own points (R, 3) at times (R,), the mean over the step that follows."""
+    def rate(self, time: np.ndarray) -> np.ndarray:
+        """(R, 3, 4) change of the transforms a second at times (R,), the mean over the step that follows."""
         step = self._steps(time)
-        way = self._placed(step + 1) - self._placed(step)
-        moved = np.einsum("rij,rj->ri", way[:, :, :3], points) + way[:, :, 3]
-        return np.asarray(moved * (self._rate / self._every))
+        return (self._placed(step + 1) - self._placed(step)) * (self._rate / self._every)
 
     def swept(self, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Box in the world, corners (3,), that a part within a box of its own never leaves: a ball around its
@@ -114,23 +109,9 @@ class SteppedPath(RigidPath):
             ]
         return ends[0] - radius, ends[1] + radius
 
-    @property
-    def every(self) -> int:
-        """Pulses from a step to the next."""
-        return self._every
-
-    def sent(self, time: np.ndarray) -> np.ndarray:
-        """(R,) pulses that were sent before times (R,), s."""
-        sent = np.round(np.asarray(time) * self._rate).astype(np.int64) - 1 + self._before
-        return np.asarray(np.maximum(sent, 0))
-
-    def after(self, pulses: int) -> tuple[np.ndarray, np.ndarray]:
-        """(3, 4) transform after so many pulses, and by how much it changes a second, over the next step."""
-        here, then = self._placed(pulses // self._every + np.arange(2))
-        return here, (then - here) * (self._rate / self._every)
-
     def _steps(self, time: np.ndarray) -> np.ndarray:
-        return self.sent(time) // self._every
+        sent = np.round(np.asarray(time) * self._rate).astype(np.int64) - 1 + self._before
+        return np.asarray(np.maximum(sent, 0) // self._every)
 
     def _placed(self, step: np.ndarray) -> np.ndarray:
         known, which = np.unique(step, return_inverse=True)
@@ -207,37 +188,3 @@ def _runs(sequences: tuple[MotionSequence, ...]) -> tuple[list[_Run], _Loop | No
             total, first = power(one.step, length).after(total), first + length
     loop = None if now is None else _Loop(begin, first - begin, total)
     return runs, loop
-
-
-class SteppedTable(PathTable):
-    """Stepped paths side by side, asked by their rows."""
-
-    def __init__(self, paths: Sequence[SteppedPath]) -> None:
-        self._paths = tuple(paths)
-
-    def at(self, which: np.ndarray, time: np.ndarray, beyond: bool = False) -> np.ndarray:
-        """See ``PathTable.at``; steps have no ends to go on beyond."""
-        found = np.empty((len(time), 3, 4))
-        for row, path in enumerate(self._paths):
-            mine = np.flatnonzero(which == row)
-            if len(mine):
-                found[mine] = path.at(time[mine])
-        return found
-
-    def velocity(self, which: np.ndarray, points: np.ndarray, time: np.ndarray) -> np.ndarray:
-        """See ``PathTable.velocity``."""
-        found = np.zeros_like(points)
-        for row, path in enumerate(self._paths):
-            mine = np.flatnonzero(which == row)
-            if len(mine):
-                found[mine] = path.velocity(points[mine], time[mine])
-        return found
-
-
-class SteppedMotion(SceneMotion):
-    """Motion of a scene whose parts go by steps: ``paths`` are ``SteppedPath``."""
-
-    @cached_property
-    def table(self) -> PathTable:
-        """Paths in the order of ``rows``."""
-        return SteppedTable([self.paths[n] for n in self.rows.tolist()])  # type: ignore[misc]

@@ -1,1 +1,0 @@
-"""Sums of many echoes over one band by few modes: tables of modes, and the sum."""

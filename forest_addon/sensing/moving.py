@@ -1,0 +1,598 @@
+"""The moving scene: where each part of a scene is at time t, what it is at rest, and how fast it goes.
+
+Instances move as the scene's keys, parents and physics have them (``rays.paths.SceneMotion``), and trees sway
+in the wind. A tree that sways is cut into the pieces of its rig, each an instance of its own behind those of
+the scene; at the seams both neighbours have the triangles there, so that no ray slips between them. A piece
+is known at knots of time, between which each of its points goes straight. LiDARs, sonars, surveys and flights
+all ask this one object; rays are cast in it by ``moving_rays``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+
+from ..base.trimesh import LEAF, OTHER, TriMesh
+from .rays.boxes import clip, extents, within
+from .rays.caster import Hits, hit_normals, unit_columns
+from .rays.exact import meet
+from .rays.geometry import SceneGeometry
+from .rays.paths import SceneMotion, ShapePath, corners_at_rest
+
+KNOTS = 32  # a second
+SPAN = 8  # knots of a window, for which pieces are placed together
+RUN, WIDER = 8, 2.0  # rays of a run, and metres that they may be apart
+AROUND = 0.1  # metres about a bundle of rays, whose pieces are placed with those in it
+KEPT = 256  # trees by windows, whose pieces are kept in place
+
+
+class Swaying(Protocol):
+    """Trees that sway, as ``stand.wind.sway`` has them; named by their number in the stand."""
+
+    @property
+    def number(self) -> dict[int, int]: ...
+
+    def moves(self, tree: int) -> bool: ...
+
+    def leaning(self) -> int: ...
+
+    def pieces(self, tree: int, mesh: TriMesh) -> np.ndarray: ...
+
+    def places(self, tree: int, knot: np.ndarray) -> np.ndarray: ...
+
+    def most(
+        self, tree: int, low: np.ndarray, high: np.ndarray, knot: np.ndarray | None = None
+    ) -> float: ...
+
+
+class MovingScene:
+    """A scene of which some instances move, sway or change their shape.
+
+    read : the scene as it was read. motion : how its instances move. whole : the scene with the instances
+    that it has besides at other times; left out: ``read``. sway : how its trees sway, start : s, when their
+    time begins for rays of time 0. like : a scene of the same meshes, whose pieces are shared.
+
+    scene : all instances, pieces of trees last, from number ``count`` on. still : those before, of which what
+    moves or sways has no surface.
+    """
+
+    def __init__(
+        self,
+        read: SceneGeometry,
+        motion: SceneMotion | None = None,
+        whole: SceneGeometry | None = None,
+        sway: Swaying | None = None,
+        start: float = 0.0,
+        like: MovingScene | None = None,
+    ) -> None:
+        motion, whole = motion or SceneMotion(), read if whole is None else whole
+        self.read, self.sway, self.start = read, sway, start
+        tree = trees_that_sway(whole, sway)
+        sways = np.flatnonzero(tree >= 0)
+        self.motion = motion.without(sways)
+        pieces = CutTrees(whole, tree, sway, like and like.pieces) if len(sways) else None
+        self.pieces, self.count = pieces, len(whole)
+        empty = TriMesh.of_part(np.empty((0, 3)), np.empty((0, 3), np.int64), OTHER)
+        more = () if pieces is None else pieces.meshes
+        meshed = whole.with_meshes((empty, *more), (0, *(() if pieces is None else pieces.of_mesh)))
+        index = whole.mesh_index.copy()
+        index[sways] = len(whole.meshes)
+        self.scene = replace(meshed, mesh_index=index)
+        if like is not None and len(like.scene.meshes) == len(self.scene.meshes):
+            self.scene.share_table(like.scene.table)
+        index = index.copy()
+        index[self.motion.rows] = len(whole.meshes)
+        self.still = replace(
+            whole.with_meshes((empty,), (0,)),
+            mesh_index=index,
+            **dict.fromkeys(("slot_reflectance", "asset", "slot_names", "slot_optics"), ()),
+        )
+        # Instances of other times that stand for trees which sway are never there.
+        away = sways[sways >= len(read)]
+        self.whole = replace(meshed, meshes=meshed.meshes[: len(whole.meshes) + 1])
+        self.whole = replace(
+            self.whole,
+            mesh_index=np.where(
+                np.isin(np.arange(self.count), away), len(whole.meshes), whole.mesh_index
+            ),
+        )
+        if pieces is not None:
+            rows = np.concatenate([np.arange(self.count), pieces.owner])
+            mesh = np.concatenate([self.scene.mesh_index, len(whole.meshes) + 1 + pieces.mesh])
+            self.scene = self.scene.take(rows, mesh_index=mesh)
+
+    def solid(self) -> MovingScene:
+        """The same motion without leaves."""
+        shapes = {}
+        for number, shape in self.motion.shapes.items():
+            mesh = self.whole.meshes[self.whole.mesh_index[number]]
+            kept = np.unique(mesh.triangles[mesh.part != LEAF])
+            shapes[number] = ShapePath(shape.time, shape.vertices[:, kept])
+        motion = replace(self.motion, shapes=shapes)
+        return MovingScene(self.read.solid(), motion, self.whole.solid(), self.sway, self.start)
+
+    def of(self, true: SceneGeometry) -> MovingScene:
+        """The same motion of a scene that was read differently."""
+        if true is self.read:
+            return self
+        more = self.whole.meshes[len(true.meshes) :]
+        place = np.concatenate([true.transform, self.whole.transform[len(true) :]])
+        whole = replace(self.whole, meshes=(*true.meshes, *more), transform=place)
+        return MovingScene(true, self.motion, whole, self.sway, self.start)
+
+    def at(self, instance: np.ndarray, time: np.ndarray) -> np.ndarray:
+        """(R, 3, 4) local to world of instances (R,) at times (R,), s."""
+        found = self.scene.transform[instance]
+        rows, row = self.motion.row_of(instance)
+        if len(rows):
+            found[rows] = self.motion.table.at(row, time[rows])
+        rows = np.flatnonzero(instance >= self.count)
+        if len(rows):
+            found[rows] = self._swayed(instance[rows] - self.count, time[rows])[0]
+        return found
+
+    def _swayed(self, piece: np.ndarray, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(R, 3, 4) local to world of pieces at times, s, and its rate, 1/s."""
+        assert self.pieces is not None
+        inner, rate = self.pieces.at(piece, (time + self.start) * KNOTS)
+        stands = self.scene.transform[self.count + piece]
+        return joined(stands, inner), stands[:, :, :3] @ rate
+
+    def corners(self, instance: np.ndarray, triangle: np.ndarray, time: np.ndarray) -> np.ndarray:
+        """(R, 3, 3) corners in the world of triangles of instances (R,) at times (R,), s."""
+        own = self.motion.corners(self.scene, instance, triangle, time)
+        at = self.at(instance, time)
+        return np.asarray(np.einsum("rij,rkj->rki", at[:, :, :3], own) + at[:, None, :, 3])
+
+    def meets(
+        self, origins: np.ndarray, directions: np.ndarray, hits: Hits, time: np.ndarray
+    ) -> np.ndarray:
+        """(R,) metres along rays to the triangles that hits name; inf where one passes its triangle by."""
+        found = np.full(len(origins), np.inf)
+        rows = np.flatnonzero(hits.found)
+        if len(rows):
+            corners = self.corners(hits.instance[rows], hits.triangle[rows], time[rows])
+            corners -= origins[rows, None]
+            ways = unit_columns(directions[rows].T).T
+            found[rows] = meet(tuple(corners.swapaxes(0, 1)), np.zeros((len(rows), 3)), ways)
+        return found
+
+    def normals(self, hits: Hits, time: np.ndarray) -> np.ndarray:
+        """(R, 3) unit world normals of the triangles that were hit at times (R,), s; NaN for a miss."""
+        found = hit_normals(self.scene, hits, self.at(hits.instance, time))
+        bends = np.flatnonzero(np.isin(hits.instance, list(self.motion.shapes)))
+        if len(bends):
+            some = hits.instance[bends], hits.triangle[bends], time[bends]
+            a, b, c = self.corners(*some).swapaxes(0, 1)
+            normal = np.cross(b - a, c - a)
+            with np.errstate(invalid="ignore", divide="ignore"):
+                found[bends] = normal / np.linalg.norm(normal, axis=1, keepdims=True)
+        return found
+
+    def velocities(
+        self, points: np.ndarray, instance: np.ndarray, triangle: np.ndarray, time: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """(R, 3) m/s of surface points (R, 3), met on triangles of instances (R,) at times (R,), and where
+        they are in the scene as it stands still, metres; NaN where they are not there."""
+        velocity, rest = np.zeros_like(points), points.copy()
+        moves, row = self.motion.row_of(instance)
+        sways = np.flatnonzero(instance >= self.count)
+        for rows in (moves, sways):
+            if not len(rows):
+                continue
+            if rows is sways:
+                at, rate = self._swayed(instance[rows] - self.count, time[rows])
+            else:
+                at, rate = (
+                    self.motion.table.at(row, time[rows]),
+                    self.motion.table.rate(row, time[rows]),
+                )
+            own = taken_back(at, points[rows])
+            velocity[rows] = moved(rate, own)
+            if rows is moves:
+                bend, own = self._bent(own, instance[rows], triangle[rows], time[rows])
+                velocity[rows] += np.einsum("rij,rj->ri", at[:, :, :3], bend)
+            rest[rows] = moved(self.scene.transform[instance[rows]], own)
+        return velocity, rest
+
+    def _bent(
+        self, own: np.ndarray, instance: np.ndarray, triangle: np.ndarray, time: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """(R, 3) m/s of own points (R, 3) as their shape changes, and where they are at rest; NaN where they
+        are not there then."""
+        rate, stood = np.zeros_like(own), own.copy()
+        bends = np.flatnonzero(np.isin(instance, list(self.motion.shapes)))
+        if len(bends):
+            asked = instance[bends], triangle[bends], time[bends]
+            a, b, c = self.motion.corners(self.scene, *asked).swapaxes(0, 1)
+            across = np.stack([b - a, c - a], axis=2)  # (R, 3, 2): shares along two sides
+            share = np.einsum("rij,rj->ri", np.linalg.pinv(across), own[bends] - a)
+            shares = np.column_stack([1 - share.sum(axis=1), share])
+            rates = self.motion.corner_rates(self.scene, *asked)
+            rate[bends] = np.einsum("rk,rki->ri", shares, rates)
+            stood[bends] = np.einsum("rk,rki->ri", shares, corners_at_rest(self.scene, *asked[:2]))
+        if self.motion.stands_for is not None:
+            stood[self.motion.stands_for[instance] != instance] = np.nan
+        return rate, stood
+
+    def known(self, instance: np.ndarray, triangle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The numbers that instances and triangles (R,) have in the scene as it was read; of a mesh of other
+        triangles, one of the same material."""
+        instance, triangle = np.array(instance), np.array(triangle)
+        if self.pieces is not None:
+            rows = np.flatnonzero(instance >= self.count)
+            piece = instance[rows] - self.count
+            triangle[rows] = self.pieces.whole_triangle(piece, triangle[rows])
+            instance[rows] = self.pieces.owner[piece]
+        stands_for = self.motion.stands_for
+        if stands_for is None:
+            return instance, triangle
+        other = np.append(stands_for, -1)[instance] != instance
+        for number in np.unique(instance[other]).tolist():
+            rows = np.flatnonzero(instance == number)
+            of = int(stands_for[number])
+            here, there = (self.whole.meshes[self.whole.mesh_index[n]] for n in (number, of))
+            if here is not there:
+                slot, first = np.unique(there.material, return_index=True)
+                row = np.minimum(np.searchsorted(slot, here.material), len(slot) - 1)
+                like = np.where(slot[row] == here.material, first[row], 0)
+                triangle[rows] = like[triangle[rows]]
+            instance[rows] = of
+        return instance, triangle
+
+    def snapshot(self, time: float) -> SceneGeometry:
+        """The scene as it is at a time, s, with trees that sway at rest; what is not there has no surface."""
+        motion, transform = self.motion, self.whole.transform.copy()
+        meshes, index = list(self.whole.meshes), self.whole.mesh_index.copy()
+        empty = len(meshes) - 1
+        if len(motion.rows):
+            row = np.arange(len(motion.rows))
+            transform[motion.rows] = motion.table.at(row, np.full(len(row), time))
+        for number, (first, last) in motion.spans.items():
+            if not first <= time < last:
+                index[number] = empty
+        made: dict[tuple[int, int], int] = {}
+        for number, shape in motion.shapes.items():
+            mesh = int(index[number])
+            if mesh == empty:
+                continue
+            if (id(shape), mesh) not in made:
+                every = np.arange(len(meshes[mesh].vertices))[None]
+                vertices = shape.at(every, np.array([time]))[0]
+                made[id(shape), mesh] = len(meshes)
+                meshes.append(replace(meshes[mesh], vertices=vertices))
+            index[number] = made[id(shape), mesh]
+        return replace(
+            self.whole,
+            meshes=tuple(meshes),
+            transform=transform,
+            mesh_index=index,
+            **dict.fromkeys(("slot_reflectance", "asset", "slot_names", "slot_optics"), ()),
+        )
+
+    def bundles(
+        self,
+        origins: np.ndarray,
+        ways: np.ndarray,
+        begin: np.ndarray,
+        limit: np.ndarray,
+        time: np.ndarray,
+        sound: np.ndarray,
+    ) -> Iterator[tuple[np.ndarray, PieceWindow]]:
+        """Rows of rays (R, 3), (R, 3) between limits that may meet trees which sway, and the window of time
+        and pieces that holds all that they may meet; sound : the rows that are asked for.
+
+        Rays that follow one another are neighbours most often: one of a run stands for all, with what is
+        around it as far as the others are off.
+        """
+        if self.pieces is None:
+            return
+        knot = (time + self.start) * KNOTS
+        block = np.floor(knot / SPAN).astype(np.int64)
+        hull = self.pieces.hull
+        enters, leaves = clip(*hull, origins.T, ways.T, begin, limit)
+        near = sound[enters[sound] <= leaves[sound]]
+        if not len(near):
+            return
+        first = np.flatnonzero(
+            (np.diff(block[near], prepend=np.iinfo(np.int64).min) != 0)
+            | (np.arange(len(near)) % RUN == 0)
+        )
+        size = np.diff(first, append=len(near))
+        run = np.repeat(np.arange(len(first)), size)
+        chief = near[first + size // 2]
+        apart = _length(origins[near] - origins[chief][run])
+        apart += leaves[near] * _length(ways[near] - ways[chief][run])
+        apart = np.maximum.reduceat(apart, first)
+        since = np.minimum.reduceat(enters[near], first)
+        until = np.maximum.reduceat(leaves[near], first)
+        alone = near[(apart > WIDER)[run]]
+        some = np.flatnonzero(apart <= WIDER)
+        asked = np.concatenate([chief[some], alone])
+        since = np.concatenate([since[some], enters[alone]])[:, None]
+        until = np.concatenate([until[some], leaves[alone]])[:, None]
+        about = np.concatenate([apart[some], np.zeros(len(alone))])
+        for number in np.unique(block[asked]).tolist():
+            rows = near[block[near] == number]
+            chosen = np.flatnonzero(block[asked] == number)
+            start, way = origins[asked[chosen]], ways[asked[chosen]]
+            ends = start + since[chosen] * way, start + until[chosen] * way
+            window = self.pieces.window(number, extents(*ends, about[chosen]))
+            if len(window.piece):
+                yield rows, window
+
+
+@dataclass(frozen=True)
+class PieceWindow:
+    """Some pieces (P,) of trees in a window of time: places (K, P, 3, 4) at its knots, which begin with
+    ``first``."""
+
+    first: int
+    piece: np.ndarray
+    places: np.ndarray
+
+    def knot(self, time: np.ndarray, start: float) -> np.ndarray:
+        """(R,) knots of the window, and shares between them, at times (R,), s."""
+        return (time + start) * KNOTS - self.first
+
+    def at(self, row: np.ndarray, knot: np.ndarray) -> np.ndarray:
+        """(R, 3, 4) local to world of pieces by their rows (R,) at knots (R,)."""
+        step = np.clip(knot.astype(np.int64), 0, len(self.places) - 2)
+        low, high = self.places[step, row], self.places[step + 1, row]
+        return np.asarray(low + (knot - step)[:, None, None] * (high - low))
+
+
+class CutTrees:
+    """Trees of a scene that sway, in pieces.
+
+    scene : as they stand. tree : (I,) number in the stand of those that sway, -1 of others. like : of a scene
+    of the same meshes, whose pieces are shared.
+
+    owner : (P,) the instance that each piece is of. meshes : of all pieces, mesh : (P,) which of them,
+    of_mesh : the mesh of the scene that each is of, triangle : the triangles of that which it has.
+    """
+
+    def __init__(
+        self, scene: SceneGeometry, tree: np.ndarray, sway: Swaying, like: CutTrees | None = None
+    ) -> None:
+        self._sway = sway
+        self._known: dict[tuple[int, int], list[tuple[int, int]]] = {}
+        meshes: list[TriMesh] = []
+        self.of_mesh: list[int] = []
+        self.triangle: list[np.ndarray] = []
+        if like is not None:
+            meshes, self.of_mesh = list(like.meshes), list(like.of_mesh)
+            self.triangle, self._known = list(like.triangle), dict(like._known)
+        owner, piece, mesh_of = [], [], []
+        for instance in np.flatnonzero(tree >= 0).tolist():
+            mesh = int(scene.mesh_index[instance])
+            key = (mesh, int(scene.species[instance]))
+            if key not in self._known:
+                self._known[key] = []
+                of = sway.pieces(int(tree[instance]), scene.meshes[mesh])
+                for which, rows in split_pieces(scene.meshes[mesh], of):
+                    self._known[key].append((which, len(meshes)))
+                    meshes.append(taken(scene.meshes[mesh], rows))
+                    self.of_mesh.append(mesh)
+                    self.triangle.append(rows)
+            for which, made in self._known[key]:
+                owner.append(instance)
+                piece.append(which)
+                mesh_of.append(made)
+        self.meshes = tuple(meshes)
+        self.owner, self._piece, self.mesh = (
+            np.array(v, np.int64) for v in (owner, piece, mesh_of)
+        )
+        self._tree = tree[self.owner]
+        self._stands = scene.transform[self.owner]
+        if like is not None and len(like.meshes) == len(self.meshes):
+            self.meshes, self.boxes = like.meshes, like.boxes
+        else:
+            self.boxes = np.array(
+                [(m.vertices.min(axis=0), m.vertices.max(axis=0)) for m in meshes]
+            )
+            self.boxes = self.boxes.reshape(-1, 2, 3)
+        self._join_seams()
+        self._placed: dict[tuple[int, int], np.ndarray] = {}
+        self._last: tuple[np.ndarray, PieceWindow] | None = None
+        first = np.flatnonzero(np.diff(self.owner, prepend=-1))
+        self._trees = [
+            np.arange(*ends) for ends in zip(first, [*first[1:], len(owner)], strict=True)
+        ]
+        ends = np.array([self._bounds(rows) for rows in self._trees]).reshape(-1, 2, 3)
+        self._ever = ends[:, 0], ends[:, 1]
+        self.hull = ends[:, 0].min(0, initial=np.inf), ends[:, 1].max(0, initial=-np.inf)
+
+    def whole_triangle(self, piece: np.ndarray, triangle: np.ndarray) -> np.ndarray:
+        """(R,) triangles of the meshes of whole trees, of triangles of pieces."""
+        return np.asarray(self._whole[self._first[self.mesh[piece]] + triangle])
+
+    def at(self, piece: np.ndarray, knot: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(R, 3, 4) maps of pieces (R,) from rest in their tree's frame at knots (R,), and its rate, 1/s."""
+        at, rate = np.empty((len(piece), 3, 4)), np.empty((len(piece), 3, 4))
+        block = np.floor(knot / SPAN).astype(np.int64)
+        owner = self.owner[piece]
+        order = np.lexsort((block, owner))
+        cuts = np.diff(owner[order], prepend=-1) != 0
+        cuts |= np.diff(block[order], prepend=np.iinfo(np.int64).min) != 0
+        for rows in np.split(order, np.flatnonzero(cuts)[1:]):
+            if len(rows):
+                number = int(block[rows[0]])
+                places = self._places(int(self._tree[piece[rows[0]]]), number)
+                step = np.clip((knot[rows] - number * SPAN).astype(np.int64), 0, SPAN - 1)
+                share = (knot[rows] - number * SPAN - step)[:, None, None]
+                which = self._piece[piece[rows]]
+                low = places[step, which]
+                change = places[step + 1, which] - low
+                at[rows], rate[rows] = low + share * change, KNOTS * change
+        return at, rate
+
+    def window(self, block: int, bundle: np.ndarray) -> PieceWindow:
+        """The pieces that come into a bundle (2, D) in a block of time, and maybe some around it; of the
+        same block as before, all of before too."""
+        if self._last is not None and self._last[1].first == block * SPAN:
+            room, window = self._last
+            if (room[0] <= bundle[0]).all() and (bundle[1] <= room[1]).all():
+                return window
+            bundle = np.stack([np.minimum(bundle[0], room[0]), np.maximum(bundle[1], room[1])])
+        bundle = bundle + np.array([[-AROUND], [AROUND]])  # for rays to come
+        pieces, places = [np.empty(0, np.int64)], [np.empty((SPAN + 1, 0, 3, 4))]
+        for tree in np.flatnonzero(within(*self._ever, bundle)).tolist():
+            rows = self._trees[tree]
+            local = self._places(int(self._tree[rows[0]]), block)[:, self._piece[rows]]
+            stands = self._stands[rows[0]]
+            low, high = swept(self.boxes[self.mesh[rows]], local)
+            middle = (low + high) / 2 @ stands[:, :3].T + stands[:, 3]
+            half = (high - low) / 2 @ np.abs(stands[:, :3]).T
+            near = np.flatnonzero(within(middle - half, middle + half, bundle))
+            pieces.append(rows[near])
+            places.append(joined(stands[None], local[:, near]))
+        window = PieceWindow(block * SPAN, np.concatenate(pieces), np.concatenate(places, axis=1))
+        self._last = bundle, window
+        return window
+
+    def _places(self, tree: int, block: int) -> np.ndarray:
+        """(SPAN + 1, G, 3, 4) of a tree's pieces in its own frame; kept."""
+        key = (tree, block)
+        if key not in self._placed:
+            while len(self._placed) >= max(KEPT, 2 * len(self._trees)):
+                self._placed.pop(next(iter(self._placed)))
+            self._placed[key] = self._sway.places(tree, block * SPAN + np.arange(SPAN + 1))
+        return self._placed[key]
+
+    def _bounds(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Smallest and largest corner (3,) in the world that a tree, of pieces (G,), never leaves."""
+        stands, boxes = self._stands[rows[0]], self.boxes[self.mesh[rows]]
+        # A piece without triangles has the corner of another: it adds nothing.
+        rest = np.repeat(boxes[:1, :1], 2, axis=1).repeat(int(self._piece[rows].max()) + 1, axis=0)
+        rest[self._piece[rows]] = boxes
+        most = self._sway.most(int(self._tree[rows[0]]), rest[:, 0], rest[:, 1])
+        low, high = boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)
+        centre = stands[:, :3] @ ((low + high) / 2) + stands[:, 3]
+        out = (
+            np.abs(stands[:, :3]) @ ((high - low) / 2) + np.linalg.norm(stands[:, :3], ord=2) * most
+        )
+        return centre - out, centre + out
+
+    def _join_seams(self) -> None:
+        """Put the copies of each triangle, which pieces at a seam share, in a ring.
+
+        Which of them an engine in float32 meets first may depend on the rays it goes with; in float64 one is
+        first.
+        """
+        size = np.array([len(rows) for rows in self.triangle], dtype=np.int64)
+        self._first = np.cumsum(size) - size
+        self._whole = np.concatenate([np.empty(0, np.int64), *self.triangle])
+        self._shift = np.zeros(len(self._whole), dtype=np.int64)  # to the piece of the next copy
+        self._next = np.arange(len(self._whole)) - np.repeat(
+            self._first, size
+        )  # its triangle there
+        for listed in self._known.values():
+            number = np.concatenate([self._first[m] + np.arange(size[m]) for _, m in listed])
+            place = np.repeat(np.arange(len(listed)), [size[m] for _, m in listed])
+            order = np.argsort(self._whole[number], kind="stable")
+            begins = np.flatnonzero(np.diff(self._whole[number[order]], prepend=-1))
+            after = np.arange(1, len(number) + 1)
+            after[np.append(begins[1:], len(number)) - 1] = begins
+            there = order[after]
+            self._shift[number[order]] = place[there] - place[order]
+            self._next[number[order]] = self._next[number[there]]
+
+    def at_seams(self, piece: np.ndarray, triangle: np.ndarray) -> np.ndarray:
+        """Rows of hits on pieces, by pieces and triangles (R,), whose triangle has copies."""
+        return np.flatnonzero(self._shift[self._first[self.mesh[piece]] + triangle])
+
+    def next_copy(self, piece: np.ndarray, triangle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The next copy of triangles of pieces (R,): its piece and triangle."""
+        number = self._first[self.mesh[piece]] + triangle
+        return piece + self._shift[number], self._next[number]
+
+
+def trees_that_sway(scene: SceneGeometry, sway: Swaying | None) -> np.ndarray:
+    """(I,) the number in the stand of each instance that is a tree which sways, -1 of all others."""
+    found = np.full(len(scene), -1)
+    if sway is not None:
+        number = sway.number
+        for instance in np.flatnonzero(scene.tree >= 0).tolist():
+            tree = number.get(int(scene.tree[instance]), -1)
+            mesh = scene.meshes[scene.mesh_index[instance]]
+            if tree >= 0 and len(mesh.triangles) and sway.moves(tree):
+                found[instance] = tree
+    return found
+
+
+def split_pieces(mesh: TriMesh, piece: np.ndarray) -> list[tuple[int, np.ndarray]]:
+    """Each piece of a tree with its triangles, and with those of others that share a vertex with them.
+
+    piece : (T,) of each triangle.
+    """
+    corner = mesh.triangles.astype(np.int64)
+    count = int(piece.max()) + 1
+    pair = np.unique((corner * count + piece[:, None]).ravel())
+    vertex, of = np.divmod(pair, count)
+    first = np.searchsorted(vertex, np.arange(len(mesh.vertices) + 1))
+    many = np.diff(first) > 1
+    seam = np.flatnonzero(many[corner].any(axis=1))
+    rows, where = [np.arange(len(piece))], [piece]
+    for side in range(3):
+        at = corner[seam, side]
+        held = first[at + 1] - first[at]
+        flat = np.arange(held.sum()) + np.repeat(first[at] - np.cumsum(held) + held, held)
+        rows.append(np.repeat(seam, held))
+        where.append(of[flat])
+    both = np.unique(np.concatenate(where) * len(piece) + np.concatenate(rows))
+    which, row = np.divmod(both, len(piece))
+    cuts = np.flatnonzero(np.diff(which, prepend=-1))
+    return [(int(which[c]), part) for c, part in zip(cuts, np.split(row, cuts[1:]), strict=True)]
+
+
+def taken(mesh: TriMesh, rows: np.ndarray) -> TriMesh:
+    """Some triangles (M,) of a mesh, by number."""
+    keep = np.zeros(len(mesh.triangles), dtype=bool)
+    keep[rows] = True
+    return mesh.select(keep)
+
+
+def swept(boxes: np.ndarray, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Smallest and largest coordinates (P, 3) that pieces in boxes (P, 2, 3) have at places (K, P, 3, 4).
+
+    Between knots every point goes straight, so it stays in the box of both.
+    """
+    middle, half = boxes.mean(axis=1), (boxes[:, 1] - boxes[:, 0]) / 2
+    centre = np.einsum("kpij,pj->kpi", places[..., :3], middle) + places[..., 3]
+    out = np.einsum("kpij,pj->kpi", np.abs(places[..., :3]), half)
+    return (centre - out).min(axis=0), (centre + out).max(axis=0)
+
+
+def joined(outer: np.ndarray, inner: np.ndarray) -> np.ndarray:
+    """(..., R, 3, 4) of going through the inner transforms (..., R, 3, 4) and then the outer (R, 3, 4)."""
+    found = outer[:, :, :3] @ inner
+    found[..., 3] += outer[:, :, 3]
+    return found
+
+
+def moved(transform: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """(R, 3) points (R, 3) through transforms (R, 3, 4)."""
+    return np.asarray(np.einsum("rij,rj->ri", transform[:, :, :3], points) + transform[:, :, 3])
+
+
+def taken_back(transform: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """(R, 3) points (R, 3) back through transforms (R, 3, 4)."""
+    return turned_back(transform, points - transform[:, :, 3])
+
+
+def turned_back(transform: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+    """(R, 3) vectors (R, 3) back through the linear parts of transforms (R, 3, 4), by Cramer's rule; not
+    finite where one is singular."""
+    x, y, z = (transform[:, :, k] for k in range(3))
+    across = np.stack([np.cross(y, z), np.cross(z, x), np.cross(x, y)], axis=1)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        volume = np.einsum("ri,ri->r", x, across[:, 0])
+        return np.asarray(np.einsum("rij,rj->ri", across, vectors) / volume[:, None])
+
+
+def _length(way: np.ndarray) -> np.ndarray:
+    return np.sqrt(np.einsum("ri,ri->r", way, way))

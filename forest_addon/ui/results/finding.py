@@ -1,0 +1,295 @@
+"""Findings of sensors as results: points in the scene, figures in the panel, bytes in the file.
+
+Echoes and impulse responses are kept as the bytes of an NPZ: arrays, and how settings and records are made of
+them as JSON. Clouds need none: the mesh that shows one holds all of it (``show.cloud``).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import io
+import json
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import bpy
+import numpy as np
+
+from ...base.labels import Labels
+from ...blender.scene.layout import RESULTS, part
+from ...blender.show.cloud import (
+    Entry,
+    end_with_ground,
+    legend_of,
+    legend_of_heard,
+    note_scan,
+    show_cloud,
+    show_heard,
+)
+from ...blender.show.sound import give_sound
+from ...results.coordinates import NO_OFFSET, Offset
+from ...results.figures import Figure, of_forest
+from ...results.kind import Finding
+from ...results.kinds import figures_of, results_of, sentence_of
+from ...results.labels import labels_by_material, labels_by_object, labels_by_species
+from ...sensing.audit import Audit
+from ...sensing.lidar.cloud import Cloud
+from ...sensing.rays.geometry import SceneGeometry
+from ...spec import Scene, Sensor
+from ...spec.base import Settings
+from ...stand.forest import GrownForest
+from ..settings.exchange import forestless
+from ..shell.words import Kept, keep, label_kept, say, say_kept
+from . import images
+from .keep import blocks_of, hold_frame, let_go, show_result, tell_again
+
+MOST = 2**30  # bytes of a result; Blender's files hold no text of twice as many
+TREE = "tree"  # name of the JSON among the arrays
+# What no file that is exported needs: working tables of a ping, and what follows from its responses.
+LEFT_OUT = {"groups", "list_heard", "envelopes", "called"}
+
+Unpacked = tuple[Sensor, Finding, Offset]
+
+
+def pack(sensor: Sensor, found: Finding, offset: Offset) -> bytes:
+    """Return a sensor's settings, what it found and the scene's offset; no bytes of more than ``MOST``."""
+    arrays: list[np.ndarray] = []
+    tree = json.dumps([_packed(value, arrays) for value in (sensor, found, offset)])
+    if sum(array.nbytes for array in arrays) > MOST:
+        return b""
+    file = io.BytesIO()
+    np.savez(file, **{TREE: np.array(tree)}, **{f"{n}": array for n, array in enumerate(arrays)})
+    return file.getvalue()
+
+
+def unpack(data: bytes) -> Unpacked:
+    """Return what was packed: settings, finding, offset; of an echo without what is ``LEFT_OUT``."""
+    with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
+        sensor, found, offset = (
+            _unpacked(value, arrays, _records()) for value in json.loads(str(arrays[TREE]))
+        )
+    return sensor, found, offset
+
+
+def _records() -> dict[str, type]:
+    """Records that a result is made of, by name: no other is ever made of a file's bytes."""
+    from ...sensing.reverb.forest.clutter import Clutter
+    from ...sensing.reverb.forest.losses import TrunkStand
+    from ...sensing.reverb.model_error import ModelError
+    from ...sensing.reverb.pair import ImpulseResponse
+    from ...sensing.sonar.flight import PingSeries
+    from ...sensing.sonar.ping import Echo
+    from ...sensing.sonar.poses import SonarPose
+
+    found = [Echo, PingSeries, SonarPose, ImpulseResponse, ModelError, TrunkStand, Clutter]
+    groups: list[type] = [Settings]
+    for group in groups:  # it grows
+        groups.extend(group.__subclasses__())
+    return {kind.__name__: kind for kind in [*groups, *found]}
+
+
+def _packed(value: Any, arrays: list[np.ndarray]) -> Any:
+    """A value as JSON; a list says first what it stands for."""
+    if isinstance(value, np.ndarray):
+        arrays.append(value)
+        return ["array", len(arrays) - 1]
+    if isinstance(value, Offset):
+        return ["offset", list(value), value.crs]
+    if isinstance(value, dict):
+        return ["dict", [[_packed(part, arrays) for part in pair] for pair in value.items()]]
+    if isinstance(value, tuple | list):
+        return [type(value).__name__, [_packed(part, arrays) for part in value]]
+    if dataclasses.is_dataclass(value):
+        names = [f.name for f in dataclasses.fields(value) if f.init and f.name not in LEFT_OUT]
+        said = {name: _packed(getattr(value, name), arrays) for name in names}
+        return ["record", type(value).__name__, said]
+    return value.item() if isinstance(value, np.generic) else value
+
+
+def _unpacked(value: Any, arrays: Any, records: dict[str, type]) -> Any:
+    """The value that was packed."""
+    if not isinstance(value, list):
+        return value
+    kind, *rest = value
+    if kind == "array":
+        return arrays[f"{rest[0]}"]
+    if kind == "offset":
+        return Offset(*rest)
+    if kind == "record":
+        name, said = rest
+        left = {f.name for f in dataclasses.fields(records[name])} & LEFT_OUT
+        given = {key: _unpacked(part, arrays, records) for key, part in said.items()}
+        return records[name](**given, **dict.fromkeys(left))
+    parts = [_unpacked(part, arrays, records) for part in rest[0]]
+    return dict(parts) if kind == "dict" else tuple(parts) if kind == "tuple" else parts
+
+
+# What says nothing where no forest was asked for and none of it was met.
+OF_TREES = {
+    *("Trees Seen", "Wood", "Leaves", "Ground", "Leaves Heard", "Wood Heard", "Behind Wood"),
+    *("Trunks Heard", "Beyond Field", "Too Late"),
+}
+
+Words = dict[str, str]
+Names = tuple[Sequence[str], Sequence[str]]
+
+
+def keep_forest(
+    context: bpy.types.Context, settings: Scene, forest: GrownForest, seconds: float
+) -> str:
+    """Note what stands now; results of the forest before stay, marked. Returns the figures in a sentence."""
+    props = context.scene.forest_sensing
+    for result in props.results:
+        result.stale = result.kind != "forest"
+    figures = in_words(of_forest(forest))
+    for number, planting in enumerate(props.plantings):
+        planting.standing = int(np.count_nonzero(forest.stand.species == number))
+    _note(props, "forest", "forest", settings.name, figures | {keep("Time"): f"{seconds:.1f} s"})
+    trees, leaves = figures["Trees"], figures["Leaves"]
+    if len(forest.stand) == 1:
+        return say("1 tree with {leaves} leaves in {seconds:.1f} s", leaves=leaves, seconds=seconds)
+    return say(
+        "{trees} trees with {leaves} leaves in {seconds:.1f} s",
+        trees=trees,
+        leaves=leaves,
+        seconds=seconds,
+    )
+
+
+def keep_finding(
+    context: bpy.types.Context,
+    thing: bpy.types.Object,
+    sensor: Sensor,
+    found: Finding,
+    seconds: float,
+    offset: Offset = NO_OFFSET,
+    names: Names = ((), ()),
+    frame: int | None = None,
+    geometry: SceneGeometry | None = None,
+) -> str:
+    """Show, note and draw what a sensor found. Returns the key figures in a sentence.
+
+    offset : of the scene; what is exported later is moved by it. names : of objects and of species, by
+    their numbers. frame : that it is kept for, beside what was kept for other frames; None: it alone.
+    geometry : of the scene, which says what points are of; without it they are exported by class alone.
+    """
+    props = context.scene.forest_sensing
+    record = results_of(sensor)
+    figured, sentence = figures_of(sensor, found), sentence_of(sensor, found)
+    if forestless(props):
+        figured = [each for each in figured if each.short not in OF_TREES or _is_some(each)]
+    figures = in_words(figured)
+    plot = record.plot(sensor, found)
+    title = f"Forest {sensor.name}" + ("" if frame is None else f" {frame:04d}")
+    picture = images.show(title, plot) if plot else None
+    sound = None
+    if record.is_response and record.sound is not None and thing.type == "SPEAKER":
+        sound = give_sound(thing, sensor.name, *record.sound(sensor, found))
+    earlier = props.results.get(thing.name)
+    left = blocks_of(earlier) if earlier is not None else []
+    result = _note(  # what needs disk space is done
+        props, thing.name, sensor.kind, thing.name, figures | {keep("Time"): f"{seconds:.1f} s"}
+    )
+    result.summary.value = sentence
+    result.summary.made_of = sentence.made_of if isinstance(sentence, Kept) else ""
+    result.picture, result.caption = picture, label_kept(plot.caption) if plot else ""
+    cloud, marks = record.points(sensor, found), record.marks(found)
+    if cloud is None:
+        result.found = pack(sensor, found, offset)
+    else:
+        labels = _labels(cloud, geometry, names[1]) if geometry is not None else {}
+        points = show_cloud(part(context.scene, RESULTS), sensor.name, cloud)
+        note_scan(points.data, cloud, offset, offset.crs, labels)
+        result.shown = points.name
+        _explain(result, legend_of(cloud, *names))
+    if marks is not None:
+        points = show_heard(part(context.scene, RESULTS), sensor.name, marks)
+        result.shown = points.name
+        _explain(result, legend_of_heard(marks))
+    if result.shown:
+        show_result(context, result)
+        if beyond := end_with_ground(points, context.scene):
+            _set_figures(result, {keep("Far Points"): keep("{count:,} not shown", count=beyond)})
+    if frame is not None:
+        hold_frame(result, frame, sound)
+    else:
+        result.frames.clear()
+    let_go(left)
+    return say("{found} in {seconds:.1f} s", found=say_kept(sentence), seconds=seconds)
+
+
+def in_words(figures: list[Figure]) -> Words:
+    """Return what the panel shows of figures; kept in English, said in the language when it is read."""
+    return {
+        keep(each.short): keep(each.pattern, **each.values) if each.pattern else each.text
+        for each in figures
+        if each.short
+    }
+
+
+def _is_some(figure: Figure) -> bool:
+    """Return whether a count or a share is more than none."""
+    return any(digit in "123456789" for digit in figure.text)
+
+
+def note_audit(context: bpy.types.Context, name: str, audit: Audit) -> None:
+    """Add to a result how many of its values were checked, and how far off they are."""
+    off, allowed = (plain(value, audit.unit) for value in (audit.error, audit.allowed))
+    words = keep("off by {off}", off=off)
+    if not audit.kept:
+        words = keep("{off} off: MORE than {allowed}", off=off, allowed=allowed)
+    note_figures(context, name, {keep("Checked"): f"{audit.checked:,}", keep("Audit"): words})
+
+
+def note_figures(context: bpy.types.Context, name: str, figures: Words) -> None:
+    """Add figures to a result, or change them, where it is kept for this frame as well."""
+    result = context.scene.forest_sensing.results[name]
+    _set_figures(result, figures)
+    tell_again(result, context.scene.frame_current)
+
+
+def _set_figures(result: Any, figures: Words) -> None:
+    for name, value in figures.items():
+        figure = result.figures.get(name) or result.figures.add()
+        figure.name, figure.value = name, value
+        figure.made_of = value.made_of if isinstance(value, Kept) else ""
+
+
+def plain(value: float, unit: str) -> str:
+    """An error as one says it: metres in parts of a millimetre, a share in percent."""
+    if not np.isfinite(value):
+        return f"{value} {unit}".strip()
+    if unit == "m":
+        return "< 0.001 mm" if value < 1e-6 else keep("{size:,.3f} mm", size=1e3 * value)
+    return "< 0.0001 %" if value < 1e-6 else f"{100.0 * value:,.4f} %"
+
+
+def _labels(cloud: Cloud, geometry: SceneGeometry, species: Sequence[str]) -> dict[str, Labels]:
+    """Return what the points of a cloud can be labelled by when they are exported."""
+    return {
+        "OBJECT": labels_by_object(cloud.returns, geometry),
+        "SPECIES": labels_by_species(cloud.returns, species),
+        "MATERIAL": labels_by_material(cloud.returns, geometry),
+    }
+
+
+def _explain(result: Any, legend: Iterable[Entry]) -> None:
+    """Note what the colours of a result's points mean."""
+    for entry in legend:
+        item = result.legend.add()
+        item.name, item.choice, item.colour = entry.name, entry.choice, entry.colour
+
+
+def _note(props: Any, name: str, kind: str, title: str, figures: Words) -> Any:
+    """The entry of this name, at the top of the panel; of an earlier one its frames stay."""
+    for other in props.results:
+        other.opened = False
+    if name not in props.results:
+        props.results.add().name = name
+    props.results.move(props.results.find(name), 0)
+    result = props.results[0]
+    for field in set(result.bl_rna.properties.keys()) - {"rna_type", "name", "frames"}:
+        result.property_unset(field)
+    result.name, result.kind, result.title = name, kind, title
+    _set_figures(result, figures)
+    return result

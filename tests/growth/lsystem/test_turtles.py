@@ -1,0 +1,428 @@
+"""The general turtle against a plain one on random grammars, and on the hard cases. Méndez et al.'s apple
+trees and ABOP's: measures of internodes, pruning, leaves, tropism. Tanveer et al.'s turtle against known
+angles, lengths and topology, and against a plain recursive turtle.
+"""
+
+import dataclasses
+import itertools
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from references.turtle_abop import walk_plainly
+from references.turtle_plain import grow_plainly
+
+from forest_addon.base.rng import stream
+from forest_addon.formats.toml_file import read_settings, structure
+from forest_addon.growth.library.species_file import find_species
+from forest_addon.growth.lsystem.expression import ExpressionError
+from forest_addon.growth.lsystem.system import GrammarError, read_system, rewrite
+from forest_addon.growth.lsystem.tanveer import (
+    CENTRE,
+    SIDE,
+    SYMMETRIC,
+    interpret,
+    parse,
+    string_of,
+)
+from forest_addon.growth.lsystem.turtle import (
+    ABOP,
+    Bend,
+    S,
+    prune_descending,
+    read_commands,
+    system_of,
+    walk,
+)
+from forest_addon.growth.species import skeleton_of
+from forest_addon.spec import Grammar, Jitter, Leaf, Rules, SpecError, Species
+
+KNOWN = {"length": 0.7, "angle": 25.0, "rotation": 20.0, "thinning": 0.8}
+STILL = Jitter(length=0, angle_deg=0, twist_deg=0, raise_ratio=0, lean_deg=0, leaf_size=0)
+
+
+def walk_text(text, bend=None, symbols=ABOP.symbols, known=KNOWN):
+    word = rewrite(read_system(text, []), 0)
+    return walk(read_commands(word, symbols, known), 0.1, bend)
+
+
+number = st.floats(0.01, 3).map(lambda x: f"({x!r})")
+degrees = st.sampled_from([0.0, 180.0, 90.0, -30.0, 137.5, 12.25]).map(lambda x: f"({x})")
+plain = st.sampled_from(list("FFFAAf+-&^\\/|$!~"))
+module = st.one_of(
+    plain,
+    st.tuples(st.sampled_from("Ff!"), number).map("".join),
+    st.tuples(st.sampled_from("+-&^\\/"), degrees).map("".join),
+)
+string = st.recursive(
+    st.lists(module, max_size=5).map("".join),
+    lambda inner: st.lists(st.one_of(module, inner.map(lambda text: f"[{text}]")), max_size=5).map(
+        "".join
+    ),
+    max_leaves=8,
+)
+
+
+@given(
+    axiom=string,
+    rule=string,
+    elasticity=st.sampled_from([0.0, 0.0, 0.3]),
+    tropism=st.sampled_from([(0.0, 0.0, -1.0), (0.3, -0.2, 0.9)]),
+)
+def test_equals_the_plain_turtle_on_random_grammars(axiom, rule, elasticity, tropism):
+    word = rewrite(read_system(axiom + "A", [f"A -> {rule}"]), 2)
+    letters, values = word.alphabet.letters(), iter(word.values.tolist())
+    text = "".join(  # numbers in full: text() shortens them
+        symbol + (f"({next(values)!r})" if arity else "")
+        for symbol, arity in map(letters.get, word.codes.tolist())
+    )
+    segments, leaves = walk_plainly(
+        text, 0.7, 25.0, 0.8, 0.1, tropism=tropism, elasticity=elasticity
+    )
+    walked = walk(read_commands(word, ABOP.symbols, KNOWN), 0.1, Bend(tropism, elasticity))
+    s = walked.skeleton
+    assert len(s) == len(segments)
+    assert len(walked.leaves) == len(leaves)
+    for i, (start, end, width, parent, order, generation) in enumerate(segments):
+        assert np.abs(s.start[i] - start).max() < 1e-12
+        assert np.abs(s.end[i] - end).max() < 1e-12
+        assert s.radius[i] == pytest.approx([width / 2, width / 2], rel=1e-12)
+        assert (s.parent[i], s.order[i], s.generation[i]) == (parent, order, generation)
+    for i, (foot, heading, up, segment) in enumerate(leaves):
+        assert np.abs(walked.leaves.foot[i] - foot).max() < 1e-12
+        assert np.abs(walked.leaves.direction[i] - heading).max() < 1e-12
+        assert np.abs(walked.leaves.up[i] - up).max() < 1e-12
+        assert walked.leaves.segment[i] == segment
+
+
+def test_turns_are_right_handed_about_up_left_and_heading():
+    ends = walk_text("[+(90)F(1)][&(90)F(1)][\\(90)+(90)F(1)]").skeleton.end
+    assert ends == pytest.approx(np.array([[1, 0, 0], [0, -1, 0], [0, 1, 0]]), abs=1e-15)
+
+
+@pytest.mark.parametrize("direction", [(0.0, 0.0, -1.0), (0.0, 0.0, 1.0), (0.0, 0.0, 0.0)])
+def test_straight_up_against_the_tropism_goes_straight_on(direction):
+    s = walk_text("FFF", Bend(direction, 0.5)).skeleton
+    assert s.end[-1].tolist() == pytest.approx([0, 0, 2.1])
+
+
+def test_tropism_bends_a_level_branch_by_its_elasticity():
+    s = walk_text("+(90)F(1)F(1)", Bend((0, 0, -1), 0.25)).skeleton
+    assert s.end[1] - s.end[0] == pytest.approx([np.cos(0.25), 0, -np.sin(0.25)])
+
+
+@pytest.mark.parametrize("angle", [0.0, 180.0])
+def test_angles_of_0_and_180_degrees(angle):
+    s = walk_text("F[+F[&F]][-F]F", known=KNOWN | {"angle": angle}).skeleton
+    assert np.isfinite(s.end).all()
+    assert np.abs(s.end[:, :2]).max() < 1e-15 * 10
+
+
+@pytest.mark.slow
+def test_deep_brackets_do_not_overflow():
+    depth = 30_000
+    walked = walk_text("F(1)" + "[" * depth + "+F(1)" + "]" * depth + "[" * 100 + "F(1)")
+    assert walked.skeleton.parent.tolist() == [-1, 0, 0]
+    assert len(walked.parent) == depth + 101
+    nested = walk_text("[F" * 3000 + "]" * 3000)
+    assert nested.skeleton.order.tolist() == list(range(3000))
+    assert nested.skeleton.end[-1, 2] == pytest.approx(2100)
+
+
+@pytest.mark.medium
+def test_a_long_axis_stays_exact():
+    ends = walk_text("F(1)+(1)" * 3600).skeleton.end
+    assert np.abs(ends[359::360]).max() < 1e-10  # ten times round a polygon of 360 sides
+
+
+@pytest.mark.parametrize("text", ["", "AB", "[]", "f+f", "[[]]A"])
+def test_strings_that_draw_nothing(text):
+    walked = walk_text(text)
+    assert len(walked.skeleton) == 0
+    assert walked.skeleton.end.shape == (0, 3)
+    assert len(walked.leaves) == 0
+
+
+def test_outlines_are_leaves_and_no_wood():
+    walked = walk_text("F(1)[+(90){-(30)f(1)+(30)f(1)+(30)f(1)}]F(1){F(2)}", symbols=ABOP.symbols)
+    assert len(walked.skeleton) == 2
+    leaves = walked.leaves
+    assert leaves.foot.tolist() == [[0, 0, 1], [0, 0, 2]]
+    assert leaves.direction[0] == pytest.approx([1, 0, 0])
+    assert leaves.length.tolist() == pytest.approx([1 + np.sqrt(3), 2])
+    assert leaves.width.tolist() == pytest.approx([0.5, 0])
+    assert leaves.segment.tolist() == [0, 1]
+
+
+def test_a_users_symbols_over_the_dialects():
+    walked = walk_text(
+        "X(2)L", symbols=(*ABOP.symbols, "X(a) = draw(a * length, a)", "L = leaf(1)")
+    )
+    assert walked.skeleton.end[0, 2] == pytest.approx(1.4)
+    assert walked.skeleton.radius[0].tolist() == [1, 1]
+    assert walked.leaves.length.tolist() == [1]
+
+
+@pytest.mark.parametrize(
+    ("text", "symbols", "words"),
+    [
+        ("F]", ABOP.symbols, "not opened"),
+        ("[F]]F", ABOP.symbols, "not opened"),
+        ("F}", ABOP.symbols, "not opened"),
+        ("F(1,2)", ABOP.symbols, '"F" takes 0 or 1 numbers, not 2'),
+        ("!(-1)F", ABOP.symbols, "negative"),
+        ("F", ("F = jump",), '"jump" is not known'),
+        ("F", ("F = draw",), "takes 1 to 2"),
+        ("F", ("F = draw(speed)",), '"speed" is not known'),
+        ("F", ("F",), "is not like"),
+        ("I(1)", S.symbols, '"h0" is not known'),
+    ],
+)
+def test_what_cannot_be_walked_is_refused(text, symbols, words):
+    with pytest.raises((GrammarError, ExpressionError), match=words.replace("(", r"\(")):
+        walk_text(text, symbols=symbols)
+
+
+def preset(name, tmp_path=None):
+    return read_settings(find_species(name, tmp_path), Species)
+
+
+def but(species, **changes):
+    return dataclasses.replace(species, rules=dataclasses.replace(species.rules, **changes))
+
+
+def grown(species, seed=0):
+    return skeleton_of(species, stream(seed, "test"))
+
+
+def test_internodes_of_s_have_their_length_and_diameter():
+    species = but(preset("apple"), generations=5, prune_descending=False)
+    skeleton, _ = grown(species)
+    text = rewrite(system_of(species.rules), species.rules.generations).text()
+    tags = np.array([int(text[i + 1 : i + 3]) for i, c in enumerate(text) if c == "I"])
+    assert len(skeleton) == len(tags)
+    length = np.linalg.norm(skeleton.end - skeleton.start, axis=1)
+    assert length == pytest.approx(0.42 / 2.0 ** (tags - 1))
+    assert skeleton.radius[:, 0] * 2 == pytest.approx(5 * 0.006 / tags)
+    assert (skeleton.radius[:, 0] == skeleton.radius[:, 1]).all()
+    # V = sum of pi d² h/4, as S computes it from counts of internodes by generation
+    counts = np.bincount(tags, minlength=6)
+    n = np.arange(1, 6)
+    wanted = (counts[1:] * np.pi * (5 * 0.006 / n) ** 2 * 0.42 / 2.0 ** (n - 1) / 4).sum()
+    assert (np.pi * skeleton.radius[:, 0] ** 2 * length).sum() == pytest.approx(wanted)
+
+
+@pytest.mark.parametrize("name", ["apple", "apple-stochastic"])
+def test_nothing_descends_after_pruning(name):
+    wild, _ = grown(but(preset(name), prune_descending=False))
+    pruned, leaves = grown(preset(name))
+    assert 0 < len(pruned) < len(wild)
+    assert (wild.end[:, 2] < wild.start[:, 2]).any()
+    assert (pruned.end[:, 2] >= pruned.start[:, 2] - 1e-9).all()
+    assert (pruned.parent < np.arange(len(pruned))).all()
+    parent = pruned.parent[1:]
+    assert np.allclose(pruned.start[1:], pruned.end[parent])
+    assert (leaves.segment < len(pruned)).all()
+    assert np.allclose(leaves.foot, pruned.end[leaves.segment])
+
+
+def test_pruning_takes_all_that_a_branch_bears():
+    text = "F(1)[&(100)F(1)[^(100)F(1)~]]~[&(30)F(1)[&(90)F(2)]F(1)~]F(1)"
+    word = rewrite(read_system(text, []), 0)
+    known = {"length": 1.0, "angle": 0.0, "rotation": 0.0, "thinning": 1.0}
+    walked = prune_descending(walk(read_commands(word, ABOP.symbols, known), 0.1))
+    assert walked.skeleton.parent.tolist() == [-1, 0, 1, 0]
+    assert walked.skeleton.order.tolist() == [0, 1, 1, 0]
+    assert walked.leaves.segment.tolist() == [0, 2]
+
+
+def test_leafless_and_leafy_apples_have_the_same_wood():
+    bare, none = grown(preset("apple-leafless"))
+    leafy, leaves = grown(preset("apple"))
+    assert len(none) == 0 < len(leaves)
+    assert (bare.end == leafy.end).all()
+    stochastic = preset("apple-stochastic")
+    off = dataclasses.replace(stochastic, leaf=Leaf(on=False))
+    assert (grown(stochastic, 4)[0].end == grown(off, 4)[0].end).all()
+    one, other = grown(stochastic, 4)[0], grown(stochastic, 5)[0]
+    assert len(one) != len(other) or not np.allclose(one.end, other.end)
+
+
+def test_no_generation_of_s_is_a_leaf_without_wood():
+    skeleton, leaves = grown(but(preset("apple"), generations=0))
+    assert len(skeleton) == 0
+    assert leaves.segment.tolist() == [-1]
+    assert leaves.foot.tolist() == [[0, 0, 0]]
+
+
+def test_abop_monopodial_trees_have_their_angles_and_ratios():
+    skeleton, _ = grown(preset("abop-monopodial-a"))
+    length = np.linalg.norm(skeleton.end - skeleton.start, axis=1)
+    heading = (skeleton.end - skeleton.start) / length[:, None]
+    trunk = skeleton.axis(0)
+    assert len(trunk) == 10
+    assert length[trunk] == pytest.approx(0.9 ** np.arange(10))
+    assert skeleton.radius[trunk, 0] == pytest.approx(0.05 * 0.707 ** np.arange(10))
+    sides = [np.flatnonzero((skeleton.parent == t) & (skeleton.order == 1)) for t in trunk[:9]]
+    assert all(len(s) == 1 for s in sides)
+    first = np.concatenate(sides)
+    assert heading[first, 2] == pytest.approx(np.cos(np.deg2rad(45)))
+    azimuth = np.rad2deg(np.arctan2(heading[first, 1], heading[first, 0]))
+    assert np.diff(azimuth) % 360 == pytest.approx([360 - 137.5] * 8)  # "/" rolls to the right
+
+
+def test_abop_ternary_tree_grows_threefold_and_bends_down():
+    species = preset("abop-ternary-a")
+    skeleton, _ = grown(species)
+    assert len(skeleton) == 2 * 3**6 - 1
+    straight, _ = grown(but(species, elasticity=0.0))
+    assert len(straight) == len(skeleton)
+    assert skeleton.end[:, 2].max() < straight.end[:, 2].max()
+    assert skeleton.end[0] == pytest.approx(straight.end[0])  # upright against the tropism
+
+
+def test_a_users_rules_in_plain_tables():
+    species = structure(
+        {
+            "name": "mine",
+            "rules": {
+                "axiom": "A(s)",
+                "productions": ["A(x) : x > 0.2 -> X(x)[+A(x*r)][-A(x*r)]", "A(x) : x <= 0.2 -> L"],
+                "constants": ["s = 1", "r = s/2"],
+                "symbols": ["X(x) = draw(x, x/10)", "L = leaf(0.1, 0.05)"],
+                "generations": 5,
+                "scale": 2.0,
+            },
+        },
+        Species,
+    )
+    skeleton, leaves = grown(species)
+    assert len(skeleton) == 1 + 2 + 4
+    assert len(leaves) == 8
+    assert skeleton.end[0].tolist() == [0, 0, 2]
+    assert skeleton.radius[0].tolist() == [0.1, 0.1]
+    assert leaves.length.tolist() == [0.2] * 8
+    assert leaves.width.tolist() == [0.1] * 8
+
+
+def test_what_cannot_be_used_is_said():
+    with pytest.raises(SpecError, match="beside template"):
+        Species(name="x", template=preset("maple").template, rules=Rules(axiom="F"))
+    with pytest.raises(GrammarError, match='axiom: "x": "x" is not known'):
+        grown(Species(name="x", rules=Rules(axiom="F(x)")))
+    growing = Species(
+        name="x", rules=Rules(axiom="F", productions=("F -> F[+F]F",), generations=30)
+    )
+    with pytest.raises(ValueError, match="30 generations make"):
+        grown(growing)
+
+
+def test_trees_too_large_to_walk_or_to_stand_are_refused_with_their_size():
+    long = Species(name="x", rules=Rules(axiom="F", productions=("F -> F[+F]F",), generations=15))
+    with pytest.raises(ValueError, match="15 generations make 35,872,266 symbols"):
+        grown(long)
+    wide = Species(
+        name="x", rules=Rules(axiom="A(1)", productions=("A(l) -> F(l)A(l*4)",), generations=9)
+    )
+    with pytest.raises(ValueError, match="reach 87,381 m"):
+        grown(wide)
+    with pytest.raises(SpecError, match="reach 16,382 m"):
+        Grammar(side_ratio=2.0, generations=12)
+
+
+@pytest.mark.parametrize("ratio", [0.0, -0.5, float("nan")])
+@pytest.mark.parametrize("key", ["side_ratio", "centre_ratio", "radius_ratio"])
+def test_ratios_of_a_grammar_that_cannot_be_are_refused(key, ratio):
+    with pytest.raises(SpecError, match="out of range"):
+        Grammar(**{key: ratio})
+
+
+def derived(generations):
+    return string_of(Grammar(generations=generations))
+
+
+def skeleton(generations, grammar=None, jitter=STILL, seed=0):
+    return interpret(derived(generations), grammar or Grammar(), jitter, stream(seed, "test"))
+
+
+def test_mothers_and_roles_of_the_second_iteration():
+    parent, role = parse(derived(2))
+    # d ( d (g) [g) + g ) [ d (g) [g) + g ) + d (g) [g) + g )
+    assert parent.tolist() == [-1, 0, 1, 1, 1, 0, 5, 5, 5, 0, 9, 9, 9]
+    assert role.tolist() == [CENTRE] + [
+        r for first in (SIDE, CENTRE, SYMMETRIC) for r in (first, SIDE, CENTRE, SYMMETRIC)
+    ]
+
+
+@pytest.mark.parametrize("text", ["d)g", "d(g))g", "dx", "d(g"])
+def test_symbols_that_are_of_no_string(text):
+    codes = np.frombuffer(text.encode(), np.uint8)
+    if text == "d(g":  # an unclosed branch is harmless
+        assert parse(codes)[0].tolist() == [-1, 0]
+        return
+    with pytest.raises(ValueError, match=r"symbol|bracket"):
+        parse(codes)
+
+
+def test_lengths_angles_and_orders_without_jitter():
+    grammar = Grammar(twist_deg=-30.0)
+    s = skeleton(3, grammar)
+    length = np.linalg.norm(s.end - s.start, axis=1)
+    heading = (s.end - s.start) / length[:, None]
+    for i in range(1, len(s)):
+        parent = s.parent[i]
+        same = s.order[i] == s.order[parent]
+        ratio = grammar.centre_ratio if same else grammar.side_ratio
+        assert length[i] == pytest.approx(length[parent] * ratio, rel=1e-12)
+        angle = np.rad2deg(np.arccos(np.clip(heading[i] @ heading[parent], -1, 1)))
+        assert angle == pytest.approx(0 if same else grammar.angle_deg, abs=1e-5)
+        assert np.allclose(s.start[i], s.end[parent])
+    trunk = s.axis(0)
+    assert s.end[trunk[-1], 2] == pytest.approx(
+        grammar.length * (1 - grammar.centre_ratio**4) / (1 - grammar.centre_ratio)
+    )
+    # Pairs of side branches on one node are opposite; pairs of successive nodes are twisted by 30°.
+    pairs = [
+        np.flatnonzero((s.parent == t) & (s.order == 1))
+        for t in trunk
+        if ((s.parent == t) & (s.order == 1)).any()
+    ]
+    flat = [heading[p][:, :2] / np.linalg.norm(heading[p][:, :2], axis=1)[:, None] for p in pairs]
+    for first, second in flat:
+        assert first @ second == pytest.approx(-1)
+    for lower, upper in itertools.pairwise(flat):
+        assert lower[0] @ upper[0] == pytest.approx(np.cos(np.deg2rad(30)))
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_equals_a_plain_recursive_turtle_with_jitter(seed):
+    jitter = Jitter(length=0.1, angle_deg=6, twist_deg=9, raise_ratio=0.5, lean_deg=4)
+    grammar = Grammar(angle_deg=40, twist_deg=25)
+    ours = skeleton(4, grammar, jitter, seed)
+    start, end, radius = grow_plainly(derived(4), grammar, jitter, stream(seed, "test"))
+    assert np.abs(ours.start - start).max() < 1e-12
+    assert np.abs(ours.end - end).max() < 1e-12
+    assert np.abs(ours.radius[:, 0] - radius).max() < 1e-15
+
+
+def test_symmetric_branches_are_raised_along_the_axis_by_less_than_an_internode():
+    jitter = Jitter(length=0, angle_deg=0, twist_deg=0, raise_ratio=0.9, lean_deg=0)
+    s = skeleton(5, jitter=jitter)
+    lifted = s.start[1:] - s.end[s.parent[1:]]
+    height = np.linalg.norm(lifted, axis=1)
+    assert (height > 0).sum() == (3**5 - 1) // 2  # one symmetric branch a node
+    onward = np.linalg.norm(s.end - s.start, axis=1)[s.parent[1:]] * Grammar().centre_ratio
+    assert (height <= 0.9 * onward + 1e-12).all()
+
+
+@pytest.mark.parametrize("angle", [0.0, 180.0])
+def test_extreme_angles_stay_finite(angle):
+    s = skeleton(4, Grammar(angle_deg=angle))
+    assert np.isfinite(s.end).all()
+
+
+def test_no_generation_is_a_single_tip():
+    s = skeleton(0)
+    assert len(s) == 1
+    assert s.end[0].tolist() == [0, 0, 2.0]

@@ -1,0 +1,564 @@
+"""Welding and parting, on facets laid out by hand. Wood told from leaves by names and shapes, and what is
+up. What is recognised in trees of known structure.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from references.model_tree import Model, at, blade, line, tree, tube
+
+from forest_addon.growth.own_tree.centreline import find_contacts
+from forest_addon.growth.own_tree.pieces import (
+    UPRIGHT,
+    Group,
+    likely_up,
+    looks_like_leaves,
+    part,
+    sort_out,
+    stood,
+    weld,
+)
+from forest_addon.growth.own_tree.recognise import recognise, recognise_pieces
+from forest_addon.growth.own_tree.template import split_tree
+
+A, B, C, D = [0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]
+SQUARE = np.array([[A, B, C], [A, C, D]])
+
+
+def test_two_facets_with_an_edge_in_common_are_one_piece() -> None:
+    pieces = part(SQUARE)
+    assert pieces.count == 1
+    assert len(pieces.vertices) == 4
+    np.testing.assert_array_equal(pieces.vertices[pieces.triangles], SQUARE)
+    lengths = np.linalg.norm(np.diff(pieces.vertices[pieces.edges], axis=1)[:, 0], axis=1)
+    np.testing.assert_allclose(np.sort(lengths), [1, 1, 1, 1, np.sqrt(2)])
+
+
+def test_pieces_that_touch_at_a_point_stay_apart_and_share_no_vertex() -> None:
+    pieces = part(np.concatenate([SQUARE, SQUARE + np.array([1.0, 1.0, 0.0])]))
+    assert pieces.count == 2
+    np.testing.assert_array_equal(pieces.piece, [0, 0, 1, 1])
+    assert len(pieces.vertices) == 8
+    owners = pieces.piece_of_vertex[pieces.triangles]
+    np.testing.assert_array_equal(owners, np.stack([pieces.piece] * 3, axis=1))
+
+
+def test_pieces_are_numbered_as_the_file_shows_them() -> None:
+    far = SQUARE + np.array([5.0, 0.0, 0.0])
+    pieces = part(np.stack([far[0], SQUARE[0], far[1], SQUARE[1]]))
+    np.testing.assert_array_equal(pieces.piece, [0, 1, 0, 1])
+
+
+def test_repeats_are_dropped_whichever_way_round() -> None:
+    repeats = np.concatenate([SQUARE, SQUARE[:, ::-1], SQUARE[:, [1, 2, 0]], SQUARE])
+    np.testing.assert_array_equal(part(repeats).triangles, part(SQUARE).triangles)
+
+
+def test_facets_of_no_area_are_dropped() -> None:
+    flat = np.array([[A, A, A], [A, B, A], [A, [0.5, 0.0, 0.0], B], [A, [0.3, 1e-9, 0.0], B]])
+    pieces = part(np.concatenate([flat, SQUARE]))
+    np.testing.assert_array_equal(pieces.vertices[pieces.triangles], SQUARE)
+    assert part(flat).count == 0
+    assert part(np.empty((0, 3, 3))).count == 0
+
+
+def test_a_needle_that_closes_a_crack_joins_what_it_lies_between() -> None:
+    """One side of the crack has the edge AB whole, the other has a vertex M in its middle."""
+    m, low = [0.5, 0.0, 0.0], [0.5, -1.0, 0.0]
+    cracked = np.array([[A, B, C], [m, A, low], [B, m, low]])
+    assert part(cracked).count == 2
+    closed = part(np.concatenate([cracked, [[A, m, B]]]))
+    assert closed.count == 1
+    np.testing.assert_array_equal(closed.vertices[closed.triangles], cracked)
+
+
+@given(
+    st.tuples(*[st.floats(-1e3, 1e3)] * 3),
+    st.floats(1e-3, 1e3),
+    st.integers(min_value=0, max_value=99),
+)
+def test_corners_a_little_apart_are_one_wherever_the_mesh_lies(
+    offset: tuple[float, float, float], scale: float, seed: int
+) -> None:
+    """A grid of 6 x 6 squares, every corner of every facet moved by up to 4e-7 of its extent."""
+    places = np.stack(np.meshgrid(np.arange(6), np.arange(6), [0]), axis=-1).reshape(-1, 1, 1, 3)
+    grid = (SQUARE[None] + places).reshape(-1, 3, 3) / 6
+    noise = np.random.default_rng(seed).uniform(-1, 1, grid.shape) * 4e-7 / np.sqrt(3)
+    facets = (grid + noise) * scale + np.array(offset)
+    vertices, triangles = weld(facets)
+    assert len(vertices) == 49
+    assert len(np.unique(triangles)) == 49
+    np.testing.assert_allclose(vertices[triangles], facets, rtol=0, atol=3e-6 * scale)
+
+
+def test_corners_clearly_apart_are_not_welded() -> None:
+    aside = np.array([1.0 + 5e-6, 0.0, 0.0])
+    for low in np.random.default_rng(0).uniform(-1, 0, (20, 3)):  # where cells begin
+        apart = np.concatenate([SQUARE, SQUARE + aside, 0.01 * SQUARE + low])
+        assert len(weld(apart)[0]) == 12
+        assert part(apart).count == 3
+
+
+@pytest.mark.parametrize("order", range(5))
+def test_the_order_of_facets_does_not_change_the_pieces(order: int) -> None:
+    rng = np.random.default_rng(order)
+    owner = np.repeat(np.arange(30), 2)
+    facets = (SQUARE[None] + 3.0 * np.arange(30)[:, None, None, None] * [1.0, 0.5, 0.0]).reshape(
+        -1, 3, 3
+    )
+    shuffled = rng.permutation(60)
+    turned = np.stack([np.roll(f, rng.integers(3), axis=0) for f in facets[shuffled]])
+    found = part(turned).piece
+    assert len(np.unique(found)) == 30
+    assert len(np.unique(np.stack([found, owner[shuffled]], axis=1), axis=0)) == 30
+
+
+def crossed(base: np.ndarray, cards: int) -> np.ndarray:
+    """Cards that share their middle line, so that they are one piece."""
+    found = []
+    top = base + at(0, 0, 0.3)
+    for turn in np.pi * np.arange(cards) / cards:
+        for way in (-1, 1):
+            side = way * 0.1 * at(np.cos(turn), np.sin(turn), 0)
+            found += [[base, base + side, top + side], [base, top + side, top]]
+    return np.array(found)
+
+
+def curled(base: np.ndarray, out: np.ndarray, across: np.ndarray) -> np.ndarray:
+    """A leaf of twenty facets, bent and folded."""
+    share = np.linspace(0, 1, 6)
+    width = 0.03 * np.sin(np.pi * np.clip(share, 0.05, 0.95))[:, None]
+    rib = base + 0.1 * share[:, None] * out - 0.03 * share[:, None] ** 2 * at(0, 0, 1)
+    rows = [rib - width * across + at(0, 0, 0.01), rib, rib + width * across + at(0, 0, 0.01)]
+    found = []
+    for left, right in ((0, 1), (1, 2)):
+        for k in range(5):
+            a, b, c, d = rows[left][k], rows[right][k], rows[right][k + 1], rows[left][k + 1]
+            found += [[a, b, c], [a, c, d]]
+    return np.array(found)
+
+
+def needle(base: np.ndarray, out: np.ndarray) -> np.ndarray:
+    """A closed prism of three sides, 6 cm long."""
+    return tube(line(base, base + 0.06 * out, 2), 0.0007, 3, capped=True)
+
+
+def tuft(base: np.ndarray, ways: np.ndarray, across: np.ndarray) -> np.ndarray:
+    """Spikes of three sides that stand on one edge, so that they are one piece."""
+    a, b, found = base - 0.001 * across, base + 0.001 * across, []
+    for way in ways:
+        tip, up = base + 0.06 * way, np.cross(way, across)
+        c = base + 0.0015 * up / np.linalg.norm(up)
+        found += [[a, b, tip], [b, c, tip], [c, a, tip]]
+    return np.array(found)
+
+
+LEAVES = {
+    "quads": blade,
+    "cards": lambda base, out, across: blade(base, out, across, 0.3, 0.2),
+    "crossed": lambda base, _out, _across: crossed(base, 2),
+    "stars": lambda base, _out, _across: crossed(base, 3),
+    "shaped": curled,
+}
+
+
+def foliage(kind: str, model: Model) -> np.ndarray:
+    """Leaves of a kind at the tips of the twigs and along them."""
+    rng = np.random.default_rng(1)
+    found = []
+    for number in range(1, 28):
+        way = model.tip[number] - model.foot[number]
+        for share in (0.4, 0.6, 0.8, 1.0):
+            base = model.foot[number] + share * way
+            out = rng.normal(size=3)
+            out /= np.linalg.norm(out)
+            across = np.cross(out, [0.3, 0.2, 0.9])
+            across /= np.linalg.norm(across)
+            ways = out + 0.4 * rng.normal(size=(5, 3))
+            ways /= np.linalg.norm(ways, axis=1, keepdims=True)
+            if kind == "joined":
+                found.append(tuft(base, ways, across))
+            elif kind == "tufts":
+                found += [needle(base + 0.002 * way, way) for way in ways]
+            else:
+                found.append(LEAVES[kind](base, out, across))
+    return np.concatenate(found)
+
+
+@pytest.mark.medium
+@pytest.mark.parametrize(
+    "kind", ["quads", "cards", "crossed", "stars", "shaped", "tufts", "joined"]
+)
+def test_leaves_of_every_kind_are_told_from_wood_by_their_shape(kind: str) -> None:
+    model = tree()
+    leaves = foliage(kind, model)
+    found = sort_out([Group("", "", np.concatenate([model.wood(), leaves]))])
+    assert found.said == "by shape"
+    assert len(found.wood) == len(model.wood())
+    assert found.leaves is not None
+    assert len(found.leaves) == len(leaves)
+    number = {"quads": 108, "tufts": 540}.get(kind, 108)
+    seen = recognise(found.wood, found.leaves)
+    assert seen.leaves.count == number
+    np.testing.assert_array_equal(seen.wood.count, 28)
+    bears = np.bincount(seen.bearer, minlength=28)
+    assert np.count_nonzero(bears) >= 26
+
+
+@pytest.mark.medium
+@pytest.mark.parametrize("up", UPRIGHT)
+@pytest.mark.parametrize("leafy", [False, True])
+def test_pieces_that_were_sorted_are_recognised_as_the_facets_are(up: str, leafy: bool) -> None:
+    model = tree()
+    facets = np.concatenate([model.wood(), model.leaves()] if leafy else [model.wood()])
+    parts = stood(sort_out([Group("", "", facets @ UPRIGHT[up])]), up)
+    assert parts.parted is not None
+    plain, quick = recognise(parts.wood, parts.leaves), recognise_pieces(*parts.parted)
+    np.testing.assert_array_equal(quick.parent, plain.parent)
+    np.testing.assert_array_equal(quick.bearer, plain.bearer)
+    np.testing.assert_allclose(quick.lines.knot, plain.lines.knot, atol=1e-9)
+    np.testing.assert_allclose(
+        quick.wood.vertices[quick.wood.triangles], parts.wood, rtol=0, atol=1e-5
+    )
+
+
+@pytest.mark.parametrize("shape", [{}, {"sides": 3}, {"capped": True}, {"sides": 24}])
+def test_wood_alone_stays_wood(shape: dict[str, object]) -> None:
+    model = tree(**shape)  # type: ignore[arg-type]
+    found = sort_out([Group("", "", model.wood())])
+    assert found.leaves is None
+    np.testing.assert_array_equal(found.wood, model.wood())
+    assert not looks_like_leaves(part(model.wood())).any()
+
+
+def test_names_tell_before_shapes_and_the_ground_is_left_out() -> None:
+    model = tree()
+    ground = blade([-5, 0, 0], [1, 0, 0], [0, 1, 0], 10, 10)
+    wood, leaves = model.wood(), model.leaves()
+    groups = [
+        Group("Tree", "Bark_Oak", wood[:500]),
+        Group("Tree", "Leaves.001", leaves),
+        Group("Ground", "", ground),
+        Group("twigs", "Material", wood[500:]),
+    ]
+    found = sort_out(groups)
+    assert found.said == "by name"
+    assert (len(found.wood), len(found.leaves)) == (len(wood), len(leaves))  # type: ignore[arg-type]
+    # names that do not tell: shape decides for a whole group
+    groups = [Group("a", "Mat1", wood), Group("a", "Mat2", leaves)]
+    found = sort_out(groups)
+    assert found.said == "by shape"
+    assert (len(found.wood), len(found.leaves)) == (len(wood), len(leaves))  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_upright_axis_is_found(seed: int) -> None:
+    wood = tree(seed).wood()
+    assert likely_up(wood) == "z"
+    lying = wood @ UPRIGHT["y"]  # back from z to y
+    assert likely_up(lying) == "y"
+    parts = stood(sort_out([Group("bark", "", lying)]), "y")
+    np.testing.assert_allclose(parts.wood, wood, atol=1e-12)
+
+
+def palm(fronds: int = 18) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A trunk, fronds as strips of six quads from its top, and their tips."""
+    top, leaves, tips = at(0.3, 0, 8), [], []
+    share = np.linspace(0, 1, 7)[:, None]
+    for k in range(fronds):
+        turn, lift = 2.4 * k, np.deg2rad(65 - 5 * k)
+        out = at(np.cos(turn), np.sin(turn), 0)
+        rib = top + 2.5 * share * (out * np.cos(lift) + at(0, 0, np.sin(lift)))
+        rib = rib + 0.1 * out - share**2 * at(0, 0, 1)
+        half = 0.25 * np.sin(np.pi * np.clip(share, 0.03, 0.98)) * at(-out[1], out[0], 0)
+        for a, b, c, d in zip(
+            rib - half, rib + half, (rib + half)[1:], (rib - half)[1:], strict=False
+        ):
+            leaves += [[a, b, c], [a, c, d]]
+        tips.append(rib[-1])
+    trunk = tube(line([0, 0, 0], top, 12), np.linspace(0.2, 0.12, 12), capped=True)
+    return trunk, np.array(leaves), np.array(tips)
+
+
+def test_the_fronds_of_a_palm_are_its_branches() -> None:
+    trunk, leaves, tips = palm()
+    parts = sort_out([Group("", "", np.concatenate([trunk, leaves]))])
+    found = recognise(parts.wood, parts.leaves)
+    assert found.fronds
+    assert found.wood.count == 1 + len(tips)
+    assert found.wood.drawn == len(trunk)
+    np.testing.assert_array_equal(found.parent, [-1, *[found.trunk] * len(tips)])
+    np.testing.assert_array_equal(found.bearer, 1 + np.arange(len(tips)))
+    assert np.linalg.norm(found.tip[1:] - tips, axis=1).max() < 0.1
+    top = at(0.3, 0, 8)
+    assert np.linalg.norm(found.foot[1:] - top, axis=1).max() < 0.25
+
+
+def test_small_leaves_on_a_pole_make_no_palm() -> None:
+    trunk, _, _ = palm()
+    leaves = np.concatenate([blade([0.2, 0, z], [1, 0, 0], [0, 1, 0]) for z in range(2, 8)])
+    with pytest.raises(ValueError, match="without a fork"):
+        recognise(trunk, leaves)
+
+
+def test_stems_of_a_bush_are_told_from_branches() -> None:
+    model = Model()
+    for x, radius in ((0.0, 0.08), (0.5, 0.1), (1.0, 0.085)):
+        model.add(line([x, 0, 0], [2 * x - 0.5, 0, 5]), np.linspace(radius, radius / 2, 6), -1)
+    model.add(line([0.5, 0, 2], [1.5, 1, 3]), np.linspace(0.04, 0.02, 6), 1)
+    found = recognise(model.wood())
+    assert found.trunk == 1
+    assert sorted(found.stems) == [0, 1, 2]
+
+
+@pytest.mark.medium
+@pytest.mark.parametrize(
+    "shape",
+    [{}, {"sides": 3}, {"sides": 5}, {"sides": 24}, {"capped": True}, {"capped": True, "sides": 6}],
+)
+def test_structure_is_recognised_whatever_the_tubes_are_made_of(shape: dict[str, object]) -> None:
+    model = tree(**shape)  # type: ignore[arg-type]
+    model.check(recognise(model.wood(), model.leaves()))
+
+
+@pytest.mark.medium
+@pytest.mark.parametrize("seed", range(1, 6))
+def test_structure_does_not_depend_on_the_order_of_facets_nor_on_float32(seed: int) -> None:
+    model = tree(seed, branches=5 + seed)
+    rng = np.random.default_rng(seed)
+    wood = model.wood()
+    order = rng.permutation(len(wood))
+    shuffled = np.stack([np.roll(f, rng.integers(3), axis=0) for f in wood[order]])
+    found = recognise(
+        shuffled.astype(np.float32).astype(np.float64),
+        model.leaves().astype(np.float32).astype(np.float64),
+    )
+    model.check(found, order)
+
+
+def test_foot_tip_and_radius_of_a_straight_tube_are_exact() -> None:
+    model = tree()
+    found = recognise(model.wood())
+    trunk = found.trunk
+    np.testing.assert_allclose(found.foot[trunk], model.foot[0], atol=2e-3)
+    np.testing.assert_allclose(found.tip[trunk], model.tip[0], atol=2e-3)
+    np.testing.assert_allclose(found.radius[trunk], 0.3, rtol=0.03)
+    length = float(np.linalg.norm(model.tip[0] - model.foot[0]))
+    np.testing.assert_allclose(found.lines.length()[trunk], length, rtol=1e-3)
+
+
+@pytest.mark.medium
+@pytest.mark.parametrize("rings", [2, 3, 7, 40])
+@pytest.mark.parametrize("sides", [4, 7, 12])
+def test_centreline_does_not_depend_on_where_rings_are(rings: int, sides: int) -> None:
+    model = Model()
+    model.add(line([0, 0, 0], [0.5, 0, 8], rings), 0.2, -1, sides=sides)
+    model.add(line([0.25, 0, 4], [3.25, 1, 5], rings), 0.05, 0, sides=sides)
+    found = recognise(model.wood())
+    for piece in (0, 1):
+        np.testing.assert_allclose(
+            found.foot[piece], model.foot[piece], atol=0.05 * model.radius[piece]
+        )
+        np.testing.assert_allclose(
+            found.tip[piece], model.tip[piece], atol=0.05 * model.radius[piece]
+        )
+        np.testing.assert_allclose(found.radius[piece], model.radius[piece], rtol=0.02)
+        knots = found.lines.knot[found.lines.first[piece] : found.lines.first[piece + 1]]
+        axis = (model.tip[piece] - model.foot[piece]) / np.linalg.norm(
+            model.tip[piece] - model.foot[piece]
+        )
+        aside = np.cross(knots - model.foot[piece], axis)
+        assert np.linalg.norm(aside, axis=1).max() < 0.1 * model.radius[piece]
+
+
+def test_radius_of_a_rounded_foot_is_that_of_the_tube() -> None:
+    lift = np.deg2rad(np.arange(0, 91, 15))
+    dome = 0.1 * (1 - np.cos(lift))
+    path = np.concatenate([dome, np.linspace(0.2, 3, 20)])[:, None] * [1.0, 0, 0] + [0, 0, 5]
+    radius = np.concatenate([0.1 * np.maximum(np.sin(lift), 1e-3), np.full(20, 0.1)])
+    model = Model()
+    model.add(line([0, 0, 0], [0, 0, 10]), 0.3, -1)
+    model.add(path, radius, 0, sides=12)
+    found = recognise(model.wood())
+    assert found.radius[1] == pytest.approx(0.1, rel=0.05)
+    np.testing.assert_allclose(found.foot[1], [0, 0, 5], atol=0.01)
+
+
+def test_a_hairpin_is_followed_round_its_bend() -> None:
+    """Up 2 m, over an arc of 0.3 m radius, and down again, nearer to the ground than its foot is."""
+    arc = np.linspace(0, np.pi, 9)
+    bend = np.stack([0.5 - 0.3 * np.cos(arc), 0 * arc, 7 + 0.3 * np.sin(arc)], axis=1)
+    path = np.concatenate([line([0.2, 0, 5], bend[0])[:-1], bend, line(bend[-1], [0.8, 0, 3])[1:]])
+    model = Model()
+    trunk = model.add(line([0, 0, 0], [0, 0, 10]), 0.3, -1)
+    hairpin = model.add(path, np.linspace(0.05, 0.02, len(path)), trunk)
+    model.add(line([0.8, 0, 3.5], [1.4, 0, 3.6]), np.linspace(0.01, 0.003, 6), hairpin)
+    found = recognise(model.wood())
+    model.check(found)
+    np.testing.assert_allclose(found.tip[1], [0.8, 0, 3], atol=0.02)
+    drawn = 2.0 + 0.3 * np.pi + 4.0
+    np.testing.assert_allclose(found.lines.length()[1], drawn, rtol=0.03)
+
+
+def test_branches_of_a_whorl_hang_on_the_trunk_and_not_on_each_other() -> None:
+    model = Model()
+    trunk = model.add(line([0, 0, 0], [0, 0, 10], 8), np.linspace(0.2, 0.1, 8), -1)
+    for turn in np.arange(8) * np.pi / 4:
+        out = np.array([np.cos(turn), np.sin(turn), 0.4])
+        model.add(line([0, 0, 5], np.array([0, 0, 5]) + 2 * out), np.linspace(0.08, 0.02, 6), trunk)
+    model.check(recognise(model.wood()))
+
+
+def test_feet_just_off_the_bark_hang_on_the_trunk_and_not_on_a_nearer_neighbour() -> None:
+    model = Model()
+    trunk = model.add(line([0, 0, 0], [0, 0, 10], 20), 0.3, -1, sides=64)
+    thick = np.linspace(0.1, 0.03, 6)
+    model.add(line([0.31, 0, 5], [2.3, 0, 5.5]), thick, trunk)  # a tenth of its radius off
+    model.add(line([0.34, 0, 4.88], [2.3, 0, 3.9]), thick, trunk)  # 0.04 off, 0.02 from the other
+    model.check(recognise(model.wood()))
+
+
+def test_feet_on_the_bark_and_feet_that_float_are_hung_too() -> None:
+    model = Model()
+    trunk = model.add(line([0, 0, 0], [0, 0, 10], 20), 0.2, -1)
+    for number, gap in enumerate((-0.1, -0.01, 0.0, 0.02, 0.3)):
+        foot = np.array([0.2 + gap, 0, 2.0 + 1.5 * number])
+        branch = model.add(line(foot, foot + at(2, 0, 1)), np.linspace(0.04, 0.01, 6), trunk)
+        foot = foot + at(1, 0.03, 0.5)
+        model.add(line(foot, foot + at(0.2, 0.5, 0.2)), np.linspace(0.008, 0.003, 6), branch)
+    found = recognise(model.wood())
+    model.check(found)
+    for number, gap in enumerate((-0.1, -0.01, 0.0, 0.02, 0.3)):
+        assert found.gap[1 + 2 * number] == pytest.approx(gap, abs=0.01)
+
+
+def test_a_thin_tip_that_touches_a_neighbour_does_not_hang_on_it() -> None:
+    model = Model()
+    trunk = model.add(line([0, 0, 0], [0, 0, 10], 20), 0.2, -1)
+    lower = model.add(line([0, 0, 4], [3, 0, 4]), np.linspace(0.08, 0.03, 6), trunk)
+    upper = model.add(line([0, 0, 6], [3, 0, 6]), np.linspace(0.08, 0.03, 6), trunk)
+    model.add(line([1.5, 0, 4], [1.5, 0, 6]), np.linspace(0.03, 0.01, 6), lower)  # up to the upper
+    model.add(
+        line([2.5, 0, 6], [0.1, 0, 8]), np.linspace(0.03, 0.01, 6), upper
+    )  # back into the trunk
+    model.check(recognise(model.wood()))
+
+
+def test_a_foot_within_its_mother_is_not_hung_on_wood_that_crosses_there() -> None:
+    """Twigs begin on the axis of a thin branch that lies against the trunk; their tips pierce another."""
+    model = Model()
+    trunk = model.add(line([0, 0, 0], [0, 0, 10], 20), 0.2, -1)
+    branch = model.add(line([0, 0, 3], [2, 0, 3]), np.linspace(0.08, 0.04, 6), trunk)
+    hanging = model.add(line([1, 0, 3], [0.16, 0.1, 7]), np.linspace(0.03, 0.02, 6), branch)
+    at_tip = at(1, 0, 3) + 0.975 * at(-0.84, 0.1, 4)
+    for way in (
+        at(1, 0.3, 0),
+        at(0.3, 1, 0.2),
+        at(1, 1, 0.5),
+    ):  # within each other, and in the trunk
+        model.add(line(at_tip, at_tip + 0.5 * way), np.linspace(0.016, 0.012, 6), hanging)
+    model.add(line([0.58, 0.05, 5], [0, 0.0, 6]), np.linspace(0.012, 0.011, 6), hanging)
+    model.check(recognise(model.wood()))
+
+
+def test_pieces_that_begin_within_each_other_are_hung_all_the_same() -> None:
+    """Three that float, each with its thick end in the next: a ring has no root."""
+    model = Model()
+    model.add(line([0, 0, 0], [0, 0, 10], 20), 0.2, -1)
+    corners = [at(1, 0, 5), at(2, 0, 5), at(1.5, 0.8, 5)]
+    for number in range(3):
+        end = corners[(number + 1) % 3]
+        model.add(line(end, corners[number] + 0.2 * (corners[number] - end)), 0.03, 0)
+    found = recognise(model.wood())
+    assert (found.parent[1:] >= 0).all()
+    assert np.count_nonzero(found.parent == 0) == 1
+
+
+def test_a_column_is_a_trunk_with_steep_branches_beside_it() -> None:
+    """Forty branches that rise along the trunk, as a poplar's or a cypress', each twice as long as its bark
+    is away from the next."""
+    model = Model()
+    trunk = model.add(line([0, 0, 0], [0, 0, 12], 24), np.linspace(0.2, 0.03, 24), -1)
+    rise = np.linspace(0, 1, 10)
+    for number in range(40):
+        turn, z = 2.4 * number, 1.0 + 0.25 * number
+        out = at(np.cos(turn), np.sin(turn), 0) * (0.28 + 0.2 * (1 - z / 12))
+        path = at(0, 0, z) + np.outer(1 - (1 - rise) ** 3, out) + np.outer(1.4 * rise, at(0, 0, 1))
+        model.add(path, np.linspace(0.3, 0.1, 10) * (0.2 - 0.014 * z), trunk)
+    model.check(recognise(model.wood()))
+
+
+def test_of_several_stems_the_largest_is_the_trunk() -> None:
+    model = Model()
+    for x, radius, top in ((0.0, 0.08, 4.0), (0.15, 0.1, 6.0), (0.3, 0.085, 5.0)):
+        model.add(line([x, 0, 0.01 * x], [2 * x, 0, top]), np.linspace(radius, radius / 2, 6), 1)
+    model.parents[1] = -1
+    found = recognise(model.wood())
+    assert found.trunk == 1
+    np.testing.assert_array_equal(found.parent, [1, -1, 1])
+    assert [b.height for b in split_tree(model.wood()).branches] == pytest.approx([0, 0], abs=0.02)
+
+
+def test_a_limb_thicker_than_the_tapered_trunk_is_not_the_trunk() -> None:
+    model = Model()
+    trunk = model.add(line([0, 0, 0], [0, 0, 3]), np.linspace(0.3, 0.2, 6), -1)
+    model.add(line([0, 0, 2.8], [3, 0, 9]), np.linspace(0.32, 0.1, 6), trunk)
+    model.check(recognise(model.wood()))
+
+
+def test_a_leaf_hangs_by_the_middle_of_its_side_too() -> None:
+    """Its corners are nearer to the neighbour's bark than to that of its own twig."""
+    model = Model()
+    trunk = model.add(line([0, 0, 0], [0, 0, 5]), 0.1, -1)
+    own = model.add(line([0, 0, 3], [2, 0, 3]), np.linspace(0.02, 0.015, 6), trunk)
+    model.add(line([0, 0, 3.1], [2, 0, 3.1]), np.linspace(0.02, 0.015, 6), trunk)
+    model.leaf(own, [1, 0, 3], [0, 1, 0], [0, 0, 1], 0.1, 0.14)
+    model.check(recognise(model.wood(), model.leaves()))
+
+
+def test_a_leaf_in_a_fork_hangs_on_the_twig() -> None:
+    """Its foot is inside both the twig and the branch that bears it, and deeper in the branch."""
+    model = Model()
+    trunk = model.add(line([0, 0, 0], [0, 0, 5]), 0.1, -1)
+    branch = model.add(line([0, 0, 3], [2, 0, 3]), np.linspace(0.06, 0.05, 6), trunk)
+    twig = model.add(line([1, 0, 3], [1, 1, 3]), np.linspace(0.01, 0.005, 6), branch)
+    model.leaf(twig, [1, 0.03, 3], [0, 0.6, 0.8], [1, 0, 0])
+    model.check(recognise(model.wood(), model.leaves()))
+
+
+@pytest.mark.slow
+def test_contacts_agree_with_a_search_of_all_wood() -> None:
+    model = tree(3)
+    found = recognise(model.wood())
+    lines = found.lines
+    rng = np.random.default_rng(5)
+    low, high = model.wood().reshape(-1, 3).min(axis=0), model.wood().reshape(-1, 3).max(axis=0)
+    scattered = rng.uniform(low, high, (300, 3))
+    near = lines.knot[rng.integers(len(lines.knot), size=600)] + rng.normal(size=(600, 3)) * 0.04
+    points = np.concatenate([scattered, near])
+    contact = find_contacts(lines, np.arange(found.wood.count), points)
+
+    gaps = np.full((len(points), found.wood.count), np.inf)
+    for piece in range(found.wood.count):
+        knots = slice(lines.first[piece], lines.first[piece + 1])
+        fine = np.linspace(0, lines.along[knots][-1], 2000)
+        axis = np.stack(
+            [np.interp(fine, lines.along[knots], lines.knot[knots, k]) for k in range(3)], axis=1
+        )
+        radius = np.interp(fine, lines.along[knots], lines.radius[knots])
+        distance = np.linalg.norm(points[:, None] - axis, axis=2) - radius
+        gaps[:, piece] = distance.min(axis=1)
+    exact = gaps.min(axis=1)
+    missed = contact.gap - exact
+    assert missed.min() > -1e-3  # never nearer than there is wood
+    inside = exact < 0
+    assert np.count_nonzero(inside) > 100
+    assert np.all(contact.gap[inside] < 1e-3)
+    assert np.mean(missed < 2e-3) > 0.97  # far from all wood, the second nearest may be taken,
+    assert np.all(missed < 0.2 * np.maximum(exact, 0.02))  # but none that is much farther
+    np.testing.assert_allclose(
+        contact.gap, gaps[np.arange(len(points)), contact.piece], rtol=0, atol=5e-3
+    )

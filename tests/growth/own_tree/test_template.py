@@ -1,0 +1,505 @@
+"""Templates cut from trees of known structure, and hard cases; leaves for a tree without; grafted trees.
+tree without leaves. A grown tree: what it is made of, its truth, its independence of everything else.
+"""
+
+from __future__ import annotations
+
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from references.model_tree import UP, Model, at, blade, line, tree, tube
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+
+from forest_addon.base.places import ASSETS
+from forest_addon.base.rng import stream
+from forest_addon.base.trimesh import LEAF, WOOD, TriMesh
+from forest_addon.formats.stl import read_stl
+from forest_addon.growth.library.species_file import load_species
+from forest_addon.growth.mesh.blades import SHAPES
+from forest_addon.growth.mesh.leaves import measure_leaves
+from forest_addon.growth.own_tree import template
+from forest_addon.growth.own_tree.recognise import TemplateError, recognise
+from forest_addon.growth.own_tree.template import GraftSite, dress, graft, prepare, split_tree
+from forest_addon.growth.tree import grow
+from forest_addon.spec import Leaf, Normal, Template
+
+MAPLE = Path(__file__).resolve().parents[4] / "shared" / "data" / "maple"
+DRESSED = Leaf(
+    length=Normal(mean=0.08, sd=0.0), width_ratio=Normal(mean=0.5, sd=0.0), nodes=3, per_node=2
+)
+
+
+# --------------------------------------------------------------------------------- what is cut
+
+
+def canonical(model: Model, piece: int, points: np.ndarray) -> np.ndarray:
+    """Points in the canonical frame of a branch, from the truth: x along, z up, y to the left of x."""
+    axis = model.tip[piece] - model.foot[piece]
+    length = float(np.linalg.norm(axis))
+    x = axis / length
+    z = UP - (UP @ x) * x
+    z /= np.linalg.norm(z)
+    return np.asarray(
+        (points - model.foot[piece]) @ np.stack([x, np.cross(z, x), z], axis=1) / length
+    )
+
+
+def facets_of(mesh: TriMesh, what: int) -> np.ndarray:
+    return np.asarray(mesh.vertices[mesh.triangles[mesh.part == what]])
+
+
+def test_templates_are_the_facets_of_their_branch_in_the_canonical_frame() -> None:
+    model = tree()
+    split = split_tree(model.wood(), model.leaves())
+    assert len(split.branches) == 9
+    assert split.unit == 1.0
+    trunk = facets_of(split.trunk, WOOD)  # stands on the origin
+    np.testing.assert_allclose(trunk, model.tubes[0] - model.foot[0], atol=2e-3)
+    assert (split.wood_components, split.leaf_count, split.unattached_leaves, split.stubs) == (
+        28,
+        63,
+        0,
+        0,
+    )
+    for number, branch in enumerate(split.branches):
+        first = 1 + 3 * number  # branches were built from the lowest up, each with its two twigs
+        length = float(np.linalg.norm(model.tip[first] - model.foot[first]))
+        wood = np.concatenate(model.tubes[first : first + 3])
+        leaves = np.concatenate(model.blades[7 * number : 7 * number + 7])
+        close = 0.35 * 0.07 / length  # the foot is known to a part of its radius
+        np.testing.assert_allclose(
+            facets_of(branch.mesh, WOOD), canonical(model, first, wood), atol=close
+        )
+        np.testing.assert_allclose(
+            facets_of(branch.mesh, LEAF), canonical(model, first, leaves), atol=close
+        )
+        np.testing.assert_array_equal(
+            branch.mesh.leaf[branch.mesh.part == LEAF], np.repeat(np.arange(7), 2)
+        )
+        assert np.all(branch.mesh.leaf[branch.mesh.part == WOOD] == -1)
+        np.testing.assert_array_equal(branch.mesh.material, (branch.mesh.part == LEAF).astype(int))
+
+        np.testing.assert_array_equal(branch.leaves.branch, [1, 1, 1, 2, 2, 2, 0])
+        disc = np.sqrt(0.1 * 0.06 / np.pi)
+        np.testing.assert_allclose(branch.leaves.radius * branch.length, disc, rtol=1e-9)
+        centres = canonical(model, first, leaves.reshape(7, 6, 3).mean(axis=1))
+        assert np.abs(branch.leaves.centre - centres).max() < 0.02
+
+        trunk = model.tip[0] - model.foot[0]
+        share = (model.foot[first] - model.foot[0]) @ trunk / (trunk @ trunk)
+        axis = model.tip[first] - model.foot[first]
+        angle = np.arccos(axis @ trunk / np.linalg.norm(axis) / np.linalg.norm(trunk))
+        assert branch.length == pytest.approx(length, rel=0.01)
+        assert branch.base_radius == pytest.approx(0.07, rel=0.1)
+        assert branch.height == pytest.approx(share, abs=0.003)
+        assert branch.angle == pytest.approx(angle, abs=0.02)
+
+
+def test_height_sets_the_unit() -> None:
+    model = tree()
+    tall = float(np.ptp(model.wood()[:, :, 2]))
+    metres, scaled = split_tree(model.wood()), split_tree(model.wood() * 39.37, height=tall)
+    assert scaled.unit == pytest.approx(1 / 39.37)
+    doubled = split_tree(model.wood(), height=2 * tall)
+    for one, same, twice in zip(metres.branches, scaled.branches, doubled.branches, strict=True):
+        assert same.length == pytest.approx(one.length, rel=1e-6)
+        assert twice.length == pytest.approx(2 * one.length, rel=1e-6)
+        assert twice.base_radius == pytest.approx(2 * one.base_radius, rel=1e-6)
+        assert twice.angle == pytest.approx(one.angle, abs=1e-6)
+        np.testing.assert_allclose(twice.mesh.vertices, one.mesh.vertices, atol=1e-6)
+    assert doubled.trunk_length == pytest.approx(2 * metres.trunk_length)
+    assert doubled.trunk_radius == pytest.approx(2 * metres.trunk_radius)
+
+
+@pytest.mark.medium
+@pytest.mark.parametrize("turn", [0.4, 2.0, 3.9])
+def test_templates_do_not_change_when_the_tree_is_turned_and_moved(turn: float) -> None:
+    model = tree(7)
+    cos, sin = np.cos(turn), np.sin(turn)
+    about_z = np.array([[cos, sin, 0], [-sin, cos, 0], [0, 0, 1]])
+    before = split_tree(model.wood(), model.leaves())
+    after = split_tree(model.wood() @ about_z + [9, -30, 4], model.leaves() @ about_z + [9, -30, 4])
+    assert len(before.branches) == len(after.branches) == 9
+    for one, other in zip(before.branches, after.branches, strict=True):
+        np.testing.assert_array_equal(one.mesh.triangles.shape, other.mesh.triangles.shape)
+        for what in (WOOD, LEAF):
+            np.testing.assert_allclose(
+                facets_of(one.mesh, what), facets_of(other.mesh, what), atol=2e-3
+            )
+        np.testing.assert_array_equal(one.leaves.branch, other.leaves.branch)
+        assert (one.height, one.angle) == pytest.approx((other.height, other.angle), abs=2e-3)
+
+
+def test_an_upright_branch_has_a_frame_too() -> None:
+    model = Model()
+    trunk = model.add(line([0, 0, 0], [0, 0, 5]), np.linspace(0.2, 0.1, 6), -1)
+    model.add(line([0, 0, 4.9], [0, 0, 8]), np.linspace(0.1, 0.02, 6), trunk)
+    (branch,) = split_tree(model.wood()).branches
+    assert branch.angle == pytest.approx(0, abs=0.01)
+    assert branch.height == pytest.approx(0.98, abs=0.005)
+    assert branch.mesh.vertices.min(axis=0) == pytest.approx([0, -0.1 / 3.1, -0.1 / 3.1], abs=0.01)
+    assert branch.mesh.vertices.max(axis=0) == pytest.approx([1, 0.1 / 3.1, 0.1 / 3.1], abs=0.01)
+    for axis in ([0, 0, 1.0], [0, 0, -1.0], [0.6, 0, 0.8], [1.0, 0, 0]):
+        frame = template.canonical_frame(np.array(axis))
+        np.testing.assert_allclose(frame @ frame.T, np.eye(3), atol=1e-12)
+        assert np.linalg.det(frame) == pytest.approx(1)
+
+
+# --------------------------------------------------------------------------------- hard cases
+
+
+def test_roots_are_no_trunk_and_no_templates() -> None:
+    model = tree()
+    for turn in (0.0, 2.0, 4.0):
+        out = np.array([np.cos(turn), np.sin(turn), -0.7])
+        model.add(line(model.foot[0], model.foot[0] + 2 * out), np.linspace(0.12, 0.03, 6), 0)
+    model.check(recognise(model.wood(), model.leaves()))
+    split = split_tree(model.wood(), model.leaves())
+    assert len(split.branches) == 9
+    assert split.stubs == 3
+
+
+def test_shoots_on_the_trunk_are_counted_and_left_out() -> None:
+    model = tree()
+    foot = model.foot[0] + 0.2 * (model.tip[0] - model.foot[0])
+    shoot = model.add(line(foot + at(0.25, 0, 0), foot + at(0.3, 0, 0.05)), 0.004, 0)
+    model.leaf(shoot, foot + at(0.3, 0, 0.05), [1, 0, 0], [0, 1, 0])
+    split = split_tree(model.wood(), model.leaves())
+    assert (len(split.branches), split.stubs) == (9, 1)
+    assert split.unattached_leaves == 1
+
+
+def signed_volume(facets: np.ndarray) -> float:
+    return float(np.einsum("ti,ti->", facets[:, 0], np.cross(facets[:, 1], facets[:, 2])) / 6)
+
+
+def test_pieces_modelled_inside_out_are_turned() -> None:
+    model = tree(capped=True)
+    for number in (0, 2, 4):
+        model.tubes[number] = model.tubes[number][:, ::-1]
+    split = split_tree(model.wood(), model.leaves())
+    assert signed_volume(facets_of(split.trunk, WOOD)) > 0
+    sound = split_tree(tree(capped=True).wood())
+    for turned, expected in zip(split.branches, sound.branches, strict=True):
+        volume = signed_volume(facets_of(turned.mesh, WOOD))
+        assert volume == pytest.approx(signed_volume(facets_of(expected.mesh, WOOD)), rel=1e-6)
+        assert volume > 0
+
+
+def test_repeated_and_empty_facets_change_nothing() -> None:
+    model = tree()
+    wood, leaves = model.wood(), model.leaves()
+    spoilt = np.concatenate([wood, wood[::3], wood[::5, ::-1], np.repeat(wood[:50, :1], 3, axis=1)])
+    both_sides = np.concatenate([leaves, leaves[:, ::-1]])
+    clean, found = split_tree(wood, leaves), split_tree(spoilt, both_sides)
+    assert found.leaf_count == clean.leaf_count == 63
+    for one, other in zip(clean.branches, found.branches, strict=True):
+        np.testing.assert_array_equal(one.mesh.vertices, other.mesh.vertices)
+        np.testing.assert_array_equal(one.mesh.triangles, other.mesh.triangles)
+
+
+def test_leaves_that_touch_wood_or_each_other_at_points() -> None:
+    """A leaf uses corners of its twig, and three leaves hang by one and the same point."""
+    model = tree()
+    twig = model.tubes[2]
+    count = len(model.blades)
+    model.blades.append(np.array([[twig[3, 0], twig[3, 1], twig[3, 0] + [0.0, 0.0, 0.1]]]))
+    point = model.tip[5]
+    for turn in (0.0, 2.0, 4.0):
+        out = np.array([np.cos(turn), np.sin(turn), 0.0]) * 0.08
+        model.blades.append(np.array([[point, point + out, point + out + [0.0, 0.0, 0.05]]]))
+    model.bearers += [2, 5, 5, 5]
+    found = recognise(model.wood(), model.leaves())
+    model.check(found)
+    assert found.leaves.count == count + 4
+    split = split_tree(model.wood(), model.leaves())
+    for branch in split.branches:  # no vertex belongs to two leaves, nor to leaf and wood
+        wood, leaf = (branch.mesh.triangles[branch.mesh.part == what] for what in (WOOD, LEAF))
+        assert not np.intersect1d(wood, leaf).size
+        owner = np.stack(
+            [leaf.ravel(), np.repeat(branch.mesh.leaf[branch.mesh.part == LEAF], 3)], axis=1
+        )
+        assert len(np.unique(owner, axis=0)) == len(np.unique(leaf))
+
+
+def test_leaves_that_share_an_edge_are_one() -> None:
+    model = tree()
+    tip = model.tip[2]
+    model.leaf(2, tip, [0, 0, 1], [0, 1, 0])
+    model.leaf(2, tip + at(0, 0, 0.1), [0, 0, 1], [0, 1, 0])  # goes on where the other ends
+    split = split_tree(model.wood(), model.leaves())
+    assert split.leaf_count == 64
+
+
+def test_leaves_on_the_trunk_are_counted_and_in_no_template() -> None:
+    model = tree()
+    model.leaf(0, model.foot[0] + at(0.3, 0, 1), [1, 0, 0], [0, 1, 0])
+    split = split_tree(model.wood(), model.leaves())
+    assert (split.leaf_count, split.unattached_leaves) == (64, 1)
+    assert sum(len(branch.leaves) for branch in split.branches) == 63
+
+
+@pytest.mark.parametrize("leaves", [None, np.empty((0, 3, 3))])
+def test_a_leafless_tree(leaves: np.ndarray | None) -> None:
+    split = split_tree(tree().wood(), leaves)
+    assert (split.leaf_count, split.unattached_leaves) == (0, 0)
+    for branch in split.branches:
+        assert len(branch.leaves) == 0
+        assert np.all(branch.mesh.part == WOOD)
+
+
+def refusal(wood: object, leaves: object = None) -> str:
+    with pytest.raises(TemplateError) as caught:
+        split_tree(wood, leaves)  # type: ignore[arg-type]
+    text = str(caught.value)
+    assert text.endswith(".")
+    assert "\n" not in text
+    return text
+
+
+def test_wood_that_is_no_tree_is_refused() -> None:
+    model = tree()
+    flat = np.zeros((4, 3, 3))
+    assert "no facet with an area in the wood" in refusal(np.empty((0, 3, 3)))
+    assert "no facet with an area in the wood" in refusal(flat)
+    assert "one piece" in refusal(model.tubes[0])
+    assert "finite" in refusal(np.full((4, 3, 3), np.nan))
+    assert "shape" in refusal(np.zeros((3, 3)))
+    assert "leans 89°" in refusal(model.wood()[:, :, [0, 2, 1]])  # y up
+    two = np.concatenate([model.wood(), model.wood() + at(8, 0, 0)])
+    assert "one tree alone" in refusal(two)
+    root = tube(line([0, 0, 0.1], [1, 0, -1]), 0.05)
+    assert "roots but no branches" in refusal(
+        np.concatenate([tube(line([0, 0, 0], [0, 0, 9]), 0.3), root])
+    )
+
+
+@pytest.mark.medium
+def test_leaves_that_are_none_are_refused() -> None:
+    model = tree()
+    assert "no facet with an area in the leaves" in refusal(model.wood(), np.zeros((2, 3, 3)))
+    assert "finite" in refusal(model.wood(), np.full((2, 3, 3), np.inf))
+    assert "far from the wood" in refusal(model.wood(), model.leaves() + at(50, 0, 0))
+    assert "far from the wood" in refusal(model.wood(), model.leaves() * 100)
+    rows = [blade([0, 0, 2 + 0.5 * k], [0, 0, 1], [1, 0, 0], length=0.5) for k in range(16)]
+    assert "hang together along edges" in refusal(model.wood(), np.concatenate(rows))
+
+
+# --------------------------------------------------------------------------------- a tree of others
+
+
+def parts_by_shared_corners(facets: np.ndarray) -> list[np.ndarray]:
+    """Facets of each connected part, by identical corners."""
+    _, corner = np.unique(facets.reshape(-1, 3), axis=0, return_inverse=True)
+    facet = np.repeat(np.arange(len(facets)), 3)
+    links = coo_matrix(
+        (np.ones(len(facet)), (facet, len(facets) + corner.ravel())), (9 * len(facets),) * 2
+    )
+    part = connected_components(links, directed=False)[1][: len(facets)]
+    return [np.flatnonzero(part == number) for number in np.unique(part)]
+
+
+@pytest.fixture(scope="module")
+def maple() -> tuple[np.ndarray, np.ndarray]:
+    if not MAPLE.is_dir():
+        pytest.skip(
+            f"the maple of Tanveer et al. is not at {MAPLE}; it has no licence to be shipped"
+        )
+    return read_stl(MAPLE / "maple_stem.stl"), read_stl(MAPLE / "maple_leaves.stl")
+
+
+@pytest.mark.slow
+def test_maple_pieces(maple: tuple[np.ndarray, np.ndarray]) -> None:
+    """244 tubes: a trunk of 384 facets, 24 branches of 240, 219 twigs of 144. The 3,710 leaf quads are
+    1,855 leaves, each drawn from both sides.
+    """
+    wood, leaves = maple
+    found = recognise(wood, leaves)
+    parts = parts_by_shared_corners(wood)
+    assert found.wood.count == len(parts) == 244
+    for facets in parts:
+        (piece,) = np.unique(found.wood.piece[facets])
+        generation = {384: 0, 240: 1, 144: 2}[len(facets)]
+        assert (piece == found.trunk) == (generation == 0)
+        assert (found.parent[piece] == found.trunk) == (generation == 1)
+    corners = np.sort(leaves.reshape(-1, 6, 3), axis=1).reshape(-1, 18)
+    assert len(corners) == 3710
+    assert len(np.unique(corners, axis=0)) == found.leaves.count == 1855
+
+
+@pytest.mark.medium
+def test_maple_templates(maple: tuple[np.ndarray, np.ndarray]) -> None:
+    wood, leaves = maple
+    split = split_tree(wood, leaves, height=12.0)
+    assert len(split.branches) == 24
+    assert (split.wood_components, split.leaf_count, split.unattached_leaves, split.stubs) == (
+        244,
+        1855,
+        0,
+        0,
+    )
+    assert sum(len(b.mesh.triangles) for b in split.branches) == len(wood) - 384 + 2 * 1855
+    assert split.unit == pytest.approx(12 / np.ptp(wood[:, :, 2]))
+    assert split.trunk_radius / split.unit == pytest.approx(0.886, rel=0.01)  # its first ring
+    assert split.trunk.vertices[:, 2].min() == pytest.approx(0, abs=1e-3)
+
+    heights = [b.height for b in split.branches]
+    assert heights == sorted(heights)
+    assert heights[0] == pytest.approx(0.341, abs=0.005)
+    assert heights[-1] == pytest.approx(1.0, abs=0.005)
+    angles = np.array([b.angle for b in split.branches])
+    assert np.all(np.diff(angles) < np.deg2rad(3))  # from level at the bottom to upright at the top
+    assert angles[0] > np.deg2rad(80)
+    assert angles[-1] < np.deg2rad(5)
+    lengths = np.array([b.length for b in split.branches])
+    assert np.all(np.diff(lengths) < 0)
+    for branch in split.branches:
+        assert 40 <= len(branch.leaves) <= 120
+        assert branch.leaves.centre[:, 0].min() > 0.1  # leaves are outward of the foot
+        assert branch.leaves.centre[:, 0].max() < 1.6
+        assert branch.leaves.length * branch.length == pytest.approx(2.15 * split.unit, rel=0.01)
+        # the branch itself starts at the origin with its radius and ends at (1, 0, 0)
+        own = branch.mesh.vertices[branch.mesh.part[0] == WOOD]
+        foot = np.linalg.norm(own, axis=-1)
+        assert branch.base_radius / branch.length == pytest.approx(float(foot.min()), rel=0.35)
+
+
+@pytest.fixture(scope="module")
+def wood():
+    return read_stl(ASSETS / "templates" / "maple" / "wood.stl")
+
+
+@pytest.mark.medium
+@pytest.mark.parametrize("unit", [1.0, 0.1])
+def test_every_twig_bears_nodes_times_leaves_of_their_true_size(wood, unit):
+    facets = dress(wood / unit, DRESSED, SHAPES["ellipse"](), unit)
+    bare = recognise(wood)
+    twigs = np.setdiff1d(np.arange(len(bare.parent)), [*bare.parent, bare.trunk])
+    split = split_tree(wood, facets * unit)
+    assert split.leaf_count == len(twigs) * 6
+    assert split.unattached_leaves == 0
+    corner = facets.reshape(-1, 3) * unit
+    for tip in bare.tip[twigs]:
+        assert np.linalg.norm(corner - tip, axis=1).min() < 0.02
+    for branch in split.branches:
+        assert branch.leaves.length * branch.length == pytest.approx(0.08, rel=1e-3)
+        # The polygon has the area of the ellipse of 8 by 4 cm.
+        radius = np.sqrt(0.08 * 0.04) / 2
+        assert branch.leaves.radius * branch.length == pytest.approx(radius, rel=1e-3)
+
+
+@pytest.mark.slow
+def test_a_species_file_asks_for_them(tmp_path):
+    shutil.copy(ASSETS / "templates" / "maple" / "wood.stl", tmp_path)
+    text = 'name = "dressed"\n[template]\nwood = "wood.stl"\n'
+    (tmp_path / "bare.toml").write_text(text)
+    (tmp_path / "leafy.toml").write_text(text + 'grow_leaves = true\n[leaf]\nshape = "beech"\n')
+    bare, leafy = (load_species(tmp_path / f"{name}.toml") for name in ("bare", "leafy"))
+    assert bare[1].leaf_count == 0
+    assert leafy[1].leaf_count > 100
+    tree, again = (grow(*leafy, stream(1, "tree")) for _ in range(2))
+    assert len(tree.leaves) > 1000
+    assert np.array_equal(tree.mesh.vertices, again.mesh.vertices)
+
+
+@pytest.fixture(scope="module")
+def shared_maple():
+    return load_species(ASSETS / "species" / "maple.toml")
+
+
+@pytest.fixture(scope="module")
+def grown(shared_maple):
+    return grow(*shared_maple, stream(1, "tree"))
+
+
+def test_a_tree_stands_on_the_ground_with_its_trunk_upright(grown):
+    low = grown.mesh.vertices[:, 2].min()
+    assert -0.3 < low < 0  # sunk a little, so that no gap shows
+    foot = grown.mesh.vertices[np.abs(grown.mesh.vertices[:, 2]) < 0.02]
+    assert np.abs(foot[:, :2]).max() < 0.4
+    assert 7 < grown.height < 13
+    assert np.isfinite(grown.mesh.vertices).all()
+
+
+def test_the_skeleton_is_trunk_and_first_level_axes(grown, shared_maple):
+    grammar = shared_maple[0].grammar
+    assert set(grown.skeleton.order.tolist()) == {0, 1}
+    assert (grown.skeleton.order == 0).sum() == grammar.generations + 1
+    firsts = (grown.skeleton.order == 1) & (grown.skeleton.order[grown.skeleton.parent] == 0)
+    assert firsts.sum() == 2 * grammar.generations
+    assert grown.skeleton.radius[0, 0] == grammar.radius
+
+
+def test_the_truth_of_leaves_is_what_their_triangles_measure(grown):
+    again = measure_leaves(grown.mesh, grown.leaves.branch)
+    for name in ("centre", "normal", "radius"):
+        assert np.allclose(getattr(again, name), getattr(grown.leaves, name), atol=1e-9), name
+    assert (grown.mesh.part[grown.mesh.leaf >= 0] == LEAF).all()
+    assert (np.unique(grown.mesh.leaf) == np.arange(-1, len(grown.leaves))).all()
+    branches = 2 * 7 * 2 + 1  # symmetric pairs, generations, copies, and the tip
+    assert grown.leaves.branch.min() >= 0
+    assert grown.leaves.branch.max() < branches
+    # Leaves are as large as a maple's, on long branches and on short ones.
+    assert 0.10 < np.median(grown.leaves.length) < 0.16
+
+
+def test_leaves_reach_the_tips_and_fill_the_crown(grown):
+    crown = grown.leaves.centre
+    assert crown[:, 2].max() > 0.97 * grown.height
+    wood = grown.mesh.vertices[np.unique(grown.mesh.triangles[grown.mesh.part == WOOD])]
+    reach = np.linalg.norm(wood[:, :2], axis=1).max()
+    assert np.linalg.norm(crown[:, :2], axis=1).max() > 0.95 * reach
+
+
+def test_a_tree_is_a_function_of_its_stream_alone(shared_maple):
+    one, two = (grow(*shared_maple, stream(5, "tree", 3)) for _ in range(2))
+    assert (one.mesh.vertices == two.mesh.vertices).all()
+    other = grow(*shared_maple, stream(5, "tree", 4))
+    assert other.mesh.vertices.shape != one.mesh.vertices.shape or not np.array_equal(
+        other.mesh.vertices, one.mesh.vertices
+    )
+
+
+@pytest.mark.parametrize("generations", [0, 1, 9])
+def test_few_and_many_generations(shared_maple, generations):
+    species, template = shared_maple
+    species = replace(species, grammar=replace(species.grammar, generations=generations))
+    grown = grow(species, template, stream(2, "tree"))
+    assert np.isfinite(grown.mesh.vertices).all()
+    assert grown.skeleton.order.max() == min(generations, 1)
+
+
+def test_a_graft_starts_at_its_site_and_ends_at_its_length(shared_maple):
+    scion = prepare(shared_maple[1].branches[0])
+    direction = np.array([0.36, 0.48, 0.8])
+    site = GraftSite(np.array([1.0, 2.0, 3.0]), direction, 4.0)
+    mesh, _, _ = graft(scion, site, 0.0, 0.0, stream(0, "graft"))
+    wood = mesh.vertices[np.unique(mesh.triangles[mesh.part == WOOD])] - site.foot
+    assert np.linalg.norm(wood, axis=1).min() < 0.1
+    end = np.linalg.norm(wood - 4.0 * direction, axis=1).min()
+    assert end < 0.05
+
+
+@pytest.mark.medium
+def test_the_papers_own_maple_gives_trees_too(maple, shared_maple):
+    template = split_tree(*maple, height=12.0)
+    species = replace(shared_maple[0], template=Template(wood="maple_stem.stl", height=12.0))
+    grown = grow(species, template, stream(3, "tree"))
+    assert len(grown.leaves) > 1000
+    assert 7 < grown.height < 14
+    assert np.isfinite(grown.mesh.vertices).all()
+
+
+def test_as_many_templates_as_nodes_match_one_to_one(shared_maple):
+    species, template = shared_maple
+    species = replace(species, grammar=replace(species.grammar, generations=2, copies=1))
+    sites = 2 * 2 * 1 + 1
+    five = replace(template, branches=template.branches[:sites])
+    assert len(five.branches) == sites
+    grown = grow(species, five, stream(4, "tree"))
+    per_branch = np.bincount(grown.leaves.branch, minlength=sites)
+    assert (per_branch > 0).all()
