@@ -22,7 +22,6 @@ from ... import spec
 from ...blender.scene.instances import IGNORED_KEY, may_be_met
 from ...blender.scene.layout import is_ours
 from ...blender.sensors.objects import file_name, sensors_of
-from ...formats.toml_file import write_settings
 from ..settings.exchange import from_spec, to_spec
 from ..settings.preferences import rays_of
 from ..shell.running import Button, Reading
@@ -119,6 +118,8 @@ def write_scene(scene: bpy.types.Scene, path: Path) -> str:
     SpecError : a value that cannot be used.
     OSError : a file cannot be written.
     """
+    from ...formats.toml_file import write_settings
+
     path = path.resolve()
     settings, edited = to_spec(scene), edited_species(scene)
     origin = Path(bpy.path.abspath(scene.forest_sensing.folder))
@@ -158,6 +159,8 @@ def _blend_for(scene: bpy.types.Scene, settings: spec.Scene, home: Path) -> tupl
 
 def _with_edited(settings: spec.Scene, edited: Edited, path: Path) -> spec.Scene:
     """Write edited species into a folder beside a scene file; returns the settings that name them so."""
+    from ...formats.toml_file import write_settings
+
     home = path.with_name(f"{path.stem}-species")
     names = {name: f"{home.name}/{Path(name).name}" for name in edited}
     for name, (species, origin) in edited.items():
