@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import Field, fields
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -12,12 +13,12 @@ class RowTable:
     """Base of dataclasses whose fields are arrays with a row each, or tables of as many rows; what is
     neither belongs to the whole table."""
 
-    __dataclass_fields__: ClassVar[dict[str, Any]]
+    __dataclass_fields__: ClassVar[dict[str, Field[Any]]]
 
     def select(self, rows: np.ndarray | slice) -> Self:
         """Some rows of every column, by number, mask or slice."""
         kept = {}
-        for name in self.__dataclass_fields__:
+        for name in (field.name for field in fields(self)):
             value = getattr(self, name)
             if isinstance(value, np.ndarray):
                 if isinstance(rows, np.ndarray) and rows.dtype != bool:
@@ -35,7 +36,7 @@ class RowTable:
         if len(parts) == 1:
             return parts[0]
         columns = {}
-        for name in cls.__dataclass_fields__:
+        for name in (field.name for field in fields(cls)):
             value = getattr(parts[0], name)
             if isinstance(value, np.ndarray):
                 value = np.concatenate([getattr(part, name) for part in parts])

@@ -386,5 +386,5 @@ def generator_of(seed: int) -> np.random.Generator:
 
 
 def _first(told: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Of arrays with a row a flyer, the one flyer's."""
+    """The one flyer's rows of arrays that have a row for each flyer."""
     return {name: values[0] for name, values in told.items()}

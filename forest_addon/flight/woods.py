@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from ..api import Site, World, read
-from ..sensing.moving import MovingScene, trees_that_sway
+from ..sensing.moving import MovingScene, boxes_of_pieces, trees_that_sway
 from ..sensing.moving_rays import MovingCaster
 from ..sensing.rays.caster import RayCaster
 from ..sensing.rays.geometry import SceneGeometry
@@ -430,11 +430,6 @@ class SwayingObstacles(MeshObstacles):
         mesh = int(self._mesh[which])
         key = mesh, self._sway.variant(int(self._tree[which]))[0]
         if key not in self._end:
-            corners, piece = self._solids[mesh].corners, self._pieces(which)
-            low, high = np.full((count, 3), np.inf), np.full((count, 3), -np.inf)
-            np.minimum.at(low, piece, corners.min(axis=1))
-            np.maximum.at(high, piece, corners.max(axis=1))
-            ends = np.stack([low, high])
-            ends[:, np.isinf(low[:, 0])] = 0.0
-            self._end[key] = ends
+            corners = self._solids[mesh].corners
+            self._end[key] = boxes_of_pieces(corners, self._pieces(which), count)
         return self._end[key]

@@ -30,7 +30,7 @@ from .own_tree.habit import Habit
 from .own_tree.relay import Outline, SiblingStanding, lowest_corner, outline_of, standing_of
 from .own_tree.sibling import Grown, grow_sibling
 from .own_tree.size import BREAST
-from .skeleton import Skeleton, root_of
+from .skeleton import Skeleton, root_of, stem_radii
 from .tree import Tree
 
 BINS = 20  # of a vertical profile
@@ -135,14 +135,8 @@ def crown_base(tree: Outline | Tree) -> float:
 
 
 def trunk_radius(wood: Skeleton, height: float) -> float:
-    """Radius of the trunk at a height; 0 above its tip."""
-    trunk = np.flatnonzero(wood.order == 0)
-    crossed = trunk[(wood.start[trunk, 2] <= height) & (wood.end[trunk, 2] > height)]
-    if not len(crossed):
-        return 0.0
-    s = crossed[0]
-    part = (height - wood.start[s, 2]) / (wood.end[s, 2] - wood.start[s, 2])
-    return float(wood.radius[s, 0] + part * (wood.radius[s, 1] - wood.radius[s, 0]))
+    """Radius of the trunk at a height, of the first of several stems; 0 above its tip."""
+    return float(next(iter(stem_radii(wood, height)), 0.0))
 
 
 def _along(wood: Skeleton, which: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -174,17 +168,17 @@ class Number:
 
     @property
     def difference(self) -> float:
-        """Of the mean from the template, over the template."""
+        """Difference of the mean from the template, over the template."""
         return (self.mean - self.template) / abs(self.template) if self.template else 0.0
 
     @property
     def spreads(self) -> float:
-        """Of the template from the mean, in standard deviations of the siblings."""
+        """Distance of the template from the mean, in standard deviations of the siblings."""
         return abs(self.mean - self.template) / self.spread if self.spread else 0.0
 
     @property
     def good(self) -> bool:
-        """Return whether the goals are met; decibels are compared by what they differ."""
+        """True where the goals are met; decibels are compared by what they differ."""
         apart = abs(self.mean - self.template)
         near = apart <= max(MOST_DIFFERENCE * abs(self.template), self.room)
         if self.name.endswith("dB"):
@@ -213,7 +207,7 @@ class Profile:
 
     @property
     def good(self) -> bool:
-        """Return whether the goal is met."""
+        """True where the goal is met."""
         return self.overlap >= LEAST_OVERLAP
 
 

@@ -69,7 +69,7 @@ def in_season(species: Species, season: float) -> Species:
 
 
 def fallen(season: float) -> float:
-    """Return which share of the leaves lies on the ground in a season."""
+    """Share of the leaves that lies on the ground in a season."""
     return max(0.0, (season - TURNED) / (1 - TURNED))
 
 

@@ -228,20 +228,19 @@ def cylinders_of(skeleton: Skeleton) -> Cylinders:
     )
 
 
-def diameter_at(skeleton: Skeleton, height: float) -> float:
-    """Diameter of the trunk at a height; of several stems that of a circle of all their area.
-
-    A stem is measured where its axis of order 0 first passes the height, at right angles to the axis. 0 where
-    no stem reaches it.
-    """
-    trunk = skeleton.order == 0
+def stem_radii(skeleton: Skeleton, height: float) -> np.ndarray:
+    """(N,) radii of the stems where axes of order 0 pass a height, at right angles to the axis."""
+    trunk = np.flatnonzero(skeleton.order == 0)
     low, high = skeleton.start[trunk, 2], skeleton.end[trunk, 2]
     passed = (low <= height) & (high > height)
-    if not passed.any():
-        return 0.0
     share = (height - low[passed]) / (high[passed] - low[passed])
-    r1, r2 = skeleton.radius[trunk][passed].T
-    return float(2 * np.sqrt(((r1 + share * (r2 - r1)) ** 2).sum()))
+    r1, r2 = skeleton.radius[trunk[passed]].T
+    return np.asarray(r1 + share * (r2 - r1))
+
+
+def diameter_at(skeleton: Skeleton, height: float) -> float:
+    """Diameter of the trunk at a height; of several stems that of a circle of all their area; 0 above all."""
+    return float(2 * np.sqrt((stem_radii(skeleton, height) ** 2).sum()))
 
 
 def depths(parent: np.ndarray, each: np.ndarray | None = None) -> np.ndarray:

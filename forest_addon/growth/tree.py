@@ -107,7 +107,7 @@ def grow(
             siblings = asked.siblings or Siblings()
             grown = grow_sibling(template, siblings, int(rng.integers(2**63)))
             mesh, leaves, foot = mesh_of(template.anatomy, grown, siblings.variety)
-            parts = Parts(mesh, leaves, foot, skeleton_of_grown(grown), grafted=True)
+            parts = Parts(mesh, leaves, foot, skeleton_of_grown(grown))
             tree = _of_parts(asked, parts, rng, wanted)
         else:
             tree = _grafted(asked, template, rng, wanted)
@@ -256,7 +256,7 @@ def _grafted(
         wood = wood.some((level < 0) | (foot[level] >= lowest))
     mesh = join([_trunk_mesh(skeleton, trunk), *(branches[k] for k in kept)])
     leaves, foot = Leaves.joined([truths[k] for k in kept]), np.concatenate([feet[k] for k in kept])
-    parts = Parts(mesh, leaves, foot, wood, grafted=True)
+    parts = Parts(mesh, leaves, foot, wood)
     return _of_parts(species, parts, rng, wanted)
 
 

@@ -34,7 +34,7 @@ import numpy as np
 from ..base.rng import stream
 from ..base.runs import numbered
 from ..base.trimesh import TriMesh, is_wood
-from .measured.wanted import dbh_of, lowest_branch, width_of
+from .measured.wanted import crown_of, dbh_of
 from .mesh.leaves import Leaves
 from .skeleton import TOUCH, Skeleton, find_axes
 from .tree import Tree
@@ -131,29 +131,14 @@ def leaf_angles(leaves: Leaves, bins: int = ANGLE_BINS) -> tuple[np.ndarray, np.
     return edges, area / (total * edges[1]) if total > 0 else np.zeros(bins)
 
 
-def crown_base(tree: Tree) -> float:
-    """Metres to where the lowest branch with leaves leaves the stem; of a grafted tree to its lowest leaf."""
-    if tree.grafted or not len(tree.leaves):
-        return float(tree.leaves.centre[:, 2].min(initial=np.inf)) if len(tree.leaves) else 0.0
-    return lowest_branch(tree.skeleton, tree.leaves.branch)
-
-
-def crown_width(tree: Tree) -> float:
-    """Mean diameter of the crown seen from above, metres: of its leaves, or of its wood without leaves."""
-    leaves = tree.leaves
-    if not len(leaves):
-        return width_of(tree.skeleton.end)
-    reach = 0.5 * leaves.length[:, None] * leaves.axis
-    return width_of(np.concatenate([leaves.centre - reach, leaves.centre + reach]))
-
-
 def tree_truth(tree: Tree) -> dict[str, float]:
     """The truth of one tree by name and unit."""
     wood = wood_of_tree(tree)
+    width, base = crown_of(tree.skeleton, tree.leaves, tree.grafted)
     edges, density = leaf_angles(tree.leaves)
     middle = (edges[1:] + edges[:-1]) / 2
     told = (
-        *(tree.height, dbh_of(tree.skeleton), crown_base(tree), crown_width(tree)),
+        *(tree.height, dbh_of(tree.skeleton), base, width),
         *(wood.volume, wood.area, wood.projected),
         *(float(len(tree.leaves)), float(np.pi * (tree.leaves.radius**2).sum())),
         float(np.rad2deg((density * middle).sum() * edges[1])),

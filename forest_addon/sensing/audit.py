@@ -38,7 +38,7 @@ class Check:
 
     @classmethod
     def on(cls, what: str, errors: np.ndarray, of: int, allowed: float, unit: str = "") -> Check:
-        """Of errors (N,)."""
+        """Check of errors (N,)."""
         errors = np.asarray(errors, dtype=np.float64)
         rms = float(np.sqrt(np.mean(errors**2))) if len(errors) else 0.0
         return cls(
@@ -52,7 +52,7 @@ class Check:
 
     @property
     def share(self) -> float:
-        """Of all that the result has of this kind."""
+        """Share of all that the result has of this kind that was checked."""
         return min(self.checked / self.of, 1.0) if self.of else 1.0
 
     def __str__(self) -> str:
@@ -64,7 +64,7 @@ class Check:
         return f"{self.checked:,} {self.what} ({some}), {off}{verdict}"
 
     def record(self) -> dict[str, float | int | str]:
-        """Return what stands in run.json."""
+        """Entries of run.json."""
         said = {name: _written(value) for name, value in vars(self).items()}
         return said | {"share": self.share, "kept": self.kept}
 
@@ -95,27 +95,27 @@ class Audit:
 
     @property
     def checked(self) -> int:
-        """Return how many values, of all kinds."""
+        """Number of values checked, of all kinds."""
         return sum(check.checked for check in self.checks)
 
     @property
     def error(self) -> float:
-        """Of the worst check, in its ``unit``."""
+        """Largest error of the worst check, in its ``unit``."""
         return self.worst.error
 
     @property
     def allowed(self) -> float:
-        """Of the worst check."""
+        """Error allowed by the worst check."""
         return self.worst.allowed
 
     @property
     def unit(self) -> str:
-        """Of the worst check."""
+        """Unit of the worst check."""
         return self.worst.unit
 
     @property
     def times(self) -> float:
-        """Return how many times as fast the result was made as the exact way would."""
+        """Ratio of the time that the exact way would take to that of the result."""
         return self.exact_seconds / self.seconds if self.seconds > 0 else math.inf
 
     def __str__(self) -> str:
@@ -125,7 +125,7 @@ class Audit:
         return "; ".join(map(str, self.checks)) + (faster if self.times > 1 else "")
 
     def record(self) -> dict[str, object]:
-        """Return what stands in run.json."""
+        """Entries of run.json."""
         return {
             "kept": self.kept,
             "checked": self.checked,

@@ -228,7 +228,7 @@ _pace: dict[str, float] = {}  # s taken over s guessed, of the last run of senso
 
 @dataclass(frozen=True)
 class Cost:
-    """Of one run: ``count`` of what it sends (pulses, pings, channels), seconds, bytes.
+    """Cost of one run: ``count`` of what it sends (pulses, pings, channels), seconds, bytes.
 
     work : what the time grows with: rays, pings, channels. guess : seconds as guessed before any has run.
     """

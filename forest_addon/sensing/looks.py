@@ -247,7 +247,7 @@ class RangeShift:
 
 
 def range_shift(pairs: Sequence[tuple[Tree, Tree]], rng: np.random.Generator) -> RangeShift:
-    """Of pairs of a full and a coarse tree, at most ``MOST`` of them drawn at random."""
+    """Shift of first ranges between full and coarse trees, of at most ``MOST`` pairs drawn at random."""
     drawn = rng.permutation(len(pairs))[:MOST]
     apart, parted, count = [], 0, 0
     for number in drawn.tolist():

@@ -27,6 +27,7 @@ SPAN = 8  # knots of a window, for which pieces are placed together
 RUN, WIDER = 8, 2.0  # rays of a run, and metres that they may be apart
 AROUND = 0.1  # metres about a bundle of rays, whose pieces are placed with those in it
 KEPT = 256  # trees by windows, whose pieces are kept in place
+EMPTY = TriMesh.of_part(np.empty((0, 3)), np.empty((0, 3), np.int64), OTHER)  # of what is met apart
 
 
 class Swaying(Protocol):
@@ -75,9 +76,8 @@ class MovingScene:
         self.motion = motion.without(sways)
         pieces = CutTrees(whole, tree, sway, like and like.pieces) if len(sways) else None
         self.pieces, self.count = pieces, len(whole)
-        empty = TriMesh.of_part(np.empty((0, 3)), np.empty((0, 3), np.int64), OTHER)
         more = () if pieces is None else pieces.meshes
-        meshed = whole.with_meshes((empty, *more), (0, *(() if pieces is None else pieces.of_mesh)))
+        meshed = whole.with_meshes((EMPTY, *more), (0, *(() if pieces is None else pieces.of_mesh)))
         index = whole.mesh_index.copy()
         index[sways] = len(whole.meshes)
         self.scene = replace(meshed, mesh_index=index)
@@ -86,7 +86,7 @@ class MovingScene:
         index = index.copy()
         index[self.motion.rows] = len(whole.meshes)
         self.still = replace(
-            whole.with_meshes((empty,), (0,)),
+            whole.with_meshes((EMPTY,), (0,)),
             mesh_index=index,
             **dict.fromkeys(("slot_reflectance", "asset", "slot_names", "slot_optics"), ()),
         )
@@ -554,6 +554,17 @@ def taken(mesh: TriMesh, rows: np.ndarray) -> TriMesh:
     keep = np.zeros(len(mesh.triangles), dtype=bool)
     keep[rows] = True
     return mesh.select(keep)
+
+
+def boxes_of_pieces(corners: np.ndarray, piece: np.ndarray, count: int) -> np.ndarray:
+    """(2, G, 3) smallest and largest coordinates of triangles (T, 3, 3) on each of G pieces, 0 where there
+    are none. piece : (T,) that each triangle is on."""
+    low, high = np.full((count, 3), np.inf), np.full((count, 3), -np.inf)
+    np.minimum.at(low, piece, corners.min(axis=1))
+    np.maximum.at(high, piece, corners.max(axis=1))
+    found = np.stack([low, high])
+    found[:, ~np.isfinite(low).all(axis=1)] = 0.0
+    return found
 
 
 def swept(boxes: np.ndarray, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -54,7 +54,7 @@ def _roughness(tree: Tree) -> float:
 def audit_tubes(
     trees: Sequence[tuple[Tree, float]], rng: np.random.Generator, seconds: float, share: float
 ) -> Audit | None:
-    """Of trees, each with the tolerance that it was meshed with; None where none grows from cones.
+    """Audit of trees, each with the tolerance that it was meshed with; None where none grows from cones.
 
     seconds : that growing took; the audit takes about ``share`` of that, a batch at least.
     """
@@ -85,7 +85,7 @@ def audit_leaves(
     seconds: float,
     share: float,
 ) -> Audit | None:
-    """Of the leaves of a forest's trees, as they stand in an evaluated scene; None where there are none.
+    """Audit of the leaves of a forest's trees as they stand in an evaluated scene; None where there is none.
 
     Whole trees are measured, in a random order; a leaf that is missing is infinitely far off.
     """

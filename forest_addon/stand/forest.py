@@ -10,14 +10,14 @@ import numpy as np
 
 from ..base.progress import Progress
 from ..base.rng import stream
-from ..growth.measured.wanted import TARGETS, Kind
+from ..growth.measured.wanted import TARGETS, Kind, crown_of
 from ..growth.mesh.blades import Blade
 from ..growth.mesh.leaves import Leaves
 from ..growth.own_tree.habit import Habit
 from ..growth.own_tree.template import TreeTemplate
 from ..growth.seasons import aged, fallen, in_season, with_fallen
 from ..growth.tree import Tree, grow
-from ..growth.truth import crown_base, crown_width, leaf_angles, wood_of_tree
+from ..growth.truth import leaf_angles, wood_of_tree
 from ..spec import Allometry, Choice, Scene, Species
 from .before_fall import TreesBeforeFall, key_of
 from .inputs import Inputs
@@ -375,10 +375,11 @@ def met_targets(forest: GrownForest) -> list[TargetsMet]:
 def _truth_of(tree: Tree) -> dict[str, float]:
     """Return what one variant measures in its own size."""
     wood = wood_of_tree(tree)
+    width, base = crown_of(tree.skeleton, tree.leaves, tree.grafted)
     return {
         "height": tree.height,
-        "crown_width": crown_width(tree),
-        "crown_base": crown_base(tree),
+        "crown_width": width,
+        "crown_base": base,
         "foot_radius": float(tree.skeleton.radius[:1, 0].sum()),
         "leaves": float(len(tree.leaves)),
         "leaf_area": float(np.pi * (tree.leaves.radius**2).sum()),

@@ -28,10 +28,8 @@ from ..inside import (
     STYLE,
     Equipment,
     LeafDiscs,
-    area_under_curve,
     band_power,
     cochleagram,
-    discriminant,
     frame_of,
     new_figure,
     ping,
@@ -39,6 +37,7 @@ from ..inside import (
     stream,
     write_csv,
 )
+from .theory import area_under_curve, discriminant
 
 SIZE = (3.0, 1.6, 0.4)  # metres across, up, deep
 DENSITY = 400.0  # leaves/m³

@@ -2,7 +2,7 @@
 
 Karaman & Frazzoli's bird (v ahead, at most w across) flies among upright trunks by the gap policy on a LiDAR
 of 64 rays; the share that comes through is held against speed and density. Beside it: the share of forests in
-which any way of that slope comes through 500 m (``flight.theory``), which no policy can beat, and the speed
+which any way of that slope comes through 500 m (``theory``), which no policy can beat, and the speed
 at which that is a half.
 """
 
@@ -28,16 +28,14 @@ from ..inside import (
     LidarSense,
     StemWorld,
     Track,
-    chance_of_way,
-    critical_slope,
     fly,
     interval,
     new_figure,
-    poisson_strip,
     save_figure,
     stream,
     write_csv,
 )
+from .theory import chance_of_way, critical_slope, poisson_strip
 
 LENGTH, WIDTH = 500.0, 60.0  # metres
 TRUNK, BODY = 0.20, 0.15  # metres, radii

@@ -6,14 +6,16 @@ import tracemalloc
 import numpy as np
 import pytest
 
-from forest_addon.flight import policies, theory
-from forest_addon.flight.flying import area_under_curve, discriminant, fly, interval
+from forest_addon.flight import policies
+from forest_addon.flight.flying import fly, interval
 from forest_addon.flight.policies import Gap, Straight, policy_of
 from forest_addon.flight.senses import LIDAR, LidarSense
 from forest_addon.flight.simulation import Flyers
 from forest_addon.flight.stems import StemCaster, StemWorld
 from forest_addon.spec import Flight, SpecError, Wind
 from forest_addon.stand.wind.field import WindField
+from studies.flight import theory
+from studies.flight.theory import area_under_curve, discriminant
 
 ALONG = Flight(aim="heading", distance=30.0, start=(0.0, 0.0, 1.5), steps=400, speed=4.0, step=0.1)
 NONE = np.empty((0, 2))
@@ -204,7 +206,7 @@ def test_flight_needs_neither_blender_nor_gymnasium_for_this():
 
     code = (
         "import sys; sys.modules['bpy'] = None; sys.modules['mathutils'] = None\n"
-        "from forest_addon.flight import policies, flying, simulation, stems, theory\n"
+        "from forest_addon.flight import policies, flying, simulation, stems\n"
         "print('torch' in sys.modules)"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)

@@ -81,7 +81,7 @@ def moved_caster(like: Search, scene: SceneGeometry) -> Search:
 
 @cache
 def embree_problem() -> str:
-    """Return why Embree cannot be used here; empty where it can."""
+    """Reason why Embree cannot be used here; empty where it can."""
     scene = _trial_scene()
     rng = stream(0, "embree", "trial")
     origins = rng.uniform(-4, 4, (500, 3)) + scene.transform[0, :, 3]

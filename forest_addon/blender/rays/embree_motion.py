@@ -82,7 +82,9 @@ class EmbreeMotion:
         self._moving, self._threads = moving, threads
         self._still = still = EmbreeCaster(moving.still, threads, like and like._still)
         self._arrays = embree.has_arrays(still._library, still._device)
-        self._trees = {} if like is None else like._trees  # of meshes that move, by their number
+        # Trees of meshes that move, by their number, and what holds them for all that share them.
+        self._trees: dict[int, int] = {} if like is None else like._trees
+        self._holder: EmbreeBuild = still._build if like is None else like._holder
         self._surfaces = RefinedSurfaces(scene)
         self._first, self._count = float(time[0]), len(time)
         self._step = float(time[-1] - time[0]) / max(len(time) - 1, 1) or 1.0
@@ -366,7 +368,7 @@ class EmbreeMotion:
             return self._still._of_mesh[index]
         if index not in self._trees:
             mesh = self._moving.scene.meshes[index]
-            self._trees[index] = self._still._build.mesh(mesh, self._usable[index])
+            self._trees[index] = self._holder.mesh(mesh, self._usable[index])
         return self._trees[index]
 
     def _pieces_at(

@@ -56,7 +56,7 @@ def allometry_names() -> list[str]:
 
 
 def file_stem(name: str) -> str:
-    """Return what the file of a kind is called: "Picea abies" becomes picea-abies."""
+    """Name of the file of a kind: "Picea abies" becomes picea-abies."""
     return file_name(name.lower()).replace(" ", "-")
 
 
@@ -226,7 +226,7 @@ def complete_species(
 def _once(
     what: tuple[str, float], wood: np.ndarray, leaves: np.ndarray | None, make: Callable[[], Any]
 ) -> Any:
-    """Return what ``make`` makes of facets; of the trees that were last asked for it is kept.
+    """Call ``make`` for facets, once; what it makes is kept of the trees that were last asked for.
 
     Every update of a forest, and every scene of a series, reads its species anew, and recognising one takes
     up to seconds. What is made of a template is kept by the object: the same one comes back.

@@ -114,17 +114,17 @@ class Library:
 
     @property
     def height(self) -> float:
-        """Of the tree, metres."""
+        """Height of the tree, metres."""
         return float(np.ptp(self.wood[:, :, 2])) * self.unit.metres
 
     @property
     def branches(self) -> int:
-        """Return how many first-level branches it has."""
+        """Number of its first-level branches."""
         return int(np.count_nonzero(self.habit.anatomy.order == 1))
 
     @property
     def leaf_count(self) -> int:
-        """Return how many leaves."""
+        """Number of its leaves."""
         return len(self.habit.anatomy.foliage.bearer)
 
 

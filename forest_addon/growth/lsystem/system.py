@@ -194,12 +194,12 @@ class System:
 
     @property
     def conditional(self) -> bool:
-        """Return whether a symbol's numbers can decide what becomes of it."""
+        """True where a symbol's numbers can decide what becomes of it."""
         return any(case.condition for cases in self.cases.values() for case in cases)
 
     @property
     def stochastic(self) -> bool:
-        """Return whether chance can."""
+        """True where chance can decide it."""
         return any(len(case.chances) > 1 for cases in self.cases.values() for case in cases)
 
 
@@ -545,7 +545,7 @@ def _values(
 
 
 def _contents(system: System, code: int, chance: bool) -> dict[int, float]:
-    """Return how often each letter is in what a letter becomes."""
+    """Count the letters of what a letter becomes."""
     found: dict[int, float] = {}
     cases = system.cases.get(code)
     numbers = cases[0].productions if cases else (int(system.stay[code]),)

@@ -73,9 +73,7 @@ ENOUGH = 30  # trees that a law, or a correlation, is fitted to
 ENOUGH_CURVE = 100
 STUDIES, OF_STUDY = 5, 8  # studies, and trees of each, that tell how trees of one differ
 MOST_LEAVES = 1e4  # m² a m² of the stem's cross section
-WIDE = (
-    0.5  # of the range of log D that its heights were measured over, for a law to hold for a kind
-)
+WIDE = 0.5  # of the range of log D of its heights, for a law to hold for a kind
 TYPES = {
     "deciduous broadleaf": "DA",
     "evergreen broadleaf": "EA",

@@ -376,7 +376,7 @@ def _divided(
     first: int,
     rng: np.random.Generator,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return what heavy limbs, as of ``_nodes_of``, divide into: curves to places beside their tips.
+    """Divide heavy limbs, as of ``_nodes_of``, into curves to places beside their tips.
 
     first : number of the limbs' first node.
     """

@@ -233,7 +233,7 @@ def _within(tangent: np.ndarray, way: np.ndarray) -> np.ndarray:
 
 
 def _cuts(skeleton: Skeleton, curves: Curves, collars: Collars) -> tuple[np.ndarray, np.ndarray]:
-    """Return where segments are to start: piece (N,) and share of it (N,), ascending; every piece at 0."""
+    """Starts of the segments: piece (N,) and share of it (N,), ascending; every piece starts at 0."""
     chord = curves.end - curves.start
     length = np.maximum(np.sqrt(np.einsum("si,si->s", chord, chord)), 1e-12)
     aside = [np.sqrt(((t - chord) ** 2).sum(axis=1)) for t in (curves.out, curves.into)]

@@ -27,8 +27,27 @@ from ..mesh.blades import Blade, leaf_areas, stalk_of
 from ..mesh.leaves import Leaves, about_vertical, leaves_apart
 from ..skeleton import LeafSites, Skeleton, first_level
 from ..species import skeleton_of
-from .crown import borne, colonise, leaves_on, scaffold_of, scaled_to, seat_twigs, skeleton_of_nodes, with_radii, with_twigs
-from .wanted import BREAST, TARGETS, Wanted, crown_base_of, dbh_of, leaf_tips, lowest_branch, width_of
+from .crown import (
+    borne,
+    colonise,
+    leaves_on,
+    scaffold_of,
+    scaled_to,
+    seat_twigs,
+    skeleton_of_nodes,
+    with_radii,
+    with_twigs,
+)
+from .wanted import (
+    BREAST,
+    TARGETS,
+    Wanted,
+    crown_base_of,
+    crown_of,
+    dbh_of,
+    leaf_tips,
+    width_of,
+)
 
 MOST_LEAVES = 5_000_000
 STRETCHES = 12
@@ -43,7 +62,7 @@ SAID = 0.05  # relative, from which on a sentence says that a target is not met
 
 
 def leaves_needed(species: Species, blade: Blade, area: float) -> int:
-    """Return how many leaves, or shoots, of a species make a leaf area.
+    """Number of leaves, or shoots, of a species that make a leaf area.
 
     Raises
     ------
@@ -259,16 +278,12 @@ def _refuse_many(count: float, area: float, where: str) -> None:
 
 @dataclass(frozen=True)
 class Parts:
-    """A tree as it is grown of template parts; foot : (L, 3) where each leaf hangs.
-
-    grafted : whether the skeleton is trunk and first-level axes only.
-    """
+    """A tree as it is grown of template parts; foot : (L, 3) where each leaf hangs."""
 
     mesh: TriMesh
     leaves: Leaves
     foot: np.ndarray
     skeleton: Skeleton
-    grafted: bool
 
 
 def reshaped(parts: Parts, wanted: Wanted, key: int, where: str) -> tuple[Parts, tuple[str, ...]]:
@@ -313,22 +328,14 @@ def lowest_kept(foot: np.ndarray, leaf: np.ndarray, top: float, wanted: Wanted) 
 
 
 def measures_of(parts: Parts) -> dict[str, float]:
-    """Return what the tree measures, by the names of ``TARGETS``."""
-    leaves, wood = parts.leaves, parts.skeleton
-    reach = 0.5 * leaves.length[:, None] * leaves.axis
-    ends = np.concatenate([leaves.centre - reach, leaves.centre + reach])
-    if not len(leaves):
-        base = 0.0
-    elif parts.grafted:
-        base = float(leaves.centre[:, 2].min())
-    else:
-        base = lowest_branch(wood, leaves.branch)
+    """Measures of the tree by the names of ``TARGETS``."""
+    width, base = crown_of(parts.skeleton, parts.leaves, grafted=True)
     values = (
-        dbh_of(wood),
+        dbh_of(parts.skeleton),
         float(parts.mesh.vertices[:, 2].max(initial=0.0)),
-        width_of(ends if len(leaves) else wood.end),
+        width,
         base,
-        float(np.pi * (leaves.radius**2).sum()),
+        float(np.pi * (parts.leaves.radius**2).sum()),
     )
     return dict(zip(TARGETS, values, strict=True))
 

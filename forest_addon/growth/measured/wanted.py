@@ -18,6 +18,7 @@ from ...base.rng import keyed_uniform
 from ...spec import Allometry, Normal, SpecError, Species, Targets
 from ..draw import draw_normal
 from ..mesh.blades import Blade
+from ..mesh.leaves import Leaves
 from ..skeleton import LeafSites, Skeleton, first_level
 from .allometry import MEASURES, band, draw, measures
 from .allometry import middle as measured_middle
@@ -232,6 +233,21 @@ def lowest_branch(skeleton: Skeleton, branch: np.ndarray) -> float:
     foot = np.flatnonzero((level >= 0) & ((level != level[parent]) | (skeleton.parent < 0)))
     foot = foot[np.isin(level[foot], leafy)]
     return float(skeleton.start[foot, 2].min())
+
+
+def crown_of(skeleton: Skeleton, leaves: Leaves, grafted: bool) -> tuple[float, float]:
+    """Mean diameter of a crown seen from above, of its leaves or else of the wood, and height of its base,
+    metres.
+
+    The base is where the lowest branch with leaves leaves the stem; of a grafted tree its lowest leaf.
+    """
+    if not len(leaves):
+        return width_of(skeleton.end), 0.0
+    reach = 0.5 * leaves.length[:, None] * leaves.axis
+    width = width_of(np.concatenate([leaves.centre - reach, leaves.centre + reach]))
+    if grafted:
+        return width, float(leaves.centre[:, 2].min())
+    return width, lowest_branch(skeleton, leaves.branch)
 
 
 def width_of(points: np.ndarray) -> float:

@@ -77,12 +77,12 @@ class Blade:
 
     @cached_property
     def curved(self) -> bool:
-        """Return whether it leaves the plane."""
+        """True where it leaves the plane."""
         return bool(self.vertices[:, 2].any())
 
     @property
     def by_facets(self) -> bool:
-        """Return whether its area is that of its facets: of a curved leaf, not of one that stands for
+        """True where its area is that of its facets: of a curved leaf, not of one that stands for
         more."""
         return self.curved
 
@@ -421,52 +421,51 @@ def _beech() -> tuple[Outline, Outline]:
     return np.array([[0.28, 0.44], [0.70, 0.40]]), np.stack([x, y], axis=1)
 
 
-def _birch() -> tuple[Outline, Outline]:
-    whole = np.array(
-        [
-            [0, 0],
-            [0.08, 0.26],
-            [0.2, 0.45],
-            [0.3, 0.5],
-            [0.5, 0.36],
-            [0.75, 0.14],
-            [0.9, 0.04],
-            [1, 0],
-        ]
-    )
-    return np.array([[0.14, 0.42], [0.36, 0.46], [0.70, 0.17]]), _toothed(whole, 9, 0.10)
-
-
-def _oak() -> tuple[Outline, Outline]:
-    fine = np.array(
-        [
-            *([0.06, 0.06], [0.14, 0.13], [0.20, 0.22], [0.26, 0.14], [0.33, 0.30], [0.39, 0.38]),
-            *([0.44, 0.20], [0.50, 0.40], [0.57, 0.50], [0.63, 0.26], [0.70, 0.40], [0.77, 0.43]),
-            *([0.81, 0.24], [0.88, 0.30], [0.93, 0.27], [0.95, 0.14], [0.99, 0.10]),
-        ]
-    )
-    return np.array([[0.35, 0.30], [0.62, 0.44], [0.88, 0.27]]), fine
-
-
-def _palmate() -> tuple[Outline, Outline]:
-    light = np.array(
-        [
-            *([-0.04, 0.26], [0.16, 0.24], [0.32, 0.50], [0.42, 0.28], [0.78, 0.40]),
-            *([0.62, 0.14],),
-        ]
-    )
-    fine = np.array(
-        [
-            *([-0.05, 0.12], [-0.04, 0.27], [0.06, 0.26], [0.10, 0.34], [0.17, 0.30], [0.20, 0.38]),
-            *([0.24, 0.40], [0.33, 0.52], [0.33, 0.40], [0.40, 0.40], [0.38, 0.27], [0.48, 0.33]),
-            *([0.56, 0.40], [0.60, 0.36], [0.80, 0.42], [0.70, 0.30], [0.72, 0.24], [0.60, 0.13]),
-            *([0.70, 0.145], [0.78, 0.155], [0.84, 0.09], [0.90, 0.08]),
-        ]
-    )
-    return light, fine
-
-
-HALVES = {"beech": _beech, "birch": _birch, "oak": _oak, "palmate": _palmate}
+# By shape, half an outline of few corners and one of many.
+HALVES: dict[str, tuple[Outline, Outline]] = {
+    "beech": _beech(),
+    "birch": (
+        np.array([[0.14, 0.42], [0.36, 0.46], [0.70, 0.17]]),
+        _toothed(
+            np.array(
+                [
+                    *([0, 0], [0.08, 0.26], [0.2, 0.45], [0.3, 0.5]),
+                    *([0.5, 0.36], [0.75, 0.14], [0.9, 0.04], [1, 0]),
+                ]
+            ),
+            9,
+            0.10,
+        ),
+    ),
+    "oak": (
+        np.array([[0.35, 0.30], [0.62, 0.44], [0.88, 0.27]]),
+        np.array(
+            [
+                *([0.06, 0.06], [0.14, 0.13], [0.20, 0.22], [0.26, 0.14], [0.33, 0.30]),
+                *([0.39, 0.38], [0.44, 0.20], [0.50, 0.40], [0.57, 0.50], [0.63, 0.26]),
+                *([0.70, 0.40], [0.77, 0.43], [0.81, 0.24], [0.88, 0.30], [0.93, 0.27]),
+                *([0.95, 0.14], [0.99, 0.10]),
+            ]
+        ),
+    ),
+    "palmate": (
+        np.array(
+            [
+                *([-0.04, 0.26], [0.16, 0.24], [0.32, 0.50], [0.42, 0.28], [0.78, 0.40]),
+                [0.62, 0.14],
+            ]
+        ),
+        np.array(
+            [
+                *([-0.05, 0.12], [-0.04, 0.27], [0.06, 0.26], [0.10, 0.34], [0.17, 0.30]),
+                *([0.20, 0.38], [0.24, 0.40], [0.33, 0.52], [0.33, 0.40], [0.40, 0.40]),
+                *([0.38, 0.27], [0.48, 0.33], [0.56, 0.40], [0.60, 0.36], [0.80, 0.42]),
+                *([0.70, 0.30], [0.72, 0.24], [0.60, 0.13], [0.70, 0.145], [0.78, 0.155]),
+                *([0.84, 0.09], [0.90, 0.08]),
+            ]
+        ),
+    ),
+}
 
 
 @lru_cache(maxsize=64)
@@ -477,7 +476,7 @@ def leaf_blade(leaf: Leaf, tolerance: float) -> Blade:
     """
     if leaf.shape not in HALVES:
         return SHAPES[leaf.shape]()
-    light, fine = HALVES[leaf.shape]()
+    light, fine = HALVES[leaf.shape]
     hub = leaf.shape == "palmate"
     full = _blade(fine, np.array([0.25]) if hub else FINE_RIBS, leaf)
     if tolerance < CLOSE:

@@ -104,7 +104,7 @@ class _Grid:
 
     @classmethod
     def around(cls, cell: np.ndarray) -> _Grid:
-        """Of cells (3, N), at least one."""
+        """The smallest grid that holds cells (3, N), at least one."""
         low, high = ([int(bound) for bound in of(cell, axis=1)] for of in (np.min, np.max))
         x, y, z = (most - least + 1 for least, most in zip(low, high, strict=True))
         if x * y * z >= 2**63:
@@ -130,7 +130,7 @@ class _Grid:
         return number
 
     def sums(self, number: np.ndarray, kind: np.ndarray, size: np.ndarray, parts: int) -> CellAreas:
-        """Return what lies in each cell, of each part, of sizes (N,) in cells of these numbers."""
+        """Sum up sizes (N,) in cells of these numbers, for each cell and each part."""
         count = self.count
         named: np.ndarray | None = None
         if count * parts > DENSE * len(number):

@@ -316,7 +316,7 @@ class CopyStock:
     def of(
         cls, place: np.ndarray, owner: np.ndarray, triangles: np.ndarray, part: int, material: int
     ) -> CopyStock:
-        """Of places (V, 3) sorted by owner (V,) and triangles (T, 3) sorted by owner, 0 .. N - 1."""
+        """A stock of places (V, 3) sorted by owner (V,), 0 .. N - 1, and triangles (T, 3) sorted likewise."""
         count = int(owner[-1]) + 1 if len(owner) else 0
         edges = repeated_edges(triangles, 0, 1)
         return cls(

@@ -160,7 +160,7 @@ def _inner(
     sunk: float,
     tolerance: float,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return whether each axis (A,) starts a ring earlier, where, and how wide it may be there.
+    """Tell whether each axis (A,) starts a ring earlier, where, and how wide it may be there.
 
     foot : (A,) first segment of each axis. chain : (S,) all segments, axis by axis.
     """

@@ -19,10 +19,8 @@ from .nodes import Line
 FROM = 0.05  # metres of radius, below which an axis is smooth
 FULL = 0.12  # metres of radius, from which furrows have all of their depth
 AROUND = 5  # corners a ridge around the stem
-ALONG, RUNNING = (
-    3.0,
-    1.0,
-)  # rings a ridge's width along it; of furrows, which run up the stem seven widths
+ALONG = 3.0  # rings a ridge's width along it
+RUNNING = 1.0  # the same of furrows, which run up the stem seven widths
 MOST_CORNERS = 360
 SMALLEST = 0.035  # metres: scales that are smaller are meshed as if they had this size
 DEEPEST = 0.25  # of a ring's radius, that a furrow is deep at most

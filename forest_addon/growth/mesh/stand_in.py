@@ -19,9 +19,7 @@ from .meshing import tube
 WIDEST = 4.2  # of a card, its size over the spread of its leaves
 ENOUGH = 20_000  # triangles of leaves that are looked at
 SLENDER = 1.25  # of a card, length over width
-SPREAD = (
-    1.6  # cards have so many times the area of their leaves: a card hides itself less than they do
-)
+SPREAD = 1.6  # area of cards over that of their leaves: a card hides itself less than they do
 
 
 class Level(NamedTuple):

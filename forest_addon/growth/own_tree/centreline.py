@@ -419,7 +419,7 @@ class _Balls:
 
 @dataclass(frozen=True)
 class _Look:
-    """Of N points, in each of G groups of balls, the nearest one.
+    """The nearest ball to each of N points, in each of G groups of balls.
 
     gap : (G, N) to its surface. doubt : (G, N) how much nearer a cone of the group may be.
     """
@@ -428,7 +428,7 @@ class _Look:
     doubt: np.ndarray
 
     def of(self, rows: np.ndarray) -> _Look:
-        """Return what was seen of some of the points."""
+        """The same for some of the points."""
         return _Look(self.gap[:, rows], self.doubt[:, rows])
 
 
@@ -522,7 +522,7 @@ class Tubes:
     def _measure(
         self, points: np.ndarray, balls: _Balls, thinnest: bool
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Of the cones around a group's balls the best: (N,), its rank, (3, N) what was measured."""
+        """The best of the cones around a group's balls (N,), its rank, and (3, N) what was measured."""
         cone = balls.stretch[balls.query(points, CANDIDATES)]  # (N, k)
         part, aside = self._off(points, cone)
         ends = self.radius[cone]
@@ -537,8 +537,10 @@ class Tubes:
         )
 
     def beside(self, points: np.ndarray, count: int) -> tuple[np.ndarray, ...]:
-        """Of points (N, 3) and the cones that the ``count`` nearest balls of each group are in: the cone,
-        how far the point is from its axis, how far along it that is, 0 .. 1, and the radius there, (N, k)."""
+        """The cones that the ``count`` balls of each group that are nearest to points (N, 3) are in: the
+        cone, how far the point is from its axis, how far along it that is, 0 .. 1, and the radius there, (N,
+        k).
+        """
         cone = np.concatenate(
             [balls.stretch[balls.query(points, count)] for balls in self.groups], axis=1
         )

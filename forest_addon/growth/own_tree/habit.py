@@ -22,10 +22,7 @@ from ...base.runs import Runs
 from .anatomy import Anatomy
 
 NODE = 0.25  # mean spacings within which children share a node
-LIMB = (
-    0.5,
-    0.25,
-)  # radii of the trunk there, and at its foot, from which a branch is a limb: always there
+LIMB = 0.5, 0.25  # radii of the trunk there, and at its foot, from which a branch is a limb
 ALIKE_LENGTH = 0.45  # logarithm of length
 ALIKE_SHARE = 0.15  # of the parent
 ALIKE_SLOPE = np.deg2rad(35.0)
@@ -183,7 +180,7 @@ def _slots(anatomy: Anatomy, share: np.ndarray) -> Slots:
 
 
 def _spread(anatomy: Anatomy, slots: Slots, order: int) -> tuple[float, float]:
-    """Return how uneven children of an order stand: the chance that one is missing, the spread of spacing.
+    """Unevenness of the children of an order: the chance that one is missing, the spread of spacing.
 
     The chance is half the variance of the number on a node over its mean; where nodes bear one each,
     that of a renewal process, the squared coefficient of variation of the spacing.

@@ -71,7 +71,7 @@ class Known(RowTable):
 
     @classmethod
     def nothing(cls, count: int) -> Known:
-        """Of pieces that were drawn apart."""
+        """Nothing is known of pieces that were drawn apart."""
         return cls(np.full(count, -1), np.zeros((count, 3)), np.zeros(count))
 
 
@@ -141,8 +141,8 @@ def find_parents(
 def _best_wood(
     lines: Centrelines, hung: np.ndarray, waiting: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Of both ends of W waiting pieces (W, 2): how well the best of the wood that hangs fits, as a gap with
-    all that speaks against it added; the gap itself; and whose wood it is.
+    """Rank the wood that hangs for both ends of W waiting pieces (W, 2): how well the best fits, as a gap
+    with all that speaks against it added; the gap itself; and whose wood it is.
     """
     if not len(waiting):
         return np.empty((0, 2)), np.empty((0, 2)), np.empty((0, 2), np.int64)
@@ -246,7 +246,7 @@ def _groups_near(tubes: Tubes, leaves: Pieces) -> np.ndarray:
 
 
 def root(lines: Centrelines, trunk: int, known: Known) -> Known:
-    """Return what is known of parents, and the parents of pieces that are rooted deep in one."""
+    """Add the parents of pieces that are rooted deep in one to what is known."""
     count = len(lines.first) - 1
     free = np.flatnonzero((known.parent < 0) & (np.arange(count) != trunk))
     if not len(free):
@@ -286,7 +286,7 @@ def root(lines: Centrelines, trunk: int, known: Known) -> Known:
 def _begins_there(
     lines: Centrelines, parent: np.ndarray, along: np.ndarray, radius: np.ndarray, tapers: float
 ) -> np.ndarray:
-    """Return whether places along pieces are where these begin: at an end, unless that tapers by this
+    """Tell whether places along pieces are where these begin: at an end, unless that tapers by this
     factor."""
     length, ends = lines.length()[parent], lines.end_radius[parent]
     first = (along <= FEET * radius) & (ends[..., 0] * tapers > ends[..., 1])

@@ -89,7 +89,7 @@ class Seats(RowTable):
 def stand_on(
     lines: Lines, line: np.ndarray, seat: Seats
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Of seats on lines (N,): the place on the axis (N, 3), the frame (N, 3, 3), the radius (N,)."""
+    """Place on the axis (N, 3), frame (N, 3, 3) and radius (N,) of seats on lines (N,)."""
     place, radius = lines.at(line, seat.stretch, seat.part)
     return place, lines.frame[lines.first[line] + seat.stretch], radius
 

@@ -455,7 +455,7 @@ def stood(parts: Sorted, up: str) -> Sorted:
 
 
 def _kind_by_name(group: Group) -> str:
-    """Return what the material's name says, or else the object's; empty where neither says."""
+    """Kind that the material's name says, or else the object's; empty where neither says."""
     for name in (group.material.lower(), group.name.lower()):
         found = [
             kind

@@ -44,7 +44,7 @@ FARTHEST_LEAVES = 0.5  # extents of the wood between it and half of the leaves
 
 
 def are_fronds(trunk: Centrelines, leaves: Pieces) -> bool:
-    """Return whether the leaves are so long that they are a palm's fronds."""
+    """Tell whether the leaves are so long that they are a palm's fronds."""
     if leaves.count < FEWEST:
         return False
     low, high = leaves.boxes()

@@ -358,7 +358,7 @@ def write_string(habit: Habit, grown: Grown, variety: float, generations: int) -
 
 
 def generations_of(habit: Habit) -> int:
-    """Return how often a string is rewritten until the leaves are set."""
+    """Number of times that a string is rewritten until the leaves are set."""
     return int(habit.anatomy.order.max(initial=0)) + 2
 
 
@@ -390,7 +390,7 @@ def _letter(habit: Habit, grown: Grown, branch: int) -> str:
 
 
 def _seats(grown: Grown) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Of every branch on its parent: stretch and part, and (B, 3) from its axis to the foot in its frame."""
+    """Seats of branches: stretch and part of the parent, (B, 3) from its axis to the foot in its frame."""
     lines = grown.lines
     foot = lines.knot[lines.first[:-1] + np.arange(len(grown.piece))]
     borne = np.flatnonzero(grown.parent >= 0)
@@ -405,7 +405,7 @@ def _seats(grown: Grown) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def _way_to(grown: Grown, branch: int, seat: tuple[np.ndarray, np.ndarray, np.ndarray]) -> str:
-    """Return how the turtle gets from the parent's axis into a branch's frame."""
+    """Symbols that bring the turtle from the parent's axis into a branch's frame."""
     parent = int(grown.parent[branch])
     stretch, off = seat[0][branch], seat[2][branch]
     frame = GROUND if parent < 0 else grown.lines.frame[grown.lines.first[parent] + stretch]

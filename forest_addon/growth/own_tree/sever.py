@@ -5,7 +5,7 @@ were drawn end to end are joined.
 leaves the parent's tube: what a level line, which runs askew around a fork, has left to the parent is taken
 back from there. The child's rim is then a ring of edges beyond which its parent's triangles lie. A fan over
 it closes the parent; the ring, moved along to where the two axes meet and made to fit within the parent,
-gives the child its foot, so that pieces are as whole as those that ottaken draw apart. Rings at which
+gives the child its foot, so that pieces are as whole as those that others draw apart. Rings at which
 branches have grown together elsewhere stay open.
 
 Where one piece ends, about as thick and on the same course another begins; these two are one axis. They
@@ -49,10 +49,8 @@ STRAIGHT = np.cos(np.deg2rad(30.0))  # of the turn from one to the other
 ASIDE = 0.4  # radii that the ends are off each other's course
 GAP, OVERLAP = 1.0, 2.0  # radii that they are apart along it, or within each other
 TIED = 1.5  # radii of an end whose corners are tied to the other's
-CROWD, LIKE = (
-    2.0,
-    2.0,
-)  # radii around two ends within which no third one is, thinner by less than this factor
+CROWD = 2.0  # radii around two ends within which no third one is,
+LIKE = 2.0  # thinner by less than this factor
 TAPERED = 0.35  # of a piece's other end: one that is thinner is a tip
 NO_TWIG = 0.15  # of the thickest end: twigs that begin at one another's tips stay apart
 SLENDER = 1.0  # radii that a piece is long at least
@@ -140,9 +138,9 @@ def _hang_together(
     of_part[part] = pieces.piece_of_vertex
     order = np.lexsort((-total, of_part))
     main = firsts(order, of_part)
-    ottaken = np.setdiff1d(np.flatnonzero(total > 0), main)
+    others = np.setdiff1d(np.flatnonzero(total > 0), main)
     number = np.full(len(total), -1)
-    number[main], number[ottaken] = of_part[main], pieces.count + np.arange(len(ottaken))
+    number[main], number[others] = of_part[main], pieces.count + np.arange(len(others))
     kept = number[of_triangle] >= 0
     loose = loose_edges_of(pieces, half_edges(pieces.triangles, len(pieces.vertices))[1])
     loose = loose[number[part[loose[:, 0]]] >= 0]
@@ -153,7 +151,7 @@ def _hang_together(
         np.arange(int(kept.sum()) + len(loose)) < kept.sum(),
         drawn=pieces.drawn,
     )
-    return whole, Known.joined([known, Known.nothing(len(ottaken))]), together
+    return whole, Known.joined([known, Known.nothing(len(others))]), together
 
 
 def _nearest_rim(
@@ -164,7 +162,7 @@ def _nearest_rim(
     to_parent: np.ndarray,
     begins: np.ndarray,
 ) -> np.ndarray:
-    """(N,) whether an edge from a to b is on the rim where its child begins; ottaken are where it
+    """(N,) whether an edge from a to b is on the rim where its child begins; others are where it
     has grown together with somebody, and are left open.
     """
     base = len(vertices)
@@ -200,7 +198,7 @@ def loose_edges_of(pieces: Pieces, keys: np.ndarray) -> np.ndarray:
 def _meetings(
     slices: Slices, axes: PieceAxes, course: Course, middle: np.ndarray, wide: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return where the axes of children meet those of their parents (A, 3), the middle of the parent's
+    """Places where the axes of children meet those of their parents (A, 3), the middle of the parent's
     bark there (A, 3), and its radius (A,)."""
     start, heading, _ = beginnings(slices, axes, course)
     foot, apex, thick = middle.copy(), middle.copy(), np.ones(len(axes))
@@ -244,7 +242,7 @@ def half_edges(triangles: np.ndarray, vertices: int) -> tuple[np.ndarray, np.nda
 
 
 def sever(pieces: Pieces, forked: np.ndarray) -> tuple[Pieces, Known, np.ndarray]:
-    """Cut pieces at their forks, those (C,) that may have some; the ottaken come first, as they are.
+    """Cut pieces at their forks, those (C,) that may have some; the others come first, as they are.
 
     Also told: from which piece each was cut, and where; and (N, 3) places where branches hang together that
     do not fork there.
@@ -327,7 +325,7 @@ def _take_back(pieces: Pieces, slices: Slices, axes: PieceAxes, course: Course) 
 
 
 def _outside(pieces: Pieces, slices: Slices, course: Course, place: np.ndarray) -> np.ndarray:
-    """Return whether vertices lie beyond the tube of the axis whose slice they are in."""
+    """Tell whether vertices lie beyond the tube of the axis whose slice they are in."""
     of = slices.of_vertex[place]
     offset = pieces.vertices[place] - course.centre[of]
     along = np.einsum("ni,ni->n", offset, course.heading[of])

@@ -444,7 +444,7 @@ def _trunks(habit: Habit, variety: float, size: Size, tree: np.ndarray) -> Shoot
 
 
 def _children(habit: Habit, variety: float, size: Size, below: Grown, order: int) -> Shoots:
-    """Return what the axes of the order below bear."""
+    """Shoots that the axes of the order below bear."""
     anatomy = habit.anatomy
     count = size.branches if order == 1 else below.scale**CHILDREN
     placed = place_children(

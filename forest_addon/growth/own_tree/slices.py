@@ -277,7 +277,7 @@ def _runs(band: np.ndarray) -> list[tuple[int, int]]:
 
 
 def _walk(step: np.ndarray, start: np.ndarray, many: np.ndarray) -> np.ndarray:
-    """Return where one is after so many steps."""
+    """Walk so many steps from each start."""
     at = start.copy()
     for taken in range(int(many.max(initial=0))):
         going = many > taken

@@ -40,7 +40,7 @@ def audit_scan(
     share: float,
     scene: SceneGeometry | None = None,
 ) -> Audit:
-    """Of a cloud that took ``seconds``, at a cost of about ``share`` of that.
+    """Audit of a cloud that took ``seconds``, at a cost of about ``share`` of that.
 
     scan : the same scan, ready to look again. scene : the true one; left out: the caster's.
     """
@@ -106,7 +106,7 @@ def audit_drive(
     share: float,
     scene: SceneGeometry | None = None,
 ) -> Audit:
-    """Of a tractor's scan, as ``audit_scan``."""
+    """Audit of a tractor's scan, as ``audit_scan``."""
     exact, returns = Referee(caster, scene), found.returns
     met = np.isfinite(returns.distance)
     wanted, budget = ALLOWED + _rounding(caster), share * seconds
@@ -180,7 +180,7 @@ def ray_errors(
 
 
 def _in_order(scan: Scan, cloud: Cloud) -> Check:
-    """Of all points: pulses in order and of this scan, each with all its returns, every number finite."""
+    """Check of all points: pulses in order and of this scan, with all returns, every number finite."""
     pulse, number, last = cloud.pulse, cloud.number, cloud.number == cloud.count
     step = pulse[1:] - pulse[:-1]
     wrong = ~np.isfinite(cloud.position.sum(axis=1))
@@ -208,7 +208,7 @@ def _differ(one: Returns, other: Returns) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _rows(cloud: Cloud, number: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return where the returns of pulses begin and end."""
+    """Rows at which the returns of pulses begin and end."""
     return (
         np.searchsorted(cloud.pulse, number, side="left"),
         np.searchsorted(cloud.pulse, number, side="right"),

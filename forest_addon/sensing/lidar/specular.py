@@ -184,7 +184,7 @@ class SpecularScene:
         return cls(scene, beam.extinction, absorption_of_water(beam.wavelength_nm))
 
     def at(self, hits: Hits) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Of what was hit (R,): kind, NaN where it is not specular; index, share of a mirror, extinction."""
+        """Kind (R,) of what was hit, NaN where it is not specular; index, share of a mirror, extinction."""
         kind, index, share, extinction = self.scene.optics_at(hits.instance, hits.triangle).T
         kind = np.where(kind == RETRO, np.nan, kind)
         own = np.array([USUAL_INDEX[name] for name in POLISHED])

@@ -239,7 +239,7 @@ COUNT = 16  # hulls of a mesh
 
 
 class Hulls:
-    """Of unique meshes, made when they are first asked for; triangles that are not finite are in none."""
+    """Hulls of unique meshes, made when first asked for; triangles that are not finite are in none."""
 
     def __init__(self, meshes: Sequence[TriMesh]) -> None:
         self._meshes = meshes

@@ -355,7 +355,7 @@ def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Of vectors (3, …)."""
+    """Dot products of vectors (3, …)."""
     product: np.ndarray = a[0] * b[0]
     product += a[1] * b[1]
     product += a[2] * b[2]

@@ -38,7 +38,7 @@ class Hits(RowTable):
 
     @classmethod
     def misses(cls, count: int) -> Hits:
-        """Of rays that hit nothing."""
+        """Hits of rays that meet nothing."""
         nothing = np.full(count, -1, dtype=np.int64)
         return cls(np.full(count, np.inf), nothing, nothing.copy())
 

@@ -30,7 +30,7 @@ class Cells:
 
     @property
     def count(self) -> int:
-        """Return how many cells."""
+        """Number of cells."""
         return int(np.prod(self.size))
 
     def number(self, cell: np.ndarray) -> np.ndarray:

@@ -105,10 +105,7 @@ class Search(RayCaster, ABC):
         start, limit = np.full(count, near - MARGIN), np.full(count, far, np.float64)
         hits = self._nearest(origins, directions, start, limit)
         if count and np.minimum.reduce(hits.distance) < near:
-            left = Hits.misses(count)
-            self._behind(
-                hits, origins, directions, start, np.full(count, near, np.float64), limit, left
-            )
+            return None
         return hits if far == np.inf else _within(hits, far)
 
     def _cast(
@@ -120,41 +117,20 @@ class Search(RayCaster, ABC):
         leaving: Hits | None,
     ) -> Hits:
         """One task."""
-        origins = np.array(origins.T, dtype=np.float64, order="C")
-        directions = unit_columns(directions.T)
-        start = near - MARGIN
-        if leaving is not None:
-            start[leaving.found] += MARGIN
-        usual = np.isfinite(origins.sum() + directions.sum()) and (near <= far).all()
-        if usual:
-            hits = self._nearest(origins, directions, start, far)
-        else:
-            hits = Hits.misses(len(near))
-            valid = np.isfinite(origins.sum(axis=0) + directions.sum(axis=0)) & (near <= far)
-            rays = np.flatnonzero(valid)
-            hits.put(rays, self._nearest(*_taken(rays, origins, directions, start, far)))
-        left = Hits.misses(len(near)) if leaving is None else leaving
-        self._behind(hits, origins, directions, start, near, far, left)
-        return _within(hits, far)
+        from_, ways = np.array(origins.T, dtype=np.float64, order="C"), unit_columns(directions.T)
+        sound = np.isfinite(from_.sum(axis=0) + ways.sum(axis=0)) & (near <= far)
+        if not sound.all():
+            hits, rows = Hits.misses(len(near)), np.flatnonzero(sound)
+            left = None if leaving is None else leaving.select(rows)
+            given = origins[rows], directions[rows], near[rows], far[rows]
+            hits.put(rows, self._cast(*given, left))
+            return hits
 
-    def _behind(
-        self,
-        hits: Hits,
-        origins: np.ndarray,
-        directions: np.ndarray,
-        start: np.ndarray,
-        near: np.ndarray,
-        far: np.ndarray,
-        left: Hits,
-    ) -> None:
-        """Search on behind those hits that do not count, until all do; a miss always does."""
-        rays = np.flatnonzero(refused(hits, near, left))
-        step = STEP
-        while len(rays):
-            start[rays] = np.maximum(start[rays], hits.distance[rays]) + step
-            step *= 2.0
-            hits.put(rays, self._nearest(*_taken(rays, origins, directions, start, far)))
-            rays = rays[refused(hits.select(rays), near[rays], left.select(rays))]
+        def nearest(rays: np.ndarray, start: np.ndarray) -> Hits:
+            return self._nearest(*_taken(rays, from_, ways), start, *_taken(rays, far))
+
+        left = Hits.misses(len(near)) if leaving is None else leaving
+        return search_on(nearest, near, far, left)
 
 
 def _within(hits: Hits, far: np.ndarray | float) -> Hits:
@@ -327,7 +303,7 @@ def whole_triangles(mesh: TriMesh) -> np.ndarray:
 
 
 def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Of vectors (3, …), in this order of sums at any number of them."""
+    """Dot products of vectors (3, …), summed in the same order at any number of them."""
     product = a * b
     total: np.ndarray = product[0] + product[1]
     total += product[2]

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ...base.trimesh import TriMesh, is_wood
-from ..moving import MovingScene, trees_that_sway
+from ..moving import MovingScene, boxes_of_pieces, trees_that_sway
 from ..moving_rays import MovingCaster
 from ..rays.caster import Hits, RayCaster
 from ..rays.geometry import SceneGeometry, invert_transforms
@@ -180,13 +180,8 @@ class EchoWind:
             tree, mesh = int(self.tree[instance]), self.scene.meshes[key[0]]
             piece = self.sway.pieces(tree, mesh)
             count = len(self.sway.moment(tree, 0.0)[0])
-            low, high = np.full((count, 3), np.inf), np.full((count, 3), -np.inf)
             corners = mesh.vertices[mesh.triangles]
-            np.minimum.at(low, piece, corners.min(axis=1))
-            np.maximum.at(high, piece, corners.max(axis=1))
-            empty = ~np.isfinite(low).all(axis=1)
-            low[empty] = high[empty] = 0.0
-            self._boxes[key] = np.stack([low, high])
+            self._boxes[key] = boxes_of_pieces(corners, piece, count)
         low, high = self._boxes[key]
         return low, high
 

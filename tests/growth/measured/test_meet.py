@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from forest_addon.base.places import ASSETS
 from forest_addon.base.rng import stream
 from forest_addon.base.trimesh import WOOD
 from forest_addon.growth.library.species_file import (
-    ASSETS,
     complete_species,
     find_species,
     load_species,
