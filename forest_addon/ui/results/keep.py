@@ -3,7 +3,8 @@
 The panel keeps the last result of each kind, the newest first; views show the points of one at a time, unless
 several are asked for. Of a frame range, a result holds a mesh, a picture, a sound, what is exported, figures
 and a legend of every frame that ran. When Blender goes to a frame, all that shows the result is given those
-of that frame, or of the last one before it that ran. A result whose sensor is renamed follows, with its points.
+of that frame, or of the last one before it that ran. A result whose sensor is renamed follows, with its
+points.
 """
 
 from __future__ import annotations

@@ -16,7 +16,7 @@ from typing import Any, TypeVar
 import bpy
 
 from ... import spec
-from ...blender.read.inputs import shortest
+from ...blender.scene.layout import shortest
 from ...blender.sensors import objects as sensors
 from ...blender.sensors.objects import file_name
 from ...spec import Settings, SpecError

@@ -33,7 +33,7 @@ from bpy.props import (
 )
 
 from ... import spec
-from ...blender.read.inputs import shortest
+from ...blender.scene.layout import shortest
 from ...spec import AUTO, Param, Settings, param_of
 from ...spec.choices import meaning_of, title_of
 from ..shell.words import keep

@@ -11,10 +11,30 @@ import numpy as np
 from forest_addon.base.rng import daughter_keys, stream
 from forest_addon.formats.toml_file import write_settings
 from forest_addon.growth.draw import draw_inclination
-from forest_addon.growth.library.species_file import file_stem, find_species, load_species, read_measured
-from forest_addon.growth.measured.allometry import KINDS, MEASURES, Z90, band, draw, fit_kind, scores
+from forest_addon.growth.library.species_file import (
+    file_stem,
+    find_species,
+    load_species,
+    read_measured,
+)
+from forest_addon.growth.measured.allometry import (
+    KINDS,
+    MEASURES,
+    Z90,
+    band,
+    draw,
+    fit_kind,
+    scores,
+)
 from forest_addon.growth.measured.meet import grow_measured
-from forest_addon.growth.measured.wanted import Kind, Wanted, crown_base_of, dbh_of, leaf_tips, width_of
+from forest_addon.growth.measured.wanted import (
+    Kind,
+    Wanted,
+    crown_base_of,
+    dbh_of,
+    leaf_tips,
+    width_of,
+)
 from forest_addon.growth.mesh.blades import leaf_areas
 from forest_addon.growth.tree import blade_of, grow
 from forest_addon.spec import SpecError, Species
