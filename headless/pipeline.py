@@ -25,12 +25,11 @@ from forest_addon.blender.show.cloud import show_cloud
 from forest_addon.blender.show.preview import lay_horizon, render, set_stage, stand_walker
 from forest_addon.blender.show.sound import give_sound
 from forest_addon.formats.crs import can_tell_crs
-from forest_addon.formats.npz import write_npz
-from forest_addon.formats.table import write_csv
+from forest_addon.formats.table import write_csv, write_npz
 from forest_addon.formats.wav import read_wav, write_wav
 from forest_addon.results.coordinates import FILE, PROPERTY, Offset, on_the_map, write_note
-from forest_addon.results.cylinder_files import write_cylinders, write_models
 from forest_addon.results.kinds import results_of, write_finding
+from forest_addon.results.tables import write_cylinders, write_models
 from forest_addon.sensing.audit import Audit
 from forest_addon.sensing.kinds import cost_of
 from forest_addon.spec import Scene, Sensor, SpecError

@@ -11,7 +11,8 @@ give at two seeds through command, Python and panel), ``others`` (hashes of what
 
 Scenes are run small: few trees and variants, coarse scans, no pictures. Arrays of .npz are facts of their
 own, with size and root mean square, so that a sound that moved below its tolerance is told from one that is
-wrong. Left out is what differs between runs: dates, seconds, memory, versions, and the folder.
+wrong. Left out is what differs between runs: dates, seconds, memory, versions, the folder, and whole files
+that hold a date or a number of their own (.mat, .e57, .blend), pictures and report.html.
 """
 
 from __future__ import annotations
@@ -286,7 +287,7 @@ def folder_facts(out: Path, home: Path) -> Facts:
         elif file.suffix == ".json":
             for key, value in leaves_of(json.loads(file.read_text("utf-8"))):
                 yield f"{name} {key}", without(str(value), home)
-        elif file.suffix not in (".png", ".blend", ".html"):
+        elif file.suffix not in (".png", ".blend", ".html", ".mat", ".e57"):
             data = file.read_bytes()
             if file.suffix in (".toml", ".csv", ".xml", ".txt", ".md", ".obj", ".mtl"):
                 data = without(data.decode("utf-8"), home).encode()

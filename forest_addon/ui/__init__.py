@@ -95,7 +95,7 @@ def _rooms() -> tuple[ModuleType, ...]:
     from .results import panel as results_panel
     from .sensors import add, flight, look_through, run
     from .sensors import panels as sensor_panels
-    from .settings import hills, migration, preferences, presets
+    from .settings import hills, preferences, presets, saved
     from .shell import running, views, words
     from .species import edit
     from .species import panel as species_panel
@@ -104,5 +104,5 @@ def _rooms() -> tuple[ModuleType, ...]:
         *(properties, edit, words, running, tree, start, build, scene_file, add, run, look_through),
         *(buttons, keep, preferences, presets),
         *(forest_panels, sensor_panels, flight, results_panel, overlay, species_panel),
-        *(wind, views, hills, painting, hand, planting, migration),
+        *(wind, views, hills, painting, hand, planting, saved),
     )

@@ -290,7 +290,7 @@ FOREST_PG_scene = group_class(  # everything that a Blender scene holds of ours
             subtype="FILE_PATH",
             options={"ANIMATABLE", "PATH_SUPPORTS_BLEND_RELATIVE"},
         ),
-        "layout": IntProperty(options={"HIDDEN"}),  # of these settings in the file (migration)
+        "layout": IntProperty(options={"HIDDEN"}),  # of these settings in the file (saved)
         "notice": StringProperty(options={"HIDDEN"}),
     },
 )

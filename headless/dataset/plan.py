@@ -21,8 +21,15 @@ import numpy as np
 
 from forest_addon.base.places import ASSETS
 from forest_addon.base.rng import stream
-from forest_addon.formats.toml_file import read_settings, structure, table_of
-from forest_addon.formats.toml_text import later, parse_tables, read_tables, without_version
+from forest_addon.formats.toml_file import (
+    later,
+    parse_tables,
+    read_settings,
+    read_tables,
+    structure,
+    table_of,
+    without_version,
+)
 from forest_addon.results.kinds import files_of
 from forest_addon.sensing import kinds as _kinds  # noqa: F401  whose words a plan may name
 from forest_addon.spec import Scene, SpecError, Species, refuse_unknown, unknown

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from forest_addon.formats.scanner_file import PLATFORMS, read_scanner, scanner_names
+from forest_addon.formats.toml_file import PLATFORMS, read_scanner, scanner_names
 from forest_addon.spec import SpecError
 
 from .settings import Head, Mix

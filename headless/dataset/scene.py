@@ -24,16 +24,14 @@ from forest_addon.blender.files.export import empty_file, open_file
 from forest_addon.blender.sensors.observe import Observer
 from forest_addon.blender.site import build_site, with_objects
 from forest_addon.formats.atomic import replacing
-from forest_addon.formats.npz import write_npz
-from forest_addon.formats.table import write_csv
+from forest_addon.formats.table import write_csv, write_npz
 from forest_addon.formats.toml_file import write_settings
 from forest_addon.growth.tree import Tree, grow
 from forest_addon.results.coordinates import FILE as COORDINATES
 from forest_addon.results.coordinates import PROPERTY, Offset, on_the_map, write_note
-from forest_addon.results.cylinder_files import write_cylinders
 from forest_addon.results.kinds import results_of, write_finding
-from forest_addon.results.points import records
-from forest_addon.results.scan_file import write_npz_rows
+from forest_addon.results.points import records, write_rows
+from forest_addon.results.tables import write_cylinders
 from forest_addon.sensing.lidar import scan as lidar
 from forest_addon.sensing.lidar.occlusion import occlusion, on_the_line
 from forest_addon.sensing.rays.cells import Cells
@@ -246,9 +244,8 @@ def _observe(
         if is_cloud:
             work.points[sensor.name] = len(found)
             if keep.clouds != "laz":
-                write_npz_rows(
-                    folder / f"{sensor.name}-points.npz", records(found, settings.offset)
-                )
+                path = folder / f"{sensor.name}-points.npz"
+                write_rows(path, records(found, settings.offset), packed=False)
     if not is_cloud:
         return
     if keep.for_instance:

@@ -13,7 +13,7 @@ from forest_addon.blender.sensors.observe import Observer
 from forest_addon.drawing.palette import SPECIES
 from forest_addon.drawing.strips import Plot, stand_map
 from forest_addon.formats.atomic import replacing
-from forest_addon.formats.png import write_png
+from forest_addon.formats.raster_file import write_png
 from forest_addon.results.kind import Finding
 from forest_addon.results.kinds import results_of
 from forest_addon.sensing.rays.geometry import apply_transform

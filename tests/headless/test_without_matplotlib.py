@@ -13,7 +13,7 @@ from forest_addon.api.results import Response
 from forest_addon.blender import packages
 from forest_addon.drawing.palette import SPECIES, rgb
 from forest_addon.drawing.strips import WIDE
-from forest_addon.formats.png import read_png
+from forest_addon.formats.raster_file import read_png
 from forest_addon.spec import Forest, Planting, Reverb, Scene, SpecError
 from forest_addon.stand.inputs import Inputs
 from forest_addon.ui.results.images import ABOVE, BELOW, LEFT

@@ -7,7 +7,7 @@ bpy = pytest.importorskip("bpy")
 from ui.pressing import add_cube
 
 from forest_addon import spec
-from forest_addon.ui.settings import exchange, migration, references
+from forest_addon.ui.settings import exchange, references
 
 
 def names(scene=None):
@@ -69,11 +69,14 @@ def test_every_setting_that_names_something_is_known():
     """The class of the fault: a text whose help speaks of the Blender scene is a reference."""
     classes = {*spec.SENSORS.values(), spec.Forest, spec.Terrain, spec.Planting, spec.Stems}
     for cls in classes:
-        for field in exchange.fields_of(cls):
-            words, known = ("blender scene", "object that", "names of"), field.param
-            text = field.kind is str and not known.choices
-            if text and any(word in known.help.lower() for word in words):
-                assert field.name in references.REFERENCES, f"{cls.__name__}.{field.name}"
+        for name, kind, known, _ in exchange.fields_of(cls):
+            words = ("blender scene", "object that", "names of")
+            if (
+                kind is str
+                and not known.choices
+                and any(word in known.help.lower() for word in words)
+            ):
+                assert name in references.REFERENCES, f"{cls.__name__}.{name}"
 
 
 def test_a_rename_is_followed(naming):
@@ -135,12 +138,12 @@ def test_objects_that_are_further_ends_are_added_and_removed(naming):
     assert exchange.sensor_of(bpy.data.objects["reverb"]).receiver_objects == ""
 
 
-def test_a_saved_file_has_names_and_pointers(naming, tmp_path):
+def test_a_saved_file_says_the_names_of_today(naming, tmp_path):
     rename()
+    assert names() == RENAMED
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "today.blend"))
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "today.blend"))
     props = bpy.context.scene.forest_sensing
-    assert (props.layout, props.notice) == (migration.LAYOUT, "")
     assert props.forest.terrain.object == "mound"  # for whoever reads the text
     bpy.data.objects["mound"].name = "hill"
     assert names()["object"] == "hill"

@@ -41,8 +41,7 @@ from .scene_file import beside_cube, take_scene
 
 if TYPE_CHECKING:
     from ...site import ForestSite
-    from ...stand.before_fall import TreesBeforeFall
-    from ...stand.forest import GrownForest
+    from ...stand.forest import GrownForest, TreesBeforeFall
 
 QUIET = 0.2  # s without a change before anything is done
 LOOK = 0.05  # s between two looks at what is under way
@@ -282,7 +281,7 @@ def _import_rooms(_tell: Any) -> None:
 
 def _grown(site: ForestSite, tell: Progress) -> GrownForest:
     """Grow a forest, but for trees that are those of the forest before, in another season perhaps."""
-    from ...stand.before_fall import TreesBeforeFall
+    from ...stand.forest import TreesBeforeFall
 
     kept = _kept.setdefault("trees", TreesBeforeFall())
     forest = site.grow(tell, kept=kept)

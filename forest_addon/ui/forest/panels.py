@@ -23,8 +23,8 @@ from ..settings.drawing import (
     split,
 )
 from ..settings.exchange import forestless
-from ..settings.migration import draw_notice
 from ..settings.presets import draw_presets
+from ..settings.saved import draw_notice
 from ..shell import running
 from ..shell.running import current, draw_job
 from ..shell.views import chosen, chosen_planting

@@ -49,7 +49,7 @@ from ..shell.words import keep, label, label_kept, say
 from .look_through import draw_switch
 
 if TYPE_CHECKING:
-    from ...formats.scanner_file import ScannerFile
+    from ...formats.toml_file import ScannerFile
 
 KIND_KEY, INDEX_KEY, SHARE_KEY, GAIN_KEY = (
     spec.property_of(name) for name in ("optics", "index", "mirror", "gain")
@@ -293,7 +293,7 @@ OWN = "My Own"
 @cache
 def instruments() -> dict[str, ScannerFile]:
     """Every instrument that the add-on brings, by the name of its file; read once."""
-    from ...formats.scanner_file import read_scanner, scanner_names
+    from ...formats.toml_file import read_scanner, scanner_names
 
     return {name: read_scanner(name) for name in scanner_names()}
 

@@ -15,7 +15,7 @@ from typing import Any, ClassVar
 import bpy
 
 from ...sensing.kinds import KINDS
-from ...spec.depth import applies, is_advanced
+from ...spec.choices import applies, is_advanced
 from ..shell.running import Button
 from ..shell.views import chosen
 from ..shell.words import label, say

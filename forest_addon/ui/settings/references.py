@@ -282,7 +282,7 @@ def _planted(_group: Any, context: Any, typed: str) -> list[str]:
 
 def _scanners(group: Any, _context: Any, typed: str) -> list[str]:
     """Presets that are used on this platform."""
-    from ...formats.scanner_file import read_scanner, scanner_names
+    from ...formats.toml_file import read_scanner, scanner_names
 
     kind = type(group).__name__.removeprefix("FOREST_PG_")
     return [n for n in _matching(scanner_names(), typed) if kind in read_scanner(n).tables]

@@ -10,8 +10,7 @@ import numpy as np
 
 from forest_addon.api import Site, World
 from forest_addon.base.progress import Say
-from forest_addon.formats.npz import write_npz
-from forest_addon.formats.table import write_csv
+from forest_addon.formats.table import write_csv, write_npz
 from forest_addon.sensing.canopy import Canopy
 from forest_addon.spec import Scene, SpecError
 

@@ -21,13 +21,12 @@ from forest_addon.base.places import ASSETS, version
 from forest_addon.base.progress import Say
 from forest_addon.base.rng import stream
 from forest_addon.formats.atomic import replacing
-from forest_addon.formats.toml_text import VERSION_KEY
+from forest_addon.formats.toml_file import VERSION_KEY
 from forest_addon.formats.tree_map import TreeMap, read_rings, read_tree_map
 from forest_addon.spec import Forest, Gaussian, Planting, Raster, Scene, SpecError
 from forest_addon.stand.compose import process_of
 from forest_addon.stand.inputs import Inputs
-from forest_addon.stand.poisson import sample
-from forest_addon.stand.process import Process
+from forest_addon.stand.poisson import Process, sample
 from forest_addon.stand.statistics.choose import ACCEPTED, ChosenLaw, MappedSpecies, choose_law
 from forest_addon.stand.statistics.goodness import Estimate, Goodness, examine, law_of
 from forest_addon.stand.statistics.kernel import KernelEstimate, kernel_estimate

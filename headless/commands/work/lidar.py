@@ -13,9 +13,14 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from forest_addon.formats.scanner_file import PLATFORMS, merged, read_scanner, scanner_names
-from forest_addon.formats.toml_file import structure
-from forest_addon.formats.toml_text import parse_tables
+from forest_addon.formats.toml_file import (
+    PLATFORMS,
+    merged,
+    parse_tables,
+    read_scanner,
+    scanner_names,
+    structure,
+)
 from forest_addon.results.coordinates import NO_OFFSET, Offset
 from forest_addon.results.scan_file import write_scan
 from forest_addon.sensing.kinds import kind_of

@@ -9,8 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from forest_addon.formats.las import read_las
-from forest_addon.formats.scanner_file import read_scanner
-from forest_addon.formats.toml_file import structure, write_settings
+from forest_addon.formats.toml_file import read_scanner, structure, write_settings
 from forest_addon.sensing.lidar.surveys.like import (
     FlightLine,
     FlownPattern,

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from forest_addon.base.progress import Say
 from forest_addon.results.coordinates import FILE, note_of, write_note
-from forest_addon.results.stand_table import write_stand
+from forest_addon.results.tables import write_stand
 from forest_addon.site import ForestSite, check_species
 from forest_addon.spec import SpecError
 from forest_addon.stand.files import read_inputs

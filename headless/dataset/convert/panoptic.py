@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from forest_addon.formats.atomic import replacing
-from forest_addon.formats.png import read_png
+from forest_addon.formats.raster_file import read_png
 from forest_addon.spec import SpecError
 
 from ..disk import Done

@@ -13,7 +13,7 @@ import bpy
 import numpy as np
 
 from forest_addon.formats.atomic import replacing
-from forest_addon.formats.png import write_png
+from forest_addon.formats.raster_file import write_png
 from forest_addon.sensing.lidar.cloud import label
 from forest_addon.sensing.rays.caster import RayCaster
 from forest_addon.spec import Planting

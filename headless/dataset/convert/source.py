@@ -14,7 +14,7 @@ import numpy as np
 
 from forest_addon.formats.atomic import replacing
 from forest_addon.formats.las import read_las
-from forest_addon.formats.toml_text import read_tables
+from forest_addon.formats.toml_file import read_tables
 from forest_addon.spec import SpecError
 
 from .. import disk

@@ -221,7 +221,7 @@ def test_a_leaf_bends_down_by_its_curl_and_folds_up_along_its_midrib():
 
 
 def test_the_truth_of_such_leaves_is_what_their_triangles_measure():
-    sites = random_sites(40, 4)
+    sites = replace(random_sites(40, 4), length=np.full(40, 0.07), width=np.full(40, 0.05))
     for tolerance in (NEAR, FAR):
         one = blade("palmate", tolerance, petiole=0.6, curl_deg=25.0)
         told, measured = truth_of(sites, one, np.arange(40)), measure_leaves(lay(sites, one))

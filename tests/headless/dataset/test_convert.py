@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from references.leaf_discs import discs_of
 
-from forest_addon.formats.png import write_png
+from forest_addon.formats.raster_file import write_png
 from forest_addon.results.echo_files import write_echo
 from forest_addon.results.reverb import write_response
 from forest_addon.sensing.reverb.metrics import octave_bands

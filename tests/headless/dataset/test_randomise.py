@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.special import psi
 
-from forest_addon.formats.scanner_file import read_scanner
+from forest_addon.formats.toml_file import read_scanner
 from forest_addon.spec import SpecError
 from headless.dataset import vary
 from headless.dataset.mixture import redealt

@@ -4,7 +4,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from forest_addon.results.point_files import ENDINGS, can_write
+from forest_addon.results.points import ENDINGS, can_write
 from forest_addon.ui.results.keep import follow_names
 
 from ..pressing import press, run

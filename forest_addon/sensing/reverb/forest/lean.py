@@ -30,9 +30,9 @@ if TYPE_CHECKING:
 LEANS = 81  # of τ, over REACH of its unit
 REACH = 6.5
 PLACES = 4  # of trunks along the way
-SIZES = np.geomspace(0.05, 8.0, 15)  # kδh; beyond, Γ falls as 1/k
+SIZES = np.geomspace(0.01, 8.0, 19)  # kδh; below, -log Γ goes on as a power, beyond, Γ falls as 1/k
 REACHES = np.geomspace(0.05, 60.0, 6)  # xδ/h
-LEAST, MOST = 1e-3, 1.0 - 1e-9  # of Γ, as tabulated
+LEAST, MOST = 1e-3, 1.0 - 1e-12  # of Γ, as tabulated
 
 
 def lean_coherence(
@@ -53,8 +53,9 @@ def lean_coherence(
     table = _table(round(math.log2(heights[0] / heights[1]), 3))
     inside = np.log(np.clip(size, SIZES[0], SIZES[-1]))
     double = np.exp(table.ev(*np.broadcast_arrays(inside, np.log(reach))))
+    power = table.ev(math.log(SIZES[0]), np.log(reach), dx=1)
     below, above = np.minimum(size / SIZES[0], 1.0), np.maximum(size / SIZES[-1], 1.0)
-    once = np.exp(-double * below**2) / above
+    once = np.exp(-double * below**power) / above
     several = np.maximum(met, 1e-6)
     return np.asarray(
         np.exp(-several * (1.0 - once)) * -np.expm1(-several * once) / -np.expm1(-several)

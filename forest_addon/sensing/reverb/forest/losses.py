@@ -49,7 +49,7 @@ if TYPE_CHECKING:
 
 LOWEST, HIGHEST = 1.0, 200e3  # Hz; below and above, ground and branches are as they are there
 NEAR = 256.0  # m of path, up to which both ways to the ground are told apart
-SIZES, SMALLEST = 256, 1e-3  # ka at which the extinction is computed, and the first of them
+SIZES, SMALLEST = 1024, 1e-3  # ka at which the extinction is computed, and the first of them
 MOST_RADII = 24  # radii that stand for all
 FLOOR = 0.3  # m of height of the plants on the floor
 UNEVEN = 0.2  # standard deviation of trunks' heights over their mean

@@ -8,8 +8,8 @@ A relative error ε, from 1e-2 to 1e-6, holds against the formula (``scattering`
   (90 dB at 1e-6),
 
 for all trunks of 1 mm to 2 m, all air, grounds and losses that the settings take, and all sampling rates;
-with losses on the paths (``model = "forest"``) it holds within a factor of 1.2 down to 1e-5, and 1e-6 was met
-within a factor of 10 in all sweeps: ask for 0, the direct sum, where that matters.
+with losses on the paths (``model = "forest"``) it holds down to 1e-5, and 1e-6 was met within a factor of 10
+in all sweeps: ask for 0, the direct sum, where that matters.
 Octaves are those of the record with its end faded out over 40 ms, and its start before the first arrival
 faded in: a record that ends at once sounds at all frequencies. The formula's sound before the first
 arrival, of a band that ends smoothly and of losses without dispersion, is part of it. Finer than 1e-6, and

@@ -151,7 +151,7 @@ def test_thick_trunks_beside_both_ends(tolerance: float) -> None:
     tolerance=st.sampled_from([1e-2, 1e-4, 1e-5, 1e-6]),
     seed=st.integers(0, 10_000),
 )
-@example(  # 1.09 of the tolerance
+@example(  # was 1.09 of the tolerance: what trunks that lean do had a kink at 20 Hz
     given_losses={
         "surface": "grass",
         "ground": 3.4e-42,
@@ -188,7 +188,7 @@ def test_every_loss_and_air(
         TrunkStand(0.03, (low, math.sqrt(low * high), high), leaves, 20.0),
         *ends,
     )
-    known = 10.0 if tolerance < 1e-5 else 1.2  # of losses the contract says so
+    known = 10.0 if tolerance < 1e-5 else 1.0  # of losses at 1e-6 the contract says so
     assert worst(paths, 4e3, tolerance, losses, state) < known
 
 

@@ -1,8 +1,7 @@
-"""Files of other versions: what is not read of them stands in the panel until the user takes note.
+"""Files with settings of the panel: which layout of them they have, and what is renewed when they are saved.
 
-A scene that is saved says which layout its settings have. One of a newer version, and one of before 1.0,
-which kept one sensor of each kind in the scene, is told of in the panel and in the console. A file without
-settings of ours is left alone.
+A scene that is saved says which layout its settings have. A later layout than this version knows is told in
+the panel until the user takes note, and in the console. A file without settings of ours is left alone.
 """
 
 from __future__ import annotations
@@ -18,33 +17,10 @@ from ..shell.running import Button
 from ..shell.words import say
 from . import references
 
-LAYOUT = 3  # how a scene keeps its settings now
+LAYOUT = 3  # how a scene keeps its settings
 KEY = "forest_sensing"  # of the scene's settings, as Blender stores them
-BEFORE = ("tractor", "terrestrial", "sonar", "reverb")  # settings of sensors in a scene, before 1.0
 
 log = logging.getLogger(__name__)
-
-
-def look_at(scene: bpy.types.Scene) -> None:
-    """Say of a scene whose settings have another layout what is not read of them."""
-    stored = _stored(scene)
-    if stored is None or not _holds_values(stored) or not scene.is_editable:
-        return
-    what, found = "", stored.get("layout", 0)
-    if found > LAYOUT:
-        what = say("Saved by a newer version")
-        sentence = say(
-            "it keeps settings in layout {found}, this version knows {known}: what is new in it "
-            "has no effect here. Update Forest Sensing",
-            found=found,
-            known=LAYOUT,
-        )
-    elif any(kind in stored for kind in BEFORE):
-        what = say("Saved before version 1.0")
-        sentence = say("its sensors are not read; export a scene file there and open that here")
-    if what:
-        scene.forest_sensing.notice = f"{what}: {sentence}"
-        log.warning("Forest Sensing, scene %s. %s: %s", scene.name, what, sentence)
 
 
 class FOREST_OT_take_note(Button, bpy.types.Operator):
@@ -90,29 +66,38 @@ def unregister() -> None:
 
 @bpy.app.handlers.persistent
 def _look_at_all(*_: object) -> None:
+    """Tell of scenes that a newer version has saved."""
     for scene in bpy.data.scenes:
-        look_at(scene)
+        if not scene.is_editable or not _has_settings(scene):
+            continue
+        if scene.forest_sensing.layout > LAYOUT:
+            notice = say(
+                "Saved by a newer version: it keeps settings in layout {found}, this version knows {known}: "
+                "what is new in it has no effect here. Update Forest Sensing",
+                found=scene.forest_sensing.layout,
+                known=LAYOUT,
+            )
+            scene.forest_sensing.notice = notice
+            log.warning("Forest Sensing, scene %s. %s", scene.name, notice)
 
 
 @bpy.app.handlers.persistent
 def _sign(*_: object) -> None:
     """Note today's layout in every scene that is about to be saved with settings of ours."""
     for scene in bpy.data.scenes:
-        stored = _stored(scene)
-        if stored is not None and scene.is_editable and _holds_values(stored):
+        if scene.is_editable and _has_settings(scene):
             props = scene.forest_sensing
             props.layout = max(LAYOUT, props.layout)
             references.renew_texts(_groups_that_name(scene))
 
 
-def _stored(scene: bpy.types.Scene) -> Any:
-    """Settings of ours as Blender stores them, None where there are none."""
-    if hasattr(
-        scene, "bl_system_properties_get"
-    ):  # Blender 5 keeps them apart from custom properties
-        home = scene.bl_system_properties_get()
-        return None if home is None else home.get(KEY)
-    return scene.get(KEY)
+def _has_settings(scene: bpy.types.Scene) -> bool:
+    """Return whether settings of ours are stored in a scene and any was set."""
+    # Blender 5 keeps them apart from custom properties
+    apart = hasattr(scene, "bl_system_properties_get")
+    home = scene.bl_system_properties_get() if apart else scene
+    stored = None if home is None else home.get(KEY)
+    return stored is not None and _holds_values(stored)
 
 
 def _holds_values(stored: Any) -> bool:
