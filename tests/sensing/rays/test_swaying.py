@@ -12,6 +12,7 @@ from forest_addon.sensing.moving_rays import MovingCaster
 from forest_addon.sensing.rays.boxes import extents, within
 from forest_addon.sensing.rays.exact import ExactCaster
 from forest_addon.sensing.rays.geometry import SceneGeometry
+from forest_addon.sensing.rays.paths import RigidPath, SceneMotion
 
 SPEED, TURN = 0.8, 0.3  # m/s along x, rad/s about y
 FAR = 10.0
@@ -186,6 +187,24 @@ def test_no_ray_slips_between_pieces_of_a_pole():
     origin = np.column_stack([np.zeros((len(time), 2)), aim[:, 2]])
     hits = rays.cast(origin, aim - origin, time=time)
     assert np.abs(hits.distance - (FAR - 0.2)).max() < 0.1
+
+
+def test_a_tree_that_sways_does_nothing_else():
+    """What is read of it at other times, as of an object that moves, would stand beside it a second time."""
+    read = scene(plate())
+    moves = RigidPath(np.array([0.0, 4.0]), np.stack([np.eye(3, 4), np.ones((3, 4))]))
+    motion = SceneMotion(
+        {0: moves, 2: moves}, spans={0: (0.0, 1.0)}, stands_for=np.array([0, 1, 0])
+    )
+    whole = read.take(np.array([0, 1, 0]))
+    both = MovingCaster(MovingScene(read, motion, whole, Lean()), ExactCaster)
+    origin, way, time = fan()
+    met, alone = both.cast(origin, way, time=time), caster(read).cast(origin, way, time=time)
+    np.testing.assert_array_equal(met.distance, alone.distance)
+    then = both.moving.snapshot(2.0)
+    np.testing.assert_array_equal(then.transform[0], read.transform[0])
+    triangles = [len(then.meshes[mesh].triangles) for mesh in then.mesh_index]
+    assert triangles == [len(plate().triangles), 1, 0]
 
 
 def test_windows_join():
