@@ -31,8 +31,7 @@ from forest_addon.results.kinds import write_finding
 from forest_addon.spec import Scene, SpecError
 from forest_addon.stand.forest import angle_table, tree_table
 
-from .memory import peak_memory_mb
-from .progress import Stages, hushed
+from .progress import Stages, hushed, peak_memory_mb
 from .record import made_with
 
 FOLDER = "tiles"

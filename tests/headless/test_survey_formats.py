@@ -29,7 +29,7 @@ from forest_addon.sensing.lidar.surveys.digitised import digitised, pulse_shape
 from forest_addon.sensing.lidar.surveys.leg import SurveyLeg, oscillating
 from forest_addon.sensing.lidar.surveys.stepped import SteppedPath
 from forest_addon.spec import SpecError
-from headless.commands.work.survey import (
+from headless.surveys import (
     CountedDigitisedScan,
     CountedScan,
     casters_of,

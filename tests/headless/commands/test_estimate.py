@@ -12,7 +12,7 @@ from forest_addon.stand.intensity.functions import Mixture
 from forest_addon.stand.plan import plan_stand
 from forest_addon.stand.poisson import Process, sample
 from headless.cli import main
-from headless.commands.work.estimate import estimate_site
+from headless.commands.estimate import estimate_site
 
 UTM = np.array([432_100.0, 5_612_300.0])
 SITE = {
