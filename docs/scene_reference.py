@@ -85,8 +85,9 @@ def reference() -> str:
         "# The scene file\n",
         "TOML; every key has a default unless it says *needed*. The same names, units and ranges hold in the "
         "[Python API](api.md) and in Blender's panel. A key that is not known, or a value out of range, is "
-        "answered by one sentence. `version`, at the top, is that of what wrote the file; exported "
-        "files have it, and [Migration](migration.md) says what for.\n",
+        "answered by one sentence. `version`, at the top, is that of what wrote the file; exported files "
+        "have it. A file of a later minor version is read, and where it holds an unknown key the sentence "
+        "says which version to get; one of a later major version is refused.\n",
     ]
     named: set[type[spec.Settings]] = set()  # some groups have two tables
     parts += [_table(title, group, named) for title, group in TABLES]

@@ -20,12 +20,10 @@ from .growth.tree import Tree
 from .sensing.detail import grow_needed
 from .sensing.kinds import kind_of
 from .spec import AUTO, Scene, SpecError
-from .stand.before_fall import TreesBeforeFall
 from .stand.files import read_inputs
-from .stand.forest import ForestPlan, Grown, GrownForest, Planted
+from .stand.forest import ForestPlan, Grown, GrownForest, Planted, TreesBeforeFall
 from .stand.inputs import Inputs
-from .stand.intensity.rough import roughened
-from .stand.intensity.terrain import GroundSurface
+from .stand.intensity.terrain import GroundSurface, roughened
 from .stand.plan import Stand, plan_stand
 from .stand.undergrowth import with_undergrowth
 

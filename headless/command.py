@@ -1,7 +1,7 @@
 """Commands of ``python -m headless``: a name, its words, its folder, its run.
 
 A command's file imports nothing heavy at its top, so that ``--help`` and a mistyped word are answered at
-once; ``run`` imports the work that it hands the words to.
+once; what works imports it where it is used.
 """
 
 from __future__ import annotations

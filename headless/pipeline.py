@@ -25,12 +25,11 @@ from forest_addon.blender.show.cloud import show_cloud
 from forest_addon.blender.show.preview import lay_horizon, render, set_stage, stand_walker
 from forest_addon.blender.show.sound import give_sound
 from forest_addon.formats.crs import can_tell_crs
-from forest_addon.formats.npz import write_npz
-from forest_addon.formats.table import write_csv
+from forest_addon.formats.table import write_csv, write_npz
 from forest_addon.formats.wav import read_wav, write_wav
 from forest_addon.results.coordinates import FILE, PROPERTY, Offset, on_the_map, write_note
-from forest_addon.results.cylinder_files import write_cylinders, write_models
 from forest_addon.results.kinds import results_of, write_finding
+from forest_addon.results.tables import write_cylinders, write_models
 from forest_addon.sensing.audit import Audit
 from forest_addon.sensing.kinds import cost_of
 from forest_addon.spec import Scene, Sensor, SpecError
@@ -51,8 +50,8 @@ from forest_addon.stand.truth import cylinder_table
 from .command import DoubtfulError
 from .progress import Stages, hushed
 from .record import facts_of, write_record
-from .report import can_draw, findings, page, without
-from .report.turning import BUDGET, turning_cloud
+from .report import can_draw, page, without
+from .report.page import BUDGET, turning_cloud
 from .unfinished import Unfinished
 
 MOST_LEAVES = 5_000_000  # rows of leaves.npz; beyond, leaves are written once a variant
@@ -225,12 +224,10 @@ def _describe(run: Run, world: World, result: Result) -> page.Finding:
     sensor, found, picture = result.sensor, result.found, None
     if run.settings.output.pictures:  # what draws is imported where it is asked for: a second
         path = run.out / f"{sensor.name}.png"
-        from .report.result import draw_result
-
-        picture = draw_result(sensor, found, world.observer, run.forest, path)
+        picture = page.draw_result(sensor, found, world.observer, run.forest, path)
         if picture is not None:
             run.files.append(path.name)
-    finding = findings.finding_of(sensor, found, picture, world.observer)
+    finding = page.finding_of(sensor, found, picture, world.observer)
     audits = () if result.audit is None else (result.audit,)
     heard = {name for each in run.findings for name in each.sounds}
     cloud = results_of(sensor).points(sensor, found)
@@ -254,18 +251,16 @@ def _describe_stand(run: Run, inputs: Inputs) -> None:
     stand = run.forest.stand.first(own)
     drawn = None
     if wanted.pictures:
-        from .report.result import draw_stand
-
         with run.stages.stage("draw the stand"):
             path = run.path("stand.png")
-            drawn = draw_stand(stand, run.forest.labels[:own], settings, inputs, path)
-    run.findings.append(findings.forest_finding(settings, run.forest, drawn))
+            drawn = page.draw_stand(stand, run.forest.labels[:own], settings, inputs, path)
+    run.findings.append(page.forest_finding(settings, run.forest, drawn))
     if wanted.pictures and not can_draw():
         _say_what_is_lacking(run)
     for note in run.forest.notes:
         run.warn(note)
     met = met_targets(run.forest)
-    told = findings.targets_finding(met)
+    told = page.targets_finding(met)
     run.findings += [told] if told else []
     run.targets = {one.label: record(one) for one in met}
     if not wanted.goodness:
@@ -283,16 +278,14 @@ def _describe_stand(run: Run, inputs: Inputs) -> None:
             from forest_addon.drawing.stands import draw_goodness
 
             picture = save_figure(draw_goodness(found, window), run.path("goodness.png"))
-        run.findings.append(findings.goodness_finding(found, picture))
+        run.findings.append(page.goodness_finding(found, picture))
 
 
 def _say_what_is_lacking(run: Run) -> None:
     """Say, here and in the report, that pictures are plain, what their colours mean, and what to do."""
-    from .report.result import colours_in_words
-
     sentence = without("Pictures are plain and the curve of L(r) - r is left out")
     run.stages.say(f"  {sentence}")
-    notes = (*run.findings[0].notes, colours_in_words(run.forest.labels))
+    notes = (*run.findings[0].notes, page.colours_in_words(run.forest.labels))
     run.findings[0] = dataclasses.replace(run.findings[0], notes=notes)
     run.findings.append(page.Finding("Pictures", sentence, {}))
 

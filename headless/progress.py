@@ -1,4 +1,4 @@
-"""Stages of a run: a line and a time each, a bar for whatever takes longer than a second."""
+"""Stages of a run: a line and a time each, a bar for what takes longer than a second, memory."""
 
 from __future__ import annotations
 
@@ -7,8 +7,9 @@ import re
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import partial
+from pathlib import Path
 from typing import Any, TextIO
 
 from forest_addon.base.progress import Progress
@@ -113,3 +114,37 @@ def hushed(*, errors: bool = False) -> Iterator[None]:
         for stream, original in zip(streams, kept, strict=True):
             os.dup2(original, stream)
             os.close(original)
+
+
+def forget_peak() -> None:
+    """Have the largest memory counted anew from now on, where the system does so (Linux)."""
+    with suppress(OSError):
+        Path("/proc/self/clear_refs").write_text("5")
+
+
+def peak_memory_mb() -> float | None:
+    """Megabytes (2^20 bytes) of resident memory at its highest; None where the system does not tell.
+
+    Linux hands ``ru_maxrss`` of a process on to those that it starts; the high-water mark of /proc is its
+    own.
+    """
+    status = Path("/proc/self/status")
+    if status.exists():
+        for line in status.read_text().splitlines():
+            if line.startswith("VmHWM:"):
+                return int(line.split()[1]) / 1024
+    try:
+        import resource
+    except ImportError:  # Windows
+        return None
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak / (1024**2 if sys.platform == "darwin" else 1024)
+
+
+def held_memory(pid: int | str = "self") -> float:
+    """Bytes of memory that a process holds; 0 where the system does not tell."""
+    try:
+        pages = int(Path(f"/proc/{pid}/statm").read_text().split()[1])
+        return float(pages * os.sysconf("SC_PAGE_SIZE"))
+    except (OSError, ValueError, IndexError):
+        return 0.0

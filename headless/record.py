@@ -19,7 +19,7 @@ from forest_addon.formats.atomic import replacing
 from forest_addon.sensing.audit import Audit
 from forest_addon.spec import Scene
 
-from .memory import peak_memory_mb
+from .progress import peak_memory_mb
 from .report import page
 
 

@@ -25,14 +25,13 @@ from forest_addon.blender.files.export import empty_file
 from forest_addon.blender.read.depsgraph import forget
 from forest_addon.formats.atomic import remove_abandoned, replacing
 from forest_addon.formats.ownership import remove
-from forest_addon.formats.table import write_csv, write_rows
+from forest_addon.formats.table import write_csv
 from forest_addon.results.coordinates import FILE, Offset, on_the_map, write_note
 from forest_addon.results.kinds import write_finding
 from forest_addon.spec import Scene, SpecError
 from forest_addon.stand.forest import angle_table, tree_table
 
-from .memory import peak_memory_mb
-from .progress import Stages, hushed
+from .progress import Stages, hushed, peak_memory_mb
 from .record import made_with
 
 FOLDER = "tiles"
@@ -262,15 +261,8 @@ def _write_stand(run: TiledRun) -> None:
     with run.stages.stage("write truth"):
         if write_note(run.out / FILE, offset, tiling.scene.crs):
             run.files.append(FILE)
-        with (
-            replacing(run.out / "trees.csv") as partial,
-            open(partial, "w", newline="", encoding="utf-8") as file,
-        ):
-            for number, part in enumerate(tiling.forest.parts(BLOCK)):
-                rows = on_the_map(tree_table(part), offset)
-                if not number:
-                    write_rows(file, [rows])
-                write_rows(file, zip(*rows.values(), strict=True))
+        parts = (on_the_map(tree_table(part), offset) for part in tiling.forest.parts(BLOCK))
+        write_csv(run.out / "trees.csv", parts)
         write_csv(run.out / "leaf_angles.csv", angle_table(tiling.forest.whole))
         tiles = tiling.tiles
         table: dict[str, list[Any]] = {"tile": [t.name for t in tiles]}

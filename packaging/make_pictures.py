@@ -43,7 +43,7 @@ from forest_addon.blender.show.preview import (
 from forest_addon.site import ForestSite
 from headless.cli import main as headless
 from headless.command import read_scene
-from headless.commands.work.species import show_closeups
+from headless.commands.species import show_closeups
 
 ROOT = Path(__file__).resolve().parents[1]
 MEASURED = (

@@ -89,20 +89,17 @@ from ..spec import (
     Tractor,
     Wind,
 )
-from .patterns import save_pattern
+from .given import instrument, instruments, save_pattern, trajectory
 from .results import Echoes, PointCloud, Response, Result, RowScan
-from .scanners import instrument, instruments
 from .site import Site, build, current, read
-from .tiled_scan import TiledScan
-from .tiles import Tile, Tiling
-from .ways import trajectory
+from .tiles import Tile, TiledScan, Tiling
 from .world import World
 
 _TYPES = {  # of what functions take and give, imported when they are asked for
     "Audit": "..sensing.audit",
     "Canopy": "..sensing.canopy",
     "Check": "..sensing.audit",
-    "Choice": "..spec.auto",
+    "Choice": "..spec.scene",
     "Cloud": "..sensing.lidar.cloud",
     "Contributions": "..sensing.sonar.ping",
     "Echo": "..sensing.sonar.ping",

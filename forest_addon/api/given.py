@@ -1,5 +1,7 @@
-"""Arguments that a script hands over, checked at the door: one sentence in place of what breaks further
-in."""
+"""Arguments that a script hands over, checked at the door; sensors, ways and patterns that are made of them.
+
+One sentence in place of what breaks further in.
+"""
 
 from __future__ import annotations
 
@@ -7,11 +9,15 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..spec import Scene, Settings, SpecError
+from ..formats.table import write_csv
+from ..formats.toml_file import PLATFORMS, read_scanner, scanner_names, structure
+from ..sensing.kinds import kind_of
+from ..spec import Scanner, Scene, Sensor, Settings, SpecError, unknown
+from ..spec.base import typed
 
 LONGEST = 200  # bytes of a file's name, so that a temporary one beside it fits
 
@@ -133,3 +139,162 @@ def import_blender() -> Any:
             "is not installed; pip install bpy (5.2 for Python 3.13, 4.5 for 3.11), or run in Blender",
         ) from None
     return bpy
+
+
+def save_pattern(
+    path: str | Path,
+    frequency: np.ndarray,
+    level_db: np.ndarray,
+    *,
+    angle_deg: np.ndarray | None = None,
+    azimuth_deg: np.ndarray | None = None,
+    elevation_deg: np.ndarray | None = None,
+) -> str:
+    """Write a measured pattern as the file that a ``Sonar`` takes, and return the file's name for it.
+
+    frequency : (F,) Hz, rising. level_db : (D, F) at directions, or (E, D, F) with one pattern an ear, the
+    left one first. angle_deg : (D,) off the axis, from 0 on; or azimuth_deg : (D,), to the left, and
+    elevation_deg : (D,), up, in any order and anywhere on the sphere.
+
+    Raises
+    ------
+    SpecError : arrays that do not fit together; a number that is not finite.
+
+    >>> import tempfile, numpy as np
+    >>> from forest_addon import api as forest
+    >>> file = tempfile.mkdtemp() + "/ears.csv"
+    >>> level = [[0, 0], [-6, -9], [-30, -40]]
+    >>> ears = forest.save_pattern(file, [30e3, 90e3], level, angle_deg=[0, 40, 180])
+    >>> sonar = forest.Sonar(hearing="file", hearing_file=ears)
+    """
+    target = path_of("save_pattern", path)
+    by = {"angle_deg": angle_deg, "azimuth_deg": azimuth_deg, "elevation_deg": elevation_deg}
+    given = [name for name, values in by.items() if values is not None]
+    if given not in (["angle_deg"], ["azimuth_deg", "elevation_deg"]):
+        raise SpecError("save_pattern", "takes angle_deg, or azimuth_deg and elevation_deg")
+    try:
+        hertz = np.atleast_1d(np.asarray(frequency, np.float64))
+        level = np.asarray(level_db, np.float64)
+        angles = np.stack([np.asarray(by[name], np.float64) for name in given], axis=1)
+    except (TypeError, ValueError):
+        raise SpecError("save_pattern", "takes arrays of numbers, angles of one length") from None
+    if level.shape[-2:] != (len(angles), len(hertz)) or level.ndim not in (2, 3):
+        raise SpecError(
+            "level_db",
+            f"has the shape {level.shape}; give ({len(angles)}, {len(hertz)}), a row a direction and a "
+            "column a frequency, or that for each ear",
+        )
+    if not all(np.isfinite(numbers).all() for numbers in (hertz, level, angles)):
+        raise SpecError("save_pattern", "takes finite numbers")
+    if level.ndim == 3 and given == ["angle_deg"]:
+        raise SpecError("level_db", "of several ears needs azimuth_deg and elevation_deg")
+    several = level.ndim == 3
+    tables = (
+        dict(zip(given, angles.T.tolist(), strict=True))
+        | ({"ear": [ear] * len(angles)} if several else {})
+        | dict(zip(map(repr, hertz.tolist()), table.T.tolist(), strict=True))
+        for ear, table in enumerate(level if several else level[None])
+    )
+    write_csv(target, tables)
+    return str(target.resolve())
+
+
+def instruments() -> tuple[str, ...]:
+    """Names that ``instrument`` knows.
+
+    >>> from forest_addon import api as forest
+    >>> "riegl-vz-400i" in forest.instruments()
+    True
+    """
+    return tuple(scanner_names())
+
+
+def instrument(name: str, kind: str = "", /, **settings: Any) -> Scanner:
+    """A LiDAR sensor with the figures of an instrument of ``assets/scanners``, or of a .toml file like those.
+
+    kind : "terrestrial", "mobile" or "airborne": what carries it; left out, the first of these that it is
+    used on. settings : what is to be otherwise, as of ``Terrestrial``, ``Mobile`` or ``Airborne``.
+
+    Raises
+    ------
+    SpecError : there is no such instrument, it is not used on that platform, or a setting cannot be used.
+
+    >>> from forest_addon import api as forest
+    >>> drone = forest.instrument("riegl-vux-1uav", "airborne", speed=5.0)
+    >>> drone.pulse_rate, drone.speed
+    (550000.0, 5.0)
+    """
+    name, kind = typed("instrument", name, str), typed("kind", kind, str)
+    if kind and kind not in PLATFORMS:
+        raise unknown("kind", kind, PLATFORMS)
+    chosen = kind or next(iter(read_scanner(name).tables))
+    sensor: Scanner = structure({"kind": chosen, "scanner": name}, Sensor)  # type: ignore[assignment]
+    return sensor.changed(**settings)
+
+
+if TYPE_CHECKING:
+    from ..blender.sensors.observe import Observer
+    from ..sensing.trajectory import Trajectory
+
+
+def trajectory(
+    time: np.ndarray,
+    position: np.ndarray,
+    heading_deg: np.ndarray | float = 0.0,
+    pitch_deg: np.ndarray | float = 0.0,
+    roll_deg: np.ndarray | float = 0.0,
+) -> Trajectory:
+    """The way of a platform through poses; straight lines and shortest turns between them.
+
+    time : (K,) seconds, rising. position : (K, 3) metres. heading_deg : (K,) or one, from +X to +Y.
+    pitch_deg : nose up. roll_deg : left side up.
+
+    Raises
+    ------
+    SpecError : arrays that do not fit together, times that do not rise, a number that is not finite.
+
+    >>> from forest_addon import api as forest
+    >>> way = forest.trajectory([0.0, 2.0], [(0, 0, 20), (10, 0, 20)])
+    >>> len(way), way.duration
+    (2, 2.0)
+    """
+    from scipy.spatial.transform import Rotation
+
+    from ..sensing.trajectory import Trajectory
+
+    place = points_of("position", position)
+    place = place[None] if place.ndim == 1 else place
+    try:
+        seconds = np.atleast_1d(np.asarray(time, dtype=np.float64))
+        angles = [np.asarray(angle, np.float64) for angle in (heading_deg, pitch_deg, roll_deg)]
+        turns = np.column_stack([np.broadcast_to(angle, len(place)) for angle in angles])
+    except (TypeError, ValueError):
+        raise SpecError(
+            "trajectory", f"takes arrays of one length; there are {len(place)} positions"
+        ) from None
+    if seconds.shape != (len(place),):
+        raise SpecError("time", f"has {seconds.size} values; give {len(place)}, one a position")
+    if not (np.isfinite(seconds).all() and np.isfinite(turns).all()):
+        raise SpecError("trajectory", "has a time or angle that is not finite; correct it")
+    if (np.diff(seconds) <= 0).any():
+        raise SpecError("time", "does not rise from pose to pose; sort the poses")
+    attitude = Rotation.from_euler("ZYX", np.deg2rad(turns * [1.0, -1.0, 1.0]))
+    return Trajectory(seconds, place, attitude)
+
+
+def way_of(observer: Observer, sensor: Sensor, along: Any, folder: Path) -> Any:
+    """Return where a sensor goes: along what was handed over, or as its settings say.
+
+    Raises
+    ------
+    SpecError : a way for a sensor that stays, or one that is no trajectory.
+    """
+    if along is None:
+        return observer.way(sensor, folder)
+    from ..sensing.trajectory import Trajectory
+
+    if not isinstance(along, Trajectory):
+        raise SpecError("along", f"takes a trajectory, not {called(along)}")
+    if not kind_of(sensor).moves:
+        raise SpecError("along", f"is for a Mobile scanner or a Sonar, not {called(sensor)}")
+    return along

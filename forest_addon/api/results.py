@@ -3,6 +3,10 @@
 A result holds what the sensor's own code returned (``found``: a ``Cloud``, an ``Echo``, ...) and adds what
 a script wants of it. The ending of a file's name chooses its format; it is written under another name and
 then renamed, so that nothing is left half written.
+
+Tables of pandas and datasets of xarray have units as attributes. Both libraries are the extra ``analysis``;
+they are imported when a table is asked for. Positions are in the scene's own coordinates, as everywhere
+within a session; the attributes say the offset and the coordinate system of a written file.
 """
 
 from __future__ import annotations
@@ -16,17 +20,77 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..formats.npz import write_npz
+from ..formats.table import write_npz
 from ..results.coordinates import NO_OFFSET, Offset
 from ..results.kind import Finding
-from ..results.kinds import figures_of, results_of, write_as
-from ..results.point_files import ENDINGS, ending_of, write_points
+from ..results.kinds import figures_of, labelled_of, results_of, write_as
+from ..results.points import ENDINGS, ending_of, write_points
 from ..sensing.audit import Audit
 from ..sensing.lidar.cloud import Cloud
 from ..sensing.lidar.tractor import TractorScan, to_cloud
 from ..spec import Choice, Sensor, SpecError
-from . import labelled
 from .given import file_to_write, path_of
+
+MISSING = 'is not installed; pip install "forest-sensing[analysis]"'
+
+
+def dataset_of(sensor: Sensor, found: Finding, about: Mapping[str, Any]) -> Any:
+    """An ``xarray.Dataset`` of what a sensor found; every variable has its unit in ``attrs["units"]``.
+
+    about : its own attributes.
+
+    Raises
+    ------
+    SpecError : xarray is not installed.
+    """
+    try:
+        import xarray
+    except ImportError:
+        raise SpecError("xarray", MISSING) from None
+    variables, coordinates = (
+        {
+            name: (dims, values, {"units": unit} if unit else {})
+            for name, (dims, values, unit) in part.items()
+        }
+        for part in labelled_of(sensor, found)
+    )
+    return xarray.Dataset(variables, coordinates, about)
+
+
+def frame_of(sensor: Sensor, found: Finding, about: Mapping[str, Any]) -> Any:
+    """A ``pandas.DataFrame`` of what a sensor found, a row a point or sample; ``attrs`` has units by column.
+
+    A result of several dimensions has its coordinates as columns. about : further attributes.
+
+    Raises
+    ------
+    SpecError : pandas is not installed; or xarray, for a result of several dimensions.
+    """
+    try:
+        import pandas
+    except ImportError:
+        raise SpecError("pandas", MISSING) from None
+    variables, coordinates = labelled_of(sensor, found)
+    every = {**variables, **coordinates}
+    if len({dims for dims, *_ in every.values()}) == 1 and not coordinates:
+        made = pandas.DataFrame({name: values for name, (_, values, _) in every.items()})
+    else:
+        made = dataset_of(sensor, found, {}).to_dataframe().reset_index()
+    units = {name: unit for name, (_, _, unit) in every.items() if unit and name in made}
+    made.attrs = {"units": units, **about}
+    return made
+
+
+def _table_facts(sensor: Sensor, offset: Offset, seconds: float) -> dict[str, Any]:
+    """Attributes of a table: which sensor, what to add for the map, how long it took."""
+    return {
+        "sensor": sensor.name,
+        "kind": sensor.kind,
+        "offset_m": list(offset),
+        "crs": offset.crs,
+        "seconds": seconds,
+    }
+
 
 if TYPE_CHECKING:  # a sensor's physics is imported when it runs
     from ..sensing.reverb.metrics import RoomMetrics
@@ -71,7 +135,7 @@ class Result:
         ------
         SpecError : xarray is not installed (extra ``analysis``); a result without arrays.
         """
-        return labelled.dataset_of(self.sensor, self.found, self._facts())
+        return dataset_of(self.sensor, self.found, self._facts())
 
     def to_pandas(self) -> Any:
         """A ``pandas.DataFrame``, a row a point or sample; ``attrs["units"]`` has the units by column.
@@ -80,10 +144,10 @@ class Result:
         ------
         SpecError : pandas is not installed (extra ``analysis``); a result without arrays.
         """
-        return labelled.frame_of(self.sensor, self.found, self._facts())
+        return frame_of(self.sensor, self.found, self._facts())
 
     def _facts(self) -> dict[str, Any]:
-        return labelled.facts_of(self.sensor, self.offset, self.seconds)
+        return _table_facts(self.sensor, self.offset, self.seconds)
 
     def save(self, path: str | Path) -> Path:
         """Write it to a file, in the format that the ending of its name says; returns its path.

@@ -22,7 +22,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from ..base.vectors import azimuth_of, column
-from ..formats.npz import write_npz
+from ..formats.table import write_npz
 from ..spec import Flight, SpecError, unknown
 from .bodies import ACTIONS, wrapped
 from .senses import FLOOR_DB, TOP_DB, EarSense, LidarSense

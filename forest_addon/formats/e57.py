@@ -16,7 +16,7 @@ import numpy as np
 from ..base.vectors import azimuth_of, elevation_of
 from ..spec import SpecError
 from .atomic import replacing
-from .png import write_png
+from .raster_file import write_png
 
 WIDE, HIGH = 1440, 720
 SHOWN_DB = 40.0

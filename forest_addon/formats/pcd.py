@@ -7,12 +7,15 @@ import os
 import numpy as np
 
 from .atomic import replacing
+from .ply import ROWS_AT_ONCE, StoredRows
 
 KINDS = {"f": "F", "i": "I", "u": "U"}
 
 
 def write_pcd(
-    path: str | os.PathLike[str], rows: np.ndarray, viewpoint: tuple[float, float, float]
+    path: str | os.PathLike[str],
+    rows: np.ndarray | StoredRows,
+    viewpoint: tuple[float, float, float],
 ) -> None:
     """Write rows (P,) of a structured array; x, y and z in double precision, as map coordinates need.
 
@@ -38,4 +41,5 @@ def write_pcd(
     ]
     with replacing(path) as partial, open(partial, "wb") as file:
         file.write(("\n".join(head) + "\n").encode("ascii"))
-        file.write(np.ascontiguousarray(rows).tobytes())
+        for first in range(0, len(rows), ROWS_AT_ONCE):
+            file.write(rows[first : first + ROWS_AT_ONCE].tobytes())

@@ -10,8 +10,11 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from pathlib import Path
+from typing import overload
 
 import numpy as np
+
+from .atomic import replacing
 
 PLY_TYPE = {
     "f8": "double",
@@ -23,6 +26,7 @@ PLY_TYPE = {
     "u1": "uchar",
 }
 DIGITS = 18  # of the number of vertices
+ROWS_AT_ONCE = 200_000
 
 
 def header_of(dtype: np.dtype, count: int, comments: Sequence[str] = ()) -> bytes:
@@ -34,20 +38,49 @@ def header_of(dtype: np.dtype, count: int, comments: Sequence[str] = ()) -> byte
     return ("\n".join([*lines, "end_header"]) + "\n").encode("ascii", "replace")
 
 
-class StoredRows:
-    """Rows (N,) of a file, of which a slice is read when it is asked for: none of them stay in memory."""
+def write_ply(
+    path: str | os.PathLike[str], rows: np.ndarray | StoredRows, comments: Sequence[str] = ()
+) -> None:
+    """Write rows (P,) of a structured array, also of a file.
 
-    def __init__(self, path: Path, dtype: np.dtype, start: int, count: int) -> None:
-        self.dtype = dtype
-        self._path, self._start, self._count = path, start, count
+    Raises
+    ------
+    OSError : it cannot be written.
+    """
+    with replacing(path) as partial, open(partial, "wb") as file:
+        file.write(header_of(rows.dtype, len(rows), comments))
+        for first in range(0, len(rows), ROWS_AT_ONCE):
+            file.write(rows[first : first + ROWS_AT_ONCE].tobytes())
+
+
+class StoredRows:
+    """Rows (N,) of a file, of which a slice is read when it is asked for: none of them stay in memory.
+
+    ``rows["x"]`` is a field of them.
+    """
+
+    def __init__(self, path: Path, kind: np.dtype, start: int, count: int, field: str = "") -> None:
+        self.dtype = kind[field] if field else kind
+        self._stored = path, kind, start, count
+        self._field = field
 
     def __len__(self) -> int:
-        return self._count
+        return self._stored[3]
 
-    def __getitem__(self, some: slice) -> np.ndarray:
-        first, last, _ = some.indices(self._count)
-        offset = self._start + first * self.dtype.itemsize
-        return np.fromfile(self._path, self.dtype, max(last - first, 0), offset=offset)
+    @overload
+    def __getitem__(self, some: slice) -> np.ndarray: ...
+
+    @overload
+    def __getitem__(self, some: str) -> StoredRows: ...
+
+    def __getitem__(self, some: slice | str) -> np.ndarray | StoredRows:
+        path, kind, start, count = self._stored
+        if isinstance(some, str):
+            return StoredRows(path, kind, start, count, some)
+        first, last, _ = some.indices(count)
+        offset = start + first * kind.itemsize
+        rows = np.fromfile(path, kind, max(last - first, 0), offset=offset)
+        return rows[self._field] if self._field else rows
 
 
 class PlyFile:

@@ -24,8 +24,7 @@ from .foreign import guarded
 HEADER_BYTES = 84  # 80 of text, then the facet count
 FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 MOST_FACETS = 20_000_000
-CHUNK = 1 << 24  # bytes of ASCII parsed at a time: large enough for numpy, small enough for memory
-BLANK = 32  # a byte up to this one, space, separates words
+LOOP = re.compile(rb"outer\s+loop\s")
 
 
 class StlError(ValueError):
@@ -169,7 +168,7 @@ def _parse_ascii(text: bytes, name: str) -> np.ndarray:
     Words may be split by any white space; normals may be missing.
     """
     end = max(text.rfind(b"endsolid"), text.rfind(b"end solid"))
-    if re.compile(rb"outer\s+loop\s").search(text, max(end, 0)):
+    if LOOP.search(text, max(end, 0)):
         raise StlError(
             f'{name} is cut off after {text.count(b"endloop")} facets: "endsolid" is missing; '
             "copy or export it again."
@@ -178,58 +177,13 @@ def _parse_ascii(text: bytes, name: str) -> np.ndarray:
         raise StlError(f"{name} is not an STL file; choose a binary or ASCII STL.")
     if b"#" in text:  # "1.#qnan", "-1.#ind", "1.#inf" of old Windows programs
         text = re.sub(rb"[+-]?1\.#[a-z]+\d*", b"nan", text)
-    parts = [np.empty((0, 3, 3))]
-    start = done = 0
-    while start < len(text):
-        stop = _end_of_stretch(text, start)
-        parts.append(_parse_loops(text[start:stop], name, done))
-        done += len(parts[-1])
-        start = stop
-    return np.concatenate(parts)
-
-
-def _end_of_stretch(text: bytes, start: int) -> int:
-    """Return where to cut next, at most ``CHUNK`` on if possible: before a loop, never inside one."""
-    if start + CHUNK >= len(text):
-        return len(text)
-    stop = text.rfind(b"outer", start + 1, start + CHUNK)
-    if stop < 0:
-        stop = text.find(b"outer", start + CHUNK - len(b"outer"))
-    return len(text) if stop < 0 else stop
-
-
-def _parse_loops(text: bytes, name: str, before: int) -> np.ndarray:
-    """Facets of a stretch of text that starts and ends between loops, after ``before`` others."""
-    padded = np.frombuffer(b" " + text + b" " * 16, np.uint8)
-    blank = padded <= BLANK
-    words = np.flatnonzero(~blank[1:] & blank[:-1]) + 1  # (W,) where each word starts
-
-    def is_word(at: np.ndarray, word: bytes) -> np.ndarray:
-        same: np.ndarray = blank[at + len(word)]
-        for offset, letter in enumerate(word):
-            same = same & (padded[at + offset] == letter)
-        return same
-
-    loops = np.flatnonzero(padded[words] == ord("l"))
-    loops = loops[(loops > 0) & is_word(words[loops], b"loop")]
-    loops = loops[is_word(words[loops - 1], b"outer")]  # (F,) word numbers
-
-    words = np.append(words, np.full(14, len(padded) - 16))  # blanks, if the last loop is short
-    sound = padded[words[loops + 13]] == ord("e")  # endloop, or end loop
-    for vertex in (1, 5, 9):
-        sound &= is_word(words[loops + vertex], b"vertex")
-    if not sound.all():
-        raise _bad_facet(name, before + int(np.argmin(sound)))
-
-    first = (loops[:, None] + np.array([2, 6, 10])).ravel()  # first number of each vertex
-    bounds = np.stack([words[first], words[first + 3]], axis=1).ravel()  # from, to, from, to ...
-    runs = np.diff(bounds, prepend=0, append=len(padded))
-    kept = padded[np.repeat(np.arange(len(runs)) % 2 == 1, runs)]
-    kept[kept < BLANK] = BLANK
-    numbers = kept.tobytes()
-    values = _parse_numbers(numbers)
-    if len(values) != 9 * len(loops):
-        raise _bad_facet(name, before + _first_bad_number(numbers.split()) // 9)
+    loops = [loop.partition(b"end")[0] for loop in LOOP.split(text)[1:]]
+    values = _parse_numbers(b" ".join(loops).replace(b"vertex", b" "))
+    if len(values) != 9 * len(loops) or any(loop.count(b"vertex") != 3 for loop in loops):
+        bad = next((k for k, loop in enumerate(loops, 1) if not _is_triangle(loop)), 1)
+        raise StlError(
+            f"{name}: facet {bad} is not three vertices of three numbers; export it again."
+        )
     return values.reshape(-1, 3, 3)
 
 
@@ -248,16 +202,10 @@ def _parse_numbers(text: bytes) -> np.ndarray:
             return np.empty(0)
 
 
-def _first_bad_number(words: list[bytes]) -> int:
-    for index, word in enumerate(words):
-        try:
-            float(word)
-        except ValueError:
-            return index
-    return 0
-
-
-def _bad_facet(name: str, facet: int) -> StlError:
-    return StlError(
-        f"{name}: facet {facet + 1} is not three vertices of three numbers; export it again."
-    )
+def _is_triangle(loop: bytes) -> bool:
+    words = loop.split()
+    numbers = [word for place, word in enumerate(words) if place % 4]
+    try:
+        return words[::4] == [b"vertex"] * 3 and len(list(map(float, numbers))) == 9
+    except ValueError:
+        return False

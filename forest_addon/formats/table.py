@@ -1,21 +1,26 @@
-"""Tables as CSV: a header with units, one row a thing.
+"""Tables: CSV with a header and one row a thing, and NPZ with an array a column.
 
-``write_csv`` writes every digit of a float and takes a microsecond a number. With ``write_numbers`` a column
-says how many decimals it has: digits by arithmetic, a million numbers in a tenth of a second.
+``write_csv`` writes every digit of a float and takes a microsecond a number; ``write_numbers`` writes as many
+decimals as a column has, and a million numbers take a tenth of a second. Equal tables are equal files.
 """
 
 from __future__ import annotations
 
 import csv
 import os
+import zipfile
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any, TextIO
+from typing import Any
 
 import numpy as np
 
 from .atomic import replacing
+from .ply import StoredRows
 
-ROWS_AT_ONCE = 20_000
+TEXT_AT_ONCE = 20_000  # rows
+ROWS_AT_ONCE = 200_000
+Columns = Mapping[str, Sequence[Any]]
+
 FORMULA = ("=", "+", "@")  # a cell that begins so is a formula to a spreadsheet
 
 
@@ -39,17 +44,40 @@ def _is_number(text: str) -> bool:
     return True
 
 
-def write_rows(file: TextIO, rows: Iterable[Iterable[Any]]) -> None:
-    """Write rows of cells, texts that would be formulas quoted."""
-    writer = csv.writer(file, lineterminator="\n")
-    writer.writerows(map(quoted, row) for row in rows)
-
-
-def write_csv(path: str | os.PathLike[str], columns: Mapping[str, Sequence[Any]]) -> None:
-    """Write columns of equal length; floats keep every digit (``repr``)."""
+def write_csv(path: str | os.PathLike[str], table: Columns | Iterable[Columns]) -> None:
+    """Write columns of equal length, or parts of a table one below the other; floats keep every digit
+    (``repr``), texts that would be formulas are quoted."""
     with replacing(path) as partial, open(partial, "w", newline="", encoding="utf-8") as file:
-        write_rows(file, [columns])
-        write_rows(file, zip(*columns.values(), strict=True))
+        writer = csv.writer(file, lineterminator="\n")
+        for number, part in enumerate([table] if isinstance(table, Mapping) else table):
+            if not number:
+                writer.writerow(map(quoted, part))
+            writer.writerows(map(quoted, row) for row in zip(*part.values(), strict=True))
+
+
+def write_npz(
+    path: str | os.PathLike[str],
+    arrays: Mapping[str, np.ndarray | StoredRows],
+    units: Mapping[str, str],
+    packed: bool = True,
+) -> None:
+    """Write arrays, also columns of stored rows; ``units`` says what each is measured in and becomes
+    ``<name>_unit`` texts. packed : compress them."""
+    texts = {f"{name}_unit": np.array(unit) for name, unit in units.items()}
+    kind = zipfile.ZIP_DEFLATED if packed else zipfile.ZIP_STORED
+    with replacing(path) as partial, zipfile.ZipFile(partial, "w", kind) as archive:
+        for name, values in {**arrays, **texts}.items():
+            entry = zipfile.ZipInfo(f"{name}.npy")
+            entry.compress_type = kind
+            with archive.open(entry, "w", force_zip64=packed or name not in texts) as file:
+                if not isinstance(values, StoredRows):
+                    np.lib.format.write_array(file, np.asanyarray(values), allow_pickle=False)
+                    continue
+                head = np.empty(0, values.dtype)
+                told = np.lib.format.header_data_from_array_1_0(head) | {"shape": (len(values),)}
+                np.lib.format.write_array_header_1_0(file, told)
+                for first in range(0, len(values), ROWS_AT_ONCE):
+                    file.write(values[first : first + ROWS_AT_ONCE].tobytes())
 
 
 def write_numbers(
@@ -65,8 +93,8 @@ def write_numbers(
     count = len(next(iter(columns.values()))) if columns else 0
     with replacing(path) as partial, open(partial, "wb") as file:
         file.write((",".join(columns) + "\n").encode())
-        for first in range(0, count, ROWS_AT_ONCE):
-            rows = slice(first, first + ROWS_AT_ONCE)
+        for first in range(0, count, TEXT_AT_ONCE):
+            rows = slice(first, first + TEXT_AT_ONCE)
             parts = []
             for number, (name, values) in enumerate(columns.items()):
                 parts.append(_text(np.asarray(values[rows]), decimals.get(name, 0), name))

@@ -1,26 +1,191 @@
 """TOML files into settings and back, with one clear sentence for whatever is wrong.
 
-cattrs structures the tables into the dataclasses of ``spec``; the hooks here are strict (no number is
-made of a text, no unknown key is passed over), and ``explain`` turns what cattrs raises into a
-``SpecError`` that names the file, the key and what is allowed.
+cattrs structures the tables into the dataclasses of ``spec``; the hooks here are strict (no number is made
+of a text, no unknown key is passed over), and ``explain`` turns what cattrs raises into a ``SpecError``
+that names the file, the key and what is allowed.
+
+Files of settings may say the version of Forest Sensing that they were written for, ``version`` at the top;
+one that says none is read as one of this version. One of a later minor version is read, and what it says
+that this version does not know is put down to that; one of a later major version is refused.
+
+Scanner files are published figures of real instruments, as settings that a sensor starts from. ``title``
+and ``source`` say what it is and where the figures are from, ``assumed`` names the settings that its maker
+does not publish. ``[common]`` and one table for each platform that it is used on (``[terrestrial]``,
+``[mobile]``, ``[airborne]``) hold settings as a sensor of a scene file does; the sensor's own settings go
+over them.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import re
+import tomllib
 import typing
+from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, TypeVar
 
-from ..base.places import version
-from ..spec import AUTO, SENSORS, Sensor, Settings, SpecError, param_of
-from ..spec.base import refuse_many, refuse_unknown
-from ..spec.typed import WORDS, shown, typed
+from ..base.places import ASSETS, version
+from ..spec import AUTO, SENSORS, Sensor, Settings, SpecError, param_of, unknown
+from ..spec.base import WORDS, refuse_many, refuse_unknown, shown, typed
 from .atomic import replacing
 from .foreign import guarded
-from .scanner_file import PLATFORMS, merged, settings_of
-from .toml_text import VERSION_KEY, later, read_tables, without_version
+
+MOST_BYTES = 100_000_000  # minutes of reading
+VERSION_KEY = "version"
+VERSION = re.compile(r"(\d{1,6})\.(\d{1,6})(?:\.(\d{1,6}))?")
+DIGITS = re.compile(r"[0-9](?:_?[0-9]){999,}")
+
+
+@guarded("a .toml file", most=MOST_BYTES)
+def read_tables(path: Path) -> dict[str, Any]:
+    """The tables of a TOML file.
+
+    Raises
+    ------
+    SpecError : it is missing, or not TOML.
+    """
+    return parse_tables(path.read_text(encoding="utf-8-sig"), str(path))
+
+
+def parse_tables(text: str, place: str) -> dict[str, Any]:
+    """The tables of a text; ``place`` names it.
+
+    Raises
+    ------
+    SpecError : it is not TOML.
+    """
+    try:
+        return tomllib.loads(text)
+    except RecursionError:
+        raise SpecError(place, "is nested too deeply; no setting needs that") from None
+    except tomllib.TOMLDecodeError as problem:
+        raise SpecError(place, f"is not TOML: {problem}") from None
+    except ValueError as problem:  # Python's own limit of digits; a date that is none
+        raise SpecError(place, _long_number(text) or f"is not TOML: {problem}") from None
+
+
+def without_version(table: Mapping[str, Any], place: str) -> tuple[dict[str, Any], str]:
+    """The tables of a file without the version that it was written for, and that ("" where it says none).
+
+    Raises
+    ------
+    SpecError : that is no version, or a later major one than this; names ``place``.
+    """
+    rest = {key: value for key, value in table.items() if key != VERSION_KEY}
+    if VERSION_KEY not in table:
+        return rest, ""
+    written = table[VERSION_KEY]
+    if not isinstance(written, str) or VERSION.fullmatch(written) is None:
+        raise SpecError(place, f'version: {shown(written)} is no version; give one such as "1.0"')
+    if _minor(written)[0] > _minor(version())[0]:
+        told = f"was written for Forest Sensing {written} and this is {version()}; install {written} or later"
+        raise SpecError(place, told)
+    return rest, written
+
+
+def later(written: str) -> str:
+    """End of a sentence about what is wrong in a file, where that is of a later version; else nothing."""
+    if not written or _minor(written) <= _minor(version()):
+        return ""
+    return f". The file was written for Forest Sensing {written} and this is {version()}: update it"
+
+
+def _minor(text: str) -> tuple[int, int]:
+    """Major and minor number of a version."""
+    major, minor = text.split(".")[:2]
+    return int(major), int(minor)
+
+
+def _long_number(text: str) -> str | None:
+    """Return where a number stands that no one can mean."""
+    found = DIGITS.search(text)
+    if found is None:
+        return None
+    line = text.count("\n", 0, found.start()) + 1
+    begun = text[text.rfind("\n", 0, found.start()) + 1 : found.start()]
+    key = begun.partition("=")[0].strip()
+    digits = len(found[0].replace("_", ""))
+    return f"line {line}: {key or 'a value'} has a number of {digits:,} digits; give a shorter one"
+
+
+FOLDER = ASSETS / "scanners"
+PLATFORMS = tuple(kind for kind, settings in SENSORS.items() if hasattr(settings, "scanner"))
+
+
+@dataclass(frozen=True)
+class ScannerFile:
+    """Content of a scanner file; ``tables`` are the settings of each platform."""
+
+    title: str
+    source: str
+    assumed: tuple[str, ...]
+    tables: Mapping[str, Mapping[str, Any]]
+
+
+def scanner_names() -> list[str]:
+    """Every preset of ``assets/scanners``."""
+    return sorted(path.stem for path in FOLDER.glob("*.toml"))
+
+
+def read_scanner(name: str, folder: Path = Path()) -> ScannerFile:
+    """A preset, or a file of that name relative to ``folder``.
+
+    Raises
+    ------
+    SpecError : there is no such scanner, or its file cannot be used.
+    """
+    path = folder / name if name.endswith(".toml") else FOLDER / f"{name}.toml"
+    if not path.is_file() or (not name.endswith(".toml") and name not in scanner_names()):
+        raise unknown("scanner", name, scanner_names(), ", or a .toml file")
+    try:
+        table, _ = without_version(read_tables(path), str(path))
+    except SpecError as problem:
+        raise SpecError("scanner", f"{path} cannot be read: it {problem.problem}") from None
+    known_keys = {"title", "source", "assumed", "common", *PLATFORMS}
+    for key in table.keys() - known_keys:
+        raise SpecError(
+            "scanner", f"{path}: {key} is not known; use {', '.join(sorted(known_keys))}"
+        )
+    common = table.get("common", {})
+    platforms = {kind: merged(common, table[kind]) for kind in PLATFORMS if kind in table}
+    if not platforms:
+        raise SpecError(
+            "scanner", f"{path} has no table for any of {', '.join(PLATFORMS)}; add one"
+        )
+    return ScannerFile(
+        title=str(table.get("title", path.stem)),
+        source=str(table.get("source", "")),
+        assumed=tuple(map(str, table.get("assumed", ()))),
+        tables=platforms,
+    )
+
+
+def settings_of(name: str, kind: str, folder: Path = Path()) -> Mapping[str, Any]:
+    """The settings that a sensor of this kind starts from.
+
+    Raises
+    ------
+    SpecError : there is no such scanner, or it is not used on this platform.
+    """
+    tables = read_scanner(name, folder).tables
+    if kind not in tables:
+        able = " or ".join(f'"{k}"' for k in tables)
+        raise SpecError("scanner", f'"{name}" is no {kind} scanner; use kind = {able}, or another')
+    return tables[kind]
+
+
+def merged(under: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
+    """One table over another, tables within them likewise."""
+    both = dict(under)
+    for key, value in over.items():
+        below = both.get(key)
+        nested = isinstance(value, Mapping) and isinstance(below, Mapping)
+        both[key] = merged(below, value) if nested else value  # type: ignore[arg-type]
+    return both
+
 
 T = TypeVar("T", bound=Settings)
 

@@ -12,8 +12,7 @@ from ..formats.rosbag import BagWay, write_bag
 from ..sensing.lidar.cloud import Cloud
 from ..sensing.lidar.pattern import Sweep, pattern_of
 from ..sensing.trajectory import Trajectory
-from .point_files import origin_of
-from .points import records
+from .points import origin_of, records
 
 EVERY = 0.02  # s between two poses
 

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..formats.npz import write_npz
+from ..formats.table import write_npz
 from ..formats.wav import write_wav
 from ..sensing.sonar.flight import PingSeries
 from ..sensing.sonar.ping import Contributions, Echo

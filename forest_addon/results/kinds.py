@@ -18,7 +18,7 @@ from ..spec import Scene, Sensor, SpecError
 from .coordinates import FILE, NO_OFFSET, Offset
 from .figures import Figure
 from .kind import Finding, ResultKind, Variables
-from .point_files import ending_of
+from .points import ending_of
 from .reverb import REVERB
 from .scanner import SCANNER
 from .sonar import SONAR
@@ -148,7 +148,7 @@ def write_as(
 
 
 def _write_arrays(path: Path, sensor: Sensor, found: Finding) -> None:
-    from ..formats.npz import write_npz
+    from ..formats.table import write_npz
 
     record = results_of(sensor)
     write_npz(path, _arrays(record, found), dict(record.units))

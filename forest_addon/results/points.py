@@ -1,14 +1,25 @@
-"""The record of a return: one row of every point file, 97 bytes, whatever the format; 98 with bounces.
+"""Returns as rows, the same of every point file, and their files in the formats that other programs read.
 
-Positions are moved by the scene's offset in float64 here, so that a map's coordinates keep their digits.
-Angles of records are degrees, widths nanoseconds, as in LAS files of instruments; lengths metres.
+A row has 97 bytes, 98 with bounces, and one more field where points are labelled. Positions are moved by the
+scene's offset in float64, so that a map's coordinates keep their digits. Angles of rows are degrees, widths
+nanoseconds, as in LAS files of instruments; lengths metres. Rows may also be of a file (``StoredRows``);
+all formats but E57 and the tables of text are then written a part at a time.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from importlib.util import find_spec
+from pathlib import Path
+
 import numpy as np
 
+from ..base.labels import Labels
+from ..formats.atomic import replacing
+from ..formats.ply import StoredRows, write_ply
+from ..formats.table import write_csv, write_npz
 from ..sensing.lidar.cloud import Cloud
+from .coordinates import NO_OFFSET, Offset
 
 POINT = np.dtype(
     [
@@ -34,7 +45,7 @@ POINT = np.dtype(
     ]
 )
 BOUNCED = np.dtype([*POINT.descr, ("bounce", "u1")])  # 0 direct, 1 ghost, 2 glass, 3 refracted
-ROWS_AT_ONCE = 5_000  # what stays in the cache while its fields are copied
+FILLED_AT_ONCE = 5_000  # what stays in the cache while its fields are copied
 UNITS = {
     **dict.fromkeys(("x", "y", "z", "range", "true_range"), "m"),
     "time": "s",
@@ -43,32 +54,150 @@ UNITS = {
     "incidence": "deg",
     "scan_angle": "deg",
 }
+COPC = ".copc.laz"
+ENDINGS = (".laz", ".las", COPC, ".e57", ".ply", ".pcd", ".xyz", ".npz", ".csv")
+NEEDS = {COPC: "copclib", ".e57": "pye57", ".sofa": "sofar"}  # of the extras [files] and [sofa]
+XYZ = {  # columns of such a file, and their digits
+    **dict.fromkeys("xyz", "%.4f"),
+    "intensity_db": "%.2f",
+    **dict.fromkeys(("tree", "organ", "label"), "%d"),
+}
+STILL = 1e-6  # metres that the places of a scanner on a tripod may differ by
 
 
-def records(cloud: Cloud, offset: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> np.ndarray:
+def records(cloud: Cloud, offset: Sequence[float] = NO_OFFSET) -> np.ndarray:
     """(P,) array of ``POINT``, of a scanner that follows bounces of ``BOUNCED``; ``offset`` metres are added
     to positions."""
     rows = np.empty(len(cloud), dtype=POINT if cloud.bounce is None else BOUNCED)
-    for first in range(0, len(cloud), ROWS_AT_ONCE):
-        _fill(rows, cloud, slice(first, first + ROWS_AT_ONCE), offset)
+    for first in range(0, len(cloud), FILLED_AT_ONCE):
+        some = slice(first, first + FILLED_AT_ONCE)
+        part, returns = rows[some], cloud.returns
+        for axis, name in enumerate("xyz"):
+            part[name] = cloud.position[some, axis] + offset[axis]
+        for axis, name in enumerate(("nx", "ny", "nz")):
+            part[name] = returns.normal[some, axis]
+        part["time"], part["pulse"] = cloud.time[some], cloud.pulse[some]
+        part["range"], part["true_range"] = returns.distance[some], cloud.true_range[some]
+        part["amplitude"], part["width"] = cloud.intensity[some], cloud.width[some] * 1e9
+        part["incidence"] = np.rad2deg(np.arccos(np.minimum(returns.cos_incidence[some], 1.0)))
+        part["scan_angle"] = np.rad2deg(cloud.scan_angle[some])
+        part["return_number"], part["number_of_returns"] = cloud.number[some], cloud.count[some]
+        for name in ("tree", "leaf", "species", "organ"):
+            part[name] = getattr(returns, name)[some]
+        part["object"] = returns.instance[some]
+        if cloud.bounce is not None:
+            part["bounce"] = cloud.bounce[some]
     return rows
 
 
-def _fill(rows: np.ndarray, cloud: Cloud, some: slice, offset: tuple[float, float, float]) -> None:
-    """Write some of the rows."""
-    part, returns = rows[some], cloud.returns
-    for axis, name in enumerate("xyz"):
-        part[name] = cloud.position[some, axis] + offset[axis]
-    for axis, name in enumerate(("nx", "ny", "nz")):
-        part[name] = returns.normal[some, axis]
-    part["time"], part["pulse"] = cloud.time[some], cloud.pulse[some]
-    part["range"], part["true_range"] = returns.distance[some], cloud.true_range[some]
-    part["amplitude"], part["width"] = cloud.intensity[some], cloud.width[some] * 1e9
-    part["incidence"] = np.rad2deg(np.arccos(np.minimum(returns.cos_incidence[some], 1.0)))
-    part["scan_angle"] = np.rad2deg(cloud.scan_angle[some])
-    part["return_number"], part["number_of_returns"] = cloud.number[some], cloud.count[some]
-    for name in ("tree", "leaf", "species", "organ"):
-        part[name] = getattr(returns, name)[some]
-    part["object"] = returns.instance[some]
-    if cloud.bounce is not None:
-        part["bounce"] = cloud.bounce[some]
+def write_points(path: Path, cloud: Cloud, offset: Offset, labels: Labels | None = None) -> None:
+    """Write a cloud; the ending of the path, one of ``ENDINGS``, says how.
+
+    offset : metres added to positions, and their coordinate system. labels : beside those that every
+    file has, with their names.
+
+    Raises
+    ------
+    SpecError : a package that the format needs is not installed; the coordinate system is not known.
+    OSError : it cannot be written; what had its name before stays as it was.
+    """
+    origin = origin_of(cloud)
+    if ending_of(path) == ".e57":
+        from ..formats.e57 import LocalScan, write_e57
+
+        # about the scanner, or about the middle of the points where it moved
+        about = np.median(cloud.position, axis=0) if origin is None and len(cloud) else origin
+        about = np.zeros(3) if about is None else about
+        x, y, z = (about + np.array(offset)).tolist()
+        local, seen = cloud.position - about, origin is not None
+        write_e57(path, LocalScan(path.stem, local, cloud.intensity, (x, y, z), panorama=seen))
+        return
+    x, y, z = (np.array(offset) + (0 if origin is None else origin)).tolist()
+    write_rows(path, records(cloud, offset), crs=offset.crs, labels=labels, viewpoint=(x, y, z))
+
+
+def write_rows(
+    path: Path,
+    rows: np.ndarray | StoredRows,
+    comments: Sequence[str] = (),
+    *,
+    crs: str = "",
+    labels: Labels | None = None,
+    viewpoint: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    packed: bool = True,
+) -> None:
+    """Write rows of points; the ending of the path, one of ``ENDINGS`` but E57's, says how.
+
+    comments : of a PLY. crs : coordinate system that a LAS tells. labels : of rows in memory: classes of a
+    LAS, else a field more. viewpoint : that a PCD tells, m. packed : whether an NPZ is compressed.
+
+    Raises
+    ------
+    SpecError, OSError : as ``write_points``.
+    """
+    ending = ending_of(path)
+    if ending in (".laz", ".las", COPC):
+        from ..formats.las import write_las  # here: few runs need what it takes to import
+
+        write_las(path, rows, labels=labels, crs=crs)
+        return
+    rows = rows if labels is None else _with_label(rows[:], labels)
+    columns = {name: rows[name] for name in rows.dtype.names or ()}
+    if ending == ".ply":
+        names = () if labels is None else labels.names
+        said = (f"label {number} {name}" for number, name in enumerate(names))
+        write_ply(path, rows, (*comments, *said))
+    elif ending == ".pcd":
+        from ..formats.pcd import write_pcd
+
+        write_pcd(path, rows, viewpoint)
+    elif ending == ".npz":
+        named = {} if labels is None else {"label_name": np.array(labels.names, dtype=np.str_)}
+        write_npz(path, columns | named, UNITS, packed)
+    elif ending == ".xyz":
+        _write_xyz(path, rows[:])
+    else:
+        units = {name: f"{name}_{unit}".replace("/", "_") for name, unit in UNITS.items()}
+        words = {} if labels is None else {"label": labels.words()}
+        write_csv(path, {units.get(n, n): c[:].tolist() for n, c in columns.items()} | words)
+
+
+def ending_of(path: Path) -> str:
+    """The ending of a file's name that says its format: two parts of "cloud.copc.laz", else the last."""
+    return COPC if path.name.lower().endswith(COPC) else path.suffix.lower()
+
+
+def can_write(ending: str) -> bool:
+    """Return whether the package that a format needs is installed."""
+    return ending not in NEEDS or find_spec(NEEDS[ending]) is not None
+
+
+def origin_of(cloud: Cloud) -> np.ndarray | None:
+    """(3,) metres, where the scanner stood; None of one that moved, or without returns."""
+    if not len(cloud):
+        return None
+    level = np.cos(cloud.elevation)
+    axis = np.column_stack(
+        [level * np.cos(cloud.azimuth), level * np.sin(cloud.azimuth), np.sin(cloud.elevation)]
+    )
+    places = cloud.position - cloud.returns.distance[:, None] * axis
+    return np.median(places, axis=0) if np.ptp(places, axis=0).max() < STILL else None
+
+
+def _with_label(rows: np.ndarray, labels: Labels) -> np.ndarray:
+    """The rows with one field more."""
+    wider = np.empty(len(rows), dtype=[*rows.dtype.descr, ("label", "<i4")])
+    for name in rows.dtype.names or ():
+        wider[name] = rows[name]
+    wider["label"] = labels.number
+    return wider
+
+
+def _write_xyz(path: Path, rows: np.ndarray) -> None:
+    """Lines of x, y, z to 0.1 mm, intensity (dB), tree, organ and label, after one line of names."""
+    level = 10 * np.log10(np.maximum(rows["amplitude"], 1e-30))
+    names = [name for name in XYZ if name == "intensity_db" or name in (rows.dtype.names or ())]
+    columns = [level if name == "intensity_db" else rows[name] for name in names]
+    digits, head = [XYZ[name] for name in names], " ".join(names)
+    with replacing(path) as partial:
+        np.savetxt(partial, np.column_stack(columns), fmt=digits, header=head, comments="//")

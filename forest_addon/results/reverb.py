@@ -243,7 +243,7 @@ def write_response(path: Path, found: ImpulseResponse) -> None:
     """
     from dataclasses import fields
 
-    from ..formats.npz import write_npz
+    from ..formats.table import write_npz
     from ..sensing.reverb.metrics import RoomMetrics, echo_density, energy_decay_db, room_metrics
 
     channels = found.channels

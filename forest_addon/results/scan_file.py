@@ -14,24 +14,23 @@ import dataclasses
 import hashlib
 import json
 import time
-import zipfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Self
 
 import numpy as np
 
 from ..base.progress import Progress
 from ..formats.atomic import replacing
 from ..formats.ownership import claim
-from ..formats.ply import PlyFile, StoredRows
+from ..formats.ply import PlyFile
 from ..sensing.lidar.cloud import Lost, together
 from ..sensing.lidar.scan import Scan
 from ..sensing.rays.geometry import SceneGeometry
 from ..spec import Scanner, SpecError
 from .coordinates import NO_OFFSET, Offset
-from .point_files import ending_of
-from .points import BOUNCED, POINT, UNITS, records
+from .points import BOUNCED, POINT, ending_of, records, write_rows
 
 FORMATS = ("laz", "las", "copc.laz", "ply", "npz")
 ROWS_AT_ONCE = 200_000
@@ -54,7 +53,7 @@ class Written:
 @dataclass(frozen=True)
 class ScanState:
     """State of an unfinished scan: which scan, its pulses, those of a chunk, those done, those of them
-    that were lost, its points, turned rays that met a second polished surface."""
+    that were lost, its points, turned rays that met a second specular surface."""
 
     scan: str
     pulses: int
@@ -63,6 +62,18 @@ class ScanState:
     points: int = 0
     lost: tuple[Lost, ...] = ()
     unfollowed: int = 0
+
+    def write(self, path: Path) -> None:
+        """Write it as JSON."""
+        with replacing(path) as partial:
+            text = json.dumps(dataclasses.asdict(self)) + "\n"
+            partial.write_text(text, encoding="utf-8")
+
+    @classmethod
+    def read(cls, path: Path) -> Self:
+        """Read it; whatever else lies there is an OSError, ValueError, TypeError or KeyError."""
+        said = json.loads(path.read_text(encoding="utf-8"))
+        return cls(**said | {"lost": tuple(Lost(**one) for one in said.get("lost", ()))})
 
 
 def write_scan(
@@ -87,16 +98,15 @@ def write_scan(
     SpecError : an ending that is not known; an unfinished scan with other settings or of another scene.
     OSError : it cannot be written; what is finished is kept.
     """
-    kind = format_of(path)
+    stem = stem_of(path)
     state = ScanState(_digest(scan, seed, offset), scan.pulses, at_once or scan.at_once)
-    stem = path.name[: -len(kind) - 1]
     noted, partial = (path.with_name(f"{stem}.partial.{end}") for end in ("json", "ply"))
     claim(path, noted)
     claim(partial, ours=noted.is_file())  # a note of ours says how far it is
     if resume and noted.is_file():
         state = _resumed(noted, state)
     else:
-        _note(noted, state)
+        state.write(noted)
     begin = state.done
     point = BOUNCED if scan.scanner.bounces else POINT
     file = PlyFile(partial, point, comments_of(scan.scanner, seed), keep=state.points)
@@ -116,7 +126,7 @@ def write_scan(
         if rows:
             state = _saved(file, noted, state, rows)
         file.close()
-    finish(file, path, kind, offset.crs)
+    finish(file, path, offset.crs)
     noted.unlink(missing_ok=True)
     return Written(path, scan.pulses, file.count, begin, state.lost, state.unfollowed)
 
@@ -125,17 +135,12 @@ def _saved(file: PlyFile, noted: Path, state: ScanState, rows: Sequence[np.ndarr
     """Put rows of finished chunks on the disk, and note how far the scan is."""
     file.append(np.concatenate(rows))
     state = dataclasses.replace(state, points=file.count)
-    _note(noted, state)
+    state.write(noted)
     return state
 
 
-def _note(noted: Path, state: ScanState) -> None:
-    with replacing(noted) as text:
-        text.write_text(json.dumps(dataclasses.asdict(state)) + "\n", encoding="utf-8")
-
-
-def format_of(path: Path) -> str:
-    """The format of a file of points, by its name.
+def stem_of(path: Path) -> str:
+    """The name of a file of points without its ending, one of ``FORMATS``.
 
     Raises
     ------
@@ -144,7 +149,7 @@ def format_of(path: Path) -> str:
     kind = ending_of(path).lstrip(".")
     if kind not in FORMATS:
         raise SpecError(str(path), f"cannot be written; end its name in .{', .'.join(FORMATS)}")
-    return kind
+    return path.name[: -len(kind) - 1]
 
 
 def comments_of(scanner: Scanner, seed: int) -> tuple[str, ...]:
@@ -152,45 +157,20 @@ def comments_of(scanner: Scanner, seed: int) -> tuple[str, ...]:
     return (f"Forest Sensing {scanner.kind} scan {scanner.name}, seed {seed}",)
 
 
-def finish(file: PlyFile, path: Path, kind: str, crs: str) -> None:
-    """Turn a partial file of records into the file that was asked for."""
-    if kind == "ply":
+def finish(file: PlyFile, path: Path, crs: str) -> None:
+    """Turn a partial file of records into the file that was asked for, which its ending says."""
+    if ending_of(path) == ".ply":
         with replacing(path) as partial:
             file.path.replace(partial)
         return
-    if kind == "npz":
-        write_npz_rows(path, file.rows())
-    else:
-        from ..formats.las import write_las  # here: few runs need what it takes to import
-
-        write_las(path, file.rows(), crs=crs)
+    write_rows(path, file.rows(), crs=crs, packed=False)
     file.path.unlink()
-
-
-def write_npz_rows(path: Path, rows: np.ndarray | StoredRows) -> None:
-    """Rows (P,) of a structured array, also of a file, as an NPZ with one array a field."""
-    with replacing(path) as partial, zipfile.ZipFile(partial, "w") as archive:
-        for name in rows.dtype.names or ():
-            with archive.open(zipfile.ZipInfo(f"{name}.npy"), "w", force_zip64=True) as file:
-                head = {
-                    "descr": np.lib.format.dtype_to_descr(rows.dtype[name]),
-                    "fortran_order": False,
-                    "shape": (len(rows),),
-                }
-                np.lib.format.write_array_header_1_0(file, head)
-                for first in range(0, len(rows), ROWS_AT_ONCE):
-                    part = np.ascontiguousarray(rows[first : first + ROWS_AT_ONCE][name])
-                    file.write(part.tobytes())
-        for name, unit in UNITS.items():
-            with archive.open(zipfile.ZipInfo(f"{name}_unit.npy"), "w") as file:
-                np.lib.format.write_array(file, np.array(unit))
 
 
 def _resumed(noted: Path, fresh: ScanState) -> ScanState:
     """Return what an unfinished scan says of itself; its chunks go on as they were."""
     try:
-        said = json.loads(noted.read_text(encoding="utf-8"))
-        known = ScanState(**said | {"lost": tuple(Lost(**one) for one in said.get("lost", ()))})
+        known = ScanState.read(noted)
     except Exception:  # whatever else lies there
         known = None
     counts = () if known is None else (known.at_once, known.done, known.points)

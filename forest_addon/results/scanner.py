@@ -13,7 +13,7 @@ from ..spec import Scanner, Terrestrial
 from .coordinates import Offset
 from .figures import Figure, numbers, organ_figures, share
 from .kind import ResultKind, Variables
-from .point_files import ENDINGS, write_points
+from .points import ENDINGS, write_points
 
 THIRDS = 3  # of the heights of what moves
 

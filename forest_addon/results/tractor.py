@@ -12,7 +12,7 @@ from ..drawing.strips import Axis, Plot, Strip, by_distance
 from .coordinates import Offset
 from .figures import Figure, numbers, organ_figures, share
 from .kind import ResultKind, Variables
-from .point_files import ENDINGS, write_points
+from .points import ENDINGS, write_points
 
 if TYPE_CHECKING:
     from ..base.labels import Labels

@@ -7,10 +7,6 @@ frequencies hertz; angles are degrees here (``_deg``), because people type them,
 else.
 """
 
-from .air import Air
-from .allometry import Allometry, Law
-from .architecture import Architecture, DeadBranches
-from .auto import Choice
 from .base import (
     AUTO,
     Discrete,
@@ -18,13 +14,16 @@ from .base import (
     Param,
     Settings,
     SpecError,
+    did_you_mean,
     param,
     param_of,
+    quoted_with_hints,
+    refuse_absurd,
     refuse_unknown,
+    unknown,
     with_files,
     within,
 )
-from .crown import Crown, Needles, Targets
 from .flight import Flight
 from .forest import (
     Clearing,
@@ -42,40 +41,49 @@ from .forest import (
     Terrain,
 )
 from .lidar import (
+    POLISHED,
+    USUAL_INDEX,
     Airborne,
     Beam,
+    LinkBudget,
     Mobile,
     MovingScanner,
     Noise,
+    Polished,
     Pose,
     Receiver,
     Scanner,
     Surfaces,
     Terrestrial,
     Tractor,
+    property_of,
 )
-from .link import LinkBudget
-from .looks import Bark, Look
-from .polished import POLISHED, USUAL_INDEX, Polished, property_of
-from .problem import did_you_mean, quoted_with_hints, refuse_absurd, unknown
 from .reverb import Place, Reverb
-from .scene import SENSORS, Accuracy, Output, Rays, Scene, Tiles
+from .scene import SENSORS, Accuracy, Air, Choice, Output, Rays, Scene, Tiles, Wind
 from .sensor import Sensor
 from .sonar import HORSESHOE_BAND, Sonar
 from .species import (
     MAX_REACH,
+    Allometry,
+    Architecture,
+    Bark,
+    Crown,
+    DeadBranches,
     Detail,
     Grammar,
     Honda,
     Inclination,
     Jitter,
+    Law,
     Leaf,
+    Look,
+    Needles,
     Rules,
     Siblings,
     Species,
+    Targets,
     Template,
 )
-from .wind import Wind
 
 __all__ = [
     "AUTO",

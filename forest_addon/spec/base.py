@@ -1,17 +1,186 @@
-"""One parameter, once: its unit, range, default and help, and groups of parameters that check themselves."""
+"""Parameters, each once: unit, range, default and help; groups of them that check themselves; errors.
+
+Values are made the type that their field says, or refused in one sentence. A whole number is no text, no
+truth value is a number, a group of settings is no table: nothing is guessed. What means the same is taken:
+arrays and lists as tuples, numpy's numbers as Python's own, a whole number where any number may stand, a path
+where a file is named.
+"""
 
 from __future__ import annotations
 
 import dataclasses
+import difflib
 import math
+import os
+import types
+import typing
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from functools import wraps
+from functools import cache, wraps
 from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
-from .problem import SpecError as SpecError
-from .problem import did_you_mean, figure
-from .typed import shown, typed, types_of
+SAME = (("position", "poses", "receiver"),)  # a word, and what else its thing is called
+MOST_RAYS = 10**12  # of a scan; none that is meant has as many
+A_SECOND = 4e5  # rays of Embree on one core, about
+
+
+class SpecError(ValueError):
+    """A setting that cannot be used: ``key`` says where, the text says what and what to do."""
+
+    def __init__(self, key: str, problem: str) -> None:
+        super().__init__(f"{key}: {problem}" if key else problem)
+        self.key = key
+        self.problem = problem
+
+    def __reduce__(self) -> tuple[type, tuple[str, str]]:
+        return SpecError, (self.key, self.problem)  # ValueError's own would lose the key
+
+
+def figure(value: float) -> str:
+    """A number as a sentence shows it: a large whole one by its digits."""
+    whole = math.isfinite(value) and value == int(value) and 1e6 <= abs(value) < 1e20
+    return f"{int(value):,}" if whole else f"{value:g}"
+
+
+def unknown(key: str, name: str, known: Iterable[str], besides: str = "") -> SpecError:
+    """The error of a name that is none of those known: the nearest of them, then all.
+
+    besides : what else is taken, as ", or a .toml file".
+    """
+    names = list(known)
+    return SpecError(
+        key,
+        f'"{name}" is not known; {did_you_mean(name, names)}use one of {", ".join(names)}{besides}',
+    )
+
+
+def did_you_mean(name: str, known: Iterable[str]) -> str:
+    """'did you mean "X"? ' of another word for it or the nearest known name, or nothing where none
+    is near."""
+    names = list(known)
+    near = [word for words in SAME if words[0] == name for word in words[1:] if word in names]
+    near = near or [full for full in names if str(name).lower() in full.split("-")]  # an "oak"
+    near = near or difflib.get_close_matches(str(name), names, 1)
+    quoted = " or ".join(f'"{word}"' for word in near)
+    return f"did you mean {quoted}? " if near else ""
+
+
+def quoted_with_hints(names: Iterable[str], known: Iterable[str]) -> str:
+    """Names that are not known, quoted, each with the nearest known: '"oka" (did you mean "oak"?), "x"'."""
+    every = list(known)
+    hints = {name: did_you_mean(name, every).rstrip() for name in names}
+    return ", ".join(f'"{name}"' + (f" ({hint})" if hint else "") for name, hint in hints.items())
+
+
+def refuse_absurd(key: str, pulses: float, rays: int = 1) -> None:
+    """Refuse a scan of more rays than any that is meant, as a slip of the keyboard asks for.
+
+    key : the setting that says how many pulses. rays : of a pulse.
+
+    Raises
+    ------
+    SpecError : says how many pulses, and how long they take.
+    """
+    if not pulses * rays <= MOST_RAYS:
+        each = f" of {rays:,} rays" if rays > 1 else ""
+        years = pulses * rays / A_SECOND / 3.156e7
+        raise SpecError(
+            key,
+            f"asks for {pulses:.2g} pulses{each}, some {years:,.2g} years of work; a scan has at most "
+            f"{MOST_RAYS:.0e} rays, so give another",
+        )
+
+
+def places_in(span: float, step: float) -> float:
+    """Number of places in a span, a step apart, both its ends among them."""
+    return math.floor(max(span, 0.0) / step) + 1.0
+
+
+MOST_BITS = 1000  # of a whole number; a float holds some more
+MOST_SHOWN = 200  # characters of a value that is wrong
+WORDS = {bool: "true or false", int: "a whole number", float: "a number", str: "a text in quotes"}
+
+
+@cache
+def types_of(cls: Any) -> dict[str, Any]:
+    """The type of each field of a dataclass, by its name."""
+    return typing.get_type_hints(cls)
+
+
+def typed(key: str, value: Any, kind: Any) -> Any:
+    """A value as the type that it is to have.
+
+    kind : bool, int, float, str, a class of settings, a tuple of them, or a union.
+
+    Raises
+    ------
+    SpecError : it is of another type; ``key`` says where.
+    """
+    if typing.get_origin(kind) in (typing.Union, types.UnionType):
+        return _one_of(key, value, typing.get_args(kind))
+    if typing.get_origin(kind) is tuple:
+        return _tuple(key, value, typing.get_args(kind))
+    if kind not in WORDS:
+        if isinstance(value, kind):
+            return value
+        kinds = [known.__name__ for known in getattr(kind, "KINDS", {}).values()] or [kind.__name__]
+        raise SpecError(key, f"{shown(value)} is not settings; give {'(...), '.join(kinds)}(...)")
+    plain = value.item() if getattr(value, "shape", None) == () else value  # numpy's own number
+    if kind is str and isinstance(plain, os.PathLike):
+        plain = os.fspath(plain)
+    accepted = (int, float) if kind is float else kind
+    if not isinstance(plain, accepted) or (isinstance(plain, bool) and kind is not bool):
+        raise SpecError(key, f"{shown(value)} is not {WORDS[kind]}")
+    if isinstance(plain, int) and plain.bit_length() > MOST_BITS:
+        raise SpecError(key, "is a whole number of more than 300 digits; give a smaller one")
+    if isinstance(plain, str) and "\0" in plain:
+        raise SpecError(key, "has a null character, which no text and no file name has; remove it")
+    return plain if type(plain) is kind else kind(plain)
+
+
+def shown(value: Any) -> str:
+    """A value as a sentence shows it."""
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, int) and value.bit_length() > MOST_BITS:
+        return "a whole number of more than 300 digits"
+    try:
+        text = " ".join(str(value).split())
+        if isinstance(value, str):
+            text = f'"{value}"' if value.isprintable() else ascii(value)
+    except Exception:  # tables within tables; digits beyond Python's limit; whatever it is
+        text = "a table or list"
+    return text if len(text) <= MOST_SHOWN else f"{text[:MOST_SHOWN]}…"
+
+
+def _one_of(key: str, value: Any, kinds: tuple[Any, ...]) -> Any:
+    """A value of one of several types; None where that is one of them."""
+    left = [kind for kind in kinds if kind is not type(None)]
+    if value is None and len(left) < len(kinds):
+        return None
+    if len(left) == 1:
+        return typed(key, value, left[0])
+    if isinstance(value, tuple(left)):
+        return value
+    names = ", ".join(f"{kind.__name__}(...)" for kind in left)
+    raise SpecError(key, f"{shown(value)} is none of {names}; give one of these")
+
+
+def _tuple(key: str, value: Any, kinds: tuple[Any, ...]) -> Any:
+    """A tuple, a list or an array as a tuple of a length that is known, or of any."""
+    many = len(kinds) == 2 and kinds[1] is Ellipsis
+    length = "" if many else f" of {len(kinds)} numbers"
+    items = value.tolist() if hasattr(value, "tolist") else value
+    if not isinstance(items, (tuple, list)):
+        raise SpecError(key, f"{shown(value)} is not a list{length}")
+    if not many and len(items) != len(kinds):
+        raise SpecError(key, f"has {len(items)} values; give {len(kinds)}")
+    given = (kinds[0],) * len(items) if many else kinds
+    return tuple(
+        typed(f"{key}[{k}]", item, kind)
+        for k, (item, kind) in enumerate(zip(items, given, strict=True))
+    )
+
 
 T = TypeVar("T", bound="Settings")
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import ClassVar
 
 from .base import Settings, SpecError, param
-from .parts import azimuth
+from .sensor import azimuth
 
 BODIES = ("bat", "bird", "planar", "quadrotor")
 

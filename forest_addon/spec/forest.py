@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from .base import AUTO, Normal, Settings, SpecError, param, within
-from .crown import Targets
-from .parts import azimuth
+from .sensor import azimuth
+from .species import Targets
 
 
 class Gaussian(Settings):

@@ -1,15 +1,80 @@
-"""LiDAR: SIMLIDAR's tractor, and scanners on tripods, vehicles and aircraft."""
+"""LiDAR: SIMLIDAR's tractor, scanners on tripods, vehicles and aircraft, and what is specular to them."""
 
 from __future__ import annotations
 
 import math
 from typing import ClassVar
 
-from .base import Settings, SpecError, param
-from .link import LinkBudget
-from .parts import azimuth, kind, motion, output_name, place, range_limit
-from .problem import places_in, refuse_absurd
-from .sensor import Sensor
+from .base import AUTO, Settings, SpecError, param, places_in, refuse_absurd
+from .sensor import Sensor, azimuth, kind, motion, output_name, place, range_limit
+
+
+class LinkBudget(Settings):
+    """Threshold of detection by the light of a pulse, in place of a reflectance at a range."""
+
+    TITLE: ClassVar[str] = "Link Budget"
+    energy: float = param(
+        0.0,
+        unit="µJ",
+        help="light of a pulse where it leaves; 0: the faintest reflectance is the threshold",
+        ge=0,
+        le=1e6,
+    )
+    aperture: float = param(0.0, unit="m", help="diameter of the receiving optics", ge=0, le=10)
+    efficiency: float = param(
+        0.5, help="share of the light in the aperture that reaches the detector", gt=0, le=1
+    )
+    photons: float = param(
+        300.0, help="photons at the detector that an echo needs to be seen", gt=0, le=1e12
+    )
+
+    def check(self) -> None:
+        if bool(self.energy) != bool(self.aperture):
+            raise SpecError(
+                "aperture" if self.energy else "energy",
+                "is missing; a link budget needs energy and aperture",
+            )
+
+
+POLISHED = ("mirror", "glass", "water", "retro")  # numbered so where a scene is arrays
+USUAL_INDEX = {"mirror": 1.0, "glass": 1.5, "water": 1.33, "retro": 1.0}  # refractive, where "auto"
+
+
+class Polished(Settings):
+    """Mirror, pane of glass or surface of water, where a scanner follows light on (``bounces``); or a
+    retro-reflector, for all scanners."""
+
+    optics: str = param(
+        "mirror",
+        help="mirror: both faces send light on; glass: one sheet is a thin pane, light goes straight "
+        "through; water: a surface whose normals point out of it, light is refracted; retro: "
+        "sends light back to where it came from",
+        choices=POLISHED,
+    )
+    index: float = param(
+        AUTO, help="refractive index; auto: 1.5 of glass, 1.33 of water", ge=1, le=5, auto=True
+    )
+    mirror: float = param(0.9, help="share of the light that a mirror sends on", ge=0, le=1)
+    extinction: float = param(
+        AUTO,
+        unit="1/m",
+        help="light that a metre of water takes from a beam; auto: as pure water at its wavelength",
+        ge=0,
+        le=1e6,
+        auto=True,
+    )
+    gain: float = param(
+        785.0,
+        help="light that a retro-reflector sends back, of that of a white surface; left out: 785, sheeting "
+        "of 250 cd/lx/m² (ASTM D4956, type III, white, 0.2°/-4°)",
+        ge=1,
+        le=1e6,
+    )
+
+
+def property_of(field: str) -> str:
+    """The name of the custom property that says a field of ``Polished``."""
+    return f"forest_{field}"
 
 
 class Tractor(Sensor):

@@ -5,8 +5,7 @@ from __future__ import annotations
 from typing import ClassVar
 
 from .base import Settings, SpecError, param
-from .parts import azimuth, elevation, kind, output_name, place
-from .sensor import Sensor
+from .sensor import Sensor, azimuth, elevation, kind, output_name, place
 
 
 class Place(Settings):

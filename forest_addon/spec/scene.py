@@ -1,18 +1,88 @@
-"""A whole scene: forest, air, sensors, and what is written."""
+"""Scene: forest, air, wind, sensors, and what is written."""
 
 from __future__ import annotations
 
+import math
+from dataclasses import asdict, dataclass
 from typing import ClassVar
 
-from .air import Air
-from .base import Settings, SpecError, param
+from .base import AUTO, Settings, SpecError, param
 from .flight import Flight
 from .forest import Forest, Planting, Stems
 from .lidar import Airborne, Mobile, Terrestrial, Tractor
 from .reverb import Reverb
 from .sensor import Sensor
 from .sonar import Sonar
-from .wind import Wind
+
+
+class Air(Settings):
+    """The air that sound travels through."""
+
+    temperature_c: float = param(20.0, unit="°C", help="temperature", ge=-40, le=50)
+    humidity: float = param(50.0, unit="%", help="relative humidity", gt=0, le=100)
+    pressure_kpa: float = param(101.325, unit="kPa", help="pressure", ge=20, le=120)
+    sound_speed: float | None = param(
+        None,
+        unit="m/s",
+        help="speed of sound; left out: 343.2·√(T/293.15 K) of ISO 9613-1",
+        ge=250,
+        le=450,
+    )
+
+    def speed(self) -> float:
+        """Speed of sound in m/s."""
+        if self.sound_speed is not None:
+            return self.sound_speed
+        return 343.2 * math.sqrt((self.temperature_c + 273.15) / 293.15)
+
+
+class Wind(Settings):
+    """The wind in which trees sway while LiDARs and sonars look; each tree its own way, by the seed."""
+
+    speed: float = param(
+        0.0,
+        unit="m/s",
+        help="mean speed at the height of the trees' tops; 0: trees stand still",
+        ge=0,
+        le=30,
+    )
+    direction_deg: float = param(
+        240.0, unit="deg", help="where it blows to, from +X towards +Y", ge=-360, le=360
+    )
+    turbulence: float = param(
+        0.3, help="standard deviation of the speed along the wind, over the mean", ge=0, le=0.6
+    )
+
+
+@dataclass(frozen=True)
+class Choice:
+    """A value that was left to "auto". bound : on the error that it makes, as a share, or in ``unit``, that
+    of the value. why : in words.
+
+    asked : what was set, where that was not "auto" but can only be had otherwise.
+    sensor : name of the one whose results it concerns; empty: all.
+    """
+
+    key: str
+    value: float
+    bound: float
+    why: str
+    asked: float | str = AUTO
+    unit: str = ""
+    sensor: str = ""
+
+    def __str__(self) -> str:
+        if self.asked != AUTO:
+            return f"{self.key} {self.asked:.0e} is kept {self.why}."
+        unit = f" {self.unit}" if self.unit else ""
+        value = f"{self.value:.1e}{unit}" if self.value else "none"
+        bound = f"off by at most {self.bound:.1e}{unit}" if self.bound else "no change"
+        return f"{self.key} was left to auto: {value}, {bound} {self.why}."
+
+    def record(self) -> dict[str, float | str]:
+        """Return what stands in run.json."""
+        return asdict(self)
+
 
 SENSORS = Sensor.KINDS
 SENSORS |= {

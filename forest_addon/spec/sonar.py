@@ -5,8 +5,17 @@ from __future__ import annotations
 from typing import ClassVar
 
 from .base import SpecError, param
-from .parts import PATTERNS, azimuth, beam_width, elevation, kind, motion, output_name, place
-from .sensor import Sensor
+from .sensor import (
+    PATTERNS,
+    Sensor,
+    azimuth,
+    beam_width,
+    elevation,
+    kind,
+    motion,
+    output_name,
+    place,
+)
 
 HORSESHOE_BAND = (60e3, 80e3)  # Hz, of the call whose beam width Tanveer et al. (2020a) give
 

@@ -1,11 +1,358 @@
-"""Species: how a tree grows and what it looks like."""
+"""Species: how a tree grows, what it measures and what it looks like."""
 
 from __future__ import annotations
 
-from .architecture import Architecture
 from .base import Discrete, Normal, Settings, SpecError, param, within
-from .crown import Crown, Needles, Targets
-from .looks import Bark, Look
+
+DBH = 0.2  # metres, the diameter that laws start from
+
+
+class Law(Settings):
+    """One measure over the diameter D at breast height.
+
+    log y = intercept + slope·x + curve·x², x = log(D/0.2 m). Of the crown base y is the odds
+    base/(height - base). ``low`` and ``high`` are the residuals that 5 % of the measured trees lie below
+    and above; half of them lie below the law itself.
+    """
+
+    intercept: float = param(help="log y of a stem of 0.2 m", ge=-50, le=50)
+    slope: float = param(help="how log y grows with log D", ge=-20, le=20)
+    curve: float = param(0.0, help="how that slope changes, half a step of log D", ge=-20, le=20)
+    low: float = param(help="residual of log y that 5 % lie below", ge=-10, le=-1e-3)
+    high: float = param(help="residual of log y that 5 % lie above", ge=1e-3, le=10)
+    dbh: tuple[float, float] = param(
+        unit="m", help="smallest and largest diameter measured", gt=0, le=20
+    )
+    trees: int = param(help="how many trees were measured", ge=1, le=10**9)
+    within: float = param(
+        1.0, help="spread of residuals within one study, or stand, over that of all", gt=0, le=1
+    )
+    of: str = param("", help="whose trees, where they are not of the kind itself")
+
+    def check(self) -> None:
+        if self.dbh[0] >= self.dbh[1]:
+            raise SpecError("dbh", f"{list(self.dbh)} must be [smallest, largest]")
+
+
+class Allometry(Settings):
+    """Height, crown and leaf area of one kind of tree over its diameter, and how they differ together."""
+
+    name: str = param(help="name of the species or group")
+    source: str = param("", help="where the trees were measured")
+    height: Law = param(help="height, m")
+    crown_width: Law = param(help="width of the crown, m")
+    crown_base: Law = param(help="odds of the crown's base, base/(height - base)")
+    leaf_area: Law = param(help="leaf area, half of the leaves' surface, m²")
+    correlation: tuple[float, float, float, float, float, float] = param(
+        help="of residuals: height and width, height and base, height and leaves, width and base, "
+        "width and leaves, base and leaves",
+        ge=-1,
+        le=1,
+    )
+
+
+class Look(Settings):
+    """Colours of bark and leaves, linear RGB from 0 to 1."""
+
+    bark: tuple[float, float, float] = param((0.09, 0.06, 0.04), help="bark colour", ge=0, le=1)
+    leaf: tuple[float, float, float] = param((0.06, 0.15, 0.02), help="leaf colour", ge=0, le=1)
+    autumn: float = param(
+        0.0, help="how far leaves have turned: 0 summer, 1 autumn (winter: leaves off)", ge=0, le=1
+    )
+    autumn_leaf: tuple[float, float, float] = param(
+        (0.42, 0.19, 0.025), help="colour of leaves that have turned", ge=0, le=1
+    )
+
+    def foliage(self) -> tuple[float, float, float]:
+        """The colour that leaves have in their season."""
+        pairs = zip(self.leaf, self.autumn_leaf, strict=True)
+        r, g, b = (summer + self.autumn * (turned - summer) for summer, turned in pairs)
+        return r, g, b
+
+
+class Bark(Settings):
+    """Bark: its texture in pictures, and its relief where that is meshed (``detail.relief``).
+
+    Relief and oval shape leave the area of every cross-section as it is, and so volume and DBH (that of the
+    circle of the same area).
+    """
+
+    texture: str = param(
+        "cracked",
+        help="what its surface is like",
+        choices=("cracked", "smooth", "furrowed", "plated", "peeling"),
+    )
+    size: float = param(
+        0.04, unit="m", help="width of a ridge or plate on a thick stem", ge=0.005, le=0.5
+    )
+    upper: tuple[float, float, float] = param(
+        (0.30, 0.14, 0.06), help="colour of the upper stem and its branches", ge=0, le=1
+    )
+    upper_from: float = param(
+        1.0, help="height from which bark has that colour, of the tree's; 1: nowhere", ge=0, le=1
+    )
+    moss: float = param(
+        0.15, help="how much green there is on the foot of the stem: 0 none, 1 covered", ge=0, le=1
+    )
+    relief: float = param(
+        0.006,
+        unit="m",
+        help="depth of furrows, from their ground to the ridges, on a stem thicker than 24 cm; in "
+        "proportion on a thinner one",
+        ge=0,
+        le=0.1,
+    )
+    ovality: float = param(
+        0.05,
+        help="largest less smallest diameter of a cross-section, over their mean",
+        ge=0,
+        le=0.4,
+    )
+
+
+class Targets(Settings):
+    """Targets of a tree's measures; a target left at 0 is drawn as its kind was measured.
+
+    Definitions are the forester's: diameter at 1.3 m up the stem, height of the highest point, width of
+    the crown as the mean of its diameters, base where the lowest living branch leaves the stem, one-sided
+    leaf area.
+    """
+
+    allometry: str = param(
+        "",
+        help="measured kind of trees: a file of assets/allometry, or an allometry file (.toml)",
+        file=True,
+    )
+    dbh: Normal | None = param(
+        None, unit="m", help="diameters at breast height, where a list of trees gives none"
+    )
+    height: float = param(0.0, unit="m", help="height; 0: as its kind was measured", ge=0, le=150)
+    crown_width: float = param(
+        0.0, unit="m", help="width of the crown; 0: as its kind was measured", ge=0, le=100
+    )
+    crown_base: float = param(
+        0.0, unit="m", help="height of the crown's base; 0: as its kind was measured", ge=0, le=150
+    )
+    leaf_area: float = param(
+        0.0, unit="m²", help="one-sided leaf area; 0: as its kind was measured", ge=0, le=1e5
+    )
+
+    def check(self) -> None:
+        if self.dbh is not None:
+            within("dbh", self.dbh, 0, 20, open_low=True)
+        if self.height and self.crown_base >= self.height:
+            raise SpecError(
+                "crown_base", f"{self.crown_base:g} m is not below the height, {self.height:g} m"
+            )
+
+
+class Crown(Settings):
+    """A tree that grows into the space of its crown (space colonisation, Runions et al. 2007).
+
+    Points that attract branches are strewn in an envelope; branches grow towards those that are nearest to
+    them and take them away. Stems follow the pipe model: the power ``pipe`` of a radius is the sum of that
+    of what it bears, and ends at the diameter at breast height.
+    """
+
+    widest: float = param(
+        0.3, help="height of the widest place, from the crown's base 0 to its top 1", ge=0, le=0.9
+    )
+    dome: float = param(
+        0.0,
+        help="how much higher that place is of a stem of 0.4 m than of 0.15 m: crowns get domes with age",
+        ge=-0.9,
+        le=0.9,
+    )
+    top: float = param(
+        1.5, help="how full the crown is above that: 1 a cone, 2 a dome, more a box", ge=0.5, le=8
+    )
+    underside: float = param(2.0, help="how full the crown is below its widest place", ge=0.5, le=8)
+    leader: float = param(
+        0.4,
+        help="how far up the crown one straight stem goes: 1 to the top, as in conifers",
+        ge=0,
+        le=1,
+    )
+    points: int = param(
+        900, help="points that attract branches; more: finer branches", ge=20, le=20000
+    )
+    shell: float = param(
+        0.4,
+        help="how much they keep to the outside of the crown: 0 evenly, 1 all outside",
+        ge=0,
+        le=1,
+    )
+    gaps: float = param(
+        0.0,
+        help="share of the crown, farthest from its limbs, that stays empty (with an architecture)",
+        ge=0,
+        le=0.9,
+    )
+    rise: float = param(
+        0.1, help="how much branches turn up, as a share of each step; negative: down", ge=-1, le=1
+    )
+    crook: float = param(0.15, help="how crooked branches are, as a share of each step", ge=0, le=1)
+    pipe: float = param(
+        2.2, help="exponent of the pipe model; 2: cross sections add up (da Vinci)", ge=1.5, le=3.5
+    )
+    disused: float = param(
+        0.3, help="share of the stem's foot that fed branches which are gone", ge=0, le=0.9
+    )
+    flare: float = param(
+        0.35, help="how much wider the stem is at the ground than above its roots", ge=0, le=2
+    )
+    collar: float = param(
+        0.0,
+        help="how much thicker a branch is where it leaves its parent; 0: no collars",
+        ge=0,
+        le=2,
+    )
+    twig: Normal = param(Normal(mean=0.25, sd=0.08), unit="m", help="length of a leaf-bearing twig")
+    twig_leaves: int = param(12, help="leaves, or shoots of needles, of a twig", ge=1, le=1000)
+    twig_angle_deg: Normal = param(
+        Normal(mean=50.0, sd=15.0), unit="deg", help="angle between a twig and its branch"
+    )
+    hang: float = param(
+        0.0, help="how much twigs hang: 1 as much down as along, as of a weeping birch", ge=0, le=5
+    )
+    twig_radius: float = param(0.0015, unit="m", help="radius of a twig", gt=0, le=0.1)
+
+    def check(self) -> None:
+        within("twig", self.twig, 0, 10, open_low=True)
+        within("twig_angle_deg", self.twig_angle_deg, 0, 180)
+
+
+class Needles(Settings):
+    """The shoots that a conifer bears in place of leaves; ``leaf.length`` is that of a shoot.
+
+    A shoot's mean shadow is that of all its needles, whichever number of blades is drawn for them.
+    """
+
+    length: float = param(0.02, unit="m", help="length of a needle", gt=0, le=0.5)
+    diameter: float = param(0.001, unit="m", help="diameter of a needle", gt=0, le=0.02)
+    count: int = param(100, help="needles of a shoot", ge=2, le=2000)
+    angle_deg: float = param(50.0, unit="deg", help="angle between needle and shoot", ge=5, le=90)
+    together: int = param(
+        1, help="needles of a fascicle, which spring from one place: 2 of Scots pine", ge=1, le=8
+    )
+    blades: int = param(
+        16, help="blades that are drawn for a shoot; 0: every needle", ge=0, le=2000
+    )
+
+
+MODELS = (
+    *("Attims", "Champagnat", "Leeuwenberg", "Mangenot", "Massart", "Rauh", "Roux", "Scarrone"),
+    "Troll",
+)
+
+
+class DeadBranches(Settings):
+    """Branches that died in the shade and still hang on the stem below the living crown.
+
+    They are broken, leafless, thinner to the tip, and fewer and shorter the longer they have been dead,
+    which is the farther below the crown they are.
+    """
+
+    density: float = param(
+        0.0, unit="1/m", help="branches on a metre of stem right below the crown", ge=0, le=100
+    )
+    length: float = param(
+        0.6, help="length of dead branches there over the radius of the crown", ge=0, le=3
+    )
+    down: float = param(
+        0.9, help="how far towards the ground they stay, as a share of the crown base", ge=0, le=1
+    )
+    decay: float = param(
+        0.6,
+        help="share of density and length that is lost from the crown to the lowest",
+        ge=0,
+        le=1,
+    )
+    twigs: float = param(
+        2.0, unit="1/m", help="side branches that are left on a metre of dead branch", ge=0, le=50
+    )
+    radius: float = param(
+        0.05, help="radius at the stem over the stem's radius there, at most 4 cm", ge=0.005, le=0.5
+    )
+    angle_deg: Normal = param(
+        Normal(mean=90.0, sd=15.0), unit="deg", help="angle to the stem, upwards; over 90: hanging"
+    )
+
+    def check(self) -> None:
+        within("angle_deg", self.angle_deg, 0, 180)
+
+
+class Architecture(Settings):
+    """The model after Hallé and Oldeman (1970) that a crown's limbs follow, and its measures.
+
+    Without apical control (``fork`` below 1) the stem divides into a few heavy limbs; with it a leader goes
+    to the top and limbs stand in whorls of a year, with weaker ones between them. Space colonisation clothes
+    the limbs with branches and twigs.
+    """
+
+    model: str = param("Rauh", help="architectural model of Hallé & Oldeman (1970)", choices=MODELS)
+    fork: float = param(
+        1.0,
+        help="where the stem first divides, from the crown's base 0 to its top; 1: it does not",
+        ge=0,
+        le=1,
+    )
+    control: float = param(
+        0.12, unit="m", help="diameter below which a stem keeps its leader all the same", ge=0, le=5
+    )
+    limbs: float = param(8.0, help="heavy limbs of a stem of 0.5 m that divides", ge=2, le=60)
+    growth: float = param(
+        1.2, help="exponent with which their number grows with the stem's diameter", ge=0, le=3
+    )
+    divide: float = param(
+        2.0, help="branches of order 2 that a heavy limb divides into", ge=0, le=10
+    )
+    weak: float = param(
+        0.8,
+        unit="1/m",
+        help="weak branches on a metre of stem in the crown, where it divides",
+        ge=0,
+        le=20,
+    )
+    shoot: float = param(
+        0.4, unit="m", help="growth of the leader in a year, from whorl to whorl", gt=0, le=3
+    )
+    whorl: Normal = param(Normal(mean=5.0, sd=1.0), help="branches of a whorl")
+    between: float = param(
+        0.0, help="weaker branches between two whorls, over those of a whorl", ge=0, le=5
+    )
+    shed: float = param(
+        0.4,
+        help="share of a whorl that the lowest whorls of the living crown have lost",
+        ge=0,
+        le=0.95,
+    )
+    angle_deg: Normal = param(
+        Normal(mean=60.0, sd=8.0),
+        unit="deg",
+        help="angle of a limb to the stem at the crown's base",
+    )
+    top_angle_deg: float = param(
+        40.0, unit="deg", help="angle of a limb to the stem at the crown's top", ge=5, le=120
+    )
+    tip_deg: float = param(
+        30.0,
+        unit="deg",
+        help="elevation of a limb's tip: 90 orthotropic, 0 plagiotropic, below 0 hanging",
+        ge=-90,
+        le=90,
+    )
+    leaf_area_index: float = param(
+        8.0, help="leaves of its closed stands, m² a m² of ground, which none passes", gt=0, le=30
+    )
+    dead: DeadBranches = param(DeadBranches(), help="dead branches below the crown")
+
+    def check(self) -> None:
+        within("whorl", self.whorl, 0, 60, open_low=True)
+        within("angle_deg", self.angle_deg, 0, 150)
+        if self.whorl.mean < 1:
+            raise SpecError("whorl", f"{self.whorl.mean:g} is no branch; give at least 1")
+
 
 MAX_REACH = 1000.0  # metres that a branch may end from the foot of its tree
 

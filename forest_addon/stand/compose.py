@@ -14,7 +14,7 @@ from .inputs import Inputs
 from .intensity.functions import Constant, Intensity, IntensityError, Mask, Mixture, Product, Sum
 from .intensity.layers import PaintedMesh, RasterIntensity, RasterMask, TerrainLimits
 from .intensity.polygon import Polygon
-from .process import Process
+from .poisson import Process
 
 
 def process_of(

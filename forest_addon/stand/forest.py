@@ -1,16 +1,20 @@
-"""A forest as arrays: the stand, and one grown tree for every variant that stands in it."""
+"""A forest as arrays: the stand, and one grown tree for every variant that stands in it.
+
+Trees are kept as they grew, before leaves fell: another season of a forest grows none of them anew.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import cached_property, partial
+from typing import Any
 
 import numpy as np
 
 from ..base.progress import Progress
 from ..base.rng import stream
-from ..growth.measured.wanted import TARGETS, Kind, crown_of
+from ..growth.measured.wanted import TARGETS, Kind, Wanted, crown_of
 from ..growth.mesh.blades import Blade
 from ..growth.mesh.leaves import Leaves
 from ..growth.own_tree.habit import Habit
@@ -18,13 +22,70 @@ from ..growth.own_tree.template import TreeTemplate
 from ..growth.seasons import aged, fallen, in_season, with_fallen
 from ..growth.tree import Tree, grow
 from ..growth.truth import leaf_angles, wood_of_tree
-from ..spec import Allometry, Choice, Scene, Species
-from .before_fall import TreesBeforeFall, key_of
+from ..spec import Allometry, Choice, Look, Scene, Species
 from .inputs import Inputs
 from .intensity.terrain import sink
 from .measured import MeasuredTrees, dbh_at, scales_for, with_targets
+from .placed import stacked
 from .plan import Stand, labels, plan_stand
 from .targets import TargetsMet, found_in, in_band, not_met, targets_met
+
+MOST_KEPT = 500_000_000  # bytes
+Key = tuple[Any, ...]
+
+
+class TreesBeforeFall:
+    """Trees of the forest that grew last, by all that they grew from, ``MOST_KEPT`` bytes of them."""
+
+    def __init__(self) -> None:
+        self._trees: dict[Key, tuple[Tree, object]] = {}
+        self._asked: set[Key] = set()
+        self._bytes = 0
+
+    def tree(self, key: Key, templates: object, make: Callable[[], Tree]) -> Tree:
+        """Return the tree of a key (``key_of``), made where it is not kept.
+
+        templates : what the key was made with; they live as long as the tree.
+        """
+        self._asked.add(key)
+        if key in self._trees:
+            return self._trees[key][0]
+        tree = make()
+        if self._bytes + tree.nbytes <= MOST_KEPT:
+            self._trees[key] = tree, templates
+            self._bytes += tree.nbytes
+        return tree
+
+    def forget_others(self) -> None:
+        """Forget trees that nobody asked for since this was called last."""
+        self._trees = {key: kept for key, kept in self._trees.items() if key in self._asked}
+        self._bytes = sum(tree.nbytes for tree, _ in self._trees.values())
+        self._asked = set()
+
+
+def key_of(
+    stream_of: tuple[Any, ...], species: Species, templates: object, wanted: Wanted | None
+) -> Key:
+    """All that a tree grows from; colours are not among it.
+
+    stream_of : the seed and the words of its random stream.
+    """
+    # Templates are one object as long as they are the same; a leaf or an allometry is read anew each time.
+    shared = isinstance(templates, TreeTemplate | Habit)
+    made_of = id(templates) if shared else _content(templates)
+    return (stream_of, repr(species.changed(look=Look())), made_of, wanted)
+
+
+def _content(value: object) -> object:
+    """Return what a value says, to compare by: equal for two readings of one file."""
+    if isinstance(value, np.ndarray):
+        return value.shape, value.dtype.str, value.tobytes()
+    if is_dataclass(value):
+        return type(value), *(_content(getattr(value, field.name)) for field in fields(value))
+    if isinstance(value, dict):
+        return tuple((_content(key), _content(one)) for key, one in value.items())
+    return tuple(_content(one) for one in value) if isinstance(value, list | tuple) else value
+
 
 Planted = tuple[Species, TreeTemplate | Habit | Kind | Blade | None]  # and its templates
 Grown = Callable[[int, int, Species], Tree]  # of a planting and variant, by numbers
@@ -233,29 +294,27 @@ def leaf_table(forest: GrownForest) -> dict[str, np.ndarray]:
     ``tree`` and ``leaf`` are the numbers that sensors report; ``branch`` counts the first-level
     branches of the tree.
     """
-    columns: dict[str, list[np.ndarray]] = {
-        name: []
-        for name in ("centre", "normal", "axis", "length", "width", "radius", "branch", "leaf")
-    }
-    columns |= {"tree": [], "species": []}
+    tables = []
     for tree, matrix in enumerate(forest.transforms()):
         leaves: Leaves = forest.variant_of(tree).leaves
-        scale = float(forest.stand.scale[tree])
+        scale, count = float(forest.stand.scale[tree]), len(leaves)
         turn = matrix[:, :3] / scale
-        columns["centre"].append(leaves.centre @ matrix[:, :3].T + matrix[:, 3])
-        columns["normal"].append(leaves.normal @ turn.T)
-        columns["axis"].append(leaves.axis @ turn.T)
-        for name in ("length", "width", "radius"):
-            columns[name].append(getattr(leaves, name) * scale)
-        columns["branch"].append(leaves.branch)
-        columns["leaf"].append(np.arange(len(leaves), dtype=np.int32))
-        columns["tree"].append(np.full(len(leaves), forest.stand.id[tree], dtype=np.int32))
-        columns["species"].append(np.full(len(leaves), forest.stand.species[tree], dtype=np.int16))
-    empty = {"centre": (0, 3), "normal": (0, 3), "axis": (0, 3)}
-    return {
-        name: np.concatenate(parts) if parts else np.empty(empty.get(name, (0,)))
-        for name, parts in columns.items()
-    }
+        tables.append(
+            {
+                "centre": leaves.centre @ matrix[:, :3].T + matrix[:, 3],
+                "normal": leaves.normal @ turn.T,
+                "axis": leaves.axis @ turn.T,
+                **{n: getattr(leaves, n) * scale for n in ("length", "width", "radius")},
+                "branch": leaves.branch,
+                "leaf": np.arange(count, dtype=np.int32),
+                "tree": np.full(count, forest.stand.id[tree], dtype=np.int32),
+                "species": np.full(count, forest.stand.species[tree], dtype=np.int16),
+            }
+        )
+    vectors, numbers = ("centre", "normal", "axis"), ("length", "width", "radius", "branch", "leaf")
+    nothing: dict[str, np.ndarray] = {name: np.empty((0, 3)) for name in vectors}
+    nothing |= {name: np.empty(0) for name in (*numbers, "tree", "species")}
+    return stacked(tables) or nothing
 
 
 def variant_leaf_table(forest: GrownForest) -> dict[str, np.ndarray]:

@@ -1,15 +1,62 @@
-"""Places of trees that are no Poisson process: rows of an orchard, and lists of trees."""
+"""Places of trees that are no Poisson process: rows, lists, groups, trees apart, trees set by hand.
+
+**By hand**: what somebody decided, trees set and discs kept free, beside what a planting draws. What is
+drawn is drawn as without them, so setting, moving or removing one tree moves no other. A tree set by hand
+has a number below 0 (-1 for the first), and its own streams for what its planting does not say.
+
+**Stems**, trees that are cylinders only, are a binomial process: exactly as many as asked for, evenly at
+random over the field, as the forests of Kaneko & Gamper (2021); groups of them have streams of their own,
+keyed by their number.
+
+**Groups**: inhomogeneous Neyman-Scott processes. Centres of groups are a homogeneous Poisson process of κ a
+square metre, also around the field; each group scatters its trees about its centre by a normal law (Thomas
+1949) or evenly within a disc (Matérn 1960). Every tree stays with chance λ(x)/max λ, so that their mean is
+the planting's intensity λ and the K function is that of the homogeneous process (Waagepetersen 2007):
+
+    Thomas: K(r) = πr² + (1 - exp(-r²/4σ²))/κ.
+    Matérn: K(r) = πr² + h(r/2R)/κ, h the law of the distance of two points in a disc.
+
+**Trees apart**: the Strauss process (Strauss 1975), with γ = 0 a hard core.
+
+Its density against a Poisson process is Π β(x_i) · γ^s, s the pairs nearer than R. It is drawn by births
+and deaths (Geyer & Møller 1994) in cells at least R wide: cells of one of four colours do not see each
+other, so all of a colour take a step at once, each by Metropolis's ratio with |cell| and its own trees.
+
+Trees at the edge of the field would have no neighbours beyond it and be too many (3 % in a hectare), so the
+process runs on around the field, with the intensity of the nearest place in it.
+
+A planting says the mean intensity λ, not β. With G = (1 - γ)πR² and η = λG/4,
+
+    log β = log λ + λG + (1 - γ) (S(η) - 4η),   S(η) = -log(1 - η) + (3η - 2η²)/(1 - η)².
+
+λG is the Poisson-saddlepoint approximation (Baddeley & Nair 2012); S is that of hard discs by scaled
+particle theory (Helfand, Frisch & Lebowitz 1961), weighted as the third virial coefficient is.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
-from ..base.rng import truncated_normal
-from ..spec import Rows, quoted_with_hints
+from ..base.rng import stream, truncated_normal
+from ..growth.draw import draw_normal
+from ..spec import (
+    Clearing,
+    Clusters,
+    Forest,
+    HandTree,
+    Planting,
+    Rows,
+    Stems,
+    Strauss,
+    quoted_with_hints,
+)
 from .inputs import TreeList
 from .intensity.functions import IntensityError
+from .intensity.terrain import GroundSurface
+from .poisson import MAX_POINTS, Process
 
 MAX_PLACES = 20_000_000
 
@@ -83,3 +130,273 @@ def trees_of(
             f"{', '.join(every)}"
         )
     return np.flatnonzero(np.isin(np.array(listed.species), list(names)))
+
+
+@dataclass(frozen=True)
+class SetTrees:
+    """The M trees of a planting that were set by hand and have ground below them.
+
+    position : (M, 3) metres. rotation : (M,) radians. scale, variant : (M,). number : (M,) int64, -1 for the
+    first that the planting names. off_ground : how many have no ground.
+    """
+
+    position: np.ndarray
+    rotation: np.ndarray
+    scale: np.ndarray
+    variant: np.ndarray
+    number: np.ndarray
+    off_ground: int
+
+
+def set_trees(seed: int, label: str, planting: Planting, ground: GroundSurface) -> SetTrees:
+    """Return the trees of a planting that were set by hand; ``label`` is the planting's name."""
+    trees = planting.by_hand
+    count = len(trees)
+
+    def draw(purpose: str) -> np.ndarray:
+        return stream(seed, "stand", label, "hand", purpose).random(count)
+
+    low, high = planting.scale
+    variant = np.floor(draw("variant") * planting.variants)
+    place = np.array([tree.position for tree in trees], dtype=float).reshape(-1, 2)
+    height = ground.height(place)
+    stands = np.isfinite(height)
+    return SetTrees(
+        position=np.column_stack([place, height])[stands],
+        rotation=_given(np.deg2rad(_said(trees, "rotation_deg")), 2 * np.pi * draw("turn"))[stands],
+        scale=_given(_said(trees, "scale"), low * (high / low) ** draw("size"))[stands],
+        variant=_given(_said(trees, "variant") % planting.variants, variant)[stands].astype(int),
+        number=-1 - np.flatnonzero(stands),
+        off_ground=int((~stands).sum()),
+    )
+
+
+def told_of(planting: Planting, numbers: np.ndarray, name: str) -> np.ndarray:
+    """(M,) what trees set by hand, by their numbers (M,), say of themselves; NaN where nothing."""
+    return _said(planting.by_hand, name)[-1 - numbers]
+
+
+def is_cleared(place: np.ndarray, clearings: Sequence[Clearing]) -> np.ndarray:
+    """(N,) bool, which places (N, 2) lie within a clearing, its edge included."""
+    found = np.zeros(len(place), dtype=bool)
+    for disc in clearings:
+        apart = place - np.array(disc.position)
+        found |= (apart**2).sum(axis=1) <= disc.radius**2
+    return found
+
+
+def _said(trees: Sequence[HandTree], name: str) -> np.ndarray:
+    values = [getattr(tree, name) for tree in trees]
+    return np.array([np.nan if value is None else value for value in values], dtype=float)
+
+
+def _given(said: np.ndarray, drawn: np.ndarray) -> np.ndarray:
+    return np.where(np.isfinite(said), said, drawn)
+
+
+def plant_stems(
+    seed: int, forest: Forest, groups: Sequence[Stems]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Positions (N, 2) and radii (N,) in metres of all groups."""
+    positions, radii = [np.empty((0, 2))], [np.empty(0)]
+    low = np.array(forest.origin)
+    for number, group in enumerate(groups):
+        place = stream(seed, "stems", number, "place")
+        positions.append(place.uniform(low, low + forest.size, (group.count, 2)))
+        keys = stream(seed, "stems", number, "radius").integers(2**63, size=group.count)
+        radii.append(draw_normal(group.radius, keys.astype(np.uint64), "radius"))
+    return np.concatenate(positions), np.concatenate(radii)
+
+
+REACH = 6.0  # deviations beyond which no tree of a group is looked for: 1e-8 of them
+
+
+def sample_clusters(process: Process, clusters: Clusters, rng: np.random.Generator) -> np.ndarray:
+    """Points (N, 2) of the process on its field; their mean intensity is λ.
+
+    Raises
+    ------
+    IntensityError : more groups or trees than can be drawn; says how many.
+    """
+    highest = process.factor * float(
+        process.intensity.bounds(process.low[None], process.high[None])[1][0]
+    )
+    margin = clusters.spread * (REACH if clusters.kind == "thomas" else 1.0)
+    low, high = process.low - margin, process.high + margin
+    area = float(np.prod(high - low))
+    for what, count in (("groups", clusters.groups * area), ("trees", highest * area)):
+        if not count <= MAX_POINTS:
+            raise IntensityError(
+                f"clusters would draw {count:,.0f} {what}, more than {MAX_POINTS:,}; lower the peaks "
+                "of the intensity, or groups"
+            )
+    centre = low + (high - low) * rng.random((rng.poisson(clusters.groups * area), 2))
+    trees = np.repeat(centre, rng.poisson(highest / clusters.groups, len(centre)), axis=0)
+    if clusters.kind == "thomas":
+        trees = trees + clusters.spread * rng.standard_normal(trees.shape)
+    else:
+        away, angle = np.sqrt(rng.random(len(trees))), 2 * np.pi * rng.random(len(trees))
+        trees = trees + clusters.spread * np.stack(
+            [away * np.cos(angle), away * np.sin(angle)], axis=1
+        )
+    kept = rng.random(len(trees)) * highest < process.at(trees)
+    return np.asarray(trees[kept])
+
+
+def k_of_clusters(radius: np.ndarray, clusters: Clusters) -> np.ndarray:
+    """K (R,) at radii, m²."""
+    if clusters.kind == "thomas":
+        share = -np.expm1(-((radius / (2 * clusters.spread)) ** 2))
+    else:
+        share = _within_disc(radius / (2 * clusters.spread))
+    return np.asarray(np.pi * radius**2 + share / clusters.groups)
+
+
+def _within_disc(z: np.ndarray) -> np.ndarray:
+    """The chance that two even points of a disc are nearer than z times its diameter."""
+    z = np.minimum(z, 1.0)
+    root = np.sqrt(1 - z**2)
+    bent = (8 * z**2 - 4) * np.arccos(z) - 2 * np.arcsin(z) + 4 * z * root**3 - 6 * z * root
+    return np.asarray(2 + bent / np.pi)
+
+
+Activity = Callable[[np.ndarray], np.ndarray]
+EDGE = 3.0  # radii around the field that are run too and cut off: trees at its edge have neighbours
+SWEEPS = 100  # steps of each cell for each tree that it may hold
+CLOSEST = 0.5  # η up to which the correction is known
+DENSEST = 0.6  # λR² of a hard core above which births have no room (random packing: 0.70)
+FAR = 1e150  # where a place of the table without a tree is
+MOST_CELLS = 2_000_000
+RIGHT, UP = np.repeat([0, 1, 2], 3), np.tile([0, 1, 2], 3)  # a cell and its neighbours in the table
+
+
+def sample_strauss(process: Process, strauss: Strauss, rng: np.random.Generator) -> np.ndarray:
+    """Points (N, 2) of the process on its field, whose mean intensity is about λ.
+
+    Raises
+    ------
+    IntensityError : a hard core too wide for so many trees, or more cells than can be held.
+    """
+    highest = process.factor * float(
+        process.intensity.bounds(process.low[None], process.high[None])[1][0]
+    )
+    if strauss.gamma == 0 and highest * strauss.radius**2 > DENSEST:
+        raise IntensityError(
+            f"{highest:g} trees/m² cannot keep {strauss.radius:g} m apart; lower the intensity or make "
+            f"radius at most {np.sqrt(DENSEST / highest):.3g} m"
+        )
+
+    def activity(points: np.ndarray) -> np.ndarray:
+        inside = np.clip(points, process.low, process.high)
+        return activity_of(process.at(inside), strauss)
+
+    mean = process.expected() / float(np.prod(process.high - process.low))
+    edge = EDGE * strauss.radius
+    trees = run_births_and_deaths(
+        activity, mean, process.low - edge, process.high + edge, strauss, rng
+    )
+    return trees[((trees >= process.low) & (trees < process.high)).all(axis=1)]
+
+
+def activity_of(intensity: np.ndarray, strauss: Strauss) -> np.ndarray:
+    """(N,) β of a mean intensity λ (N,)."""
+    saddle = (1 - strauss.gamma) * np.pi * strauss.radius**2 * intensity
+    eta = np.minimum(saddle / 4, CLOSEST)
+    discs = -np.log1p(-eta) + (3 * eta - 2 * eta**2) / (1 - eta) ** 2
+    return np.asarray(intensity * np.exp(saddle + (1 - strauss.gamma) * (discs - 4 * eta)))
+
+
+def run_births_and_deaths(
+    activity: Activity,
+    mean: float,
+    low: np.ndarray,
+    high: np.ndarray,
+    strauss: Strauss,
+    rng: np.random.Generator,
+) -> np.ndarray:
+    """Points (N, 2) of the Strauss process of this β on a rectangle.
+
+    mean : about how many trees a square metre will hold; it says how long to run.
+    """
+    if mean <= 0:
+        return np.empty((0, 2))
+    side = max(strauss.radius, 1 / np.sqrt(mean))
+    shape = np.maximum(np.floor((high - low) / side), 1).astype(int)
+    if shape.prod() > MOST_CELLS:
+        raise IntensityError(
+            f"{shape.prod():,} cells are more than {MOST_CELLS:,}; make the field smaller"
+        )
+    table = _Table(low, (high - low) / shape, shape, strauss, activity)
+    steps = int(np.ceil(SWEEPS * max(1.0, mean * float(np.prod((high - low) / shape)))))
+    for _ in range(steps):
+        for column in (0, 1):
+            for row in (0, 1):
+                column_of, row_of = np.mgrid[column : shape[0] : 2, row : shape[1] : 2]
+                table.step(column_of.ravel(), row_of.ravel(), rng)
+    return table.points()
+
+
+class _Table:
+    """Trees by cell: ``place`` (columns + 2, rows + 2, room, 2) and how many of them are there."""
+
+    def __init__(
+        self,
+        low: np.ndarray,
+        cell: np.ndarray,
+        shape: np.ndarray,
+        strauss: Strauss,
+        activity: Activity,
+    ) -> None:
+        self.low, self.cell, self.area = low, cell, float(np.prod(cell))
+        self.near, self.gamma, self.activity = strauss.radius**2, strauss.gamma, activity
+        self.place = np.full((*(shape + 2), 8, 2), FAR)
+        self.count = np.zeros(shape + 2, np.int64)
+
+    def points(self) -> np.ndarray:
+        """(N, 2) all trees."""
+        there = np.arange(self.place.shape[2]) < self.count[:, :, None]
+        return self.place[there]
+
+    def step(self, column: np.ndarray, row: np.ndarray, rng: np.random.Generator) -> None:
+        """A birth or a death in every one of these cells, of which no two are neighbours."""
+        birth, chance = rng.random(len(column)) < 0.5, rng.random(len(column))
+        self._bear(column[birth], row[birth], chance[birth], rng)
+        some = ~birth & (self.count[column + 1, row + 1] > 0)
+        self._fell(column[some], row[some], chance[some], rng)
+
+    def _bear(
+        self, column: np.ndarray, row: np.ndarray, chance: np.ndarray, rng: np.random.Generator
+    ) -> None:
+        born = self.low + (np.stack([column, row], axis=1) + rng.random((len(row), 2))) * self.cell
+        count = self.count[column + 1, row + 1]
+        ratio = self._density(born, column, row, 0) * self.area / (count + 1)
+        take = chance < ratio
+        column, row, born, count = column[take], row[take], born[take], count[take]
+        if len(count) and count.max() >= self.place.shape[2]:
+            more = np.full_like(self.place, FAR)
+            self.place = np.concatenate([self.place, more], axis=2)
+        self.place[column + 1, row + 1, count] = born
+        self.count[column + 1, row + 1] += 1
+
+    def _fell(
+        self, column: np.ndarray, row: np.ndarray, chance: np.ndarray, rng: np.random.Generator
+    ) -> None:
+        count = self.count[column + 1, row + 1]
+        which = (rng.random(len(count)) * count).astype(np.int64)
+        tree = self.place[column + 1, row + 1, which]
+        density = self._density(tree, column, row, 1) * self.area
+        take = chance * density < count
+        column, row, which, last = column[take] + 1, row[take] + 1, which[take], count[take] - 1
+        self.place[column, row, which] = self.place[column, row, last]
+        self.place[column, row, last] = FAR
+        self.count[column, row] = last
+
+    def _density(
+        self, points: np.ndarray, column: np.ndarray, row: np.ndarray, itself: int
+    ) -> np.ndarray:
+        """β(x) γ^t of points (M, 2), t the others nearer than R."""
+        most = int(self.count.max(initial=0))
+        around = self.place[column[:, None] + RIGHT, row[:, None] + UP, :most]
+        x, y = (around[..., axis] - points[:, None, None, axis] for axis in (0, 1))
+        near = (x * x + y * y < self.near).sum(axis=(1, 2)) - itself
+        return np.asarray(self.activity(points) * float(self.gamma) ** near)

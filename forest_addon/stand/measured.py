@@ -33,9 +33,9 @@ from ..growth.measured.wanted import (
 )
 from ..growth.skeleton import Skeleton
 from ..spec import Allometry, Planting, Species
-from .by_hand import told_of
 from .competition import MOST_INDEX, apart, bounded, canopy_of, competed, filled, score, thinned
 from .inputs import Inputs
+from .layouts import told_of
 from .plan import Stand, chosen_of
 
 ROUNDS = 40

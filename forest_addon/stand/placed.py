@@ -10,7 +10,7 @@ all axes, and volumes always.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,7 +18,7 @@ import numpy as np
 from ..base.vectors import azimuth_of
 from ..growth.measured.wanted import BREAST, stem_profile
 from ..growth.mesh.leaves import Leaves
-from ..growth.skeleton import Skeleton, cylinders_of
+from ..growth.skeleton import Cylinders, Skeleton, cylinders_of
 
 
 @dataclass(frozen=True)
@@ -114,7 +114,7 @@ def placed_table(trees: PlacedTrees) -> dict[str, list[object]]:
 
 def placed_leaves(trees: PlacedTrees) -> dict[str, np.ndarray]:
     """Every leaf in the world, the columns of ``stand.forest.leaf_table``."""
-    columns: dict[str, list[np.ndarray]] = {}
+    tables = []
     for row, (index, matrix) in enumerate(zip(trees.index.tolist(), trees.transform, strict=True)):
         leaves = trees.grown[index].leaves
         count = len(leaves)
@@ -125,9 +125,8 @@ def placed_leaves(trees: PlacedTrees) -> dict[str, np.ndarray]:
             "tree": np.full(count, trees.tree[row], dtype=np.int32),
             "species": np.full(count, trees.species[row], dtype=np.int16),
         }
-        for name, values in own.items():
-            columns.setdefault(name, []).append(values)
-    return {name: np.concatenate(parts) for name, parts in columns.items()}
+        tables.append(own)
+    return stacked(tables)
 
 
 def placed_skeleton(grown: PlacedVariant, matrix: np.ndarray) -> dict[str, np.ndarray]:
@@ -178,28 +177,50 @@ def _dbh(skeleton: Skeleton, along: float, across: float) -> float:
 
 def placed_cylinders(trees: PlacedTrees) -> dict[str, np.ndarray]:
     """One row a branch segment of every tree, the columns of ``stand.truth.cylinder_table``."""
-    columns: dict[str, list[np.ndarray]] = {}
+    tables = []
     for row, (index, matrix) in enumerate(zip(trees.index.tolist(), trees.transform, strict=True)):
         grown = trees.grown[index]
         own, world = cylinders_of(grown.skeleton), placed_skeleton(grown, matrix)
         r1, r2 = world["radius"].T
         radius = np.sqrt((r1**2 + r1 * r2 + r2**2) / 3)
         length = np.linalg.norm(world["end"] - world["start"], axis=1)
-        rows = {
-            "tree": np.full(len(own), trees.tree[row]),
-            "cyl_ID": np.arange(1, len(own) + 1),
-            "parent_ID": own.parent + 1,
-            "extension_ID": own.extension + 1,
-            "axis_ID": own.axis + 1,
-            "branching_order": own.order,
-            **{f"start{axis}": world["start"][:, k] for k, axis in enumerate("XYZ")},
-            **{f"end{axis}": world["end"][:, k] for k, axis in enumerate("XYZ")},
-            "radius_cyl": radius,
-            "radius_start": r1,
-            "radius_end": r2,
-            "length": length,
-            "volume": np.pi * radius**2 * length,
-        }
-        for name, values in rows.items():
-            columns.setdefault(name, []).append(values)
-    return {name: np.concatenate(parts) for name, parts in columns.items()}
+        ends = world["start"], world["end"]
+        tables.append(
+            cylinder_columns(int(trees.tree[row]), own, ends, world["radius"], radius, length)
+        )
+    return stacked(tables)
+
+
+def cylinder_columns(
+    tree: int,
+    own: Cylinders,
+    ends: tuple[np.ndarray, np.ndarray],
+    radii: np.ndarray,
+    radius: np.ndarray,
+    length: np.ndarray,
+) -> dict[str, np.ndarray]:
+    """Columns (S,) of the cylinders of a tree in the world, by the names of ``stand.truth.cylinder_table``.
+
+    ends : (S, 3) each, m. radii : (S, 2) at both ends, and radius (S,) of equal volume, m. length : (S,) m.
+    """
+    return {
+        "tree": np.full(len(own), tree),
+        "cyl_ID": np.arange(1, len(own) + 1),
+        "parent_ID": own.parent + 1,
+        "extension_ID": own.extension + 1,
+        "axis_ID": own.axis + 1,
+        "branching_order": own.order,
+        **{f"start{axis}": ends[0][:, k] for k, axis in enumerate("XYZ")},
+        **{f"end{axis}": ends[1][:, k] for k, axis in enumerate("XYZ")},
+        "radius_cyl": radius,
+        "radius_start": radii[:, 0],
+        "radius_end": radii[:, 1],
+        "length": length,
+        "volume": np.pi * radius**2 * length,
+    }
+
+
+def stacked(tables: Sequence[Mapping[str, np.ndarray]]) -> dict[str, np.ndarray]:
+    """Tables of the same columns, one below the other; no columns of none."""
+    names = tables[0] if tables else ()
+    return {name: np.concatenate([table[name] for table in tables]) for name in names}

@@ -14,16 +14,12 @@ import numpy as np
 
 from ..base.rng import stream
 from ..spec import Forest, Planting, SpecError
-from .by_hand import is_cleared, set_trees
-from .cluster import sample_clusters
 from .compose import area_of, corners_of, masks_of, process_of
-from .gibbs import sample_strauss
 from .inputs import Inputs, TreeList
 from .intensity.functions import IntensityError
 from .intensity.terrain import GroundSurface
-from .layouts import orchard, trees_of
-from .poisson import sample
-from .process import Integral, Process
+from .layouts import is_cleared, orchard, sample_clusters, sample_strauss, set_trees, trees_of
+from .poisson import Integral, Process, sample
 from .spacing import Spacing, space
 
 OF_PLANTING = ("too_near", "off_ground", "off_field", "expected", "error")

@@ -11,12 +11,13 @@ that is larger. Time grows with the number of trees, whatever the distance.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial import cKDTree
 
-from .neighbours import Neighbours
-
+PORTION = 2_000_000  # pairs at once, about
 FIRST_BATCH = 2048  # oldest trees that greedy spacing looks at together; every batch doubles
 
 
@@ -72,7 +73,7 @@ def space(
     if spacing.reach() <= 0:
         return np.ones(len(points), dtype=bool)
     free = ~fixed
-    for query, other in Neighbours(points[fixed], spacing.reach()).pairs(points):
+    for query, other in _pairs(points, points[fixed], spacing.reach()):
         near = _too_near(points, points, query, np.flatnonzero(fixed)[other], spacing)
         free[query[near]] = False
     free &= ~fixed
@@ -90,7 +91,7 @@ def matern_ii(points: np.ndarray, mark: np.ndarray, spacing: Spacing | float) ->
         return keep
     keep = _oldest_of_bins(points, age, spacing)
     judged = np.flatnonzero(keep)
-    for query, other in Neighbours(points, reach).pairs(points[judged]):
+    for query, other in _pairs(points[judged], points, reach):
         tree = judged[query]
         older = age[other] < age[tree]
         tree, other = tree[older], other[older]
@@ -113,7 +114,7 @@ def greedy(points: np.ndarray, mark: np.ndarray, spacing: Spacing | float) -> np
         start += len(batch)
         free = np.ones(len(batch), dtype=bool)
         if len(kept):
-            for query, other in Neighbours(points[kept], reach).pairs(points[batch]):
+            for query, other in _pairs(points[batch], points[kept], reach):
                 near = _too_near(points, points, batch[query], kept[other], spacing)
                 free[query[near]] = False
         stay = _settle(points, batch[free], spacing, reach)
@@ -130,7 +131,7 @@ def _settle(points: np.ndarray, trees: np.ndarray, spacing: Spacing, reach: floa
     if len(trees) < 2:
         return trees
     older, younger = [], []
-    for query, other in Neighbours(points[trees], reach).pairs(points[trees]):
+    for query, other in _pairs(points[trees], points[trees], reach):
         once = other < query  # numbers within ``trees`` are ranks of age
         query, other = query[once], other[once]
         near = _too_near(points, points, trees[query], trees[other], spacing)
@@ -147,6 +148,20 @@ def _settle(points: np.ndarray, trees: np.ndarray, spacing: Spacing, reach: floa
         open_pairs = undecided[old] & undecided[young]
         old, young = old[open_pairs], young[open_pairs]
     return trees[stays]
+
+
+def _pairs(
+    queries: np.ndarray, points: np.ndarray, reach: float
+) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Numbers of queries (Q, 2) and of points (N, 2): every pair within reach, in portions."""
+    tree, reach = cKDTree(points), reach * (1 + 1e-9)
+    some = queries[:: max(1, len(queries) // 1000)]
+    most = tree.query_ball_point(some, reach, return_length=True).max(initial=0)
+    portion = max(PORTION // int(most + 1), 1)
+    for first in range(0, len(queries), portion):
+        part = cKDTree(queries[first : first + portion])
+        found = part.sparse_distance_matrix(tree, reach, output_type="ndarray")
+        yield first + found["i"], found["j"]
 
 
 def _prepare(mark: np.ndarray, spacing: Spacing | float) -> tuple[Spacing, np.ndarray, float]:

@@ -18,6 +18,7 @@ from ..growth.own_tree.size import BREAST
 from ..growth.skeleton import Cylinders, cylinders_of, diameter_at
 from ..growth.tree import Tree
 from .forest import GrownForest, tree_table
+from .placed import cylinder_columns, stacked
 
 PARTS = ("leaf", "wood")  # columns of the areas by cell
 
@@ -52,7 +53,7 @@ def cylinder_table(forest: GrownForest) -> dict[str, np.ndarray]:
     Cylinders are counted from 1 within their tree; a parent or an extension of 0 is none. Of trees that are
     grafted from templates, trunk and first-level branches only (``all_branches`` of the inventory is 0).
     """
-    columns: dict[str, list[np.ndarray]] = {}
+    tables = []
     variants = {key: cylinders_of(tree.skeleton) for key, tree in forest.variants.items()}
     stand = forest.stand
     keys = zip(stand.species.tolist(), stand.variant.tolist(), strict=True)
@@ -61,24 +62,12 @@ def cylinder_table(forest: GrownForest) -> dict[str, np.ndarray]:
         size = float(stand.scale[number])
         start, end = (ends @ matrix[:, :3].T + matrix[:, 3] for ends in (own.start, own.end))
         length, radius = own.length * size, own.equal_radius * size
-        rows = {
-            "tree": np.full(len(own), stand.id[number]),
-            "cyl_ID": np.arange(1, len(own) + 1),
-            "parent_ID": own.parent + 1,
-            "extension_ID": own.extension + 1,
-            "axis_ID": own.axis + 1,
-            "branching_order": own.order,
-            **{f"start{axis}": start[:, k] for k, axis in enumerate("XYZ")},
-            **{f"end{axis}": end[:, k] for k, axis in enumerate("XYZ")},
-            "radius_cyl": radius,
-            "radius_start": own.radius[:, 0] * size,
-            "radius_end": own.radius[:, 1] * size,
-            "length": length,
-            "volume": np.pi * radius**2 * length,
-        }
-        for name, values in rows.items():
-            columns.setdefault(name, []).append(values)
-    return {name: np.concatenate(parts) for name, parts in columns.items()}
+        tables.append(
+            cylinder_columns(
+                int(stand.id[number]), own, (start, end), own.radius * size, radius, length
+            )
+        )
+    return stacked(tables)
 
 
 def areas_of_trees(forest: GrownForest, edge: float) -> Iterator[CellAreas]:

@@ -87,7 +87,7 @@ def _rooms() -> tuple[ModuleType, ...]:
     from .sensors import add, flight, instruments, look_through, run, things
     from .sensors import lists as sensors_lists
     from .sensors import panels as sensors_panels
-    from .settings import command, hills, manual, migration, preferences, presets
+    from .settings import command, hills, manual, preferences, presets, saved
     from .shell import chosen, languages, pace, running
     from .species import edit, import_stl, library, pictures
     from .species import panel as species_panel
@@ -114,5 +114,5 @@ def _rooms() -> tuple[ModuleType, ...]:
         presets,
         *(forest_panels, by_hand, sensors_panels, flight, results_panel),
         *(overlay, edit, import_stl, library, species_panel, wind_view),
-        *(chosen, hills, painting, hand_edits, dropped, planting, live, command, manual, migration),
+        *(chosen, hills, painting, hand_edits, dropped, planting, live, command, manual, saved),
     )

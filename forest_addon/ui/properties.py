@@ -331,7 +331,7 @@ def _scene_group() -> type[bpy.types.PropertyGroup]:
                 subtype="FILE_PATH",
                 options={"ANIMATABLE", "PATH_SUPPORTS_BLEND_RELATIVE"},
             ),
-            "layout": IntProperty(options={"HIDDEN"}),  # of these settings in the file (migration)
+            "layout": IntProperty(options={"HIDDEN"}),  # of these settings in the file (saved)
             "notice": StringProperty(options={"HIDDEN"}),
         },
     )

@@ -91,7 +91,7 @@ Exit code 4: some scenes could not be made; manifest.csv says why."""
             check_dataset(chosen.check, _say(chosen.quiet))
             return
         if chosen.convert is not None:
-            from ..dataset.convert.formats import convert_dataset
+            from ..dataset.formats import convert_dataset
 
             convert_dataset(chosen.convert, chosen.to, chosen.out, _say(chosen.quiet))
             return
@@ -114,7 +114,7 @@ Exit code 4: some scenes could not be made; manifest.csv says why."""
         cluster = Cluster(chosen.workers or 0, chosen.scheduler, chosen.slurm)
         make_dataset(plan, chosen.out, Asked(cluster, chosen.replace, chosen.quiet))
         if chosen.shards is not None:
-            from ..dataset.shards import write_shards
+            from ..dataset.disk import write_shards
 
             write_shards(chosen.out, chosen.shards * 10**6)
 

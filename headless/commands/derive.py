@@ -3,8 +3,17 @@
 from __future__ import annotations
 
 import argparse
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from forest_addon.spec import Siblings, SpecError, Species
 
 from ..command import Command, refuse_negative
+
+if TYPE_CHECKING:
+    from forest_addon.growth.lsystem.system import Prediction, System, Word
 
 
 class DeriveCommand(Command):
@@ -30,6 +39,93 @@ class DeriveCommand(Command):
 
     def run(self, chosen: argparse.Namespace) -> None:
         refuse_negative(chosen.seed)
-        from .work.derive import derive_species
-
         derive_species(chosen.species, chosen.generations, chosen.seed, chosen.count)
+
+
+BRANCHES = {"T20": "(+", "A20": "(+", "S": "[", "ABOP": "["}  # symbols that begin a side branch
+
+
+def derive_species(name: str, generations: int | None, seed: int, count: bool) -> None:
+    """Print the string of a species, or with ``count`` its symbols and branches.
+
+    Raises
+    ------
+    SpecError : no such species, or one that is not grown by an L-system.
+    ValueError : a string that would be too long; says how long.
+    """
+
+    from forest_addon.formats.toml_file import read_settings
+    from forest_addon.growth.library.species_file import find_species
+
+    species = read_settings(find_species(name, Path()), Species)
+    if species.siblings is not None:
+        text = _fitted(find_species(name, Path()), generations, seed)
+        branches = text.count("[") - text.count("~")
+        size = f"{len(text):,} characters, {branches:,} side branches"
+        sys.stdout.write((size if count else text) + "\n")
+        return
+    system, dialect, generations = _system(species, generations)
+    if count:
+        _print_counts(system, dialect, generations, seed)
+        return
+    sys.stdout.write(_derive(system, generations, seed).text() + "\n")
+
+
+def _fitted(path: Path, generations: int | None, seed: int) -> str:
+    """The string of a tree by the grammar that is fitted to the species' template."""
+
+    from forest_addon.base.rng import stream
+    from forest_addon.growth.library.species_file import load_species
+    from forest_addon.growth.own_tree.habit import Habit
+    from forest_addon.growth.own_tree.relay import generations_of, write_string
+    from forest_addon.growth.own_tree.sibling import grow_sibling
+
+    species, template = load_species(path)
+    assert isinstance(template, Habit)  # a species with siblings has nothing else
+    siblings = species.siblings or Siblings()
+    grown = grow_sibling(template, siblings, int(stream(seed, "derive").integers(2**63)))
+    if generations is None:
+        generations = generations_of(template)
+    return write_string(template, grown, siblings.variety, max(generations, 0))
+
+
+def _system(species: Species, generations: int | None) -> tuple[System, str, int]:
+    from forest_addon.growth.lsystem.tanveer import system_of_grammar
+    from forest_addon.growth.lsystem.turtle import system_of
+
+    if species.honda is not None:
+        raise SpecError(
+            species.name, "grows by branching ratios, not by an L-system; it has no string"
+        )
+    chosen = species.rules or species.grammar
+    if generations is not None:
+        try:
+            chosen = replace(chosen, generations=generations)
+        except SpecError as problem:
+            raise SpecError("--generations", problem.problem) from None
+    if species.rules is None:
+        return system_of_grammar(species.grammar), chosen.dialect, chosen.generations
+    return system_of(chosen), chosen.dialect, chosen.generations
+
+
+def _derive(system: System, generations: int, seed: int) -> Word:
+    from forest_addon.base.rng import stream
+    from forest_addon.growth.lsystem.system import rewrite
+
+    return rewrite(system, generations, stream(seed, "derive"))
+
+
+def _print_counts(system: System, dialect: str, generations: int, seed: int) -> None:
+    import numpy as np
+
+    from forest_addon.growth.lsystem.system import predict, written
+
+    size: Prediction = predict(system, generations)
+    symbols, branches = size.symbols, sum(size.letters.get(b, 0) for b in BRANCHES[dialect])
+    if not size.exact:
+        if system.stochastic and not system.conditional:
+            print(f"expected: {written(symbols)} symbols, {written(branches)} branches")
+        word = _derive(system, generations, seed)
+        seen = np.bincount(word.codes, minlength=256)
+        symbols, branches = len(word), sum(int(seen[ord(b)]) for b in BRANCHES[dialect])
+    print(f"{written(symbols)} symbols, {written(branches)} branches")

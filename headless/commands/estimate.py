@@ -1,11 +1,38 @@
-"""``python -m headless estimate``: a map of trees becomes a scene whose forests are like the site."""
+"""``python -m headless estimate``: a map of trees becomes a scene whose forests are like the site.
+
+Written beside each other: the scene (TOML), for kernel estimates one array a species (npy), and a picture
+of trees, estimated intensity and what the statistics say.
+"""
 
 from __future__ import annotations
 
 import argparse
+import json
+import os
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from ..command import Command, out_file
+from forest_addon.base.places import ASSETS, version
+from forest_addon.base.progress import Say
+from forest_addon.formats.atomic import replacing
+from forest_addon.spec import Forest, Gaussian, Planting, Raster, Scene, SpecError
+
+from ..command import PROGRAM, Command, out_file
+from ..report import can_draw, without
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from forest_addon.formats.tree_map import TreeMap
+    from forest_addon.stand.inputs import Inputs
+    from forest_addon.stand.poisson import Process
+    from forest_addon.stand.statistics.choose import ChosenLaw, MappedSpecies
+    from forest_addon.stand.statistics.goodness import Estimate, Goodness
+    from forest_addon.stand.statistics.window import Window
 
 
 class EstimateCommand(Command):
@@ -55,8 +82,6 @@ class EstimateCommand(Command):
         return out_file(chosen.out or Path("out") / chosen.map.stem / "site.toml", ".toml")
 
     def run(self, chosen: argparse.Namespace) -> None:
-        from .work.estimate import estimate_site
-
         estimate_site(
             chosen.map,
             self.output(chosen),
@@ -65,3 +90,351 @@ class EstimateCommand(Command):
             chosen.species,
             law=chosen.law,
         )
+
+
+FAR = 10_000.0  # metres from the origin beyond which coordinates are kept as an offset
+HIGHEST = 1e5  # trees/m² of a peak that is written; only ratios count beside an expected number
+
+
+@dataclass(frozen=True)
+class SpeciesOfSite:
+    """A species of a mapped site: its trees (N, 2), in metres from the offset, and what was estimated."""
+
+    name: str
+    points: np.ndarray
+    estimate: Estimate
+    planting: Planting
+    goodness: Goodness | None
+
+
+def estimate_site(
+    path: Path,
+    out: Path,
+    method: str = "mixture",
+    window: Sequence[str] = (),
+    species: Sequence[str] = (),
+    say: Say = print,
+    law: str = "auto",
+) -> Path:
+    """Estimate a site from a CSV of trees; returns the scene file.
+
+    window : four numbers x0 y0 x1 y1, or a CSV of corners; none: around the trees. species : pairs
+    "name in the CSV=preset or species file", or one preset for all trees. law : "auto" chooses among
+    Poisson, groups and repulsion by their tests (``choose_law``), or the name of one.
+
+    Raises
+    ------
+    SpecError : the map, the window, a species or the law cannot be used.
+    """
+
+    import numpy as np
+
+    from forest_addon.formats.tree_map import read_tree_map
+    from forest_addon.stand.statistics.choose import MappedSpecies
+    from forest_addon.stand.statistics.window import Window
+
+    if method == "kernel" and law not in ("auto", "poisson"):
+        raise SpecError("--law", f"{law} goes with --method mixture; a kernel estimate is Poisson")
+    trees = read_tree_map(path)
+    if not len(trees):
+        raise SpecError(str(path), "has no trees below its header; give one a row")
+    frame = _window(window) if window else Window.around(trees.position)
+    _refuse_outside(path, trees, frame)
+    kinds = _species(trees, species, out.parent)
+    offset = np.floor(frame.low) if np.abs(frame.high).max() > FAR else np.zeros(2)
+    frame = Window(tuple(ring - offset for ring in frame.rings))
+    field = _field(frame)
+
+    say(f"{path.name}: {len(trees):,} trees on {frame.area:,.0f} m²" + _said(offset))
+    grown: list[SpeciesOfSite] = []
+    arrays: dict[str, np.ndarray] = {}
+    out.parent.mkdir(parents=True, exist_ok=True)
+    for name, kind in kinds.items():
+        points = trees.position[trees.species == name] - offset
+        mapped = MappedSpecies(name or kind, points, frame, field)
+        one, rasters = _grown(
+            mapped, kind, method, law, f"{out.stem}-{_plain(name or kind)}.npy", say
+        )
+        grown.append(one)
+        arrays |= rasters
+
+    for file, pixels in arrays.items():
+        with replacing(out.parent / file) as written:
+            np.save(written, pixels)
+    scene = Scene(
+        name=out.stem,
+        seed=1,
+        offset=(float(offset[0]), float(offset[1]), 0.0),
+        forest=field,
+        plantings=tuple(g.planting for g in grown),
+    )
+    with replacing(out) as written:
+        written.write_text(_scene_text(scene, path.name, method, trees.position), encoding="utf-8")
+    written = [str(out), *arrays]
+    if can_draw():
+        from forest_addon.drawing.figures import save_figure
+        from forest_addon.drawing.stands import draw_site
+
+        picture = out.with_name(f"{out.stem}-estimate.png")
+        written.append(
+            save_figure(
+                draw_site([(g.name, g.points, g.estimate.at, g.goodness) for g in grown], frame),
+                picture,
+            ).name
+        )
+    else:
+        say(without("The picture is left out"))
+    say(f"Wrote {', '.join(written)}.")
+    say(f"Next: {PROGRAM} stand {out} --out points.csv")
+    return out
+
+
+def _grown(
+    mapped: MappedSpecies, kind: str, method: str, law: str, file: str, say: Say
+) -> tuple[SpeciesOfSite, dict[str, np.ndarray]]:
+    """Return what was estimated of a species' trees, and the arrays that its planting reads."""
+
+    from forest_addon.stand.compose import process_of
+    from forest_addon.stand.statistics.choose import ChosenLaw, choose_law
+    from forest_addon.stand.statistics.goodness import examine, law_of
+    from forest_addon.stand.statistics.kernel import kernel_estimate
+    from forest_addon.stand.statistics.mixture import FittedMixture, fit_mixture
+
+    points, frame = mapped.points, mapped.window
+    estimate = fit_mixture(points, frame) if method == "mixture" else kernel_estimate(points, frame)
+    planting, inputs = _planting(kind, estimate, file)
+    process = process_of(planting, mapped.field, inputs)
+    fitness = examine(points, frame, law_of(estimate, partial(_simulate, process, mapped.name)))
+    others: list[ChosenLaw] = []
+    if isinstance(estimate, FittedMixture):
+        by_chance = ChosenLaw("poisson", estimate, planting, fitness)
+        try:
+            taken, *others = choose_law(mapped, by_chance, estimate, law)
+        except ValueError as problem:
+            raise SpecError("--law", f"{mapped.name}: {problem}") from None
+        estimate, planting, fitness = taken.estimate, taken.planting, taken.goodness
+    grown = SpeciesOfSite(mapped.name, points, estimate, planting, fitness)
+    say(f"  {_summary(grown)}")
+    if others:
+        say(f"    tried too: {', '.join(_words(one) for one in others)}")
+    return grown, dict(inputs.rasters)
+
+
+def _simulate(process: Process, name: str, number: int) -> np.ndarray:
+    from forest_addon.base.rng import stream
+    from forest_addon.stand.poisson import sample
+
+    return sample(process, stream(0, "goodness", name, number))
+
+
+def _window(words: Sequence[str]) -> Window:
+    from forest_addon.formats.tree_map import read_rings
+    from forest_addon.stand.statistics.window import Window
+
+    try:
+        if len(words) == 1:
+            return Window(tuple(read_rings(Path(words[0]))))
+        corners = [float(word) for word in words]
+        if len(corners) != 4 or not (corners[0] < corners[2] and corners[1] < corners[3]):
+            raise ValueError("give X0 Y0 X1 Y1 with X0 < X1 and Y0 < Y1, or one CSV of corners")
+        return Window.rectangle(corners[:2], corners[2:])
+    except SpecError:
+        raise
+    except ValueError as problem:
+        raise SpecError("--window", str(problem)) from None
+
+
+def _refuse_outside(path: Path, trees: TreeMap, window: Window) -> None:
+    import numpy as np
+
+    outside = np.flatnonzero(~window.contains(trees.position))
+    if len(outside):
+        x, y = trees.position[outside[0]]
+        others = f", as do {len(outside) - 1:,} more" if len(outside) > 1 else ""
+        raise SpecError(
+            str(path),
+            f"row {trees.line[outside[0]]}: the tree at ({x:.10g}, {y:.10g}) lies outside the window"
+            f"{others}; leave it out, or widen --window",
+        )
+
+
+def _species(trees: TreeMap, words: Sequence[str], folder: Path) -> dict[str, str]:
+    """Return which species to plant for each name of the map."""
+
+    import numpy as np
+
+    presets = sorted(p.stem for p in (ASSETS / "species").glob("*.toml"))
+    told = dict(word.split("=", 1) for word in words if "=" in word)
+    for_all = next((word for word in words if "=" not in word), None)
+    names = [str(name) for name in np.unique(trees.species)]
+    for name in told:
+        if name not in names:
+            known = ", ".join(f'"{n}"' for n in names if n) or "none at all"
+            raise SpecError("--species", f'no tree of the map is "{name}"; it has {known}')
+    kinds = {}
+    for name in names:
+        kind = told.get(name, for_all or name)
+        if not name and name not in told and for_all is None:
+            raise SpecError(
+                "--species",
+                "some trees have no species; say what grows there, for example --species maple",
+            )
+        if kind.endswith(".toml"):
+            if not Path(kind).is_file():
+                raise SpecError("--species", f"there is no file {kind}; check the path")
+            kind = Path(os.path.relpath(kind, folder)).as_posix()
+        elif kind not in presets:
+            raise SpecError(
+                "--species",
+                f'"{kind}" is no preset; say what grows in its place, for example '
+                f"--species {name or kind}=maple. Presets: {', '.join(presets)}, or a .toml file",
+            )
+        kinds[name] = kind
+    return kinds
+
+
+def _field(window: Window) -> Forest:
+    corners = [tuple(tuple(map(float, corner)) for corner in ring) for ring in window.rings]
+    polygon = {} if window.is_rectangle else {"polygon": corners[0], "holes": tuple(corners[1:])}
+    return Forest(
+        origin=tuple(map(float, window.low)), size=tuple(map(float, window.extent)), **polygon
+    )
+
+
+def _planting(kind: str, estimate: Estimate, file: str) -> tuple[Planting, Inputs]:
+    """The settings of a species, and the array that they name."""
+
+    import numpy as np
+
+    from forest_addon.stand.inputs import Inputs
+    from forest_addon.stand.statistics.kernel import KernelEstimate
+
+    if isinstance(estimate, KernelEstimate):
+        pixels = np.ascontiguousarray(estimate.pixels[::-1])  # north first
+        raster = Raster(file=file)
+        planting = Planting(species=kind, expected=len(estimate.leave_one_out), rasters=(raster,))
+        return planting, Inputs(rasters={file: pixels})
+    shown = min(1.0, HIGHEST / max(estimate.peak.max(initial=0.0), 1e-300))
+    hills = tuple(
+        Gaussian(
+            peak=float(peak * shown),
+            centre=tuple(map(float, centre)),
+            width=tuple(map(float, width)),
+        )
+        for peak, centre, width in zip(estimate.peak, estimate.centre, estimate.width, strict=True)
+    )
+    base = float(estimate.base * shown) if hills else 0.0
+    return (
+        Planting(species=kind, expected=float(estimate.trees), base=base, gaussians=hills),
+        Inputs(),
+    )
+
+
+def _summary(grown: SpeciesOfSite) -> str:
+    from forest_addon.stand.statistics.choose import ACCEPTED
+    from forest_addon.stand.statistics.mixture import FittedMixture
+
+    estimate = grown.estimate
+    if isinstance(estimate, FittedMixture):
+        count = len(estimate.peak)
+        what = f"{count} hill{'s' * (count != 1)}" if count else "the same everywhere"
+        if count and estimate.base:
+            what += f" over {estimate.base * 1e4:.3g} trees/ha"
+        what += f", BIC {estimate.bic:,.1f}"
+    else:
+        what = f"kernel of {estimate.bandwidth:.3g} m"
+    text = f"{grown.name} as {grown.planting.species}: {len(grown.points):,} trees, {what}"
+    if grown.planting.layout == "clusters":
+        groups = grown.planting.clusters
+        wide = "σ" if groups.kind == "thomas" else "radius"
+        text += (
+            f", in {groups.groups * 1e4:.3g} {groups.kind.capitalize()} groups/ha, "
+            f"{wide} {groups.spread:.3g} m"
+        )
+    elif grown.planting.layout == "strauss":
+        strauss = grown.planting.strauss
+        text += f", keeping apart within {strauss.radius:.3g} m (Strauss, γ = {strauss.gamma:.2g})"
+    if grown.goodness is None:
+        return text + "; too few trees to test"
+    tests = grown.goodness.excess.p_value, grown.goodness.quadrat_p_value
+    text += f"; L p = {tests[0]:.3f}, quadrats p = {tests[1]:.3f}: "
+    if min(tests) > ACCEPTED:
+        return text + "stands of this law are like the map"
+    text += "no law that was tried is like this map, the scene has the nearest"
+    return text
+
+
+def _words(law: ChosenLaw) -> str:
+    hills = len(law.estimate.peak)
+    over = f" over {hills} hill{'s' * (hills != 1)}" if hills else ""
+    return f"{law.name}{over} p = {law.p_value:.3f}"
+
+
+def _scene_text(scene: Scene, source: str, method: str, positions: np.ndarray) -> str:
+    import numpy as np
+    from scipy.spatial import cKDTree
+
+    from forest_addon.formats.toml_file import VERSION_KEY
+
+    field = scene.forest
+    places = np.unique(positions, axis=0)
+    nearest = cKDTree(places).query(places, k=2)[0][:, 1].min() if len(places) > 1 else 0.0
+    lines = [
+        f"# Estimated from {source}, {method}, by python -m headless estimate.",
+        f'{VERSION_KEY} = "{version()}"',
+        f"name = {json.dumps(scene.name)}",
+        f"seed = {scene.seed}",
+    ]
+    if any(scene.offset):
+        lines.append(f"offset = {list(scene.offset)}  # added to what is written")
+    lines += [
+        "",
+        "[forest]",
+        f"origin = {_numbers(field.origin)}",
+        f"size = {_numbers(field.size)}",
+        f"# The nearest two trees of the site stand {nearest:.3g} m apart; spacing = … keeps a distance.",
+    ]
+    if field.polygon:
+        lines.append(f"polygon = {[list(corner) for corner in field.polygon]}")
+        lines.append(f"holes = {[[list(corner) for corner in hole] for hole in field.holes]}")
+    for planting in scene.plantings:
+        lines += ["", "[[plantings]]", f"species = {json.dumps(planting.species)}"]
+        lines.append(f"expected = {planting.expected:g}" if planting.expected else "expected = 0")
+        if planting.base:
+            lines.append(f"base = {planting.base:.6g}")
+        if planting.gaussians:
+            lines.append("gaussians = [")
+            lines += [
+                f"    {{ peak = {hill.peak:.6g}, centre = {_numbers(hill.centre)}, "
+                f"width = {_numbers(hill.width)} }},"
+                for hill in planting.gaussians
+            ]
+            lines.append("]")
+        if planting.layout == "clusters":
+            groups = planting.clusters
+            lines += [
+                'layout = "clusters"',
+                f'clusters = {{ kind = "{groups.kind}", groups = {groups.groups:.6g}, '
+                f"spread = {groups.spread:.6g} }}",
+            ]
+        elif planting.layout == "strauss":
+            strauss = planting.strauss
+            lines += [
+                'layout = "strauss"',
+                f"strauss = {{ radius = {strauss.radius:.6g}, gamma = {strauss.gamma:.6g} }}",
+            ]
+        lines += [f"rasters = [{{ file = {json.dumps(r.file)} }}]" for r in planting.rasters]
+    return "\n".join(lines) + "\n"
+
+
+def _numbers(values: Sequence[float]) -> str:
+    return "[" + ", ".join(f"{value:.9g}" for value in values) + "]"
+
+
+def _said(offset: np.ndarray) -> str:
+    return f"; coordinates are kept from ({offset[0]:.0f}, {offset[1]:.0f})" if offset.any() else ""
+
+
+def _plain(name: str) -> str:
+    """A name that a file may have."""
+    return re.sub(r"[^\w-]+", "-", name)

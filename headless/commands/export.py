@@ -5,7 +5,8 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from ..command import SCENE_HELP, Command, name_of, scene_file
+from ..command import SCENE_HELP, Command, name_of, read_scene, scene_file
+from ..progress import Stages, hushed
 
 
 class ExportCommand(Command):
@@ -37,6 +38,32 @@ What HELIOS++ cannot say is printed, and stands in scene.json."""
         return True
 
     def run(self, chosen: argparse.Namespace) -> None:
-        from .work.export import export_scene
-
         export_scene(chosen.scene, chosen.out, chosen.seed, quiet=chosen.quiet)
+
+
+def export_scene(path: Path, folder: Path, seed: int | None = None, quiet: bool = False) -> None:
+    """Grow a scene file and write it for other programs.
+
+    Raises
+    ------
+    SpecError : a scene that cannot be used.
+    OSError : a file that cannot be written.
+    """
+    stages = Stages(quiet)
+    scene = read_scene(path, seed)
+    with stages.stage("load bpy"), hushed():
+        import bpy
+
+        from forest_addon.api.site import build
+        from forest_addon.blender.files.others import export_for_others
+        from forest_addon.blender.sensors.observe import Observer
+        from forest_addon.sensing.lidar.surveys.export import flown
+    with stages.stage("grow the forest"), hushed():
+        build(scene, folder=path.parent)
+        observer = Observer(bpy.context.evaluated_depsgraph_get(), scene.rays)
+        ways = {s.name: flown(s) or observer.way(s, path.parent) for s in scene.sensors}
+    told: list[str] = []
+    with stages.stage("write files"), hushed():
+        export_for_others(scene, observer.geometry, ways, folder, told.append)
+    for sentence in told:
+        stages.say(sentence)

@@ -1,13 +1,27 @@
-"""``python -m headless fly SCENE.toml``: flights through a scene by a policy."""
+"""``python -m headless fly SCENE.toml``: flights through a scene by a policy.
+
+Flights of one speed and density share forests, ``AT_ONCE`` in each, so that their rays are cast together; the
+forest of a batch has the seed of its first flight.
+"""
 
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from forest_addon.spec import SpecError
+from forest_addon.base.progress import Say
+from forest_addon.spec import Scene, SpecError
 
 from ..command import LOCK, SCENE_HELP, Command, name_of, refuse_negative, scene_file
+from ..progress import hushed
+
+if TYPE_CHECKING:
+    from forest_addon.flight.flying import Track
+    from forest_addon.flight.woods import FlightSurroundings, Stock
+
 
 POLICIES = ("straight", "gap", "echo", "trained")
 
@@ -60,8 +74,6 @@ examples:
             raise SpecError("--episodes", f"{chosen.episodes} is out of range; use at least 1")
         speeds = listed("--speeds", chosen.speeds)
         densities = listed("--densities", chosen.densities) or (1.0,)
-        from .work.fly import fly_scene
-
         fly_scene(
             chosen.scene,
             chosen.out,
@@ -90,3 +102,248 @@ def listed(name: str, words: str | None) -> tuple[float, ...]:
     if any(not 0 < value < 1e6 for value in values):
         raise SpecError(name, f'"{words}" must be numbers above 0, parted by commas')
     return values
+
+
+AT_ONCE = 25
+SHOWN = 100  # flights that are animated in the .blend
+
+
+@dataclass(frozen=True)
+class FlightCell:
+    """Flights of one speed (m/s) and one density (a factor on the scene's)."""
+
+    speed: float
+    density: float
+    trees: float
+    tracks: list[Track]
+
+    @property
+    def arrived(self) -> int:
+        """Return how many came to their aim."""
+        return sum(track.end == "arrived" for track in self.tracks)
+
+
+def fly_scene(
+    path: Path,
+    out: Path,
+    policy: str = "gap",
+    episodes: int = 100,
+    seed: int = 0,
+    speeds: Sequence[float] = (),
+    densities: Sequence[float] = (1.0,),
+    trained: Path | None = None,
+    blend: bool = True,
+    say: Say = print,
+    bags: int = 0,
+) -> list[FlightCell]:
+    """Fly ``episodes`` times at each speed and density and write everything into a folder.
+
+    speeds : m/s; none: the scene's. bags : of how many flights of the first cell ROS 2 bags are written.
+
+    Raises
+    ------
+    SpecError : the scene, or a policy, cannot be used.
+    OSError : a file could not be written.
+    """
+
+    from forest_addon.blender.files.export import empty_file
+    from forest_addon.flight.flying import interval
+    from forest_addon.flight.senses import lidar_of
+    from forest_addon.flight.woods import Stock
+
+    from ..report.flights import draw_flights
+
+    with hushed():
+        empty_file()
+        stock = Stock(path, path.resolve().parent)
+    out.mkdir(parents=True, exist_ok=True)
+    whole, cells, first = stock.settings, [], None
+    say(f"{whole.name}: {policy}, {episodes} flights at each speed and density")
+    if whole.wind.speed > 0:
+        blows = f"a wind of {whole.wind.speed:g} m/s at the tops"
+        say(f"  {blows} carries flyers, with its gusts; trees sway as they sense and touch them")
+    for density in densities:
+        stock.settings = thinned(whole, density)
+        for speed in speeds or (whole.flight.speed,):
+            cell, world = _cell(stock, policy, trained, episodes, seed, speed, density)
+            cells.append(cell)
+            if first is None or (density == 1.0 and speed == whole.flight.speed):
+                first = (cell, world)
+            low, high = interval(cell.arrived, episodes)
+            say(
+                f"  {speed:5.1f} m/s, {cell.trees:7.4f} trees/m²: {cell.arrived / episodes:4.0%} arrive "
+                f"({low:.0%} to {high:.0%}), {_mean_speed(cell):.1f} m/s on the way"
+            )
+    stock.settings = whole
+    write_tracks(out / "trajectories.csv", cells)
+    write_success(out / "success.csv", cells)
+    assert first is not None
+    draw_flights(out / "flights.png", cells, *first, title=f"{whole.name}: {policy}")
+    names = "trajectories.csv, success.csv, flights.png"
+    if blend:
+        with hushed(errors=True):
+            _save(out / "flights.blend", *first)
+        names += ", flights.blend"
+    tracks = cells[0].tracks[:bags]
+    for number, track in enumerate(tracks):
+        write_track_bag(out / f"flight-{number:04d}.mcap", track, lidar_of(whole).max_range)
+    if tracks:
+        names += f", {len(tracks)} bags: flight-0000.mcap and on"
+    say(f"Written to {out}: {names}")
+    return cells
+
+
+def write_track_bag(path: Path, track: Track, reach: float) -> None:
+    """Write a flight as a ROS 2 bag: its way, and the range of what was nearest. reach : metres sensed.
+
+    Raises
+    ------
+    SpecError : the library rosbags is missing.
+    """
+
+    import numpy as np
+    from scipy.spatial.transform import Rotation
+
+    from forest_addon.formats.rosbag import BagWay, write_bag
+
+    time = np.arange(len(track.position)) * track.step
+    turn = Rotation.from_euler("Z", track.heading[:, None])
+    write_bag(path, BagWay(time, track.position, turn, track.nearest), reach=reach)
+
+
+def thinned(settings: Scene, factor: float) -> Scene:
+    """The scene with so many times its trees.
+
+    Raises
+    ------
+    SpecError : a planting whose number of trees is not set by a number.
+    """
+    if factor == 1.0:
+        return settings
+    plantings = []
+    for number, planting in enumerate(settings.plantings):
+        for key in ("expected", "density"):
+            value = getattr(planting, key)
+            if value is not None:
+                plantings.append(planting.changed(**{key: value * factor}))
+                break
+        else:
+            raise SpecError(
+                f"plantings[{number}]", "has no expected number nor density; give one to vary it"
+            )
+    return settings.changed(plantings=tuple(plantings))
+
+
+def _cell(
+    stock: Stock,
+    policy: str,
+    trained: Path | None,
+    episodes: int,
+    seed: int,
+    speed: float,
+    density: float,
+) -> tuple[FlightCell, FlightSurroundings]:
+    from forest_addon.flight.flying import fly
+    from forest_addon.flight.policies import load, policy_of
+    from forest_addon.flight.senses import EarSense, LidarSense, lidar_of, sonar_of
+    from forest_addon.flight.simulation import Flyers
+
+    settings = stock.settings
+    flight = settings.flight.changed(speed=speed, slowest=min(settings.flight.slowest, speed))
+    lidar, ears = LidarSense(lidar_of(settings)), EarSense(sonar_of(settings), settings.air)
+    learnt = load(trained, flight, lidar) if trained else None
+    pilot = policy_of(policy, flight, lidar, ears, learnt)
+    hears = "sonar" in pilot.sensors
+    flyers = Flyers(
+        flight, min(AT_ONCE, episodes), None if hears else lidar, ears if hears else None
+    )
+    tracks: list[Track] = []
+    world = None
+    for begin in range(0, episodes, AT_ONCE):
+        some = [seed + n for n in range(begin, min(begin + AT_ONCE, episodes))]
+        around = stock.surroundings(some[0])
+        world = world or around
+        flyers.enter(around)
+        tracks += fly(flyers, pilot, some, forest=some[0])
+    assert world is not None
+    assert world.forest is not None
+    trees = float(sum(world.forest.stand.expected)) / world.forest.stand.area
+    return FlightCell(speed, density, trees, tracks), world
+
+
+def _mean_speed(cell: FlightCell) -> float:
+    seconds = sum(track.seconds for track in cell.tracks)
+    return sum(track.flown for track in cell.tracks) / seconds if seconds else 0.0
+
+
+def write_tracks(path: Path, cells: Sequence[FlightCell]) -> None:
+    """Every step of every flight, a row each."""
+
+    import numpy as np
+
+    from forest_addon.formats.table import write_csv
+
+    columns: dict[str, list] = {
+        name: []
+        for name in (
+            *("flight", "seed", "forest", "speed_m_s", "density", "end", "time_s"),
+            *("x_m", "y_m", "z_m", "heading_rad", "nearest_m"),
+        )
+    }
+    number = 0
+    for cell in cells:
+        for track in cell.tracks:
+            count = len(track.position)
+            same = (number, track.seed, track.forest, cell.speed, cell.density, track.end)
+            for name, value in zip(list(columns)[:6], same, strict=True):
+                columns[name] += [value] * count
+            columns["time_s"] += np.round(np.arange(count) * track.step, 6).tolist()
+            for axis, name in enumerate(("x_m", "y_m", "z_m")):
+                columns[name] += np.round(track.position[:, axis], 4).tolist()
+            columns["heading_rad"] += np.round(track.heading, 5).tolist()
+            columns["nearest_m"] += np.round(track.nearest, 3).tolist()
+            number += 1
+    write_csv(path, columns)
+
+
+def write_success(path: Path, cells: Sequence[FlightCell]) -> None:
+    """A row a speed and density: how many arrive, with the interval of 95 %."""
+
+    from forest_addon.flight.flying import interval
+    from forest_addon.formats.table import write_csv
+
+    rows = []
+    for cell in cells:
+        low, high = interval(cell.arrived, len(cell.tracks))
+        rows.append(
+            {
+                "speed_m_s": cell.speed,
+                "density": cell.density,
+                "trees_per_m2": round(cell.trees, 6),
+                "flights": len(cell.tracks),
+                "arrived": cell.arrived,
+                "crashed": sum(track.end == "crashed" for track in cell.tracks),
+                "late": sum(track.end == "late" for track in cell.tracks),
+                "share": round(cell.arrived / len(cell.tracks), 4),
+                "from": round(low, 4),
+                "to": round(high, 4),
+                "mean_speed_m_s": round(_mean_speed(cell), 3),
+            }
+        )
+    write_csv(path, {name: [row[name] for row in rows] for name in rows[0]})
+
+
+def _save(path: Path, cell: FlightCell, world: FlightSurroundings) -> None:
+    """The first forest of a cell in Blender, with the flights through it."""
+    import bpy
+
+    from forest_addon.blender.files.export import save_blend
+    from forest_addon.blender.scene.layout import RESULTS, part
+    from forest_addon.blender.show.trails import show_flights
+
+    assert world.forest is not None
+    world.stock.built(world.forest)
+    forest = cell.tracks[0].forest
+    mine = [track for track in cell.tracks if track.forest == forest][:SHOWN]
+    show_flights(part(bpy.context.scene, RESULTS), mine)
+    save_blend(path)

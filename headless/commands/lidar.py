@@ -1,17 +1,27 @@
-"""``python -m headless lidar FILE.blend``: scan any Blender scene with a real instrument, into a file."""
+"""``python -m headless lidar FILE.blend``: scan any Blender scene with a real instrument, into a file.
+
+Nothing of a forest of ours need be in the scene. The scan is written chunk by chunk; one that was
+interrupted, or killed, goes on with ``--resume``.
+"""
 
 from __future__ import annotations
 
 import argparse
+import sys
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from forest_addon.spec import SpecError
+from forest_addon.spec import SENSORS, Airborne, Mobile, Rays, Scanner, SpecError, Terrestrial
 
 from ..command import Command, refuse_negative
+from ..progress import Stages, hushed
 
 if TYPE_CHECKING:
     from forest_addon.results.coordinates import Offset
+
 
 FORMATS = ("laz", "las", "copc.laz", "ply", "npz")
 
@@ -131,8 +141,6 @@ with the same command and --resume, to the same bytes."""
         return f"what was scanned is kept beside {chosen.out}; --resume goes on with it"
 
     def run(self, chosen: argparse.Namespace) -> None:
-        from .work.lidar import list_scanners, scan_blend, sensor_of
-
         if chosen.list:
             list_scanners()
             return
@@ -175,7 +183,7 @@ with the same command and --resume, to the same bytes."""
         ------
         SpecError : words that do not go with it, or a cloud that cannot be used.
         """
-        from .work.like import write_like
+        from ..surveys import write_like
 
         words = ("blend", "survey", "at", "along", "azimuth", "set", "resume", "chunk", "format")
         for word in words:
@@ -193,7 +201,7 @@ with the same command and --resume, to the same bytes."""
         ------
         SpecError : words that do not go with a survey, or a survey that cannot be used.
         """
-        from .work.survey import ScanChoice, scan_survey
+        from ..surveys import ScanChoice, scan_survey
 
         words = ("blend", "scanner", "at", "along", "azimuth", "set", "resume", "chunk")
         for word in words:
@@ -223,10 +231,197 @@ def _offset(chosen: argparse.Namespace) -> Offset:
     from forest_addon.formats.crs import can_tell_crs, wkt_of
     from forest_addon.results.coordinates import Offset
 
-    from .work.lidar import numbers
-
     if chosen.crs and not can_tell_crs():
         raise SpecError("--crs", "needs pyproj; install it by pip install pyproj")
     wkt_of(chosen.crs)
     metres = numbers("--offset", chosen.offset, 3) if chosen.offset else (0.0, 0.0, 0.0)
     return Offset(metres, chosen.crs)
+
+
+def list_scanners() -> None:
+    """Print every preset: platforms, range, divergence, rate."""
+
+    from forest_addon.formats.toml_file import read_scanner, scanner_names, structure
+
+    print(f"{'scanner':<20}{'instrument':<34}{'on':<22}{'range, m':>10}{'mrad':>12}{'kHz':>7}")
+    for name in scanner_names():
+        file = read_scanner(name)
+        kind, table = next(iter(file.tables.items()))
+        sensor = structure(table, SENSORS[kind])
+        spread = " x ".join(f"{a:g}" for a in dict.fromkeys(sensor.beam.divergence_mrad))
+        print(
+            f"{name:<20}{file.title:<34}{', '.join(file.tables):<22}"
+            f"{sensor.max_range:>10g}{spread:>12}{sensor.pulse_rate / 1e3:>7.0f}"
+        )
+
+
+def sensor_of(
+    scanner: str | None,
+    at: str | None,
+    along: str | None,
+    azimuth: str | None,
+    changes: Sequence[str] = (),
+) -> Scanner:
+    """The sensor of a preset at a place "x,y,z" or along an object, with changes "key=value".
+
+    Raises
+    ------
+    SpecError : what is missing or cannot be used.
+    """
+
+    from forest_addon.formats.toml_file import merged, read_scanner, structure
+
+    if not scanner:
+        raise SpecError("--scanner", "is missing; --list prints the scanners")
+    tables = read_scanner(scanner).tables
+    kind = _kind(scanner, at, along, tables)
+    table: dict[str, Any] = {"name": "scan", "scanner": scanner}
+    if at:
+        table["position"] = numbers("--at", at, 3)
+    if along:
+        table["follow"] = along
+    if azimuth and hasattr(SENSORS[kind], "azimuth_deg"):  # a window, on a tripod
+        table["azimuth_deg"] = numbers("--azimuth", azimuth, 2)
+    elif azimuth:
+        table["heading_deg"] = numbers("--azimuth", azimuth, 1)[0]
+    for word in changes:
+        table = merged(table, _setting(word))
+    settings: type[Scanner] = {"terrestrial": Terrestrial, "mobile": Mobile, "airborne": Airborne}[
+        kind
+    ]
+    return structure(merged(tables[kind], table), settings)
+
+
+def _kind(scanner: str, at: str | None, along: str | None, tables: Mapping[str, Any]) -> str:
+    """The platform: what it follows makes it mobile, a place a tripod or an aircraft."""
+
+    from forest_addon.formats.toml_file import PLATFORMS, read_scanner, scanner_names
+
+    if along:
+        able: tuple[str, ...] = ("mobile",)
+    elif at:
+        able = ("terrestrial", "airborne")
+    else:
+        raise SpecError("--at", "is missing; say where the scanner stands: --at x,y,z")
+    kind = next((k for k in able if k in tables), None)
+    if kind is None:
+        needed = "--at" if along else "--along OBJECT"
+        raise SpecError(
+            "--scanner",
+            f'"{scanner}" is no {" or ".join(able)} scanner; use {needed}, or one of '
+            + ", ".join(n for n in scanner_names() if set(able) & set(read_scanner(n).tables)),
+        )
+    assert kind in PLATFORMS
+    return kind
+
+
+def numbers(option: str, text: str, count: int) -> tuple[float, ...]:
+    """So many numbers with commas between them.
+
+    Raises
+    ------
+    SpecError : it is something else.
+    """
+    try:
+        numbers = tuple(float(part) for part in text.split(","))
+    except ValueError:
+        numbers = ()
+    if len(numbers) != count:
+        shown = ",".join(("1.5", "0", "2")[:count])
+        raise SpecError(option, f'"{text}" is not {count} numbers with commas, as in {shown}')
+    return numbers
+
+
+def _setting(word: str) -> dict[str, Any]:
+    from forest_addon.formats.toml_file import parse_tables
+
+    key, equals, value = word.partition("=")
+    lines = (f"{key} = {value}", f'{key} = "{value}"')  # a text needs no quotes here
+    for line in lines if equals else ():
+        try:
+            return parse_tables(line, "--set")
+        except SpecError:
+            continue
+    raise SpecError("--set", f'"{word}" is not KEY=VALUE, as in beam.subrays=19')
+
+
+def scan_blend(
+    blend: Path,
+    sensor: Scanner,
+    target: Path,
+    *,
+    seed: int = 0,
+    offset: Offset,
+    engine: str = "auto",
+    resume: bool = False,
+    at_once: int | None = None,
+    quiet: bool = False,
+) -> None:
+    """Scan a .blend file into a file of points.
+
+    resume : go on with a scan that was not finished. at_once : pulses between two savings.
+
+    Raises
+    ------
+    SpecError : a scene that cannot be used.
+    OSError : a file that cannot be read or written; what was scanned is kept.
+    """
+
+    from forest_addon.results.scan_file import write_scan
+    from forest_addon.sensing.kinds import kind_of
+    from forest_addon.sensing.lidar.scan import Scan
+
+    stages = Stages(quiet)
+    if not blend.is_file():
+        raise SpecError(str(blend), "there is no such file; check the path")
+    target.parent.mkdir(parents=True, exist_ok=True)
+    with hushed():
+        import bpy
+
+        from forest_addon.blender.files.export import empty_file, open_file
+        from forest_addon.blender.sensors.observe import Observer
+    try:
+        with stages.stage(f"open {blend.name}"), hushed(errors=True):
+            open_file(blend)
+        with stages.stage("read evaluated scene"):
+            observer = Observer(bpy.context.evaluated_depsgraph_get(), Rays(engine=engine))
+            if not len(observer.geometry):
+                raise SpecError(
+                    str(blend), "has nothing to scan: no visible object of its scene has faces"
+                )
+            caster = observer.caster
+        if observer.warning:
+            stages.say(f"  Warning: {observer.warning}")
+        way = observer.way(sensor)
+        cost = kind_of(sensor).cost(sensor, way, caster.engine)
+        stages.say(f"  {replace(cost, memory=0)}")  # points go to the disk as they come
+        observer.prepare(sensor, way)
+        scan = Scan(sensor, observer.eyes(sensor), seed, way)  # type: ignore[arg-type]
+        started = time.perf_counter()
+        with stages.stage(f"scan {scan.pulses:,} pulses") as progress:
+            done = write_scan(
+                target,
+                scan,
+                seed,
+                offset=offset,
+                resume=resume,
+                at_once=at_once,
+                progress=progress,
+            )
+        took = time.perf_counter() - started
+        stages.say(
+            f"{done.path}: {done.points:,} points of {done.pulses:,} pulses by {caster.engine}, "
+            f"{(done.pulses - done.resumed_at) / took:,.0f} pulses/s"
+        )
+        if done.unfollowed:
+            stages.say(
+                f"  {done.unfollowed:,} turned rays met a second mirror, glass or water, and end there"
+            )
+        for lost in done.lost:
+            text = f"Not measured, by a fault of this program that is worth a report: {lost}"
+            print(
+                text, file=sys.stderr, flush=True
+            )  # whoever wants no words but errors wants this one
+    finally:
+        with hushed():  # with an evaluated scene at hand, bpy 4.5 never ends
+            empty_file()

@@ -1,11 +1,24 @@
-"""``python -m headless stand``: where the trees of a scene stand, without growing any."""
+"""``python -m headless stand``: where the trees of a scene stand, without growing any.
+
+Positions go into a CSV or GeoJSON file, a map of them into a picture beside it; what was expected, drawn and
+removed is printed as a table.
+"""
 
 from __future__ import annotations
 
 import argparse
+import time
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from ..command import SCENE_HELP, Command, name_of, out_file, scene_file
+from forest_addon.base.progress import Say
+from forest_addon.spec import SpecError
+
+from ..command import SCENE_HELP, Command, name_of, out_file, read_scene, scene_file
+from ..report import can_draw, without
+
+if TYPE_CHECKING:
+    from forest_addon.stand.plan import Stand
 
 
 class StandCommand(Command):
@@ -32,6 +45,72 @@ class StandCommand(Command):
         return out_file(out, ".csv", ".geojson", ".json")
 
     def run(self, chosen: argparse.Namespace) -> None:
-        from .work.stand import sample_stand
-
         sample_stand(chosen.scene, chosen.out, chosen.seed)
+
+
+def sample_stand(scene: Path, out: Path, seed: int | None = None, say: Say = print) -> Stand:
+    """Plan the stand of a scene file; write positions and map.
+
+    Raises
+    ------
+    SpecError : the scene, or a file that it names, cannot be used; ``out`` cannot be written.
+    ValueError : an intensity that cannot be used, or asks for too many trees.
+    """
+
+    from forest_addon.results.coordinates import FILE, note_of, write_note
+    from forest_addon.results.tables import write_stand
+    from forest_addon.site import ForestSite, check_species
+    from forest_addon.stand.files import read_inputs
+    from forest_addon.stand.plan import labels
+
+    settings = read_scene(scene, seed)
+    folder = scene.resolve().parent
+    check_species(settings, folder)
+    site = ForestSite(settings, folder, inputs=read_inputs(settings, folder))  # no tree is grown
+    started = time.perf_counter()
+    stand = site.plan()
+    took = time.perf_counter() - started
+    names = labels(settings.plantings)
+    for line in stand_lines(stand, names):
+        say(line)
+    try:
+        out.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as problem:
+        raise SpecError(
+            f"--out {out}", f"cannot be written to ({problem.strerror}); choose another folder"
+        ) from None
+    write_stand(out, stand, names, settings.offset, settings.crs)
+    write_note(out.with_name(f"{out.stem}-{FILE}"), settings.offset, settings.crs)
+    if not can_draw():
+        say(without("The map is plain"))
+    from ..report.page import draw_stand
+
+    picture = draw_stand(stand, names, settings, site.inputs, out.with_suffix(".png"))
+    say(f"\nSampled in {took:.2f} s. Wrote {out} and {picture}")
+    note = note_of(settings.offset, settings.crs)
+    if note:
+        say(note[:1].upper() + note[1:] + ".")
+    return stand
+
+
+def stand_lines(stand: Stand, names: list[str]) -> list[str]:
+    """A table: what was expected of every planting, what stands, what was taken away and why."""
+    width = max([8, *map(len, names)])
+    lines = [
+        f"{'species':<{width}}{'expected':>14}{'trees':>11}{'trees/ha':>11}"
+        f"{'too near':>10}{'no ground':>11}{'off field':>11}"
+    ]
+    counts, density = stand.counts(), stand.density() * 1e4
+    for k, name in enumerate(names):
+        error = f" ±{stand.error[k]:.2g}" if stand.error[k] else ""
+        lines.append(
+            f"{name:<{width}}{f'{stand.expected[k]:,.1f}{error}':>14}{counts[k]:>11,}{density[k]:>11,.1f}"
+            f"{stand.too_near[k]:>10,}{stand.off_ground[k]:>11,}{stand.off_field[k]:>11,}"
+        )
+    if len(names) > 1:
+        lines.append(
+            f"{'together':<{width}}{f'{stand.expected.sum():,.1f}':>14}{len(stand):>11,}"
+            f"{density.sum():>11,.1f}{stand.removed:>10,}{stand.off_ground.sum():>11,}"
+            f"{stand.off_field.sum():>11,}"
+        )
+    return lines

@@ -5,9 +5,13 @@
     DIR/scenes/000017/          files of the scene, and scene.json with their SHA-256, written last
     DIR/scenes/.000017.*        a scene in the making; it is renamed when all of it is on the disk
     DIR/status/000017.json      how long it took, or the error for which it was set aside
+    DIR/manifest.csv, splits/   what there is, read from these folders and nothing else
+    DIR/shards/                 scenes of a split packed in order as WebDataset tars: tls.laz of scene 000017
+                                is 000017.tls.laz, without dates and owners, so equal scenes are equal tars
 
 Whoever finishes a scene that another has finished meanwhile throws his away: they are the same bytes.
-Folders and names are synchronised before and after the rename, so that a power cut leaves one or the other.
+Folders and names are synchronised before and after the rename, so that a power cut leaves one or the
+other.
 """
 
 from __future__ import annotations
@@ -19,13 +23,17 @@ import os
 import re
 import secrets
 import shutil
-from collections.abc import Iterator, Mapping
+import tarfile
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from forest_addon.formats.atomic import replacing
-from forest_addon.formats.ownership import claim, digest_of
+from forest_addon.formats.ownership import claim, digest_of, remove
+from forest_addon.formats.table import write_csv
+
+from .plan import SPLITS, Recipe
 
 SCENES, STATUS, RECORD = "scenes", "status", "scene.json"
 MADE = re.compile(r"\.\d{6,}\.\d+-[0-9a-f]{8}\.partial")  # a scene in the making
@@ -191,3 +199,126 @@ def read_status(root: Path, number: int) -> dict[str, Any]:
 
 def _note(root: Path, number: int) -> Path:
     return root / STATUS / f"{scene_name(number)}.json"
+
+
+MANIFEST = "manifest.csv"
+COLUMNS = (
+    *(
+        "scene",
+        "split",
+        "seed",
+        "base",
+        "status",
+        "seconds",
+        "cpu_seconds",
+        "trees",
+        "points",
+        "files",
+    ),
+    *("bytes", "settings", "digest", "error"),
+)
+
+
+def rows_of(root: Path, recipes: Sequence[Recipe]) -> list[dict[str, Any]]:
+    """A row for every scene of the plan, and for every other that is there."""
+    done = {one.number: one for one in scenes_done(root)}
+    rows = []
+    for recipe in recipes:
+        rows.append(_row(root, recipe, done.pop(recipe.number, None)))
+    rows += [_row(root, None, one) for _, one in sorted(done.items())]
+    return rows
+
+
+def _row(root: Path, recipe: Recipe | None, done: Done | None) -> dict[str, Any]:
+    number = done.number if done is not None else recipe.number if recipe is not None else -1
+    status = read_status(root, number)
+    cpu = status.get("cpu") or {}
+    row: dict[str, Any] = dict.fromkeys(COLUMNS, "")
+    row |= {"scene": scene_name(number), "status": "missing"}
+    if recipe is not None:
+        row |= {
+            "split": recipe.split,
+            "seed": recipe.seed,
+            "base": recipe.base,
+            "settings": recipe.digest,
+        }
+    if done is not None:
+        record = done.record
+        row |= {
+            key: record[key] for key in ("split", "seed", "base", "trees", "settings", "digest")
+        }
+        row |= {"status": "done", "points": sum(record["points"].values())}
+        row |= {"files": len(record["files"]), "bytes": done.size}
+    elif status.get("status") == "failed":
+        row |= {"status": "failed", "error": f"{status.get('kind')}: {status.get('why')}"}
+    if cpu or status.get("status") == "failed":
+        row |= {
+            "seconds": round(status.get("seconds", 0.0), 2),
+            "cpu_seconds": round(sum(cpu.values()), 2),
+        }
+    return row
+
+
+def write_manifest(root: Path, recipes: Sequence[Recipe]) -> list[dict[str, Any]]:
+    """Write the manifest and the splits' lists of scenes that are done; returns the rows."""
+    rows = rows_of(root, recipes)
+    write_csv(root / MANIFEST, {name: [row[name] for row in rows] for name in COLUMNS})
+    folder = root / "splits"
+    folder.mkdir(exist_ok=True)
+    for split in SPLITS:
+        mine = [row["scene"] for row in rows if row["split"] == split and row["status"] == "done"]
+        with replacing(folder / f"{split}.txt") as text:
+            text.write_text("".join(f"{name}\n" for name in mine) or "\n", encoding="utf-8")
+    return rows
+
+
+FOLDER, INDEX = "shards", "index.json"
+
+
+def write_shards(root: Path, size: int) -> list[Path]:
+    """Pack every split into tars of about ``size`` bytes; returns them. Earlier ones are replaced.
+
+    Raises
+    ------
+    OSError : one cannot be written.
+    """
+    folder = root / FOLDER
+    folder.mkdir(exist_ok=True)
+    before = _packed(folder / INDEX)
+    claim(folder / INDEX)
+    written = []
+    done = list(scenes_done(root))
+    for split in SPLITS:
+        held: list[Done] = []
+        number = 0
+        mine = [one for one in done if one.record["split"] == split]
+        for place, one in enumerate(mine):
+            held.append(one)
+            if sum(each.size for each in held) >= size or place == len(mine) - 1:
+                written.append(_pack(folder / f"{split}-{number:06d}.tar", held))
+                held, number = [], number + 1
+    counts, index = {path.name: path.stat().st_size for path in written}, folder / INDEX
+    for old in before - set(counts):
+        remove(folder / old)
+    with replacing(index) as text:
+        text.write_text(json.dumps(counts, indent=1) + "\n", encoding="utf-8")
+    return written
+
+
+def _packed(index: Path) -> set[str]:
+    """Names of the tars that an earlier command packed."""
+    try:
+        return {Path(name).name for name in json.loads(index.read_text(encoding="utf-8"))}
+    except (OSError, ValueError, TypeError):
+        return set()
+
+
+def _pack(path: Path, scenes: list[Done]) -> Path:
+    with replacing(path) as partial, tarfile.open(partial, "w", format=tarfile.USTAR_FORMAT) as tar:
+        for one in scenes:
+            for name in sorted([*one.record["files"], RECORD]):
+                info = tarfile.TarInfo(f"{one.folder.name}.{name}")
+                info.size = (one.folder / name).stat().st_size
+                with open(one.folder / name, "rb") as file:
+                    tar.addfile(info, file)
+    return path

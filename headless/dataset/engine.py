@@ -1,35 +1,251 @@
 """Workers that make the scenes: threads of this process, or those of a Dask cluster.
 
-A thread waits for a child that has Blender loaded; so workers of one machine need no scheduler and no
-processes besides these children.
+A worker holds a child that has Blender loaded and never loads it itself, so workers of one machine need
+no scheduler and no processes besides these children. The child is watched: it is killed when a scene
+runs past its time or needs more memory than it may, renewed after a while, and a scene that it cannot
+make is set aside.
 
-A scheduler only hands out jobs. What is done stands on the disk; so whatever a scheduler loses (workers that
-end by walltime, tasks that it gives up after some such ends) is handed out again, as long as it goes on
-finishing some. Dask's processes hold a handle on a child that has Blender loaded, never Blender itself.
+A job is a plain table, so that it can be sent to another machine. A scheduler only hands out jobs. What
+is done stands on the disk before a result is given; so whatever a scheduler loses (workers that end by
+walltime, tasks that it gives up after some such ends) is handed out again, as long as it goes on
+finishing some.
 """
 
 from __future__ import annotations
 
+import atexit
 import contextlib
 import importlib
+import json
 import logging
 import os
 import queue
 import shlex
+import subprocess
+import sys
+import tempfile
 import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import CancelledError
-from dataclasses import dataclass
+from concurrent.futures import CancelledError, ThreadPoolExecutor, as_completed
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 from forest_addon.base.places import environment_of_child
 from forest_addon.spec import SpecError
 
+from ..progress import held_memory
 from . import disk
-from .worker import Worker, work
+from .plan import Recipe
+from .settings import Running
+
+LOOK = 0.1  # s between two looks at its memory
+STARTS_IN = 300.0  # s, at most
+TOLD = 300  # characters of its last words
+TRIES = 2  # the second in a fresh process
+TRIMS = "MALLOC_TRIM_THRESHOLD_"  # that Dask sets for its workers: scenes took a fifth longer
+
+
+@dataclass(frozen=True)
+class SceneOutcome:
+    """Outcome of a scene: ``kind`` is done, or why it was not: settings, fault, disk, memory, timeout, crash.
+
+    seconds : CPU time of each stage. wall : seconds. memory, peak : bytes that the process held afterwards,
+    and at most.
+    """
+
+    kind: str
+    why: str = ""
+    seconds: dict[str, float] = field(default_factory=dict)
+    wall: float = 0.0
+    memory: float = 0.0
+    peak: float = 0.0
+
+
+class Worker:
+    """A child that has Blender loaded, started when it is first needed, and what it has been through."""
+
+    def __init__(self, threads: int = 1) -> None:
+        self.threads = threads
+        self.scenes = 0  # that its child has made
+        self.first_memory = 0.0  # of its child, after the first
+        self._stopped = False
+        self._process: subprocess.Popen[str] | None = None
+        self._answers: queue.Queue[str | None] = queue.Queue()
+        self._words: IO[bytes] | None = None
+
+    def make(self, job: dict[str, Any]) -> dict[str, Any]:
+        """Make the scene of a job. ``result`` is done, failed, disk or stopped; ``why`` says what was
+        wrong."""
+        root, recipe, running = Path(job["root"]), job["recipe"], Running(**job["running"])
+        number = int(recipe["number"])
+        if int(job["threads"]) != self.threads:
+            self.end()
+            self.threads = int(job["threads"])
+        there = disk.read_scene(root / disk.SCENES / disk.scene_name(number))
+        if there is not None and there.record.get("settings") == recipe["digest"]:
+            return {"result": "done", "scene": number}
+        for _ in range(TRIES):
+            outcome = self.scene(root, recipe, running.timeout, float(job["memory"]))
+            if outcome.kind in ("done", "disk") or self._stopped:
+                break
+            self.end()
+        done = outcome.kind == "done"
+        told = {"result": outcome.kind, "scene": number, "why": outcome.why}
+        if outcome.kind == "disk":
+            return told
+        if self._stopped and not done:
+            return told | {"result": "stopped"}
+        status = {"status": "done" if done else "failed", "settings": recipe["digest"]}
+        status |= {} if done else {"kind": outcome.kind, "why": outcome.why}
+        status |= {"seconds": outcome.wall, "cpu": outcome.seconds, "memory": outcome.memory}
+        try:
+            disk.write_status(root, number, status)
+        except OSError as problem:
+            return {"result": "disk", "scene": number, "why": str(problem)}
+        grown = outcome.memory - self.first_memory > running.renew_grown_gb * 1e9
+        if done and (grown or self.scenes >= running.renew_after):
+            self.end()
+        told |= {"result": status["status"], "seconds": outcome.wall}
+        return told | {"cpu": sum(outcome.seconds.values())}
+
+    def scene(
+        self, root: Path, recipe: dict[str, Any], timeout: float, most: float
+    ) -> SceneOutcome:
+        """Have the child try a scene; ``most`` bytes of memory, ``timeout`` seconds."""
+        if self._process is None or self._process.poll() is not None:
+            problem = self.start()
+            if problem:
+                return SceneOutcome("crash", problem)
+        assert self._process is not None
+        assert self._process.stdin is not None
+        started = time.monotonic()
+        try:
+            self._process.stdin.write(json.dumps({"root": str(root), "recipe": recipe}) + "\n")
+            self._process.stdin.flush()
+        except OSError:
+            return self._crashed()
+        answer = self._wait(started + timeout, most)
+        if isinstance(answer, SceneOutcome):
+            return answer
+        outcome = SceneOutcome(**answer, wall=time.monotonic() - started)
+        self.scenes += 1
+        self.first_memory = self.first_memory or outcome.memory
+        return outcome
+
+    def start(self) -> str:
+        """Start the child; returns what went wrong, empty if it is ready."""
+        self.end()
+        one = "1"  # small matrices; and the same sums everywhere
+        environment = environment_of_child(OPENBLAS_NUM_THREADS=one, OMP_NUM_THREADS=one)
+        environment.pop(TRIMS, None)
+        self._words = tempfile.TemporaryFile()  # noqa: SIM115 - it lives as long as the process
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", f"{__package__}.maker", str(self.threads)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=self._words,
+            text=True,
+            encoding="utf-8",
+            env=environment,
+            start_new_session=os.name != "nt",  # Ctrl-C is for the command, which ends us
+        )
+        self._answers, self.scenes, self.first_memory = queue.Queue(), 0, 0.0
+        threading.Thread(
+            target=_read, args=(self._process.stdout, self._answers), daemon=True
+        ).start()
+        ready = self._wait(time.monotonic() + STARTS_IN, float("inf"))
+        return ready.why if isinstance(ready, SceneOutcome) else ""
+
+    def _wait(self, deadline: float, most: float) -> dict[str, Any] | SceneOutcome:
+        """Return the child's next answer, or what became of it instead; then it is dead."""
+        while True:
+            try:
+                line = self._answers.get(timeout=LOOK)
+            except queue.Empty:
+                assert self._process is not None
+                if time.monotonic() > deadline:
+                    self.end()
+                    return SceneOutcome("timeout", "ran past its time")
+                if held_memory(self._process.pid) > most:
+                    self.end()
+                    why = f"needs more memory than it may have ({most / 1e9:.1f} GB)"
+                    return SceneOutcome("memory", why)
+                continue
+            return self._crashed() if line is None else json.loads(line)
+
+    def _crashed(self) -> SceneOutcome:
+        """Return how the child ended, with its last words."""
+        assert self._process is not None
+        assert self._words is not None
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self._process.wait(5.0)
+        code = self._process.returncode
+        self._words.seek(max(0, self._words.seek(0, os.SEEK_END) - 4 * TOLD))
+        said = self._words.read().decode("utf-8", "replace").strip().splitlines()
+        self.end()
+        how = (
+            f"was ended by signal {-code}"
+            if code is not None and code < 0
+            else f"ended with {code}"
+        )
+        last = f": {said[-1][-TOLD:]}" if said else ""
+        return SceneOutcome("crash", f"Blender's process {how}{last}")
+
+    def stop(self) -> None:
+        """Have the thread that is in ``make`` come back soon; the scene that it is at is lost."""
+        self._stopped, process = True, self._process
+        if process is not None:  # its thread finds it crashed
+            process.kill()
+
+    def end(self) -> None:
+        """Kill the child; a scene that it was making is lost."""
+        process, self._process = self._process, None
+        if process is not None:
+            process.kill()
+            process.wait()
+            for stream in (process.stdin, process.stdout):
+                with contextlib.suppress(OSError):
+                    if stream is not None:
+                        stream.close()
+        if self._words is not None:
+            self._words.close()
+            self._words = None
+
+
+def _read(stream: IO[str], answers: queue.Queue[str | None]) -> None:
+    with contextlib.suppress(OSError, ValueError):  # closed under us
+        for line in stream:
+            answers.put(line)
+    answers.put(None)
+
+
+def job_of(
+    recipe: Recipe, root: Path, running: Running, memory: float, threads: int
+) -> dict[str, Any]:
+    """The table that a worker is sent: a scene, where it goes, and how much it may take."""
+    return {
+        "root": str(root),
+        "recipe": asdict(recipe),
+        "running": asdict(running),
+        "memory": memory,
+        "threads": threads,
+    }
+
+
+_own = threading.local()
+
+
+def work(job: dict[str, Any]) -> dict[str, Any]:
+    """``Worker.make`` by the one worker of this thread; what a scheduler calls."""
+    if not hasattr(_own, "worker"):
+        _own.worker = Worker()
+        atexit.register(_own.worker.end)
+    made: dict[str, Any] = _own.worker.make(job)
+    return made
+
 
 Report = Callable[[dict[str, Any]], None]
 POLL = 1.0  # s
@@ -76,50 +292,36 @@ def make_all(jobs: Sequence[dict[str, Any]], cluster: Cluster, report: Report) -
 
 def _make_here(jobs: Sequence[dict[str, Any]], workers: int, report: Report) -> None:
     """Have jobs done by workers of this process, a thread each, which wait for their children."""
-    left = deque(jobs)
-    ended: queue.SimpleQueue[dict[str, Any] | Exception] = queue.SimpleQueue()
+    idle: queue.SimpleQueue[Worker] = queue.SimpleQueue()
     every = [Worker() for _ in range(workers)]
-    threads = [
-        threading.Thread(target=_work_off, args=(worker, left, ended), daemon=True)
-        for worker in every
-    ]
+    for worker in every:
+        idle.put(worker)
+
+    def make(job: dict[str, Any]) -> dict[str, Any]:
+        worker = idle.get()
+        try:
+            return worker.make(job)
+        finally:
+            idle.put(worker)
+
+    pool = ThreadPoolExecutor(workers)
+    results = [pool.submit(make, job) for job in jobs]
     try:
-        for thread in threads:
-            thread.start()
-        for _ in jobs:
-            result = ended.get()
-            if isinstance(result, Exception):
-                raise result
-            _take(result, report)
+        for result in as_completed(results):
+            _take(result.result(), report)
     except BaseException:  # also Ctrl-C: no scene is waited for
-        left.clear()
-        while any(thread.is_alive() for thread in threads):
-            for worker, thread in zip(every, threads, strict=True):
+        pool.shutdown(wait=False, cancel_futures=True)
+        while not all(result.done() for result in results):
+            for worker in every:
                 worker.stop()
-                thread.join(STOPS_IN)
+            time.sleep(STOPS_IN)
         for root in {job["root"] for job in jobs}:
             disk.clean(Path(root))  # of scenes that were being made
         raise
     finally:
+        pool.shutdown()
         for worker in every:
             worker.end()
-
-
-def _work_off(
-    worker: Worker,
-    left: deque[dict[str, Any]],
-    ended: queue.SimpleQueue[dict[str, Any] | Exception],
-) -> None:
-    """Have a worker do jobs until none are left."""
-    try:
-        while True:
-            try:
-                job = left.popleft()
-            except IndexError:
-                return
-            ended.put(worker.make(job))
-    except Exception as problem:  # raised where it is waited for
-        ended.put(problem)
 
 
 def _take(result: dict[str, Any], report: Report) -> None:

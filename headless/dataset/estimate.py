@@ -27,7 +27,7 @@ import numpy as np
 from forest_addon.sensing.kinds import KINDS, kind_of
 
 from . import disk
-from .child import Child, SceneOutcome
+from .engine import Worker
 from .factory import _machine_memory
 from .plan import Plan, Recipe, recipes
 
@@ -164,18 +164,18 @@ def estimate(plan: Plan, say: Callable[[str], None], samples: int = SAMPLES) -> 
     every = recipes(plan, numbers)
     chosen, stands_for = by_cost(np.array([guess(recipe) for recipe in every]), samples)
     scenes, failed, weights = [], [], []
-    child = Child(1)
+    worker = Worker(1)
     try:
         for index, weight in zip(chosen.tolist(), stands_for.tolist(), strict=True):
             recipe = every[index]
             try:
-                scenes.append(_trial(recipe, child, plan.running.timeout, say))
+                scenes.append(_trial(recipe, worker, plan.running.timeout, say))
                 weights.append(weight * plan.count / len(every))
             except _Failed as problem:
                 failed.append(f"scene {recipe.name}: {problem}")
                 say(f"  {failed[-1]}")
     finally:
-        child.end()
+        worker.end()
     told = sum(weights)  # those that failed are taken to cost as the others do
     weights = [weight * plan.count / told for weight in weights] if failed and told else weights
     return Estimate(plan.count, tuple(scenes), tuple(failed), tuple(weights))
@@ -219,11 +219,11 @@ def by_cost(cost: np.ndarray, samples: int) -> tuple[np.ndarray, np.ndarray]:
     return np.append(heavy, chosen), np.append(np.ones(len(heavy)), weight)
 
 
-def _trial(recipe: Recipe, child: Child, timeout: float, say: Callable[[str], None]) -> Trial:
+def _trial(recipe: Recipe, worker: Worker, timeout: float, say: Callable[[str], None]) -> Trial:
     """Return what a whole scene takes."""
 
     def make(thin: float) -> Trial:
-        return _made(thinned(recipe, thin), child, timeout)
+        return _made(thinned(recipe, thin), worker, timeout)
 
     few = make(THIN) if _has_pulses(recipe) else None
     share = 1.0 if few is None else max(1.0, THIN * few.points / ENOUGH)
@@ -239,10 +239,10 @@ def _trial(recipe: Recipe, child: Child, timeout: float, say: Callable[[str], No
     return found
 
 
-def _made(recipe: Recipe, child: Child, timeout: float) -> Trial:
+def _made(recipe: Recipe, worker: Worker, timeout: float) -> Trial:
     with tempfile.TemporaryDirectory() as folder:
         root = Path(folder)
-        outcome: SceneOutcome = child.make(root, asdict(recipe), timeout, _machine_memory())
+        outcome = worker.scene(root, asdict(recipe), timeout, _machine_memory())
         if outcome.kind != "done":
             raise _Failed(outcome.why)
         done = disk.read_scene(root / disk.SCENES / recipe.name)

@@ -21,10 +21,9 @@ from ..lock import only_one
 from ..progress import plain
 from . import disk
 from .card import CARD, versions, write_card
-from .engine import Cluster, make_all
-from .manifest import MANIFEST, write_manifest
+from .disk import MANIFEST, write_manifest
+from .engine import Cluster, job_of, make_all
 from .plan import Plan, Recipe, recipes
-from .worker import job_of
 
 NAMED = 8  # scenes that a message names
 REFRESH = 30.0  # s between two manifests, at least

@@ -103,3 +103,7 @@ def write_for_instance(
     las["organ"], las["order"] = cloud.returns.organ, order
     with replacing(path) as partial, open(partial, "wb") as file:
         las.write(file, do_compress=True)
+
+
+IMAGE, SEGMENTS = "preview.png", "preview-segments.png"
+EIGHT = 8  # a pixel's segment is its tree times so many, and its class

@@ -37,17 +37,17 @@ def main() -> None:
     os.dup2(2, 1)  # whatever prints does not disturb the answers
     asked: queue.Queue[str] = queue.Queue()
     threading.Thread(target=_listen, args=(asked,), daemon=True).start()
-    from ..memory import forget_peak, peak_memory_mb
+    from ..progress import forget_peak, held_memory, peak_memory_mb
     from .scene import Session
 
     session = Session(int(sys.argv[1]) if len(sys.argv) > 1 else 1)
-    _answer(answers, {"ready": os.getpid(), "memory": memory()})
+    _answer(answers, {"ready": os.getpid()})
     while True:
         job = json.loads(asked.get())
         forget_peak()
         answer = _serve(job, session)
         peak = (peak_memory_mb() or 0.0) * 2**20
-        _answer(answers, answer | {"memory": memory(), "peak": peak})
+        _answer(answers, answer | {"memory": held_memory(), "peak": peak})
 
 
 def _listen(asked: queue.Queue[str]) -> None:
@@ -86,11 +86,11 @@ def _serve(job: dict[str, Any], session: Any) -> dict[str, Any]:
         start = time.process_time()
         disk.finish(partial, root, record)
         seconds = made["seconds"] | {"digest": time.process_time() - start}
-        return {"done": recipe.number, "seconds": seconds}
+        return {"kind": "done", "seconds": seconds}
     except BaseException as problem:
         if partial is not None:
             shutil.rmtree(partial, ignore_errors=True)
-        return {"failed": _kind(problem), "why": _words(problem)}
+        return {"kind": _kind(problem), "why": _words(problem)}
     finally:
         session.clear()
         gc.collect()
@@ -123,15 +123,6 @@ def _give_back() -> None:
     if sys.platform == "linux":
         with contextlib.suppress(OSError, AttributeError):  # another C library
             ctypes.CDLL(None).malloc_trim(0)
-
-
-def memory() -> float:
-    """Bytes that this process holds in memory; 0 where the system does not tell."""
-    try:
-        pages = int(Path("/proc/self/statm").read_text().split()[1])
-    except (OSError, ValueError, IndexError):
-        return 0.0
-    return float(pages * os.sysconf("SC_PAGE_SIZE"))
 
 
 if __name__ == "__main__":

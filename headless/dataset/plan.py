@@ -1,9 +1,17 @@
 """A plan: base scenes, what varies in them, and for every scene of the dataset the recipe that follows.
 
-A recipe is all that decides the bytes of a scene: settings, seed, ground, rules for sensors, what is kept,
-and the content of every file that it names; its digest is their SHA-256. Which scene goes to which split is
-dealt by the golden ratio, so that every run of scenes has nearly the shares that were asked for, and a
-larger count leaves earlier scenes where they are.
+A recipe is all that decides the bytes of a scene: settings, seed, ground, rules for sensors, what is
+kept, and the content of every file that it names; its digest is their SHA-256. Which scene goes to which
+split is dealt by the golden ratio, so that every run of scenes has nearly the shares that were asked
+for, and a larger count leaves earlier scenes where they are.
+
+Keys are dotted paths into tables, such as ``air.humidity``, ``sensors[tls].angle_step_deg`` and
+``plantings[*].scale[0]``: an index is a number, the name of an entry (its ``name``, ``sensor`` or
+``species``), or ``*`` for all.
+
+Trees of templates, of crowns and of Honda's branches with a spread of lengths draw numbers that no two
+share. Of all other species two trees are grown and compared: one that knows no chance is one tree in
+every split.
 """
 
 from __future__ import annotations
@@ -11,7 +19,8 @@ from __future__ import annotations
 import copy
 import hashlib
 import json
-from collections.abc import Sequence
+import re
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cache
 from pathlib import Path
@@ -21,19 +30,188 @@ import numpy as np
 
 from forest_addon.base.places import ASSETS
 from forest_addon.base.rng import stream
-from forest_addon.formats.toml_file import read_settings, structure, table_of
-from forest_addon.formats.toml_text import later, parse_tables, read_tables, without_version
+from forest_addon.formats.toml_file import (
+    later,
+    parse_tables,
+    read_settings,
+    read_tables,
+    structure,
+    table_of,
+    without_version,
+)
+from forest_addon.growth.library.species_file import find_species, load_species
+from forest_addon.growth.tree import grow
 from forest_addon.results.kinds import files_of
 from forest_addon.sensing import kinds as _kinds  # noqa: F401  whose words a plan may name
 from forest_addon.spec import Scene, SpecError, Species, refuse_unknown, unknown
 from forest_addon.spec.base import Settings, with_files
 
-from . import dotted, vary
-from .chance import refuse_without_chance
-from .mixture import in_season, mixed, redealt
+from . import vary
 from .place import refuse_out_of_range
-from .randomise import randomised
 from .settings import Ground, Head, Keep, Mix, Placing, Running, Splits
+from .vary import randomised
+
+
+def refuse_without_chance(species: Iterable[tuple[str, Path, set[str]]]) -> None:
+    """Refuse species, each with the folder its file starts from and the splits it stands in.
+
+    Raises
+    ------
+    SpecError : one of more than one split whose trees are all the same.
+    """
+    for name, folder, splits in species:
+        if len(splits) > 1 and not knows_chance(name, folder):
+            raise SpecError(
+                "splits",
+                f'"{name}" knows no chance, so {" and ".join(sorted(splits))} would share its one tree; '
+                'choose another species, splits.by = "species", or splits.share_trees = true',
+            )
+
+
+@cache
+def knows_chance(name: str, folder: Path) -> bool:
+    """Return whether two trees of a species differ."""
+    path = find_species(name, folder)
+    species = read_settings(path, Species)
+    if species.template is not None or species.crown is not None or species.targets is not None:
+        return True
+    if species.rules is None and species.honda is not None and species.honda.length.sd > 0:
+        return True
+    kind = load_species(path)
+    one, other = (grow(*kind, stream(0, "chance", number)).mesh.vertices for number in (1, 2))
+    return not np.array_equal(one, other)
+
+
+STEP = re.compile(r"([A-Za-z_]\w*)((?:\[[^\[\]]+\])*)")
+NAMES = ("name", "sensor", "species", "kind")
+
+
+def put(table: dict[str, Any], path: str, value: Any) -> None:
+    """Set what a path means, in place; tables on the way are made, entries of lists must be there.
+
+    Raises
+    ------
+    SpecError : it is no path, or leads to an entry that there is not; says which there are.
+    """
+    steps = _steps(path)
+    places: list[Any] = [table]
+    for number, step in enumerate(steps):
+        last = number == len(steps) - 1
+        places = [after for place in places for after in _go(place, step, path, value, last)]
+
+
+def _steps(path: str) -> list[str]:
+    steps: list[str] = []
+    for word in path.split("."):
+        found = STEP.fullmatch(word)
+        if found is None:
+            raise SpecError(
+                path, 'is no path; write one as air.humidity or "sensors[tls].angle_step_deg"'
+            )
+        steps += [found[1], *re.findall(r"\[[^\[\]]+\]", found[2])]
+    return steps
+
+
+def _go(place: Any, step: str, path: str, value: Any, last: bool) -> list[Any]:
+    """Return what one step leads to; the last one sets."""
+    if not step.startswith("["):
+        if not isinstance(place, dict):
+            raise SpecError(
+                path, f"{step} is asked of what is no table; an entry of a list is [0] or [name]"
+            )
+        if last:
+            place[step] = value
+        return [] if last else [place.setdefault(step, {})]
+    if not isinstance(place, list):
+        raise SpecError(path, f"{step} is asked of what is no list in the base scene")
+    found = _entries(place, step[1:-1], path)
+    if last:
+        for number in found:
+            place[number] = value
+        return []
+    return [place[number] for number in found]
+
+
+def _entries(place: list[Any], word: str, path: str) -> list[int]:
+    if word == "*":
+        return list(range(len(place)))
+    if word.isdigit():
+        found = [int(word)] if int(word) < len(place) else []
+    else:
+        found = [
+            number
+            for number, entry in enumerate(place)
+            if isinstance(entry, dict) and word in [entry.get(key) for key in NAMES]
+        ]
+    if not found:
+        there = [
+            next((str(entry[key]) for key in NAMES if key in entry), str(number))
+            for number, entry in enumerate(place)
+            if isinstance(entry, dict)
+        ]
+        raise SpecError(
+            path, f"[{word}] is not there; use one of {', '.join(there) or 'none'}, or *"
+        )
+    return found
+
+
+SHEDDING = (  # measured kinds (assets/allometry) that lose their leaves in a winter
+    *("acer", "betula", "corylus", "deciduous-broadleaf", "deciduous-conifer", "fagus", "larix"),
+    *("malus", "populus", "quercus"),
+)
+
+
+def mixed(mix: Mix, species: Sequence[str], rng: np.random.Generator) -> list[dict[str, Any]]:
+    """Draw plantings of some of the species, with shares of the mix's density."""
+    most = min(mix.kinds[1], len(species))
+    kinds = int(rng.integers(min(mix.kinds[0], most), most + 1))
+    chosen = sorted(rng.permutation(len(species))[:kinds].tolist())
+    shares = rng.dirichlet(np.full(kinds, mix.evenness))
+    return [
+        {
+            "species": species[which],
+            "density": float(mix.density * share),
+            "variants": mix.variants,
+            "scale": list(mix.scale),
+        }
+        for which, share in zip(chosen, shares, strict=True)
+    ]
+
+
+def redealt(
+    plantings: Sequence[Mapping[str, Any]], parameter: float, rng: np.random.Generator
+) -> list[dict[str, Any]]:
+    """Deal the densities of plantings anew: their sum stays, and the mean of every share.
+
+    parameter : of the Dirichlet distribution, times the number of plantings. Plantings without a density
+    stay as they are.
+    """
+    found = [dict(one) for one in plantings]
+    mine = [one for one in found if one.get("density")]
+    if len(mine) > 1:
+        density = np.array([float(one["density"]) for one in mine])
+        shares = rng.dirichlet(parameter * len(mine) * density / density.sum())
+        for one, value in zip(mine, (shares * density.sum()).tolist(), strict=True):
+            one["density"] = value
+    return found
+
+
+def in_season(
+    plantings: Sequence[Mapping[str, Any]], season: float, folder: Path
+) -> list[dict[str, Any]]:
+    """Set the season of the plantings whose species sheds its leaves. folder : of the scene."""
+    return [
+        {**one, "season": season} if _sheds(str(one["species"]), folder) else dict(one)
+        for one in plantings
+    ]
+
+
+@cache
+def _sheds(name: str, folder: Path) -> bool:
+    """Return whether a species is of a measured kind that loses its leaves."""
+    species = read_settings(find_species(name, folder), Species)
+    return species.targets is not None and species.targets.allometry in SHEDDING
+
 
 PLANS = ASSETS / "plans"
 TABLES = ("scene", "scenes", "vary", "mix", "terrain", "place", "splits", "keep", "run")
@@ -147,7 +325,7 @@ def _override(tables: dict[str, Any], said: str) -> None:
     if key.startswith("vary."):  # what follows is one key, dots and all
         tables.setdefault("vary", {})[key.removeprefix("vary.")] = parsed
     else:
-        dotted.put(tables, key, parsed)
+        put(tables, key, parsed)
 
 
 def _plan(path: Path, tables: dict[str, Any]) -> Plan:
@@ -292,7 +470,7 @@ def _resolved(
     tables = copy.deepcopy(tables | plan.own)
     for path, value in drawn.items():
         own = path.split(".")[0].split("[")[0] in OWN
-        dotted.put(tables, path if own else f"scene.{path}", copy.deepcopy(value))
+        put(tables, path if own else f"scene.{path}", copy.deepcopy(value))
     mix = _within("mix", tables, Mix)
     if mix.species or "plantings" in tables["scene"]:
         own = tables["scene"].get("plantings", [])

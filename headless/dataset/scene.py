@@ -10,7 +10,7 @@ from __future__ import annotations
 import hashlib
 import time
 from collections import OrderedDict
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -24,22 +24,23 @@ from forest_addon.blender.files.export import empty_file, open_file
 from forest_addon.blender.sensors.observe import Observer
 from forest_addon.blender.site import build_site, with_objects
 from forest_addon.formats.atomic import replacing
-from forest_addon.formats.npz import write_npz
-from forest_addon.formats.table import write_csv
+from forest_addon.formats.raster_file import write_png
+from forest_addon.formats.table import write_csv, write_npz
 from forest_addon.formats.toml_file import write_settings
 from forest_addon.growth.tree import Tree, grow
 from forest_addon.results.coordinates import FILE as COORDINATES
 from forest_addon.results.coordinates import PROPERTY, Offset, on_the_map, write_note
-from forest_addon.results.cylinder_files import write_cylinders
 from forest_addon.results.kinds import results_of, write_finding
-from forest_addon.results.points import records
-from forest_addon.results.scan_file import write_npz_rows
+from forest_addon.results.points import records, write_rows
+from forest_addon.results.tables import write_cylinders
 from forest_addon.sensing.lidar import scan as lidar
+from forest_addon.sensing.lidar.cloud import label
 from forest_addon.sensing.lidar.occlusion import occlusion, on_the_line
+from forest_addon.sensing.rays.caster import RayCaster
 from forest_addon.sensing.rays.cells import Cells
 from forest_addon.sensing.reverb.sums.fast_scattering import Expansions
 from forest_addon.site import ForestSite
-from forest_addon.spec import Rays, Scene, Species, Terrain
+from forest_addon.spec import Planting, Rays, Scene, Species, Terrain
 from forest_addon.stand.forest import Grown, GrownForest, angle_table, leaf_table
 from forest_addon.stand.plan import labels
 from forest_addon.stand.truth import cylinder_table, inventory, voxel_arrays
@@ -47,12 +48,13 @@ from forest_addon.stand.undergrowth import LOW
 from forest_addon.stand.wind.sway import sway_of
 
 from ..progress import hushed
-from .for_instance import orders_of, write_for_instance
-from .ground import FILE, heights_of, terrain_of
-from .place import place_sensors
+from .for_instance import EIGHT, SEGMENTS, classes_of, orders_of, write_for_instance
+from .place import FILE, heights_of, place_sensors, terrain_of
 from .plan import Recipe
 from .settings import Ground, Keep, Placing
 
+MOST_SEGMENT = 2**24 - 1  # that three bytes hold: two million trees
+AT_ONCE = 200_000  # rays
 MOST_KEPT = 2_000_000_000  # bytes of library trees that a process keeps
 OBSERVING = "sensors"
 
@@ -246,9 +248,8 @@ def _observe(
         if is_cloud:
             work.points[sensor.name] = len(found)
             if keep.clouds != "laz":
-                write_npz_rows(
-                    folder / f"{sensor.name}-points.npz", records(found, settings.offset)
-                )
+                path = folder / f"{sensor.name}-points.npz"
+                write_rows(path, records(found, settings.offset), packed=False)
     if not is_cloud:
         return
     if keep.for_instance:
@@ -293,9 +294,6 @@ def _write_blender(
         if keep.preview:
             render(scene, settings.output, folder / "preview.png", lambda done, total: None)
     if keep.preview:
-        from .convert.panoptic import SEGMENTS
-        from .convert.segments import write_segments
-
         seen = observer.caster, forest, settings.plantings
         write_segments(folder / SEGMENTS, scene, *seen)
 
@@ -315,3 +313,48 @@ def _digests(forest: GrownForest) -> dict[str, str]:
         total.update(tree.mesh.triangles.tobytes())
         found[f"{forest.labels[planting]}.{variant:03d}"] = total.hexdigest()
     return found
+
+
+def camera_rays(scene: bpy.types.Scene) -> tuple[np.ndarray, np.ndarray]:
+    """(3,) place of the camera, metres, and (H, W, 3) unit ways through its pixels, upper row first."""
+    camera, render = scene.camera, scene.render
+    share = render.resolution_percentage / 100
+    wide, high = (int(size * share) for size in (render.resolution_x, render.resolution_y))
+    corners = np.array(camera.data.view_frame(scene=scene))  # upper right, lower right, lower left
+    right, lower, left = corners[0], corners[1], corners[2]
+    x = ((np.arange(wide) + 0.5) / wide)[None, :, None]
+    y = ((np.arange(high) + 0.5) / high)[:, None, None]
+    ways = left + (lower - right) * (y - 1) + (lower - left) * x
+    turn = np.array(camera.matrix_world)
+    ways = ways @ turn[:3, :3].T
+    return turn[:3, 3], ways / np.linalg.norm(ways, axis=2, keepdims=True)
+
+
+def write_segments(
+    path: Path,
+    scene: bpy.types.Scene,
+    caster: RayCaster,
+    forest: GrownForest,
+    plantings: Sequence[Planting],
+) -> None:
+    """Write segments of what the camera of a scene sees, as the colours of a PNG.
+
+    Raises
+    ------
+    OSError : it cannot be written.
+    """
+    place, ways = camera_rays(scene)
+    flat = ways.reshape(-1, 3)
+    found = []
+    for first in range(0, len(flat), AT_ONCE):
+        some = flat[first : first + AT_ONCE]
+        hits = caster.cast(np.broadcast_to(place, some.shape), some)
+        returns = label(caster.scene, hits, some)
+        order = orders_of(returns, caster.scene, forest)
+        classes, tree = classes_of(returns, order, plantings)
+        segment = tree.astype(np.int64) * EIGHT + classes
+        found.append(np.where(hits.found & (segment <= MOST_SEGMENT), segment, 0))
+    numbers = np.concatenate(found).reshape(ways.shape[:2])
+    colours = np.stack([numbers & 255, numbers >> 8 & 255, numbers >> 16], axis=2)
+    with replacing(path) as partial:
+        partial.write_bytes(write_png(colours / 255.0))

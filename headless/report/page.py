@@ -1,24 +1,264 @@
-"""report.html: what was simulated, pictures, counts, timings and how exact it is, in one file.
+"""report.html, one file: pictures, counts, audits, timings, and clouds that can be turned.
 
-A ``Finding`` is what one stage has to say: a title, a sentence, a few facts, a picture. The report lays
-findings out one below the other; the same facts go into run.json.
+Pictures of stands and of results are figures where matplotlib is there, else plain ones. Points of a
+cloud are sorted along a Morton curve, so that their bytes compress and every k-th of them is an even
+sample; coordinates are 16 bits an axis. The viewer is three.js, bundled in assets/viewer: the page needs
+no network.
 """
 
 from __future__ import annotations
 
 import base64
 import html
+import json
 import math
-from collections.abc import Mapping, Sequence
+import zlib
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
-from forest_addon.base.places import version
+import numpy as np
+
+from forest_addon.base.places import ASSETS, version
+from forest_addon.base.rng import stream
+from forest_addon.base.trimesh import GROUND
+from forest_addon.blender.sensors.observe import Observer
+from forest_addon.drawing.palette import SPECIES
+from forest_addon.drawing.strips import Plot, stand_map
 from forest_addon.formats.atomic import replacing
+from forest_addon.formats.raster_file import write_png
+from forest_addon.results.figures import facts, octave_table, of_forest
+from forest_addon.results.kind import Finding as SensorFinding
+from forest_addon.results.kinds import results_of
 from forest_addon.sensing.audit import Audit
-from forest_addon.spec import Scene
+from forest_addon.sensing.kind import Seen
+from forest_addon.sensing.lidar.cloud import Cloud
+from forest_addon.sensing.rays.boxes import morton
+from forest_addon.sensing.rays.geometry import apply_transform
+from forest_addon.sensing.sonar.kind import targets_of
+from forest_addon.sensing.sonar.ping import EchoTargets
+from forest_addon.spec import Scene, Sensor
+from forest_addon.stand.forest import GrownForest
+from forest_addon.stand.inputs import Inputs
+from forest_addon.stand.plan import Stand
+from forest_addon.stand.targets import TargetsMet, facts_of, sentences
 
-from .turning import viewer
+from . import can_draw
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from forest_addon.stand.statistics.goodness import Goodness
+
+LEAVES = 60_000  # on a map
+
+
+def draw_result(
+    sensor: Sensor, found: SensorFinding, observer: Observer, forest: GrownForest, path: Path
+) -> Path | None:
+    """Draw what a sensor found into a PNG; return its path, None where there is nothing to draw."""
+    if can_draw() and (figure := _figure_of(sensor, found, observer, forest)) is not None:
+        from forest_addon.drawing.figures import save_figure
+
+        return save_figure(figure, path)
+    plot = results_of(sensor).plot(sensor, found)
+    return _save_plainly(plot, path) if plot else None
+
+
+def _figure_of(
+    sensor: Sensor, found: SensorFinding, observer: Observer, forest: GrownForest
+) -> Figure | None:
+    from forest_addon.drawing import echoes, figures
+
+    match sensor.kind:
+        case "tractor":
+            return figures.draw_scan(found)
+        case "terrestrial":
+            return figures.draw_cloud(found, sensor)
+        case "mobile" | "airborne":
+            return figures.draw_cloud(found)
+        case "reverb":
+            return figures.draw_reverb(found)
+        case "sonar":
+            leaves = sample_leaves(observer.once(targets_of))
+            draw = echoes.draw_flight if hasattr(found, "echoes") else echoes.draw_echo
+            return draw(found, sensor, leaves, forest.stand.position[:, :2])
+    return None
+
+
+def draw_stand(
+    stand: Stand, labels: Sequence[str], settings: Scene, inputs: Inputs, path: Path
+) -> Path:
+    """Draw the map of a stand into a PNG; returns its path."""
+    if not can_draw():
+        return _save_plainly(stand_map(stand, settings, inputs), path)
+    from forest_addon.drawing import figures, stands
+
+    return figures.save_figure(stands.draw_stand(stand, labels, settings, inputs), path)
+
+
+def colours_in_words(labels: Sequence[str]) -> str:
+    """Return which colour a species has in the map."""
+    names = list(SPECIES)
+    said = (f"{label} {names[k % len(names)]}" for k, label in enumerate(labels))
+    return f"In the map: {', '.join(said)}."
+
+
+def _save_plainly(plot: Plot, path: Path) -> Path:
+    import bpy  # noqa: F401  where Blender is a module, it brings blf and imbuf
+
+    from forest_addon.ui.results.images import drawn
+
+    with replacing(path) as partial:
+        partial.write_bytes(write_png(drawn(plot)[::-1]))
+    return path
+
+
+def sample_leaves(targets: EchoTargets, most: int = LEAVES) -> np.ndarray:
+    """(M, 2) x and y of at most so many leaves of a scene, drawn at random, the same each time."""
+    scene = targets.scene
+    firsts = []
+    for mesh in scene.meshes:
+        facets = np.flatnonzero(mesh.leaf >= 0)
+        _, first = np.unique(mesh.leaf[facets], return_index=True)
+        firsts.append(mesh.triangles[facets[first]])
+    count = np.array([len(firsts[index]) for index in scene.mesh_index], dtype=np.int64)
+    share = min(1.0, most / max(int(count.sum()), 1))
+    rng = stream(0, "picture", "leaves")
+    places = []
+    for instance, index in enumerate(scene.mesh_index):
+        some = np.flatnonzero(rng.random(len(firsts[index])) < share)
+        middle = scene.meshes[index].vertices[firsts[index][some]].mean(axis=1)
+        places.append(apply_transform(scene.transform[instance], middle)[:, :2])
+    return np.concatenate(places) if places else np.empty((0, 2))
+
+
+def forest_finding(settings: Scene, forest: GrownForest, picture: Path | None) -> Finding:
+    """Trees, leaves and triangles of the forest, and where its trees stand."""
+    wide, deep = settings.forest.size
+    return Finding(
+        "Forest",
+        f"{_stand_in_words(settings, forest.stand.removed)} on {wide:g} by {deep:g} m.",
+        facts(of_forest(forest)),
+        tuple(_stand_notes(settings, forest)),
+        picture,
+    )
+
+
+LAYOUTS = {
+    "clusters": "Trees in groups",
+    "strauss": "Trees that keep apart (a Strauss process)",
+    "rows": "Rows of trees",
+    "list": "Trees from a list",
+}
+
+
+def _stand_in_words(settings: Scene, removed: int) -> str:
+    """Return how the trees of a scene are placed, as its settings say; ``removed``: to keep distances."""
+    layouts = {planting.layout for planting in settings.plantings}
+    if not layouts:
+        return "A field without trees"
+    if len(layouts) > 1:
+        return "Trees placed in several ways"
+    (layout,) = layouts
+    if layout != "poisson":
+        return LAYOUTS[layout]
+    uneven = any(
+        planting.gaussians or planting.rasters or planting.painted
+        for planting in settings.plantings
+    )
+    poisson = "An inhomogeneous Poisson forest" if uneven else "A Poisson forest"
+    return f"{poisson}, thinned to keep distances," if removed else poisson
+
+
+def _stand_notes(settings: Scene, forest: GrownForest) -> Iterator[str]:
+    """Return what was expected, what was taken away and why."""
+    stand = forest.stand
+    sums = [
+        f"{label} {value:,.1f} ± {error:.2g}"
+        if error
+        else f"{label} {value:,.1f}".removesuffix(".0")
+        for label, value, error in zip(forest.labels, stand.expected, stand.error, strict=True)
+    ]
+    if sums:
+        yield f"Expected: {', '.join(sums)} trees."
+    if stand.removed:
+        lost = zip(forest.labels, stand.too_near, strict=True)
+        rule = {"matern": "Matérn II", "greedy": "greedy removal"}[settings.forest.spacing_rule]
+        yield (
+            f"{stand.removed:,} trees were removed to keep their distances ({rule}): "
+            + ", ".join(f"{label} {count:,}" for label, count in lost if count)
+            + "."
+        )
+    for note in forest.notes:
+        yield f"{note}."
+    if stand.off_ground.any():
+        yield f"{stand.off_ground.sum():,} trees were left out where the terrain has no ground."
+    if stand.off_field.any():
+        yield f"{stand.off_field.sum():,} places of rows or lists lie beyond the field."
+    yield from forest.detail
+
+
+def targets_finding(met: Sequence[TargetsMet]) -> Finding | None:
+    """Return what trees were to measure and what they do; None where nobody asked."""
+    if not met:
+        return None
+    told: dict[str, str] = {}
+    notes: list[str] = []
+    for one in met:
+        told |= facts_of(one)
+        notes += sentences(one)
+    kinds = sorted({one.kind for one in met if one.kind})
+    band = (
+        f" The band holds nine of ten measured trees of the same diameter ({', '.join(kinds)})."
+        if kinds
+        else ""
+    )
+    return Finding(
+        "What the trees were to measure",
+        "Target and reached; each tree is its variant in the size at which its stem has its diameter 1.3 m "
+        "up." + band,
+        told,
+        tuple(notes) or ("Every target is met.",),
+    )
+
+
+def goodness_finding(found: Goodness, picture: Path | None) -> Finding:
+    """Return whether trees stand as their intensity says."""
+    bands, quadrats = found.excess, found.quadrats
+    return Finding(
+        "Where the trees stand",
+        "The inhomogeneous L function of the trees and their counts in quadrats, against "
+        f"{bands.simulations} other stands of the same settings. L(r) - r is 0 for a Poisson process, below "
+        "it where trees keep apart.",
+        {
+            "trees tested": f"{found.trees:,}",
+            "L function": f"p = {bands.p_value:.3f}",
+            f"quadrats ({quadrats.classes} classes)": f"p = {found.quadrat_p_value:.3f}",
+        },
+        (
+            "Edge correction by translation, within the region where the intensity is at least a tenth of "
+            "its mean over trees. The global envelope is the studentised maximum deviation at 5 %; one "
+            "stand in twenty lies beyond it by chance.",
+        ),
+        picture,
+    )
+
+
+def finding_of(sensor: Sensor, found: Any, picture: Path | None, seen: Seen) -> Finding:
+    """Return what a sensor has to say of what it found in a scene."""
+    record = results_of(sensor)
+    figures = record.figures(sensor, found, seen)
+    return Finding(
+        record.title(sensor),
+        record.story(sensor, found),
+        facts(figures),
+        record.notes(sensor, found),
+        picture,
+        octaves=octave_table(figures),
+        warnings=record.doubts(sensor, found),
+    )
 
 
 @dataclass(frozen=True)
@@ -177,3 +417,117 @@ td+td{text-align:right;padding-right:0}.sum td{border-top:1px solid var(--line);
 .files{columns:3;padding-left:18px}a{color:var(--leaf)}
 @media(max-width:640px){.files{columns:1}h1{font-size:27px}}
 """
+
+
+MOST = 1_000_000  # points of a cloud
+BUDGET = 5_500_000  # characters of all clouds of a page
+SHARE = 0.001  # of the points at each end of an axis that may lie beyond the picture
+ORGANS = ("other", "wood", "leaf", "ground", "dead wood")
+GRIDS = (0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500, 1000)  # metres
+
+
+def turning_cloud(cloud: Cloud, species: Sequence[str], budget: int = BUDGET) -> str:
+    """Return the figure of a cloud as HTML, at most ``budget`` characters of points; "" without points.
+
+    species : names of the species by their numbers.
+    """
+    if not len(cloud):
+        return ""
+    position = cloud.position
+    solid = position[cloud.returns.organ != GROUND]  # ground runs to the horizon
+    framed = solid if len(solid) > 0.01 * len(position) else position
+    low, high = np.quantile(framed, [SHARE, 1 - SHARE], axis=0)
+    margin = 0.08 * (high - low).max() + 1e-3
+    inside = ((position >= low - margin) & (position <= high + margin)).all(axis=1)
+    rows = np.flatnonzero(inside)
+    rows = rows[np.argsort(morton(position[rows]), kind="stable")]
+    every = -(-len(rows) // MOST)
+    while True:
+        shown = rows[::every]
+        about, packed = _packed(cloud, shown, species)
+        if len(packed) <= budget:
+            break
+        every += max(1, int(every * (len(packed) / budget - 1)))
+    said = [f"{len(shown):,} of {len(cloud):,} points" if every > 1 else f"{len(shown):,} points"]
+    if len(rows) < len(cloud):
+        said.append(f"{len(cloud) - len(rows):,} far ones lie beyond the picture")
+    said.append(f"squares of the grid are {about['grid']:g} m")
+    options = [("height", "height"), *((c["key"], c["title"]) for c in about["columns"])]
+    chosen = "".join(
+        f'<option value="{key}"{" selected" if key == "organ" else ""}>{title}</option>'
+        for key, title in options
+    )
+    return (
+        '<figure class="cloud"><canvas></canvas><div class="tools">'
+        f"<label>Colour <select>{chosen}</select></label>"
+        '<label>Cut above <input type="range" min="1" max="100" value="100"></label>'
+        '<label>Cut in front <input type="range" min="1" max="100" value="100"></label>'
+        f'<span class="legend"></span></div><figcaption>{"; ".join(said)}. Drag to turn, wheel to come '
+        "nearer, right button to shift.</figcaption>"
+        f'<script type="application/json" class="about">{_in_script(about)}'
+        f'</script><script type="text/plain" class="bytes">{packed}</script></figure>'
+    )
+
+
+def _in_script(value: Any) -> str:
+    """JSON within an element ``script``, which knows no entities and ends at its end tag."""
+    text = json.dumps(value)
+    return text.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e")
+
+
+def viewer() -> str:
+    """The viewer's code, for the end of a page with such figures."""
+    return (ASSETS / "viewer" / "viewer.min.js").read_text(encoding="utf-8")
+
+
+def _met(names: Sequence[str], number: np.ndarray) -> list[str]:
+    """Return the names for the legend, empty where no point is of that number."""
+    there = np.bincount(number[number >= 0], minlength=len(names))
+    return [name if there[k] else "" for k, name in enumerate(names)]
+
+
+def _packed(cloud: Cloud, rows: np.ndarray, species: Sequence[str]) -> tuple[dict[str, Any], str]:
+    """Return what the viewer has to know, and the bytes."""
+    position = cloud.position[rows]
+    corner = position.min(axis=0)
+    size = position.max(axis=0) - corner
+    step = max(float(size.max()), 1e-6) / 65535
+    steps = np.rint((position - corner) / step).astype(np.uint16)
+    planes = [part for axis in steps.T for part in (axis & 255, axis >> 8)]
+    returns = cloud.returns
+    level = 10 * np.log10(np.maximum(cloud.intensity[rows], 1e-30))
+    faint, strong = np.quantile(level, [0.01, 0.99])
+    share = (level - faint) / max(float(strong - faint), 1e-9)
+    kinds = np.clip(returns.species[rows] + 1, 0, 255)
+    columns = [
+        {"key": "organ", "title": "organ", "names": _met(ORGANS, returns.organ[rows])},
+        {"key": "species", "title": "species", "names": _met(("none", *species), kinds)},
+        {
+            "key": "intensity",
+            "title": "intensity",
+            "low": f"{faint:.0f}",
+            "high": f"{strong:.0f}",
+            "unit": "dB re white at 1 m",
+        },
+    ]
+    planes += [returns.organ[rows], kinds, np.rint(255 * np.clip(share, 0, 1))]
+    raw = b"".join(np.asarray(plane).astype(np.uint8).tobytes() for plane in planes)
+    ground = position[returns.organ[rows] == GROUND, 2]
+    floor = float(np.median(ground) - corner[2]) if len(ground) else 0.0
+    near = np.sqrt(max(float(size[0] * size[1]), 1e-6) / len(rows))
+    about = {
+        "count": len(rows),
+        "step": step,
+        "size": np.maximum(size, 1e-3).round(4).tolist(),
+        "floor": floor,
+        "dot": float(np.clip(1.5 * near, size.max() / 2000, size.max() / 150)),
+        "grid": next((g for g in GRIDS if size.max() / g <= 12), GRIDS[-1]),
+        "height": {
+            "key": "height",
+            "low": f"{corner[2]:.1f}",
+            "high": f"{corner[2] + size[2]:.1f}",
+            "unit": "m",
+        },
+        "columns": columns,
+    }
+    return about, base64.b64encode(zlib.compress(raw, 6)).decode()

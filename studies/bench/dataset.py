@@ -18,11 +18,11 @@ from typing import Any
 
 from ..inside import (
     PLANS,
-    Child,
     Cluster,
     Estimate,
     Plan,
     Say,
+    Worker,
     estimate,
     job_of,
     make_all,
@@ -142,12 +142,12 @@ def _memory(say: Say) -> None:
 
 def memory_by_scene(plan: Plan) -> Sequence[float]:
     """Bytes that one process holds after each scene of a plan."""
-    child, held = Child(1), []
+    worker, held = Worker(1), []
     with tempfile.TemporaryDirectory() as folder:
         try:
             for recipe in recipes(plan):
-                held.append(child.make(Path(folder), asdict(recipe), 7200.0, float("inf")).memory)
+                held.append(worker.scene(Path(folder), asdict(recipe), 7200.0, float("inf")).memory)
                 remove_scene(Path(folder), recipe.number)
         finally:
-            child.end()
+            worker.end()
     return held

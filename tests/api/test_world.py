@@ -11,7 +11,7 @@ bpy = pytest.importorskip("bpy")
 import laspy
 
 from forest_addon import api as forest
-from forest_addon.api import scanners as scanners_module
+from forest_addon.api import given as scanners_module
 from forest_addon.api import site as site_module
 from forest_addon.api import world as world_module
 from forest_addon.blender.sensors.observe import Observer

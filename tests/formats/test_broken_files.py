@@ -16,13 +16,16 @@ import pytest
 from forest_addon.base.places import ASSETS
 from forest_addon.base.rng import stream
 from forest_addon.formats.glb import read_glb
-from forest_addon.formats.helios.material import Material, read_materials
-from forest_addon.formats.helios.obj import read_obj
-from forest_addon.formats.helios.raster import read_points, read_terrain
+from forest_addon.formats.helios.parts import (
+    Material,
+    read_materials,
+    read_obj,
+    read_points,
+    read_terrain,
+)
 from forest_addon.formats.raster_file import read_raster
-from forest_addon.formats.scanner_file import read_scanner
 from forest_addon.formats.stl import StlError, read_stl, write_stl
-from forest_addon.formats.toml_file import read_settings
+from forest_addon.formats.toml_file import read_scanner, read_settings
 from forest_addon.formats.tree_map import read_rings, read_tree_map
 from forest_addon.formats.wav import read_wav, write_wav
 from forest_addon.growth.library.species_file import load_species
@@ -30,7 +33,7 @@ from forest_addon.sensing.reverb.directivity_file import read_directivity
 from forest_addon.sensing.reverb.place_file import read_microphones, read_path
 from forest_addon.sensing.sonar.equipment_files import read_call, read_patterns, read_route
 from forest_addon.spec import Scene, Sonar, SpecError, Species
-from forest_addon.stand.tree_list import read_tree_list
+from forest_addon.stand.files import read_tree_list
 
 TRIES = 150  # of each format
 TOKENS = (

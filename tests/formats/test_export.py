@@ -13,8 +13,7 @@ from scipy.spatial import cKDTree
 from forest_addon import spec
 from forest_addon.results.coordinates import Offset
 from forest_addon.results.kinds import RESULTS, write_as
-from forest_addon.results.point_files import can_write
-from forest_addon.results.points import POINT, records
+from forest_addon.results.points import POINT, can_write, records
 from forest_addon.sensing.reverb.response import impulse_response
 from forest_addon.sensing.reverb.trunks.slices import Trunks
 from forest_addon.spec import SpecError

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from forest_addon.formats.las import intensity_level, write_las
-from forest_addon.formats.npz import write_npz
+from forest_addon.formats.table import write_npz
 from forest_addon.formats.wav import write_wav
 from forest_addon.results.points import POINT, records
 from forest_addon.sensing.lidar.cloud import Cloud, Returns

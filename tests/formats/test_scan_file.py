@@ -288,7 +288,7 @@ for kind in ("npz", "las"):
         for _ in range(chunks):
             file.append(rows)
         file.close()
-        finish(file, folder / f"a.{kind}", kind, "")
+        finish(file, folder / f"a.{kind}", "")
         print(peak())
 """
 

@@ -3,13 +3,14 @@
 import pytest
 
 from forest_addon import spec
-from forest_addon.formats.scanner_file import (
+from forest_addon.formats.toml_file import (
     merged,
     read_scanner,
+    read_settings,
     scanner_names,
     settings_of,
+    structure,
 )
-from forest_addon.formats.toml_file import read_settings, structure
 from forest_addon.spec import Scene, SpecError
 
 

@@ -10,11 +10,10 @@ from PIL import Image
 from forest_addon.formats.raster_file import read_raster
 from forest_addon.formats.stl import write_stl
 from forest_addon.results.coordinates import note_of
-from forest_addon.results.stand_table import COLUMNS, write_stand
+from forest_addon.results.tables import COLUMNS, write_stand
 from forest_addon.spec import Forest, Planting, Raster, Scene, SpecError, Terrain
-from forest_addon.stand.files import read_inputs
+from forest_addon.stand.files import read_inputs, read_tree_list
 from forest_addon.stand.plan import plan_stand
-from forest_addon.stand.tree_list import read_tree_list
 
 OFFSET = (499_987.125, 5_400_123.5, 212.25)
 PLANTINGS = tuple(

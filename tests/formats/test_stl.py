@@ -11,7 +11,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from forest_addon.formats import stl
 from forest_addon.formats.stl import StlError, StlWarning, read_stl, write_stl
 
 ONE = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 2.0, 0.0]]
@@ -117,21 +116,6 @@ def test_ascii(tmp_path: Path) -> None:
 )
 def test_ascii_as_exporters_write_it(tmp_path: Path, change) -> None:  # type: ignore[no-untyped-def]
     np.testing.assert_array_equal(read(tmp_path, change(ASCII)), [ONE, TWO])
-
-
-def test_ascii_does_not_depend_on_where_it_is_cut_into_stretches(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    corners = np.random.default_rng(1).normal(size=(40, 3, 3))
-    lines = ["solid outer"]
-    for facet in corners.tolist():
-        lines += ["facet normal 0 0 0", "outer loop"]
-        lines += ["vertex " + " ".join(repr(x) for x in corner) for corner in facet]
-        lines += ["endloop", "endfacet"]
-    text = "\n".join([*lines, "endsolid outer"])
-    for chunk in (20, 100, 211, 1000, 10**6):
-        monkeypatch.setattr(stl, "CHUNK", chunk)
-        np.testing.assert_array_equal(read(tmp_path, text), corners)
 
 
 @pytest.mark.medium

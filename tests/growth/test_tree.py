@@ -18,8 +18,7 @@ from forest_addon.growth.truth import wood_of_tree
 from forest_addon.site import ForestSite
 from forest_addon.spec import Detail, Forest, Grammar, Leaf, Planting, Scene, Species
 from forest_addon.stand import forest as room
-from forest_addon.stand.before_fall import TreesBeforeFall
-from forest_addon.stand.forest import tree_table
+from forest_addon.stand.forest import TreesBeforeFall, tree_table
 
 
 @pytest.mark.slow

@@ -28,7 +28,7 @@ from forest_addon.spec import (
     Terrestrial,
     Tractor,
 )
-from headless.commands.work.survey import geometry_of, sensor_of_survey
+from headless.surveys import geometry_of, sensor_of_survey
 
 SURFACES = Surfaces(other=0.2, wood=0.35, leaf=0.55, ground=0.15)
 

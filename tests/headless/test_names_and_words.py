@@ -13,7 +13,7 @@ from forest_addon.base.places import ASSETS
 from forest_addon.site import ForestSite
 from headless import progress
 from headless.command import read_scene, scene_file
-from headless.report.findings import _stand_in_words
+from headless.report.page import _stand_in_words
 
 
 def test_a_shipped_scene_goes_by_its_name_unless_a_file_has_it(tmp_path, monkeypatch):

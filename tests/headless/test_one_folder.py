@@ -18,7 +18,7 @@ from forest_addon.formats.ply import PlyFile
 from headless.command import name_of
 from headless.commands.lidar import LidarCommand
 from headless.lock import only_one
-from headless.unfinished_files import read_value, write_value
+from headless.unfinished import read_value, write_value
 
 SMALL = Path(__file__).with_name("small.toml").read_text(encoding="utf-8")
 OFF = (

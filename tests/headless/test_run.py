@@ -15,7 +15,7 @@ bpy = pytest.importorskip("bpy")
 
 from forest_addon.blender.rays.casters import embree_problem
 from forest_addon.formats.ownership import RECORD
-from headless.report.turning import viewer
+from headless.report.page import viewer
 
 ROOT = Path(__file__).resolve().parents[2]
 SMALL = Path(__file__).with_name("small.toml")

@@ -13,7 +13,7 @@ from forest_addon.formats.helios.scene import read_scene
 from forest_addon.formats.helios.survey import read_survey
 from forest_addon.sensing.lidar.surveys.leg import SurveyLeg, refracted
 from forest_addon.spec import SpecError
-from headless.commands.work.survey import scan_survey
+from headless.surveys import scan_survey
 
 GROUND = """mtllib ground.mtl
 v -1 -1 0

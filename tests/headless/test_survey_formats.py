@@ -13,16 +13,23 @@ from scipy import stats
 from scipy.spatial.transform import Rotation
 
 from forest_addon.formats.helios.device import Digitiser
-from forest_addon.formats.helios.material import Material, read_materials
-from forest_addon.formats.helios.motion import PartMotion, read_motion
-from forest_addon.formats.helios.raster import VoxelMode, read_points, read_terrain, read_voxels
+from forest_addon.formats.helios.parts import (
+    Material,
+    PartMotion,
+    VoxelMode,
+    read_materials,
+    read_motion,
+    read_points,
+    read_terrain,
+    read_voxels,
+)
 from forest_addon.formats.helios.survey import read_survey
 from forest_addon.sensing.lidar.pattern import Pulses
 from forest_addon.sensing.lidar.surveys.digitised import digitised, pulse_shape
 from forest_addon.sensing.lidar.surveys.leg import SurveyLeg, oscillating
 from forest_addon.sensing.lidar.surveys.stepped import SteppedPath
 from forest_addon.spec import SpecError
-from headless.commands.work.survey import (
+from headless.surveys import (
     CountedDigitisedScan,
     CountedScan,
     casters_of,

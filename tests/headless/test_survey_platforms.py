@@ -13,7 +13,7 @@ from forest_addon.formats.helios.driven import DrivenLeg, drive
 from forest_addon.formats.helios.survey import read_survey
 from forest_addon.formats.helios.track import SurveyTrack
 from forest_addon.spec import SpecError
-from headless.commands.work.survey import scan_survey
+from headless.surveys import scan_survey
 
 from .test_survey import LEG, written
 

@@ -10,7 +10,7 @@ import pytest
 
 from forest_addon.base.trimesh import GROUND, LEAF
 from forest_addon.sensing.lidar.cloud import Cloud, Returns
-from headless.report.turning import BUDGET, turning_cloud, viewer
+from headless.report.page import BUDGET, turning_cloud, viewer
 
 
 @pytest.fixture

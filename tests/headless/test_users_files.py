@@ -16,7 +16,7 @@ from forest_addon.formats.ownership import RECORD, Keeper, keeping
 from forest_addon.formats.stl import write_stl
 from forest_addon.formats.wav import write_wav
 from headless.commands import COMMANDS
-from headless.dataset.child import Child
+from headless.dataset.engine import Worker
 from headless.tiled import run_by_workers
 from tests.references.dataset_runs import PLAN
 from tests.references.model_tree import tree
@@ -253,11 +253,11 @@ def test_no_file_of_the_working_folder_is_run(tmp_path, monkeypatch):
     (tmp_path / "queue.py").write_text("import pathlib; pathlib.Path('ran').touch()")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join(["", ".", str(tmp_path.parent)]))
-    child = Child()
+    worker = Worker()
     try:
-        assert child._start() == ""  # as a dataset does
+        assert worker.start() == ""  # as a dataset does
     finally:
-        child.end()
+        worker.end()
     words = ["run", "none.toml", "--out", "o"]
     with pytest.raises(ValueError, match=r"a process ended early: error: none\.toml"):
         run_by_workers(words, 1)

@@ -13,12 +13,12 @@ from forest_addon.api.results import Response
 from forest_addon.blender import packages
 from forest_addon.drawing.palette import SPECIES, rgb
 from forest_addon.drawing.strips import WIDE
-from forest_addon.formats.png import read_png
+from forest_addon.formats.raster_file import read_png
 from forest_addon.spec import Forest, Planting, Reverb, Scene, SpecError
 from forest_addon.stand.inputs import Inputs
 from forest_addon.ui.results.images import ABOVE, BELOW, LEFT
 from headless import report
-from headless.report import result
+from headless.report import page
 
 PLANTING = '[[plantings]]\nspecies = "{}"\nexpected = 20\nexact = true\n'
 
@@ -101,7 +101,7 @@ def test_trees_stand_in_the_plain_map_where_they_stand(tmp_path, no_matplotlib):
         area=5000.0,
     )
     stand = type("Stand", (), {**vars(stand), "__len__": lambda self: 2})()
-    path = result.draw_stand(stand, ("a", "b"), settings, Inputs(), tmp_path / "map.png")
+    path = page.draw_stand(stand, ("a", "b"), settings, Inputs(), tmp_path / "map.png")
     pixels = read_png(path.read_bytes())[0][ABOVE:-BELOW, LEFT:] / 255
     for name, place in (("green", (25, 10)), ("orange", (80, 40))):
         rows, columns = np.nonzero(np.abs(pixels - rgb(SPECIES[name])).max(axis=2) < 0.12)
@@ -109,4 +109,4 @@ def test_trees_stand_in_the_plain_map_where_they_stand(tmp_path, no_matplotlib):
         assert metres == pytest.approx(place, abs=0.3)
         if name == "green":  # as wide as its crown
             assert np.ptp(columns) / WIDE * 100 == pytest.approx(6.0, abs=0.3)
-    assert result.colours_in_words(("a", "b")) == "In the map: a green, b orange."
+    assert page.colours_in_words(("a", "b")) == "In the map: a green, b orange."

@@ -26,8 +26,8 @@ def run(*words, **more):
 class _Lent:
     """A Blender that does not end with who used it."""
 
-    def __init__(self, child):
-        self.make = child.make
+    def __init__(self, worker):
+        self.scene = worker.scene
 
     def end(self):
         pass
@@ -53,13 +53,13 @@ class Warm:
 
     def run(self, *words):
         """The command in this process, its scenes made by this worker."""
-        said, before = io.StringIO(), (engine.Worker, estimate.Child)
-        engine.Worker, estimate.Child = lambda: self, lambda threads: _Lent(self.worker.child)
+        said, before = io.StringIO(), (engine.Worker, estimate.Worker)
+        engine.Worker, estimate.Worker = lambda: self, lambda threads: _Lent(self.worker)
         try:
             with contextlib.redirect_stderr(said):
                 code = main(["dataset", *map(str, words)])
         finally:
-            engine.Worker, estimate.Child = before
+            engine.Worker, estimate.Worker = before
         return subprocess.CompletedProcess(words, code, "", said.getvalue())
 
 

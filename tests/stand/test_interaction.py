@@ -11,12 +11,17 @@ from scipy import integrate, stats
 
 from forest_addon.base.rng import stream
 from forest_addon.spec import Clusters, Forest, Gaussian, Planting, SpecError, Strauss
-from forest_addon.stand.cluster import k_of_clusters, sample_clusters
 from forest_addon.stand.compose import process_of
-from forest_addon.stand.gibbs import activity_of, run_births_and_deaths, sample_strauss
 from forest_addon.stand.intensity.functions import Constant, IntensityError
+from forest_addon.stand.layouts import (
+    activity_of,
+    k_of_clusters,
+    run_births_and_deaths,
+    sample_clusters,
+    sample_strauss,
+)
 from forest_addon.stand.plan import plan_stand
-from forest_addon.stand.process import Process
+from forest_addon.stand.poisson import Process
 from forest_addon.stand.statistics.covariates import fit_covariates
 from forest_addon.stand.statistics.interaction import fit_clusters, fit_strauss
 from forest_addon.stand.statistics.k_function import inhomogeneous_k

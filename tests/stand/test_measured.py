@@ -9,10 +9,10 @@ from forest_addon.base.rng import stream
 from forest_addon.growth.library.species_file import find_species, load_species
 from forest_addon.growth.skeleton import Skeleton
 from forest_addon.spec import Forest, Normal, Planting, Scene, SpecError, Targets
+from forest_addon.stand.files import read_tree_list
 from forest_addon.stand.forest import grow_forest, tree_table
 from forest_addon.stand.inputs import Inputs
 from forest_addon.stand.measured import dbh_at, groups_of, scales_for
-from forest_addon.stand.tree_list import read_tree_list
 
 LIST = "x,y,dbh,height\n" + "".join(
     f"{x},{x},{0.08 + 0.01 * x:.3f},{7 + 0.3 * x:.2f}\n" for x in range(1, 9)

@@ -21,8 +21,7 @@ from forest_addon.stand.intensity.functions import (
     Sum,
 )
 from forest_addon.stand.intensity.polygon import Polygon
-from forest_addon.stand.poisson import MAX_POINTS, BoundViolation, sample
-from forest_addon.stand.process import Process
+from forest_addon.stand.poisson import MAX_POINTS, BoundViolation, Process, sample
 
 LOW, SIZE = np.array([500_000.0, 5_400_000.0]), np.array([60.0, 40.0])  # UTM
 HILLS = Mixture(

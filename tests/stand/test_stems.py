@@ -4,7 +4,7 @@ import numpy as np
 from scipy import stats
 
 from forest_addon.spec import Forest, Normal, Stems
-from forest_addon.stand.stems import plant_stems
+from forest_addon.stand.layouts import plant_stems
 
 FIELD = Forest(size=(100.0, 50.0), origin=(-20.0, 5.0))
 

@@ -5,16 +5,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from forest_addon.api import truth
+from forest_addon.api.world import trees_in_world
 from forest_addon.growth.library.species_file import find_species, load_species, read_allometry
 from forest_addon.growth.measured.allometry import band
 from forest_addon.growth.measured.wanted import TARGETS
 from forest_addon.spec import Forest, Planting, Scene, Targets
+from forest_addon.stand.files import read_tree_list
 from forest_addon.stand.forest import grow_forest, met_targets, tree_table
 from forest_addon.stand.inputs import Inputs
 from forest_addon.stand.placed import NONE
 from forest_addon.stand.targets import facts_of, in_band, record, sentences, targets_met
-from forest_addon.stand.tree_list import read_tree_list
 
 LIST = "x,y,dbh,height\n2,2,0.10,8.0\n5,5,0.12,9.0\n8,8,0.16,9.5\n"
 LAW = read_allometry("betula", Path())
@@ -51,7 +51,7 @@ def test_target_and_reached_of_every_tree(tmp_path):
     height = np.array(table["height_m"])
     inside = (height >= low[:, 0]) & (height <= high[:, 0])
     assert told["measures"]["height"]["within_band"] == inside.mean()
-    columns = truth.trees(forest, NONE)
+    columns = trees_in_world(forest, NONE)
     assert columns["target_leaf_area_m2"].dtype == columns["in_band"].dtype == np.float64
     assert columns["not_met"].shape == (3,)
 

@@ -7,9 +7,8 @@ from hypothesis import strategies as st
 
 from forest_addon.base.rng import stream
 from forest_addon.sensing.lidar.pattern import Pulses, pattern_of
-from forest_addon.sensing.lidar.scan import LEVELS, TiledPulses, belongs, buffer_of, tiled_pulses
 from forest_addon.spec import Airborne, Forest, Terrestrial
-from forest_addon.stand.tiles import TileGrid
+from forest_addon.tiles import LEVELS, TiledPulses, TileGrid, belongs, buffer_of, tiled_pulses
 
 SIZES = st.floats(0.5, 300.0)
 

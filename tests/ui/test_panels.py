@@ -12,7 +12,7 @@ bpy = pytest.importorskip("bpy")
 from forest_addon import spec, ui
 from forest_addon.blender.sensors import objects as sensors
 from forest_addon.sensing.kinds import KINDS
-from forest_addon.spec.depth import ADVANCED, APPLIES
+from forest_addon.spec.choices import ADVANCED, APPLIES
 from forest_addon.ui import properties
 from forest_addon.ui.results.finding import OF_TREES
 from forest_addon.ui.settings import exchange

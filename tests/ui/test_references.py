@@ -7,7 +7,7 @@ bpy = pytest.importorskip("bpy")
 from ui.pressing import add_cube
 
 from forest_addon import spec
-from forest_addon.ui.settings import exchange, migration, references
+from forest_addon.ui.settings import exchange, references
 
 
 def names(scene=None):
@@ -138,32 +138,12 @@ def test_objects_that_are_further_ends_are_added_and_removed(naming):
     assert exchange.sensor_of(bpy.data.objects["reverb"]).receiver_objects == ""
 
 
-def test_a_file_of_names_alone_gets_pointers(naming, tmp_path):
-    """As the version before saved it: texts, no pointers, and tripods that were turned in vain."""
-    references._busy = True  # nothing follows from what is set
-    naming.forest.terrain.object_pointer = None
-    planting = naming.plantings[0]
-    planting.painted_pointer = planting.collection_pointer = None
-    for thing in ("track", "echo"):
-        kind = bpy.data.objects[thing]["forest_sensor_kind"]
-        getattr(bpy.data.objects[thing].forest_sensor, kind).follow_pointer = None
-    reverb = bpy.data.objects["reverb"].forest_sensor.reverb
-    reverb.source_objects_pointers.clear()
-    reverb.receiver_objects_pointers.clear()
-    references._busy = False
-    bpy.data.objects["cloud"].rotation_euler.z = 1.0
-    naming.layout = 2
-    before = bpy.data.objects["cloud"].forest_sensor.terrestrial.azimuth_deg[:]
-    migration.migrate(bpy.context.scene)
-    bpy.context.view_layer.update()
-    assert names() == NAMED
+def test_a_saved_file_says_the_names_of_today(naming, tmp_path):
     rename()
     assert names() == RENAMED
-    assert exchange.sensor_of(bpy.data.objects["cloud"]).azimuth_deg == before
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "today.blend"))
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "today.blend"))
     props = bpy.context.scene.forest_sensing
-    assert (props.layout, props.notice) == (migration.LAYOUT, "")
     assert props.forest.terrain.object == "mound"  # for whoever reads the text
     bpy.data.objects["mound"].name = "hill"
     assert names()["object"] == "hill"

@@ -10,11 +10,10 @@ import numpy as np
 
 from ...spec import SpecError
 from .device import WAVEFORM, Device, Digitiser, digitiser_of
-from .document import number, place_of, yes
+from .document import OLD_NAMES, number, place_of, yes
 from .driven import DrivenLeg, drive
 from .scene import Part, ground_height
 from .track import SETTINGS, SurveyTrack, read_tracks
-from .vocabulary import OLD_NAMES
 
 TURNS = {"stopAndTurn", "smoothTurn", "slowdownEnabled", "yawAtDeparture_deg"}
 DRIVEN = ("multicopter", "groundvehicle")

@@ -15,12 +15,29 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ...spec import SpecError
-from .document import asset_of, find_file, find_files, number, rotation_of, vector, yes
-from .material import Material, read_materials
-from .motion import PartMotion, read_motion
-from .obj import PartMesh, read_obj, together
-from .raster import VoxelMode, read_points, read_terrain, read_voxels
-from .vocabulary import strange_words
+from .document import (
+    asset_of,
+    find_file,
+    find_files,
+    number,
+    rotation_of,
+    strange_words,
+    vector,
+    yes,
+)
+from .parts import (
+    Material,
+    PartMesh,
+    PartMotion,
+    VoxelMode,
+    read_materials,
+    read_motion,
+    read_obj,
+    read_points,
+    read_terrain,
+    read_voxels,
+    together,
+)
 
 VOXEL_MODES = ("fixed", "scaled", "transmittive")
 LOADERS = ("objloader", "geotiffloader", "xyzloader", "detailedvoxels")

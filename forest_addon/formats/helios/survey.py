@@ -15,10 +15,19 @@ from scipy.spatial.transform import Rotation
 
 from ...spec import SpecError
 from .device import Device, read_device
-from .document import asset_of, place_of, read_document, rotation_of, yes
+from .document import (
+    NOISES,
+    SETTINGS,
+    asset_of,
+    check_children,
+    place_of,
+    read_document,
+    rotation_of,
+    strange_words,
+    yes,
+)
 from .legs import MOVING, Leg, Source, first_pulse_rate, read_legs
 from .scene import Part, plays_of, read_scene
-from .vocabulary import NOISES, SETTINGS, check_children, strange_words
 
 PLATFORMS = ("static", *MOVING)
 FAR = 5000.0  # metres from the origin beyond which a scene is moved there

@@ -19,7 +19,7 @@ from ...base.trimesh import LEAF, TriMesh
 from ...formats.atomic import replacing
 from ...formats.ownership import claim, remove
 from ...formats.stl import StlError, read_stl, write_stl
-from ...formats.toml_text import VERSION_KEY
+from ...formats.toml_file import VERSION_KEY
 from ...spec import Grammar, Siblings, SpecError, unknown
 from ..likeness import Verdict, judge
 from ..mesh.leaves import measure_leaves

@@ -37,7 +37,7 @@ import numpy as np
 from scipy.special import ndtr, ndtri
 
 from ...spec import Allometry, Law, SpecError
-from ...spec.allometry import DBH
+from ...spec.species import DBH
 
 MEASURES = ("height", "crown_width", "crown_base", "leaf_area")  # columns, in this order
 Z90 = 1.6448536269514722  # 90 % of a normal lie within ± this

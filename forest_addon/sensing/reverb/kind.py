@@ -46,7 +46,7 @@ def trunks_between(
     seen: Seen, reverb: Reverb, settings: Scene, ends: Any
 ) -> Callable[[np.ndarray, np.ndarray], Any]:
     """Trunks of the scene, by source and receiver, and those that are stems only. ends : ``Ends``."""
-    from ...stand.stems import plant_stems
+    from ...stand.layouts import plant_stems
     from .trunks.slices import Trunks
 
     position, radius = plant_stems(settings.seed, settings.forest, settings.stems)

@@ -6,8 +6,7 @@ import numpy as np
 
 from ..inputs import Painted
 from .functions import Intensity, IntensityError, Mask
-from .grid import Grid
-from .surface import IntensitySurface
+from .surface import Grid, IntensitySurface
 from .terrain import GroundSurface, refuse_pixels
 
 

@@ -1,9 +1,8 @@
 """Polygon windows: where trees may stand, with holes.
 
 Corners are checked once (no zero area, no edge that crosses or touches another), then points are judged by
-the even-odd rule. Between two neighbouring heights of corners the edges do not cross, so a point only asks
-the few edges of its own slab. For cells, edges are drawn into a grid of bins: bins without an edge are
-wholly in or out.
+the even-odd rule: points in order of y, so that an edge asks those alone that lie between its ends. For
+cells, edges are drawn into a grid of bins: bins without an edge are wholly in or out.
 """
 
 from __future__ import annotations
@@ -13,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from .functions import IntensityError, Mask
-from .pyramid import Pyramid
+from .surface import Pyramid
 
 BINS = 256  # along each side of the polygon's box
 CHUNK = 1 << 22  # pairs of edges checked at a time
@@ -45,9 +44,10 @@ class Polygon(Mask):
             [f + np.roll(np.arange(n), -1) for f, n in zip(first, sizes, strict=True)]
         )
         _refuse_crossings(start, end, follower, self.origin, name)
-        self._cut_into_slabs(start, end)
+        self._edges = start, end
         for k, hole in enumerate(self.rings[1:], 1):
-            if not _contains(self.rings[0], hole[0]):
+            outline = self.rings[0], np.roll(self.rings[0], -1, axis=0)
+            if not _odd(*outline, hole[:1])[0]:
                 raise IntensityError(f"{name}: hole {k} does not lie within the outline; move it")
         self._fill_bins(start, end)
 
@@ -63,7 +63,7 @@ class Polygon(Mask):
         state = self._states[row, column]  # 0 outside, 1 inside, 2 crossed by an edge
         state[((places < self._low) | (places > self._high)).any(axis=1)] = 0
         near = np.flatnonzero(state == 2)
-        state[near] = self._odd(places[near])
+        state[near] = _odd(*self._edges, places[near])
         return state.astype(float)
 
     def bounds(self, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -78,37 +78,6 @@ class Polygon(Mask):
         clipped = [_clip(ring, low - self.origin, high - self.origin) for ring in self.rings]
         areas = [abs(_area(ring)) if len(ring) else 0.0 for ring in clipped]
         return float(areas[0] - sum(areas[1:]))
-
-    def _cut_into_slabs(self, start: np.ndarray, end: np.ndarray) -> None:
-        """Edges by slab: (S, K) numbers, filled up with one that no point lies to the right of."""
-        up = start[:, 1] < end[:, 1]
-        below, above = np.where(up[:, None], start, end), np.where(up[:, None], end, start)
-        leaning = below[:, 1] < above[:, 1]  # level edges cross no line of sight along x
-        below, above = below[leaning], above[leaning]
-        self._levels = np.unique(np.concatenate([below[:, 1], above[:, 1]]))
-        first, last = (np.searchsorted(self._levels, k[:, 1]) for k in (below, above))
-        count = last - first
-        edge = np.repeat(np.arange(len(below)), count)
-        slab = first[edge] + np.arange(len(edge)) - np.repeat(np.cumsum(count) - count, count)
-        order = np.argsort(slab, kind="stable")
-        edge, slab = edge[order], slab[order]
-        rank = np.arange(len(slab)) - np.searchsorted(slab, slab)
-        self._slabs = np.full((len(self._levels) - 1, int(rank.max()) + 1), len(below))
-        self._slabs[slab, rank] = edge
-        self._x, self._y = np.append(below[:, 0], np.inf), np.append(below[:, 1], 0.0)
-        self._lean = np.append((above - below)[:, 0] / (above - below)[:, 1], 0.0)
-
-    def _odd(self, places: np.ndarray) -> np.ndarray:
-        """(N,) bool, whether an odd number of edges lies to the left of places (N, 2)."""
-        x, y = places.T
-        slab = np.searchsorted(self._levels, y, side="right") - 1
-        known = (slab >= 0) & (slab < len(self._slabs))
-        slab = np.where(known, slab, 0)
-        odd = np.zeros(len(places), dtype=bool)
-        for k in range(self._slabs.shape[1]):
-            edge = self._slabs[slab, k]
-            odd ^= self._x[edge] + (y - self._y[edge]) * self._lean[edge] < x
-        return np.asarray(odd & known)
 
     def _fill_bins(self, start: np.ndarray, end: np.ndarray) -> None:
         self._low, self._high = start.min(axis=0), start.max(axis=0)
@@ -138,7 +107,7 @@ class Polygon(Mask):
         middle = (
             self._low + (np.indices((BINS, BINS))[::-1].reshape(2, -1).T + 0.5) * self._bin_size
         )
-        inside = self._odd(middle).reshape(BINS, BINS)
+        inside = _odd(start, end, middle).reshape(BINS, BINS)
         self._states = np.where(edged, 2, inside).astype(np.int8)
         self._ranges = Pyramid(np.where(edged, 0.0, inside), np.where(edged, 1.0, inside))
 
@@ -214,12 +183,21 @@ def _meet(a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray) -> np.ndar
     return np.asarray(boxes & ~apart)
 
 
-def _contains(ring: np.ndarray, point: np.ndarray) -> bool:
-    a, b = ring, np.roll(ring, -1, axis=0)
-    crosses = (a[:, 1] > point[1]) != (b[:, 1] > point[1])
-    a, b = a[crosses], b[crosses]
-    x = a[:, 0] + (point[1] - a[:, 1]) * (b - a)[:, 0] / (b - a)[:, 1]
-    return bool((x < point[0]).sum() % 2)
+def _odd(start: np.ndarray, end: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """(N,) bool, whether an odd number of edges (E, 2) lies to the left of places (N, 2)."""
+    up = (start[:, 1] < end[:, 1])[:, None]
+    below, above = np.where(up, start, end), np.where(up, end, start)
+    order = np.argsort(places[:, 1], kind="stable")
+    x, y = places[order].T
+    first, last = (np.searchsorted(y, ends[:, 1], "left") for ends in (below, above))
+    odd = np.zeros(len(places), dtype=bool)
+    for edge in np.flatnonzero(first < last).tolist():  # level edges cross no line of sight along x
+        row = slice(first[edge], last[edge])
+        along, rise = above[edge] - below[edge]
+        odd[row] ^= below[edge, 0] + (y[row] - below[edge, 1]) * (along / rise) < x[row]
+    found = np.empty_like(odd)
+    found[order] = odd
+    return found
 
 
 def _clip(ring: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:

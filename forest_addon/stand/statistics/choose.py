@@ -21,9 +21,8 @@ from ..inputs import Inputs
 from ..plan import draw_places
 from .goodness import Goodness, examine, law_of
 from .interaction import fit_clusters, fit_strauss
-from .k_function import KFunction, choose_radii, inhomogeneous_k
+from .k_function import KFunction, choose_radii, inhomogeneous_k, region_of
 from .mixture import FittedMixture, fit_mixture
-from .region import region_of
 from .window import Window
 
 LAWS = ("poisson", "thomas", "matern", "strauss")

@@ -16,7 +16,7 @@ from scipy.optimize import minimize, minimize_scalar
 from scipy.spatial import cKDTree
 
 from ...spec import Clusters, Strauss
-from ..cluster import k_of_clusters
+from ..layouts import k_of_clusters
 from .k_function import At, KFunction
 from .window import Window
 

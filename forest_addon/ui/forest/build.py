@@ -33,8 +33,7 @@ from .scene_file import take_scene
 
 if TYPE_CHECKING:  # they bring scipy
     from ...site import ForestSite
-    from ...stand.before_fall import TreesBeforeFall
-    from ...stand.forest import GrownForest
+    from ...stand.forest import GrownForest, TreesBeforeFall
 
 DEMO = ASSETS / "scenes" / "demo.toml"
 _kept: dict[str, TreesBeforeFall] = {}  # trees of the forest that grew last, once one has
@@ -48,7 +47,7 @@ def _import_rooms(_tell: Any) -> None:
 
 def _grown(site: ForestSite, tell: Progress) -> GrownForest:
     """Grow a forest, but for trees that are those of the forest before, in another season perhaps."""
-    from ...stand.before_fall import TreesBeforeFall
+    from ...stand.forest import TreesBeforeFall
 
     kept = _kept.setdefault("trees", TreesBeforeFall())
     forest = site.grow(tell, kept=kept)

@@ -18,8 +18,8 @@ from ..settings.drawing import (
 )
 from ..settings.exchange import forestless
 from ..settings.lists import draw_list
-from ..settings.migration import draw_notice
 from ..settings.presets import draw_presets
+from ..settings.saved import draw_notice
 from ..shell import requirements
 from ..shell.chosen import chosen
 from ..shell.progress import draw_job

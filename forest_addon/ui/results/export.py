@@ -38,7 +38,7 @@ WORDS = {
 def endings_of(result: Any) -> tuple[str, ...]:
     """Return the endings of files that a result can be written to; none where nothing of it is kept."""
     from ...results.kinds import RESULTS
-    from ...results.point_files import can_write
+    from ...results.points import can_write
 
     if not (result.found or _scan_of(result)):
         return ()
@@ -60,7 +60,7 @@ def _write(path: Path, result: Any, label: str) -> Offset:
     from ...blender.show.cloud import kept_scan
     from ...results.coordinates import Offset
     from ...results.kinds import write_as
-    from ...results.point_files import write_points
+    from ...results.points import write_points
     from .kept import unpack
 
     data = _scan_of(result)
@@ -125,7 +125,7 @@ class FOREST_OT_export_result(bpy.types.Operator, ExportHelper):
 
     def check(self, _context: bpy.types.Context) -> bool:
         """The name follows the format that is chosen beside it."""
-        from ...results.point_files import ending_of
+        from ...results.points import ending_of
 
         path = Path(self.filepath)
         had = ending_of(path)
@@ -153,7 +153,7 @@ class FOREST_OT_export_result(bpy.types.Operator, ExportHelper):
     def execute(self, context: bpy.types.Context) -> set[str]:
         from ...formats.crs import can_tell_crs
         from ...formats.wav import write_wav
-        from ...results.point_files import ending_of
+        from ...results.points import ending_of
 
         endings = self._endings(context)
         if not endings:

@@ -17,7 +17,7 @@ from ..shell.chosen import chosen_sensor
 from ..shell.words import label, say
 
 if TYPE_CHECKING:
-    from ...formats.scanner_file import ScannerFile
+    from ...formats.toml_file import ScannerFile
 
 OWN = "My Own"
 
@@ -25,7 +25,7 @@ OWN = "My Own"
 @cache
 def instruments() -> dict[str, ScannerFile]:
     """Every instrument that the add-on brings, by the name of its file; read once."""
-    from ...formats.scanner_file import read_scanner, scanner_names
+    from ...formats.toml_file import read_scanner, scanner_names
 
     return {name: read_scanner(name) for name in scanner_names()}
 

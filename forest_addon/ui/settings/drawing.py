@@ -12,7 +12,7 @@ from typing import Any
 import bpy
 
 from ...sensing.kinds import KINDS
-from ...spec.depth import applies, is_advanced
+from ...spec.choices import applies, is_advanced
 from ..shell.words import label
 from .exchange import forestless, untouched
 from .groups import PARTS

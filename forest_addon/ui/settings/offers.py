@@ -55,7 +55,7 @@ def _planted(_group: Any, context: Any, typed: str) -> list[str]:
 
 def _scanners(group: Any, _context: Any, typed: str) -> list[str]:
     """Presets that are used on this platform."""
-    from ...formats.scanner_file import read_scanner, scanner_names
+    from ...formats.toml_file import read_scanner, scanner_names
 
     kind = type(group).__name__.removeprefix("FOREST_PG_")
     return [n for n in _matching(scanner_names(), typed) if kind in read_scanner(n).tables]
@@ -112,8 +112,7 @@ def _matching(names: Iterable[str], typed: str) -> list[str]:
 
 def _take_scanner(props: Any, context: Any) -> None:
     """Put the figures of the scanner that was chosen into the settings; they can be changed after."""
-    from ...formats.scanner_file import settings_of
-    from ...formats.toml_file import structure
+    from ...formats.toml_file import settings_of, structure
     from . import exchange
 
     kind = type(props).__name__.removeprefix("FOREST_PG_")

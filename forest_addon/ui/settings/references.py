@@ -167,16 +167,6 @@ def renew_texts(groups: Iterator[Any]) -> None:
                 _set_text(group, name, text)
 
 
-def resolve_all(groups: Iterator[Any]) -> None:
-    """Find what texts mean that have no pointer yet."""
-    for group in groups:
-        for name in named_by(group):
-            many = REFERENCES[name].many
-            has = len(getattr(group, f"{name}_pointers")) if many else not is_lost(group, name)
-            if getattr(group, name) and not has:
-                resolve(group, name)
-
-
 def named_by(group: Any) -> list[str]:
     """The settings of a group that name something."""
     known = group.bl_rna.properties

@@ -100,7 +100,7 @@ class FOREST_OT_make_species(Working, bpy.types.Operator):
         from ...blender.files.tree_files import read_parts
         from ...blender.scene.assets import on_paper
         from ...formats.atomic import replacing
-        from ...formats.png import write_png
+        from ...formats.raster_file import write_png
         from ...growth.library.template_library import Brought, Library, check_name, make_library
         from ...spec import Look
 

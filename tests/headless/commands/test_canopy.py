@@ -11,7 +11,7 @@ pytest.importorskip("bpy")
 from forest_addon import api
 from forest_addon.sensing.canopy import OUTSIDE, SKY
 from forest_addon.spec import SpecError
-from headless.commands.work.canopy import look_up_in
+from headless.commands.canopy import look_up_in
 
 SCENE = """
 seed = 3

@@ -8,7 +8,7 @@ import pytest
 from scipy.io import wavfile
 
 from headless.cli import main
-from headless.commands.work.convolve import convolve
+from headless.commands.convolve import convolve
 from studies.papers.reverb_figures import Study, draw_figures, findings, responses
 
 ROOT = Path(__file__).resolve().parents[3]

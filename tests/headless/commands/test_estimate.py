@@ -10,10 +10,9 @@ from forest_addon.stand.compose import process_of
 from forest_addon.stand.files import read_inputs
 from forest_addon.stand.intensity.functions import Mixture
 from forest_addon.stand.plan import plan_stand
-from forest_addon.stand.poisson import sample
-from forest_addon.stand.process import Process
+from forest_addon.stand.poisson import Process, sample
 from headless.cli import main
-from headless.commands.work.estimate import estimate_site
+from headless.commands.estimate import estimate_site
 
 UTM = np.array([432_100.0, 5_612_300.0])
 SITE = {

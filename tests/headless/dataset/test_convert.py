@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from references.leaf_discs import discs_of
 
-from forest_addon.formats.png import write_png
+from forest_addon.formats.raster_file import write_png
 from forest_addon.results.echo_files import write_echo
 from forest_addon.results.reverb import write_response
 from forest_addon.sensing.reverb.metrics import octave_bands
@@ -21,9 +21,8 @@ from forest_addon.sensing.sonar.ping import ping
 from forest_addon.spec import Air, Sonar
 from headless.cli import main
 from headless.dataset import card, disk
-from headless.dataset.convert import legend
+from headless.dataset.disk import write_shards
 from headless.dataset.place import ROUTE_HEAD
-from headless.dataset.shards import write_shards
 
 laspy = pytest.importorskip("laspy")
 CLASSES = ("unclassified", "low vegetation", "terrain", "out points", "stem", "live branches")
@@ -251,7 +250,7 @@ def test_every_name_in_a_label_file_has_its_legend(undisturbed):
             kind = path.name.replace("tls", "NAME", 1)
             for name in _names_of(path):
                 seen += 1
-                assert legend.meaning_of(kind, name), (path.name, name)
+                assert card.meaning_of(kind, name), (path.name, name)
     assert seen > 100
 
 
@@ -270,8 +269,8 @@ def test_every_name_of_echoes_and_responses_has_its_legend(tmp_path):
     for file, kind in kinds.items():
         names = _names_of(tmp_path / file)
         assert len(names) >= 5
-        assert not [name for name in names if not legend.meaning_of(kind, name)], file
-    assert not legend.meaning_of("NAME-heard.npz", "loudness")
+        assert not [name for name in names if not card.meaning_of(kind, name)], file
+    assert not card.meaning_of("NAME-heard.npz", "loudness")
 
 
 def _response():

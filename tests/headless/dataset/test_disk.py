@@ -9,7 +9,7 @@ import pytest
 from forest_addon.formats.ownership import Keeper, keeping
 from forest_addon.spec import SpecError
 from headless.dataset import disk
-from headless.dataset.manifest import rows_of
+from headless.dataset.disk import rows_of
 from headless.lock import only_one
 
 RECORD = {

@@ -3,7 +3,7 @@
 import numpy as np
 from matplotlib.figure import Figure
 
-from headless.dataset.overview import SLICE, _draw_clouds
+from headless.dataset.card import SLICE, _draw_clouds
 
 SCENE = "[forest]\nsize = [40.0, 40.0]\n"
 TREES = "tree,y_m\n0,3.0\n1,30.0\n2,31.0\n3,29.0\n"

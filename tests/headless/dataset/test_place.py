@@ -6,8 +6,7 @@ import pytest
 from forest_addon import spec
 from forest_addon.base.rng import stream
 from forest_addon.spec import SpecError
-from headless.dataset.ground import heights_of, terrain_of
-from headless.dataset.place import place_sensors
+from headless.dataset.place import heights_of, place_sensors, terrain_of
 from headless.dataset.settings import Ground, Placing
 
 FIELD = spec.Forest(size=(20.0, 20.0), origin=(100.0, -50.0), margin=10.0)

@@ -4,11 +4,10 @@ import numpy as np
 import pytest
 from scipy.special import psi
 
-from forest_addon.formats.scanner_file import read_scanner
+from forest_addon.formats.toml_file import read_scanner
 from forest_addon.spec import SpecError
 from headless.dataset import vary
-from headless.dataset.mixture import redealt
-from headless.dataset.plan import PLANS, read_plan, recipes
+from headless.dataset.plan import PLANS, read_plan, recipes, redealt
 
 TRIPODS = ("faro-focus-s350", "leica-blk360", "ouster-os1-128", "riegl-vz-400i", "velodyne-vlp-16")
 

@@ -6,8 +6,8 @@ import pytest
 bpy = pytest.importorskip("bpy")
 from mathutils import Vector
 
-from headless.dataset.convert.panoptic import segments_from
-from headless.dataset.convert.segments import camera_rays
+from headless.dataset.formats import segments_from
+from headless.dataset.scene import camera_rays
 
 
 @pytest.mark.parametrize(("wide", "high"), [(64, 40), (40, 64), (33, 33)])

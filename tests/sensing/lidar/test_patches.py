@@ -8,7 +8,7 @@ from references.lidar_scenes import ground, scene_with
 from references.rays_brute import BruteCaster
 
 from forest_addon.base.trimesh import GROUND, LEAF, OTHER, WOOD, TriMesh
-from forest_addon.formats.scanner_file import read_scanner, scanner_names
+from forest_addon.formats.toml_file import read_scanner, scanner_names
 from forest_addon.growth.mesh.meshing import tube
 from forest_addon.sensing.lidar.footprint import places
 from forest_addon.sensing.lidar.scan import scan

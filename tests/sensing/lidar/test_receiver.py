@@ -8,8 +8,7 @@ from references.lidar_scenes import scene_with
 from references.rays_brute import BruteCaster
 
 from forest_addon.base.trimesh import LEAF, OTHER, TriMesh
-from forest_addon.formats.scanner_file import settings_of
-from forest_addon.formats.toml_file import structure
+from forest_addon.formats.toml_file import settings_of, structure
 from forest_addon.sensing.lidar.radiometry import received_energy
 from forest_addon.sensing.lidar.receiver import awake, chosen_returns, false_alarm_rate
 from forest_addon.sensing.lidar.scan import Scan, scan

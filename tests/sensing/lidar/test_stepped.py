@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from forest_addon.base.trimesh import OTHER, TriMesh
-from forest_addon.formats.helios.motion import MotionSequence, MotionStep, PartMotion
+from forest_addon.formats.helios.parts import MotionSequence, MotionStep, PartMotion
 from forest_addon.sensing.lidar.surveys.stepped import SteppedPath
 from forest_addon.sensing.moving import MovingScene
 from forest_addon.sensing.moving_rays import MovingCaster

@@ -8,7 +8,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from scipy.optimize import minimize_scalar
 
-from forest_addon.formats.scanner_file import read_scanner, scanner_names
+from forest_addon.formats.toml_file import read_scanner, scanner_names
 from forest_addon.sensing.lidar.waveform import LIGHT, find_echoes, pulse_length, sample
 
 SIGMA = 0.3

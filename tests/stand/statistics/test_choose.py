@@ -9,7 +9,7 @@ from forest_addon.spec import Clusters, Forest, Gaussian, Planting, Scene, SpecE
 from forest_addon.stand.compose import process_of
 from forest_addon.stand.inputs import Inputs
 from forest_addon.stand.plan import draw_places
-from headless.commands.work.estimate import estimate_site
+from headless.commands.estimate import estimate_site
 
 FIELD = Forest(size=(100.0, 100.0))
 EVEN = Planting(species="maple", expected=300)

@@ -5,8 +5,7 @@ import pytest
 
 from forest_addon.base.rng import stream
 from forest_addon.stand.intensity.functions import Mixture
-from forest_addon.stand.poisson import sample
-from forest_addon.stand.process import Process
+from forest_addon.stand.poisson import Process, sample
 from forest_addon.stand.statistics.kernel import choose_bandwidth, kernel_estimate
 from forest_addon.stand.statistics.window import Window
 from tests.references.point_pattern import kernel_direct

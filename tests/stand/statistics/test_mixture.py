@@ -5,8 +5,7 @@ import pytest
 
 from forest_addon.base.rng import stream
 from forest_addon.stand.intensity.functions import Constant, Mixture, Sum
-from forest_addon.stand.poisson import sample
-from forest_addon.stand.process import Process
+from forest_addon.stand.poisson import Process, sample
 from forest_addon.stand.statistics.mixture import fit_mixture, refit
 from forest_addon.stand.statistics.window import Window
 

@@ -6,17 +6,16 @@ from scipy import stats
 
 from forest_addon.base.rng import stream
 from forest_addon.stand.spacing import Spacing, space
-from forest_addon.stand.statistics.envelope import envelope
-from forest_addon.stand.statistics.goodness import TestedLaw, examine, law_of
+from forest_addon.stand.statistics.goodness import TestedLaw, envelope, examine, law_of
 from forest_addon.stand.statistics.k_function import (
     choose_quadrats,
     choose_radii,
     inhomogeneous_k,
     integrate_by_quadrat,
     quadrat_test,
+    region_of,
 )
 from forest_addon.stand.statistics.mixture import fit_mixture
-from forest_addon.stand.statistics.region import region_of
 from forest_addon.stand.statistics.window import Window
 from tests.references.point_pattern import k_direct
 

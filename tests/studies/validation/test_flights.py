@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from forest_addon.base.rng import stream
-from headless.commands.work.like import FlownCloud
+from headless.surveys import FlownCloud
 from studies.validation.flights import BLOCK, IntensityScale, halves_apart, threshold
 from studies.validation.own_cloud import CloudReturns
 

@@ -6,7 +6,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from forest_addon.results.point_files import ENDINGS, can_write
+from forest_addon.results.points import ENDINGS, can_write
 from forest_addon.ui.results.names import follow_names
 
 from ..pressing import press, run

@@ -7,7 +7,7 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from forest_addon import api as forest
-from forest_addon.formats.scanner_file import read_scanner, scanner_names
+from forest_addon.formats.toml_file import read_scanner, scanner_names
 from forest_addon.ui import properties
 from forest_addon.ui.sensors import instruments
 from forest_addon.ui.settings import exchange

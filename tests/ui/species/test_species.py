@@ -15,7 +15,7 @@ from references.model_tree import tree
 from forest_addon import spec, ui
 from forest_addon.base.places import ASSETS
 from forest_addon.blender.jobs import CancelledError
-from forest_addon.formats.png import read_png
+from forest_addon.formats.raster_file import read_png
 from forest_addon.formats.stl import write_stl
 from forest_addon.formats.toml_file import read_settings
 from forest_addon.growth.library.species_file import load_species

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ....formats.helios.motion import MotionSequence, MotionStep, PartMotion
+from ....formats.helios.parts import MotionSequence, MotionStep, PartMotion
 
 STILL = MotionStep(np.eye(3), np.eye(3), np.zeros(3))
 

@@ -1,0 +1,492 @@
+"""Parts of a HELIOS++ scene: triangles of OBJ files, GeoTIFF and voxels, their materials, how they move.
+
+**Materials** are what a Wavefront material file says of ground and reflectance, and spectra. A spectrum is
+a text file of 26 lines about the sample, then wavelength in µm and reflectance in percent (ASTER spectral
+library: Baldridge et al. 2009, Remote Sens. Environ. 113, 711). What is not said is half the light, as in
+HELIOS++.
+
+**Motion** is sequences of rigid motions, one step of a sequence at a time. A step takes the part's turn R
+and its middle c to A·R and B·c + C: a motion of the part in itself turns it about its middle (B is the
+identity), any other about the origin of HELIOS++'s own frame, which is the lowest corner of the box around
+the whole scene.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, replace
+from functools import cache
+from itertools import pairwise
+from pathlib import Path
+from xml.etree.ElementTree import Element
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from ...base.rng import daughter_keys, keyed_uniform
+from ...spec import SpecError
+from ..foreign import guarded
+from ..raster_file import read_heights
+from .document import find_file, number, vector, yes
+
+HEADER = 26  # lines of a spectrum
+UNKNOWN = 0.5
+SPECTRA = "data/spectra"
+
+
+@dataclass(frozen=True)
+class Material:
+    """Material of a surface: is it ground, its reflectance (NaN: not said), the name of its spectrum."""
+
+    ground: bool = False
+    reflectance: float = float("nan")
+    spectrum: str = ""
+
+    def reflects(self, wavelength_nm: float, near: Path, assets: Path | None = None) -> float:
+        """The reflectance at a wavelength, 0 to 1; a number that the material says comes before its spectrum.
+
+        near : a document; spectra are looked for as the files that it names.
+        """
+        if np.isfinite(self.reflectance):
+            return min(max(self.reflectance, 0.0), 1.0)
+        if not self.spectrum or "/" in self.spectrum or "\\" in self.spectrum:
+            return UNKNOWN
+        try:
+            file = find_file(f"{SPECTRA}/{self.spectrum}.txt", near, assets)
+        except SpecError:
+            return UNKNOWN
+        return float(min(max(np.interp(wavelength_nm, *_spectrum(file)), 0.0), 1.0))
+
+
+@guarded("a Wavefront material file")
+def read_materials(path: Path) -> dict[str, Material]:
+    """Materials of a .mtl file by name.
+
+    Raises
+    ------
+    SpecError : no material, or a reflectance that is no number.
+    """
+    found: dict[str, Material] = {}
+    said: dict[str, str] = {}
+    name = ""
+    for text in [*path.read_text("utf-8", errors="replace").splitlines(), "newmtl"]:
+        word, *rest = text.split() or [""]
+        if word == "newmtl":
+            if name:
+                found[name] = _material(said, path)
+            name, said = " ".join(rest), {}
+        elif word.startswith("helios_") and rest:
+            said[word] = rest[0]
+    if not found:
+        raise SpecError(str(path), "holds no material (newmtl)")
+    return found
+
+
+def _material(said: dict[str, str], path: Path) -> Material:
+    text = said.get("helios_reflectance", "nan")
+    try:
+        reflectance = float(text)
+    except ValueError:
+        raise SpecError(str(path), "helios_reflectance is not a number") from None
+    return Material(
+        ground=yes(said.get("helios_isGround"), False),
+        reflectance=reflectance,
+        spectrum=said.get("helios_spectra", ""),
+    )
+
+
+@cache
+@guarded("a spectrum of the ASTER library")
+def _spectrum(path: Path) -> tuple[np.ndarray, np.ndarray]:
+    """Wavelengths in nm, ascending, and reflectances from 0 to 1."""
+    try:
+        rows = np.loadtxt(path, skiprows=HEADER, usecols=(0, 1), ndmin=2, encoding="latin-1")
+    except ValueError:
+        raise SpecError(str(path), "has a line that is not wavelength and reflectance") from None
+    rows = rows[np.argsort(rows[:, 0], kind="stable")]
+    return rows[:, 0] * 1e3, rows[:, 1] / 100.0
+
+
+@dataclass(frozen=True)
+class VoxelGrid:
+    """Cubes of plant area: lowest corner (3,) and edge, metres, and m² a m³ of each cell (X, Y, Z)."""
+
+    low: np.ndarray
+    size: float
+    density: np.ndarray
+
+
+@dataclass(frozen=True)
+class PartMesh:
+    """Triangles and their materials.
+
+    vertices : (V, 3) metres. triangles : (T, 3). slot : (T,) number of the material. materials : (S,).
+    hazes : grids that light passes by chance; the triangles are then sides of their cells, which stop none.
+    """
+
+    vertices: np.ndarray
+    triangles: np.ndarray
+    slot: np.ndarray
+    materials: tuple[Material, ...]
+    hazes: tuple[VoxelGrid, ...] = ()
+
+    @property
+    def ground(self) -> np.ndarray:
+        """(T,) bool, which triangles are ground."""
+        return np.array([material.ground for material in self.materials])[self.slot]
+
+
+def together(surfaces: list[PartMesh]) -> PartMesh:
+    """One surface of several."""
+    vertex = np.cumsum([0, *(len(one.vertices) for one in surfaces)])
+    slot = np.cumsum([0, *(len(one.materials) for one in surfaces)])
+    return PartMesh(
+        np.concatenate([one.vertices for one in surfaces]),
+        np.concatenate([one.triangles + v for one, v in zip(surfaces, vertex, strict=False)]),
+        np.concatenate([one.slot + s for one, s in zip(surfaces, slot, strict=False)]),
+        tuple(material for one in surfaces for material in one.materials),
+        tuple(grid for one in surfaces for grid in one.hazes),
+    )
+
+
+@guarded("a Wavefront OBJ file")
+def read_obj(path: Path, up: str = "z") -> PartMesh:
+    """The triangles of a Wavefront file; polygons are cut into fans.
+
+    up : the axis that points up in the file, "z" or "y".
+
+    Raises
+    ------
+    SpecError : a corner that is not there, or no face at all.
+    """
+    places: list[list[float]] = []
+    faces: list[tuple[int, int, int]] = []
+    slots: list[int] = []
+    names = [""]
+    known: dict[str, Material] = {}
+    slot = 0
+    for line, text in enumerate(path.read_text("utf-8", errors="replace").splitlines(), 1):
+        word, *rest = text.split("#")[0].split() or [""]
+        if word == "v":
+            places.append([float(x) for x in rest[:3]])
+        elif word == "f":
+            corner = [_corner(one, len(places)) for one in rest]
+            if len(corner) < 3 or min(corner) < 0 or max(corner) >= len(places):
+                raise SpecError(str(path), f"line {line}: a face has a corner that is not there")
+            faces += [(corner[0], b, c) for b, c in pairwise(corner[1:])]
+            slots += [slot] * (len(corner) - 2)
+        elif word == "usemtl":
+            name = " ".join(rest)
+            if name not in names:
+                names.append(name)
+            slot = names.index(name)
+        elif word == "mtllib" and (path.parent / " ".join(rest)).is_file():
+            known |= read_materials(path.parent / " ".join(rest))
+    if not faces:
+        raise SpecError(str(path), "has no face")
+    vertices = np.array(places)
+    if not np.isfinite(vertices).all():
+        raise SpecError(str(path), "has corners that are no numbers")
+    if up == "y":
+        vertices = np.stack([vertices[:, 0], -vertices[:, 2], vertices[:, 1]], axis=1)
+    return PartMesh(
+        vertices,
+        np.array(faces, dtype=np.int32),
+        np.array(slots, dtype=np.int32),
+        tuple(known.get(name, Material()) for name in names),
+    )
+
+
+def _corner(text: str, count: int) -> int:
+    index = int(text.split("/")[0])
+    return index - 1 if index > 0 else count + index if index else -1
+
+
+MOST_VOXELS = 20_000_000  # cells of the grid around a cloud
+CORNERS = np.array([(x, y, z) for z in (0, 1) for y in (0, 1) for x in (0, 1)])
+SIDES = np.array(
+    [(0, 2, 3, 1), (4, 5, 7, 6), (0, 1, 5, 4), (2, 6, 7, 3), (0, 4, 6, 2), (1, 3, 7, 5)]
+)
+
+
+@guarded("a GeoTIFF of heights")
+def read_terrain(path: Path, material: Material) -> PartMesh:
+    """Ground between the middles of the pixels of a GeoTIFF, two triangles a square; pixels without a height
+    are gaps.
+
+    Raises
+    ------
+    SpecError : it holds no square of four heights.
+    """
+    height, corner, size = read_heights(path)
+    there = np.isfinite(height)
+    rows, columns = height.shape
+    y, x = np.mgrid[:rows, :columns] + 0.5
+    vertices = np.stack([corner[0] + x * size[0], corner[1] - y * size[1], height], axis=2)
+    number = np.arange(rows * columns).reshape(rows, columns)
+    a, b, c, d = number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]
+    faces = np.concatenate([np.stack(f, axis=2).reshape(-1, 3) for f in ((a, b, d), (b, c, d))])
+    faces = faces[there.ravel()[faces].all(axis=1)]
+    if not len(faces):
+        raise SpecError(str(path), "has no square of four heights")
+    used, faces = np.unique(faces, return_inverse=True)
+    if not np.isfinite(vertices.reshape(-1, 3)[used]).all():
+        raise SpecError(str(path), "does not say where it lies in numbers")
+    return _of_one_material(vertices.reshape(-1, 3)[used], faces.reshape(-1, 3), material)
+
+
+@guarded("a text of points x, y, z")
+def read_points(
+    path: Path, separator: str, size: float, material: Material, fewest: int = 1
+) -> PartMesh:
+    """Voxels of an edge ``size``, metres, in which points of a text file lie, as boxes.
+
+    The grid starts at the smallest coordinates and has as many cells as cover the largest, as in HELIOS++.
+    Voxels of less than ``fewest`` points are left out: HELIOS++ cannot estimate a normal of less than three.
+
+    Raises
+    ------
+    SpecError : a size that is no length, no points, or a grid that is too fine.
+    """
+    if not size > 0:
+        raise SpecError(str(path), f"voxelSize = {size:g} must be above 0")
+    lines = path.read_text("utf-8", errors="replace").splitlines()
+    rows = [text.split(separator if separator.strip() else None)[:3] for text in lines]
+    told = [
+        row for row, text in zip(rows, lines, strict=True) if text.strip() and text[:1] not in "#/"
+    ]
+    try:
+        points = np.array(told, dtype=np.float64).reshape(-1, 3)
+    except ValueError:
+        raise SpecError(str(path), "has a line that is not x, y, z") from None
+    if not len(points) or not np.isfinite(points).all():
+        raise SpecError(str(path), "holds no points, or values that are no numbers")
+    low, extent = points.min(axis=0), np.ptp(points, axis=0)
+    cells = np.maximum(np.ceil(extent / size), 1)
+    if cells.prod() > MOST_VOXELS:
+        raise SpecError(
+            str(path), f"voxelSize = {size:g} m makes too fine a grid; take a larger one"
+        )
+    place = (points - low) * cells / np.where(extent > 0, extent, 1.0)
+    place = np.clip(place, 0, cells - 1).astype(np.int64)
+    place, many = np.unique(place, axis=0, return_counts=True)
+    place = place[many >= fewest]
+    if not len(place):
+        raise SpecError(str(path), f"has no voxel of {fewest} points; take a larger voxelSize")
+    low = np.where(extent > 0, low, -size / 2)
+    return _boxes(low + size * (place + 0.5), np.full(len(place), size), material)
+
+
+@dataclass(frozen=True)
+class VoxelMode:
+    """Boxes, "fixed" or "scaled", or a haze, "transmittive", that voxels of AMAPVox become; the power of the
+    density by which boxes shrink, and whether they are shifted at random within their cells."""
+
+    name: str
+    power: float = 0.5
+    shifted: bool = False
+
+
+@guarded("voxels of AMAPVox")
+def read_voxels(path: Path, mode: VoxelMode, material: Material) -> PartMesh:
+    """Boxes of the voxels of an AMAPVox file that do not let all light pass.
+
+    A fixed box fills its cell; the edge of a scaled one is the cell's times (density/largest density)^power,
+    densities of plant area (PadBVTotal), as in HELIOS++ (Weiser et al. 2021, Remote Sens. 13, 4). Of a
+    transmittive file the grid of densities is kept.
+
+    Raises
+    ------
+    SpecError : the file does not say where it lies, or lacks a column; no voxel stops light.
+    """
+    lines = [text.strip() for text in path.read_text("utf-8", errors="replace").splitlines()]
+    notes = "\n".join(text for text in lines if text[:1] == "#")
+    said = dict(re.findall(r"#\s*(\w+)\s*:\s*([^#]*)", notes))
+    rows = [text.split() for text in lines if text and text[:1] != "#"]
+    head = rows[1] if len(rows) > 1 else []
+    for key in ("min_corner", "res", *(["max_pad"] if mode.name == "scaled" else [])):
+        if key not in said:
+            raise SpecError(str(path), f"is no file of voxels: it does not say #{key}")
+    hazy = mode.name == "transmittive"
+    for name in ("PadBVTotal", *(() if hazy else ("transmittance",))):
+        if name not in head:
+            raise SpecError(str(path), f"is no file of voxels: it has no column {name}")
+    table = np.array(rows[2:], dtype=np.float64).reshape(-1, len(head))
+    density = table[:, head.index("PadBVTotal")]
+    passing = np.zeros(len(table)) if hazy else table[:, head.index("transmittance")]
+    low, size = np.array(said["min_corner"].split(), dtype=np.float64), float(said["res"])
+    there = np.isfinite(passing) & (passing != 1)
+    edge = np.full(len(table), size)
+    if mode.name != "fixed":
+        there &= density > 0
+    if mode.name == "scaled":
+        edge = size * (np.maximum(density, 0) / float(said["max_pad"])) ** mode.power
+    if not there.any():
+        raise SpecError(str(path), "has no voxel that stops light")
+    middle = low + size * (table[:, :3] + 0.5)
+    if mode.shifted:
+        keys = daughter_keys(np.zeros(len(table), dtype=np.uint64), np.arange(len(table)))
+        chance = np.stack([keyed_uniform(keys, axis) for axis in "xyz"], axis=1)
+        middle += (2 * chance - 1) * np.maximum(size - edge, 0)[:, None] / 2
+    boxes = _boxes(middle[there], edge[there], material)
+    if not hazy:
+        return boxes
+    return replace(boxes, hazes=(_grid(path, table[there, :3], density[there], low, size),))
+
+
+def _grid(
+    path: Path, cell: np.ndarray, density: np.ndarray, low: np.ndarray, size: float
+) -> VoxelGrid:
+    """The grid of cells (B, 3) of densities (B,); it starts at ``low``."""
+    first = cell.min(axis=0)
+    place = (cell - first).astype(np.int64)
+    if size <= 0 or np.prod(place.max(axis=0) + 1.0) > MOST_VOXELS:
+        raise SpecError(str(path), f"has more than {MOST_VOXELS:,} cells, or cells of no size")
+    grid = np.zeros(place.max(axis=0) + 1)
+    grid[tuple(place.T)] = density
+    return VoxelGrid(low + size * first, size, grid)
+
+
+def _boxes(middle: np.ndarray, edge: np.ndarray, material: Material) -> PartMesh:
+    """Cubes of middles (B, 3) and edges (B,), metres."""
+    vertices = (middle[:, None] + edge[:, None, None] * (CORNERS - 0.5)).reshape(-1, 3)
+    sides = np.concatenate([SIDES[:, [0, 1, 2]], SIDES[:, [0, 2, 3]]])
+    faces = (8 * np.arange(len(middle))[:, None, None] + sides).reshape(-1, 3)
+    return _of_one_material(vertices, faces, material)
+
+
+def _of_one_material(vertices: np.ndarray, faces: np.ndarray, material: Material) -> PartMesh:
+    return PartMesh(
+        vertices, faces.astype(np.int32), np.zeros(len(faces), dtype=np.int32), (material,)
+    )
+
+
+@dataclass(frozen=True)
+class MotionStep:
+    """Rigid motion of a step: turns become ``turn`` · R, middles ``carry`` · c + ``move``, metres."""
+
+    turn: np.ndarray
+    carry: np.ndarray
+    move: np.ndarray
+
+    def after(self, first: MotionStep) -> MotionStep:
+        """Both, ``first`` before this one."""
+        return MotionStep(
+            self.turn @ first.turn, self.carry @ first.carry, self.carry @ first.move + self.move
+        )
+
+
+@dataclass(frozen=True)
+class MotionSequence:
+    """Step that is taken ``loop`` times (0: for ever), before the sequence ``next`` (empty: it stands)."""
+
+    name: str
+    step: MotionStep
+    loop: int
+    next: str
+
+
+@dataclass(frozen=True)
+class PartMotion:
+    """Motion of a part: sequences, the first one first; each step lasts ``every`` pulses."""
+
+    sequences: tuple[MotionSequence, ...]
+    every: int
+
+
+def read_motion(
+    scene: Element, part: Element, origin: np.ndarray, pulse_rate: float, where: Path
+) -> PartMotion | None:
+    """The motion of a part; None of one that stands.
+
+    origin : (3,) metres, of HELIOS++'s own frame. pulse_rate : Hz, of the first leg.
+
+    Raises
+    ------
+    SpecError : a motion that is not known, or a number that is missing.
+    """
+    sequences = tuple(_sequence(element, origin, where) for element in part.findall("dmotion"))
+    if not sequences:
+        return None
+    names = [one.name for one in sequences]
+    for one in sequences:
+        if one.next and one.next not in names:
+            raise SpecError(str(where), f'dmotion "{one.name}": next = "{one.next}" is not there')
+    return PartMotion(sequences, _interval(scene, part, pulse_rate, where))
+
+
+def _interval(scene: Element, part: Element, pulse_rate: float, where: Path) -> int:
+    """Pulses between two steps of a part."""
+    seconds = number(scene, "dynTimeStep", where, 0.0)
+    if seconds > 0:
+        steps = max(int(number(part, "dynTimeStep", where, seconds) / seconds), 1)
+        return max(int(pulse_rate * seconds), 1) * steps
+    rates = [number(element, "dynStep", where, 1.0) for element in (scene, part)]
+    return int(max(rates[0], 1.0)) * int(max(rates[1], 1.0))
+
+
+def _sequence(element: Element, origin: np.ndarray, where: Path) -> MotionSequence:
+    name = element.get("id", "")
+    if element.get("loop") is None:
+        raise SpecError(str(where), f'dmotion "{name}" has no loop')
+    total = MotionStep(np.eye(3), np.eye(3), np.zeros(3))
+    motions = element.findall("motion")
+    if not motions:
+        raise SpecError(str(where), f'dmotion "{name}" holds no motion')
+    for motion in motions:
+        for step in _steps(motion, origin, where):
+            total = step.after(total)
+    return MotionSequence(name, total, int(number(element, "loop", where)), element.get("next", ""))
+
+
+def _steps(motion: Element, origin: np.ndarray, where: Path) -> list[MotionStep]:
+    """The steps of a motion, in the world."""
+    kind = motion.get("type", "")
+    itself = yes(motion.get("selfMode"), False)
+    shift = number(motion, "autoCRS", where, 0.0) * origin
+    none, unit = np.zeros(3), np.eye(3)
+
+    def of(key: str) -> np.ndarray:
+        if motion.get(key) is None:
+            raise SpecError(str(where), f'motion "{kind}" has no {key}')
+        return vector(motion.get(key, ""), where)
+
+    def about() -> np.ndarray:
+        turn = np.deg2rad(number(motion, "angle", where)) * _unit(of("axis"))
+        return Rotation.from_rotvec(turn).as_matrix()
+
+    def placed(turn: np.ndarray, move: np.ndarray) -> MotionStep:
+        if itself:
+            return MotionStep(turn, unit, move)
+        return MotionStep(turn, turn, move + origin - turn @ origin)
+
+    if kind == "identity":
+        return [MotionStep(unit, unit, none)]
+    if kind == "translation":
+        return [placed(unit, of("vec") + shift)]
+    if kind == "rotation" and motion.get("center") is not None:
+        centre = of("center") - shift
+        return [placed(unit, -centre), placed(about(), none), placed(unit, centre)]
+    if kind == "rotation":
+        return [placed(about(), none)]
+    if kind == "helical":
+        return [placed(about(), number(motion, "glide", where) * _unit(of("axis")))]
+    if kind == "reflection":
+        return [placed(_mirror(of("ortho")), none)]
+    if kind == "glideplane":
+        return [placed(_mirror(of("ortho")), of("shift"))]
+    if kind == "rotsym":
+        turn = _mirror(of("axis")) @ about()
+        centre = of("center") if motion.get("center") is not None else none
+        return [placed(turn, centre - turn @ centre)]
+    raise SpecError(str(where), f'motion type "{kind}" is not known')
+
+
+def _mirror(normal: np.ndarray) -> np.ndarray:
+    n = _unit(normal)
+    return np.eye(3) - 2 * np.outer(n, n)
+
+
+def _unit(axis: np.ndarray) -> np.ndarray:
+    length = float(np.linalg.norm(axis))
+    return axis / length if length else axis

@@ -1,0 +1,419 @@
+"""A forest in tiles: where each lies, which trees and pulses are its own, and the parts of a scan.
+
+Places, ages, spacing, competition and sizes are those of the whole field, drawn at once: they take some
+hundred bytes a tree and depend on no tile. What takes memory by the tree (instances, their boxes in a ray
+engine, leaves) is made for some rows of it at a time.
+
+Only the part of a beam between the lowest and the highest leaf of the forest can meet a tree. A pulse belongs
+to the tile over which it comes into that layer, and its *excess* is how far the path within, with the width
+of the beam, leads beyond the tile's edges. Where that is no more than the buffer, the tile's scene holds
+every tree that the pulse can meet. Others are followed: they are traced in the smallest scene about the same
+tile, of buffers that double, in which their path ends. So no pulse is ever traced in less than it can meet.
+
+A piece of a scan, a tile with one width of buffer, is a file of records sorted by pulse. It is complete or
+not there: rows go to a temporary name, and what they are of (a ``ScanState``) is written last. Joined by the
+number of their pulses, the pieces are what the scan of the whole forest writes, byte by byte.
+"""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from .base.progress import Progress
+from .formats.atomic import partial_of, replacing
+from .formats.ply import PlyFile
+from .growth.tree import Tree
+from .results.coordinates import NO_OFFSET, Offset
+from .results.points import POINT
+from .results.scan_file import ScanState, Written, comments_of, finish, stem_of
+from .sensing.lidar.cloud import Lost, together
+from .sensing.lidar.footprint import reach
+from .sensing.lidar.pattern import LiDAR, Pattern, Pulses
+from .spec import Forest, Scanner
+from .stand.forest import ForestPlan, GrownForest, keys_of
+from .stand.plan import Stand, labels
+
+KEPT = 2_000_000_000  # bytes of grown variants that stay in memory
+SLACK = 0.01  # metres that a tree may reach beyond what its mesh says, for rounding
+Key = tuple[int, int]  # planting and variant
+AT_ONCE = 262_144  # pulses
+LEVELS = 32  # of buffers; the first is that of the settings
+FIRST = 10.0  # metres: the least buffer that is doubled
+SPARE = 0.01  # metres about a path, for rounding
+WINDOW = 1_000_000  # points, about, that are joined at a time
+HEAD = b"FSPART1\n"  # before the records
+
+
+@dataclass(frozen=True)
+class TileGrid:
+    """Tiles of a field, half-open squares counted from its corner; the last of a row or column end with it.
+
+    low, high : (2,) corners of the field, m. size : m. count : along x and y.
+    """
+
+    low: np.ndarray
+    high: np.ndarray
+    size: float
+    count: tuple[int, int]
+
+    @classmethod
+    def of(cls, field: Forest, size: float) -> TileGrid:
+        """The tiles of a field."""
+        low = np.array(field.origin)
+        across = np.maximum(np.ceil(np.array(field.size) / size - 1e-9), 1).astype(int)
+        return cls(low, low + field.size, size, (int(across[0]), int(across[1])))
+
+    def __len__(self) -> int:
+        return self.count[0] * self.count[1]
+
+    def tile_of(self, points: np.ndarray) -> np.ndarray:
+        """(N,) number of the tile that points (N, 2) lie in; of what lies beyond the field the nearest."""
+        place = np.floor((points - self.low) / self.size)
+        column, row = np.clip(place, 0, np.array(self.count) - 1).astype(np.int64).T
+        return np.asarray(row * self.count[0] + column)
+
+    def corners(self, tile: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(N, 2), (N, 2) lowest and highest coordinates of tiles (N,)."""
+        row, column = np.divmod(np.asarray(tile), self.count[0])
+        low = self.low + self.size * np.stack([column, row], axis=-1)
+        return low, np.minimum(low + self.size, np.maximum(self.high, low))
+
+    def name(self, tile: int) -> str:
+        """Return a tile's name: its column and row from the field's corner."""
+        row, column = divmod(int(tile), self.count[0])
+        return f"{column}-{row}"
+
+
+class KeptTrees(Mapping[Key, Tree]):
+    """The variants of a forest's plan, grown when they are asked for; the latest stay in memory."""
+
+    def __init__(self, plan: ForestPlan) -> None:
+        self._plan = plan
+        self._keys = keys_of(plan.measured.stand)
+        self._trees: OrderedDict[Key, Tree] = OrderedDict()
+        self._bytes = 0
+
+    def __getitem__(self, key: Key) -> Tree:
+        if key not in self._trees:
+            self._trees[key] = tree = self._plan.tree(*key)
+            self._bytes += tree.nbytes
+            while self._bytes > KEPT and len(self._trees) > 1:
+                self._bytes -= self._trees.popitem(last=False)[1].nbytes
+        self._trees.move_to_end(key)
+        return self._trees[key]
+
+    def __iter__(self) -> Iterator[Key]:
+        return iter(self._keys)
+
+    def __len__(self) -> int:
+        return len(self._keys)
+
+
+class TiledForest:
+    """A forest that is planned and has not grown but for its variants.
+
+    stand : all trees, in their sizes, with their feet in the ground. reach : (N,) metres that a tree reaches
+    to the sides of its foot. across : m, the largest distance between two points of one tree. low, high :
+    lowest and highest coordinate z of any tree.
+    """
+
+    def __init__(self, plan: ForestPlan) -> None:
+        self._plan = plan
+        self.trees = KeptTrees(plan)
+        self.stand = stand = plan.placed(self.trees)
+        self.labels = tuple(labels(plan.scene.plantings))
+        self.reach = np.zeros(len(stand))
+        self.low, self.high, self.across = np.inf, -np.inf, 0.0
+        for key, tree in self.trees.items():
+            rows = np.flatnonzero((stand.species == key[0]) & (stand.variant == key[1]))
+            corner = tree.mesh.vertices[np.isfinite(tree.mesh.vertices).all(axis=1)]
+            if not len(corner):
+                continue
+            size = stand.scale[rows]
+            self.reach[rows] = size * float(np.hypot(*corner[:, :2].T).max()) + SLACK
+            ends = np.ptp(corner, axis=0)
+            self.across = max(self.across, float(np.linalg.norm(ends) * size.max()))
+            foot = stand.position[rows, 2] - stand.sink[rows]
+            self.low = min(self.low, float((foot + size * corner[:, 2].min()).min()) - SLACK)
+            self.high = max(self.high, float((foot + size * corner[:, 2].max()).max()) + SLACK)
+
+    def near(self, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+        """Rows of the trees of which any part may stand over a rectangle, m; crowns that reach in count."""
+        place = self.stand.position[:, :2]
+        aside = np.maximum(np.maximum(low - place, place - high), 0.0)
+        return np.flatnonzero(np.hypot(*aside.T) <= self.reach)
+
+    def part(self, rows: np.ndarray) -> GrownForest:
+        """Some trees as a forest, with the numbers that they have in the whole."""
+        whole, stand = self.whole, self.stand.select(rows)
+        return replace(
+            whole,
+            stand=stand,
+            variants={key: self.trees[key] for key in keys_of(stand)},
+            wanted=None if whole.wanted is None else whole.wanted[rows],
+        )
+
+    @property
+    def whole(self) -> GrownForest:
+        """Return all trees as a forest, whose variants grow when they are asked for."""
+        plan, measured = self._plan, self._plan.measured
+        return GrownForest(
+            stand=self.stand,
+            labels=self.labels,
+            species=tuple(species for species, _ in plan.species),
+            variants=self.trees,
+            wanted=measured.trees if measured.variants else None,
+            laws=measured.laws,
+        )
+
+    def parts(self, at_once: int) -> Iterator[GrownForest]:
+        """All trees, so many at a time."""
+        for first in range(0, max(len(self.stand), 1), at_once):
+            yield self.part(np.arange(first, min(first + at_once, len(self.stand))))
+
+
+def numbers_in_scene(stand: Stand, as_points: bool) -> np.ndarray:
+    """(N,) place of each tree among the trees of the scene of a whole forest: in order where each is an
+    object, by variant where all are points of one.
+    """
+    if not as_points:
+        return np.arange(len(stand))
+    order = np.lexsort((np.arange(len(stand)), stand.variant, stand.species))
+    place = np.empty(len(stand), dtype=np.int64)
+    place[order] = np.arange(len(stand))
+    return place
+
+
+@dataclass(frozen=True)
+class TiledPulses:
+    """A scan's pulses by piece: a tile and a level of its buffer.
+
+    start : (R,) numbers at which runs of pulses of one piece begin. piece : (R,) tile · ``LEVELS`` + level.
+    count : of all pulses. furthest : m, largest excess of a pulse. followed : pulses beyond the buffer.
+    """
+
+    start: np.ndarray
+    piece: np.ndarray
+    count: int
+    furthest: float
+    followed: int
+
+    @property
+    def pieces(self) -> np.ndarray:
+        """The pieces that have pulses, ascending."""
+        return np.unique(self.piece)
+
+    def numbers(self, piece: int, at_once: int) -> Iterator[np.ndarray]:
+        """The pulses of a piece, ascending, about so many at a time."""
+        runs = np.flatnonzero(self.piece == piece)
+        first = self.start[runs]
+        stop = np.append(self.start, self.count)[runs + 1]
+        total = np.cumsum(stop - first)
+        begin = 0
+        while begin < len(runs):
+            done = total[begin - 1] if begin else 0
+            end = max(int(np.searchsorted(total, done + at_once, "right")), begin + 1)
+            some = [np.arange(a, b) for a, b in zip(first[begin:end], stop[begin:end], strict=True)]
+            together = np.concatenate(some)
+            for k in range(0, len(together), at_once):
+                yield together[k : k + at_once]
+            begin = end
+
+
+def buffer_of(level: int, buffer: float) -> float:
+    """Metres that the scene of a level reaches beyond the tile."""
+    return buffer if level == 0 else max(buffer, FIRST) * 2.0**level
+
+
+def tiled_pulses(
+    scanner: LiDAR, pattern: Pattern, grid: TileGrid, heights: tuple[float, float], buffer: float
+) -> TiledPulses:
+    """Say of every pulse to which piece it belongs; heights : lowest and highest z of all trees, m."""
+    starts, pieces, last = [], [], -1
+    furthest, followed = 0.0, 0
+    for first in range(0, pattern.count, AT_ONCE):
+        number = np.arange(first, min(first + AT_ONCE, pattern.count))
+        tile, excess = belongs(scanner, pattern.pulses(number), grid, heights)
+        with np.errstate(divide="ignore"):
+            level = np.ceil(np.log2(excess / max(buffer, FIRST)))
+        level = np.where(excess <= buffer, 0, np.clip(level, 1, LEVELS - 1)).astype(np.int64)
+        piece = tile * LEVELS + level
+        change = np.flatnonzero(np.diff(piece, prepend=last))
+        starts.append(number[change])
+        pieces.append(piece[change])
+        last = int(piece[-1])
+        furthest = max(furthest, float(excess.max()))
+        followed += int((level > 0).sum())
+    return TiledPulses(
+        np.concatenate(starts), np.concatenate(pieces), pattern.count, furthest, followed
+    )
+
+
+def belongs(
+    scanner: LiDAR, pulses: Pulses, grid: TileGrid, heights: tuple[float, float]
+) -> tuple[np.ndarray, np.ndarray]:
+    """(P,) tile of pulses, and (P,) metres that their paths among trees lead beyond it."""
+    radius, spread = reach(scanner.beam)
+    wide = radius + np.tan(spread) * scanner.max_range + SPARE
+    low, high = heights[0] - wide, heights[1] + wide
+    up, begin = pulses.direction[:, 2], pulses.origin[:, 2]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ends = np.sort([(low - begin) / up, (high - begin) / up], axis=0)
+    level = up == 0
+    inside = (begin >= low) & (begin <= high)
+    near = np.where(level, np.where(inside, 0.0, np.inf), np.maximum(ends[0], 0.0))
+    far = np.where(level, np.inf, ends[1])
+    far = np.minimum(far, scanner.max_range)
+    meets = near <= far
+    near, far = np.where(meets, near, 0.0), np.where(meets, far, 0.0)
+    flat, where = pulses.direction[:, :2], pulses.origin[:, :2]
+    enter, leave = where + near[:, None] * flat, where + far[:, None] * flat
+    tile = grid.tile_of(enter)
+    least, most = grid.corners(tile)
+    beyond = np.maximum(least - np.minimum(enter, leave), np.maximum(enter, leave) - most)
+    excess = np.maximum(beyond.max(axis=1), 0.0) + wide
+    return tile, np.where(meets, excess, 0.0)
+
+
+@dataclass(frozen=True)
+class TileFiles:
+    """Files of tiles that are wanted: of which tiles, in which folder, and whether they are all."""
+
+    grid: TileGrid
+    folder: Path
+    alone: bool = False
+
+
+def write_part(
+    path: Path, scan: str, pieces: Iterable[tuple[int, np.ndarray, Sequence[Lost]]]
+) -> None:
+    """Write a part to ``path`` and its note beside it.
+
+    scan : what decides its bytes. pieces : pulses, records (P,) and what was lost, in order.
+
+    Raises
+    ------
+    OSError : it cannot be written; nothing is left of it.
+    """
+    pulses, points, lost = 0, 0, list[Lost]()
+    with replacing(path) as partial, open(partial, "wb") as file:
+        file.write(HEAD)
+        for sent, rows, missed in pieces:
+            file.write(rows.tobytes())
+            pulses, points = pulses + sent, points + len(rows)
+            lost += missed
+    state = ScanState(scan, pulses, 0, pulses, points, together(lost))
+    state.write(path.with_suffix(".json"))
+
+
+def is_part(path: Path, scan: str) -> bool:
+    """Tell whether a part is finished and of this scan."""
+    try:
+        note = ScanState.read(path.with_suffix(".json"))
+        whole = path.stat().st_size == len(HEAD) + note.points * POINT.itemsize
+    except (OSError, ValueError, TypeError, KeyError):  # none, or whatever else lies there
+        return False
+    return whole and note.scan == scan
+
+
+def join_parts(
+    path: Path,
+    parts: Sequence[Path],
+    scanner: Scanner,
+    seed: int,
+    pulses: int,
+    *,
+    offset: Offset = NO_OFFSET,
+    tiles: TileFiles | None = None,
+    progress: Progress | None = None,
+) -> Written:
+    """Join finished parts into ``path``, in the order of their pulses, in the memory of a window.
+
+    tiles : also a file of each tile, of the points over it; not of tiles without a point.
+
+    Raises
+    ------
+    SpecError : an ending that is not known. OSError : it cannot be written; the parts stay.
+    """
+    stem, comments = stem_of(path), comments_of(scanner, seed)
+    arrays = [rows_of(part) for part in parts]
+    lost = [one for part in parts for one in ScanState.read(part.with_suffix(".json")).lost]
+    total = sum(map(len, arrays))
+    partial = partial_of(path.with_name(f"{stem}.joining.ply"))
+    file = PlyFile(partial, POINT, comments) if tiles is None or not tiles.alone else None
+    made: dict[int, int] = {}
+    done = 0
+    try:
+        for rows in _in_order(arrays, max(int(pulses * min(WINDOW / max(total, 1), 1.0)), 1)):
+            done += len(rows)
+            if file is not None:
+                file.append(rows)
+            if tiles is not None:
+                _deal(rows, tiles, comments, offset, made)
+            if progress:
+                progress(done, max(total, 1))
+    finally:
+        if file is not None:
+            file.close()
+    if tiles is not None:
+        for tile, count in made.items():
+            of_tile = PlyFile(_of_tile(tiles, tile), POINT, comments, keep=count)
+            of_tile.close()
+            name = f"{stem}-{tiles.grid.name(tile)}{path.name[len(stem) :]}"
+            finish(of_tile, tiles.folder / name, offset.crs)
+    if file is not None:
+        finish(file, path, offset.crs)
+    return Written(path, pulses, total, 0, together(sorted(lost, key=lambda one: one.first)))
+
+
+def rows_of(part: Path) -> np.ndarray:
+    """The records of a part, read from the disk as they are used."""
+    if part.stat().st_size == len(HEAD):
+        return np.empty(0, dtype=POINT)
+    return np.memmap(part, POINT, mode="r", offset=len(HEAD))
+
+
+def _in_order(parts: Sequence[np.ndarray], window: int) -> Iterator[np.ndarray]:
+    """Rows of all parts by pulse, those of so many pulses at a time."""
+    parts = [part for part in parts if len(part)]
+    begin = [0] * len(parts)
+    first = np.array([int(part["pulse"][0]) for part in parts], dtype=np.int64)
+    last = np.array([int(part["pulse"][-1]) for part in parts], dtype=np.int64)
+    for start in range(0, int(last.max(initial=-1)) + 1, window):
+        some = []
+        for number in np.flatnonzero((first < start + window) & (last >= start)).tolist():
+            rows = parts[number]
+            end = len(rows)
+            if last[number] >= start + window:
+                end = int(np.searchsorted(rows["pulse"], start + window))
+            some.append(np.array(rows[begin[number] : end]))
+            begin[number] = end
+        if some:
+            rows = np.concatenate(some)
+            yield rows[np.argsort(rows["pulse"], kind="stable")]
+
+
+def _deal(
+    rows: np.ndarray,
+    tiles: TileFiles,
+    comments: tuple[str, ...],
+    offset: Offset,
+    made: dict[int, int],
+) -> None:
+    """Add records to the files of the tiles that they lie over."""
+    where = np.column_stack([rows["x"] - offset[0], rows["y"] - offset[1]])
+    tile = tiles.grid.tile_of(where)
+    for number in np.unique(tile).tolist():
+        file = PlyFile(_of_tile(tiles, number), POINT, comments, keep=made.get(number, 0))
+        file.append(rows[tile == number])
+        file.close()
+        made[number] = file.count
+
+
+def _of_tile(tiles: TileFiles, tile: int) -> Path:
+    return partial_of(tiles.folder / f"{tiles.grid.name(tile)}.joining.ply")

@@ -1,0 +1,136 @@
+"""Files with settings of the panel: which layout of them they have, and what is renewed when they are saved.
+
+A scene that is saved says which layout its settings have. A later layout than this version knows is told in
+the panel until the user takes note, and in the console. A file without settings of ours is left alone.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Iterator
+from typing import Any, ClassVar
+
+import bpy
+
+from ...blender.sensors import objects as sensors
+from ..shell.running import InOwnScene
+from ..shell.words import say
+from . import references
+
+LAYOUT = 3  # how a scene keeps its settings
+KEY = "forest_sensing"  # of the scene's settings, as Blender stores them
+
+log = logging.getLogger(__name__)
+
+
+class FOREST_OT_take_note(InOwnScene, bpy.types.Operator):
+    """Remove this message"""
+
+    bl_idname = "forest.take_note"
+    bl_label = "Dismiss"
+    bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def description(cls, context: bpy.types.Context, _properties: Any) -> str:
+        notice = context.scene.forest_sensing.notice
+        return say("{notice}. Press to take this line away", notice=notice)
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        if not super().poll(context):
+            return False
+        if not context.scene.forest_sensing.notice:
+            cls.poll_message_set(say("There is nothing to take note of"))
+            return False
+        return True
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        context.scene.forest_sensing.property_unset("notice")
+        return {"FINISHED"}
+
+
+CLASSES = (FOREST_OT_take_note,)
+
+
+def draw_notice(panel: bpy.types.UILayout, props: Any) -> None:
+    """One line of what happened to this file, with the button that takes it away."""
+    row = panel.row(align=True)
+    row.label(text=props.notice.partition(":")[0], icon="INFO")
+    row.operator("forest.take_note", text="", icon="X")
+
+
+def register() -> None:
+    """Look at every file that is loaded or appended, and mark those that are saved."""
+    for handlers, handler in _handlers():
+        handlers.append(handler)
+    bpy.app.timers.register(_look_at_all, first_interval=0.0)  # at the file that is open by now
+
+
+def unregister() -> None:
+    """Take the handlers back."""
+    for handlers, handler in _handlers():
+        if handler in handlers:
+            handlers.remove(handler)
+    if bpy.app.timers.is_registered(_look_at_all):
+        bpy.app.timers.unregister(_look_at_all)
+
+
+def _handlers() -> tuple[tuple[list, Callable[..., None]], ...]:
+    handlers = bpy.app.handlers
+    return (
+        (handlers.load_post, _look_at_all),
+        (handlers.blend_import_post, _look_at_all),
+        (handlers.save_pre, _sign),
+    )
+
+
+@bpy.app.handlers.persistent
+def _look_at_all(*_: object) -> None:
+    """Tell of scenes that a newer version has saved."""
+    for scene in bpy.data.scenes:
+        if not scene.is_editable or not _has_settings(scene):
+            continue
+        if scene.forest_sensing.layout > LAYOUT:
+            notice = say(
+                "Saved by a newer version: it keeps settings in layout {found}, this version knows {known}: "
+                "what is new in it has no effect here. Update Forest Sensing",
+                found=scene.forest_sensing.layout,
+                known=LAYOUT,
+            )
+            scene.forest_sensing.notice = notice
+            log.warning("Forest Sensing, scene %s. %s", scene.name, notice)
+
+
+@bpy.app.handlers.persistent
+def _sign(*_: object) -> None:
+    """Note today's layout in every scene that is about to be saved with settings of ours."""
+    for scene in bpy.data.scenes:
+        if scene.is_editable and _has_settings(scene):
+            props = scene.forest_sensing
+            props.layout = max(LAYOUT, props.layout)
+            references.renew_texts(_groups_that_name(scene))
+
+
+def _has_settings(scene: bpy.types.Scene) -> bool:
+    """Return whether settings of ours are stored in a scene and any was set."""
+    # Blender 5 keeps them apart from custom properties
+    apart = hasattr(scene, "bl_system_properties_get")
+    home = scene.bl_system_properties_get() if apart else scene
+    stored = None if home is None else home.get(KEY)
+    return stored is not None and _holds_values(stored)
+
+
+def _holds_values(stored: Any) -> bool:
+    """Return whether anything was set: to draw a panel makes empty groups."""
+    return any(
+        _holds_values(value) if hasattr(value, "keys") else True for value in stored.values()
+    )
+
+
+def _groups_that_name(scene: bpy.types.Scene) -> Iterator[Any]:
+    """Every group of a scene's settings that names something of it."""
+    props = scene.forest_sensing
+    yield props.forest.terrain
+    yield from props.plantings
+    for thing in sensors.sensors_of(scene):
+        yield getattr(thing.forest_sensor, sensors.kind_of(thing))

@@ -1,1 +1,0 @@
-"""Work of the commands, as functions: no words of a command line in, files and sentences out."""

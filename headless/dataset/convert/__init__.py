@@ -1,1 +1,0 @@
-"""A made dataset in the formats that people train with; ``FORMATS`` names them."""

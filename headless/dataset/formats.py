@@ -1,0 +1,351 @@
+"""A made dataset in the formats that people train with; ``FORMATS`` names them.
+
+Classes are those of FOR-instance, so clouds need ``keep.for_instance = true``; intensities stand in the
+scan's own file, whose points are the same in the same order.
+
+SemanticKITTI (Behley et al. 2019, arXiv 1904.01416), a sequence a scene, a frame a scan::
+
+    sequences/00/velodyne/000000.bin  float32 x, y, z from the scanner, remission 0 to 1
+    sequences/00/labels/000000.label    uint32: class in the lower 16 bits, tree in the upper
+    sequences/00/poses.txt, calib.txt, times.txt
+    semantic-kitti.yaml                 names, colours and sequences of each split, as its tools read them
+
+S3DIS (Armeni et al. 2016), an area a split, a room a scene, a text file an object; scans of a scene are
+joined, colours are grey, the strength of the echo::
+
+    Area_1/scene_000000/scene_000000.txt        x y z r g b, all points; 1 train, 2 validation, 3 test
+    Area_1/scene_000000/Annotations/stem_12.txt those of tree 12's stem; names end at the first _
+
+COCO panoptic (Kirillov et al. 2019), previews; a segment, red + 256 green + 65536 blue of its PNG, is
+tree times 8 plus class::
+
+    images/000000.png  panoptic/000000.png  panoptic_train.json  panoptic_validation.json  panoptic_test.json
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from forest_addon.formats.atomic import replacing
+from forest_addon.formats.las import read_las
+from forest_addon.formats.raster_file import read_png
+from forest_addon.formats.toml_file import read_tables
+from forest_addon.spec import SpecError, unknown
+
+from .disk import SCENES, Done, scenes_done
+from .for_instance import CLASSES, EIGHT, IMAGE, LIVE, SEGMENTS, STEM, WOODY
+from .plan import SPLITS
+
+ENDING = "-forinstance.laz"
+COLOURS = (  # red, green, blue of each class, for viewers
+    *((120, 120, 120), (170, 200, 90), (140, 110, 80), (0, 0, 0)),
+    *((110, 70, 40), (40, 140, 50), (190, 150, 110)),
+)
+LEGEND = "legend.csv"
+
+
+@dataclass(frozen=True)
+class LabelledScan:
+    """One cloud of a scene. place : (P, 3) metres, on the map. level : (P,) 0 to 1, the echo's strength.
+
+    classes : (P,) uint8, of ``CLASSES``. tree : (P,) int32, 0 where there is none.
+    stands : where the scanner stood, metres; None where it moved.
+    """
+
+    scene: int
+    split: str
+    name: str
+    place: np.ndarray
+    level: np.ndarray
+    classes: np.ndarray
+    tree: np.ndarray
+    stands: np.ndarray | None
+
+
+def done_scenes(root: Path) -> list[Done]:
+    """Return the scenes that a dataset has, in order.
+
+    Raises
+    ------
+    SpecError : there is none.
+    """
+    done = list(scenes_done(root)) if (root / SCENES).is_dir() else []
+    if not done:
+        raise SpecError(
+            f"--convert {root}", "holds no finished scene; give the folder of a dataset"
+        )
+    return done
+
+
+def scans_of(one: Done) -> Iterator[LabelledScan]:
+    """Clouds of a scene, by name.
+
+    Raises
+    ------
+    SpecError : it has clouds without classes.
+    """
+    settings = read_tables(one.folder / "scene.toml")
+    sensors = {sensor["name"]: sensor for sensor in settings.get("sensors", [])}
+    offset = np.array(settings.get("offset", (0.0, 0.0, 0.0)))
+    for name in sorted(name for name, points in one.record["points"].items() if points):
+        path = one.folder / f"{name}{ENDING}"
+        if not path.is_file():
+            raise SpecError(
+                str(one.folder),
+                f"{name} has no classes: make the dataset with keep.for_instance = true",
+            )
+        cloud = read_las(path)
+        sensor = sensors[name]
+        stands = offset + sensor["position"] if sensor["kind"] == "terrestrial" else None
+        yield LabelledScan(
+            scene=one.number,
+            split=one.record["split"],
+            name=name,
+            place=np.asarray(cloud.xyz),
+            level=_levels(one.folder, name, len(cloud.points)),
+            classes=np.asarray(cloud.classification, dtype=np.uint8),
+            tree=np.asarray(cloud["treeID"], dtype=np.int32),
+            stands=stands,
+        )
+
+
+def _levels(folder: Path, name: str, count: int) -> np.ndarray:
+    """Return strengths of echoes, as LAS has them, between 0 and 1; 1 where no file tells."""
+    if (folder / f"{name}.laz").is_file():
+        return np.asarray(read_las(folder / f"{name}.laz").intensity) / 65535.0
+    return np.ones(count)
+
+
+def write_legend(path: Path) -> None:
+    """Write the classes' numbers, names and colours as CSV."""
+    rows = [
+        f"{number},{name},{r},{g},{b}"
+        for number, (name, (r, g, b)) in enumerate(zip(CLASSES, COLOURS, strict=True))
+    ]
+    with replacing(path) as text:
+        text.write_text("\n".join(["class,name,red,green,blue", *rows, ""]), encoding="utf-8")
+
+
+MOST_TREES = 2**16 - 1  # that a label's upper half can name
+SPLIT_NAMES = {"train": "train", "validation": "valid", "test": "test"}  # as its tools call them
+STILL = "1 0 0 0 0 1 0 0 0 0 1 0"
+
+
+def write_kitti(done: Sequence[Done], out: Path) -> int:
+    """Write all scenes; returns how many clouds.
+
+    Raises
+    ------
+    SpecError : a scene has more trees than a label can name.
+    OSError : it cannot be written.
+    """
+    count = 0
+    for one in done:
+        folder = out / "sequences" / f"{one.number:02d}"
+        for part in ("velodyne", "labels"):
+            (folder / part).mkdir(parents=True, exist_ok=True)
+        poses = []
+        for number, scan in enumerate(scans_of(one)):
+            poses.append(_write_frame(scan, folder, number))
+            count += 1
+        _write_text(folder / "poses.txt", poses)
+        _write_text(folder / "calib.txt", [f"{key}: {STILL}" for key in ("P0", "P1", "Tr")])
+        _write_text(folder / "times.txt", [str(float(number)) for number in range(len(poses))])
+    _write_text(out / "semantic-kitti.yaml", _config(done))
+    return count
+
+
+def _write_frame(scan: LabelledScan, folder: Path, number: int) -> str:
+    """Write one cloud about its scanner, of a moving one about its middle; returns the pose."""
+    if scan.tree.max(initial=0) > MOST_TREES:
+        raise SpecError(
+            f"scene {scan.scene:06d}", f"has more than {MOST_TREES} trees; make smaller plots"
+        )
+    middle = scan.place.mean(axis=0).round() if scan.stands is None else scan.stands
+    rows = np.column_stack([scan.place - middle, scan.level]).astype("<f4")
+    label = scan.classes.astype("<u4") | (scan.tree.astype("<u4") << 16)
+    for part, ending, values in (("velodyne", "bin", rows), ("labels", "label", label)):
+        with replacing(folder / part / f"{number:06d}.{ending}") as partial:
+            values.tofile(partial)
+    x, y, z = middle.tolist()
+    return f"1 0 0 {x!r} 0 1 0 {y!r} 0 0 1 {z!r}"
+
+
+def _config(done: Sequence[Done]) -> list[str]:
+    """Return the lines of the file that SemanticKITTI's tools and loaders ask for names and splits."""
+    numbers = range(len(CLASSES))
+    lines = ["labels:", *(f"  {k}: {CLASSES[k]!r}" for k in numbers)]
+    lines += ["color_map: # blue, green, red"]
+    lines += [f"  {k}: [{COLOURS[k][2]}, {COLOURS[k][1]}, {COLOURS[k][0]}]" for k in numbers]
+    for key in ("learning_map", "learning_map_inv"):
+        lines += [f"{key}:", *(f"  {k}: {k}" for k in numbers)]
+    lines += ["learning_ignore:", *(f"  {k}: {str(k in (0, 3)).lower()}" for k in numbers)]
+    lines += ["split:"]
+    for split, name in SPLIT_NAMES.items():
+        mine = [one.number for one in done if one.record["split"] == split]
+        lines.append(f"  {name}: {mine}")
+    return lines
+
+
+def _write_text(path: Path, lines: Sequence[str]) -> None:
+    with replacing(path) as text:
+        text.write_text("".join(f"{line}\n" for line in lines), encoding="utf-8")
+
+
+THINGS = (STEM, LIVE, WOODY)  # one of a tree; the rest is stuff
+
+
+def write_panoptic(done: Sequence[Done], out: Path) -> int:
+    """Write all previews with their segments; returns how many.
+
+    Raises
+    ------
+    SpecError : a scene has no preview.
+    OSError : it cannot be written.
+    """
+    for part in ("images", "panoptic"):
+        (out / part).mkdir(parents=True, exist_ok=True)
+    told: dict[str, dict[str, Any]] = {
+        split: {"images": [], "annotations": [], "categories": _categories()} for split in SPLITS
+    }
+    for one in done:
+        if not (one.folder / SEGMENTS).is_file():
+            raise SpecError(
+                str(one.folder), "has no preview: make the dataset with keep.preview = true"
+            )
+        name = f"{one.folder.name}.png"
+        for source, part in ((IMAGE, "images"), (SEGMENTS, "panoptic")):
+            with replacing(out / part / name) as partial:
+                shutil.copyfile(one.folder / source, partial)
+        segment = segments_from((one.folder / SEGMENTS).read_bytes())
+        high, wide = segment.shape
+        mine = told[one.record["split"]]
+        mine["images"].append({"id": one.number, "file_name": name, "width": wide, "height": high})
+        mine["annotations"].append(
+            {"image_id": one.number, "file_name": name, "segments_info": _segments(segment)}
+        )
+    for split, record in told.items():
+        with replacing(out / f"panoptic_{split}.json") as text:
+            text.write_text(json.dumps(record) + "\n", encoding="utf-8")
+    return len(done)
+
+
+def _categories() -> list[dict[str, Any]]:
+    return [
+        {
+            "id": number,
+            "name": name,
+            "supercategory": "tree" if number in THINGS else "ground",
+            "isthing": int(number in THINGS),
+            "color": list(COLOURS[number]),
+        }
+        for number, name in enumerate(CLASSES)
+        if number
+    ]
+
+
+def _segments(segment: np.ndarray) -> list[dict[str, Any]]:
+    """Return what an image (H, W) of segments holds: area in pixels, box as x, y, width, height."""
+    found = []
+    for number in np.unique(segment[segment > 0]).tolist():
+        rows, columns = np.nonzero(segment == number)
+        left, top = int(columns.min()), int(rows.min())
+        box = [left, top, int(columns.max()) - left + 1, int(rows.max()) - top + 1]
+        found.append(
+            {
+                "id": number,
+                "category_id": number % EIGHT,
+                "area": len(rows),
+                "bbox": box,
+                "iscrowd": 0,
+            }
+        )
+    return found
+
+
+def segments_from(data: bytes) -> np.ndarray:
+    """(H, W) int64 segments of a PNG's bytes.
+
+    Raises
+    ------
+    ValueError : it is no PNG.
+    """
+    pixels = read_png(data)[0].astype(np.int64)
+    return np.asarray(pixels[..., 0] + 256 * pixels[..., 1] + 65536 * pixels[..., 2])
+
+
+WORDS = tuple(name.replace(" ", "") for name in CLASSES)
+
+
+def write_s3dis(done: Sequence[Done], out: Path) -> int:
+    """Write all scenes; returns how many.
+
+    Raises
+    ------
+    OSError : it cannot be written.
+    """
+    for one in done:
+        scans = list(scans_of(one))
+        area = f"Area_{1 + SPLITS.index(one.record['split'])}"
+        room = out / area / f"scene_{one.folder.name}"
+        (room / "Annotations").mkdir(parents=True, exist_ok=True)
+        if not scans:
+            continue
+        place = np.concatenate([scan.place for scan in scans])
+        grey = np.concatenate([scan.level for scan in scans]) * 255.0
+        label = np.concatenate([scan.classes for scan in scans]).astype(np.int64)
+        tree = np.concatenate([scan.tree for scan in scans]).astype(np.int64)
+        key = tree * len(CLASSES) + label
+        turn = np.argsort(key, kind="stable")
+        lines = _lines(place[turn], grey[turn])
+        _write(room / f"{room.name}.txt", lines)
+        found, first = np.unique(key[turn], return_index=True)
+        ends = [*first[1:].tolist(), len(key)]
+        for what, start, end in zip(found.tolist(), first.tolist(), ends, strict=True):
+            name = f"{WORDS[what % len(CLASSES)]}_{what // len(CLASSES)}.txt"
+            _write(room / "Annotations" / name, lines[start:end])
+    return len(done)
+
+
+def _lines(place: np.ndarray, grey: np.ndarray) -> list[str]:
+    levels = grey.round().astype(int).tolist()
+    rows = zip(*place.T.tolist(), levels, strict=True)
+    return [f"{x:.3f} {y:.3f} {z:.3f} {g} {g} {g}\n" for x, y, z, g in rows]
+
+
+def _write(path: Path, lines: Sequence[str]) -> None:
+    with replacing(path) as text:
+        text.write_text("".join(lines), encoding="ascii")
+
+
+FORMATS: dict[str, Callable[[Sequence[Done], Path], int]] = {
+    "semantic-kitti": write_kitti,
+    "s3dis": write_s3dis,
+    "coco-panoptic": write_panoptic,
+}
+
+
+def convert_dataset(root: Path, kind: str, out: Path, say: Callable[[str], None]) -> None:
+    """Write a made dataset in another format, with the legend of its classes, to a new folder.
+
+    Raises
+    ------
+    SpecError : the format is unknown; there is no dataset, or not what it needs; the folder is not empty.
+    OSError : it cannot be written.
+    """
+    if kind not in FORMATS:
+        raise unknown("--to", kind, FORMATS)
+    done = done_scenes(root)
+    if out.exists() and (not out.is_dir() or any(out.iterdir())):
+        raise SpecError(f"--out {out}", "is there already; choose another folder, or empty it")
+    out.mkdir(parents=True, exist_ok=True)
+    count = FORMATS[kind](done, out)
+    write_legend(out / LEGEND)
+    say(f"{count} items of {len(done)} scenes as {kind} in {out}")
