@@ -106,7 +106,7 @@ def of_classes() -> Iterator[Text]:
     import bpy
 
     from forest_addon import ui
-    from forest_addon.ui.sensors import things
+    from forest_addon.ui.sensors import panels
 
     ui.register()
     try:
@@ -114,7 +114,7 @@ def of_classes() -> Iterator[Text]:
             for context, text in (*_of_class(bpy, cls), *_of_properties(_described(bpy, cls))):
                 if text:
                     yield context, text, cls.__name__
-        for name in things.PROPERTIES:
+        for name in panels.PROPERTIES:
             for context, text in _of_property(bpy.types.Object.bl_rna.properties[name]):
                 yield context, text, "Object"
     finally:

@@ -22,7 +22,7 @@ if __name__ == "__main__":
 
 from forest_addon import ui
 from forest_addon.site import ForestSite
-from forest_addon.ui.forest.gallery import GALLERY, PREVIEWS
+from forest_addon.ui.forest.start import GALLERY, PREVIEWS
 from headless.command import read_scene
 
 ROOT = Path(__file__).resolve().parents[1]

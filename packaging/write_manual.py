@@ -1,6 +1,6 @@
 """Writes the manual that the extension carries: pages of docs/ as HTML that a browser opens offline.
 
-F1 over a button or a setting in Blender opens them: ``forest_addon/ui/settings/manual.py`` says which page.
+F1 over a button or a setting in Blender opens them: ``ui/settings/preferences.py`` says which page.
 Headings
 have ids made of their words; a setting of the scene or species file has ``class.key``: ``sonar.tolerance``.
 """

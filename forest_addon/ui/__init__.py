@@ -16,9 +16,9 @@ Step = tuple[Callable[[], object], Callable[[], object]]
 
 def register() -> None:
     """Register every class, property, menu and handler; what fails takes back what came before it."""
-    from .shell import requirements
+    from .shell import running
 
-    requirements.missing.cache_clear()
+    running.missing.cache_clear()
     undone: list[Callable[[], object]] = []
     try:
         for do, undo in _steps():
@@ -54,65 +54,55 @@ def _steps() -> Iterator[Step]:
         pointer = bpy.props.PointerProperty(type=group)
         yield partial(setattr, owner, name, pointer), partial(delattr, owner, name)
     for room in _rooms():
+        of_windows = () if bpy.app.background else getattr(room, "WINDOW_HANDLERS", ())
+        for name, handler in (*getattr(room, "HANDLERS", ()), *of_windows):
+            handlers = getattr(bpy.app.handlers, name)
+            yield partial(handlers.append, handler), partial(_drop, handlers, handler)
+        for name, draw in getattr(room, "MENUS", ()):
+            menu = getattr(bpy.types, name)
+            yield partial(menu.append, draw), partial(menu.remove, draw)
         if hasattr(room, "unregister"):  # some only have something to take back
             yield getattr(room, "register", lambda: None), room.unregister
 
 
+def _drop(handlers: list, handler: Callable[..., object]) -> None:
+    if handler in handlers:
+        handlers.remove(handler)
+
+
 def _classes() -> tuple[type, ...]:
-    return tuple(cls for room in _rooms() for cls in getattr(room, "CLASSES", ()))
+    """Return the classes of Blender's kinds in every room: those that it made, then those in its text."""
+    found: list[type] = []
+    for room in _rooms():
+        found += getattr(room, "CLASSES", ())
+        for name, cls in vars(room).items():
+            if name.startswith("FOREST_") and cls.__module__ == room.__name__ and cls not in found:
+                found.append(cls)
+    return tuple(found)
 
 
 def _rooms() -> tuple[ModuleType, ...]:
-    """Return what has classes, menus or handlers; panels in the order in which they stand."""
+    """Return what has classes, menus or handlers; panels in the order in which they stand.
+
+    Classes FOREST_* and the made ones in ``CLASSES`` are registered, ``HANDLERS`` appended to the lists of
+    bpy.app.handlers that they name (``WINDOW_HANDLERS`` not in the background), ``MENUS`` to Blender's menus;
+    ``register`` and ``unregister`` do the rest.
+    """
     from . import overlay, properties
-    from .forest import (
-        build,
-        by_hand,
-        dropped,
-        gallery,
-        hand_edits,
-        live,
-        new_file,
-        painting,
-        planting,
-        scene_file,
-        start,
-        tree,
-        wind_view,
-    )
-    from .forest import lists as forest_lists
+    from .forest import build, hand, painting, planting, scene_file, start, tree, wind
     from .forest import panels as forest_panels
-    from .results import export, frames, names, show, shown, swatches
+    from .results import buttons, keep
     from .results import panel as results_panel
-    from .sensors import add, flight, instruments, look_through, run, things
-    from .sensors import lists as sensors_lists
-    from .sensors import panels as sensors_panels
-    from .settings import command, hills, manual, preferences, presets, saved
-    from .shell import chosen, languages, pace, running
-    from .species import edit, import_stl, library, pictures
+    from .sensors import add, flight, look_through, run
+    from .sensors import panels as sensor_panels
+    from .settings import hills, preferences, presets, saved
+    from .shell import running, views, words
+    from .species import edit
     from .species import panel as species_panel
 
     return (
-        *(properties, pictures, languages, pace, running, things, tree, gallery, start, new_file),
-        *(
-            sensors_lists,
-            forest_lists,
-            build,
-            scene_file,
-            add,
-            instruments,
-            run,
-            look_through,
-            show,
-            shown,
-            export,
-            frames,
-            names,
-            swatches,
-        ),
-        preferences,
-        presets,
-        *(forest_panels, by_hand, sensors_panels, flight, results_panel),
-        *(overlay, edit, import_stl, library, species_panel, wind_view),
-        *(chosen, hills, painting, hand_edits, dropped, planting, live, command, manual, saved),
+        *(properties, edit, words, running, tree, start, build, scene_file, add, run, look_through),
+        *(buttons, keep, preferences, presets),
+        *(forest_panels, sensor_panels, flight, results_panel, overlay, species_panel),
+        *(wind, views, hills, painting, hand, planting, saved),
     )

@@ -3,40 +3,298 @@
 Each drawing makes anew what Blender says has changed and hands finished batches to the graphics card. One
 that fails is left out until something changes, and takes no other along. Nothing is added to the scene, and
 nothing is left when the add-on is disabled.
+
+A point of 15 mm is smaller than a pixel from where one sees a forest, and Solid shading knows one colour for
+all. So points are drawn as small squares of so many pixels, in every shading, as long as overlays are shown;
+those that are larger than the modifier's radius, as loud ones of an echo are, have as many times more.
 """
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterable
-from typing import Any, Protocol
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
 
 import bpy
 import gpu
+import numpy as np
+from gpu_extras.batch import batch_for_shader
+from mathutils import Matrix
 
-from .forest import intensity
-from .results import points
-from .sensors import outlines
+from ..blender.scene.layout import CLOUD_KEY, RADIUS, RESULTS, find_part
+from ..blender.scene.nodes import has_input, input_of
+from ..blender.sensors.objects import kind_of, sensors_of
+from ..sensing.kinds import KINDS, outline
+from ..spec import Scene, SpecError
+from .settings import exchange
 from .settings.drawing import OnceStarted, split
 from .settings.exchange import forestless
+from .shell.views import chosen_sensor
+
+CELLS = 96  # of the intensity along the longer side of the field
+LIFT = 0.05  # m above the ground, so that the two do not flicker
+FAINT, STRONG = np.array([0.2, 0.5, 0.2, 0.0]), np.array([0.95, 0.9, 0.2, 0.55])
+
+_looked_at: int | None = None  # the scene whose settings nothing has changed since
+_drawn: tuple[Any, Any] = (None, None)  # the settings that the batch is of, the batch
 
 
-class Drawing(Protocol):
-    """One layer of what is drawn."""
-
-    def draw(self, context: bpy.types.Context, /) -> None:
-        """Draw it, if the scene asks for it."""
-
-    def forget(self, depsgraph: bpy.types.Depsgraph | None = None, /) -> None:
-        """Make anew what has changed; without a depsgraph, all."""
+def forget_intensity(_depsgraph: bpy.types.Depsgraph | None = None) -> None:
+    """Something changed: look at the settings again before the next drawing."""
+    global _looked_at
+    _looked_at = None
 
 
-DRAWINGS: tuple[Drawing, ...] = (intensity, outlines, points)
+def draw_intensity(context: bpy.types.Context) -> None:
+    """Draw the intensity of the scene, where that is asked for."""
+    global _looked_at, _drawn
+    if not context.scene.forest_sensing.show_intensity:
+        return
+    if _looked_at != context.scene.session_uid:
+        _looked_at = context.scene.session_uid
+        before, _drawn = _drawn, (None, None)  # nothing, should this fail
+        _drawn = _renewed(before, context.evaluated_depsgraph_get())
+    if _drawn[1] is not None:
+        shader, batch = _drawn[1]
+        batch.draw(shader)
+
+
+def intensity_surface(intensity: Any, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Vertices (V, 3), colours (V, 4) and triangles (T, 3) of an intensity over a field."""
+    extent = high - low
+    cells = np.maximum(1, np.round(CELLS * extent / extent.max())).astype(int)
+    x, y = (np.linspace(low[k], high[k], cells[k] + 1) for k in range(2))
+    across, along = np.meshgrid(x, y, indexing="ij")
+    places = np.column_stack([across.ravel(), along.ravel()])
+    value = intensity(places)
+    share = (value / (value.max() or 1.0))[:, None]
+    vertices = np.column_stack([places, np.full(len(places), LIFT)])
+    corner = (np.arange(cells[0])[:, None] * len(y) + np.arange(cells[1])).ravel()
+    quads = np.stack([corner, corner + len(y), corner + len(y) + 1, corner + 1], axis=1)
+    return (
+        vertices,
+        FAINT + share * (STRONG - FAINT),
+        np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]]),
+    )
+
+
+def _renewed(drawn: tuple[Any, Any], depsgraph: bpy.types.Depsgraph) -> tuple[Any, Any]:
+    """The batch that was made of the same settings, or a new one; None of settings that cannot be used."""
+    scene = depsgraph.scene.original
+    try:
+        settings = exchange.to_spec(scene, [])
+    except SpecError:
+        return None, None  # the panel says what is wrong when the forest is built
+    folder = bpy.path.abspath(scene.forest_sensing.folder)
+    key = (scene.session_uid, folder, settings.offset, settings.forest, settings.plantings)
+    objects = settings.forest.terrain.object or any(p.painted for p in settings.plantings)
+    if drawn[0] == key and not objects:  # which may have changed
+        return drawn
+    return key, _batch_of(settings, Path(folder), depsgraph)
+
+
+def _batch_of(settings: Scene, folder: Path, depsgraph: bpy.types.Depsgraph) -> Any:
+    from ..blender.site import with_objects
+    from ..site import ForestSite
+    from ..stand.compose import corners_of, process_of
+    from ..stand.files import read_inputs
+
+    try:
+        site = ForestSite(settings, folder, inputs=read_inputs(settings, folder))
+        site = with_objects(site, depsgraph)
+        scattered = [p for p in settings.plantings if p.layout not in ("rows", "list")]
+        processes = [process_of(planting, settings.forest, site.inputs) for planting in scattered]
+    except (SpecError, ValueError, OSError):
+        return None
+    if not processes:
+        return None
+
+    def together(places: np.ndarray) -> np.ndarray:
+        return np.sum([process.at(places) for process in processes], axis=0)
+
+    places, colours, triangles = intensity_surface(together, *corners_of(settings.forest))
+    height = site.ground.height(places[:, :2])
+    places[:, 2] += np.where(np.isfinite(height), height, settings.forest.terrain.base)
+    shader = gpu.shader.from_builtin("SMOOTH_COLOR")
+    return shader, batch_for_shader(
+        shader,
+        "TRIS",
+        {"pos": places.astype(np.float32), "color": colours.astype(np.float32)},
+        indices=np.ascontiguousarray(triangles, dtype=np.int32),
+    )
+
+
+WIDTH, CHOSEN = 1.5, 2.5  # pixels, of the chosen sensor's lines
+FAINT_LINES = 0.3  # share of the strength of a line that the other sensors' have
 
 log = logging.getLogger(__name__)
 
+_drawn_for: int | None = None  # the scene that the batches are of; None: make them anew
+_outlines: list[tuple[Any, tuple[float, ...], str]] = []
+
+
+def forget_outlines(_depsgraph: bpy.types.Depsgraph | None = None) -> None:
+    """Something changed: make the lines anew before the next drawing."""
+    global _drawn_for
+    _drawn_for = None
+
+
+def draw_outlines(context: bpy.types.Context) -> None:
+    """Draw the lines of the scene's sensors, where that is asked for."""
+    global _drawn_for
+    if not context.scene.forest_sensing.show_sensors:
+        return
+    shader = gpu.shader.from_builtin("POLYLINE_UNIFORM_COLOR")
+    if _drawn_for != context.scene.session_uid:
+        _drawn_for = context.scene.session_uid
+        _outlines.clear()
+        for thing, ends in lines(context.scene):
+            batch = batch_for_shader(shader, "LINES", {"pos": ends})
+            _outlines.append((batch, KINDS[kind_of(thing)].colour, thing.name))
+    thing = chosen_sensor(context)
+    name = "" if thing is None else thing.name
+    shader.bind()
+    for batch, colour, of in sorted(_outlines, key=lambda batch: batch[2] == name):
+        shown, width = strength(colour, of == name)
+        shader.uniform_float("color", shown)
+        shader.uniform_float("lineWidth", width)
+        shader.uniform_float("viewportSize", gpu.state.viewport_get()[2:])
+        batch.draw(shader)
+
+
+def strength(colour: tuple[float, ...], chosen: bool) -> tuple[tuple[float, ...], float]:
+    """Colour and width of a sensor's lines: the chosen one's are strong, the others' faint."""
+    return (*colour[:3], 1.0 if chosen else FAINT_LINES * colour[3]), CHOSEN if chosen else WIDTH
+
+
+def lines(scene: bpy.types.Scene) -> Iterator[tuple[bpy.types.Object, np.ndarray]]:
+    """Sensors and ends of their lines, (2 N, 3) float32 with N > 0, of every sensor that has any."""
+    for thing in sensors_of(scene):
+        try:
+            ends = outline(exchange.sensor_of(thing)).reshape(-1, 3).astype(np.float32)
+        except (SpecError, ValueError):
+            continue  # the panel says what is wrong when it is run
+        except Exception:  # a fault of ours: other sensors are drawn all the same
+            log.exception("Forest Sensing cannot draw where %s looks", thing.name)
+            continue
+        if len(ends) and np.isfinite(ends).all():
+            yield thing, ends
+
+
+NEARER = 2e-4  # in depth, of the view's: points lie on surfaces, and would be half hidden by them
+GAMMA = 1 / 2.2  # colours are linear, the screen's are not
+
+SIZES = 6  # sizes that points of one cloud are drawn in
+
+_points: dict[int, list[tuple[float, Any]]] = {}  # of a cloud, by its session_uid: size, points
+
+
+def forget_points(depsgraph: bpy.types.Depsgraph | None = None) -> None:
+    """Make anew what has changed; without a depsgraph, all."""
+    if depsgraph is None:
+        _points.clear()
+        return
+    for update in depsgraph.updates:
+        if update.is_updated_geometry and isinstance(update.id, bpy.types.Object):
+            _points.pop(update.id.original.session_uid, None)
+
+
+def draw_points(context: bpy.types.Context) -> None:
+    """Draw the clouds that the view shows, where that is asked for."""
+    if not context.scene.forest_sensing.show_points:
+        return
+    home = find_part(context.scene, RESULTS)
+    clouds = [thing for thing in home.objects if CLOUD_KEY in thing] if home else ()
+    shader = None
+    for thing in clouds:
+        if not thing.visible_get(viewport=context.space_data):
+            continue
+        shader = shader or gpu.shader.from_builtin("POINT_FLAT_COLOR")
+        for size, batch in _batch(thing, shader, context):
+            with gpu.matrix.push_pop(), gpu.matrix.push_pop_projection():
+                gpu.matrix.load_projection_matrix(_nearer() @ gpu.matrix.get_projection_matrix())
+                gpu.matrix.multiply_matrix(thing.matrix_world)
+                gpu.state.point_size_set(size * context.scene.forest_sensing.point_size)
+                batch.draw(shader)
+
+
+def positions_and_colours(thing: bpy.types.Object) -> tuple[np.ndarray, np.ndarray]:
+    """(N, 3) places, of the object's own space, and (N, 4) colours for the screen, of an evaluated cloud."""
+    geometry = thing.evaluated_geometry()  # its points are gone with it
+    points = geometry.pointcloud
+    known = points.attributes if points is not None else {}
+    if "colour" not in known or "position" not in known:  # its modifier was removed or changed
+        return np.empty((0, 3), np.float32), np.empty((0, 4), np.float32)
+    count = len(points.points)
+    position, colour = np.empty(3 * count, np.float32), np.empty(4 * count, np.float32)
+    known["position"].data.foreach_get("vector", position)
+    known["colour"].data.foreach_get("color", colour)
+    colour = colour.reshape(-1, 4)
+    colour[:, :3] **= GAMMA
+    return position.reshape(-1, 3), colour
+
+
+def sizes(thing: bpy.types.Object) -> np.ndarray:
+    """(N,) sizes of an evaluated cloud's points, in those of its modifier's radius."""
+    geometry = thing.evaluated_geometry()
+    points = geometry.pointcloud
+    if points is None or "radius" not in points.attributes:
+        return np.empty(0, np.float32)
+    radius = np.empty(len(points.points), np.float32)
+    points.attributes["radius"].data.foreach_get("value", radius)
+    modifier = next((m for m in thing.modifiers if has_input(m, RADIUS)), None)
+    usual = float(input_of(modifier, RADIUS)) if modifier is not None else 0.0
+    return radius / usual if usual > 0 else np.ones_like(radius)
+
+
+def _batch(
+    thing: bpy.types.Object, shader: gpu.types.GPUShader, context: Any
+) -> list[tuple[float, Any]]:
+    """Points to draw, by their size."""
+    key = thing.session_uid
+    if key not in _points:
+        evaluated = thing.evaluated_get(context.evaluated_depsgraph_get())
+        position, colour = positions_and_colours(evaluated)
+        size = sizes(evaluated)
+        if len(size) != len(position):
+            size = np.ones(len(position), np.float32)
+        step = max(float(np.ptp(size)), 1e-3) / SIZES if len(size) else 1.0
+        group = np.round(size / step)
+        _points[key] = [
+            (
+                float(size[group == number].mean()),
+                batch_for_shader(
+                    shader,
+                    "POINTS",
+                    {"pos": position[group == number], "color": colour[group == number]},
+                ),
+            )
+            for number in np.unique(group)
+        ]
+    return _points[key]
+
+
+def _nearer() -> Matrix:
+    """Return what brings everything a little nearer to the eye, after projection."""
+    nearer = Matrix.Identity(4)
+    nearer[2][3] = -NEARER
+    return nearer
+
+
+# How each layer is drawn, and made anew when something has changed; without a depsgraph, all of it.
+Drawings = Mapping[
+    Callable[[bpy.types.Context], None], Callable[[bpy.types.Depsgraph | None], None]
+]
+DRAWINGS: Drawings = {
+    draw_intensity: forget_intensity,
+    draw_outlines: forget_outlines,
+    draw_points: forget_points,
+}
+
+
 _handle: Any = None
-_broken: set[Drawing] = set()  # what failed since something changed
+_broken: set[Callable[[bpy.types.Context], None]] = set()  # what failed since something changed
 
 
 class FOREST_PT_view(OnceStarted, bpy.types.Panel):
@@ -55,65 +313,50 @@ class FOREST_PT_view(OnceStarted, bpy.types.Panel):
             split(self.layout).prop(context.scene.forest_sensing, "point_size")
 
 
-CLASSES = (FOREST_PT_view,)
-
-
 def register() -> None:
-    """Draw from now on, and hear of changes."""
+    """Draw from now on, where there is a view to draw over."""
     global _handle
-    if bpy.app.background:  # there is no view to draw over
-        return
-    _handle = bpy.types.SpaceView3D.draw_handler_add(_draw, (), "WINDOW", "POST_VIEW")
-    for handlers in _handlers():
-        handlers.append(_forget)
+    if not bpy.app.background:
+        _handle = bpy.types.SpaceView3D.draw_handler_add(_draw, (), "WINDOW", "POST_VIEW")
 
 
 def unregister() -> None:
     """Take everything back."""
     global _handle
-    if _handle is None:
-        return
-    bpy.types.SpaceView3D.draw_handler_remove(_handle, "WINDOW")
-    _handle = None
-    for handlers in _handlers():
-        if _forget in handlers:
-            handlers.remove(_forget)
+    if _handle is not None:
+        bpy.types.SpaceView3D.draw_handler_remove(_handle, "WINDOW")
+        _handle = None
     forget(DRAWINGS)
 
 
-def draw(drawings: Iterable[Drawing], context: bpy.types.Context) -> None:
+def draw(drawings: Drawings, context: bpy.types.Context) -> None:
     """Draw each of them, whatever becomes of the others."""
     for drawing in drawings:
         if drawing in _broken:
             continue
         try:
-            drawing.draw(context)
+            drawing(context)
         except Exception:
             _broken.add(drawing)  # or it would fail, and say so, at every redraw
             log.exception("Forest Sensing cannot draw a part of its overlays")
 
 
-def forget(drawings: Iterable[Drawing], depsgraph: bpy.types.Depsgraph | None = None) -> None:
+def forget(drawings: Drawings, depsgraph: bpy.types.Depsgraph | None = None) -> None:
     """Something changed: each makes it anew, and what failed is tried again."""
     _broken.clear()
-    for drawing in drawings:
-        drawing.forget(depsgraph)
-
-
-def _handlers() -> tuple[list, ...]:
-    handlers = bpy.app.handlers
-    return (
-        handlers.depsgraph_update_post,
-        handlers.frame_change_post,
-        handlers.undo_post,
-        handlers.redo_post,
-        handlers.load_post,
-    )
+    for make_anew in drawings.values():
+        make_anew(depsgraph)
 
 
 @bpy.app.handlers.persistent
 def _forget(_scene: object = None, depsgraph: bpy.types.Depsgraph | None = None) -> None:
     forget(DRAWINGS, depsgraph)
+
+
+WINDOW_HANDLERS = tuple(
+    (f"{name}_post", _forget)
+    for name in ("depsgraph_update", "frame_change", "undo", "redo", "load")
+)
 
 
 def _draw() -> None:

@@ -21,12 +21,11 @@ from bpy.props import (
 )
 
 from .. import spec
-from .forest import display, live
-from .settings import hills, references
-from .settings.fields import fields_of
-from .settings.groups import group_class, help_of, label_of, make_group, property_of
-from .shell.chosen import choose_number, number_of_sensor
-from .species import pictures
+from .forest import build, wind
+from .settings import exchange, hills, references
+from .settings.groups import fields_of, group_class, make_group, property_of, words_of
+from .shell.views import choose_number, number_of_sensor
+from .species import edit
 
 # What follows when a setting changes, or an item of a list is chosen.
 WHEN_SET = {
@@ -34,6 +33,7 @@ WHEN_SET = {
     "centre": lambda hill, _: hills.place(hill),
     "width": lambda hill, _: hills.place(hill),
     "active_gaussians": hills.choose,
+    "scanner": exchange.take_scanner,
 }
 
 
@@ -41,61 +41,30 @@ def _besides(settings: type[spec.Settings]) -> dict[str, Any]:
     """Return what a group holds besides its settings."""
     if settings is spec.Gaussian:
         return {"handle": PointerProperty(type=bpy.types.Object)}
+    held: dict[str, Any] = {}
     if settings is spec.Planting:
-        held: dict[str, Any] = {"standing": IntProperty(default=-1, options={"HIDDEN"})}
-    else:
-        held = {}
-    for name, kind, known, _ in fields_of(settings):
-        if name in references.REFERENCES and kind is str:
-            held |= references.pointers(name, label_of(name, known), help_of(known))
+        held["standing"] = IntProperty(default=-1, options={"HIDDEN"})
+    for field in fields_of(settings):
+        if field.name in references.REFERENCES and field.kind is str:
+            held |= references.pointers(field.name, words_of(field))
     return held
 
 
-def _make_groups() -> dict[type, type]:
-    groups: dict[type, type] = {}
-    held = (
-        spec.Distance,
-        spec.Terrain,
-        spec.Gaussian,
-        spec.HandTree,
-        spec.Clearing,
-        spec.Raster,
-        spec.Rows,
-        spec.Clusters,
-        spec.Strauss,
-    )
-    of_species = (
-        spec.Normal,
-        spec.Discrete,
-        spec.Grammar,
-        spec.Jitter,
-        spec.Template,
-        spec.Look,
-        spec.Bark,
-        spec.DeadBranches,
-        spec.Architecture,
-    )
-    measured = (spec.Targets, spec.Crown, spec.Needles, spec.DeadBranches, spec.Architecture)
-    of_trees = (spec.Rules, spec.Honda, spec.Siblings, spec.Leaf, spec.Inclination, spec.Detail)
-    of_sensors = (spec.Beam, spec.Surfaces, spec.Noise, spec.Receiver, spec.LinkBudget)
-    of_sensors += (spec.Pose, spec.Place)
-    of_scene = (
-        spec.Forest,
-        spec.Planting,
-        spec.Stems,
-        spec.Air,
-        spec.Wind,
-        spec.Rays,
-        spec.Accuracy,
-    )
-    of_scene += (spec.Flight,)
-    plain = (*held, *of_species, *of_trees, *measured, spec.Species, *of_sensors, *of_scene)
-    for settings in (*plain, *spec.SENSORS.values()):
-        groups[settings] = make_group(settings, groups, WHEN_SET, _besides(settings))
-    return groups
+def _make_group(settings: type[spec.Settings]) -> None:
+    """Make the group of a settings class, after those that it holds."""
+    for field in fields_of(settings):
+        part = {"group": field.kind, "groups": field.item}.get(field.how)
+        if part is not None and part not in GROUPS:
+            _make_group(part)
+    GROUPS[settings] = make_group(settings, GROUPS, WHEN_SET, _besides(settings))
 
 
-GROUPS = _make_groups()
+GROUPS: dict[type, type] = {}
+for _settings in (
+    *(spec.Forest, spec.Planting, spec.Stems, spec.Air, spec.Wind, spec.Rays, spec.Accuracy),
+    *(spec.Flight, spec.Species, *spec.SENSORS.values()),
+):
+    _make_group(_settings)
 
 
 class FOREST_PG_sensor(bpy.types.PropertyGroup):
@@ -166,178 +135,165 @@ class FOREST_PG_result(bpy.types.PropertyGroup):
     frames: CollectionProperty(type=FOREST_PG_frame)
 
 
-def _renew_hills(props: Any, _context: Any) -> None:
-    hills.renew(props.id_data)
-
-
-def _begin_live(props: Any, _context: Any) -> None:
-    live.begin(props.id_data)
-
-
-def _scene_group() -> type[bpy.types.PropertyGroup]:
-    """Everything that a Blender scene holds of ours."""
-    plain = {name: (kind, known, default) for name, kind, known, default in fields_of(spec.Scene)}
-    return group_class(
-        "scene",
-        {
-            **{name: property_of(name, *plain[name]) for name in ("name", "seed", "offset", "crs")},
-            "forest": PointerProperty(type=GROUPS[spec.Forest]),
-            "plantings": CollectionProperty(type=GROUPS[spec.Planting]),
-            "active_plantings": IntProperty(
-                name="Planting",
-                description="The planting that the panels below are about",
-                options={"HIDDEN"},
-            ),
-            "stems": CollectionProperty(type=GROUPS[spec.Stems]),
-            "active_stems": IntProperty(
-                name="Stems",
-                description="The stems that the settings below are about",
-                options={"HIDDEN"},
-            ),
-            "air": PointerProperty(type=GROUPS[spec.Air]),
-            "wind": PointerProperty(type=GROUPS[spec.Wind]),
-            "rays": PointerProperty(type=GROUPS[spec.Rays]),
-            "accuracy": PointerProperty(type=GROUPS[spec.Accuracy]),
-            "flight": PointerProperty(type=GROUPS[spec.Flight]),
-            "active_sensor": IntProperty(
-                name="Sensor",
-                description="The sensor that the buttons below are about",
-                options={"HIDDEN", "SKIP_SAVE"},
-                get=number_of_sensor,
-                set=choose_number,
-            ),
-            "last_sensor": PointerProperty(type=bpy.types.Object),
-            "display": EnumProperty(
-                name="Display",
-                description="What views show of trees that are points; renders and sensors see full trees",
-                items=display.ITEMS,
-                options={"SKIP_SAVE"},
-                get=display.get_display,
-                set=display.set_display,
-            ),
-            "look_shows": EnumProperty(
-                name="Image Shows",
-                description="What the image shows while you look through a scanner",
-                items=[
-                    ("DISTANCE", "Distance", "How far away it is; near is bright"),
-                    (
-                        "BRIGHTNESS",
-                        "Brightness",
-                        "Light that comes back, as if all were equally far away",
-                    ),
-                    ("ORGAN", "Organ", "Leaf, wood, ground or something else"),
-                ],
-            ),
-            "show_sensors": BoolProperty(
-                name="Sensors",
-                description="Draw where sensors look: beams to -3 dB, fans, paths of sound",
-                default=True,
-            ),
-            "show_intensity": BoolProperty(
-                name="Tree Density", description="Draw where trees are likely to stand"
-            ),
-            "show_points": BoolProperty(
-                name="Points",
-                description="Draw points of results large enough to be seen, in their colours",
-                default=True,
-            ),
-            "advanced": BoolProperty(
-                name="Advanced",
-                description="Show every setting, the papers' symbols too; what is hidden keeps its value",
-            ),
-            "point_size": FloatProperty(
-                name="Point Size",
-                description="Of points that are drawn over the view; renders have their Radius",
-                subtype="PIXEL",
-                default=2.5,
-                min=1.0,
-                max=30.0,
-                soft_max=10.0,
-                step=50,
-                precision=1,
-            ),
-            "drag_hills": BoolProperty(
-                name="Drag in View",
-                description="A circle in the view for every hill: move and scale it, copy it, delete it",
-                update=_renew_hills,
-            ),
-            "plant_radius": FloatProperty(
-                name="Brush Radius",
-                description="Of the disc that Plant by Hand plants or clears",
-                subtype="DISTANCE",
-                default=3.0,
-                min=0.05,
-                max=1000.0,
-                soft_max=30.0,
-            ),
-            "plant_density": FloatProperty(
-                name="Density (/m²)",
-                description="Trees on a square metre that a dragged brush fills up to",
-                default=0.1,
-                min=1e-4,
-                max=100.0,
-                soft_max=2.0,
-                precision=3,
-            ),
-            "plant_grows": BoolProperty(
-                name="Grow at Once",
-                description="Grow the forest after each stroke, and plant trees that are dropped from the "
-                "Asset Browser; else Grow Forest and Plant Copies do that",
-                default=True,
-            ),
-            "live": BoolProperty(
-                name="Live",
-                description="Grow the forest anew whenever a setting, a hill, a painting or the terrain "
-                "has changed",
-                update=_begin_live,
-            ),
-            "built": StringProperty(
-                description="Fingerprint of what the forest was built from", options={"HIDDEN"}
-            ),
-            "folder": StringProperty(
-                name="Species Folder",
-                description="Folder that names of species files start from",
-                subtype="DIR_PATH",
-            ),
-            "output": StringProperty(
-                name="Save To",
-                description="Folder that results are written to; empty: they stay in this file alone",
-                subtype="DIR_PATH",
-                options={"ANIMATABLE", "PATH_SUPPORTS_BLEND_RELATIVE"},
-            ),
-            "edited": CollectionProperty(type=FOREST_PG_edited),
-            "species_picture": EnumProperty(
-                name="Species",
-                description="What the chosen planting plants",
-                items=lambda props, _: pictures.choices(props),
-                get=pictures.number_of,
-                set=pictures.choose,
-                options={"SKIP_SAVE"},
-            ),
-            "results": CollectionProperty(type=FOREST_PG_result),
-            "dry": EnumProperty(
-                name="Sound",
-                description="What is heard in the forest when a reverb is played",
-                items=[
-                    ("CLAP", "Clap", "Two hands, hollow palms"),
-                    ("CALL", "Bat Call", "A falling sweep, slowed down twenty times"),
-                    ("FILE", "File", "A WAV file of your own, recorded without echoes"),
-                    ("NONE", "Click", "The impulse response itself"),
-                ],
-            ),
-            "dry_file": StringProperty(
-                name="WAV File",
-                description="Sound that was recorded without echoes",
-                subtype="FILE_PATH",
-                options={"ANIMATABLE", "PATH_SUPPORTS_BLEND_RELATIVE"},
-            ),
-            "layout": IntProperty(options={"HIDDEN"}),  # of these settings in the file (saved)
-            "notice": StringProperty(options={"HIDDEN"}),
-        },
-    )
-
-
-FOREST_PG_scene = _scene_group()
+PLAIN = {field.name: field for field in fields_of(spec.Scene)}
+FOREST_PG_scene = group_class(  # everything that a Blender scene holds of ours
+    "scene",
+    {
+        **{name: property_of(PLAIN[name]) for name in ("name", "seed", "offset", "crs")},
+        "forest": PointerProperty(type=GROUPS[spec.Forest]),
+        "plantings": CollectionProperty(type=GROUPS[spec.Planting]),
+        "active_plantings": IntProperty(
+            name="Planting",
+            description="The planting that the panels below are about",
+            options={"HIDDEN"},
+        ),
+        "stems": CollectionProperty(type=GROUPS[spec.Stems]),
+        "active_stems": IntProperty(
+            name="Stems",
+            description="The stems that the settings below are about",
+            options={"HIDDEN"},
+        ),
+        "air": PointerProperty(type=GROUPS[spec.Air]),
+        "wind": PointerProperty(type=GROUPS[spec.Wind]),
+        "rays": PointerProperty(type=GROUPS[spec.Rays]),
+        "accuracy": PointerProperty(type=GROUPS[spec.Accuracy]),
+        "flight": PointerProperty(type=GROUPS[spec.Flight]),
+        "active_sensor": IntProperty(
+            name="Sensor",
+            description="The sensor that the buttons below are about",
+            options={"HIDDEN", "SKIP_SAVE"},
+            get=number_of_sensor,
+            set=choose_number,
+        ),
+        "last_sensor": PointerProperty(type=bpy.types.Object),
+        "display": EnumProperty(
+            name="Display",
+            description="What views show of trees that are points; renders and sensors see full trees",
+            items=wind.ITEMS,
+            options={"SKIP_SAVE"},
+            get=wind.get_display,
+            set=wind.set_display,
+        ),
+        "look_shows": EnumProperty(
+            name="Image Shows",
+            description="What the image shows while you look through a scanner",
+            items=[
+                ("DISTANCE", "Distance", "How far away it is; near is bright"),
+                (
+                    "BRIGHTNESS",
+                    "Brightness",
+                    "Light that comes back, as if all were equally far away",
+                ),
+                ("ORGAN", "Organ", "Leaf, wood, ground or something else"),
+            ],
+        ),
+        "show_sensors": BoolProperty(
+            name="Sensors",
+            description="Draw where sensors look: beams to -3 dB, fans, paths of sound",
+            default=True,
+        ),
+        "show_intensity": BoolProperty(
+            name="Tree Density", description="Draw where trees are likely to stand"
+        ),
+        "show_points": BoolProperty(
+            name="Points",
+            description="Draw points of results large enough to be seen, in their colours",
+            default=True,
+        ),
+        "advanced": BoolProperty(
+            name="Advanced",
+            description="Show every setting, the papers' symbols too; what is hidden keeps its value",
+        ),
+        "point_size": FloatProperty(
+            name="Point Size",
+            description="Of points that are drawn over the view; renders have their Radius",
+            subtype="PIXEL",
+            default=2.5,
+            min=1.0,
+            max=30.0,
+            soft_max=10.0,
+            step=50,
+            precision=1,
+        ),
+        "drag_hills": BoolProperty(
+            name="Drag in View",
+            description="A circle in the view for every hill: move and scale it, copy it, delete it",
+            update=lambda props, _: hills.renew(props.id_data),
+        ),
+        "plant_radius": FloatProperty(
+            name="Brush Radius",
+            description="Of the disc that Plant by Hand plants or clears",
+            subtype="DISTANCE",
+            default=3.0,
+            min=0.05,
+            max=1000.0,
+            soft_max=30.0,
+        ),
+        "plant_density": FloatProperty(
+            name="Density (/m²)",
+            description="Trees on a square metre that a dragged brush fills up to",
+            default=0.1,
+            min=1e-4,
+            max=100.0,
+            soft_max=2.0,
+            precision=3,
+        ),
+        "plant_grows": BoolProperty(
+            name="Grow at Once",
+            description="Grow the forest after each stroke, and plant trees that are dropped from the "
+            "Asset Browser; else Grow Forest and Plant Copies do that",
+            default=True,
+        ),
+        "live": BoolProperty(
+            name="Live",
+            description="Grow the forest anew whenever a setting, a hill, a painting or the terrain "
+            "has changed",
+            update=lambda props, _: build.begin_live(props.id_data),
+        ),
+        "built": StringProperty(
+            description="Fingerprint of what the forest was built from", options={"HIDDEN"}
+        ),
+        "folder": StringProperty(
+            name="Species Folder",
+            description="Folder that names of species files start from",
+            subtype="DIR_PATH",
+        ),
+        "output": StringProperty(
+            name="Save To",
+            description="Folder that results are written to; empty: they stay in this file alone",
+            subtype="DIR_PATH",
+            options={"ANIMATABLE", "PATH_SUPPORTS_BLEND_RELATIVE"},
+        ),
+        "edited": CollectionProperty(type=FOREST_PG_edited),
+        "species_picture": EnumProperty(
+            name="Species",
+            description="What the chosen planting plants",
+            items=lambda props, _: edit.choices(props),
+            get=edit.number_of,
+            set=edit.choose,
+            options={"SKIP_SAVE"},
+        ),
+        "results": CollectionProperty(type=FOREST_PG_result),
+        "dry": EnumProperty(
+            name="Sound",
+            description="What is heard in the forest when a reverb is played",
+            items=[
+                ("CLAP", "Clap", "Two hands, hollow palms"),
+                ("CALL", "Bat Call", "A falling sweep, slowed down twenty times"),
+                ("FILE", "File", "A WAV file of your own, recorded without echoes"),
+                ("NONE", "Click", "The impulse response itself"),
+            ],
+        ),
+        "dry_file": StringProperty(
+            name="WAV File",
+            description="Sound that was recorded without echoes",
+            subtype="FILE_PATH",
+            options={"ANIMATABLE", "PATH_SUPPORTS_BLEND_RELATIVE"},
+        ),
+        "layout": IntProperty(options={"HIDDEN"}),  # of these settings in the file (saved)
+        "notice": StringProperty(options={"HIDDEN"}),
+    },
+)
 CLASSES = (
     *references.CLASSES,
     *GROUPS.values(),

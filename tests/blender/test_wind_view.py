@@ -16,7 +16,7 @@ from forest_addon.blender.show.wind import hide_wind, is_wind, show_wind, shows_
 from forest_addon.sensing.moving import split_pieces, taken
 from forest_addon.stand.wind.response import KNOTS
 from forest_addon.stand.wind.sway import sway_of
-from forest_addon.ui.forest.display import forest_of_points
+from forest_addon.ui.forest.wind import forest_of_points
 
 STAND = forest.Scene(
     seed=6,

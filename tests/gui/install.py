@@ -55,7 +55,7 @@ bpy.ops.wm.save_userpref()
 assert bpy.app.build_options.international, "this Blender speaks English only"
 shell = f"{MODULE}.forest_addon.ui.shell"
 words = import_module(f"{shell}.words")
-file = import_module(f"{shell}.languages").LANGUAGES / "fr_FR.po"
+file = words.LANGUAGES / "fr_FR.po"
 kept = words.keep("{density:,.0f} trees/ha", density=1234.4)
 view, ops = bpy.context.preferences.view, bpy.ops.forest
 file.write_text(CATALOG, encoding="utf-8")

@@ -62,7 +62,7 @@ def scenario(steps: Steps) -> Scenario:
     yield from settle()
     press("forest.build")
     yield 0.5
-    stale = ours("ui.forest.live").is_stale
+    stale = ours("ui.forest.build").is_stale
     yield from wait_for(lambda: idle() and not stale(bpy.context.scene), 180, "the new forest")
     yield from settle()
 

@@ -94,8 +94,8 @@ def a_broken_overlay_stays_alone() -> Scenario:
     track.forest_sensor.mobile.follow_pointer = curve
     yield 1
     assert not overlay._broken
-    assert len(overlay.outlines._batches) == 4
-    assert any(overlay.points._batches.values())
+    assert len(overlay._outlines) == 4
+    assert any(overlay._points.values())
     for thing in (*added, curve):
         bpy.data.objects.remove(thing)
 
@@ -109,7 +109,7 @@ def a_copy_is_chosen() -> Scenario:
     press("object.duplicate", invoke=False)
     yield 0.5
     assert sensors[props().active_sensor].name == "bat.001"
-    assert ours("ui.shell.chosen").chosen_sensor(bpy.context).name == "bat.001"
+    assert ours("ui.shell.views").chosen_sensor(bpy.context).name == "bat.001"
     press("forest.remove_sensor", invoke=False)
     yield 0.5
     assert "bat" in bpy.data.objects

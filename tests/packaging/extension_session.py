@@ -172,7 +172,7 @@ def type_in_the_console(path: Path) -> dict[str, bool]:
 
 def run_commands(scene: str, out: Path) -> list[dict[str, object]]:
     """What the extension brought, as it lies on the disk, before and after each command; an empty file."""
-    command = import_module(f"{MODULE}.forest_addon.ui.settings.command")
+    command = import_module(f"{MODULE}.forest_addon.ui.settings.preferences")
     local = Path(bpy.utils.user_resource("EXTENSIONS")) / ".local"
     folders = [str(path) for path in local.rglob("site-packages")]
     own = ["--scanner", "riegl-vz-400i", "--at", "5,5,1.6", "--set", "angle_step_deg=5.0"]

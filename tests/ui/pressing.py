@@ -5,7 +5,7 @@ from pathlib import Path
 import bpy
 import numpy as np
 
-from forest_addon.blender.read.depsgraph import TREE_KEY
+from forest_addon.blender.scene.instances import TREE_KEY
 from forest_addon.blender.scene.layout import CLOUD_KEY
 
 ROOT = Path(__file__).resolve().parents[2]

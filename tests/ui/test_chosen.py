@@ -8,7 +8,7 @@ bpy = pytest.importorskip("bpy")
 
 from forest_addon.blender.sensors import objects as sensors
 from forest_addon.ui.forest.start import SCENES
-from forest_addon.ui.shell.chosen import chosen_sensor
+from forest_addon.ui.shell.views import chosen_sensor
 
 
 def listed(props):

@@ -17,7 +17,8 @@ from hypothesis import strategies as st
 from forest_addon import spec
 from forest_addon.blender.sensors import objects as sensors
 from forest_addon.formats.toml_file import read_settings
-from forest_addon.ui.settings import exchange, fields
+from forest_addon.ui.settings import exchange
+from forest_addon.ui.settings.groups import LARGEST_INT
 
 DEMO = Path(__file__).resolve().parents[2] / "assets/scenes/demo.toml"
 IN_BLENDER = settings(max_examples=12)
@@ -35,12 +36,9 @@ def values(kind, known, digits):
                 return st.lists(item.filter(bool), max_size=2).map(tuple)
             return st.just(()) | st.lists(item, min_size=3, max_size=4).map(tuple)
         if parts[-1] is Ellipsis:
-            one = groups(parts[0], digits) if fields.is_group(parts[0]) else None
-            if one is None:
-                one = values(parts[0], known, digits)
-            return st.lists(one, max_size=3).map(tuple)
+            return st.lists(values(parts[0], known, digits), max_size=3).map(tuple)
         return st.tuples(*(values(part, known, digits) for part in parts))
-    if fields.is_group(kind):
+    if dataclasses.is_dataclass(kind):
         return groups(kind, digits)
     if kind is bool:
         return st.booleans()
@@ -52,7 +50,7 @@ def values(kind, known, digits):
         )
     low, high = max(known.minimum, -1e7), min(known.maximum, 1e7)
     if kind is int:
-        return st.integers(int(low), int(min(high, fields.LARGEST_INT)))
+        return st.integers(int(low), int(min(high, LARGEST_INT)))
     numbers = st.floats(low, high, exclude_min=known.open_minimum, allow_subnormal=False)
     return numbers.map(lambda x: float(f"{x:.{digits}g}")).filter(
         lambda x: low <= x <= high and (x == 0 or abs(x) > 1e-30)

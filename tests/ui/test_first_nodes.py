@@ -13,7 +13,7 @@ bpy = pytest.importorskip("bpy")
 from forest_addon.blender.scene import nodes
 from forest_addon.blender.scene.instances import read_points
 from forest_addon.blender.scene.layout import CLOUD_KEY, COLOUR_BY, RADIUS, SHARE, TREES, find_part
-from forest_addon.ui.results.points import positions_and_colours
+from forest_addon.ui.overlay import positions_and_colours
 
 from .pressing import run
 from .test_panels import drawn

@@ -28,7 +28,7 @@ UNSEEN = {  # kept in files, or set by a button for its operator; no panel draws
     *("frame", "said", "stale", "shown", "file", "filter_glob", "remove_name", "remove_active"),
     *("sure", "result", "sensor", "scanner", "values", "preset", "directory", "files", "wood"),
     *("leaves", "height", "title", "accept", "filepath", "frames", "keep", "again", "choice"),
-    *("colour", "name", "value", "origin", "folder", "grown"),
+    *("colour", "name", "value", "origin", "folder", "grown", "found"),
 }
 
 

@@ -22,15 +22,15 @@ from ui import test_panels
 from forest_addon import spec, ui
 from forest_addon.blender.jobs import Job
 from forest_addon.blender.library import pictures
-from forest_addon.blender.read.depsgraph import TREE_KEY
 from forest_addon.blender.scene import assets, layout
+from forest_addon.blender.scene.instances import TREE_KEY
 from forest_addon.blender.scene.layout import CLOUD_KEY
 from forest_addon.blender.sensors import objects as sensors
 from forest_addon.drawing import strips as plots
 from forest_addon.ui.forest import build
 from forest_addon.ui.settings import exchange
 from forest_addon.ui.shell import running
-from forest_addon.ui.species import library
+from forest_addon.ui.species import edit
 
 ROOT = Path(__file__).resolve().parents[2]
 TWIG = """
@@ -170,7 +170,7 @@ def again(home, tmp_path, monkeypatch):
     """Opens the forest as it was, with copies of its files in a folder of the test's own."""
     folder = tmp_path / "files"
     monkeypatch.setattr(build, "DEMO", folder / "scene.toml")  # smaller than the real one
-    monkeypatch.setattr(library, "FIRST", ("abop-monopodial-a",))
+    monkeypatch.setattr(edit, "FIRST", ("abop-monopodial-a",))
     small_pictures(monkeypatch)
 
     def open_again():

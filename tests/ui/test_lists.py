@@ -65,7 +65,7 @@ def test_a_reverb_has_further_ends(built):
 
 @pytest.mark.medium
 def test_a_planting_shows_what_stands(built):
-    from forest_addon.ui.forest.lists import _planting_row
+    from forest_addon.ui.forest.panels import _planting_row
 
     (planting,) = built.plantings
     standing = len([thing for thing in bpy.data.objects if "forest_tree" in thing])

@@ -9,7 +9,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from forest_addon.ui.settings import manual
+from forest_addon.ui.settings import preferences
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -44,7 +44,7 @@ def found(name, mapping):
 @pytest.mark.medium
 def test_everything_leads_to_a_place_that_is_there(registered, pages):
     _, texts = pages
-    names, mapping = list(names_of_ours()), list(manual._pages())
+    names, mapping = list(names_of_ours()), list(preferences._pages())
     assert len(names) > 400
     for name in names:
         page, _, place = (found(name, mapping) or "nowhere").partition("#")
@@ -53,7 +53,7 @@ def test_everything_leads_to_a_place_that_is_there(registered, pages):
 
 
 def test_a_setting_leads_to_its_own_line(registered):
-    mapping = list(manual._pages())
+    mapping = list(preferences._pages())
     lines = {
         "bpy.types.FOREST_PG_sonar.tolerance": "scene-file.html#sonar.tolerance",
         "bpy.types.FOREST_PG_sonar.use_record": "scene-file.html#sonar.record",

@@ -7,13 +7,13 @@ bpy = pytest.importorskip("bpy")
 from forest_addon import spec
 from forest_addon.blender.read.inputs import read_painted
 from forest_addon.ui import properties
-from forest_addon.ui.settings import offers
+from forest_addon.ui.settings import references
 
 FREE = {"name", "crs", "source", "axiom", "engine"}  # texts that name nothing there is
 
 
 def offered(group, name, typed=""):
-    return offers.SEARCHES[name](group, bpy.context, typed)
+    return references.SEARCHES[name](group, bpy.context, typed)
 
 
 def plane(name):
@@ -27,16 +27,16 @@ def plane(name):
 def texts():
     """(class, field, param) of every text of the panel that is no choice of a few."""
     for cls in properties.GROUPS:
-        for name, kind, known, _ in properties.fields_of(cls):
-            if kind is str and not known.choices:
-                yield cls, name, known
+        for field in properties.fields_of(cls):
+            if field.kind is str and field.how == "value" and not field.param.choices:
+                yield cls, field.name, field.param
 
 
 def test_every_text_names_a_file_or_offers_something(props):
-    silent = {name for _, name, known in texts() if not known.file and name not in offers.SEARCHES}
-    assert silent <= FREE
+    offers = references.SEARCHES.keys() | references.REFERENCES.keys()  # a list, or a thing to pick
+    assert {name for _, name, known in texts() if not known.file} - offers <= FREE
     for cls, name, param in texts():
-        if param.file and name not in offers.SEARCHES:
+        if param.file and name not in references.SEARCHES:
             known = {p.identifier: p for p in properties.GROUPS[cls].bl_rna.properties}
             assert known[name].subtype == "FILE_PATH", name
 
@@ -51,30 +51,17 @@ def test_a_file_beside_the_blend_file_becomes_a_whole_path(props, tmp_path):
     assert raster.file == "hill.png"
 
 
-@pytest.mark.medium
-def test_surfaces_and_collections_of_the_scene(small):
-    bpy.ops.forest.build()
-    plane("slope")
-    bpy.data.collections.new("mine")
-    found = offered(small.forest.terrain, "object")
-    assert "slope" in found
-    assert "Ground" in found
-    assert not any("hazelnut" in name for name in found)  # trees
-    assert offered(small.forest.terrain, "object", "SLO") == ["slope"]
-    assert offered(small.plantings[0], "collection", "min") == ["mine"]
-
-
 def test_every_layer_that_is_offered_can_be_read(small):
     thing = plane("meadow")
     thing.vertex_groups.new(name="weights")
     thing.data.attributes.new("share", "FLOAT", "FACE")
     thing.data.attributes.new("flow", "FLOAT_VECTOR", "POINT")
     thing.data.color_attributes.new("tint", "FLOAT_COLOR", "POINT")
-    found = offered(small.plantings[0], "painted")
-    assert found == ["meadow:share", "meadow:tint", "meadow:weights"]
+    assert references.layers_of(thing) == ["weights", "tint", "share"]
     bpy.context.view_layer.update()
-    for name in found:
-        assert len(read_painted(name, bpy.context.evaluated_depsgraph_get()).weight) == 3
+    for layer in references.layers_of(thing):
+        painted = read_painted(f"meadow:{layer}", bpy.context.evaluated_depsgraph_get())
+        assert len(painted.weight) == 3
 
 
 def test_species_are_presets_and_what_is_edited(small):
@@ -83,15 +70,6 @@ def test_species_are_presets_and_what_is_edited(small):
     assert {"maple", "edited/hazelnut.toml"} <= set(found)
     pair = small.forest.distances.add()
     assert offered(pair, "species") == offered(pair, "other") == ["hazelnut"]
-
-
-def test_several_names_are_offered_one_after_the_other(props, sensor):
-    for name in ("ear", "eye"):
-        bpy.context.scene.collection.objects.link(bpy.data.objects.new(name, None))
-    group = sensor("reverb").forest_sensor.reverb
-    assert offered(group, "receiver_objects") == ["ear", "eye", "reverb receiver"]
-    assert offered(group, "receiver_objects", "ear, ") == ["ear, eye", "ear, reverb receiver"]
-    assert offered(group, "source_objects") == ["reverb"]
 
 
 def test_an_image_starts_with_the_fields_extent(small):

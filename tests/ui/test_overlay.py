@@ -12,7 +12,6 @@ from forest_addon import spec
 from forest_addon.blender.sensors import objects as sensors
 from forest_addon.sensing.kinds import KINDS
 from forest_addon.ui import overlay
-from forest_addon.ui.sensors import outlines
 
 
 class Sheet:
@@ -32,13 +31,14 @@ class Sheet:
 
 def test_a_broken_drawing_takes_no_other_along(registered, caplog):
     sheets = [Sheet(), Sheet(broken=True), Sheet()]
+    drawings = {sheet.draw: sheet.forget for sheet in sheets}
     for _ in range(3):
-        overlay.draw(sheets, bpy.context)
+        overlay.draw(drawings, bpy.context)
     assert [sheet.drawn for sheet in sheets] == [3, 0, 3]
     assert len(caplog.records) == 1  # not at every redraw
     sheets[1].broken = False
-    overlay.forget(sheets)
-    overlay.draw(sheets, bpy.context)
+    overlay.forget(drawings)
+    overlay.draw(drawings, bpy.context)
     assert [sheet.drawn for sheet in sheets] == [4, 1, 4]
 
 
@@ -48,7 +48,7 @@ def test_a_scanner_that_follows_a_curve_has_no_lines_and_others_keep_theirs(prop
     sensor("sonar")
     sensor("terrestrial")
     bpy.context.view_layer.update()
-    found = list(outlines.lines(bpy.context.scene))
+    found = list(overlay.lines(bpy.context.scene))
     assert [sensors.kind_of(thing) for thing, _ in found] == ["terrestrial", "sonar"]
     assert all(len(ends) for _, ends in found)
 
@@ -64,7 +64,7 @@ def test_a_sensor_whose_lines_cannot_be_made_takes_no_other_along(
         sensor(kind)
     bpy.context.view_layer.update()
     with caplog.at_level(logging.ERROR):
-        found = {sensors.kind_of(thing) for thing, _ in outlines.lines(bpy.context.scene)}
+        found = {sensors.kind_of(thing) for thing, _ in overlay.lines(bpy.context.scene)}
     assert found == set(spec.SENSORS) - {"sonar", "mobile"}  # which has no poses yet
     assert "where echo looks" in caplog.text
 
@@ -76,14 +76,14 @@ def test_lines_are_finite_wherever_a_sensor_is_put(props, sensor, kind, place):
     thing = sensor(kind)
     thing.location = place
     bpy.context.view_layer.update()
-    for _, ends in outlines.lines(bpy.context.scene):
+    for _, ends in overlay.lines(bpy.context.scene):
         assert np.isfinite(ends).all()
         assert len(ends) > 0
 
 
 def test_the_chosen_sensor_is_drawn_strong_and_others_faint():
     for colour in (kind.colour for kind in KINDS.values()):
-        (*_, strong), wide = outlines.strength(colour, True)
-        (*_, faint), narrow = outlines.strength(colour, False)
+        (*_, strong), wide = overlay.strength(colour, True)
+        (*_, faint), narrow = overlay.strength(colour, False)
         assert strong > 2 * faint
         assert wide > narrow

@@ -16,8 +16,8 @@ from forest_addon.spec.choices import ADVANCED, APPLIES
 from forest_addon.ui import properties
 from forest_addon.ui.results.finding import OF_TREES
 from forest_addon.ui.settings import exchange
-from forest_addon.ui.settings.fields import fields_of
-from forest_addon.ui.shell import requirements
+from forest_addon.ui.settings.groups import fields_of
+from forest_addon.ui.shell import running
 from forest_addon.ui.species.panel import SPREADS
 
 
@@ -162,15 +162,17 @@ def test_basic_hides_the_papers_symbols(small):
 
 
 def test_every_rule_names_settings_that_there_are(props):
-    fields = {kind: {name for name, *_ in fields_of(kind)} for kind in properties.GROUPS}
+    fields = {
+        kind: {field.name: field.param for field in fields_of(kind)} for kind in properties.GROUPS
+    }
     lower = {kind.__name__.lower(): names for kind, names in fields.items()}
     for settings, names in ADVANCED.items():
-        assert names <= lower[settings]
+        assert names <= lower[settings].keys()
     for name, (other, values) in APPLIES.items():
-        holders = [kind for kind, names in fields.items() if {name, other} <= names]
+        holders = [kind for kind, names in fields.items() if {name, other} <= names.keys()]
         assert holders, name
         for kind in holders:
-            known = next(param for field, _, param, _ in fields_of(kind) if field == other)
+            known = fields[kind][other]
             assert not known.choices or set(values) <= set(known.choices)
 
 
@@ -225,7 +227,7 @@ def test_an_empty_list_says_so(small):
 
 
 def test_what_is_missing_is_said_with_what_to_do(props, monkeypatch):
-    monkeypatch.setattr(requirements, "missing", lambda: ("scipy",))
+    monkeypatch.setattr(running, "missing", lambda: ("scipy",))
     seen = drawn()
     assert "scipy is missing in this Blender" in seen
     assert any("Install from Disk" in text for text in seen)

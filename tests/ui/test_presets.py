@@ -5,7 +5,7 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from forest_addon.ui.settings import exchange
-from forest_addon.ui.settings.presets import kinds
+from forest_addon.ui.settings.presets import values_of
 
 
 @pytest.fixture
@@ -56,9 +56,11 @@ def test_a_sensor_is_set_as_another_was_and_stays_where_it_is(folder, sensor, ki
     before = chosen_values(two)
     assert choose(kind, folder, "Mine") == {"FINISHED"}
     after = chosen_values(two)
-    names = kinds()[kind].names
+    names = set(values_of(kind, bpy.context))
+    assert {"max_range", "step", "duration"} & names
     assert {n: getattr(after, n) for n in names} == {n: getattr(wanted, n) for n in names}
-    left = kinds()[kind].left - {"kind"}
+    left = set(vars(before)) - names
+    assert "name" in left
     assert {n: getattr(after, n) for n in left} == {n: getattr(before, n) for n in left}
     assert after != before
     assert keep(kind, "Mine", remove_name=True) == {"FINISHED"}

@@ -10,7 +10,7 @@ from ui.test_panels import Layout, drawn
 
 from forest_addon.blender.jobs import Job
 from forest_addon.ui.sensors.panels import FOREST_PT_sensor_data
-from forest_addon.ui.shell import pace, progress, running
+from forest_addon.ui.shell import running
 
 
 @pytest.fixture
@@ -46,12 +46,12 @@ def test_run_row_grow_row_properties_and_status_bar_show_the_job(built, job, mon
     assert "[50%] cloud 50%" in seen
     shown = []
     workspace = SimpleNamespace(status_text_set=shown.append)
-    progress.show_job(SimpleNamespace(workspace=workspace), job)
+    running.show_job(SimpleNamespace(workspace=workspace), job)
     seen = []
     shown[0](SimpleNamespace(layout=Bars(seen)), bpy.context)
     assert seen == ["Run Sensor", "[50%] cloud 50%", "", "Esc: cancel"]
     job.over = True
-    assert progress.how_far(job) == "Run Sensor is stopping"
+    assert running.how_far(job) == "Run Sensor is stopping"
 
 
 @pytest.mark.parametrize(
@@ -64,10 +64,10 @@ def test_slow_views_that_are_being_smoothed_are_drawn_once_and_smoothed_again(
     system = bpy.context.preferences.system
     system.viewport_aa = "8"
     bpy.context.preferences.is_dirty = False
-    monkeypatch.setattr(pace, "_took", took)
-    monkeypatch.setattr(pace, "_ended", pace.time.perf_counter() - ago)
-    pace.rough_edges()
+    monkeypatch.setattr(running, "_took", took)
+    monkeypatch.setattr(running, "_ended", running.time.perf_counter() - ago)
+    running.rough_edges()
     assert system.viewport_aa == ("OFF" if rough else "8")
-    pace.usual_edges()
+    running.usual_edges()
     assert system.viewport_aa == "8"
     assert not bpy.context.preferences.is_dirty

@@ -69,14 +69,11 @@ def test_every_setting_that_names_something_is_known():
     """The class of the fault: a text whose help speaks of the Blender scene is a reference."""
     classes = {*spec.SENSORS.values(), spec.Forest, spec.Terrain, spec.Planting, spec.Stems}
     for cls in classes:
-        for name, kind, known, _ in exchange.fields_of(cls):
-            words = ("blender scene", "object that", "names of")
-            if (
-                kind is str
-                and not known.choices
-                and any(word in known.help.lower() for word in words)
-            ):
-                assert name in references.REFERENCES, f"{cls.__name__}.{name}"
+        for field in exchange.fields_of(cls):
+            words, known = ("blender scene", "object that", "names of"), field.param
+            text = field.kind is str and not known.choices
+            if text and any(word in known.help.lower() for word in words):
+                assert field.name in references.REFERENCES, f"{cls.__name__}.{field.name}"
 
 
 def test_a_rename_is_followed(naming):

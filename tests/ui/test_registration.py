@@ -86,7 +86,7 @@ rooms = {n for n in sys.modules if n.startswith("forest_addon.")}
 rooms = {r for r in rooms if r.split(".")[1] not in ("base", "ui", "spec", "blender")}
 records = {"kind", "kinds", "look", "looks", "cost", "audit", "lines"}  # of sensors: light
 records |= {"emptiness", "sensing", "lidar", "sonar", "reverb", "rays", "boxes"}
-records |= {"geometry", "caster", "table"}
+records |= {"geometry", "caster", "table", "exact"}
 print(sorted(heavy), sorted(r for r in rooms if not set(r.split(".")[1:]) <= records))
 """
 
@@ -109,8 +109,8 @@ importlib.util.find_spec = lambda name: None if name == "scipy" else find(name)
 import forest_addon
 atexit.register(forest_addon.unregister)
 forest_addon.register()
-from forest_addon.ui.shell import requirements
-print(requirements.missing())
+from forest_addon.ui.shell import running
+print(running.missing())
 try:
     bpy.ops.forest.build()
 except RuntimeError as problem:

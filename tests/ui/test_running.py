@@ -24,7 +24,7 @@ from forest_addon.blender.sensors import objects as sensors
 from forest_addon.ui.forest import build
 from forest_addon.ui.sensors.run import FOREST_OT_run
 from forest_addon.ui.settings import exchange
-from forest_addon.ui.shell import requirements, running
+from forest_addon.ui.shell import running
 
 
 @pytest.mark.slow
@@ -39,7 +39,7 @@ def test_other_modes_are_refused_with_a_reason(built, name):
 
 @pytest.mark.parametrize("name", ["build", "run"])
 def test_a_missing_package_is_named(small, name, monkeypatch):
-    monkeypatch.setattr(requirements, "missing", lambda: ("scipy",))
+    monkeypatch.setattr(running, "missing", lambda: ("scipy",))
     with pytest.raises(RuntimeError, match="scipy is missing"):
         press(name)
 
@@ -171,9 +171,9 @@ def starts_a_job(cls):
     if issubclass(cls, running.Working):
         return True
     tree = ast.parse(textwrap.dedent(inspect.getsource(cls)))
-    called = {ast.unparse(node.func) for node in ast.walk(tree) if isinstance(node, ast.Call)}
+    named = {ast.unparse(node) for node in ast.walk(tree) if isinstance(node, ast.Attribute)}
     jobs = {f"bpy.ops.{c.bl_idname}" for c in of_ours() if issubclass(c, running.Working)}
-    return bool(called & {*jobs, "bpy.ops.wm.read_homefile"})
+    return bool(named & {*jobs, "bpy.ops.wm.read_homefile"})
 
 
 def of_ours():
@@ -183,7 +183,7 @@ def of_ours():
 def test_operators_that_start_jobs_are_not_redone(registered):
     """The redo panel and *Repeat Last* run an operator to its end at once: the window would stand still."""
     made = (
-        "forest_addon.ui.settings.lists",
+        "forest_addon.ui.settings.drawing",
         "forest_addon.ui.settings.presets",
     )  # without a source
     plain = [cls for cls in of_ours() if cls.__module__ not in made]

@@ -12,7 +12,7 @@ bpy = pytest.importorskip("bpy")
 from forest_addon.formats.toml_file import read_settings, write_settings
 from forest_addon.growth.library.species_file import find_species, load_species
 from forest_addon.spec import Raster, Scene, Species
-from forest_addon.ui.forest.scene_export import write_scene
+from forest_addon.ui.forest.scene_file import write_scene
 from forest_addon.ui.settings import exchange
 from forest_addon.ui.species.edit import relocated
 

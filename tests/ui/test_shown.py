@@ -9,16 +9,16 @@ bpy = pytest.importorskip("bpy")
 from forest_addon import spec
 from forest_addon.ui import properties
 from forest_addon.ui.settings import exchange
-from forest_addon.ui.settings.fields import fields_of
+from forest_addon.ui.settings.groups import fields_of
 
 
 def test_every_angle_of_a_panel_is_one_of_blenders(registered):
     for settings, group in properties.GROUPS.items():
         known = {p.identifier: p for p in group.bl_rna.properties}
-        for name, _, param, _ in fields_of(settings):
-            if param.unit == "deg" and name in group.shown:
-                shown = known[f"{name}_shown"]
-                assert shown.unit == "ROTATION", f"{group.__name__}.{name}"
+        for field in fields_of(settings):
+            if field.param.unit == "deg" and field.name in group.shown:
+                shown = known[f"{field.name}_shown"]
+                assert shown.unit == "ROTATION", f"{group.__name__}.{field.name}"
                 assert "°" not in shown.name
                 assert shown.is_skip_save
 

@@ -13,7 +13,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from forest_addon.ui.shell import languages, words
+from forest_addon.ui.shell import words
 
 ROOT = Path(__file__).resolve().parents[2]
 FILES_ROOT = ROOT / "forest_addon" / "ui"
@@ -199,18 +199,16 @@ msgstr ""
 
 
 def test_a_po_file_is_read():
-    assert languages.read_catalog(PO) == {
+    assert words.read_catalog(PO) == {
         ("*", "{count:,} stems"): "Stämme: {count:,}",
         ("Operator", "Paint"): "Malen",
         ("*", 'a text that goes on, "so"'): "und so weiter",
     }
 
 
-@pytest.mark.parametrize(
-    "file", sorted(languages.LANGUAGES.glob("*.po")), ids=lambda file: file.stem
-)
+@pytest.mark.parametrize("file", sorted(words.LANGUAGES.glob("*.po")), ids=lambda file: file.stem)
 def test_each_language_has_the_fields_of_the_english(file):
-    for (_, text), translated in languages.read_catalog(file.read_text(encoding="utf-8")).items():
+    for (_, text), translated in words.read_catalog(file.read_text(encoding="utf-8")).items():
         fields = [
             {f for _, f, _, _ in string.Formatter().parse(t) if f} for t in (text, translated)
         ]
@@ -236,7 +234,7 @@ def spoken(template):
     text = re.sub(
         r'^msgid "(.+)"\nmsgstr ""$', r'msgid "\1"\nmsgstr "‹\1›"', template, flags=re.MULTILINE
     )
-    return languages.read_catalog(text)
+    return words.read_catalog(text)
 
 
 @pytest.mark.medium
@@ -339,12 +337,12 @@ def test_a_language_comes_out_of_blender(registered, monkeypatch, tmp_path):
         pytest.skip(
             "this build of Blender speaks English only; make test-gui does it in a real one"
         )
-    monkeypatch.setattr(languages, "LANGUAGES", tmp_path)
+    monkeypatch.setattr(words, "LANGUAGES", tmp_path)
     (tmp_path / "fr_FR.po").write_text(PO.replace("Stämme", "Tiges"), encoding="utf-8")
     view = bpy.context.preferences.view
     before = view.language
-    languages.unregister()
-    languages.register()
+    words.unregister()
+    words.register()
     try:
         view.language = "fr_FR"
         view.use_translate_interface = view.use_translate_reports = True

@@ -6,7 +6,6 @@ Blender keeps numbers in single precision: 0.002 that was typed, or read from a 
 
 from __future__ import annotations
 
-import struct
 from dataclasses import replace
 
 import bpy
@@ -20,20 +19,6 @@ from ...stand.inputs import Inputs, Painted, TreeList
 from ...stand.intensity.terrain import Triangulated
 from ..scene.layout import objects_in
 from .depsgraph import SOLID_TYPES
-
-
-def shortest(value: float) -> float:
-    """The shortest decimal with the same single-precision number as ``value``."""
-    stored = struct.pack("f", value)
-    return next(
-        (
-            decimal
-            for digits in range(1, 10)
-            if struct.pack("f", decimal := float(f"{value:.{digits}g}")) == stored
-        ),
-        value,
-    )
-
 
 LUMINANCE = (0.2126, 0.7152, 0.0722)  # of linear red, green and blue, ITU-R BT.709
 WIDTH = {"FLOAT": 1, "INT": 1, "INT8": 1, "BOOLEAN": 1, "FLOAT_COLOR": 4, "BYTE_COLOR": 4}

@@ -13,6 +13,7 @@ them in the scene and whatever they are called now; of copies, the first one mad
 
 from __future__ import annotations
 
+import struct
 from collections import deque
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
@@ -215,3 +216,16 @@ def _below(
             continue
         yield collection
         waiting.extend(collection.children)
+
+
+def shortest(value: float) -> float:
+    """The shortest decimal with the same single-precision number as ``value``."""
+    stored = struct.pack("f", value)
+    return next(
+        (
+            decimal
+            for digits in range(1, 10)
+            if struct.pack("f", decimal := float(f"{value:.{digits}g}")) == stored
+        ),
+        value,
+    )

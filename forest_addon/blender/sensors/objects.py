@@ -19,8 +19,7 @@ import numpy as np
 
 from ...sensing.kinds import KINDS
 from ...spec import Sensor, SpecError
-from ..read.inputs import shortest
-from ..scene.layout import ROOT_KEY, SENSORS, find_part, is_local, part, root
+from ..scene.layout import ROOT_KEY, SENSORS, find_part, is_local, part, root, shortest
 
 KIND_KEY = "forest_sensor_kind"  # custom property of a sensor's object: its kind
 RECEIVER_KEY = "forest_receiver"  # custom property of a reverb's source: its receiver

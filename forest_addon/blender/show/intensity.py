@@ -8,13 +8,17 @@ ground.
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import bpy
 import numpy as np
 from mathutils import Matrix, Vector
 
 from ... import spec
-from ...stand.intensity.terrain import GroundSurface
 from ..scene.instances import IGNORED_KEY
+
+if TYPE_CHECKING:
+    from ...stand.intensity.terrain import GroundSurface
 
 HANDLE_KEY = (
     "forest_handle"  # custom property of a handle: its own name; a copy still has the other's

@@ -218,8 +218,18 @@ def recognise_pieces(timber: Pieces, foliage: Pieces | None = None) -> Recogniti
             lines.ends()[0],
         )
     trunk = find_trunk(timber, lines, known.parent < 0)
-    hung = find_parents(lines, trunk, root(lines, trunk, known))
-    found = Recognition(timber, lines, trunk, *hung, foliage, np.empty(0, dtype=np.int64))
+    parent, branch, foot_end, gap = find_parents(lines, trunk, root(lines, trunk, known))
+    found = Recognition(
+        wood=timber,
+        lines=lines,
+        trunk=trunk,
+        parent=parent,
+        branch=branch,
+        foot_end=foot_end,
+        gap=gap,
+        leaves=foliage,
+        bearer=np.empty(0, dtype=np.int64),
+    )
     _check_one_tree(found)
     doubts = _doubts_about_wood(found, together)
     if bare:

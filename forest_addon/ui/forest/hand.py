@@ -1,22 +1,259 @@
-"""A hand that plants: single trees, trees over a disc up to a density, discs made free, each to be undone.
+"""Trees set, changed and removed by hand, which *Grow Forest* keeps: with a brush, one by one, by selection.
 
-All of it ends in the settings of plantings (``by_hand`` and ``clearings``).
+All of it ends in the settings of plantings (``by_hand`` and ``clearings``). Before a forest is grown anew,
+trees that somebody has moved or deleted in the view are noted there, as trees set by hand, and as clearings
+where they were drawn. Buttons for selected trees do the same at once. So a scene file and a script grow what
+the window shows.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, ClassVar
 
 import bpy
 import numpy as np
 
-from ...blender.scene.planted import StoodTree, stood_trees
-from .hand_edits import Place, clear_spot, find_set, plantings_by_label, remove_tree, set_tree
+from ...blender.scene.layout import ROLE_KEY, TREES, VARIANTS, find_part, is_ours
+from ...blender.scene.planted import (
+    STOOD_KEY,
+    StoodTree,
+    deleted_trees,
+    forget_tree,
+    note_change,
+    stood_trees,
+)
+from ...spec import Clearing, HandTree
+from ..settings.exchange import fill, read
+from ..shell.running import Button, obstacle
+from ..shell.words import keep, say
+
+Place = tuple[float, float]
+NEAR = 1e-3  # metres: two places that are one
+SPOT = 0.01  # metres, radius of the clearing where a tree was drawn
+NO_COPIES = keep(
+    "Select copies of the forest's trees, such as those dragged from the Asset Browser"
+)
+NO_TREES = keep("Select trees of the forest that are objects; Plant by Hand changes all others")
+
+
+def plantings_by_label(scene: bpy.types.Scene) -> dict[str, Any]:
+    """The plantings of the panel, by the name that each has in a forest."""
+    from ...stand.plan import labels
+
+    plantings = scene.forest_sensing.plantings
+    return dict(zip(labels(plantings), plantings, strict=True))
+
+
+def take_up_changes(scene: bpy.types.Scene) -> int:
+    """Note in the settings what was moved or deleted in the view; returns how many trees those are."""
+    known, count = plantings_by_label(scene), 0
+    for tree in stood_trees(scene):
+        if tree.is_changed and tree.label in known:
+            set_tree(known[tree.label], tree)
+            count += 1
+    for label, places in deleted_trees(scene).items():
+        for place in places if label in known else ():
+            remove_tree(known[label], place)
+            count += 1
+    if count:
+        scene.update_tag()
+    return count
+
+
+def set_tree(planting: Any, tree: StoodTree, variant: int | None = None) -> None:
+    """Have a tree stand where it is now, whatever is drawn; ``variant`` in place of its own."""
+    entry = find_set(planting, tree.planted)
+    if entry is None:
+        clear_spot(planting, tree.planted)
+    number = tree.variant if variant is None else variant
+    note_change(tree, number)
+    turned = (np.rad2deg(tree.rotation) + 180) % 360 - 180
+    add_tree(planting, tree.place, turned, tree.scale, number, tree.diameter or None, entry)
+
+
+def add_tree(
+    planting: Any,
+    place: Place,
+    rotation_deg: float,
+    scale: float,
+    variant: int,
+    diameter: float | None = None,
+    entry: Any = None,
+) -> None:
+    """Set a tree by hand at a place (m); ``entry`` is the one that it takes the place of.
+
+    All but the diameter (m) is said, so that it stays the same tree when others are set or removed.
+    """
+    entry = planting.by_hand.add() if entry is None else entry
+    entry.position = place
+    given = {"rotation_deg": rotation_deg, "scale": scale, "variant": variant, "diameter": diameter}
+    for name, value in given.items():
+        setattr(entry, f"use_{name}", value is not None)
+        if value is not None:
+            setattr(entry, name, value)
+
+
+def remove_tree(planting: Any, place: Place) -> None:
+    """Have no tree stand where one was planted."""
+    entry = find_set(planting, place)
+    if entry is None:
+        clear_spot(planting, place)
+    else:
+        planting.by_hand.remove(list(planting.by_hand).index(entry))
+
+
+def find_set(planting: Any, place: Place) -> Any:
+    """The tree set by hand at a place, None where there is none."""
+    far = max(NEAR, 1e-6 * max(map(abs, place)))
+    for entry in planting.by_hand:
+        if np.hypot(*np.subtract(entry.position, place)) <= far:
+            return entry
+    return None
+
+
+def clear_spot(planting: Any, place: Place, radius: float = SPOT) -> None:
+    """Keep a disc free of trees that are drawn."""
+    disc = planting.clearings.add()
+    disc.position, disc.radius = place, radius
+
+
+class _OfSelected(Button):
+    """An operator on selected trees of the forest."""
+
+    @classmethod
+    def obstacle(cls, context: bpy.types.Context) -> str:
+        reason = super().obstacle(context)
+        stand = context.mode == "OBJECT" and any(STOOD_KEY in t for t in context.selected_objects)
+        return reason or ("" if stand else say(NO_TREES))
+
+    def act(self, context: bpy.types.Context) -> str | None:
+        """Change each tree of a known planting; returns how many those are."""
+        known, chosen = plantings_by_label(context.scene), set(context.selected_objects)
+        trees = [
+            tree
+            for tree in stood_trees(context.scene)
+            if tree.thing in chosen and tree.label in known
+        ]
+        for tree in trees:
+            self.change(known[tree.label], tree)
+        if not trees:
+            self.report({"WARNING"}, say(NO_TREES))
+            return None
+        context.scene.update_tag()
+        return say("{count} trees; Grow Forest keeps them so", count=len(trees))
+
+
+class FOREST_OT_lock_trees(_OfSelected, bpy.types.Operator):
+    """Keep the selected trees where and as they stand, whatever is drawn around them"""
+
+    bl_idname = "forest.lock_trees"
+    bl_label = "Lock Trees"
+
+    def change(self, planting: Any, tree: StoodTree) -> None:
+        set_tree(planting, tree)
+
+
+class FOREST_OT_swap_trees(_OfSelected, bpy.types.Operator):
+    """Make each selected tree the next variant of its species, and keep it so"""
+
+    bl_idname = "forest.swap_trees"
+    bl_label = "Next Variant"
+
+    def change(self, planting: Any, tree: StoodTree) -> None:
+        number = (tree.variant + 1) % planting.variants
+        set_tree(planting, tree, number)
+        role = f"{VARIANTS}/{tree.label}.{number:03d}"
+        home = find_part(planting.id_data, VARIANTS)
+        for thing in home.objects if home is not None else ():  # else it comes with the forest
+            if thing.get(ROLE_KEY) == role and tree.thing is not None:
+                tree.thing.data = thing.data
+
+
+class FOREST_OT_remove_trees(_OfSelected, bpy.types.Operator):
+    """Take the selected trees out of the forest, and have none drawn in their places"""
+
+    bl_idname = "forest.remove_trees"
+    bl_label = "Remove Trees"
+
+    def change(self, planting: Any, tree: StoodTree) -> None:
+        remove_tree(planting, tree.planted)
+        forget_tree(tree)
+
+
+class FOREST_OT_adopt_trees(Button, bpy.types.Operator):
+    """Plant the selected copies of trees where they stand: copied here or dragged from the Asset Browser"""
+
+    bl_idname = "forest.adopt_trees"
+    bl_label = "Plant Copies"
+    bl_options: ClassVar[set[str]] = {"UNDO"}
+
+    @classmethod
+    def obstacle(cls, context: bpy.types.Context) -> str:
+        reason = super().obstacle(context)
+        copied = context.mode == "OBJECT" and any(map(copy_of, context.selected_objects))
+        return reason or ("" if copied else say(NO_COPIES))
+
+    def act(self, context: bpy.types.Context) -> str | None:
+        known, planted = plantings_by_label(context.scene), []
+        for thing in context.selected_objects:
+            label, variant = copy_of(thing) or ("", 0)
+            if label not in known or variant >= known[label].variants:
+                continue
+            place, turn, size = thing.matrix_world.decompose()
+            turned = np.rad2deg(turn.to_euler().z)
+            add_tree(known[label], place[:2], turned, sum(size) / 3, variant)
+            planted.append(thing)
+        if not planted:
+            self.report({"WARNING"}, say("No planting of this forest has these trees"))
+            return None
+        data = {thing.data for thing in planted}
+        bpy.data.batch_remove(planted)
+        bpy.data.batch_remove([mesh for mesh in data if not mesh.users])  # the browser copies them
+        context.scene.update_tag()
+        if context.scene.forest_sensing.plant_grows and not obstacle(context):
+            bpy.ops.forest.build("INVOKE_DEFAULT")
+        return say("{count} planted; Grow Forest keeps them", count=len(planted))
+
+
+def copy_of(thing: bpy.types.Object) -> tuple[str, int] | None:
+    """Return the planting and variant of which an object is a copy that somebody made; None: of none."""
+    part, _, name = str(thing.get(ROLE_KEY, "")).partition("/")
+    if thing.type != "MESH" or is_ours(thing):
+        return None
+    if part == VARIANTS:
+        return variant_copied(thing)
+    if part == TREES and STOOD_KEY in thing:
+        return name.rpartition(" ")[0], int(thing[STOOD_KEY][4])
+    return None
+
+
+def variant_copied(thing: bpy.types.Object) -> tuple[str, int] | None:
+    """Return planting and number of the variant that an object is, here or in another file; None: of none."""
+    part, _, name = str(thing.get(ROLE_KEY, "")).partition("/")
+    label, _, number = name.rpartition(".")
+    is_one = thing.type == "MESH" and part == VARIANTS and number.isdecimal()
+    return (label, int(number)) if is_one else None
+
+
+def draw_menu(menu: Any, context: bpy.types.Context) -> None:
+    """Draw what can be done with selected trees, in the context menu of objects."""
+    stand = any(STOOD_KEY in thing for thing in context.selected_objects)
+    copied = any(map(copy_of, context.selected_objects))
+    if stand or copied:
+        menu.layout.separator()
+    for name in ("lock_trees", "swap_trees", "remove_trees") if stand else ():
+        menu.layout.operator(f"forest.{name}")
+    if copied:
+        menu.layout.operator("forest.adopt_trees")
+
+
+MENUS = (("VIEW3D_MT_object_context_menu", draw_menu),)
+
 
 APART = 0.6  # of the mean distance at a density, that trees of one stroke keep
 TRIES = 20  # for each tree that is wanted
-Kept = list[tuple[list[dict[str, Any]], list[dict[str, Any]]]]
+Kept = list[tuple[tuple[HandTree, ...], tuple[Clearing, ...]]]
 
 
 @dataclass
@@ -34,16 +271,20 @@ class Hand:
     cleared: list[tuple[float, float, float]] = field(default_factory=list)
     before: list[Kept] = field(default_factory=list)
 
+    @property
+    def places(self) -> np.ndarray:
+        """Places of the trees, (N, 2) m."""
+        return np.reshape([tree.place for tree in self.trees], (-1, 2))
+
     def look(self) -> None:
         """See what stands now."""
         self.trees = stood_trees(self.scene)
-        self.places = np.reshape([tree.place for tree in self.trees], (-1, 2))
         self.set.clear()
         self.cleared.clear()
 
     def begin(self) -> None:
         """Note what there was before a stroke."""
-        self.before.append(_kept(self.scene))
+        self.before.append(hand_trees(self.scene))
 
     def take_back(self) -> bool:
         """Undo a stroke; returns whether there was one."""
@@ -56,13 +297,10 @@ class Hand:
 
     def plant(self, planting: Any, place: Place) -> None:
         """Set one tree."""
-        tree = planting.by_hand.add()
-        tree.position = place
-        tree.use_rotation_deg = True  # so it stays the same tree when others are set or removed
-        tree.rotation_deg = float(self.rng.uniform(-180, 180))
+        turned = float(self.rng.uniform(-180, 180))
         low, high = planting.scale
-        tree.use_scale, tree.scale = True, float(low * (high / low) ** self.rng.random())
-        tree.use_variant, tree.variant = True, int(self.rng.integers(planting.variants))
+        scale = float(low * (high / low) ** self.rng.random())
+        add_tree(planting, place, turned, scale, int(self.rng.integers(planting.variants)))
         self.set.append((float(place[0]), float(place[1])))
 
     def scatter(self, planting: Any, place: Place, radius: float, density: float) -> int:
@@ -99,7 +337,7 @@ class Hand:
                     planting.by_hand.remove(number)
                     gone += 1
         self.set = [xy for xy in self.set if np.hypot(*np.subtract(xy, place)) > radius]
-        self._drop(near)
+        self.trees = [tree for k, tree in enumerate(self.trees) if k not in near]
         if gone:
             self.cleared.append((float(place[0]), float(place[1]), radius))
         return gone
@@ -123,7 +361,6 @@ class Hand:
             tree.thing.location[:2] = place
         set_tree(planting, now, None if variant is None else variant % planting.variants)
         self.trees[number] = replace(now, planted=now.place, was=(now.rotation, now.scale))
-        self.places[number] = now.place
         self.set.append(now.place)
 
     def remove(self, tree: StoodTree) -> None:
@@ -132,40 +369,30 @@ class Hand:
         if tree.label in known:
             remove_tree(known[tree.label], tree.planted)
             self.cleared.append((*tree.planted, 0.5))
-            self._drop(np.array([self.trees.index(tree)]))
+            self.trees.remove(tree)
 
     def _is_set(self, known: dict[str, Any], tree: StoodTree) -> bool:
         return tree.label in known and find_set(known[tree.label], tree.planted) is not None
 
-    def _drop(self, rows: np.ndarray) -> None:
-        gone = set(rows.tolist())
-        self.trees = [tree for number, tree in enumerate(self.trees) if number not in gone]
-        self.places = np.delete(self.places, rows, axis=0)
 
+def hand_trees(scene: bpy.types.Scene) -> Kept:
+    """Return the trees and clearings that are set by hand in each planting.
 
-def _kept(scene: bpy.types.Scene) -> Kept:
-    """Return what is set and cleared in each planting, as plain values."""
-
-    def rows(items: Any) -> list[dict[str, Any]]:
-        return [{key: _plain(getattr(item, key)) for key in _names(item)} for item in items]
-
-    return [(rows(p.by_hand), rows(p.clearings)) for p in scene.forest_sensing.plantings]
+    Raises
+    ------
+    SpecError : a value that cannot be used.
+    """
+    return [
+        (
+            tuple(read(tree, HandTree) for tree in planting.by_hand),
+            tuple(read(disc, Clearing) for disc in planting.clearings),
+        )
+        for planting in scene.forest_sensing.plantings
+    ]
 
 
 def _restore(scene: bpy.types.Scene, kept: Kept) -> None:
-    for planting, lists in zip(scene.forest_sensing.plantings, kept, strict=False):
-        for items, rows in zip((planting.by_hand, planting.clearings), lists, strict=True):
-            items.clear()
-            for row in rows:
-                item = items.add()
-                for key, value in row.items():
-                    setattr(item, key, value)
+    for planting, (trees, discs) in zip(scene.forest_sensing.plantings, kept, strict=False):
+        fill(planting, "by_hand", trees)
+        fill(planting, "clearings", discs)
     scene.update_tag()
-
-
-def _names(item: Any) -> list[str]:
-    return list(type(item).__annotations__)
-
-
-def _plain(value: Any) -> Any:
-    return value if isinstance(value, (bool, int, float, str)) else tuple(value)

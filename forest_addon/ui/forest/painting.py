@@ -7,34 +7,21 @@ Weight Paint mode, by the button or Blender's own ways, it is put away then.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import bpy
 
 from ... import spec
 from ...blender.scene.layout import INTENSITY, part
 from ..settings import exchange
-from ..shell.chosen import chosen_planting
-from ..shell.running import LINKED, PROBLEMS, in_words
-from ..shell.selection import select
-from ..shell.views import see_through
+from ..shell.running import Button
+from ..shell.views import chosen_planting, see_through, select
 from ..shell.words import say
 
 NAME = "Canvas"
 PAINTING = "PAINT_WEIGHT"
 
 _in_hand = ""  # the canvas that is being painted
-
-
-def register() -> None:
-    """Hear when a mode is left."""
-    bpy.app.handlers.depsgraph_update_post.append(_put_away)
-
-
-def unregister() -> None:
-    """Take the handler back."""
-    if _put_away in bpy.app.handlers.depsgraph_update_post:
-        bpy.app.handlers.depsgraph_update_post.remove(_put_away)
 
 
 @bpy.app.handlers.persistent
@@ -52,39 +39,30 @@ def _put_away(*_: object) -> None:
         put_away(thing)
 
 
-class FOREST_OT_paint(bpy.types.Operator):
+class FOREST_OT_paint(Button, bpy.types.Operator):
     """Paint where this species stands, on the ground; press again when it is done"""
 
     bl_idname = "forest.paint"
     bl_label = "Paint"
-    bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO"}
 
     @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        reason = ""
+    def obstacle(cls, context: bpy.types.Context) -> str:
         if context.mode not in ("OBJECT", PAINTING):
-            reason = say("Leave this mode first: painting begins in Object Mode")
-        elif not context.scene.is_editable:
-            reason = say(LINKED)
-        elif chosen_planting(context.scene.forest_sensing) is None:
+            return say("Leave this mode first: painting begins in Object Mode")
+        reason = super().obstacle(context)
+        if not reason and chosen_planting(context.scene.forest_sensing) is None:
             reason = say("There is no planting yet. Add one to the list")
-        if reason:
-            cls.poll_message_set(reason)
-        return not reason
+        return reason
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def act(self, context: bpy.types.Context) -> str:
         from ...blender.show.intensity import layer_of, take_up
 
         global _in_hand
         if context.mode == PAINTING:
             bpy.ops.object.mode_set(mode="OBJECT")
             _put_away()
-            return {"FINISHED"}
-        try:
-            thing = self._canvas(context)
-        except PROBLEMS as problem:
-            self.report({"ERROR"}, in_words(problem))
-            return {"CANCELLED"}
+            return ""
+        thing = self._canvas(context)
         planting = chosen_planting(context.scene.forest_sensing)
         layer = layer_of(thing, _layer_name(planting, thing))
         planting.painted = f"{thing.name}:{layer.name}"
@@ -93,11 +71,10 @@ class FOREST_OT_paint(bpy.types.Operator):
         take_up(thing)
         _in_hand = thing.name
         see_through(True)
-        self.report({"INFO"}, "Paint where trees stand; Done ends it, Grow Forest plants them")
-        return {"FINISHED"}
+        return say("Paint where trees stand; Done ends it, Grow Forest plants them")
 
     def _canvas(self, context: bpy.types.Context) -> bpy.types.Object:
-        """The scene's intensity, laid over the field as it is now."""
+        """The scene's canvas, laid over the field as it is now."""
         from ...blender.show import intensity
 
         props = context.scene.forest_sensing
@@ -123,7 +100,7 @@ def _terrain(context: bpy.types.Context, field: spec.Forest, folder: Path) -> An
 
 
 def _layer_name(planting: Any, thing: bpy.types.Object) -> str:
-    """The layer that the planting has on the intensity, or the name for one of its own."""
+    """The layer that the planting has on the canvas, or the name for one of its own."""
     if planting.painted_pointer == thing and planting.painted_layer in thing.vertex_groups:
         return str(planting.painted_layer)
     stem = name = Path(planting.species).stem or "trees"
@@ -134,4 +111,4 @@ def _layer_name(planting: Any, thing: bpy.types.Object) -> str:
     return name
 
 
-CLASSES = (FOREST_OT_paint,)
+HANDLERS = (("depsgraph_update_post", _put_away),)

@@ -1,36 +1,200 @@
-"""The panel *Forest*: what grows, where it stands, on which ground."""
+"""The panel *Forest*: what grows, where it stands, on which ground, with the lists that it has."""
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any, ClassVar
 
 import bpy
 
 from ..settings.drawing import (
     BIG,
+    Listed,
+    OfForest,
+    Row,
     Tab,
-    WithForest,
+    buttons,
     draw_field,
+    draw_listed,
     draw_reference,
     draw_settings,
     is_shown,
+    rows,
     split,
 )
 from ..settings.exchange import forestless
-from ..settings.lists import draw_list
 from ..settings.presets import draw_presets
 from ..settings.saved import draw_notice
-from ..shell import requirements
-from ..shell.chosen import chosen
-from ..shell.progress import draw_job
-from ..shell.running import current
-from ..shell.words import label
-from . import live
-from .display import draw_display
+from ..shell import running
+from ..shell.running import current, draw_job
+from ..shell.views import chosen, chosen_planting
+from ..shell.words import EDITED, keep, label, title_of
+from . import build
 from .painting import PAINTING
+from .planting import is_planting
+from .wind import draw_display
+
+Context = bpy.types.Context
 
 
-def _planting(context: bpy.types.Context) -> Any:
+def _props(context: Context) -> Any:
+    return context.scene.forest_sensing
+
+
+def _planting(context: Context) -> Any:
+    return chosen_planting(_props(context))
+
+
+NO_PLANTING = keep("There is no planting yet. Add one to the list")
+WIDE = 2.0  # metres, of a clearing that a button makes
+
+
+def _planting_row(item: Any) -> Row:
+    edited = item.species.startswith(EDITED)
+    known = item.standing >= 0
+    count = item.standing if known else item.expected
+    number = label("1 tree") if count == 1 else label("{expected:g} trees", expected=count)
+    return Row(
+        title_of(item.species) or label("(no species)"),
+        "GREASEPENCIL" if edited else "OUTLINER_OB_CURVES",
+        number if known or item.use_expected else "",
+    )
+
+
+def _place(place: Any, form: str = "g") -> str:
+    return f"{place[0]:{form}}, {place[1]:{form}} m"
+
+
+def _start_planting(planting: Any, _context: Context) -> None:
+    planting.species = "maple"
+    planting.use_expected = True
+
+
+def _start_hill(hill: Any, context: Context) -> None:
+    field = _props(context).forest
+    hill.centre = [o + s / 2 for o, s in zip(field.origin, field.size, strict=True)]
+    hill.width = [s / 4 for s in field.size]
+
+
+def _start_image(raster: Any, context: Context) -> None:
+    field = _props(context).forest
+    raster.size, raster.origin = field.size, field.origin  # when switched on
+
+
+def _start_distance(pair: Any, context: Context) -> None:
+    planting = _planting(context)
+    if planting is not None:
+        pair.species = pair.other = planting.species
+    pair.distance = _props(context).forest.spacing
+
+
+def _start_stems(stems: Any, _context: Context) -> None:
+    stems.count = 1000
+
+
+def _start_tree(tree: Any, context: Context) -> None:
+    tree.position = context.scene.cursor.location[:2]
+
+
+def _start_clearing(disc: Any, context: Context) -> None:
+    disc.position, disc.radius = context.scene.cursor.location[:2], WIDE
+
+
+CLASSES = (
+    rows("plantings", "Species of the forest", _planting_row),
+    *buttons(
+        "planting",
+        "Planting",
+        Listed("plantings", _props),
+        "Plant one more species",
+        _start_planting,
+    ),
+    rows(
+        "gaussians",
+        "Hills of a species' intensity",
+        lambda item: Row(
+            _place(item.centre), "MESH_CIRCLE", label("peak {height:.3g}", height=item.peak)
+        ),
+    ),
+    *buttons(
+        "gaussian",
+        "Hill",
+        Listed("gaussians", _planting, NO_PLANTING),
+        "Add a hill of the intensity function, in the middle of the field",
+        _start_hill,
+    ),
+    rows(
+        "rasters",
+        "Images of a species' intensity",
+        lambda item: Row(Path(item.file).name or label("(no file)"), "IMAGE_DATA", item.use),
+    ),
+    *buttons(
+        "raster",
+        "Image",
+        Listed("rasters", _planting, NO_PLANTING),
+        "Add an image to the intensity function",
+        _start_image,
+    ),
+    rows(
+        "distances",
+        "Distances between pairs of species",
+        lambda item: Row(
+            f"{item.species or '?'}, {item.other or '?'}",
+            "DRIVER_DISTANCE",
+            f"{item.distance:g} m",
+        ),
+    ),
+    *buttons(
+        "distance",
+        "Distance",
+        Listed("distances", lambda context: _props(context).forest),
+        "Add a distance between trees of two species, at first of the chosen planting with itself",
+        _start_distance,
+    ),
+    rows(
+        "stems",
+        "Stems that only reverb hears",
+        lambda item: Row(label("{count:,} stems", count=item.count), "MESH_CYLINDER"),
+    ),
+    *buttons(
+        "stems",
+        "Stems",
+        Listed("stems", _props),
+        "Add trees that are upright cylinders only: reverb hears them, nothing is grown",
+        _start_stems,
+    ),
+    rows(
+        "by_hand",
+        "Trees of a planting that were set by hand",
+        lambda item: Row(
+            _place(item.position, ".2f"),
+            "OUTLINER_OB_CURVES",
+            label("variant {number}", number=item.variant) if item.use_variant else "",
+        ),
+    ),
+    *buttons(
+        "hand_tree",
+        "Tree",
+        Listed("by_hand", _planting, NO_PLANTING),
+        "Set a tree by hand at the 3D cursor",
+        _start_tree,
+    ),
+    rows(
+        "clearings",
+        "Discs that a planting keeps free",
+        lambda item: Row(_place(item.position, ".2f"), "MESH_CIRCLE", f"{item.radius:.3g} m"),
+    ),
+    *buttons(
+        "clearing",
+        "Clearing",
+        Listed("clearings", _planting, NO_PLANTING),
+        "Keep a disc around the 3D cursor free of trees that are drawn",
+        _start_clearing,
+    ),
+)
+
+
+def _shown_planting(context: bpy.types.Context) -> Any:
     return chosen(context.scene.forest_sensing, "plantings")
 
 
@@ -46,7 +210,7 @@ class FOREST_PT_forest(Tab, bpy.types.Panel):
 
     def draw(self, context: bpy.types.Context) -> None:
         layout, props = self.layout, context.scene.forest_sensing
-        if requirements.missing():
+        if running.missing():
             _say_what_is_missing(layout)
         if props.notice:
             draw_notice(layout, props)
@@ -65,12 +229,10 @@ class FOREST_PT_forest(Tab, bpy.types.Panel):
         draw_display(column, props)
 
 
-class FOREST_PT_plantings(WithForest, bpy.types.Panel):
-    """Of the species that is chosen above: how many, and how they stand."""
+class FOREST_PT_plantings(OfForest, bpy.types.Panel):
+    """Planting of the species that is chosen above: how many, and how they stand."""
 
     bl_label = "Planting"
-    bl_parent_id = "FOREST_PT_forest"
-    bl_options: ClassVar[set[str]] = {"DEFAULT_CLOSED"}
 
     def draw_header_preset(self, _context: bpy.types.Context) -> None:
         draw_presets(self.layout, "planting")
@@ -80,7 +242,7 @@ class FOREST_PT_plantings(WithForest, bpy.types.Panel):
         if not props.plantings:
             layout.label(text="No trees: add a planting", icon="INFO")
             return
-        column, planting = split(layout), _planting(context)
+        column, planting = split(layout), _shown_planting(context)
         if props.advanced:  # a species file that no folder of ours has
             draw_field(column, planting, "species")
         for name in ("variants", "layout", "expected", "density", "exact"):
@@ -105,18 +267,15 @@ class FOREST_PT_intensity(_OfPlanting, bpy.types.Panel):
     bl_options: ClassVar[set[str]] = set()
 
     def draw(self, context: bpy.types.Context) -> None:
-        layout, planting = self.layout, _planting(context)
+        layout, planting = self.layout, _shown_planting(context)
         layout.active = planting.layout in ("poisson", "clusters", "strauss")
-        draw_list(layout, "FOREST_UL_gaussians", planting, "gaussians", "gaussian")
+        draw_listed(layout, planting, "gaussians", "gaussian")
         if not planting.gaussians:
             layout.label(text="No hills: the same everywhere", icon="INFO")
         else:
-            draw_settings(split(layout), chosen(planting, "gaussians"))
             layout.prop(context.scene.forest_sensing, "drag_hills", icon="EMPTY_AXIS", toggle=True)
         layout.label(text="Images")
-        draw_list(layout, "FOREST_UL_rasters", planting, "rasters", "raster")
-        if planting.rasters:
-            draw_settings(split(layout), chosen(planting, "rasters"))
+        draw_listed(layout, planting, "rasters", "raster")
         column = split(layout)
         draw_field(column, planting, "base")
         draw_reference(column, planting, "painted")
@@ -135,7 +294,7 @@ class FOREST_PT_limits(_OfPlanting, bpy.types.Panel):
     def draw(self, context: bpy.types.Context) -> None:
         column = split(self.layout)
         for name in ("slope_deg", "altitude", "polygon", "holes"):
-            draw_field(column, _planting(context), name)
+            draw_field(column, _shown_planting(context), name)
 
 
 class _OfLayout(_OfPlanting):
@@ -144,7 +303,7 @@ class _OfLayout(_OfPlanting):
     which: ClassVar[str]
 
     def draw(self, context: bpy.types.Context) -> None:
-        column, planting = split(self.layout), _planting(context)
+        column, planting = split(self.layout), _shown_planting(context)
         column.active = planting.layout == self.which
         draw_settings(column, getattr(planting, self.which))
 
@@ -168,7 +327,7 @@ class FOREST_PT_list(_OfPlanting, bpy.types.Panel):
     bl_label = "List of Trees"
 
     def draw(self, context: bpy.types.Context) -> None:
-        column, planting = split(self.layout), _planting(context)
+        column, planting = split(self.layout), _shown_planting(context)
         column.active = planting.layout == "list"
         for name in ("trees", "collection"):
             draw_field(column, planting, name)
@@ -178,10 +337,10 @@ class FOREST_PT_targets(_OfPlanting, bpy.types.Panel):
     bl_label = "Grown to Measure"
 
     def draw_header(self, context: bpy.types.Context) -> None:
-        self.layout.prop(_planting(context), "use_targets", text="")
+        self.layout.prop(_shown_planting(context), "use_targets", text="")
 
     def draw(self, context: bpy.types.Context) -> None:
-        column, planting = split(self.layout), _planting(context)
+        column, planting = split(self.layout), _shown_planting(context)
         column.active = planting.use_targets
         targets = planting.targets
         row = column.row(align=True, heading=targets.bl_rna.properties["dbh"].name)
@@ -193,10 +352,33 @@ class FOREST_PT_targets(_OfPlanting, bpy.types.Panel):
         draw_settings(column, targets)
 
 
-class FOREST_PT_spacing(WithForest, bpy.types.Panel):
+class FOREST_PT_by_hand(_OfPlanting, bpy.types.Panel):
+    """Single trees of the chosen planting that stay as they were set, discs without trees."""
+
+    bl_label = "By Hand"
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout, planting, props = self.layout, _shown_planting(context), _props(context)
+        text = label("Done Planting") if is_planting() else label("Plant by Hand")
+        row = layout.row()
+        row.scale_y = BIG
+        row.operator("forest.plant", text=text, icon="CHECKMARK" if is_planting() else "BRUSH_DATA")
+        column = split(layout)
+        for name in ("plant_radius", "plant_density", "plant_grows"):
+            column.prop(props, name)
+        layout.label(text="Selected Trees")
+        row = layout.column(align=True)  # side by side their names would be cut off
+        for name, icon in (("lock", "LOCKED"), ("swap", "FILE_REFRESH"), ("remove", "X")):
+            row.operator(f"forest.{name}_trees", icon=icon)
+        row.operator("forest.adopt_trees", icon="ADD")
+        layout.label(text="Trees Set by Hand")
+        draw_listed(layout, planting, "by_hand", "hand_tree")
+        layout.label(text="Clearings")
+        draw_listed(layout, planting, "clearings", "clearing")
+
+
+class FOREST_PT_spacing(OfForest, bpy.types.Panel):
     bl_label = "Spacing"
-    bl_parent_id = "FOREST_PT_forest"
-    bl_options: ClassVar[set[str]] = {"DEFAULT_CLOSED"}
 
     def draw(self, context: bpy.types.Context) -> None:
         layout, forest = self.layout, context.scene.forest_sensing.forest
@@ -205,29 +387,21 @@ class FOREST_PT_spacing(WithForest, bpy.types.Panel):
             if is_shown(forest, name):
                 draw_field(column, forest, name)
         layout.label(text="Between Two Species")
-        draw_list(layout, "FOREST_UL_distances", forest, "distances", "distance")
-        if forest.distances:
-            draw_settings(split(layout), chosen(forest, "distances"))
+        draw_listed(layout, forest, "distances", "distance")
 
 
-class FOREST_PT_stems(WithForest, bpy.types.Panel):
+class FOREST_PT_stems(OfForest, bpy.types.Panel):
     bl_label = "Stems for Reverb"
-    bl_parent_id = "FOREST_PT_forest"
-    bl_options: ClassVar[set[str]] = {"DEFAULT_CLOSED"}
 
     def draw(self, context: bpy.types.Context) -> None:
         layout, props = self.layout, context.scene.forest_sensing
-        draw_list(layout, "FOREST_UL_stems", props, "stems", "stems")
+        draw_listed(layout, props, "stems", "stems")
         if props.stems:
-            stems = chosen(props, "stems")
-            draw_settings(split(layout), stems)
-            draw_settings(split(layout), stems.radius)
+            draw_settings(split(layout), chosen(props, "stems").radius)
 
 
-class FOREST_PT_ground(WithForest, bpy.types.Panel):
+class FOREST_PT_ground(OfForest, bpy.types.Panel):
     bl_label = "Ground"
-    bl_parent_id = "FOREST_PT_forest"
-    bl_options: ClassVar[set[str]] = {"DEFAULT_CLOSED"}
 
     def draw(self, context: bpy.types.Context) -> None:
         props = context.scene.forest_sensing
@@ -259,7 +433,7 @@ def _draw_update(layout: bpy.types.UILayout, scene: bpy.types.Scene) -> None:
     if "forest" not in scene.forest_sensing.results:
         _build_or_progress(row, "OUTLINER_OB_CURVES", label("Grow Forest"))
     else:
-        star = " *" if live.is_stale(scene) else ""
+        star = " *" if build.is_stale(scene) else ""
         _build_or_progress(row, "FILE_REFRESH", label("Grow Forest") + star)
     beside = row.row(align=True)
     beside.scale_y = BIG
@@ -271,8 +445,8 @@ def _say_what_is_missing(layout: bpy.types.UILayout) -> None:
     box = layout.box()
     box.alert = True
     column = box.column(align=True)
-    column.label(text=requirements.in_words(requirements.missing()), icon="ERROR")
-    for line in requirements.WHAT_TO_DO:
+    column.label(text=running.packages_in_words(running.missing()), icon="ERROR")
+    for line in running.WHAT_TO_DO:
         column.label(text=line)
 
 
@@ -291,19 +465,3 @@ def _build_or_progress(layout: bpy.types.UILayout, icon: str, text: str) -> None
         draw_job(row, job)
     else:
         row.operator("forest.build", text=text, icon=icon)
-
-
-CLASSES = (
-    FOREST_PT_forest,
-    FOREST_PT_plantings,
-    FOREST_PT_intensity,
-    FOREST_PT_limits,
-    FOREST_PT_clusters,
-    FOREST_PT_strauss,
-    FOREST_PT_rows,
-    FOREST_PT_list,
-    FOREST_PT_targets,
-    FOREST_PT_spacing,
-    FOREST_PT_stems,
-    FOREST_PT_ground,
-)

@@ -1,8 +1,13 @@
-"""Plant by hand: a brush over the ground that sets trees, takes them away and changes single ones.
+"""Plant by hand in the view: a brush over the ground, and trees dragged from the Asset Browser.
 
 A click sets a tree, a drag fills the brush's disc up to a density, with Ctrl it clears; with Shift the
 nearest tree is dragged. The forest is grown after each stroke, so that what is seen is what a scene file
 grows.
+
+Blender sets a tree that is dropped down as an object, by an operator of its own that no class of ours stands
+behind. What that operator has just set down is seen here, and planted as *Plant Copies* does, with *Grow at
+Once*; without, it stays an object until that button is pressed. So does a tree of another file, unless it is
+the same as one of this forest: the message says what to do.
 """
 
 from __future__ import annotations
@@ -13,18 +18,30 @@ from typing import Any, ClassVar
 import bpy
 import gpu
 import numpy as np
-from bpy_extras.view3d_utils import region_2d_to_origin_3d, region_2d_to_vector_3d
+from bpy_extras.view3d_utils import (
+    location_3d_to_region_2d,
+    region_2d_to_origin_3d,
+    region_2d_to_vector_3d,
+)
 from gpu_extras.batch import batch_for_shader
 from mathutils import Vector
 
 from ...base.rng import stream
-from ...blender.scene.layout import GROUND_NAME, GROUND_ROLE, ROLE_KEY, find_part
-from ..shell.chosen import chosen_planting
-from ..shell.running import current, obstacle
-from ..shell.views import region_of, views
+from ...blender.scene.instances import ASSET_KEY
+from ...blender.scene.layout import (
+    GROUND_NAME,
+    GROUND_ROLE,
+    ROLE_KEY,
+    SHAPE_KEY,
+    VARIANTS,
+    by_role,
+    find_part,
+)
+from ...spec import SpecError
+from ..shell.running import WhenReady, current, obstacle
+from ..shell.views import chosen_planting, holds, redraw_views, region_below, region_of
 from ..shell.words import keep, say
-from .hand import Hand
-from .hand_edits import take_up_changes
+from .hand import Hand, copy_of, hand_trees, take_up_changes, variant_copied
 
 TICK = 0.1  # s between two looks at whether the forest can be grown
 STEP = 0.5  # of the radius that the brush moves between two dabs
@@ -40,7 +57,7 @@ _working: FOREST_OT_plant | None = None
 _handle: Any = None
 
 
-class FOREST_OT_plant(bpy.types.Operator):
+class FOREST_OT_plant(WhenReady, bpy.types.Operator):
     """Plant the chosen species with a brush: click, drag, Ctrl to clear, Shift to move; press again to end"""
 
     bl_idname = "forest.plant"
@@ -48,22 +65,25 @@ class FOREST_OT_plant(bpy.types.Operator):
     bl_options: ClassVar[set[str]] = {"UNDO"}
 
     @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
+    def obstacle(cls, context: bpy.types.Context) -> str:
         if _working is not None:
-            return True
-        reason = obstacle(context)
+            return ""
+        reason = super().obstacle(context)
         if not reason and chosen_planting(context.scene.forest_sensing) is None:
             reason = say("There is no planting yet. Add one to the list")
         if not reason and (context.area is None or context.area.type != "VIEW_3D"):
             reason = say("Plant in a 3D view")
-        if reason:
-            cls.poll_message_set(reason)
-        return not reason
+        return reason
 
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
-        global _working
+        global _working, _handle
         if _working is not None:
             _working.over = True
+            return {"CANCELLED"}
+        try:
+            hand_trees(context.scene)  # those that cannot be used could not be taken back
+        except SpecError as problem:
+            self.report({"ERROR"}, str(problem))
             return {"CANCELLED"}
         take_up_changes(context.scene)
         # chance itself is wanted; what comes of it is noted in the settings
@@ -75,10 +95,10 @@ class FOREST_OT_plant(bpy.types.Operator):
         self.area, self.grew = context.area, None
         self.timer = context.window_manager.event_timer_add(TICK, window=context.window)
         _working = self
-        _draw_from_now_on()
+        _handle = bpy.types.SpaceView3D.draw_handler_add(_draw, (), "WINDOW", "POST_VIEW")
         context.workspace.status_text_set(say(KEYS))
         context.window_manager.modal_handler_add(self)
-        _redraw()
+        redraw_views()
         return {"RUNNING_MODAL"}
 
     def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
@@ -98,7 +118,7 @@ class FOREST_OT_plant(bpy.types.Operator):
             self.clearing = event.ctrl
             if self.stroke and place is not None:
                 self._drag(context, place)
-            self.area.tag_redraw()
+            self.area.tagredraw_views()
             return {"RUNNING_MODAL"} if self.stroke else {"PASS_THROUGH"}
         if event.value != "PRESS" or place is None:
             return {"PASS_THROUGH"}
@@ -172,7 +192,7 @@ class FOREST_OT_plant(bpy.types.Operator):
                 self.due = True
         else:
             return {"PASS_THROUGH"}
-        self.area.tag_redraw()
+        self.area.tagredraw_views()
         return {"RUNNING_MODAL"}
 
     def _grow(self, context: bpy.types.Context) -> None:
@@ -182,7 +202,7 @@ class FOREST_OT_plant(bpy.types.Operator):
             context.workspace.status_text_set(say(KEYS))  # where the job said how far it was
             if not self.due and not self.stroke:
                 self.hand.look()
-                self.area.tag_redraw()
+                self.area.tagredraw_views()
         if not self.due or self.stroke or current() is not None:
             return
         self.due = False
@@ -194,14 +214,11 @@ class FOREST_OT_plant(bpy.types.Operator):
 
     def _below(self, context: bpy.types.Context, event: bpy.types.Event) -> Vector | None:
         """Return where the ground is below the mouse, None beside the view."""
-        region = region_of(self.area, "WINDOW")
-        over = [r for r in self.area.regions if _is_over(r, event)]
-        if over != [region]:
+        region, x, y = region_of(self.area, "WINDOW"), event.mouse_x, event.mouse_y
+        if [r for r in self.area.regions if r.width > 1 and holds(r, x, y)] != [region]:
             return None
-        xy = event.mouse_x - region.x, event.mouse_y - region.y
         view = self.area.spaces.active.region_3d
-        begin = region_2d_to_origin_3d(region, view, xy)
-        return ground_below(context, begin, region_2d_to_vector_3d(region, view, xy))
+        return _ground_seen(context, region, view, (x - region.x, y - region.y))
 
     def _end(self, context: bpy.types.Context) -> set[str]:
         global _working
@@ -210,13 +227,21 @@ class FOREST_OT_plant(bpy.types.Operator):
             context.workspace.status_text_set(None)
             _working = None
             _draw_no_more()
-            _redraw()
+            redraw_views()
         return {"FINISHED"} if self.hand.before else {"CANCELLED"}
 
 
 def is_planting() -> bool:
     """Return whether somebody plants now."""
     return _working is not None
+
+
+def _ground_seen(
+    context: bpy.types.Context, region: bpy.types.Region, view: bpy.types.RegionView3D, mouse: Any
+) -> Vector | None:
+    """Return where the ground is below (x, y) of a region."""
+    begin = region_2d_to_origin_3d(region, view, mouse)
+    return ground_below(context, begin, region_2d_to_vector_3d(region, view, mouse))
 
 
 def ground_below(context: bpy.types.Context, begin: Vector, way: Vector) -> Vector | None:
@@ -234,21 +259,6 @@ def ground_below(context: bpy.types.Context, begin: Vector, way: Vector) -> Vect
     if abs(way.z) < 1e-9 or (terrain.base - begin.z) / way.z <= 0:
         return None
     return begin + way * ((terrain.base - begin.z) / way.z)
-
-
-def _is_over(region: bpy.types.Region, event: bpy.types.Event) -> bool:
-    x, y = event.mouse_x - region.x, event.mouse_y - region.y
-    return region.width > 1 and 0 <= x < region.width and 0 <= y < region.height
-
-
-def _redraw() -> None:
-    for _, area in views():
-        area.tag_redraw()
-
-
-def _draw_from_now_on() -> None:
-    global _handle
-    _handle = bpy.types.SpaceView3D.draw_handler_add(_draw, (), "WINDOW", "POST_VIEW")
 
 
 def _draw_no_more() -> None:
@@ -298,4 +308,117 @@ def unregister() -> None:
     _draw_no_more()
 
 
-CLASSES = (FOREST_OT_plant,)
+LOCAL = "OBJECT_OT_add_named"  # what Blender does when an asset of this file is dropped
+FOREIGN = ("OBJECT_OT_transform_to_mouse", "OBJECT_OT_collection_external_asset_drop")
+SOON = 0.01  # s: not within the update that tells of it
+
+_known = 0  # the session_uid of the tree that was dropped last
+
+
+class FOREST_OT_plant_dropped(bpy.types.Operator):
+    """Plant the tree that was dropped last, below the mouse
+
+    Only an operator is told where the mouse is, by the event that it is invoked with.
+    """
+
+    bl_idname = "forest.plant_dropped"
+    bl_label = "Plant Dropped Tree"
+    bl_options: ClassVar[set[str]] = {"INTERNAL"}
+
+    foreign: bpy.props.BoolProperty(
+        name="Of Another File",
+        description="The tree came from another file or library",
+        options={"HIDDEN", "SKIP_SAVE"},
+    )
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        thing = context.view_layer.objects.active
+        if thing is None or obstacle(context):
+            return {"CANCELLED"}
+        if self.foreign and not is_of_forest(thing, context.scene):
+            told = say(
+                "{name} is a tree of another file and stays an object, which sensors meet as it is; "
+                "add its species to the forest to plant it",
+                name=thing.name,
+            )
+            self.report({"INFO"}, told)
+            return {"FINISHED"}
+        area, region = region_below(context.window, event.mouse_x, event.mouse_y)
+        with context.temp_override(area=area, region=region, selected_objects=[thing]):
+            if region is not None:
+                _stand_below(bpy.context, thing)
+                context.view_layer.update()
+            bpy.ops.forest.adopt_trees()
+        return {"FINISHED"}
+
+
+@bpy.app.handlers.persistent
+def hear_drop(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
+    """Have a tree planted if it is what Blender did last."""
+    global _known
+    done = bpy.context.window_manager.operators
+    thing = depsgraph.view_layer.objects.active
+    if not len(done) or thing is None or thing.session_uid == _known:
+        return
+    foreign = done[-1].bl_idname in FOREIGN
+    if not foreign and done[-1].bl_idname != LOCAL:
+        return
+    is_tree = is_foreign_tree(thing) if foreign else copy_of(thing) is not None
+    if not is_tree or not (foreign or scene.forest_sensing.plant_grows):
+        return
+    _known = thing.session_uid
+    bpy.app.timers.register(plant_dropped, first_interval=SOON)
+
+
+def plant_dropped() -> None:
+    """Plant the tree that was dropped last, and grow the forest."""
+    for window in bpy.context.window_manager.windows:
+        thing = window.view_layer.objects.active
+        if thing is None or thing.session_uid != _known:
+            continue
+        done = bpy.context.window_manager.operators
+        foreign = bool(len(done)) and done[-1].bl_idname in FOREIGN
+        with bpy.context.temp_override(window=window):
+            bpy.ops.forest.plant_dropped("INVOKE_DEFAULT", foreign=foreign)
+        return
+
+
+def is_foreign_tree(thing: bpy.types.Object) -> bool:
+    """Return whether an object from another file is a tree of ours: a variant of a forest, or of a library of
+    species."""
+    home = thing.instance_collection
+    meshes = [t.data for t in home.objects] if home is not None else [thing.data]
+    said = [*(mesh for mesh in meshes if mesh is not None), thing]
+    return any(ASSET_KEY in block for block in said) or _role(thing).startswith(f"{VARIANTS}/")
+
+
+def is_of_forest(thing: bpy.types.Object, scene: bpy.types.Scene) -> bool:
+    """Return whether a tree from another file is the same as the variant of its name in this forest."""
+    known = variant_copied(thing)
+    mesh = by_role(bpy.data.meshes).get(_role(thing)) if known is not None else None
+    own = scene.forest_sensing.plant_grows and thing.data is not None
+    return bool(own and mesh and mesh.get(SHAPE_KEY, "") == thing.data.get(SHAPE_KEY))
+
+
+def _role(thing: bpy.types.Object) -> str:
+    return str(thing.get(ROLE_KEY, ""))
+
+
+def _stand_below(context: bpy.types.Context, thing: bpy.types.Object) -> None:
+    """Stand a tree upright where the mouse pointed at the ground.
+
+    Blender sets the middle of the box's bottom on the first face below the mouse, which may be of a crown.
+    """
+    low, high = thing.bound_box[0], thing.bound_box[6]
+    bottom = Vector(((low[0] + high[0]) / 2, (low[1] + high[1]) / 2, low[2]))
+    region, view = context.region, context.region.data
+    mouse = location_3d_to_region_2d(region, view, thing.matrix_world @ bottom)
+    if mouse is None:
+        return
+    place = _ground_seen(context, region, view, mouse)
+    if place is not None:
+        thing.rotation_euler[:2] = 0.0, 0.0
+        thing.location = place
+
+
+WINDOW_HANDLERS = (("depsgraph_update_post", hear_drop),)

@@ -1,21 +1,173 @@
-"""Scene files from the panel: taken into a Blender scene, written from one."""
+"""Scene files from the panel: taken into a Blender scene, written from one, written for other programs.
+
+In a new file that a window shows, a forest is moved as a whole beside Blender's start cube.
+
+A scene file that is written gives the same results without a window, wherever it is written. Files that
+settings name are named from its folder. Edited species are written into a folder beside it. Objects that are
+not ours are seen by sensors and may be named by settings, so a scene that has them starts from its .blend
+file.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import fields, is_dataclass, replace
 from pathlib import Path
-from typing import ClassVar
+from typing import Any
 
 import bpy
 from bpy_extras.io_utils import ExportHelper, ImportHelper
 
 from ... import spec
+from ...blender.scene.instances import IGNORED_KEY, may_be_met
+from ...blender.scene.layout import is_ours
 from ...blender.sensors.objects import file_name, sensors_of
 from ..settings.exchange import from_spec, to_spec
 from ..settings.preferences import rays_of
-from ..shell.chosen import choose_sensor
-from ..shell.running import PROBLEMS, InOwnScene, in_words
+from ..shell.running import Button, Reading
+from ..shell.views import choose_sensor
 from ..shell.words import say
-from .beside import beside_cube
+from ..species.edit import Edited, edited_species, from_folder, relocated
+
+CUBE, CORNERS = "Cube", 8  # what Blender starts with
+BESIDE = 2.0  # metres from the cube's middle to the ground that views show
+PLACES = {"origin", "centre", "start", "position", "source", "receiver"}
+OUTLINES = {"polygon", "holes"}
+# What is given by files and objects of its own does not move with the rest.
+NAMED = {"painted", "trees", "collection", "object", "file", "follow", "array_file"}
+NAMED |= {"source_path", "receiver_path", "source_objects", "receiver_objects"}
+
+
+def beside_cube(scene: bpy.types.Scene, settings: spec.Scene) -> spec.Scene:
+    """Move a forest beside the start cube of a new file, if a window shows that; else it stays in place."""
+    if bpy.app.background or bpy.data.filepath or not _is_start(scene) or _is_bound(settings):
+        return settings
+    from ...blender.scene.nodes import around
+
+    field = settings.forest
+    right = BESIDE + around(field) - field.origin[0]
+    return moved(settings, (round(right, 1), -field.origin[1] - field.size[1] / 2))
+
+
+def moved(settings: Any, way: tuple[float, float]) -> Any:
+    """Return settings with all places in them moved on the map, metres."""
+    changed = {}
+    for field in fields(settings):
+        value = getattr(settings, field.name)
+        if isinstance(settings, spec.Rows):
+            break  # they start at a place of the field
+        if field.name in PLACES and isinstance(value, tuple):
+            changed[field.name] = _place(value, way)
+        elif field.name in OUTLINES:
+            changed[field.name] = _outline(value, way)
+        elif is_dataclass(value):
+            changed[field.name] = moved(value, way)
+        elif isinstance(value, tuple) and any(map(is_dataclass, value)):
+            changed[field.name] = tuple(moved(item, way) for item in value)
+    return replace(settings, **changed)
+
+
+def _place(place: tuple[float, ...], way: tuple[float, float]) -> tuple[float, ...]:
+    return (place[0] + way[0], place[1] + way[1], *place[2:])
+
+
+def _outline(corners: tuple[Any, ...], way: tuple[float, float]) -> tuple[Any, ...]:
+    """An outline, or several, moved."""
+    if corners and isinstance(corners[0][0], tuple):
+        return tuple(_outline(ring, way) for ring in corners)
+    return tuple(_place(corner, way) for corner in corners)
+
+
+def _is_start(scene: bpy.types.Scene) -> bool:
+    """Return whether the start cube stands where Blender has put it."""
+    cube = scene.objects.get(CUBE)
+    return (
+        cube is not None
+        and cube.type == "MESH"
+        and len(cube.data.vertices) == CORNERS
+        and not any(cube.location)
+    )
+
+
+def _is_bound(settings: spec.Settings) -> bool:
+    """Return whether anything in settings is placed by a file or an object."""
+    return any(
+        name in NAMED and value and not isinstance(value, int) for name, value in _all_in(settings)
+    )
+
+
+def _all_in(settings: spec.Settings) -> Iterator[tuple[str, Any]]:
+    """Name and value of every setting, also of settings within others."""
+    for name, value in vars(settings).items():
+        yield name, value
+        for inner in value if isinstance(value, tuple) else (value,):
+            if isinstance(inner, spec.Settings):
+                yield from _all_in(inner)
+
+
+OF_OBJECTS = ("object", "painted", "collection", "follow", "source_objects", "receiver_objects")
+
+
+def write_scene(scene: bpy.types.Scene, path: Path) -> str:
+    """Write settings, edited species and sensors of a scene.
+
+    Returns what the user should know or do for the same results without a window; empty: nothing.
+
+    Raises
+    ------
+    SpecError : a value that cannot be used.
+    OSError : a file cannot be written.
+    """
+    from ...formats.toml_file import write_settings
+
+    path = path.resolve()
+    settings, edited = to_spec(scene), edited_species(scene)
+    origin = Path(bpy.path.abspath(scene.forest_sensing.folder))
+
+    def move(file: str) -> str:
+        known = (origin / file).is_file()  # else it is shipped with the add-on, or missing anyhow
+        return from_folder(origin / file, path.parent) if known else file
+
+    settings = spec.with_files(settings, move)
+    blend, wanting = _blend_for(scene, settings, path.parent)
+    write_settings(path, replace(_with_edited(settings, edited, path), blend=blend))
+    return wanting
+
+
+def _blend_for(scene: bpy.types.Scene, settings: spec.Scene, home: Path) -> tuple[str, str]:
+    """The .blend file that a scene file starts from, if it needs one, and what is wanting."""
+    others = sorted(
+        thing.name
+        for thing in scene.objects
+        if may_be_met(thing) and not is_ours(thing) and not thing.get(IGNORED_KEY)
+    )
+    others += sorted(
+        {value for name, value in _all_in(settings) if name in OF_OBJECTS and value} - set(others)
+    )
+    if not others:
+        return "", ""
+    few = ", ".join(others[:3])
+    if not bpy.data.filepath:
+        return "", say(
+            "It needs objects of this .blend ({few}): save that and export again", few=few
+        )
+    blend = from_folder(Path(bpy.data.filepath), home)
+    if bpy.data.is_dirty and not bpy.app.background:  # without a window 4.5 says so always
+        return blend, say("It starts from this .blend ({few}): save that too", few=few)
+    return blend, ""
+
+
+def _with_edited(settings: spec.Scene, edited: Edited, path: Path) -> spec.Scene:
+    """Write edited species into a folder beside a scene file; returns the settings that name them so."""
+    from ...formats.toml_file import write_settings
+
+    home = path.with_name(f"{path.stem}-species")
+    names = {name: f"{home.name}/{Path(name).name}" for name in edited}
+    for name, (species, origin) in edited.items():
+        home.mkdir(parents=True, exist_ok=True)
+        write_settings(path.parent / names[name], relocated(species, origin, home))
+    plantings = (replace(p, species=names.get(p.species, p.species)) for p in settings.plantings)
+    return replace(settings, plantings=tuple(plantings))
 
 
 def open_scene(
@@ -55,12 +207,11 @@ def take_scene(
             choose_sensor(bpy.context, sensors_of(scene)[0])  # active in the scene, too
 
 
-class FOREST_OT_load_scene(InOwnScene, bpy.types.Operator, ImportHelper):
+class FOREST_OT_load_scene(Button, bpy.types.Operator, ImportHelper):
     """Take forest and sensors from a scene file (.toml), the same that runs without a window"""
 
     bl_idname = "forest.load_scene"
     bl_label = "Open Scene File"
-    bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO"}
     filename_ext = ".toml"
     filter_glob: bpy.props.StringProperty(default="*.toml", options={"HIDDEN"})
     keep_sensors: bpy.props.BoolProperty(
@@ -68,24 +219,19 @@ class FOREST_OT_load_scene(InOwnScene, bpy.types.Operator, ImportHelper):
         description="Sensors of this scene stay beside those of the file; off: those take their place",
     )
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def act(self, context: bpy.types.Context) -> str:
         before = len(sensors_of(context.scene))
-        try:
-            name = open_scene(context.scene, Path(self.filepath), self.keep_sensors)
-        except PROBLEMS as problem:
-            self.report({"ERROR"}, in_words(problem))
-            return {"CANCELLED"}
+        name = open_scene(context.scene, Path(self.filepath), self.keep_sensors)
         done = say("{name} is loaded. Press Grow Forest to see it", name=name)
         if before and not self.keep_sensors:
             gone = say(
                 "Its sensors took the place of {count}; undo brings those back", count=before
             )
             done = f"{done}. {gone}"
-        self.report({"INFO"}, done)
-        return {"FINISHED"}
+        return done
 
 
-class FOREST_OT_save_scene(bpy.types.Operator, ExportHelper):
+class FOREST_OT_save_scene(Reading, bpy.types.Operator, ExportHelper):
     """Write forest and sensors to a scene file (.toml) that gives the same results without a window"""
 
     bl_idname = "forest.save_scene"
@@ -97,23 +243,15 @@ class FOREST_OT_save_scene(bpy.types.Operator, ExportHelper):
         self.filepath = f"{file_name(context.scene.forest_sensing.name)}.toml"
         return ExportHelper.invoke(self, context, event)
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
-        from .scene_export import write_scene
-
-        try:
-            wanting = write_scene(context.scene, Path(self.filepath))
-        except PROBLEMS as problem:
-            self.report({"ERROR"}, in_words(problem))
-            return {"CANCELLED"}
+    def act(self, context: bpy.types.Context) -> str:
+        wanting = write_scene(context.scene, Path(self.filepath))
         written = say("Written: {file}", file=self.filepath)
         if wanting:
             self.report({"WARNING"}, f"{written}. {wanting}")
-        else:
-            self.report({"INFO"}, written)
-        return {"FINISHED"}
+        return "" if wanting else written
 
 
-class FOREST_OT_export_others(bpy.types.Operator):
+class FOREST_OT_export_others(Reading, bpy.types.Operator):
     """Write the scene into a folder for other programs: OBJ parts, surveys of HELIOS++, JSON, .glb, .blend"""
 
     bl_idname = "forest.export_others"
@@ -129,7 +267,7 @@ class FOREST_OT_export_others(bpy.types.Operator):
         context.window_manager.fileselect_add(self)
         return {"RUNNING_MODAL"}
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def act(self, context: bpy.types.Context) -> str:
         from ...blender.files.others import export_for_others
         from ...blender.sensors.observe import Observer
         from ...sensing.lidar.surveys.export import flown
@@ -138,23 +276,12 @@ class FOREST_OT_export_others(bpy.types.Operator):
         folder = Path(bpy.path.abspath(self.directory or "//export"))
         home = Path(bpy.path.abspath(scene.forest_sensing.folder))
         told: list[str] = []
-        try:
-            settings = to_spec(scene)
-            observer = Observer(context.evaluated_depsgraph_get(), rays_of(settings.rays))
-            ways = {s.name: flown(s) or observer.way(s, home) for s in settings.sensors}
-            count = export_for_others(settings, observer.geometry, ways, folder, told.append)
-        except PROBLEMS as problem:
-            self.report({"ERROR"}, in_words(problem))
-            return {"CANCELLED"}
-        self.report(
-            {"INFO"},
-            say(
-                "{count} parts are in {folder}; scene.json there says what HELIOS++ has no word for",
-                count=count,
-                folder=str(folder),
-            ),
+        settings = to_spec(scene)
+        observer = Observer(context.evaluated_depsgraph_get(), rays_of(settings.rays))
+        ways = {s.name: flown(s) or observer.way(s, home) for s in settings.sensors}
+        count = export_for_others(settings, observer.geometry, ways, folder, told.append)
+        return say(
+            "{count} parts are in {folder}; scene.json there says what HELIOS++ has no word for",
+            count=count,
+            folder=str(folder),
         )
-        return {"FINISHED"}
-
-
-CLASSES = (FOREST_OT_load_scene, FOREST_OT_save_scene, FOREST_OT_export_others)

@@ -1,17 +1,132 @@
-"""Add > Forest: whole set-ups of the papers, an empty start, and the demo."""
+"""Starting a forest: the gallery, set-ups of the papers, an empty one; in the scene or as a new file.
+
+*Add > Forest* and *File > New > Forest* have the same menu. Pictures of the gallery are made by
+packaging/make_previews.py; Blender reads a picture's file when it shows it.
+
+New files are no application templates: Blender finds those only in its folders of templates, and an extension
+writes to no folder but its own. So a start scene begins as Blender's own new file, asked for as the other
+entries of the menu do, with its question whether to save changes; once that is loaded it is furnished.
+"""
 
 from __future__ import annotations
 
 import functools
+import textwrap
 import tomllib
-from typing import Any, ClassVar
+from dataclasses import dataclass
+from typing import ClassVar
 
 import bpy
 
 from ...base.places import ASSETS
-from ..shell.running import PROBLEMS, WhenReady, in_words
-from ..shell.words import label, say
-from .gallery import GALLERY, icon_of, words_of
+from ...blender.jobs import Work
+from ..settings.drawing import split
+from ..shell.running import WhenReady, Working, current, press
+from ..shell.views import icons, look_at, open_tab, region_of, views
+from ..shell.words import keep, label, say
+from .build import FOREST_OT_build
+
+PREVIEWS = ASSETS / "previews"
+ACROSS = 3  # cards in a row
+LETTERS, LINES = 36, 2  # below a picture
+
+
+@dataclass(frozen=True)
+class Card:
+    """A scene of the add-on as the gallery shows it."""
+
+    preset: str
+    title: str
+    words: str
+
+
+GALLERY = (
+    Card(
+        "demo",
+        keep("One of Each"),
+        keep("Maples and hazels with a tractor, a tripod, a bat and a clap"),
+    ),
+    Card(
+        "maple-walk",
+        keep("A Walk in a Maple Stand"),
+        keep("Turning beams on your back, carried in a bow through the trees"),
+    ),
+    Card(
+        "conifer-drone",
+        keep("A Drone over Conifers"),
+        keep("Crowns from above: two legs at 45 m, lines across the way"),
+    ),
+    Card(
+        "simlidar-orchard",
+        keep("An Orchard and a Tractor"),
+        keep("Rows of apple trees; a fan of beams that drives past them"),
+    ),
+    Card(
+        "hedge-bat",
+        keep("A Bat at a Hedge"),
+        keep("One call towards a row of hazels, and what comes back of each leaf"),
+    ),
+    Card(
+        "koli-summer",
+        keep("A Clap in Koli"),
+        keep("Spruces and birches as in Finland, and how long a clap rings there"),
+    ),
+)
+
+
+class FOREST_OT_gallery(bpy.types.Operator):
+    """Forests to start from, with pictures"""
+
+    bl_idname = "forest.gallery"
+    bl_label = "Gallery"
+    bl_options: ClassVar[set[str]] = {"INTERNAL"}
+
+    new: bpy.props.BoolProperty(
+        name="New File", description="Begin a file with it", options={"SKIP_SAVE", "HIDDEN"}
+    )
+
+    def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
+        return context.window_manager.invoke_popup(self, width=720)
+
+    def draw(self, _context: bpy.types.Context) -> None:
+        draw_gallery(self.layout, "forest.new" if self.new else "forest.start")
+
+    def execute(self, _context: bpy.types.Context) -> set[str]:
+        return {"FINISHED"}
+
+
+def draw_gallery(layout: bpy.types.UILayout, operator: str) -> None:
+    """A card for every forest, three in a row."""
+    heading = label("Start a new file with") if operator == "forest.new" else label("Add a forest")
+    layout.label(text=heading)
+    grid = layout.grid_flow(
+        row_major=True, columns=ACROSS, even_columns=True, even_rows=True, align=False
+    )
+    for card in GALLERY:
+        column = grid.box().column(align=True)
+        column.template_icon(icon_value=icon_of(card.preset), scale=7.0)
+        _draw_entry(column, operator, card.preset, label(card.title))
+        lines = column.column(align=True)
+        lines.active = False
+        words = textwrap.wrap(label(card.words), LETTERS)
+        for line in words + [""] * (LINES - len(words)):  # cards of a row end at one height
+            lines.label(text=line)
+
+
+def words_of(preset: str) -> str:
+    """Return what one does with a preset, in a sentence; empty where the gallery does not show it."""
+    return next((label(card.words) for card in GALLERY if card.preset == preset), "")
+
+
+def icon_of(preset: str) -> int:
+    """The number of a preset's picture; 0 where it has none."""
+    name, file = f"scene/{preset}", PREVIEWS / f"{preset}.jpg"
+    if name not in icons():
+        if not any(card.preset == preset for card in GALLERY) or not file.is_file():
+            return 0
+        tuple(icons().load(name, str(file), "IMAGE").image_size)  # reads it now: no spinner
+    return int(icons()[name].icon_id)
+
 
 SCENES = ASSETS / "scenes"
 
@@ -19,12 +134,11 @@ SCENES = ASSETS / "scenes"
 @functools.cache
 def presets() -> tuple[tuple[str, str], ...]:
     """(file, title) of every scene that comes with the add-on, the demo first."""
-    found = []
-    for path in sorted(SCENES.glob("*.toml"), key=lambda path: (path.stem != "demo", path.stem)):
-        found.append(
-            (path.stem, tomllib.loads(path.read_text(encoding="utf-8")).get("name", path.stem))
-        )
-    return tuple(found)
+    files = sorted(SCENES.glob("*.toml"), key=lambda path: (path.stem != "demo", path.stem))
+    tables = (tomllib.loads(path.read_text(encoding="utf-8")) for path in files)
+    return tuple(
+        (p.stem, table.get("name", p.stem)) for p, table in zip(files, tables, strict=True)
+    )
 
 
 class FOREST_OT_start(WhenReady, bpy.types.Operator):
@@ -68,26 +182,17 @@ class FOREST_OT_start(WhenReady, bpy.types.Operator):
         )
 
     def draw(self, _context: bpy.types.Context) -> None:
-        column = self.layout.column()
-        column.use_property_split = True
-        column.use_property_decorate = False
+        column = split(self.layout)
         column.label(text="Field and plantings are replaced.")
         column.row().prop(self, "sensors", expand=True)
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
-        try:
-            name = take(context.scene, self.preset, self.sensors == "KEEP")
-        except PROBLEMS as problem:
-            self.report({"ERROR"}, in_words(problem))
-            return {"CANCELLED"}
+    def act(self, context: bpy.types.Context) -> str:
+        name = take(context.scene, self.preset, self.sensors == "KEEP")
         props = context.scene.forest_sensing
         if self.grow and (props.plantings or props.stems):
-            how = "EXEC_DEFAULT" if bpy.app.background else "INVOKE_DEFAULT"
-            bpy.ops.forest.build(how, frame=True)
-            return {"FINISHED"}
-        done = say("{name} is set up. Press Grow Forest in the sidebar", name=name)
-        self.report({"INFO"}, done)
-        return {"FINISHED"}
+            press(bpy.ops.forest.build, frame=True)
+            return ""
+        return say("{name} is set up. Press Grow Forest in the sidebar", name=name)
 
 
 class FOREST_MT_start(bpy.types.Menu):
@@ -144,9 +249,8 @@ def draw_presets(layout: bpy.types.UILayout, operator: str) -> None:
     layout.operator("forest.gallery", icon="IMGDISPLAY").new = operator == "forest.new"
     layout.separator()
     for card in GALLERY:
-        entry = layout.operator(operator, text=label(card.title), icon_value=icon_of(card.preset))
-        entry.preset = card.preset
-        _grown_at_once(entry, operator)
+        title = label(card.title)
+        _draw_entry(layout, operator, card.preset, title, icon_value=icon_of(card.preset))
     layout.separator()
     more = FOREST_MT_more_new if operator == "forest.new" else FOREST_MT_more
     layout.menu(more.__name__, icon="DOCUMENTS")
@@ -158,13 +262,15 @@ def draw_others(layout: bpy.types.UILayout, operator: str) -> None:
     shown = {card.preset for card in GALLERY}
     for file, title in presets():
         if file not in shown:
-            entry = layout.operator(operator, text=title)
-            entry.preset = file
-            _grown_at_once(entry, operator)
+            _draw_entry(layout, operator, file, title)
 
 
-def _grown_at_once(entry: Any, operator: str) -> None:
-    """Have a forest that is added be grown by the click; that of a new file is anyway."""
+def _draw_entry(
+    layout: bpy.types.UILayout, operator: str, preset: str, text: str, **icon: int
+) -> None:
+    """A preset to press; one that is added is grown by the click, that of a new file is anyway."""
+    entry = layout.operator(operator, text=text, **icon)
+    entry.preset = preset
     if operator == "forest.start":
         entry.grow = True
 
@@ -174,14 +280,121 @@ def draw_in_menu(menu: bpy.types.Menu, _context: bpy.types.Context) -> None:
     menu.layout.menu(FOREST_MT_start.bl_idname, icon="OUTLINER_OB_CURVES")
 
 
-CLASSES = (FOREST_OT_start, FOREST_MT_more, FOREST_MT_more_new, FOREST_MT_start)
+NEW_FILE = {"app_template": "", "use_empty": True}
+PICTURE = (1920, 1080)
+RETRY = 0.1  # s until it is seen again whether a job of the old file has ended
+
+_awaited: str | None = None  # the preset that the next new file is furnished with
 
 
-def register() -> None:
-    """Add the entry to Blender's menu."""
-    bpy.types.VIEW3D_MT_add.append(draw_in_menu)
+class FOREST_OT_new(bpy.types.Operator):
+    """Start a new file with this forest: grown, lit, with a camera and its sensors"""
+
+    bl_idname = "forest.new"
+    bl_label = "New Forest"
+    bl_options: ClassVar[set[str]] = set()  # it cannot be repeated: the file of before is gone
+
+    preset: bpy.props.StringProperty(
+        name="Preset", description="A scene of the add-on; empty: nothing planted, no sensor"
+    )
+
+    @classmethod
+    def description(cls, _context: bpy.types.Context, given: bpy.types.OperatorProperties) -> str:
+        return words_of(given.preset) or say(cls.__doc__ or "")
+
+    def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
+        global _awaited
+        if bpy.app.background:
+            return self.execute(context)
+        _awaited = self.preset
+        bpy.ops.wm.read_homefile("INVOKE_DEFAULT", **NEW_FILE)
+        return {"FINISHED"}
+
+    def execute(self, _context: bpy.types.Context) -> set[str]:
+        preset = self.preset  # this operator does not outlive the file
+        bpy.ops.wm.read_homefile(**NEW_FILE)
+        if bpy.app.background:
+            return set(bpy.ops.forest.furnish(preset=preset))
+        _furnish_soon(preset)
+        return {"FINISHED"}
 
 
-def unregister() -> None:
-    """Take it back."""
-    bpy.types.VIEW3D_MT_add.remove(draw_in_menu)
+class FOREST_OT_furnish(Working, bpy.types.Operator):
+    """Take a set-up into this scene, grow it, light it, and look at it"""
+
+    bl_idname = "forest.furnish"
+    bl_label = "Start Scene"
+    bl_options: ClassVar[set[str]] = {"UNDO", "INTERNAL"}
+
+    preset: bpy.props.StringProperty(options={"HIDDEN", "SKIP_SAVE"})
+
+    def work(self, context: bpy.types.Context) -> Work:
+        scene = context.scene
+        sentence = take(scene, self.preset)
+        self._job.kept.append(say("the settings"))
+        for _, area in views():
+            area.spaces.active.show_region_ui = True
+        if scene.forest_sensing.plantings or scene.forest_sensing.stems:
+            sentence = yield from FOREST_OT_build.work(self, context)
+        from ...blender.show.preview import lay_lawn, set_stage
+
+        field = scene.forest_sensing.forest
+        low, size = tuple(field.origin), tuple(field.size)
+        trees = bool(scene.forest_sensing.plantings)  # stems are seen from above alone
+        set_stage(scene, PICTURE, None if trees else (low, size), golden=True)
+        if trees and not (field.terrain.object or field.terrain.file):
+            lay_lawn(scene, field.terrain.base)
+        for _, area in views():
+            look_at(area, field)
+            open_tab(area)
+        return sentence
+
+
+class FOREST_MT_new(bpy.types.Menu):
+    """Forests to start a new file with"""
+
+    bl_idname = "FOREST_MT_new"
+    bl_label = "Forest"
+
+    def draw(self, _context: bpy.types.Context) -> None:
+        draw_presets(self.layout, "forest.new")
+
+
+def draw_in_new(menu: bpy.types.Menu, _context: bpy.types.Context) -> None:
+    """The entry in File > New."""
+    global _awaited
+    _awaited = None  # who chooses anew has not started what was awaited
+    menu.layout.separator()
+    menu.layout.menu(FOREST_MT_new.bl_idname, icon="OUTLINER_OB_CURVES")
+
+
+MENUS = (("VIEW3D_MT_add", draw_in_menu), ("TOPBAR_MT_file_new", draw_in_new))
+
+
+@bpy.app.handlers.persistent
+def _furnish_awaited(*_: object) -> None:
+    """A file is loaded: furnish it if it is the new one that was asked for."""
+    global _awaited
+    preset, _awaited = _awaited, None
+    if preset is not None and not bpy.data.filepath:
+        _furnish_soon(preset)
+
+
+def _furnish_soon(preset: str) -> None:
+    """Furnish the file as soon as its window is there and the job of the old file has ended."""
+
+    def furnish() -> float | None:
+        if current() is not None:
+            return RETRY
+        for window, area in views():
+            region = region_of(area, "WINDOW")
+            with bpy.context.temp_override(window=window, area=area, region=region):
+                bpy.ops.forest.furnish("INVOKE_DEFAULT", preset=preset)
+            return None
+        bpy.ops.forest.furnish(preset=preset)  # no view is open
+        return None
+
+    bpy.app.timers.register(furnish)
+
+
+HANDLERS = (("load_post", _furnish_awaited),)

@@ -14,9 +14,10 @@ import bpy
 from bpy_extras.object_utils import AddObjectHelper, object_data_add
 
 from ...spec import Species
-from ..shell.running import PROBLEMS, WhenReady, in_words
+from ..settings.drawing import OfData, split
+from ..shell.running import WhenReady
 from ..shell.words import say
-from ..species import pictures
+from ..species import edit
 
 LEAFY = "maple"  # what grows first
 SHAPE_OF = "forest_shape_of"  # on a mesh: the species that it has the shape of by now
@@ -26,7 +27,7 @@ SETTINGS = ("species", "seed", "generations", "leaves")
 def species_items(_owner: Any = None, context: Any = None) -> list[tuple[str, str, str, int, int]]:
     """Presets, the user's own species and those edited in this file, as a menu; a leafy one first."""
     props = (context or bpy.context).scene.forest_sensing
-    return pictures.menu(props, LEAFY)
+    return edit.menu(props, LEAFY)
 
 
 def _settings() -> dict[str, Any]:
@@ -64,18 +65,12 @@ class FOREST_PG_grown(bpy.types.PropertyGroup):
             name="Species",
             description="What grows",
             items=species_items,
-            get=lambda group: _number_of(group.grown),
-            set=lambda group, number: setattr(group, "grown", _name_of(number)),
+            get=lambda group: next((i[4] for i in species_items() if i[0] == group.grown), 0),
+            set=lambda group, number: setattr(
+                group, "grown", next((i[0] for i in species_items() if i[4] == number), LEAFY)
+            ),
         ),
     }
-
-
-def _number_of(species: str) -> int:
-    return next((item[4] for item in species_items() if item[0] == species), 0)
-
-
-def _name_of(number: int) -> str:
-    return next((item[0] for item in species_items() if item[4] == number), LEAFY)
 
 
 class FOREST_OT_add_tree(WhenReady, bpy.types.Operator, AddObjectHelper):
@@ -87,19 +82,13 @@ class FOREST_OT_add_tree(WhenReady, bpy.types.Operator, AddObjectHelper):
 
     __annotations__ = _settings()
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
-        try:
-            data = _grow(context, self.species, self.seed, self.generations, self.leaves)
-        except PROBLEMS as problem:
-            self.report({"ERROR"}, in_words(problem))
-            return {"CANCELLED"}
+    def act(self, context: bpy.types.Context) -> str:
+        data = _grow(context, self.species, self.seed, self.generations, self.leaves)
         object_data_add(context, data, operator=self)
-        return {"FINISHED"}
+        return ""
 
     def draw(self, _context: bpy.types.Context) -> None:
-        column = self.layout.column()
-        column.use_property_split = True
-        column.use_property_decorate = False
+        column = split(self.layout)
         for name in (*SETTINGS, "align", "location", "rotation"):
             column.prop(self, name)
 
@@ -109,36 +98,26 @@ class FOREST_OT_grow_again(WhenReady, bpy.types.Operator):
 
     bl_idname = "forest.grow_again"
     bl_label = "Grow Again"
-    bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO"}
 
     new_seed: bpy.props.BoolProperty(
         name="New Seed", description="Another tree of the same species", options={"SKIP_SAVE"}
     )
 
     @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        if not super().poll(context):
-            return False
+    def obstacle(cls, context: bpy.types.Context) -> str:
         if context.mode != "OBJECT":
-            cls.poll_message_set(say("Leave this mode first: trees grow in Object Mode"))
-            return False
+            return say("Leave this mode first: trees grow in Object Mode")
         if not _is_grown(context.object):
-            cls.poll_message_set(say("This is no tree of Add > Mesh > L-system Tree"))
-            return False
+            return say("This is no tree of Add > Mesh > L-system Tree")
         if not context.object.data.is_editable:
-            cls.poll_message_set(say("This tree is of another file: grow it there"))
-            return False
-        return True
+            return say("This tree is of another file: grow it there")
+        return super().obstacle(context)
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def act(self, context: bpy.types.Context) -> str:
         old = context.object.data
         settings = old.forest_grown
         seed = settings.seed + 1 if self.new_seed else settings.seed
-        try:
-            data = _grow(context, settings.grown, seed, settings.generations, settings.leaves)
-        except PROBLEMS as problem:
-            self.report({"ERROR"}, in_words(problem))
-            return {"CANCELLED"}
+        data = _grow(context, settings.grown, seed, settings.generations, settings.leaves)
         if old.get(SHAPE_OF) == settings.grown:  # another species has a bark of its own
             made = list(data.materials)
             data.materials.clear()
@@ -152,16 +131,13 @@ class FOREST_OT_grow_again(WhenReady, bpy.types.Operator):
         old.user_remap(data)
         bpy.data.meshes.remove(old)
         data.name = name
-        return {"FINISHED"}
+        return ""
 
 
-class FOREST_PT_grown(bpy.types.Panel):
+class FOREST_PT_grown(OfData, bpy.types.Panel):
     """The settings of a single tree, where Blender's own meshes have theirs."""
 
     bl_label = "L-system Tree"
-    bl_space_type = "PROPERTIES"
-    bl_region_type = "WINDOW"
-    bl_context = "data"
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
@@ -169,9 +145,7 @@ class FOREST_PT_grown(bpy.types.Panel):
 
     def draw(self, context: bpy.types.Context) -> None:
         settings = context.object.data.forest_grown
-        column = self.layout.column()
-        column.use_property_split = True
-        column.use_property_decorate = False
+        column = split(self.layout)
         for name in SETTINGS:
             column.prop(settings, name)
         row = self.layout.row(align=True)
@@ -229,16 +203,14 @@ def draw_in_menu(menu: bpy.types.Menu, _context: bpy.types.Context) -> None:
     menu.layout.operator(FOREST_OT_add_tree.bl_idname, icon="OUTLINER_OB_CURVES")
 
 
-CLASSES = (FOREST_PG_grown, FOREST_OT_add_tree, FOREST_OT_grow_again, FOREST_PT_grown)
+MENUS = (("VIEW3D_MT_mesh_add", draw_in_menu),)
 
 
 def register() -> None:
-    """Add the entry to Blender's menu, and the settings to meshes."""
+    """Give meshes the settings."""
     bpy.types.Mesh.forest_grown = bpy.props.PointerProperty(type=FOREST_PG_grown)
-    bpy.types.VIEW3D_MT_mesh_add.append(draw_in_menu)
 
 
 def unregister() -> None:
-    """Take both back."""
+    """Take them back."""
     del bpy.types.Mesh.forest_grown
-    bpy.types.VIEW3D_MT_mesh_add.remove(draw_in_menu)

@@ -1,12 +1,15 @@
-"""Display of a result: points in the scene, figures in the panel, a file.
+"""Findings of sensors as results: points in the scene, figures in the panel, bytes in the file.
 
-The panel keeps the last result of each kind, the newest first.
+Echoes and impulse responses are kept as the bytes of an NPZ: arrays, and how settings and records are made of
+them as JSON. Clouds need none: the mesh that shows one holds all of it (``show.cloud``).
 """
 
 from __future__ import annotations
 
+import dataclasses
+import io
+import json
 from collections.abc import Iterable, Sequence
-from pathlib import Path
 from typing import Any
 
 import bpy
@@ -27,17 +30,99 @@ from ...blender.show.sound import give_sound
 from ...results.coordinates import NO_OFFSET, Offset
 from ...results.figures import Figure, of_forest
 from ...results.kind import Finding
-from ...results.kinds import figures_of, results_of, sentence_of, write_finding
+from ...results.kinds import figures_of, results_of, sentence_of
 from ...results.labels import labels_by_material, labels_by_object, labels_by_species
 from ...sensing.audit import Audit
 from ...sensing.lidar.cloud import Cloud
 from ...sensing.rays.geometry import SceneGeometry
 from ...spec import Scene, Sensor
+from ...spec.base import Settings
 from ...stand.forest import GrownForest
 from ..settings.exchange import forestless
 from ..shell.words import Kept, keep, label_kept, say, say_kept
-from . import frames, images, shown
-from .kept import pack
+from . import images
+from .keep import blocks_of, hold_frame, let_go, show_result, tell_again
+
+MOST = 2**30  # bytes of a result; Blender's files hold no text of twice as many
+TREE = "tree"  # name of the JSON among the arrays
+# What no file that is exported needs: working tables of a ping, and what follows from its responses.
+LEFT_OUT = {"groups", "list_heard", "envelopes", "called"}
+
+Unpacked = tuple[Sensor, Finding, Offset]
+
+
+def pack(sensor: Sensor, found: Finding, offset: Offset) -> bytes:
+    """Return a sensor's settings, what it found and the scene's offset; no bytes of more than ``MOST``."""
+    arrays: list[np.ndarray] = []
+    tree = json.dumps([_packed(value, arrays) for value in (sensor, found, offset)])
+    if sum(array.nbytes for array in arrays) > MOST:
+        return b""
+    file = io.BytesIO()
+    np.savez(file, **{TREE: np.array(tree)}, **{f"{n}": array for n, array in enumerate(arrays)})
+    return file.getvalue()
+
+
+def unpack(data: bytes) -> Unpacked:
+    """Return what was packed: settings, finding, offset; of an echo without what is ``LEFT_OUT``."""
+    with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
+        sensor, found, offset = (
+            _unpacked(value, arrays, _records()) for value in json.loads(str(arrays[TREE]))
+        )
+    return sensor, found, offset
+
+
+def _records() -> dict[str, type]:
+    """Records that a result is made of, by name: no other is ever made of a file's bytes."""
+    from ...sensing.reverb.forest.clutter import Clutter
+    from ...sensing.reverb.forest.losses import TrunkStand
+    from ...sensing.reverb.model_error import ModelError
+    from ...sensing.reverb.pair import ImpulseResponse
+    from ...sensing.sonar.flight import PingSeries
+    from ...sensing.sonar.ping import Echo
+    from ...sensing.sonar.poses import SonarPose
+
+    found = [Echo, PingSeries, SonarPose, ImpulseResponse, ModelError, TrunkStand, Clutter]
+    groups: list[type] = [Settings]
+    for group in groups:  # it grows
+        groups.extend(group.__subclasses__())
+    return {kind.__name__: kind for kind in [*groups, *found]}
+
+
+def _packed(value: Any, arrays: list[np.ndarray]) -> Any:
+    """A value as JSON; a list says first what it stands for."""
+    if isinstance(value, np.ndarray):
+        arrays.append(value)
+        return ["array", len(arrays) - 1]
+    if isinstance(value, Offset):
+        return ["offset", list(value), value.crs]
+    if isinstance(value, dict):
+        return ["dict", [[_packed(part, arrays) for part in pair] for pair in value.items()]]
+    if isinstance(value, tuple | list):
+        return [type(value).__name__, [_packed(part, arrays) for part in value]]
+    if dataclasses.is_dataclass(value):
+        names = [f.name for f in dataclasses.fields(value) if f.init and f.name not in LEFT_OUT]
+        said = {name: _packed(getattr(value, name), arrays) for name in names}
+        return ["record", type(value).__name__, said]
+    return value.item() if isinstance(value, np.generic) else value
+
+
+def _unpacked(value: Any, arrays: Any, records: dict[str, type]) -> Any:
+    """The value that was packed."""
+    if not isinstance(value, list):
+        return value
+    kind, *rest = value
+    if kind == "array":
+        return arrays[f"{rest[0]}"]
+    if kind == "offset":
+        return Offset(*rest)
+    if kind == "record":
+        name, said = rest
+        left = {f.name for f in dataclasses.fields(records[name])} & LEFT_OUT
+        given = {key: _unpacked(part, arrays, records) for key, part in said.items()}
+        return records[name](**given, **dict.fromkeys(left))
+    parts = [_unpacked(part, arrays, records) for part in rest[0]]
+    return dict(parts) if kind == "dict" else tuple(parts) if kind == "tuple" else parts
+
 
 # What says nothing where no forest was asked for and none of it was met.
 OF_TREES = {
@@ -101,7 +186,7 @@ def keep_finding(
     if record.is_response and record.sound is not None and thing.type == "SPEAKER":
         sound = give_sound(thing, sensor.name, *record.sound(sensor, found))
     earlier = props.results.get(thing.name)
-    left = frames.blocks_of(earlier) if earlier is not None else []
+    left = blocks_of(earlier) if earlier is not None else []
     result = _note(  # what needs disk space is done
         props, thing.name, sensor.kind, thing.name, figures | {keep("Time"): f"{seconds:.1f} s"}
     )
@@ -122,33 +207,15 @@ def keep_finding(
         result.shown = points.name
         _explain(result, legend_of_heard(marks))
     if result.shown:
-        shown.show_result(context, result)
-        _note_beyond(result, end_with_ground(points, context.scene))
+        show_result(context, result)
+        if beyond := end_with_ground(points, context.scene):
+            _set_figures(result, {keep("Far Points"): keep("{count:,} not shown", count=beyond)})
     if frame is not None:
-        frames.hold(result, frame, sound)
+        hold_frame(result, frame, sound)
     else:
         result.frames.clear()
-    frames.let_go(left)
+    let_go(left)
     return say("{found} in {seconds:.1f} s", found=say_kept(sentence), seconds=seconds)
-
-
-def save_finding(
-    context: bpy.types.Context,
-    folder: Path,
-    name: str,
-    sensor: Sensor,
-    found: Any,
-    offset: Offset,
-) -> Path:
-    """Write a result to a folder and note the file in the panel, at the result of this name.
-
-    Raises
-    ------
-    OSError : it cannot be written.
-    """
-    path = write_finding(folder, sensor, found, offset)[0]
-    context.scene.forest_sensing.results[name].file = str(path)
-    return path
 
 
 def in_words(figures: list[Figure]) -> Words:
@@ -171,12 +238,21 @@ def note_audit(context: bpy.types.Context, name: str, audit: Audit) -> None:
     words = keep("off by {off}", off=off)
     if not audit.kept:
         words = keep("{off} off: MORE than {allowed}", off=off, allowed=allowed)
+    note_figures(context, name, {keep("Checked"): f"{audit.checked:,}", keep("Audit"): words})
+
+
+def note_figures(context: bpy.types.Context, name: str, figures: Words) -> None:
+    """Add figures to a result, or change them, where it is kept for this frame as well."""
     result = context.scene.forest_sensing.results[name]
-    for title, value in ((keep("Checked"), f"{audit.checked:,}"), (keep("Audit"), words)):
-        figure = result.figures.add()
-        figure.name, figure.value = title, value
+    _set_figures(result, figures)
+    tell_again(result, context.scene.frame_current)
+
+
+def _set_figures(result: Any, figures: Words) -> None:
+    for name, value in figures.items():
+        figure = result.figures.get(name) or result.figures.add()
+        figure.name, figure.value = name, value
         figure.made_of = value.made_of if isinstance(value, Kept) else ""
-    frames.tell_again(result, context.scene.frame_current)
 
 
 def plain(value: float, unit: str) -> str:
@@ -188,16 +264,6 @@ def plain(value: float, unit: str) -> str:
     return "< 0.0001 %" if value < 1e-6 else f"{100.0 * value:,.4f} %"
 
 
-def note_estimate(context: bpy.types.Context, name: str, took: float, estimated: float) -> None:
-    """Say beside the time that a run took what was estimated before."""
-    words = keep("{took:.1f} s, {estimated:.1f} s estimated", took=took, estimated=estimated)
-    result = context.scene.forest_sensing.results[name]
-    figure = result.figures.get("Time")
-    if figure is not None:
-        figure.value, figure.made_of = words, words.made_of
-        frames.tell_again(result, context.scene.frame_current)
-
-
 def _labels(cloud: Cloud, geometry: SceneGeometry, species: Sequence[str]) -> dict[str, Labels]:
     """Return what the points of a cloud can be labelled by when they are exported."""
     return {
@@ -205,14 +271,6 @@ def _labels(cloud: Cloud, geometry: SceneGeometry, species: Sequence[str]) -> di
         "SPECIES": labels_by_species(cloud.returns, species),
         "MATERIAL": labels_by_material(cloud.returns, geometry),
     }
-
-
-def _note_beyond(result: Any, count: int) -> None:
-    """Say of points that views leave out how many they are."""
-    if not count:
-        return
-    figure, words = result.figures.add(), keep("{count:,} not shown", count=count)
-    figure.name, figure.value, figure.made_of = keep("Far Points"), words, words.made_of
 
 
 def _explain(result: Any, legend: Iterable[Entry]) -> None:
@@ -233,8 +291,5 @@ def _note(props: Any, name: str, kind: str, title: str, figures: Words) -> Any:
     for field in set(result.bl_rna.properties.keys()) - {"rna_type", "name", "frames"}:
         result.property_unset(field)
     result.name, result.kind, result.title = name, kind, title
-    for label, value in figures.items():
-        figure = result.figures.add()
-        figure.name, figure.value = label, value
-        figure.made_of = value.made_of if isinstance(value, Kept) else ""
+    _set_figures(result, figures)
     return result

@@ -1,18 +1,63 @@
-"""The panel *Results*: what came of it, in figures and pictures."""
+"""The panel *Results*: what came of it, in figures and pictures, and what the colours of points mean."""
 
 from __future__ import annotations
 
 from typing import Any
 
 import bpy
+import numpy as np
 
 from ...blender.scene.layout import COLOUR_BY, COLOUR_MAP, FAR_POINTS, RADIUS, SHARE
 from ...blender.scene.nodes import chosen_input, drawn_inputs
-from ...blender.show.cloud_nodes import is_measure
+from ...blender.show.cloud_nodes import is_measure, on_map
 from ..settings.drawing import OnceStarted, icon_of, split
+from ..shell.views import icons
 from ..shell.words import label, label_of_kept
-from .shown import is_seen, points_of
-from .swatches import draw_legend
+from .keep import is_seen, points_of
+
+SIDE = 32  # pixels of an icon
+EDGE = 2  # of these, left free around it
+RIM = 2  # of these, around the colour: dark around what is light and light around what is dark
+LUMA = np.array([0.2126, 0.7152, 0.0722])  # how bright each channel looks (ITU-R BT.709)
+GAMMA = 1 / 2.2  # colours are linear, the screen's are not
+
+
+def draw_legend(layout: bpy.types.UILayout, result: Any, choice: str, colour_map: str = "") -> None:
+    """Draw what the colours of this choice mean, two in a row; nothing where nobody noted it.
+
+    colour_map : the scale that values are coloured on; empty: as they were noted.
+    """
+    entries = [entry for entry in result.legend if entry.choice == choice]
+    if not entries:
+        return
+    colours = [tuple(entry.colour) for entry in entries]
+    if colour_map:
+        colours = [on_map(colour_map, k / max(1, len(entries) - 1)) for k in range(len(entries))]
+    rows = layout.column(align=True)
+    for first in range(0, len(entries), 2):
+        row = rows.split(factor=0.5)
+        for number in range(first, min(first + 2, len(entries))):
+            row.label(text=entries[number].name, icon_value=_icon(colours[number]))
+
+
+def pixels_of(colour: tuple[float, float, float]) -> np.ndarray:
+    """(SIDE, SIDE, 4) a square of a colour, as the screen has it, rimmed, so that it is seen on any theme."""
+    pixels = np.zeros((SIDE, SIDE, 4), np.float32)
+    shown = np.array([channel**GAMMA for channel in colour])
+    rim = 0.05 if shown @ LUMA > 0.5 else 0.95
+    for edge, filled in ((EDGE, (rim, rim, rim)), (EDGE + RIM, shown)):
+        inner = slice(edge, SIDE - edge)
+        pixels[inner, inner] = (*filled, 1.0)
+    return pixels
+
+
+def _icon(colour: tuple[float, float, float]) -> int:
+    name = "colour " + " ".join(f"{channel:.4f}" for channel in colour)
+    if name not in icons():
+        made = icons().new(name)
+        made.icon_size = (SIDE, SIDE)
+        made.icon_pixels_float.foreach_set(pixels_of(colour).ravel())
+    return int(icons()[name].icon_id)
 
 
 class FOREST_PT_results(OnceStarted, bpy.types.Panel):
@@ -62,7 +107,10 @@ def _draw_result(layout: bpy.types.UILayout, result: Any) -> None:
         body.label(text=frames, icon="PLAY")
     _draw_points(body, result)
     if record is not None and record.is_response:
-        _draw_sound(body, result.id_data.forest_sensing)
+        column, props = split(body), result.id_data.forest_sensing
+        column.prop(props, "dry")
+        if props.dry == "FILE":
+            column.prop(props, "dry_file")
     table = body.split(factor=0.45)
     names, values = table.column(align=True), table.column(align=True)
     names.active = False
@@ -70,7 +118,10 @@ def _draw_result(layout: bpy.types.UILayout, result: Any) -> None:
         names.label(text=figure.name)
         values.label(text=label_of_kept(figure.made_of) if figure.made_of else figure.value)
     if result.kind != "forest":
-        _draw_end(body, result)
+        row = body.row(align=True)
+        row.prop(result, "title", text="")
+        row.operator("forest.export_result", text="", icon="EXPORT").result = result.name
+        row.operator("forest.remove_result", text="", icon="TRASH").result = result.name
 
 
 def draw_found(layout: bpy.types.UILayout, result: Any) -> None:
@@ -101,22 +152,6 @@ def _draw_looks(layout: bpy.types.UILayout, result: Any) -> None:
         shown.result = result.name
 
 
-def _draw_end(layout: bpy.types.UILayout, result: Any) -> None:
-    """Draw what can be done with a result: called otherwise, exported, removed."""
-    row = layout.row(align=True)
-    row.prop(result, "title", text="")
-    row.operator("forest.export_result", text="", icon="EXPORT").result = result.name
-    row.operator("forest.remove_result", text="", icon="TRASH").result = result.name
-
-
-def _draw_sound(layout: bpy.types.UILayout, props: Any) -> None:
-    """Draw what is heard when a reverb is played."""
-    column = split(layout)
-    column.prop(props, "dry")
-    if props.dry == "FILE":
-        column.prop(props, "dry_file")
-
-
 def _draw_points(layout: bpy.types.UILayout, result: Any) -> None:
     """Draw how the points of a cloud look: its modifier's menu and radius, and whether renders show them."""
     cloud = bpy.data.objects.get(result.shown)
@@ -139,6 +174,3 @@ def _draw_points(layout: bpy.types.UILayout, result: Any) -> None:
             column.prop(*inputs[COLOUR_MAP], text=COLOUR_MAP)
             colour_map = chosen_input(modifier, COLOUR_MAP)
         draw_legend(layout, result, choice, colour_map)
-
-
-CLASSES = (FOREST_PT_results,)

@@ -1,20 +1,191 @@
-"""Adding sensors to the scene and removing them."""
+"""Adding sensors to the scene, with settings that run at once where they are put, and removing them.
+
+A kind of ``spec`` may be carried in several ways (a moving scanner by a drone or a vehicle). What moves along
+a path gets one through what there is to sense: a curve, which the user can edit.
+"""
 
 from __future__ import annotations
 
-from typing import ClassVar
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
 
 import bpy
 from mathutils import Vector
 
+from ... import spec
 from ...blender.scene.instances import SOLID_TYPES
 from ...blender.scene.layout import RESULTS, find_part
 from ...blender.sensors import objects as sensors
+from ...sensing.kinds import KINDS
 from ..settings.exchange import add_sensor
-from ..shell.chosen import choose_sensor, chosen_sensor
-from ..shell.running import InOwnScene
-from ..shell.words import say
-from .starts import STARTS, Around
+from ..shell.running import Button
+from ..shell.views import choose_sensor, chosen_sensor
+from ..shell.words import keep, say
+
+Point = tuple[float, float, float]
+
+AROUND = 40.0  # m that a sensor's path reaches from where it is put, at most
+SWATHE = 20.0  # m between two legs of a drone
+
+
+@dataclass(frozen=True)
+class Around:
+    """Place of a new sensor: on the ground at ``foot``, among things from ``low`` to ``high`` (m)."""
+
+    foot: Point
+    low: Point
+    high: Point
+
+    def reach(self, axis: int) -> tuple[float, float]:
+        """From where to where there is something to sense along x or y, not too far from the foot."""
+        here = self.foot[axis]
+        return (
+            min(max(self.low[axis], here - AROUND), here - 5.0),
+            max(min(self.high[axis], here + AROUND), here + 5.0),
+        )
+
+    def raised(self, height: float) -> Point:
+        """A place above the foot."""
+        x, y, z = self.foot
+        return x, y, z + height
+
+
+@dataclass(frozen=True)
+class Start:
+    """A sensor to add: ``settings`` where it stands, ``path`` of what moves along one."""
+
+    title: str
+    kind: str
+    icon: str
+    help: str
+    settings: Callable[[Around], spec.Sensor]
+    path: Callable[[Around], list[Point]] | None = None
+
+
+def _over(around: Around) -> list[Point]:
+    """Back and forth above everything."""
+    (x0, x1), (y0, y1) = around.reach(0), around.reach(1)
+    height = max(around.high[2], around.foot[2]) + 30.0
+    legs = max(math.ceil((x1 - x0) / SWATHE), 1)
+    path = []
+    for leg in range(legs):
+        x = x0 + (leg + 0.5) * (x1 - x0) / legs
+        ends = [(x, y0, height), (x, y1, height)]
+        path += ends[::-1] if leg % 2 else ends
+    return path
+
+
+def _along(around: Around) -> list[Point]:
+    """Straight through, at the height of a roof."""
+    (y0, y1), (x, _, z) = around.reach(1), around.raised(2.0)
+    return [(x, y0, z), (x, y1, z)]
+
+
+def _aircraft(around: Around) -> spec.Sensor:
+    (x0, x1), (y0, y1) = around.reach(0), around.reach(1)
+    height = max(around.high[2], around.foot[2]) + 100.0
+    return spec.Airborne(
+        position=((x0 + x1) / 2, y0, height), track=y1 - y0, max_range=1000.0, pulse_rate=200e3
+    )
+
+
+def _bat(around: Around) -> spec.Sensor:
+    x, y, _ = around.foot
+    aim = [(a + b) / 2 for a, b in zip(around.low, around.high, strict=True)]
+    away = math.hypot(aim[0] - x, aim[1] - y)
+    azimuth = math.degrees(math.atan2(aim[1] - y, aim[0] - x)) if away > 1.0 else 0.0
+    return spec.Sonar(position=around.raised(2.0), azimuth_deg=round(azimuth, 1))
+
+
+def _reverb(around: Around) -> spec.Sensor:
+    x, y, z = around.raised(1.5)
+    return spec.Reverb(  # the defaults are the paper's, so that scenes of before stay as they were
+        source=(x, y, z), receiver=(x + 9.0, y, z), model="forest", surface="forest floor"
+    )
+
+
+STARTS: dict[str, Start] = {
+    "terrestrial": Start(
+        keep("Tripod LiDAR"),
+        "terrestrial",
+        KINDS["terrestrial"].icon,
+        KINDS["terrestrial"].help,
+        lambda around: spec.Terrestrial(position=around.raised(1.6)),
+    ),
+    "drone": Start(
+        keep("Drone LiDAR"),
+        "mobile",
+        "OUTLINER_OB_FORCE_FIELD",
+        keep("A scanner under a drone, which flies to and fro along a curve"),
+        lambda around: spec.Mobile(
+            speed=5.0,
+            max_range=150.0,
+            pulse_rate=50e3,
+            field_deg=(-35.0, 35.0),
+            line_rate=50.0,
+        ),
+        _over,
+    ),
+    "mobile": Start(
+        keep("Vehicle LiDAR"),
+        "mobile",
+        "AUTO",
+        KINDS["mobile"].help,
+        lambda around: spec.Mobile(
+            speed=5.0,
+            max_range=80.0,
+            pulse_rate=100e3,
+            pattern="spinning",
+            field_deg=(-25.0, 15.0),
+            line_rate=10.0,
+            channels=32,
+        ),
+        _along,
+    ),
+    "airborne": Start(
+        keep("Aircraft LiDAR"),
+        "airborne",
+        KINDS["airborne"].icon,
+        KINDS["airborne"].help,
+        _aircraft,
+    ),
+    "tractor": Start(
+        keep("Tractor LiDAR"),
+        "tractor",
+        KINDS["tractor"].icon,
+        KINDS["tractor"].help,
+        lambda around: spec.Tractor(position=around.raised(1.0), step=0.01),
+    ),
+    "sonar": Start(
+        keep("Bat Sonar"),
+        "sonar",
+        KINDS["sonar"].icon,
+        KINDS["sonar"].help,
+        _bat,
+    ),
+    "reverb": Start(
+        keep("Reverb"),
+        "reverb",
+        KINDS["reverb"].icon,
+        KINDS["reverb"].help,
+        _reverb,
+    ),
+}
+
+
+STARTS |= {  # every other kind stands where it is put
+    name: Start(
+        kind.settings.TITLE or name.title(),
+        name,
+        kind.icon,
+        kind.help,
+        lambda around, settings=kind.settings: settings(position=around.raised(1.5)),
+    )
+    for name, kind in KINDS.items()
+    if name not in {start.kind for start in STARTS.values()}
+}
+
 
 ABOVE = 0.5  # m that the 3D cursor may be below the ground that it is meant to be on
 OUTER = 1e4  # m from which one looks down for ground
@@ -66,12 +237,11 @@ def _heights(thing: bpy.types.Object, x: float, y: float) -> list[float]:
     return [(thing.matrix_world @ place).z] if hit else []
 
 
-class FOREST_OT_add_sensor(InOwnScene, bpy.types.Operator):
+class FOREST_OT_add_sensor(Button, bpy.types.Operator):
     """Add a sensor as an object at the 3D cursor: move it, turn it, parent it, key it"""
 
     bl_idname = "forest.add_sensor"
     bl_label = "Add Sensor"
-    bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO"}
 
     kind: bpy.props.EnumProperty(
         name="Kind",
@@ -87,68 +257,58 @@ class FOREST_OT_add_sensor(InOwnScene, bpy.types.Operator):
     ) -> str:
         return say(STARTS[settings.kind].help)
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def act(self, context: bpy.types.Context) -> str:
         put(context, self.kind)
-        return {"FINISHED"}
+        return ""
 
 
-class FOREST_OT_scan_here(InOwnScene, bpy.types.Operator):
+class FOREST_OT_scan_here(Button, bpy.types.Operator):
     """Put a LiDAR scanner on a tripod at the 3D cursor, in any scene: no forest is needed"""
 
     bl_idname = "forest.scan_here"
     bl_label = "Scan This Scene"
-    bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO"}
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def act(self, context: bpy.types.Context) -> str:
         thing = put(context, "terrestrial")
-        self.report({"INFO"}, say("{name} stands at the 3D cursor. Press Run", name=thing.name))
-        return {"FINISHED"}
+        return say("{name} stands at the 3D cursor. Press Run", name=thing.name)
 
 
-class FOREST_OT_remove_sensor(InOwnScene, bpy.types.Operator):
+class FOREST_OT_remove_sensor(Button, bpy.types.Operator):
     """Remove the chosen sensor; what it found stays"""
 
     bl_idname = "forest.remove_sensor"
     bl_label = "Remove Sensor"
-    bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO"}
 
     @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        if not super().poll(context):
-            return False
-        if chosen_sensor(context) is None:
-            cls.poll_message_set(say("There is no sensor to remove"))
-            return False
-        return True
+    def obstacle(cls, context: bpy.types.Context) -> str:
+        reason = super().obstacle(context)
+        if not reason and chosen_sensor(context) is None:
+            reason = say("There is no sensor to remove")
+        return reason
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def act(self, context: bpy.types.Context) -> str:
         sensors.remove_sensor(chosen_sensor(context))
-        return {"FINISHED"}
+        return ""
 
 
-class FOREST_OT_adopt_sensor(InOwnScene, bpy.types.Operator):
+class FOREST_OT_adopt_sensor(Button, bpy.types.Operator):
     """Make a sensor that came from another file or scene one of this scene, with its receiver or path"""
 
     bl_idname = "forest.adopt_sensor"
     bl_label = "Adopt Sensor"
-    bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO"}
 
     @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        if not super().poll(context):
-            return False
-        thing = context.view_layer.objects.active
-        if thing is None or not sensors.is_stranger(context.scene, thing):
-            cls.poll_message_set(say("The active object is no sensor of another file or scene"))
-            return False
-        return True
+    def obstacle(cls, context: bpy.types.Context) -> str:
+        reason, thing = super().obstacle(context), context.view_layer.objects.active
+        if not reason and (thing is None or not sensors.is_stranger(context.scene, thing)):
+            reason = say("The active object is no sensor of another file or scene")
+        return reason
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def act(self, context: bpy.types.Context) -> str:
         made = sensors.adopt(context.scene, context.view_layer.objects.active)
         context.view_layer.update()
         choose_sensor(context, made)
-        self.report({"INFO"}, say("{name} is a sensor of this scene now", name=made.name))
-        return {"FINISHED"}
+        return say("{name} is a sensor of this scene now", name=made.name)
 
 
 class FOREST_MT_sensors(bpy.types.Menu):
@@ -169,20 +329,4 @@ def draw_in_menu(menu: bpy.types.Menu, _context: bpy.types.Context) -> None:
     menu.layout.menu(FOREST_MT_sensors.bl_idname, icon="OUTLINER_OB_LIGHTPROBE")
 
 
-CLASSES = (
-    FOREST_OT_add_sensor,
-    FOREST_OT_scan_here,
-    FOREST_OT_remove_sensor,
-    FOREST_OT_adopt_sensor,
-    FOREST_MT_sensors,
-)
-
-
-def register() -> None:
-    """Add the entry to Blender's menu."""
-    bpy.types.VIEW3D_MT_add.append(draw_in_menu)
-
-
-def unregister() -> None:
-    """Take it back."""
-    bpy.types.VIEW3D_MT_add.remove(draw_in_menu)
+MENUS = (("VIEW3D_MT_add", draw_in_menu),)

@@ -7,17 +7,17 @@ place and heading; the trail is coloured by how near anything was.
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from typing import Any
 
 import bpy
 
 from ... import spec
 from ...blender.jobs import Task, Work
 from ...blender.scene.layout import RESULTS, part
-from ..settings.drawing import BIG, OnceStarted, draw_settings, split
+from ..settings.drawing import BIG, OfSensors, draw_settings, split
 from ..settings.exchange import add_sensor, to_spec
-from ..shell.chosen import choose_sensor
-from ..shell.running import InOwnScene, Working, getting_ready
+from ..shell.running import Button, Working, getting_ready
+from ..shell.views import choose_sensor
 from ..shell.words import say
 
 FLYER_KEY = "forest_flyer"
@@ -33,14 +33,13 @@ POLICIES = (
 )
 
 
-class FOREST_OT_add_flight(InOwnScene, bpy.types.Operator):
+class FOREST_OT_add_flight(Button, bpy.types.Operator):
     """Add a flyer with a LiDAR and two ears that go along with it"""
 
     bl_idname = "forest.add_flight"
     bl_label = "Flight"
-    bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO"}
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def act(self, context: bpy.types.Context) -> str:
         from ...flight.senses import LIDAR, SONAR
 
         scene = context.scene
@@ -56,7 +55,7 @@ class FOREST_OT_add_flight(InOwnScene, bpy.types.Operator):
             made.name = f"{thing.name} {settings.name}"
         context.view_layer.update()
         choose_sensor(context, made)
-        return {"FINISHED"}
+        return ""
 
 
 def flyer_of(scene: bpy.types.Scene) -> bpy.types.Object | None:
@@ -121,32 +120,28 @@ class FOREST_OT_fly(Working, bpy.types.Operator):
             )
         track = yield Task(say("flying"), flown)
         show_flights(part(scene, RESULTS), [track], name=thing.name, flyer=thing)
-        ends = {
+        seconds, way = track.seconds, track.flown
+        return {
             "arrived": say(
-                "It arrives after {seconds:.1f} s and {way:.0f} m",
-                seconds=track.seconds,
-                way=track.flown,
+                "It arrives after {seconds:.1f} s and {way:.0f} m", seconds=seconds, way=way
             ),
             "crashed": say(
                 "It touches something after {seconds:.1f} s and {way:.0f} m",
-                seconds=track.seconds,
-                way=track.flown,
+                seconds=seconds,
+                way=way,
             ),
             "late": say(
                 "It is still on its way after {seconds:.1f} s and {way:.0f} m",
-                seconds=track.seconds,
-                way=track.flown,
+                seconds=seconds,
+                way=way,
             ),
-        }
-        return ends[track.end]
+        }[track.end]
 
 
-class FOREST_PT_flight(OnceStarted, bpy.types.Panel):
+class FOREST_PT_flight(OfSensors, bpy.types.Panel):
     """Panel of a flyer: what its body can do, and where it is to go."""
 
     bl_label = spec.Flight.TITLE
-    bl_parent_id = "FOREST_PT_sensors"
-    bl_options: ClassVar[set[str]] = {"DEFAULT_CLOSED"}
 
     def draw(self, context: bpy.types.Context) -> None:
         row = self.layout.row(align=True)
@@ -156,6 +151,3 @@ class FOREST_PT_flight(OnceStarted, bpy.types.Panel):
         else:
             row.operator_menu_enum("forest.fly", "policy", text="Fly", icon="PLAY")
         draw_settings(split(self.layout), context.scene.forest_sensing.flight)
-
-
-CLASSES = (FOREST_OT_add_flight, FOREST_OT_fly, FOREST_PT_flight)

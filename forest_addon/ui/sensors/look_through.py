@@ -22,9 +22,8 @@ from ...blender.sensors import objects as sensors
 from ...sensing.kinds import KINDS, choose
 from ..settings.exchange import sensor_of, to_spec
 from ..settings.preferences import rays_of
-from ..shell.chosen import chosen_sensor
-from ..shell.running import PROBLEMS, current, in_words, obstacle
-from ..shell.views import views
+from ..shell.running import PROBLEMS, WhenReady, current, in_words
+from ..shell.views import chosen_sensor, redraw_views, views
 from ..shell.words import keep, label, say
 
 TICK, QUIET = 0.05, 0.5  # s between two looks; s without a change before the scene is read again
@@ -104,7 +103,7 @@ _handle: Any = None
 _reading = False
 
 
-class FOREST_OT_look_through(bpy.types.Operator):
+class FOREST_OT_look_through(WhenReady, bpy.types.Operator):
     """Show live what the chosen scanner sees, or a sonar at the 3D cursor hears; press again to end"""
 
     bl_idname = "forest.look_through"
@@ -112,27 +111,23 @@ class FOREST_OT_look_through(bpy.types.Operator):
     bl_options: ClassVar[set[str]] = set()
 
     @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
+    def obstacle(cls, context: bpy.types.Context) -> str:
         if _eye is not None:
-            return True
+            return ""
         thing = chosen_sensor(context)
         if thing is None or KINDS[sensors.kind_of(thing)].glance is None:
-            cls.poll_message_set(say(NO_EYES))
-            return False
-        reason = obstacle(context)
-        if reason:
-            cls.poll_message_set(reason)
-        return not reason
+            return say(NO_EYES)
+        return super().obstacle(context)
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def act(self, context: bpy.types.Context) -> str:
         if _eye is not None:
             end()
-            return {"FINISHED"}
+            return ""
         eye = begin(context.scene)
         _look(eye, context)
         if eye.problem:
             self.report({"WARNING"}, eye.problem)
-        return {"FINISHED"}
+        return ""
 
 
 def draw_switch(
@@ -160,43 +155,26 @@ def begin(scene: bpy.types.Scene) -> Eye:
     global _eye, _handle
     end()
     _eye = Eye(scene.session_uid)
-    for handlers, hear in _handlers():
-        handlers.append(hear)
     if not bpy.app.background:
         bpy.app.timers.register(_tick, first_interval=TICK)
         _handle = bpy.types.SpaceView3D.draw_handler_add(_draw, (), "WINDOW", "POST_PIXEL")
     return _eye
 
 
+@bpy.app.handlers.persistent
 def end(*_: object) -> None:
     """Look no longer, and leave nothing behind."""
     global _eye, _handle
     _eye = None
-    for handlers, hear in _handlers():
-        if hear in handlers:
-            handlers.remove(hear)
     if bpy.app.timers.is_registered(_tick):
         bpy.app.timers.unregister(_tick)
     if _handle is not None:
         bpy.types.SpaceView3D.draw_handler_remove(_handle, "WINDOW")
         _handle = None
-    _redraw()
+    redraw_views()
 
 
-def unregister() -> None:
-    """Take everything back."""
-    end()
-
-
-def _handlers() -> tuple[tuple[list, Any], ...]:
-    handlers = bpy.app.handlers
-    changes = (handlers.depsgraph_update_post, handlers.frame_change_post)
-    undone = (handlers.undo_post, handlers.redo_post)
-    return (
-        *((h, _hear) for h in changes),
-        *((h, _hear_undone) for h in undone),
-        (handlers.load_pre, end),
-    )
+unregister = end
 
 
 @bpy.app.handlers.persistent
@@ -240,14 +218,9 @@ def _tick() -> float | None:
             with bpy.context.temp_override(window=window, area=area):
                 shown = window.scene.forest_sensing.look_shows
                 if _look(_eye, bpy.context) or (_eye.found and shown not in _eye.drawn):
-                    _redraw()
+                    redraw_views()
             return TICK
     return QUIET
-
-
-def _redraw() -> None:
-    for _, area in views():
-        area.tag_redraw()
 
 
 def _draw() -> None:
@@ -312,4 +285,8 @@ def _write(text: str, x: float, y: float, colour: tuple[float, float, float]) ->
     return x + blf.dimensions(FONT, text)[0]
 
 
-CLASSES = (FOREST_OT_look_through,)
+HANDLERS = (
+    *((name, _hear) for name in ("depsgraph_update_post", "frame_change_post")),
+    *((name, _hear_undone) for name in ("undo_post", "redo_post")),
+    ("load_pre", end),
+)

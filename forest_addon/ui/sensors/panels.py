@@ -1,28 +1,384 @@
-"""The panel *Sensors*: which there are, what they are set to, and the buttons that run them."""
+"""The panel *Sensors*: which there are, how they are set, what runs them; objects as sensors see them.
+
+Whether an object is seen, how much light it sends back and whether it is a mirror, glass or water stays what
+it is without the add-on, custom properties of the object (``blender/read``); here it gets names, limits and
+help. The menu of instruments has their makers' names; the setting that is stored is the scanner file's name.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
-from typing import Any, ClassVar
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import bpy
 
 from ... import spec
+from ...blender.scene.instances import IGNORED_KEY, REFLECTANCE_KEY, SOLID_TYPES
+from ...blender.scene.layout import CLOUD_KEY
 from ...blender.sensors import objects as sensors
+from ...blender.sensors.objects import kind_of
 from ...sensing.kinds import KINDS
-from ..forest.wind_view import draw_wind
+from ...spec.choices import meaning_of, title_of
+from ..forest.wind import draw_wind
 from ..results.panel import draw_found
 from ..settings import references
-from ..settings.drawing import BIG, OnceStarted, draw_settings, folded, name_in, split
-from ..settings.lists import draw_list
+from ..settings.drawing import (
+    BIG,
+    Listed,
+    OfData,
+    OfSensors,
+    OnceStarted,
+    Row,
+    buttons,
+    draw_list,
+    draw_listed,
+    draw_settings,
+    folded,
+    icon_of,
+    name_in,
+    rows,
+    split,
+)
 from ..settings.presets import draw_presets
-from ..shell.chosen import chosen, chosen_sensor, while_drawn
-from ..shell.progress import draw_job
-from ..shell.running import current
-from ..shell.words import keep, label, label_kept
-from .instruments import draw_instrument
+from ..shell.running import current, draw_job
+from ..shell.views import chosen, chosen_sensor, chosen_settings, while_drawn
+from ..shell.words import keep, label, label_kept, say
 from .look_through import draw_switch
-from .things import is_unrendered, seen_thing
+
+if TYPE_CHECKING:
+    from ...formats.toml_file import ScannerFile
+
+KIND_KEY, INDEX_KEY, SHARE_KEY, GAIN_KEY = (
+    spec.property_of(name) for name in ("optics", "index", "mirror", "gain")
+)
+OPTICS = ("", *spec.POLISHED)
+
+
+def seen_thing(context: bpy.types.Context) -> bpy.types.Object | None:
+    """The active object, if sensors could see it."""
+    thing = context.object
+    solid = thing is not None and thing.type in SOLID_TYPES
+    return thing if solid and not sensors.kind_of(thing) else None
+
+
+def is_unrendered(thing: bpy.types.Object) -> bool:
+    """Return whether sensors meet an object that renders do not show: they see what views show."""
+    hidden = thing.hide_render and thing.visible_get() and CLOUD_KEY not in thing
+    return hidden and _is_seen(thing) and thing.type in SOLID_TYPES
+
+
+def _is_seen(thing: Any) -> bool:
+    return not thing.get(IGNORED_KEY, False)
+
+
+def _kind(thing: Any) -> int:
+    kind = thing.get(KIND_KEY, "")
+    return OPTICS.index(kind) if kind in OPTICS else 0
+
+
+def _number(key: str, low: float, high: float, usual: Callable[[Any], float]) -> dict[str, Any]:
+    """Get, set and limits of a number that an object keeps; ``usual`` is read where it keeps none."""
+
+    def read(thing: Any) -> float:
+        value = thing.get(key)
+        return value if isinstance(value, int | float) and value >= low else usual(thing)
+
+    return {
+        "get": read,
+        "set": lambda thing, value: _say(thing, key, min(max(value, low), high)),
+        "min": low,
+        "max": high,
+    }
+
+
+def _say(thing: Any, key: str, value: Any) -> None:
+    if value is not None:
+        thing[key] = value
+    elif key in thing:
+        del thing[key]
+    thing.update_tag()  # what was read of the scene is read again
+
+
+REFLECTANCE = _number(REFLECTANCE_KEY, 0.0, 1.0, lambda _: spec.Surfaces().other)
+PROPERTIES = {
+    "forest_seen": bpy.props.BoolProperty(
+        name="Seen by Sensors",
+        description="LiDAR, sonar and reverb meet this object; off: they pass through it",
+        get=_is_seen,
+        set=lambda thing, seen: _say(thing, IGNORED_KEY, None if seen else True),
+    ),
+    "forest_reflects": bpy.props.BoolProperty(
+        name="Own Reflectance",
+        description="LiDAR takes this object's reflectance, not that of the scanner's surfaces",
+        get=lambda thing: REFLECTANCE_KEY in thing,
+        set=lambda thing, has: _say(
+            thing, REFLECTANCE_KEY, REFLECTANCE["get"](thing) if has else None
+        ),
+    ),
+    "forest_reflected": bpy.props.FloatProperty(
+        name="Reflectance",
+        description="Share of the light that this object sends back (Lambert); a material that has the "
+        "custom property forest_reflectance comes first",
+        subtype="FACTOR",
+        **REFLECTANCE,
+    ),
+    "forest_polish": bpy.props.EnumProperty(
+        name="Polish",
+        description="LiDAR that follows bounces finds this object a mirror, glass or water; without them it "
+        "is as any other surface. A material that has the custom property of the same meaning comes first",
+        items=[
+            ("NONE", "None", "Light is scattered to all sides"),
+            *(
+                (kind.upper(), title_of("optics", kind), meaning_of("optics", kind))
+                for kind in spec.POLISHED
+            ),
+        ],
+        get=_kind,
+        set=lambda thing, number: _say(thing, KIND_KEY, OPTICS[number] or None),
+    ),
+    "forest_refraction": bpy.props.FloatProperty(
+        name="Index",
+        description="Refractive index of the glass or the water",
+        **_number(
+            INDEX_KEY, 1.0, 5.0, lambda thing: spec.USUAL_INDEX.get(OPTICS[_kind(thing)], 1.0)
+        ),
+    ),
+    "forest_mirrored": bpy.props.FloatProperty(
+        name="Sends On",
+        description="Share of the light that the mirror sends on",
+        subtype="FACTOR",
+        **_number(SHARE_KEY, 0.0, 1.0, lambda _: spec.Polished().mirror),
+    ),
+    "forest_gained": bpy.props.FloatProperty(
+        name="Gain",
+        description="Light that the retro-reflector sends back, of that of a white surface",
+        soft_max=5000.0,
+        **_number(GAIN_KEY, 1.0, 1e6, lambda _: spec.Polished().gain),
+    ),
+}
+
+
+def register() -> None:
+    """Give objects these properties."""
+    for name, prop in PROPERTIES.items():
+        setattr(bpy.types.Object, name, prop)
+
+
+def unregister() -> None:
+    """Take them back; what they have set stays with the objects."""
+    for name in PROPERTIES:
+        if hasattr(bpy.types.Object, name):
+            delattr(bpy.types.Object, name)
+
+
+Context = bpy.types.Context
+
+
+class FOREST_UL_sensors(bpy.types.UIList):
+    """Sensors of the scene, which are objects."""
+
+    def draw_item(self, context, layout, data, item, icon, active, name, index=0) -> None:
+        layout.prop(item, "name", text="", emboss=False, icon=icon_of(kind_of(item)))
+        run = layout.operator("forest.run", text="", icon="PLAY", emboss=False)
+        run.sensor, run.frames = item.name, "THIS"
+
+    def filter_items(self, context, data, name) -> tuple[list[int], list[int]]:
+        things = getattr(data, name)
+        return [self.bitflag_filter_item if kind_of(thing) else 0 for thing in things], []
+
+
+NO_SCANNER = keep("Choose a moving scanner in the list of sensors first")
+NO_REVERB = keep("Choose a reverb in the list of sensors first")
+
+
+def _poses_of(context: Context) -> Any:
+    return chosen_settings(context, "mobile")
+
+
+def _reverb_of(context: Context) -> Any:
+    return chosen_settings(context, "reverb")
+
+
+def _place(position: Any) -> str:
+    x, y, z = position
+    return f"{x:g}, {y:g}, {z:g} m"
+
+
+def _object_row(item: Any) -> Row:
+    lost = item.thing is None
+    return Row(item.name or "?" if lost else item.thing.name, "ERROR" if lost else "OBJECT_DATA")
+
+
+def _start_pose(pose: Any, context: Context) -> None:
+    poses = _poses_of(context).poses
+    if len(poses) < 2:
+        return
+    last = poses[len(poses) - 2]
+    pose.time, pose.heading_deg = last.time + 10, last.heading_deg
+    x, y, z = last.position
+    heading = math.radians(last.heading_deg)
+    pose.position = (x + 10 * math.cos(heading), y + 10 * math.sin(heading), z)
+
+
+def _start_place(place: Any, context: Context) -> None:
+    field = context.scene.forest_sensing.forest
+    x, y = (o + s / 2 for o, s in zip(field.origin, field.size, strict=True))
+    place.position = (x, y, place.position[2])
+
+
+CLASSES = (
+    rows(
+        "poses",
+        "Poses of a moving scanner",
+        lambda item: Row(_place(item.position), "EMPTY_ARROWS", f"{item.time:g} s"),
+    ),
+    rows(
+        "places",
+        "Further sources or receivers of a reverb",
+        lambda item: Row(_place(item.position), "EMPTY_AXIS"),
+    ),
+    rows("objects", "Objects that are further sources or receivers of a reverb", _object_row),
+    *buttons(
+        "pose",
+        "Pose",
+        Listed("poses", _poses_of, NO_SCANNER),
+        "Add a place that the scanner passes, ten seconds and ten metres after the last",
+        _start_pose,
+    ),
+    *buttons(
+        "source",
+        "Source",
+        Listed("sources", _reverb_of, NO_REVERB),
+        "Add one more source, in the middle of the field",
+        _start_place,
+    ),
+    *buttons(
+        "receiver",
+        "Receiver",
+        Listed("receivers", _reverb_of, NO_REVERB),
+        "Add one more receiver, in the middle of the field",
+        _start_place,
+    ),
+    *buttons(
+        "source_object",
+        "Source Object",
+        Listed(
+            "source_objects_pointers",
+            _reverb_of,
+            NO_REVERB,
+            lambda reverb: references.listed_anew(reverb, "source_objects"),
+        ),
+        "Add a Speaker of the scene as one more source; pick it below",
+    ),
+    *buttons(
+        "receiver_object",
+        "Receiver Object",
+        Listed(
+            "receiver_objects_pointers",
+            _reverb_of,
+            NO_REVERB,
+            lambda reverb: references.listed_anew(reverb, "receiver_objects"),
+        ),
+        "Add an Empty or a Camera of the scene as one more receiver; pick it below",
+    ),
+)
+
+
+OWN = "My Own"
+
+
+@cache
+def instruments() -> dict[str, ScannerFile]:
+    """Every instrument that the add-on brings, by the name of its file; read once."""
+    from ...formats.toml_file import read_scanner, scanner_names
+
+    return {name: read_scanner(name) for name in scanner_names()}
+
+
+def draw_instrument(layout: bpy.types.UILayout, group: Any) -> None:
+    """The menu, which shows the instrument that a scanner's settings started from."""
+    layout.row(heading="Instrument").menu(
+        FOREST_MT_instruments.__name__, text=instrument_title(group)
+    )
+
+
+def instrument_title(group: Any) -> str:
+    """Return what the settings of a scanner started from: an instrument, a file of the user's, or nothing."""
+    file = instruments().get(group.scanner)
+    if file is not None:
+        return short(file.title)
+    return Path(group.scanner).name if group.scanner else label(OWN)
+
+
+def short(title: str) -> str:
+    """A title without what stands in brackets, so that it fits beside its label."""
+    return title.partition(" (")[0]
+
+
+def figures_of(file: ScannerFile, kind: str) -> str:
+    """Return how far, how often and how narrow, of an instrument on a platform."""
+    figures = file.tables[kind]
+    parts = []
+    if "max_range" in figures:
+        parts.append(say("{metres:g} m", metres=figures["max_range"]))
+    if "pulse_rate" in figures:
+        parts.append(say("{rate:g} kHz", rate=figures["pulse_rate"] / 1e3))
+    spread = figures.get("beam", {}).get("divergence_mrad")
+    if spread:
+        parts.append(say("{spread:g} mrad", spread=max(spread)))
+    return ", ".join(parts)
+
+
+class FOREST_OT_choose_instrument(bpy.types.Operator):
+    """Start from an instrument's published figures"""
+
+    bl_idname = "forest.choose_instrument"
+    bl_label = "Instrument"
+    bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO", "INTERNAL"}
+
+    scanner: bpy.props.StringProperty(name="Instrument")
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        thing = chosen_sensor(context)
+        return thing is not None and hasattr(spec.SENSORS[sensors.kind_of(thing)], "scanner")
+
+    @classmethod
+    def description(cls, context: bpy.types.Context, settings: Any) -> str:
+        file, thing = instruments().get(settings.scanner), chosen_sensor(context)
+        if file is None or thing is None or sensors.kind_of(thing) not in file.tables:
+            return say("All settings as they are, of no instrument")
+        figures = figures_of(file, sensors.kind_of(thing))
+        return say("{instrument}: {figures}", instrument=file.title, figures=figures)
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        thing = chosen_sensor(context)
+        group = getattr(thing.forest_sensor, sensors.kind_of(thing))
+        group.scanner = self.scanner  # what follows when it is set takes the figures
+        return {"FINISHED"}
+
+
+class FOREST_MT_instruments(bpy.types.Menu):
+    """Instruments that are used on what carries the chosen sensor"""
+
+    bl_label = "Instruments"
+
+    def draw(self, context: bpy.types.Context) -> None:
+        thing = chosen_sensor(context)
+        if thing is None:
+            return
+        kind = sensors.kind_of(thing)
+        for name, file in instruments().items():
+            if kind in file.tables:
+                title = short(file.title)
+                choose = self.layout.operator(FOREST_OT_choose_instrument.bl_idname, text=title)
+                choose.scanner = name
+        none = self.layout.operator(FOREST_OT_choose_instrument.bl_idname, text=label(OWN))
+        none.scanner = ""
+
 
 AXES = (keep("Rotation X"), keep("Rotation Y"), keep("Rotation Z"))
 
@@ -56,12 +412,10 @@ class FOREST_PT_sensors(OnceStarted, bpy.types.Panel):
         split(layout).prop(props, "output", placeholder="In this file alone")
 
 
-class FOREST_PT_sensor(OnceStarted, bpy.types.Panel):
+class FOREST_PT_sensor(OfSensors, bpy.types.Panel):
     """Settings of the chosen sensor."""
 
     bl_label = "Sensor Settings"
-    bl_parent_id = "FOREST_PT_sensors"
-    bl_options: ClassVar[set[str]] = {"DEFAULT_CLOSED"}  # results stay in sight
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
@@ -78,13 +432,10 @@ class FOREST_PT_sensor(OnceStarted, bpy.types.Panel):
         _draw_sensor(self.layout, thing)
 
 
-class FOREST_PT_sensor_data(bpy.types.Panel):
+class FOREST_PT_sensor_data(OfData, bpy.types.Panel):
     """The same in the Properties editor, where Blender's own cameras and lamps have theirs."""
 
     bl_label = "Forest Sensor"
-    bl_space_type = "PROPERTIES"
-    bl_region_type = "WINDOW"
-    bl_context = "data"
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
@@ -161,8 +512,10 @@ def _draw_sensor(layout: bpy.types.UILayout, thing: bpy.types.Object) -> None:
         header.label(text=name_in(type(group), part))
         if body is not None:
             draw_settings(split(body), getattr(group, part))
-    if kind in LISTS:
-        LISTS[kind](layout, group)
+    if kind == "mobile":
+        _draw_poses(layout, group)
+    elif kind == "reverb":
+        _draw_further(layout, group)
 
 
 def _draw_poses(layout: bpy.types.UILayout, group: Any) -> None:
@@ -170,49 +523,29 @@ def _draw_poses(layout: bpy.types.UILayout, group: Any) -> None:
     if group.follow:
         return
     layout.label(text="Where It Goes")
-    draw_list(layout, "FOREST_UL_poses", group, "poses", "pose")
-    if group.poses:
-        draw_settings(split(layout), chosen(group, "poses"))
+    draw_listed(layout, group, "poses", "pose")
 
 
 def _draw_further(layout: bpy.types.UILayout, group: Any) -> None:
-    """Further sources and receivers of a reverb."""
-    layout.label(text="Further Sources")
-    _draw_ends(layout, group, "sources", "source")
-    _draw_objects(layout, group, "source_objects", "source_object")
-    layout.label(text="Further Receivers")
-    _draw_ends(layout, group, "receivers", "receiver")
-    _draw_objects(layout, group, "receiver_objects", "receiver_object")
+    """Further sources and receivers of a reverb: places, and objects that are picked."""
+    for end, title in (
+        ("source", keep("Further Sources")),
+        ("receiver", keep("Further Receivers")),
+    ):
+        layout.label(text=label_kept(title))
+        draw_listed(layout, group, f"{end}s", end, "places")
+        objects = f"{end}_objects"
+        layout.label(text=name_in(type(group), objects))
+        items = f"{objects}_pointers"
+        draw_list(layout, group, items, f"{end}_object", "objects")
+        if getattr(group, items):
+            split(layout).prop(chosen(group, items), "thing")
 
 
-LISTS: dict[str, Callable[[bpy.types.UILayout, Any], None]] = {  # of the settings of a kind
-    "mobile": _draw_poses,
-    "reverb": _draw_further,
-}
-
-
-def _draw_ends(layout: bpy.types.UILayout, reverb: Any, name: str, thing: str) -> None:
-    """Further sources or receivers: the list, and the place of the chosen one."""
-    draw_list(layout, "FOREST_UL_places", reverb, name, thing)
-    if getattr(reverb, name):
-        draw_settings(split(layout), chosen(reverb, name))
-
-
-def _draw_objects(layout: bpy.types.UILayout, reverb: Any, name: str, thing: str) -> None:
-    """Objects that are further ends: the list, and the picker of the chosen one."""
-    layout.label(text=name_in(type(reverb), name))
-    items = f"{name}_pointers"
-    draw_list(layout, "FOREST_UL_objects", reverb, items, thing)
-    if getattr(reverb, items):
-        split(layout).prop(chosen(reverb, items), "thing")
-
-
-class FOREST_PT_thing(OnceStarted, bpy.types.Panel):
+class FOREST_PT_thing(OfSensors, bpy.types.Panel):
     """Panel of the active object as sensors see it."""
 
     bl_label = "This Object"
-    bl_parent_id = "FOREST_PT_sensors"
-    bl_options: ClassVar[set[str]] = {"DEFAULT_CLOSED"}
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
@@ -237,19 +570,15 @@ class FOREST_PT_thing(OnceStarted, bpy.types.Panel):
             column.prop(thing, "forest_refraction")
 
 
-class FOREST_PT_air(OnceStarted, bpy.types.Panel):
+class FOREST_PT_air(OfSensors, bpy.types.Panel):
     bl_label = "Air"
-    bl_parent_id = "FOREST_PT_sensors"
-    bl_options: ClassVar[set[str]] = {"DEFAULT_CLOSED"}
 
     def draw(self, context: bpy.types.Context) -> None:
         draw_settings(split(self.layout), context.scene.forest_sensing.air)
 
 
-class FOREST_PT_wind(OnceStarted, bpy.types.Panel):
+class FOREST_PT_wind(OfSensors, bpy.types.Panel):
     bl_label = "Wind"
-    bl_parent_id = "FOREST_PT_sensors"
-    bl_options: ClassVar[set[str]] = {"DEFAULT_CLOSED"}
 
     def draw_header_preset(self, _context: bpy.types.Context) -> None:
         draw_presets(self.layout, "wind")
@@ -259,22 +588,9 @@ class FOREST_PT_wind(OnceStarted, bpy.types.Panel):
         draw_wind(self.layout, context.scene)
 
 
-class FOREST_PT_rays(OnceStarted, bpy.types.Panel):
+class FOREST_PT_rays(OfSensors, bpy.types.Panel):
     bl_label = spec.Rays.TITLE
-    bl_parent_id = "FOREST_PT_sensors"
-    bl_options: ClassVar[set[str]] = {"DEFAULT_CLOSED"}
 
     def draw(self, context: bpy.types.Context) -> None:
         draw_settings(split(self.layout), context.scene.forest_sensing.rays)
         draw_settings(split(self.layout), context.scene.forest_sensing.accuracy)
-
-
-CLASSES = (
-    FOREST_PT_sensors,
-    FOREST_PT_sensor,
-    FOREST_PT_sensor_data,
-    FOREST_PT_thing,
-    FOREST_PT_air,
-    FOREST_PT_wind,
-    FOREST_PT_rays,
-)

@@ -1,4 +1,4 @@
-"""Running sensors: one or all, in the scene as it is or frame by frame; results in the panel and a folder."""
+"""Running sensors: one or all, in the scene as it is or frame by frame; what it costs; where results go."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import bpy
 
@@ -15,15 +15,155 @@ from ...blender.jobs import Task, Work
 from ...blender.scene.instances import may_be_met
 from ...blender.sensors import objects as sensors
 from ...spec import SpecError
-from ..forest.swaying import swaying
+from ..forest.wind import swaying
+from ..settings.drawing import split
 from ..settings.exchange import to_spec
 from ..settings.preferences import expansions, rays_of
-from ..shell.running import PROBLEMS, WhenReady, Working, getting_ready, in_words
-from ..shell.words import label, say
-from .ahead import Ahead
-from .cost import chosen_things, costs, is_large
-from .cost import in_words as in_short
-from .things import is_unrendered
+from ..shell.running import PROBLEMS, WhenReady, Working, duration, getting_ready, in_words, press
+from ..shell.words import keep, label, say
+from .panels import is_unrendered
+
+if TYPE_CHECKING:
+    from ...sensing.kind import Cost
+
+LONG = 60.0  # s; what takes longer is asked about
+LARGE = 2e9  # bytes; the same
+KEPT = 1 / 3  # of a run's memory: 100 bytes a point, which is what Blender keeps of it
+PICTURE = 1e6  # bytes of a picture that is kept, as measured
+
+
+def costs(context: bpy.types.Context, things: Iterable[bpy.types.Object]) -> list[Cost]:
+    """The cost of running each of these sensors once.
+
+    Raises
+    ------
+    SpecError, ValueError : settings that cannot be used.
+    """
+    from ...blender.sensors.observe import Observer
+    from ...sensing.kinds import cost_of
+
+    home = Path(bpy.path.abspath(context.scene.forest_sensing.folder))
+    found = []
+    trees = sum(planting.standing for planting in context.scene.forest_sensing.plantings)
+    for thing in things:
+        settings = to_spec(context.scene, [thing])
+        (sensor,) = settings.sensors
+        engine = "bvhtree" if settings.rays.engine == "bvhtree" else "embree"
+        found.append(cost_of(sensor, Observer.way(sensor, home), engine, settings, trees))
+    return found
+
+
+def chosen_things(scene: bpy.types.Scene, name: str, again: bool = False) -> list[bpy.types.Object]:
+    """The sensor of this name, all where it is empty. again : only those whose result is of the forest that
+    stood before."""
+    results = scene.forest_sensing.results
+    stale = {result.name for result in results if result.stale}
+    found = [thing for thing in sensors.sensors_of(scene) if name in ("", thing.name)]
+    return [thing for thing in found if thing.name in stale] if again else found
+
+
+def is_large(found: list[Cost], frames: int = 1, keep: bool = False) -> bool:
+    """Return whether one should be asked before this runs. keep : what all frames find stays in the file."""
+    seconds = frames * sum(cost.seconds for cost in found)
+    return seconds > LONG or memory_of(found, frames if keep else 1) > LARGE
+
+
+def memory_of(found: list[Cost], kept: int = 1) -> float:
+    """Bytes of a run whose points and pictures stay for so many frames."""
+    return sum(cost.memory + (kept - 1) * (KEPT * cost.memory + PICTURE) for cost in found)
+
+
+def cost_in_words(found: list[Cost], frames: int = 1, keep: bool = False) -> str:
+    """22.5 M pulses, about 5 min, 1.8 GB."""
+
+    parts = []
+    for what in ("pulses", "pings", "channels", "runs"):
+        number = frames * sum(cost.count for cost in found if cost.what == what)
+        if any(cost.what == what for cost in found):
+            count = short(number)
+            many = {
+                "pulses": label("{count} pulses", count=count),
+                "pings": label("{count} pings", count=count),
+                "channels": label("{count} channels", count=count),
+                "runs": label("{count} runs", count=count),
+            }
+            one = {"pings": label("1 ping"), "channels": label("1 channel"), "runs": label("1 run")}
+            parts.append(one.get(what, many[what]) if number == 1 else many[what])
+    parts.append(label("about {time}", time=duration(frames * sum(c.seconds for c in found))))
+    memory = memory_of(found, frames if keep else 1)
+    if memory >= 5e7:
+        parts.append(label("{size:.1f} GB", size=memory / 1e9))
+    return ", ".join(parts)
+
+
+def short(count: int) -> str:
+    """A number with three digits that count: 22.5 M."""
+    for unit, word in ((1e9, " G"), (1e6, " M"), (1e4, "k")):
+        if count >= unit:
+            return f"{count / (1e3 if word == 'k' else unit):.3g}{word}"
+    return f"{count:,}"
+
+
+def time_in_words(seconds: float) -> str:
+    """A time that was taken or estimated: exact to a tenth of a second where that says something."""
+    return f"{seconds:.1f} s" if seconds < 9.95 else duration(seconds)
+
+
+class Ahead:
+    """All runs of a job, one after the other: which one comes, and which share of the whole it is."""
+
+    def __init__(self, of_sensors: list[Cost], frames: int) -> None:
+        self._of_sensors, self._frames, self._done = of_sensors, frames, 0
+        self._times: dict[str, tuple[float, float]] = {}  # s taken and estimated, by sensor
+        self._frame = sum(max(cost.seconds, 1e-3) for cost in of_sensors)
+
+    def next(self, name: str) -> tuple[str, tuple[float, float], Cost]:
+        """Return what the next run is called, from which share of the job to which it leads, what it
+        costs."""
+        frame, number = divmod(self._done, len(self._of_sensors))
+        self._done += 1
+        before = sum(max(cost.seconds, 1e-3) for cost in self._of_sensors[:number])
+        cost = self._of_sensors[number]
+        whole = self._frames * self._frame
+        low = (frame * self._frame + before) / whole
+        span = low, low + max(cost.seconds, 1e-3) / whole
+        words = name
+        if len(self._of_sensors) > 1:
+            words = say(
+                "{sensor}, {number} of {count}",
+                sensor=words,
+                number=number + 1,
+                count=len(self._of_sensors),
+            )
+        if self._frames > 1:
+            words = say(
+                "{sensor}, frame {number} of {count}",
+                sensor=words,
+                number=frame + 1,
+                count=self._frames,
+            )
+        return words, span, cost
+
+    def note(self, name: str, took: float, estimated: float) -> None:
+        """Note what a run took; those of a frame range add up."""
+        before = self._times.get(name, (0.0, 0.0))
+        self._times[name] = before[0] + took, before[1] + estimated
+
+    def told(self, sentence: str) -> str:
+        """Return what is said at the end: of one run its own sentence, of several the times of all."""
+
+        def both(times: tuple[float, float]) -> str:
+            took, estimated = map(time_in_words, times)
+            return say("{took} ({estimated} estimated)", took=took, estimated=estimated)
+
+        runs = list(self._times.items())
+        if len(runs) == 1 and self._done == 1:
+            estimated = time_in_words(runs[0][1][1])
+            return say("{found} ({estimated} estimated)", found=sentence, estimated=estimated)
+        whole = sum(times[0] for _, times in runs), sum(times[1] for _, times in runs)
+        each = ", ".join(f"{name} {both(times)}" for name, times in runs)
+        return say("{count} runs in {time}: {each}", count=self._done, time=both(whole), each=each)
+
 
 FEW = 3  # names of objects in a sentence
 
@@ -73,7 +213,7 @@ class FOREST_OT_run(Working, bpy.types.Operator):
             found = costs(context, chosen_things(context.scene, given.sensor, given.again))
         except PROBLEMS:
             return words
-        return f"{words}.\n{in_short(found)}" if found else words
+        return f"{words}.\n{cost_in_words(found)}" if found else words
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         if not (self.sure or bpy.app.background):
@@ -96,17 +236,13 @@ class FOREST_OT_run(Working, bpy.types.Operator):
         return super().invoke(context, event)
 
     @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        if not super().poll(context):
-            return False
-        if not sensors.sensors_of(context.scene):
-            cls.poll_message_set(say("There is no sensor yet. Add one to the list"))
-            return False
-        if not any(may_be_met(thing) for thing in context.view_layer.objects):
+    def obstacle(cls, context: bpy.types.Context) -> str:
+        reason = super().obstacle(context)
+        if not reason and not sensors.sensors_of(context.scene):
+            reason = say("There is no sensor yet. Add one to the list")
+        if not reason and not any(may_be_met(thing) for thing in context.view_layer.objects):
             reason = say("There is nothing to sense in this scene. Grow a forest first")
-            cls.poll_message_set(reason)
-            return False
-        return True
+        return reason
 
     def work(self, context: bpy.types.Context) -> Work:
         scene = context.scene
@@ -152,21 +288,20 @@ class FOREST_OT_run(Working, bpy.types.Operator):
         from ...blender.sensors.moving import seconds_of
         from ...blender.sensors.observe import Observer
         from ...results.coordinates import Offset
+        from ...results.kinds import write_finding
         from ...sensing.kind import note_pace
         from ...sensing.kinds import choose
         from ...stand.plan import labels
-        from ..results import frames
-        from ..results.finding import keep_finding, note_audit, note_estimate, save_finding
+        from ..results.finding import keep_finding, note_audit, note_figures
+        from ..results.keep import begin_frames
 
         rays = rays_of(to_spec(context.scene, []).rays)
         missing: list[str] = []
         sway = yield from swaying(context, missing)
         observer = Observer.of(context.evaluated_depsgraph_get(), rays, expansions())
         observer.blow(sway, seconds_of(context.scene))
-        for sentence in missing:
-            self.report({"WARNING"}, sentence)
-        unrendered = names_unrendered(context.view_layer)
-        for sentence in filter(None, (observer.warning, unrendered)):
+        warnings = (*missing, observer.warning, names_unrendered(context.view_layer))
+        for sentence in filter(None, warnings):
             self.report({"WARNING"}, sentence)
         home = Path(bpy.path.abspath(context.scene.forest_sensing.folder))
         sentence, number = "", "" if frame is None else f"-{frame:04d}"
@@ -183,10 +318,8 @@ class FOREST_OT_run(Working, bpy.types.Operator):
             note_pace(sensor, cost, took)
             ahead.note(thing.name, took, cost.seconds)
             planted = planted_names(context.scene, labels(settings.plantings))
-            names = observer.names, planted
-            kept = frame if self.keep else None
             if self.keep and thing.name not in self._job.kept:
-                frames.begin(context.scene, thing.name)
+                begin_frames(context.scene, thing.name)
             sentence = keep_finding(
                 context,
                 thing,
@@ -194,11 +327,14 @@ class FOREST_OT_run(Working, bpy.types.Operator):
                 found,
                 took,
                 Offset.of(settings),
-                names,
-                kept,
+                (observer.names, planted),
+                frame if self.keep else None,
                 observer.geometry,
             )
-            note_estimate(context, thing.name, took, cost.seconds)
+            estimate = keep(
+                "{took:.1f} s, {estimated:.1f} s estimated", took=took, estimated=cost.seconds
+            )
+            note_figures(context, thing.name, {"Time": estimate})
             empty = observer.empty(sensor, settings, found, home, way)
             if empty:
                 sentence = f"{thing.name}: {empty}"
@@ -207,9 +343,8 @@ class FOREST_OT_run(Working, bpy.types.Operator):
             if folder is not None:
                 try:
                     numbered = replace(sensor, name=sensor.name + number)
-                    path = save_finding(
-                        context, folder, thing.name, numbered, found, Offset.of(settings)
-                    )
+                    path = write_finding(folder, numbered, found, Offset.of(settings))[0]
+                    context.scene.forest_sensing.results[thing.name].file = str(path)
                     sentence = say("{found}, saved as {path}", found=sentence, path=path)
                 except (OSError, ImportError) as problem:
                     reason = in_words(problem)
@@ -244,7 +379,7 @@ class FOREST_OT_run_large(bpy.types.Operator):
     def draw(self, context: bpy.types.Context) -> None:
         frames = len(frames_of(context.scene)) if self.frames == "RANGE" else 1
         found = costs(context, chosen_things(context.scene, self.sensor, self.again))
-        self.layout.label(text=in_short(found, frames, self.keep), icon="INFO")
+        self.layout.label(text=cost_in_words(found, frames, self.keep), icon="INFO")
         self.layout.label(text="Esc stops it; what was found until then stays.")
 
     def execute(self, _context: bpy.types.Context) -> set[str]:
@@ -277,8 +412,8 @@ class FOREST_OT_run_frames(WhenReady, bpy.types.Operator):
     )
 
     @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return bool(FOREST_OT_run.poll(context))
+    def obstacle(cls, context: bpy.types.Context) -> str:
+        return str(FOREST_OT_run.obstacle(context))
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         if bpy.app.background:
@@ -289,9 +424,7 @@ class FOREST_OT_run_frames(WhenReady, bpy.types.Operator):
 
     def draw(self, context: bpy.types.Context) -> None:
         layout, scene = self.layout, context.scene
-        column = layout.column()
-        column.use_property_split = True
-        column.use_property_decorate = False
+        column = split(layout)
         column.row().prop(self, "which", expand=True)
         frames = column.column(align=True)
         for name in ("frame_start", "frame_end", "frame_step"):
@@ -315,17 +448,12 @@ class FOREST_OT_run_frames(WhenReady, bpy.types.Operator):
             found = costs(bpy.context, chosen_things(scene, self.sensor if one else ""))
         except PROBLEMS:
             return runs  # running it says what is wrong
-        return f"{runs}, {in_short(found, frames, self.keep)}"
+        return f"{runs}, {cost_in_words(found, frames, self.keep)}"
 
-    def execute(self, _context: bpy.types.Context) -> set[str]:
-        how = "EXEC_DEFAULT" if bpy.app.background else "INVOKE_DEFAULT"
+    def act(self, _context: bpy.types.Context) -> str:
         one = self.sensor if self.which == "ONE" else ""
-        try:
-            bpy.ops.forest.run(how, sensor=one, frames="RANGE", keep=self.keep, sure=True)
-        except RuntimeError as refusal:
-            self.report({"ERROR"}, str(refusal).removeprefix("Error: ").strip())
-            return {"CANCELLED"}
-        return {"FINISHED"}
+        press(bpy.ops.forest.run, sensor=one, frames="RANGE", keep=self.keep, sure=True)
+        return ""
 
 
 def frames_of(scene: bpy.types.Scene) -> range:
@@ -365,6 +493,3 @@ def _folder(output: str) -> Path | None:
         said = say("{folder} cannot be made: {reason}", folder=folder, reason=problem.strerror)
         raise SpecError(say("Save To"), said) from None
     return folder
-
-
-CLASSES = (FOREST_OT_run, FOREST_OT_run_large, FOREST_OT_run_frames)

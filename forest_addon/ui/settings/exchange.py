@@ -10,27 +10,19 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
+from pathlib import Path
 from typing import Any, TypeVar
 
+import bpy
+
 from ... import spec
-from ...blender.read.inputs import shortest
+from ...blender.scene.layout import shortest
 from ...blender.sensors import objects as sensors
 from ...blender.sensors.objects import file_name
 from ...spec import Settings, SpecError
 from ..shell.words import say
 from . import hills, references
-from .fields import (
-    LARGEST_INT,
-    WHEN_USED,
-    fields_of,
-    is_group,
-    is_sensor_kind,
-    is_text,
-    items_of,
-    listed,
-    text_of,
-    without_none,
-)
+from .groups import LARGEST_INT, WHEN_USED, fields_of, text_of
 
 T = TypeVar("T", bound=Settings)
 # What is set where one senses, whether a forest is to stand there or not.
@@ -59,6 +51,7 @@ def to_spec(scene: Any, things: Iterable[Any] | None = None) -> spec.Scene:
     SpecError : a value that cannot be used; ``key`` names it as a scene file would.
     """
     props = scene.forest_sensing
+    things = sensors.sensors_of(scene) if things is None else things
     return spec.Scene(
         name=props.name,
         seed=props.seed,
@@ -77,7 +70,7 @@ def to_spec(scene: Any, things: Iterable[Any] | None = None) -> spec.Scene:
         rays=read(props.rays, spec.Rays, "rays"),
         flight=read(props.flight, spec.Flight, "flight"),
         accuracy=read(props.accuracy, spec.Accuracy, "accuracy"),
-        sensors=tuple(sensor_of(thing) for thing in _all_of(scene, things)),
+        sensors=tuple(sensor_of(thing) for thing in things),
     )
 
 
@@ -127,14 +120,10 @@ def from_spec(scene: Any, settings: spec.Scene, keep_sensors: bool = False) -> N
     props = scene.forest_sensing
     props.name, props.seed = settings.name, settings.seed
     props.offset, props.crs = text_of(settings.offset), settings.crs
-    write(props.forest, settings.forest)
-    write(props.air, settings.air)
-    write(props.wind, settings.wind)
-    write(props.rays, settings.rays)
-    write(props.flight, settings.flight)
-    write(props.accuracy, settings.accuracy)
-    _fill(props, "plantings", settings.plantings)
-    _fill(props, "stems", settings.stems)
+    for name in ("forest", "air", "wind", "rays", "flight", "accuracy"):
+        write(getattr(props, name), getattr(settings, name))
+    fill(props, "plantings", settings.plantings)
+    fill(props, "stems", settings.stems)
     there = sensors.sensors_of(scene)
     known = _unnamed(there) if keep_sensors else []
     for thing in () if keep_sensors else there:
@@ -164,10 +153,6 @@ def add_sensor(scene: Any, settings: Settings) -> Any:
     thing = sensors.new_sensor(scene, settings)
     write(getattr(thing.forest_sensor, settings.kind), settings)
     return thing
-
-
-def _all_of(scene: Any, things: Iterable[Any] | None) -> Iterable[Any]:
-    return sensors.sensors_of(scene) if things is None else things
 
 
 def forestless(props: Any) -> bool:
@@ -206,29 +191,27 @@ def read(group: Any, settings: type[T], place: str = "", given: dict[str, Any] |
     SpecError : a value that cannot be used.
     """
     values: dict[str, Any] = {}
-    for name, kind, known, _ in fields_of(settings):
-        items = items_of(kind)
+    for field in fields_of(settings):
+        name, key = field.name, f"{place}.{field.name}".lstrip(".")
         if given and name in given:
             values[name] = given[name]
-        elif items:
+        elif field.how == "kind":
+            continue
+        elif field.optional and not getattr(group, f"use_{name}"):
+            values[name] = None
+        elif field.how == "groups":
             values[name] = tuple(
-                read(item, items, f"{place}.{name}[{number}]".lstrip("."))
+                read(item, field.item, f"{key}[{number}]")
                 for number, item in enumerate(getattr(group, name))
             )
-        elif without_none(kind) and not getattr(group, f"use_{name}"):
-            values[name] = None
-        elif is_group(without_none(kind) or kind):
-            part = without_none(kind) or kind
-            values[name] = read(getattr(group, name), part, f"{place}.{name}".lstrip("."))
-        elif is_sensor_kind(name, known):
-            continue
-        elif listed(kind):
-            key = f"{place}.{name}".lstrip(".")
-            values[name] = _list_of(key, getattr(group, name), listed(kind))
-        elif is_text(name, kind):
-            values[name] = _parsed(f"{place}.{name}".lstrip("."), getattr(group, name))
-        elif name in references.REFERENCES and kind is str:
-            values[name] = _named(f"{place}.{name}".strip("."), group, name)
+        elif field.how == "group":
+            values[name] = read(getattr(group, name), field.kind, key)
+        elif field.how == "list":
+            values[name] = _list_of(key, getattr(group, name), field.item)
+        elif field.how == "text":
+            values[name] = _parsed(key, getattr(group, name))
+        elif name in references.REFERENCES and field.kind is str:
+            values[name] = _named(key, group, name)
         else:
             values[name] = _plain(getattr(group, name))
     try:
@@ -239,26 +222,40 @@ def read(group: Any, settings: type[T], place: str = "", given: dict[str, Any] |
 
 def write(group: Any, settings: Settings, only: Mapping[str, Any] | None = None) -> None:
     """Put settings into their property group; ``only`` those that such a table names."""
-    for name, kind, known, _ in fields_of(type(settings)):
+    for field in fields_of(type(settings)):
+        name, value = field.name, getattr(settings, field.name)
         if only is not None and name not in only:
             continue
-        value = getattr(settings, name)
-        if without_none(kind):
+        if field.optional:
             setattr(group, f"use_{name}", value is not None)
-            if value is None and is_group(without_none(kind)):
-                value = WHEN_USED[name]
-        if is_group(without_none(kind) or kind):
+        if field.how == "group":
+            value = WHEN_USED[name] if value is None else value
             write(getattr(group, name), value, None if only is None else only[name])
-        elif items_of(kind):
-            _fill(group, name, value)
-        elif is_text(name, kind):
+        elif field.how == "groups":
+            fill(group, name, value)
+        elif field.how in ("list", "text"):
             text = text_of(value)
-            setattr(group, name, text.strip("[]") if listed(kind) in (int, float) else text)
-        elif value is not None and not is_sensor_kind(name, known):
+            setattr(group, name, text.strip("[]") if field.item in (int, float) else text)
+        elif value is not None and field.how != "kind":
             setattr(group, name, value)
 
 
-def _fill(group: Any, name: str, items: Iterable[Settings]) -> None:
+def take_scanner(props: Any, context: Any) -> None:
+    """Put the figures of the scanner that was chosen into the settings; they can be changed after."""
+    from ...formats.toml_file import settings_of, structure
+
+    kind = type(props).__name__.removeprefix("FOREST_PG_")
+    folder = Path(bpy.path.abspath(context.scene.forest_sensing.folder))
+    try:
+        figures = settings_of(props.scanner, kind, folder)
+        chosen = structure(figures, spec.SENSORS[kind])
+    except (spec.SpecError, ImportError):
+        return  # not a whole name yet, or none: what is set stays
+    write(props, chosen, figures)
+
+
+def fill(group: Any, name: str, items: Iterable[Settings]) -> None:
+    """Put settings into a list of property groups, in place of those in it."""
     collection = getattr(group, name)
     collection.clear()
     for item in items:

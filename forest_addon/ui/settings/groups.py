@@ -1,16 +1,19 @@
 """Settings as Blender properties: every property group is made from a dataclass of ``spec``.
 
-Name, unit, range, default and help come from ``param_of``, so a parameter is written once. Angles stay
-degrees, as in a scene file, and are shown as Blender's (``shown``). A value that may be left out becomes a
-number with a switch beside it.
-``exchange`` takes settings in and gives them back.
+Name, unit, range, default and help come from ``param_of``, so a parameter is written once. A value that may
+be left out becomes a number with a switch beside it; corners and lists are texts. What is stored stays
+degrees and hertz, as in a scene file; beside an angle or a high frequency stands a property NAME_shown that
+converts when it is read or set. ``exchange`` takes settings in and gives them back.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import functools
+import json
 import math
 import re
+import types
 import typing
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any
@@ -29,22 +32,157 @@ from bpy.props import (
     StringProperty,
 )
 
-from ...spec import AUTO, Param, Settings
+from ... import spec
+from ...blender.scene.layout import shortest
+from ...spec import AUTO, Param, Settings, param_of
 from ...spec.choices import meaning_of, title_of
 from ..shell.words import keep
-from .fields import (
-    LARGEST_INT,
-    WHEN_USED,
-    fields_of,
-    is_group,
-    is_sensor_kind,
-    is_text,
-    items_of,
-    text_of,
-    without_none,
-)
-from .offers import offered
-from .shown import FACE, shown_property
+from .references import offered
+
+LARGEST_INT = 2**31 - 1  # what Blender's whole numbers hold
+# What a value that was left out starts with when it is switched on.
+WHEN_USED = {
+    "expected": 20.0,
+    "density": 0.05,
+    "rotation_deg": 0.0,
+    "scale": 1.0,  # of a tree set by hand
+    "diameter": 0.25,
+    "variant": 0,
+    "sound_speed": 343.2,
+    "line_step_deg": 0.25,
+    "size": (30.0, 30.0),
+    "origin": (0.0, 0.0),
+    "start": (0.0, 0.0, 2.0),
+    "low": 0.0,
+    "escape": 0.0,
+    "high": 1.0,
+    "trunk_daughters": spec.Discrete(values=(3,)),
+    "template": spec.Template(wood=""),
+    "siblings": spec.Siblings(),
+    "rules": spec.Rules(axiom="A", productions=("A -> F[+A][-A]/(90)A",)),
+    "honda": spec.Honda(),
+    "crown": spec.Crown(),
+    "targets": spec.Targets(),
+    "needles": spec.Needles(),
+    "architecture": spec.Architecture(),
+    "dbh": spec.Normal(mean=0.25, sd=0.06),
+    "inclination": spec.Inclination(),
+}
+
+
+@dataclasses.dataclass(frozen=True)
+class Field:
+    """Field of a settings class, and how the panel keeps it.
+
+    kind : its type, without None. optional : it may be left out, by a switch. how : as a "value", a "group"
+    within the group, a list of "groups", a "list" of numbers or texts written as text, nested numbers as
+    "text", which Blender has no property for or which need more digits than Blender's numbers keep; "kind"
+    of a sensor is not kept. item : class of a list's items. start : what it starts with when it is used.
+    """
+
+    name: str
+    kind: Any
+    param: Param
+    default: Any
+    optional: bool
+    how: str
+    item: Any
+    start: Any
+
+
+@functools.cache
+def fields_of(settings: type[Settings]) -> tuple[Field, ...]:
+    """Every field of a settings class."""
+    kinds = typing.get_type_hints(settings)
+    return tuple(
+        _field(field, kinds[field.name])
+        for field in dataclasses.fields(settings)  # type: ignore[arg-type]
+    )
+
+
+def _field(field: dataclasses.Field, kind: Any) -> Field:
+    optional, known = isinstance(kind, types.UnionType), param_of(field)
+    if optional:
+        kind = next(part for part in typing.get_args(kind) if part is not types.NoneType)
+    parts = typing.get_args(kind)
+    item = parts[0] if len(parts) == 2 and parts[1] is Ellipsis else None
+    how = "value"
+    if _is_settings(kind):
+        how = "group"
+    elif _is_settings(item):
+        how = "groups"
+    elif item in (int, float, str):
+        how = "list"
+    elif field.name == "offset" or any(typing.get_origin(part) is tuple for part in parts):
+        how = "text"
+    elif field.name == "kind" and len(known.choices) == 1:
+        how = "kind"
+    start = WHEN_USED.get(field.name) if field.default is None else field.default
+    return Field(field.name, kind, known, field.default, optional, how, item, start)
+
+
+def _is_settings(kind: Any) -> bool:
+    return isinstance(kind, type) and issubclass(kind, Settings)
+
+
+def text_of(value: Any) -> str:
+    """Numbers as a scene file writes them, [[0, 0], [10, 0], [10, 5.5]]; nothing for an empty list.
+
+    Texts are parted by semicolons.
+    """
+    if value and isinstance(value[0], str):
+        return "; ".join(value)
+    return json.dumps(value) if value else ""
+
+
+FACE = "_shown"  # ends the name of the property beside a setting
+HIGH = 1000.0  # Hz from which a frequency is one of kHz
+LONGEST = 15  # letters of a label
+DEGREE = math.pi / 180.0
+ROOM = 6  # digits of an angle that are kept: Blender's numbers have no more
+
+
+def factor_of(field: Field) -> float:
+    """By how much a value of a setting is multiplied when it is shown; 1: as it is stored."""
+    if field.param.unit == "deg":
+        return DEGREE
+    values = field.start if isinstance(field.start, tuple) else (field.start,)
+    numbers = [value for value in values if isinstance(value, int | float)]
+    return 1e-3 if field.param.unit == "Hz" and numbers and max(numbers) >= HIGH else 1.0
+
+
+def _shown_property(field: Field) -> Any:
+    """The property that shows a setting in another unit, None where that is as it is stored."""
+    factor, many, name = factor_of(field), isinstance(field.start, tuple), field.name
+    if factor == 1.0 or field.start is None:
+        return None
+
+    def read(group: Any) -> Any:
+        value = getattr(group, name)
+        return [factor * part for part in value] if many else factor * value
+
+    def stored(part: float) -> float:
+        if factor == DEGREE:
+            return float(f"{math.degrees(part):.{ROOM}g}")
+        return shortest(part) / factor
+
+    def write(group: Any, value: Any) -> None:
+        setattr(group, name, [stored(part) for part in value] if many else stored(value))
+
+    given = words_of(field) | {"get": read, "set": write, "options": {"SKIP_SAVE"}}
+    title = str(given["name"])
+    for limit, end in (("min", field.param.minimum), ("max", field.param.maximum)):
+        if math.isfinite(end):
+            given[limit] = factor * end
+    if factor == DEGREE:
+        given |= {"name": title.removesuffix(" (°)").removesuffix("(°)"), "unit": "ROTATION"}
+        given |= {"step": 100, "precision": 3} | ({} if many else {"subtype": "ANGLE"})
+    else:
+        whole = f"{title} (kHz)"
+        given["name"] = whole if len(whole) <= LONGEST else f"{title} kHz"
+        given |= {"step": 100, "precision": 2}
+    return FloatVectorProperty(size=len(field.start), **given) if many else FloatProperty(**given)
+
 
 Update = Callable[[Any, Any], None]  # told of a group and the context when a setting changed
 
@@ -143,29 +281,34 @@ def make_group(
     annotations: dict[str, Any] = {}
     lists: dict[str, Any] = {}
     parts: dict[str, Any] = {}
-    for name, kind, known, default in fields_of(settings):
-        many = items_of(kind)
-        part = without_none(kind) or kind
-        if many:
-            lists[name] = CollectionProperty(type=groups[many])
+    beside = dict(besides)
+    for field in fields_of(settings):
+        name = field.name
+        if field.how == "groups":
+            lists[name] = CollectionProperty(type=groups[field.item])
             lists[f"active_{name}"] = IntProperty(
                 name="Chosen",
                 description="The one that settings and buttons below are about",
                 options={"HIDDEN"},
                 update=when_set.get(f"active_{name}"),
             )
-        elif is_group(part):
-            words = {"name": label_of(name, known), "description": help_of(known)}
-            parts[name] = PointerProperty(type=groups[part], **words)
-            if part != kind:
-                annotations[f"use_{name}"] = _switch(name, known, default)
-        elif not is_sensor_kind(name, known):
-            annotations |= _properties(name, kind, known, default, when_set.get(name, _noticed))
-    beside = dict(besides) | _shown_otherwise(annotations, settings)
+        elif field.how == "group":
+            parts[name] = PointerProperty(type=groups[field.kind], **words_of(field))
+        elif field.how != "kind":
+            annotations[name] = property_of(field, when_set.get(name, _noticed))
+            if shown := _shown_property(field):
+                beside[f"{name}{FACE}"] = shown
+        if field.optional:
+            annotations[f"use_{name}"] = _switch(field)
     group = group_class(settings.__name__.lower(), annotations | parts | lists | beside)
     group.shown = tuple(name for name in annotations if not name.startswith("use_"))
     group.nested = tuple(parts)
     return group
+
+
+def words_of(field: Field) -> dict[str, Any]:
+    """Return what a property of a field is called, and its help."""
+    return {"name": label_of(field.name, field.param), "description": help_of(field.param)}
 
 
 def label_of(name: str, known: Param) -> str:
@@ -182,37 +325,12 @@ def label_of(name: str, known: Param) -> str:
     return words if shown_by_blender else f"{words} ({unit})"
 
 
-def _properties(name: str, kind: Any, known: Param, default: Any, update: Update) -> dict[str, Any]:
-    """The one Blender property of a field, or two where it may be left out."""
-    optional = without_none(kind)
-    if optional is None:
-        return {name: property_of(name, kind, known, default, update)}
-    start = WHEN_USED[name] if default is None else default
-    return {
-        name: property_of(name, optional, known, start, update),
-        f"use_{name}": _switch(name, known, default),
-    }
-
-
-def _shown_otherwise(annotations: Mapping[str, Any], settings: type[Settings]) -> dict[str, Any]:
-    """Return what stands beside settings whose unit is another in the panel than in a file."""
-    found = {}
-    for name, _, known, default in fields_of(settings):
-        start = WHEN_USED.get(name) if default is None else default
-        if name in annotations and start is not None:
-            title, words = label_of(name, known), help_of(known)
-            shown = shown_property(name, title, words, known, start)
-            found |= {f"{name}{FACE}": shown} if shown else {}
-    return found
-
-
-def _switch(name: str, known: Param, default: Any) -> Any:
+def _switch(field: Field) -> Any:
     """Return whether a value that may be left out is given."""
-    words: dict[str, Any] = {"name": f"Use {label_of(name, known)}", "description": help_of(known)}
-    words["update"] = _noticed
-    if name in ONE_OF:
-        words["update"] = lambda props, _: _switch_others_off(name, props)
-    return BoolProperty(default=default is not None, **words)
+    words = words_of(field) | {"update": _noticed, "default": field.default is not None}
+    if field.name in ONE_OF:
+        words["update"] = lambda props, _: _switch_others_off(field.name, props)
+    return BoolProperty(**words | {"name": f"Use {words['name']}"})
 
 
 def _switch_others_off(name: str, props: Any) -> None:
@@ -223,14 +341,14 @@ def _switch_others_off(name: str, props: Any) -> None:
                 setattr(props, f"use_{other}", False)
 
 
-def property_of(name: str, kind: Any, known: Param, default: Any, update: Update = _noticed) -> Any:
+def property_of(field: Field, update: Update = _noticed) -> Any:
     """The Blender property of a field."""
-    size = len(typing.get_args(kind)) if typing.get_origin(kind) is tuple else 0
-    item = typing.get_args(kind)[0] if size else kind
-    words: dict[str, Any] = {"name": label_of(name, known), "description": help_of(known)}
-    if is_text(name, kind):
+    name, known, default, words = field.name, field.param, field.start, words_of(field)
+    if field.how in ("list", "text"):
         given = () if default is dataclasses.MISSING else default
         return StringProperty(default=text_of(given), update=_noticed, **words)
+    size = len(typing.get_args(field.kind)) if typing.get_origin(field.kind) is tuple else 0
+    item = typing.get_args(field.kind)[0] if size else field.kind
     words["update"] = update
     if item is bool:
         return (BoolVectorProperty if size else BoolProperty)(default=default, **words)

@@ -18,31 +18,13 @@ from mathutils import Matrix
 
 from ...blender.scene.layout import INTENSITY, find_part, part
 from ...blender.show import intensity
-from ..shell.names import title_of
-from ..shell.selection import select_alone
+from ..shell.views import select_alone
+from ..shell.words import title_of
 
 SAME = 1e-6  # relative difference that is rounding: of a parent's matrix
 
 _following = False  # handles are setting hills, which must not move handles
 _active = ""  # the handle that was the active object when last looked
-
-
-def register() -> None:
-    """Hear of what is moved, deleted and copied."""
-    for handlers in _handlers():
-        handlers.append(follow)
-
-
-def unregister() -> None:
-    """Take the handlers back."""
-    for handlers in _handlers():
-        if follow in handlers:
-            handlers.remove(follow)
-
-
-def _handlers() -> tuple[list, ...]:
-    handlers = bpy.app.handlers
-    return handlers.depsgraph_update_post, handlers.frame_change_post
 
 
 def renew(scene: bpy.types.Scene) -> None:
@@ -105,6 +87,9 @@ def follow(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
         _choose_active(props, layer.objects.active)
     finally:
         _following = False
+
+
+HANDLERS = (("depsgraph_update_post", follow), ("frame_change_post", follow))
 
 
 def _hills(props: Any) -> Iterator[tuple[Any, int, Any]]:

@@ -1,14 +1,24 @@
-"""Preferences of the add-on: how rays are cast where a scene leaves it open, and the cache.
+"""Extension as it is installed: its preferences, cache, command and manual.
 
-The cache holds what libraries compute once a machine (the fonts of pictures). It lies in the folder that
-Blender gives this extension, and can be cleared at any time.
+Preferences say how rays are cast where a scene leaves it open. The cache holds what libraries compute once a
+machine (the fonts of pictures). It lies in the folder that Blender gives this extension, and can be cleared
+at any time. The command is ``blender --command forest run SCENE.toml``.
+
+F1 over a button or a setting opens a page of the manual. The extension carries it
+(packaging/write_manual.py), so no network is asked for; in a working copy the same pages are docs/*.md. A
+setting leads to its line in the page of scene and species files, an operator to the paragraph of the panel,
+or of its subject, that says what it does.
 """
 
 from __future__ import annotations
 
+import dataclasses
 import functools
+import os
+import runpy
 import shutil
 import time
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -16,27 +26,22 @@ from typing import Any
 import bpy
 
 from ... import spec
+from ...base import places
+from ...base.places import ROOT
+from ...spec import Settings
+from ..shell.running import Reading
 from ..shell.words import label, say
-from .fields import fields_of
-from .groups import property_of
+from .groups import FACE, fields_of, property_of
 
-ROOT = (__package__ or "").split(".forest_addon")[0].removesuffix(".ui")
+ADDON = (__package__ or "").split(".forest_addon")[0].removesuffix(".ui")
 FRESH = 2.0  # s that the size of the cache is shown before it is looked up again
-
-
-def _ray_fields() -> dict[str, Any]:
-    """Engine and threads, with the words of ``spec``."""
-    return {
-        name: property_of(name, kind, known, default)
-        for name, kind, known, default in fields_of(spec.Rays)
-    }
 
 
 class FOREST_AP_preferences(bpy.types.AddonPreferences):
     """Preferences that hold for every scene that does not say otherwise."""
 
-    bl_idname = ROOT
-    __annotations__ = _ray_fields()
+    bl_idname = ADDON
+    __annotations__ = {field.name: property_of(field) for field in fields_of(spec.Rays)}
 
     def draw(self, _context: bpy.types.Context) -> None:
         column = self.layout.column()
@@ -59,30 +64,26 @@ class FOREST_AP_preferences(bpy.types.AddonPreferences):
         row.operator("forest.add_library", icon="ASSET_MANAGER")
 
 
-class FOREST_OT_clear_cache(bpy.types.Operator):
+class FOREST_OT_clear_cache(Reading, bpy.types.Operator):
     """Remove what is cached; it is computed again when it is needed"""
 
     bl_idname = "forest.clear_cache"
     bl_label = "Clear Cache"
 
     @classmethod
-    def poll(cls, _context: bpy.types.Context) -> bool:
-        if not cache_folder().is_dir():
-            cls.poll_message_set(say("The cache is empty"))
-            return False
-        return True
+    def obstacle(cls, _context: bpy.types.Context) -> str:
+        return "" if cache_folder().is_dir() else say("The cache is empty")
 
-    def execute(self, _context: bpy.types.Context) -> set[str]:
+    def act(self, _context: bpy.types.Context) -> str:
         size = cache_size()
         shutil.rmtree(cache_folder(), ignore_errors=True)
         expansions.cache_clear()
-        self.report({"INFO"}, say("{size} were removed", size=_megabytes(size)))
-        return {"FINISHED"}
+        return say("{size} were removed", size=_megabytes(size))
 
 
 def chosen() -> Any:
     """The preferences, None where the add-on runs without being installed."""
-    addon = bpy.context.preferences.addons.get(ROOT)
+    addon = bpy.context.preferences.addons.get(ADDON)
     return addon.preferences if addon else None
 
 
@@ -112,9 +113,9 @@ def library_folder() -> Path:
 
 def _home() -> Path:
     """The folder that Blender gives this extension; a temporary one where it is not installed."""
-    if chosen() is None or not ROOT.startswith("bl_ext."):
+    if chosen() is None or not ADDON.startswith("bl_ext."):
         return Path(bpy.app.tempdir) / "forest_sensing"
-    return Path(bpy.utils.extension_path_user(ROOT))
+    return Path(bpy.utils.extension_path_user(ADDON))
 
 
 @functools.cache
@@ -145,4 +146,105 @@ def _megabytes(size: int) -> str:
     return f"{size / 1e6:.1f} MB"
 
 
-CLASSES = (FOREST_AP_preferences, FOREST_OT_clear_cache)
+ENTRY = places.ROOT / "headless" / "in_blender.py"
+
+_handles: list = []
+
+
+def run(words: list[str]) -> int:
+    """Run the command line in this Blender; returns its exit code."""
+    if ADDON.startswith("bl_ext."):  # an extension writes to no other folder of the user by itself
+        for cache in ("XDG_CACHE_HOME", "MPLCONFIGDIR"):
+            os.environ.setdefault(cache, str(cache_folder()))
+    return int(runpy.run_path(str(ENTRY))["run"](words or ["--help"]))
+
+
+CARRIED, DOCS = ROOT / "manual", ROOT / "docs"
+START, FOREST, SENSORS = "from-nothing-to-results", "the-forest", "sensors"
+RESULTS, FILES = "results", "the-same-without-a-window"
+PLACES = {  # where panel.md speaks of operators
+    **dict.fromkeys(("add_tree", "grow_again", "gallery", "new", "start", "scan_here"), START),
+    **dict.fromkeys(
+        ("build", "live", "paint", "edit_species", "make_species", "save_species"), FOREST
+    ),
+    **dict.fromkeys(("plant", "lock_trees", "swap_trees", "remove_trees", "adopt_trees"), FOREST),
+    **dict.fromkeys(
+        (
+            "add_sensor",
+            "remove_sensor",
+            "choose_instrument",
+            "run",
+            "run_frames",
+            "run_large",
+            "cancel",
+        ),
+        SENSORS,
+    ),
+    **dict.fromkeys(
+        ("export_result", "remove_result", "show_picture", "play", "select_result"), RESULTS
+    ),
+    **dict.fromkeys(("save_scene", "load_scene"), FILES),
+}
+PAGES = {  # operators of which another page speaks
+    "import_tree": "template",
+    "add_flight": "flight",
+    "fly": "flight",
+    "export_others": "lidar",
+    "make_library": "asset-library",
+    "add_library": "asset-library",
+}
+
+Map = tuple[str, list[tuple[str, str]]]
+
+
+def manual_map() -> Map:
+    """Blender's hook: where the pages are, and the page for each pattern of names; the first that fits."""
+    pages = list(_pages())
+    if CARRIED.is_dir():
+        return f"{CARRIED.as_uri()}/", pages
+    return f"{DOCS.as_uri()}/", [(pattern, _in_working_copy(page)) for pattern, page in pages]
+
+
+def _pages() -> Iterator[tuple[str, str]]:
+    for name, page in PAGES.items():
+        yield f"bpy.ops.forest.{name}", f"{page}.html"
+    for name, place in PLACES.items():
+        yield f"bpy.ops.forest.{name}", f"panel.html#{place}"
+    for group in _settings():
+        name = group.__name__.lower()
+        for field in (field.name for field in dataclasses.fields(group)):  # type: ignore[arg-type]
+            yield f"bpy.types.forest_pg_{name}.{field}", f"scene-file.html#{name}.{field}"
+            yield f"bpy.types.forest_pg_{name}.use_{field}", f"scene-file.html#{name}.{field}"
+            yield f"bpy.types.forest_pg_{name}.{field}{FACE}", f"scene-file.html#{name}.{field}"
+    yield "bpy.ops.forest.*", "panel.html"
+    yield "bpy.types.forest_*", "panel.html"
+
+
+def _settings() -> list[type[Settings]]:
+    """Every group of settings, those of sensors first made."""
+    found: list[type[Settings]] = []
+    waiting = list(Settings.__subclasses__())
+    while waiting:
+        group = waiting.pop(0)
+        found.append(group)
+        waiting += group.__subclasses__()
+    return found
+
+
+def _in_working_copy(page: str) -> str:
+    name, _, place = page.partition(".html")
+    file = next((f for f in (f"{name}.md", f"guide/{name}.md") if (DOCS / f).exists()), "panel.md")
+    return file + place
+
+
+def register() -> None:
+    """Make the command and the manual known."""
+    _handles.append(bpy.utils.register_cli_command("forest", run))
+    bpy.utils.register_manual_map(manual_map)
+
+
+def unregister() -> None:
+    """Take both back."""
+    bpy.utils.unregister_manual_map(manual_map)
+    while _handles:
+        bpy.utils.unregister_cli_command(_handles.pop())

@@ -8,8 +8,7 @@ as it is set by default.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -18,11 +17,10 @@ from bl_operators.presets import AddPresetBase
 from bl_ui.utils import PresetPanel
 
 from ... import spec
-from ...blender.sensors import objects as sensors
 from ...sensing.kinds import KINDS
 from ...spec import SpecError
-from ..shell.chosen import chosen_planting, chosen_sensor
-from ..shell.running import PROBLEMS, in_words
+from ..shell.running import Reading, in_words
+from ..shell.views import chosen_planting, chosen_sensor, chosen_settings
 from ..shell.words import say
 from . import exchange, references
 
@@ -32,73 +30,63 @@ PLACES |= {"by_hand", "clearings"}
 ENDS = {"sources", "receivers", "source_path", "receiver_path", "poses", "follow"}
 
 
-@dataclass(frozen=True)
-class PresetKind:
-    """Kind of thing that presets are of: a kind of sensor, a planting or the wind.
-
-    left : settings that stay as they are. group : the properties of the one that is chosen, None where there
-    is none.
-    """
-
-    name: str
-    title: str
-    settings: type[spec.Settings]
-    left: frozenset[str]
-    group: Callable[[bpy.types.Context], Any]
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """The settings that a preset holds."""
-        return tuple(f.name for f in fields(self.settings) if f.name not in self.left)  # type: ignore[arg-type]
+TITLES = {"planting": "Planting Presets", "wind": "Wind Presets"}
+SETTINGS: dict[str, type[spec.Settings]] = {
+    "planting": spec.Planting,
+    "wind": spec.Wind,
+    **spec.SENSORS,
+}
 
 
-def kinds() -> dict[str, PresetKind]:
-    """Return all kinds, by name."""
-    found = {
-        "planting": PresetKind(
-            *("planting", "Planting Presets", spec.Planting, frozenset(PLACES)),
-            lambda context: chosen_planting(context.scene.forest_sensing),
-        ),
-        "wind": PresetKind(
-            *("wind", "Wind Presets", spec.Wind, frozenset()),
-            lambda context: context.scene.forest_sensing.wind,
-        ),
-    }
-    for name, settings in spec.SENSORS.items():
-        of_place = {"kind", "name", *KINDS[name].posed, *ENDS, *references.REFERENCES}
-        left = frozenset(of_place & {f.name for f in fields(settings)})  # type: ignore[arg-type]
-        found[name] = PresetKind(name, "Sensor Presets", settings, left, _of_sensor(name))
-    return found
+def group_of(kind: str, context: bpy.types.Context) -> Any:
+    """The properties that a preset of a kind is of: the chosen ones, None where there are none."""
+    props = context.scene.forest_sensing
+    if kind in spec.SENSORS:
+        return chosen_settings(context, kind)
+    return props.wind if kind == "wind" else chosen_planting(props)
 
 
-def values_of(kind: PresetKind, context: bpy.types.Context) -> dict[str, Any]:
+def values_of(kind: str, context: bpy.types.Context) -> dict[str, Any]:
     """The settings of the chosen one that a preset keeps, as a table of a scene file.
 
     Raises
     ------
     SpecError : a value that cannot be used.
     """
-    from ...formats.toml_file import table_of
-
-    table = table_of(_read(kind, context), whole=True)
-    return {name: table[name] for name in kind.names if name in table}
+    return {name: value for name, value in _table(kind, context).items() if _is_kept(kind, name)}
 
 
-def apply(kind: PresetKind, context: bpy.types.Context, values: dict[str, Any]) -> None:
+def apply(kind: str, context: bpy.types.Context, values: dict[str, Any]) -> None:
     """Set the chosen one as a preset says; what the preset does not say is as it is by default.
 
     Raises
     ------
     SpecError : a value that cannot be used; nothing is changed.
     """
-    from ...formats.toml_file import structure, table_of
+    from ...formats.toml_file import structure
 
-    now = table_of(_read(kind, context), whole=True)
-    kept = {name: now[name] for name in kind.left if name in now}
-    known = {name: value for name, value in values.items() if name in kind.names}
-    settings = structure(kept | known, kind.settings, Path(context.scene.forest_sensing.folder))
-    exchange.write(kind.group(context), settings, dict.fromkeys(kind.names))
+    names = [f.name for f in fields(SETTINGS[kind]) if _is_kept(kind, f.name)]  # type: ignore[arg-type]
+    left = {n: value for n, value in _table(kind, context).items() if n not in names}
+    known = {name: values[name] for name in names if name in values}
+    settings = structure(left | known, SETTINGS[kind], Path(context.scene.forest_sensing.folder))
+    exchange.write(group_of(kind, context), settings, dict.fromkeys(names))
     context.scene.update_tag()
+
+
+def _is_kept(kind: str, name: str) -> bool:
+    """Return whether a preset holds a setting: not where something is, or what it is called."""
+    if kind not in spec.SENSORS:
+        return name not in PLACES
+    return name not in {"kind", "name", *KINDS[kind].posed, *ENDS, *references.REFERENCES}
+
+
+def _table(kind: str, context: bpy.types.Context) -> dict[str, Any]:
+    """Every setting of the chosen one, as a table of a scene file."""
+    from ...formats.toml_file import table_of
+
+    if kind in spec.SENSORS:
+        return table_of(exchange.sensor_of(chosen_sensor(context)), whole=True)
+    return table_of(exchange.read(group_of(kind, context), SETTINGS[kind]), whole=True)
 
 
 def draw_presets(layout: bpy.types.UILayout, name: str) -> None:
@@ -108,7 +96,7 @@ def draw_presets(layout: bpy.types.UILayout, name: str) -> None:
         panel.draw_panel_header(layout)
 
 
-class FOREST_OT_apply_preset(bpy.types.Operator):
+class FOREST_OT_apply_preset(Reading, bpy.types.Operator):
     """Set the chosen sensor or planting, or the wind, as a preset says"""
 
     bl_idname = "forest.apply_preset"
@@ -118,33 +106,11 @@ class FOREST_OT_apply_preset(bpy.types.Operator):
     kind: bpy.props.StringProperty(options={"SKIP_SAVE"})  # type: ignore[valid-type]
     values: bpy.props.StringProperty(options={"SKIP_SAVE"})  # type: ignore[valid-type]
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
-        kind = kinds().get(self.kind)
-        if kind is None or kind.group(context) is None:
-            self.report({"ERROR"}, say("Choose what the preset is for first"))
-            return {"CANCELLED"}
-        try:
-            apply(kind, context, json.loads(self.values))
-        except PROBLEMS as problem:  # json's are ValueErrors
-            self.report({"ERROR"}, in_words(problem))
-            return {"CANCELLED"}
-        return {"FINISHED"}
-
-
-def _read(kind: PresetKind, context: bpy.types.Context) -> spec.Settings:
-    if kind.name in spec.SENSORS:
-        return exchange.sensor_of(chosen_sensor(context))
-    return exchange.read(kind.group(context), kind.settings)
-
-
-def _of_sensor(name: str) -> Callable[[bpy.types.Context], Any]:
-    def group(context: bpy.types.Context) -> Any:
-        thing = chosen_sensor(context)
-        if thing is None or sensors.kind_of(thing) != name:
-            return None
-        return getattr(thing.forest_sensor, name)
-
-    return group
+    def act(self, context: bpy.types.Context) -> str:
+        if self.kind not in SETTINGS or group_of(self.kind, context) is None:
+            raise ValueError(say("Choose what the preset is for first"))
+        apply(self.kind, context, json.loads(self.values))
+        return ""
 
 
 class _PresetButton(AddPresetBase):
@@ -154,17 +120,17 @@ class _PresetButton(AddPresetBase):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        if kinds()[cls.kind].group(context) is None:
+        there = group_of(cls.kind, context) is not None
+        if not there:
             cls.poll_message_set(say("Choose what the preset is for first"))
-            return False
-        return True
+        return there
 
     def add(self, context: bpy.types.Context, path: str) -> None:
         """Write the file of a preset; Blender calls it."""
         from ...formats.atomic import replacing
 
         try:
-            values = json.dumps(values_of(kinds()[self.kind], context))
+            values = json.dumps(values_of(self.kind, context))
         except SpecError as problem:
             self.report({"ERROR"}, in_words(problem))
             return
@@ -174,33 +140,33 @@ class _PresetButton(AddPresetBase):
             partial.write_text("\n".join(lines), encoding="utf-8")
 
 
-def _classes(kind: PresetKind) -> tuple[type, type]:
+def _classes(kind: str) -> tuple[type, type]:
     """The panel of a kind's presets, and the operator that adds and removes them."""
-    folder, name = f"{FOLDER}/{kind.name}", f"FOREST_PT_presets_{kind.name}"
+    folder, name = f"{FOLDER}/{kind}", f"FOREST_PT_presets_{kind}"
     panel = type(
         name,
         (PresetPanel, bpy.types.Panel),
         {
             "__doc__": "Choose a preset, keep the settings as one, or remove one",
-            "bl_label": kind.title,
+            "bl_label": TITLES.get(kind, "Sensor Presets"),
             "preset_subdir": folder,
             "preset_operator": "script.execute_preset",
-            "preset_add_operator": f"forest.preset_{kind.name}",
+            "preset_add_operator": f"forest.preset_{kind}",
         },
     )
     add = type(
-        f"FOREST_OT_preset_{kind.name}",
+        f"FOREST_OT_preset_{kind}",
         (_PresetButton, bpy.types.Operator),
         {
             "__doc__": "Keep these settings as a preset, or remove one",
-            "bl_idname": f"forest.preset_{kind.name}",
+            "bl_idname": f"forest.preset_{kind}",
             "bl_label": "Add Preset",
             "preset_menu": name,
             "preset_subdir": folder,
-            "kind": kind.name,
+            "kind": kind,
         },
     )
     return add, panel
 
 
-CLASSES = (FOREST_OT_apply_preset, *(cls for kind in kinds().values() for cls in _classes(kind)))
+CLASSES = tuple(cls for kind in SETTINGS for cls in _classes(kind))

@@ -2,12 +2,14 @@
 
 Scene files say names, and so does the text that a .blend has had since there are such settings. Where a name
 is found, the pointer holds what it means, and the name is read from that; a name that nothing has yet stays a
-text. Several objects, whose names a text parts by commas, are a list of pointers.
+text. Several objects, whose names a text parts by commas, are a list of pointers. Where a species or
+a scanner is typed, names are offered. A file is chosen in the file browser; Blender's ``//``
+becomes a whole path, which scene files understand.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -15,9 +17,10 @@ from typing import Any
 import bpy
 from bpy.props import CollectionProperty, IntProperty, PointerProperty, StringProperty
 
+from ...base.places import ASSETS
 from ...blender.scene.instances import SOLID_TYPES, SPECIES_KEY
 from ...blender.show.intensity import HANDLE_KEY
-from ...spec import SpecError
+from ...spec import Param, SpecError
 from ..shell.words import say
 
 
@@ -74,7 +77,7 @@ class FOREST_PG_heard(bpy.types.PropertyGroup):
 CLASSES = (FOREST_PG_heard,)
 
 
-def pointers(name: str, title: str, meaning: str) -> dict[str, Any]:
+def pointers(name: str, words: dict[str, Any]) -> dict[str, Any]:
     """The properties that a group holds beside the text of this setting."""
     known = REFERENCES[name]
     if known.many:
@@ -87,8 +90,7 @@ def pointers(name: str, title: str, meaning: str) -> dict[str, Any]:
     made = {
         f"{name}_pointer": PointerProperty(
             type=known.of,
-            name=title,
-            description=meaning,
+            **words,
             poll=known.fits,
             update=lambda group, _context: _say_name(group, name),
         )
@@ -242,3 +244,56 @@ def layers_of(thing: bpy.types.Object) -> list[str]:
 def _is_weight(attribute: Any) -> bool:
     plain = attribute.domain != "EDGE" and not attribute.is_internal
     return bool(plain and attribute.data_type == "FLOAT")
+
+
+SPECIES = ASSETS / "species"
+
+
+def offered(name: str, known: Param) -> dict[str, Any]:
+    """Return what the property of a text needs so that something is offered for it; nothing for a free
+    text."""
+    if name in SEARCHES:
+        return {"search": SEARCHES[name], "search_options": {"SUGGESTION"}}
+    if known.file:
+        return {"subtype": "FILE_PATH", "update": lambda group, _: _whole_path(group, name)}
+    return {}
+
+
+def _whole_path(group: Any, name: str) -> None:
+    path = getattr(group, name)
+    if path.startswith("//"):
+        setattr(group, name, bpy.path.abspath(path))
+
+
+def _species(group: Any, context: Any, typed: str) -> list[str]:
+    """Presets and what is edited here; for distances what is planted, as the report names it."""
+    props = context.scene.forest_sensing
+    if type(group).__name__ == "FOREST_PG_distance":
+        return _planted(group, context, typed)
+    presets = sorted(path.stem for path in SPECIES.glob("*.toml"))
+    return _matching([*(item.name for item in props.edited), *presets], typed)
+
+
+def _planted(_group: Any, context: Any, typed: str) -> list[str]:
+    from ...stand.plan import labels
+
+    return _matching(labels(context.scene.forest_sensing.plantings), typed)
+
+
+def _scanners(group: Any, _context: Any, typed: str) -> list[str]:
+    """Presets that are used on this platform."""
+    from ...formats.toml_file import read_scanner, scanner_names
+
+    kind = type(group).__name__.removeprefix("FOREST_PG_")
+    return [n for n in _matching(scanner_names(), typed) if kind in read_scanner(n).tables]
+
+
+def _matching(names: Iterable[str], typed: str) -> list[str]:
+    return [name for name in names if typed.lower() in name.lower()]
+
+
+SEARCHES = {
+    "species": _species,
+    "other": _planted,
+    "scanner": _scanners,
+}

@@ -7,13 +7,13 @@ the panel until the user takes note, and in the console. A file without settings
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterator
-from typing import Any, ClassVar
+from collections.abc import Iterator
+from typing import Any
 
 import bpy
 
 from ...blender.sensors import objects as sensors
-from ..shell.running import InOwnScene
+from ..shell.running import Button
 from ..shell.words import say
 from . import references
 
@@ -23,12 +23,11 @@ KEY = "forest_sensing"  # of the scene's settings, as Blender stores them
 log = logging.getLogger(__name__)
 
 
-class FOREST_OT_take_note(InOwnScene, bpy.types.Operator):
+class FOREST_OT_take_note(Button, bpy.types.Operator):
     """Remove this message"""
 
     bl_idname = "forest.take_note"
     bl_label = "Dismiss"
-    bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO"}
 
     @classmethod
     def description(cls, context: bpy.types.Context, _properties: Any) -> str:
@@ -36,20 +35,15 @@ class FOREST_OT_take_note(InOwnScene, bpy.types.Operator):
         return say("{notice}. Press to take this line away", notice=notice)
 
     @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        if not super().poll(context):
-            return False
-        if not context.scene.forest_sensing.notice:
-            cls.poll_message_set(say("There is nothing to take note of"))
-            return False
-        return True
+    def obstacle(cls, context: bpy.types.Context) -> str:
+        reason = super().obstacle(context)
+        if not reason and not context.scene.forest_sensing.notice:
+            reason = say("There is nothing to take note of")
+        return reason
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def act(self, context: bpy.types.Context) -> str:
         context.scene.forest_sensing.property_unset("notice")
-        return {"FINISHED"}
-
-
-CLASSES = (FOREST_OT_take_note,)
+        return ""
 
 
 def draw_notice(panel: bpy.types.UILayout, props: Any) -> None:
@@ -60,28 +54,14 @@ def draw_notice(panel: bpy.types.UILayout, props: Any) -> None:
 
 
 def register() -> None:
-    """Look at every file that is loaded or appended, and mark those that are saved."""
-    for handlers, handler in _handlers():
-        handlers.append(handler)
-    bpy.app.timers.register(_look_at_all, first_interval=0.0)  # at the file that is open by now
+    """Look at the file that is open by now."""
+    bpy.app.timers.register(_look_at_all, first_interval=0.0)
 
 
 def unregister() -> None:
-    """Take the handlers back."""
-    for handlers, handler in _handlers():
-        if handler in handlers:
-            handlers.remove(handler)
+    """Look at it no longer."""
     if bpy.app.timers.is_registered(_look_at_all):
         bpy.app.timers.unregister(_look_at_all)
-
-
-def _handlers() -> tuple[tuple[list, Callable[..., None]], ...]:
-    handlers = bpy.app.handlers
-    return (
-        (handlers.load_post, _look_at_all),
-        (handlers.blend_import_post, _look_at_all),
-        (handlers.save_pre, _sign),
-    )
 
 
 @bpy.app.handlers.persistent
@@ -134,3 +114,10 @@ def _groups_that_name(scene: bpy.types.Scene) -> Iterator[Any]:
     yield from props.plantings
     for thing in sensors.sensors_of(scene):
         yield getattr(thing.forest_sensor, sensors.kind_of(thing))
+
+
+HANDLERS = (
+    ("load_post", _look_at_all),
+    ("blend_import_post", _look_at_all),
+    ("save_pre", _sign),
+)

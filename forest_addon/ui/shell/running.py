@@ -1,25 +1,175 @@
 """Running long work from a button: progress in status bar and panels, Esc or Cancel stops it.
 
-An operator that computes is a ``_Working`` with a ``work`` generator (``blender/jobs``). From a window it
+An operator that computes is a ``Working`` with a ``work`` generator (``blender/jobs``). From a window it
 runs modally: the window lives on, one job at a time, and nothing is left half done when it is stopped: what a
-work has finished by then it notes in ``kept`` of its job. From a script it runs to its end at once.
+work has finished by then it notes in ``kept`` of its job. From a script it runs to its end at once. Packages
+that Blender lacks are looked for before; slow views are drawn only once while work goes on.
 """
 
 from __future__ import annotations
 
+import functools
+import importlib.util
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import bpy
+import gpu
 
 from ...base.progress import Progress
 from ...blender.jobs import Job, Task, Work
 from ...spec import SpecError
-from . import pace, requirements
-from .progress import how_far, show_job, show_no_job
-from .words import keep, say, title_of_operator
+from .views import redraw_panels
+from .words import keep, label, say, title_of_operator
+
+NEEDED = ("numpy", "scipy", "cattrs")
+WHAT_TO_DO = (  # line by line, as wide as the sidebar
+    keep("The extension brings it along:"),
+    keep("install its zip again under"),
+    keep("Preferences > Get Extensions"),
+    keep("> Install from Disk."),
+)
+
+
+@functools.cache
+def missing() -> tuple[str, ...]:
+    """Packages that cannot be found; looked up once, none of them is imported."""
+    return tuple(name for name in NEEDED if importlib.util.find_spec(name) is None)
+
+
+def packages_in_words(names: tuple[str, ...]) -> str:
+    """One sentence for packages that are missing."""
+    if len(names) == 1:
+        return say("{package} is missing in this Blender", package=names[0])
+    return say("{packages} are missing in this Blender", packages=say(" and ").join(names))
+
+
+def what_to_do() -> str:
+    """The same lines as a sentence."""
+    return " ".join(say(line) for line in WHAT_TO_DO)
+
+
+WIDE = 18  # of the bar in the status bar, in units of Blender's layouts
+
+
+def how_far(job: Job) -> str:
+    """Return what a job is doing, how much of it is done, and when it will be."""
+    if job.over:
+        return say("{job} is stopping", job=job.title)
+    if job.left is None:
+        return f"{job.label} {job.share:.0%}"
+    left = duration(job.left)
+    return say("{step} {share:.0%}, {time} left", step=job.label, share=job.share, time=left)
+
+
+def duration(seconds: float) -> str:
+    """A time as one says it."""
+    if seconds < 1.5:
+        return say("a second")
+    if seconds < 90:
+        return f"{seconds:.0f} s"
+    if seconds < 5400:
+        return say("{minutes:.0f} min", minutes=seconds / 60)
+    return say("{hours:.1f} h", hours=seconds / 3600)
+
+
+def draw_job(row: bpy.types.UILayout, job: Job) -> None:
+    """Draw how far a job is into a row, and the button that stops it."""
+    row.progress(factor=job.share, text=how_far(job))
+    row.operator("forest.cancel", text="", icon="CANCEL")
+
+
+def show_job(context: bpy.types.Context, job: Job) -> None:
+    """Have status bar and panels say how far a job is."""
+
+    def draw(header: Any, _context: bpy.types.Context) -> None:
+        row = header.layout.row(align=True)
+        row.label(text=job.title)
+        bar = row.row(align=True)
+        bar.ui_units_x = WIDE
+        draw_job(bar, job)
+        row.label(text=label("Esc: cancel"))
+
+    if context.workspace is not None:
+        context.workspace.status_text_set(draw)
+    redraw_panels()
+
+
+def show_no_job(context: bpy.types.Context) -> None:
+    """Have the status bar say what it says usually, and panels offer to start work again."""
+    if context.workspace is not None:
+        context.workspace.status_text_set(None)
+    redraw_panels()
+
+
+BY_PROCESSOR = (
+    "llvmpipe",
+    "softpipe",
+    "swrast",
+    "swiftshader",
+    "software",
+    "lavapipe",
+    "gdi generic",
+)
+LITTLE = 240_000  # triangles that a processor draws in less than a tenth of a second
+SLOW = 0.2  # s that a view takes to draw; faster ones are left alone
+LATELY = 1.5  # times as long ago as drawing took: then it is still being smoothed
+
+_handles: list[Any] = []
+_began = _took = _ended = 0.0
+_usual = ""  # the smoothing of before; empty: it is not ours
+
+
+def drawable() -> int:
+    """Return how many triangles all stand-ins of a forest may have: fewer without a graphics card."""
+    from ...blender.scene.forest import DRAWABLE
+
+    if bpy.app.background:
+        return DRAWABLE
+    drawn_by = gpu.platform.renderer_get().lower()
+    return LITTLE if any(name in drawn_by for name in BY_PROCESSOR) else DRAWABLE
+
+
+def rough_edges() -> None:
+    """Smooth views no longer, if one is being smoothed and that is slow."""
+    global _usual
+    system = bpy.context.preferences.system
+    late = time.perf_counter() - _ended
+    still = system.viewport_aa in ("OFF", "FXAA")  # these draw a view once
+    if _usual or _took < SLOW or late > LATELY * _took or still:
+        return
+    _usual = system.viewport_aa
+    _set("OFF")
+
+
+def usual_edges() -> None:
+    """Smooth views as before."""
+    global _usual
+    if _usual:
+        _set(_usual)
+    _usual = ""
+
+
+def _set(smoothing: str) -> None:
+    """Set how edges are smoothed; nothing that preferences are to be saved for."""
+    preferences = bpy.context.preferences
+    changed = preferences.is_dirty
+    preferences.system.viewport_aa = smoothing  # type: ignore[assignment]
+    preferences.is_dirty = changed
+
+
+def _begin() -> None:
+    global _began
+    _began = time.perf_counter()
+
+
+def _end() -> None:
+    global _took, _ended
+    _ended = time.perf_counter()
+    _took = _ended - _began
+
 
 TICK = 0.02  # s between two looks at a running job
 ATTEMPTS = 20  # at an import that another thread is in the way of
@@ -45,25 +195,73 @@ def stop() -> None:
         job.cancel()
 
 
-class InOwnScene:
-    """An operator that changes a scene, which must not be linked from another file."""
+class Button:
+    """Base of the panel's operators: why one cannot be pressed now, what it does, what is said of it."""
+
+    bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def obstacle(cls, context: bpy.types.Context) -> str:
+        """Return why it cannot be pressed now; empty where it can."""
+        return "" if context.scene.is_editable else say(LINKED)
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        if not context.scene.is_editable:
-            cls.poll_message_set(say(LINKED))
-        return bool(context.scene.is_editable)
-
-
-class WhenReady:
-    """An operator that can be used when nothing is in its way, and says what is."""
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        reason = obstacle(context)
+        reason = cls.obstacle(context)
         if reason:
             cls.poll_message_set(reason)
         return not reason
+
+    def act(self, context: bpy.types.Context) -> str | None:
+        """Do it; returns what is reported, nothing where that is empty. None: nothing was done.
+
+        Raises
+        ------
+        PROBLEMS : are reported, and nothing was done.
+        """
+        raise NotImplementedError
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        try:
+            said = self.act(context)
+        except PROBLEMS as problem:
+            self.report({"ERROR"}, in_words(problem))
+            return {"CANCELLED"}
+        if said:
+            self.report({"INFO"}, said)
+        return {"CANCELLED"} if said is None else {"FINISHED"}
+
+
+class Reading(Button):
+    """An operator that changes nothing in the scene, which may be linked from another file."""
+
+    bl_options: ClassVar[set[str]] = {"REGISTER"}
+
+    @classmethod
+    def obstacle(cls, _context: bpy.types.Context) -> str:
+        return ""
+
+
+def press(operator: Callable[..., set[str]], **settings: object) -> set[str]:
+    """Press another button: as a window does, or in the background as a script does.
+
+    Raises
+    ------
+    ValueError : it refuses; in its words.
+    """
+    how = "EXEC_DEFAULT" if bpy.app.background else "INVOKE_DEFAULT"
+    try:
+        return set(operator(how, **settings))
+    except RuntimeError as refusal:
+        raise ValueError(str(refusal).removeprefix("Error: ").strip()) from None
+
+
+class WhenReady(Button):
+    """An operator that can be used when no job runs, in Object Mode."""
+
+    @classmethod
+    def obstacle(cls, context: bpy.types.Context) -> str:
+        return obstacle(context)
 
 
 class Working(WhenReady):
@@ -87,7 +285,7 @@ class Working(WhenReady):
         self._shown = ""
         self._timer = manager.event_timer_add(TICK, window=context.window)
         manager.modal_handler_add(self)
-        pace.rough_edges()
+        rough_edges()
         return {"RUNNING_MODAL"}
 
     def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
@@ -144,29 +342,23 @@ class Working(WhenReady):
 
     def _leave(self, context: bpy.types.Context) -> None:
         context.window_manager.event_timer_remove(self._timer)
-        pace.usual_edges()
+        usual_edges()
         show_no_job(context)
 
 
-class FOREST_OT_cancel(bpy.types.Operator):
+class FOREST_OT_cancel(Reading, bpy.types.Operator):
     """Stop what is running; what was there before stays as it was"""
 
     bl_idname = "forest.cancel"
     bl_label = "Cancel"
 
     @classmethod
-    def poll(cls, _context: bpy.types.Context) -> bool:
-        if current() is None:
-            cls.poll_message_set(say("Nothing is running"))
-            return False
-        return True
+    def obstacle(cls, _context: bpy.types.Context) -> str:
+        return say("Nothing is running") if current() is None else ""
 
-    def execute(self, _context: bpy.types.Context) -> set[str]:
+    def act(self, _context: bpy.types.Context) -> str:
         stop()
-        return {"FINISHED"}
-
-
-CLASSES = (FOREST_OT_cancel,)
+        return ""
 
 
 def getting_ready(import_rooms: Callable[[Progress], object]) -> Task:
@@ -188,9 +380,8 @@ def getting_ready(import_rooms: Callable[[Progress], object]) -> Task:
 
 def obstacle(context: bpy.types.Context) -> str:
     """Return why nothing can be computed now; empty where it can."""
-    if requirements.missing():
-        missing = requirements.in_words(requirements.missing())
-        return say("{missing}. The panel says what to do", missing=missing)
+    if missing():
+        return say("{missing}. The panel says what to do", missing=packages_in_words(missing()))
     job = current()
     if job is not None:
         if job.over:
@@ -206,9 +397,9 @@ def obstacle(context: bpy.types.Context) -> str:
 def in_words(problem: BaseException) -> str:
     """One sentence for what went wrong, with what to do."""
     if isinstance(problem, ModuleNotFoundError) and problem.name:
-        return f"{requirements.in_words((problem.name,))}. {requirements.what_to_do()}"
+        return f"{packages_in_words((problem.name,))}. {what_to_do()}"
     if isinstance(problem, ImportError):
-        return f"{problem}. {requirements.what_to_do()}"
+        return f"{problem}. {what_to_do()}"
     if isinstance(problem, MemoryError):
         return say("There is not enough memory for this; take fewer trees or coarser steps")
     if isinstance(problem, ReferenceError):
@@ -228,35 +419,36 @@ def _what_is_gone(problem: ReferenceError) -> str:
 
 
 def register() -> None:
-    """Undo and loading a file replace Blender's data: a job must not go on over it."""
-    for handlers in _handlers():
-        handlers.append(_stop_before)
+    """Watch views draw."""
+    if not bpy.app.background:
+        add = bpy.types.SpaceView3D.draw_handler_add
+        _handles.append(add(_begin, (), "WINDOW", "PRE_VIEW"))
+        _handles.append(add(_end, (), "WINDOW", "POST_PIXEL"))
 
 
 def unregister() -> None:
-    """Take the handlers back and stop what runs."""
+    """Watch no longer, leave smoothing as it was, and stop what runs."""
+    while _handles:
+        bpy.types.SpaceView3D.draw_handler_remove(_handles.pop(), "WINDOW")
+    usual_edges()
     if current() is not None:
         show_no_job(bpy.context)
     stop()
-    for handlers in _handlers():
-        if _stop_before in handlers:
-            handlers.remove(_stop_before)
-
-
-def _handlers() -> tuple[list, ...]:
-    handlers = bpy.app.handlers
-    return handlers.undo_pre, handlers.redo_pre, handlers.load_pre
 
 
 @bpy.app.handlers.persistent
 def _stop_before(*_: object) -> None:
+    """Undo and loading a file replace Blender's data: a job must not go on over it."""
     stop()
     if _current is not None:
         _current.kept.clear()  # undone or gone with the file
 
 
+HANDLERS = tuple((name, _stop_before) for name in ("undo_pre", "redo_pre", "load_pre"))
+
+
 def _outcome(job: Job) -> set[str]:
-    """Of a job that did not come to its end: whether Blender is to make a step to undo of it."""
+    """Say to Blender whether a job that did not come to its end is a step to undo."""
     return {"FINISHED"} if job.kept else {"CANCELLED"}
 
 

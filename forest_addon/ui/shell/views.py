@@ -1,12 +1,16 @@
-"""The 3D views that are open: drawn anew, turned to a field, with the tab *Forest* beside it."""
+"""Views that windows show, and what is chosen: items of lists, the object that is active and alone."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
 
 import bpy
+import bpy.utils.previews
 from mathutils import Vector
 
+from ...blender.sensors import objects as sensors
 from ...spec import Forest
 
 TAB = "Forest"
@@ -15,6 +19,7 @@ ACROSS = (
     0.36  # metres from the middle to the edge of a view, a metre of its distance; lens of 50 mm
 )
 
+_icons: Any = None
 _seen_through: set[int] = set()  # areas whose views were made so by us
 
 
@@ -37,14 +42,14 @@ def region_below(
     """The 3D view below the mouse at (x, y) of a window and its region there, of four views the one that it
     is; the first view where there is none below."""
     areas = [area for area in window.screen.areas if area.type == "VIEW_3D"]
-    below = [area for area in areas if _holds(area, x, y)]
+    below = [area for area in areas if holds(area, x, y)]
     area = next(iter(below or areas), None)
     found = [r for r in area.regions if r.type == "WINDOW" and r.width > 1] if area else []
-    return area, next((r for r in found if _holds(r, x, y)), next(iter(found), None))
+    return area, next((r for r in found if holds(r, x, y)), next(iter(found), None))
 
 
-def _holds(box: bpy.types.Area | bpy.types.Region, x: int, y: int) -> bool:
-    """Return whether a place of the window is in an area or region."""
+def holds(box: bpy.types.Area | bpy.types.Region, x: int, y: int) -> bool:
+    """Return whether (x, y) of a window is in an area or region of it."""
     return box.x <= x < box.x + box.width and box.y <= y < box.y + box.height
 
 
@@ -93,3 +98,177 @@ def open_tab(area: bpy.types.Area) -> None:
     side = region_of(area, "UI")
     if side.active_panel_category != "UNSUPPORTED":
         side.active_panel_category = TAB
+
+
+Way = tuple[bpy.types.LayerCollection, ...]  # from a view layer's own collection down to one
+
+
+def select(context: bpy.types.Context, thing: bpy.types.Object) -> None:
+    """Make an object visible, active and the only one selected."""
+    show(context, thing)
+    select_alone(context.view_layer, thing)
+
+
+def show(context: bpy.types.Context, thing: bpy.types.Object) -> None:
+    """Make an object visible. Of collections only those that hide it are shown: others stay excluded."""
+    layer = context.view_layer
+    way = min(_ways(layer.layer_collection, thing), key=_hidden, default=())
+    for home in way:
+        for hides in (home, home.collection):
+            if hides.hide_viewport:
+                hides.hide_viewport = False
+    if way and way[-1].exclude:
+        _include(way[-1])
+    thing.hide_viewport = False
+    if thing.name in layer.objects:
+        thing.hide_set(False)
+
+
+def select_alone(layer: bpy.types.ViewLayer, thing: bpy.types.Object) -> None:
+    """Make an object active and the only one selected, where a view layer has it."""
+    for other in layer.objects.selected:
+        other.select_set(False)
+    if thing.name in layer.objects:
+        thing.select_set(True)
+        layer.objects.active = thing
+
+
+def _ways(home: bpy.types.LayerCollection, thing: bpy.types.Object) -> Iterator[Way]:
+    """The ways from a collection down to each that holds an object."""
+    if home.collection.objects.get(thing.name) == thing:
+        yield (home,)
+    for child in home.children:
+        for way in _ways(child, thing):
+            yield (home, *way)
+
+
+def _hidden(way: Way) -> int:
+    """Return how many switches along a way hide what the last collection holds."""
+    return way[-1].exclude + sum(h.hide_viewport + h.collection.hide_viewport for h in way)
+
+
+def _include(home: bpy.types.LayerCollection) -> None:
+    """Include a collection in its view layer, and none of those within, which Blender includes with it."""
+    within = list(_below(home))
+    excluded = [child.exclude for child in within]
+    home.exclude = False
+    for child, was in zip(within, excluded, strict=True):
+        child.exclude = was
+
+
+def _below(home: bpy.types.LayerCollection) -> Iterator[bpy.types.LayerCollection]:
+    """The collections within another, each before those within it."""
+    for child in home.children:
+        yield child
+        yield from _below(child)
+
+
+_drawn: dict[
+    int, int
+] = {}  # number of the chosen sensor while a scene's list is drawn, by session_uid
+
+
+def chosen(owner: Any, name: str) -> Any:
+    """The item of a list that is chosen, the last one where fewer are left; the list must hold one."""
+    listed = getattr(owner, name)
+    return listed[min(getattr(owner, f"active_{name}"), len(listed) - 1)]
+
+
+def chosen_planting(props: Any) -> Any:
+    """The planting that is chosen in the list, None where there is none."""
+    active = props.active_plantings
+    return props.plantings[active] if 0 <= active < len(props.plantings) else None
+
+
+def chosen_sensor(
+    context: bpy.types.Context, known: Sequence[bpy.types.Object] | None = None
+) -> bpy.types.Object | None:
+    """The sensor that list and buttons are about: the active object if it is one, else the one of before.
+
+    None where the scene has no sensor. known : the sensors of the scene, where the caller has them.
+    """
+    listed = sensors.sensors_of(context.scene) if known is None else known
+    for thing in (context.view_layer.objects.active, context.scene.forest_sensing.last_sensor):
+        if thing in listed:
+            return thing
+    return listed[0] if listed else None
+
+
+def chosen_settings(context: bpy.types.Context, kind: str) -> Any:
+    """The settings of the chosen sensor if it is of a kind, else None."""
+    thing = chosen_sensor(context)
+    fits = thing is not None and sensors.kind_of(thing) == kind
+    return getattr(thing.forest_sensor, kind) if fits else None
+
+
+def choose_sensor(context: bpy.types.Context, thing: bpy.types.Object) -> None:
+    """Make a sensor the active object, unless another one is being edited, and remember it."""
+    context.scene.forest_sensing.last_sensor = thing
+    layer = context.view_layer
+    if layer.objects.active != thing and context.mode == "OBJECT":
+        select_alone(layer, thing)
+
+
+def number_of_sensor(props: Any) -> int:
+    """Return where the chosen sensor is in the list, -1 where there is none."""
+    if props.id_data.session_uid in _drawn:
+        return _drawn[props.id_data.session_uid]
+    known = sensors.sensors_of(props.id_data)
+    home = sensors.home_of(props.id_data, known)
+    thing = chosen_sensor(bpy.context, known) if bpy.context.scene == props.id_data else None
+    return -1 if home is None or thing is None else list(home.objects).index(thing)
+
+
+@contextmanager
+def while_drawn(props: Any) -> Iterator[None]:
+    """Look up which sensor is chosen once for this block: Blender asks for each row that it draws."""
+    key = props.id_data.session_uid
+    _drawn[key] = number_of_sensor(props)
+    try:
+        yield
+    finally:
+        del _drawn[key]
+
+
+def choose_number(props: Any, number: int) -> None:
+    """A sensor was chosen in the list."""
+    home = sensors.home_of(props.id_data)
+    thing = home.objects[number] if home and 0 <= number < len(home.objects) else None
+    if thing is not None and sensors.kind_of(thing):
+        choose_sensor(bpy.context, thing)
+
+
+@bpy.app.handlers.persistent
+def _remember(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
+    """The active sensor stays the chosen one when something else becomes active."""
+    active = depsgraph.view_layer.objects.active
+    if active is None or not sensors.kind_of(active) or not scene.is_editable:
+        return
+    props = scene.forest_sensing
+    if props.last_sensor != active and active in sensors.sensors_of(scene):
+        props.last_sensor = active
+
+
+HANDLERS = (("depsgraph_update_post", _remember),)
+
+
+def icons() -> Any:
+    """Pictures of ours that Blender shows as icons, by name; from their first use until the add-on goes."""
+    global _icons
+    if _icons is None:
+        _icons = bpy.utils.previews.new()
+    return _icons
+
+
+def unregister() -> None:
+    """Free the pictures."""
+    global _icons
+    if _icons is not None:
+        bpy.utils.previews.remove(_icons)
+        _icons = None
+
+
+def redraw_views() -> None:
+    """Have every 3D view drawn anew."""
+    for _, area in views():
+        area.tag_redraw()

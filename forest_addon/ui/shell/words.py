@@ -5,17 +5,24 @@ Blender itself looks up the name and help of a class or property, and what a cal
 ``say`` and ``label`` look up the pattern and fill it then. What a file keeps stays English: ``keep`` notes
 what a text is made of, ``label_of_kept`` says it in the language of whoever opens the file; ``say_kept`` and
 ``label_kept`` say what came from rooms that have no catalogs.
+
+Every assets/languages/LOCALE.po is a language, in the format of GNU gettext. ``make words`` writes the
+template, build/forest_sensing.pot. A copy of it with the translations, called as Blender calls the language
+(fr_FR.po), is all that a language needs.
 """
 
 from __future__ import annotations
 
 import functools
 import json
+import re
 from collections.abc import Callable
+from pathlib import Path
 
 import bpy
 from bpy.app.translations import contexts, pgettext_iface, pgettext_rpt
 
+from ...base.places import ASSETS
 from ...base.words import Kept as Kept
 from ...base.words import keep as keep
 
@@ -77,3 +84,55 @@ def _filled(found: str, pattern: str, values: dict[str, object]) -> str:
         return found.format(**values)
     except (LookupError, ValueError, AttributeError):
         return pattern.format(**values)
+
+
+LANGUAGES = ASSETS / "languages"
+ANY = "*"  # Blender's name for no context
+
+Catalog = dict[tuple[str, str], str]  # translations by context and English text
+
+
+def register() -> None:
+    """Give Blender the catalogs."""
+    files = sorted(LANGUAGES.glob("*.po"))
+    catalogs = {file.stem: read_catalog(file.read_text(encoding="utf-8")) for file in files}
+    bpy.app.translations.register(__name__, catalogs)
+
+
+def unregister() -> None:
+    """Take them back."""
+    bpy.app.translations.unregister(__name__)
+
+
+def read_catalog(text: str) -> Catalog:
+    """Return what a .po file translates; entries without a translation and doubtful (fuzzy) ones stay
+    English.
+
+    Raises
+    ------
+    ValueError : a text is not between quotation marks.
+    """
+    catalog: Catalog = {}
+    for entry in re.split(r"\n\s*\n", text):
+        lines = [line.strip() for line in entry.splitlines()]
+        if any(line.startswith("#,") and "fuzzy" in line for line in lines):
+            continue
+        said: dict[str, str] = {}
+        field = ""
+        for line in lines:
+            if line and not line.startswith("#"):
+                word, mark, rest = line.partition('"')
+                field = word.strip() or field  # a long text goes on in the next line
+                said[field] = said.get(field, "") + json.loads(mark + rest)
+        if said.get("msgid") and said.get("msgstr"):
+            catalog[said.get("msgctxt", ANY), said["msgid"]] = said["msgstr"]
+    return catalog
+
+
+EDITED = "edited/"  # begins the name of a species that is edited
+
+
+def title_of(species: str) -> str:
+    """Return what people read for a preset or a species file: honda-birch is Honda Birch."""
+    words = Path(species).stem.replace("-", " ").replace("_", " ").title()
+    return words.replace("Abop ", "ABOP ")

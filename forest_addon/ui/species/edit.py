@@ -1,30 +1,174 @@
-"""Species of one's own: take a preset into properties, change it, save it as a species file.
+"""Species: chosen by picture, taken into properties and changed, recognised in files, saved, made assets.
+
+Folders are looked into when species are first drawn, and not again; ``refresh`` takes note of a new file.
+Pictures of what is planted are read then, the others one by one afterwards, so that the menu has them when it
+is opened: Blender would show a spinner for each that it has not read yet.
 
 An edited species lives in the .blend under a name such as edited/maple.toml, which plantings use as if it
-were a file; ``load`` takes it from there. STL files that it names start from the folder that it came
-from.
+were a file; ``load`` takes it from there. STL files that it names start from the folder that it came from.
 """
 
 from __future__ import annotations
 
+import functools
 import os
-from collections.abc import Mapping
+import shutil
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, ClassVar
 
 import bpy
-from bpy_extras.io_utils import ExportHelper
+from bpy_extras.io_utils import ExportHelper, ImportHelper
 
 from ... import spec
 from ...base.places import ASSETS
+from ...blender.jobs import Task, Work
+from ...blender.sensors.objects import file_name
+from ...spec import SpecError
 from ..settings import exchange
-from ..settings.preferences import species_folder
-from ..shell.chosen import chosen_planting
-from ..shell.names import EDITED, title_of
-from ..shell.running import LINKED, PROBLEMS, in_words
-from ..shell.words import say
-from .pictures import refresh
+from ..settings.drawing import split
+from ..settings.preferences import library_folder, species_folder
+from ..shell.running import Button, Reading, WhenReady, Working, getting_ready, press
+from ..shell.views import chosen_planting, icons
+from ..shell.words import EDITED, label, language, say, title_of
+
+Choice = tuple[str, str, str, int, int]  # what a planting calls it, name, help, icon, number
+
+BETWEEN = 0.02  # s between two pictures that are read
+
+_unread: list[str] = []  # species whose pictures are not read yet
+
+
+def choices(props: Any) -> tuple[Choice, ...]:
+    """Presets, one's own species, those edited here, and what else is planted."""
+    edited = tuple((item.name, item.origin) for item in props.edited)
+    return _choices(edited, tuple(planting.species for planting in props.plantings), language())
+
+
+def menu(props: Any, first: str) -> list[Choice]:
+    """Presets, one's own species and those edited and planted, as items of a menu that starts with one."""
+    planted = {planting.species for planting in props.plantings}
+    edited = tuple((item.name, item.origin) for item in props.edited if item.name in planted)
+    return _menu(edited, first, language())
+
+
+@functools.lru_cache(maxsize=4)
+def _menu(edited: tuple[tuple[str, str], ...], first: str, _language: str) -> list[Choice]:
+    found = _choices(edited, (), _language)
+    ordered = sorted(found, key=lambda choice: choice[0] != first)
+    return [
+        (name, title, label("Grow a {species}", species=title), icon, number)
+        for number, (name, title, _, icon, _) in enumerate(ordered)
+    ]
+
+
+def number_of(props: Any) -> int:
+    """The place of the chosen planting's species in ``choices``."""
+    planting = chosen_planting(props)
+    species = "" if planting is None else planting.species
+    return next((choice[4] for choice in choices(props) if choice[0] == species), 0)
+
+
+def choose(props: Any, number: int) -> None:
+    """Plant another of ``choices``, in place of the chosen planting's species."""
+    planting = chosen_planting(props)
+    if planting is not None:
+        planting.species = choices(props)[number][0]
+
+
+def refresh() -> None:
+    """Look into the folders again when species are next drawn."""
+    _files.cache_clear()
+    _choices.cache_clear()
+    _menu.cache_clear()
+
+
+def register() -> None:
+    """Look into the folders when species are first drawn."""
+    refresh()
+
+
+def unregister() -> None:
+    """Read no more pictures."""
+    refresh()
+    _unread.clear()
+    if bpy.app.timers.is_registered(_read_next):
+        bpy.app.timers.unregister(_read_next)
+
+
+@functools.lru_cache(maxsize=16)  # Blender wants the texts kept while it shows them
+def _choices(
+    edited: tuple[tuple[str, str], ...], planted: tuple[str, ...], _language: str
+) -> tuple[Choice, ...]:
+    origins = dict(edited)
+    names = dict.fromkeys([*_files(), *origins, *filter(None, planted)])
+    titles = [
+        label("{species} (edited)", species=title_of(name)) if name in origins else title_of(name)
+        for name in names
+    ]
+    return tuple(
+        (
+            name,
+            title,
+            label("Plant {species}", species=title),
+            _icon(origins.get(name, name), name in planted),
+            number,
+        )
+        for number, (name, title) in enumerate(zip(names, titles, strict=True))
+    )
+
+
+@functools.cache
+def _files() -> dict[str, Path | None]:
+    """Return what a planting calls each species that is there, and its picture if it has one."""
+    presets = sorted(file.stem for file in (ASSETS / "species").glob("*.toml"))
+    pictures = {file.stem: file for file in (ASSETS / "species" / "pictures").glob("*.jpg")}
+    own = sorted([*species_folder().glob("*.toml"), *species_folder().glob("*/*.toml")])
+    mine = {
+        file.as_posix(): picture_of(file) if picture_of(file).exists() else None
+        for file in own
+        if file.name != "scene.toml"
+    }
+    return {name: pictures.get(name) for name in presets} | mine
+
+
+def picture_of(species: Path) -> Path:
+    """The picture of one's own species, beside its file."""
+    return species.with_suffix(".png")
+
+
+def _icon(species: str, now: bool) -> int:
+    """The number of a species' picture; that of a plain icon where it has none. now : it is read at once."""
+    picture = _files().get(species)
+    if picture is None:
+        return int(_plain_icons()["OUTLINER_OB_CURVES"].value)
+    if species not in icons():
+        icons().load(species, str(picture), "IMAGE")
+        _unread.append(species)
+        if not bpy.app.background and not bpy.app.timers.is_registered(_read_next):
+            bpy.app.timers.register(_read_next, first_interval=BETWEEN)
+    if now and species in _unread:
+        _read_picture(species)
+    return int(icons()[species].icon_id)
+
+
+def _read_picture(species: str) -> None:
+    """Have Blender read a picture's file now, as it does when it is asked for the size."""
+    _unread.remove(species)
+    tuple(icons()[species].image_size)
+
+
+def _read_next() -> float | None:
+    """Read one more picture; returns the seconds until the next, None after the last."""
+    if _unread:
+        _read_picture(_unread[0])
+    return BETWEEN if _unread else None
+
+
+def _plain_icons() -> Any:
+    return bpy.types.UILayout.bl_rna.functions["label"].parameters["icon"].enum_items
+
 
 Edited = Mapping[str, tuple[spec.Species, Path]]  # by what plantings call it; where its files are
 
@@ -79,35 +223,20 @@ def edited_item(props: Any) -> Any:
     return None if planting is None else props.edited.get(planting.species)
 
 
-class _OfSpecies:
+class _OfSpecies(Button):
     """An operator on the species of the chosen planting."""
 
-    bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO"}
     of_edited = True
 
     @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        props = context.scene.forest_sensing
-        reason = ""
-        if not context.scene.is_editable:
-            reason = say(LINKED)
-        elif chosen_planting(props) is None:
+    def obstacle(cls, context: bpy.types.Context) -> str:
+        props, reason = context.scene.forest_sensing, super().obstacle(context)
+        if not reason and chosen_planting(props) is None:
             reason = say("There is no planting yet. Add one to the list")
-        elif (edited_item(props) is not None) != cls.of_edited:
+        elif not reason and (edited_item(props) is not None) != cls.of_edited:
             not_yet = say("This species is not edited yet. Press Edit first")
             reason = not_yet if cls.of_edited else say("This species is being edited already")
-        if reason:
-            cls.poll_message_set(reason)
-        return not reason
-
-    def execute(self, context: bpy.types.Context) -> set[str]:
-        try:
-            said = self.change(context.scene)
-        except PROBLEMS as problem:
-            self.report({"ERROR"}, in_words(problem))
-            return {"CANCELLED"}
-        self.report({"INFO"}, said)
-        return {"FINISHED"}
+        return reason
 
 
 class FOREST_OT_edit_species(_OfSpecies, bpy.types.Operator):
@@ -117,10 +246,11 @@ class FOREST_OT_edit_species(_OfSpecies, bpy.types.Operator):
     bl_label = "Edit"
     of_edited = False
 
-    def change(self, scene: bpy.types.Scene) -> str:
+    def act(self, context: bpy.types.Context) -> str:
         from ...formats.toml_file import read_settings
         from ...growth.library.species_file import find_species
 
+        scene = context.scene
         props = scene.forest_sensing
         planting = chosen_planting(props)
         path = find_species(planting.species, Path(bpy.path.abspath(props.folder)))
@@ -143,7 +273,9 @@ class FOREST_OT_discard_species(_OfSpecies, bpy.types.Operator):
     bl_idname = "forest.discard_species"
     bl_label = "Discard"
 
-    def change(self, scene: bpy.types.Scene) -> str:
+    def act(self, context: bpy.types.Context) -> str:
+
+        scene = context.scene
         item = edited_item(scene.forest_sensing)
         origin = item.origin
         _replace(scene, item, origin)
@@ -167,9 +299,10 @@ class FOREST_OT_save_species(_OfSpecies, bpy.types.Operator, ExportHelper):
             self.filepath = str(Path(item.folder) / Path(item.origin).name)
         return ExportHelper.invoke(self, context, event)
 
-    def change(self, scene: bpy.types.Scene) -> str:
+    def act(self, context: bpy.types.Context) -> str:
         from ...formats.toml_file import write_settings
 
+        scene = context.scene
         props = scene.forest_sensing
         item = edited_item(props)
         species, home = _read(item)
@@ -180,9 +313,6 @@ class FOREST_OT_save_species(_OfSpecies, bpy.types.Operator, ExportHelper):
         _replace(scene, item, _called(path, props.folder))
         refresh()
         return say("Written: {file}", file=path)
-
-
-CLASSES = (FOREST_OT_edit_species, FOREST_OT_discard_species, FOREST_OT_save_species)
 
 
 def _read(item: Any) -> tuple[spec.Species, Path]:
@@ -219,3 +349,233 @@ def _called(path: Path, folder: str) -> str:
     home = Path(bpy.path.abspath(folder)).resolve()
     inside = folder and path.is_relative_to(home)
     return (path.relative_to(home) if inside else path).as_posix()
+
+
+NAME = "Forest Sensing"
+SEED = 1
+FIRST = ("norway-maple", "silver-birch", "norway-spruce", "hazelnut")  # where nothing is planted
+
+
+def _import_rooms(_tell: Any) -> None:
+    from ...blender.library import build as library  # noqa: F401
+
+
+class FOREST_OT_make_library(Working, bpy.types.Operator):
+    """Write trees of this scene's species, or four usual ones, as assets for the Asset Browser"""
+
+    bl_idname = "forest.make_library"
+    bl_label = "Make Asset Library"
+
+    variants: bpy.props.IntProperty(  # type: ignore[valid-type]
+        name="Trees", description="How many of each species", default=4, min=1, max=200
+    )
+    add: bpy.props.BoolProperty(  # type: ignore[valid-type]
+        name="Add", description="Add it to Blender's asset libraries", options={"SKIP_SAVE"}
+    )
+
+    def work(self, context: bpy.types.Context) -> Work:
+        yield getting_ready(_import_rooms)
+        from ...blender.library.build import grow_exhibits, write_species
+
+        props, out = context.scene.forest_sensing, library_folder()
+        folder = Path(bpy.path.abspath(props.folder))
+        edited, count = edited_species(context.scene), int(self.variants)
+        names = list(dict.fromkeys(p.species for p in props.plantings if p.species)) or [*FIRST]
+        for done, name in enumerate(names):
+            loaded = yield Task(
+                say("reading files"), lambda _, name=name: load(name, folder, edited)
+            )
+            exhibits = yield Task(
+                say("growing trees"),
+                lambda tell, loaded=loaded: grow_exhibits(*loaded, count, SEED, tell),
+                span=(done / len(names), (done + 1) / len(names)),
+            )
+            write_species(out, loaded[0], exhibits)
+        if self.add and not _is_added(context):
+            _add(context)
+        return say("{trees} trees in {folder}", trees=count * len(names), folder=out)
+
+
+class FOREST_OT_add_library(Reading, bpy.types.Operator):
+    """Add the folder of trees to Blender's asset libraries; where it is empty, trees are made first"""
+
+    bl_idname = "forest.add_library"
+    bl_label = "Add to Asset Libraries"
+    bl_options: ClassVar[set[str]] = set()
+
+    @classmethod
+    def obstacle(cls, context: bpy.types.Context) -> str:
+        return say("It is among Blender's asset libraries already") if _is_added(context) else ""
+
+    def act(self, context: bpy.types.Context) -> str:
+        if not any(library_folder().glob("*.blend")):
+            press(bpy.ops.forest.make_library, add=True)
+            return ""
+        _add(context)
+        return say("The Asset Browser has it as {name}", name=NAME)
+
+
+def _add(context: bpy.types.Context) -> None:
+    libraries = context.preferences.filepaths.asset_libraries
+    libraries.new(name=NAME, directory=str(library_folder()))
+    context.preferences.is_dirty = True
+
+
+def _is_added(context: bpy.types.Context) -> bool:
+    mine = library_folder().resolve()
+    known = context.preferences.filepaths.asset_libraries
+    return any(Path(bpy.path.abspath(one.path)).resolve() == mine for one in known)
+
+
+JUDGED = 24  # siblings that are grown to be held to the tree
+OF_LEAVES = ("leaf", "leaves", "foliage")  # within the name of the file that holds them
+OF_WOOD = ("wood", "stem", "trunk", "branches")
+
+
+class FOREST_OT_import_tree(WhenReady, bpy.types.Operator, ImportHelper):
+    """Make a species from files of a tree: one of its wood and, if there is, one of its leaves"""
+
+    bl_idname = "forest.import_tree"
+    bl_label = "Import STL"
+    bl_options: ClassVar[set[str]] = set()  # it starts a job, which is not redone
+    filename_ext = ".stl"
+    filter_glob: bpy.props.StringProperty(
+        default="*.stl;*.ply;*.obj;*.gltf;*.glb", options={"HIDDEN"}
+    )
+    files: bpy.props.CollectionProperty(
+        type=bpy.types.OperatorFileListElement, options={"HIDDEN", "SKIP_SAVE"}
+    )
+    directory: bpy.props.StringProperty(subtype="DIR_PATH", options={"HIDDEN"})
+    title: bpy.props.StringProperty(
+        name="Name", description="Name of the species; empty: as the file", options={"SKIP_SAVE"}
+    )
+    height: bpy.props.FloatProperty(
+        name="Height",
+        description="Height of the tree; 0: the unit of the files is inferred",
+        unit="LENGTH",
+        min=0,
+        max=200,
+        options={"SKIP_SAVE"},
+    )
+    accept: bpy.props.BoolProperty(
+        name="Accept",
+        description="Plant siblings of the tree even if they are too unlike it",
+        options={"SKIP_SAVE"},
+    )
+
+    def draw(self, _context: bpy.types.Context) -> None:
+        layout = self.layout
+        column = layout.column(align=True)
+        column.label(text="Choose the file of the wood and,")
+        column.label(text="with Ctrl, that of the leaves, or one of both.")
+        column = split(layout)
+        column.prop(self, "title", placeholder="As the file")
+        column.prop(self, "height")
+        column.prop(self, "accept")
+
+    def act(self, _context: bpy.types.Context) -> str:
+        named = [Path(self.directory) / file.name for file in self.files if file.name]
+        wood, leaves = parts_of(named or [Path(self.filepath)])
+        press(
+            bpy.ops.forest.make_species,
+            wood=str(wood),
+            leaves=str(leaves or ""),
+            title=self.title or title_from(wood),
+            height=self.height,
+            accept=self.accept,
+        )
+        return ""
+
+
+class FOREST_OT_make_species(Working, bpy.types.Operator):
+    """Recognise a tree in files, keep it as a species and plant it"""
+
+    bl_idname = "forest.make_species"
+    bl_label = "Import STL"
+
+    wood: bpy.props.StringProperty(name="Wood", subtype="FILE_PATH", options={"SKIP_SAVE"})
+    leaves: bpy.props.StringProperty(name="Leaves", subtype="FILE_PATH", options={"SKIP_SAVE"})
+    title: bpy.props.StringProperty(name="Name", options={"SKIP_SAVE"})
+    height: bpy.props.FloatProperty(name="Height", unit="LENGTH", options={"SKIP_SAVE"})
+    accept: bpy.props.BoolProperty(name="Accept", options={"SKIP_SAVE"})
+
+    def work(self, context: bpy.types.Context) -> Work:
+        from ...base.progress import Progress
+        from ...blender.files.tree_files import read_parts
+        from ...blender.scene.assets import on_paper
+        from ...formats.atomic import replacing
+        from ...formats.raster_file import write_png
+        from ...growth.library.template_library import Brought, Library, check_name, make_library
+        from ...spec import Look
+
+        props = context.scene.forest_sensing
+        wood, leaves = Path(self.wood), Path(self.leaves) if self.leaves else None
+        accept, height = self.accept, self.height
+        name = self.title or title_from(wood)
+        check_name(name)
+        plain = all(path.suffix.lower() == ".stl" for path in (wood, leaves) if path)
+        groups = [] if plain else read_parts(wood, leaves)
+        folder = free_folder(species_folder(), name)
+        brought = Brought(wood, leaves, height, groups=groups)
+
+        def recognise(tell: Progress) -> Library:
+            made = make_library(brought, folder.name, folder, tell, siblings=JUDGED, accept=accept)
+            picture = on_paper(made.wood, made.leaves, Look())
+            with replacing(picture_of(made.species)) as file:
+                file.write_bytes(write_png(picture))
+            return made
+
+        made = yield Task(say("recognising the tree"), recognise)
+        if made.verdict is not None and not made.verdict.stands and not accept:
+            shutil.rmtree(folder)
+            problem = say("tick Accept to plant them all the same")
+            raise SpecError(say("Import STL"), f"{made.verdict.sentence}; {problem}")
+        planting = props.plantings.add()
+        planting.species = made.species.as_posix()
+        planting.use_expected = True
+        props.active_plantings = len(props.plantings) - 1
+        refresh()
+        if made.verdict is not None and made.verdict.missed:
+            return f"{folder.name}: {made.verdict.sentence}"
+        return say(
+            "{name}: {branches:,} branches, {leaves:,} leaves, {height:.2f} m high ({unit})",
+            name=folder.name,
+            branches=made.branches,
+            leaves=made.leaf_count,
+            height=made.height,
+            unit=made.unit.name,
+        )
+
+
+def parts_of(files: Sequence[Path]) -> tuple[Path, Path | None]:
+    """Return which of the files that were chosen is the wood and which the leaves.
+
+    Raises
+    ------
+    SpecError : there are more than two, or their names do not tell.
+    """
+    if len(files) > 2:
+        problem = say("{count} files are chosen; choose wood and leaves only", count=len(files))
+        raise SpecError(say("Import STL"), problem)
+    if len(files) == 1:
+        return files[0], None
+    leafy = [any(word in file.stem.lower() for word in OF_LEAVES) for file in files]
+    if sum(leafy) != 1:
+        problem = say('names do not tell wood from leaves; have "leaves" in one of them')
+        raise SpecError(say("Import STL"), problem)
+    return files[leafy.index(False)], files[leafy.index(True)]
+
+
+def title_from(wood: Path) -> str:
+    """A name for the species from its file, or from the folder where the file is just called wood."""
+    plain = wood.stem.lower() in OF_WOOD and wood.parent.name
+    return file_name(wood.parent.name if plain else wood.stem)
+
+
+def free_folder(home: Path, name: str) -> Path:
+    """A folder of this name that is not there yet; numbered where there is one."""
+    folder, number = home / name, 1
+    while folder.exists():
+        number += 1
+        folder = home / f"{name}-{number}"
+    return folder

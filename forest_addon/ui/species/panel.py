@@ -7,9 +7,8 @@ from typing import Any
 
 import bpy
 
-from ..settings.drawing import WithForest, draw_settings, folded, name_in, split
-from ..settings.lists import draw_list
-from ..shell.chosen import chosen_planting
+from ..settings.drawing import WithForest, draw_list, draw_settings, folded, name_in, split
+from ..shell.views import chosen_planting
 from ..shell.words import keep, label, label_kept
 from .edit import edited_item
 
@@ -24,7 +23,7 @@ class FOREST_PT_species(WithForest, bpy.types.Panel):
 
     def draw(self, context: bpy.types.Context) -> None:
         layout, props = self.layout, context.scene.forest_sensing
-        draw_list(layout, "FOREST_UL_plantings", props, "plantings", "planting")
+        draw_list(layout, props, "plantings", "planting")
         halves = layout.split(factor=0.5)
         if chosen_planting(props) is not None:
             halves.template_icon_view(
@@ -149,6 +148,3 @@ def _line(column: bpy.types.UILayout, heading: str) -> bpy.types.UILayout:
     left.alignment = "RIGHT"
     left.label(text=heading)
     return halves.row(align=True)
-
-
-CLASSES = (FOREST_PT_species, FOREST_PT_edited)

@@ -9,8 +9,8 @@ from forest_addon.base.places import ASSETS
 from forest_addon.formats.toml_file import read_settings
 from forest_addon.site import ForestSite
 from forest_addon.spec import Scene
-from forest_addon.ui.forest import beside
-from forest_addon.ui.forest.gallery import GALLERY
+from forest_addon.ui.forest import scene_file
+from forest_addon.ui.forest.start import GALLERY
 
 WAY = np.array((11.0, -18.0))
 
@@ -20,8 +20,8 @@ WAY = np.array((11.0, -18.0))
 def test_trees_and_sensors_keep_their_places_among_each_other(preset):
     path = ASSETS / "scenes" / f"{preset}.toml"
     there = read_settings(path, Scene)
-    assert not beside._is_bound(there)
-    moved = beside.moved(there, tuple(WAY))
+    assert not scene_file._is_bound(there)
+    moved = scene_file.moved(there, tuple(WAY))
     stands = [ForestSite.read(s, path.parent).plan() for s in (there, moved)]
     assert len(stands[0]) == len(stands[1]) > 0
     np.testing.assert_allclose(
@@ -40,9 +40,9 @@ def test_trees_and_sensors_keep_their_places_among_each_other(preset):
 def test_only_the_cube_of_a_new_file_in_a_window_moves_a_forest(empty_blender, monkeypatch):
     demo = read_settings(ASSETS / "scenes" / "demo.toml", Scene)
     scene = bpy.context.scene
-    assert beside.beside_cube(scene, demo) == demo
+    assert scene_file.beside_cube(scene, demo) == demo
     bpy.ops.mesh.primitive_cube_add()
-    assert beside.beside_cube(scene, demo) == demo  # no window
-    assert beside._is_start(scene)
+    assert scene_file.beside_cube(scene, demo) == demo  # no window
+    assert scene_file._is_start(scene)
     scene.objects["Cube"].location.x = 3.0
-    assert not beside._is_start(scene)
+    assert not scene_file._is_start(scene)

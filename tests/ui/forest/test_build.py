@@ -7,8 +7,6 @@ bpy = pytest.importorskip("bpy")
 from ui.pressing import (
     ROOT,
     SENSORS,
-    add_cube,
-    clouds,
     counts,
     facts,
     press,
@@ -142,19 +140,6 @@ def test_a_build_that_breaks_midway_takes_back_what_it_made(built, monkeypatch):
     assert {tree.name for tree in trees()} == names
 
 
-@pytest.mark.slow
-def test_what_the_user_has_is_left_alone(props, request):
-    own = bpy.data.collections.new("Forest")
-    bpy.context.scene.collection.children.link(own)
-    request.getfixturevalue("small")
-    cube = add_cube(own)
-    for _ in range(2):
-        press("build")
-    assert cube.name in bpy.data.objects
-    assert own.name == "Forest"
-    assert len(bpy.context.scene.collection.children) == 2
-
-
 def test_the_first_press_starts_with_the_demo_scene(props, monkeypatch, tmp_path):
     text = (ROOT / "assets/scenes/demo.toml").read_text().split("[[plantings]]")[0]
     demo = tmp_path / "demo.toml"
@@ -221,17 +206,3 @@ def test_a_new_forest_keeps_the_sensors_where_they_are(built):
     assert bpy.data.objects["echo"] == echo
     assert tuple(echo.location) == (2, 2, 2)
     assert echo.users_collection[0].name == "Sensors"
-
-
-@pytest.mark.slow
-def test_a_new_forest_marks_the_results_of_the_old_one(built):
-    press("run")
-    shown, count = clouds(), [len(cloud.data.vertices) for cloud in clouds()]
-    shown[0].modifiers["Points"].show_viewport = False
-    press("build")
-    assert {result.name for result in built.results if not result.stale} == {"forest"}
-    assert [len(cloud.data.vertices) for cloud in clouds()] == count
-    press("run")
-    assert clouds() == shown  # with all that was done to them
-    assert not shown[0].modifiers["Points"].show_viewport
-    assert len(shown[0].data.vertices) > 0

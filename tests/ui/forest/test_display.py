@@ -9,7 +9,7 @@ from forest_addon.blender.scene import forest as room
 from forest_addon.blender.scene.layout import TREES, part
 from forest_addon.blender.scene.nodes import shown_of
 from forest_addon.growth.mesh.stand_in import LEVELS
-from forest_addon.ui.forest.display import forest_of_points
+from forest_addon.ui.forest.wind import forest_of_points
 
 from ..pressing import press, run, trees
 

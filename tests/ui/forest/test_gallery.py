@@ -4,8 +4,15 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from forest_addon.ui.forest.gallery import GALLERY, PREVIEWS, draw_gallery, words_of
-from forest_addon.ui.forest.start import SCENES, draw_presets, presets
+from forest_addon.ui.forest.start import (
+    GALLERY,
+    PREVIEWS,
+    SCENES,
+    draw_gallery,
+    draw_presets,
+    presets,
+    words_of,
+)
 
 from ..test_panels import Layout
 

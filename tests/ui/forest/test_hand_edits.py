@@ -11,7 +11,7 @@ from ui.pressing import press, trees
 
 from forest_addon.blender.scene.layout import VARIANTS, part
 from forest_addon.site import ForestSite
-from forest_addon.ui.forest import dropped
+from forest_addon.ui.forest import planting
 from forest_addon.ui.settings import exchange
 from forest_addon.ui.shell.views import region_below
 
@@ -181,8 +181,8 @@ def test_a_tree_of_another_file_is_planted_only_where_it_is_the_same(grove, tmp_
         return here.objects[0]
 
     same = brought()
-    assert dropped.is_foreign_tree(same)
-    assert dropped.is_of_forest(same, scene)
+    assert planting.is_foreign_tree(same)
+    assert planting.is_of_forest(same, scene)
     scene.collection.objects.link(same)
     select(same)
     count = len(trees())
@@ -191,9 +191,9 @@ def test_a_tree_of_another_file_is_planted_only_where_it_is_the_same(grove, tmp_
     grove.seed += 1
     assert press("build") == {"FINISHED"}
     other = brought()  # this forest has other trees now
-    assert dropped.is_foreign_tree(other)
-    assert not dropped.is_of_forest(other, scene)
-    assert not dropped.is_foreign_tree(bpy.data.objects.new("mine", bpy.data.meshes.new("mine")))
+    assert planting.is_foreign_tree(other)
+    assert not planting.is_of_forest(other, scene)
+    assert not planting.is_foreign_tree(bpy.data.objects.new("mine", bpy.data.meshes.new("mine")))
 
 
 def test_the_view_below_the_mouse_is_taken_and_of_four_the_right_one():

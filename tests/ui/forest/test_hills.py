@@ -7,8 +7,8 @@ bpy = pytest.importorskip("bpy")
 from mathutils import Matrix
 
 from forest_addon import spec
-from forest_addon.blender.read.depsgraph import TREE_KEY
 from forest_addon.blender.scene import layout
+from forest_addon.blender.scene.instances import TREE_KEY
 from forest_addon.blender.show import intensity
 from forest_addon.ui.settings import exchange
 
@@ -44,8 +44,8 @@ def choose(*things):
 
 @pytest.fixture
 def hilly(small):
-    """The small forest with two hills and their intensity."""
-    exchange._fill(small.plantings[0], "gaussians", HILLS)
+    """The small forest with two hills and their handles."""
+    exchange.fill(small.plantings[0], "gaussians", HILLS)
     small.drag_hills = True
     update()
     return small
@@ -268,7 +268,7 @@ def test_hills_of_a_forest_that_is_shown_in_another_scene_are_left_to_it(hilly):
     here, there = bpy.context.scene, bpy.data.scenes.new("there")
     layout.part(there, layout.TREES)  # a forest of its own
     there.collection.children.link(layout.root(here))
-    exchange._fill(there.forest_sensing.plantings.add(), "gaussians", HILLS[:1])
+    exchange.fill(there.forest_sensing.plantings.add(), "gaussians", HILLS[:1])
     there.forest_sensing.drag_hills = True
     assert len(circles()) == 2  # in the scene here
     assert layout.find_part(there, layout.INTENSITY) != layout.find_part(here, layout.INTENSITY)

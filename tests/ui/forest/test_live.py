@@ -6,7 +6,7 @@ bpy = pytest.importorskip("bpy")
 
 from forest_addon.blender.read import depsgraph as reading
 from forest_addon.spec import SpecError
-from forest_addon.ui.forest import live
+from forest_addon.ui.forest import build
 
 
 def grid(name, height=0.0):
@@ -23,18 +23,18 @@ def grid(name, height=0.0):
 def mark():
     bpy.context.view_layer.update()
     graph = bpy.context.evaluated_depsgraph_get()
-    return live.fingerprint(bpy.context.scene, graph)
+    return build.fingerprint(bpy.context.scene, graph)
 
 
 def settle(brought=False):
     """What Live would build now."""
     bpy.context.view_layer.update()
     graph = bpy.context.evaluated_depsgraph_get()
-    return live.settle(bpy.context.scene, graph, brought)
+    return build.settle(bpy.context.scene, graph, brought)
 
 
 def stale():
-    return live.is_stale(bpy.context.scene)
+    return build.is_stale(bpy.context.scene)
 
 
 @pytest.fixture
@@ -44,11 +44,11 @@ def heard(small):
     yield small
     if forget in bpy.app.handlers.depsgraph_update_post:
         bpy.app.handlers.depsgraph_update_post.remove(forget)
-    live.unregister()
+    build.unregister()
 
 
 def live_forget(_scene, graph):
-    live._forget_changed(graph)
+    build._forget_changed(graph)
 
 
 @pytest.fixture
@@ -183,7 +183,7 @@ def test_a_change_is_shown_and_built_once(built):
     wanted = settle()
     assert wanted
     assert stale()
-    live.let_be(bpy.context.scene, wanted)  # it is being built
+    build.let_be(bpy.context.scene, wanted)  # it is being built
     assert settle() == ""
     bpy.ops.forest.build()
     assert settle() == ""
@@ -193,7 +193,7 @@ def test_a_change_is_shown_and_built_once(built):
 
 def test_what_failed_or_was_cancelled_waits_for_the_next_change(built):
     built.seed = 9
-    live.let_be(bpy.context.scene, settle())
+    build.let_be(bpy.context.scene, settle())
     assert settle() == settle() == ""
     assert stale()
     built.seed = 10
@@ -237,7 +237,7 @@ def test_undo_is_let_be_and_brings_the_fingerprint_back(built):
     props().seed = 9
     bpy.ops.ed.undo_push(message="seed")
     second = settle()
-    live.let_be(bpy.context.scene, second)
+    build.let_be(bpy.context.scene, second)
     bpy.ops.forest.build()
     bpy.ops.ed.undo_push(message="build")
     assert props().built == second
@@ -264,13 +264,13 @@ def test_what_a_file_brought_is_let_be_in_every_scene(built):
     here, there = bpy.context.scene, bpy.data.scenes.new("there")
     for scene in (here, there):
         scene.forest_sensing.built, scene.forest_sensing.live = "an older forest", True
-    live._hear_brought()
+    build._hear_brought()
     for scene in (here, there):
         with bpy.context.temp_override(scene=scene, view_layer=scene.view_layers[0]):
             graph = bpy.context.evaluated_depsgraph_get()
-            live._hear(scene, graph)
-            assert not bpy.app.timers.is_registered(live._settle)
-            assert live.settle(scene, graph) == ""
+            build._hear(scene, graph)
+            assert not bpy.app.timers.is_registered(build._settle)
+            assert build.settle(scene, graph) == ""
 
 
 def test_a_file_without_a_fingerprint_is_not_called_stale(built):
@@ -282,11 +282,10 @@ def test_a_file_without_a_fingerprint_is_not_called_stale(built):
 def test_without_a_window_nothing_runs_by_itself(built):
     """Switched on in the background: no handlers, no timer."""
     assert bpy.app.background
-    live.register()
     built.seed = 12
     bpy.context.view_layer.update()
-    assert not bpy.app.timers.is_registered(live._settle)
-    assert live._hear not in bpy.app.handlers.depsgraph_update_post
+    assert not bpy.app.timers.is_registered(build._settle)
+    assert build._hear not in bpy.app.handlers.depsgraph_update_post
 
 
 def test_saved_and_opened_the_forest_is_known_to_be_up_to_date(built, tmp_path):

@@ -9,12 +9,13 @@ bpy = pytest.importorskip("bpy")
 from bpy_extras.object_utils import world_to_camera_view
 from mathutils import Vector
 
-from forest_addon.blender.read.depsgraph import TREE_KEY, read_scene
+from forest_addon.blender.read.depsgraph import read_scene
+from forest_addon.blender.scene.instances import TREE_KEY
 from forest_addon.blender.sensors.objects import sensors_of
 from forest_addon.blender.show.preview import LAWN
 from forest_addon.formats.toml_file import read_settings
 from forest_addon.spec import Scene
-from forest_addon.ui.forest import new_file
+from forest_addon.ui.forest import start
 from forest_addon.ui.forest.start import SCENES, presets
 
 
@@ -83,7 +84,7 @@ def test_a_preset_that_is_not_there_is_reported(props):
 
 def test_the_menu_is_there_and_offers_what_add_offers(registered):
     drawn = bpy.types.TOPBAR_MT_file_new._dyn_ui_initialize()
-    assert new_file.draw_in_menu in drawn
+    assert start.draw_in_new in drawn
     offered = []
 
     class Layout:
@@ -99,7 +100,7 @@ def test_the_menu_is_there_and_offers_what_add_offers(registered):
             getattr(bpy.types, name).draw(SimpleNamespace(layout=self), None)
 
     menu = type("Menu", (), {"layout": Layout()})
-    new_file.FOREST_MT_new.draw(menu, None)
+    start.FOREST_MT_new.draw(menu, None)
     presets_offered = [entry.preset for entry in offered if hasattr(entry, "preset")]
     assert sorted(presets_offered) == sorted(["", *(file for file, _ in presets())])
 
@@ -108,12 +109,12 @@ def test_the_menu_is_there_and_offers_what_add_offers(registered):
 def furnished(registered, monkeypatch):
     """The presets of new files that are furnished, in a Blender that has a window."""
     presets = []
-    monkeypatch.setattr(new_file, "_furnish_soon", presets.append)
+    monkeypatch.setattr(start, "_furnish_soon", presets.append)
     return presets
 
 
 def test_the_new_file_that_was_asked_for_is_furnished_and_no_other(furnished, monkeypatch):
-    monkeypatch.setattr(new_file, "_awaited", "demo")
+    monkeypatch.setattr(start, "_awaited", "demo")
     bpy.ops.wm.read_homefile(app_template="")
     assert furnished == ["demo"]
     bpy.ops.wm.read_homefile(app_template="")
@@ -123,16 +124,16 @@ def test_the_new_file_that_was_asked_for_is_furnished_and_no_other(furnished, mo
 def test_another_file_is_left_as_it_is(furnished, monkeypatch, tmp_path):
     file = str(tmp_path / "other.blend")
     bpy.ops.wm.save_as_mainfile(filepath=file)
-    monkeypatch.setattr(new_file, "_awaited", "demo")
+    monkeypatch.setattr(start, "_awaited", "demo")
     bpy.ops.wm.open_mainfile(filepath=file)
     bpy.ops.wm.read_homefile(app_template="")
     assert furnished == []
 
 
 def test_who_chooses_anew_is_not_given_what_was_given_up(furnished, monkeypatch):
-    monkeypatch.setattr(new_file, "_awaited", "demo")
+    monkeypatch.setattr(start, "_awaited", "demo")
     layout = type("Layout", (), {"separator": lambda _: None, "menu": lambda *_, **__: None})()
-    new_file.draw_in_menu(type("Menu", (), {"layout": layout}), None)
+    start.draw_in_new(type("Menu", (), {"layout": layout}), None)
     bpy.ops.wm.read_homefile(app_template="")
     assert furnished == []
 

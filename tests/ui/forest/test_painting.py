@@ -6,7 +6,8 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from forest_addon import spec
-from forest_addon.blender.read.depsgraph import TREE_KEY, read_scene
+from forest_addon.blender.read.depsgraph import read_scene
+from forest_addon.blender.scene.instances import TREE_KEY
 from forest_addon.blender.show.intensity import CELLS, LIFT
 from forest_addon.ui.settings import exchange
 

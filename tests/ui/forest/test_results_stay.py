@@ -5,7 +5,7 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from forest_addon.blender.sensors.objects import sensors_of
-from forest_addon.ui.sensors.cost import chosen_things
+from forest_addon.ui.sensors.run import chosen_things
 
 from ..pressing import clouds, press, run
 

@@ -16,7 +16,7 @@ from forest_addon.results.dry_sounds import PEAK_DB, dry_sound
 from forest_addon.results.points import POINT
 from forest_addon.sensing.reverb.auralise import auralise, normalised
 from forest_addon.sensing.reverb.response import channels_of
-from forest_addon.ui.results import kept, show
+from forest_addon.ui.results import buttons, finding
 
 from ..pressing import add_cube, press, run
 
@@ -38,32 +38,12 @@ def test_a_cloud_is_exported_as_one_chooses(built, tmp_path):
         press("export_result", result="cloud", filepath=str(tmp_path / "mine.doc"))
 
 
-@pytest.mark.slow
-def test_sounds_are_exported_too(built, tmp_path):
-    for name in ("echo", "reverb"):
-        run(name)
-        for ending in ("wav", "csv"):
-            path = tmp_path / f"{name}.{ending}"
-            assert press("export_result", result=name, filepath=str(path)) == {"FINISHED"}
-
-
 @pytest.mark.medium
 def test_what_is_too_large_to_be_kept_says_so(built, tmp_path, monkeypatch):
-    monkeypatch.setattr(kept, "MOST", 1000)
+    monkeypatch.setattr(finding, "MOST", 1000)
     run("echo")
     with pytest.raises(RuntimeError, match="Run its sensor again"):
         press("export_result", result="echo", filepath=str(tmp_path / "mine.wav"))
-
-
-@pytest.mark.medium
-def test_a_result_is_removed_with_its_points(built):
-    before = len(bpy.data.objects), len(bpy.data.meshes)
-    run("cloud")
-    shown = built.results["cloud"].shown
-    press("remove_result", result="cloud")
-    assert "cloud" not in built.results
-    assert shown not in bpy.data.objects
-    assert (len(bpy.data.objects), len(bpy.data.meshes)) == before
 
 
 @pytest.mark.medium
@@ -77,25 +57,25 @@ def test_points_have_a_radius(built):
 @pytest.mark.medium
 def test_an_echo_can_be_heard(built):
     run("echo")
-    samples, rate = show.heard_of(built.results["echo"])
+    samples, rate = buttons.heard_of(built.results["echo"])
     assert rate == 20_000  # 400 kHz, twenty times slower
     assert samples.shape[1] == 1
     assert 0.85 < abs(samples).max() <= 1.0
     assert press("play", sensor="echo") == {"FINISHED"}
-    assert show._playing[1].specs[0] == rate
-    assert np.abs(show._playing[1].data() - samples).max() < 1e-6
+    assert buttons._playing[1].specs[0] == rate
+    assert np.abs(buttons._playing[1].data() - samples).max() < 1e-6
 
 
 @pytest.mark.medium
 def test_a_reverb_is_played_as_the_chosen_sound_is_heard(built, tmp_path):
     """What Blender's audio library was given is the convolution; the exported WAV has it, too."""
     run("reverb")
-    _, found, _ = kept.unpack(built.results["reverb"].found)
+    _, found, _ = finding.unpack(built.results["reverb"].found)
     responses = channels_of(found).reshape(len(found.samples), -1)
     for choice in ("CLAP", "CALL"):
         built.dry = choice
         assert press("play", sensor="reverb") == {"FINISHED"}
-        played = show._playing[1]
+        played = buttons._playing[1]
         dry, dry_rate = dry_sound(choice.lower())
         wet = normalised(auralise(responses, dry, found.sample_rate, dry_rate), PEAK_DB)[0]
         assert played.specs[0] == found.sample_rate
@@ -107,7 +87,7 @@ def test_a_reverb_is_played_as_the_chosen_sound_is_heard(built, tmp_path):
         assert np.abs(samples - wet[:, 0]).max() < 1e-6
     built.dry = "NONE"
     press("play", sensor="reverb")
-    click = show._playing[1].data()[:, 0]
+    click = buttons._playing[1].data()[:, 0]
     assert np.argmax(np.abs(click)) == np.argmax(np.abs(responses[:, 0]))
     built.dry, built.dry_file = "FILE", str(tmp_path / "CLAP.wav")
     assert press("play", sensor="reverb") == {"FINISHED"}

@@ -94,44 +94,6 @@ def test_removing_a_result_removes_its_frames(moving):
 
 
 @pytest.mark.medium
-def test_frames_live_through_a_saved_file(moving, tmp_path):
-    run("cloud", frames="RANGE", keep=True)
-    bpy.context.scene.frame_set(3)
-    there = middle()
-    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "kept.blend"))
-    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "kept.blend"))
-    bpy.context.scene.frame_set(1)
-    assert there - middle() == pytest.approx(2, abs=0.35)
-
-
-@pytest.mark.medium
-def test_each_frame_says_its_own_figures_and_legend(moving):
-    """What the panel says at a frame is what a run of that frame alone says."""
-    moving.accuracy.audit = 0.01
-    run("cloud", frames="RANGE", keep=True)
-    result = moving.results["cloud"]
-
-    def said():
-        figures = {
-            f.name: f.value for f in result.figures if f.name not in ("Time", "Checked", "Audit")
-        }
-        assert "Audit" in {f.name for f in result.figures}
-        return figures, [(e.name, e.choice, tuple(e.colour)) for e in result.legend]
-
-    kept = {}
-    for frame in (3, 1, 2):
-        bpy.context.scene.frame_set(frame)
-        kept[frame] = said()
-    assert kept[1] != kept[3]
-    assert len({len(legend) for _, legend in kept.values()}) == 1
-    for frame in (1, 3):
-        bpy.context.scene.frame_set(frame)
-        run("cloud")
-        result = moving.results["cloud"]
-        assert said() == kept[frame]
-
-
-@pytest.mark.medium
 def test_a_kept_frame_costs_little_beside_its_points(moving):
     """The pixels of a picture, 3 MB, are in memory only while they are looked at."""
     run("cloud", frames="RANGE", keep=True)

@@ -9,9 +9,9 @@ from forest_addon.blender.scene.layout import CLOUD_KEY, COLOUR_BY, COLOUR_MAP, 
 from forest_addon.blender.scene.nodes import choose_input, chosen_input, set_input
 from forest_addon.blender.show.cloud_nodes import on_map
 from forest_addon.stand.undergrowth import PLANTS
-from forest_addon.ui.results import swatches
-from forest_addon.ui.results.points import GAMMA, positions_and_colours
-from forest_addon.ui.results.swatches import SIDE, pixels_of
+from forest_addon.ui.overlay import GAMMA, positions_and_colours
+from forest_addon.ui.results import panel
+from forest_addon.ui.results.panel import SIDE, pixels_of
 
 from ..pressing import add_cube, run
 from ..test_panels import drawn
@@ -178,7 +178,7 @@ def test_the_legend_follows_the_scale_of_colours(built):
         assert seen[end] == pytest.approx(on_map("Heat", share), abs=2e-3)
     shown = []
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(swatches, "_icon", lambda colour: shown.append(colour) or 0)
+        patch.setattr(panel, "_icon", lambda colour: shown.append(colour) or 0)
         drawn()
     assert [c for c in shown if c == on_map("Heat", 1.0)]
     choose_input(modifier, COLOUR_BY, "Organ")

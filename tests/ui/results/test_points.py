@@ -10,7 +10,7 @@ from forest_addon.blender.scene.layout import CLOUD_KEY, COLOUR_BY, FAR_POINTS, 
 from forest_addon.blender.scene.nodes import drawn_inputs, has_input, set_input
 from forest_addon.blender.show.cloud import COLOUR_OF_ORGAN
 from forest_addon.blender.show.cloud_nodes import QUIET, SIZES
-from forest_addon.ui.results.points import GAMMA, positions_and_colours, sizes
+from forest_addon.ui.overlay import GAMMA, positions_and_colours, sizes
 
 
 @pytest.fixture

@@ -27,18 +27,6 @@ def test_the_dice_and_the_sound(built):
 
 
 @pytest.mark.slow
-def test_points_are_selected_from_the_results(built):
-    run("cloud")
-    (cloud,) = clouds()
-    cloud.select_set(False)
-    assert press("select_result", shown=cloud.name) == {"FINISHED"}
-    assert cloud.select_get()
-    bpy.data.objects.remove(cloud)
-    with pytest.raises(RuntimeError, match="Run its sensor again"):
-        press("select_result", shown="cloud points")
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize("name", LIDARS)
 def test_points_are_shown_and_selected_on_request(built, name):
     cube = add_cube()

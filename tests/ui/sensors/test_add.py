@@ -6,7 +6,7 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from forest_addon.blender.sensors import objects as sensors
-from forest_addon.ui.sensors.starts import STARTS
+from forest_addon.ui.sensors.add import STARTS
 from forest_addon.ui.settings import exchange
 
 from ..pressing import counts, press, run

@@ -7,7 +7,7 @@ bpy = pytest.importorskip("bpy")
 from forest_addon.blender.scene.layout import TREES, find_part, grove, part, root
 from forest_addon.blender.sensors import objects as sensors
 from forest_addon.ui.settings import exchange
-from forest_addon.ui.shell.chosen import chosen_sensor
+from forest_addon.ui.shell.views import chosen_sensor
 
 from ..pressing import press
 

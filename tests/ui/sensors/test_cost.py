@@ -12,8 +12,8 @@ from forest_addon.sensing import kind as costs_of
 from forest_addon.sensing.kinds import KINDS, kind_of
 from forest_addon.sensing.lidar.tractor import TractorScan
 from forest_addon.spec import Sonar
-from forest_addon.ui.sensors import cost
-from forest_addon.ui.sensors.ahead import Ahead
+from forest_addon.ui.sensors import run
+from forest_addon.ui.sensors.run import Ahead
 from forest_addon.ui.settings.exchange import to_spec
 
 from ..pressing import press
@@ -32,7 +32,7 @@ def test_pulses_are_counted_as_they_are_sent(built):
     for thing in things():
         settings = to_spec(bpy.context.scene, [thing])
         found = observer.observe(settings.sensors[0], settings)
-        said = cost.costs(bpy.context, [thing])[0].count
+        said = run.costs(bpy.context, [thing])[0].count
         if isinstance(found, TractorScan):
             assert said == found.distance.size
         else:
@@ -44,9 +44,9 @@ def test_a_reverb_is_guessed_to_take_longer_among_more_trees(built, monkeypatch)
     monkeypatch.setattr(costs_of, "_pace", {})
     plantings = bpy.context.scene.forest_sensing.plantings
     (thing,) = (one for one in things() if sensors.kind_of(one) == "reverb")
-    few = cost.costs(bpy.context, [thing])[0]
+    few = run.costs(bpy.context, [thing])[0]
     plantings[0].standing += 1000
-    many = cost.costs(bpy.context, [thing])[0]
+    many = run.costs(bpy.context, [thing])[0]
     settings = to_spec(bpy.context.scene, [thing])
     kind, standing = KINDS["reverb"], sum(planting.standing for planting in plantings)
     more = [
@@ -55,17 +55,17 @@ def test_a_reverb_is_guessed_to_take_longer_among_more_trees(built, monkeypatch)
     assert many.seconds - few.seconds == pytest.approx(more[1] - more[0])
     assert more[1] > more[0]
     costs_of.note_pace(to_spec(bpy.context.scene, [thing]).sensors[0], many, 30.0)
-    assert cost.costs(bpy.context, [thing])[0].seconds == pytest.approx(30.0)
+    assert run.costs(bpy.context, [thing])[0].seconds == pytest.approx(30.0)
 
 
 def test_its_own_pace_counts_once_a_sensor_has_run(built, monkeypatch):
     monkeypatch.setattr(costs_of, "_pace", {})
     (thing,) = (thing for thing in things() if thing.name == "cloud")
-    guess = cost.costs(bpy.context, [thing])[0]
+    guess = run.costs(bpy.context, [thing])[0]
     assert guess.seconds == pytest.approx(costs_of.BEGIN + guess.work * costs_of.RAY)
     sensor = to_spec(bpy.context.scene, [thing]).sensors[0]
     costs_of.note_pace(sensor, guess, 12.0)
-    assert cost.costs(bpy.context, [thing])[0].seconds == pytest.approx(12.0)
+    assert run.costs(bpy.context, [thing])[0].seconds == pytest.approx(12.0)
     twice = Sonar(ears=2)  # of which the seconds to begin are no less by half
     guessed = [kind_of(bat).cost(bat, None, "embree") for bat in (Sonar(ears=1), twice)]
     assert 0.5 < guessed[0].seconds / guessed[1].seconds < 1.0
@@ -85,22 +85,22 @@ def test_its_own_pace_counts_once_a_sensor_has_run(built, monkeypatch):
 )
 def test_in_words(props, count, seconds, memory, words):
     one = costs_of.Cost("pulses", count, count, seconds, int(memory))
-    assert cost.in_words([one]) == words
-    assert cost.is_large([one]) == (seconds > 60)
+    assert run.cost_in_words([one]) == words
+    assert run.is_large([one]) == (seconds > 60)
 
 
 def test_what_all_frames_keep_counts_too(props):
     one = costs_of.Cost("pulses", 1000, 1000, 0.01, 30_000_000)
-    assert not cost.is_large([one], 250)
-    assert cost.is_large([one], 250, keep=True)
-    assert cost.in_words([one], 250, keep=True).endswith("2.8 GB")  # 30 MB + 249 x (10 + 1) MB
+    assert not run.is_large([one], 250)
+    assert run.is_large([one], 250, keep=True)
+    assert run.cost_in_words([one], 250, keep=True).endswith("2.8 GB")  # 30 MB + 249 x (10 + 1) MB
 
 
 def test_what_is_large_is_asked_about_before(built):
     for thing in things():
         if thing.name == "cloud":
             thing.forest_sensor.terrestrial.angle_step_deg = 0.01
-    assert cost.is_large(cost.costs(bpy.context, things()))
+    assert run.is_large(run.costs(bpy.context, things()))
     told = bpy.types.Operator.bl_rna_get_subclass_py("FOREST_OT_run").description
 
     class Given:

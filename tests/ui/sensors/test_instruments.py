@@ -9,7 +9,7 @@ bpy = pytest.importorskip("bpy")
 from forest_addon import api as forest
 from forest_addon.formats.toml_file import read_scanner, scanner_names
 from forest_addon.ui import properties
-from forest_addon.ui.sensors import instruments
+from forest_addon.ui.sensors import panels
 from forest_addon.ui.settings import exchange
 
 
@@ -27,7 +27,7 @@ class Entries:
 
 def listed():
     menu = type("Menu", (), {"layout": Entries()})()
-    instruments.FOREST_MT_instruments.draw(menu, bpy.context)
+    panels.FOREST_MT_instruments.draw(menu, bpy.context)
     return {entry.text: entry.scanner for entry in menu.layout.shown}
 
 
@@ -55,7 +55,7 @@ def test_choosing_an_instrument_is_the_same_as_in_python(sensor):
 
 def test_a_tooltip_says_range_rate_and_spread(sensor):
     sensor("terrestrial")
-    words = instruments.FOREST_OT_choose_instrument.description(
+    words = panels.FOREST_OT_choose_instrument.description(
         bpy.context, type("Settings", (), {"scanner": "riegl-vz-400i"})()
     )
     assert words.startswith("RIEGL VZ-400i: ")
@@ -70,11 +70,11 @@ def test_a_sonar_has_no_instruments(sensor):
 
 def test_a_file_of_ones_own_is_shown_by_its_name(sensor):
     group = sensor("terrestrial").forest_sensor.terrestrial
-    assert instruments.title_of(group) == instruments.OWN
+    assert panels.instrument_title(group) == panels.OWN
     group.scanner = "riegl-vz-400i"
-    assert instruments.title_of(group) == "RIEGL VZ-400i"
+    assert panels.instrument_title(group) == "RIEGL VZ-400i"
     group.scanner = "my/own.toml"
-    assert instruments.title_of(group) == "own.toml"
+    assert panels.instrument_title(group) == "own.toml"
 
 
 def test_what_is_shown_in_another_unit_keeps_its_limits_and_says_so(registered):

@@ -9,7 +9,6 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from ui.pressing import (
-    LIDARS,
     SENSORS,
     add_cube,
     clouds,
@@ -18,20 +17,10 @@ from ui.pressing import (
     press,
     run,
     settings_of,
-    trees,
 )
 
 from forest_addon.ui.sensors.run import FOREST_OT_run, FOREST_OT_run_frames
 from forest_addon.ui.settings import exchange
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", SENSORS)
-def test_each_sensor_finds_something(built, name):
-    assert run(name) == {"FINISHED"}
-    figures = facts(built, name)
-    found = {"scan": "Points", "cloud": "Points", "echo": "Leaves Heard", "reverb": "Trunks Heard"}
-    assert int(figures[found[name]].split()[0].replace(",", "")) > 0
 
 
 @pytest.mark.slow
@@ -45,16 +34,6 @@ def test_points_of_both_lidars_lie_on_the_same_things(built):
         cloud.data.attributes["position"].data.foreach_get("vector", place.ravel())
         assert np.abs(place[ground == 3, 2]).max(initial=0) < 1e-5
         assert place[ground != 3, 2].min() > -0.05
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", SENSORS)
-def test_twice_in_a_row_nothing_piles_up(built, name):
-    run(name)
-    before = counts()
-    run(name)
-    assert counts() == before
-    assert len(built.results) == 2
 
 
 def test_a_scene_with_nothing_in_it_says_build_first(props, sensor):
@@ -86,16 +65,6 @@ def test_sensors_run_in_a_scene_of_the_users_own(props, sensor):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", SENSORS)
-def test_sensors_run_when_trees_or_results_were_deleted(built, name):
-    run(name)
-    for thing in [*trees(), *clouds()]:
-        bpy.data.objects.remove(thing)
-    assert run(name) == {"FINISHED"}
-    assert len(clouds()) == (name in (*LIDARS, "echo"))
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "key", "value", "words"),
     [
@@ -118,15 +87,6 @@ def test_a_source_below_the_ground_is_refused(built):
     bpy.data.objects["reverb"].location.z = -1
     with pytest.raises(RuntimeError, match="above the ground"):
         run("reverb")
-
-
-@pytest.mark.slow
-def test_a_sensor_that_is_moved_sees_from_there(built):
-    run("cloud")
-    before = facts(built, "cloud")
-    bpy.data.objects["cloud"].location = (0, 0, 3)
-    run("cloud")
-    assert facts(built, "cloud") != before
 
 
 @pytest.mark.slow
@@ -156,16 +116,6 @@ def test_sensors_are_added_chosen_and_removed(built):
 
 
 @pytest.mark.slow
-def test_an_edit_of_the_scene_is_seen(built):
-    run("cloud")
-    before = facts(built, "cloud")
-    roof = add_cube()
-    roof.location, roof.scale = (-20, -20, 3), (40, 40, 1)
-    run("cloud")
-    assert facts(built, "cloud") != before
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "file"),
     [("scan", "scan.npz"), ("cloud", "cloud.laz"), ("echo", "echo.npz"), ("reverb", "reverb.wav")],
@@ -176,13 +126,6 @@ def test_results_are_saved_where_the_user_says(built, name, file, tmp_path):
     written = tmp_path / "new" / "folder" / file
     assert written.stat().st_size > 0
     assert built.results[name].file == str(written)
-
-
-@pytest.mark.slow
-def test_nothing_is_saved_unless_asked(built, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    press("run")
-    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_folder_that_cannot_be_is_said_before_the_work(built, tmp_path):

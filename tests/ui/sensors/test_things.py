@@ -7,8 +7,9 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
+from forest_addon import spec
 from forest_addon.blender.read.depsgraph import read_scene
-from forest_addon.ui.sensors import panels, things
+from forest_addon.ui.sensors import panels
 
 
 @pytest.fixture
@@ -36,7 +37,7 @@ def test_an_object_has_a_reflectance_of_its_own(wall):
     assert not wall.forest_reflects
     assert np.isnan(found().reflectance).all()
     wall.forest_reflects = True
-    assert wall["forest_reflectance"] == things.OTHERWISE
+    assert wall["forest_reflectance"] == spec.Surfaces().other
     wall.forest_reflected = 0.25
     assert found().reflectance.tolist() == [0.25]
     wall.forest_reflected = 3.0  # a share
@@ -73,7 +74,7 @@ def test_what_a_script_has_set_is_shown(wall):
     assert wall.forest_reflects
     assert wall.forest_reflected == 0.75
     wall["forest_reflectance"] = "white"  # sensors do not count it either
-    assert wall.forest_reflected == things.OTHERWISE
+    assert wall.forest_reflected == spec.Surfaces().other
 
 
 def test_it_is_undone(wall):
@@ -90,17 +91,17 @@ def test_the_panel_is_there_for_what_sensors_could_see(wall):
         bpy.context.view_layer.objects.active = bpy.data.objects[other]
         assert not panels.FOREST_PT_thing.poll(bpy.context)
     bpy.context.view_layer.objects.active = None
-    assert things.seen_thing(SimpleNamespace(object=None)) is None
+    assert panels.seen_thing(SimpleNamespace(object=None)) is None
     assert not panels.FOREST_PT_thing.poll(bpy.context)
 
 
 def test_objects_keep_it_without_the_add_on(wall):
     wall.forest_seen = False
-    things.unregister()
+    panels.unregister()
     try:
         assert not hasattr(wall, "forest_seen")
         assert wall["forest_ignored"]
         assert wall.name not in found().object_name
     finally:
-        things.register()
+        panels.register()
     assert not wall.forest_seen

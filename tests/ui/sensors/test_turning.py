@@ -14,7 +14,7 @@ from forest_addon.sensing.lidar import tractor
 from forest_addon.sensing.lidar.pattern import pattern_of
 from forest_addon.sensing.reverb.ends import ends_of
 from forest_addon.sensing.sonar.poses import posed
-from forest_addon.ui.sensors.starts import STARTS
+from forest_addon.ui.sensors.add import STARTS
 from forest_addon.ui.settings import exchange
 
 from ..pressing import add_cube, press

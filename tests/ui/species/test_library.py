@@ -6,14 +6,14 @@ bpy = pytest.importorskip("bpy")
 
 from forest_addon.blender.library.build import FILE
 from forest_addon.ui.settings import preferences
-from forest_addon.ui.species import library
+from forest_addon.ui.species import edit
 
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
     """A library that is only of this test; preferences as they were afterwards."""
     home = tmp_path / "library"
-    for room in (preferences, library):
+    for room in (preferences, edit):
         monkeypatch.setattr(room, "library_folder", lambda: home)
     yield home
     known = bpy.context.preferences.filepaths.asset_libraries
@@ -42,7 +42,7 @@ def test_trees_of_the_scene_become_a_library_that_blender_is_told_of(props, fold
 
 @pytest.mark.medium
 def test_one_press_from_a_clean_start_makes_trees_and_adds_them(props, folder, monkeypatch):
-    monkeypatch.setattr(library, "FIRST", ("grass",))
+    monkeypatch.setattr(edit, "FIRST", ("grass",))
     known = bpy.context.preferences.filepaths.asset_libraries
     assert bpy.ops.forest.add_library() == {"FINISHED"}
     assert sorted(file.name for file in folder.iterdir()) == [FILE, "grass.blend"]

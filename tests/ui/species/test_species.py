@@ -23,9 +23,8 @@ from forest_addon.growth.library.template_library import Brought, make_library
 from forest_addon.spec import SpecError
 from forest_addon.ui.settings import preferences
 from forest_addon.ui.settings.exchange import to_spec
-from forest_addon.ui.species import edit as species_edit
-from forest_addon.ui.species import import_stl as species_import
-from forest_addon.ui.species import pictures as species_pictures
+from forest_addon.ui.shell import views
+from forest_addon.ui.species import edit
 
 PRESETS = sorted(path.stem for path in (ASSETS / "species").glob("*.toml"))
 
@@ -34,11 +33,11 @@ PRESETS = sorted(path.stem for path in (ASSETS / "species").glob("*.toml"))
 def own(tmp_path, monkeypatch):
     """A folder of one's own species that is only of this test."""
     folder = tmp_path / "own"
-    for room in (preferences, species_edit, species_import, species_pictures):
+    for room in (preferences, edit):
         monkeypatch.setattr(room, "species_folder", lambda: folder)
-    species_pictures.refresh()
+    edit.refresh()
     yield folder
-    species_pictures.refresh()
+    edit.refresh()
 
 
 @pytest.fixture
@@ -61,7 +60,7 @@ def model(tmp_path):
 
 def edited(planting):
     """The species that a planting plants, as it is edited."""
-    return species_edit.edited_species(bpy.context.scene)[planting.species][0]
+    return edit.edited_species(bpy.context.scene)[planting.species][0]
 
 
 def files_of(path):
@@ -86,7 +85,7 @@ def test_edit_save_and_read_gives_the_preset(planting, tmp_path, name):
     assert planting.species == saved.as_posix()
     back, _ = load_species(saved)
     home = ASSETS / "species"
-    assert species_edit.relocated(back, saved.parent, home) == species_edit.relocated(
+    assert edit.relocated(back, saved.parent, home) == edit.relocated(
         read_settings(preset, spec.Species), home, home
     )
     assert files_of(saved) == files_of(preset)
@@ -182,7 +181,7 @@ def test_a_file_of_ones_own_is_edited_where_its_stl_files_are(planting, tmp_path
     bpy.context.scene.forest_sensing.folder = str(folder)
     planting.species = "oak.toml"
     bpy.ops.forest.edit_species()
-    _, home = species_edit.edited_species(bpy.context.scene)[planting.species]
+    _, home = edit.edited_species(bpy.context.scene)[planting.species]
     assert home == folder
     bpy.ops.forest.save_species(filepath=str(folder / "oak.toml"))
     assert planting.species == "oak.toml"
@@ -200,14 +199,14 @@ def test_an_exported_scene_takes_edited_species_along(planting, tmp_path):
     bpy.ops.forest.edit_species()
     scene = bpy.context.scene
     scene.forest_sensing.edited[0].settings.look.leaf = (0.5, 0.25, 0.125)
-    wanted, home = species_edit.edited_species(scene)[planting.species]
+    wanted, home = edit.edited_species(scene)[planting.species]
     path = tmp_path / "stand.toml"
     bpy.ops.forest.save_scene(filepath=str(path))
     exported = read_settings(path, spec.Scene)
     (species,) = (planted.species for planted in exported.plantings)
     assert species == "stand-species/maple.toml"
     back, _ = load_species(tmp_path / species)
-    assert back == species_edit.relocated(wanted, home, tmp_path / "stand-species")
+    assert back == edit.relocated(wanted, home, tmp_path / "stand-species")
     assert replace(exported, plantings=()) == replace(to_spec(scene), plantings=())
 
 
@@ -236,7 +235,7 @@ def test_a_tree_from_stl_is_planted(planting, model, own):
     _, habit = load_species(path)
     assert (habit.anatomy.order == 1).sum() == 9
     assert len(habit.anatomy.foliage.bearer) == 63
-    assert path.as_posix() in [choice[0] for choice in species_pictures.choices(props)]
+    assert path.as_posix() in [choice[0] for choice in edit.choices(props)]
     bpy.ops.forest.import_tree(filepath=str(model / "wood.stl"), directory=str(model), height=8)
     assert Path(props.plantings[2].species) == own / "elm-2" / "elm-2.toml"
 
@@ -267,11 +266,8 @@ def test_a_template_of_ours_is_imported(planting, own):
     green = (drawn[..., 1] > 1.1 * drawn[..., 2]) & (drawn[..., 1] > 1.1 * drawn[..., 0])
     assert 0.05 < green.mean() < 0.9  # leaves before paper
     assert (drawn[0] == drawn[0, 0]).mean() > 0.9  # nothing above the tree
-    plain = int(species_pictures._plain_icons()["OUTLINER_OB_CURVES"].value)
-    icons = {
-        choice[0]: choice[3]
-        for choice in species_pictures.choices(bpy.context.scene.forest_sensing)
-    }
+    plain = int(edit._plain_icons()["OUTLINER_OB_CURVES"].value)
+    icons = {choice[0]: choice[3] for choice in edit.choices(bpy.context.scene.forest_sensing)}
     assert icons[planted] != plain
     assert (made.anatomy.order == 1).sum() == len(ours.branches)
     assert len(made.anatomy.foliage.bearer) == ours.leaf_count
@@ -312,12 +308,12 @@ def test_an_import_that_is_cancelled_leaves_nothing(model, own):
 
 def test_names_tell_wood_from_leaves():
     wood, leaves = Path("oak_stem.stl"), Path("oak_Leaves.stl")
-    assert species_import.parts_of([leaves, wood]) == (wood, leaves)
-    assert species_import.parts_of([wood]) == (wood, None)
+    assert edit.parts_of([leaves, wood]) == (wood, leaves)
+    assert edit.parts_of([wood]) == (wood, None)
     with pytest.raises(SpecError):
-        species_import.parts_of([leaves, leaves])
-    assert species_import.title_from(Path("/trees/old oak/wood.stl")) == "old-oak"
-    assert species_import.title_from(Path("/trees/elm.stl")) == "elm"
+        edit.parts_of([leaves, leaves])
+    assert edit.title_from(Path("/trees/old oak/wood.stl")) == "old-oak"
+    assert edit.title_from(Path("/trees/elm.stl")) == "elm"
 
 
 # ---------------------------------------------------------------------------------------- pictures
@@ -331,7 +327,7 @@ def test_every_preset_has_a_small_picture():
 
 def test_a_picture_chooses_what_is_planted(planting):
     props = bpy.context.scene.forest_sensing
-    names = [choice[0] for choice in species_pictures.choices(props)]
+    names = [choice[0] for choice in edit.choices(props)]
     assert names == PRESETS
     for name in ("spruce", "maple"):
         props.species_picture = name
@@ -346,7 +342,7 @@ def test_a_picture_chooses_what_is_planted(planting):
 
 def test_drawing_touches_no_file_after_the_first_time(planting, monkeypatch):
     props = bpy.context.scene.forest_sensing
-    first = species_pictures.choices(props)
+    first = edit.choices(props)
 
     def refuse(*_, **__):
         raise AssertionError("a file was looked at")
@@ -354,19 +350,18 @@ def test_drawing_touches_no_file_after_the_first_time(planting, monkeypatch):
     with monkeypatch.context() as watch:
         for owner, name in ((Path, "glob"), (Path, "is_file"), (Path, "open"), (builtins, "open")):
             watch.setattr(owner, name, refuse)
-        assert species_pictures.choices(props) == first
+        assert edit.choices(props) == first
         props.species_picture = "spruce"
-        species_pictures.number_of(props)
+        edit.number_of(props)
 
 
 def test_pictures_go_with_the_add_on(planting):
-    species_pictures.choices(bpy.context.scene.forest_sensing)
-    held = species_pictures._pictures
-    assert held is not None
+    edit.choices(bpy.context.scene.forest_sensing)
+    held = views.icons()
     assert len(held)
     ui.unregister()
     try:
-        assert species_pictures._pictures is None
+        assert views._icons is None
         assert len(held) == 0
     finally:
         ui.register()

@@ -1,4 +1,4 @@
-"""Export and removal of a result: written in a format of one's choice, or removed with its points."""
+"""Operators of a result's icons: select points, show the picture, play the sound, export it, remove it."""
 
 from __future__ import annotations
 
@@ -6,19 +6,127 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import bpy
+import numpy as np
 from bpy_extras.io_utils import ExportHelper
 
 from ...blender.scene.layout import RESULTS, find_part, is_ours
 from ...blender.sensors.objects import file_name
 from ...spec import SpecError
-from ..shell.running import PROBLEMS, InOwnScene, in_words
+from ..shell.running import Button, Reading
+from ..shell.views import region_of, select
 from ..shell.words import say
-from . import frames
-from .show import heard_of
-from .shown import points_of
+from .keep import blocks_of, let_go, points_of
 
 if TYPE_CHECKING:
     from ...results.coordinates import Offset
+
+EARS = 2  # channels that are played; files have all
+
+_playing: Any = None  # what sounds now, and its sound; it stops when nobody holds it
+
+
+class FOREST_OT_select_result(Reading, bpy.types.Operator):
+    """Select these points and show them"""
+
+    bl_idname = "forest.select_result"
+    bl_label = "Select Points"
+    bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO"}
+    shown: bpy.props.StringProperty(options={"HIDDEN"})
+
+    @classmethod
+    def obstacle(cls, context: bpy.types.Context) -> str:
+        if context.mode == "OBJECT":
+            return ""
+        return say("Leave this mode first: objects are selected in Object Mode")
+
+    def act(self, context: bpy.types.Context) -> str:
+        thing = context.scene.objects.get(self.shown)
+        if thing is None:
+            problem = say("{name} is no longer in the scene. Run its sensor again", name=self.shown)
+            raise ValueError(problem)
+        select(context, thing)
+        return ""
+
+
+class FOREST_OT_play(Reading, bpy.types.Operator):
+    """Play it: a reverb as the chosen sound is heard in the forest, an echo slowed down for human ears"""
+
+    bl_idname = "forest.play"
+    bl_label = "Play"
+    sensor: bpy.props.StringProperty(options={"HIDDEN"})
+
+    def act(self, context: bpy.types.Context) -> str:
+        import aud
+
+        global _playing
+        result = context.scene.forest_sensing.results.get(self.sensor)
+        heard = None if result is None else heard_of(result)
+        if heard is None:
+            raise ValueError(say("{name} has no sound. Run it again", name=self.sensor))
+        samples, rate = heard
+        try:
+            sound = aud.Sound.buffer(np.ascontiguousarray(samples[:, :EARS], np.float32), rate)
+            _playing = aud.Device().play(sound), sound
+        except aud.error as problem:
+            raise ValueError(say("No sound can be played here: {reason}", reason=problem)) from None
+        return ""
+
+
+def heard_of(result: Any) -> tuple[np.ndarray, float] | None:
+    """Return what a result sounds like: (N, C) samples and their rate, as its WAV has them; None: like
+    nothing, or nothing of it is kept.
+
+    An echo is slowed down; a reverb is what the scene's dry sound becomes in the forest.
+
+    Raises
+    ------
+    SpecError : the file of the dry sound cannot be used.
+    """
+    from ...results.dry_sounds import PEAK_DB, dry_sound
+    from ...results.kinds import RESULTS
+    from ...sensing.reverb.auralise import normalised
+    from .finding import unpack
+
+    if not result.found:
+        return None
+    record, (sensor, found, _) = RESULTS[result.kind], unpack(result.found)
+    assert record.sound is not None, "what has no points sounds"
+    response, rate = record.sound(sensor, found)
+    if not record.is_response:
+        return response, rate
+    props = result.id_data.forest_sensing
+    if props.dry == "NONE" or record.wet is None:
+        return normalised(np.reshape(response, (len(response), -1)), PEAK_DB)[0], rate
+    dry = dry_sound(props.dry.lower(), Path(bpy.path.abspath(props.dry_file)))
+    wet, rate = record.wet(sensor, found, *dry)
+    return normalised(wet, PEAK_DB)[0], rate
+
+
+class FOREST_OT_show_picture(Reading, bpy.types.Operator):
+    """Show this picture in an Image Editor, below this view where none is open"""
+
+    bl_idname = "forest.show_picture"
+    bl_label = "Show in Image Editor"
+    result: bpy.props.StringProperty(options={"HIDDEN"})
+
+    def act(self, context: bpy.types.Context) -> str:
+        results = context.scene.forest_sensing.results
+        picture = results[self.result].picture if self.result in results else None
+        if picture is None:
+            raise ValueError(say("This picture is no longer there. Run its sensor again"))
+        area = next((a for a in context.screen.areas if a.type == "IMAGE_EDITOR"), None)
+        if area is None:
+            known = set(context.screen.areas)
+            bpy.ops.screen.area_split(direction="HORIZONTAL", factor=0.45)
+            area = next(iter(set(context.screen.areas) - known), None)
+            if area is None:
+                raise ValueError(say("There is no room for it here. Open an Image Editor first"))
+            area.type = "IMAGE_EDITOR"
+        area.spaces.active.image = picture
+        with context.temp_override(area=area, region=region_of(area, "WINDOW")):
+            bpy.ops.image.view_all(fit_view=True)
+        return ""
+
 
 WORDS = {
     ".laz": ("LAZ", "A compressed point cloud with all labels"),
@@ -61,7 +169,7 @@ def _write(path: Path, result: Any, label: str) -> Offset:
     from ...results.coordinates import Offset
     from ...results.kinds import write_as
     from ...results.points import write_points
-    from .kept import unpack
+    from .finding import unpack
 
     data = _scan_of(result)
     if data is None:
@@ -81,7 +189,7 @@ def _is_response(result: Any) -> bool:
     return result is not None and result.kind in RESULTS and RESULTS[result.kind].is_response
 
 
-class FOREST_OT_export_result(bpy.types.Operator, ExportHelper):
+class FOREST_OT_export_result(Reading, bpy.types.Operator, ExportHelper):
     """Write this result to a file; its ending says in which format"""
 
     bl_idname = "forest.export_result"
@@ -117,7 +225,7 @@ class FOREST_OT_export_result(bpy.types.Operator, ExportHelper):
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         endings = self._endings(context)
         if not endings:
-            return self._refuse()
+            return self.execute(context)  # which says why
         usual = endings[0]
         self.ending = usual[1:].upper()
         self.filepath = f"{file_name(self.result)}{usual}"
@@ -150,75 +258,61 @@ class FOREST_OT_export_result(bpy.types.Operator, ExportHelper):
             if self.heard:
                 self.layout.prop(props, "dry", text="")
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def act(self, context: bpy.types.Context) -> str:
         from ...formats.crs import can_tell_crs
         from ...formats.wav import write_wav
         from ...results.points import ending_of
 
         endings = self._endings(context)
         if not endings:
-            return self._refuse()
+            name = self.result
+            raise ValueError(
+                say("{name} is not kept in this file. Run its sensor again", name=name)
+            )
         path = Path(bpy.path.abspath(self.filepath))
         result, crs = context.scene.forest_sensing.results[self.result], ""
-        try:
-            if ending_of(path) not in endings:
-                raise SpecError(
-                    path.name,
-                    say(
-                        'cannot be written as "{ending}"; use {endings}',
-                        ending=ending_of(path),
-                        endings=", ".join(endings),
-                    ),
-                )
-            if self.heard and _is_response(result) and path.suffix.lower() == ".wav":
-                write_wav(path, *heard_of(result))
-            else:
-                crs = _write(path, result, self.labels).crs
-        except PROBLEMS as problem:
-            self.report({"ERROR"}, in_words(problem))
-            return {"CANCELLED"}
+        if ending_of(path) not in endings:
+            problem = say(
+                'cannot be written as "{ending}"; use {endings}',
+                ending=ending_of(path),
+                endings=", ".join(endings),
+            )
+            raise SpecError(path.name, problem)
+        if self.heard and _is_response(result) and path.suffix.lower() == ".wav":
+            write_wav(path, *heard_of(result))
+        else:
+            crs = _write(path, result, self.labels).crs
         if context.scene.is_editable:
             result.file = str(path)
         if crs and not can_tell_crs():
             problem = say("Written without its coordinate system: Blender has no pyproj")
             self.report({"WARNING"}, problem)
-        self.report({"INFO"}, say("Written: {file}", file=path))
-        return {"FINISHED"}
+        return say("Written: {file}", file=path)
 
     def _endings(self, context: bpy.types.Context) -> tuple[str, ...]:
         result = context.scene.forest_sensing.results.get(self.result)
         return () if result is None else endings_of(result)
 
-    def _refuse(self) -> set[str]:
-        problem = say("{name} is not kept in this file. Run its sensor again", name=self.result)
-        self.report({"ERROR"}, problem)
-        return {"CANCELLED"}
 
-
-class FOREST_OT_remove_result(InOwnScene, bpy.types.Operator):
+class FOREST_OT_remove_result(Button, bpy.types.Operator):
     """Remove this result, with its points and its picture; files that were written stay"""
 
     bl_idname = "forest.remove_result"
     bl_label = "Remove Result"
-    bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO"}
 
     result: bpy.props.StringProperty(options={"HIDDEN"})
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def act(self, context: bpy.types.Context) -> str:
         results = context.scene.forest_sensing.results
         number = results.find(self.result)
         if number < 0:
-            self.report({"ERROR"}, say("{name} is no longer there", name=self.result))
-            return {"CANCELLED"}
+            raise ValueError(say("{name} is no longer there", name=self.result))
         shown = context.scene.objects.get(results[number].shown)
-        left = frames.blocks_of(results[number])
+        left = blocks_of(results[number])
         results.remove(number)
         home = find_part(context.scene, RESULTS)
         if shown is not None and home is not None and shown.name in home.objects and is_ours(shown):
             left.append(shown.data)
             bpy.data.objects.remove(shown)
-        frames.let_go(left)
-        return {"FINISHED"}
-
-
-CLASSES = (FOREST_OT_export_result, FOREST_OT_remove_result)
+        let_go(left)
+        return ""

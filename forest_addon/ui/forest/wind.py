@@ -1,0 +1,211 @@
+"""Trees in the wind in views and renders, baked for other programs; what views show of trees on points.
+
+Views show full trees, stand-ins or dots; what measures sees full trees. The sway is that of the forest that
+stands, grown once more where it is not in memory.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from functools import partial
+from pathlib import Path
+from typing import Any, ClassVar
+
+import bpy
+
+from ...blender.jobs import Task, Work
+from ...blender.scene.layout import POINTS_ROLE, ROLE_KEY, TREES, find_part
+from ...blender.scene.nodes import LEVEL_KEY, instancer_of, show_as, shown_of
+from ...spec import SpecError
+from ..settings.exchange import to_spec
+from ..shell.running import Button, Working
+from ..shell.views import redraw_views
+from ..shell.words import label, say
+from .build import fingerprint, read_site
+
+FINEST = 500  # triangles at most of stand-ins of files that do not say how many theirs have
+SHOWN = ("FULL", "LIGHT", "DOTS")
+ITEMS = (
+    ("FULL", "Full", "Views draw every triangle of every tree", 0),
+    (
+        "LIGHT",
+        "Light",
+        "Views draw stand-ins: the more trees, the fewer triangles each, 500 to 30",
+        1,
+    ),
+    ("DOTS", "Points", "Views draw a dot where each tree stands", 2),
+)
+
+
+def forest_of_points(scene: bpy.types.Scene) -> bpy.types.Modifier | None:
+    """The modifier that puts trees on points, None in a scene whose trees are objects."""
+    home = find_part(scene, TREES)
+    things = home.objects if home is not None else ()
+    thing = next((t for t in things if t.get(ROLE_KEY) == POINTS_ROLE), None)
+    return instancer_of(thing)
+
+
+def get_display(props: Any) -> int:
+    """Return the number of what views show."""
+    modifier = forest_of_points(props.id_data)
+    return 0 if modifier is None else SHOWN.index(shown_of(modifier))
+
+
+def set_display(props: Any, number: int) -> None:
+    """Have views show something else."""
+    modifier = forest_of_points(props.id_data)
+    if modifier is not None:
+        show_as(modifier, SHOWN[number])
+        redraw_views()  # a script that sets it has nothing else drawn
+
+
+def draw_display(layout: bpy.types.UILayout, props: Any) -> None:
+    """The switch, and what views show where that is less than the forest."""
+    modifier = forest_of_points(props.id_data)
+    if modifier is None:
+        return
+    layout.row(align=True).prop(props, "display", expand=True)
+    if props.display == "FULL":
+        return
+    text, said = label("A dot for each tree"), layout.column(align=True)
+    if props.display == "LIGHT":
+        count = modifier.id_data.get(LEVEL_KEY, FINEST)
+        text = label("Stand-ins of {count} triangles at most", count=count)
+    said.label(text=text, icon="INFO")
+    said.label(text="Sensors and renders see full trees", icon="BLANK1")
+
+
+_known: dict[int, tuple[Any, Any]] = {}  # of scenes: what the sway follows from, and it
+
+
+def swaying(context: bpy.types.Context, missing: list[str]) -> Generator[Task, Any, Any]:
+    """Give the sway of the trees of a scene as part of a job; None where they stand still.
+
+    missing : gets a sentence where trees stand still although there is wind.
+    """
+    scene = context.scene
+    settings = to_spec(scene)
+    if settings.wind.speed == 0 or not scene.forest_sensing.built:
+        return None
+    mark = fingerprint(scene, context.evaluated_depsgraph_get())
+    if mark != scene.forest_sensing.built:
+        missing.append(
+            say("Trees stand still: the forest is older than its settings. Press Grow Forest")
+        )
+        return None
+    key = mark, settings.wind
+    if _known.get(scene.session_uid, (None,))[0] == key:
+        return _known[scene.session_uid][1]
+    from ...blender.scene.forest import standing_forest
+    from ...stand.wind.sway import sway_of
+
+    forest = standing_forest(scene)
+    if forest is None:
+        folder = Path(bpy.path.abspath(scene.forest_sensing.folder))
+        site = yield from read_site(context, settings, folder)
+        forest = yield Task(say("growing trees, to know how they sway"), site.grow)
+    _known.clear()
+    _known[scene.session_uid] = key, sway_of(forest, settings.wind, settings.seed)
+    return _known[scene.session_uid][1]
+
+
+ENDINGS = {".abc": "Alembic", ".usd": "USD", ".usda": "USD", ".usdc": "USD", ".usdz": "USD"}
+
+
+class FOREST_OT_show_wind(Working, bpy.types.Operator):
+    """Let the trees sway in views and renders, as sensors meet them"""
+
+    bl_idname = "forest.show_wind"
+    bl_label = "Show Wind"
+
+    def work(self, context: bpy.types.Context) -> Work:
+        from ...blender.show.wind import amplitudes_of, knots_of, show_wind
+        from ...stand.wind.response import KNOTS
+
+        if to_spec(context.scene).wind.speed == 0:
+            raise SpecError(say("Wind"), say("set its speed above 0 first"))
+        count = knots_of(context.scene, KNOTS)
+        missing: list[str] = []
+        sway = yield from swaying(context, missing)
+        if sway is None:
+            raise SpecError(say("Wind"), missing[0] if missing else say("grow a forest first"))
+        ahead = yield Task(
+            say("working out how trees answer the wind"), partial(amplitudes_of, sway, count)
+        )
+        made = show_wind(context.scene, sway, KNOTS, ahead)
+        sentence = say(
+            "{count} trees sway for {seconds:.0f} s; play to see them",
+            count=made.trees,
+            seconds=made.seconds,
+        )
+        if made.still:
+            sentence += "; " + say("{count} have no skeleton and stand still", count=made.still)
+        return sentence
+
+
+class FOREST_OT_hide_wind(Button, bpy.types.Operator):
+    """Let the trees stand at rest in views and renders"""
+
+    bl_idname = "forest.hide_wind"
+    bl_label = "Hide Wind"
+    bl_options: ClassVar[set[str]] = {"UNDO"}
+
+    def act(self, context: bpy.types.Context) -> str:
+        from ...blender.show.wind import hide_wind
+
+        hide_wind(context.scene)
+        return ""
+
+
+class FOREST_OT_bake_wind(Button, bpy.types.Operator):
+    """Write the forest in the wind, frame by frame, to an Alembic (.abc) or USD file"""
+
+    bl_idname = "forest.bake_wind"
+    bl_label = "Bake Wind"
+    bl_options: ClassVar[set[str]] = {"REGISTER"}
+
+    filepath: bpy.props.StringProperty(subtype="FILE_PATH", options={"SKIP_SAVE"})
+    filter_glob: bpy.props.StringProperty(default="*.abc;*.usd;*.usda;*.usdc", options={"HIDDEN"})
+
+    def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
+        self.filepath = self.filepath or "forest-in-wind.abc"
+        context.window_manager.fileselect_add(self)
+        return {"RUNNING_MODAL"}
+
+    def act(self, context: bpy.types.Context) -> str:
+        from ...blender.files.export import bake
+        from ...blender.show.wind import shows_wind
+
+        path = Path(bpy.path.abspath(self.filepath))
+        if path.suffix.lower() not in ENDINGS:
+            raise ValueError(say("Name a file that ends in .abc, .usd, .usda or .usdc"))
+        if not shows_wind(context.scene):
+            raise ValueError(say("Press Show Wind first"))
+        try:
+            bake(context.scene, path)
+        except RuntimeError as refusal:
+            raise ValueError(str(refusal)) from None
+        return say("Wrote {file}", file=path.name)
+
+
+def draw_wind(layout: bpy.types.UILayout, scene: bpy.types.Scene) -> None:
+    """The buttons that show wind in views, hide it and write it to a file."""
+    from ...blender.show.wind import shows_wind
+
+    shown = shows_wind(scene)
+    row = layout.row(align=True)
+    row.operator(
+        "forest.show_wind",
+        text=label("Show Again") if shown else label("Show Wind"),
+        icon="FORCE_WIND",
+    )
+    if not shown:
+        return
+    row.operator("forest.hide_wind", text="", icon="X")
+    layout.operator("forest.bake_wind", icon="EXPORT")
+    modifier = forest_of_points(scene)
+    display = shown_of(modifier) if modifier is not None else "FULL"
+    if display != "FULL":
+        text = label("Dots stand still: choose Light or Full")
+        text = label("Stand-ins sway; renders show full trees") if display == "LIGHT" else text
+        layout.label(text=text, icon="INFO")

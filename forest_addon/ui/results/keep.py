@@ -1,0 +1,219 @@
+"""Results that are kept: frame by frame, by the names of their sensors, and which of them views show.
+
+The panel keeps the last result of each kind, the newest first; views show the points of one at a time, unless
+several are asked for. Of a frame range, a result holds a mesh, a picture, a sound, what is exported, figures
+and a legend of every frame that ran. When Blender goes to a frame, all that shows the result is given those
+of that frame, or of the last one before it that ran. A result whose sensor is renamed follows, with its
+points.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable
+from typing import Any, ClassVar
+
+import bpy
+
+from ...blender.scene.layout import CLOUD_KEY, FRAME_KEY
+from ...blender.sensors.objects import file_name, kind_of, sensors_of
+from ..shell.running import Reading
+from ..shell.views import show
+from ..shell.words import say
+
+
+def blocks_of(result: Any) -> list[bpy.types.ID | None]:
+    """The points, pictures and sounds that a result holds."""
+    of_frames = ((each.points, each.picture, each.sound) for each in result.frames)
+    return [result.picture, *(block for blocks in of_frames for block in blocks)]
+
+
+def hold_frame(result: Any, frame: int, sound: bpy.types.Sound | None) -> None:
+    """Keep what a result shows now for a frame, beside what is kept of others. sound : of its Speaker."""
+    shown = bpy.data.objects.get(result.shown)
+    points = shown.data if shown is not None else None
+    if points is not None:
+        points[FRAME_KEY] = frame
+    numbers = [each.frame for each in result.frames]
+    if frame in numbers:
+        item = result.frames[numbers.index(frame)]
+    else:
+        result.frames.add()
+        at = sum(number < frame for number in numbers)
+        result.frames.move(len(numbers), at)
+        item = result.frames[at]
+    item.frame, item.said, item.found = frame, _said_of(result), result.found
+    item.points, item.picture, item.sound = points, result.picture, sound
+
+
+def tell_again(result: Any, frame: int) -> None:
+    """Note what a result says by now, where it is kept for this frame."""
+    for each in result.frames:
+        if each.frame == frame:
+            each.said = _said_of(result)
+
+
+def _said_of(result: Any) -> str:
+    """Figures and legend of a result as one text: hundreds of frames have hundreds of lines each."""
+    figures = [(each.name, each.value, each.made_of) for each in result.figures]
+    legend = [(each.name, each.choice, *each.colour) for each in result.legend]
+    return json.dumps((figures, legend))
+
+
+def _say(result: Any, said: str) -> None:
+    """Have a result say what was noted of a frame."""
+    figures, legend = json.loads(said)
+    result.figures.clear()
+    result.legend.clear()
+    for name, value, made_of in figures:
+        item = result.figures.add()
+        item.name, item.value, item.made_of = name, value, made_of
+    for name, choice, *colour in legend:
+        item = result.legend.add()
+        item.name, item.choice, item.colour = name, choice, colour
+
+
+def begin_frames(scene: bpy.types.Scene, name: str) -> None:
+    """Keep nothing of earlier frames of a sensor any longer, but what is shown now."""
+    result = scene.forest_sensing.results.get(name)
+    if result is None:
+        return
+    left = blocks_of(result)
+    for each in result.frames:
+        if each.points is not None:
+            del each.points[FRAME_KEY]  # it is points as any other now
+    result.frames.clear()
+    let_go(left)
+
+
+def let_go(blocks: Iterable[bpy.types.ID | None]) -> None:
+    """Remove those of these points, pictures and sounds that nothing shows or keeps any longer."""
+    there = {block for block in blocks if block is not None}
+    bpy.data.batch_remove([block for block in there if not block.users])
+
+
+def show_frame(scene: bpy.types.Scene) -> None:
+    """Give every result all that is kept of the frame that the scene is at."""
+    for result in scene.forest_sensing.results:
+        if not result.frames:
+            continue
+        now = scene.frame_current
+        before = [each for each in result.frames if each.frame <= now]
+        each = before[-1] if before else result.frames[0]
+        thing = scene.objects.get(result.shown)
+        ours = thing is not None and CLOUD_KEY in thing and FRAME_KEY in thing.data
+        if ours and each.points is not None and thing.data != each.points:
+            thing.data = each.points
+        if each.picture is not None and result.picture != each.picture:
+            result.picture = each.picture
+        speaker = scene.objects.get(result.name)
+        if each.sound is not None and speaker is not None and speaker.type == "SPEAKER":
+            speaker.data.sound = each.sound
+        result.found = each.found
+        if each.said and each.said != _said_of(result):  # nothing, in files of before
+            _say(result, each.said)
+
+
+@bpy.app.handlers.persistent
+def _to_frame(scene: bpy.types.Scene, _depsgraph: object = None) -> None:
+    if scene.is_editable:
+        show_frame(scene)
+
+
+_sensor_of: dict[tuple[int, str], int] = {}  # uid of a sensor, by scene and name of its result
+
+
+def follow_names(scene: bpy.types.Scene) -> None:
+    """Rename results whose sensor has another name by now."""
+    results = scene.forest_sensing.results
+    for result in results:
+        key = scene.session_uid, result.name
+        thing = scene.objects.get(result.name)
+        if thing is not None and kind_of(thing) == result.kind:
+            _sensor_of[key] = thing.session_uid
+            continue
+        uid = _sensor_of.pop(key, None)
+        if uid is None:
+            continue
+        thing = next((t for t in sensors_of(scene) if t.session_uid == uid), None)
+        if thing is not None and thing.name not in results:
+            _rename(scene, result, thing.name)
+            _sensor_of[scene.session_uid, thing.name] = uid
+
+
+def _rename(scene: bpy.types.Scene, result: Any, name: str) -> None:
+    """Call a result otherwise, and its points, unless the user has named those."""
+    from ...blender.show.cloud import rename_cloud  # brings in scipy
+
+    if result.title == result.name:
+        result.title = name
+    result.name = name
+    shown = scene.objects.get(result.shown)
+    if shown is not None and CLOUD_KEY in shown:
+        rename_cloud(shown, file_name(name))
+        result.shown = shown.name
+
+
+def unregister() -> None:
+    """Forget the sensors."""
+    _sensor_of.clear()
+
+
+@bpy.app.handlers.persistent
+def _look(scene: bpy.types.Scene, _depsgraph: object) -> None:
+    if scene.is_editable and len(scene.forest_sensing.results):
+        follow_names(scene)
+
+
+HANDLERS = (("frame_change_pre", _to_frame), ("depsgraph_update_post", _look))
+
+
+class FOREST_OT_show_result(Reading, bpy.types.Operator):
+    """Show these points alone, or hide them; with Shift beside those that are shown"""
+
+    bl_idname = "forest.show_result"
+    bl_label = "Show Points"
+    bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO"}
+    result: bpy.props.StringProperty(options={"HIDDEN"})
+    more: bpy.props.BoolProperty(
+        name="Beside Others", description="Other points stay as they are", options={"SKIP_SAVE"}
+    )
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        self.more = event.shift
+        return self.execute(context)
+
+    def act(self, context: bpy.types.Context) -> str:
+        results = context.scene.forest_sensing.results
+        thing = points_of(results[self.result]) if self.result in results else None
+        if thing is None:
+            raise ValueError(
+                say("{name} has no points here. Run its sensor again", name=self.result)
+            )
+        if is_seen(thing):
+            thing.hide_set(True)
+        else:
+            show_result(context, results[self.result], self.more)
+        return ""
+
+
+def points_of(result: Any) -> bpy.types.Object | None:
+    """The object of a result's points in its scene, None where there is none."""
+    return result.id_data.objects.get(result.shown) if result.shown else None
+
+
+def is_seen(thing: bpy.types.Object) -> bool:
+    """Return whether the view layer shows an object."""
+    return bool(thing.visible_get())
+
+
+def show_result(context: bpy.types.Context, result: Any, more: bool = False) -> None:
+    """Show the points of a result, and hide those of others. more : those stay as they are."""
+    thing = points_of(result)
+    if thing is None:
+        return
+    show(context, thing)  # not selected: all points would be orange
+    for other in () if more else context.scene.forest_sensing.results:
+        points = points_of(other)
+        if points is not None and points != thing and CLOUD_KEY in points and is_seen(points):
+            points.hide_set(True)
