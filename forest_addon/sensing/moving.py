@@ -30,13 +30,17 @@ KEPT = 256  # trees by windows, whose pieces are kept in place
 EMPTY = TriMesh.of_part(np.empty((0, 3)), np.empty((0, 3), np.int64), OTHER)  # of what is met apart
 
 
-class Swaying(Protocol):
-    """Trees that sway, as ``stand.wind.sway`` has them; named by their number in the stand."""
+class TreesOfStand(Protocol):
+    """Trees by their number in the stand, some of which move."""
 
     @property
     def number(self) -> dict[int, int]: ...
 
     def moves(self, tree: int) -> bool: ...
+
+
+class Swaying(TreesOfStand, Protocol):
+    """Trees that sway, as ``stand.wind.sway`` has them; named by their number in the stand."""
 
     def leaning(self) -> int: ...
 
@@ -74,8 +78,11 @@ class MovingScene:
         tree = trees_that_sway(whole, sway)
         sways = np.flatnonzero(tree >= 0)
         self.motion = motion.without(sways)
-        pieces = CutTrees(whole, tree, sway, like and like.pieces) if len(sways) else None
-        self.pieces, self.count = pieces, len(whole)
+        pieces = None
+        if sway is not None and len(sways):
+            pieces = CutTrees(whole, tree, sway, None if like is None else like.pieces)
+        self.pieces: CutTrees | None = pieces
+        self.count = len(whole)
         more = () if pieces is None else pieces.meshes
         meshed = whole.with_meshes((EMPTY, *more), (0, *(() if pieces is None else pieces.of_mesh)))
         index = whole.mesh_index.copy()
@@ -88,7 +95,10 @@ class MovingScene:
         self.still = replace(
             whole.with_meshes((EMPTY,), (0,)),
             mesh_index=index,
-            **dict.fromkeys(("slot_reflectance", "asset", "slot_names", "slot_optics"), ()),
+            slot_reflectance=(),
+            asset=(),
+            slot_names=(),
+            slot_optics=(),
         )
         # Instances of other times that stand for trees which sway are never there.
         away = sways[sways >= len(read)]
@@ -270,7 +280,10 @@ class MovingScene:
             meshes=tuple(meshes),
             transform=transform,
             mesh_index=index,
-            **dict.fromkeys(("slot_reflectance", "asset", "slot_names", "slot_optics"), ()),
+            slot_reflectance=(),
+            asset=(),
+            slot_names=(),
+            slot_optics=(),
         )
 
     def bundles(
@@ -359,6 +372,10 @@ class CutTrees:
         self, scene: SceneGeometry, tree: np.ndarray, sway: Swaying, like: CutTrees | None = None
     ) -> None:
         self._sway = sway
+        self.meshes: tuple[TriMesh, ...]
+        self.boxes: np.ndarray
+        self.owner: np.ndarray
+        self.mesh: np.ndarray
         self._known: dict[tuple[int, int], list[tuple[int, int]]] = {}
         meshes: list[TriMesh] = []
         self.of_mesh: list[int] = []
@@ -511,7 +528,7 @@ class CutTrees:
         return piece + self._shift[number], self._next[number]
 
 
-def trees_that_sway(scene: SceneGeometry, sway: Swaying | None) -> np.ndarray:
+def trees_that_sway(scene: SceneGeometry, sway: TreesOfStand | None) -> np.ndarray:
     """(I,) the number in the stand of each instance that is a tree which sways, -1 of all others."""
     found = np.full(len(scene), -1)
     if sway is not None:

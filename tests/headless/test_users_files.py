@@ -15,6 +15,7 @@ from forest_addon.formats import atomic
 from forest_addon.formats.ownership import RECORD, Keeper, keeping
 from forest_addon.formats.stl import write_stl
 from forest_addon.formats.wav import write_wav
+from headless import commands
 from headless.commands import COMMANDS
 from headless.dataset.engine import Worker
 from headless.tiled import run_by_workers
@@ -91,6 +92,7 @@ def run(headless, inputs, tmp_path, monkeypatch):
     here = tmp_path / "here"
     shutil.copytree(inputs, here)
     monkeypatch.chdir(here)
+    monkeypatch.setattr(commands.demo, "DEMO", here / "small.toml")
     return lambda name, out, *more: headless(*WORDS[name].format(out=out).split(), *more)
 
 
@@ -126,9 +128,10 @@ def test_a_folder_full_of_a_users_files(run, tmp_path, name):
     apart = {file for file in ours if file.startswith(("scenes/", "status/"))}  # recorded there
     assert ours - apart <= {line["file"] for line in lines}  # nothing is written past the rule
 
-    again = run(name, out)  # its own are renewed
-    assert again.returncode == done.returncode, again.stderr
-    assert set(files(out)) == {*made, RECORD}
+    if name not in SLOW:
+        again = run(name, out)  # its own are renewed
+        assert again.returncode == done.returncode, again.stderr
+        assert set(files(out)) == {*made, RECORD}
 
     theirs = tmp_path / "theirs"
     users = put(theirs, [*ours, *USERS])
@@ -138,7 +141,7 @@ def test_a_folder_full_of_a_users_files(run, tmp_path, name):
     kept = files(theirs)
     assert users.items() <= kept.items()
 
-    if not apart:
+    if name not in SLOW:
         forced = run(name, theirs, "--force")
         assert forced.returncode == done.returncode, forced.stderr
         lost = {file for file, content in users.items() if files(theirs)[file] != content}

@@ -26,7 +26,7 @@ PLANTING = '[[plantings]]\nspecies = "{}"\nexpected = 20\nexact = true\n'
 @pytest.fixture
 def no_matplotlib(monkeypatch):
     """As if neither were installed; what was imported before is forgotten meanwhile."""
-    drawing_ones = ("forest_addon.drawing.", "headless.report.", "studies.")
+    drawing_ones = ("forest_addon.drawing.", "headless.report.", "headless.accuracy.")
     for name in list(sys.modules):
         if name.split(".")[0] in report.DRAWERS or name.startswith(drawing_ones):
             monkeypatch.delitem(sys.modules, name)
@@ -69,9 +69,9 @@ def test_what_was_asked_to_be_drawn_is_refused_in_a_sentence(tmp_path, headless,
 
 
 def test_a_command_that_only_draws_says_what_it_lacks(tmp_path, headless, no_matplotlib):
-    ended = headless("reverb-figures", "--out", tmp_path / "figures")
+    ended = headless("accuracy", "demo", "--out", tmp_path / "figures")
     assert ended.returncode == 2
-    assert "reverb-figures cannot draw its pictures: matplotlib is not there" in ended.stderr
+    assert "accuracy cannot draw its pictures: matplotlib is not there" in ended.stderr
 
 
 def test_blender_is_told_where_it_looks_for_packages(monkeypatch, tmp_path):

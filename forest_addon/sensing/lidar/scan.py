@@ -14,6 +14,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from copy import copy
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -76,7 +77,7 @@ class Scan:
     def __init__(
         self,
         scanner: LiDAR,
-        caster: RayCaster | MovingCaster,
+        caster: Any,
         seed: int = 0,
         path: Trajectory | None = None,
         pattern: Pattern | None = None,
@@ -107,7 +108,7 @@ class Scan:
         other.pulses = other.pattern.count
         return other
 
-    def seen_by(self, caster: RayCaster | MovingCaster) -> Scan:
+    def seen_by(self, caster: Any) -> Scan:
         """The same scan by another caster of the same scene, which is asked for every ray."""
         other = copy(self)
         other.caster, other._faces = caster, None

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
@@ -120,7 +121,7 @@ class SceneGeometry:
 
     def with_meshes(self, meshes: Sequence[TriMesh], like: Sequence[int]) -> SceneGeometry:
         """The scene with more meshes behind its own; each is said to be what one of these, ``like``, is."""
-        more = {
+        more: dict[str, Any] = {
             name: (*kept, *(kept[number] for number in like))
             for name in OF_MESHES
             if (kept := getattr(self, name))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -251,7 +251,7 @@ class SceneMotion:
         away = set(instances.tolist()) & set(self.paths)
         if not away:
             return self
-        kept = {
+        kept: dict[str, Any] = {
             name: {n: one for n, one in getattr(self, name).items() if n not in away}
             for name in ("paths", "shapes", "spans")
         }

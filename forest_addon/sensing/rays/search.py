@@ -127,7 +127,8 @@ class Search(RayCaster, ABC):
             return hits
 
         def nearest(rays: np.ndarray, start: np.ndarray) -> Hits:
-            return self._nearest(*_taken(rays, from_, ways), start, *_taken(rays, far))
+            begin, way, limit = _taken(rays, from_, ways, far)
+            return self._nearest(begin, way, start, limit)
 
         left = Hits.misses(len(near)) if leaving is None else leaving
         return search_on(nearest, near, far, left)
