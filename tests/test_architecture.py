@@ -95,6 +95,12 @@ BUDGETS = {
     "headless/commands": (1589, 17),
     "headless/dataset": (2499, 16),
     "headless/report": (530, 4),
+    "studies": (170, 5),
+    "studies/bench": (1935, 19),
+    "studies/flight": (558, 7),
+    "studies/papers": (360, 3),
+    "studies/sim_to_real": (986, 5),
+    "studies/validation": (3110, 16),
 }
 # Functions and files that a pulse, a ping and a clap pass on their way to a file.
 FLOWS = {"pulse": (1652, 261), "ping": (1694, 273), "clap": (1610, 272)}
