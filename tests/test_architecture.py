@@ -6,6 +6,7 @@ that no tool knows, and the budgets, which only go down: one goes up only with a
 
 import ast
 import re
+import subprocess
 import sys
 from collections import Counter, defaultdict
 from functools import cache
@@ -73,6 +74,38 @@ PACKAGES = {
 }
 
 
+# Statements (docstrings weigh nothing) and modules of each room: they only go down.
+BUDGETS = {
+    "forest_addon": (329, 3),
+    "forest_addon/acoustics": (1211, 20),
+    "forest_addon/api": (873, 6),
+    "forest_addon/base": (285, 13),
+    "forest_addon/blender": (5812, 44),
+    "forest_addon/drawing": (586, 6),
+    "forest_addon/flight": (1692, 11),
+    "forest_addon/formats": (2827, 30),
+    "forest_addon/growth": (8458, 49),
+    "forest_addon/results": (1092, 16),
+    "forest_addon/sensing": (13645, 123),
+    "forest_addon/spec": (1159, 11),
+    "forest_addon/stand": (3660, 34),
+    "forest_addon/ui": (5948, 41),
+    "headless": (1247, 13),
+    "headless/accuracy": (667, 8),
+    "headless/commands": (1589, 17),
+    "headless/dataset": (2499, 16),
+    "headless/report": (530, 4),
+    "studies": (170, 5),
+    "studies/bench": (1935, 19),
+    "studies/flight": (558, 7),
+    "studies/papers": (360, 3),
+    "studies/sim_to_real": (986, 5),
+    "studies/validation": (3110, 16),
+}
+# Functions and files that a pulse, a ping and a clap pass on their way to a file.
+FLOWS = {"pulse": (1652, 261), "ping": (1694, 273), "clap": (1610, 272)}
+
+
 @pytest.fixture(scope="module")
 def sources():
     """Path from the root to text, of every file of the product."""
@@ -130,6 +163,32 @@ def test_files_are_chapters_and_folders_shelves(sources):
     files = Counter(p.rpartition("/")[0] for p in sources)
     full = [folder for folder, count in files.items() if count > LARGEST_FOLDER + 1]  # __init__
     assert not long + full
+
+
+def test_rooms_keep_their_budgets(sources):
+    size = defaultdict(lambda: [0, 0])
+    for path, text in sources.items():
+        room = "/".join(path.split("/")[:2]) if path.count("/") > 1 else path.split("/")[0]
+        size[room][0] += statements(text)
+        size[room][1] += 1
+    over = {
+        room: (tuple(used), BUDGETS.get(room))
+        for room, used in size.items()
+        if any(a > b for a, b in zip(used, BUDGETS.get(room, (0, 0)), strict=True))
+    }
+    assert not over
+
+
+def statements(text):
+    return sum(
+        isinstance(node, ast.stmt)
+        and not (
+            isinstance(node, ast.Expr)
+            and isinstance(node.value, ast.Constant)
+            and isinstance(node.value.value, str)
+        )
+        for node in nodes_of(text)
+    )
 
 
 def test_class_names_are_unique(sources):
@@ -218,3 +277,64 @@ def test_the_shim_imports_nothing_at_load():
     assert not any(
         isinstance(n, imports) for n in ast.parse((ROOT / "__init__.py").read_text()).body
     )
+
+
+SENSORS = {
+    "pulse": 'kind = "terrestrial"\nposition = [5.0, 5.0, 1.6]\nangle_step_deg = 10.0\n',
+    "ping": 'kind = "sonar"\nposition = [5.0, 5.0, 1.6]\nleaf_model = "piston"\n',
+    "clap": 'kind = "reverb"\n',
+}
+SCENE = """\
+seed = 7
+[forest]
+size = [10.0, 10.0]
+[[plantings]]
+species = "maple"
+variants = 1
+expected = 1
+exact = true
+[output]
+report = false
+preview = false
+pictures = false
+blend = false
+[[sensors]]
+"""
+# Run by a Python of its own: counts functions of ours that run, but for those that run while modules load.
+COUNT = """\
+import os, sys, threading
+root, seen = os.getcwd() + os.sep, set()
+def watch(frame, event, _):
+    code = frame.f_code
+    if event != "call" or not code.co_filename.startswith(root) or code.co_name.startswith("<"):
+        return
+    outer = frame.f_back
+    while outer is not None:
+        if outer.f_code.co_name == "<module>" and outer.f_code.co_filename.startswith(root):
+            return
+        outer = outer.f_back
+    if code.co_flags & 1:
+        seen.add((code.co_filename, code.co_qualname))
+from headless.cli import main
+threading.setprofile(watch)
+sys.setprofile(watch)
+main(sys.argv[1:])
+sys.setprofile(None)
+print("FLOW", len(seen), len({file for file, _ in seen}))
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("job", SENSORS)
+def test_one_job_passes_few_functions(job, tmp_path):
+    """A reader follows one pulse, ping or clap through so many functions and files."""
+    pytest.importorskip("bpy")
+    scene = tmp_path / "scene.toml"
+    scene.write_text(SCENE + SENSORS[job])
+    words = ["run", str(scene), "--out", str(tmp_path / "out")]
+    ended = subprocess.run(
+        [sys.executable, "-c", COUNT, *words], cwd=ROOT, capture_output=True, text=True
+    )
+    counted = [line.split()[1:] for line in ended.stdout.splitlines() if line.startswith("FLOW")]
+    assert counted, ended.stderr[-500:]
+    assert all(int(a) <= b for a, b in zip(counted[0], FLOWS[job], strict=True)), counted[0]
