@@ -287,6 +287,7 @@ class FOREST_OT_run(Working, bpy.types.Operator):
         from ...blender.scene.instances import planted_names
         from ...blender.sensors.moving import seconds_of
         from ...blender.sensors.observe import Observer
+        from ...formats.ownership import Keeper, keeping
         from ...results.coordinates import Offset
         from ...results.kinds import write_finding
         from ...sensing.kind import note_pace
@@ -343,10 +344,13 @@ class FOREST_OT_run(Working, bpy.types.Operator):
             if folder is not None:
                 try:
                     numbered = replace(sensor, name=sensor.name + number)
-                    path = write_finding(folder, numbered, found, Offset.of(settings))[0]
+                    advice = say("choose another folder, or move it away")
+                    with keeping(Keeper(folder, "panel", advice=advice)) as keeper:
+                        keeper.reads(bpy.data.filepath)
+                        path = write_finding(folder, numbered, found, Offset.of(settings))[0]
                     context.scene.forest_sensing.results[thing.name].file = str(path)
                     sentence = say("{found}, saved as {path}", found=sentence, path=path)
-                except (OSError, ImportError) as problem:
+                except (OSError, ImportError, SpecError) as problem:
                     reason = in_words(problem)
                     self.report({"WARNING"}, say("Not saved: {reason}", reason=reason))
             check = partial(observer.audit, sensor, settings, found, took, home, way)
