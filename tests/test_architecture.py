@@ -14,7 +14,6 @@ from pathlib import Path
 
 import grimp
 import pytest
-from importlinter.cli import lint_imports
 
 ROOT = Path(__file__).resolve().parents[1]
 LONGEST_FILE, LARGEST_FOLDER = 800, 25
@@ -86,10 +85,10 @@ BUDGETS = {
     "forest_addon/formats": (2827, 30),
     "forest_addon/growth": (8458, 49),
     "forest_addon/results": (1092, 16),
-    "forest_addon/sensing": (13645, 123),
+    "forest_addon/sensing": (13651, 123),
     "forest_addon/spec": (1159, 11),
     "forest_addon/stand": (3660, 34),
-    "forest_addon/ui": (5948, 41),
+    "forest_addon/ui": (5959, 41),
     "headless": (1247, 13),
     "headless/accuracy": (667, 8),
     "headless/commands": (1589, 17),
@@ -103,7 +102,7 @@ BUDGETS = {
     "studies/validation": (3110, 16),
 }
 # Functions and files that a pulse, a ping and a clap pass on their way to a file.
-FLOWS = {"pulse": (1652, 261), "ping": (1694, 273), "clap": (1610, 272)}
+FLOWS = {"pulse": (1660, 261), "ping": (1730, 273), "clap": (1620, 272)}
 
 
 @pytest.fixture(scope="module")
@@ -122,9 +121,13 @@ def nodes_of(text):
     return tuple(ast.walk(ast.parse(text)))
 
 
-def test_rooms_import_what_they_may(monkeypatch):
-    monkeypatch.chdir(ROOT)
-    assert lint_imports(no_cache=True) == 0
+def test_rooms_import_what_they_may():
+    """In a process of its own: import-linter switches off the loggers that are there."""
+    words = (
+        "from importlinter.cli import lint_imports; raise SystemExit(lint_imports(no_cache=True))"
+    )
+    ended = subprocess.run([sys.executable, "-c", words], cwd=ROOT, capture_output=True, text=True)
+    assert ended.returncode == 0, ended.stdout
 
 
 def test_packages_of_others_are_listed(monkeypatch):

@@ -38,4 +38,4 @@ def inputs(imported, hash_seed):
 def test_inputs_depend_on_neither_imports_nor_the_hash_seed():
     alone = inputs("", "0")
     assert len(set(alone)) > 10
-    assert inputs("import forest_addon.spec, forest_addon.growth.lsystem.walk", "1") == alone
+    assert inputs("import forest_addon.spec, forest_addon.growth.lsystem.turtle", "1") == alone

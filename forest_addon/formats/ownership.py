@@ -3,7 +3,7 @@
 A file is ours if the record of its folder, ``.forest-sensing.jsonl``, names it with the SHA-256 that it still
 has: a line of JSON for every file that a command wrote, and which command. What a command reads it never
 writes, by whatever name: links and the case of letters lead to the same file. What is not ours is replaced
-only by force, which says so. Without ``keeping`` (a notebook, the panel) whoever calls decides.
+only by force, which says so. Without ``keeping`` (a notebook, a file dialog that asks) whoever calls decides.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ class Keeper:
     """Files that one command read and wrote, and the record of those of earlier ones.
 
     root : the folder of its results, whose record names files below it too; None: each folder has its own.
-    command : its name in the record.
+    command : its name in the record. advice : what to do about a file that is not ours.
     """
 
     def __init__(
@@ -33,10 +33,11 @@ class Keeper:
         *,
         force: bool = False,
         say: Callable[[str], None] = print,
+        advice: str = ADVICE,
     ) -> None:
         self._root = None if root is None else root.resolve()
         self.written: set[Path] = set()
-        self._command, self._force, self._say = command, force, say
+        self._command, self._force, self._say, self._advice = command, force, say, advice
         self._read: list[os.stat_result] = []
         self._lines: dict[Path, tuple[int, list[dict[str, str]]]] = {}
 
@@ -71,7 +72,7 @@ class Keeper:
         if ours or self._is_ours(place):
             return
         if not self._force:
-            raise _refusal(str(path), f"is not what Forest Sensing wrote there; {ADVICE}")
+            raise _refusal(str(path), f"is not what Forest Sensing wrote there; {self._advice}")
         self._say(f"--force: {path} is replaced")
 
     def writes(self, path: Path, content: Path) -> None:

@@ -22,7 +22,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import wasserstein_distance
 
 from ..base.rng import stream
 from ..spec import Siblings
@@ -228,6 +227,8 @@ class Likeness:
 
 def compare(template: Portrait, siblings: Sequence[Portrait]) -> Likeness:
     """Compare siblings with the tree they are to be like."""
+    from scipy.stats import wasserstein_distance  # half a second, for who accepts a template
+
     numbers = []
     for name, value in template.numbers.items():
         found = np.array([one.numbers.get(name, 0.0) for one in siblings])

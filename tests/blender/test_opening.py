@@ -57,4 +57,4 @@ def test_there_is_no_other_way_to_another_file():
             name = getattr(getattr(call, "func", None), "attr", "")
             assert name not in ("read_factory_settings", "read_userpref"), path
             if name == "open_mainfile":
-                assert path.name == "opening.py", f"{path} opens files by itself"
+                assert path.name == "export.py", f"{path} opens files by itself"

@@ -9,10 +9,12 @@ bpy = pytest.importorskip("bpy")
 
 from forest_addon import spec
 from forest_addon.base.places import ASSETS
+from forest_addon.base.trimesh import GROUND
 from forest_addon.blender.scene import assets
 from forest_addon.blender.scene import forest as forest_scene
 from forest_addon.blender.scene.forest import build, shapes_in
 from forest_addon.blender.scene.layout import OUTLINES, VARIANTS, part
+from forest_addon.blender.scene.placing import fingerprint
 from forest_addon.growth.library.species_file import load_species
 from forest_addon.stand.forest import grow_forest
 
@@ -52,9 +54,13 @@ def test_a_build_of_what_was_made_ahead_is_the_same(monkeypatch):
         forest, (), True, lambda done, total: heard.append((done, total))
     )
     assert heard == [(0, 2), (1, 2)]
-    for name in ("stand_in", "fingerprint"):  # or it was in vain
-        monkeypatch.setattr(forest_scene, name, lambda *_: pytest.fail("made twice"))
+    again = []  # fingerprints are taken of the ground alone
+    monkeypatch.setattr(forest_scene, "stand_in", lambda *_: pytest.fail("made twice"))
+    monkeypatch.setattr(
+        forest_scene, "fingerprint", lambda mesh: again.append(mesh) or fingerprint(mesh)
+    )
     build(other, asked, forest, ready=made)
+    assert [set(mesh.part) for mesh in again] == [{GROUND}]
     assert library(other) == library(plain)
     monkeypatch.undo()
     anew = grown(settings(4))

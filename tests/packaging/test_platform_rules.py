@@ -20,7 +20,7 @@ from packaging.utils import canonicalize_name
 
 ROOT = Path(__file__).resolve().parents[2]
 MANIFEST = tomllib.loads((ROOT / "blender_manifest.toml").read_text(encoding="utf-8"))
-SHIPPED_BY_BLENDER = {"numpy"}
+SHIPPED_BY_BLENDER = {"numpy", "OpenImageIO"}
 NETWORK = {
     *("socket", "ssl", "http", "urllib", "requests", "ftplib", "smtplib", "poplib", "imaplib"),
     *("aiohttp", "httpx", "websockets", "xmlrpc", "webbrowser", "pip", "ensurepip", "asyncio"),
@@ -36,7 +36,7 @@ COMPILED = r"\.(so|dll|dylib|pyd|exe|pyc|pyo|whl|zip|sh|bat)$"
 COMMAND_LINE = "headless/"
 LOADERS = {
     "headless/in_blender.py",
-    "headless/dataset/convert/loader.py",  # copied into datasets, never run in Blender
+    "headless/dataset/loader.py",  # copied into datasets, never run in Blender
 }
 BLENDER = {
     *("bpy", "bmesh", "bl_operators", "bl_ui", "bpy_extras", "mathutils", "gpu", "gpu_extras"),

@@ -26,7 +26,7 @@ position = [4.0, 2.0, 1.5]
 USE = """
 import forest_addon
 from forest_addon.base.places import ASSETS
-from forest_addon.formats.scanner_file import FOLDER
+from forest_addon.formats.toml_file import FOLDER
 from forest_addon.headless.cli import main
 
 print(forest_addon.__file__)

@@ -105,7 +105,13 @@ class Search(RayCaster, ABC):
         start, limit = np.full(count, near - MARGIN), np.full(count, far, np.float64)
         hits = self._nearest(origins, directions, start, limit)
         if count and np.minimum.reduce(hits.distance) < near:
-            return None
+
+            def nearest(rays: np.ndarray, begin: np.ndarray) -> Hits:
+                from_, ways, ends = _taken(rays, origins, directions, limit)
+                return self._nearest(from_, ways, begin, ends)
+
+            least = np.full(count, near, np.float64)
+            _search_behind(nearest, hits, start, least, Hits.misses(count))
         return hits if far == np.inf else _within(hits, far)
 
     def _cast(
@@ -172,6 +178,18 @@ def search_on(
     start = near - MARGIN
     start[left.found] += MARGIN
     hits = nearest(np.arange(len(near)), start)
+    _search_behind(nearest, hits, start, near, left)
+    return _within(hits, far)
+
+
+def _search_behind(
+    nearest: Callable[[np.ndarray, np.ndarray], Hits],
+    hits: Hits,
+    start: np.ndarray,
+    near: np.ndarray,
+    left: Hits,
+) -> None:
+    """Search on behind hits that do not count, until all do; changes ``hits`` and ``start``."""
     rays = np.flatnonzero(refused(hits, near, left))
     step = STEP
     while len(rays):
@@ -180,7 +198,6 @@ def search_on(
         found = nearest(rays, start[rays])
         hits.put(rays, found)
         rays = rays[refused(found, near[rays], left.select(rays))]
-    return _within(hits, far)
 
 
 def in_tasks(task: Callable[[slice], None], count: int, threads: int, size: int = TASK) -> None:

@@ -159,13 +159,15 @@ def _blend_for(scene: bpy.types.Scene, settings: spec.Scene, home: Path) -> tupl
 
 def _with_edited(settings: spec.Scene, edited: Edited, path: Path) -> spec.Scene:
     """Write edited species into a folder beside a scene file; returns the settings that name them so."""
+    from ...formats.ownership import Keeper, keeping
     from ...formats.toml_file import write_settings
 
     home = path.with_name(f"{path.stem}-species")
     names = {name: f"{home.name}/{Path(name).name}" for name in edited}
-    for name, (species, origin) in edited.items():
-        home.mkdir(parents=True, exist_ok=True)
-        write_settings(path.parent / names[name], relocated(species, origin, home))
+    with keeping(Keeper(home, "panel", advice=say("choose another name, or move it away"))):
+        for name, (species, origin) in edited.items():
+            home.mkdir(parents=True, exist_ok=True)
+            write_settings(path.parent / names[name], relocated(species, origin, home))
     plantings = (replace(p, species=names.get(p.species, p.species)) for p in settings.plantings)
     return replace(settings, plantings=tuple(plantings))
 

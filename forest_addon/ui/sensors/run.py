@@ -24,7 +24,10 @@ from ..shell.words import keep, label, say
 from .panels import is_unrendered
 
 if TYPE_CHECKING:
+    from ...results.coordinates import Offset
+    from ...results.kind import Finding
     from ...sensing.kind import Cost
+    from ...spec import Sensor
 
 LONG = 60.0  # s; what takes longer is asked about
 LARGE = 2e9  # bytes; the same
@@ -288,7 +291,6 @@ class FOREST_OT_run(Working, bpy.types.Operator):
         from ...blender.sensors.moving import seconds_of
         from ...blender.sensors.observe import Observer
         from ...results.coordinates import Offset
-        from ...results.kinds import write_finding
         from ...sensing.kind import note_pace
         from ...sensing.kinds import choose
         from ...stand.plan import labels
@@ -341,14 +343,8 @@ class FOREST_OT_run(Working, bpy.types.Operator):
                 self.report({"WARNING"}, sentence)
             self._job.kept.append(thing.name)
             if folder is not None:
-                try:
-                    numbered = replace(sensor, name=sensor.name + number)
-                    path = write_finding(folder, numbered, found, Offset.of(settings))[0]
-                    context.scene.forest_sensing.results[thing.name].file = str(path)
-                    sentence = say("{found}, saved as {path}", found=sentence, path=path)
-                except (OSError, ImportError) as problem:
-                    reason = in_words(problem)
-                    self.report({"WARNING"}, say("Not saved: {reason}", reason=reason))
+                numbered = replace(sensor, name=sensor.name + number)
+                sentence += self._save(folder, thing.name, numbered, found, Offset.of(settings))
             check = partial(observer.audit, sensor, settings, found, took, home, way)
             at_end = (span[1], span[1])
             audit = yield Task(step, lambda _tell, check=check: check(), span=at_end)
@@ -357,6 +353,22 @@ class FOREST_OT_run(Working, bpy.types.Operator):
                 if not audit.kept:
                     self.report({"WARNING"}, f"{thing.name}: {audit}")
         return sentence
+
+    def _save(self, folder: Path, name: str, sensor: Sensor, found: Finding, offset: Offset) -> str:
+        """Save a result where nothing of the user's is replaced; returns the end of the sentence on it."""
+        from ...formats.ownership import Keeper, keeping
+        from ...results.kinds import write_finding
+
+        advice = say("choose another folder, or move it away")
+        try:
+            with keeping(Keeper(folder, "panel", advice=advice)) as keeper:
+                keeper.reads(bpy.data.filepath)
+                path = write_finding(folder, sensor, found, offset)[0]
+        except (OSError, ImportError, SpecError) as problem:
+            self.report({"WARNING"}, say("Not saved: {reason}", reason=in_words(problem)))
+            return ""
+        bpy.context.scene.forest_sensing.results[name].file = str(path)
+        return say(", saved as {path}", path=path)
 
 
 class FOREST_OT_run_large(bpy.types.Operator):

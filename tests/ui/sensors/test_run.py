@@ -128,6 +128,22 @@ def test_results_are_saved_where_the_user_says(built, name, file, tmp_path):
     assert built.results[name].file == str(written)
 
 
+@pytest.mark.medium
+@pytest.mark.parametrize(("name", "file"), [("cloud", "cloud.laz"), ("echo", "echo.npz")])
+def test_a_users_file_of_that_name_stays(built, name, file, tmp_path):
+    """The panel saves beside it where another run had saved, and never over what others wrote."""
+    (tmp_path / file).write_text("the user's")
+    built.output = str(tmp_path)
+    run(name)
+    assert (tmp_path / file).read_text() == "the user's"
+    assert built.results[name].file == ""
+    (tmp_path / file).unlink()
+    run(name)
+    run(name)  # over its own
+    assert (tmp_path / file).stat().st_size > 100
+    assert built.results[name].file == str(tmp_path / file)
+
+
 def test_a_folder_that_cannot_be_is_said_before_the_work(built, tmp_path):
     (tmp_path / "file").write_text("x")
     built.output = str(tmp_path / "file" / "folder")

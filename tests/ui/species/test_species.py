@@ -208,6 +208,11 @@ def test_an_exported_scene_takes_edited_species_along(planting, tmp_path):
     back, _ = load_species(tmp_path / species)
     assert back == edit.relocated(wanted, home, tmp_path / "stand-species")
     assert replace(exported, plantings=()) == replace(to_spec(scene), plantings=())
+    bpy.ops.forest.save_scene(filepath=str(path))  # over its own
+    (tmp_path / species).write_text("the user's")
+    with pytest.raises(RuntimeError, match="is not what Forest Sensing wrote there"):
+        bpy.ops.forest.save_scene(filepath=str(path))
+    assert (tmp_path / species).read_text() == "the user's"
 
 
 def test_edited_species_travel_in_the_file(planting, tmp_path):
