@@ -27,8 +27,8 @@ ROWS = (
     (11, {"headless": (2, 60, SHELL), "ui": (64, 34, SHELL)}),
     (6, {"flight": (64, 34, SHELL)}),
     (6, {"api": (2, 96, SHELL)}),
-    (6, {"blender": (2, 46, SHELL), "results": (52, 46, FILES)}),
-    (6, {"site": (2, 22, PURE), "tiles": (27, 21, PURE), "drawing": (52, 46, FILES)}),
+    (6, {"blender": (2, 29, SHELL), "tiles": (35, 13, PURE), "results": (52, 46, FILES)}),
+    (6, {"site": (2, 29, PURE), "drawing": (52, 46, FILES)}),
     (22, {"stand": (2, 27, PURE), "sensing": (31, 67, PURE)}),
     (21, {"growth": (2, 57, PURE), "acoustics": (62, 36, PURE)}),
     (6, {"formats": (2, 57, BASE)}),
@@ -51,6 +51,7 @@ STRAIGHT: dict[tuple[str, str], float] = {}  # left of which an arrow goes, wher
 SIDEWAYS = {
     ("sensing", "stand"),
     ("headless", "ui"),
+    ("tiles", "results"),
     ("growth/lsystem", "growth/mesh"),
 }
 SHOWN = "shown"  # the metadata's key
