@@ -16,6 +16,8 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
+from forest_addon.formats.ownership import RECORD
+
 ROOT = Path(__file__).resolve().parents[2]
 PYTHON = f"cp{sys.version_info.major}{sys.version_info.minor}"
 MANIFEST = tomllib.loads((ROOT / "blender_manifest.toml").read_text(encoding="utf-8"))
@@ -85,7 +87,7 @@ def test_buttons_and_the_python_api_work(session):
     assert all(pressed[name] == ["FINISHED"] for name in names)
     assert pressed["results"] == ["cloud", "echo", "forest", "reverb", "scan"]
     assert pressed["objects"] == ["EMPTY", "MESH", "SPEAKER"]
-    files = ["cloud.laz", "echo.npz", "echo.wav", "reverb.npz", "reverb.wav", "scan.npz"]
+    files = [RECORD, "cloud.laz", "echo.npz", "echo.wav", "reverb.npz", "reverb.wav", "scan.npz"]
     assert pressed["files"] == files
     assert session["typed"] == {"terrestrial": True, "sonar": True, "reverb": True, "saved": True}
 

@@ -62,7 +62,7 @@ def test_without_a_window_the_exported_scene_gives_the_same_bytes(built, tmp_pat
         cwd=ROOT, capture_output=True, text=True, timeout=300,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
-    results = sorted(file.name for file in (tmp_path / "panel").iterdir())
+    results = sorted(file.name for file in (tmp_path / "panel").glob("[!.]*"))
     assert len(results) == 6
     for name in results:
         ours, theirs = ((tmp_path / where / name).read_bytes() for where in ("panel", "headless"))
