@@ -306,7 +306,7 @@ def array_fact(values: np.ndarray) -> str:
 
 
 def leaves_of(value: object, path: str = "") -> Facts:
-    """What stands in JSON, by its path; without what differs between runs."""
+    """Values of JSON by their paths, without those that differ between runs."""
     if isinstance(value, dict) and "checks" in value:  # an audit: how much it had time for differs
         for check in value["checks"]:
             yield (
@@ -438,7 +438,7 @@ def sound_errors(world: forest.World, sensor: forest.Sensor, name: str) -> Facts
 
 
 def audit_facts(name: str, result: forest.Result) -> Facts:
-    """What a result's audit found."""
+    """Sentences of a result's audit."""
     for key, value in leaves_of(result.record()):
         yield f"{name} {key}", value
 

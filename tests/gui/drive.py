@@ -173,7 +173,7 @@ def middle() -> tuple[int, int]:
 
 
 def has_view() -> bool:
-    """Whether a 3D view is there, which a file browser may take the place of."""
+    """Tell if a 3D view is there; a file browser may take its place."""
     areas = bpy.context.window_manager.windows[0].screen.areas
     return any(area.type == "VIEW_3D" for area in areas)
 

@@ -32,7 +32,7 @@ msgstr "‹forêt›"
 
 
 def refused(operator, **settings) -> str:
-    """What Blender says when an operator cannot do what it should."""
+    """Sentence of Blender when an operator cannot do what it should."""
     try:
         operator(**settings)
     except RuntimeError as problem:

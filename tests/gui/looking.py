@@ -23,7 +23,7 @@ def eye():
 
 
 def shown():
-    """What is seen or heard now, None before there is anything."""
+    """The figure that is seen or heard now, None before there is anything."""
     return None if eye() is None else eye().found
 
 

@@ -241,7 +241,7 @@ def test_settings_that_contradict_each_other_are_refused():
 
 
 def winding_number(point, facets):
-    """How often closed facets (T, 3, 3) go around a point: 1 inside, 0 outside (Van Oosterom 1983)."""
+    """Winding number of closed facets (T, 3, 3) about a point: 1 inside, 0 outside (Van Oosterom 1983)."""
     a, b, c = (facets[:, k] - point for k in range(3))
     la, lb, lc = (np.linalg.norm(x, axis=1) for x in (a, b, c))
     above = np.einsum("ti,ti->t", a, np.cross(b, c))
