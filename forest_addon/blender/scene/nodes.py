@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import bpy
 
 from ... import spec
+from .graph import Graph
 from .layout import GROUND_NAME, SHARE, find_part, is_local, is_ours
 
 if TYPE_CHECKING:
@@ -34,11 +35,9 @@ VIEW_KEY = "forest_view"  # of a group that changes what views show and nothing 
 LIGHT_KEY = "forest_light"  # on an object: what *Light View* was set to when it was built last
 LEVEL_KEY = "forest_level"  # on the same object: triangles at most of a stand-in
 VARIANT, ROTATION, SCALE = "variant", "rotation", "scale"  # attributes of the points
-LIMITS = {  # subtype, default, least, largest
-    ALL_SCALE: ("NONE", 1.0, 0.001, 1000.0),
-    ALL_ROTATION: ("ANGLE", 0.0, -1e4, 1e4),
-    SHARE: ("FACTOR", 1.0, 0.0, 1.0),
-}
+SIZES = {"default_value": 1.0, "min_value": 0.001, "max_value": 1000.0}
+TURNS = {"subtype": "ANGLE", "min_value": -1e4, "max_value": 1e4}
+SHARES = {"subtype": "FACTOR", "default_value": 1.0, "min_value": 0.0, "max_value": 1.0}
 
 
 def give_instancer(
@@ -233,97 +232,44 @@ def _sockets(modifier: bpy.types.Modifier) -> dict[str, str]:
     return {i.name: i.identifier for i in items if getattr(i, "in_out", "") == "INPUT"}
 
 
-def _make_instancer() -> bpy.types.NodeTree:  # noqa: PLR0915 (one node group, a line a node)
-    group = bpy.data.node_groups.new(INSTANCER, "GeometryNodeTree")
-    group[LAYOUT_KEY] = LAYOUT
-    group.is_modifier = True
-    group.description = "Puts a tree on every point"
-    for name, way, kind, told in (
-        (POINTS, "INPUT", "NodeSocketGeometry", "A vertex or point for every tree"),
-        (VARIANTS, "INPUT", "NodeSocketCollection", "Trees to choose from, counted by name"),
-        (OUTLINES, "INPUT", "NodeSocketCollection", "Their stand-ins, in the same order"),
-        (ALL_SCALE, "INPUT", "NodeSocketFloat", "Size of all trees; sensors see them so"),
-        (ALL_ROTATION, "INPUT", "NodeSocketFloat", "Turn of all trees about the vertical"),
-        (LIGHT, "INPUT", "NodeSocketBool", "Stand-ins in views; renders and sensors see trees"),
-        (DOTS, "INPUT", "NodeSocketBool", "Dots in views; renders and sensors see trees"),
-        (SHARE, "INPUT", "NodeSocketFloat", "Of trees in views; renders and sensors see all"),
-        (TREES, "OUTPUT", "NodeSocketGeometry", "An instance for every point, with its attributes"),
-    ):
-        made = group.interface.new_socket(name, description=told, in_out=way, socket_type=kind)
-        if name in LIMITS:
-            made.subtype, made.default_value, made.min_value, made.max_value = LIMITS[name]
-
-    def node(kind: str, label: str, x: float, y: float) -> bpy.types.Node:
-        made = group.nodes.new(kind)
-        made.label, made.location = label, (x, y)
-        return made
-
-    def attribute(name: str, kind: str, label: str, y: float) -> bpy.types.NodeSocket:
-        made = node("GeometryNodeInputNamedAttribute", label, 0, y)
-        made.data_type, made.parent = kind, frame
-        made.inputs["Name"].default_value = name
-        return made.outputs["Attribute"]
-
-    def library(socket: str, y: float) -> bpy.types.NodeSocket:
-        made = node("GeometryNodeCollectionInfo", f"{socket} by number", 0, y)
-        made.inputs["Separate Children"].default_value = True
-        made.inputs["Reset Children"].default_value = True
-        link(start.outputs[socket], made.inputs["Collection"])
-        return made.outputs["Instances"]
-
-    def both(how: str, label: str, y: float, *values: bpy.types.NodeSocket) -> bpy.types.NodeSocket:
-        kind = "FunctionNodeBooleanMath" if how == "AND" else "ShaderNodeMath"
-        made = node(kind, label, 0 if how == "AND" else 260, y)
-        made.operation = how
-        for socket, value in zip(made.inputs, values, strict=False):
-            link(value, socket)
-        return made.outputs[0]
-
-    link = group.links.new
-    frame = node("NodeFrame", "What each point says", 0, 0)
-    start, end = node("NodeGroupInput", "", -260, 160), node("NodeGroupOutput", "", 1040, 160)
-    viewed = node("GeometryNodeIsViewport", "In a view", -260, 420).outputs[0]
-    choice = node("GeometryNodeSwitch", "Stand-ins or trees", 260, 160)
-    choice.input_type = "GEOMETRY"
-    some = node("FunctionNodeRandomValue", "A share of all", 0, 640)
-    some.data_type = "BOOLEAN"
-    shown = node("GeometryNodeSwitch", "Some or all", 260, 420)
-    shown.input_type = "BOOLEAN"
-    shown.inputs["False"].default_value = True
-    upright = node("ShaderNodeCombineXYZ", "About the vertical", 420, -480)
-    place = node("GeometryNodeInstanceOnPoints", "A tree on every point", 520, 160)
-    place.inputs["Pick Instance"].default_value = True
-
-    light = both("AND", "Light, in a view", 320, viewed, start.outputs[LIGHT])
-    turn = attribute(ROTATION, "FLOAT", "Turn, radians", -460)
-    size = attribute(SCALE, "FLOAT", "Size factor", -620)
-    link(light, choice.inputs["Switch"])
-    link(library(VARIANTS, 160), choice.inputs["False"])
-    link(library(OUTLINES, -20), choice.inputs["True"])
-    link(start.outputs[SHARE], some.inputs["Probability"])
-    link(viewed, shown.inputs["Switch"])
-    link(next(s for s in some.outputs if s.type == "BOOLEAN"), shown.inputs["True"])
-    link(choice.outputs["Output"], place.inputs["Instance"])
-    link(start.outputs[POINTS], place.inputs["Points"])
-    link(shown.outputs["Output"], place.inputs["Selection"])
-    link(attribute(VARIANT, "INT", "Variant", -300), place.inputs["Instance Index"])
-    link(both("ADD", "Turned", -460, turn, start.outputs[ALL_ROTATION]), upright.inputs["Z"])
-    link(upright.outputs["Vector"], place.inputs["Rotation"])
-    link(both("MULTIPLY", "Sized", -620, size, start.outputs[ALL_SCALE]), place.inputs["Scale"])
-    dots = node("GeometryNodeMeshToPoints", "A dot for every tree", 520, -160)
-    sized = node("ShaderNodeMath", "Size of a dot", 260, -680)
-    sized.operation = "MULTIPLY"
-    sized.inputs[1].default_value = DOT
-    link(size, sized.inputs[0])
-    link(sized.outputs[0], dots.inputs["Radius"])
-    link(start.outputs[POINTS], dots.inputs["Mesh"])
-    last = node("GeometryNodeSwitch", "Dots or trees", 780, 160)
-    last.input_type = "GEOMETRY"
-    link(both("AND", "Dots, in a view", 620, viewed, start.outputs[DOTS]), last.inputs["Switch"])
-    link(place.outputs["Instances"], last.inputs["False"])
-    link(dots.outputs["Points"], last.inputs["True"])
-    link(last.outputs["Output"], end.inputs[TREES])
-    return group
+def _make_instancer() -> bpy.types.NodeTree:
+    graph = Graph.group(
+        INSTANCER,
+        "Puts a tree on every point",
+        (
+            (POINTS, "Geometry", "A vertex or point for every tree"),
+            (VARIANTS, "Collection", "Trees to choose from, counted by name"),
+            (OUTLINES, "Collection", "Their stand-ins, in the same order"),
+            (ALL_SCALE, "Float", "Size of all trees; sensors see them so", SIZES),
+            (ALL_ROTATION, "Float", "Turn of all trees about the vertical", TURNS),
+            (LIGHT, "Bool", "Stand-ins in views; renders and sensors see trees"),
+            (DOTS, "Bool", "Dots in views; renders and sensors see trees"),
+            (SHARE, "Float", "Of trees in views; renders and sensors see all", SHARES),
+        ),
+        (TREES, "An instance for every point, with its attributes"),
+    )
+    graph.tree[LAYOUT_KEY] = LAYOUT
+    given, viewed = graph.given, graph.value("IsViewport", label="In a view")
+    light = graph.both(viewed, given[LIGHT], label="Light, in a view")
+    kinds = graph.library(VARIANTS), graph.library(OUTLINES)
+    sampled = graph.value("RandomValue", given[SHARE], data_type="BOOLEAN", label="A share of all")
+    turn = graph.math("ADD", graph.named(ROTATION), given[ALL_ROTATION], label="Turned")
+    size = graph.named(SCALE)
+    place = {
+        "Points": given[POINTS],
+        "Selection": graph.switch("BOOLEAN", viewed, True, sampled, label="Some or all"),
+        "Instance": graph.switch("GEOMETRY", light, *kinds, label="Stand-ins or trees"),
+        "Pick Instance": True,
+        "Instance Index": graph.named(VARIANT, "INT"),
+        "Rotation": graph.value("CombineXYZ", 0.0, 0.0, turn, label="About the vertical"),
+        "Scale": graph.math("MULTIPLY", size, given[ALL_SCALE], label="Sized"),
+    }
+    trees = graph.add("InstanceOnPoints", place, label="A tree on every point").outputs[0]
+    radius = graph.math("MULTIPLY", size, DOT, label="Size of a dot")
+    dot = {"Mesh": given[POINTS], "Radius": radius}
+    dots = graph.add("MeshToPoints", dot, label="A dot for every tree").outputs[0]
+    dotted = graph.both(viewed, given[DOTS], label="Dots, in a view")
+    return graph.finish(graph.switch("GEOMETRY", dotted, trees, dots, label="Dots or trees"))
 
 
 GROUP = "Forest Sensing Ground"
@@ -382,47 +328,22 @@ def _group() -> bpy.types.NodeTree:
 
 
 def _make() -> bpy.types.NodeTree:
-    group = bpy.data.node_groups.new(GROUP, "GeometryNodeTree")
-    group[VIEW_KEY] = True
-    group.is_modifier = True
-    group.description = "Shows the ground around the forest alone in views; renders show all of it"
-    for name, way, kind, told in (
-        ("Ground", "INPUT", "NodeSocketGeometry", "Flat, as far as the horizon"),
-        (LOW, "INPUT", "NodeSocketVector", "Corner of what views show, height aside"),
-        (HIGH, "INPUT", "NodeSocketVector", "The corner across"),
-        ("Ground", "OUTPUT", "NodeSocketGeometry", "In views the part between these corners"),
-    ):
-        made = group.interface.new_socket(name, description=told, in_out=way, socket_type=kind)
-        if kind == "NodeSocketVector":
-            made.subtype = "TRANSLATION"
-
-    def node(kind: str, label: str, x: float, y: float) -> bpy.types.Node:
-        made = group.nodes.new(kind)
-        made.label, made.location = label, (x, y)
-        return made
-
-    link = group.links.new
-    start, end = node("NodeGroupInput", "", -260, 160), node("NodeGroupOutput", "", 980, 160)
-    place = node("GeometryNodeInputPosition", "Where it is", -260, -160)
-    low = node("ShaderNodeVectorMath", "Not before", 0, 0)
-    high = node("ShaderNodeVectorMath", "Not behind", 180, 0)
-    low.operation, high.operation = "MAXIMUM", "MINIMUM"
-    within = node("ShaderNodeSeparateXYZ", "Within", 360, 0)
-    own = node("ShaderNodeSeparateXYZ", "Height", 360, -160)
-    moved = node("ShaderNodeCombineXYZ", "At its height", 560, 0)
-    viewed = node("GeometryNodeIsViewport", "In a view", 560, 320)
-    put = node("GeometryNodeSetPosition", "Pulled to the edge", 760, 160)
-    link(place.outputs[0], low.inputs[0])
-    link(start.outputs[LOW], low.inputs[1])
-    link(low.outputs[0], high.inputs[0])
-    link(start.outputs[HIGH], high.inputs[1])
-    link(high.outputs[0], within.inputs[0])
-    link(place.outputs[0], own.inputs[0])
-    link(within.outputs["X"], moved.inputs["X"])
-    link(within.outputs["Y"], moved.inputs["Y"])
-    link(own.outputs["Z"], moved.inputs["Z"])
-    link(start.outputs["Ground"], put.inputs["Geometry"])
-    link(viewed.outputs[0], put.inputs["Selection"])
-    link(moved.outputs[0], put.inputs["Position"])
-    link(put.outputs[0], end.inputs["Ground"])
-    return group
+    graph = Graph.group(
+        GROUP,
+        "Shows the ground around the forest alone in views; renders show all of it",
+        (
+            ("Ground", "Geometry", "Flat, as far as the horizon"),
+            (LOW, "Vector", "Corner of what views show, height aside", {"subtype": "TRANSLATION"}),
+            (HIGH, "Vector", "The corner across", {"subtype": "TRANSLATION"}),
+        ),
+        ("Ground", "In views the part between these corners"),
+    )
+    graph.tree[VIEW_KEY] = True
+    given, place = graph.given, graph.value("InputPosition", label="Where it is")
+    low = graph.value("VectorMath", place, given[LOW], operation="MAXIMUM", label="Not before")
+    within = graph.value("VectorMath", low, given[HIGH], operation="MINIMUM", label="Not behind")
+    flat = graph.numbers(within)[:2]
+    moved = graph.value("CombineXYZ", *flat, graph.axis(place, "Z"), label="At its height")
+    viewed = graph.value("IsViewport", label="In a view")
+    pulled = graph.value("SetPosition", given["Ground"], viewed, moved, label="Pulled to the edge")
+    return graph.finish(pulled)
