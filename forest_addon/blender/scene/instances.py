@@ -16,13 +16,14 @@ user's.
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import bpy
 import numpy as np
 
+from .attributes import read, write
 from .layout import ROLE_KEY, TREES, VARIANTS, find_part, objects_in
 from .nodes import ROTATION, SCALE, VARIANT, give_instancer, instancer_group
 
@@ -111,11 +112,7 @@ def _of_geometry(geometry: Any, source: bpy.types.Object | None) -> list[Standin
     cloud = geometry.instances_pointcloud()
     if cloud is None:
         return found
-    transform = _values(cloud, "instance_transform", np.float32, 16)
-    # Each point's matrix comes column by column.
-    transform = transform.reshape(-1, 4, 4).transpose(0, 2, 1).astype(np.float64)
-    number = _values(cloud, ".reference_index", np.int32)
-    tree, species = (_values(cloud, name, np.int32) for name in (TREE_KEY, SPECIES_KEY))
+    transform, (number, tree, species) = _of_cloud(cloud)
     for index, reference in enumerate(geometry.instance_references()):
         rows = np.flatnonzero(number == index)
         if not len(rows):
@@ -151,16 +148,13 @@ def _alone(mesh: bpy.types.Mesh, source: bpy.types.Object | None, keeper: Any) -
     return Standing(mesh, np.eye(4)[None], nothing, nothing, source, keeper)
 
 
-def _values(cloud: Any, name: str, dtype: type, width: int = 1) -> np.ndarray:
-    """A point attribute; -1 where the cloud has none of this kind."""
-    attribute = cloud.attributes.get(name)
-    count = len(cloud.points)
-    kind = "INT" if dtype is np.int32 else "FLOAT4X4"
-    if attribute is None or attribute.data_type != kind or attribute.domain != "POINT":
-        return np.full(count * width, -1, dtype=dtype)
-    values = np.empty(count * width, dtype=dtype)
-    attribute.data.foreach_get("value", values)
-    return values
+def _of_cloud(cloud: bpy.types.PointCloud) -> tuple[np.ndarray, Iterator[np.ndarray]]:
+    """Return where instances stand (N, 4, 4), and (N,) whose they are, their trees and their species; -1
+    where they do not say."""
+    columns = read(cloud, "instance_transform", "FLOAT4X4").reshape(-1, 4, 4)
+    names = (".reference_index", TREE_KEY, SPECIES_KEY)
+    numbers = (read(cloud, name, "INT", missing=-1).astype(np.int64) for name in names)
+    return columns.transpose(0, 2, 1).astype(np.float64), numbers  # Blender keeps columns
 
 
 def _first_known(first: np.ndarray, second: np.ndarray) -> np.ndarray:
@@ -171,13 +165,13 @@ def _first_known(first: np.ndarray, second: np.ndarray) -> np.ndarray:
 class InstancedTrees:
     """N trees as they are evaluated.
 
-    source : objects that they are instances of. index : (N,) which of ``source``.
-    transform : (N, 3, 4) local to world. tree, species : (N,) int64, -1 where a tree does not say.
+    source : objects that they are instances of. transform : (N, 3, 4) local to world. index : (N,) which of
+    ``source``. tree, species : (N,) int64, -1 where a tree does not say.
     """
 
     source: tuple[bpy.types.Object, ...]
-    index: np.ndarray
     transform: np.ndarray
+    index: np.ndarray
     tree: np.ndarray
     species: np.ndarray
 
@@ -211,11 +205,11 @@ def points_mesh(
     _refuse((variant < 0) | (variant >= count), variant, tree, "is variant", f"0 to {count - 1}")
     data = bpy.data.meshes.new(name)
     data.vertices.add(len(position))
-    _fill(data, "position", "FLOAT_VECTOR", position, np.float32, "vector")
-    _fill(data, ROTATION, "FLOAT", rotation, np.float32)
-    _fill(data, SCALE, "FLOAT", scale, np.float32)
+    write(data, "position", position, "FLOAT_VECTOR")
+    write(data, ROTATION, rotation)
+    write(data, SCALE, scale)
     for key, values in ((VARIANT, variant), (TREE_KEY, tree), (SPECIES_KEY, species)):
-        _fill(data, key, "INT", values, np.int32)
+        write(data, key, values, "INT")
     data.update()
     return data
 
@@ -240,42 +234,16 @@ def read_points(thing: bpy.types.Object) -> InstancedTrees:
     points = geometry.instances_pointcloud() if geometry is not None else None
     if points is None or not len(points.points):  # 4.5 gives no columns where there is no row
         empty = np.empty(0, dtype=np.int64)
-        return InstancedTrees((), empty, np.empty((0, 3, 4)), empty, empty)
-    count = len(points.points)
-    local = np.empty(16 * count, dtype=np.float32)
-    points.attributes["instance_transform"].data.foreach_get("value", local)
-    local = local.reshape(-1, 4, 4).transpose(0, 2, 1).astype(np.float64)  # Blender keeps columns
+        return InstancedTrees((), np.empty((0, 3, 4)), empty, empty, empty)
+    local, numbers = _of_cloud(points)
     world = np.array(thing.matrix_world, dtype=np.float64)
-    return InstancedTrees(
-        source=tuple(geometry.instance_references()),
-        index=_numbers(points, ".reference_index", count),
-        transform=(world @ local)[:, :3],
-        tree=_numbers(points, TREE_KEY, count),
-        species=_numbers(points, SPECIES_KEY, count),
-    )
-
-
-def _numbers(points: bpy.types.PointCloud, name: str, count: int) -> np.ndarray:
-    """(N,) values of an integer attribute, -1 where it is missing or of another kind."""
-    attribute = points.attributes.get(name)
-    if attribute is None or attribute.data_type != "INT":
-        return np.full(count, -1, dtype=np.int64)
-    values = np.empty(count, dtype=np.int32)
-    attribute.data.foreach_get("value", values)
-    return values.astype(np.int64)
+    return InstancedTrees(tuple(geometry.instance_references()), (world @ local)[:, :3], *numbers)
 
 
 def _refuse(bad: np.ndarray, values: np.ndarray, tree: np.ndarray, what: str, must: str) -> None:
     if bad.any():
         first = int(np.argmax(bad))
         raise ValueError(f"tree {tree[first]} {what} {values[first]}; it must be {must}")
-
-
-def _fill(
-    data: bpy.types.Mesh, name: str, kind: str, values: np.ndarray, dtype: type, key: str = "value"
-) -> None:
-    attribute = data.attributes.get(name) or data.attributes.new(name, kind, "POINT")
-    attribute.data.foreach_set(key, np.ascontiguousarray(values, dtype=dtype).ravel())
 
 
 NAME = "Forest Sensing, for a moment"

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import bpy
 import numpy as np
 
+from .attributes import read
 from .instances import TREE_KEY, natural
 from .layout import (
     POINTS_ROLE,
@@ -153,17 +154,13 @@ def _of_points(scene: bpy.types.Scene, thing: bpy.types.Object) -> list[StoodTre
     blocks = (*home.objects, *home.children) if home is not None else ()
     library = sorted(blocks, key=lambda block: natural(block.name))
     roles = [str(b.get(ROLE_KEY, "")).removeprefix(f"{VARIANTS}/") for b in library]
-    places = np.empty((len(thing.data.vertices), 3), np.float32)
-    thing.data.attributes["position"].data.foreach_get("vector", places.ravel())
-    columns = {}
-    for name, kind in ((ROTATION, np.float32), (SCALE, np.float32), (VARIANT, np.int32)):
-        attribute = thing.data.attributes.get(name)
-        if attribute is None or len(attribute.data) != len(places):
-            return []
-        columns[name] = np.empty(len(places), kind)
-        attribute.data.foreach_get("value", columns[name])
+    places = read(thing.data, "position", "FLOAT_VECTOR")
+    if any(name not in thing.data.attributes for name in (ROTATION, SCALE, VARIANT)):
+        return []
+    kinds = {ROTATION: "FLOAT", SCALE: "FLOAT", VARIANT: "INT"}
+    columns = [read(thing.data, name, kind).tolist() for name, kind in kinds.items()]
     found = []
-    rows = zip(places.tolist(), *(column.tolist() for column in columns.values()), strict=True)
+    rows = zip(places.tolist(), *columns, strict=True)
     for (x, y, _), turned, size, rank in rows:
         label, _, number = roles[rank].rpartition(".") if rank < len(roles) else ("", "", "")
         if number.isdigit():

@@ -20,6 +20,7 @@ from ...base.labels import Labels
 from ...base.trimesh import DEAD, GROUND, LEAF, PART_NAMES, WOOD
 from ...sensing.lidar.cloud import Cloud, Returns
 from ...sensing.sonar.ping import Contributions
+from ..scene.attributes import read, write
 from ..scene.layout import (
     CLOUD_KEY,
     COLOUR_BY,
@@ -158,8 +159,8 @@ def show_cloud(home: bpy.types.Collection, name: str, cloud: Cloud) -> bpy.types
     """
     data = bpy.data.meshes.new(name)
     data.vertices.add(len(cloud))
-    fill(data, "position", "FLOAT_VECTOR", cloud.position, "vector")
-    fill(data, "surface_normal", "FLOAT_VECTOR", cloud.returns.normal, "vector")
+    write(data, "position", cloud.position, "FLOAT_VECTOR")
+    write(data, "surface_normal", cloud.returns.normal, "FLOAT_VECTOR")
     for measure, values in {
         "distance": cloud.returns.distance,
         "true_range": cloud.true_range,
@@ -169,19 +170,19 @@ def show_cloud(home: bpy.types.Collection, name: str, cloud: Cloud) -> bpy.types
         "scan_angle": cloud.scan_angle,
         "time": cloud.time,
     }.items():
-        fill(data, measure, "FLOAT", values)
+        write(data, measure, values)
     for label in ("tree", "species", "organ", "leaf"):
-        fill(data, label, "INT", getattr(cloud.returns, label))
-    fill(data, "object", "INT", cloud.returns.instance)
-    fill(data, "pulse", "INT", cloud.pulse)
-    fill(data, "return_number", "INT", cloud.number)
-    fill(data, "number_of_returns", "INT", cloud.count)
+        write(data, label, getattr(cloud.returns, label), "INT")
+    write(data, "object", cloud.returns.instance, "INT")
+    write(data, "pulse", cloud.pulse, "INT")
+    write(data, "return_number", cloud.number, "INT")
+    write(data, "number_of_returns", cloud.count, "INT")
     if cloud.bounce is not None:
-        fill(data, "bounce", "INT", cloud.bounce)
+        write(data, "bounce", cloud.bounce, "INT")
     colour = np.tile(OTHER, (128, 1))
     for organ, shade in COLOUR_OF_ORGAN.items():
         colour[organ] = shade
-    fill(data, "organ_colour", "FLOAT_COLOR", colour[cloud.returns.organ], "color")
+    write(data, "organ_colour", colour[cloud.returns.organ], "FLOAT_COLOR")
     foreign = not np.isin(cloud.returns.organ, list(COLOUR_OF_ORGAN)).any()
     return _show(home, name, data, scan_group, "Object" if foreign and len(cloud) else "")
 
@@ -190,19 +191,19 @@ def show_heard(home: bpy.types.Collection, name: str, heard: Contributions) -> b
     """Put what a sonar heard into a collection as points, on the usual scale of colours by loudness."""
     data = bpy.data.meshes.new(name)
     data.vertices.add(len(heard))
-    fill(data, "position", "FLOAT_VECTOR", heard.position, "vector")
+    write(data, "position", heard.position, "FLOAT_VECTOR")
     loudest = float(heard.amplitude.max(initial=0.0)) or 1.0
     level = 20.0 * np.log10(np.maximum(heard.amplitude / loudest, QUIETEST))
     share = 1.0 - level / (20.0 * np.log10(QUIETEST))
-    fill(data, "level", "FLOAT", level)
-    fill(data, "distance", "FLOAT", heard.distance)
-    fill(data, "delay", "FLOAT", heard.delay)
+    write(data, "level", level)
+    write(data, "distance", heard.distance)
+    write(data, "delay", heard.delay)
     for label in ("tree", "instance", "number"):
-        fill(data, label, "INT", getattr(heard, label))
+        write(data, label, getattr(heard, label), "INT")
     place = np.linspace(0.0, 1.0, len(SCALE))
     colour = [np.interp(share, place, channel) for channel in np.array(SCALE).T]
     colour = np.column_stack([*colour, np.ones(len(share))])
-    fill(data, "organ_colour", "FLOAT_COLOR", colour, "color")
+    write(data, "organ_colour", colour, "FLOAT_COLOR")
     return _show(home, name, data, heard_group)
 
 
@@ -241,9 +242,8 @@ def end_with_ground(thing: bpy.types.Object, scene: bpy.types.Scene) -> int:
     corners = shown_corners(scene) or ((-FARTHEST, -FARTHEST), (FARTHEST, FARTHEST))
     for name, corner, height in zip((LOW, HIGH), corners, (-FARTHEST, FARTHEST), strict=True):
         set_input(modifier, name, (*corner, height))
-    place = np.empty(3 * len(thing.data.vertices), np.float32)
-    thing.data.attributes["position"].data.foreach_get("vector", place)
-    flat, (low, high) = place.reshape(-1, 3)[:, :2], np.array(corners, np.float32)
+    flat = read(thing.data, "position", "FLOAT_VECTOR")[:, :2]
+    low, high = np.array(corners, np.float32)
     return int(np.count_nonzero(((flat < low) | (flat > high)).any(axis=1)))
 
 
@@ -288,15 +288,6 @@ def _hand_over(thing: bpy.types.Object, data: bpy.types.Mesh) -> None:
     own(data)
 
 
-def fill(
-    data: bpy.types.Mesh, name: str, kind: str, values: np.ndarray, key: str = "value"
-) -> None:
-    """Write values (P,) or (P, K) as an attribute of a mesh's points. key : Blender's name of a value."""
-    attribute = data.attributes.get(name) or data.attributes.new(name, kind, "POINT")
-    dtype = np.int32 if kind == "INT" else np.float32
-    attribute.data.foreach_set(key, np.ascontiguousarray(values, dtype=dtype).ravel())
-
-
 SCAN_KEY = "forest_scan"  # of a mesh: pulses, engine, offset, names of labels, as JSON
 EXACT = ("position", "distance", "true_range", "time", "azimuth", "elevation")  # doubles in files
 NEEDED = ("position", "surface_normal", "distance", "intensity", "organ", "pulse")
@@ -313,14 +304,14 @@ def note_scan(
 
     offset, crs : of the scene. labels : of the points, by what labels them.
     """
-    fill(data, "azimuth", "FLOAT", cloud.azimuth)
-    fill(data, "elevation", "FLOAT", cloud.elevation)
+    write(data, "azimuth", cloud.azimuth)
+    write(data, "elevation", cloud.elevation)
     for name in EXACT:
         values = cloud.returns.distance if name == "distance" else getattr(cloud, name)
-        kind, key = ("FLOAT_VECTOR", "vector") if values.ndim == 2 else ("FLOAT", "value")
-        fill(data, _rounding(name), kind, values - values.astype(np.float32), key)
+        kind = "FLOAT_VECTOR" if values.ndim == 2 else "FLOAT"
+        write(data, _rounding(name), values - values.astype(np.float32), kind)
     for name, label in labels.items():
-        fill(data, _attribute(name), "INT", label.number)
+        write(data, _attribute(name), label.number, "INT")
     said = {
         "pulses": cloud.pulses,
         "engine": cloud.engine,
@@ -402,12 +393,6 @@ def _attribute(label: str) -> str:
 
 def _read(data: bpy.types.Mesh, name: str, kind: str) -> np.ndarray:
     """(P,) or (P, 3) float64 or int32 of an attribute; zeros where it was removed."""
-    count, wide = len(data.vertices), kind == "FLOAT_VECTOR"
-    values = np.zeros(count * 3 if wide else count, np.int32 if kind == "INT" else np.float32)
-    attribute = data.attributes.get(name)
-    if attribute is not None and attribute.domain == "POINT" and attribute.data_type == kind:
-        attribute.data.foreach_get("vector" if wide else "value", values)
+    values = read(data, name, kind)
     values = values if kind == "INT" else values.astype(np.float64)
-    if name in EXACT:
-        values += _read(data, _rounding(name), kind).ravel()
-    return values.reshape(-1, 3) if wide else values
+    return values + _read(data, _rounding(name), kind) if name in EXACT else values

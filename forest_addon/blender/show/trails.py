@@ -13,6 +13,7 @@ import bpy
 import numpy as np
 
 from ...growth.mesh.meshing import tube
+from ..scene.attributes import write
 from ..scene.instances import IGNORED_KEY
 from ..scene.layout import own
 from ..scene.materials import coloured
@@ -83,8 +84,7 @@ def trail_mesh(name: str, track: Any) -> bpy.types.Mesh:
     data.from_pydata(vertices.tolist(), [], triangles.tolist())
     shade = colours(near)
     of_vertex = cKDTree(place).query(vertices)[1]
-    layer = data.color_attributes.new(COLOUR, "FLOAT_COLOR", "POINT")
-    layer.data.foreach_set("color", shade[of_vertex].astype(np.float32).ravel())
+    write(data, COLOUR, shade[of_vertex], "FLOAT_COLOR")
     data.materials.append(bpy.data.materials.get(MATERIAL) or own(coloured(MATERIAL, COLOUR, 0.6)))
     return data
 

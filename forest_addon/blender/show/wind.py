@@ -22,6 +22,7 @@ import numpy as np
 from ...base.progress import Progress
 from ...base.trimesh import TriMesh
 from ...sensing.moving import split_pieces, taken
+from ..scene.attributes import read, write
 from ..scene.instances import TREE_KEY, natural
 from ..scene.layout import (
     MADE_KEY,
@@ -132,10 +133,8 @@ def table_of(
         own = amplitudes[row]
         values[place, :, : own.shape[1]] = own
     for first in range(0, MODES, 3):
-        made = data.attributes.new(amplitude_name(first), "FLOAT_VECTOR", "POINT")
-        made.data.foreach_set(
-            "vector", np.ascontiguousarray(values[..., first : first + 3]).ravel()
-        )
+        three = values[..., first : first + 3].reshape(-1, 3)
+        write(data, amplitude_name(first), three, "FLOAT_VECTOR")
     return data
 
 
@@ -169,19 +168,11 @@ def pieces_mesh(maps: np.ndarray, numbers: Mapping[str, np.ndarray]) -> bpy.type
     data = bpy.data.meshes.new("Wind Pieces")
     data.vertices.add(len(maps))
     for name, values in numbers.items():
-        give_numbers(data, name, values)
+        write(data, name, values, "INT")
     for mode in range(MODES):
         for column in range(COLUMNS):
-            made = data.attributes.new(basis_name(mode, column), "FLOAT_VECTOR", "POINT")
-            values = np.ascontiguousarray(maps[:, mode, :, column], dtype=np.float32)
-            made.data.foreach_set("vector", values.ravel())
+            write(data, basis_name(mode, column), maps[:, mode, :, column], "FLOAT_VECTOR")
     return data
-
-
-def give_numbers(data: bpy.types.Mesh, name: str, values: np.ndarray) -> None:
-    """Give each point of a mesh a whole number."""
-    made = data.attributes.get(name) or data.attributes.new(name, "INT", "POINT")
-    made.data.foreach_set("value", np.ascontiguousarray(values, dtype=np.int32))
 
 
 OWN = (ROW, KNOTS, *OF_FULL, *OF_LIGHT)  # attributes of points
@@ -198,7 +189,7 @@ def show_on_points(
     """Let the trees of an instancer sway. top : where what is made for that goes. key : mark of the
     modifier."""
     thing, number = instancer.id_data, sway.number
-    tree, kind = (_numbers(thing.data, name) for name in (TREE_KEY, VARIANT))
+    tree, kind = (read(thing.data, name, "INT", missing=-1) for name in (TREE_KEY, VARIANT))
     row_of = [number.get(one, -1) for one in tree.tolist()]
     moving = [k for k, row in enumerate(row_of) if row in clock.amplitudes]
     rows = [row_of[k] for k in moving]
@@ -222,7 +213,7 @@ def show_on_points(
         )
         given[f"{SHAPES} {what}"] = home
     for name, values in told.items():
-        give_numbers(thing.data, name, values)
+        write(thing.data, name, values, "INT")
     modifier = thing.modifiers.new(key, "NODES")
     modifier.node_group = many_group(key)
     times = {LAST: clock.count - 2, FIRST: clock.first, KNOT: clock.knots}
@@ -260,15 +251,6 @@ def _coats(
 ) -> list[bpy.types.Material | None]:
     own = block if isinstance(block, bpy.types.Object) else _library(scene, VARIANTS)[one]
     return list(own.data.materials) if isinstance(own, bpy.types.Object) and own.data else []
-
-
-def _numbers(data: bpy.types.Mesh, name: str) -> np.ndarray:
-    """(N,) whole numbers of points; -1 where they have none of this name."""
-    values = np.full(len(data.vertices), -1, np.int32)
-    attribute = data.attributes.get(name)
-    if attribute is not None and attribute.data_type == "INT" and len(values):
-        attribute.data.foreach_get("value", values)
-    return values
 
 
 HOME = "Wind"
