@@ -201,7 +201,7 @@ def ping(
     responses, called = waveforms, spectra
     if call is not None:
         called = (
-            played(moments, wide, grid, sonar.tolerance, call)
+            played(moments, grid, sonar.tolerance, call)
             if moving
             else spectra * call.spectrum(grid.frequency)
         )

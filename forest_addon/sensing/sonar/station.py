@@ -66,7 +66,7 @@ class Equipment:
 
     def widened(self, width: float | None) -> Equipment:
         """With Gaussian beams of another width (radians), where a pose has one."""
-        if width is None or not isinstance(self.emit, GaussianBeam):
+        if width is None or type(self.emit) is not GaussianBeam:
             return self
         emit = GaussianBeam((width, width))
         hears = tuple(emit if hear is self.emit else hear for hear in self.hears)
