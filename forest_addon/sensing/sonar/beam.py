@@ -6,7 +6,7 @@ along the side to which the direction lies off. So they are the plain azimuth an
 planes of the axis, have neither pole nor wrap, and a beam that looks straight up is like any other.
 
 ``GaussianBeam``   exp(-az²/2σ_x² - el²/2σ_y²) with σ from the full -3 dB width (Tanveer et al. 2020a).
-``Horseshoe``    the same with Tanveer et al.'s width of a horseshoe bat's call, which falls with the frequency.
+``Horseshoe``    the same with Tanveer et al.'s width for a horseshoe bat, which falls with the frequency.
 ``MeasuredBeam``   a table of dB by angle off the axis and frequency, smoothed over the frequency.
 ``MeasuredSphere`` the same by direction all round, as of a head's ear.
 ``Omni``       everywhere alike.

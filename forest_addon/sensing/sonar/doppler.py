@@ -136,7 +136,7 @@ def factors(group: SearchGroup, station: Station, ear: int) -> np.ndarray:
     """(M,) α of every path to an ear."""
     velocity, speed = station.pose.velocity, station.sound_speed
     way = group.paths.direction
-    back = (group.scatterers.centre - station.ear[ear]) / group.paths.leg[ear][:, None]
+    back = (group.scatterers.centre - station.ear[ear]) / group.paths.leg[:, ear, None]
     alpha = (speed + back @ velocity) / (speed - way @ velocity)
     if group.velocity.shape[1]:
         off, return_off = (np.einsum("mi,mi->m", w, group.velocity) for w in (way, back))

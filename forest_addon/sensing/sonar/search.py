@@ -15,16 +15,16 @@ A bound holds at every frequency of the band, so it also holds at every instant 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from ...base.rows import RowTable, lengths
 from .bands import SAMPLED, Band
-from .near import NearFaces, count_leaves
+from .near import NearFaces
 from .scatterers import Scatterers, Sight, Strength
-from .station import EchoPaths, Station
+from .station import EarGain, EchoPaths, Station
 from .targets import Candidates, EchoTargets
 
 MANY, FEWER = 512, 7  # scatterers whose Σ|A| is known from so few frequencies
@@ -53,12 +53,6 @@ class SearchGroup(RowTable):
     def velocity(self) -> np.ndarray:
         """(M, 3) m/s; (M, 0) where all stand still."""
         return self.motion[:, :3]
-
-    def gain(
-        self, station: Station, ear: int, frequency: Sequence[float] | np.ndarray
-    ) -> np.ndarray:
-        """(Q, M) at an ear: what beams, distance, air and shade leave."""
-        return self.paths.gain(station, ear, np.asarray(frequency), self.shade)
 
     def seen(self, station: Station, ear: int) -> Strength:
         """Their strength half way between mouth and ear."""
@@ -165,8 +159,8 @@ class _Finder:
             if not kept.all():
                 made, instance, motion = made.select(kept), instance[kept], motion[kept]
             paths = station.paths(made.centre)
-            late = paths.length.max(axis=0, initial=0.0) > self._latest * station.sound_speed
-            counts.late += count_leaves(made, instance, late)
+            late = paths.length.max(axis=1, initial=0.0) > self._latest * station.sound_speed
+            counts.late += made.count(instance, late)
             bound = paths.bound(station) * made.seen(station.point).bound(*station.wavenumbers)
             loud = ~late & (bound > 0)
             group = SearchGroup(made, instance, paths, bound, np.ones(len(bound)), motion)
@@ -208,7 +202,7 @@ class _Finder:
             left_out += float(group.bound.sum() - group.bound[rows].sum())
             group = group.select(rows)
             lit = group.shade > 0
-            self._counts.hidden += count_leaves(group.scatterers, group.instance, ~lit)
+            self._counts.hidden += group.scatterers.count(group.instance, ~lit)
             kept.append(group if lit.all() else group.select(np.flatnonzero(lit)))
         rest = shut + (max(left_out, 0.0) if dropped else 0.0)
         return Found(merged(kept), rest / known if rest > 0 else 0.0, self._counts)
@@ -230,7 +224,8 @@ def mean_amplitude(
     """(M,) mean |A| over the band (Hann) at the first ear, on the band's own few frequencies."""
     frequency, weight = band.sample(count)
     k = 2.0 * np.pi * frequency / station.sound_speed
-    size = np.abs(group.seen(station, 0).amplitude(k)) * group.paths.gain(station, 0, frequency)
+    gain = EarGain(group.paths, station, 0)(frequency)
+    size = np.abs(group.seen(station, 0).amplitude(k)) * gain
     return group.shade * (weight @ size)
 
 
@@ -240,28 +235,7 @@ def merged(groups: list[SearchGroup]) -> list[SearchGroup]:
     for group in groups:
         if len(group):
             kinds.setdefault(type(group.scatterers), []).append(group)
-    return [_join(some) for some in kinds.values()]
-
-
-def _join(groups: list[SearchGroup]) -> SearchGroup:
-    if len(groups) == 1:
-        return groups[0]
-    sets = [group.scatterers for group in groups]
-    paths = [group.paths for group in groups]
-    return SearchGroup(
-        type(sets[0]).joined(sets),
-        np.concatenate([group.instance for group in groups]),
-        EchoPaths(
-            np.concatenate([p.direction for p in paths]),
-            np.concatenate([p.distance for p in paths]),
-            np.concatenate([p.leg for p in paths], axis=1),
-            np.concatenate([p.emitted for p in paths], axis=1),
-            np.concatenate([p.heard for p in paths], axis=2),
-        ),
-        np.concatenate([group.bound for group in groups]),
-        np.concatenate([group.shade for group in groups]),
-        np.concatenate([group.motion for group in groups]),
-    )
+    return [SearchGroup.joined(some) for some in kinds.values()]
 
 
 def _finite(made: Scatterers) -> np.ndarray:

@@ -134,24 +134,26 @@ class Station:
         out = centre - self.point
         distance = lengths(out)
         direction = out / distance[:, None]
-        emitted = np.stack(beam_offsets(direction, self.pose.frame))
+        emitted = np.stack(beam_offsets(direction, self.pose.frame), axis=1)
         if self.together:
-            return EchoPaths(direction, distance, distance[None], emitted, emitted[None])
+            return EchoPaths(direction, distance, distance[:, None], emitted, emitted[:, None])
         legs, heard = [], []
         for ear, frame in zip(self.ear, self.ear_frame, strict=True):
             back = centre - ear
             leg = lengths(back)
             legs.append(leg)
-            heard.append(np.stack(beam_offsets(back / leg[:, None], frame)))
-        return EchoPaths(direction, distance, np.array(legs), emitted, np.array(heard))
+            heard.append(np.stack(beam_offsets(back / leg[:, None], frame), axis=1))
+        return EchoPaths(
+            direction, distance, np.stack(legs, axis=1), emitted, np.stack(heard, axis=1)
+        )
 
 
 @dataclass(frozen=True)
 class EchoPaths(RowTable):
     """M ways by a scatterer to E ears.
 
-    direction : (M, 3) unit, from the mouth. distance : (M,). leg : (E, M) from scatterer to ear.
-    emitted : (2, M) offsets off the beam's axis. heard : (E, 2, M) off the ears' axes.
+    direction : (M, 3) unit, from the mouth. distance : (M,). leg : (M, E) from scatterer to ear.
+    emitted : (M, 2) offsets off the beam's axis. heard : (M, E, 2) off the ears' axes.
     """
 
     direction: np.ndarray
@@ -160,43 +162,21 @@ class EchoPaths(RowTable):
     emitted: np.ndarray
     heard: np.ndarray
 
-    def select(self, rows: np.ndarray | slice) -> EchoPaths:
-        """Some of them."""
-        return EchoPaths(
-            self.direction[rows],
-            self.distance[rows],
-            self.leg[:, rows],
-            self.emitted[:, rows],
-            self.heard[:, :, rows],
-        )
-
     @property
     def length(self) -> np.ndarray:
-        """(E, M) metres from mouth to ear."""
-        return self.distance + self.leg
-
-    def gain(
-        self,
-        station: Station,
-        ear: int,
-        frequency: np.ndarray,
-        shade: np.ndarray | None = None,
-    ) -> np.ndarray:
-        """(Q, M), see above, times what shade leaves."""
-        return EarGain(self, station, ear, shade)(frequency)
+        """(M, E) metres from mouth to ear."""
+        return self.distance[:, None] + self.leg
 
     def bound(self, station: Station) -> np.ndarray:
         """(M,) no gain in the band is larger, at any ear."""
         band, equipment = station.sonar.band, station.equipment
-        sent = equipment.emit.loudest(self.emitted[0], self.emitted[1], band)
+        sent = equipment.emit.loudest(*self.emitted.T, band)
         most = np.zeros(len(sent))
-        for ear in range(len(self.leg)):
+        for ear, length in enumerate(self.length.T):
             hear = equipment.hear(ear)
             same = station.together and hear is equipment.emit
-            heard = sent if same else hear.loudest(self.heard[ear, 0], self.heard[ear, 1], band)
-            weaker = np.exp(-station.least_loss * self.length[ear]) / (
-                self.distance * self.leg[ear]
-            )
+            heard = sent if same else hear.loudest(*self.heard[:, ear].T, band)
+            weaker = np.exp(-station.least_loss * length) / (self.distance * self.leg[:, ear])
             most = np.maximum(most, sent * heard * weaker)
         return most
 
@@ -209,11 +189,12 @@ class EarGain:
     ) -> None:
         self._station = station
         equipment, hear = station.equipment, station.equipment.hear(ear)
-        self._sent = self._heard = equipment.emit.towards(*paths.emitted)
+        self._sent = self._heard = equipment.emit.towards(*paths.emitted.T)
         if not (hear is equipment.emit and station.together):
-            self._heard = hear.towards(*paths.heard[ear])
-        self._length = paths.distance + paths.leg[ear]
-        self._level = (1.0 if shade is None else shade) / (paths.distance * paths.leg[ear])
+            self._heard = hear.towards(*paths.heard[:, ear].T)
+        leg = np.ascontiguousarray(paths.leg[:, ear])
+        self._length = paths.distance + leg
+        self._level = (1.0 if shade is None else shade) / (paths.distance * leg)
 
     def __call__(
         self, frequency: np.ndarray, rows: Rows = slice(None), *, single: bool = False

@@ -102,7 +102,7 @@ def _over(
             doubtful = seen.error(highest)
             if doubtful is not None:
                 table[ear] += float((gain(np.array(band[:1]))[0] * doubtful).sum())
-            heard, length = Heard(seen, gain, station), group.paths.length[ear]
+            heard, length = Heard(seen, gain, station), group.paths.length[:, ear]
             loud = group.bound * group.shade
             parts = [ScattererPart(np.arange(len(group)), np.zeros(len(group)), seen)]
             if tolerance > 0 and lowest < highest:
