@@ -22,9 +22,10 @@ import numpy as np
 
 from ...base.rows import RowTable, lengths
 from .bands import SAMPLED, Band
+from .beam import Rows
 from .near import NearFaces
-from .scatterers import Scatterers, Sight, Strength
-from .station import EarGain, EchoPaths, Station
+from .scatterers import ScattererPart, Scatterers, Sight
+from .station import EchoPaths, Station
 from .targets import Candidates, EchoTargets
 
 MANY, FEWER = 512, 7  # scatterers whose Σ|A| is known from so few frequencies
@@ -35,7 +36,7 @@ GUESS = 0.01  # of Σ|A| over the bounds of the blocks, where the search starts
 
 @dataclass(frozen=True)
 class SearchGroup(RowTable):
-    """Scatterers of one kind with their instances and ways; ``shade`` (M,) is what is left of each by
+    """M scatterers of one kind with their instances and ways; ``shade`` (M,) is what is left of each by
     what stands before it, 0 where wood hides it. motion : (M, 6) velocity, m/s, and the place at rest, m, NaN
     where it is not there; (M, 0) where all stand still."""
 
@@ -53,10 +54,6 @@ class SearchGroup(RowTable):
     def velocity(self) -> np.ndarray:
         """(M, 3) m/s; (M, 0) where all stand still."""
         return self.motion[:, :3]
-
-    def seen(self, station: Station, ear: int) -> Strength:
-        """Their strength half way between mouth and ear."""
-        return self.scatterers.seen((station.point + station.ear[ear]) / 2)
 
 
 @dataclass
@@ -218,15 +215,66 @@ class _Finder:
             checked[rows] = True
 
 
+class EarAmplitudes:
+    """Amplitudes A of M echoes of a group at one ear: scattering times what beams, distance, air and shade leave.
+
+    whole : all of the group, as one part.
+    """
+
+    def __init__(self, group: SearchGroup, station: Station, ear: int) -> None:
+        self._station, paths = station, group.paths
+        equipment, hear = station.equipment, station.equipment.hear(ear)
+        self._sent = self._heard = equipment.emit.towards(*paths.emitted.T)
+        if not (hear is equipment.emit and station.together):
+            self._heard = hear.towards(*paths.heard[:, ear].T)
+        leg = paths.leg[:, ear]
+        self._length = paths.distance + leg
+        self._level = group.shade / (paths.distance * leg)
+        strength = group.scatterers.seen((station.point + station.ear[ear]) / 2)
+        self.whole = ScattererPart(np.arange(len(group)), np.zeros(len(group)), strength)
+
+    def gain(
+        self, frequency: np.ndarray, rows: Rows = slice(None), *, single: bool = False
+    ) -> np.ndarray:
+        """(Q, m) of some rows; in single precision scatterer by scatterer."""
+        sent = self._sent(frequency, rows)
+        heard = sent if self._heard is self._sent else self._heard(frequency, rows)
+        gain = sent * heard * self._level[rows]
+        if single:
+            gain = np.ascontiguousarray(gain.T, dtype=np.float32).T
+        if self._station.sonar.absorption:
+            loss, length = self._station.loss(frequency), self._length[rows]
+            if single:
+                loss, length = loss.astype(np.float32), length.astype(np.float32)
+            weaker = np.outer(length, -loss).T if single else np.outer(-loss, length)
+            np.exp(weaker, out=weaker)
+            gain = np.multiply(weaker, gain, out=weaker)
+        return gain
+
+    def of(self, part: ScattererPart, frequency: np.ndarray, rows: Rows) -> np.ndarray:
+        """(Q, m) complex A of some rows of a part at frequencies (Q,)."""
+        wavenumber = 2.0 * np.pi * frequency / self._station.sound_speed
+        amplitude = part.strength.select(rows).amplitude(wavenumber)
+        amplitude *= self.gain(frequency, part.rows[rows], single=amplitude.dtype == np.complex64)
+        return amplitude
+
+    def reach(self, part: ScattererPart, band: tuple[float, float]) -> np.ndarray:
+        """(m,) s, about how far responses of a part reach, with what their gains change over a band."""
+        low, high = (self.gain(np.array([end]), part.rows)[0] for end in band)
+        changed = np.abs(np.log(np.maximum(low, 1e-300) / np.maximum(high, 1e-300)))
+        width, speed = max(band[1] - band[0], 1e-9), self._station.sound_speed
+        own = part.strength.reach(2.0 * np.pi * band[0] / speed) / speed
+        return own + changed / (2.0 * np.pi * width)
+
+
 def mean_amplitude(
     group: SearchGroup, station: Station, band: Band, count: int = SAMPLED
 ) -> np.ndarray:
     """(M,) mean |A| over the band (Hann) at the first ear, on the band's own few frequencies."""
     frequency, weight = band.sample(count)
-    k = 2.0 * np.pi * frequency / station.sound_speed
-    gain = EarGain(group.paths, station, 0)(frequency)
-    size = np.abs(group.seen(station, 0).amplitude(k)) * gain
-    return group.shade * (weight @ size)
+    heard = EarAmplitudes(group, station, 0)
+    mean: np.ndarray = weight @ np.abs(heard.of(heard.whole, frequency, slice(None)))
+    return mean
 
 
 def merged(groups: list[SearchGroup]) -> list[SearchGroup]:

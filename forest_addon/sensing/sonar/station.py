@@ -19,7 +19,7 @@ import numpy as np
 from ...acoustics.air import absorption
 from ...base.rows import RowTable, lengths
 from ...spec import Air, Sonar
-from .beam import BeamPattern, GaussianBeam, Horseshoe, Omni, Rows, beam_offsets
+from .beam import BeamPattern, GaussianBeam, Horseshoe, Omni, beam_offsets
 from .calls import Call, synthesise
 from .poses import Ears, SonarPose
 from .targets import Candidates
@@ -179,37 +179,3 @@ class EchoPaths(RowTable):
             weaker = np.exp(-station.least_loss * length) / (self.distance * self.leg[:, ear])
             most = np.maximum(most, sent * heard * weaker)
         return most
-
-
-class EarGain:
-    """Gain of M ways at one ear, times what ``shade`` (M,) leaves; see ``EchoPaths``."""
-
-    def __init__(
-        self, paths: EchoPaths, station: Station, ear: int, shade: np.ndarray | None = None
-    ) -> None:
-        self._station = station
-        equipment, hear = station.equipment, station.equipment.hear(ear)
-        self._sent = self._heard = equipment.emit.towards(*paths.emitted.T)
-        if not (hear is equipment.emit and station.together):
-            self._heard = hear.towards(*paths.heard[:, ear].T)
-        leg = np.ascontiguousarray(paths.leg[:, ear])
-        self._length = paths.distance + leg
-        self._level = (1.0 if shade is None else shade) / (paths.distance * leg)
-
-    def __call__(
-        self, frequency: np.ndarray, rows: Rows = slice(None), *, single: bool = False
-    ) -> np.ndarray:
-        """(Q, m) of some rows; in single precision scatterer by scatterer."""
-        sent = self._sent(frequency, rows)
-        heard = sent if self._heard is self._sent else self._heard(frequency, rows)
-        gain = sent * heard * self._level[rows]
-        if single:
-            gain = np.ascontiguousarray(gain.T, dtype=np.float32).T
-        if self._station.sonar.absorption:
-            loss, length = self._station.loss(frequency), self._length[rows]
-            if single:
-                loss, length = loss.astype(np.float32), length.astype(np.float32)
-            weaker = np.outer(length, -loss).T if single else np.outer(-loss, length)
-            np.exp(weaker, out=weaker)
-            gain = np.multiply(weaker, gain, out=weaker)
-        return gain
