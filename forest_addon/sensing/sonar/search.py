@@ -216,7 +216,7 @@ class _Finder:
 
 
 class EarAmplitudes:
-    """Amplitudes A of M echoes of a group at one ear: scattering times what beams, distance, air, shade leave.
+    """Amplitudes A of M echoes of a group at one ear: scattering times what beams, way, air and shade leave.
 
     whole : all of the group, as one part.
     """
