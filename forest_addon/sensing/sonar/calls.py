@@ -42,10 +42,6 @@ class Call:
         ends = [float(frequency[0]), float(frequency[-1])]
         return zoom_fft(self.samples, ends, m=len(frequency), fs=self.sample_rate, endpoint=True)
 
-    def spectrum_at(self, frequency: np.ndarray, factor: float) -> np.ndarray:
-        """The spectrum of the call played ``factor`` times faster: X(f/factor)/factor."""
-        return self.spectrum(frequency / factor) / factor
-
     def spectra_on(
         self, start: float, spacing: float, count: int, factors: np.ndarray, lead: float = 0.0
     ) -> np.ndarray:

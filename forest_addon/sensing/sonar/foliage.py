@@ -16,7 +16,7 @@ from ...base.rows import lengths
 from .discs import SIMILAR, FoliageDiscs
 from .leaves import LeafEchoes
 from .near import EDGE, NearEdges, near_faces, near_field, needs_face, subdued
-from .scatterers import LEAF, Scatterers, Sight, Views, cluster
+from .scatterers import LEAF, Population, Scatterers, Sight, Views, cluster
 
 
 def spiral(count: int) -> np.ndarray:
@@ -33,7 +33,7 @@ BETWEEN = 0.23  # radians from any direction to the nearest of these, at most
 RADII, STEPS = 8, 90  # classes of radii, steps of incidence
 
 
-class LeafPopulation:
+class LeafPopulation(Population):
     """The leaves of one mesh."""
 
     kind: ClassVar[str] = LEAF
@@ -42,11 +42,8 @@ class LeafPopulation:
         centre, _, radius = foliage.local
         self.blocks = cluster(centre, np.where(np.isfinite(radius), radius, np.nan))
         self._foliage, self._model = foliage, model
-        self._largest = self.blocks.largest(radius[self.blocks.order])
+        self._largest = self.blocks.each(np.maximum, radius[self.blocks.order])
         self._tables: dict[tuple[float, float], np.ndarray] = {}
-
-    def __len__(self) -> int:
-        return len(self.blocks.order)
 
     @property
     def held(self) -> tuple[np.ndarray, np.ndarray]:
@@ -107,7 +104,7 @@ class LeafPopulation:
         number = self._foliage.leaf[leaf].astype(np.int64)
         if sight.turns is not None:
             centre, normal = sight.turns(number, centre, normal)
-        far = LeafEchoes(centre, normal, radius, number, np.ones(len(leaf)), self._model)
+        far = LeafEchoes(centre, number, normal, radius, np.ones(len(leaf)), self._model)
         if self._model == "paper":
             distance = lengths(centre - sight.point)
             return [replace(far, nearness=subdued(distance, radius, sight.wavenumber))]

@@ -16,8 +16,7 @@ import numpy as np
 from ...acoustics.disc import amplitude_bound, backscatter_amplitude
 from ...acoustics.disc_table import HANDOVER, table_error
 from ...acoustics.hankel import SMALLEST, hankel
-from ...base.rows import RowTable
-from .scatterers import CLEAR, LEAF, ScattererPart, Strength, Whole
+from .scatterers import LEAF, ScattererPart, Scatterers, Strength
 
 LATER = 1.0  # radii, about which an exact disc's response lies evenly
 EXACT_REACH, PAPER_REACH = 3.0, 0.3  # radii to both sides
@@ -25,10 +24,11 @@ PAPER_TURN = 0.36  # radians at ka = 1 by which the fit's angle turns while the 
 GRAZING = (
     np.pi / 3
 )  # beyond it, the formula for large discs is up to 79 % off, where they are faint
+FAR = 2.0  # ka² from where on f/r² holds within 0.1 dB, for the sound that is mirrored
 
 
 @dataclass(frozen=True)
-class DiscStrength(RowTable):
+class DiscStrength(Strength):
     """radius, incidence : (M,) metres and radians. nearness : (M,) a factor of the amplitude."""
 
     radius: np.ndarray
@@ -50,7 +50,7 @@ class DiscStrength(RowTable):
         """Of a piston, far enough off its normal, the two places of its rim that sound; of an exact disc
         itself, some time later: its rims' sound crosses its face."""
         if self.model == "exact":
-            later = ShiftedDisc(self.radius, self.incidence, self.nearness)
+            later = ShiftedDisc(self.radius, self.incidence, self.nearness, self.model)
             return [ScattererPart(np.arange(len(self.radius)), LATER * self.radius, later)]
         across = self.radius * np.sin(self.incidence)
         apart = max(SMALLEST / (2.0 * lowest), np.pi / (2.0 * (highest - lowest)))
@@ -79,22 +79,9 @@ class DiscStrength(RowTable):
         return self.radius * table_error(highest * self.radius, self.incidence)
 
 
-def count_doubtful(leaves: LeafEchoes, point: np.ndarray, wavenumber: float) -> int:
-    """Return how many exact discs are so large and so far off their normal that the formula for large ones
-    is tens of per cent off."""
-    if leaves.model != "exact":
-        return 0
-    size = wavenumber * leaves.radius
-    return int(np.count_nonzero((size > HANDOVER) & (leaves.incidence(point) > GRAZING)))
-
-
 @dataclass(frozen=True)
-class ShiftedDisc(RowTable, Whole):
+class ShiftedDisc(DiscStrength):
     """Exact discs, ``LATER`` radii later; see ``DiscStrength``."""
-
-    radius: np.ndarray
-    incidence: np.ndarray
-    nearness: np.ndarray
 
     def amplitude(self, wavenumber: np.ndarray) -> np.ndarray:
         k = np.asarray(wavenumber)[:, None]
@@ -109,16 +96,9 @@ class ShiftedDisc(RowTable, Whole):
         amplitude *= later
         return amplitude
 
-    def bound(self, lowest: float, highest: float) -> np.ndarray:
-        far = amplitude_bound(lowest, highest, self.radius, self.incidence, "exact")
-        return self.nearness * far
-
-    def reach(self, wavenumber: float) -> np.ndarray:
-        return EXACT_REACH * self.radius
-
 
 @dataclass(frozen=True)
-class DiscRim(RowTable, Whole):
+class DiscRim(Strength):
     """One place of a piston's rim, without its delay: half of J₁ = Re H₁, H₁ the Hankel function.
 
     across : (M,) a·sinβ. side : -1 the place nearer to the sonar, 1 the farther.
@@ -144,26 +124,25 @@ class DiscRim(RowTable, Whole):
 
 
 @dataclass(frozen=True)
-class LeafEchoes(RowTable):
-    """Leaves as discs: centre, unit normal (M, 3), radius (M,); see ``Scatterers``.
+class LeafEchoes(Scatterers):
+    """Leaves as discs: unit normal (M, 3), radius (M,).
 
     nearness : (M,) what the amplitudes are multiplied with.
     """
 
-    centre: np.ndarray
     normal: np.ndarray
     radius: np.ndarray
-    number: np.ndarray
     nearness: np.ndarray
     model: str
     kind: ClassVar[str] = LEAF
 
-    def __len__(self) -> int:
-        return len(self.radius)
+    def count_close(self, instance: np.ndarray) -> int:
+        return int(np.count_nonzero(self.nearness < (2.0 - (2.0 * FAR) ** -2) ** -0.5))
 
-    @property
-    def clear(self) -> np.ndarray:
-        return np.full(len(self), CLEAR)
+    def count_doubtful(self, point: np.ndarray, wavenumber: float) -> int:
+        large = wavenumber * self.radius > HANDOVER
+        grazing = self.incidence(point) > GRAZING
+        return int(np.count_nonzero(large & grazing)) if self.model == "exact" else 0
 
     def seen(self, point: np.ndarray) -> Strength:
         return DiscStrength(self.radius, self.incidence(point), self.nearness, self.model)

@@ -25,12 +25,10 @@ import numpy as np
 
 from ...acoustics.disc import backscatter_amplitude
 from ...acoustics.disc_table import table_error
-from ...base.rows import RowTable
 from .facets import PIECE, Rims, glints, rims, share_of_turn
-from .leaves import EXACT_REACH, LeafEchoes
-from .scatterers import LEAF, Scatterers, Sight, Strength, Whole
+from .leaves import EXACT_REACH, FAR, LeafEchoes
+from .scatterers import LEAF, Sight, Strength
 
-FAR = 2.0  # ka² from where on f/r² holds within 0.1 dB, for the sound that is mirrored
 ASIDE = 6.0  # a/r: sine of the incidence from where two places of the rim sound
 CLOSEST = 20.0  # radii within which all leaves are faces
 CLOSE = 0.5  # ka² from where the near field is so that f/r² has no sense
@@ -72,6 +70,12 @@ class NearFaces(Rims):
     close: np.ndarray
     kind: ClassVar[str] = LEAF
 
+    def count(self, instance: np.ndarray, some: np.ndarray) -> int:
+        return len(np.unique(np.stack([instance[some], self.number[some]]), axis=1).T)
+
+    def count_close(self, instance: np.ndarray) -> int:
+        return self.count(instance, self.close)
+
 
 def near_faces(leaves: LeafEchoes, sight: Sight) -> NearFaces:
     """Discs as polygons of equal area, in pieces."""
@@ -106,37 +110,15 @@ def near_faces(leaves: LeafEchoes, sight: Sight) -> NearFaces:
         pieces.append(
             glints(foot[some][glint], height[some][glint], share[glint], number[some][glint])
         )
-    numbers = np.concatenate([p.number for p in pieces])
-    distance = np.linalg.norm(centre, axis=1)
-    close = number[distance < CLOSE * sight.wavenumber * radius**2]
+    made = Rims.joined(pieces)
+    close = number[np.linalg.norm(centre, axis=1) < CLOSE * sight.wavenumber * radius**2]
     return NearFaces(
-        np.concatenate([p.centre for p in pieces]) + sight.point,
-        np.concatenate([p.weight for p in pieces]),
-        np.concatenate([p.slope for p in pieces]),
-        numbers,
-        np.isin(numbers, close),
+        made.centre + sight.point, made.number, made.weight, made.slope, np.isin(made.number, close)
     )
 
 
-def count_leaves(scatterers: Scatterers, instance: np.ndarray, some: np.ndarray) -> int:
-    """Return how many scatterers ``some`` (M,) bool are; the pieces of a near leaf are one."""
-    if isinstance(scatterers, NearFaces):
-        names = np.stack([instance[some], scatterers.number[some]])
-        return len(np.unique(names, axis=1).T)
-    return 0 if isinstance(scatterers, NearEdges) else int(np.count_nonzero(some))
-
-
-def count_close(scatterers: Scatterers, instance: np.ndarray) -> int:
-    """Return how many leaves among some scatterers (M,) are nearer than ka²/2."""
-    if isinstance(scatterers, NearFaces):
-        return count_leaves(scatterers, instance, scatterers.close)
-    if isinstance(scatterers, LeafEchoes):
-        return int(np.count_nonzero(scatterers.nearness < (2.0 - (2.0 * FAR) ** -2) ** -0.5))
-    return 0
-
-
 @dataclass(frozen=True)
-class EdgeStrength(RowTable, Whole):
+class EdgeStrength(Strength):
     """Part of the exact disc beyond physical optics; radius, incidence, share (M,)."""
 
     radius: np.ndarray
@@ -145,7 +127,9 @@ class EdgeStrength(RowTable, Whole):
 
     def amplitude(self, wavenumber: np.ndarray) -> np.ndarray:
         k = np.asarray(wavenumber)[:, None]
-        return self.share * edge_amplitude(k * self.radius, self.incidence) / k
+        ka = k * self.radius
+        exact = backscatter_amplitude(ka, self.incidence, "exact")
+        return self.share * (exact - backscatter_amplitude(ka, self.incidence, "piston")) / k
 
     def bound(self, lowest: float, highest: float) -> np.ndarray:
         return EDGE * self.share * self.radius
@@ -157,15 +141,12 @@ class EdgeStrength(RowTable, Whole):
         return self.share * self.radius * table_error(highest * self.radius, self.incidence)
 
 
-def edge_amplitude(ka: np.ndarray, incidence: np.ndarray) -> np.ndarray:
-    """k·f of the exact disc less that of physical optics."""
-    exact = backscatter_amplitude(ka, incidence, "exact")
-    return exact - backscatter_amplitude(ka, incidence, "piston")
-
-
 @dataclass(frozen=True)
 class NearEdges(LeafEchoes):
-    """Near leaves without what their faces sound like."""
+    """Near leaves without what their faces sound like; these count."""
+
+    def count(self, instance: np.ndarray, some: np.ndarray) -> int:
+        return 0
 
     def seen(self, point: np.ndarray) -> Strength:
         distance = np.linalg.norm(self.centre - point, axis=1)

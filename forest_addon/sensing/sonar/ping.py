@@ -31,8 +31,6 @@ from ..rays.caster import RayCaster
 from .bands import Band, BandGrid, grid_of
 from .discs import LeafDiscs, leaf_discs
 from .doppler import Moment, fastest, moments_of, played, widened
-from .leaves import LeafEchoes, count_doubtful
-from .near import count_close
 from .poses import SonarPose, posed
 from .search import Found, SearchGroup, mean_amplitude, search
 from .shading import shade_of
@@ -201,7 +199,7 @@ def ping(
     responses, called = waveforms, spectra
     if call is not None:
         called = (
-            played(moments, wide, grid, sonar.tolerance, call)
+            played(moments, grid, sonar.tolerance, call)
             if moving
             else spectra * call.spectrum(grid.frequency)
         )
@@ -217,11 +215,10 @@ def ping(
         leaves=targets.total(sonar, "leaf"),
         others=targets.total(sonar) - targets.total(sonar, "leaf"),
         **vars(found.counts),
-        close=sum(count_close(group.scatterers, group.instance) for group in found.groups),
+        close=sum(group.scatterers.count_close(group.instance) for group in found.groups),
         doubtful=sum(
-            count_doubtful(group.scatterers, station.point, station.wavenumbers[1])
+            group.scatterers.count_doubtful(station.point, station.wavenumbers[1])
             for group in found.groups
-            if isinstance(group.scatterers, LeafEchoes)
         ),
         cull_bound=found.bound,
         error_bound=summed.error_bound,
@@ -310,7 +307,7 @@ def _contributions(
     motion = np.concatenate([g.motion for g in groups])[order]
     moves = motion.shape[1] > 0
     instance = np.concatenate([g.instance for g in groups])[order]
-    legs = np.concatenate([g.paths.length[0] for g in groups])[order]
+    legs = np.concatenate([g.paths.length[:, 0] for g in groups])[order]
     return Contributions(
         kind=np.repeat([g.scatterers.kind for g in groups], [len(g) for g in groups])[order],
         instance=instance,

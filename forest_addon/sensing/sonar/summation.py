@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -17,10 +18,8 @@ import numpy as np
 from ...acoustics.nonuniform import sum_delayed
 from ...base.progress import Progress
 from .bands import BandGrid
-from .beam import Rows
-from .scatterers import ScattererPart, Strength
-from .search import SearchGroup
-from .station import EarGain, Station
+from .search import EarAmplitudes, SearchGroup
+from .station import Station
 
 
 @dataclass(frozen=True)
@@ -97,26 +96,22 @@ def _over(
     error, table, size = np.zeros((3, len(station.ear)))
     for number, group in enumerate(groups):
         for ear in range(len(station.ear)):
-            seen = group.seen(station, ear)
-            gain = EarGain(group.paths, station, ear, group.shade)
-            doubtful = seen.error(highest)
+            heard, length = EarAmplitudes(group, station, ear), group.paths.length[:, ear]
+            doubtful = heard.whole.strength.error(highest)
             if doubtful is not None:
-                table[ear] += float((gain(np.array(band[:1]))[0] * doubtful).sum())
-            heard, length = Heard(seen, gain, station), group.paths.length[ear]
-            loud = group.bound * group.shade
-            parts = [ScattererPart(np.arange(len(group)), np.zeros(len(group)), seen)]
+                table[ear] += float((heard.gain(np.array(band[:1]))[0] * doubtful).sum())
+            loud, parts = group.bound * group.shade, [heard.whole]
             if tolerance > 0 and lowest < highest:
-                parts = seen.parts(lowest, highest)
+                parts = heard.whole.strength.parts(lowest, highest)
             for part in parts:
-                some = heard.part(part)
                 found = sum_delayed(
-                    some,
+                    partial(heard.of, part),
                     (length[part.rows] + part.offset) / station.sound_speed,
                     grid.start,
                     grid.spacing,
                     grid.count,
                     tolerance=tolerance,
-                    reach=some.reach(band),
+                    reach=heard.reach(part, band),
                     loudness=loud[part.rows],
                     weights=None if weights is None else weights[number][part.rows],
                     ends=band,
@@ -133,33 +128,3 @@ def _over(
         for part in (error, table)
     )
     return EchoSum(spectrum, bound, looked_up, size)
-
-
-class Heard:
-    """Amplitudes at one ear of echoes, or of a part of them: rows of ``gain``, all where left out."""
-
-    def __init__(
-        self, strength: Strength, gain: EarGain, station: Station, rows: Rows = slice(None)
-    ) -> None:
-        self.strength, self.gain, self.speed = strength, gain, station.sound_speed
-        self._station, self._rows = station, rows
-
-    def part(self, part: ScattererPart) -> Heard:
-        """A part of all."""
-        return Heard(part.strength, self.gain, self._station, part.rows)
-
-    def __call__(self, frequency: np.ndarray, rows: np.ndarray) -> np.ndarray:
-        """(Q, m) complex A of some rows at frequencies (Q,)."""
-        wavenumber = 2.0 * math.pi * frequency / self.speed
-        amplitude = self.strength.select(rows).amplitude(wavenumber)
-        mine = rows if isinstance(self._rows, slice) else self._rows[rows]
-        amplitude *= self.gain(frequency, mine, single=amplitude.dtype == np.complex64)
-        return amplitude
-
-    def reach(self, band: tuple[float, float]) -> np.ndarray:
-        """(M,) s, about how far responses reach, with what their gains change over a band."""
-        low, high = (self.gain(np.array([end]), self._rows)[0] for end in band)
-        changed = np.abs(np.log(np.maximum(low, 1e-300) / np.maximum(high, 1e-300)))
-        width = max(band[1] - band[0], 1e-9)
-        wavenumber = 2.0 * math.pi * band[0] / self.speed
-        return self.strength.reach(wavenumber) / self.speed + changed / (2.0 * math.pi * width)

@@ -150,7 +150,7 @@ def test_incidence_keeps_its_digits_face_on_and_edge_on() -> None:
     across /= np.linalg.norm(across, axis=1, keepdims=True)
     normal = np.cos(angle) * unit + np.sin(angle) * across
     ones = np.ones(60)
-    leaves = LeafEchoes(centre, normal, ones, np.arange(60), ones, "exact")
+    leaves = LeafEchoes(centre, np.arange(60), normal, ones, ones, "exact")
     with mpmath.workdps(50):
         for found, a, n in zip(
             leaves.incidence(point), away.tolist(), normal.tolist(), strict=True

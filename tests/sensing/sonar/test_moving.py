@@ -76,7 +76,7 @@ def test_each_ping_hears_a_plate_where_it_is_then():
         (group,) = echo.groups
         glint = int(np.argmin(group.paths.distance))
         place = FAR + SPEED * time
-        assert group.paths.length[0, glint] / C == pytest.approx(2 * place / C, rel=1e-12)
+        assert group.paths.length[glint, 0] / C == pytest.approx(2 * place / C, rel=1e-12)
         assert alpha_of(echo, group)[glint] == pytest.approx((C - SPEED) / (C + SPEED), rel=1e-12)
         plain = SONAR.changed(call="impulse", doppler=False, record=0.06)
         there = ping(targets, plain, AIR, moving, pose=poses_at([time])[0]).spectra
