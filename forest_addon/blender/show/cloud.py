@@ -12,6 +12,7 @@ import colorsys
 import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import bpy
 import numpy as np
@@ -87,7 +88,7 @@ def legend_of_heard(heard: Contributions) -> list[Entry]:
         return []
     quiet = 20.0 * np.log10(QUIETEST)
     found = [
-        Entry("Loudness", f"{quiet * (1.0 - share) + 0.0:.0f} dB", on_map(USUAL_MAP, share))
+        Entry("Loudness", f"{quiet * (1.0 - share) + 0.0:.0f} dB", tuple(on_map(USUAL_MAP, share)))
         for share in (1.0, 0.5, 0.0)
     ]
     found += _scaled("Delay", 1e3 * heard.delay, "ms")
@@ -128,18 +129,22 @@ def _in_words(values: np.ndarray) -> list[str]:
     return [f"{value:,.{digits}f}" for value in rounded]
 
 
+def of_organs(organ: np.ndarray) -> np.ndarray:
+    """(..., 4) linear colours of organs of nature."""
+    colour = np.tile(OTHER, (128, 1))
+    for part, shade in COLOUR_OF_ORGAN.items():
+        colour[part] = shade
+    return colour[organ]
+
+
 def _of_organ(organ: int) -> Colour:
-    return _rgb(np.array(COLOUR_OF_ORGAN.get(organ, OTHER)))
+    r, g, b, _ = COLOUR_OF_ORGAN.get(organ, OTHER)
+    return r, g, b
 
 
 def _of_number(number: int) -> Colour:
     hue = float(np.modf(np.float32(number) * np.float32(GOLDEN))[0])
     return colorsys.hsv_to_rgb(hue, VIVID, VALUE)
-
-
-def _rgb(colour: np.ndarray) -> Colour:
-    r, g, b = (float(channel) for channel in colour[:3])
-    return r, g, b
 
 
 COLOUR_OF_ORGAN = {
@@ -179,10 +184,7 @@ def show_cloud(home: bpy.types.Collection, name: str, cloud: Cloud) -> bpy.types
     write(data, "number_of_returns", cloud.count, "INT")
     if cloud.bounce is not None:
         write(data, "bounce", cloud.bounce, "INT")
-    colour = np.tile(OTHER, (128, 1))
-    for organ, shade in COLOUR_OF_ORGAN.items():
-        colour[organ] = shade
-    write(data, "organ_colour", colour[cloud.returns.organ], "FLOAT_COLOR")
+    write(data, "organ_colour", of_organs(cloud.returns.organ), "FLOAT_COLOR")
     foreign = not np.isin(cloud.returns.organ, list(COLOUR_OF_ORGAN)).any()
     return _show(home, name, data, scan_group, "Object" if foreign and len(cloud) else "")
 
@@ -200,9 +202,7 @@ def show_heard(home: bpy.types.Collection, name: str, heard: Contributions) -> b
     write(data, "delay", heard.delay)
     for label in ("tree", "instance", "number"):
         write(data, label, getattr(heard, label), "INT")
-    place = np.linspace(0.0, 1.0, len(SCALE))
-    colour = [np.interp(share, place, channel) for channel in np.array(SCALE).T]
-    colour = np.column_stack([*colour, np.ones(len(share))])
+    colour = np.column_stack([on_map(USUAL_MAP, share), np.ones(len(share))])
     write(data, "organ_colour", colour, "FLOAT_COLOR")
     return _show(home, name, data, heard_group)
 
@@ -396,3 +396,66 @@ def _read(data: bpy.types.Mesh, name: str, kind: str) -> np.ndarray:
     values = read(data, name, kind)
     values = values if kind == "INT" else values.astype(np.float64)
     return values + _read(data, _rounding(name), kind) if name in EXACT else values
+
+
+DISTANCE, BRIGHTNESS, ORGAN = "DISTANCE", "BRIGHTNESS", "ORGAN"
+NOTHING = (0.02, 0.02, 0.03)  # linear, where no pulse meets anything
+OUTLIERS = 2  # percent of the values at each end, that share the colour of those
+GAMMA = 1 / 2.2  # colours are linear, the screen's are not
+SceneColours = tuple[
+    np.ndarray, list[tuple[str, Colour]]
+]  # (H, W, 3) of the screen; texts with colours
+
+
+def glance_colours(found: Any, shown: str) -> SceneColours:
+    """Return colours for the screen, 0 to 1, of a ``Glance`` or ``Cochleagram``, and a legend.
+
+    Distances are coloured by their logarithm, near ones bright; ``shown``: DISTANCE, BRIGHTNESS or ORGAN.
+    """
+    if hasattr(found, "level"):
+        return _ear_colours(found)
+    there = np.isfinite(found.distance)
+    if shown == ORGAN:
+        parts = np.unique(found.organ[there]).tolist()
+        legend = [(PART_NAMES[part], _of_organ(part)) for part in parts]
+        return _screen(of_organs(found.organ)[..., :3], there, legend)
+    near = shown == DISTANCE
+    values = np.log(np.maximum(found.distance, 1e-3)) if near else found.brightness
+    ends = np.percentile(values[there], (OUTLIERS, 100 - OUTLIERS)) if there.any() else np.zeros(2)
+    texts = [f"{np.exp(end):.3g} m" if near else f"{100 * end:.0f} %" for end in ends]
+    return _on_scale(values, there, ends, texts, near)
+
+
+def _ear_colours(found: Any) -> SceneColours:
+    """Return colours and legend of a ``Cochleagram``, one ear above the other."""
+    ears, channels, columns = found.level.shape
+    level = np.full((ears, channels + 1, columns), np.nan)  # a dark row between ears
+    level[:, :-1] = found.level
+    level = level.reshape(-1, columns)[:-1]
+    there = np.isfinite(level)
+    if not there.any():
+        return _screen(np.zeros((*level.shape, 3)), there, [])
+    ends = np.array([level[there].min(), level[there].max()])
+    colours, legend = _on_scale(level, there, ends, [f"{end:.0f} dB" for end in ends])
+    first, last = found.frequency[0] / 1e3, found.frequency[-1] / 1e3
+    axes = f"0–{found.reach:g} m, {first:.0f}–{last:.0f} kHz"
+    return colours, [*legend, (axes, (0.7, 0.7, 0.7))]
+
+
+def _on_scale(
+    values: np.ndarray, there: np.ndarray, ends: np.ndarray, texts: list[str], turned: bool = False
+) -> SceneColours:
+    """Values on the usual scale between two, which have these texts; turned : the smaller are brighter."""
+    share = (np.where(there, values, ends[0]) - ends[0]) / (np.ptp(ends) or 1.0)
+    at_ends = on_map(USUAL_MAP, np.array([0.0, 1.0]))[:: -1 if turned else 1]
+    colours = on_map(USUAL_MAP, 1.0 - share if turned else share)
+    return _screen(colours, there, list(zip(texts, map(tuple, at_ends), strict=True)))
+
+
+def _screen(
+    colours: np.ndarray, there: np.ndarray, legend: list[tuple[str, Colour]]
+) -> SceneColours:
+    """Linear colours as the screen has them, and dark where there is nothing."""
+    shown = np.clip(np.where(there[..., None], colours, NOTHING), 0.0, 1.0) ** GAMMA
+    said = [(text, tuple(float(c) ** GAMMA for c in colour)) for text, colour in legend]
+    return shown, said if there.any() else []

@@ -15,7 +15,7 @@ from collections.abc import Mapping, Sequence
 import bpy
 import numpy as np
 
-from ..scene.graph import Colour, Graph, Value
+from ..scene.graph import Graph, Value
 from ..scene.layout import COLOUR_BY, COLOUR_MAP, FAR_POINTS, RADIUS, SHARE, is_local
 from ..scene.materials import coloured
 from ..scene.nodes import HIGH, LOW
@@ -76,12 +76,12 @@ def is_measure(choice: str) -> bool:
     return any(choice == title_of(name) for name in (*MEASURES, *HEARD_MEASURES))
 
 
-def on_map(name: str, share: float) -> Colour:
-    """The linear colour at a share, 0 to 1, of a scale of colours; of the usual one where it is unknown."""
+def on_map(name: str, share: np.ndarray | float) -> np.ndarray:
+    """(..., 3) linear colours at shares, 0 to 1, of a scale of colours; of the usual one where it is
+    unknown."""
     stops = np.array(MAPS.get(name, SCALE))
     place = np.linspace(0.0, 1.0, len(stops))
-    red, green, blue = (float(np.interp(share, place, channel)) for channel in stops.T)
-    return red, green, blue
+    return np.stack([np.interp(share, place, channel) for channel in stops.T], axis=-1)
 
 
 def points_material() -> bpy.types.Material:

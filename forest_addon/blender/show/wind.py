@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 import bpy
 import numpy as np
@@ -44,24 +44,44 @@ from ..scene.meshes import from_mesh, to_mesh
 from ..scene.nodes import VARIANT, VIEW_KEY, instancer_of, set_input, show_as, shown_of
 
 if TYPE_CHECKING:
-    from ...growth.sway.shape import SwayRig
+    from ...stand.wind.sway import ForestSway
 
 
-class SwayingTrees(Protocol):
-    """The sway of a stand, as ``stand.wind.sway`` has it."""
-
-    @property
-    def number(self) -> dict[int, int]: ...
-
-    def rig(self, tree: int) -> SwayRig | None: ...
-
-    def amplitudes(self, tree: int, knot: np.ndarray) -> np.ndarray: ...
-
-    def rest(self, tree: int) -> TriMesh: ...
-
-    def variant(self, tree: int) -> tuple[int, int]: ...
-
-    def pieces(self, tree: int, mesh: TriMesh) -> np.ndarray: ...
+WIND_KEY = "forest_wind"  # of the group that moves pieces
+MANY_KEY = "forest_wind_many"  # of the group that shows trees that are points
+MODES, COLUMNS = 12, 4
+OUT = "Tree", ""  # what comes out of a group
+TREE, PIECE, KNOTS, MAP = "tree", "piece", "first knot", "map"  # attributes of pieces
+TABLE, LAST, FIRST, KNOT = "Table", "Last Knot", "First Frame", "Knots"
+MOVING = (
+    ("Pieces", "Geometry", "A point for every piece of every tree"),
+    (TABLE, "Object", "Amplitudes of modes, by tree and knot of time"),
+    (LAST, "Int", "Knot of the table at which wind stands still"),
+    (FIRST, "Int", "Frame of the table's first knot"),
+    (KNOT, "Float", "Knots of the table in a frame"),
+)
+PIECES, SHAPES, NUMBER = "Pieces", "Shapes", "Tree Number"
+SHOWING = (
+    ("Tree", "Geometry", "The tree at rest"),
+    (PIECES, "Object", "Where the pieces of all trees are"),
+    (SHAPES, "Collection", "Meshes of the tree's pieces"),
+    (NUMBER, "Int", "Which of the pieces are the tree's"),
+)
+AMPLITUDES, STAND = "wind now", "wind stand"  # attributes of trees that are points, while nodes run
+FULL, LIGHT, DOTS = "Full", "Light View", "Dots"
+ROW = "wind row"  # of a tree that is a point: its place among those that sway, from 1 on; 0: it stands still
+OF_FULL, OF_LIGHT = ("wind first", "wind pieces"), ("wind first light", "wind pieces light")
+MANY = (
+    ("Tree", "Geometry", "The trees at rest"),
+    (LIGHT, "Bool", "Stand-ins sway in views; renders show trees"),
+    (DOTS, "Bool", "Dots in views stand still"),
+    (f"{PIECES} {FULL}", "Object", "How modes move each piece of each variant"),
+    (f"{PIECES} {LIGHT}", "Object", "The same of pieces of stand-ins"),
+    (f"{SHAPES} {FULL}", "Collection", "Meshes of the pieces"),
+    (f"{SHAPES} {LIGHT}", "Collection", "Meshes of the pieces of stand-ins"),
+    *MOVING[1:],
+)
+OWN = (ROW, KNOTS, *OF_FULL, *OF_LIGHT)  # attributes of points
 
 
 @dataclass(frozen=True)
@@ -84,9 +104,14 @@ class WindClock:
     count: int
     amplitudes: Mapping[int, np.ndarray]
 
+    @property
+    def inputs(self) -> dict[str, float]:
+        """The same for modifiers."""
+        return {LAST: self.count - 2, FIRST: self.first, KNOT: self.knots}
+
 
 def amplitudes_of(
-    sway: SwayingTrees, count: int, tell: Progress | None = None
+    sway: ForestSway, count: int, tell: Progress | None = None
 ) -> dict[int, np.ndarray]:
     """Compute the amplitudes (count, M) of each tree that sways at that many knots, by its row; touches no
     Blender."""
@@ -116,7 +141,7 @@ def table_of(
 
 
 def pieces_of(
-    sway: SwayingTrees,
+    sway: ForestSway,
     row: int,
     mesh: TriMesh,
     coats: Sequence[bpy.types.Material | None],
@@ -152,13 +177,10 @@ def pieces_mesh(maps: np.ndarray, numbers: Mapping[str, np.ndarray]) -> bpy.type
     return data
 
 
-OWN = (ROW, KNOTS, *OF_FULL, *OF_LIGHT)  # attributes of points
-
-
 def show_on_points(
     scene: bpy.types.Scene,
     instancer: bpy.types.Modifier,
-    sway: SwayingTrees,
+    sway: ForestSway,
     clock: WindClock,
     top: bpy.types.Collection,
     key: str,
@@ -193,8 +215,7 @@ def show_on_points(
         write(thing.data, name, values, "INT")
     modifier = thing.modifiers.new(key, "NODES")
     modifier.node_group = many_group(key)
-    times = {LAST: clock.count - 2, FIRST: clock.first, KNOT: clock.knots}
-    for name, value in (given | times).items():
+    for name, value in (given | clock.inputs).items():
         set_input(modifier, name, value)
     show_as(instancer, shown_of(instancer))
     many = int(told[OF_FULL[1]].sum())
@@ -216,7 +237,7 @@ def _library(scene: bpy.types.Scene, part: str) -> list[bpy.types.ID]:
     return sorted(blocks, key=lambda block: natural(block.name))
 
 
-def _rest(block: bpy.types.ID, sway: SwayingTrees, row: int, part: str) -> TriMesh:
+def _rest(block: bpy.types.ID, sway: ForestSway, row: int, part: str) -> TriMesh:
     """The mesh of a variant; of a stand-in the one that stands for it, where it is one mesh."""
     stands = part == OUTLINES and isinstance(block, bpy.types.Object) and block.type == "MESH"
     mesh = from_mesh(block.data) if stands else sway.rest(row)
@@ -238,7 +259,7 @@ MOST_SECONDS = 600.0  # that a table may have
 
 def show_wind(
     scene: bpy.types.Scene,
-    sway: SwayingTrees,
+    sway: ForestSway,
     knots: int,
     amplitudes: Mapping[int, np.ndarray] | None = None,
 ) -> WindShown:
@@ -306,7 +327,7 @@ def _trees(
 
 def _show_on_objects(
     found: Sequence[bpy.types.Object],
-    sway: SwayingTrees,
+    sway: ForestSway,
     clock: WindClock,
     top: bpy.types.Collection,
 ) -> WindShown:
@@ -336,8 +357,7 @@ def _show_on_objects(
     pieces = make_object("Wind Pieces", data, top)
     modifier = pieces.modifiers.new(HOME, "NODES")
     modifier.node_group = moving_group()
-    times = {LAST: clock.count - 2, FIRST: clock.first, KNOT: clock.knots}
-    for name, value in (given | times).items():
+    for name, value in (given | clock.inputs).items():
         set_input(modifier, name, value)
     for place, (thing, _) in enumerate(moving):
         modifier = thing.modifiers.new(HOME, "NODES")
@@ -382,42 +402,6 @@ def _home(scene: bpy.types.Scene) -> bpy.types.Collection | None:
     return next(
         (c for c in above.children if c.get(MADE_KEY) == HOME and is_ours(c)), None
     ) or next((c for c in above.children if str(c.get(MADE_KEY, "")).startswith(f"{HOME}.")), None)
-
-
-WIND_KEY = "forest_wind"  # of the group that moves pieces
-MANY_KEY = "forest_wind_many"  # of the group that shows trees that are points
-MODES, COLUMNS = 12, 4
-OUT = "Tree", ""  # what comes out of a group
-TREE, PIECE, KNOTS, MAP = "tree", "piece", "first knot", "map"  # attributes of pieces
-TABLE, LAST, FIRST, KNOT = "Table", "Last Knot", "First Frame", "Knots"
-MOVING = (
-    ("Pieces", "Geometry", "A point for every piece of every tree"),
-    (TABLE, "Object", "Amplitudes of modes, by tree and knot of time"),
-    (LAST, "Int", "Knot of the table at which wind stands still"),
-    (FIRST, "Int", "Frame of the table's first knot"),
-    (KNOT, "Float", "Knots of the table in a frame"),
-)
-PIECES, SHAPES, NUMBER = "Pieces", "Shapes", "Tree Number"
-SHOWING = (
-    ("Tree", "Geometry", "The tree at rest"),
-    (PIECES, "Object", "Where the pieces of all trees are"),
-    (SHAPES, "Collection", "Meshes of the tree's pieces"),
-    (NUMBER, "Int", "Which of the pieces are the tree's"),
-)
-AMPLITUDES, STAND = "wind now", "wind stand"  # attributes of trees that are points, while nodes run
-FULL, LIGHT, DOTS = "Full", "Light View", "Dots"
-ROW = "wind row"  # of a tree that is a point: its place among those that sway, from 1 on; 0: it stands still
-OF_FULL, OF_LIGHT = ("wind first", "wind pieces"), ("wind first light", "wind pieces light")
-MANY = (
-    ("Tree", "Geometry", "The trees at rest"),
-    (LIGHT, "Bool", "Stand-ins sway in views; renders show trees"),
-    (DOTS, "Bool", "Dots in views stand still"),
-    (f"{PIECES} {FULL}", "Object", "How modes move each piece of each variant"),
-    (f"{PIECES} {LIGHT}", "Object", "The same of pieces of stand-ins"),
-    (f"{SHAPES} {FULL}", "Collection", "Meshes of the pieces"),
-    (f"{SHAPES} {LIGHT}", "Collection", "Meshes of the pieces of stand-ins"),
-    *MOVING[1:],
-)
 
 
 def amplitude_name(first: int) -> str:
