@@ -28,8 +28,8 @@ from ...spec import Look, Rays
 from ..files.export import empty_file
 from ..rays.casters import make_caster
 from ..scene import materials
-from ..scene.graph import tree_of
 from ..scene.meshes import to_mesh
+from ..scene.nodes import tree_of
 from ..show.preview import SUN, grow_around, lay_horizon, render, set_stage
 
 TILT = math.radians(7.0)

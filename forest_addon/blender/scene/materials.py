@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import bpy
 
 from ... import spec
-from .graph import Colour, Graph, Value, tree_of
+from .nodes import Colour, Graph, Value, tree_of
 
 MOSS, ALGAE = (0.045, 0.065, 0.012), (0.12, 0.15, 0.07)
 SCAR, FURROW = (0.018, 0.015, 0.013), (0.030, 0.024, 0.020)

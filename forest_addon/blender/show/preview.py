@@ -23,10 +23,10 @@ from ...formats.atomic import replacing
 from ...growth.library.species_file import find_species, load_species
 from ...growth.tree import grow
 from ..scene import materials
-from ..scene.graph import Graph, tree_of
 from ..scene.instances import IGNORED_KEY, read_points
 from ..scene.layout import TREES, objects_in, part
 from ..scene.meshes import to_mesh
+from ..scene.nodes import Graph, tree_of
 
 Field = tuple[tuple[float, float], tuple[float, float]]
 LEVEL, FROM_ABOVE = -0.055, -0.45  # how much a camera looks down, a metre forward

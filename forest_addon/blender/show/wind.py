@@ -23,7 +23,6 @@ from ...base.progress import Progress
 from ...base.trimesh import TriMesh
 from ...sensing.moving import split_pieces, taken
 from ..scene.attributes import read, write
-from ..scene.graph import Graph, Value
 from ..scene.instances import TREE_KEY, natural
 from ..scene.layout import (
     MADE_KEY,
@@ -41,7 +40,16 @@ from ..scene.layout import (
     root,
 )
 from ..scene.meshes import from_mesh, to_mesh
-from ..scene.nodes import VARIANT, VIEW_KEY, instancer_of, set_input, show_as, shown_of
+from ..scene.nodes import (
+    VARIANT,
+    VIEW_KEY,
+    Graph,
+    Value,
+    instancer_of,
+    set_input,
+    show_as,
+    shown_of,
+)
 
 if TYPE_CHECKING:
     from ...stand.wind.sway import ForestSway
