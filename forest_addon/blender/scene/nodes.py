@@ -1,7 +1,14 @@
-"""Node trees written as formulas: every function adds a node to a tree and gives back its output.
+"""Node trees written as formulas, and the node groups that put a tree on every point and end the ground.
 
-A value is a number, a vector or colour of three, or an output of another node. A node group of geometry
-nodes is a modifier's: it declares what a user can set, and its nodes are laid out from left to right.
+A formula adds a node to a tree and gives back its output. A value is a number, a vector or colour of three,
+or an output of another node. A group of geometry nodes declares what a user can set, and is laid out from
+left to right. It is made once a file and then left alone, so whatever is changed in it by hand stays.
+
+The group of trees says which variant stands on a point, how turned and how large. A modifier hands it the
+points and the collection of variants; its objects count in the order of their names. *Scale* and
+*Rotation* are of all trees alike, and sensors see them so. With *Light View* a view shows stand-ins of
+the trees from a second collection, with *Dots* a dot for each tree, with *Show Share* some of the trees;
+renders show all of them in full, and whoever measures reads within ``in_full``.
 """
 
 from __future__ import annotations
@@ -25,7 +32,7 @@ KINDS = {  # how Blender's names of nodes begin
     "SHADER": ("ShaderNode", ""),
     "GEOMETRY": ("GeometryNode", "FunctionNode", "ShaderNode", ""),
 }
-WIDE, HIGH = 220, 240  # of a node's place in a tree that is laid out
+APART = (-220, -240)  # of the places of nodes in a tree that is laid out
 
 
 def tree_of(block: bpy.types.Material | bpy.types.World) -> bpy.types.NodeTree:
@@ -78,7 +85,7 @@ class Graph:
         rows: Counter[int] = Counter()
         for node in reversed(self.tree.nodes[:]):  # what a node needs was made before it
             at = column[node.name] = 1 + max((column[n] for n in after[node.name]), default=-1)
-            node.location = -WIDE * at, -HIGH * rows[at]
+            node.location = APART[0] * at, APART[1] * rows[at]
             rows[at] += 1
         return self.tree
 
@@ -472,7 +479,7 @@ def _make_instancer() -> bpy.types.NodeTree:
 
 
 GROUP = "Forest Sensing Ground"
-LOW, NODES_HIGH = "Shown From", "Shown To"
+LOW, HIGH = "Shown From", "Shown To"
 FAR = 100.0  # m of margin; a ground that reaches farther is there for a horizon
 AROUND = 0.25  # of the field's longer side: what views show around it
 
@@ -494,7 +501,7 @@ def show_near(thing: bpy.types.Object, field: spec.Forest, terrain: GroundSurfac
         modifier = thing.modifiers.new(GROUP, "NODES")
         modifier.node_group = _group()
         thing[VIEW_KEY] = True
-    for name, way, extent in ((LOW, -1.0, (0.0, 0.0)), (NODES_HIGH, 1.0, field.size)):
+    for name, way, extent in ((LOW, -1.0, (0.0, 0.0)), (HIGH, 1.0, field.size)):
         corner = [o + e + way * around(field) for o, e in zip(field.origin, extent, strict=True)]
         set_input(modifier, name, (*corner, 0.0))
 
@@ -510,7 +517,7 @@ def shown_corners(scene: bpy.types.Scene) -> tuple[tuple[float, ...], tuple[floa
     for thing in home.objects if home is not None else ():
         modifier = next((m for m in thing.modifiers if m.type == "NODES" and _is_ours(m)), None)
         if modifier is not None and modifier.show_viewport:
-            low, high = (tuple(input_of(modifier, name)[:2]) for name in (LOW, NODES_HIGH))
+            low, high = (tuple(input_of(modifier, name)[:2]) for name in (LOW, HIGH))
             return low, high
     return None
 
@@ -533,7 +540,7 @@ def _make() -> bpy.types.NodeTree:
         (
             ("Ground", "Geometry", "Flat, as far as the horizon"),
             (LOW, "Vector", "Corner of what views show, height aside", {"subtype": "TRANSLATION"}),
-            (NODES_HIGH, "Vector", "The corner across", {"subtype": "TRANSLATION"}),
+            (HIGH, "Vector", "The corner across", {"subtype": "TRANSLATION"}),
         ),
         ("Ground", "In views the part between these corners"),
     )
@@ -541,7 +548,7 @@ def _make() -> bpy.types.NodeTree:
     given, place = graph.given, graph.value("InputPosition", label="Where it is")
     low = graph.value("VectorMath", place, given[LOW], operation="MAXIMUM", label="Not before")
     within = graph.value(
-        "VectorMath", low, given[NODES_HIGH], operation="MINIMUM", label="Not behind"
+        "VectorMath", low, given[HIGH], operation="MINIMUM", label="Not behind"
     )
     flat = graph.numbers(within)[:2]
     moved = graph.value("CombineXYZ", *flat, graph.axis(place, "Z"), label="At its height")
