@@ -21,9 +21,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...base.rows import RowTable, lengths
-from .bands import SAMPLED, Band
 from .beam import Rows
-from .near import NearFaces
+from .calls import SAMPLED, Band
+from .leaves import NearFaces
 from .scatterers import ScattererPart, Scatterers, Sight
 from .station import EchoPaths, Station
 from .targets import Candidates, EchoTargets

@@ -28,7 +28,7 @@ import numpy as np
 from ...base.rows import RowTable
 from ...base.trimesh import TriMesh
 from ..rays.caster import RayCaster
-from .discs import own_pieces
+from .leaves import own_pieces
 from .scatterers import LEAF
 from .search import SearchGroup
 from .station import Station

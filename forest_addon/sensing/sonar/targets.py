@@ -21,9 +21,8 @@ from ...base.trimesh import LEAF as LEAF_PART
 from ...base.trimesh import TriMesh
 from ...spec import Sonar
 from ..rays.geometry import SceneGeometry
-from .discs import FoliageDiscs, LeafDiscs
 from .facets import FacetPopulation
-from .foliage import LeafPopulation
+from .leaves import FoliageDiscs, LeafDiscs, LeafPopulation
 from .scatterers import Population, Scatterers, Sight, Views
 from .windy import EchoMotion, EchoWind
 from .wood import WoodPopulation

@@ -11,8 +11,7 @@ import pytest
 from forest_addon.base.trimesh import LEAF, WOOD, TriMesh
 from forest_addon.growth.mesh.leaves import measure_leaves
 from forest_addon.sensing.rays.geometry import SceneGeometry, apply_transform
-from forest_addon.sensing.sonar.discs import leaf_discs
-from forest_addon.sensing.sonar.leaves import LeafEchoes
+from forest_addon.sensing.sonar.leaves import LeafEchoes, leaf_discs
 
 
 def leafy_mesh(flat: bool = True, count: int = 5) -> TriMesh:

@@ -13,11 +13,9 @@ from forest_addon.sensing.moving import MovingScene
 from forest_addon.sensing.moving_rays import MovingCaster
 from forest_addon.sensing.rays.exact import ExactCaster
 from forest_addon.sensing.rays.paths import RigidPath, SceneMotion, ShapePath
-from forest_addon.sensing.sonar.doppler import factors
-from forest_addon.sensing.sonar.flight import fly
-from forest_addon.sensing.sonar.ping import ping
-from forest_addon.sensing.sonar.poses import posed
-from forest_addon.sensing.sonar.station import Equipment, Station
+from forest_addon.sensing.sonar.ping import fly, ping
+from forest_addon.sensing.sonar.station import Equipment, Station, posed
+from forest_addon.sensing.sonar.summation import factors
 from forest_addon.sensing.sonar.targets import EchoTargets
 from forest_addon.sensing.sonar.windy import EchoMotion
 from forest_addon.spec import Air, Sonar
