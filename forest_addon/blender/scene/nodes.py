@@ -547,9 +547,7 @@ def _make() -> bpy.types.NodeTree:
     graph.tree[VIEW_KEY] = True
     given, place = graph.given, graph.value("InputPosition", label="Where it is")
     low = graph.value("VectorMath", place, given[LOW], operation="MAXIMUM", label="Not before")
-    within = graph.value(
-        "VectorMath", low, given[HIGH], operation="MINIMUM", label="Not behind"
-    )
+    within = graph.value("VectorMath", low, given[HIGH], operation="MINIMUM", label="Not behind")
     flat = graph.numbers(within)[:2]
     moved = graph.value("CombineXYZ", *flat, graph.axis(place, "Z"), label="At its height")
     viewed = graph.value("IsViewport", label="In a view")

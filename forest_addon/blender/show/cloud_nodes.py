@@ -17,8 +17,8 @@ import numpy as np
 
 from ..scene.layout import COLOUR_BY, COLOUR_MAP, FAR_POINTS, RADIUS, SHARE, is_local
 from ..scene.materials import coloured
-from ..scene.nodes import LOW, Graph, Value
 from ..scene.nodes import HIGH as HIGH
+from ..scene.nodes import LOW, Graph, Value
 
 GROUP, HEARD_GROUP = "Forest Sensing Points", "Forest Sensing Echo Points"
 # A group with other sockets than these gets another number. Of version 2 no points were left out in views.
