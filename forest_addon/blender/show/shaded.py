@@ -87,7 +87,7 @@ def _directions(scene: bpy.types.Scene, x: np.ndarray, y: np.ndarray) -> np.ndar
 
 
 class _Light:
-    """What comes to a camera along a ray."""
+    """Light that comes to a camera along a ray."""
 
     def __init__(
         self,
