@@ -234,7 +234,7 @@ def _read_image(path: Path) -> GeoRaster:
 
 
 def _place_of(path: Path) -> tuple[GeoRaster, Any] | None:
-    """Where a TIFF lies, as a raster without pixels, and its page's tags; None of an image.
+    """The place of a TIFF, as a raster without pixels, and its page's tags; None of an image.
 
     Raises
     ------
