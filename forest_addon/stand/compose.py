@@ -145,7 +145,8 @@ def _spread(pixels: np.ndarray) -> np.ndarray:
 def _mask(
     raster: spec.Raster, forest: spec.Forest, inputs: Inputs, planting: spec.Planting
 ) -> Mask:
-    """The mask of where a raster reaches its threshold: of what lies on the map whole pixels, which may be classes."""
+    """The mask of where a raster reaches its threshold; of what lies on the map by whole pixels, which may be
+    classes."""
     pixels, low, size = _pixels(raster, forest, inputs, planting)
     if pixels.transform is not None:
         return PixelMask(pixels.pixels >= raster.threshold, low, size)
