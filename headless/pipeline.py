@@ -258,7 +258,7 @@ def _describe_stand(run: Run, inputs: Inputs) -> None:
     if wanted.pictures and not can_draw():
         _say_what_is_lacking(run)
     for note in run.forest.notes:
-        run.warn(note)
+        (run.stages.say if note in inputs.notes else run.warn)(note)
     met = met_targets(run.forest)
     told = page.targets_finding(met)
     run.findings += [told] if told else []

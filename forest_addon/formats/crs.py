@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import re
 from importlib.util import find_spec
 from typing import Any
 
 import numpy as np
 
 from ..spec import SpecError
+
+URN = re.compile(r"urn:ogc:def:crs:(\w+):[^:]*:")
 
 
 def can_tell_crs() -> bool:
@@ -31,6 +34,36 @@ def to_map(crs: str, longitude: np.ndarray, latitude: np.ndarray) -> tuple[np.nd
     east, north = change.transform(longitude, latitude)
     factors = pyproj.Proj(known).get_factors(longitude, latitude)
     return east, north, np.asarray(factors.meridian_convergence)
+
+
+def moved(source: str, target: str, place: np.ndarray) -> tuple[np.ndarray, str]:
+    """Places (N, 2) of one system as metres of another, or without a target of their own; and its name.
+
+    Raises
+    ------
+    SpecError : degrees and no map to project them to; pyproj is needed and not there; an unknown system.
+    """
+    source = URN.sub(r"\1:", source)
+    if source == target:
+        return place, target
+    if not can_tell_crs():
+        raise SpecError("crs", f'is "{target}", not {source}; without pyproj it must be the same')
+    import pyproj
+
+    known, wanted = _known(source), _known(target or source)
+    if wanted.is_geographic:
+        change = pyproj.Transformer.from_crs(known, "EPSG:4326", always_xy=True)
+        east, north = (float(value) for value in change.transform(*place.mean(axis=0)))
+        zone = (32600 if north >= 0 else 32700) + int((east + 180) // 6 % 60) + 1
+        raise SpecError(
+            "crs", f'coordinates are degrees; name the system of a map in metres, as "EPSG:{zone}"'
+        )
+    if not target:
+        authority = known.to_authority()
+        name = ":".join(authority) if authority else source
+        return place * known.axis_info[0].unit_conversion_factor, name
+    change = pyproj.Transformer.from_crs(known, wanted, always_xy=True)
+    return np.column_stack(change.transform(*place.T)), target
 
 
 def _known(crs: str) -> Any:

@@ -34,6 +34,7 @@ class TreeList:
     species : (N,) names of plantings. scale : (N,), NaN where it is drawn.
     rotation : (N,) radians, NaN where it is drawn.
     measures : (N, 5) dbh, height, crown width, crown base and leaf area, NaN where they are drawn.
+    said : sentences about how a file was read.
     """
 
     position: np.ndarray
@@ -41,6 +42,7 @@ class TreeList:
     scale: np.ndarray | None = None
     rotation: np.ndarray | None = None
     measures: np.ndarray | None = None
+    said: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         return len(self.position)
@@ -61,6 +63,11 @@ class Inputs:
     lists: Mapping[str, TreeList] = field(default_factory=dict)
     terrain: GroundSurface | None = None
     allometries: Mapping[str, Allometry] = field(default_factory=dict)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Sentences about how lists of trees were read."""
+        return tuple(said for listed in self.lists.values() for said in listed.said)
 
     def ground(self, base: float) -> GroundSurface:
         """The ground, flat where no other is given."""
