@@ -225,7 +225,7 @@ class ForestPlan:
             variants=variants,
             wanted=self.measured.trees if self.measured.variants else None,
             laws=self.measured.laws,
-            notes=(*self.inputs.notes, *self.measured.ignored, *self._missing()),
+            notes=(*self.measured.ignored, *self._missing()),
         )
 
     def _missing(self) -> tuple[str, ...]:
