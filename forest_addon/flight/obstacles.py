@@ -437,10 +437,7 @@ class Solid:
         self.count = np.bincount(number, minlength=int(self.shape.prod()))
 
     def _number(self, cells: np.ndarray) -> np.ndarray:
-        number: np.ndarray = (cells[:, 0] * self.shape[1] + cells[:, 1]) * self.shape[2] + cells[
-            :, 2
-        ]
-        return number
+        return (cells[:, 0] * self.shape[1] + cells[:, 1]) * self.shape[2] + cells[:, 2]
 
 
 def repeated(count: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

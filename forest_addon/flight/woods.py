@@ -219,12 +219,10 @@ class Stock:
 
     def _standing_here(self) -> Site:
         """The site with the settings of now, which may have changed since it was read."""
-        assert self._site is not None
         return replace(self._site, scene=self.settings)
 
     def _catalogue(self) -> GrownForest:
         """One tree of every variant, far from each other."""
-        assert self._grown is not None
         keys = np.array(list(self._grown.variants), dtype=np.int64).reshape(-1, 2)
         count = len(keys)
         position = np.zeros((count, 3))
@@ -245,7 +243,6 @@ class Stock:
         self._geometry = geometry
         if self._site is None:
             return
-        assert self._grown is not None
         single = np.flatnonzero(geometry.tree >= 0)
         # Which mesh each variant is, by the number of its tree in the catalogue.
         self._mesh_of = {
@@ -254,7 +251,6 @@ class Stock:
         }
 
     def _forest(self, seed: int) -> GrownForest:
-        assert self._grown is not None
         site = self._standing_here()
         plan = replace(site, scene=site.scene.changed(seed=seed)).planned()
         return replace(self._grown, stand=plan.placed(self._grown.variants))
