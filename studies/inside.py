@@ -66,6 +66,8 @@ INSIDE = {
     "TopView": "forest_addon.flight.top_view:TopView",
     "Stock": "forest_addon.flight.woods:Stock",
     "replacing": "forest_addon.formats.atomic:replacing",
+    "write_whole": "forest_addon.formats.atomic:write_whole",
+    "put": "headless.dataset.plan:put",
     "read_las": "forest_addon.formats.las:read_las",
     "settings_of": "forest_addon.formats.toml_file:settings_of",
     "write_csv": "forest_addon.formats.table:write_csv",

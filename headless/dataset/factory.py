@@ -12,7 +12,7 @@ from typing import Any
 
 from tqdm import tqdm
 
-from forest_addon.formats.atomic import replacing
+from forest_addon.formats.atomic import write_whole
 from forest_addon.formats.ownership import claim
 from forest_addon.spec import SpecError
 
@@ -161,8 +161,7 @@ def write_plan(plan: Plan, out: Path) -> None:
 
     made = ", ".join(f"{name} {number}" for name, number in versions().items())
     head = f"# The plan of this dataset as it was used, base scenes within.\n# Made with {made}"
-    with replacing(out / "plan.toml") as text:
-        text.write_text(f"{head}\n\n{tomli_w.dumps(plan.tables)}", encoding="utf-8")
+    write_whole(out / "plan.toml", f"{head}\n\n{tomli_w.dumps(plan.tables)}")
 
 
 def _machine_memory() -> float:
