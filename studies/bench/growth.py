@@ -22,6 +22,7 @@ from ..inside import (
     to_mesh,
 )
 from ..tables import median_seconds, table
+from .cold import say_cold
 
 TITLE = "growth: trees and triangles a second, error of the mesh"
 SIZES = {"maple": (4, 6, 7), "ginkgo": (6, 7, 8), "apple-stochastic": (5, 6, 7)}
@@ -69,6 +70,7 @@ def run(say: Say) -> None:
         "πh(r₁²+r₁r₂+r₂²)/3; rings have the circle's perimeter, so that what a beam "
         "sees has no bias; inscribed ones would be too thin."
     )
+    say_cold(say, "growth")
 
 
 def _speed(name: str, size: int) -> list[str]:

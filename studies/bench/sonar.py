@@ -35,6 +35,7 @@ from ..inside import (
 from ..inside import fly_pings as fly
 from ..scenes import scene_of, scene_of_forest, turned
 from ..tables import median_seconds, table
+from .cold import say_cold
 from .sonar_sum import SUM, say_sum
 
 # Pings of two ears with Doppler, plain and measured all round, beside those without.
@@ -135,6 +136,7 @@ def run(say: Say) -> None:
     say_doppler(say)
     say(f"\n{SUM}\n")
     say_sum(say)
+    say_cold(say, "sonar")
 
 
 def _forest(count: int) -> SceneGeometry:

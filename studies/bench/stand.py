@@ -37,6 +37,7 @@ from ..inside import (
     window_of,
 )
 from ..tables import fresh, median_seconds, table
+from .cold import say_cold
 from .intensities import KINDS, SIDE
 
 # K and estimated intensities: time and error by number of trees.
@@ -279,6 +280,7 @@ def run(say: Say) -> None:
         f"\nUniform points with λπr² = {CROWDING:g}. Theory of Matérn II: (1 - exp(-λπr²))/(λπr²), "
         "at the edge a little more; greedy has no closed form."
     )
+    say_cold(say, "stand")
     say(f"\n### {STATISTICS}\n")
     say_statistics(say)
     say(f"\n### {SCENES}\n")
