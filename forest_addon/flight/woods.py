@@ -28,7 +28,7 @@ from ..spec import Rays, Scene, SpecError
 from ..stand.forest import GrownForest
 from ..stand.wind.field import WindField
 from ..stand.wind.sway import ForestSway, sway_of
-from .obstacles import REACH, MeshObstacles, Obstacles, Solid
+from .obstacles import REACH, MeshObstacles, Solid
 
 APART = 100.0  # metres between the single trees that are read
 
@@ -75,7 +75,7 @@ class FlightSurroundings:
         return EchoTargets(self.geometry, self.stock.targets)
 
     @cached_property
-    def obstacles(self) -> Obstacles:
+    def obstacles(self) -> MeshObstacles:
         """Return what stops a flyer."""
         if self.sway is not None:
             return SwayingObstacles(self.geometry, self.stock.solids, self.sway)
@@ -368,8 +368,8 @@ class SwayingObstacles(MeshObstacles):
         self._wide = np.linalg.norm(self._high - self._low, axis=1)
         self._moments: dict[int, tuple[np.ndarray, float]] = {}
 
-    def at(self, time: float) -> Obstacles:
-        """See ``Obstacles``."""
+    def at(self, time: float) -> MeshObstacles:
+        """See ``MeshObstacles``."""
         if time != self._time:
             other = copy(self)
             other._time, other._moments = time, {}
@@ -377,7 +377,7 @@ class SwayingObstacles(MeshObstacles):
         return self
 
     def room(self, place: np.ndarray) -> np.ndarray:
-        """See ``Obstacles``."""
+        """See ``MeshObstacles``."""
         room = super().room(place)
         return np.maximum(room - self._astray(place), 0.0) if len(self._mesh) else room
 
