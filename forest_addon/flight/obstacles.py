@@ -153,8 +153,8 @@ class MeshObstacles:
         return self._table[np.where(outside, len(self._table) - 1, number).astype(np.int64)]
 
     def touch(self, start: np.ndarray, end: np.ndarray, radius: float) -> np.ndarray:
-        """(M,) shares of ways (M, 3) to (M, 3) at which spheres first touch; ``inf``: never. Each way is taken
-        in pieces, so that few triangles are near each.
+        """(M,) shares of ways (M, 3) to (M, 3) at which spheres first touch; ``inf``: never. Each way is
+        taken in pieces, so that few triangles are near each.
         """
         share = np.full(len(start), np.inf)
         if not len(self._mesh):

@@ -1,7 +1,7 @@
 """A plane forest without Blender: endless upright trunks, which level rays and flyers meet in closed form.
 
-A ray that is level meets a trunk of radius R at the first root of |p + td| = R; a flyer of radius r meets it at
-that of R + r. All rays of one origin are held against the trunks within reach of it, in float64.
+A ray that is level meets a trunk of radius R at the first root of |p + td| = R; a flyer of radius r meets it
+at that of R + r. All rays of one origin are held against the trunks within reach of it, in float64.
 """
 
 from __future__ import annotations
