@@ -206,7 +206,7 @@ def test_flight_needs_neither_blender_nor_gymnasium_for_this():
 
     code = (
         "import sys; sys.modules['bpy'] = None; sys.modules['mathutils'] = None\n"
-        "from forest_addon.flight import policies, flying, simulation, stems\n"
+        "from forest_addon.flight import policies, flying, simulation\n"
         "print('torch' in sys.modules)"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
