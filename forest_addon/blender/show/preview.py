@@ -26,6 +26,7 @@ from ..scene import materials
 from ..scene.instances import IGNORED_KEY, read_points
 from ..scene.layout import TREES, objects_in, part
 from ..scene.meshes import to_mesh
+from ..scene.nodes import Graph, tree_of
 
 Field = tuple[tuple[float, float], tuple[float, float]]
 LEVEL, FROM_ABOVE = -0.055, -0.45  # how much a camera looks down, a metre forward
@@ -194,23 +195,12 @@ def _light(scene: bpy.types.Scene, golden: bool) -> None:
     _replace(scene, sun)
 
     world = bpy.data.worlds.get(SKY) or bpy.data.worlds.new(SKY)
-    if world.node_tree is None:
-        world.use_nodes = True
-    nodes, links = world.node_tree.nodes, world.node_tree.links
-    nodes.clear()
+    graph = Graph(tree_of(world))
+    graph.tree.nodes.clear()
     # A gradient from haze at the horizon to blue above; the same in every version of Blender.
-    place = nodes.new("ShaderNodeTexCoord")
-    split = nodes.new("ShaderNodeSeparateXYZ")
-    ramp = nodes.new("ShaderNodeValToRGB")
-    sky, output = nodes.new("ShaderNodeBackground"), nodes.new("ShaderNodeOutputWorld")
-    first, last = ramp.color_ramp.elements
-    first.position, first.color = 0.0, (*(WARM if golden else HAZE), 1.0)
-    last.position, last.color = 0.30, (0.16, 0.38, 0.78, 1.0)
-    sky.inputs["Strength"].default_value = 1.1
-    links.new(place.outputs["Generated"], split.inputs["Vector"])
-    links.new(split.outputs["Z"], ramp.inputs["Fac"])
-    links.new(ramp.outputs["Color"], sky.inputs["Color"])
-    links.new(sky.outputs["Background"], output.inputs["Surface"])
+    colours = WARM if golden else HAZE, (0.16, 0.38, 0.78)
+    sky = graph.ramp(graph.axis(graph.place("Generated"), "Z"), colours, 0.0, 0.30)
+    graph.add("OutputWorld", {"Surface": graph.value("Background", sky, 1.1)})
     if hasattr(
         world, "cycles"
     ):  # a smooth sky is found by chance: aiming at it takes four times as long
@@ -298,15 +288,11 @@ def _ring(number: int, radius: float, high: float, jag: float) -> tuple[np.ndarr
 def _paint(name: str, distance: float) -> bpy.types.Material:
     """A flat colour: leaves seen through so much air."""
     material = bpy.data.materials.get(name) or bpy.data.materials.new(name)
-    if material.node_tree is None:
-        material.use_nodes = True
-    tree = material.node_tree
-    tree.nodes.clear()
-    glow, out = tree.nodes.new("ShaderNodeEmission"), tree.nodes.new("ShaderNodeOutputMaterial")
+    graph = Graph(tree_of(material))
+    graph.tree.nodes.clear()
     air = 1 - np.exp(-distance / VISIBILITY)
-    colour = [float(w + air * (a - w)) for w, a in zip(WOODED, AIR, strict=True)]
-    glow.inputs["Color"].default_value = (*colour, 1.0)
-    tree.links.new(glow.outputs["Emission"], out.inputs["Surface"])
+    colour = tuple(float(w + air * (a - w)) for w, a in zip(WOODED, AIR, strict=True))
+    graph.add("OutputMaterial", {"Surface": graph.value("Emission", colour)})
     return material
 
 
