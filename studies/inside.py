@@ -247,7 +247,7 @@ INSIDE = {
     "find_plan": "headless.dataset.plan:find_plan",
     "read_plan": "headless.dataset.plan:read_plan",
     "recipes": "headless.dataset.plan:recipes",
-    "Job": "headless.dataset.engine:Job",
+    "SceneJob": "headless.dataset.engine:SceneJob",
     "SceneOutcome": "headless.dataset.engine:SceneOutcome",
     "peak_memory_mb": "headless.progress:peak_memory_mb",
     "run_scene": "headless.pipeline:run_scene",

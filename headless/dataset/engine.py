@@ -65,7 +65,7 @@ DISK = (
 
 
 @dataclass(frozen=True)
-class Job:
+class SceneJob:
     """A scene, the folder of its dataset, and how much it may take: bytes of memory, threads that cast
     rays."""
 
@@ -191,7 +191,7 @@ class Worker:
         self._process: Any = None
         self._folder: tempfile.TemporaryDirectory[str] | None = None  # of its last words
 
-    def make(self, job: Job) -> SceneOutcome:
+    def make(self, job: SceneJob) -> SceneOutcome:
         """Make the scene of a job, twice if need be, and note how it went beside the dataset."""
         root, recipe, running = job.root, job.recipe, job.running
         if job.threads != self.threads:
@@ -323,7 +323,7 @@ def _environment() -> Iterator[None]:
 _own = threading.local()
 
 
-def work(job: Job) -> SceneOutcome:
+def work(job: SceneJob) -> SceneOutcome:
     """``Worker.make`` by the one worker of this thread; what a scheduler calls."""
     if not hasattr(_own, "worker"):
         multiprocessing.current_process().daemon = False  # as Dask's are, which may start none
@@ -352,14 +352,14 @@ class Cluster:
     workers: int = 0
     scheduler: str = ""
     slurm: str | None = None
-    make: Callable[[Job], SceneOutcome] = work
+    make: Callable[[SceneJob], SceneOutcome] = work
 
     def local_workers(self) -> int:
         """Return how many there are on this machine."""
         return self.workers or os.cpu_count() or 1
 
 
-def make_all(jobs: Sequence[Job], cluster: Cluster, report: Report) -> None:
+def make_all(jobs: Sequence[SceneJob], cluster: Cluster, report: Report) -> None:
     """Have every job done; ``report`` is told of each, in any order.
 
     Raises
@@ -376,14 +376,14 @@ def make_all(jobs: Sequence[Job], cluster: Cluster, report: Report) -> None:
         _hand_out(jobs, client, cluster, report)
 
 
-def _make_here(jobs: Sequence[Job], workers: int, report: Report) -> None:
+def _make_here(jobs: Sequence[SceneJob], workers: int, report: Report) -> None:
     """Have jobs done by workers of this process, a thread each, which wait for their children."""
     idle: queue.SimpleQueue[Worker] = queue.SimpleQueue()
     every = [Worker() for _ in range(workers)]
     for worker in every:
         idle.put(worker)
 
-    def make(job: Job) -> SceneOutcome:
+    def make(job: SceneJob) -> SceneOutcome:
         worker = idle.get()
         try:
             return worker.make(job)
@@ -492,7 +492,7 @@ def _gone(address: str, problem: object) -> OSError:
     )
 
 
-def _hand_out(jobs: Sequence[Job], client: Any, cluster: Cluster, report: Report) -> None:
+def _hand_out(jobs: Sequence[SceneJob], client: Any, cluster: Cluster, report: Report) -> None:
     """Submit jobs until each has a result; a lost one is submitted again.
 
     The scheduler holds a few jobs for each thread of its workers, not the whole plan, and each result is
@@ -500,7 +500,7 @@ def _hand_out(jobs: Sequence[Job], client: Any, cluster: Cluster, report: Report
     """
     address = client.scheduler.address if client.scheduler else "?"
     left = deque(jobs)
-    out: dict[Any, Job] = {}
+    out: dict[Any, SceneJob] = {}
     ended: queue.SimpleQueue[Any] = queue.SimpleQueue()
     most, looked, fruitless = LEAST_AHEAD, 0.0, 0
     while left or out:

@@ -22,7 +22,7 @@ from ..progress import plain
 from . import disk
 from .card import CARD, versions, write_card
 from .disk import MANIFEST, write_manifest
-from .engine import Cluster, Job, SceneOutcome, make_all
+from .engine import Cluster, SceneJob, SceneOutcome, make_all
 from .plan import Plan, Recipe, recipes
 
 NAMED = 8  # scenes that a message names
@@ -92,7 +92,7 @@ def make_scenes(
     workers = max(1, min(workers, len(missing)))
     threads = max(1, (os.cpu_count() or 1) // workers)
     memory = plan.running.memory_gb * 1e9 or _machine_memory() * OF_MEMORY / workers
-    jobs = [Job(out, recipe, plan.running, memory, threads) for recipe in missing]
+    jobs = [SceneJob(out, recipe, plan.running, memory, threads) for recipe in missing]
     refresh = time.monotonic() + REFRESH
     done = len(wanted) - len(missing)
     with tqdm(

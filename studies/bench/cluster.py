@@ -27,10 +27,10 @@ from ..inside import (
     PLANS,
     Asked,
     Cluster,
-    Job,
     Plan,
     Recipe,
     Say,
+    SceneJob,
     SceneOutcome,
     disk,
     environment_of_child,
@@ -217,7 +217,7 @@ def seconds_of(seed: int, mean: float) -> float:
     return float(drawn * (SLOWER if rng.random() < STRAGGLERS else 1.0))
 
 
-def simulate(job: Job) -> SceneOutcome:
+def simulate(job: SceneJob) -> SceneOutcome:
     """Make a simulated scene: wait, then leave a folder with its record, as a worker does."""
     recipe, root, number = job.recipe, job.root, job.recipe.number
     seconds = seconds_of(recipe.seed, float(os.environ[WAIT]))

@@ -18,9 +18,9 @@ from ..inside import (
     PLANS,
     Cluster,
     Estimate,
-    Job,
     Plan,
     Say,
+    SceneJob,
     SceneOutcome,
     Worker,
     estimate,
@@ -121,7 +121,7 @@ def _making(plan: Plan, workers: int, threads: int) -> tuple[float, float, list[
     with tempfile.TemporaryDirectory() as folder:
         root, told = Path(folder), list[SceneOutcome]()
         memory = plan.running.memory_gb * 1e9 or float("inf")
-        jobs = [Job(root, one, plan.running, memory, threads) for one in recipes(plan)]
+        jobs = [SceneJob(root, one, plan.running, memory, threads) for one in recipes(plan)]
         start = time.monotonic()
         make_all(jobs, Cluster(workers), told.append)
         wall = time.monotonic() - start

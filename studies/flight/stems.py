@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 from ..inside import FREE_ROOM, Hits, SceneGeometry, unit_columns
 
 
-class Stems:
+class PlaneTrunks:
     """Trunks at places (N, 2) with radii (N,): what rays meet (``RayCaster``), and what stops a flyer
     (``MeshObstacles``).
     """
@@ -51,7 +51,7 @@ class Stems:
             hits.triangle[first:last][met] = 0
         return hits
 
-    def at(self, _time: float) -> Stems:
+    def at(self, _time: float) -> PlaneTrunks:
         """Return them as they stand at a time: always alike."""
         return self
 
@@ -108,7 +108,7 @@ class StemWorld:
         self, position: np.ndarray, radius: np.ndarray, low: np.ndarray, high: np.ndarray
     ) -> None:
         self.field = np.asarray(low, dtype=np.float64), np.asarray(high, dtype=np.float64)
-        self.caster = self.obstacles = Stems(position, radius)
+        self.caster = self.obstacles = PlaneTrunks(position, radius)
         none = np.empty(0, dtype=np.int64)
         self.geometry = SceneGeometry((), np.empty((0, 3, 4)), none, (), none, none)
 
