@@ -110,6 +110,8 @@ def run_scene(
     with stages.stage("read species and templates"), hushed():
         empty_file()
         site = Site.of(settings, folder)
+    for line in site.inputs.told:
+        stages.say(f"  {line}")
     with stages.stage("grow trees") as progress:
         run = Run(settings, out, stages, site.grow(progress), site.ground)
     if settings.crs and not can_tell_crs():
