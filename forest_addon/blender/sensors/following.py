@@ -90,8 +90,10 @@ class SceneFollower:
 
 
 class Forecast(SceneFollower):
-    """The same for estimates: curves as long, but straight; objects that stay. Nothing of Blender's is written
-    or evaluated, which it forbids while it draws."""
+    """The same for estimates: curves as long, but straight; objects that stay.
+
+    Nothing of Blender's is written or evaluated, which it forbids while it draws.
+    """
 
     def curve(self, name: str) -> np.ndarray | None:
         """(2, 3) points as far apart as a curve's first spline is long; None of other objects."""

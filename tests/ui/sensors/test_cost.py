@@ -17,7 +17,7 @@ from forest_addon.ui.sensors import run
 from forest_addon.ui.sensors.run import Ahead
 from forest_addon.ui.settings.exchange import to_spec
 
-from ..pressing import press
+from ..pressing import next_uid, press
 
 
 def things():
@@ -38,14 +38,6 @@ def test_pulses_are_counted_as_they_are_sent(built):
             assert said == found.distance.size
         else:
             assert said == getattr(found, "pulses", 1)
-
-
-def next_uid():
-    """The number that Blender gives the next block: it grows with every block that is made."""
-    data = bpy.data.meshes.new("probe")
-    number = data.session_uid
-    bpy.data.meshes.remove(data)
-    return number
 
 
 def test_tooltips_write_nothing_and_know_the_way_of_what_is_followed(props):
