@@ -39,7 +39,7 @@ from ...base.rng import daughter_keys
 from ...base.rows import RowTable
 from ...spec import MAX_REACH, Leaf, Rules
 from ..draw import draw_normal
-from ..skeleton import LeafSites, Skeleton
+from ..skeleton import LeafSites, Skeleton, root_of
 from .expression import Expression, ExpressionError, Value, parse_expression
 from .system import (
     GrammarError,
@@ -608,7 +608,7 @@ def prune_descending(walked: Walk) -> Walk:
     length = skeleton.length
     removed = np.zeros(len(walked.parent), bool)
     removed[walked.branch[rise < -ROUNDING * length]] = True
-    removed = _with_all_above(removed, walked.parent)
+    removed = removed[root_of(np.where(removed, -1, walked.parent))]  # and all that these bear
 
     kept, kept_leaf = ~removed[walked.branch], ~removed[walked.leaf_branch]
     # What a kept segment hangs on is kept too: it stands in the same branch or in one below.
@@ -621,17 +621,6 @@ def prune_descending(walked: Walk) -> Walk:
         branch=walked.branch[kept],
         leaf_branch=walked.leaf_branch[kept_leaf],
     )
-
-
-def _with_all_above(removed: np.ndarray, parent: np.ndarray) -> np.ndarray:
-    """Marks handed on from parents to children, by pointer doubling (deep brackets cost a log)."""
-    up = np.maximum(parent, 0)  # branch 0 is its own parent
-    while True:
-        marked = removed | removed[up]
-        further = up[up]
-        if (further == up).all() and (marked == removed).all():
-            return marked
-        removed, up = marked, further
 
 
 def system_of(rules: Rules) -> System:

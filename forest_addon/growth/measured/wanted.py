@@ -19,7 +19,7 @@ from ...spec import Allometry, Normal, SpecError, Species, Targets
 from ..draw import draw_normal
 from ..mesh.blades import Blade
 from ..mesh.leaves import Leaves
-from ..skeleton import LeafSites, Skeleton, first_level
+from ..skeleton import LeafSites, Skeleton, first_level, stem_radii
 from .allometry import MEASURES, band, draw, measures
 from .allometry import middle as measured_middle
 
@@ -196,14 +196,7 @@ def fitted_template(species: Species, wanted: Wanted) -> Species:
 
 def dbh_of(skeleton: Skeleton) -> float:
     """Diameter of the stem at breast height, metres; 0 of a tree that does not reach it."""
-    stem = np.flatnonzero(skeleton.order == 0)
-    low, high = skeleton.start[stem, 2], skeleton.end[stem, 2]
-    across = np.flatnonzero((low <= BREAST) & (high >= BREAST) & (high > low))
-    if not len(across):
-        return 0.0
-    share = (BREAST - low[across]) / (high[across] - low[across])
-    r = skeleton.radius[stem[across]]
-    return 2 * float((r[:, 0] + share * (r[:, 1] - r[:, 0])).max())
+    return 2 * float(stem_radii(skeleton, BREAST).max(initial=0.0))
 
 
 def stem_profile(skeleton: Skeleton) -> tuple[np.ndarray, np.ndarray]:

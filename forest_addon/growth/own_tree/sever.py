@@ -22,7 +22,15 @@ from scipy.spatial import cKDTree
 from ...base.runs import firsts, sums
 from .centreline import Centrelines
 from .hierarchy import Known
-from .pieces import Pieces, assemble, join_along, join_pieces, select
+from .pieces import (
+    Pieces,
+    assemble,
+    half_edges,
+    join_along,
+    join_pieces,
+    loose_edges_of,
+    select,
+)
 from .slices import (
     Course,
     PieceAxes,
@@ -64,7 +72,6 @@ def close(
     course: Course,
     together: np.ndarray,
     halves: np.ndarray,
-    loose_edges: np.ndarray,
 ) -> tuple[Pieces, Known, np.ndarray]:
     """Pieces by label, holes closed and feet drawn inwards."""
     triangles = pieces.triangles.astype(np.int64)
@@ -105,9 +112,9 @@ def close(
             np.stack([b, inner_a, inner_b], axis=1),
         ]
     )
-    everything = np.concatenate([triangles, made, loose_edges])
-    loose = len(everything) - len(triangles) - len(made)
-    loose_label = axes.of_slice[slices.of_vertex[everything[len(everything) - loose :, 0]]]
+    loose = loose_edges_of(pieces)
+    everything = np.concatenate([triangles, made, loose])
+    loose_label = axes.of_slice[slices.of_vertex[loose[:, 0]]]
     whole = np.concatenate([label, parent, child, child, loose_label])
     present, first = np.unique(label, return_index=True)
     known = np.isin(whole, present)
@@ -142,7 +149,7 @@ def _hang_together(
     number = np.full(len(total), -1)
     number[main], number[others] = of_part[main], pieces.count + np.arange(len(others))
     kept = number[of_triangle] >= 0
-    loose = loose_edges_of(pieces, half_edges(pieces.triangles, len(pieces.vertices))[1])
+    loose = loose_edges_of(pieces)
     loose = loose[number[part[loose[:, 0]]] >= 0]
     whole = assemble(
         pieces.vertices,
@@ -184,17 +191,6 @@ def _nearest_rim(
     return np.asarray(chosen[rim])
 
 
-def loose_edges_of(pieces: Pieces, keys: np.ndarray) -> np.ndarray:
-    """(N, 3) the edges that no triangle has, as triangles without area."""
-    count = len(pieces.vertices)
-    one, other = pieces.edges.T.astype(np.int64)
-    mine = np.minimum(one, other) * count + np.maximum(one, other)
-    key = np.sort(keys)
-    at = np.minimum(np.searchsorted(key, mine), len(key) - 1)
-    loose = key[at] != mine
-    return np.stack([one[loose], other[loose], other[loose]], axis=1)
-
-
 def _meetings(
     slices: Slices, axes: PieceAxes, course: Course, middle: np.ndarray, wide: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -232,15 +228,6 @@ def _meetings(
     return foot, apex, thick
 
 
-def half_edges(triangles: np.ndarray, vertices: int) -> tuple[np.ndarray, np.ndarray]:
-    """(N, 2) half-edges 3·t + k, from corner k to the next, that lie on one another; half-edges' key."""
-    one, other = triangles.astype(np.int64), np.roll(triangles, -1, axis=1).astype(np.int64)
-    key = (np.minimum(one, other) * vertices + np.maximum(one, other)).ravel()
-    order = np.argsort(key, kind="stable")
-    same = key[order[1:]] == key[order[:-1]]
-    return np.stack([order[:-1][same], order[1:][same]], axis=1), key
-
-
 def sever(pieces: Pieces, forked: np.ndarray) -> tuple[Pieces, Known, np.ndarray]:
     """Cut pieces at their forks, those (C,) that may have some; the others come first, as they are.
 
@@ -270,11 +257,10 @@ def _cut(pieces: Pieces) -> tuple[Pieces, Known, np.ndarray]:
     axes = find_axes(slices)
     course = smooth(slices, axes)
     owner = _take_back(pieces, slices, axes, course)
-    halves, keys = half_edges(pieces.triangles, len(pieces.vertices))
+    halves = half_edges(pieces.triangles, len(pieces.vertices))
     label = _whole(pieces, _of_triangles(owner, pieces.triangles), halves)
     together = slices.centre[slices.loops].mean(axis=1)
-    loose = loose_edges_of(pieces, keys)
-    return close(pieces, label, slices, axes, course, together, halves, loose)
+    return close(pieces, label, slices, axes, course, together, halves)
 
 
 def _find_roots(pieces: Pieces) -> np.ndarray:
@@ -371,7 +357,7 @@ def join_stacked(pieces: Pieces, lines: Centrelines) -> Pieces:
     if not len(pairs) or len(pairs) == pieces.count - 1:  # all of it would be a pole
         return pieces
     triangles = pieces.triangles.astype(np.int64)
-    loose = loose_edges_of(pieces, half_edges(pieces.triangles, len(pieces.vertices))[1])
+    loose = loose_edges_of(pieces)
     ties = np.concatenate([_ties(pieces, lines, *ends) for ends in pairs.tolist()])
     label = join_along(pairs // 2, pieces.count).astype(np.int64)
     everything = np.concatenate([triangles, loose, ties])
