@@ -377,14 +377,6 @@ def _levels(
 
 
 @dataclass(frozen=True)
-class Bend:
-    """Tropism: direction T (ABOP: its length counts) and elasticity e in radians."""
-
-    direction: tuple[float, float, float] = (0.0, 0.0, -1.0)
-    elasticity: float = 0.0
-
-
-@dataclass(frozen=True)
 class Walk:
     """Drawing of a turtle; lengths in its own unit.
 
@@ -401,20 +393,26 @@ class Walk:
     parent: np.ndarray
 
 
-def walk(commands: Commands, diameter: float, bend: Bend | None = None) -> Walk:
+def walk(
+    commands: Commands,
+    diameter: float,
+    tropism: tuple[float, float, float] = (0.0, 0.0, -1.0),
+    elasticity: float = 0.0,
+) -> Walk:
     """Walk a turtle from the origin along +Z, its left towards +X.
+
+    tropism : direction that segments bend to; its length counts, as in ABOP. elasticity : radians.
 
     Raises
     ------
     GrammarError : brackets do not match, or a diameter is negative.
     """
-    bend = bend or Bend()
     steps = join_commands(commands)
     paths = find_paths(steps.opens, steps.closes)
     steps = steps.select(paths.command)  # without closing brackets
     kind, number, outline = steps.kind, steps.number, steps.outline
     drawn = (kind == DRAW) & (outline < 0)
-    states = _states(steps, drawn, paths, diameter, bend)
+    states = _states(steps, drawn, paths, diameter, np.asarray(tropism, np.float64), elasticity)
     if (states.diameter < 0).any():
         raise GrammarError("a diameter is negative; make it 0 or larger")
 
@@ -469,7 +467,14 @@ class _States:
         return np.cross(self.up(which), self.heading(which))
 
 
-def _states(steps: Steps, drawn: np.ndarray, paths: Paths, diameter: float, bend: Bend) -> _States:
+def _states(
+    steps: Steps,
+    drawn: np.ndarray,
+    paths: Paths,
+    diameter: float,
+    tropism: np.ndarray,
+    elasticity: float,
+) -> _States:
     """Level by level, in arrays sorted by level; place 0 is the turtle before all steps."""
     count = len(steps.kind)
     by_level = np.argsort(paths.level, kind="stable")
@@ -484,8 +489,7 @@ def _states(steps: Steps, drawn: np.ndarray, paths: Paths, diameter: float, bend
 
     reach = np.where((kind == DRAW) | (kind == MOVE), number[:, 0], 0.0)
     levels_left = kind == LEVEL
-    bends = drawn & (reach != 0) & (bend.elasticity != 0)
-    tropism = np.asarray(bend.direction, np.float64)
+    bends = drawn & (reach != 0) & (elasticity != 0)
 
     turn = np.zeros((4, count + 1))
     turn[0, 0] = 1.0
@@ -507,7 +511,7 @@ def _states(steps: Steps, drawn: np.ndarray, paths: Paths, diameter: float, bend
         place[:, new] = place[:, old] + reach[here] * _heading(turned)
         bent = np.flatnonzero(bends[here])
         if len(bent):
-            turned[:, bent] = _bend(turned[:, bent], tropism, bend.elasticity)
+            turned[:, bent] = _bend(turned[:, bent], tropism, elasticity)
         turn[:, new] = turned
         width[new] = width[old] * factor[here] + offset[here]
 
@@ -642,7 +646,7 @@ def grow_ruled(
     key : lineage of the tree, from which sizes of leaves are drawn. rng : draws of the productions.
     """
     word = _derive_to_walk(rules, rng)
-    walked = walk(_commands(rules, word), rules.diameter, Bend(rules.tropism, rules.elasticity))
+    walked = walk(_commands(rules, word), rules.diameter, rules.tropism, rules.elasticity)
     if rules.prune_descending:
         walked = prune_descending(walked)
     skeleton, leaves = walked.skeleton, walked.leaves

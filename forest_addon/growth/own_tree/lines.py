@@ -18,7 +18,8 @@ with two rings is one stretch and stays straight.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -38,7 +39,7 @@ SHORTEST = 0.02  # of a line's length; nearer knots are one
 
 
 @dataclass(frozen=True)
-class Lines:
+class Lines(RowTable):
     """C polylines from foot to tip; ``first`` (C + 1,) counts stretches, of which there are S.
 
     A line has one knot more than stretches, so that stretch s of line c runs from knot s + c on.
@@ -49,6 +50,13 @@ class Lines:
     radius: np.ndarray  # (S + C,)
     length: np.ndarray  # (S,)
     frame: np.ndarray  # (S, 3, 3)
+
+    @classmethod
+    def joined(cls, parts: Sequence[Lines]) -> Lines:
+        """Several tables of lines, one after the other."""
+        ends = np.cumsum([0, *(part.first[-1] for part in parts)])
+        first = [part.first[:-1] + at for part, at in zip(parts, ends, strict=False)]
+        return replace(super().joined(parts), first=np.concatenate([*first, ends[-1:]]))
 
     @property
     def line(self) -> np.ndarray:

@@ -262,7 +262,7 @@ def join_along(pairs: np.ndarray, nodes: int) -> np.ndarray:
 
 
 def edge_keys(triangles: np.ndarray, vertices: int) -> np.ndarray:
-    """(3T,) one number for the edge of each half-edge 3·t + k, from corner k to the next, whichever way it runs."""
+    """(3T,) numbers of edges, either way alike; that in row 3·t + k goes from corner k of triangle t on."""
     one, other = triangles.astype(np.int64), np.roll(triangles, -1, axis=1).astype(np.int64)
     return np.asarray((np.minimum(one, other) * vertices + np.maximum(one, other)).ravel())
 
