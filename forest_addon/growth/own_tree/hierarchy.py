@@ -24,13 +24,12 @@ left to whatever it touches.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
-from ...base.rows import RowTable, lengths
+from ...base.rows import lengths
 from .centreline import Centrelines, Tubes, find_contacts
 from .pieces import Pieces
+from .sever import Known
 
 STOUT = 0.7  # share of the thickest piece's radius that a trunk has at least
 LEVEL = 0.02  # share of the tree's height within which pieces begin at the same level
@@ -55,24 +54,6 @@ FEET = 1.5  # radii from where a piece begins within which nothing is rooted in 
 LESS = 0.25  # added, in radii, to what is less likely
 OWN_END = 1.1  # than the end, by this factor, a piece is at its own end unless it may be a sister
 BALLS = 12  # balls looked at, of each group
-
-
-@dataclass(frozen=True)
-class Known(RowTable):
-    """Knowledge of C pieces before they are hung, because they were cut from one another.
-
-    parent : (C,) piece, -1 where it has to be found. foot : (C, 3) where it begins, on the parent's axis.
-    radius : (C,) of the parent there.
-    """
-
-    parent: np.ndarray
-    foot: np.ndarray
-    radius: np.ndarray
-
-    @classmethod
-    def nothing(cls, count: int) -> Known:
-        """Nothing is known of pieces that were drawn apart."""
-        return cls(np.full(count, -1), np.zeros((count, 3)), np.zeros(count))
 
 
 def find_trunk(pieces: Pieces, lines: Centrelines, free: np.ndarray) -> int:

@@ -14,14 +14,14 @@ become one piece, joined by edges that no facet has, so that it gets one centrel
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial import cKDTree
 
+from ...base.rows import RowTable
 from ...base.runs import firsts, sums
 from .centreline import Centrelines
-from .hierarchy import Known
 from .pieces import (
     Pieces,
     assemble,
@@ -62,6 +62,24 @@ LIKE = 2.0  # thinner by less than this factor
 TAPERED = 0.35  # of a piece's other end: one that is thinner is a tip
 NO_TWIG = 0.15  # of the thickest end: twigs that begin at one another's tips stay apart
 SLENDER = 1.0  # radii that a piece is long at least
+
+
+@dataclass(frozen=True)
+class Known(RowTable):
+    """Knowledge of C pieces before they are hung, because they were cut from one another.
+
+    parent : (C,) piece, -1 where it has to be found. foot : (C, 3) where it begins, on the parent's axis.
+    radius : (C,) of the parent there.
+    """
+
+    parent: np.ndarray
+    foot: np.ndarray
+    radius: np.ndarray
+
+    @classmethod
+    def nothing(cls, count: int) -> Known:
+        """Nothing is known of pieces that were drawn apart."""
+        return cls(np.full(count, -1), np.zeros((count, 3)), np.zeros(count))
 
 
 def close(
