@@ -36,13 +36,7 @@ from ..own_tree.pieces import (
     sort_out,
     stood,
 )
-from ..own_tree.recognise import (
-    LeanError,
-    Recognition,
-    TemplateError,
-    recognise,
-    recognise_pieces,
-)
+from ..own_tree.recognise import LeanError, Recognition, TemplateError, recognise, recognise_pieces
 from ..own_tree.size import allometry_of
 from ..own_tree.template import fit_grammar, split_tree
 from .species_file import MOST_OF_TREE

@@ -17,7 +17,6 @@ from ...base.runs import Runs, bounds
 from ...base.trimesh import LEAF, WOOD, TriMesh
 from ..mesh.leaves import CopyStock, Leaves, measure_leaves
 from ..skeleton import depths
-from .hierarchy import CLOSER
 from .lines import (
     STEEP,
     Lines,
@@ -33,7 +32,7 @@ from .lines import (
     upper_frames,
     walk,
 )
-from .recognise import Recognition
+from .recognise import CLOSER, Recognition
 from .template import BARK_SLOT, LEAF_SLOT, turned_outwards
 
 GROUND = np.eye(3)  # the frame that a trunk stands in
