@@ -32,18 +32,8 @@ from ...base.runs import Runs, bounds, numbered
 from ...base.vectors import zenith_of
 from ...spec import Siblings
 from ..draw import GOLDEN
-from .anatomy import GROUND
+from .anatomy import GROUND, Lines, foot_frames, lay, seat_at, sloped, slopes, stand_on, walk
 from .habit import Habit, radius_at_seat
-from .lines import (
-    Lines,
-    foot_frames,
-    lay,
-    seat_at,
-    sloped,
-    slopes,
-    stand_on,
-    walk,
-)
 from .size import CHILDREN, Size, size_of, trunk_girth
 
 JITTER = 0.25  # share of the scatter of spacing by which a node moves
