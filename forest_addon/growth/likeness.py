@@ -25,10 +25,9 @@ import numpy as np
 
 from ..base.rng import stream
 from ..spec import Siblings
-from .own_tree.habit import Habit
+from .own_tree.habit import BREAST, Habit
 from .own_tree.relay import Outline, SiblingStanding, lowest_corner, outline_of, standing_of
 from .own_tree.sibling import Grown, grow_sibling
-from .own_tree.size import BREAST
 from .skeleton import Skeleton, find_axes, stem_radii
 from .tree import Tree
 
