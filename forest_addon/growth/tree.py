@@ -38,8 +38,7 @@ from .mesh.blades import (
     truth_of,
 )
 from .mesh.leaves import Leaves, incline_leaves, incline_sites
-from .mesh.meshing import mesh_wood, repeated_edges, sides_for, tube
-from .mesh.relief import SMALLEST, Relief
+from .mesh.meshing import SMALLEST, Relief, mesh_wood, repeated_edges, sides_for, tube
 from .own_tree.habit import Habit
 from .own_tree.relay import mesh_of, skeleton_of_grown
 from .own_tree.sibling import grow_sibling
