@@ -34,7 +34,7 @@ import numpy as np
 from ..base.rng import stream
 from ..base.runs import numbered
 from ..base.trimesh import TriMesh, is_wood
-from .measured.wanted import crown_of, dbh_of
+from .measured.allometry import crown_of, dbh_of
 from .mesh.leaves import Leaves
 from .skeleton import TOUCH, Skeleton, find_axes
 from .tree import Tree

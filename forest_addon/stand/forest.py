@@ -14,7 +14,7 @@ import numpy as np
 
 from ..base.progress import Progress
 from ..base.rng import stream
-from ..growth.measured.wanted import TARGETS, Kind, Wanted, crown_of
+from ..growth.measured.allometry import TARGETS, Kind, Wanted, crown_of
 from ..growth.mesh.blades import Blade
 from ..growth.mesh.leaves import Leaves
 from ..growth.own_tree.habit import Habit

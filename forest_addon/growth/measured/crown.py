@@ -35,7 +35,7 @@ from ...spec import Architecture, Crown, Leaf
 from ..draw import GOLDEN, draw_normal
 from ..mesh.blades import across, set_leaves
 from ..skeleton import LeafSites, Skeleton, depths
-from .wanted import dbh_of
+from .allometry import dbh_of
 
 STEP, KILL = 0.55, 0.8  # over the mean distance of points
 MOST_ROUNDS = 400

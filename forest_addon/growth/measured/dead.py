@@ -18,7 +18,7 @@ from ...spec import Architecture
 from ..draw import draw_normal
 from ..mesh.blades import across
 from ..skeleton import Skeleton
-from .wanted import Wanted
+from .allometry import Wanted
 
 PIECES = 4  # of a dead branch
 STUBS, STUB = 0.3, (0.06, 0.25)  # share of branches that are broken off short, and how short
