@@ -22,9 +22,8 @@ from ..spec import Siblings, Species
 from .draw import draw_inclination
 from .lsystem.tanveer import interpret, string_of
 from .measured.allometry import Kind, Wanted, fitted_template, one_tree
-from .measured.crown import scaled_to
+from .measured.crown import scaled_to, with_dead
 from .measured.curves import curved
-from .measured.dead import with_dead
 from .measured.meet import Parts, grow_measured, lowest_kept, reshaped
 from .mesh.blades import (
     Blade,
