@@ -99,7 +99,7 @@ INSIDE = {
     "tube": "forest_addon.growth.mesh.meshing:tube",
     "Relief": "forest_addon.growth.mesh.meshing:Relief",
     "SMALLEST": "forest_addon.growth.mesh.meshing:SMALLEST",
-    "skeleton_of": "forest_addon.growth.species:skeleton_of",
+    "skeleton_of": "forest_addon.growth.lsystem.branching:skeleton_of",
     "wood_of_species": "forest_addon.growth.sway.beams:wood_of_species",
     "SwayShape": "forest_addon.growth.sway.shape:SwayShape",
     "shape_with": "forest_addon.growth.sway.shape:shape_with",

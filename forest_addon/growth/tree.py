@@ -21,7 +21,7 @@ from ..base.rng import daughter_keys, truncated_normal
 from ..base.trimesh import DEAD, LEAF, WOOD, TriMesh, join
 from ..spec import Discrete, Normal, Siblings, Species
 from .draw import draw_inclination
-from .lsystem.tanveer import interpret, string_of
+from .lsystem.branching import interpret, skeleton_of, string_of
 from .measured.allometry import Kind, Wanted, fitted_template, one_tree
 from .measured.crown import scaled_to, with_dead
 from .measured.curves import curved
@@ -44,7 +44,6 @@ from .own_tree.relay import mesh_of, skeleton_of_grown
 from .own_tree.sibling import grow_sibling
 from .own_tree.template import GraftSite, Scion, TreeTemplate, graft, prepare
 from .skeleton import Skeleton, first_level
-from .species import skeleton_of
 
 TOLERANCE = 0.002  # metres between a trunk's polygon and its circle
 FEWEST = 7  # blades of a shoot

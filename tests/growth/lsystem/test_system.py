@@ -11,6 +11,7 @@ from scipy.stats import chi2
 
 from forest_addon.base.rng import stream
 from forest_addon.growth.lsystem import system as engine
+from forest_addon.growth.lsystem.branching import string_of
 from forest_addon.growth.lsystem.expression import ExpressionError, parse_expression
 from forest_addon.growth.lsystem.system import (
     GrammarError,
@@ -20,7 +21,6 @@ from forest_addon.growth.lsystem.system import (
     read_system,
     rewrite,
 )
-from forest_addon.growth.lsystem.tanveer import string_of
 from forest_addon.spec import Grammar
 
 symbols = st.sampled_from("abcd[]")

@@ -16,16 +16,17 @@ from references.turtle_plain import grow_plainly
 from forest_addon.base.rng import stream
 from forest_addon.formats.toml_file import read_settings, structure
 from forest_addon.growth.library.species_file import find_species
-from forest_addon.growth.lsystem.expression import ExpressionError
-from forest_addon.growth.lsystem.system import GrammarError, read_system, rewrite
-from forest_addon.growth.lsystem.tanveer import (
+from forest_addon.growth.lsystem.branching import (
     CENTRE,
     SIDE,
     SYMMETRIC,
     interpret,
     parse,
+    skeleton_of,
     string_of,
 )
+from forest_addon.growth.lsystem.expression import ExpressionError
+from forest_addon.growth.lsystem.system import GrammarError, read_system, rewrite
 from forest_addon.growth.lsystem.turtle import (
     ABOP,
     S,
@@ -34,7 +35,6 @@ from forest_addon.growth.lsystem.turtle import (
     system_of,
     walk,
 )
-from forest_addon.growth.species import skeleton_of
 from forest_addon.spec import Grammar, Jitter, Leaf, Rules, SpecError, Species
 
 KNOWN = {"length": 0.7, "angle": 25.0, "rotation": 20.0, "thinning": 0.8}
