@@ -6,6 +6,12 @@ al.'s L-system gives trunk and first-level nodes, templates give the branches: t
 the skeleton's axis of order 0; at every node where an axis of order 1 leaves it, and at the trunk's tip, a
 branch template is grafted whose length is that of the whole axis. With as many templates as nodes they
 match one to one, from the lowest up; otherwise they are drawn.
+
+Trees grow old and lose their leaves. Stems and branches keep elastic similarity (McMahon, T. 1973. Size and
+shape in biology. Science 179, 1201): their lengths go with the power 2/3 of their diameters, which grow in
+proportion to age. With each halving of its age a tree that is branched by rules has one generation fewer.
+Trees of templates keep what their allometry says (``own_tree.habit``); of trees that are grown to measure the
+stand has the diameters (``stand.measured``).
 """
 
 from __future__ import annotations

@@ -102,7 +102,7 @@ def wood_of_skeleton(skeleton: Skeleton) -> Wood:
 
 
 def wood_of_mesh(mesh: TriMesh) -> Wood:
-    """The wood of a mesh of closed tubes, facing outwards, what they share counted once (``mesh/union``);
+    """The wood of a mesh of closed tubes, facing outwards, what they share counted once (``shared_once``);
     pieces without caps make the volume a guess.
     """
     triangles = mesh.triangles[is_wood(mesh.part)]

@@ -1,10 +1,10 @@
-"""Tanveer et al.'s (2020a and 2020b) trees: their L-systems, the skeleton of a string, and trees without
-templates.
+"""Trees that branch by angles and ratios: Tanveer et al.'s (2020a and 2020b) and Wahed et al.'s after Honda
+(1971); and ``skeleton_of``, the one door to every way in which a tree without targets grows.
 
-Symbols bear no numbers and no chance. Tanveer et al. (2020a) write their rule g -> d(g)[g)+g) and its second
-iteration d(d(g)[g)+g)[d(g)[g)+g)+d(g)[g)+g). Both follow from axiom ``g)`` and g -> d(g)[g)+g: the branch
-that ``+`` starts is closed by the bracket of its parent. Tanveer et al.'s (2020b) rules are groups d(d)+d)
-joined by ``[``, one group a whorl: there each ``+`` has a ``)`` of its own.
+Tanveer et al.'s symbols bear no numbers and no chance. Tanveer et al. (2020a) write their rule g ->
+d(g)[g)+g) and its second iteration d(d(g)[g)+g)[d(g)[g)+g)+d(g)[g)+g). Both follow from axiom ``g)`` and g ->
+d(g)[g)+g: the branch that ``+`` starts is closed by the bracket of its parent. Tanveer et al.'s (2020b) rules
+are groups d(d)+d) joined by ``[``, one group a whorl: there each ``+`` has a ``)`` of its own.
 
 ``d`` is an internode and ``g`` a growing tip, both a segment. ``(`` starts a side branch at the current node
 and ``[`` lets the axis grow on; ``)`` goes back to the node where they stood. ``+`` starts a branch at the
@@ -14,6 +14,13 @@ branching angle, its symmetric one at the opposite angle, and each internode on 
 Without templates all of the skeleton is wood. First-level branches are set as often as the grammar's
 ``copies`` says, each copy turned about the vertical and raised along the trunk. Every growing tip bears nodes
 of leaves, each node turned on from the one before it by the fan angle.
+
+In Honda's trees a parent bears children by angle, divergence and ratios, recursively; all branches of a level
+are grown at once. A branch is a chain of straight pieces, each bent at random and towards the ground, and its
+children leave it at its apex or at random places along it. Per tree are drawn: levels, length and radius of
+the trunk, both ratios; per branch: number of children and of leaves, places, angle, twist, crookedness; per
+leaf: length, width, angle. A draw is a hash of the lineage of what draws it, so pruning a branch or leaving
+leaves off moves nothing else.
 """
 
 from __future__ import annotations

@@ -27,6 +27,12 @@ themselves. What too few trees of a species tell is taken from its genus, its fu
 and the law says so. Leaf areas above 1 m² a cm² of stem are left out: at 40 m²/ha of stems they would make a
 leaf area index above 40. Those of conifers are half of their needles' surface. How much of the spread is
 found within one study, as in a stand, is told where five studies measured eight trees or more.
+
+What a tree is to measure is taken from targets, drawn by the allometry of its kind, or refused. A grown tree
+is measured as a forester does it, by the definitions of those tables. Diameter: of the stem 1.3 m above the
+ground. Height: of the highest point. Base of the crown: where the lowest branch that bears leaves leaves the
+stem. Width: the mean diameter of the crown seen from above, over all directions, from the outermost leaf to
+the outermost leaf: the mean caliper of a convex hull is its perimeter over π (Cauchy).
 """
 
 from __future__ import annotations
@@ -507,15 +513,15 @@ def typical_tree(
     dbh = draw_dbh(targets, np.zeros(1, np.uint64))
     if targets.dbh is not None:
         dbh = np.array([targets.dbh.mean])
-    middle = np.full((1, len(MEASURES)), 0.5)
+    half = np.full((1, len(MEASURES)), 0.5)
     given = given_by(targets)[None]
     if score is not None and kind is not None:
-        height = given[:, :1] / np.exp(measured_middle(kind.height, dbh))
+        height = given[:, :1] / np.exp(middle(kind.height, dbh))
         found = measures(kind, dbh, np.array([[0.0, score[0], score[1], 0.0]]))
         found[:, 2] *= np.where(np.isfinite(height[:, 0]), height[:, 0], 1.0)
         free = np.isnan(given) & np.array([[False, True, True, False]])
         given = np.where(free, found, given)
-    return Wanted(*drawn(kind, dbh, given, middle, where)[0].tolist())
+    return Wanted(*drawn(kind, dbh, given, half, where)[0].tolist())
 
 
 def refuse_contradictions(

@@ -19,6 +19,11 @@ the pipe model: what a stem bears decides how thick it is, and it ends at its DB
 number of twigs above (Shinozaki et al. 1964; n = 2 is da Vinci's rule). Below the crown the pipes of branches
 that are gone stay in the stem, so that it tapers there too; at the ground it widens into its roots by
 exp(-z/1.5 r). The factor follows from the diameter at breast height, exactly.
+
+Dead branches stand below the living crown: what shade has killed and wind has not yet taken (self-pruning).
+They stand where whorls stood (or anywhere, where a stem has none), are fewer and shorter towards the ground,
+where they have been dead the longest, and are broken: a third are stubs. All of it hangs on the segments of
+the stem, after the living wood, and bears no leaves.
 """
 
 from __future__ import annotations

@@ -1,4 +1,11 @@
-"""The nodes of a skeleton's axes, as a mesher wants them: sorted, with joints, none spare; and their rings.
+"""A whole skeleton to triangles, all branches at once; and a single polyline with radii to a closed tube.
+
+Every axis becomes a closed tube: a ring of n corners is widened by π/(n·sin(π/n)): its perimeter, and so its
+mean silhouette, is then the circle's, where an inscribed 8-gon would be 2.6 % too thin. n is chosen so that
+the polygon departs from the circle by at most a tolerance. Rings of equal n become vertices by one matrix
+product and triangles by one sum. Where the radius steps, as between Méndez et al.'s internodes, a node has
+two rings. Edges are known from how tubes are made; Blender can find them itself, but that takes longer than
+everything else about a mesh.
 
 Axes come sorted by the number of corners their rings get, so that rings of equal n lie together. Segments
 without a length and axes without a radius are passed over. A branch starts on its parent's axis, so its
@@ -9,6 +16,11 @@ that the line passes within the tolerance anyway are left out.
 From one segment to the next a frame takes the smallest turn that brings the direction over (parallel
 transport), so nothing twists. At a bend the ring lies in the bisecting plane and is stretched there by 1/cos
 of half the bend: that is where two cylinders really meet, and the tube keeps its thickness and its volume.
+
+Bark in relief: ridges, plates and scales are functions of the way around the stem and of that along it, both
+in metres, and run on without a seam. A cross-section is oval besides, and its long side turns slowly on the
+way up. Every ring keeps its area: its radii r·f are divided by √mean(f²), so that volumes and the DBH of a
+circle of the same area stay.
 """
 
 from __future__ import annotations

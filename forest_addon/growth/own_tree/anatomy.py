@@ -1,5 +1,10 @@
-"""Polylines of many branches, places on them, and their courses: lengths and bends, and back, all branches at
-once.
+"""A recognised tree taken apart so that it can be put together again, as it was or otherwise; and polylines
+of many branches, places on them, and their courses: lengths and bends, and back.
+
+Every piece of wood is a course that leaves its parent at a seat: a place on the parent's line, an azimuth, an
+angle and a roll in its frame there, and how far off its axis the foot is. Every vertex is held by the two
+stretches of its piece nearest to it, and every leaf by the stretch it sits on, so the mesh follows wherever
+the lines are laid. Laid where they were, they give the tree itself.
 
 A place on a branch is a seat: a stretch of its line, how far along that, and what is left to the place
 itself, in the frame of the stretch.

@@ -9,6 +9,20 @@ and leaves as the one they come from. Tables over the position along the parent 
 with a Gaussian kernel) say how length, angle and thickness change with it.
 
 Prusinkiewicz & Lindenmayer 1990, section 1.7 and 1.10 (stochastic, parametric L-systems).
+
+The size of a sibling beside its template follows measured exponents of height and crown over the stem, and
+the spread within one stand: log H = log H' + h·log(D/D') along a tree's life, log W likewise with w for the
+width of the crown, D the diameter at breast height. Exponents by ordinary least squares on logarithms within
+each study and species of BAAD (Falster et al. 2015, Ecology 96:1445; CC0), trees over 2 m: 5,665 for heights,
+1,843 for crown widths; a genus without at least 50 widths has its group's. ``width_spread`` is what is left
+of log W.
+
+Trees of one stand: medians over 16 plots of pine, 654 trees (La Rioja, in the R package FORTLS): log D has a
+standard deviation of 0.145, and log H = 0.216·log D + 0.088·z. That is 0.43 of the spread of log H that
+BAAD's trees of many stands have at one diameter (0.204); crown widths of one stand were not measured, and are
+taken to differ by the same share. Stem, girth and crown follow from age or a given height or diameter, and in
+between by chance as trees of one stand differ. A longer stem bears more nodes, not longer internodes alone; a
+longer branch more and longer children.
 """
 
 from __future__ import annotations

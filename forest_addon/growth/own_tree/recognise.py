@@ -1,13 +1,34 @@
 """A tree recognised in facets: its trunk, what hangs on what, and which wood bears which leaf.
 
-Facets of wood and of leaves go in, in any unit, z up. They are parted into pieces (``pieces``), joined
-wood is cut at its forks (``sever``) and a palm's fronds become branches; the wood gets centrelines
-(``centreline``) and parents (``hierarchy``), every leaf its bearer. ``template`` cuts the
-tree along these lines; a picture of it can be drawn from them.
+Facets of wood and of leaves go in, in any unit, z up. They are parted into pieces (``pieces``), joined wood
+is cut at its forks (``sever``) and a palm's fronds become branches; the wood gets centrelines
+(``centreline``) and parents, every leaf its bearer. ``template`` cuts the tree along these lines; a picture
+of it can be drawn from them.
 
 A trunk that bears no wood but long leaves is a palm's. Each frond gets a midrib, a thin tube along its
 centreline from the trunk's axis to its tip, which is its branch and bears it; so a palm is made of the
 same pieces as other trees.
+
+The trunk is, of the pieces at least ``STOUT`` times as thick at an end as the thickest is, the one that
+reaches lowest; where several begin at the same level (a bush), the largest. Roots are too thin to be
+taken for it, limbs begin too high.
+
+Everything else is hung on it from the inside out, generation by generation. A piece hangs on a parent
+when one of its ends reaches the parent's wood; its foot is that end. A piece that tapers clearly has its
+foot at the thick end, so a thin tip that happens to touch a neighbour does not hang on it. Earlier
+generations come first, so branches of one whorl hang on the trunk and not on each other. What touches
+nothing is hung on what fits best, smallest gaps first, then again what touches it: nearer wood is better,
+but not if it is much thinner than the foot, nor if the foot points away from it. A stout piece that stands on
+the ground beside the trunk without touching it is a stem of its own. Wood is taken as tubes about
+centrelines, which also tells that a foot deep inside the trunk touches it.
+
+The parent of a piece that begins deep within another one is plain (``root``). A tip or a flank may touch any
+wood; a foot that was drawn from its parent's axis lies near that axis. An end is rooted in a piece where it
+is at most half the piece's radius off its axis, the piece is no thinner there than the end, and it is not
+where the piece itself begins (there, feet of a whorl lie within one another). Of several, the one whose axis
+is nearest in its own radii is the parent; less likely is a thinner end of the piece, and an end of another
+one as thin as it, which may be that of another child that begins at the same place. What is rooted nowhere is
+left to whatever it touches.
 """
 
 from __future__ import annotations

@@ -12,7 +12,7 @@ axis that it stands for, with the letters of its children in brackets; the last 
 and ``\`` bring the turtle into a child's frame (the angles of Euler, as z, x, z), ``f`` takes it from the
 parent's axis to the child's foot.
 
-The turtle's left, up and heading are N, B and T of ``lines``; it starts upright.
+The turtle's left, up and heading are N, B and T of ``anatomy``; it starts upright.
 """
 
 from __future__ import annotations

@@ -1,15 +1,20 @@
-"""Slices of a mesh between levels of the distance from its root: a skeleton that knows forks.
+"""A joined mesh is cut at its forks, as if trunk and branches had been drawn as separate parts; tubes that
+were drawn end to end are joined to one piece, by edges that no facet has.
 
-The distance along the surface from a root is a function on the mesh (Verroust & Lazarus 2000); between
-two neighbouring levels of it, a tube has one slice, and beyond a fork a tree has as many as it has
-branches there (a Reeb graph, sampled). Along an edge the distance is taken as linear, so that a slice
-may lie between two rings of vertices, however far they are apart. Slices are the connected components
-of what edges have within bands of equal width; every one but a root's has a slice below.
+The distance along the surface from a root is a function on the mesh (Verroust & Lazarus 2000); between two
+neighbouring levels of it, a tube has one slice, and beyond a fork a tree has as many as it has branches there
+(a Reeb graph, sampled). Along an edge the distance is taken as linear. Slices are the connected components of
+what edges have within bands of equal width; every one but a root's has a slice below.
 
 Axes say which slices follow one another as a trunk or a branch. At a fork the axis goes on as the child that
 is thickest and straightest a few radii on, where slices are clean of the fork itself; the others begin axes
-of their own. What ends before it is three times as long as thick, or within its parent's bark, is a bump and
-no branch. The course of an axis is without the bulges of its forks.
+of their own. What ends before it is three times as long as thick, or within its parent's bark, is a bump. The
+course of an axis is without the bulges of its forks.
+
+A branch leaves its parent where the surface leaves the parent's tube: what a level line, which runs askew
+around a fork, has left to the parent is taken back from there. The child's rim is then a ring of edges. A fan
+over it closes the parent; the ring, moved along to where the two axes meet and made to fit within the parent,
+gives the child its foot. Rings at which branches have grown together elsewhere stay open.
 """
 
 from __future__ import annotations
@@ -441,9 +446,8 @@ def close(
     slices: Slices,
     axes: PieceAxes,
     course: Course,
-    together: np.ndarray,
     halves: np.ndarray,
-) -> tuple[Pieces, Known, np.ndarray]:
+) -> tuple[Pieces, Known]:
     """Pieces by label, holes closed and feet drawn inwards."""
     triangles = pieces.triangles.astype(np.int64)
     halves = halves[label[halves[:, 0] // 3] != label[halves[:, 1] // 3]]
@@ -498,12 +502,10 @@ def close(
     parents = axes.parent[by_appearance]
     parents = np.where(np.isin(parents, present), number[np.maximum(parents, 0)], -1)
     parents[np.bincount(child, minlength=count)[by_appearance] == 0] = -1
-    return _hang_together(cut, Known(parents, foot[by_appearance], thick[by_appearance]), together)
+    return _hang_together(cut, Known(parents, foot[by_appearance], thick[by_appearance]))
 
 
-def _hang_together(
-    pieces: Pieces, known: Known, together: np.ndarray
-) -> tuple[Pieces, Known, np.ndarray]:
+def _hang_together(pieces: Pieces, known: Known) -> tuple[Pieces, Known]:
     """Parts of a piece that do not hang together become pieces; what only closed them is dropped."""
     part = join_along(pieces.edges, len(pieces.vertices))
     area = pieces.area
@@ -511,7 +513,7 @@ def _hang_together(
     of_triangle = part[pieces.triangles[:, 0]]
     total = np.bincount(of_triangle, np.where(drawn, area, 0.0), int(part.max()) + 1)
     if len(total) == pieces.count:
-        return pieces, known, together
+        return pieces, known
     of_part = np.zeros(len(total), dtype=np.int64)
     of_part[part] = pieces.piece_of_vertex
     order = np.lexsort((-total, of_part))
@@ -529,7 +531,7 @@ def _hang_together(
         np.arange(int(kept.sum()) + len(loose)) < kept.sum(),
         drawn=pieces.drawn,
     )
-    return whole, Known.joined([known, Known.nothing(len(others))]), together
+    return whole, Known.joined([known, Known.nothing(len(others))])
 
 
 def _nearest_rim(
@@ -630,8 +632,9 @@ def _cut(pieces: Pieces) -> tuple[Pieces, Known, np.ndarray]:
     owner = _take_back(pieces, slices, axes, course)
     halves = half_edges(pieces.triangles, len(pieces.vertices))
     label = _whole(pieces, _of_triangles(owner, pieces.triangles), halves)
-    together = slices.centre[slices.loops].mean(axis=1)
-    return close(pieces, label, slices, axes, course, together, halves)
+    return *close(pieces, label, slices, axes, course, halves), slices.centre[slices.loops].mean(
+        axis=1
+    )
 
 
 def _find_roots(pieces: Pieces) -> np.ndarray:
