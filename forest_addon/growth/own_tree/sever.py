@@ -542,9 +542,7 @@ def _nearest_rim(
     to_parent: np.ndarray,
     begins: np.ndarray,
 ) -> np.ndarray:
-    """(N,) whether an edge from a to b is on the rim where its child begins; others are where it
-    has grown together with somebody, and are left open.
-    """
+    """(N,) whether an edge from a to b is on the rim where its child begins; others are left open."""
     base = len(vertices)
     keys, number = np.unique(
         np.concatenate([child * base + a, child * base + b]), return_inverse=True
@@ -567,8 +565,7 @@ def _nearest_rim(
 def _meetings(
     slices: Slices, axes: PieceAxes, course: Course, middle: np.ndarray, wide: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Places where the axes of children meet those of their parents (A, 3), the middle of the parent's
-    bark there (A, 3), and its radius (A,)."""
+    """Places (A, 3) where axes meet their parents', the middle (A, 3) of the bark there, its radius (A,)."""
     start, heading, _ = beginnings(slices, axes, course)
     foot, apex, thick = middle.copy(), middle.copy(), np.ones(len(axes))
     order, runs = axes.chains()
