@@ -129,7 +129,8 @@ def test_metres_are_written_into_systems_of_metres_alone(tmp_path, crs, said):
 
 def poses(scene):
     """(K, 4) times and places on the map."""
-    return np.array([[p.time, *p.position] for p in scene.sensors[0].poses]) + [0, *scene.offset]
+    rows = [[p.time, *p.position] for p in scene.sensors[0].poses]
+    return np.array(rows) + np.array([0.0, *scene.offset])
 
 
 def like(tmp_path, file, **how):
