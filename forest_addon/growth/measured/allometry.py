@@ -4,7 +4,9 @@ log y = a + b·x + c·x², x = log(D/0.2 m), plus a residual that is normal on e
 spread, so that it goes through the 5, 50 and 95 % points of the measured ones; a law goes on straight
 beyond the diameters that were measured. Of the crown base y is base/(height - base), so that a crown always
 has a length. Residuals of a tree are correlated as measured (a Gaussian copula), cut at 1.9 standard
-deviations; what is known of a tree counts for what is drawn of it (conditional normal).
+deviations; what is known of a tree counts for what is drawn of it (conditional normal). Where the diameter
+is what is not known, it is drawn given the rest: by Bayes, beforehand every log D as likely as any other, and
+rarer beyond the largest that was measured.
 
 Leaf areas of measured conifers are half of all their surface, whichever way a study counted them. The mean
 shadow of a needle over all directions is a quarter of its surface (Cauchy 1841), so that half of the surface
@@ -31,9 +33,10 @@ found within one study, as in a stand, is told where five studies measured eight
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
 import numpy as np
+from scipy.integrate import cumulative_trapezoid
 from scipy.special import ndtr, ndtri
 
 from ...spec import Allometry, Law, SpecError
@@ -42,6 +45,11 @@ from ...spec.species import DBH
 MEASURES = ("height", "crown_width", "crown_base", "leaf_area")  # columns, in this order
 Z90 = 1.6448536269514722  # 90 % of a normal lie within ± this
 LIMIT = 1.9  # standard deviations at which residuals are cut
+DIAMETERS = np.log(np.geomspace(0.005, 4.0, 401))  # log m, among which a tree's is looked for
+HEIGHTS = np.linspace(-LIMIT, LIMIT, 25)  # normal scores, likewise
+RARER = 4.0  # power of D with which trees thicker than those measured are rarer
+FAR = 1e3  # how unlikely residuals beyond the limit are, in squares of standard deviations
+AT_ONCE = 500  # trees
 PAIRS = ((0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3))
 HALF_OVER_OUTLINE = {"Pinus": 1 / 0.778, "": 1.14}
 WAYS = ("half", "all", "outline")
@@ -154,6 +162,60 @@ def scores(kind: Allometry, dbh: np.ndarray, given: np.ndarray) -> np.ndarray:
     return found
 
 
+def draw_diameters(kind: Allometry, given: np.ndarray, uniform: np.ndarray) -> np.ndarray:
+    """(N,) diameters of trees given what else is known of them (N, 4), NaN what is not, by (N,) numbers
+    between 0 and 1.
+    """
+    found = np.empty(len(given))
+    before = np.exp(RARER * np.minimum(np.log(kind.height.dbh[1]) - DIAMETERS, 0))
+    for rows in _alike(np.isfinite(given)):
+        dbh = np.tile(np.exp(DIAMETERS), (len(rows), 1))
+        density = _density(kind, dbh, given[rows]).sum(axis=0) * before
+        found[rows] = np.exp(_drawn(DIAMETERS, density, uniform[rows]))
+    return found
+
+
+def _density(kind: Allometry, dbh: np.ndarray, given: np.ndarray) -> np.ndarray:
+    """(H, N, G) how likely what is known of trees (N, 4), of each the same, is at diameters (N, G), but for a
+    factor of each tree. H is 1, or the number of ``HEIGHTS`` where a crown's base is known and no height.
+    """
+    told = np.isfinite(given[0])
+    alone = bool(told[2] and not told[0])
+    told[0] |= alone
+    precision = np.linalg.inv(correlation_matrix(kind)[np.ix_(told, told)])
+    sides = np.array([(-getattr(kind, n).low, getattr(kind, n).high) for n in MEASURES])
+    if alone:  # a step of its score, not of its height
+        sides[0] = 1.0
+    each, rows = dbh.ravel(), np.repeat(given, dbh.shape[1], axis=0)
+    found = []
+    for height in HEIGHTS if alone else (0.0,):
+        if alone:
+            rows[:, 0] = measures(kind, each, np.tile([height, 0, 0, 0], (len(each), 1)))[:, 0]
+        z = scores(kind, each, rows)[:, told]
+        log = -0.5 * np.einsum("ni,ij,nj->n", z, precision, z)
+        log -= FAR * (np.maximum(np.abs(z) - LIMIT, 0) ** 2).sum(axis=1)
+        log -= np.log(np.where(z < 0, *sides[told].T)).sum(axis=1)
+        if told[2]:  # a step of the base, not of its odds
+            log -= np.log1p(-np.minimum(rows[:, 2] / rows[:, 0], 1 - 1e-9))
+        found.append(np.nan_to_num(log, nan=-1e9).reshape(dbh.shape))
+    density = np.stack(found)
+    return np.asarray(np.exp(density - density.max(axis=(0, 2), keepdims=True)))
+
+
+def _drawn(at: np.ndarray, density: np.ndarray, uniform: np.ndarray) -> np.ndarray:
+    """(N,) numbers with densities (N, G) at (G,), by inversion."""
+    below = cumulative_trapezoid(density, axis=1, initial=0)
+    rows = zip(uniform * below[:, -1], below, strict=True)
+    return np.array([np.interp(share, each, at) for share, each in rows])
+
+
+def _alike(known: np.ndarray) -> Iterator[np.ndarray]:
+    """Rows of trees of which the same is known (N, 4), some at a time."""
+    for pattern in np.unique(known, axis=0):
+        rows = np.flatnonzero((known == pattern).all(axis=1))
+        yield from (rows[k : k + AT_ONCE] for k in range(0, len(rows), AT_ONCE))
+
+
 def draw(
     kind: Allometry,
     dbh: np.ndarray,
@@ -166,6 +228,13 @@ def draw(
     uniform : (N, 4) numbers between 0 and 1, from the stream of each tree. stand : (4,) normals that
     the trees of a stand share, by which they differ as studies do (``Law.within``); None: of many stands.
     """
+    given = given.copy()
+    for rows in _alike(np.isfinite(given)):
+        if np.isfinite(given[rows[0], 2]) and np.isnan(given[rows[0], 0]):
+            density = _density(kind, dbh[rows, None], given[rows])[..., 0].T
+            z = np.zeros((len(rows), 4))
+            z[:, 0] = _drawn(HEIGHTS, density, uniform[rows, 0])
+            given[rows, 0] = measures(kind, dbh[rows], z)[:, 0]
     known = np.isfinite(given)
     z = np.clip(scores(kind, dbh, given), -4, 4)
     noise = ndtri(uniform)

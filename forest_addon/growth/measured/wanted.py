@@ -20,7 +20,7 @@ from ..draw import draw_normal
 from ..mesh.blades import Blade
 from ..mesh.leaves import Leaves
 from ..skeleton import LeafSites, Skeleton, first_level
-from .allometry import MEASURES, band, draw, measures
+from .allometry import MEASURES, band, draw, draw_diameters, measures
 from .allometry import middle as measured_middle
 
 TARGETS = ("dbh", *MEASURES)
@@ -93,10 +93,22 @@ def drawn(
     return np.column_stack([dbh, found])
 
 
-def draw_dbh(targets: Targets | None, keys: np.ndarray) -> np.ndarray:
-    """(N,) diameters of trees with keys (N,), metres."""
-    spread = targets.dbh if targets is not None and targets.dbh is not None else USUAL_DBH
-    return draw_normal(spread, keys, "dbh")
+def draw_dbh(
+    targets: Targets | None,
+    keys: np.ndarray,
+    kind: Allometry | None = None,
+    given: np.ndarray | None = None,
+) -> np.ndarray:
+    """(N,) diameters of trees with keys (N,), metres: as the targets say, else as trees of the kind have them
+    that measure what is given (N, 4).
+    """
+    if targets is not None and targets.dbh is not None:
+        return draw_normal(targets.dbh, keys, "dbh")
+    dbh = draw_normal(USUAL_DBH, keys, "dbh")
+    if kind is not None and given is not None:
+        told = np.isfinite(given).any(axis=1)
+        dbh[told] = draw_diameters(kind, given[told], keyed_uniform(keys[told], "dbh"))
+    return dbh
 
 
 def one_tree(
@@ -110,7 +122,8 @@ def one_tree(
     """
     key = rng.integers(2**63, size=1).astype(np.uint64)
     uniform = np.stack([keyed_uniform(key, name) for name in MEASURES], axis=1)
-    row = drawn(kind, draw_dbh(targets, key), given_by(targets)[None], uniform, where)[0]
+    given = given_by(targets)[None]
+    row = drawn(kind, draw_dbh(targets, key, kind, given), given, uniform, where)[0]
     return Wanted(*row.tolist())
 
 
@@ -128,11 +141,12 @@ def typical_tree(
     ------
     SpecError : they contradict each other.
     """
+    middle, given = np.full((1, len(MEASURES)), 0.5), given_by(targets)[None]
     dbh = draw_dbh(targets, np.zeros(1, np.uint64))
     if targets.dbh is not None:
         dbh = np.array([targets.dbh.mean])
-    middle = np.full((1, len(MEASURES)), 0.5)
-    given = given_by(targets)[None]
+    elif kind is not None and np.isfinite(given).any():
+        dbh = draw_diameters(kind, given, middle[0, :1])
     if score is not None and kind is not None:
         height = given[:, :1] / np.exp(measured_middle(kind.height, dbh))
         found = measures(kind, dbh, np.array([[0.0, score[0], score[1], 0.0]]))
