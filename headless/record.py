@@ -15,7 +15,7 @@ import numpy as np
 
 from forest_addon.api import Result, World
 from forest_addon.base.places import version
-from forest_addon.formats.atomic import replacing
+from forest_addon.formats.atomic import write_whole
 from forest_addon.sensing.audit import Audit
 from forest_addon.spec import Scene
 
@@ -85,5 +85,4 @@ def write_record(
         "sensors": {name: result.record() for name, result in results.items()},
         "files": files,
     }
-    with replacing(path) as partial:
-        partial.write_text(json.dumps(record, indent=2, default=str) + "\n", encoding="utf-8")
+    write_whole(path, json.dumps(record, indent=2, default=str) + "\n")

@@ -23,7 +23,7 @@ from forest_addon.api.results import is_scanner
 from forest_addon.base.places import environment_of_child
 from forest_addon.blender.files.export import empty_file
 from forest_addon.blender.read.depsgraph import forget
-from forest_addon.formats.atomic import remove_abandoned, replacing
+from forest_addon.formats.atomic import remove_abandoned, write_whole
 from forest_addon.formats.ownership import remove
 from forest_addon.formats.table import write_csv
 from forest_addon.results.coordinates import FILE, Offset, on_the_map, write_note
@@ -251,8 +251,7 @@ def _look(run: TiledRun, sensor: Any) -> None:
 def _finish(run: TiledRun, sensor: Any, files: Sequence[str], facts: dict[str, Any]) -> None:
     said = {"settings": run.digest(sensor), "files": list(files), "facts": facts}
     run.folder.mkdir(exist_ok=True)  # a scan that is joined takes its empty folder away
-    with replacing(run.note(sensor.name)) as partial:
-        partial.write_text(json.dumps(said, default=str) + "\n", encoding="utf-8")
+    write_whole(run.note(sensor.name), json.dumps(said, default=str) + "\n")
 
 
 def _write_stand(run: TiledRun) -> None:
@@ -289,5 +288,4 @@ def _write_record(run: TiledRun, sensors: Sequence[Any]) -> None:
         "peak_memory_mb": peak_memory_mb(),
         "files": run.files,
     }
-    with replacing(run.out / "run.json") as partial:
-        partial.write_text(json.dumps(record, indent=2, default=str) + "\n", encoding="utf-8")
+    write_whole(run.out / "run.json", json.dumps(record, indent=2, default=str) + "\n")

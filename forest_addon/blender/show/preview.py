@@ -39,7 +39,7 @@ HAZE, WARM = (
     (0.95, 0.78, 0.60),
 )  # of the sky at the horizon, by day, in the evening
 EVENING = 1.0  # stops that a picture is brighter when the sun is low
-FILL = 0.80  # of the picture; boxes are larger than crowns, so below 1 nothing is cut
+FILL = 0.95  # of the picture; boxes are larger than crowns
 
 
 def set_stage(
@@ -267,8 +267,8 @@ def lay_horizon(scene: bpy.types.Scene, middle: np.ndarray, reach: float, height
     scene.collection.objects.link(plain)
 
 
-def _ring(number: int, radius: float, high: float, jag: float) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices (2 C, 3) and quads (C, 4) of one ring about the origin."""
+def ridge_of(number: int, high: float, jag: float) -> tuple[np.ndarray, np.ndarray]:
+    """(C,) angles around a ring of hills, and (C,) its heights there, m."""
     rng = stream(7, "horizon", number)
     angle = 2 * np.pi * np.arange(CORNERS) / CORNERS
     ridge = np.full(CORNERS, 0.62)
@@ -276,13 +276,19 @@ def _ring(number: int, radius: float, high: float, jag: float) -> tuple[np.ndarr
         size = 0.55 / waves**1.1
         ridge += size * rng.normal() * np.sin(waves * angle + 2 * np.pi * rng.random())
     crowns = jag * np.abs(np.convolve(rng.normal(size=CORNERS), [0.5, 1.0, 0.5], mode="same"))
-    top = high * np.clip(ridge, 0.25, 1.4) + crowns
+    return angle, high * np.clip(ridge, 0.25, 1.4) + crowns
+
+
+def _ring(number: int, radius: float, high: float, jag: float) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices (2 C, 3) and quads (C, 4) of one ring about the origin."""
+    angle, ridge = ridge_of(number, high, jag)
     around = radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     foot = np.column_stack([around, np.full(CORNERS, -0.05 * high - 2.0)])
     corner = np.arange(CORNERS)
     after = (corner + 1) % CORNERS
     faces = np.stack([corner, after, CORNERS + after, CORNERS + corner], axis=1)
-    return np.concatenate([foot, np.column_stack([around, top])]), faces
+    top = np.column_stack([around, ridge])
+    return np.concatenate([foot, top]), faces
 
 
 def _paint(name: str, distance: float) -> bpy.types.Material:
@@ -373,8 +379,8 @@ def stand_walker(
     middle: np.ndarray,
     reach: float,
     height: Callable[[np.ndarray], np.ndarray],
-) -> None:
-    """Move the scene's camera and sun to where a walker sees most, and grow what is around the feet.
+) -> tuple[np.ndarray, float]:
+    """Move the scene's camera and sun to where a walker sees most, and return place and direction of the eye.
 
     stems, tall, middle, reach : as of ``walkers_view``. height : of the ground (N,) at places (N, 2).
     """
@@ -389,7 +395,7 @@ def stand_walker(
     flat = math.cos(SUN_HEIGHT)
     light = Vector((flat * math.cos(side), flat * math.sin(side), math.sin(SUN_HEIGHT)))
     sun.rotation_euler = light.to_track_quat("Z", "Y").to_euler()
-    grow_around(scene, place, turn, height)
+    return place, turn
 
 
 def grow_around(
