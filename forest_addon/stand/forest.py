@@ -14,13 +14,12 @@ import numpy as np
 
 from ..base.progress import Progress
 from ..base.rng import stream
-from ..growth.measured.wanted import TARGETS, Kind, Wanted, crown_of
+from ..growth.measured.allometry import TARGETS, Kind, Wanted, crown_of
 from ..growth.mesh.blades import Blade
 from ..growth.mesh.leaves import Leaves
 from ..growth.own_tree.habit import Habit
 from ..growth.own_tree.template import TreeTemplate
-from ..growth.seasons import aged, fallen, in_season, with_fallen
-from ..growth.tree import Tree, grow
+from ..growth.tree import Tree, aged, fallen, grow, in_season, with_fallen
 from ..growth.truth import leaf_angles, wood_of_tree
 from ..spec import Allometry, Choice, Look, Scene, Species
 from .inputs import Inputs
