@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import dataclasses
 import tempfile
-from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -22,7 +21,14 @@ from forest_addon.blender.read.depsgraph import forget
 from forest_addon.blender.scene.layout import RESULTS, part
 from forest_addon.blender.sensors.objects import put_sensor
 from forest_addon.blender.show.cloud import show_cloud
-from forest_addon.blender.show.preview import lay_horizon, render, set_stage, stand_walker
+from forest_addon.blender.show.preview import (
+    grow_around,
+    lay_horizon,
+    render,
+    set_stage,
+    stand_walker,
+)
+from forest_addon.blender.show.shaded import draw_scene
 from forest_addon.blender.show.sound import give_sound
 from forest_addon.formats.crs import can_tell_crs
 from forest_addon.formats.table import write_csv, write_npz
@@ -32,6 +38,7 @@ from forest_addon.results.kinds import results_of, write_finding
 from forest_addon.results.tables import write_cylinders, write_models
 from forest_addon.sensing.audit import Audit
 from forest_addon.sensing.kinds import cost_of
+from forest_addon.sensing.rays.caster import RayCaster
 from forest_addon.spec import Scene, Sensor, SpecError
 from forest_addon.stand.forest import (
     GrownForest,
@@ -48,12 +55,13 @@ from forest_addon.stand.targets import record
 from forest_addon.stand.truth import cylinder_table
 
 from .command import DoubtfulError
-from .progress import Stages, hushed
+from .progress import Stages, free_memory, hushed
 from .record import facts_of, write_record
 from .report import can_draw, page, without
 from .report.page import BUDGET, turning_cloud
 from .unfinished import Unfinished
 
+SURELY = 2.0  # times the memory that is free: what asks for more is refused, as it is known to a factor of 2
 MOST_LEAVES = 5_000_000  # rows of leaves.npz; beyond, leaves are written once a variant
 Dry = tuple[str, np.ndarray, float]  # a sound's name, samples and sampling rate
 
@@ -78,9 +86,6 @@ class Run:
         self.files.append(name)
         return self.out / name
 
-    def warn(self, warning: str) -> None:
-        self.stages.say(f"  Warning: {warning}")
-
 
 def run_scene(
     settings: Scene,
@@ -90,18 +95,20 @@ def run_scene(
     quiet: bool = False,
     dry: Path | None = None,
     resume: bool = False,
+    strict: bool = False,
 ) -> None:
     """Run a scene and write everything into a folder.
 
     folder : that paths in the scene file are relative to.
     dry : a WAV file that every reverb is also heard with.
-    resume : take what a run that was ended had finished.
+    resume : take what a run that was ended had finished. strict : a warning is an error, at the end.
 
     Raises
     ------
     SpecError : the folder cannot be written to; a species cannot be used.
     OSError : a file could not be written; what was finished before is kept.
-    DoubtfulError : an audit found an error beyond what was allowed; everything is written.
+    DoubtfulError : an audit found an error beyond what was allowed, or ``strict`` and a warning; everything
+        is written.
     """
     sound = None if dry is None else (dry.stem, *read_wav(dry))
     _make_writable(out)
@@ -110,10 +117,12 @@ def run_scene(
     with stages.stage("read species and templates"), hushed():
         empty_file()
         site = Site.of(settings, folder)
+    for line in site.inputs.told:
+        stages.say(f"  {line}")
     with stages.stage("grow trees") as progress:
         run = Run(settings, out, stages, site.grow(progress), site.ground)
     if settings.crs and not can_tell_crs():
-        run.warn("LAS files lack their coordinate system; pip install pyproj tells it")
+        run.stages.warn("LAS files lack their coordinate system; pip install pyproj tells it")
     _describe_stand(run, site.inputs)
     with stages.stage("build Blender scene"):
         grown_in = stages.seconds["grow trees"]
@@ -124,28 +133,33 @@ def run_scene(
         _ = world.observer.caster  # made now: it belongs to no sensor's time
     with world.still() as observer:
         if observer.warning:
-            run.warn(observer.warning)
+            run.stages.warn(observer.warning)
             run.findings.append(page.Finding("Warning", f"{observer.warning}.", {}))
         _audit_trees(run, world)
         unfinished = Unfinished(out, world, resume)
         for sensor in settings.sensors:
             _say_cost(run, world, sensor)
+        for sensor in settings.sensors:
             with stages.stage(f"{sensor.kind} {sensor.name}") as progress:
                 _take(run, world, _looked(world, sensor, unfinished, progress), sound)
         facts = facts_of(world)
-    del observer
-    forget()  # a render needs the memory
+    caster = observer.caster
     _write_scene(run)
-    made = (run.findings, run.trees, run.targets, run.results, stages.seconds, run.files)
-    write_record(run.path("run.json"), settings, facts, *made)
+    run.path("run.json")
+    _write_report(run, facts)
     unfinished.drop()
-    if wanted.report:
-        with stages.stage("write report.html"):
-            page.write(out / "report.html", settings, run.findings, stages.seconds, run.files)
+    if wanted.preview:
+        if wanted.preview == "cycles":
+            del observer, caster
+            forget()  # a render needs the memory
+        with stages.stage("draw preview.png") as progress, hushed():
+            _write_preview(run, None if wanted.preview == "cycles" else caster, progress)
+        _write_report(run, facts)
     where = f". Open {out / 'report.html'}" if wanted.report else ""
     stages.say(f"Done: {len(run.files) + wanted.report} files in {out}{where}")
     audits = [*run.trees.items(), *((name, r.audit) for name, r in run.results.items())]
     doubtful = [f"{name}: {audit}" for name, audit in audits if audit and not audit.kept]
+    doubtful += stages.warnings if strict else []
     if doubtful:
         raise DoubtfulError("; ".join(doubtful) + f"; the results are kept in {out}")
 
@@ -160,12 +174,26 @@ def _looked(world: World, sensor: Sensor, unfinished: Unfinished, progress: Prog
 
 
 def _say_cost(run: Run, world: World, sensor: Sensor) -> None:
-    """Say what a sensor's run will cost; what it cannot follow is said when it runs."""
+    """Say what a sensor's run will cost; what it cannot follow is said when it runs.
+
+    Raises
+    ------
+    SpecError : it needs more memory than there is, by far.
+    """
     observer = world.observer
-    with suppress(ValueError, SpecError):
+    try:
         way = observer.way(sensor, world.folder)
         cost = cost_of(sensor, way, observer.caster.engine, run.settings, len(run.forest.stand))
-        run.stages.say(f"  {sensor.name}: {cost}")
+    except ValueError:
+        return
+    run.stages.say(f"  {sensor.name}: {cost}")
+    free = free_memory()
+    if cost.memory > SURELY * free:
+        raise SpecError(
+            sensor.name,
+            f"needs about {cost.memory / 1e9:,.3g} GB of memory, and {free / 1e9:,.3g} GB are free; send "
+            "fewer pulses, pings or samples, or scan in [tiles]",
+        )
 
 
 def _write_scene(run: Run) -> None:
@@ -183,16 +211,36 @@ def _write_scene(run: Run) -> None:
     if wanted.usd:
         with stages.stage("write forest.usdc"), hushed(errors=True):
             export_usd(scene, run.path("forest.usdc"))
-    if wanted.preview:
-        with stages.stage("render preview.png") as progress, hushed():
-            field = run.settings.forest
-            middle = np.array(field.origin) + np.array(field.size) / 2
-            lay_horizon(scene, middle, max(field.size) / 2, field.terrain.base)
-            if wanted.preview_from == "walker":
-                stems, tall = run.forest.stand.position[:, :2], run.forest.heights()
-                stand_walker(scene, stems, tall, middle, max(field.size) / 2, run.ground.height)
-            exposure = 1.3 if wanted.preview_from == "walker" else 0.35
-            render(scene, wanted, run.path("preview.png"), progress, exposure)
+
+
+def _write_preview(run: Run, caster: RayCaster | None, progress: Progress) -> None:
+    """Draw the forest by the rays of a caster, or by Cycles."""
+    scene, wanted, field = bpy.context.scene, run.settings.output, run.settings.forest
+    middle, reach = np.array(field.origin) + np.array(field.size) / 2, max(field.size) / 2
+    place, walked = (middle, reach, field.terrain.base), wanted.preview_from == "walker"
+    if caster is None:
+        lay_horizon(scene, *place)
+    if walked:
+        stems, tall = run.forest.stand.position[:, :2], run.forest.heights()
+        way = stand_walker(scene, stems, tall, middle, reach, run.ground.height)
+        if caster is None:
+            grow_around(scene, *way, run.ground.height)
+    path = run.path("preview.png")
+    if caster is None:
+        render(scene, wanted, path, progress, 1.3 if walked else 0.35)
+    else:
+        draw_scene(scene, caster, path, *place, progress)
+
+
+def _write_report(run: Run, facts: dict[str, Any]) -> None:
+    """Write run.json, and report.html where it is wanted."""
+    made = (run.findings, run.trees, run.targets, run.results, run.stages, run.files)
+    write_record(run.out / "run.json", run.settings, facts, *made)
+    if run.settings.output.report:
+        with run.stages.stage("write report.html"):
+            page.write(
+                run.out / "report.html", run.settings, run.findings, run.stages.seconds, run.files
+            )
 
 
 def _take(run: Run, world: World, result: Result, sound: Dry | None) -> None:
@@ -211,11 +259,12 @@ def _take(run: Run, world: World, result: Result, sound: Dry | None) -> None:
             give_sound(put_sensor(scene, sensor), sensor.name, heard, rate)
     if record.is_cloud:
         show_cloud(part(scene, RESULTS), sensor.name, found)
-    for warning in result.warnings:
-        run.warn(warning)
+    finding = _describe(run, world, result)
+    for warning in finding.warnings:
+        run.stages.warn(warning.removesuffix("."))
     if result.audit is not None:
         run.stages.say(f"  {result.audit}")
-    run.findings.append(_describe(run, world, result))
+    run.findings.append(finding)
     run.results[sensor.name] = dataclasses.replace(result, found=None)  # on disk: not kept
 
 
@@ -258,7 +307,7 @@ def _describe_stand(run: Run, inputs: Inputs) -> None:
     if wanted.pictures and not can_draw():
         _say_what_is_lacking(run)
     for note in run.forest.notes:
-        run.warn(note)
+        run.stages.warn(note)
     met = met_targets(run.forest)
     told = page.targets_finding(met)
     run.findings += [told] if told else []

@@ -22,8 +22,8 @@ from ..sensing.lidar.pattern import Sweep
 from ..sensing.lidar.scan import Scan
 from ..sensing.moving_rays import MovingCaster
 from ..sensing.sonar.ping import Echo, ping
-from ..sensing.sonar.poses import SonarPose as Place
 from ..sensing.sonar.station import Equipment
+from ..sensing.sonar.station import SonarPose as Place
 from ..sensing.trajectory import Trajectory, frame_of, through
 from ..spec import Air, Flight, Mobile, Pose, Scene, Sensor, Sonar
 from .bodies import State
@@ -229,8 +229,7 @@ def cochleagram(sound: np.ndarray, sonar: Sonar) -> np.ndarray:
     size = np.diff(edges, append=count)
     mean = np.add.reduceat(power, edges, axis=-1) / size
     level = 10.0 * np.log10(np.maximum(mean, 1e-30))
-    told: np.ndarray = np.clip((level - FLOOR_DB) / (TOP_DB - FLOOR_DB), 0.0, 1.0)
-    return told
+    return np.clip((level - FLOOR_DB) / (TOP_DB - FLOOR_DB), 0.0, 1.0)
 
 
 def band_power(sound: np.ndarray, sonar: Sonar) -> np.ndarray:
@@ -248,8 +247,7 @@ def band_power(sound: np.ndarray, sonar: Sonar) -> np.ndarray:
     analytic = np.zeros((len(sound), BANDS, length), dtype=np.complex128)
     analytic[..., : len(frequency)] = 2.0 * spectrum[:, None] * window
     envelope = fft.ifft(analytic, axis=-1, overwrite_x=True)[..., :count]
-    power: np.ndarray = envelope.real**2 + envelope.imag**2
-    return power
+    return envelope.real**2 + envelope.imag**2
 
 
 ODOMETRY = 8

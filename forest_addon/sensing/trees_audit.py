@@ -19,7 +19,7 @@ from ..growth.tree import Tree
 from ..stand.forest import GrownForest
 from .audit import LEAST, Audit, Check, sample
 from .rays.geometry import SceneGeometry
-from .sonar.discs import FoliageDiscs
+from .sonar.leaves import FoliageDiscs
 
 BATCH = 4  # points on cones
 ROUNDING = 2.0**-20  # of a coordinate in Blender's single precision, after a few operations

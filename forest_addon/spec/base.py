@@ -162,7 +162,7 @@ def _one_of(key: str, value: Any, kinds: tuple[Any, ...]) -> Any:
         return typed(key, value, left[0])
     if isinstance(value, tuple(left)):
         return value
-    names = ", ".join(f"{kind.__name__}(...)" for kind in left)
+    names = ", ".join(WORDS.get(kind, f"{kind.__name__}(...)") for kind in left)
     raise SpecError(key, f"{shown(value)} is none of {names}; give one of these")
 
 
@@ -258,8 +258,7 @@ def param(
 
 def param_of(field: dataclasses.Field[Any]) -> Param:
     """The ``Param`` of a dataclass field."""
-    known: Param = field.metadata["param"]
-    return known
+    return field.metadata["param"]
 
 
 class Settings:

@@ -20,13 +20,11 @@ from ...acoustics import chebyshev
 from ...spec import Air, Sonar
 from ..audit import LEAST, Audit, Check, joined, sample
 from ..rays.caster import RayCaster
-from .bands import Band, BandGrid
-from .calls import Call
-from .doppler import Moment, factors, fastest, pieces_of
+from .calls import Band, BandGrid, Call
 from .ping import Echo, PingHearing, heard_from
 from .search import SearchGroup
 from .station import Equipment, Station
-from .summation import sum_echoes
+from .summation import Moment, factors, fastest, pieces_of, sum_echoes
 from .targets import EchoTargets
 from .windy import at_moment
 

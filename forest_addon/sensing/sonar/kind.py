@@ -87,9 +87,8 @@ def _lasts(sonar: Sonar, trajectory: Any) -> float:
 def _listen(job: Observation, progress: Progress | None) -> Any:
     """One ping, or one from every pose of a route."""
     from .equipment_files import equip
-    from .flight import fly
-    from .ping import ping
-    from .poses import posed, poses_of
+    from .ping import fly, ping
+    from .station import posed, poses_of
 
     sonar, air, targets = job.sensor, job.settings.air, _targets(job)
     wood, everything = _casters(job)
