@@ -16,7 +16,7 @@ from ...acoustics.air import absorption
 from ...acoustics.spectrum import delay_factors
 from ...spec import Air
 from ..rays.caster import RayCaster
-from .band import SPREAD, roll_off
+from .sums.bands import SPREAD, roll_off
 
 Gain = Callable[[np.ndarray], np.ndarray]  # by frequency
 GROUND_CLEARANCE = (

@@ -19,7 +19,7 @@ from scipy import fft, special
 
 from ....acoustics.air import absorption, relaxation
 from ....spec import Air
-from ..band import roll_off
+from .bands import roll_off
 from .field_table import polynomials
 
 SHORTEST = 1536  # samples of a block at least

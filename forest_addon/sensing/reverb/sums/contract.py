@@ -22,7 +22,7 @@ from __future__ import annotations
 import numpy as np
 from scipy import fft
 
-from ..band import roll_off
+from .bands import roll_off
 
 FINEST = 1e-6  # of the fast sums
 LOWEST = 20.0  # Hz

@@ -25,7 +25,7 @@ from scipy import fft, linalg
 from ....acoustics import chebyshev
 from ....acoustics.cylinder import order_count, partial_waves, transfer
 from ....base.rng import stream
-from ..band import SPREAD, roll_off
+from .bands import SPREAD, roll_off
 from .field_table import polynomials, series
 
 FIRST_SECTOR, GROWTH = 9.0, 2.0  # ka times the angle of the first sector; of each next one

@@ -23,11 +23,10 @@ import numpy as np
 from ....base.kept import LastAsked
 from ....base.progress import Progress
 from ....spec import Air
-from ..band import SPREAD
 from ..forest.losses import Losses, loss_per_metre
 from ..forest.tail import Tail
 from .air_filter import AirFilter
-from .bands import bands_of, samples_of
+from .bands import SPREAD, bands_of, samples_of
 from .expansion import expand
 from .layer_sum import LayerSum
 from .loud import loud_trunks, unheard, whole_energy

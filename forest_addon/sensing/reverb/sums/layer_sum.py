@@ -21,9 +21,9 @@ from scipy import fft, sparse
 
 from ....acoustics.kaiser_bessel import OVERSAMPLING, Kernel
 from ....acoustics.spectrum import delay_factors
-from ..band import SPREAD, roll_off
 from ..forest.losses import Losses
 from .air_filter import AirFilter
+from .bands import SPREAD, roll_off
 from .expansion import ExpansionLayer
 from .path_gain import PathGain, Zone
 from .scattering import TrunkPaths

@@ -15,9 +15,9 @@ import numpy as np
 
 from ....base.progress import Progress
 from ....spec import Air, Reverb
-from ..band import SPREAD
 from ..forest.losses import Losses
 from ..trunks.slices import Trunks
+from .bands import SPREAD
 from .contract import FINEST
 from .fast_scattering import FEW_RADII, Expansions
 from .record import left_out_db, record_length
