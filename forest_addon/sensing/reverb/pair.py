@@ -25,8 +25,7 @@ from .forest.tail import FADE, Tail, tail_of
 from .forest.transport import Sent
 from .model_error import ModelError, model_error
 from .sums.fast_scattering import Expansions
-from .sums.tree_response import NEAREST, TreeResponse, tree_response
-from .sums.weak import Weak, weak_between
+from .sums.tree_response import NEAREST, TreeResponse, Weak, tree_response, weak_between
 from .trunks.slices import Trunks
 
 LOWEST = 1.0  # Hz; below it, the ground is as it is there

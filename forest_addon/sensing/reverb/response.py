@@ -44,9 +44,8 @@ from .forest.losses import Losses
 from .forest.surroundings import BARE, FoliageCanopy, Surroundings, surroundings
 from .pair import ImpulseResponse, Pair
 from .sums.fast_scattering import Expansions
-from .sums.record import record_length
 from .sums.scattering import trunk_paths
-from .sums.tree_response import NEAREST
+from .sums.tree_response import NEAREST, record_length
 from .trunks.continuation import Field, continuation
 from .trunks.slices import Trunks
 

@@ -9,14 +9,14 @@ import pytest
 
 from forest_addon.sensing.reverb.metrics import reverberation_time, room_metrics
 from forest_addon.sensing.reverb.response import ImpulseResponse, impulse_response
-from forest_addon.sensing.reverb.sums.record import (
+from forest_addon.sensing.reverb.sums.scattering import direct_sum, trunk_paths
+from forest_addon.sensing.reverb.sums.tree_response import (
     AFTER,
     LONGEST,
     RANGE_DB,
     arrival_energies,
     record_length,
 )
-from forest_addon.sensing.reverb.sums.scattering import direct_sum, trunk_paths
 from forest_addon.sensing.reverb.trunks.slices import Trunks
 from forest_addon.spec import Air, Reverb
 

@@ -9,7 +9,7 @@ from forest_addon.base.rng import stream
 from forest_addon.sensing.reverb.metrics import octave_bands
 from forest_addon.sensing.reverb.response import impulse_response
 from forest_addon.sensing.reverb.sums.scattering import trunk_paths
-from forest_addon.sensing.reverb.sums.weak import _largest, weak_trunks
+from forest_addon.sensing.reverb.sums.tree_response import _largest, weak_trunks
 from forest_addon.sensing.reverb.trunks.slices import Trunks
 from forest_addon.spec import Air, Reverb
 
