@@ -25,8 +25,7 @@ from ..forest.losses import Losses
 from ..metrics import octave_bands
 from ..trunks.slices import Trunks
 from .bands import SPREAD
-from .contract import FINEST
-from .fast_scattering import FEW_RADII, Expansions
+from .fast_scattering import FEW_RADII, FINEST, Expansions
 from .scattering import TrunkPaths, direct_sum, trunk_paths
 
 NEAREST = 0.1  # m; a source has an extent: its direct sound is not louder than at this distance
