@@ -28,8 +28,7 @@ from ..forest.losses import Losses, loss_per_metre
 from ..forest.tail import Tail
 from .air_filter import AirFilter
 from .bands import SPREAD, bands_of, roll_off, samples_of
-from .expansion import expand
-from .layer_sum import LayerSum
+from .layer_sum import LayerSum, expand
 from .panel_sum import USUAL, by_distance, panel_spectrum
 from .path_gain import PathGain
 from .scattering import TrunkPaths, direct_sum
