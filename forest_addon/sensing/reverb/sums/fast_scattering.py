@@ -26,11 +26,10 @@ from ....base.progress import Progress
 from ....spec import Air
 from ..forest.losses import Losses, loss_per_metre
 from ..forest.tail import Tail
-from .air_filter import AirFilter
 from .bands import SPREAD, bands_of, roll_off, samples_of
 from .layer_sum import LayerSum, expand
 from .panel_sum import USUAL, by_distance, panel_spectrum
-from .path_gain import PathGain
+from .path_gain import AirFilter, PathGain
 from .scattering import TrunkPaths, direct_sum
 
 FEW_RADII = 4

@@ -26,10 +26,9 @@ from ....acoustics.kaiser_bessel import OVERSAMPLING, Kernel
 from ....acoustics.spectrum import delay_factors
 from ....base.rng import stream
 from ..forest.losses import Losses
-from .air_filter import AirFilter
 from .bands import SPREAD, roll_off
 from .field_table import polynomials, series
-from .path_gain import PathGain, Zone
+from .path_gain import AirFilter, PathGain, Zone
 from .scattering import TrunkPaths
 
 TRUNKS_AT_ONCE = 65536
