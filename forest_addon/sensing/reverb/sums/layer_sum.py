@@ -27,7 +27,7 @@ from ....acoustics.spectrum import delay_factors
 from ....base.rng import stream
 from ..forest.losses import Losses
 from .bands import SPREAD, roll_off
-from .field_table import polynomials, series
+from .panel_sum import polynomials, series
 from .path_gain import AirFilter, PathGain, Zone
 from .scattering import TrunkPaths
 

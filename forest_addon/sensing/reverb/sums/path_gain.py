@@ -26,7 +26,7 @@ from ....acoustics.air import absorption, relaxation
 from ....spec import Air
 from ..forest.losses import LOWEST, NEAR, Losses
 from .bands import roll_off
-from .field_table import polynomials, series
+from .panel_sum import polynomials, series
 
 if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline
