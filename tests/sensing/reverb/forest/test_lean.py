@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from forest_addon.acoustics.ground import surface_impedance, under_leaves
-from forest_addon.sensing.reverb.forest.lean import lean_coherence
-from forest_addon.sensing.reverb.forest.losses import Losses, TrunkStand
+from forest_addon.sensing.reverb.forest.losses import Losses, TrunkStand, lean_coherence
 from forest_addon.spec import Air, Reverb
 
 HEIGHT, REFLECTED = 1.5, -0.9
