@@ -35,8 +35,7 @@ from ....acoustics.ground import SURFACES, spherical_reflection, surface_impedan
 from ....acoustics.turbulence import coherence
 from ....spec import Air, Reverb
 from ..trunks.slices import Trunks
-from .clutter import BARE, Clutter
-from .scatter import Takes, leaf_loss, level_loss
+from .clutter import BARE, Clutter, Takes, leaf_loss, level_loss
 
 if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline, RectBivariateSpline

@@ -17,10 +17,9 @@ from scipy.spatial import ConvexHull, QhullError
 from ....spec import Reverb
 from ..trunks.continuation import Field
 from ..trunks.slices import Trunks
+from .clutter import ALL_WAYS, LAYER, Clutter
 from .clutter import BARE as NO_CLUTTER
-from .clutter import LAYER, Clutter
 from .losses import TrunkStand, stand_of
-from .scatter import ALL_WAYS
 from .transport import Density
 
 CELL_HOLDS = 12.0  # trunks
