@@ -68,7 +68,7 @@ def of_response(response: ImpulseResponse, trunks: int | None = None) -> list[Fi
 
 def _of_model(reverb: Reverb, response: ImpulseResponse) -> list[Figure]:
     """Return what is in the model, and what is not."""
-    from ..sensing.reverb.terms import terms_of
+    from ..sensing.reverb.forest.surroundings import terms_of
 
     held, missing = terms_of(reverb, response.stand)
     name = {"paper": "single scattering (Kaneko & Gamper 2021)", "forest": "forest"}[reverb.model]

@@ -18,7 +18,7 @@ import numpy as np
 from forest_addon.base.rng import stream
 from forest_addon.blender.sensors.observe import Observer
 from forest_addon.sensing.reverb.ends import ends_of
-from forest_addon.sensing.reverb.forest.canopy import canopy_of
+from forest_addon.sensing.reverb.forest.surroundings import canopy_of
 from forest_addon.sensing.reverb.kind import trunks_between
 from forest_addon.sensing.reverb.response import impulse_response
 from forest_addon.sensing.reverb.trunks.continuation import continue_trunks

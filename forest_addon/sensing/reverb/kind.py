@@ -138,7 +138,7 @@ def _canopy(job: Observation) -> Any:
 def _canopy_between(
     seen: Seen, source: float, receiver: float, area: float, min_radius: float
 ) -> Any:
-    from .forest.canopy import canopy_of
+    from .forest.surroundings import canopy_of
 
     lower = np.array([0.0, 0.0, min(source, receiver)])
     trunks = seen.once(cuts_of, min_radius).between(lower, lower)

@@ -7,9 +7,13 @@ import pytest
 
 from forest_addon.base.trimesh import LEAF, WOOD, TriMesh
 from forest_addon.sensing.rays.geometry import SceneGeometry
-from forest_addon.sensing.reverb.forest.canopy import canopy_of
-from forest_addon.sensing.reverb.forest.surroundings import FoliageCanopy, surroundings
-from forest_addon.sensing.reverb.terms import NEVER, terms_of
+from forest_addon.sensing.reverb.forest.surroundings import (
+    NEVER,
+    FoliageCanopy,
+    canopy_of,
+    surroundings,
+    terms_of,
+)
 from forest_addon.sensing.reverb.trunks.slices import Trunks
 from forest_addon.spec import Reverb
 
