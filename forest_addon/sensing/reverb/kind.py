@@ -57,7 +57,7 @@ def trunks_between(
 
 def response_inputs(job: Observation) -> dict[str, Any]:
     """Arguments of ``impulse_response`` and of ``pairs_of`` that a scene gives."""
-    from .directivity_file import directivity_of
+    from .directivity import directivity_of
     from .ears.hearing import hearing_of
     from .ends import ends_of
 
