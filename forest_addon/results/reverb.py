@@ -302,8 +302,7 @@ def wet_sound_of(
     Where source or receiver move, C are the channels of one moment, and the sound begins when the path does.
     """
     from ..base.rng import stream
-    from ..sensing.reverb.auralise import auralise, resample
-    from ..sensing.reverb.background import background
+    from ..sensing.reverb.auralise import auralise, background, resample
     from ..sensing.reverb.ears.moving import heard_moving, moves
     from ..sensing.reverb.response import channels_of
 
