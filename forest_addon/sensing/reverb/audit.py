@@ -20,10 +20,9 @@ from scipy import fft
 
 from ...acoustics.air import absorption
 from ..audit import LEAST, Audit, Check, joined, sample
-from .arrivals import Gain
 from .forest.losses import loss_per_metre
 from .forest.tail import FADE
-from .pair import ImpulseResponse, Pair, filtered
+from .pair import Gain, ImpulseResponse, Pair, filtered
 from .sums.bands import SPREAD, roll_off
 from .sums.fast_scattering import Expansions
 from .sums.scattering import TrunkPaths, direct_sum, scattered_spectrum, trunk_paths
