@@ -58,8 +58,8 @@ def trunks_between(
 def response_inputs(job: Observation) -> dict[str, Any]:
     """Arguments of ``impulse_response`` and of ``pairs_of`` that a scene gives."""
     from .directivity import directivity_of
-    from .ears.hearing import hearing_of
     from .ends import ends_of
+    from .hearing import hearing_of
 
     reverb, seen, settings = job.sensor, job.seen, job.settings
     ends = ends_of(reverb, seen.places, job.folder)

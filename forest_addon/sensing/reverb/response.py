@@ -36,11 +36,10 @@ from ...base.progress import Progress
 from ...spec import Air, Reverb
 from ..rays.caster import RayCaster
 from .directivity import OMNI, Directivity
-from .ears.encoded import encoded
-from .ears.hearing import OMNI_EAR, Hearing
 from .ends import Ends, ends_of
 from .forest.losses import Losses
 from .forest.surroundings import BARE, FoliageCanopy, Surroundings, surroundings
+from .hearing import OMNI_EAR, Hearing, encoded
 from .pair import ImpulseResponse, Pair, lines_of_sight
 from .sums.fast_scattering import Expansions
 from .sums.scattering import trunk_paths
