@@ -303,7 +303,7 @@ def wet_sound_of(
     """
     from ..base.rng import stream
     from ..sensing.reverb.auralise import auralise, background, resample
-    from ..sensing.reverb.ears.moving import heard_moving, moves
+    from ..sensing.reverb.moving import heard_moving, moves
     from ..sensing.reverb.response import channels_of
 
     rate = response.sample_rate
