@@ -9,7 +9,7 @@ each into a circle.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy import sparse
@@ -17,8 +17,8 @@ from scipy.sparse import csgraph
 
 from ....base.rows import RowTable
 from ....base.trimesh import TriMesh, is_wood
+from ....spec import Reverb
 from ...rays.geometry import SceneGeometry
-from .contours import equivalent_circle, largest_radii
 
 
 @dataclass(frozen=True)
@@ -214,3 +214,215 @@ def _outermost(stems: list[tuple[np.ndarray, float]]) -> list[tuple[np.ndarray, 
         if all(math.dist(centre, other) >= reach for other, reach in kept):
             kept.append((centre, radius))
     return kept
+
+
+# The least squares axis of a surface is trusted if the normals point along it by so much less (ratio of
+# mean squares) than across it: cones up to 19° from axis to side; not the top of a sphere.
+AXIS_TRUST = 0.25
+ROUNDED = 1e-6  # of a bound, beyond what rounding makes
+FLAT = 1e-9  # of the normals' mean squares, the second over the largest
+
+
+def equivalent_circle(ends: np.ndarray, normal: np.ndarray) -> tuple[np.ndarray, float]:
+    """Centre (2,) and radius in metres of a stem that a horizontal plane cuts.
+
+    ends : (M, 2, 2) x and y of both ends of M segments, in any order, closed or not.
+    normal : (M, 3) unit normals of the surface at the segments, either way round; 0 where unknown.
+
+    A leaning stem is cut in an ellipse. The hull is measured in the projection along the stem's axis,
+    so that a leaning cylinder, and a branch that crosses the plane, have their own radius.
+    """
+    points = ends.reshape(-1, 2)
+    centre = hull_centre(convex_hull(points), ends)
+    axis = surface_axis(normal, np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1))
+    # Along the axis, what lies in its horizontal direction is shortened by its vertical share.
+    lean = axis[:2]
+    section = (points - centre) @ (np.eye(2) - np.outer(lean, lean) / (1.0 + abs(axis[2])))
+    hull = convex_hull(section)
+    perimeter = np.linalg.norm(np.roll(hull, -1, axis=0) - hull, axis=1).sum()
+    return centre, float(perimeter / (2.0 * math.pi))
+
+
+def largest_radii(
+    ends: np.ndarray, normal: np.ndarray, contour: np.ndarray, count: int
+) -> np.ndarray:
+    """(C,) metres that the radius of no contour is above, for all of them at once.
+
+    ends, normal : as of ``equivalent_circle``. contour : (M,) which of C each segment is of.
+
+    Of two convex shapes the inner one has the smaller perimeter: the hull of a section lies within the
+    octagon about it.
+    """
+    step = ends[:, 1] - ends[:, 0]
+    weight = np.hypot(step[:, 0], step[:, 1])
+    scatter = np.empty((count, 3, 3))
+    for i in range(3):
+        for j in range(3):
+            scatter[:, i, j] = np.bincount(contour, weight * normal[:, i] * normal[:, j], count)
+    strength, direction = np.linalg.eigh(scatter)
+    # Where rounding may decide whether an axis is trusted, the outline is left as it is.
+    trusted = strength[:, 0] < (1.0 - ROUNDED) * AXIS_TRUST * strength[:, 1]
+    trusted &= strength[:, 1] > FLAT * strength[:, 2]  # of what is flat, any axis may be taken
+    lean = np.where(trusted[:, None], direction[:, :2, 0], 0.0)
+    shrunk = 1.0 + np.where(trusted, np.abs(direction[:, 2, 0]), 1.0)
+    along = np.einsum("mek,mk->me", ends, lean[contour]) / shrunk[contour, None]
+    section = ends - along[:, :, None] * lean[contour, None, :]
+    x, y = section[:, :, 0], section[:, :, 1]
+    wide, deep, up, down = (_extent(line, contour, count) for line in (x, y, x + y, x - y))
+    # Its four sides that lean are cut off the corners of the box about it: 2 of each become √2.
+    cut = 2.0 * (wide + deep) - up - down
+    perimeter = 2.0 * (wide + deep) - (2.0 - math.sqrt(2.0)) * np.maximum(cut, 0.0)
+    found: np.ndarray = perimeter * ((1.0 + ROUNDED) / (2.0 * math.pi))
+    return found
+
+
+def _extent(line: np.ndarray, contour: np.ndarray, count: int) -> np.ndarray:
+    """(C,) from the least to the largest of values (M, 2) of each contour."""
+    least, most = np.full(count, np.inf), np.full(count, -np.inf)
+    np.minimum.at(least, contour, line.min(axis=1))
+    np.maximum.at(most, contour, line.max(axis=1))
+    return most - least
+
+
+def surface_axis(normal: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """(3,) unit direction that the normals (M, 3) are most at right angles to; Z where none is."""
+    scatter = np.einsum("m,mi,mj->ij", weight, normal, normal)
+    strength, direction = np.linalg.eigh(scatter)
+    if strength[0] < AXIS_TRUST * strength[1]:
+        axis: np.ndarray = direction[:, 0]
+        return axis
+    return np.array([0.0, 0.0, 1.0])
+
+
+def convex_hull(points: np.ndarray) -> np.ndarray:
+    """(H, 2) corners of the convex hull of (P, 2) points, anticlockwise (Andrew's monotone chain).
+
+    Points on a line give its two ends, a single point itself.
+    """
+    ordered = sorted(set(map(tuple, points.tolist())))
+    if len(ordered) < 3:
+        return np.array(ordered).reshape(-1, 2)
+    lower = _chain(ordered)
+    upper = _chain(ordered[::-1])
+    return np.array(lower[:-1] + upper[:-1])
+
+
+def _chain(points: list[tuple[float, ...]]) -> list[tuple[float, ...]]:
+    """The points of a left-to-right chain that turn left everywhere."""
+    chain: list[tuple[float, ...]] = []
+    for x, y in points:
+        while len(chain) > 1:
+            (ax, ay), (bx, by) = chain[-2:]
+            if (bx - ax) * (y - ay) - (by - ay) * (x - ax) > 0:
+                break
+            chain.pop()
+        chain.append((x, y))
+    return chain
+
+
+def hull_centre(hull: np.ndarray, ends: np.ndarray) -> np.ndarray:
+    """(2,) centroid of the hull's area; of the segments' middles where it has none."""
+    middle: np.ndarray = ends.mean(axis=(0, 1))
+    corner = hull - middle
+    following = np.roll(corner, -1, axis=0)
+    cross = corner[:, 0] * following[:, 1] - corner[:, 1] * following[:, 0]
+    span = float(np.ptp(corner, axis=0).max(initial=0.0))
+    if cross.sum() <= 1e-12 * span**2:
+        return middle
+    return middle + ((corner + following) * cross[:, None]).sum(axis=0) / (3.0 * cross.sum())
+
+
+STEP = 0.5  # m between heights at most, as far as MOST_CUTS go
+MOST_CUTS = 24
+
+
+def heights_between(rise: float) -> int:
+    """Return at how many heights the wood is cut between ends of which one is so much higher, metres."""
+    return min(MOST_CUTS, max(1, math.ceil(rise / STEP)))
+
+
+@dataclass
+class TrunkCuts:
+    """Cuts of one scene, each made once, at least ``min_radius`` metres thick."""
+
+    scene: SceneGeometry
+    min_radius: float
+    _at: dict[float, Trunks] = field(default_factory=dict)
+    _wood: dict[int, WeldedWood] = field(default_factory=dict)
+
+    def between(self, source: np.ndarray, receiver: np.ndarray) -> Trunks:
+        """The trunks between two ends (3,)."""
+        low, high = float(source[2]), float(receiver[2])
+        count = heights_between(abs(high - low))
+        if count == 1:
+            return self._cut((low + high) / 2)
+        parts = []
+        for number in range(count):
+            trunks = self._cut(low + (high - low) * (number + 0.5) / count)
+            first = np.hypot(*(trunks.position - source[:2]).T)
+            whole = first + np.hypot(*(trunks.position - receiver[:2]).T)
+            share = np.divide(first, whole, out=np.full_like(first, 0.5), where=whole > 0)
+            band = np.minimum((share * count).astype(np.int64), count - 1)
+            parts.append(trunks.select(band == number))
+        return parts[0].with_others(*parts[1:])
+
+    def _cut(self, height: float) -> Trunks:
+        if height not in self._at:
+            self._at[height] = trunks_at_height(self.scene, height, self.min_radius, self._wood)
+        return self._at[height]
+
+
+MOST = 20_000_000  # expected trunks; more than memory would like
+
+Field = tuple[tuple[float, float], tuple[float, float]]  # corner with the smallest x and y; extent
+
+
+def continue_trunks(
+    trunks: Trunks,
+    field: Field,
+    centre: np.ndarray,
+    distance: float,
+    rng: np.random.Generator,
+    clear: np.ndarray | None = None,
+) -> Trunks:
+    """Trunks outside the field and within ``distance`` metres of ``centre`` (2,).
+
+    field : its corner with the smallest x and y, and its extent along x and y, metres.
+    clear : (P, 2) places that no trunk may cover, metres: where the source and the receiver are.
+
+    Raises
+    ------
+    ValueError : more than ``MOST`` trunks would have to be drawn.
+    """
+    corner, size = np.asarray(field[0], np.float64), np.asarray(field[1], np.float64)
+    within = np.all((trunks.position >= corner) & (trunks.position <= corner + size), axis=1)
+    radii = trunks.radius[within]
+    expected = len(radii) / float(np.prod(size)) * (2.0 * distance) ** 2
+    if expected > MOST:
+        raise ValueError(
+            f"continuing the forest to {distance:g} m would take {expected:.2g} trunks; "
+            "lower continue_to or raise min_radius"
+        )
+    count = int(rng.poisson(expected))  # in the square around the circle
+    position = centre + rng.uniform(-distance, distance, (count, 2))
+    radius = radii[rng.integers(0, len(radii), count)] if len(radii) else np.empty(0)
+    outside = np.any((position < corner) | (position > corner + size), axis=1)
+    near = np.hypot(*(position - centre).T) <= distance
+    keep = outside & near
+    beyond = Trunks(position[keep], radius[keep], np.full(int(keep.sum()), -1, dtype=np.int64))
+    return beyond if clear is None else beyond.clear_of(clear)
+
+
+def continuation(
+    trunks: Trunks,
+    reverb: Reverb,
+    ends: np.ndarray,
+    rng: np.random.Generator | None,
+    field: Field | None,
+) -> Trunks:
+    """The trunks of the forest beyond the field, none of them over the ends (P, 2)."""
+    if reverb.continue_to <= 0:
+        return trunks.select(np.empty(0, np.int64))
+    if rng is None or field is None:
+        raise ValueError("continue_to needs a random stream and the field's corner and extent")
+    return continue_trunks(trunks, field, ends.mean(axis=0), reverb.continue_to, rng, clear=ends)

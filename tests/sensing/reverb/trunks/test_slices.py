@@ -11,12 +11,12 @@ from scipy import special
 from forest_addon.base.rng import stream
 from forest_addon.base.trimesh import LEAF, OTHER, WOOD, TriMesh, join
 from forest_addon.sensing.rays.geometry import SceneGeometry
-from forest_addon.sensing.reverb.trunks.contours import (
+from forest_addon.sensing.reverb.trunks.slices import (
     convex_hull,
     equivalent_circle,
     largest_radii,
+    trunks_at_height,
 )
-from forest_addon.sensing.reverb.trunks.slices import trunks_at_height
 
 
 def tube(
