@@ -170,7 +170,7 @@ INSIDE = {
     "TrunkPaths": "forest_addon.sensing.reverb.sums.scattering:TrunkPaths",
     "direct_sum": "forest_addon.sensing.reverb.sums.scattering:direct_sum",
     "trunk_paths": "forest_addon.sensing.reverb.sums.scattering:trunk_paths",
-    "Trunks": "forest_addon.sensing.reverb.trunks.slices:Trunks",
+    "Trunks": "forest_addon.sensing.reverb.trunks:Trunks",
     "Horseshoe": "forest_addon.sensing.sonar.beam:Horseshoe",
     "MeasuredSphere": "forest_addon.sensing.sonar.beam:MeasuredSphere",
     "beam_offsets": "forest_addon.sensing.sonar.beam:beam_offsets",

@@ -21,7 +21,7 @@ from forest_addon.sensing.reverb.ends import ends_of
 from forest_addon.sensing.reverb.forest.surroundings import canopy_of
 from forest_addon.sensing.reverb.kind import trunks_between
 from forest_addon.sensing.reverb.response import impulse_response
-from forest_addon.sensing.reverb.trunks.slices import continue_trunks
+from forest_addon.sensing.reverb.trunks import continue_trunks
 from forest_addon.spec import Reverb, Scene
 
 from .sweep import AccuracySweep, Point, timed

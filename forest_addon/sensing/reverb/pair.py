@@ -30,7 +30,7 @@ from .model_error import ModelError, model_error
 from .sums.bands import SPREAD, roll_off
 from .sums.fast_scattering import Expansions
 from .sums.tree_response import NEAREST, TreeResponse, Weak, tree_response, weak_between
-from .trunks.slices import Trunks
+from .trunks import Trunks
 
 LOWEST = 1.0  # Hz; below it, the ground is as it is there
 

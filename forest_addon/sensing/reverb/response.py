@@ -44,7 +44,7 @@ from .pair import ImpulseResponse, Pair, lines_of_sight
 from .sums.fast_scattering import Expansions
 from .sums.scattering import trunk_paths
 from .sums.tree_response import NEAREST, record_length
-from .trunks.slices import Field, Trunks, continuation
+from .trunks import Field, Trunks, continuation
 
 TrunksBetween = Callable[[np.ndarray, np.ndarray], Trunks]  # by source and receiver
 

@@ -10,7 +10,7 @@ import pytest
 
 from forest_addon.sensing.reverb.directivity import CARDIOID, OMNI, Directivity, read_directivity
 from forest_addon.sensing.reverb.response import impulse_response
-from forest_addon.sensing.reverb.trunks.slices import Trunks
+from forest_addon.sensing.reverb.trunks import Trunks
 from forest_addon.spec import Air, Reverb, SpecError
 
 AIR = Air(sound_speed=343.0)

@@ -34,7 +34,7 @@ from ....acoustics.foliage import foliage_loss
 from ....acoustics.ground import SURFACES, spherical_reflection, surface_impedance, under_leaves
 from ....acoustics.turbulence import coherence
 from ....spec import Air, Reverb
-from ..trunks.slices import Trunks
+from ..trunks import Trunks
 from .clutter import BARE, Clutter, Takes, leaf_loss, level_loss
 
 if TYPE_CHECKING:

@@ -17,7 +17,7 @@ from scipy.spatial import ConvexHull, QhullError
 from ....base.trimesh import LEAF, TriMesh, is_wood
 from ....spec import Reverb
 from ...rays.geometry import SceneGeometry
-from ..trunks.slices import Field, Trunks
+from ..trunks import Field, Trunks
 from .clutter import (
     ALL_WAYS,
     LAYER,

@@ -23,7 +23,7 @@ from ....spec import Air, Reverb
 from ..directivity import Directivity
 from ..forest.losses import Losses
 from ..metrics import octave_bands
-from ..trunks.slices import Trunks
+from ..trunks import Trunks
 from .bands import SPREAD
 from .fast_scattering import FEW_RADII, FINEST, Expansions
 from .scattering import TrunkPaths, direct_sum, trunk_paths

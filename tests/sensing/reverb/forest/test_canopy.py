@@ -14,7 +14,7 @@ from forest_addon.sensing.reverb.forest.surroundings import (
     surroundings,
     terms_of,
 )
-from forest_addon.sensing.reverb.trunks.slices import Trunks
+from forest_addon.sensing.reverb.trunks import Trunks
 from forest_addon.spec import Reverb
 
 

@@ -18,7 +18,7 @@ from forest_addon.sensing.reverb.sums.scattering import (
     spectrum_by_nodes,
     trunk_paths,
 )
-from forest_addon.sensing.reverb.trunks.slices import Trunks
+from forest_addon.sensing.reverb.trunks import Trunks
 from forest_addon.spec import Air, Reverb
 
 AIR = Air(sound_speed=343.0)

@@ -17,7 +17,7 @@ from forest_addon.sensing.reverb.forest.losses import Losses, TrunkStand
 from forest_addon.sensing.reverb.sums.fast_scattering import Expansions, judged
 from forest_addon.sensing.reverb.sums.scattering import TrunkPaths, direct_sum, trunk_paths
 from forest_addon.sensing.reverb.sums.tree_response import tree_response
-from forest_addon.sensing.reverb.trunks.slices import Trunks
+from forest_addon.sensing.reverb.trunks import Trunks
 from forest_addon.spec import Air, Reverb, SpecError
 
 slow, medium = pytest.mark.slow, pytest.mark.medium

@@ -17,7 +17,7 @@ from forest_addon.sensing.reverb.sums.tree_response import (
     arrival_energies,
     record_length,
 )
-from forest_addon.sensing.reverb.trunks.slices import Trunks
+from forest_addon.sensing.reverb.trunks import Trunks
 from forest_addon.spec import Air, Reverb
 
 AIR = Air(sound_speed=343.0)

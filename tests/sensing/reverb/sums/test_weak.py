@@ -10,7 +10,7 @@ from forest_addon.sensing.reverb.metrics import octave_bands
 from forest_addon.sensing.reverb.response import impulse_response
 from forest_addon.sensing.reverb.sums.scattering import trunk_paths
 from forest_addon.sensing.reverb.sums.tree_response import _largest, weak_trunks
-from forest_addon.sensing.reverb.trunks.slices import Trunks
+from forest_addon.sensing.reverb.trunks import Trunks
 from forest_addon.spec import Air, Reverb
 
 CLAP = Reverb(source=(0, 0, 1.5), receiver=(4, 0, 1.5), sample_rate=8000, duration=0.4)

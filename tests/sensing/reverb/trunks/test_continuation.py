@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from forest_addon.base.rng import stream
-from forest_addon.sensing.reverb.trunks.slices import Trunks, continue_trunks
+from forest_addon.sensing.reverb.trunks import Trunks, continue_trunks
 
 FIELD = ((-10.0, -20.0), (40.0, 30.0))
 

@@ -7,7 +7,7 @@ import pytest
 
 from forest_addon.base.trimesh import WOOD, TriMesh
 from forest_addon.sensing.rays.geometry import SceneGeometry
-from forest_addon.sensing.reverb.trunks.slices import STEP, TrunkCuts
+from forest_addon.sensing.reverb.trunks import STEP, TrunkCuts
 
 
 def cone(height: float, foot: float, lean: float = 0.0, sides: int = 48) -> TriMesh:

@@ -11,7 +11,7 @@ from scipy import special
 from forest_addon.base.rng import stream
 from forest_addon.base.trimesh import LEAF, OTHER, WOOD, TriMesh, join
 from forest_addon.sensing.rays.geometry import SceneGeometry
-from forest_addon.sensing.reverb.trunks.slices import (
+from forest_addon.sensing.reverb.trunks import (
     convex_hull,
     equivalent_circle,
     largest_radii,

@@ -15,10 +15,10 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse import csgraph
 
-from ....base.rows import RowTable
-from ....base.trimesh import TriMesh, is_wood
-from ....spec import Reverb
-from ...rays.geometry import SceneGeometry
+from ...base.rows import RowTable
+from ...base.trimesh import TriMesh, is_wood
+from ...spec import Reverb
+from ..rays.geometry import SceneGeometry
 
 
 @dataclass(frozen=True)
