@@ -3,6 +3,8 @@
 The dry sound is resampled by a polyphase filter where rates differ (Kaiser window, 80 dB), so that its
 pitch stays. Every channel of the impulse response is one of the wet sound; a dry sound of several
 channels is mixed to one, because a source is a point.
+
+Background noise at a stated level in each octave, the same at all times and independent by channel.
 """
 
 from __future__ import annotations

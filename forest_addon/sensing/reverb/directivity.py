@@ -5,6 +5,15 @@ between its frequencies linear in the logarithm; beyond its frequencies it stays
 sum of a few products, one factor of the angle and one of the frequency (a singular value decomposition
 of the table), and a sum over paths costs that many sums, each with a gain for every path. For omni and
 cardioid it is one product, and exact. Phase is that of the axis everywhere.
+
+A measured directivity as CSV: the first column is the angle from the axis, each further one a frequency.
+
+    angle_deg, 250, 1000, 4000
+    0,         0,   0,    0
+    90,       -1,  -4,   -9
+    180,      -3, -10,  -20
+
+Levels are dB re the axis, or re anything else: they are used as they are. ``-inf`` is silence.
 """
 
 from __future__ import annotations

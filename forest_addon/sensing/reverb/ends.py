@@ -2,8 +2,16 @@
 
 The settings of a reverb go in, with the places of Blender objects by name; named places come out. A
 receiver is a microphone, or a row of them around its place, or an array of a file: all differ by delay and
-by distance alone (``ears`` gives one directions, or a head). A channel is a source and a microphone, at a
+by distance alone (``hearing`` gives one directions, or a head). A channel is a source and a microphone, at a
 moment where one of them moves.
+
+Places as CSV, with a header: microphones of an array, and where a source or a receiver goes.
+
+    x, y, z             time, x, y, z
+    0.05, 0, 0          0, 0, 10, 1.5
+    -0.05, 0, 0         8, 20, 10, 1.5
+
+Metres and seconds; other columns are not read. Between the times of a path it is straight.
 """
 
 from __future__ import annotations

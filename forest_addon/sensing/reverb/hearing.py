@@ -5,6 +5,12 @@ Ways of arrival go in, impulse responses of the channels go out. Ambisonics are 
 faces, y to its left, z up. A head is the SOFA file's: a sound is heard as from the direction measured that
 is next to its own. So that not every trunk needs a filter of its own, level sound is sorted into ``groups``:
 the plane's harmonics of first order, or SECTORS directions of a head.
+
+Channels of a receiver that tells directions: the response of a pair, part by part from where it comes.
+
+Direct sound comes from the source, the ground's from its image, a trunk's level from its axis, noise of what
+trunks turned from all sides level, noise of what branches or leaves turned from all sides in space: each
+direction with noise of its own, so that two ears hear it as alike as a diffuse field lets them.
 """
 
 from __future__ import annotations

@@ -2,6 +2,11 @@
 
 Direct sound, the ground's, that of trunks and the noise of what is scattered more than once; the formulas
 are in ``response``.
+
+Sound that meets no trunk: an arrival after a path, and whether wood leaves it its way.
+
+A path's length and its gain by frequency go in, samples come out; source, receiver and the scene's wood go
+in, two answers come out: whether the direct and the ground's sound pass.
 """
 
 from __future__ import annotations
@@ -44,7 +49,7 @@ class ImpulseResponse:
     direct_clear, ground_clear : whether wood leaves the direct and the ground sound their way.
     trunks : how many trunks were heard. continued : how many of them stand beyond the field.
     late : how many more are so far away that they would be heard after the end.
-    left_db : (1 + B,) their energy, dB re all, estimated: of the whole band and of octaves (``record``).
+    left_db : (1 + B,) their energy, dB re all, estimated: of the whole band and of octaves (``tree_response``).
     clamped : how many trunks cover the source or the receiver.
     exact : whether every trunk was summed at every frequency, rather than to the tolerance.
     errors : {lower end of an octave in Hz: relative error of the fast sum, found by its checks}.

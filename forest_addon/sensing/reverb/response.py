@@ -84,7 +84,7 @@ def impulse_response(  # noqa: PLR0913 (all that a response depends on)
     expansions : what the fast sum set up for other responses; None: it is set up for this one.
     progress : called as progress(done, total).
     canopy : leaves and tops of the scene, for a model ``forest``. key : of its noise's random streams.
-    all_trunks : also those that add nothing above the end of a record (``weak``).
+    all_trunks : also those that add nothing above the end of a record (``tree_response``).
 
     Raises
     ------

@@ -2,8 +2,30 @@
 
 A ``SceneGeometry`` goes in, the stems at one height come out as upright cylinders for the reverb. The
 wood triangles that cross the plane give one segment each; segments meet in the mesh edges that their
-triangles share, and the connected components of that graph are the contours. ``contours`` turns
-each into a circle.
+triangles share, and the connected components of that graph are the contours. ``equivalent_circle``
+turns each into a circle.
+
+From the outline of a cut stem to a circle: hull, centre, and radius across the stem's own axis.
+
+The segments of one contour, with the normals of the triangles they come from, go in; the centre in the
+cutting plane and the radius come out. The radius is that of the circle with the perimeter of the
+contour's convex hull: by Cauchy's formula a hull's perimeter over π is the mean width of its silhouette
+over all directions, which is what sound meets. It is exact for the n-gons of ``growth/mesh`` (rings of
+equal perimeter), asks neither for ordered segments nor for a closed or consistently wound mesh, and
+does not follow every groove of the bark.
+
+Trunks where the sound passes them: between ends of different heights, each at a height of its own.
+
+A path from a source by a trunk to a receiver rises evenly over its horizontal way r_s + r_r, so it meets the
+trunk at z_s + (z_r - z_s)·r_s/(r_s + r_r). The wood is cut at a ladder of heights; from each cut those
+trunks are taken whose path is nearest to that height. So a leaning or tapering stem is where, and as
+thick as, the sound meets it, and a tree that the path passes over is not heard.
+
+The forest goes on: trunks beyond the modelled field, as dense and as thick as those in it.
+
+The trunks of a field go in, Poisson trunks around it come out (Kaneko & Gamper 2021 fill 1 km² so). The
+count in any area outside the field is Poisson with the field's density as its mean, positions are
+uniform, and each radius is drawn from the field's trunks.
 """
 
 from __future__ import annotations

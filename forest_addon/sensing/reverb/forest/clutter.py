@@ -5,6 +5,17 @@ square metres of leaf and of needle a cubic metre by height. A mesh tells its br
 an edge of length ℓ between faces that turn by δ belongs to ℓδ/2π metres of cylinder (Cohen-Steiner & Morvan
 2003), of a radius that is the faces' area over ℓδ, along the edge. A shoot of needles is drawn as strips that
 face all ways, fewer and wider than its needles, whose shadow is the shoot's.
+
+Scatter by branches and leaves: what they take out of a sound and where they send it, by height.
+
+A ``Clutter`` goes in; coefficients a metre and a phase function in space go out. A branch is a cylinder much
+longer than the wave: sound that meets it at γ from its axis goes on along the cone of the same γ, turned
+about the axis as at a trunk of size ka·sin γ (van de Hulst 1957, ch. 15); it is held against level sound at
+the slopes that branches have, and looks all ways for sound that was scattered before. A leaf is a hard disc
+that looks all ways: Rayleigh's cross-section (2k²a³/3π)²·4π/3·cos² below, half its area above, in between
+the smaller; it scatters all ways alike. Lobes straight on, as large as the shadow, are no scattering.
+Branches take what their bark takes, as trunks', and what the air at it takes (``boundary_loss``). A leaf
+takes what was measured of leaves, in which the air at them is held.
 """
 
 from __future__ import annotations

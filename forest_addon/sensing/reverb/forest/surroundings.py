@@ -4,6 +4,14 @@ Trunks of the field, its extent and the scene's canopy come in; the ``TrunkStand
 need, and the ``Density`` that energy travels through, go out. Trunks' density is counted in cells of the
 field that hold CELL_HOLDS each on average; where counts are no more uneven than random ones, it is the
 same everywhere.
+
+Leaves and tops of a scene, as sound on its way meets them.
+
+The evaluated scene comes in; out goes how many square metres of leaf a cubic metre holds at the height of the
+path, over the whole field, and where its trees end on average. Leaves far above or below the path do not
+count: sound between source and receiver travels level (``losses``).
+
+Terms of a reverb's model: what its settings put in and what they leave out, in words.
 """
 
 from __future__ import annotations

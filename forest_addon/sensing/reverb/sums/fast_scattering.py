@@ -1,15 +1,39 @@
 """The sum over trunks in milliseconds: deposit, transform, filter, and the air at the end.
 
 Paths by trunks go in, samples come out. Trunks of a few radii are summed radius by radius and layer by layer
-of frequency (``layer_sum``): in each sector of the scattering angle H(f, φ) ≈ Σ_r U_r(f)·V_r(cos φ)
-(``expansion``), so that
+of frequency (``layer_sum``): in each sector of the scattering angle H(f, φ) ≈ Σ_r U_r(f)·V_r(cos φ), so that
 
     Σ_m w_m·e^{-ikx_m}·H(f, φ_m) ≈ Σ_r U_r(f)·Σ_m w_m·V_r(cos φ_m)·e^{-ikx_m}
 
 and the inner sums are pulses of the heights w_m·V_r at the times x_m/c: a Kaiser-Bessel kernel spreads
 them over an even grid, one sparse product for all r, and a Fourier transform follows. The air comes
-after the sum over sectors, as a filter that changes in time (``air_filter``), or is in the gain of paths.
+after the sum over sectors, as a filter that changes in time (``path_gain``), or is in the gain of paths.
 Trunks of many radii are summed by panels of frequency (``panel_sum``), where nothing has to be set up.
+
+Trunks that are heard above all others of a record, and those that nothing of it would miss.
+
+A fast sum's error of a trunk is a share of that trunk's sound, and is spread over the whole record. Near
+trunks, or all early ones where much is lost on the way, are many times as loud as the record's faint end:
+they are summed one by one. Far ones, at frequencies that are lost on the way, are not heard at all.
+Energies are those of trunks that stand at random, w²·a·min(ka, 1)³·e^{-2b(f)x}.
+
+Contract of the tolerance of a sum over trunks, in one place: for users, the audit and the tests.
+
+A relative error ε, from 1e-2 to 1e-6, holds against the formula (``scattering``) in the L2 norm of
+
+- the whole record,
+- each octave from 20 Hz to 0.45 of the sampling rate that is less than 120 dB below the whole,
+- each tenth of the record in which the sound of a trunk begins and that is less than 100 dB below the whole
+  (90 dB at 1e-6),
+
+for all trunks of 1 mm to 2 m, all air, grounds and losses that the settings take, and all sampling rates;
+with losses on the paths (``model = "forest"``) it holds down to 1e-5, and 1e-6 was met within a factor of 10
+in all sweeps: ask for 0, the direct sum, where that matters.
+Octaves are those of the record with its end faded out over 40 ms, and its start before the first arrival
+faded in: a record that ends at once sounds at all frequencies. The formula's sound before the first
+arrival, of a band that ends smoothly and of losses without dispersion, is part of it. Finer than 1e-6, and
+at 0, every trunk is summed at every frequency, which keeps 1e-9 of the whole; a tolerance between 0 and
+1e-9 is refused (``spec/reverb``).
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """The sum over trunks in one layer of frequency: pulses on a grid, transforms, filters.
 
 Paths by trunks and what they lose go in, samples come out. In each sector of the scattering angle
-H ≈ Σ_r U_r(f)·V_r(cos φ) (``expansion``), and in each zone of the path's length the gain is
+H ≈ Σ_r U_r(f)·V_r(cos φ), and in each zone of the path's length the gain is
 g ≈ Σ_q G_q(f)·T_q(x) (``path_gain``), so that
 
     Σ_m w_m·e^{-ikx_m}·H·g ≈ Σ_rq U_r·G_q·Σ_m w_m·V_r·T_q·e^{-ikx_m}.
@@ -9,6 +9,20 @@ g ≈ Σ_q G_q(f)·T_q(x) (``path_gain``), so that
 Many trunks are laid down on an even grid as pulses of these heights, one transform for each product r, q that
 the tolerance needs. Where few trunks meet many products, as near by, each trunk's own spectrum,
 (Σ_r U_r·V_r)·(Σ_q G_q·T_q), is turned to its time, which costs R + Q products for R·Q transforms.
+
+H of trunks of one radius as a short sum of products: H(f, φ) ≈ Σ_r U_r(f)·V_r(cos φ) in each sector of φ.
+
+A sampling rate, a radius and a tolerance go in; sectors come out when they are asked for, from straight
+back to straight on, each with its own U (as filters in time) and V (as Chebyshev series), by a singular
+value decomposition in which every octave counts alike. Straight back, where nearly all trunks of a forest
+are, a few terms do; straight on, where the shadow is, it takes tens, but trunks there stand near the line
+between source and receiver, and their sounds arrive within a short time (a trunk turns the sound by φ
+only if its path is at most D/cos(φ/2)).
+
+H goes with f^1.5 at low frequencies, so that a trunk's answer dies away as slowly as t^-2.5. There are
+two layers therefore: a low band at a low sampling rate with filters of seconds, and the rest, which is
+over soon, up to the roll-off of the band. A filter's end is faded out, which leaves frequencies above
+``FADED`` as they are.
 """
 
 from __future__ import annotations
@@ -27,7 +41,6 @@ from ....acoustics.spectrum import delay_factors
 from ....base.rng import stream
 from ..forest.losses import Losses
 from .bands import SPREAD, roll_off
-from .panel_sum import polynomials, series
 from .path_gain import AirFilter, PathGain, Zone
 from .scattering import TrunkPaths
 
@@ -349,7 +362,7 @@ class Sector:
     def shares(self, cosine: np.ndarray) -> np.ndarray:
         """(M, R) V_r at cosines (M,)."""
         place = (cosine - self.low) * (2.0 / (self.high - self.low)) - 1.0
-        found: np.ndarray = polynomials(place, len(self.series)).T @ self.series
+        found: np.ndarray = chebyshev.polynomials(place, len(self.series)).T @ self.series
         return found
 
 
@@ -475,7 +488,7 @@ class ExpansionLayer:
         pivots = linalg.qr(shares.T, mode="r", pivoting=True, check_finite=False)[1][:terms]
         columns = self.waves.T @ turns[:, pivots]  # (F, R)
         spectra = linalg.solve(shares[pivots], columns.T, check_finite=False)
-        coefficients = series(shares, 0)
+        coefficients = chebyshev.coefficients(shares, 0)
         large = np.abs(coefficients * sizes[:terms]).max(axis=1)
         kept = int(np.flatnonzero(large > 0.01 * self.tolerance * large.max())[-1]) + 1
         found = Sector(low, high, self.filters(spectra), coefficients[:kept], self.lead, {})

@@ -8,8 +8,21 @@ from ``scattering.scattered_spectrum``, which is the exact sum. In a panel of fr
 with the polynomials ℓ_q of a few Chebyshev nodes f_q, and Σ_m h_mq·e^{-ikx_m'} is a non-uniform Fourier
 transform for each q (``acoustics/gridding``). Air, radius and angle are in the heights h, each trunk's
 own, and every panel has its own scale: the error is relative in each band. The heights come from a table
-over ka and φ (``field_table``) by Chebyshev series over boxes of radius and angle. In each panel the
+over ka and φ by Chebyshev series over boxes of radius and angle. In each panel the
 heights of some trunks are compared with partial wave sums at frequencies between the nodes.
+
+H of many trunks of unlike radius and angle, at a few wavenumbers, from a table at the corners of boxes.
+
+Radii and angles are cut into boxes in which H is a Chebyshev series of both; the series' values come from a
+table over ka and the angle (``field_table``), so that a trunk costs a few products and no Bessel function.
+
+H of trunks at some angles for every size ka between two, from a few hundred partial wave sums.
+
+H·k^{-3/2}/a² is a function of z = ka and of the angle φ alone: one table serves all radii, frequencies and
+sampling rates. Along z it is kept as Chebyshev series over short stretches, times (1 + z²)^{3/4}, which
+levels it from Rayleigh's law (z -> 0) to geometrical optics, and without its middle delay: the echo off
+the near face comes 2a·sin(φ/2)/c before, the wave that creeps around by φ comes aφ/c after the axis'
+own time, so that a·(sin(φ/2) - φ/2)/c is the middle of both.
 """
 
 from __future__ import annotations
@@ -19,7 +32,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import fft, special
+from scipy import special
 
 from ....acoustics import chebyshev
 from ....acoustics.cylinder import order_count, partial_waves, scattering_sum
@@ -206,7 +219,7 @@ class _Panel:
         best, shift = MOST_NODES + 1, middle
         for way in (near_face, middle):
             turned = values * np.exp(-1j * np.outer(z, way(angles) - middle(angles)))
-            size = np.abs(series(turned[:, :, None] * left[:, None], 0)).max(axis=2)
+            size = np.abs(chebyshev.coefficients(turned[:, :, None] * left[:, None], 0)).max(axis=2)
             tail = np.cumsum(size[::-1], axis=0)[::-1]
             large = (tail > self.group.allowed * np.abs(values).min(axis=0)).any(axis=1)
             count = max(3, int(np.flatnonzero(large)[-1]) + 2)
@@ -391,8 +404,7 @@ class _Side:
     def lagrange(self, rows: np.ndarray) -> np.ndarray:
         """(m, nodes) polynomials of each value's part, which are 1 at one of its points and 0 at others."""
         place = 2.0 * ((self.values[rows] - self.low) / (self.step or 1.0) - self.of[rows]) - 1.0
-        found: np.ndarray = polynomials(place, self.nodes).T @ series(np.eye(self.nodes), 0)
-        return found
+        return np.asarray(chebyshev.lagrange(self.nodes, place).T)
 
 
 def _nodes_for(turn: float, allowed: float, poles: float = 0.0) -> int:
@@ -436,7 +448,7 @@ class FieldTable:
         z = self._ends[:-1, None] + span[:, None] * 0.5 * (chebyshev.points(NODES) + 1.0)
         values = field(z.ravel(), angles, bark)
         values *= np.exp(-1j * np.outer(z, middle(angles))) * ((1.0 + z**2) ** 0.75).reshape(-1, 1)
-        self._series = series(values.reshape(len(z), NODES, len(angles)), 1)
+        self._series = chebyshev.coefficients(values.reshape(len(z), NODES, len(angles)), 1)
 
     def at(self, z: np.ndarray, columns: slice = slice(None)) -> np.ndarray:
         """(Z, C) values at sizes (Z,) of some of the angles."""
@@ -445,7 +457,7 @@ class FieldTable:
         for number in np.unique(stretch):
             rows = np.flatnonzero(stretch == number)
             coefficients = np.ascontiguousarray(self._series[number, :, columns])
-            part = polynomials(place[rows], NODES).T @ coefficients.view(np.float64)
+            part = chebyshev.polynomials(place[rows], NODES).T @ coefficients.view(np.float64)
             found[rows] = part.view(np.complex128)
         found *= ((1.0 + z**2) ** -0.75)[:, None]
         return found
@@ -456,7 +468,7 @@ class FieldTable:
         for start in range(0, len(z), FIRST_SERIES):
             some = slice(start, start + FIRST_SERIES)
             stretch, place = self._place(z[some])
-            basis = polynomials(place.ravel(), NODES).T.reshape(*place.shape, NODES)
+            basis = chebyshev.polynomials(place.ravel(), NODES).T.reshape(*place.shape, NODES)
             series_of = self._series[stretch, :, columns[some, None]]  # (m, Q, NODES)
             found[some] = (basis * series_of).sum(axis=2)
         found *= (1.0 + z**2) ** -0.75
@@ -477,24 +489,3 @@ def field(z: np.ndarray, angles: np.ndarray, bark: float = 0.0) -> np.ndarray:
     waves *= np.exp(0.25j * math.pi) * math.sqrt(2.0 / math.pi) / z**2
     turns = np.cos(np.outer(np.arange(len(waves)), angles))
     return waves.real.T @ turns - 1j * (waves.imag.T @ turns)
-
-
-def series(values: np.ndarray, axis: int) -> np.ndarray:
-    """Chebyshev coefficients of values at the Chebyshev points, along an axis."""
-    count = values.shape[axis]
-    found: np.ndarray = fft.dct(np.flip(values, axis), type=2, axis=axis) / count
-    found[(slice(None),) * axis + (0,)] *= 0.5
-    return found
-
-
-def polynomials(x: np.ndarray, count: int) -> np.ndarray:
-    """(count, N) Chebyshev polynomials at x (N,)."""
-    found = np.empty((count, len(x)))
-    found[0] = 1.0
-    if count > 1:
-        found[1] = x
-    twice = 2.0 * x
-    for n in range(2, count):
-        np.multiply(twice, found[n - 1], out=found[n])
-        found[n] -= found[n - 2]
-    return found

@@ -8,6 +8,17 @@ with the polynomials ℓ_q in log x of as many Chebyshev points x_q as the toler
 Near zones hold few trunks, and there the ground's and the straight way differ by many wavelengths: each has
 a sum of its own, for pulses at its own times. Far ones, where nearly all trunks are, need a handful of terms.
 Filters over a whole transform are read from a spline in frequency, with as many knots as the tolerance needs.
+
+The air as a filter that changes in time: what arrives after t has lost e^{-b(f)ct}.
+
+Samples go in that have lost nothing yet, and those that have come out. They are cut into blocks of the
+distance x = ct; within one, from x₀ - h to x₀ + h, the loss is a short series in closed form,
+
+    e^{-b(x₀ + h·u)} = e^{-bx₀}·Σ_q ε_q·(-1)^q·I_q(bh)·T_q(u),   ε₀ = 1, else 2 (DLMF 10.35.3),
+
+so that a block is a few products and transforms, its error relative to what is left there of each
+frequency. A scattered sound of several arrivals from one trunk loses by the axis' path and not by each
+arrival's own; ``undone`` changes the filters of such sounds accordingly.
 """
 
 from __future__ import annotations
@@ -26,7 +37,6 @@ from ....acoustics.air import absorption, relaxation
 from ....spec import Air
 from ..forest.losses import LOWEST, NEAR, Losses
 from .bands import roll_off
-from .panel_sum import polynomials, series
 
 if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline
@@ -62,7 +72,7 @@ class Zone:
 
     def polynomials(self, length: np.ndarray) -> np.ndarray:
         """(M, Q) Chebyshev polynomials at lengths (M,)."""
-        return polynomials(self._place(length), len(self.nodes)).T
+        return chebyshev.polynomials(self._place(length), len(self.nodes)).T
 
     def _place(self, length: np.ndarray) -> np.ndarray:
         place: np.ndarray = 2.0 * np.log(length / self.low) / math.log(self.high / self.low) - 1.0
@@ -106,7 +116,7 @@ class PathGain:
             inside = np.clip(frequency, LOWEST, self.highest)
             return np.asarray(spline(np.log1p(inside / BEND)))
         values = zone.values(frequency, zone.nodes[:, None])
-        return np.asarray(chebyshev.series(len(zone.nodes)) @ values)
+        return np.asarray(chebyshev.coefficients(values, 0))
 
     def _spline(self, zone: Zone) -> CubicSpline | None:
         """The filters by log(1 + f/BEND); None: no number of knots serves."""
@@ -127,8 +137,7 @@ class PathGain:
             place = np.linspace(low, high, 2 * len(place) - 1)
             values = np.insert(new, range(new.shape[1] + 1), values, axis=1)
             if (gap <= BETWEEN * self.tolerance * size).all():
-                into = chebyshev.series(len(zone.nodes))
-                return CubicSpline(place, into @ values, axis=1)
+                return CubicSpline(place, chebyshev.coefficients(values, 0), axis=1)
         return None
 
     def at(self, frequency: np.ndarray, length: np.ndarray) -> np.ndarray:
@@ -177,7 +186,7 @@ class PathGain:
         while True:
             length = low * ratio ** (0.5 * (chebyshev.points(count) + 1.0))
             values = of(frequency[None], length[:, None])
-            size = np.abs(series(values[:, :, None], 0)[:, :, 0])
+            size = np.abs(chebyshev.coefficients(values[:, :, None], 0)[:, :, 0])
             tail = np.cumsum(size[::-1], axis=0)[::-1]
             allowed = SHARE * self.tolerance * np.sqrt(np.mean(np.abs(values) ** 2, axis=0))
             large = np.flatnonzero((tail > allowed).any(axis=1))
@@ -234,7 +243,7 @@ class AirFilter:
         place = (2.0 * np.arange(self._block) + 1.0) / self._block - 1.0
         fall = roll_off(0.45 + 0.05 * (np.arange(FADE) + 0.5) / FADE)
         window = np.concatenate([1.0 - fall, np.ones(self._block - 2 * FADE), fall])
-        self._shapes = polynomials(place, terms) * window  # (Q, block)
+        self._shapes = chebyshev.polynomials(place, terms) * window  # (Q, block)
         self._lifts: dict[int, tuple[int, np.ndarray, np.ndarray, np.ndarray]] = {}
 
     @property
@@ -309,7 +318,7 @@ class AirFilter:
             orders = np.arange(len(self._shapes))[:, None]
             scaled = special.ive(orders, half * loss) * np.where(orders == 0, 1.0, 2.0)
             terms = int(np.flatnonzero(scaled.max(axis=1) > 0.1 * self.tolerance)[-1]) + 1
-            place = polynomials((2.0 * np.arange(hop) + 1.0) / hop - 1.0, terms)
+            place = chebyshev.polynomials((2.0 * np.arange(hop) + 1.0) / hop - 1.0, terms)
             self._lifts[count] = size, loss, scaled[:terms] * np.exp(half * loss), place
         return self._lifts[count]
 

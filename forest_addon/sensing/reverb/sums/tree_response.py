@@ -4,6 +4,27 @@ Trunks, a source and a receiver go in, samples come out. ``tolerance`` chooses t
 than the fast sum keeps, sums every trunk at every frequency (``scattering``), a larger one allows a
 relative error and uses separable expansions (``fast_scattering``). A few trunks
 are summed exactly in any case, because that is as fast.
+
+Length of a record, and the share of the sound that one which ends earlier leaves out.
+
+Paths go in; by octaves, the energy that is still to come at each path's arrival is estimated without
+summing their sound: trunks stand at random, so that their energies add up,
+
+    E_m = w_m²·e^{-2b(f)x_m}·mean over φ of |H(f, φ, a_m)|² = w_m²·e^{-2b(f)x_m}·(2/πk)·Σ_n ε_n·sin²γ_n
+
+(Parseval; ``acoustics/cylinder``). A record without a given duration goes on until less than RANGE_DB is
+left in every octave, or to the last trunk, at most LONGEST. The measures of a record need to know what
+it leaves out (``metrics``).
+
+Trunks that add nothing above the end of a record, and what they could add at most.
+
+Paths go in, the rows of those that may be left out come out. No trunk is louder in an octave up to f₂ than
+
+    |h_m| <= w_m·e^{-b(f₁)x_m}·√(2/πk)·Σ_n ε_n|sin γ_n|,
+
+whatever the angle; n over all orders, the largest of that for sizes up to k₂a. The weakest are left out as
+long as the sum of their norms, as if they all were in phase, stays below ``RANGE_DB`` under the expected
+energy of all sound in every octave. ``Weak.bound`` sets that against the sound that came out.
 """
 
 from __future__ import annotations
