@@ -89,7 +89,7 @@ BUDGETS = {
     "forest_addon/formats": (3332, 30),
     "forest_addon/growth": (8345, 38),
     "forest_addon/results": (1088, 16),
-    "forest_addon/sensing": (13286, 116),
+    "forest_addon/sensing": (13101, 114),
     "forest_addon/spec": (1161, 11),
     "forest_addon/stand": (3839, 34),
     "forest_addon/ui": (5956, 41),
