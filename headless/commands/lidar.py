@@ -115,7 +115,9 @@ with the same command and --resume, to the same bytes."""
         parser.add_argument(
             "--engine", default="auto", choices=("auto", "bvhtree", "embree"), help="who casts rays"
         )
-        parser.add_argument("--quiet", action="store_true", help="say nothing but errors")
+        parser.add_argument(
+            "--quiet", action="store_true", help="say nothing but warnings and errors"
+        )
 
     def output(self, chosen: argparse.Namespace) -> Path:
         if chosen.out is None:
@@ -391,7 +393,7 @@ def scan_blend(
                 )
             caster = observer.caster
         if observer.warning:
-            stages.say(f"  Warning: {observer.warning}")
+            stages.warn(observer.warning)
         way = observer.way(sensor)
         cost = kind_of(sensor).cost(sensor, way, caster.engine)
         stages.say(f"  {replace(cost, memory=0)}")  # points go to the disk as they come
