@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from forest_addon.results.coordinates import Offset
 
 
-FORMATS = ("laz", "las", "copc.laz", "ply", "npz")
+FORMATS = ("laz", "las", "copc.laz", "ply", "double.ply", "pcd", "npz")
 
 
 class LidarCommand(Command):
@@ -164,7 +164,7 @@ with the same command and --resume, to the same bytes."""
             raise SpecError("lidar", "needs a .blend file; --list prints the scanners")
         sensor = sensor_of(chosen.scanner, chosen.at, chosen.along, chosen.azimuth, chosen.set)
         offset = _offset(chosen)
-        if chosen.out.suffix.lstrip(".") not in FORMATS:
+        if chosen.out.suffix.lower().lstrip(".") not in FORMATS:
             raise SpecError(f"--out {chosen.out}", f"must end in one of .{', .'.join(FORMATS)}")
         scan_blend(
             chosen.blend,
@@ -210,7 +210,7 @@ with the same command and --resume, to the same bytes."""
             if getattr(chosen, word):
                 option = "FILE.blend" if word == "blend" else f"--{word}"
                 raise SpecError(option, "does not go with --survey, which says all that itself")
-        if chosen.out.suffix.lstrip(".") not in FORMATS:
+        if chosen.out.suffix.lower().lstrip(".") not in FORMATS:
             raise SpecError(f"--out {chosen.out}", f"must end in one of .{', .'.join(FORMATS)}")
         scan_survey(
             chosen.survey,
