@@ -88,7 +88,7 @@ def _fitted(path: Path, generations: int | None, seed: int) -> str:
 
 
 def _system(species: Species, generations: int | None) -> tuple[System, str, int]:
-    from forest_addon.growth.lsystem.tanveer import system_of_grammar
+    from forest_addon.growth.lsystem.branching import system_of_grammar
     from forest_addon.growth.lsystem.turtle import system_of
 
     if species.honda is not None:

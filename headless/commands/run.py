@@ -49,6 +49,7 @@ class RunCommand(Command):
         from forest_addon.results.kinds import files_of
 
         scene, workers, share = chosen.scene, chosen.workers, chosen.share
+        refuse_beyond("--workers", workers, 1)
         dry = chosen.convolve.stem if chosen.convolve else ""
         settings = read_scene(scene, chosen.seed, dry)
         names = (chosen.out / name for name in files_of(settings, dry))
@@ -73,6 +74,7 @@ class RunCommand(Command):
                 quiet=chosen.quiet,
                 resume=chosen.resume or workers > 1,
                 share=None if share is None else Share.of(share),
+                strict=chosen.strict,
             )
             return
         if workers > 1 or share is not None:
@@ -87,6 +89,7 @@ class RunCommand(Command):
             quiet=chosen.quiet,
             dry=chosen.convolve,
             resume=chosen.resume,
+            strict=chosen.strict,
         )
 
 
@@ -107,4 +110,7 @@ def add_run_options(parser: argparse.ArgumentParser, folder: str) -> None:
         action="store_true",
         help="go on with a run that was ended: sensors that it had finished do not look again",
     )
-    parser.add_argument("--quiet", action="store_true", help="say nothing but errors")
+    parser.add_argument("--quiet", action="store_true", help="say nothing but warnings and errors")
+    parser.add_argument(
+        "--strict", action="store_true", help="end with exit code 3 where there was a warning"
+    )
