@@ -7,7 +7,7 @@ from pathlib import Path
 
 from forest_addon.spec import SpecError
 
-from ..command import LOCK, SCENE_HELP, Command, read_scene, scene_file
+from ..command import LOCK, SCENE_HELP, Command, read_scene, refuse_beyond, scene_file
 
 
 class RunCommand(Command):
