@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...base.progress import Progress
-from ...base.rng import stream
 from ...base.words import keep
 from ...spec import Airborne, Mobile, Terrestrial, Tractor
-from ..audit import Audit
+from ..audit import Part
 from ..kind import Cost, Observation, SensorKind, cost_of_rays, why_nothing
 from ..looks import BeamLook
 
@@ -127,21 +126,19 @@ def _lasts(scanner: Any, trajectory: Any) -> float:
     return float(pattern.pulses(np.array([pattern.count - 1])).time[0])
 
 
-def _audit_drive(job: Observation, found: Any, seconds: float) -> Audit:
-    from .audit import audit_drive
+def _audit_drive(job: Observation, found: Any) -> list[Part]:
+    from .audit import parts_of_drive
 
-    rng = stream(job.settings.seed, "audit", job.sensor.name)
-    given = rng, seconds, job.settings.accuracy.audit, job.seen.geometry
-    return audit_drive(job.sensor, found, job.seen.caster, *given)
+    share = job.settings.accuracy.audit
+    return parts_of_drive(job.sensor, found, job.seen.caster, share, job.seen.geometry)
 
 
-def _audit_scan(job: Observation, found: Any, seconds: float) -> Audit:
-    from .audit import audit_scan
+def _audit_scan(job: Observation, found: Any) -> list[Part]:
+    from .audit import parts_of_scan
     from .scan import Scan
 
     work = Scan(job.sensor, job.caster, job.settings.seed, job.trajectory)
-    rng = stream(job.settings.seed, "audit", job.sensor.name)
-    return audit_scan(work, found, rng, seconds, job.settings.accuracy.audit, job.seen.geometry)
+    return parts_of_scan(work, found, job.settings.accuracy.audit, job.seen.geometry)
 
 
 def _no_hits(job: Observation, found: Any) -> str:

@@ -67,7 +67,8 @@ MOST_LOST = 100  # pulses of a scan; beyond, it is not a pulse that is at fault
 class Scan:
     """A scanner in a scene, ready to send its pulses.
 
-    pattern : pulses that are sent in place of the scanner's own.
+    pattern : pulses that are sent in place of the scanner's own. specular : mirrors, glass and water that it
+    follows; None where there are none.
 
     Raises
     ------
@@ -90,9 +91,9 @@ class Scan:
         self.at_once = max(1, RAYS_AT_ONCE // scanner.beam.subrays)
         self._moving = caster.moving if isinstance(caster, MovingCaster) else None
         self._halo = None if self._moving else Halo.of(scanner, caster.scene)
-        self._specular = SpecularScene.of(caster.scene, scanner)
+        self.specular = SpecularScene.of(caster.scene, scanner)
         self._unfollowed = 0
-        still = self._moving is None and self._specular is None and scanner.beam.subrays > 1
+        still = self._moving is None and self.specular is None and scanner.beam.subrays > 1
         self._faces = Faces.of(caster.scene) if still else None
         if self._faces is not None:
             self.at_once *= 16  # hardly a ray is traced
@@ -137,6 +138,13 @@ class Scan:
             found = found.select(np.flatnonzero(arrives_awake(self.scanner, found.echoes.distance)))
         return self._measure(pulses, number, keys, found)
 
+    def rays(self, number: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Origins and directions (P·S, 3) of the rays of the pulses of these numbers (P,), pulse by pulse."""
+        pulses = self.pattern.pulses(number)
+        if self.scanner.beam.subrays == 1:
+            return pulses.origin, pulses.direction
+        return self._rays(self._frames(pulses, daughter_keys(self._key, number)))
+
     def _found(self, pulses: Pulses, keys: np.ndarray) -> Received:
         """Return the echoes of pulses and their halos, before the receiver."""
         found = self._direct(pulses, keys)
@@ -155,9 +163,9 @@ class Scan:
     ) -> Contacts:
         """Return what origins and directions of rays meet, at times where the scene moves."""
         limits = self.scanner.max_range, self.scanner.surfaces
-        if self._specular is None:
+        if self.specular is None:
             return meet(self.caster, *rays, *limits, keys, at)
-        found, ended = follow(self.caster, self._specular, rays, *limits, keys)
+        found, ended = follow(self.caster, self.specular, rays, *limits, keys)
         self._unfollowed += ended
         return found
 
