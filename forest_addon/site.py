@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Self
 
 from .base.progress import Progress
-from .formats.crs import wkt_of
 from .growth.library.species_file import check_known, find_species, load_species
 from .growth.tree import Tree
 from .sensing.detail import grow_needed
@@ -84,7 +83,6 @@ class ForestSite:
         ------
         SpecError : a species or a file is missing or cannot be used.
         """
-        wkt_of(scene.crs)  # now, before hours are spent on what cannot be written
         folder = Path(folder)
         if load is load_planted:
             check_species(scene, folder)  # all that are wrong, not the first

@@ -22,7 +22,14 @@ from forest_addon.blender.read.depsgraph import forget
 from forest_addon.blender.scene.layout import RESULTS, part
 from forest_addon.blender.sensors.objects import put_sensor
 from forest_addon.blender.show.cloud import show_cloud
-from forest_addon.blender.show.preview import lay_horizon, render, set_stage, stand_walker
+from forest_addon.blender.show.preview import (
+    grow_around,
+    lay_horizon,
+    render,
+    set_stage,
+    stand_walker,
+)
+from forest_addon.blender.show.shaded import draw_scene
 from forest_addon.blender.show.sound import give_sound
 from forest_addon.formats.crs import can_tell_crs
 from forest_addon.formats.table import write_csv, write_npz
@@ -32,6 +39,7 @@ from forest_addon.results.kinds import results_of, write_finding
 from forest_addon.results.tables import write_cylinders, write_models
 from forest_addon.sensing.audit import Audit
 from forest_addon.sensing.kinds import cost_of
+from forest_addon.sensing.rays.caster import RayCaster
 from forest_addon.spec import Scene, Sensor, SpecError
 from forest_addon.stand.forest import (
     GrownForest,
@@ -110,6 +118,8 @@ def run_scene(
     with stages.stage("read species and templates"), hushed():
         empty_file()
         site = Site.of(settings, folder)
+    for line in site.inputs.told:
+        stages.say(f"  {line}")
     with stages.stage("grow trees") as progress:
         run = Run(settings, out, stages, site.grow(progress), site.ground)
     if settings.crs and not can_tell_crs():
@@ -133,15 +143,18 @@ def run_scene(
             with stages.stage(f"{sensor.kind} {sensor.name}") as progress:
                 _take(run, world, _looked(world, sensor, unfinished, progress), sound)
         facts = facts_of(world)
-    del observer
-    forget()  # a render needs the memory
+    caster = observer.caster
     _write_scene(run)
-    made = (run.findings, run.trees, run.targets, run.results, stages.seconds, run.files)
-    write_record(run.path("run.json"), settings, facts, *made)
+    run.path("run.json")
+    _write_report(run, facts)
     unfinished.drop()
-    if wanted.report:
-        with stages.stage("write report.html"):
-            page.write(out / "report.html", settings, run.findings, stages.seconds, run.files)
+    if wanted.preview:
+        if wanted.preview == "cycles":
+            del observer, caster
+            forget()  # a render needs the memory
+        with stages.stage("draw preview.png") as progress, hushed():
+            _write_preview(run, None if wanted.preview == "cycles" else caster, progress)
+        _write_report(run, facts)
     where = f". Open {out / 'report.html'}" if wanted.report else ""
     stages.say(f"Done: {len(run.files) + wanted.report} files in {out}{where}")
     audits = [*run.trees.items(), *((name, r.audit) for name, r in run.results.items())]
@@ -183,16 +196,36 @@ def _write_scene(run: Run) -> None:
     if wanted.usd:
         with stages.stage("write forest.usdc"), hushed(errors=True):
             export_usd(scene, run.path("forest.usdc"))
-    if wanted.preview:
-        with stages.stage("render preview.png") as progress, hushed():
-            field = run.settings.forest
-            middle = np.array(field.origin) + np.array(field.size) / 2
-            lay_horizon(scene, middle, max(field.size) / 2, field.terrain.base)
-            if wanted.preview_from == "walker":
-                stems, tall = run.forest.stand.position[:, :2], run.forest.heights()
-                stand_walker(scene, stems, tall, middle, max(field.size) / 2, run.ground.height)
-            exposure = 1.3 if wanted.preview_from == "walker" else 0.35
-            render(scene, wanted, run.path("preview.png"), progress, exposure)
+
+
+def _write_preview(run: Run, caster: RayCaster | None, progress: Progress) -> None:
+    """Draw the forest by the rays of a caster, or by Cycles."""
+    scene, wanted, field = bpy.context.scene, run.settings.output, run.settings.forest
+    middle, reach = np.array(field.origin) + np.array(field.size) / 2, max(field.size) / 2
+    place, walked = (middle, reach, field.terrain.base), wanted.preview_from == "walker"
+    if caster is None:
+        lay_horizon(scene, *place)
+    if walked:
+        stems, tall = run.forest.stand.position[:, :2], run.forest.heights()
+        way = stand_walker(scene, stems, tall, middle, reach, run.ground.height)
+        if caster is None:
+            grow_around(scene, *way, run.ground.height)
+    path = run.path("preview.png")
+    if caster is None:
+        render(scene, wanted, path, progress, 1.3 if walked else 0.35)
+    else:
+        draw_scene(scene, caster, path, *place, progress)
+
+
+def _write_report(run: Run, facts: dict[str, Any]) -> None:
+    """Write run.json, and report.html where it is wanted."""
+    made = (run.findings, run.trees, run.targets, run.results, run.stages.seconds, run.files)
+    write_record(run.out / "run.json", run.settings, facts, *made)
+    if run.settings.output.report:
+        with run.stages.stage("write report.html"):
+            page.write(
+                run.out / "report.html", run.settings, run.findings, run.stages.seconds, run.files
+            )
 
 
 def _take(run: Run, world: World, result: Result, sound: Dry | None) -> None:

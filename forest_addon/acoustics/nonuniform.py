@@ -117,23 +117,6 @@ def sum_delayed(
     return task.result(kernel, plan.error, plan.scattered)
 
 
-def nodes_needed(
-    amplitude: Amplitude,
-    start: float,
-    spacing: float,
-    count: int,
-    reach: np.ndarray,
-    loudness: np.ndarray,
-    tolerance: float,
-) -> np.ndarray:
-    """(M,) Chebyshev nodes between which amplitudes are interpolated within a tolerance; 0: none serve.
-
-    Arguments as of ``sum_delayed``.
-    """
-    task = _Task(amplitude, np.zeros(len(reach)), None, start, spacing, count, tolerance)
-    return _planned(task, reach, loudness, SAFE * tolerance).nodes
-
-
 @dataclass(frozen=True)
 class _NodePlan:
     """nodes : (M,) of the echoes, 0: directly. order : (M,) of them, like ones together. error, scattered :

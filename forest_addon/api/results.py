@@ -95,8 +95,7 @@ def _table_facts(sensor: Sensor, offset: Offset, seconds: float) -> dict[str, An
 if TYPE_CHECKING:  # a sensor's physics is imported when it runs
     from ..sensing.reverb.metrics import RoomMetrics
     from ..sensing.reverb.response import ImpulseResponse
-    from ..sensing.sonar.flight import PingSeries
-    from ..sensing.sonar.ping import Echo
+    from ..sensing.sonar.ping import Echo, PingSeries
     from ..sensing.trajectory import Trajectory
 
 BAG = ".mcap"
@@ -361,7 +360,7 @@ class Echoes(Result):
     @property
     def waveforms(self) -> np.ndarray:
         """(P, E, N) echoes of the call by pose and ear, re the call at 1 m."""
-        from ..sensing.sonar.flight import PingSeries
+        from ..sensing.sonar.ping import PingSeries
 
         return PingSeries(self.pings).stacked("waveforms")
 

@@ -16,9 +16,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ..sensing.sonar.beam import Horseshoe, beam_offsets
-from ..sensing.sonar.flight import PingSeries
-from ..sensing.sonar.ping import Echo
-from ..sensing.sonar.poses import SonarPose
+from ..sensing.sonar.ping import Echo, PingSeries
+from ..sensing.sonar.station import SonarPose
 from ..spec import Sonar
 from .figures import blank_figure
 from .palette import BARK, FAINT, INK, LEAF_GREEN, RED

@@ -22,8 +22,8 @@ from ..sensing.lidar.pattern import Sweep
 from ..sensing.lidar.scan import Scan
 from ..sensing.moving_rays import MovingCaster
 from ..sensing.sonar.ping import Echo, ping
-from ..sensing.sonar.poses import SonarPose as Place
 from ..sensing.sonar.station import Equipment
+from ..sensing.sonar.station import SonarPose as Place
 from ..sensing.trajectory import Trajectory, frame_of, through
 from ..spec import Air, Flight, Mobile, Pose, Scene, Sensor, Sonar
 from .bodies import State

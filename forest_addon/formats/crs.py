@@ -8,6 +8,9 @@ from typing import Any
 import numpy as np
 
 from ..spec import SpecError
+from ..spec.forest import METRES
+
+EPSG_UNITS = {9001: METRES["m"], 9002: METRES["ft"], 9003: METRES["us-ft"]}
 
 
 def can_tell_crs() -> bool:
@@ -28,9 +31,82 @@ def to_map(crs: str, longitude: np.ndarray, latitude: np.ndarray) -> tuple[np.nd
     import pyproj
 
     change = pyproj.Transformer.from_crs("EPSG:4326", known, always_xy=True)
-    east, north = change.transform(longitude, latitude)
+    east, north = np.multiply(metres_of(crs)[0], change.transform(longitude, latitude))
     factors = pyproj.Proj(known).get_factors(longitude, latitude)
     return east, north, np.asarray(factors.meridian_convergence)
+
+
+def unit_named(unit: object, otherwise: float) -> float:
+    """Metres of a unit of length by its EPSG number or its word, as "US survey foot"; None: otherwise."""
+    if unit is None or unit == "":
+        return otherwise
+    if isinstance(unit, int):
+        return EPSG_UNITS.get(int(unit), otherwise)
+    word = str(unit).strip().lower()
+    if "ft" in word or "foot" in word or "feet" in word:
+        return METRES["us-ft" if "us" in word else "ft"]
+    return METRES.get(word, otherwise)
+
+
+def metres_of(crs: str, otherwise: float = 1.0) -> tuple[float, float]:
+    """Metres of a system's units along x and y, and of its heights; those of a plane system are as its plane.
+
+    otherwise : of a system without a name, and where pyproj is missing.
+
+    Raises
+    ------
+    SpecError : PROJ knows no system of this name, or it counts in degrees; names the nearest in metres.
+    """
+    if not crs or not can_tell_crs():
+        return otherwise, otherwise
+    known = _known(crs)
+    axes = known.axis_info
+    if not axes or known.is_geographic or known.is_geocentric or "degree" in axes[0].unit_name:
+        raise SpecError(
+            "crs", f'"{_short(crs)}" is in degrees, not in metres; take {nearest_metric(crs)}'
+        )
+    flat = axes[0].unit_conversion_factor
+    return flat, axes[2].unit_conversion_factor if len(axes) > 2 else flat
+
+
+def nearest_metric(crs: str) -> str:
+    """The name of the system in metres that is most like one: its twin in metres, else the UTM zone of the
+    middle of its area."""
+    import pyproj
+
+    known = _known(crs)
+    flat = known.sub_crs_list[0] if known.is_compound else known
+    area = flat.area_of_use
+    plain = flat.name.split(" (")[0].split(" + ")[0]
+    for one in pyproj.database.query_crs_info(auth_name="EPSG", pj_types="PROJECTED_CRS"):
+        if flat.is_projected and one.name == plain and not one.deprecated:
+            return f"EPSG:{one.code}"
+    if area is None or area.east - area.west > 60:
+        return "a UTM zone, such as EPSG:32632"
+    return metric_near((area.west + area.east) / 2, (area.south + area.north) / 2)
+
+
+def metric_near(longitude: float, latitude: float) -> str:
+    """The UTM zone of a place in degrees."""
+    zone = int((longitude + 180) // 6) % 60 + 1
+    return f"EPSG:{(32600 if latitude >= 0 else 32700) + zone}"
+
+
+def same_place(one: str, other: str, place: np.ndarray) -> bool:
+    """Return whether metres (2,) in one system are the same metres in another, to a metre and a half; True
+    where either is not named."""
+    if not one or not other or not can_tell_crs():
+        return True
+    import pyproj
+
+    change = pyproj.Transformer.from_crs(_known(one), _known(other), always_xy=True)
+    here, there = metres_of(one)[0], metres_of(other)[0]
+    moved = np.multiply(there, change.transform(*(np.asarray(place) / here)))
+    return bool(np.linalg.norm(moved - place) < 1.5)
+
+
+def _short(crs: str) -> str:
+    return crs if len(crs) < 40 else crs.split('"')[1]
 
 
 def _known(crs: str) -> Any:
@@ -41,7 +117,7 @@ def _known(crs: str) -> Any:
         return pyproj.CRS.from_user_input(crs)
     except pyproj.exceptions.CRSError:
         raise SpecError(
-            "crs", f'"{crs}" is no coordinate system that PROJ knows; write it as EPSG:32632'
+            "crs", f'"{crs[:80]}" is no coordinate system that PROJ knows; write it as EPSG:32632'
         ) from None
 
 
@@ -52,11 +128,18 @@ def wkt_of(crs: str) -> str:
 
     Raises
     ------
-    SpecError : PROJ knows no system of this name.
+    SpecError : PROJ knows no system of this name, or it does not count in metres; names one that does.
     """
     if not crs or not can_tell_crs():
         return ""
     known = _known(crs)
+    flat, up = metres_of(crs)
+    if not np.allclose((flat, up), 1.0, rtol=0, atol=1e-9):
+        raise SpecError(
+            "crs",
+            f'"{crs}" counts in {known.axis_info[0 if flat != 1 else 2].unit_name}, and coordinates are '
+            f"written in metres; take {nearest_metric(crs)}",
+        )
     import pyproj
 
     try:

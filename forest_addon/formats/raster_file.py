@@ -1,7 +1,9 @@
-"""Rasters: TIFF by tifffile, PNG by pypng, npy arrays by numpy.
+"""Rasters: TIFF by tifffile, PNG by pypng, npy arrays by numpy, grids and points of text, ground of a LAS.
 
-The black of an image is 0 and its white 1, whatever its depth; floating-point images and arrays count as
-they are. Other images, and TIFF packed in ways that tifffile leaves to the package imagecodecs (LZW, the
+A file that says where it lies (GeoTIFF, OGC 19-008r4; ESRI ASCII grid; points) holds numbers that count as
+they are, by GDAL's scale and offset where it tells them; what it calls NoData is NaN. Any other is an image:
+its black is 0 and its white 1, whatever its depth; floating-point images and arrays count as they are.
+Images that are neither, and TIFF packed in ways that tifffile leaves to the package imagecodecs (LZW, the
 prediction of floats, JPEG), are read by Pillow, which installations by pip have, or by OpenImageIO, which
 is in Blender.
 """
@@ -10,13 +12,20 @@ from __future__ import annotations
 
 import io
 import math
+import re
+from dataclasses import dataclass, replace
 from importlib.util import find_spec
 from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
+from scipy.interpolate import LinearNDInterpolator
+from scipy.ndimage import map_coordinates
+from scipy.spatial import cKDTree
 
 from ..spec import SpecError
+from ..spec.forest import METRES
+from .crs import metres_of, metric_near, unit_named
 from .foreign import guarded
 
 MOST_PIXELS = 100_000_000
@@ -26,49 +35,131 @@ WHITE = {"1": 1.0, "L": 255.0, "LA": 255.0, "RGB": 255.0, "RGBA": 255.0}  # by P
 PNG = b"\x89PNG"
 TIFF = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 WHITE_IS_ZERO, PALETTE = 0, 3  # of TIFF's photometric interpretation
-PIXEL_SCALE, TIE_POINT, NO_DATA = 33550, 33922, 42113  # tags of a GeoTIFF
+PIXEL_SCALE, TIE_POINT, MATRIX, METADATA, NO_DATA = 33550, 33922, 34264, 42112, 42113  # tags
+GEOGRAPHIC, POINT, OWN = 2, 2, 32767  # of a GeoTIFF's model and raster types; a system of its own
+RGB = 2  # of TIFF's photometric interpretation
+NOTHING = (-9999.0, -99999.0, -32768.0, -32767.0)  # no height or amount, said or not
+ENDLESS = 1e38  # beyond are the largest floats, which stand for nothing
+LOWEST, HIGHEST = -500.0, 9000.0  # m, of ground
+POINTS, CLOUDS = (".xyz", ".txt", ".csv"), (".las", ".laz")
+GROUND_CLASS = 2  # of a LAS
 
 
 class TooLargeError(ValueError):
     """An image of more pixels than are read."""
 
 
-@guarded("an image in shades of grey or an npy array")
-def read_raster(path: Path) -> np.ndarray:
-    """Pixels (rows, columns) float64, the first row the upper edge.
+@dataclass(frozen=True)
+class GeoRaster:
+    """Numbers in rows and columns, and where on the map they lie if their file says that.
+
+    pixels : (rows, columns) float64, the first row the upper edge of an image; NaN where there is nothing.
+    transform : (2, 3) from column, row and 1, counted from the outer corner of the first pixel, to metres
+    on the map; None of an image. crs : its coordinate system; empty: not said. unit : metres of a unit of
+    height. note : what was left aside of the file.
+    """
+
+    pixels: np.ndarray
+    transform: np.ndarray | None = None
+    crs: str = ""
+    unit: float = 1.0
+    note: str = ""
+
+    def places(self, column: np.ndarray, row: np.ndarray) -> np.ndarray:
+        """(..., 2) metres on the map of columns and rows, counted from the first pixel's outer corner."""
+        assert self.transform is not None
+        return np.stack([column, row], axis=-1) @ self.transform[:, :2].T + self.transform[:, 2]
+
+    def holds(self, place: np.ndarray) -> np.ndarray:
+        """(...) bool, which places (..., 2) on the map lie on it or within a hundredth of a pixel."""
+        assert self.transform is not None
+        there = (place - self.transform[:, 2]) @ np.linalg.inv(self.transform[:, :2]).T
+        near = np.array([there + 0.01, self.pixels.shape[::-1] - there + 0.01])
+        return np.asarray((near >= 0).all(axis=(0, -1)))
+
+    @property
+    def extent(self) -> tuple[np.ndarray, np.ndarray]:
+        """(2,) lowest and (2,) highest x and y of its outer edge, metres on the map."""
+        rows, columns = self.pixels.shape
+        corner = self.places(np.array([0, columns, columns, 0]), np.array([0, 0, rows, rows]))
+        return corner.min(axis=0), corner.max(axis=0)
+
+    def upright(self) -> GeoRaster:
+        """The same with the first row in the north and columns to the east: turned over where that does it,
+        else drawn anew, bilinear between the middles of pixels and as fine as they are."""
+        assert self.transform is not None
+        turn = self.transform[:, :2]
+        low, high = self.extent
+        if not turn[[0, 1], [1, 0]].any():
+            pixels = self.pixels[:: -1 if turn[1, 1] > 0 else 1, :: -1 if turn[0, 0] < 0 else 1]
+            return replace(
+                self, pixels=pixels, transform=_north_up(low[0], high[1], np.abs(turn.diagonal()))
+            )
+        step = np.repeat(np.linalg.norm(turn, axis=0).min(), 2)
+        columns, rows = np.ceil((high - low) / step - 1e-9).astype(int)
+        _refuse_large(columns, rows)
+        drawn = replace(self, transform=_north_up(low[0], high[1], step))
+        y, x = np.mgrid[:rows, :columns] + 0.5
+        place = drawn.places(x, y)
+        middle = (place - self.transform[:, 2]) @ np.linalg.inv(turn).T - 0.5
+        pixels = map_coordinates(
+            self.pixels, middle.T[::-1].swapaxes(1, 2), order=1, mode="nearest"
+        )
+        return replace(drawn, pixels=np.where(self.holds(place), pixels, np.nan))
+
+    def heights(self, path: Path, unit: float | None = None) -> np.ndarray:
+        """(rows, columns) metres of what lies on the map.
+
+        unit : metres of a unit; None: as the file says.
+
+        Raises
+        ------
+        SpecError : no pixel has one, or some are beyond -500 to 9,000 m.
+        """
+        metres = self.pixels * (self.unit if unit is None else unit)
+        if not np.isfinite(metres).any():
+            raise SpecError(str(path), "has no height at all: every pixel is NoData")
+        low, high = np.nanmin(metres), np.nanmax(metres)
+        if low < LOWEST or high > HIGHEST:
+            span = np.array([np.nanmin(self.pixels), np.nanmax(self.pixels)])
+            fits = [u for u, m in METRES.items() if span[0] * m > LOWEST and span[1] * m < HIGHEST]
+            raise SpecError(
+                str(path),
+                f"holds heights of {low:,.7g} to {high:,.7g} m, and ground lies between -500 and 9,000 m: "
+                "what is their unit? "
+                + (f"Say unit = {' or '.join(map(repr, fits))}; " if fits else "")
+                + "else say in the file which number is NoData",
+            )
+        return metres
+
+
+def _north_up(west: float, north: float, size: np.ndarray) -> np.ndarray:
+    return np.array([[size[0], 0.0, west], [0.0, -size[1], north]])
+
+
+@guarded("a raster: a GeoTIFF, an ASCII grid, points, an image in shades of grey or an npy array")
+def read_raster(path: Path) -> GeoRaster:
+    """Numbers of a file, and where they lie if it says that.
 
     Raises
     ------
-    SpecError : the file is missing, cannot be read, is in colour or has no pixels.
+    SpecError : the file is missing, cannot be read, is in colour, has no pixels, or lies in degrees.
     """
-    pixels = _read_array(path) if path.suffix.lower() == ".npy" else _read_image(path)
+    ending = path.suffix.lower()
+    if ending == ".asc":
+        return _read_ascii_grid(path)
+    if ending in POINTS:
+        return _gridded(_read_points(path), *_system_beside(path))
+    if ending in CLOUDS:
+        return _read_ground(path)
+    if ending != ".npy":
+        return _read_image(path)
+    pixels = _read_array(path)
     if pixels.ndim != 2 or not pixels.size:
         raise SpecError(
             str(path), f"has the shape {list(pixels.shape)}; give an array of rows and columns"
         )
-    return np.asarray(pixels, dtype=np.float64)
-
-
-def read_heights(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Heights (rows, columns) of a GeoTIFF, NaN where it has none, its upper left corner (2,) and the size of
-    a pixel (2,) in map units (OGC 19-008r4); rows run from west to east.
-
-    Raises
-    ------
-    SpecError, ValueError : this is no TIFF, or it does not say where it lies.
-    """
-    import tifffile
-
-    with tifffile.TiffFile(path) as file:
-        page: Any = file.pages[0]
-        scale, tie, nothing = map(page.tags.valueof, (PIXEL_SCALE, TIE_POINT, NO_DATA))
-    if scale is None or len(tie or ()) < 6:
-        raise ValueError("it does not say where it lies; save a GeoTIFF with a north-up grid")
-    height = _read_pixels(path)[0][..., 0].astype(np.float64)
-    height[np.abs(height - float(str(nothing or "nan").strip("\0 "))) <= 1e-6] = np.nan
-    size = np.array(scale[:2], dtype=np.float64)
-    column, row, _, x, y, _ = tie[:6]
-    return height, np.array([x - column * size[0], y + row * size[1]]), size
+    return GeoRaster(np.asarray(pixels, dtype=np.float64))
 
 
 def read_png(data: bytes) -> tuple[np.ndarray, float]:
@@ -130,24 +221,192 @@ def _shape_of(file: IO[bytes]) -> tuple[int, ...]:
         return ()
 
 
-def _read_image(path: Path) -> np.ndarray:
-    pixels, white = _read_pixels(path)
+def _read_image(path: Path) -> GeoRaster:
+    placed = _place_of(path)
+    pixels, white = _read_pixels(path, raw=placed is not None)
+    if placed is not None:
+        return _numbers(path, pixels, *placed)
     if pixels.shape[2] in (2, 4):  # with alpha, which says nothing about shades
         pixels = pixels[..., :-1]
     if (pixels[..., 1:] != pixels[..., :1]).any():
         raise SpecError(str(path), "is in colour; save it in shades of grey")
-    return pixels[..., 0] / white
+    return GeoRaster(np.asarray(pixels[..., 0] / white, dtype=np.float64))
 
 
-def _read_pixels(path: Path) -> tuple[np.ndarray, float]:
-    """Pixels (H, W, C) of an image as they are stored, and the number that is white; 1 of floats."""
+def _place_of(path: Path) -> tuple[GeoRaster, Any] | None:
+    """The place of a TIFF, as a raster without pixels, and its page's tags; None of an image.
+
+    Raises
+    ------
+    SpecError : it lies by ground control points or in degrees, or is a photograph.
+    """
+    with open(path, "rb") as file:
+        if file.read(4) not in TIFF:
+            return None
+    import tifffile
+
+    try:
+        with tifffile.TiffFile(path) as opened:
+            page: Any = opened.pages[0]
+            keys, tags, colour = page.geotiff_tags or {}, page.tags, page.photometric == RGB
+            scale, tie, matrix = map(tags.valueof, (PIXEL_SCALE, TIE_POINT, MATRIX))
+            told = {number: tags.valueof(number) for number in (METADATA, NO_DATA)}
+    except Exception:  # what is damaged is told where its pixels are read
+        return None
+    if matrix is not None:
+        transform = np.reshape(matrix, (4, 4))[:2, [0, 1, 3]].astype(np.float64)
+    elif scale is not None and tie is not None:
+        size, (column, row, _, x, y, _) = np.abs(scale[:2]), tie[:6]
+        transform = _north_up(x - column * size[0], y + row * size[1], size)
+    elif tie is not None:
+        raise SpecError(str(path), "lies by ground control points; warp it to a grid (gdalwarp)")
+    else:
+        return None
+    if colour:
+        raise SpecError(str(path), "is in colour; give one band of heights or amounts")
+    if not np.isfinite(transform).all() or not np.linalg.det(transform[:, :2]):
+        raise SpecError(str(path), "does not say where it lies in numbers; save it again")
+    if keys.get("GTRasterTypeGeoKey") == POINT:
+        transform[:, 2] -= transform[:, :2].sum(axis=1) / 2
+    codes = [int(keys.get(f"{kind}CSTypeGeoKey", OWN)) for kind in ("Projected", "Vertical")]
+    crs = f"EPSG:{codes[0]}" if codes[0] != OWN else ""
+    if keys.get("GTModelTypeGeoKey") == GEOGRAPHIC:
+        near = metric_near(*transform[:, 2])
+        raise SpecError(
+            str(path), f"lies in degrees; project it, as by gdalwarp -t_srs {near} IN.tif OUT.tif"
+        )
+    flat = unit_named(keys.get("ProjLinearUnitsGeoKey"), 1.0)
+    if crs:
+        flat, up = metres_of(f"{crs}+{codes[1]}" if codes[1] != OWN else crs, flat)
+    else:
+        up = flat
+    up = unit_named(keys.get("VerticalUnitsGeoKey"), up)
+    return GeoRaster(np.zeros((0, 0)), flat * transform, crs, up), told
+
+
+def _numbers(path: Path, pixels: np.ndarray, place: GeoRaster, told: dict[int, Any]) -> GeoRaster:
+    """The first band of stored numbers (H, W, C) with the meaning that GDAL's tags give them."""
+    stored = pixels[..., 0]
+    values = stored.astype(np.float64)
+    nothing = float(str(told[NO_DATA] or "nan").strip("\0 ") or "nan")
+    if stored.dtype == np.float32:
+        nothing = float(np.float32(nothing))
+    values[(values == nothing) | np.isin(values, NOTHING) | ~(np.abs(values) < ENDLESS)] = np.nan
+    said = dict(
+        re.findall(r'<Item name="(\w+)"(?![^>]*sample="[1-9])[^>]*>([^<]*)<', str(told[METADATA]))
+    )
+    values = values * float(said.get("SCALE", 1)) + float(said.get("OFFSET", 0))
+    bands = pixels.shape[2]
+    return replace(
+        place,
+        pixels=values,
+        unit=unit_named(said.get("UNITTYPE"), place.unit),
+        note=f"the first of its {bands} bands" if bands > 1 else "",
+    )
+
+
+def _read_ascii_grid(path: Path) -> GeoRaster:
+    """An ESRI ASCII grid: a head of words and numbers, then heights from the north-west."""
+    words = path.read_text("utf-8-sig", errors="replace").replace(",", ".").split()
+    said: dict[str, float] = {}
+    while words[2 * len(said) : 2 * len(said) + 1] and words[2 * len(said)][0].isalpha():
+        at = 2 * len(said)
+        if words[at].lower() in said:
+            break
+        said[words[at].lower()] = float(words[at + 1])
+    values = np.array(words[2 * len(said) :], dtype=np.float64)
+    columns, rows = int(said["ncols"]), int(said["nrows"])
+    if len(values) != columns * rows:
+        raise SpecError(
+            str(path), f"has {len(values):,} heights, its head says {columns:,} x {rows:,}"
+        )
+    size = np.array([said.get("dx") or said["cellsize"], said.get("dy") or said["cellsize"]])
+    corner = [
+        said[f"{axis}llcenter"] - size[k] / 2
+        if f"{axis}llcenter" in said
+        else said[f"{axis}llcorner"]
+        for k, axis in enumerate("xy")
+    ]
+    crs, flat, up = _system_beside(path)
+    place = _north_up(corner[0], corner[1] + rows * size[1], size)
+    told = {METADATA: "", NO_DATA: said.get("nodata_value", -9999.0)}
+    raster = GeoRaster(values, flat * place, crs, up)
+    return _numbers(path, values.reshape(rows, columns, 1), raster, told)
+
+
+def _system_beside(path: Path) -> tuple[str, float, float]:
+    """The coordinate system of the .prj file beside a grid, and metres of its units on the map and in
+    height; metres where there is none."""
+    beside = path.with_suffix(".prj")
+    crs = beside.read_text("utf-8", errors="replace").strip() if beside.is_file() else ""
+    return crs, *metres_of(crs)
+
+
+def _read_points(path: Path) -> np.ndarray:
+    """(N, 3) x, y and height of a text of columns, perhaps below a line of names."""
+    text = path.read_text("utf-8-sig", errors="replace")
+    text = text.replace(",", ".") if ";" in text else text.replace(",", " ")
+    lines = text.replace(";", " ").splitlines()
+    first = next((k for k, line in enumerate(lines) if line[:1] in "-.0123456789 \t"), 0)
+    return np.loadtxt(lines[first:], usecols=(0, 1, 2), ndmin=2)
+
+
+def _read_ground(path: Path) -> GeoRaster:
+    """Ground points of a LAS as a grid.
+
+    Raises
+    ------
+    SpecError : none is classed as ground.
+    """
+    from .las import read_las
+
+    cloud = read_las(path)
+    ground = np.asarray(cloud.xyz)[np.asarray(cloud.classification) == GROUND_CLASS]
+    if len(ground) < 3:
+        raise SpecError(str(path), "has no points of class 2, ground; classify it first")
+    return _gridded(ground, "", 1.0, 1.0)
+
+
+def _gridded(points: np.ndarray, crs: str, flat: float, up: float) -> GeoRaster:
+    """Points (N, 3) as a raster: the grid that they stand on, gaps without height; of scattered points what
+    is linear between them, on pixels of one point each, and no farther from them than two."""
+    points = points[np.isfinite(points).all(axis=1) & ~np.isin(points[:, 2], NOTHING)]
+    low, high = points[:, :2].min(axis=0), points[:, :2].max(axis=0)
+    steps = [np.diff(np.unique(np.round(points[:, axis], 6))) for axis in (0, 1)]
+    size = np.array([step.min() if len(step) else 0.0 for step in steps])
+    if not size.all():
+        raise ValueError("its points lie on one line")
+    place = (points[:, :2] - low) / size
+    whole = np.rint(place)
+    columns, rows = whole.max(axis=0).astype(int) + 1
+    if np.abs(place - whole).max() < 0.01 and columns * rows <= 4 * len(points):
+        pixels = np.full((rows, columns), np.nan)
+        pixels[rows - 1 - whole[:, 1].astype(int), whole[:, 0].astype(int)] = points[:, 2]
+        edge, note = _north_up(low[0] - size[0] / 2, high[1] + size[1] / 2, size), ""
+    else:
+        size = np.repeat(np.sqrt(np.prod(high - low) / len(points)), 2)
+        columns, rows = np.ceil((high - low) / size).astype(int)
+        edge, note = _north_up(low[0], high[1], size), f"linear between {len(points):,} points"
+        y, x = np.mgrid[:rows, :columns] + 0.5
+        middle = np.stack([low[0] + x * size[0], high[1] - y * size[1]], axis=-1)
+        pixels = LinearNDInterpolator(points[:, :2] - low, points[:, 2])(middle - low)
+        away, nearest = cKDTree(points[:, :2]).query(middle)
+        pixels = np.where(np.isnan(pixels) & (away <= 2 * size[0]), points[nearest, 2], pixels)
+    return GeoRaster(pixels, flat * edge, crs, up, note)
+
+
+def _read_pixels(path: Path, raw: bool) -> tuple[np.ndarray, float]:
+    """Pixels (H, W, C) of an image as they are stored, and the number that is white; 1 of floats.
+
+    raw : numbers, not shades or colours of a table.
+    """
     with open(path, "rb") as file:
         start = file.read(4)
     try:
         if start == PNG:
             return read_png(path.read_bytes())
         if start in TIFF:
-            return _read_tiff(path)
+            return _read_tiff(path, raw)
         raise ValueError("it is neither PNG nor TIFF")
     except TooLargeError as problem:
         raise SpecError(str(path), str(problem)) from None
@@ -155,7 +414,7 @@ def _read_pixels(path: Path) -> tuple[np.ndarray, float]:
         return _read_by_another(path, problem)
 
 
-def _read_tiff(path: Path) -> tuple[np.ndarray, float]:
+def _read_tiff(path: Path, raw: bool) -> tuple[np.ndarray, float]:
     import tifffile
 
     with tifffile.TiffFile(path) as file:
@@ -166,6 +425,8 @@ def _read_tiff(path: Path) -> tuple[np.ndarray, float]:
         pixels = page.asarray(maxworkers=1)
     pixels = np.moveaxis(pixels, 0, -1) if page.axes == "SYX" else pixels
     pixels = pixels.reshape(page.imagelength, page.imagewidth, -1)
+    if raw:
+        return pixels, 1.0
     if page.photometric == PALETTE:
         table = page.colormap >> 8  # some write 0xff00 for white
         return table.T[pixels[..., 0]], 255.0
@@ -181,6 +442,9 @@ def _read_by_another(path: Path, problem: Exception) -> tuple[np.ndarray, float]
     """Pixels and white by the library that is there. problem : why they are not read without it."""
     why = " ".join(str(problem).split()) or type(problem).__name__
     refused = SpecError(str(path), f"cannot be read ({why}); save it as PNG, TIFF or npy")
+    with open(path, "rb") as file:
+        if file.read(2) == b"MM":  # which Pillow takes for little-endian where it is packed
+            raise refused
     try:
         return _read_by_pillow(path) if find_spec("PIL") else _read_by_openimageio(path)
     except TooLargeError as large:

@@ -294,7 +294,7 @@ def _converter(folder: Path) -> Any:
     from cattrs import Converter
 
     converter = Converter(detailed_validation=True)
-    for kind in WORDS:
+    for kind in (*WORDS, bool | str):
         converter.register_structure_hook(kind, lambda value, kind: typed("", value, kind))
     converter.register_structure_hook_func(_is_tuple, lambda v, t: _tuple(converter, v, t))
     converter.register_structure_hook_factory(

@@ -17,8 +17,7 @@ from .kind import Finding, ResultKind, Variables
 if TYPE_CHECKING:
     from ..base.labels import Labels
     from ..sensing.kind import Seen
-    from ..sensing.sonar.flight import PingSeries
-    from ..sensing.sonar.ping import Contributions, Echo
+    from ..sensing.sonar.ping import Contributions, Echo, PingSeries
     from ..spec import Sonar
 
 
@@ -222,7 +221,7 @@ def _sound(sonar: Sonar, found: Finding) -> tuple[np.ndarray, float]:
 
 
 def _labelled(found: Finding) -> tuple[Variables, Variables]:
-    from ..sensing.sonar.flight import PingSeries
+    from ..sensing.sonar.ping import PingSeries
 
     pings, dims = PingSeries(_echoes(found)), ("ping", "ear", "time")
     unit = "re the call at 1 m"

@@ -20,7 +20,7 @@ from ..growth.tree import Tree
 from ..stand.forest import GrownForest
 from .audit import LEAST, Audit, Part, held
 from .rays.geometry import SceneGeometry
-from .sonar.discs import FoliageDiscs
+from .sonar.leaves import FoliageDiscs
 
 TRIES = 4  # points on cones, of which the first counts that can be seen
 WORK = 3_000_000  # points by triangles that are asked

@@ -162,7 +162,7 @@ def _one_of(key: str, value: Any, kinds: tuple[Any, ...]) -> Any:
         return typed(key, value, left[0])
     if isinstance(value, tuple(left)):
         return value
-    names = ", ".join(f"{kind.__name__}(...)" for kind in left)
+    names = ", ".join(WORDS.get(kind, f"{kind.__name__}(...)") for kind in left)
     raise SpecError(key, f"{shown(value)} is none of {names}; give one of these")
 
 

@@ -221,6 +221,9 @@ CHOICES: dict[str, dict[str, tuple[str, str]]] = {
         "plated": ("Plated", "Broad plates between deep furrows, as of pine"),
         "peeling": ("Peeling", "White with dark level marks, cracked at the foot, as of birch"),
     },
+    "preview": {
+        "cycles": ("Cycles", "Rendered, with undergrowth at a walker's feet: minutes, not seconds"),
+    },
     "preview_from": {
         "whole": ("All of It", "From the south-west, so far away that every tree is seen"),
         "walker": ("A Walker", "A walker's eye among the trees, undergrowth added for the picture"),

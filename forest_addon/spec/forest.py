@@ -6,6 +6,8 @@ from .base import AUTO, Normal, Settings, SpecError, param, within
 from .sensor import azimuth
 from .species import Targets
 
+METRES = {"m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 0.001, "ft": 0.3048, "us-ft": 1200 / 3937}
+
 
 class Gaussian(Settings):
     """One hill of the intensity function: peak·exp(-(x-a)²/h² - (y-b)²/l²) (Tanveer et al. 2020a, squared
@@ -41,9 +43,14 @@ def _check_rings(polygon: Corners, holes: tuple[Corners, ...]) -> None:
 
 
 class Raster(Settings):
-    """An image or array that is part of an intensity function; its first row is the north edge."""
+    """An image, array or map that is part of an intensity function; the first row of an image is north.
 
-    file: str = param(help="PNG, TIFF or npy file, relative to the scene file", file=True)
+    Numbers of a file that says where it lies (GeoTIFF, ASCII grid) count as they are: classes, percent.
+    """
+
+    file: str = param(
+        help="GeoTIFF, ASCII grid, PNG, TIFF or npy file, relative to the scene file", file=True
+    )
     use: str = param(
         "add",
         help="add it to the hills, multiply what there is, or keep trees where it reaches the threshold",
@@ -54,12 +61,17 @@ class Raster(Settings):
     )
     threshold: float = param(0.5, help="smallest pixel that a mask keeps", ge=0, le=1e6)
     size: tuple[float, float] | None = param(
-        None, unit="m", help="extent along x and y; left out: as the field", gt=0, le=1e7
+        None,
+        unit="m",
+        help="extent along x and y; left out: as its file says, of an image as the field",
+        gt=0,
+        le=1e7,
     )
     origin: tuple[float, float] | None = param(
         None,
         unit="m",
-        help="corner with the smallest x and y; left out: the field's",
+        help="corner with the smallest x and y; left out: as its file says less the scene's offset, of an "
+        "image the field's",
         ge=-1e7,
         le=1e7,
     )
@@ -288,10 +300,19 @@ class Terrain(Settings):
 
     file: str = param(
         "",
-        help="heightmap (PNG, TIFF, npy) or surface (STL); neither file nor object: flat",
+        help="heights on the map (GeoTIFF, ASCII grid, xyz, ground of a LAS), a heightmap (PNG, TIFF, npy) "
+        "or a surface (STL, OBJ, PLY); neither file nor object: flat",
         file=True,
     )
     object: str = param("", help="mesh object of the Blender scene, in place of a file")
+    unit: str = param(
+        "auto",
+        help="of the heights in a file that says where it lies; auto: what it or its system says, else m",
+        choices=("auto", *METRES),
+    )
+    fill_holes: bool = param(
+        False, help="give pixels without a height one that is linear between their neighbours"
+    )
     base: float = param(
         0.0, unit="m", help="height where a pixel is 0, or of flat ground", ge=-1e5, le=1e5
     )
@@ -299,12 +320,17 @@ class Terrain(Settings):
         1.0, unit="m", help="height of a pixel of 1 (white of an image) above that", ge=-1e5, le=1e5
     )
     size: tuple[float, float] | None = param(
-        None, unit="m", help="extent of a heightmap; left out: as the field", gt=0, le=1e7
+        None,
+        unit="m",
+        help="extent of a heightmap; left out: as its file says, of an image as the field",
+        gt=0,
+        le=1e7,
     )
     origin: tuple[float, float] | None = param(
         None,
         unit="m",
-        help="corner with the smallest x and y; left out: the field's",
+        help="its corner with the smallest x and y; left out: as its file says less the scene's offset, of "
+        "an image the field's",
         ge=-1e7,
         le=1e7,
     )

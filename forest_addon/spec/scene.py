@@ -148,7 +148,11 @@ class Output(Settings):
         False,
         help="write all branches as cylinders: cylinders.csv, and qsm/ with a TreeQSM file a tree",
     )
-    preview: bool = param(True, help="render preview.png with Cycles")
+    preview: bool | str = param(
+        True,
+        help='draw preview.png by rays, within seconds; "cycles": render it',
+        choices=("cycles",),
+    )
     preview_from: str = param(
         "whole",
         help="where the preview is taken from",
@@ -157,7 +161,7 @@ class Output(Settings):
     preview_size: tuple[int, int] = param(
         (1280, 640), unit="px", help="width and height of the preview", ge=16, le=8192
     )
-    preview_samples: int = param(20, help="samples a pixel of the preview", ge=1, le=65536)
+    preview_samples: int = param(20, help="samples a pixel where Cycles renders", ge=1, le=65536)
 
 
 class Tiles(Settings):

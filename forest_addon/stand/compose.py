@@ -8,11 +8,19 @@ mean density over the ground that these leave, where one is given.
 from __future__ import annotations
 
 import numpy as np
+from scipy.ndimage import distance_transform_edt
 
 from .. import spec
-from .inputs import Inputs
+from ..formats.raster_file import GeoRaster
+from .inputs import Inputs, on_field
 from .intensity.functions import Constant, Intensity, IntensityError, Mask, Mixture, Product, Sum
-from .intensity.layers import PaintedMesh, RasterIntensity, RasterMask, TerrainLimits
+from .intensity.layers import (
+    PaintedMesh,
+    PixelMask,
+    RasterIntensity,
+    RasterMask,
+    TerrainLimits,
+)
 from .intensity.polygon import Polygon
 from .poisson import Process
 
@@ -80,8 +88,7 @@ def masks_of(planting: spec.Planting, forest: spec.Forest, inputs: Inputs) -> li
             masks.append(Polygon(owner.polygon, owner.holes, name))
     for raster in planting.rasters:
         if raster.use == "mask":
-            unscaled = _pixels(raster, forest, inputs, planting)
-            masks.append(RasterMask(unscaled, raster.threshold))
+            masks.append(_mask(raster, forest, inputs, planting))
     defaults = {f: spec.Planting.__dataclass_fields__[f].default for f in ("slope_deg", "altitude")}
     if any(getattr(planting, name) != default for name, default in defaults.items()):
         ground = inputs.ground(forest.terrain.base)
@@ -120,23 +127,40 @@ def _sum(parts: list[Intensity]) -> Intensity:
 
 def _raster(
     raster: spec.Raster, forest: spec.Forest, inputs: Inputs, planting: spec.Planting
-) -> RasterIntensity:
-    return _pixels(raster, forest, inputs, planting, raster.value)
+) -> Intensity:
+    pixels, low, size = _pixels(raster, forest, inputs, planting)
+    there = np.isfinite(pixels.pixels)
+    if pixels.transform is None or there.all():
+        return RasterIntensity(raster.value * pixels.pixels, low, size, raster.file)
+    filled = RasterIntensity(raster.value * _spread(pixels.pixels), low, size, raster.file)
+    return Product((filled, PixelMask(there, low, size)))
+
+
+def _spread(pixels: np.ndarray) -> np.ndarray:
+    """The pixels, NaN replaced by the nearest that is none."""
+    nearest = distance_transform_edt(np.isnan(pixels), return_distances=False, return_indices=True)
+    return np.asarray(np.nan_to_num(pixels[tuple(nearest)]))
+
+
+def _mask(
+    raster: spec.Raster, forest: spec.Forest, inputs: Inputs, planting: spec.Planting
+) -> Mask:
+    """The mask of where a raster reaches its threshold; of what lies on the map by whole pixels, which may be
+    classes."""
+    pixels, low, size = _pixels(raster, forest, inputs, planting)
+    if pixels.transform is not None:
+        return PixelMask(pixels.pixels >= raster.threshold, low, size)
+    return RasterMask(RasterIntensity(pixels.pixels, low, size, raster.file), raster.threshold)
 
 
 def _pixels(
-    raster: spec.Raster,
-    forest: spec.Forest,
-    inputs: Inputs,
-    planting: spec.Planting,
-    value: float = 1.0,
-) -> RasterIntensity:
+    raster: spec.Raster, forest: spec.Forest, inputs: Inputs, planting: spec.Planting
+) -> tuple[GeoRaster, np.ndarray, np.ndarray]:
+    """A raster with its lowest corner (2,) and extent (2,) in the scene, metres."""
     pixels = inputs.rasters.get(raster.file)
     if pixels is None:
         raise IntensityError(f"{planting.species}: the raster {raster.file} was not read")
-    low = np.array(forest.origin if raster.origin is None else raster.origin)
-    size = np.array(forest.size if raster.size is None else raster.size)
-    return RasterIntensity(value * pixels, low, size, raster.file)
+    return pixels, *on_field(pixels, raster, forest)
 
 
 def _what(planting: spec.Planting) -> str:

@@ -7,26 +7,34 @@ are dbh, height, crown_width and crown_base, in metres unless the header says an
 or ``Height (ft)``, and leaf_area in m²; they count where trees are grown to measure. The same columns that
 ``stand`` and ``run`` write, so what they wrote can be planted again. A cell that is left empty, or says NA,
 is drawn.
+
+A raster that says where it lies is put there, less the scene's offset: it is never stretched, it has to hold
+the whole field, and what is beyond the field's margin is cut away.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from scipy.interpolate import griddata
+from scipy.ndimage import binary_dilation
 
 from .. import spec
+from ..formats.crs import same_place, wkt_of
 from ..formats.foreign import guarded
-from ..formats.raster_file import read_raster
+from ..formats.raster_file import GeoRaster, read_raster
 from ..formats.stl import StlError, read_stl
 from ..formats.tree_map import read_rows
 from ..growth.library.species_file import read_allometry
 from ..spec import SpecError
-from .inputs import Inputs, TreeList
+from ..spec.forest import METRES
+from .inputs import Inputs, TreeList, on_field
 from .intensity.functions import IntensityError
-from .intensity.terrain import GroundSurface, Heightmap, Triangulated
+from .intensity.terrain import GroundSurface, Heightmap, Triangulated, refuse_pixels
 
 MEASURES = ("dbh", "height", "crown_width", "crown_base", "leaf_area")
 NUMBERS = ("scale", "rotation", *MEASURES)
@@ -73,42 +81,206 @@ def read_inputs(settings: spec.Scene, folder: Path) -> Inputs:
     ------
     SpecError : a file is missing or cannot be used.
     """
-    rasters: dict[str, np.ndarray] = {}
+    wkt_of(settings.crs)  # now, before hours are spent on what cannot be written
+    rasters: dict[str, GeoRaster] = {}
     lists: dict[str, TreeList] = {}
-    for planting in settings.plantings:
+    told = []
+    for number, planting in enumerate(settings.plantings):
         for raster in planting.rasters:
             if raster.file not in rasters:
-                rasters[raster.file] = read_raster(folder / raster.file)
+                key = f"plantings[{number}].rasters"
+                found = _read_placed(raster, settings, folder, key)
+                rasters[raster.file] = found
+                told.append(
+                    _told(raster.file, found, found.pixels, "amounts", "no tree stands there")
+                )
         if planting.layout == "list" and planting.trees and planting.trees not in lists:
             lists[planting.trees] = read_tree_list(folder / planting.trees, settings.offset)
     named = {p.targets.allometry for p in settings.plantings if p.targets} - {""}
     allometries = {name: read_allometry(name, folder) for name in sorted(named)}
-    ground = settings.forest.terrain
-    terrain = read_terrain(ground, settings.forest, folder) if ground.file else None
-    return Inputs(rasters=rasters, lists=lists, terrain=terrain, allometries=allometries)
+    terrain = None
+    if settings.forest.terrain.file:
+        terrain, said = read_terrain(settings, folder)
+        told.append(said)
+    return Inputs(
+        rasters=rasters, lists=lists, terrain=terrain, allometries=allometries, told=tuple(told)
+    )
 
 
-def read_terrain(ground: spec.Terrain, forest: spec.Forest, folder: Path) -> GroundSurface:
-    """The terrain of a file: a heightmap, or a surface of triangles.
+def read_terrain(scene: spec.Scene, folder: Path) -> tuple[GroundSurface, str]:
+    """The terrain of a scene's file, a heightmap or a surface of triangles, and what it was read as.
 
     Raises
     ------
     SpecError : the file is missing or cannot be used.
     """
+    ground, forest, key = scene.forest.terrain, scene.forest, "forest.terrain.file"
     path = folder / ground.file
     try:
-        if path.suffix.lower() == ".stl":
-            corners = read_stl(path)
-            return Triangulated(corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3))
-        low = np.array(forest.origin if ground.origin is None else ground.origin)
-        size = np.array(forest.size if ground.size is None else ground.size)
-        heights = ground.base + ground.relief * read_raster(path)
-        return Heightmap(heights, low, size, ground.file)
+        if path.suffix.lower() in SURFACES:
+            vertices, triangles = SURFACES[path.suffix.lower()](path)
+            vertices, said = _on_map_or_not(vertices, scene, ground.file)
+            return Triangulated(vertices, triangles), said
+        raster = _read_placed(ground, scene, folder, key)
+        low, size = on_field(raster, ground, forest)
+        pixels = raster.pixels
+        refuse_pixels(
+            np.isnan(pixels) if raster.transform is None else np.isinf(pixels),
+            *(pixels, low, size, ground.file, "a height"),
+        )
+        if raster.transform is None:
+            unit = METRES.get(ground.unit, 1.0)
+            said = f", times relief = {ground.relief:g} m" if ground.relief != 1 else ""
+            said = _told(ground.file, raster, pixels, "heights", "") + said
+            return Heightmap(
+                ground.base + ground.relief * unit * pixels, low, size, ground.file
+            ), said
+        metres = raster.heights(path, METRES.get(ground.unit))
+        metres, low, size = _cut(metres, low, size, forest)
+        said = _told(ground.file, raster, metres, "heights in m", "there is no ground there")
+        if ground.fill_holes and np.isnan(metres).any():
+            metres, said = _filled(metres), f"{said}; filled from their neighbours"
+        heights = ground.base + ground.relief * metres - scene.offset[2]
+        return Heightmap(heights, low, size, ground.file), said
     except FileNotFoundError:
         raise SpecError(str(path), "there is no such file; check the path") from None
     except (StlError, IntensityError) as problem:
-        raise SpecError("forest.terrain.file", str(problem)) from None
+        raise SpecError(key, str(problem)) from None
     except SpecError:
         raise
     except ValueError as problem:
-        raise SpecError("forest.terrain.file", str(problem)) from None
+        raise SpecError(key, str(problem)) from None
+
+
+def _read_placed(
+    given: spec.Raster | spec.Terrain, scene: spec.Scene, folder: Path, key: str
+) -> GeoRaster:
+    """A raster in the scene's own metres, its first row in the north.
+
+    Raises
+    ------
+    SpecError : its file cannot be used, lies in another coordinate system, or does not hold the field.
+    """
+    raster = read_raster(folder / given.file)
+    if raster.transform is None:
+        return raster
+    if not same_place(raster.crs, scene.crs, np.mean(raster.extent, axis=0)):
+        raise SpecError(
+            key,
+            f"{given.file} lies in {raster.crs[:40]}, the scene in {scene.crs}; warp it there, as by "
+            f"gdalwarp -t_srs {scene.crs} IN.tif OUT.tif",
+        )
+    moved = raster.transform - np.outer(scene.offset[:2], [0, 0, 1])
+    raster = replace(raster, transform=moved)
+    if given.origin is None and given.size is None:
+        _refuse_leaving(raster.holds, raster.extent, scene, key, given.file)
+    return raster.upright()
+
+
+def _refuse_leaving(
+    holds: Callable[[np.ndarray], np.ndarray],
+    extent: tuple[np.ndarray, np.ndarray],
+    scene: spec.Scene,
+    key: str,
+    file: str,
+) -> None:
+    """Refuse a file of an extent in the scene, metres, that does not hold the field's corners (4, 2); says
+    which offset would do."""
+    low, size = np.array(scene.forest.origin), np.array(scene.forest.size)
+    corners = low + size * [[0, 0], [1, 0], [1, 1], [0, 1]]
+    if holds(corners).all():
+        return
+    offset = np.array(scene.offset[:2])
+    shift = (extent[0] + extent[1] - size) / 2 - low
+    whole = np.round(shift + offset) - offset
+    good = [one for one in (whole, shift) if holds(corners + one).all()]
+    todo = "make the field smaller, or take a larger file"
+    if good:
+        x, y = good[0] + offset
+        todo = f"offset = [{x:.10g}, {y:.10g}, {scene.offset[2]:g}] would put the field on it"
+
+    def words(low: np.ndarray, high: np.ndarray) -> str:
+        low, high = low + offset, high + offset
+        return " and ".join(f"{a} {low[k]:.10g} to {high[k]:.10g}" for k, a in enumerate("xy"))
+
+    raise SpecError(
+        key,
+        f"{file} reaches over {words(*extent)} m, and the field with its offset over "
+        f"{words(low, low + size)}: {todo}",
+    )
+
+
+def _cut(
+    pixels: np.ndarray, low: np.ndarray, size: np.ndarray, forest: spec.Forest
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The pixels that touch the field and its margin, their lowest corner and extent."""
+    count = np.array(pixels.shape[::-1])
+    step = size / count
+    field = np.array(forest.origin)
+    first = np.floor((field - forest.margin - low) / step + 1e-6)
+    last = np.ceil((field + np.array(forest.size) + forest.margin - low) / step - 1e-6)
+    (a, b), (c, d) = np.clip([first, last], 0, count).astype(int)
+    rows = slice(count[1] - d, count[1] - b)
+    return pixels[rows, a:c], low + [a, b] * step, [c - a, d - b] * step
+
+
+def _filled(pixels: np.ndarray) -> np.ndarray:
+    """The pixels, NaN replaced by what is linear between those beside holes, else by the nearest."""
+    hole = np.isnan(pixels)
+    beside = np.argwhere(binary_dilation(hole, np.ones((3, 3))) & ~hole)
+    known, holes = pixels[tuple(beside.T)], np.argwhere(hole)
+    found = griddata(beside, known, holes, method="nearest")
+    if len(beside) > 3:
+        linear = griddata(beside, known, holes, method="linear")
+        found = np.where(np.isnan(linear), found, linear)
+    filled = pixels.copy()
+    filled[hole] = found
+    return filled
+
+
+def _on_map_or_not(vertices: np.ndarray, scene: spec.Scene, file: str) -> tuple[np.ndarray, str]:
+    """Corners (V, 3) of a surface in the scene, and what they were read as: the scene's own metres if they
+    lie about the middle of the field, else the map's, less the scene's offset."""
+    middle = np.array(scene.forest.origin) + np.array(scene.forest.size) / 2
+    for shift, words in (((0, 0, 0), "the scene's own"), (scene.offset, "map")):
+        low, high = (vertices - shift).min(axis=0)[:2], (vertices - shift).max(axis=0)[:2]
+        if ((low <= middle) & (high >= middle)).all():
+            return vertices - shift, f"{file} is a surface, read at {words} coordinates in metres"
+    low, high = low.copy(), high.copy()
+    _refuse_leaving(
+        lambda place: ((place >= low) & (place <= high)).all(axis=1),
+        *((low, high), scene, "forest.terrain.file", file),
+    )
+    return vertices, file
+
+
+def _told(file: str, raster: GeoRaster, pixels: np.ndarray, what: str, nothing: str) -> str:
+    """A sentence on what a raster was read as."""
+    low, high = np.nanmin(pixels, initial=np.inf), np.nanmax(pixels, initial=-np.inf)
+    if raster.transform is None:
+        return f"{file} is an image or array without a place: {what} of {low:g} to {high:g} over its extent"
+    rows, columns = pixels.shape
+    step = np.abs(raster.transform[:, :2].diagonal())
+    system = f" in {raster.crs[:40]}" if raster.crs else ""
+    holes = int(np.isnan(pixels).sum())
+    return (
+        f"{file} lies on the map{system}: {what} of {low:,.7g} to {high:,.7g}, "
+        f"{columns:,} x {rows:,} pixels of {step[0]:.4g} x {step[1]:.4g} m"
+        + (f", {raster.note}" if raster.note else "")
+        + (f"; {holes:,} pixels have none (NoData), and {nothing}" if holes else "")
+    )
+
+
+def _triangles_of_stl(path: Path) -> tuple[np.ndarray, np.ndarray]:
+    corners = read_stl(path)
+    return corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3)
+
+
+def _triangles_of_obj(path: Path) -> tuple[np.ndarray, np.ndarray]:
+    from ..formats.helios.parts import read_obj
+
+    mesh = read_obj(path)
+    return mesh.vertices, mesh.triangles
+
+
+SURFACES = {".stl": _triangles_of_stl, ".obj": _triangles_of_obj}

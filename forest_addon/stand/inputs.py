@@ -1,6 +1,6 @@
 """Inputs of a stand besides its settings: rasters, painted meshes, lists of trees and the ground.
 
-All are plain arrays, so files (``formats.stand_files``) and objects of a Blender scene can fill them.
+All are plain arrays, so files (``stand.files``) and objects of a Blender scene can fill them.
 """
 
 from __future__ import annotations
@@ -10,7 +10,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..spec import Allometry
+from ..formats.raster_file import GeoRaster
+from ..spec import Allometry, Forest, Raster, Terrain
 from .intensity.terrain import Flat, GroundSurface
 
 
@@ -50,8 +51,8 @@ class TreeList:
 class Inputs:
     """Everything by the name that the settings use.
 
-    rasters : pixels (rows, columns) float64 of ``Raster.file``, the first row the north edge; an image's
-    black is 0 and its white 1, an array's numbers count as they are.
+    rasters : by ``Raster.file``, the first row the north edge; those that say where they lie in the scene's
+    own metres.
     painted : by ``Planting.painted``. lists : by ``Planting.trees`` or ``Planting.collection``.
     terrain : the ground; None: flat at ``GroundSurface.base``. allometries : by ``Targets.allometry``.
     """
@@ -61,7 +62,22 @@ class Inputs:
     lists: Mapping[str, TreeList] = field(default_factory=dict)
     terrain: GroundSurface | None = None
     allometries: Mapping[str, Allometry] = field(default_factory=dict)
+    told: tuple[str, ...] = ()
 
     def ground(self, base: float) -> GroundSurface:
         """The ground, flat where no other is given."""
         return Flat(base) if self.terrain is None else self.terrain
+
+
+def on_field(
+    raster: GeoRaster, given: Raster | Terrain, forest: Forest
+) -> tuple[np.ndarray, np.ndarray]:
+    """Lowest corner (2,) and extent (2,) of a raster, metres in the scene: as given, else as its file says,
+    of an image as the field."""
+    low, size = np.array(forest.origin), np.array(forest.size)
+    if raster.transform is not None:
+        low, high = raster.extent
+        size = high - low
+    if given.origin is not None:
+        low = np.array(given.origin)
+    return low, size if given.size is None else np.array(given.size)

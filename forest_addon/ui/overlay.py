@@ -22,6 +22,7 @@ import numpy as np
 from gpu_extras.batch import batch_for_shader
 from mathutils import Matrix
 
+from ..blender.scene.attributes import read
 from ..blender.scene.layout import CLOUD_KEY, RADIUS, RESULTS, find_part
 from ..blender.scene.nodes import has_input, input_of
 from ..blender.sensors.objects import kind_of, sensors_of
@@ -226,13 +227,9 @@ def positions_and_colours(thing: bpy.types.Object) -> tuple[np.ndarray, np.ndarr
     known = points.attributes if points is not None else {}
     if "colour" not in known or "position" not in known:  # its modifier was removed or changed
         return np.empty((0, 3), np.float32), np.empty((0, 4), np.float32)
-    count = len(points.points)
-    position, colour = np.empty(3 * count, np.float32), np.empty(4 * count, np.float32)
-    known["position"].data.foreach_get("vector", position)
-    known["colour"].data.foreach_get("color", colour)
-    colour = colour.reshape(-1, 4)
+    colour = read(points, "colour", "FLOAT_COLOR")
     colour[:, :3] **= GAMMA
-    return position.reshape(-1, 3), colour
+    return read(points, "position", "FLOAT_VECTOR"), colour
 
 
 def sizes(thing: bpy.types.Object) -> np.ndarray:
@@ -241,8 +238,7 @@ def sizes(thing: bpy.types.Object) -> np.ndarray:
     points = geometry.pointcloud
     if points is None or "radius" not in points.attributes:
         return np.empty(0, np.float32)
-    radius = np.empty(len(points.points), np.float32)
-    points.attributes["radius"].data.foreach_get("value", radius)
+    radius = read(points, "radius")
     modifier = next((m for m in thing.modifiers if has_input(m, RADIUS)), None)
     usual = float(input_of(modifier, RADIUS)) if modifier is not None else 0.0
     return radius / usual if usual > 0 else np.ones_like(radius)

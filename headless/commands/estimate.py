@@ -217,7 +217,7 @@ def _grown(
     say(f"  {_summary(grown)}")
     if others:
         say(f"    tried too: {', '.join(_words(one) for one in others)}")
-    return grown, dict(inputs.rasters)
+    return grown, {file: raster.pixels for file, raster in inputs.rasters.items()}
 
 
 def _simulate(process: Process, name: str, number: int) -> np.ndarray:
@@ -306,6 +306,7 @@ def _planting(kind: str, estimate: Estimate, file: str) -> tuple[Planting, Input
 
     import numpy as np
 
+    from forest_addon.formats.raster_file import GeoRaster
     from forest_addon.stand.inputs import Inputs
     from forest_addon.stand.statistics.kernel import KernelEstimate
 
@@ -313,7 +314,7 @@ def _planting(kind: str, estimate: Estimate, file: str) -> tuple[Planting, Input
         pixels = np.ascontiguousarray(estimate.pixels[::-1])  # north first
         raster = Raster(file=file)
         planting = Planting(species=kind, expected=len(estimate.leave_one_out), rasters=(raster,))
-        return planting, Inputs(rasters={file: pixels})
+        return planting, Inputs(rasters={file: GeoRaster(pixels)})
     shown = min(1.0, HIGHEST / max(estimate.peak.max(initial=0.0), 1e-300))
     hills = tuple(
         Gaussian(

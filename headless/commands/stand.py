@@ -71,7 +71,7 @@ def sample_stand(scene: Path, out: Path, seed: int | None = None, say: Say = pri
     stand = site.plan()
     took = time.perf_counter() - started
     names = labels(settings.plantings)
-    for line in stand_lines(stand, names):
+    for line in (*site.inputs.told, *stand_lines(stand, names)):
         say(line)
     try:
         out.parent.mkdir(parents=True, exist_ok=True)

@@ -22,7 +22,7 @@ from forest_addon.sensing.lidar.scan import Scan
 from forest_addon.sensing.lidar.tractor import TractorScan
 from forest_addon.sensing.reverb.pair import ImpulseResponse
 from forest_addon.sensing.sonar.ping import Contributions, Echo
-from forest_addon.sensing.sonar.poses import SonarPose
+from forest_addon.sensing.sonar.station import SonarPose
 from forest_addon.spec import (
     Accuracy,
     Beam,

@@ -15,6 +15,7 @@ from forest_addon.blender.show.preview import (
     EYE,
     HALF_VIEW,
     NAME,
+    grow_around,
     set_stage,
     stand_walker,
     walkers_view,
@@ -55,7 +56,8 @@ def test_undergrowth_of_a_picture_is_no_part_of_the_scene(empty_blender):
     set_stage(scene, (64, 32))
     trees = stems()
     sloped = lambda points: 0.1 * points[:, 0]  # noqa: E731
-    stand_walker(scene, trees, np.full(len(trees), 9.0), np.array([15.0, 15.0]), 15.0, sloped)
+    tall, middle = np.full(len(trees), 9.0), np.array([15.0, 15.0])
+    grow_around(scene, *stand_walker(scene, trees, tall, middle, 15.0, sloped), sloped)
     plants = list(bpy.data.collections[NAME].objects)
     assert len(plants) > 100
     assert all(plant[IGNORED_KEY] and plant.hide_viewport for plant in plants)

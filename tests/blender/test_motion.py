@@ -11,8 +11,8 @@ from references.animation import curves_of
 
 from forest_addon import api as forest
 from forest_addon.blender.sensors.following import SceneFollower
-from forest_addon.sensing.sonar.doppler import factors
 from forest_addon.sensing.sonar.station import Equipment, Station
+from forest_addon.sensing.sonar.summation import factors
 
 SPEED, RATE = 3.0, 0.8  # m/s, rad/s
 FAR = 12.0

@@ -10,7 +10,7 @@ from PIL import Image
 
 from forest_addon.base.rng import stream
 from forest_addon.formats import raster_file
-from forest_addon.formats.raster_file import read_heights, read_png, read_raster, write_png
+from forest_addon.formats.raster_file import read_png, read_raster, write_png
 from forest_addon.spec import SpecError
 
 HIGH, WIDE = 37, 61
@@ -54,7 +54,7 @@ def test_shades_are_read_as_pillow_reads_them(tmp_path, monkeypatch, mode, kind,
     theirs = theirs if theirs.ndim == 2 else theirs[..., 0]
     if not {"tiff_lzw", 3} & {options.get("compression"), options.get("tiffinfo", {}).get(317)}:
         monkeypatch.setattr(raster_file, "find_spec", lambda _name: None)  # Pillow is not asked
-    assert read_raster(path) == pytest.approx(theirs / WHITES.get(mode, 255), rel=1e-15)
+    assert read_raster(path).pixels == pytest.approx(theirs / WHITES.get(mode, 255), rel=1e-15)
 
 
 @pytest.mark.parametrize("options", [{}, {"tile": (16, 16)}, {"bigtiff": True}, {"byteorder": ">"}])
@@ -63,15 +63,15 @@ def test_depths_tiles_big_files_and_orders_of_bytes(tmp_path, sort, options):
     values = (SMOOTH.astype(float) - (sort[0] != "u") * 50).astype(sort)
     tifffile.imwrite(tmp_path / "a.tif", values, photometric="minisblack", **options)
     white = {"u1": 255, "u2": 65535, "i2": 65535, "u4": 65535}.get(sort, 1)
-    assert (read_raster(tmp_path / "a.tif") == values / white).all()
+    assert (read_raster(tmp_path / "a.tif").pixels == values / white).all()
 
 
 def test_white_may_be_zero_and_channels_may_lie_apart(tmp_path):
     tifffile.imwrite(tmp_path / "a.tif", SMOOTH, photometric="miniswhite")
-    assert (read_raster(tmp_path / "a.tif") == (255 - SMOOTH) / 255).all()
+    assert (read_raster(tmp_path / "a.tif").pixels == (255 - SMOOTH) / 255).all()
     planes = np.stack([SMOOTH, SMOOTH, SMOOTH])
     tifffile.imwrite(tmp_path / "b.tif", planes, photometric="rgb", planarconfig="separate")
-    assert (read_raster(tmp_path / "b.tif") == SMOOTH / 255).all()
+    assert (read_raster(tmp_path / "b.tif").pixels == SMOOTH / 255).all()
 
 
 @pytest.mark.parametrize("depth", [8, 16])
@@ -94,24 +94,9 @@ def test_a_written_png_is_read_by_others():
     assert (read_png(file)[0] == expected).all()
 
 
-def test_heights_lie_where_a_geotiff_says(tmp_path):
-    values = np.array([[1.5, -9999.0], [2.5, 3.0]])
-    tags = [
-        *((33550, "d", 3, (2.0, 4.0, 0.0)), (33922, "d", 6, (1.0, 1.0, 0.0, 402.0, 804.0, 0.0))),
-        (42113, "s", 0, "-9999"),
-    ]
-    tifffile.imwrite(tmp_path / "a.tif", values, extratags=tags)
-    height, corner, size = read_heights(tmp_path / "a.tif")
-    assert (corner.tolist(), size.tolist()) == ([400.0, 808.0], [2.0, 4.0])
-    np.testing.assert_equal(height, [[1.5, np.nan], [2.5, 3.0]])
-    tifffile.imwrite(tmp_path / "b.tif", values)
-    with pytest.raises(ValueError, match="does not say where it lies"):
-        read_heights(tmp_path / "b.tif")
-
-
 def test_rare_images_are_read_where_there_is_pillow(tmp_path, monkeypatch):
     Image.fromarray(SMOOTH).save(tmp_path / "a.jpg", quality=95)
-    assert read_raster(tmp_path / "a.jpg") == pytest.approx(SMOOTH / 255, abs=0.15)
+    assert read_raster(tmp_path / "a.jpg").pixels == pytest.approx(SMOOTH / 255, abs=0.15)
     monkeypatch.setattr(raster_file, "find_spec", lambda _name: None)
     monkeypatch.setitem(sys.modules, "OpenImageIO", None)
     with pytest.raises(SpecError, match=r"a\.jpg.*neither PNG nor TIFF.*save it as PNG"):
@@ -125,10 +110,10 @@ def test_packed_images_are_read_by_what_blender_has(tmp_path, monkeypatch):
         drawn = image(NOISE, mode)
         drawn.save(tmp_path / "a.tif", compression="tiff_lzw")
         theirs = np.asarray(drawn, float).reshape(HIGH, WIDE, -1)[..., 0]
-        assert (read_raster(tmp_path / "a.tif") == theirs / WHITES.get(mode, 255)).all()
+        assert (read_raster(tmp_path / "a.tif").pixels == theirs / WHITES.get(mode, 255)).all()
 
 
 def test_holes_in_floating_point_are_no_colours(tmp_path):
     holes = np.where(SMOOTH > 100, np.nan, np.asarray(image(SMOOTH, "F")))
     Image.fromarray(holes.astype(np.float32)).save(tmp_path / "a.tif")
-    assert np.isnan(read_raster(tmp_path / "a.tif")).sum() == (SMOOTH > 100).sum()
+    assert np.isnan(read_raster(tmp_path / "a.tif").pixels).sum() == (SMOOTH > 100).sum()

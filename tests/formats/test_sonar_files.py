@@ -15,9 +15,8 @@ from forest_addon.formats.toml_file import read_settings
 from forest_addon.results.echo_files import write_echo
 from forest_addon.results.kinds import RESULTS
 from forest_addon.sensing.sonar.equipment_files import equip, find, read_patterns, read_route
-from forest_addon.sensing.sonar.flight import fly
-from forest_addon.sensing.sonar.ping import EchoTargets, ping
-from forest_addon.sensing.sonar.poses import posed, poses_of
+from forest_addon.sensing.sonar.ping import EchoTargets, fly, ping
+from forest_addon.sensing.sonar.station import posed, poses_of
 from forest_addon.spec import Air, Scene, Sonar, SpecError
 
 LEAVES = discs_of([[2, 0, 2], [3, 0.2, 2]], [1.0, 0, 0], 0.02)

@@ -205,13 +205,14 @@ def test_ctrl_c_between_sensors_keeps_finished_files(tmp_path):
 
 @pytest.mark.slow
 def test_ctrl_c_ends_a_long_render(tmp_path):
-    """The render would take an hour, longer than a test waits for a process to end."""
-    scene = without_sensors(tmp_path, "preview_size = [800, 600]\npreview_samples = 65536\n")
+    """The render would take an hour, longer than a test waits; all else is written before."""
+    picture = 'preview = "cycles"\npreview_size = [800, 600]\npreview_samples = 65536\n'
+    scene = without_sensors(tmp_path, picture)
     out = tmp_path / "o"
     process = start("run", scene, "--out", out)
 
     def rendering():
-        if not (out / "forest.glb").exists():
+        if not (out / "run.json").exists():
             return False
         time.sleep(0.5)
         return True
@@ -219,6 +220,6 @@ def test_ctrl_c_ends_a_long_render(tmp_path):
     code, said = interrupt_when(process, rendering)
     assert code == 130
     assert "interrupted; finished files are kept" in said
-    assert (out / "forest.glb").exists()
+    assert all((out / name).exists() for name in ("forest.glb", "run.json"))
     assert not (out / "preview.png").exists()
     no_half_written_files(out)

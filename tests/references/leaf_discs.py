@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from forest_addon.sensing.sonar.discs import LeafDiscs
+from forest_addon.sensing.sonar.leaves import LeafDiscs
 
 
 def discs_of(centre: Any, normal: Any, radius: Any) -> LeafDiscs:

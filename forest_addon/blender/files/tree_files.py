@@ -17,6 +17,7 @@ import numpy as np
 from ...formats.stl import StlError, read_stl
 from ...growth.own_tree.pieces import Group
 from ...spec import SpecError
+from ..scene.attributes import world_places_of
 
 ENDINGS = (".ply", ".obj", ".gltf", ".glb")
 DRACO = b"KHR_draco_mesh_compression"
@@ -137,15 +138,11 @@ def _groups_of(thing: bpy.types.Object) -> list[Group]:
         return []
     mesh = thing.data
     mesh.calc_loop_triangles()
-    places = np.empty(3 * len(mesh.vertices), np.float32)
-    mesh.attributes["position"].data.foreach_get("vector", places)
     corners = np.empty(3 * len(mesh.loop_triangles), np.int32)
     mesh.loop_triangles.foreach_get("vertices", corners)
     slot = np.empty(len(mesh.loop_triangles), np.int32)
     mesh.loop_triangles.foreach_get("material_index", slot)
-    world = np.array(thing.matrix_world, dtype=np.float64)
-    points = places.reshape(-1, 3).astype(np.float64) @ world[:3, :3].T + world[:3, 3]
-    facets = points[corners.reshape(-1, 3)]
+    facets = world_places_of(thing, mesh)[corners.reshape(-1, 3)]
     names = [slot.material.name if slot.material else "" for slot in thing.material_slots] or [""]
     slot = np.clip(slot, 0, len(names) - 1)
     return [Group(thing.name, names[number], facets[slot == number]) for number in np.unique(slot)]

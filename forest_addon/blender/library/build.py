@@ -29,6 +29,7 @@ from ...growth.tree import Tree, grow
 from ...growth.truth import tree_truth
 from ...spec import Species
 from ..scene import materials
+from ..scene.attributes import give_picture
 from ..scene.meshes import to_mesh, write_truth
 from ..scene.placing import fingerprint
 from . import pictures
@@ -115,9 +116,7 @@ def _asset(
     about.description = describe(species, exhibit.truth)
     for tag in ("tree", species, path.rpartition("/")[2].lower()):
         about.tags.new(tag, skip_if_exists=True)
-    preview = home.preview_ensure()
-    preview.image_size = exhibit.picture.shape[:2]
-    preview.image_pixels_float.foreach_set(exhibit.picture.ravel())
+    give_picture(home, exhibit.picture)
     return home
 
 

@@ -29,6 +29,7 @@ from ..files.export import empty_file
 from ..rays.casters import make_caster
 from ..scene import materials
 from ..scene.meshes import to_mesh
+from ..scene.nodes import tree_of
 from ..show.preview import SUN, grow_around, lay_horizon, render, set_stage
 
 TILT = math.radians(7.0)
@@ -142,9 +143,7 @@ def _light(scene: bpy.types.Scene) -> None:
     sun.rotation_euler = (math.radians(52), 0.0, math.radians(-38))
     scene.collection.objects.link(sun)
     world = bpy.data.worlds.new("Sheet sky")
-    if world.node_tree is None:
-        world.use_nodes = True
-    sky = next(n for n in world.node_tree.nodes if n.type == "BACKGROUND")
+    sky = next(n for n in tree_of(world).nodes if n.type == "BACKGROUND")
     sky.inputs["Color"].default_value = (0.75, 0.86, 1.0, 1.0)
     sky.inputs["Strength"].default_value = 0.8
     scene.world = world

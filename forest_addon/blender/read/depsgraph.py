@@ -24,6 +24,7 @@ from ...growth.mesh.leaves import separate_leaves
 from ...sensing.rays.geometry import SceneGeometry
 from ...sensing.rays.tracks import SceneSample, Shape
 from ...spec import POLISHED, Polished, property_of
+from ..scene.attributes import read
 from ..scene.instances import (
     ASSET_KEY,
     IGNORED_KEY,
@@ -303,18 +304,15 @@ class _Whereabouts(_Found):
         return number
 
     def _shape(self, mesh: bpy.types.Mesh) -> Shape:
-        corners = np.empty(len(mesh.loops), dtype=np.int32)
+        corners = read(mesh, ".corner_vert", "INT", "CORNER")
         starts = np.empty(len(mesh.polygons), dtype=np.int32)
-        mesh.attributes[".corner_vert"].data.foreach_get("value", corners)
         mesh.polygons.foreach_get("loop_start", starts)
         told = hashlib.sha256(corners.tobytes())
         told.update(starts.tobytes())
         told.update(str(len(mesh.vertices)).encode())
         if told.digest() not in self._known:
             self._known[told.digest()] = separate_leaves(from_mesh(mesh))
-        position = np.empty(3 * len(mesh.vertices), dtype=np.float32)
-        mesh.attributes["position"].data.foreach_get("vector", position)
-        return Shape(position.reshape(-1, 3), self._known[told.digest()])
+        return Shape(read(mesh, "position", "FLOAT_VECTOR"), self._known[told.digest()])
 
 
 def _triangles_of(mesh: bpy.types.Mesh, thing: bpy.types.Object | None) -> TriMesh:

@@ -13,15 +13,15 @@ import numpy as np
 
 from ... import spec
 from ...base.vectors import azimuth_of
-from ...sensing.rays.geometry import apply_transform
 from ...spec import SpecError
 from ...stand.inputs import Inputs, Painted, TreeList
 from ...stand.intensity.terrain import Triangulated
+from ..scene.attributes import read, world_places_of
 from ..scene.layout import objects_in
 from .depsgraph import SOLID_TYPES
 
 LUMINANCE = (0.2126, 0.7152, 0.0722)  # of linear red, green and blue, ITU-R BT.709
-WIDTH = {"FLOAT": 1, "INT": 1, "INT8": 1, "BOOLEAN": 1, "FLOAT_COLOR": 4, "BYTE_COLOR": 4}
+WEIGHTS = ("FLOAT", "INT", "INT8", "BOOLEAN", "FLOAT_COLOR", "BYTE_COLOR")  # kinds of attributes
 
 
 def inputs_from_scene(
@@ -133,11 +133,7 @@ def _world(thing: bpy.types.Object, data: bpy.types.Mesh) -> tuple[np.ndarray, n
     data.calc_loop_triangles()
     triangles = np.empty((len(data.loop_triangles), 3), dtype=np.int32)
     data.loop_triangles.foreach_get("vertices", triangles.ravel())
-    vertices = np.empty((len(data.vertices), 3), dtype=np.float32)
-    if len(vertices):
-        data.attributes["position"].data.foreach_get("vector", vertices.ravel())
-    world = np.array(thing.matrix_world, dtype=np.float64)[:3]
-    return apply_transform(world, vertices.astype(np.float64)), triangles
+    return world_places_of(thing, data), triangles
 
 
 def _layer(
@@ -156,16 +152,12 @@ def _layer(
     usable = [
         a
         for a in data.attributes
-        if a.data_type in WIDTH and a.domain != "EDGE" and a.name[0] != "."
+        if a.data_type in WEIGHTS and a.domain != "EDGE" and a.name[0] != "."
     ]
     if attribute is None or attribute.name not in {a.name for a in usable}:
         known = [g.name for g in thing.vertex_groups] + [a.name for a in usable]
         what = f'no layer "{layer}" of weights' if layer else "no painted layer"
         there = ", ".join(known) or "none"
         raise SpecError(where, f'"{thing.name}" has {what}; its layers: {there}')
-    width = WIDTH[attribute.data_type]
-    kind = {"FLOAT": np.float32, "BOOLEAN": bool, "INT": np.int32, "INT8": np.int8}
-    raw = np.empty(len(attribute.data) * width, dtype=kind.get(attribute.data_type, np.float32))
-    attribute.data.foreach_get("value" if width == 1 else "color", raw)
-    values = raw.reshape(-1, width).astype(np.float64)
-    return attribute.domain, values[:, :3] @ LUMINANCE if width == 4 else values[:, 0]
+    values = read(data, attribute.name, attribute.data_type, attribute.domain).astype(np.float64)
+    return attribute.domain, values[:, :3] @ LUMINANCE if values.ndim == 2 else values

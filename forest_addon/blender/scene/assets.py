@@ -16,6 +16,7 @@ import numpy as np
 from ... import spec
 from ...base.rng import stream
 from ...base.trimesh import DEAD, LEAF, WOOD, TriMesh, join
+from .attributes import give_picture
 from .layout import SHAPE_KEY, VARIANTS, by_role, find_part
 from .placing import TOLD_KEY, has_own_mesh
 
@@ -115,9 +116,7 @@ def mark(thing: bpy.types.Object, portrait: AssetPortrait) -> None:
     about.description = portrait.description
     for tag in {"tree", "forest", portrait.label} - set(about.tags.keys()):
         about.tags.new(tag)
-    preview = thing.preview_ensure()
-    preview.image_size = (PIXELS, PIXELS)
-    preview.image_pixels_float.foreach_set(portrait.picture.ravel())
+    give_picture(thing, portrait.picture)
 
 
 def on_paper(wood: np.ndarray, leaves: np.ndarray | None, look: spec.Look) -> np.ndarray:

@@ -28,7 +28,15 @@ from ...stand.forest import GrownForest
 from ...stand.intensity.terrain import Flat, GroundSurface
 from . import materials
 from .assets import ToldVariant, Variant, portray, tell_variants, untold
-from .instances import SPECIES_KEY, TREE_KEY, points_mesh, ranks
+from .instances import (
+    SPECIES_KEY,
+    STOOD_KEY,
+    TREE_KEY,
+    note_stood,
+    points_mesh,
+    ranks,
+    told_of_tree,
+)
 from .layout import (
     GROUND_NAME,
     GROUND_ROLE,
@@ -47,7 +55,6 @@ from .layout import (
 from .meshes import ground_mesh, to_mesh
 from .nodes import LEVEL_KEY, give_instancer, instancer_group, show_near
 from .placing import Coat, KeptStanding, WantedObject, fingerprint, put
-from .planted import STOOD_KEY, note_stood, told_of_tree
 
 DRAWABLE = 5_000_000  # triangles of all stand-ins of a forest together, which a graphics card draws at once
 

@@ -11,20 +11,39 @@ where it stands. Blender gives the instances of a geometry as a point cloud whos
 and the number of what stands there: an object, or a geometry with a mesh and instances of its own, and
 so on down. ``evaluated_transforms`` gives the float32 matrices of points that stand in no scene of the
 user's.
+
+A tree that is an object says where it was planted; the collection of its planting says where all were. So
+a tree that was moved by hand is known (``stood_trees``), and one that was deleted. Of trees that are points
+nothing is moved.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import bpy
 import numpy as np
 
-from .layout import ROLE_KEY, TREES, VARIANTS, find_part, objects_in
+from .attributes import read, write
+from .layout import (
+    POINTS_ROLE,
+    ROLE_KEY,
+    TREES,
+    VARIANTS,
+    by_role,
+    find_part,
+    grove,
+    groves,
+    objects_in,
+    within_reach,
+)
 from .nodes import ROTATION, SCALE, VARIANT, give_instancer, instancer_group
+
+if TYPE_CHECKING:
+    from ...stand.forest import GrownForest
 
 TREE_KEY, SPECIES_KEY = "forest_tree", "forest_species"
 IGNORED_KEY, REFLECTANCE_KEY = "forest_ignored", "forest_reflectance"
@@ -111,11 +130,7 @@ def _of_geometry(geometry: Any, source: bpy.types.Object | None) -> list[Standin
     cloud = geometry.instances_pointcloud()
     if cloud is None:
         return found
-    transform = _values(cloud, "instance_transform", np.float32, 16)
-    # Each point's matrix comes column by column.
-    transform = transform.reshape(-1, 4, 4).transpose(0, 2, 1).astype(np.float64)
-    number = _values(cloud, ".reference_index", np.int32)
-    tree, species = (_values(cloud, name, np.int32) for name in (TREE_KEY, SPECIES_KEY))
+    transform, (number, tree, species) = _of_cloud(cloud)
     for index, reference in enumerate(geometry.instance_references()):
         rows = np.flatnonzero(number == index)
         if not len(rows):
@@ -151,16 +166,13 @@ def _alone(mesh: bpy.types.Mesh, source: bpy.types.Object | None, keeper: Any) -
     return Standing(mesh, np.eye(4)[None], nothing, nothing, source, keeper)
 
 
-def _values(cloud: Any, name: str, dtype: type, width: int = 1) -> np.ndarray:
-    """A point attribute; -1 where the cloud has none of this kind."""
-    attribute = cloud.attributes.get(name)
-    count = len(cloud.points)
-    kind = "INT" if dtype is np.int32 else "FLOAT4X4"
-    if attribute is None or attribute.data_type != kind or attribute.domain != "POINT":
-        return np.full(count * width, -1, dtype=dtype)
-    values = np.empty(count * width, dtype=dtype)
-    attribute.data.foreach_get("value", values)
-    return values
+def _of_cloud(cloud: bpy.types.PointCloud) -> tuple[np.ndarray, Iterator[np.ndarray]]:
+    """Return where instances stand (N, 4, 4), and (N,) whose they are, their trees and their species; -1
+    where they do not say."""
+    columns = read(cloud, "instance_transform", "FLOAT4X4").reshape(-1, 4, 4)
+    names = (".reference_index", TREE_KEY, SPECIES_KEY)
+    numbers = (read(cloud, name, "INT", missing=-1).astype(np.int64) for name in names)
+    return columns.transpose(0, 2, 1).astype(np.float64), numbers  # Blender keeps columns
 
 
 def _first_known(first: np.ndarray, second: np.ndarray) -> np.ndarray:
@@ -171,13 +183,13 @@ def _first_known(first: np.ndarray, second: np.ndarray) -> np.ndarray:
 class InstancedTrees:
     """N trees as they are evaluated.
 
-    source : objects that they are instances of. index : (N,) which of ``source``.
-    transform : (N, 3, 4) local to world. tree, species : (N,) int64, -1 where a tree does not say.
+    source : objects that they are instances of. transform : (N, 3, 4) local to world. index : (N,) which of
+    ``source``. tree, species : (N,) int64, -1 where a tree does not say.
     """
 
     source: tuple[bpy.types.Object, ...]
-    index: np.ndarray
     transform: np.ndarray
+    index: np.ndarray
     tree: np.ndarray
     species: np.ndarray
 
@@ -211,11 +223,11 @@ def points_mesh(
     _refuse((variant < 0) | (variant >= count), variant, tree, "is variant", f"0 to {count - 1}")
     data = bpy.data.meshes.new(name)
     data.vertices.add(len(position))
-    _fill(data, "position", "FLOAT_VECTOR", position, np.float32, "vector")
-    _fill(data, ROTATION, "FLOAT", rotation, np.float32)
-    _fill(data, SCALE, "FLOAT", scale, np.float32)
+    write(data, "position", position, "FLOAT_VECTOR")
+    write(data, ROTATION, rotation)
+    write(data, SCALE, scale)
     for key, values in ((VARIANT, variant), (TREE_KEY, tree), (SPECIES_KEY, species)):
-        _fill(data, key, "INT", values, np.int32)
+        write(data, key, values, "INT")
     data.update()
     return data
 
@@ -240,42 +252,16 @@ def read_points(thing: bpy.types.Object) -> InstancedTrees:
     points = geometry.instances_pointcloud() if geometry is not None else None
     if points is None or not len(points.points):  # 4.5 gives no columns where there is no row
         empty = np.empty(0, dtype=np.int64)
-        return InstancedTrees((), empty, np.empty((0, 3, 4)), empty, empty)
-    count = len(points.points)
-    local = np.empty(16 * count, dtype=np.float32)
-    points.attributes["instance_transform"].data.foreach_get("value", local)
-    local = local.reshape(-1, 4, 4).transpose(0, 2, 1).astype(np.float64)  # Blender keeps columns
+        return InstancedTrees((), np.empty((0, 3, 4)), empty, empty, empty)
+    local, numbers = _of_cloud(points)
     world = np.array(thing.matrix_world, dtype=np.float64)
-    return InstancedTrees(
-        source=tuple(geometry.instance_references()),
-        index=_numbers(points, ".reference_index", count),
-        transform=(world @ local)[:, :3],
-        tree=_numbers(points, TREE_KEY, count),
-        species=_numbers(points, SPECIES_KEY, count),
-    )
-
-
-def _numbers(points: bpy.types.PointCloud, name: str, count: int) -> np.ndarray:
-    """(N,) values of an integer attribute, -1 where it is missing or of another kind."""
-    attribute = points.attributes.get(name)
-    if attribute is None or attribute.data_type != "INT":
-        return np.full(count, -1, dtype=np.int64)
-    values = np.empty(count, dtype=np.int32)
-    attribute.data.foreach_get("value", values)
-    return values.astype(np.int64)
+    return InstancedTrees(tuple(geometry.instance_references()), (world @ local)[:, :3], *numbers)
 
 
 def _refuse(bad: np.ndarray, values: np.ndarray, tree: np.ndarray, what: str, must: str) -> None:
     if bad.any():
         first = int(np.argmax(bad))
         raise ValueError(f"tree {tree[first]} {what} {values[first]}; it must be {must}")
-
-
-def _fill(
-    data: bpy.types.Mesh, name: str, kind: str, values: np.ndarray, dtype: type, key: str = "value"
-) -> None:
-    attribute = data.attributes.get(name) or data.attributes.new(name, kind, "POINT")
-    attribute.data.foreach_set(key, np.ascontiguousarray(values, dtype=dtype).ravel())
 
 
 NAME = "Forest Sensing, for a moment"
@@ -317,3 +303,142 @@ def evaluated_transforms(
         bpy.data.batch_remove(new)
     order = np.argsort(placed.tree)
     return placed.transform[order]
+
+
+STOOD_KEY = "forest_stood"  # of a tree: x, y, rotation, scale, variant, diameter; of a collection: x, y, ...
+NEAR = 1e-3  # metres, and share of a size: less is no change
+COARSE = 1000  # variants from this number on are coarse ones of the same tree (``sensing/detail``)
+
+
+@dataclass(frozen=True)
+class StoodTree:
+    """A tree of a forest: its planting by name, where it was planted, and how it stands now.
+
+    planted, place : x and y, metres. rotation : radians. diameter : 1.3 m up, metres, where it was to have
+    one, else 0. thing : its object, None where it is a point.
+    """
+
+    label: str
+    planted: tuple[float, float]
+    place: tuple[float, float]
+    rotation: float
+    scale: float
+    variant: int
+    diameter: float
+    was: tuple[float, float]  # rotation and scale as planted
+    thing: bpy.types.Object | None = None
+
+    @property
+    def is_changed(self) -> bool:
+        """Return whether it stands otherwise than it was planted."""
+        far = max(NEAR, 1e-6 * max(map(abs, self.planted)))
+        moved = max(abs(a - b) for a, b in zip(self.place, self.planted, strict=True)) > far
+        turn = abs((self.rotation - self.was[0] + np.pi) % (2 * np.pi) - np.pi)
+        return bool(moved or turn > NEAR or abs(self.scale / self.was[1] - 1) > NEAR)
+
+
+def told_of_tree(forest: GrownForest, tree: int) -> list[float]:
+    """Return what the object of a tree says of how it was planted."""
+    stand, wanted = forest.stand, forest.wanted
+    diameter = 0.0 if wanted is None or not np.isfinite(wanted[tree, 0]) else wanted[tree, 0]
+    place = stand.position[tree, :2].tolist()
+    size = [float(stand.rotation[tree]), float(stand.scale[tree])]
+    return [*place, *size, float(stand.variant[tree] % COARSE), float(diameter)]
+
+
+def note_stood(scene: bpy.types.Scene, forest: GrownForest) -> None:
+    """Have the collection of each planting say where its trees were planted."""
+    for planting, label in enumerate(forest.labels):
+        mine = forest.stand.position[forest.stand.species == planting, :2]
+        grove(scene, label)[STOOD_KEY] = mine.ravel().tolist()
+
+
+def note_change(tree: StoodTree, variant: int) -> None:
+    """Have a tree that is an object stand where it does by plan, as this variant."""
+    if tree.thing is None:
+        return
+    stands = [*tree.place, tree.rotation, tree.scale, float(variant), tree.diameter]
+    _replace(tree, list(tree.place))
+    tree.thing[STOOD_KEY] = stands
+
+
+def forget_tree(tree: StoodTree) -> None:
+    """Delete the object of a tree, which its planting misses no more."""
+    if tree.thing is not None:
+        _replace(tree, [])
+        bpy.data.objects.remove(tree.thing)
+
+
+def _replace(tree: StoodTree, place: list[float]) -> None:
+    """Have collections say another place of a tree, or none."""
+    assert tree.thing is not None
+    for home in tree.thing.users_collection:
+        told = np.reshape(list(home.get(STOOD_KEY, ())), (-1, 2)).tolist()
+        if [*tree.planted] in told:
+            told.remove([*tree.planted])
+            home[STOOD_KEY] = [z for xy in told for z in xy] + place
+
+
+def stood_trees(scene: bpy.types.Scene) -> list[StoodTree]:
+    """Return the trees of a scene's forest that stand there."""
+    things = by_role(thing for thing in within_reach(scene) if thing.type == "MESH")
+    found = [_of_object(role, thing) for role, thing in things.items() if STOOD_KEY in thing]
+    if POINTS_ROLE in things:
+        found += _of_points(scene, things[POINTS_ROLE])
+    return found
+
+
+def deleted_trees(scene: bpy.types.Scene) -> dict[str, list[tuple[float, float]]]:
+    """Return where trees were planted that are objects and were deleted, by planting.
+
+    Of a planting without any tree left nothing is said: it was cleared away, to be grown anew.
+    """
+    left: dict[str, set[tuple[float, float]]] = {}
+    for thing in bpy.data.objects:  # renamed and unlinked ones too
+        if STOOD_KEY in thing and TREE_KEY in thing and thing.users:
+            label = str(thing.get(ROLE_KEY, "")).removeprefix(f"{TREES}/").rpartition(" ")[0]
+            left.setdefault(label, set()).add(tuple(thing[STOOD_KEY][:2]))
+    if find_part(scene, TREES) is None:
+        return {}
+    gone = {}
+    for home in groves(scene):
+        label = str(home.get(ROLE_KEY, "")).removeprefix(f"{TREES}/")
+        places = np.reshape(list(home.get(STOOD_KEY, ())), (-1, 2)).tolist()
+        if label in left:
+            gone[label] = [(x, y) for x, y in places if (x, y) not in left[label]]
+    return gone
+
+
+def _of_object(role: str, thing: bpy.types.Object) -> StoodTree:
+    x, y, turned, size, variant, diameter = thing[STOOD_KEY]
+    label = role.removeprefix(f"{TREES}/").rpartition(" ")[0]
+    tied = thing.parent or thing.constraints or thing.animation_data
+    place, rotation, scale = (x, y), turned, size
+    matrix = np.array(thing.matrix_basis, dtype=float)
+    volume = float(np.linalg.det(matrix[:3, :3]))
+    if not tied and volume > 0:
+        place = float(matrix[0, 3]), float(matrix[1, 3])
+        rotation, scale = float(np.arctan2(matrix[1, 0], matrix[0, 0])), float(np.cbrt(volume))
+    diameter *= scale / size
+    was = turned, size
+    return StoodTree(label, (x, y), place, rotation, scale, int(variant), diameter, was, thing)
+
+
+def _of_points(scene: bpy.types.Scene, thing: bpy.types.Object) -> list[StoodTree]:
+    home = find_part(scene, VARIANTS)
+    blocks = (*home.objects, *home.children) if home is not None else ()
+    library = sorted(blocks, key=lambda block: natural(block.name))
+    roles = [str(b.get(ROLE_KEY, "")).removeprefix(f"{VARIANTS}/") for b in library]
+    places = read(thing.data, "position", "FLOAT_VECTOR")
+    if any(name not in thing.data.attributes for name in (ROTATION, SCALE, VARIANT)):
+        return []
+    kinds = {ROTATION: "FLOAT", SCALE: "FLOAT", VARIANT: "INT"}
+    columns = [read(thing.data, name, kind).tolist() for name, kind in kinds.items()]
+    found = []
+    rows = zip(places.tolist(), *columns, strict=True)
+    for (x, y, _), turned, size, rank in rows:
+        label, _, number = roles[rank].rpartition(".") if rank < len(roles) else ("", "", "")
+        if number.isdigit():
+            same = (x, y), (x, y), turned, size, int(number) % COARSE
+            found.append(StoodTree(label, *same, 0.0, (turned, size)))
+    return found

@@ -1,8 +1,7 @@
 """Materials that look like bark, leaves and forest floor, and the bark of a stem as relief and tone.
 
-Shader nodes are written as formulas: every function adds a node to a tree and gives back its output. A
-value is a number, a colour of three, or an output of another node. Height and tone of bark follow from a
-few numbers of ``spec.Bark``; nodes and meshes have the same.
+Shader nodes are written as formulas (``graph``). Height and tone of bark follow from a few numbers of
+``spec.Bark``; nodes and meshes have the same.
 """
 
 from __future__ import annotations
@@ -10,102 +9,11 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import bpy
 
 from ... import spec
-
-Colour = tuple[float, float, float]
-Value = Any  # a number, a colour, or bpy.types.NodeSocket
-
-
-class Graph:
-    """A node tree that formulas are added to."""
-
-    def __init__(self, tree: bpy.types.NodeTree) -> None:
-        self.tree = tree
-
-    def put(self, socket: bpy.types.NodeSocket, value: Value) -> None:
-        """Link or set an input."""
-        if isinstance(value, bpy.types.NodeSocket):
-            self.tree.links.new(value, socket)
-        elif isinstance(value, tuple) and len(value) == 3 and socket.type == "RGBA":
-            socket.default_value = (*value, 1.0)
-        else:
-            socket.default_value = value
-
-    def add(self, kind: str, inputs: dict[str | int, Value] | None = None, **settings: Any) -> Any:
-        """A node of a kind, such as "TexNoise", with settings and inputs."""
-        node = self.tree.nodes.new(f"ShaderNode{kind}")
-        for name, value in settings.items():
-            setattr(node, name, value)
-        for key, value in (inputs or {}).items():
-            self.put(node.inputs[key], value)
-        return node
-
-    def place(self, which: str = "Object") -> Value:
-        """Coordinates: "Object" in metres, "Generated" from 0 to 1 of the bounding box, "UV"."""
-        return self.add("TexCoord").outputs[which]
-
-    def scaled(self, place: Value, size: tuple[float, float, float]) -> Value:
-        """Coordinates divided by a size along each axis."""
-        shares = tuple(1 / s for s in size)
-        return self.add("VectorMath", {0: place, 1: shares}, operation="MULTIPLY").outputs["Vector"]
-
-    def moved(self, place: Value, scale: float, far: float) -> Value:
-        """Coordinates moved about by noise, by at most about ``far``."""
-        noise = self.add("TexNoise", {"Vector": place, "Scale": scale, "Detail": 2.0})
-        centred = self.add(
-            "VectorMath", {0: noise.outputs["Color"], 1: (0.5, 0.5, 0.5)}, operation="SUBTRACT"
-        )
-        by = self.add(
-            "VectorMath",
-            {0: centred.outputs["Vector"], 1: (2 * far,) * 3, 2: place},
-            operation="MULTIPLY_ADD",
-        )
-        return by.outputs["Vector"]
-
-    def noise(self, place: Value, scale: float, detail: float = 3.0, rough: float = 0.5) -> Value:
-        """Noise from 0 to 1."""
-        inputs = {"Vector": place, "Scale": scale, "Detail": detail, "Roughness": rough}
-        return self.add("TexNoise", inputs).outputs[0]
-
-    def cells(self, place: Value, scale: float = 1.0, spread: float = 1.0) -> tuple[Value, Value]:
-        """Distance to the edge between cells, and a number from 0 to 1 of each cell."""
-        inputs = {"Vector": place, "Scale": scale, "Randomness": spread}
-        edge = self.add("TexVoronoi", inputs, feature="DISTANCE_TO_EDGE").outputs["Distance"]
-        own = self.add("TexVoronoi", inputs, feature="F1").outputs["Color"]
-        return edge, self.add("SeparateColor", {0: own}).outputs[0]
-
-    def math(self, operation: str, *values: Value) -> Value:
-        """A node of arithmetic."""
-        inputs: dict[str | int, Value] = dict(enumerate(values))
-        return self.add("Math", inputs, operation=operation).outputs[0]
-
-    def step(self, value: Value, low: float, high: float) -> Value:
-        """From 0 at ``low`` to 1 at ``high``, smoothly; ``low`` may be the larger."""
-        inputs = {"Value": value, "From Min": low, "From Max": high}
-        return self.add("MapRange", inputs, interpolation_type="SMOOTHSTEP").outputs["Result"]
-
-    def mix(self, share: Value, one: Value, other: Value, how: str = "MIX") -> Value:
-        """A colour between two."""
-        inputs: dict[str | int, Value] = {0: share, 6: one, 7: other}
-        return self.add("Mix", inputs, data_type="RGBA", blend_type=how).outputs[2]
-
-    def axis(self, place: Value, which: str) -> Value:
-        """One coordinate, "X", "Y" or "Z"."""
-        return self.add("SeparateXYZ", {0: place}).outputs[which]
-
-    def attribute(self, name: str) -> Value:
-        """A number that the mesh has of each face or vertex."""
-        return self.add("Attribute", attribute_name=name).outputs["Fac"]
-
-    def bump(self, height: Value, metres: float, strength: float = 1.0) -> Value:
-        """A normal, from heights in units of so many metres."""
-        inputs = {"Height": height, "Distance": metres, "Strength": strength}
-        return self.add("Bump", inputs).outputs["Normal"]
-
+from .nodes import Colour, Graph, Value, tree_of
 
 MOSS, ALGAE = (0.045, 0.065, 0.012), (0.12, 0.15, 0.07)
 SCAR, FURROW = (0.018, 0.015, 0.013), (0.030, 0.024, 0.020)
@@ -322,13 +230,10 @@ def bark(
     material, shader = _principled(name, into)
     graph = Graph(material.node_tree)
     surface = surface_of(graph, coat)
-    tones = _ramp(graph.tree, *_tones(BARK_TONES, colour), 0.05, 0.75)
-    tones.name = BARK_TONES
-    graph.put(tones.inputs["Fac"], surface.tone)
-    graph.put(shader.inputs["Base Color"], covered(graph, coat, tones.outputs["Color"], surface))
+    tones = graph.ramp(surface.tone, _tones(BARK_TONES, colour), 0.05, 0.75, name=BARK_TONES)
+    graph.put(shader.inputs["Base Color"], covered(graph, coat, tones, surface))
     graph.put(shader.inputs["Normal"], graph.bump(surface.height, surface.metres, 0.85))
-    shader.inputs["Roughness"].default_value = 0.9
-    shader.inputs["Specular IOR Level"].default_value = 0.2
+    _set_gloss(shader, 0.9, 0.2)
     material[STYLE_KEY] = style_of(coat)
     _note(material, colour)
     return material
@@ -364,19 +269,14 @@ def leaf(name: str, colour: Colour, veins: str = "feather") -> bpy.types.Materia
     graph = Graph(material.node_tree)
     number = graph.attribute("leaf")
     shade = graph.add("TexWhiteNoise", {"W": number}, noise_dimensions="1D").outputs["Value"]
-    tones = _ramp(graph.tree, *_tones(LEAF_TONES, colour))
-    tones.name = LEAF_TONES
-    graph.put(tones.inputs["Fac"], shade)
-    above = tones.outputs["Color"]
+    above = tones = graph.ramp(shade, _tones(LEAF_TONES, colour), name=LEAF_TONES)
     if veins != "none":
         vein, between = _veins(graph, veins == "palm")
         above = graph.mix(graph.math("MULTIPLY", vein, 0.35), above, (1.5, 1.5, 1.2), "MULTIPLY")
         above = graph.mix(
             graph.math("MULTIPLY", between, 0.18), above, (0.6, 0.62, 0.5), "MULTIPLY"
         )
-        lit = graph.mix(
-            graph.math("MULTIPLY", vein, 0.6), tones.outputs["Color"], (0.45, 0.5, 0.3), "MULTIPLY"
-        )
+        lit = graph.mix(graph.math("MULTIPLY", vein, 0.6), tones, (0.45, 0.5, 0.3), "MULTIPLY")
         graph.put(shader.inputs["Normal"], graph.bump(vein, 0.0006, 0.5))
     else:
         lit = above
@@ -386,9 +286,9 @@ def leaf(name: str, colour: Colour, veins: str = "feather") -> bpy.types.Materia
     through = graph.mix(1.0, lit, (1.35, 1.45, 0.75), "MULTIPLY")
     glow = graph.add("BsdfTranslucent", {"Color": through}).outputs["BSDF"]
     both = graph.add("MixShader", {"Fac": 0.42, 1: shader.outputs["BSDF"], 2: glow})
-    graph.put(_output(graph.tree).inputs["Surface"], both.outputs["Shader"])
-    shader.inputs["Roughness"].default_value = 0.55
-    shader.inputs["Specular IOR Level"].default_value = 0.22
+    output = next(n for n in graph.tree.nodes if n.type == "OUTPUT_MATERIAL")
+    graph.put(output.inputs["Surface"], both.outputs["Shader"])
+    _set_gloss(shader, 0.55, 0.22)
     _note(material, colour)
     return material
 
@@ -439,43 +339,22 @@ def recolour(material: bpy.types.Material, colour: Colour) -> None:
 def ground(name: str) -> bpy.types.Material:
     """Forest floor: litter of leaves and needles, moss in patches, a bump of small things that lie about."""
     material, shader = _principled(name)
-    tree = material.node_tree
-    place = tree.nodes.new("ShaderNodeTexCoord")
-    patches = _noise(tree, 0.3, 6.0, 0.72)
-    moss = _ramp(tree, (0.0, 0.0, 0.0), (1.0, 1.0, 1.0), 0.38, 0.60)
-    pieces = tree.nodes.new("ShaderNodeTexVoronoi")  # needles and leaves that lie crosswise
-    pieces.inputs["Scale"].default_value = 38.0
-    litter = _ramp(tree, (0.030, 0.022, 0.012), (0.140, 0.098, 0.052), 0.05, 0.95)
-    tufts = _noise(tree, 55.0, 2.0, 0.8)
-    green = _ramp(tree, (0.030, 0.046, 0.010), (0.105, 0.140, 0.036), 0.30, 0.72)
-    mixed = tree.nodes.new("ShaderNodeMix")
-    mixed.data_type = "RGBA"
-    coarse = _noise(tree, 9.0, 4.0, 0.8)
-    shade = tree.nodes.new("ShaderNodeMix")
-    shade.data_type, shade.blend_type = "RGBA", "OVERLAY"
-    shade.inputs[0].default_value = 0.6
-    heights = tree.nodes.new("ShaderNodeMath")
-    heights.operation = "ADD"
-    bump = tree.nodes.new("ShaderNodeBump")
-    bump.inputs["Distance"].default_value = 0.05
-    bump.inputs["Strength"].default_value = 0.8
-    for made in (patches, pieces, tufts, coarse):
-        tree.links.new(place.outputs["Object"], made.inputs["Vector"])
-    tree.links.new(patches.outputs["Fac"], moss.inputs["Fac"])
-    tree.links.new(pieces.outputs["Color"], litter.inputs["Fac"])
-    tree.links.new(tufts.outputs["Fac"], green.inputs["Fac"])
-    tree.links.new(moss.outputs["Color"], mixed.inputs[0])
-    tree.links.new(litter.outputs["Color"], mixed.inputs[6])
-    tree.links.new(green.outputs["Color"], mixed.inputs[7])
-    tree.links.new(mixed.outputs[2], shade.inputs[6])
-    tree.links.new(coarse.outputs["Fac"], shade.inputs[7])
-    tree.links.new(shade.outputs[2], shader.inputs["Base Color"])
-    tree.links.new(coarse.outputs["Fac"], heights.inputs[0])
-    tree.links.new(pieces.outputs["Distance"], heights.inputs[1])
-    tree.links.new(heights.outputs["Value"], bump.inputs["Height"])
-    tree.links.new(bump.outputs["Normal"], shader.inputs["Normal"])
-    shader.inputs["Roughness"].default_value = 1.0
-    shader.inputs["Specular IOR Level"].default_value = 0.1
+    graph = Graph(material.node_tree)
+    place = graph.place()
+    moss = graph.ramp(graph.noise(place, 0.3, 6.0, 0.72), ((0.0,) * 3, (1.0,) * 3), 0.38, 0.60)
+    pieces = graph.add(
+        "TexVoronoi", {"Vector": place, "Scale": 38.0}
+    )  # needles and leaves crosswise
+    colours = (0.030, 0.022, 0.012), (0.140, 0.098, 0.052)
+    litter = graph.ramp(pieces.outputs["Color"], colours, 0.05, 0.95)
+    colours = (0.030, 0.046, 0.010), (0.105, 0.140, 0.036)
+    green = graph.ramp(graph.noise(place, 55.0, 2.0, 0.8), colours, 0.30, 0.72)
+    coarse = graph.noise(place, 9.0, 4.0, 0.8)
+    shade = graph.mix(0.6, graph.mix(moss, litter, green), coarse, "OVERLAY")
+    graph.put(shader.inputs["Base Color"], shade)
+    height = graph.math("ADD", coarse, pieces.outputs["Distance"])
+    graph.put(shader.inputs["Normal"], graph.bump(height, 0.05, 0.8))
+    _set_gloss(shader, 1.0, 0.1)
     material.diffuse_color = (0.22, 0.20, 0.13, 1.0)
     return material
 
@@ -492,22 +371,26 @@ def meadow(name: str) -> bpy.types.Material:
         graph.step(fine, 0.3, 0.75), graph.mix(0.5, green, (0.02, 0.03, 0.008)), green
     )
     graph.put(shader.inputs["Base Color"], colour)
-    shader.inputs["Roughness"].default_value = 1.0
-    shader.inputs["Specular IOR Level"].default_value = 0.1
+    _set_gloss(shader, 1.0, 0.1)
     material.diffuse_color = (0.16, 0.2, 0.08, 1.0)
     return material
 
 
-def coloured_points(name: str) -> bpy.types.Material:
-    """Points in the colour that their attribute ``colour`` says."""
+def coloured(name: str, attribute: str, glow: float = 0.0) -> bpy.types.Material:
+    """A material in the colour that an attribute of the geometry says, which may glow."""
     material, shader = _principled(name)
-    tree = material.node_tree
-    colour = tree.nodes.new("ShaderNodeAttribute")
-    colour.attribute_name = "colour"
-    tree.links.new(colour.outputs["Color"], shader.inputs["Base Color"])
-    shader.inputs["Roughness"].default_value = 1.0
-    material.diffuse_color = (1.0, 0.75, 0.1, 1.0)  # Solid shading knows one colour for all points
+    graph = Graph(material.node_tree)
+    colour = graph.add("Attribute", attribute_name=attribute).outputs["Color"]
+    graph.put(shader.inputs["Base Color"], colour)
+    if glow:
+        graph.put(shader.inputs["Emission Color"], colour)
+        shader.inputs["Emission Strength"].default_value = glow
     return material
+
+
+def _set_gloss(shader: bpy.types.Node, roughness: float, specular: float) -> None:
+    shader.inputs["Roughness"].default_value = roughness
+    shader.inputs["Specular IOR Level"].default_value = specular
 
 
 def _note(material: bpy.types.Material, colour: Colour) -> None:
@@ -522,42 +405,16 @@ def _tones(name: str, colour: Colour) -> tuple[Colour, Colour]:
     return _scaled(colour, 0.55), _towards(_scaled(colour, 1.5), (0.30, 0.30, 0.02), 0.25)
 
 
-def _noise(
-    tree: bpy.types.NodeTree, scale: float, detail: float, roughness: float = 0.5
-) -> bpy.types.Node:
-    node = tree.nodes.new("ShaderNodeTexNoise")
-    node.inputs["Scale"].default_value = scale
-    node.inputs["Detail"].default_value = detail
-    node.inputs["Roughness"].default_value = roughness
-    return node
-
-
 def _principled(
     name: str, into: bpy.types.Material | None = None
 ) -> tuple[bpy.types.Material, bpy.types.Node]:
     """A material with its shader: a new one, or an old one with nothing else in it."""
     material = into or bpy.data.materials.new(name)
-    if material.node_tree is None:  # Blender 5 makes it with the material
-        material.use_nodes = True
-    nodes = material.node_tree.nodes
+    nodes = tree_of(material).nodes
     for node in list(nodes) if into else ():
         if node.type not in ("BSDF_PRINCIPLED", "OUTPUT_MATERIAL"):
             nodes.remove(node)
     return material, next(n for n in nodes if n.type == "BSDF_PRINCIPLED")
-
-
-def _output(tree: bpy.types.NodeTree) -> bpy.types.Node:
-    return next(n for n in tree.nodes if n.type == "OUTPUT_MATERIAL")
-
-
-def _ramp(
-    tree: bpy.types.NodeTree, dark: Colour, light: Colour, low: float = 0.0, high: float = 1.0
-) -> bpy.types.Node:
-    node = tree.nodes.new("ShaderNodeValToRGB")
-    first, last = node.color_ramp.elements
-    first.position, last.position = low, high
-    first.color, last.color = (*dark, 1.0), (*light, 1.0)
-    return node
 
 
 def _scaled(colour: Colour, factor: float) -> Colour:

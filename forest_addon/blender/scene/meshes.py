@@ -30,6 +30,7 @@ from ...growth.truth import tree_truth
 from ...sensing.rays.geometry import SceneGeometry
 from ...stand.intensity.terrain import GroundSurface, Heightmap
 from ...stand.placed import PlacedTrees, PlacedVariant
+from .attributes import places_of, read, write
 from .instances import ASSET_KEY
 
 # Arrays that were written, for as long as others hold them: what is read back the same is held once.
@@ -47,24 +48,24 @@ def to_mesh(name: str, mesh: TriMesh) -> bpy.types.Mesh:
     data.vertices.add(len(mesh.vertices))
     data.loops.add(3 * count)
     data.polygons.add(count)
-    _set(data.attributes["position"], "vector", mesh.vertices, np.float32)
-    _set(data.attributes[".corner_vert"], "value", mesh.triangles, np.int32)
+    write(data, "position", mesh.vertices, "FLOAT_VECTOR")
+    write(data, ".corner_vert", mesh.triangles, "INT", "CORNER")
     data.polygons.foreach_set("loop_start", np.arange(0, 3 * count, 3, dtype=np.int32))
-    _set(data.attributes.new("part", "INT8", "FACE"), "value", mesh.part, np.int8)
-    _set(data.attributes.new("leaf", "INT", "FACE"), "value", mesh.leaf, np.int32)
-    _set(data.attributes.new("material_index", "INT", "FACE"), "value", mesh.material, np.int32)
-    _set(data.attributes.new("sharp_face", "BOOLEAN", "FACE"), "value", mesh.part == LEAF, bool)
+    write(data, "part", mesh.part, "INT8", "FACE")
+    write(data, "leaf", mesh.leaf, "INT", "FACE")
+    write(data, "material_index", mesh.material, "INT", "FACE")
+    write(data, "sharp_face", mesh.part == LEAF, "BOOLEAN", "FACE")
     if mesh.order is not None:
-        _set(data.attributes.new("order", "INT8", "FACE"), "value", mesh.order, np.int8)
+        write(data, "order", mesh.order, "INT8", "FACE")
     if mesh.uv is not None:
-        _set(data.attributes.new("UVMap", "FLOAT2", "CORNER"), "vector", mesh.uv, np.float32)
+        write(data, "UVMap", mesh.uv, "FLOAT2", "CORNER")
     edges = mesh.known_edges()
     if edges is None:
         data.update(calc_edges=True)
         return data
     data.edges.add(len(edges.ends))
-    _set(data.attributes[".edge_verts"], "value", edges.ends, np.int32)
-    _set(data.attributes[".corner_edge"], "value", edges.of_corner, np.int32)
+    write(data, ".edge_verts", edges.ends, "INT32_2D", "EDGE")
+    write(data, ".corner_edge", edges.of_corner, "INT", "CORNER")
     data.update()
     return data
 
@@ -72,11 +73,8 @@ def to_mesh(name: str, mesh: TriMesh) -> bpy.types.Mesh:
 def from_mesh(data: bpy.types.Mesh) -> TriMesh:
     """Any Blender mesh as triangles in its local space, with our face attributes where it has them."""
     triangles, face = _triangles(data)
-    position = np.empty(3 * len(data.vertices), dtype=np.float32)
-    if len(position):
-        data.attributes["position"].data.foreach_get("vector", position)
     return TriMesh(
-        vertices=position.reshape(-1, 3).astype(np.float64),
+        vertices=places_of(data),
         triangles=_once(triangles.reshape(-1, 3)),
         part=_once(_face_values(data, "part", np.int8, OTHER)[face]),
         leaf=_once(_face_values(data, "leaf", np.int32, -1)[face]),
@@ -102,10 +100,7 @@ def _told(values: np.ndarray) -> tuple[str, tuple[int, ...], int]:
 def _triangles(data: bpy.types.Mesh) -> tuple[np.ndarray, np.ndarray | slice]:
     """(3 T,) vertices of the triangles of a mesh, and which face each is a part of."""
     if len(data.loops) == 3 * len(data.polygons):  # nothing to cut up
-        corners = np.empty(len(data.loops), dtype=np.int32)
-        if len(corners):
-            data.attributes[".corner_vert"].data.foreach_get("value", corners)
-        return corners, slice(None)
+        return read(data, ".corner_vert", "INT", "CORNER"), slice(None)
     data.calc_loop_triangles()
     count = len(data.loop_triangles)
     corners = np.empty(3 * count, dtype=np.int32)
@@ -116,21 +111,9 @@ def _triangles(data: bpy.types.Mesh) -> tuple[np.ndarray, np.ndarray | slice]:
 
 
 def _face_values(data: bpy.types.Mesh, name: str, dtype: type, default: int) -> np.ndarray:
-    count = len(data.polygons)
-    attribute = data.attributes.get(name)
-    if (
-        attribute is None
-        or attribute.domain != "FACE"
-        or attribute.data_type not in ("INT8", "INT")
-    ):
-        return np.full(count, default, dtype=dtype)
-    values = np.empty(count, dtype=np.int8 if attribute.data_type == "INT8" else np.int32)
-    attribute.data.foreach_get("value", values)
-    return values.astype(dtype)
-
-
-def _set(attribute: bpy.types.Attribute, key: str, values: np.ndarray, dtype: type) -> None:
-    attribute.data.foreach_set(key, np.ascontiguousarray(values, dtype=dtype).ravel())
+    """(F,) whole numbers of the faces of a mesh, whatever their size."""
+    kind = "INT8" if getattr(data.attributes.get(name), "data_type", "") == "INT8" else "INT"
+    return read(data, name, kind, "FACE", default).astype(dtype)
 
 
 def ground_mesh(field: spec.Forest, terrain: GroundSurface) -> TriMesh:
@@ -156,18 +139,17 @@ def ground_mesh(field: spec.Forest, terrain: GroundSurface) -> TriMesh:
 
 SPECIES, WOOD, LEAVES = "forest_asset_species", "forest_skeleton", "forest_leaves"
 GRAFTED = "forest_grafted"
-COLUMNS: Mapping[str, tuple[str, str, str, int, type]] = {
-    # column: attribute, its type, its key, its width
-    "radius": ("radius", "FLOAT", "value", 1, np.float32),
-    "parent": ("parent", "INT", "value", 1, np.int32),
-    "order": ("order", "INT", "value", 1, np.int32),
-    "generation": ("generation", "INT", "value", 1, np.int32),
-    "normal": ("leaf_normal", "FLOAT_VECTOR", "vector", 3, np.float32),
-    "axis": ("leaf_axis", "FLOAT_VECTOR", "vector", 3, np.float32),
-    "length": ("length", "FLOAT", "value", 1, np.float32),
-    "width": ("width", "FLOAT", "value", 1, np.float32),
-    "branch": ("branch", "INT", "value", 1, np.int32),
-    "dead": ("dead", "INT", "value", 1, np.int32),
+COLUMNS: Mapping[str, tuple[str, str]] = {  # attribute of a column, and its kind
+    "radius": ("radius", "FLOAT"),
+    "parent": ("parent", "INT"),
+    "order": ("order", "INT"),
+    "generation": ("generation", "INT"),
+    "normal": ("leaf_normal", "FLOAT_VECTOR"),
+    "axis": ("leaf_axis", "FLOAT_VECTOR"),
+    "length": ("length", "FLOAT"),
+    "width": ("width", "FLOAT"),
+    "branch": ("branch", "INT"),
+    "dead": ("dead", "INT"),
 }
 OF_SEGMENTS = ("parent", "order", "generation", "dead")
 OF_LEAVES = ("normal", "axis", "length", "width", "radius", "branch")
@@ -239,9 +221,9 @@ def _skeleton_mesh(name: str, wood: Skeleton) -> bpy.types.Mesh:
     data.edges.add(count)
     ends = np.stack([wood.start, wood.end], axis=1).reshape(-1, 3)
     if count:
-        data.attributes["position"].data.foreach_set("vector", ends.astype(np.float32).ravel())
+        write(data, "position", ends, "FLOAT_VECTOR")
         data.edges.foreach_set("vertices", np.arange(2 * count, dtype=np.int32))
-    _put(data, "POINT", "radius", wood.radius)
+    _put(data, "POINT", "radius", wood.radius.ravel())
     for column in OF_SEGMENTS:
         _put(data, "EDGE", column, wood.is_dead if column == "dead" else getattr(wood, column))
     data.update()
@@ -249,13 +231,13 @@ def _skeleton_mesh(name: str, wood: Skeleton) -> bpy.types.Mesh:
 
 
 def _read_skeleton(data: bpy.types.Mesh) -> Skeleton:
-    ends = _positions(data).reshape(-1, 2, 3)
+    ends = places_of(data).reshape(-1, 2, 3)
     return Skeleton(
         start=ends[:, 0],
         end=ends[:, 1],
-        radius=_get(data, "radius").reshape(-1, 2),
-        **{column: _get(data, column) for column in OF_SEGMENTS if column != "dead"},
-        dead=_get(data, "dead") > 0 if "dead" in data.attributes else None,
+        radius=_get(data, "POINT", "radius").reshape(-1, 2),
+        **{column: _get(data, "EDGE", column) for column in OF_SEGMENTS if column != "dead"},
+        dead=_get(data, "EDGE", "dead") > 0 if "dead" in data.attributes else None,
     )
 
 
@@ -263,8 +245,7 @@ def _leaf_mesh(name: str, leaves: Leaves) -> bpy.types.Mesh:
     data = bpy.data.meshes.new(name)
     data.vertices.add(len(leaves))
     if len(leaves):
-        centre = leaves.centre.astype(np.float32).ravel()
-        data.attributes["position"].data.foreach_set("vector", centre)
+        write(data, "position", leaves.centre, "FLOAT_VECTOR")
     for column in OF_LEAVES:
         _put(data, "POINT", column, getattr(leaves, column))
     data.update()
@@ -272,31 +253,18 @@ def _leaf_mesh(name: str, leaves: Leaves) -> bpy.types.Mesh:
 
 
 def _read_leaves(data: bpy.types.Mesh) -> Leaves:
-    columns = {column: _get(data, column) for column in OF_LEAVES}
+    columns = {column: _get(data, "POINT", column) for column in OF_LEAVES}
     columns["branch"] = columns["branch"].astype(np.int32)
-    return Leaves(centre=_positions(data), **columns)
+    return Leaves(centre=places_of(data), **columns)
 
 
 def _put(data: bpy.types.Mesh, domain: str, column: str, values: np.ndarray) -> None:
-    name, kind, key, _, dtype = COLUMNS[column]
-    attribute = data.attributes.new(name, kind, domain)
-    if len(values):
-        attribute.data.foreach_set(key, np.ascontiguousarray(values, dtype=dtype).ravel())
+    name, kind = COLUMNS[column]
+    write(data, name, values, kind, domain)
 
 
-def _get(data: bpy.types.Mesh, column: str) -> np.ndarray:
+def _get(data: bpy.types.Mesh, domain: str, column: str) -> np.ndarray:
     """A column as float64 or int64, (N,) or (N, 3)."""
-    name, _, key, width, dtype = COLUMNS[column]
-    attribute = data.attributes[name]
-    values = np.empty(width * len(attribute.data), dtype=dtype)
-    if len(values):
-        attribute.data.foreach_get(key, values)
-    wide = values.astype(np.float64 if dtype is np.float32 else np.int64)
-    return wide.reshape(-1, 3) if width == 3 else wide
-
-
-def _positions(data: bpy.types.Mesh) -> np.ndarray:
-    values = np.empty(3 * len(data.vertices), dtype=np.float32)
-    if len(values):
-        data.attributes["position"].data.foreach_get("vector", values)
-    return values.reshape(-1, 3).astype(np.float64)
+    name, kind = COLUMNS[column]
+    values = read(data, name, kind, domain)
+    return values.astype(np.int64 if kind == "INT" else np.float64)

@@ -1,7 +1,11 @@
-"""The node group that puts a tree on every point: which variant, how turned, how large, its points say.
+"""Node trees written as formulas, and the node groups that put a tree on every point and end the ground.
 
-It is made once a file and then left alone, so whatever is changed in it by hand stays. A modifier hands it
-the points and the collection of variants; its objects count in the order of their names. *Scale* and
+A formula adds a node to a tree and gives back its output. A value is a number, a vector or colour of three,
+or an output of another node. A group of geometry nodes declares what a user can set, and is laid out from
+left to right. It is made once a file and then left alone, so whatever is changed in it by hand stays.
+
+The group of trees says which variant stands on a point, how turned and how large. A modifier hands it the
+points and the collection of variants; its objects count in the order of their names. *Scale* and
 *Rotation* are of all trees alike, and sensors see them so. With *Light View* a view shows stand-ins of
 the trees from a second collection, with *Dots* a dot for each tree, with *Show Share* some of the trees;
 renders show all of them in full, and whoever measures reads within ``in_full``.
@@ -9,7 +13,8 @@ renders show all of them in full, and whoever measures reads within ``in_full``.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
@@ -20,6 +25,208 @@ from .layout import GROUND_NAME, SHARE, find_part, is_local, is_ours
 
 if TYPE_CHECKING:
     from ...stand.intensity.terrain import GroundSurface
+
+Colour = tuple[float, float, float]
+Value = Any  # a number, a vector, a colour, or bpy.types.NodeSocket
+KINDS = {  # how Blender's names of nodes begin
+    "SHADER": ("ShaderNode", ""),
+    "GEOMETRY": ("GeometryNode", "FunctionNode", "ShaderNode", ""),
+}
+APART = (-220, -240)  # of the places of nodes in a tree that is laid out
+
+
+def tree_of(block: bpy.types.Material | bpy.types.World) -> bpy.types.NodeTree:
+    """The node tree of a material or world, made where there is none."""
+    if block.node_tree is None:  # Blender 5 makes it with the block
+        block.use_nodes = True
+    return block.node_tree
+
+
+class Graph:
+    """A node tree that formulas are added to.
+
+    given : outputs of the group's inputs, by name. sockets : what a user can set, by name.
+    """
+
+    def __init__(self, tree: bpy.types.NodeTree) -> None:
+        self.tree = tree
+        self.given: dict[str, Value] = {}
+        self.sockets: dict[str, Any] = {}
+
+    @classmethod
+    def group(
+        cls, name: str, told: str, inputs: Iterable[tuple[Any, ...]], output: tuple[str, str]
+    ) -> Graph:
+        """A new group of geometry nodes for modifiers.
+
+        told : its description. inputs : name, kind of socket, description and, by name, settings of each.
+        output : name and description of the geometry that comes out.
+        """
+        graph = cls(bpy.data.node_groups.new(name, "GeometryNodeTree"))
+        graph.tree.is_modifier, graph.tree.description = True, told
+        new = graph.tree.interface.new_socket
+        for title, kind, words, *settings in inputs:
+            made = new(title, description=words, in_out="INPUT", socket_type=f"NodeSocket{kind}")
+            for key, value in settings[0].items() if settings else ():
+                setattr(made, key, value)
+            graph.sockets[title] = made
+        new(output[0], description=output[1], in_out="OUTPUT", socket_type="NodeSocketGeometry")
+        start = graph.add("NodeGroupInput")
+        graph.given = {socket.name: socket for socket in start.outputs if socket.name}
+        return graph
+
+    def finish(self, geometry: Value) -> bpy.types.NodeTree:
+        """Give the group's result, and lay its nodes out; returns the group."""
+        self.put(self.add("NodeGroupOutput").inputs[0], geometry)
+        after = defaultdict(set)
+        for link in self.tree.links:
+            after[link.from_node.name].add(link.to_node.name)
+        column: dict[str, int] = {}
+        rows: Counter[int] = Counter()
+        for node in reversed(self.tree.nodes[:]):  # what a node needs was made before it
+            at = column[node.name] = 1 + max((column[n] for n in after[node.name]), default=-1)
+            node.location = APART[0] * at, APART[1] * rows[at]
+            rows[at] += 1
+        return self.tree
+
+    def put(self, socket: bpy.types.NodeSocket, value: Value) -> None:
+        """Link or set an input."""
+        if isinstance(value, bpy.types.NodeSocket):
+            self.tree.links.new(value, socket)
+        elif isinstance(value, tuple) and len(value) == 3 and socket.type == "RGBA":
+            socket.default_value = (*value, 1.0)
+        else:
+            socket.default_value = value
+
+    def add(self, kind: str, inputs: dict[str | int, Value] | None = None, **settings: Any) -> Any:
+        """A node of a kind, such as "TexNoise", with settings and inputs."""
+        names = (begin + kind for begin in KINDS[self.tree.type])
+        whole = next(name for name in names if hasattr(bpy.types, name))
+        node = self.tree.nodes.new(whole)
+        node.label = node.bl_label
+        for name, value in settings.items():
+            setattr(node, name, value)
+        for key, value in (inputs or {}).items():
+            self.put(node.inputs[key], value)
+        return node
+
+    def value(self, kind: str, *values: Value, **settings: Any) -> Value:
+        """The first output of a node of a kind, of values in the order of its inputs; None: as it is."""
+        node = self.add(kind, **settings)
+        usable = [socket for socket in node.inputs if socket.enabled]
+        for socket, value in zip(usable, values, strict=False):
+            if value is not None:
+                self.put(socket, value)
+        return next(socket for socket in node.outputs if socket.enabled)
+
+    def math(self, operation: str, *values: Value, **settings: Any) -> Value:
+        """A node of arithmetic."""
+        return self.value("Math", *values, operation=operation, **settings)
+
+    def axis(self, vector: Value, which: str) -> Value:
+        """One coordinate, "X", "Y" or "Z"."""
+        return self.add("SeparateXYZ", {0: vector}).outputs[which]
+
+    def numbers(self, vector: Value) -> list[Value]:
+        """The three numbers of a vector."""
+        return list(self.add("SeparateXYZ", {0: vector}).outputs)
+
+    def ramp(
+        self,
+        share: Value,
+        colours: Sequence[Colour],
+        low: float = 0.0,
+        high: float = 1.0,
+        **settings: Any,
+    ) -> Value:
+        """A colour on a scale of evenly spaced ones, the first at ``low``, the last at ``high``."""
+        node = self.add("ValToRGB", {0: share}, **settings)
+        elements = node.color_ramp.elements
+        while len(elements) < len(colours):
+            elements.new(0.5)
+        for index, colour in enumerate(colours):
+            elements[index].position = low + (high - low) * index / (len(colours) - 1)
+            elements[index].color = (*colour, 1.0)
+        return node.outputs["Color"]
+
+    # ------------------------------------------------------------------------------ of geometry nodes
+
+    def both(self, one: Value, other: Value, how: str = "AND", **settings: Any) -> Value:
+        """Two conditions together."""
+        return self.value("BooleanMath", one, other, operation=how, **settings)
+
+    def named(self, name: str, kind: str = "FLOAT") -> Value:
+        """An attribute of the geometry."""
+        title = name.replace("_", " ").title()
+        return self.value("InputNamedAttribute", name, data_type=kind, label=title)
+
+    def store(
+        self, geometry: Value, name: str, kind: str, value: Value, domain: str = "POINT"
+    ) -> Value:
+        """A geometry with an attribute more."""
+        how = {"data_type": kind, "domain": domain, "label": name}
+        return self.value("StoreNamedAttribute", geometry, None, name, value, **how)
+
+    def switch(self, kind: str, on: Value, no: Value, yes: Value, **settings: Any) -> Value:
+        """One of two values or geometries."""
+        return self.value("Switch", on, no, yes, input_type=kind, **settings)
+
+    def library(self, name: str) -> Value:
+        """The objects of a collection that the modifier names, to pick from by number."""
+        return self.value("CollectionInfo", self.given[name], True, True, label=f"{name} by number")
+
+    def geometry_of(self, name: str) -> Value:
+        """The geometry of an object that the modifier names."""
+        made = self.add("ObjectInfo", {"Object": self.given[name]}, transform_space="ORIGINAL")
+        return made.outputs["Geometry"]
+
+    # --------------------------------------------------------------------------------- of shader nodes
+
+    def place(self, which: str = "Object") -> Value:
+        """Coordinates: "Object" in metres, "Generated" from 0 to 1 of the bounding box, "UV"."""
+        return self.add("TexCoord").outputs[which]
+
+    def scaled(self, place: Value, size: tuple[float, float, float]) -> Value:
+        """Coordinates divided by a size along each axis."""
+        return self.value("VectorMath", place, tuple(1 / s for s in size), operation="MULTIPLY")
+
+    def moved(self, place: Value, scale: float, far: float) -> Value:
+        """Coordinates moved about by noise, by at most about ``far``."""
+        noise = self.add("TexNoise", {"Vector": place, "Scale": scale, "Detail": 2.0})
+        centred = self.value(
+            "VectorMath", noise.outputs["Color"], (0.5, 0.5, 0.5), operation="SUBTRACT"
+        )
+        return self.value("VectorMath", centred, (2 * far,) * 3, place, operation="MULTIPLY_ADD")
+
+    def noise(self, place: Value, scale: float, detail: float = 3.0, rough: float = 0.5) -> Value:
+        """Noise from 0 to 1."""
+        inputs = {"Vector": place, "Scale": scale, "Detail": detail, "Roughness": rough}
+        return self.add("TexNoise", inputs).outputs[0]
+
+    def cells(self, place: Value, scale: float = 1.0, spread: float = 1.0) -> tuple[Value, Value]:
+        """Distance to the edge between cells, and a number from 0 to 1 of each cell."""
+        inputs = {"Vector": place, "Scale": scale, "Randomness": spread}
+        edge = self.add("TexVoronoi", inputs, feature="DISTANCE_TO_EDGE").outputs["Distance"]
+        own = self.add("TexVoronoi", inputs, feature="F1").outputs["Color"]
+        return edge, self.value("SeparateColor", own)
+
+    def step(self, value: Value, low: float, high: float) -> Value:
+        """From 0 at ``low`` to 1 at ``high``, smoothly; ``low`` may be the larger."""
+        return self.value("MapRange", value, low, high, interpolation_type="SMOOTHSTEP")
+
+    def mix(self, share: Value, one: Value, other: Value, how: str = "MIX") -> Value:
+        """A colour between two."""
+        return self.value("Mix", share, one, other, data_type="RGBA", blend_type=how)
+
+    def attribute(self, name: str) -> Value:
+        """A number that the mesh has of each face or vertex."""
+        return self.add("Attribute", attribute_name=name).outputs["Fac"]
+
+    def bump(self, height: Value, metres: float, strength: float = 1.0) -> Value:
+        """A normal, from heights in units of so many metres."""
+        inputs = {"Height": height, "Distance": metres, "Strength": strength}
+        return self.add("Bump", inputs).outputs["Normal"]
+
 
 INSTANCER = "Forest Sensing Forest"
 # A group with other sockets than these gets another number. Of version 1 were no size and turn of all, of
@@ -34,11 +241,9 @@ VIEW_KEY = "forest_view"  # of a group that changes what views show and nothing 
 LIGHT_KEY = "forest_light"  # on an object: what *Light View* was set to when it was built last
 LEVEL_KEY = "forest_level"  # on the same object: triangles at most of a stand-in
 VARIANT, ROTATION, SCALE = "variant", "rotation", "scale"  # attributes of the points
-LIMITS = {  # subtype, default, least, largest
-    ALL_SCALE: ("NONE", 1.0, 0.001, 1000.0),
-    ALL_ROTATION: ("ANGLE", 0.0, -1e4, 1e4),
-    SHARE: ("FACTOR", 1.0, 0.0, 1.0),
-}
+SIZES = {"default_value": 1.0, "min_value": 0.001, "max_value": 1000.0}
+TURNS = {"subtype": "ANGLE", "min_value": -1e4, "max_value": 1e4}
+SHARES = {"subtype": "FACTOR", "default_value": 1.0, "min_value": 0.0, "max_value": 1.0}
 
 
 def give_instancer(
@@ -233,97 +438,44 @@ def _sockets(modifier: bpy.types.Modifier) -> dict[str, str]:
     return {i.name: i.identifier for i in items if getattr(i, "in_out", "") == "INPUT"}
 
 
-def _make_instancer() -> bpy.types.NodeTree:  # noqa: PLR0915 (one node group, a line a node)
-    group = bpy.data.node_groups.new(INSTANCER, "GeometryNodeTree")
-    group[LAYOUT_KEY] = LAYOUT
-    group.is_modifier = True
-    group.description = "Puts a tree on every point"
-    for name, way, kind, told in (
-        (POINTS, "INPUT", "NodeSocketGeometry", "A vertex or point for every tree"),
-        (VARIANTS, "INPUT", "NodeSocketCollection", "Trees to choose from, counted by name"),
-        (OUTLINES, "INPUT", "NodeSocketCollection", "Their stand-ins, in the same order"),
-        (ALL_SCALE, "INPUT", "NodeSocketFloat", "Size of all trees; sensors see them so"),
-        (ALL_ROTATION, "INPUT", "NodeSocketFloat", "Turn of all trees about the vertical"),
-        (LIGHT, "INPUT", "NodeSocketBool", "Stand-ins in views; renders and sensors see trees"),
-        (DOTS, "INPUT", "NodeSocketBool", "Dots in views; renders and sensors see trees"),
-        (SHARE, "INPUT", "NodeSocketFloat", "Of trees in views; renders and sensors see all"),
-        (TREES, "OUTPUT", "NodeSocketGeometry", "An instance for every point, with its attributes"),
-    ):
-        made = group.interface.new_socket(name, description=told, in_out=way, socket_type=kind)
-        if name in LIMITS:
-            made.subtype, made.default_value, made.min_value, made.max_value = LIMITS[name]
-
-    def node(kind: str, label: str, x: float, y: float) -> bpy.types.Node:
-        made = group.nodes.new(kind)
-        made.label, made.location = label, (x, y)
-        return made
-
-    def attribute(name: str, kind: str, label: str, y: float) -> bpy.types.NodeSocket:
-        made = node("GeometryNodeInputNamedAttribute", label, 0, y)
-        made.data_type, made.parent = kind, frame
-        made.inputs["Name"].default_value = name
-        return made.outputs["Attribute"]
-
-    def library(socket: str, y: float) -> bpy.types.NodeSocket:
-        made = node("GeometryNodeCollectionInfo", f"{socket} by number", 0, y)
-        made.inputs["Separate Children"].default_value = True
-        made.inputs["Reset Children"].default_value = True
-        link(start.outputs[socket], made.inputs["Collection"])
-        return made.outputs["Instances"]
-
-    def both(how: str, label: str, y: float, *values: bpy.types.NodeSocket) -> bpy.types.NodeSocket:
-        kind = "FunctionNodeBooleanMath" if how == "AND" else "ShaderNodeMath"
-        made = node(kind, label, 0 if how == "AND" else 260, y)
-        made.operation = how
-        for socket, value in zip(made.inputs, values, strict=False):
-            link(value, socket)
-        return made.outputs[0]
-
-    link = group.links.new
-    frame = node("NodeFrame", "What each point says", 0, 0)
-    start, end = node("NodeGroupInput", "", -260, 160), node("NodeGroupOutput", "", 1040, 160)
-    viewed = node("GeometryNodeIsViewport", "In a view", -260, 420).outputs[0]
-    choice = node("GeometryNodeSwitch", "Stand-ins or trees", 260, 160)
-    choice.input_type = "GEOMETRY"
-    some = node("FunctionNodeRandomValue", "A share of all", 0, 640)
-    some.data_type = "BOOLEAN"
-    shown = node("GeometryNodeSwitch", "Some or all", 260, 420)
-    shown.input_type = "BOOLEAN"
-    shown.inputs["False"].default_value = True
-    upright = node("ShaderNodeCombineXYZ", "About the vertical", 420, -480)
-    place = node("GeometryNodeInstanceOnPoints", "A tree on every point", 520, 160)
-    place.inputs["Pick Instance"].default_value = True
-
-    light = both("AND", "Light, in a view", 320, viewed, start.outputs[LIGHT])
-    turn = attribute(ROTATION, "FLOAT", "Turn, radians", -460)
-    size = attribute(SCALE, "FLOAT", "Size factor", -620)
-    link(light, choice.inputs["Switch"])
-    link(library(VARIANTS, 160), choice.inputs["False"])
-    link(library(OUTLINES, -20), choice.inputs["True"])
-    link(start.outputs[SHARE], some.inputs["Probability"])
-    link(viewed, shown.inputs["Switch"])
-    link(next(s for s in some.outputs if s.type == "BOOLEAN"), shown.inputs["True"])
-    link(choice.outputs["Output"], place.inputs["Instance"])
-    link(start.outputs[POINTS], place.inputs["Points"])
-    link(shown.outputs["Output"], place.inputs["Selection"])
-    link(attribute(VARIANT, "INT", "Variant", -300), place.inputs["Instance Index"])
-    link(both("ADD", "Turned", -460, turn, start.outputs[ALL_ROTATION]), upright.inputs["Z"])
-    link(upright.outputs["Vector"], place.inputs["Rotation"])
-    link(both("MULTIPLY", "Sized", -620, size, start.outputs[ALL_SCALE]), place.inputs["Scale"])
-    dots = node("GeometryNodeMeshToPoints", "A dot for every tree", 520, -160)
-    sized = node("ShaderNodeMath", "Size of a dot", 260, -680)
-    sized.operation = "MULTIPLY"
-    sized.inputs[1].default_value = DOT
-    link(size, sized.inputs[0])
-    link(sized.outputs[0], dots.inputs["Radius"])
-    link(start.outputs[POINTS], dots.inputs["Mesh"])
-    last = node("GeometryNodeSwitch", "Dots or trees", 780, 160)
-    last.input_type = "GEOMETRY"
-    link(both("AND", "Dots, in a view", 620, viewed, start.outputs[DOTS]), last.inputs["Switch"])
-    link(place.outputs["Instances"], last.inputs["False"])
-    link(dots.outputs["Points"], last.inputs["True"])
-    link(last.outputs["Output"], end.inputs[TREES])
-    return group
+def _make_instancer() -> bpy.types.NodeTree:
+    graph = Graph.group(
+        INSTANCER,
+        "Puts a tree on every point",
+        (
+            (POINTS, "Geometry", "A vertex or point for every tree"),
+            (VARIANTS, "Collection", "Trees to choose from, counted by name"),
+            (OUTLINES, "Collection", "Their stand-ins, in the same order"),
+            (ALL_SCALE, "Float", "Size of all trees; sensors see them so", SIZES),
+            (ALL_ROTATION, "Float", "Turn of all trees about the vertical", TURNS),
+            (LIGHT, "Bool", "Stand-ins in views; renders and sensors see trees"),
+            (DOTS, "Bool", "Dots in views; renders and sensors see trees"),
+            (SHARE, "Float", "Of trees in views; renders and sensors see all", SHARES),
+        ),
+        (TREES, "An instance for every point, with its attributes"),
+    )
+    graph.tree[LAYOUT_KEY] = LAYOUT
+    given, viewed = graph.given, graph.value("IsViewport", label="In a view")
+    light = graph.both(viewed, given[LIGHT], label="Light, in a view")
+    kinds = graph.library(VARIANTS), graph.library(OUTLINES)
+    sampled = graph.value("RandomValue", given[SHARE], data_type="BOOLEAN", label="A share of all")
+    turn = graph.math("ADD", graph.named(ROTATION), given[ALL_ROTATION], label="Turned")
+    size = graph.named(SCALE)
+    place = {
+        "Points": given[POINTS],
+        "Selection": graph.switch("BOOLEAN", viewed, True, sampled, label="Some or all"),
+        "Instance": graph.switch("GEOMETRY", light, *kinds, label="Stand-ins or trees"),
+        "Pick Instance": True,
+        "Instance Index": graph.named(VARIANT, "INT"),
+        "Rotation": graph.value("CombineXYZ", 0.0, 0.0, turn, label="About the vertical"),
+        "Scale": graph.math("MULTIPLY", size, given[ALL_SCALE], label="Sized"),
+    }
+    trees = graph.add("InstanceOnPoints", place, label="A tree on every point").outputs[0]
+    radius = graph.math("MULTIPLY", size, DOT, label="Size of a dot")
+    dot = {"Mesh": given[POINTS], "Radius": radius}
+    dots = graph.add("MeshToPoints", dot, label="A dot for every tree").outputs[0]
+    dotted = graph.both(viewed, given[DOTS], label="Dots, in a view")
+    return graph.finish(graph.switch("GEOMETRY", dotted, trees, dots, label="Dots or trees"))
 
 
 GROUP = "Forest Sensing Ground"
@@ -382,47 +534,22 @@ def _group() -> bpy.types.NodeTree:
 
 
 def _make() -> bpy.types.NodeTree:
-    group = bpy.data.node_groups.new(GROUP, "GeometryNodeTree")
-    group[VIEW_KEY] = True
-    group.is_modifier = True
-    group.description = "Shows the ground around the forest alone in views; renders show all of it"
-    for name, way, kind, told in (
-        ("Ground", "INPUT", "NodeSocketGeometry", "Flat, as far as the horizon"),
-        (LOW, "INPUT", "NodeSocketVector", "Corner of what views show, height aside"),
-        (HIGH, "INPUT", "NodeSocketVector", "The corner across"),
-        ("Ground", "OUTPUT", "NodeSocketGeometry", "In views the part between these corners"),
-    ):
-        made = group.interface.new_socket(name, description=told, in_out=way, socket_type=kind)
-        if kind == "NodeSocketVector":
-            made.subtype = "TRANSLATION"
-
-    def node(kind: str, label: str, x: float, y: float) -> bpy.types.Node:
-        made = group.nodes.new(kind)
-        made.label, made.location = label, (x, y)
-        return made
-
-    link = group.links.new
-    start, end = node("NodeGroupInput", "", -260, 160), node("NodeGroupOutput", "", 980, 160)
-    place = node("GeometryNodeInputPosition", "Where it is", -260, -160)
-    low = node("ShaderNodeVectorMath", "Not before", 0, 0)
-    high = node("ShaderNodeVectorMath", "Not behind", 180, 0)
-    low.operation, high.operation = "MAXIMUM", "MINIMUM"
-    within = node("ShaderNodeSeparateXYZ", "Within", 360, 0)
-    own = node("ShaderNodeSeparateXYZ", "Height", 360, -160)
-    moved = node("ShaderNodeCombineXYZ", "At its height", 560, 0)
-    viewed = node("GeometryNodeIsViewport", "In a view", 560, 320)
-    put = node("GeometryNodeSetPosition", "Pulled to the edge", 760, 160)
-    link(place.outputs[0], low.inputs[0])
-    link(start.outputs[LOW], low.inputs[1])
-    link(low.outputs[0], high.inputs[0])
-    link(start.outputs[HIGH], high.inputs[1])
-    link(high.outputs[0], within.inputs[0])
-    link(place.outputs[0], own.inputs[0])
-    link(within.outputs["X"], moved.inputs["X"])
-    link(within.outputs["Y"], moved.inputs["Y"])
-    link(own.outputs["Z"], moved.inputs["Z"])
-    link(start.outputs["Ground"], put.inputs["Geometry"])
-    link(viewed.outputs[0], put.inputs["Selection"])
-    link(moved.outputs[0], put.inputs["Position"])
-    link(put.outputs[0], end.inputs["Ground"])
-    return group
+    graph = Graph.group(
+        GROUP,
+        "Shows the ground around the forest alone in views; renders show all of it",
+        (
+            ("Ground", "Geometry", "Flat, as far as the horizon"),
+            (LOW, "Vector", "Corner of what views show, height aside", {"subtype": "TRANSLATION"}),
+            (HIGH, "Vector", "The corner across", {"subtype": "TRANSLATION"}),
+        ),
+        ("Ground", "In views the part between these corners"),
+    )
+    graph.tree[VIEW_KEY] = True
+    given, place = graph.given, graph.value("InputPosition", label="Where it is")
+    low = graph.value("VectorMath", place, given[LOW], operation="MAXIMUM", label="Not before")
+    within = graph.value("VectorMath", low, given[HIGH], operation="MINIMUM", label="Not behind")
+    flat = graph.numbers(within)[:2]
+    moved = graph.value("CombineXYZ", *flat, graph.axis(place, "Z"), label="At its height")
+    viewed = graph.value("IsViewport", label="In a view")
+    pulled = graph.value("SetPosition", given["Ground"], viewed, moved, label="Pulled to the edge")
+    return graph.finish(pulled)

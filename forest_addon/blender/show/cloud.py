@@ -12,6 +12,7 @@ import colorsys
 import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import bpy
 import numpy as np
@@ -20,6 +21,7 @@ from ...base.labels import Labels
 from ...base.trimesh import DEAD, GROUND, LEAF, PART_NAMES, WOOD
 from ...sensing.lidar.cloud import Cloud, Returns
 from ...sensing.sonar.ping import Contributions
+from ..scene.attributes import read, write
 from ..scene.layout import (
     CLOUD_KEY,
     COLOUR_BY,
@@ -30,7 +32,8 @@ from ..scene.layout import (
     own,
     settle,
 )
-from ..scene.nodes import HIGH, LOW, choose_input, has_input, set_input, shown_corners
+from ..scene.nodes import HIGH as HIGH
+from ..scene.nodes import LOW, choose_input, has_input, set_input, shown_corners
 from .cloud_nodes import (
     FARTHEST,
     GOLDEN,
@@ -86,7 +89,7 @@ def legend_of_heard(heard: Contributions) -> list[Entry]:
         return []
     quiet = 20.0 * np.log10(QUIETEST)
     found = [
-        Entry("Loudness", f"{quiet * (1.0 - share) + 0.0:.0f} dB", on_map(USUAL_MAP, share))
+        Entry("Loudness", f"{quiet * (1.0 - share) + 0.0:.0f} dB", tuple(on_map(USUAL_MAP, share)))
         for share in (1.0, 0.5, 0.0)
     ]
     found += _scaled("Delay", 1e3 * heard.delay, "ms")
@@ -127,18 +130,22 @@ def _in_words(values: np.ndarray) -> list[str]:
     return [f"{value:,.{digits}f}" for value in rounded]
 
 
+def of_organs(organ: np.ndarray) -> np.ndarray:
+    """(..., 4) linear colours of organs of nature."""
+    colour = np.tile(OTHER, (128, 1))
+    for part, shade in COLOUR_OF_ORGAN.items():
+        colour[part] = shade
+    return colour[organ]
+
+
 def _of_organ(organ: int) -> Colour:
-    return _rgb(np.array(COLOUR_OF_ORGAN.get(organ, OTHER)))
+    r, g, b, _ = COLOUR_OF_ORGAN.get(organ, OTHER)
+    return r, g, b
 
 
 def _of_number(number: int) -> Colour:
     hue = float(np.modf(np.float32(number) * np.float32(GOLDEN))[0])
     return colorsys.hsv_to_rgb(hue, VIVID, VALUE)
-
-
-def _rgb(colour: np.ndarray) -> Colour:
-    r, g, b = (float(channel) for channel in colour[:3])
-    return r, g, b
 
 
 COLOUR_OF_ORGAN = {
@@ -158,8 +165,8 @@ def show_cloud(home: bpy.types.Collection, name: str, cloud: Cloud) -> bpy.types
     """
     data = bpy.data.meshes.new(name)
     data.vertices.add(len(cloud))
-    fill(data, "position", "FLOAT_VECTOR", cloud.position, "vector")
-    fill(data, "surface_normal", "FLOAT_VECTOR", cloud.returns.normal, "vector")
+    write(data, "position", cloud.position, "FLOAT_VECTOR")
+    write(data, "surface_normal", cloud.returns.normal, "FLOAT_VECTOR")
     for measure, values in {
         "distance": cloud.returns.distance,
         "true_range": cloud.true_range,
@@ -169,19 +176,16 @@ def show_cloud(home: bpy.types.Collection, name: str, cloud: Cloud) -> bpy.types
         "scan_angle": cloud.scan_angle,
         "time": cloud.time,
     }.items():
-        fill(data, measure, "FLOAT", values)
+        write(data, measure, values)
     for label in ("tree", "species", "organ", "leaf"):
-        fill(data, label, "INT", getattr(cloud.returns, label))
-    fill(data, "object", "INT", cloud.returns.instance)
-    fill(data, "pulse", "INT", cloud.pulse)
-    fill(data, "return_number", "INT", cloud.number)
-    fill(data, "number_of_returns", "INT", cloud.count)
+        write(data, label, getattr(cloud.returns, label), "INT")
+    write(data, "object", cloud.returns.instance, "INT")
+    write(data, "pulse", cloud.pulse, "INT")
+    write(data, "return_number", cloud.number, "INT")
+    write(data, "number_of_returns", cloud.count, "INT")
     if cloud.bounce is not None:
-        fill(data, "bounce", "INT", cloud.bounce)
-    colour = np.tile(OTHER, (128, 1))
-    for organ, shade in COLOUR_OF_ORGAN.items():
-        colour[organ] = shade
-    fill(data, "organ_colour", "FLOAT_COLOR", colour[cloud.returns.organ], "color")
+        write(data, "bounce", cloud.bounce, "INT")
+    write(data, "organ_colour", of_organs(cloud.returns.organ), "FLOAT_COLOR")
     foreign = not np.isin(cloud.returns.organ, list(COLOUR_OF_ORGAN)).any()
     return _show(home, name, data, scan_group, "Object" if foreign and len(cloud) else "")
 
@@ -190,19 +194,17 @@ def show_heard(home: bpy.types.Collection, name: str, heard: Contributions) -> b
     """Put what a sonar heard into a collection as points, on the usual scale of colours by loudness."""
     data = bpy.data.meshes.new(name)
     data.vertices.add(len(heard))
-    fill(data, "position", "FLOAT_VECTOR", heard.position, "vector")
+    write(data, "position", heard.position, "FLOAT_VECTOR")
     loudest = float(heard.amplitude.max(initial=0.0)) or 1.0
     level = 20.0 * np.log10(np.maximum(heard.amplitude / loudest, QUIETEST))
     share = 1.0 - level / (20.0 * np.log10(QUIETEST))
-    fill(data, "level", "FLOAT", level)
-    fill(data, "distance", "FLOAT", heard.distance)
-    fill(data, "delay", "FLOAT", heard.delay)
+    write(data, "level", level)
+    write(data, "distance", heard.distance)
+    write(data, "delay", heard.delay)
     for label in ("tree", "instance", "number"):
-        fill(data, label, "INT", getattr(heard, label))
-    place = np.linspace(0.0, 1.0, len(SCALE))
-    colour = [np.interp(share, place, channel) for channel in np.array(SCALE).T]
-    colour = np.column_stack([*colour, np.ones(len(share))])
-    fill(data, "organ_colour", "FLOAT_COLOR", colour, "color")
+        write(data, label, getattr(heard, label), "INT")
+    colour = np.column_stack([on_map(USUAL_MAP, share), np.ones(len(share))])
+    write(data, "organ_colour", colour, "FLOAT_COLOR")
     return _show(home, name, data, heard_group)
 
 
@@ -241,9 +243,8 @@ def end_with_ground(thing: bpy.types.Object, scene: bpy.types.Scene) -> int:
     corners = shown_corners(scene) or ((-FARTHEST, -FARTHEST), (FARTHEST, FARTHEST))
     for name, corner, height in zip((LOW, HIGH), corners, (-FARTHEST, FARTHEST), strict=True):
         set_input(modifier, name, (*corner, height))
-    place = np.empty(3 * len(thing.data.vertices), np.float32)
-    thing.data.attributes["position"].data.foreach_get("vector", place)
-    flat, (low, high) = place.reshape(-1, 3)[:, :2], np.array(corners, np.float32)
+    flat = read(thing.data, "position", "FLOAT_VECTOR")[:, :2]
+    low, high = np.array(corners, np.float32)
     return int(np.count_nonzero(((flat < low) | (flat > high)).any(axis=1)))
 
 
@@ -288,15 +289,6 @@ def _hand_over(thing: bpy.types.Object, data: bpy.types.Mesh) -> None:
     own(data)
 
 
-def fill(
-    data: bpy.types.Mesh, name: str, kind: str, values: np.ndarray, key: str = "value"
-) -> None:
-    """Write values (P,) or (P, K) as an attribute of a mesh's points. key : Blender's name of a value."""
-    attribute = data.attributes.get(name) or data.attributes.new(name, kind, "POINT")
-    dtype = np.int32 if kind == "INT" else np.float32
-    attribute.data.foreach_set(key, np.ascontiguousarray(values, dtype=dtype).ravel())
-
-
 SCAN_KEY = "forest_scan"  # of a mesh: pulses, engine, offset, names of labels, as JSON
 EXACT = ("position", "distance", "true_range", "time", "azimuth", "elevation")  # doubles in files
 NEEDED = ("position", "surface_normal", "distance", "intensity", "organ", "pulse")
@@ -313,14 +305,14 @@ def note_scan(
 
     offset, crs : of the scene. labels : of the points, by what labels them.
     """
-    fill(data, "azimuth", "FLOAT", cloud.azimuth)
-    fill(data, "elevation", "FLOAT", cloud.elevation)
+    write(data, "azimuth", cloud.azimuth)
+    write(data, "elevation", cloud.elevation)
     for name in EXACT:
         values = cloud.returns.distance if name == "distance" else getattr(cloud, name)
-        kind, key = ("FLOAT_VECTOR", "vector") if values.ndim == 2 else ("FLOAT", "value")
-        fill(data, _rounding(name), kind, values - values.astype(np.float32), key)
+        kind = "FLOAT_VECTOR" if values.ndim == 2 else "FLOAT"
+        write(data, _rounding(name), values - values.astype(np.float32), kind)
     for name, label in labels.items():
-        fill(data, _attribute(name), "INT", label.number)
+        write(data, _attribute(name), label.number, "INT")
     said = {
         "pulses": cloud.pulses,
         "engine": cloud.engine,
@@ -402,12 +394,69 @@ def _attribute(label: str) -> str:
 
 def _read(data: bpy.types.Mesh, name: str, kind: str) -> np.ndarray:
     """(P,) or (P, 3) float64 or int32 of an attribute; zeros where it was removed."""
-    count, wide = len(data.vertices), kind == "FLOAT_VECTOR"
-    values = np.zeros(count * 3 if wide else count, np.int32 if kind == "INT" else np.float32)
-    attribute = data.attributes.get(name)
-    if attribute is not None and attribute.domain == "POINT" and attribute.data_type == kind:
-        attribute.data.foreach_get("vector" if wide else "value", values)
+    values = read(data, name, kind)
     values = values if kind == "INT" else values.astype(np.float64)
-    if name in EXACT:
-        values += _read(data, _rounding(name), kind).ravel()
-    return values.reshape(-1, 3) if wide else values
+    return values + _read(data, _rounding(name), kind) if name in EXACT else values
+
+
+DISTANCE, BRIGHTNESS, ORGAN = "DISTANCE", "BRIGHTNESS", "ORGAN"
+NOTHING = (0.02, 0.02, 0.03)  # linear, where no pulse meets anything
+OUTLIERS = 2  # percent of the values at each end, that share the colour of those
+GAMMA = 1 / 2.2  # colours are linear, the screen's are not
+SceneColours = tuple[
+    np.ndarray, list[tuple[str, Colour]]
+]  # (H, W, 3) of the screen; texts with colours
+
+
+def glance_colours(found: Any, shown: str) -> SceneColours:
+    """Return colours for the screen, 0 to 1, of a ``Glance`` or ``Cochleagram``, and a legend.
+
+    Distances are coloured by their logarithm, near ones bright; ``shown``: DISTANCE, BRIGHTNESS or ORGAN.
+    """
+    if hasattr(found, "level"):
+        return _ear_colours(found)
+    there = np.isfinite(found.distance)
+    if shown == ORGAN:
+        parts = np.unique(found.organ[there]).tolist()
+        legend = [(PART_NAMES[part], _of_organ(part)) for part in parts]
+        return _screen(of_organs(found.organ)[..., :3], there, legend)
+    near = shown == DISTANCE
+    values = np.log(np.maximum(found.distance, 1e-3)) if near else found.brightness
+    ends = np.percentile(values[there], (OUTLIERS, 100 - OUTLIERS)) if there.any() else np.zeros(2)
+    texts = [f"{np.exp(end):.3g} m" if near else f"{100 * end:.0f} %" for end in ends]
+    return _on_scale(values, there, ends, texts, near)
+
+
+def _ear_colours(found: Any) -> SceneColours:
+    """Return colours and legend of a ``Cochleagram``, one ear above the other."""
+    ears, channels, columns = found.level.shape
+    level = np.full((ears, channels + 1, columns), np.nan)  # a dark row between ears
+    level[:, :-1] = found.level
+    level = level.reshape(-1, columns)[:-1]
+    there = np.isfinite(level)
+    if not there.any():
+        return _screen(np.zeros((*level.shape, 3)), there, [])
+    ends = np.array([level[there].min(), level[there].max()])
+    colours, legend = _on_scale(level, there, ends, [f"{end:.0f} dB" for end in ends])
+    first, last = found.frequency[0] / 1e3, found.frequency[-1] / 1e3
+    axes = f"0–{found.reach:g} m, {first:.0f}–{last:.0f} kHz"
+    return colours, [*legend, (axes, (0.7, 0.7, 0.7))]
+
+
+def _on_scale(
+    values: np.ndarray, there: np.ndarray, ends: np.ndarray, texts: list[str], turned: bool = False
+) -> SceneColours:
+    """Values on the usual scale between two, which have these texts; turned : the smaller are brighter."""
+    share = (np.where(there, values, ends[0]) - ends[0]) / (np.ptp(ends) or 1.0)
+    at_ends = on_map(USUAL_MAP, np.array([0.0, 1.0]))[:: -1 if turned else 1]
+    colours = on_map(USUAL_MAP, 1.0 - share if turned else share)
+    return _screen(colours, there, list(zip(texts, map(tuple, at_ends), strict=True)))
+
+
+def _screen(
+    colours: np.ndarray, there: np.ndarray, legend: list[tuple[str, Colour]]
+) -> SceneColours:
+    """Linear colours as the screen has them, and dark where there is nothing."""
+    shown = np.clip(np.where(there[..., None], colours, NOTHING), 0.0, 1.0) ** GAMMA
+    said = [(text, tuple(float(c) ** GAMMA for c in colour)) for text, colour in legend]
+    return shown, said if there.any() else []

@@ -15,6 +15,7 @@ import numpy as np
 from mathutils import Matrix, Vector
 
 from ... import spec
+from ..scene.attributes import places_of, write
 from ..scene.instances import IGNORED_KEY
 
 if TYPE_CHECKING:
@@ -93,14 +94,12 @@ def new_canvas(name: str, home: bpy.types.Collection) -> bpy.types.Object:
 def lay(thing: bpy.types.Object, field: spec.Forest, terrain: GroundSurface) -> None:
     """Stretch a canvas over the field, at the terrain's height; where that has none, at its base."""
     thing.matrix_world = Matrix()
-    position = thing.data.attributes["position"].data
-    vertices = np.empty((len(position), 3), dtype=np.float32)
-    position.foreach_get("vector", vertices.ravel())
-    low, high = vertices[:, :2].min(axis=0), vertices[:, :2].max(axis=0)
-    places = np.array(field.origin) + (vertices[:, :2] - low) / (high - low) * np.array(field.size)
+    flat = places_of(thing.data)[:, :2]
+    low, high = flat.min(axis=0), flat.max(axis=0)
+    places = np.array(field.origin) + (flat - low) / (high - low) * np.array(field.size)
     height = terrain.height(places)
     height = np.where(np.isfinite(height), height, field.terrain.base) + LIFT
-    position.foreach_set("vector", np.column_stack([places, height]).astype(np.float32).ravel())
+    write(thing.data, "position", np.column_stack([places, height]), "FLOAT_VECTOR")
     thing.data.update()
 
 

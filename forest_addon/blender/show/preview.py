@@ -26,6 +26,7 @@ from ..scene import materials
 from ..scene.instances import IGNORED_KEY, read_points
 from ..scene.layout import TREES, objects_in, part
 from ..scene.meshes import to_mesh
+from ..scene.nodes import Graph, tree_of
 
 Field = tuple[tuple[float, float], tuple[float, float]]
 LEVEL, FROM_ABOVE = -0.055, -0.45  # how much a camera looks down, a metre forward
@@ -38,7 +39,7 @@ HAZE, WARM = (
     (0.95, 0.78, 0.60),
 )  # of the sky at the horizon, by day, in the evening
 EVENING = 1.0  # stops that a picture is brighter when the sun is low
-FILL = 0.80  # of the picture; boxes are larger than crowns, so below 1 nothing is cut
+FILL = 0.95  # of the picture; boxes are larger than crowns
 
 
 def set_stage(
@@ -194,23 +195,12 @@ def _light(scene: bpy.types.Scene, golden: bool) -> None:
     _replace(scene, sun)
 
     world = bpy.data.worlds.get(SKY) or bpy.data.worlds.new(SKY)
-    if world.node_tree is None:
-        world.use_nodes = True
-    nodes, links = world.node_tree.nodes, world.node_tree.links
-    nodes.clear()
+    graph = Graph(tree_of(world))
+    graph.tree.nodes.clear()
     # A gradient from haze at the horizon to blue above; the same in every version of Blender.
-    place = nodes.new("ShaderNodeTexCoord")
-    split = nodes.new("ShaderNodeSeparateXYZ")
-    ramp = nodes.new("ShaderNodeValToRGB")
-    sky, output = nodes.new("ShaderNodeBackground"), nodes.new("ShaderNodeOutputWorld")
-    first, last = ramp.color_ramp.elements
-    first.position, first.color = 0.0, (*(WARM if golden else HAZE), 1.0)
-    last.position, last.color = 0.30, (0.16, 0.38, 0.78, 1.0)
-    sky.inputs["Strength"].default_value = 1.1
-    links.new(place.outputs["Generated"], split.inputs["Vector"])
-    links.new(split.outputs["Z"], ramp.inputs["Fac"])
-    links.new(ramp.outputs["Color"], sky.inputs["Color"])
-    links.new(sky.outputs["Background"], output.inputs["Surface"])
+    colours = WARM if golden else HAZE, (0.16, 0.38, 0.78)
+    sky = graph.ramp(graph.axis(graph.place("Generated"), "Z"), colours, 0.0, 0.30)
+    graph.add("OutputWorld", {"Surface": graph.value("Background", sky, 1.1)})
     if hasattr(
         world, "cycles"
     ):  # a smooth sky is found by chance: aiming at it takes four times as long
@@ -277,8 +267,8 @@ def lay_horizon(scene: bpy.types.Scene, middle: np.ndarray, reach: float, height
     scene.collection.objects.link(plain)
 
 
-def _ring(number: int, radius: float, high: float, jag: float) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices (2 C, 3) and quads (C, 4) of one ring about the origin."""
+def ridge_of(number: int, high: float, jag: float) -> tuple[np.ndarray, np.ndarray]:
+    """(C,) angles around a ring of hills, and (C,) its heights there, m."""
     rng = stream(7, "horizon", number)
     angle = 2 * np.pi * np.arange(CORNERS) / CORNERS
     ridge = np.full(CORNERS, 0.62)
@@ -286,27 +276,29 @@ def _ring(number: int, radius: float, high: float, jag: float) -> tuple[np.ndarr
         size = 0.55 / waves**1.1
         ridge += size * rng.normal() * np.sin(waves * angle + 2 * np.pi * rng.random())
     crowns = jag * np.abs(np.convolve(rng.normal(size=CORNERS), [0.5, 1.0, 0.5], mode="same"))
-    top = high * np.clip(ridge, 0.25, 1.4) + crowns
+    return angle, high * np.clip(ridge, 0.25, 1.4) + crowns
+
+
+def _ring(number: int, radius: float, high: float, jag: float) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices (2 C, 3) and quads (C, 4) of one ring about the origin."""
+    angle, ridge = ridge_of(number, high, jag)
     around = radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     foot = np.column_stack([around, np.full(CORNERS, -0.05 * high - 2.0)])
     corner = np.arange(CORNERS)
     after = (corner + 1) % CORNERS
     faces = np.stack([corner, after, CORNERS + after, CORNERS + corner], axis=1)
-    return np.concatenate([foot, np.column_stack([around, top])]), faces
+    top = np.column_stack([around, ridge])
+    return np.concatenate([foot, top]), faces
 
 
 def _paint(name: str, distance: float) -> bpy.types.Material:
     """A flat colour: leaves seen through so much air."""
     material = bpy.data.materials.get(name) or bpy.data.materials.new(name)
-    if material.node_tree is None:
-        material.use_nodes = True
-    tree = material.node_tree
-    tree.nodes.clear()
-    glow, out = tree.nodes.new("ShaderNodeEmission"), tree.nodes.new("ShaderNodeOutputMaterial")
+    graph = Graph(tree_of(material))
+    graph.tree.nodes.clear()
     air = 1 - np.exp(-distance / VISIBILITY)
-    colour = [float(w + air * (a - w)) for w, a in zip(WOODED, AIR, strict=True)]
-    glow.inputs["Color"].default_value = (*colour, 1.0)
-    tree.links.new(glow.outputs["Emission"], out.inputs["Surface"])
+    colour = tuple(float(w + air * (a - w)) for w, a in zip(WOODED, AIR, strict=True))
+    graph.add("OutputMaterial", {"Surface": graph.value("Emission", colour)})
     return material
 
 
@@ -387,8 +379,8 @@ def stand_walker(
     middle: np.ndarray,
     reach: float,
     height: Callable[[np.ndarray], np.ndarray],
-) -> None:
-    """Move the scene's camera and sun to where a walker sees most, and grow what is around the feet.
+) -> tuple[np.ndarray, float]:
+    """Move the scene's camera and sun to where a walker sees most, and return place and direction of the eye.
 
     stems, tall, middle, reach : as of ``walkers_view``. height : of the ground (N,) at places (N, 2).
     """
@@ -403,7 +395,7 @@ def stand_walker(
     flat = math.cos(SUN_HEIGHT)
     light = Vector((flat * math.cos(side), flat * math.sin(side), math.sin(SUN_HEIGHT)))
     sun.rotation_euler = light.to_track_quat("Z", "Y").to_euler()
-    grow_around(scene, place, turn, height)
+    return place, turn
 
 
 def grow_around(

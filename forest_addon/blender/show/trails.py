@@ -13,8 +13,10 @@ import bpy
 import numpy as np
 
 from ...growth.mesh.meshing import tube
+from ..scene.attributes import write
 from ..scene.instances import IGNORED_KEY
 from ..scene.layout import own
+from ..scene.materials import coloured
 
 NEAR, FAR = 0.5, 6.0  # metres: reddest, bluest
 THICK = 0.03  # metres, a trail's radius
@@ -82,9 +84,8 @@ def trail_mesh(name: str, track: Any) -> bpy.types.Mesh:
     data.from_pydata(vertices.tolist(), [], triangles.tolist())
     shade = colours(near)
     of_vertex = cKDTree(place).query(vertices)[1]
-    layer = data.color_attributes.new(COLOUR, "FLOAT_COLOR", "POINT")
-    layer.data.foreach_set("color", shade[of_vertex].astype(np.float32).ravel())
-    data.materials.append(_material())
+    write(data, COLOUR, shade[of_vertex], "FLOAT_COLOR")
+    data.materials.append(bpy.data.materials.get(MATERIAL) or own(coloured(MATERIAL, COLOUR, 0.6)))
     return data
 
 
@@ -96,20 +97,3 @@ def colours(nearest: np.ndarray) -> np.ndarray:
     end = np.where((share < 0.5)[:, None], red, blue)
     shade = np.where(np.isnan(share)[:, None], 0.4, end + (white - end) * half)
     return np.column_stack([shade, np.ones(len(shade))])
-
-
-def _material() -> bpy.types.Material:
-    """One material for all trails, that shows their colour."""
-    made = bpy.data.materials.get(MATERIAL)
-    if made is None:
-        made = own(bpy.data.materials.new(MATERIAL))
-        if made.node_tree is None:  # Blender 5 makes it with the material
-            made.use_nodes = True
-        nodes = made.node_tree.nodes
-        shader = next(node for node in nodes if node.type == "BSDF_PRINCIPLED")
-        colour = nodes.new("ShaderNodeVertexColor")
-        colour.layer_name = COLOUR
-        made.node_tree.links.new(colour.outputs["Color"], shader.inputs["Base Color"])
-        made.node_tree.links.new(colour.outputs["Color"], shader.inputs["Emission Color"])
-        shader.inputs["Emission Strength"].default_value = 0.6
-    return made

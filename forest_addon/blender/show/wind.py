@@ -12,9 +12,9 @@ amplitudes.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 import bpy
 import numpy as np
@@ -22,6 +22,7 @@ import numpy as np
 from ...base.progress import Progress
 from ...base.trimesh import TriMesh
 from ...sensing.moving import split_pieces, taken
+from ..scene.attributes import read, write
 from ..scene.instances import TREE_KEY, natural
 from ..scene.layout import (
     MADE_KEY,
@@ -39,51 +40,56 @@ from ..scene.layout import (
     root,
 )
 from ..scene.meshes import from_mesh, to_mesh
-from ..scene.nodes import VARIANT, VIEW_KEY, instancer_of, set_input, show_as, shown_of
-from .wind_nodes import (
-    COLUMNS,
-    FIRST,
-    FULL,
-    KNOT,
-    KNOTS,
-    LAST,
-    LIGHT,
-    MODES,
-    NUMBER,
-    OF_FULL,
-    OF_LIGHT,
-    PIECE,
-    PIECES,
-    ROW,
-    SHAPES,
-    TABLE,
-    TREE,
-    amplitude_name,
-    basis_name,
-    many_group,
-    moving_group,
-    showing_group,
+from ..scene.nodes import (
+    VARIANT,
+    VIEW_KEY,
+    Graph,
+    Value,
+    instancer_of,
+    set_input,
+    show_as,
+    shown_of,
 )
 
 if TYPE_CHECKING:
-    from ...growth.sway.shape import SwayRig
+    from ...stand.wind.sway import ForestSway
 
 
-class SwayingTrees(Protocol):
-    """The sway of a stand, as ``stand.wind.sway`` has it."""
-
-    @property
-    def number(self) -> dict[int, int]: ...
-
-    def rig(self, tree: int) -> SwayRig | None: ...
-
-    def amplitudes(self, tree: int, knot: np.ndarray) -> np.ndarray: ...
-
-    def rest(self, tree: int) -> TriMesh: ...
-
-    def variant(self, tree: int) -> tuple[int, int]: ...
-
-    def pieces(self, tree: int, mesh: TriMesh) -> np.ndarray: ...
+WIND_KEY = "forest_wind"  # of the group that moves pieces
+MANY_KEY = "forest_wind_many"  # of the group that shows trees that are points
+MODES, COLUMNS = 12, 4
+OUT = "Tree", ""  # what comes out of a group
+TREE, PIECE, KNOTS, MAP = "tree", "piece", "first knot", "map"  # attributes of pieces
+TABLE, LAST, FIRST, KNOT = "Table", "Last Knot", "First Frame", "Knots"
+MOVING = (
+    ("Pieces", "Geometry", "A point for every piece of every tree"),
+    (TABLE, "Object", "Amplitudes of modes, by tree and knot of time"),
+    (LAST, "Int", "Knot of the table at which wind stands still"),
+    (FIRST, "Int", "Frame of the table's first knot"),
+    (KNOT, "Float", "Knots of the table in a frame"),
+)
+PIECES, SHAPES, NUMBER = "Pieces", "Shapes", "Tree Number"
+SHOWING = (
+    ("Tree", "Geometry", "The tree at rest"),
+    (PIECES, "Object", "Where the pieces of all trees are"),
+    (SHAPES, "Collection", "Meshes of the tree's pieces"),
+    (NUMBER, "Int", "Which of the pieces are the tree's"),
+)
+AMPLITUDES, STAND = "wind now", "wind stand"  # attributes of trees that are points, while nodes run
+FULL, LIGHT, DOTS = "Full", "Light View", "Dots"
+ROW = "wind row"  # of a tree that is a point: its place among those that sway, from 1 on; 0: it stands still
+OF_FULL, OF_LIGHT = ("wind first", "wind pieces"), ("wind first light", "wind pieces light")
+MANY = (
+    ("Tree", "Geometry", "The trees at rest"),
+    (LIGHT, "Bool", "Stand-ins sway in views; renders show trees"),
+    (DOTS, "Bool", "Dots in views stand still"),
+    (f"{PIECES} {FULL}", "Object", "How modes move each piece of each variant"),
+    (f"{PIECES} {LIGHT}", "Object", "The same of pieces of stand-ins"),
+    (f"{SHAPES} {FULL}", "Collection", "Meshes of the pieces"),
+    (f"{SHAPES} {LIGHT}", "Collection", "Meshes of the pieces of stand-ins"),
+    *MOVING[1:],
+)
+OWN = (ROW, KNOTS, *OF_FULL, *OF_LIGHT)  # attributes of points
 
 
 @dataclass(frozen=True)
@@ -106,9 +112,14 @@ class WindClock:
     count: int
     amplitudes: Mapping[int, np.ndarray]
 
+    @property
+    def inputs(self) -> dict[str, float]:
+        """The same for modifiers."""
+        return {LAST: self.count - 2, FIRST: self.first, KNOT: self.knots}
+
 
 def amplitudes_of(
-    sway: SwayingTrees, count: int, tell: Progress | None = None
+    sway: ForestSway, count: int, tell: Progress | None = None
 ) -> dict[int, np.ndarray]:
     """Compute the amplitudes (count, M) of each tree that sways at that many knots, by its row; touches no
     Blender."""
@@ -132,15 +143,13 @@ def table_of(
         own = amplitudes[row]
         values[place, :, : own.shape[1]] = own
     for first in range(0, MODES, 3):
-        made = data.attributes.new(amplitude_name(first), "FLOAT_VECTOR", "POINT")
-        made.data.foreach_set(
-            "vector", np.ascontiguousarray(values[..., first : first + 3]).ravel()
-        )
+        three = values[..., first : first + 3].reshape(-1, 3)
+        write(data, amplitude_name(first), three, "FLOAT_VECTOR")
     return data
 
 
 def pieces_of(
-    sway: SwayingTrees,
+    sway: ForestSway,
     row: int,
     mesh: TriMesh,
     coats: Sequence[bpy.types.Material | None],
@@ -169,28 +178,17 @@ def pieces_mesh(maps: np.ndarray, numbers: Mapping[str, np.ndarray]) -> bpy.type
     data = bpy.data.meshes.new("Wind Pieces")
     data.vertices.add(len(maps))
     for name, values in numbers.items():
-        give_numbers(data, name, values)
+        write(data, name, values, "INT")
     for mode in range(MODES):
         for column in range(COLUMNS):
-            made = data.attributes.new(basis_name(mode, column), "FLOAT_VECTOR", "POINT")
-            values = np.ascontiguousarray(maps[:, mode, :, column], dtype=np.float32)
-            made.data.foreach_set("vector", values.ravel())
+            write(data, basis_name(mode, column), maps[:, mode, :, column], "FLOAT_VECTOR")
     return data
-
-
-def give_numbers(data: bpy.types.Mesh, name: str, values: np.ndarray) -> None:
-    """Give each point of a mesh a whole number."""
-    made = data.attributes.get(name) or data.attributes.new(name, "INT", "POINT")
-    made.data.foreach_set("value", np.ascontiguousarray(values, dtype=np.int32))
-
-
-OWN = (ROW, KNOTS, *OF_FULL, *OF_LIGHT)  # attributes of points
 
 
 def show_on_points(
     scene: bpy.types.Scene,
     instancer: bpy.types.Modifier,
-    sway: SwayingTrees,
+    sway: ForestSway,
     clock: WindClock,
     top: bpy.types.Collection,
     key: str,
@@ -198,7 +196,7 @@ def show_on_points(
     """Let the trees of an instancer sway. top : where what is made for that goes. key : mark of the
     modifier."""
     thing, number = instancer.id_data, sway.number
-    tree, kind = (_numbers(thing.data, name) for name in (TREE_KEY, VARIANT))
+    tree, kind = (read(thing.data, name, "INT", missing=-1) for name in (TREE_KEY, VARIANT))
     row_of = [number.get(one, -1) for one in tree.tolist()]
     moving = [k for k, row in enumerate(row_of) if row in clock.amplitudes]
     rows = [row_of[k] for k in moving]
@@ -222,11 +220,10 @@ def show_on_points(
         )
         given[f"{SHAPES} {what}"] = home
     for name, values in told.items():
-        give_numbers(thing.data, name, values)
+        write(thing.data, name, values, "INT")
     modifier = thing.modifiers.new(key, "NODES")
     modifier.node_group = many_group(key)
-    times = {LAST: clock.count - 2, FIRST: clock.first, KNOT: clock.knots}
-    for name, value in (given | times).items():
+    for name, value in (given | clock.inputs).items():
         set_input(modifier, name, value)
     show_as(instancer, shown_of(instancer))
     many = int(told[OF_FULL[1]].sum())
@@ -248,7 +245,7 @@ def _library(scene: bpy.types.Scene, part: str) -> list[bpy.types.ID]:
     return sorted(blocks, key=lambda block: natural(block.name))
 
 
-def _rest(block: bpy.types.ID, sway: SwayingTrees, row: int, part: str) -> TriMesh:
+def _rest(block: bpy.types.ID, sway: ForestSway, row: int, part: str) -> TriMesh:
     """The mesh of a variant; of a stand-in the one that stands for it, where it is one mesh."""
     stands = part == OUTLINES and isinstance(block, bpy.types.Object) and block.type == "MESH"
     mesh = from_mesh(block.data) if stands else sway.rest(row)
@@ -262,15 +259,6 @@ def _coats(
     return list(own.data.materials) if isinstance(own, bpy.types.Object) and own.data else []
 
 
-def _numbers(data: bpy.types.Mesh, name: str) -> np.ndarray:
-    """(N,) whole numbers of points; -1 where they have none of this name."""
-    values = np.full(len(data.vertices), -1, np.int32)
-    attribute = data.attributes.get(name)
-    if attribute is not None and attribute.data_type == "INT" and len(values):
-        attribute.data.foreach_get("value", values)
-    return values
-
-
 HOME = "Wind"
 MOST, MOST_POINTS = 1000, 5000  # trees that are objects, and points
 SPARE = 1.0  # s after the last frame that the table still has, for motion blur
@@ -279,7 +267,7 @@ MOST_SECONDS = 600.0  # that a table may have
 
 def show_wind(
     scene: bpy.types.Scene,
-    sway: SwayingTrees,
+    sway: ForestSway,
     knots: int,
     amplitudes: Mapping[int, np.ndarray] | None = None,
 ) -> WindShown:
@@ -347,7 +335,7 @@ def _trees(
 
 def _show_on_objects(
     found: Sequence[bpy.types.Object],
-    sway: SwayingTrees,
+    sway: ForestSway,
     clock: WindClock,
     top: bpy.types.Collection,
 ) -> WindShown:
@@ -377,8 +365,7 @@ def _show_on_objects(
     pieces = make_object("Wind Pieces", data, top)
     modifier = pieces.modifiers.new(HOME, "NODES")
     modifier.node_group = moving_group()
-    times = {LAST: clock.count - 2, FIRST: clock.first, KNOT: clock.knots}
-    for name, value in (given | times).items():
+    for name, value in (given | clock.inputs).items():
         set_input(modifier, name, value)
     for place, (thing, _) in enumerate(moving):
         modifier = thing.modifiers.new(HOME, "NODES")
@@ -423,3 +410,168 @@ def _home(scene: bpy.types.Scene) -> bpy.types.Collection | None:
     return next(
         (c for c in above.children if c.get(MADE_KEY) == HOME and is_ours(c)), None
     ) or next((c for c in above.children if str(c.get(MADE_KEY, "")).startswith(f"{HOME}.")), None)
+
+
+def amplitude_name(first: int) -> str:
+    """The column of the table with the amplitudes of three modes from this one on."""
+    return f"wind {first}"
+
+
+def basis_name(mode: int, column: int) -> str:
+    """The attribute of pieces with a column of what a mode adds to their map."""
+    return f"mode {mode} {'xyz'[column] if column < 3 else 'shift'}"
+
+
+def moving_group() -> bpy.types.NodeTree:
+    """The file's group that moves the pieces of all trees, made where there is none."""
+    found = next((g for g in bpy.data.node_groups if WIND_KEY in g), None)
+    return found or _moving()
+
+
+def showing_group(key: str) -> bpy.types.NodeTree:
+    """The file's group that shows a tree's pieces, made where there is none; key : its mark, as a view's."""
+    groups = (g for g in bpy.data.node_groups if g.get(VIEW_KEY) == key and MANY_KEY not in g)
+    return next(groups, None) or _showing(key)
+
+
+def many_group(key: str) -> bpy.types.NodeTree:
+    """The file's group that shows trees that are points, made where there is none; key : as a view's."""
+    found = next((g for g in bpy.data.node_groups if g.get(MANY_KEY) == key), None)
+    return found or _many(key)
+
+
+def _moving() -> bpy.types.NodeTree:
+    graph = Graph.group("Forest Sensing Wind", "Says where the wind has each piece", MOVING, OUT)
+    graph.tree[WIND_KEY] = True
+    where = _piece_map(
+        graph,
+        _amplitudes(graph),
+        lambda mode, column: graph.named(basis_name(mode, column), "FLOAT_VECTOR"),
+    )
+    moved = graph.store(graph.given["Pieces"], MAP, "FLOAT4X4", where)
+    return graph.finish(_without(graph, moved, "mode *"))  # each tree would copy them
+
+
+def _showing(key: str) -> bpy.types.NodeTree:
+    told = "Shows a tree's pieces where the wind has them; sensors do the same"
+    graph = Graph.group("Forest Sensing Swaying Tree", told, SHOWING, OUT)
+    graph.tree[VIEW_KEY] = key
+    how = {"data_type": "INT", "operation": "EQUAL"}
+    mine = graph.value("Compare", graph.named(TREE, "INT"), graph.given[NUMBER], **how)
+    own = graph.value("SeparateGeometry", graph.geometry_of(PIECES), mine, domain="POINT")
+    return graph.finish(_placed(graph, own, graph.library(SHAPES), (MAP,)))
+
+
+def _many(key: str) -> bpy.types.NodeTree:
+    told = "Shows the pieces of trees where the wind has them; sensors do the same"
+    graph = Graph.group("Forest Sensing Swaying Forest", told, MANY, OUT)
+    graph.tree[VIEW_KEY] = graph.tree[MANY_KEY] = key
+    given, viewed = graph.given, graph.value("IsViewport")
+    light, dots = (graph.both(viewed, given[name]) for name in (LIGHT, DOTS))
+    sways = graph.math("GREATER_THAN", graph.named(ROW, "INT"), 0.5)
+    parted = {"Geometry": given["Tree"], "Selection": sways}
+    moving, still = graph.add("SeparateGeometry", parted, domain="INSTANCE").outputs
+    pieces = _pieces(graph, _swaying_trees(graph, moving), light)
+    joined = graph.add("JoinGeometry", {0: pieces})
+    graph.put(joined.inputs[0], still)
+    return graph.finish(graph.switch("GEOMETRY", dots, joined.outputs[0], given["Tree"]))
+
+
+def _swaying_trees(graph: Graph, trees: Value) -> Value:
+    """A point for every tree that sways, which says how it stands and the amplitudes of its modes."""
+    stand = graph.value("InstanceTransform")
+    told = graph.store(trees, STAND, "FLOAT4X4", stand, "INSTANCE")
+    told = graph.value("InstancesToPoints", told)
+    for number, three in enumerate(_amplitudes(graph)):
+        told = graph.store(told, f"{AMPLITUDES} {number}", "FLOAT_VECTOR", three)
+    return told
+
+
+def _pieces(graph: Graph, trees: Value, light: Value) -> Value:
+    """An instance for every piece of every tree; of stand-ins one mesh, which is drawn faster."""
+    first, count = (
+        graph.switch("INT", light, graph.named(no, "INT"), graph.named(yes, "INT"))
+        for no, yes in zip(OF_FULL, OF_LIGHT, strict=True)
+    )
+    copies = {"Geometry": trees, "Amount": count}
+    each, number = graph.add("DuplicateElements", copies, domain="POINT").outputs
+    told = graph.store(each, PIECE, "INT", graph.math("ADD", first, number))
+    tables = (graph.geometry_of(f"{PIECES} {what}") for what in (FULL, LIGHT))
+    table, piece = graph.switch("GEOMETRY", light, *tables), graph.named(PIECE, "INT")
+    now = [graph.named(f"{AMPLITUDES} {n}", "FLOAT_VECTOR") for n in range(MODES // 3)]
+    where = _piece_map(
+        graph, now, lambda mode, at: _sampled(graph, table, basis_name(mode, at), piece)
+    )
+    placed = graph.value("MatrixMultiply", graph.named(STAND, "FLOAT4X4"), where)
+    told = graph.store(told, MAP, "FLOAT4X4", placed)
+    shapes = (graph.library(f"{SHAPES} {what}") for what in (FULL, LIGHT))
+    each = _placed(graph, told, graph.switch("GEOMETRY", light, *shapes), (MAP, "wind *"))
+    return graph.switch("GEOMETRY", light, each, graph.value("RealizeInstances", each))
+
+
+def _without(graph: Graph, geometry: Value, pattern: str) -> Value:
+    """A geometry without the attributes of a name with a wildcard."""
+    made = graph.add("RemoveAttribute", {"Geometry": geometry, "Name": pattern})
+    if hasattr(made, "pattern_mode"):  # before Blender 5
+        made.pattern_mode = "WILDCARD"
+    else:
+        graph.put(made.inputs["Pattern Mode"], "Wildcard")
+    return made.outputs["Geometry"]
+
+
+def _placed(graph: Graph, points: Value, shapes: Value, spare: tuple[str, ...]) -> Value:
+    """Pieces where points say, by their attributes ``PIECE`` and ``MAP``; spare : attributes to drop.
+
+    They are dropped from the points. Dropped from instances of objects, they would make these
+    instances of bare meshes, which Blender's exporters write without a face.
+    """
+    where = graph.named(MAP, "FLOAT4X4")
+    keep = graph.add("CaptureAttribute", {"Geometry": points}, domain="POINT")
+    keep.capture_items.new("MATRIX", MAP)
+    graph.put(keep.inputs[MAP], where)
+    bare = keep.outputs["Geometry"]
+    for pattern in spare:
+        bare = _without(graph, bare, pattern)
+    number = graph.named(PIECE, "INT")
+    stand = {"Points": bare, "Instance": shapes, "Pick Instance": True, "Instance Index": number}
+    stood = graph.add("InstanceOnPoints", stand).outputs["Instances"]
+    moved = {"Instances": stood, "Transform": keep.outputs[MAP]}
+    return graph.add("SetInstanceTransform", moved).outputs["Instances"]
+
+
+def _sampled(graph: Graph, geometry: Value, name: str, index: Value) -> Value:
+    """A vector attribute of one point of a geometry."""
+    value = graph.named(name, "FLOAT_VECTOR")
+    how = {"data_type": "FLOAT_VECTOR", "domain": "POINT", "clamp": True}
+    return graph.value("SampleIndex", geometry, value, index, **how)
+
+
+def _amplitudes(graph: Graph) -> list[Value]:
+    """Amplitudes of three modes after three at the scene's frame, straight between knots."""
+    given, frame = graph.given, graph.add("InputSceneTime").outputs["Frame"]
+    past = graph.math("SUBTRACT", frame, given[FIRST])
+    knot = graph.math("MAXIMUM", graph.math("MULTIPLY", past, given[KNOT]), 0.0)
+    knot = graph.math("MINIMUM", knot, given[LAST])
+    below = graph.math("FLOOR", knot)
+    share = graph.math("SUBTRACT", knot, below)
+    row = graph.math("ADD", below, graph.named(KNOTS, "INT"))
+    rows, table = (row, graph.math("ADD", row, 1.0)), graph.geometry_of(TABLE)
+    found = []
+    for first in range(0, MODES, 3):
+        ends = (_sampled(graph, table, amplitude_name(first), row) for row in rows)
+        found.append(graph.value("Mix", share, *ends, data_type="VECTOR", clamp_factor=True))
+    return found
+
+
+def _piece_map(graph: Graph, amplitudes: list[Value], basis: Callable[[int, int], Value]) -> Value:
+    """The map of a piece at amplitudes: that of rest, and what each mode adds to a column of it
+    (``basis``)."""
+    each = [number for three in amplitudes for number in graph.numbers(three)]
+    entries: list[Value] = []
+    for number in range(COLUMNS):
+        column: Value = tuple(float(number == line) for line in range(3))
+        for mode, amplitude in enumerate(each):
+            added = graph.value("VectorMath", basis(mode, number), amplitude, operation="SCALE")
+            column = graph.value("VectorMath", column, added, operation="ADD")
+        entries += [*graph.numbers(column), None]  # the last line of a map stays as it is
+    return graph.value("CombineMatrix", *entries)

@@ -26,7 +26,7 @@ from scipy.spatial.transform import Rotation
 from ...base.rng import daughter_keys, keyed_uniform
 from ...spec import SpecError
 from ..foreign import guarded
-from ..raster_file import read_heights
+from ..raster_file import read_raster
 from .document import find_file, number, vector, yes
 
 HEADER = 26  # lines of a spectrum
@@ -216,13 +216,16 @@ def read_terrain(path: Path, material: Material) -> PartMesh:
 
     Raises
     ------
-    SpecError : it holds no square of four heights.
+    SpecError : it holds no square of four heights, or does not say where it lies.
     """
-    height, corner, size = read_heights(path)
+    raster = read_raster(path)
+    if raster.transform is None:
+        raise SpecError(str(path), "does not say where it lies; save a GeoTIFF")
+    height = raster.heights(path)
     there = np.isfinite(height)
     rows, columns = height.shape
     y, x = np.mgrid[:rows, :columns] + 0.5
-    vertices = np.stack([corner[0] + x * size[0], corner[1] - y * size[1], height], axis=2)
+    vertices = np.concatenate([raster.places(x, y), height[..., None]], axis=2)
     number = np.arange(rows * columns).reshape(rows, columns)
     a, b, c, d = number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]
     faces = np.concatenate([np.stack(f, axis=2).reshape(-1, 3) for f in ((a, b, d), (b, c, d))])
@@ -230,8 +233,6 @@ def read_terrain(path: Path, material: Material) -> PartMesh:
     if not len(faces):
         raise SpecError(str(path), "has no square of four heights")
     used, faces = np.unique(faces, return_inverse=True)
-    if not np.isfinite(vertices.reshape(-1, 3)[used]).all():
-        raise SpecError(str(path), "does not say where it lies in numbers")
     return _of_one_material(vertices.reshape(-1, 3)[used], faces.reshape(-1, 3), material)
 
 

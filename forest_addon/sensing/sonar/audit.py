@@ -22,16 +22,11 @@ from ...acoustics import chebyshev
 from ...spec import Air, Sonar
 from ..audit import LEAST, Part, figure_error, figures, shares
 from ..rays.caster import RayCaster
-from .bands import Band, BandGrid, grid_of
-from .calls import Call
-from .doppler import Moment, factors, fastest, pieces_of, widened
-from .leaves import LeafEchoes, count_doubtful
-from .near import count_close
+from .calls import Band, BandGrid, Call, grid_of
 from .ping import Echo, PingHearing, contributions, heard_from
-from .poses import SonarPose
 from .search import Found
-from .station import Equipment, Station
-from .summation import sum_echoes
+from .station import Equipment, SonarPose, Station
+from .summation import Moment, factors, fastest, pieces_of, sum_echoes, widened
 from .targets import EchoTargets
 from .windy import at_moment
 
@@ -200,7 +195,6 @@ def _figures(pings: Pings, echo: Echo) -> dict[str, object]:
     sonar, station, grid = pings.sonar, pings.station(echo), _grid(pings, echo)
     targets = pings.targets.at(echo.pose.time)
     leaves = targets.total(sonar, "leaf")
-    exact = [group for group in echo.groups if isinstance(group.scatterers, LeafEchoes)]
     highest = station.wavenumbers[1]
     cut = pings.equipment.call is not None and sonar.doppler
     right: dict[str, object] = {} if cut else {"moments": 1}
@@ -209,8 +203,8 @@ def _figures(pings: Pings, echo: Echo) -> dict[str, object]:
         "time": np.arange(grid.samples) / sonar.sample_rate,
         "leaves": leaves,
         "others": targets.total(sonar) - leaves,
-        "close": sum(count_close(group.scatterers, group.instance) for group in echo.groups),
-        "doubtful": sum(count_doubtful(g.scatterers, station.point, highest) for g in exact),
+        "close": sum(group.scatterers.count_close(group.instance) for group in echo.groups),
+        "doubtful": sum(g.scatterers.count_doubtful(station.point, highest) for g in echo.groups),
         "sound_speed": pings.air.speed(),
         "sample_rate": sonar.sample_rate,
     }

@@ -6,9 +6,9 @@ along the side to which the direction lies off. So they are the plain azimuth an
 planes of the axis, have neither pole nor wrap, and a beam that looks straight up is like any other.
 
 ``GaussianBeam``   exp(-az²/2σ_x² - el²/2σ_y²) with σ from the full -3 dB width (Tanveer et al. 2020a).
-``Horseshoe``  the same with Tanveer et al.'s width of a horseshoe bat's call, which falls with the frequency.
+``Horseshoe``    the same with Tanveer et al.'s width for a horseshoe bat, which falls with the frequency.
 ``MeasuredBeam``   a table of dB by angle off the axis and frequency, smoothed over the frequency.
-``MeasuredSphere``  the same by direction all round, as of a head's ear.
+``MeasuredSphere`` the same by direction all round, as of a head's ear.
 ``Omni``       everywhere alike.
 """
 
@@ -19,7 +19,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, ClassVar, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -46,69 +46,55 @@ Rows = np.ndarray | slice
 Towards = Callable[[np.ndarray, Rows], np.ndarray]
 
 
-def _steadily(gain: np.ndarray) -> Towards:
-    """The same gain (M,) at all frequencies."""
-    return lambda frequency, rows: gain[None, rows]
+class BeamPattern(ABC):
+    """A directivity, 1 on its axis or where it is largest; offsets az and el (M,) are in radians."""
 
-
-class BeamPattern(Protocol):
-    """A directivity, 1 on its axis or where it is largest."""
-
-    @property
-    def steady(self) -> bool:
-        """Return whether it is the same at every frequency."""
-        ...
-
+    @abstractmethod
     def towards(self, az: np.ndarray, el: np.ndarray) -> Towards:
-        """The gain at offsets (M,) radians, of which many frequencies or few rows at a time are asked for."""
-        ...
+        """The gain at offsets, of which many frequencies or few rows at a time are asked for."""
+
+    @abstractmethod
+    def ceiling(self, away: np.ndarray, band: tuple[float, float]) -> np.ndarray:
+        """(M,) no gain in the band is larger at ``away`` (M,) radians off the axis or more."""
 
     def gain(self, az: np.ndarray, el: np.ndarray, frequency: np.ndarray) -> np.ndarray:
-        """(Q, M), or (1, M) where it is alike at every frequency (Q,), at offsets (M,) radians."""
-        ...
-
-    def kinks(self) -> tuple[float, ...]:
-        """Frequencies at which the gain is not smooth, Hz."""
-        ...
+        """(Q, M), or (1, M) where it is alike at every frequency (Q,)."""
+        return self.towards(az, el)(frequency, slice(None))
 
     def loudest(self, az: np.ndarray, el: np.ndarray, band: tuple[float, float]) -> np.ndarray:
         """(M,) no gain in the band is larger at these offsets."""
-        ...
+        loudest: np.ndarray = self.gain(az, el, np.array(band)).max(axis=0)
+        return loudest
 
-    def ceiling(self, away: np.ndarray, band: tuple[float, float]) -> np.ndarray:
-        """(M,) no gain in the band is larger at ``away`` (M,) radians off the axis or more."""
-        ...
+    def kinks(self) -> tuple[float, ...]:
+        """Frequencies at which the gain is not smooth, Hz."""
+        return ()
 
 
 @dataclass(frozen=True)
-class GaussianBeam:
+class GaussianBeam(BeamPattern):
     """A beam of the same full -3 dB ``width`` (radians; azimuth, elevation) at every frequency."""
 
     width: tuple[float, float]
-    steady: ClassVar[bool] = True
 
     def towards(self, az: np.ndarray, el: np.ndarray) -> Towards:
-        return _steadily(self.gain(az, el, np.zeros(1))[0])
-
-    def gain(self, az: np.ndarray, el: np.ndarray, frequency: np.ndarray) -> np.ndarray:
-        across, along = self.width
-        return np.exp(_exponent(az, el) @ (1.0 / np.square([across, along])))[None]
-
-    def kinks(self) -> tuple[float, ...]:
-        return ()
-
-    def loudest(self, az: np.ndarray, el: np.ndarray, band: tuple[float, float]) -> np.ndarray:
-        return self.gain(az, el, np.array(band))[0]
+        gain = np.exp(_exponent(az, el) @ (1.0 / np.square(self.width)))
+        return lambda frequency, rows: gain[None, rows]
 
     def ceiling(self, away: np.ndarray, band: tuple[float, float]) -> np.ndarray:
         return np.exp(-2.0 * HALF_POWER * np.square(away / max(self.width)))
 
 
 @dataclass(frozen=True)
-class Horseshoe:
-    """T20's beam: a Gaussian whose width follows from the frequency, 60 to 80 kHz."""
+class Omni(GaussianBeam):
+    """The same in every direction: a Gaussian beam without end."""
 
-    steady: ClassVar[bool] = False
+    width: tuple[float, float] = (math.inf, math.inf)
+
+
+@dataclass(frozen=True)
+class Horseshoe(BeamPattern):
+    """The beam of Tanveer et al. (2020a): a Gaussian whose width falls with the frequency, 60 to 80 kHz."""
 
     def width(self, frequency: np.ndarray) -> np.ndarray:
         """Full -3 dB width in radians."""
@@ -120,20 +106,11 @@ class Horseshoe:
             away[rows] / np.square(self.width(frequency))[:, None]
         )
 
-    def gain(self, az: np.ndarray, el: np.ndarray, frequency: np.ndarray) -> np.ndarray:
-        return self.towards(az, el)(frequency, slice(None))
-
-    def kinks(self) -> tuple[float, ...]:
-        return ()
-
-    def loudest(self, az: np.ndarray, el: np.ndarray, band: tuple[float, float]) -> np.ndarray:
-        return self.gain(az, el, np.array(band[:1]))[0]  # the width falls with the frequency
-
     def ceiling(self, away: np.ndarray, band: tuple[float, float]) -> np.ndarray:
         return np.exp(-2.0 * HALF_POWER * np.square(away / self.width(np.array(band[0]))))
 
 
-class Measured(ABC):
+class Measured(BeamPattern):
     """Pattern of dB (N, F) at N directions and F frequencies, Hz, between which dB are mixed.
 
     Over the frequency they follow a polynomial of at most the fourth degree, so that echoes stay smooth
@@ -142,7 +119,6 @@ class Measured(ABC):
 
     frequency: np.ndarray
     level: np.ndarray
-    steady: ClassVar[bool] = False
 
     @cached_property
     def _fit(self) -> np.ndarray:
@@ -162,9 +138,6 @@ class Measured(ABC):
         low, high = self.frequency[0], self.frequency[-1]
         wanted = 2.0 * (np.clip(frequency, low, high) - low) / ((high - low) or 1.0) - 1.0
         return np.polynomial.chebyshev.chebvander(wanted, len(self._fit) - 1).T
-
-    def gain(self, az: np.ndarray, el: np.ndarray, frequency: np.ndarray) -> np.ndarray:
-        return self.towards(az, el)(frequency, slice(None))
 
     def towards(self, az: np.ndarray, el: np.ndarray) -> Towards:
         """By the polynomials of the logarithm, which are mixed as dB are; between directions levels are as
@@ -216,16 +189,11 @@ class MeasuredBeam(Measured):
         if len(self.angle) == 1:
             return np.zeros((1, 1), int), np.zeros(len(az), int), [1.0]
         before = np.arange(len(self.angle) - 1)
-        first = self._segment(az, el)
         off = np.clip(np.hypot(az, el), self.angle[0], self.angle[-1])
+        first = np.searchsorted(self.angle, off, side="right") - 1
+        first = np.minimum(first, len(before) - 1)
         share = (off - self.angle[first]) / (self.angle[first + 1] - self.angle[first])
         return np.stack([before, before + 1], axis=1), first, [1.0 - share, share]
-
-    def _segment(self, az: np.ndarray, el: np.ndarray) -> np.ndarray:
-        """(M,) number of the table's angle before each."""
-        before = np.searchsorted(self.angle, np.hypot(az, el), side="right") - 1
-        found: np.ndarray = np.clip(before, 0, max(len(self.angle) - 2, 0))
-        return found
 
     def loudest(self, az: np.ndarray, el: np.ndarray, band: tuple[float, float]) -> np.ndarray:
         return self.ceiling(np.hypot(az, el), band)
@@ -285,23 +253,18 @@ class MeasuredSphere(Measured):
         corners = hull.simplices
         return corners, np.linalg.pinv(self.direction[corners].transpose(0, 2, 1)), cKDTree(lifted)
 
-    def _found(self, az: np.ndarray, el: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(M,) the face of each direction, and (M, 3) what its corners add."""
+    def _mixed(self, az: np.ndarray, el: np.ndarray) -> tuple[np.ndarray, np.ndarray, list[Any]]:
         off = np.hypot(az, el)
         share = np.sinc(off / math.pi)  # sin(off)/off
         towards = np.stack([np.cos(off), share * az, share * el], axis=1)
-        _, inverse, where = self._faces
+        corners, inverse, where = self._faces
         _, face = where.query(np.column_stack([towards, np.zeros(len(off))]))
         weight = np.maximum(np.einsum("mij,mj->mi", inverse[face], towards), 0.0)
-        return face, weight / weight.sum(axis=1, keepdims=True)
-
-    def _mixed(self, az: np.ndarray, el: np.ndarray) -> tuple[np.ndarray, np.ndarray, list[Any]]:
-        face, weight = self._found(az, el)
-        return self._faces[0], face, list(weight.T)
+        return corners, face, list((weight / weight.sum(axis=1, keepdims=True)).T)
 
     def loudest(self, az: np.ndarray, el: np.ndarray, band: tuple[float, float]) -> np.ndarray:
-        corner = self._faces[0][self._found(az, el)[0]]
-        return 10.0 ** (self._loudest(band)[corner].max(axis=1) / 20.0)
+        corners, face, _ = self._mixed(az, el)
+        return 10.0 ** (self._loudest(band)[corners[face]].max(axis=1) / 20.0)
 
     def ceiling(self, away: np.ndarray, band: tuple[float, float]) -> np.ndarray:
         corners = self._faces[0]
@@ -314,28 +277,6 @@ class MeasuredSphere(Measured):
         beyond = np.maximum.accumulate(loudest[::-1])[::-1]
         first = np.searchsorted(reach[order], away, side="left")
         return 10.0 ** (beyond[np.minimum(first, len(beyond) - 1)] / 20.0)
-
-
-@dataclass(frozen=True)
-class Omni:
-    """The same in every direction."""
-
-    steady: ClassVar[bool] = True
-
-    def towards(self, az: np.ndarray, el: np.ndarray) -> Towards:
-        return _steadily(np.ones(len(az)))
-
-    def gain(self, az: np.ndarray, el: np.ndarray, frequency: np.ndarray) -> np.ndarray:
-        return np.ones((1, len(az)))
-
-    def kinks(self) -> tuple[float, ...]:
-        return ()
-
-    def loudest(self, az: np.ndarray, el: np.ndarray, band: tuple[float, float]) -> np.ndarray:
-        return np.ones(len(az))
-
-    def ceiling(self, away: np.ndarray, band: tuple[float, float]) -> np.ndarray:
-        return np.ones(len(away))
 
 
 def beam_offsets(directions: np.ndarray, frame: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -1,8 +1,7 @@
-"""Calls of a sonar, as samples and as spectra.
+"""Frequencies and calls of a sonar: the band and its window, the grid of a record, what is sent.
 
-A pulse of the whole band (Hann window, the seed's), a hyperbolic sweep (FM), a tone that ends in such a
-sweep (CF-FM, a horseshoe bat's), or samples of one's own. A call is sent at 1 m on the axis with a
-largest pressure of 1; an echo's spectrum is the call's times the transfer function of the scene.
+A ``Band`` is what a sonar listens to, a ``BandGrid`` the even frequencies that belong to the length of its
+record.
 """
 
 from __future__ import annotations
@@ -14,6 +13,93 @@ import numpy as np
 from scipy import fft
 
 from ...spec import Sonar
+
+SAMPLED = 17  # frequencies of a mean over the band
+TAILS = 64.0  # periods of the bandwidth after which the Hann pulse has fallen to 1/(π·64³) = 1e-6
+MOST_SAMPLES = 2**27
+
+
+@dataclass(frozen=True)
+class Band:
+    """From ``low`` to ``high`` Hz; the same twice is a tone."""
+
+    low: float
+    high: float
+
+    def sample(self, count: int = SAMPLED) -> tuple[np.ndarray, np.ndarray]:
+        """A few frequencies (Q,) Hz and the weights (Q,) of a mean over the band by a Hann window."""
+        if self.low == self.high:
+            return np.array([self.low]), np.ones(1)
+        share = (np.arange(count) + 0.5) / count
+        weight = np.sin(math.pi * share) ** 2
+        return self.low + share * (self.high - self.low), weight / weight.sum()
+
+    def window(self, frequency: np.ndarray) -> np.ndarray:
+        """Hann window over the band, 0 beyond, at frequencies (K,)."""
+        if self.low == self.high:
+            return np.ones(len(frequency))
+        share = np.clip((frequency - self.low) / (self.high - self.low), 0.0, 1.0)
+        turn = 2.0 * math.pi * share
+        window: np.ndarray = 0.5 - 0.5 * np.cos(turn)
+        return window
+
+
+@dataclass(frozen=True)
+class BandGrid:
+    """``count`` frequencies from ``start`` Hz, ``spacing`` apart, of a record that holds ``samples``.
+
+    length : samples of the transform; what is beyond ``samples`` is time before the call.
+    ends : Hz, of the band that they lie in.
+    """
+
+    start: float
+    spacing: float
+    count: int
+    samples: int
+    length: int
+    ends: tuple[float, float]
+
+    @property
+    def frequency(self) -> np.ndarray:
+        """(K,) Hz."""
+        return self.start + self.spacing * np.arange(self.count)
+
+
+def grid_of(band: Band, rate: float, latest: float, record: float, after: float = 0.0) -> BandGrid:
+    """The grid of a record that no echo wraps around in.
+
+    latest : seconds until the last echo. record : seconds that are wanted, 0: as long as needed.
+    after : seconds that a call goes on.
+
+    Raises
+    ------
+    ValueError : the record would be longer than memory; the sentence says what to change.
+    """
+    width = band.high - band.low
+    tail = TAILS / width if width else 0.0
+    needed = (latest + after + 2.0 * tail) * rate
+    wanted = (record or latest + after + tail) * rate
+    if max(needed, wanted) > MOST_SAMPLES:
+        raise ValueError(
+            f"the echo would have {max(needed, wanted):.2g} samples; "
+            "widen the band, or lower max_range, record or sample_rate"
+        )
+    samples = max(1, math.ceil(wanted))
+    if not width:
+        return BandGrid(band.low, rate, 1, samples, samples, (band.low, band.high))
+    length = fft.next_fast_len(max(math.ceil(needed), math.ceil(wanted + tail * rate)))
+    spacing = rate / length
+    first, last = math.ceil(band.low / spacing), math.floor(band.high / spacing)
+    count = last - first + 1
+    return BandGrid(first * spacing, spacing, count, samples, length, (band.low, band.high))
+
+
+# Calls of a sonar, as samples and as spectra.
+#
+# A pulse of the whole band (Hann window, the seed's), a hyperbolic sweep (FM), a tone that ends in such a
+# sweep (CF-FM, a horseshoe bat's), or samples of one's own. A call is sent at 1 m on the axis with a
+# largest pressure of 1; an echo's spectrum is the call's times the transfer function of the scene.
+
 
 EDGE = 0.1  # share of a call over which it fades in, and out
 ROOM = 0.05  # share of the band left free at each end, where a call's spectrum falls off
@@ -41,10 +127,6 @@ class Call:
             return np.exp(-2j * math.pi * steps) @ self.samples
         ends = [float(frequency[0]), float(frequency[-1])]
         return zoom_fft(self.samples, ends, m=len(frequency), fs=self.sample_rate, endpoint=True)
-
-    def spectrum_at(self, frequency: np.ndarray, factor: float) -> np.ndarray:
-        """The spectrum of the call played ``factor`` times faster: X(f/factor)/factor."""
-        return self.spectrum(frequency / factor) / factor
 
     def spectra_on(
         self, start: float, spacing: float, count: int, factors: np.ndarray, lead: float = 0.0

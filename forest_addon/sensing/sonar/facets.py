@@ -14,15 +14,14 @@ triangles in one plane adds nothing and is left out. Meshes that are closed soun
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
 
-from ...base.rows import RowTable
 from ...base.trimesh import TriMesh, is_wood
 from ...growth.own_tree.pieces import part
-from .scatterers import CLEAR, FACET, Scatterers, Sight, Views, Whole, cluster
+from .scatterers import FACET, Population, Scatterers, Sight, Strength, Views, cluster
 
 FLAT = 1e-5  # sine of the angle between facets that are in one plane
 RADIAL = 1e-9  # sine below which an edge runs through the foot
@@ -30,7 +29,7 @@ PIECE = 0.125  # of √(λr): the longest piece of a rim
 
 
 @dataclass(frozen=True)
-class RimStrength(RowTable, Whole):
+class RimStrength(Strength):
     """f = weight·sinc(k·slope); both (M,) metres. A glint has no slope."""
 
     weight: np.ndarray
@@ -50,27 +49,18 @@ class RimStrength(RowTable, Whole):
 
 
 @dataclass(frozen=True)
-class Rims(RowTable):
-    """Glints and pieces of rims, as one point sees them; see ``Scatterers``."""
+class Rims(Scatterers):
+    """Glints and pieces of rims, as one point sees them."""
 
-    centre: np.ndarray
     weight: np.ndarray
     slope: np.ndarray
-    number: np.ndarray
     kind: ClassVar[str] = FACET
-
-    def __len__(self) -> int:
-        return len(self.weight)
-
-    @property
-    def clear(self) -> np.ndarray:
-        return np.full(len(self), CLEAR)
 
     def seen(self, point: np.ndarray) -> RimStrength:
         return RimStrength(self.weight, self.slope)
 
 
-class FacetPopulation:
+class FacetPopulation(Population):
     """The facets of one mesh that are neither leaf nor wood."""
 
     kind: ClassVar[str] = FACET
@@ -82,9 +72,6 @@ class FacetPopulation:
         self.blocks = cluster(middle, extent)
         order = self.blocks.order
         self._corners, self._rim, self._outward = corners[order], rim[order], outward[order]
-
-    def __len__(self) -> int:
-        return len(self.blocks.order)
 
     @property
     def held(self) -> tuple[np.ndarray, np.ndarray]:
@@ -117,13 +104,8 @@ class FacetPopulation:
             some = rim[:, corner]
             ends = corners[some][:, [corner, (corner + 1) % 3]]
             pieces.append(rims(ends, foot[some], normal[some], height[some], number[some], sight))
-        found = Rims(
-            np.concatenate([p.centre for p in pieces]) + sight.point,
-            np.concatenate([p.weight for p in pieces]),
-            np.concatenate([p.slope for p in pieces]),
-            np.concatenate([p.number for p in pieces]),
-        )
-        return [found]
+        found = Rims.joined(pieces)
+        return [replace(found, centre=found.centre + sight.point)]
 
 
 def _facets(mesh: TriMesh) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -184,7 +166,7 @@ def share_of_turn(corners: np.ndarray, foot: np.ndarray, normal: np.ndarray) -> 
 
 def glints(foot: np.ndarray, height: np.ndarray, share: np.ndarray, number: np.ndarray) -> Rims:
     """A = share/2h, so that f = A·h² = share·h/2."""
-    return Rims(foot, share * height / 2.0, np.zeros(len(height)), number)
+    return Rims(foot, number, share * height / 2.0, np.zeros(len(height)))
 
 
 def rims(
@@ -217,7 +199,7 @@ def rims(
     distance = np.linalg.norm(centre, axis=1)
     sag = (near + far - 2.0 * distance) / 6.0  # from the middle's distance to the mean (Simpson)
     centre *= (1.0 + sag / np.maximum(distance, 1e-30))[:, None]
-    return Rims(centre, -height[row] * swing / (4.0 * math.pi), far - near, number[row])
+    return Rims(centre, number[row], -height[row] * swing / (4.0 * math.pi), far - near)
 
 
 def _within(ends: np.ndarray, reach: float) -> tuple[np.ndarray, np.ndarray]:

@@ -86,9 +86,8 @@ def _lasts(sonar: Sonar, trajectory: Any) -> float:
 def _listen(job: Observation, progress: Progress | None) -> Any:
     """One ping, or one from every pose of a route."""
     from .equipment_files import equip
-    from .flight import fly
-    from .ping import ping
-    from .poses import posed, poses_of
+    from .ping import fly, ping
+    from .station import posed, poses_of
 
     sonar, air, targets = job.sensor, job.settings.air, _targets(job)
     wood, everything = _casters(job)
@@ -102,7 +101,7 @@ def _listen(job: Observation, progress: Progress | None) -> Any:
 def _audit(job: Observation, found: Any) -> list[Part]:
     from .audit import Pings, parts_of_echoes
     from .equipment_files import equip
-    from .poses import posed, poses_of
+    from .station import posed, poses_of
 
     sonar, settings = job.sensor, job.settings
     echoes, poses = (found,), [replace(posed(sonar), time=job.start)]

@@ -18,7 +18,7 @@ nothing wraps around. ``Echo.waveform`` is the echo of the sonar's own call.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
@@ -28,16 +28,12 @@ from scipy import fft
 from ...base.progress import Progress
 from ...spec import Air, Sonar
 from ..rays.caster import RayCaster
-from .bands import Band, BandGrid, grid_of
-from .discs import LeafDiscs, leaf_discs
-from .doppler import Moment, fastest, moments_of, played, widened
-from .leaves import LeafEchoes, count_doubtful
-from .near import count_close
-from .poses import SonarPose, posed
+from .calls import Band, BandGrid, grid_of
+from .leaves import LeafDiscs, leaf_discs
 from .search import Found, SearchGroup, mean_amplitude, search
 from .shading import shade_of
-from .station import Equipment, Station
-from .summation import sum_echoes
+from .station import Equipment, SonarPose, Station, posed
+from .summation import Moment, fastest, moments_of, played, sum_echoes, widened
 from .targets import EchoTargets
 from .windy import at_moment
 
@@ -201,7 +197,7 @@ def ping(
     responses, called = waveforms, spectra
     if call is not None:
         called = (
-            played(moments, wide, grid, sonar.tolerance, call)
+            played(moments, grid, sonar.tolerance, call)
             if moving
             else spectra * call.spectrum(grid.frequency)
         )
@@ -217,11 +213,10 @@ def ping(
         leaves=targets.total(sonar, "leaf"),
         others=targets.total(sonar) - targets.total(sonar, "leaf"),
         **vars(found.counts),
-        close=sum(count_close(group.scatterers, group.instance) for group in found.groups),
+        close=sum(group.scatterers.count_close(group.instance) for group in found.groups),
         doubtful=sum(
-            count_doubtful(group.scatterers, station.point, station.wavenumbers[1])
+            group.scatterers.count_doubtful(station.point, station.wavenumbers[1])
             for group in found.groups
-            if isinstance(group.scatterers, LeafEchoes)
         ),
         cull_bound=found.bound,
         error_bound=summed.error_bound,
@@ -310,7 +305,7 @@ def contributions(
     motion = np.concatenate([g.motion for g in groups])[order]
     moves = motion.shape[1] > 0
     instance = np.concatenate([g.instance for g in groups])[order]
-    legs = np.concatenate([g.paths.length[0] for g in groups])[order]
+    legs = np.concatenate([g.paths.length[:, 0] for g in groups])[order]
     return Contributions(
         kind=np.repeat([g.scatterers.kind for g in groups], [len(g) for g in groups])[order],
         instance=instance,
@@ -323,3 +318,62 @@ def contributions(
         velocity=motion[:, :3] if moves else None,
         rest=motion[:, 3:] if moves else None,
     )
+
+
+@dataclass(frozen=True)
+class PingSeries:
+    """P echoes, one a pose, in order."""
+
+    echoes: tuple[Echo, ...]
+
+    def __len__(self) -> int:
+        return len(self.echoes)
+
+    @property
+    def time(self) -> np.ndarray:
+        """(N,) s after each call, of the longest record."""
+        return max((echo.time for echo in self.echoes), key=len)
+
+    def stacked(self, name: str) -> np.ndarray:
+        """(P, E, N) ``responses``, ``envelopes`` or ``waveforms``, padded with 0 to one length."""
+        arrays = [getattr(echo, name) for echo in self.echoes]
+        whole = np.zeros((len(arrays), len(arrays[0]), len(self.time)))
+        for row, array in zip(whole, arrays, strict=True):
+            row[:, : array.shape[1]] = array
+        return whole
+
+    def poses(self) -> tuple[np.ndarray, np.ndarray]:
+        """(P, 3) positions in metres and (P, 3) unit axes of the beam."""
+        poses = [echo.pose for echo in self.echoes]
+        return np.array([p.position for p in poses]), np.array([p.frame[0] for p in poses])
+
+
+def fly(
+    targets: EchoTargets,
+    sonar: Sonar,
+    air: Air,
+    poses: Sequence[SonarPose],
+    wood: RayCaster | None = None,
+    progress: Progress | None = None,
+    *,
+    equipment: Equipment | None = None,
+    everything: RayCaster | None = None,
+) -> PingSeries:
+    """Ping from every pose; arguments as of ``ping``, progress counts poses.
+
+    Raises
+    ------
+    ValueError : there is no pose; as ``ping``.
+    """
+    if not len(poses):
+        raise ValueError("a flight needs at least one pose")
+    equipment = equipment or Equipment.of(sonar)
+    echoes = []
+    for number, pose in enumerate(poses):
+        found = ping(
+            targets, sonar, air, wood, pose=pose, equipment=equipment, everything=everything
+        )
+        echoes.append(found)
+        if progress:
+            progress(number + 1, len(poses))
+    return PingSeries(tuple(echoes))

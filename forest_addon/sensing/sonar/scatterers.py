@@ -12,45 +12,47 @@ leaves is searched by a few thousand spheres.
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import ClassVar, Protocol, Self
+from typing import ClassVar
 
 import numpy as np
+
+from ...base.rows import RowTable
 
 SIZE = 96  # points of a block, at most
 LEAF, WOOD, FACET = "leaf", "wood", "facet"
 CLEAR = 1e-3  # m; what is so close before a scatterer is what it sits on
 
 
-class Strength(Protocol):
+class Strength(RowTable, ABC):
     """Strength with which M scatterers send sound back to one point."""
 
+    @abstractmethod
     def amplitude(self, wavenumber: np.ndarray) -> np.ndarray:
         """(Q, M) complex f in metres at wavenumbers (Q,), e^{+iωt}."""
-        ...
 
+    @abstractmethod
     def bound(self, lowest: float, highest: float) -> np.ndarray:
         """(M,) no |f| between two wavenumbers is larger."""
-        ...
 
+    @abstractmethod
     def reach(self, wavenumber: float) -> np.ndarray:
         """(M,) metres of path, about how far responses reach to both sides of their delays, from a wavenumber
         on."""
-        ...
 
     def error(self, highest: float) -> np.ndarray | None:
         """(M,) metres that f may be off by because it is tabulated, up to a wavenumber; None: nothing."""
-        ...
+        return None
 
     def parts(self, lowest: float, highest: float) -> list[ScattererPart]:
-        """Smoother strengths that add up to this one between two wavenumbers.
+        """Smoother strengths that add up to this one between two wavenumbers, itself where it is smooth.
 
         Of a scatterer in several parts, some frequency between finds all of them in phase.
         """
-        ...
-
-    def select(self, rows: np.ndarray | slice) -> Self: ...
+        count = len(self.reach(1.0))
+        return [ScattererPart(np.arange(count), np.zeros(count), self)]
 
 
 @dataclass(frozen=True)
@@ -62,47 +64,41 @@ class ScattererPart:
     strength: Strength
 
 
-class Whole:
-    """Base of strengths that come in one part, computed and not looked up."""
-
-    def parts(self, lowest: float, highest: float) -> list[ScattererPart]:
-        """Itself."""
-        count = len(self.reach(1.0))  # type: ignore[attr-defined]
-        return [ScattererPart(np.arange(count), np.zeros(count), self)]  # type: ignore[arg-type]
-
-    def error(self, highest: float) -> np.ndarray | None:
-        """None: nothing."""
-        return None
-
-
-class Scatterers(Protocol):
+@dataclass(frozen=True)
+class Scatterers(RowTable, ABC):
     """M places of one kind.
 
-    centre : (M, 3) metres. number : (M,) int64, in its mesh. clear : (M,) metres before it that hide
-    nothing.
+    centre : (M, 3) metres. number : (M,) int64, in its mesh.
     """
 
     kind: ClassVar[str]
+    centre: np.ndarray
+    number: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.number)
 
     @property
-    def centre(self) -> np.ndarray: ...
+    def clear(self) -> np.ndarray:
+        """(M,) metres before each that hide nothing."""
+        return np.full(len(self), CLEAR)
 
-    @property
-    def number(self) -> np.ndarray: ...
-
-    @property
-    def clear(self) -> np.ndarray: ...
-
-    def __len__(self) -> int: ...
-
+    @abstractmethod
     def seen(self, point: np.ndarray) -> Strength:
         """The strength towards a point (3,)."""
-        ...
 
-    def select(self, rows: np.ndarray | slice) -> Self: ...
+    def count(self, instance: np.ndarray, some: np.ndarray) -> int:
+        """Return how many objects ``some`` (M,) bool of them are, each of an instance (M,)."""
+        return int(np.count_nonzero(some))
 
-    @classmethod
-    def joined(cls, parts: Sequence[Self]) -> Self: ...
+    def count_close(self, instance: np.ndarray) -> int:
+        """Return how many are leaves nearer than ka²/2."""
+        return 0
+
+    def count_doubtful(self, point: np.ndarray, wavenumber: float) -> int:
+        """Return how many are exact discs so large and so far off their normal that the formula for large
+        ones is tens of per cent off."""
+        return 0
 
 
 # Leaves (M,) with centres and normals (M, 3) in the world, to the centres and normals that they turn to.
@@ -140,28 +136,29 @@ class Views:
     spread: np.ndarray
 
 
-class Population(Protocol):
+class Population(ABC):
     """Population of one kind in one mesh, local; rows are in the order of the blocks."""
 
     kind: ClassVar[str]
     blocks: Blocks
 
-    def __len__(self) -> int: ...
+    def __len__(self) -> int:
+        return len(self.blocks.order)
 
     @property
+    @abstractmethod
     def held(self) -> tuple[np.ndarray, np.ndarray]:
         """Middles (R, 3) of the rows and the leaf that each is of (R,), -1 where of none."""
-        ...
 
+    @abstractmethod
     def ceiling(self, views: Views, lowest: float, highest: float) -> np.ndarray:
         """(P,) no Σ|f| of a block, as it is viewed, between two wavenumbers is larger."""
-        ...
 
+    @abstractmethod
     def scatterers(
         self, transform: np.ndarray, rows: np.ndarray, sight: Sight
     ) -> Sequence[Scatterers]:
         """Some rows through one (3, 4) transform, in one or more sets."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -185,17 +182,9 @@ class Blocks:
         """(B,) points of each block."""
         return np.diff(self.first)
 
-    def largest(self, values: np.ndarray) -> np.ndarray:
-        """(B,) the largest of values (N,), which are in the order of the blocks."""
-        if not len(self):
-            return np.empty(0)
-        return np.maximum.reduceat(values, self.first[:-1])
-
-    def sums(self, values: np.ndarray) -> np.ndarray:
-        """(B,) the sum of values (N,), which are in the order of the blocks."""
-        if not len(self):
-            return np.empty(0)
-        return np.add.reduceat(values, self.first[:-1])
+    def each(self, of: np.ufunc, values: np.ndarray) -> np.ndarray:
+        """(B,) the largest (np.maximum) or the sum (np.add) of values (N,), in the order of the blocks."""
+        return of.reduceat(values, self.first[:-1]) if len(self) else np.empty(0)
 
 
 def cluster(points: np.ndarray, extent: np.ndarray) -> Blocks:

@@ -15,15 +15,16 @@ A bound holds at every frequency of the band, so it also holds at every instant 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from ...base.rows import RowTable, lengths
-from .bands import SAMPLED, Band
-from .near import NearFaces, count_leaves
-from .scatterers import Scatterers, Sight, Strength
+from .beam import Rows
+from .calls import SAMPLED, Band
+from .leaves import NearFaces
+from .scatterers import ScattererPart, Scatterers, Sight
 from .station import EchoPaths, Station
 from .targets import Candidates, EchoTargets
 
@@ -35,7 +36,7 @@ GUESS = 0.01  # of Σ|A| over the bounds of the blocks, where the search starts
 
 @dataclass(frozen=True)
 class SearchGroup(RowTable):
-    """Scatterers of one kind with their instances and ways; ``shade`` (M,) is what is left of each by
+    """M scatterers of one kind with their instances and ways; ``shade`` (M,) is what is left of each by
     what stands before it, 0 where wood hides it. motion : (M, 6) velocity, m/s, and the place at rest, m, NaN
     where it is not there; (M, 0) where all stand still."""
 
@@ -53,16 +54,6 @@ class SearchGroup(RowTable):
     def velocity(self) -> np.ndarray:
         """(M, 3) m/s; (M, 0) where all stand still."""
         return self.motion[:, :3]
-
-    def gain(
-        self, station: Station, ear: int, frequency: Sequence[float] | np.ndarray
-    ) -> np.ndarray:
-        """(Q, M) at an ear: what beams, distance, air and shade leave."""
-        return self.paths.gain(station, ear, np.asarray(frequency), self.shade)
-
-    def seen(self, station: Station, ear: int) -> Strength:
-        """Their strength half way between mouth and ear."""
-        return self.scatterers.seen((station.point + station.ear[ear]) / 2)
 
 
 @dataclass
@@ -165,8 +156,8 @@ class _Finder:
             if not kept.all():
                 made, instance, motion = made.select(kept), instance[kept], motion[kept]
             paths = station.paths(made.centre)
-            late = paths.length.max(axis=0, initial=0.0) > self._latest * station.sound_speed
-            counts.late += count_leaves(made, instance, late)
+            late = paths.length.max(axis=1, initial=0.0) > self._latest * station.sound_speed
+            counts.late += made.count(instance, late)
             bound = paths.bound(station) * made.seen(station.point).bound(*station.wavenumbers)
             loud = ~late & (bound > 0)
             group = SearchGroup(made, instance, paths, bound, np.ones(len(bound)), motion)
@@ -208,7 +199,7 @@ class _Finder:
             left_out += float(group.bound.sum() - group.bound[rows].sum())
             group = group.select(rows)
             lit = group.shade > 0
-            self._counts.hidden += count_leaves(group.scatterers, group.instance, ~lit)
+            self._counts.hidden += group.scatterers.count(group.instance, ~lit)
             kept.append(group if lit.all() else group.select(np.flatnonzero(lit)))
         rest = shut + (max(left_out, 0.0) if dropped else 0.0)
         return Found(merged(kept), rest / known if rest > 0 else 0.0, self._counts)
@@ -224,14 +215,66 @@ class _Finder:
             checked[rows] = True
 
 
+class EarAmplitudes:
+    """Amplitudes A of M echoes of a group at one ear: scattering times what beams, way, air and shade leave.
+
+    whole : all of the group, as one part.
+    """
+
+    def __init__(self, group: SearchGroup, station: Station, ear: int) -> None:
+        self._station, paths = station, group.paths
+        equipment, hear = station.equipment, station.equipment.hear(ear)
+        self._sent = self._heard = equipment.emit.towards(*paths.emitted.T)
+        if not (hear is equipment.emit and station.together):
+            self._heard = hear.towards(*paths.heard[:, ear].T)
+        leg = paths.leg[:, ear]
+        self._length = paths.distance + leg
+        self._level = group.shade / (paths.distance * leg)
+        strength = group.scatterers.seen((station.point + station.ear[ear]) / 2)
+        self.whole = ScattererPart(np.arange(len(group)), np.zeros(len(group)), strength)
+
+    def gain(
+        self, frequency: np.ndarray, rows: Rows = slice(None), *, single: bool = False
+    ) -> np.ndarray:
+        """(Q, m) of some rows; in single precision scatterer by scatterer."""
+        sent = self._sent(frequency, rows)
+        heard = sent if self._heard is self._sent else self._heard(frequency, rows)
+        gain = sent * heard * self._level[rows]
+        if single:
+            gain = np.ascontiguousarray(gain.T, dtype=np.float32).T
+        if self._station.sonar.absorption:
+            loss, length = self._station.loss(frequency), self._length[rows]
+            if single:
+                loss, length = loss.astype(np.float32), length.astype(np.float32)
+            weaker = np.outer(length, -loss).T if single else np.outer(-loss, length)
+            np.exp(weaker, out=weaker)
+            gain = np.multiply(weaker, gain, out=weaker)
+        return gain
+
+    def of(self, part: ScattererPart, frequency: np.ndarray, rows: Rows) -> np.ndarray:
+        """(Q, m) complex A of some rows of a part at frequencies (Q,)."""
+        wavenumber = 2.0 * np.pi * frequency / self._station.sound_speed
+        amplitude = part.strength.select(rows).amplitude(wavenumber)
+        amplitude *= self.gain(frequency, part.rows[rows], single=amplitude.dtype == np.complex64)
+        return amplitude
+
+    def reach(self, part: ScattererPart, band: tuple[float, float]) -> np.ndarray:
+        """(m,) s, about how far responses of a part reach, with what their gains change over a band."""
+        low, high = (self.gain(np.array([end]), part.rows)[0] for end in band)
+        changed = np.abs(np.log(np.maximum(low, 1e-300) / np.maximum(high, 1e-300)))
+        width, speed = max(band[1] - band[0], 1e-9), self._station.sound_speed
+        own = part.strength.reach(2.0 * np.pi * band[0] / speed) / speed
+        return own + changed / (2.0 * np.pi * width)
+
+
 def mean_amplitude(
     group: SearchGroup, station: Station, band: Band, count: int = SAMPLED
 ) -> np.ndarray:
     """(M,) mean |A| over the band (Hann) at the first ear, on the band's own few frequencies."""
     frequency, weight = band.sample(count)
-    k = 2.0 * np.pi * frequency / station.sound_speed
-    size = np.abs(group.seen(station, 0).amplitude(k)) * group.paths.gain(station, 0, frequency)
-    return group.shade * (weight @ size)
+    heard = EarAmplitudes(group, station, 0)
+    mean: np.ndarray = weight @ np.abs(heard.of(heard.whole, frequency, slice(None)))
+    return mean
 
 
 def merged(groups: list[SearchGroup]) -> list[SearchGroup]:
@@ -240,28 +283,7 @@ def merged(groups: list[SearchGroup]) -> list[SearchGroup]:
     for group in groups:
         if len(group):
             kinds.setdefault(type(group.scatterers), []).append(group)
-    return [_join(some) for some in kinds.values()]
-
-
-def _join(groups: list[SearchGroup]) -> SearchGroup:
-    if len(groups) == 1:
-        return groups[0]
-    sets = [group.scatterers for group in groups]
-    paths = [group.paths for group in groups]
-    return SearchGroup(
-        type(sets[0]).joined(sets),
-        np.concatenate([group.instance for group in groups]),
-        EchoPaths(
-            np.concatenate([p.direction for p in paths]),
-            np.concatenate([p.distance for p in paths]),
-            np.concatenate([p.leg for p in paths], axis=1),
-            np.concatenate([p.emitted for p in paths], axis=1),
-            np.concatenate([p.heard for p in paths], axis=2),
-        ),
-        np.concatenate([group.bound for group in groups]),
-        np.concatenate([group.shade for group in groups]),
-        np.concatenate([group.motion for group in groups]),
-    )
+    return [SearchGroup.joined(some) for some in kinds.values()]
 
 
 def _finite(made: Scatterers) -> np.ndarray:

@@ -28,7 +28,7 @@ import numpy as np
 from ...base.rows import RowTable
 from ...base.trimesh import TriMesh
 from ..rays.caster import RayCaster
-from .discs import own_pieces
+from .leaves import own_pieces
 from .scatterers import LEAF
 from .search import SearchGroup
 from .station import Station
@@ -97,8 +97,8 @@ class Extinction:
         owner = np.full((2, len(group)), -1)
         if group.scatterers.kind == LEAF:
             owner = np.stack([group.instance, group.scatterers.number])
-        offset, distance = group.paths.emitted, group.paths.distance
-        return self.transmission(offset, distance - group.scatterers.clear, owner)
+        before = group.paths.distance - group.scatterers.clear
+        return self.transmission(group.paths.emitted.T, before, owner)
 
     def transmission(
         self, offset: np.ndarray, distance: np.ndarray, owner: np.ndarray | None = None

@@ -1,5 +1,8 @@
 """A sonar at one pose in the air: what its beams, the distance and the air do to an echo.
 
+A pose is a place, a frame (the beam's axis, left, up) and a velocity. ``posed`` makes one from settings,
+``poses_of`` many from a trajectory.
+
 For a scatterer at the distances r_t from where the call starts and r_e from ear e,
 
     gain_e(f) = S_emit(f)·S_hear,e(f)/(r_t·r_e)·e^{-b(f)(r_t + r_e)},
@@ -19,10 +22,63 @@ import numpy as np
 from ...acoustics.air import absorption
 from ...base.rows import RowTable, lengths
 from ...spec import Air, Sonar
-from .beam import BeamPattern, GaussianBeam, Horseshoe, Omni, Rows, beam_offsets
+from ..trajectory import Trajectory, frame_of
+from .beam import BeamPattern, GaussianBeam, Horseshoe, Omni, beam_offsets
 from .calls import Call, synthesise
-from .poses import Ears, SonarPose
 from .targets import Candidates
+
+
+@dataclass(frozen=True)
+class SonarPose:
+    """One place of a sonar.
+
+    position : (3,) metres. frame : (3, 3) rows: the axis of the beam, to its left, up.
+    velocity : (3,) m/s. width : full -3 dB width in radians instead of the sonar's own, or None.
+    time : s, when it pings.
+    """
+
+    position: np.ndarray
+    frame: np.ndarray
+    velocity: np.ndarray
+    width: float | None = None
+    time: float = 0.0
+
+
+def posed(sonar: Sonar) -> SonarPose:
+    """The pose that the settings say; its speed is along the beam."""
+    frame = frame_of(math.radians(sonar.azimuth_deg), math.radians(sonar.elevation_deg))
+    return SonarPose(np.asarray(sonar.position, dtype=np.float64), frame, sonar.speed * frame[0])
+
+
+def poses_of(trajectory: Trajectory) -> list[SonarPose]:
+    """The poses of a trajectory; one that says no velocity stands still at each."""
+    count = len(trajectory)
+    velocity = np.zeros((count, 3)) if trajectory.velocity is None else trajectory.velocity
+    width = [None] * count if trajectory.width is None else trajectory.width.tolist()
+    time = trajectory.time.tolist()
+    each = zip(trajectory.position, trajectory.frames, velocity, width, time, strict=True)
+    return [SonarPose(*one) for one in each]
+
+
+@dataclass(frozen=True)
+class Ears:
+    """E receivers in the frame of the sonar: ``offset`` (E, 3) metres from where the call is sent,
+    ``frame`` (E, 3, 3) of their own axis, left and up, in the sonar's frame."""
+
+    offset: np.ndarray
+    frame: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.offset)
+
+    @classmethod
+    def of(cls, sonar: Sonar) -> Ears:
+        """Evenly on a line across the beam, the first to the left; a single one where the call starts."""
+        side = np.linspace(1.0, -1.0, sonar.ears) if sonar.ears > 1 else np.zeros(1)
+        offset = np.zeros((sonar.ears, 3))
+        offset[:, 1] = side * sonar.ear_spacing / 2
+        turn = np.deg2rad(sonar.ear_turn_deg) * side
+        return cls(offset, np.array([frame_of(float(a), 0.0) for a in turn]))
 
 
 @dataclass(frozen=True)
@@ -66,7 +122,7 @@ class Equipment:
 
     def widened(self, width: float | None) -> Equipment:
         """With Gaussian beams of another width (radians), where a pose has one."""
-        if width is None or not isinstance(self.emit, GaussianBeam):
+        if width is None or type(self.emit) is not GaussianBeam:
             return self
         emit = GaussianBeam((width, width))
         hears = tuple(emit if hear is self.emit else hear for hear in self.hears)
@@ -134,24 +190,26 @@ class Station:
         out = centre - self.point
         distance = lengths(out)
         direction = out / distance[:, None]
-        emitted = np.stack(beam_offsets(direction, self.pose.frame))
+        emitted = np.stack(beam_offsets(direction, self.pose.frame), axis=1)
         if self.together:
-            return EchoPaths(direction, distance, distance[None], emitted, emitted[None])
+            return EchoPaths(direction, distance, distance[:, None], emitted, emitted[:, None])
         legs, heard = [], []
         for ear, frame in zip(self.ear, self.ear_frame, strict=True):
             back = centre - ear
             leg = lengths(back)
             legs.append(leg)
-            heard.append(np.stack(beam_offsets(back / leg[:, None], frame)))
-        return EchoPaths(direction, distance, np.array(legs), emitted, np.array(heard))
+            heard.append(np.stack(beam_offsets(back / leg[:, None], frame), axis=1))
+        return EchoPaths(
+            direction, distance, np.stack(legs, axis=1), emitted, np.stack(heard, axis=1)
+        )
 
 
 @dataclass(frozen=True)
 class EchoPaths(RowTable):
     """M ways by a scatterer to E ears.
 
-    direction : (M, 3) unit, from the mouth. distance : (M,). leg : (E, M) from scatterer to ear.
-    emitted : (2, M) offsets off the beam's axis. heard : (E, 2, M) off the ears' axes.
+    direction : (M, 3) unit, from the mouth. distance : (M,). leg : (M, E) from scatterer to ear.
+    emitted : (M, 2) offsets off the beam's axis. heard : (M, E, 2) off the ears' axes.
     """
 
     direction: np.ndarray
@@ -160,75 +218,20 @@ class EchoPaths(RowTable):
     emitted: np.ndarray
     heard: np.ndarray
 
-    def select(self, rows: np.ndarray | slice) -> EchoPaths:
-        """Some of them."""
-        return EchoPaths(
-            self.direction[rows],
-            self.distance[rows],
-            self.leg[:, rows],
-            self.emitted[:, rows],
-            self.heard[:, :, rows],
-        )
-
     @property
     def length(self) -> np.ndarray:
-        """(E, M) metres from mouth to ear."""
-        return self.distance + self.leg
-
-    def gain(
-        self,
-        station: Station,
-        ear: int,
-        frequency: np.ndarray,
-        shade: np.ndarray | None = None,
-    ) -> np.ndarray:
-        """(Q, M), see above, times what shade leaves."""
-        return EarGain(self, station, ear, shade)(frequency)
+        """(M, E) metres from mouth to ear."""
+        return self.distance[:, None] + self.leg
 
     def bound(self, station: Station) -> np.ndarray:
         """(M,) no gain in the band is larger, at any ear."""
         band, equipment = station.sonar.band, station.equipment
-        sent = equipment.emit.loudest(self.emitted[0], self.emitted[1], band)
+        sent = equipment.emit.loudest(*self.emitted.T, band)
         most = np.zeros(len(sent))
-        for ear in range(len(self.leg)):
+        for ear, length in enumerate(self.length.T):
             hear = equipment.hear(ear)
             same = station.together and hear is equipment.emit
-            heard = sent if same else hear.loudest(self.heard[ear, 0], self.heard[ear, 1], band)
-            weaker = np.exp(-station.least_loss * self.length[ear]) / (
-                self.distance * self.leg[ear]
-            )
+            heard = sent if same else hear.loudest(*self.heard[:, ear].T, band)
+            weaker = np.exp(-station.least_loss * length) / (self.distance * self.leg[:, ear])
             most = np.maximum(most, sent * heard * weaker)
         return most
-
-
-class EarGain:
-    """Gain of M ways at one ear, times what ``shade`` (M,) leaves; see ``EchoPaths``."""
-
-    def __init__(
-        self, paths: EchoPaths, station: Station, ear: int, shade: np.ndarray | None = None
-    ) -> None:
-        self._station = station
-        equipment, hear = station.equipment, station.equipment.hear(ear)
-        self._sent = self._heard = equipment.emit.towards(*paths.emitted)
-        if not (hear is equipment.emit and station.together):
-            self._heard = hear.towards(*paths.heard[ear])
-        self._length = paths.distance + paths.leg[ear]
-        self._level = (1.0 if shade is None else shade) / (paths.distance * paths.leg[ear])
-
-    def __call__(
-        self, frequency: np.ndarray, rows: Rows = slice(None), *, single: bool = False
-    ) -> np.ndarray:
-        """(Q, m) of some rows; in single precision scatterer by scatterer."""
-        sent = self._sent(frequency, rows)
-        heard = sent if self._heard is self._sent else self._heard(frequency, rows)
-        gain = sent * heard * self._level[rows]
-        if single:
-            gain = np.ascontiguousarray(gain.T, dtype=np.float32).T
-        if self._station.sonar.absorption:
-            loss, length = self._station.loss(frequency), self._length[rows]
-            if single:
-                loss, length = loss.astype(np.float32), length.astype(np.float32)
-            weaker = np.outer(length, -loss).T if single else np.outer(-loss, length)
-            np.exp(weaker, out=weaker)
-            gain = np.multiply(weaker, gain, out=weaker)
-        return gain

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
@@ -21,11 +21,10 @@ from ...base.trimesh import LEAF as LEAF_PART
 from ...base.trimesh import TriMesh
 from ...spec import Sonar
 from ..rays.geometry import SceneGeometry
-from .discs import FoliageDiscs, LeafDiscs
 from .facets import FacetPopulation
-from .foliage import LeafPopulation
-from .scatterers import LEAF, Population, Scatterers, Sight, Views
-from .windy import EchoMotion, EchoWind, TreeMoment
+from .leaves import FoliageDiscs, LeafDiscs, LeafPopulation
+from .scatterers import Population, Scatterers, Sight, Views
+from .windy import EchoMotion, EchoWind
 from .wood import WoodPopulation
 
 KINDS = ("leaves", "wood", "facets")
@@ -80,7 +79,6 @@ class EchoTargets:
     ) -> None:
         self.scene = scene
         self._wind, self._motion, self._time = wind, motion, 0.0
-        self._moments: dict[int, TreeMoment] = {}
         self._made: dict[tuple[str, str, int], Population] = {} if like is None else like._made
         self._foliage: dict[int, FoliageDiscs] = {} if like is None else like._foliage
         # Shapes of one moment are measured for that alone.
@@ -97,7 +95,7 @@ class EchoTargets:
             return self
         else:
             other = copy(self)
-        other._time, other._moments = time, {}
+        other._time = time
         return other
 
     @classmethod
@@ -215,41 +213,19 @@ class EchoTargets:
         """Some rows of a population as an instance has them in the world, with their motion."""
         instance, transform = int(stand.instance[which]), stand.transform[which]
         wind, motion, population = self._wind, self._motion, stand.population
-        if wind is None or wind.tree[self._known(instance)] < 0:
-            for made in population.scatterers(transform, rows, sight):
-                if motion is not None:
-                    yield made, np.hstack(motion.motion(instance, transform, made, self._time))
-                else:
-                    still = np.hstack([np.zeros_like(made.centre), made.centre])
-                    yield made, still[:, : 0 if wind is None else 6]
+        if wind is not None and wind.tree[self._known(instance)] >= 0:
+            yield from wind.scatterers(population, rows, instance, transform, sight, self._time)
             return
-        moment, piece = self._moment(instance), wind.pieces(population, instance)[rows]
-        for number in np.unique(piece).tolist():
-            place, rate = moment.place[number], moment.rate[number]
-            stands = np.empty((3, 4))
-            stands[:, :3] = transform[:, :3] @ place[:, :3]
-            stands[:, 3] = transform[:, :3] @ place[:, 3] + transform[:, 3]
-            turned = replace(sight, turns=wind.turns(instance, stands, self._time))
-            for made in population.scatterers(stands, rows[piece == number], turned):
-                back = np.linalg.inv(stands[:, :3]).T
-                rest = own = (made.centre - stands[:, 3]) @ back
-                velocity = (own @ rate[:, :3].T + rate[:, 3]) @ transform[:, :3].T
-                if made.kind == LEAF:
-                    asked = instance, stands, made.number, made.centre, self._time
-                    flutter, unturned = wind.fluttered(*asked)
-                    velocity, rest = velocity + flutter, (unturned - stands[:, 3]) @ back
-                yield made, np.hstack([velocity, rest @ transform[:, :3].T + transform[:, 3]])
+        for made in population.scatterers(transform, rows, sight):
+            if motion is not None:
+                yield made, np.hstack(motion.motion(instance, transform, made, self._time))
+            else:
+                still = np.hstack([np.zeros_like(made.centre), made.centre])
+                yield made, still[:, : 0 if wind is None else 6]
 
     def _known(self, instance: Any) -> Any:
         """The numbers that instances have in the scene as it was read."""
         return instance if self._motion is None else self._motion.known(instance)
-
-    def _moment(self, instance: int) -> TreeMoment:
-        """A tree that sways, at the time of these targets; kept."""
-        assert self._wind is not None
-        if instance not in self._moments:
-            self._moments[instance] = self._wind.moment(instance, self._time)
-        return self._moments[instance]
 
     def _astray(self, stand: _Stand, near: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(I,) metres and radians that nothing of instances is farther from, or more turned than, at rest; 0
@@ -258,7 +234,7 @@ class EchoTargets:
         if self._wind is not None:
             sways = self._wind.tree[self._known(stand.instance)] >= 0
             for row in np.flatnonzero(sways & near).tolist():
-                moment = self._moment(int(stand.instance[row]))
+                moment = self._wind.moment(int(stand.instance[row]), self._time)
                 drift[row], turn[row] = stand.stretch[row, 0] * moment.drift, moment.turn
         return drift, turn
 

@@ -8,19 +8,22 @@ things are as a call, or the piece of a long one (``doppler``), is sent.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, Protocol
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from ...base.rows import lengths
 from ...base.trimesh import TriMesh, is_wood
-from ..moving import MovingScene, boxes_of_pieces, trees_that_sway
+from ..moving import MovingScene, boxes_of_pieces, joined, moved, trees_that_sway
 from ..moving_rays import MovingCaster
 from ..rays.caster import Hits, RayCaster
-from ..rays.geometry import SceneGeometry, invert_transforms
+from ..rays.geometry import SceneGeometry, apply_transform, invert_transforms
 from ..rays.paths import ShapePath
-from .scatterers import WOOD, LeafTurns, Population, Scatterers
+from .scatterers import LEAF, WOOD, Population, Scatterers, Sight
 
 MOST_FLUTTER = 0.7  # radians, that a leaf turns at most
 AROUND = 16  # vertices or triangles near a point, by which it goes
@@ -63,7 +66,7 @@ class EchoWind:
     """Motion of what sounds in a scene.
 
     scene : at rest. sway : of its trees. start : s, when the trees' time begins for a ping of time 0.
-    like : of a scene of the same meshes and variants, whose pieces are shared.
+    like : of a scene of the same meshes and variants, whose measures are shared.
     """
 
     def __init__(
@@ -75,188 +78,176 @@ class EchoWind:
     ) -> None:
         self.scene, self.sway, self.start = scene, sway, start
         self.tree = trees_that_sway(scene, sway)
-        self._pieces: dict[tuple[int, int, int], np.ndarray] = {}
-        self._boxes: dict[tuple[int, int], np.ndarray] = {}
-        self._arms: dict[tuple[int, int], float] = {}
-        if like is not None:
-            self._pieces, self._boxes, self._arms = like._pieces, like._boxes, like._arms
-
-    def pieces(self, population: Population, instance: int) -> np.ndarray:
-        """(R,) the piece that each row of a population is on, of the tree of an instance."""
-        key = (
-            id(population),
-            int(self.scene.mesh_index[instance]),
-            int(self.scene.species[instance]),
+        self._pieces: dict[tuple[int, int, int], np.ndarray] = {} if like is None else like._pieces
+        self._sizes: dict[tuple[int, int], tuple[np.ndarray, np.ndarray, float]] = (
+            {} if like is None else like._sizes
         )
-        if key not in self._pieces:
-            points, leaf = population.held
-            self._pieces[key] = self.sway.pieces_at(int(self.tree[instance]), points, leaf)
-        return self._pieces[key]
+        self._moments: dict[int, TreeMoment] = {}
+        self._time = 0.0  # of these moments
 
     def moment(self, instance: int, time: float) -> TreeMoment:
-        """The tree of an instance at a time, s."""
+        """The tree of an instance at a time, s; kept until another time is asked for."""
+        if time != self._time:
+            self._time, self._moments = time, {}
+        if instance not in self._moments:
+            self._moments[instance] = self._moment(instance, time)
+        return self._moments[instance]
+
+    def _moment(self, instance: int, time: float) -> TreeMoment:
         place, rate = self.sway.moment(int(self.tree[instance]), time + self.start)
-        low, high = self._box(instance)
+        low, high, arm = self._size(instance)
         middle = (low + high) / 2
         turn = Rotation.from_matrix(_proper(place[:, :, :3]))
         rigid = np.empty_like(place)
         rigid[:, :, :3] = turn.as_matrix()
-        moved = np.einsum("gij,gj->gi", place[:, :, :3], middle) + place[:, :, 3]
-        rigid[:, :, 3] = moved - np.einsum("gij,gj->gi", rigid[:, :, :3], middle)
-        half = np.linalg.norm(high - low, axis=1) / 2
-        angle = turn.magnitude()
-        shifted = np.linalg.norm(moved - middle, axis=1)
-        reach = float((shifted + angle * half).max(initial=0.0))
-        arm = self._arm(instance)
-        flutter = MOST_FLUTTER * (arm > 0)
-        most = float(angle.max(initial=0.0)) + flutter
-        return TreeMoment(rigid, rate, reach + MOST_FLUTTER * arm, most)
+        gone = moved(place, middle)
+        rigid[:, :, 3] = gone - np.einsum("gij,gj->gi", rigid[:, :, :3], middle)
+        half, angle = lengths(high - low) / 2, turn.magnitude()
+        drift = float((lengths(gone - middle) + angle * half).max(initial=0.0))
+        most = float(angle.max(initial=0.0)) + MOST_FLUTTER * (arm > 0)
+        return TreeMoment(rigid, rate, drift + MOST_FLUTTER * arm, most)
 
-    def turns(self, instance: int, transform: np.ndarray, time: float) -> LeafTurns:
-        """Return how leaves of an instance flutter at a time; transform : (3, 4) of their piece, to the
-        world."""
-        tree, linear = int(self.tree[instance]), transform[:, :3]
-        size = float(np.cbrt(abs(np.linalg.det(linear)))) or 1.0
+    def scatterers(
+        self,
+        population: Population,
+        rows: np.ndarray,
+        instance: int,
+        transform: np.ndarray,
+        sight: Sight,
+        time: float,
+    ) -> Iterator[tuple[Scatterers, np.ndarray]]:
+        """Some rows of a population as the tree of an instance has them in the world at a time, s, each set
+        with its velocity, m/s, and place at rest, m, (M, 6). transform : (3, 4) of the instance."""
+        moment, piece = self.moment(instance, time), self._piece_of(population, instance)[rows]
+        for number in np.unique(piece).tolist():
+            place, rate = moment.place[number], moment.rate[number]
+            stands = joined(transform[None], place[None])[0]
+            turned = replace(sight, turns=partial(self.turned, instance, stands, time))
+            back = np.linalg.inv(stands[:, :3]).T
+            for made in population.scatterers(stands, rows[piece == number], turned):
+                rest = own = (made.centre - stands[:, 3]) @ back
+                velocity = (own @ rate[:, :3].T + rate[:, 3]) @ transform[:, :3].T
+                if made.kind == LEAF:
+                    flutter, unturned = self.fluttered(
+                        instance, stands, time, made.number, made.centre
+                    )
+                    velocity, rest = velocity + flutter, (unturned - stands[:, 3]) @ back
+                yield made, np.hstack([velocity, apply_transform(transform, rest)])
 
-        def turned(
-            leaf: np.ndarray, centre: np.ndarray, normal: np.ndarray
-        ) -> tuple[np.ndarray, np.ndarray]:
-            foot, vector, _ = self.sway.flutter(tree, leaf, time + self.start)
-            vector = vector @ linear.T / size
-            arm = centre - (foot @ linear.T + transform[:, 3])
-            return centre + np.cross(vector, arm), Rotation.from_rotvec(vector).apply(normal)
-
-        return turned
+    def turned(
+        self,
+        instance: int,
+        transform: np.ndarray,
+        time: float,
+        leaf: np.ndarray,
+        centre: np.ndarray,
+        normal: np.ndarray,
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Centres and normals (M, 3) of leaves (M,) of an instance as they flutter at a time; transform :
+        (3, 4) of their piece, to the world."""
+        foot, vector, _ = self._flutter(instance, transform, time, leaf)
+        return centre + np.cross(vector, centre - foot), Rotation.from_rotvec(vector).apply(normal)
 
     def fluttered(
         self,
         instance: int,
         transform: np.ndarray,
+        time: float,
         leaf: np.ndarray,
         centre: np.ndarray,
-        time: float,
     ) -> tuple[np.ndarray, np.ndarray]:
-        """(M, 3) m/s of points (M, 3) of leaves (M,) by their flutter alone, and where these would be without
-        it; transform : as of ``turns``."""
-        linear = transform[:, :3]
-        foot, vector, rate = self.sway.flutter(int(self.tree[instance]), leaf, time + self.start)
-        size = float(np.cbrt(abs(np.linalg.det(linear)))) or 1.0
-        vector, rate = vector @ linear.T / size, rate @ linear.T / size
-        foot = foot @ linear.T + transform[:, 3]
+        """(M, 3) m/s of points (M, 3) of leaves by their flutter alone, and where these would be without it;
+        arguments as of ``turned``."""
+        foot, vector, rate = self._flutter(instance, transform, time, leaf)
         # centre - foot = (1 + [v]x) arm, turned back.
         arm = centre - foot
         along = np.einsum("mi,mi->m", vector, arm)[:, None] * vector
         arm = (arm - np.cross(vector, arm) + along) / (1 + (vector**2).sum(axis=1))[:, None]
         return np.cross(rate, arm), foot + arm
 
-    def _arm(self, instance: int) -> float:
-        """Metres from the foot of a leaf that flutters to its middle, at most; 0 where none does."""
-        key = (int(self.scene.mesh_index[instance]), int(self.scene.species[instance]))
-        if key not in self._arms:
-            tree, centres = int(self.tree[instance]), self._leaf_centres(instance)
-            foot, vector, rate = self.sway.flutter(tree, np.arange(len(centres)), 0.0)
-            moves = (vector != 0).any() or (rate != 0).any()
-            away = np.linalg.norm(centres - foot, axis=1).max(initial=0.0)
-            self._arms[key] = float(away) if moves else 0.0
-        return self._arms[key]
+    def _flutter(
+        self, instance: int, transform: np.ndarray, time: float, leaf: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Feet of leaves, their turns, radians, and rates of these, 1/s, (M, 3) each in the world."""
+        tree, linear = int(self.tree[instance]), transform[:, :3]
+        foot, vector, rate = self.sway.flutter(tree, leaf, time + self.start)
+        size = float(np.cbrt(abs(np.linalg.det(linear)))) or 1.0
+        return apply_transform(transform, foot), vector @ linear.T / size, rate @ linear.T / size
 
-    def _leaf_centres(self, instance: int) -> np.ndarray:
-        """(L, 3) middles of the leaves of an instance's mesh, by their number, in its own frame."""
-        mesh = self.scene.meshes[int(self.scene.mesh_index[instance])]
-        kept: dict[str, np.ndarray] = vars(mesh)
-        if "_leaf_centres" not in kept:
-            rows = np.flatnonzero(mesh.leaf >= 0)
-            count = int(mesh.leaf.max(initial=-1)) + 1
-            middle = mesh.vertices[mesh.triangles[rows]].mean(axis=1)
-            of = mesh.leaf[rows]
-            total = np.stack([np.bincount(of, axis, count) for axis in middle.T], axis=1)
-            kept["_leaf_centres"] = total / np.maximum(np.bincount(of, minlength=count), 1)[:, None]
-        return kept["_leaf_centres"]
+    def _piece_of(self, population: Population, instance: int) -> np.ndarray:
+        """(R,) the piece that each row of a population is on, of the tree of an instance."""
+        key = (id(population), *self._key(instance))
+        if key not in self._pieces:
+            points, leaf = population.held
+            self._pieces[key] = self.sway.pieces_at(int(self.tree[instance]), points, leaf)
+        return self._pieces[key]
 
-    def _box(self, instance: int) -> tuple[np.ndarray, np.ndarray]:
-        """(G, 3), (G, 3) boxes of the pieces of an instance's tree, in the variant's frame."""
-        key = (int(self.scene.mesh_index[instance]), int(self.scene.species[instance]))
-        if key not in self._boxes:
+    def _key(self, instance: int) -> tuple[int, int]:
+        return int(self.scene.mesh_index[instance]), int(self.scene.species[instance])
+
+    def _size(self, instance: int) -> tuple[np.ndarray, np.ndarray, float]:
+        """(G, 3), (G, 3) boxes of the pieces of an instance's tree, in the variant's frame, and metres from
+        the foot of a leaf that flutters to its middle, at most; 0 where none does."""
+        key = self._key(instance)
+        if key not in self._sizes:
             tree, mesh = int(self.tree[instance]), self.scene.meshes[key[0]]
-            piece = self.sway.pieces(tree, mesh)
-            count = len(self.sway.moment(tree, 0.0)[0])
             corners = mesh.vertices[mesh.triangles]
-            self._boxes[key] = boxes_of_pieces(corners, piece, count)
-        low, high = self._boxes[key]
-        return low, high
+            count = len(self.sway.moment(tree, 0.0)[0])
+            low, high = boxes_of_pieces(corners, self.sway.pieces(tree, mesh), count)
+            rows = np.flatnonzero(mesh.leaf >= 0)
+            leaves, of = np.unique(mesh.leaf[rows], return_inverse=True)
+            middle = corners[rows].mean(axis=1)
+            total = np.stack([np.bincount(of, axis, len(leaves)) for axis in middle.T], axis=1)
+            centre = total / np.bincount(of, minlength=len(leaves))[:, None]
+            foot, vector, rate = self.sway.flutter(tree, leaves, 0.0)
+            flutters = (vector != 0).any() or (rate != 0).any()
+            arm = float(lengths(centre - foot).max(initial=0.0)) if flutters else 0.0
+            self._sizes[key] = low, high, arm
+        return self._sizes[key]
 
 
-@dataclass(frozen=True)
 class BentMesh:
-    """A mesh that changes its shape, at one time.
+    """A mesh that changes its shape, at one time, s."""
 
-    vertices, rate, rest : (V, 3) m then, m/s, and m as the scene stands. triangles : (T, 3). wood : (T,)
-    bool.
-    """
-
-    vertices: np.ndarray
-    rate: np.ndarray
-    rest: np.ndarray
-    triangles: np.ndarray
-    wood: np.ndarray
-
-    @classmethod
-    def at(cls, mesh: TriMesh, shape: ShapePath, time: float) -> BentMesh:
-        """A mesh at a time, s."""
+    def __init__(self, mesh: TriMesh, shape: ShapePath, time: float) -> None:
         every, then = np.arange(len(mesh.vertices))[None], np.array([time])
-        now, rate = shape.at(every, then)[0], shape.velocity(every, then)[0]
-        return cls(now, rate, mesh.vertices, mesh.triangles, is_wood(mesh.part))
+        self._vertices = shape.at(every, then)[0]
+        self._told = np.concatenate([shape.velocity(every, then)[0], mesh.vertices], axis=1)
+        known = np.isfinite(self._vertices).all(axis=1)[mesh.triangles].all(axis=1)
+        self._triangles = mesh.triangles[known]
+        self._wood = np.unique(mesh.triangles[known & is_wood(mesh.part)])
 
     def told(self, points: np.ndarray, kind: str) -> tuple[np.ndarray, np.ndarray]:
         """(M, 3) m/s of points (M, 3) of a kind, and where they are at rest: of the wood around an axis, else
         of the triangle that each is on."""
-        both = np.concatenate([self.rate, self.rest], axis=1)
         if kind == WOOD:
-            vertex = np.unique(self.triangles[self.wood & self._finite])
-            near = self._nearest(points, self.vertices[vertex], AROUND)
-            corners = vertex[near]
+            corners = self._wood[_nearest(points, self._vertices[self._wood])]
         else:
             corners = self._triangle_of(points)
-        at = self.vertices[corners]
+        at = self._vertices[corners]
         middle = at.mean(axis=1)
         # The affine map that tells what corners do, of the least size across a surface.
         spread = np.linalg.pinv(at - middle[:, None], rcond=1e-6)
         share = np.einsum("mi,mik->mk", points - middle, spread)
         share += (1 - share.sum(axis=1, keepdims=True)) / corners.shape[1]
-        told = np.einsum("mk,mki->mi", share, both[corners])
+        told = np.einsum("mk,mki->mi", share, self._told[corners])
         return told[:, :3], told[:, 3:]
 
     def _triangle_of(self, points: np.ndarray) -> np.ndarray:
         """(M, 3) corners of the triangles nearest to points; their middles are sought among those of a
         size."""
-        corners = self.vertices[self.triangles]
+        corners = self._vertices[self._triangles]
         middle = corners.mean(axis=1)
         size = np.linalg.norm(corners - middle[:, None], axis=2).max(axis=1)
-        kind = np.ceil(np.log2(np.nan_to_num(np.maximum(size, 1e-9), posinf=1.0))).astype(np.int64)
+        kind = np.ceil(np.log2(np.maximum(size, 1e-9))).astype(np.int64)
         best, away = np.zeros(len(points), np.int64), np.full(len(points), np.inf)
         for number in np.unique(kind).tolist():
-            rows = np.flatnonzero((kind == number) & self._finite)
-            for found in rows[self._nearest(points, middle[rows], AROUND)].T:
+            rows = np.flatnonzero(kind == number)
+            for found in rows[_nearest(points, middle[rows])].T:
                 far = _away(points, corners[found])
                 nearer = far < away
                 best[nearer], away[nearer] = found[nearer], far[nearer]
-        return self.triangles[best]
-
-    @property
-    def _finite(self) -> np.ndarray:
-        """(T,) bool, triangles that are somewhere."""
-        return np.isfinite(self.vertices).all(axis=1)[self.triangles].all(axis=1)
-
-    @staticmethod
-    def _nearest(points: np.ndarray, among: np.ndarray, many: int) -> np.ndarray:
-        """(M, K) rows of the K points nearest to each, at most ``many``."""
-        from scipy.spatial import cKDTree
-
-        many = min(many, len(among))
-        if not many or not len(points):
-            return np.zeros((len(points), many), np.int64)
-        found = cKDTree(among).query(np.nan_to_num(points), k=many)[1]
-        return np.asarray(found).reshape(len(points), many)
+        return self._triangles[best]
 
 
 class EchoMotion:
@@ -277,30 +268,20 @@ class EchoMotion:
         (known, row) = motion.row_of(np.array([instance]))
         if not len(known):
             return np.zeros_like(points), points.copy()
-        inverse = invert_transforms(transform[None])[0]
-        own = points @ inverse[:, :3].T + inverse[:, 3]
+        own = apply_transform(invert_transforms(transform[None])[0], points)
         rate = motion.table.rate(row, np.array([time]))[0]
-        velocity, stood = own @ rate[:, :3].T + rate[:, 3], own
+        velocity, stood = apply_transform(rate, own), own
         if instance in motion.shapes:
-            bend, stood = self._bent(instance, own, made.kind, time)
+            if self._held is None or self._held[0] != (instance, time):
+                mesh = self._moving.whole.meshes[self._moving.whole.mesh_index[instance]]
+                bent = BentMesh(mesh, motion.shapes[instance], time)
+                self._held = (instance, time), bent
+            bend, stood = self._held[1].told(own, made.kind)
             velocity = velocity + bend @ transform[:, :3].T
-        still = self._moving.whole.transform[instance]
-        rest = stood @ still[:, :3].T + still[:, 3]
+        rest = apply_transform(self._moving.whole.transform[instance], stood)
         if self.known(np.array([instance]))[0] != instance:
             rest = np.full_like(rest, np.nan)
         return velocity, rest
-
-    def _bent(
-        self, instance: int, own: np.ndarray, kind: str, time: float
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """(M, 3) m/s of own points (M, 3) by the change of shape, and where they are at rest."""
-        if self._held is None or self._held[0] != (instance, time):
-            mesh = self._moving.whole.meshes[self._moving.whole.mesh_index[instance]]
-            self._held = (
-                (instance, time),
-                BentMesh.at(mesh, self._moving.motion.shapes[instance], time),
-            )
-        return self._held[1].told(own, kind)
 
     def known(self, instance: np.ndarray) -> np.ndarray:
         """The numbers that instances have in the scene as it was read."""
@@ -347,6 +328,17 @@ def _away(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
     share = np.clip(np.column_stack([1 - two.sum(axis=1), two]), 0.0, None)
     share /= share.sum(axis=1, keepdims=True)
     return np.asarray(np.linalg.norm(points - np.einsum("mk,mki->mi", share, corners), axis=1))
+
+
+def _nearest(points: np.ndarray, among: np.ndarray) -> np.ndarray:
+    """(M, K) rows of the K points nearest to each, at most ``AROUND``."""
+    from scipy.spatial import cKDTree
+
+    many = min(AROUND, len(among))
+    if not many or not len(points):
+        return np.zeros((len(points), many), np.int64)
+    found = cKDTree(among).query(np.nan_to_num(points), k=many)[1]
+    return np.asarray(found).reshape(len(points), many)
 
 
 def _proper(linear: np.ndarray) -> np.ndarray:

@@ -22,11 +22,10 @@ from typing import ClassVar
 import numpy as np
 
 from ...acoustics.cylinder import scattering_sum
-from ...base.rows import RowTable
 from ...base.trimesh import TriMesh, is_wood
 from ...growth.own_tree.centreline import find_centrelines
 from ...growth.own_tree.pieces import part
-from .scatterers import WOOD, Scatterers, Sight, Views, Whole, cluster
+from .scatterers import WOOD, Population, Scatterers, Sight, Strength, Views, cluster
 
 STRAIGHT = 0.002  # m between a centreline and the chords that stand for it
 ALIKE = 0.1  # relative change of the radius along a chord
@@ -36,7 +35,7 @@ TABULATED, EXTENDED = 5e-7, 4e-6  # largest error of S relative to it, up to the
 
 
 @dataclass(frozen=True)
-class CylinderStrength(RowTable, Whole):
+class CylinderStrength(Strength):
     """length, radius : (M,) metres. sine, cosine : (M,) of the angle between sound and axis.
 
     nearness : (M,) root of the distance to the near side over that to the axis: waves spread around a
@@ -72,21 +71,16 @@ class CylinderStrength(RowTable, Whole):
 
 
 @dataclass(frozen=True)
-class WoodCylinders(RowTable):
-    """Segments: middle of the axis, unit axis (M, 3), length and radius (M,); see ``Scatterers``.
+class WoodCylinders(Scatterers):
+    """Segments: unit axis (M, 3), length and radius (M,).
 
     ``centre`` is on the axis, moved towards the sonar to where it meets the near side.
     """
 
-    centre: np.ndarray
     axis: np.ndarray
     length: np.ndarray
     radius: np.ndarray
-    number: np.ndarray
     kind: ClassVar[str] = WOOD
-
-    def __len__(self) -> int:
-        return len(self.radius)
 
     @property
     def clear(self) -> np.ndarray:
@@ -101,7 +95,7 @@ class WoodCylinders(RowTable):
         return CylinderStrength(self.length, self.radius, sine, cosine, nearness)
 
 
-class WoodPopulation:
+class WoodPopulation(Population):
     """The wood of one mesh."""
 
     kind: ClassVar[str] = WOOD
@@ -113,11 +107,8 @@ class WoodPopulation:
         self.blocks = cluster(middle, half + radius)
         order = self.blocks.order
         self._start, self._end, self._radius = start[order], end[order], radius[order]
-        self._length = self.blocks.sums(2 * half[order])
-        self._thickest = self.blocks.largest(self._radius)
-
-    def __len__(self) -> int:
-        return len(self.blocks.order)
+        self._length = self.blocks.each(np.add, 2 * half[order])
+        self._thickest = self.blocks.each(np.maximum, self._radius)
 
     @property
     def held(self) -> tuple[np.ndarray, np.ndarray]:
@@ -211,7 +202,7 @@ def _cut(
     side = np.divide(square, distance, out=np.zeros_like(square), where=distance > 0)
     moved = np.minimum(radius[row], 0.9 * distance[:, 0])
     return WoodCylinders(
-        middle + moved[:, None] * side, axis, (length / parts)[row], radius[row], number[row]
+        middle + moved[:, None] * side, number[row], axis, (length / parts)[row], radius[row]
     )
 
 

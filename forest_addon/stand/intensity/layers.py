@@ -6,7 +6,7 @@ import numpy as np
 
 from ..inputs import Painted
 from .functions import Intensity, IntensityError, Mask
-from .surface import Grid, IntensitySurface
+from .surface import Grid, IntensitySurface, Pyramid
 from .terrain import GroundSurface, refuse_pixels
 
 
@@ -68,6 +68,28 @@ class RasterMask(Mask):
         sure = within & (lower >= self.threshold + room)
         maybe = ~beyond & (upper >= self.threshold - room)
         return sure.astype(float), maybe.astype(float)
+
+
+class PixelMask(Mask):
+    """1 on some pixels of a raster, to their edges, 0 on others and beyond."""
+
+    def __init__(self, chosen: np.ndarray, low: np.ndarray, size: np.ndarray) -> None:
+        """chosen : (rows, columns) bool, the first row the north edge."""
+        self.low, self.step = low, size / chosen.shape[::-1]
+        self._chosen = np.pad(chosen[::-1], 1).astype(float)
+        self._ranges = Pyramid(self._chosen, self._chosen)
+
+    def _pixel(self, points: np.ndarray) -> np.ndarray:
+        """(N, 2) row and column of points (N, 2), in the grid with an edge of zeros."""
+        place = np.floor((points - self.low) / self.step + 1)[:, ::-1]
+        return np.clip(place, 0, np.array(self._chosen.shape) - 1).astype(np.int64)
+
+    def at(self, points: np.ndarray) -> np.ndarray:
+        return np.asarray(self._chosen[tuple(self._pixel(points).T)])
+
+    def bounds(self, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        inner = np.maximum(high - 1e-9 * self.step, low)  # an edge belongs to the pixel behind it
+        return self._ranges.over(self._pixel(low), self._pixel(inner))
 
 
 class PaintedMesh(Intensity):

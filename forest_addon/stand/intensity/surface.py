@@ -21,13 +21,14 @@ import numpy as np
 
 
 class Pyramid:
-    """Ranges of a grid of cells (rows, columns), each with its own smallest and largest value."""
+    """Ranges of a grid of cells (rows, columns), each with its own smallest and largest value; NaN of those
+    without any."""
 
     def __init__(self, lowest: np.ndarray, highest: np.ndarray) -> None:
         lows, highs = [lowest], [highest]
         while max(lows[-1].shape) > 1:
-            lows.append(_halve(lows[-1], np.minimum, np.inf))
-            highs.append(_halve(highs[-1], np.maximum, -np.inf))
+            lows.append(_halve(lows[-1], np.fmin, np.inf))
+            highs.append(_halve(highs[-1], np.fmax, -np.inf))
         sizes = np.array([level.size for level in lows])
         self._offset = np.cumsum(sizes) - sizes
         self._width = np.array([level.shape[1] for level in lows])
@@ -48,8 +49,8 @@ class Pyramid:
         for row in (start[:, 0], middle[:, 0], end[:, 0]):
             for column in (start[:, 1], middle[:, 1], end[:, 1]):
                 place = offset + row * width + column
-                np.minimum(low, self._low[place], out=low)
-                np.maximum(high, self._high[place], out=high)
+                np.fmin(low, self._low[place], out=low)
+                np.fmax(high, self._high[place], out=high)
         return low, high
 
 

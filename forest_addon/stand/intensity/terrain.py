@@ -100,16 +100,17 @@ class Flat:
 
 
 class Heightmap:
-    """An image of heights with bilinear meaning; no ground beyond it."""
+    """An image of heights with bilinear meaning; no ground beyond it, nor between four middles of pixels of
+    which one is NaN."""
 
     def __init__(self, pixels: np.ndarray, low: np.ndarray, size: np.ndarray, name: str) -> None:
         """pixels : (rows, columns) metres, the first row the north edge.
 
         Raises
         ------
-        IntensityError : a pixel is not finite; says which.
+        IntensityError : a pixel is infinite; says which.
         """
-        refuse_pixels(~np.isfinite(pixels), pixels, low, size, name, "a height")
+        refuse_pixels(np.isinf(pixels), pixels, low, size, name, "a height")
         self.grid = Grid.of_image(pixels, low, size)
         self._heights, self._steepness = self.grid.value_ranges(), self.grid.steepness_ranges()
 
@@ -140,7 +141,12 @@ class Heightmap:
         vertices = np.column_stack([np.tile(x, rows), np.repeat(y, columns), grid.nodes.ravel()])
         first = (np.arange(rows - 1)[:, None] * columns + np.arange(columns - 1)).ravel()
         a, b, c, d = first, first + 1, first + columns, first + columns + 1
-        return vertices, np.concatenate([np.column_stack([a, b, d]), np.column_stack([a, d, c])])
+        faces = np.concatenate([np.column_stack([a, b, d]), np.column_stack([a, d, c])])
+        whole = ~np.isnan(vertices[np.concatenate([np.column_stack([a, b, c, d])] * 2), 2]).any(
+            axis=1
+        )
+        used, faces = np.unique(faces[whole], return_inverse=True)
+        return vertices[used], faces.reshape(-1, 3)
 
 
 class Triangulated:

@@ -14,8 +14,7 @@ from typing import Any, ClassVar
 import bpy
 import numpy as np
 
-from ...blender.scene.layout import ROLE_KEY, TREES, VARIANTS, find_part, is_ours
-from ...blender.scene.planted import (
+from ...blender.scene.instances import (
     STOOD_KEY,
     StoodTree,
     deleted_trees,
@@ -23,6 +22,7 @@ from ...blender.scene.planted import (
     note_change,
     stood_trees,
 )
+from ...blender.scene.layout import ROLE_KEY, TREES, VARIANTS, find_part, is_ours
 from ...spec import Clearing, HandTree
 from ..settings.exchange import fill, read
 from ..shell.running import Button, obstacle

@@ -78,25 +78,30 @@ class FOREST_OT_paint(Button, bpy.types.Operator):
         from ...blender.show import intensity
 
         props = context.scene.forest_sensing
-        field = exchange.read(props.forest, spec.Forest, "forest")
-        terrain = _terrain(context, field, Path(bpy.path.abspath(props.folder)))
+        settings = spec.Scene(
+            forest=exchange.read(props.forest, spec.Forest, "forest"),
+            offset=exchange.parsed("offset", props.offset) or (0.0, 0.0, 0.0),
+            crs=props.crs,
+        )
+        terrain = _terrain(context, settings, Path(bpy.path.abspath(props.folder)))
         home = part(context.scene, INTENSITY)
         thing = intensity.find_canvas(home) or intensity.new_canvas(NAME, home)
-        intensity.lay(thing, field, terrain)
+        intensity.lay(thing, settings.forest, terrain)
         return thing
 
 
-def _terrain(context: bpy.types.Context, field: spec.Forest, folder: Path) -> Any:
+def _terrain(context: bpy.types.Context, scene: spec.Scene, folder: Path) -> Any:
     """The ground that the forest would be planted on now."""
     from ...blender.read.inputs import read_terrain
     from ...stand import files as stand_files
     from ...stand.intensity.terrain import Flat
 
-    if field.terrain.object:
-        return read_terrain(field.terrain.object, context.evaluated_depsgraph_get())
-    if field.terrain.file:
-        return stand_files.read_terrain(field.terrain, field, folder)
-    return Flat(field.terrain.base)
+    ground = scene.forest.terrain
+    if ground.object:
+        return read_terrain(ground.object, context.evaluated_depsgraph_get())
+    if ground.file:
+        return stand_files.read_terrain(scene, folder)[0]
+    return Flat(ground.base)
 
 
 def _layer_name(planting: Any, thing: bpy.types.Object) -> str:

@@ -77,9 +77,8 @@ def _records() -> dict[str, type]:
     from ...sensing.reverb.forest.losses import TrunkStand
     from ...sensing.reverb.model_error import ModelError
     from ...sensing.reverb.pair import ImpulseResponse
-    from ...sensing.sonar.flight import PingSeries
-    from ...sensing.sonar.ping import Echo
-    from ...sensing.sonar.poses import SonarPose
+    from ...sensing.sonar.ping import Echo, PingSeries
+    from ...sensing.sonar.station import SonarPose
 
     found = [Echo, PingSeries, SonarPose, ImpulseResponse, ModelError, TrunkStand, Clutter]
     groups: list[type] = [Settings]

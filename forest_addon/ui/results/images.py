@@ -16,6 +16,7 @@ import bpy
 import imbuf
 import numpy as np
 
+from ...blender.scene.attributes import give_picture
 from ...blender.scene.layout import ROLE_KEY, by_role, own
 from ...drawing.strips import Axis, Plot, Strip
 from ..shell.words import label_kept
@@ -39,9 +40,7 @@ def show(name: str, plot: Plot) -> bpy.types.Image:
     image.update()
     image.pack()  # a drawn image would be lost when the file is saved
     image.buffers_free()  # 3 MB; what shows it reads the packed file, of some 20 KB
-    preview = image.preview_ensure()
-    preview.image_size = (ICON, ICON)
-    preview.image_pixels_float.foreach_set(_with_alpha(_small(plot)).ravel())
+    give_picture(image, _with_alpha(_small(plot)))
     return image
 
 

@@ -32,7 +32,7 @@ def draw_legend(layout: bpy.types.UILayout, result: Any, choice: str, colour_map
         return
     colours = [tuple(entry.colour) for entry in entries]
     if colour_map:
-        colours = [on_map(colour_map, k / max(1, len(entries) - 1)) for k in range(len(entries))]
+        colours = list(map(tuple, on_map(colour_map, np.linspace(0.0, 1.0, len(entries)))))
     rows = layout.column(align=True)
     for first in range(0, len(entries), 2):
         row = rows.split(factor=0.5)

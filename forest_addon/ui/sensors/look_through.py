@@ -228,7 +228,7 @@ def _draw() -> None:
     context = bpy.context
     if _eye is None or context.scene.session_uid != _eye.scene:
         return
-    from ...blender.show.glance import glance_colours
+    from ...blender.show.cloud import glance_colours
 
     scale = context.preferences.system.ui_scale
     edge, line = EDGE * scale, LINE * scale

@@ -55,7 +55,7 @@ def to_spec(scene: Any, things: Iterable[Any] | None = None) -> spec.Scene:
     return spec.Scene(
         name=props.name,
         seed=props.seed,
-        offset=_parsed("offset", props.offset) or (0.0, 0.0, 0.0),
+        offset=parsed("offset", props.offset) or (0.0, 0.0, 0.0),
         crs=props.crs,
         forest=read(props.forest, spec.Forest, "forest"),
         plantings=tuple(
@@ -209,7 +209,7 @@ def read(group: Any, settings: type[T], place: str = "", given: dict[str, Any] |
         elif field.how == "list":
             values[name] = _list_of(key, getattr(group, name), field.item)
         elif field.how == "text":
-            values[name] = _parsed(key, getattr(group, name))
+            values[name] = parsed(key, getattr(group, name))
         elif name in references.REFERENCES and field.kind is str:
             values[name] = _named(key, group, name)
         else:
@@ -270,7 +270,7 @@ def _named(place: str, group: Any, name: str) -> str:
         raise SpecError(place, problem.problem) from None
 
 
-def _parsed(place: str, text: str) -> Any:
+def parsed(place: str, text: str) -> Any:
     """Tuples of numbers from a text such as [[0, 0], [10, 0], [10, 5.5]]."""
     try:
         return _tuples(json.loads(text or "[]"))
@@ -284,7 +284,7 @@ def _list_of(place: str, text: str, item: type | None) -> tuple[Any, ...]:
     if item is str:
         return tuple(part.strip() for part in text.split(";") if part.strip())
     try:
-        numbers = _parsed(place, f"[{text.strip().strip('[]')}]")
+        numbers = parsed(place, f"[{text.strip().strip('[]')}]")
     except SpecError:
         problem = say('"{text}" is not a list of numbers; write 2, 3', text=text)
         raise SpecError(place, problem) from None

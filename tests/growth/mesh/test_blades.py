@@ -42,7 +42,7 @@ from forest_addon.growth.mesh.meshing import mesh_wood
 from forest_addon.growth.skeleton import LeafSites
 from forest_addon.growth.species import skeleton_of
 from forest_addon.growth.tree import blade_of, grow
-from forest_addon.sensing.sonar.discs import FoliageDiscs
+from forest_addon.sensing.sonar.leaves import FoliageDiscs
 from forest_addon.spec import (
     Honda,
     Inclination,

@@ -14,8 +14,7 @@ from forest_addon.growth.mesh.meshing import tube
 from forest_addon.sensing.audit import held
 from forest_addon.sensing.sonar.audit import Pings, parts_of_echoes
 from forest_addon.sensing.sonar.ping import ping
-from forest_addon.sensing.sonar.poses import posed
-from forest_addon.sensing.sonar.station import Equipment
+from forest_addon.sensing.sonar.station import Equipment, posed
 from forest_addon.sensing.sonar.targets import EchoTargets
 from forest_addon.spec import Air, Sonar
 

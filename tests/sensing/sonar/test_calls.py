@@ -13,10 +13,8 @@ from scipy.signal import windows
 from forest_addon.sensing.sonar import calls
 from forest_addon.sensing.sonar.beam import MeasuredBeam
 from forest_addon.sensing.sonar.calls import Call, resampled, synthesise
-from forest_addon.sensing.sonar.flight import fly
-from forest_addon.sensing.sonar.ping import EchoTargets, ping
-from forest_addon.sensing.sonar.poses import SonarPose, posed
-from forest_addon.sensing.sonar.station import Equipment
+from forest_addon.sensing.sonar.ping import EchoTargets, fly, ping
+from forest_addon.sensing.sonar.station import Equipment, SonarPose, posed
 from forest_addon.spec import Air, Sonar
 
 AIR = Air(sound_speed=340.0)

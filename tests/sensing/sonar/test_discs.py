@@ -11,8 +11,7 @@ import pytest
 from forest_addon.base.trimesh import LEAF, WOOD, TriMesh
 from forest_addon.growth.mesh.leaves import measure_leaves
 from forest_addon.sensing.rays.geometry import SceneGeometry, apply_transform
-from forest_addon.sensing.sonar.discs import leaf_discs
-from forest_addon.sensing.sonar.leaves import LeafEchoes
+from forest_addon.sensing.sonar.leaves import LeafEchoes, leaf_discs
 
 
 def leafy_mesh(flat: bool = True, count: int = 5) -> TriMesh:
@@ -150,7 +149,7 @@ def test_incidence_keeps_its_digits_face_on_and_edge_on() -> None:
     across /= np.linalg.norm(across, axis=1, keepdims=True)
     normal = np.cos(angle) * unit + np.sin(angle) * across
     ones = np.ones(60)
-    leaves = LeafEchoes(centre, normal, ones, np.arange(60), ones, "exact")
+    leaves = LeafEchoes(centre, np.arange(60), normal, ones, ones, "exact")
     with mpmath.workdps(50):
         for found, a, n in zip(
             leaves.incidence(point), away.tolist(), normal.tolist(), strict=True

@@ -13,11 +13,9 @@ from forest_addon.sensing.moving import MovingScene
 from forest_addon.sensing.moving_rays import MovingCaster
 from forest_addon.sensing.rays.exact import ExactCaster
 from forest_addon.sensing.rays.paths import RigidPath, SceneMotion, ShapePath
-from forest_addon.sensing.sonar.doppler import factors
-from forest_addon.sensing.sonar.flight import fly
-from forest_addon.sensing.sonar.ping import ping
-from forest_addon.sensing.sonar.poses import posed
-from forest_addon.sensing.sonar.station import Equipment, Station
+from forest_addon.sensing.sonar.ping import fly, ping
+from forest_addon.sensing.sonar.station import Equipment, Station, posed
+from forest_addon.sensing.sonar.summation import factors
 from forest_addon.sensing.sonar.targets import EchoTargets
 from forest_addon.sensing.sonar.windy import EchoMotion
 from forest_addon.spec import Air, Sonar
@@ -76,7 +74,7 @@ def test_each_ping_hears_a_plate_where_it_is_then():
         (group,) = echo.groups
         glint = int(np.argmin(group.paths.distance))
         place = FAR + SPEED * time
-        assert group.paths.length[0, glint] / C == pytest.approx(2 * place / C, rel=1e-12)
+        assert group.paths.length[glint, 0] / C == pytest.approx(2 * place / C, rel=1e-12)
         assert alpha_of(echo, group)[glint] == pytest.approx((C - SPEED) / (C + SPEED), rel=1e-12)
         plain = SONAR.changed(call="impulse", doppler=False, record=0.06)
         there = ping(targets, plain, AIR, moving, pose=poses_at([time])[0]).spectra

@@ -12,7 +12,7 @@ from references.leaf_discs import discs_of
 
 from forest_addon.acoustics.disc import MODELS
 from forest_addon.base.trimesh import OTHER, TriMesh
-from forest_addon.sensing.sonar.near import FAR
+from forest_addon.sensing.sonar.leaves import FAR
 from forest_addon.sensing.sonar.ping import Echo, ping
 from forest_addon.sensing.sonar.targets import EchoTargets
 from forest_addon.spec import Air, Sonar

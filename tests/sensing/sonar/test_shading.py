@@ -11,9 +11,8 @@ from references.rays_brute import BruteCaster
 
 from forest_addon.base.trimesh import WOOD, TriMesh, join
 from forest_addon.sensing.sonar.ping import Echo, ping
-from forest_addon.sensing.sonar.poses import posed
 from forest_addon.sensing.sonar.shading import CELL, Extinction
-from forest_addon.sensing.sonar.station import Equipment, Station
+from forest_addon.sensing.sonar.station import Equipment, Station, posed
 from forest_addon.sensing.sonar.targets import EchoTargets
 from forest_addon.spec import Air, Sonar
 

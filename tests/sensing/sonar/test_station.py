@@ -18,8 +18,7 @@ from forest_addon.sensing.sonar.beam import (
     Omni,
 )
 from forest_addon.sensing.sonar.ping import Echo, ping
-from forest_addon.sensing.sonar.poses import SonarPose, poses_of
-from forest_addon.sensing.sonar.station import Equipment
+from forest_addon.sensing.sonar.station import Equipment, SonarPose, poses_of
 from forest_addon.sensing.trajectory import looking
 from forest_addon.spec import Air, Sonar, SpecError
 

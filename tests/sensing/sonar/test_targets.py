@@ -9,11 +9,10 @@ import pytest
 from references.echo_scenes import scene_of, square_leaves
 
 from forest_addon.acoustics.disc import MODELS
-from forest_addon.sensing.sonar.foliage import BETWEEN, VIEWS
+from forest_addon.sensing.sonar.leaves import BETWEEN, VIEWS
 from forest_addon.sensing.sonar.ping import leaf_discs, ping
-from forest_addon.sensing.sonar.poses import SonarPose, posed
 from forest_addon.sensing.sonar.scatterers import Sight, cluster
-from forest_addon.sensing.sonar.station import Equipment, Station
+from forest_addon.sensing.sonar.station import Equipment, SonarPose, Station, posed
 from forest_addon.sensing.sonar.targets import EchoTargets
 from forest_addon.spec import Air, Sonar
 

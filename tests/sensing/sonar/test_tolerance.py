@@ -15,8 +15,7 @@ from forest_addon.acoustics.disc_table import LAST, table_error, tabulated
 from forest_addon.acoustics.nonuniform import sum_delayed
 from forest_addon.base.trimesh import OTHER, WOOD, TriMesh, join
 from forest_addon.sensing.sonar.facets import RimStrength
-from forest_addon.sensing.sonar.leaves import DiscStrength
-from forest_addon.sensing.sonar.near import EdgeStrength
+from forest_addon.sensing.sonar.leaves import DiscStrength, EdgeStrength
 from forest_addon.sensing.sonar.ping import ping
 from forest_addon.sensing.sonar.scatterers import Strength
 from forest_addon.sensing.sonar.targets import EchoTargets

@@ -10,9 +10,9 @@ from scipy.spatial.transform import Rotation
 from forest_addon.base.trimesh import TriMesh
 from forest_addon.results.echo_files import write_echo
 from forest_addon.sensing.rays.geometry import apply_transform
-from forest_addon.sensing.sonar.doppler import factors
 from forest_addon.sensing.sonar.ping import ping
-from forest_addon.sensing.sonar.poses import SonarPose, posed
+from forest_addon.sensing.sonar.station import SonarPose, posed
+from forest_addon.sensing.sonar.summation import factors
 from forest_addon.sensing.sonar.targets import EchoTargets
 from forest_addon.sensing.sonar.windy import EchoWind, _proper
 from forest_addon.spec import Air, Sonar
@@ -233,7 +233,7 @@ def test_a_long_call_follows_a_leaf_that_turns_back(monkeypatch):
         return found
 
     assert alike() > 0.999
-    monkeypatch.setattr("forest_addon.sensing.sonar.doppler.STEADY", np.inf)
+    monkeypatch.setattr("forest_addon.sensing.sonar.summation.STEADY", np.inf)
     assert alike() < 0.9
 
 

@@ -6,6 +6,7 @@ from scipy import integrate
 
 from forest_addon.base.places import ASSETS
 from forest_addon.base.rng import stream
+from forest_addon.formats.raster_file import GeoRaster
 from forest_addon.formats.toml_file import read_settings
 from forest_addon.spec import Forest, Gaussian, Planting, Raster, Scene
 from forest_addon.stand.compose import process_of
@@ -258,7 +259,9 @@ def test_a_planting_adds_multiplies_and_masks():
             Raster(file="only", use="mask"),
         ),
     )
-    process = process_of(planting, field, Inputs(rasters={"shade": shade, "only": only}))
+    process = process_of(
+        planting, field, Inputs(rasters={"shade": GeoRaster(shade), "only": GeoRaster(only)})
+    )
     points = LOW + stream(5, "points").random((2000, 2)) * SIZE
     image = layers.RasterIntensity(shade, LOW, SIZE).at(points)
     hill = 2 * np.exp(-(((points - LOW - 10) / [4, 9]) ** 2).sum(axis=1))

@@ -7,7 +7,7 @@ bpy = pytest.importorskip("bpy")
 
 from ui.pressing import press
 
-from forest_addon.blender.scene.planted import stood_trees
+from forest_addon.blender.scene.instances import stood_trees
 from forest_addon.ui.forest.hand import Hand
 from forest_addon.ui.forest.planting import ground_below
 

@@ -180,7 +180,7 @@ def test_the_legend_follows_the_scale_of_colours(built):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(panel, "_icon", lambda colour: shown.append(colour) or 0)
         drawn()
-    assert [c for c in shown if c == on_map("Heat", 1.0)]
+    assert [c for c in shown if c == tuple(on_map("Heat", 1.0))]
     choose_input(modifier, COLOUR_BY, "Organ")
     assert COLOUR_MAP not in drawn()
 

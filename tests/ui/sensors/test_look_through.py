@@ -8,7 +8,7 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from forest_addon.blender.sensors.observe import Observer
-from forest_addon.blender.show.glance import glance_colours
+from forest_addon.blender.show.cloud import glance_colours
 from forest_addon.sensing.lidar.glance import range_image
 from forest_addon.ui.sensors import look_through
 from forest_addon.ui.settings import exchange

@@ -13,7 +13,7 @@ from forest_addon.sensing.kinds import KINDS
 from forest_addon.sensing.lidar import tractor
 from forest_addon.sensing.lidar.pattern import pattern_of
 from forest_addon.sensing.reverb.ends import ends_of
-from forest_addon.sensing.sonar.poses import posed
+from forest_addon.sensing.sonar.station import posed
 from forest_addon.ui.sensors.add import STARTS
 from forest_addon.ui.settings import exchange
 

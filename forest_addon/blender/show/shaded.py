@@ -1,0 +1,170 @@
+"""A picture of the forest by the rays that its sensors cast: sun, shadow, sky and haze, in seconds."""
+
+from __future__ import annotations
+
+import os
+
+import bpy
+import numpy as np
+
+from ...base.progress import Progress
+from ...base.rng import stream
+from ...base.trimesh import LEAF
+from ...base.vectors import azimuth_of
+from ...formats.atomic import replacing
+from ...formats.raster_file import write_png
+from ...sensing.rays.caster import RayCaster, hit_normals
+from .preview import AIR, BELOW, RINGS, SUN, VISIBILITY, WOODED, ridge_of
+
+SAMPLES = 2  # rays a pixel, each somewhere in it
+EXPOSURE = 0.6
+RAYS = 100_000  # at a time
+FAR = 4000.0  # m, as far as a ray goes
+LIFT = 1e-3  # m before a surface, where its ways to the sun and the sky begin
+OPEN = 2.5  # m without anything that make a direction open sky
+HAZE, BLUE = (
+    np.array([0.80, 0.88, 0.95]),
+    np.array([0.30, 0.50, 0.84]),
+)  # the sky's horizon, and above
+SUNLIGHT, SKYLIGHT = np.array([2.6, 2.2, 1.65]), np.array([0.42, 0.52, 0.70])
+THROUGH = np.array([0.70, 0.80, 0.25])  # of the sun on a leaf, what leaves it at the other side
+MEADOW, BARE = (
+    np.array([0.10, 0.13, 0.05]),
+    np.array([0.18, 0.16, 0.11]),
+)  # around; without material
+
+
+def draw_scene(
+    scene: bpy.types.Scene,
+    caster: RayCaster,
+    path: str | os.PathLike[str],
+    middle: np.ndarray,
+    reach: float,
+    height: float,
+    progress: Progress,
+) -> None:
+    """Draw a scene as its camera sees it, lit by its sun, to a PNG file of the render's size.
+
+    middle : (2,) of the field, m. reach : from there to its sides. height : of the plain around it.
+
+    Raises
+    ------
+    OSError : the picture could not be written.
+    """
+    wide, tall = scene.render.resolution_x, scene.render.resolution_y
+    light = _Light(scene, caster, middle, reach, height)
+    # Neighbours in blocks of 8 x 8, so that rays which are cast together pass the same branches.
+    number = np.arange(tall * wide)
+    order = np.lexsort((number % wide // 8, number // wide // 8))
+    total = np.zeros((tall * wide, 3))
+    for first in range(0, len(order), RAYS):
+        pixels = order[first : first + RAYS]
+        rng = stream(5, "preview", first)
+        for _ in range(SAMPLES):
+            x, y = pixels % wide + rng.random(len(pixels)), pixels // wide + rng.random(len(pixels))
+            directions = _directions(scene, x, y)
+            total[pixels] += filmic(light.seen(directions, rng))
+        progress(first + len(pixels), len(order))
+    image = (total / SAMPLES).reshape(tall, wide, 3) ** (1 / 2.2)
+    with replacing(path) as partial:
+        partial.write_bytes(write_png(image))
+
+
+def filmic(light: np.ndarray) -> np.ndarray:
+    """Brightness of a picture, 0 to 1, of light: an S-curve that ends in white (Narkowicz 2015)."""
+    light = EXPOSURE * light
+    curve = light * (2.51 * light + 0.03) / (light * (2.43 * light + 0.59) + 0.14)
+    return np.asarray(np.clip(curve, 0.0, 1.0))
+
+
+def _directions(scene: bpy.types.Scene, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """(R, 3) unit directions from the camera through places of the picture, pixels from its top left."""
+    camera, wide, tall = scene.camera, scene.render.resolution_x, scene.render.resolution_y
+    pixel = camera.data.sensor_width / camera.data.lens / max(wide, tall)
+    flat = np.column_stack([(x - wide / 2) * pixel, (tall / 2 - y) * pixel, np.full(len(x), -1.0)])
+    turned = flat @ np.array(camera.matrix_world)[:3, :3].T
+    return np.asarray(turned / np.linalg.norm(turned, axis=1)[:, None])
+
+
+class _Light:
+    """Light that comes to a camera along a ray."""
+
+    def __init__(
+        self,
+        scene: bpy.types.Scene,
+        caster: RayCaster,
+        middle: np.ndarray,
+        reach: float,
+        height: float,
+    ) -> None:
+        self.caster, self.middle, self.reach = caster, middle, reach
+        self.plain = height - BELOW
+        self.eye = np.array(scene.camera.matrix_world.translation)
+        self.sun = np.array(scene.objects[SUN].matrix_world)[:3, 2]
+        self.colours = []
+        for names in caster.scene.slot_names or [()] * len(caster.scene.meshes):
+            known = [bpy.data.materials.get(name) for name in names]
+            rows = [BARE if one is None else np.array(one.diffuse_color)[:3] for one in known]
+            self.colours.append(np.array(rows or [BARE]))
+
+    def seen(self, directions: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        """(R, 3) light from directions (R, 3)."""
+        hits = self.caster.cast(np.broadcast_to(self.eye, directions.shape), directions, FAR)
+        met, missed = np.flatnonzero(hits.found), np.flatnonzero(~hits.found)
+        light, far, normal = np.zeros_like(directions), hits.distance, np.zeros_like(directions)
+        light[missed], far[missed] = self._around(directions[missed])
+        normal[missed, 2] = 1.0
+        normal[met] = hit_normals(self.caster.scene, hits.select(met))
+        normal *= -np.copysign(1.0, (normal * directions).sum(axis=1))[:, None]
+        colour, leaf = np.broadcast_to(MEADOW, light.shape).copy(), np.zeros(len(far), bool)
+        colour[met], leaf[met] = self._surfaces(hits.instance[met], hits.triangle[met])
+        near = np.flatnonzero(far < FAR)
+        normal, colour, leaf, direction = normal[near], colour[near], leaf[near], directions[near]
+        points = self.eye + (far[near] - LIFT)[:, None] * direction
+        sunny = ~self.caster.occluded(points, np.broadcast_to(self.sun, points.shape), FAR)
+        up = rng.normal(size=points.shape)
+        up = normal + up / np.linalg.norm(up, axis=1)[:, None]  # as often as its cosine says
+        open_sky = ~self.caster.occluded(points, up, OPEN)
+        facing = normal @ self.sun
+        passed = np.where((facing < 0) & leaf, -facing, 0.0)[:, None] * THROUGH
+        direct = sunny[:, None] * SUNLIGHT * (np.maximum(facing, 0.0)[:, None] + passed)
+        sky = SKYLIGHT * ((0.25 + 0.75 * open_sky) * (0.6 + 0.4 * normal[:, 2]))[:, None]
+        air = -np.expm1(-far[near] / VISIBILITY)[:, None]
+        light[near] = colour * (direct + sky) * (1 - air) + HAZE * air
+        return light
+
+    def _surfaces(
+        self, instance: np.ndarray, triangle: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """(R, 3) colours of triangles that were met, and (R,) whether they are leaves."""
+        geometry = self.caster.scene
+        mesh_of = geometry.mesh_index[instance]
+        colour, leaf = np.empty((len(instance), 3)), np.empty(len(instance), bool)
+        for number in np.unique(mesh_of):
+            rows, mesh = np.flatnonzero(mesh_of == number), geometry.meshes[number]
+            own = self.colours[number]
+            colour[rows] = own[np.clip(mesh.material[triangle[rows]], 0, len(own) - 1)]
+            leaf[rows] = mesh.part[triangle[rows]] == LEAF
+        return colour, leaf
+
+    def _around(self, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(R, 3) light of sky and hills behind the forest, and (R,) m to the plain, ``FAR`` beyond."""
+        level = np.maximum(np.hypot(directions[:, 0], directions[:, 1]), 1e-9)
+        slope = directions[:, 2] / level
+        light = HAZE + (BLUE - HAZE) * (np.clip(slope / 0.5, 0, 1) ** 0.7)[:, None]
+        heading = directions[:, :2] / level[:, None]
+        offset = self.eye[:2] - self.middle
+        along = heading @ offset
+        for number in reversed(range(len(RINGS))):  # the farthest first
+            beyond, high, jag = RINGS[number]
+            radius = self.reach + beyond
+            ahead = np.sqrt(np.maximum(along**2 - offset @ offset + radius**2, 0.0)) - along
+            azimuth = azimuth_of(offset + ahead[:, None] * heading)
+            angle, ridge = ridge_of(number, high, jag)
+            top = np.interp(azimuth, angle, ridge, period=2 * np.pi)
+            hidden = slope * ahead < top + self.plain - self.eye[2]
+            air = -np.expm1(-beyond / VISIBILITY)
+            light[hidden] = np.array(WOODED) * (1 - air) + np.array(AIR) * air
+        with np.errstate(divide="ignore"):
+            far = np.where(slope < 0, (self.plain - self.eye[2]) / directions[:, 2], np.inf)
+        return light, np.where((far * level < ahead) & (far > 0), far, FAR)

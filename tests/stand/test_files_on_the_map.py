@@ -1,0 +1,386 @@
+"""Grounds and rasters by other hands: one plane in every type, unit, orientation and format, read in metres.
+
+Files are written by tifffile with the tags that OGC 19-008r4 and GDAL name, or as text; the plane is known
+in closed form. Bilinear in the inner pixels, it is held to the steps of the numbers stored.
+"""
+
+import laspy
+import numpy as np
+import pytest
+import tifffile
+
+from forest_addon.formats.helios.parts import Material
+from forest_addon.formats.helios.parts import read_terrain as survey_ground
+from forest_addon.spec import Forest, Planting, Raster, Scene, SpecError, Terrain
+from forest_addon.stand.compose import process_of
+from forest_addon.stand.files import read_inputs
+
+EAST, NORTH, WIDE, HIGH = 500_000.0, 5_400_000.0, 31, 27  # lowest corner on the map, metres
+FOOT, US_FOOT = 0.3048, 1200 / 3937
+UPRIGHT = np.array([[1.0, 0, EAST], [0, -1.0, NORTH + HIGH]])
+
+
+def plane(x, y):
+    """Heights over metres from the corner."""
+    return 320 + 0.5 * x + 0.2 * y
+
+
+def heights(transform=UPRIGHT, shape=(HIGH, WIDE), at=0.5):
+    """The plane at the middles of pixels of a grid."""
+    row, column = np.mgrid[: shape[0], : shape[1]] + at
+    x, y = np.einsum("ij,jrc->irc", transform, np.stack([column, row, np.ones_like(row)]))
+    return plane(x - EAST, y - NORTH)
+
+
+def geotiff(path, pixels, transform=UPRIGHT, keys=None, nodata=None, metadata=None, **how):
+    """Write pixels with a pixel scale and a tie point where the grid is north-up, else with a matrix."""
+    (a, b, c), (d, e, f) = np.asarray(transform, dtype=float)
+    if b == d == 0 and a > 0 > e:
+        tags = [(33550, "d", 3, (a, -e, 0.0)), (33922, "d", 6, (0.0, 0.0, 0.0, c, f, 0.0))]
+    else:
+        matrix = (a, b, 0.0, c, d, e, 0.0, f, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+        tags = [(34264, "d", 16, matrix)]
+    keys = {1024: 1, 1025: 1, 3072: 32632} | (keys or {})
+    directory = [1, 1, 0, len(keys)]
+    for key, value in sorted(keys.items()):
+        directory += [key, 0, 1, value]
+    tags.append((34735, "H", len(directory), tuple(directory)))
+    if nodata is not None:
+        tags.append((42113, "s", 0, str(nodata)))
+    if metadata is not None:
+        tags.append((42112, "s", 0, f"<GDALMetadata>{metadata}</GDALMetadata>"))
+    tifffile.imwrite(path, pixels, extratags=tags, photometric="minisblack", **how)
+
+
+def scene(
+    file, origin=(2.0, 2.0), size=(20.0, 18.0), offset=(EAST, NORTH, 300.0), crs="", **ground
+):
+    return Scene(
+        offset=offset,
+        crs=crs,
+        forest=Forest(origin=origin, size=size, terrain=Terrain(file=file, **ground)),
+    )
+
+
+def ground_of(tmp_path, settings):
+    """The ground, 300 points of the field, and the plane there less the offset's height."""
+    inputs = read_inputs(settings, tmp_path)
+    field = settings.forest
+    place = np.array(field.origin) + np.random.default_rng(1).random((300, 2)) * field.size
+    return inputs.terrain.height(place), plane(*place.T) - settings.offset[2], inputs.told[0]
+
+
+META = '<Item name="{}" sample="0" role="{}">{}</Item>'
+SCALED = META.format("SCALE", "scale", 0.1) + META.format("OFFSET", "offset", 300)
+TURNED = [  # rows to the north; to the west; a rotated grid, of pixels that are not square
+    np.array([[1.0, 0, EAST], [0, 1.0, NORTH]]),
+    np.array([[-1.0, 0, EAST + WIDE], [0, -1.0, NORTH + HIGH]]),
+    np.array([[0.8, 0.6, EAST - 12], [0.6, -0.8, NORTH + 12]]),
+    np.array([[0.4, 0.72, EAST - 22.6], [0.3, -0.96, NORTH + 30.8]]),
+]
+KINDS = {  # how a file is written, and the largest step of its numbers in metres
+    **{
+        kind: (lambda p, kind=kind: geotiff(p, heights().round().astype(kind)), 0.5)
+        for kind in ("int16", "uint16", "int32", "uint32", ">i2")
+    },
+    **{
+        kind: (lambda p, kind=kind: geotiff(p, heights().astype(kind)), 1e-4)
+        for kind in ("float32", "float64", ">f4")
+    },
+    "scale and offset of GDAL": (
+        lambda p: geotiff(p, ((heights() - 300) * 10).round().astype("int16"), metadata=SCALED),
+        0.05,
+    ),
+    "feet of GDAL's unit": (
+        lambda p: geotiff(p, heights() / FOOT, metadata=META.format("UNITTYPE", "unittype", "ft")),
+        1e-6,
+    ),
+    "feet of the vertical key": (
+        lambda p: geotiff(p, heights() / US_FOOT, keys={4099: 9003}),
+        1e-6,
+    ),
+    "tiles": (lambda p: geotiff(p, heights().astype("f4"), tile=(16, 16)), 1e-4),
+    "strips, deflate, differences": (
+        lambda p: geotiff(
+            p, heights().round().astype("i2"), compression="zlib", predictor=2, rowsperstrip=5
+        ),
+        0.5,
+    ),
+    "BigTIFF": (lambda p: geotiff(p, heights(), bigtiff=True), 1e-6),
+    "points, not areas": (lambda p: geotiff(p, heights(at=0.0), keys={1025: 2}), 1e-6),
+    "pixels that are not square": (
+        lambda p: geotiff(
+            p,
+            heights(np.array([[0.5, 0, EAST], [0, -0.25, NORTH + HIGH]]), (4 * HIGH, 2 * WIDE)),
+            np.array([[0.5, 0, EAST], [0, -0.25, NORTH + HIGH]]),
+        ),
+        1e-6,
+    ),
+    **{
+        f"turned {number}": (
+            lambda p, turn=turn: geotiff(p, heights(turn, (60, 60)), turn),
+            1e-6,
+        )
+        for number, turn in enumerate(TURNED)
+    },
+    "two bands": (
+        lambda p: geotiff(
+            p, np.stack([heights(), heights() * 0 + 1]).astype("f4"), planarconfig="separate"
+        ),
+        1e-4,
+    ),
+}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_heights_are_heights_where_the_file_says(tmp_path, kind):
+    write, step = KINDS[kind]
+    write(tmp_path / "dem.tif")
+    at = {"turned 0": (2.0, 2.0), "turned 1": (-25.0, 2.0)}.get(kind, (2.0, 2.0))
+    settings = scene("dem.tif", at, (18.0, 18.0))
+    found, expected, told = ground_of(tmp_path, settings)
+    assert np.abs(found - expected).max() <= step + 1e-9
+    assert "lies on the map in EPSG:32632: heights in m" in told
+    assert ("the first of its 2 bands" in told) == (kind == "two bands")
+
+
+def test_feet_of_a_system_are_metres_on_the_ground(tmp_path):
+    """EPSG:2227 counts in US survey feet; its twin in metres has the same place, UTM another."""
+    pytest.importorskip("pyproj")
+    turn = UPRIGHT / US_FOOT
+    vertical = {"": US_FOOT, 5703: 1.0}  # NAVD88 height, metres
+    for code, unit in vertical.items():
+        keys = {3072: 2227, 3076: 9003} | ({4096: code} if code else {})
+        geotiff(tmp_path / "dem.tif", heights() / unit, turn, keys)
+        found, expected, _ = ground_of(tmp_path, scene("dem.tif", crs="EPSG:26943"))
+        assert found == pytest.approx(expected, abs=1e-6)
+        with pytest.raises(SpecError, match=r"lies in EPSG:2227, the scene in EPSG:32610"):
+            read_inputs(scene("dem.tif", crs="EPSG:32610"), tmp_path)
+    with pytest.raises(SpecError, match=r"US survey foot.*take EPSG:26943"):
+        read_inputs(scene("dem.tif", crs="EPSG:2227"), tmp_path)
+
+
+def test_degrees_are_refused_with_the_zone(tmp_path):
+    degrees = np.array([[1e-5, 0, 9.0], [0, -1e-5, 48.75]])
+    geotiff(tmp_path / "dem.tif", heights(), degrees, {1024: 2, 2048: 4326})
+    with pytest.raises(SpecError, match=r"lies in degrees.*-t_srs EPSG:32632"):
+        read_inputs(scene("dem.tif"), tmp_path)
+    with pytest.raises(SpecError, match="degrees"):
+        survey_ground(tmp_path / "dem.tif", Material())
+
+
+@pytest.mark.parametrize(
+    ("kind", "hole", "tag"),
+    [
+        ("f4", -9999, -9999),
+        ("f4", -9999, None),
+        ("f4", np.nan, None),
+        ("f4", np.nan, "nan"),
+        ("f4", -3.4028234663852886e38, "-3.4028234663852886e+38"),
+        ("f4", 3.4e38, None),
+        ("f8", -1.7e308, None),
+        ("i2", -32768, -32768),
+        ("i2", -32768, None),
+        ("u2", 65535, 65535),
+        ("i4", 0, 0),
+    ],
+)
+def test_nodata_is_no_ground(tmp_path, kind, hole, tag):
+    pixels = heights().round().astype(kind)
+    pixels[10:13, 10:13] = hole
+    geotiff(tmp_path / "dem.tif", pixels, nodata=tag)
+    settings = scene("dem.tif", (0.0, 0.0), (WIDE, HIGH))
+    inputs = read_inputs(settings, tmp_path)
+    x, y = np.mgrid[0.5:WIDE, 0.5:HIGH]
+    height = inputs.terrain.height(np.column_stack([x.ravel(), y.ravel()])).reshape(x.shape)
+    empty = (x > 9) & (x < 14) & (y > HIGH - 14) & (y < HIGH - 9)
+    inside = (x > 10) & (x < 13) & (y > HIGH - 13) & (y < HIGH - 10)
+    assert np.isnan(height[inside]).all()
+    assert np.abs(height - plane(x, y) + 300)[~empty].max() <= 0.5
+    assert "9 pixels have none (NoData), and there is no ground there" in inputs.told[0]
+    vertices, triangles = inputs.terrain.triangles()
+    assert np.isfinite(vertices).all()
+    a, b, c = (vertices[triangles[:, k], :2] for k in range(3))
+    sides = np.stack([b - a, c - a], axis=1)
+    area = np.abs(np.linalg.det(sides)).sum() / 2
+    assert area == pytest.approx(
+        WIDE * HIGH - 16
+    )  # patches between nine pixels and their neighbours
+    filled = read_inputs(
+        scene("dem.tif", (0.0, 0.0), (WIDE, HIGH), fill_holes=True), tmp_path
+    ).terrain.height(np.column_stack([x.ravel(), y.ravel()]))
+    assert np.abs(filled.reshape(x.shape) - plane(x, y) + 300).max() <= 0.7
+
+
+@pytest.mark.parametrize(
+    ("unit", "metres", "times"),
+    [("dm", 0.1, 4), ("cm", 0.01, 1), ("mm", 1e-3, 1), ("ft", FOOT, 10), ("us-ft", US_FOOT, 10)],
+)
+def test_heights_that_no_ground_has_ask_for_their_unit(tmp_path, unit, metres, times):
+    """times : of the plane, so that its number of units is beyond what metres may be."""
+    geotiff(tmp_path / "dem.tif", heights() * times / metres)
+    settings = scene("dem.tif")
+    with pytest.raises(SpecError, match=rf"9,000 m: what is their unit\? Say unit = .*'{unit}'"):
+        read_inputs(settings, tmp_path)
+    ground = read_inputs(scene("dem.tif", unit=unit), tmp_path).terrain
+    expected = plane(10.5, 10.5) * times
+    assert ground.height(np.array([[10.5, 10.5]])) + 300 == pytest.approx(expected, rel=1e-9)
+
+
+def test_a_large_raster_is_cut_and_a_field_that_leaves_it_refused(tmp_path):
+    large = np.array([[1.0, 0, EAST - 200], [0, -1.0, NORTH + 300]])
+    geotiff(tmp_path / "dem.tif", heights(large, (512, 512)).astype("f4"), large)
+    found, expected, told = ground_of(tmp_path, scene("dem.tif"))
+    assert found == pytest.approx(expected, abs=1e-4)
+    ground = read_inputs(scene("dem.tif"), tmp_path).terrain
+    assert (ground.grid.low.tolist(), ground.grid.high.tolist()) == ([-18, -18], [42, 40])
+    assert "60 x 58 pixels of 1 x 1 m" in told
+    with pytest.raises(SpecError) as refused:
+        read_inputs(scene("dem.tif", offset=(0.0, 0.0, 300.0)), tmp_path)
+    assert "x 499800 to 500312 and y 5399788 to 5400300" in str(refused.value)
+    assert "field with its offset over x 2 to 22 and y 2 to 20" in str(refused.value)
+    assert "offset = [500044, 5400033, 300] would put the field on it" in str(refused.value)
+    read_inputs(scene("dem.tif", offset=(500044.0, 5400033.0, 300.0)), tmp_path)
+    with pytest.raises(SpecError, match="make the field smaller"):
+        read_inputs(scene("dem.tif", size=(600.0, 20.0)), tmp_path)
+
+
+def test_a_place_in_the_scene_comes_before_that_of_the_file(tmp_path):
+    geotiff(tmp_path / "dem.tif", heights())
+    settings = scene("dem.tif", (1.0, 1.0), (20.0, 18.0), (0.0, 0.0, 300.0))
+    with pytest.raises(SpecError, match="would put"):
+        read_inputs(settings, tmp_path)
+    placed = settings.forest.terrain.changed(origin=(0.0, 0.0))
+    settings = settings.changed(forest=settings.forest.changed(terrain=placed))
+    found, expected, _ = ground_of(tmp_path, settings)
+    assert found == pytest.approx(expected, abs=1e-9)
+
+
+def test_an_image_without_a_place_is_one_and_says_so(tmp_path):
+    tifffile.imwrite(tmp_path / "hill.tif", np.array([[0, 65535]], dtype=np.uint16))
+    inputs = read_inputs(scene("hill.tif", (0.0, 0.0), (20.0, 10.0), relief=7.0), tmp_path)
+    assert inputs.terrain.height(np.array([[1.0, 5.0], [19.0, 5.0]])).tolist() == [0, 7]
+    assert "hill.tif is an image or array without a place" in inputs.told[0]
+
+
+def written(path, kind):
+    """Write the plane as text or as a cloud."""
+    row, column = np.mgrid[:HIGH, :WIDE]
+    x, y = EAST + column + 0.5, NORTH + HIGH - row - 0.5
+    rows = np.column_stack([x.ravel(), y.ravel(), heights().ravel()])
+    head = {
+        "corner": f"ncols {WIDE}\nnrows {HIGH}\nxllcorner {EAST}\nyllcorner {NORTH}\ncellsize 1\n",
+        "centre": f"NCOLS {WIDE}\nNROWS {HIGH}\nXLLCENTER {EAST + 0.5}\nYLLCENTER {NORTH + 0.5}\nDX 1\nDY 1\n"
+        "NODATA_VALUE -1\n",
+    }
+    if kind in head:
+        lines = [" ".join(f"{v:.3f}" for v in line) for line in heights()]
+        path.write_text(head[kind] + "\n".join(lines))
+    elif kind == "decimal commas":
+        lines = [" ".join(f"{v:.3f}".replace(".", ",") for v in line) for line in heights()]
+        path.write_text(head["corner"] + "\n".join(lines))
+    elif kind == "xyz":
+        path.write_text(
+            "x y z\n" + "\n".join("{:.2f} {:.2f} {:.3f}".format(*r) for r in rows[::-1])
+        )
+    elif kind == "commas":
+        path.write_text("\n".join("{:.2f},{:.2f},{:.3f}".format(*r) for r in rows))
+    else:
+        scattered = np.random.default_rng(5).random((4000, 2)) * [WIDE, HIGH]
+        cloud = laspy.create(point_format=6, file_version="1.4")
+        cloud.header.scales, cloud.header.offsets = [0.001] * 3, [EAST, NORTH, 0]
+        high = np.arange(4000) % 2
+        cloud.x, cloud.y = EAST + scattered[:, 0], NORTH + scattered[:, 1]
+        cloud.z = plane(*scattered.T) + 12 * high  # vegetation above the ground
+        cloud.classification = np.where(high, 5, 2)
+        cloud.write(path)
+
+
+@pytest.mark.parametrize(
+    ("name", "kind"),
+    [
+        ("dem.asc", "corner"),
+        ("dem.asc", "centre"),
+        ("dem.asc", "decimal commas"),
+        ("dem.xyz", "xyz"),
+        ("dem.csv", "commas"),
+        ("ground.laz", "cloud"),
+    ],
+)
+def test_grids_of_text_and_ground_of_clouds_are_read_as_geotiffs(tmp_path, name, kind):
+    written(tmp_path / name, kind)
+    found, expected, _ = ground_of(tmp_path, scene(name))
+    assert found == pytest.approx(expected, abs=1e-2)
+
+
+def test_a_surface_is_read_where_it_lies(tmp_path):
+    """An OBJ in the scene's own metres, and one on the map: both are the plane."""
+    corners = np.array([[0, 0], [WIDE, 0], [WIDE, HIGH], [0, HIGH]], dtype=float)
+    for shift, words in (((0.0, 0.0, 0.0), "the scene's own"), ((EAST, NORTH, 0.0), "map")):
+        offset = (EAST, NORTH, 0.0)
+        lines = [f"v {x + shift[0]} {y + shift[1]} {plane(x, y)}" for x, y in corners]
+        (tmp_path / "ground.obj").write_text("\n".join([*lines, "f 1 2 3 4"]))
+        found, expected, told = ground_of(tmp_path, scene("ground.obj", offset=offset))
+        assert found == pytest.approx(expected, abs=1e-6)
+        assert words in told
+    with pytest.raises(SpecError, match=r"offset = \["):
+        read_inputs(scene("ground.obj", offset=(0.0, 0.0, 0.0)), tmp_path)
+
+
+@pytest.mark.parametrize("transform", [UPRIGHT, *TURNED[2:]])
+def test_a_survey_reads_the_ground_by_the_same_reader(tmp_path, transform):
+    geotiff(tmp_path / "dem.tif", heights(transform).astype("f8"), transform, nodata=-9999)
+    vertices = survey_ground(tmp_path / "dem.tif", Material()).vertices
+    assert vertices[:, 2] == pytest.approx(
+        plane(vertices[:, 0] - EAST, vertices[:, 1] - NORTH), abs=1e-9
+    )
+
+
+# ------------------------------------------------------------------------------------- intensities
+
+
+def process(tmp_path, pixels, planting, nodata=None):
+    side = np.array([[1.0, 0, EAST], [0, -1.0, NORTH + len(pixels)]])
+    geotiff(tmp_path / "map.tif", pixels, side, nodata=nodata)
+    settings = Scene(
+        offset=(EAST, NORTH, 0.0),
+        forest=Forest(size=pixels.shape[::-1]),
+        plantings=(planting,),
+    )
+    return process_of(planting, settings.forest, read_inputs(settings, tmp_path))
+
+
+@pytest.mark.parametrize(
+    ("kind", "hole", "tag"), [("u1", 255, 255), ("f4", -9999, None), ("f4", np.nan, None)]
+)
+def test_nodata_is_no_weight_up_to_the_edge_of_its_pixels(tmp_path, kind, hole, tag):
+    pixels = np.full((20, 20), 3, dtype=kind)
+    pixels[4:9, 6:12] = hole
+    found = process(tmp_path, pixels, Planting(species="m", rasters=(Raster(file="map.tif"),)), tag)
+    place = np.random.default_rng(2).random((5000, 2)) * 20
+    x, y = place.T
+    empty = (x > 6) & (x < 12) & (y < 16) & (y > 11)
+    assert found.at(place) == pytest.approx(np.where(empty, 0.0, 3.0))
+    assert found.expected() == pytest.approx(3 * (400 - 30), rel=2e-3)
+
+
+def test_classes_are_numbers_that_a_threshold_parts(tmp_path):
+    pixels = np.random.default_rng(3).integers(1, 5, (20, 20)).astype("u1")
+    pixels[2, 3] = 255
+    planting = Planting(
+        species="m", base=0.5, rasters=(Raster(file="map.tif", use="mask", threshold=3),)
+    )
+    found = process(tmp_path, pixels, planting, 255)
+    place = np.random.default_rng(4).random((5000, 2)) * 20
+    column, row = np.floor(place[:, 0]).astype(int), 19 - np.floor(place[:, 1]).astype(int)
+    kept = (pixels[row, column] >= 3) & (pixels[row, column] != 255)
+    assert (found.at(place) == np.where(kept, 0.5, 0.0)).all()
+
+
+def test_percent_weigh_as_numbers(tmp_path):
+    pixels = np.repeat([[0, 20, 60]], 3, axis=0).repeat(8, axis=0).repeat(8, axis=1).astype("u1")
+    planting = Planting(species="m", expected=30, rasters=(Raster(file="map.tif"),))
+    found = process(tmp_path, pixels, planting)
+    low, high = found.at(np.array([[12.0, 12.0], [20.0, 12.0]]))
+    assert high / low == pytest.approx(3)
+    assert found.expected() == pytest.approx(30)
