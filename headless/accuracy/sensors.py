@@ -498,8 +498,9 @@ def sweep_reverb(
     if ended:
         terms["extent"] = cut
         notes.append(
-            f"extent: against a forest drawn as far as {farthest:g} m: at least so much; of one drawing "
-            "that is cut, and another continue_to draws other trunks beyond the field, whose sound differs by more"
+            f"extent: against a forest drawn as far as {farthest:g} m: at least so much; of one "
+            "drawing that is cut, and another continue_to draws other trunks beyond the field, "
+            "whose sound differs by more"
         )
         slower = now.seconds / ended.pop(one.continue_to)[1]
         for metres, (left, seconds) in ended.items():
