@@ -13,6 +13,7 @@ import bpy
 import numpy as np
 
 from ...base.progress import Progress
+from ...base.rng import stream
 from ...sensing.audit import Audit, held
 from ...sensing.kind import Observation
 from ...sensing.kinds import choose, kind_of

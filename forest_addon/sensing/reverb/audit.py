@@ -31,7 +31,7 @@ from .forest.tail import FADE, Tail
 from .model_error import model_error
 from .pair import ImpulseResponse, Pair, filtered
 from .sums.bands import OctaveBand, bands_of
-from .sums.contract import FADED, FINEST, judged
+from .sums.contract import FINEST, judged
 from .sums.fast_scattering import Expansions
 from .sums.record import left_out_db
 from .sums.scattering import TrunkPaths, direct_sum, scattered_spectrum, trunk_paths
@@ -44,7 +44,8 @@ LOWEST = 20.0  # Hz
 RINGING = 1.0  # s of frequencies beside a record's, all bands together
 CUT_OFF = 1e-6  # of an octave, that a direct sum to no tolerance cuts off at most
 QUIET = 1e-9  # of the whole: octaves below that are noise of float64
-LOW = 80.0  # Hz, up to which octaves are summed in whole records
+LOW = 40.0  # Hz, up to which octaves are summed in whole records
+SMOOTH = 0.25  # s of a record, of which so low octaves can be told
 OF_ARRIVAL = 1e-5  # of the largest sample
 SILENT = 1e-9  # of it
 LOSSY_MARGIN = 0.1  # s, among leaves and branches
@@ -261,9 +262,8 @@ def _trunks(channel: Channel, share: float) -> list[Part]:
         return octave_errors(apart, trees, rate, max(LOWEST, 8.0 * rate / fade)).max(keepdims=True)
 
     def low(_number: np.ndarray) -> np.ndarray:
-        fade = np.ones(count)
-        fade[-int(FADED * rate) :] = roll_off(np.linspace(0.45, 0.5, int(FADED * rate)))
-        below = OctaveBand(None, (LOW, 2 * LOW), slow)
+        fade = np.hanning(count) ** 2  # so smooth that nothing of higher sound is heard below
+        below = OctaveBand(None, (2 * LOW, 4 * LOW), slow)
         apart = (trees - summed(count, (below,))) * fade
         return octave_errors(apart, trees * fade, rate, LOWEST, LOW)[1:].max(keepdims=True)
 
@@ -273,8 +273,8 @@ def _trunks(channel: Channel, share: float) -> list[Part]:
     if part == count:
         return parts
     slow = bands_of(rate, float(paths.radius.max()), channel.speed, channel.allowed)[0].ringing
-    bins = 2 * LOW * (count / rate + slow)
-    if len(earliest) * bins <= most and count / rate > 2 * FADED:
+    bins = 4 * LOW * (count / rate + slow)
+    if len(earliest) * bins <= most and count / rate >= SMOOTH:
         kind = f"octaves up to {LOW:g} Hz by the direct sum", channel.allowed, "of the octave"
         parts.append(Part(1, low, (kind,)))
     losses = channel.pair.losses

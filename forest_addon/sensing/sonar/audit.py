@@ -116,7 +116,7 @@ def parts_of_echoes(pings: Pings, share: float) -> list[Part]:
         Part(
             part.count,
             part.look(lambda echo, rows: _combs(pings, echo, rows, culled)),
-            ((what, allowed, "of all amplitudes"), ("sizes by those combs", SIZES, "of each")),
+            ((what, allowed, "of all amplitudes"), ("sizes near those of combs", 0.0, "")),
             combs,
             exact=True,
         ),
@@ -241,7 +241,8 @@ def _of_phases(echoes: Sequence[Echo]) -> float:
 
 
 def _combs(pings: Pings, echo: Echo, rows: np.ndarray, culled: bool) -> np.ndarray:
-    """(2, R) errors of combs that begin at some bins, as shares of Σ max|A|, and by which this is off."""
+    """(2, R) errors of combs that begin at some bins, as shares of Σ max|A|; infinite where this is not near
+    that of the comb."""
     station = pings.station(echo, cull=0.0)
     groups = pings.search(station, echo).groups if culled else echo.groups
     stride = max(len(echo.frequency) // COMB, 1)
@@ -251,8 +252,7 @@ def _combs(pings: Pings, echo: Echo, rows: np.ndarray, culled: bool) -> np.ndarr
         exact = sum_echoes(groups, station, _bins(echo, bins), 0.0)
         errors[0, number] = _of_size(echo.spectra[:, bins] - exact.spectrum, echo).max(initial=0.0)
         off = echo.size / np.where(exact.size > 0, exact.size, 1.0) - (exact.size > 0)
-        off[off < 0] *= SIZES / SHORT
-        errors[1, number] = np.abs(off).max(initial=0.0)
+        errors[1, number] = 0.0 if ((off >= -SHORT) & (off <= SIZES)).all() else np.inf
     return errors
 
 
