@@ -194,28 +194,10 @@ def _where_it_starts(job: Observation) -> np.ndarray:
     return np.array([pose.position for pose in job.sensor.poses[:1]]).reshape(-1, 3)
 
 
-def _fan(tractor: Tractor) -> np.ndarray:
-    from .glance import fan_outline
+def _outline(sensor: Any) -> np.ndarray:
+    from .glance import outline
 
-    return fan_outline(tractor)
-
-
-def _window(scanner: Terrestrial) -> np.ndarray:
-    from .glance import sweep_outline
-
-    return sweep_outline(scanner)
-
-
-def _strips(scanner: Airborne) -> np.ndarray:
-    from .glance import strips_outline
-
-    return strips_outline(scanner)
-
-
-def _poses(scanner: Mobile) -> np.ndarray:
-    from .glance import poses_outline
-
-    return poses_outline(scanner)
+    return outline(sensor)
 
 
 def _fewer_angles(scanner: Terrestrial, share: float) -> dict[str, Any]:
@@ -244,7 +226,7 @@ TRACTOR = SensorKind(
     audit=_audit_drive,
     empty=_no_hits,
     cost=_cost_of_drive,
-    outline=_fan,
+    outline=_outline,
     look=look_of_tractor,
     glance=_glance,
     family="lidar",
@@ -262,7 +244,7 @@ TERRESTRIAL = SensorKind(
     lasts=_lasts,
     sways=True,
     cost=_cost_of_scan,
-    outline=_window,
+    outline=_outline,
     look=look_of_terrestrial,
     glance=_glance,
     thinned=_fewer_angles,
@@ -283,7 +265,7 @@ MOBILE = SensorKind(
     lasts=_lasts,
     sways=True,
     cost=_cost_of_scan,
-    outline=_poses,
+    outline=_outline,
     look=look_of_mobile,
     glance=_glance,
     thinned=_fewer_pulses,
@@ -302,7 +284,7 @@ AIRBORNE = SensorKind(
     lasts=_lasts,
     sways=True,
     cost=_cost_of_scan,
-    outline=_strips,
+    outline=_outline,
     look=look_of_airborne,
     glance=_glance,
     thinned=_fewer_pulses,

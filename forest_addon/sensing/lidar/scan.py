@@ -58,7 +58,7 @@ from .receiver import (
     unambiguous_range,
 )
 from .specular import DIRECT, Halo, SpecularScene, alike_bounces, follow
-from .waveform import LIGHT, find_echoes, pulse_length
+from .waveform import LIGHT, WaveformEchoes, find_echoes, pulse_length
 
 RAYS_AT_ONCE = 65_536
 MOST_LOST = 100  # pulses of a scan; beyond, it is not a pulse that is at fault
@@ -296,16 +296,37 @@ class Scan:
         normal = self._normals(hits, ways, time[contacts.ray])
         reflectance = reflectance_of(scene, hits, contacts.organ, scanner.surfaces)
         energy = intensity(
-            reflectance * contacts.light / scanner.beam.subrays,
+            self._light(contacts, reflectance),
             cosines(normal, ways),
             hits.distance,
             scanner.beam.extinction,
         )
         counts = np.flatnonzero((energy > 0) & (hits.distance >= scanner.min_range))
-        pulse, subray = np.divmod(contacts.ray[counts], scanner.beam.subrays)
-        sigma = pulse_length(scanner.beam.pulse_ns)
-        distance, blur = hits.distance[counts], None
-        if scanner.beam.subrays > 1:
+        echoes = self._echoes(rays, contacts, counts, energy, ways, normal)
+        chosen = counts[echoes.contact]
+        bounce = None if sight is None else sight.bounce[chosen]
+        return Received(echoes, hits.select(chosen), ways[chosen], normal[chosen], bounce)
+
+    def _light(self, contacts: Contacts, reflectance: np.ndarray) -> np.ndarray:
+        """(C,) share of a pulse's light that contacts send back."""
+        light: np.ndarray = reflectance * contacts.light / self.scanner.beam.subrays
+        return light
+
+    def _echoes(
+        self,
+        rays: tuple[np.ndarray, np.ndarray],
+        contacts: Contacts,
+        counts: np.ndarray,
+        energy: np.ndarray,
+        ways: np.ndarray,
+        normal: np.ndarray,
+    ) -> WaveformEchoes:
+        """Echoes of the contacts (C,) that count, by row; energy (C,), ways and normals (C, 3) of all."""
+        subrays, sight = self.scanner.beam.subrays, contacts.sight
+        pulse, subray = np.divmod(contacts.ray[counts], subrays)
+        sigma = pulse_length(self.scanner.beam.pulse_ns)
+        distance, blur = contacts.hits.distance[counts], None
+        if subrays > 1:
             blur = np.zeros(len(counts))
             solid = np.flatnonzero(contacts.organ[counts] != LEAF)
             solid = solid[goes_on_long(pulse[solid], distance[solid], sigma)]
@@ -321,11 +342,8 @@ class Scan:
                     direction=ways[rows],
                     normal=normal[rows],
                 )
-                distance[alike], blur[alike] = blurred_patches(met, scanner.beam.subrays, sigma)
-        echoes = find_echoes(pulse, subray, distance, energy[counts], sigma, blur)
-        chosen = counts[echoes.contact]
-        bounce = None if sight is None else sight.bounce[chosen]
-        return Received(echoes, hits.select(chosen), ways[chosen], normal[chosen], bounce)
+                distance[alike], blur[alike] = blurred_patches(met, subrays, sigma)
+        return find_echoes(pulse, subray, distance, energy[counts], sigma, blur)
 
     def _normals(self, hits: Hits, ways: np.ndarray, time: np.ndarray) -> np.ndarray:
         """Return (C, 3) normals of what was met on ways (C, 3), at times (C,)."""

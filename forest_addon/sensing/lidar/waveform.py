@@ -8,7 +8,7 @@ sign; two crests closer than that count as one. Newton's method, held by bisecti
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -252,22 +252,35 @@ def find_echoes(
     size = np.diff(np.append(first, len(at)))
     crest, owner = crests(at, energy, width, first, size)
 
+    found = gathered(owner, pulse, subray, at, energy, width**2 - sigma**2, sigma)
+    return replace(found, distance=crest, contact=order[found.contact])
+
+
+def gathered(
+    owner: np.ndarray,
+    pulse: np.ndarray,
+    subray: np.ndarray,
+    at: np.ndarray,
+    energy: np.ndarray,
+    variance: np.ndarray,
+    sigma: float,
+) -> WaveformEchoes:
+    """Echoes of C contacts, one at least, that belong to echoes ``owner`` (C,), ascending from 0 without a
+    gap: each at the mean of its light.
+
+    variance : (C,) m², of the light of each contact about its place. sigma : m, of the pulse.
+    """
     starts = np.flatnonzero(np.append(True, np.diff(owner) != 0))
     total = np.add.reduceat(energy, starts)
     share = energy / np.where(total > 0, total, 1.0)[owner]
     middle = np.add.reduceat(share * (at - at[starts][owner]), starts)
     away = at - at[starts][owner] - middle[owner]
-    spread = np.add.reduceat(share * (away**2 + (width**2 - sigma**2)), starts)
+    spread = np.add.reduceat(share * (away**2 + variance), starts)
     strong = energy >= 0.5 * np.maximum.reduceat(energy, starts)[owner]
     place = np.where(strong, subray, np.iinfo(np.int64).max // len(at) - 1)
     chosen = np.minimum.reduceat(place * len(at) + np.arange(len(at)), starts) % len(at)
-    return WaveformEchoes(
-        pulse=pulse[starts],
-        distance=crest,
-        energy=total,
-        width=np.sqrt(sigma**2 + spread),
-        contact=order[chosen],
-    )
+    width = np.sqrt(sigma**2 + spread)
+    return WaveformEchoes(pulse[starts], at[starts] + middle, total, width, chosen)
 
 
 def _by_range(pulse: np.ndarray, distance: np.ndarray) -> np.ndarray:
