@@ -189,7 +189,6 @@ def _batches(wide: np.ndarray, nodes: np.ndarray) -> list[np.ndarray]:
 
 LIGHT = 299_792_458.0  # m/s
 FWHM = 2 * np.sqrt(2 * np.log(2))  # of a Gaussian, in standard deviations
-FEW = 64  # contacts of a pulse
 APART = 8.0  # standard deviations beyond which contacts are treated alone
 
 
@@ -245,7 +244,7 @@ def find_echoes(
     blur = np.zeros(len(pulse)) if blur is None else blur
     if (np.diff(pulse) > 0).all():  # one contact a pulse: that is its echo
         return WaveformEchoes(pulse, distance, energy, np.hypot(sigma, blur), np.arange(len(pulse)))
-    order = _by_range(pulse, distance)
+    order = np.lexsort((distance, pulse))
     pulse, subray, energy = pulse[order], subray[order], energy[order]
     at, width = distance[order], np.hypot(sigma, blur[order])
     first = np.flatnonzero(np.append(True, _apart(pulse, at, width, sigma)))
@@ -281,24 +280,6 @@ def gathered(
     chosen = np.minimum.reduceat(place * len(at) + np.arange(len(at)), starts) % len(at)
     width = np.sqrt(sigma**2 + spread)
     return WaveformEchoes(pulse[starts], at[starts] + middle, total, width, chosen)
-
-
-def _by_range(pulse: np.ndarray, distance: np.ndarray) -> np.ndarray:
-    """Order of contacts by pulse and then by distance; as they came where these are equal."""
-    first = np.flatnonzero(np.diff(pulse, prepend=-1))
-    size = np.diff(np.append(first, len(pulse)))
-    if (np.diff(pulse) >= 0).all() and size.max() <= FEW:
-        # Each pulse a row of a table: short rows are sorted faster than all contacts together.
-        place = np.arange(size.max())
-        table = np.full((len(first), len(place)), np.inf)
-        here = place < size[:, None]
-        table[here] = distance
-        within = np.argsort(table, axis=1, kind="stable")
-        nearest: np.ndarray = (within + first[:, None])[here]
-        return nearest
-    order = np.argsort(distance, kind="stable")
-    by_range: np.ndarray = order[np.argsort(pulse[order], kind="stable")]
-    return by_range
 
 
 def _apart(pulse: np.ndarray, at: np.ndarray, width: np.ndarray, sigma: float) -> np.ndarray:
