@@ -247,11 +247,14 @@ def _combs(pings: Pings, echo: Echo, rows: np.ndarray, culled: bool) -> np.ndarr
     groups = pings.search(station, echo).groups if culled else echo.groups
     stride = max(len(echo.frequency) // COMB, 1)
     errors = np.empty((2, len(rows)))
+    last = len(echo.frequency) - 1
+    ends = sum_echoes(groups, station, _bins(echo, np.unique([0, last])), 0.0).size
     for number, row in enumerate(rows.tolist()):
-        bins = np.arange(row, len(echo.frequency), stride)[:COMB]
+        bins = np.arange(row, last + 1, stride)[:COMB]
         exact = sum_echoes(groups, station, _bins(echo, bins), 0.0)
         errors[0, number] = _of_size(echo.spectra[:, bins] - exact.spectrum, echo).max(initial=0.0)
-        off = echo.size / np.where(exact.size > 0, exact.size, 1.0) - (exact.size > 0)
+        size = np.maximum(exact.size, ends)
+        off = echo.size / np.where(size > 0, size, 1.0) - (size > 0)
         errors[1, number] = 0.0 if ((off >= -SHORT) & (off <= SIZES)).all() else np.inf
     return errors
 

@@ -81,18 +81,6 @@ def test_light_that_passes_leaves_is_followed_too():
     assert not audit(Scan(looks, behind), scan(looks, behind)).kept
 
 
-@pytest.mark.slow
-def test_a_drive_is_audited_too():
-    drives = Tractor(position=(-5, -3, 1), track=6.0, step=0.5, angle_step_deg=5, splits=2)
-
-    def audit(caster):
-        parts = parts_of_drive(drives, drive(drives, caster), caster, 0.05)
-        return held(parts, stream(1, "a"), 2.0)
-
-    assert audit(BruteCaster(scene())).kept
-    assert not audit(Off(scene(), 1.001)).kept
-
-
 def test_of_the_rays_of_a_beam_that_meet_level_ground_at_once_any_is_right():
     """Strips of ground across the drive: the rays of a beam meet one each, at the same distance."""
     edge = np.arange(-4.0, 4.0, 0.3)

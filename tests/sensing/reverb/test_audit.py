@@ -114,7 +114,7 @@ def test_direct_sound_among_dense_leaves_and_twigs_is_kept():
         leaf_radius=0.023,
     )
     found = audit(stand(np.full(20, 0.1)), dense)
-    said = [check for check in found.checks if "direct sound by Fourier" in check.what]
+    said = [check for check in found.checks if "direct sound by its Fourier" in check.what]
     assert said
     assert all(check.kept for check in said), str(found)
 

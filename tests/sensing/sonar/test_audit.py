@@ -110,12 +110,6 @@ def test_equal_leaves_in_phase_are_kept(size, apart):
 
 
 @pytest.mark.slow
-def test_a_wrong_echo_is_found():
-    echo = ping(targets(), BAT, AIR)
-    assert not audit(replace(echo, spectra=1.001 * echo.spectra), BAT).kept
-
-
-@pytest.mark.slow
 def test_what_was_left_out_without_leave_is_found():
     """An echo that culled a tenth where a ten-thousandth was allowed."""
     sonar = BAT.changed(cull=0.1, beam_width_deg=(20, 20))
@@ -138,12 +132,11 @@ def spectrum(found):
 
 
 @pytest.mark.medium
-@pytest.mark.parametrize("speed", [0.0, 12.0])
 @pytest.mark.parametrize("name", ["waveforms", "called", "responses", "envelopes"])
-def test_waveforms_are_looked_at(speed, name):
+def test_waveforms_of_a_moving_sonar_are_looked_at(name):
     sonar = BAT.changed(call="fm", doppler=True)
     pose = posed(sonar)
-    echo = ping(targets(), sonar, AIR, pose=replace(pose, velocity=speed * pose.frame[0]))
+    echo = ping(targets(), sonar, AIR, pose=replace(pose, velocity=12.0 * pose.frame[0]))
     assert audit(echo, sonar, 0.05).kept
     louder = {name: 1.01 * getattr(echo, name)}
     assert not audit(replace(echo, **louder), sonar, 0.05).kept
