@@ -1,11 +1,10 @@
 """``python -m headless``."""
 
-from .interrupt import quietly
+if __name__ == "__main__":  # processes of a pool import it, too
+    from .interrupt import quietly
 
-quietly()  # before the first import that takes a while
+    quietly()  # before the first import that takes a while
 
-import sys  # noqa: E402
+    from .cli import main
 
-from .cli import main  # noqa: E402
-
-sys.exit(main())
+    raise SystemExit(main())

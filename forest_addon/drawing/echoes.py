@@ -104,8 +104,7 @@ def _in_beam(echo: Echo, width: float) -> np.ndarray:
     places = heard.position[loud & (heard.kind == "leaf")]
     away = places - echo.pose.position
     away /= np.linalg.norm(away, axis=1, keepdims=True)
-    inside: np.ndarray = places[np.hypot(*beam_offsets(away, echo.pose.frame)) <= width / 2]
-    return inside
+    return places[np.hypot(*beam_offsets(away, echo.pose.frame)) <= width / 2]
 
 
 def _width(pose: SonarPose, sonar: Sonar) -> float:
@@ -249,5 +248,4 @@ def _waveforms(axes: Axes, flight: PingSeries) -> None:
 
 
 def _level(size: np.ndarray, floor: float = 1e-9) -> np.ndarray:
-    level: np.ndarray = 20 * np.log10(np.maximum(size, floor))
-    return level
+    return 20 * np.log10(np.maximum(size, floor))

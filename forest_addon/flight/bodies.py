@@ -124,8 +124,7 @@ def carried(flight: Flight, state: State, change: np.ndarray) -> State:
 
 def wrapped(angle: np.ndarray) -> np.ndarray:
     """Angles between -π and π."""
-    turned: np.ndarray = np.remainder(np.asarray(angle) + np.pi, 2 * np.pi) - np.pi
-    return turned
+    return np.remainder(np.asarray(angle) + np.pi, 2 * np.pi) - np.pi
 
 
 def _bat(

@@ -105,8 +105,7 @@ class _Flights:
     @property
     def surroundings(self) -> FlightSurroundings:
         """Return where the flyers are."""
-        world: FlightSurroundings = self.flyers.world
-        return world
+        return self.flyers.world
 
 
 def _started(options: dict[str, Any] | None) -> tuple[dict[str, Any], dict[str, Any]]:
@@ -244,7 +243,6 @@ class FlightEnv(gymnasium.Env):
 
     def _show(self) -> None:
         picture = self._picture()
-        assert self._view is not None
         self._view.show(picture)
 
 

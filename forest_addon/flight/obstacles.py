@@ -2,12 +2,10 @@
 
 ``room`` bounds the distance to the nearest solid from below and is one look-up for all flyers; only whose
 step does not fit into it is looked at with the triangles themselves (below), so the answer is exact and
-nearly always free. Instances stand in a map of squares; stems are endless upright cylinders.
+nearly always free. Instances stand in a map of squares.
 """
 
 from __future__ import annotations
-
-from typing import Protocol
 
 import numpy as np
 from scipy.ndimage import distance_transform_edt
@@ -24,30 +22,8 @@ LONGEST = 0.5  # metres of a way that are looked at together
 AT_ONCE = 64  # such pieces of a way
 
 
-class Obstacles(Protocol):
-    """Protocol of the obstacles of a world; ``moves``: they are others at other times."""
-
-    moves: bool
-
-    def at(self, time: float) -> Obstacles:
-        """Return them as they stand at a time, s."""
-        ...
-
-    def room(self, place: np.ndarray) -> np.ndarray:
-        """(N,) metres around places (N, 3) in which surely nothing stands; at most ``REACH``."""
-        ...
-
-    def touch(self, start: np.ndarray, end: np.ndarray, radius: float) -> np.ndarray:
-        """(M,) shares of ways (M, 3) to (M, 3) at which spheres first touch; ``inf``: never."""
-        ...
-
-    def encloses(self, place: np.ndarray) -> bool:
-        """Return whether a place (3,) is inside of a trunk, a branch or another closed body."""
-        ...
-
-
 def touched(
-    obstacles: Obstacles,
+    obstacles: MeshObstacles,
     start: np.ndarray,
     end: np.ndarray,
     radius: float,
@@ -68,7 +44,7 @@ def touched(
 
 
 class MeshObstacles:
-    """Instances of meshes.
+    """Obstacles of a world: instances of meshes; ``moves``: they are others at other times.
 
     solids : for each mesh of the scene, its ``Solid``.
     """
@@ -136,12 +112,12 @@ class MeshObstacles:
         self._table[square, np.arange(len(square)) - starts[square]] = item
         self._table[:, width:] = self._wide
 
-    def at(self, _time: float) -> Obstacles:
-        """See ``Obstacles``."""
+    def at(self, _time: float) -> MeshObstacles:
+        """Return them as they stand at a time, s."""
         return self
 
     def room(self, place: np.ndarray) -> np.ndarray:
-        """See ``Obstacles``."""
+        """(N,) metres around places (N, 3) in which surely nothing stands; at most ``REACH``."""
         if not len(self._mesh):
             return np.full(len(place), REACH)
         near = self._near(place)  # (N, K)
@@ -177,7 +153,9 @@ class MeshObstacles:
         return self._table[np.where(outside, len(self._table) - 1, number).astype(np.int64)]
 
     def touch(self, start: np.ndarray, end: np.ndarray, radius: float) -> np.ndarray:
-        """See ``Obstacles``: each way in pieces, so that few triangles are near each."""
+        """(M,) shares of ways (M, 3) to (M, 3) at which spheres first touch; ``inf``: never. Each way is
+        taken in pieces, so that few triangles are near each.
+        """
         share = np.full(len(start), np.inf)
         if not len(self._mesh):
             return share
@@ -249,8 +227,9 @@ class MeshObstacles:
         return own @ world[:, :, :3].transpose(0, 2, 1) + world[:, None, :, 3]
 
     def encloses(self, place: np.ndarray) -> bool:
-        """See ``Obstacles``: by the winding number of each body's triangles, the sum of their solid angles
-        (van Oosterom & Strackee 1983) over 4π; an open end counts for what it leaves open.
+        """Return whether a place (3,) is inside of a trunk, a branch or another closed body: by the winding
+        number of each body's triangles, the sum of their solid angles (van Oosterom & Strackee 1983) over 4π;
+        an open end counts for what it leaves open.
         """
         if not len(self._mesh):
             return False
@@ -281,53 +260,6 @@ class MeshObstacles:
         _, corners = self._around(place[None], place[None], most)
         found = float(distances(place, corners).min(initial=np.inf))
         return found if found <= most else np.inf
-
-
-class StemObstacles:
-    """Endless upright trunks.
-
-    position : (N, 2) metres. radius : (N,).
-    """
-
-    moves = False
-
-    def __init__(self, position: np.ndarray, radius: np.ndarray) -> None:
-        from scipy.spatial import cKDTree
-
-        self._position, self._radius = position, radius
-        self._thickest = float(radius.max(initial=0.0))
-        self._tree = cKDTree(position) if len(position) else None
-
-    def at(self, _time: float) -> Obstacles:
-        """See ``Obstacles``."""
-        return self
-
-    def room(self, place: np.ndarray) -> np.ndarray:
-        """See ``Obstacles``."""
-        if self._tree is None:
-            return np.full(len(place), REACH)
-        nearest, _ = self._tree.query(place[:, :2])
-        return np.clip(nearest - self._thickest, 0.0, REACH)
-
-    def touch(self, start: np.ndarray, end: np.ndarray, radius: float) -> np.ndarray:
-        """See ``Obstacles``."""
-        share = np.full(len(start), np.inf)
-        if self._tree is None:
-            return share
-        way = (end - start)[:, :2]
-        reach = (np.hypot(*way.T) / 2 + radius + self._thickest) * (1 + 1e-9)
-        near = self._tree.query_ball_point((start[:, :2] + end[:, :2]) / 2, reach)
-        for row, rows in enumerate(near):
-            if rows:
-                thick = (self._radius[rows] + radius)[None]
-                share[row] = first_trunk(
-                    start[row : row + 1, :2], way[row : row + 1], thick, self._position[None, rows]
-                )[0]
-        return share
-
-    def encloses(self, place: np.ndarray) -> bool:
-        """See ``Obstacles``."""
-        return bool((np.hypot(*(self._position - place[:2]).T) < self._radius).any())
 
 
 # Obstacles in one mesh: its triangles in cells, and the least distance from all of them to each cell.
@@ -437,10 +369,7 @@ class Solid:
         self.count = np.bincount(number, minlength=int(self.shape.prod()))
 
     def _number(self, cells: np.ndarray) -> np.ndarray:
-        number: np.ndarray = (cells[:, 0] * self.shape[1] + cells[:, 1]) * self.shape[2] + cells[
-            :, 2
-        ]
-        return number
+        return (cells[:, 0] * self.shape[1] + cells[:, 1]) * self.shape[2] + cells[:, 2]
 
 
 def repeated(count: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -449,13 +378,13 @@ def repeated(count: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return row, np.arange(len(row)) - np.repeat(np.cumsum(count) - count, count)
 
 
-# First touch of a moving sphere: triangles and upright trunks, in closed form.
+# First touch of a moving sphere: triangles, in closed form.
 #
 # A sphere of radius r goes from p along w. Its centre first comes within r of a triangle on one of the
 # surfaces that bound all such places: the triangle's plane shifted by r, a cylinder of radius r around an
 # edge, a sphere around a corner. Each gives a root of at most the second degree in the share t of the way,
-# so nothing is stepped and nothing can be jumped over, however long the way is. An upright trunk is the
-# circle of it in the plane. All in float64; roots are taken as c/(√(b² - ac) - b), which loses no digits.
+# so nothing is stepped and nothing can be jumped over, however long the way is. All in float64; roots are
+# taken as c/(√(b² - ac) - b), which loses no digits.
 
 
 NEXT = (1, 2, 0)
@@ -492,23 +421,6 @@ def distances(point: np.ndarray, corners: np.ndarray) -> np.ndarray:
     inside = _inside(foot, corners, normal) & (length > 0)
     nearest[inside] = np.abs(high[inside])
     return nearest
-
-
-def first_trunk(
-    start: np.ndarray, way: np.ndarray, reach: np.ndarray, centre: np.ndarray
-) -> np.ndarray:
-    """(M,) shares of ways (M, 2) from (M, 2) at which points come within ``reach`` (M, K) of centres
-    (M, K, 2) first; 0 where they are, ``inf`` where they never come.
-    """
-    away = start[:, None] - centre
-    c = away[..., 0] ** 2 + away[..., 1] ** 2 - reach**2
-    b = away[..., 0] * way[:, None, 0] + away[..., 1] * way[:, None, 1]
-    a = way[:, 0] ** 2 + way[:, 1] ** 2
-    with np.errstate(invalid="ignore", divide="ignore"):
-        root = b * b - a[:, None] * c
-        share = c / (np.sqrt(root) - b)
-    share = np.where((root >= 0) & (b < 0) & (share <= 1.0), share, np.inf)
-    return np.where(c <= 0, 0.0, share).min(axis=1, initial=np.inf)
 
 
 def _faces(start: np.ndarray, way: np.ndarray, radius: float, corners: np.ndarray) -> np.ndarray:

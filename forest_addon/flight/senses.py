@@ -229,8 +229,7 @@ def cochleagram(sound: np.ndarray, sonar: Sonar) -> np.ndarray:
     size = np.diff(edges, append=count)
     mean = np.add.reduceat(power, edges, axis=-1) / size
     level = 10.0 * np.log10(np.maximum(mean, 1e-30))
-    told: np.ndarray = np.clip((level - FLOOR_DB) / (TOP_DB - FLOOR_DB), 0.0, 1.0)
-    return told
+    return np.clip((level - FLOOR_DB) / (TOP_DB - FLOOR_DB), 0.0, 1.0)
 
 
 def band_power(sound: np.ndarray, sonar: Sonar) -> np.ndarray:
@@ -248,8 +247,7 @@ def band_power(sound: np.ndarray, sonar: Sonar) -> np.ndarray:
     analytic = np.zeros((len(sound), BANDS, length), dtype=np.complex128)
     analytic[..., : len(frequency)] = 2.0 * spectrum[:, None] * window
     envelope = fft.ifft(analytic, axis=-1, overwrite_x=True)[..., :count]
-    power: np.ndarray = envelope.real**2 + envelope.imag**2
-    return power
+    return envelope.real**2 + envelope.imag**2
 
 
 ODOMETRY = 8

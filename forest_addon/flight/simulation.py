@@ -40,8 +40,7 @@ class Outcome:
     @property
     def ended(self) -> np.ndarray:
         """(N,) bool."""
-        over: np.ndarray = self.crashed | self.arrived | self.late
-        return over
+        return self.crashed | self.arrived | self.late
 
 
 class Flyers:
@@ -318,8 +317,7 @@ class Flyers:
 
 def _lengths(vector: np.ndarray) -> np.ndarray:
     """(N,) of vectors (N, 3)."""
-    length: np.ndarray = np.sqrt(vector[:, 0] ** 2 + vector[:, 1] ** 2 + vector[:, 2] ** 2)
-    return length
+    return np.sqrt(vector[:, 0] ** 2 + vector[:, 1] ** 2 + vector[:, 2] ** 2)
 
 
 def _place(name: str, value: Any) -> np.ndarray:

@@ -28,7 +28,7 @@ from ..spec import Rays, Scene, SpecError
 from ..stand.forest import GrownForest
 from ..stand.wind.field import WindField
 from ..stand.wind.sway import ForestSway, sway_of
-from .obstacles import REACH, MeshObstacles, Obstacles, Solid
+from .obstacles import REACH, MeshObstacles, Solid
 
 APART = 100.0  # metres between the single trees that are read
 
@@ -75,7 +75,7 @@ class FlightSurroundings:
         return EchoTargets(self.geometry, self.stock.targets)
 
     @cached_property
-    def obstacles(self) -> Obstacles:
+    def obstacles(self) -> MeshObstacles:
         """Return what stops a flyer."""
         if self.sway is not None:
             return SwayingObstacles(self.geometry, self.stock.solids, self.sway)
@@ -219,12 +219,10 @@ class Stock:
 
     def _standing_here(self) -> Site:
         """The site with the settings of now, which may have changed since it was read."""
-        assert self._site is not None
         return replace(self._site, scene=self.settings)
 
     def _catalogue(self) -> GrownForest:
         """One tree of every variant, far from each other."""
-        assert self._grown is not None
         keys = np.array(list(self._grown.variants), dtype=np.int64).reshape(-1, 2)
         count = len(keys)
         position = np.zeros((count, 3))
@@ -245,7 +243,6 @@ class Stock:
         self._geometry = geometry
         if self._site is None:
             return
-        assert self._grown is not None
         single = np.flatnonzero(geometry.tree >= 0)
         # Which mesh each variant is, by the number of its tree in the catalogue.
         self._mesh_of = {
@@ -254,7 +251,6 @@ class Stock:
         }
 
     def _forest(self, seed: int) -> GrownForest:
-        assert self._grown is not None
         site = self._standing_here()
         plan = replace(site, scene=site.scene.changed(seed=seed)).planned()
         return replace(self._grown, stand=plan.placed(self._grown.variants))
@@ -372,8 +368,8 @@ class SwayingObstacles(MeshObstacles):
         self._wide = np.linalg.norm(self._high - self._low, axis=1)
         self._moments: dict[int, tuple[np.ndarray, float]] = {}
 
-    def at(self, time: float) -> Obstacles:
-        """See ``Obstacles``."""
+    def at(self, time: float) -> MeshObstacles:
+        """See ``MeshObstacles``."""
         if time != self._time:
             other = copy(self)
             other._time, other._moments = time, {}
@@ -381,7 +377,7 @@ class SwayingObstacles(MeshObstacles):
         return self
 
     def room(self, place: np.ndarray) -> np.ndarray:
-        """See ``Obstacles``."""
+        """See ``MeshObstacles``."""
         room = super().room(place)
         return np.maximum(room - self._astray(place), 0.0) if len(self._mesh) else room
 

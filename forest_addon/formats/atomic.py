@@ -53,6 +53,12 @@ def replacing(path: str | os.PathLike[str], ours: bool = False) -> Iterator[Path
         _being_written.discard(partial)
 
 
+def write_whole(path: str | os.PathLike[str], content: str | bytes, ours: bool = False) -> None:
+    """Write a file, text as UTF-8, as ``replacing`` does: whole or not at all."""
+    with replacing(path, ours) as partial:
+        partial.write_bytes(content.encode() if isinstance(content, str) else content)
+
+
 def partial_of(path: Path) -> Path:
     """The name that this process writes a file under until it is whole."""
     return path.with_name(f".{path.stem}.{os.getpid()}.partial{path.suffix}")

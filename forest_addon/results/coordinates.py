@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from ..formats.atomic import replacing
+from ..formats.atomic import write_whole
 from ..spec import Scene
 
 
@@ -79,6 +79,5 @@ def write_note(path: Path, offset: Sequence[float], crs: str) -> bool:
             "`origin`. forest.blend, forest.glb and forest.usdc are in the scene's own coordinates; the "
             f"first two have the offset as the scene's property `{PROPERTY}`.\n"
         )
-        with replacing(path) as partial:
-            partial.write_text(text, encoding="utf-8")
+        write_whole(path, text)
     return bool(note)

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..formats.atomic import replacing
+from ..formats.atomic import write_whole
 from ..spec import Scene, Sensor, SpecError
 from .coordinates import FILE, NO_OFFSET, Offset
 from .figures import Figure
@@ -179,5 +179,4 @@ def _take_file(path: Path, sensor: Sensor, found: Finding, offset: Offset) -> No
     with tempfile.TemporaryDirectory(prefix=".export-", dir=path.parent) as folder:
         written = write_finding(Path(folder), replace(sensor, name="result"), found, offset)
         (one,) = (file for file in written if file.name == f"result{path.suffix.lower()}")
-        with replacing(path) as partial:
-            partial.write_bytes(one.read_bytes())
+        write_whole(path, one.read_bytes())

@@ -258,8 +258,7 @@ def param(
 
 def param_of(field: dataclasses.Field[Any]) -> Param:
     """The ``Param`` of a dataclass field."""
-    known: Param = field.metadata["param"]
-    return known
+    return field.metadata["param"]
 
 
 class Settings:

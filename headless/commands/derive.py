@@ -76,12 +76,10 @@ def _fitted(path: Path, generations: int | None, seed: int) -> str:
 
     from forest_addon.base.rng import stream
     from forest_addon.growth.library.species_file import load_species
-    from forest_addon.growth.own_tree.habit import Habit
     from forest_addon.growth.own_tree.relay import generations_of, write_string
     from forest_addon.growth.own_tree.sibling import grow_sibling
 
     species, template = load_species(path)
-    assert isinstance(template, Habit)  # a species with siblings has nothing else
     siblings = species.siblings or Siblings()
     grown = grow_sibling(template, siblings, int(stream(seed, "derive").integers(2**63)))
     if generations is None:
@@ -90,7 +88,7 @@ def _fitted(path: Path, generations: int | None, seed: int) -> str:
 
 
 def _system(species: Species, generations: int | None) -> tuple[System, str, int]:
-    from forest_addon.growth.lsystem.tanveer import system_of_grammar
+    from forest_addon.growth.lsystem.branching import system_of_grammar
     from forest_addon.growth.lsystem.turtle import system_of
 
     if species.honda is not None:

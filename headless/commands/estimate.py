@@ -11,7 +11,7 @@ import json
 import os
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -19,7 +19,16 @@ from typing import TYPE_CHECKING
 from forest_addon.base.places import ASSETS, version
 from forest_addon.base.progress import Say
 from forest_addon.formats.atomic import replacing
-from forest_addon.spec import Forest, Gaussian, Planting, Raster, Scene, SpecError
+from forest_addon.spec import (
+    Forest,
+    Gaussian,
+    Normal,
+    Planting,
+    Raster,
+    Scene,
+    SpecError,
+    Targets,
+)
 
 from ..command import PROGRAM, Command, out_file
 from ..report import can_draw, without
@@ -37,15 +46,15 @@ if TYPE_CHECKING:
 
 class EstimateCommand(Command):
     name = "estimate"
-    help = "make a scene like a site from a map of its trees (CSV)"
+    help = "make a scene like a site from a map of its trees"
     is_folder = False
     description = (
-        "Estimate where trees stand on a site from a CSV of x, y (metres) and perhaps species, "
+        "Estimate where trees stand on a site from a table of x, y and perhaps species, DBH and height, "
         "and write a scene that plants forests like it, and a picture."
     )
 
     def arguments(self, parser: argparse.ArgumentParser) -> None:
-        parser.add_argument("map", type=Path, metavar="TREES.csv", help="columns x, y, species")
+        parser.add_argument("map", type=Path, metavar="TREES.csv", help="a table of trees")
         parser.add_argument(
             "--out", type=Path, metavar="SITE.toml", help="the scene (default out/TREES/site.toml)"
         )
@@ -78,6 +87,13 @@ class EstimateCommand(Command):
             help="what to plant for a name of the map, or PRESET alone for all; may be repeated",
         )
 
+        parser.add_argument(
+            "--crs",
+            default="",
+            metavar="EPSG:N",
+            help="system of the scene in metres, to which degrees are projected",
+        )
+
     def output(self, chosen: argparse.Namespace) -> Path:
         return out_file(chosen.out or Path("out") / chosen.map.stem / "site.toml", ".toml")
 
@@ -89,10 +105,12 @@ class EstimateCommand(Command):
             chosen.window,
             chosen.species,
             law=chosen.law,
+            crs=chosen.crs,
         )
 
 
 FAR = 10_000.0  # metres from the origin beyond which coordinates are kept as an offset
+FEW = 5  # trees with both measures that move a law of heights
 HIGHEST = 1e5  # trees/m² of a peak that is written; only ratios count beside an expected number
 
 
@@ -115,12 +133,14 @@ def estimate_site(
     species: Sequence[str] = (),
     say: Say = print,
     law: str = "auto",
+    crs: str = "",
 ) -> Path:
-    """Estimate a site from a CSV of trees; returns the scene file.
+    """Estimate a site from a table of trees; returns the scene file.
 
     window : four numbers x0 y0 x1 y1, or a CSV of corners; none: around the trees. species : pairs
     "name in the CSV=preset or species file", or one preset for all trees. law : "auto" chooses among
-    Poisson, groups and repulsion by their tests (``choose_law``), or the name of one.
+    Poisson, groups and repulsion by their tests (``choose_law``), or the name of one. crs : of the scene, to
+    which degrees are projected.
 
     Raises
     ------
@@ -135,7 +155,7 @@ def estimate_site(
 
     if method == "kernel" and law not in ("auto", "poisson"):
         raise SpecError("--law", f"{law} goes with --method mixture; a kernel estimate is Poisson")
-    trees = read_tree_map(path)
+    trees = read_tree_map(path, crs)
     if not len(trees):
         raise SpecError(str(path), "has no trees below its header; give one a row")
     frame = _window(window) if window else Window.around(trees.position)
@@ -145,17 +165,21 @@ def estimate_site(
     frame = Window(tuple(ring - offset for ring in frame.rings))
     field = _field(frame)
 
+    for line in trees.said:
+        say(line)
     say(f"{path.name}: {len(trees):,} trees on {frame.area:,.0f} m²" + _said(offset))
     grown: list[SpeciesOfSite] = []
     arrays: dict[str, np.ndarray] = {}
     out.parent.mkdir(parents=True, exist_ok=True)
     for name, kind in kinds.items():
-        points = trees.position[trees.species == name] - offset
+        own = trees.species == name
+        points = trees.position[own] - offset
         mapped = MappedSpecies(name or kind, points, frame, field)
         one, rasters = _grown(
             mapped, kind, method, law, f"{out.stem}-{_plain(name or kind)}.npy", say
         )
-        grown.append(one)
+        targets = _targets(kind, out, _plain(name or kind), trees.numbers[own], say)
+        grown.append(replace(one, planting=one.planting.changed(targets=targets)))
         arrays |= rasters
 
     for file, pixels in arrays.items():
@@ -165,6 +189,7 @@ def estimate_site(
         name=out.stem,
         seed=1,
         offset=(float(offset[0]), float(offset[1]), 0.0),
+        crs=trees.crs,
         forest=field,
         plantings=tuple(g.planting for g in grown),
     )
@@ -187,6 +212,55 @@ def estimate_site(
     say(f"Wrote {', '.join(written)}.")
     say(f"Next: {PROGRAM} stand {out} --out points.csv")
     return out
+
+
+def _targets(kind: str, out: Path, name: str, numbers: np.ndarray, say: Say) -> Targets | None:
+    """Diameters and heights of a map's trees (N, 7) as targets of what is planted; None without either.
+
+    Heights that the map gives move the law of the species, which is written beside the scene.
+    """
+    import numpy as np
+
+    from forest_addon.formats.toml_file import write_settings
+    from forest_addon.growth.library.species_file import find_species, load_species
+    from forest_addon.growth.measured.allometry import Kind, draw_diameters, middle
+
+    measured = numbers[:, 2:]
+    told = np.isfinite(measured).any(axis=1)
+    if not told.any():
+        return None
+    species, files = load_species(find_species(kind, out.parent))
+    law = files.allometry if isinstance(files, Kind) else None
+    if law is None or species.targets is None:
+        say(
+            f"  {name}: dbh and height are left out; {kind} grows by its rules alone, without allometry"
+        )
+        return None
+    even = (np.argsort(np.argsort(measured[told, 1])) + 0.5) / told.sum()
+    dbh = np.where(
+        np.isfinite(measured[told, 0]),
+        measured[told, 0],
+        draw_diameters(law, measured[told, 1:], even),
+    )
+    file = species.targets.allometry
+    off = np.log(measured[told, 1]) - middle(law.height, dbh)
+    off = off[np.isfinite(off) & np.isfinite(measured[told, 0])]
+    if len(off) >= FEW:
+        low, half, high = np.quantile(off, [0.05, 0.5, 0.95])
+        height = law.height.changed(
+            intercept=law.height.intercept + float(half),
+            low=float(min(low - half, -1e-3)),
+            high=float(max(high - half, 1e-3)),
+            trees=len(off),
+            of=out.stem,
+        )
+        file = f"{out.stem}-{name}-allometry.toml"
+        write_settings(out.parent / file, law.changed(height=height))
+    spread = Normal(
+        mean=float(dbh.mean()), sd=float(dbh.std()), low=float(dbh.min()), high=float(dbh.max())
+    )
+    say(f"  {name}: dbh of {spread.mean:.2g} ± {spread.sd:.2g} m, heights by {file}")
+    return Targets(allometry=file, dbh=spread)
 
 
 def _grown(
@@ -388,6 +462,8 @@ def _scene_text(scene: Scene, source: str, method: str, positions: np.ndarray) -
     ]
     if any(scene.offset):
         lines.append(f"offset = {list(scene.offset)}  # added to what is written")
+    if scene.crs:
+        lines.append(f"crs = {json.dumps(scene.crs)}")
     lines += [
         "",
         "[forest]",
@@ -425,6 +501,12 @@ def _scene_text(scene: Scene, source: str, method: str, positions: np.ndarray) -
                 f"strauss = {{ radius = {strauss.radius:.6g}, gamma = {strauss.gamma:.6g} }}",
             ]
         lines += [f"rasters = [{{ file = {json.dumps(r.file)} }}]" for r in planting.rasters]
+        if planting.targets:
+            dbh = planting.targets.dbh
+            lines += [
+                "targets = { allometry = " + json.dumps(planting.targets.allometry) + ", dbh = { "
+                f"mean = {dbh.mean:.4g}, sd = {dbh.sd:.4g}, low = {dbh.low:.4g}, high = {dbh.high:.4g} }} }}"
+            ]
     return "\n".join(lines) + "\n"
 
 

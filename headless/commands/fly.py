@@ -177,7 +177,6 @@ def fly_scene(
     stock.settings = whole
     write_tracks(out / "trajectories.csv", cells)
     write_success(out / "success.csv", cells)
-    assert first is not None
     draw_flights(out / "flights.png", cells, *first, title=f"{whole.name}: {policy}")
     names = "trajectories.csv, success.csv, flights.png"
     if blend:
@@ -265,8 +264,6 @@ def _cell(
         world = world or around
         flyers.enter(around)
         tracks += fly(flyers, pilot, some, forest=some[0])
-    assert world is not None
-    assert world.forest is not None
     trees = float(sum(world.forest.stand.expected)) / world.forest.stand.area
     return FlightCell(speed, density, trees, tracks), world
 
@@ -341,7 +338,6 @@ def _save(path: Path, cell: FlightCell, world: FlightSurroundings) -> None:
     from forest_addon.blender.scene.layout import RESULTS, part
     from forest_addon.blender.show.trails import show_flights
 
-    assert world.forest is not None
     world.stock.built(world.forest)
     forest = cell.tracks[0].forest
     mine = [track for track in cell.tracks if track.forest == forest][:SHOWN]

@@ -160,7 +160,7 @@ def _grow(name: str, seed: int) -> tuple[Species, Tree]:
 
     from forest_addon.base.rng import stream
     from forest_addon.growth.library.species_file import find_species, load_species
-    from forest_addon.growth.measured.wanted import Kind, typical_tree
+    from forest_addon.growth.measured.allometry import Kind, typical_tree
     from forest_addon.growth.tree import grow
     from forest_addon.stand.competition import ALONE
 

@@ -243,7 +243,6 @@ def _show_siblings(made: Library, sensed: int, path: Path, say: Say) -> None:
     from ..report.trees import add_sensors, tell_likeness
 
     verdict = made.verdict
-    assert verdict is not None
     species, template = load_species(made.species)
     itself = grow(_varied(species, 0.0), template, stream(0, "template"))
     off = farthest_off(made.habit.anatomy, grow_sibling(made.habit, Siblings(variety=0.0), 0))

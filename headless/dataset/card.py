@@ -25,7 +25,7 @@ from forest_addon.base.rng import stream
 from forest_addon.base.trimesh import PART_NAMES
 from forest_addon.drawing.figures import save_figure
 from forest_addon.drawing.palette import INK, LEAF_GREEN, LINES, ORGANS, species_colour
-from forest_addon.formats.atomic import replacing
+from forest_addon.formats.atomic import write_whole
 from forest_addon.formats.table import write_csv
 from forest_addon.formats.toml_file import structure
 from forest_addon.spec import Forest
@@ -290,14 +290,12 @@ PACKAGES = ("forest-sensing", "bpy", "numpy", "scipy", "laspy", "lazrs")
 def write_card(plan: Plan, wanted: Sequence[Recipe], root: Path) -> None:
     """Write README.md, loader.py, legend.csv, overview.png and varied.png of a dataset."""
     done = list(disk.scenes_done(root))
-    with replacing(root / "loader.py") as text:
-        text.write_bytes(LOADER.read_bytes())
+    write_whole(root / "loader.py", LOADER.read_bytes())
     write_names(root / LEGEND)
     if done:
         draw_overview(done, plan.head.seed, root / "overview.png")
         draw_varied(done, root / "varied.png")
-    with replacing(root / "README.md") as text:
-        text.write_text(card_text(plan, wanted, done), encoding="utf-8")
+    write_whole(root / "README.md", card_text(plan, wanted, done))
 
 
 def card_text(plan: Plan, wanted: Sequence[Recipe], done: Sequence[disk.Done]) -> str:

@@ -29,7 +29,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from forest_addon.formats.atomic import replacing
+from forest_addon.formats.atomic import replacing, write_whole
 from forest_addon.formats.ownership import claim, digest_of, remove
 from forest_addon.formats.table import write_csv
 
@@ -79,8 +79,7 @@ def finish(partial: Path, root: Path, record: Mapping[str, Any]) -> Path:
         for path in sorted(partial.iterdir())
     }
     whole = {**record, "files": files, "digest": digest_of_files(files)}
-    with replacing(partial / RECORD) as text:
-        text.write_text(json.dumps(whole, indent=1, sort_keys=True) + "\n", encoding="utf-8")
+    write_whole(partial / RECORD, json.dumps(whole, indent=1, sort_keys=True) + "\n")
     sync(partial)
     final = root / SCENES / scene_name(int(record["scene"]))
     try:
@@ -184,8 +183,8 @@ def is_ours(folder: Path) -> bool:
 def write_status(root: Path, number: int, status: Mapping[str, Any]) -> None:
     """Note how a scene went; it is no part of the dataset's bytes."""
     (root / STATUS).mkdir(parents=True, exist_ok=True)
-    with replacing(_note(root, number), ours=True) as text:  # the dataset looked before it began
-        text.write_text(json.dumps(status, indent=1, sort_keys=True) + "\n", encoding="utf-8")
+    # the dataset looked before it began
+    write_whole(_note(root, number), json.dumps(status, indent=1, sort_keys=True) + "\n", ours=True)
 
 
 def read_status(root: Path, number: int) -> dict[str, Any]:
@@ -267,8 +266,7 @@ def write_manifest(root: Path, recipes: Sequence[Recipe]) -> list[dict[str, Any]
     folder.mkdir(exist_ok=True)
     for split in SPLITS:
         mine = [row["scene"] for row in rows if row["split"] == split and row["status"] == "done"]
-        with replacing(folder / f"{split}.txt") as text:
-            text.write_text("".join(f"{name}\n" for name in mine) or "\n", encoding="utf-8")
+        write_whole(folder / f"{split}.txt", "".join(f"{name}\n" for name in mine) or "\n")
     return rows
 
 
@@ -300,8 +298,7 @@ def write_shards(root: Path, size: int) -> list[Path]:
     counts, index = {path.name: path.stat().st_size for path in written}, folder / INDEX
     for old in before - set(counts):
         remove(folder / old)
-    with replacing(index) as text:
-        text.write_text(json.dumps(counts, indent=1) + "\n", encoding="utf-8")
+    write_whole(index, json.dumps(counts, indent=1) + "\n")
     return written
 
 

@@ -1,42 +1,56 @@
 """Workers that make the scenes: threads of this process, or those of a Dask cluster.
 
-A worker holds a child that has Blender loaded and never loads it itself, so workers of one machine need
-no scheduler and no processes besides these children. The child is watched: it is killed when a scene
-runs past its time or needs more memory than it may, renewed after a while, and a scene that it cannot
-make is set aside.
+A worker holds a process pool of one process, which has Blender loaded and makes one scene after the other;
+the worker never loads Blender itself. It watches its process: a scene that runs past its time or needs more
+memory than it may is ended with it, and a scene that cannot be made is set aside. The process is renewed
+after a while, and ends with whoever started it, however that comes.
 
-A job is a plain table, so that it can be sent to another machine. A scheduler only hands out jobs. What
-is done stands on the disk before a result is given; so whatever a scheduler loses (workers that end by
-walltime, tasks that it gives up after some such ends) is handed out again, as long as it goes on
-finishing some.
+A scheduler only hands out jobs. What is done stands on the disk before a result is given; so whatever a
+scheduler loses (workers that end by walltime, tasks that it gives up after some such ends) is handed out
+again, as long as it goes on finishing some.
 """
 
 from __future__ import annotations
 
 import atexit
 import contextlib
+import ctypes
+import errno
+import gc
 import importlib
-import json
 import logging
+import multiprocessing
 import os
 import queue
 import shlex
-import subprocess
+import shutil
+import signal
 import sys
 import tempfile
 import threading
 import time
+import traceback
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import CancelledError, ThreadPoolExecutor, as_completed
-from dataclasses import asdict, dataclass, field
+from concurrent.futures import (
+    BrokenExecutor,
+    CancelledError,
+    ProcessPoolExecutor,
+    ThreadPoolExecutor,
+    as_completed,
+    wait,
+)
+from dataclasses import dataclass, field, replace
+from importlib.machinery import PathFinder
+from importlib.metadata import PackageNotFoundError, distribution
+from importlib.util import module_from_spec
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 from forest_addon.base.places import environment_of_child
 from forest_addon.spec import SpecError
 
-from ..progress import held_memory
+from ..progress import forget_peak, held_memory, peak_memory_mb
 from . import disk
 from .plan import Recipe
 from .settings import Running
@@ -46,14 +60,32 @@ STARTS_IN = 300.0  # s, at most
 TOLD = 300  # characters of its last words
 TRIES = 2  # the second in a fresh process
 TRIMS = "MALLOC_TRIM_THRESHOLD_"  # that Dask sets for its workers: scenes took a fifth longer
+# What no further scene would survive either; without a number: a writer that left no file.
+DISK = (
+    *(errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES, errno.EPERM, errno.EIO),
+    *(errno.EFBIG, None),
+)
+
+
+@dataclass(frozen=True)
+class SceneJob:
+    """A scene, the folder of its dataset, and how much it may take: bytes of memory, threads that cast
+    rays."""
+
+    root: Path
+    recipe: Recipe
+    running: Running
+    memory: float
+    threads: int
 
 
 @dataclass(frozen=True)
 class SceneOutcome:
-    """Outcome of a scene: ``kind`` is done, or why it was not: settings, fault, disk, memory, timeout, crash.
+    """Outcome of a scene: ``kind`` is done, or why it was not: settings, fault, disk, memory, timeout, crash,
+    stopped.
 
     seconds : CPU time of each stage. wall : seconds. memory, peak : bytes that the process held afterwards,
-    and at most.
+    and at most. scene : its number.
     """
 
     kind: str
@@ -62,135 +94,206 @@ class SceneOutcome:
     wall: float = 0.0
     memory: float = 0.0
     peak: float = 0.0
+    scene: int = -1
+
+
+# The process of a worker: what runs within it.
+
+_session: Any = None  # of the scenes that it makes
+
+
+def _begin(threads: int, words: Path) -> None:
+    """Load Blender; everything that is printed from now on goes to a file of last words."""
+    global _session
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the command, which ends us
+    said = os.open(words, os.O_WRONLY | os.O_CREAT | os.O_APPEND)
+    for stream in (1, 2):
+        os.dup2(said, stream)
+    threading.Thread(target=_end_with_starter, daemon=True).start()
+    _import_blender()
+    from .scene import Session
+
+    _session = Session(threads)
+    atexit.register(os._exit, 0)  # Blender may hang when its interpreter ends
+
+
+def _import_blender() -> None:
+    """Import Blender from where it is installed: with a starter that has loaded it come its own modules, the
+    inner ``bpy`` among them.
+    """
+    with contextlib.suppress(PackageNotFoundError):  # it came otherwise, and is imported as usual
+        spec = PathFinder.find_spec("bpy", [str(distribution("bpy").locate_file(""))])
+        if spec is not None and spec.loader is not None:
+            sys.modules["bpy"] = module_from_spec(spec)
+            spec.loader.exec_module(sys.modules["bpy"])
+
+
+def _end_with_starter() -> None:
+    starter = multiprocessing.parent_process()
+    if starter is not None:
+        starter.join()
+        os._exit(0)
+
+
+def _serve(root: Path, recipe: Recipe) -> SceneOutcome:
+    """Make a scene, or say why not."""
+    from .scene import make
+
+    forget_peak()
+    partial = None
+    try:
+        partial = disk.begin(root, recipe.number)
+        made = make(recipe, partial, _session)
+        record = {
+            "scene": recipe.number,
+            "split": recipe.split,
+            "seed": recipe.seed,
+            "base": recipe.base,
+            "settings": recipe.digest,
+            "varied": recipe.varied,
+            **made["facts"],
+        }
+        start = time.process_time()
+        disk.finish(partial, root, record)
+        seconds = made["seconds"] | {"digest": time.process_time() - start}
+        outcome = SceneOutcome("done", seconds=seconds)
+    except BaseException as problem:
+        if partial is not None:
+            shutil.rmtree(partial, ignore_errors=True)
+        outcome = _failure(problem)
+    _session.clear()
+    gc.collect()
+    if not _session.served:  # modules and what they keep: no later scene need look through them
+        gc.freeze()
+    _session.served += 1
+    if (
+        sys.platform == "linux"
+    ):  # what scenes left in pieces goes back; another C library has no such call
+        with contextlib.suppress(OSError, AttributeError):
+            ctypes.CDLL(None).malloc_trim(0)
+    return replace(outcome, memory=held_memory(), peak=(peak_memory_mb() or 0.0) * 2**20)
+
+
+def _failure(problem: BaseException) -> SceneOutcome:
+    """The outcome of a scene that ended so; ``disk`` where no other can be written either."""
+    if isinstance(problem, MemoryError):
+        return SceneOutcome("memory", "needs more memory than there is")
+    if isinstance(problem, OSError):
+        return SceneOutcome("disk" if problem.errno in DISK else "fault", str(problem))
+    if isinstance(problem, ValueError):
+        return SceneOutcome("settings", str(problem))
+    where = traceback.extract_tb(problem.__traceback__)[-1]
+    place = f"{Path(where.filename).name}:{where.lineno}"
+    return SceneOutcome("fault", f"{type(problem).__name__}: {problem} ({place})")
+
+
+# The worker, which starts that process and watches it.
+
+_starting = threading.Lock()  # of processes of several workers: the environment is everybody's
 
 
 class Worker:
-    """A child that has Blender loaded, started when it is first needed, and what it has been through."""
+    """A process that has Blender loaded, started when it is first needed, and what it has been through."""
 
     def __init__(self, threads: int = 1) -> None:
         self.threads = threads
-        self.scenes = 0  # that its child has made
-        self.first_memory = 0.0  # of its child, after the first
+        self.scenes = 0  # that its process has made
+        self.first_memory = 0.0  # of its process, after the first
         self._stopped = False
-        self._process: subprocess.Popen[str] | None = None
-        self._answers: queue.Queue[str | None] = queue.Queue()
-        self._words: IO[bytes] | None = None
+        self._pool: ProcessPoolExecutor | None = None
+        self._process: Any = None
+        self._folder: tempfile.TemporaryDirectory[str] | None = None  # of its last words
 
-    def make(self, job: dict[str, Any]) -> dict[str, Any]:
-        """Make the scene of a job. ``result`` is done, failed, disk or stopped; ``why`` says what was
-        wrong."""
-        root, recipe, running = Path(job["root"]), job["recipe"], Running(**job["running"])
-        number = int(recipe["number"])
-        if int(job["threads"]) != self.threads:
+    def make(self, job: SceneJob) -> SceneOutcome:
+        """Make the scene of a job, twice if need be, and note how it went beside the dataset."""
+        root, recipe, running = job.root, job.recipe, job.running
+        if job.threads != self.threads:
             self.end()
-            self.threads = int(job["threads"])
-        there = disk.read_scene(root / disk.SCENES / disk.scene_name(number))
-        if there is not None and there.record.get("settings") == recipe["digest"]:
-            return {"result": "done", "scene": number}
+            self.threads = job.threads
+        there = disk.read_scene(root / disk.SCENES / recipe.name)
+        if there is not None and there.record.get("settings") == recipe.digest:
+            return SceneOutcome("done", scene=recipe.number)
         for _ in range(TRIES):
-            outcome = self.scene(root, recipe, running.timeout, float(job["memory"]))
+            outcome = self.scene(root, recipe, running.timeout, job.memory)
             if outcome.kind in ("done", "disk") or self._stopped:
                 break
             self.end()
         done = outcome.kind == "done"
-        told = {"result": outcome.kind, "scene": number, "why": outcome.why}
-        if outcome.kind == "disk":
-            return told
         if self._stopped and not done:
-            return told | {"result": "stopped"}
-        status = {"status": "done" if done else "failed", "settings": recipe["digest"]}
+            return replace(outcome, kind="stopped")
+        if outcome.kind == "disk":
+            return outcome
+        status = {"status": "done" if done else "failed", "settings": recipe.digest}
         status |= {} if done else {"kind": outcome.kind, "why": outcome.why}
         status |= {"seconds": outcome.wall, "cpu": outcome.seconds, "memory": outcome.memory}
         try:
-            disk.write_status(root, number, status)
+            disk.write_status(root, recipe.number, status)
         except OSError as problem:
-            return {"result": "disk", "scene": number, "why": str(problem)}
+            return SceneOutcome("disk", str(problem), scene=recipe.number)
         grown = outcome.memory - self.first_memory > running.renew_grown_gb * 1e9
         if done and (grown or self.scenes >= running.renew_after):
             self.end()
-        told |= {"result": status["status"], "seconds": outcome.wall}
-        return told | {"cpu": sum(outcome.seconds.values())}
+        return outcome
 
-    def scene(
-        self, root: Path, recipe: dict[str, Any], timeout: float, most: float
-    ) -> SceneOutcome:
-        """Have the child try a scene; ``most`` bytes of memory, ``timeout`` seconds."""
-        if self._process is None or self._process.poll() is not None:
+    def scene(self, root: Path, recipe: Recipe, timeout: float, most: float) -> SceneOutcome:
+        """Have the process try a scene; ``most`` bytes of memory, ``timeout`` seconds."""
+        problem = ""
+        if self._process is None or not self._process.is_alive():
             problem = self.start()
-            if problem:
-                return SceneOutcome("crash", problem)
-        assert self._process is not None
-        assert self._process.stdin is not None
+        if problem:
+            return SceneOutcome("crash", problem, scene=recipe.number)
         started = time.monotonic()
-        try:
-            self._process.stdin.write(json.dumps({"root": str(root), "recipe": recipe}) + "\n")
-            self._process.stdin.flush()
-        except OSError:
-            return self._crashed()
-        answer = self._wait(started + timeout, most)
-        if isinstance(answer, SceneOutcome):
-            return answer
-        outcome = SceneOutcome(**answer, wall=time.monotonic() - started)
-        self.scenes += 1
-        self.first_memory = self.first_memory or outcome.memory
+        outcome = self._ask(started + timeout, most, _serve, root, recipe)
+        outcome = replace(outcome, wall=time.monotonic() - started, scene=recipe.number)
+        if self._process is not None:
+            self.scenes += 1
+            self.first_memory = self.first_memory or outcome.memory
         return outcome
 
     def start(self) -> str:
-        """Start the child; returns what went wrong, empty if it is ready."""
+        """Start the process; returns what went wrong, empty if it is ready."""
         self.end()
-        one = "1"  # small matrices; and the same sums everywhere
-        environment = environment_of_child(OPENBLAS_NUM_THREADS=one, OMP_NUM_THREADS=one)
-        environment.pop(TRIMS, None)
-        self._words = tempfile.TemporaryFile()  # noqa: SIM115 - it lives as long as the process
-        self._process = subprocess.Popen(
-            [sys.executable, "-m", f"{__package__}.maker", str(self.threads)],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=self._words,
-            text=True,
-            encoding="utf-8",
-            env=environment,
-            start_new_session=os.name != "nt",  # Ctrl-C is for the command, which ends us
-        )
-        self._answers, self.scenes, self.first_memory = queue.Queue(), 0, 0.0
-        threading.Thread(
-            target=_read, args=(self._process.stdout, self._answers), daemon=True
-        ).start()
-        ready = self._wait(time.monotonic() + STARTS_IN, float("inf"))
-        return ready.why if isinstance(ready, SceneOutcome) else ""
+        self._folder = tempfile.TemporaryDirectory()
+        spawn = multiprocessing.get_context("spawn")
+        given = (self.threads, Path(self._folder.name) / "words")
+        self._pool = ProcessPoolExecutor(1, spawn, _begin, given)
+        self.scenes, self.first_memory = 0, 0.0
+        with _starting, _environment():
+            others = multiprocessing.active_children()
+            self._pool.submit(_is_ready)
+            (self._process,) = set(multiprocessing.active_children()) - set(others)
+        return self._ask(time.monotonic() + STARTS_IN, float("inf"), _is_ready).why
 
-    def _wait(self, deadline: float, most: float) -> dict[str, Any] | SceneOutcome:
-        """Return the child's next answer, or what became of it instead; then it is dead."""
-        while True:
-            try:
-                line = self._answers.get(timeout=LOOK)
-            except queue.Empty:
-                assert self._process is not None
-                if time.monotonic() > deadline:
-                    self.end()
-                    return SceneOutcome("timeout", "ran past its time")
-                if held_memory(self._process.pid) > most:
+    def _ask(
+        self, deadline: float, most: float, call: Callable[..., SceneOutcome], *given: Any
+    ) -> SceneOutcome:
+        """Return what a call in the process gives, or what became of it instead; then it is dead."""
+        try:
+            future = self._pool.submit(call, *given)
+            while not future.done() and time.monotonic() < deadline:
+                wait([future], LOOK)
+                if not future.done() and held_memory(self._process.pid) > most:
                     self.end()
                     why = f"needs more memory than it may have ({most / 1e9:.1f} GB)"
                     return SceneOutcome("memory", why)
-                continue
-            return self._crashed() if line is None else json.loads(line)
+            if future.done():
+                return future.result()
+        except BrokenExecutor:
+            return self._crashed()
+        self.end()
+        return SceneOutcome("timeout", "ran past its time")
 
     def _crashed(self) -> SceneOutcome:
-        """Return how the child ended, with its last words."""
-        assert self._process is not None
-        assert self._words is not None
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            self._process.wait(5.0)
-        code = self._process.returncode
-        self._words.seek(max(0, self._words.seek(0, os.SEEK_END) - 4 * TOLD))
-        said = self._words.read().decode("utf-8", "replace").strip().splitlines()
+        """Return how the process ended, with its last words."""
+        self._pool.shutdown()
+        code = self._process.exitcode
+        said: list[str] = []
+        with contextlib.suppress(OSError):  # it ended before its first word
+            text = (Path(self._folder.name) / "words").read_bytes()[-4 * TOLD :]
+            said = text.decode("utf-8", "replace").strip().splitlines()
         self.end()
-        how = (
-            f"was ended by signal {-code}"
-            if code is not None and code < 0
-            else f"ended with {code}"
-        )
+        killed = code is not None and code < 0
+        how = f"was ended by signal {-code}" if killed else f"ended with {code}"
         last = f": {said[-1][-TOLD:]}" if said else ""
         return SceneOutcome("crash", f"Blender's process {how}{last}")
 
@@ -201,53 +304,49 @@ class Worker:
             process.kill()
 
     def end(self) -> None:
-        """Kill the child; a scene that it was making is lost."""
-        process, self._process = self._process, None
-        if process is not None:
-            process.kill()
-            process.wait()
-            for stream in (process.stdin, process.stdout):
-                with contextlib.suppress(OSError):
-                    if stream is not None:
-                        stream.close()
-        if self._words is not None:
-            self._words.close()
-            self._words = None
+        """Kill the process; a scene that it was making is lost."""
+        if self._process is not None:
+            self._process.kill()
+        if self._pool is not None:
+            self._pool.shutdown(cancel_futures=True)
+        if self._folder is not None:
+            self._folder.cleanup()
+        self._process = self._pool = self._folder = None
 
 
-def _read(stream: IO[str], answers: queue.Queue[str | None]) -> None:
-    with contextlib.suppress(OSError, ValueError):  # closed under us
-        for line in stream:
-            answers.put(line)
-    answers.put(None)
+def _is_ready() -> SceneOutcome:
+    return SceneOutcome("done")
 
 
-def job_of(
-    recipe: Recipe, root: Path, running: Running, memory: float, threads: int
-) -> dict[str, Any]:
-    """The table that a worker is sent: a scene, where it goes, and how much it may take."""
-    return {
-        "root": str(root),
-        "recipe": asdict(recipe),
-        "running": asdict(running),
-        "memory": memory,
-        "threads": threads,
-    }
+@contextlib.contextmanager
+def _environment() -> Iterator[None]:
+    """Within, processes start with the variables of ours; one thread for small matrices, which gives the same
+    sums everywhere."""
+    before = dict(os.environ)
+    os.environ.update(environment_of_child(OPENBLAS_NUM_THREADS="1", OMP_NUM_THREADS="1"))
+    os.environ.pop(TRIMS, None)
+    try:
+        yield
+    finally:
+        for name in set(os.environ) - set(before):
+            del os.environ[name]
+        os.environ.update(before)
 
 
 _own = threading.local()
 
 
-def work(job: dict[str, Any]) -> dict[str, Any]:
+def work(job: SceneJob) -> SceneOutcome:
     """``Worker.make`` by the one worker of this thread; what a scheduler calls."""
     if not hasattr(_own, "worker"):
+        multiprocessing.current_process().daemon = False  # as Dask's are, which may start none
         _own.worker = Worker()
         atexit.register(_own.worker.end)
-    made: dict[str, Any] = _own.worker.make(job)
-    return made
+    worker: Worker = _own.worker
+    return worker.make(job)
 
 
-Report = Callable[[dict[str, Any]], None]
+Report = Callable[[SceneOutcome], None]
 POLL = 1.0  # s
 STOPS_IN = 0.1  # s, before a worker is told once more
 FRUITLESS = 5  # times that a cluster loses all that it holds, with nothing finished between
@@ -266,14 +365,14 @@ class Cluster:
     workers: int = 0
     scheduler: str = ""
     slurm: str | None = None
-    make: Callable[[dict[str, Any]], dict[str, Any]] = work
+    make: Callable[[SceneJob], SceneOutcome] = work
 
     def local_workers(self) -> int:
         """Return how many there are on this machine."""
         return self.workers or os.cpu_count() or 1
 
 
-def make_all(jobs: Sequence[dict[str, Any]], cluster: Cluster, report: Report) -> None:
+def make_all(jobs: Sequence[SceneJob], cluster: Cluster, report: Report) -> None:
     """Have every job done; ``report`` is told of each, in any order.
 
     Raises
@@ -290,14 +389,14 @@ def make_all(jobs: Sequence[dict[str, Any]], cluster: Cluster, report: Report) -
         _hand_out(jobs, client, cluster, report)
 
 
-def _make_here(jobs: Sequence[dict[str, Any]], workers: int, report: Report) -> None:
+def _make_here(jobs: Sequence[SceneJob], workers: int, report: Report) -> None:
     """Have jobs done by workers of this process, a thread each, which wait for their children."""
     idle: queue.SimpleQueue[Worker] = queue.SimpleQueue()
     every = [Worker() for _ in range(workers)]
     for worker in every:
         idle.put(worker)
 
-    def make(job: dict[str, Any]) -> dict[str, Any]:
+    def make(job: SceneJob) -> SceneOutcome:
         worker = idle.get()
         try:
             return worker.make(job)
@@ -315,8 +414,8 @@ def _make_here(jobs: Sequence[dict[str, Any]], workers: int, report: Report) -> 
             for worker in every:
                 worker.stop()
             time.sleep(STOPS_IN)
-        for root in {job["root"] for job in jobs}:
-            disk.clean(Path(root))  # of scenes that were being made
+        for root in {job.root for job in jobs}:
+            disk.clean(root)  # of scenes that were being made
         raise
     finally:
         pool.shutdown()
@@ -324,10 +423,10 @@ def _make_here(jobs: Sequence[dict[str, Any]], workers: int, report: Report) -> 
             worker.end()
 
 
-def _take(result: dict[str, Any], report: Report) -> None:
-    if result["result"] == "disk":
-        raise OSError(f"scene {result['scene']:06d}: {result['why']}; finished scenes are kept")
-    report(result)
+def _take(outcome: SceneOutcome, report: Report) -> None:
+    if outcome.kind == "disk":
+        raise OSError(f"scene {outcome.scene:06d}: {outcome.why}; finished scenes are kept")
+    report(outcome)
 
 
 @contextlib.contextmanager
@@ -406,9 +505,7 @@ def _gone(address: str, problem: object) -> OSError:
     )
 
 
-def _hand_out(
-    jobs: Sequence[dict[str, Any]], client: Any, cluster: Cluster, report: Report
-) -> None:
+def _hand_out(jobs: Sequence[SceneJob], client: Any, cluster: Cluster, report: Report) -> None:
     """Submit jobs until each has a result; a lost one is submitted again.
 
     The scheduler holds a few jobs for each thread of its workers, not the whole plan, and each result is
@@ -416,7 +513,7 @@ def _hand_out(
     """
     address = client.scheduler.address if client.scheduler else "?"
     left = deque(jobs)
-    out: dict[Any, dict[str, Any]] = {}
+    out: dict[Any, SceneJob] = {}
     ended: queue.SimpleQueue[Any] = queue.SimpleQueue()
     most, looked, fruitless = LEAST_AHEAD, 0.0, 0
     while left or out:
@@ -424,7 +521,7 @@ def _hand_out(
             most, looked = _ahead(client, address), time.monotonic()
         while left and len(out) < most:
             job = left.popleft()
-            rank = -int(job["recipe"]["number"])
+            rank = -job.recipe.number
             future = client.submit(cluster.make, job, pure=False, retries=0, priority=rank)
             out[future] = job
             future.add_done_callback(ended.put)

@@ -19,7 +19,7 @@ import copy
 import os
 import tempfile
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -242,11 +242,10 @@ def _trial(recipe: Recipe, worker: Worker, timeout: float, say: Callable[[str], 
 def _made(recipe: Recipe, worker: Worker, timeout: float) -> Trial:
     with tempfile.TemporaryDirectory() as folder:
         root = Path(folder)
-        outcome = worker.scene(root, asdict(recipe), timeout, _machine_memory())
+        outcome = worker.scene(root, recipe, timeout, _machine_memory())
         if outcome.kind != "done":
             raise _Failed(outcome.why)
         done = disk.read_scene(root / disk.SCENES / recipe.name)
-        assert done is not None
         points = float(sum(done.record["points"].values()))
         return Trial(outcome.seconds, points, float(done.size), outcome.peak)
 

@@ -12,7 +12,7 @@ from typing import Any
 
 from tqdm import tqdm
 
-from forest_addon.formats.atomic import replacing
+from forest_addon.formats.atomic import write_whole
 from forest_addon.formats.ownership import claim
 from forest_addon.spec import SpecError
 
@@ -22,7 +22,7 @@ from ..progress import plain
 from . import disk
 from .card import CARD, versions, write_card
 from .disk import MANIFEST, write_manifest
-from .engine import Cluster, job_of, make_all
+from .engine import Cluster, SceneJob, SceneOutcome, make_all
 from .plan import Plan, Recipe, recipes
 
 NAMED = 8  # scenes that a message names
@@ -92,7 +92,7 @@ def make_scenes(
     workers = max(1, min(workers, len(missing)))
     threads = max(1, (os.cpu_count() or 1) // workers)
     memory = plan.running.memory_gb * 1e9 or _machine_memory() * OF_MEMORY / workers
-    jobs = [job_of(recipe, out, plan.running, memory, threads) for recipe in missing]
+    jobs = [SceneJob(out, recipe, plan.running, memory, threads) for recipe in missing]
     refresh = time.monotonic() + REFRESH
     done = len(wanted) - len(missing)
     with tqdm(
@@ -104,14 +104,12 @@ def make_scenes(
         smoothing=0.1,
     ) as bar:
 
-        def report(result: dict[str, Any]) -> None:
+        def report(outcome: SceneOutcome) -> None:
             nonlocal refresh
             bar.update()
-            if result["result"] == "failed" and not asked.quiet:
-                bar.write(
-                    plain(f"  scene {result['scene']:06d} is set aside: {result['why']}"),
-                    file=sys.stderr,
-                )
+            if outcome.kind not in ("done", "stopped") and not asked.quiet:
+                said = f"  scene {outcome.scene:06d} is set aside: {outcome.why}"
+                bar.write(plain(said), file=sys.stderr)
             if time.monotonic() > refresh:
                 started = time.monotonic()
                 write_manifest(out, wanted)
@@ -163,8 +161,7 @@ def write_plan(plan: Plan, out: Path) -> None:
 
     made = ", ".join(f"{name} {number}" for name, number in versions().items())
     head = f"# The plan of this dataset as it was used, base scenes within.\n# Made with {made}"
-    with replacing(out / "plan.toml") as text:
-        text.write_text(f"{head}\n\n{tomli_w.dumps(plan.tables)}", encoding="utf-8")
+    write_whole(out / "plan.toml", f"{head}\n\n{tomli_w.dumps(plan.tables)}")
 
 
 def _machine_memory() -> float:

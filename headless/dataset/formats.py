@@ -33,7 +33,7 @@ from typing import Any
 
 import numpy as np
 
-from forest_addon.formats.atomic import replacing
+from forest_addon.formats.atomic import replacing, write_whole
 from forest_addon.formats.las import read_las
 from forest_addon.formats.raster_file import read_png
 from forest_addon.formats.toml_file import read_tables
@@ -129,8 +129,7 @@ def write_legend(path: Path) -> None:
         f"{number},{name},{r},{g},{b}"
         for number, (name, (r, g, b)) in enumerate(zip(CLASSES, COLOURS, strict=True))
     ]
-    with replacing(path) as text:
-        text.write_text("\n".join(["class,name,red,green,blue", *rows, ""]), encoding="utf-8")
+    write_whole(path, "\n".join(["class,name,red,green,blue", *rows, ""]))
 
 
 MOST_TREES = 2**16 - 1  # that a label's upper half can name
@@ -195,8 +194,7 @@ def _config(done: Sequence[Done]) -> list[str]:
 
 
 def _write_text(path: Path, lines: Sequence[str]) -> None:
-    with replacing(path) as text:
-        text.write_text("".join(f"{line}\n" for line in lines), encoding="utf-8")
+    write_whole(path, "".join(f"{line}\n" for line in lines))
 
 
 THINGS = (STEM, LIVE, WOODY)  # one of a tree; the rest is stuff
@@ -232,8 +230,7 @@ def write_panoptic(done: Sequence[Done], out: Path) -> int:
             {"image_id": one.number, "file_name": name, "segments_info": _segments(segment)}
         )
     for split, record in told.items():
-        with replacing(out / f"panoptic_{split}.json") as text:
-            text.write_text(json.dumps(record) + "\n", encoding="utf-8")
+        write_whole(out / f"panoptic_{split}.json", json.dumps(record) + "\n")
     return len(done)
 
 
@@ -321,8 +318,7 @@ def _lines(place: np.ndarray, grey: np.ndarray) -> list[str]:
 
 
 def _write(path: Path, lines: Sequence[str]) -> None:
-    with replacing(path) as text:
-        text.write_text("".join(lines), encoding="ascii")
+    write_whole(path, "".join(lines))
 
 
 FORMATS: dict[str, Callable[[Sequence[Done], Path], int]] = {

@@ -23,7 +23,7 @@ from forest_addon.base.rng import stream
 from forest_addon.blender.files.export import empty_file, open_file
 from forest_addon.blender.sensors.observe import Observer
 from forest_addon.blender.site import build_site, with_objects
-from forest_addon.formats.atomic import replacing
+from forest_addon.formats.atomic import replacing, write_whole
 from forest_addon.formats.raster_file import write_png
 from forest_addon.formats.table import write_csv, write_npz
 from forest_addon.formats.toml_file import write_settings
@@ -220,8 +220,7 @@ def _place(recipe: Recipe, site: ForestSite, folder: Path) -> ForestSite:
     stems = stand.position[~np.array([*low, False])[stand.species], :2]
     settings, files = place_sensors(site.scene, rules, stems, site.ground)
     for name, text in files.items():
-        with replacing(folder / name) as partial:
-            partial.write_text(text, encoding="utf-8")
+        write_whole(folder / name, text)
     return replace(site, scene=settings)
 
 
@@ -356,5 +355,4 @@ def write_segments(
         found.append(np.where(hits.found & (segment <= MOST_SEGMENT), segment, 0))
     numbers = np.concatenate(found).reshape(ways.shape[:2])
     colours = np.stack([numbers & 255, numbers >> 8 & 255, numbers >> 16], axis=2)
-    with replacing(path) as partial:
-        partial.write_bytes(write_png(colours / 255.0))
+    write_whole(path, write_png(colours / 255.0))

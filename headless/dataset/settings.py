@@ -207,9 +207,7 @@ class Head(Settings):
     @property
     def library(self) -> int:
         """Trees of each species that a split shares; 0: every scene grows its own."""
-        if self.trees == "own":
-            return 0
-        return int(self.trees.removeprefix("shared library of "))
+        return 0 if self.trees == "own" else int(self.trees.removeprefix("shared library of "))
 
     def check(self) -> None:
         number = self.trees.removeprefix("shared library of ")

@@ -26,7 +26,7 @@ from forest_addon.base.trimesh import GROUND
 from forest_addon.blender.sensors.observe import Observer
 from forest_addon.drawing.palette import SPECIES
 from forest_addon.drawing.strips import Plot, stand_map
-from forest_addon.formats.atomic import replacing
+from forest_addon.formats.atomic import write_whole
 from forest_addon.formats.raster_file import write_png
 from forest_addon.results.figures import facts, octave_table, of_forest
 from forest_addon.results.kind import Finding as SensorFinding
@@ -110,8 +110,7 @@ def _save_plainly(plot: Plot, path: Path) -> Path:
 
     from forest_addon.ui.results.images import drawn
 
-    with replacing(path) as partial:
-        partial.write_bytes(write_png(drawn(plot)[::-1]))
+    write_whole(path, write_png(drawn(plot)[::-1]))
     return path
 
 
@@ -319,8 +318,7 @@ def write(
 <p>run.json holds versions, seed and every parameter of this run.</p></section>
 </main>{code}</body></html>
 """
-    with replacing(path) as partial:
-        partial.write_text(page, encoding="utf-8")
+    write_whole(path, page)
 
 
 def _section(finding: Finding) -> str:

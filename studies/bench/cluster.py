@@ -30,6 +30,8 @@ from ..inside import (
     Plan,
     Recipe,
     Say,
+    SceneJob,
+    SceneOutcome,
     disk,
     environment_of_child,
     make_scenes,
@@ -215,21 +217,18 @@ def seconds_of(seed: int, mean: float) -> float:
     return float(drawn * (SLOWER if rng.random() < STRAGGLERS else 1.0))
 
 
-def simulate(job: dict[str, Any]) -> dict[str, Any]:
+def simulate(job: SceneJob) -> SceneOutcome:
     """Make a simulated scene: wait, then leave a folder with its record, as a worker does."""
-    recipe, root = job["recipe"], Path(job["root"])
-    number, seconds = int(recipe["number"]), seconds_of(recipe["seed"], float(os.environ[WAIT]))
-    if disk.read_scene(root / disk.SCENES / disk.scene_name(number)) is not None:
-        return {"result": "done", "scene": number}
+    recipe, root, number = job.recipe, job.root, job.recipe.number
+    seconds = seconds_of(recipe.seed, float(os.environ[WAIT]))
+    if disk.read_scene(root / disk.SCENES / recipe.name) is not None:
+        return SceneOutcome("done", scene=number)
     partial = disk.begin(root, number)
     time.sleep(seconds)
     (partial / "waited.txt").write_text(f"{seconds:.6f}\n")
-    facts = {"split": recipe["split"], "seed": recipe["seed"], "trees": 0, "points": {}}
-    disk.finish(
-        partial,
-        root,
-        {"scene": number, "base": recipe["base"], **facts} | {"settings": recipe["digest"]},
-    )
+    facts = {"split": recipe.split, "seed": recipe.seed, "trees": 0, "points": {}}
+    facts |= {"scene": number, "base": recipe.base, "settings": recipe.digest}
+    disk.finish(partial, root, facts)
     with open(root / MADE, "ab", buffering=0) as made:
         made.write(f"{number:{LINE - 1}d}\n".encode())
-    return {"result": "done", "scene": number}
+    return SceneOutcome("done", scene=number)

@@ -12,9 +12,7 @@ import statistics
 import tempfile
 import time
 from collections.abc import Sequence
-from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 from ..inside import (
     PLANS,
@@ -22,9 +20,10 @@ from ..inside import (
     Estimate,
     Plan,
     Say,
+    SceneJob,
+    SceneOutcome,
     Worker,
     estimate,
-    job_of,
     make_all,
     read_plan,
     recipes,
@@ -120,14 +119,14 @@ def _scaling(say: Say) -> None:
 def _making(plan: Plan, workers: int, threads: int) -> tuple[float, float, list[str]]:
     """Wall seconds, CPU seconds of the scenes and their digests."""
     with tempfile.TemporaryDirectory() as folder:
-        root, told = Path(folder), list[dict[str, Any]]()
+        root, told = Path(folder), list[SceneOutcome]()
         memory = plan.running.memory_gb * 1e9 or float("inf")
-        jobs = [job_of(one, root, plan.running, memory, threads) for one in recipes(plan)]
+        jobs = [SceneJob(root, one, plan.running, memory, threads) for one in recipes(plan)]
         start = time.monotonic()
         make_all(jobs, Cluster(workers), told.append)
         wall = time.monotonic() - start
         digests = [str(one.record["digest"]) for one in scenes_done(root)]
-        return wall, sum(float(one["cpu"]) for one in told), digests
+        return wall, sum(sum(one.seconds.values()) for one in told), digests
 
 
 def _memory(say: Say) -> None:
@@ -146,7 +145,7 @@ def memory_by_scene(plan: Plan) -> Sequence[float]:
     with tempfile.TemporaryDirectory() as folder:
         try:
             for recipe in recipes(plan):
-                held.append(worker.scene(Path(folder), asdict(recipe), 7200.0, float("inf")).memory)
+                held.append(worker.scene(Path(folder), recipe, 7200.0, float("inf")).memory)
                 remove_scene(Path(folder), recipe.number)
         finally:
             worker.end()

@@ -166,8 +166,7 @@ def _ours(engine: type[Search], scene: SceneGeometry, origin: np.ndarray, ways: 
 
     def scan() -> np.ndarray:
         hits = caster.cast(origins, ways)
-        points: np.ndarray = origin + hits.distance[hits.found, None] * ways[hits.found]
-        return points
+        return origin + hits.distance[hits.found, None] * ways[hits.found]
 
     scan()
     first = time.process_time() - start

@@ -17,7 +17,7 @@ from importlib.metadata import PackageNotFoundError
 from importlib.metadata import version as installed
 from pathlib import Path
 
-from ..inside import replacing, save_figure, unknown, version
+from ..inside import save_figure, unknown, version, write_whole
 
 SECTIONS = (
     *("growth", "stand", "lidar", "sonar", "reverb", "series", "flight"),
@@ -54,14 +54,12 @@ def run(names: Sequence[str], folder: Path, docs: Path | None = None) -> None:
             print(f"\nDrawn in {drawn}", flush=True)
             picture = None if docs is None else docs / "pictures" / drawn.name
             if picture is not None and picture.exists():  # those that the page shows
-                with replacing(picture) as partial:
-                    partial.write_bytes(drawn.read_bytes())
+                write_whole(picture, drawn.read_bytes())
                 said[2:2] = [f"![{section.TITLE}](pictures/{drawn.name})", ""]
         if docs is not None:
             page = docs / "benchmarks.md"
             text = with_section(page.read_text(encoding="utf-8"), "\n".join(said))
-            with replacing(page) as partial:
-                partial.write_text(text, encoding="utf-8")
+            write_whole(page, text)
 
 
 def machine() -> str:

@@ -22,7 +22,6 @@ from ..inside import (
     STYLE,
     Flyers,
     LidarSense,
-    StemWorld,
     Straight,
     Trained,
     fly,
@@ -32,6 +31,7 @@ from ..inside import (
     train,
     write_csv,
 )
+from .stems import StemWorld
 from .theory import poisson_strip
 
 DENSITY, TRUNK = 0.08, 0.2  # trees/m², metres

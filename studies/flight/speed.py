@@ -26,7 +26,6 @@ from ..inside import (
     Flyers,
     Gap,
     LidarSense,
-    StemWorld,
     Track,
     fly,
     interval,
@@ -35,6 +34,7 @@ from ..inside import (
     stream,
     write_csv,
 )
+from .stems import StemWorld
 from .theory import chance_of_way, critical_slope, poisson_strip
 
 LENGTH, WIDTH = 500.0, 60.0  # metres

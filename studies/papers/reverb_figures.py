@@ -29,8 +29,8 @@ from ..inside import (
     impulse_response,
     metrics,
     plant_stems,
-    replacing,
     save_figure,
+    write_whole,
 )
 
 SIDE = 1000.0  # m
@@ -72,8 +72,7 @@ def draw_figures(out: Path, quick: bool, say: Say = print) -> list[str]:
         sentences.insert(
             0, "Quick: a tenth of the trees of the paper, so its findings need not hold."
         )
-    with replacing(out / "findings.txt") as partial:
-        partial.write_text("\n".join(sentences) + "\n", encoding="utf-8")
+    write_whole(out / "findings.txt", "\n".join(sentences) + "\n")
     for sentence in sentences:
         say(sentence)
     say(f"Wrote figures 2 to 5 and findings.txt into {out}.")

@@ -127,7 +127,6 @@ def species_of(orchard: Orchard, internode: float) -> Species:
     """The leafless apple tree of an orchard."""
     preset = "apple-stochastic" if orchard.stochastic else "apple-leafless"
     species, _ = load_species(find_species(preset, Path()))
-    assert species.rules is not None
     return replace(
         species,
         rules=replace(

@@ -9,15 +9,15 @@ from __future__ import annotations
 
 import copy
 import time
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import tomli_w
 
-from forest_addon.api import Scene, SpecError
+from forest_addon.api import SpecError
 
 from ..inside import (
     ASSETS,
@@ -27,12 +27,13 @@ from ..inside import (
     find_plan,
     make_dataset,
     new_figure,
+    put,
     read_plan,
     read_tables,
-    replacing,
     save_figure,
     stream,
     write_csv,
+    write_whole,
 )
 from ..validation.run import Comparison, Interval, Picture, Subject
 from .clouds import Labelled, measured_trees
@@ -40,17 +41,25 @@ from .run import PLAN, needs_extras, read_plots, scored, some_of, taught, train
 
 ALL, CURVE = "all", "plots"
 TRIPODS, STEP = 3, (0.30, 0.40)  # of a plot, and degrees between their pulses
-INSTRUMENT = {  # sensors[*] of the way ``all``: a short instrument whose threshold is met within a plot
-    "max_range": 40.0,
-    "faintest": 0.4,
-    "beam": {"divergence_mrad": [0.68, 0.68], "exit_diameter": 0.0038, "subrays": 7},
-    "noise": {"range_ppm": 300.0},
-}
-SPHERICAL = {"mean_deg": 57.3, "sd_deg": 21.5}  # inclinations of leaves that face all ways alike
 MORE_TRIPODS = 12
-WIND = {"speed": 5.0}
-
-Change = Callable[[dict[str, Any]], None]
+SENSORS = "scenes[*].scene.sensors[*]"
+NOISE, ANGLE = "vary.sensors[*].noise.range_sd", "vary.sensors[*].angle_step_deg"
+Changes = Mapping[str, Any]  # values by their paths in a table; None: without it
+# Plots of the way ``all``: a short instrument whose threshold is met within a plot, and bark in relief.
+BASE: Changes = {
+    "place[0].count": TRIPODS,
+    ANGLE: {"uniform": list(STEP)},
+    f"{SENSORS}.max_range": 40.0,
+    f"{SENSORS}.faintest": 0.4,
+    f"{SENSORS}.beam": {
+        "divergence_mrad": [0.68, 0.68],
+        "exit_diameter": 0.0038,
+        "subrays": 7,
+    },
+    f"{SENSORS}.noise": {"range_ppm": 300.0},
+    "scenes[*].scene.accuracy": {"relief": True},
+}
+WIDER = (MORE_TRIPODS / TRIPODS) ** 0.5  # the same pulses over more tripods
 
 
 @dataclass(frozen=True)
@@ -58,8 +67,66 @@ class Away:
     """One way to make plots: its name, what it changes in the plan, and in the files of its species."""
 
     name: str
-    plan: Change | None = None
-    species: Change | None = None
+    plan: Changes = field(default_factory=dict)
+    species: Changes = field(default_factory=dict)
+
+
+WAYS_MADE = (
+    Away(ALL),
+    Away("no noise", {NOISE: {"fixed": 0.0}, f"{SENSORS}.noise.range_ppm": 0.0}),
+    Away("no sub-rays", {f"{SENSORS}.beam": {}}),
+    Away("no threshold", {f"{SENSORS}.faintest": 0.0}),
+    Away("no dead branches", species={"architecture.dead.density": 0.0}),
+    Away("no undergrowth", {"vary.forest.undergrowth": {"fixed": "none"}}),
+    Away(
+        "little occlusion",
+        {
+            "place[0].count": MORE_TRIPODS,
+            "place[0].apart": 2.0,
+            ANGLE: {"uniform": [WIDER * step for step in STEP]},
+        },
+    ),
+    Away("leaves at any angle", species={"inclination": {"mean_deg": 57.3, "sd_deg": 21.5}}),
+    Away("no bark relief", {"scenes[*].scene.accuracy": {"relief": False}}),
+    Away(
+        "nothing varies",
+        {
+            "vary": {},
+            ANGLE: {"fixed": sum(STEP) / 2},
+            NOISE: {"fixed": 0.003},
+            "vary.terrain.relief": {"fixed": 0.7},
+        },
+    ),
+    Away(
+        'randomise = "measured"',
+        {
+            "vary": {},
+            "randomise": "measured",
+            ANGLE: None,
+            **{f"{SENSORS}.{key}": None for key in ("max_range", "faintest", "beam", "noise")},
+            f"{SENSORS}.angle_step_deg": sum(STEP) / 2,
+        },
+    ),
+    Away("wind", {"scenes[*].scene.wind": {"speed": 5.0}}),
+)
+
+
+def changed(table: dict[str, Any], changes: Changes) -> dict[str, Any]:
+    """A plan or a species with values set, and keys of the value None left out."""
+    table = copy.deepcopy(table)
+    for path, value in changes.items():
+        whole, dot, key = path.partition(".")
+        if whole == "vary" and dot:  # what follows is one key, dots and all
+            table["vary"][key] = value
+        else:
+            put(table, path, copy.deepcopy(value))
+    return _without_none(table)
+
+
+def _without_none(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _without_none(each) for key, each in value.items() if each is not None}
+    return [_without_none(each) for each in value] if isinstance(value, list) else value
 
 
 @dataclass(frozen=True)
@@ -73,87 +140,6 @@ class AblationScore:
     seed: int
     iou: float
     f1: float
-
-
-def _every(plan: dict[str, Any], key: str) -> list[dict[str, Any]]:
-    """Return tables of all base scenes: of the scene itself, or all entries of its list ``key``."""
-    scenes = [one["scene"] for one in plan["scenes"]]
-    return scenes if not key else [entry for scene in scenes for entry in scene[key]]
-
-
-def _no_noise(plan: dict[str, Any]) -> None:
-    plan["vary"]["sensors[*].noise.range_sd"] = {"fixed": 0.0}
-    for sensor in _every(plan, "sensors"):
-        sensor["noise"]["range_ppm"] = 0.0
-
-
-def _no_subrays(plan: dict[str, Any]) -> None:
-    for sensor in _every(plan, "sensors"):
-        sensor["beam"] = {}
-
-
-def _no_threshold(plan: dict[str, Any]) -> None:
-    for sensor in _every(plan, "sensors"):
-        sensor["faintest"] = 0.0
-
-
-def _no_undergrowth(plan: dict[str, Any]) -> None:
-    plan["vary"]["forest.undergrowth"] = {"fixed": "none"}
-
-
-def _no_bark(plan: dict[str, Any]) -> None:
-    for scene in _every(plan, ""):
-        scene["accuracy"]["relief"] = False
-
-
-def _little_occlusion(plan: dict[str, Any]) -> None:
-    """Spread the same pulses over four times as many tripods."""
-    plan["place"][0] |= {"count": MORE_TRIPODS, "apart": 2.0}
-    wider = (MORE_TRIPODS / TRIPODS) ** 0.5
-    plan["vary"]["sensors[*].angle_step_deg"] = {"uniform": [wider * step for step in STEP]}
-
-
-def _nothing_varies(plan: dict[str, Any]) -> None:
-    plan["vary"] = {"sensors[*].angle_step_deg": {"fixed": sum(STEP) / 2}}
-    plan["vary"]["sensors[*].noise.range_sd"] = {"fixed": 0.003}
-    plan["vary"]["terrain.relief"] = {"fixed": 0.7}
-
-
-def _all_varies(plan: dict[str, Any]) -> None:
-    plan["randomise"], plan["vary"] = "measured", {}
-    for sensor in _every(plan, "sensors"):
-        for key in INSTRUMENT:
-            sensor.pop(key)
-        sensor["angle_step_deg"] = sum(STEP) / 2
-
-
-def _windy(plan: dict[str, Any]) -> None:
-    for scene in _every(plan, ""):
-        scene["wind"] = dict(WIND)
-
-
-def _no_dead(species: dict[str, Any]) -> None:
-    species["architecture"]["dead"]["density"] = 0.0
-
-
-def _other_angles(species: dict[str, Any]) -> None:
-    species["inclination"] = dict(SPHERICAL)
-
-
-WAYS_MADE = (
-    Away(ALL),
-    Away("no noise", _no_noise),
-    Away("no sub-rays", _no_subrays),
-    Away("no threshold", _no_threshold),
-    Away("no dead branches", species=_no_dead),
-    Away("no undergrowth", _no_undergrowth),
-    Away("little occlusion", _little_occlusion),
-    Away("leaves at any angle", species=_other_angles),
-    Away("no bark relief", _no_bark),
-    Away("nothing varies", _nothing_varies),
-    Away('randomise = "measured"', _all_varies),
-    Away("wind", _windy),
-)
 
 
 def run_ablations(
@@ -171,9 +157,6 @@ def run_ablations(
         raise SpecError(f"--data {data}", "has no measured tree in wood/")
     found: list[AblationScore] = []
     for way in WAYS_MADE:
-        if way.plan is _windy and "wind" not in Scene.__dataclass_fields__:
-            say("wind: scenes have none in this version; left out")
-            continue
         count = 2 * plots if way.name == ALL else plots
         path = write_plan_of(way, out / way.name.replace('"', "").replace(" ", "-"), count, seed)
         began = time.process_time()
@@ -182,7 +165,8 @@ def run_ablations(
         found += _scores(way.name, ours[:plots], real, seeds, seed)
         if way.name == ALL:
             found += _curve(ours, real, seeds, seed)
-        _write_scores(found, out / "ablations.csv")
+        keys = AblationScore.__dataclass_fields__
+        write_csv(out / "ablations.csv", {k: [getattr(row, k) for row in found] for k in keys})
         here = [f"{row.what} {row.cloud} {row.iou:.3f}" for row in found if row.way == way.name]
         say(f"{way.name}: {time.process_time() - began:.0f} CPU s of learning; {', '.join(here)}")
     return found
@@ -191,24 +175,15 @@ def run_ablations(
 def write_plan_of(way: Away, folder: Path, count: int, seed: int) -> Path:
     """Write the plan of one way, and the species that it changes, to a folder; returns the plan."""
     folder.mkdir(parents=True, exist_ok=True)
-    plan = copy.deepcopy(read_tables(find_plan(PLAN)))
+    plan = read_tables(find_plan(PLAN))
     plan |= {"name": way.name, "count": count, "seed": seed}
-    plan["place"][0]["count"] = TRIPODS
-    plan["vary"]["sensors[*].angle_step_deg"] = {"uniform": list(STEP)}
-    for sensor in _every(plan, "sensors"):
-        sensor.update(copy.deepcopy(INSTRUMENT))
-    for scene in _every(plan, ""):
-        scene["accuracy"] = {"relief": True}
-    if way.plan is not None:
-        way.plan(plan)
-    for planting in _every(plan, "plantings") if way.species else ():
+    plan = changed(plan, {"vary": way.plan.get("vary", plan["vary"])} | BASE | way.plan)
+    plantings = [one for base in plan["scenes"] for one in base["scene"]["plantings"]]
+    for planting in plantings if way.species else ():
         table = read_tables(ASSETS / "species" / f"{planting['species']}.toml")
-        way.species(table)  # type: ignore[misc]
         planting["species"] = f"{planting['species']}-changed.toml"
-        with replacing(folder / planting["species"]) as text:
-            text.write_text(tomli_w.dumps(table), encoding="utf-8")
-    with replacing(folder / "plan.toml") as text:
-        text.write_text(tomli_w.dumps(plan), encoding="utf-8")
+        write_whole(folder / planting["species"], tomli_w.dumps(changed(table, way.species)))
+    write_whole(folder / "plan.toml", tomli_w.dumps(plan))
     return folder / "plan.toml"
 
 
@@ -219,13 +194,7 @@ def _scores(
     found = []
     for number in range(seeds):
         mine = some_of(ours, seed * 1000 + number) if len(ours) > 2 else list(ours)
-        for what in ("stem", "wood"):
-            clouds = [cloud for cloud in real if getattr(cloud, what) is not None]
-            learner = train(taught(mine, what, number), number) if clouds else None
-            for cloud in clouds:
-                got = scored(learner, cloud, what)
-                name = cloud.name
-                found.append(AblationScore(way, len(mine), name, what, number, got.iou, got.f1))
+        found += _learned(way, mine, real, number)
     return found
 
 
@@ -237,20 +206,22 @@ def _curve(
     for count in sorted({2**k for k in range(10) if 2**k < len(ours)} | {len(ours)}):
         for number in range(seeds):
             turn = stream(seed, "curve", number).permutation(len(ours))[:count]
-            mine = [ours[k] for k in turn.tolist()]
-            for what in ("stem", "wood"):
-                clouds = [cloud for cloud in real if getattr(cloud, what) is not None]
-                learner = train(taught(mine, what, number), number) if clouds else None
-                for cloud in clouds:
-                    got = scored(learner, cloud, what)
-                    row = AblationScore(CURVE, count, cloud.name, what, number, got.iou, got.f1)
-                    found.append(row)
+            found += _learned(CURVE, [ours[k] for k in turn.tolist()], real, number)
     return found
 
 
-def _write_scores(found: Sequence[AblationScore], path: Path) -> None:
-    keys = AblationScore.__dataclass_fields__
-    write_csv(path, {key: [getattr(row, key) for row in found] for key in keys})
+def _learned(
+    way: str, plots: Sequence[Labelled], real: Sequence[Labelled], number: int
+) -> list[AblationScore]:
+    """Scores on the real clouds of a classifier that learned from some plots."""
+    found = []
+    for what in ("stem", "wood"):
+        clouds = [cloud for cloud in real if getattr(cloud, what) is not None]
+        learner = train(taught(plots, what, number), number) if clouds else None
+        for cloud in clouds:
+            got = scored(learner, cloud, what)
+            found.append(AblationScore(way, len(plots), cloud.name, what, number, got.iou, got.f1))
+    return found
 
 
 def differences(found: Sequence[AblationScore]) -> Mapping[tuple[str, str, str], np.ndarray]:
@@ -311,13 +282,9 @@ def ablation_subject(found: Sequence[AblationScore], out: Path) -> Subject:
     ]
     plots = max(row.plots for row in found if row.way == ALL)
     seeds = 1 + max(row.seed for row in found)
-    summary = SUMMARY.format(plots=_made(plots), seeds=seeds)
+    made = round(plots * 3 / 2)  # of which two thirds were learned from
+    summary = SUMMARY.format(plots=made, seeds=seeds)
     return Subject("ablations", TITLE, summary, f"{_table(found)}\n\n{TERMS}", tuple(rows))
-
-
-def _made(learned: int) -> int:
-    """Return how many plots were made, of which two thirds were learned from."""
-    return round(learned * 3 / 2)
 
 
 def _is(row: AblationScore, way: str, what: str, cloud: str) -> bool:

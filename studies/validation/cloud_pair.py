@@ -27,10 +27,10 @@ from ..inside import (
     lines_of,
     numbers,
     pulses_of,
-    replacing,
     save_figure,
     split_lines,
     stream,
+    write_whole,
 )
 from .own_cloud import CloudReturns, read_cloud
 from .stems import taubin
@@ -692,8 +692,7 @@ def hold_pair(
     folder.mkdir(parents=True, exist_ok=True)
     rows, clouds = compare_clouds(*files, (places[0], places[-1]), chosen.seed)
     text = table_text(rows, clouds)
-    with replacing(folder / "pair.md") as written:
-        written.write_text(text, encoding="utf-8")
+    write_whole(folder / "pair.md", text)
     drawn = draw_pair(rows, clouds, folder / "pair.png", chosen.seed)
     print(text)
     print(f"Wrote {folder / 'pair.md'} and {drawn}.")

@@ -75,7 +75,6 @@ class Shrub:
         scene = Scene(seed=seed, forest=Forest(size=(4.0, 4.0)), plantings=(planting,))
         forest = ForestSite.read(scene).grow()
         sway = sway_of(forest, Wind(speed=speed), seed)
-        assert sway is not None
         leaves, place = forest.variant_of(0).leaves, forest.transforms()[0]
         turn = Rotation.from_euler("z", float(forest.stand.rotation[0]))
         return cls(sway, turn, place, leaves.centre, leaves.normal, leaves.radius)

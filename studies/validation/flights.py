@@ -42,8 +42,7 @@ BLOCK, HALVES = 5.0, 40  # metres, and halvings of a line's blocks
 
 def shares_of(count: np.ndarray) -> np.ndarray:
     """(4,) shares of pulses (P,) with 1, 2, 3 and 4 returns."""
-    shares: np.ndarray = np.bincount(np.minimum(count, 5), minlength=6)[1:5] / max(len(count), 1)
-    return shares
+    return np.bincount(np.minimum(count, 5), minlength=6)[1:5] / max(len(count), 1)
 
 
 def halves_apart(cloud: FlownCloud, seed: int) -> dict[int, float]:
@@ -430,7 +429,6 @@ def flown_again(
 
 def scaled_like(read: ReadFlight, known: ReadFlight) -> ReadFlight:
     """A flight with the scale that makes the light of two of its returns sum to that of a known scale."""
-    assert known.flight.scale is not None
     total = light_of_two(
         known.returns.take(known.steep), known.height[known.steep], known.flight.scale
     )
@@ -504,7 +502,6 @@ def _repeated(scene: SceneGeometry, shifts: list[np.ndarray]) -> SceneGeometry:
 
 def scanner_of(read: ReadFlight) -> Mobile:
     """A scanner of a flight's beam that sees the reflectances that its own returns say."""
-    assert read.flight.scale is not None
     some, height = read.returns.take(read.steep), read.height[read.steep]
     leaf, ground = reflectances(
         some, height, read.flight.scale, float(np.mean(read.angle[read.steep]))
@@ -550,7 +547,6 @@ def as_bright(read: ReadFlight, flown: tuple[Cloud, np.ndarray], plain: Mobile) 
     flown : the line that is nearest to the nadir, seen by ``plain``, and (N,) which of it lie on the plot.
     """
     cloud, (ours, inside) = read.cloud, flown
-    assert read.flight.scale is not None
     real = (cloud.line == _nearest_nadir(read)) & (cloud.count == 1)
     mine = inside & (ours.count == 1)
     light = read.flight.scale.reflectance(read.returns.intensity)
@@ -575,7 +571,6 @@ def _inside(ours: Cloud, read: ReadFlight) -> np.ndarray:
 
 def faintest_of(read: ReadFlight) -> float:
     """Light, 1/m², of the faintest echo that a flight's receiver tells."""
-    assert read.flight.scale is not None
     return threshold(read.returns, read.cloud.line, read.far, read.flight.scale)
 
 
@@ -596,7 +591,9 @@ def _flown(
     """
     line = read.lines[number]
     rows = (read.cloud.line == number) & (read.cloud.number == 1)
-    pattern = pattern_like(line, read.cloud.place[rows], read.cloud.time[rows])
+    pattern = pattern_like(
+        line, *(c[rows] for c in (read.cloud.place, read.cloud.time, read.cloud.angle))
+    )
     farthest = RANGE * float(read.far[rows].max())
     faint = min(faintest_of(read) * farthest**2, 1.0)
     limited = plain.changed(max_range=farthest, faintest=faint)

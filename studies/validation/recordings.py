@@ -386,7 +386,6 @@ def expected_energy(
     losses = Losses.of(reverb, path.air, around, *ends)
     key = stand.number, "range"
     tail = tail_of(reverb, losses, Density.even(stand.density), *ends, last, key, packets, sent)
-    assert tail is not None
     speed, distance = path.air.speed(), path.distance
     length = np.geomspace(distance * 1.001, last * speed, STEPS)
     direct, scattered = [], []

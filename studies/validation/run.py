@@ -17,7 +17,7 @@ import numpy as np
 
 from forest_addon.api import SpecError
 
-from ..inside import Say, replacing, unknown
+from ..inside import Say, unknown, write_whole
 
 
 @dataclass(frozen=True)
@@ -202,8 +202,7 @@ def copy_pictures(part: Subject, folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     for comparison in part.comparisons:
         for picture in comparison.pictures:
-            with replacing(folder / picture.path.name) as partial:
-                partial.write_bytes(picture.path.read_bytes())
+            write_whole(folder / picture.path.name, picture.path.read_bytes())
 
 
 # Run validations: print their tables; keep each as JSON, Markdown and pictures in its own folder.
@@ -287,13 +286,11 @@ def write_page(out: Path, docs: Path) -> Path:
         new, old = out / name / KEPT, kept / f"{name}.json"
         if new.is_file():
             copy_pictures(_read(new, new.parent), pictures)
-            with replacing(old) as written:
-                written.write_bytes(new.read_bytes())
+            write_whole(old, new.read_bytes())
         if old.is_file():
             parts.append(_read(old, pictures))
     page = docs / "validation.md"
-    with replacing(page) as written:
-        written.write_text(page_text(parts, "pictures/validation"), encoding="utf-8")
+    write_whole(page, page_text(parts, "pictures/validation"))
     return page
 
 
@@ -319,13 +316,10 @@ def keep_subject(part: Subject, folder: Path) -> None:
         "terms": part.terms,
         "comparisons": [as_record(c) for c in part.comparisons],
     }
-    with replacing(folder / KEPT) as written:
-        written.write_text(
-            json.dumps(record, indent=1, ensure_ascii=False, default=lambda v: v.item()),
-            encoding="utf-8",
-        )
-    with replacing(folder / "validation.md") as written:
-        written.write_text(part_text(part, ""), encoding="utf-8")
+    write_whole(
+        folder / KEPT, json.dumps(record, indent=1, ensure_ascii=False, default=lambda v: v.item())
+    )
+    write_whole(folder / "validation.md", part_text(part, ""))
 
 
 def tell_subject(part: Subject, seconds: float, say: Say) -> None:

@@ -25,7 +25,6 @@ from ..inside import (
     ROUGH,
     WOOD_DRAG,
     ForestSite,
-    Kind,
     SwayResponse,
     SwayShape,
     Wanted,
@@ -92,7 +91,6 @@ def shape_as(tree: MeasuredSway, preset: str, rng: np.random.Generator, vary: bo
     SpecError : no tree of the species has such a diameter and height.
     """
     species, kind = load_species(find_species(preset, Path()))
-    assert isinstance(kind, Kind)
     chance = rng.random((1, 4)) if vary else np.full((1, 4), 0.5)
     given = np.array([[tree.height, np.nan, np.nan, np.nan]])
     row = drawn(kind.allometry, np.array([tree.dbh]), given, chance, preset, np.zeros(4))[0]
@@ -667,7 +665,6 @@ def _tops(seed: int) -> Comparison:
     )
     grown = ForestSite.read(scene).grow()
     sway = sway_of(grown, Wind(speed=CALM), seed)
-    assert sway is not None
     time, found = np.linspace(0.0, 60.0, 300), []
     for tree in range(len(grown.stand)):
         top = int(grown.variant_of(tree).mesh.vertices[:, 2].argmax())

@@ -7,7 +7,6 @@ bpy = pytest.importorskip("bpy")
 
 from forest_addon import api as forest
 from forest_addon.base.trimesh import WOOD, TriMesh
-from forest_addon.blender.rays import embree as embree_library
 from forest_addon.blender.rays.bvh import BvhCaster
 from forest_addon.blender.rays.embree_motion import embree_motion
 from forest_addon.sensing.moving import KNOTS, MovingScene
@@ -263,11 +262,7 @@ class Rises:
         return 5.0
 
 
-@pytest.mark.parametrize("arrays", [True, False])
-def test_engines_meet_pieces_that_sway_where_they_are(monkeypatch, arrays):
-    """Without arrays of instances, before Embree 4.3, each piece is an instance of its own."""
-    if not arrays:
-        monkeypatch.setattr(embree_library, "has_arrays", lambda *_: False)
+def test_engines_meet_pieces_that_sway_where_they_are():
     corners = np.array([[0.0, -0.5, -1], [0, 0.5, -1], [0, 0, 1]])
     shifts = np.array([[0.0, k, 0] for k in range(3)])
     every = np.concatenate([*(corners + shift for shift in shifts), np.zeros((3, 3))])

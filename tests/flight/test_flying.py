@@ -11,10 +11,10 @@ from forest_addon.flight.flying import fly, interval
 from forest_addon.flight.policies import Gap, Straight, policy_of
 from forest_addon.flight.senses import LIDAR, LidarSense
 from forest_addon.flight.simulation import Flyers
-from forest_addon.flight.stems import StemCaster, StemWorld
 from forest_addon.spec import Flight, SpecError, Wind
 from forest_addon.stand.wind.field import WindField
 from studies.flight import theory
+from studies.flight.stems import PlaneTrunks, StemWorld
 from studies.flight.theory import area_under_curve, discriminant
 
 ALONG = Flight(aim="heading", distance=30.0, start=(0.0, 0.0, 1.5), steps=400, speed=4.0, step=0.1)
@@ -37,7 +37,7 @@ def test_rays_meet_trunks_as_circles():
     place, radius = rng.uniform(-9, 9, (30, 2)), rng.uniform(0.1, 0.6, 30)
     angle = np.linspace(0, 2 * np.pi, 16)
     way = np.column_stack([np.cos(angle), np.sin(angle), 0 * angle])
-    hits = StemCaster(place, radius).cast(np.zeros((16, 3)), way, 12.0)
+    hits = PlaneTrunks(place, radius).cast(np.zeros((16, 3)), way, 12.0)
     along = np.linspace(0, 12, 6001)
     for k in range(16):
         spots = along[:, None] * way[k, :2]
@@ -206,7 +206,7 @@ def test_flight_needs_neither_blender_nor_gymnasium_for_this():
 
     code = (
         "import sys; sys.modules['bpy'] = None; sys.modules['mathutils'] = None\n"
-        "from forest_addon.flight import policies, flying, simulation, stems\n"
+        "from forest_addon.flight import policies, flying, simulation\n"
         "print('torch' in sys.modules)"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)

@@ -7,7 +7,6 @@ from forest_addon.base.trimesh import LEAF, WOOD, TriMesh, join
 from forest_addon.flight.obstacles import (
     MeshObstacles,
     Solid,
-    StemObstacles,
     distances,
     stopping,
     touched,
@@ -15,6 +14,7 @@ from forest_addon.flight.obstacles import (
 )
 from forest_addon.growth.mesh.meshing import tube
 from forest_addon.sensing.rays.geometry import SceneGeometry
+from studies.flight.stems import PlaneTrunks
 
 FLOOR = np.array([[[-9.0, -9, 0], [9, -9, 0], [0, 20, 0]]])
 
@@ -141,7 +141,7 @@ def test_forests_are_met_as_all_their_triangles_are(step):
 
 
 def test_trunks_of_a_plan_are_circles():
-    stems = StemObstacles(np.array([[5.0, 0.0], [5.0, 9.0]]), np.array([0.5, 1.0]))
+    stems = PlaneTrunks(np.array([[5.0, 0.0], [5.0, 9.0]]), np.array([0.5, 1.0]))
     start, end = (
         np.array([[0.0, 0, 1], [0, 3, 1], [0, 0.8, 1]]),
         np.array([[10.0, 0, 1], [10, 3, 1], [10, 0.8, 1]]),
@@ -155,5 +155,5 @@ def test_trunks_of_a_plan_are_circles():
 def test_nothing_stands_in_an_empty_world():
     nothing = np.empty(0, dtype=np.int64)
     scene = SceneGeometry((), np.empty((0, 3, 4)), nothing, (), nothing, nothing)
-    for empty in (MeshObstacles(scene, []), StemObstacles(np.empty((0, 2)), np.empty(0))):
+    for empty in (MeshObstacles(scene, []), PlaneTrunks(np.empty((0, 2)), np.empty(0))):
         assert touched(empty, np.zeros((1, 3)), np.full((1, 3), 1e4), 1.0)[0] == np.inf

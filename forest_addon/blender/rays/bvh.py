@@ -19,7 +19,7 @@ import numpy as np
 from mathutils.bvhtree import BVHTree
 
 from ...base.rows import RowTable
-from ...sensing.rays.boxes import BoxTree, Hulls
+from ...sensing.rays.boxes import BoxTree
 from ...sensing.rays.caster import Hits
 from ...sensing.rays.geometry import SceneGeometry, invert_transforms
 from ...sensing.rays.search import TASK, Search, whole_triangles
@@ -29,9 +29,6 @@ BEFORE_SHARE = 1e-5
 TURN = 256  # rays; between them other threads have their turn, as the window that waits
 FAR = 3e38  # the longest way that float32 holds
 SLACK = 1e-3  # metres that a ray goes on behind what it has met: float32 may be wrong
-FEW = 1024  # rays that go from instance to instance one by one
-CULLED = 64  # visits, from which a look at the hulls first costs less than they
-AT_ONCE = 4  # instances of a ray that are made ready first; then four times as many
 
 Met = tuple[np.ndarray, np.ndarray, np.ndarray]  # ray, instance, triangle, (M,) each
 NOTHING: Met = (np.empty(0, np.int64), np.empty(0, np.int64), np.empty(0, np.int64))
@@ -52,10 +49,7 @@ class BvhCaster(Search):
         self._to_local = np.ascontiguousarray(invert_transforms(scene.transform).reshape(-1, 12).T)
         low, high = scene.bounds()
         low[~np.isfinite(self._to_local).all(axis=0)] = np.nan  # flat: met by nothing
-        with np.errstate(invalid="ignore"):
-            self._span = np.array([_span(mesh.vertices) for mesh in scene.meshes])
         self._boxes = BoxTree(low, high)
-        self._hulls = Hulls(scene.meshes) if like is None else like._hulls
         self._trees: list[tuple[BVHTree, np.ndarray] | None] = (
             [None] * len(scene.meshes) if like is None else like._trees
         )
@@ -79,8 +73,7 @@ class BvhCaster(Search):
         if len(single):
             found.append(self._only(pairs.select(single), origins, directions, limit))
         if len(several):
-            visit = self._in_turn if len(limit) <= FEW else self._in_rounds
-            found.append(visit(pairs.select(several), origins, directions, limit))
+            found.append(self._in_rounds(pairs.select(several), origins, directions, limit))
         ray, box, triangle = (np.concatenate(part) for part in zip(*found, strict=True))
         distance = self._surfaces.distance(
             origins.take(ray, 1), directions.take(ray, 1), box, triangle
@@ -99,13 +92,9 @@ class BvhCaster(Search):
         origins: np.ndarray,
         directions: np.ndarray,
         limit: np.ndarray,
-        cull: bool = False,
     ) -> Met:
         """Return what rays meet, each in the one instance of its pair: ray (M,), instance (M,), triangle
-        (M,).
-
-        cull : whether most may pass by, so that a look at the mesh's hulls first is worth it.
-        """
+        (M,)."""
         mesh_of = self.scene.mesh_index[pairs.box]
         if (np.diff(mesh_of) < 0).any():
             pairs = pairs.select(np.argsort(mesh_of, kind="stable"))
@@ -116,11 +105,7 @@ class BvhCaster(Search):
         cuts = [0, *(np.flatnonzero(np.diff(mesh_of)) + 1).tolist(), len(mesh_of)]
         triangle = np.full(len(mesh_of), -1, dtype=np.int64)
         for first, last in pairwise(cuts if len(mesh_of) else [0]):
-            rows: np.ndarray | slice = slice(first, last)
-            mesh = int(mesh_of[first])
-            if cull:
-                hull = self._hulls.take(mesh_of[first : first + 1])
-                rows = first + self._hulls.met(origin[:, rows], way[:, rows], hull).nonzero()[0]
+            rows, mesh = slice(first, last), int(mesh_of[first])
             triangle[rows] = self._cast_each(mesh, origin[:, rows], way[:, rows], reach[rows])
         met = (triangle >= 0).nonzero()[0]
         return pairs.ray[met], pairs.box[met], triangle[met]
@@ -144,7 +129,8 @@ class BvhCaster(Search):
     def _in_rounds(
         self, pairs: _Pairs, origins: np.ndarray, directions: np.ndarray, limit: np.ndarray
     ) -> Met:
-        """As ``_in_turn``, for many rays: all visit their nearest instance, then all their second."""
+        """Return what rays meet that go from instance to instance, the nearest first, until they would enter
+        one behind what they have met: all visit their nearest instance, then all their second."""
         turn = _firsts(pairs.ray)
         last = np.append(turn[1:], len(pairs.ray))
         best = limit.copy()
@@ -152,9 +138,7 @@ class BvhCaster(Search):
         while len(turn):
             near = pairs.entry[turn] <= best[pairs.ray[turn]]
             turn, last = turn[near], last[near]
-            ray, box, triangle = self._only(
-                pairs.select(turn), origins, directions, best, cull=True
-            )
+            ray, box, triangle = self._only(pairs.select(turn), origins, directions, best)
             distance = self._surfaces.distance(
                 origins.take(ray, 1), directions.take(ray, 1), box, triangle
             )
@@ -165,101 +149,6 @@ class BvhCaster(Search):
             turn, last = turn[more], last[more]
         ray, box, triangle = (np.concatenate(part) for part in zip(*found, strict=True))
         return ray, box, triangle
-
-    def _in_turn(
-        self, pairs: _Pairs, origins: np.ndarray, directions: np.ndarray, limit: np.ndarray
-    ) -> Met:
-        """Return what rays meet that go from instance to instance, the nearest first, until they would enter
-        one behind what they have met.
-
-        What they have met is known in float32 here: it counts as far as it can be wrong.
-        """
-        first = _firsts(pairs.ray)
-        last = np.append(first[1:], len(pairs.ray))
-        best = limit[pairs.ray[first]].tolist()
-        going = np.arange(len(first))
-        found: list[tuple[int, int]] = []  # pair, and triangle of those that the tree has
-        at_once = AT_ONCE
-        while len(going):
-            size = np.minimum(last[going] - first[going], at_once)
-            ends = np.cumsum(size)
-            rows = np.repeat(first[going] - (ends - size), size) + np.arange(ends[-1])
-            left = self._walk(rows, size, going.tolist(), best, found, pairs, origins, directions)
-            first[going] += size
-            going = going[left]
-            going = going[first[going] < last[going]]
-            if len(going):
-                going = going[pairs.entry[first[going]] <= np.array(best)[going]]
-            at_once *= 4
-        if not found:
-            return NOTHING
-        row, number = np.array(found).T
-        box = pairs.box[row]
-        triangle = number.copy()
-        mesh_of = self.scene.mesh_index[box]
-        for mesh in np.flatnonzero(np.bincount(mesh_of)):
-            here = mesh_of == mesh
-            triangle[here] = self._tree(int(mesh))[1][number[here]]
-        return pairs.ray[row], box, triangle
-
-    def _walk(
-        self,
-        rows: np.ndarray,
-        size: np.ndarray,
-        rays: list[int],
-        best: list[float],
-        found: list[tuple[int, int]],
-        pairs: _Pairs,
-        origins: np.ndarray,
-        directions: np.ndarray,
-    ) -> list[int]:
-        """Let rays visit the pairs in these rows, so many each; which of them may have to go on."""
-        part = pairs.select(rows)
-        origin, way, stretch = self._enter(part, origins, directions)
-        mesh_of = self.scene.mesh_index[part.box]
-        if len(rows) < CULLED:
-            meets = np.arange(len(rows))
-        else:
-            meets = self._hulls.met(origin, way, self._hulls.take(mesh_of)).nonzero()[0]
-        ends = np.searchsorted(meets, np.cumsum(size)).tolist()
-        mesh_of = mesh_of[meets]
-        casts = {
-            int(m): self._tree(int(m))[0].ray_cast for m in np.flatnonzero(np.bincount(mesh_of))
-        }
-        visits = list(
-            zip(
-                part.entry[meets].tolist(),
-                part.begin[meets].tolist(),
-                map(casts.__getitem__, mesh_of.tolist()),
-                origin.T[meets].tolist(),
-                way.T[meets].tolist(),
-                stretch[meets].tolist(),
-                (1e-6 * self._span[mesh_of]).tolist(),
-                rows[meets].tolist(),
-                strict=True,
-            )
-        )
-        left, first = [], 0
-        for place, (ray, end) in enumerate(zip(rays, ends, strict=True)):
-            reach = best[ray]
-            for entry, begin, cast, at, along, stretched, span, number in visits[first:end]:
-                if entry > reach:
-                    break
-                long = ((reach - begin) * (1 + 1e-6) + SLACK) * stretched
-                hit = cast(at, along, long if long < FAR else FAR)
-                if hit[2] is not None:
-                    found.append((number, hit[2]))
-                    (x, y, z), (a, b, c) = hit[1], along
-                    across = max(abs(x * a + y * b + z * c), 1e-6 * stretched)
-                    away = begin + hit[3] / stretched
-                    away += 1e-4 + (span + 1e-6 * hit[3]) / across
-                    if away < reach:
-                        reach = away
-            else:
-                left.append(place)
-            best[ray] = reach
-            first = end
-        return left
 
     def _enter(
         self, pairs: _Pairs, origins: np.ndarray, directions: np.ndarray
@@ -303,14 +192,6 @@ class _Pairs(RowTable):
     box: np.ndarray
     begin: np.ndarray
     entry: np.ndarray
-
-
-def _span(vertices: np.ndarray) -> float:
-    """Metres from the origin of a mesh to its farthest finite coordinate: float32 is as fine as this says."""
-    far = max(vertices.max(initial=0.0), -vertices.min(initial=0.0))
-    if not np.isfinite(far):
-        far = np.abs(vertices[np.isfinite(vertices).all(axis=1)]).max(initial=0.0)
-    return float(far)
 
 
 def _firsts(ray: np.ndarray) -> np.ndarray:

@@ -1,8 +1,8 @@
 """Blender's own Embree through its C interface: found, loaded and checked.
 
 Every Blender ships ``libembree4`` for Cycles: beside its module or program, in ``lib``, in
-``blender.shared``, or as the system's library. Only versions 4.x are used: their functions, constants
-and layouts are those below (embree4/rtcore.h).
+``blender.shared``, or as the system's library. Only versions 4.3 to 4.x are used, as Blender's are: their
+functions, constants and layouts are those below (embree4/rtcore.h).
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from ...base.trimesh import TriMesh
 from ...sensing.rays.boxes import clip
 from ...sensing.rays.caster import Hits
 from ...sensing.rays.geometry import SceneGeometry, invert_transforms
-from ...sensing.rays.search import MARGIN, TASK, Search, whole_triangles
+from ...sensing.rays.search import TASK, Search, whole_triangles
 
 FOLDERS = ("lib", "blender.shared", ".", "../Frameworks", "../Resources/lib")
 FILES = {"win32": ("embree4*.dll",), "darwin": ("libembree4*.dylib",)}
@@ -57,8 +57,8 @@ SIGNATURES = {
     "rtcSetGeometryTimeStepCount": (None, [_P, _U]),
     "rtcIntersect8": (None, [_P, _P, _P, _P]),
     "rtcIntersect16": (None, [_P, _P, _P, _P]),
+    "rtcSetGeometryInstancedScenes": (None, [_P, _P, _Z]),
 }
-SINCE_4_3 = {"rtcSetGeometryInstancedScenes": (None, [_P, _P, _Z])}
 
 
 class EmbreeError(RuntimeError):
@@ -84,17 +84,6 @@ def load() -> ctypes.CDLL:
     raise EmbreeError("no Embree 4 beside Blender or on the system; tried " + "; ".join(tried))
 
 
-def has_arrays(library: ctypes.CDLL, device: int) -> bool:
-    """Return whether many instances can be one geometry: since 4.3, where it was built so."""
-    if not all(hasattr(library, name) for name in SINCE_4_3):
-        return False
-    geometry = library.rtcNewGeometry(device, INSTANCES)
-    library.rtcGetDeviceError(device)  # what it says of that is answered
-    if geometry:
-        library.rtcReleaseGeometry(geometry)
-    return bool(geometry)
-
-
 def _places() -> Iterator[str]:
     """Files beside Blender, then names: what is loaded already or what the system finds."""
     roots = [Path(bpy.utils.resource_path("LOCAL")).parent]
@@ -109,17 +98,21 @@ def _places() -> Iterator[str]:
 
 
 def _type(library: ctypes.CDLL) -> None:
-    newer = {name: made for name, made in SINCE_4_3.items() if hasattr(library, name)}
-    for name, (result, arguments) in (SIGNATURES | newer).items():
+    for name, (result, arguments) in SIGNATURES.items():
         function = getattr(library, name)
         function.restype, function.argtypes = result, arguments
     device = library.rtcNewDevice(b"")
     if not device:
         raise EmbreeError("it gives no device")
     version = library.rtcGetDeviceProperty(device, VERSION_PROPERTY)
+    arrays = library.rtcNewGeometry(device, INSTANCES)
+    if arrays:
+        library.rtcReleaseGeometry(arrays)
     library.rtcReleaseDevice(device)
     if version // 10_000 != 4:
         raise EmbreeError(f"it is version {version // 10_000}, not 4")
+    if not arrays:
+        raise EmbreeError("it was built without arrays of instances")
 
 
 # Packets of rays as Embree wants them: which rays go together, how many, and by which of its ways.
@@ -296,8 +289,6 @@ class EmbreeCaster(Search):
         self._slack = 1e-6 * size + 1e-6
 
         self._box_low, self._box_high = self._low - self._slack, self._high + self._slack
-        self._inner_low = self._low[:, None] + 3 * MARGIN
-        self._inner_high = self._high[:, None] - 3 * MARGIN
         self._middle = self._centre[:, None]
         self._kept = threading.local()
 
@@ -337,16 +328,12 @@ class EmbreeCaster(Search):
     def _nearest(
         self, origins: np.ndarray, directions: np.ndarray, start: np.ndarray, limit: np.ndarray
     ) -> Hits:
-        begin, rays, count = start, None, len(start)
-        if not self._all_begin_within(origins, start):
-            begin, leaves = clip(self._box_low, self._box_high, origins, directions, start, limit)
-            rays = (begin <= leaves).nonzero()[0]
-            if len(rays) == count:
-                rays = None
-            else:
-                count = len(rays)
-                begin, limit = begin[rays], limit[rays]
-                origins, directions = origins.take(rays, 1), directions.take(rays, 1)
+        begin, leaves = clip(self._box_low, self._box_high, origins, directions, start, limit)
+        rays = (begin <= leaves).nonzero()[0]
+        count = len(rays)
+        if count < len(start):
+            begin, limit = begin[rays], limit[rays]
+            origins, directions = origins.take(rays, 1), directions.take(rays, 1)
         if not count:
             return Hits.misses(len(start))
         moved = begin * directions
@@ -357,30 +344,18 @@ class EmbreeCaster(Search):
         limit += self._slack
         packets = self._packets_of(count, lanes_for(moved, directions) if count > FEW else LONE)
         packets.fill(moved, directions, limit)
-        self._trace(packets)
+        packets.trace(self._library, self._top)
         instance, triangle, met = packets.read(count)
         if not self._whole:
             triangle = self._numbered(instance, triangle)
         if len(met) < count:
             origins, directions = origins.take(met, 1), directions.take(met, 1)
         distance = self._surfaces.distance(origins, directions, instance, triangle)
-        if rays is None and len(met) == count:
+        if len(met) == len(start):
             return Hits(distance, instance, triangle)
         hits = Hits.misses(len(start))
-        hits.put(met if rays is None else rays[met], Hits(distance, instance, triangle))
+        hits.put(rays[met], Hits(distance, instance, triangle))
         return hits
-
-    def _all_begin_within(self, origins: np.ndarray, start: np.ndarray) -> bool:
-        """Return whether few rays are seen at a glance to be in the box where they start."""
-        if not 0 < len(start) <= KEPT:
-            return False
-        inside = origins > self._inner_low
-        inside &= origins < self._inner_high
-        return bool(
-            np.logical_and.reduce(inside, None)
-            and np.minimum.reduce(start) >= -MARGIN
-            and np.maximum.reduce(start) <= MARGIN
-        )
 
     def _packets_of(self, count: int, lanes: int) -> RayPackets:
         """Room for so many rays: of few, or of a whole task, what this thread has kept."""
@@ -391,9 +366,6 @@ class EmbreeCaster(Search):
         if size not in kept:
             kept[size] = RayPackets(count, lanes)
         return kept[size]
-
-    def _trace(self, packets: RayPackets) -> None:
-        packets.trace(self._library, self._top)
 
     def _numbered(self, instance: np.ndarray, primitive: np.ndarray) -> np.ndarray:
         """Triangles of the meshes, from those that Embree was given."""
@@ -485,22 +457,15 @@ class EmbreeBuild:
     def instances(self, numbers: list[int], scenes: list[int], place: np.ndarray) -> int:
         """A scene of instances; a hit names the instance by its number.
 
-        place : (I, 3, 4) float32, or (I, K, 3, 4) at even steps of a ray's time from 0 to 1, between which
-        their elements go linearly.
+        place : (I, 3, 4) float32.
         """
         top = self._scene()
-        row, steps = place.ctypes.data, 1 if place.ndim == 3 else place.shape[1]
-        each = place.strides[-3]
         turn, form = self._library.rtcSetGeometryTransform, FLOAT3X4_ROWS
-        for number, scene in zip(numbers, scenes, strict=True):
+        for number, scene, row in zip(numbers, scenes, place, strict=True):
             geometry = self._library.rtcNewGeometry(self._device, INSTANCE)
             self._library.rtcSetGeometryInstancedScene(geometry, scene)
-            if steps > 1:
-                self._library.rtcSetGeometryTimeStepCount(geometry, steps)
-            rows = range(row, row + steps * each, each)
-            deque(map(turn, repeat(geometry), range(steps), repeat(form), rows), maxlen=0)
+            turn(geometry, 0, form, row.ctypes.data)
             self._attach(top, geometry, number)
-            row += place.strides[0]
         return self._commit(top)
 
     def array(self, scenes: list[int], which: np.ndarray, place: np.ndarray, number: int) -> int:
@@ -510,6 +475,8 @@ class EmbreeBuild:
         between which their elements go linearly.
         """
         top, given = self._scene(), np.array(scenes, dtype=np.uint64)
+        if not scenes:
+            return self._commit(top)
         index, place = which.astype(np.uint32), np.ascontiguousarray(place, dtype=np.float32)
         self._arrays += [index, place]
         geometry = self._library.rtcNewGeometry(self._device, INSTANCES)

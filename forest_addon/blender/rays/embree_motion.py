@@ -23,7 +23,6 @@ from ...sensing.rays.caster import Hits
 from ...sensing.rays.exact import meet
 from ...sensing.rays.paths import RigidPath, corners_at_rest
 from ...sensing.rays.search import RefinedSurfaces, in_tasks, search_on, whole_triangles
-from . import embree
 from .embree import EmbreeBuild, EmbreeCaster, RayPackets, lanes_for
 
 LONGEST = 128  # samples of a window; Embree takes one step more
@@ -81,7 +80,6 @@ class EmbreeMotion:
             like = None
         self._moving, self._threads = moving, threads
         self._still = still = EmbreeCaster(moving.still, threads, like and like._still)
-        self._arrays = embree.has_arrays(still._library, still._device)
         # Trees of meshes that move, by their number, and what holds them for all that share them.
         self._trees: dict[int, int] = {} if like is None else like._trees
         self._holder: EmbreeBuild = still._build if like is None else like._holder
@@ -211,7 +209,7 @@ class EmbreeMotion:
         if not len(met):
             return found
         piece = np.flatnonzero(instance >= self._moving.count)
-        if len(piece) and pieces is not None and self._arrays:
+        if len(piece) and pieces is not None:
             _, _, _, known, _ = self._pieces_at(pieces)
             row = packets.rows_of_array(met[piece])
             instance[piece] = self._moving.count + pieces.piece[known[row]]
@@ -386,16 +384,9 @@ class EmbreeMotion:
             places[:, :, :, 3] -= self._centre
             numbers = count + window.piece[known]
             build = EmbreeBuild(still._library, still._device, still._build)
-            if self._arrays and len(known):
-                used, which = np.unique(
-                    self._slot[numbers], return_index=True, return_inverse=True
-                )[1:]
-                scenes = [self._tree(number) for number in numbers[used].tolist()]
-                top = build.array(scenes, which, places, len(self._moving.scene))
-            else:
-                scenes = [self._tree(number) for number in numbers.tolist()]
-                every = np.ascontiguousarray(places.swapaxes(0, 1), dtype=np.float32)
-                top = build.instances(numbers.tolist(), scenes, every)
+            used, which = np.unique(self._slot[numbers], return_index=True, return_inverse=True)[1:]
+            scenes = [self._tree(number) for number in numbers[used].tolist()]
+            top = build.array(scenes, which, places, len(self._moving.scene))
             self._pieces = window, top, box, known, build
         return self._pieces
 

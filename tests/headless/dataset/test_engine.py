@@ -5,13 +5,14 @@ import shutil
 import subprocess
 import threading
 import time
+from types import SimpleNamespace
 from typing import ClassVar
 
 import pytest
 
 from forest_addon.spec import SpecError
 from headless.dataset import disk, engine
-from headless.dataset.engine import Cluster, make_all, slurm_cluster
+from headless.dataset.engine import Cluster, SceneOutcome, Worker, make_all, slurm_cluster
 from headless.dataset.plan import PLANS, read_plan, recipes
 from studies.bench.cluster import seconds_of, trial
 
@@ -60,6 +61,29 @@ def certificate(folder, authority):
     return {"distributed.comm.tls.ca-file": str(folder / "ca.pem"), **roles}
 
 
+def job_of(number, **more):
+    return SimpleNamespace(recipe=SimpleNamespace(number=number), **more)
+
+
+@pytest.mark.slow
+def test_a_process_that_is_killed_is_told_with_its_last_words(tmp_path):
+    pytest.importorskip("bpy")
+    worker = Worker()
+    try:
+        assert worker.start() == ""
+        worker._process.kill()
+        found = worker._ask(time.monotonic() + 60, 1e12, engine._is_ready)
+        assert found.kind == "crash"
+        assert found.why.startswith("Blender's process was ended by signal 9")
+        (tmp_path / "scenes").write_text("no folder")
+        found = worker.scene(tmp_path, SimpleNamespace(number=3), 60.0, 1e12)  # in a new process
+        assert found.kind == "fault"
+        assert found.scene == 3
+        assert found.memory > 0
+    finally:
+        worker.end()
+
+
 class Pretended:
     """A worker that makes nothing: odd scenes go on until it is stopped, where the test wants them to."""
 
@@ -71,15 +95,15 @@ class Pretended:
         self.every.append(self)
 
     def make(self, job):
-        number = job["recipe"]["number"]
+        number = job.recipe.number
         if self.endless and number % 2:
             assert self.stopped.wait(20)
-            return {"result": "stopped", "scene": number}
+            return SceneOutcome("stopped", scene=number)
         self.made.append(number)
         if self.endless:
-            return job["result"](number)
+            return job.result(number)
         time.sleep(0.01)
-        return {"result": "done", "scene": number}
+        return SceneOutcome("done", scene=number)
 
     def stop(self):
         self.stopped.set()
@@ -97,9 +121,9 @@ def pretended(monkeypatch):
 
 def test_workers_of_one_machine_share_out_what_there_is_to_do(pretended):
     done = []
-    jobs = [{"recipe": {"number": number}} for number in range(12)]
+    jobs = [job_of(number) for number in range(12)]
     make_all(jobs, Cluster(workers=3), done.append)
-    assert sorted(one["scene"] for one in done) == list(range(12))
+    assert sorted(one.scene for one in done) == list(range(12))
     assert len(pretended.every) == 3
     assert all(worker.made and worker.ended for worker in pretended.every)
     make_all(jobs[:1], Cluster(workers=3), done.append)
@@ -107,7 +131,7 @@ def test_workers_of_one_machine_share_out_what_there_is_to_do(pretended):
 
 
 def full(number):
-    return {"result": "disk", "scene": number, "why": "no space"}
+    return SceneOutcome("disk", "no space", scene=number)
 
 
 def broken(number):
@@ -122,8 +146,7 @@ def test_what_no_scene_survives_stops_every_worker(
     pretended, monkeypatch, tmp_path, result, problem, words
 ):
     monkeypatch.setattr(pretended, "endless", True)
-    root = {"root": str(tmp_path)}
-    jobs = [root | {"recipe": {"number": number}, "result": result} for number in (1, 0, 2, 4)]
+    jobs = [job_of(number, root=tmp_path, result=result) for number in (1, 0, 2, 4)]
     half = disk.begin(tmp_path, 2)
     with pytest.raises(problem, match=words):
         make_all(jobs, Cluster(workers=2), print)
@@ -134,7 +157,7 @@ def test_what_no_scene_survives_stops_every_worker(
 
 def told(job):
     """Result of a scene that takes no time."""
-    return {"result": "done", "scene": job["recipe"]["number"]}
+    return SceneOutcome("done", scene=job.recipe.number)
 
 
 @pytest.mark.slow
@@ -144,7 +167,7 @@ def test_a_scheduler_by_tls_lets_in_who_has_a_certificate_of_its_authority(tmp_p
         pytest.skip("no openssl")
     ours, other = certificate(tmp_path / "ours", "ours"), certificate(tmp_path / "other", "other")
     monkeypatch.setattr(engine, "CAN_START_IN", 2)
-    jobs = [{"recipe": {"number": number}} for number in range(3)]
+    jobs = [job_of(number) for number in range(3)]
     settings = ours | {"distributed.comm.require-encryption": True}
     with dask.config.set(settings):
         secure = distributed.Security()
@@ -165,7 +188,7 @@ def test_a_scheduler_by_tls_lets_in_who_has_a_certificate_of_its_authority(tmp_p
         done = []
         with dask.config.set(settings):
             make_all(jobs, address, done.append)
-    assert sorted(one["scene"] for one in done) == [0, 1, 2]
+    assert sorted(one.scene for one in done) == [0, 1, 2]
 
 
 @pytest.mark.slow
@@ -193,6 +216,6 @@ def test_a_cluster_that_loses_everything_is_given_up(monkeypatch):
     here = {"n_workers": 1, "threads_per_worker": 1, "processes": False}
     with distributed.LocalCluster(**here, dashboard_address=None) as cluster:
         place = Cluster(scheduler=cluster.scheduler_address, make=lose)
-        jobs = [{"recipe": {"number": number}} for number in range(5)]
+        jobs = [job_of(number) for number in range(5)]
         with pytest.raises(OSError, match="finished none of 5 scenes"):
             make_all(jobs, place, print)
