@@ -1,6 +1,6 @@
 """Audits: a result held against the same computed again by the slow exact way, on a sample of its values.
 
-A sensor says in ``Part``s what its result holds: how many values of a kind there are, and the errors of those
+A sensor says in ``AuditPart``s what its result holds: how many values of a kind there are, and the errors of those
 with some numbers, which it computes again or derives from others. ``held`` draws the numbers, one from each
 of so many equal stretches, and makes a ``Check`` of what it sees. How many are drawn depends on the result
 alone, never on a clock, so that an audit says the same whenever it is made. n values drawn of many miss an
@@ -25,7 +25,7 @@ FIGURE = 1e-9  # of a figure that is computed again
 
 
 @dataclass(frozen=True)
-class Part:
+class AuditPart:
     """Values of one kind in a result, and how to look at some of them again.
 
     of : how many there are. look : errors (K, N), or (N,), of the values with numbers (N,), ascending;
@@ -51,7 +51,7 @@ class Part:
         return np.unique(number) if self.also is None else np.union1d(number, self.also)
 
 
-def held(parts: Sequence[Part], rng: np.random.Generator, seconds: float) -> Audit:
+def held(parts: Sequence[AuditPart], rng: np.random.Generator, seconds: float) -> Audit:
     """The audit of a result that took ``seconds``; errors of the same kind in several parts are one check."""
     seen: dict[tuple[str, float, str], list[tuple[np.ndarray, int]]] = {}
     exact = 0.0
@@ -74,12 +74,12 @@ def held(parts: Sequence[Part], rng: np.random.Generator, seconds: float) -> Aud
     return Audit(tuple(checks), seconds, exact)
 
 
-def figures(told: Mapping[str, Any], right: Mapping[str, Any]) -> Part:
+def figures(told: Mapping[str, Any], right: Mapping[str, Any]) -> AuditPart:
     """What a result tells, whole, against what is ``right``, by name; names that differ are told."""
     errors = np.array([figure_error(told[name], value) for name, value in right.items()])
     wrong = [name for name, error in zip(right, errors, strict=True) if not error <= FIGURE]
     what = "figures computed again" + (f" (wrong: {', '.join(wrong)})" if wrong else "")
-    return Part(len(right), errors.__getitem__, ((what, FIGURE, "of each"),))
+    return AuditPart(len(right), errors.__getitem__, ((what, FIGURE, "of each"),))
 
 
 def figure_error(one: Any, other: Any) -> float:

@@ -20,7 +20,7 @@ import numpy as np
 
 from ..base.progress import Progress
 from ..spec import Choice, Scene, Sensor
-from .audit import Part
+from .audit import AuditPart
 from .looks import SensorLook, look_at_leaves
 from .rays.caster import RayCaster
 from .rays.geometry import SceneGeometry
@@ -171,7 +171,7 @@ class SensorKind:
 
     settings: type[Sensor]
     run: Callable[[Observation, Progress | None], Any]
-    audit: Callable[[Observation, Any], Sequence[Part]] | None = None
+    audit: Callable[[Observation, Any], Sequence[AuditPart]] | None = None
     trajectory: Callable[[Any, Path, Follower], Trajectory | None] = _stays
     positions: Callable[[Observation], np.ndarray] = _where_it_stands
     empty: Callable[[Observation, Any], str] = _never_empty

@@ -18,7 +18,7 @@ from ..base.trimesh import is_wood
 from ..growth.skeleton import Skeleton
 from ..growth.tree import Tree
 from ..stand.forest import GrownForest
-from .audit import LEAST, Audit, Part, held
+from .audit import LEAST, Audit, AuditPart, held
 from .rays.geometry import SceneGeometry
 from .sonar.leaves import FoliageDiscs
 
@@ -51,7 +51,7 @@ def _roughness(tree: Tree) -> float:
     return tree.relief.most(float(tree.skeleton.radius.max(initial=0.0)))
 
 
-def part_of_tubes(trees: Sequence[tuple[Tree, float]], rng: np.random.Generator) -> Part:
+def part_of_tubes(trees: Sequence[tuple[Tree, float]], rng: np.random.Generator) -> AuditPart:
     """Points on the branches of trees, each with the tolerance that it was meshed with; of none where none
     grows from cones. A point that no other branch and no ground hides is off by its way to the wood."""
     known = [(tree, allowed) for tree, allowed in trees if not tree.grafted]
@@ -70,10 +70,10 @@ def part_of_tubes(trees: Sequence[tuple[Tree, float]], rng: np.random.Generator)
     allowed = max((allowed for _, allowed in known), default=0.0)
     kind = "points of branches by the nearest of all triangles", allowed, "m"
     count = min(max(WORK // max(triangles, 1), FEWEST), LEAST)
-    return Part(cones, look, (kind,), count, exact=True)
+    return AuditPart(cones, look, (kind,), count, exact=True)
 
 
-def part_of_leaves(forest: GrownForest, scene: SceneGeometry, share: float) -> Part:
+def part_of_leaves(forest: GrownForest, scene: SceneGeometry, share: float) -> AuditPart:
     """Trees as they stand in an evaluated scene, ``share`` of which are looked at, one at least, leaf by
     leaf; one with a leaf that is missing is infinitely far off."""
     rows = {int(tree): row for row, tree in enumerate(forest.stand.id)}
@@ -102,7 +102,7 @@ def part_of_leaves(forest: GrownForest, scene: SceneGeometry, share: float) -> P
     what = "trees, the centre and size of each leaf by the triangles in Blender"
     kind = what, ROUNDING * max(far, 1.0), "m"
     count = max(1, math.ceil(min(share, 1.0) * len(known)))
-    return Part(len(known), look, (kind,), count, exact=True)
+    return AuditPart(len(known), look, (kind,), count, exact=True)
 
 
 def _leaf_errors(tree: Tree, measured: FoliageDiscs, shoots: bool) -> np.ndarray:

@@ -35,7 +35,7 @@ from forest_addon.base.rng import stream
 from forest_addon.blender.rays.casters import make_caster
 from forest_addon.blender.sensors.observe import Observer
 from forest_addon.growth.tree import Tree, with_tolerance
-from forest_addon.sensing.audit import Part, held
+from forest_addon.sensing.audit import AuditPart, held
 from forest_addon.sensing.detail import COARSE, coarse_species
 from forest_addon.sensing.lidar.audit import ray_errors
 from forest_addon.sensing.lidar.scan import Scan
@@ -290,7 +290,9 @@ def _sweep_beams(
         def errors(number: np.ndarray) -> np.ndarray:
             return ray_errors(engine, *rays[0](number), sensor.max_range)
 
-        audit = held([Part(rays[1], errors, (("rays", 0.0, "m"),), EXACTLY, exact=True)], rng, 0.0)
+        audit = held(
+            [AuditPart(rays[1], errors, (("rays", 0.0, "m"),), EXACTLY, exact=True)], rng, 0.0
+        )
         return audit.worst.rms, audit.exact_seconds
 
     numerics, slowly = exactly(caster)

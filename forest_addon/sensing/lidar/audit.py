@@ -16,7 +16,7 @@ import numpy as np
 
 from ...base.vectors import azimuth_of
 from ...spec import Tractor
-from ..audit import LEAST, Part, figures, shares
+from ..audit import LEAST, AuditPart, figures, shares
 from ..rays.caster import Hits, RayCaster
 from ..rays.exact import ExactCaster, Referee
 from ..rays.geometry import SceneGeometry
@@ -42,7 +42,7 @@ TURNS = "normals, angles and times of all of these", OF_VALUE, "of each"
 
 def parts_of_scan(
     scan: Scan, cloud: Cloud, share: float, scene: SceneGeometry | None = None
-) -> list[Part]:
+) -> list[AuditPart]:
     """Parts of a cloud, ``share`` of whose pulses are sent again.
 
     scan : the same scan, ready to look again. scene : the true one; left out: the caster's.
@@ -82,15 +82,15 @@ def parts_of_scan(
 
     return [
         figures(vars(cloud), right),
-        Part(len(cloud), lambda number: order[number], (("points in order, whole", 0.0, ""),)),
-        Part(
+        AuditPart(len(cloud), lambda number: order[number], (("points in order, whole", 0.0, ""),)),
+        AuditPart(
             len(cloud),
             lambda number: _off_beam(scan, true, cloud, number),
             (("points on their beams", wanted, "m"), TURNS),
         ),
-        Part(len(came), sent(exact, came), kinds(f"pulses {FLOAT64}"), few, exact=True),
-        Part(len(empty), sent(exact, empty), kinds(f"pulses that met nothing {FLOAT64}"), few),
-        Part(count, sent(scan, None), kinds("pulses sent again"), *again),
+        AuditPart(len(came), sent(exact, came), kinds(f"pulses {FLOAT64}"), few, exact=True),
+        AuditPart(len(empty), sent(exact, empty), kinds(f"pulses that met nothing {FLOAT64}"), few),
+        AuditPart(count, sent(scan, None), kinds("pulses sent again"), *again),
     ]
 
 
@@ -100,7 +100,7 @@ def parts_of_drive(
     caster: RayCaster,
     share: float,
     scene: SceneGeometry | None = None,
-) -> list[Part]:
+) -> list[AuditPart]:
     """Parts of a tractor's scan, as ``parts_of_scan``."""
     true = caster.scene if scene is None else scene
     exact, float64, returns = Referee(caster, true), ExactCaster(true), found.returns
@@ -140,10 +140,12 @@ def parts_of_drive(
     again = max(AGAIN, int(share * count))
     return [
         figures(vars(found), right),
-        Part(count, labelled, (("beams, what their triangles are of", 0.0, ""), TURNS)),
-        Part(len(back), sent(exact, back), kinds(f"beams {FLOAT64}"), few, exact=True),
-        Part(len(nothing), sent(exact, nothing), kinds(f"beams that met nothing {FLOAT64}"), few),
-        Part(count, sent(caster, np.arange(count)), kinds("beams sent again"), again),
+        AuditPart(count, labelled, (("beams, what their triangles are of", 0.0, ""), TURNS)),
+        AuditPart(len(back), sent(exact, back), kinds(f"beams {FLOAT64}"), few, exact=True),
+        AuditPart(
+            len(nothing), sent(exact, nothing), kinds(f"beams that met nothing {FLOAT64}"), few
+        ),
+        AuditPart(count, sent(caster, np.arange(count)), kinds("beams sent again"), again),
     ]
 
 

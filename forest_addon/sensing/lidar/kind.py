@@ -10,7 +10,7 @@ import numpy as np
 from ...base.progress import Progress
 from ...base.words import keep
 from ...spec import Airborne, Mobile, Terrestrial, Tractor
-from ..audit import Part
+from ..audit import AuditPart
 from ..kind import Cost, Observation, SensorKind, cost_of_rays, why_nothing
 from ..looks import BeamLook
 
@@ -126,14 +126,14 @@ def _lasts(scanner: Any, trajectory: Any) -> float:
     return float(pattern.pulses(np.array([pattern.count - 1])).time[0])
 
 
-def _audit_drive(job: Observation, found: Any) -> list[Part]:
+def _audit_drive(job: Observation, found: Any) -> list[AuditPart]:
     from .audit import parts_of_drive
 
     share = job.settings.accuracy.audit
     return parts_of_drive(job.sensor, found, job.seen.caster, share, job.seen.geometry)
 
 
-def _audit_scan(job: Observation, found: Any) -> list[Part]:
+def _audit_scan(job: Observation, found: Any) -> list[AuditPart]:
     from .audit import parts_of_scan
     from .scan import Scan
 

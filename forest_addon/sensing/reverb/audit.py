@@ -21,7 +21,7 @@ import numpy as np
 from scipy import fft
 
 from ...acoustics.air import absorption
-from ..audit import LEAST, Part, figures
+from ..audit import LEAST, AuditPart, figures
 from .arrivals import Gain
 from .band import SPREAD, roll_off
 from .ears.encoded import encoded
@@ -60,7 +60,7 @@ def parts_of_response(
     expansions: Expansions,
     share: float,
     hearing: Hearing = OMNI_EAR,
-) -> list[Part]:
+) -> list[AuditPart]:
     """Parts of a response; of pairs of source and receiver, ``share`` at least one.
 
     pairs, hearing : what was asked for (``response.pairs_of``). expansions : what the response was made with.
@@ -197,7 +197,7 @@ class Channel:
         }
 
 
-def _arrivals(channel: Channel) -> list[Part]:
+def _arrivals(channel: Channel) -> list[AuditPart]:
     """Samples of the direct and of the ground's sound."""
     parts = []
     sounds = zip(("direct", "ground"), channel.pair.arrivals(), channel.pair.clear, strict=True)
@@ -207,7 +207,7 @@ def _arrivals(channel: Channel) -> list[Part]:
         size = float(np.abs(exact).max(initial=0.0)) or 1.0
         errors = np.abs(samples - exact) / size
         kind = f"samples of the {name} sound by its Fourier sum", OF_ARRIVAL, "of the largest"
-        parts.append(Part(len(errors), errors.__getitem__, (kind,)))
+        parts.append(AuditPart(len(errors), errors.__getitem__, (kind,)))
     return parts
 
 
@@ -226,7 +226,7 @@ def _arrival(channel: Channel, path: float, gain: Gain, count: int) -> np.ndarra
     return samples
 
 
-def _trunks(channel: Channel, share: float) -> list[Part]:
+def _trunks(channel: Channel, share: float) -> list[AuditPart]:
     """The first part of the trunks' sound by the direct sum; where that is not all, its low octaves and later
     pieces; and that only noise is left where a tail says so."""
     paths, rate, trees = channel.paths, channel.rate, channel.trees
@@ -234,7 +234,7 @@ def _trunks(channel: Channel, share: float) -> list[Part]:
     loudest = float(np.abs(channel.found.trees).max(initial=0.0)) or 1.0
     noise = np.abs(trees[silent]) / loudest
     kind = "samples where only noise is left", SILENT, "of the largest"
-    parts = [Part(len(noise), noise.__getitem__, (kind,))]
+    parts = [AuditPart(len(noise), noise.__getitem__, (kind,))]
     earliest = np.sort(paths.earliest)
     first = int(max(earliest[0] / step, 0.0)) if len(earliest) else count
     if first >= count:  # only the spread of the band's end, which is nothing beside the rest
@@ -269,14 +269,14 @@ def _trunks(channel: Channel, share: float) -> list[Part]:
 
     seconds = f"{part / rate:.2g} s of the trunks' sound by the direct sum"
     kind = seconds, channel.allowed, "of the octave"
-    parts.append(Part(1, early, (kind,), exact=part == count))
+    parts.append(AuditPart(1, early, (kind,), exact=part == count))
     if part == count:
         return parts
     slow = bands_of(rate, float(paths.radius.max()), channel.speed, channel.allowed)[0].ringing
     bins = 4 * LOW * (count / rate + slow)
     if len(earliest) * bins <= most and count / rate >= SMOOTH:
         kind = f"octaves up to {LOW:g} Hz by the direct sum", channel.allowed, "of the octave"
-        parts.append(Part(1, low, (kind,)))
+        parts.append(AuditPart(1, low, (kind,)))
     losses = channel.pair.losses
     lossy = losses is not None and losses.among_leaves  # early trunks are louder than late pieces
     margin = math.ceil((LOSSY_MARGIN if lossy else MARGIN) * rate)
@@ -294,7 +294,7 @@ def _trunks(channel: Channel, share: float) -> list[Part]:
     many = int(np.clip(most / max(trunks * size, 1.0), 2, PIECES))
     kind = f"pieces of {PIECE:g} s by the trunks that sound in them", OF_PIECE, "of the piece"
     last = np.array([len(starts) - 1])
-    return [*parts, Part(len(starts), piece, (kind,), many, last)]
+    return [*parts, AuditPart(len(starts), piece, (kind,), many, last)]
 
 
 def _of_piece(channel: Channel, start: int, margin: int, size: int) -> float:

@@ -12,7 +12,7 @@ from ...base.progress import Progress
 from ...base.rng import stream
 from ...base.words import keep
 from ...spec import AUTO, Choice, Reverb, Scene
-from ..audit import Part, figures
+from ..audit import AuditPart, figures
 from ..kind import SOUND, Cost, Observation, Seen, SensorKind, chain, cost_of_work
 from ..looks import SensorLook
 
@@ -109,7 +109,7 @@ def _sprays(job: Observation) -> tuple[str, ...]:
     )
 
 
-def _audit(job: Observation, found: Any) -> list[Part]:
+def _audit(job: Observation, found: Any) -> list[AuditPart]:
     from .audit import parts_of_response
     from .response import pairs_of
 

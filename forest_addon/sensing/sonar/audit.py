@@ -20,7 +20,7 @@ import numpy as np
 
 from ...acoustics import chebyshev
 from ...spec import Air, Sonar
-from ..audit import LEAST, Part, figure_error, figures, shares
+from ..audit import LEAST, AuditPart, figure_error, figures, shares
 from ..rays.caster import RayCaster
 from .calls import Band, BandGrid, Call, grid_of
 from .ping import Echo, PingHearing, contributions, heard_from
@@ -89,7 +89,7 @@ class Pings:
         return max(fastest(moment.groups, echo.pose) for moment in self.moments(echo))
 
 
-def parts_of_echoes(pings: Pings, share: float) -> list[Part]:
+def parts_of_echoes(pings: Pings, share: float) -> list[AuditPart]:
     """Parts of pings, ``share`` of which are searched again."""
     echoes, sonar, call = pings.echoes, pings.sonar, pings.equipment.call
     count = len(echoes)
@@ -113,14 +113,14 @@ def parts_of_echoes(pings: Pings, share: float) -> list[Part]:
         figures(vars(echo.pose), vars(pose)) for echo, pose in zip(echoes, pings.poses, strict=True)
     ]
     made += [
-        Part(
+        AuditPart(
             part.count,
             part.look(lambda echo, rows: _combs(pings, echo, rows, culled)),
             ((what, allowed, "of all amplitudes"), ("sizes near those of combs", 0.0, "")),
             combs,
             exact=True,
         ),
-        Part(
+        AuditPart(
             count,
             lambda number: np.array([_derived(pings, echoes[n]) for n in number.tolist()]),
             (
@@ -136,7 +136,7 @@ def parts_of_echoes(pings: Pings, share: float) -> list[Part]:
     if again > 1 or in_range <= SEARCHED:
         kind = "pings searched and listed again", OF_SAMPLES, "of each"
         made.append(
-            Part(
+            AuditPart(
                 count,
                 lambda number: np.array([_searched(pings, echoes[n]) for n in number.tolist()]),
                 (kind,),
@@ -150,7 +150,7 @@ def parts_of_echoes(pings: Pings, share: float) -> list[Part]:
         kind = "bins of the call's echo, path by path", sonar.tolerance + 1e-9, "of all amplitudes"
         few = int(np.clip(WORK // (PATHS * work // COMB + 1), 2, LEAST))
         look = bins.look(lambda echo, rows: _called(pings, echo, rows))
-        made.append(Part(bins.count, look, (kind,), None if still else few))
+        made.append(AuditPart(bins.count, look, (kind,), None if still else few))
     return made
 
 

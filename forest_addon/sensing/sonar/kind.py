@@ -12,7 +12,7 @@ import numpy as np
 from ...base.progress import Progress
 from ...base.words import keep
 from ...spec import AUTO, Choice, Sonar
-from ..audit import Part
+from ..audit import AuditPart
 from ..kind import (
     AROUND,
     ECHO,
@@ -98,7 +98,7 @@ def _listen(job: Observation, progress: Progress | None) -> Any:
     return fly(targets, sonar, air, poses_of(job.trajectory), wood, progress, **given)
 
 
-def _audit(job: Observation, found: Any) -> list[Part]:
+def _audit(job: Observation, found: Any) -> list[AuditPart]:
     from .audit import Pings, parts_of_echoes
     from .equipment_files import equip
     from .station import posed, poses_of
