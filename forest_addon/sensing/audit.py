@@ -1,11 +1,11 @@
 """Audits: a result held against the same computed again by the slow exact way, on a sample of its values.
 
-A sensor says in ``AuditPart``s what its result holds: how many values of a kind there are, and the errors of those
-with some numbers, which it computes again or derives from others. ``held`` draws the numbers, one from each
-of so many equal stretches, and makes a ``Check`` of what it sees. How many are drawn depends on the result
-alone, never on a clock, so that an audit says the same whenever it is made. n values drawn of many miss an
-error that is in a share p of them with a chance of at most (1 - p)^n, and never one in two whole stretches
-that follow each other.
+A sensor says in ``AuditPart``s what its result holds: how many values of a kind there are, and the errors
+of those with some numbers, which it computes again or derives from others. ``held`` draws the numbers, one
+from each of so many equal stretches, and makes a ``Check`` of what it sees. How many are drawn depends on
+the result alone, never on a clock, so that an audit says the same whenever it is made. n values drawn of
+many miss an error that is in a share p of them with a chance of at most (1 - p)^n, and never one in two
+whole stretches that follow each other.
 """
 
 from __future__ import annotations
