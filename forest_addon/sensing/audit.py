@@ -75,7 +75,7 @@ def held(parts: Sequence[AuditPart], rng: np.random.Generator, seconds: float) -
 
 
 def figures(told: Mapping[str, Any], right: Mapping[str, Any]) -> AuditPart:
-    """What a result tells, whole, against what is ``right``, by name; names that differ are told."""
+    """Hold what a result tells, whole, against what is ``right``, by name; names that differ are told."""
     errors = np.array([figure_error(told[name], value) for name, value in right.items()])
     wrong = [name for name, error in zip(right, errors, strict=True) if not error <= FIGURE]
     what = "figures computed again" + (f" (wrong: {', '.join(wrong)})" if wrong else "")

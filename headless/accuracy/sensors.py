@@ -126,7 +126,7 @@ class Meshes:
         return self.world.forest
 
     def tubes(self, times: float) -> RayCaster | None:
-        """With tubes that may be off by ``times`` as much; None where that is too much for memory."""
+        """Caster of tubes that may be off by ``times`` as much; None where that is too much for memory."""
         grown, keys = self._grown, self.of_mesh.values()
         many = sum(len(grown.variants[key].mesh.triangles) for key in keys)
         if many / min(times, 1.0) ** 0.5 > TRIANGLES:
@@ -139,7 +139,7 @@ class Meshes:
         return self._kept(("tubes", times), tree)
 
     def leaves(self, share: float) -> RayCaster:
-        """With a share of today's leaves, enlarged to keep their area."""
+        """Caster of a share of today's leaves, enlarged to keep their area."""
         plan = self.site.planned()
 
         def tree(key: tuple[int, int]) -> Tree:
@@ -153,7 +153,7 @@ class Meshes:
         return self._kept(("leaves", share), tree)
 
     def engine(self, name: str) -> RayCaster | None:
-        """As it is, by another engine; None where that cannot be used here, or is today's."""
+        """Caster of the scene as it is, by another engine; None where that cannot be used here, or is today's."""
         if self.world.observer.caster.engine == name:
             return None
         if name not in self._casters:
@@ -349,7 +349,7 @@ def _rms(apart: np.ndarray) -> tuple[float, float]:
 
 
 def _jumps(apart: np.ndarray) -> str:
-    """That a few which meet another surface make nearly all of the error, in words."""
+    """Sentence on the few that meet another surface and make nearly all of the error."""
     apart = np.abs(apart[np.isfinite(apart)])
     if not len(apart):
         return "nothing is met"

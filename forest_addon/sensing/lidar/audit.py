@@ -1,4 +1,4 @@
-"""What a scan holds, and how each value of it is looked at again.
+"""Parts of a scan that an audit looks at, and how each value is computed again.
 
 Of all points: their order, that every number is finite, that each lies on its pulse's beam at its range, was
 sent when and where it says, and is of the tree, leaf and organ that its triangle is of. Of pulses that are
@@ -294,7 +294,7 @@ def _lie_on_each_other(
 
 
 def _named(scene: SceneGeometry, returns: Returns) -> Hits:
-    """What returns name, misses where that is not there."""
+    """Hits that returns name, misses where those are not there."""
     sizes = np.array([len(mesh.triangles) for mesh in scene.meshes], np.int64)[scene.mesh_index]
     instance, triangle = returns.instance, returns.triangle
     there = (instance >= 0) & (instance < len(sizes)) & (triangle >= 0)

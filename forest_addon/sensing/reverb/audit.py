@@ -1,4 +1,4 @@
-"""What a response holds, and how each value of it is looked at again.
+"""Parts of a response that an audit looks at, and how each value is computed again.
 
 Direct and ground sound are summed as Fourier sums at single samples; the trunks' sound, from the first
 arrival on, by the direct sum over every trunk that is heard till then: the whole record where that is little
@@ -105,17 +105,17 @@ class Channel:
 
     @property
     def speed(self) -> float:
-        """Of sound, m/s."""
+        """Speed of sound, m/s."""
         return self.pair.air.speed()
 
     @property
     def allowed(self) -> float:
-        """What was asked for, with what is known to be left out."""
+        """Error that was asked for, with what is known to be left out."""
         return (self.pair.reverb.tolerance or CUT_OFF) + self.weak["weak_bound"]
 
     @cached_property
     def weak(self) -> dict[str, Any]:
-        """What is left out as too weak."""
+        """Number and bound of the trunks that are left out as too weak."""
         weak = self.pair.loud[1]
         none = {"weak": 0, "weak_bound": 0.0}
         return none if weak is None else weak.told(self.found.samples, self.rate)
@@ -160,7 +160,7 @@ class Channel:
         return total
 
     def figures(self) -> dict[str, object]:
-        """What the response says besides its sums, computed again."""
+        """Figures of the response besides its sums, computed again."""
         pair, found, weak = self.pair, self.found, self.pair.loud[1]
         paths = self.paths if weak is None else self.paths.select(~weak.rows)
         reverb, rate, count = pair.reverb, self.rate, len(found.trees)

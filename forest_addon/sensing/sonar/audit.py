@@ -1,4 +1,4 @@
-"""What an echo holds, and how each value of it is looked at again.
+"""Parts of an echo that an audit looks at, and how each value is computed again.
 
 Combs of bins of a spectrum, evenly apart over the band, are summed with a tolerance of 0 over all that is in
 range, also what was culled, where there is little of it; else over what was heard, and the audit says so.
@@ -65,17 +65,17 @@ class Pings:
         return Band(*self.sonar.band)
 
     def station(self, echo: Echo, **changes: float) -> Station:
-        """Where a ping was heard, with some settings changed."""
+        """Station of a ping, with some settings changed."""
         return Station(replace(self.sonar, **changes), self.air, echo.pose, self.equipment)
 
     def search(self, station: Station, echo: Echo) -> Found:
-        """What is heard from there, found again."""
+        """Scatterers that are heard from a station, found again."""
         time = echo.pose.time
         casters = (at_moment(rays, time) for rays in (self.wood, self.everything))
         return heard_from(station, self.targets.at(time), self.band, *casters)
 
     def moments(self, echo: Echo) -> list[Moment]:
-        """What the pieces of a call met."""
+        """Moments of the scene that the pieces of a call met."""
         station, call = self.station(echo), self.equipment.call
         if echo.moments == 1 or call is None:
             return [Moment(0.0, station, echo.groups)]
@@ -191,7 +191,7 @@ def _grid(pings: Pings, echo: Echo) -> BandGrid:
 
 
 def _figures(pings: Pings, echo: Echo) -> dict[str, object]:
-    """What a ping says besides its sums, computed again; what it heard is taken as it is."""
+    """Figures of a ping besides its sums, computed again; what it heard is taken as it is."""
     sonar, station, grid = pings.sonar, pings.station(echo), _grid(pings, echo)
     targets = pings.targets.at(echo.pose.time)
     leaves = targets.total(sonar, "leaf")
