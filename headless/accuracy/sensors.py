@@ -153,7 +153,7 @@ class Meshes:
         return self._kept(("leaves", share), tree)
 
     def engine(self, name: str) -> RayCaster | None:
-        """Caster of the scene as it is, by another engine; None where that cannot be used here, or is today's."""
+        """Caster of the scene by another engine; None where that cannot be used, or is today's."""
         if self.world.observer.caster.engine == name:
             return None
         if name not in self._casters:
