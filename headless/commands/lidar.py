@@ -16,14 +16,14 @@ from typing import TYPE_CHECKING, Any
 
 from forest_addon.spec import SENSORS, Airborne, Mobile, Rays, Scanner, SpecError, Terrestrial
 
-from ..command import Command, refuse_negative
+from ..command import Command, refuse_beyond
 from ..progress import Stages, hushed
 
 if TYPE_CHECKING:
     from forest_addon.results.coordinates import Offset
 
 
-FORMATS = ("laz", "las", "copc.laz", "ply", "npz")
+FORMATS = ("laz", "las", "copc.laz", "ply", "double.ply", "pcd", "npz")
 
 
 class LidarCommand(Command):
@@ -146,9 +146,8 @@ with the same command and --resume, to the same bytes."""
         if chosen.list:
             list_scanners()
             return
-        refuse_negative(chosen.seed)
-        if chosen.chunk is not None and chosen.chunk < 1:
-            raise SpecError("--chunk", f"{chosen.chunk} is out of range; use at least 1")
+        refuse_beyond("--seed", chosen.seed, 0)
+        refuse_beyond("--chunk", 1 if chosen.chunk is None else chosen.chunk, 1)
         if chosen.like:
             self._write_like(chosen)
             return
@@ -164,7 +163,7 @@ with the same command and --resume, to the same bytes."""
             raise SpecError("lidar", "needs a .blend file; --list prints the scanners")
         sensor = sensor_of(chosen.scanner, chosen.at, chosen.along, chosen.azimuth, chosen.set)
         offset = _offset(chosen)
-        if chosen.out.suffix.lstrip(".") not in FORMATS:
+        if chosen.out.suffix.lower().lstrip(".") not in FORMATS:
             raise SpecError(f"--out {chosen.out}", f"must end in one of .{', .'.join(FORMATS)}")
         scan_blend(
             chosen.blend,
@@ -210,7 +209,7 @@ with the same command and --resume, to the same bytes."""
             if getattr(chosen, word):
                 option = "FILE.blend" if word == "blend" else f"--{word}"
                 raise SpecError(option, "does not go with --survey, which says all that itself")
-        if chosen.out.suffix.lstrip(".") not in FORMATS:
+        if chosen.out.suffix.lower().lstrip(".") not in FORMATS:
             raise SpecError(f"--out {chosen.out}", f"must end in one of .{', .'.join(FORMATS)}")
         scan_survey(
             chosen.survey,

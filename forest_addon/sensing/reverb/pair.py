@@ -49,7 +49,8 @@ class ImpulseResponse:
     direct_clear, ground_clear : whether wood leaves the direct and the ground sound their way.
     trunks : how many trunks were heard. continued : how many of them stand beyond the field.
     late : how many more are so far away that they would be heard after the end.
-    left_db : (1 + B,) their energy, dB re all, estimated: of the whole band and of octaves (``tree_response``).
+    left_db : (1 + B,) their energy, dB re all, estimated: of the whole band and of octaves
+    (``tree_response``).
     clamped : how many trunks cover the source or the receiver.
     exact : whether every trunk was summed at every frequency, rather than to the tolerance.
     errors : {lower end of an octave in Hz: relative error of the fast sum, found by its checks}.
