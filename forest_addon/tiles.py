@@ -365,9 +365,9 @@ def join_parts(
             of_tile = PlyFile(_of_tile(tiles, tile), POINT, comments, keep=count)
             of_tile.close()
             name = f"{stem}-{tiles.grid.name(tile)}{path.name[len(stem) :]}"
-            finish(of_tile, tiles.folder / name, offset.crs)
+            finish(of_tile, tiles.folder / name, offset)
     if file is not None:
-        finish(file, path, offset.crs)
+        finish(file, path, offset)
     return Written(path, pulses, total, 0, together(sorted(lost, key=lambda one: one.first)))
 
 

@@ -88,6 +88,7 @@ def _content(value: object) -> object:
 
 Planted = tuple[Species, TreeTemplate | Habit | Kind | Blade | None]  # and its templates
 Grown = Callable[[int, int, Species], Tree]  # of a planting and variant, by numbers
+MOST_OF = 0.8  # of the trees that are drawn; where fewer stand, it is said
 
 
 @dataclass(frozen=True)
@@ -228,7 +229,8 @@ class ForestPlan:
         )
 
     def _missing(self) -> tuple[str, ...]:
-        """Say where fewer trees stand than were asked for: none, or not all of an exact number or a list."""
+        """Say where fewer trees stand than were asked for: none, not all of an exact number or a list, or far
+        fewer than were drawn."""
         stand, said = self.measured.stand, []
         names, counts = labels(self.scene.plantings), stand.counts()
         for number, (name, planting) in enumerate(zip(names, self.scene.plantings, strict=True)):
@@ -238,7 +240,13 @@ class ForestPlan:
                 (stand.off_ground, "where there is no ground"),
             ]
             whys = [f"{lost[number]:,} are {why}" for lost, why in gone if lost[number]]
-            if whys and (planting.exact or planting.layout == "list" or planting.by_hand):
+            drawn = counts[number] + sum(int(lost[number]) for lost, _ in gone)
+            if whys and not (planting.exact or planting.layout == "list" or planting.by_hand):
+                if counts[number] < MOST_OF * drawn:
+                    said.append(
+                        f"{name}: {counts[number]:,} of {drawn:,} trees stand; {', '.join(whys)}"
+                    )
+            elif whys:
                 meant = "exactly so many" if planting.exact else "a list"
                 meant = "those drawn and set by hand" if planting.by_hand else meant
                 said.append(f"{name}: {counts[number]:,} trees of {meant} stand; {', '.join(whys)}")

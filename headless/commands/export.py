@@ -29,7 +29,9 @@ What HELIOS++ cannot say is printed, and stands in scene.json."""
             "--out", type=Path, metavar="FOLDER", help="default out/SCENE-export; made if missing"
         )
         parser.add_argument("--seed", type=int, help="another seed than the scene file's")
-        parser.add_argument("--quiet", action="store_true", help="say nothing but errors")
+        parser.add_argument(
+            "--quiet", action="store_true", help="say nothing but warnings and errors"
+        )
 
     def output(self, chosen: argparse.Namespace) -> Path:
         return chosen.out or Path("out") / f"{name_of(chosen.scene)}-export"

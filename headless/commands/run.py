@@ -66,7 +66,10 @@ def add_run_options(parser: argparse.ArgumentParser, folder: str) -> None:
         action="store_true",
         help="go on with a run that was ended: sensors that it had finished do not look again",
     )
-    parser.add_argument("--quiet", action="store_true", help="say nothing but errors")
+    parser.add_argument("--quiet", action="store_true", help="say nothing but warnings and errors")
+    parser.add_argument(
+        "--strict", action="store_true", help="end with exit code 3 where there was a warning"
+    )
 
 
 def is_whole_run(chosen: argparse.Namespace) -> bool:
@@ -83,6 +86,8 @@ def run_file(scene: Path, chosen: argparse.Namespace) -> None:
     from forest_addon.formats.ownership import claim
     from forest_addon.results.kinds import files_of
 
+    if getattr(chosen, "workers", 1) < 1:
+        raise SpecError("--workers", f"{chosen.workers} is out of range; use at least 1")
     dry = chosen.convolve.stem if chosen.convolve else ""
     settings = read_scene(scene, chosen.seed, dry)
     names = (chosen.out / name for name in files_of(settings, dry))
@@ -108,6 +113,7 @@ def run_file(scene: Path, chosen: argparse.Namespace) -> None:
             quiet=chosen.quiet,
             resume=chosen.resume or workers > 1,
             share=None if share is None else Share.of(share),
+            strict=chosen.strict,
         )
         return
     if workers > 1 or share is not None:
@@ -122,4 +128,5 @@ def run_file(scene: Path, chosen: argparse.Namespace) -> None:
         quiet=chosen.quiet,
         dry=chosen.convolve,
         resume=chosen.resume,
+        strict=chosen.strict,
     )

@@ -266,6 +266,8 @@ class Scan:
         """As ``look_at``; pulses on which the program fails are named in the cloud's ``lost``."""
         try:
             return self.look_at(number)
+        except MemoryError:
+            raise  # no pulse is at fault
         except Exception as fault:
             if len(number) > 1:
                 middle = len(number) // 2
