@@ -68,6 +68,7 @@ INSIDE = {
     "Stock": "forest_addon.flight.woods:Stock",
     "replacing": "forest_addon.formats.atomic:replacing",
     "write_whole": "forest_addon.formats.atomic:write_whole",
+    "refuse_beyond": "headless.command:refuse_beyond",
     "put": "headless.dataset.plan:put",
     "read_las": "forest_addon.formats.las:read_las",
     "settings_of": "forest_addon.formats.toml_file:settings_of",
