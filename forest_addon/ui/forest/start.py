@@ -195,47 +195,34 @@ class FOREST_OT_start(WhenReady, bpy.types.Operator):
         return say("{name} is set up. Press Grow Forest in the sidebar", name=name)
 
 
-class _OfPresets:
-    """A menu of set-ups that are added to the scene."""
+class FOREST_MT_start(bpy.types.Menu):
+    """Set-ups to start from"""
 
-    operator = "forest.start"
+    bl_idname = "FOREST_MT_start"
     bl_label = "Forest"
 
     def draw(self, _context: bpy.types.Context) -> None:
-        draw_presets(self.layout, self.operator)
-        if self.operator == "forest.start":
-            self.layout.separator()
-            self.layout.operator("forest.add_flight", icon="EMPTY_SINGLE_ARROW")
+        draw_presets(self.layout, "forest.start")
+        self.layout.separator()
+        self.layout.operator("forest.add_flight", icon="EMPTY_SINGLE_ARROW")
 
 
-class FOREST_MT_start(_OfPresets, bpy.types.Menu):
-    """Set-ups to start from"""
+class FOREST_MT_more(bpy.types.Menu):
+    """Set-ups of published papers, and further forests"""
 
-
-class FOREST_MT_new(_OfPresets, bpy.types.Menu):
-    """Forests to start a new file with"""
-
-    operator = "forest.new"
-
-
-class _OfOthers:
-    """A menu of set-ups that the gallery does not show."""
-
-    operator = "forest.start"
     bl_label = "From Papers"
 
     def draw(self, _context: bpy.types.Context) -> None:
-        draw_others(self.layout, self.operator)
+        draw_others(self.layout, "forest.start")
 
 
-class FOREST_MT_more(_OfOthers, bpy.types.Menu):
+class FOREST_MT_more_new(bpy.types.Menu):
     """Set-ups of published papers, and further forests"""
 
+    bl_label = "From Papers"
 
-class FOREST_MT_more_new(_OfOthers, bpy.types.Menu):
-    """Set-ups of published papers, and further forests"""
-
-    operator = "forest.new"
+    def draw(self, _context: bpy.types.Context) -> None:
+        draw_others(self.layout, "forest.new")
 
 
 def take(scene: bpy.types.Scene, preset: str, keep_sensors: bool = False) -> str:
@@ -290,7 +277,7 @@ def _draw_entry(
 
 def draw_in_menu(menu: bpy.types.Menu, _context: bpy.types.Context) -> None:
     """The entry in Add."""
-    menu.layout.menu(FOREST_MT_start.__name__, icon="OUTLINER_OB_CURVES")
+    menu.layout.menu(FOREST_MT_start.bl_idname, icon="OUTLINER_OB_CURVES")
 
 
 NEW_FILE = {"app_template": "", "use_empty": True}
@@ -363,12 +350,22 @@ class FOREST_OT_furnish(Working, bpy.types.Operator):
         return sentence
 
 
+class FOREST_MT_new(bpy.types.Menu):
+    """Forests to start a new file with"""
+
+    bl_idname = "FOREST_MT_new"
+    bl_label = "Forest"
+
+    def draw(self, _context: bpy.types.Context) -> None:
+        draw_presets(self.layout, "forest.new")
+
+
 def draw_in_new(menu: bpy.types.Menu, _context: bpy.types.Context) -> None:
     """The entry in File > New."""
     global _awaited
     _awaited = None  # who chooses anew has not started what was awaited
     menu.layout.separator()
-    menu.layout.menu(FOREST_MT_new.__name__, icon="OUTLINER_OB_CURVES")
+    menu.layout.menu(FOREST_MT_new.bl_idname, icon="OUTLINER_OB_CURVES")
 
 
 MENUS = (("VIEW3D_MT_add", draw_in_menu), ("TOPBAR_MT_file_new", draw_in_new))
