@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from scipy import fft
 
+from forest_addon.sensing.reverb.band import roll_off
 from forest_addon.sensing.reverb.forest.losses import Losses, loss_per_metre
-from forest_addon.sensing.reverb.sums.bands import roll_off
 from forest_addon.sensing.reverb.sums.scattering import TrunkPaths, scattered_spectrum
 from forest_addon.spec import Air
 

@@ -22,12 +22,13 @@ from scipy import fft
 
 from ...acoustics.air import absorption
 from ..audit import LEAST, AuditPart, figures
+from .band import SPREAD, roll_off
 from .forest.losses import loss_per_metre
 from .forest.tail import FADE, Tail
 from .hearing import OMNI_EAR, Hearing, encoded
 from .model_error import model_error
 from .pair import Gain, ImpulseResponse, Pair, filtered
-from .sums.bands import SPREAD, OctaveBand, bands_of, roll_off
+from .sums.bands import OctaveBand, bands_of
 from .sums.fast_scattering import FINEST, Expansions, judged
 from .sums.scattering import TrunkPaths, direct_sum, scattered_spectrum, trunk_paths
 from .sums.tree_response import NEAREST, left_out_db, soon_summed

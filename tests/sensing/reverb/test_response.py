@@ -15,9 +15,9 @@ from forest_addon.acoustics.ground import spherical_reflection, surface_impedanc
 from forest_addon.base.rng import stream
 from forest_addon.base.trimesh import WOOD, TriMesh
 from forest_addon.sensing.rays.geometry import SceneGeometry
+from forest_addon.sensing.reverb.band import roll_off
 from forest_addon.sensing.reverb.response import ImpulseResponse, impulse_response
 from forest_addon.sensing.reverb.sums import scattering
-from forest_addon.sensing.reverb.sums.bands import roll_off
 from forest_addon.sensing.reverb.sums.scattering import scattered_spectrum, trunk_paths
 from forest_addon.sensing.reverb.trunks import Trunks
 from forest_addon.spec import Air, Reverb

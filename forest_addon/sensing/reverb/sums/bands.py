@@ -1,6 +1,4 @@
-"""The smooth end of the band of every impulse response, and how far it spreads an arrival.
-
-Samples from spectra that ring long at low frequencies and briefly at high ones.
+"""Samples from spectra that ring long at low frequencies and briefly at high ones.
 
 A trunk's answer goes with f^1.5 towards 0 and dies away as t^-2.5; so do the air's relaxations and the ground
 far below 100 Hz. Above, answers are over within milliseconds. A function that gives a spectrum on any even
@@ -18,18 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import fft, special
 
-SPREAD = 256  # samples; so far does the roll-off spread an arrival, to 1e-8 of its peak
-
-
-def roll_off(share: np.ndarray) -> np.ndarray:
-    """Gain at a share of the sampling rate: 1 up to 0.45, a Gaussian step down to 0 at 0.5.
-
-    A band that ends at once gives every arrival that is not on a sample tails of 1/t.
-    """
-    step = 0.5 * special.erfc((share - 0.475) / 0.025 * 4.0)  # 8e-9 from 0 and 1 at the ends
-    gain: np.ndarray = np.where(share <= 0.45, 1.0, np.where(share >= 0.5, 0.0, step))
-    return gain
-
+from ..band import SPREAD, roll_off
 
 SPANS = ((10.0, 40.0), (150.0, 600.0))  # Hz over which a band gives way to the next
 HIGH_RINGING, MIDDLE_RINGING = 0.5, 2.5  # s, besides what thick trunks take

@@ -39,8 +39,8 @@ from ....acoustics.cylinder import order_count, partial_waves, transfer
 from ....acoustics.kaiser_bessel import OVERSAMPLING, Kernel
 from ....acoustics.spectrum import delay_factors
 from ....base.rng import stream
+from ..band import SPREAD, roll_off
 from ..forest.losses import Losses
-from .bands import SPREAD, roll_off
 from .path_gain import AirFilter, PathGain, Zone
 from .scattering import TrunkPaths
 

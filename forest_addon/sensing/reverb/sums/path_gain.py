@@ -35,8 +35,8 @@ from scipy import fft, special
 from ....acoustics import chebyshev
 from ....acoustics.air import absorption, relaxation
 from ....spec import Air
+from ..band import roll_off
 from ..forest.losses import LOWEST, NEAR, Losses
-from .bands import roll_off
 
 if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline

@@ -41,11 +41,11 @@ from ....acoustics.air import absorption
 from ....acoustics.cylinder import order_count, partial_waves
 from ....base.progress import Progress
 from ....spec import Air, Reverb
+from ..band import SPREAD
 from ..directivity import Directivity
 from ..forest.losses import Losses
 from ..metrics import octave_bands
 from ..trunks import Trunks
-from .bands import SPREAD
 from .fast_scattering import FEW_RADII, FINEST, Expansions
 from .scattering import TrunkPaths, direct_sum, trunk_paths
 
