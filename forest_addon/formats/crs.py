@@ -66,7 +66,7 @@ def metres_of(crs: str, otherwise: float = 1.0) -> tuple[float, float]:
     axes = known.axis_info
     if not axes or known.is_geographic or known.is_geocentric or "degree" in axes[0].unit_name:
         raise SpecError(
-            "crs", f'"{_short(crs)}" is in degrees, not in metres; take {nearest_metric(crs)}'
+            "crs", f'"{short(crs)}" is in degrees, not in metres; take {nearest_metric(crs)}'
         )
     flat = axes[0].unit_conversion_factor
     return flat, axes[2].unit_conversion_factor if len(axes) > 2 else flat
@@ -108,8 +108,9 @@ def same_place(one: str, other: str, place: np.ndarray) -> bool:
     return bool(np.linalg.norm(moved - place) < 1.5)
 
 
-def _short(crs: str) -> str:
-    return crs if len(crs) < 40 else crs.split('"')[1]
+def short(crs: str) -> str:
+    """The name of a system: of WKT the first in quotes."""
+    return crs.split('"')[1] if '"' in crs else crs
 
 
 def moved(source: str, target: str, place: np.ndarray) -> tuple[np.ndarray, str]:

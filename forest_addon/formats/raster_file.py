@@ -25,7 +25,7 @@ from scipy.spatial import cKDTree
 
 from ..spec import SpecError
 from ..spec.forest import METRES
-from .crs import metres_of, metric_near, unit_named
+from .crs import can_tell_crs, metres_of, metric_near, unit_named
 from .foreign import guarded
 
 MOST_PIXELS = 100_000_000
@@ -364,7 +364,8 @@ def _read_ground(path: Path) -> GeoRaster:
     ground = np.asarray(cloud.xyz)[np.asarray(cloud.classification) == GROUND_CLASS]
     if len(ground) < 3:
         raise SpecError(str(path), "has no points of class 2, ground; classify it first")
-    return _gridded(ground, "", 1.0, 1.0)
+    system = cloud.header.parse_crs() if can_tell_crs() else None
+    return _gridded(ground, system.to_wkt() if system else "", 1.0, 1.0)
 
 
 def _gridded(points: np.ndarray, crs: str, flat: float, up: float) -> GeoRaster:

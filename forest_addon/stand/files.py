@@ -23,7 +23,7 @@ from scipy.interpolate import griddata
 from scipy.ndimage import binary_dilation
 
 from .. import spec
-from ..formats.crs import same_place, wkt_of
+from ..formats.crs import same_place, short, wkt_of
 from ..formats.raster_file import GeoRaster, read_raster
 from ..formats.stl import StlError, read_stl
 from ..formats.tree_map import LENGTHS, NUMBERS, read_tree_map
@@ -200,7 +200,7 @@ def _read_placed(
     if not same_place(raster.crs, scene.crs, np.mean(raster.extent, axis=0)):
         raise SpecError(
             key,
-            f"{given.file} lies in {raster.crs[:40]}, the scene in {scene.crs}; warp it there, as by "
+            f"{given.file} lies in {short(raster.crs)}, the scene in {scene.crs}; warp it there, as by "
             f"gdalwarp -t_srs {scene.crs} IN.tif OUT.tif",
         )
     moved = raster.transform - np.outer(scene.offset[:2], [0, 0, 1])
@@ -294,7 +294,7 @@ def _told(file: str, raster: GeoRaster, pixels: np.ndarray, what: str, nothing: 
         return f"{file} is an image or array without a place: {what} of {low:g} to {high:g} over its extent"
     rows, columns = pixels.shape
     step = np.abs(raster.transform[:, :2].diagonal())
-    system = f" in {raster.crs[:40]}" if raster.crs else ""
+    system = f" in {short(raster.crs)}" if raster.crs else ""
     holes = int(np.isnan(pixels).sum())
     return (
         f"{file} lies on the map{system}: {what} of {low:,.7g} to {high:,.7g}, "

@@ -20,15 +20,18 @@ import numpy as np
 from scipy.special import ndtri
 
 from ..base.rng import daughter_keys, first_key, keyed_uniform, stream
-from ..growth.measured.allometry import MEASURES, Z90, band, middle
-from ..growth.measured.wanted import (
+from ..growth.measured.allometry import (
     BREAST,
+    MEASURES,
     TARGETS,
+    Z90,
     Kind,
     Wanted,
+    band,
     draw_dbh,
     drawn,
     given_by,
+    middle,
     stem_profile,
 )
 from ..growth.skeleton import Skeleton

@@ -223,8 +223,7 @@ def _targets(kind: str, out: Path, name: str, numbers: np.ndarray, say: Say) -> 
 
     from forest_addon.formats.toml_file import write_settings
     from forest_addon.growth.library.species_file import find_species, load_species
-    from forest_addon.growth.measured.allometry import draw_diameters, middle
-    from forest_addon.growth.measured.wanted import Kind
+    from forest_addon.growth.measured.allometry import Kind, draw_diameters, middle
 
     measured = numbers[:, 2:]
     told = np.isfinite(measured).any(axis=1)

@@ -20,6 +20,8 @@ from forest_addon.ui.settings.groups import fields_of
 from forest_addon.ui.shell import running
 from forest_addon.ui.species.panel import SPREADS
 
+from .pressing import next_uid
+
 
 class Layout:
     """Stands for Blender's: checks names, and keeps what would be shown."""
@@ -98,9 +100,9 @@ class Layout:
 
 
 def drawn(context=None):
-    """All texts of all panels that Blender would draw now."""
+    """All texts of all panels that Blender would draw now; to draw makes nothing."""
     context = context or bpy.context
-    seen = []
+    seen, first = [], next_uid()
     for panel in (cls for cls in ui._classes() if issubclass(cls, bpy.types.Panel)):
         if panel.bl_region_type == "HEADER":  # Blender draws the files of presets
             continue
@@ -109,6 +111,7 @@ def drawn(context=None):
             for part in ("draw_header_preset", "draw"):
                 if hasattr(panel, part):
                     getattr(panel, part)(canvas, context)
+    assert next_uid() == first + 1, "drawing makes blocks, which Blender forbids"
     return seen
 
 

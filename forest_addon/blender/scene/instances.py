@@ -394,8 +394,9 @@ def deleted_trees(scene: bpy.types.Scene) -> dict[str, list[tuple[float, float]]
     Of a planting without any tree left nothing is said: it was cleared away, to be grown anew.
     """
     left: dict[str, set[tuple[float, float]]] = {}
-    for thing in bpy.data.objects:  # renamed and unlinked ones too
-        if STOOD_KEY in thing and TREE_KEY in thing and thing.users:
+    for thing in bpy.data.objects:  # renamed and unlinked ones too, not those of a copied scene
+        here = not thing.users_scene or scene in thing.users_scene
+        if here and STOOD_KEY in thing and TREE_KEY in thing and thing.users:
             label = str(thing.get(ROLE_KEY, "")).removeprefix(f"{TREES}/").rpartition(" ")[0]
             left.setdefault(label, set()).add(tuple(thing[STOOD_KEY][:2]))
     if find_part(scene, TREES) is None:

@@ -12,7 +12,7 @@ from ...base.progress import Progress
 from ...base.rng import stream
 from ...base.words import keep
 from ...spec import AUTO, Choice, Reverb, Scene
-from ..audit import Audit
+from ..audit import AuditPart, figures
 from ..kind import SOUND, Cost, Observation, Seen, SensorKind, chain, cost_of_work
 from ..looks import SensorLook
 
@@ -109,17 +109,18 @@ def _sprays(job: Observation) -> tuple[str, ...]:
     )
 
 
-def _audit(job: Observation, found: Any, seconds: float) -> Audit:
-    from .audit import audit_response
+def _audit(job: Observation, found: Any) -> list[AuditPart]:
+    from .audit import parts_of_response
     from .response import pairs_of
 
-    reverb, settings = job.sensor, job.settings
+    reverb = job.sensor
     if reverb.model != "forest":  # whose noise depends on what was asked for
         reverb = reverb.changed(duration=len(found.samples) / found.sample_rate)
-    pairs = pairs_of(**response_inputs(replace(job, sensor=reverb)))
-    rng = stream(settings.seed, "audit", reverb.name)
-    share = settings.accuracy.audit
-    return audit_response(found, pairs, job.seen.expansions, rng, seconds, share)
+    given = response_inputs(replace(job, sensor=reverb))
+    pairs = pairs_of(**given, all_trunks=job.settings.accuracy.detail == "full")
+    share, hearing = job.settings.accuracy.audit, given["hearing"]
+    parts = parts_of_response(found, pairs, job.seen.expansions, share, hearing)
+    return [*parts, figures(vars(found), {"sprays": _sprays(job)})]
 
 
 def _canopy(job: Observation) -> Any:

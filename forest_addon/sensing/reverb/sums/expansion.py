@@ -62,22 +62,24 @@ class Sector:
         """Return how many products."""
         return len(self.filters)
 
-    def shares(self, cosine: np.ndarray, radius: np.ndarray) -> np.ndarray:
-        """(M, R) V_r at cosines (M,); all trunks have the same radius."""
+    def shares(self, cosine: np.ndarray) -> np.ndarray:
+        """(M, R) V_r at cosines (M,)."""
         place = (cosine - self.low) * (2.0 / (self.high - self.low)) - 1.0
         found: np.ndarray = polynomials(place, len(self.series)).T @ self.series
         return found
 
 
-class FilterBand:
-    """A band of H at a sampling rate that is 1/``step`` of the whole, and the filters that stand for it.
+class ExpansionLayer:
+    """A band of H of one radius at a sampling rate that is 1/``step`` of the whole, and its filters.
 
     lowest, highest : Hz, below and above which there is nothing. size : samples of a filter, the arrival by
-    the axis at sample ``lead``.
+    the axis at sample ``lead``. highs : (S,) upper ends in cos φ of the sectors, the first from -1, the
+    last to 1.
     """
 
     def __init__(
         self,
+        radius: float,
         rate: float,
         step: int,
         speed: float,
@@ -86,10 +88,9 @@ class FilterBand:
         gain: Callable[[np.ndarray], np.ndarray],
         bark: float = 0.0,
     ) -> None:
-        """span : seconds of the filters before and after the arrival by the axis, besides SPREAD.
-
-        gain : function of the frequency in Hz.
-        """
+        """radius : metres. span : seconds of the filters before and after the arrival by the axis, besides
+        SPREAD. gain : function of the frequency in Hz."""
+        self.radius = radius
         self.step, self.rate, self.speed = step, rate / step, speed
         self.tolerance, self.bark = tolerance, bark
         self.lead = SPREAD + math.ceil(span[0] * self.rate)
@@ -103,6 +104,13 @@ class FilterBand:
         self.lowest = float(used[0]) if used[0] > CROSSOVER[0] else 0.0
         self.highest = float(used[-1])
         self.wavenumber = 2.0 * math.pi / speed * self.frequency
+        thickness = 2.0 * math.pi / speed * self.highest * radius
+        self.waves = self._waves(thickness)
+        first = min(WIDEST_FIRST, FIRST_SECTOR / thickness)
+        ends = first * GROWTH ** np.arange(64.0)
+        self.highs = np.append(-np.cos(ends[ends < 2.0]), 1.0)
+        self.triangle = self._triangle()
+        self._sectors: dict[int, Sector] = {}
 
     def few_rows(self, count: int) -> np.ndarray:
         """Rows of some frequencies, evenly by logarithm and evenly."""
@@ -123,10 +131,10 @@ class FilterBand:
         return found
 
     def errors(
-        self, filters: np.ndarray, shares: np.ndarray, cosine: np.ndarray, radius: np.ndarray
+        self, filters: np.ndarray, shares: np.ndarray, cosine: np.ndarray
     ) -> dict[float, float]:
-        """Largest error of filters (R, T) times shares (M, R) of trunks, at a random frequency of each octave
-        from 20 Hz. cosine, radius : (M,)."""
+        """Largest error of filters (R, T) times shares (M, R) at cosines (M,), at a random frequency of each
+        octave from 20 Hz."""
         rng = stream(len(cosine), "expansion", "check")
         used = self.frequency[self.gain > 0.5]
         octave = 20.0 * 2.0 ** np.arange(max(0, math.ceil(math.log2(used[-1] / 20.0))))
@@ -134,39 +142,12 @@ class FilterBand:
         octave, frequency = octave[frequency > used[0]], frequency[frequency > used[0]]
         time = (np.arange(self.size) - self.lead) / self.rate
         spectrum = filters @ np.exp(-2j * math.pi * np.outer(time, frequency))
-        exact = transfer(frequency[:, None], np.arccos(cosine), radius, self.speed, self.bark)
+        exact = transfer(frequency[:, None], np.arccos(cosine), self.radius, self.speed, self.bark)
         exact *= self.gain_at(frequency)[:, None]
         gap = np.linalg.norm(spectrum.T @ shares.T - exact, axis=1)
         return dict(
             zip(octave.tolist(), (gap / np.linalg.norm(exact, axis=1)).tolist(), strict=True)
         )
-
-
-class ExpansionLayer(FilterBand):
-    """A band of H of one radius. highs : (S,) upper ends in cos φ of the sectors, the first from -1, the
-    last to 1."""
-
-    def __init__(
-        self,
-        radius: float,
-        rate: float,
-        step: int,
-        speed: float,
-        tolerance: float,
-        span: tuple[float, float],
-        gain: Callable[[np.ndarray], np.ndarray],
-        bark: float = 0.0,
-    ) -> None:
-        """As of ``FilterBand``; radius in metres."""
-        super().__init__(rate, step, speed, tolerance, span, gain, bark)
-        self.radius = radius
-        thickness = 2.0 * math.pi / speed * self.highest * radius
-        self.waves = self._waves(thickness)
-        first = min(WIDEST_FIRST, FIRST_SECTOR / thickness)
-        ends = first * GROWTH ** np.arange(64.0)
-        self.highs = np.append(-np.cos(ends[ends < 2.0]), 1.0)
-        self.triangle = self._triangle()
-        self._sectors: dict[int, Sector] = {}
 
     def _waves(self, thickness: float) -> np.ndarray:
         """(N, F) factor of cos nφ in H, times the gain."""
@@ -216,8 +197,7 @@ class ExpansionLayer(FilterBand):
         found = Sector(low, high, self.filters(spectra), coefficients[:kept], self.lead, {})
         rng = stream(len(self.highs), "expansion", "angles")
         some = np.clip(rng.uniform(low, high, CHECKED), -1.0, 1.0)
-        radii = np.full(CHECKED, self.radius)
-        found.errors.update(self.errors(found.filters, found.shares(some, radii), some, radii))
+        found.errors.update(self.errors(found.filters, found.shares(some), some))
         return found
 
 

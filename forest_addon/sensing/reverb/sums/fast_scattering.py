@@ -15,6 +15,7 @@ Trunks of many radii are summed by panels of frequency (``panel_sum``), where no
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,23 +27,17 @@ from ..band import SPREAD
 from ..forest.losses import Losses, loss_per_metre
 from ..forest.tail import Tail
 from .air_filter import AirFilter
-from .audible import Audibility
-from .bands import OctaveBand, bands_of, samples_of
+from .bands import bands_of, samples_of
 from .expansion import expand
 from .layer_sum import LayerSum
-from .loud import loud_trunks
+from .loud import loud_trunks, unheard, whole_energy
 from .panel_sum import USUAL, by_distance, panel_spectrum
 from .path_gain import PathGain
 from .scattering import TrunkPaths, direct_sum
-from .span_layer import SpanLayer, class_of
 
 FEW_RADII = 4
 KEPT_LAYERS, KEPT_AIRS, KEPT_GAINS = 24, 16, 64  # of what sums set up, for the next ones
 KEPT_TAILS = 128  # pairs
-MANY, LEAST_RATE = (
-    4000,
-    6e3,
-)  # trunks of many radii, and Hz, from which on low frequencies are summed apart
 THICKEST = 0.6  # m of radius
 FINEST_FILTERS = (
     1e-5,
@@ -119,118 +114,63 @@ class Expansions:
         losses: Losses | None,
         progress: Progress | None,
     ) -> FastSum:
-        """High frequencies, or all of few trunks, by panels, and low ones by expansions over radii too."""
-        bands = bands_of(rate, float(paths.radius.max(initial=0.0)), air.speed(), tolerance)
-        low = FastSum(np.zeros(count), {})
-        if _spans_serve(paths, rate, tolerance, losses):
-            low = self._of_low_frequencies(
-                paths, rate, count, air, tolerance, losses, _half(progress, 0)
-            )
-            bands, progress = bands[-1:], _half(progress, 1)
-        loud = loud_trunks(paths, rate, count, air, losses)
-        rest = paths.select(~loud) if loud.any() else paths
-        given = rate, count, air, tolerance, losses, bands
-        found = self._by_panels(rest, *given, progress)
-        exact = direct_sum(paths.select(loud), rate, count, air, None, losses, tolerance, bands)
-        errors = found.errors | {
-            octave: max(error, found.errors.get(octave, 0.0))
-            for octave, error in low.errors.items()
-        }
-        return FastSum(low.samples + found.samples + exact, errors)
-
-    def _by_panels(
-        self,
-        paths: TrunkPaths,
-        rate: float,
-        count: int,
-        air: Air,
-        tolerance: float,
-        losses: Losses | None,
-        bands: tuple[OctaveBand, ...],
-        progress: Progress | None = None,
-    ) -> FastSum:
+        """By panels of frequency, but for loud trunks, which are summed exactly."""
         speed, bark = air.speed(), losses.bark if losses else 0.0
-        gain = self._gain(losses and losses.unthinned, rate, tolerance)
-        errors: dict[float, float] = {}
-        total = np.zeros(count)
+        bands = bands_of(rate, float(paths.radius.max(initial=0.0)), speed, tolerance)
 
         def loss_at(frequency: np.ndarray) -> np.ndarray:
             loss = loss_per_metre(frequency, air, losses)
             return loss if losses is None else loss + 0.5 * losses.removed(frequency)
 
-        heard = Audibility(paths, loss_at, speed, tolerance)
-        lost, done = float(loss_at(np.array([USUAL]))[0]), 0
-        for rows in by_distance(paths.length, gain, lost):
-            some = paths.select(rows)
-
-            def spectrum(
-                spacing: float, lowest: int, highest: int, some: TrunkPaths = some
-            ) -> np.ndarray:
-                found, checks = panel_spectrum(
-                    some, spacing, highest + 1, loss_at, speed, tolerance, gain, bark, lowest, heard
-                )
-                for check in checks:
-                    octave = 20.0 * 2.0 ** math.floor(math.log2(check.frequency / 20.0))
-                    if octave >= 20.0:
-                        errors[octave] = max(check.error, errors.get(octave, 0.0))
-                return found
-
-            first, last = float(some.earliest.min()), float(some.length.max())
-            total += samples_of(
-                spectrum, bands, rate, count, last / speed, max(first / speed, 1e-9)
-            )
-            done += len(rows)
-            if progress:
-                progress(done, len(paths.length))
-        return FastSum(total, errors)
-
-    def _of_low_frequencies(
-        self,
-        paths: TrunkPaths,
-        rate: float,
-        count: int,
-        air: Air,
-        tolerance: float,
-        losses: Losses | None,
-        progress: Progress | None,
-    ) -> FastSum:
-        gained = self._gain(losses, rate, tolerance, whole=True) is not None
-        air_filter = None if gained else self._air(rate, air, tolerance)
-        size = SPREAD + count + (max(SPREAD, air_filter.tail) if air_filter else SPREAD)
-        total = np.zeros(size)
+        loud = loud_trunks(paths, rate, count, loss_at, speed)
+        total = direct_sum(paths.select(loud), rate, count, air, None, losses, tolerance, bands)
+        rest = paths.select(~loud) if loud.any() else paths
+        gain = self._gain(losses and losses.unthinned, rate, tolerance)
         errors: dict[float, float] = {}
-        number, cosine, done = class_of(paths.radius), np.cos(paths.angle), 0
-        for each in np.unique(number[paths.radius > 0]).tolist():
-            rows = np.flatnonzero((number == each) & (paths.radius > 0))
-            layer = self._span(each, rate, air, tolerance, losses, gained)
-            gain = self._gain(losses, rate, tolerance, whole=True, highest=layer.highest)
-            total += layer.sum(paths.select(rows), cosine[rows], size, gain)
-            for octave, error in layer.errors.items():
-                errors[octave] = max(error, errors.get(octave, 0.0))
-            done += len(rows)
-            if progress:
-                progress(done, len(paths.length))
-        samples = air_filter.apply(total, -SPREAD) if air_filter else total
-        return FastSum(samples[SPREAD : SPREAD + count], errors)
+        whole = whole_energy(paths, loss_at, speed)
+        done = 0
+        for band in bands:
+            usual = min(USUAL, band.high[0]) if band.high else USUAL
+            lost = float(loss_at(np.array([usual]))[0])
+            for rows in by_distance(rest.length, gain, lost):
+                some = rest.select(rows)
 
-    def _span(
-        self,
-        number: int,
-        rate: float,
-        air: Air,
-        tolerance: float,
-        losses: Losses | None,
-        gained: bool,
-    ) -> LayerSum:
-        """Of a class of radii."""
-        bark = losses.bark if losses else 0.0
-        key = "span", number, rate, air, tolerance, bark, gained
+                def heard(low: float, high: float, some: TrunkPaths = some) -> bool:
+                    return not unheard(some, (low, high), whole, loss_at, speed, tolerance)
 
-        def made() -> list[LayerSum]:
-            layer = SpanLayer(number, rate, air.speed(), tolerance, bark)
-            return [LayerSum(layer, None if gained else self._air(layer.rate, air, tolerance))]
+                def spectrum(
+                    spacing: float,
+                    lowest: int,
+                    highest: int,
+                    some: TrunkPaths = some,
+                    heard: Callable[[float, float], bool] = heard,
+                ) -> np.ndarray:
+                    found, checks = panel_spectrum(
+                        some,
+                        spacing,
+                        highest + 1,
+                        loss_at,
+                        speed,
+                        tolerance,
+                        gain,
+                        bark,
+                        lowest,
+                        heard,
+                    )
+                    for check in checks:
+                        octave = 20.0 * 2.0 ** math.floor(math.log2(check.frequency / 20.0))
+                        if octave >= 20.0:
+                            errors[octave] = max(check.error, errors.get(octave, 0.0))
+                    return found
 
-        return self._layers.once(key, made)[0]
+                first, last = float(some.earliest.min()), float(some.length.max())
+                total += samples_of(
+                    spectrum, (band,), rate, count, last / speed, max(first / speed, 1e-9)
+                )
+                done += len(rows)
+                if progress:
+                    progress(done, len(bands) * len(rest.length))
+        return FastSum(total, errors)
 
     def _gain(
         self,
@@ -273,23 +213,9 @@ class Expansions:
         return self._layers.once(key, made)
 
 
-def _half(progress: Progress | None, number: int) -> Progress | None:
-    """Progress of the first or the second of two parts, as of the whole; None: of none."""
-    if progress is None:
-        return None
-    whole = progress
-    return lambda done, every: whole(number * every + done, 2 * every)
-
-
 def _filters_serve(tolerance: float, losses: Losses | None, radii: np.ndarray) -> bool:
     """Not where tolerances are finer, and trunks are thick."""
     if radii.max(initial=0.0) > THICKEST:
         return False
     plain = losses is None or (losses.passes and not losses.among_leaves)
     return tolerance >= FINEST_FILTERS[0 if plain else 1]
-
-
-def _spans_serve(paths: TrunkPaths, rate: float, tolerance: float, losses: Losses | None) -> bool:
-    """Return whether trunks are many, and low frequencies a small part of the band."""
-    many = len(paths.length) >= MANY and rate >= LEAST_RATE
-    return many and _filters_serve(tolerance, losses, paths.radius)

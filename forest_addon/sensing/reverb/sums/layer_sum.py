@@ -27,7 +27,6 @@ from .air_filter import AirFilter
 from .expansion import ExpansionLayer
 from .path_gain import PathGain, Zone
 from .scattering import TrunkPaths
-from .span_layer import SpanLayer
 
 TRUNKS_AT_ONCE = 65536
 GRID_AT_ONCE = 1 << 23  # values of the even grid, of as many terms as that allows
@@ -51,7 +50,7 @@ class LayerSum:
     Filters are kept as spectra for each length of transform that was needed, up to MOST_KEPT.
     """
 
-    def __init__(self, layer: ExpansionLayer | SpanLayer, air: AirFilter | None) -> None:
+    def __init__(self, layer: ExpansionLayer, air: AirFilter | None) -> None:
         self.layer, self.air = layer, air
         self.step, self.rate, self.speed = layer.step, layer.rate, layer.speed
         self.dtype = np.float32 if layer.tolerance >= SINGLE and layer.lowest > 0 else np.float64
@@ -104,11 +103,10 @@ class LayerSum:
         filters, _ = self._filter_spectra(number, size)
 
         def heights(rows: slice) -> np.ndarray:
-            shares = sector.shares(cosine[rows], paths.radius[rows])
-            return np.asarray(shares * paths.weight[rows, None])
+            return np.asarray(sector.shares(cosine[rows]) * paths.weight[rows, None])
 
         spectrum = self._gridded(place, heights, filters, size)
-        return base - sector.lead, fft.irfft(spectrum, size)
+        return base - sector.lead, fft.irfft(spectrum.astype(np.complex128), size)
 
     def _zone_sum(
         self,
@@ -159,7 +157,7 @@ class LayerSum:
         """(size // 2 + 1,) sum of spectra that are made trunk by trunk."""
         filters, gains = self._factors(number, size, gain, zone)  # (F, R), (F, Q)
         lowest = size // 2 + 1 - len(filters)
-        shares = self.layer.sector(number).shares(cosine, paths.radius) * paths.weight[:, None]
+        shares = self.layer.sector(number).shares(cosine) * paths.weight[:, None]
         shares = shares.astype(self.dtype)
         basis = zone.polynomials(paths.length).astype(self.dtype)
         total = np.zeros(size // 2 + 1, np.complex128)
@@ -203,7 +201,7 @@ class LayerSum:
         first, second = np.divmod(kept, len(zone.nodes))
 
         def heights(rows: slice) -> np.ndarray:
-            shares = sector.shares(cosine[rows], paths.radius[rows]) * paths.weight[rows, None]
+            shares = sector.shares(cosine[rows]) * paths.weight[rows, None]
             return np.asarray(shares[:, first] * zone.polynomials(paths.length[rows])[:, second])
 
         return self._gridded(place, heights, filters, size)

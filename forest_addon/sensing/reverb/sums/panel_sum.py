@@ -26,7 +26,6 @@ from ....acoustics.gridding import DelayGrid, width_for
 from ....acoustics.spectrum import phasors
 from ....base.rng import stream
 from ..forest.losses import NEAR
-from .audible import Audibility
 from .boxes import Boxes, Shift
 from .field_table import middle, near_face, series
 from .path_gain import PathGain
@@ -70,13 +69,13 @@ def panel_spectrum(
     gain: PathGain | None = None,
     bark: float = 0.0,
     lowest: int = 1,
-    heard: Audibility | None = None,
+    heard: Callable[[float, float], bool] | None = None,
 ) -> tuple[np.ndarray, list[PanelCheck]]:
     """(F,) spectrum at 0, 1, … ``count`` - 1 times ``spacing`` Hz, 0 below ``lowest``, and what checks found.
 
     loss : what is lost at frequencies (F,) in Hz, nepers per metre; smooth, or panels become narrow.
     gain : of each path, by frequency and length; None: 1. bark : share that it absorbs head on.
-    heard : panels in which nothing is heard of these paths are left out; None: all are summed.
+    heard : whether these paths are heard between two frequencies in Hz; None: everywhere.
     """
     spectrum = np.zeros(count, np.complex128)
     checks = []
@@ -101,7 +100,7 @@ def by_distance(
 ) -> Iterator[np.ndarray]:
     """Rows of trunks whose paths lose alike, and near ones, over which a gain changes fast, apart.
 
-    loss_per_metre : nepers at USUAL.
+    loss_per_metre : nepers, by which paths of a group differ by LOST at most.
     """
     span = float(np.ptp(length))
     count = int(np.clip(math.ceil(span * loss_per_metre / LOST), 1, MOST_GROUPS))
@@ -144,18 +143,19 @@ class _Group:
         self.probes, self.rng = np.unique(drawn), rng
 
     def add_to(
-        self, spectrum: np.ndarray, lowest: int = 1, heard: Audibility | None = None
+        self,
+        spectrum: np.ndarray,
+        lowest: int,
+        heard: Callable[[float, float], bool] | None,
     ) -> list[PanelCheck]:
         """Add these trunks' sound in the panels where it is heard."""
         of_bin = 2.0 * math.pi / self.speed * self.spacing * self.thickest  # ka
         last, first, end, checks = len(spectrum) - 1, lowest, FIRST, []
-        energy = heard.energy_of(self.paths) if heard else {}
         while end < of_bin * first:
             end = min(GROWTH * end, end + WIDEST)
         while first <= last:
             stop = min(last, max(first, int(end / of_bin)))
-            within = first * self.spacing, stop * self.spacing
-            if heard is None or heard.heard(energy, *within):
+            if heard is None or heard(first * self.spacing, stop * self.spacing):
                 panel = _Panel(self, first, stop)
                 while not panel.fits:  # it turns too much for one
                     stop = (first + stop) // 2

@@ -84,7 +84,7 @@ def tree_response(
     exact = reverb.tolerance < FINEST
     part = count if math.isinf(last) else min(count, math.ceil(last / speed * rate) + 1)
     plain = losses is None or losses.passes
-    exact = exact or len(within.length) <= _soon_summed(within.radius, part, plain)
+    exact = exact or len(within.length) <= soon_summed(within.radius, part, plain)
     errors: dict[float, float] = {}
     samples = np.zeros(count)
     if exact:
@@ -97,7 +97,7 @@ def tree_response(
     return TreeResponse(samples, heard, int(paths.clamped.sum()), exact, left, errors)
 
 
-def _soon_summed(radius: np.ndarray, count: int, plain: bool) -> int:
+def soon_summed(radius: np.ndarray, count: int, plain: bool) -> int:
     """Return up to how many trunks the exact sum takes no longer than the fast one.
 
     plain : whether paths have no gain of their own, which takes longer than the trunks do.
