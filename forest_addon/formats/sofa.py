@@ -53,8 +53,8 @@ def _read_head(path: Path, sofar: Any) -> HeadResponses:
     view = _cartesian(path, found, "ListenerView")
     up = _cartesian(path, found, "ListenerUp", found.ListenerView_Type)
     axes = np.stack(np.broadcast_arrays(view, np.cross(up, view), up), axis=1)
-    axes = axes / np.linalg.norm(axes, axis=2, keepdims=True)
-    if not (np.abs((axes[:, 0] * axes[:, 2]).sum(axis=1)) < 0.01).all():
+    axes = axes / np.maximum(np.linalg.norm(axes, axis=2, keepdims=True), 1e-300)
+    if not (np.abs(np.linalg.det(axes) - 1) < 0.01).all():
         raise SpecError(
             str(path), "has a ListenerUp that is not at right angles to its ListenerView"
         )

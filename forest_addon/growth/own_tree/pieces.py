@@ -324,7 +324,7 @@ class Sorted:
 
 def sort_out(groups: Sequence[Group]) -> Sorted:
     """Tell wood from leaves; the ground that they stand on is left out."""
-    trees = _without_ground(groups)
+    trees = _without_ground([group for group in groups if _kind_by_name(group) != "other"])
     if trees:
         found = sort_out(trees)
         words = f"{found.said}; " if found.said else ""
