@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from forest_addon.formats.sofa import read_head
-from forest_addon.sensing.reverb.ears.hearing import SECTORS, Ambisonics, hearing_of
+from forest_addon.sensing.reverb.hearing import SECTORS, Ambisonics, hearing_of
 from forest_addon.sensing.reverb.response import ImpulseResponse, impulse_response
-from forest_addon.sensing.reverb.trunks.slices import Trunks
+from forest_addon.sensing.reverb.trunks import Trunks
 from forest_addon.spec import Air, Reverb, SpecError
 
 AIR = Air(sound_speed=343.0)
