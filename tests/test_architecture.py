@@ -99,7 +99,7 @@ BUDGETS = {
     "headless/dataset": (2462, 15),
     "headless/report": (528, 4),
     "studies": (167, 5),
-    "studies/bench": (1931, 19),
+    "studies/bench": (1923, 19),
     "studies/flight": (631, 8),
     "studies/papers": (358, 3),
     "studies/sim_to_real": (941, 5),
