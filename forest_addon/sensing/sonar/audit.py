@@ -278,6 +278,7 @@ def _in_time(echo: Echo, spectra: np.ndarray) -> np.ndarray:
         turns = float(echo.frequency[0]) / echo.sample_rate * time
         tone: np.ndarray = spectra * np.exp(2j * math.pi * np.remainder(turns, 1.0))
         return tone
+    length = max(length, len(time))  # of frequencies that are wrong
     full = np.zeros((len(spectra), length), np.complex128)
     bins = np.rint(echo.frequency / echo.sample_rate * length).astype(np.int64)
     full[:, bins.clip(0, length - 1)] = spectra
