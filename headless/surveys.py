@@ -130,7 +130,7 @@ def scan_survey(
         survey = read_survey(path, assets)
         beside = _reference(reference) if reference else {}
     for note in survey.notes:
-        stages.say(f"warning: {note}")
+        stages.warn(note)
     if survey.offset.any():
         stages.say(
             f"  computed {survey.offset} m nearer to the origin; files hold the map's coordinates"
@@ -170,9 +170,7 @@ def _scan_play(
         took = time.process_time() - started
         if not done.points:
             near, far = scan.scanner.min_range, scan.scanner.max_range
-            stages.say(
-                f"warning: {name} has no point: nothing stands from {near:g} to {far:g} m away"
-            )
+            stages.warn(f"{name} has no point: nothing stands from {near:g} to {far:g} m away")
         mean = scan.total / max(done.points, 1)
         found.append(LegCounts(name, scan.by_returns, mean, took))
         stages.say(f"{file}: {done.points:,} points of {done.pulses:,} pulses by {caster.engine}")

@@ -25,7 +25,7 @@ from ..spec import SpecError
 from .atomic import replacing
 from .copc import write_copc
 from .crs import can_tell_crs, metres_of, unit_named, wkt_of
-from .ply import StoredRows
+from .ply import StoredRows, bounds
 
 RESOLUTION = 1e-4  # metres
 REACH = 2**31  # steps to each side of the offset
@@ -176,7 +176,7 @@ def intensity_level(amplitude: np.ndarray) -> np.ndarray:
 
 def _header(rows: np.ndarray | StoredRows, written: date | None) -> laspy.LasHeader:
     header = laspy.LasHeader(version="1.4", point_format=6)
-    low, high = _bounds(rows)
+    low, high = bounds(rows)
     wide = float((high - low).max(initial=0.0)) > RESOLUTION * REACH * 0.9
     header.scales = np.full(3, 10 * RESOLUTION if wide else RESOLUTION)
     header.offsets = np.floor(low)
@@ -197,18 +197,6 @@ def _header(rows: np.ndarray | StoredRows, written: date | None) -> laspy.LasHea
 def _extra(rows: np.ndarray | StoredRows) -> dict[str, str]:
     """Extra bytes of rows, with what they say."""
     return EXTRA | BOUNCE if "bounce" in (rows.dtype.names or ()) else EXTRA
-
-
-def _bounds(rows: np.ndarray | StoredRows) -> tuple[np.ndarray, np.ndarray]:
-    """(3,) smallest and largest coordinates, zeros where there are no rows."""
-    if not len(rows):
-        return np.zeros(3), np.zeros(3)
-    low, high = np.full(3, np.inf), np.full(3, -np.inf)
-    for first in range(0, len(rows), ROWS_AT_ONCE):
-        part = rows[first : first + ROWS_AT_ONCE]
-        low = np.minimum(low, [part[axis].min() for axis in "xyz"])
-        high = np.maximum(high, [part[axis].max() for axis in "xyz"])
-    return low, high
 
 
 def _las_points(
