@@ -22,6 +22,7 @@ from ..growth.own_tree.template import TreeTemplate
 from ..growth.tree import Tree, aged, fallen, grow, in_season, with_fallen
 from ..growth.truth import leaf_angles, wood_of_tree
 from ..spec import Allometry, Choice, Look, Scene, Species
+from ..spec.choices import idle
 from .inputs import Inputs
 from .intensity.terrain import sink
 from .measured import MeasuredTrees, dbh_at, scales_for, with_targets
@@ -229,11 +230,12 @@ class ForestPlan:
         )
 
     def _missing(self) -> tuple[str, ...]:
-        """Say where fewer trees stand than were asked for: none, not all of an exact number or a list, or far
-        fewer than were drawn."""
+        """Say what has no effect, and where fewer trees stand than were asked for: none, not all of an exact
+        number or a list, or far fewer than were drawn."""
         stand, said = self.measured.stand, []
         names, counts = labels(self.scene.plantings), stand.counts()
         for number, (name, planting) in enumerate(zip(names, self.scene.plantings, strict=True)):
+            said += [f"{name}: {sentence}" for sentence in idle(planting)]
             gone = [
                 (stand.too_near, "nearer to others than spacing allows"),
                 (stand.off_field, "outside of the field, or of where the planting may stand"),

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from forest_addon.spec import Siblings, SpecError, Species
 
-from ..command import Command, refuse_negative
+from ..command import Command, refuse_beyond
 
 if TYPE_CHECKING:
     from forest_addon.growth.lsystem.system import Prediction, System, Word
@@ -38,7 +38,7 @@ class DeriveCommand(Command):
         )
 
     def run(self, chosen: argparse.Namespace) -> None:
-        refuse_negative(chosen.seed)
+        refuse_beyond("--seed", chosen.seed, 0)
         derive_species(chosen.species, chosen.generations, chosen.seed, chosen.count)
 
 

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 from forest_addon.spec import SENSORS, Airborne, Mobile, Rays, Scanner, SpecError, Terrestrial
 
-from ..command import Command, refuse_negative
+from ..command import Command, refuse_beyond
 from ..progress import Stages, hushed
 
 if TYPE_CHECKING:
@@ -146,9 +146,8 @@ with the same command and --resume, to the same bytes."""
         if chosen.list:
             list_scanners()
             return
-        refuse_negative(chosen.seed)
-        if chosen.chunk is not None and chosen.chunk < 1:
-            raise SpecError("--chunk", f"{chosen.chunk} is out of range; use at least 1")
+        refuse_beyond("--seed", chosen.seed, 0)
+        refuse_beyond("--chunk", 1 if chosen.chunk is None else chosen.chunk, 1)
         if chosen.like:
             self._write_like(chosen)
             return

@@ -115,18 +115,26 @@ def stem(name: str) -> str:
 
 
 @contextmanager
-def all_or_nothing() -> Iterator[None]:
-    """Take back every data block that is made in the block when that fails."""
+def all_or_nothing(always: bool = False) -> Iterator[None]:
+    """Take back every data block that is made in the block when that fails; always : however it ends."""
     kinds = (
         *(bpy.data.objects, bpy.data.meshes, bpy.data.materials),
-        *(bpy.data.collections, bpy.data.node_groups),
+        *(bpy.data.collections, bpy.data.node_groups, bpy.data.images),
     )
-    before = {block for kind in kinds for block in kind}
+    before, keep = {block.session_uid for kind in kinds for block in kind}, False
     try:
         yield
-    except BaseException:
-        bpy.data.batch_remove([block for kind in kinds for block in kind if block not in before])
-        raise
+        keep = not always
+    finally:
+        new = [block for kind in kinds for block in kind if block.session_uid not in before]
+        bpy.data.batch_remove([] if keep else new)
+
+
+def points_of_forest(scene: bpy.types.Scene) -> bpy.types.Object | None:
+    """The object whose points are the trees of a scene, None where trees are objects."""
+    home = find_part(scene, TREES)
+    things = objects_in(home) if home is not None else ()
+    return next((thing for thing in things if thing.get(ROLE_KEY) == POINTS_ROLE), None)
 
 
 ROOT_KEY = "forest_sensing"
@@ -136,6 +144,8 @@ CLOUD_KEY = "forest_cloud"  # on points that were found: which sensor found them
 FRAME_KEY = "forest_frame"  # on a mesh of points that is kept: the frame that it was found in
 COLOUR_BY, COLOUR_MAP, RADIUS = "Colour By", "Colour Map", "Radius"  # their menus, their size
 FAR_POINTS = "Far Points"  # beyond the ground that views show
+GAMMA = 1 / 2.2  # colours are linear, the screen's are not
+LUMINANCE = (0.2126, 0.7152, 0.0722)  # of linear red, green and blue, ITU-R BT.709
 SHARE = "Show Share"  # of points, of trees: how many a view shows
 ROOT, TREES, VARIANTS, OUTLINES = "Forest", "Trees", "Variants", "Outlines"
 GROUND_NAME, SENSORS, RESULTS, INTENSITY = "Ground", "Sensors", "Results", "Intensity"
