@@ -60,6 +60,7 @@ TUFT = 0.03  # extents that needles with a common edge are long together
 MANY = 50  # needles of one make at least, and
 OFTEN = 3  # times as many as there are other pieces of wood
 FOOT = 0.02  # share of the extent, from the ground up, where the foot is looked for
+FLAT, WIDE = 0.003, 0.3  # heights that ground is uneven by, extents that it is wide at least
 NARROW = 0.03  # extents that any foot may be wide
 CLEARLY = 3.0  # times as good a foot, that an axis other than z is taken for upright
 UPRIGHT = {
@@ -322,7 +323,12 @@ class Sorted:
 
 
 def sort_out(groups: Sequence[Group]) -> Sorted:
-    """Tell wood from leaves."""
+    """Tell wood from leaves; the ground that they stand on is left out."""
+    trees = _without_ground([group for group in groups if _kind_by_name(group) != "other"])
+    if trees:
+        found = sort_out(trees)
+        words = f"{found.said}; " if found.said else ""
+        return replace(found, said=f"{words}a flat piece at the foot is the ground and left out")
     kinds = [_kind_by_name(group) for group in groups]
     named = {kind for kind in kinds if kind in ("wood", "leaves")}
     if named == {"wood", "leaves"} and all(kinds):
@@ -356,6 +362,29 @@ def sort_out(groups: Sequence[Group]) -> Sorted:
     if not len(loose_edges_of(pieces)):  # no facet without area joins any of them
         parted = (select(pieces, ~leaf), select(pieces, leaf))
     return Sorted(shown[~mine], shown[mine], "by shape", parted)
+
+
+def _without_ground(groups: Sequence[Group]) -> list[Group]:
+    """The groups without facets that lie flat at the foot and fill most of a wide area; none without such."""
+    facets = np.concatenate([group.facets for group in groups] or [np.empty((0, 3, 3))])
+    if not len(facets):
+        return []
+    low, size = facets.min(axis=(0, 1)), np.ptp(facets, axis=(0, 1))
+    for up in (2, 1):
+        foot = low[up] + FLAT * size[up]
+        bed = facets[facets[:, :, up].max(axis=1) <= foot]
+        if not 0 < len(bed) < len(facets):
+            continue
+        wide = np.delete(np.ptp(bed, axis=(0, 1)), up)
+        area = (
+            np.linalg.norm(np.cross(bed[:, 1] - bed[:, 0], bed[:, 2] - bed[:, 0]), axis=1).sum() / 2
+        )
+        if wide.min() > WIDE * size.max() and area > wide.prod() / 2:
+            kept = [
+                replace(g, facets=g.facets[g.facets[:, :, up].max(axis=1) > foot]) for g in groups
+            ]
+            return [group for group in kept if len(group.facets)]
+    return []
 
 
 def looks_like_leaves(pieces: Pieces) -> np.ndarray:
