@@ -87,7 +87,7 @@ BUDGETS = {
     "forest_addon/drawing": (583, 6),
     "forest_addon/flight": (1567, 10),
     "forest_addon/formats": (3468, 30),
-    "forest_addon/growth": (8367, 38),
+    "forest_addon/growth": (8345, 38),
     "forest_addon/results": (1151, 17),
     "forest_addon/sensing": (13035, 92),
     "forest_addon/spec": (1181, 11),
