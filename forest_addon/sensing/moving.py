@@ -15,6 +15,7 @@ from typing import Protocol
 
 import numpy as np
 
+from ..base.rows import distinct
 from ..base.trimesh import LEAF, OTHER, TriMesh
 from .rays.boxes import clip, extents, within
 from .rays.caster import Hits, hit_normals, unit_columns
@@ -241,7 +242,7 @@ class MovingScene:
         if stands_for is None:
             return instance, triangle
         other = np.append(stands_for, -1)[instance] != instance
-        for number in np.unique(instance[other]).tolist():
+        for number in distinct(instance[other]).tolist():
             rows = np.flatnonzero(instance == number)
             of = int(stands_for[number])
             here, there = (self.whole.meshes[self.whole.mesh_index[n]] for n in (number, of))
@@ -328,7 +329,7 @@ class MovingScene:
         since = np.concatenate([since[some], enters[alone]])[:, None]
         until = np.concatenate([until[some], leaves[alone]])[:, None]
         about = np.concatenate([apart[some], np.zeros(len(alone))])
-        for number in np.unique(block[asked]).tolist():
+        for number in distinct(block[asked]).tolist():
             rows = near[block[near] == number]
             chosen = np.flatnonzero(block[asked] == number)
             start, way = origins[asked[chosen]], ways[asked[chosen]]
@@ -392,7 +393,7 @@ class CutTrees:
                 of = sway.pieces(int(tree[instance]), scene.meshes[mesh])
                 for which, rows in split_pieces(scene.meshes[mesh], of):
                     self._known[key].append((which, len(meshes)))
-                    meshes.append(taken(scene.meshes[mesh], rows))
+                    meshes.append(scene.meshes[mesh].select(rows))
                     self.of_mesh.append(mesh)
                     self.triangle.append(rows)
             for which, made in self._known[key]:
@@ -548,7 +549,7 @@ def split_pieces(mesh: TriMesh, piece: np.ndarray) -> list[tuple[int, np.ndarray
     """
     corner = mesh.triangles.astype(np.int64)
     count = int(piece.max()) + 1
-    pair = np.unique((corner * count + piece[:, None]).ravel())
+    pair = distinct((corner * count + piece[:, None]).ravel())
     vertex, of = np.divmod(pair, count)
     first = np.searchsorted(vertex, np.arange(len(mesh.vertices) + 1))
     many = np.diff(first) > 1
@@ -560,17 +561,10 @@ def split_pieces(mesh: TriMesh, piece: np.ndarray) -> list[tuple[int, np.ndarray
         flat = np.arange(held.sum()) + np.repeat(first[at] - np.cumsum(held) + held, held)
         rows.append(np.repeat(seam, held))
         where.append(of[flat])
-    both = np.unique(np.concatenate(where) * len(piece) + np.concatenate(rows))
+    both = distinct(np.concatenate(where) * len(piece) + np.concatenate(rows))
     which, row = np.divmod(both, len(piece))
     cuts = np.flatnonzero(np.diff(which, prepend=-1))
     return [(int(which[c]), part) for c, part in zip(cuts, np.split(row, cuts[1:]), strict=True)]
-
-
-def taken(mesh: TriMesh, rows: np.ndarray) -> TriMesh:
-    """Some triangles (M,) of a mesh, by number."""
-    keep = np.zeros(len(mesh.triangles), dtype=bool)
-    keep[rows] = True
-    return mesh.select(keep)
 
 
 def boxes_of_pieces(corners: np.ndarray, piece: np.ndarray, count: int) -> np.ndarray:

@@ -16,6 +16,7 @@ from threading import Lock
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from ...base.rows import distinct
 from ...base.trimesh import TriMesh
 from ...sensing.moving import MovingScene, PieceWindow, swept
 from ...sensing.rays.boxes import clip
@@ -122,7 +123,7 @@ class EmbreeMotion:
         keyed = block * (len(self._breaks) + 1) + stretch
 
         def groups(rows: np.ndarray, pieces: PieceWindow | None) -> None:
-            for chosen in np.unique(keyed[rows]).tolist():
+            for chosen in distinct(keyed[rows]).tolist():
                 some = rows if (keyed[rows] == chosen).all() else rows[keyed[rows] == chosen]
                 number = divmod(chosen, len(self._breaks) + 1)
                 left = Hits.misses(len(some)) if leaving is None else leaving.select(some)
@@ -284,7 +285,7 @@ class EmbreeMotion:
         self._usable: dict[int, np.ndarray | None] = dict(like or self._still._usable)
         for place, number in enumerate(shapes):
             self._slot[number] = len(scene.meshes) + place
-        for slot in np.unique(self._slot).tolist():
+        for slot in distinct(self._slot).tolist():
             if slot < len(scene.meshes) and slot not in self._usable:
                 rows = whole_triangles(scene.meshes[slot])
                 self._usable[slot] = (

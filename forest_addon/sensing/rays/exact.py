@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from ...base.rows import distinct
 from ...base.trimesh import TriMesh
 from .caster import Hits, RayCaster
 from .geometry import SceneGeometry, invert_transforms
@@ -61,7 +62,7 @@ class ExactCaster(RayCaster):
         found = np.full(len(origins), np.inf)
         named = np.flatnonzero(hits.found)
         mesh_of = self.scene.mesh_index[hits.instance[named]]
-        for index in np.unique(mesh_of).tolist():
+        for index in distinct(mesh_of).tolist():
             rows = named[mesh_of == index]
             start, way = self._local(origins[rows], ways[rows], hits.instance[rows])
             corners = _corners(self.scene.meshes[index], hits.triangle[rows])
@@ -88,7 +89,7 @@ class ExactCaster(RayCaster):
         ray, instance = np.nonzero(met)
         mesh_of = self.scene.mesh_index[instance]
         rays, distances, instances, triangles = [], [], [], []
-        for index in np.unique(mesh_of).tolist():
+        for index in distinct(mesh_of).tolist():
             rows = np.flatnonzero(mesh_of == index)
             mine, here = ray[rows], instance[rows]
             start, way = self._local(origins[mine], ways[mine], here)

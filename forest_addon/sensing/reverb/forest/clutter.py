@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ....base.rows import distinct
 from ....base.trimesh import LEAF, TriMesh, is_wood
 
 LAYER, FINE = 1.0, 0.25  # m of height; of a single tree
@@ -295,7 +296,7 @@ def _is_shoot(mesh: TriMesh, rows: np.ndarray, facing: np.ndarray, count: int) -
     triangles = np.bincount(number, minlength=count)
     vertices = len(mesh.vertices)
     corner = np.repeat(number, 3).astype(np.int64) * vertices
-    corner = np.unique(corner + mesh.triangles[rows].ravel().astype(np.int64))
+    corner = distinct(corner + mesh.triangles[rows].ravel().astype(np.int64))
     corners = np.bincount(corner // vertices, minlength=count)
     area = np.bincount(number, np.linalg.norm(facing, axis=1), count)
     whole = np.column_stack([np.bincount(number, column, count) for column in facing.T])

@@ -18,6 +18,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from ....base.rows import distinct
 from .scattering import TrunkPaths
 
 UNHEARD, MOST_UNHEARD = (
@@ -65,7 +66,7 @@ class Audibility:
         column = np.searchsorted(self.edges, paths.length, side="right") - 1
         column = np.clip(column, 0, BINS - 1)
         found = {}
-        for number in np.unique(octave[wide]).tolist():
+        for number in distinct(octave[wide]).tolist():
             rows = octave == number
             found[number] = np.bincount(column[rows], strength[rows], BINS)
         return found

@@ -21,6 +21,7 @@ import numpy as np
 
 from ....base.kept import LastAsked
 from ....base.progress import Progress
+from ....base.rows import distinct
 from ....spec import Air
 from ..band import SPREAD
 from ..forest.losses import Losses, loss_per_metre
@@ -200,7 +201,7 @@ class Expansions:
         total = np.zeros(size)
         errors: dict[float, float] = {}
         number, cosine, done = class_of(paths.radius), np.cos(paths.angle), 0
-        for each in np.unique(number[paths.radius > 0]).tolist():
+        for each in distinct(number[paths.radius > 0]).tolist():
             rows = np.flatnonzero((number == each) & (paths.radius > 0))
             layer = self._span(each, rate, air, tolerance, losses, gained)
             gain = self._gain(losses, rate, tolerance, whole=True, highest=layer.highest)

@@ -16,6 +16,7 @@ from scipy import fft
 
 from ....acoustics import chebyshev
 from ....acoustics.cylinder import order_count, partial_waves
+from ....base.rows import distinct
 
 STRETCHES = (0.5, 2.0, 6.0)  # ends of the first in z; then WIDTH each
 WIDTH = 6.0
@@ -51,7 +52,7 @@ class FieldTable:
         """(Z, C) values at sizes (Z,) of some of the angles."""
         stretch, place = self._place(z)
         found = np.empty((len(z), self._series[0, :, columns].shape[1]), np.complex128)
-        for number in np.unique(stretch):
+        for number in distinct(stretch):
             rows = np.flatnonzero(stretch == number)
             coefficients = np.ascontiguousarray(self._series[number, :, columns])
             part = polynomials(place[rows], NODES).T @ coefficients.view(np.float64)

@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ....acoustics import chebyshev
+from ....base.rows import distinct
 from ..forest.losses import LOWEST, NEAR, Losses
 from .field_table import polynomials, series
 
@@ -87,7 +88,7 @@ class PathGain:
     def zones(self, length: np.ndarray) -> Iterator[tuple[Zone, np.ndarray]]:
         """Zones of lengths (M,) with their rows; near ones once for each way over the ground."""
         number = _number(length)
-        for n in np.unique(number).tolist():
+        for n in distinct(number).tolist():
             rows = np.flatnonzero(number == n)
             for rise in self.losses.rises if 2.0**n < self.near else (0.0,):
                 yield self._zone(n, rise), rows
