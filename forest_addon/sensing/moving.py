@@ -24,7 +24,7 @@ from .rays.geometry import SceneGeometry
 from .rays.paths import SceneMotion, ShapePath, corners_at_rest
 
 KNOTS = 32  # a second
-SPAN = 8  # knots of a window, for which pieces are placed together
+SPAN = 4  # knots of a window, for which pieces are placed together
 RUN, WIDER = 8, 2.0  # rays of a run, and metres that they may be apart
 AROUND = 0.1  # metres about a bundle of rays, whose pieces are placed with those in it
 KEPT = 256  # trees by windows, whose pieces are kept in place
