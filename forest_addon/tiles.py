@@ -17,13 +17,13 @@ number of their pulses, the pieces are what the scan of the whole forest writes,
 
 from __future__ import annotations
 
-from collections import OrderedDict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
+from .base.kept import LastAsked
 from .base.progress import Progress
 from .base.rows import distinct
 from .formats.atomic import partial_of, replacing
@@ -96,17 +96,10 @@ class KeptTrees(Mapping[Key, Tree]):
     def __init__(self, plan: ForestPlan) -> None:
         self._plan = plan
         self._keys = keys_of(plan.measured.stand)
-        self._trees: OrderedDict[Key, Tree] = OrderedDict()
-        self._bytes = 0
+        self._trees: LastAsked[Key, Tree] = LastAsked(KEPT, lambda tree: tree.nbytes)
 
     def __getitem__(self, key: Key) -> Tree:
-        if key not in self._trees:
-            self._trees[key] = tree = self._plan.tree(*key)
-            self._bytes += tree.nbytes
-            while self._bytes > KEPT and len(self._trees) > 1:
-                self._bytes -= self._trees.popitem(last=False)[1].nbytes
-        self._trees.move_to_end(key)
-        return self._trees[key]
+        return self._trees.once(key, lambda: self._plan.tree(*key))
 
     def __iter__(self) -> Iterator[Key]:
         return iter(self._keys)
@@ -366,9 +359,9 @@ def join_parts(
             of_tile = PlyFile(_of_tile(tiles, tile), POINT, comments, keep=count)
             of_tile.close()
             name = f"{stem}-{tiles.grid.name(tile)}{path.name[len(stem) :]}"
-            finish(of_tile, tiles.folder / name, offset.crs)
+            finish(of_tile, tiles.folder / name, offset)
     if file is not None:
-        finish(file, path, offset.crs)
+        finish(file, path, offset)
     return Written(path, pulses, total, 0, together(sorted(lost, key=lambda one: one.first)))
 
 

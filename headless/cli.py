@@ -2,7 +2,8 @@
 
 The parser is a loop over ``commands.COMMANDS``; nothing here knows one of them by name.
 Exit codes: 0 done; 1 something failed while running (a full disk); 2 bad input, one sentence says what,
-where and what to do; 3 an audit found an error beyond what was allowed, results are kept; 4 some of many
+where and what to do; 3 an audit found an error beyond what was allowed, or
+--strict and a warning, results are kept; 4 some of many
 scenes could not be made; 5 siblings of a tree are too unlike it to be planted; 130 interrupted, finished
 files are kept.
 """

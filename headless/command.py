@@ -7,6 +7,7 @@ once; what works imports it where it is used.
 from __future__ import annotations
 
 import argparse
+import math
 from dataclasses import replace
 from pathlib import Path
 from typing import ClassVar
@@ -49,21 +50,25 @@ class Command:
     epilog: ClassVar[str | None] = None
     outputs: ClassVar[tuple[str, ...]] = ("out",)  # options that name what is written
     is_folder: ClassVar[bool] = True  # what --out names
+    default: ClassVar[str] = (
+        ""  # in the folder out, by the name of the scene: what --out is by itself
+    )
+    whole: ClassVar[bool] = False  # its folder holds one run's results and nothing else
 
     def arguments(self, parser: argparse.ArgumentParser) -> None:
         """Declare what may follow the name."""
 
     def output(self, chosen: argparse.Namespace) -> Path:
         """Return where results go, of a command that has ``--out``: what was asked for, or the default."""
-        return Path(chosen.out)
+        return Path(chosen.out or Path("out") / self.default.format(name_of(chosen.scene)))
 
     def lock(self, chosen: argparse.Namespace) -> Path | None:
         """The file that keeps other commands from writing to the same place meanwhile; None: none does."""
-        return None
+        return chosen.out / LOCK if self.whole else None
 
     def is_whole(self, chosen: argparse.Namespace) -> bool:
         """Return whether its folder holds nothing but this run's results afterwards: earlier ones go."""
-        return False
+        return self.whole
 
     @property
     def maker(self) -> str:
@@ -152,12 +157,13 @@ def out_file(out: Path, *endings: str) -> Path:
     return out
 
 
-def refuse_negative(seed: int) -> None:
-    """Say that a seed below 0 cannot be.
+def refuse_beyond(option: str, value: float, low: float, high: float = math.inf) -> None:
+    """Say that a number cannot be what it is.
 
     Raises
     ------
-    SpecError : it is negative.
+    SpecError : it is below ``low`` or above ``high``.
     """
-    if seed < 0:
-        raise SpecError("--seed", f"{seed} is out of range; use at least 0")
+    if not low <= value <= high:
+        span = f"at least {low}" if math.isinf(high) else f"{low} to {high}"
+        raise SpecError(option, f"{value} is out of range; use {span}")

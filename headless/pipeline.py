@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import dataclasses
 import tempfile
-from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -56,12 +55,13 @@ from forest_addon.stand.targets import record
 from forest_addon.stand.truth import cylinder_table
 
 from .command import DoubtfulError
-from .progress import Stages, hushed
+from .progress import Stages, free_memory, hushed
 from .record import facts_of, write_record
 from .report import can_draw, page, without
 from .report.page import BUDGET, turning_cloud
 from .unfinished import Unfinished
 
+SURELY = 2.0  # times the memory that is free: what asks for more is refused, as it is known to a factor of 2
 MOST_LEAVES = 5_000_000  # rows of leaves.npz; beyond, leaves are written once a variant
 Dry = tuple[str, np.ndarray, float]  # a sound's name, samples and sampling rate
 
@@ -86,9 +86,6 @@ class Run:
         self.files.append(name)
         return self.out / name
 
-    def warn(self, warning: str) -> None:
-        self.stages.say(f"  Warning: {warning}")
-
 
 def run_scene(
     settings: Scene,
@@ -98,18 +95,20 @@ def run_scene(
     quiet: bool = False,
     dry: Path | None = None,
     resume: bool = False,
+    strict: bool = False,
 ) -> None:
     """Run a scene and write everything into a folder.
 
     folder : that paths in the scene file are relative to.
     dry : a WAV file that every reverb is also heard with.
-    resume : take what a run that was ended had finished.
+    resume : take what a run that was ended had finished. strict : a warning is an error, at the end.
 
     Raises
     ------
     SpecError : the folder cannot be written to; a species cannot be used.
     OSError : a file could not be written; what was finished before is kept.
-    DoubtfulError : an audit found an error beyond what was allowed; everything is written.
+    DoubtfulError : an audit found an error beyond what was allowed, or ``strict`` and a warning; everything
+        is written.
     """
     sound = None if dry is None else (dry.stem, *read_wav(dry))
     _make_writable(out)
@@ -123,7 +122,7 @@ def run_scene(
     with stages.stage("grow trees") as progress:
         run = Run(settings, out, stages, site.grow(progress), site.ground)
     if settings.crs and not can_tell_crs():
-        run.warn("LAS files lack their coordinate system; pip install pyproj tells it")
+        run.stages.warn("LAS files lack their coordinate system; pip install pyproj tells it")
     _describe_stand(run, site.inputs)
     with stages.stage("build Blender scene"):
         grown_in = stages.seconds["grow trees"]
@@ -134,12 +133,13 @@ def run_scene(
         _ = world.observer.caster  # made now: it belongs to no sensor's time
     with world.still() as observer:
         if observer.warning:
-            run.warn(observer.warning)
+            run.stages.warn(observer.warning)
             run.findings.append(page.Finding("Warning", f"{observer.warning}.", {}))
         _audit_trees(run, world)
         unfinished = Unfinished(out, world, resume)
         for sensor in settings.sensors:
             _say_cost(run, world, sensor)
+        for sensor in settings.sensors:
             with stages.stage(f"{sensor.kind} {sensor.name}") as progress:
                 _take(run, world, _looked(world, sensor, unfinished, progress), sound)
         facts = facts_of(world)
@@ -159,6 +159,7 @@ def run_scene(
     stages.say(f"Done: {len(run.files) + wanted.report} files in {out}{where}")
     audits = [*run.trees.items(), *((name, r.audit) for name, r in run.results.items())]
     doubtful = [f"{name}: {audit}" for name, audit in audits if audit and not audit.kept]
+    doubtful += stages.warnings if strict else []
     if doubtful:
         raise DoubtfulError("; ".join(doubtful) + f"; the results are kept in {out}")
 
@@ -173,12 +174,26 @@ def _looked(world: World, sensor: Sensor, unfinished: Unfinished, progress: Prog
 
 
 def _say_cost(run: Run, world: World, sensor: Sensor) -> None:
-    """Say what a sensor's run will cost; what it cannot follow is said when it runs."""
+    """Say what a sensor's run will cost; what it cannot follow is said when it runs.
+
+    Raises
+    ------
+    SpecError : it needs more memory than there is, by far.
+    """
     observer = world.observer
-    with suppress(ValueError, SpecError):
+    try:
         way = observer.way(sensor, world.folder)
         cost = cost_of(sensor, way, observer.caster.engine, run.settings, len(run.forest.stand))
-        run.stages.say(f"  {sensor.name}: {cost}")
+    except ValueError:
+        return
+    run.stages.say(f"  {sensor.name}: {cost}")
+    free = free_memory()
+    if cost.memory > SURELY * free:
+        raise SpecError(
+            sensor.name,
+            f"needs about {cost.memory / 1e9:,.3g} GB of memory, and {free / 1e9:,.3g} GB are free; send "
+            "fewer pulses, pings or samples, or scan in [tiles]",
+        )
 
 
 def _write_scene(run: Run) -> None:
@@ -219,7 +234,7 @@ def _write_preview(run: Run, caster: RayCaster | None, progress: Progress) -> No
 
 def _write_report(run: Run, facts: dict[str, Any]) -> None:
     """Write run.json, and report.html where it is wanted."""
-    made = (run.findings, run.trees, run.targets, run.results, run.stages.seconds, run.files)
+    made = (run.findings, run.trees, run.targets, run.results, run.stages, run.files)
     write_record(run.out / "run.json", run.settings, facts, *made)
     if run.settings.output.report:
         with run.stages.stage("write report.html"):
@@ -244,11 +259,12 @@ def _take(run: Run, world: World, result: Result, sound: Dry | None) -> None:
             give_sound(put_sensor(scene, sensor), sensor.name, heard, rate)
     if record.is_cloud:
         show_cloud(part(scene, RESULTS), sensor.name, found)
-    for warning in result.warnings:
-        run.warn(warning)
+    finding = _describe(run, world, result)
+    for warning in finding.warnings:
+        run.stages.warn(warning.removesuffix("."))
     if result.audit is not None:
         run.stages.say(f"  {result.audit}")
-    run.findings.append(_describe(run, world, result))
+    run.findings.append(finding)
     run.results[sensor.name] = dataclasses.replace(result, found=None)  # on disk: not kept
 
 
@@ -291,7 +307,7 @@ def _describe_stand(run: Run, inputs: Inputs) -> None:
     if wanted.pictures and not can_draw():
         _say_what_is_lacking(run)
     for note in run.forest.notes:
-        run.warn(note)
+        run.stages.warn(note)
     met = met_targets(run.forest)
     told = page.targets_finding(met)
     run.findings += [told] if told else []

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import re
 import sys
@@ -42,10 +43,11 @@ class PlainStream:
 
 
 class Stages:
-    """Names and times the stages of a run; ``seconds`` keeps what each took."""
+    """Names and times the stages of a run; ``seconds`` keeps what each took, ``warnings`` what was said."""
 
     def __init__(self, quiet: bool) -> None:
         self.quiet = quiet
+        self.warnings: list[str] = []
         self.seconds: dict[str, float] = {}
         self._bar: Any = None  # of the stage that runs
 
@@ -64,8 +66,16 @@ class Stages:
 
     def say(self, text: str) -> None:
         """Print a line, unless quiet."""
-        if self.quiet:
-            return
+        if not self.quiet:
+            self._print(text)
+
+    def warn(self, warning: str) -> None:
+        """Print what a user would hardly want, also when quiet; each once."""
+        if warning not in self.warnings:
+            self.warnings.append(warning)
+            self._print(f"  Warning: {warning}")
+
+    def _print(self, text: str) -> None:
         if self._bar is not None and self._bar.last_print_t > self._bar.start_t:  # it is shown
             self._bar.clear()
         print(plain(text), file=sys.stderr, flush=True)
@@ -139,6 +149,23 @@ def peak_memory_mb() -> float | None:
         return None
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return peak / (1024**2 if sys.platform == "darwin" else 1024)
+
+
+def free_memory() -> float:
+    """Bytes of memory that this process may still take; infinity where the system does not tell."""
+    free = math.inf
+    with suppress(OSError):
+        told = dict(line.split(":") for line in Path("/proc/meminfo").read_text().splitlines())
+        names = ("MemAvailable", "SwapFree")
+        free = sum(1024.0 * int(told[name].split()[0]) for name in names if name in told)
+    with suppress(ImportError, OSError):
+        import resource
+
+        limit = resource.getrlimit(resource.RLIMIT_AS)[0]
+        if limit != resource.RLIM_INFINITY:
+            pages = int(Path("/proc/self/statm").read_text().split()[0])
+            free = min(free, limit - pages * os.sysconf("SC_PAGE_SIZE"))
+    return free
 
 
 def held_memory(pid: int | str = "self") -> float:

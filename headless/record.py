@@ -19,7 +19,7 @@ from forest_addon.formats.atomic import write_whole
 from forest_addon.sensing.audit import Audit
 from forest_addon.spec import Scene
 
-from .progress import peak_memory_mb
+from .progress import Stages, peak_memory_mb
 from .report import page
 
 
@@ -65,19 +65,20 @@ def write_record(
     trees: Mapping[str, Audit],
     targets: Mapping[str, Any],
     results: Mapping[str, Result],
-    seconds: Mapping[str, float],
+    stages: Stages,
     files: Sequence[str],
 ) -> None:
     """Write run.json.
 
     facts : of the evaluated scene, see ``facts_of``. trees : audits of what grew.
     targets : what was reached of them, by planting.
-    results : of sensors, by their names. seconds : of stages.
+    results : of sensors, by their names. stages : their seconds, and what was warned of.
     """
     record = {
         **made_with(settings),
         **facts,
-        "stage_seconds": seconds,
+        "stage_seconds": stages.seconds,
+        "warnings": stages.warnings,
         "peak_memory_mb": peak_memory_mb(),
         "results": {finding.title: finding.facts for finding in findings},
         "trees": {name: {"audit": audit.record()} for name, audit in trees.items()},

@@ -130,7 +130,7 @@ def scan_survey(
         survey = read_survey(path, assets)
         beside = _reference(reference) if reference else {}
     for note in survey.notes:
-        stages.say(f"warning: {note}")
+        stages.warn(note)
     if survey.offset.any():
         stages.say(
             f"  computed {survey.offset} m nearer to the origin; files hold the map's coordinates"
@@ -170,9 +170,7 @@ def _scan_play(
         took = time.process_time() - started
         if not done.points:
             near, far = scan.scanner.min_range, scan.scanner.max_range
-            stages.say(
-                f"warning: {name} has no point: nothing stands from {near:g} to {far:g} m away"
-            )
+            stages.warn(f"{name} has no point: nothing stands from {near:g} to {far:g} m away")
         mean = scan.total / max(done.points, 1)
         found.append(LegCounts(name, scan.by_returns, mean, took))
         stages.say(f"{file}: {done.points:,} points of {done.pulses:,} pulses by {caster.engine}")
@@ -322,18 +320,22 @@ def _reference(path: Path) -> Mapping[str, Any]:
     return dict(legs)
 
 
+WEEK, ADJUSTED = 604_800, 1e9  # s
+SCAN_ANGLE = 0.006  # degrees a step of a LAS file's scan angle
 RANGE = 1.3  # times the farthest return: the range of a scanner that nobody named
 
 
 @dataclass(frozen=True)
 class FlownCloud:
-    """Returns of a real flight: place (N, 3) m, time (N,) s, number and count (N,) of returns, line (N,)."""
+    """Returns of a real flight: place (N, 3) m, time (N,) s, number and count (N,) of returns, line (N,), and
+    the scan angle (N,) that its file says, degrees."""
 
     place: np.ndarray
     time: np.ndarray
     number: np.ndarray
     count: np.ndarray
     line: np.ndarray
+    angle: np.ndarray
 
 
 def write_like(
@@ -347,23 +349,25 @@ def write_like(
     """Write a scene with one scanner for each flight line of a cloud, flown and swept like it; return it.
 
     scanner : an instrument whose light and receiver are taken. trajectory : CSV or SBET in the cloud's
-    coordinates and clock, in place of the way that pulses tell. crs : the system that an SBET goes to.
+    coordinates and clock, in place of the way that pulses tell. crs : the system of the cloud if it names
+    none, which an SBET goes to.
 
     Raises
     ------
     SpecError : a file that cannot be read, or a cloud that does not tell a single line.
     """
-    cloud = read_flown(cloud_file)
+    cloud = read_flown(cloud_file, crs)
     flown = read_trajectory(trajectory, crs) if trajectory else None
     lines = lines_of(cloud.place, cloud.time, cloud.number, cloud.count, cloud.line)
     if flown is not None:
+        flown = _on_one_clock(flown, cloud.time)
         lines = _lines_by(flown, cloud)
     low = np.floor(cloud.place.min(axis=0))
     sensors, report = [], []
     for number, line in lines.items():
         rows = (cloud.line == number) & (cloud.number == 1)
         try:
-            pattern = pattern_like(line, cloud.place[rows], cloud.time[rows])
+            pattern = pattern_like(line, cloud.place[rows], cloud.time[rows], cloud.angle[rows])
         except SpecError as short:
             report.append(f"left out: {short}")
             continue
@@ -398,23 +402,29 @@ def write_like(
     return scene
 
 
-def read_flown(path: Path) -> FlownCloud:
-    """The returns of a LAS file with their lines.
+def read_flown(path: Path, crs: str = "") -> FlownCloud:
+    """The returns of a LAS file with their lines. crs : its system, if it names none.
 
     Raises
     ------
-    SpecError : it is no LAS file, is empty, or has no GPS times.
+    SpecError : it is no LAS file, is empty, or has no GPS times, or such as do not run.
     """
-    cloud = read_las(path)
-    if "gps_time" not in set(cloud.point_format.dimension_names):
+    cloud = read_las(path, crs)
+    names = set(cloud.point_format.dimension_names)
+    if "gps_time" not in names:
         raise SpecError(str(path), "has no GPS times; export it with them")
     time = np.asarray(cloud.gps_time)
+    if not np.isfinite(time).all() or not np.ptp(time) > 0:
+        raise SpecError(str(path), f"has GPS times that do not run ({time[0]:g} s); export them")
+    own = "scan_angle" in names
+    angle = cloud.scan_angle * SCAN_ANGLE if own else cloud.scan_angle_rank.astype(float)
     return FlownCloud(
         np.asarray(cloud.xyz),
         time,
         np.asarray(cloud.return_number),
         np.asarray(cloud.number_of_returns),
         split_lines(time, np.asarray(cloud.point_source_id)),
+        np.asarray(angle),
     )
 
 
@@ -431,6 +441,22 @@ def _instrument(name: str | None, far: float, most: int) -> Mobile:
     return structure(
         {k: v for k, v in tables[kind].items() if k in known and k != "position"}, Mobile
     )
+
+
+def _on_one_clock(flown: np.ndarray, time: np.ndarray) -> np.ndarray:
+    """Poses (K, 7) on the clock of a cloud's times (N,): where one counts seconds of the week and the other
+    GPS time less 1e9 s (LAS 1.4, adjusted standard), the week is the other's."""
+    weekly = [bool(0 <= np.median(when) < 2 * WEEK) for when in (flown[:, 0], time)]
+    if weekly[0] == weekly[1]:
+        return flown
+    sign, known = (1, time) if weekly[0] else (-1, flown[:, 0])
+    week = np.floor((np.median(known) + ADJUSTED) / WEEK)
+    for number in (week, week - 1):  # a flight over the turn of the week counts on
+        moved = flown.copy()
+        moved[:, 0] += sign * (number * WEEK - ADJUSTED)
+        if moved[0, 0] <= time.max() and moved[-1, 0] >= time.min():
+            return moved
+    return flown
 
 
 def _lines_by(flown: np.ndarray, cloud: FlownCloud) -> dict[int, FlightLine]:

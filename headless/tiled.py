@@ -31,6 +31,7 @@ from forest_addon.results.kinds import write_finding
 from forest_addon.spec import Scene, SpecError
 from forest_addon.stand.forest import angle_table, tree_table
 
+from .command import DoubtfulError
 from .progress import Stages, hushed, peak_memory_mb
 from .record import made_with
 
@@ -108,16 +109,18 @@ def run_in_tiles(
     quiet: bool = False,
     resume: bool = False,
     share: Share | None = None,
+    strict: bool = False,
 ) -> None:
     """Run a scene with ``[tiles]`` into a folder.
 
     folder : that paths in the scene file are relative to. resume : take what is finished.
-    share : make only these pieces, and join nothing; None: all, and join them.
+    share : make only these pieces, and join nothing; None: all, and join them. strict : a warning is an
+    error, at the end.
 
     Raises
     ------
     SpecError : a scene that cannot be cut into tiles. OSError : a file could not be written; what is
-    finished is kept.
+    finished is kept. DoubtfulError : ``strict`` and a warning; everything is written.
     """
     stages = Stages(quiet)
     stages.say(f"{settings.name}, seed {settings.seed}, in tiles")
@@ -152,6 +155,8 @@ def run_in_tiles(
     _write_stand(run)
     _write_record(run, every)
     stages.say(f"Done: {len(run.files)} files in {out}")
+    if strict and stages.warnings:
+        raise DoubtfulError(f"{'; '.join(stages.warnings)}; the results are kept in {out}")
 
 
 def run_by_workers(words: Sequence[str], workers: int) -> None:
@@ -227,11 +232,9 @@ def _join(run: TiledRun, scan: TiledScan) -> None:
     facts = {"pulses": written.pulses, "points": written.points, "followed": scan.pulses.followed}
     facts["furthest_m"] = round(scan.pulses.furthest, 3)
     for lost in written.lost:
-        run.stages.say(f"  Warning: {sensor.name}: lost {lost}")
+        run.stages.warn(f"{sensor.name}: lost {lost}")
     if not written.points:
-        run.stages.say(
-            f"  Warning: {sensor.name}: 0 points; no pulse met anything within its range"
-        )
+        run.stages.warn(f"{sensor.name}: 0 points; no pulse met anything within its range")
     _finish(run, sensor, files, facts)
 
 
@@ -242,7 +245,7 @@ def _look(run: TiledRun, sensor: Any) -> None:
             world = run.tiling.hearing(sensor)
         result = world.look(sensor, progress)
     for warning in result.warnings:
-        run.stages.say(f"  Warning: {warning}")
+        run.stages.warn(warning)
     made = write_finding(run.out, result.sensor, result.found, Offset.of(run.tiling.scene))
     facts = {"trees": len(world.forest.stand), **result.record()}
     _finish(run, sensor, [file.name for file in made], facts)
@@ -285,6 +288,7 @@ def _write_record(run: TiledRun, sensors: Sequence[Any]) -> None:
         **run.facts,
         "sensors": {name: said["facts"] for name, said in notes.items() if said},
         "stage_seconds": run.stages.seconds,
+        "warnings": run.stages.warnings,
         "peak_memory_mb": peak_memory_mb(),
         "files": run.files,
     }

@@ -307,7 +307,7 @@ def array_fact(values: np.ndarray) -> str:
 
 def leaves_of(value: object, path: str = "") -> Facts:
     """Values of JSON by their paths, without those that differ between runs."""
-    if isinstance(value, dict) and "checks" in value:  # an audit: how much it had time for differs
+    if isinstance(value, dict) and "checks" in value:  # an audit
         for check in value["checks"]:
             yield (
                 f"{path} {check['what']}",

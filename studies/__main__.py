@@ -19,7 +19,7 @@ from forest_addon.api import SpecError
 
 from .bench.run import ON_REQUEST, SECTIONS
 from .bench.run import run as run_bench
-from .inside import Keeper, keeping
+from .inside import Keeper, keeping, refuse_beyond
 
 DATA = "FOREST_MEASURED"  # the environment's name for the folder of measurements
 
@@ -30,8 +30,7 @@ def main(words: Sequence[str] | None = None) -> int:
     joined = "\0".join(given).replace("--origin\0", "--origin=")  # of which a value may be -1,2,3
     chosen = _parser().parse_args(joined.split("\0") if given else [])
     try:
-        if getattr(chosen, "seed", 0) < 0:
-            raise SpecError("--seed", f"{chosen.seed} is out of range; use at least 0")
+        refuse_beyond("--seed", getattr(chosen, "seed", 0), 0)
         keeper = Keeper(getattr(chosen, "out", None), "studies", force=chosen.force)
         with keeping(keeper):
             chosen.run(chosen)
@@ -74,8 +73,7 @@ def _study(chosen: argparse.Namespace) -> None:
     out = chosen.out or Path("out") / chosen.study
     plots = chosen.plots or (12 if chosen.study == "sim-to-real" else 6)
     for key, value in (("--plots", plots), ("--seeds", chosen.seeds)):
-        if not 1 <= value <= 1000:
-            raise SpecError(key, f"{value} is out of range; use 1 to 1000")
+        refuse_beyond(key, value, 1, 1000)
     data = None if chosen.data is None else Path(chosen.data)
     from .validation.run import keep_subject, tell_subject, write_page
 
@@ -117,8 +115,7 @@ def _reverb_figures(chosen: argparse.Namespace) -> None:
 
 
 def _flight(chosen: argparse.Namespace) -> None:
-    if not 0 < chosen.size <= 100:
-        raise SpecError("--size", f"{chosen.size:g} is out of range; use 0 to 100")
+    refuse_beyond("--size", chosen.size, 1e-6, 100)
     out = chosen.out or Path("out") / f"flight-{chosen.experiment}"
     import_module(f".flight.{chosen.experiment}", __package__).run(out, chosen.size, chosen.seed)
 

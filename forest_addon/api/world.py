@@ -33,6 +33,7 @@ from ..spec import (
     Tractor,
 )
 from ..spec.base import typed
+from ..spec.choices import idle
 from .given import (
     called,
     enough_memory,
@@ -271,7 +272,8 @@ class World:
                 found = observer.observe(sensor, self.scene, progress, self.folder, way)
             seconds = time.perf_counter() - before
             audit = observer.audit(sensor, self.scene, found, seconds, self.folder, way)
-            warnings = observer.warnings(sensor, way, self.folder)
+            idlers = tuple(f"{sensor.name}: {sentence}" for sentence in idle(sensor))
+            warnings = (*idlers, *observer.warnings(sensor, way, self.folder))
             empty = observer.empty(sensor, self.scene, found, self.folder, way)
             warnings = (*warnings, f"{sensor.name}: {empty}") if empty else warnings
         except SpecError:

@@ -48,72 +48,32 @@ def fly(
     policy: Any,
     seeds: Sequence[int],
     forest: int = 0,
-    most: int | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> list[Track]:
     """Fly once from each seed, as many at a time as there are flyers, in the world that they are in.
 
-    most : steps at most. progress : called as progress(flights done, all).
+    progress : called as progress(flights done, all).
     """
     tracks: list[Track] = []
     for first in range(0, len(seeds), flyers.count):
         some = list(seeds[first : first + flyers.count])
-        padded = some + some[:1] * (flyers.count - len(some))
-        flyers.start(range(flyers.count), padded)
-        going = np.zeros(flyers.count, dtype=bool)
-        going[: len(some)] = True
-        ends = np.full(flyers.count, -1)
-        count = np.zeros(flyers.count, dtype=np.int64)
-        flown = np.zeros(flyers.count)
-        rows: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
-        number = 0
-        while going.any() and (most is None or number < most):
+        flyers.start(range(flyers.count), some + some[:1] * (flyers.count - len(some)))
+        going = np.arange(flyers.count) < len(some)
+        rows: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []  # of each step, all flyers
+        while going.any():
             told = flyers.sense(going)
-            rows.append(
-                (flyers.state.position.copy(), flyers.state.heading.copy(), nearest(flyers, told))
-            )
+            state = flyers.state
+            rows.append((state.position.copy(), state.heading.copy(), nearest(flyers, told)))
             out = flyers.step(policy.act(told))
-            count[going] += 1
-            flown[going] = flyers.flown[going]
-            for end, which in enumerate((out.arrived, out.crashed, out.late)):
-                ends[going & which] = end
-            over = going & out.ended
-            going &= ~over
-            number += 1
             # Who is through stands still: its place after the end is not asked for.
-            rows[-1] = (*rows[-1],)
-            last = flyers.state.position.copy()
-            if over.any():
-                for row in np.flatnonzero(over):
-                    tracks.append(
-                        _track(
-                            rows,
-                            row,
-                            int(count[row]),
-                            last[row],
-                            ENDS[ends[row]],
-                            flyers,
-                            flown,
-                            forest,
-                            some,
-                        )
-                    )
-                if progress:
-                    progress(len(tracks), len(seeds))
-        for row in np.flatnonzero(going):
-            tracks.append(
-                _track(
-                    rows,
-                    row,
-                    int(count[row]),
-                    flyers.state.position[row],
-                    "late",
-                    flyers,
-                    flown,
-                    forest,
-                    some,
-                )
-            )
+            ended = going & out.ended
+            for row in np.flatnonzero(ended).tolist():
+                which = (out.arrived[row], out.crashed[row], True)
+                end = ENDS[which.index(True)]
+                tracks.append(_track(rows, row, end, flyers, forest, some[row]))
+            going = going & ~ended
+            if progress and ended.any():
+                progress(len(tracks), len(seeds))
     order = {seed: n for n, seed in enumerate(seeds)}
     return sorted(tracks, key=lambda track: order[track.seed])
 
@@ -134,20 +94,26 @@ def nearest(flyers: Flyers, told: dict[str, np.ndarray]) -> np.ndarray:
 def _track(
     rows: list[tuple[np.ndarray, np.ndarray, np.ndarray]],
     row: int,
-    count: int,
-    last: np.ndarray,
     end: str,
     flyers: Flyers,
-    flown: np.ndarray,
     forest: int,
-    seeds: list[int],
+    seed: int,
 ) -> Track:
-    place = np.array([*(r[0][row] for r in rows[:count]), last])
-    heading = np.array([*(r[1][row] for r in rows[:count]), flyers.state.heading[row]])
-    near = np.array([*(r[2][row] for r in rows[:count]), rows[count - 1][2][row]])
-    goal = flyers.goal[row].copy()
+    """The flight of one flyer, which has just ended."""
+    state = flyers.state
+    place, heading, near = (
+        np.array([step[row] for step in part]) for part in zip(*rows, strict=True)
+    )
     return Track(
-        place, heading, near, end, goal, flyers.flight.step, float(flown[row]), forest, seeds[row]
+        np.append(place, state.position[[row]], axis=0),
+        np.append(heading, state.heading[row]),
+        np.append(near, near[-1]),
+        end,
+        flyers.goal[row].copy(),
+        flyers.flight.step,
+        float(flyers.flown[row]),
+        forest,
+        seed,
     )
 
 

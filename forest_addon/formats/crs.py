@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from importlib.util import find_spec
 from typing import Any
 
@@ -11,6 +12,8 @@ from ..spec import SpecError
 from ..spec.forest import METRES
 
 EPSG_UNITS = {9001: METRES["m"], 9002: METRES["ft"], 9003: METRES["us-ft"]}
+
+URN = re.compile(r"urn:ogc:def:crs:(\w+):[^:]*:")
 
 
 def can_tell_crs() -> bool:
@@ -63,7 +66,7 @@ def metres_of(crs: str, otherwise: float = 1.0) -> tuple[float, float]:
     axes = known.axis_info
     if not axes or known.is_geographic or known.is_geocentric or "degree" in axes[0].unit_name:
         raise SpecError(
-            "crs", f'"{_short(crs)}" is in degrees, not in metres; take {nearest_metric(crs)}'
+            "crs", f'"{short(crs)}" is in degrees, not in metres; take {nearest_metric(crs)}'
         )
     flat = axes[0].unit_conversion_factor
     return flat, axes[2].unit_conversion_factor if len(axes) > 2 else flat
@@ -95,18 +98,43 @@ def metric_near(longitude: float, latitude: float) -> str:
 def same_place(one: str, other: str, place: np.ndarray) -> bool:
     """Return whether metres (2,) in one system are the same metres in another, to a metre and a half; True
     where either is not named."""
-    if not one or not other or not can_tell_crs():
+    if one == other or not one or not other or not can_tell_crs():
         return True
+    there, _ = moved(one, other, np.reshape(place, (1, 2)) / metres_of(one)[0])
+    return bool(np.linalg.norm(there - place) < 1.5)
+
+
+def short(crs: str) -> str:
+    """The name of a system: of WKT the first in quotes."""
+    return crs.split('"')[1] if '"' in crs else crs
+
+
+def moved(source: str, target: str, place: np.ndarray) -> tuple[np.ndarray, str]:
+    """Places (N, 2) of one system as metres of another, or without a target of their own; and its name.
+
+    Raises
+    ------
+    SpecError : degrees and no map to project them to; pyproj is needed and not there; an unknown system.
+    """
+    source = URN.sub(r"\1:", source)
+    if source == target:
+        return place, target
+    if not can_tell_crs():
+        raise SpecError("crs", f'is "{target}", not {source}; without pyproj it must be the same')
     import pyproj
 
-    change = pyproj.Transformer.from_crs(_known(one), _known(other), always_xy=True)
-    here, there = metres_of(one)[0], metres_of(other)[0]
-    moved = np.multiply(there, change.transform(*(np.asarray(place) / here)))
-    return bool(np.linalg.norm(moved - place) < 1.5)
-
-
-def _short(crs: str) -> str:
-    return crs if len(crs) < 40 else crs.split('"')[1]
+    known = _known(source)
+    if not target and known.is_geographic:
+        east, north = place.mean(axis=0)
+        raise SpecError(
+            "crs",
+            f'coordinates are degrees; name a system in metres, as "{metric_near(east, north)}"',
+        )
+    if not target:
+        authority, metres = known.to_authority(), metres_of(source)[0]
+        return place * metres, ":".join(authority) if authority and metres == 1 else ""
+    change = pyproj.Transformer.from_crs(known, _known(target), always_xy=True)
+    return np.column_stack(np.multiply(metres_of(target)[0], change.transform(*place.T))), target
 
 
 def _known(crs: str) -> Any:

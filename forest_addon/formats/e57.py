@@ -58,6 +58,9 @@ def write_e57(path: str | os.PathLike[str], scan: LocalScan) -> None:
         "cartesianX": x,
         "cartesianY": y,
         "cartesianZ": z,
+        "cartesianInvalidState": np.zeros(
+            len(x), dtype=np.int8
+        ),  # all are where they were measured
         "intensity": scan.amplitude.astype(np.float32),
     }
     still = np.array([1.0, 0.0, 0.0, 0.0])

@@ -13,19 +13,21 @@ import struct
 import tempfile
 from collections.abc import Sequence
 from datetime import date
+from pathlib import Path
 
 import laspy
 import lazrs
 import numpy as np
-from laspy.vlrs.known import WktCoordinateSystemVlr
+from laspy.vlrs.known import GeoKeyDirectoryVlr, WktCoordinateSystemVlr
 
 from ..base.labels import Labels
 from ..base.trimesh import DEAD, GROUND, LEAF, WOOD
 from ..spec import SpecError
 from .atomic import replacing
 from .copc import write_copc
-from .crs import wkt_of
-from .ply import StoredRows
+from .crs import can_tell_crs, metres_of, unit_named, wkt_of
+from .foreign import guarded
+from .ply import StoredRows, bounds
 
 RESOLUTION = 1e-4  # metres
 REACH = 2**31  # steps to each side of the offset
@@ -35,6 +37,13 @@ OWN_CLASSES, CLASSES = 64, 192  # the first class that is the user's, and how ma
 CLASS_OF_ORGAN = np.ones(128, dtype=np.uint8)  # ASPRS: unclassified, high vegetation, ground
 CLASS_OF_ORGAN[[WOOD, LEAF, GROUND, DEAD]] = 5, 5, 2, 5
 COPC = ".copc.laz"
+PROJECTED, GEOGRAPHIC, LINEAR_UNIT, VERTICAL_UNIT, OWN_KEY = (
+    3072,
+    2048,
+    3076,
+    4099,
+    32767,
+)  # GeoTIFF keys
 EXTRA = {
     "tree": "number of the tree",
     "species": "number of the species",
@@ -98,12 +107,15 @@ def write_las(
         raise OSError(f"{name} could not be written ({problem}); is the disk full?") from None
 
 
-def read_las(path: str | os.PathLike[str]) -> laspy.LasData:
-    """Read a LAS or LAZ file of any origin.
+@guarded("a LAS or LAZ file")
+def read_las(path: Path, crs: str = "") -> laspy.LasData:
+    """Read a LAS or LAZ file of any origin; coordinates in feet become metres, as its system says.
+
+    crs : its coordinate system, if it names none.
 
     Raises
     ------
-    SpecError : there is none, it cannot be read as one, or has no points.
+    SpecError : there is none, it cannot be read as one, has no points, or lies in degrees.
     """
     if not os.path.exists(path):
         raise SpecError(str(path), "is not there; check the path")
@@ -116,7 +128,33 @@ def read_las(path: str | os.PathLike[str]) -> laspy.LasData:
         ) from None
     if not len(cloud.points):
         raise SpecError(str(path), "has no points")
+    try:
+        flat, up = _units(cloud.header, crs)
+    except SpecError as problem:
+        raise SpecError(str(path), f"has a system that cannot be used: {problem.problem}") from None
+    for part in (cloud.header, cloud.points):
+        part.scales = part.scales * [flat, flat, up]
+        part.offsets = part.offsets * [flat, flat, up]
+    cloud.update_header()
     return cloud
+
+
+def _units(header: laspy.LasHeader, crs: str) -> tuple[float, float]:
+    """Metres of the units of a file's coordinates on the map and in height."""
+    stored = header.vlrs.get_by_id("LASF_Projection")
+    keys = {
+        key.id: key.value_offset
+        for record in stored
+        if isinstance(record, GeoKeyDirectoryVlr)
+        for key in record.geo_keys
+    }
+    flat = unit_named(keys.get(LINEAR_UNIT), 1.0)
+    texts = [record.string for record in stored if isinstance(record, WktCoordinateSystemVlr)]
+    if not can_tell_crs() and any("foot" in text.lower() for text in texts):
+        raise SpecError("crs", "it counts in feet, which needs pyproj; install it")
+    codes = [f"EPSG:{keys[k]}" for k in (PROJECTED, GEOGRAPHIC) if 1024 <= keys.get(k, 0) < OWN_KEY]
+    flat, up = metres_of([*(text for text in texts if text), *codes, crs][0], flat)
+    return flat, unit_named(keys.get(VERTICAL_UNIT), up)
 
 
 def _classes(labels: Labels) -> np.ndarray:
@@ -141,7 +179,7 @@ def intensity_level(amplitude: np.ndarray) -> np.ndarray:
 
 def _header(rows: np.ndarray | StoredRows, written: date | None) -> laspy.LasHeader:
     header = laspy.LasHeader(version="1.4", point_format=6)
-    low, high = _bounds(rows)
+    low, high = bounds(rows)
     wide = float((high - low).max(initial=0.0)) > RESOLUTION * REACH * 0.9
     header.scales = np.full(3, 10 * RESOLUTION if wide else RESOLUTION)
     header.offsets = np.floor(low)
@@ -162,18 +200,6 @@ def _header(rows: np.ndarray | StoredRows, written: date | None) -> laspy.LasHea
 def _extra(rows: np.ndarray | StoredRows) -> dict[str, str]:
     """Extra bytes of rows, with what they say."""
     return EXTRA | BOUNCE if "bounce" in (rows.dtype.names or ()) else EXTRA
-
-
-def _bounds(rows: np.ndarray | StoredRows) -> tuple[np.ndarray, np.ndarray]:
-    """(3,) smallest and largest coordinates, zeros where there are no rows."""
-    if not len(rows):
-        return np.zeros(3), np.zeros(3)
-    low, high = np.full(3, np.inf), np.full(3, -np.inf)
-    for first in range(0, len(rows), ROWS_AT_ONCE):
-        part = rows[first : first + ROWS_AT_ONCE]
-        low = np.minimum(low, [part[axis].min() for axis in "xyz"])
-        high = np.maximum(high, [part[axis].max() for axis in "xyz"])
-    return low, high
 
 
 def _las_points(

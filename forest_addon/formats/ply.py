@@ -1,4 +1,7 @@
-"""Point clouds as binary PLY: every field of a record as a property, to the last digit.
+"""Point clouds as binary PLY: every field of a record as a property.
+
+What other programs are to read has x, y and z in single precision about an origin that a comment tells, as
+PCL, Open3D and CloudCompare want them; in double precision they are the map's, and PCL reads no point.
 
 ``PlyFile`` also grows: rows are added at its end, then the number of vertices in its header is raised.
 Whenever it is cut off, a reader finds the rows that were there when the number was last written. The
@@ -8,13 +11,16 @@ header keeps its length, because a comment takes the place that the number does 
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from itertools import pairwise, takewhile
 from pathlib import Path
-from typing import overload
+from typing import Any, overload
 
 import numpy as np
 
+from ..spec import SpecError
 from .atomic import replacing
+from .foreign import guarded
 
 PLY_TYPE = {
     "f8": "double",
@@ -25,8 +31,11 @@ PLY_TYPE = {
     "i1": "char",
     "u1": "uchar",
 }
+TYPES = {word: kind for kind, word in PLY_TYPE.items()} | {"ushort": "u2"}
 DIGITS = 18  # of the number of vertices
 ROWS_AT_ONCE = 200_000
+PLACE = ("x", "y", "z")
+Origin = Sequence[float] | None
 
 
 def header_of(dtype: np.dtype, count: int, comments: Sequence[str] = ()) -> bytes:
@@ -39,18 +48,112 @@ def header_of(dtype: np.dtype, count: int, comments: Sequence[str] = ()) -> byte
 
 
 def write_ply(
-    path: str | os.PathLike[str], rows: np.ndarray | StoredRows, comments: Sequence[str] = ()
+    path: str | os.PathLike[str],
+    rows: np.ndarray | StoredRows,
+    comments: Sequence[str] = (),
+    origin: Origin = None,
 ) -> None:
     """Write rows (P,) of a structured array, also of a file.
+
+    origin : (3,) metres that x, y and z are about, in single precision; None: as they are.
 
     Raises
     ------
     OSError : it cannot be written.
     """
+    kind = kind_about(rows.dtype, origin, {"amplitude": "intensity"})
+    head = header_of(kind, len(rows), (*comments, said_of(origin)))
+    write_records(path, head, rows, kind, origin)
+
+
+@guarded("a PLY of triangles")
+def read_surface(path: Path) -> tuple[np.ndarray, np.ndarray]:
+    """Corners (V, 3) and triangles (T, 3) of a PLY, ASCII or binary; larger faces are cut into fans.
+
+    Raises
+    ------
+    SpecError : it is no PLY, or has no faces.
+    """
+    data = path.read_bytes()
+    start = data.index(b"\n", data.index(b"end_header")) + 1
+    head = [line.split() for line in data[:start].decode("ascii", "replace").splitlines() if line]
+    order = {"ascii": "", "binary_big_endian": ">"}.get(head[1][1], "<")
+    words = iter(data[start:].split() if not order else ())
+
+    def take(kind: str) -> Any:
+        nonlocal start
+        if not order:
+            return float(next(words))
+        stored = np.dtype(TYPES.get(kind, kind)).newbyteorder(order)
+        start += stored.itemsize
+        return np.frombuffer(data, stored, 1, start - stored.itemsize)[0]
+
+    found: dict[str, list[Any]] = {"vertex": [], "face": []}
+    for number, line in enumerate(head):
+        if line[0] != "element":
+            continue
+        told = takewhile(lambda one: one[0] != "element", head[number + 1 :])
+        properties = [one[1:] for one in told if one[0] == "property"]
+        for _ in range(int(line[2])):
+            row = {
+                p[-1]: [take(p[2]) for _ in range(int(take(p[1])))]
+                if p[0] == "list"
+                else take(p[0])
+                for p in properties
+            }
+            corners = next((value for value in row.values() if isinstance(value, list)), [])
+            at = [row.get(axis) for axis in PLACE] if line[1] == "vertex" else corners
+            found.setdefault(line[1], []).append(at)
+    fans = [(face[0], b, c) for face in found["face"] for b, c in pairwise(face[1:])]
+    if not fans:
+        raise SpecError(str(path), "has no faces; a ground is a surface of triangles")
+    return np.array(found["vertex"], dtype=np.float64), np.array(fans).astype(np.int64)
+
+
+def said_of(origin: Origin) -> str:
+    """The comment of a file on where its coordinates start, or on who cannot read them."""
+    if origin is None:
+        return "coordinates in double precision; PCL, and what is built on it, reads no point"
+    return "origin {:.10g} {:.10g} {:.10g}, m; add it to x y z".format(*origin)
+
+
+def kind_about(kind: np.dtype, origin: Origin, names: Mapping[str, str]) -> np.dtype:
+    """The type of records under other names, with x, y and z in single precision about an origin."""
+    single = () if origin is None else PLACE
+    return np.dtype(
+        [(names.get(n, n), "<f4" if n in single else kind[n]) for n in kind.names or ()]
+    )
+
+
+def write_records(
+    path: str | os.PathLike[str],
+    head: bytes,
+    rows: np.ndarray | StoredRows,
+    kind: np.dtype,
+    origin: Origin,
+) -> None:
+    """Write a head and, after it, rows (P,) as records of a kind (``kind_about``), a part at a time."""
     with replacing(path) as partial, open(partial, "wb") as file:
-        file.write(header_of(rows.dtype, len(rows), comments))
+        file.write(head)
         for first in range(0, len(rows), ROWS_AT_ONCE):
-            file.write(rows[first : first + ROWS_AT_ONCE].tobytes())
+            part = rows[first : first + ROWS_AT_ONCE]
+            made = np.empty(len(part), kind)
+            for name, called in zip(rows.dtype.names or (), kind.names or (), strict=True):
+                start = 0.0 if origin is None or name not in PLACE else origin[PLACE.index(name)]
+                made[called] = part[name] - start if start else part[name]
+            file.write(made.tobytes())
+
+
+def bounds(rows: np.ndarray | StoredRows) -> tuple[np.ndarray, np.ndarray]:
+    """(3,) smallest and largest coordinates, zeros where there are no rows."""
+    if not len(rows):
+        return np.zeros(3), np.zeros(3)
+    low, high = np.full(3, np.inf), np.full(3, -np.inf)
+    for first in range(0, len(rows), ROWS_AT_ONCE):
+        part = rows[first : first + ROWS_AT_ONCE]
+        low = np.minimum(low, [part[axis].min() for axis in PLACE])
+        high = np.maximum(high, [part[axis].max() for axis in PLACE])
+    return low, high
 
 
 class StoredRows:
@@ -96,7 +199,7 @@ class PlyFile:
         OSError : it cannot be written, or it has not so many rows.
         """
         self.path, self.dtype, self.count = path, dtype, keep
-        self._comments = comments
+        self.comments = comments
         self._start = len(header_of(dtype, 0, comments))
         end = self._start + keep * dtype.itemsize
         if keep and (not path.is_file() or path.stat().st_size < end):
@@ -123,7 +226,7 @@ class PlyFile:
 
     def _say_count(self) -> None:
         self._file.seek(0)
-        self._file.write(header_of(self.dtype, self.count, self._comments))
+        self._file.write(header_of(self.dtype, self.count, self.comments))
         self._flush()
 
     def _flush(self) -> None:

@@ -1,188 +1,424 @@
-"""Maps of trees as CSV: a column of x, one of y, and perhaps others of species and measures.
+"""Tables of trees as foresters have them: a row a tree, where it stands and what was measured of it.
 
-The header may say x, easting or E (any case), and the same for y; species, kind or planting. A unit may end
-a name, as in x_ft or DBH (cm); without one lengths are metres. Commas, semicolons and tabs separate; between
-semicolons a number may have a decimal comma. Text is UTF-8, or UTF-16 with its mark. Lines without a value
-or with # first do not count.
+Text (CSV and its kin: commas, semicolons, tabs, bars or spaces; UTF-8, UTF-16 or Windows' cp1252; packed by
+gzip or not), XLSX by openpyxl, GeoJSON, and GeoPackage, shapefile and FlatGeobuf by pyogrio. Columns are told
+by the names of ``COLUMNS``, the first of them first; case, accents, dots, brackets and underscores do not
+matter, and a unit may end a name, as in x_ft, DBH.cm or BHD [cm]. Without one a length is in metres, but for
+columns whose inventory always has another (``USUAL``, ``FIA``). Where a table has distances and azimuths from
+north in place of coordinates, these follow from them. Degrees are projected; rows at one place are stems of
+one tree. What was taken for what, and what was left out, is in ``TreeMap.said``.
 """
 
 from __future__ import annotations
 
 import csv
+import gzip
+import importlib
 import io
+import json
 import math
 import re
-from collections.abc import Sequence
-from dataclasses import dataclass
+import unicodedata
+import zipfile
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from scipy.spatial import ConvexHull
 
 from ..spec import SpecError
+from .crs import moved
 from .foreign import guarded
 from .table import unquoted
 
-NAMES = {
-    "x": ("x", "x_m", "easting", "east", "e"),
-    "y": ("y", "y_m", "northing", "north", "n"),
-    "species": ("species", "kind", "planting"),
-    "ring": ("ring", "part"),
-    "scale": ("scale", "size"),
-    "rotation": ("rotation", "rotation_rad", "turn"),
-    "dbh": ("dbh", "dbh_m"),
-    "height": ("height", "height_m", "h"),
-    "crown_width": ("crown_width", "crown_width_m"),
-    "crown_base": ("crown_base", "crown_base_m"),
-    "leaf_area": ("leaf_area", "leaf_area_m2"),
+PLACES = (  # names of x and y, the first pair that a table has
+    *("x y", "xutm yutm", "utmx utmy", "utme utmn", "adjeasting adjnorthing", "easting northing"),
+    *("east north", "gx gy", "px py", "pointx pointy", "xcoord ycoord", "coordx coordy"),
+    *("rechtswert hochwert", "ostwert nordwert", "xl93 yl93", "xlambert93 ylambert93", "est nord"),
+    *("e n", "longitude latitude", "lon lat", "long lat", "lng lat"),
+    "decimallongitude decimallatitude",
+)
+COLUMNS = {
+    "species": "species kind planting sp spp spcode speciescode scientificname taxonid treespecies "
+    "commonname baumart art spcd espar essence espece",
+    "ring": "ring part",
+    "status": "status treestatus plantstatus dfstatus statuscd zustand etat dead tot mort "
+    "alive live lebend vivant",
+    "plot": "plot plotid subplot subp",
+    "scale": "scale",
+    "rotation": "rotation turn",
+    "dbh": "dbh bhd d13 d130 dhp dap stemdiameter dia diam diameter durchmesser diametre "
+    "brusthohendurchmesser brusthoehendurchmesser diameterbreastheight",
+    "girth": "gbh girth circumference c13 c130 umfang circonference",
+    "height": "height h ht hoehe hohe baumhohe baumhoehe hauteur htot treeheight totalheight actualht",
+    "crown_width": "crownwidth crowndiameter crowndiam maxcrowndiameter kronendurchmesser "
+    "kronenbreite crownspread diametrehouppier",
+    "crown_area": "crownarea convhullarea kronenflache",
+    "crown_base": "crownbase crownbaseheight basecrownheight heightcrownbase hcb kronenansatz "
+    "kronenansatzhohe",
+    "leaf_area": "leafarea blattflache",
+    "distance": "distance dist stemdistance horizontaldistance hdist entfernung distanz dpr",
+    "azimuth": "azimuth azimut stemazimuth azi az bearing azpr",
 }
-TEXTS = ("species", "ring")
-LENGTHS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "ft": 0.3048, "in": 0.0254}
-UNITS = {  # of columns that are no lengths
-    "rotation": {"rad": 1.0, "deg": math.pi / 180},
-    "leaf_area": {"m2": 1.0, "m²": 1.0},
-    "scale": {"%": 0.01},
+LENGTHS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "ft": 0.3048, "in": 0.0254, "dm": 0.1}
+LENGTHS |= {"meters": 1.0, "metres": 1.0, "feet": 0.3048, "inches": 0.0254}
+ANGLES = {"deg": math.pi / 180, "rad": 1.0, "gon": math.pi / 200, "degrees": math.pi / 180}
+AREAS = {"m2": 1.0, "sqm": 1.0, "ft2": 0.3048**2}
+UNITS = {  # of columns that are no lengths, the first without a word
+    "rotation": {"rad": 1.0, **ANGLES},
+    "azimuth": ANGLES,
+    "leaf_area": AREAS,
+    "crown_area": AREAS,
+    "scale": {"": 1.0, "%": 0.01},
 }
-WITH_UNIT = re.compile(r"(?P<name>.+?)(?:[_ ]| ?[(\[]) ?(?P<unit>[^_()\[\]]+?) ?[)\]]?")
-ABSENT = ("", "na", "nan", "n/a")  # what R and pandas write where nothing was measured
+USUAL = {"dia": "in", "stemdiameter": "cm", "azpr": "gon"}  # of FIA, NEON and the French inventory
+FIA = {"ht": "ft", "actualht": "ft", "dist": "ft"}  # beside a column of FIA's own
+FIA_OWN = {"spcd", "statuscd"}
+TEXTS = ("species", "ring", "status", "plot")
+NUMBERS = ("scale", "rotation", "dbh", "height", "crown_width", "crown_base", "leaf_area")
+ABSENT = ("", "na", "nan", "n/a", "null", "none", ".", "-")  # where nothing was measured
+GONE = (
+    "dead",
+    "standing dead",
+    "snag",
+    "downed",
+    "removed",
+    "missing",
+    "lost",
+    "tot",
+    "abgestorben",
+)
+GONE += ("mort", "morte", "d", "g", "m", "2", "3")  # letters of ForestGEO, numbers of FIA
+MOST = 500_000_000  # bytes of a table
+PACKED = 200  # times the bytes of a file that it may unpack to, beside a megabyte
+STEMS = 50  # rows at one place that may be one tree
+CROWDED = 0.02  # m² a tree, below which numbers that may be degrees are degrees
+DEGREES = "EPSG:4326"
+THOUSANDS = re.compile(r"-?\d{1,3},\d{3}")
 
 
 @dataclass(frozen=True)
 class TreeMap:
-    """position : (N, 2) metres. species : (N,) names, "" without such a column. line : (N,) in the file."""
+    """Trees of a table.
+
+    position : (N, 2) metres. species : (N,) names, "" without such a column. line : (N,) in the file.
+    numbers : (N, 7) as ``NUMBERS``, in metres, radians and m², NaN where there is none. said : sentences
+    about what was taken for what. crs : the system that the file names, or that it was projected to.
+    """
 
     position: np.ndarray
     species: np.ndarray
     line: np.ndarray
+    numbers: np.ndarray
+    said: tuple[str, ...] = ()
+    crs: str = ""
 
     def __len__(self) -> int:
         return len(self.position)
 
 
-def read_tree_map(path: Path) -> TreeMap:
-    """Read where trees stand.
+@dataclass
+class _Sheet:
+    """Cells of a table as text: its header, its rows with their lines, the system that it names, and
+    columns by what they are: where, in our unit, and the name of the unit if the column says one.
+    """
+
+    path: Path
+    head: list[str]
+    rows: list[tuple[int, list[str]]]
+    crs: str = ""
+    commas: bool = False  # between columns
+    said: list[str] = field(default_factory=list)
+    columns: dict[str, tuple[int, float, str]] = field(default_factory=dict)
+
+    def texts(self, key: str) -> list[str]:
+        """Cells of a column without quotes, "" where there is none."""
+        if key not in self.columns:
+            return [""] * len(self.rows)
+        at = self.columns[key][0]
+        return [unquoted(cells[at].strip()) for _, cells in self.rows]
+
+    def numbers(self, key: str) -> np.ndarray:
+        """(N,) numbers of a column in our unit, NaN where there is none.
+
+        Raises
+        ------
+        SpecError : a cell that is no finite number.
+        """
+        found = np.full(len(self.rows), np.nan)
+        if key not in self.columns:
+            return found
+        at, unit, _ = self.columns[key]
+        for row, (line, cells) in enumerate(self.rows):
+            told = cells[at].strip()
+            if told.lower() in ABSENT:
+                continue
+            plain = told
+            if "." not in told and not (self.commas and THOUSANDS.fullmatch(told)):
+                plain = told.replace(",", ".", 1)
+            found[row] = number_of(self.path, line, key, plain, told) * unit
+        return found
+
+
+@guarded("a table of trees with columns x and y", most=MOST)
+def read_tree_map(path: Path, crs: str = "") -> TreeMap:
+    """Read where trees stand and what they measure; dead ones are left out, stems of one tree are joined.
+
+    crs : the system of the map that the trees are for, "EPSG:32632".
 
     Raises
     ------
-    SpecError : the file is missing or no CSV with x and y; a row with what is not a finite number.
+    SpecError : the file is missing or no table with x and y; a row with what is no finite number; a unit that
+    is not known or makes no sense; degrees without a system to project to.
     """
-    rows = read_rows(path, ("species",))
-    return TreeMap(
-        position=np.array([[x, y] for _, x, y, *_ in rows], dtype=float).reshape(-1, 2),
-        species=np.array([name for *_, (name,), _ in rows], dtype=np.str_),
-        line=np.array([line for line, *_ in rows], dtype=np.int64),
-    )
+    sheet = _sheet(path)
+    sheet.columns = _columns(path, sheet.head)
+    columns = _words(sheet)
+    position = _position(sheet)
+    found = {key: sheet.numbers(key) for key in (*NUMBERS, "girth", "crown_area")}
+    dbh, width = found["girth"] / np.pi, 2 * np.sqrt(found["crown_area"] / np.pi)
+    found["dbh"] = np.where(np.isfinite(found["dbh"]), found["dbh"], dbh)
+    found["crown_width"] = np.where(np.isfinite(found["crown_width"]), found["crown_width"], width)
+    line = np.array([line for line, _ in sheet.rows], dtype=np.int64)
+    species = np.array(sheet.texts("species"), dtype=np.str_)
+    numbers = np.column_stack([found[key] for key in NUMBERS]).reshape(-1, len(NUMBERS))
+    here, alive = np.isfinite(position).all(axis=1), ~_dead(sheet)
+    _tell(sheet, (~here).sum(), "without x or y")
+    _tell(sheet, (here & ~alive).sum(), "of dead trees")
+    keep = np.flatnonzero(here & alive)
+    position, crs = _projected(sheet, position[keep], crs)
+    said = (f"{len(keep):,} trees of {path.name}: {columns}", *sheet.said)
+    trees = TreeMap(position, species[keep], line[keep], numbers[keep], said, crs)
+    return _with_stems(path, trees)
 
 
+@guarded("a CSV file with columns x, y and ring", most=MOST)
 def read_rings(path: Path) -> list[np.ndarray]:
     """Read the corners of a polygon: its outline and, where a column ``ring`` changes, its holes.
 
     Raises
     ------
-    SpecError : as for a map of trees.
+    SpecError : as for a map of trees; a corner without a number.
     """
-    rings: dict[str, list[tuple[float, float]]] = {}
-    for _, x, y, (ring,), _ in read_rows(path, ("ring",)):
-        rings.setdefault(ring, []).append((x, y))
+    sheet = _sheet(path)
+    sheet.columns = _columns(path, sheet.head)
+    rings: dict[str, list[np.ndarray]] = {}
+    corners = _position(sheet)
+    for row, ring in enumerate(sheet.texts("ring")):
+        if not np.isfinite(corners[row]).all():
+            raise SpecError(str(path), f"row {sheet.rows[row][0]} has no x or y; complete the row")
+        rings.setdefault(ring, []).append(corners[row])
     return [np.array(ring) for ring in rings.values()]
 
 
-@guarded("a CSV file with columns x and y")
-def read_rows(
-    path: Path, texts: Sequence[str], numbers: Sequence[str] = ()
-) -> list[tuple[int, float, float, tuple[str, ...], tuple[float, ...]]]:
-    """Return line number, x and y of every row, and its other columns.
+# ------------------------------------------------------------------------------- what the cells say
 
-    These are texts, "" where there is none, and numbers in metres, radians or m², NaN where there is none.
+
+def _columns(path: Path, head: Sequence[str]) -> dict[str, tuple[int, float, str]]:
+    """Return where each kind of column stands, and its unit in ours.
 
     Raises
     ------
-    SpecError : as for a map of trees; a unit that is not known; a row longer or shorter than the header.
+    SpecError : neither x and y nor distance and azimuth; a unit in brackets that is not known.
     """
-    told = [(k, text) for k, text in enumerate(_lines(path), 1) if text.strip() and text[0] != "#"]
-    separator = ""
-    if told and told[0][1].lower().startswith("sep="):  # Excel's own line
-        separator = told.pop(0)[1][4:5]
-    if not told:
-        raise SpecError(str(path), "is empty; it needs a header with x and y, and a row a tree")
-    separator = separator or max(",;\t", key=told[0][1].count)
-    head = [name.strip().lower() for name in _split(told[0][1], separator)]
-    place = {key: _column(path, head, key) for key in ("x", "y", *texts, *numbers)}
-    for key in ("x", "y"):
-        if place[key] is None:
-            raise SpecError(
-                str(path),
-                f"has no column {key}; call one of its columns {' or '.join(NAMES[key])}",
-            )
-    rows = []
-    for line, text in told[1:]:
-        values = [value.strip() for value in _split(text, separator)]
-        if not any(values):
-            continue
-        if len(values) < len(head):
-            raise SpecError(
-                str(path),
-                f"row {line} has {len(values)} values, its header {len(head)}; complete the row",
-            )
-        if any(values[len(head) :]):
-            raise SpecError(
-                str(path),
-                f"row {line} has {len(values)} values, its header {len(head)}; name every column, and put "
-                "semicolons between columns whose numbers have decimal commas",
-            )
-
-        def number(key: str, line: int = line, values: list[str] = values) -> float:
-            found = place[key]
-            if found is None or (key in numbers and values[found[0]].lower() in ABSENT):
-                return math.nan
-            said = values[found[0]]
-            if separator == ";" and "." not in said and said.count(",") == 1:
-                said = said.replace(",", ".")
-            return number_of(path, line, key, said) * found[1]
-
-        words = tuple(
-            "" if (found := place[key]) is None else unquoted(values[found[0]]) for key in texts
-        )
-        rows.append((line, number("x"), number("y"), words, tuple(map(number, numbers))))
-    return rows
-
-
-def _lines(path: Path) -> list[str]:
-    found = path.read_bytes()
-    wide = found.startswith((b"\xff\xfe", b"\xfe\xff"))  # byte order marks of UTF-16
-    return found.decode("utf-16" if wide else "utf-8-sig").splitlines()
-
-
-def _column(path: Path, head: list[str], key: str) -> tuple[int, float] | None:
-    """Return where a column stands in the header, and its unit in ours; None where there is none.
-
-    Raises
-    ------
-    SpecError : its unit in brackets is not known.
-    """
-    units = {} if key in TEXTS else UNITS.get(key, LENGTHS)
-    unknown = ""
-    for k, name in enumerate(head):
-        if name.replace(" ", "_") in NAMES[key]:
-            return k, 1.0
-        parts = WITH_UNIT.fullmatch(name)
-        if parts is None or parts["name"].replace(" ", "_") not in NAMES[key]:
-            continue
-        if parts["unit"] in units:
-            return k, units[parts["unit"]]
-        if units and name[-1] in ")]":
-            unknown = unknown or name
-    if unknown:
+    plain = [_plain(name) for name in head]
+    usual = USUAL | (FIA if FIA_OWN & {"".join(words) for words in plain} else {})
+    found = {}
+    for key, names in COLUMNS.items():
+        column = _column(path, head, plain, key, names.split(), usual)
+        if column:
+            found[key] = column
+    pairs = [names.split() for names in PLACES]
+    for names in pairs:
+        both = [_column(path, head, plain, "x", [name], usual) for name in names]
+        if all(both):
+            found |= dict(zip("xy", both, strict=True))
+            break
+    if "x" not in found and not {"distance", "azimuth"} <= set(found):
+        has_x = any(_column(path, head, plain, "x", [x], usual) for x, _ in pairs)
         raise SpecError(
-            str(path), f'the unit of column "{unknown}" is not known; use one of {", ".join(units)}'
+            str(path),
+            f"has no column {'y' if has_x else 'x'}; call one of its columns {'y' if has_x else 'x'}, "
+            "or give distance and azimuth",
         )
+    words = {"".join(words): k for k, words in enumerate(plain)}
+    if "height" not in found and "treeid" in words and "z" in words and "scale" not in found:
+        found["height"] = (words["z"], 1.0, "")  # tree tops of lidR
+    return found
+
+
+def _column(
+    path: Path,
+    head: Sequence[str],
+    plain: Sequence[Sequence[str]],
+    key: str,
+    names: Sequence[str],
+    usual: Mapping[str, str],
+) -> tuple[int, float, str] | None:
+    """Return where the column with the first of these names stands, and its unit; None without one."""
+    units = {"": 1.0} if key in TEXTS else UNITS.get(key, LENGTHS)
+    for name in names:
+        for at, words in enumerate(plain):
+            if "".join(words) == name:
+                unit = usual.get(name, "")
+                return at, units[unit or next(iter(units))], unit
+        for at, words in enumerate(plain):
+            glued = "".join(words).removeprefix(name) if len(name) > 1 else ""
+            unit = words[-1] if "".join(words[:-1]) in (name, f"{name}in") else glued
+            if unit in units and "".join(words) in (name + unit, f"{name}in{unit}"):
+                return at, units[unit], unit
+            if "".join(words[:-1]) == name and head[at].strip()[-1] in ")]" and key not in TEXTS:
+                raise SpecError(
+                    str(path),
+                    f'the unit of column "{head[at].strip().lower()}" is not known; use one of '
+                    + ", ".join(filter(None, units)),
+                )
     return None
 
 
-def _split(text: str, separator: str) -> list[str]:
-    return next(csv.reader(io.StringIO(text), delimiter=separator))
+def _plain(name: str) -> list[str]:
+    """Words of a column's name in small letters without accents: DBH [cm] as dbh, cm."""
+    bare = unicodedata.normalize("NFKD", name.casefold())
+    return re.findall(r"[a-z0-9%]+", "".join(c for c in bare if not unicodedata.combining(c)))
 
 
-def number_of(path: Path, line: int, key: str, value: str) -> float:
+def _words(sheet: _Sheet) -> str:
+    """Say which columns were taken for what, and which were not used."""
+    head = [name.strip() for name in sheet.head]
+    taken = [
+        f"{key} = {head[at]}{f' ({unit})' if unit else ''}"
+        for key, (at, _, unit) in sorted(sheet.columns.items(), key=lambda item: item[1][0])
+        if key not in ("ring", "plot")
+    ]
+    used = {at for key, (at, *_) in sheet.columns.items() if key not in ("ring", "plot")}
+    left = [name for at, name in enumerate(head) if at not in used and name]
+    return ", ".join(taken) + (f"; not used: {', '.join(left)}" if left else "")
+
+
+def _position(sheet: _Sheet) -> np.ndarray:
+    """(N, 2) places in the file's own units made metres: x and y, or what distance and azimuth say of them.
+
+    Raises
+    ------
+    SpecError : an azimuth of more than a turn; several plots without their centres.
+    """
+    place = np.column_stack([sheet.numbers("x"), sheet.numbers("y")])
+    if not {"distance", "azimuth"} <= set(sheet.columns):
+        return place
+    distance, azimuth = sheet.numbers("distance"), sheet.numbers("azimuth")
+    if "x" in sheet.columns:  # of each tree, unless many have the same: a plot's
+        if len(np.unique(place, axis=0)) > 0.5 * len(place):
+            return place
+    elif len({*sheet.texts("plot")}) > 1:
+        raise SpecError(
+            str(sheet.path), "has trees of several plots; give columns x and y of their centres"
+        )
+    else:
+        place = np.zeros_like(place)
+    if np.nanmax(azimuth, initial=0.0) > 2 * np.pi + 1e-9:
+        raise SpecError(
+            str(sheet.path), "has azimuths above 360 degrees; call the column azimuth_gon"
+        )
+    sheet.said.append("x and y follow from distance and azimuth, clockwise from north")
+    return place + distance[:, None] * np.column_stack([np.sin(azimuth), np.cos(azimuth)])
+
+
+def _dead(sheet: _Sheet) -> np.ndarray:
+    """(N,) bool, which rows say that their tree is dead or gone."""
+    told = [text.casefold() for text in sheet.texts("status")]
+    if "status" not in sheet.columns:
+        return np.zeros(len(told), dtype=bool)
+    name = "".join(_plain(sheet.head[sheet.columns["status"][0]]))
+    if name in ("dead", "tot", "mort"):
+        return np.isin(told, ("1", "true", "t", "yes", "y", "ja", "oui", "dead", "x"))
+    if name in ("alive", "live", "lebend", "vivant"):
+        return np.isin(told, ("0", "false", "f", "no", "n", "nein", "non", "dead"))
+    return np.array([text.partition(",")[0].strip() in GONE for text in told], dtype=bool)
+
+
+def _tell(sheet: _Sheet, count: int, what: str) -> None:
+    if count:
+        rows = "1 row" if count == 1 else f"{count:,} rows"
+        sheet.said.append(f"{sheet.path.name}: left out {rows} {what}")
+
+
+def _projected(sheet: _Sheet, place: np.ndarray, crs: str) -> tuple[np.ndarray, str]:
+    """Places (N, 2) in metres of the map, and its system.
+
+    Raises
+    ------
+    SpecError : degrees, and no system to project them to.
+    """
+    name = "".join(_plain(sheet.head[sheet.columns["x"][0]])) if "x" in sheet.columns else ""
+    source = sheet.crs
+    if not len(place) or ("distance" in sheet.columns and "x" not in sheet.columns):
+        return place, crs
+    wide = np.prod(np.ptp(place, axis=0)) / len(place)
+    degrees = name.endswith(("lon", "longitude", "long", "lng")) or (
+        len(place) > 2 and 0 < wide < CROWDED and (np.abs(place) <= [180.0, 90.0]).all()
+    )
+    if not source and degrees:
+        source = DEGREES
+    if not source:
+        return place, crs
+    position, system = moved(source, crs, place)
+    if system != crs or source == DEGREES:
+        sheet.said.append(f"{sheet.path.name}: coordinates are read in {source}, used in {system}")
+    return position, system
+
+
+def _with_stems(path: Path, trees: TreeMap) -> TreeMap:
+    """The trees with rows at one place joined: basal areas add up, of all else the largest counts.
+
+    Raises
+    ------
+    SpecError : more rows at one place than a tree has stems.
+    """
+    if not len(trees):
+        return trees
+    _, first, tree, stems = np.unique(
+        np.round(trees.position, 3),
+        axis=0,
+        return_index=True,
+        return_inverse=True,
+        return_counts=True,
+    )
+    if len(first) == len(trees):
+        return trees
+    if stems.max() > STEMS:
+        raise SpecError(
+            str(path),
+            f"has {stems.max():,} rows at one place, as of a plot; give the place of each tree, or its "
+            "distance and azimuth",
+        )
+    order = np.argsort(first)
+    rank = np.empty(len(order), dtype=np.int64)
+    rank[order] = np.arange(len(order))
+    rows, numbers = rank[tree.ravel()], np.full((len(first), len(NUMBERS)), -np.inf)
+    np.maximum.at(numbers, rows, np.nan_to_num(trees.numbers, nan=-np.inf))
+    numbers[np.isinf(numbers)] = np.nan
+    at = NUMBERS.index("dbh")
+    area = np.bincount(rows, np.nan_to_num(trees.numbers[:, at]) ** 2)
+    numbers[:, at] = np.where(area > 0, np.sqrt(area), np.nan)
+    trees_with = "1 tree has" if (stems > 1).sum() == 1 else f"{(stems > 1).sum():,} trees have"
+    said = (
+        f"{path.name}: {trees_with} several stems ({stems[stems > 1].sum():,} rows at one place each), and "
+        "is one tree of the same basal area",
+    )
+    kept = first[order]
+    return TreeMap(
+        trees.position[kept],
+        trees.species[kept],
+        trees.line[kept],
+        numbers,
+        (*trees.said, *said),
+        trees.crs,
+    )
+
+
+def number_of(path: Path, line: int, key: str, value: str, shown: str = "") -> float:
     """The finite number that a text in a row says.
 
     Raises
@@ -196,6 +432,192 @@ def number_of(path: Path, line: int, key: str, value: str) -> float:
     if not math.isfinite(number):
         raise SpecError(
             str(path),
-            f'row {line}: {key} is "{value}", not a finite number; use metres with a decimal point',
+            f'row {line}: {key} is "{shown or value}", not a finite number; use metres with a decimal point',
         )
     return number
+
+
+# ---------------------------------------------------------------------------------- files into cells
+
+
+def _sheet(path: Path) -> _Sheet:
+    """Read the cells of a table by the ending of its name."""
+    ending = path.suffix.lower()
+    if ending in (".xlsx", ".xlsm"):
+        return _workbook(path)
+    if ending in (".geojson", ".json"):
+        return _geojson(path)
+    if ending in (".gpkg", ".shp", ".fgb"):
+        return _layer(path)
+    return _text(path)
+
+
+def _library(path: Path, name: str) -> Any:
+    try:
+        return importlib.import_module(name)
+    except ImportError:
+        raise SpecError(
+            str(path),
+            f'needs the library {name}; install it with pip install "forest-sensing[tables]"',
+        ) from None
+
+
+def _unpacked(path: Path, size: int) -> None:
+    """Refuse a file that unpacks to very much more than itself."""
+    most = PACKED * path.stat().st_size + 1_000_000
+    if size > most:
+        raise SpecError(
+            str(path), f"unpacks to more than {most / 1e6:,.0f} MB; save it again without packing"
+        )
+
+
+def _text(path: Path) -> _Sheet:
+    data = path.read_bytes()
+    if data.startswith(b"\x1f\x8b"):
+        with gzip.open(path) as file:
+            data = file.read(PACKED * len(data) + 1_000_001)
+            _unpacked(path, len(data))
+    said = []
+    try:
+        text = data.decode(_encoding(data))
+    except UnicodeDecodeError:
+        text = data.decode("cp1252")
+        said = [f"{path.name}: is not UTF-8; read as Windows' cp1252"]
+    lines = [line for line in text.splitlines() if line.strip() and line[0] != "#"]
+    head = lines[0] if lines else ""
+    if head.lower().startswith("sep="):  # Excel's own line
+        separator, head = head[4:5], ""
+    else:
+        bare = re.sub(r'"[^"]*"', "", head)
+        separator = max(";\t|,", key=bare.count)
+        separator = separator if separator in bare else " "
+    reader = csv.reader(
+        io.StringIO(text, newline=""), delimiter=separator, skipinitialspace=True, strict=True
+    )
+    rows, line = [], 1
+    for cells in reader:
+        if any(map(str.strip, cells)) and not cells[0].startswith("#"):
+            rows.append((line, cells))
+        line = reader.line_num + 1
+    if rows and not head:
+        del rows[0]
+    sheet = _checked(path, rows, separator == " " or text.splitlines()[-1:][0][:1] == '"')
+    sheet.commas, sheet.said = separator == ",", said
+    return sheet
+
+
+def _encoding(data: bytes) -> str:
+    if data.startswith((b"\xff\xfe", b"\xfe\xff")):  # byte order marks
+        return "utf-16"
+    if b"\0" in data[:2]:
+        return "utf-16-be" if data[:1] == b"\0" else "utf-16-le"
+    return "utf-8-sig"
+
+
+def _checked(path: Path, rows: list[tuple[int, list[str]]], named: bool = False) -> _Sheet:
+    """The first row as a header, and rows below it that are as long. named : rows may have names, as R's.
+
+    Raises
+    ------
+    SpecError : no header; a row that is longer or shorter.
+    """
+    if not rows:
+        raise SpecError(str(path), "is empty; it needs a header with x and y, and a row a tree")
+    head = rows.pop(0)[1]
+    if named and rows and all(len(cells) == len(head) + 1 and cells[-1] for _, cells in rows):
+        head = ["", *head]
+    for line, cells in rows:
+        if len(cells) < len(head):
+            raise SpecError(
+                str(path),
+                f"row {line} has {len(cells)} values, its header {len(head)}; complete the row",
+            )
+        if any(map(str.strip, cells[len(head) :])):
+            raise SpecError(
+                str(path),
+                f"row {line} has {len(cells)} values, its header {len(head)}; name every column, and put "
+                "semicolons between columns whose numbers have decimal commas",
+            )
+    return _Sheet(path, head, rows)
+
+
+def _workbook(path: Path) -> _Sheet:
+    openpyxl = _library(path, "openpyxl")
+    with zipfile.ZipFile(path) as archive:
+        _unpacked(path, sum(entry.file_size for entry in archive.infolist()))
+    book = openpyxl.load_workbook(path, read_only=True, data_only=True)
+    try:
+        names, sheet = book.sheetnames, book.worksheets[0]
+        rows = [
+            (line, ["" if cell is None else str(cell) for cell in cells])
+            for line, cells in enumerate(sheet.iter_rows(values_only=True), 1)
+            if any(cell is not None for cell in cells)
+        ]
+    finally:
+        book.close()
+    found = _checked(path, rows)
+    if len(names) > 1:
+        found.said.append(f'{path.name}: the first of {len(names)} sheets is read, "{names[0]}"')
+    return found
+
+
+def _geojson(path: Path) -> _Sheet:
+    told = json.loads(path.read_bytes())
+    features = told["features"]
+    crs = told.get("crs") or {}
+    shapes = [_shape(feature["geometry"]) for feature in features]
+    names = list(
+        dict.fromkeys(name for feature in features for name in feature["properties"] or {})
+    )
+    columns = {
+        name: [(feature["properties"] or {}).get(name) for feature in features] for name in names
+    }
+    return _features(path, shapes, columns, crs.get("properties", {}).get("name", ""))
+
+
+def _shape(geometry: Mapping[str, Any] | None) -> tuple[float, float, float]:
+    """Place of a point, or middle and mean diameter of a polygon; NaN for what is not told."""
+    if not geometry:
+        return math.nan, math.nan, math.nan
+    corners: Any = geometry["coordinates"]
+    match geometry["type"]:
+        case "Point" | "MultiPoint":
+            x, y = np.ravel(corners)[:2].tolist()
+            return x, y, math.nan
+        case "MultiPolygon":
+            corners = max((rings[0] for rings in corners), key=len)
+        case _:
+            corners = corners[0]
+    hull = ConvexHull(np.array([corner[:2] for corner in corners], dtype=np.float64))
+    ring = hull.points[hull.vertices] - hull.points[0]
+    after = np.roll(ring, -1, axis=0)
+    cross = ring[:, 0] * after[:, 1] - after[:, 0] * ring[:, 1]
+    x, y = hull.points[0] + ((ring + after) * cross[:, None]).sum(axis=0) / (3 * cross.sum())
+    return float(x), float(y), float(hull.area / np.pi)  # the perimeter, by Cauchy
+
+
+def _layer(path: Path) -> _Sheet:
+    pyogrio, shapely = _library(path, "pyogrio.raw"), _library(path, "shapely")
+    told, _, shapes, values = pyogrio.read(path)
+    places = [
+        _shape(shape and json.loads(shapely.to_geojson(shapely.from_wkb(shape))))
+        for shape in shapes
+    ]
+    columns = dict(zip(told["fields"].tolist(), values, strict=True))
+    return _features(path, places, columns, told["crs"] or "")
+
+
+def _features(
+    path: Path,
+    shapes: Sequence[tuple[float, float, float]],
+    columns: Mapping[str, Sequence[Any]],
+    crs: str,
+) -> _Sheet:
+    """A sheet of places (N, 3) with the widths of their crowns, and of columns."""
+    place = dict(zip(("x", "y", "crown_width"), zip(*shapes, strict=True), strict=True))
+    if np.isnan(place["crown_width"]).all():
+        del place["crown_width"]
+    told = place | {name: cells for name, cells in columns.items() if name.lower() not in place}
+    rows = enumerate(zip(*told.values(), strict=True), 1)
+    cells = [(row, ["" if cell is None else str(cell) for cell in each]) for row, each in rows]
+    return _Sheet(path, list(told), cells, crs)

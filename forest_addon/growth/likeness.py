@@ -25,11 +25,10 @@ import numpy as np
 
 from ..base.rng import stream
 from ..spec import Siblings
-from .own_tree.habit import Habit
+from .own_tree.habit import BREAST, Habit
 from .own_tree.relay import Outline, SiblingStanding, lowest_corner, outline_of, standing_of
 from .own_tree.sibling import Grown, grow_sibling
-from .own_tree.size import BREAST
-from .skeleton import Skeleton, root_of, stem_radii
+from .skeleton import Skeleton, find_axes, stem_radii
 from .tree import Tree
 
 BINS = 20  # of a vertical profile
@@ -99,9 +98,8 @@ def portray(tree: Outline | Tree) -> Portrait:
 
 def axes_of(wood: Skeleton) -> tuple[np.ndarray, np.ndarray]:
     """(B,) first segment of each axis, and (S,) axis of each segment."""
-    begins = (wood.parent < 0) | (wood.order[np.maximum(wood.parent, 0)] != wood.order)
-    begin = root_of(np.where(begins, -1, wood.parent))
-    return np.flatnonzero(begins), np.cumsum(begins)[begin] - 1
+    axes = find_axes(wood)
+    return axes.segment[axes.first[:-1]], axes.of_segment
 
 
 def insertion_angles(wood: Skeleton) -> np.ndarray:

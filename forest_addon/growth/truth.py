@@ -34,7 +34,7 @@ import numpy as np
 from ..base.rng import stream
 from ..base.runs import numbered
 from ..base.trimesh import TriMesh, is_wood
-from .measured.wanted import crown_of, dbh_of
+from .measured.allometry import crown_of, dbh_of
 from .mesh.leaves import Leaves
 from .skeleton import TOUCH, Skeleton, find_axes
 from .tree import Tree
@@ -102,7 +102,7 @@ def wood_of_skeleton(skeleton: Skeleton) -> Wood:
 
 
 def wood_of_mesh(mesh: TriMesh) -> Wood:
-    """The wood of a mesh of closed tubes, facing outwards, what they share counted once (``mesh/union``);
+    """The wood of a mesh of closed tubes, facing outwards, what they share counted once (``shared_once``);
     pieces without caps make the volume a guess.
     """
     triangles = mesh.triangles[is_wood(mesh.part)]

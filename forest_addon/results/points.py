@@ -16,7 +16,7 @@ import numpy as np
 
 from ..base.labels import Labels
 from ..formats.atomic import replacing
-from ..formats.ply import StoredRows, write_ply
+from ..formats.ply import StoredRows, bounds, write_ply
 from ..formats.table import write_csv, write_npz
 from ..sensing.lidar.cloud import Cloud
 from .coordinates import NO_OFFSET, Offset
@@ -54,8 +54,9 @@ UNITS = {
     "incidence": "deg",
     "scan_angle": "deg",
 }
-COPC = ".copc.laz"
-ENDINGS = (".laz", ".las", COPC, ".e57", ".ply", ".pcd", ".xyz", ".npz", ".csv")
+COPC, DOUBLE = ".copc.laz", (".double.ply", ".double.pcd")
+ENDINGS = (".laz", ".las", COPC, ".e57", ".ply", ".pcd", *DOUBLE, ".xyz", ".npz", ".csv")
+FAR = 8192.0  # metres, where single precision steps by a millimetre
 NEEDS = {COPC: "copclib", ".e57": "pye57", ".sofa": "sofar"}  # of the extras [files] and [sofa]
 XYZ = {  # columns of such a file, and their digits
     **dict.fromkeys("xyz", "%.4f"),
@@ -101,10 +102,10 @@ def write_points(path: Path, cloud: Cloud, offset: Offset, labels: Labels | None
     SpecError : a package that the format needs is not installed; the coordinate system is not known.
     OSError : it cannot be written; what had its name before stays as it was.
     """
-    origin = origin_of(cloud)
     if ending_of(path) == ".e57":
         from ..formats.e57 import LocalScan, write_e57
 
+        origin = origin_of(cloud)
         # about the scanner, or about the middle of the points where it moved
         about = np.median(cloud.position, axis=0) if origin is None and len(cloud) else origin
         about = np.zeros(3) if about is None else about
@@ -112,8 +113,7 @@ def write_points(path: Path, cloud: Cloud, offset: Offset, labels: Labels | None
         local, seen = cloud.position - about, origin is not None
         write_e57(path, LocalScan(path.stem, local, cloud.intensity, (x, y, z), panorama=seen))
         return
-    x, y, z = (np.array(offset) + (0 if origin is None else origin)).tolist()
-    write_rows(path, records(cloud, offset), crs=offset.crs, labels=labels, viewpoint=(x, y, z))
+    write_rows(path, records(cloud, offset), offset=offset, labels=labels)
 
 
 def write_rows(
@@ -121,15 +121,15 @@ def write_rows(
     rows: np.ndarray | StoredRows,
     comments: Sequence[str] = (),
     *,
-    crs: str = "",
+    offset: Offset = NO_OFFSET,
     labels: Labels | None = None,
-    viewpoint: tuple[float, float, float] = (0.0, 0.0, 0.0),
     packed: bool = True,
 ) -> None:
     """Write rows of points; the ending of the path, one of ``ENDINGS`` but E57's, says how.
 
-    comments : of a PLY. crs : coordinate system that a LAS tells. labels : of rows in memory: classes of a
-    LAS, else a field more. viewpoint : that a PCD tells, m. packed : whether an NPZ is compressed.
+    comments : of a PLY. offset : the metres that rows have it in them, which x, y and z of a PLY or PCD in
+    single precision are about, and the coordinate system that a LAS tells. labels : of rows in memory:
+    classes of a LAS, else a field more. packed : whether an NPZ is compressed.
 
     Raises
     ------
@@ -139,18 +139,18 @@ def write_rows(
     if ending in (".laz", ".las", COPC):
         from ..formats.las import write_las  # here: few runs need what it takes to import
 
-        write_las(path, rows, labels=labels, crs=crs)
+        write_las(path, rows, labels=labels, crs=offset.crs)
         return
     rows = rows if labels is None else _with_label(rows[:], labels)
     columns = {name: rows[name] for name in rows.dtype.names or ()}
-    if ending == ".ply":
+    if ending.endswith(".ply"):
         names = () if labels is None else labels.names
         said = (f"label {number} {name}" for number, name in enumerate(names))
-        write_ply(path, rows, (*comments, *said))
-    elif ending == ".pcd":
+        write_ply(path, rows, (*comments, *said), _about(ending, rows, offset))
+    elif ending.endswith(".pcd"):
         from ..formats.pcd import write_pcd
 
-        write_pcd(path, rows, viewpoint)
+        write_pcd(path, rows, _about(ending, rows, offset))
     elif ending == ".npz":
         named = {} if labels is None else {"label_name": np.array(labels.names, dtype=np.str_)}
         write_npz(path, columns | named, UNITS, packed)
@@ -164,7 +164,18 @@ def write_rows(
 
 def ending_of(path: Path) -> str:
     """The ending of a file's name that says its format: two parts of "cloud.copc.laz", else the last."""
-    return COPC if path.name.lower().endswith(COPC) else path.suffix.lower()
+    name = path.name.lower()
+    return next((e for e in (COPC, *DOUBLE) if name.endswith(e)), path.suffix.lower())
+
+
+def _about(ending: str, rows: np.ndarray | StoredRows, offset: Offset) -> Offset | None:
+    """Metres that coordinates in single precision are about: the scene's offset, or, of points so far from
+    it that they would be a millimetre off, their middle; None of double precision."""
+    if ending in DOUBLE:
+        return None
+    low, high = bounds(rows)
+    far = np.abs([low - offset, high - offset]).max() > FAR
+    return Offset(np.round((low + high) / 2).tolist()) if far else offset
 
 
 def can_write(ending: str) -> bool:

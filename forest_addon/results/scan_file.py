@@ -32,7 +32,7 @@ from ..spec import Scanner, SpecError
 from .coordinates import NO_OFFSET, Offset
 from .points import BOUNCED, POINT, ending_of, records, write_rows
 
-FORMATS = ("laz", "las", "copc.laz", "ply", "npz")
+FORMATS = ("laz", "las", "copc.laz", "ply", "double.ply", "pcd", "npz")
 ROWS_AT_ONCE = 200_000
 SAVED_EVERY = 1.0  # s; a disk takes some of the time of a chunk for each saving
 
@@ -126,7 +126,7 @@ def write_scan(
         if rows:
             state = _saved(file, noted, state, rows)
         file.close()
-    finish(file, path, offset.crs)
+    finish(file, path, offset)
     noted.unlink(missing_ok=True)
     return Written(path, scan.pulses, file.count, begin, state.lost, state.unfollowed)
 
@@ -157,13 +157,9 @@ def comments_of(scanner: Scanner, seed: int) -> tuple[str, ...]:
     return (f"Forest Sensing {scanner.kind} scan {scanner.name}, seed {seed}",)
 
 
-def finish(file: PlyFile, path: Path, crs: str) -> None:
+def finish(file: PlyFile, path: Path, offset: Offset) -> None:
     """Turn a partial file of records into the file that was asked for, which its ending says."""
-    if ending_of(path) == ".ply":
-        with replacing(path) as partial:
-            file.path.replace(partial)
-        return
-    write_rows(path, file.rows(), crs=crs, packed=False)
+    write_rows(path, file.rows(), file.comments, offset=offset, packed=False)
     file.path.unlink()
 
 

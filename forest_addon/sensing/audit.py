@@ -1,22 +1,111 @@
-"""Audits: parts of a result, held against the same computed again by the slow exact way.
+"""Audits: a result held against the same computed again by the slow exact way, on a sample of its values.
 
-A sensor's own audit (``lidar/audit``, ``sonar/audit``, ``reverb/audit``) makes a ``Check`` of each kind of
-thing that its result holds. A check takes batches of errors in a seeded order, until they have cost their
-share of the time that the result took and are ``LEAST``, or until patience ends. So the sample does not
-depend on what it will find.
+A sensor says in ``AuditPart``s what its result holds: how many values of a kind there are, and the errors
+of those with some numbers, which it computes again or derives from others. ``held`` draws the numbers, one
+from each of so many equal stretches, and makes a ``Check`` of what it sees. How many are drawn depends on
+the result alone, never on a clock, so that an audit says the same whenever it is made. n values drawn of
+many miss an error that is in a share p of them with a chance of at most (1 - p)^n, and never one in two
+whole stretches that follow each other.
 """
 
 from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-LEAST = 100  # values of each kind
-PATIENCE = 0.1  # s that a check may take beyond its share, to see as many
+LEAST = 100  # values of each kind, or all there are
+MISSED = 0.05  # chance of missing an error in the share of values that a check says it sees
+AT_ONCE = 1 << 18  # values that are looked at together
+FIGURE = 1e-9  # of a figure that is computed again
+
+
+@dataclass(frozen=True)
+class AuditPart:
+    """Values of one kind in a result, and how to look at some of them again.
+
+    of : how many there are. look : errors (K, N), or (N,), of the values with numbers (N,), ascending;
+    infinite where something is missing or is called what it is not. kinds : (what, allowed, unit) of each
+    of the K.
+    count : how many are drawn; None: all. also : numbers that are looked at besides.
+    exact : whether looking is the exact way, whose time tells what the whole result would take.
+    """
+
+    of: int
+    look: Callable[[np.ndarray], np.ndarray]
+    kinds: tuple[tuple[str, float, str], ...]
+    count: int | None = None
+    also: np.ndarray | None = None
+    exact: bool = False
+
+    def drawn(self, rng: np.random.Generator) -> np.ndarray:
+        """Numbers (N,), ascending: one from each of ``count`` equal stretches, and ``also`` others."""
+        if self.count is None or self.count >= self.of:
+            return np.arange(self.of)
+        ends = np.arange(self.count + 1) * self.of // self.count
+        number = rng.integers(ends[:-1], ends[1:])
+        return np.unique(number) if self.also is None else np.union1d(number, self.also)
+
+
+def held(parts: Sequence[AuditPart], rng: np.random.Generator, seconds: float) -> Audit:
+    """The audit of a result that took ``seconds``; errors of the same kind in several parts are one check."""
+    seen: dict[tuple[str, float, str], list[tuple[np.ndarray, int]]] = {}
+    exact = 0.0
+    for part in parts:
+        if not part.of:
+            continue
+        begin, number = time.perf_counter(), part.drawn(rng)
+        looked = [
+            np.atleast_2d(part.look(number[first : first + AT_ONCE]))
+            for first in range(0, len(number), AT_ONCE)
+        ]
+        if part.exact:
+            exact += (time.perf_counter() - begin) / len(number) * part.of
+        for kind, errors in zip(part.kinds, np.hstack(looked), strict=True):
+            seen.setdefault(kind, []).append((errors, part.of))
+    checks = [
+        Check.on(what, np.concatenate([e for e, _ in each]), sum(n for _, n in each), *allowed)
+        for (what, *allowed), each in seen.items()
+    ]
+    return Audit(tuple(checks), seconds, exact)
+
+
+def figures(told: Mapping[str, Any], right: Mapping[str, Any]) -> AuditPart:
+    """Hold what a result tells, whole, against what is ``right``, by name; names that differ are told."""
+    errors = np.array([figure_error(told[name], value) for name, value in right.items()])
+    wrong = [name for name, error in zip(right, errors, strict=True) if not error <= FIGURE]
+    what = "figures computed again" + (f" (wrong: {', '.join(wrong)})" if wrong else "")
+    return AuditPart(len(right), errors.__getitem__, ((what, FIGURE, "of each"),))
+
+
+def figure_error(one: Any, other: Any) -> float:
+    """Largest difference of two numbers or arrays; infinite where others are not equal."""
+    one, other = np.asarray(one), np.asarray(other)
+    if one.shape != other.shape:
+        return math.inf
+    if "O" in one.dtype.kind + other.dtype.kind or "U" in one.dtype.kind + other.dtype.kind:
+        return 0.0 if np.array_equal(one, other) else math.inf
+    return float(shares(one, other).max(initial=0.0))
+
+
+def shares(
+    one: np.ndarray, other: np.ndarray, size: float | np.ndarray | None = None
+) -> np.ndarray:
+    """Differences (...) as shares of ``size``, or of the largest of ``other``; infinite where only one of the
+    two is a number, or shapes differ."""
+    if one.shape != other.shape:
+        return np.full(other.shape, np.inf)
+    if size is None:
+        size = float(np.abs(other).max(initial=0.0, where=np.isfinite(other))) or 1.0
+    with np.errstate(invalid="ignore"):
+        apart = np.abs(np.subtract(one, other, dtype=np.result_type(one, other, np.float64))) / size
+    same = (one == other) | (np.isnan(one) & np.isnan(other))
+    found: np.ndarray = np.where(same, 0.0, np.where(np.isnan(apart), np.inf, apart))
+    return found
 
 
 @dataclass(frozen=True)
@@ -55,10 +144,17 @@ class Check:
         """Share of all that the result has of this kind that was checked."""
         return min(self.checked / self.of, 1.0) if self.of else 1.0
 
+    @property
+    def sees(self) -> float:
+        """Share of the values of this kind that, being wrong, are missed with a chance of ``MISSED`` at most;
+        0 where all are checked."""
+        return 0.0 if self.checked >= self.of else 1.0 - MISSED ** (1.0 / max(self.checked, 1))
+
     def __str__(self) -> str:
         unit = f" {self.unit}" if self.unit else ""
         verdict = "" if self.kept else f", MORE than the {self.allowed:.0e}{unit} allowed"
-        some = "all" if self.checked >= self.of else f"{_percent(self.share)} of {self.of:,}"
+        some = f"{_percent(self.share)} of {self.of:,}; sees errors in {_percent(self.sees)}"
+        some = "all" if self.checked >= self.of else some
         error = f"{self.error:.0e}" if self.error else "0"
         off = f"{error}{unit} off at most" if np.isfinite(self.error) else "WRONG"
         return f"{self.checked:,} {self.what} ({some}), {off}{verdict}"
@@ -66,7 +162,7 @@ class Check:
     def record(self) -> dict[str, float | int | str]:
         """Entries of run.json."""
         said = {name: _written(value) for name, value in vars(self).items()}
-        return said | {"share": self.share, "kept": self.kept}
+        return said | {"share": self.share, "sees": self.sees, "kept": self.kept}
 
 
 @dataclass(frozen=True)
@@ -138,40 +234,6 @@ class Audit:
             "audit_seconds": self.audit_seconds,
             "share": self.audit_seconds / self.seconds if self.seconds > 0 else 0.0,
         }
-
-
-@dataclass(frozen=True)
-class Sampled:
-    """Errors (N,) of a sample, and the seconds that one of its values took the exact way."""
-
-    errors: np.ndarray
-    seconds_each: float
-
-
-def sample(
-    batches: Iterable[np.ndarray], seconds: float, least: int = 0, patience: float = PATIENCE
-) -> Sampled:
-    """Take batches of errors until they have cost ``seconds``, at least one.
-
-    least : values that are wanted, even if they cost more; at most ``patience`` s are spent on that.
-    """
-    begin = time.perf_counter()
-    taken: list[np.ndarray] = []
-    count = 0
-    for errors in batches:
-        taken.append(np.asarray(errors, dtype=np.float64))
-        count += len(taken[-1])
-        spent = time.perf_counter() - begin
-        if spent >= (seconds if count >= least else max(seconds, patience)):
-            break
-    found = np.concatenate(taken) if taken else np.empty(0)
-    spent = time.perf_counter() - begin
-    return Sampled(found, spent / max(len(found), 1))
-
-
-def joined(checks: Sequence[Check | None]) -> tuple[Check, ...]:
-    """Those there are."""
-    return tuple(check for check in checks if check is not None)
 
 
 def _written(value: float | int | str) -> float | int | str:

@@ -11,7 +11,7 @@ all else has a default.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
@@ -20,7 +20,7 @@ import numpy as np
 
 from ..base.progress import Progress
 from ..spec import Choice, Scene, Sensor
-from .audit import Audit
+from .audit import AuditPart
 from .looks import SensorLook, look_at_leaves
 from .rays.caster import RayCaster
 from .rays.geometry import SceneGeometry
@@ -147,7 +147,7 @@ class SensorKind:
     """Record of a kind of sensor; every function takes the settings, or the ``Observation`` that holds them.
 
     settings : their class. run : what it finds in a scene, told of progress.
-    audit : a sample of what it found in so many seconds, computed again by the exact way.
+    audit : parts of what it found, which a sample is computed again of by the exact way.
     trajectory : where it goes, by its settings, a folder and Blender's scene; None: it stays.
     positions : (P, 3) m where it should not stand inside of a tree.
     empty : that a finding holds nothing, and why, in a sentence; "" of one that holds something.
@@ -171,7 +171,7 @@ class SensorKind:
 
     settings: type[Sensor]
     run: Callable[[Observation, Progress | None], Any]
-    audit: Callable[[Observation, Any, float], Audit] | None = None
+    audit: Callable[[Observation, Any], Sequence[AuditPart]] | None = None
     trajectory: Callable[[Any, Path, Follower], Trajectory | None] = _stays
     positions: Callable[[Observation], np.ndarray] = _where_it_stands
     empty: Callable[[Observation, Any], str] = _never_empty

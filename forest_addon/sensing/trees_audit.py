@@ -9,7 +9,8 @@ space; a tree that is scaled is off by as much more.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -17,11 +18,13 @@ from ..base.trimesh import is_wood
 from ..growth.skeleton import Skeleton
 from ..growth.tree import Tree
 from ..stand.forest import GrownForest
-from .audit import LEAST, Audit, Check, sample
+from .audit import LEAST, Audit, AuditPart, held
 from .rays.geometry import SceneGeometry
 from .sonar.leaves import FoliageDiscs
 
-BATCH = 4  # points on cones
+TRIES = 4  # points on cones, of which the first counts that can be seen
+WORK = 3_000_000  # points by triangles that are asked
+FEWEST = 20  # points
 ROUNDING = 2.0**-20  # of a coordinate in Blender's single precision, after a few operations
 
 
@@ -37,11 +40,8 @@ def audit_trees(
         (tree, forest.species[key[0]].detail.tolerance + _roughness(tree))
         for key, tree in forest.variants.items()
     ]
-    found = {
-        "branches": audit_tubes(grown, rng, seconds, share / 2),
-        "leaves": audit_leaves(forest, scene, rng, seconds, share / 2),
-    }
-    return {name: audit for name, audit in found.items() if audit is not None}
+    parts = {"branches": part_of_tubes(grown, rng), "leaves": part_of_leaves(forest, scene, share)}
+    return {name: held([part], rng, seconds) for name, part in parts.items() if part.of}
 
 
 def _roughness(tree: Tree) -> float:
@@ -51,44 +51,31 @@ def _roughness(tree: Tree) -> float:
     return tree.relief.most(float(tree.skeleton.radius.max(initial=0.0)))
 
 
-def audit_tubes(
-    trees: Sequence[tuple[Tree, float]], rng: np.random.Generator, seconds: float, share: float
-) -> Audit | None:
-    """Audit of trees, each with the tolerance that it was meshed with; None where none grows from cones.
-
-    seconds : that growing took; the audit takes about ``share`` of that, a batch at least.
-    """
+def part_of_tubes(trees: Sequence[tuple[Tree, float]], rng: np.random.Generator) -> AuditPart:
+    """Points on the branches of trees, each with the tolerance that it was meshed with; of none where none
+    grows from cones. A point that no other branch and no ground hides is off by its way to the wood."""
     known = [(tree, allowed) for tree, allowed in trees if not tree.grafted]
     known = [(tree, allowed) for tree, allowed in known if len(_solid(tree.skeleton)[0])]
-    if not known:
-        return None
+    cones = sum(len(tree.skeleton) for tree, _ in known)
     meshed = [tree.mesh.vertices[tree.mesh.triangles[is_wood(tree.mesh.part)]] for tree, _ in known]
 
-    def batches() -> Iterator[np.ndarray]:
-        while True:
-            one = int(rng.integers(len(known)))
-            points = points_on_cones(known[one][0].skeleton, BATCH, rng)
-            yield np.array([float(_to_triangles(p, _near(p, meshed[one])).min()) for p in points])
+    def look(number: np.ndarray) -> np.ndarray:
+        errors = np.zeros(len(number))
+        for row, one in enumerate((number * len(known) // cones).tolist()):
+            for point in points_on_cones(known[one][0].skeleton, TRIES, rng)[:1]:
+                errors[row] = _to_triangles(point, _near(point, meshed[one])).min(initial=np.inf)
+        return errors
 
-    found = sample(batches(), share * seconds, LEAST)
-    cones = sum(len(tree.skeleton) for tree, _ in known)
-    allowed = max(allowed for _, allowed in known)
-    what = "points of branches by the nearest of all triangles"
-    check = Check.on(what, found.errors, cones, allowed, "m")
-    return Audit((check,), seconds, found.seconds_each * cones)
+    triangles = max((len(corners) for corners in meshed), default=1)
+    allowed = max((allowed for _, allowed in known), default=0.0)
+    kind = "points of branches by the nearest of all triangles", allowed, "m"
+    count = min(max(WORK // max(triangles, 1), FEWEST), LEAST)
+    return AuditPart(cones, look, (kind,), count, exact=True)
 
 
-def audit_leaves(
-    forest: GrownForest,
-    scene: SceneGeometry,
-    rng: np.random.Generator,
-    seconds: float,
-    share: float,
-) -> Audit | None:
-    """Audit of the leaves of a forest's trees as they stand in an evaluated scene; None where there is none.
-
-    Whole trees are measured, in a random order; a leaf that is missing is infinitely far off.
-    """
+def part_of_leaves(forest: GrownForest, scene: SceneGeometry, share: float) -> AuditPart:
+    """Trees as they stand in an evaluated scene, ``share`` of which are looked at, one at least, leaf by
+    leaf; one with a leaf that is missing is infinitely far off."""
     rows = {int(tree): row for row, tree in enumerate(forest.stand.id)}
     pairs = {
         int(scene.mesh_index[instance]): rows[int(scene.tree[instance])]
@@ -103,20 +90,19 @@ def audit_leaves(
         for mesh, row, tree in trees
         if len(tree.leaves)
     ]
-    if not known:
-        return None
 
-    def batches() -> Iterator[np.ndarray]:
-        for one in rng.permutation(len(known)).tolist():
-            mesh, tree, shoots = known[one]
-            yield _leaf_errors(tree, FoliageDiscs(scene.meshes[mesh]), shoots)
+    def look(number: np.ndarray) -> np.ndarray:
+        some = [known[one] for one in number.tolist()]
+        errors = [
+            _leaf_errors(tree, FoliageDiscs(scene.meshes[m]), shoots) for m, tree, shoots in some
+        ]
+        return np.array([each.max() for each in errors])
 
-    found = sample(batches(), share * seconds)
-    leaves = sum(len(tree.leaves) for _, tree, _ in known)
-    far = max(float(np.abs(tree.leaves.centre).max()) for _, tree, _ in known)
-    what = "leaves' centres and sizes by the triangles in Blender"
-    check = Check.on(what, found.errors, leaves, ROUNDING * max(far, 1.0), "m")
-    return Audit((check,), seconds, found.seconds_each * leaves)
+    far = max((float(np.abs(tree.leaves.centre).max()) for _, tree, _ in known), default=0.0)
+    what = "trees, the centre and size of each leaf by the triangles in Blender"
+    kind = what, ROUNDING * max(far, 1.0), "m"
+    count = max(1, math.ceil(min(share, 1.0) * len(known)))
+    return AuditPart(len(known), look, (kind,), count, exact=True)
 
 
 def _leaf_errors(tree: Tree, measured: FoliageDiscs, shoots: bool) -> np.ndarray:

@@ -8,7 +8,10 @@ to have an effect.
 
 from __future__ import annotations
 
+from dataclasses import fields
 from typing import Any
+
+from .base import Settings, shown
 
 ADVANCED: dict[str, frozenset[str]] = {
     "tractor": frozenset({"gap", "splits", "escape"}),
@@ -39,7 +42,23 @@ ADVANCED: dict[str, frozenset[str]] = {
     "forest": frozenset({"spacing_rule"}),
 }
 
-MORE_THAN_ONE = ">1"
+MORE_THAN_ONE, GIVEN = ">1", "given"
+NATURAL = ("snow", "forest floor", "grass", "soil", "asphalt")
+OF_THE_FOREST = (
+    *(
+        "extinction",
+        "tail",
+        "multiple_share",
+        "path_ground",
+        "turbulence",
+        "lean_deg",
+        "bark",
+        "foliage",
+    ),
+    *("leaf_area_density", "leaf_absorption", "branches", "boundary_loss", "branch_area_density"),
+    *("floor_leaf_area", "branch_radius", "leaf_radius", "needle_area_density", "needle_radius"),
+    *("canopy_return", "litter", "trunk_height"),
+)
 
 APPLIES: dict[str, tuple[str, tuple[str, ...]]] = {
     "beam_file": ("beam", ("file",)),
@@ -60,6 +79,24 @@ APPLIES: dict[str, tuple[str, tuple[str, ...]]] = {
     "channels": ("pattern", ("spinning",)),
     "fan_deg": ("pattern", ("fans",)),
     "petals": ("pattern", ("rosette",)),
+    "poses": ("follow", (GIVEN,)),
+    "path_step": ("source_or_receiver_path", (GIVEN,)),
+    "facing_azimuth_deg": ("directivity", ("cardioid", "measured")),
+    "facing_elevation_deg": ("directivity", ("cardioid", "measured")),
+    **dict.fromkeys(("impedance_model", "flow_resistivity"), ("ground_kind", NATURAL)),
+    "ground": ("ground_kind", ("constant",)),
+    **dict.fromkeys(("strength", "spreading"), ("model", ("paper",))),
+    **dict.fromkeys(OF_THE_FOREST, ("model", ("forest",))),
+    "rows": ("layout", ("rows",)),
+    "clusters": ("layout", ("clusters",)),
+    "strauss": ("layout", ("strauss",)),
+    "trees": ("layout", ("list",)),
+    "collection": ("layout", ("list",)),
+    "exact": ("expected", (GIVEN,)),
+    "holes": ("polygon", (GIVEN,)),
+    "painted_value": ("painted", (GIVEN,)),
+    **dict.fromkeys(("efficiency", "photons"), ("energy", (GIVEN,))),
+    "speed": ("doppler", (True,)),
 }
 
 
@@ -76,7 +113,27 @@ def applies(group: Any, name: str) -> bool:
     if not hasattr(group, other):
         return True
     value = getattr(group, other)
+    if values == (GIVEN,):
+        return bool(value)
     return value > 1 if values == (MORE_THAN_ONE,) else value in values
+
+
+def idle(group: Settings) -> list[str]:
+    """Sentences about settings of a group and of those in it: given, and without effect beside others."""
+    said = []
+    for field in fields(group):  # type: ignore[arg-type]
+        value = getattr(group, field.name)
+        if value != field.default and not applies(group, field.name):
+            other, values = APPLIES[field.name]
+            wanted = {MORE_THAN_ONE: "above 1", GIVEN: "given"}
+            needed = " or ".join(wanted.get(str(v), shown(v)) for v in values)
+            said.append(
+                f"{field.name} has no effect: it needs {other} to be {needed}, "
+                f"which is {shown(getattr(group, other))}"
+            )
+        elif isinstance(value, Settings):
+            said += [f"{field.name}.{sentence}" for sentence in idle(value)]
+    return said
 
 
 _PATTERNS = {
@@ -220,6 +277,15 @@ CHOICES: dict[str, dict[str, tuple[str, str]]] = {
         "furrowed": ("Furrowed", "Long ridges that part and meet again, as of oak"),
         "plated": ("Plated", "Broad plates between deep furrows, as of pine"),
         "peeling": ("Peeling", "White with dark level marks, cracked at the foot, as of birch"),
+    },
+    "unit": {
+        "auto": ("As It Says", "As the file or its coordinate system says, else metres"),
+        "m": ("Metres", "Heights of the file are metres"),
+        "dm": ("Decimetres", "Heights of the file are decimetres"),
+        "cm": ("Centimetres", "Heights of the file are centimetres"),
+        "mm": ("Millimetres", "Heights of the file are millimetres"),
+        "ft": ("Feet", "Heights of the file are international feet, 0.3048 m"),
+        "us-ft": ("US Survey Feet", "Heights of the file are feet of 1200/3937 m"),
     },
     "preview": {
         "cycles": ("Cycles", "Rendered, with undergrowth at a walker's feet: minutes, not seconds"),

@@ -293,6 +293,11 @@ class Reverb(Sensor):
     )
 
     @property
+    def source_or_receiver_path(self) -> str:
+        """The file of where one of them goes; empty where both stand still."""
+        return self.source_path or self.receiver_path
+
+    @property
     def ground_kind(self) -> str:
         """The surface, by the model where it is left to that."""
         if self.surface != "as model":

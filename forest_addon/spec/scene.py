@@ -112,7 +112,7 @@ class Accuracy(Settings):
 
     audit: float = param(
         0.05,
-        help="time for checking a result, as a share of the time that it took; 0: no check",
+        help="share of a result that is computed again to check it; 0: no check",
         ge=0,
         le=10,
     )

@@ -2,7 +2,7 @@
 
 Paths are relative to the scene file. A file that is named twice is read once.
 
-A list of trees is a CSV of x and y, and any of species, scale, rotation (radians) and measures. Measures
+A list of trees is a table of x and y, and any of species, scale, rotation (radians) and measures. Measures
 are dbh, height, crown_width and crown_base, in metres unless the header says another unit, as in ``dbh_cm``
 or ``Height (ft)``, and leaf_area in m²; they count where trees are grown to measure. The same columns that
 ``stand`` and ``run`` write, so what they wrote can be planted again. A cell that is left empty, or says NA,
@@ -14,7 +14,6 @@ the whole field, and what is beyond the field's margin is cut away.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -24,11 +23,11 @@ from scipy.interpolate import griddata
 from scipy.ndimage import binary_dilation
 
 from .. import spec
-from ..formats.crs import same_place, wkt_of
-from ..formats.foreign import guarded
+from ..formats.crs import same_place, short, wkt_of
+from ..formats.ply import read_surface
 from ..formats.raster_file import GeoRaster, read_raster
 from ..formats.stl import StlError, read_stl
-from ..formats.tree_map import read_rows
+from ..formats.tree_map import LENGTHS, NUMBERS, read_tree_map
 from ..growth.library.species_file import read_allometry
 from ..spec import SpecError
 from ..spec.forest import METRES
@@ -36,41 +35,56 @@ from .inputs import Inputs, TreeList, on_field
 from .intensity.functions import IntensityError
 from .intensity.terrain import GroundSurface, Heightmap, Triangulated, refuse_pixels
 
-MEASURES = ("dbh", "height", "crown_width", "crown_base", "leaf_area")
-NUMBERS = ("scale", "rotation", *MEASURES)
 MOST = {"dbh": 5.0, "height": 150.0, "crown_width": 100.0, "crown_base": 150.0}  # metres
+USUAL = {
+    "dbh": (0.02, 1.5),
+    "height": (2.0, 65.0),
+    "crown_width": (0.5, 40.0),
+}  # half the trees of a table
+USUAL["crown_base"] = USUAL["height"]
 
 
-@guarded("a CSV file with columns x and y")
-def read_tree_list(path: Path, offset: Sequence[float] = (0.0, 0.0)) -> TreeList:
-    """Read trees to plant; ``offset`` (x, y, ...) is taken from their coordinates.
+def read_tree_list(path: Path, offset: Sequence[float] = (0.0, 0.0), crs: str = "") -> TreeList:
+    """Read trees to plant; ``offset`` (x, y, ...) is taken from their coordinates, metres of ``crs``.
 
     Raises
     ------
-    SpecError : the file is missing or no CSV with x and y; a cell with what is not a finite number, or a
+    SpecError : the file is missing or no table with x and y; a cell with what is not a finite number, or a
     scale or measure that is not above 0 or that no tree has.
     """
-    rows = read_rows(path, ("species",), NUMBERS)
-    position = np.array([[x, y] for _, x, y, *_ in rows], dtype=np.float64).reshape(-1, 2)
-    numbers = np.array([found for *_, found in rows], dtype=np.float64).reshape(-1, len(NUMBERS))
-    for (line, *_), found in zip(rows, numbers.tolist(), strict=True):
-        for key, number in zip(NUMBERS, found, strict=True):
-            if key != "rotation" and number <= 0:
-                raise SpecError(str(path), f"row {line}: {key} is {number:g}; give one above 0")
-            if number > MOST.get(key, math.inf):
+    trees = read_tree_map(path, crs)
+    for key, column in zip(NUMBERS, trees.numbers.T, strict=True):
+        low = np.flatnonzero(column <= 0) if key != "rotation" else ()
+        if len(low):
+            raise SpecError(
+                str(path),
+                f"row {trees.line[low[0]]}: {key} is {column[low[0]]:g}; give one above 0",
+            )
+        if key in MOST and np.isfinite(column).any():
+            worst, typical = int(np.nanargmax(column)), float(np.nanmedian(column))
+            low, high = USUAL[key]
+            if column[worst] > MOST[key] or typical > high:
+                units = ("cm", "mm", "in") if key == "dbh" else ("ft", "cm", "dm")
+                fit = [unit for unit in units if low <= typical * LENGTHS[unit] <= high] or ["cm"]
                 raise SpecError(
                     str(path),
-                    f"row {line}: {key} is {number:g} m, more than trees have ({MOST[key]:g} m); give "
-                    f"metres, or say the unit in the header, as {key}_cm or {key}_ft",
+                    f"row {trees.line[worst]}: {key} is {column[worst]:g} m, more than trees have (up to "
+                    f"{MOST[key]:g} m, half of a stand {high:g} m); a median of {typical:.3g} "
+                    f"{' or '.join(fit)} would make sense: say the unit in the header, as {key}_{fit[0]}",
                 )
-    species = tuple(name for *_, (name,), _ in rows)
-    measures = numbers[:, 2:]
+    named, said = trees.species != "", trees.said
+    if not named.all() and named.any():
+        said += (f"{path.name}: left out {(~named).sum():,} rows without a species",)
+    else:
+        named[:] = True
+    measures = trees.numbers[named, 2:]
     return TreeList(
-        position=position - np.array(offset[:2]),
-        species=species if any(species) else None,
-        scale=numbers[:, 0],
-        rotation=numbers[:, 1],
+        position=trees.position[named] - np.array(offset[:2]),
+        species=tuple(trees.species[named].tolist()) if trees.species.any() else None,
+        scale=trees.numbers[named, 0],
+        rotation=trees.numbers[named, 1],
         measures=measures if np.isfinite(measures).any() else None,
+        said=said,
     )
 
 
@@ -95,7 +109,11 @@ def read_inputs(settings: spec.Scene, folder: Path) -> Inputs:
                     _told(raster.file, found, found.pixels, "amounts", "no tree stands there")
                 )
         if planting.layout == "list" and planting.trees and planting.trees not in lists:
-            lists[planting.trees] = read_tree_list(folder / planting.trees, settings.offset)
+            path = folder / planting.trees
+            listed = read_tree_list(path, settings.offset, settings.crs)
+            _refuse_far(path, listed, settings)
+            lists[planting.trees] = listed
+            told += listed.said
     named = {p.targets.allometry for p in settings.plantings if p.targets} - {""}
     allometries = {name: read_allometry(name, folder) for name in sorted(named)}
     terrain = None
@@ -104,6 +122,22 @@ def read_inputs(settings: spec.Scene, folder: Path) -> Inputs:
         told.append(said)
     return Inputs(
         rasters=rasters, lists=lists, terrain=terrain, allometries=allometries, told=tuple(told)
+    )
+
+
+def _refuse_far(path: Path, listed: TreeList, settings: spec.Scene) -> None:
+    """Refuse a list of which no tree stands on the field, and say what would do."""
+    low, size = np.array(settings.forest.origin), np.array(settings.forest.size)
+    place = listed.position - low
+    if not len(place) or ((place >= -1e-6) & (place <= size + 1e-6)).all(axis=1).any():
+        return
+    first, last = place.min(axis=0), place.max(axis=0)
+    there, offset = low + first, np.floor(first) + settings.offset[:2]
+    raise SpecError(
+        str(path),
+        f"has no tree on the field of {size[0]:g} x {size[1]:g} m: they stand from ({there[0]:.8g}, "
+        f"{there[1]:.8g}) on, over {last[0] - first[0]:.4g} x {last[1] - first[1]:.4g} m; "
+        f"offset = [{offset[0]:.0f}, {offset[1]:.0f}, {settings.offset[2]:g}] would put them there",
     )
 
 
@@ -136,8 +170,9 @@ def read_terrain(scene: spec.Scene, folder: Path) -> tuple[GroundSurface, str]:
                 ground.base + ground.relief * unit * pixels, low, size, ground.file
             ), said
         metres = raster.heights(path, METRES.get(ground.unit))
-        metres, low, size = _cut(metres, low, size, forest)
-        said = _told(ground.file, raster, metres, "heights in m", "there is no ground there")
+        within, _, _ = _cut(metres, low, size, forest, 0.0)
+        metres, low, size = _cut(metres, low, size, forest, forest.margin)
+        said = _told(ground.file, raster, within, "heights in m", "there is no ground there")
         if ground.fill_holes and np.isnan(metres).any():
             metres, said = _filled(metres), f"{said}; filled from their neighbours"
         heights = ground.base + ground.relief * metres - scene.offset[2]
@@ -167,7 +202,7 @@ def _read_placed(
     if not same_place(raster.crs, scene.crs, np.mean(raster.extent, axis=0)):
         raise SpecError(
             key,
-            f"{given.file} lies in {raster.crs[:40]}, the scene in {scene.crs}; warp it there, as by "
+            f"{given.file} lies in {short(raster.crs)}, the scene in {scene.crs}; warp it there, as by "
             f"gdalwarp -t_srs {scene.crs} IN.tif OUT.tif",
         )
     moved = raster.transform - np.outer(scene.offset[:2], [0, 0, 1])
@@ -211,14 +246,14 @@ def _refuse_leaving(
 
 
 def _cut(
-    pixels: np.ndarray, low: np.ndarray, size: np.ndarray, forest: spec.Forest
+    pixels: np.ndarray, low: np.ndarray, size: np.ndarray, forest: spec.Forest, margin: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The pixels that touch the field and its margin, their lowest corner and extent."""
+    """The pixels that touch the field and a margin, their lowest corner and extent."""
     count = np.array(pixels.shape[::-1])
     step = size / count
     field = np.array(forest.origin)
-    first = np.floor((field - forest.margin - low) / step + 1e-6)
-    last = np.ceil((field + np.array(forest.size) + forest.margin - low) / step - 1e-6)
+    first = np.floor((field - margin - low) / step + 1e-6)
+    last = np.ceil((field + np.array(forest.size) + margin - low) / step - 1e-6)
     (a, b), (c, d) = np.clip([first, last], 0, count).astype(int)
     rows = slice(count[1] - d, count[1] - b)
     return pixels[rows, a:c], low + [a, b] * step, [c - a, d - b] * step
@@ -261,11 +296,11 @@ def _told(file: str, raster: GeoRaster, pixels: np.ndarray, what: str, nothing: 
         return f"{file} is an image or array without a place: {what} of {low:g} to {high:g} over its extent"
     rows, columns = pixels.shape
     step = np.abs(raster.transform[:, :2].diagonal())
-    system = f" in {raster.crs[:40]}" if raster.crs else ""
+    system = f" in {short(raster.crs)}" if raster.crs else ""
     holes = int(np.isnan(pixels).sum())
     return (
         f"{file} lies on the map{system}: {what} of {low:,.7g} to {high:,.7g}, "
-        f"{columns:,} x {rows:,} pixels of {step[0]:.4g} x {step[1]:.4g} m"
+        f"{columns:,} x {rows:,} pixels of {step[0]:.4g} x {step[1]:.4g} m on the field"
         + (f", {raster.note}" if raster.note else "")
         + (f"; {holes:,} pixels have none (NoData), and {nothing}" if holes else "")
     )
@@ -283,4 +318,4 @@ def _triangles_of_obj(path: Path) -> tuple[np.ndarray, np.ndarray]:
     return mesh.vertices, mesh.triangles
 
 
-SURFACES = {".stl": _triangles_of_stl, ".obj": _triangles_of_obj}
+SURFACES = {".stl": _triangles_of_stl, ".obj": _triangles_of_obj, ".ply": read_surface}

@@ -14,15 +14,15 @@ import numpy as np
 
 from ..base.progress import Progress
 from ..base.rng import stream
-from ..growth.measured.wanted import TARGETS, Kind, Wanted, crown_of
+from ..growth.measured.allometry import TARGETS, Kind, Wanted, crown_of
 from ..growth.mesh.blades import Blade
 from ..growth.mesh.leaves import Leaves
 from ..growth.own_tree.habit import Habit
 from ..growth.own_tree.template import TreeTemplate
-from ..growth.seasons import aged, fallen, in_season, with_fallen
-from ..growth.tree import Tree, grow
+from ..growth.tree import Tree, aged, fallen, grow, in_season, with_fallen
 from ..growth.truth import leaf_angles, wood_of_tree
 from ..spec import Allometry, Choice, Look, Scene, Species
+from ..spec.choices import idle
 from .inputs import Inputs
 from .intensity.terrain import sink
 from .measured import MeasuredTrees, dbh_at, scales_for, with_targets
@@ -89,6 +89,7 @@ def _content(value: object) -> object:
 
 Planted = tuple[Species, TreeTemplate | Habit | Kind | Blade | None]  # and its templates
 Grown = Callable[[int, int, Species], Tree]  # of a planting and variant, by numbers
+MOST_OF = 0.8  # of the trees that are drawn; where fewer stand, it is said
 
 
 @dataclass(frozen=True)
@@ -229,17 +230,25 @@ class ForestPlan:
         )
 
     def _missing(self) -> tuple[str, ...]:
-        """Say where fewer trees stand than were asked for: none, or not all of an exact number or a list."""
+        """Say what has no effect, and where fewer trees stand than were asked for: none, not all of an exact
+        number or a list, or far fewer than were drawn."""
         stand, said = self.measured.stand, []
         names, counts = labels(self.scene.plantings), stand.counts()
         for number, (name, planting) in enumerate(zip(names, self.scene.plantings, strict=True)):
+            said += [f"{name}: {sentence}" for sentence in idle(planting)]
             gone = [
                 (stand.too_near, "nearer to others than spacing allows"),
                 (stand.off_field, "outside of the field, or of where the planting may stand"),
                 (stand.off_ground, "where there is no ground"),
             ]
             whys = [f"{lost[number]:,} are {why}" for lost, why in gone if lost[number]]
-            if whys and (planting.exact or planting.layout == "list" or planting.by_hand):
+            drawn = counts[number] + sum(int(lost[number]) for lost, _ in gone)
+            if whys and not (planting.exact or planting.layout == "list" or planting.by_hand):
+                if counts[number] < MOST_OF * drawn:
+                    said.append(
+                        f"{name}: {counts[number]:,} of {drawn:,} trees stand; {', '.join(whys)}"
+                    )
+            elif whys:
                 meant = "exactly so many" if planting.exact else "a list"
                 meant = "those drawn and set by hand" if planting.by_hand else meant
                 said.append(f"{name}: {counts[number]:,} trees of {meant} stand; {', '.join(whys)}")

@@ -35,6 +35,7 @@ class TreeList:
     species : (N,) names of plantings. scale : (N,), NaN where it is drawn.
     rotation : (N,) radians, NaN where it is drawn.
     measures : (N, 5) dbh, height, crown width, crown base and leaf area, NaN where they are drawn.
+    said : sentences about how a file was read.
     """
 
     position: np.ndarray
@@ -42,6 +43,7 @@ class TreeList:
     scale: np.ndarray | None = None
     rotation: np.ndarray | None = None
     measures: np.ndarray | None = None
+    said: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         return len(self.position)

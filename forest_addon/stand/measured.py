@@ -20,19 +20,22 @@ import numpy as np
 from scipy.special import ndtri
 
 from ..base.rng import daughter_keys, first_key, keyed_uniform, stream
-from ..growth.measured.allometry import MEASURES, Z90, band, middle
-from ..growth.measured.wanted import (
+from ..growth.measured.allometry import (
     BREAST,
+    MEASURES,
     TARGETS,
+    Z90,
     Kind,
     Wanted,
+    band,
     draw_dbh,
     drawn,
     given_by,
+    middle,
     stem_profile,
 )
 from ..growth.skeleton import Skeleton
-from ..spec import Allometry, Planting, Species
+from ..spec import Allometry, Planting, SpecError, Species
 from .competition import MOST_INDEX, apart, bounded, canopy_of, competed, filled, score, thinned
 from .inputs import Inputs
 from .layouts import told_of
@@ -41,6 +44,14 @@ from .plan import Stand, chosen_of
 ROUNDS = 40
 SITE = np.arange(4)  # what the trees of a stand share, by measure
 SPREADS = np.array([0.2, 0.25, 0.8, 0.4])  # of residuals, where no allometry tells them
+TIMES, FEW = 2.0, 5  # over the largest diameter measured of a kind; trees that tell a unit
+MISTAKEN = (  # units, and what they make of diameters and heights
+    ("heights in feet taken for metres", 1.0, 0.3048),
+    ("heights in decimetres taken for metres", 1.0, 0.1),
+    ("diameters in inches taken for centimetres", 2.54, 1.0),
+    ("diameters in millimetres taken for centimetres", 0.1, 1.0),
+    ("diameters in centimetres taken for millimetres", 10.0, 1.0),
+)
 DBH_SPREAD = 0.2  # of log D, within which proportions hardly change
 
 
@@ -183,7 +194,7 @@ def _groups(
         key = first_key(seed, "stand", names[number], "measures")
         keys = daughter_keys(np.repeat(key, len(rows)), stand.number[rows])
         given = np.tile(given_by(targets), (len(rows), 1))
-        dbh = planting.age * draw_dbh(targets, keys)
+        dbh = planting.age * draw_dbh(targets, keys, law if planting.targets else None, given)
         mine = planting.age * draw_dbh(
             targets, daughter_keys(np.repeat(key, len(hand)), stand.number[hand])
         )
@@ -193,11 +204,47 @@ def _groups(
         listed = _listed(number, names, plantings, inputs)
         if listed is not None and not alone:
             told = listed[stand.number[rows]]
-            dbh = np.where(np.isfinite(told[:, 0]), told[:, 0], dbh)
+            if law is not None:
+                _refuse_units(planting.trees or names[number], law, told)
             given = np.where(np.isfinite(told[:, 1:]), told[:, 1:], given)
+            if planting.targets is None or planting.targets.dbh is None:
+                some = np.isfinite(told[:, 1:]).any(axis=1)
+                dbh[some] = draw_dbh(None, keys[some], law, given[some])
+            dbh = np.where(np.isfinite(told[:, 0]), told[:, 0], dbh)
         uniform = np.stack([keyed_uniform(keys, name) for name in MEASURES], axis=1)
         groups.append(_MeasuredGroup(number, law, rows, dbh, given, uniform, hands))
     return groups, ignored
+
+
+def _refuse_units(source: str, law: Allometry, told: np.ndarray) -> None:
+    """Refuse a table whose trees (N, 5) measure what none of their kind do, and as they would in other units.
+
+    Raises
+    ------
+    SpecError : says which unit would make sense.
+    """
+    most = TIMES * max(getattr(law, name).dbh[1] for name in MEASURES)
+    largest = np.nanmax(told[:, 0], initial=0.0)
+    if largest > most:
+        raise SpecError(
+            source,
+            f"has a dbh of {largest:.3g} m, {largest / most * TIMES:.2g} times the largest measured of "
+            f"{law.name}; were it centimetres, {largest:.3g} cm, it would be dbh_cm in the header",
+        )
+    both = np.isfinite(told[:, :2]).all(axis=1)
+    if both.sum() < FEW:
+        return
+    d, h = told[both, :2].T
+    spread = (law.height.high - law.height.low) / (2 * Z90)
+    off = float(np.median(np.log(h) - middle(law.height, d)))
+    for words, thick, tall in MISTAKEN:
+        right = float(np.median(np.log(h * tall) - middle(law.height, d * thick)))
+        if abs(off) > 3.5 * spread and abs(right) < spread:
+            raise SpecError(
+                source,
+                f"half of its trees are {np.exp(off):.2g} times as high as {law.name} with their dbh; were "
+                f"there {words}, it would make sense; say the unit in the header",
+            )
 
 
 def _scores(stand: Stand, groups: Sequence[_MeasuredGroup]) -> np.ndarray:

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..base.vectors import azimuth_of
-from ..growth.measured.wanted import BREAST, stem_profile
+from ..growth.measured.allometry import BREAST, stem_profile
 from ..growth.mesh.leaves import Leaves
 from ..growth.skeleton import Cylinders, Skeleton, cylinders_of
 

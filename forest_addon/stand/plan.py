@@ -20,7 +20,7 @@ from .intensity.functions import IntensityError
 from .intensity.terrain import GroundSurface
 from .layouts import is_cleared, orchard, sample_clusters, sample_strauss, set_trees, trees_of
 from .poisson import Integral, Process, sample
-from .spacing import Spacing, space
+from .spacing import Spacing, apart_from, space
 
 OF_PLANTING = ("too_near", "off_ground", "off_field", "expected", "error")
 
@@ -113,8 +113,14 @@ def plan_stand(
     species = np.repeat(np.arange(len(planted)), [len(p.mark) for p in planted])
     crown = np.array([p.crown for p in plantings], dtype=float)[species] * scale
     number = joined("number", np.empty(0, dtype=np.int64))
-    rule = Spacing(distance, species, crown)
-    keep = space(position[:, :2], mark, rule, forest.spacing_rule, number < 0)
+    drawn, cleared = number >= 0, joined("cleared", np.empty(0, dtype=bool))
+    keep, flat = drawn.copy(), position[:, :2]
+    # Those in clearings take part: where one is taken away, none that it kept away moves up.
+    rule = Spacing(distance, species[drawn], crown[drawn])
+    keep[drawn] = space(flat[drawn], mark[drawn], rule, forest.spacing_rule)
+    keep = (keep | ~drawn) & apart_from(flat, ~drawn, Spacing(distance, species, crown))
+    gone = ~keep & ~cleared
+    keep &= ~cleared
     return Stand(
         position=position[keep],
         rotation=joined("rotation", np.empty(0))[keep],
@@ -124,7 +130,7 @@ def plan_stand(
         id=np.arange(int(keep.sum())),
         number=number[keep],
         sink=np.zeros(int(keep.sum())),
-        too_near=np.bincount(species[~keep], minlength=len(planted)),
+        too_near=np.bincount(species[gone], minlength=len(planted)),
         off_ground=np.array([p.off_ground for p in planted], dtype=np.int64),
         off_field=np.array([p.off_field for p in planted], dtype=np.int64),
         expected=np.array([p.expected.value for p in planted]),
@@ -176,6 +182,7 @@ class _Planted:
     scale: np.ndarray
     variant: np.ndarray
     number: np.ndarray
+    cleared: np.ndarray
     expected: Integral
     off_ground: int
     off_field: int
@@ -225,6 +232,7 @@ def _plant(
         scale=scale[stands],
         variant=(draw("variant") * planting.variants).astype(np.int64)[stands],
         number=np.flatnonzero(stands),
+        cleared=is_cleared(points[stands], planting.clearings),
         expected=expected,
         off_ground=int((on_field & ~on_ground).sum()),
         off_field=int((~on_field).sum()),
@@ -234,19 +242,19 @@ def _plant(
 def _with_hand(
     drawn: _Planted, seed: int, label: str, planting: Planting, ground: GroundSurface
 ) -> _Planted:
-    """Take away what stands in clearings, and add the trees that were set by hand, older than any other."""
-    if not planting.by_hand and not planting.clearings:
+    """Add the trees that were set by hand, older than any other."""
+    if not planting.by_hand:
         return drawn
-    stay = ~is_cleared(drawn.position[:, :2], planting.clearings)
     mine = set_trees(seed, label, planting, ground)
     return _Planted(
-        position=np.concatenate([drawn.position[stay], mine.position]),
-        mark=np.concatenate([drawn.mark[stay], np.full(len(mine.number), -1.0)]),
-        rotation=np.concatenate([drawn.rotation[stay], mine.rotation]),
-        scale=np.concatenate([drawn.scale[stay], mine.scale]),
-        variant=np.concatenate([drawn.variant[stay], mine.variant]),
-        number=np.concatenate([drawn.number[stay], mine.number]),
+        position=np.concatenate([drawn.position, mine.position]),
+        mark=np.concatenate([drawn.mark, np.full(len(mine.number), -1.0)]),
+        rotation=np.concatenate([drawn.rotation, mine.rotation]),
+        scale=np.concatenate([drawn.scale, mine.scale]),
+        variant=np.concatenate([drawn.variant, mine.variant]),
+        number=np.concatenate([drawn.number, mine.number]),
         expected=drawn.expected,
+        cleared=np.append(drawn.cleared, np.zeros(len(mine.number), dtype=bool)),
         off_ground=drawn.off_ground + mine.off_ground,
         off_field=drawn.off_field,
     )

@@ -57,30 +57,22 @@ def space(
     mark: np.ndarray,
     spacing: Spacing,
     rule: str,
-    fixed: np.ndarray | None = None,
 ) -> np.ndarray:
     """(N,) bool, which trees stay, by the rule ``matern`` or ``greedy``.
 
     points : (N, 2) metres. mark : (N,) ages, smaller is older; of two alike the first is older.
-    fixed : (N,) bool, trees that stay whatever is near, and that others keep away from; their marks are the
-    smallest.
     """
-    keep = {"matern": matern_ii, "greedy": greedy}
-    if fixed is None or not fixed.any():
-        return keep[rule](points, mark, spacing)
-    if rule == "matern":
-        return matern_ii(points, mark, spacing) | fixed
-    if spacing.reach() <= 0:
-        return np.ones(len(points), dtype=bool)
-    free = ~fixed
-    for query, other in _pairs(points, points[fixed], spacing.reach()):
-        near = _too_near(points, points, query, np.flatnonzero(fixed)[other], spacing)
-        free[query[near]] = False
-    free &= ~fixed
-    some = Spacing(spacing.distance, spacing.kind[free], spacing.crown[free])
-    stay = fixed.copy()
-    stay[free] = greedy(points[free], mark[free], some)
-    return stay
+    return {"matern": matern_ii, "greedy": greedy}[rule](points, mark, spacing)
+
+
+def apart_from(points: np.ndarray, fixed: np.ndarray, spacing: Spacing) -> np.ndarray:
+    """(N,) bool, which trees are fixed (N,), or have no fixed one too near."""
+    apart, number = np.ones(len(points), dtype=bool), np.flatnonzero(fixed)
+    if spacing.reach() > 0 and len(number):
+        for query, other in _pairs(points, points[fixed], spacing.reach()):
+            near = _too_near(points, points, query, number[other], spacing)
+            apart[query[near]] = False
+    return apart | fixed
 
 
 def matern_ii(points: np.ndarray, mark: np.ndarray, spacing: Spacing | float) -> np.ndarray:

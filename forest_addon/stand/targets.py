@@ -12,8 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..growth.measured.allometry import MEASURES, Z90, scores
-from ..growth.measured.wanted import TARGETS
+from ..growth.measured.allometry import MEASURES, TARGETS, Z90, scores
 from ..spec import Allometry
 
 UNITS = {"dbh": "m", "height": "m", "crown_width": "m", "crown_base": "m", "leaf_area": "m²"}

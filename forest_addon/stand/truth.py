@@ -14,7 +14,7 @@ import numpy as np
 from ..base.trimesh import LEAF, is_wood
 from ..growth.likeness import crown_base, crown_width
 from ..growth.mesh.cells import CellAreas, areas_by_cell, join_areas, triangle_areas
-from ..growth.own_tree.size import BREAST
+from ..growth.own_tree.habit import BREAST
 from ..growth.skeleton import Cylinders, cylinders_of, diameter_at
 from ..growth.tree import Tree
 from .forest import GrownForest, tree_table

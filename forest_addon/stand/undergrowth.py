@@ -12,8 +12,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from ..growth.measured.allometry import band
-from ..growth.measured.wanted import Kind
+from ..growth.measured.allometry import Kind, band
 from ..spec import Distance, Normal, Planting, Scene, Species, Targets
 from .plan import labels
 

@@ -23,7 +23,7 @@ from gpu_extras.batch import batch_for_shader
 from mathutils import Matrix
 
 from ..blender.scene.attributes import read
-from ..blender.scene.layout import CLOUD_KEY, RADIUS, RESULTS, find_part
+from ..blender.scene.layout import CLOUD_KEY, GAMMA, RADIUS, RESULTS, find_part
 from ..blender.scene.nodes import has_input, input_of
 from ..blender.sensors.objects import kind_of, sensors_of
 from ..sensing.kinds import KINDS, outline
@@ -31,7 +31,7 @@ from ..spec import Scene, SpecError
 from .settings import exchange
 from .settings.drawing import OnceStarted, split
 from .settings.exchange import forestless
-from .shell.views import chosen_sensor
+from .shell.views import chosen_sensor, draw_lines, line_shader
 
 CELLS = 96  # of the intensity along the longer side of the field
 LIFT = 0.05  # m above the ground, so that the two do not flicker
@@ -146,7 +146,7 @@ def draw_outlines(context: bpy.types.Context) -> None:
     global _drawn_for
     if not context.scene.forest_sensing.show_sensors:
         return
-    shader = gpu.shader.from_builtin("POLYLINE_UNIFORM_COLOR")
+    shader = line_shader()
     if _drawn_for != context.scene.session_uid:
         _drawn_for = context.scene.session_uid
         _outlines.clear()
@@ -155,13 +155,8 @@ def draw_outlines(context: bpy.types.Context) -> None:
             _outlines.append((batch, KINDS[kind_of(thing)].colour, thing.name))
     thing = chosen_sensor(context)
     name = "" if thing is None else thing.name
-    shader.bind()
     for batch, colour, of in sorted(_outlines, key=lambda batch: batch[2] == name):
-        shown, width = strength(colour, of == name)
-        shader.uniform_float("color", shown)
-        shader.uniform_float("lineWidth", width)
-        shader.uniform_float("viewportSize", gpu.state.viewport_get()[2:])
-        batch.draw(shader)
+        draw_lines(shader, batch, *strength(colour, of == name))
 
 
 def strength(colour: tuple[float, ...], chosen: bool) -> tuple[tuple[float, ...], float]:
@@ -184,7 +179,6 @@ def lines(scene: bpy.types.Scene) -> Iterator[tuple[bpy.types.Object, np.ndarray
 
 
 NEARER = 2e-4  # in depth, of the view's: points lie on surfaces, and would be half hidden by them
-GAMMA = 1 / 2.2  # colours are linear, the screen's are not
 
 SIZES = 6  # sizes that points of one cloud are drawn in
 

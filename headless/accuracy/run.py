@@ -2,26 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+import textwrap
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+
+from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from forest_addon import api as forest
 from forest_addon.base.progress import Say
-from forest_addon.blender.sensors.observe import Observer
+from forest_addon.drawing.figures import blank_figure, save_figure
+from forest_addon.drawing.palette import FAINT, INK, LEAF_GREEN, RED
 from forest_addon.formats.table import write_csv
 from forest_addon.formats.toml_file import write_settings
 from forest_addon.sensing.kinds import choose
-from forest_addon.spec import Scene, Sensor, SpecError
+from forest_addon.spec import SpecError
 
 from ..progress import Stages, hushed
-from .lidar import sweep_scanner, sweep_tractor
-from .meshes import Meshes
-from .picture import draw_sweeps
-from .reverb import sweep_reverb
-from .sonar import sweep_sonar
-from .sweep import AccuracySweep
+from .sensors import SWEEPS, Meshes
+from .sweep import AccuracySweep, Point
+
+FLOOR = 1e-16  # an error of 0 is drawn here
+COLUMNS = 2
+WIDE = 34  # letters of a line of the key
+ROOM, LEAST = 0.08, 1.3  # share of the decades, and decades
+FEW = 100.0  # times
 
 
 def sweep_scene(path: Path, out: Path, error: float, seconds: float, say: Say = print) -> None:
@@ -50,7 +57,9 @@ def sweep_scene(path: Path, out: Path, error: float, seconds: float, say: Say = 
                 say(f"{sensor.name} is left as it is: a {sensor.kind} has no settings to try")
                 continue
             with stages.stage(f"try settings of {sensor.name}"):
-                sweeps.append(sweep_sensor(sensor, observer, scene, meshes))
+                sensor, _ = choose(sensor)
+                sweep = SWEEPS[sensor.kind]
+                sweeps.append(sweep(sensor, observer, scene, meshes, Path()))
     if not sweeps:
         return
     chosen = [sweep.choice(error, seconds) for sweep in sweeps]
@@ -67,48 +76,6 @@ def sweep_scene(path: Path, out: Path, error: float, seconds: float, say: Say = 
     rays = replace(scene.rays, engine=engines.pop()) if len(engines) == 1 else scene.rays
     write_settings(out / "recommended.toml", scene.changed(sensors=sensors, rays=rays))
     say(f"\nWrote {out / 'accuracy.png'}, accuracy.csv and recommended.toml.")
-
-
-def sweep_sensor(
-    sensor: Sensor, observer: Observer, scene: Scene, meshes: Meshes, folder: Path = Path()
-) -> AccuracySweep:
-    """Sweep the settings of one sensor, of a kind of ``SWEEPS``."""
-    sensor, _ = choose(sensor)
-    return SWEEPS[sensor.kind](sensor, observer, scene, meshes, folder)
-
-
-def _of_tractor(
-    sensor: Any, observer: Observer, scene: Scene, meshes: Meshes, _folder: Path
-) -> AccuracySweep:
-    return sweep_tractor(sensor, observer, scene, meshes)
-
-
-def _of_scanner(
-    sensor: Any, observer: Observer, scene: Scene, meshes: Meshes, folder: Path
-) -> AccuracySweep:
-    return sweep_scanner(sensor, observer, scene, meshes, observer.way(sensor, folder))
-
-
-def _of_sonar(
-    sensor: Any, observer: Observer, scene: Scene, _meshes: Meshes, folder: Path
-) -> AccuracySweep:
-    return sweep_sonar(sensor, observer, scene, observer.way(sensor, folder), folder)
-
-
-def _of_reverb(
-    sensor: Any, observer: Observer, scene: Scene, _meshes: Meshes, folder: Path
-) -> AccuracySweep:
-    return sweep_reverb(sensor, observer, scene, folder)
-
-
-SWEEPS: dict[str, Callable[[Any, Observer, Scene, Meshes, Path], AccuracySweep]] = {
-    "tractor": _of_tractor,
-    "terrestrial": _of_scanner,
-    "mobile": _of_scanner,
-    "airborne": _of_scanner,
-    "sonar": _of_sonar,
-    "reverb": _of_reverb,
-}
 
 
 def _tell(sweep: AccuracySweep, error: float, seconds: float, say: Say) -> None:
@@ -147,3 +114,76 @@ def _write(sweeps: list[AccuracySweep], path: Path) -> None:
             "unit": [sweep.unit or "share" for sweep, _ in rows],
         },
     )
+
+
+def draw_sweeps(sweeps: list[AccuracySweep], chosen: list[Point], path: Path) -> Path:
+    """Draw all sensors, two in a row, each with its key; returns the path."""
+    columns = min(len(sweeps), COLUMNS)
+    rows = math.ceil(len(sweeps) / columns)
+    figure = blank_figure((6.6 * columns, 3.7 * rows))
+    for number, (sweep, best) in enumerate(zip(sweeps, chosen, strict=True)):
+        _draw(figure.add_subplot(rows, columns, number + 1), sweep, best)
+    return save_figure(figure, path)
+
+
+def _draw(axes: Axes, sweep: AccuracySweep, best: Point) -> None:
+    """Numbered by seconds; the key beside it says what each is."""
+    front = sweep.frontier()
+    axes.plot([p.seconds for p in front], [_height(p) for p in front], color=FAINT, zorder=1)
+    key = []
+    for number, point in enumerate(sorted(sweep.all, key=lambda p: p.seconds), 1):
+        colour = RED if point is sweep.today else INK
+        low = min(point.spread, 0.9 * _height(point)) or None
+        axes.errorbar(point.seconds, _height(point), yerr=low, fmt="none", ecolor=colour, zorder=2)
+        ring = {"mec": LEAF_GREEN, "mew": 2.5} if point is best else {"mec": "white", "mew": 0.8}
+        inner = "white"
+        if point.elsewhere:  # hollow: no setting of the scene file
+            ring, inner, colour = {"mec": INK, "mew": 1.2}, INK, "white"
+        axes.plot(point.seconds, _height(point), "o", ms=12, color=colour, zorder=3, **ring)
+        axes.annotate(
+            str(number),
+            (point.seconds, _height(point)),
+            color=inner,
+            fontsize=8,
+            ha="center",
+            va="center_baseline",
+            zorder=4,
+        )
+        said = "today" if point is sweep.today else ""
+        said += " and " if said and point is best else ""
+        said += "recommended" if point is best else ""
+        said = said or (point.elsewhere and f"hollow: {point.elsewhere}")
+        if point.error == 0:
+            said = f"{said}; off by 0" if said else "off by 0"
+        words = f"{number}  {point.label}" + (f"\n    ({said})" if said else "")
+        key.append(Line2D([], [], marker="o", ls="", ms=8, color=colour, label=words, **ring))
+    heights, seconds = [_height(p) for p in sweep.all], [p.seconds for p in sweep.all]
+    if sweep.model is not None and sweep.model[0] > 0:
+        axes.axhline(sweep.model[0], color=RED, ls=":", lw=1)
+        heights.append(sweep.model[0])
+        words = textwrap.fill(f"the model itself: {sweep.model[1]}", WIDE, subsequent_indent="    ")
+        key.append(Line2D([], [], color=RED, ls=":", label=words))
+    axes.set(xscale="log", yscale="log", xlabel="CPU seconds")
+    axes.set_xlim(*_around(seconds))
+    axes.set_ylim(*_around(heights))
+    axes.set_title(f"{sweep.sensor.name}: {sweep.what}")
+    axes.set_ylabel("error" + (f", {sweep.unit}" if sweep.unit else ", share"))
+    for axis, values in ((axes.xaxis, seconds), (axes.yaxis, heights)):
+        low, high = _around(values)
+        few = high / low < FEW  # decades: numbers between them too
+        axis.set_minor_locator(LogLocator(subs=(2.0, 5.0) if few else tuple(range(2, 10))))
+        axis.set_minor_formatter(FuncFormatter(lambda x, _: f"{x:.1g}") if few else NullFormatter())
+        if few:
+            axis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:.1g}"))
+    axes.legend(handles=key, loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=8)
+
+
+def _height(point: Point) -> float:
+    return max(point.error, FLOOR) if math.isfinite(point.error) else FLOOR
+
+
+def _around(values: list[float]) -> tuple[float, float]:
+    """Limits around values with room for a mark, at least LEAST decades apart."""
+    low, high = math.log10(min(values)), math.log10(max(values))
+    more = max(ROOM * (high - low), (LEAST - (high - low)) / 2)
+    return 10.0 ** (low - more), 10.0 ** (high + more)

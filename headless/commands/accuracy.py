@@ -5,11 +5,13 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from ..command import LOCK, SCENE_HELP, Command, name_of, scene_file
+from ..command import SCENE_HELP, Command, scene_file
 
 
 class AccuracyCommand(Command):
     name = "accuracy"
+    default = "{}-accuracy"
+    whole = True
     help = "error against seconds for each sensor of a scene, and what to set"
     description = (
         "Try settings of each sensor of a scene on a part of it, against the exact way; draw error "
@@ -32,15 +34,6 @@ class AccuracyCommand(Command):
             metavar="S",
             help="CPU seconds that each sensor may take (default 60)",
         )
-
-    def output(self, chosen: argparse.Namespace) -> Path:
-        return chosen.out or Path("out") / f"{name_of(chosen.scene)}-accuracy"
-
-    def lock(self, chosen: argparse.Namespace) -> Path:
-        return chosen.out / LOCK
-
-    def is_whole(self, chosen: argparse.Namespace) -> bool:
-        return True
 
     def run(self, chosen: argparse.Namespace) -> None:
         from ..accuracy.run import sweep_scene

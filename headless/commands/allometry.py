@@ -13,7 +13,7 @@ from forest_addon.spec import SpecError, Species
 from ..command import Command
 
 if TYPE_CHECKING:
-    from forest_addon.growth.measured.wanted import Kind
+    from forest_addon.growth.measured.allometry import Kind
 
 
 class AllometryCommand(Command):
@@ -108,16 +108,19 @@ def check_species(name: str, trees: int) -> None:
 
     from forest_addon.base.rng import stream
     from forest_addon.growth.library.species_file import find_species, load_species
-    from forest_addon.growth.measured.allometry import MEASURES, Z90, draw, scores
-    from forest_addon.growth.measured.meet import grow_measured
-    from forest_addon.growth.measured.wanted import (
+    from forest_addon.growth.measured.allometry import (
+        MEASURES,
+        Z90,
         Kind,
         Wanted,
         crown_base_of,
         dbh_of,
+        draw,
         leaf_tips,
+        scores,
         width_of,
     )
+    from forest_addon.growth.measured.meet import grow_measured
     from forest_addon.growth.mesh.blades import leaf_areas
     from forest_addon.growth.tree import blade_of
 

@@ -9,9 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from forest_addon.base.progress import Say
-from forest_addon.spec import SpecError
 
-from ..command import Command, refuse_negative
+from ..command import Command, refuse_beyond
 
 if TYPE_CHECKING:
     import numpy as np
@@ -43,7 +42,7 @@ class AssetsCommand(Command):
         )
 
     def run(self, chosen: argparse.Namespace) -> None:
-        refuse_negative(chosen.seed)
+        refuse_beyond("--seed", chosen.seed, 0)
         make_library(chosen.names, chosen.out, chosen.variants, chosen.seed, sheet=chosen.sheet)
 
 
@@ -71,8 +70,7 @@ def make_library(
     from forest_addon.blender.library.build import FILE, grow_exhibits, write_species
     from forest_addon.growth.library.species_file import find_species, load_species, species_names
 
-    if not 1 <= variants <= MOST:
-        raise SpecError("--variants", f"{variants} is out of range; use 1 to {MOST}")
+    refuse_beyond("--variants", variants, 1, MOST)
     loaded = [load_species(find_species(name, Path())) for name in names or species_names()]
     say(f"{'species':<20}{'trees':>6}{'height':>14}{'DBH':>16}{'leaves':>20}{'file':>10}")
     files = []

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from forest_addon.base.progress import Say
 from forest_addon.spec import Scene, SpecError
 
-from ..command import LOCK, SCENE_HELP, Command, name_of, read_scene, scene_file
+from ..command import SCENE_HELP, Command, read_scene, refuse_beyond, scene_file
 
 if TYPE_CHECKING:
     import numpy as np
@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 
 class CanopyCommand(Command):
     name = "canopy"
+    default = "{}/canopy"
+    whole = True
     help = "gap fraction and leaf area index of a stand, by hemispherical pictures"
     description = (
         "Grow the forest of a scene file and look up from points in it by rays: gap fraction by zenith "
@@ -47,15 +49,6 @@ class CanopyCommand(Command):
             "--height", type=float, default=1.3, help="above the ground, metres (default 1.3)"
         )
         parser.add_argument("--seed", type=int, help="another seed than the scene file's")
-
-    def output(self, chosen: argparse.Namespace) -> Path:
-        return chosen.out or Path("out") / name_of(chosen.scene) / "canopy"
-
-    def lock(self, chosen: argparse.Namespace) -> Path:
-        return chosen.out / LOCK
-
-    def is_whole(self, chosen: argparse.Namespace) -> bool:
-        return True
 
     def run(self, chosen: argparse.Namespace) -> None:
         look_up_in(
@@ -94,8 +87,7 @@ def look_up_in(
 
     settings = read_scene(scene, seed)
     folder = scene.resolve().parent
-    if not 1 <= grid <= MOST:
-        raise SpecError("--grid", f"{grid} is out of range; use 1 to {MOST}")
+    refuse_beyond("--grid", grid, 1, MOST)
     places = [_point(text) for text in at] or _grid(settings, grid)
     site = Site.of(settings, folder)
     points = _on_ground(site, places, height)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from forest_addon.spec import SpecError
 
-from ..command import Command
+from ..command import Command, refuse_beyond
 
 CONVERTED = ("semantic-kitti", "s3dis", "coco-panoptic")
 
@@ -95,10 +95,8 @@ Exit code 4: some scenes could not be made; manifest.csv says why."""
 
             convert_dataset(chosen.convert, chosen.to, chosen.out, _say(chosen.quiet))
             return
-        if chosen.workers is not None and chosen.workers < 1:
-            raise SpecError("--workers", f"{chosen.workers} is out of range; use at least 1")
-        if chosen.shards is not None and chosen.shards < 1:
-            raise SpecError("--shards", f"{chosen.shards} is out of range; use at least 1 MB")
+        refuse_beyond("--workers", 1 if chosen.workers is None else chosen.workers, 1)
+        refuse_beyond("--shards", 1 if chosen.shards is None else chosen.shards, 1)
         from ..dataset.plan import find_plan, read_plan
 
         plan = read_plan(find_plan(chosen.plan), chosen.set)

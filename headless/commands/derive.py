@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from forest_addon.spec import Siblings, SpecError, Species
 
-from ..command import Command, refuse_negative
+from ..command import Command, refuse_beyond
 
 if TYPE_CHECKING:
     from forest_addon.growth.lsystem.system import Prediction, System, Word
@@ -38,7 +38,7 @@ class DeriveCommand(Command):
         )
 
     def run(self, chosen: argparse.Namespace) -> None:
-        refuse_negative(chosen.seed)
+        refuse_beyond("--seed", chosen.seed, 0)
         derive_species(chosen.species, chosen.generations, chosen.seed, chosen.count)
 
 
@@ -88,7 +88,7 @@ def _fitted(path: Path, generations: int | None, seed: int) -> str:
 
 
 def _system(species: Species, generations: int | None) -> tuple[System, str, int]:
-    from forest_addon.growth.lsystem.tanveer import system_of_grammar
+    from forest_addon.growth.lsystem.branching import system_of_grammar
     from forest_addon.growth.lsystem.turtle import system_of
 
     if species.honda is not None:

@@ -11,7 +11,7 @@ import json
 import os
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -19,7 +19,16 @@ from typing import TYPE_CHECKING
 from forest_addon.base.places import ASSETS, version
 from forest_addon.base.progress import Say
 from forest_addon.formats.atomic import replacing
-from forest_addon.spec import Forest, Gaussian, Planting, Raster, Scene, SpecError
+from forest_addon.spec import (
+    Forest,
+    Gaussian,
+    Normal,
+    Planting,
+    Raster,
+    Scene,
+    SpecError,
+    Targets,
+)
 
 from ..command import PROGRAM, Command, out_file
 from ..report import can_draw, without
@@ -37,15 +46,23 @@ if TYPE_CHECKING:
 
 class EstimateCommand(Command):
     name = "estimate"
-    help = "make a scene like a site from a map of its trees (CSV)"
+    help = "make a scene like a site from a map of its trees"
     is_folder = False
     description = (
-        "Estimate where trees stand on a site from a CSV of x, y (metres) and perhaps species, "
+        "Estimate where trees stand on a site from a table of x, y and perhaps species, DBH and height, "
         "and write a scene that plants forests like it, and a picture."
     )
 
     def arguments(self, parser: argparse.ArgumentParser) -> None:
-        parser.add_argument("map", type=Path, metavar="TREES.csv", help="columns x, y, species")
+        parser.add_argument(
+            "map", type=Path, nargs="?", metavar="TREES.csv", help="a table of trees"
+        )
+        parser.add_argument(
+            "--terrain",
+            type=Path,
+            metavar="DEM.tif",
+            help="the ground that they stand on; without a map, a scene of bare ground in its middle",
+        )
         parser.add_argument(
             "--out", type=Path, metavar="SITE.toml", help="the scene (default out/TREES/site.toml)"
         )
@@ -78,10 +95,23 @@ class EstimateCommand(Command):
             help="what to plant for a name of the map, or PRESET alone for all; may be repeated",
         )
 
+        parser.add_argument(
+            "--crs",
+            default="",
+            metavar="EPSG:N",
+            help="system of the scene in metres, to which degrees are projected",
+        )
+
     def output(self, chosen: argparse.Namespace) -> Path:
-        return out_file(chosen.out or Path("out") / chosen.map.stem / "site.toml", ".toml")
+        named = chosen.map or chosen.terrain
+        if named is None:
+            raise SpecError("estimate", "needs a map of trees, or --terrain DEM.tif")
+        return out_file(chosen.out or Path("out") / named.stem / "site.toml", ".toml")
 
     def run(self, chosen: argparse.Namespace) -> None:
+        if chosen.map is None:
+            scene_on(chosen.terrain, self.output(chosen), chosen.crs)
+            return
         estimate_site(
             chosen.map,
             self.output(chosen),
@@ -89,10 +119,14 @@ class EstimateCommand(Command):
             chosen.window,
             chosen.species,
             law=chosen.law,
+            crs=chosen.crs,
+            terrain=chosen.terrain,
         )
 
 
+WIDEST = 100.0  # metres of a field on a terrain without a map of trees
 FAR = 10_000.0  # metres from the origin beyond which coordinates are kept as an offset
+FEW = 5  # trees with both measures that move a law of heights
 HIGHEST = 1e5  # trees/m² of a peak that is written; only ratios count beside an expected number
 
 
@@ -115,12 +149,15 @@ def estimate_site(
     species: Sequence[str] = (),
     say: Say = print,
     law: str = "auto",
+    crs: str = "",
+    terrain: Path | None = None,
 ) -> Path:
-    """Estimate a site from a CSV of trees; returns the scene file.
+    """Estimate a site from a table of trees; returns the scene file.
 
     window : four numbers x0 y0 x1 y1, or a CSV of corners; none: around the trees. species : pairs
     "name in the CSV=preset or species file", or one preset for all trees. law : "auto" chooses among
-    Poisson, groups and repulsion by their tests (``choose_law``), or the name of one.
+    Poisson, groups and repulsion by their tests (``choose_law``), or the name of one. crs : of the scene, to
+    which degrees are projected. terrain : the ground that they stand on.
 
     Raises
     ------
@@ -135,7 +172,7 @@ def estimate_site(
 
     if method == "kernel" and law not in ("auto", "poisson"):
         raise SpecError("--law", f"{law} goes with --method mixture; a kernel estimate is Poisson")
-    trees = read_tree_map(path)
+    trees = read_tree_map(path, crs)
     if not len(trees):
         raise SpecError(str(path), "has no trees below its header; give one a row")
     frame = _window(window) if window else Window.around(trees.position)
@@ -145,17 +182,21 @@ def estimate_site(
     frame = Window(tuple(ring - offset for ring in frame.rings))
     field = _field(frame)
 
+    for line in trees.said:
+        say(line)
     say(f"{path.name}: {len(trees):,} trees on {frame.area:,.0f} m²" + _said(offset))
     grown: list[SpeciesOfSite] = []
     arrays: dict[str, np.ndarray] = {}
     out.parent.mkdir(parents=True, exist_ok=True)
     for name, kind in kinds.items():
-        points = trees.position[trees.species == name] - offset
+        own = trees.species == name
+        points = trees.position[own] - offset
         mapped = MappedSpecies(name or kind, points, frame, field)
         one, rasters = _grown(
             mapped, kind, method, law, f"{out.stem}-{_plain(name or kind)}.npy", say
         )
-        grown.append(one)
+        targets = _targets(kind, out, _plain(name or kind), trees.numbers[own], say)
+        grown.append(replace(one, planting=one.planting.changed(targets=targets)))
         arrays |= rasters
 
     for file, pixels in arrays.items():
@@ -165,9 +206,12 @@ def estimate_site(
         name=out.stem,
         seed=1,
         offset=(float(offset[0]), float(offset[1]), 0.0),
+        crs=trees.crs,
         forest=field,
         plantings=tuple(g.planting for g in grown),
     )
+    if terrain is not None:
+        scene = _on_terrain(scene, terrain, out, say)
     with replacing(out) as written:
         written.write_text(_scene_text(scene, path.name, method, trees.position), encoding="utf-8")
     written = [str(out), *arrays]
@@ -187,6 +231,94 @@ def estimate_site(
     say(f"Wrote {', '.join(written)}.")
     say(f"Next: {PROGRAM} stand {out} --out points.csv")
     return out
+
+
+def scene_on(terrain: Path, out: Path, crs: str = "", say: Say = print) -> Path:
+    """Write a scene of bare ground in the middle of a terrain's file, with the offset that puts it there.
+
+    Raises
+    ------
+    SpecError : the file cannot be used, or does not say where it lies.
+    """
+    import numpy as np
+
+    from forest_addon.formats.raster_file import read_raster
+    from forest_addon.formats.toml_file import write_settings
+
+    raster = read_raster(terrain)
+    if raster.transform is None:
+        raise SpecError(str(terrain), "does not say where it lies; give a GeoTIFF or an ASCII grid")
+    low, high = raster.extent
+    turned = 2.0 if raster.transform[[0, 1], [1, 0]].any() else 1.0
+    side = float(min(WIDEST, *np.floor((high - low) / turned)))
+    east, north = np.round((low + high - side) / 2, 3 if side < WIDEST else 0).tolist()
+    field = Forest(size=(side, side))
+    out.parent.mkdir(parents=True, exist_ok=True)
+    scene = Scene(name=out.stem, offset=(east, north, 0.0), crs=crs, forest=field)
+    write_settings(out, _on_terrain(scene, terrain, out, say))
+    say(f"Wrote {out}. Plant it with [[plantings]], then: {PROGRAM} run {out}")
+    return out
+
+
+def _on_terrain(scene: Scene, terrain: Path, out: Path, say: Say) -> Scene:
+    """The scene with a terrain, which is tried; says what it was read as."""
+    from forest_addon.stand.files import read_terrain
+
+    ground = scene.forest.terrain.changed(
+        file=Path(os.path.relpath(terrain, out.parent)).as_posix()
+    )
+    scene = scene.changed(forest=scene.forest.changed(terrain=ground))
+    say(read_terrain(scene, out.parent)[1])
+    return scene
+
+
+def _targets(kind: str, out: Path, name: str, numbers: np.ndarray, say: Say) -> Targets | None:
+    """Diameters and heights of a map's trees (N, 7) as targets of what is planted; None without either.
+
+    Heights that the map gives move the law of the species, which is written beside the scene.
+    """
+    import numpy as np
+
+    from forest_addon.formats.toml_file import write_settings
+    from forest_addon.growth.library.species_file import find_species, load_species
+    from forest_addon.growth.measured.allometry import Kind, draw_diameters, middle
+
+    measured = numbers[:, 2:]
+    told = np.isfinite(measured).any(axis=1)
+    if not told.any():
+        return None
+    species, files = load_species(find_species(kind, out.parent))
+    law = files.allometry if isinstance(files, Kind) else None
+    if law is None or species.targets is None:
+        say(
+            f"  {name}: dbh and height are left out; {kind} grows by its rules alone, without allometry"
+        )
+        return None
+    even = (np.argsort(np.argsort(measured[told, 1])) + 0.5) / told.sum()
+    dbh = np.where(
+        np.isfinite(measured[told, 0]),
+        measured[told, 0],
+        draw_diameters(law, measured[told, 1:], even),
+    )
+    file = species.targets.allometry
+    off = np.log(measured[told, 1]) - middle(law.height, dbh)
+    off = off[np.isfinite(off) & np.isfinite(measured[told, 0])]
+    if len(off) >= FEW:
+        low, half, high = np.quantile(off, [0.05, 0.5, 0.95])
+        height = law.height.changed(
+            intercept=law.height.intercept + float(half),
+            low=float(min(low - half, -1e-3)),
+            high=float(max(high - half, 1e-3)),
+            trees=len(off),
+            of=out.stem,
+        )
+        file = f"{out.stem}-{name}-allometry.toml"
+        write_settings(out.parent / file, law.changed(height=height))
+    spread = Normal(
+        mean=float(dbh.mean()), sd=float(dbh.std()), low=float(dbh.min()), high=float(dbh.max())
+    )
+    say(f"  {name}: dbh of {spread.mean:.2g} ± {spread.sd:.2g} m, heights by {file}")
+    return Targets(allometry=file, dbh=spread)
 
 
 def _grown(
@@ -388,6 +520,8 @@ def _scene_text(scene: Scene, source: str, method: str, positions: np.ndarray) -
     ]
     if any(scene.offset):
         lines.append(f"offset = {list(scene.offset)}  # added to what is written")
+    if scene.crs:
+        lines.append(f"crs = {json.dumps(scene.crs)}")
     lines += [
         "",
         "[forest]",
@@ -398,6 +532,8 @@ def _scene_text(scene: Scene, source: str, method: str, positions: np.ndarray) -
     if field.polygon:
         lines.append(f"polygon = {[list(corner) for corner in field.polygon]}")
         lines.append(f"holes = {[[list(corner) for corner in hole] for hole in field.holes]}")
+    if field.terrain.file:
+        lines += ["", "[forest.terrain]", f"file = {json.dumps(field.terrain.file)}"]
     for planting in scene.plantings:
         lines += ["", "[[plantings]]", f"species = {json.dumps(planting.species)}"]
         lines.append(f"expected = {planting.expected:g}" if planting.expected else "expected = 0")
@@ -425,6 +561,12 @@ def _scene_text(scene: Scene, source: str, method: str, positions: np.ndarray) -
                 f"strauss = {{ radius = {strauss.radius:.6g}, gamma = {strauss.gamma:.6g} }}",
             ]
         lines += [f"rasters = [{{ file = {json.dumps(r.file)} }}]" for r in planting.rasters]
+        if planting.targets:
+            dbh = planting.targets.dbh
+            lines += [
+                "targets = { allometry = " + json.dumps(planting.targets.allometry) + ", dbh = { "
+                f"mean = {dbh.mean:.4g}, sd = {dbh.sd:.4g}, low = {dbh.low:.4g}, high = {dbh.high:.4g} }} }}"
+            ]
     return "\n".join(lines) + "\n"
 
 

@@ -5,12 +5,14 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from ..command import SCENE_HELP, Command, name_of, read_scene, scene_file
+from ..command import SCENE_HELP, Command, read_scene, scene_file
 from ..progress import Stages, hushed
 
 
 class ExportCommand(Command):
     name = "export"
+    default = "{}-export"
+    whole = True
     help = "write a scene for HELIOS++ and other programs: OBJ parts, XML, JSON"
     description = (
         "Grow a scene and write it for other programs: each mesh once as OBJ, a scene of HELIOS++, a survey "
@@ -29,13 +31,9 @@ What HELIOS++ cannot say is printed, and stands in scene.json."""
             "--out", type=Path, metavar="FOLDER", help="default out/SCENE-export; made if missing"
         )
         parser.add_argument("--seed", type=int, help="another seed than the scene file's")
-        parser.add_argument("--quiet", action="store_true", help="say nothing but errors")
-
-    def output(self, chosen: argparse.Namespace) -> Path:
-        return chosen.out or Path("out") / f"{name_of(chosen.scene)}-export"
-
-    def is_whole(self, chosen: argparse.Namespace) -> bool:
-        return True
+        parser.add_argument(
+            "--quiet", action="store_true", help="say nothing but warnings and errors"
+        )
 
     def run(self, chosen: argparse.Namespace) -> None:
         export_scene(chosen.scene, chosen.out, chosen.seed, quiet=chosen.quiet)

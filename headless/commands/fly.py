@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 from forest_addon.base.progress import Say
 from forest_addon.spec import Scene, SpecError
 
-from ..command import LOCK, SCENE_HELP, Command, name_of, refuse_negative, scene_file
+from ..command import SCENE_HELP, Command, refuse_beyond, scene_file
 from ..progress import hushed
 
 if TYPE_CHECKING:
@@ -28,6 +28,8 @@ POLICIES = ("straight", "gap", "echo", "trained")
 
 class FlyCommand(Command):
     name = "fly"
+    default = "fly-{}"
+    whole = True
     help = "fly a policy through a scene's forests"
     description = (
         "Fly through forests of a scene by what a LiDAR or two ears tell; write every way, success against "
@@ -57,21 +59,13 @@ examples:
         )
         parser.add_argument("--out", type=Path, metavar="DIR", help="default out/fly-SCENE")
 
-    def output(self, chosen: argparse.Namespace) -> Path:
-        return chosen.out or Path("out") / f"fly-{name_of(chosen.scene)}"
-
-    def lock(self, chosen: argparse.Namespace) -> Path:
-        return chosen.out / LOCK
-
-    def is_whole(self, chosen: argparse.Namespace) -> bool:
-        return True
-
     def run(self, chosen: argparse.Namespace) -> None:
-        refuse_negative(chosen.seed)
-        if chosen.bags < 0:
-            raise SpecError("--bags", f"{chosen.bags} is out of range; use at least 0")
-        if chosen.episodes < 1:
-            raise SpecError("--episodes", f"{chosen.episodes} is out of range; use at least 1")
+        for option, value, least in (
+            ("--seed", chosen.seed, 0),
+            ("--bags", chosen.bags, 0),
+            ("--episodes", chosen.episodes, 1),
+        ):
+            refuse_beyond(option, value, least)
         speeds = listed("--speeds", chosen.speeds)
         densities = listed("--densities", chosen.densities) or (1.0,)
         fly_scene(

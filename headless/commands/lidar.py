@@ -16,19 +16,19 @@ from typing import TYPE_CHECKING, Any
 
 from forest_addon.spec import SENSORS, Airborne, Mobile, Rays, Scanner, SpecError, Terrestrial
 
-from ..command import Command, refuse_negative
+from ..command import Command, refuse_beyond
 from ..progress import Stages, hushed
 
 if TYPE_CHECKING:
     from forest_addon.results.coordinates import Offset
 
 
-FORMATS = ("laz", "las", "copc.laz", "ply", "npz")
+FORMATS = ("laz", "las", "copc.laz", "ply", "double.ply", "pcd", "npz")
 
 
 class LidarCommand(Command):
     name = "lidar"
-    help = "scan a .blend of your own with a real instrument"
+    help = "scan a .blend or mesh file of your own with a real instrument"
     is_folder = False
     description = "Scan a Blender scene as it is evaluated, and write a point cloud with labels."
     epilog = """\
@@ -46,7 +46,13 @@ examples:
 with the same command and --resume, to the same bytes."""
 
     def arguments(self, parser: argparse.ArgumentParser) -> None:
-        parser.add_argument("blend", type=Path, nargs="?", metavar="FILE.blend", help="the scene")
+        parser.add_argument(
+            "blend",
+            type=Path,
+            nargs="?",
+            metavar="FILE.blend",
+            help="the scene: .blend, or glTF (.glb, .gltf), .obj, .ply, .stl, USD",
+        )
         parser.add_argument(
             "--survey",
             type=Path,
@@ -115,7 +121,9 @@ with the same command and --resume, to the same bytes."""
         parser.add_argument(
             "--engine", default="auto", choices=("auto", "bvhtree", "embree"), help="who casts rays"
         )
-        parser.add_argument("--quiet", action="store_true", help="say nothing but errors")
+        parser.add_argument(
+            "--quiet", action="store_true", help="say nothing but warnings and errors"
+        )
 
     def output(self, chosen: argparse.Namespace) -> Path:
         if chosen.out is None:
@@ -144,9 +152,8 @@ with the same command and --resume, to the same bytes."""
         if chosen.list:
             list_scanners()
             return
-        refuse_negative(chosen.seed)
-        if chosen.chunk is not None and chosen.chunk < 1:
-            raise SpecError("--chunk", f"{chosen.chunk} is out of range; use at least 1")
+        refuse_beyond("--seed", chosen.seed, 0)
+        refuse_beyond("--chunk", 1 if chosen.chunk is None else chosen.chunk, 1)
         if chosen.like:
             self._write_like(chosen)
             return
@@ -162,7 +169,7 @@ with the same command and --resume, to the same bytes."""
             raise SpecError("lidar", "needs a .blend file; --list prints the scanners")
         sensor = sensor_of(chosen.scanner, chosen.at, chosen.along, chosen.azimuth, chosen.set)
         offset = _offset(chosen)
-        if chosen.out.suffix.lstrip(".") not in FORMATS:
+        if chosen.out.suffix.lower().lstrip(".") not in FORMATS:
             raise SpecError(f"--out {chosen.out}", f"must end in one of .{', .'.join(FORMATS)}")
         scan_blend(
             chosen.blend,
@@ -208,7 +215,7 @@ with the same command and --resume, to the same bytes."""
             if getattr(chosen, word):
                 option = "FILE.blend" if word == "blend" else f"--{word}"
                 raise SpecError(option, "does not go with --survey, which says all that itself")
-        if chosen.out.suffix.lstrip(".") not in FORMATS:
+        if chosen.out.suffix.lower().lstrip(".") not in FORMATS:
             raise SpecError(f"--out {chosen.out}", f"must end in one of .{', .'.join(FORMATS)}")
         scan_survey(
             chosen.survey,
@@ -367,8 +374,12 @@ def scan_blend(
     OSError : a file that cannot be read or written; what was scanned is kept.
     """
 
+    import numpy as np
+
     from forest_addon.results.scan_file import write_scan
+    from forest_addon.sensing.kind import why_nothing
     from forest_addon.sensing.kinds import kind_of
+    from forest_addon.sensing.lidar.pattern import pattern_of
     from forest_addon.sensing.lidar.scan import Scan
 
     stages = Stages(quiet)
@@ -391,7 +402,7 @@ def scan_blend(
                 )
             caster = observer.caster
         if observer.warning:
-            stages.say(f"  Warning: {observer.warning}")
+            stages.warn(observer.warning)
         way = observer.way(sensor)
         cost = kind_of(sensor).cost(sensor, way, caster.engine)
         stages.say(f"  {replace(cost, memory=0)}")  # points go to the disk as they come
@@ -409,6 +420,11 @@ def scan_blend(
                 progress=progress,
             )
         took = time.perf_counter() - started
+        if not done.points:
+            some = np.linspace(0, scan.pulses - 1, 50).astype(np.int64)
+            where = pattern_of(sensor, way).pulses(some).origin
+            nothing = why_nothing("0 points", where, sensor.max_range, observer.geometry)
+            stages.say(f"  Warning: {nothing}")
         stages.say(
             f"{done.path}: {done.points:,} points of {done.pulses:,} pulses by {caster.engine}, "
             f"{(done.pulses - done.resumed_at) / took:,.0f} pulses/s"

@@ -7,11 +7,12 @@ from pathlib import Path
 
 from forest_addon.spec import SpecError
 
-from ..command import LOCK, SCENE_HELP, Command, name_of, read_scene, scene_file
+from ..command import LOCK, SCENE_HELP, Command, read_scene, refuse_beyond, scene_file
 
 
 class RunCommand(Command):
     name = "run"
+    default = "{}"
     help = "run a scene file"
     description = "Run a scene file."
 
@@ -32,21 +33,64 @@ class RunCommand(Command):
             "--resume joins them",
         )
 
-    def output(self, chosen: argparse.Namespace) -> Path:
-        return chosen.out or Path("out") / name_of(chosen.scene)
-
     def lock(self, chosen: argparse.Namespace) -> Path:
         share = "" if chosen.share is None else f"-{chosen.share.replace('/', '-of-')}"
         return chosen.out / f"{LOCK}{share}"
 
     def is_whole(self, chosen: argparse.Namespace) -> bool:
-        return is_whole_run(chosen)
+        # none that goes on, or has processes to help, makes all files of its folder
+        return not chosen.resume and chosen.share is None and chosen.workers < 2
 
     def kept(self, chosen: argparse.Namespace) -> str:
         return f"{super().kept(chosen)}; --resume goes on with it"
 
     def run(self, chosen: argparse.Namespace) -> None:
-        run_file(chosen.scene, chosen)
+        from forest_addon.formats.ownership import claim
+        from forest_addon.results.kinds import files_of
+
+        scene, workers, share = chosen.scene, chosen.workers, chosen.share
+        refuse_beyond("--workers", workers, 1)
+        dry = chosen.convolve.stem if chosen.convolve else ""
+        settings = read_scene(scene, chosen.seed, dry)
+        names = (chosen.out / name for name in files_of(settings, dry))
+        claim(*(path for path in names if not path.is_dir()))  # hours before they are written
+        from ..progress import hushed
+
+        with hushed():  # Blender says where its colours come from
+            from ..pipeline import run_scene
+            from ..tiled import Share, run_by_workers, run_in_tiles
+
+        if settings.tiles.size:
+            if chosen.convolve:
+                raise SpecError("--convolve", "needs a reverb, which cannot be run in tiles")
+            if share is None and workers > 1:
+                seed = [] if chosen.seed is None else ["--seed", str(chosen.seed)]
+                words = ["run", str(scene), "--out", str(chosen.out), "--quiet", *seed]
+                run_by_workers([*words, *(["--resume"] if chosen.resume else [])], workers)
+            run_in_tiles(
+                settings,
+                scene.resolve().parent,
+                chosen.out,
+                quiet=chosen.quiet,
+                resume=chosen.resume or workers > 1,
+                share=None if share is None else Share.of(share),
+                strict=chosen.strict,
+            )
+            return
+        if workers > 1 or share is not None:
+            key = "--workers" if share is None else "--share"
+            raise SpecError(
+                key, "needs a scene with [tiles]; sensors of others use all cores by themselves"
+            )
+        run_scene(
+            settings,
+            scene.resolve().parent,
+            chosen.out,
+            quiet=chosen.quiet,
+            dry=chosen.convolve,
+            resume=chosen.resume,
+            strict=chosen.strict,
+        )
 
 
 def add_run_options(parser: argparse.ArgumentParser, folder: str) -> None:
@@ -66,60 +110,7 @@ def add_run_options(parser: argparse.ArgumentParser, folder: str) -> None:
         action="store_true",
         help="go on with a run that was ended: sensors that it had finished do not look again",
     )
-    parser.add_argument("--quiet", action="store_true", help="say nothing but errors")
-
-
-def is_whole_run(chosen: argparse.Namespace) -> bool:
-    """Return whether a run makes all files of its folder: none that goes on, or has processes to help."""
-    return (
-        not chosen.resume
-        and getattr(chosen, "share", None) is None
-        and getattr(chosen, "workers", 1) < 2
-    )
-
-
-def run_file(scene: Path, chosen: argparse.Namespace) -> None:
-    """Run a scene file as the options say."""
-    from forest_addon.formats.ownership import claim
-    from forest_addon.results.kinds import files_of
-
-    dry = chosen.convolve.stem if chosen.convolve else ""
-    settings = read_scene(scene, chosen.seed, dry)
-    names = (chosen.out / name for name in files_of(settings, dry))
-    claim(*(path for path in names if not path.is_dir()))  # hours before they are written
-    from ..progress import hushed
-
-    with hushed():  # Blender says where its colours come from
-        from ..pipeline import run_scene
-        from ..tiled import Share, run_by_workers, run_in_tiles
-
-    workers, share = getattr(chosen, "workers", 1), getattr(chosen, "share", None)
-    if settings.tiles.size:
-        if chosen.convolve:
-            raise SpecError("--convolve", "needs a reverb, which cannot be run in tiles")
-        if share is None and workers > 1:
-            seed = [] if chosen.seed is None else ["--seed", str(chosen.seed)]
-            words = ["run", str(scene), "--out", str(chosen.out), "--quiet", *seed]
-            run_by_workers([*words, *(["--resume"] if chosen.resume else [])], workers)
-        run_in_tiles(
-            settings,
-            scene.resolve().parent,
-            chosen.out,
-            quiet=chosen.quiet,
-            resume=chosen.resume or workers > 1,
-            share=None if share is None else Share.of(share),
-        )
-        return
-    if workers > 1 or share is not None:
-        key = "--workers" if share is None else "--share"
-        raise SpecError(
-            key, "needs a scene with [tiles]; sensors of others use all cores by themselves"
-        )
-    run_scene(
-        settings,
-        scene.resolve().parent,
-        chosen.out,
-        quiet=chosen.quiet,
-        dry=chosen.convolve,
-        resume=chosen.resume,
+    parser.add_argument("--quiet", action="store_true", help="say nothing but warnings and errors")
+    parser.add_argument(
+        "--strict", action="store_true", help="end with exit code 3 where there was a warning"
     )

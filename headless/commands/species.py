@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 from forest_addon.base.progress import Say
 from forest_addon.spec import Normal, SpecError, Species
 
-from ..command import Command, refuse_negative
+from ..command import Command, refuse_beyond
 from ..progress import hushed
 from ..report import can_draw, without
 
@@ -51,9 +51,8 @@ class SpeciesCommand(Command):
         parser.add_argument("--seed", type=int, default=1, help="seed of the trees (default 1)")
 
     def run(self, chosen: argparse.Namespace) -> None:
-        refuse_negative(chosen.seed)
-        if not 50 <= chosen.pixels <= 4000:
-            raise SpecError("--pixels", f"{chosen.pixels} is not from 50 to 4000")
+        refuse_beyond("--seed", chosen.seed, 0)
+        refuse_beyond("--pixels", chosen.pixels, 50, 4000)
         if chosen.close_ups:
             show_closeups(chosen.names, chosen.close_ups, chosen.seed)
             if not (chosen.sheet or chosen.pictures):
@@ -160,7 +159,7 @@ def _grow(name: str, seed: int) -> tuple[Species, Tree]:
 
     from forest_addon.base.rng import stream
     from forest_addon.growth.library.species_file import find_species, load_species
-    from forest_addon.growth.measured.wanted import Kind, typical_tree
+    from forest_addon.growth.measured.allometry import Kind, typical_tree
     from forest_addon.growth.tree import grow
     from forest_addon.stand.competition import ALONE
 

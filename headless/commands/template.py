@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 from forest_addon.base.progress import Say
 from forest_addon.spec import Siblings, SpecError, Species
 
-from ..command import LOCK, PROGRAM, Command, UnlikeError
+from ..command import PROGRAM, Command, UnlikeError
 from ..progress import Stages, hushed
 from ..report import can_draw, without
 
@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 
 class TemplateCommand(Command):
     name = "template"
+    whole = True
     help = "make a species from your own tree (STL, PLY, OBJ, glTF)"
     description = (
         "Recognise trunk, branches and leaves in files of a tree, and write a species "
@@ -93,12 +94,6 @@ class TemplateCommand(Command):
 
     def output(self, chosen: argparse.Namespace) -> Path:
         return chosen.out or Path("out") / chosen.name
-
-    def lock(self, chosen: argparse.Namespace) -> Path:
-        return chosen.out / LOCK
-
-    def is_whole(self, chosen: argparse.Namespace) -> bool:
-        return True
 
     def run(self, chosen: argparse.Namespace) -> None:
         from forest_addon.growth.library.template_library import Brought

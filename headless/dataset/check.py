@@ -163,4 +163,4 @@ def _wrong_cylinders(path: Path, known: dict[int, Any]) -> Iterator[str]:
     if not set(np.unique(tree).tolist()) <= set(known):
         yield "cylinders.csv names trees that trees.csv has not"
     if (parent >= own).any() or (parent < 0).any():
-        yield "cylinders.csv: a parent does not stand before its daughters"
+        yield "cylinders.csv: a parent does not stand before its children"

@@ -45,6 +45,7 @@ from importlib.machinery import PathFinder
 from importlib.metadata import PackageNotFoundError, distribution
 from importlib.util import module_from_spec
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 from forest_addon.base.places import environment_of_child
@@ -321,13 +322,16 @@ def _is_ready() -> SceneOutcome:
 @contextlib.contextmanager
 def _environment() -> Iterator[None]:
     """Within, processes start with the variables of ours; one thread for small matrices, which gives the same
-    sums everywhere."""
-    before = dict(os.environ)
+    sums everywhere. The script of whoever asked is not run again in them, as spawning would.
+    """
+    before, asking = dict(os.environ), sys.modules["__main__"]
+    sys.modules["__main__"] = ModuleType("__main__")
     os.environ.update(environment_of_child(OPENBLAS_NUM_THREADS="1", OMP_NUM_THREADS="1"))
     os.environ.pop(TRIMS, None)
     try:
         yield
     finally:
+        sys.modules["__main__"] = asking
         for name in set(os.environ) - set(before):
             del os.environ[name]
         os.environ.update(before)

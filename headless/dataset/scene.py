@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import hashlib
 import time
-from collections import OrderedDict
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
@@ -19,6 +18,7 @@ from typing import Any
 import bpy
 import numpy as np
 
+from forest_addon.base.kept import LastAsked
 from forest_addon.base.rng import stream
 from forest_addon.blender.files.export import empty_file, open_file
 from forest_addon.blender.sensors.observe import Observer
@@ -67,8 +67,7 @@ class Session:
         self.threads = threads
         self.expansions = Expansions()
         self.served = 0  # scenes
-        self._trees: OrderedDict[tuple[Any, ...], Tree] = OrderedDict()
-        self._bytes = 0
+        self._trees: LastAsked[tuple, Tree] = LastAsked(MOST_KEPT, lambda tree: tree.nbytes)
 
     def clear(self) -> None:
         """Have Blender forget the scene; what it held would else stay until the next one is opened."""
@@ -81,20 +80,10 @@ class Session:
 
         def grown(planting: int, variant: int, species: Species) -> Tree:
             key = (seed, names[planting], variant, species.detail)
-            if key not in self._trees:
-                rng = stream(seed, "library", names[planting], variant)
-                self._keep(key, grow(species, site.species[planting][1], rng))
-            self._trees.move_to_end(key)
-            return self._trees[key]
+            rng = stream(seed, "library", names[planting], variant)
+            return self._trees.once(key, lambda: grow(species, site.species[planting][1], rng))
 
         return grown
-
-    def _keep(self, key: tuple[Any, ...], tree: Tree) -> None:
-        self._trees[key] = tree
-        self._bytes += tree.nbytes
-        while self._bytes > MOST_KEPT and len(self._trees) > 1:
-            _, oldest = self._trees.popitem(last=False)
-            self._bytes -= oldest.nbytes
 
 
 class _Making:

@@ -153,7 +153,7 @@ def _sonar() -> list[Mark]:
     return [
         *marks,
         Mark("ours, direct sum", few * LEAVES / 5000, DIRECT, ours=True),
-        Mark("T20's code, Octave", 2 * 19.5, None),
+        Mark("Tanveer et al. 2020a, Octave", 2 * 19.5, None),
     ]
 
 

@@ -109,7 +109,7 @@ def _ear(left: float) -> MeasuredSphere:
 TITLE = "sonar: pings among trees"
 SPECIES, VARIANTS = "honda-birch", 5
 POSE = {"position": (0.0, 0.0, 4.0), "elevation_deg": 10.0}
-PAPER_SECONDS = {  # T20, Table 1, on 32 cores
+PAPER_SECONDS = {  # Tanveer et al. 2020a, Table 1, on 32 cores
     "t20-table-1-one": 0.73,
     "t20-table-1-five": 3.03,
 }
@@ -123,7 +123,8 @@ def run(say: Say) -> None:
     )
     _pings(say, forests)
     say(
-        "\nT20's Table 1: its scene files, the paper's model, all positions; cull 0.01, tolerance 1e-4.\n"
+        "\nTable 1 of Tanveer et al. 2020a: its scene files, the paper's model, all positions; "
+        "cull 0.01, tolerance 1e-4.\n"
     )
     _table_1(say)
     say("\nCulling, 5 trees, 30° beam: what is promised and what is true.\n")
@@ -226,7 +227,7 @@ def _table_1(say: Say) -> None:
         "trees",
         "positions",
         "leaves",
-        "T20 (32 cores), s",
+        "theirs (32 cores), s",
         "first, s",
         "again, s",
         "faster",

@@ -591,7 +591,9 @@ def _flown(
     """
     line = read.lines[number]
     rows = (read.cloud.line == number) & (read.cloud.number == 1)
-    pattern = pattern_like(line, read.cloud.place[rows], read.cloud.time[rows])
+    pattern = pattern_like(
+        line, *(c[rows] for c in (read.cloud.place, read.cloud.time, read.cloud.angle))
+    )
     farthest = RANGE * float(read.far[rows].max())
     faint = min(faintest_of(read) * farthest**2, 1.0)
     limited = plain.changed(max_range=farthest, faintest=faint)

@@ -11,7 +11,7 @@ from __future__ import annotations
 import argparse
 import csv
 from collections import defaultdict
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -85,7 +85,7 @@ def validate(data: Path, out: Path, arguments: argparse.Namespace) -> list[Compa
         "Shares of leaves by inclination: measured (bars), the paper's preset (brown), the measured "
         "variant (green), and the beta distribution of measured mean and deviation (dotted).",
     )
-    return [*found[:-1], _with(found[-1], picture)]
+    return [*found[:-1], replace(found[-1], pictures=(picture,))]
 
 
 def read_angles(path: Path) -> dict[str, dict[str, np.ndarray]]:
@@ -176,12 +176,6 @@ def _rows(
             before=Interval(float(tests[1].statistic)),
         ),
     ]
-
-
-def _with(comparison: Comparison, picture: Picture) -> Comparison:
-    from dataclasses import replace
-
-    return replace(comparison, pictures=(picture,))
 
 
 def _draw(drawn: list[tuple[LeafKind, np.ndarray, np.ndarray, np.ndarray]], path: Path) -> Path:

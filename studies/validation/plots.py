@@ -375,8 +375,7 @@ def _beech_rows(file: Path, seed: int) -> list[Comparison]:
 
 def _thick_limbs(wood: Skeleton) -> int:
     """Limbs of order 1 that are thicker than 5 cm beyond their collars."""
-    mother = np.maximum(wood.parent, 0)
-    feet = np.flatnonzero((wood.order == 1) & (wood.order[mother] == 0))
+    feet = np.flatnonzero((wood.order == 1) & (wood.order[np.maximum(wood.parent, 0)] == 0))
     count = 0
     for foot in feet.tolist():
         chain = wood.axis(foot)

@@ -5,13 +5,11 @@ from __future__ import annotations
 
 import argparse
 import importlib
-import importlib.util
 import json
 import time
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 
@@ -229,10 +227,7 @@ def run_sections(
     data = find_data(arguments.data, own=bool(arguments.file))
     parts = []
     for name in wanted:
-        module = _module(name)
-        if module is None:
-            say(f"\n{name}: not in this version")
-            continue
+        module = importlib.import_module(f".{name}", __package__)
         folder = out / name
         folder.mkdir(parents=True, exist_ok=True)
         began = time.process_time()
@@ -298,12 +293,6 @@ def _read(file: Path, pictures: Path) -> Subject:
     kept = json.loads(file.read_text(encoding="utf-8"))
     comparisons = tuple(from_record(record, pictures) for record in kept.pop("comparisons"))
     return Subject(**kept, comparisons=comparisons)
-
-
-def _module(name: str) -> ModuleType | None:
-    """The module of a subject; None where this version has none."""
-    whole = f"{__package__}.{name}"
-    return importlib.import_module(whole) if importlib.util.find_spec(whole) else None
 
 
 def keep_subject(part: Subject, folder: Path) -> None:

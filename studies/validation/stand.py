@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -102,8 +102,7 @@ def validate(data: Path, out: Path, arguments: argparse.Namespace) -> list[Compa
         "L(r) - r of the maps (black) in the global 5 % envelopes of a Poisson process (grey) and of the "
         "process that serves best (green): above 0 trees keep company, below 0 they keep apart.",
     )
-    last = found[-1]
-    return [*found[:-1], Comparison(**(vars(last) | {"pictures": (picture,)}))]
+    return [*found[:-1], replace(found[-1], pictures=(picture,))]
 
 
 def terrain(path: Path) -> np.ndarray:

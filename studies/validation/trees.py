@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import argparse
 import csv
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -260,7 +261,7 @@ def validate(data: Path, out: Path, arguments: argparse.Namespace) -> list[Compa
         "Measured trees by stem diameter (grey) and one tree of each preset: green dots lie in the 90 % "
         "band of their diameter, red ones do not, of black ones too few were measured.",
     )
-    rows = [*found[:-1], Comparison(**(vars(found[-1]) | {"pictures": (picture,)}))]
+    rows = [*found[:-1], replace(found[-1], pictures=(picture,))]
     rows += compare_living(data, arguments.seed)
     return rows + compare_volumes(data, arguments.seed)
 

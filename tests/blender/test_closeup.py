@@ -21,7 +21,7 @@ from forest_addon.blender.show.preview import (
     walkers_view,
 )
 from forest_addon.growth.library.species_file import find_species, load_species
-from forest_addon.growth.measured.wanted import Wanted
+from forest_addon.growth.measured.allometry import Wanted
 from forest_addon.growth.tree import grow, without_leaves
 from forest_addon.spec import SpecError
 

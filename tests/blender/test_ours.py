@@ -90,9 +90,10 @@ def test_what_stands_beside_the_parts_or_in_a_species_stays(empty_blender, grown
     assert hut.name in own.objects
 
 
-def test_copies_and_renamed_trees_belong_to_the_user(empty_blender, grown):
+def test_copies_belong_to_the_user_and_a_renamed_tree_is_still_the_tree(empty_blender, grown):
     plant(grown, "objects")
     first, second = list(part(bpy.context.scene, TREES).all_objects)[:2]
+    count = len(grown.stand)
     copy = first.copy()
     first.users_collection[0].objects.link(copy)
     second.name = "the old oak"
@@ -102,6 +103,7 @@ def test_copies_and_renamed_trees_belong_to_the_user(empty_blender, grown):
     assert {copy.name, "the old oak"} <= set(kept.keys())
     assert kept["the old oak"].data == mesh
     assert len(mesh.polygons)
+    assert len(kept) == count + 1  # none stands where the renamed one does
 
 
 def test_a_tree_that_is_needed_no_more_stays_in_a_collection_of_the_users(empty_blender, grown):

@@ -70,10 +70,16 @@ def test_every_format_holds_the_scan(tmp_path, kind):
     expected = records(scan(SCANNER, work().caster, 5), OFFSET)
     assert done.points == len(expected) > 200
     assert sorted(p.name for p in tmp_path.iterdir()) == [path.name]
-    if kind == "ply":
+    if kind.endswith("ply"):
         rows, rest = read_ply(path)
         assert rest == 0
-        assert rows.tobytes() == expected.tobytes()
+        start = np.zeros(3) if "double" in kind else np.array(OFFSET)
+        for name in POINT.names:
+            away = start["xyz".index(name)] if name in "xyz" else 0
+            called = {"amplitude": "intensity"}.get(name, name)
+            assert (rows[called] == (expected[name] - away).astype(rows.dtype[called])).all(), name
+    elif kind == "pcd":
+        assert f"POINTS {len(expected)}\n".encode() in path.read_bytes()
     elif kind == "npz":
         with np.load(path) as data:
             for name in POINT.names:
@@ -139,8 +145,8 @@ def faulty(*pulses):
 @pytest.mark.usefixtures("every_ray")
 def test_a_pulse_that_cannot_be_measured_costs_no_other(tmp_path):
     whole = records(scan(SCANNER, work().caster, 5))
-    done = write_scan(tmp_path / "a.ply", faulty(100, 101, 230), 5, at_once=64)
-    rows, _ = read_ply(tmp_path / "a.ply")
+    done = write_scan(tmp_path / "a.double.ply", faulty(100, 101, 230), 5, at_once=64)
+    rows, _ = read_ply(tmp_path / "a.double.ply")
     kept = whole[~np.isin(whole["pulse"], [100, 101, 230])]
     assert len(kept) < len(whole)
     assert rows.tobytes() == kept.tobytes()
@@ -234,7 +240,9 @@ def test_rows_that_were_lost_are_noticed(tmp_path):
 
 
 def test_an_ending_that_is_not_known(tmp_path):
-    with pytest.raises(SpecError, match=r"\.laz, \.las, \.copc\.laz, \.ply, \.npz"):
+    with pytest.raises(
+        SpecError, match=r"\.laz, \.las, \.copc\.laz, \.ply, \.double\.ply, \.pcd, \.npz"
+    ):
         write_scan(tmp_path / "a.xyz", work(), 5)
     assert list(tmp_path.iterdir()) == []
 
@@ -274,6 +282,7 @@ from pathlib import Path
 import numpy as np
 from forest_addon.formats.las import write_las
 from forest_addon.formats.ply import PlyFile
+from forest_addon.results.coordinates import NO_OFFSET
 from forest_addon.results.points import POINT
 from forest_addon.results.scan_file import finish
 
@@ -288,7 +297,7 @@ for kind in ("npz", "las"):
         for _ in range(chunks):
             file.append(rows)
         file.close()
-        finish(file, folder / f"a.{kind}", "")
+        finish(file, folder / f"a.{kind}", NO_OFFSET)
         print(peak())
 """
 

@@ -1,7 +1,10 @@
 """Files of a stand: what is written can be read by others and planted again; rasters mean what they say."""
 
 import csv
+import gzip
 import json
+import zipfile
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,6 +12,9 @@ from PIL import Image
 
 from forest_addon.formats.raster_file import read_raster
 from forest_addon.formats.stl import write_stl
+from forest_addon.formats.table import write_csv
+from forest_addon.formats.tree_map import COLUMNS as NAMED
+from forest_addon.formats.tree_map import PLACES
 from forest_addon.results.coordinates import note_of
 from forest_addon.results.tables import COLUMNS, write_stand
 from forest_addon.spec import Forest, Planting, Raster, Scene, SpecError, Terrain
@@ -159,23 +165,132 @@ def test_a_list_may_leave_cells_empty(tmp_path):
     assert found.rotation.tolist() == pytest.approx([0.5, np.nan], nan_ok=True)
 
 
-FOREIGN = {  # the same two trees, the second without a height
+# The same two trees of each kind, the second without a height.
+FOREIGN = {
     "units": "X (m),Y [m],DBH (cm),height_ft\n5.5,6,24,60\n7,8,31,\n",
     "words of R": '"x","y","dbh_mm","h","plot"\n5.5,6,240,18.288,"a"\n7,8,310,NA,"a"\n',
     "Excel, decimal commas": "sep=;\r\nx;y;DBH cm;Height\r\n5,5;6;24,0;18,288\r\n7;8;31;\r\n",
     "empty rows and columns": "x,y,dbh,height,,\n5.5,6,0.24,18.288,,\n,,,,,\n7,8,0.31,,,\n,,,,,\n",
+    "a number before x": "n,e,x,y,dbh,h\n1,0.1,5.5,6,0.24,18.288\n2,0.2,7,8,0.31,\n",
+    "map coordinates beside x": "easting,northing,x,y,dbh,h\n9e5,9e6,5.5,6,0.24,18.288\n9e5,9e6,7,8,0.31,\n",
+    "names made by R": "x y DBH.cm Height..m.\n5.5 6 24 18.288\n7 8 31 NA\n",
+    "rows named by R": '"x" "y" "dbh" "h"\n"1" 5.5 6 0.24 18.288\n"2" 7 8 0.31 NA\n',
+    "German": "Baum-Nr;Rechtswert;Hochwert;BHD [cm];Höhe\n1;5,5;6;24;18,288\n2;7;8;31;\n",
+    "French": "X_L93\tY_L93\tcirconférence (cm)\tHauteur\n5,5\t6\t75,39822369\t18,288\n7\t8\t97,38937226\t\n",
+    "GIS": "OBJECTID|POINT_X|POINT_Y|DBH_cm|HT\n1|5.5|6|24|18.288\n2|7|8|31|\n",
+    "FIA": "SPCD,X,Y,STATUSCD,DIA,HT\n316,5.5,6,1,9.448818898,60\n316,7,8,1,12.2047244,\n",
+    "NEON": "adjEasting,adjNorthing,easting,stemDiameter,height\n5.5,6,1,24,18.288\n7,8,1,31,\n",
+    "ForestGEO": "treeID,sp,gx,gy,dbh_mm,DFstatus,h\n1,a,5.5,6,240,alive,18.288\n2,a,7,8,310,alive,NULL\n",
+    "a note of two lines": 'x,y,dbh,h,note\n5.5,6,0.24,18.288,"leans\nmuch"\n7,8,0.31,,x\n',
+    "size classes": "x,y,dbh,h,size\n5.5,6,0.24,18.288,3\n7,8,0.31,,1\n",
+    "quoted decimal commas": 'x,y,dbh,h\n"5,5",6,"0,24","18,288"\n7,8,"0,31",\n'.replace(
+        "18,288", "18,2880"
+    ),
+    "dead trees and missing places": (
+        "x,y,dbh,h,status\n5.5,6,0.24,18.288,1\n1,1,9e-2,3,2\nNA,NA,0.2,,1\n7,8,0.31,,1\n"
+    ),
+    "stems of one tree": "x,y,dbh,h\n5.5,6,0.144,18.288\n7,8,0.31,\n5.5,6,0.192,17\n",
+    "distances and azimuths": (
+        "azimuth,dist_m,dbh,h,plot\n42.51044708,8.139410298,0.24,18.288,1\n"
+        "41.18592517,10.63014581,0.31,,1\n"
+    ),
+    "gons": "azimuth_gon,dist,dbh,h\n47.23383009,8.139410298,0.24,18.288\n45.76213908,10.63014581,0.31,\n",
 }
 
 
-@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "utf-16-be"])
+@pytest.mark.parametrize(
+    "encoding", ["utf-8", "utf-8-sig", "utf-16", "utf-16-le", "cp1252", "gzip"]
+)
 @pytest.mark.parametrize("text", FOREIGN.values(), ids=FOREIGN)
 def test_lists_of_other_programs_are_read_in_metres(tmp_path, text, encoding):
-    mark = "\ufeff" if encoding == "utf-16-be" else ""
-    (tmp_path / "t.csv").write_bytes((mark + text).encode(encoding))
-    found = read_tree_list(tmp_path / "t.csv")
-    assert found.position.tolist() == [[5.5, 6], [7, 8]]
-    assert found.measures[:, 0] == pytest.approx([0.24, 0.31], rel=1e-12)
+    path = tmp_path / ("t.csv.gz" if encoding == "gzip" else "t.csv")
+    path.write_bytes(gzip.compress(text.encode()) if encoding == "gzip" else text.encode(encoding))
+    found = read_tree_list(path)
+    assert found.position == pytest.approx(np.array([[5.5, 6], [7, 8]]), rel=1e-7)
+    assert found.measures[:, 0] == pytest.approx([0.24, 0.31], rel=1e-7)
     assert found.measures[:, 1] == pytest.approx([18.288, np.nan], rel=1e-12, nan_ok=True)
+    assert not np.isfinite(found.scale).any()
+    assert " trees of t.csv" in found.said[0]
+
+
+def test_what_was_taken_and_what_was_left_is_told(tmp_path):
+    (tmp_path / "t.csv").write_text(
+        "tag,x,y,BHD [cm],size,Status\n1,1,1,20,3,dead\n2,2,2,21,2,alive\n3,NA,2,9,1,alive\n"
+        "4,3,3,12,1,alive\n5,3,3,9,1,alive\n"
+    )
+    said = read_tree_list(tmp_path / "t.csv").said
+    assert "dbh = BHD [cm] (cm)" in said[0]
+    assert "not used: tag, size" in said[0]
+    assert said[1:3] == (
+        "t.csv: left out 1 row without x or y",
+        "t.csv: left out 1 row of dead trees",
+    )
+    assert "1 tree has several stems" in said[3]
+
+
+def planted(path, crs="EPSG:32632", **kinds):
+    plantings = tuple(Planting(species=name, layout="list", trees=path.name) for name in NAMES)
+    scene = Scene(plantings=plantings, offset=OFFSET, crs=crs)
+    return plan_stand(9, scene.forest, plantings, read_inputs(scene, path.parent))
+
+
+@pytest.mark.parametrize(
+    "kind", ["geojson", "xlsx", "gpkg", "shp", "degrees.csv", "degrees.geojson"]
+)
+def test_a_stand_in_the_formats_of_maps_and_sheets_is_planted_again(stand, tmp_path, kind):
+    path = tmp_path / f"p.{kind}"
+    species = [NAMES[k] for k in stand.species]
+    place = stand.position[:, :2] + OFFSET[:2]
+    if kind == "geojson":
+        write_stand(path, stand, NAMES, OFFSET, "EPSG:32632")
+    elif kind == "xlsx":
+        book = pytest.importorskip("openpyxl").Workbook()
+        book.active.append(["Nr", "x", "y", "Art"])
+        for row, name in zip(place.tolist(), species, strict=True):
+            book.active.append([1, *row, name])
+        book.save(path)
+    elif kind.startswith("degrees"):
+        back = pytest.importorskip("pyproj").Transformer.from_crs(32632, 4326, always_xy=True)
+        lon, lat = back.transform(*place.T)
+        if kind.endswith("csv"):
+            write_csv(path, {"X": lon.tolist(), "Y": lat.tolist(), "species": species})
+        else:
+            points = [{"type": "Point", "coordinates": each} for each in zip(lon, lat, strict=True)]
+            features = [
+                {"type": "Feature", "geometry": point, "properties": {"species": name}}
+                for point, name in zip(points, species, strict=True)
+            ]
+            path.write_text(json.dumps({"type": "FeatureCollection", "features": features}))
+    else:
+        shapely, raw = pytest.importorskip("shapely"), pytest.importorskip("pyogrio.raw")
+        shapes = shapely.to_wkb(shapely.points(place))
+        raw.write(
+            path,
+            shapes,
+            [np.array(species, object)],
+            ["species"],
+            geometry_type="Point",
+            crs="EPSG:32632",
+        )
+    again = planted(path)
+    assert again.position[:, :2] == pytest.approx(stand.position[:, :2], abs=1e-6)
+    assert (again.species == stand.species).all()
+
+
+def test_crowns_as_polygons_tell_places_and_widths(tmp_path):
+    turn = np.linspace(0, 2 * np.pi, 200, endpoint=False)
+    ring = np.column_stack([20 + 3 * np.cos(turn), 9 + 3 * np.sin(turn)]).tolist()
+    shapes = [
+        {"type": "Polygon", "coordinates": [ring]},
+        {"type": "MultiPolygon", "coordinates": [[[[0, 0], [1, 0], [1, 1]]], [ring[:199]]]},
+    ]
+    features = [{"type": "Feature", "geometry": each, "properties": None} for each in shapes[:1]]
+    (tmp_path / "c.geojson").write_text(
+        json.dumps({"type": "FeatureCollection", "features": features})
+    )
+    found = read_tree_list(tmp_path / "c.geojson")
+    assert found.position == pytest.approx(np.array([[20, 9]]), abs=1e-6)
+    assert found.measures[0, 2] == pytest.approx(6, rel=1e-3)
 
 
 @pytest.mark.parametrize(
@@ -184,14 +299,49 @@ def test_lists_of_other_programs_are_read_in_metres(tmp_path, text, encoding):
         ("x,y,scale\n1,2,-1\n", "row 2: scale is -1"),
         ("x,y,scale\n1,2,big\n", 'row 2: scale is "big"'),
         ("x,z\n1,2\n", "no column y"),
-        ("x,y,dbh\n1,2,24\n", "row 2: dbh is 24 m, more than trees have"),
+        ("x,y,dbh\n1,2,24\n", "row 2: dbh is 24 m, more than trees have .* as dbh_cm"),
+        ("x,y,dbh\n1,2,3.1\n3,4,2.7\n", "a median of 2.9 cm or in would make sense"),
+        ("x,y,BHD\n1,2,310\n3,4,270\n", "a median of 290 mm would make sense"),
+        ("x,y,h\n1,2,80\n3,4,110\n", "a median of 95 ft or dm would make sense"),
         ("x,y,Height (yd)\n1,2,20\n", r'column "height \(yd\)" is not known; use one of m, cm'),
         ("x,y,dbh\n1,5,2,5,0,24\n", "row 2 has 6 values, its header 3"),
         ("x,y\n1,5,2\n", "row 2 has 3 values, its header 2"),
-        ("x\ty\n1,5\t2\n", 'row 2: x is "1,5"'),
+        ('x,y\n"1,500",2\n', 'row 2: x is "1,500"'),
+        ("x,y\n9.0001,48.1\n9.0002,48.10001\n9.0003,48.1002\n", 'degrees; .* as "EPSG:32632"'),
+        ("lon,lat\n-70.1,-33.5\n", 'degrees; .* as "EPSG:32719"'),
+        ("azimuth,dist\n390,4\n", "azimuths above 360 degrees"),
+        ("azimuth,dist,plot\n90,4,1\n80,4,2\n", "trees of several plots"),
+        ("x,y\n" + "1,1\n" * 60, "60 rows at one place, as of a plot"),
+        ('x,y,note\n1,2,"never ends\n3,4,a\n', "cannot be read"),
     ],
 )
 def test_lists_that_cannot_be_used_are_refused(tmp_path, text, said):
     (tmp_path / "t.csv").write_text(text)
     with pytest.raises(SpecError, match=said):
         read_tree_list(tmp_path / "t.csv")
+
+
+def test_a_list_beside_the_field_is_refused_with_the_offset_that_would_do(tmp_path):
+    (tmp_path / "t.csv").write_text("x,y\n432105.5,5612309\n432120,5612325\n")
+    planting = Planting(species="oak", layout="list", trees="t.csv")
+    with pytest.raises(SpecError, match=r"offset = \[432105, 5612309, 0\] would put them there"):
+        read_inputs(Scene(plantings=(planting,)), tmp_path)
+
+
+@pytest.mark.parametrize("kind", ["xlsx", "csv.gz"])
+def test_a_file_that_unpacks_to_very_much_is_refused(tmp_path, kind):
+    path, much = tmp_path / f"t.{kind}", b"x,y\n" + bytes(30_000_000)
+    if kind == "xlsx":
+        with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+            archive.writestr("xl/workbook.xml", much)
+    else:
+        path.write_bytes(gzip.compress(much))
+    with pytest.raises(SpecError, match="unpacks to more than"):
+        read_tree_list(path)
+
+
+def test_the_manual_names_the_columns_that_are_read():
+    page = (Path(__file__).parents[2] / "docs/bring-your-data.md").read_text("utf-8")
+    for key, names in {"place": ", ".join(PLACES), **NAMED}.items():
+        names = names.split(", ") if key == "place" else names.split()
+        assert f"| {key} | {', '.join(f'`{name}`' for name in names)} |" in page

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from scipy.stats import chisquare, kstest, truncnorm
 
-from forest_addon.growth import honda as branching
 from forest_addon.growth.draw import draw_discrete, draw_normal
-from forest_addon.growth.honda import grow_honda, predict_branches
+from forest_addon.growth.lsystem import branching
+from forest_addon.growth.lsystem.branching import grow_honda, predict_branches
 from forest_addon.spec import Discrete, Honda, Leaf, Normal, SpecError
 
 FALSE_ALARM = 1e-6

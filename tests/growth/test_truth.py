@@ -13,10 +13,10 @@ from references.solid_brute import union_volume
 
 from forest_addon.base.rng import stream
 from forest_addon.growth.library.species_file import find_species, load_species
+from forest_addon.growth.lsystem.branching import skeleton_of
 from forest_addon.growth.mesh.leaves import Leaves
 from forest_addon.growth.mesh.meshing import mesh_wood
 from forest_addon.growth.skeleton import Skeleton, cylinders_of, diameter_at
-from forest_addon.growth.species import skeleton_of
 from forest_addon.growth.tree import Tree
 from forest_addon.growth.truth import (
     leaf_angles,

@@ -15,10 +15,11 @@ from forest_addon.api import World
 from forest_addon.formats.atomic import replacing
 from forest_addon.formats.ownership import RECORD
 from forest_addon.formats.ply import PlyFile
+from forest_addon.results.packed import read_values, write_values
 from headless.command import name_of
 from headless.commands.lidar import LidarCommand
 from headless.lock import only_one
-from headless.unfinished import read_value, write_value
+from headless.unfinished import kind_of
 
 SMALL = Path(__file__).with_name("small.toml").read_text(encoding="utf-8")
 OFF = (
@@ -114,24 +115,14 @@ def test_a_run_that_was_ended_goes_on_to_the_same_bytes(headless, scene, tmp_pat
 
 
 @pytest.mark.parametrize(
-    ("module", "name"), [("os", "system"), ("numpy", "memmap"), ("shutil", "rmtree")]
+    "name", ["os:system", "numpy:memmap", "shutil:rmtree", f"{PlyFile.__module__}:PlyFile"]
 )
-def test_what_lies_among_unfinished_results_runs_nothing(tmp_path, module, name):
-    text = json.dumps(["made", [module, name, {}]]).encode()
+def test_only_dataclasses_of_ours_are_made_of_what_lies_among_unfinished_results(tmp_path, name):
     with open(tmp_path / "a.npz", "w+b") as file:
-        np.savez(file, text=np.frombuffer(text, dtype=np.uint8))
+        np.savez(file, tree=np.array(json.dumps([["record", name, {}]])))
         file.seek(0)
         with pytest.raises(ValueError, match="is of no result"):
-            read_value(file)
-
-
-def test_only_dataclasses_of_ours_are_made(tmp_path):
-    text = json.dumps(["made", [PlyFile.__module__, "PlyFile", {}]]).encode()
-    with open(tmp_path / "a.npz", "w+b") as file:
-        np.savez(file, text=np.frombuffer(text, dtype=np.uint8))
-        file.seek(0)
-        with pytest.raises(ValueError, match="is of no result"):
-            read_value(file)
+            read_values(file, kind_of)
 
 
 def test_values_come_back_as_they_were(tmp_path):
@@ -143,10 +134,10 @@ def test_values_come_back_as_they_were(tmp_path):
         "arrays": (np.array(["ab", "c"]), np.zeros((0, 3)), np.array(np.nan)),
     }
     with open(tmp_path / "a.npz", "w+b") as file:
-        write_value(file, value)
+        write_values(file, [value])
         file.seek(0)
-        back = read_value(file)
+        (back,) = read_values(file, kind_of)
     np.testing.assert_equal(back, value)
     assert type(back["numbers"][6]) is np.float32
     with open(tmp_path / "b.npz", "wb") as file, pytest.raises(TypeError, match="is of no result"):
-        write_value(file, [print])
+        write_values(file, [[print]])

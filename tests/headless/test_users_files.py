@@ -35,12 +35,29 @@ expected = 4
 distance = 8.0
 steps = 20
 """
+TINY = """
+seed = 3
+[forest]
+size = [5.0, 5.0]
+[[plantings]]
+species = "hazelnut"
+variants = 1
+expected = 1
+exact = true
+[[sensors]]
+kind = "terrestrial"
+position = [-2.0, 3.0, 1.5]
+angle_step_deg = 8.0
+[output]
+preview_size = [32, 24]
+preview_samples = 1
+"""
 # A command's words; {out} is a folder, and what they read lies beside it.
 WORDS = {
     "run": "run small.toml --out {out} --convolve dry.wav --quiet",
     "demo": "demo --out {out} --quiet",
     "dataset": f"dataset {PLAN} --out {{out}} --set count=1 --workers 1 --shards 1 --quiet",
-    "accuracy": "accuracy small.toml --out {out} --seconds 1",
+    "accuracy": "accuracy tiny.toml --out {out} --seconds 1",
     "template": "template w.stl l.stl --name elm --siblings 0 --out {out}",
     "species": "species hazelnut --pictures {out} --sheet {out}/sheet.png --pixels 60",
     "stand": "stand small.toml --out {out}/t.csv",
@@ -65,6 +82,7 @@ def inputs(tmp_path_factory):
     folder = tmp_path_factory.mktemp("inputs")
     (folder / "small.toml").write_text(SMALL)
     (folder / "flight.toml").write_text(FLIGHT)
+    (folder / "tiny.toml").write_text(TINY)
     model = tree()
     write_stl(folder / "w.stl", model.wood())
     write_stl(folder / "l.stl", model.leaves())
@@ -92,7 +110,10 @@ def run(headless, inputs, tmp_path, monkeypatch):
     here = tmp_path / "here"
     shutil.copytree(inputs, here)
     monkeypatch.chdir(here)
-    monkeypatch.setattr(commands.demo, "DEMO", here / "small.toml")
+    monkeypatch.setattr(commands.demo, "DEMO", here / "tiny.toml")
+    # No verdict and no picture is looked at.
+    monkeypatch.setattr("forest_addon.stand.statistics.goodness.SIMULATIONS", 19)
+    monkeypatch.setattr("headless.report.trees.ICON", 24)
     return lambda name, out, *more: headless(*WORDS[name].format(out=out).split(), *more)
 
 

@@ -8,8 +8,9 @@ import pytest
 from forest_addon.base.rng import stream
 from forest_addon.base.trimesh import LEAF, WOOD, is_wood
 from forest_addon.growth.library.species_file import find_species, load_species
+from forest_addon.sensing.audit import held
 from forest_addon.sensing.detail import grow_needed
-from forest_addon.sensing.trees_audit import audit_tubes
+from forest_addon.sensing.trees_audit import part_of_tubes
 from forest_addon.spec import (
     Accuracy,
     Airborne,
@@ -103,7 +104,8 @@ def test_tubes_are_as_coarse_as_the_beam_and_within_what_is_said():
     assert 0.002 < choice.bound < 0.1 * 0.5e-3 * 80.0
     assert choice.bound > 0.1 * narrowest / 1.2
     trees = [(tree, choice.bound) for tree in some.variants.values()]
-    audit = audit_tubes(trees, stream(1, "needs"), seconds=3.0, share=1.0)
+    rng = stream(1, "needs")
+    audit = held([part_of_tubes(trees, rng)], rng, 1.0)
     assert audit.kept
     assert audit.checked >= 20
     assert some.species[0].detail.tolerance == choice.bound

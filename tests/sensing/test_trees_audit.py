@@ -11,13 +11,13 @@ from forest_addon.base.trimesh import WOOD
 from forest_addon.growth.library.species_file import find_species, load_species
 from forest_addon.growth.mesh.leaves import separate_leaves
 from forest_addon.growth.tree import grow
-from forest_addon.sensing.audit import Audit, Check
+from forest_addon.sensing.audit import Audit, Check, held
 from forest_addon.sensing.rays.geometry import SceneGeometry
 from forest_addon.sensing.trees_audit import (
     _to_triangles,
-    audit_leaves,
     audit_trees,
-    audit_tubes,
+    part_of_leaves,
+    part_of_tubes,
     points_on_cones,
 )
 from forest_addon.spec import Normal, Planting, Scene, Targets
@@ -30,9 +30,14 @@ SEEDLING = Targets(dbh=Normal(mean=0.03), height=3.0, leaf_area=1.0)
 
 @pytest.fixture
 def points(monkeypatch):
-    """So many points on branches, and no more: by itself the audit takes what a share of the time allows."""
-    monkeypatch.setattr("forest_addon.sensing.trees_audit.BATCH", POINTS)
-    return {"rng": stream(2, "audit points"), "seconds": 1.0, "share": 0.0}
+    """An audit of branches by so many points."""
+    monkeypatch.setattr("forest_addon.sensing.trees_audit.LEAST", POINTS)
+
+    def audit(*trees):
+        rng = stream(2, "audit points")
+        return held([part_of_tubes(trees, rng)], rng, 1.0)
+
+    return audit
 
 
 def grown(name):
@@ -48,10 +53,10 @@ def birch():
 @pytest.mark.medium
 @pytest.mark.parametrize("name", ["honda-willow", "abop-ternary-a", "ginkgo"])
 def test_the_tubes_of_species_are_within_their_tolerance(name, points):
-    found = audit_tubes([grown(name)], **points)
+    found = points(grown(name))
     assert found.kept, str(found)
     assert found.error > 0
-    assert found.checked > 0.8 * POINTS  # some would lie below the ground
+    assert found.checked == POINTS
 
 
 @pytest.mark.slow
@@ -59,10 +64,10 @@ def test_a_branch_that_is_thin_or_lost_is_found(birch, points):
     """Half of the wood is lost: that none of 24 points lies there has a chance of 6e-8."""
     tree, allowed = birch
     thick = replace(tree, skeleton=replace(tree.skeleton, radius=tree.skeleton.radius * 1.2))
-    assert not audit_tubes([(thick, allowed)], **points).kept
+    assert not points((thick, allowed)).kept
     wood = np.flatnonzero(tree.mesh.part == WOOD)
     lost = tree.mesh.select(~np.isin(np.arange(len(tree.mesh.part)), wood[len(wood) // 2 :]))
-    assert not audit_tubes([(replace(tree, mesh=lost), allowed)], **points).kept
+    assert not points((replace(tree, mesh=lost), allowed)).kept
 
 
 def test_points_are_on_cones_above_the_ground(birch):
@@ -104,9 +109,9 @@ def test_curved_leaves_and_shoots_are_where_their_truth_says(name):
     none = np.zeros(1, np.int64)
     meshes = (separate_leaves(single),)
     scene = SceneGeometry(meshes, forest.transforms(), none, ("a",), forest.stand.id, none)
-    found = audit_leaves(forest, scene, RNG, 1.0, 1.0)
+    found = held([part_of_leaves(forest, scene, 1.0)], RNG, 1.0)
     assert found.kept
-    assert found.checked == len(forest.variant_of(0).leaves)
+    assert found.checked == 1
 
 
 def test_leaves_are_where_their_truth_says():
@@ -121,16 +126,16 @@ def test_leaves_are_where_their_truth_says():
     found = audit_trees(forest, scene, RNG, 1.0, 0.1)
     assert list(found) == ["leaves"]  # branches come from a template
     assert found["leaves"].kept
-    assert found["leaves"].checked == len(tree.leaves)
+    assert found["leaves"].checked == 1
     moved = replace(scene, meshes=(replace(mesh, vertices=single + np.array([0, 0, 1e-3])),))
-    assert not audit_leaves(forest, moved, RNG, 1.0, 0.1).kept
+    assert not held([part_of_leaves(forest, moved, 0.1)], RNG, 1.0).kept
     fewer = replace(scene, meshes=(mesh.select(mesh.leaf != 0),))
-    assert audit_leaves(forest, fewer, RNG, 1.0, 0.1).error == np.inf
+    assert held([part_of_leaves(forest, fewer, 0.1)], RNG, 1.0).error == np.inf
 
 
 def test_an_audit_reads_as_people_write_numbers():
     check = Check.on("rays", np.zeros(3), 30, 1e-9, "m")
-    assert "(10 % of 30), 0 m off at most" in str(Audit((check,), 1.0, 1234.0))
+    assert "(10 % of 30; sees errors in 63 %), 0 m off at most" in str(Audit((check,), 1.0, 1234.0))
     said = {1234.0: "1,230", 1.2e7: "12,000,000", 56.54: "56.5", 2.0: "2"}
     for times, words in said.items():
         assert f"; about {words} times as fast" in str(Audit((check,), 1.0, times))

@@ -65,6 +65,20 @@ def test_a_clearing_takes_what_stands_in_it_and_nothing_else():
     assert kept == rows_of(plain, np.flatnonzero(far))
 
 
+@pytest.mark.parametrize("rule", ["matern", "greedy"])
+def test_where_trees_were_deleted_or_moved_none_that_spacing_had_removed_moves_up(rule):
+    field, dense = FIELD.changed(spacing_rule=rule), OAK.changed(expected=150)
+    plain = plan_stand(3, field, [dense])
+    assert plain.removed > 30
+    every = range(0, len(plain), 4)
+    discs = tuple(Clearing(position=tuple(plain.position[k, :2]), radius=0.01) for k in every)
+    left = rows_of(plain, [k for k in range(len(plain)) if k not in every])
+    for hand in ((), tuple(HandTree(position=(-20.0, 3.0 * k)) for k in range(len(discs)))):
+        stand = plan_stand(3, field, [dense.changed(clearings=discs, by_hand=hand)])
+        assert rows_of(stand, np.flatnonzero(stand.number >= 0)) == left
+        assert stand.removed == plain.removed
+
+
 def test_a_new_seed_moves_no_tree_that_was_set():
     planting = OAK.changed(by_hand=TREES, clearings=(Clearing(position=(9.0, 9.0), radius=4.0),))
     for seed in (1, 2):

@@ -7,8 +7,7 @@ import pytest
 
 from forest_addon.api.world import trees_in_world
 from forest_addon.growth.library.species_file import find_species, load_species, read_allometry
-from forest_addon.growth.measured.allometry import band
-from forest_addon.growth.measured.wanted import TARGETS
+from forest_addon.growth.measured.allometry import TARGETS, band
 from forest_addon.spec import Forest, Planting, Scene, Targets
 from forest_addon.stand.files import read_tree_list
 from forest_addon.stand.forest import grow_forest, met_targets, tree_table

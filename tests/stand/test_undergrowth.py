@@ -107,8 +107,9 @@ def test_ground_with_undergrowth_is_rough_unless_said():
 
 
 def test_trees_of_dead_wood_alone_are_audited_as_others():
-    from forest_addon.sensing.trees_audit import audit_tubes
+    from forest_addon.sensing.audit import held
+    from forest_addon.sensing.trees_audit import part_of_tubes
 
     (tree, *_) = ForestSite.read(scene_of("none", "stump")).grow().variants.values()
-    audit = audit_tubes([(tree, 0.002)], np.random.default_rng(0), 0.01, 0.1)
-    assert audit is not None
+    rng = np.random.default_rng(0)
+    assert held([part_of_tubes([(tree, 0.002)], rng)], rng, 0.01).kept

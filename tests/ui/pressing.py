@@ -44,6 +44,14 @@ def facts(props, name):
     return {figure.name: figure.value for figure in props.results[name].figures}
 
 
+def next_uid():
+    """The number that Blender gives the next block: it grows with every block that is made."""
+    data = bpy.data.meshes.new("probe")
+    number = data.session_uid
+    bpy.data.meshes.remove(data)
+    return number
+
+
 def add_cube(collection=None):
     data = bpy.data.meshes.new("cube")
     corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)

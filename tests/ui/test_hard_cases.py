@@ -642,16 +642,43 @@ def test_sensors_whose_files_would_have_one_name_are_refused(again):
     assert '"echo-1" is taken' in words
 
 
-def test_a_forest_of_one_scene_is_not_that_of_a_copy(again):
-    """A full copy has its own forest; building there leaves the first alone."""
+@pytest.mark.parametrize("instancing", ["objects", "points"])
+def test_a_full_copy_is_a_forest_of_its_own_and_no_second_one(again, instancing):
+    """Building there leaves the first alone, and nothing stands twice: trees, points, library, results."""
     again()
     first = bpy.context.scene
-    trees = set(layout.root(first).all_objects)
-    copied_scene(None)
-    bpy.context.scene.forest_sensing.seed += 1
+    first.forest_sensing.forest.instancing = instancing
     assert press("build") == (True, "")
-    assert set(layout.root(first).all_objects) == trees
-    assert all(np.isfinite(thing.matrix_world).all() for thing in trees)
+    trees = {t: np.array(t.matrix_world) for t in layout.root(first).all_objects}
+    copied_scene(None)
+    scene, everything = bpy.context.scene, counts()
+    for seed in (0, 1):
+        scene.forest_sensing.seed += seed
+        assert press("build") == (True, "")
+        if not seed:
+            assert (counts(), len(scene.objects)) == (everything, len(first.objects))
+        roles = [thing[layout.ROLE_KEY] for thing in scene.objects if layout.ROLE_KEY in thing]
+        assert len(roles) == len(set(roles))
+    assert {t: t.matrix_world for t in layout.root(first).all_objects}.keys() == trees.keys()
+    assert all(np.array_equal(thing.matrix_world, place) for thing, place in trees.items())
+
+
+def test_a_tree_that_was_renamed_and_moved_or_deleted_in_a_copy_is_no_second_tree(again):
+    again()
+    press("build")
+    copied_scene(None)
+    scene = bpy.context.scene
+    moved, gone = [
+        t for t in scene.objects if TREE_KEY in t and layout.TREES in t[layout.ROLE_KEY]
+    ][:2]
+    count = sum(TREE_KEY in thing for thing in scene.objects)
+    moved.name, moved.location[:2] = "the old oak", (-3.0, -3.0)
+    bpy.data.objects.remove(gone)
+    assert press("build") == (True, "")
+    assert sum(TREE_KEY in thing for thing in scene.objects) == count - 1
+    places = [tuple(t.location[:2]) for t in scene.objects if TREE_KEY in t]
+    assert ((-3.0, -3.0) in places, len(set(places))) == (True, len(places))
+    assert "the old oak" in scene.objects
 
 
 def test_a_fault_in_a_job_does_not_block_the_next(registered, monkeypatch):

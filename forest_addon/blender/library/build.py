@@ -11,8 +11,7 @@ from __future__ import annotations
 import os
 import tomllib
 import uuid
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -29,13 +28,13 @@ from ...growth.tree import Tree, grow
 from ...growth.truth import tree_truth
 from ...spec import Species
 from ..scene import materials
-from ..scene.attributes import give_picture
+from ..scene.assets import mark_asset
+from ..scene.layout import all_or_nothing
 from ..scene.meshes import to_mesh, write_truth
 from ..scene.placing import fingerprint
 from . import pictures
 
 ROOT = "Forest Sensing"
-AUTHOR = ROOT
 
 
 @dataclass(frozen=True)
@@ -75,7 +74,7 @@ def write_species(folder: Path, species: Species, exhibits: Sequence[Exhibit]) -
     folder.mkdir(parents=True, exist_ok=True)
     file = folder / f"{file_name(species.name)}.blend"
     x, made, paths = 0.0, set(), set()
-    with _taken_back():
+    with all_or_nothing(always=True):
         coats = materials.coats_of(species)
         for variant, exhibit in enumerate(exhibits):
             truth = exhibit.truth
@@ -110,13 +109,9 @@ def _asset(
     home = bpy.data.collections.new(name)
     home.objects.link(thing)
     thing.location.x = home.instance_offset[0] = x
-    home.asset_mark()
-    about = home.asset_data
-    about.author, about.catalog_id = AUTHOR, catalog_id(path)
-    about.description = describe(species, exhibit.truth)
-    for tag in ("tree", species, path.rpartition("/")[2].lower()):
-        about.tags.new(tag, skip_if_exists=True)
-    give_picture(home, exhibit.picture)
+    tags = ("tree", species, path.rpartition("/")[2].lower())
+    mark_asset(home, describe(species, exhibit.truth), tags, exhibit.picture)
+    home.asset_data.catalog_id = catalog_id(path)
     return home
 
 
@@ -129,21 +124,6 @@ def describe(species: str, truth: dict[str, float]) -> str:
     if truth["leaves"] > 0:
         said.append(f"{truth['leaf_area_m2']:.3g} m² of leaves ({truth['leaves']:,.0f})")
     return ", ".join(said)
-
-
-@contextmanager
-def _taken_back() -> Iterator[None]:
-    """Remove every data block that is made in the block, however it ends."""
-    kinds = (
-        *(bpy.data.collections, bpy.data.objects, bpy.data.meshes),
-        *(bpy.data.materials, bpy.data.node_groups, bpy.data.images),
-    )
-    before = {block.session_uid for kind in kinds for block in kind}
-    try:
-        yield
-    finally:
-        new = [block for kind in kinds for block in kind if block.session_uid not in before]
-        bpy.data.batch_remove(new)
 
 
 FILE = "blender_assets.cats.txt"

@@ -17,10 +17,9 @@ from ...spec import SpecError
 from ...stand.inputs import Inputs, Painted, TreeList
 from ...stand.intensity.terrain import Triangulated
 from ..scene.attributes import read, world_places_of
-from ..scene.layout import objects_in
+from ..scene.layout import LUMINANCE, objects_in
 from .depsgraph import SOLID_TYPES
 
-LUMINANCE = (0.2126, 0.7152, 0.0722)  # of linear red, green and blue, ITU-R BT.709
 WEIGHTS = ("FLOAT", "INT", "INT8", "BOOLEAN", "FLOAT_COLOR", "BYTE_COLOR")  # kinds of attributes
 
 

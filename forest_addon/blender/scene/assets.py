@@ -6,7 +6,7 @@ The picture is drawn here, from points strewn over the mesh, because a Blender w
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from ...stand.forest import GrownForest
 
 Variant = tuple[int, int]  # number of the planting, and of the variant in it
+AUTHOR = "Forest Sensing"
 PICTURE_KEY = "forest_picture"  # on the object of a variant: what its picture was drawn from
 PIXELS = 128
 DOTS = 60_000
@@ -89,7 +90,9 @@ def tell_variants(
         thing.data[TOLD_KEY] = thing.data[SHAPE_KEY]
         was, drawn_from = thing.get(PICTURE_KEY), _drawn_from(thing, forest, key)
         if was != drawn_from and (was is None or thing.asset_data is not None):
-            mark(thing, told[key].portrait)
+            portrait = told[key].portrait
+            tags = ("tree", "forest", portrait.label)
+            mark_asset(thing, portrait.description, tags, portrait.picture)
         thing[PICTURE_KEY] = drawn_from
 
 
@@ -107,16 +110,17 @@ def _drawn_from(thing: bpy.types.Object, forest: GrownForest, key: Variant) -> s
     return f"{thing.data[SHAPE_KEY]} {look.bark} {look.foliage()}"
 
 
-def mark(thing: bpy.types.Object, portrait: AssetPortrait) -> None:
-    """Make an object an asset that says what tree it is, or say so of one that is an asset."""
-    if thing.asset_data is None:
-        thing.asset_mark()
-        thing.asset_data.author = "Forest Sensing"
-    about = thing.asset_data
-    about.description = portrait.description
-    for tag in {"tree", "forest", portrait.label} - set(about.tags.keys()):
-        about.tags.new(tag)
-    give_picture(thing, portrait.picture)
+def mark_asset(
+    block: bpy.types.ID, description: str, tags: Iterable[str], picture: np.ndarray
+) -> None:
+    """Make an object or a collection an asset that says what tree it is; one that is an asset says so."""
+    if block.asset_data is None:
+        block.asset_mark()
+        block.asset_data.author = AUTHOR
+    block.asset_data.description = description
+    for tag in tags:
+        block.asset_data.tags.new(tag, skip_if_exists=True)
+    give_picture(block, picture)
 
 
 def on_paper(wood: np.ndarray, leaves: np.ndarray | None, look: spec.Look) -> np.ndarray:

@@ -46,6 +46,7 @@ from .layout import (
     SHAPE_KEY,
     TREES,
     VARIANTS,
+    adopt,
     all_or_nothing,
     find_part,
     is_ours,
@@ -158,6 +159,7 @@ def build(
         Mode, where Blender gives it no other mesh; nothing is changed.
     """
     terrain = Flat(settings.forest.terrain.base) if terrain is None else terrain
+    adopt(scene)
     standing = KeptStanding.of(scene)
     edited = next((thing.name for thing in standing.things.values() if thing.mode == "EDIT"), "")
     if edited:

@@ -33,6 +33,7 @@ from .layout import (
     ROLE_KEY,
     TREES,
     VARIANTS,
+    all_or_nothing,
     by_role,
     find_part,
     grove,
@@ -40,7 +41,7 @@ from .layout import (
     objects_in,
     within_reach,
 )
-from .nodes import ROTATION, SCALE, VARIANT, give_instancer, instancer_group
+from .nodes import ROTATION, SCALE, VARIANT, give_instancer
 
 if TYPE_CHECKING:
     from ...stand.forest import GrownForest
@@ -246,6 +247,13 @@ def natural(name: str) -> list[str | int]:
     return pieces
 
 
+def library_of(scene: bpy.types.Scene, name: str) -> list[bpy.types.ID]:
+    """Variants or stand-ins of a scene by their number, as geometry nodes count them."""
+    home = find_part(scene, name)
+    blocks = (*home.objects, *home.children) if home is not None else ()
+    return sorted(blocks, key=lambda block: natural(block.name))
+
+
 def read_points(thing: bpy.types.Object) -> InstancedTrees:
     """The trees of an evaluated object; none where its modifiers put none."""
     geometry = thing.evaluated_geometry() if has_nodes(thing) else None
@@ -281,26 +289,22 @@ def evaluated_transforms(
     count = len(position)
     if not count:
         return np.empty((0, 3, 4))
-    had = {group.name for group in bpy.data.node_groups}
     number, zero = np.arange(count), np.zeros(count, dtype=np.int64)
-    points = points_mesh(NAME, 1, position, rotation, scale, zero, number, zero)
-    single = bpy.data.meshes.new(NAME)
-    single.vertices.add(1)
-    thing, tree = bpy.data.objects.new(NAME, points), bpy.data.objects.new(NAME, single)
-    library, scene = bpy.data.collections.new(NAME), bpy.data.scenes.new(NAME)
+    scene = bpy.data.scenes.new(NAME)
     try:
-        library.objects.link(tree)
-        scene.collection.objects.link(thing)
-        instancer_group()
-        give_instancer(thing, library, library, light=False)
-        layer = scene.view_layers[0]
-        layer.update()
-        placed = read_points(thing.evaluated_get(layer.depsgraph))
+        with all_or_nothing(always=True):
+            points = points_mesh(NAME, 1, position, rotation, scale, zero, number, zero)
+            single = bpy.data.meshes.new(NAME)
+            single.vertices.add(1)
+            thing, library = bpy.data.objects.new(NAME, points), bpy.data.collections.new(NAME)
+            library.objects.link(bpy.data.objects.new(NAME, single))
+            scene.collection.objects.link(thing)
+            give_instancer(thing, library, library, light=False)
+            layer = scene.view_layers[0]
+            layer.update()
+            placed = read_points(thing.evaluated_get(layer.depsgraph))
     finally:
-        bpy.data.batch_remove([thing, tree, points, single, library])
         bpy.data.scenes.remove(scene)
-        new = [g for g in bpy.data.node_groups if g.name not in had and not g.users]
-        bpy.data.batch_remove(new)
     order = np.argsort(placed.tree)
     return placed.transform[order]
 
@@ -394,8 +398,9 @@ def deleted_trees(scene: bpy.types.Scene) -> dict[str, list[tuple[float, float]]
     Of a planting without any tree left nothing is said: it was cleared away, to be grown anew.
     """
     left: dict[str, set[tuple[float, float]]] = {}
-    for thing in bpy.data.objects:  # renamed and unlinked ones too
-        if STOOD_KEY in thing and TREE_KEY in thing and thing.users:
+    for thing in bpy.data.objects:  # renamed and unlinked ones too, not those of a copied scene
+        here = not thing.users_scene or scene in thing.users_scene
+        if here and STOOD_KEY in thing and TREE_KEY in thing and thing.users:
             label = str(thing.get(ROLE_KEY, "")).removeprefix(f"{TREES}/").rpartition(" ")[0]
             left.setdefault(label, set()).add(tuple(thing[STOOD_KEY][:2]))
     if find_part(scene, TREES) is None:
@@ -425,9 +430,7 @@ def _of_object(role: str, thing: bpy.types.Object) -> StoodTree:
 
 
 def _of_points(scene: bpy.types.Scene, thing: bpy.types.Object) -> list[StoodTree]:
-    home = find_part(scene, VARIANTS)
-    blocks = (*home.objects, *home.children) if home is not None else ()
-    library = sorted(blocks, key=lambda block: natural(block.name))
+    library = library_of(scene, VARIANTS)
     roles = [str(b.get(ROLE_KEY, "")).removeprefix(f"{VARIANTS}/") for b in library]
     places = read(thing.data, "position", "FLOAT_VECTOR")
     if any(name not in thing.data.attributes for name in (ROTATION, SCALE, VARIANT)):

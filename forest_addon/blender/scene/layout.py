@@ -2,7 +2,8 @@
 
 Every block that we make carries a custom property with the name it was made under. A copy has the
 property but another name, and a block that was renamed has too: both belong to the user, and so does
-what comes from another file. What stands for something in a forest, a tree or the material of a
+what comes from another file. A tree that was renamed, and the forest of a copied scene, are taken as ours
+again before a forest is grown (``adopt``). What stands for something in a forest, a tree or the material of a
 planting's leaves, says so in a second property: by that the next build finds it again.
 
 *Trees*, the *Variants* that they are copies of, and their *Outlines* for the view; *Ground*, *Sensors*
@@ -13,6 +14,7 @@ them in the scene and whatever they are called now; of copies, the first one mad
 
 from __future__ import annotations
 
+import re
 import struct
 from collections import deque
 from collections.abc import Iterable, Iterator
@@ -77,27 +79,73 @@ def by_role(blocks: Iterable[Block]) -> dict[str, Block]:
     return {block[ROLE_KEY]: block for block in blocks if ROLE_KEY in block and is_ours(block)}
 
 
+def adopt(scene: bpy.types.Scene) -> None:
+    """Take as ours what stands for something in a scene and was renamed with it, or alone.
+
+    Of a copied scene that is its whole forest; else trees that the user has renamed. Where the original
+    stands there too, it is a copy and stays the user's.
+    """
+    top = root(scene)
+    if top is None:
+        return
+    copied = not is_ours(top) and stem(top.name) == stem(top[MADE_KEY])
+    for home in (top, *_below(top)) if copied else ():
+        if MADE_KEY in home and is_local(home):
+            own(home)
+    things = within_reach(scene)
+    known = {str(thing.get(ROLE_KEY, "")) for thing in things if is_ours(thing)}
+    for thing in things:
+        role = str(thing.get(ROLE_KEY, ""))
+        if MADE_KEY not in thing or is_ours(thing) or not is_local(thing) or role in known - {""}:
+            continue
+        if not (copied or role.startswith(f"{TREES}/")):
+            continue
+        known.add(role)
+        own(thing)
+        data = thing.data
+        if copied and data is not None and MADE_KEY in data:
+            if stem(str(thing.get(DATA_KEY, ""))) == stem(data.name_full):
+                thing[DATA_KEY] = data.name_full
+            own(data)
+
+
+def stem(name: str) -> str:
+    """A name without the number that Blender has put at its end."""
+    return re.sub(r"\.\d{3,}$", "", name)
+
+
 @contextmanager
-def all_or_nothing() -> Iterator[None]:
-    """Take back every data block that is made in the block when that fails."""
+def all_or_nothing(always: bool = False) -> Iterator[None]:
+    """Take back every data block that is made in the block when that fails; always : however it ends."""
     kinds = (
         *(bpy.data.objects, bpy.data.meshes, bpy.data.materials),
-        *(bpy.data.collections, bpy.data.node_groups),
+        *(bpy.data.collections, bpy.data.node_groups, bpy.data.images),
     )
-    before = {block for kind in kinds for block in kind}
+    before, keep = {block.session_uid for kind in kinds for block in kind}, False
     try:
         yield
-    except BaseException:
-        bpy.data.batch_remove([block for kind in kinds for block in kind if block not in before])
-        raise
+        keep = not always
+    finally:
+        new = [block for kind in kinds for block in kind if block.session_uid not in before]
+        bpy.data.batch_remove([] if keep else new)
+
+
+def points_of_forest(scene: bpy.types.Scene) -> bpy.types.Object | None:
+    """The object whose points are the trees of a scene, None where trees are objects."""
+    home = find_part(scene, TREES)
+    things = objects_in(home) if home is not None else ()
+    return next((thing for thing in things if thing.get(ROLE_KEY) == POINTS_ROLE), None)
 
 
 ROOT_KEY = "forest_sensing"
+DATA_KEY = "forest_data"  # the mesh that an object was given last, by its name
 PART_KEY = "forest_part"
 CLOUD_KEY = "forest_cloud"  # on points that were found: which sensor found them
 FRAME_KEY = "forest_frame"  # on a mesh of points that is kept: the frame that it was found in
 COLOUR_BY, COLOUR_MAP, RADIUS = "Colour By", "Colour Map", "Radius"  # their menus, their size
 FAR_POINTS = "Far Points"  # beyond the ground that views show
+GAMMA = 1 / 2.2  # colours are linear, the screen's are not
+LUMINANCE = (0.2126, 0.7152, 0.0722)  # of linear red, green and blue, ITU-R BT.709
 SHARE = "Show Share"  # of points, of trees: how many a view shows
 ROOT, TREES, VARIANTS, OUTLINES = "Forest", "Trees", "Variants", "Outlines"
 GROUND_NAME, SENSORS, RESULTS, INTENSITY = "Ground", "Sensors", "Results", "Intensity"

@@ -28,6 +28,7 @@ from ...base.trimesh import TriMesh
 from ...growth.truth import MEASURES
 from .layout import (
     CLOUD_KEY,
+    DATA_KEY,
     LIBRARIES,
     PARTS,
     ROLE_KEY,
@@ -42,11 +43,11 @@ from .layout import (
     part,
     root,
     settle,
+    stem,
     within_reach,
 )
 from .materials import STYLE_KEY, Colour, recolour
 
-DATA_KEY = "forest_data"  # the mesh that an object was given last, by its name
 TOLD_KEY = "forest_told"  # the shape of the mesh that says what its tree measures
 OF_SHAPE = {*MEASURES, TOLD_KEY}  # custom properties that another shape does not take over
 
@@ -299,7 +300,8 @@ def _sweep() -> None:
 
 def _tell(thing: bpy.types.Object, want: WantedObject) -> None:
     """Name and place an object of ours, and have it say what it is."""
-    settle(thing, want.name)
+    if want.part != TREES or stem(thing.name) == want.name:  # else the user calls it so
+        settle(thing, want.name)
     thing[ROLE_KEY] = want.role
     for key, value in want.says.items():
         thing[key] = value

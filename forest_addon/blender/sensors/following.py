@@ -28,9 +28,7 @@ class SceneFollower:
     def curve(self, name: str) -> np.ndarray | None:
         """(K, 3) world points of a curve's first spline, at its own resolution; None of other objects."""
         thing = self._thing(name)
-        if thing.type != "CURVE" or thing.animation_data is not None:
-            return None
-        return curve_points(thing)
+        return curve_points(thing) if _is_line(thing) else None
 
     def motion(self, name: str, count: int | None = None) -> Trajectory:
         """The poses of an object over the scene's frames; what it passes stands as at the present frame.
@@ -40,8 +38,7 @@ class SceneFollower:
         self._thing(name)
         scene = self._scene
         now = scene.frame_current + scene.frame_subframe
-        first, last = scene.frame_start, scene.frame_end
-        rate = scene.render.fps / scene.render.fps_base
+        first, last, rate = self._range
         try:
             if count is None:
                 frames, velocity = np.arange(first, last + 1, dtype=float), None
@@ -62,6 +59,12 @@ class SceneFollower:
             return moving((frames - first) / rate, matrix, velocity)
         except ValueError as problem:
             raise SpecError("follow", f'"{name}" {problem}') from None
+
+    @property
+    def _range(self) -> tuple[int, int, float]:
+        """The first and the last frame, and frames a second."""
+        scene = self._scene
+        return scene.frame_start, scene.frame_end, scene.render.fps / scene.render.fps_base
 
     def _thing(self, name: str) -> bpy.types.Object:
         thing = self._scene.objects.get(name)
@@ -84,6 +87,34 @@ class SceneFollower:
             thing = self._scene.objects[name].evaluated_get(depsgraph)
             found.append(np.array(thing.matrix_world, dtype=np.float64))
         return np.array(found).reshape(-1, 4, 4)
+
+
+class Forecast(SceneFollower):
+    """The same for estimates: curves as long, but straight; objects that stay.
+
+    Nothing of Blender's is written or evaluated, which it forbids while it draws.
+    """
+
+    def curve(self, name: str) -> np.ndarray | None:
+        """(2, 3) points as far apart as a curve's first spline is long; None of other objects."""
+        thing = self._thing(name)
+        if not _is_line(thing):
+            return None
+        size = np.cbrt(abs(thing.matrix_world.to_3x3().determinant()))
+        length = size * sum(spline.calc_length() for spline in thing.data.splines[:1])
+        return np.array([[0.0, 0.0, 0.0], [length, 0.0, 0.0]])
+
+    def motion(self, name: str, count: int | None = None) -> Trajectory:
+        """As many poses as an object has."""
+        self._thing(name)
+        first, last, rate = self._range
+        frames = np.linspace(first, last, count or last - first + 1)
+        return moving((frames - first) / rate, np.tile(np.eye(4), (len(frames), 1, 1)))
+
+
+def _is_line(thing: bpy.types.Object) -> bool:
+    """Return whether an object is a curve that does not move."""
+    return thing.type == "CURVE" and thing.animation_data is None
 
 
 def curve_points(thing: bpy.types.Object) -> np.ndarray:

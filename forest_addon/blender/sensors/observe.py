@@ -13,7 +13,8 @@ import bpy
 import numpy as np
 
 from ...base.progress import Progress
-from ...sensing.audit import Audit
+from ...base.rng import stream
+from ...sensing.audit import Audit, held
 from ...sensing.kind import Observation
 from ...sensing.kinds import choose, kind_of
 from ...sensing.moving import MovingScene, Swaying
@@ -246,14 +247,14 @@ class Observer:
     ) -> Audit | None:
         """A random sample of a finding, computed again by the exact way; None where audits are off.
 
-        seconds : that the finding took; the audit takes ``settings.accuracy.audit`` of it.
+        seconds : that the finding took; ``settings.accuracy.audit`` is the share of it that is looked at.
         """
         audit = kind_of(sensor).audit
         if settings.accuracy.audit == 0 or audit is None:
             return None
         job = self._observation(sensor, settings, folder, way)
-        begin = time.perf_counter()
-        made = audit(job, found, seconds)
+        begin, rng = time.perf_counter(), stream(settings.seed, "audit", sensor.name)
+        made = held(audit(job, found), rng, seconds)
         return replace(made, audit_seconds=time.perf_counter() - begin)
 
     def _observation(self, sensor: Sensor, settings: Scene, folder: Path, way: Any) -> Observation:

@@ -27,6 +27,7 @@ from ..scene.layout import (
     COLOUR_BY,
     FAR_POINTS,
     FRAME_KEY,
+    GAMMA,
     is_ours,
     make_object,
     own,
@@ -402,7 +403,6 @@ def _read(data: bpy.types.Mesh, name: str, kind: str) -> np.ndarray:
 DISTANCE, BRIGHTNESS, ORGAN = "DISTANCE", "BRIGHTNESS", "ORGAN"
 NOTHING = (0.02, 0.02, 0.03)  # linear, where no pulse meets anything
 OUTLIERS = 2  # percent of the values at each end, that share the colour of those
-GAMMA = 1 / 2.2  # colours are linear, the screen's are not
 SceneColours = tuple[
     np.ndarray, list[tuple[str, Colour]]
 ]  # (H, W, 3) of the screen; texts with colours

@@ -23,7 +23,7 @@ from ...base.progress import Progress
 from ...base.trimesh import TriMesh
 from ...sensing.moving import split_pieces
 from ..scene.attributes import read, write
-from ..scene.instances import TREE_KEY, natural
+from ..scene.instances import TREE_KEY, library_of
 from ..scene.layout import (
     MADE_KEY,
     OUTLINES,
@@ -37,6 +37,7 @@ from ..scene.layout import (
     make_collection,
     make_object,
     objects_in,
+    points_of_forest,
     root,
 )
 from ..scene.meshes import from_mesh, to_mesh
@@ -208,7 +209,7 @@ def show_on_points(
     for what, names, part in ((FULL, OF_FULL, VARIANTS), (LIGHT, OF_LIGHT, OUTLINES)):
         home, maps = make_collection(f"Wind {what}", top), []
         for one, first in zip(used.tolist(), sample.tolist(), strict=True):
-            block, row = _library(scene, part)[one], rows[first]
+            block, row = library_of(scene, part)[one], rows[first]
             mesh = _rest(block, sway, row, part)
             begin = len(home.objects)
             maps.append(pieces_of(sway, row, mesh, _coats(scene, block, one), home))
@@ -238,13 +239,6 @@ def forget_points(data: bpy.types.Mesh) -> None:
             data.attributes.remove(attribute)
 
 
-def _library(scene: bpy.types.Scene, part: str) -> list[bpy.types.ID]:
-    """Variants or stand-ins by their number."""
-    home = find_part(scene, part)
-    blocks = (*home.objects, *home.children) if home is not None else ()
-    return sorted(blocks, key=lambda block: natural(block.name))
-
-
 def _rest(block: bpy.types.ID, sway: ForestSway, row: int, part: str) -> TriMesh:
     """The mesh of a variant; of a stand-in the one that stands for it, where it is one mesh."""
     stands = part == OUTLINES and isinstance(block, bpy.types.Object) and block.type == "MESH"
@@ -255,7 +249,7 @@ def _rest(block: bpy.types.ID, sway: ForestSway, row: int, part: str) -> TriMesh
 def _coats(
     scene: bpy.types.Scene, block: bpy.types.ID, one: int
 ) -> list[bpy.types.Material | None]:
-    own = block if isinstance(block, bpy.types.Object) else _library(scene, VARIANTS)[one]
+    own = block if isinstance(block, bpy.types.Object) else library_of(scene, VARIANTS)[one]
     return list(own.data.materials) if isinstance(own, bpy.types.Object) and own.data else []
 
 
@@ -329,8 +323,7 @@ def _trees(
     """The modifier that puts trees on points, if they are points, and those that are objects."""
     home = find_part(scene, TREES)
     things = objects_in(home) if home else []
-    points = next((thing for thing in things if thing.get(ROLE_KEY) == POINTS_ROLE), None)
-    return instancer_of(points), [thing for thing in things if TREE_KEY in thing]
+    return instancer_of(points_of_forest(scene)), [t for t in things if TREE_KEY in t]
 
 
 def _show_on_objects(

@@ -29,8 +29,7 @@ from ...spec import Allometry, SpecError, Species, quoted_with_hints, unknown
 from ..lsystem.expression import ExpressionError
 from ..lsystem.system import GrammarError
 from ..lsystem.turtle import check_rules
-from ..measured.allometry import diameters, half_of_surface
-from ..measured.wanted import Kind
+from ..measured.allometry import Kind, diameters, half_of_surface
 from ..mesh.blades import Blade, BladeError, blade_from, leaf_blade
 from ..own_tree.anatomy import dissect
 from ..own_tree.habit import Habit, fit

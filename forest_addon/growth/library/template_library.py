@@ -24,7 +24,7 @@ from ...spec import Grammar, Siblings, SpecError, unknown
 from ..likeness import Verdict, judge
 from ..mesh.leaves import measure_leaves
 from ..own_tree.anatomy import dissect
-from ..own_tree.habit import Habit, fit
+from ..own_tree.habit import Habit, allometry_of, fit
 from ..own_tree.pieces import (
     UNITS,
     UPRIGHT,
@@ -36,14 +36,7 @@ from ..own_tree.pieces import (
     sort_out,
     stood,
 )
-from ..own_tree.recognise import (
-    LeanError,
-    Recognition,
-    TemplateError,
-    recognise,
-    recognise_pieces,
-)
-from ..own_tree.size import allometry_of
+from ..own_tree.recognise import LeanError, Recognition, TemplateError, recognise, recognise_pieces
 from ..own_tree.template import fit_grammar, split_tree
 from .species_file import MOST_OF_TREE
 

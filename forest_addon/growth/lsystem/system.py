@@ -347,7 +347,7 @@ def _tabulate(axiom: Word, reader: _Reader) -> System:
             Production(
                 names_,
                 np.array([code], np.uint8),
-                tuple(Expression(name, (("name", name),)) for name in names_),
+                tuple(Expression(name, name) for name in names_),
             )
         )
     return System(axiom, productions, stay, cases, reader.constants)

@@ -39,7 +39,7 @@ from ...base.rng import daughter_keys
 from ...base.rows import RowTable
 from ...spec import MAX_REACH, Leaf, Rules
 from ..draw import draw_normal
-from ..skeleton import LeafSites, Skeleton
+from ..skeleton import LeafSites, Skeleton, root_of
 from .expression import Expression, ExpressionError, Value, parse_expression
 from .system import (
     GrammarError,
@@ -377,14 +377,6 @@ def _levels(
 
 
 @dataclass(frozen=True)
-class Bend:
-    """Tropism: direction T (ABOP: its length counts) and elasticity e in radians."""
-
-    direction: tuple[float, float, float] = (0.0, 0.0, -1.0)
-    elasticity: float = 0.0
-
-
-@dataclass(frozen=True)
 class Walk:
     """Drawing of a turtle; lengths in its own unit.
 
@@ -401,20 +393,26 @@ class Walk:
     parent: np.ndarray
 
 
-def walk(commands: Commands, diameter: float, bend: Bend | None = None) -> Walk:
+def walk(
+    commands: Commands,
+    diameter: float,
+    tropism: tuple[float, float, float] = (0.0, 0.0, -1.0),
+    elasticity: float = 0.0,
+) -> Walk:
     """Walk a turtle from the origin along +Z, its left towards +X.
+
+    tropism : direction that segments bend to; its length counts, as in ABOP. elasticity : radians.
 
     Raises
     ------
     GrammarError : brackets do not match, or a diameter is negative.
     """
-    bend = bend or Bend()
     steps = join_commands(commands)
     paths = find_paths(steps.opens, steps.closes)
     steps = steps.select(paths.command)  # without closing brackets
     kind, number, outline = steps.kind, steps.number, steps.outline
     drawn = (kind == DRAW) & (outline < 0)
-    states = _states(steps, drawn, paths, diameter, bend)
+    states = _states(steps, drawn, paths, diameter, np.asarray(tropism, np.float64), elasticity)
     if (states.diameter < 0).any():
         raise GrammarError("a diameter is negative; make it 0 or larger")
 
@@ -469,7 +467,14 @@ class _States:
         return np.cross(self.up(which), self.heading(which))
 
 
-def _states(steps: Steps, drawn: np.ndarray, paths: Paths, diameter: float, bend: Bend) -> _States:
+def _states(
+    steps: Steps,
+    drawn: np.ndarray,
+    paths: Paths,
+    diameter: float,
+    tropism: np.ndarray,
+    elasticity: float,
+) -> _States:
     """Level by level, in arrays sorted by level; place 0 is the turtle before all steps."""
     count = len(steps.kind)
     by_level = np.argsort(paths.level, kind="stable")
@@ -484,8 +489,7 @@ def _states(steps: Steps, drawn: np.ndarray, paths: Paths, diameter: float, bend
 
     reach = np.where((kind == DRAW) | (kind == MOVE), number[:, 0], 0.0)
     levels_left = kind == LEVEL
-    bends = drawn & (reach != 0) & (bend.elasticity != 0)
-    tropism = np.asarray(bend.direction, np.float64)
+    bends = drawn & (reach != 0) & (elasticity != 0)
 
     turn = np.zeros((4, count + 1))
     turn[0, 0] = 1.0
@@ -507,7 +511,7 @@ def _states(steps: Steps, drawn: np.ndarray, paths: Paths, diameter: float, bend
         place[:, new] = place[:, old] + reach[here] * _heading(turned)
         bent = np.flatnonzero(bends[here])
         if len(bent):
-            turned[:, bent] = _bend(turned[:, bent], tropism, bend.elasticity)
+            turned[:, bent] = _bend(turned[:, bent], tropism, elasticity)
         turn[:, new] = turned
         width[new] = width[old] * factor[here] + offset[here]
 
@@ -608,7 +612,7 @@ def prune_descending(walked: Walk) -> Walk:
     length = skeleton.length
     removed = np.zeros(len(walked.parent), bool)
     removed[walked.branch[rise < -ROUNDING * length]] = True
-    removed = _with_all_above(removed, walked.parent)
+    removed = removed[root_of(np.where(removed, -1, walked.parent))]  # and all that these bear
 
     kept, kept_leaf = ~removed[walked.branch], ~removed[walked.leaf_branch]
     # What a kept segment hangs on is kept too: it stands in the same branch or in one below.
@@ -621,17 +625,6 @@ def prune_descending(walked: Walk) -> Walk:
         branch=walked.branch[kept],
         leaf_branch=walked.leaf_branch[kept_leaf],
     )
-
-
-def _with_all_above(removed: np.ndarray, parent: np.ndarray) -> np.ndarray:
-    """Marks handed on from parents to children, by pointer doubling (deep brackets cost a log)."""
-    up = np.maximum(parent, 0)  # branch 0 is its own parent
-    while True:
-        marked = removed | removed[up]
-        further = up[up]
-        if (further == up).all() and (marked == removed).all():
-            return marked
-        removed, up = marked, further
 
 
 def system_of(rules: Rules) -> System:
@@ -653,7 +646,7 @@ def grow_ruled(
     key : lineage of the tree, from which sizes of leaves are drawn. rng : draws of the productions.
     """
     word = _derive_to_walk(rules, rng)
-    walked = walk(_commands(rules, word), rules.diameter, Bend(rules.tropism, rules.elasticity))
+    walked = walk(_commands(rules, word), rules.diameter, rules.tropism, rules.elasticity)
     if rules.prune_descending:
         walked = prune_descending(walked)
     skeleton, leaves = walked.skeleton, walked.leaves

@@ -23,10 +23,11 @@ from ...base.rng import daughter_keys, keyed_uniform
 from ...base.runs import Runs
 from ...base.trimesh import TriMesh, join
 from ...spec import SpecError, Species
+from ..lsystem.branching import skeleton_of
 from ..mesh.blades import Blade, leaf_areas, stalk_of
 from ..mesh.leaves import Leaves, about_vertical, leaves_apart
 from ..skeleton import LeafSites, Skeleton, first_level
-from ..species import skeleton_of
+from .allometry import BREAST, TARGETS, Wanted, crown_base_of, crown_of, dbh_of, leaf_tips, width_of
 from .crown import (
     borne,
     colonise,
@@ -37,16 +38,6 @@ from .crown import (
     skeleton_of_nodes,
     with_radii,
     with_twigs,
-)
-from .wanted import (
-    BREAST,
-    TARGETS,
-    Wanted,
-    crown_base_of,
-    crown_of,
-    dbh_of,
-    leaf_tips,
-    width_of,
 )
 
 MOST_LEAVES = 5_000_000

@@ -2,26 +2,418 @@
 
 Every axis becomes a closed tube: a ring of n corners is widened by π/(n·sin(π/n)): its perimeter, and so its
 mean silhouette, is then the circle's, where an inscribed 8-gon would be 2.6 % too thin. n is chosen so that
-the polygon departs from the circle by at most a tolerance. ``nodes`` sorts the axes by n and turns their
-rings; here rings of equal n become vertices by one matrix product and triangles by one sum. Where the radius
-steps, as between Méndez et al.'s internodes, a node has two rings. Nothing loops over branches. The rings of
-a single tube follow its line by parallel transport, so that nothing twists.
+the polygon departs from the circle by at most a tolerance. Rings of equal n become vertices by one matrix
+product and triangles by one sum. Where the radius steps, as between Méndez et al.'s internodes, a node has
+two rings. Edges are known from how tubes are made; Blender can find them itself, but that takes longer than
+everything else about a mesh.
 
-Edges are known from how tubes and leaves are made. Blender needs each edge once and the edge of every corner
-of every triangle. It can find them itself, but that takes longer than everything else about a mesh; whoever
-makes triangles in patterns knows them.
+Axes come sorted by the number of corners their rings get, so that rings of equal n lie together. Segments
+without a length and axes without a radius are passed over. A branch starts on its parent's axis, so its
+foot is inside the parent; where the parent ends in a fork, or is thinner than the branch, it starts one node
+earlier, within the parent and along it: it bends out of the parent, and no wedge opens between them. Nodes
+that the line passes within the tolerance anyway are left out.
+
+From one segment to the next a frame takes the smallest turn that brings the direction over (parallel
+transport), so nothing twists. At a bend the ring lies in the bisecting plane and is stretched there by 1/cos
+of half the bend: that is where two cylinders really meet, and the tube keeps its thickness and its volume.
+
+Bark in relief: ridges, plates and scales are functions of the way around the stem and of that along it, both
+in metres, and run on without a seam. A cross-section is oval besides, and its long side turns slowly on the
+way up. Every ring keeps its area: its radii r·f are divided by √mean(f²), so that volumes and the DBH of a
+circle of the same area stay.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
+from ...base.rng import stream
+from ...base.runs import numbered
 from ...base.trimesh import WOOD, Edges, TriMesh
-from ..skeleton import Skeleton
-from .nodes import Line, lines_of, ring_frames, thin_nodes
-from .relief import FROM, Relief
+from ...base.vectors import cross_rows
+from ..draw import GOLDEN
+from ..skeleton import TOUCH, Skeleton, find_axes
+
+MITRE = 2.0  # a ring is stretched no further at a bend: 120°
+TURNED_BACK = 0.1  # cosine of half a bend beyond which a line counts as turned back on itself
+SIDES = np.array([3, 4, 5, 6, 7, 8, 10, 12, 14, 16, 20, 24, 32, 40, 48, 64])
+SHORTEST = 1e-9  # metres; a shorter segment has no direction and is passed over
+SNUG = 0.98  # of the parent's polygon: how wide a branch may start within it
+TRIANGLE = 0.6  # inner radius over the circle's of a triangle of equal perimeter, π/(3·tan(π/3))
+
+
+def ring_frames(line: Line) -> tuple[np.ndarray, np.ndarray]:
+    """(N, 3) twice: what a ring's cosine and sine are multiplied by at each node, for radius 1."""
+    first, count = line.first, len(line.point)
+    if not count:
+        return np.empty((0, 3)), np.empty((0, 3))
+    last = first[1:] - 1
+    ahead = np.empty((count, 3))  # direction of the segment that starts at a node
+    ahead[:-1] = np.diff(line.point, axis=0)
+    ahead[last] = ahead[last - 1]
+    size = np.sqrt(np.einsum("ni,ni->n", ahead, ahead))[:, None]
+    ahead /= np.maximum(size, SHORTEST)
+
+    across = np.empty((count, 3))
+    across[first[:-1]] = _start(ahead[first[:-1]])
+    longest_first = np.argsort(-np.diff(first), kind="stable")
+    nodes = np.diff(first)[longest_first]
+    behind = ahead[np.maximum(np.arange(count) - 1, 0)]
+    cosine = np.einsum("ni,ni->n", behind, ahead)
+    between = behind + ahead
+    with np.errstate(divide="ignore"):
+        factor = np.where(cosine > -1 + 1e-9, 1 / (1 + cosine), 0.0)
+    for ring in range(1, int(nodes.max())):  # by the smallest turn from one segment to the next
+        active = int(np.searchsorted(-nodes, -ring, side="left"))
+        at = first[longest_first[:active]] + ring
+        kept = across[at - 1]
+        share = np.einsum("ni,ni->n", kept, ahead[at]) * factor[at]
+        across[at] = kept - share[:, None] * between[at]
+    across -= np.einsum("ni,ni->n", across, ahead)[:, None] * ahead
+    across /= np.sqrt(np.einsum("ni,ni->n", across, across))[:, None]
+    beside = cross_rows(ahead, across)
+
+    # Lay the rings of bends into the bisecting plane, along the segment ahead.
+    inside = np.ones(count, dtype=bool)
+    inside[first[:-1]] = inside[last] = False
+    half = np.sqrt(np.maximum((1 + cosine) / 2, 0.0))
+    bend = np.flatnonzero(inside & (cosine < 1 - 1e-12) & (half > TURNED_BACK))
+    if len(bend):
+        middle = between[bend] / (2 * half[bend])[:, None]
+        way = ahead[bend]
+        turn = way - behind[bend]
+        turn /= np.sqrt(np.einsum("ni,ni->n", turn, turn))[:, None]
+        squeeze = np.minimum(1.0, MITRE * half[bend]) - 1
+        for ring_axis in (across, beside):
+            laid = ring_axis[bend]
+            slide = np.einsum("ni,ni->n", laid, middle) / half[bend]
+            laid = laid - slide[:, None] * way
+            excess = np.einsum("ni,ni->n", laid, turn) * squeeze
+            ring_axis[bend] = laid + excess[:, None] * turn
+    return across, beside
+
+
+def _start(direction: np.ndarray) -> np.ndarray:
+    """(A, 3) unit vectors across unit directions, each axis turned on by the golden angle."""
+    helper = np.eye(3)[np.argmin(np.abs(direction), axis=1)]
+    across = cross_rows(direction, helper)
+    across /= np.sqrt(np.einsum("ni,ni->n", across, across))[:, None]
+    turn = GOLDEN * np.arange(len(direction))
+    beside = cross_rows(direction, across)
+    return np.asarray(np.cos(turn)[:, None] * across + np.sin(turn)[:, None] * beside)
+
+
+@dataclass(frozen=True)
+class Line:
+    """The nodes of all axes, axis by axis: A axes, N nodes."""
+
+    first: np.ndarray  # (A + 1,) first node of each axis
+    point: np.ndarray  # (N, 3)
+    below: np.ndarray  # (N,) radius on the side of the foot
+    above: np.ndarray  # (N,) radius on the side of the tip
+    order: np.ndarray  # (A,)
+    sides: np.ndarray  # (A,) ascending
+
+
+def lines_of(
+    skeleton: Skeleton,
+    tolerance: float,
+    sunk: float,
+    corners: Callable[[np.ndarray], np.ndarray] | None = None,
+) -> Line:
+    """Nodes of every axis that has a length and a radius, polygons of fewest corners first.
+
+    corners : how many rings of radii (A,) have at least.
+    """
+    axes = find_axes(skeleton)
+    span = skeleton.end - skeleton.start
+    length = np.sqrt(np.einsum("si,si->s", span, span))
+    axis = axes.of_row
+    thick = np.zeros(len(axes))
+    radius = np.maximum(skeleton.radius, 0.0)
+    if len(axis):
+        thick = np.maximum.reduceat(radius.max(axis=1)[axes.segment], axes.first[:-1])
+    kept = (length[axes.segment] > SHORTEST) & (thick[axis] > 0)
+    segment, axis = axes.segment[kept], axis[kept]
+
+    sides = sides_of(thick, tolerance)
+    if corners is not None:
+        sides = np.maximum(sides, corners(thick))
+    size = np.bincount(axis, minlength=len(axes))
+    rank = np.argsort(sides, kind="stable")
+    rank = rank[size[rank] > 0]
+    size, start = size[rank], (np.cumsum(size) - size)[rank]
+    segment = segment[np.repeat(start - (np.cumsum(size) - size), size) + np.arange(size.sum())]
+    sides, order = sides[rank], skeleton.order[axes.segment[axes.first[:-1]]][rank]
+
+    foot = np.cumsum(size) - size
+    inner, inner_point, inner_radius = _inner(
+        skeleton, length, segment[foot], axes.segment, sunk, tolerance
+    )
+    first = np.concatenate([[0], np.cumsum(size + 1 + inner)])
+    head = first[:-1] + inner  # the node where the axis itself starts
+    point = np.empty((first[-1], 3))
+    below, above = np.empty(first[-1]), np.empty(first[-1])
+    node = np.repeat(head - foot, size) + np.arange(len(segment))  # start node of each segment
+    point[head], point[node + 1] = skeleton.start[segment[foot]], skeleton.end[segment]
+    above[node], below[node + 1] = radius[segment, 0], radius[segment, 1]
+    below[head], above[first[1:] - 1] = above[head], below[first[1:] - 1]
+    front = first[:-1][inner]
+    point[front] = inner_point[inner]
+    below[front] = above[front] = np.minimum(above[head[inner]], inner_radius[inner])
+    return Line(first, point, below, above, order, sides)
+
+
+def _inner(
+    skeleton: Skeleton,
+    length: np.ndarray,
+    foot: np.ndarray,
+    chain: np.ndarray,
+    sunk: float,
+    tolerance: float,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Tell whether each axis (A,) starts a ring earlier, where, and how wide it may be there.
+
+    foot : (A,) first segment of each axis. chain : (S,) all segments, axis by axis.
+    """
+    parent = np.maximum(skeleton.parent[foot], 0)
+    root = skeleton.parent[foot] < 0
+    way = skeleton.end[parent] - skeleton.start[parent]
+    way = np.where(root[:, None], skeleton.end[foot] - skeleton.start[foot], way)
+    long = np.where(root, length[foot], length[parent])
+
+    at_end = np.abs(skeleton.start[foot] - skeleton.end[parent]).max(axis=1, initial=0.0) <= TOUCH
+    order_after = np.full(len(chain), -1, dtype=np.int64)
+    order_after[chain[:-1]] = chain[1:]
+    onward = order_after[
+        parent
+    ]  # the next in the chain continues the parent if it is a child of it
+    continued = (
+        (onward >= 0)
+        & (skeleton.parent[onward] == parent)
+        & (skeleton.order[onward] == skeleton.order[parent])
+        & (np.abs(skeleton.start[onward] - skeleton.end[parent]).max(axis=1, initial=0.0) <= TOUCH)
+    )
+    there = skeleton.radius[parent, 1]
+    own = skeleton.radius[foot, 0]
+    forks = ~root & at_end & (long > SHORTEST) & (~continued | (own > 0.9 * there))
+    back = np.where(root, sunk, np.minimum(0.5 * long, np.maximum(there, own)))
+    forks &= (there > 0) & (back > TOUCH)
+    step = back / np.maximum(long, SHORTEST)
+    wide = there + (skeleton.radius[parent, 0] - there) * np.clip(step, 0, 1)
+    limit = np.where(root, np.inf, SNUG * np.maximum(wide - tolerance, TRIANGLE * wide))
+    point = skeleton.start[foot] - step[:, None] * way
+    return forks | (root & (sunk > 0)), point, limit
+
+
+def thin_nodes(line: Line, tolerance: float) -> Line:
+    """Leave out nodes that the line passes within the tolerance anyway, in axis and in radius.
+
+    Six rounds, each of which may drop every second node and use half of what is left of the tolerance:
+    the sum of all shifts stays within it.
+    """
+    axis = np.repeat(np.arange(len(line.sides)), np.diff(line.first))
+    point, below, above, first = line.point, line.below, line.above, line.first
+    allowed = tolerance
+    for _ in range(6):
+        allowed *= 0.5
+        place = np.arange(len(axis)) - first[axis]
+        at = np.flatnonzero((place % 2 == 1) & (np.arange(len(axis)) < first[axis + 1] - 1))
+        at = at[np.abs(below[at] - above[at]) <= 1e-3 * allowed]
+        if not len(at):
+            break
+        chord = point[at + 1] - point[at - 1]
+        offset = point[at] - point[at - 1]
+        square = np.einsum("ni,ni->n", chord, chord)
+        share = np.einsum("ni,ni->n", offset, chord) / np.maximum(square, SHORTEST**2)
+        away = offset - share[:, None] * chord
+        miss = np.einsum("ni,ni->n", away, away)
+        thick = above[at - 1] + share * (below[at + 1] - above[at - 1])
+        dropped = at[
+            (share > 0)
+            & (share < 1)
+            & (miss <= allowed**2)
+            & (np.abs(thick - above[at]) <= allowed)
+        ]
+        if not len(dropped):
+            break
+        kept = np.ones(len(axis), dtype=bool)
+        kept[dropped] = False
+        axis, point, below, above = axis[kept], point[kept], below[kept], above[kept]
+        first = np.searchsorted(axis, np.arange(len(line.sides) + 1))
+    return Line(first, point, below, above, line.order, line.sides)
+
+
+def sides_of(radius: np.ndarray, tolerance: float) -> np.ndarray:
+    """(A,) corners of rings that stay within the tolerance of circles of these radii (A,)."""
+    share = np.minimum(tolerance / np.maximum(radius, np.finfo(float).tiny), 0.9)
+    exact = np.ceil(np.pi / np.arccos(1 - share) - 1e-9)
+    return np.asarray(SIDES[np.minimum(np.searchsorted(SIDES, exact), len(SIDES) - 1)])
+
+
+FROM = 0.05  # metres of radius, below which an axis is smooth
+FULL = 0.12  # metres of radius, from which furrows have all of their depth
+AROUND = 5  # corners a ridge around the stem
+ALONG = 3.0  # rings a ridge's width along it
+RUNNING = 1.0  # the same of furrows, which run up the stem seven widths
+MOST_CORNERS = 360
+SMALLEST = 0.035  # metres: scales that are smaller are meshed as if they had this size
+DEEPEST = 0.25  # of a ring's radius, that a furrow is deep at most
+TURNS = 1.3  # radians a metre, by which the long side of an oval turns at most
+
+
+@dataclass(frozen=True)
+class Relief:
+    """Bark in relief.
+
+    texture : as ``spec.Bark`` has it. size, depth : of ridges, metres. ovality : relative.
+    upper_from : share of an axis' length from which it is nearly smooth. seed : of all draws.
+    """
+
+    texture: str
+    size: float
+    depth: float
+    ovality: float
+    upper_from: float
+    seed: int
+
+    @property
+    def rings(self) -> float:
+        """Rings a ridge's width along an axis: few where bark changes slowly on the way up."""
+        return ALONG if self.texture in ("plated", "cracked") else RUNNING
+
+    def most(self, radius: float) -> float:
+        """Bound how far the surface of a stem of this radius lies from its circle, metres."""
+        return self.depth + 0.7 * self.ovality * radius if radius >= FROM else 0.0
+
+    def corners(self, radius: np.ndarray) -> np.ndarray:
+        """(A,) corners that rings of these radii (A,) need; 0 of a smooth axis."""
+        wanted = 8 * np.ceil(2 * np.pi * radius / self.size * AROUND / 8)
+        return np.where(radius < FROM, 0, np.clip(wanted, 16, MOST_CORNERS)).astype(np.int64)
+
+    def densified(self, line: Line) -> Line:
+        """The axes with rings so close that ridges show; ``line`` is sorted by corners."""
+        last = line.first[1:] - 1
+        thick = np.maximum.reduceat(line.above, line.first[:-1]) if len(last) else np.empty(0)
+        step = np.zeros(len(line.point))
+        step[:-1] = np.linalg.norm(np.diff(line.point, axis=0), axis=1)
+        axis = np.repeat(np.arange(len(last)), np.diff(line.first))
+        rough = (thick >= FROM)[axis]
+        rough[last] = False
+        times = np.where(rough, np.ceil(step * self.rings / self.size), 1).astype(np.int64)
+        times = np.maximum(times, 1)
+        node, number = numbered(times)
+        part = number / times[node]
+        onward = np.minimum(node + 1, len(times) - 1)
+        point = line.point[node] + part[:, None] * (line.point[onward] - line.point[node])
+        between = line.above[node] + part * (line.below[onward] - line.above[node])
+        below = np.where(part == 0, line.below[node], between)
+        first = np.concatenate([[0], np.cumsum(times)[last]])
+        return Line(first, point, below, between, line.order, line.sides)
+
+    def factor(
+        self, corners: int, radius: np.ndarray, metres: np.ndarray, length: float, axis: int
+    ) -> np.ndarray:
+        """(R, corners) radii over their means, of rings of one axis.
+
+        radius, metres : (R,) of rings, and how far along the axis they are. length : of the axis, metres.
+        """
+        rng = stream(self.seed, "relief", axis)
+        angle = 2 * np.pi * np.arange(corners) / corners
+        f = 1 + self._oval(angle, metres, rng)
+        depth = self.depth * np.minimum(radius / FULL, 1.0)
+        share = np.clip((metres / max(length, 1e-9) - self.upper_from) / 0.15, 0.0, 1.0)
+        depth = depth * (1 - 0.85 * share)
+        if self.depth > 0:
+            ridges = self._ridges(angle, metres, float(radius.max()), rng)
+            low = ridges - ridges.mean(axis=1, keepdims=True)
+            f = f + low * np.minimum(depth / np.maximum(radius, 1e-9), DEEPEST)[:, None]
+        area = np.mean(f * np.roll(f, 1, axis=1), axis=1)
+        return np.asarray(f / np.sqrt(area)[:, None])
+
+    def _oval(self, angle: np.ndarray, metres: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        """Oval cross-sections, and the weaker third and fourth harmonics that stems have."""
+        total = np.zeros((len(metres), len(angle)))
+        for order, share in ((2, 0.5), (3, 0.12), (4, 0.06)):
+            phase, wander = rng.uniform(0, 2 * np.pi, 2)
+            turn = phase + TURNS / 0.7 * np.sin(0.7 * metres + wander)
+            total += self.ovality * share * np.cos(order * (angle - turn[:, None] / order))
+        return total
+
+    def _ridges(
+        self, angle: np.ndarray, metres: np.ndarray, thick: float, rng: np.random.Generator
+    ) -> np.ndarray:
+        """(R, N) from 0 in furrows to 1 on ridges."""
+        many = max(3, round(2 * np.pi * thick / self.size))
+        if self.texture == "furrowed":
+            return _lozenges(angle, metres, many, self.size, rng)
+        if self.texture == "smooth":
+            return _waves(angle, metres, self.size, rng)
+        if self.texture == "peeling":
+            foot = np.exp(-((metres / 1.2) ** 2))[:, None]
+            cracked = _lozenges(angle, metres, many, self.size, rng)
+            return np.asarray(foot * cracked + (1 - foot) * (0.4 * _waves(angle, metres, 0.1, rng)))
+        tall = 2.0 if self.texture == "plated" else 1.4
+        return _plates(angle, metres, many, self.size * tall, rng)
+
+
+def _waves(
+    angle: np.ndarray, metres: np.ndarray, size: float, rng: np.random.Generator
+) -> np.ndarray:
+    """(R, N) from 0 to 1: a few long waves."""
+    total = np.zeros((len(metres), len(angle)))
+    for order in range(2, 8):
+        along = rng.uniform(-1, 1) / (4 * size)
+        total += np.cos(order * angle + along * metres[:, None] + rng.uniform(0, 2 * np.pi)) / order
+    return np.asarray(0.5 + total / 3)
+
+
+def _lozenges(
+    angle: np.ndarray, metres: np.ndarray, many: int, size: float, rng: np.random.Generator
+) -> np.ndarray:
+    """(R, N): furrows of two families that lean either way and wander, so that ridges part and meet."""
+    families = []
+    for lean in (1.0, -1.0):
+        wander = np.zeros((len(metres), len(angle)))
+        for order in (0, 1, 2, 3):
+            along = rng.uniform(0.5, 1.5) / (3 * size)
+            phase = order * angle + along * metres[:, None] + rng.uniform(0, 2 * np.pi)
+            wander += 0.7 * np.sin(phase)
+        half = 0.5 * many * angle if many % 2 == 0 else 0.5 * (many + 1) * angle
+        families.append(np.abs(np.sin(half + lean * np.pi * metres[:, None] / (7 * size) + wander)))
+    return np.asarray(np.minimum(*families) ** 0.6)
+
+
+def _plates(
+    angle: np.ndarray, metres: np.ndarray, many: int, tall: float, rng: np.random.Generator
+) -> np.ndarray:
+    """(R, N): plates around strewn points, furrows where two are equally near, each of its own height."""
+    rows = int(np.ceil(float(metres.max(initial=0.0)) / tall)) + 3
+    jitter = rng.uniform(-0.38, 0.38, (2, rows, many))
+    high = rng.uniform(0.75, 1.0, (rows, many))
+    x, y = angle / (2 * np.pi) * many, metres / tall + 1
+    cell_x, cell_y = np.floor(x).astype(np.int64), np.floor(y).astype(np.int64)
+    first = np.full((len(y), len(x)), np.inf)
+    second, best = first.copy(), np.ones_like(first)
+    for dy in (-1, 0, 1):
+        row = np.clip(cell_y + dy, 0, rows - 1)
+        for dx in (-1, 0, 1):
+            column = (cell_x + dx) % many
+            at = row[:, None], column[None]
+            stagger = 0.5 * (row % 2)[:, None]
+            away_x = cell_x[None] + dx + 0.5 + 0.6 * stagger + jitter[0][at] - x[None]
+            away_y = (cell_y + dy)[:, None] + 0.5 + jitter[1][at] - y[:, None]
+            far = np.hypot(away_x, away_y)
+            nearer = far < first
+            second = np.where(nearer, first, np.minimum(second, far))
+            best = np.where(nearer, high[at], best)
+            first = np.where(nearer, far, first)
+    edge = np.clip((second - first) / 0.3, 0.0, 1.0)
+    return np.asarray(best * edge * (2 - edge))
+
 
 STEP = 1e-12  # metres between two radii of a node from which it has two rings
 POINTED = 2e-5  # metres; a thinner tip is a point: float32 would flatten its ring

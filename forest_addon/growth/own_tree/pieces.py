@@ -38,9 +38,6 @@ from ...base.trimesh import WOOD, TriMesh
 
 WELD = 1e-6  # share of the extent: nearer vertices are one, lower facets have no area
 CELLS = 2**21 - 1  # along the extent, in which vertices are first gathered: 21 bits an axis
-SLANT = np.array([0.5257, 0.6943, 0.4916])  # a direction that no mesh is likely to be aligned with
-LOOKS = 16  # pairs along it looked at for each vertex, beyond which another search is quicker
-MIX = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], np.uint64)
 LEAFY = (
     "leaf",
     "leaves",
@@ -63,6 +60,7 @@ TUFT = 0.03  # extents that needles with a common edge are long together
 MANY = 50  # needles of one make at least, and
 OFTEN = 3  # times as many as there are other pieces of wood
 FOOT = 0.02  # share of the extent, from the ground up, where the foot is looked for
+FLAT, WIDE = 0.003, 0.3  # heights that ground is uneven by, extents that it is wide at least
 NARROW = 0.03  # extents that any foot may be wide
 CLEARLY = 3.0  # times as good a foot, that an axis other than z is taken for upright
 UPRIGHT = {
@@ -133,12 +131,8 @@ def part(facets: np.ndarray) -> Pieces:
     """Weld facets (T, 3, 3) and part them into pieces; no pieces if no facet has an area."""
     vertices, triangles = weld(np.asarray(facets, dtype=np.float64))
     triangles = _distinct(triangles)
-    keys = _edge_keys(triangles, len(vertices))
-    order = np.argsort(keys)
-    shared = keys[order[1:]] == keys[order[:-1]]
-    of_key = order % max(len(triangles), 1)
-    pairs = np.stack([of_key[:-1][shared], of_key[1:][shared]], axis=1)
-    piece = join_along(pairs, len(triangles))  # in order of first appearance
+    halves = half_edges(triangles, len(vertices))
+    piece = join_along(halves // 3, len(triangles))  # in order of first appearance
     has_area = ~_is_needle(vertices, triangles)
 
     solid = np.zeros(int(piece.max(initial=-1)) + 1, dtype=bool)
@@ -178,8 +172,7 @@ def assemble(
     number[welded[here]] = np.flatnonzero(here)
     triangles = number[triangles]
     triangles[elsewhere] = np.searchsorted(pairs, corner)
-    keys = np.sort(_edge_keys(triangles, len(pairs)))
-    keys = keys[np.diff(keys, prepend=-1) > 0]
+    keys = np.unique(edge_keys(triangles, len(pairs)))
     edges = np.stack(np.divmod(keys, max(len(pairs), 1)), axis=1)
     return Pieces(
         vertices=vertices[welded],
@@ -244,7 +237,8 @@ def weld(facets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     index = np.empty(len(key), dtype=np.int64)
     index[order] = np.cumsum(begins) - 1
 
-    near = _near_pairs(vertices, WELD * extent)
+    search = cKDTree(vertices, balanced_tree=False, compact_nodes=False)
+    near = search.query_pairs(WELD * extent, output_type="ndarray")
     if not len(near):
         return vertices, index.reshape(-1, 3)
     label = join_along(near, len(vertices))
@@ -253,58 +247,13 @@ def weld(facets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return vertices[chosen], label[index].reshape(-1, 3).astype(np.int64)
 
 
-def _near_pairs(places: np.ndarray, radius: float) -> np.ndarray:
-    """(N, 2) places (V, 3) within a radius of each other.
-
-    In order along a slanting line, near ones are few steps apart; where many places crowd, a search
-    tree is quicker.
-    """
-    along = places @ SLANT / np.linalg.norm(SLANT)
-    order = np.argsort(along)
-    along = along[order]
-    row, found, looks = np.arange(len(places)), [np.empty((0, 2), dtype=np.int64)], 0
-    for step in range(1, len(places)):
-        row = row[: np.searchsorted(row, len(places) - step)]
-        row = row[along[row + step] - along[row] <= radius]
-        looks += len(row)
-        if not len(row):
-            break
-        if looks > LOOKS * len(places):
-            return np.asarray(cKDTree(places).query_pairs(radius, output_type="ndarray"))
-        one, other = order[row], order[row + step]
-        near = lengths(places[one] - places[other]) <= radius
-        found.append(np.stack([one[near], other[near]], axis=1))
-    return np.concatenate(found)
-
-
 def _distinct(triangles: np.ndarray) -> np.ndarray:
     """Triangles of three different vertices, the first of each set of three, in order."""
-    a, b, c = triangles.T
-    low, high = np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
-    corners = np.stack([low, a + b + c - low - high, high], axis=1)
-    whole = np.flatnonzero((corners[:, 0] < corners[:, 1]) & (corners[:, 1] < corners[:, 2]))
-    corners = corners[whole]
-    # Only those that share a number with others, as equal ones do, are looked at closely.
-    mixed = (corners.astype(np.uint64) * MIX).sum(axis=1)
-    ranked = np.sort(mixed)
-    twice = ranked[1:][ranked[1:] == ranked[:-1]]
-    if not len(twice):
-        return np.asarray(triangles[whole])
-    may = np.flatnonzero(np.isin(mixed, twice))
-    order = may[
-        np.lexsort(corners[may].T)
-    ]  # stable: of equal ones the first in the file comes first
-    repeats = (np.diff(corners[order], axis=0) == 0).all(axis=1)
-    kept = np.ones(len(whole), dtype=bool)
-    kept[order[1:][repeats]] = False
-    return np.asarray(triangles[whole[kept]])
-
-
-def edge_uses(pieces: Pieces) -> tuple[np.ndarray, np.ndarray]:
-    """Key of every edge of a triangle, lower vertex first, and how many triangles have it."""
-    key = np.sort(_edge_keys(pieces.triangles.astype(np.int64), len(pieces.vertices)))
-    bounds = np.flatnonzero(np.diff(key, prepend=-1, append=-1))
-    return key[bounds[:-1]], np.diff(bounds)
+    corners = np.sort(triangles, axis=1)
+    whole = np.flatnonzero((np.diff(corners, axis=1) > 0).all(axis=1))
+    order = np.lexsort(corners[whole].T)  # stable: of equal ones the first in the file comes first
+    repeats = (np.diff(corners[whole[order]], axis=0) == 0).all(axis=1)
+    return np.asarray(triangles[np.delete(whole, order[1:][repeats])])
 
 
 def join_along(pairs: np.ndarray, nodes: int) -> np.ndarray:
@@ -313,11 +262,27 @@ def join_along(pairs: np.ndarray, nodes: int) -> np.ndarray:
     return np.asarray(connected_components(graph, directed=False)[1])
 
 
-def _edge_keys(triangles: np.ndarray, vertices: int) -> np.ndarray:
-    """(3T,) one number for each edge of each triangle, whichever way it runs."""
-    one = triangles.T.ravel()
-    other = triangles[:, [1, 2, 0]].T.ravel()
-    return np.asarray(np.minimum(one, other) * vertices + np.maximum(one, other))
+def edge_keys(triangles: np.ndarray, vertices: int) -> np.ndarray:
+    """(3T,) numbers of edges, either way alike; that in row 3·t + k goes from corner k of triangle t on."""
+    one, other = triangles.astype(np.int64), np.roll(triangles, -1, axis=1).astype(np.int64)
+    return np.asarray((np.minimum(one, other) * vertices + np.maximum(one, other)).ravel())
+
+
+def half_edges(triangles: np.ndarray, vertices: int) -> np.ndarray:
+    """(N, 2) half-edges that lie on one another."""
+    key = edge_keys(triangles, vertices)
+    order = np.argsort(key, kind="stable")
+    same = key[order[1:]] == key[order[:-1]]
+    return np.stack([order[:-1][same], order[1:][same]], axis=1)
+
+
+def loose_edges_of(pieces: Pieces) -> np.ndarray:
+    """(N, 3) the edges that no triangle has, as triangles without area."""
+    count = len(pieces.vertices)
+    one, other = pieces.edges.T.astype(np.int64)
+    own = np.minimum(one, other) * count + np.maximum(one, other)
+    loose = ~np.isin(own, edge_keys(pieces.triangles, count))
+    return np.stack([one[loose], other[loose], other[loose]], axis=1)
 
 
 def _is_needle(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:
@@ -358,7 +323,12 @@ class Sorted:
 
 
 def sort_out(groups: Sequence[Group]) -> Sorted:
-    """Tell wood from leaves."""
+    """Tell wood from leaves; the ground that they stand on is left out."""
+    trees = _without_ground([group for group in groups if _kind_by_name(group) != "other"])
+    if trees:
+        found = sort_out(trees)
+        words = f"{found.said}; " if found.said else ""
+        return replace(found, said=f"{words}a flat piece at the foot is the ground and left out")
     kinds = [_kind_by_name(group) for group in groups]
     named = {kind for kind in kinds if kind in ("wood", "leaves")}
     if named == {"wood", "leaves"} and all(kinds):
@@ -389,9 +359,32 @@ def sort_out(groups: Sequence[Group]) -> Sorted:
     shown = pieces.vertices[pieces.triangles]
     mine = leaf[pieces.piece]
     parted = None
-    if len(edge_uses(pieces)[0]) == len(pieces.edges):  # no facet without area joins any of them
+    if not len(loose_edges_of(pieces)):  # no facet without area joins any of them
         parted = (select(pieces, ~leaf), select(pieces, leaf))
     return Sorted(shown[~mine], shown[mine], "by shape", parted)
+
+
+def _without_ground(groups: Sequence[Group]) -> list[Group]:
+    """The groups without facets that lie flat at the foot and fill most of a wide area; none without such."""
+    facets = np.concatenate([group.facets for group in groups] or [np.empty((0, 3, 3))])
+    if not len(facets):
+        return []
+    low, size = facets.min(axis=(0, 1)), np.ptp(facets, axis=(0, 1))
+    for up in (2, 1):
+        foot = low[up] + FLAT * size[up]
+        bed = facets[facets[:, :, up].max(axis=1) <= foot]
+        if not 0 < len(bed) < len(facets):
+            continue
+        wide = np.delete(np.ptp(bed, axis=(0, 1)), up)
+        area = (
+            np.linalg.norm(np.cross(bed[:, 1] - bed[:, 0], bed[:, 2] - bed[:, 0]), axis=1).sum() / 2
+        )
+        if wide.min() > WIDE * size.max() and area > wide.prod() / 2:
+            kept = [
+                replace(g, facets=g.facets[g.facets[:, :, up].max(axis=1) > foot]) for g in groups
+            ]
+            return [group for group in kept if len(group.facets)]
+    return []
 
 
 def looks_like_leaves(pieces: Pieces) -> np.ndarray:
@@ -401,7 +394,8 @@ def looks_like_leaves(pieces: Pieces) -> np.ndarray:
     area = np.bincount(pieces.piece, pieces.area, count)
     facing = np.linalg.norm(sums(pieces.piece, vectors, count), axis=1) / np.maximum(area, 1e-300)
     triangles = np.bincount(pieces.piece, minlength=count)
-    key, times = edge_uses(pieces)
+    keys = edge_keys(pieces.triangles, len(pieces.vertices))
+    key, times = np.unique(keys, return_counts=True)
     of_edge = pieces.piece_of_vertex[key // len(pieces.vertices)] if len(key) else key
     edges = np.bincount(of_edge, minlength=count)
     border = np.bincount(of_edge[times == 1], minlength=count) / np.maximum(edges, 1)

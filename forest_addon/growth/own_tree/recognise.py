@@ -1,13 +1,34 @@
 """A tree recognised in facets: its trunk, what hangs on what, and which wood bears which leaf.
 
-Facets of wood and of leaves go in, in any unit, z up. They are parted into pieces (``pieces``), joined
-wood is cut at its forks (``sever``) and a palm's fronds become branches; the wood gets centrelines
-(``centreline``) and parents (``hierarchy``), every leaf its bearer. ``template`` cuts the
-tree along these lines; a picture of it can be drawn from them.
+Facets of wood and of leaves go in, in any unit, z up. They are parted into pieces (``pieces``), joined wood
+is cut at its forks (``sever``) and a palm's fronds become branches; the wood gets centrelines
+(``centreline``) and parents, every leaf its bearer. ``template`` cuts the tree along these lines; a picture
+of it can be drawn from them.
 
 A trunk that bears no wood but long leaves is a palm's. Each frond gets a midrib, a thin tube along its
 centreline from the trunk's axis to its tip, which is its branch and bears it; so a palm is made of the
 same pieces as other trees.
+
+The trunk is, of the pieces at least ``STOUT`` times as thick at an end as the thickest is, the one that
+reaches lowest; where several begin at the same level (a bush), the largest. Roots are too thin to be
+taken for it, limbs begin too high.
+
+Everything else is hung on it from the inside out, generation by generation. A piece hangs on a parent
+when one of its ends reaches the parent's wood; its foot is that end. A piece that tapers clearly has its
+foot at the thick end, so a thin tip that happens to touch a neighbour does not hang on it. Earlier
+generations come first, so branches of one whorl hang on the trunk and not on each other. What touches
+nothing is hung on what fits best, smallest gaps first, then again what touches it: nearer wood is better,
+but not if it is much thinner than the foot, nor if the foot points away from it. A stout piece that stands on
+the ground beside the trunk without touching it is a stem of its own. Wood is taken as tubes about
+centrelines, which also tells that a foot deep inside the trunk touches it.
+
+The parent of a piece that begins deep within another one is plain (``root``). A tip or a flank may touch any
+wood; a foot that was drawn from its parent's axis lies near that axis. An end is rooted in a piece where it
+is at most half the piece's radius off its axis, the piece is no thinner there than the end, and it is not
+where the piece itself begins (there, feet of a whorl lie within one another). Of several, the one whose axis
+is nearest in its own radii is the parent; less likely is a thinner end of the piece, and an end of another
+one as thin as it, which may be that of another child that begins at the same place. What is rooted nowhere is
+left to whatever it touches.
 """
 
 from __future__ import annotations
@@ -16,19 +37,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ...base.rows import lengths
 from ..mesh.meshing import tube
-from .centreline import Centrelines, find_centrelines, find_contacts
-from .hierarchy import (
-    LEVEL,
-    STEM,
-    Known,
-    find_bearers,
-    find_parents,
-    find_trunk,
-    root,
-)
+from .centreline import Centrelines, Tubes, find_centrelines, find_contacts
 from .pieces import Pieces, assemble, join_pieces, part
-from .sever import join_stacked, may_fork, sever
+from .sever import Known, join_stacked, may_fork, sever
 
 LONG = 0.08  # heights of the trunk that a frond is long at least
 FEWEST = 3
@@ -346,3 +359,256 @@ def _check_leaves(leaves: Pieces, gap: np.ndarray, extent: float) -> None:
             "along edges; separate them before you export them.",
             ((high + low) / 2)[np.argmax((high - low).max(axis=1))],
         )
+
+
+STOUT = 0.7  # share of the thickest piece's radius that a trunk has at least
+LEVEL = 0.02  # share of the tree's height within which pieces begin at the same level
+TAPER = 1.3  # an end this many times as thick as the other is the foot
+THIN_END = 0.5  # piece lengths of gap that it takes for the thin end to be the foot after all
+REACH = 0.5  # radii that an end may stop short of the wood that it touches
+FLOAT = 1.25  # where nothing touches, gaps up to this many times the smallest are taken together
+THICKER = 1.25  # times the parent's radius, that a foot may be thick
+MISFIT = 4.0  # times what a foot is thicker than that, added to its gap
+AGAINST = 1.0  # gaps added to one that a foot does not point across, twice where it points away
+SHORT = 0.5  # lengths of a floating piece that its parent is long at least
+LACK = 0.1  # share of what the parent lacks of that, added to the gap
+NEAREST = 8  # balls looked at, of each group
+STEM = 0.3  # radii of the trunk that another stem has at least
+BESIDE = 0.2  # heights of the tree that it is away at most
+TALL = 0.25  # heights of the tree that it reaches up
+CLOSER = 1.25  # lengths by which one comes nearer to a tapering surface, at most, for each gone
+DEEP = 0.5  # radii of the parent off its axis, at most
+NO_THINNER = 0.9  # radii of the end that the parent is thick there at least
+TAPERS = 1.05  # ends differ by more than this factor where they tell which of them is the foot
+FEET = 1.5  # radii from where a piece begins within which nothing is rooted in it
+LESS = 0.25  # added, in radii, to what is less likely
+OWN_END = 1.1  # than the end, by this factor, a piece is at its own end unless it may be a sister
+BALLS = 12  # balls looked at, of each group
+
+
+def find_trunk(pieces: Pieces, lines: Centrelines, free: np.ndarray) -> int:
+    """The piece that is the trunk, by the rule above, of those (C,) whose parent is not known."""
+    z = pieces.vertices[:, 2]
+    lowest = np.full(pieces.count, np.inf)
+    np.minimum.at(lowest, pieces.piece_of_vertex, z)
+    thickest = lines.end_radius.max(axis=1)
+    area = np.bincount(pieces.piece, pieces.area, pieces.count)
+    stout = free & (thickest >= STOUT * thickest[free].max())
+    level = lowest <= lowest[stout].min() + LEVEL * np.ptp(z)
+    return int(np.argmax(np.where(stout & level, area * thickest, -1.0)))
+
+
+def find_parents(
+    lines: Centrelines, trunk: int, known: Known | None = None
+) -> tuple[np.ndarray, ...]:
+    """Hang all pieces on the trunk, generation by generation: ``parent``, ``branch``, ``foot_end`` and
+    ``gap`` of a recognised tree, (C,) each.
+    """
+    ends, radius = lines.ends(), lines.end_radius
+    count = len(ends)
+    known = Known.nothing(count) if known is None else known
+    thin = radius * TAPER < radius[:, ::-1]
+    handicap = np.where(thin, THIN_END * lines.length()[:, None], 0.0) - REACH * radius
+
+    tied = known.parent >= 0
+    stems = _stems_apart(lines, trunk, ~tied)
+    parent, branch = np.full(count, -1), np.full(count, -1)
+    branch[stems] = stems
+    hung = np.concatenate([[trunk], stems])
+    foot_end = np.zeros(count, dtype=np.int64)
+    foot_end[hung] = np.argmin(ends[hung, :, 2], axis=1)
+    score, gap = np.full((2, count, 2), np.inf)
+    nearest = np.full((count, 2), -1)
+    from_foot = np.linalg.norm(ends - known.foot[:, None], axis=2)
+    gap[tied] = (from_foot - known.radius[:, None])[tied]
+    done = np.zeros(count, dtype=bool)
+    done[hung] = True
+    waiting = np.flatnonzero(~tied & ~done)
+    while len(hung):
+        done[hung] = True
+        children = np.flatnonzero(tied & ~done & done[known.parent])
+        foot_end[children] = np.argmin(from_foot[children], axis=1)
+        parent[children] = known.parent[children]
+        rank, reach, piece = _best_wood(lines, hung, waiting)
+        better = rank < score[waiting]
+        score[waiting] = np.where(better, rank, score[waiting])
+        gap[waiting] = np.where(better, reach, gap[waiting])
+        nearest[waiting] = np.where(better, piece, nearest[waiting])
+        best = (score + handicap)[waiting].min(axis=1)
+        ready = best <= 0
+        if not (ready.any() or len(children)):
+            # nothing touches: let what fits best, and what fits about as well, float
+            ready = best <= FLOAT * best.min(initial=np.inf)
+        touching = waiting[ready]
+        foot_end[touching] = np.argmin((score + handicap)[touching], axis=1)
+        parent[touching] = nearest[touching, foot_end[touching]]
+        waiting = waiting[~ready]
+        hung = np.concatenate([children, touching])
+        branch[hung] = np.where(parent[hung] == trunk, hung, branch[parent[hung]])
+    gap[parent < 0] = 0.0
+    return parent, branch, foot_end, gap[np.arange(count), foot_end]
+
+
+def _best_wood(
+    lines: Centrelines, hung: np.ndarray, waiting: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Rank the wood that hangs for both ends of W waiting pieces (W, 2): how well the best fits, as a gap
+    with all that speaks against it added; the gap itself; and whose wood it is.
+    """
+    if not len(waiting):
+        return np.empty((0, 2)), np.empty((0, 2)), np.empty((0, 2), np.int64)
+    tubes = Tubes.of(lines, hung)
+    ends, stout = lines.ends()[waiting].reshape(-1, 3), lines.end_radius[waiting].reshape(-1, 1)
+    cone, aside, part, radius = tubes.beside(ends, NEAREST)
+    gap = aside - radius
+    rank = gap + MISFIT * np.maximum(stout - THICKER * radius, 0.0)
+    row, near = np.nonzero(gap > REACH * stout)  # what floats should point there, and be no longer
+    if len(row):
+        of = cone[row, near]
+        way = tubes.start[of] + part[row, near][:, None] * tubes.vector[of] - ends[row]
+        out = _outward(lines, waiting).reshape(-1, 3)[row]
+        size = np.maximum(np.linalg.norm(way, axis=1), np.finfo(float).tiny)
+        turn = 1.0 - np.einsum("ni,ni->n", way, out) / size
+        length = lines.length()
+        lacks = SHORT * length[waiting[row // 2]] - length[tubes.piece[of]]
+        rank[row, near] += AGAINST * turn * gap[row, near] + LACK * np.maximum(lacks, 0.0)
+    piece, row = tubes.piece[cone], np.arange(len(rank))
+    best = np.argmin(rank, axis=1)
+    chosen = piece[row, best]
+    gap = np.where(piece == chosen[:, None], gap, np.inf).min(axis=1)
+    return rank[row, best].reshape(-1, 2), gap.reshape(-1, 2), chosen.reshape(-1, 2)
+
+
+def _outward(lines: Centrelines, pieces: np.ndarray) -> np.ndarray:
+    """(W, 2, 3) unit, the way on beyond both ends of some pieces."""
+    first, last = lines.first[pieces], lines.first[pieces + 1] - 1
+    out = np.stack(
+        [lines.knot[first] - lines.knot[first + 1], lines.knot[last] - lines.knot[last - 1]], axis=1
+    )
+    return np.asarray(
+        out / np.maximum(np.linalg.norm(out, axis=2, keepdims=True), np.finfo(float).tiny)
+    )
+
+
+def _stems_apart(lines: Centrelines, trunk: int, free: np.ndarray) -> np.ndarray:
+    """Pieces that stand on the ground beside the trunk, and their radius away from it."""
+    ends, radius, rows = lines.ends(), lines.end_radius, np.arange(len(free))
+    height = float(np.ptp(ends[:, :, 2]))
+    foot = np.argmin(ends[:, :, 2], axis=1)
+    low, high = ends[rows, foot, 2], ends[rows, 1 - foot, 2]
+    stout = radius[trunk, foot[trunk]]
+    apart = free & (low <= low[trunk] + LEVEL * height + stout) & (high - low >= TALL * height)
+    apart &= (radius[rows, foot] >= STEM * stout) & (rows != trunk)
+    some = np.flatnonzero(apart)
+    if not len(some):
+        return some
+    found = find_contacts(lines, np.array([trunk]), ends[some, foot[some]])
+    return some[(found.gap > radius[some, foot[some]]) & (found.gap <= BESIDE * height)]
+
+
+def find_bearers(lines: Centrelines, leaves: Pieces) -> tuple[np.ndarray, np.ndarray]:
+    """(L,) the piece of wood that bears each leaf, and (L,) the gap between them.
+
+    A leaf hangs by the corner or middle of an edge that is nearest to any wood; where it reaches into
+    several pieces, on the thinnest. A first look at one ball for each corner leaves those that can be
+    the nearest of their leaf; the middle of an edge is at most half its length nearer than its ends.
+    """
+    tubes = Tubes.of(lines, np.arange(len(lines.first) - 1))
+    near = _groups_near(tubes, leaves)
+    corner = leaves.piece_of_vertex
+    seen = tubes.look(leaves.vertices, near[:, corner])
+    begins = np.flatnonzero(np.diff(corner, prepend=-1))
+    least = np.minimum.reduceat(np.maximum(seen.gap.min(axis=0), 0.0), begins)
+    away = (seen.gap - seen.doubt).min(axis=0)  # at least
+    close = np.flatnonzero(away <= least[corner])
+    at_corners = tubes.contacts(leaves.vertices[close], seen.of(close), thinnest=True)
+    away[close] = at_corners.gap
+    np.minimum.at(least, corner[close], np.maximum(at_corners.gap, 0.0))
+
+    one, other = leaves.edges.T
+    half = lengths(leaves.vertices[one] - leaves.vertices[other]) / 2
+    may = np.maximum(away[one], away[other]) - CLOSER * half <= least[corner[one]]
+    owner, one, other = corner[one[may]], one[may], other[may]
+    middles = (leaves.vertices[one] + leaves.vertices[other]) / 2
+    seen = tubes.look(middles, near[:, owner])
+    may = np.flatnonzero((seen.gap - seen.doubt).min(axis=0) <= least[owner])
+    at_middles = tubes.contacts(middles[may], seen.of(may), thinnest=True)
+
+    owner = np.concatenate([corner[close], owner[may]])
+    piece, gap, radius = (
+        np.concatenate([getattr(at_corners, name), getattr(at_middles, name)])
+        for name in ("piece", "gap", "radius")
+    )
+    gap = np.maximum(gap, 0.0)
+    size = np.bincount(owner, minlength=leaves.count)
+    chosen = np.lexsort((radius, gap, owner))[np.cumsum(size) - size]
+    return piece[chosen], gap[chosen]
+
+
+def _groups_near(tubes: Tubes, leaves: Pieces) -> np.ndarray:
+    """(G, L) whether a group of balls can be the nearest to any place of a leaf, from its middle."""
+    owner = leaves.piece_of_vertex
+    size, middle = np.bincount(owner, minlength=leaves.count), leaves.middles()
+    away = lengths(leaves.vertices - middle[owner])
+    reach = np.maximum.reduceat(away, np.cumsum(size) - size)
+    seen = tubes.look(middle)
+    least = np.maximum(seen.gap.min(axis=0) + reach, 0.0)
+    return np.asarray(seen.gap - seen.doubt - reach <= least)
+
+
+def root(lines: Centrelines, trunk: int, known: Known) -> Known:
+    """Add the parents of pieces that are rooted deep in one to what is known."""
+    count = len(lines.first) - 1
+    free = np.flatnonzero((known.parent < 0) & (np.arange(count) != trunk))
+    if not len(free):
+        return known
+    tubes = Tubes.of(lines, np.arange(count))
+    ends, thick = lines.ends()[free], lines.end_radius[free]
+    cone, aside, part, radius = tubes.beside(ends.reshape(-1, 3), BALLS)
+    parent = tubes.piece[cone]
+    along = tubes.along[cone] + part * tubes.length[cone]
+    own = np.repeat(free, 2)[:, None]
+    rank = aside / np.maximum(radius, 1e-12)
+    fits = (rank <= DEEP) & (parent != own) & (radius >= NO_THINNER * thick.reshape(-1, 1))
+    fits &= ~_begins_there(lines, parent, along, radius, TAPERS)
+    other = thick[:, ::-1].reshape(-1, 1)
+    fits &= thick.reshape(-1, 1) * TAPER >= other
+    rank += LESS * (thick.reshape(-1, 1) < other)
+    sister = _begins_there(lines, parent, along, radius, TAPER)
+    rank += LESS * (sister & (radius < OWN_END * thick.reshape(-1, 1)))
+    rank[~fits] = np.inf
+
+    width = rank.shape[1]
+    rank = rank.reshape(len(free), 2 * width)
+    best = np.argmin(rank, axis=1)
+    row, found = 2 * np.arange(len(free)) + best // width, best % width
+    sure = np.isfinite(rank[np.arange(len(free)), best])
+    row, found, rooted = row[sure], found[sure], free[sure]
+    chosen = cone[row, found]
+    foot = tubes.start[chosen] + part[row, found][:, None] * tubes.vector[chosen]
+    parents, feet, thickness = known.parent.copy(), known.foot.copy(), known.radius.copy()
+    parents[rooted], feet[rooted] = tubes.piece[chosen], foot
+    thickness[rooted] = radius[row, found]
+    rings = _in_rings(parents)
+    parents[rings] = known.parent[rings]
+    return Known(parents, feet, thickness)
+
+
+def _begins_there(
+    lines: Centrelines, parent: np.ndarray, along: np.ndarray, radius: np.ndarray, tapers: float
+) -> np.ndarray:
+    """Tell whether places along pieces are where these begin: at an end, unless that tapers by this
+    factor."""
+    length, ends = lines.length()[parent], lines.end_radius[parent]
+    first = (along <= FEET * radius) & (ends[..., 0] * tapers > ends[..., 1])
+    last = (length - along <= FEET * radius) & (ends[..., 1] * tapers > ends[..., 0])
+    return np.asarray(first | last)
+
+
+def _in_rings(parent: np.ndarray) -> np.ndarray:
+    """(N,) pieces that are their own ancestors."""
+    at = np.arange(len(parent))
+    above = np.where(parent < 0, at, parent)
+    for _ in range(len(parent).bit_length()):  # so far up that who is not at the top goes round
+        above = above[above]
+    return np.unique(above[parent[above] >= 0])

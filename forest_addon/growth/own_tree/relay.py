@@ -12,7 +12,7 @@ axis that it stands for, with the letters of its children in brackets; the last 
 and ``\`` bring the turtle into a child's frame (the angles of Euler, as z, x, z), ``f`` takes it from the
 parent's axis to the child's foot.
 
-The turtle's left, up and heading are N, B and T of ``lines``; it starts upright.
+The turtle's left, up and heading are N, B and T of ``anatomy``; it starts upright.
 """
 
 from __future__ import annotations
@@ -28,9 +28,8 @@ from ...base.trimesh import TriMesh, join
 from ...base.vectors import cross_rows, zenith_of
 from ..mesh.leaves import Leaves
 from ..skeleton import Skeleton, depths, root_of
-from .anatomy import GROUND, Anatomy
+from .anatomy import GROUND, Anatomy, Seats, seat_at, seats_on, share_of, stand_on
 from .habit import Habit
-from .lines import Seats, seat_at, seats_on, share_of, stand_on
 from .sibling import Grown
 
 LEAF_SIZE = 0.10  # relative spread

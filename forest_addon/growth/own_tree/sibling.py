@@ -27,23 +27,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...base.rng import daughter_keys, keyed_normal, keyed_uniform
+from ...base.rows import RowTable
 from ...base.runs import Runs, bounds, numbered
 from ...base.vectors import zenith_of
 from ...spec import Siblings
 from ..draw import GOLDEN
-from .anatomy import GROUND
-from .habit import Habit, radius_at_seat
-from .lines import (
-    Lines,
-    foot_frames,
-    lay,
-    seat_at,
-    sloped,
-    slopes,
-    stand_on,
-    walk,
-)
-from .size import CHILDREN, Size, size_of, trunk_girth
+from .anatomy import GROUND, Lines, foot_frames, lay, seat_at, sloped, slopes, stand_on, walk
+from .habit import CHILDREN, Habit, Size, radius_at_seat, size_of, trunk_girth
 
 JITTER = 0.25  # share of the scatter of spacing by which a node moves
 FARTHEST = 0.8  # share of the way to the next node
@@ -364,7 +354,7 @@ def _above_ground(
 
 
 @dataclass(frozen=True, eq=False)
-class Grown:
+class Grown(RowTable):
     """B branches of a tree, order by order.
 
     piece : (B,) of the template. parent : (B,) branch, -1 for a trunk. order : (B,).
@@ -592,19 +582,13 @@ def _lay(habit: Habit, variety: float, wanted: Shoots, order: int) -> Grown:
 
 def _joined(levels: Sequence[Grown]) -> Grown:
     """All orders as one; parents are counted over all of them."""
-    sizes = [len(level.piece) for level in levels]
-    below = np.concatenate([[0, 0], np.cumsum(sizes)[:-1]])  # first row of the order below
-    stretches = np.cumsum([0, *(level.lines.first[-1] for level in levels)])
-
-    def every(tables: Sequence[Grown | Lines], names: Sequence[str]) -> dict[str, np.ndarray]:
-        return {name: np.concatenate([getattr(one, name) for one in tables]) for name in names}
-
-    firsts = [level.lines.first[:-1] + at for level, at in zip(levels, stretches, strict=False)]
-    parts = every([level.lines for level in levels], ("knot", "radius", "length", "frame"))
-    lines = Lines(np.concatenate([*firsts, stretches[-1:]]), **parts)
-    parent = [
+    below = np.cumsum(
+        [0, 0, *(len(level.piece) for level in levels)]
+    )  # first row of the order below
+    parents = (
         np.where(level.parent < 0, -1, level.parent + at)
         for level, at in zip(levels, below, strict=False)
-    ]
-    rest = ("piece", "order", "sign", "scale", "key", "share", "bend", "source", "girth")
-    return Grown(parent=np.concatenate(parent), lines=lines, **every(levels, rest))
+    )
+    return Grown.joined(
+        [replace(level, parent=parent) for level, parent in zip(levels, parents, strict=True)]
+    )

@@ -33,7 +33,7 @@ from ...base.rng import daughter_keys, stream, truncated_normal
 from ...base.runs import numbered
 from ...base.trimesh import LEAF, WOOD, TriMesh, join
 from ...spec import Grammar, Jitter, Leaf
-from ..lsystem.tanveer import interpret, string_of
+from ..lsystem.branching import interpret, string_of
 from ..mesh.blades import Blade, across, lay, set_leaves
 from ..mesh.leaves import CopyStock, Leaves, about_vertical, leaves_apart, measure_leaves
 from ..mesh.meshing import repeated_edges

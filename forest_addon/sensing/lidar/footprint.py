@@ -139,7 +139,9 @@ def _placed(
 # smooth surface are a patch, and its light is spread over the patch: with their mean range m and variance
 # V, both weighted by energy, contact j becomes a Gaussian about m + √(1-κ)·(R_j - m) of variance κV. Mean
 # and variance of the patch stay what they were, exactly; κ = 4/√n, at most 0.9, is enough for n rays on a
-# plane to have one crest, near its middle, at any turn of the beam and also without a pulse.
+# plane to have one crest, near its middle, at any turn of the beam and also without a pulse. Of more than a
+# hundred rays some lie alone far out; for these κ = L²/(L² + 4V), with L from the nearest to the farthest:
+# then all lie within two widths, and there is one crest (Popoviciu, see ``waveform``).
 #
 # Two contacts are on one smooth surface if their normals agree and if the range changes between them as the
 # planes of both say. 1/R is linear over a plane, so a plane is one patch at any incidence. Leaves are no
@@ -152,6 +154,7 @@ ALIKE = 0.95  # cosine between the normals of neighbours on one surface
 BESIDE = 0.1  # pulse lengths, and BESIDE_SHARE of the way, that a surface may be off a plane
 BESIDE_SHARE = 0.2
 SPREAD, MOST = 4.0, 0.9  # κ = SPREAD/√n, at most MOST
+MANY = 100  # contacts of a patch, beyond which that does not do
 
 
 @dataclass(frozen=True)
@@ -195,6 +198,12 @@ def blurred_patches(
     mean = (np.bincount(patch, energy * away) / whole)[patch]
     variance = (np.bincount(patch, energy * (away - mean) ** 2) / whole)[patch]
     share = np.minimum(SPREAD / np.sqrt(count), MOST)[patch]
+    low, high = np.full((2, len(count)), [[np.inf], [-np.inf]])
+    np.minimum.at(low, patch, away)
+    np.maximum.at(high, patch, away)
+    square = ((high - low) ** 2)[patch]
+    many = (count[patch] > MANY) & (square > 0)
+    share[many] = square[many] / (square + 4 * variance)[many]
     mean += some[patch]
     moved = np.where(count[patch] > 1, mean + np.sqrt(1 - share) * (at - mean), at)
     return moved, np.sqrt(share * variance)

@@ -156,6 +156,17 @@ def range_image(cloud: Cloud, scanner: Terrestrial) -> np.ndarray:
 FLAT = math.radians(80.0)  # a beam nearer to the horizon is drawn at this angle from the vertical
 
 
+def outline(sensor: Any) -> np.ndarray:
+    """(N, 2, 3) m, ends of the lines that show where a LiDAR looks."""
+    drawn = {
+        Tractor: fan_outline,
+        Terrestrial: sweep_outline,
+        Airborne: strips_outline,
+        Mobile: poses_outline,
+    }
+    return drawn[type(sensor)](sensor)
+
+
 def fan_outline(tractor: Tractor) -> np.ndarray:
     """The track, and the fan of beams at its start, middle and end."""
     heading = math.radians(tractor.heading_deg)

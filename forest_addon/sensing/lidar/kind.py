@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...base.progress import Progress
-from ...base.rng import stream
 from ...base.words import keep
 from ...spec import Airborne, Mobile, Terrestrial, Tractor
-from ..audit import Audit
+from ..audit import AuditPart
 from ..kind import Cost, Observation, SensorKind, cost_of_rays, why_nothing
 from ..looks import BeamLook
 
@@ -127,21 +126,19 @@ def _lasts(scanner: Any, trajectory: Any) -> float:
     return float(pattern.pulses(np.array([pattern.count - 1])).time[0])
 
 
-def _audit_drive(job: Observation, found: Any, seconds: float) -> Audit:
-    from .audit import audit_drive
+def _audit_drive(job: Observation, found: Any) -> list[AuditPart]:
+    from .audit import parts_of_drive
 
-    rng = stream(job.settings.seed, "audit", job.sensor.name)
-    given = rng, seconds, job.settings.accuracy.audit, job.seen.geometry
-    return audit_drive(job.sensor, found, job.seen.caster, *given)
+    share = job.settings.accuracy.audit
+    return parts_of_drive(job.sensor, found, job.seen.caster, share, job.seen.geometry)
 
 
-def _audit_scan(job: Observation, found: Any, seconds: float) -> Audit:
-    from .audit import audit_scan
+def _audit_scan(job: Observation, found: Any) -> list[AuditPart]:
+    from .audit import parts_of_scan
     from .scan import Scan
 
     work = Scan(job.sensor, job.caster, job.settings.seed, job.trajectory)
-    rng = stream(job.settings.seed, "audit", job.sensor.name)
-    return audit_scan(work, found, rng, seconds, job.settings.accuracy.audit, job.seen.geometry)
+    return parts_of_scan(work, found, job.settings.accuracy.audit, job.seen.geometry)
 
 
 def _no_hits(job: Observation, found: Any) -> str:
@@ -197,28 +194,10 @@ def _where_it_starts(job: Observation) -> np.ndarray:
     return np.array([pose.position for pose in job.sensor.poses[:1]]).reshape(-1, 3)
 
 
-def _fan(tractor: Tractor) -> np.ndarray:
-    from .glance import fan_outline
+def _outline(sensor: Any) -> np.ndarray:
+    from .glance import outline
 
-    return fan_outline(tractor)
-
-
-def _window(scanner: Terrestrial) -> np.ndarray:
-    from .glance import sweep_outline
-
-    return sweep_outline(scanner)
-
-
-def _strips(scanner: Airborne) -> np.ndarray:
-    from .glance import strips_outline
-
-    return strips_outline(scanner)
-
-
-def _poses(scanner: Mobile) -> np.ndarray:
-    from .glance import poses_outline
-
-    return poses_outline(scanner)
+    return outline(sensor)
 
 
 def _fewer_angles(scanner: Terrestrial, share: float) -> dict[str, Any]:
@@ -247,7 +226,7 @@ TRACTOR = SensorKind(
     audit=_audit_drive,
     empty=_no_hits,
     cost=_cost_of_drive,
-    outline=_fan,
+    outline=_outline,
     look=look_of_tractor,
     glance=_glance,
     family="lidar",
@@ -265,7 +244,7 @@ TERRESTRIAL = SensorKind(
     lasts=_lasts,
     sways=True,
     cost=_cost_of_scan,
-    outline=_window,
+    outline=_outline,
     look=look_of_terrestrial,
     glance=_glance,
     thinned=_fewer_angles,
@@ -286,7 +265,7 @@ MOBILE = SensorKind(
     lasts=_lasts,
     sways=True,
     cost=_cost_of_scan,
-    outline=_poses,
+    outline=_outline,
     look=look_of_mobile,
     glance=_glance,
     thinned=_fewer_pulses,
@@ -305,7 +284,7 @@ AIRBORNE = SensorKind(
     lasts=_lasts,
     sways=True,
     cost=_cost_of_scan,
-    outline=_strips,
+    outline=_outline,
     look=look_of_airborne,
     glance=_glance,
     thinned=_fewer_pulses,

@@ -16,7 +16,6 @@ from .cloud import Cloud, organs
 from .scan import Scan
 
 AT_ONCE = 8192  # lines: what is in work stays in the cache
-MANY = 1_000_000  # names of cells that are counted at once
 MOST_SURFACES = 10_000  # on one line
 GROUND = 3
 
@@ -34,15 +33,15 @@ def occlusion(scan: Scan, cloud: Cloud, cells: Cells, every: int) -> dict[str, n
     np.maximum.at(farthest, slot, cloud.true_range[mine])
     last = np.where(farthest > 0, farthest, last)
     count = cells.count
-    tally = _Tally(2 * count)  # passed, then blocked
+    tally = np.zeros(2 * count, np.int32)  # passed, then blocked
     for first in range(0, len(number), AT_ONCE):
         rows = slice(first, first + AT_ONCE)
         pulses = scan.pattern.pulses(number[rows])
         reach = np.full(len(pulses), scan.scanner.max_range)
         stop = last[rows]
         for step in walk(cells, np.asarray(pulses.origin), pulses.direction, reach):
-            tally.add(step.cell + count * (step.enter >= stop[step.line]))
-    passed, blocked = tally.counts().reshape(2, *cells.size)
+            np.add.at(tally, step.cell + count * (step.enter >= stop[step.line]), 1)
+    passed, blocked = tally.reshape(2, *cells.size)
     found = {"pulses_in": passed, "pulses_blocked": blocked}
     pulses = scan.pattern.pulses(cloud.pulse[mine])
     place = pulses.origin + cloud.true_range[mine, None] * pulses.direction
@@ -56,31 +55,6 @@ def occlusion(scan: Scan, cloud: Cloud, cells: Cells, every: int) -> dict[str, n
         "every": np.array(every),
         "pulses": np.array(len(number)),
     }
-
-
-class _Tally:
-    """Return how often numbers below a limit are named; they are collected until there are as many."""
-
-    def __init__(self, limit: int) -> None:
-        self._total = np.zeros(limit, np.int64)
-        self._names: list[np.ndarray] = []
-        self._room = self._most = max(limit, MANY)
-
-    def add(self, names: np.ndarray) -> None:
-        self._names.append(names)
-        self._room -= len(names)
-        if self._room < 0:
-            self._sum()
-
-    def counts(self) -> np.ndarray:
-        """(N,) int32."""
-        self._sum()
-        return self._total.astype(np.int32)
-
-    def _sum(self) -> None:
-        if self._names:
-            self._total += np.bincount(np.concatenate(self._names), minlength=len(self._total))
-        self._names, self._room = [], self._most
 
 
 def on_the_line(scan: Scan, caster: RayCaster, cloud: Cloud, every: int) -> dict[str, np.ndarray]:

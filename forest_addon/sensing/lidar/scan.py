@@ -59,7 +59,7 @@ from .receiver import (
     unambiguous_range,
 )
 from .specular import DIRECT, Halo, SpecularScene, alike_bounces, follow
-from .waveform import LIGHT, find_echoes, pulse_length
+from .waveform import LIGHT, WaveformEchoes, find_echoes, pulse_length
 
 RAYS_AT_ONCE = 65_536
 MOST_LOST = 100  # pulses of a scan; beyond, it is not a pulse that is at fault
@@ -68,7 +68,8 @@ MOST_LOST = 100  # pulses of a scan; beyond, it is not a pulse that is at fault
 class Scan:
     """A scanner in a scene, ready to send its pulses.
 
-    pattern : pulses that are sent in place of the scanner's own.
+    pattern : pulses that are sent in place of the scanner's own. specular : mirrors, glass and water that it
+    follows; None where there are none.
 
     Raises
     ------
@@ -91,9 +92,9 @@ class Scan:
         self.at_once = max(1, RAYS_AT_ONCE // scanner.beam.subrays)
         self._moving = caster.moving if isinstance(caster, MovingCaster) else None
         self._halo = None if self._moving else Halo.of(scanner, caster.scene)
-        self._specular = SpecularScene.of(caster.scene, scanner)
+        self.specular = SpecularScene.of(caster.scene, scanner)
         self._unfollowed = 0
-        still = self._moving is None and self._specular is None and scanner.beam.subrays > 1
+        still = self._moving is None and self.specular is None and scanner.beam.subrays > 1
         self._faces = Faces.of(caster.scene) if still else None
         if self._faces is not None:
             self.at_once *= 16  # hardly a ray is traced
@@ -138,6 +139,13 @@ class Scan:
             found = found.select(np.flatnonzero(arrives_awake(self.scanner, found.echoes.distance)))
         return self._measure(pulses, number, keys, found)
 
+    def rays(self, number: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Origins and directions (P·S, 3) of the rays of the pulses of these numbers (P,), pulse by pulse."""
+        pulses = self.pattern.pulses(number)
+        if self.scanner.beam.subrays == 1:
+            return pulses.origin, pulses.direction
+        return self._rays(self._frames(pulses, daughter_keys(self._key, number)))
+
     def _found(self, pulses: Pulses, keys: np.ndarray) -> Received:
         """Return the echoes of pulses and their halos, before the receiver."""
         found = self._direct(pulses, keys)
@@ -156,9 +164,9 @@ class Scan:
     ) -> Contacts:
         """Return what origins and directions of rays meet, at times where the scene moves."""
         limits = self.scanner.max_range, self.scanner.surfaces
-        if self._specular is None:
+        if self.specular is None:
             return meet(self.caster, *rays, *limits, keys, at)
-        found, ended = follow(self.caster, self._specular, rays, *limits, keys)
+        found, ended = follow(self.caster, self.specular, rays, *limits, keys)
         self._unfollowed += ended
         return found
 
@@ -267,6 +275,8 @@ class Scan:
         """As ``look_at``; pulses on which the program fails are named in the cloud's ``lost``."""
         try:
             return self.look_at(number)
+        except MemoryError:
+            raise  # no pulse is at fault
         except Exception as fault:
             if len(number) > 1:
                 middle = len(number) // 2
@@ -289,16 +299,37 @@ class Scan:
         normal = self._normals(hits, ways, time[contacts.ray])
         reflectance = reflectance_of(scene, hits, contacts.organ, scanner.surfaces)
         energy = intensity(
-            reflectance * contacts.light / scanner.beam.subrays,
+            self._light(contacts, reflectance),
             cosines(normal, ways),
             hits.distance,
             scanner.beam.extinction,
         )
         counts = np.flatnonzero((energy > 0) & (hits.distance >= scanner.min_range))
-        pulse, subray = np.divmod(contacts.ray[counts], scanner.beam.subrays)
-        sigma = pulse_length(scanner.beam.pulse_ns)
-        distance, blur = hits.distance[counts], None
-        if scanner.beam.subrays > 1:
+        echoes = self._echoes(rays, contacts, counts, energy, ways, normal)
+        chosen = counts[echoes.contact]
+        bounce = None if sight is None else sight.bounce[chosen]
+        return Received(echoes, hits.select(chosen), ways[chosen], normal[chosen], bounce)
+
+    def _light(self, contacts: Contacts, reflectance: np.ndarray) -> np.ndarray:
+        """(C,) share of a pulse's light that contacts send back."""
+        light: np.ndarray = reflectance * contacts.light / self.scanner.beam.subrays
+        return light
+
+    def _echoes(
+        self,
+        rays: tuple[np.ndarray, np.ndarray],
+        contacts: Contacts,
+        counts: np.ndarray,
+        energy: np.ndarray,
+        ways: np.ndarray,
+        normal: np.ndarray,
+    ) -> WaveformEchoes:
+        """Echoes of the contacts (C,) that count, by row; energy (C,), ways and normals (C, 3) of all."""
+        subrays, sight = self.scanner.beam.subrays, contacts.sight
+        pulse, subray = np.divmod(contacts.ray[counts], subrays)
+        sigma = pulse_length(self.scanner.beam.pulse_ns)
+        distance, blur = contacts.hits.distance[counts], None
+        if subrays > 1:
             blur = np.zeros(len(counts))
             solid = np.flatnonzero(contacts.organ[counts] != LEAF)
             solid = solid[goes_on_long(pulse[solid], distance[solid], sigma)]
@@ -314,11 +345,8 @@ class Scan:
                     direction=ways[rows],
                     normal=normal[rows],
                 )
-                distance[alike], blur[alike] = blurred_patches(met, scanner.beam.subrays, sigma)
-        echoes = find_echoes(pulse, subray, distance, energy[counts], sigma, blur)
-        chosen = counts[echoes.contact]
-        bounce = None if sight is None else sight.bounce[chosen]
-        return Received(echoes, hits.select(chosen), ways[chosen], normal[chosen], bounce)
+                distance[alike], blur[alike] = blurred_patches(met, subrays, sigma)
+        return find_echoes(pulse, subray, distance, energy[counts], sigma, blur)
 
     def _normals(self, hits: Hits, ways: np.ndarray, time: np.ndarray) -> np.ndarray:
         """Return (C, 3) normals of what was met on ways (C, 3), at times (C,)."""

@@ -218,16 +218,6 @@ class Turned(RowTable):
     extinction: np.ndarray
 
 
-@dataclass(frozen=True)
-class StraightWays:
-    """Straight ways of rays: what sends light back, rays by number that a specular surface ends or turns,
-    and where they were turned."""
-
-    contacts: list[Contacts]
-    turned: list[Turned]
-    ended: int
-
-
 def follow(
     caster: RayCaster,
     specular: SpecularScene,
@@ -247,21 +237,19 @@ def follow(
     """
     count = len(rays[0])
     walk = _Walk(caster, specular, surfaces)
-    first = walk.straight(*rays, np.full(count, max_distance), keys)
-    contacts = Contacts.joined(first.contacts)
-    if not first.turned:
+    contacts, turns, _ = walk.straight(*rays, np.full(count, max_distance), keys)
+    if not turns:
         return contacts, 0
-    turned = Turned.joined(first.turned)
+    turned = Turned.joined(turns)
     gone, ratio = turned.left.distance, turned.ratio
-    second = walk.straight(
+    found, _, ended = walk.straight(
         turned.origin,
         turned.way,
         (max_distance - gone) / ratio,
         daughter_keys(daughter_keys(keys[turned.ray], "bounce"), turned.bounce),
         turned.left,
     )
-    found = Contacts.joined(second.contacts)
-    return Contacts.joined([contacts, _as_seen(found, turned, specular)]), second.ended
+    return Contacts.joined([contacts, _as_seen(found, turned, specular)]), ended
 
 
 def alike_bounces(contacts: Contacts, counts: np.ndarray, solid: np.ndarray) -> list[np.ndarray]:
@@ -307,9 +295,12 @@ class _Walk:
         limit: np.ndarray,
         keys: np.ndarray,
         left: Hits | None = None,
-    ) -> StraightWays:
-        """Follow rays to what ends them. limit : (R,) metres. left : what turned rays leave; they are not
-        turned again."""
+    ) -> tuple[Contacts, list[Turned], int]:
+        """Follow rays to what ends them: what sends light back, where rays are turned, and how many of those
+        that were turned before meet a specular surface again.
+
+        limit : (R,) metres. left : what turned rays leave; they are not turned again.
+        """
         scene = self._caster.scene
         ray, light = np.arange(len(origins)), np.ones(len(origins))
         bounce = np.zeros(len(origins), dtype=np.int8)
@@ -345,7 +336,8 @@ class _Walk:
                 turned += turns if left is None else []
             on = np.flatnonzero((through > 0) & (light * through > FAINT))
             if not len(on):
-                return StraightWays(found, turned, int(ended.sum()) if left is not None else 0)
+                again = int(ended.sum()) if left is not None else 0
+                return Contacts.joined(found), turned, again
             ray, light, bounce = ray[on], light[on] * through[on], bounce[on]
             behind = hits.select(on)
             hits = self._caster.cast(

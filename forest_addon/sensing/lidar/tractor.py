@@ -110,17 +110,18 @@ def axes(tractor: Tractor, scan: np.ndarray, step: np.ndarray) -> tuple[np.ndarr
     return _origins(tractor, along), _directions(tractor, fan(tractor)[step])
 
 
-def beams(tractor: Tractor, caster: RayCaster, scan: np.ndarray, step: np.ndarray) -> Returns:
-    """Return what the (P + 1)² rays of beams (B,) meet, beam by beam, by scan and step of the fan."""
+def beam_rays(
+    tractor: Tractor, scan: np.ndarray, step: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Origins and unit directions (B·(P + 1)², 3) of the rays of beams (B,), beam by beam, by scan and step
+    of the fan."""
     split = max(tractor.splits, 1)
     within = np.arange(tractor.splits + 1)
     i, j = (part.ravel() for part in np.meshgrid(within, within, indexing="ij"))
     along = tractor.step * ((scan[:, None] * (tractor.gap + 1) * split + i) / split)
     lowest, turn = fan(tractor)[0], np.deg2rad(tractor.angle_step_deg)
     angle = lowest + turn * ((step[:, None] * split + j) / split)
-    origins = _origins(tractor, along.ravel())
-    ways = _directions(tractor, angle.ravel())
-    return label(caster.scene, caster.cast(origins, ways, tractor.max_range), ways)
+    return _origins(tractor, along.ravel()), _directions(tractor, angle.ravel())
 
 
 def _look(

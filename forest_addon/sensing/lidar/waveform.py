@@ -8,7 +8,7 @@ sign; two crests closer than that count as one. Newton's method, held by bisecti
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -189,7 +189,6 @@ def _batches(wide: np.ndarray, nodes: np.ndarray) -> list[np.ndarray]:
 
 LIGHT = 299_792_458.0  # m/s
 FWHM = 2 * np.sqrt(2 * np.log(2))  # of a Gaussian, in standard deviations
-FEW = 64  # contacts of a pulse
 APART = 8.0  # standard deviations beyond which contacts are treated alone
 
 
@@ -245,47 +244,42 @@ def find_echoes(
     blur = np.zeros(len(pulse)) if blur is None else blur
     if (np.diff(pulse) > 0).all():  # one contact a pulse: that is its echo
         return WaveformEchoes(pulse, distance, energy, np.hypot(sigma, blur), np.arange(len(pulse)))
-    order = _by_range(pulse, distance)
+    order = np.lexsort((distance, pulse))
     pulse, subray, energy = pulse[order], subray[order], energy[order]
     at, width = distance[order], np.hypot(sigma, blur[order])
     first = np.flatnonzero(np.append(True, _apart(pulse, at, width, sigma)))
     size = np.diff(np.append(first, len(at)))
     crest, owner = crests(at, energy, width, first, size)
 
+    found = gathered(owner, pulse, subray, at, energy, width**2 - sigma**2, sigma)
+    return replace(found, distance=crest, contact=order[found.contact])
+
+
+def gathered(
+    owner: np.ndarray,
+    pulse: np.ndarray,
+    subray: np.ndarray,
+    at: np.ndarray,
+    energy: np.ndarray,
+    variance: np.ndarray,
+    sigma: float,
+) -> WaveformEchoes:
+    """Echoes of C contacts, one at least, that belong to echoes ``owner`` (C,), ascending from 0 without a
+    gap: each at the mean of its light.
+
+    variance : (C,) m², of the light of each contact about its place. sigma : m, of the pulse.
+    """
     starts = np.flatnonzero(np.append(True, np.diff(owner) != 0))
     total = np.add.reduceat(energy, starts)
     share = energy / np.where(total > 0, total, 1.0)[owner]
     middle = np.add.reduceat(share * (at - at[starts][owner]), starts)
     away = at - at[starts][owner] - middle[owner]
-    spread = np.add.reduceat(share * (away**2 + (width**2 - sigma**2)), starts)
+    spread = np.add.reduceat(share * (away**2 + variance), starts)
     strong = energy >= 0.5 * np.maximum.reduceat(energy, starts)[owner]
     place = np.where(strong, subray, np.iinfo(np.int64).max // len(at) - 1)
     chosen = np.minimum.reduceat(place * len(at) + np.arange(len(at)), starts) % len(at)
-    return WaveformEchoes(
-        pulse=pulse[starts],
-        distance=crest,
-        energy=total,
-        width=np.sqrt(sigma**2 + spread),
-        contact=order[chosen],
-    )
-
-
-def _by_range(pulse: np.ndarray, distance: np.ndarray) -> np.ndarray:
-    """Order of contacts by pulse and then by distance; as they came where these are equal."""
-    first = np.flatnonzero(np.diff(pulse, prepend=-1))
-    size = np.diff(np.append(first, len(pulse)))
-    if (np.diff(pulse) >= 0).all() and size.max() <= FEW:
-        # Each pulse a row of a table: short rows are sorted faster than all contacts together.
-        place = np.arange(size.max())
-        table = np.full((len(first), len(place)), np.inf)
-        here = place < size[:, None]
-        table[here] = distance
-        within = np.argsort(table, axis=1, kind="stable")
-        nearest: np.ndarray = (within + first[:, None])[here]
-        return nearest
-    order = np.argsort(distance, kind="stable")
-    by_range: np.ndarray = order[np.argsort(pulse[order], kind="stable")]
-    return by_range
+    width = np.sqrt(sigma**2 + spread)
+    return WaveformEchoes(pulse[starts], at[starts] + middle, total, width, chosen)
 
 
 def _apart(pulse: np.ndarray, at: np.ndarray, width: np.ndarray, sigma: float) -> np.ndarray:

@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from ...base.rows import distinct
 from ...base.trimesh import TriMesh
 from .caster import Hits, RayCaster
 from .geometry import SceneGeometry, invert_transforms
@@ -50,10 +49,10 @@ class ExactCaster(RayCaster):
         hits = Hits.misses(count)
         at_once = max(1, PAIRS // max(len(self.scene), 1))
         for first in range(0, count, at_once):
-            rows = np.arange(first, min(first + at_once, count))
+            rows = slice(first, first + at_once)
             left = None if leaving is None else leaving.select(rows)
-            part = self._cast(origins[rows], ways[rows], near[rows], far[rows], left)
-            hits.put(rows, part)
+            ray, met = self.through(origins[rows], ways[rows], near[rows], far[rows], left)
+            put_nearest(hits, first + ray, met)
         return hits
 
     def meets(self, origins: np.ndarray, directions: np.ndarray, hits: Hits) -> np.ndarray:
@@ -62,7 +61,7 @@ class ExactCaster(RayCaster):
         found = np.full(len(origins), np.inf)
         named = np.flatnonzero(hits.found)
         mesh_of = self.scene.mesh_index[hits.instance[named]]
-        for index in distinct(mesh_of).tolist():
+        for index in np.unique(mesh_of).tolist():
             rows = named[mesh_of == index]
             start, way = self._local(origins[rows], ways[rows], hits.instance[rows])
             corners = _corners(self.scene.meshes[index], hits.triangle[rows])
@@ -77,38 +76,32 @@ class ExactCaster(RayCaster):
         start = np.einsum("pij,pj->pi", inverse, origins - self.scene.transform[instance, :, 3])
         return start, np.einsum("pij,pj->pi", inverse, ways)
 
-    def _cast(
+    def through(
         self,
         origins: np.ndarray,
         ways: np.ndarray,
         near: np.ndarray,
         far: np.ndarray,
-        leaving: Hits | None,
-    ) -> Hits:
+        leaving: Hits | None = None,
+    ) -> tuple[np.ndarray, Hits]:
+        """Numbers (K,) of rays with unit ways (R, 3), and all they meet (K,) from ``near`` to ``far``."""
         met = _slabs(origins[:, None], ways[:, None], self._low, self._high, far[:, None])
         ray, instance = np.nonzero(met)
         mesh_of = self.scene.mesh_index[instance]
-        rays, distances, instances, triangles = [], [], [], []
-        for index in distinct(mesh_of).tolist():
+        rays, found = [np.empty(0, np.int64)], [Hits.misses(0)]
+        for index in np.unique(mesh_of).tolist():
             rows = np.flatnonzero(mesh_of == index)
             mine, here = ray[rows], instance[rows]
             start, way = self._local(origins[mine], ways[mine], here)
             mesh = self.scene.meshes[index]
             pair, triangle = candidates(_levels(mesh), start, way, far[mine])
             distance = meet(_corners(mesh, triangle), start[pair], way[pair])
-            mine, here = mine[pair], here[pair]
+            mine, hits = mine[pair], Hits(distance, here[pair], triangle)
             left = None if leaving is None else leaving.select(mine)
-            some = counting(Hits(distance, here, triangle), near[mine], far[mine], left)
+            some = counting(hits, near[mine], far[mine], left)
             rays.append(mine[some])
-            distances.append(distance[some])
-            instances.append(here[some])
-            triangles.append(triangle[some])
-        hits = Hits.misses(len(origins))
-        if not rays:
-            return hits
-        found = (np.concatenate(column) for column in (distances, instances, triangles))
-        put_nearest(hits, np.concatenate(rays), Hits(*found))
-        return hits
+            found.append(hits.select(some))
+        return np.concatenate(rays), Hits.joined(found)
 
 
 def cast_exactly(scene: SceneGeometry, origins: np.ndarray, directions: np.ndarray) -> Hits:
@@ -246,7 +239,8 @@ class Referee(RayCaster):
     is there.
 
     scene : that is true; left out: the engine's own. exact : what asks float64; left out: rays at the scene
-    as it stands. Both are told the rays' times, where these have any.
+    as it stands. Both are told the rays' times, where these have any. edge : metres within which single
+    precision does not tell which of two surfaces is first.
     """
 
     engine = "float64"
@@ -257,8 +251,8 @@ class Referee(RayCaster):
         self.scene = caster.scene if scene is None else scene
         self._caster = caster
         step = float(np.spacing(np.float32(_half_size(self.scene))))
-        self._edge = max(ASIDE, STEPS * step)
-        self._exact: Any = ExactCaster(self.scene) if exact is None else exact
+        self.edge = max(ASIDE, STEPS * step)
+        self.exact: Any = ExactCaster(self.scene) if exact is None else exact
 
     def cast(
         self,
@@ -272,7 +266,11 @@ class Referee(RayCaster):
     ) -> Hits:
         """The closest hit of each ray."""
         origins, directions = np.asarray(origins), np.asarray(directions)
-        when = _Times(time)
+        when = {} if time is None else {"time": time}
+
+        def at(rows: np.ndarray) -> dict[str, np.ndarray]:
+            return {name: every[rows] for name, every in when.items()}
+
         far = np.broadcast_to(np.asarray(max_distance, np.float64), len(origins))
         near = np.broadcast_to(np.asarray(min_distance, np.float64), len(origins))
         ours = self._caster.cast(
@@ -281,23 +279,23 @@ class Referee(RayCaster):
             max_distance,
             min_distance=min_distance,
             leaving=leaving,
-            **when.of(),
+            **when,
         )
         ours = _without_nothing(ours)
         limit = np.where(ours.found, np.minimum(ours.distance + SAME, far), far)
-        exact = self._exact.cast(
-            origins, directions, limit, min_distance=near, leaving=leaving, **when.of()
+        exact = self.exact.cast(
+            origins, directions, limit, min_distance=near, leaving=leaving, **when
         )
         gone = np.flatnonzero(ours.found & ~exact.found)
         if len(gone):
             left = None if leaving is None else leaving.select(gone)
-            again = self._exact.cast(
+            again = self.exact.cast(
                 origins[gone],
                 directions[gone],
                 far[gone],
                 min_distance=near[gone],
                 leaving=left,
-                **when.of(gone),
+                **at(gone),
             )
             exact.put(gone, again)
         differ, distance = self._compare(origins, directions, ours, exact, when)
@@ -307,15 +305,15 @@ class Referee(RayCaster):
         ask = ~alike | (named.instance != there.instance) | (named.triangle != there.triangle)
         rows = wrong[ask]
         rays = origins[rows], directions[rows], named.select(ask), far[rows], alike[ask]
-        excused = self._at_an_edge(*rays, when.of(rows))
+        excused = self._at_an_edge(*rays, at(rows))
         wrong = np.delete(wrong, np.flatnonzero(ask)[excused])
         if leaving is not None and len(wrong):
-            blind = self._exact.cast(
+            blind = self.exact.cast(
                 origins[wrong],
                 directions[wrong],
                 far[wrong],
                 min_distance=near[wrong] + BEHIND,
-                **when.of(wrong),
+                **at(wrong),
             )
             wrong = wrong[~_alike(blind, ours.select(wrong))]
         right = Hits(distance, ours.instance.copy(), ours.triangle.copy())
@@ -323,7 +321,12 @@ class Referee(RayCaster):
         return right
 
     def _compare(
-        self, origins: np.ndarray, directions: np.ndarray, ours: Hits, exact: Hits, when: _Times
+        self,
+        origins: np.ndarray,
+        directions: np.ndarray,
+        ours: Hits,
+        exact: Hits,
+        when: dict[str, np.ndarray],
     ) -> tuple[np.ndarray, np.ndarray]:
         """(R,) bool: rays for which what the engine named is not there, or not the first; (R,) metres to
         what it named.
@@ -339,8 +342,11 @@ class Referee(RayCaster):
         distance[same] = exact.distance[same]
         ask = both[~named & (apart <= ASIDE)]
         if len(ask):
-            there = self._exact.meets(
-                origins[ask], directions[ask], ours.select(ask), **when.of(ask)
+            there = self.exact.meets(
+                origins[ask],
+                directions[ask],
+                ours.select(ask),
+                **{name: every[ask] for name, every in when.items()},
             )
             right = np.abs(there - ours.distance[ask]) <= SURE
             differ[ask], distance[ask[right]] = ~right, there[right]
@@ -367,8 +373,8 @@ class Referee(RayCaster):
         beside = np.cross(ways, across)
         aside = np.cos(TURNS)[:, None, None] * across + np.sin(TURNS)[:, None, None] * beside
         count = len(TURNS)
-        moved = self._exact.cast(
-            (origins + self._edge * aside).reshape(-1, 3),
+        moved = self.exact.cast(
+            (origins + self.edge * aside).reshape(-1, 3),
             np.tile(ways, (count, 1)),
             np.tile(far, count),
             **{name: np.tile(every, count) for name, every in when.items()},
@@ -397,17 +403,6 @@ def _without_nothing(hits: Hits) -> Hits:
         hits = Hits(hits.distance.copy(), hits.instance.copy(), hits.triangle.copy())
         hits.put(nothing, Hits.misses(int(nothing.sum())))
     return hits
-
-
-class _Times:
-    """Times of rays, where they have any, as what casters are given."""
-
-    def __init__(self, time: np.ndarray | None) -> None:
-        self._time = time
-
-    def of(self, rows: np.ndarray | slice = slice(None)) -> dict[str, np.ndarray]:
-        """Those of some rays."""
-        return {} if self._time is None else {"time": self._time[rows]}
 
 
 def _alike(one: Hits, other: Hits) -> np.ndarray:

@@ -1,248 +1,323 @@
-"""A response held against the exact sum, part by part of what was returned.
+"""Parts of a response that an audit looks at, and how each value is computed again.
 
-Of a channel drawn at random: direct and ground sound by Fourier sums at single samples; the trunks' sound
-from the first arrival on, by the direct sum over every trunk that is heard till then, as much of it as time
-allows; later pieces by the trunks that sound in them; how many trunks were heard; the noise of a tail. Where
-time is left, the fast sum is made again over random trunks, with the direct sum over the same. Errors of sums
-are shares of the norm of the whole and of each octave from 20 Hz: the tolerance is given in that. A response
-that is the direct sum itself is held against one that lets trunks ring longer: what it cuts off is its error.
+Direct and ground sound are summed as Fourier sums at single samples; the trunks' sound, from the first
+arrival on, by the direct sum over every trunk that is heard till then: the whole record where that is little
+work, else its first part, and later pieces by the trunks that sound in them. Errors of sums are shares of the
+norm of the whole, of each octave from 20 Hz and of each tenth of a record: the tolerance is given in that. A
+response that is the direct sum itself is held against one that lets trunks ring longer: what it cuts off is
+its error. Counts, delays, levels and places are computed again, the noise of a tail is drawn again, and so
+are the channels of a receiver that tells directions.
 """
 
 from __future__ import annotations
 
 import math
-import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 from scipy import fft
 
 from ...acoustics.air import absorption
-from ..audit import LEAST, Audit, Check, joined, sample
-from .arrivals import Gain
+from ..audit import LEAST, AuditPart, figures
 from .band import SPREAD, roll_off
 from .forest.losses import loss_per_metre
-from .forest.tail import FADE
-from .pair import ImpulseResponse, Pair, filtered
-from .sums.fast_scattering import Expansions
+from .forest.tail import FADE, Tail
+from .hearing import OMNI_EAR, Hearing, encoded
+from .model_error import model_error
+from .pair import Gain, ImpulseResponse, Pair, filtered
+from .sums.bands import OctaveBand, bands_of
+from .sums.fast_scattering import FINEST, Expansions, judged
 from .sums.scattering import TrunkPaths, direct_sum, scattered_spectrum, trunk_paths
+from .sums.tree_response import NEAREST, left_out_db, soon_summed
 
-FEWEST, MOST = 20, 200  # trunks at a time
-PACE = 2e-7  # s of a trunk at a frequency
-LONGEST = 12_000  # samples of the part of the record that is compared
+WORK = 2e6, 5e6  # trunks by frequencies that are summed again, of a pair at least and at most
+FEWEST = 20  # trunks whose piece of a record says something
+LONGEST = 24_000  # samples of the first part of a record
 LOWEST = 20.0  # Hz
 RINGING = 1.0  # s of frequencies beside a record's, all bands together
 CUT_OFF = 1e-6  # of an octave, that a direct sum to no tolerance cuts off at most
 QUIET = 1e-9  # of the whole: octaves below that are noise of float64
-BINS, NEAR = 1024, 100  # frequencies of a Fourier sum; samples around an arrival
+LOW = 40.0  # Hz, up to which octaves are summed in whole records
+SMOOTH = 0.25  # s of a record, of which so low octaves can be told
 OF_ARRIVAL = 1e-5  # of the largest sample
+SILENT = 1e-9  # of it
 LOSSY_MARGIN = 0.1  # s, among leaves and branches
-PIECE, MARGIN = 256, 0.04  # samples of a later piece; s before it in which trunks still sound
+PIECE, MARGIN = 0.1, 0.04  # s of a later piece; before it in which trunks still sound
 OF_PIECE = 0.01  # of a piece's norm
 PIECES = 8
 
 
+def parts_of_response(
+    found: ImpulseResponse,
+    pairs: Sequence[Pair],
+    expansions: Expansions,
+    share: float,
+    hearing: Hearing = OMNI_EAR,
+) -> list[AuditPart]:
+    """Parts of a response; of pairs of source and receiver, ``share`` at least one.
+
+    pairs, hearing : what was asked for (``response.pairs_of``). expansions : what the response was made with.
+    """
+    count, wide = len(pairs), len(hearing.names)
+    told = {"channels": len(found.channels)}
+    parts = [figures(told, {"channels": count * wide})]
+    if len(found.channels) != count * wide:
+        return parts
+    chosen = np.unique(np.linspace(0, count - 1, max(1, int(share * count))).astype(int))
+    for number in chosen.tolist():
+        pair, heard = pairs[number], found.microphones[number]
+        channel = Channel(pair, heard, pair.tail(expansions))
+        right = channel.figures() | ({"channel": pair.channel} if hearing is OMNI_EAR else {})
+        parts.append(figures(vars(heard), right))
+        parts += [*_arrivals(channel), *_trunks(channel, share)]
+        asked = pair.reverb.rescattering if number == 0 else 0
+        if asked:
+            again = model_error(pair.loud[0], pair.source, pair.receiver, asked, pair.air)
+            parts.append(figures(vars(found.model_error), vars(again)))
+        if hearing is not OMNI_EAR:
+            ours = found.channels[number * wide : (number + 1) * wide]
+            plain = replace(heard, channel=pair.channel)
+            for one, other in zip(ours, encoded(pair, plain, hearing, expansions), strict=True):
+                names = "direct", "ground", "trees", "tail", "component", "channel"
+                parts.append(figures(vars(one), {name: getattr(other, name) for name in names}))
+    return parts
+
+
 @dataclass(frozen=True)
-class _Channel:
-    """A pair and what was found of it, with its paths."""
+class Channel:
+    """A pair and what was found of it, with the noise of its tail."""
 
     pair: Pair
     found: ImpulseResponse
-    paths: TrunkPaths
+    tail: Tail | None
 
     @property
     def rate(self) -> float:
+        """Samples a second."""
         return self.found.sample_rate
 
     @property
     def speed(self) -> float:
+        """Speed of sound, m/s."""
         return self.pair.air.speed()
 
-    def summed(self, rows: np.ndarray, count: int) -> np.ndarray:
-        """(count,) samples of some trunks by the direct sum."""
-        fine = 0.1 * _allowed(self)
+    @property
+    def allowed(self) -> float:
+        """Error that was asked for, with what is known to be left out."""
+        return (self.pair.reverb.tolerance or CUT_OFF) + self.weak["weak_bound"]
+
+    @cached_property
+    def weak(self) -> dict[str, Any]:
+        """Number and bound of the trunks that are left out as too weak."""
+        weak = self.pair.loud[1]
+        none = {"weak": 0, "weak_bound": 0.0}
+        return none if weak is None else weak.told(self.found.samples, self.rate)
+
+    @cached_property
+    def paths(self) -> TrunkPaths:
+        """By way of all trunks, also those that are left out."""
+        reverb, ends = self.pair.reverb, (self.pair.source[:2], self.pair.receiver[:2])
+        upright = self.pair.losses is not None
+        return trunk_paths(
+            self.pair.forest, *ends, reverb.strength, reverb.spreading, None, upright
+        )
+
+    @property
+    def last(self) -> float:
+        """Metres of path after which all is noise."""
+        return FADE * self.tail.joint if self.tail else math.inf
+
+    @cached_property
+    def kept(self) -> np.ndarray:
+        """(N,) share of the trunks' sound that a tail leaves."""
+        metres = np.arange(len(self.found.trees)) * (self.speed / self.rate)
+        return np.ones(len(metres)) if self.tail is None else self.tail.kept(metres)
+
+    @cached_property
+    def trees(self) -> np.ndarray:
+        """(N,) the trunks' sound without noise."""
+        noise = self.found.tail
+        return self.found.trees if noise is None else self.found.trees - noise
+
+    def summed(
+        self, rows: np.ndarray, count: int, bands: tuple[OctaveBand, ...] = ()
+    ) -> np.ndarray:
+        """(count,) samples of some trunks by the direct sum, of all bands or of some."""
         total = np.zeros(count)
         for term, gain in self.pair.terms(self.pair.forest.select(rows)):
             some = self.paths.select(rows)
             some = replace(some, weight=some.weight * gain)
-            samples = direct_sum(
-                some, self.rate, count + SPREAD, self.pair.air, None, self.pair.losses, fine
-            )
+            given = self.pair.air, None, self.pair.losses, 0.1 * self.allowed, bands
+            samples = direct_sum(some, self.rate, count + SPREAD, *given)
             total += filtered(samples, term, self.rate)[:count]
         return total
 
-
-def audit_response(
-    found: ImpulseResponse,
-    pairs: Sequence[Pair],
-    expansions: Expansions,
-    rng: np.random.Generator,
-    seconds: float,
-    share: float,
-) -> Audit:
-    """Of a response that took ``seconds``, at a cost of about ``share`` of that.
-
-    pairs : what was asked for (``response.pairs_of``). expansions : what the response was made with.
-    """
-    begin, budget = time.perf_counter(), share * seconds
-    number = int(rng.integers(len(pairs)))
-    pair, heard = pairs[number], found.microphones[number]
-    reverb, upright = pair.reverb, pair.losses is not None
-    ends = pair.source[:2], pair.receiver[:2]
-    paths = trunk_paths(pair.forest, *ends, reverb.strength, reverb.spreading, None, upright)
-    channel = _Channel(pair, heard, paths)
-    tail = pair.tail(expansions)
-    last = FADE * tail.joint if tail else math.inf
-    kept, noise = np.ones(len(heard.trees)), np.zeros(len(heard.trees))
-    if tail is not None:
-        kept = tail.kept(np.arange(len(kept)) * (channel.speed / channel.rate))
-        noise = pair.noise(tail, len(noise)) if heard.tail is None else heard.tail
-    trees = heard.trees - noise
-    early = _early(channel, trees, kept, last, budget / 4)
-    pieces = _pieces(channel, trees, kept, last, rng, budget / 4)
-    checks = [_counted(channel), *_arrivals(channel, rng), early, *pieces]
-    if tail is not None:
-        apart = np.abs(pair.noise(tail, len(noise)) - noise)
-        errors = apart / max(float(np.abs(noise).max(initial=0.0)), 1e-300)
-        checks.append(
-            Check.on(
-                "samples of the tail, drawn again", errors, len(errors), 1e-9, "of the largest"
-            )
+    def figures(self) -> dict[str, object]:
+        """Figures of the response besides its sums, computed again."""
+        pair, found, weak = self.pair, self.found, self.pair.loud[1]
+        paths = self.paths if weak is None else self.paths.select(~weak.rows)
+        reverb, rate, count = pair.reverb, self.rate, len(found.trees)
+        heard = paths.earliest <= (count + SPREAD) / rate * self.speed
+        straight = max(math.dist(pair.source, pair.receiver), NEAREST)
+        ours = len(pair.trunks)
+        ours -= int(weak.rows[:ours].sum()) if weak is not None else 0
+        part = count
+        if self.tail is not None:
+            part = min(count, math.ceil(self.last / self.speed * rate) + 1)
+        few = soon_summed(
+            paths.radius[heard & (paths.earliest <= self.last)],
+            part,
+            pair.losses is None or pair.losses.passes,
         )
-    again = _sums_again(channel, expansions, rng, budget - (time.perf_counter() - begin))
-    frequencies = (len(heard.samples) + RINGING * channel.rate) / 2
-    whole = PACE * heard.trunks * frequencies * len(found.channels)
-    return Audit(joined([*checks, again]), seconds, whole)
+        within = int((heard & (paths.earliest <= self.last)).sum())
+        return self.weak | {
+            "sample_rate": reverb.sample_rate,
+            "direct_delay": math.dist(pair.source, pair.receiver) / self.speed,
+            "direct_clear": pair.clear[0],
+            "ground_clear": pair.clear[1],
+            "trunks": int(heard.sum()),
+            "continued": int(heard[ours:].sum()),
+            "late": int((~heard).sum()),
+            "clamped": int(paths.clamped.sum()),
+            "exact": reverb.tolerance < FINEST or within <= few,
+            "left_db": left_out_db(paths, heard, (straight,), rate, pair.air, pair.losses),
+            "tail": None if self.tail is None else pair.noise(self.tail, count),
+            "joint": self.tail.joint / self.speed if self.tail else math.inf,
+            "source": tuple(pair.source.tolist()),
+            "receiver": tuple(pair.receiver.tolist()),
+            "at": pair.at,
+            "stand": pair.around.stand if pair.around else None,
+        }
 
 
-def _counted(channel: _Channel) -> Check:
-    """Return whether every trunk was heard, or is said to be left out."""
-    found, asked = channel.found, len(channel.paths.length)
-    missing = float(abs(found.trunks + found.late + found.weak - asked))
-    return Check(
-        "trunks heard or said to be left out", asked, asked, missing, missing, 0.0, "trunks"
-    )
+def _arrivals(channel: Channel) -> list[AuditPart]:
+    """Samples of the direct and of the ground's sound."""
+    parts = []
+    sounds = zip(("direct", "ground"), channel.pair.arrivals(), channel.pair.clear, strict=True)
+    for name, (path, gain), clear in sounds:
+        samples = getattr(channel.found, name)
+        exact = _arrival(channel, path, gain, len(samples)) if clear else 0.0 * samples
+        size = float(np.abs(exact).max(initial=0.0)) or 1.0
+        errors = np.abs(samples - exact) / size
+        kind = f"samples of the {name} sound by its Fourier sum", OF_ARRIVAL, "of the largest"
+        parts.append(AuditPart(len(errors), errors.__getitem__, (kind,)))
+    return parts
 
 
-def _arrivals(channel: _Channel, rng: np.random.Generator) -> Iterator[Check]:
-    """Samples of the direct and of the ground's sound, around their arrival and elsewhere."""
-    found, pair = channel.found, channel.pair
-    parts = (
-        ("direct", found.direct, found.direct_clear),
-        ("ground", found.ground, found.ground_clear),
-    )
-    for (path, gain), (name, samples, passes), clear in zip(
-        pair.arrivals(), parts, pair.clear, strict=True
-    ):
-        count = len(samples)
-        middle = round(path / channel.speed * channel.rate)
-        near = np.arange(max(middle - NEAR // 2, 0), min(middle + NEAR // 2, count))
-        exact = _fourier(channel, path, gain, near) if clear else np.zeros(len(near))
-        size = max(float(np.abs(exact).max(initial=0.0)), float(np.abs(samples).max(initial=0.0)))
-        apart = np.abs(samples[near] - exact)
-        elsewhere = rng.integers(0, max(count, 1), NEAR if count else 0)
-        elsewhere = elsewhere[np.abs(elsewhere - middle) > 2 * SPREAD]
-        rings = pair.losses is not None and pair.losses.among_leaves  # whose loss has no dispersion
-        if not rings and (pair.reverb.ground_kind == "constant" or name == "direct"):
-            apart = np.append(apart, np.abs(samples[elsewhere]))
-        errors = apart / size if size > 0 else apart
-        errors = np.append(errors, 0.0 if passes == clear else np.inf)
-        what = f"samples of the {name} sound by Fourier sums"
-        yield Check.on(what, errors, count, OF_ARRIVAL, "of the largest")
-
-
-def _fourier(channel: _Channel, path: float, gain: Gain, at: np.ndarray) -> np.ndarray:
-    """(R,) samples of an arrival: ∫ gain(f)/path·e^{-b·path}·e^{i2πf(t - path/c)}."""
-    air = channel.pair.air
-    frequency = (np.arange(BINS) + 0.5) * (0.5 * channel.rate / BINS)
+def _arrival(channel: Channel, path: float, gain: Gain, count: int) -> np.ndarray:
+    """(count,) samples of an arrival: ∫ gain(f)/path·e^{-b·path}·e^{i2πf(t - path/c)}, by frequencies half
+    way between those of its record, so that what comes round is of the other sign."""
+    air, rate = channel.pair.air, channel.rate
+    late = path / channel.speed
+    size = int(fft.next_fast_len(2 * (count + math.ceil((late + RINGING) * rate))))
+    frequency = (np.arange(size // 2) + 0.5) * (rate / size)
     loss = absorption(frequency, air.temperature_c, air.humidity, air.pressure_kpa)
-    spectrum = gain(frequency) / path * np.exp(-loss * path) * roll_off(frequency / channel.rate)
-    late = at / channel.rate - path / channel.speed
-    turns = np.exp(2j * math.pi * np.outer(late, frequency))
-    summed: np.ndarray = (turns @ spectrum).real / BINS
-    return summed
+    spectrum = gain(frequency) / path * np.exp(-loss * path) * roll_off(frequency / rate)
+    spectrum = spectrum * np.exp(-2j * math.pi * frequency * late)
+    half = np.exp(1j * math.pi / size * np.arange(count))
+    samples: np.ndarray = 2.0 * (np.fft.ifft(spectrum, size)[:count] * half).real
+    return samples
 
 
-def _early(
-    channel: _Channel, trees: np.ndarray, kept: np.ndarray, last: float, seconds: float
-) -> Check | None:
-    """The trunks' sound from the first arrival on, by the direct sum; None where the record has none."""
-    paths, rate = channel.paths, channel.rate
+def _trunks(channel: Channel, share: float) -> list[AuditPart]:
+    """The first part of the trunks' sound by the direct sum; where that is not all, its low octaves and later
+    pieces; and that only noise is left where a tail says so."""
+    paths, rate, trees = channel.paths, channel.rate, channel.trees
+    step, count, silent = channel.speed / rate, len(trees), channel.kept == 0
+    loudest = float(np.abs(channel.found.trees).max(initial=0.0)) or 1.0
+    noise = np.abs(trees[silent]) / loudest
+    kind = "samples where only noise is left", SILENT, "of the largest"
+    parts = [AuditPart(len(noise), noise.__getitem__, (kind,))]
     earliest = np.sort(paths.earliest)
-    if not len(earliest):
-        return None
-    step = channel.speed / rate
-    first = int(max(earliest[0] / step, 0.0))
-    if first >= len(trees):  # only the spread of the band's end, which is nothing beside the rest
-        return None
-    longest = min(len(trees), first + LONGEST)
-    counts = np.unique(np.geomspace(first + LEAST, max(longest, first + LEAST), 24).astype(int))
-    trunks = np.searchsorted(earliest, (counts + SPREAD) * step)
-    takes = PACE * trunks * (counts + RINGING * rate) / 2
-    count = min(
-        int(counts[max(int(np.searchsorted(takes, seconds, side="right")) - 1, 0)]), longest
-    )
-    rows = np.flatnonzero((paths.earliest <= (count + SPREAD) * step) & (paths.earliest <= last))
-    apart = trees[:count] - channel.summed(rows, count) * kept[:count]
-    lowest = LOWEST
-    if count < len(trees):  # a smooth end, of which lower octaves would hear more than of the error
-        fade = max(count // 2, 1)
+    first = int(max(earliest[0] / step, 0.0)) if len(earliest) else count
+    if first >= count:  # only the spread of the band's end, which is nothing beside the rest
+        return parts
+    longest = max(min(count, first + LONGEST), first + 1)
+    counts = np.unique(np.geomspace(min(first + LEAST, longest), longest, 24).astype(int))
+    frequencies = (counts + RINGING * rate) / 2
+    work = np.searchsorted(earliest, (counts + SPREAD) * step) * frequencies
+    most = np.clip(share * len(earliest) * (count + RINGING * rate) / 2, *WORK)
+    part = int(counts[max(int(np.searchsorted(work, most, side="right")) - 1, 0)])
+
+    def summed(length: int, bands: tuple[OctaveBand, ...] = ()) -> np.ndarray:
+        heard = (paths.earliest <= (length + SPREAD) * step) & (paths.earliest <= channel.last)
+        return channel.summed(np.flatnonzero(heard), length, bands) * channel.kept[:length]
+
+    def early(_number: np.ndarray) -> np.ndarray:
+        exact = summed(part)
+        if part == count:
+            begins = paths.earliest[paths.earliest <= channel.last] / channel.speed
+            tolerance = channel.pair.reverb.tolerance
+            return np.array([max(judged(trees, exact, rate, tolerance, begins).values())])
+        apart, fade = trees[:part] - exact, max(part // 2, 1)
+        # a smooth end, of which lower octaves would hear more than of the error
         apart[-fade:] *= 0.5 + 0.5 * np.cos(math.pi * np.arange(fade) / fade)
-        lowest = max(LOWEST, 8.0 * rate / fade)
-    errors = _by_octave(apart, trees, rate, lowest)
-    checked = max(count - first, 0)
-    error, allowed = float(errors.max(initial=0.0)), _allowed(channel)
-    what = f"samples of the trunks' sound, the first, by the direct sum over {len(rows):,} trunks"
-    return Check(what, checked, len(trees), error, float(errors[0]), allowed, "of the octave")
+        return octave_errors(apart, trees, rate, max(LOWEST, 8.0 * rate / fade)).max(keepdims=True)
 
+    def low(_number: np.ndarray) -> np.ndarray:
+        fade = np.hanning(count) ** 2  # so smooth that nothing of higher sound is heard below
+        below = OctaveBand(None, (2 * LOW, 4 * LOW), slow)
+        apart = (trees - summed(count, (below,))) * fade
+        return octave_errors(apart, trees * fade, rate, LOWEST, LOW)[1:].max(keepdims=True)
 
-def _pieces(
-    channel: _Channel,
-    trees: np.ndarray,
-    kept: np.ndarray,
-    last: float,
-    rng: np.random.Generator,
-    seconds: float,
-) -> list[Check]:
-    """Later pieces of the record, by the trunks that sound in them; none where it is short."""
-    paths, step = channel.paths, channel.speed / channel.rate
-    end = min(len(trees), int(min(last / FADE, float(paths.length.max(initial=0.0))) / step))
+    seconds = f"{part / rate:.2g} s of the trunks' sound by the direct sum"
+    kind = seconds, channel.allowed, "of the octave"
+    parts.append(AuditPart(1, early, (kind,), exact=part == count))
+    if part == count:
+        return parts
+    slow = bands_of(rate, float(paths.radius.max()), channel.speed, channel.allowed)[0].ringing
+    bins = 4 * LOW * (count / rate + slow)
+    if len(earliest) * bins <= most and count / rate >= SMOOTH:
+        kind = f"octaves up to {LOW:g} Hz by the direct sum", channel.allowed, "of the octave"
+        parts.append(AuditPart(1, low, (kind,)))
     losses = channel.pair.losses
     lossy = losses is not None and losses.among_leaves  # early trunks are louder than late pieces
-    margin = math.ceil((LOSSY_MARGIN if lossy else MARGIN) * channel.rate)
-    first = int(max(float(paths.earliest.min(initial=math.inf)), 0.0) / step) if end else 0
-    if end - PIECE <= first + 2 * margin:
-        return []
-    whole = float(np.linalg.norm(trees))
+    margin = math.ceil((LOSSY_MARGIN if lossy else MARGIN) * rate)
+    begin = first + margin
+    end = min(count, int(min(channel.last / FADE, float(paths.length.max())) / step))
+    size = min(math.ceil(PIECE * rate), end - begin)
+    if size < LEAST:
+        return parts
+    starts = np.linspace(begin, end - size, math.ceil((end - begin) / size)).astype(int)
 
-    def batches() -> Iterator[np.ndarray]:
-        while True:
-            start = int(rng.integers(first + margin, end - PIECE))
-            exact, trunks = _piece(channel, start, margin)
-            piece = slice(start, start + PIECE)
-            apart = float(np.linalg.norm(trees[piece] - exact * kept[piece]))
-            size = max(
-                float(np.linalg.norm(exact * kept[piece])), float(np.linalg.norm(trees[piece]))
-            )
-            off = max(apart - _allowed(channel) * whole, 0.0)
-            yield np.full(PIECE, off / size if size > 0 and trunks > FEWEST else 0.0)
+    def piece(number: np.ndarray) -> np.ndarray:
+        return np.array([_of_piece(channel, start, margin, size) for start in starts[number]])
 
-    found = sample(batches(), seconds, PIECE)
-    what = "samples of later pieces by the trunks that sound in them"
-    return [Check.on(what, found.errors, len(trees), OF_PIECE, "of the piece")]
+    trunks = len(earliest) * min((PIECE + 2 * MARGIN) * rate / count, 1.0)
+    many = int(np.clip(most / max(trunks * size, 1.0), 2, PIECES))
+    kind = f"pieces of {PIECE:g} s by the trunks that sound in them", OF_PIECE, "of the piece"
+    last = np.array([len(starts) - 1])
+    return [*parts, AuditPart(len(starts), piece, (kind,), many, last)]
 
 
-def _piece(channel: _Channel, start: int, margin: int) -> tuple[np.ndarray, int]:
-    """(PIECE,) samples from ``start`` on of the trunks that arrive then or a little before, and how many."""
+def _of_piece(channel: Channel, start: int, margin: int, size: int) -> float:
+    """Error of a piece, as a share of it, beyond what the tolerance of the record around it allows."""
+    piece = slice(start, start + size)
+    exact, trunks = _piece(channel, start, margin, size)
+    exact = exact * channel.kept[piece]
+    ours = channel.trees[piece]
+    norm = max(float(np.linalg.norm(exact)), float(np.linalg.norm(ours)))
+    if norm == 0 or trunks <= FEWEST:
+        return 0.0
+    tenth = len(channel.trees) // 10
+    around = channel.trees[max(start - tenth, 0) : start + size + tenth]
+    off = float(np.linalg.norm(ours - exact)) - channel.allowed * float(np.linalg.norm(around))
+    return max(off, 0.0) / norm
+
+
+def _piece(channel: Channel, start: int, margin: int, length: int) -> tuple[np.ndarray, int]:
+    """(length,) samples from ``start`` on of the trunks that arrive then or a little before, and how many."""
     pair, paths, rate = channel.pair, channel.paths, channel.rate
     step = channel.speed / rate
     rows = np.flatnonzero(
         (paths.length > (start - margin) * step)
-        & (paths.earliest <= (start + PIECE + SPREAD // 2) * step)
+        & (paths.earliest <= (start + length + SPREAD // 2) * step)
     )
     before = margin + SPREAD
-    size = int(fft.next_fast_len(before + PIECE + SPREAD + 4 * margin, real=True))
+    size = int(fft.next_fast_len(before + length + SPREAD + 4 * margin, real=True))
     frequency = np.arange(size // 2 + 1) * (rate / size)
     moved = (start - before) * step
     loss = loss_per_metre(frequency, pair.air, pair.losses)
@@ -253,77 +328,36 @@ def _piece(channel: _Channel, start: int, margin: int) -> tuple[np.ndarray, int]
         rest = lost[np.rint(f * (size / rate)).astype(np.int64)]
         return rest if losses is None else rest * losses.gain(f, length + moved)
 
-    samples = np.zeros(PIECE)
+    samples = np.zeros(length)
     for term, gain in pair.terms(pair.forest.select(rows)):
         some = paths.select(rows)
         some = replace(some, weight=some.weight * gain, length=some.length - moved)
         bark = losses.bark if losses else 0.0
         spectrum = scattered_spectrum(some, rate / size, loss, channel.speed, None, along, bark)
         spectrum *= roll_off(frequency / rate) * term.spectrum(frequency)
-        samples += fft.irfft(spectrum, size)[before : before + PIECE]
+        samples += fft.irfft(spectrum, size)[before : before + length]
     return samples, len(rows)
 
 
-def _sums_again(
-    channel: _Channel, expansions: Expansions, rng: np.random.Generator, seconds: float
-) -> Check | None:
-    """Random trunks by the sum that was used and by the direct one; None where there is no time for that."""
-    found, pair, paths = channel.found, channel.pair, channel.paths
-    rate, air, reverb = channel.rate, pair.air, pair.reverb
-    count = min(len(found.samples), LONGEST)
-    heard = np.flatnonzero(paths.earliest <= count / rate * air.speed())
-    frequencies = (count + SPREAD + RINGING * rate) / 2
-    drawn = int(np.clip(seconds / (PACE * frequencies), 0, MOST))
-    if drawn < FEWEST or not len(heard):
-        return None
-
-    def direct(some: TrunkPaths, tolerance: float) -> np.ndarray:
-        return direct_sum(some, rate, count + SPREAD, air, None, pair.losses, tolerance)
-
-    def batches() -> Iterator[np.ndarray]:
-        while True:
-            some = paths.select(np.sort(rng.permutation(heard)[:drawn]))
-            exact = direct(some, 0.0)
-            if found.exact:
-                again = direct(some, reverb.tolerance)
-            else:
-                given = some, rate, count + SPREAD, air, reverb.tolerance, pair.losses
-                again = expansions.sum(*given).samples
-            yield octave_errors(again, exact, rate)
-
-    checked = sample(batches(), seconds / 2)
-    what = f"octaves of {min(drawn, len(heard))} random trunks, summed again and directly"
-    of = max(len(checked.errors), 1) * math.ceil(len(heard) / drawn)
-    allowed = reverb.tolerance or CUT_OFF
-    return Check.on(what, checked.errors, of, allowed, "of the octave")
-
-
-def octave_errors(fast: np.ndarray, exact: np.ndarray, rate: float) -> np.ndarray:
-    """(1 + B,) relative L2 errors of the whole and of octaves from 20 Hz that hold any sound."""
-    return _by_octave(fast - exact, exact, rate)
-
-
-def _by_octave(
-    apart: np.ndarray, whole: np.ndarray, rate: float, lowest: float = LOWEST
+def octave_errors(
+    apart: np.ndarray,
+    whole: np.ndarray,
+    rate: float,
+    lowest: float = LOWEST,
+    highest: float = math.inf,
 ) -> np.ndarray:
-    """(1 + B,) norms of a difference, of all and of octaves, relative to those of a whole at least as
-    long.
-    """
+    """(1 + B,) norms of a difference, of all and of octaves between two frequencies, relative to those of a
+    whole at least as long."""
     off, true = fft.rfft(apart, len(whole)), fft.rfft(whole)
     frequency = np.arange(len(true)) * rate / len(whole)
     size = float(np.linalg.norm(true))
     if size == 0:
         return np.array([float(np.linalg.norm(off))])
     errors = [float(np.linalg.norm(off)) / size]
-    for octave in range(int(math.log2(max(0.45 * rate / lowest, 1)))):
+    for octave in range(int(math.log2(max(min(0.45 * rate, highest) / lowest, 1)))):
         low = lowest * 2.0**octave
         rows = (frequency >= low) & (frequency < 2 * low)
         part = float(np.linalg.norm(true[rows]))
         if part > QUIET * size:
             errors.append(float(np.linalg.norm(off[rows])) / part)
     return np.array(errors)
-
-
-def _allowed(channel: _Channel) -> float:
-    """Return what was asked for, with what is known to be left out."""
-    return (channel.pair.reverb.tolerance or CUT_OFF) + channel.found.weak_bound

@@ -1,211 +1,309 @@
-"""Echoes held against the exact sum: random bins of random pings, scatterer by scatterer, and random samples.
+"""Parts of an echo that an audit looks at, and how each value is computed again.
 
-The sum at a bin is made again with a tolerance of 0, over everything in range, also what was culled as too
-weak, where that fits the time; else over what was heard, and the audit says so. Errors are shares of
-Σ max|A|, in which tolerance and cull are asked for. Responses, envelopes and waveforms are held against their
-spectra, by the Fourier sum at single samples; the spectrum of a call's echo is held against that of the
-transfer function, or, of a sonar or scene that moves, against the sum over every path at its own speed, piece
-by piece of a call that is cut; of calls in more than ``PIECES`` pieces it is not looked at.
+Combs of bins of a spectrum, evenly apart over the band, are summed with a tolerance of 0 over all that is in
+range, also what was culled, where there is little of it; else over what was heard, and the audit says so.
+Errors are shares of Σ max|A|, in which tolerance and cull are asked for, and that sum is held against the
+comb's. Responses, envelopes and waveforms are derived from the spectra, whole; the spectrum of a call's echo
+from that of the transfer function, or, of a sonar or scene that moves, summed over every path at its own
+speed, piece by piece of a call that is cut; of calls in more than ``PIECES`` pieces it is not looked at.
+Times, frequencies, counts and poses are computed again; what is heard is searched for and listed again.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from ...acoustics import chebyshev
 from ...spec import Air, Sonar
-from ..audit import LEAST, Audit, Check, joined, sample
+from ..audit import LEAST, AuditPart, figure_error, figures, shares
 from ..rays.caster import RayCaster
-from .calls import Band, BandGrid, Call
-from .ping import Echo, PingHearing, heard_from
-from .search import SearchGroup
-from .station import Equipment, Station
-from .summation import Moment, factors, fastest, pieces_of, sum_echoes
+from .calls import Band, BandGrid, Call, grid_of
+from .ping import Echo, PingHearing, contributions, heard_from
+from .search import Found
+from .station import Equipment, SonarPose, Station
+from .summation import Moment, factors, fastest, pieces_of, sum_echoes, widened
 from .targets import EchoTargets
 from .windy import at_moment
 
 MOST = 300_000  # scatterers in range that are all summed
-BINS = (4, 32)  # of a ping at a time; of one whose scatterers have to be looked for
-SAMPLES = 16  # of a ping at a time
+SEARCHED = 100_000  # that are searched again, of however few pings
+SUMMED = 25_000_000  # scatterers by bins by ears of a ping that is summed again as it was
+COMB = 33  # bins
+WORK = 2_500_000  # scatterers by bins by ears that are summed
+COMBS = 10  # at most, of few pings
 CAUTION = 3.0  # of an estimate
+SIZES = 0.5  # by which Σ max|A| may be above that of a comb, between whose bins it may be larger
+SHORT = 0.1  # by which it may be below it, as it is estimated
 ROUNDING = 1e-12  # besides that of phases
 OF_SAMPLES = 1e-9  # of the largest
 PIECES = 9  # of a call, which are heard anew
 PLACES = 48  # Chebyshev points of a call's spectrum over the speeds of all paths
-PARTS = (0.5, 0.3, 0.2)  # of the time, for bins, bins of moving calls, samples
+PATHS = 20  # times as much as a scatterer of a comb takes a path at its own speed
 
 
 @dataclass(frozen=True)
-class _Pings:
-    """Pings as sent and heard, and a way to look again."""
+class Pings:
+    """Pings as sent and heard, and a way to look again; wood, everything : casters as of ``ping``."""
 
     echoes: Sequence[Echo]
+    poses: Sequence[SonarPose]
+    targets: EchoTargets
     sonar: Sonar
     air: Air
-    equipment: Equipment
-    targets: EchoTargets
     wood: RayCaster | None
     everything: RayCaster | None
+    equipment: Equipment
+
+    @cached_property
+    def band(self) -> Band:
+        """The band that is listened to."""
+        return Band(*self.sonar.band)
+
+    def station(self, echo: Echo, **changes: float) -> Station:
+        """Station of a ping, with some settings changed."""
+        return Station(replace(self.sonar, **changes), self.air, echo.pose, self.equipment)
+
+    def search(self, station: Station, echo: Echo) -> Found:
+        """Scatterers that are heard from a station, found again."""
+        time = echo.pose.time
+        casters = (at_moment(rays, time) for rays in (self.wood, self.everything))
+        return heard_from(station, self.targets.at(time), self.band, *casters)
 
     def moments(self, echo: Echo) -> list[Moment]:
-        """Return what the pieces of a call met."""
-        station = Station(self.sonar, self.air, echo.pose, self.equipment)
-        if echo.moments == 1:
+        """Moments of the scene that the pieces of a call met."""
+        station, call = self.station(echo), self.equipment.call
+        if echo.moments == 1 or call is None:
             return [Moment(0.0, station, echo.groups)]
-        call = self.equipment.call
-        assert call is not None
-        band = Band(*self.sonar.band)
-        hear = PingHearing(self.targets, station, band, self.wood, self.everything)
+        hear = PingHearing(self.targets, station, self.band, self.wood, self.everything)
         return [hear.moment(t) for t in np.linspace(0.0, call.duration, echo.moments).tolist()]
 
-    def station(self, echo: Echo) -> Station:
-        return Station(replace(self.sonar, cull=0.0), self.air, echo.pose, self.equipment)
-
-    def moving(self, echo: Echo) -> bool:
-        call = self.equipment.call
-        return bool(call and self.sonar.doppler and fastest(echo.groups, echo.pose) > 0)
-
-    @property
-    def bins(self) -> int:
-        return sum(echo.spectra.size for echo in self.echoes)
+    def moving(self, echo: Echo) -> float:
+        """Speed for which a ping's band is wider, m/s."""
+        if self.equipment.call is None or not self.sonar.doppler:
+            return 0.0
+        return max(fastest(moment.groups, echo.pose) for moment in self.moments(echo))
 
 
-def audit_echoes(
-    echoes: Sequence[Echo],
-    targets: EchoTargets,
-    sonar: Sonar,
-    air: Air,
-    wood: RayCaster | None,
-    everything: RayCaster | None,
-    equipment: Equipment,
-    rng: np.random.Generator,
-    seconds: float,
-    share: float,
-) -> Audit:
-    """Of pings that took ``seconds`` together, at a cost of about ``share`` of that.
-
-    wood, everything : casters as of ``ping``.
-    """
-    pings = _Pings(echoes, sonar, air, equipment, targets, wood, everything)
-    band = Band(*sonar.band)
-    culled = sonar.cull > 0 and _affordable(echoes, share)
-
-    def batches() -> Iterator[np.ndarray]:
-        while True:
-            echo = echoes[int(rng.integers(len(echoes)))]
-            station, groups = pings.station(echo), echo.groups
-            if culled:
-                casters = (at_moment(rays, echo.pose.time) for rays in (wood, everything))
-                groups = heard_from(station, targets.at(echo.pose.time), band, *casters).groups
-            count = min(BINS[culled], len(echo.frequency))
-            stride = int(rng.integers(1, max(len(echo.frequency) // count, 1) + 1))
-            first = int(rng.integers(0, len(echo.frequency) - (count - 1) * stride))
-            rows = first + stride * np.arange(count)
-            yield _bin_errors(echo, rows, groups, station)
-
-    found = sample(batches(), PARTS[0] * share * seconds, LEAST)
+def parts_of_echoes(pings: Pings, share: float) -> list[AuditPart]:
+    """Parts of pings, ``share`` of which are searched again."""
+    echoes, sonar, call = pings.echoes, pings.sonar, pings.equipment.call
+    count = len(echoes)
+    first = max(echoes, key=lambda echo: echo.leaves + echo.others - echo.far)
+    in_range = first.leaves + first.others - first.far
+    heard = sum(len(group) for group in first.groups)
+    culled = sonar.cull > 0 and in_range <= min(MOST, share * count * max(heard, 1))
+    strides = [max(len(echo.frequency) // COMB, 1) for echo in echoes]
+    work = max((in_range if culled else heard) * COMB * len(first.spectra), 1)
+    combs = int(np.clip(WORK // work, 1, max(COMBS, share * count)))
     which = "everything heard" if sonar.cull > 0 and not culled else "everything in range"
     # A tolerance may be finer than tables are smooth; then an echo says what it is off by.
     promised = sonar.tolerance
     if promised > 0:
         promised = max(promised, CAUTION * max(echo.error_bound for echo in echoes))
     allowed = promised + (sonar.cull if culled else 0.0) + ROUNDING + _of_phases(echoes)
-    what = f"bins of the spectrum by the direct sum over {which}"
-    checks = (
-        Check.on(what, found.errors, pings.bins, allowed, "of all amplitudes"),
-        _called(pings, rng, PARTS[1] * share * seconds),
-        _samples(pings, rng, PARTS[2] * share * seconds),
-    )
-    return Audit(joined(checks), seconds, found.seconds_each * pings.bins)
+    what = f"combs of {COMB} bins of the spectrum by the direct sum over {which}"
+    part = _Rows(echoes, strides)
+    made = [figures(vars(echo), _figures(pings, echo)) for echo in echoes if echo.moments <= PIECES]
+    made += [
+        figures(vars(echo.pose), vars(pose)) for echo, pose in zip(echoes, pings.poses, strict=True)
+    ]
+    made += [
+        AuditPart(
+            part.count,
+            part.look(lambda echo, rows: _combs(pings, echo, rows, culled)),
+            ((what, allowed, "of all amplitudes"), ("sizes near those of combs", 0.0, "")),
+            combs,
+            exact=True,
+        ),
+        AuditPart(
+            count,
+            lambda number: np.array([_derived(pings, echoes[n]) for n in number.tolist()]),
+            (
+                (
+                    "responses, envelopes and waveforms by their spectra",
+                    OF_SAMPLES,
+                    "of the largest",
+                ),
+            ),
+        ),
+    ]
+    again = max(1, int(share * count))
+    if again > 1 or in_range <= SEARCHED:
+        kind = "pings searched and listed again", OF_SAMPLES, "of each"
+        made.append(
+            AuditPart(
+                count,
+                lambda number: np.array([_searched(pings, echoes[n]) for n in number.tolist()]),
+                (kind,),
+                again,
+            )
+        )
+    among = [echo for echo in echoes if echo.moments <= PIECES]
+    if call is not None and among:
+        still = not any(pings.moving(echo) for echo in among)
+        bins = _Rows(among, [len(echo.frequency) for echo in among])
+        kind = "bins of the call's echo, path by path", sonar.tolerance + 1e-9, "of all amplitudes"
+        few = int(np.clip(WORK // (PATHS * work // COMB + 1), 2, LEAST))
+        look = bins.look(lambda echo, rows: _called(pings, echo, rows))
+        made.append(AuditPart(bins.count, look, (kind,), None if still else few))
+    return made
+
+
+class _Rows:
+    """Rows of several pings, numbered one ping after the other."""
+
+    def __init__(self, echoes: Sequence[Echo], counts: Sequence[int]) -> None:
+        self._echoes, self._ends = echoes, np.cumsum(counts)
+        self.count = int(self._ends[-1])
+
+    def look(
+        self, errors: Callable[[Echo, np.ndarray], np.ndarray]
+    ) -> Callable[[np.ndarray], np.ndarray]:
+        """The errors (K, N) of rows by number, ping by ping."""
+
+        def look(number: np.ndarray) -> np.ndarray:
+            which = np.searchsorted(self._ends, number, side="right")
+            begin = np.append(0, self._ends)[which]
+            return np.hstack(
+                [
+                    np.atleast_2d(errors(self._echoes[n], (number - begin)[which == n]))
+                    for n in np.unique(which).tolist()
+                ]
+            )
+
+        return look
+
+
+def _grid(pings: Pings, echo: Echo) -> BandGrid:
+    """The frequencies and times of a ping, by what it heard."""
+    sonar, call, speed, latest = pings.sonar, pings.equipment.call, pings.air.speed(), 0.0
+    for group in echo.groups:
+        latest = max(latest, float(group.paths.length.max()))
+    moving, band = pings.moving(echo), pings.band
+    band = widened(band, moving, speed) if moving else band
+    lasts = 0.0 if call is None else call.duration
+    return grid_of(band, sonar.sample_rate, latest / speed, sonar.record, lasts)
+
+
+def _figures(pings: Pings, echo: Echo) -> dict[str, object]:
+    """Figures of a ping besides its sums, computed again; what it heard is taken as it is."""
+    sonar, station, grid = pings.sonar, pings.station(echo), _grid(pings, echo)
+    targets = pings.targets.at(echo.pose.time)
+    leaves = targets.total(sonar, "leaf")
+    highest = station.wavenumbers[1]
+    cut = pings.equipment.call is not None and sonar.doppler
+    right: dict[str, object] = {} if cut else {"moments": 1}
+    return right | {
+        "frequency": grid.frequency,
+        "time": np.arange(grid.samples) / sonar.sample_rate,
+        "leaves": leaves,
+        "others": targets.total(sonar) - leaves,
+        "close": sum(group.scatterers.count_close(group.instance) for group in echo.groups),
+        "doubtful": sum(g.scatterers.count_doubtful(station.point, highest) for g in echo.groups),
+        "sound_speed": pings.air.speed(),
+        "sample_rate": sonar.sample_rate,
+    }
+
+
+def _searched(pings: Pings, echo: Echo) -> float:
+    """Largest difference of what is heard, its counts and its list from the same found again, and, where that
+    is little work, of the bounds of its sum."""
+    station = pings.station(echo)
+    found, targets = pings.search(station, echo), pings.targets.at(echo.pose.time)
+    right: dict[str, object] = vars(found.counts) | {"cull_bound": found.bound}
+    if sum(map(len, echo.groups)) * echo.spectra.size <= SUMMED and echo.moments <= PIECES:
+        again = sum_echoes(found.groups, station, _grid(pings, echo), pings.sonar.tolerance)
+        right |= {name: getattr(again, name) for name in ("error_bound", "table_error", "size")}
+    pairs = [(getattr(echo, name), value) for name, value in right.items()]
+    listed = contributions(echo.groups, station, pings.band, targets)
+    pairs += [(getattr(echo.heard, name), value) for name, value in vars(listed).items()]
+    pairs.append((len(echo.groups), len(found.groups)))
+    for ours, theirs in zip(echo.groups, found.groups, strict=False):
+        for name in ("instance", "bound", "shade", "motion"):
+            pairs.append((getattr(ours, name), getattr(theirs, name)))
+        pairs.append((ours.scatterers.number, theirs.scatterers.number))
+        pairs.append((ours.paths.length, theirs.paths.length))
+    return max(figure_error(one, other) for one, other in pairs)
 
 
 def _of_phases(echoes: Sequence[Echo]) -> float:
-    """Radians by which two float64 sums may turn the same echo apart: half a digit of each one's cycles."""
+    """Radians by which two float64 sums may turn the same echo apart: a digit of each one's cycles."""
     cycles = 0.0
     for echo in echoes:
         path = max((float(g.paths.length.max()) for g in echo.groups if len(g)), default=0.0)
         cycles = max(cycles, float(echo.frequency.max()) * path / echo.sound_speed)
-    return 2 * math.pi * cycles * float(np.finfo(np.float64).eps)
+    return 4 * math.pi * cycles * float(np.finfo(np.float64).eps)
 
 
-def _affordable(echoes: Sequence[Echo], share: float) -> bool:
-    """Return whether looking for all that one ping could hear fits into a share of the time of all pings."""
-    first = echoes[0]
-    in_range = first.leaves + first.others - first.far
-    heard = sum(len(group) for group in first.groups)
-    return in_range <= MOST and in_range <= share * len(echoes) * max(heard, 1)
+def _combs(pings: Pings, echo: Echo, rows: np.ndarray, culled: bool) -> np.ndarray:
+    """(2, R) errors of combs that begin at some bins, as shares of Σ max|A|; infinite where this is not near
+    that of the comb."""
+    station = pings.station(echo, cull=0.0)
+    groups = pings.search(station, echo).groups if culled else echo.groups
+    stride = max(len(echo.frequency) // COMB, 1)
+    errors = np.empty((2, len(rows)))
+    last = len(echo.frequency) - 1
+    ends = sum_echoes(groups, station, _bins(echo, np.unique([0, last])), 0.0).size
+    for number, row in enumerate(rows.tolist()):
+        bins = np.arange(row, last + 1, stride)[:COMB]
+        exact = sum_echoes(groups, station, _bins(echo, bins), 0.0)
+        errors[0, number] = _of_size(echo.spectra[:, bins] - exact.spectrum, echo).max(initial=0.0)
+        size = np.maximum(exact.size, ends)
+        off = echo.size / np.where(size > 0, size, 1.0) - (size > 0)
+        errors[1, number] = 0.0 if ((off >= -SHORT) & (off <= SIZES)).all() else np.inf
+    return errors
 
 
-def _bin_errors(
-    echo: Echo, rows: np.ndarray, groups: list[SearchGroup], station: Station
-) -> np.ndarray:
-    """(E·R,) errors of bins that are evenly apart, at the ears, as shares of Σ max|A|."""
-    exact = sum_echoes(groups, station, _bins(echo, rows), 0.0).spectrum
-    return _shares(echo.spectra[:, rows] - exact, echo).ravel()
+def _derived(pings: Pings, echo: Echo) -> float:
+    """Largest error of a ping's samples by the transforms of its spectra, as a share of the largest."""
+    window = pings.band.window(echo.frequency)
+    analytic = _in_time(echo, echo.spectra * window) / window.sum()
+    waves = analytic.real
+    if pings.equipment.call is not None:
+        waves = _in_time(echo, echo.called).real * 2.0 / _length(echo)
+    exact = (echo.responses, analytic.real), (echo.envelopes, np.abs(analytic))
+    errors = [figure_error(one, other) for one, other in (*exact, (echo.waveforms, waves))]
+    return max(errors)
 
 
-def _called(pings: _Pings, rng: np.random.Generator, seconds: float) -> Check | None:
-    """Bins of the spectra of a call's echoes; None where there is no call."""
+def _in_time(echo: Echo, spectra: np.ndarray) -> np.ndarray:
+    """(E, N) Σ_k S_k·e^{i2πf_k t} at all samples."""
+    time, length = np.arange(echo.responses.shape[-1]), _length(echo)
+    if length == 1:
+        turns = float(echo.frequency[0]) / echo.sample_rate * time
+        tone: np.ndarray = spectra * np.exp(2j * math.pi * np.remainder(turns, 1.0))
+        return tone
+    full = np.zeros((len(spectra), length), np.complex128)
+    bins = np.rint(echo.frequency / echo.sample_rate * length).astype(np.int64)
+    full[:, bins.clip(0, length - 1)] = spectra
+    samples: np.ndarray = np.fft.ifft(full)[:, time] * length
+    return samples
+
+
+def _called(pings: Pings, echo: Echo, rows: np.ndarray) -> np.ndarray:
+    """(R,) errors of bins of the spectrum of a call's echo, as shares of the loudest there could be."""
     call = pings.equipment.call
-    if call is None:
-        return None
-    loudest = float(np.abs(call.spectrum(pings.echoes[0].frequency)).max(initial=0.0))
-    among = [echo for echo in pings.echoes if echo.moments <= PIECES]
-    if not among:
-        return None
-    known: dict[int, list[Moment]] = {}  # of one ping at a time
-
-    def batches() -> Iterator[np.ndarray]:
-        while True:
-            number = int(rng.integers(len(among)))
-            echo = among[number]
-            if pings.moving(echo) or echo.moments > 1:
-                row = int(rng.integers(len(echo.frequency)))
-                if number not in known:
-                    known.clear()
-                    known[number] = pings.moments(echo)
-                exact = _played(echo, row, call, known[number])
-                yield _shares(echo.called[:, row] - exact, echo) / loudest
-            else:
-                rows = rng.integers(0, len(echo.frequency), SAMPLES)
-                sent = _spectrum(call, echo.frequency[rows])
-                exact = echo.spectra[:, rows] * sent
-                yield (_shares(echo.called[:, rows] - exact, echo) / loudest).ravel()
-
-    found = sample(batches(), seconds, LEAST)
-    allowed = pings.sonar.tolerance + 1e-9
-    what = "bins of the call's echo, path by path"
-    return Check.on(what, found.errors, pings.bins, allowed, "of all amplitudes")
+    assert call is not None
+    loudest = float(np.abs(call.spectrum(echo.frequency)).max(initial=0.0))
+    if pings.moving(echo):
+        moments = pings.moments(echo)
+        exact = np.stack([_played(echo, row, call, moments) for row in rows.tolist()], axis=1)
+    else:
+        exact = echo.spectra[:, rows] * call.spectrum(echo.frequency[rows])
+        few = rows[:: max(len(rows) // LEAST, 1)]
+        sent = _spectrum(call, echo.frequency[few])
+        exact[:, np.searchsorted(rows, few)] = echo.spectra[:, few] * sent
+    return _of_size(echo.called[:, rows] - exact, echo).max(axis=0, initial=0.0) / loudest
 
 
-def _samples(pings: _Pings, rng: np.random.Generator, seconds: float) -> Check:
-    """Samples of responses, envelopes and waveforms by the Fourier sums of their spectra."""
-    call, band = pings.equipment.call, Band(*pings.sonar.band)
-
-    def batches() -> Iterator[np.ndarray]:
-        while True:
-            echo = pings.echoes[int(rng.integers(len(pings.echoes)))]
-            rows = rng.integers(0, len(echo.time), SAMPLES)
-            window = band.window(echo.frequency)
-            analytic = _fourier(echo, echo.spectra * window, rows) / window.sum()
-            exact = [analytic.real, np.abs(analytic)]
-            made = [echo.responses, echo.envelopes]
-            if call is None:
-                exact.append(analytic.real)
-            else:
-                exact.append(_fourier(echo, echo.called, rows).real * 2.0 / _length(echo))
-            for true, whole in zip(exact, [*made, echo.waveforms], strict=True):
-                size = max(float(np.abs(whole).max(initial=0.0)), 1e-300)
-                yield (np.abs(whole[:, rows] - true) / size).ravel()
-
-    whole = sum(3 * echo.responses.size for echo in pings.echoes)
-    found = sample(batches(), seconds, 3 * LEAST)
-    what = "samples of responses, envelopes and waveforms by their spectra"
-    return Check.on(what, found.errors, whole, OF_SAMPLES, "of the largest")
+def _of_size(apart: np.ndarray, echo: Echo) -> np.ndarray:
+    """Differences (E, K) as shares of Σ max|A| at each ear."""
+    return shares(apart, np.zeros_like(apart), np.where(echo.size > 0, echo.size, 1.0)[:, None])
 
 
 def _length(echo: Echo) -> int:
@@ -213,13 +311,6 @@ def _length(echo: Echo) -> int:
     if len(echo.frequency) == 1:
         return 1
     return round(echo.sample_rate / float(np.diff(echo.frequency).mean()))
-
-
-def _fourier(echo: Echo, spectra: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """(E, R) Σ_k S_k·e^{i2πf_k t} at some samples."""
-    turns = np.outer(echo.frequency, rows / echo.sample_rate)
-    summed: np.ndarray = spectra @ np.exp(2j * math.pi * np.remainder(turns, 1.0))
-    return summed
 
 
 def _spectrum(call: Call, frequency: np.ndarray) -> np.ndarray:
@@ -267,10 +358,3 @@ def _bins(echo: Echo, rows: np.ndarray) -> BandGrid:
         spacing = float(frequency[-1] - frequency[0]) / (len(rows) - 1)
     ends = float(frequency[0]), float(frequency[-1])
     return BandGrid(ends[0], spacing, len(rows), 1, 1, ends)
-
-
-def _shares(apart: np.ndarray, echo: Echo) -> np.ndarray:
-    """Of differences (E,) or (E, K): shares of Σ max|A| at each ear."""
-    size = np.where(echo.size > 0, echo.size, 1.0)
-    share: np.ndarray = np.abs(apart) / (size if apart.ndim == 1 else size[:, None])
-    return share

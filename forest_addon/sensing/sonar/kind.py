@@ -10,10 +10,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...base.progress import Progress
-from ...base.rng import stream
 from ...base.words import keep
 from ...spec import AUTO, Choice, Sonar
-from ..audit import Audit
+from ..audit import AuditPart
 from ..kind import (
     AROUND,
     ECHO,
@@ -99,23 +98,25 @@ def _listen(job: Observation, progress: Progress | None) -> Any:
     return fly(targets, sonar, air, poses_of(job.trajectory), wood, progress, **given)
 
 
-def _audit(job: Observation, found: Any, seconds: float) -> Audit:
-    from .audit import audit_echoes
+def _audit(job: Observation, found: Any) -> list[AuditPart]:
+    from .audit import Pings, parts_of_echoes
     from .equipment_files import equip
+    from .station import posed, poses_of
 
     sonar, settings = job.sensor, job.settings
-    echoes = (found,) if job.trajectory is None else found.echoes
-    return audit_echoes(
+    echoes, poses = (found,), [replace(posed(sonar), time=job.start)]
+    if job.trajectory is not None:
+        echoes, poses = found.echoes, poses_of(job.trajectory)
+    pings = Pings(
         echoes,
+        poses,
         _targets(job),
         sonar,
         settings.air,
         *_casters(job),
         equip(sonar, job.folder),
-        stream(settings.seed, "audit", sonar.name),
-        seconds,
-        settings.accuracy.audit,
     )
+    return parts_of_echoes(pings, settings.accuracy.audit)
 
 
 def _glance(job: Observation) -> Any:

@@ -226,7 +226,7 @@ def ping(
         sound_speed=station.sound_speed,
         sample_rate=rate,
         pose=station.pose,
-        list_heard=partial(_contributions, found.groups, station, band, targets),
+        list_heard=partial(contributions, found.groups, station, band, targets),
         moments=len(moments),
     )
 
@@ -292,7 +292,7 @@ def _in_time(spectra: np.ndarray, grid: BandGrid, scale: float) -> np.ndarray:
     return fft.ifft(analytic, axis=1, overwrite_x=True)[:, : grid.samples] * scale
 
 
-def _contributions(
+def contributions(
     groups: list[SearchGroup], station: Station, band: Band, targets: EchoTargets
 ) -> Contributions:
     """Return what each adds, loudest first."""

@@ -22,7 +22,7 @@ from ...blender.scene.instances import (
     note_change,
     stood_trees,
 )
-from ...blender.scene.layout import ROLE_KEY, TREES, VARIANTS, find_part, is_ours
+from ...blender.scene.layout import ROLE_KEY, TREES, VARIANTS, adopt, find_part, is_ours
 from ...spec import Clearing, HandTree
 from ..settings.exchange import fill, read
 from ..shell.running import Button, obstacle
@@ -47,6 +47,7 @@ def plantings_by_label(scene: bpy.types.Scene) -> dict[str, Any]:
 
 def take_up_changes(scene: bpy.types.Scene) -> int:
     """Note in the settings what was moved or deleted in the view; returns how many trees those are."""
+    adopt(scene)
     known, count = plantings_by_label(scene), 0
     for tree in stood_trees(scene):
         if tree.is_changed and tree.label in known:

@@ -16,7 +16,6 @@ import secrets
 from typing import Any, ClassVar
 
 import bpy
-import gpu
 import numpy as np
 from bpy_extras.view3d_utils import (
     location_3d_to_region_2d,
@@ -39,7 +38,15 @@ from ...blender.scene.layout import (
 )
 from ...spec import SpecError
 from ..shell.running import WhenReady, current, obstacle
-from ..shell.views import chosen_planting, holds, redraw_views, region_below, region_of
+from ..shell.views import (
+    chosen_planting,
+    draw_lines,
+    holds,
+    line_shader,
+    redraw_views,
+    region_below,
+    region_of,
+)
 from ..shell.words import keep, say
 from .hand import Hand, copy_of, hand_trees, take_up_changes, variant_copied
 
@@ -292,13 +299,8 @@ def _ring(x: float, y: float, radius: float, z: float) -> np.ndarray:
 def _lines(ends: np.ndarray, colour: tuple[float, ...]) -> None:
     if not len(ends):
         return
-    shader = gpu.shader.from_builtin("POLYLINE_UNIFORM_COLOR")
-    batch = batch_for_shader(shader, "LINES", {"pos": ends.astype(np.float32)})
-    shader.bind()
-    shader.uniform_float("color", colour)
-    shader.uniform_float("lineWidth", 2.0)
-    shader.uniform_float("viewportSize", gpu.state.viewport_get()[2:])
-    batch.draw(shader)
+    shader = line_shader()
+    draw_lines(shader, batch_for_shader(shader, "LINES", {"pos": ends.astype(np.float32)}), colour)
 
 
 def unregister() -> None:

@@ -14,7 +14,7 @@ from typing import Any, ClassVar
 import bpy
 
 from ...blender.jobs import Task, Work
-from ...blender.scene.layout import POINTS_ROLE, ROLE_KEY, TREES, find_part
+from ...blender.scene.layout import points_of_forest
 from ...blender.scene.nodes import LEVEL_KEY, instancer_of, show_as, shown_of
 from ...spec import SpecError
 from ..settings.exchange import to_spec
@@ -39,10 +39,7 @@ ITEMS = (
 
 def forest_of_points(scene: bpy.types.Scene) -> bpy.types.Modifier | None:
     """The modifier that puts trees on points, None in a scene whose trees are objects."""
-    home = find_part(scene, TREES)
-    things = home.objects if home is not None else ()
-    thing = next((t for t in things if t.get(ROLE_KEY) == POINTS_ROLE), None)
-    return instancer_of(thing)
+    return instancer_of(points_of_forest(scene))
 
 
 def get_display(props: Any) -> int:

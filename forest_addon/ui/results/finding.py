@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import dataclasses
 import io
-import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from functools import partial
 from typing import Any
 
 import bpy
@@ -32,6 +32,7 @@ from ...results.figures import Figure, of_forest
 from ...results.kind import Finding
 from ...results.kinds import figures_of, results_of, sentence_of
 from ...results.labels import labels_by_material, labels_by_object, labels_by_species
+from ...results.packed import read_values, write_values
 from ...sensing.audit import Audit
 from ...sensing.lidar.cloud import Cloud
 from ...sensing.rays.geometry import SceneGeometry
@@ -44,7 +45,6 @@ from . import images
 from .keep import blocks_of, hold_frame, let_go, show_result, tell_again
 
 MOST = 2**30  # bytes of a result; Blender's files hold no text of twice as many
-TREE = "tree"  # name of the JSON among the arrays
 # What no file that is exported needs: working tables of a ping, and what follows from its responses.
 LEFT_OUT = {"groups", "list_heard", "envelopes", "called"}
 
@@ -53,26 +53,19 @@ Unpacked = tuple[Sensor, Finding, Offset]
 
 def pack(sensor: Sensor, found: Finding, offset: Offset) -> bytes:
     """Return a sensor's settings, what it found and the scene's offset; no bytes of more than ``MOST``."""
-    arrays: list[np.ndarray] = []
-    tree = json.dumps([_packed(value, arrays) for value in (sensor, found, offset)])
-    if sum(array.nbytes for array in arrays) > MOST:
-        return b""
     file = io.BytesIO()
-    np.savez(file, **{TREE: np.array(tree)}, **{f"{n}": array for n, array in enumerate(arrays)})
+    write_values(file, (sensor, found, offset), left_out=LEFT_OUT, most=MOST)
     return file.getvalue()
 
 
 def unpack(data: bytes) -> Unpacked:
     """Return what was packed: settings, finding, offset; of an echo without what is ``LEFT_OUT``."""
-    with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
-        sensor, found, offset = (
-            _unpacked(value, arrays, _records()) for value in json.loads(str(arrays[TREE]))
-        )
+    sensor, found, offset = read_values(io.BytesIO(data), _records().__getitem__)
     return sensor, found, offset
 
 
-def _records() -> dict[str, type]:
-    """Records that a result is made of, by name: no other is ever made of a file's bytes."""
+def _records() -> dict[str, Callable[..., Any]]:
+    """Makers of the records of a result, by name: no other is ever made of a file's bytes."""
     from ...sensing.reverb.forest.clutter import Clutter
     from ...sensing.reverb.forest.losses import TrunkStand
     from ...sensing.reverb.model_error import ModelError
@@ -84,43 +77,12 @@ def _records() -> dict[str, type]:
     groups: list[type] = [Settings]
     for group in groups:  # it grows
         groups.extend(group.__subclasses__())
-    return {kind.__name__: kind for kind in [*groups, *found]}
-
-
-def _packed(value: Any, arrays: list[np.ndarray]) -> Any:
-    """A value as JSON; a list says first what it stands for."""
-    if isinstance(value, np.ndarray):
-        arrays.append(value)
-        return ["array", len(arrays) - 1]
-    if isinstance(value, Offset):
-        return ["offset", list(value), value.crs]
-    if isinstance(value, dict):
-        return ["dict", [[_packed(part, arrays) for part in pair] for pair in value.items()]]
-    if isinstance(value, tuple | list):
-        return [type(value).__name__, [_packed(part, arrays) for part in value]]
-    if dataclasses.is_dataclass(value):
-        names = [f.name for f in dataclasses.fields(value) if f.init and f.name not in LEFT_OUT]
-        said = {name: _packed(getattr(value, name), arrays) for name in names}
-        return ["record", type(value).__name__, said]
-    return value.item() if isinstance(value, np.generic) else value
-
-
-def _unpacked(value: Any, arrays: Any, records: dict[str, type]) -> Any:
-    """The value that was packed."""
-    if not isinstance(value, list):
-        return value
-    kind, *rest = value
-    if kind == "array":
-        return arrays[f"{rest[0]}"]
-    if kind == "offset":
-        return Offset(*rest)
-    if kind == "record":
-        name, said = rest
-        left = {f.name for f in dataclasses.fields(records[name])} & LEFT_OUT
-        given = {key: _unpacked(part, arrays, records) for key, part in said.items()}
-        return records[name](**given, **dict.fromkeys(left))
-    parts = [_unpacked(part, arrays, records) for part in rest[0]]
-    return dict(parts) if kind == "dict" else tuple(parts) if kind == "tuple" else parts
+    return {
+        kind.__name__: partial(
+            kind, **dict.fromkeys(LEFT_OUT & {f.name for f in dataclasses.fields(kind)})
+        )
+        for kind in [*groups[1:], *found]
+    }
 
 
 # What says nothing where no forest was asked for and none of it was met.

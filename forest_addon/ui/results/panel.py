@@ -7,7 +7,15 @@ from typing import Any
 import bpy
 import numpy as np
 
-from ...blender.scene.layout import COLOUR_BY, COLOUR_MAP, FAR_POINTS, RADIUS, SHARE
+from ...blender.scene.layout import (
+    COLOUR_BY,
+    COLOUR_MAP,
+    FAR_POINTS,
+    GAMMA,
+    LUMINANCE,
+    RADIUS,
+    SHARE,
+)
 from ...blender.scene.nodes import chosen_input, drawn_inputs
 from ...blender.show.cloud_nodes import is_measure, on_map
 from ..settings.drawing import OnceStarted, icon_of, split
@@ -18,8 +26,6 @@ from .keep import is_seen, points_of
 SIDE = 32  # pixels of an icon
 EDGE = 2  # of these, left free around it
 RIM = 2  # of these, around the colour: dark around what is light and light around what is dark
-LUMA = np.array([0.2126, 0.7152, 0.0722])  # how bright each channel looks (ITU-R BT.709)
-GAMMA = 1 / 2.2  # colours are linear, the screen's are not
 
 
 def draw_legend(layout: bpy.types.UILayout, result: Any, choice: str, colour_map: str = "") -> None:
@@ -44,7 +50,7 @@ def pixels_of(colour: tuple[float, float, float]) -> np.ndarray:
     """(SIDE, SIDE, 4) a square of a colour, as the screen has it, rimmed, so that it is seen on any theme."""
     pixels = np.zeros((SIDE, SIDE, 4), np.float32)
     shown = np.array([channel**GAMMA for channel in colour])
-    rim = 0.05 if shown @ LUMA > 0.5 else 0.95
+    rim = 0.05 if shown @ LUMINANCE > 0.5 else 0.95
     for edge, filled in ((EDGE, (rim, rim, rim)), (EDGE + RIM, shown)):
         inner = slice(edge, SIDE - edge)
         pixels[inner, inner] = (*filled, 1.0)

@@ -36,14 +36,14 @@ PICTURE = 1e6  # bytes of a picture that is kept, as measured
 
 
 def costs(context: bpy.types.Context, things: Iterable[bpy.types.Object]) -> list[Cost]:
-    """The cost of running each of these sensors once.
+    """The cost of running each of these sensors once; tooltips ask for it, so nothing is written.
 
     Raises
     ------
     SpecError, ValueError : settings that cannot be used.
     """
-    from ...blender.sensors.observe import Observer
-    from ...sensing.kinds import cost_of
+    from ...blender.sensors.following import Forecast
+    from ...sensing.kinds import cost_of, kind_of
 
     home = Path(bpy.path.abspath(context.scene.forest_sensing.folder))
     found = []
@@ -52,7 +52,8 @@ def costs(context: bpy.types.Context, things: Iterable[bpy.types.Object]) -> lis
         settings = to_spec(context.scene, [thing])
         (sensor,) = settings.sensors
         engine = "bvhtree" if settings.rays.engine == "bvhtree" else "embree"
-        found.append(cost_of(sensor, Observer.way(sensor, home), engine, settings, trees))
+        way = kind_of(sensor).trajectory(sensor, home, Forecast(context.scene))
+        found.append(cost_of(sensor, way, engine, settings, trees))
     return found
 
 

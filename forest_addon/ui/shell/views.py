@@ -8,6 +8,7 @@ from typing import Any
 
 import bpy
 import bpy.utils.previews
+import gpu
 from mathutils import Vector
 
 from ...blender.sensors import objects as sensors
@@ -272,3 +273,19 @@ def redraw_views() -> None:
     """Have every 3D view drawn anew."""
     for _, area in views():
         area.tag_redraw()
+
+
+def line_shader() -> gpu.types.GPUShader:
+    """The shader of lines over a view."""
+    return gpu.shader.from_builtin("POLYLINE_UNIFORM_COLOR")
+
+
+def draw_lines(
+    shader: gpu.types.GPUShader, batch: Any, colour: tuple[float, ...], width: float = 2.0
+) -> None:
+    """Draw lines over a view, so many pixels wide."""
+    shader.bind()
+    shader.uniform_float("color", colour)
+    shader.uniform_float("lineWidth", width)
+    shader.uniform_float("viewportSize", gpu.state.viewport_get()[2:])
+    batch.draw(shader)

@@ -16,35 +16,34 @@ from references.turtle_plain import grow_plainly
 from forest_addon.base.rng import stream
 from forest_addon.formats.toml_file import read_settings, structure
 from forest_addon.growth.library.species_file import find_species
-from forest_addon.growth.lsystem.expression import ExpressionError
-from forest_addon.growth.lsystem.system import GrammarError, read_system, rewrite
-from forest_addon.growth.lsystem.tanveer import (
+from forest_addon.growth.lsystem.branching import (
     CENTRE,
     SIDE,
     SYMMETRIC,
     interpret,
     parse,
+    skeleton_of,
     string_of,
 )
+from forest_addon.growth.lsystem.expression import ExpressionError
+from forest_addon.growth.lsystem.system import GrammarError, read_system, rewrite
 from forest_addon.growth.lsystem.turtle import (
     ABOP,
-    Bend,
     S,
     prune_descending,
     read_commands,
     system_of,
     walk,
 )
-from forest_addon.growth.species import skeleton_of
 from forest_addon.spec import Grammar, Jitter, Leaf, Rules, SpecError, Species
 
 KNOWN = {"length": 0.7, "angle": 25.0, "rotation": 20.0, "thinning": 0.8}
 STILL = Jitter(length=0, angle_deg=0, twist_deg=0, raise_ratio=0, lean_deg=0, leaf_size=0)
 
 
-def walk_text(text, bend=None, symbols=ABOP.symbols, known=KNOWN):
+def walk_text(text, tropism=(0.0, 0.0, -1.0), elasticity=0.0, symbols=ABOP.symbols, known=KNOWN):
     word = rewrite(read_system(text, []), 0)
-    return walk(read_commands(word, symbols, known), 0.1, bend)
+    return walk(read_commands(word, symbols, known), 0.1, tropism, elasticity)
 
 
 number = st.floats(0.01, 3).map(lambda x: f"({x!r})")
@@ -80,7 +79,7 @@ def test_equals_the_plain_turtle_on_random_grammars(axiom, rule, elasticity, tro
     segments, leaves = walk_plainly(
         text, 0.7, 25.0, 0.8, 0.1, tropism=tropism, elasticity=elasticity
     )
-    walked = walk(read_commands(word, ABOP.symbols, KNOWN), 0.1, Bend(tropism, elasticity))
+    walked = walk(read_commands(word, ABOP.symbols, KNOWN), 0.1, tropism, elasticity)
     s = walked.skeleton
     assert len(s) == len(segments)
     assert len(walked.leaves) == len(leaves)
@@ -103,12 +102,12 @@ def test_turns_are_right_handed_about_up_left_and_heading():
 
 @pytest.mark.parametrize("direction", [(0.0, 0.0, -1.0), (0.0, 0.0, 1.0), (0.0, 0.0, 0.0)])
 def test_straight_up_against_the_tropism_goes_straight_on(direction):
-    s = walk_text("FFF", Bend(direction, 0.5)).skeleton
+    s = walk_text("FFF", direction, 0.5).skeleton
     assert s.end[-1].tolist() == pytest.approx([0, 0, 2.1])
 
 
 def test_tropism_bends_a_level_branch_by_its_elasticity():
-    s = walk_text("+(90)F(1)F(1)", Bend((0, 0, -1), 0.25)).skeleton
+    s = walk_text("+(90)F(1)F(1)", (0, 0, -1), 0.25).skeleton
     assert s.end[1] - s.end[0] == pytest.approx([np.cos(0.25), 0, -np.sin(0.25)])
 
 

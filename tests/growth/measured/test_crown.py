@@ -12,8 +12,8 @@ from forest_addon.base.rng import stream
 from forest_addon.base.trimesh import DEAD, LEAF
 from forest_addon.formats.toml_file import read_settings
 from forest_addon.growth.library.species_file import find_species, load_species
+from forest_addon.growth.measured.allometry import Wanted, dbh_of
 from forest_addon.growth.measured.curves import TAPER, TIGHT, curved
-from forest_addon.growth.measured.wanted import Wanted, dbh_of
 from forest_addon.growth.mesh.meshing import mesh_wood
 from forest_addon.growth.skeleton import LeafSites, Skeleton, find_axes
 from forest_addon.growth.tree import grow

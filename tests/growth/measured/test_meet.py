@@ -15,9 +15,9 @@ from forest_addon.growth.library.species_file import (
     find_species,
     load_species,
 )
+from forest_addon.growth.measured.allometry import Wanted, crown_base_of, dbh_of, width_of
 from forest_addon.growth.measured.crown import borne, colonise
 from forest_addon.growth.measured.meet import grow_measured, leaves_needed
-from forest_addon.growth.measured.wanted import Wanted, crown_base_of, dbh_of, width_of
 from forest_addon.growth.mesh.leaves import measure_leaves
 from forest_addon.growth.tree import blade_of, grow
 from forest_addon.growth.truth import tree_truth

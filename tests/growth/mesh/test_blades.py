@@ -16,6 +16,7 @@ from forest_addon.base.rng import daughter_keys, stream
 from forest_addon.base.trimesh import LEAF, TriMesh, join
 from forest_addon.growth.draw import draw_inclination
 from forest_addon.growth.library.species_file import find_species, load_species
+from forest_addon.growth.lsystem.branching import skeleton_of
 from forest_addon.growth.mesh.blades import (
     HALVES,
     SHAPES,
@@ -40,7 +41,6 @@ from forest_addon.growth.mesh.leaves import (
 )
 from forest_addon.growth.mesh.meshing import mesh_wood
 from forest_addon.growth.skeleton import LeafSites
-from forest_addon.growth.species import skeleton_of
 from forest_addon.growth.tree import blade_of, grow
 from forest_addon.sensing.sonar.leaves import FoliageDiscs
 from forest_addon.spec import (

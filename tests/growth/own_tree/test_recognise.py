@@ -562,3 +562,25 @@ def test_contacts_agree_with_a_search_of_all_wood() -> None:
     np.testing.assert_allclose(
         contact.gap, gaps[np.arange(len(points)), contact.piece], rtol=0, atol=5e-3
     )
+
+
+@pytest.mark.parametrize("up", ["y", "z"])
+def test_ground_below_a_tree_is_left_out_and_said(up):
+    model = tree()
+    wood = model.wood()
+    half = np.ptp(wood) / 2
+    x, y = np.meshgrid(np.linspace(-half, half, 9), np.linspace(-half, half, 9))
+    corners = np.stack([x, y, np.full_like(x, wood[:, :, 2].min())], axis=-1)
+    a, b, c, d = (
+        corners[i : i + 8, j : j + 8].reshape(-1, 3) for i, j in ((0, 0), (0, 1), (1, 1), (1, 0))
+    )
+    ground = np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
+    for groups in (
+        [Group("", "", np.concatenate([wood, ground]) @ UPRIGHT[up])],
+        [Group("wood", "", wood @ UPRIGHT[up]), Group("Slab", "", ground @ UPRIGHT[up])],
+    ):
+        found = sort_out(groups)
+        assert "a flat piece at the foot is the ground and left out" in found.said
+        assert sorted(np.ptp(found.wood, axis=(0, 1))) == pytest.approx(
+            sorted(np.ptp(wood, axis=(0, 1)))
+        )

@@ -147,9 +147,9 @@ def test_a_scene_gets_a_picture_and_settings_that_run(tmp_path, monkeypatch):
     path.write_text(SCENE, encoding="utf-8")
     for few, value in (
         ("sweep.ENOUGH", 0.0),
-        ("lidar.EXACTLY", 0.1),
-        ("lidar.MANY", 91),
-        ("reverb.NEAREST", 20),
+        ("sensors.EXACTLY", 200),
+        ("sensors.MANY", 91),
+        ("sensors.NEAREST", 20),
     ):
         monkeypatch.setattr(f"headless.accuracy.{few}", value)  # no figure is looked at
     said = []

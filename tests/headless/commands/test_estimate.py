@@ -5,6 +5,8 @@ import pytest
 
 from forest_addon.base.rng import stream
 from forest_addon.formats.toml_file import read_settings
+from forest_addon.growth.library.species_file import read_allometry
+from forest_addon.growth.measured.allometry import middle
 from forest_addon.spec import Scene, SpecError
 from forest_addon.stand.compose import process_of
 from forest_addon.stand.files import read_inputs
@@ -108,7 +110,7 @@ def test_few_trees_make_a_scene_too(tmp_path, method, text):
     scene = estimate_site(tmp_path / "t.csv", tmp_path / "s.toml", method, (), ["maple"])
     settings = read_settings(scene, Scene)
     stand = plan_stand(1, settings.forest, settings.plantings, read_inputs(settings, tmp_path))
-    assert settings.plantings[0].expected == text.count("\n") - 1
+    assert settings.plantings[0].expected == len({*text.splitlines()[1:]})  # stems of one tree
     assert len(stand) < 20
 
 
@@ -119,7 +121,7 @@ def test_few_trees_make_a_scene_too(tmp_path, method, text):
         ("x,y\n", (), "has no trees below its header"),
         ("a,b\n1,2\n", (), "has no column x; call one of its columns x"),
         ("x,y\n1,2\n3,zwei\n", (), 'row 3: y is "zwei", not a finite number'),
-        ("x,y\n1,2\n3,nan\n", (), 'row 3: y is "nan"'),
+        ("x,y\n3,nan\n", (), "has no trees below its header"),
         ("x,y\n1\n", (), "row 2 has 1 values, its header 2"),
         ("x,y\n1,2\n", (), "some trees have no species; say what grows there"),
         ("x,y,species\n1,2,pine\n", (), '"pine" is no preset; say what grows in its place'),
@@ -149,6 +151,45 @@ def test_bad_windows(tmp_path, window, said):
     with pytest.raises(SpecError) as problem:
         estimate_site(tmp_path / "t.csv", tmp_path / "s.toml", window=window, species=["maple"])
     assert said in str(problem.value)
+
+
+@pytest.mark.slow
+def test_measures_of_the_map_are_those_of_the_scene(tmp_path):
+    """Of 80 spruces whose heights are 0.8 times those of their kind."""
+    kind, rng = read_allometry("picea-abies", tmp_path), stream(5, "carried")
+    dbh = rng.normal(0.3, 0.05, 80)
+    height = 0.8 * np.exp(middle(kind.height, dbh) + rng.normal(0, 0.05, 80))
+    rows = zip(*(rng.uniform(0, 60, (2, 80)) + 4e5), 100 * dbh, height, strict=True)
+    (tmp_path / "t.csv").write_text(
+        "Easting,Northing,BHD [cm],Height,sp\n"
+        + "".join(f"{x},{y},{d},{h},fichte\n" for x, y, d, h in rows)
+    )
+    words = [
+        "--species",
+        "fichte=norway-spruce",
+        "--crs",
+        "EPSG:25832",
+        "--out",
+        str(tmp_path / "s.toml"),
+    ]
+    assert main(["estimate", str(tmp_path / "t.csv"), *words]) == 0
+    scene = read_settings(tmp_path / "s.toml", Scene)
+    assert scene.crs == "EPSG:25832"
+    targets = scene.plantings[0].targets
+    assert targets.dbh.mean == pytest.approx(dbh.mean(), rel=1e-3)
+    assert targets.dbh.sd == pytest.approx(dbh.std(), rel=1e-3)
+    law = read_allometry(targets.allometry, tmp_path)
+    assert np.exp(middle(law.height, dbh)) == pytest.approx(
+        0.8 * np.exp(middle(kind.height, dbh)), rel=0.03
+    )
+    assert law.height.high == pytest.approx(1.645 * 0.05, rel=0.4)
+    text = (tmp_path / "t.csv").read_text().replace("BHD [cm],Height", "k,Height")  # heights alone
+    (tmp_path / "t.csv").write_text(text)
+    scene = estimate_site(tmp_path / "t.csv", tmp_path / "h.toml", species=["norway-spruce"])
+    alone = read_settings(scene, Scene).plantings[0].targets
+    assert alone.allometry == "picea-abies"
+    tall = middle(kind.height, np.array([alone.dbh.mean]))
+    assert np.exp(tall[0]) == pytest.approx(height.mean(), rel=0.1)
 
 
 @pytest.mark.slow

@@ -4,17 +4,19 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from references.ordinary_scenes import ordinary
 from references.rays_brute import BruteCaster
 
 from forest_addon.base.rng import stream
 from forest_addon.base.trimesh import LEAF, TriMesh
-from forest_addon.sensing.audit import Check, sample
-from forest_addon.sensing.lidar.audit import audit_drive, audit_scan, ray_errors
+from forest_addon.sensing.audit import Check, held
+from forest_addon.sensing.lidar.audit import parts_of_drive, parts_of_scan, ray_errors
+from forest_addon.sensing.lidar.cloud import join
 from forest_addon.sensing.lidar.scan import Scan, scan
 from forest_addon.sensing.lidar.tractor import drive
 from forest_addon.sensing.rays.caster import Hits
 from forest_addon.sensing.rays.geometry import SceneGeometry
-from forest_addon.spec import Beam, Surfaces, Terrestrial, Tractor
+from forest_addon.spec import Beam, Rays, Surfaces, Terrestrial, Tractor
 
 
 def scene(count: int = 300, shift: float = 0.0) -> SceneGeometry:
@@ -55,7 +57,7 @@ def test_a_right_scan_passes_and_says_what_it_took(shift):
 
 
 def audit(work, cloud):
-    return audit_scan(work, cloud, stream(1, "audit"), seconds=2.0, share=0.05)
+    return held(parts_of_scan(work, cloud, 0.05), stream(1, "audit"), 2.0)
 
 
 @pytest.mark.medium
@@ -79,18 +81,6 @@ def test_light_that_passes_leaves_is_followed_too():
     assert not audit(Scan(looks, behind), scan(looks, behind)).kept
 
 
-@pytest.mark.slow
-def test_a_drive_is_audited_too():
-    drives = Tractor(position=(-5, -3, 1), track=6.0, step=0.5, angle_step_deg=5, splits=2)
-
-    def audit(caster):
-        given = stream(1, "a"), 2.0, 0.05
-        return audit_drive(drives, drive(drives, caster), caster, *given)
-
-    assert audit(BruteCaster(scene())).kept
-    assert not audit(Off(scene(), 1.001)).kept
-
-
 def test_of_the_rays_of_a_beam_that_meet_level_ground_at_once_any_is_right():
     """Strips of ground across the drive: the rays of a beam meet one each, at the same distance."""
     edge = np.arange(-4.0, 4.0, 0.3)
@@ -112,7 +102,7 @@ def test_of_the_rays_of_a_beam_that_meet_level_ground_at_once_any_is_right():
             return Hits(distance, hits.instance, hits.triangle)
 
     def audit(caster, found):
-        return audit_drive(drives, found, caster, stream(1, "a"), 2.0, 0.05)
+        return held(parts_of_drive(drives, found, caster, 0.05), stream(1, "a"), 2.0)
 
     caster = Rounds(level)
     found = drive(drives, caster)
@@ -121,6 +111,30 @@ def test_of_the_rays_of_a_beam_that_meet_level_ground_at_once_any_is_right():
     met = np.isfinite(found.returns.distance)
     wrong = np.where(met, found.returns.triangle + 4, -1)
     assert not audit(caster, replace(found, returns=replace(found.returns, triangle=wrong))).kept
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_of_surfaces_that_lie_on_each_other_any_is_right(seed):
+    """Roads in the ground, walls that stand there twice, boxes that share a face: by engines of single
+    precision, in batches of any size."""
+    from forest_addon.blender.rays.casters import make_caster
+
+    rng = stream(seed, "ordinary")
+    scene = ordinary(rng)
+    caster = make_caster(scene, Rays(engine=str(rng.choice(["embree", "bvhtree"]))))
+    turn, shift = scene.transform[0, :, :3], scene.transform[0, :, 3]
+    place = shift + turn @ [*rng.uniform(-6, 6, 2), rng.uniform(3.2, 6)]
+    beam = Beam(subrays=int(rng.choice([1, 3, 7, 19])))
+    looks = {"angle_step_deg": 4.0, "elevation_deg": (-80, 30), "beam": beam}
+    work = Scan(Terrestrial(position=tuple(place), **looks), caster, seed)
+    pieces = work.chunks(at_once=int(rng.integers(200, 3000)))
+    found = audit(work, join([piece for _, piece in pieces]))
+    assert found.kept, str(found)
+    low = max(place[2] - 2.5, 0.5)
+    fan = {"track": 4.0, "step": 0.2, "angle_step_deg": 4.0, "top": low + 8.0}
+    drives = Tractor(position=(*place[:2], low), splits=int(rng.integers(0, 3)), **fan)
+    found = held(parts_of_drive(drives, drive(drives, caster), caster, 0.05), rng, 1.0)
+    assert found.kept, str(found)
 
 
 def test_either_side_of_an_edge_is_right():
@@ -165,18 +179,6 @@ def test_of_two_surfaces_that_single_precision_cannot_part_either_is_right():
 
 def vars_of(scene):
     return scene.transform, scene.mesh_index, scene.object_name, scene.tree, scene.species
-
-
-def test_the_sample_takes_its_share_and_at_least_one():
-    batches = iter([np.array([1e-3, 2e-3]), np.array([9.0])])
-    found = sample(batches, seconds=0.0)
-    assert found.errors.tolist() == [1e-3, 2e-3]
-    assert np.isclose(Check.on("x", found.errors, 2, 1.0).rms, np.sqrt(2.5e-6))
-
-
-def test_the_sample_goes_on_to_the_least_that_is_wanted():
-    assert len(sample(iter(np.zeros((9, 20))), seconds=0.0, least=100).errors) == 100
-    assert len(sample(iter(np.zeros((9, 20))), seconds=0.0, least=100, patience=0.0).errors) == 20
 
 
 def test_an_error_that_is_no_number_is_not_kept():

@@ -12,8 +12,9 @@ from references.rays_brute import BruteCaster
 
 from forest_addon.base.trimesh import OTHER, WOOD, TriMesh
 from forest_addon.results.scan_file import write_scan
+from forest_addon.sensing.audit import held
 from forest_addon.sensing.lidar import specular
-from forest_addon.sensing.lidar.audit import audit_scan
+from forest_addon.sensing.lidar.audit import parts_of_scan
 from forest_addon.sensing.lidar.scan import Scan, scan
 from forest_addon.spec import POLISHED, Beam, Noise, Receiver, SpecError, Surfaces, Terrestrial
 
@@ -336,10 +337,10 @@ def test_chunks_audits_and_noise_know_bounces():
     assert set(whole.bounce.tolist()) == {0, 1, 2}
     assert np.array_equal(np.concatenate([part.bounce for part in parts]), whole.bounce)
     assert np.array_equal(np.concatenate([part.position for part in parts]), whole.position)
-    audit = audit_scan(work, whole, np.random.default_rng(0), 1.0, 0.05)
+    audit = held(parts_of_scan(work, whole, 0.05), np.random.default_rng(0), 1.0)
     assert audit.kept, str(audit)
     wrong = replace(whole, bounce=np.zeros_like(whole.bounce))
-    assert not audit_scan(work, wrong, np.random.default_rng(0), 1.0, 0.05).kept
+    assert not held(parts_of_scan(work, wrong, 0.05), np.random.default_rng(0), 1.0).kept
 
 
 @pytest.mark.parametrize(

@@ -30,7 +30,13 @@ def test_rates_field_and_tilt_are_read_back(sweep, pitch):
     ).reshape(-1, 1)
     seen = (ground[:, 1] > -45) & (ground[:, 1] < -20)  # a plot to the right of the line
     line = FlightLine(1, np.array([0.0, 2.0]), np.array([p.position for p in poses]), 99, 0.0)
-    found = pattern_like(line, ground[seen], pulses.time[seen])
+    said = np.degrees(np.arctan2(-ground[seen, 1], 100.0))
+    found = pattern_like(line, ground[seen], pulses.time[seen], np.rint(said))
+    with pytest.raises(SpecError, match=r"beams \d+° from the scan angles"):
+        pattern_like(line, ground[seen], pulses.time[seen], said / 3)
+    fast = FlightLine(1, line.time / 20, line.place, 99, 0.0)
+    with pytest.raises(SpecError, match="flown at 180 m/s; are its coordinates in metres"):
+        pattern_like(fast, ground[seen], pulses.time[seen] / 20, said)
     assert found.zigzag == (sweep == "zigzag")
     assert found.line_rate == pytest.approx(80.0, rel=0.02)
     assert found.own_rate == pytest.approx(160e3, rel=0.01)
@@ -46,6 +52,8 @@ def test_csv_goes_to_and_fro_and_times_must_rise(tmp_path):
     rows = np.arange(21.0).reshape(3, 7) / 7
     written = lambda table: {name: table[:, k].tolist() for k, name in enumerate(COLUMNS)}  # noqa: E731
     write_csv(tmp_path / "a.csv", written(rows))
+    with open(tmp_path / "a.csv", "a") as file:
+        file.write("\n  \n")  # empty lines say nothing
     assert (read_trajectory(tmp_path / "a.csv") == rows).all()
     write_csv(tmp_path / "b.csv", written(rows[::-1]))
     with pytest.raises(SpecError, match="pose 2 is not later"):
@@ -63,5 +71,11 @@ def test_sbet_comes_out_in_the_map(tmp_path):
     assert np.allclose(rows[:, 1], 500_000, atol=1e-3)
     assert np.diff(rows[:, 2])[0] == pytest.approx(1109.2 * 0.9996, abs=1.0)
     assert np.allclose(rows[:, 4], 90, atol=1e-6)
+    (tmp_path / "a.sbet").rename(tmp_path / "a.SBET")
+    feet = read_trajectory(
+        tmp_path / "a.SBET", "EPSG:2223"
+    )  # Arizona Central in feet, and in metres
+    assert feet == pytest.approx(read_trajectory(tmp_path / "a.SBET", "EPSG:26949"), abs=1e-6)
+    (tmp_path / "a.SBET").rename(tmp_path / "a.sbet")
     with pytest.raises(SpecError, match="--crs: is missing"):
         read_trajectory(tmp_path / "a.sbet")

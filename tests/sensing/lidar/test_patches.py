@@ -97,6 +97,13 @@ def test_any_number_of_rays_at_any_turn_makes_one_echo_of_a_plane(subrays):
         assert cloud.width * LIGHT / 2 == pytest.approx(length, rel=0.03)
 
 
+@pytest.mark.parametrize("subrays", [91, 150, 397])
+def test_flat_ground_hardly_below_the_horizon_is_one_echo_of_any_number_of_rays(subrays):
+    beam = Beam(subrays=subrays, divergence_mrad=(2.0, 2.0))
+    cloud = scan(down(beam, 1.7, 1.7 / np.cos(np.deg2rad(89.7)), pulses=60), FLAT)
+    assert cloud.number.tolist() == [1] * cloud.pulses
+
+
 @pytest.mark.parametrize("subrays", [3, 7, 19, 100])
 def test_the_moments_of_the_rays_are_exact_along_every_axis(subrays):
     place = places(subrays)

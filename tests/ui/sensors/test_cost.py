@@ -1,6 +1,7 @@
 """What a run costs is said before, and what is large is asked about; then one bar leads through all of it."""
 
 from itertools import pairwise
+from types import SimpleNamespace
 
 import pytest
 
@@ -16,7 +17,7 @@ from forest_addon.ui.sensors import run
 from forest_addon.ui.sensors.run import Ahead
 from forest_addon.ui.settings.exchange import to_spec
 
-from ..pressing import press
+from ..pressing import next_uid, press
 
 
 def things():
@@ -37,6 +38,34 @@ def test_pulses_are_counted_as_they_are_sent(built):
             assert said == found.distance.size
         else:
             assert said == getattr(found, "pulses", 1)
+
+
+def test_tooltips_write_nothing_and_know_the_way_of_what_is_followed(props):
+    """Blender forbids to write while it draws: no block is made, and no frame is gone to."""
+    scene = bpy.context.scene
+    for kind in ("drone", "mobile", "sonar", "tractor"):
+        press("add_sensor", kind=kind)
+    sonar = bpy.context.view_layer.objects["Bat Sonar"]
+    carrier = bpy.data.objects.new("carrier", None)
+    scene.collection.objects.link(carrier)
+    carrier.keyframe_insert("location", frame=1)
+    sonar.forest_sensor.sonar.follow, sonar.forest_sensor.sonar.poses = "carrier", 7
+    bpy.context.view_layer.update()
+    exact = {}
+    for thing in things():
+        (sensor,) = to_spec(scene, [thing]).sensors
+        exact[thing.name] = kind_of(sensor).cost(sensor, Observer.way(sensor), "embree").count
+    gone_to = []
+    note = gone_to.append
+    bpy.app.handlers.frame_change_pre.append(note)
+    before = next_uid()
+    counts = {thing.name: run.costs(bpy.context, [thing])[0].count for thing in things()}
+    for given in (SimpleNamespace(sensor=name, again=False) for name in ("", *counts)):
+        assert run.FOREST_OT_run.description(bpy.context, given)
+    bpy.app.handlers.frame_change_pre.remove(note)
+    assert (next_uid(), gone_to) == (before + 1, [])
+    assert counts == pytest.approx(exact, rel=1e-5)
+    assert counts["Bat Sonar"] == 7
 
 
 def test_a_reverb_is_guessed_to_take_longer_among_more_trees(built, monkeypatch):

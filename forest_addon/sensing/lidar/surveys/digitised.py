@@ -12,7 +12,7 @@ Distances are times in one direction there: light that is 1 m farther is 3.3 ns 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -20,13 +20,12 @@ import numpy as np
 from ....formats.helios.device import Digitiser
 from ...moving_rays import MovingCaster
 from ...rays.caster import Hits, RayCaster
-from ..cloud import cosines
 from ..footprint import BeamFrames
 from ..passage import Contacts, Received, scalars_of
 from ..pattern import LiDAR, Pattern, Pulses
-from ..radiometry import intensity, reflectance_of
+from ..radiometry import intensity
 from ..scan import RAYS_AT_ONCE, Scan
-from ..waveform import LIGHT, WaveformEchoes
+from ..waveform import LIGHT, WaveformEchoes, gathered
 
 BINS_AT_ONCE = 4_000_000  # of all waveforms in work
 METRES_A_NS = LIGHT * 1e-9
@@ -101,22 +100,21 @@ class DigitisedScan(Scan):
     def _rays(self, beams: BeamFrames) -> tuple[np.ndarray, np.ndarray]:
         return ring_rays(beams, self._rings)
 
-    def _received(
-        self, rays: tuple[np.ndarray, np.ndarray], contacts: Contacts, time: np.ndarray
-    ) -> Received:
-        scanner, scene = self.scanner, self.caster.scene
-        hits, ways = contacts.hits, rays[1][contacts.ray]
-        normal = self._normals(hits, ways, time[contacts.ray])
+    def _light(self, contacts: Contacts, reflectance: np.ndarray) -> np.ndarray:
         share = self._rings.share[contacts.ray % len(self._rings.share)]
-        reflectance = reflectance_of(scene, hits, contacts.organ, scanner.surfaces)
-        energy = intensity(
-            reflectance * share, cosines(normal, ways), hits.distance, scanner.beam.extinction
-        )
-        counts = np.flatnonzero((energy > 0) & (hits.distance >= scanner.min_range))
+        return np.asarray(reflectance * contacts.light * share)
+
+    def _echoes(
+        self,
+        rays: tuple[np.ndarray, np.ndarray],
+        contacts: Contacts,
+        counts: np.ndarray,
+        energy: np.ndarray,
+        ways: np.ndarray,
+        normal: np.ndarray,
+    ) -> WaveformEchoes:
         pulse, subray = np.divmod(contacts.ray[counts], len(self._rings.share))
-        echoes = self._digitised(pulse, subray, hits.distance[counts], energy[counts])
-        chosen = counts[echoes.contact]
-        return Received(echoes, hits.select(chosen), ways[chosen], normal[chosen])
+        return self._digitised(pulse, subray, contacts.hits.distance[counts], energy[counts])
 
     def _digitised(
         self, pulse: np.ndarray, subray: np.ndarray, distance: np.ndarray, energy: np.ndarray
@@ -207,7 +205,15 @@ def digitised(
     ends = np.stack([opens, np.append(opens[1:], True)]) if len(lone) else np.zeros((2, 0), bool)
     peak_group, peak_bin = _maxima(group, bins, energy, ends, shape, window)
     owner = _owners(pulse, place, start, peak_group, peak_bin, int(np.argmax(shape)))
-    return _echoes(owner, (pulse, subray, distance, energy), order, pulse_ns)
+    rows = np.flatnonzero(owner >= 0)
+    rows = rows[np.argsort(owner[rows], kind="stable")]
+    pulse, subray, distance, energy = (v[rows] for v in (pulse, subray, distance, energy))
+    if not len(rows):
+        return WaveformEchoes(pulse, distance, energy, distance, rows)
+    number = np.cumsum(np.diff(owner[rows], prepend=owner[rows[0]]) != 0)
+    own = pulse_ns / 7 * np.sqrt(3.0) * METRES_A_NS / 2  # the spread of the pulse itself
+    found = gathered(number, pulse, subray, distance, energy, np.zeros(len(rows)), own)
+    return replace(found, contact=order[rows[found.contact]])
 
 
 def _maxima(
@@ -284,31 +290,3 @@ def _owners(
         better = gap < away[same]
         best[same[better]], away[same[better]] = side[same[better]], gap[better]
     return best
-
-
-def _echoes(
-    owner: np.ndarray, contacts: tuple[np.ndarray, ...], order: np.ndarray, pulse_ns: float
-) -> WaveformEchoes:
-    """Echoes of contacts that belong to them."""
-    rows = np.flatnonzero(owner >= 0)
-    rows = rows[np.argsort(owner[rows], kind="stable")]
-    pulse, subray, distance, energy = (values[rows] for values in contacts)
-    starts = np.flatnonzero(np.append(True, np.diff(owner[rows]) != 0)) if len(rows) else rows
-    number = np.repeat(np.arange(len(starts)), np.diff(np.append(starts, len(rows))))
-    if not len(rows):
-        return WaveformEchoes(pulse, distance, energy, distance, rows)
-    total = np.add.reduceat(energy, starts)
-    share = energy / total[number]
-    middle = np.add.reduceat(share * distance, starts)
-    spread = np.add.reduceat(share * (distance - middle[number]) ** 2, starts)
-    strong = energy >= 0.5 * np.maximum.reduceat(energy, starts)[number]
-    place = np.where(strong, subray, np.iinfo(np.int64).max // len(rows) - 1)
-    chosen = np.minimum.reduceat(place * len(rows) + np.arange(len(rows)), starts) % len(rows)
-    own = pulse_ns / 7 * np.sqrt(3.0) * METRES_A_NS / 2  # the spread of the pulse itself
-    return WaveformEchoes(
-        pulse=pulse[starts],
-        distance=middle,
-        energy=total,
-        width=np.sqrt(own**2 + spread),
-        contact=order[rows[chosen]],
-    )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import count
 from pathlib import Path
@@ -31,7 +31,13 @@ from .digitised import rings
 from .trajectories import beam_poses, canonical, write_poses
 
 LEAVE_TOGETHER = "the beams of a column leave at one time"
-PATTERNS = ("lines", "fans", "zigzag", "circles", "spinning")  # that HELIOS++ has optics for
+DIFFER = {  # where the pulses of a pattern go in HELIOS++
+    "spinning": LEAVE_TOGETHER,
+    "circles": "circles begin anew with each leg",
+    "zigzag": "its mirror turns round as theirs do, in 50 pulses: as many pulses, in other places",
+    "fans": "its three fans look at one time, each a third as fast, not by turns",
+    "lines": "a strip begins in the middle of a line, and lines may have a pulse more at their end",
+}
 FANS = 3  # that look down, ahead and back
 ROWS_A_SECOND, MOST_POSES = 100.0, 200_000  # of a trajectory
 MOST_PULSES = 1_000_000  # that have a row each
@@ -67,7 +73,7 @@ def write_survey(
     file = TRAJECTORIES.format(name=f"{scene}-{sensor.name}")
     if scanner_of_ours is None and not isinstance(sensor, Tractor):
         return Exported(sensor.name, None, (f"HELIOS++ has no {sensor.kind}",))
-    pattern, name = getattr(sensor, "pattern", ""), f"{scene}-{sensor.name}"
+    name = f"{scene}-{sensor.name}"
     if isinstance(sensor, Tractor):
         scanner, platform, legs = _tractor(sensor)
         unsaid = ["points, not a matrix of distances; intensities are those of the surfaces"]
@@ -84,10 +90,10 @@ def write_survey(
         unsaid = [f"{_cannot(sensor)}: its platform turns as the beam does, a row a pulse"]
     elif isinstance(sensor, Airborne):
         scanner, platform, legs = _strips(sensor)
-        unsaid = [_of_pattern(pattern)]
+        unsaid = [DIFFER[sensor.pattern]]
     elif isinstance(sensor, Mobile) and way is not None:
         scanner, platform, legs = _along(sensor, way, folder / file, file)
-        unsaid = [_of_pattern(pattern)]
+        unsaid = [DIFFER[sensor.pattern]]
     else:
         what = f"a {sensor.kind} scanner of no known way is not written as a survey"
         return Exported(sensor.name, None, (f"{what}; its way is in scene.json",))
@@ -130,29 +136,31 @@ def scanner_of(sensor: Sensor) -> Scanner | None:
     return sensor if isinstance(sensor, Scanner) else None
 
 
-def _unsaid(sensor: Scanner, surfaces: Surfaces) -> Iterator[str]:
+def _unsaid(sensor: Scanner, surfaces: Surfaces) -> list[str]:
     """Sentences on what HELIOS++ has no word for."""
     beam, noise, receiver = sensor.beam, sensor.noise, sensor.receiver
-    if sensor.surfaces != surfaces:
-        yield "its reflectances differ from those of the first scanner, which the materials have"
-    if len(set(beam.divergence_mrad)) > 1:
-        yield "its beam is told as round, as wide as the mean of both divergences"
-    if beam.exit_diameter:
-        yield "the width of the beam at its exit (exit_diameter) is left out"
-    if beam.subrays > 1:
-        yield f"its {beam.subrays} rays of equal energy are rings of {_rays(_rings(beam.subrays))}"
-    if sensor.faintest:
-        yield "the threshold of detection (faintest) is left out: HELIOS++ has watts of its own"
-    if noise.range_ppm or noise.incidence_sd or noise.drop_out:
-        yield "of its noise only range_sd is told"
-    if receiver != type(receiver)():
-        yield "settings of its receiver are left out"
-    if beam.extinction:
-        yield "extinction by the air is left out"
-    if sensor.motion:
-        yield "the scene stands as at the present frame"
-    if sensor.bounces:
-        yield "bounces are left out"
+    rays = _rays(_rings(beam.subrays))
+    sentences = {
+        "its reflectances differ from those of the first scanner, which the materials have": (
+            sensor.surfaces != surfaces
+        ),
+        "its beam is told as round, as wide as the mean of both divergences": (
+            len(set(beam.divergence_mrad)) > 1
+        ),
+        "the width of the beam at its exit (exit_diameter) is left out": beam.exit_diameter,
+        f"its {beam.subrays} rays of equal energy are rings of {rays}": beam.subrays > 1,
+        "the threshold of detection (faintest) is left out: HELIOS++ has watts of its own": (
+            sensor.faintest
+        ),
+        "of its noise only range_sd is told": (
+            noise.range_ppm or noise.incidence_sd or noise.drop_out
+        ),
+        "settings of its receiver are left out": receiver != type(receiver)(),
+        "extinction by the air is left out": beam.extinction,
+        "the scene stands as at the present frame": sensor.motion,
+        "bounces are left out": sensor.bounces,
+    }
+    return [sentence for sentence, holds in sentences.items() if holds]
 
 
 def _rings(subrays: int) -> int:
@@ -201,6 +209,30 @@ def _channels(scanner: Element, elevation: np.ndarray) -> None:
         SubElement(origin, "rot", axis="x", angle_deg=repr(angle))
 
 
+def _platform(name: str, kind: str) -> tuple[Element, Element]:
+    """Platform of a type, and its mount."""
+    platform = Element("platform", id="platform", name=name, type=kind)
+    return platform, SubElement(platform, "scannerMount", x="0", y="0", z="0")
+
+
+def _leg(where: dict[str, object], said: dict[str, object]) -> Element:
+    """Leg of a survey, by its settings of the platform and of the scanner."""
+    leg = Element("leg")
+    SubElement(leg, "platformSettings", words(where))
+    SubElement(leg, "scannerSettings", words(said))
+    return leg
+
+
+def _at(place: Sequence[float] | np.ndarray) -> dict[str, object]:
+    """Settings of a platform at a place."""
+    return dict(zip("xyz", map(float, place), strict=True))
+
+
+def _followed(trajectory: str) -> dict[str, object]:
+    """Settings of a platform that follows a file."""
+    return {"trajectory": trajectory, "trajectory_separator": ","}
+
+
 def _tripod(sensor: Terrestrial) -> tuple[Element, Element, list[Element]]:
     """Scanner, platform and legs of a tripod: a head that turns a column a pulse, with a channel a row."""
     azimuth, elevation = (np.rad2deg(angles) for angles in directions(sensor))
@@ -208,11 +240,6 @@ def _tripod(sensor: Terrestrial) -> tuple[Element, Element, list[Element]]:
     step = sensor.angle_step_deg
     scanner = _device(sensor, columns, 180.0, 0.0)
     _channels(scanner, elevation)
-    platform = Element("platform", id="platform", name="tripod", type="static")
-    SubElement(platform, "scannerMount", x="0", y="0", z="0")
-    leg = Element("leg")
-    x, y, z = (float(value) for value in sensor.position)
-    SubElement(leg, "platformSettings", words({"x": x, "y": y, "z": z}))
     start = float(azimuth[0]) - 90.0 - step  # the beam looks along +Y, and the first step is one on
     values = {
         "active": True,
@@ -223,21 +250,8 @@ def _tripod(sensor: Terrestrial) -> tuple[Element, Element, list[Element]]:
         "headRotateStart_deg": start,
         "headRotateStop_deg": start + step * len(azimuth),
     }
-    SubElement(leg, "scannerSettings", words(values))
-    return scanner, platform, [leg]
-
-
-def _of_pattern(pattern: str) -> str:
-    """Sentence on where the pulses of a pattern differ."""
-    if pattern == "spinning":
-        return LEAVE_TOGETHER
-    if pattern == "circles":
-        return "circles begin anew with each leg"
-    if pattern == "zigzag":
-        return "its mirror turns round as theirs do, in 50 pulses: as many pulses, in other places"
-    if pattern == "fans":
-        return "its three fans look at one time, each a third as fast, not by turns"
-    return "a strip begins in the middle of a line, and lines may have a pulse more at their end"
+    leg = _leg(_at(sensor.position), values)
+    return scanner, _platform("tripod", "static")[0], [leg]
 
 
 def _swept(sensor: MovingScanner) -> tuple[Element, Rotation, dict[str, object]]:
@@ -290,7 +304,7 @@ def _told_of(sensor: MovingScanner, scanner: Element) -> dict[str, object]:
 def _cannot(sensor: MovingScanner) -> str:
     """Sentence on why HELIOS++ has no optics of such a pattern; empty where it has."""
     low, high = sensor.field_deg
-    if sensor.pattern not in PATTERNS:
+    if sensor.pattern not in DIFFER:
         return f"HELIOS++ has no {sensor.pattern}"
     if sensor.pattern == "fans" and abs(low + high) > 1e-9:
         return "HELIOS++ has no fans whose field is not the same to both sides"
@@ -306,13 +320,9 @@ def _posed(
     scanner = _device(sensor, sensor.pulse_rate, 180.0, 0.0)
     SubElement(scanner, "beamOrigin", x="0", y="0", z="0")
     write_poses(path, beam_poses(pattern, sensor.pulse_rate))
-    platform = Element("platform", id="platform", name="platform", type="interpolated")
-    SubElement(platform, "scannerMount", x="0", y="0", z="0")
-    leg = Element("leg")
-    SubElement(leg, "platformSettings", words({"trajectory": name, "trajectory_separator": ","}))
     values = {"active": True, "pulseFreq_hz": sensor.pulse_rate, "scanFreq_hz": 0.0}
-    SubElement(leg, "scannerSettings", words({**values, "scanAngle_deg": 180.0}))
-    return scanner, platform, [leg]
+    leg = _leg(_followed(name), {**values, "scanAngle_deg": 180.0})
+    return scanner, _platform("platform", "interpolated")[0], [leg]
 
 
 def _tractor(sensor: Tractor) -> tuple[Element, Element, list[Element]]:
@@ -324,28 +334,23 @@ def _tractor(sensor: Tractor) -> tuple[Element, Element, list[Element]]:
     scanner = _device(plain, 1 / step, 180.0, 0.0)
     scanner.set("rangeMin_m", "0.0")
     _channels(scanner, np.rad2deg(fan(sensor)))
-    platform = Element("platform", id="platform", name="tractor", type="linearpath")
-    mount = SubElement(platform, "scannerMount", x="0", y="0", z="0")
+    platform, mount = _platform("tractor", "linearpath")
     SubElement(mount, "rot", axis="z", angle_deg="-90" if sensor.side == "right" else "90")
     heading = np.deg2rad(sensor.heading_deg)
     ahead = np.array([np.cos(heading), np.sin(heading), 0.0])
     legs = []
     for gone, active in ((-step, True), (float(along[-1]), False)):
-        leg = Element("leg")
-        x, y, z = (np.array(sensor.position) + gone * ahead).tolist()
-        SubElement(leg, "platformSettings", words({"x": x, "y": y, "z": z, "movePerSec_m": 1.0}))
+        where = _at(np.array(sensor.position) + gone * ahead) | {"movePerSec_m": 1.0}
         values = {"active": active, "pulseFreq_hz": 1 / step, "scanFreq_hz": 0.0}
-        SubElement(leg, "scannerSettings", words({**values, "scanAngle_deg": 180.0}))
-        legs.append(leg)
+        legs.append(_leg(where, {**values, "scanAngle_deg": 180.0}))
     return scanner, platform, legs
 
 
 def _carrier(sensor: MovingScanner, kind: str, swung: Rotation) -> Element:
     """Platform of a type with the scanner on its mount."""
-    platform = Element("platform", id="platform", name="platform", type=kind)
+    platform, mount = _platform("platform", kind)
     roll, pitch, yaw = np.deg2rad(sensor.mount_deg)
     ours = Rotation.from_euler("ZYX", [yaw, -pitch, roll])
-    mount = SubElement(platform, "scannerMount", x="0", y="0", z="0")
     rotated(mount, THEIRS * ours * THEIRS.inv() * swung)
     return platform
 
@@ -359,10 +364,8 @@ def _along(
     time = np.linspace(0.0, way.duration, min(len(time), MOST_POSES))
     where, attitude = way.at(way.start + time)
     write_poses(path, (time, canonical(attitude * THEIRS.inv()), where))
-    leg = Element("leg")
-    SubElement(leg, "platformSettings", words({"trajectory": name, "trajectory_separator": ","}))
     turned = float(str(said.get("headRotatePerSec_deg", 0.0))) * way.duration
-    SubElement(leg, "scannerSettings", words(_with_stop({"active": True, **said}, turned)))
+    leg = _leg(_followed(name), _with_stop({"active": True, **said}, turned))
     return scanner, _carrier(sensor, "interpolated", swung), [leg]
 
 
@@ -380,13 +383,8 @@ def _strips(sensor: Airborne) -> tuple[Element, Element, list[Element]]:
     legs = []
     for start, stop in strips(sensor).position.reshape(-1, 2, 3):
         for place, active in ((start, True), (stop, False)):
-            leg = Element("leg")
-            x, y, z = place.tolist()
-            where = {"x": x, "y": y, "z": z, "movePerSec_m": sensor.speed}
-            SubElement(leg, "platformSettings", words(where))
-            values = _with_stop({"active": active, **said}, turned)
-            SubElement(leg, "scannerSettings", words(values))
-            legs.append(leg)
+            where = _at(place) | {"movePerSec_m": sensor.speed}
+            legs.append(_leg(where, _with_stop({"active": active, **said}, turned)))
     return scanner, platform, legs
 
 

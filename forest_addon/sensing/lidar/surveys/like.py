@@ -18,6 +18,8 @@ from ....spec import Mobile, Pose, SpecError
 
 BREAK = 30.0  # times the usual step between pulses, that parts sweeps
 LONG_SWEEP = 12  # pulses of a sweep whose speed is measured
+SLOWEST, FASTEST = 0.01, 150.0  # m/s of what carries a scanner
+CONTRADICT = 5.0  # degrees between a beam and its file's angle
 MARGIN = 1.0  # degrees that the field is wider than what was seen
 WIDE = 5.0  # degrees across that a turn of the fan about the vertical is told from
 
@@ -37,15 +39,25 @@ class FlownPattern:
     own_rate: float
 
 
-def pattern_like(line: FlightLine, place: np.ndarray, time: np.ndarray) -> FlownPattern:
-    """The pattern of a line, from one return of each pulse: place (P, 3) m, time (P,) s.
+def pattern_like(
+    line: FlightLine, place: np.ndarray, time: np.ndarray, scan_angle: np.ndarray
+) -> FlownPattern:
+    """The pattern of a line, from one return of each pulse: place (P, 3) m, time (P,) s, and what its file
+    says of its angle (P,), degrees; all 0: nothing.
 
     Raises
     ------
-    SpecError : sweeps cannot be told apart.
+    SpecError : sweeps cannot be told apart; the way is faster than aircraft are, or not what the angles say.
     """
+    speed = float(np.linalg.norm(line.velocity))
+    if not SLOWEST < speed < FASTEST:
+        raise SpecError(
+            f"line {line.number}",
+            f"would be flown at {speed:.3g} m/s; are its coordinates in metres, and its times in seconds? "
+            "If they are feet, name the system with --crs",
+        )
     order = np.argsort(time, kind="stable")
-    place, time = place[order], time[order]
+    place, time, scan_angle = place[order], time[order], scan_angle[order]
     right, ahead = _in_frame(line, place, time)
     sweeps = _long_sweeps(line, time)
     # the fan is a plane through the scanner: ahead = tan(yaw)·right + tan(pitch)/cos(yaw)
@@ -55,11 +67,20 @@ def pattern_like(line: FlightLine, place: np.ndarray, time: np.ndarray) -> Flown
     pitch = float(np.arctan(np.median(ahead - np.tan(yaw) * right) * np.cos(yaw)))
     tangent = (right + np.tan(pitch) * np.sin(yaw)) * np.cos(pitch) / np.cos(yaw)
     angle = np.degrees(np.arctan(tangent))
+    away = min(float(np.median(np.abs(angle - side * scan_angle))) for side in (1, -1))
+    if scan_angle.any() and away > CONTRADICT:
+        raise SpecError(
+            f"line {line.number}",
+            f"has beams {away:.0f}° from the scan angles of its file in the median; are heights and "
+            "places in one unit, and are returns of a pulse whole?",
+        )
     turns = np.array([_slope(time[a:b] - time[a], angle[a:b]) for a, b in sweeps])
     rate = float(np.median([(b - a - 1) / np.ptp(time[a:b]) for a, b in sweeps]))
     zigzag = bool(0.2 < (turns > 0).mean() < 0.8)
     same = turns > 0 if zigzag else np.ones(len(turns), dtype=bool)  # sweeps of one direction
     middle = np.array([time[a:b].mean() for a, b in sweeps])
+    if same.sum() < 2:
+        raise SpecError(f"line {line.number}", "has one sweep to a side; nothing tells its pattern")
     period = _period(middle[same]) / (2 if zigzag else 1)
     low, high = np.quantile(angle, [0.001, 0.999]) + np.array([-MARGIN, MARGIN])
     # Degrees between pulses, by how many there are in a sweep: clocks of some instruments step unevenly.

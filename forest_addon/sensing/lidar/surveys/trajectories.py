@@ -36,7 +36,7 @@ def read_trajectory(path: Path, crs: str = "") -> np.ndarray:
     ------
     SpecError : a file that is something else, fewer than two poses, or times that do not rise.
     """
-    rows = read_sbet(path, crs) if path.suffix in SBET_ENDINGS else read_poses(path)
+    rows = read_sbet(path, crs) if path.suffix.lower() in SBET_ENDINGS else read_poses(path)
     if len(rows) < 2:
         raise SpecError(str(path), f"has {len(rows)} poses; a trajectory needs two")
     if not np.isfinite(rows).all():
@@ -56,7 +56,7 @@ def read_poses(path: Path) -> np.ndarray:
     SpecError : columns are missing, or a value is no number.
     """
     with open(path, newline="", encoding="utf-8-sig") as file:
-        lines = [row for row in csv.reader(line for line in file if line[:1] != "#") if row]
+        lines = [*csv.reader(line for line in file if line.strip() and line[:1] != "#")]
     head = [name.strip() for name in lines[0]] if lines else []
     missing = [name for name in COLUMNS if name not in head]
     if missing:

@@ -1,0 +1,193 @@
+"""Clouds by other hands: coordinates are read in metres, clocks are matched, nonsense is refused."""
+
+import laspy
+import numpy as np
+import pytest
+from laspy.vlrs.known import GeoKeyDirectoryVlr, WktCoordinateSystemVlr
+
+pyproj = pytest.importorskip("pyproj")
+
+from forest_addon.formats.las import read_las, write_las
+from forest_addon.results.points import POINT
+from forest_addon.sensing.lidar.pattern import pattern_of
+from forest_addon.spec import Mobile, Pose, Scene, SpecError
+from forest_addon.stand.files import read_inputs
+from headless.surveys import write_like
+
+FOOT, US_FOOT = 0.3048, 1200 / 3937
+LOW = np.array([1_980_000.0, 610_000.0, 40.0])  # EPSG:26943, metres
+SPEED, START = 60.0, 245_385.0
+
+
+@pytest.fixture(scope="module")
+def flight():
+    """Place (N, 3), time (N,), number (N,) and angle (N,) of two returns a pulse of a line at 60 m/s, over a
+    plot that it sees to one side."""
+    poses = tuple(Pose(time=t, position=(SPEED * t, 0.0, 400.0)) for t in (0.0, 3.0))
+    pattern = pattern_of(
+        Mobile(
+            name="a",
+            poses=poses,
+            pattern="lines",
+            field_deg=(-60.0, 60.0),
+            line_rate=40.0,
+            pulse_rate=40e3,
+        )
+    )
+    pulses = pattern.pulses(np.arange(pattern.count))
+    angle = np.degrees(np.arctan2(-pulses.direction[:, 1], -pulses.direction[:, 2]))
+    seen = (angle > 5) & (angle < 17)
+    origin, way = pulses.origin[seen], pulses.direction[seen]
+    reach = [(origin[:, 2] - level) / -way[:, 2] for level in (14.0, 0.0)]
+    place = LOW + np.stack([origin + away[:, None] * way for away in reach], axis=1).reshape(-1, 3)
+    time, angle = np.repeat(pulses.time[seen], 2) + START, np.repeat(angle[seen], 2)
+    return place, time, np.tile([1, 2], int(seen.sum())), angle
+
+
+def save(path, flight, unit=(1.0, 1.0), record=None, clock=0.0, said=True):
+    place, time, number, angle = flight
+    cloud = laspy.create(point_format=6, file_version="1.4")
+    flat, up = unit
+    stored = place / [flat, flat, up]
+    cloud.header.scales, cloud.header.offsets = [1e-4] * 3, np.floor(stored.min(axis=0))
+    cloud.x, cloud.y, cloud.z = stored.T
+    cloud.gps_time = time + clock
+    cloud.return_number, cloud.number_of_returns = number, np.full(len(number), 2)
+    cloud.scan_angle = np.rint(angle / 0.006) * said
+    cloud.classification = np.where(number == 2, 2, 5)
+    if record is not None:
+        cloud.header.vlrs.append(record)
+    cloud.write(path)
+
+
+def wkt(code):
+    return WktCoordinateSystemVlr(pyproj.CRS.from_user_input(code).to_wkt("WKT1_GDAL"))
+
+
+def geokeys(**codes):
+    numbers = {"linear": 3076, "vertical": 4099, "projected": 3072}
+    record = GeoKeyDirectoryVlr()
+    words = [1, 1, 0, len(codes)]
+    for key, value in sorted((numbers[name], value) for name, value in codes.items()):
+        words += [key, 0, 1, value]
+    record.parse_record_data(np.array(words, dtype="<u2").tobytes())
+    return record
+
+
+UNITS = {
+    "feet of the system": ((US_FOOT, US_FOOT), lambda: wkt("EPSG:2227")),
+    "feet on the map, metres of height": ((US_FOOT, 1.0), lambda: wkt("EPSG:2227+5703")),
+    "metres on the map, feet of height": ((1.0, US_FOOT), lambda: wkt("EPSG:26943+6360")),
+    "keys of a system": ((US_FOOT, US_FOOT), lambda: geokeys(projected=2227)),
+    "keys of units alone": ((FOOT, US_FOOT), lambda: geokeys(linear=9002, vertical=9003)),
+    "metres": ((1.0, 1.0), lambda: wkt("EPSG:26943")),
+}
+
+
+@pytest.mark.parametrize("kind", UNITS)
+def test_coordinates_are_read_in_metres(tmp_path, flight, kind):
+    unit, record = UNITS[kind]
+    save(tmp_path / "a.las", flight, unit, record())
+    cloud = read_las(tmp_path / "a.las")
+    assert np.asarray(cloud.xyz) == pytest.approx(flight[0], abs=2e-4)
+    assert np.asarray(cloud.z) == pytest.approx(flight[0][:, 2], abs=2e-4)
+    assert cloud.header.mins == pytest.approx(flight[0].min(axis=0), abs=2e-4)
+
+
+def test_degrees_and_systems_that_are_not_there_are_refused(tmp_path, flight):
+    save(tmp_path / "a.las", flight, record=wkt("EPSG:4326"))
+    with pytest.raises(SpecError, match="in degrees"):
+        read_las(tmp_path / "a.las")
+    save(tmp_path / "a.las", flight, record=geokeys(projected=29999))
+    with pytest.raises(SpecError, match=r"EPSG:29999.*no coordinate system"):
+        read_las(tmp_path / "a.las")
+
+
+@pytest.mark.parametrize(
+    ("crs", "said"),
+    [
+        ("EPSG:2227", r"US survey foot.*take EPSG:26943"),
+        ("EPSG:4326", r"in degrees.*EPSG:32632"),
+        ("EPSG:99999", "no coordinate system"),
+        ("EPSG:32632+8228", "foot"),
+        ("EPSG:2056", ""),
+        ("EPSG:25832+7837", ""),
+    ],
+)
+def test_metres_are_written_into_systems_of_metres_alone(tmp_path, crs, said):
+    doors = (
+        lambda: write_las(tmp_path / "a.laz", np.zeros(1, dtype=POINT), crs=crs),
+        lambda: read_inputs(Scene(crs=crs), tmp_path),
+    )
+    for door in doors:
+        if said:
+            with pytest.raises(SpecError, match=said):
+                door()
+        else:
+            door()
+
+
+def poses(scene):
+    """(K, 4) times and places on the map."""
+    rows = [[p.time, *p.position] for p in scene.sensors[0].poses]
+    return np.array(rows) + np.array([0.0, *scene.offset])
+
+
+def like(tmp_path, file, **how):
+    heard = []
+    return write_like(tmp_path / file, tmp_path / "like.toml", say=heard.append, **how), heard
+
+
+@pytest.mark.medium
+def test_a_flight_in_feet_is_flown_in_metres(tmp_path, flight):
+    save(tmp_path / "m.las", flight)
+    save(tmp_path / "ft.las", flight, (US_FOOT, US_FOOT), wkt("EPSG:2227"))
+    metres, heard = like(tmp_path, "m.las")
+    feet, _ = like(tmp_path, "ft.las")
+    assert np.abs(poses(feet) - poses(metres)).max() < 0.02
+    for name in ("field_deg", "line_rate", "pulse_rate", "mount_deg"):
+        assert getattr(feet.sensors[0], name) == pytest.approx(
+            getattr(metres.sensors[0], name), rel=1e-3, abs=2e-3
+        )
+    assert "60.0 m/s" in heard[0]
+    save(tmp_path / "lost.las", flight, (US_FOOT, US_FOOT))
+    with pytest.raises(SpecError, match=r"197 m/s; are its coordinates in metres.*--crs"):
+        like(tmp_path, "lost.las")
+    named, _ = like(tmp_path, "lost.las", crs="EPSG:2227")
+    assert poses(named) == pytest.approx(poses(feet))
+
+
+def test_times_that_do_not_run_are_refused(tmp_path, flight):
+    place, time, *more = flight
+    save(tmp_path / "a.las", (place, np.full_like(time, 7.0), *more))
+    with pytest.raises(SpecError, match="GPS times that do not run"):
+        like(tmp_path, "a.las")
+    save(tmp_path / "b.las", tuple(column[:40] for column in flight))
+    with pytest.raises(SpecError, match="tells no flight line"):
+        like(tmp_path, "b.las")
+
+
+@pytest.mark.medium
+@pytest.mark.parametrize("adjusted", ["cloud", "trajectory"])
+def test_seconds_of_the_week_meet_adjusted_standard_time(tmp_path, flight, adjusted):
+    """17 September 2025 is in GPS week 2384."""
+    clock = 2384 * 604_800 - 1e9
+    save(tmp_path / "a.las", flight, clock=clock if adjusted == "cloud" else 0.0)
+    time = START + np.linspace(-1, 5, 61)
+    rows = np.column_stack(
+        [
+            time + (clock if adjusted == "trajectory" else 0.0),
+            LOW[0] + SPEED * (time - START),
+            np.full((61, 2), [LOW[1], LOW[2] + 400.0]),
+            np.zeros((61, 3)),
+        ]
+    )
+    names = "time_s,x_m,y_m,z_m,heading_deg,pitch_deg,roll_deg"
+    np.savetxt(tmp_path / "way.csv", rows, delimiter=",", header=names, comments="", fmt="%.9f")
+    made, _ = like(tmp_path, "a.las", trajectory=tmp_path / "way.csv")
+    assert len(made.sensors) == 1
+    found = poses(made)
+    assert found[:, 1] - SPEED * found[:, 0] == pytest.approx(
+        found[0, 1] - SPEED * found[0, 0], abs=0.01
+    )
+    assert found[:, 3] == pytest.approx(LOW[2] + 400.0, abs=0.01)
