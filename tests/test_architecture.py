@@ -89,7 +89,7 @@ BUDGETS = {
     "forest_addon/formats": (3468, 30),
     "forest_addon/growth": (8345, 38),
     "forest_addon/results": (1151, 17),
-    "forest_addon/sensing": (13035, 92),
+    "forest_addon/sensing": (13036, 92),
     "forest_addon/spec": (1181, 11),
     "forest_addon/stand": (3843, 34),
     "forest_addon/ui": (5913, 41),
