@@ -18,7 +18,6 @@ from references.brought_trees import TREES, decimated, doubled, rough
 from references.model_tree import Model, at, line, tree
 from references.own_trees import SPECIES, mothers_of, own_tree, sibling
 from scipy.spatial import cKDTree
-from scipy.stats import ks_2samp
 
 from forest_addon.base.trimesh import LEAF, WOOD, TriMesh
 from forest_addon.growth.likeness import (
@@ -27,7 +26,6 @@ from forest_addon.growth.likeness import (
     axes_of,
     compare,
     insertion_angles,
-    kolmogorov,
     portray,
     trunk_radius,
 )
@@ -35,7 +33,7 @@ from forest_addon.growth.lsystem.system import read_system
 from forest_addon.growth.lsystem.turtle import ABOP, read_commands
 from forest_addon.growth.lsystem.turtle import walk as walk_turtle
 from forest_addon.growth.mesh.leaves import Leaves
-from forest_addon.growth.own_tree.anatomy import dissect, lay, slopes, stand_on, unbend, walk
+from forest_addon.growth.own_tree.anatomy import dissect, lay, stand_on, walk
 from forest_addon.growth.own_tree.habit import fit
 from forest_addon.growth.own_tree.recognise import Recognition, recognise
 from forest_addon.growth.own_tree.relay import (
@@ -204,16 +202,6 @@ def test_a_younger_tree_is_smaller_everywhere_with_shoots_as_thin():
     assert old["height, m"] / here["height, m"] == pytest.approx(2**0.666, rel=0.12)
     tips = [sibling("honda", 1, age=age).skeleton.radius.min() for age in (1.0, 2.0)]
     assert tips[1] < 1.5 * tips[0]
-
-
-def test_members_of_a_class_are_alike_and_every_piece_is_in_one():
-    habit = fit(own_tree("honda").anatomy)
-    reach = habit.anatomy.lines.reach()
-    for kind in range(len(habit.of_class.size)):
-        member = habit.member[habit.of_class.first[kind] :][: habit.of_class.size[kind]]
-        assert len(np.unique(habit.anatomy.order[member])) == 1
-        assert np.ptp(np.log(reach[member])) < 0.46
-    assert len(np.unique(habit.member)) == habit.anatomy.count
 
 
 def test_tables_say_how_a_cone_is_made():
@@ -392,48 +380,6 @@ def test_a_tree_in_centimetres_anywhere_is_rebuilt_in_metres():
     assert gap.max() < 1e-6
 
 
-def test_bends_walk_a_line_again_and_a_circle_is_a_circle():
-    rng = np.random.default_rng(4)
-    first = np.array([0, 7, 8, 20])
-    way = rng.normal(size=(20, 3))
-    way[:, 2] += 1.5
-    length = np.linalg.norm(way, axis=1)
-    start = np.tile(np.eye(3), (3, 1, 1))
-    start[:, :, 2] = (way / length[:, None])[first[:-1]]
-    start[:, :, 0] = np.cross([0.3, 0.9, 0.1], start[:, :, 2])
-    start[:, :, 0] /= np.linalg.norm(start[:, :, 0], axis=1, keepdims=True)
-    start[:, :, 1] = np.cross(start[:, :, 2], start[:, :, 0])
-    frame, bend = unbend(way / length[:, None], first, start)
-    np.testing.assert_allclose(
-        frame @ np.swapaxes(frame, 1, 2), np.tile(np.eye(3), (20, 1, 1)), atol=1e-12
-    )
-    np.testing.assert_allclose(lay(bend, first, start), frame, atol=1e-12)
-    knots = walk(frame, length, first, np.zeros((3, 3)))
-    np.testing.assert_allclose(knots[7], way[:7].sum(axis=0), atol=1e-12)
-
-    steps = 90  # 1° each about N: a quarter of a circle of radius 1
-    quarter = np.tile([np.pi / 2 / steps, 0.0], (steps, 1))
-    quarter[0] = 0
-    once = np.array([0, steps])
-    knots = walk(
-        lay(quarter, once, np.eye(3)[None]),
-        np.full(steps, np.pi / 2 / steps),
-        once,
-        np.zeros((1, 3)),
-    )
-    np.testing.assert_allclose(knots[-1], [0, -1, 1], atol=0.02)
-
-
-def test_a_line_keeps_the_slopes_that_it_is_given():
-    rng = np.random.default_rng(5)
-    first = np.array([0, 40])
-    slope = np.clip(np.linspace(0.5, 3.0, 40) + rng.normal(0, 0.1, 40), 0, np.pi)
-    bend = rng.normal(0, 0.3, (40, 2))
-    frame = lay(bend, first, np.eye(3)[None], slope)
-    np.testing.assert_allclose(slopes(frame)[1:], slope[1:], atol=1e-9)
-    np.testing.assert_allclose(np.linalg.det(frame), 1.0, atol=1e-9)
-
-
 def test_a_bent_tube_keeps_its_thickness():
     """A straight branch laid along a quarter of a circle has its surface a radius from that circle."""
     model = Model()
@@ -561,18 +507,6 @@ def test_a_portrait_has_the_numbers_of_the_tree(tee):
     assert samples["inclination of a leaf, deg"] == pytest.approx([0] * 4)
     profile = portray(tee).profiles["leaf area"]
     assert profile[BINS // 2] == 1
-
-
-def test_axes_begin_where_the_order_changes(tee):
-    first, axis = axes_of(tee.skeleton)
-    assert first.tolist() == [0, 2]
-    assert axis.tolist() == [0, 0, 1]
-
-
-def test_distances_of_distributions():
-    rng = np.random.default_rng(1)
-    one, other = rng.normal(size=80), rng.normal(0.5, 1.3, 300)
-    assert kolmogorov(one, other) == pytest.approx(ks_2samp(one, other).statistic)
 
 
 def test_what_misses_a_goal_is_named():
