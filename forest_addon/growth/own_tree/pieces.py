@@ -32,7 +32,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from ...base.rows import lengths
+from ...base.rows import distinct, lengths
 from ...base.runs import sums
 from ...base.trimesh import WOOD, TriMesh
 
@@ -165,7 +165,7 @@ def assemble(
     elsewhere = some[triangles] != piece[:, None]
     corner = np.broadcast_to(piece[:, None], triangles.shape)[elsewhere] * len(vertices)
     corner = corner + triangles[elsewhere]
-    pairs = np.sort(np.concatenate([pairs, np.unique(corner)]))
+    pairs = np.sort(np.concatenate([pairs, distinct(corner)]))
     owner, welded = np.divmod(pairs, max(len(vertices), 1))
     number = np.zeros(len(vertices), dtype=np.int64)
     here = some[welded] == owner
