@@ -286,9 +286,9 @@ def _owners(
 
 # Voxels that light passes by chance: plant area as a haze, of one density in each cell of a grid.
 #
-# A ray goes s = -ln U / σ before it meets a plant, in a medium that has σ m² of area in its way a m³. As that
-# law has no memory, one U a ray and grid, spent on σ times the way in each cell that it crosses, is the law of
-# HELIOS++, which draws one a voxel (Weiser et al. 2021, Remote Sens. 13, 4).
+# A ray goes s = -ln U / σ before it meets a plant, in a medium that has σ m² of area in its way a m³. As
+# that law has no memory, one U a ray and grid, spent on σ times the way in each cell that it crosses, is the
+# law of HELIOS++, which draws one a voxel (Weiser et al. 2021, Remote Sens. 13, 4).
 
 
 @dataclass(frozen=True)
