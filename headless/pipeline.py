@@ -181,7 +181,7 @@ def run_blend(
     with registered():
         try:
             with stages.stage(f"open {blend.name}"), hushed(errors=True):
-                open_file(blend)
+                metres = open_file(blend)
             scene = bpy.context.scene
             settings = dataclasses.replace(
                 to_spec(scene),
@@ -197,6 +197,11 @@ def run_blend(
             stages.say(f"{settings.name}, seed {settings.seed}, frame {scene.frame_current}")
             if not can_draw():
                 stages.say(f"  {without('Pictures are plain')}")
+            if metres != 1:
+                stages.warn(
+                    f"{blend.name}: a unit is made {metres:g} m, as its Unit Scale says; the panel counts "
+                    "it as a metre"
+                )
             still: list[str] = []
             with stages.stage("read wind") as progress:
                 wind = Job("wind", swaying(bpy.context, still))

@@ -86,6 +86,21 @@ def test_a_blend_file_without_sensors_or_things_says_so(headless, tmp_path):
     assert (ended.returncode, "belongs to a scene file" in ended.stderr) == (2, True)
 
 
+def test_centimetres_become_metres_and_a_warning_says_so(headless, tmp_path):
+    blend, out = tmp_path / "cm.blend", tmp_path / "o"
+    scanner = forest.Terrestrial(name="cloud", position=(300, 0, 0), angle_step_deg=1)
+    saved(blend, forest.Scene(sensors=(scanner,)), grow=False)
+    bpy.ops.mesh.primitive_cube_add(size=200)
+    bpy.context.scene.unit_settings.scale_length = 0.01
+    bpy.ops.wm.save_as_mainfile(filepath=str(blend))
+    ended = headless("run", blend, "--out", out)
+    assert (ended.returncode, "a unit is made 0.01 m" in ended.stderr) == (0, True)
+    cloud = laspy.read(out / "cloud.laz")
+    assert len(cloud.points) > 100
+    assert np.abs(cloud.x - 1).max() < 0.1  # noise of ranges; it sees the face towards it alone
+    assert np.abs(cloud.xyz[:, 1:]).max() == pytest.approx(1, abs=0.1)
+
+
 @pytest.mark.parametrize(
     ("before", "after"),
     [
