@@ -434,7 +434,8 @@ def _read_tiff(path: Path, raw: bool) -> tuple[np.ndarray, float]:
 def _read_by_another(path: Path, problem: Exception) -> tuple[np.ndarray, float]:
     """Pixels and white by the library that is there. problem : why they are not read without it."""
     why = " ".join(str(problem).split()) or type(problem).__name__
-    refused = SpecError(str(path), f"cannot be read ({why}); save it as PNG, TIFF or npy")
+    more = ", or pip install imagecodecs" if "imagecodecs" in why else ""
+    refused = SpecError(str(path), f"cannot be read ({why}); save it as PNG, TIFF or npy{more}")
     with open(path, "rb") as file:
         if file.read(2) == b"MM":  # which Pillow takes for little-endian where it is packed
             raise refused

@@ -146,6 +146,30 @@ def test_heights_are_heights_where_the_file_says(tmp_path, kind):
     assert ("the first of its 2 bands" in told) == (kind == "two bands")
 
 
+@pytest.mark.parametrize("big_endian", [False, True])
+@pytest.mark.parametrize(
+    ("kind", "packed", "predictor"),
+    [
+        ("i2", "lzw", 2),
+        ("u4", "lzw", 2),
+        ("f4", "zlib", 3),
+        ("f8", "zlib", 3),
+        ("f8", "lzw", 1),
+        ("i4", "zstd", 1),
+        ("f4", "lerc", 1),
+    ],
+)
+def test_packed_heights_are_heights(tmp_path, kind, packed, predictor, big_endian):
+    pytest.importorskip("imagecodecs", reason="tifffile packs these by imagecodecs")
+    if packed == "lerc" and big_endian:
+        pytest.skip("LERC is little-endian")
+    how = {"compression": packed, "tile": (16, 16), "byteorder": "<>"[big_endian]}
+    pixels = heights().round().astype(kind)
+    geotiff(tmp_path / "dem.tif", pixels, predictor=predictor if predictor > 1 else None, **how)
+    found, expected, _ = ground_of(tmp_path, scene("dem.tif"))
+    assert np.abs(found - expected).max() <= 0.5 + 1e-4
+
+
 def test_feet_of_a_system_are_metres_on_the_ground(tmp_path):
     """EPSG:2227 counts in US survey feet; its twin in metres has the same place, UTM another."""
     pytest.importorskip("pyproj")
