@@ -4,6 +4,8 @@ Files are written by tifffile with the tags that OGC 19-008r4 and GDAL name, or 
 in closed form. Bilinear in the inner pixels, it is held to the steps of the numbers stored.
 """
 
+import struct
+
 import laspy
 import numpy as np
 import pytest
@@ -234,7 +236,7 @@ def test_a_large_raster_is_cut_and_a_field_that_leaves_it_refused(tmp_path):
     assert found == pytest.approx(expected, abs=1e-4)
     ground = read_inputs(scene("dem.tif"), tmp_path).terrain
     assert (ground.grid.low.tolist(), ground.grid.high.tolist()) == ([-18, -18], [42, 40])
-    assert "60 x 58 pixels of 1 x 1 m" in told
+    assert "20 x 18 pixels of 1 x 1 m on the field" in told
     with pytest.raises(SpecError) as refused:
         read_inputs(scene("dem.tif", offset=(0.0, 0.0, 300.0)), tmp_path)
     assert "x 499800 to 500312 and y 5399788 to 5400300" in str(refused.value)
@@ -313,18 +315,48 @@ def test_grids_of_text_and_ground_of_clouds_are_read_as_geotiffs(tmp_path, name,
     assert found == pytest.approx(expected, abs=1e-2)
 
 
-def test_a_surface_is_read_where_it_lies(tmp_path):
-    """An OBJ in the scene's own metres, and one on the map: both are the plane."""
+def obj(corners, path, _kind):
+    lines = ["v {} {} {}".format(*corner) for corner in corners]
+    path.write_text("\n".join([*lines, "f 1 2 3 4"]))
+
+
+def ply(corners, path, kind):
+    """A quadrilateral, with a property and an element that nobody asked for."""
+    head = f"ply\nformat {kind} 1.0\ncomment by hand\nelement vertex 4\n"
+    head += "property double x\nproperty double y\nproperty float32 z\nproperty uchar red\n"
+    head += "element face 1\nproperty list uchar int vertex_indices\nproperty short flag\n"
+    head += "element edge 1\nproperty int vertex1\nend_header\n"
+    if kind == "ascii":
+        rows = ["{} {} {} 7".format(*corner) for corner in corners]
+        path.write_text(head + "\n".join([*rows, "4 0 1 2 3 1", "0"]) + "\n")
+        return
+    order = "<" if "little" in kind else ">"
+    body = b"".join(struct.pack(order + "ddfB", *corner, 7) for corner in corners)
+    path.write_bytes(head.encode() + body + struct.pack(order + "B4ihi", 4, 0, 1, 2, 3, 1, 0))
+
+
+SURFACES = {
+    "a.obj": (obj, ""),
+    "a.ply": (ply, "ascii"),
+    "b.ply": (ply, "binary_little_endian"),
+    "c.PLY": (ply, "binary_big_endian"),
+}
+
+
+@pytest.mark.parametrize("name", SURFACES)
+def test_a_surface_is_read_where_it_lies(tmp_path, name):
+    """In the scene's own metres, and on the map: both are the plane."""
+    write, kind = SURFACES[name]
     corners = np.array([[0, 0], [WIDE, 0], [WIDE, HIGH], [0, HIGH]], dtype=float)
-    for shift, words in (((0.0, 0.0, 0.0), "the scene's own"), ((EAST, NORTH, 0.0), "map")):
-        offset = (EAST, NORTH, 0.0)
-        lines = [f"v {x + shift[0]} {y + shift[1]} {plane(x, y)}" for x, y in corners]
-        (tmp_path / "ground.obj").write_text("\n".join([*lines, "f 1 2 3 4"]))
-        found, expected, told = ground_of(tmp_path, scene("ground.obj", offset=offset))
-        assert found == pytest.approx(expected, abs=1e-6)
+    offset = (EAST, NORTH, 0.0)
+    for shift, words in ((np.zeros(2), "the scene's own"), (np.array([EAST, NORTH]), "map")):
+        placed = np.column_stack([corners + shift, plane(*corners.T)])
+        write(placed.tolist(), tmp_path / name, kind)
+        found, expected, told = ground_of(tmp_path, scene(name, offset=offset))
+        assert found == pytest.approx(expected, abs=1e-4)
         assert words in told
     with pytest.raises(SpecError, match=r"offset = \["):
-        read_inputs(scene("ground.obj", offset=(0.0, 0.0, 0.0)), tmp_path)
+        read_inputs(scene(name, offset=(0.0, 0.0, 0.0)), tmp_path)
 
 
 @pytest.mark.parametrize("transform", [UPRIGHT, *TURNED[2:]])
