@@ -91,7 +91,7 @@ BUDGETS = {
     "forest_addon/results": (1152, 17),
     "forest_addon/sensing": (13039, 91),
     "forest_addon/spec": (1186, 11),
-    "forest_addon/stand": (3850, 34),
+    "forest_addon/stand": (3848, 34),
     "forest_addon/ui": (5913, 41),
     "headless": (1255, 13),
     "headless/accuracy": (574, 4),
