@@ -162,7 +162,8 @@ def test_points_are_labelled_by_object_with_names(painted, tmp_path, ending):
         head, _, body = path.read_bytes().partition(b"end_header\n")
         lines = [line.split(maxsplit=3) for line in head.decode().splitlines()]
         names = {int(line[2]): line[3] for line in lines if line[:2] == ["comment", "label"]}
-        rows = np.frombuffer(body, [*POINT.descr, ("label", "<i4")])
+        kinds = [(name, "<f4" if name in "xyz" else kind) for name, kind in POINT.descr]
+        rows = np.frombuffer(body, [*kinds, ("label", "<i4")])
         found, height = [names[n] for n in rows["label"].tolist()], rows["z"]
     assert set(found) == {"my house", "Plane"}
     assert {name for name, z in zip(found, height, strict=True) if z > 1e-3} == {"my house"}
