@@ -28,6 +28,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..base.rows import distinct
 from . import chebyshev
 from .gridding import ALIASING, NARROWEST, DelayGrid, width_for
 from .spectrum import delay_factors, phasors
@@ -108,7 +109,7 @@ def sum_delayed(
     width = width_for(KERNEL * tolerance)
     kernel = ALIASING[width - NARROWEST]
     plan = _planned(task, reach, loudness, SAFE * max(tolerance - kernel, 0.1 * tolerance))
-    for nodes in np.unique(plan.nodes).tolist():
+    for nodes in distinct(plan.nodes).tolist():
         rows = plan.order[plan.nodes[plan.order] == nodes]
         if nodes == 0:
             task.direct(rows)

@@ -32,7 +32,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from ...base.rows import lengths
+from ...base.rows import distinct, lengths
 from ...base.runs import sums
 from ...base.trimesh import WOOD, TriMesh
 
@@ -165,7 +165,7 @@ def assemble(
     elsewhere = some[triangles] != piece[:, None]
     corner = np.broadcast_to(piece[:, None], triangles.shape)[elsewhere] * len(vertices)
     corner = corner + triangles[elsewhere]
-    pairs = np.sort(np.concatenate([pairs, np.unique(corner)]))
+    pairs = np.sort(np.concatenate([pairs, distinct(corner)]))
     owner, welded = np.divmod(pairs, max(len(vertices), 1))
     number = np.zeros(len(vertices), dtype=np.int64)
     here = some[welded] == owner
@@ -311,15 +311,11 @@ class Group:
 
 @dataclass(frozen=True)
 class Sorted:
-    """Wood, leaves or None, as facets, and in words how they were told apart.
-
-    parted : the same as pieces, where they had to be looked at.
-    """
+    """Wood, leaves or None, as facets, and in words how they were told apart."""
 
     wood: np.ndarray
     leaves: np.ndarray | None
     said: str
-    parted: tuple[Pieces, Pieces | None] | None = None
 
 
 def sort_out(groups: Sequence[Group]) -> Sorted:
@@ -355,13 +351,10 @@ def sort_out(groups: Sequence[Group]) -> Sorted:
     if kinds[left[0]]:
         return _gather(groups, kinds, "by name")
     if not leaf.any() or leaf.all():
-        return Sorted(facets, None, "", (pieces, None))
+        return Sorted(facets, None, "")
     shown = pieces.vertices[pieces.triangles]
     mine = leaf[pieces.piece]
-    parted = None
-    if not len(loose_edges_of(pieces)):  # no facet without area joins any of them
-        parted = (select(pieces, ~leaf), select(pieces, leaf))
-    return Sorted(shown[~mine], shown[mine], "by shape", parted)
+    return Sorted(shown[~mine], shown[mine], "by shape")
 
 
 def _without_ground(groups: Sequence[Group]) -> list[Group]:
@@ -435,17 +428,8 @@ def stood(parts: Sorted, up: str) -> Sorted:
     """Wood and leaves turned so that this axis points up."""
     if up == "z":
         return parts
-
-    turn, parted = UPRIGHT[up].T, None
-    if parts.parted is not None:
-        timber, foliage = (
-            None if pieces is None else replace(pieces, vertices=pieces.vertices @ turn)
-            for pieces in parts.parted
-        )
-        assert timber is not None
-        parted = timber, foliage
-    leaves = None if parts.leaves is None else parts.leaves @ turn
-    return Sorted(parts.wood @ turn, leaves, parts.said, parted)
+    leaves = None if parts.leaves is None else parts.leaves @ UPRIGHT[up].T
+    return Sorted(parts.wood @ UPRIGHT[up].T, leaves, parts.said)
 
 
 def _kind_by_name(group: Group) -> str:
