@@ -8,9 +8,9 @@ because the T_n are orthogonal in sums over the points. The Lagrange polynomial 
 from __future__ import annotations
 
 import math
-from functools import lru_cache
 
 import numpy as np
+from scipy import fft
 
 
 def points(count: int) -> np.ndarray:
@@ -19,12 +19,25 @@ def points(count: int) -> np.ndarray:
     return place
 
 
-@lru_cache(maxsize=64)
-def series(count: int) -> np.ndarray:
-    """(R, R): values at the points to Chebyshev coefficients."""
-    rows: np.ndarray = (2.0 / count) * np.cos(np.arange(count)[:, None] * np.arccos(points(count)))
-    rows[0] *= 0.5
-    return rows
+def coefficients(values: np.ndarray, axis: int) -> np.ndarray:
+    """Chebyshev coefficients of values (..., R, ...) at the points, along an axis."""
+    count = values.shape[axis]
+    found: np.ndarray = fft.dct(np.flip(values, axis), type=2, axis=axis) / count
+    found[(slice(None),) * axis + (0,)] *= 0.5
+    return found
+
+
+def polynomials(x: np.ndarray, count: int) -> np.ndarray:
+    """(count, N) Chebyshev polynomials at x (N,)."""
+    found = np.empty((count, len(x)))
+    found[0] = 1.0
+    if count > 1:
+        found[1] = x
+    twice = 2.0 * x
+    for n in range(2, count):
+        np.multiply(twice, found[n - 1], out=found[n])
+        found[n] -= found[n - 2]
+    return found
 
 
 def lagrange(count: int, place: np.ndarray) -> np.ndarray:

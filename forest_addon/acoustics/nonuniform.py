@@ -144,7 +144,7 @@ def _planned(task: _Task, reach: ArrayLike, loudness: ArrayLike, allowed: float)
     dense = int(_nodes_for(turn[some].max(), 7.0 - math.log(allowed))) + SPARE
     while True:
         values = task.values(dense, some)
-        terms = np.abs(chebyshev.series(dense) @ values)
+        terms = np.abs(chebyshev.coefficients(values, 0))
         size = float(weight @ np.abs(values).max(axis=0))
         beyond = PEAK * np.sqrt(np.square(terms[3 * dense // 4 :]).sum(axis=0))
         if dense >= min(LEVELS[-1], 2 * task.count) or weight @ beyond <= RESOLVED * allowed * size:

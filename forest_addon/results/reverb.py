@@ -68,7 +68,7 @@ def of_response(response: ImpulseResponse, trunks: int | None = None) -> list[Fi
 
 def _of_model(reverb: Reverb, response: ImpulseResponse) -> list[Figure]:
     """Return what is in the model, and what is not."""
-    from ..sensing.reverb.terms import terms_of
+    from ..sensing.reverb.forest.surroundings import terms_of
 
     held, missing = terms_of(reverb, response.stand)
     name = {"paper": "single scattering (Kaneko & Gamper 2021)", "forest": "forest"}[reverb.model]
@@ -302,9 +302,8 @@ def wet_sound_of(
     Where source or receiver move, C are the channels of one moment, and the sound begins when the path does.
     """
     from ..base.rng import stream
-    from ..sensing.reverb.auralise import auralise, resample
-    from ..sensing.reverb.background import background
-    from ..sensing.reverb.ears.moving import heard_moving, moves
+    from ..sensing.reverb.auralise import auralise, background, resample
+    from ..sensing.reverb.moving import heard_moving, moves
     from ..sensing.reverb.response import channels_of
 
     rate = response.sample_rate

@@ -42,10 +42,10 @@ from forest_addon.sensing.lidar.scan import Scan
 from forest_addon.sensing.lidar.tractor import beam_rays, drive, fan, positions
 from forest_addon.sensing.rays.caster import RayCaster
 from forest_addon.sensing.reverb.ends import ends_of
-from forest_addon.sensing.reverb.forest.canopy import canopy_of
+from forest_addon.sensing.reverb.forest.surroundings import canopy_of
 from forest_addon.sensing.reverb.kind import trunks_between
 from forest_addon.sensing.reverb.response import impulse_response
-from forest_addon.sensing.reverb.trunks.continuation import continue_trunks
+from forest_addon.sensing.reverb.trunks import continue_trunks
 from forest_addon.sensing.sonar.ping import Echo
 from forest_addon.sensing.trajectory import looking
 from forest_addon.spec import Rays, Reverb, Scanner, Scene, Sonar, Tractor

@@ -18,7 +18,7 @@ from forest_addon.results.coordinates import Offset
 from forest_addon.results.kinds import RESULTS, write_as
 from forest_addon.results.points import POINT, can_write, records
 from forest_addon.sensing.reverb.response import impulse_response
-from forest_addon.sensing.reverb.trunks.slices import Trunks
+from forest_addon.sensing.reverb.trunks import Trunks
 from forest_addon.spec import SpecError
 
 from . import test_las

@@ -7,7 +7,7 @@ from forest_addon.base.rng import stream
 from forest_addon.formats.toml_file import read_settings, structure, table_of, write_settings
 from forest_addon.sensing.kinds import choose
 from forest_addon.sensing.reverb.response import impulse_response
-from forest_addon.sensing.reverb.trunks.slices import Trunks
+from forest_addon.sensing.reverb.trunks import Trunks
 from forest_addon.spec import AUTO, Air, Reverb, Scene, Sonar, SpecError, Terrestrial
 
 AUTOS = [Sonar(tolerance="auto", cull="auto"), Reverb(tolerance="auto")]

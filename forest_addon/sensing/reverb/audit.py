@@ -22,20 +22,16 @@ from scipy import fft
 
 from ...acoustics.air import absorption
 from ..audit import LEAST, AuditPart, figures
-from .arrivals import Gain
 from .band import SPREAD, roll_off
-from .ears.encoded import encoded
-from .ears.hearing import OMNI_EAR, Hearing
 from .forest.losses import loss_per_metre
 from .forest.tail import FADE, Tail
+from .hearing import OMNI_EAR, Hearing, encoded
 from .model_error import model_error
-from .pair import ImpulseResponse, Pair, filtered
+from .pair import Gain, ImpulseResponse, Pair, filtered
 from .sums.bands import OctaveBand, bands_of
-from .sums.contract import FINEST, judged
-from .sums.fast_scattering import Expansions
-from .sums.record import left_out_db
+from .sums.fast_scattering import FINEST, Expansions, judged
 from .sums.scattering import TrunkPaths, direct_sum, scattered_spectrum, trunk_paths
-from .sums.tree_response import NEAREST, soon_summed
+from .sums.tree_response import NEAREST, left_out_db, soon_summed
 
 WORK = 2e6, 5e6  # trunks by frequencies that are summed again, of a pair at least and at most
 FEWEST = 20  # trunks whose piece of a record says something

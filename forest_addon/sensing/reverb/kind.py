@@ -28,7 +28,7 @@ END = 10 ** (-75 / 20)  # a record ends where that is left of it
 
 def cuts_of(seen: Seen, min_radius: float) -> Any:
     """``TrunkCuts`` of a scene, of trunks from that radius on; ask for it by ``seen.once``."""
-    from .trunks.trunk_cuts import TrunkCuts
+    from .trunks import TrunkCuts
 
     return TrunkCuts(seen.geometry, min_radius)
 
@@ -47,7 +47,7 @@ def trunks_between(
 ) -> Callable[[np.ndarray, np.ndarray], Any]:
     """Trunks of the scene, by source and receiver, and those that are stems only. ends : ``Ends``."""
     from ...stand.layouts import plant_stems
-    from .trunks.slices import Trunks
+    from .trunks import Trunks
 
     position, radius = plant_stems(settings.seed, settings.forest, settings.stems)
     stems = Trunks(position, radius, np.full(len(radius), -1)).clear_of(ends.on_ground)
@@ -57,9 +57,9 @@ def trunks_between(
 
 def response_inputs(job: Observation) -> dict[str, Any]:
     """Arguments of ``impulse_response`` and of ``pairs_of`` that a scene gives."""
-    from .directivity_file import directivity_of
-    from .ears.hearing import hearing_of
+    from .directivity import directivity_of
     from .ends import ends_of
+    from .hearing import hearing_of
 
     reverb, seen, settings = job.sensor, job.seen, job.settings
     ends = ends_of(reverb, seen.places, job.folder)
@@ -139,7 +139,7 @@ def _canopy(job: Observation) -> Any:
 def _canopy_between(
     seen: Seen, source: float, receiver: float, area: float, min_radius: float
 ) -> Any:
-    from .forest.canopy import canopy_of
+    from .forest.surroundings import canopy_of
 
     lower = np.array([0.0, 0.0, min(source, receiver)])
     trunks = seen.once(cuts_of, min_radius).between(lower, lower)
@@ -161,7 +161,7 @@ def _channels(reverb: Reverb) -> int:
 
 def _seconds_among(reverb: Reverb, settings: Scene, trees: int) -> float:
     """Seconds that trees take to be cut at all heights, and that stems and the forest beyond take."""
-    from .trunks.trunk_cuts import heights_between
+    from .trunks import heights_between
 
     sources = [reverb.source[2], *(more.position[2] for more in reverb.sources)]
     receivers = [reverb.receiver[2], *(more.position[2] for more in reverb.receivers)]

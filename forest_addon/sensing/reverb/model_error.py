@@ -20,7 +20,7 @@ from ...acoustics.multiple import LARGEST, scattered_field, unknowns
 from ...base.progress import Progress
 from ...spec import Air
 from .sums.scattering import trunk_paths
-from .trunks.slices import Trunks
+from .trunks import Trunks
 
 FREQUENCIES = 1000.0 * 2.0 ** (np.arange(-12, 4) / 3)  # Hz, thirds of an octave from 62.5 to 2000
 

@@ -2,22 +2,31 @@
 
 Direct sound, the ground's, that of trunks and the noise of what is scattered more than once; the formulas
 are in ``response``.
+
+Sound that meets no trunk: an arrival after a path, and whether wood leaves it its way.
+
+A path's length and its gain by frequency go in, samples come out; source, receiver and the scene's wood go
+in, two answers come out: whether the direct and the ground's sound pass.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from scipy import fft
 
+from ...acoustics.air import absorption
 from ...acoustics.ground import SURFACES, spherical_reflection, surface_impedance
+from ...acoustics.spectrum import delay_factors
 from ...base.progress import Progress
 from ...base.rng import stream
 from ...spec import Air, Reverb
-from .arrivals import RINGING, Gain, arrival
+from ..rays.caster import RayCaster
+from .band import SPREAD, roll_off
 from .directivity import OMNI, Directivity, Term
 from .forest.losses import Losses, TrunkStand
 from .forest.surroundings import Surroundings
@@ -25,9 +34,8 @@ from .forest.tail import FADE, Tail, tail_of
 from .forest.transport import Sent
 from .model_error import ModelError, model_error
 from .sums.fast_scattering import Expansions
-from .sums.tree_response import NEAREST, TreeResponse, tree_response
-from .sums.weak import Weak, weak_between
-from .trunks.slices import Trunks
+from .sums.tree_response import NEAREST, TreeResponse, Weak, tree_response, weak_between
+from .trunks import Trunks
 
 LOWEST = 1.0  # Hz; below it, the ground is as it is there
 
@@ -41,7 +49,8 @@ class ImpulseResponse:
     direct_clear, ground_clear : whether wood leaves the direct and the ground sound their way.
     trunks : how many trunks were heard. continued : how many of them stand beyond the field.
     late : how many more are so far away that they would be heard after the end.
-    left_db : (1 + B,) their energy, dB re all, estimated: of the whole band and of octaves (``record``).
+    left_db : (1 + B,) their energy, dB re all, estimated: of the whole band and of octaves
+    (``tree_response``).
     clamped : how many trunks cover the source or the receiver.
     exact : whether every trunk was summed at every frequency, rather than to the tolerance.
     errors : {lower end of an octave in Hz: relative error of the fast sum, found by its checks}.
@@ -319,3 +328,54 @@ def filtered(samples: np.ndarray, term: Term, rate: float) -> np.ndarray:
     spectrum = fft.rfft(samples, size) * term.spectrum(np.arange(size // 2 + 1) * (rate / size))
     filtered: np.ndarray = fft.irfft(spectrum, size)[: len(samples)]
     return filtered
+
+
+Gain = Callable[[np.ndarray], np.ndarray]  # by frequency
+GROUND_CLEARANCE = (
+    0.05  # m; lower than this, a line of sight is not tested against the ground itself
+)
+MARGIN = 1e-3  # m; so near its end, a line of sight is not tested
+RINGING = 0.25  # s; what a porous ground sends back after that is below 1e-5 of its largest sample
+
+
+def arrival(
+    path: float, gain: Gain, rate: float, count: int, air: Air, rings: float = 0.0
+) -> np.ndarray:
+    """(count,) samples of one arrival, gain(f)/path·e^{-(b+ik)path}, after ``path`` metres.
+
+    rings : s that it lasts; what comes after the record must not be heard at its begin.
+    """
+    delay = path / air.speed()
+    if (delay - count / rate) * rate > SPREAD:
+        return np.zeros(count)
+    last = math.ceil((delay + rings) * rate)
+    size = fft.next_fast_len(max(count, last) + 2 * SPREAD, real=True)
+    frequency = np.arange(size // 2 + 1) * (rate / size)
+    loss = absorption(frequency, air.temperature_c, air.humidity, air.pressure_kpa)
+    carried = delay_factors(0.0, rate / size, len(frequency), np.array([delay]))[:, 0]
+    spectrum = gain(frequency) / path * np.exp(-loss * path) * carried * roll_off(frequency / rate)
+    samples: np.ndarray = fft.irfft(spectrum, size)[:count]
+    return samples
+
+
+def lines_of_sight(
+    source: np.ndarray, receiver: np.ndarray, wood: RayCaster | None
+) -> tuple[bool, bool]:
+    """Return whether the direct and the ground sound, from (3,) to (3,), pass the wood.
+
+    The ground sound goes down towards z = 0 and up again; below ``GROUND_CLEARANCE`` its way is cut
+    short, so that the ground does not hide itself.
+    """
+    if wood is None:
+        return True, True
+    low, high = source[2], receiver[2]
+    bounce = source + (receiver - source) * (low / (low + high))
+    bounce[2] = 0.0
+    down, up = (
+        end + (bounce - end) * max(0.0, 1.0 - GROUND_CLEARANCE / end[2])
+        for end in (source, receiver)
+    )
+    start = np.stack([source, source, down, up])
+    way = np.stack([receiver, down, up, receiver]) - start
+    blocked = wood.occluded(start, way, np.maximum(np.linalg.norm(way, axis=1) - MARGIN, 0.0))
+    return not blocked[0], not blocked[1:].any()

@@ -35,20 +35,16 @@ import numpy as np
 from ...base.progress import Progress
 from ...spec import Air, Reverb
 from ..rays.caster import RayCaster
-from .arrivals import lines_of_sight
 from .directivity import OMNI, Directivity
-from .ears.encoded import encoded
-from .ears.hearing import OMNI_EAR, Hearing
 from .ends import Ends, ends_of
 from .forest.losses import Losses
 from .forest.surroundings import BARE, FoliageCanopy, Surroundings, surroundings
-from .pair import ImpulseResponse, Pair
+from .hearing import OMNI_EAR, Hearing, encoded
+from .pair import ImpulseResponse, Pair, lines_of_sight
 from .sums.fast_scattering import Expansions
-from .sums.record import record_length
 from .sums.scattering import trunk_paths
-from .sums.tree_response import NEAREST
-from .trunks.continuation import Field, continuation
-from .trunks.slices import Trunks
+from .sums.tree_response import NEAREST, record_length
+from .trunks import Field, Trunks, continuation
 
 TrunksBetween = Callable[[np.ndarray, np.ndarray], Trunks]  # by source and receiver
 
@@ -88,7 +84,7 @@ def impulse_response(  # noqa: PLR0913 (all that a response depends on)
     expansions : what the fast sum set up for other responses; None: it is set up for this one.
     progress : called as progress(done, total).
     canopy : leaves and tops of the scene, for a model ``forest``. key : of its noise's random streams.
-    all_trunks : also those that add nothing above the end of a record (``weak``).
+    all_trunks : also those that add nothing above the end of a record (``tree_response``).
 
     Raises
     ------

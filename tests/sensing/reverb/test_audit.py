@@ -15,7 +15,7 @@ from forest_addon.sensing.reverb.audit import octave_errors, parts_of_response
 from forest_addon.sensing.reverb.response import impulse_response, pairs_of
 from forest_addon.sensing.reverb.sums.fast_scattering import Expansions
 from forest_addon.sensing.reverb.sums.scattering import trunk_paths
-from forest_addon.sensing.reverb.trunks.slices import Trunks
+from forest_addon.sensing.reverb.trunks import Trunks
 from forest_addon.spec import Air, Reverb
 
 AIR = Air()

@@ -8,10 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from forest_addon.sensing.reverb.directivity import CARDIOID, OMNI, Directivity
-from forest_addon.sensing.reverb.directivity_file import read_directivity
+from forest_addon.sensing.reverb.directivity import CARDIOID, OMNI, Directivity, read_directivity
 from forest_addon.sensing.reverb.response import impulse_response
-from forest_addon.sensing.reverb.trunks.slices import Trunks
+from forest_addon.sensing.reverb.trunks import Trunks
 from forest_addon.spec import Air, Reverb, SpecError
 
 AIR = Air(sound_speed=343.0)

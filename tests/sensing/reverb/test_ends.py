@@ -11,7 +11,7 @@ import pytest
 from forest_addon.base.rng import stream
 from forest_addon.sensing.reverb.ends import ends_of
 from forest_addon.sensing.reverb.response import impulse_response
-from forest_addon.sensing.reverb.trunks.slices import Trunks
+from forest_addon.sensing.reverb.trunks import Trunks
 from forest_addon.spec import Air, Place, Reverb, SpecError
 
 AIR = Air(sound_speed=343.0)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from forest_addon.sensing.reverb.model_error import model_error
-from forest_addon.sensing.reverb.trunks.slices import Trunks
+from forest_addon.sensing.reverb.trunks import Trunks
 from forest_addon.spec import Air
 
 ENDS = np.array([[-5.0, 0.0], [5.0, 0.0]])

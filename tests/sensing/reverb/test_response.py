@@ -19,7 +19,7 @@ from forest_addon.sensing.reverb.band import roll_off
 from forest_addon.sensing.reverb.response import ImpulseResponse, impulse_response
 from forest_addon.sensing.reverb.sums import scattering
 from forest_addon.sensing.reverb.sums.scattering import scattered_spectrum, trunk_paths
-from forest_addon.sensing.reverb.trunks.slices import Trunks
+from forest_addon.sensing.reverb.trunks import Trunks
 from forest_addon.spec import Air, Reverb
 
 AIR = Air(sound_speed=343.0)

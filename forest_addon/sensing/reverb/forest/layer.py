@@ -18,8 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ....base.vectors import azimuth_of
-from .clutter import LAYER
-from .scatter import ANGLES, Scatter
+from .clutter import ANGLES, LAYER, Scatter
 from .transport import PhaseFunction, Sent
 
 SMEAR = 0.12  # radians

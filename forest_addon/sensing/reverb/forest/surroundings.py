@@ -4,6 +4,14 @@ Trunks of the field, its extent and the scene's canopy come in; the ``TrunkStand
 need, and the ``Density`` that energy travels through, go out. Trunks' density is counted in cells of the
 field that hold CELL_HOLDS each on average; where counts are no more uneven than random ones, it is the
 same everywhere.
+
+Leaves and tops of a scene, as sound on its way meets them.
+
+The evaluated scene comes in; out goes how many square metres of leaf a cubic metre holds at the height of the
+path, over the whole field, and where its trees end on average. Leaves far above or below the path do not
+count: sound between source and receiver travels level (``losses``).
+
+Terms of a reverb's model: what its settings put in and what they leave out, in words.
 """
 
 from __future__ import annotations
@@ -14,13 +22,23 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
+from ....base.trimesh import LEAF, TriMesh, is_wood
 from ....spec import Reverb
-from ..trunks.continuation import Field
-from ..trunks.slices import Trunks
+from ...rays.geometry import SceneGeometry
+from ..trunks import Field, Trunks
+from .clutter import (
+    ALL_WAYS,
+    LAYER,
+    Blades,
+    Clutter,
+    Rods,
+    blades_of_mesh,
+    clutter_of,
+    rods_of_mesh,
+    shoot_triangles,
+)
 from .clutter import BARE as NO_CLUTTER
-from .clutter import LAYER, Clutter
 from .losses import TrunkStand, stand_of
-from .scatter import ALL_WAYS
 from .transport import Density
 
 CELL_HOLDS = 12.0  # trunks
@@ -140,3 +158,165 @@ def _hull(place: np.ndarray) -> float:
         return float(ConvexHull(place).volume) if len(place) >= 3 else 0.0
     except QhullError:
         return 0.0
+
+
+BESIDE = 1.0  # m above and below the ends that count as the height of the path
+FLOOR = 0.5  # m, below which leaves are of plants on the floor
+MOST = 4000  # triangles of a mesh that stand for all of its leaves
+
+
+def canopy_of(
+    scene: SceneGeometry,
+    heights: tuple[float, float],
+    area: float,
+    trunks: np.ndarray | None = None,
+) -> FoliageCanopy:
+    """heights : of the lower and the higher end. area : of the field, m².
+
+    trunks : numbers of the trees whose trunks sound meets, which say where trunks end: shrubs and ferns
+    below them do not; None: all.
+    """
+    low, high = min(heights) - BESIDE, max(heights) + BESIDE
+    low = max(low, 0.0)
+    leaves = {n: _leaves(scene.meshes[n]) for n in np.unique(scene.mesh_index).tolist()}
+    wooden = {n: bool(is_wood(scene.meshes[n].part).any()) for n in leaves}
+    tops, found, on_floor = [], 0.0, 0.0
+    highest = scene.bounds()[1][:, 2]
+    counted = (scene.tree >= 0) if trunks is None else np.isin(scene.tree, trunks[trunks >= 0])
+    for instance, number in enumerate(scene.mesh_index.tolist()):
+        transform = scene.transform[instance]
+        if wooden[number] and counted[instance]:
+            tops.append(float(highest[instance]))
+        centre, size = leaves[number]
+        if len(size):
+            level = centre @ transform[2, :3] + transform[2, 3]
+            scale = abs(float(np.linalg.det(transform[:, :3]))) ** (2.0 / 3.0)
+            found += scale * float(size[(level >= low) & (level <= high)].sum())
+            on_floor += scale * float(size[level <= FLOOR].sum())
+    top = float(np.mean(tops)) if tops else 0.0
+    clutter = clutter_of(*_pieces(scene), area) if area > 0 else Clutter()
+    if area <= 0:
+        return FoliageCanopy(0.0, top, clutter)
+    return FoliageCanopy(found / (area * (high - low)), top, clutter, on_floor / area)
+
+
+def _pieces(scene: SceneGeometry) -> tuple[list[Rods], list[Blades]]:
+    """Branches and leaves of all trees, where they stand."""
+    used = np.flatnonzero(scene.tree >= 0)
+    number = np.unique(scene.mesh_index[used]).tolist()
+    rods = {n: rods_of_mesh(scene.meshes[n]).summed() for n in number}
+    blades = {n: blades_of_mesh(scene.meshes[n]).summed() for n in number}
+    which = [(int(scene.mesh_index[i]), scene.transform[i]) for i in used.tolist()]
+    return [rods[n].placed(at) for n, at in which], [blades[n].placed(at) for n, at in which]
+
+
+def _leaves(mesh: TriMesh) -> tuple[np.ndarray, np.ndarray]:
+    """(L, 3) centres of some triangles, and (L,) m² that each stands for; not of shoots of needles."""
+    rows = np.flatnonzero((mesh.part == LEAF) & ~shoot_triangles(mesh))
+    step = max(1, len(rows) // MOST)
+    corners = mesh.vertices[mesh.triangles[rows[::step]]]
+    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    size = 0.5 * np.linalg.norm(across, axis=1)
+    share = len(rows) / max(1, len(size))
+    finite = np.isfinite(size)
+    return corners.mean(axis=1)[finite], size[finite] * share
+
+
+NEVER = (
+    "diffraction around trunks and edges",
+    "refraction by wind and temperature",
+)
+
+
+def terms_of(
+    reverb: Reverb, stand: TrunkStand | None = None
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return what is in the model, with its values, and what is not.
+
+    stand : what the scene or the settings gave; None: values of the scene are not known.
+    """
+    forest = reverb.model == "forest"
+    ground = forest and reverb.path_ground
+    there = _there(stand)
+    terms = {
+        "trunks that scatter once, exactly": (True, ""),
+        "absorption of the air": (True, ""),
+        "the ground under the direct sound": (True, reverb.ground_kind),
+        "the ground under every path by way of trunks": (ground, reverb.ground_kind),
+        "what trunks scatter out of a path": (
+            forest and reverb.extinction != "none",
+            f"{reverb.extinction}{there['trunks']}",
+        ),
+        "sound scattered more than once, as energy": (forest and reverb.tail == "transport", ""),
+        "turbulence": (forest and reverb.turbulence > 0, f"{reverb.turbulence:g}e-6"),
+        "trunks that lean": (ground and reverb.lean_deg > 0, f"{reverb.lean_deg:g} degrees"),
+        "leaves of plants on the floor": (
+            ground and reverb.foliage,
+            there["floor"]
+            if stand
+            else _or(reverb.floor_leaf_area, "m²/m² and those of the scene"),
+        ),
+        "bark that absorbs": (forest and reverb.bark > 0, f"{100 * reverb.bark:g} %"),
+        "leaves that absorb": (
+            forest and reverb.foliage and reverb.leaf_absorption > 0,
+            f"G = {reverb.leaf_absorption:g}, "
+            + (there["leaves"] or _or(reverb.leaf_area_density, "m²/m³")),
+        ),
+        "branches, twigs and leaves that scatter in space": (
+            forest and reverb.branches,
+            there["branches"] or _or(reverb.branch_area_density, "m²/m³ of bark"),
+        ),
+        "needles as thin cylinders, in phase within a shoot": (
+            forest and reverb.branches and reverb.foliage,
+            there["needles"] or _or(reverb.needle_area_density, "m²/m³"),
+        ),
+        "bark of branches that absorbs": (
+            forest and reverb.branches and reverb.bark > 0,
+            f"{100 * reverb.bark:g} %",
+        ),
+        "viscous, heat-conducting air at branches and needles": (
+            forest and reverb.branches and reverb.boundary_loss,
+            "",
+        ),
+        "litter that scatters": (
+            forest and reverb.branches and reverb.litter > 0,
+            f"{100 * reverb.litter:g} %",
+        ),
+        "trunks' ends": (forest, there["top"] or _or(reverb.trunk_height, "m")),
+    }
+    held = tuple(
+        f"{name} ({value})" if value else name for name, (is_in, value) in terms.items() if is_in
+    )
+    return held, tuple(name for name, (is_in, _) in terms.items() if not is_in) + NEVER
+
+
+def _there(stand: TrunkStand | None) -> dict[str, str]:
+    """Words for what stands there, "" where that is not known."""
+    if stand is None:
+        return dict.fromkeys(("trunks", "floor", "leaves", "branches", "needles", "top"), "")
+    clutter = stand.clutter
+    bark = sum(
+        2.0 * math.pi * radius * metres * LAYER
+        for layer in clutter.length
+        for radius, metres in zip(clutter.radii, layer, strict=True)
+    )
+    leaves, needles = LAYER * sum(clutter.leaf_area), LAYER * sum(clutter.needle_area)
+    discs = f"{leaves:.2g} m² of leaves as discs of {100.0 * clutter.leaf_radius:.2g} cm"
+    return {
+        "trunks": f", {1e4 * stand.density:,.0f}/ha" if stand.density else ", none there",
+        "floor": _some(stand.floor_leaf_area, "m²/m²"),
+        "leaves": _some(stand.leaf_area_density, "m²/m³ at the path"),
+        "branches": f"{_some(bark, 'm² of bark')} and {discs if leaves else 'no leaves'} a m² of ground"
+        if bark or leaves
+        else "none there",
+        "needles": _some(needles, "m² of half their surface a m² of ground"),
+        "top": f"{stand.trunk_height:.3g} m" if stand.trunk_height else "endless",
+    }
+
+
+def _some(value: float, unit: str) -> str:
+    return f"{value:.2g} {unit}" if value > 0 else "none there"
+
+
+def _or(value: float, unit: str) -> str:
+    return f"{value:g} {unit}" if value > 0 else "as in the scene"

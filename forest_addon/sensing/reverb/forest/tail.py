@@ -26,9 +26,9 @@ from ....base.rng import stream
 from ....spec import Air, Reverb
 from ..band import roll_off
 from ..metrics import octave_bands
+from .clutter import scatter_of
 from .layer import Layer, diffused
 from .losses import Losses
-from .scatter import scatter_of
 from .transport import Density, Energy, PhaseFunction, Sent, transported_bands
 
 BLOCK = 0.0107  # s, of noise with one spectrum

@@ -1,15 +1,39 @@
 """The sum over trunks in milliseconds: deposit, transform, filter, and the air at the end.
 
 Paths by trunks go in, samples come out. Trunks of a few radii are summed radius by radius and layer by layer
-of frequency (``layer_sum``): in each sector of the scattering angle H(f, φ) ≈ Σ_r U_r(f)·V_r(cos φ)
-(``expansion``), so that
+of frequency (``layer_sum``): in each sector of the scattering angle H(f, φ) ≈ Σ_r U_r(f)·V_r(cos φ), so that
 
     Σ_m w_m·e^{-ikx_m}·H(f, φ_m) ≈ Σ_r U_r(f)·Σ_m w_m·V_r(cos φ_m)·e^{-ikx_m}
 
 and the inner sums are pulses of the heights w_m·V_r at the times x_m/c: a Kaiser-Bessel kernel spreads
 them over an even grid, one sparse product for all r, and a Fourier transform follows. The air comes
-after the sum over sectors, as a filter that changes in time (``air_filter``), or is in the gain of paths.
+after the sum over sectors, as a filter that changes in time (``path_gain``), or is in the gain of paths.
 Trunks of many radii are summed by panels of frequency (``panel_sum``), where nothing has to be set up.
+
+Trunks that are heard above all others of a record, and those that nothing of it would miss.
+
+A fast sum's error of a trunk is a share of that trunk's sound, and is spread over the whole record. Near
+trunks, or all early ones where much is lost on the way, are many times as loud as the record's faint end:
+they are summed one by one. Far ones, at frequencies that are lost on the way, are not heard at all.
+Energies are those of trunks that stand at random, w²·a·min(ka, 1)³·e^{-2b(f)x}.
+
+Contract of the tolerance of a sum over trunks, in one place: for users, the audit and the tests.
+
+A relative error ε, from 1e-2 to 1e-6, holds against the formula (``scattering``) in the L2 norm of
+
+- the whole record,
+- each octave from 20 Hz to 0.45 of the sampling rate that is less than 120 dB below the whole,
+- each tenth of the record in which the sound of a trunk begins and that is less than 100 dB below the whole
+  (90 dB at 1e-6),
+
+for all trunks of 1 mm to 2 m, all air, grounds and losses that the settings take, and all sampling rates;
+with losses on the paths (``model = "forest"``) it holds down to 1e-5, and 1e-6 was met within a factor of 10
+in all sweeps: ask for 0, the direct sum, where that matters.
+Octaves are those of the record with its end faded out over 40 ms, and its start before the first arrival
+faded in: a record that ends at once sounds at all frequencies. The formula's sound before the first
+arrival, of a band that ends smoothly and of losses without dispersion, is part of it. Finer than 1e-6, and
+at 0, every trunk is summed at every frequency, which keeps 1e-9 of the whole; a tolerance between 0 and
+1e-9 is refused (``spec/reverb``).
 """
 
 from __future__ import annotations
@@ -19,20 +43,18 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import fft
 
 from ....base.kept import LastAsked
 from ....base.progress import Progress
 from ....spec import Air
-from ..band import SPREAD
+from ..band import SPREAD, roll_off
 from ..forest.losses import Losses, loss_per_metre
 from ..forest.tail import Tail
-from .air_filter import AirFilter
 from .bands import bands_of, samples_of
-from .expansion import expand
-from .layer_sum import LayerSum
-from .loud import loud_trunks, unheard, whole_energy
+from .layer_sum import LayerSum, expand
 from .panel_sum import USUAL, by_distance, panel_spectrum
-from .path_gain import PathGain
+from .path_gain import AirFilter, PathGain
 from .scattering import TrunkPaths, direct_sum
 
 FEW_RADII = 4
@@ -219,3 +241,122 @@ def _filters_serve(tolerance: float, losses: Losses | None, radii: np.ndarray) -
         return False
     plain = losses is None or (losses.passes and not losses.among_leaves)
     return tolerance >= FINEST_FILTERS[0 if plain else 1]
+
+
+FINEST = 1e-6  # of the fast sums
+LOWEST = 20.0  # Hz
+FAINTEST_OCTAVE, FAINTEST_TENTH = 1e-6, 1e-5  # of the whole, in amplitude
+EXACT = 3e-11  # of the whole: what the exact sum is good for at any time
+FADED = 0.04  # s of the record's end
+
+
+def judged(
+    found: np.ndarray, exact: np.ndarray, rate: float, tolerance: float, arrivals: np.ndarray
+) -> dict[str, float]:
+    """Relative errors of all that a tolerance promises, by what they are of.
+
+    found, exact : (N,) samples at ``rate`` Hz. arrivals : (M,) seconds, when trunks are first heard.
+    """
+    gap, whole = found - exact, float(np.linalg.norm(exact))
+    if whole == 0:
+        return {"whole": float(np.linalg.norm(gap))}
+    result = {"whole": float(np.linalg.norm(gap)) / whole}
+    first = int(0.8 * float(arrivals.min()) * rate) if len(arrivals) else 0
+    result |= _octaves(gap, exact, rate, tolerance, first)
+    least = max(FAINTEST_TENTH, EXACT / max(tolerance, FINEST)) * whole
+    for number, part in enumerate(np.array_split(np.arange(len(exact)), 10)):
+        size = float(np.linalg.norm(exact[part]))
+        begins = len(part) and ((arrivals * rate > part[0]) & (arrivals * rate < part[-1])).any()
+        if begins and size > least:
+            result[f"tenth {number + 1}"] = float(np.linalg.norm(gap[part])) / size
+    return result
+
+
+def _octaves(
+    gap: np.ndarray, exact: np.ndarray, rate: float, tolerance: float, first: int
+) -> dict[str, float]:
+    """first : samples before anything is heard, over which the record fades in."""
+    end = min(int(FADED * rate), len(exact))
+    fade = np.ones(len(exact))
+    fade[len(exact) - end :] = roll_off(0.45 + 0.05 * np.arange(end) / max(end, 1))
+    start = min(first, int(FADED * rate), len(exact))
+    fade[:start] *= roll_off(0.5 - 0.05 * np.arange(start) / max(start, 1))
+    of_gap, of_exact = fft.rfft(gap * fade), fft.rfft(exact * fade)
+    frequency = fft.rfftfreq(len(exact), 1.0 / rate)
+    whole = float(np.linalg.norm(exact)) * np.sqrt(len(exact) / 2.0)  # as rfft has it
+    least = max(FAINTEST_OCTAVE, EXACT / max(tolerance, FINEST)) * whole
+    result, low = {}, LOWEST
+    while low < 0.45 * rate:
+        rows = (frequency >= low) & (frequency < min(2.0 * low, 0.45 * rate))
+        size = float(np.linalg.norm(of_exact[rows]))
+        if size > least:
+            result[f"{low:g} Hz"] = float(np.linalg.norm(of_gap[rows])) / size
+        low *= 2.0
+    return result
+
+
+BANDS = (125.0, 1000.0, 4000.0)  # Hz at which loudness is estimated
+LOUDER = 10.0  # times a tenth of the record that all of the others are together
+MOST_SINGLE, MOST = 400, 20_000  # trunks that are summed one by one; among so many
+UNHEARD, MOST_UNHEARD = 1e-2, 1e-6  # of the tolerance, of the sound: 40 dB are left for the ground
+OCTAVES = 20.0 * 2.0 ** np.arange(0, 13, 0.5)  # Hz at which all sound is known
+
+Loss = Callable[[np.ndarray], np.ndarray]  # nepers of amplitude per metre at frequencies (F,)
+
+
+def energies(paths: TrunkPaths, frequency: np.ndarray, loss: Loss, speed: float) -> np.ndarray:
+    """(F, M) expected energy of each trunk's sound at frequencies (F,), but for a factor."""
+    size = np.outer(2.0 * np.pi / speed * frequency, paths.radius)
+    lost = np.exp(-2.0 * np.outer(loss(frequency), paths.length))
+    return np.asarray(np.square(paths.weight) * paths.radius * np.minimum(size, 1.0) ** 3 * lost)
+
+
+def whole_energy(paths: TrunkPaths, loss: Loss, speed: float) -> np.ndarray:
+    """(F,) energy of all trunks at OCTAVES."""
+    return np.array(
+        [energies(paths, OCTAVES[n : n + 1], loss, speed).sum() for n in range(len(OCTAVES))]
+    )
+
+
+def unheard(
+    some: TrunkPaths,
+    ends: tuple[float, float],
+    whole: np.ndarray,
+    loss: Loss,
+    speed: float,
+    tolerance: float,
+) -> bool:
+    """Return whether nothing between two frequencies in Hz would miss some trunks.
+
+    They are fainter there than UNHEARD of the tolerance of all trunks (``whole_energy``), and of their own
+    sound where it is loudest: neither an octave nor a part of the record changes by more than that.
+    """
+    share = min(UNHEARD * tolerance, MOST_UNHEARD) ** 2
+    here = np.array(ends)
+    found = energies(some, here, loss, speed).sum(axis=1)
+    every = np.interp(np.log(here), np.log(OCTAVES), np.log(whole + 1e-300))
+    if (found > share * np.exp(every)).any():
+        return False
+    band = np.array(BANDS)
+    own = (energies(some, band, loss, speed).sum(axis=1) * band).max()
+    return bool((found * here <= share * own).all())
+
+
+def loud_trunks(paths: TrunkPaths, rate: float, count: int, loss: Loss, speed: float) -> np.ndarray:
+    """(M,) bool."""
+    found = np.zeros(len(paths.length), bool)
+    if not 1 < len(found) <= MOST:
+        return found
+    band = np.array([f for f in BANDS if f < 0.4 * rate])
+    energy = (energies(paths, band, loss, speed) * band[:, None]).sum(axis=0)
+    tenth = np.floor(10.0 * paths.earliest / speed * rate / count).astype(np.int64)
+    within = (tenth >= 0) & (tenth < 10)
+    of_tenth = np.bincount(tenth[within], energy[within], minlength=10)
+    heard = of_tenth > FAINTEST_TENTH**2 * of_tenth.sum()
+    if not heard.any():
+        return found
+    order = np.argsort(-energy, kind="stable")
+    left = np.cumsum(energy[order][::-1])[::-1]  # of this and all fainter ones
+    needed = int((left > LOUDER**2 * of_tenth[heard].min()).sum())
+    found[order[: min(needed, MOST_SINGLE)]] = True
+    return found

@@ -8,6 +8,17 @@ with the polynomials ℓ_q in log x of as many Chebyshev points x_q as the toler
 Near zones hold few trunks, and there the ground's and the straight way differ by many wavelengths: each has
 a sum of its own, for pulses at its own times. Far ones, where nearly all trunks are, need a handful of terms.
 Filters over a whole transform are read from a spline in frequency, with as many knots as the tolerance needs.
+
+The air as a filter that changes in time: what arrives after t has lost e^{-b(f)ct}.
+
+Samples go in that have lost nothing yet, and those that have come out. They are cut into blocks of the
+distance x = ct; within one, from x₀ - h to x₀ + h, the loss is a short series in closed form,
+
+    e^{-b(x₀ + h·u)} = e^{-bx₀}·Σ_q ε_q·(-1)^q·I_q(bh)·T_q(u),   ε₀ = 1, else 2 (DLMF 10.35.3),
+
+so that a block is a few products and transforms, its error relative to what is left there of each
+frequency. A scattered sound of several arrivals from one trunk loses by the axis' path and not by each
+arrival's own; ``undone`` changes the filters of such sounds accordingly.
 """
 
 from __future__ import annotations
@@ -19,10 +30,13 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy import fft, special
 
 from ....acoustics import chebyshev
+from ....acoustics.air import absorption, relaxation
+from ....spec import Air
+from ..band import roll_off
 from ..forest.losses import LOWEST, NEAR, Losses
-from .field_table import polynomials, series
 
 if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline
@@ -58,7 +72,7 @@ class Zone:
 
     def polynomials(self, length: np.ndarray) -> np.ndarray:
         """(M, Q) Chebyshev polynomials at lengths (M,)."""
-        return polynomials(self._place(length), len(self.nodes)).T
+        return chebyshev.polynomials(self._place(length), len(self.nodes)).T
 
     def _place(self, length: np.ndarray) -> np.ndarray:
         place: np.ndarray = 2.0 * np.log(length / self.low) / math.log(self.high / self.low) - 1.0
@@ -102,7 +116,7 @@ class PathGain:
             inside = np.clip(frequency, LOWEST, self.highest)
             return np.asarray(spline(np.log1p(inside / BEND)))
         values = zone.values(frequency, zone.nodes[:, None])
-        return np.asarray(chebyshev.series(len(zone.nodes)) @ values)
+        return np.asarray(chebyshev.coefficients(values, 0))
 
     def _spline(self, zone: Zone) -> CubicSpline | None:
         """The filters by log(1 + f/BEND); None: no number of knots serves."""
@@ -123,8 +137,7 @@ class PathGain:
             place = np.linspace(low, high, 2 * len(place) - 1)
             values = np.insert(new, range(new.shape[1] + 1), values, axis=1)
             if (gap <= BETWEEN * self.tolerance * size).all():
-                into = chebyshev.series(len(zone.nodes))
-                return CubicSpline(place, into @ values, axis=1)
+                return CubicSpline(place, chebyshev.coefficients(values, 0), axis=1)
         return None
 
     def at(self, frequency: np.ndarray, length: np.ndarray) -> np.ndarray:
@@ -173,7 +186,7 @@ class PathGain:
         while True:
             length = low * ratio ** (0.5 * (chebyshev.points(count) + 1.0))
             values = of(frequency[None], length[:, None])
-            size = np.abs(series(values[:, :, None], 0)[:, :, 0])
+            size = np.abs(chebyshev.coefficients(values[:, :, None], 0)[:, :, 0])
             tail = np.cumsum(size[::-1], axis=0)[::-1]
             allowed = SHARE * self.tolerance * np.sqrt(np.mean(np.abs(values) ** 2, axis=0))
             large = np.flatnonzero((tail > allowed).any(axis=1))
@@ -190,3 +203,126 @@ def _number(length: np.ndarray) -> np.ndarray:
     """(M,) zone of each length: its octave."""
     number: np.ndarray = np.floor(np.log2(length)).astype(np.int64)
     return number
+
+
+SHORTEST = 1536  # samples of a block at least
+LONGEST_TAIL = 0.25  # s for which a filter of the air answers, at most
+DECAYS = 16.0  # of the slowest relaxation, after which it has
+ORDERS = 64  # of the series, at most
+SEEN = 32  # every so many frequencies tell how many are needed
+FADE = 256  # samples over which a block gives way to the next: a cut would sound at all frequencies
+BLOCKS_AT_ONCE = 16
+ROUNDS = 1
+
+
+class AirFilter:
+    """The air at one sampling rate, to a relative tolerance."""
+
+    def __init__(self, rate: float, air: Air, tolerance: float) -> None:
+        self.rate, self.air, self.tolerance = rate, air, tolerance
+        self.step = air.speed() / rate  # metres a sample
+        slowest = float(np.min(relaxation(air.temperature_c, air.humidity, air.pressure_kpa)))
+        tail = min(LONGEST_TAIL, DECAYS / (2.0 * math.pi * slowest))
+        self._tail = 64 + math.ceil(tail * rate)
+        self._hop = max(SHORTEST, 3 * self._tail)
+        self._block = self._hop + FADE
+        self._size = fft.next_fast_len(self._block + 2 * self._tail, real=True)
+        self._block = self._size - 2 * self._tail
+        self._hop = self._block - FADE
+        frequency = np.arange(self._size // 2 + 1) * (rate / self._size)
+        self._loss = self._loss_at(frequency)
+        half = 0.5 * self._block * self.step
+        # e^{-bh} is left of the series: at the block's near end it was 1
+        some = np.append(self._loss[::SEEN], self._loss[-1])
+        size = 2.0 * special.ive(np.arange(ORDERS)[:, None], half * some).max(axis=1)
+        terms = int(np.flatnonzero(size > 0.1 * tolerance)[-1]) + 1
+        orders = np.arange(terms)[:, None]
+        gains = special.ive(orders, half * self._loss) * np.exp(half * self._loss)
+        gains *= np.where(orders % 2 == 0, 1.0, -1.0) * np.where(orders == 0, 1.0, 2.0)
+        self._gains = gains  # (Q, F)
+        place = (2.0 * np.arange(self._block) + 1.0) / self._block - 1.0
+        fall = roll_off(0.45 + 0.05 * (np.arange(FADE) + 0.5) / FADE)
+        window = np.concatenate([1.0 - fall, np.ones(self._block - 2 * FADE), fall])
+        self._shapes = chebyshev.polynomials(place, terms) * window  # (Q, block)
+        self._lifts: dict[int, tuple[int, np.ndarray, np.ndarray, np.ndarray]] = {}
+
+    @property
+    def tail(self) -> int:
+        """Samples for which it answers, to both sides."""
+        return self._tail
+
+    def apply(self, samples: np.ndarray, first: int) -> np.ndarray:
+        """(..., N) samples with the air's loss; samples[0] is heard ``first`` samples after the source.
+
+        What is heard before the source sounds, the roll-off's ringing, is gained e^{-b(f)ct} > 1.
+        """
+        rows = samples.reshape(-1, samples.shape[-1])
+        hop, tail, size = self._hop, self._tail, self._size
+        count = -(-(rows.shape[1] + FADE) // hop)
+        padded = np.zeros((len(rows), (count - 1) * hop + self._block))
+        padded[:, FADE : FADE + rows.shape[1]] = rows
+        total = np.zeros((len(rows), padded.shape[1] + 2 * tail))
+        several = max(1, BLOCKS_AT_ONCE // len(rows))
+        for start in range(0, count, several):
+            numbers = range(start, min(start + several, count))
+            cut = np.array([padded[:, hop * n : hop * n + self._block] for n in numbers])
+            middle = first - FADE + np.array(numbers) * hop + 0.5 * self._block - 0.5
+            spectrum = np.zeros((*cut.shape[:2], size // 2 + 1), np.complex128)
+            for shape, gain in zip(self._shapes, self._gains, strict=True):
+                part = fft.rfft(cut * shape, size)
+                part *= gain
+                spectrum += part
+            spectrum *= np.exp(-np.outer(middle * self.step, self._loss))[:, None]
+            whole = fft.irfft(spectrum, size)
+            for number, part in zip(numbers, whole, strict=True):
+                here = total[:, number * hop : number * hop + size]
+                here[:, :tail] += part[:, -tail:]
+                here[:, tail:] += part[:, :-tail]
+        kept = total[:, tail + FADE : tail + FADE + rows.shape[1]]
+        return kept.reshape(samples.shape)
+
+    def undone(self, filters: np.ndarray, lead: int) -> np.ndarray:
+        """Filters (R, T) that become the given ones when the air is applied from -lead on.
+
+        ∫ U(f)·e^{+b(f)ct}·e^{iωt} df is nearly so; it is refined by what is still missing.
+        """
+        changed = self._lifted(filters, lead)
+        for _ in range(ROUNDS):
+            changed += self._lifted(filters - self.apply(changed, -lead), lead)
+        return changed
+
+    def _lifted(self, filters: np.ndarray, lead: int) -> np.ndarray:
+        """(R, T) e^{+b(f)ct} times the filters, by the time of what comes out."""
+        count = filters.shape[1]
+        size, loss, gains, place = self._lift_of(count)
+        spectra = fft.rfft(filters, size)
+        hop = place.shape[1]
+        lifted = np.empty_like(filters)
+        for start in range(0, count, hop):
+            here = slice(start, min(start + hop, count))
+            middle = (start + 0.5 * hop - 0.5 - lead) * self.step
+            turned = spectra * np.exp(middle * loss)
+            lifted[:, here] = sum(
+                fft.irfft(turned * gain, size)[:, here] * shape[: here.stop - start]
+                for gain, shape in zip(gains, place, strict=True)
+            )
+        return lifted
+
+    def _lift_of(self, count: int) -> tuple[int, np.ndarray, np.ndarray, np.ndarray]:
+        """For T samples: transform, loss (F,), and the series' gains (Q, F) and shapes (Q, hop)."""
+        if count not in self._lifts:
+            size = fft.next_fast_len(count + 2 * self._tail, real=True)
+            loss = self._loss_at(np.arange(size // 2 + 1) * (self.rate / size))
+            hop = min(self._hop, count)
+            half = 0.5 * hop * self.step
+            orders = np.arange(len(self._shapes))[:, None]
+            scaled = special.ive(orders, half * loss) * np.where(orders == 0, 1.0, 2.0)
+            terms = int(np.flatnonzero(scaled.max(axis=1) > 0.1 * self.tolerance)[-1]) + 1
+            place = chebyshev.polynomials((2.0 * np.arange(hop) + 1.0) / hop - 1.0, terms)
+            self._lifts[count] = size, loss, scaled[:terms] * np.exp(half * loss), place
+        return self._lifts[count]
+
+    def _loss_at(self, frequency: np.ndarray) -> np.ndarray:
+        """Nepers per metre."""
+        air = self.air
+        return absorption(frequency, air.temperature_c, air.humidity, air.pressure_kpa)

@@ -21,7 +21,7 @@ from ....base.progress import Progress
 from ....base.rows import RowTable
 from ....spec import Air
 from ..forest.losses import Losses, loss_per_metre
-from ..trunks.slices import Trunks
+from ..trunks import Trunks
 from .bands import OctaveBand, bands_of, samples_of
 
 Gain = Callable[[np.ndarray, np.ndarray], np.ndarray]  # of frequency and path length

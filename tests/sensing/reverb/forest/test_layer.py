@@ -13,16 +13,16 @@ from references.transport_in_space import in_ball, in_layer
 
 from forest_addon.acoustics.boundary_loss import twig_loss
 from forest_addon.base.rng import stream
-from forest_addon.sensing.reverb.forest.clutter import Clutter
-from forest_addon.sensing.reverb.forest.layer import Layer, diffused
-from forest_addon.sensing.reverb.forest.losses import Losses, TrunkStand
-from forest_addon.sensing.reverb.forest.scatter import (
+from forest_addon.sensing.reverb.forest.clutter import (
     ANGLES,
+    Clutter,
     Scatter,
     Takes,
     level_loss,
     scatter_of,
 )
+from forest_addon.sensing.reverb.forest.layer import Layer, diffused
+from forest_addon.sensing.reverb.forest.losses import Losses, TrunkStand
 from forest_addon.sensing.reverb.forest.tail import tail_of
 from forest_addon.sensing.reverb.forest.transport import Density, PhaseFunction
 from forest_addon.spec import Air, Reverb

@@ -12,7 +12,7 @@ from forest_addon.sensing.reverb.forest.tail import tail_of
 from forest_addon.sensing.reverb.forest.transport import Density
 from forest_addon.sensing.reverb.metrics import octave
 from forest_addon.sensing.reverb.response import impulse_response
-from forest_addon.sensing.reverb.trunks.slices import Trunks
+from forest_addon.sensing.reverb.trunks import Trunks
 from forest_addon.spec import Air, Reverb
 
 AIR = Air(sound_speed=343.0)

@@ -14,11 +14,10 @@ from references.trunks_at_length import sum_at_length
 from forest_addon.acoustics.air import absorption
 from forest_addon.acoustics.cylinder import transfer
 from forest_addon.sensing.reverb.forest.losses import Losses, TrunkStand
-from forest_addon.sensing.reverb.sums.contract import judged
-from forest_addon.sensing.reverb.sums.fast_scattering import Expansions
+from forest_addon.sensing.reverb.sums.fast_scattering import Expansions, judged
 from forest_addon.sensing.reverb.sums.scattering import TrunkPaths, direct_sum, trunk_paths
 from forest_addon.sensing.reverb.sums.tree_response import tree_response
-from forest_addon.sensing.reverb.trunks.slices import Trunks
+from forest_addon.sensing.reverb.trunks import Trunks
 from forest_addon.spec import Air, Reverb, SpecError
 
 slow, medium = pytest.mark.slow, pytest.mark.medium

@@ -11,12 +11,16 @@ from scipy import special
 from forest_addon.base.rng import stream
 from forest_addon.base.trimesh import LEAF, OTHER, WOOD, TriMesh, join
 from forest_addon.sensing.rays.geometry import SceneGeometry
-from forest_addon.sensing.reverb.trunks.contours import (
+from forest_addon.sensing.reverb.trunks import (
+    STEP,
+    TrunkCuts,
+    Trunks,
+    continue_trunks,
     convex_hull,
     equivalent_circle,
     largest_radii,
+    trunks_at_height,
 )
-from forest_addon.sensing.reverb.trunks.slices import trunks_at_height
 
 
 def tube(
@@ -239,3 +243,125 @@ def test_wood_is_cut_alike_whether_it_is_kept_and_however_it_stands():
             assert np.array_equal(one.position, found[0].position)
             assert np.array_equal(one.radius, found[0].radius)
     assert len(wood) == 2
+
+
+def cone(height: float, foot: float, lean: float = 0.0, sides: int = 48) -> TriMesh:
+    """A stem from z = 0 to a point; its axis leans along x by ``lean`` metres a metre."""
+    turn = 2 * np.pi * np.arange(sides) / sides
+    ring = np.column_stack([foot * np.cos(turn), foot * np.sin(turn), np.zeros(sides)])
+    vertices = np.vstack([ring, [[lean * height, 0.0, height]]])
+    following = (np.arange(sides) + 1) % sides
+    triangles = np.column_stack([np.arange(sides), following, np.full(sides, sides)])
+    return TriMesh.of_part(vertices, triangles, WOOD)
+
+
+def scene(mesh: TriMesh, *places: tuple[float, float]) -> SceneGeometry:
+    transform = np.tile(np.eye(3, 4), (len(places), 1, 1))
+    transform[:, :2, 3] = places
+    number = np.arange(len(places))
+    names = tuple(f"tree {n}" for n in number)
+    return SceneGeometry((mesh,), transform, np.zeros(len(places), np.int64), names, number, number)
+
+
+def test_ends_of_one_height_are_one_cut() -> None:
+    cuts = TrunkCuts(scene(cone(10.0, 0.4), (3, 1), (7, -1)), 0.0)
+    trunks = cuts.between(np.array([0.0, 0, 2.0]), np.array([10.0, 0, 2.2]))
+    assert len(trunks) == 2
+    np.testing.assert_allclose(trunks.radius, 0.4 * (1 - 2.1 / 10), rtol=2e-3)
+
+
+def test_each_trunk_is_cut_where_the_path_meets_it() -> None:
+    """The path from 1 m up to 9 m over 40 m; a cut is at most half a step off."""
+    places = [(x, 0.5) for x in (4, 12, 20, 28, 36)]
+    cuts = TrunkCuts(scene(cone(12.0, 0.6, lean=0.1), *places), 0.0)
+    source, receiver = np.array([0.0, 0, 1.0]), np.array([40.0, 0, 9.0])
+    trunks = cuts.between(source, receiver)
+    assert sorted(trunks.tree) == [0, 1, 2, 3, 4]
+    for x, radius, tree in zip(trunks.position[:, 0], trunks.radius, trunks.tree, strict=True):
+        height = 1.0 + 8.0 * x / 40
+        assert abs(radius - 0.6 * (1 - height / 12)) < 0.6 / 12 * STEP / 2 + 2e-3
+        assert abs(x - (places[tree][0] + 0.1 * height)) < 0.1 * STEP / 2 + 1e-3
+
+
+def test_a_receiver_above_the_canopy() -> None:
+    """The path passes over trees near the receiver and meets those near the source."""
+    cuts = TrunkCuts(scene(cone(10.0, 0.4), (2, 0), (5, 0), (9, 0), (11, 0)), 0.0)
+    trunks = cuts.between(np.array([0.0, 0.3, 1.5]), np.array([12.0, 0.3, 25.0]))
+    heard = [1.5 + 23.5 * x / 12 < 10 for x in (2, 5, 9, 11)]
+    assert sorted(trunks.tree) == list(np.flatnonzero(heard)) == [0]
+    assert len(cuts.between(np.array([0.0, 0, 30.0]), np.array([12.0, 0, 40.0]))) == 0
+
+
+@pytest.mark.parametrize("low", [1.0, 30.0])
+def test_there_and_back_are_the_same_trunks(low: float) -> None:
+    cuts = TrunkCuts(scene(cone(12.0, 0.6), (4, 1), (12, 2), (20, -3), (20, 0)), 0.0)
+    ends = np.array([0.0, 0, low]), np.array([30.0, 5, 6.0])
+    there, back = cuts.between(*ends), cuts.between(*ends[::-1])
+    for part in ("tree", "radius"):
+        np.testing.assert_allclose(sorted(getattr(there, part)), sorted(getattr(back, part)))
+
+
+FIELD = ((-10.0, -20.0), (40.0, 30.0))
+
+
+def planted(count: int = 60) -> Trunks:
+    rng = np.random.default_rng(5)
+    inside = rng.uniform((-10, -20), (30, 10), (count, 2))
+    stray = [[500.0, 500.0]]  # outside the field: neither counted nor copied
+    return Trunks(
+        np.concatenate([inside, stray]),
+        np.append(rng.choice([0.1, 0.2, 0.4], count), 9.0),
+        np.arange(count + 1),
+    )
+
+
+def test_outside_the_field_within_the_distance() -> None:
+    centre = np.array([0.0, 0.0])
+    beyond = continue_trunks(planted(), FIELD, centre, 100.0, stream(1, "beyond"))
+    x, y = beyond.position.T
+    assert (np.hypot(x, y) <= 100).all()
+    assert not ((x > -10) & (x < 30) & (y > -20) & (y < 10)).any()
+    assert set(beyond.radius) == {0.1, 0.2, 0.4}
+    assert (beyond.tree == -1).all()
+
+
+def test_counts_are_poisson_with_the_fields_density() -> None:
+    """Mean and variance over 400 seeds; each is missed by chance once in 10 000 times."""
+    density = 60 / 1200
+    area = math.pi * 50**2 - 1200
+    counts = [
+        len(continue_trunks(planted(), FIELD, np.array([10.0, -5.0]), 50.0, stream(seed, "beyond")))
+        for seed in range(400)
+    ]
+    expected = density * area
+    assert abs(np.mean(counts) - expected) < 3.9 * math.sqrt(expected / 400)
+    assert abs(np.var(counts) / expected - 1) < 3.9 * math.sqrt(2 / 399)
+
+
+def test_same_stream_same_forest() -> None:
+    first, second = (
+        continue_trunks(planted(), FIELD, np.zeros(2), 80.0, stream(4, "beyond")) for _ in range(2)
+    )
+    np.testing.assert_array_equal(first.position, second.position)
+
+
+def test_source_and_receiver_stand_free() -> None:
+    clear = np.array([[60.0, 60.0], [-60.0, -60.0]])
+    for seed in range(20):
+        thick = Trunks(planted().position, np.full(61, 6.0), np.arange(61))
+        beyond = continue_trunks(thick, FIELD, np.zeros(2), 99.0, stream(seed, "b"), clear)
+        for place in clear:
+            assert (np.hypot(*(beyond.position - place).T) > 6.0).all()
+
+
+def test_no_field_no_forest() -> None:
+    nothing = Trunks(np.empty((0, 2)), np.empty(0), np.empty(0, np.int64))
+    assert len(continue_trunks(nothing, FIELD, np.zeros(2), 100.0, stream(0, "b"))) == 0
+    # Reaching no farther than the field adds nothing.
+    assert len(continue_trunks(planted(), FIELD, np.zeros(2), 5.0, stream(0, "b"))) == 0
+
+
+def test_too_many_are_refused() -> None:
+    dense = Trunks(np.zeros((10**6, 2)), np.ones(10**6), np.zeros(10**6, np.int64))
+    with pytest.raises(ValueError, match="lower continue_to"):
+        continue_trunks(dense, FIELD, np.zeros(2), 2000.0, stream(0, "b"))

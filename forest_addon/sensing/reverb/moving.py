@@ -15,8 +15,8 @@ from functools import cache
 
 import numpy as np
 
-from ..band import SPREAD
-from ..pair import ImpulseResponse
+from .band import SPREAD
+from .pair import ImpulseResponse
 
 HALF, KAISER = (
     64,

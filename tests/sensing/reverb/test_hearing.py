@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from forest_addon.sensing.reverb.ears.hearing import SECTORS, Ambisonics, hearing_of
+from forest_addon.sensing.reverb.hearing import SECTORS, Ambisonics, hearing_of
 from forest_addon.sensing.reverb.response import ImpulseResponse, impulse_response
-from forest_addon.sensing.reverb.trunks.slices import Trunks
+from forest_addon.sensing.reverb.trunks import Trunks
 from forest_addon.spec import Air, Reverb, SpecError
 
 AIR = Air(sound_speed=343.0)

@@ -10,10 +10,10 @@ import pytest
 
 from forest_addon.results.reverb import wet_sound_of
 from forest_addon.sensing.reverb.auralise import auralise
-from forest_addon.sensing.reverb.ears.moving import heard_moving
 from forest_addon.sensing.reverb.ends import ends_of
+from forest_addon.sensing.reverb.moving import heard_moving
 from forest_addon.sensing.reverb.response import ImpulseResponse, channels_of, impulse_response
-from forest_addon.sensing.reverb.trunks.slices import Trunks
+from forest_addon.sensing.reverb.trunks import Trunks
 from forest_addon.spec import Air, Reverb, SpecError
 
 SPEED, RATE = 343.0, 8000.0

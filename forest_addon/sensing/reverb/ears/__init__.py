@@ -1,1 +1,0 @@
-"""Ears with directions: ambisonics and heads, and what is heard where source or receiver move."""
