@@ -7,8 +7,10 @@ hang together. Portraits of trees whose numbers are known, and distances of dist
 
 from __future__ import annotations
 
+import lzma
 from functools import cache
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -20,6 +22,7 @@ from references.own_trees import SPECIES, mothers_of, own_tree, sibling
 from scipy.spatial import cKDTree
 
 from forest_addon.base.trimesh import LEAF, WOOD, TriMesh
+from forest_addon.formats.stl import read_stl
 from forest_addon.growth.likeness import (
     BINS,
     Portrait,
@@ -56,6 +59,7 @@ COUNT = 20
 NAMES = {"length": 1.0, "angle": 0.0, "thinning": 1.0}
 SAME = Siblings(variety=0.0)
 SIBLINGS = 5
+REAL = Path(__file__).resolve().parents[4] / "shared" / "data" / "trees"
 DONE = ("nothing", "rough", "doubled", "decimated", "both")
 
 
@@ -87,7 +91,7 @@ def test_siblings_are_within_the_goals(name):
 
 @pytest.mark.medium
 @pytest.mark.parametrize("name", SPECIES)
-def test_every_piece_is_within_its_mother_and_every_leaf_on_its_seat(name):
+def test_every_piece_begins_within_its_parent_and_every_leaf_sits_on_its_branch(name):
     own = own_tree(name)
     worst = own.anatomy.foliage.seat.away.max()
     for key in (11, 12):
@@ -95,17 +99,7 @@ def test_every_piece_is_within_its_mother_and_every_leaf_on_its_seat(name):
         mesh, leaves, _ = mesh_of(own.anatomy, grown, 1.0)
         assert np.isfinite(mesh.vertices).all()
         wood = own.anatomy.wood.stock
-        _, owner, _ = wood.triangles.copy(grown.piece)
-        facets = mesh.vertices[mesh.triangles[mesh.part == WOOD]]
-        begin = np.searchsorted(owner, np.arange(len(grown.piece) + 1))
-        feet = grown.lines.knot[grown.lines.first[:-1] + np.arange(len(grown.piece))]
-        rng = np.random.default_rng(key)
-        borne = np.flatnonzero(grown.parent >= 0)
-        for branch in rng.choice(borne, 60, replace=False):
-            parent = grown.parent[branch]
-            around = facets[begin[parent] : begin[parent + 1]]
-            if winding_number(feet[branch], around) < 0.5:
-                assert distance(feet[branch], around) < 1e-3
+        assert off_mesh(mesh, wood, own.anatomy, grown, np.random.default_rng(key)) < 1e-3
         hung = hang_leaves(own.anatomy, grown, 1.0)
         assert len(hung.branch) == len(leaves)
         place, _, radius = stand_on(grown.lines, hung.branch, hung.seat)
@@ -225,6 +219,42 @@ def test_tables_say_how_a_cone_is_made():
 def test_settings_that_contradict_each_other_are_refused():
     with pytest.raises(SpecError, match="beside age"):
         Siblings(age=2.0, height=10.0)
+
+
+def off_mesh(mesh, stock, anatomy, grown, rng) -> float:
+    """Metres, at most, between the lowest ring of 60 branches' meshes and the mesh of what bears them."""
+    vertex, owner, _ = stock.vertices.copy(grown.piece)
+    along = anatomy.wood.stretch[vertex] + anatomy.wood.part[vertex]
+    facets = mesh.vertices[mesh.triangles[mesh.part == WOOD]]
+    _, of_facet, _ = stock.triangles.copy(grown.piece)
+    begin = np.searchsorted(of_facet, np.arange(len(grown.piece) + 1))
+    worst = 0.0
+    for branch in rng.choice(np.flatnonzero(grown.parent >= 0), 60, replace=False):
+        rows = np.flatnonzero(owner == branch)
+        ring = mesh.vertices[rows[along[rows] <= along[rows].min() + 1e-3]]
+        places = [*ring, ring.mean(axis=0)]
+        parent = grown.parent[branch]
+        around = facets[begin[parent] : begin[parent + 1]]
+        if max(winding_number(place, around) for place in places) < 0.5:
+            worst = max(worst, min(distance(place, around) for place in places))
+    return worst
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["apple", "hill_cherry", "quaking_aspen", "lombardy_poplar"])
+def test_limbs_of_real_trees_siblings_begin_in_the_wood_that_bears_them(name, tmp_path):
+    """Pieces of these trees float up to 5 cm off what bears them; in siblings none does by 1 cm."""
+    packed = REAL / f"{name}-wood.stl.xz"
+    if not packed.is_file():
+        pytest.skip(f"there is no {packed}")
+    (tmp_path / "wood.stl").write_bytes(lzma.decompress(packed.read_bytes()))
+    anatomy = dissect(recognise(read_stl(tmp_path / "wood.stl")))
+    habit = fit(anatomy)
+    for key in (3, 4):
+        grown = grow_sibling(habit, Siblings(), key)
+        mesh, *_ = mesh_of(anatomy, grown, 1.0)
+        off = off_mesh(mesh, anatomy.wood.stock, anatomy, grown, np.random.default_rng(key))
+        assert off < 1e-2
 
 
 def winding_number(point, facets):
