@@ -25,6 +25,7 @@ import numpy as np
 
 from .base.kept import LastAsked
 from .base.progress import Progress
+from .base.rows import distinct
 from .formats.atomic import partial_of, replacing
 from .formats.ply import PlyFile
 from .growth.tree import Tree
@@ -401,7 +402,7 @@ def _deal(
     """Add records to the files of the tiles that they lie over."""
     where = np.column_stack([rows["x"] - offset[0], rows["y"] - offset[1]])
     tile = tiles.grid.tile_of(where)
-    for number in np.unique(tile).tolist():
+    for number in distinct(tile).tolist():
         file = PlyFile(_of_tile(tiles, number), POINT, comments, keep=made.get(number, 0))
         file.append(rows[tile == number])
         file.close()

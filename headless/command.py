@@ -157,6 +157,14 @@ def out_file(out: Path, *endings: str) -> Path:
     return out
 
 
+def finite(word: str) -> float:
+    """Return the finite number that a word of the command line means."""
+    value = float(word)
+    if not math.isfinite(value):
+        raise argparse.ArgumentTypeError(f"{word} is no finite number")
+    return value
+
+
 def refuse_beyond(option: str, value: float, low: float, high: float = math.inf) -> None:
     """Say that a number cannot be what it is.
 

@@ -123,6 +123,8 @@ def run_scene(
         run = Run(settings, out, stages, site.grow(progress), site.ground)
     if settings.crs and not can_tell_crs():
         run.stages.warn("LAS files lack their coordinate system; pip install pyproj tells it")
+    if not (settings.plantings or settings.stems or settings.sensors or settings.blend):
+        stages.warn("the scene has neither trees nor sensors; add [[plantings]] and [[sensors]]")
     _describe_stand(run, site.inputs)
     with stages.stage("build Blender scene"):
         grown_in = stages.seconds["grow trees"]

@@ -24,7 +24,7 @@ from forest_addon.formats.toml_file import read_scanner, structure, write_settin
 from forest_addon.results.coordinates import NO_OFFSET, Offset
 from forest_addon.results.scan_file import write_scan
 from forest_addon.sensing.lidar.cloud import Cloud
-from forest_addon.sensing.lidar.surveys.digitised import DigitisedScan, rings
+from forest_addon.sensing.lidar.surveys.digitised import DigitisedScan, Haze, HazyScan, rings
 from forest_addon.sensing.lidar.surveys.leg import SurveyLeg, step_count
 from forest_addon.sensing.lidar.surveys.like import (
     FlightLine,
@@ -36,7 +36,6 @@ from forest_addon.sensing.lidar.surveys.like import (
 )
 from forest_addon.sensing.lidar.surveys.stepped import SteppedPath
 from forest_addon.sensing.lidar.surveys.trajectories import read_trajectory
-from forest_addon.sensing.lidar.surveys.voxels import Haze, HazyScan
 from forest_addon.sensing.moving import MovingScene
 from forest_addon.sensing.moving_rays import MovingCaster
 from forest_addon.sensing.rays.caster import RayCaster

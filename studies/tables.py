@@ -22,10 +22,10 @@ def median_seconds(work: Callable[[], object], runs: int = 3) -> float:
     return statistics.median(taken)
 
 
-def timed(work: Callable[[], Any]) -> tuple[Any, float]:
-    """Return what work returns, and the CPU seconds of all threads that it took."""
+def timed(work: Callable[..., Any], *given: Any, **named: Any) -> tuple[Any, float]:
+    """Return what work returns of its arguments, and the CPU seconds of all threads that it took."""
     start = time.process_time()
-    found = work()
+    found = work(*given, **named)
     return found, time.process_time() - start
 
 

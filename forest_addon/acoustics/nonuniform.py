@@ -28,6 +28,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..base.rows import distinct
 from . import chebyshev
 from .gridding import ALIASING, NARROWEST, DelayGrid, width_for
 from .spectrum import delay_factors, phasors
@@ -108,7 +109,7 @@ def sum_delayed(
     width = width_for(KERNEL * tolerance)
     kernel = ALIASING[width - NARROWEST]
     plan = _planned(task, reach, loudness, SAFE * max(tolerance - kernel, 0.1 * tolerance))
-    for nodes in np.unique(plan.nodes).tolist():
+    for nodes in distinct(plan.nodes).tolist():
         rows = plan.order[plan.nodes[plan.order] == nodes]
         if nodes == 0:
             task.direct(rows)
@@ -144,7 +145,8 @@ def _planned(task: _Task, reach: ArrayLike, loudness: ArrayLike, allowed: float)
     dense = int(_nodes_for(turn[some].max(), 7.0 - math.log(allowed))) + SPARE
     while True:
         values = task.values(dense, some)
-        terms = np.abs(chebyshev.coefficients(values, 0))
+        # In double precision, so that what is left of a series is not its rounding.
+        terms = np.abs(chebyshev.coefficients(values.astype(np.complex128), 0))
         size = float(weight @ np.abs(values).max(axis=0))
         beyond = PEAK * np.sqrt(np.square(terms[3 * dense // 4 :]).sum(axis=0))
         if dense >= min(LEVELS[-1], 2 * task.count) or weight @ beyond <= RESOLVED * allowed * size:

@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..base.rows import distinct
 from ..formats.table import write_npz
 from ..results.coordinates import NO_OFFSET, Offset
 from ..results.kind import Finding
@@ -266,7 +267,7 @@ class PointCloud(Result):
         return named | {"object": returns.instance}
 
     def summary(self) -> dict[str, str]:
-        share = len(np.unique(self.found.pulse)) / max(self.found.pulses, 1)
+        share = len(distinct(self.found.pulse)) / max(self.found.pulses, 1)
         moved = {} if self.found.velocity is None else self._moved()
         return {
             "points": f"{len(self):,}",

@@ -50,3 +50,13 @@ def lengths(vectors: np.ndarray) -> np.ndarray:
     """(M,) lengths of vectors (M, 3), faster than by numpy's norm along an axis."""
     found: np.ndarray = np.sqrt(np.einsum("mi,mi->m", vectors, vectors))
     return found
+
+
+def distinct(values: np.ndarray) -> np.ndarray:
+    """(U,) different values of an array, ascending: as ``np.unique``, which hashes them in ten times the
+    time of a sort."""
+    ordered = np.sort(values, axis=None)
+    first = np.ones(len(ordered), dtype=bool)
+    np.not_equal(ordered[1:], ordered[:-1], out=first[1:])
+    found: np.ndarray = ordered[first]
+    return found

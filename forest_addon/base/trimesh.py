@@ -11,6 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .rows import distinct
+
 OTHER, WOOD, LEAF, GROUND, DEAD = 0, 1, 2, 3, 4
 PART_NAMES = ("other", "wood", "leaf", "ground", "dead wood")
 
@@ -86,12 +88,12 @@ class TriMesh:
         return area
 
     def select(self, keep: np.ndarray) -> TriMesh:
-        """The triangles where ``keep`` (T,) is true; vertices that no triangle uses are dropped."""
+        """Triangles where ``keep`` (T,) is true, or by their numbers; vertices that none uses are dropped."""
         triangles = self.triangles[keep]
-        used, packed = np.unique(triangles, return_inverse=True)
+        used = distinct(triangles)
         return TriMesh(
             vertices=self.vertices[used],
-            triangles=packed.reshape(-1, 3).astype(np.int32),
+            triangles=np.searchsorted(used, triangles).astype(np.int32),
             part=self.part[keep],
             leaf=self.leaf[keep],
             material=self.material[keep],

@@ -11,6 +11,7 @@ import numpy as np
 from scipy.ndimage import distance_transform_edt
 from scipy.spatial import cKDTree
 
+from ..base.rows import distinct
 from ..base.trimesh import LEAF, TriMesh, is_wood
 from ..growth.own_tree.centreline import find_centrelines
 from ..growth.own_tree.pieces import part
@@ -213,7 +214,7 @@ class MeshObstacles:
         begin, end = self._starts[line + first[pair, 2]], self._starts[line + last[pair, 2] + 1]
         of, place = repeated(end - begin)
         total = len(self._corners)
-        key = np.unique(pair[of] * total + self._items[begin[of] + place])
+        key = distinct(pair[of] * total + self._items[begin[of] + place])
         pair, item = np.divmod(key, total)
         return row[pair], self._placed(which[pair], item)
 

@@ -98,14 +98,10 @@ def metric_near(longitude: float, latitude: float) -> str:
 def same_place(one: str, other: str, place: np.ndarray) -> bool:
     """Return whether metres (2,) in one system are the same metres in another, to a metre and a half; True
     where either is not named."""
-    if not one or not other or not can_tell_crs():
+    if one == other or not one or not other or not can_tell_crs():
         return True
-    import pyproj
-
-    change = pyproj.Transformer.from_crs(_known(one), _known(other), always_xy=True)
-    here, there = metres_of(one)[0], metres_of(other)[0]
-    moved = np.multiply(there, change.transform(*(np.asarray(place) / here)))
-    return bool(np.linalg.norm(moved - place) < 1.5)
+    there, _ = moved(one, other, np.reshape(place, (1, 2)) / metres_of(one)[0])
+    return bool(np.linalg.norm(there - place) < 1.5)
 
 
 def short(crs: str) -> str:

@@ -2,17 +2,21 @@
 
 A reader says in its own words what it knows to be wrong; whatever else a broken file sets off, from numpy's
 header to Python's own limits, becomes one sentence with the file's name here. Nothing but what was meant
-comes out.
+comes out. What has no end, or counts more in its head than its bytes can hold, is refused before anybody
+reads it: that bounds time and memory by the size of the file.
 """
 
 from __future__ import annotations
 
 import functools
+import json
 import os
+import re
 import stat
+import struct
 from collections.abc import Callable
 from pathlib import Path
-from typing import Concatenate, ParamSpec, TypeVar
+from typing import BinaryIO, Concatenate, ParamSpec, TypeVar
 
 from ..spec import SpecError
 from .ownership import reads
@@ -22,6 +26,19 @@ Found = TypeVar("Found")
 StrPath = str | os.PathLike[str]
 LONGEST = 160  # characters of another program's words
 MOST = 4_000_000_000  # bytes of a file
+PACKED = 300  # points of a LAZ over those that its bytes would hold unpacked
+HEAD = 100_000  # bytes in which a PLY says what it holds
+SIZES = {
+    "char": 1,
+    "uchar": 1,
+    "int8": 1,
+    "uint8": 1,
+    "short": 2,
+    "ushort": 2,
+    "int16": 2,
+    "uint16": 2,
+}
+SIZES |= {"double": 8, "float64": 8}  # of PLY; others have 4
 
 
 def guarded(
@@ -44,7 +61,7 @@ def guarded(
             place = str(os.fspath(path))
             reads([path])
             try:
-                _refuse_endless(path, most)
+                refuse_claims(path, most)
                 return read(Path(path), *more, **named)
             except known:
                 raise
@@ -58,8 +75,14 @@ def guarded(
     return around
 
 
-def _refuse_endless(path: StrPath, most: int) -> None:
-    """Refuse what has no end, or more than any reader here should hold; what is missing is told later."""
+def refuse_claims(path: StrPath, most: int = MOST) -> None:
+    """Refuse what has no end, more than any reader here should hold, or LAS, PLY and glTF files that count
+    more than their bytes can hold; what is missing is told later.
+
+    Raises
+    ------
+    SpecError : says what, and how many.
+    """
     try:
         status = os.stat(path)
     except OSError:
@@ -73,6 +96,78 @@ def _refuse_endless(path: StrPath, most: int) -> None:
             f"has {status.st_size / 1e9:.1f} GB, more than the {most / 1e9:g} GB that are read; "
             "give a smaller file",
         )
+    if kind == stat.S_IFDIR:
+        return
+    with open(path, "rb") as file:
+        head = file.read(HEAD)
+        claimed, room = 0, status.st_size
+        if head.startswith(b"LASF") and len(head) > 110:
+            claimed, room = _claims_of_las(head, room, file)
+    if re.match(rb"ply\s", head):
+        claimed = _claims_of_ply(head)
+    elif head.startswith(b"glTF") or str(path).lower().endswith(".gltf"):
+        claimed, room = _claims_of_gltf(Path(path), room)
+    if claimed > room:
+        raise SpecError(
+            str(path),
+            f"is broken: its head counts {claimed:,} records or bytes, it has room for {room:,}; copy or "
+            "export it again",
+        )
+
+
+def _claims_of_las(head: bytes, size: int, file: BinaryIO) -> tuple[int, int]:
+    """Records that a LAS file counts, and what it has room for."""
+    first, begin, records, kind, length, points = struct.unpack_from("<HIIBHI", head, 94)
+    if records * 54 > begin - first:
+        return records, max(begin - first, 0) // 54
+    if head[25] >= 4 and len(head) >= 255:
+        extended, points = struct.unpack_from("<IQ", head, 243)
+        if extended * 60 > size:
+            return extended, size // 60
+    if not kind & 0xC0:
+        return points, max(size - begin, 0) // max(length, 1)
+    zip_at = head.find(b"laszip encoded") + 84  # how its items begin
+    items = struct.unpack_from("<H", head, zip_at)[0] if zip_at > 84 else 0
+    size_of_items = sum(struct.unpack_from(f"<{3 * items}H", head, zip_at + 2)[1::3])
+    if size_of_items > length:
+        return size_of_items, length
+    file.seek(begin)
+    table = int.from_bytes(file.read(8), "little", signed=True)
+    file.seek(table if 0 <= table < size else max(size - 8, 0))
+    if table < 0:  # a writer that could not go back has put it last
+        table = int.from_bytes(file.read(8), "little", signed=True)
+        file.seek(table if 0 <= table < size else 0)
+    chunks = int.from_bytes(file.read(8)[4:], "little")
+    if chunks > size:
+        return chunks, size
+    return points, PACKED * max(size - begin, 0) // max(length, 1)
+
+
+def _claims_of_ply(head: bytes) -> int:
+    """Bytes that a PLY needs for what it counts, at least."""
+    text = head.partition(b"end_header")[0].decode("ascii", "replace")
+    least, count = 0, 0
+    for words in map(str.split, text.splitlines()):
+        if words[:1] == ["element"] and len(words) > 2:
+            count = int(words[2])
+        elif words[:1] == ["property"] and len(words) > 2:
+            kind = words[2] if words[1] == "list" else words[1]
+            least += count * (2 if "format ascii" in text else SIZES.get(kind, 4))
+    return least
+
+
+def _claims_of_gltf(path: Path, size: int) -> tuple[int, int]:
+    """The most items that one part of a glTF counts, and bytes of it and of what it names."""
+    raw = path.read_bytes()
+    if raw.startswith(b"glTF"):
+        raw = raw[20 : 20 + int.from_bytes(raw[12:16], "little")]
+    document = json.loads(raw)
+    names = [str(each.get("uri", "")) for each in document.get("buffers", [])]
+    beside = [path.parent / name for name in names if name and not name.startswith("data:")]
+    size += sum(file.stat().st_size for file in beside if file.is_file())
+    return max(
+        (int(each.get("count", 0)) for each in document.get("accessors", [])), default=0
+    ), size
 
 
 def _sentence(problem: Exception, what: str) -> str:

@@ -13,6 +13,7 @@ import struct
 import tempfile
 from collections.abc import Sequence
 from datetime import date
+from pathlib import Path
 
 import laspy
 import lazrs
@@ -25,6 +26,7 @@ from ..spec import SpecError
 from .atomic import replacing
 from .copc import write_copc
 from .crs import can_tell_crs, metres_of, unit_named, wkt_of
+from .foreign import guarded
 from .ply import StoredRows, bounds
 
 RESOLUTION = 1e-4  # metres
@@ -105,7 +107,8 @@ def write_las(
         raise OSError(f"{name} could not be written ({problem}); is the disk full?") from None
 
 
-def read_las(path: str | os.PathLike[str], crs: str = "") -> laspy.LasData:
+@guarded("a LAS or LAZ file")
+def read_las(path: Path, crs: str = "") -> laspy.LasData:
     """Read a LAS or LAZ file of any origin; coordinates in feet become metres, as its system says.
 
     crs : its coordinate system, if it names none.

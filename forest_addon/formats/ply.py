@@ -12,12 +12,15 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
+from itertools import pairwise, takewhile
 from pathlib import Path
-from typing import overload
+from typing import Any, overload
 
 import numpy as np
 
+from ..spec import SpecError
 from .atomic import replacing
+from .foreign import guarded
 
 PLY_TYPE = {
     "f8": "double",
@@ -28,6 +31,7 @@ PLY_TYPE = {
     "i1": "char",
     "u1": "uchar",
 }
+TYPES = {word: kind for kind, word in PLY_TYPE.items()} | {"ushort": "u2"}
 DIGITS = 18  # of the number of vertices
 ROWS_AT_ONCE = 200_000
 PLACE = ("x", "y", "z")
@@ -60,6 +64,50 @@ def write_ply(
     kind = kind_about(rows.dtype, origin, {"amplitude": "intensity"})
     head = header_of(kind, len(rows), (*comments, said_of(origin)))
     write_records(path, head, rows, kind, origin)
+
+
+@guarded("a PLY of triangles")
+def read_surface(path: Path) -> tuple[np.ndarray, np.ndarray]:
+    """Corners (V, 3) and triangles (T, 3) of a PLY, ASCII or binary; larger faces are cut into fans.
+
+    Raises
+    ------
+    SpecError : it is no PLY, or has no faces.
+    """
+    data = path.read_bytes()
+    start = data.index(b"\n", data.index(b"end_header")) + 1
+    head = [line.split() for line in data[:start].decode("ascii", "replace").splitlines() if line]
+    order = {"ascii": "", "binary_big_endian": ">"}.get(head[1][1], "<")
+    words = iter(data[start:].split() if not order else ())
+
+    def take(kind: str) -> Any:
+        nonlocal start
+        if not order:
+            return float(next(words))
+        stored = np.dtype(TYPES.get(kind, kind)).newbyteorder(order)
+        start += stored.itemsize
+        return np.frombuffer(data, stored, 1, start - stored.itemsize)[0]
+
+    found: dict[str, list[Any]] = {"vertex": [], "face": []}
+    for number, line in enumerate(head):
+        if line[0] != "element":
+            continue
+        told = takewhile(lambda one: one[0] != "element", head[number + 1 :])
+        properties = [one[1:] for one in told if one[0] == "property"]
+        for _ in range(int(line[2])):
+            row = {
+                p[-1]: [take(p[2]) for _ in range(int(take(p[1])))]
+                if p[0] == "list"
+                else take(p[0])
+                for p in properties
+            }
+            corners = next((value for value in row.values() if isinstance(value, list)), [])
+            at = [row.get(axis) for axis in PLACE] if line[1] == "vertex" else corners
+            found.setdefault(line[1], []).append(at)
+    fans = [(face[0], b, c) for face in found["face"] for b, c in pairwise(face[1:])]
+    if not fans:
+        raise SpecError(str(path), "has no faces; a ground is a surface of triangles")
+    return np.array(found["vertex"], dtype=np.float64), np.array(fans).astype(np.int64)
 
 
 def said_of(origin: Origin) -> str:

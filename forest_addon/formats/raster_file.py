@@ -11,12 +11,11 @@ is in Blender.
 from __future__ import annotations
 
 import io
-import math
 import re
 from dataclasses import dataclass, replace
 from importlib.util import find_spec
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 import numpy as np
 from scipy.interpolate import LinearNDInterpolator
@@ -42,7 +41,13 @@ NOTHING = (-9999.0, -99999.0, -32768.0, -32767.0)  # no height or amount, said o
 ENDLESS = 1e38  # beyond are the largest floats, which stand for nothing
 LOWEST, HIGHEST = -500.0, 9000.0  # m, of ground
 POINTS, CLOUDS = (".xyz", ".txt", ".csv"), (".las", ".laz")
-GROUND_CLASS = 2  # of a LAS
+GROUND_CLASS, MOST_POINTS = (
+    2,
+    2_000_000,
+)  # of a LAS: the class, and how many points of it are joined
+
+
+HEAD = re.compile(r"\s*(?:(?:ncols|nrows|[xy]ll\w+|cellsize|d[xy]|nodata\w*)\s+\S+\s+)+")
 
 
 class TooLargeError(ValueError):
@@ -197,28 +202,16 @@ def write_png(pixels: np.ndarray) -> bytes:
 
 def _read_array(path: Path) -> np.ndarray:
     try:
-        with open(path, "rb") as file:
-            shape = _shape_of(file)
-        if math.prod(shape) > MOST_PIXELS:
-            raise SpecError(
-                str(path), f"has the shape {list(shape)}, more than {MOST_PIXELS:,} numbers"
-            )
-        array = np.load(path, allow_pickle=False)
+        array = np.load(path, mmap_mode="r", allow_pickle=False)
     except (ValueError, EOFError) as problem:
         raise SpecError(str(path), f"is not an npy file of numbers: {problem}") from None
     if not isinstance(array, np.ndarray) or array.dtype.kind not in "buif":
         raise SpecError(str(path), "is not an npy file of real numbers; save a plain array")
+    if array.size > MOST_PIXELS:
+        raise SpecError(
+            str(path), f"has the shape {list(array.shape)}, more than {MOST_PIXELS:,} numbers"
+        )
     return array
-
-
-def _shape_of(file: IO[bytes]) -> tuple[int, ...]:
-    """The shape that the header of an npy file says; () of another file."""
-    try:
-        version = np.lib.format.read_magic(file)
-        read = {1: np.lib.format.read_array_header_1_0, 2: np.lib.format.read_array_header_2_0}
-        return tuple(read[version[0]](file)[0])
-    except Exception:  # np.load says what it is
-        return ()
 
 
 def _read_image(path: Path) -> GeoRaster:
@@ -276,10 +269,8 @@ def _place_of(path: Path) -> tuple[GeoRaster, Any] | None:
             str(path), f"lies in degrees; project it, as by gdalwarp -t_srs {near} IN.tif OUT.tif"
         )
     flat = unit_named(keys.get("ProjLinearUnitsGeoKey"), 1.0)
-    if crs:
-        flat, up = metres_of(f"{crs}+{codes[1]}" if codes[1] != OWN else crs, flat)
-    else:
-        up = flat
+    whole = [f"{crs}+{codes[1]}"] if crs and codes[1] != OWN else []
+    flat, up = _units_of(path, [*whole, crs], flat)  # some give a datum for the system of heights
     up = unit_named(keys.get("VerticalUnitsGeoKey"), up)
     return GeoRaster(np.zeros((0, 0)), flat * transform, crs, up), told
 
@@ -307,14 +298,12 @@ def _numbers(path: Path, pixels: np.ndarray, place: GeoRaster, told: dict[int, A
 
 def _read_ascii_grid(path: Path) -> GeoRaster:
     """An ESRI ASCII grid: a head of words and numbers, then heights from the north-west."""
-    words = path.read_text("utf-8-sig", errors="replace").replace(",", ".").split()
-    said: dict[str, float] = {}
-    while words[2 * len(said) : 2 * len(said) + 1] and words[2 * len(said)][0].isalpha():
-        at = 2 * len(said)
-        if words[at].lower() in said:
-            break
-        said[words[at].lower()] = float(words[at + 1])
-    values = np.array(words[2 * len(said) :], dtype=np.float64)
+    text = path.read_text("utf-8-sig", errors="replace").replace(",", ".").lower()
+    head = HEAD.match(text)
+    if head is None:
+        raise SpecError(str(path), "has no head of ncols, nrows, xllcorner, yllcorner, cellsize")
+    said = {word: float(number) for word, number in re.findall(r"(\w+)\s+(\S+)", head[0])}
+    values = np.array(text[head.end() :].split(), dtype=np.float64)
     columns, rows = int(said["ncols"]), int(said["nrows"])
     if len(values) != columns * rows:
         raise SpecError(
@@ -339,7 +328,17 @@ def _system_beside(path: Path) -> tuple[str, float, float]:
     height; metres where there is none."""
     beside = path.with_suffix(".prj")
     crs = beside.read_text("utf-8", errors="replace").strip() if beside.is_file() else ""
-    return crs, *metres_of(crs)
+    return crs, *_units_of(path, [crs], 1.0)
+
+
+def _units_of(path: Path, systems: list[str], otherwise: float) -> tuple[float, float]:
+    """Metres of the units of the first system that PROJ knows, on the map and in height."""
+    for crs in systems:
+        try:
+            return metres_of(crs, otherwise)
+        except SpecError as problem:
+            refused = SpecError(str(path), f"has a system that cannot be used: {problem.problem}")
+    raise refused
 
 
 def _read_points(path: Path) -> np.ndarray:
@@ -364,6 +363,7 @@ def _read_ground(path: Path) -> GeoRaster:
     ground = np.asarray(cloud.xyz)[np.asarray(cloud.classification) == GROUND_CLASS]
     if len(ground) < 3:
         raise SpecError(str(path), "has no points of class 2, ground; classify it first")
+    ground = ground[:: len(ground) // MOST_POINTS + 1]
     system = cloud.header.parse_crs() if can_tell_crs() else None
     return _gridded(ground, system.to_wkt() if system else "", 1.0, 1.0)
 
@@ -442,7 +442,8 @@ def _read_tiff(path: Path, raw: bool) -> tuple[np.ndarray, float]:
 def _read_by_another(path: Path, problem: Exception) -> tuple[np.ndarray, float]:
     """Pixels and white by the library that is there. problem : why they are not read without it."""
     why = " ".join(str(problem).split()) or type(problem).__name__
-    refused = SpecError(str(path), f"cannot be read ({why}); save it as PNG, TIFF or npy")
+    more = ", or pip install imagecodecs" if "imagecodecs" in why else ""
+    refused = SpecError(str(path), f"cannot be read ({why}); save it as PNG, TIFF or npy{more}")
     with open(path, "rb") as file:
         if file.read(2) == b"MM":  # which Pillow takes for little-endian where it is packed
             raise refused

@@ -27,7 +27,8 @@ class HeadResponses:
 
 
 def read_head(path: str | os.PathLike[str]) -> HeadResponses:
-    """Read the convention SimpleFreeFieldHRIR; a delay that the file states is put before its samples.
+    """Read the convention SimpleFreeFieldHRIR: the left ear first, by where the file says that ears are, and
+    directions as seen by the head; a delay that the file states is put before its samples.
 
     Raises
     ------
@@ -48,17 +49,23 @@ def _read_head(path: Path, sofar: Any) -> HeadResponses:
             f"holds {found.GLOBAL_SOFAConventions}; give one of the convention SimpleFreeFieldHRIR",
         )
     responses = np.asarray(found.Data_IR, np.float64)
-    place = np.atleast_2d(np.asarray(found.SourcePosition, np.float64))
-    if found.SourcePosition_Type == "spherical":
-        azimuth, elevation = np.radians(place[:, :2]).T
-        level = np.cos(elevation)
-        place = np.column_stack(
-            [level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)]
+    place = _cartesian(path, found, "SourcePosition") - _cartesian(path, found, "ListenerPosition")
+    view = _cartesian(path, found, "ListenerView")
+    up = _cartesian(path, found, "ListenerUp", found.ListenerView_Type)
+    axes = np.stack(np.broadcast_arrays(view, np.cross(up, view), up), axis=1)
+    axes = axes / np.maximum(np.linalg.norm(axes, axis=2, keepdims=True), 1e-300)
+    if not (np.abs(np.linalg.det(axes) - 1) < 0.01).all():
+        raise SpecError(
+            str(path), "has a ListenerUp that is not at right angles to its ListenerView"
         )
+    place = np.einsum("mij,mj->mi", np.broadcast_to(axes, (len(place), 3, 3)), place)
     size = np.linalg.norm(place, axis=1)
     whole = np.isfinite(responses).all() and np.isfinite(place).all() and (size > 0).all()
     if responses.ndim != 3 or responses.shape[1] != 2 or len(place) != len(responses) or not whole:
         raise SpecError(str(path), "needs finite responses of two ears and a direction for each")
+    ears = _cartesian(path, found, "ReceiverPosition")[:, 1]
+    if ears[0] == ears[1]:
+        raise SpecError(str(path), "has both ears on one side by its ReceiverPosition; correct it")
     delay = np.asarray(getattr(found, "Data_Delay", 0.0), np.float64)
     delay = np.broadcast_to(np.round(delay).astype(np.int64), responses.shape[:2])
     longest = int(np.clip(delay.max(), 0, 100_000))
@@ -69,7 +76,35 @@ def _read_head(path: Path, sofar: Any) -> HeadResponses:
     rate = float(np.ravel(found.Data_SamplingRate)[0])
     if not rate > 0:
         raise SpecError(str(path), "needs a sampling rate above 0 Hz")
-    return HeadResponses(place / size[:, None], late, rate)
+    left_first = late if ears[0] > ears[1] else late[:, ::-1]
+    return HeadResponses(place / size[:, None], left_first, rate)
+
+
+def _cartesian(path: Path, found: Any, name: str, kind: str = "") -> np.ndarray:
+    """(N, 3) positions or directions of a file in cartesian coordinates; of receivers those of a measurement.
+
+    kind : the type of coordinates, where another attribute says it.
+
+    Raises
+    ------
+    SpecError : other coordinates than cartesian and spherical, or receivers that move.
+    """
+    value = np.asarray(getattr(found, name), np.float64)
+    kind = kind or str(getattr(found, f"{name}_Type"))
+    if value.ndim == 3:
+        if value.shape[2] > 1 and not (value == value[..., :1]).all():
+            raise SpecError(str(path), f"has a {name} that changes; give one whose ears are fixed")
+        value = value[..., 0]
+    value = np.atleast_2d(value)
+    if kind == "spherical":
+        azimuth, elevation = np.radians(value[:, :2]).T
+        level = value[:, 2] * np.cos(elevation)
+        return np.column_stack(
+            [level * np.cos(azimuth), level * np.sin(azimuth), value[:, 2] * np.sin(elevation)]
+        )
+    if kind != "cartesian":
+        raise SpecError(str(path), f"gives its {name} as {kind}; give cartesian or spherical ones")
+    return value
 
 
 def write_responses(

@@ -42,6 +42,7 @@ def read_wav(path: Path) -> tuple[np.ndarray, float]:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", wavfile.WavFileWarning)  # chunks that hold no sound
+            warnings.filterwarnings("error", "Reached EOF", wavfile.WavFileWarning)
             rate, samples = wavfile.read(path)
     except OSError as problem:
         raise SpecError(str(path), f"cannot be read: {problem.strerror or problem}") from None

@@ -43,7 +43,7 @@ from .mesh.blades import (
     thin_leaves,
     truth_of,
 )
-from .mesh.leaves import Leaves, incline_leaves, incline_sites
+from .mesh.leaves import Leaves, about_vertical, incline_leaves, incline_sites
 from .mesh.meshing import SMALLEST, Relief, mesh_wood, repeated_edges, sides_for, tube
 from .own_tree.habit import Habit
 from .own_tree.relay import mesh_of, skeleton_of_grown
@@ -296,20 +296,15 @@ def _sites(
             if node is not None and copy:  # a further copy: turned about the trunk, and raised
                 axis = skeleton.end[node] - skeleton.start[node]
                 foot = foot + axis * copy / species.grammar.copies * (1 - rng.random() * 0.3)
-            sites.append(GraftSite(foot, _turned(direction, copy / species.grammar.copies), reach))
+            turn = np.pi * (copy / species.grammar.copies)  # two copies stand at 90°
+            way = about_vertical(direction[None], np.cos(turn), np.sin(turn))[0]
+            sites.append(GraftSite(foot, way, reach))
     sites.sort(key=lambda site: float(site.foot[2]))
     tip = trunk[-1]
     upward = skeleton.end[tip] - skeleton.start[tip]
     upward_length = float(np.linalg.norm(upward))
     sites.append(GraftSite(skeleton.start[tip], upward / upward_length, 1.5 * upward_length))
     return sites
-
-
-def _turned(direction: np.ndarray, share: float) -> np.ndarray:
-    """A direction turned about the vertical by a share of half a turn: two copies stand at 90°."""
-    cos, sin = np.cos(np.pi * share), np.sin(np.pi * share)
-    x, y, z = direction
-    return np.array([cos * x - sin * y, sin * x + cos * y, z])
 
 
 def _trunk_mesh(skeleton: Skeleton, trunk: list[int]) -> TriMesh:

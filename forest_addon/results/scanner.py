@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..base.rows import distinct
 from ..base.words import keep
 from ..drawing.strips import Axis, Plot, Strip, by_distance, from_above
 from ..spec import Scanner, Terrestrial
@@ -63,7 +64,7 @@ def _of_motion(cloud: Cloud) -> list[Figure]:
     assert cloud.rest is not None
     moving = np.linalg.norm(cloud.velocity, axis=1) > 0
     away = np.linalg.norm(cloud.position - cloud.rest, axis=1)
-    pulses = len(np.unique(cloud.pulse[moving])) / max(len(np.unique(cloud.pulse)), 1)
+    pulses = len(distinct(cloud.pulse[moving])) / max(len(distinct(cloud.pulse)), 1)
     found = [numbers("pulses that met something moving", "Met Moving", f"{pulses:.1%}")]
     if not moving.any():
         return found

@@ -15,6 +15,7 @@ from typing import Protocol
 
 import numpy as np
 
+from ..base.rows import distinct
 from ..base.trimesh import LEAF, OTHER, TriMesh
 from .rays.boxes import clip, extents, within
 from .rays.caster import Hits, hit_normals, unit_columns
@@ -23,10 +24,11 @@ from .rays.geometry import SceneGeometry
 from .rays.paths import SceneMotion, ShapePath, corners_at_rest
 
 KNOTS = 32  # a second
-SPAN = 8  # knots of a window, for which pieces are placed together
+SPAN = 4  # knots of a window, for which pieces are placed together
 RUN, WIDER = 8, 2.0  # rays of a run, and metres that they may be apart
 AROUND = 0.1  # metres about a bundle of rays, whose pieces are placed with those in it
 KEPT = 256  # trees by windows, whose pieces are kept in place
+WINDOWS = 4  # that are kept: rays that go on ask again for those of their batch
 EMPTY = TriMesh.of_part(np.empty((0, 3)), np.empty((0, 3), np.int64), OTHER)  # of what is met apart
 
 
@@ -241,7 +243,7 @@ class MovingScene:
         if stands_for is None:
             return instance, triangle
         other = np.append(stands_for, -1)[instance] != instance
-        for number in np.unique(instance[other]).tolist():
+        for number in distinct(instance[other]).tolist():
             rows = np.flatnonzero(instance == number)
             of = int(stands_for[number])
             here, there = (self.whole.meshes[self.whole.mesh_index[n]] for n in (number, of))
@@ -328,7 +330,7 @@ class MovingScene:
         since = np.concatenate([since[some], enters[alone]])[:, None]
         until = np.concatenate([until[some], leaves[alone]])[:, None]
         about = np.concatenate([apart[some], np.zeros(len(alone))])
-        for number in np.unique(block[asked]).tolist():
+        for number in distinct(block[asked]).tolist():
             rows = near[block[near] == number]
             chosen = np.flatnonzero(block[asked] == number)
             start, way = origins[asked[chosen]], ways[asked[chosen]]
@@ -338,14 +340,15 @@ class MovingScene:
                 yield rows, window
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class PieceWindow:
     """Some pieces (P,) of trees in a window of time: places (K, P, 3, 4) at its knots, which begin with
-    ``first``."""
+    ``first``, and the box (2, 3) that they do not leave."""
 
     first: int
     piece: np.ndarray
     places: np.ndarray
+    box: np.ndarray
 
     def knot(self, time: np.ndarray, start: float) -> np.ndarray:
         """(R,) knots of the window, and shares between them, at times (R,), s."""
@@ -392,7 +395,7 @@ class CutTrees:
                 of = sway.pieces(int(tree[instance]), scene.meshes[mesh])
                 for which, rows in split_pieces(scene.meshes[mesh], of):
                     self._known[key].append((which, len(meshes)))
-                    meshes.append(taken(scene.meshes[mesh], rows))
+                    meshes.append(scene.meshes[mesh].select(rows))
                     self.of_mesh.append(mesh)
                     self.triangle.append(rows)
             for which, made in self._known[key]:
@@ -414,7 +417,7 @@ class CutTrees:
             self.boxes = self.boxes.reshape(-1, 2, 3)
         self._join_seams()
         self._placed: dict[tuple[int, int], np.ndarray] = {}
-        self._last: tuple[np.ndarray, PieceWindow] | None = None
+        self._windows: dict[int, tuple[np.ndarray, PieceWindow]] = {}
         first = np.flatnonzero(np.diff(self.owner, prepend=-1))
         self._trees = [
             np.arange(*ends) for ends in zip(first, [*first[1:], len(owner)], strict=True)
@@ -450,13 +453,14 @@ class CutTrees:
     def window(self, block: int, bundle: np.ndarray) -> PieceWindow:
         """The pieces that come into a bundle (2, D) in a block of time, and maybe some around it; of the
         same block as before, all of before too."""
-        if self._last is not None and self._last[1].first == block * SPAN:
-            room, window = self._last
+        if block in self._windows:
+            room, window = self._windows[block]
             if (room[0] <= bundle[0]).all() and (bundle[1] <= room[1]).all():
                 return window
             bundle = np.stack([np.minimum(bundle[0], room[0]), np.maximum(bundle[1], room[1])])
         bundle = bundle + np.array([[-AROUND], [AROUND]])  # for rays to come
         pieces, places = [np.empty(0, np.int64)], [np.empty((SPAN + 1, 0, 3, 4))]
+        boxes = [np.empty((2, 0, 3))]
         for tree in np.flatnonzero(within(*self._ever, bundle)).tolist():
             rows = self._trees[tree]
             local = self._places(int(self._tree[rows[0]]), block)[:, self._piece[rows]]
@@ -465,10 +469,17 @@ class CutTrees:
             middle = (low + high) / 2 @ stands[:, :3].T + stands[:, 3]
             half = (high - low) / 2 @ np.abs(stands[:, :3]).T
             near = np.flatnonzero(within(middle - half, middle + half, bundle))
+            boxes.append(np.stack([middle - half, middle + half])[:, near])
             pieces.append(rows[near])
             places.append(joined(stands[None], local[:, near]))
-        window = PieceWindow(block * SPAN, np.concatenate(pieces), np.concatenate(places, axis=1))
-        self._last = bundle, window
+        low, high = np.concatenate(boxes, axis=1)
+        box = np.stack([low.min(axis=0, initial=np.inf), high.max(axis=0, initial=-np.inf)])
+        there = np.concatenate(pieces), np.concatenate(places, axis=1)
+        window = PieceWindow(block * SPAN, *there, box)
+        self._windows.pop(block, None)
+        while len(self._windows) >= WINDOWS:
+            self._windows.pop(next(iter(self._windows)))
+        self._windows[block] = bundle, window
         return window
 
     def _places(self, tree: int, block: int) -> np.ndarray:
@@ -548,7 +559,7 @@ def split_pieces(mesh: TriMesh, piece: np.ndarray) -> list[tuple[int, np.ndarray
     """
     corner = mesh.triangles.astype(np.int64)
     count = int(piece.max()) + 1
-    pair = np.unique((corner * count + piece[:, None]).ravel())
+    pair = distinct((corner * count + piece[:, None]).ravel())
     vertex, of = np.divmod(pair, count)
     first = np.searchsorted(vertex, np.arange(len(mesh.vertices) + 1))
     many = np.diff(first) > 1
@@ -560,17 +571,10 @@ def split_pieces(mesh: TriMesh, piece: np.ndarray) -> list[tuple[int, np.ndarray
         flat = np.arange(held.sum()) + np.repeat(first[at] - np.cumsum(held) + held, held)
         rows.append(np.repeat(seam, held))
         where.append(of[flat])
-    both = np.unique(np.concatenate(where) * len(piece) + np.concatenate(rows))
+    both = distinct(np.concatenate(where) * len(piece) + np.concatenate(rows))
     which, row = np.divmod(both, len(piece))
     cuts = np.flatnonzero(np.diff(which, prepend=-1))
     return [(int(which[c]), part) for c, part in zip(cuts, np.split(row, cuts[1:]), strict=True)]
-
-
-def taken(mesh: TriMesh, rows: np.ndarray) -> TriMesh:
-    """Some triangles (M,) of a mesh, by number."""
-    keep = np.zeros(len(mesh.triangles), dtype=bool)
-    keep[rows] = True
-    return mesh.select(keep)
 
 
 def boxes_of_pieces(corners: np.ndarray, piece: np.ndarray, count: int) -> np.ndarray:

@@ -308,6 +308,10 @@ class Reverb(Sensor):
         for key in ("source", "receiver"):
             if getattr(self, key)[2] <= 0:
                 raise SpecError(f"{key}[2]", "must be above the ground, z = 0; raise it")
+        if self.sample_rate % 1:
+            raise SpecError(
+                "sample_rate", f"{self.sample_rate:g} Hz: sound files need a whole number of hertz"
+            )
         if 0 < self.tolerance < 1e-9:
             raise SpecError(
                 "tolerance",

@@ -14,12 +14,14 @@ from .reverb import Reverb
 from .sensor import Sensor
 from .sonar import Sonar
 
+LONGEST_NAME = 200  # bytes of a sensor's name: file systems take 255, with what is put behind it
+
 
 class Air(Settings):
     """The air that sound travels through."""
 
     temperature_c: float = param(20.0, unit="°C", help="temperature", ge=-40, le=50)
-    humidity: float = param(50.0, unit="%", help="relative humidity", gt=0, le=100)
+    humidity: float = param(50.0, unit="%", help="relative humidity", ge=1, le=100)
     pressure_kpa: float = param(101.325, unit="kPa", help="pressure", ge=20, le=120)
     sound_speed: float | None = param(
         None,
@@ -228,6 +230,11 @@ class Scene(Settings):
             if not name or not all(c.isalnum() or c in "-_" for c in name):
                 raise SpecError(
                     f"sensors[{index}].name", f'"{name}" must be letters, digits, "-" and "_"'
+                )
+            if len(name.encode()) > LONGEST_NAME:
+                raise SpecError(
+                    f"sensors[{index}].name",
+                    f"has more than {LONGEST_NAME} bytes; give a shorter one",
                 )
             if name in seen:
                 raise SpecError(

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from operator import attrgetter
 from pathlib import Path
 
 import numpy as np
@@ -24,8 +25,10 @@ from scipy.ndimage import binary_dilation
 
 from .. import spec
 from ..formats.crs import same_place, short, wkt_of
+from ..formats.helios.parts import read_obj
+from ..formats.ply import read_surface
 from ..formats.raster_file import GeoRaster, read_raster
-from ..formats.stl import StlError, read_stl
+from ..formats.stl import read_stl
 from ..formats.tree_map import LENGTHS, NUMBERS, read_tree_map
 from ..growth.library.species_file import read_allometry
 from ..spec import SpecError
@@ -169,19 +172,18 @@ def read_terrain(scene: spec.Scene, folder: Path) -> tuple[GroundSurface, str]:
                 ground.base + ground.relief * unit * pixels, low, size, ground.file
             ), said
         metres = raster.heights(path, METRES.get(ground.unit))
-        metres, low, size = _cut(metres, low, size, forest)
-        said = _told(ground.file, raster, metres, "heights in m", "there is no ground there")
+        within, _, _ = _cut(metres, low, size, forest, 0.0)
+        metres, low, size = _cut(metres, low, size, forest, forest.margin)
+        said = _told(ground.file, raster, within, "heights in m", "there is no ground there")
         if ground.fill_holes and np.isnan(metres).any():
             metres, said = _filled(metres), f"{said}; filled from their neighbours"
         heights = ground.base + ground.relief * metres - scene.offset[2]
         return Heightmap(heights, low, size, ground.file), said
     except FileNotFoundError:
         raise SpecError(str(path), "there is no such file; check the path") from None
-    except (StlError, IntensityError) as problem:
-        raise SpecError(key, str(problem)) from None
-    except SpecError:
-        raise
     except ValueError as problem:
+        if isinstance(problem, SpecError) and not isinstance(problem, IntensityError):
+            raise
         raise SpecError(key, str(problem)) from None
 
 
@@ -244,14 +246,14 @@ def _refuse_leaving(
 
 
 def _cut(
-    pixels: np.ndarray, low: np.ndarray, size: np.ndarray, forest: spec.Forest
+    pixels: np.ndarray, low: np.ndarray, size: np.ndarray, forest: spec.Forest, margin: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The pixels that touch the field and its margin, their lowest corner and extent."""
+    """The pixels that touch the field and a margin, their lowest corner and extent."""
     count = np.array(pixels.shape[::-1])
     step = size / count
     field = np.array(forest.origin)
-    first = np.floor((field - forest.margin - low) / step + 1e-6)
-    last = np.ceil((field + np.array(forest.size) + forest.margin - low) / step - 1e-6)
+    first = np.floor((field - margin - low) / step + 1e-6)
+    last = np.ceil((field + np.array(forest.size) + margin - low) / step - 1e-6)
     (a, b), (c, d) = np.clip([first, last], 0, count).astype(int)
     rows = slice(count[1] - d, count[1] - b)
     return pixels[rows, a:c], low + [a, b] * step, [c - a, d - b] * step
@@ -298,7 +300,7 @@ def _told(file: str, raster: GeoRaster, pixels: np.ndarray, what: str, nothing: 
     holes = int(np.isnan(pixels).sum())
     return (
         f"{file} lies on the map{system}: {what} of {low:,.7g} to {high:,.7g}, "
-        f"{columns:,} x {rows:,} pixels of {step[0]:.4g} x {step[1]:.4g} m"
+        f"{columns:,} x {rows:,} pixels of {step[0]:.4g} x {step[1]:.4g} m on the field"
         + (f", {raster.note}" if raster.note else "")
         + (f"; {holes:,} pixels have none (NoData), and {nothing}" if holes else "")
     )
@@ -309,11 +311,8 @@ def _triangles_of_stl(path: Path) -> tuple[np.ndarray, np.ndarray]:
     return corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3)
 
 
-def _triangles_of_obj(path: Path) -> tuple[np.ndarray, np.ndarray]:
-    from ..formats.helios.parts import read_obj
-
-    mesh = read_obj(path)
-    return mesh.vertices, mesh.triangles
-
-
-SURFACES = {".stl": _triangles_of_stl, ".obj": _triangles_of_obj}
+SURFACES = {
+    ".stl": _triangles_of_stl,
+    ".obj": lambda path: attrgetter("vertices", "triangles")(read_obj(path)),
+    ".ply": read_surface,
+}

@@ -44,6 +44,7 @@ from .plan import Stand, chosen_of
 ROUNDS = 40
 SITE = np.arange(4)  # what the trees of a stand share, by measure
 SPREADS = np.array([0.2, 0.25, 0.8, 0.4])  # of residuals, where no allometry tells them
+PLAIN = Planting.__dataclass_fields__["scale"].default  # scales that nobody asked for
 TIMES, FEW = 2.0, 5  # over the largest diameter measured of a kind; trees that tell a unit
 MISTAKEN = (  # units, and what they make of diameters and heights
     ("heights in feet taken for metres", 1.0, 0.3048),
@@ -186,6 +187,10 @@ def _groups(
         rows = rows if alone else rows[stand.number[rows] >= 0]
         if targets is None:
             ignored += _ignored(number, names, plantings, inputs)
+        elif planting.scale != PLAIN:
+            ignored.append(
+                f"{names[number]}: scale has no effect, as its trees are grown to measure; give targets"
+            )
         if targets is None or not len(rows):
             continue
         law = inputs.allometries.get(planting.targets.allometry) if planting.targets else None
@@ -211,9 +216,28 @@ def _groups(
                 some = np.isfinite(told[:, 1:]).any(axis=1)
                 dbh[some] = draw_dbh(None, keys[some], law, given[some])
             dbh = np.where(np.isfinite(told[:, 0]), told[:, 0], dbh)
+        if law is not None:
+            _refuse_thick(f"plantings[{number}]", law, np.append(dbh, hands))
         uniform = np.stack([keyed_uniform(keys, name) for name in MEASURES], axis=1)
         groups.append(_MeasuredGroup(number, law, rows, dbh, given, uniform, hands))
     return groups, ignored
+
+
+def _refuse_thick(source: str, law: Allometry, dbh: np.ndarray, column: str = "") -> None:
+    """Refuse diameters far beyond those of all measured trees of a kind.
+
+    Raises
+    ------
+    SpecError : says which unit would make sense.
+    """
+    most = TIMES * max(getattr(law, name).dbh[1] for name in MEASURES)
+    largest = np.nanmax(dbh, initial=0.0)
+    if largest > most:
+        raise SpecError(
+            source,
+            f"has a dbh of {largest:.3g} m, {largest / most * TIMES:.2g} times the largest measured of "
+            f"{law.name}; were it centimetres, it would be {largest / 100:.3g} m{column}",
+        )
 
 
 def _refuse_units(source: str, law: Allometry, told: np.ndarray) -> None:
@@ -223,14 +247,7 @@ def _refuse_units(source: str, law: Allometry, told: np.ndarray) -> None:
     ------
     SpecError : says which unit would make sense.
     """
-    most = TIMES * max(getattr(law, name).dbh[1] for name in MEASURES)
-    largest = np.nanmax(told[:, 0], initial=0.0)
-    if largest > most:
-        raise SpecError(
-            source,
-            f"has a dbh of {largest:.3g} m, {largest / most * TIMES:.2g} times the largest measured of "
-            f"{law.name}; were it centimetres, {largest:.3g} cm, it would be dbh_cm in the header",
-        )
+    _refuse_thick(source, law, told[:, 0], ", and dbh_cm in the header")
     both = np.isfinite(told[:, :2]).all(axis=1)
     if both.sum() < FEW:
         return

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from ..command import SCENE_HELP, Command, scene_file
+from ..command import SCENE_HELP, Command, finite, scene_file
 
 
 class AccuracyCommand(Command):
@@ -25,11 +25,11 @@ class AccuracyCommand(Command):
             "--out", type=Path, metavar="DIR", help="folder (default out/SCENE-accuracy)"
         )
         parser.add_argument(
-            "--error", type=float, default=1e-3, metavar="E", help="error wanted (default 1e-3)"
+            "--error", type=finite, default=1e-3, metavar="E", help="error wanted (default 1e-3)"
         )
         parser.add_argument(
             "--seconds",
-            type=float,
+            type=finite,
             default=60.0,
             metavar="S",
             help="CPU seconds that each sensor may take (default 60)",

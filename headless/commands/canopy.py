@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from forest_addon.base.progress import Say
 from forest_addon.spec import Scene, SpecError
 
-from ..command import SCENE_HELP, Command, read_scene, refuse_beyond, scene_file
+from ..command import SCENE_HELP, Command, finite, read_scene, refuse_beyond, scene_file
 
 if TYPE_CHECKING:
     import numpy as np
@@ -46,7 +46,7 @@ class CanopyCommand(Command):
             "--grid", type=int, default=5, metavar="N", help="points along a side of it (default 5)"
         )
         parser.add_argument(
-            "--height", type=float, default=1.3, help="above the ground, metres (default 1.3)"
+            "--height", type=finite, default=1.3, help="above the ground, metres (default 1.3)"
         )
         parser.add_argument("--seed", type=int, help="another seed than the scene file's")
 

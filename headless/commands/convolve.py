@@ -7,7 +7,7 @@ from pathlib import Path
 
 from forest_addon.base.progress import Say
 
-from ..command import Command, out_file
+from ..command import Command, finite, out_file
 
 
 class ConvolveCommand(Command):
@@ -30,7 +30,7 @@ class ConvolveCommand(Command):
         )
         parser.add_argument(
             "--normalise",
-            type=float,
+            type=finite,
             metavar="DB",
             help="bring the largest sample to so many dB re full scale; left out: levels stay",
         )

@@ -91,10 +91,9 @@ def _system(species: Species, generations: int | None) -> tuple[System, str, int
     from forest_addon.growth.lsystem.branching import system_of_grammar
     from forest_addon.growth.lsystem.turtle import system_of
 
-    if species.honda is not None:
-        raise SpecError(
-            species.name, "grows by branching ratios, not by an L-system; it has no string"
-        )
+    if species.honda is not None or species.crown is not None:
+        way = "branching ratios" if species.crown is None else "its crown's shape and measures"
+        raise SpecError(species.name, f"grows by {way}, not by an L-system; it has no string")
     chosen = species.rules or species.grammar
     if generations is not None:
         try:

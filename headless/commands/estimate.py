@@ -54,7 +54,15 @@ class EstimateCommand(Command):
     )
 
     def arguments(self, parser: argparse.ArgumentParser) -> None:
-        parser.add_argument("map", type=Path, metavar="TREES.csv", help="a table of trees")
+        parser.add_argument(
+            "map", type=Path, nargs="?", metavar="TREES.csv", help="a table of trees"
+        )
+        parser.add_argument(
+            "--terrain",
+            type=Path,
+            metavar="DEM.tif",
+            help="the ground that they stand on; without a map, a scene of bare ground in its middle",
+        )
         parser.add_argument(
             "--out", type=Path, metavar="SITE.toml", help="the scene (default out/TREES/site.toml)"
         )
@@ -95,9 +103,15 @@ class EstimateCommand(Command):
         )
 
     def output(self, chosen: argparse.Namespace) -> Path:
-        return out_file(chosen.out or Path("out") / chosen.map.stem / "site.toml", ".toml")
+        named = chosen.map or chosen.terrain
+        if named is None:
+            raise SpecError("estimate", "needs a map of trees, or --terrain DEM.tif")
+        return out_file(chosen.out or Path("out") / named.stem / "site.toml", ".toml")
 
     def run(self, chosen: argparse.Namespace) -> None:
+        if chosen.map is None:
+            scene_on(chosen.terrain, self.output(chosen), chosen.crs)
+            return
         estimate_site(
             chosen.map,
             self.output(chosen),
@@ -106,9 +120,11 @@ class EstimateCommand(Command):
             chosen.species,
             law=chosen.law,
             crs=chosen.crs,
+            terrain=chosen.terrain,
         )
 
 
+WIDEST = 100.0  # metres of a field on a terrain without a map of trees
 FAR = 10_000.0  # metres from the origin beyond which coordinates are kept as an offset
 FEW = 5  # trees with both measures that move a law of heights
 HIGHEST = 1e5  # trees/m² of a peak that is written; only ratios count beside an expected number
@@ -134,13 +150,14 @@ def estimate_site(
     say: Say = print,
     law: str = "auto",
     crs: str = "",
+    terrain: Path | None = None,
 ) -> Path:
     """Estimate a site from a table of trees; returns the scene file.
 
     window : four numbers x0 y0 x1 y1, or a CSV of corners; none: around the trees. species : pairs
     "name in the CSV=preset or species file", or one preset for all trees. law : "auto" chooses among
     Poisson, groups and repulsion by their tests (``choose_law``), or the name of one. crs : of the scene, to
-    which degrees are projected.
+    which degrees are projected. terrain : the ground that they stand on.
 
     Raises
     ------
@@ -193,6 +210,8 @@ def estimate_site(
         forest=field,
         plantings=tuple(g.planting for g in grown),
     )
+    if terrain is not None:
+        scene = _on_terrain(scene, terrain, out, say)
     with replacing(out) as written:
         written.write_text(_scene_text(scene, path.name, method, trees.position), encoding="utf-8")
     written = [str(out), *arrays]
@@ -212,6 +231,45 @@ def estimate_site(
     say(f"Wrote {', '.join(written)}.")
     say(f"Next: {PROGRAM} stand {out} --out points.csv")
     return out
+
+
+def scene_on(terrain: Path, out: Path, crs: str = "", say: Say = print) -> Path:
+    """Write a scene of bare ground in the middle of a terrain's file, with the offset that puts it there.
+
+    Raises
+    ------
+    SpecError : the file cannot be used, or does not say where it lies.
+    """
+    import numpy as np
+
+    from forest_addon.formats.raster_file import read_raster
+    from forest_addon.formats.toml_file import write_settings
+
+    raster = read_raster(terrain)
+    if raster.transform is None:
+        raise SpecError(str(terrain), "does not say where it lies; give a GeoTIFF or an ASCII grid")
+    low, high = raster.extent
+    turned = 2.0 if raster.transform[[0, 1], [1, 0]].any() else 1.0
+    side = float(min(WIDEST, *np.floor((high - low) / turned)))
+    east, north = np.round((low + high - side) / 2, 3 if side < WIDEST else 0).tolist()
+    field = Forest(size=(side, side))
+    out.parent.mkdir(parents=True, exist_ok=True)
+    scene = Scene(name=out.stem, offset=(east, north, 0.0), crs=crs, forest=field)
+    write_settings(out, _on_terrain(scene, terrain, out, say))
+    say(f"Wrote {out}. Plant it with [[plantings]], then: {PROGRAM} run {out}")
+    return out
+
+
+def _on_terrain(scene: Scene, terrain: Path, out: Path, say: Say) -> Scene:
+    """The scene with a terrain, which is tried; says what it was read as."""
+    from forest_addon.stand.files import read_terrain
+
+    ground = scene.forest.terrain.changed(
+        file=Path(os.path.relpath(terrain, out.parent)).as_posix()
+    )
+    scene = scene.changed(forest=scene.forest.changed(terrain=ground))
+    say(read_terrain(scene, out.parent)[1])
+    return scene
 
 
 def _targets(kind: str, out: Path, name: str, numbers: np.ndarray, say: Say) -> Targets | None:
@@ -474,6 +532,8 @@ def _scene_text(scene: Scene, source: str, method: str, positions: np.ndarray) -
     if field.polygon:
         lines.append(f"polygon = {[list(corner) for corner in field.polygon]}")
         lines.append(f"holes = {[[list(corner) for corner in hole] for hole in field.holes]}")
+    if field.terrain.file:
+        lines += ["", "[forest.terrain]", f"file = {json.dumps(field.terrain.file)}"]
     for planting in scene.plantings:
         lines += ["", "[[plantings]]", f"species = {json.dumps(planting.species)}"]
         lines.append(f"expected = {planting.expected:g}" if planting.expected else "expected = 0")

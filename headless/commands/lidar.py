@@ -28,7 +28,7 @@ FORMATS = ("laz", "las", "copc.laz", "ply", "double.ply", "pcd", "npz")
 
 class LidarCommand(Command):
     name = "lidar"
-    help = "scan a .blend of your own with a real instrument"
+    help = "scan a .blend or mesh file of your own with a real instrument"
     is_folder = False
     description = "Scan a Blender scene as it is evaluated, and write a point cloud with labels."
     epilog = """\
@@ -46,7 +46,13 @@ examples:
 with the same command and --resume, to the same bytes."""
 
     def arguments(self, parser: argparse.ArgumentParser) -> None:
-        parser.add_argument("blend", type=Path, nargs="?", metavar="FILE.blend", help="the scene")
+        parser.add_argument(
+            "blend",
+            type=Path,
+            nargs="?",
+            metavar="FILE.blend",
+            help="the scene: .blend, or glTF (.glb, .gltf), .obj, .ply, .stl, USD",
+        )
         parser.add_argument(
             "--survey",
             type=Path,
@@ -368,8 +374,12 @@ def scan_blend(
     OSError : a file that cannot be read or written; what was scanned is kept.
     """
 
+    import numpy as np
+
     from forest_addon.results.scan_file import write_scan
+    from forest_addon.sensing.kind import why_nothing
     from forest_addon.sensing.kinds import kind_of
+    from forest_addon.sensing.lidar.pattern import pattern_of
     from forest_addon.sensing.lidar.scan import Scan
 
     stages = Stages(quiet)
@@ -410,6 +420,11 @@ def scan_blend(
                 progress=progress,
             )
         took = time.perf_counter() - started
+        if not done.points:
+            some = np.linspace(0, scan.pulses - 1, 50).astype(np.int64)
+            where = pattern_of(sensor, way).pulses(some).origin
+            nothing = why_nothing("0 points", where, sensor.max_range, observer.geometry)
+            stages.say(f"  Warning: {nothing}")
         stages.say(
             f"{done.path}: {done.points:,} points of {done.pulses:,} pulses by {caster.engine}, "
             f"{(done.pulses - done.resumed_at) / took:,.0f} pulses/s"

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 from forest_addon.base.progress import Say
 from forest_addon.spec import Siblings, SpecError, Species
 
-from ..command import PROGRAM, Command, UnlikeError
+from ..command import PROGRAM, Command, UnlikeError, finite
 from ..progress import Stages, hushed
 from ..report import can_draw, without
 
@@ -65,7 +65,7 @@ class TemplateCommand(Command):
         parser.add_argument("--name", required=True, help="name of the species")
         parser.add_argument(
             "--height",
-            type=float,
+            type=finite,
             default=0.0,
             metavar="M",
             help="height of the tree in metres; left out: inferred, and said",

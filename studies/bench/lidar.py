@@ -42,7 +42,7 @@ from ..inside import join_meshes as join
 from ..papers import simlidar as orchards
 from ..papers.simlidar import stand_up
 from ..scenes import level_ground, scene_of, turned
-from ..tables import table
+from ..tables import table, timed
 from .lidar_rays import say_moving, say_rays
 
 SCENES = ((1, 200_000), (10, 200_000), (100, 20_000))  # trees, triangles of each
@@ -100,9 +100,7 @@ def _whole_scan(caster: RayCaster, subrays: int) -> list[str]:
     work = Scan(scanner, caster)
     work.look(0, 100)  # whatever is made when it is first needed
     with tempfile.TemporaryDirectory() as folder:
-        start = time.process_time()
-        done = write_scan(Path(folder) / "scan.las", work, 0)
-        seconds = time.process_time() - start
+        done, seconds = timed(write_scan, Path(folder) / "scan.las", work, 0)
     return [
         f"{subrays}",
         f"{done.pulses:,}",
@@ -145,9 +143,9 @@ def _beams(
     scanner: Terrestrial, caster: RayCaster, subrays: int
 ) -> tuple[np.ndarray, np.ndarray, float]:
     """Energy (P,) and range of the first return (P,), inf where there is none; seconds."""
-    start = time.process_time()
-    cloud = scan(replace(scanner, beam=replace(BEAM, subrays=subrays, max_returns=15)), caster)
-    seconds = time.process_time() - start
+    cloud, seconds = timed(
+        scan, replace(scanner, beam=replace(BEAM, subrays=subrays, max_returns=15)), caster
+    )
     energy = np.bincount(cloud.pulse, cloud.intensity * cloud.true_range**2, cloud.pulses)
     first = np.full(cloud.pulses, np.inf)
     leading = cloud.number == 1
@@ -285,9 +283,7 @@ def say_wood(say: Say) -> None:
     forest = orchards.plant(ORCHARD, orchards.first_internode(), seed=1)
     skeleton = forest.variants[0, 0].skeleton
     tractor = _past(skeleton)
-    start = time.process_time()
-    exact = drive(tractor, _Cones(skeleton))
-    took = time.process_time() - start
+    exact, took = timed(drive, tractor, _Cones(skeleton))
     area, met = impacted_area(exact, tractor), np.isfinite(exact.distance)
     say(
         f"\nTubes against exact cylinders: {len(skeleton)} branches, {met.size:,} beams, {met.sum():,} on "
@@ -357,9 +353,7 @@ def _past(skeleton: Skeleton) -> Tractor:
 def _row(skeleton: Skeleton, tractor: Tractor, exact: TractorScan, tolerance: float) -> list[str]:
     mesh = mesh_wood(skeleton, tolerance)
     caster = make_caster(scene_of([mesh]), Rays(threads=1))
-    start = time.process_time()
-    scan = drive(tractor, caster)
-    took = time.process_time() - start
+    scan, took = timed(drive, tractor, caster)
     here, there = np.isfinite(scan.distance), np.isfinite(exact.distance)
     away = scan.distance[here & there] - exact.distance[here & there]
     near = away[np.abs(away) < SAME]
@@ -377,9 +371,7 @@ def _row(skeleton: Skeleton, tractor: Tractor, exact: TractorScan, tolerance: fl
 def _solid_row(
     tractor: Tractor, caster: RayCaster, parts: int, exact: float, solid: float
 ) -> list[str]:
-    start = time.process_time()
-    scan = drive(replace(tractor, splits=parts), caster)
-    took = time.process_time() - start
+    scan, took = timed(drive, replace(tractor, splits=parts), caster)
     area = impacted_area(scan, tractor)
     return [
         *(f"{parts}", f"{(parts + 1) ** 2}", f"{1e4 * area:.2f} cm²"),

@@ -13,8 +13,10 @@ import os
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 import bpy  # noqa: F401  where Blender is a module, it brings mathutils
 import numpy as np
@@ -31,7 +33,7 @@ from ..inside import (
     cast_exactly,
     environment_of_child,
 )
-from ..tables import table
+from ..tables import table, timed
 from .lidar_rays import grow_trees, plant
 
 TITLE = "peers: the same scan by other programs"
@@ -152,11 +154,7 @@ def _by_loop(scene: SceneGeometry, origin: np.ndarray, ways: np.ndarray) -> Took
                 points.append(point)
         return points
 
-    scan()
-    first = time.process_time() - start
-    start = time.process_time()
-    found = scan()
-    return first, time.process_time() - start, np.array(found).reshape(-1, 3)
+    return _twice(start, scan)
 
 
 def _ours(engine: type[Search], scene: SceneGeometry, origin: np.ndarray, ways: np.ndarray) -> Took:
@@ -168,11 +166,15 @@ def _ours(engine: type[Search], scene: SceneGeometry, origin: np.ndarray, ways: 
         hits = caster.cast(origins, ways)
         return origin + hits.distance[hits.found, None] * ways[hits.found]
 
+    return _twice(start, scan)
+
+
+def _twice(start: float, scan: Callable[[], Any]) -> Took:
+    """CPU seconds since the start of the set-up to the end of a scan, those of another, and its points."""
     scan()
     first = time.process_time() - start
-    start = time.process_time()
-    found = scan()
-    return first, time.process_time() - start, found
+    found, again = timed(scan)
+    return first, again, np.array(found).reshape(-1, 3)
 
 
 def _errors(scene: SceneGeometry, origin: np.ndarray, points: np.ndarray) -> list[str]:

@@ -71,6 +71,27 @@ def _record(paths: TrunkPaths, rate: float) -> int:
     return int((paths.length.max() / AIR.speed() + 0.5) * rate)
 
 
+def _spectrum(paths: TrunkPaths, frequency: np.ndarray) -> np.ndarray:
+    """(F,) exact spectrum at frequencies in Hz: every trunk, float64, nothing interpolated."""
+    loss = absorption(frequency, AIR.temperature_c, AIR.humidity, AIR.pressure_kpa)
+    return np.array(
+        [
+            np.sum(
+                paths.weight
+                * np.exp(-(b + 2j * np.pi * f / AIR.speed()) * paths.length)
+                * transfer(f, paths.angle, paths.radius, AIR.speed())
+            )
+            for f, b in zip(frequency, loss, strict=True)
+        ]
+    )
+
+
+def _heard_at(frequency: np.ndarray, samples: np.ndarray, rate: float) -> np.ndarray:
+    """(F,) spectrum of samples (N,) at frequencies in Hz."""
+    turn = -2j * np.pi / rate * np.arange(len(samples))
+    return np.array([np.exp(turn * f) @ samples for f in frequency])
+
+
 class _Exact:
     """The exact spectrum at a few frequencies: every trunk, float64, nothing interpolated."""
 
@@ -81,23 +102,12 @@ class _Exact:
         above = 20.0 + (0.49 * rate - 20.0) * root**2
         self.frequency, self.rate = np.concatenate([LOW, above]), rate
         self.weight = np.sqrt(root)
-        loss = absorption(self.frequency, AIR.temperature_c, AIR.humidity, AIR.pressure_kpa)
-        self.spectrum = np.array(
-            [
-                np.sum(
-                    paths.weight
-                    * np.exp(-(b + 2j * np.pi * f / AIR.speed()) * paths.length)
-                    * transfer(f, paths.angle, paths.radius, AIR.speed())
-                )
-                for f, b in zip(self.frequency, loss, strict=True)
-            ]
-        ) * roll_off(self.frequency / rate)
+        self.spectrum = _spectrum(paths, self.frequency) * roll_off(self.frequency / rate)
 
     def errors(self, samples: np.ndarray) -> tuple[float, float]:
         """Relative L2 error above 20 Hz, and the largest one below."""
-        turn = -2j * np.pi / self.rate * np.arange(len(samples))
-        found = np.array([np.exp(turn * f) @ samples for f in self.frequency])
-        gap, low = np.abs(found - self.spectrum), len(LOW)
+        gap = np.abs(_heard_at(self.frequency, samples, self.rate) - self.spectrum)
+        low = len(LOW)
         above = np.linalg.norm(self.weight * gap[low:])
         above /= np.linalg.norm(self.weight * self.spectrum[low:])
         return float(above), float((gap[:low] / np.abs(self.spectrum[:low])).max())
@@ -248,21 +258,9 @@ def _octave_errors(paths: TrunkPaths, rate: float, samples: np.ndarray) -> tuple
     gaps, wholes, octave = [], [], 20.0
     while 1.5 * octave < 0.45 * rate:
         frequency = rng.uniform(octave, min(2 * octave, 0.45 * rate), 2)
-        loss = absorption(frequency, AIR.temperature_c, AIR.humidity, AIR.pressure_kpa)
-        exact = np.array(
-            [
-                np.sum(
-                    paths.weight
-                    * np.exp(-(b + 2j * np.pi * f / AIR.speed()) * paths.length)
-                    * transfer(f, paths.angle, paths.radius, AIR.speed())
-                )
-                for f, b in zip(frequency, loss, strict=True)
-            ]
-        )
-        found = [
-            np.exp(-2j * np.pi * f / rate * np.arange(len(samples))) @ samples for f in frequency
-        ]
-        gaps.append(np.sqrt(octave) * np.linalg.norm(np.array(found) - exact))
+        exact = _spectrum(paths, frequency)
+        found = _heard_at(frequency, samples, rate)
+        gaps.append(np.sqrt(octave) * np.linalg.norm(found - exact))
         wholes.append(np.sqrt(octave) * np.linalg.norm(exact))
         octave *= 2
     ratio = np.array(gaps) / np.array(wholes)

@@ -4,9 +4,12 @@ import ast
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 bpy = pytest.importorskip("bpy")
+
+from mathutils import Vector
 
 from forest_addon.blender.files.export import empty_file, open_file
 from forest_addon.spec import SpecError
@@ -47,6 +50,40 @@ def test_what_is_no_blend_file(tmp_path):
     for name in ("a.blend", "gone.blend"):
         with pytest.raises(SpecError, match=rf"{name}: cannot be opened .*; check the path"):
             open_file(tmp_path / name)
+
+
+@pytest.mark.parametrize("ending", [".glb", ".obj", ".ply", ".stl", ".usdc", ".blend"])
+def test_scenes_of_every_format_open_in_metres_and_z_up(empty_blender, tmp_path, ending):
+    """A box of 1 x 2 x 3 m whose foot is at (4, 5, 0); the .blend counts in centimetres."""
+    size = 100.0 if ending == ".blend" else 1.0
+    bpy.ops.mesh.primitive_cube_add(size=size, location=np.array([4.5, 6, 1.5]) * size)
+    bpy.context.object.scale = (1, 2, 3)
+    file = str(tmp_path / f"a{ending}")
+    if ending == ".blend":
+        bpy.context.scene.unit_settings.scale_length = 0.01
+        bpy.ops.wm.save_as_mainfile(filepath=file)
+    elif ending == ".glb":
+        bpy.ops.export_scene.gltf(filepath=file)
+    else:
+        getattr(bpy.ops.wm, f"{ending[1:4]}_export")(filepath=file)
+    empty_file()
+    open_file(Path(file))
+    boxes = [thing for thing in bpy.context.scene.objects if thing.type == "MESH"]
+    corners = [boxes[0].matrix_world @ Vector(corner) for corner in boxes[0].bound_box]
+    assert np.min(corners, axis=0) == pytest.approx([4, 5, 0], abs=1e-5)
+    assert np.max(corners, axis=0) == pytest.approx([5, 7, 3], abs=1e-5)
+    assert bpy.context.scene.unit_settings.scale_length == 1
+    empty_file()
+
+
+def test_a_mesh_that_counts_more_than_it_holds_never_reaches_blender(tmp_path):
+    (tmp_path / "a.ply").write_text(
+        "ply\nformat binary_little_endian 1.0\nelement vertex 4000000000\nproperty float x\nend_header\n"
+    )
+    with pytest.raises(SpecError, match="its head counts 16,000,000,000 records or bytes"):
+        open_file(tmp_path / "a.ply")
+    with pytest.raises(SpecError, match=r"must end in one of \.blend, \.glb"):
+        open_file(tmp_path / "a.max")
 
 
 @pytest.mark.slow

@@ -13,7 +13,7 @@ from forest_addon.blender.scene.instances import TREE_KEY
 from forest_addon.blender.scene.meshes import from_mesh
 from forest_addon.blender.scene.nodes import show_as
 from forest_addon.blender.show.wind import hide_wind, is_wind, show_wind, shows_wind
-from forest_addon.sensing.moving import split_pieces, taken
+from forest_addon.sensing.moving import split_pieces
 from forest_addon.stand.wind.response import KNOTS
 from forest_addon.stand.wind.sway import sway_of
 from forest_addon.ui.forest.wind import forest_of_points
@@ -124,7 +124,7 @@ def told(place, world, sway, shape):
         maps = sway.places(row, knot)[0]
         mesh = shape(row)
         for piece, rows in split_pieces(mesh, sway.pieces(row, mesh)):
-            part = taken(mesh, rows)
+            part = mesh.select(rows)
             moved = part.vertices @ maps[piece, :, :3].T + maps[piece, :, 3]
             found.append(moved @ stands[:, :3].T + stands[:, 3])
     return np.concatenate(found)

@@ -4,6 +4,7 @@ import csv
 import gzip
 import json
 import zipfile
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,6 +13,8 @@ from PIL import Image
 from forest_addon.formats.raster_file import read_raster
 from forest_addon.formats.stl import write_stl
 from forest_addon.formats.table import write_csv
+from forest_addon.formats.tree_map import COLUMNS as NAMED
+from forest_addon.formats.tree_map import PLACES
 from forest_addon.results.coordinates import note_of
 from forest_addon.results.tables import COLUMNS, write_stand
 from forest_addon.spec import Forest, Planting, Raster, Scene, SpecError, Terrain
@@ -335,3 +338,10 @@ def test_a_file_that_unpacks_to_very_much_is_refused(tmp_path, kind):
         path.write_bytes(gzip.compress(much))
     with pytest.raises(SpecError, match="unpacks to more than"):
         read_tree_list(path)
+
+
+def test_the_manual_names_the_columns_that_are_read():
+    page = (Path(__file__).parents[2] / "docs/bring-your-data.md").read_text("utf-8")
+    for key, names in {"place": ", ".join(PLACES), **NAMED}.items():
+        names = names.split(", ") if key == "place" else names.split()
+        assert f"| {key} | {', '.join(f'`{name}`' for name in names)} |" in page

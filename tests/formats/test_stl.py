@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from forest_addon.base.rng import stream
 from forest_addon.formats.stl import StlError, StlWarning, read_stl, write_stl
 
 ONE = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 2.0, 0.0]]
@@ -295,3 +296,13 @@ def test_what_cannot_be_written_leaves_the_old_file(
         write_stl(path, facets, header=header)
     assert path.read_bytes() == b"as it was"
     assert [p.name for p in tmp_path.iterdir()] == ["old.stl"]
+
+
+def test_a_tree_at_map_coordinates_in_single_precision_is_refused(tmp_path):
+    facets = stream(2, "far").random((50, 3, 3)) * [4, 4, 12]
+    far, near = np.array([432_100, 5_612_300, 120]), np.array([100, 200, 120])
+    write_stl(tmp_path / "a.stl", facets + far)
+    with pytest.raises(StlError, match=r"a\.stl lies at map .* steps of 0\.5: its shape is lost"):
+        read_stl(tmp_path / "a.stl")
+    write_stl(tmp_path / "b.stl", facets + near)
+    assert read_stl(tmp_path / "b.stl") == pytest.approx(facets + near, abs=1e-4)

@@ -153,9 +153,3 @@ def test_kept_trees_are_those_that_would_grow_and_a_season_grows_none(species, m
     grew.clear()
     asked(0.3, age=0.25).grow(kept=kept)
     assert grew  # another age is other trees
-
-
-def test_a_tree_without_leaves_loses_none():
-    species, kind = load_species(find_species("apple-leafless", Path()))
-    bare = grow(species, kind, stream(1, "season"))
-    assert with_fallen(bare, 0.5, stream(1, "fall")) is bare

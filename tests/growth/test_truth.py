@@ -242,13 +242,6 @@ def test_parents_extensions_axes_and_orders():
     assert found.order.tolist() == [0, 0, 1, 1, 2]
 
 
-def test_a_cylinder_has_the_volume_of_its_cone():
-    found = cylinders_of(fork())
-    r1, r2 = found.radius.T
-    cone = np.pi * found.length * (r1**2 + r1 * r2 + r2**2) / 3
-    assert np.allclose(np.pi * found.equal_radius**2 * found.length, cone, rtol=1e-14)
-
-
 def test_diameter_at_a_height():
     tree = fork()
     assert diameter_at(tree, 1.3) == pytest.approx(2 * (0.16 - 0.08 * 0.15))

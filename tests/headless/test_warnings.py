@@ -2,7 +2,10 @@
 
 import json
 
+import numpy as np
 import pytest
+
+from forest_addon.formats.wav import write_wav
 
 BARE = """
 [forest]
@@ -49,7 +52,8 @@ def test_strict_makes_a_warning_an_exit_code_and_keeps_the_results(run, tmp_path
     assert ended.returncode == 3
     assert "the results are kept" in ended.stderr
     assert (tmp_path / "out/run.json").exists()
-    assert run(BARE, "--strict", "--quiet").returncode == 0
+    sonar = "[[sensors]]\nkind = 'sonar'\nposition = [5, 5, 1.5]\nazimuth_deg = 90\nelevation_deg = -60\n"
+    assert run(BARE + sonar, "--strict", "--quiet").returncode == 0
 
 
 def test_trees_that_spacing_takes_away_are_told(run):
@@ -76,3 +80,65 @@ def test_what_asks_for_more_memory_than_there_is_by_far_is_refused_before_it_beg
     assert ended.returncode == 2
     assert "GB of memory" in ended.stderr
     assert not list((tmp_path / "out").glob("*.laz"))
+
+
+@pytest.mark.parametrize(
+    ("more", "said"),
+    [
+        ("", "neither trees nor sensors"),
+        (
+            "[[sensors]]\nkind = 'terrestrial'\nposition = [5, 5, -3]\nangle_step_deg = 9\n",
+            "m under the ground",
+        ),
+        (
+            "[[sensors]]\nkind = 'reverb'\nbark = 0.3\nsource = [1, 1, 1]\nreceiver = [9, 9, 1]\n",
+            "bark has no effect",
+        ),
+        (
+            "[[plantings]]\nspecies = 'silver-birch'\nexpected = 1\nscale = [2, 2]\n",
+            "scale has no effect",
+        ),
+    ],
+)
+def test_what_is_hardly_meant_is_warned_of(run, tmp_path, more, said):
+    ended = run(BARE + more, "--quiet")
+    assert ended.returncode == 0
+    assert said in ended.stderr
+    assert said in str(json.loads((tmp_path / "out/run.json").read_text())["warnings"])
+
+
+@pytest.mark.parametrize(
+    ("more", "said"),
+    [
+        ("[air]\nhumidity = 0.5\n", "0.5 % is out of range; use from 1 to 100 %"),
+        ("[[sensors]]\nkind = 'reverb'\nsample_rate = 8000.5\n", "need a whole number of hertz"),
+        (f"[[sensors]]\nkind = 'terrestrial'\nname = '{'x' * 300}'\n", "give a shorter one"),
+        (
+            "[[sensors]]\nkind = 'sonar'\ncall = 'file'\ncall_file = 'slow.wav'\n",
+            "holds nothing above 4000 Hz",
+        ),
+        (
+            "[[plantings]]\nspecies = 'scots-pine'\nexpected = 9\ntargets = {dbh = {mean = 2.8}}\n",
+            "times the largest measured of Pinus",
+        ),
+    ],
+)
+def test_what_cannot_be_meant_is_refused_in_one_sentence(run, tmp_path, more, said):
+    write_wav(tmp_path / "slow.wav", np.sin(np.arange(4000.0)), 8000)
+    ended = run(BARE + more, "--quiet")
+    assert ended.returncode == 2
+    assert said in ended.stderr
+    assert ended.stderr.count("error:") == 1
+
+
+def test_a_species_without_a_grammar_has_no_string(headless):
+    ended = headless("derive", "scots-pine")
+    assert ended.returncode == 2
+    assert "not by an L-system" in ended.stderr
+
+
+def test_a_level_that_is_no_number_is_refused(headless, tmp_path):
+    write_wav(tmp_path / "a.wav", np.sin(np.arange(4000.0)), 8000)
+    ended = headless("convolve", tmp_path / "a.wav", tmp_path / "a.wav", "--normalise", "nan")
+    assert ended.returncode == 2
+    assert "nan is no finite number" in ended.stderr

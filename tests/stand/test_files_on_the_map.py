@@ -4,6 +4,10 @@ Files are written by tifffile with the tags that OGC 19-008r4 and GDAL name, or 
 in closed form. Bilinear in the inner pixels, it is held to the steps of the numbers stored.
 """
 
+import re
+import struct
+from pathlib import Path
+
 import laspy
 import numpy as np
 import pytest
@@ -11,10 +15,14 @@ import tifffile
 
 from forest_addon.formats.helios.parts import Material
 from forest_addon.formats.helios.parts import read_terrain as survey_ground
+from forest_addon.formats.raster_file import CLOUDS, POINTS
+from forest_addon.results.points import ENDINGS
 from forest_addon.spec import Forest, Planting, Raster, Scene, SpecError, Terrain
 from forest_addon.stand.compose import process_of
+from forest_addon.stand.files import SURFACES as SURFACES_READ
 from forest_addon.stand.files import read_inputs
 
+ROOT = Path(__file__).parents[2]
 EAST, NORTH, WIDE, HIGH = 500_000.0, 5_400_000.0, 31, 27  # lowest corner on the map, metres
 FOOT, US_FOOT = 0.3048, 1200 / 3937
 UPRIGHT = np.array([[1.0, 0, EAST], [0, -1.0, NORTH + HIGH]])
@@ -144,11 +152,35 @@ def test_heights_are_heights_where_the_file_says(tmp_path, kind):
     assert ("the first of its 2 bands" in told) == (kind == "two bands")
 
 
+@pytest.mark.parametrize("big_endian", [False, True])
+@pytest.mark.parametrize(
+    ("kind", "packed", "predictor"),
+    [
+        ("i2", "lzw", 2),
+        ("u4", "lzw", 2),
+        ("f4", "zlib", 3),
+        ("f8", "zlib", 3),
+        ("f8", "lzw", 1),
+        ("i4", "zstd", 1),
+        ("f4", "lerc", 1),
+    ],
+)
+def test_packed_heights_are_heights(tmp_path, kind, packed, predictor, big_endian):
+    pytest.importorskip("imagecodecs", reason="tifffile packs these by imagecodecs")
+    if packed == "lerc" and big_endian:
+        pytest.skip("LERC is little-endian")
+    how = {"compression": packed, "tile": (16, 16), "byteorder": "<>"[big_endian]}
+    pixels = heights().round().astype(kind)
+    geotiff(tmp_path / "dem.tif", pixels, predictor=predictor if predictor > 1 else None, **how)
+    found, expected, _ = ground_of(tmp_path, scene("dem.tif"))
+    assert np.abs(found - expected).max() <= 0.5 + 1e-4
+
+
 def test_feet_of_a_system_are_metres_on_the_ground(tmp_path):
     """EPSG:2227 counts in US survey feet; its twin in metres has the same place, UTM another."""
     pytest.importorskip("pyproj")
     turn = UPRIGHT / US_FOOT
-    vertical = {"": US_FOOT, 5703: 1.0}  # NAVD88 height, metres
+    vertical = {"": US_FOOT, 5703: 1.0, 5103: US_FOOT}  # NAVD88 height, metres; a datum
     for code, unit in vertical.items():
         keys = {3072: 2227, 3076: 9003} | ({4096: code} if code else {})
         geotiff(tmp_path / "dem.tif", heights() / unit, turn, keys)
@@ -158,6 +190,25 @@ def test_feet_of_a_system_are_metres_on_the_ground(tmp_path):
             read_inputs(scene("dem.tif", crs="EPSG:32610"), tmp_path)
     with pytest.raises(SpecError, match=r"US survey foot.*take EPSG:26943"):
         read_inputs(scene("dem.tif", crs="EPSG:2227"), tmp_path)
+
+
+def test_a_system_that_is_not_there_is_refused_with_the_file(tmp_path):
+    pytest.importorskip("pyproj")
+    geotiff(tmp_path / "dem.tif", heights(), keys={3072: 29999})
+    written(tmp_path / "dem.asc", "corner")
+    (tmp_path / "dem.prj").write_text('GEOGCS["nowhere"]')
+    for name in ("dem.tif", "dem.asc"):
+        with pytest.raises(SpecError, match=rf"{name}: has a system that cannot be used"):
+            read_inputs(scene(name), tmp_path)
+
+
+def test_the_page_names_every_ending_that_is_read():
+    page = (ROOT / "docs/bring-your-data.md").read_text("utf-8")
+    said = page.split("## Terrain and rasters")[1].split("\n## ")[0].split("**Units.**")[0]
+    endings = {*POINTS, *CLOUDS, *SURFACES_READ, ".asc", ".tif", ".npy"}
+    assert set(re.findall(r"`(\.\w+)`", said)) - {".prj"} == endings
+    said = page.split("## Point clouds")[1].split("\n## ")[0].split("\n\n")[1]
+    assert set(re.findall(r"`(\.[\w.]+)`", said)) == {*ENDINGS} - {".xyz", ".npz", ".csv"}
 
 
 def test_degrees_are_refused_with_the_zone(tmp_path):
@@ -234,7 +285,7 @@ def test_a_large_raster_is_cut_and_a_field_that_leaves_it_refused(tmp_path):
     assert found == pytest.approx(expected, abs=1e-4)
     ground = read_inputs(scene("dem.tif"), tmp_path).terrain
     assert (ground.grid.low.tolist(), ground.grid.high.tolist()) == ([-18, -18], [42, 40])
-    assert "60 x 58 pixels of 1 x 1 m" in told
+    assert "20 x 18 pixels of 1 x 1 m on the field" in told
     with pytest.raises(SpecError) as refused:
         read_inputs(scene("dem.tif", offset=(0.0, 0.0, 300.0)), tmp_path)
     assert "x 499800 to 500312 and y 5399788 to 5400300" in str(refused.value)
@@ -313,18 +364,48 @@ def test_grids_of_text_and_ground_of_clouds_are_read_as_geotiffs(tmp_path, name,
     assert found == pytest.approx(expected, abs=1e-2)
 
 
-def test_a_surface_is_read_where_it_lies(tmp_path):
-    """An OBJ in the scene's own metres, and one on the map: both are the plane."""
+def obj(corners, path, _kind):
+    lines = ["v {} {} {}".format(*corner) for corner in corners]
+    path.write_text("\n".join([*lines, "f 1 2 3 4"]))
+
+
+def ply(corners, path, kind):
+    """A quadrilateral, with a property and an element that nobody asked for."""
+    head = f"ply\nformat {kind} 1.0\ncomment by hand\nelement vertex 4\n"
+    head += "property double x\nproperty double y\nproperty float32 z\nproperty uchar red\n"
+    head += "element face 1\nproperty list uchar int vertex_indices\nproperty short flag\n"
+    head += "element edge 1\nproperty int vertex1\nend_header\n"
+    if kind == "ascii":
+        rows = ["{} {} {} 7".format(*corner) for corner in corners]
+        path.write_text(head + "\n".join([*rows, "4 0 1 2 3 1", "0"]) + "\n")
+        return
+    order = "<" if "little" in kind else ">"
+    body = b"".join(struct.pack(order + "ddfB", *corner, 7) for corner in corners)
+    path.write_bytes(head.encode() + body + struct.pack(order + "B4ihi", 4, 0, 1, 2, 3, 1, 0))
+
+
+SURFACES = {
+    "a.obj": (obj, ""),
+    "a.ply": (ply, "ascii"),
+    "b.ply": (ply, "binary_little_endian"),
+    "c.PLY": (ply, "binary_big_endian"),
+}
+
+
+@pytest.mark.parametrize("name", SURFACES)
+def test_a_surface_is_read_where_it_lies(tmp_path, name):
+    """In the scene's own metres, and on the map: both are the plane."""
+    write, kind = SURFACES[name]
     corners = np.array([[0, 0], [WIDE, 0], [WIDE, HIGH], [0, HIGH]], dtype=float)
-    for shift, words in (((0.0, 0.0, 0.0), "the scene's own"), ((EAST, NORTH, 0.0), "map")):
-        offset = (EAST, NORTH, 0.0)
-        lines = [f"v {x + shift[0]} {y + shift[1]} {plane(x, y)}" for x, y in corners]
-        (tmp_path / "ground.obj").write_text("\n".join([*lines, "f 1 2 3 4"]))
-        found, expected, told = ground_of(tmp_path, scene("ground.obj", offset=offset))
-        assert found == pytest.approx(expected, abs=1e-6)
+    offset = (EAST, NORTH, 0.0)
+    for shift, words in ((np.zeros(2), "the scene's own"), (np.array([EAST, NORTH]), "map")):
+        placed = np.column_stack([corners + shift, plane(*corners.T)])
+        write(placed.tolist(), tmp_path / name, kind)
+        found, expected, told = ground_of(tmp_path, scene(name, offset=offset))
+        assert found == pytest.approx(expected, abs=1e-4)
         assert words in told
     with pytest.raises(SpecError, match=r"offset = \["):
-        read_inputs(scene("ground.obj", offset=(0.0, 0.0, 0.0)), tmp_path)
+        read_inputs(scene(name, offset=(0.0, 0.0, 0.0)), tmp_path)
 
 
 @pytest.mark.parametrize("transform", [UPRIGHT, *TURNED[2:]])

@@ -25,6 +25,7 @@ import numpy as np
 from mathutils import Vector
 
 from ...formats.atomic import replacing
+from ...formats.foreign import refuse_claims
 from ...formats.glb import Copies, instance_nodes
 from ...spec import Scene, SpecError
 from ..scene.instances import read_points
@@ -34,23 +35,54 @@ from ..scene.nodes import in_full
 STARTUP = ("Cube", "Camera", "Light")  # what Blender itself puts into a new file
 
 
+IMPORTERS = {  # what opens a file of each ending, among Blender's operators
+    ".blend": ("wm", "open_mainfile"),
+    ".glb": ("import_scene", "gltf"),
+    ".gltf": ("import_scene", "gltf"),
+    ".obj": ("wm", "obj_import"),
+    ".ply": ("wm", "ply_import"),
+    ".stl": ("wm", "stl_import"),
+    **dict.fromkeys((".usd", ".usda", ".usdc", ".usdz"), ("wm", "usd_import")),
+}
+
+
 def empty_file() -> None:
     """A new file without anything in it; preferences and extensions stay as they are."""
     bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
 
 
 def open_file(path: Path) -> None:
-    """Open a .blend file without its windows, and without running what scripts it has.
+    """Open a .blend file without its windows, and without running what scripts it has, or a mesh file in an
+    empty scene, by Blender's importer. What counts in another unit is made metres.
 
     Raises
     ------
-    SpecError : Blender cannot open it; says why.
+    SpecError : an ending that is not known; Blender cannot open it; says why.
     """
+    ending, name = path.suffix.lower(), str(path.resolve())
+    if ending not in IMPORTERS:
+        raise SpecError(str(path), f"must end in one of {', '.join(IMPORTERS)}")
+    refuse_claims(path)
     try:
-        bpy.ops.wm.open_mainfile(filepath=str(path.resolve()), load_ui=False, use_scripts=False)
+        if ending == ".blend":
+            bpy.ops.wm.open_mainfile(filepath=name, load_ui=False, use_scripts=False)
+        else:
+            empty_file()
+            group, operator = IMPORTERS[ending]
+            getattr(getattr(bpy.ops, group), operator)(filepath=name)
     except RuntimeError as problem:
         why = str(problem).strip().removeprefix("Error: ")
         raise SpecError(str(path), f"cannot be opened ({why}); check the path") from None
+    units = bpy.context.scene.unit_settings
+    if units.scale_length != 1:
+        root = bpy.data.objects.new("metres of a unit", None)
+        root.scale = 3 * [units.scale_length]
+        for thing in bpy.context.scene.objects:
+            if thing.parent is None:
+                thing.parent = root
+        bpy.context.scene.collection.objects.link(root)
+        units.scale_length = 1.0
+        bpy.context.view_layer.update()
 
 
 def open_for(scene: Scene, folder: Path) -> None:

@@ -14,6 +14,7 @@ from pathlib import Path
 import bpy
 import numpy as np
 
+from ...formats.foreign import refuse_claims
 from ...formats.stl import StlError, read_stl
 from ...growth.own_tree.pieces import Group
 from ...spec import SpecError
@@ -33,6 +34,7 @@ def read_groups(path: Path) -> list[Group]:
     """
     if not path.is_file():
         raise SpecError("template", f"there is no file {path}; check the path")
+    refuse_claims(path)
     with _apart() as scene:
         try:
             _open(path)

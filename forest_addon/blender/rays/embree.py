@@ -20,6 +20,7 @@ from pathlib import Path
 import bpy
 import numpy as np
 
+from ...base.rows import distinct
 from ...base.trimesh import TriMesh
 from ...sensing.rays.boxes import clip
 from ...sensing.rays.caster import Hits
@@ -301,7 +302,7 @@ class EmbreeCaster(Search):
         made: dict[int, np.ndarray | None] = {} if like is None else like._usable
         self._usable = usable = {
             m: made[m] if m in made else _not_all(scene.meshes[m])
-            for m in np.unique(scene.mesh_index[known]).tolist()
+            for m in distinct(scene.mesh_index[known]).tolist()
         }
         trees: dict[int, int] = {} if like is None else like._of_mesh
         self._of_mesh = of_mesh = {

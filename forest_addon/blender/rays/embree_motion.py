@@ -12,12 +12,14 @@ from __future__ import annotations
 
 from collections import OrderedDict
 from threading import Lock
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from ...base.rows import distinct
 from ...base.trimesh import TriMesh
-from ...sensing.moving import MovingScene, PieceWindow, swept
+from ...sensing.moving import MovingScene, PieceWindow
 from ...sensing.rays.boxes import clip
 from ...sensing.rays.caster import Hits
 from ...sensing.rays.exact import meet
@@ -92,7 +94,9 @@ class EmbreeMotion:
         windows = max(1, -(-(len(time) - 1) // most))
         self._span = ROUND * max(1, -(-(len(time) - 1) // (ROUND * windows)))
         self._windows: OrderedDict[tuple[int, int], tuple[int, EmbreeBuild]] = OrderedDict()
-        self._pieces: tuple[PieceWindow, int, np.ndarray, np.ndarray, EmbreeBuild] | None = None
+        self._pieces: WeakKeyDictionary[PieceWindow, tuple[int, np.ndarray, EmbreeBuild]] = (
+            WeakKeyDictionary()
+        )
         self._lock = Lock()
         self._number_triangles(None if like is None else like._usable)
         self._rows = [r for r, n in enumerate(motion.rows.tolist()) if len(self._given(n))]
@@ -122,7 +126,7 @@ class EmbreeMotion:
         keyed = block * (len(self._breaks) + 1) + stretch
 
         def groups(rows: np.ndarray, pieces: PieceWindow | None) -> None:
-            for chosen in np.unique(keyed[rows]).tolist():
+            for chosen in distinct(keyed[rows]).tolist():
                 some = rows if (keyed[rows] == chosen).all() else rows[keyed[rows] == chosen]
                 number = divmod(chosen, len(self._breaks) + 1)
                 left = Hits.misses(len(some)) if leaving is None else leaving.select(some)
@@ -158,9 +162,10 @@ class EmbreeMotion:
         if self._rows:
             tops.append((self._window(*number), self._swept, when))
         if pieces is not None:
-            _, top, box, _, _ = self._pieces_at(pieces)
             share = pieces.knot(time, self._moving.start) / (len(pieces.places) - 1)
-            tops.append((top, box, share))
+            low, high = pieces.box
+            box = low - self._slack, high + self._slack
+            tops.append((self._pieces_at(pieces)[0], box, share))
         found = Hits.misses(len(near))
         origin, way = np.ascontiguousarray(origins.T), np.ascontiguousarray(ways.T)
 
@@ -210,7 +215,7 @@ class EmbreeMotion:
             return found
         piece = np.flatnonzero(instance >= self._moving.count)
         if len(piece) and pieces is not None:
-            _, _, _, known, _ = self._pieces_at(pieces)
+            known = self._pieces_at(pieces)[1]
             row = packets.rows_of_array(met[piece])
             instance[piece] = self._moving.count + pieces.piece[known[row]]
         triangle = primitive
@@ -284,7 +289,7 @@ class EmbreeMotion:
         self._usable: dict[int, np.ndarray | None] = dict(like or self._still._usable)
         for place, number in enumerate(shapes):
             self._slot[number] = len(scene.meshes) + place
-        for slot in np.unique(self._slot).tolist():
+        for slot in distinct(self._slot).tolist():
             if slot < len(scene.meshes) and slot not in self._usable:
                 rows = whole_triangles(scene.meshes[slot])
                 self._usable[slot] = (
@@ -295,6 +300,10 @@ class EmbreeMotion:
             rows = np.flatnonzero(finite[self._mesh(number).triangles].all(axis=1))
             self._usable[int(self._slot[number])] = rows
         self._whole = all(rows is None for rows in self._usable.values())
+        sizes = [len(mesh.triangles) for mesh in scene.meshes] + [0] * len(shapes)
+        self._surface = np.array(sizes) > 0
+        for slot, rows in self._usable.items():
+            self._surface[slot] &= rows is None or len(rows) > 0
         if not self._whole:
             count = len(scene.meshes) + len(shapes)
             given = [self._usable.get(slot, np.empty(0, np.int64)) for slot in range(count)]
@@ -369,26 +378,19 @@ class EmbreeMotion:
             self._trees[index] = self._holder.mesh(mesh, self._usable[index])
         return self._trees[index]
 
-    def _pieces_at(
-        self, window: PieceWindow
-    ) -> tuple[PieceWindow, int, tuple[np.ndarray, np.ndarray], np.ndarray, EmbreeBuild]:
-        """The window, Embree's scene of its pieces, the box of that, rows of the pieces that have a surface,
-        and what keeps them."""
-        if self._pieces is None or self._pieces[0] is not window:
-            cut, count, still = self._moving.pieces, self._moving.count, self._still
-            assert cut is not None
-            known = np.flatnonzero([len(self._given(count + p)) > 0 for p in window.piece.tolist()])
-            low, high = swept(cut.boxes[cut.mesh[window.piece]], window.places)
-            box = low.min(axis=0) - self._slack, high.max(axis=0) + self._slack
-            places = window.places[:, known]
+    def _pieces_at(self, window: PieceWindow) -> tuple[int, np.ndarray, EmbreeBuild]:
+        """Embree's scene of the pieces of a window, rows of those that have a surface, and what keeps it."""
+        if window not in self._pieces:
+            still, number = self._still, self._moving.count + window.piece
+            known = np.flatnonzero(self._surface[self._slot[number]])
+            number, places = number[known], window.places[:, known]
             places[:, :, :, 3] -= self._centre
-            numbers = count + window.piece[known]
             build = EmbreeBuild(still._library, still._device, still._build)
-            used, which = np.unique(self._slot[numbers], return_index=True, return_inverse=True)[1:]
-            scenes = [self._tree(number) for number in numbers[used].tolist()]
+            used, which = np.unique(self._slot[number], return_index=True, return_inverse=True)[1:]
+            scenes = [self._tree(one) for one in number[used].tolist()]
             top = build.array(scenes, which, places, len(self._moving.scene))
-            self._pieces = window, top, box, known, build
-        return self._pieces
+            self._pieces[window] = top, known, build
+        return self._pieces[window]
 
     def _window(self, block: int, stretch: int) -> int:
         """Embree's scene of what moves by keys in a block of samples and is there in a stretch between

@@ -14,6 +14,7 @@ import numpy as np
 
 from ...base.progress import Progress
 from ...base.rng import stream
+from ...base.trimesh import GROUND
 from ...sensing.audit import Audit, held
 from ...sensing.kind import Observation
 from ...sensing.kinds import choose, kind_of
@@ -204,6 +205,16 @@ class Observer:
                 f"{sensor.name}: what changes its shape may be {motion.bent:.1g} m off between frames; raise "
                 "the frame rate for less"
             )
+        above = self.caster.cast(points, np.broadcast_to((0.0, 0.0, 1.0), points.shape))
+        meshes, mesh_of = self.geometry.meshes, np.append(self.geometry.mesh_index, -1)
+        buried = above.found & [
+            mesh >= 0 and meshes[mesh].part[triangle] == GROUND
+            for mesh, triangle in zip(mesh_of[above.instance], above.triangle, strict=True)
+        ]
+        if buried.any():
+            where = ", ".join(f"{v:g}" for v in points[buried][0])
+            deep = f"{above.distance[buried][0]:.3g} m under the ground"
+            said.append(f"{sensor.name} is {deep} at ({where}) m; raise it")
         return *said, *(
             f"{sensor.name} stands inside tree {tree}, at "
             f"({', '.join(f'{v:g}' for v in points[trees == tree][0])}) m; move it out of the wood"

@@ -21,7 +21,7 @@ import numpy as np
 
 from ...base.progress import Progress
 from ...base.trimesh import TriMesh
-from ...sensing.moving import split_pieces, taken
+from ...sensing.moving import split_pieces
 from ..scene.attributes import read, write
 from ..scene.instances import TREE_KEY, library_of
 from ..scene.layout import (
@@ -161,7 +161,7 @@ def pieces_of(
     rig = sway.rig(row)
     assert rig is not None
     cut = split_pieces(mesh, sway.pieces(row, mesh))
-    parts = [(which, taken(mesh, rows)) for which, rows in cut]
+    parts = [(which, mesh.select(rows)) for which, rows in cut]
     before = len(home.objects)
     for place, (_, part) in enumerate(parts, before):
         shape = to_mesh(f"{home.name} {place:06d}", part)

@@ -36,7 +36,7 @@ from ..own_tree.pieces import (
     sort_out,
     stood,
 )
-from ..own_tree.recognise import LeanError, Recognition, TemplateError, recognise, recognise_pieces
+from ..own_tree.recognise import LeanError, Recognition, TemplateError, recognise
 from ..own_tree.template import fit_grammar, split_tree
 from .species_file import MOST_OF_TREE
 
@@ -231,8 +231,6 @@ def _stand(parts: Sorted, up: str) -> tuple[Sorted, Recognition, str]:
     for axis in (likely, *(() if up else (other for other in UPRIGHT if other != likely))):
         turned = stood(parts, axis)
         try:
-            if turned.parted is not None and turned.parted[0].count:
-                return turned, recognise_pieces(*turned.parted), axis
             return turned, recognise(turned.wood, turned.leaves), axis
         except LeanError as problem:
             first = first or problem

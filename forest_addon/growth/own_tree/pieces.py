@@ -32,7 +32,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from ...base.rows import lengths
+from ...base.rows import distinct, lengths
 from ...base.runs import sums
 from ...base.trimesh import WOOD, TriMesh
 
@@ -60,6 +60,7 @@ TUFT = 0.03  # extents that needles with a common edge are long together
 MANY = 50  # needles of one make at least, and
 OFTEN = 3  # times as many as there are other pieces of wood
 FOOT = 0.02  # share of the extent, from the ground up, where the foot is looked for
+FLAT, WIDE = 0.003, 0.3  # heights that ground is uneven by, extents that it is wide at least
 NARROW = 0.03  # extents that any foot may be wide
 CLEARLY = 3.0  # times as good a foot, that an axis other than z is taken for upright
 UPRIGHT = {
@@ -164,7 +165,7 @@ def assemble(
     elsewhere = some[triangles] != piece[:, None]
     corner = np.broadcast_to(piece[:, None], triangles.shape)[elsewhere] * len(vertices)
     corner = corner + triangles[elsewhere]
-    pairs = np.sort(np.concatenate([pairs, np.unique(corner)]))
+    pairs = np.sort(np.concatenate([pairs, distinct(corner)]))
     owner, welded = np.divmod(pairs, max(len(vertices), 1))
     number = np.zeros(len(vertices), dtype=np.int64)
     here = some[welded] == owner
@@ -310,19 +311,20 @@ class Group:
 
 @dataclass(frozen=True)
 class Sorted:
-    """Wood, leaves or None, as facets, and in words how they were told apart.
-
-    parted : the same as pieces, where they had to be looked at.
-    """
+    """Wood, leaves or None, as facets, and in words how they were told apart."""
 
     wood: np.ndarray
     leaves: np.ndarray | None
     said: str
-    parted: tuple[Pieces, Pieces | None] | None = None
 
 
 def sort_out(groups: Sequence[Group]) -> Sorted:
-    """Tell wood from leaves."""
+    """Tell wood from leaves; the ground that they stand on is left out."""
+    trees = _without_ground([group for group in groups if _kind_by_name(group) != "other"])
+    if trees:
+        found = sort_out(trees)
+        words = f"{found.said}; " if found.said else ""
+        return replace(found, said=f"{words}a flat piece at the foot is the ground and left out")
     kinds = [_kind_by_name(group) for group in groups]
     named = {kind for kind in kinds if kind in ("wood", "leaves")}
     if named == {"wood", "leaves"} and all(kinds):
@@ -349,13 +351,33 @@ def sort_out(groups: Sequence[Group]) -> Sorted:
     if kinds[left[0]]:
         return _gather(groups, kinds, "by name")
     if not leaf.any() or leaf.all():
-        return Sorted(facets, None, "", (pieces, None))
+        return Sorted(facets, None, "")
     shown = pieces.vertices[pieces.triangles]
     mine = leaf[pieces.piece]
-    parted = None
-    if not len(loose_edges_of(pieces)):  # no facet without area joins any of them
-        parted = (select(pieces, ~leaf), select(pieces, leaf))
-    return Sorted(shown[~mine], shown[mine], "by shape", parted)
+    return Sorted(shown[~mine], shown[mine], "by shape")
+
+
+def _without_ground(groups: Sequence[Group]) -> list[Group]:
+    """The groups without facets that lie flat at the foot and fill most of a wide area; none without such."""
+    facets = np.concatenate([group.facets for group in groups] or [np.empty((0, 3, 3))])
+    if not len(facets):
+        return []
+    low, size = facets.min(axis=(0, 1)), np.ptp(facets, axis=(0, 1))
+    for up in (2, 1):
+        foot = low[up] + FLAT * size[up]
+        bed = facets[facets[:, :, up].max(axis=1) <= foot]
+        if not 0 < len(bed) < len(facets):
+            continue
+        wide = np.delete(np.ptp(bed, axis=(0, 1)), up)
+        area = (
+            np.linalg.norm(np.cross(bed[:, 1] - bed[:, 0], bed[:, 2] - bed[:, 0]), axis=1).sum() / 2
+        )
+        if wide.min() > WIDE * size.max() and area > wide.prod() / 2:
+            kept = [
+                replace(g, facets=g.facets[g.facets[:, :, up].max(axis=1) > foot]) for g in groups
+            ]
+            return [group for group in kept if len(group.facets)]
+    return []
 
 
 def looks_like_leaves(pieces: Pieces) -> np.ndarray:
@@ -406,17 +428,8 @@ def stood(parts: Sorted, up: str) -> Sorted:
     """Wood and leaves turned so that this axis points up."""
     if up == "z":
         return parts
-
-    turn, parted = UPRIGHT[up].T, None
-    if parts.parted is not None:
-        timber, foliage = (
-            None if pieces is None else replace(pieces, vertices=pieces.vertices @ turn)
-            for pieces in parts.parted
-        )
-        assert timber is not None
-        parted = timber, foliage
-    leaves = None if parts.leaves is None else parts.leaves @ turn
-    return Sorted(parts.wood @ turn, leaves, parts.said, parted)
+    leaves = None if parts.leaves is None else parts.leaves @ UPRIGHT[up].T
+    return Sorted(parts.wood @ UPRIGHT[up].T, leaves, parts.said)
 
 
 def _kind_by_name(group: Group) -> str:

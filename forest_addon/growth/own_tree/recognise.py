@@ -212,15 +212,8 @@ def recognise(wood: np.ndarray, leaves: np.ndarray | None = None) -> Recognition
     TemplateError : there is no trunk with branches, or the leaves cannot be told apart.
     """
     bare = leaves is None or not len(leaves)
-    foliage = None if bare else _pieces_of(leaves, "leaves")
-    return recognise_pieces(_pieces_of(wood, "wood"), foliage)
-
-
-def recognise_pieces(timber: Pieces, foliage: Pieces | None = None) -> Recognition:
-    """As ``recognise``, of wood and leaves that are in pieces already."""
-    bare = foliage is None
-    foliage = part(np.empty((0, 3, 3))) if foliage is None else foliage
-    timber, lines, known, together = _cut_at_forks(timber)
+    foliage = part(np.empty((0, 3, 3))) if bare else _pieces_of(leaves, "leaves")
+    timber, lines, known, together = _cut_at_forks(_pieces_of(wood, "wood"))
     fronds = timber.count == 1 and are_fronds(lines, foliage)
     if fronds:
         timber, lines, known = draw_midribs(timber, lines, foliage)
@@ -382,7 +375,9 @@ NO_THINNER = 0.9  # radii of the end that the parent is thick there at least
 TAPERS = 1.05  # ends differ by more than this factor where they tell which of them is the foot
 FEET = 1.5  # radii from where a piece begins within which nothing is rooted in it
 LESS = 0.25  # added, in radii, to what is less likely
-OWN_END = 1.1  # than the end, by this factor, a piece is at its own end unless it may be a sister
+OWN_END = (
+    1.1  # than the end, by this factor, a piece is at its own end unless it may be another child
+)
 BALLS = 12  # balls looked at, of each group
 
 
@@ -574,8 +569,8 @@ def root(lines: Centrelines, trunk: int, known: Known) -> Known:
     other = thick[:, ::-1].reshape(-1, 1)
     fits &= thick.reshape(-1, 1) * TAPER >= other
     rank += LESS * (thick.reshape(-1, 1) < other)
-    sister = _begins_there(lines, parent, along, radius, TAPER)
-    rank += LESS * (sister & (radius < OWN_END * thick.reshape(-1, 1)))
+    other_child = _begins_there(lines, parent, along, radius, TAPER)
+    rank += LESS * (other_child & (radius < OWN_END * thick.reshape(-1, 1)))
     rank[~fits] = np.inf
 
     width = rank.shape[1]

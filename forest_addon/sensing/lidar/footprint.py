@@ -107,7 +107,11 @@ def spread(pulses: Pulses, beam: Beam, keys: np.ndarray) -> tuple[np.ndarray, np
 
 def sub_rays(beams: BeamFrames, subrays: int) -> tuple[np.ndarray, np.ndarray]:
     """(P·N, 3) origins and unit directions of the N sub-rays of P beams, beam by beam."""
-    x, y = places(subrays).T  # before the turn of each pulse
+    return rays_at(beams, *places(subrays).T)  # before the turn of each pulse
+
+
+def rays_at(beams: BeamFrames, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(P·N, 3) origins and unit directions of rays of P beams at (N,), (N,) across them, beam by beam."""
     origin = _placed(beams.origin, beams.exit_x, x, beams.exit_y, y)
     way = _placed(beams.axis, beams.turn_x, x, beams.turn_y, y)
     way /= np.sqrt(way[0] ** 2 + way[1] ** 2 + way[2] ** 2)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ...base.rows import distinct
 from ..rays.caster import RayCaster
 from ..rays.cells import Cells, counts, walk
 from .cloud import Cloud, organs
@@ -46,7 +47,7 @@ def occlusion(scan: Scan, cloud: Cloud, cells: Cells, every: int) -> dict[str, n
     place = pulses.origin + cloud.true_range[mine, None] * pulses.direction
     where = cells.at(place)
     inside = where >= 0
-    pairs = np.unique(slot[inside] * count + where[inside])  # two returns in a cell: one pulse
+    pairs = distinct(slot[inside] * count + where[inside])  # two returns in a cell: one pulse
     found["pulses_hit"] = counts(cells, [pairs % max(count, 1)])
     return found | {
         "edge": np.array(cells.edge),

@@ -20,6 +20,7 @@ import numpy as np
 
 from ...base.progress import Progress
 from ...base.rng import daughter_keys, first_key
+from ...base.rows import distinct
 from ...base.trimesh import LEAF
 from ...base.vectors import azimuth_of
 from ..moving_rays import MovingCaster
@@ -174,7 +175,7 @@ class Scan:
         at the range that they seem to have."""
         period = unambiguous_range(self.scanner)
         late = np.arange(int(self.scanner.max_range // period) + 1)
-        sent = np.unique(number[:, None] - late)
+        sent = distinct(number[:, None] - late)
         sent = sent[sent >= 0]
         found = self._found(self.pattern.pulses(sent), daughter_keys(self._key, sent))
         rounds = np.floor(found.echoes.distance / period)

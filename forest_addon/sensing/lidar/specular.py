@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...base.rng import daughter_keys
-from ...base.rows import RowTable
+from ...base.rows import RowTable, distinct
 from ...spec import AUTO, POLISHED, USUAL_INDEX, Beam, Polished, Scanner, SpecError, Surfaces
 from ..rays.caster import Hits, RayCaster, hit_normals
 from ..rays.geometry import SceneGeometry, apply_transform
@@ -260,7 +260,7 @@ def alike_bounces(contacts: Contacts, counts: np.ndarray, solid: np.ndarray) -> 
     order = np.lexsort((ray, bounce))
     new = np.append(True, (np.diff(ray[order]) != 0) | (np.diff(bounce[order]) != 0))
     first = order[new[: len(order)]]
-    return [np.sort(solid[first[bounce[first] == kind]]) for kind in np.unique(bounce[first])]
+    return [np.sort(solid[first[bounce[first] == kind]]) for kind in distinct(bounce[first])]
 
 
 def _as_seen(found: Contacts, turned: Turned, specular: SpecularScene) -> Contacts:

@@ -11,6 +11,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ...base.attitudes import composed
+from ...base.rows import distinct
 from .geometry import SceneGeometry
 
 ALWAYS = (-np.inf, np.inf)
@@ -132,7 +133,7 @@ class PathTable:
         row = np.empty(len(time), np.int64)
         share, step = np.empty(len(time)), np.empty(len(time))
         clock = self._clock[which]
-        for number in [0] if len(self._times) == 1 else np.unique(clock).tolist():
+        for number in [0] if len(self._times) == 1 else distinct(clock).tolist():
             known = self._times[number]
             mine = slice(None) if len(self._times) == 1 else np.flatnonzero(clock == number)
             row[mine], share[mine], step[mine] = _between(known, time[mine], beyond)
@@ -148,14 +149,14 @@ class PathsOneByOne:
     def at(self, which: np.ndarray, time: np.ndarray) -> np.ndarray:
         """See ``PathTable.at``."""
         found = np.empty((len(time), 3, 4))
-        for row in np.unique(which).tolist():
+        for row in distinct(which).tolist():
             found[which == row] = self._paths[row].at(time[which == row])
         return found
 
     def rate(self, which: np.ndarray, time: np.ndarray) -> np.ndarray:
         """See ``PathTable.rate``."""
         found = np.empty((len(time), 3, 4))
-        for row in np.unique(which).tolist():
+        for row in distinct(which).tolist():
             found[which == row] = self._paths[row].rate(time[which == row])
         return found
 
@@ -302,7 +303,7 @@ def corners_at_rest(scene: SceneGeometry, instance: np.ndarray, triangle: np.nda
     """(R, 3, 3) own corners of triangles of instances (R,) as the scene stands, m."""
     found = np.empty((len(instance), 3, 3))
     mesh_of = scene.mesh_index[instance]
-    for number in np.unique(mesh_of).tolist():
+    for number in distinct(mesh_of).tolist():
         mine, mesh = np.flatnonzero(mesh_of == number), scene.meshes[number]
         found[mine] = mesh.vertices[mesh.triangles[triangle[mine]]]
     return found

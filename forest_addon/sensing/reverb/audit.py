@@ -165,7 +165,7 @@ class Channel:
         ours = len(pair.trunks)
         ours -= int(weak.rows[:ours].sum()) if weak is not None else 0
         part = count
-        if self.tail is not None:
+        if math.isfinite(self.last):
             part = min(count, math.ceil(self.last / self.speed * rate) + 1)
         few = soon_summed(
             paths.radius[heard & (paths.earliest <= self.last)],

@@ -31,11 +31,11 @@ from .targets import EchoTargets
 from .windy import at_moment
 
 MOST = 300_000  # scatterers in range that are all summed
-SEARCHED = 100_000  # that are searched again, of however few pings
-SUMMED = 25_000_000  # scatterers by bins by ears of a ping that is summed again as it was
-COMB = 33  # bins
-WORK = 2_500_000  # scatterers by bins by ears that are summed
-COMBS = 10  # at most, of few pings
+SEARCHED = 20_000  # that are searched again, of however few pings
+SUMMED = 3_000_000  # scatterers by bins by ears of a ping that is summed again as it was
+COMB = 17  # bins
+WORK = 1_000_000  # scatterers by bins by ears that are summed
+COMBS = 4  # at most, of few pings
 CAUTION = 3.0  # of an estimate
 SIZES = 0.5  # by which Σ max|A| may be above that of a comb, between whose bins it may be larger
 SHORT = 0.1  # by which it may be below it, as it is estimated
@@ -278,6 +278,7 @@ def _in_time(echo: Echo, spectra: np.ndarray) -> np.ndarray:
         turns = float(echo.frequency[0]) / echo.sample_rate * time
         tone: np.ndarray = spectra * np.exp(2j * math.pi * np.remainder(turns, 1.0))
         return tone
+    length = max(length, len(time))  # of frequencies that are wrong
     full = np.zeros((len(spectra), length), np.complex128)
     bins = np.rint(echo.frequency / echo.sample_rate * length).astype(np.int64)
     full[:, bins.clip(0, length - 1)] = spectra

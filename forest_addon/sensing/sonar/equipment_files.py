@@ -204,6 +204,12 @@ def read_call(path: Path, sonar: Sonar) -> Call:
     SpecError : it is no WAV file, or silent.
     """
     samples, rate = read_wav(path)
+    if rate / 2 <= sonar.band[0]:
+        raise SpecError(
+            str(path),
+            f"is sampled at {rate:g} Hz and holds nothing above {rate / 2:g} Hz, where the band of "
+            f"{sonar.band[0]:g} to {sonar.band[1]:g} Hz lies; if it plays slower, save it at its own rate",
+        )
     try:
         return resampled(samples, rate, sonar)
     except SpecError:

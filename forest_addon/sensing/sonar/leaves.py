@@ -17,7 +17,7 @@ import numpy as np
 from ...acoustics.disc import amplitude_bound, backscatter_amplitude
 from ...acoustics.disc_table import HANDOVER, table_error
 from ...acoustics.hankel import SMALLEST, hankel
-from ...base.rows import lengths
+from ...base.rows import distinct, lengths
 from ...base.trimesh import TriMesh
 from ...growth.mesh.leaves import pieces_of
 from ..rays.geometry import SceneGeometry, apply_transform
@@ -398,7 +398,7 @@ def near_faces(leaves: LeafEchoes, sight: Sight) -> NearFaces:
     corners = np.clip(2.0 * math.pi * radius / longest, *CORNERS)
     corners = (16 * np.ceil(corners / 16)).astype(np.int64)
     pieces = []
-    for count in np.unique(corners).tolist():
+    for count in distinct(corners).tolist():
         some = corners == count
         angle = 2.0 * math.pi * np.arange(count) / count
         size = radius[some] * math.sqrt(2.0 * math.pi / (count * math.sin(2.0 * math.pi / count)))

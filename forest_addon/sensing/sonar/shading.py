@@ -25,7 +25,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...base.rows import RowTable
+from ...base.rows import RowTable, distinct
 from ...base.trimesh import TriMesh
 from ..rays.caster import RayCaster
 from .leaves import own_pieces
@@ -182,7 +182,7 @@ class Extinction:
             instance, triangle = hits.instance[hit], hits.triangle[hit]
             mesh = scene.mesh_index[instance]
             number, radius = np.full(len(alive), -1), np.zeros(len(alive))
-            for index in np.unique(mesh).tolist():
+            for index in distinct(mesh).tolist():
                 rows = mesh == index
                 number[rows], radius[rows] = (v[triangle[rows]] for v in self._leaves[index])
             leaf = number >= 0

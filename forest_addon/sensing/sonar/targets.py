@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from ...base.rows import RowTable
+from ...base.rows import RowTable, distinct
 from ...base.trimesh import LEAF as LEAF_PART
 from ...base.trimesh import TriMesh
 from ...spec import Sonar
@@ -116,7 +116,7 @@ class EchoTargets:
             kinds = [kind for kind in KINDS if getattr(sonar, kind)]
             self._stands[key] = [
                 stand
-                for index in np.unique(self.scene.mesh_index)
+                for index in distinct(self.scene.mesh_index)
                 for kind in kinds
                 if (stand := self._stand(kind, int(index), sonar.leaf_model)) is not None
             ]

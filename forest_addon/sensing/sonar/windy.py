@@ -16,7 +16,7 @@ from typing import Any, Protocol
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ...base.rows import lengths
+from ...base.rows import distinct, lengths
 from ...base.trimesh import TriMesh, is_wood
 from ..moving import MovingScene, boxes_of_pieces, joined, moved, trees_that_sway
 from ..moving_rays import MovingCaster
@@ -119,7 +119,7 @@ class EchoWind:
         """Some rows of a population as the tree of an instance has them in the world at a time, s, each set
         with its velocity, m/s, and place at rest, m, (M, 6). transform : (3, 4) of the instance."""
         moment, piece = self.moment(instance, time), self._piece_of(population, instance)[rows]
-        for number in np.unique(piece).tolist():
+        for number in distinct(piece).tolist():
             place, rate = moment.place[number], moment.rate[number]
             stands = joined(transform[None], place[None])[0]
             turned = replace(sight, turns=partial(self.turned, instance, stands, time))
@@ -215,7 +215,7 @@ class BentMesh:
         self._told = np.concatenate([shape.velocity(every, then)[0], mesh.vertices], axis=1)
         known = np.isfinite(self._vertices).all(axis=1)[mesh.triangles].all(axis=1)
         self._triangles = mesh.triangles[known]
-        self._wood = np.unique(mesh.triangles[known & is_wood(mesh.part)])
+        self._wood = distinct(mesh.triangles[known & is_wood(mesh.part)])
 
     def told(self, points: np.ndarray, kind: str) -> tuple[np.ndarray, np.ndarray]:
         """(M, 3) m/s of points (M, 3) of a kind, and where they are at rest: of the wood around an axis, else
@@ -241,7 +241,7 @@ class BentMesh:
         size = np.linalg.norm(corners - middle[:, None], axis=2).max(axis=1)
         kind = np.ceil(np.log2(np.maximum(size, 1e-9))).astype(np.int64)
         best, away = np.zeros(len(points), np.int64), np.full(len(points), np.inf)
-        for number in np.unique(kind).tolist():
+        for number in distinct(kind).tolist():
             rows = np.flatnonzero(kind == number)
             for found in rows[_nearest(points, middle[rows])].T:
                 far = _away(points, corners[found])

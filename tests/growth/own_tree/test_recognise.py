@@ -21,7 +21,7 @@ from forest_addon.growth.own_tree.pieces import (
     stood,
     weld,
 )
-from forest_addon.growth.own_tree.recognise import recognise, recognise_pieces
+from forest_addon.growth.own_tree.recognise import recognise
 from forest_addon.growth.own_tree.template import split_tree
 
 A, B, C, D = [0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]
@@ -100,20 +100,6 @@ def test_corners_clearly_apart_are_not_welded() -> None:
         apart = np.concatenate([SQUARE, SQUARE + aside, 0.01 * SQUARE + low])
         assert len(weld(apart)[0]) == 12
         assert part(apart).count == 3
-
-
-@pytest.mark.parametrize("order", range(5))
-def test_the_order_of_facets_does_not_change_the_pieces(order: int) -> None:
-    rng = np.random.default_rng(order)
-    owner = np.repeat(np.arange(30), 2)
-    facets = (SQUARE[None] + 3.0 * np.arange(30)[:, None, None, None] * [1.0, 0.5, 0.0]).reshape(
-        -1, 3, 3
-    )
-    shuffled = rng.permutation(60)
-    turned = np.stack([np.roll(f, rng.integers(3), axis=0) for f in facets[shuffled]])
-    found = part(turned).piece
-    assert len(np.unique(found)) == 30
-    assert len(np.unique(np.stack([found, owner[shuffled]], axis=1), axis=0)) == 30
 
 
 def crossed(base: np.ndarray, cards: int) -> np.ndarray:
@@ -206,23 +192,6 @@ def test_leaves_of_every_kind_are_told_from_wood_by_their_shape(kind: str) -> No
     np.testing.assert_array_equal(seen.wood.count, 28)
     bears = np.bincount(seen.bearer, minlength=28)
     assert np.count_nonzero(bears) >= 26
-
-
-@pytest.mark.medium
-@pytest.mark.parametrize("up", UPRIGHT)
-@pytest.mark.parametrize("leafy", [False, True])
-def test_pieces_that_were_sorted_are_recognised_as_the_facets_are(up: str, leafy: bool) -> None:
-    model = tree()
-    facets = np.concatenate([model.wood(), model.leaves()] if leafy else [model.wood()])
-    parts = stood(sort_out([Group("", "", facets @ UPRIGHT[up])]), up)
-    assert parts.parted is not None
-    plain, quick = recognise(parts.wood, parts.leaves), recognise_pieces(*parts.parted)
-    np.testing.assert_array_equal(quick.parent, plain.parent)
-    np.testing.assert_array_equal(quick.bearer, plain.bearer)
-    np.testing.assert_allclose(quick.lines.knot, plain.lines.knot, atol=1e-9)
-    np.testing.assert_allclose(
-        quick.wood.vertices[quick.wood.triangles], parts.wood, rtol=0, atol=1e-5
-    )
 
 
 @pytest.mark.parametrize("shape", [{}, {"sides": 3}, {"capped": True}, {"sides": 24}])
@@ -337,17 +306,6 @@ def test_structure_does_not_depend_on_the_order_of_facets_nor_on_float32(seed: i
         model.leaves().astype(np.float32).astype(np.float64),
     )
     model.check(found, order)
-
-
-def test_foot_tip_and_radius_of_a_straight_tube_are_exact() -> None:
-    model = tree()
-    found = recognise(model.wood())
-    trunk = found.trunk
-    np.testing.assert_allclose(found.foot[trunk], model.foot[0], atol=2e-3)
-    np.testing.assert_allclose(found.tip[trunk], model.tip[0], atol=2e-3)
-    np.testing.assert_allclose(found.radius[trunk], 0.3, rtol=0.03)
-    length = float(np.linalg.norm(model.tip[0] - model.foot[0]))
-    np.testing.assert_allclose(found.lines.length()[trunk], length, rtol=1e-3)
 
 
 @pytest.mark.medium
@@ -562,3 +520,25 @@ def test_contacts_agree_with_a_search_of_all_wood() -> None:
     np.testing.assert_allclose(
         contact.gap, gaps[np.arange(len(points)), contact.piece], rtol=0, atol=5e-3
     )
+
+
+@pytest.mark.parametrize("up", ["y", "z"])
+def test_ground_below_a_tree_is_left_out_and_said(up):
+    model = tree()
+    wood = model.wood()
+    half = np.ptp(wood) / 2
+    x, y = np.meshgrid(np.linspace(-half, half, 9), np.linspace(-half, half, 9))
+    corners = np.stack([x, y, np.full_like(x, wood[:, :, 2].min())], axis=-1)
+    a, b, c, d = (
+        corners[i : i + 8, j : j + 8].reshape(-1, 3) for i, j in ((0, 0), (0, 1), (1, 1), (1, 0))
+    )
+    ground = np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
+    for groups in (
+        [Group("", "", np.concatenate([wood, ground]) @ UPRIGHT[up])],
+        [Group("wood", "", wood @ UPRIGHT[up]), Group("Slab", "", ground @ UPRIGHT[up])],
+    ):
+        found = sort_out(groups)
+        assert "a flat piece at the foot is the ground and left out" in found.said
+        assert sorted(np.ptp(found.wood, axis=(0, 1))) == pytest.approx(
+            sorted(np.ptp(wood, axis=(0, 1)))
+        )

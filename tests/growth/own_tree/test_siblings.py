@@ -7,8 +7,10 @@ hang together. Portraits of trees whose numbers are known, and distances of dist
 
 from __future__ import annotations
 
+import lzma
 from functools import cache
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,16 +20,15 @@ from references.brought_trees import TREES, decimated, doubled, rough
 from references.model_tree import Model, at, line, tree
 from references.own_trees import SPECIES, mothers_of, own_tree, sibling
 from scipy.spatial import cKDTree
-from scipy.stats import ks_2samp
 
 from forest_addon.base.trimesh import LEAF, WOOD, TriMesh
+from forest_addon.formats.stl import read_stl
 from forest_addon.growth.likeness import (
     BINS,
     Portrait,
     axes_of,
     compare,
     insertion_angles,
-    kolmogorov,
     portray,
     trunk_radius,
 )
@@ -35,7 +36,7 @@ from forest_addon.growth.lsystem.system import read_system
 from forest_addon.growth.lsystem.turtle import ABOP, read_commands
 from forest_addon.growth.lsystem.turtle import walk as walk_turtle
 from forest_addon.growth.mesh.leaves import Leaves
-from forest_addon.growth.own_tree.anatomy import dissect, lay, slopes, stand_on, unbend, walk
+from forest_addon.growth.own_tree.anatomy import dissect, lay, stand_on, walk
 from forest_addon.growth.own_tree.habit import fit
 from forest_addon.growth.own_tree.recognise import Recognition, recognise
 from forest_addon.growth.own_tree.relay import (
@@ -58,6 +59,7 @@ COUNT = 20
 NAMES = {"length": 1.0, "angle": 0.0, "thinning": 1.0}
 SAME = Siblings(variety=0.0)
 SIBLINGS = 5
+REAL = Path(__file__).resolve().parents[4] / "shared" / "data" / "trees"
 DONE = ("nothing", "rough", "doubled", "decimated", "both")
 
 
@@ -89,7 +91,7 @@ def test_siblings_are_within_the_goals(name):
 
 @pytest.mark.medium
 @pytest.mark.parametrize("name", SPECIES)
-def test_every_piece_is_within_its_mother_and_every_leaf_on_its_seat(name):
+def test_every_piece_begins_within_its_parent_and_every_leaf_sits_on_its_branch(name):
     own = own_tree(name)
     worst = own.anatomy.foliage.seat.away.max()
     for key in (11, 12):
@@ -97,17 +99,7 @@ def test_every_piece_is_within_its_mother_and_every_leaf_on_its_seat(name):
         mesh, leaves, _ = mesh_of(own.anatomy, grown, 1.0)
         assert np.isfinite(mesh.vertices).all()
         wood = own.anatomy.wood.stock
-        _, owner, _ = wood.triangles.copy(grown.piece)
-        facets = mesh.vertices[mesh.triangles[mesh.part == WOOD]]
-        begin = np.searchsorted(owner, np.arange(len(grown.piece) + 1))
-        feet = grown.lines.knot[grown.lines.first[:-1] + np.arange(len(grown.piece))]
-        rng = np.random.default_rng(key)
-        borne = np.flatnonzero(grown.parent >= 0)
-        for branch in rng.choice(borne, 60, replace=False):
-            parent = grown.parent[branch]
-            around = facets[begin[parent] : begin[parent + 1]]
-            if winding_number(feet[branch], around) < 0.5:
-                assert distance(feet[branch], around) < 1e-3
+        assert off_mesh(mesh, wood, own.anatomy, grown, np.random.default_rng(key)) < 1e-3
         hung = hang_leaves(own.anatomy, grown, 1.0)
         assert len(hung.branch) == len(leaves)
         place, _, radius = stand_on(grown.lines, hung.branch, hung.seat)
@@ -206,16 +198,6 @@ def test_a_younger_tree_is_smaller_everywhere_with_shoots_as_thin():
     assert tips[1] < 1.5 * tips[0]
 
 
-def test_members_of_a_class_are_alike_and_every_piece_is_in_one():
-    habit = fit(own_tree("honda").anatomy)
-    reach = habit.anatomy.lines.reach()
-    for kind in range(len(habit.of_class.size)):
-        member = habit.member[habit.of_class.first[kind] :][: habit.of_class.size[kind]]
-        assert len(np.unique(habit.anatomy.order[member])) == 1
-        assert np.ptp(np.log(reach[member])) < 0.46
-    assert len(np.unique(habit.member)) == habit.anatomy.count
-
-
 def test_tables_say_how_a_cone_is_made():
     """In the whorled tree branches shorten evenly to 0.19 of the lowest; insertion falls from 80°."""
     table = own_tree("whorled").habit.tables[0]
@@ -237,6 +219,42 @@ def test_tables_say_how_a_cone_is_made():
 def test_settings_that_contradict_each_other_are_refused():
     with pytest.raises(SpecError, match="beside age"):
         Siblings(age=2.0, height=10.0)
+
+
+def off_mesh(mesh, stock, anatomy, grown, rng) -> float:
+    """Metres, at most, between the lowest ring of 60 branches' meshes and the mesh of what bears them."""
+    vertex, owner, _ = stock.vertices.copy(grown.piece)
+    along = anatomy.wood.stretch[vertex] + anatomy.wood.part[vertex]
+    facets = mesh.vertices[mesh.triangles[mesh.part == WOOD]]
+    _, of_facet, _ = stock.triangles.copy(grown.piece)
+    begin = np.searchsorted(of_facet, np.arange(len(grown.piece) + 1))
+    worst = 0.0
+    for branch in rng.choice(np.flatnonzero(grown.parent >= 0), 60, replace=False):
+        rows = np.flatnonzero(owner == branch)
+        ring = mesh.vertices[rows[along[rows] <= along[rows].min() + 1e-3]]
+        places = [*ring, ring.mean(axis=0)]
+        parent = grown.parent[branch]
+        around = facets[begin[parent] : begin[parent + 1]]
+        if max(winding_number(place, around) for place in places) < 0.5:
+            worst = max(worst, min(distance(place, around) for place in places))
+    return worst
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["apple", "hill_cherry", "quaking_aspen", "lombardy_poplar"])
+def test_limbs_of_real_trees_siblings_begin_in_the_wood_that_bears_them(name, tmp_path):
+    """Pieces of these trees float up to 5 cm off what bears them; in siblings none does by 1 cm."""
+    packed = REAL / f"{name}-wood.stl.xz"
+    if not packed.is_file():
+        pytest.skip(f"there is no {packed}")
+    (tmp_path / "wood.stl").write_bytes(lzma.decompress(packed.read_bytes()))
+    anatomy = dissect(recognise(read_stl(tmp_path / "wood.stl")))
+    habit = fit(anatomy)
+    for key in (3, 4):
+        grown = grow_sibling(habit, Siblings(), key)
+        mesh, *_ = mesh_of(anatomy, grown, 1.0)
+        off = off_mesh(mesh, anatomy.wood.stock, anatomy, grown, np.random.default_rng(key))
+        assert off < 1e-2
 
 
 def winding_number(point, facets):
@@ -392,48 +410,6 @@ def test_a_tree_in_centimetres_anywhere_is_rebuilt_in_metres():
     assert gap.max() < 1e-6
 
 
-def test_bends_walk_a_line_again_and_a_circle_is_a_circle():
-    rng = np.random.default_rng(4)
-    first = np.array([0, 7, 8, 20])
-    way = rng.normal(size=(20, 3))
-    way[:, 2] += 1.5
-    length = np.linalg.norm(way, axis=1)
-    start = np.tile(np.eye(3), (3, 1, 1))
-    start[:, :, 2] = (way / length[:, None])[first[:-1]]
-    start[:, :, 0] = np.cross([0.3, 0.9, 0.1], start[:, :, 2])
-    start[:, :, 0] /= np.linalg.norm(start[:, :, 0], axis=1, keepdims=True)
-    start[:, :, 1] = np.cross(start[:, :, 2], start[:, :, 0])
-    frame, bend = unbend(way / length[:, None], first, start)
-    np.testing.assert_allclose(
-        frame @ np.swapaxes(frame, 1, 2), np.tile(np.eye(3), (20, 1, 1)), atol=1e-12
-    )
-    np.testing.assert_allclose(lay(bend, first, start), frame, atol=1e-12)
-    knots = walk(frame, length, first, np.zeros((3, 3)))
-    np.testing.assert_allclose(knots[7], way[:7].sum(axis=0), atol=1e-12)
-
-    steps = 90  # 1° each about N: a quarter of a circle of radius 1
-    quarter = np.tile([np.pi / 2 / steps, 0.0], (steps, 1))
-    quarter[0] = 0
-    once = np.array([0, steps])
-    knots = walk(
-        lay(quarter, once, np.eye(3)[None]),
-        np.full(steps, np.pi / 2 / steps),
-        once,
-        np.zeros((1, 3)),
-    )
-    np.testing.assert_allclose(knots[-1], [0, -1, 1], atol=0.02)
-
-
-def test_a_line_keeps_the_slopes_that_it_is_given():
-    rng = np.random.default_rng(5)
-    first = np.array([0, 40])
-    slope = np.clip(np.linspace(0.5, 3.0, 40) + rng.normal(0, 0.1, 40), 0, np.pi)
-    bend = rng.normal(0, 0.3, (40, 2))
-    frame = lay(bend, first, np.eye(3)[None], slope)
-    np.testing.assert_allclose(slopes(frame)[1:], slope[1:], atol=1e-9)
-    np.testing.assert_allclose(np.linalg.det(frame), 1.0, atol=1e-9)
-
-
 def test_a_bent_tube_keeps_its_thickness():
     """A straight branch laid along a quarter of a circle has its surface a radius from that circle."""
     model = Model()
@@ -561,18 +537,6 @@ def test_a_portrait_has_the_numbers_of_the_tree(tee):
     assert samples["inclination of a leaf, deg"] == pytest.approx([0] * 4)
     profile = portray(tee).profiles["leaf area"]
     assert profile[BINS // 2] == 1
-
-
-def test_axes_begin_where_the_order_changes(tee):
-    first, axis = axes_of(tee.skeleton)
-    assert first.tolist() == [0, 2]
-    assert axis.tolist() == [0, 0, 1]
-
-
-def test_distances_of_distributions():
-    rng = np.random.default_rng(1)
-    one, other = rng.normal(size=80), rng.normal(0.5, 1.3, 300)
-    assert kolmogorov(one, other) == pytest.approx(ks_2samp(one, other).statistic)
 
 
 def test_what_misses_a_goal_is_named():

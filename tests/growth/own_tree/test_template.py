@@ -25,7 +25,7 @@ from forest_addon.growth.own_tree import template
 from forest_addon.growth.own_tree.recognise import TemplateError, recognise
 from forest_addon.growth.own_tree.template import GraftSite, dress, graft, prepare, split_tree
 from forest_addon.growth.tree import grow
-from forest_addon.spec import Leaf, Normal, Template
+from forest_addon.spec import Leaf, Normal
 
 MAPLE = Path(__file__).resolve().parents[4] / "shared" / "data" / "maple"
 DRESSED = Leaf(
@@ -190,18 +190,6 @@ def test_pieces_modelled_inside_out_are_turned() -> None:
         assert volume > 0
 
 
-def test_repeated_and_empty_facets_change_nothing() -> None:
-    model = tree()
-    wood, leaves = model.wood(), model.leaves()
-    spoilt = np.concatenate([wood, wood[::3], wood[::5, ::-1], np.repeat(wood[:50, :1], 3, axis=1)])
-    both_sides = np.concatenate([leaves, leaves[:, ::-1]])
-    clean, found = split_tree(wood, leaves), split_tree(spoilt, both_sides)
-    assert found.leaf_count == clean.leaf_count == 63
-    for one, other in zip(clean.branches, found.branches, strict=True):
-        np.testing.assert_array_equal(one.mesh.vertices, other.mesh.vertices)
-        np.testing.assert_array_equal(one.mesh.triangles, other.mesh.triangles)
-
-
 def test_leaves_that_touch_wood_or_each_other_at_points() -> None:
     """A leaf uses corners of its twig, and three leaves hang by one and the same point."""
     model = tree()
@@ -224,15 +212,6 @@ def test_leaves_that_touch_wood_or_each_other_at_points() -> None:
             [leaf.ravel(), np.repeat(branch.mesh.leaf[branch.mesh.part == LEAF], 3)], axis=1
         )
         assert len(np.unique(owner, axis=0)) == len(np.unique(leaf))
-
-
-def test_leaves_that_share_an_edge_are_one() -> None:
-    model = tree()
-    tip = model.tip[2]
-    model.leaf(2, tip, [0, 0, 1], [0, 1, 0])
-    model.leaf(2, tip + at(0, 0, 0.1), [0, 0, 1], [0, 1, 0])  # goes on where the other ends
-    split = split_tree(model.wood(), model.leaves())
-    assert split.leaf_count == 64
 
 
 def test_leaves_on_the_trunk_are_counted_and_in_no_template() -> None:
@@ -482,16 +461,6 @@ def test_a_graft_starts_at_its_site_and_ends_at_its_length(shared_maple):
     assert np.linalg.norm(wood, axis=1).min() < 0.1
     end = np.linalg.norm(wood - 4.0 * direction, axis=1).min()
     assert end < 0.05
-
-
-@pytest.mark.medium
-def test_the_papers_own_maple_gives_trees_too(maple, shared_maple):
-    template = split_tree(*maple, height=12.0)
-    species = replace(shared_maple[0], template=Template(wood="maple_stem.stl", height=12.0))
-    grown = grow(species, template, stream(3, "tree"))
-    assert len(grown.leaves) > 1000
-    assert 7 < grown.height < 14
-    assert np.isfinite(grown.mesh.vertices).all()
 
 
 def test_as_many_templates_as_nodes_match_one_to_one(shared_maple):

@@ -10,7 +10,7 @@ from scipy import stats
 from scipy.spatial.transform import Rotation
 
 from forest_addon.base.rng import daughter_keys, first_key, keyed_uniform
-from forest_addon.sensing.lidar.surveys.voxels import Haze
+from forest_addon.sensing.lidar.surveys.digitised import Haze
 
 FALSE_ALARM = 1e-6
 TURN = Rotation.from_euler("xyz", [10, -25, 70], degrees=True).as_matrix()

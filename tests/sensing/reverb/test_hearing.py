@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from forest_addon.formats.sofa import read_head
 from forest_addon.sensing.reverb.hearing import SECTORS, Ambisonics, hearing_of
 from forest_addon.sensing.reverb.response import ImpulseResponse, impulse_response
 from forest_addon.sensing.reverb.trunks import Trunks
@@ -140,3 +141,62 @@ def test_responses_as_sofa_are_read_back(tmp_path: Path) -> None:
     np.testing.assert_allclose(back.SourcePosition[1], (1, 2, 3))
     places = back.ListenerPosition[0] + np.asarray(back.ReceiverPosition)[2].T[0]
     np.testing.assert_allclose(places, found.channels[5].receiver)
+
+
+def test_a_head_is_the_same_however_its_file_stores_it(tmp_path: Path) -> None:
+    """Right ear first, turned about, lying, cartesian: levels and times of left over right are the file's."""
+    sofar = pytest.importorskip("sofar")
+    azimuth = np.radians(np.arange(0, 360, 30.0))
+    ways = np.column_stack([np.cos(azimuth), np.sin(azimuth), np.zeros(12)])
+    taps = np.zeros((12, 2, 16))
+    for row, side in enumerate(np.sin(azimuth)):  # the nearer ear is louder, and hears first
+        taps[row, 0, 8 - round(4 * side)], taps[row, 1, 8 + round(4 * side)] = 2 + side, 2 - side
+    turn = np.array([[0.0, -1, 0], [0, 0, -1], [1, 0, 0]])  # columns: ahead, left, up
+
+    def stored(name: str, **values: object) -> Path:
+        file = sofar.Sofa("SimpleFreeFieldHRIR")
+        file.Data_IR, file.Data_SamplingRate = taps, RATE
+        file.SourcePosition, file.SourcePosition_Type = ways, "cartesian"
+        file.SourcePosition_Units = "metre"
+        for key, value in values.items():
+            setattr(file, key, value)
+        sofar.write_sofa(str(tmp_path / name), file)
+        return tmp_path / name
+
+    plain = read_head(stored("a.sofa"))
+    assert 20 * np.log10(np.linalg.norm(plain.responses[3], axis=1) @ [1, 0]) == pytest.approx(
+        9.54, abs=0.01
+    )
+    assert np.argmax(plain.responses[3], axis=1).tolist() == [4, 12]
+    places = np.array([[0, -0.09, 0], [0, 0.09, 0]])
+    round_the_head = np.column_stack([np.degrees(azimuth), np.zeros(12), np.full(12, 1.5)])
+    others = {
+        "swapped": {"Data_IR": taps[:, ::-1], "ReceiverPosition": places},
+        "swapped, spherical": {
+            "Data_IR": taps[:, ::-1],
+            "ReceiverPosition": np.array([[270.0, 0, 0.09], [90, 0, 0.09]]),
+            "ReceiverPosition_Type": "spherical",
+            "ReceiverPosition_Units": "degree, degree, metre",
+        },
+        "sources by angles": {
+            "SourcePosition": round_the_head,
+            "SourcePosition_Type": "spherical",
+            "SourcePosition_Units": "degree, degree, metre",
+        },
+        "a head that looks up": {
+            "SourcePosition": ways @ turn.T + [1, 2, 3],
+            "ListenerPosition": np.array([[1.0, 2, 3]]),
+            "ListenerView": turn.T[:1],
+            "ListenerUp": turn.T[2:],
+        },
+    }
+    for name, values in others.items():
+        found = read_head(stored(f"{name}.sofa", **values))
+        np.testing.assert_allclose(found.directions, plain.directions, atol=1e-12)
+        np.testing.assert_array_equal(found.responses, plain.responses)
+    for values, words in (
+        ({"ReceiverPosition": np.zeros((2, 3))}, "both ears on one side"),
+        ({"ListenerUp": np.array([[1.0, 0, 0]])}, "not at right angles"),
+    ):
+        with pytest.raises(SpecError, match=words):
+            read_head(stored("bad.sofa", **values))

@@ -13,6 +13,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ....base.attitudes import composed
+from ....base.rows import distinct
 from ....formats.helios.legs import Leg
 from ....formats.helios.survey import Survey
 from ....spec import SpecError
@@ -105,7 +106,7 @@ class SurveyLeg:
             return cone(2 * np.pi * (turns % 1.0), half)
         wedges = [(float(np.deg2rad(p.angle_deg)), p.turns_hz, p.index) for p in device.prisms]
         way, across, angle = np.empty((len(step), 3)), np.empty((len(step), 3)), np.empty(len(step))
-        for index in np.unique(channel):
+        for index in distinct(channel):
             rows = np.flatnonzero(channel == index)
             time = (step[rows] + 1) / leg.pulse_rate
             found = risley(time, wedges, 1.0, device.incident[index])

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ....base.rows import distinct
 from ....spec import Mobile, Pose, SpecError
 
 BREAK = 30.0  # times the usual step between pulses, that parts sweeps
@@ -229,7 +230,7 @@ def gaps_of(place: np.ndarray, pulse: np.ndarray) -> tuple[np.ndarray, np.ndarra
 
 def split_lines(time: np.ndarray, source: np.ndarray) -> np.ndarray:
     """(N,) number of the line of each return: its point source, or a count of pauses where all have one."""
-    if len(np.unique(source)) > 1:
+    if len(distinct(source)) > 1:
         return source.astype(np.int64)
     order = np.argsort(time, kind="stable")
     line = np.empty(len(time), dtype=np.int64)
@@ -250,7 +251,7 @@ def lines_of(
     whole = (last - first + 1 == count[first]) & (number[first] == 1)
     long = np.linalg.norm(place[last] - place[first], axis=1) > APART
     found = {}
-    for name in np.unique(line).tolist():
+    for name in distinct(line).tolist():
         rows = np.flatnonzero(whole & long & (line[first] == name))
         if len(rows) >= FEWEST:
             ends = place[first[rows]], place[last[rows]]

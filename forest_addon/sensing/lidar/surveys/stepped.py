@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ....base.rows import distinct
 from ....formats.helios.parts import MotionSequence, MotionStep, PartMotion
 
 STILL = MotionStep(np.eye(3), np.eye(3), np.zeros(3))
@@ -132,7 +133,7 @@ class SteppedPath:
             place = np.where(again, loop.first + (step - loop.first) % loop.length, step)
         run = np.searchsorted([one.first for one in runs], place, "right") - 1
         total = States(*(np.empty((len(step), *m.shape)) for m in vars(STILL).values()))
-        for number in np.unique(run):
+        for number in distinct(run):
             rows, one = np.flatnonzero(run == number), runs[number]
             since = place[rows] - one.first
             since = since if one.length is None else np.minimum(since, one.length)

@@ -39,6 +39,7 @@ from ....acoustics.cylinder import order_count, partial_waves, scattering_sum
 from ....acoustics.gridding import DelayGrid, width_for
 from ....acoustics.spectrum import phasors
 from ....base.rng import stream
+from ....base.rows import distinct
 from ..forest.losses import NEAR
 from .path_gain import PathGain
 from .scattering import TrunkPaths
@@ -119,7 +120,7 @@ def by_distance(
     number = np.minimum((length - length.min()) * (count / max(span, 1e-9)), count - 1).astype(int)
     if gain is not None:
         number = 2 * number + (length >= NEAR)
-    for n in np.unique(number):
+    for n in distinct(number):
         yield np.flatnonzero(number == n)
 
 

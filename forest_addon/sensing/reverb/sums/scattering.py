@@ -18,7 +18,7 @@ import numpy as np
 from ....acoustics.cylinder import transfer
 from ....acoustics.spectrum import Panel, delay_factors, frequency_panels
 from ....base.progress import Progress
-from ....base.rows import RowTable
+from ....base.rows import RowTable, distinct
 from ....spec import Air
 from ..forest.losses import Losses, loss_per_metre
 from ..trunks import Trunks
@@ -184,7 +184,7 @@ def _together(
     """Paths of one octave of radii, a few at a time, with their panels; none of trunks without a width."""
     wide = paths.radius > 0
     octave = np.floor(np.log2(np.where(wide, paths.radius, 1.0)))
-    for number in np.unique(octave[wide]):
+    for number in distinct(octave[wide]):
         rows = np.flatnonzero((octave == number) & wide)
         width = PANEL_KA * speed / (2.0 * math.pi * paths.radius[rows].max())
         panels = frequency_panels(highest, spacing, width, lowest)
