@@ -13,12 +13,17 @@ from forest_addon.blender.scene.nodes import has_input
 from forest_addon.blender.show.cloud_nodes import GROUP
 from forest_addon.formats.wav import read_wav
 from forest_addon.results.dry_sounds import PEAK_DB, dry_sound
+from forest_addon.results.kinds import RESULTS
 from forest_addon.results.points import POINT
 from forest_addon.sensing.reverb.auralise import auralise, normalised
 from forest_addon.sensing.reverb.response import channels_of
 from forest_addon.ui.results import buttons, finding
 
 from ..pressing import add_cube, press, run
+
+
+def test_every_format_of_a_result_has_its_words():
+    assert {ending for kind in RESULTS.values() for ending in kind.endings} == set(buttons.WORDS)
 
 
 @pytest.mark.medium
