@@ -2,16 +2,16 @@
 
 The parser is a loop over ``commands.COMMANDS``; nothing here knows one of them by name.
 Exit codes: 0 done; 1 something failed while running (a full disk); 2 bad input, one sentence says what,
-where and what to do; 3 an audit found an error beyond what was allowed, or
---strict and a warning, results are kept; 4 some of many
-scenes could not be made; 5 siblings of a tree are too unlike it to be planted; 130 interrupted, finished
-files are kept.
+where and what to do; 3 an audit found an error beyond what was allowed, or --strict and a warning, results
+are kept; 4 some of many scenes could not be made; 5 siblings of a tree are too unlike it to be planted; 130
+interrupted, finished files are kept; 141 nobody reads the output any more.
 """
 
 from __future__ import annotations
 
 import argparse
 import errno
+import os
 import re
 import sys
 from collections.abc import Iterator, Sequence
@@ -62,7 +62,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except ValueError as problem:
         return _fail(problem, 2)
     kept = command.kept(chosen)
-    with interruptible(kept), redirect_stdout(PlainStream(sys.stdout)):  # names are shown by many
+    shown = sys.stdout or open(os.devnull, "w")  # noqa: SIM115 closed, as by >&-
+    with interruptible(kept), redirect_stdout(PlainStream(shown)):  # names are shown by many
         try:
             with _alone(command.lock(chosen)):
                 _run(command, chosen)
@@ -76,6 +77,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
             sys.unraisablehook = _say_nothing
             said = f" ({problem})" if str(problem) else ""
             return _fail(f"there is not enough memory{said}; take less at once, {kept}", 1)
+        except BrokenPipeError:  # who read it has seen enough
+            os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+            return 141
         except OSError as problem:
             sys.unraisablehook = _say_nothing  # files that fail again when they are dropped
             return _fail(_in_words(problem), 1)

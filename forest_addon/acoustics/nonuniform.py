@@ -145,7 +145,8 @@ def _planned(task: _Task, reach: ArrayLike, loudness: ArrayLike, allowed: float)
     dense = int(_nodes_for(turn[some].max(), 7.0 - math.log(allowed))) + SPARE
     while True:
         values = task.values(dense, some)
-        terms = np.abs(chebyshev.coefficients(values, 0))
+        # In double precision, so that what is left of a series is not its rounding.
+        terms = np.abs(chebyshev.coefficients(values.astype(np.complex128), 0))
         size = float(weight @ np.abs(values).max(axis=0))
         beyond = PEAK * np.sqrt(np.square(terms[3 * dense // 4 :]).sum(axis=0))
         if dense >= min(LEVELS[-1], 2 * task.count) or weight @ beyond <= RESOLVED * allowed * size:

@@ -269,10 +269,8 @@ def _place_of(path: Path) -> tuple[GeoRaster, Any] | None:
             str(path), f"lies in degrees; project it, as by gdalwarp -t_srs {near} IN.tif OUT.tif"
         )
     flat = unit_named(keys.get("ProjLinearUnitsGeoKey"), 1.0)
-    if crs:
-        flat, up = metres_of(f"{crs}+{codes[1]}" if codes[1] != OWN else crs, flat)
-    else:
-        up = flat
+    whole = [f"{crs}+{codes[1]}"] if crs and codes[1] != OWN else []
+    flat, up = _units_of(path, [*whole, crs], flat)  # some give a datum for the system of heights
     up = unit_named(keys.get("VerticalUnitsGeoKey"), up)
     return GeoRaster(np.zeros((0, 0)), flat * transform, crs, up), told
 
@@ -330,7 +328,17 @@ def _system_beside(path: Path) -> tuple[str, float, float]:
     height; metres where there is none."""
     beside = path.with_suffix(".prj")
     crs = beside.read_text("utf-8", errors="replace").strip() if beside.is_file() else ""
-    return crs, *metres_of(crs)
+    return crs, *_units_of(path, [crs], 1.0)
+
+
+def _units_of(path: Path, systems: list[str], otherwise: float) -> tuple[float, float]:
+    """Metres of the units of the first system that PROJ knows, on the map and in height."""
+    for crs in systems:
+        try:
+            return metres_of(crs, otherwise)
+        except SpecError as problem:
+            refused = SpecError(str(path), f"has a system that cannot be used: {problem.problem}")
+    raise refused
 
 
 def _read_points(path: Path) -> np.ndarray:
@@ -434,7 +442,8 @@ def _read_tiff(path: Path, raw: bool) -> tuple[np.ndarray, float]:
 def _read_by_another(path: Path, problem: Exception) -> tuple[np.ndarray, float]:
     """Pixels and white by the library that is there. problem : why they are not read without it."""
     why = " ".join(str(problem).split()) or type(problem).__name__
-    refused = SpecError(str(path), f"cannot be read ({why}); save it as PNG, TIFF or npy")
+    more = ", or pip install imagecodecs" if "imagecodecs" in why else ""
+    refused = SpecError(str(path), f"cannot be read ({why}); save it as PNG, TIFF or npy{more}")
     with open(path, "rb") as file:
         if file.read(2) == b"MM":  # which Pillow takes for little-endian where it is packed
             raise refused

@@ -90,6 +90,9 @@ GONE = (
     "tot",
     "abgestorben",
 )
+YES = ("1", "true", "t", "yes", "y", "ja", "oui", "x", "dead")
+NO = ("0", "false", "f", "no", "n", "nein", "non", "dead")
+LIVING = ("alive", "live", "lebend", "vivant")
 GONE += ("mort", "morte", "d", "g", "m", "2", "3")  # letters of ForestGEO, numbers of FIA
 MOST = 500_000_000  # bytes of a table
 PACKED = 200  # times the bytes of a file that it may unpack to, beside a megabyte
@@ -185,8 +188,10 @@ def read_tree_map(path: Path, crs: str = "") -> TreeMap:
     species = np.array(sheet.texts("species"), dtype=np.str_)
     numbers = np.column_stack([found[key] for key in NUMBERS]).reshape(-1, len(NUMBERS))
     here, alive = np.isfinite(position).all(axis=1), ~_dead(sheet)
-    _tell(sheet, (~here).sum(), "without x or y")
-    _tell(sheet, (here & ~alive).sum(), "of dead trees")
+    for rows, what in ((~here, "without x or y"), (here & ~alive, "of dead trees")):
+        if rows.any():
+            count = "1 row" if rows.sum() == 1 else f"{rows.sum():,} rows"
+            sheet.said.append(f"{path.name}: left out {count} {what}")
     keep = np.flatnonzero(here & alive)
     position, crs = _projected(sheet, position[keep], crs)
     said = (f"{len(keep):,} trees of {path.name}: {columns}", *sheet.said)
@@ -327,21 +332,11 @@ def _position(sheet: _Sheet) -> np.ndarray:
 
 def _dead(sheet: _Sheet) -> np.ndarray:
     """(N,) bool, which rows say that their tree is dead or gone."""
-    told = [text.casefold() for text in sheet.texts("status")]
-    if "status" not in sheet.columns:
-        return np.zeros(len(told), dtype=bool)
-    name = "".join(_plain(sheet.head[sheet.columns["status"][0]]))
-    if name in ("dead", "tot", "mort"):
-        return np.isin(told, ("1", "true", "t", "yes", "y", "ja", "oui", "dead", "x"))
-    if name in ("alive", "live", "lebend", "vivant"):
-        return np.isin(told, ("0", "false", "f", "no", "n", "nein", "non", "dead"))
-    return np.array([text.partition(",")[0].strip() in GONE for text in told], dtype=bool)
-
-
-def _tell(sheet: _Sheet, count: int, what: str) -> None:
-    if count:
-        rows = "1 row" if count == 1 else f"{count:,} rows"
-        sheet.said.append(f"{sheet.path.name}: left out {rows} {what}")
+    told = [text.casefold().partition(",")[0].strip() for text in sheet.texts("status")]
+    name = (
+        "".join(_plain(sheet.head[sheet.columns["status"][0]])) if "status" in sheet.columns else ""
+    )
+    return np.isin(told, YES if name in ("dead", "tot", "mort") else NO if name in LIVING else GONE)
 
 
 def _projected(sheet: _Sheet, place: np.ndarray, crs: str) -> tuple[np.ndarray, str]:
@@ -477,9 +472,11 @@ def _text(path: Path) -> _Sheet:
         with gzip.open(path) as file:
             data = file.read(PACKED * len(data) + 1_000_001)
             _unpacked(path, len(data))
-    said = []
+    said, encoding = [], "utf-16-le" if data[1:2] == b"\0" else "utf-8-sig"
+    if data.startswith((b"\xff\xfe", b"\xfe\xff")):  # byte order marks
+        encoding = "utf-16"
     try:
-        text = data.decode(_encoding(data))
+        text = data.decode(encoding)
     except UnicodeDecodeError:
         text = data.decode("cp1252")
         said = [f"{path.name}: is not UTF-8; read as Windows' cp1252"]
@@ -504,14 +501,6 @@ def _text(path: Path) -> _Sheet:
     sheet = _checked(path, rows, separator == " " or text.splitlines()[-1:][0][:1] == '"')
     sheet.commas, sheet.said = separator == ",", said
     return sheet
-
-
-def _encoding(data: bytes) -> str:
-    if data.startswith((b"\xff\xfe", b"\xfe\xff")):  # byte order marks
-        return "utf-16"
-    if b"\0" in data[:2]:
-        return "utf-16-be" if data[:1] == b"\0" else "utf-16-le"
-    return "utf-8-sig"
 
 
 def _checked(path: Path, rows: list[tuple[int, list[str]]], named: bool = False) -> _Sheet:

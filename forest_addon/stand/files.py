@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from operator import attrgetter
 from pathlib import Path
 
 import numpy as np
@@ -24,9 +25,10 @@ from scipy.ndimage import binary_dilation
 
 from .. import spec
 from ..formats.crs import same_place, short, wkt_of
+from ..formats.helios.parts import read_obj
 from ..formats.ply import read_surface
 from ..formats.raster_file import GeoRaster, read_raster
-from ..formats.stl import StlError, read_stl
+from ..formats.stl import read_stl
 from ..formats.tree_map import LENGTHS, NUMBERS, read_tree_map
 from ..growth.library.species_file import read_allometry
 from ..spec import SpecError
@@ -179,11 +181,9 @@ def read_terrain(scene: spec.Scene, folder: Path) -> tuple[GroundSurface, str]:
         return Heightmap(heights, low, size, ground.file), said
     except FileNotFoundError:
         raise SpecError(str(path), "there is no such file; check the path") from None
-    except (StlError, IntensityError) as problem:
-        raise SpecError(key, str(problem)) from None
-    except SpecError:
-        raise
     except ValueError as problem:
+        if isinstance(problem, SpecError) and not isinstance(problem, IntensityError):
+            raise
         raise SpecError(key, str(problem)) from None
 
 
@@ -311,11 +311,8 @@ def _triangles_of_stl(path: Path) -> tuple[np.ndarray, np.ndarray]:
     return corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3)
 
 
-def _triangles_of_obj(path: Path) -> tuple[np.ndarray, np.ndarray]:
-    from ..formats.helios.parts import read_obj
-
-    mesh = read_obj(path)
-    return mesh.vertices, mesh.triangles
-
-
-SURFACES = {".stl": _triangles_of_stl, ".obj": _triangles_of_obj, ".ply": read_surface}
+SURFACES = {
+    ".stl": _triangles_of_stl,
+    ".obj": lambda path: attrgetter("vertices", "triangles")(read_obj(path)),
+    ".ply": read_surface,
+}

@@ -7,7 +7,6 @@ of trees, estimated intensity and what the statistics say.
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import re
 from collections.abc import Sequence
@@ -16,7 +15,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from forest_addon.base.places import ASSETS, version
+from forest_addon.base.places import ASSETS
 from forest_addon.base.progress import Say
 from forest_addon.formats.atomic import replacing
 from forest_addon.spec import (
@@ -213,7 +212,7 @@ def estimate_site(
     if terrain is not None:
         scene = _on_terrain(scene, terrain, out, say)
     with replacing(out) as written:
-        written.write_text(_scene_text(scene, path.name, method, trees.position), encoding="utf-8")
+        _write_scene(written, scene, f"{path.name}, {method}", trees.position)
     written = [str(out), *arrays]
     if can_draw():
         from forest_addon.drawing.figures import save_figure
@@ -503,75 +502,21 @@ def _words(law: ChosenLaw) -> str:
     return f"{law.name}{over} p = {law.p_value:.3f}"
 
 
-def _scene_text(scene: Scene, source: str, method: str, positions: np.ndarray) -> str:
+def _write_scene(path: Path, scene: Scene, source: str, positions: np.ndarray) -> None:
+    """Write a scene below notes on where it comes from, and on how near trees stand."""
     import numpy as np
     from scipy.spatial import cKDTree
 
-    from forest_addon.formats.toml_file import VERSION_KEY
+    from forest_addon.formats.toml_file import write_settings
 
-    field = scene.forest
     places = np.unique(positions, axis=0)
     nearest = cKDTree(places).query(places, k=2)[0][:, 1].min() if len(places) > 1 else 0.0
-    lines = [
-        f"# Estimated from {source}, {method}, by python -m headless estimate.",
-        f'{VERSION_KEY} = "{version()}"',
-        f"name = {json.dumps(scene.name)}",
-        f"seed = {scene.seed}",
-    ]
-    if any(scene.offset):
-        lines.append(f"offset = {list(scene.offset)}  # added to what is written")
-    if scene.crs:
-        lines.append(f"crs = {json.dumps(scene.crs)}")
-    lines += [
-        "",
-        "[forest]",
-        f"origin = {_numbers(field.origin)}",
-        f"size = {_numbers(field.size)}",
-        f"# The nearest two trees of the site stand {nearest:.3g} m apart; spacing = … keeps a distance.",
-    ]
-    if field.polygon:
-        lines.append(f"polygon = {[list(corner) for corner in field.polygon]}")
-        lines.append(f"holes = {[[list(corner) for corner in hole] for hole in field.holes]}")
-    if field.terrain.file:
-        lines += ["", "[forest.terrain]", f"file = {json.dumps(field.terrain.file)}"]
-    for planting in scene.plantings:
-        lines += ["", "[[plantings]]", f"species = {json.dumps(planting.species)}"]
-        lines.append(f"expected = {planting.expected:g}" if planting.expected else "expected = 0")
-        if planting.base:
-            lines.append(f"base = {planting.base:.6g}")
-        if planting.gaussians:
-            lines.append("gaussians = [")
-            lines += [
-                f"    {{ peak = {hill.peak:.6g}, centre = {_numbers(hill.centre)}, "
-                f"width = {_numbers(hill.width)} }},"
-                for hill in planting.gaussians
-            ]
-            lines.append("]")
-        if planting.layout == "clusters":
-            groups = planting.clusters
-            lines += [
-                'layout = "clusters"',
-                f'clusters = {{ kind = "{groups.kind}", groups = {groups.groups:.6g}, '
-                f"spread = {groups.spread:.6g} }}",
-            ]
-        elif planting.layout == "strauss":
-            strauss = planting.strauss
-            lines += [
-                'layout = "strauss"',
-                f"strauss = {{ radius = {strauss.radius:.6g}, gamma = {strauss.gamma:.6g} }}",
-            ]
-        lines += [f"rasters = [{{ file = {json.dumps(r.file)} }}]" for r in planting.rasters]
-        if planting.targets:
-            dbh = planting.targets.dbh
-            lines += [
-                "targets = { allometry = " + json.dumps(planting.targets.allometry) + ", dbh = { "
-                f"mean = {dbh.mean:.4g}, sd = {dbh.sd:.4g}, low = {dbh.low:.4g}, high = {dbh.high:.4g} }} }}"
-            ]
-    return "\n".join(lines) + "\n"
-
-
-def _numbers(values: Sequence[float]) -> str:
-    return "[" + ", ".join(f"{value:.9g}" for value in values) + "]"
+    write_settings(path, scene)
+    notes = (
+        f"# Estimated from {source}, by python -m headless estimate. The nearest two trees of the site\n"
+        f"# stand {nearest:.3g} m apart; spacing keeps a distance. offset is added to what is written.\n"
+    )
+    path.write_text(notes + path.read_text("utf-8"), encoding="utf-8")
 
 
 def _said(offset: np.ndarray) -> str:

@@ -21,7 +21,7 @@ import hashlib
 import json
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -330,7 +330,7 @@ def _override(tables: dict[str, Any], said: str) -> None:
 
 def _plan(path: Path, tables: dict[str, Any]) -> Plan:
     head = {key: value for key, value in tables.items() if key not in TABLES}
-    head_fields = set(Head.__dataclass_fields__)
+    head_fields = {field.name for field in fields(Head)}
     refuse_unknown(sorted(head), [*sorted(head_fields), *TABLES])
     bases = _bases(tables, path.parent)
     tables = {key: value for key, value in tables.items() if key not in ("scene", "scenes")}

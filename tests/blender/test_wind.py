@@ -126,7 +126,15 @@ def test_a_later_frame_is_a_later_moment():
 
 @pytest.mark.medium
 def test_a_ping_hears_trees_where_the_wind_has_them():
-    bat = forest.Sonar(position=(0, 0, 2), max_range=8.0, wood=True, shading="trunks", cull=0.02)
+    bat = forest.Sonar(
+        position=(0, 0, 2),
+        max_range=6.0,
+        wood=True,
+        shading="trunks",
+        cull=0.02,
+        band=(20e3, 50e3),
+        sample_rate=150e3,
+    )
     world = built(WINDY)
     found = world.ping(bat)
     assert found.audit.kept

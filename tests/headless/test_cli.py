@@ -94,3 +94,13 @@ def test_a_species_called_as_no_file_can_be(headless, tmp_path):
     done = headless("species", tmp_path / "s.toml", "--pictures", tmp_path / "p")
     assert done.returncode == 0, done.stderr
     assert [path.name for path in (tmp_path / "p").glob("*.jpg")] == ["oak_pine_x.jpg"]
+
+
+@pytest.mark.parametrize(
+    ("ending", "code"), [("| head -c 1 > /dev/null; exit ${PIPESTATUS[0]}", 141), (">&-", 0)]
+)
+def test_output_that_nobody_reads_ends_a_command_quietly(ending, code):
+    words = f"{sys.executable} -m headless derive maple --generations 12 {ending}"
+    ended = subprocess.run(["bash", "-c", words], cwd=ROOT, capture_output=True, text=True)
+    assert ended.returncode == code
+    assert ended.stderr == ""

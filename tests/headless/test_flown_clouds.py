@@ -13,6 +13,7 @@ from forest_addon.sensing.lidar.pattern import pattern_of
 from forest_addon.spec import Mobile, Pose, Scene, SpecError
 from forest_addon.stand.files import read_inputs
 from headless.surveys import write_like
+from studies.validation.own_cloud import read_cloud
 
 FOOT, US_FOOT = 0.3048, 1200 / 3937
 LOW = np.array([1_980_000.0, 610_000.0, 40.0])  # EPSG:26943, metres
@@ -125,6 +126,14 @@ def test_metres_are_written_into_systems_of_metres_alone(tmp_path, crs, said):
                 door()
         else:
             door()
+
+
+def test_a_cloud_in_feet_is_validated_as_one_in_metres(tmp_path, flight):
+    save(tmp_path / "m.las", flight)
+    save(tmp_path / "ft.las", flight, (US_FOOT, US_FOOT), wkt("EPSG:2227"))
+    metres, feet = (read_cloud(tmp_path / name) for name in ("m.las", "ft.las"))
+    assert feet.place == pytest.approx(metres.place, abs=2e-4)
+    assert feet.heights() == pytest.approx(metres.heights(), abs=1e-3)
 
 
 def poses(scene):

@@ -4,7 +4,9 @@ Files are written by tifffile with the tags that OGC 19-008r4 and GDAL name, or 
 in closed form. Bilinear in the inner pixels, it is held to the steps of the numbers stored.
 """
 
+import re
 import struct
+from pathlib import Path
 
 import laspy
 import numpy as np
@@ -13,10 +15,14 @@ import tifffile
 
 from forest_addon.formats.helios.parts import Material
 from forest_addon.formats.helios.parts import read_terrain as survey_ground
+from forest_addon.formats.raster_file import CLOUDS, POINTS
+from forest_addon.results.points import ENDINGS
 from forest_addon.spec import Forest, Planting, Raster, Scene, SpecError, Terrain
 from forest_addon.stand.compose import process_of
+from forest_addon.stand.files import SURFACES as SURFACES_READ
 from forest_addon.stand.files import read_inputs
 
+ROOT = Path(__file__).parents[2]
 EAST, NORTH, WIDE, HIGH = 500_000.0, 5_400_000.0, 31, 27  # lowest corner on the map, metres
 FOOT, US_FOOT = 0.3048, 1200 / 3937
 UPRIGHT = np.array([[1.0, 0, EAST], [0, -1.0, NORTH + HIGH]])
@@ -146,11 +152,35 @@ def test_heights_are_heights_where_the_file_says(tmp_path, kind):
     assert ("the first of its 2 bands" in told) == (kind == "two bands")
 
 
+@pytest.mark.parametrize("big_endian", [False, True])
+@pytest.mark.parametrize(
+    ("kind", "packed", "predictor"),
+    [
+        ("i2", "lzw", 2),
+        ("u4", "lzw", 2),
+        ("f4", "zlib", 3),
+        ("f8", "zlib", 3),
+        ("f8", "lzw", 1),
+        ("i4", "zstd", 1),
+        ("f4", "lerc", 1),
+    ],
+)
+def test_packed_heights_are_heights(tmp_path, kind, packed, predictor, big_endian):
+    pytest.importorskip("imagecodecs", reason="tifffile packs these by imagecodecs")
+    if packed == "lerc" and big_endian:
+        pytest.skip("LERC is little-endian")
+    how = {"compression": packed, "tile": (16, 16), "byteorder": "<>"[big_endian]}
+    pixels = heights().round().astype(kind)
+    geotiff(tmp_path / "dem.tif", pixels, predictor=predictor if predictor > 1 else None, **how)
+    found, expected, _ = ground_of(tmp_path, scene("dem.tif"))
+    assert np.abs(found - expected).max() <= 0.5 + 1e-4
+
+
 def test_feet_of_a_system_are_metres_on_the_ground(tmp_path):
     """EPSG:2227 counts in US survey feet; its twin in metres has the same place, UTM another."""
     pytest.importorskip("pyproj")
     turn = UPRIGHT / US_FOOT
-    vertical = {"": US_FOOT, 5703: 1.0}  # NAVD88 height, metres
+    vertical = {"": US_FOOT, 5703: 1.0, 5103: US_FOOT}  # NAVD88 height, metres; a datum
     for code, unit in vertical.items():
         keys = {3072: 2227, 3076: 9003} | ({4096: code} if code else {})
         geotiff(tmp_path / "dem.tif", heights() / unit, turn, keys)
@@ -160,6 +190,25 @@ def test_feet_of_a_system_are_metres_on_the_ground(tmp_path):
             read_inputs(scene("dem.tif", crs="EPSG:32610"), tmp_path)
     with pytest.raises(SpecError, match=r"US survey foot.*take EPSG:26943"):
         read_inputs(scene("dem.tif", crs="EPSG:2227"), tmp_path)
+
+
+def test_a_system_that_is_not_there_is_refused_with_the_file(tmp_path):
+    pytest.importorskip("pyproj")
+    geotiff(tmp_path / "dem.tif", heights(), keys={3072: 29999})
+    written(tmp_path / "dem.asc", "corner")
+    (tmp_path / "dem.prj").write_text('GEOGCS["nowhere"]')
+    for name in ("dem.tif", "dem.asc"):
+        with pytest.raises(SpecError, match=rf"{name}: has a system that cannot be used"):
+            read_inputs(scene(name), tmp_path)
+
+
+def test_the_page_names_every_ending_that_is_read():
+    page = (ROOT / "docs/bring-your-data.md").read_text("utf-8")
+    said = page.split("## Terrain and rasters")[1].split("\n## ")[0].split("**Units.**")[0]
+    endings = {*POINTS, *CLOUDS, *SURFACES_READ, ".asc", ".tif", ".npy"}
+    assert set(re.findall(r"`(\.\w+)`", said)) - {".prj"} == endings
+    said = page.split("## Point clouds")[1].split("\n## ")[0].split("\n\n")[1]
+    assert set(re.findall(r"`(\.[\w.]+)`", said)) == {*ENDINGS} - {".xyz", ".npz", ".csv"}
 
 
 def test_degrees_are_refused_with_the_zone(tmp_path):

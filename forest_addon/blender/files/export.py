@@ -19,7 +19,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-import bmesh
 import bpy
 import numpy as np
 from mathutils import Vector
@@ -243,6 +242,8 @@ def _trimmed(
 
 def _cut(ground: bpy.types.Object, low: np.ndarray, high: np.ndarray) -> bpy.types.Object:
     """A copy of a ground, what is outside of a rectangle (2,) to (2,) metres in the world cut away."""
+    import bmesh  # after bpy, which brings it
+
     shape = bmesh.new()
     shape.from_mesh(ground.data)
     shape.transform(ground.matrix_world)

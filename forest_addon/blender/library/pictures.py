@@ -110,13 +110,19 @@ def _hang(
     low, top = tree.mesh.vertices.min(axis=0), tree.mesh.vertices.max(axis=0)
     middle = (low[0] + top[0]) / 2
     above = tree.mesh.vertices * [1, 1, 0] + np.maximum(tree.mesh.vertices * [0, 0, 1], 0.0)
-    mesh = to_mesh(species.name, replace(tree.mesh, vertices=above))  # without its sunk foot
-    for material in materials.coats_of(species):
-        mesh.materials.append(material)
+    mesh = _coated(species, replace(tree.mesh, vertices=above))  # without its sunk foot
     thing = bpy.data.objects.new(species.name, mesh)
     thing.scale = (size, size, size)
     thing.location = (x - middle * size, 0.0, z)
     scene.collection.objects.link(thing)
+
+
+def _coated(species: spec.Species, mesh: TriMesh) -> bpy.types.Mesh:
+    """A mesh in the bark and leaves of its species."""
+    made = to_mesh(species.name, mesh)
+    for material in materials.coats_of(species):
+        made.materials.append(material)
+    return made
 
 
 def _aim(scene: bpy.types.Scene, wide: float, high: float) -> None:
@@ -259,9 +265,7 @@ def render_closeup(
     view = SHOTS[shot](species, tree)
     empty_file()
     scene = bpy.context.scene
-    mesh = to_mesh(species.name, tree.mesh)
-    for material in materials.coats_of(species):
-        mesh.materials.append(material)
+    mesh = _coated(species, tree.mesh)
     scene.collection.objects.link(bpy.data.objects.new(species.name, mesh))
     set_stage(scene, size)
     lay_horizon(scene, np.zeros(2), FARTHEST, 0.0)

@@ -77,9 +77,15 @@ def lay_lawn(scene: bpy.types.Scene, height: float) -> None:
     z = height - SUNK
     data.from_pydata([(x, y, z) for x, y in FAR_CORNERS], [], [(0, 1, 2, 3)])
     data.materials.append(bpy.data.materials.get(LAWN) or materials.ground(LAWN))
-    lawn = bpy.data.objects.new(LAWN, data)
-    lawn[IGNORED_KEY] = lawn.hide_viewport = lawn.hide_select = True
-    scene.collection.objects.link(lawn)
+    _lay(scene.collection, LAWN, data)
+
+
+def _lay(home: bpy.types.Collection, name: str, data: bpy.types.Mesh) -> bpy.types.Object:
+    """An object for pictures alone: views do not show it, sensors do not meet it."""
+    thing = bpy.data.objects.new(name, data)
+    thing[IGNORED_KEY] = thing.hide_viewport = thing.hide_select = True
+    home.objects.link(thing)
+    return thing
 
 
 def render(
@@ -252,19 +258,15 @@ def lay_horizon(scene: bpy.types.Scene, middle: np.ndarray, reach: float, height
         vertices += [*middle, height]
         data.from_pydata(vertices.tolist(), [], faces.tolist())
         data.materials.append(_paint(f"{HORIZON} {number}", beyond))
-        ring = bpy.data.objects.new(HORIZON, data)
-        ring[IGNORED_KEY] = ring.hide_viewport = ring.hide_select = True
+        ring = _lay(scene.collection, HORIZON, data)
         ring.visible_shadow = ring.visible_diffuse = ring.visible_glossy = False
-        scene.collection.objects.link(ring)
     data = bpy.data.meshes.new(HORIZON)
     around = 2 * np.pi * np.arange(PLAIN_CORNERS) / PLAIN_CORNERS
     rim = (reach + RINGS[0][0]) * np.stack([np.cos(around), np.sin(around)], axis=1)
     places = np.column_stack([rim + middle, np.full(PLAIN_CORNERS, height - BELOW)])
     data.from_pydata(places.tolist(), [], [list(range(PLAIN_CORNERS))])
     data.materials.append(bpy.data.materials.get(PLAIN) or materials.meadow(PLAIN))
-    plain = bpy.data.objects.new(PLAIN, data)
-    plain[IGNORED_KEY] = plain.hide_viewport = plain.hide_select = True
-    scene.collection.objects.link(plain)
+    _lay(scene.collection, PLAIN, data)
 
 
 def ridge_of(number: int, high: float, jag: float) -> tuple[np.ndarray, np.ndarray]:
@@ -427,12 +429,10 @@ def grow_around(
         grows &= (rng.random(len(spots)) < thinned) & np.isfinite(ground)
         patches = _patches(plant)
         for number in np.flatnonzero(grows):
-            thing = bpy.data.objects.new(NAME, patches[int(rng.integers(len(patches)))])
+            thing = _lay(home, NAME, patches[int(rng.integers(len(patches)))])
             thing.location = (*spots[number], float(ground[number]) - 0.01)
             thing.rotation_euler.z = float(rng.uniform(0, 2 * np.pi))
             thing.scale = (float(rng.uniform(*plant.size)),) * 3
-            thing[IGNORED_KEY] = thing.hide_viewport = thing.hide_select = True
-            home.objects.link(thing)
 
 
 def _waves(spots: np.ndarray, sort: int) -> np.ndarray:

@@ -135,6 +135,8 @@ WORDS = {
     ".copc.laz": ("COPC", "A point cloud that viewers stream, with all labels"),
     ".e57": ("E57", "A point cloud with the scanner's pose and a panorama"),
     ".pcd": ("PCD", "A point cloud with all labels, for PCL and ROS"),
+    ".double.ply": ("PLY, Doubles", "A binary PLY whose places are whole coordinates"),
+    ".double.pcd": ("PCD, Doubles", "A PCD whose places are whole coordinates"),
     ".xyz": ("XYZ", "A point cloud as lines of text"),
     ".sofa": ("SOFA", "Impulse responses with their places (AES69)"),
     ".wav": ("WAV", "A sound; echoes slowed down for human ears"),

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import io
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
 
@@ -18,7 +18,6 @@ import numpy as np
 from ...base.labels import Labels
 from ...blender.scene.layout import RESULTS, part
 from ...blender.show.cloud import (
-    Entry,
     end_with_ground,
     legend_of,
     legend_of_heard,
@@ -42,7 +41,15 @@ from ...stand.forest import GrownForest
 from ..settings.exchange import forestless
 from ..shell.words import Kept, keep, label_kept, say, say_kept
 from . import images
-from .keep import blocks_of, hold_frame, let_go, show_result, tell_again
+from .keep import (
+    blocks_of,
+    hold_frame,
+    let_go,
+    set_figures,
+    set_legend,
+    show_result,
+    tell_again,
+)
 
 MOST = 2**30  # bytes of a result; Blender's files hold no text of twice as many
 # What no file that is exported needs: working tables of a ping, and what follows from its responses.
@@ -162,11 +169,11 @@ def keep_finding(
         points = show_cloud(part(context.scene, RESULTS), sensor.name, cloud)
         note_scan(points.data, cloud, offset, offset.crs, labels)
         result.shown = points.name
-        _explain(result, legend_of(cloud, *names))
+        set_legend(result, map(dataclasses.astuple, legend_of(cloud, *names)))
     if marks is not None:
         points = show_heard(part(context.scene, RESULTS), sensor.name, marks)
         result.shown = points.name
-        _explain(result, legend_of_heard(marks))
+        set_legend(result, map(dataclasses.astuple, legend_of_heard(marks)))
     if result.shown:
         show_result(context, result)
         if beyond := end_with_ground(points, context.scene):
@@ -210,10 +217,13 @@ def note_figures(context: bpy.types.Context, name: str, figures: Words) -> None:
 
 
 def _set_figures(result: Any, figures: Words) -> None:
-    for name, value in figures.items():
-        figure = result.figures.get(name) or result.figures.add()
-        figure.name, figure.value = name, value
-        figure.made_of = value.made_of if isinstance(value, Kept) else ""
+    set_figures(
+        result,
+        (
+            (name, value, value.made_of if isinstance(value, Kept) else "")
+            for name, value in figures.items()
+        ),
+    )
 
 
 def plain(value: float, unit: str) -> str:
@@ -232,13 +242,6 @@ def _labels(cloud: Cloud, geometry: SceneGeometry, species: Sequence[str]) -> di
         "SPECIES": labels_by_species(cloud.returns, species),
         "MATERIAL": labels_by_material(cloud.returns, geometry),
     }
-
-
-def _explain(result: Any, legend: Iterable[Entry]) -> None:
-    """Note what the colours of a result's points mean."""
-    for entry in legend:
-        item = result.legend.add()
-        item.name, item.choice, item.colour = entry.name, entry.choice, entry.colour
 
 
 def _note(props: Any, name: str, kind: str, title: str, figures: Words) -> Any:

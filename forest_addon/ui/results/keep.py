@@ -10,7 +10,7 @@ points.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any, ClassVar
 
 import bpy
@@ -60,15 +60,17 @@ def _said_of(result: Any) -> str:
     return json.dumps((figures, legend))
 
 
-def _say(result: Any, said: str) -> None:
-    """Have a result say what was noted of a frame."""
-    figures, legend = json.loads(said)
-    result.figures.clear()
-    result.legend.clear()
+def set_figures(result: Any, figures: Iterable[tuple[str, str, str]]) -> None:
+    """Add figures to a result, or change them: name, value, and what says the value in another language."""
     for name, value, made_of in figures:
-        item = result.figures.add()
+        item = result.figures.get(name) or result.figures.add()
         item.name, item.value, item.made_of = name, value, made_of
-    for name, choice, *colour in legend:
+
+
+def set_legend(result: Any, legend: Iterable[tuple[str, str, Sequence[float]]]) -> None:
+    """Have a result explain its colours: choice of the menu, name and colour of each."""
+    result.legend.clear()
+    for choice, name, colour in legend:
         item = result.legend.add()
         item.name, item.choice, item.colour = name, choice, colour
 
@@ -111,7 +113,10 @@ def show_frame(scene: bpy.types.Scene) -> None:
             speaker.data.sound = each.sound
         result.found = each.found
         if each.said and each.said != _said_of(result):  # nothing, in files of before
-            _say(result, each.said)
+            figures, legend = json.loads(each.said)
+            result.figures.clear()
+            set_figures(result, figures)
+            set_legend(result, ((choice, name, colour) for name, choice, *colour in legend))
 
 
 @bpy.app.handlers.persistent

@@ -163,7 +163,7 @@ def test_the_list_of_scanners(lidar):
         (("PARK", *SCAN, "--chunk", "0"), "--chunk: 0 is out of range"),
         (("PARK", *SCAN, "--out", "x.txt"), "must end in one of .laz"),
         (("none.blend", *SCAN), "there is no such file"),
-        (("pyproject.toml", *SCAN), "cannot be opened"),
+        (("pyproject.toml", *SCAN), "must end in one of .blend, .glb"),
         (
             ("PARK", "--scanner", "riegl-vux-1uav", "--along", "Road"),
             "curves and empties here: Drone",

@@ -13,12 +13,17 @@ from forest_addon.blender.scene.nodes import has_input
 from forest_addon.blender.show.cloud_nodes import GROUP
 from forest_addon.formats.wav import read_wav
 from forest_addon.results.dry_sounds import PEAK_DB, dry_sound
+from forest_addon.results.kinds import RESULTS
 from forest_addon.results.points import POINT
 from forest_addon.sensing.reverb.auralise import auralise, normalised
 from forest_addon.sensing.reverb.response import channels_of
 from forest_addon.ui.results import buttons, finding
 
 from ..pressing import add_cube, press, run
+
+
+def test_every_format_of_a_result_has_its_words():
+    assert {ending for kind in RESULTS.values() for ending in kind.endings} == set(buttons.WORDS)
 
 
 @pytest.mark.medium
@@ -162,7 +167,8 @@ def test_points_are_labelled_by_object_with_names(painted, tmp_path, ending):
         head, _, body = path.read_bytes().partition(b"end_header\n")
         lines = [line.split(maxsplit=3) for line in head.decode().splitlines()]
         names = {int(line[2]): line[3] for line in lines if line[:2] == ["comment", "label"]}
-        rows = np.frombuffer(body, [*POINT.descr, ("label", "<i4")])
+        kinds = [(name, "<f4" if name in "xyz" else kind) for name, kind in POINT.descr]
+        rows = np.frombuffer(body, [*kinds, ("label", "<i4")])
         found, height = [names[n] for n in rows["label"].tolist()], rows["z"]
     assert set(found) == {"my house", "Plane"}
     assert {name for name, z in zip(found, height, strict=True) if z > 1e-3} == {"my house"}

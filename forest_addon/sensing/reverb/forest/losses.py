@@ -251,10 +251,6 @@ class Losses:
             * self._turned(frequency, length)
         )
 
-    def near_share(self, frequency: np.ndarray, length: np.ndarray, rise: float) -> np.ndarray:
-        """The same with the trunks' ends, and e^{-κx}."""
-        return self.share(frequency, length, rise) * self.of_trunks(frequency, length)
-
     def of_trunks(self, frequency: np.ndarray, length: np.ndarray) -> np.ndarray:
         """Return what other trunks take, and what trunks' ends leave."""
         found = np.exp(-0.5 * self.removed(frequency) * length)

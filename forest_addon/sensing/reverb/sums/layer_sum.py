@@ -36,7 +36,7 @@ from scipy import fft, linalg, sparse
 
 from ....acoustics import chebyshev
 from ....acoustics.cylinder import order_count, partial_waves, transfer
-from ....acoustics.kaiser_bessel import OVERSAMPLING, Kernel
+from ....acoustics.gridding import OVERSAMPLING, kernel, width_for
 from ....acoustics.spectrum import delay_factors
 from ....base.rng import stream
 from ..band import SPREAD, roll_off
@@ -71,7 +71,7 @@ class LayerSum:
         self.step, self.rate, self.speed = layer.step, layer.rate, layer.speed
         self.dtype = np.float32 if layer.tolerance >= SINGLE and layer.lowest > 0 else np.float64
         self.complex = np.result_type(self.dtype, np.complex64)
-        self.kernel = Kernel.for_tolerance(0.3 * layer.tolerance)
+        self.kernel = kernel(width_for(0.3 * layer.tolerance))
         self.errors: dict[float, float] = {}
         self._filters: dict[int, np.ndarray] = {}
         self._spectra: dict[tuple, tuple[np.ndarray, np.ndarray]] = {}
@@ -91,7 +91,8 @@ class LayerSum:
         total: np.ndarray = np.zeros(last - first)
         sector_of = np.searchsorted(self.layer.highs, cosine)
         for number in np.flatnonzero(np.bincount(sector_of)).tolist():
-            self._note_errors(number)
+            for octave, error in self.layer.sector(number).errors.items():
+                self.errors[octave] = max(error, self.errors.get(octave, 0.0))
         if gain is None:
             for number, rows in _groups(sector_of):
                 start, part = self._sector_sum(number, paths.select(rows), cosine[rows])
@@ -105,10 +106,6 @@ class LayerSum:
             return total
         skipped = -SPREAD - first * self.step
         return _upsampled(total, self.step)[skipped : skipped + count]
-
-    def _note_errors(self, number: int) -> None:
-        for octave, error in self.layer.sector(number).errors.items():
-            self.errors[octave] = max(error, self.errors.get(octave, 0.0))
 
     def _sector_sum(
         self, number: int, paths: TrunkPaths, cosine: np.ndarray

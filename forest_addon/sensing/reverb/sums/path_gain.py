@@ -167,7 +167,8 @@ class PathGain:
         return self._zones[number, rise]
 
     def _near(self, frequency: np.ndarray, length: np.ndarray, rise: float) -> np.ndarray:
-        found = self.losses.near_share(frequency, length, rise)
+        found = self.losses.share(frequency, length, rise)
+        found = found * self.losses.of_trunks(frequency, length)
         if not self.whole:
             return found
         path = length + self.losses.detour(length, rise)
