@@ -47,7 +47,7 @@ USUAL["crown_base"] = USUAL["height"]
 
 
 class ElsewhereError(SpecError):
-    """A file that lies beside the field; ``offset`` (x, y, z) of the scene would mend it, None where none does."""
+    """A file that lies beside the field; ``offset`` (x, y, z) would put the field on it, None: none does."""
 
     def __init__(self, key: str, problem: str, offset: tuple[float, float, float] | None) -> None:
         super().__init__(key, problem)
@@ -227,8 +227,8 @@ def _refuse_elsewhere(
 ) -> None:
     """Refuse a file that lies beside the field.
 
-    extent : lowest and highest x and y of the file in the scene, metres. holds : whether the file is on a field
-    of these corners (4, 2), the lowest first. about : places (2,) that the field may be put around, after the
+    extent : lowest and highest x and y of the file in the scene, metres. holds : whether the file is on
+    a field of these corners (4, 2), the lowest first. about : places (2,) that the field may be put around, after the
     middle of the extent.
 
     Raises
@@ -251,7 +251,7 @@ def _refuse_elsewhere(
         " and ".join(
             f"{a} {first:.10g} to {last:.10g}" for a, first, last in zip("xy", *ends, strict=True)
         )
-        for ends in (offset + extent, offset + [low, low + size])
+        for ends in (offset + extent, offset + (low, low + size))
     )
     raise ElsewhereError(
         key,
