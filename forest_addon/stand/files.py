@@ -228,8 +228,8 @@ def _refuse_elsewhere(
     """Refuse a file that lies beside the field.
 
     extent : lowest and highest x and y of the file in the scene, metres. holds : whether the file is on
-    a field of these corners (4, 2), the lowest first. about : places (2,) that the field may be put around, after the
-    middle of the extent.
+    a field of these corners (4, 2), the lowest first. about : places (2,) that the field may be put
+    around, after the middle of the extent.
 
     Raises
     ------
@@ -251,7 +251,7 @@ def _refuse_elsewhere(
         " and ".join(
             f"{a} {first:.10g} to {last:.10g}" for a, first, last in zip("xy", *ends, strict=True)
         )
-        for ends in (offset + extent, offset + (low, low + size))
+        for ends in (np.add(extent, offset), np.add([low, low + size], offset))
     )
     raise ElsewhereError(
         key,

@@ -426,9 +426,10 @@ def _species(trees: TreeMap, words: Sequence[str], folder: Path) -> dict[str, st
             shlex.join(["--species", f"{name or kind}={(nearest(kind, presets) or ['PRESET'])[0]}"])
             for name, kind in lost.items()
         )
+        names = ", ".join(dict.fromkeys(f'"{kind}"' for kind in lost.values()))
         raise SpecError(
             "--species",
-            f"{', '.join(dict.fromkeys(f'"{kind}"' for kind in lost.values()))} {are}; say what grows in {place} place, "
+            f"{names} {are}; say what grows in {place} place, "
             f"as {told}. Presets: {', '.join(presets)}, or a .toml file",
         )
     return kinds
