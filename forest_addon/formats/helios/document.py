@@ -87,6 +87,8 @@ ATTRIBUTES = {
     "incidentBeam": PLACE,
 }
 MATERIAL = {"matfile", "matname"}
+REPEAT, NESTED = re.compile(r"[*+{]"), re.compile(r"\([^()]*[*+}][^()]*\)[*+{]")
+MOST_REPEATS = 4  # in an expression of a file's name
 FILES = {"filepath", "efilepath"}
 PARAMETERS = {
     "objloader": {*FILES, "up"},
@@ -198,6 +200,12 @@ def find_files(pattern: str, near: Path, assets: Path | None = None) -> list[Pat
     SpecError : there is none, or the expression is broken.
     """
     folder, _, name = pattern.replace("\\", "/").rpartition("/")
+    if NESTED.search(name) or len(REPEAT.findall(name)) > MOST_REPEATS:
+        raise SpecError(
+            str(near),
+            f'efilepath = "{pattern}" repeats what repeats, or more than {MOST_REPEATS} times, which may '
+            "take for ever; name the files more plainly",
+        )
     try:
         matches = re.compile(name).fullmatch
     except re.error as problem:
