@@ -20,14 +20,14 @@ from operator import attrgetter
 from pathlib import Path
 
 import numpy as np
-from scipy.interpolate import griddata
 from scipy.ndimage import binary_dilation
 
 from .. import spec
 from ..formats.crs import same_place, short, wkt_of
+from ..formats.foreign import guarded
 from ..formats.helios.parts import read_obj
 from ..formats.ply import read_surface
-from ..formats.raster_file import GeoRaster, read_raster
+from ..formats.raster_file import GeoRaster, linear_between, read_raster
 from ..formats.stl import read_stl
 from ..formats.tree_map import LENGTHS, NUMBERS, read_tree_map
 from ..growth.library.species_file import read_allometry
@@ -184,11 +184,7 @@ def read_terrain(scene: spec.Scene, folder: Path) -> tuple[GroundSurface, str]:
             metres, said = _filled(metres), f"{said}; filled from their neighbours"
         heights = ground.base + ground.relief * metres - scene.offset[2]
         return Heightmap(heights, low, size, ground.file), said
-    except FileNotFoundError:
-        raise SpecError(str(path), "there is no such file; check the path") from None
-    except ValueError as problem:
-        if isinstance(problem, SpecError) and not isinstance(problem, IntensityError):
-            raise
+    except IntensityError as problem:
         raise SpecError(key, str(problem)) from None
 
 
@@ -278,13 +274,8 @@ def _filled(pixels: np.ndarray) -> np.ndarray:
     """The pixels, NaN replaced by what is linear between those beside holes, else by the nearest."""
     hole = np.isnan(pixels)
     beside = np.argwhere(binary_dilation(hole, np.ones((3, 3))) & ~hole)
-    known, holes = pixels[tuple(beside.T)], np.argwhere(hole)
-    found = griddata(beside, known, holes, method="nearest")
-    if len(beside) > 3:
-        linear = griddata(beside, known, holes, method="linear")
-        found = np.where(np.isnan(linear), found, linear)
     filled = pixels.copy()
-    filled[hole] = found
+    filled[hole] = linear_between(beside, pixels[tuple(beside.T)], np.argwhere(hole))
     return filled
 
 
@@ -320,6 +311,7 @@ def _told(file: str, raster: GeoRaster, pixels: np.ndarray, what: str, nothing: 
     )
 
 
+@guarded("a surface of triangles")
 def _triangles_of_stl(path: Path) -> tuple[np.ndarray, np.ndarray]:
     corners = read_stl(path)
     return corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3)
