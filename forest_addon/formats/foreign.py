@@ -9,6 +9,7 @@ reads it: that bounds time and memory by the size of the file.
 from __future__ import annotations
 
 import functools
+import importlib
 import json
 import os
 import re
@@ -16,7 +17,7 @@ import stat
 import struct
 from collections.abc import Callable
 from pathlib import Path
-from typing import BinaryIO, Concatenate, ParamSpec, TypeVar
+from typing import Any, BinaryIO, Concatenate, ParamSpec, TypeVar
 
 import numpy as np
 
@@ -78,6 +79,23 @@ def guarded(
         return guarded_read
 
     return around
+
+
+def library(path: StrPath, extra: str, name: str, instead: str = "") -> Any:
+    """Return a library of an optional extra of this package. instead : what else one may do.
+
+    Raises
+    ------
+    SpecError : it is not installed; says how it is.
+    """
+    try:
+        return importlib.import_module(name)
+    except ImportError:
+        raise SpecError(
+            os.path.basename(path),
+            f"needs the library {name.partition('.')[0]}; install it with pip install "
+            f'"forest-sensing[{extra}]"{instead}',
+        ) from None
 
 
 def refuse_claims(path: StrPath, most: int = MOST) -> None:

@@ -50,9 +50,9 @@ def empty_file() -> None:
     bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
 
 
-def open_file(path: Path) -> None:
+def open_file(path: Path) -> float:
     """Open a .blend file without its windows, and without running what scripts it has, or a mesh file in an
-    empty scene, by Blender's importer. What counts in another unit is made metres.
+    empty scene, by Blender's importer. What counts in another unit is made metres; return metres of a unit.
 
     Raises
     ------
@@ -75,15 +75,17 @@ def open_file(path: Path) -> None:
     if ending != ".blend":
         _refuse_far(path)
     units = bpy.context.scene.unit_settings
-    if units.scale_length != 1:
+    metres = float(units.scale_length)
+    if metres != 1:
         root = bpy.data.objects.new("metres of a unit", None)
-        root.scale = 3 * [units.scale_length]
+        root.scale = 3 * [metres]
         for thing in bpy.context.scene.objects:
             if thing.parent is None:
                 thing.parent = root
         bpy.context.scene.collection.objects.link(root)
         units.scale_length = 1.0
         bpy.context.view_layer.update()
+    return metres
 
 
 def _refuse_far(path: Path) -> None:
