@@ -81,7 +81,9 @@ def nearest_metric(crs: str) -> str:
     flat = known.sub_crs_list[0] if known.is_compound else known
     area = flat.area_of_use
     plain = flat.name.split(" (")[0].split(" + ")[0]
-    for one in pyproj.database.query_crs_info(auth_name="EPSG", pj_types="PROJECTED_CRS"):
+    for one in pyproj.database.query_crs_info(
+        auth_name="EPSG", pj_types=pyproj.enums.PJType.PROJECTED_CRS
+    ):
         if flat.is_projected and one.name == plain and not one.deprecated:
             return f"EPSG:{one.code}"
     if area is None or area.east - area.west > 60:
@@ -134,7 +136,7 @@ def moved(source: str, target: str, place: np.ndarray) -> tuple[np.ndarray, str]
         authority, metres = known.to_authority(), metres_of(source)[0]
         return place * metres, ":".join(authority) if authority and metres == 1 else ""
     change = pyproj.Transformer.from_crs(known, _known(target), always_xy=True)
-    return np.column_stack(np.multiply(metres_of(target)[0], change.transform(*place.T))), target
+    return metres_of(target)[0] * np.array(change.transform(*place.T)).T, target
 
 
 def _known(crs: str) -> Any:

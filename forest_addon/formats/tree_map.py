@@ -80,21 +80,23 @@ FIA_OWN = {"spcd", "statuscd"}
 TEXTS = ("species", "ring", "status", "plot")
 NUMBERS = ("scale", "rotation", "dbh", "height", "crown_width", "crown_base", "leaf_area")
 ABSENT = ("", "na", "nan", "n/a", "null", "none", ".", "-")  # where nothing was measured
-GONE = (
-    "dead",
-    "standing dead",
-    "snag",
-    "downed",
-    "removed",
-    "missing",
-    "lost",
-    "tot",
-    "abgestorben",
+GONE = (  # with letters of ForestGEO and numbers of FIA
+    *(
+        "dead",
+        "standing dead",
+        "snag",
+        "downed",
+        "removed",
+        "missing",
+        "lost",
+        "tot",
+        "abgestorben",
+    ),
+    *("mort", "morte", "d", "g", "m", "2", "3"),
 )
 YES = ("1", "true", "t", "yes", "y", "ja", "oui", "x", "dead")
 NO = ("0", "false", "f", "no", "n", "nein", "non", "dead")
 LIVING = ("alive", "live", "lebend", "vivant")
-GONE += ("mort", "morte", "d", "g", "m", "2", "3")  # letters of ForestGEO, numbers of FIA
 MOST = 500_000_000  # bytes of a table
 PACKED = 200  # times the bytes of a file that it may unpack to, beside a megabyte
 STEMS = 50  # rows at one place that may be one tree
@@ -238,7 +240,7 @@ def _columns(path: Path, head: Sequence[str]) -> dict[str, tuple[int, float, str
     pairs = [[column("x", [name]) for name in names.split()] for names in PLACES]
     both = next(filter(all, pairs), None)
     if both:
-        found |= zip("xy", both, strict=True)
+        found |= {axis: one for axis, one in zip("xy", both, strict=True) if one}
     elif not {"distance", "azimuth"} <= set(found):
         axis = "y" if any(x for x, _ in pairs) else "x"
         raise SpecError(
