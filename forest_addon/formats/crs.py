@@ -33,8 +33,7 @@ def to_map(crs: str, longitude: np.ndarray, latitude: np.ndarray) -> tuple[np.nd
     known = _known(crs)
     import pyproj
 
-    change = pyproj.Transformer.from_crs("EPSG:4326", known, always_xy=True)
-    east, north = np.multiply(metres_of(crs)[0], change.transform(longitude, latitude))
+    east, north = moved("EPSG:4326", crs, np.column_stack([longitude, latitude]))[0].T
     factors = pyproj.Proj(known).get_factors(longitude, latitude)
     return east, north, np.asarray(factors.meridian_convergence)
 
