@@ -19,6 +19,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, BinaryIO, Concatenate, ParamSpec, TypeVar
 
+import numpy as np
+
 from ..spec import SpecError
 from .ownership import reads
 
@@ -40,6 +42,9 @@ SIZES = {
     "uint16": 2,
 }
 SIZES |= {"double": 8, "float64": 8}  # of PLY; others have 4
+COARSE = 2e-3  # of the extent, a step of single precision that loses the shape
+FINEST = 1e-3  # metres, a step that loses none
+RASTER = 0.5  # metres, that corners of grids are multiples of
 
 
 def guarded(
@@ -186,6 +191,35 @@ def _claims_of_gltf(path: Path, size: int) -> tuple[int, int]:
     return max(
         (int(each.get("count", 0)) for each in document.get("accessors", [])), default=0
     ), size
+
+
+def refuse_coarse(path: StrPath, corners: np.ndarray, exact: bool = False) -> None:
+    """Refuse corners (..., 3) so far from the origin that single precision has rounded the shape away.
+
+    exact : they were stored with more digits, and are refused if they are what single precision had left.
+
+    Raises
+    ------
+    SpecError : says what, and what to do.
+    """
+    places = np.reshape(corners, (-1, 3))
+    with np.errstate(all="ignore"):
+        low, high = np.nanmin(places, axis=0), np.nanmax(places, axis=0)
+        step = np.spacing(np.maximum(np.abs(low), np.abs(high)).astype(np.float32))
+        coarse = step.max() > max(FINEST, COARSE * float((high - low).max()))
+        if coarse and exact:
+            flat = np.argsort(step)[1:]
+            odd = [
+                abs(np.remainder(places[:, flat] / of + 0.5, 1) - 0.5)
+                for of in (step[flat], RASTER)
+            ]
+            coarse = odd[0].max() < 0.05 < odd[1].max()
+    if coarse:
+        raise SpecError(
+            os.path.basename(path),
+            f"lies at map coordinates, where single precision has steps of {step.max():.2g}: its shape "
+            "is lost; subtract the coordinates before you export it",
+        )
 
 
 def _sentence(problem: Exception, what: str) -> str:
