@@ -34,8 +34,10 @@ from ...base.runs import Runs, bounds
 from ...base.trimesh import LEAF, WOOD, TriMesh
 from ...base.vectors import azimuth_of, column, cross_rows, zenith_of
 from ..mesh.leaves import CopyStock, Leaves, measure_leaves
+from ..mesh.meshing import tube
 from ..skeleton import depths
 from .recognise import CLOSER, Recognition
+from .rings import OFF, OnBark, hold_against, lowest_ring
 from .template import BARK_SLOT, LEAF_SLOT, turned_outwards
 
 LEVEL = 1e-6  # length of a unit heading's shadow from which it points some way
@@ -45,6 +47,8 @@ OFF_AXIS = 0.1  # radii that a chord may be off its line
 FEWEST = 4  # stretches of a branch
 THINNEST = 1e-5  # metres, of what a coarse mesh leaves no thickness
 SHORTEST = 0.02  # of a line's length; nearer knots are one
+SIDES = 8  # of a tube that bridges a gap
+SLIM = 0.6  # of its bearer's radius, that such a tube is thick there at most
 
 
 @dataclass(frozen=True)
@@ -469,6 +473,7 @@ class TemplateWood:
     stretch : (V,) of its line that it is on. part : (V,) how far along that.
     bone : (V,) the first of the two stretches that turn it, its own and the nearer next one.
     weight : (V,) how much the second turns it.
+    ring : (V,) whether it is of the lowest ring of its piece.
     """
 
     stock: CopyStock
@@ -476,6 +481,7 @@ class TemplateWood:
     part: np.ndarray
     bone: np.ndarray
     weight: np.ndarray
+    ring: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -516,6 +522,7 @@ class Anatomy:
     carried: np.ndarray
     wood: TemplateWood
     foliage: Foliage
+    bridged: np.ndarray
 
     @property
     def count(self) -> int:
@@ -547,6 +554,11 @@ def dissect(found: Recognition, metres: float = 1.0) -> Anatomy:
     order = depths(parent)
     place = (found.wood.vertices - origin) * metres
     lines, direction, stretch, part = find_bones(found, place, origin, metres)
+    by_piece = np.argsort(found.wood.piece, kind="stable")
+    owner, triangles = found.wood.piece_of_vertex.astype(np.int64), turned_outwards(found)[by_piece]
+    ring = _ring(lines, owner, triangles, stretch, part)
+    mesh = _Mesh(place, owner, triangles, stretch, part, ring)
+    lines, direction, mesh, bridged = _bridge(parent, found.trunk, lines, direction, mesh)
     feet = lines.knot[lines.first[:-1] + np.arange(len(parent))]
 
     frame = np.empty((len(lines.length), 3, 3))
@@ -594,27 +606,154 @@ def dissect(found: Recognition, metres: float = 1.0) -> Anatomy:
         angle=angle,
         roll=roll,
         carried=carried,
-        wood=_wood(found, lines, place, stretch, part),
+        wood=_wood(lines, mesh),
         foliage=_foliage(found, lines, origin, metres),
+        bridged=bridged,
     )
 
 
-def _wood(
-    found: Recognition, lines: Lines, place: np.ndarray, stretch: np.ndarray, part: np.ndarray
-) -> TemplateWood:
+@dataclass(frozen=True, eq=False)
+class _Mesh:
+    """The mesh of the wood, sorted by piece: places, pieces, triangles, where vertices are on lines, and
+    whether they are of their piece's lowest ring.
+    """
+
+    place: np.ndarray
+    owner: np.ndarray
+    triangles: np.ndarray
+    stretch: np.ndarray
+    part: np.ndarray
+    ring: np.ndarray
+
+
+def _ring(
+    lines: Lines, owner: np.ndarray, triangles: np.ndarray, stretch: np.ndarray, part: np.ndarray
+) -> np.ndarray:
+    """(V,) whether a vertex is of the lowest ring of its piece."""
+    along = _along(lines, owner, stretch, part) * lines.reach()[owner]
+    edges = np.sort(np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=2)).reshape(-1, 2)
+    _, at, times = np.unique(
+        edges[:, 0] * np.int64(len(owner)) + edges[:, 1], return_index=True, return_counts=True
+    )
+    border = np.zeros(len(owner), dtype=bool)
+    border[edges[at[times == 1]]] = True
+    thick = lines.radius[lines.first[:-1] + np.arange(len(lines.first) - 1)]
+    return lowest_ring(along, owner, thick, border)
+
+
+def hold(
+    lines: Lines, bearer: np.ndarray, point: np.ndarray, corners: np.ndarray, owner: np.ndarray
+) -> tuple[OnBark, np.ndarray]:
+    """Hold places (N, 3) against the meshes (T, 3, 3), (T,) of the lines (N,) that bear them.
+
+    Returns
+    -------
+    How far off they are; and (N, 3) the place on the axis beside each one.
+    """
+    stretch, part = nearest(lines, bearer, point)
+    held = np.clip(part, 0.0, 1.0)
+    axis, radius = lines.at(bearer, stretch, held)
+    beyond = np.abs(part - held) * lines.length[lines.first[bearer] + stretch]
+    return hold_against(point, bearer, axis, radius, beyond, corners, owner), axis
+
+
+def _bridge(
+    parent: np.ndarray, trunk: int, lines: Lines, direction: np.ndarray, mesh: _Mesh
+) -> tuple[Lines, np.ndarray, _Mesh, np.ndarray]:
+    """Lead pieces whose mesh begins off what bears them to its axis, stems to the ground, by a tube.
+
+    direction : (S, 3) of the stretches of the lines.
+
+    Returns
+    -------
+    The lines, their directions and the mesh with the tubes; and (C,) metres that were bridged, else 0.
+    """
+    owner, ring, count = mesh.owner, mesh.ring, len(parent)
+    row = np.flatnonzero(ring & (parent[owner] >= 0))
+    off = np.full(count, np.inf)
+    corners = mesh.place[mesh.triangles]
+    found, _ = hold(lines, parent[owner[row]], mesh.place[row], corners, owner[mesh.triangles[:, 0]])
+    np.minimum.at(off, owner[row], found.off)
+    stem = (parent < 0) & (np.arange(count) != trunk)
+    np.minimum.at(off, owner[stem[owner]], mesh.place[stem[owner], 2])
+    off = np.where(np.isfinite(off) & (off > OFF), off, 0.0)
+    chosen = np.flatnonzero(off)
+    if not len(chosen):
+        return lines, direction, mesh, off
+
+    number = np.bincount(owner[ring], minlength=count)[chosen]
+    middle = np.stack([np.bincount(owner[ring], x[ring], count)[chosen] for x in mesh.place.T], 1)
+    middle /= number[:, None]
+    first = lines.first[chosen]
+    knot = first + chosen
+    thick, way = lines.radius[knot], direction[first]
+    foot, most = middle * [1.0, 1.0, 0.0], thick.copy()
+    borne = np.flatnonzero(parent[chosen] >= 0)
+    bearer = parent[chosen[borne]]
+    stretch, part = nearest(lines, bearer, middle[borne])
+    share = _along(lines, bearer, stretch, np.clip(part, 0.0, 1.0))
+    _, around = _at(lines, bearer, share)
+    margin = np.minimum(around / np.maximum(lines.reach()[bearer], 1e-12), 0.5)
+    foot[borne], around = _at(lines, bearer, np.clip(share, margin, 1.0 - margin))
+    most[borne] = np.minimum(thick[borne], SLIM * around)
+    inside = np.minimum(thick, lines.length[first] / 2)
+
+    ahead = lines.knot[knot] - foot
+    length = lengths(ahead)
+    ahead = np.where(length[:, None] > 1e-9, ahead / np.maximum(length, 1e-12)[:, None], way)
+    extended = Lines(
+        lines.first + np.searchsorted(chosen, np.arange(count + 1)),
+        np.insert(lines.knot, knot, foot, axis=0),
+        np.insert(lines.radius, knot, most),
+        np.insert(lines.length, first, length),
+        lines.frame,
+    )
+    longer = (off > 0)[owner]
+    parts = [replace(mesh, stretch=mesh.stretch + longer, ring=ring & ~longer)]
+    base = len(owner)
+    for k, piece in enumerate(chosen):
+        path = np.stack([foot[k], middle[k], middle[k] + inside[k] * way[k]])
+        place, triangles = tube(path, np.array([most[k], thick[k], 0.98 * thick[k]]), SIDES)
+        rung = np.concatenate([np.repeat([0, 1, 2], SIDES), [0, 2]])
+        onward = inside[k] / max(lines.length[first[k]], 1e-12)
+        parts.append(
+            _Mesh(
+                place,
+                np.full(len(place), piece),
+                triangles + base,
+                np.where(rung == 2, 1, 0),
+                np.array([0.0, 1.0, onward])[rung],
+                rung == 0,
+            )
+        )
+        base += len(place)
+    joined = (np.concatenate([getattr(one, name) for one in parts]) for name in vars(mesh))
+    place, owner, triangles, stretch, part, ring = joined
+    order = np.argsort(owner, kind="stable")
+    renamed = np.empty(len(order), np.int64)
+    renamed[order] = np.arange(len(order))
+    sorted_ones = np.argsort(owner[triangles[:, 0]], kind="stable")
+    triangles = renamed[triangles[sorted_ones]]
+    whole = _Mesh(
+        place[order], owner[order], triangles, stretch[order], part[order], ring[order]
+    )
+    return extended, np.insert(direction, first, ahead, axis=0), whole, off
+
+
+def _wood(lines: Lines, mesh: _Mesh) -> TemplateWood:
     """The mesh of the pieces, each vertex turned by the stretch that it is on and by the nearer next."""
-    order = np.argsort(found.wood.piece, kind="stable")
-    owner = found.wood.piece_of_vertex.astype(np.int64)
+    owner, stretch, part = mesh.owner, mesh.stretch, mesh.part
     last = np.diff(lines.first)[owner] - 1
     towards_next = (part >= 0.5) & (stretch < last)
     from_before = (part < 0.5) & (stretch > 0)
     on_line, _ = lines.at(owner, stretch, part)
     return TemplateWood(
-        stock=CopyStock.of(place - on_line, owner, turned_outwards(found)[order], WOOD, BARK_SLOT),
+        stock=CopyStock.of(mesh.place - on_line, owner, mesh.triangles, WOOD, BARK_SLOT),
         stretch=stretch,
         part=part,
         bone=stretch - from_before,
         weight=np.where(towards_next, part - 0.5, np.where(from_before, part + 0.5, 0.0)),
+        ring=mesh.ring,
     )
 
 
