@@ -642,9 +642,16 @@ def _ring(
 
 
 def hold(
-    lines: Lines, bearer: np.ndarray, point: np.ndarray, corners: np.ndarray, owner: np.ndarray
+    lines: Lines,
+    bearer: np.ndarray,
+    point: np.ndarray,
+    vertices: np.ndarray,
+    triangles: np.ndarray,
+    owner: np.ndarray,
 ) -> tuple[OnBark, np.ndarray]:
-    """Hold places (N, 3) against the meshes (T, 3, 3), (T,) of the lines (N,) that bear them.
+    """Hold places (N, 3) against the meshes of the lines (N,) that bear them.
+
+    vertices, triangles, owner : (V, 3), (T, 3), and (T,) whose triangles they are.
 
     Returns
     -------
@@ -654,7 +661,7 @@ def hold(
     held = np.clip(part, 0.0, 1.0)
     axis, radius = lines.at(bearer, stretch, held)
     beyond = np.abs(part - held) * lines.length[lines.first[bearer] + stretch]
-    return hold_against(point, bearer, axis, radius, beyond, corners, owner), axis
+    return hold_against(point, bearer, axis, radius, beyond, vertices, triangles, owner), axis
 
 
 def _bridge(
@@ -671,8 +678,9 @@ def _bridge(
     owner, ring, count = mesh.owner, mesh.ring, len(parent)
     row = np.flatnonzero(ring & (parent[owner] >= 0))
     off = np.full(count, np.inf)
-    corners = mesh.place[mesh.triangles]
-    found, _ = hold(lines, parent[owner[row]], mesh.place[row], corners, owner[mesh.triangles[:, 0]])
+    of_triangle = owner[mesh.triangles[:, 0]]
+    bearer, point = parent[owner[row]], mesh.place[row]
+    found, _ = hold(lines, bearer, point, mesh.place, mesh.triangles, of_triangle)
     np.minimum.at(off, owner[row], found.off)
     stem = (parent < 0) & (np.arange(count) != trunk)
     np.minimum.at(off, owner[stem[owner]], mesh.place[stem[owner], 2])

@@ -157,7 +157,7 @@ def _carried_in(
         row = ring[grown.order[owner[ring]] == order]
         branch = owner[row]
         bearer = grown.parent[branch]
-        found, axis = hold(grown.lines, bearer, place[row], place[wood.triangles], of_triangle)
+        found, axis = hold(grown.lines, bearer, place[row], place, wood.triangles, of_triangle)
         np.minimum.at(near, branch, found.off)
         np.maximum.at(far, branch, found.off)
         moved = found.off > OFF

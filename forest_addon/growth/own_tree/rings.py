@@ -1,8 +1,8 @@
 """The lowest ring of a limb's mesh, held against the mesh of the wood that bears it.
 
 The lowest ring is the border at the foot of an open tube, or the lowest corners of a closed one. A place is
-inside its bearer where it lies on the axis' side of the nearest place on the bearer's bark; beyond the ends
-of the axis nothing is inside.
+inside its bearer where it lies on the axis' side of the nearest place on the bearer's bark and behind the
+triangle there; where the two do not agree, or beyond the axis' ends, the winding number tells.
 """
 
 from __future__ import annotations
@@ -13,14 +13,15 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from ...base.rows import lengths
-from ...base.vectors import nearest_on_triangles
+from ...base.vectors import cross_rows, nearest_on_triangles
 
 OFF = 5e-3  # metres off its bearer's mesh from which a ring is moved or bridged
 BORDER = 2.0  # radii from the foot within which a border is that of the foot
 CLOSED = 0.1  # radii from the foot within which corners of a closed tube are its lowest ring
 DEEP = 0.4  # radii off its bearer's axis, within which a place is inside without a closer look
 BEYOND = 1e-3  # metres beyond the end of its bearer's axis
-NEAREST = 12  # samples of triangles looked at, for each place
+APART = 1e3  # metres from one bearer to the next, where samples are looked up
+NEAREST = 8  # samples of triangles looked at, for each place
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,13 +57,14 @@ def hold_against(
     axis: np.ndarray,
     radius: np.ndarray,
     beyond: np.ndarray,
-    corners: np.ndarray,
+    vertices: np.ndarray,
+    triangles: np.ndarray,
     owner: np.ndarray,
 ) -> OnBark:
     """Hold places (N, 3) against the meshes of their bearers (N,).
 
     axis, radius : (N, 3) and (N,) of the bearer beside the place. beyond : (N,) metres beyond its end.
-    corners, owner : (T, 3, 3) triangles, and (T,) whose they are.
+    vertices, triangles, owner : (V, 3), (T, 3), and (T,) whose triangles they are.
     """
     within = beyond <= BEYOND
     place, off = point.copy(), np.zeros(len(point))
@@ -72,13 +74,13 @@ def hold_against(
     mine = np.flatnonzero(borne[owner])
     if not len(look) or not len(mine):
         return OnBark(place, off)
-    corners, owner, seen = corners[mine], owner[mine], point[look]
+    corners, owner, seen = vertices[triangles[mine]], owner[mine], point[look]
     middles = (corners + np.roll(corners, 1, axis=1)) / 2
     samples = np.concatenate([corners, middles, corners.mean(axis=1)[:, None]], axis=1)
     many = samples.shape[1]
-    apart = 4.0 * float(np.ptp(samples.reshape(-1, 3), axis=0).max() + np.ptp(seen, axis=0).max())
-    tree = cKDTree(np.column_stack([samples.reshape(-1, 3), apart * np.repeat(owner, many)]))
-    _, found = tree.query(np.column_stack([seen, apart * bearer[look]]), NEAREST)
+    samples = np.column_stack([samples.reshape(-1, 3), APART * np.repeat(owner, many)])
+    tree = cKDTree(samples, balanced_tree=False, compact_nodes=False)
+    _, found = tree.query(np.column_stack([seen, APART * bearer[look]]), NEAREST)
     found = np.minimum(found, many * len(owner) - 1) // many
     row = np.repeat(np.arange(len(look)), NEAREST)
     every = nearest_on_triangles(seen[row], corners[found.ravel()])
@@ -87,7 +89,27 @@ def hold_against(
     best = np.argmin(gap, axis=1)
     row = np.arange(len(look))
     bark, gap = every.reshape(-1, NEAREST, 3)[row, best], gap[row, best]
-    towards = np.einsum("ni,ni->n", seen - bark, axis[look] - bark)
     place[look] = bark
-    off[look] = np.where((towards > 0) & within[look], 0.0, gap)
+
+    mine = corners[found[row, best]]
+    normal = cross_rows(mine[:, 1] - mine[:, 0], mine[:, 2] - mine[:, 0])
+    towards = np.einsum("ni,ni->n", seen - bark, axis[look] - bark) > 0
+    behind = np.einsum("ni,ni->n", seen - bark, normal) < 0
+    inside = towards.copy()
+    for k in np.flatnonzero((behind != towards) | ~within[look]):
+        inside[k] = winding_number(seen[k], corners[owner == bearer[look[k]]]) > 0.5
+    off[look] = np.where(inside, 0.0, gap)
     return OnBark(place, off)
+
+
+def winding_number(point: np.ndarray, corners: np.ndarray) -> float:
+    """Times that triangles (T, 3, 3) go round a point (3,): 1 inside a closed mesh, 0 outside.
+
+    Solid angles by Van Oosterom & Strackee 1983.
+    """
+    a, b, c = (corners[:, k] - point for k in range(3))
+    la, lb, lc = lengths(a), lengths(b), lengths(c)
+    above = np.einsum("ti,ti->t", a, cross_rows(b, c))
+    ab, bc, ca = (np.einsum("ti,ti->t", *pair) for pair in ((a, b), (b, c), (c, a)))
+    below = la * lb * lc + ab * lc + bc * la + ca * lb
+    return abs(float(np.arctan2(above, below).sum())) / (2 * np.pi)
