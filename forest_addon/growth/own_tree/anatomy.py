@@ -742,9 +742,7 @@ def _bridge(
     renamed[order] = np.arange(len(order))
     sorted_ones = np.argsort(owner[triangles[:, 0]], kind="stable")
     triangles = renamed[triangles[sorted_ones]]
-    whole = _Mesh(
-        place[order], owner[order], triangles, stretch[order], part[order], ring[order]
-    )
+    whole = _Mesh(place[order], owner[order], triangles, stretch[order], part[order], ring[order])
     return extended, np.insert(direction, first, ahead, axis=0), whole, off
 
 

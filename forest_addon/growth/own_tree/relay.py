@@ -364,7 +364,7 @@ class RingsHeld:
     """Lowest rings of B branches' meshes, held against the mesh of what bears each.
 
     near, far : (B,) metres that the ring's nearest and farthest corner are off as laid, 0 inside.
-    left : (B,) metres that the farthest one is off once what was off has been moved in.
+    left : (B,) metres that the farthest one is off once what was off by more than ``OFF`` has been moved in.
     """
 
     near: np.ndarray
