@@ -659,9 +659,8 @@ def hold(
     """
     stretch, part = nearest(lines, bearer, point)
     held = np.clip(part, 0.0, 1.0)
-    axis, radius = lines.at(bearer, stretch, held)
-    beyond = np.abs(part - held) * lines.length[lines.first[bearer] + stretch]
-    return hold_against(point, bearer, axis, radius, beyond, vertices, triangles, owner), axis
+    axis, _ = lines.at(bearer, stretch, held)
+    return hold_against(point, bearer, axis, part != held, vertices, triangles, owner), axis
 
 
 def _bridge(

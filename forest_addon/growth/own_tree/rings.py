@@ -18,8 +18,6 @@ from ...base.vectors import cross_rows, nearest_on_triangles
 OFF = 5e-3  # metres off its bearer's mesh from which a ring is moved or bridged
 BORDER = 2.0  # radii from the foot within which a border is that of the foot
 CLOSED = 0.1  # radii from the foot within which corners of a closed tube are its lowest ring
-DEEP = 0.4  # radii off its bearer's axis, within which a place is inside without a closer look
-BEYOND = 1e-3  # metres beyond the end of its bearer's axis
 APART = 1e3  # metres from one bearer to the next, where samples are looked up
 NEAREST = 8  # samples of triangles looked at, for each place
 
@@ -28,7 +26,7 @@ NEAREST = 8  # samples of triangles looked at, for each place
 class OnBark:
     """N places held against the wood that bears them.
 
-    place : (N, 3) nearest on its bark, or the place itself well inside. off : (N,) metres, 0 inside.
+    place : (N, 3) nearest on its bark. off : (N,) metres, 0 inside.
     """
 
     place: np.ndarray
@@ -55,7 +53,6 @@ def hold_against(
     point: np.ndarray,
     bearer: np.ndarray,
     axis: np.ndarray,
-    radius: np.ndarray,
     beyond: np.ndarray,
     vertices: np.ndarray,
     triangles: np.ndarray,
@@ -63,43 +60,37 @@ def hold_against(
 ) -> OnBark:
     """Hold places (N, 3) against the meshes of their bearers (N,).
 
-    axis, radius : (N, 3) and (N,) of the bearer beside the place. beyond : (N,) metres beyond its end.
+    axis : (N, 3) beside the place on the bearer's axis. beyond : (N,) whether it is beyond the end of that.
     vertices, triangles, owner : (V, 3), (T, 3), and (T,) whose triangles they are.
     """
-    within = beyond <= BEYOND
-    place, off = point.copy(), np.zeros(len(point))
-    look = np.flatnonzero(~within | (lengths(point - axis) > DEEP * radius))
     borne = np.zeros(int(max(owner.max(initial=-1), bearer.max(initial=-1))) + 1, dtype=bool)
-    borne[bearer[look]] = True
+    borne[bearer] = True
     mine = np.flatnonzero(borne[owner])
-    if not len(look) or not len(mine):
-        return OnBark(place, off)
-    corners, owner, seen = vertices[triangles[mine]], owner[mine], point[look]
+    if not len(mine):
+        return OnBark(point, np.zeros(len(point)))
+    corners, owner = vertices[triangles[mine]], owner[mine]
     middles = (corners + np.roll(corners, 1, axis=1)) / 2
     samples = np.concatenate([corners, middles, corners.mean(axis=1)[:, None]], axis=1)
     many = samples.shape[1]
     samples = np.column_stack([samples.reshape(-1, 3), APART * np.repeat(owner, many)])
     tree = cKDTree(samples, balanced_tree=False, compact_nodes=False)
-    _, found = tree.query(np.column_stack([seen, APART * bearer[look]]), NEAREST)
+    _, found = tree.query(np.column_stack([point, APART * bearer]), NEAREST)
     found = np.minimum(found, many * len(owner) - 1) // many
-    row = np.repeat(np.arange(len(look)), NEAREST)
-    every = nearest_on_triangles(seen[row], corners[found.ravel()])
-    gap = lengths(every - seen[row]).reshape(-1, NEAREST)
-    gap[owner[found] != bearer[look][:, None]] = np.inf
+    row = np.repeat(np.arange(len(point)), NEAREST)
+    every = nearest_on_triangles(point[row], corners[found.ravel()])
+    gap = lengths(every - point[row]).reshape(-1, NEAREST)
+    gap[owner[found] != bearer[:, None]] = np.inf
     best = np.argmin(gap, axis=1)
-    row = np.arange(len(look))
+    row = np.arange(len(point))
     bark, gap = every.reshape(-1, NEAREST, 3)[row, best], gap[row, best]
-    place[look] = bark
-
     mine = corners[found[row, best]]
     normal = cross_rows(mine[:, 1] - mine[:, 0], mine[:, 2] - mine[:, 0])
-    towards = np.einsum("ni,ni->n", seen - bark, axis[look] - bark) > 0
-    behind = np.einsum("ni,ni->n", seen - bark, normal) < 0
+    towards = np.einsum("ni,ni->n", point - bark, axis - bark) > 0
+    behind = np.einsum("ni,ni->n", point - bark, normal) < 0
     inside = towards.copy()
-    for k in np.flatnonzero((behind != towards) | ~within[look]):
-        inside[k] = winding_number(seen[k], corners[owner == bearer[look[k]]]) > 0.5
-    off[look] = np.where(inside, 0.0, gap)
-    return OnBark(place, off)
+    for k in np.flatnonzero((behind != towards) | beyond):
+        inside[k] = winding_number(point[k], corners[owner == bearer[k]]) > 0.5
+    return OnBark(bark, np.where(inside | np.isinf(gap), 0.0, gap))  # no mesh: nothing to be off
 
 
 def winding_number(point: np.ndarray, corners: np.ndarray) -> float:
