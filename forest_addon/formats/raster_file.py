@@ -232,9 +232,6 @@ def _place_of(path: Path) -> tuple[GeoRaster, Any] | None:
     ------
     SpecError : it lies by ground control points or in degrees, or is a photograph.
     """
-    with open(path, "rb") as file:
-        if file.read(4) not in TIFF:
-            return None
     import tifffile
 
     try:
@@ -243,7 +240,7 @@ def _place_of(path: Path) -> tuple[GeoRaster, Any] | None:
             keys, tags, colour = page.geotiff_tags or {}, page.tags, page.photometric == RGB
             scale, tie, matrix = map(tags.valueof, (PIXEL_SCALE, TIE_POINT, MATRIX))
             told = {number: tags.valueof(number) for number in (METADATA, NO_DATA)}
-    except Exception:  # what is damaged is told where its pixels are read
+    except Exception:  # no TIFF; what is damaged is told where its pixels are read
         return None
     if matrix is not None:
         transform = np.reshape(matrix, (4, 4))[:2, [0, 1, 3]].astype(np.float64)

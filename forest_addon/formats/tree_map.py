@@ -23,6 +23,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -80,21 +81,23 @@ FIA_OWN = {"spcd", "statuscd"}
 TEXTS = ("species", "ring", "status", "plot")
 NUMBERS = ("scale", "rotation", "dbh", "height", "crown_width", "crown_base", "leaf_area")
 ABSENT = ("", "na", "nan", "n/a", "null", "none", ".", "-")  # where nothing was measured
-GONE = (
-    "dead",
-    "standing dead",
-    "snag",
-    "downed",
-    "removed",
-    "missing",
-    "lost",
-    "tot",
-    "abgestorben",
+GONE = (  # with letters of ForestGEO and numbers of FIA
+    *(
+        "dead",
+        "standing dead",
+        "snag",
+        "downed",
+        "removed",
+        "missing",
+        "lost",
+        "tot",
+        "abgestorben",
+    ),
+    *("mort", "morte", "d", "g", "m", "2", "3"),
 )
 YES = ("1", "true", "t", "yes", "y", "ja", "oui", "x", "dead")
 NO = ("0", "false", "f", "no", "n", "nein", "non", "dead")
 LIVING = ("alive", "live", "lebend", "vivant")
-GONE += ("mort", "morte", "d", "g", "m", "2", "3")  # letters of ForestGEO, numbers of FIA
 MOST = 500_000_000  # bytes of a table
 PACKED = 200  # times the bytes of a file that it may unpack to, beside a megabyte
 STEMS = 50  # rows at one place that may be one tree
@@ -238,7 +241,7 @@ def _columns(path: Path, head: Sequence[str]) -> dict[str, tuple[int, float, str
     pairs = [[column("x", [name]) for name in names.split()] for names in PLACES]
     both = next(filter(all, pairs), None)
     if both:
-        found |= zip("xy", both, strict=True)
+        found |= {axis: one for axis, one in zip("xy", both, strict=True) if one}
     elif not {"distance", "azimuth"} <= set(found):
         axis = "y" if any(x for x, _ in pairs) else "x"
         raise SpecError(
@@ -369,13 +372,9 @@ def _with_stems(path: Path, trees: TreeMap) -> TreeMap:
             f"has {stems.max():,} rows at one place, as of a plot; give the place of each tree, or its "
             "distance and azimuth",
         )
-    tree, at, numbers = (
-        tree.ravel(),
-        NUMBERS.index("dbh"),
-        np.full((len(first), len(NUMBERS)), np.nan),
-    )
-    np.fmax.at(numbers, tree, trees.numbers)
-    area = np.bincount(tree, np.nan_to_num(trees.numbers[:, at]) ** 2)
+    at, numbers = NUMBERS.index("dbh"), np.full((len(first), len(NUMBERS)), np.nan)
+    np.fmax.at(numbers, tree.ravel(), trees.numbers)
+    area = np.bincount(tree.ravel(), np.nan_to_num(trees.numbers[:, at]) ** 2)
     numbers[:, at] = np.sqrt(np.where(area > 0, area, np.nan))
     trees_with = "1 tree has" if (stems > 1).sum() == 1 else f"{(stems > 1).sum():,} trees have"
     said = (
@@ -492,26 +491,42 @@ def _workbook(path: Path) -> _Sheet:
 
 def _geojson(path: Path) -> _Sheet:
     told = json.loads(path.read_bytes())
-    features = told["features"]
-    crs = told.get("crs") or {}
-    shapes = [_shape(feature["geometry"]) for feature in features]
-    names = list(
-        dict.fromkeys(name for feature in features for name in feature["properties"] or {})
-    )
-    columns = {
-        name: [(feature["properties"] or {}).get(name) for feature in features] for name in names
-    }
-    return _features(path, shapes, columns, crs.get("properties", {}).get("name", ""))
+    features = [(feature["geometry"], feature["properties"] or {}) for feature in told["features"]]
+    named = (told.get("crs") or {}).get("properties", {}).get("name", "")
+    return _features(path, features, named)
 
 
-def _shape(geometry: Mapping[str, Any] | None) -> tuple[float, float, float]:
-    """Place of a point, or middle and mean diameter of a polygon; NaN for what is not told."""
-    if not geometry:
-        return math.nan, math.nan, math.nan
+def _layer(path: Path) -> _Sheet:
+    pyogrio, shapely = library(path, "tables", "pyogrio.raw"), library(path, "tables", "shapely")
+    told, _, shapes, values = pyogrio.read(path)
+    features = [
+        (
+            shape and json.loads(shapely.to_geojson(shapely.from_wkb(shape))),
+            {name: cells[row] for name, cells in zip(told["fields"], values, strict=True)},
+        )
+        for row, shape in enumerate(shapes)
+    ]
+    return _features(path, features, told["crs"] or "")
+
+
+def _features(
+    path: Path, features: Sequence[tuple[Mapping[str, Any] | None, Mapping[str, Any]]], crs: str
+) -> _Sheet:
+    """A sheet of features, each a geometry and its properties; those give way to places and widths."""
+    told = []
+    for geometry, properties in features:
+        place = _shape(geometry) if geometry else {}
+        told.append(place | {k: cell for k, cell in properties.items() if k.lower() not in place})
+    head = list(dict.fromkeys(["x", "y", *chain.from_iterable(told)]))
+    cells = [["" if one.get(name) is None else str(one[name]) for name in head] for one in told]
+    return _Sheet(path, head, list(enumerate(cells, 1)), crs)
+
+
+def _shape(geometry: Mapping[str, Any]) -> dict[str, Any]:
+    """The place of a point, or the middle and mean diameter of a polygon."""
     kind, corners = geometry["type"], geometry["coordinates"]
     if "Point" in kind:
-        x, y = np.ravel(corners)[:2].tolist()
-        return x, y, math.nan
+        return dict(zip("xy", np.ravel(corners).tolist(), strict=False))
     outlines = [rings[0] for rings in ([corners] if kind == "Polygon" else corners)]
     outline = max(outlines, key=len)
     hull = ConvexHull(np.array([corner[:2] for corner in outline], dtype=np.float64))
@@ -519,34 +534,7 @@ def _shape(geometry: Mapping[str, Any] | None) -> tuple[float, float, float]:
     middles = (first + ring[:-1] + ring[1:]) / 3  # of a fan of triangles
     area = np.linalg.det(np.stack([ring[:-1] - first, ring[1:] - first], axis=1))
     x, y = np.average(middles, axis=0, weights=area).tolist()
-    return x, y, float(hull.area / np.pi)  # the perimeter, by Cauchy
-
-
-def _layer(path: Path) -> _Sheet:
-    pyogrio, shapely = library(path, "tables", "pyogrio.raw"), library(path, "tables", "shapely")
-    told, _, shapes, values = pyogrio.read(path)
-    places = [
-        _shape(shape and json.loads(shapely.to_geojson(shapely.from_wkb(shape))))
-        for shape in shapes
-    ]
-    columns = dict(zip(told["fields"].tolist(), values, strict=True))
-    return _features(path, places, columns, told["crs"] or "")
-
-
-def _features(
-    path: Path,
-    shapes: Sequence[tuple[float, float, float]],
-    columns: Mapping[str, Sequence[Any]],
-    crs: str,
-) -> _Sheet:
-    """A sheet of places (N, 3) with the widths of their crowns, and of columns."""
-    place = dict(zip(("x", "y", "crown_width"), zip(*shapes, strict=True), strict=True))
-    if np.isnan(place["crown_width"]).all():
-        del place["crown_width"]
-    told = place | {name: cells for name, cells in columns.items() if name.lower() not in place}
-    rows = enumerate(zip(*told.values(), strict=True), 1)
-    cells = [(row, ["" if cell is None else str(cell) for cell in each]) for row, each in rows]
-    return _Sheet(path, list(told), cells, crs)
+    return {"x": x, "y": y, "crown_width": hull.area / np.pi}  # the perimeter, by Cauchy
 
 
 READERS = {".xlsx": _workbook, ".xlsm": _workbook, ".geojson": _geojson, ".json": _geojson}

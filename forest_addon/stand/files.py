@@ -64,11 +64,11 @@ def read_tree_list(path: Path, offset: Sequence[float] = (0.0, 0.0), crs: str = 
     """
     trees = read_tree_map(path, crs)
     for key, column in zip(NUMBERS, trees.numbers.T, strict=True):
-        low = np.flatnonzero(column <= 0) if key != "rotation" else ()
-        if len(low):
+        bad = np.flatnonzero(column <= 0)
+        if len(bad) and key != "rotation":
             raise SpecError(
                 str(path),
-                f"row {trees.line[low[0]]}: {key} is {column[low[0]]:g}; give one above 0",
+                f"row {trees.line[bad[0]]}: {key} is {column[bad[0]]:g}; give one above 0",
             )
         if key in MOST and np.isfinite(column).any():
             worst, typical = int(np.nanargmax(column)), float(np.nanmedian(column))
@@ -267,7 +267,7 @@ def _cut(
     last = np.ceil((field + np.array(forest.size) + margin - low) / step - 1e-6)
     (a, b), (c, d) = np.clip([first, last], 0, count).astype(int)
     rows = slice(count[1] - d, count[1] - b)
-    return pixels[rows, a:c], low + [a, b] * step, [c - a, d - b] * step
+    return pixels[rows, a:c], low + np.array([a, b]) * step, np.array([c - a, d - b]) * step
 
 
 def _filled(pixels: np.ndarray) -> np.ndarray:

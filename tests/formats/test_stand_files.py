@@ -293,6 +293,26 @@ def test_crowns_as_polygons_tell_places_and_widths(tmp_path):
     assert found.measures[0, 2] == pytest.approx(6, rel=1e-3)
 
 
+def test_points_of_maps_in_three_dimensions_or_without_a_place(tmp_path):
+    shapes = {"Point": [1, 2, 30], "MultiPoint": [[3, 4]], "": None}
+    features = [
+        {
+            "type": "Feature",
+            "geometry": {"type": kind, "coordinates": place} if kind else None,
+            "properties": {"X": 9, "dbh": 0.2, "crown_width": 4} if kind == "Point" else None,
+        }
+        for kind, place in shapes.items()
+    ]
+    (tmp_path / "t.json").write_text(
+        json.dumps({"type": "FeatureCollection", "features": features})
+    )
+    found = read_tree_list(tmp_path / "t.json")
+    assert found.position.tolist() == [[1, 2], [3, 4]]
+    assert found.measures[0, [0, 2]].tolist() == [0.2, 4]
+    assert np.isnan(found.measures[1]).all()
+    assert "t.json: left out 1 row without x or y" in found.said
+
+
 @pytest.mark.parametrize(
     ("text", "said"),
     [
