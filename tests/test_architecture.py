@@ -87,7 +87,7 @@ BUDGETS = {
     "forest_addon/blender": (5489, 43),
     "forest_addon/drawing": (583, 6),
     "forest_addon/flight": (1568, 10),
-    "forest_addon/formats": (3481, 30),
+    "forest_addon/formats": (3495, 30),
     "forest_addon/growth": (8345, 38),
     "forest_addon/results": (1152, 17),
     "forest_addon/sensing": (13039, 91),
