@@ -1,10 +1,13 @@
 """Run a scene file in Blender itself: ``blender -b --python headless/in_blender.py -- SCENE.toml``.
 
+A usage line begins with what was typed.
+
 Blender does not look for packages beside a script, so the two packages of this project are loaded from
 their folders here. What Blender's own Python lacks comes from the installed extension.
 """
 
 import importlib.util
+import shlex
 import sys
 from pathlib import Path
 
@@ -39,12 +42,17 @@ def run(words: list[str]) -> int:
         return 2
     load_package("forest_addon")
     load_package("headless")
+    from headless import command
+
+    before = [Path(sys.argv[0]).name, *sys.argv[1 : len(sys.argv) - len(words)]]
+    command.PROGRAM = shlex.join(before)
     from headless.cli import main
 
-    if words and words[0].endswith(".toml"):
+    words = words or ["--help"]
+    if words[0].endswith((".toml", ".blend")):
         words = ["run", *words]
     return main(words)
 
 
 if __name__ == "__main__":
-    sys.exit(run(sys.argv[sys.argv.index("--") + 1 :] if "--" in sys.argv else ["--help"]))
+    sys.exit(run(sys.argv[sys.argv.index("--") + 1 :] if "--" in sys.argv else []))

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 import tempfile
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -16,9 +17,18 @@ import numpy as np
 
 from forest_addon.api import Result, Site, World
 from forest_addon.base.progress import Progress
-from forest_addon.blender.files.export import empty_file, export_glb, export_usd, save_blend
+from forest_addon.blender.files.export import (
+    empty_file,
+    export_glb,
+    export_usd,
+    open_file,
+    save_blend,
+)
+from forest_addon.blender.jobs import Job
 from forest_addon.blender.read.depsgraph import forget
+from forest_addon.blender.scene.instances import planted_names
 from forest_addon.blender.scene.layout import RESULTS, part
+from forest_addon.blender.sensors.moving import seconds_of
 from forest_addon.blender.sensors.objects import put_sensor
 from forest_addon.blender.show.cloud import show_cloud
 from forest_addon.blender.show.preview import (
@@ -31,15 +41,16 @@ from forest_addon.blender.show.preview import (
 from forest_addon.blender.show.shaded import draw_scene
 from forest_addon.blender.show.sound import give_sound
 from forest_addon.formats.crs import can_tell_crs
+from forest_addon.formats.ownership import claim
 from forest_addon.formats.table import write_csv, write_npz
 from forest_addon.formats.wav import read_wav, write_wav
 from forest_addon.results.coordinates import FILE, PROPERTY, Offset, on_the_map, write_note
-from forest_addon.results.kinds import results_of, write_finding
+from forest_addon.results.kinds import files_of, results_of, write_finding
 from forest_addon.results.tables import write_cylinders, write_models
 from forest_addon.sensing.audit import Audit
 from forest_addon.sensing.kinds import cost_of
 from forest_addon.sensing.rays.caster import RayCaster
-from forest_addon.spec import Scene, Sensor, SpecError
+from forest_addon.spec import Output, Scene, Sensor, SpecError
 from forest_addon.stand.forest import (
     GrownForest,
     angle_table,
@@ -51,6 +62,7 @@ from forest_addon.stand.forest import (
 )
 from forest_addon.stand.inputs import Inputs
 from forest_addon.stand.intensity.terrain import GroundSurface
+from forest_addon.stand.plan import labels
 from forest_addon.stand.targets import record
 from forest_addon.stand.truth import cylinder_table
 
@@ -68,13 +80,18 @@ Dry = tuple[str, np.ndarray, float]  # a sound's name, samples and sampling rate
 
 @dataclass
 class Run:
-    """State of a run: its settings, its folder, its forest and its findings."""
+    """State of a run: its settings, its folder, its forest and its findings.
+
+    forest, ground : None in a .blend file, whose scene is sensed as it is and gets nothing put into it.
+    species : names by the numbers that labels have.
+    """
 
     settings: Scene
     out: Path
     stages: Stages
-    forest: GrownForest
-    ground: GroundSurface
+    forest: GrownForest | None
+    ground: GroundSurface | None
+    species: Sequence[str]
     findings: list[page.Finding] = field(default_factory=list)
     files: list[str] = field(default_factory=list)
     results: dict[str, Result] = field(default_factory=dict)  # by sensor
@@ -120,24 +137,128 @@ def run_scene(
     for line in site.inputs.told:
         stages.say(f"  {line}")
     with stages.stage("grow trees") as progress:
-        run = Run(settings, out, stages, site.grow(progress), site.ground)
+        forest = site.grow(progress)
+    run = Run(settings, out, stages, forest, site.ground, forest.labels)
     if settings.crs and not can_tell_crs():
         run.stages.warn("LAS files lack their coordinate system; pip install pyproj tells it")
     if not (settings.plantings or settings.stems or settings.sensors or settings.blend):
         stages.warn("the scene has neither trees nor sensors; add [[plantings]] and [[sensors]]")
-    _describe_stand(run, site.inputs)
+    _describe_stand(run, forest, site.inputs)
     with stages.stage("build Blender scene"):
         grown_in = stages.seconds["grow trees"]
-        world = site.build(run.forest, as_assets=wanted.blend, seconds=grown_in)
+        world = site.build(forest, as_assets=wanted.blend, seconds=grown_in)
     with stages.stage("write truth"):
-        _write_truth(run)
+        _write_truth(run, forest)
+    _sense(run, world, sound, resume, strict)
+
+
+def run_blend(
+    blend: Path,
+    out: Path,
+    *,
+    quiet: bool = False,
+    dry: Path | None = None,
+    resume: bool = False,
+    strict: bool = False,
+) -> None:
+    """Run the sensors that live in a .blend file, in its scene as it was saved, into a folder.
+
+    Arguments are those of ``run_scene``. Nothing is grown anew, and the file is only read.
+
+    Raises
+    ------
+    SpecError : the file cannot be opened, or its scene has no sensor, or nothing to sense.
+    OSError, DoubtfulError : as ``run_scene``.
+    """
+    from forest_addon.ui import registered
+    from forest_addon.ui.forest.wind import swaying
+    from forest_addon.ui.sensors.run import names_unrendered
+    from forest_addon.ui.settings.exchange import to_spec
+
+    sound = None if dry is None else (dry.stem, *read_wav(dry))
+    _make_writable(out)
+    stages = Stages(quiet)
+    with registered():
+        try:
+            with stages.stage(f"open {blend.name}"), hushed(errors=True):
+                metres = open_file(blend)
+            scene = bpy.context.scene
+            settings = dataclasses.replace(
+                to_spec(scene),
+                blend=blend.name,
+                output=Output(goodness=False, leaves=False, blend=False, glb=False, preview=False),
+            )
+            if not settings.sensors:
+                raise SpecError(
+                    str(blend),
+                    "has no sensor in its scene; add one in the panel, and save the file",
+                )
+            claim_files(settings, out, sound[0] if sound else "")
+            stages.say(f"{settings.name}, seed {settings.seed}, frame {scene.frame_current}")
+            if not can_draw():
+                stages.say(f"  {without('Pictures are plain')}")
+            if metres != 1:
+                stages.warn(
+                    f"{blend.name}: a unit is made {metres:g} m, as its Unit Scale says; the panel counts "
+                    "it as a metre"
+                )
+            still: list[str] = []
+            with stages.stage("read wind") as progress:
+                wind = Job("wind", swaying(bpy.context, still))
+                wind.finish(progress)
+            for sentence in filter(None, (*still, names_unrendered(bpy.context.view_layer))):
+                stages.warn(sentence)
+            home = Path(bpy.path.abspath(scene.forest_sensing.folder))
+            species = planted_names(scene, labels(settings.plantings))
+            run = Run(settings, out, stages, None, None, species)
+            world = World(settings, home, None, scene)
+            _sense(run, world, sound, resume, strict, wind.result)
+        finally:
+            with hushed():  # with an evaluated scene at hand, bpy 4.5 never ends
+                empty_file()
+
+
+def claim_files(settings: Scene, out: Path, dry: str = "") -> None:
+    """Refuse, hours before they are written, files of a run that are there and are not ours.
+
+    dry : name of the sound that every reverb is also heard with.
+
+    Raises
+    ------
+    SpecError : a file would take the place of one that something else wrote; two would have one name.
+    """
+    names = (out / name for name in files_of(settings, dry))
+    claim(*(path for path in names if not path.is_dir()))
+
+
+def _sense(
+    run: Run, world: World, sound: Dry | None, resume: bool, strict: bool, sway: Any = None
+) -> None:
+    """Run the sensors of a world, and write what is known by then.
+
+    sway : of trees that the world did not grow itself; None: it knows.
+
+    Raises
+    ------
+    SpecError : there is nothing to sense; a sensor needs more memory than there is.
+    DoubtfulError : as ``run_scene``.
+    """
+    settings, stages, out = run.settings, run.stages, run.out
+    wanted = settings.output
     with stages.stage("read evaluated scene"):
+        if run.forest is None and not len(world.observer.geometry):
+            raise SpecError(
+                settings.blend, "has nothing to scan: no visible object of its scene has faces"
+            )
         _ = world.observer.caster  # made now: it belongs to no sensor's time
     with world.still() as observer:
+        if sway is not None:
+            observer.blow(sway, seconds_of(bpy.context.scene))
         if observer.warning:
             run.stages.warn(observer.warning)
             run.findings.append(page.Finding("Warning", f"{observer.warning}.", {}))
-        _audit_trees(run, world)
+        if run.forest is not None:
+            _audit_trees(run, world)
         unfinished = Unfinished(out, world, resume)
         for sensor in settings.sensors:
             _say_cost(run, world, sensor)
@@ -146,7 +267,8 @@ def run_scene(
                 _take(run, world, _looked(world, sensor, unfinished, progress), sound)
         facts = facts_of(world)
     caster = observer.caster
-    _write_scene(run)
+    if run.forest is not None:
+        _write_scene(run)
     run.path("run.json")
     _write_report(run, facts)
     unfinished.drop()
@@ -185,7 +307,7 @@ def _say_cost(run: Run, world: World, sensor: Sensor) -> None:
     observer = world.observer
     try:
         way = observer.way(sensor, world.folder)
-        cost = cost_of(sensor, way, observer.caster.engine, run.settings, len(run.forest.stand))
+        cost = cost_of(sensor, way, observer.caster.engine, run.settings, len(observer.stems))
     except ValueError:
         return
     run.stages.say(f"  {sensor.name}: {cost}")
@@ -223,6 +345,8 @@ def _write_preview(run: Run, caster: RayCaster | None, progress: Progress) -> No
     if caster is None:
         lay_horizon(scene, *place)
     if walked:
+        assert run.forest is not None  # only a forest that was grown is drawn
+        assert run.ground is not None
         stems, tall = run.forest.stand.position[:, :2], run.forest.heights()
         way = stand_walker(scene, stems, tall, middle, reach, run.ground.height)
         if caster is None:
@@ -257,9 +381,10 @@ def _take(run: Run, world: World, result: Result, sound: Dry | None) -> None:
             name, samples, dry_rate = sound
             heard, rate = record.wet(sensor, found, samples, dry_rate)
             write_wav(run.path(f"{sensor.name}-{name}.wav"), heard, rate)
-        with hushed():
-            give_sound(put_sensor(scene, sensor), sensor.name, heard, rate)
-    if record.is_cloud:
+        if run.forest is not None:
+            with hushed():
+                give_sound(put_sensor(scene, sensor), sensor.name, heard, rate)
+    if record.is_cloud and run.forest is not None:
         show_cloud(part(scene, RESULTS), sensor.name, found)
     finding = _describe(run, world, result)
     for warning in finding.warnings:
@@ -275,7 +400,7 @@ def _describe(run: Run, world: World, result: Result) -> page.Finding:
     sensor, found, picture = result.sensor, result.found, None
     if run.settings.output.pictures:  # what draws is imported where it is asked for: a second
         path = run.out / f"{sensor.name}.png"
-        picture = page.draw_result(sensor, found, world.observer, run.forest, path)
+        picture = page.draw_result(sensor, found, world.observer, path)
         if picture is not None:
             run.files.append(path.name)
     finding = page.finding_of(sensor, found, picture, world.observer)
@@ -284,7 +409,7 @@ def _describe(run: Run, world: World, result: Result) -> page.Finding:
     cloud = results_of(sensor).points(sensor, found)
     turned = ""
     if run.settings.output.report and cloud is not None:
-        turned = turning_cloud(cloud, run.forest.labels, BUDGET // len(run.settings.sensors))
+        turned = turning_cloud(cloud, run.species, BUDGET // len(run.settings.sensors))
     return dataclasses.replace(
         finding,
         audits=audits,
@@ -295,22 +420,22 @@ def _describe(run: Run, world: World, result: Result) -> page.Finding:
     )
 
 
-def _describe_stand(run: Run, inputs: Inputs) -> None:
+def _describe_stand(run: Run, forest: GrownForest, inputs: Inputs) -> None:
     """Draw the map of the stand, and compare it with others of the same settings."""
     settings, wanted = run.settings, run.settings.output
     own = len(settings.plantings)
-    stand = run.forest.stand.first(own)
+    stand = forest.stand.first(own)
     drawn = None
     if wanted.pictures:
         with run.stages.stage("draw the stand"):
             path = run.path("stand.png")
-            drawn = page.draw_stand(stand, run.forest.labels[:own], settings, inputs, path)
-    run.findings.append(page.forest_finding(settings, run.forest, drawn))
+            drawn = page.draw_stand(stand, forest.labels[:own], settings, inputs, path)
+    run.findings.append(page.forest_finding(settings, forest, drawn))
     if wanted.pictures and not can_draw():
         _say_what_is_lacking(run)
-    for note in run.forest.notes:
+    for note in forest.notes:
         run.stages.warn(note)
-    met = met_targets(run.forest)
+    met = met_targets(forest)
     told = page.targets_finding(met)
     run.findings += [told] if told else []
     run.targets = {one.label: record(one) for one in met}
@@ -336,7 +461,7 @@ def _say_what_is_lacking(run: Run) -> None:
     """Say, here and in the report, that pictures are plain, what their colours mean, and what to do."""
     sentence = without("Pictures are plain and the curve of L(r) - r is left out")
     run.stages.say(f"  {sentence}")
-    notes = (*run.findings[0].notes, page.colours_in_words(run.forest.labels))
+    notes = (*run.findings[0].notes, page.colours_in_words(run.species))
     run.findings[0] = dataclasses.replace(run.findings[0], notes=notes)
     run.findings.append(page.Finding("Pictures", sentence, {}))
 
@@ -365,21 +490,21 @@ def _make_writable(out: Path) -> None:
         ) from None
 
 
-def _write_truth(run: Run) -> None:
+def _write_truth(run: Run, forest: GrownForest) -> None:
     offset, crs = run.settings.offset, run.settings.crs
     if write_note(run.out / FILE, offset, crs):
         run.files.append(FILE)
-    write_csv(run.path("trees.csv"), on_the_map(tree_table(run.forest), offset))
-    write_csv(run.path("leaf_angles.csv"), angle_table(run.forest))
+    write_csv(run.path("trees.csv"), on_the_map(tree_table(forest), offset))
+    write_csv(run.path("leaf_angles.csv"), angle_table(forest))
     if run.settings.output.qsm:
-        rows = cylinder_table(run.forest)
+        rows = cylinder_table(forest)
         write_cylinders(run.path("cylinders.csv"), rows, offset)
         for path in write_models(run.out / "qsm", rows, offset):
             run.files.append(str(path.relative_to(run.out)))
     if not run.settings.output.leaves:
         return
     metres = dict.fromkeys(("centre", "length", "width", "radius"), "m")
-    many = leaf_count(run.forest) > MOST_LEAVES
+    many = leaf_count(forest) > MOST_LEAVES
     name, table = ("variant_leaves", variant_leaf_table) if many else ("leaves", leaf_table)
-    rows = table(run.forest) if many else on_the_map(table(run.forest), offset)
+    rows = table(forest) if many else on_the_map(table(forest), offset)
     write_npz(run.path(f"{name}.npz"), rows, metres | {"normal": "1", "axis": "1"})

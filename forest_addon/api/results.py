@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..base.rows import distinct
+from ..formats.foreign import library
 from ..formats.table import write_npz
 from ..results.coordinates import NO_OFFSET, Offset
 from ..results.kind import Finding
@@ -32,8 +33,6 @@ from ..sensing.lidar.tractor import TractorScan, to_cloud
 from ..spec import Choice, Sensor, SpecError
 from .given import file_to_write, path_of
 
-MISSING = 'is not installed; pip install "forest-sensing[analysis]"'
-
 
 def dataset_of(sensor: Sensor, found: Finding, about: Mapping[str, Any]) -> Any:
     """An ``xarray.Dataset`` of what a sensor found; every variable has its unit in ``attrs["units"]``.
@@ -44,10 +43,7 @@ def dataset_of(sensor: Sensor, found: Finding, about: Mapping[str, Any]) -> Any:
     ------
     SpecError : xarray is not installed.
     """
-    try:
-        import xarray
-    except ImportError:
-        raise SpecError("xarray", MISSING) from None
+    xarray = library("xarray", "analysis", "xarray")
     variables, coordinates = (
         {
             name: (dims, values, {"units": unit} if unit else {})
@@ -67,10 +63,7 @@ def frame_of(sensor: Sensor, found: Finding, about: Mapping[str, Any]) -> Any:
     ------
     SpecError : pandas is not installed; or xarray, for a result of several dimensions.
     """
-    try:
-        import pandas
-    except ImportError:
-        raise SpecError("pandas", MISSING) from None
+    pandas = library("pandas", "analysis", "pandas")
     variables, coordinates = labelled_of(sensor, found)
     every = {**variables, **coordinates}
     if len({dims for dims, *_ in every.values()}) == 1 and not coordinates:

@@ -16,8 +16,8 @@ import laspy
 import numpy as np
 
 from ..base.rng import stream
-from ..spec import SpecError
 from .atomic import replacing
+from .foreign import library
 
 CELLS = 128  # along the edge of a node, as the format recommends
 FEWEST = 5_000  # points of a node that are not divided further
@@ -32,13 +32,7 @@ def write_copc(path: str | os.PathLike[str], plain: str | os.PathLike[str]) -> N
     SpecError : copclib is not installed.
     OSError : it cannot be written.
     """
-    try:
-        import copclib
-    except ImportError:
-        raise SpecError(
-            os.path.basename(path),
-            'needs copclib; install it by pip install "forest-sensing[files]", or save as .laz',
-        ) from None
+    copclib = library(path, "files", "copclib", ", or save as .laz")
     cloud = laspy.read(plain)
     with replacing(path) as partial, tempfile.TemporaryDirectory() as folder:
         made = Path(folder) / "made.copc.laz"

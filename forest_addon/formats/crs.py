@@ -33,8 +33,7 @@ def to_map(crs: str, longitude: np.ndarray, latitude: np.ndarray) -> tuple[np.nd
     known = _known(crs)
     import pyproj
 
-    change = pyproj.Transformer.from_crs("EPSG:4326", known, always_xy=True)
-    east, north = np.multiply(metres_of(crs)[0], change.transform(longitude, latitude))
+    east, north = moved("EPSG:4326", crs, np.column_stack([longitude, latitude]))[0].T
     factors = pyproj.Proj(known).get_factors(longitude, latitude)
     return east, north, np.asarray(factors.meridian_convergence)
 
@@ -81,7 +80,9 @@ def nearest_metric(crs: str) -> str:
     flat = known.sub_crs_list[0] if known.is_compound else known
     area = flat.area_of_use
     plain = flat.name.split(" (")[0].split(" + ")[0]
-    for one in pyproj.database.query_crs_info(auth_name="EPSG", pj_types="PROJECTED_CRS"):
+    for one in pyproj.database.query_crs_info(
+        auth_name="EPSG", pj_types=pyproj.enums.PJType.PROJECTED_CRS
+    ):
         if flat.is_projected and one.name == plain and not one.deprecated:
             return f"EPSG:{one.code}"
     if area is None or area.east - area.west > 60:
@@ -134,7 +135,7 @@ def moved(source: str, target: str, place: np.ndarray) -> tuple[np.ndarray, str]
         authority, metres = known.to_authority(), metres_of(source)[0]
         return place * metres, ":".join(authority) if authority and metres == 1 else ""
     change = pyproj.Transformer.from_crs(known, _known(target), always_xy=True)
-    return np.column_stack(np.multiply(metres_of(target)[0], change.transform(*place.T))), target
+    return metres_of(target)[0] * np.array(change.transform(*place.T)).T, target
 
 
 def _known(crs: str) -> Any:

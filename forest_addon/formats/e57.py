@@ -16,6 +16,7 @@ import numpy as np
 from ..base.vectors import azimuth_of, elevation_of
 from ..spec import SpecError
 from .atomic import replacing
+from .foreign import library
 from .raster_file import write_png
 
 WIDE, HIGH = 1440, 720
@@ -45,12 +46,7 @@ def write_e57(path: str | os.PathLike[str], scan: LocalScan) -> None:
     OSError : it cannot be written.
     """
     name = os.path.basename(path)
-    try:
-        import pye57
-    except ImportError:
-        raise SpecError(
-            name, 'needs pye57; install it by pip install "forest-sensing[files]", or save as .laz'
-        ) from None
+    pye57 = library(path, "files", "pye57", ", or save as .laz")
     if not len(scan.points):
         raise SpecError(name, "has no points, and E57 cannot be empty; use .laz")
     x, y, z = scan.points.astype(np.float32).T

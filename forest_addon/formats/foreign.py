@@ -9,6 +9,7 @@ reads it: that bounds time and memory by the size of the file.
 from __future__ import annotations
 
 import functools
+import importlib
 import json
 import os
 import re
@@ -16,7 +17,9 @@ import stat
 import struct
 from collections.abc import Callable
 from pathlib import Path
-from typing import BinaryIO, Concatenate, ParamSpec, TypeVar
+from typing import Any, BinaryIO, Concatenate, ParamSpec, TypeVar
+
+import numpy as np
 
 from ..spec import SpecError
 from .ownership import reads
@@ -39,6 +42,9 @@ SIZES = {
     "uint16": 2,
 }
 SIZES |= {"double": 8, "float64": 8}  # of PLY; others have 4
+COARSE = 2e-3  # of the extent, a step of single precision that loses the shape
+FINEST = 1e-3  # metres, a step that loses none
+RASTER = 0.5  # metres, that corners of grids are multiples of
 
 
 def guarded(
@@ -75,9 +81,26 @@ def guarded(
     return around
 
 
+def library(path: StrPath, extra: str, name: str, instead: str = "") -> Any:
+    """Return a library of an optional extra of this package. instead : what else one may do.
+
+    Raises
+    ------
+    SpecError : it is not installed; says how it is.
+    """
+    try:
+        return importlib.import_module(name)
+    except ImportError:
+        raise SpecError(
+            os.path.basename(path),
+            f"needs the library {name.partition('.')[0]}; install it with pip install "
+            f'"forest-sensing[{extra}]"{instead}',
+        ) from None
+
+
 def refuse_claims(path: StrPath, most: int = MOST) -> None:
-    """Refuse what has no end, more than any reader here should hold, or LAS, PLY and glTF files that count
-    more than their bytes can hold; what is missing is told later.
+    """Refuse what has no end, more than any reader here should hold, or LAS, PLY, glTF and USD files that
+    count more than their bytes can hold; what is missing is told later.
 
     Raises
     ------
@@ -103,6 +126,8 @@ def refuse_claims(path: StrPath, most: int = MOST) -> None:
         claimed, room = 0, status.st_size
         if head.startswith(b"LASF") and len(head) > 110:
             claimed, room = _claims_of_las(head, room, file)
+        elif head.startswith(b"PXR-USDC") and len(head) > 23:
+            claimed, room = _claims_of_usd(head, room, file)
     if re.match(rb"ply\s", head):
         claimed = _claims_of_ply(head)
     elif head.startswith(b"glTF") or str(path).lower().endswith(".gltf"):
@@ -118,6 +143,7 @@ def refuse_claims(path: StrPath, most: int = MOST) -> None:
 def _claims_of_las(head: bytes, size: int, file: BinaryIO) -> tuple[int, int]:
     """Records that a LAS file counts, and what it has room for."""
     first, begin, records, kind, length, points = struct.unpack_from("<HIIBHI", head, 94)
+    begin = min(begin, size)
     if records * 54 > begin - first:
         return records, max(begin - first, 0) // 54
     if head[25] >= 4 and len(head) >= 255:
@@ -141,6 +167,20 @@ def _claims_of_las(head: bytes, size: int, file: BinaryIO) -> tuple[int, int]:
     if chunks > size:
         return chunks, size
     return points, PACKED * max(size - begin, 0) // max(length, 1)
+
+
+def _claims_of_usd(head: bytes, size: int, file: BinaryIO) -> tuple[int, int]:
+    """Bytes or items that a binary USD counts in its sections or their table, and what it has room for."""
+    file.seek(min(int.from_bytes(head[16:24], "little"), size))
+    table = file.read(8 + 32 * 16)
+    counted = [(32 * int.from_bytes(table[:8], "little"), size)]
+    whole = min(counted[0][0], (len(table) - 8) // 32 * 32)
+    for name, begin, length in struct.iter_unpack("<16sQQ", table[8 : 8 + max(whole, 0)]):
+        file.seek(min(begin, size))
+        told = file.read(16 if name.startswith(b"TOKENS") else 8)
+        words = (int.from_bytes(told[at : at + 8], "little") for at in (0, 8))
+        counted += [(begin + length, size), (max(words), PACKED * size)]
+    return max(counted, key=lambda one: one[0] / max(one[1], 1))
 
 
 def _claims_of_ply(head: bytes) -> int:
@@ -168,6 +208,35 @@ def _claims_of_gltf(path: Path, size: int) -> tuple[int, int]:
     return max(
         (int(each.get("count", 0)) for each in document.get("accessors", [])), default=0
     ), size
+
+
+def refuse_coarse(path: StrPath, corners: np.ndarray, exact: bool = False) -> None:
+    """Refuse corners (..., 3) so far from the origin that single precision has rounded the shape away.
+
+    exact : they were stored with more digits, and are refused if they are what single precision had left.
+
+    Raises
+    ------
+    SpecError : says what, and what to do.
+    """
+    places = np.reshape(corners, (-1, 3))
+    with np.errstate(all="ignore"):
+        low, high = np.nanmin(places, axis=0), np.nanmax(places, axis=0)
+        step = np.spacing(np.maximum(np.abs(low), np.abs(high)).astype(np.float32))
+        coarse = step.max() > max(FINEST, COARSE * float((high - low).max()))
+        if coarse and exact:
+            flat = np.argsort(step)[1:]
+            odd = [
+                abs(np.remainder(places[:, flat] / of + 0.5, 1) - 0.5)
+                for of in (step[flat], RASTER)
+            ]
+            coarse = odd[0].max() < 0.05 < odd[1].max()
+    if coarse:
+        raise SpecError(
+            os.path.basename(path),
+            f"lies at map coordinates, where single precision has steps of {step.max():.2g}: its shape "
+            "is lost; subtract the coordinates before you export it",
+        )
 
 
 def _sentence(problem: Exception, what: str) -> str:

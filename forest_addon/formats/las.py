@@ -26,7 +26,7 @@ from ..spec import SpecError
 from .atomic import replacing
 from .copc import write_copc
 from .crs import can_tell_crs, metres_of, unit_named, wkt_of
-from .foreign import guarded
+from .foreign import PACKED, guarded
 from .ply import StoredRows, bounds
 
 RESOLUTION = 1e-4  # metres
@@ -37,6 +37,9 @@ OWN_CLASSES, CLASSES = 64, 192  # the first class that is the user's, and how ma
 CLASS_OF_ORGAN = np.ones(128, dtype=np.uint8)  # ASPRS: unclassified, high vegetation, ground
 CLASS_OF_ORGAN[[WOOD, LEAF, GROUND, DEAD]] = 5, 5, 2, 5
 COPC = ".copc.laz"
+LAYERED = 3  # the compressor of LAZ whose chunks are layers
+LAYERS, BYTES = {10: 9, 12: 2}, 14  # of its items by their kind, else one; of extra bytes one each
+MOST_OF_CHUNK = 1_000_000  # points that a small file may count in a chunk
 PROJECTED, GEOGRAPHIC, LINEAR_UNIT, VERTICAL_UNIT, OWN_KEY = (
     3072,
     2048,
@@ -120,7 +123,9 @@ def read_las(path: Path, crs: str = "") -> laspy.LasData:
     if not os.path.exists(path):
         raise SpecError(str(path), "is not there; check the path")
     try:
-        cloud = laspy.read(path)
+        with laspy.open(path) as file:
+            _refuse_chunks(path, file.header)
+            cloud = file.read()
     except (laspy.errors.LaspyException, lazrs.LazrsError, OSError) as problem:
         raise SpecError(
             str(path),
@@ -137,6 +142,48 @@ def read_las(path: Path, crs: str = "") -> laspy.LasData:
         part.offsets = part.offsets * [flat, flat, up]
     cloud.update_header()
     return cloud
+
+
+def _refuse_chunks(path: Path, header: laspy.LasHeader) -> None:
+    """Refuse chunks of a LAZ, and layers in them, that count more than the file holds: the reader believes
+    them, and makes room.
+
+    Raises
+    ------
+    SpecError : says what they count, and what the file holds.
+    """
+    told = header.vlrs.get("LasZipVlr")
+    if not told or not header.point_count:
+        return
+    record, size, packed = (
+        told[0].record_data,
+        path.stat().st_size,
+        lazrs.LazVlr(told[0].record_data),
+    )
+    items = struct.iter_unpack("<3H", record[34 : 34 + 6 * record[32]])
+    layers = sum(wide if kind == BYTES else LAYERS.get(kind, 1) for kind, wide, _ in items)
+    before = packed.item_size() + 4 + 4 * layers  # the first point, and the counts
+    counted = []
+    with open(path, "rb") as file:
+        file.seek(header.offset_to_point_data)
+        for points, length in lazrs.read_chunk_table(file, packed):
+            begin = file.tell()
+            counted += [(length, size - begin)]
+            counted += [(points, max(MOST_OF_CHUNK, PACKED * size // packed.item_size()))]
+            if length > size - begin:
+                break
+            if record[0] == LAYERED:
+                file.seek(begin + before - 4 * layers)
+                sizes = np.frombuffer(file.read(4 * layers), "<u4")
+                counted += [(int(sizes.sum()), length - before)]
+            file.seek(begin + length)
+    for claimed, room in counted:
+        if claimed > room:
+            raise SpecError(
+                str(path),
+                f"is broken: a chunk counts {claimed:,} points or bytes, it has room for {room:,}; copy or "
+                "export it again",
+            )
 
 
 def _units(header: laspy.LasHeader, crs: str) -> tuple[float, float]:

@@ -20,7 +20,7 @@ import numpy as np
 
 from ..spec import SpecError
 from .atomic import replacing
-from .foreign import guarded
+from .foreign import guarded, refuse_coarse
 
 PLY_TYPE = {
     "f8": "double",
@@ -72,7 +72,7 @@ def read_surface(path: Path) -> tuple[np.ndarray, np.ndarray]:
 
     Raises
     ------
-    SpecError : it is no PLY, or has no faces.
+    SpecError : it is no PLY, has no faces, or lost its shape at map coordinates.
     """
     data = path.read_bytes()
     start = data.index(b"\n", data.index(b"end_header")) + 1
@@ -107,7 +107,10 @@ def read_surface(path: Path) -> tuple[np.ndarray, np.ndarray]:
     fans = [(face[0], b, c) for face in found["face"] for b, c in pairwise(face[1:])]
     if not fans:
         raise SpecError(str(path), "has no faces; a ground is a surface of triangles")
-    return np.array(found["vertex"], dtype=np.float64), np.array(fans).astype(np.int64)
+    vertices = np.array(found["vertex"], dtype=np.float64)
+    single = order and any(line[1:] in (["float", "x"], ["float32", "x"]) for line in head)
+    refuse_coarse(path, vertices, exact=not single)
+    return vertices, np.array(fans).astype(np.int64)
 
 
 def said_of(origin: Origin) -> str:

@@ -13,6 +13,7 @@ from __future__ import annotations
 import io
 import re
 from dataclasses import dataclass, replace
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -50,10 +51,6 @@ GROUND_CLASS, MOST_POINTS = (
 HEAD = re.compile(r"\s*(?:(?:ncols|nrows|[xy]ll\w+|cellsize|d[xy]|nodata\w*)\s+\S+\s+)+")
 
 
-class TooLargeError(ValueError):
-    """An image of more pixels than are read."""
-
-
 @dataclass(frozen=True)
 class GeoRaster:
     """Numbers in rows and columns, and where on the map they lie if their file says that.
@@ -75,10 +72,14 @@ class GeoRaster:
         assert self.transform is not None
         return np.stack([column, row], axis=-1) @ self.transform[:, :2].T + self.transform[:, 2]
 
+    def indices(self, place: np.ndarray) -> np.ndarray:
+        """(..., 2) columns and rows of places on the map, counted as those of ``places``."""
+        assert self.transform is not None
+        return (place - self.transform[:, 2]) @ np.linalg.inv(self.transform[:, :2]).T
+
     def holds(self, place: np.ndarray) -> np.ndarray:
         """(...) bool, which places (..., 2) on the map lie on it or within a hundredth of a pixel."""
-        assert self.transform is not None
-        there = (place - self.transform[:, 2]) @ np.linalg.inv(self.transform[:, :2]).T
+        there = self.indices(place)
         near = np.array([there + 0.01, self.pixels.shape[::-1] - there + 0.01])
         return np.asarray((near >= 0).all(axis=(0, -1)))
 
@@ -106,10 +107,8 @@ class GeoRaster:
         drawn = replace(self, transform=_north_up(low[0], high[1], step))
         y, x = np.mgrid[:rows, :columns] + 0.5
         place = drawn.places(x, y)
-        middle = (place - self.transform[:, 2]) @ np.linalg.inv(turn).T - 0.5
-        pixels = map_coordinates(
-            self.pixels, middle.T[::-1].swapaxes(1, 2), order=1, mode="nearest"
-        )
+        middle = np.moveaxis(self.indices(place)[..., ::-1] - 0.5, -1, 0)
+        pixels = map_coordinates(self.pixels, middle, order=1, mode="nearest")
         return replace(drawn, pixels=np.where(self.holds(place), pixels, np.nan))
 
     def heights(self, path: Path, unit: float | None = None) -> np.ndarray:
@@ -157,14 +156,9 @@ def read_raster(path: Path) -> GeoRaster:
         return _gridded(_read_points(path), *_system_beside(path))
     if ending in CLOUDS:
         return _read_ground(path)
-    if ending != ".npy":
-        return _read_image(path)
-    pixels = _read_array(path)
-    if pixels.ndim != 2 or not pixels.size:
-        raise SpecError(
-            str(path), f"has the shape {list(pixels.shape)}; give an array of rows and columns"
-        )
-    return GeoRaster(np.asarray(pixels, dtype=np.float64))
+    if ending == ".npy":
+        return GeoRaster(_read_array(path).astype(np.float64))
+    return _read_image(path)
 
 
 def read_png(data: bytes) -> tuple[np.ndarray, float]:
@@ -207,16 +201,21 @@ def _read_array(path: Path) -> np.ndarray:
         raise SpecError(str(path), f"is not an npy file of numbers: {problem}") from None
     if not isinstance(array, np.ndarray) or array.dtype.kind not in "buif":
         raise SpecError(str(path), "is not an npy file of real numbers; save a plain array")
-    if array.size > MOST_PIXELS:
+    if array.ndim != 2 or not 0 < array.size <= MOST_PIXELS:
         raise SpecError(
-            str(path), f"has the shape {list(array.shape)}, more than {MOST_PIXELS:,} numbers"
+            str(path),
+            f"has the shape {list(array.shape)}: no array of rows and columns, or more than "
+            f"{MOST_PIXELS:,} numbers",
         )
     return array
 
 
 def _read_image(path: Path) -> GeoRaster:
     placed = _place_of(path)
-    pixels, white = _read_pixels(path, raw=placed is not None)
+    try:
+        pixels, white = _read_pixels(path, raw=placed is not None)
+    except SpecError as problem:
+        raise SpecError(str(path), problem.problem) from None
     if placed is not None:
         return _numbers(path, pixels, *placed)
     if pixels.shape[2] in (2, 4):  # with alpha, which says nothing about shades
@@ -233,9 +232,6 @@ def _place_of(path: Path) -> tuple[GeoRaster, Any] | None:
     ------
     SpecError : it lies by ground control points or in degrees, or is a photograph.
     """
-    with open(path, "rb") as file:
-        if file.read(4) not in TIFF:
-            return None
     import tifffile
 
     try:
@@ -244,7 +240,7 @@ def _place_of(path: Path) -> tuple[GeoRaster, Any] | None:
             keys, tags, colour = page.geotiff_tags or {}, page.tags, page.photometric == RGB
             scale, tie, matrix = map(tags.valueof, (PIXEL_SCALE, TIE_POINT, MATRIX))
             told = {number: tags.valueof(number) for number in (METADATA, NO_DATA)}
-    except Exception:  # what is damaged is told where its pixels are read
+    except Exception:  # no TIFF; what is damaged is told where its pixels are read
         return None
     if matrix is not None:
         transform = np.reshape(matrix, (4, 4))[:2, [0, 1, 3]].astype(np.float64)
@@ -390,10 +386,21 @@ def _gridded(points: np.ndarray, crs: str, flat: float, up: float) -> GeoRaster:
         edge, note = _north_up(low[0], high[1], size), f"linear between {len(points):,} points"
         y, x = np.mgrid[:rows, :columns] + 0.5
         middle = np.stack([low[0] + x * size[0], high[1] - y * size[1]], axis=-1)
-        pixels = LinearNDInterpolator(points[:, :2] - low, points[:, 2])(middle - low)
-        away, nearest = cKDTree(points[:, :2]).query(middle)
-        pixels = np.where(np.isnan(pixels) & (away <= 2 * size[0]), points[nearest, 2], pixels)
+        pixels = linear_between(points[:, :2] - low, points[:, 2], middle - low, 2 * size[0])
     return GeoRaster(pixels, flat * edge, crs, up, note)
+
+
+def linear_between(
+    known: np.ndarray, values: np.ndarray, at: np.ndarray, reach: float = np.inf
+) -> np.ndarray:
+    """(...) what is linear between points (N, 2) of values (N,) at places (..., 2); beyond those the value
+    of the nearest within reach, else NaN."""
+    away, nearest = cKDTree(known).query(at)
+    found = np.where(away <= reach, values[nearest], np.nan)
+    if len(known) > 3:
+        linear = LinearNDInterpolator(known, values)(at)
+        found = np.where(np.isnan(linear), found, linear)
+    return found
 
 
 def _read_pixels(path: Path, raw: bool) -> tuple[np.ndarray, float]:
@@ -403,16 +410,24 @@ def _read_pixels(path: Path, raw: bool) -> tuple[np.ndarray, float]:
     """
     with open(path, "rb") as file:
         start = file.read(4)
-    try:
-        if start == PNG:
-            return read_png(path.read_bytes())
-        if start in TIFF:
-            return _read_tiff(path, raw)
-        raise ValueError("it is neither PNG nor TIFF")
-    except TooLargeError as problem:
-        raise SpecError(str(path), str(problem)) from None
-    except Exception as problem:  # a damaged image fails anywhere
-        return _read_by_another(path, problem)
+    own = {PNG: _read_png} | dict.fromkeys(TIFF, partial(_read_tiff, raw=raw))
+    readers = [own[start]] if start in own else []
+    why = "" if readers else "it is neither PNG nor TIFF"
+    if start[:2] != b"MM":  # which Pillow takes for little-endian where it is packed
+        readers.append(_read_by_pillow if find_spec("PIL") else _read_by_openimageio)
+    for read in readers:
+        try:
+            return read(path)
+        except SpecError:
+            raise
+        except Exception as problem:  # a damaged image fails anywhere
+            why = why or " ".join(str(problem).split()) or type(problem).__name__
+    more = ", or pip install imagecodecs" if "imagecodecs" in why else ""
+    raise SpecError("", f"cannot be read ({why}); save it as PNG, TIFF or npy{more}")
+
+
+def _read_png(path: Path) -> tuple[np.ndarray, float]:
+    return read_png(path.read_bytes())
 
 
 def _read_tiff(path: Path, raw: bool) -> tuple[np.ndarray, float]:
@@ -424,35 +439,19 @@ def _read_tiff(path: Path, raw: bool) -> tuple[np.ndarray, float]:
         if page.samplesperpixel > MOST_SAMPLES or page.tilewidth * page.tilelength > MOST_PIXELS:
             raise ValueError("its header is wrong")
         pixels = page.asarray(maxworkers=1)
-    pixels = np.moveaxis(pixels, 0, -1) if page.axes == "SYX" else pixels
-    pixels = pixels.reshape(page.imagelength, page.imagewidth, -1)
-    if raw:
-        return pixels, 1.0
-    if page.photometric == PALETTE:
-        table = page.colormap >> 8  # some write 0xff00 for white
-        return table.T[pixels[..., 0]], 255.0
-    if pixels.dtype.kind == "f":
-        return pixels, 1.0
-    depth = page.bitspersample
-    if page.photometric == WHITE_IS_ZERO and pixels.dtype.kind in "bu":
-        pixels = (2**depth - 1) - pixels
-    return pixels, 2.0**depth - 1 if depth <= 8 else DEEP
-
-
-def _read_by_another(path: Path, problem: Exception) -> tuple[np.ndarray, float]:
-    """Pixels and white by the library that is there. problem : why they are not read without it."""
-    why = " ".join(str(problem).split()) or type(problem).__name__
-    more = ", or pip install imagecodecs" if "imagecodecs" in why else ""
-    refused = SpecError(str(path), f"cannot be read ({why}); save it as PNG, TIFF or npy{more}")
-    with open(path, "rb") as file:
-        if file.read(2) == b"MM":  # which Pillow takes for little-endian where it is packed
-            raise refused
-    try:
-        return _read_by_pillow(path) if find_spec("PIL") else _read_by_openimageio(path)
-    except TooLargeError as large:
-        raise SpecError(str(path), str(large)) from None
-    except Exception as other:
-        raise (other if isinstance(other, SpecError) else refused) from None
+        pixels = np.moveaxis(pixels, 0, -1) if page.axes == "SYX" else pixels
+        pixels = pixels.reshape(page.imagelength, page.imagewidth, -1)
+        if raw:
+            return pixels, 1.0
+        if page.photometric == PALETTE:
+            table = page.colormap >> 8  # some write 0xff00 for white
+            return table.T[pixels[..., 0]], 255.0
+        if pixels.dtype.kind == "f":
+            return pixels, 1.0
+        depth = page.bitspersample
+        if page.photometric == WHITE_IS_ZERO and pixels.dtype.kind in "bu":
+            pixels = (2**depth - 1) - pixels
+        return pixels, 2.0**depth - 1 if depth <= 8 else DEEP
 
 
 def _read_by_pillow(path: Path) -> tuple[np.ndarray, float]:
@@ -465,7 +464,7 @@ def _read_by_pillow(path: Path) -> tuple[np.ndarray, float]:
     if mode == "F" or mode.startswith("I"):
         return pixels[..., None], 1.0 if mode == "F" else DEEP
     if mode not in WHITE:
-        raise SpecError(str(path), f"has the colour mode {mode}; save it in shades of grey")
+        raise SpecError("", f"has the colour mode {mode}; save it in shades of grey")
     return pixels.reshape(*pixels.shape[:2], -1), WHITE[mode]
 
 
@@ -483,6 +482,7 @@ def _read_by_openimageio(path: Path) -> tuple[np.ndarray, float]:
 def _refuse_large(wide: int, high: int) -> None:
     """Refuse an image that would take minutes and most of a machine's memory."""
     if wide * high > MOST_PIXELS:
-        raise TooLargeError(
-            f"has {wide:,} x {high:,} pixels, more than {MOST_PIXELS:,}; make it coarser, or cut it"
+        raise SpecError(
+            "",
+            f"has {wide:,} x {high:,} pixels, more than {MOST_PIXELS:,}; make it coarser, or cut it",
         )

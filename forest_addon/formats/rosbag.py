@@ -19,10 +19,9 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
-from ..spec import SpecError
 from .atomic import replacing
+from .foreign import library
 
-MISSING = 'needs the library rosbags; install it with pip install "forest-sensing[files]"'
 START = 1.0  # s, the stamp of time 0
 CLOUD = 0.1  # s of returns that are one message
 FLOAT32, INT32, UINT8 = 7, 5, 2  # of sensor_msgs/PointField
@@ -64,16 +63,13 @@ def write_bag(
     SpecError : the library is missing.
     OSError : it cannot be written; what had its name before stays as it was.
     """
-    try:
-        from rosbags.rosbag2 import StoragePlugin, Writer
-        from rosbags.typesys import Stores, get_typestore
-    except ImportError:
-        raise SpecError(str(path), MISSING) from None
-    store = get_typestore(Stores.ROS2_HUMBLE)
+    bags = library(path, "files", "rosbags.rosbag2")
+    types = library(path, "files", "rosbags.typesys")
+    store = types.get_typestore(types.Stores.ROS2_HUMBLE)
     made = _Messages(store)
     with tempfile.TemporaryDirectory(prefix=".bag-", dir=Path(path).resolve().parent) as folder:
         home = Path(folder) / "bag"
-        with Writer(home, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        with bags.Writer(home, version=9, storage_plugin=bags.StoragePlugin.MCAP) as writer:
             topics: dict[str, Any] = {}
             messages = [*made.still(), *made.poses(way, reach), *made.clouds(way, points)]
             for stamp, topic, message in sorted(messages, key=lambda entry: entry[0]):

@@ -12,9 +12,7 @@ import numpy as np
 
 from ..spec import SpecError
 from .atomic import replacing
-from .foreign import guarded
-
-MISSING = 'needs the library sofar; install it with pip install "forest-sensing[sofa]"'
+from .foreign import guarded, library
 
 
 @dataclass(frozen=True)
@@ -34,7 +32,7 @@ def read_head(path: str | os.PathLike[str]) -> HeadResponses:
     ------
     SpecError : the file or the library is missing; it is no such file; it holds NaN or infinity.
     """
-    sofar = _library(path)
+    sofar = library(path, "sofa", "sofar")
     return _read_head(path, sofar)
 
 
@@ -124,7 +122,7 @@ def write_responses(
     ------
     SpecError : the library is missing.
     """
-    sofar = _library(path)
+    sofar = library(path, "sofa", "sofar")
     centre = receivers.mean(axis=1)
     file = sofar.Sofa("SingleRoomSRIR")
     file.GLOBAL_Title = title
@@ -144,11 +142,3 @@ def write_responses(
     file.MeasurementDate = np.zeros(len(samples))
     with replacing(path) as partial:
         sofar.write_sofa(str(partial), file)
-
-
-def _library(path: str | os.PathLike[str]) -> Any:
-    try:
-        import sofar
-    except ImportError:
-        raise SpecError(str(path), MISSING) from None
-    return sofar

@@ -19,11 +19,10 @@ import numpy as np
 
 from ..spec import SpecError
 from .atomic import replacing
-from .foreign import guarded
+from .foreign import guarded, refuse_coarse
 
 HEADER_BYTES = 84  # 80 of text, then the facet count
 FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
-COARSE = 2e-3  # of the extent, a step of single precision that loses the shape
 MOST_FACETS = 20_000_000
 LOOP = re.compile(rb"outer\s+loop\s")
 
@@ -65,8 +64,6 @@ def _read(path: Path, most: int) -> np.ndarray:
         records = np.frombuffer(data, FACET, offset=HEADER_BYTES)
         _refuse_many(name, counted, most)
         facets = records["corners"].astype(np.float64)
-        if counted:
-            _refuse_coarse(name, records["corners"])
     elif _is_text(data):
         _refuse_many(name, data.lower().count(b"endloop"), most)
         facets = _parse_ascii(data.lower(), name)
@@ -86,20 +83,8 @@ def _read(path: Path, most: int) -> np.ndarray:
             stacklevel=4,
         )
         facets = facets[finite]
+    refuse_coarse(path, facets, exact=_is_text(data))
     return facets
-
-
-def _refuse_coarse(name: str, corners: np.ndarray) -> None:
-    """Refuse corners so far from the origin that single precision has rounded the shape away."""
-    with np.errstate(all="ignore"):
-        low, high = np.nanmin(corners, axis=(0, 1)), np.nanmax(corners, axis=(0, 1))
-        step = float(np.spacing(np.maximum(np.abs(low), np.abs(high)).max()))
-        coarse = step > COARSE * float((high - low).max())
-    if coarse:
-        raise StlError(
-            f"{name} lies at map coordinates, where its single precision has steps of {step:.2g}: its shape "
-            "is lost; subtract the coordinates before you export it."
-        )
 
 
 def _refuse_many(name: str, count: int, most: int) -> None:

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import csv
 import gzip
-import importlib
 import io
 import json
 import math
@@ -21,7 +20,10 @@ import re
 import unicodedata
 import zipfile
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from functools import partial
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -30,7 +32,7 @@ from scipy.spatial import ConvexHull
 
 from ..spec import SpecError
 from .crs import moved
-from .foreign import guarded
+from .foreign import guarded, library
 from .table import unquoted
 
 PLACES = (  # names of x and y, the first pair that a table has
@@ -79,21 +81,23 @@ FIA_OWN = {"spcd", "statuscd"}
 TEXTS = ("species", "ring", "status", "plot")
 NUMBERS = ("scale", "rotation", "dbh", "height", "crown_width", "crown_base", "leaf_area")
 ABSENT = ("", "na", "nan", "n/a", "null", "none", ".", "-")  # where nothing was measured
-GONE = (
-    "dead",
-    "standing dead",
-    "snag",
-    "downed",
-    "removed",
-    "missing",
-    "lost",
-    "tot",
-    "abgestorben",
+GONE = (  # with letters of ForestGEO and numbers of FIA
+    *(
+        "dead",
+        "standing dead",
+        "snag",
+        "downed",
+        "removed",
+        "missing",
+        "lost",
+        "tot",
+        "abgestorben",
+    ),
+    *("mort", "morte", "d", "g", "m", "2", "3"),
 )
 YES = ("1", "true", "t", "yes", "y", "ja", "oui", "x", "dead")
 NO = ("0", "false", "f", "no", "n", "nein", "non", "dead")
 LIVING = ("alive", "live", "lebend", "vivant")
-GONE += ("mort", "morte", "d", "g", "m", "2", "3")  # letters of ForestGEO, numbers of FIA
 MOST = 500_000_000  # bytes of a table
 PACKED = 200  # times the bytes of a file that it may unpack to, beside a megabyte
 STEMS = 50  # rows at one place that may be one tree
@@ -136,6 +140,10 @@ class _Sheet:
     said: list[str] = field(default_factory=list)
     columns: dict[str, tuple[int, float, str]] = field(default_factory=dict)
 
+    def name(self, key: str) -> str:
+        """The name of a column in small letters and digits; "" where there is none."""
+        return "".join(_plain(self.head[self.columns[key][0]])) if key in self.columns else ""
+
     def texts(self, key: str) -> list[str]:
         """Cells of a column without quotes, "" where there is none."""
         if key not in self.columns:
@@ -151,18 +159,19 @@ class _Sheet:
         SpecError : a cell that is no finite number.
         """
         found = np.full(len(self.rows), np.nan)
-        if key not in self.columns:
-            return found
-        at, unit, _ = self.columns[key]
-        for row, (line, cells) in enumerate(self.rows):
-            told = cells[at].strip()
+        for row, told in enumerate(self.texts(key)):
             if told.lower() in ABSENT:
                 continue
-            plain = told
-            if "." not in told and not (self.commas and THOUSANDS.fullmatch(told)):
-                plain = told.replace(",", ".", 1)
-            found[row] = number_of(self.path, line, key, plain, told) * unit
-        return found
+            point = "." in told or (self.commas and THOUSANDS.fullmatch(told))
+            with suppress(ValueError):
+                found[row] = float(told if point else told.replace(",", ".", 1))
+            if not math.isfinite(found[row]):
+                raise SpecError(
+                    str(self.path),
+                    f'row {self.rows[row][0]}: {key} is "{told}", not a finite number; use metres with a '
+                    "decimal point",
+                )
+        return found * self.columns[key][1] if key in self.columns else found
 
 
 @guarded("a table of trees with columns x and y", most=MOST)
@@ -177,13 +186,11 @@ def read_tree_map(path: Path, crs: str = "") -> TreeMap:
     is not known or makes no sense; degrees without a system to project to.
     """
     sheet = _sheet(path)
-    sheet.columns = _columns(path, sheet.head)
     columns = _words(sheet)
     position = _position(sheet)
     found = {key: sheet.numbers(key) for key in (*NUMBERS, "girth", "crown_area")}
-    dbh, width = found["girth"] / np.pi, 2 * np.sqrt(found["crown_area"] / np.pi)
-    found["dbh"] = np.where(np.isfinite(found["dbh"]), found["dbh"], dbh)
-    found["crown_width"] = np.where(np.isfinite(found["crown_width"]), found["crown_width"], width)
+    found["dbh"] = np.fmax(found["dbh"], found["girth"] / np.pi)
+    found["crown_width"] = np.fmax(found["crown_width"], 2 * np.sqrt(found["crown_area"] / np.pi))
     line = np.array([line for line, _ in sheet.rows], dtype=np.int64)
     species = np.array(sheet.texts("species"), dtype=np.str_)
     numbers = np.column_stack([found[key] for key in NUMBERS]).reshape(-1, len(NUMBERS))
@@ -208,7 +215,6 @@ def read_rings(path: Path) -> list[np.ndarray]:
     SpecError : as for a map of trees; a corner without a number.
     """
     sheet = _sheet(path)
-    sheet.columns = _columns(path, sheet.head)
     rings: dict[str, list[np.ndarray]] = {}
     corners = _position(sheet)
     for row, ring in enumerate(sheet.texts("ring")):
@@ -228,42 +234,31 @@ def _columns(path: Path, head: Sequence[str]) -> dict[str, tuple[int, float, str
     ------
     SpecError : neither x and y nor distance and azimuth; a unit in brackets that is not known.
     """
-    plain = [_plain(name) for name in head]
-    usual = USUAL | (FIA if FIA_OWN & {"".join(words) for words in plain} else {})
-    found = {}
-    for key, names in COLUMNS.items():
-        column = _column(path, head, plain, key, names.split(), usual)
-        if column:
-            found[key] = column
-    pairs = [names.split() for names in PLACES]
-    for names in pairs:
-        both = [_column(path, head, plain, "x", [name], usual) for name in names]
-        if all(both):
-            found |= dict(zip("xy", both, strict=True))
-            break
-    if "x" not in found and not {"distance", "azimuth"} <= set(found):
-        has_x = any(_column(path, head, plain, "x", [x], usual) for x, _ in pairs)
+    whole = {"".join(_plain(name)): at for at, name in enumerate(head)}
+    usual = USUAL | (FIA if FIA_OWN & set(whole) else {})
+    column = partial(_column, path, head, usual)
+    found = {key: one for key, names in COLUMNS.items() if (one := column(key, names.split()))}
+    pairs = [[column("x", [name]) for name in names.split()] for names in PLACES]
+    both = next(filter(all, pairs), None)
+    if both:
+        found |= {axis: one for axis, one in zip("xy", both, strict=True) if one}
+    elif not {"distance", "azimuth"} <= set(found):
+        axis = "y" if any(x for x, _ in pairs) else "x"
         raise SpecError(
             str(path),
-            f"has no column {'y' if has_x else 'x'}; call one of its columns {'y' if has_x else 'x'}, "
-            "or give distance and azimuth",
+            f"has no column {axis}; call one of its columns {axis}, or give distance and azimuth",
         )
-    words = {"".join(words): k for k, words in enumerate(plain)}
-    if "height" not in found and "treeid" in words and "z" in words and "scale" not in found:
-        found["height"] = (words["z"], 1.0, "")  # tree tops of lidR
+    if {"treeid", "z"} <= set(whole) and not {"height", "scale"} & set(found):
+        found["height"] = (whole["z"], 1.0, "")  # tree tops of lidR
     return found
 
 
 def _column(
-    path: Path,
-    head: Sequence[str],
-    plain: Sequence[Sequence[str]],
-    key: str,
-    names: Sequence[str],
-    usual: Mapping[str, str],
+    path: Path, head: Sequence[str], usual: Mapping[str, str], key: str, names: Sequence[str]
 ) -> tuple[int, float, str] | None:
     """Return where the column with the first of these names stands, and its unit; None without one."""
     units = {"": 1.0} if key in TEXTS else UNITS.get(key, LENGTHS)
+    plain = [_plain(name) for name in head]
     for name in names:
         for at, words in enumerate(plain):
             if "".join(words) == name:
@@ -291,14 +286,13 @@ def _plain(name: str) -> list[str]:
 
 def _words(sheet: _Sheet) -> str:
     """Say which columns were taken for what, and which were not used."""
-    head = [name.strip() for name in sheet.head]
+    columns = {key: one for key, one in sheet.columns.items() if key not in ("ring", "plot")}
     taken = [
-        f"{key} = {head[at]}{f' ({unit})' if unit else ''}"
-        for key, (at, _, unit) in sorted(sheet.columns.items(), key=lambda item: item[1][0])
-        if key not in ("ring", "plot")
+        f"{key} = {sheet.head[at].strip()}{f' ({unit})' if unit else ''}"
+        for key, (at, _, unit) in sorted(columns.items(), key=lambda item: item[1][0])
     ]
-    used = {at for key, (at, *_) in sheet.columns.items() if key not in ("ring", "plot")}
-    left = [name for at, name in enumerate(head) if at not in used and name]
+    used = {at for at, *_ in columns.values()}
+    left = [name.strip() for at, name in enumerate(sheet.head) if at not in used and name.strip()]
     return ", ".join(taken) + (f"; not used: {', '.join(left)}" if left else "")
 
 
@@ -333,9 +327,7 @@ def _position(sheet: _Sheet) -> np.ndarray:
 def _dead(sheet: _Sheet) -> np.ndarray:
     """(N,) bool, which rows say that their tree is dead or gone."""
     told = [text.casefold().partition(",")[0].strip() for text in sheet.texts("status")]
-    name = (
-        "".join(_plain(sheet.head[sheet.columns["status"][0]])) if "status" in sheet.columns else ""
-    )
+    name = sheet.name("status")
     return np.isin(told, YES if name in ("dead", "tot", "mort") else NO if name in LIVING else GONE)
 
 
@@ -346,16 +338,13 @@ def _projected(sheet: _Sheet, place: np.ndarray, crs: str) -> tuple[np.ndarray, 
     ------
     SpecError : degrees, and no system to project them to.
     """
-    name = "".join(_plain(sheet.head[sheet.columns["x"][0]])) if "x" in sheet.columns else ""
-    source = sheet.crs
     if not len(place) or ("distance" in sheet.columns and "x" not in sheet.columns):
         return place, crs
     wide = np.prod(np.ptp(place, axis=0)) / len(place)
-    degrees = name.endswith(("lon", "longitude", "long", "lng")) or (
+    degrees = sheet.name("x").endswith(("lon", "longitude", "long", "lng")) or (
         len(place) > 2 and 0 < wide < CROWDED and (np.abs(place) <= [180.0, 90.0]).all()
     )
-    if not source and degrees:
-        source = DEGREES
+    source = sheet.crs or (DEGREES if degrees else "")
     if not source:
         return place, crs
     position, system = moved(source, crs, place)
@@ -371,14 +360,9 @@ def _with_stems(path: Path, trees: TreeMap) -> TreeMap:
     ------
     SpecError : more rows at one place than a tree has stems.
     """
-    if not len(trees):
-        return trees
+    place = np.round(trees.position, 3)
     _, first, tree, stems = np.unique(
-        np.round(trees.position, 3),
-        axis=0,
-        return_index=True,
-        return_inverse=True,
-        return_counts=True,
+        place, axis=0, return_index=True, return_inverse=True, return_counts=True
     )
     if len(first) == len(trees):
         return trees
@@ -388,73 +372,28 @@ def _with_stems(path: Path, trees: TreeMap) -> TreeMap:
             f"has {stems.max():,} rows at one place, as of a plot; give the place of each tree, or its "
             "distance and azimuth",
         )
-    order = np.argsort(first)
-    rank = np.empty(len(order), dtype=np.int64)
-    rank[order] = np.arange(len(order))
-    rows, numbers = rank[tree.ravel()], np.full((len(first), len(NUMBERS)), -np.inf)
-    np.maximum.at(numbers, rows, np.nan_to_num(trees.numbers, nan=-np.inf))
-    numbers[np.isinf(numbers)] = np.nan
-    at = NUMBERS.index("dbh")
-    area = np.bincount(rows, np.nan_to_num(trees.numbers[:, at]) ** 2)
-    numbers[:, at] = np.where(area > 0, np.sqrt(area), np.nan)
+    at, numbers = NUMBERS.index("dbh"), np.full((len(first), len(NUMBERS)), np.nan)
+    np.fmax.at(numbers, tree.ravel(), trees.numbers)
+    area = np.bincount(tree.ravel(), np.nan_to_num(trees.numbers[:, at]) ** 2)
+    numbers[:, at] = np.sqrt(np.where(area > 0, area, np.nan))
     trees_with = "1 tree has" if (stems > 1).sum() == 1 else f"{(stems > 1).sum():,} trees have"
     said = (
         f"{path.name}: {trees_with} several stems ({stems[stems > 1].sum():,} rows at one place each), and "
         "is one tree of the same basal area",
     )
+    order = np.argsort(first)
     kept = first[order]
-    return TreeMap(
-        trees.position[kept],
-        trees.species[kept],
-        trees.line[kept],
-        numbers,
-        (*trees.said, *said),
-        trees.crs,
+    return replace(
+        trees,
+        position=trees.position[kept],
+        species=trees.species[kept],
+        line=trees.line[kept],
+        numbers=numbers[order],
+        said=(*trees.said, *said),
     )
 
 
-def number_of(path: Path, line: int, key: str, value: str, shown: str = "") -> float:
-    """The finite number that a text in a row says.
-
-    Raises
-    ------
-    SpecError : it says none.
-    """
-    try:
-        number = float(value)
-    except ValueError:
-        number = math.nan
-    if not math.isfinite(number):
-        raise SpecError(
-            str(path),
-            f'row {line}: {key} is "{shown or value}", not a finite number; use metres with a decimal point',
-        )
-    return number
-
-
 # ---------------------------------------------------------------------------------- files into cells
-
-
-def _sheet(path: Path) -> _Sheet:
-    """Read the cells of a table by the ending of its name."""
-    ending = path.suffix.lower()
-    if ending in (".xlsx", ".xlsm"):
-        return _workbook(path)
-    if ending in (".geojson", ".json"):
-        return _geojson(path)
-    if ending in (".gpkg", ".shp", ".fgb"):
-        return _layer(path)
-    return _text(path)
-
-
-def _library(path: Path, name: str) -> Any:
-    try:
-        return importlib.import_module(name)
-    except ImportError:
-        raise SpecError(
-            str(path),
-            f'needs the library {name}; install it with pip install "forest-sensing[tables]"',
-        ) from None
 
 
 def _unpacked(path: Path, size: int) -> None:
@@ -531,7 +470,7 @@ def _checked(path: Path, rows: list[tuple[int, list[str]]], named: bool = False)
 
 
 def _workbook(path: Path) -> _Sheet:
-    openpyxl = _library(path, "openpyxl")
+    openpyxl = library(path, "tables", "openpyxl")
     with zipfile.ZipFile(path) as archive:
         _unpacked(path, sum(entry.file_size for entry in archive.infolist()))
     book = openpyxl.load_workbook(path, read_only=True, data_only=True)
@@ -552,61 +491,58 @@ def _workbook(path: Path) -> _Sheet:
 
 def _geojson(path: Path) -> _Sheet:
     told = json.loads(path.read_bytes())
-    features = told["features"]
-    crs = told.get("crs") or {}
-    shapes = [_shape(feature["geometry"]) for feature in features]
-    names = list(
-        dict.fromkeys(name for feature in features for name in feature["properties"] or {})
-    )
-    columns = {
-        name: [(feature["properties"] or {}).get(name) for feature in features] for name in names
-    }
-    return _features(path, shapes, columns, crs.get("properties", {}).get("name", ""))
-
-
-def _shape(geometry: Mapping[str, Any] | None) -> tuple[float, float, float]:
-    """Place of a point, or middle and mean diameter of a polygon; NaN for what is not told."""
-    if not geometry:
-        return math.nan, math.nan, math.nan
-    corners: Any = geometry["coordinates"]
-    match geometry["type"]:
-        case "Point" | "MultiPoint":
-            x, y = np.ravel(corners)[:2].tolist()
-            return x, y, math.nan
-        case "MultiPolygon":
-            corners = max((rings[0] for rings in corners), key=len)
-        case _:
-            corners = corners[0]
-    hull = ConvexHull(np.array([corner[:2] for corner in corners], dtype=np.float64))
-    ring = hull.points[hull.vertices] - hull.points[0]
-    after = np.roll(ring, -1, axis=0)
-    cross = ring[:, 0] * after[:, 1] - after[:, 0] * ring[:, 1]
-    x, y = hull.points[0] + ((ring + after) * cross[:, None]).sum(axis=0) / (3 * cross.sum())
-    return float(x), float(y), float(hull.area / np.pi)  # the perimeter, by Cauchy
+    features = [(feature["geometry"], feature["properties"] or {}) for feature in told["features"]]
+    named = (told.get("crs") or {}).get("properties", {}).get("name", "")
+    return _features(path, features, named)
 
 
 def _layer(path: Path) -> _Sheet:
-    pyogrio, shapely = _library(path, "pyogrio.raw"), _library(path, "shapely")
+    pyogrio, shapely = library(path, "tables", "pyogrio.raw"), library(path, "tables", "shapely")
     told, _, shapes, values = pyogrio.read(path)
-    places = [
-        _shape(shape and json.loads(shapely.to_geojson(shapely.from_wkb(shape))))
-        for shape in shapes
+    features = [
+        (
+            shape and json.loads(shapely.to_geojson(shapely.from_wkb(shape))),
+            {name: cells[row] for name, cells in zip(told["fields"], values, strict=True)},
+        )
+        for row, shape in enumerate(shapes)
     ]
-    columns = dict(zip(told["fields"].tolist(), values, strict=True))
-    return _features(path, places, columns, told["crs"] or "")
+    return _features(path, features, told["crs"] or "")
 
 
 def _features(
-    path: Path,
-    shapes: Sequence[tuple[float, float, float]],
-    columns: Mapping[str, Sequence[Any]],
-    crs: str,
+    path: Path, features: Sequence[tuple[Mapping[str, Any] | None, Mapping[str, Any]]], crs: str
 ) -> _Sheet:
-    """A sheet of places (N, 3) with the widths of their crowns, and of columns."""
-    place = dict(zip(("x", "y", "crown_width"), zip(*shapes, strict=True), strict=True))
-    if np.isnan(place["crown_width"]).all():
-        del place["crown_width"]
-    told = place | {name: cells for name, cells in columns.items() if name.lower() not in place}
-    rows = enumerate(zip(*told.values(), strict=True), 1)
-    cells = [(row, ["" if cell is None else str(cell) for cell in each]) for row, each in rows]
-    return _Sheet(path, list(told), cells, crs)
+    """A sheet of features, each a geometry and its properties; those give way to places and widths."""
+    told = []
+    for geometry, properties in features:
+        place = _shape(geometry) if geometry else {}
+        told.append(place | {k: cell for k, cell in properties.items() if k.lower() not in place})
+    head = list(dict.fromkeys(["x", "y", *chain.from_iterable(told)]))
+    cells = [["" if one.get(name) is None else str(one[name]) for name in head] for one in told]
+    return _Sheet(path, head, list(enumerate(cells, 1)), crs)
+
+
+def _shape(geometry: Mapping[str, Any]) -> dict[str, Any]:
+    """The place of a point, or the middle and mean diameter of a polygon."""
+    kind, corners = geometry["type"], geometry["coordinates"]
+    if "Point" in kind:
+        return dict(zip("xy", np.ravel(corners).tolist(), strict=False))
+    outlines = [rings[0] for rings in ([corners] if kind == "Polygon" else corners)]
+    outline = max(outlines, key=len)
+    hull = ConvexHull(np.array([corner[:2] for corner in outline], dtype=np.float64))
+    first, *ring = hull.points[hull.vertices]
+    middles = (first + ring[:-1] + ring[1:]) / 3  # of a fan of triangles
+    area = np.linalg.det(np.stack([ring[:-1] - first, ring[1:] - first], axis=1))
+    x, y = np.average(middles, axis=0, weights=area).tolist()
+    return {"x": x, "y": y, "crown_width": hull.area / np.pi}  # the perimeter, by Cauchy
+
+
+READERS = {".xlsx": _workbook, ".xlsm": _workbook, ".geojson": _geojson, ".json": _geojson}
+READERS |= dict.fromkeys((".gpkg", ".shp", ".fgb"), _layer)
+
+
+def _sheet(path: Path) -> _Sheet:
+    """Read the cells of a table by the ending of its name, and tell its columns."""
+    sheet = READERS.get(path.suffix.lower(), _text)(path)
+    sheet.columns = _columns(path, sheet.head)
+    return sheet

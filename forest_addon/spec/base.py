@@ -19,7 +19,23 @@ from dataclasses import dataclass
 from functools import cache, wraps
 from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
-SAME = (("position", "poses", "receiver"),)  # a word, and what else its thing is called
+SAME = {"position": ("poses", "receiver")}  # a word, and what else its thing is called
+CODES = {  # of inventories for a species: Latin, German, numbers of FIA, symbols of USDA
+    "douglas-fir": "pseudotsuga-menziesii dgl dougl 202 psme",
+    "european-ash": "fraxinus-excelsior es esche frex",
+    "european-beech": "fagus-sylvatica bu rbu buche rotbuche fasy",
+    "european-larch": "larix-decidua la lä elä lärche lade2",
+    "ginkgo": "ginkgo-biloba 561 gibi2",
+    "hazelnut": "corylus-avellana hasel coav",
+    "norway-maple": "acer-platanoides ah sah spitzahorn 320 acpl",
+    "norway-spruce": "picea-abies fi fichte 91 piab",
+    "pedunculate-oak": "quercus-robur ei sei eiche stieleiche quro2",
+    "ponderosa-pine": "pinus-ponderosa 122 pipo",
+    "scots-pine": "pinus-sylvestris ki kie kiefer 130 pisy",
+    "silver-birch": "betula-pendula bi birke bepe3",
+    "silver-fir": "abies-alba ta tanne weißtanne abal3",
+}
+SAME |= {code: (name,) for name, codes in CODES.items() for code in codes.split()}
 MOST_RAYS = 10**12  # of a scan; none that is meant has as many
 A_SECOND = 4e5  # rays of Embree on one core, about
 
@@ -54,15 +70,18 @@ def unknown(key: str, name: str, known: Iterable[str], besides: str = "") -> Spe
     )
 
 
+def nearest(name: str, known: Iterable[str]) -> list[str]:
+    """Known names that another word or an inventory's code stands for, else the nearest if one is near."""
+    names, plain = list(known), name.strip().lower().replace(" ", "-")
+    near = [word for word in SAME.get(plain, ()) if word in names]
+    near = near or [full for full in names if plain in full.split("-")]  # an "oak"
+    return near or difflib.get_close_matches(name, names, 1)
+
+
 def did_you_mean(name: str, known: Iterable[str]) -> str:
-    """'did you mean "X"? ' of another word for it or the nearest known name, or nothing where none
-    is near."""
-    names = list(known)
-    near = [word for words in SAME if words[0] == name for word in words[1:] if word in names]
-    near = near or [full for full in names if str(name).lower() in full.split("-")]  # an "oak"
-    near = near or difflib.get_close_matches(str(name), names, 1)
-    quoted = " or ".join(f'"{word}"' for word in near)
-    return f"did you mean {quoted}? " if near else ""
+    """'did you mean "X"? ' of the nearest known names, or nothing where none is near."""
+    quoted = " or ".join(f'"{word}"' for word in nearest(str(name), known))
+    return f"did you mean {quoted}? " if quoted else ""
 
 
 def quoted_with_hints(names: Iterable[str], known: Iterable[str]) -> str:

@@ -14,6 +14,7 @@ from .reverb import Reverb
 from .sensor import Sensor
 from .sonar import Sonar
 
+MOST_TILES = 1e6
 LONGEST_NAME = 200  # bytes of a sensor's name: file systems take 255, with what is put behind it
 
 
@@ -224,6 +225,13 @@ class Scene(Settings):
     tiles: Tiles = param(Tiles(), help="tiles of a field that is larger than memory")
 
     def check(self) -> None:
+        across = [side / self.tiles.size if self.tiles.size else 1.0 for side in self.forest.size]
+        if math.prod(across) > MOST_TILES:
+            raise SpecError(
+                "tiles.size",
+                f"{self.tiles.size:g} m cuts the field into {math.prod(across):,.3g} tiles; give at least "
+                f"{math.sqrt(math.prod(self.forest.size) / MOST_TILES):.3g} m",
+            )
         seen: dict[str, int] = {}
         for index, sensor in enumerate(self.sensors):
             name = sensor.name

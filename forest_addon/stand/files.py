@@ -20,14 +20,14 @@ from operator import attrgetter
 from pathlib import Path
 
 import numpy as np
-from scipy.interpolate import griddata
 from scipy.ndimage import binary_dilation
 
 from .. import spec
 from ..formats.crs import same_place, short, wkt_of
+from ..formats.foreign import guarded
 from ..formats.helios.parts import read_obj
 from ..formats.ply import read_surface
-from ..formats.raster_file import GeoRaster, read_raster
+from ..formats.raster_file import GeoRaster, linear_between, read_raster
 from ..formats.stl import read_stl
 from ..formats.tree_map import LENGTHS, NUMBERS, read_tree_map
 from ..growth.library.species_file import read_allometry
@@ -46,6 +46,14 @@ USUAL = {
 USUAL["crown_base"] = USUAL["height"]
 
 
+class ElsewhereError(SpecError):
+    """A file that lies beside the field; ``offset`` (x, y, z) would put the field on it, None: none does."""
+
+    def __init__(self, key: str, problem: str, offset: tuple[float, float, float] | None) -> None:
+        super().__init__(key, problem)
+        self.offset = offset
+
+
 def read_tree_list(path: Path, offset: Sequence[float] = (0.0, 0.0), crs: str = "") -> TreeList:
     """Read trees to plant; ``offset`` (x, y, ...) is taken from their coordinates, metres of ``crs``.
 
@@ -56,11 +64,11 @@ def read_tree_list(path: Path, offset: Sequence[float] = (0.0, 0.0), crs: str = 
     """
     trees = read_tree_map(path, crs)
     for key, column in zip(NUMBERS, trees.numbers.T, strict=True):
-        low = np.flatnonzero(column <= 0) if key != "rotation" else ()
-        if len(low):
+        bad = np.flatnonzero(column <= 0)
+        if len(bad) and key != "rotation":
             raise SpecError(
                 str(path),
-                f"row {trees.line[low[0]]}: {key} is {column[low[0]]:g}; give one above 0",
+                f"row {trees.line[bad[0]]}: {key} is {column[bad[0]]:g}; give one above 0",
             )
         if key in MOST and np.isfinite(column).any():
             worst, typical = int(np.nanargmax(column)), float(np.nanmedian(column))
@@ -113,7 +121,8 @@ def read_inputs(settings: spec.Scene, folder: Path) -> Inputs:
         if planting.layout == "list" and planting.trees and planting.trees not in lists:
             path = folder / planting.trees
             listed = read_tree_list(path, settings.offset, settings.crs)
-            _refuse_far(path, listed, settings)
+            if len(listed):
+                _refuse_treeless(f"plantings[{number}].trees", planting.trees, listed, settings)
             lists[planting.trees] = listed
             told += listed.said
     named = {p.targets.allometry for p in settings.plantings if p.targets} - {""}
@@ -127,20 +136,16 @@ def read_inputs(settings: spec.Scene, folder: Path) -> Inputs:
     )
 
 
-def _refuse_far(path: Path, listed: TreeList, settings: spec.Scene) -> None:
-    """Refuse a list of which no tree stands on the field, and say what would do."""
-    low, size = np.array(settings.forest.origin), np.array(settings.forest.size)
-    place = listed.position - low
-    if not len(place) or ((place >= -1e-6) & (place <= size + 1e-6)).all(axis=1).any():
-        return
-    first, last = place.min(axis=0), place.max(axis=0)
-    there, offset = low + first, np.floor(first) + settings.offset[:2]
-    raise SpecError(
-        str(path),
-        f"has no tree on the field of {size[0]:g} x {size[1]:g} m: they stand from ({there[0]:.8g}, "
-        f"{there[1]:.8g}) on, over {last[0] - first[0]:.4g} x {last[1] - first[1]:.4g} m; "
-        f"offset = [{offset[0]:.0f}, {offset[1]:.0f}, {settings.offset[2]:g}] would put them there",
-    )
+def _refuse_treeless(key: str, file: str, listed: TreeList, scene: spec.Scene) -> None:
+    """Refuse a list of which no tree stands on the field."""
+    place = listed.position
+    extent = place.min(axis=0), place.max(axis=0)
+    nearest = place[np.argmin(np.linalg.norm(place - np.mean(extent, axis=0), axis=1))]
+
+    def holds(corners: np.ndarray) -> np.ndarray:
+        return ((place >= corners[0] - 1e-6) & (place <= corners[2] + 1e-6)).all(axis=1).any()
+
+    _refuse_elsewhere(key, file, scene, extent, holds, (nearest,))
 
 
 def read_terrain(scene: spec.Scene, folder: Path) -> tuple[GroundSurface, str]:
@@ -179,11 +184,7 @@ def read_terrain(scene: spec.Scene, folder: Path) -> tuple[GroundSurface, str]:
             metres, said = _filled(metres), f"{said}; filled from their neighbours"
         heights = ground.base + ground.relief * metres - scene.offset[2]
         return Heightmap(heights, low, size, ground.file), said
-    except FileNotFoundError:
-        raise SpecError(str(path), "there is no such file; check the path") from None
-    except ValueError as problem:
-        if isinstance(problem, SpecError) and not isinstance(problem, IntensityError):
-            raise
+    except IntensityError as problem:
         raise SpecError(key, str(problem)) from None
 
 
@@ -208,40 +209,50 @@ def _read_placed(
     moved = raster.transform - np.outer(scene.offset[:2], [0, 0, 1])
     raster = replace(raster, transform=moved)
     if given.origin is None and given.size is None:
-        _refuse_leaving(raster.holds, raster.extent, scene, key, given.file)
+        _refuse_elsewhere(key, given.file, scene, raster.extent, raster.holds)
     return raster.upright()
 
 
-def _refuse_leaving(
-    holds: Callable[[np.ndarray], np.ndarray],
-    extent: tuple[np.ndarray, np.ndarray],
-    scene: spec.Scene,
+def _refuse_elsewhere(
     key: str,
     file: str,
+    scene: spec.Scene,
+    extent: tuple[np.ndarray, np.ndarray],
+    holds: Callable[[np.ndarray], np.ndarray],
+    about: Sequence[np.ndarray] = (),
 ) -> None:
-    """Refuse a file of an extent in the scene, metres, that does not hold the field's corners (4, 2); says
-    which offset would do."""
+    """Refuse a file that lies beside the field.
+
+    extent : lowest and highest x and y of the file in the scene, metres. holds : whether the file is on
+    a field of these corners (4, 2), the lowest first. about : places (2,) that the field may be put
+    around, after the middle of the extent.
+
+    Raises
+    ------
+    ElsewhereError : says which offset would do.
+    """
     low, size = np.array(scene.forest.origin), np.array(scene.forest.size)
-    corners = low + size * [[0, 0], [1, 0], [1, 1], [0, 1]]
-    if holds(corners).all():
+    offset, corners = np.array(scene.offset[:2]), low + size * [[0, 0], [1, 0], [1, 1], [0, 1]]
+    if np.all(holds(corners)):
         return
-    offset = np.array(scene.offset[:2])
-    shift = (extent[0] + extent[1] - size) / 2 - low
-    whole = np.round(shift + offset) - offset
-    good = [one for one in (whole, shift) if holds(corners + one).all()]
-    todo = "make the field smaller, or take a larger file"
-    if good:
-        x, y = good[0] + offset
-        todo = f"offset = [{x:.10g}, {y:.10g}, {scene.offset[2]:g}] would put the field on it"
-
-    def words(low: np.ndarray, high: np.ndarray) -> str:
-        low, high = low + offset, high + offset
-        return " and ".join(f"{a} {low[k]:.10g} to {high[k]:.10g}" for k, a in enumerate("xy"))
-
-    raise SpecError(
+    shifts = [middle - size / 2 - low for middle in (np.mean(extent, axis=0), *about)]
+    tried = [one for shift in shifts for one in (np.round(shift + offset) - offset, shift)]
+    good = next((offset + one for one in tried if np.all(holds(corners + one))), None)
+    todo, fitting = "make the field smaller, or take a larger file", None
+    if good is not None:
+        fitting = (float(good[0]), float(good[1]), scene.offset[2])
+        x, y, z = fitting
+        todo = f"offset = [{x:.10g}, {y:.10g}, {z:g}] would put the field on it"
+    there, here = (
+        " and ".join(
+            f"{a} {first:.10g} to {last:.10g}" for a, first, last in zip("xy", *ends, strict=True)
+        )
+        for ends in (np.add(extent, offset), np.add([low, low + size], offset))
+    )
+    raise ElsewhereError(
         key,
-        f"{file} reaches over {words(*extent)} m, and the field with its offset over "
-        f"{words(low, low + size)}: {todo}",
+        f"{file} reaches over {there} m, and the field with its offset over {here}: {todo}",
+        fitting,
     )
 
 
@@ -256,20 +267,15 @@ def _cut(
     last = np.ceil((field + np.array(forest.size) + margin - low) / step - 1e-6)
     (a, b), (c, d) = np.clip([first, last], 0, count).astype(int)
     rows = slice(count[1] - d, count[1] - b)
-    return pixels[rows, a:c], low + [a, b] * step, [c - a, d - b] * step
+    return pixels[rows, a:c], low + np.array([a, b]) * step, np.array([c - a, d - b]) * step
 
 
 def _filled(pixels: np.ndarray) -> np.ndarray:
     """The pixels, NaN replaced by what is linear between those beside holes, else by the nearest."""
     hole = np.isnan(pixels)
     beside = np.argwhere(binary_dilation(hole, np.ones((3, 3))) & ~hole)
-    known, holes = pixels[tuple(beside.T)], np.argwhere(hole)
-    found = griddata(beside, known, holes, method="nearest")
-    if len(beside) > 3:
-        linear = griddata(beside, known, holes, method="linear")
-        found = np.where(np.isnan(linear), found, linear)
     filled = pixels.copy()
-    filled[hole] = found
+    filled[hole] = linear_between(beside, pixels[tuple(beside.T)], np.argwhere(hole))
     return filled
 
 
@@ -281,10 +287,9 @@ def _on_map_or_not(vertices: np.ndarray, scene: spec.Scene, file: str) -> tuple[
         low, high = (vertices - shift).min(axis=0)[:2], (vertices - shift).max(axis=0)[:2]
         if ((low <= middle) & (high >= middle)).all():
             return vertices - shift, f"{file} is a surface, read at {words} coordinates in metres"
-    low, high = low.copy(), high.copy()
-    _refuse_leaving(
+    _refuse_elsewhere(
+        *("forest.terrain.file", file, scene, (low, high)),
         lambda place: ((place >= low) & (place <= high)).all(axis=1),
-        *((low, high), scene, "forest.terrain.file", file),
     )
     return vertices, file
 
@@ -306,6 +311,7 @@ def _told(file: str, raster: GeoRaster, pixels: np.ndarray, what: str, nothing: 
     )
 
 
+@guarded("a surface of triangles")
 def _triangles_of_stl(path: Path) -> tuple[np.ndarray, np.ndarray]:
     corners = read_stl(path)
     return corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3)

@@ -59,7 +59,7 @@ class Inputs:
     terrain : the ground; None: flat at ``GroundSurface.base``. allometries : by ``Targets.allometry``.
     """
 
-    rasters: Mapping[str, np.ndarray] = field(default_factory=dict)
+    rasters: Mapping[str, GeoRaster] = field(default_factory=dict)
     painted: Mapping[str, Painted] = field(default_factory=dict)
     lists: Mapping[str, TreeList] = field(default_factory=dict)
     terrain: GroundSurface | None = None

@@ -8,6 +8,7 @@ lists, drawing, running, words.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import partial
 from types import ModuleType
 
@@ -37,6 +38,21 @@ def unregister() -> None:
     unwatch()
     for _, undo in reversed(list(_steps())):
         undo()
+
+
+@contextmanager
+def registered() -> Iterator[None]:
+    """Have Blender know the settings that a file holds, also where no extension is switched on."""
+    import bpy
+
+    if hasattr(bpy.types.Scene, "forest_sensing"):
+        yield
+        return
+    register()
+    try:
+        yield
+    finally:
+        unregister()
 
 
 def _steps() -> Iterator[Step]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import argparse
 import os
 import re
+import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -28,6 +29,7 @@ from forest_addon.spec import (
     SpecError,
     Targets,
 )
+from forest_addon.spec.base import nearest
 
 from ..command import PROGRAM, Command, out_file
 from ..report import can_draw, without
@@ -414,13 +416,22 @@ def _species(trees: TreeMap, words: Sequence[str], folder: Path) -> dict[str, st
             if not Path(kind).is_file():
                 raise SpecError("--species", f"there is no file {kind}; check the path")
             kind = Path(os.path.relpath(kind, folder)).as_posix()
-        elif kind not in presets:
-            raise SpecError(
-                "--species",
-                f'"{kind}" is no preset; say what grows in its place, for example '
-                f"--species {name or kind}=maple. Presets: {', '.join(presets)}, or a .toml file",
-            )
         kinds[name] = kind
+    lost = {
+        name: kind for name, kind in kinds.items() if kind not in presets and kind[-5:] != ".toml"
+    }
+    if lost:
+        are, place = ("is no preset", "its") if len(lost) == 1 else ("are no presets", "their")
+        told = " ".join(
+            shlex.join(["--species", f"{name or kind}={(nearest(kind, presets) or ['PRESET'])[0]}"])
+            for name, kind in lost.items()
+        )
+        names = ", ".join(dict.fromkeys(f'"{kind}"' for kind in lost.values()))
+        raise SpecError(
+            "--species",
+            f"{names} {are}; say what grows in {place} place, "
+            f"as {told}. Presets: {', '.join(presets)}, or a .toml file",
+        )
     return kinds
 
 

@@ -376,6 +376,7 @@ def scan_blend(
 
     import numpy as np
 
+    from forest_addon.formats.helios.parts import lost_materials
     from forest_addon.results.scan_file import write_scan
     from forest_addon.sensing.kind import why_nothing
     from forest_addon.sensing.kinds import kind_of
@@ -394,6 +395,8 @@ def scan_blend(
     try:
         with stages.stage(f"open {blend.name}"), hushed(errors=True):
             open_file(blend)
+        for lost in lost_materials(blend):
+            stages.warn(lost)
         with stages.stage("read evaluated scene"):
             observer = Observer(bpy.context.evaluated_depsgraph_get(), Rays(engine=engine))
             if not len(observer.geometry):

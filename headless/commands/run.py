@@ -1,11 +1,14 @@
-"""``python -m headless run SCENE.toml``: everything that a scene file asks for, into a folder."""
+"""``python -m headless run SCENE.toml``: everything that a scene file asks for, into a folder; of a .blend
+file, the sensors that live in it."""
 
 from __future__ import annotations
 
 import argparse
+import sys
+from functools import partial
 from pathlib import Path
 
-from forest_addon.spec import SpecError
+from forest_addon.spec import Scene, SpecError
 
 from ..command import LOCK, SCENE_HELP, Command, read_scene, refuse_beyond, scene_file
 
@@ -13,11 +16,17 @@ from ..command import LOCK, SCENE_HELP, Command, read_scene, refuse_beyond, scen
 class RunCommand(Command):
     name = "run"
     default = "{}"
-    help = "run a scene file"
-    description = "Run a scene file."
+    help = "run a scene file, or the sensors in a .blend file"
+    description = "Run a scene file, or the sensors that the extension has put into a .blend file."
 
     def arguments(self, parser: argparse.ArgumentParser) -> None:
-        parser.add_argument("scene", type=scene_file, metavar="SCENE", help=SCENE_HELP)
+        parser.add_argument(
+            "scene",
+            type=scene_file,
+            nargs="?",
+            metavar="SCENE",
+            help=f"{SCENE_HELP}, or a .blend file; in Blender by default the file that is open",
+        )
         add_run_options(parser, "out/SCENE")
         parser.add_argument(
             "--workers",
@@ -33,6 +42,11 @@ class RunCommand(Command):
             "--resume joins them",
         )
 
+    def output(self, chosen: argparse.Namespace) -> Path:
+        if chosen.scene is None:
+            chosen.scene = open_blend()
+        return super().output(chosen)
+
     def lock(self, chosen: argparse.Namespace) -> Path:
         share = "" if chosen.share is None else f"-{chosen.share.replace('/', '-of-')}"
         return chosen.out / f"{LOCK}{share}"
@@ -45,20 +59,20 @@ class RunCommand(Command):
         return f"{super().kept(chosen)}; --resume goes on with it"
 
     def run(self, chosen: argparse.Namespace) -> None:
-        from forest_addon.formats.ownership import claim
-        from forest_addon.results.kinds import files_of
-
         scene, workers, share = chosen.scene, chosen.workers, chosen.share
         refuse_beyond("--workers", workers, 1)
+        is_blend = scene.suffix.lower() == ".blend"
         dry = chosen.convolve.stem if chosen.convolve else ""
-        settings = read_scene(scene, chosen.seed, dry)
-        names = (chosen.out / name for name in files_of(settings, dry))
-        claim(*(path for path in names if not path.is_dir()))  # hours before they are written
+        if is_blend and chosen.seed is not None:
+            raise SpecError("--seed", "belongs to a scene file; what stands in a .blend has one")
+        settings = Scene() if is_blend else read_scene(scene, chosen.seed, dry)
         from ..progress import hushed
 
         with hushed():  # Blender says where its colours come from
-            from ..pipeline import run_scene
+            from ..pipeline import claim_files, run_blend, run_scene
             from ..tiled import Share, run_by_workers, run_in_tiles
+        if not is_blend:
+            claim_files(settings, chosen.out, dry)
 
         if settings.tiles.size:
             if chosen.convolve:
@@ -82,15 +96,28 @@ class RunCommand(Command):
             raise SpecError(
                 key, "needs a scene with [tiles]; sensors of others use all cores by themselves"
             )
-        run_scene(
-            settings,
-            scene.resolve().parent,
+        of_file = partial(run_scene, settings, scene.resolve().parent)
+        run = partial(run_blend, scene) if is_blend else of_file
+        run(
             chosen.out,
             quiet=chosen.quiet,
             dry=chosen.convolve,
             resume=chosen.resume,
             strict=chosen.strict,
         )
+
+
+def open_blend() -> Path:
+    """Return the .blend file that is open in the Blender that runs this.
+
+    Raises
+    ------
+    SpecError : there is none.
+    """
+    bpy = sys.modules.get("bpy")
+    if bpy is None or not bpy.data.filepath:
+        raise SpecError("run", "needs a scene: name a .toml or .blend file")
+    return Path(bpy.data.filepath)
 
 
 def add_run_options(parser: argparse.ArgumentParser, folder: str) -> None:

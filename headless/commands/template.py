@@ -132,12 +132,16 @@ def make_template(
     UnlikeError : siblings are too unlike the tree; all but the scene was written.
     """
 
+    from forest_addon.formats.helios.parts import lost_materials
     from forest_addon.growth.library.template_library import NotUnderstoodError, make_library
 
     if siblings and not 3 <= siblings <= 1000:
         raise SpecError("--siblings", f"{siblings} is out of range; use 3 to 1000, or 0 for none")
     try:
         brought = replace(brought, groups=_groups(brought.wood, brought.leaves))
+        for file in filter(None, (brought.wood, brought.leaves)):
+            for lost in lost_materials(file):
+                say(f"Warning: {lost}")
         with Stages(False).stage("recognise the tree") as progress:
             made = make_library(brought, name, out, progress, grammar, siblings, accept)
     except NotUnderstoodError as problem:

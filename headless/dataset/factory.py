@@ -28,6 +28,7 @@ from .plan import Plan, Recipe, recipes
 NAMED = 8  # scenes that a message names
 REFRESH = 30.0  # s between two manifests, at least
 SHARE_OF_MANIFESTS = 0.01  # of the time, at most; those of a large dataset take seconds
+MANY = 10_000  # scenes, whose settings take a second to draw
 OF_MEMORY = 0.9  # share of the machine's that all workers may need together
 
 
@@ -50,6 +51,8 @@ def make_dataset(plan: Plan, out: Path, asked: Asked) -> None:
     OSError : it cannot be written; what is finished stays.
     IncompleteError : scenes were set aside; all others are there.
     """
+    if not asked.quiet and plan.count > MANY:
+        print(f"Drawing the settings of {plan.count:,} scenes", file=sys.stderr, flush=True)
     wanted = recipes(plan)
     try:
         with only_one(out):

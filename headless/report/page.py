@@ -55,10 +55,10 @@ LEAVES = 60_000  # on a map
 
 
 def draw_result(
-    sensor: Sensor, found: SensorFinding, observer: Observer, forest: GrownForest, path: Path
+    sensor: Sensor, found: SensorFinding, observer: Observer, path: Path
 ) -> Path | None:
     """Draw what a sensor found into a PNG; return its path, None where there is nothing to draw."""
-    if can_draw() and (figure := _figure_of(sensor, found, observer, forest)) is not None:
+    if can_draw() and (figure := _figure_of(sensor, found, observer)) is not None:
         from forest_addon.drawing.figures import save_figure
 
         return save_figure(figure, path)
@@ -66,9 +66,7 @@ def draw_result(
     return _save_plainly(plot, path) if plot else None
 
 
-def _figure_of(
-    sensor: Sensor, found: SensorFinding, observer: Observer, forest: GrownForest
-) -> Figure | None:
+def _figure_of(sensor: Sensor, found: SensorFinding, observer: Observer) -> Figure | None:
     from forest_addon.drawing import echoes, figures
 
     match sensor.kind:
@@ -83,7 +81,7 @@ def _figure_of(
         case "sonar":
             leaves = sample_leaves(observer.once(targets_of))
             draw = echoes.draw_flight if hasattr(found, "echoes") else echoes.draw_echo
-            return draw(found, sensor, leaves, forest.stand.position[:, :2])
+            return draw(found, sensor, leaves, observer.stems)
     return None
 
 

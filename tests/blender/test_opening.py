@@ -9,9 +9,10 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from mathutils import Vector
+from mathutils import Matrix, Vector
 
 from forest_addon.blender.files.export import empty_file, open_file
+from forest_addon.blender.files.tree_files import ENDINGS, read_groups
 from forest_addon.spec import SpecError
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -84,6 +85,34 @@ def test_a_mesh_that_counts_more_than_it_holds_never_reaches_blender(tmp_path):
         open_file(tmp_path / "a.ply")
     with pytest.raises(SpecError, match=r"must end in one of \.blend, \.glb"):
         open_file(tmp_path / "a.max")
+
+
+@pytest.mark.parametrize("ending", [".glb", ".obj", ".ply", ".stl", ".usdc"])
+@pytest.mark.parametrize("how", ["corners", "place"])
+def test_a_mesh_at_map_coordinates_is_refused_at_both_doors(empty_blender, tmp_path, ending, how):
+    """Blender holds places in single precision, whatever the file has; also trees of a wide forest."""
+    wide = how == "corners" and ending not in (".ply", ".stl")  # these are one mesh
+    far = Vector((432_100, 5_612_300, 120))
+    for aside in (0, 2000 if wide else 30):
+        bpy.ops.mesh.primitive_ico_sphere_add(radius=2, location=(aside, 0, 0))
+        thing = bpy.context.object
+        if how == "corners":
+            thing.data.transform(Matrix.Translation(far))
+        else:
+            thing.location += far
+    file = str(tmp_path / f"a{ending}")
+    if ending == ".glb":
+        bpy.ops.export_scene.gltf(filepath=file)
+    else:
+        getattr(bpy.ops.wm, f"{ending[1:4]}_export")(filepath=file)
+    doors = [open_file, *([read_groups] if ending in ENDINGS and how == "place" else [])]
+    for door in doors:
+        empty_file()
+        with pytest.raises(
+            SpecError, match=rf"a\{ending}: lies at map .* steps of 0\.5: its shape"
+        ):
+            door(Path(file))
+    empty_file()
 
 
 @pytest.mark.slow

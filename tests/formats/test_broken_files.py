@@ -30,6 +30,7 @@ from forest_addon.formats.helios.parts import (
 )
 from forest_addon.formats.las import read_las
 from forest_addon.formats.raster_file import read_raster
+from forest_addon.formats.sofa import read_head
 from forest_addon.formats.stl import StlError, read_stl, write_stl
 from forest_addon.formats.toml_file import read_scanner, read_settings
 from forest_addon.formats.tree_map import read_rings, read_tree_map
@@ -117,6 +118,41 @@ def layer(path):
     )
 
 
+def shapefile(path):
+    """Its other files stand beside it, and beside what it is changed to."""
+    layer(path)
+    for file in path.parent.glob(f"{path.stem}.*"):
+        file.with_stem("a").write_bytes(file.read_bytes())
+
+
+def sofa(path):
+    library = pytest.importorskip("sofar")
+    file = library.Sofa("SimpleFreeFieldHRIR")
+    file.Data_IR, file.Data_SamplingRate = stream(0, "sofa").random((4, 2, 8)), 48_000
+    file.SourcePosition = np.array([[turn, 0, 1.5] for turn in (0, 90, 180, 270)])
+    library.write_sofa(str(path), file)
+
+
+def head_in(path):
+    pytest.importorskip("sofar")
+    found = read_head(path)
+    return found.directions, found.responses
+
+
+def usd(path):
+    bpy = pytest.importorskip("bpy")
+    bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
+    bpy.ops.mesh.primitive_cube_add()
+    bpy.ops.wm.usd_export(filepath=str(path))
+
+
+def opened(path):
+    pytest.importorskip("bpy")
+    from forest_addon.blender.files.export import open_file
+
+    open_file(path)
+
+
 def head_of(path):
     """What is read before Blender reads a mesh; files go to Blender in tests of its own."""
     if not path.exists():
@@ -141,6 +177,11 @@ READERS = {
     "xlsx": ("a.xlsx", workbook, lambda path: read_tree_map(path).position),
     "packed table": ("a.csv.gz", packed, lambda path: read_tree_map(path).position),
     "layer": ("a.fgb", layer, lambda path: read_tree_map(path).position),
+    "geopackage": ("a.gpkg", layer, lambda path: read_tree_map(path).position),
+    "shapefile": ("a.shp", shapefile, lambda path: read_tree_map(path).position),
+    "sofa": ("a.sofa", sofa, head_in),
+    "usd": ("a.usda", usd, opened),
+    "binary usd": ("a.usdc", usd, opened),
     "geojson": (
         "a.geojson",
         text('{"features": [', POINT % "1, 2", ",", POINT % "3.5, 4", "]}"),
@@ -412,10 +453,10 @@ def test_a_raster_that_would_take_all_memory_is_refused(tmp_path, name, make):
         read_raster(tmp_path / name)
 
 
-def claiming_las(path, at, code, value):
+def claiming_las(path, at, code, *values):
     las(path)
     raw = bytearray(path.read_bytes())
-    struct.pack_into(code, raw, at, value)
+    struct.pack_into(code, raw, at, *values)
     path.write_bytes(raw)
 
 
@@ -426,7 +467,22 @@ def claiming_glb(path):
     )
 
 
+def claiming_usd(path, at, value):
+    usd(path)
+    raw = bytearray(path.read_bytes())
+    table = struct.unpack_from("<Q", raw, 16)[0]
+    at = struct.unpack_from("<Q", raw, table + 8 + 16)[0] if at else table
+    struct.pack_into("<Q", raw, at, value)
+    path.write_bytes(raw)
+
+
 CLAIMS = {
+    "sections": ("a.usdc", lambda path: claiming_usd(path, 0, 300_000_000)),
+    "words": ("a.usdc", lambda path: claiming_usd(path, 1, 300_000_000)),
+    "records beyond the end": (
+        "a.las",
+        lambda path: claiming_las(path, 96, "<II", 10**9, 3 * 10**6),
+    ),
     "records": ("a.las", lambda path: claiming_las(path, 100, "<I", 4_000_000_000)),
     "records behind": ("a.las", lambda path: claiming_las(path, 243, "<I", 4_000_000_000)),
     "points": ("a.las", lambda path: claiming_las(path, 247, "<Q", 10**15)),
@@ -442,6 +498,26 @@ def test_a_head_that_counts_more_than_the_file_holds_is_refused_at_once(tmp_path
     make(tmp_path / name)
     with pytest.raises(SpecError, match=f"{name}: is broken: its head counts"):
         (read_las if name[:4] in ("a.la",) else refuse_claims)(tmp_path / name)
+
+
+@pytest.mark.parametrize("kind", ["layer", "chunk table", "points of a chunk"])
+def test_a_laz_whose_parts_count_more_than_the_file_holds_is_refused(tmp_path, kind):
+    """Its reader makes room for what they count, gigabytes for a file of 655 bytes, or ends the process."""
+    las(tmp_path / "a.laz")
+    raw = bytearray((tmp_path / "a.laz").read_bytes())
+    begin = struct.unpack_from("<I", raw, 96)[0]
+    table = struct.unpack_from("<Q", raw, begin)[0]
+    at, code, value = {
+        "layer": (begin + 8 + 30 + 4, "<I", 4_000_000_000),
+        "chunk table": (table + 8, "<I", 0xFFFFFFFF),
+        "points of a chunk": (raw.index(b"laszip encoded") + 52 + 12, "<I", 0xFFFF7FFC),
+    }[kind]
+    struct.pack_into(code, raw, at, value)
+    (tmp_path / "a.laz").write_bytes(raw)
+    with pytest.raises(
+        SpecError, match=r"a\.laz: is broken: a chunk counts [\d,]+ points or bytes"
+    ):
+        read_las(tmp_path / "a.laz")
 
 
 def test_an_stl_of_too_many_facets_is_refused(tmp_path):

@@ -18,7 +18,7 @@ from forest_addon.formats.tree_map import PLACES
 from forest_addon.results.coordinates import note_of
 from forest_addon.results.tables import COLUMNS, write_stand
 from forest_addon.spec import Forest, Planting, Raster, Scene, SpecError, Terrain
-from forest_addon.stand.files import read_inputs, read_tree_list
+from forest_addon.stand.files import ElsewhereError, read_inputs, read_tree_list
 from forest_addon.stand.plan import plan_stand
 
 OFFSET = (499_987.125, 5_400_123.5, 212.25)
@@ -293,6 +293,26 @@ def test_crowns_as_polygons_tell_places_and_widths(tmp_path):
     assert found.measures[0, 2] == pytest.approx(6, rel=1e-3)
 
 
+def test_points_of_maps_in_three_dimensions_or_without_a_place(tmp_path):
+    shapes = {"Point": [1, 2, 30], "MultiPoint": [[3, 4]], "": None}
+    features = [
+        {
+            "type": "Feature",
+            "geometry": {"type": kind, "coordinates": place} if kind else None,
+            "properties": {"X": 9, "dbh": 0.2, "crown_width": 4} if kind == "Point" else None,
+        }
+        for kind, place in shapes.items()
+    ]
+    (tmp_path / "t.json").write_text(
+        json.dumps({"type": "FeatureCollection", "features": features})
+    )
+    found = read_tree_list(tmp_path / "t.json")
+    assert found.position.tolist() == [[1, 2], [3, 4]]
+    assert found.measures[0, [0, 2]].tolist() == [0.2, 4]
+    assert np.isnan(found.measures[1]).all()
+    assert "t.json: left out 1 row without x or y" in found.said
+
+
 @pytest.mark.parametrize(
     ("text", "said"),
     [
@@ -323,9 +343,19 @@ def test_lists_that_cannot_be_used_are_refused(tmp_path, text, said):
 
 def test_a_list_beside_the_field_is_refused_with_the_offset_that_would_do(tmp_path):
     (tmp_path / "t.csv").write_text("x,y\n432105.5,5612309\n432120,5612325\n")
-    planting = Planting(species="oak", layout="list", trees="t.csv")
-    with pytest.raises(SpecError, match=r"offset = \[432105, 5612309, 0\] would put them there"):
-        read_inputs(Scene(plantings=(planting,)), tmp_path)
+    scene = Scene(plantings=(Planting(species="oak", layout="list", trees="t.csv"),))
+    with pytest.raises(ElsewhereError, match=r"offset = \[432098, 5612302, 0\] would put") as told:
+        read_inputs(scene, tmp_path)
+    found = read_inputs(scene.changed(offset=told.value.offset), tmp_path).lists["t.csv"].position
+    assert ((found >= 0) & (found <= scene.forest.size)).all()
+
+
+def test_trees_about_an_empty_middle_are_offered_one_of_them(tmp_path):
+    (tmp_path / "t.csv").write_text("x,y\n5000,5000\n9000,5000\n5000,9000\n")
+    scene = Scene(plantings=(Planting(species="oak", layout="list", trees="t.csv"),))
+    with pytest.raises(ElsewhereError) as told:
+        read_inputs(scene, tmp_path)
+    read_inputs(scene.changed(offset=told.value.offset), tmp_path)
 
 
 @pytest.mark.parametrize("kind", ["xlsx", "csv.gz"])

@@ -94,6 +94,13 @@ def test_part_is_scaled_turned_moved_and_set_on_the_ground(tmp_path: Path) -> No
     np.testing.assert_allclose(corners.max(axis=0), [10, 3, 2], atol=1e-12)
 
 
+def test_a_part_whose_material_file_is_lost_is_told_among_the_notes(tmp_path: Path) -> None:
+    file = written(tmp_path)
+    (tmp_path / "parts/block.obj").write_text(f"mtllib gone.mtl\n{BLOCK}")
+    (note,) = read_survey(file).notes
+    assert note.startswith("block.obj: its material file gone.mtl is not there")
+
+
 def test_tripod_sends_the_pulses_of_its_window(tmp_path: Path) -> None:
     survey = read_survey(written(tmp_path))
     pattern = SurveyLeg(survey, survey.legs[0])

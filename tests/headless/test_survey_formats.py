@@ -13,6 +13,7 @@ from scipy import stats
 from scipy.spatial.transform import Rotation
 
 from forest_addon.formats.helios.device import Digitiser
+from forest_addon.formats.helios.document import find_files
 from forest_addon.formats.helios.parts import (
     Material,
     PartMotion,
@@ -425,3 +426,14 @@ def test_an_old_name_of_a_setting_is_told(tmp_path: Path) -> None:
     leg = LEG.replace("headRotatePerSec_deg", 'headRotatePerSecDegree="7" headRotatePerSec_deg')
     survey = read_survey(written(tmp_path, leg))
     assert any("headRotatePerSecDegree" in note for note in survey.notes)
+
+
+@pytest.mark.parametrize("name", ["(a+)+b", "(x|a*)*b", ".*.*.*.*.*b"])
+def test_a_pattern_of_files_that_may_take_for_ever_is_refused(tmp_path, name):
+    (tmp_path / ("a" * 200)).touch()
+    with pytest.raises(SpecError, match="may take for ever"):
+        find_files(f"{tmp_path}/{name}", tmp_path / "survey.xml")
+    (tmp_path / "tree_1_22.obj").touch()
+    assert (
+        len(find_files(rf"{tmp_path.as_posix()}/tree_\d+_\d+\.obj", tmp_path / "survey.xml")) == 1
+    )

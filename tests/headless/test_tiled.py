@@ -1,5 +1,6 @@
 """`headless run` of a field in tiles: shares of it, joined later, are the run of one process."""
 
+import numpy as np
 import pytest
 
 pytest.importorskip("bpy")
@@ -11,6 +12,9 @@ seed = 3
 
 [forest]
 size = [60, 60]
+
+[forest.terrain]
+file = "ground.npy"
 
 [tiles]
 size = 30
@@ -32,9 +36,12 @@ pulse_rate = 1000
 
 
 @pytest.mark.slow
-def test_shares_of_which_one_lost_a_piece_are_joined_to_the_same_bytes(tmp_path, empty_blender):
+def test_shares_of_which_one_lost_a_piece_are_joined_to_the_same_bytes(
+    tmp_path, empty_blender, capsys
+):
     field = tmp_path / "field.toml"
     field.write_text(FIELD)
+    np.save(tmp_path / "ground.npy", np.full((3, 3), 2.0))
 
     def run(out, *more):
         assert main(["run", str(field), "--out", str(tmp_path / out), "--quiet", *more]) == 0
@@ -55,5 +62,6 @@ def test_shares_of_which_one_lost_a_piece_are_joined_to_the_same_bytes(tmp_path,
     for name in names:
         assert (parts / name).read_bytes() == (whole / name).read_bytes(), name
     before = (whole / "als.laz").stat().st_mtime_ns
-    run("whole", "--resume")
+    assert main(["run", str(field), "--out", str(whole), "--resume"]) == 0
+    assert "ground.npy is an image or array without a place: heights" in str(capsys.readouterr())
     assert (whole / "als.laz").stat().st_mtime_ns == before

@@ -110,6 +110,7 @@ def test_what_is_hardly_meant_is_warned_of(run, tmp_path, more, said):
 @pytest.mark.parametrize(
     ("more", "said"),
     [
+        ("[tiles]\nsize = 0.0001\n", "give at least 0.01 m"),
         ("[air]\nhumidity = 0.5\n", "0.5 % is out of range; use from 1 to 100 %"),
         ("[[sensors]]\nkind = 'reverb'\nsample_rate = 8000.5\n", "need a whole number of hertz"),
         (f"[[sensors]]\nkind = 'terrestrial'\nname = '{'x' * 300}'\n", "give a shorter one"),

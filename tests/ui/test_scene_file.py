@@ -126,3 +126,20 @@ def test_a_saved_file_brings_everything_back(built, tmp_path):
     run("cloud")
     run("echo")
     assert counts() == count
+
+
+def test_the_offset_that_a_file_asks_for_is_taken_and_undone(small, tmp_path):
+    heights = " ".join(["250"] * 2400)
+    (tmp_path / "dem.asc").write_text(
+        f"ncols 60\nnrows 40\nxllcorner 500000.5\nyllcorner 5400000\ncellsize 1\n{heights}"
+    )
+    small.folder, small.forest.terrain.file = str(tmp_path), "dem.asc"
+    with pytest.raises(RuntimeError, match=r"offset = \[500028, 5400017, 0\] would put"):
+        bpy.ops.forest.build()
+    bpy.ops.ed.undo_push(message="before")
+    assert bpy.ops.forest.take_offset("EXEC_DEFAULT", True) == {"FINISHED"}
+    assert bpy.context.scene.forest_sensing.offset == "[500028.0, 5400017.0, 0.0]"
+    assert bpy.ops.forest.take_offset() == {"FINISHED"}  # there already
+    assert bpy.context.scene.forest_sensing.offset == "[500028.0, 5400017.0, 0.0]"
+    bpy.ops.ed.undo()
+    assert "500028" not in bpy.context.scene.forest_sensing.offset

@@ -24,7 +24,7 @@ import numpy as np
 from mathutils import Vector
 
 from ...formats.atomic import replacing
-from ...formats.foreign import refuse_claims
+from ...formats.foreign import refuse_claims, refuse_coarse
 from ...formats.glb import Copies, instance_nodes
 from ...spec import Scene, SpecError
 from ..scene.instances import read_points
@@ -50,13 +50,13 @@ def empty_file() -> None:
     bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
 
 
-def open_file(path: Path) -> None:
+def open_file(path: Path) -> float:
     """Open a .blend file without its windows, and without running what scripts it has, or a mesh file in an
-    empty scene, by Blender's importer. What counts in another unit is made metres.
+    empty scene, by Blender's importer. What counts in another unit is made metres; return metres of a unit.
 
     Raises
     ------
-    SpecError : an ending that is not known; Blender cannot open it; says why.
+    SpecError : an ending that is not known; Blender cannot open it; a mesh lost its shape at map coordinates.
     """
     ending, name = path.suffix.lower(), str(path.resolve())
     if ending not in IMPORTERS:
@@ -70,18 +70,32 @@ def open_file(path: Path) -> None:
             group, operator = IMPORTERS[ending]
             getattr(getattr(bpy.ops, group), operator)(filepath=name)
     except RuntimeError as problem:
-        why = str(problem).strip().removeprefix("Error: ")
+        why = " ".join(str(problem).replace("Error: ", "").split())
         raise SpecError(str(path), f"cannot be opened ({why}); check the path") from None
+    if ending != ".blend":
+        _refuse_far(path)
     units = bpy.context.scene.unit_settings
-    if units.scale_length != 1:
+    metres = float(units.scale_length)
+    if metres != 1:
         root = bpy.data.objects.new("metres of a unit", None)
-        root.scale = 3 * [units.scale_length]
+        root.scale = 3 * [metres]
         for thing in bpy.context.scene.objects:
             if thing.parent is None:
                 thing.parent = root
         bpy.context.scene.collection.objects.link(root)
         units.scale_length = 1.0
         bpy.context.view_layer.update()
+    return metres
+
+
+def _refuse_far(path: Path) -> None:
+    """Refuse meshes of the open file that Blender's single precision has rounded away, or moved."""
+    meshes = [t for t in bpy.context.scene.objects if t.type == "MESH" and t.data.polygons]
+    boxes = [np.array(thing.bound_box) for thing in meshes]
+    turned = [np.array(thing.matrix_world)[:3] for thing in meshes]
+    placed = [box @ turn[:, :3].T + turn[:, 3] for box, turn in zip(boxes, turned, strict=True)]
+    for corners in (*boxes, placed) if meshes else ():
+        refuse_coarse(path, np.array(corners))
 
 
 def open_for(scene: Scene, folder: Path) -> None:

@@ -14,7 +14,7 @@ from pathlib import Path
 import bpy
 import numpy as np
 
-from ...formats.foreign import refuse_claims
+from ...formats.foreign import refuse_claims, refuse_coarse
 from ...formats.stl import StlError, read_stl
 from ...growth.own_tree.pieces import Group
 from ...spec import SpecError
@@ -30,7 +30,7 @@ def read_groups(path: Path) -> list[Group]:
 
     Raises
     ------
-    SpecError : the file is not there, is no such file, or holds no facets.
+    SpecError : the file is not there, is no such file, holds no facets, or lost its shape at map coordinates.
     """
     if not path.is_file():
         raise SpecError("template", f"there is no file {path}; check the path")
@@ -49,6 +49,7 @@ def read_groups(path: Path) -> list[Group]:
         raise SpecError("template", f"{path.name} cannot be read: {COMPRESSED}")
     if not groups:
         raise SpecError("template", f"{path.name} has no facets; export it with its meshes")
+    refuse_coarse(path, np.concatenate([group.facets for group in groups]))
     return groups
 
 

@@ -90,6 +90,12 @@ class Observer:
         return make_caster(self.geometry.solid(), self.rays)
 
     @cached_property
+    def stems(self) -> np.ndarray:
+        """Places of the trees on the map, (N, 2) metres, in the order of their numbers."""
+        trees, rows = np.unique(self.geometry.tree, return_index=True)
+        return self.geometry.transform[rows[trees >= 0], :2, 3]
+
+    @cached_property
     def placed_trees(self) -> PlacedTrees:
         """Trees from asset libraries, with the truth that came along."""
         return placed_trees(self.geometry)

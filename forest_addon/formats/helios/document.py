@@ -87,6 +87,11 @@ ATTRIBUTES = {
     "incidentBeam": PLACE,
 }
 MATERIAL = {"matfile", "matname"}
+REPEAT, NESTED = re.compile(r"[*+{]"), re.compile(r"\([^()]*[*+}][^()]*\)[*+{]")
+SPLIT = re.compile(
+    r"(?s)((?:.*(?:/|\\(?![.dwsbDWSB+*?()\[\]{}|^$\\])))?)(.*)"
+)  # folder, expression
+MOST_REPEATS = 4  # in an expression of a file's name
 FILES = {"filepath", "efilepath"}
 PARAMETERS = {
     "objloader": {*FILES, "up"},
@@ -197,7 +202,13 @@ def find_files(pattern: str, near: Path, assets: Path | None = None) -> list[Pat
     ------
     SpecError : there is none, or the expression is broken.
     """
-    folder, _, name = pattern.replace("\\", "/").rpartition("/")
+    folder, name = SPLIT.fullmatch(pattern).groups()  # type: ignore[union-attr]  # whatever it is
+    if NESTED.search(name) or len(REPEAT.findall(name)) > MOST_REPEATS:
+        raise SpecError(
+            str(near),
+            f'efilepath = "{pattern}" repeats what repeats, or more than {MOST_REPEATS} times, which may '
+            "take for ever; name the files more plainly",
+        )
     try:
         matches = re.compile(name).fullmatch
     except re.error as problem:

@@ -25,7 +25,7 @@ from scipy.spatial.transform import Rotation
 
 from ...base.rng import daughter_keys, keyed_uniform
 from ...spec import SpecError
-from ..foreign import guarded
+from ..foreign import guarded, refuse_coarse
 from ..raster_file import read_raster
 from .document import find_file, number, vector, yes
 
@@ -48,7 +48,7 @@ class Material:
         near : a document; spectra are looked for as the files that it names.
         """
         if np.isfinite(self.reflectance):
-            return min(max(self.reflectance, 0.0), 1.0)
+            return self.reflectance
         if not self.spectrum or "/" in self.spectrum or "\\" in self.spectrum:
             return UNKNOWN
         try:
@@ -64,7 +64,7 @@ def read_materials(path: Path) -> dict[str, Material]:
 
     Raises
     ------
-    SpecError : no material, or a reflectance that is no number.
+    SpecError : no material, or a reflectance that is no number from 0 to 1.
     """
     found: dict[str, Material] = {}
     said: dict[str, str] = {}
@@ -88,6 +88,11 @@ def _material(said: dict[str, str], path: Path) -> Material:
         reflectance = float(text)
     except ValueError:
         raise SpecError(str(path), "helios_reflectance is not a number") from None
+    if reflectance < 0 or reflectance > 1:
+        raise SpecError(
+            str(path),
+            f"helios_reflectance {reflectance:g} is no share from 0 to 1 of the light; write 45 % as 0.45",
+        )
     return Material(
         ground=yes(said.get("helios_isGround"), False),
         reflectance=reflectance,
@@ -122,6 +127,7 @@ class PartMesh:
 
     vertices : (V, 3) metres. triangles : (T, 3). slot : (T,) number of the material. materials : (S,).
     hazes : grids that light passes by chance; the triangles are then sides of their cells, which stop none.
+    notes : sentences on what was not found.
     """
 
     vertices: np.ndarray
@@ -129,6 +135,7 @@ class PartMesh:
     slot: np.ndarray
     materials: tuple[Material, ...]
     hazes: tuple[VoxelGrid, ...] = ()
+    notes: tuple[str, ...] = ()
 
     @property
     def ground(self) -> np.ndarray:
@@ -149,24 +156,47 @@ def together(surfaces: list[PartMesh]) -> PartMesh:
     )
 
 
+def _material_files(path: Path) -> list[Path]:
+    """The files that lines ``mtllib`` of an OBJ name, one or several in a line; they may not be there."""
+    text = path.read_text("utf-8", errors="replace").replace("\\\n", " ")
+    said = re.findall(r"^[ \t]*mtllib[ \t]+(.*\S)", text, re.MULTILINE)
+    named = [[one] if (path.parent / one).is_file() else one.split() for one in said]
+    return [path.parent / name for names in named for name in names]
+
+
+def lost_materials(path: Path) -> tuple[str, ...]:
+    """Sentences on the material files that an OBJ names and that are not there; none of other files."""
+    files = _material_files(path) if path.suffix.lower() == ".obj" else []
+    return tuple(
+        f"{path.name}: its material file {file.name} is not there, what it says of surfaces is not known"
+        for file in files
+        if not file.is_file()
+    )
+
+
 @guarded("a Wavefront OBJ file")
 def read_obj(path: Path, up: str = "z") -> PartMesh:
-    """The triangles of a Wavefront file; polygons are cut into fans.
+    """The triangles of a Wavefront file; polygons are cut into fans, lines go on after a backslash.
 
     up : the axis that points up in the file, "z" or "y".
 
     Raises
     ------
-    SpecError : a corner that is not there, or no face at all.
+    SpecError : a corner that is not there, no face at all, or a shape that was lost at map coordinates.
     """
     places: list[list[float]] = []
     faces: list[tuple[int, int, int]] = []
     slots: list[int] = []
     names = [""]
     known: dict[str, Material] = {}
-    slot = 0
+    slot, begun = 0, ""
     for line, text in enumerate(path.read_text("utf-8", errors="replace").splitlines(), 1):
-        word, *rest = text.split("#")[0].split() or [""]
+        begun += text.split("#")[0]
+        if begun.endswith("\\"):
+            begun = begun[:-1] + " "
+            continue
+        word, *rest = begun.split() or [""]
+        begun = ""
         if word == "v":
             places.append([float(x) for x in rest[:3]])
         elif word == "f":
@@ -180,13 +210,14 @@ def read_obj(path: Path, up: str = "z") -> PartMesh:
             if name not in names:
                 names.append(name)
             slot = names.index(name)
-        elif word == "mtllib" and (path.parent / " ".join(rest)).is_file():
-            known |= read_materials(path.parent / " ".join(rest))
     if not faces:
         raise SpecError(str(path), "has no face")
     vertices = np.array(places)
     if not np.isfinite(vertices).all():
         raise SpecError(str(path), "has corners that are no numbers")
+    refuse_coarse(path, vertices, exact=True)
+    for file in filter(Path.is_file, _material_files(path)):
+        known |= read_materials(file)
     if up == "y":
         vertices = np.stack([vertices[:, 0], -vertices[:, 2], vertices[:, 1]], axis=1)
     return PartMesh(
@@ -194,6 +225,7 @@ def read_obj(path: Path, up: str = "z") -> PartMesh:
         np.array(faces, dtype=np.int32),
         np.array(slots, dtype=np.int32),
         tuple(known.get(name, Material()) for name in names),
+        notes=lost_materials(path),
     )
 
 

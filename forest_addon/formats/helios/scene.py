@@ -110,6 +110,7 @@ def read_scene(
         parts.append(_part(element, index, reader, parts))
     if not parts:
         raise SpecError(str(path), "the scene has no part")
+    strange += [note for mesh in reader.meshes.values() for note in mesh.notes]
     if scene.find(".//dmotion") is None:
         return tuple(parts), strange
     origin = np.min([part.corners.reshape(-1, 3).min(axis=0) for part in parts], axis=0)

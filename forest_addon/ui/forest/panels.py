@@ -412,8 +412,10 @@ class FOREST_PT_ground(OfForest, bpy.types.Panel):
         draw_settings(split(self.layout), props.forest.terrain)
         self.layout.label(text="On the Map")
         column = split(self.layout)
-        for name in ("offset", "crs"):
-            column.prop(props, name)
+        row = column.row(align=True)
+        row.prop(props, "offset")
+        row.operator("forest.take_offset", text="", icon="IMPORT")
+        column.prop(props, "crs")
 
 
 def _draw_start(layout: bpy.types.UILayout) -> None:

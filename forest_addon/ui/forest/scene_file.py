@@ -23,6 +23,7 @@ from ...blender.scene.instances import IGNORED_KEY, may_be_met
 from ...blender.scene.layout import is_ours
 from ...blender.sensors.objects import file_name, sensors_of
 from ..settings.exchange import from_spec, to_spec
+from ..settings.groups import text_of
 from ..settings.preferences import rays_of
 from ..shell.running import Button, Reading
 from ..shell.views import choose_sensor
@@ -231,6 +232,28 @@ class FOREST_OT_load_scene(Button, bpy.types.Operator, ImportHelper):
             )
             done = f"{done}. {gone}"
         return done
+
+
+class FOREST_OT_take_offset(Button, bpy.types.Operator):
+    """Take the offset that puts the field on the terrain, rasters or tables of trees that it names"""
+
+    bl_idname = "forest.take_offset"
+    bl_label = "Take Offset from Files"
+
+    def act(self, context: bpy.types.Context) -> str:
+        from ...stand.files import ElsewhereError, read_inputs
+
+        props, settings = context.scene.forest_sensing, to_spec(context.scene, [])
+        folder = Path(bpy.path.abspath(props.folder))
+        try:
+            read_inputs(settings, folder)
+        except ElsewhereError as refusal:
+            if refusal.offset is None:
+                raise
+            read_inputs(settings.changed(offset=refusal.offset), folder)  # where all files lie
+            props.offset = text_of(refusal.offset)
+            return say("The offset is {offset} now", offset=props.offset)
+        return say("The field lies on its files already")
 
 
 class FOREST_OT_save_scene(Reading, bpy.types.Operator, ExportHelper):

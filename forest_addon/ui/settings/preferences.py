@@ -2,7 +2,8 @@
 
 Preferences say how rays are cast where a scene leaves it open. The cache holds what libraries compute once a
 machine (the fonts of pictures). It lies in the folder that Blender gives this extension, and can be cleared
-at any time. The command is ``blender --command forest run SCENE.toml``.
+at any time. The command is ``blender --command forest run SCENE.toml``, of an open file's own
+sensors ``blender -b FILE.blend --command forest run``.
 
 F1 over a button or a setting opens a page of the manual. The extension carries it
 (packaging/write_manual.py), so no network is asked for; in a working copy the same pages are docs/*.md. A
@@ -156,7 +157,7 @@ def run(words: list[str]) -> int:
     if ADDON.startswith("bl_ext."):  # an extension writes to no other folder of the user by itself
         for cache in ("XDG_CACHE_HOME", "MPLCONFIGDIR"):
             os.environ.setdefault(cache, str(cache_folder()))
-    return int(runpy.run_path(str(ENTRY))["run"](words or ["--help"]))
+    return int(runpy.run_path(str(ENTRY))["run"](words))
 
 
 CARRIED, DOCS = ROOT / "manual", ROOT / "docs"

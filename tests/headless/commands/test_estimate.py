@@ -125,6 +125,19 @@ def test_few_trees_make_a_scene_too(tmp_path, method, text):
         ("x,y\n1\n", (), "row 2 has 1 values, its header 2"),
         ("x,y\n1,2\n", (), "some trees have no species; say what grows there"),
         ("x,y,species\n1,2,pine\n", (), '"pine" is no preset; say what grows in its place'),
+        (
+            "x,y,SPCD\n1,2,318\n3,4,202\n5,6,318\n",
+            (),
+            '"202", "318" are no presets; say what grows in their place, as '
+            "--species 202=douglas-fir --species 318=PRESET. Presets: ",
+        ),
+        (
+            "x;y;Baumart\n1;2;Fi\n3;4;Bu\n5;6;Picea abies\n",
+            (),
+            "as --species Bu=european-beech --species Fi=norway-spruce "
+            "--species 'Picea abies=norway-spruce'. ",
+        ),
+        ("x,y,taxonID\n1,2,ACSA3\n", ("ACSA3=acer",), "as --species ACSA3="),
         ("x,y,species\n1,2,pine\n", ("oak=maple",), 'no tree of the map is "oak"; it has "pine"'),
         ("x,y,species\n1,2,pine\n", ("pine=oak.toml",), "there is no file oak.toml"),
     ],

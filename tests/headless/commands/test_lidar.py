@@ -209,6 +209,14 @@ def test_scanners_of_a_scene_file(tmp_path):
     assert "by riegl-vux-1uav gave" in page
 
 
+def test_a_lost_material_file_of_an_obj_is_said(lidar, tmp_path):
+    wall = tmp_path / "wall.obj"
+    wall.write_text("mtllib gone.mtl\nv 5 -1 -1\nv 5 1 -1\nv 5 1 3\nv 5 -1 3\nf 1 2 3 4\n")
+    ended = lidar(wall, *SCAN, "--azimuth", "-45,45", "--out", tmp_path / "scan.laz")
+    assert ended.returncode == 0, ended.stderr
+    assert "Warning: wall.obj: its material file gone.mtl is not there" in ended.stderr
+
+
 def test_an_empty_scene(lidar, tmp_path):
     bpy.ops.wm.read_factory_settings(use_empty=True)
     path = tmp_path / "empty.blend"
