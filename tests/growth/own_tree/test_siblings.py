@@ -37,8 +37,9 @@ from forest_addon.growth.lsystem.system import read_system
 from forest_addon.growth.lsystem.turtle import ABOP, read_commands
 from forest_addon.growth.lsystem.turtle import walk as walk_turtle
 from forest_addon.growth.mesh.leaves import Leaves
-from forest_addon.growth.own_tree.anatomy import Anatomy, dissect, lay, stand_on, walk
+from forest_addon.growth.own_tree.anatomy import Anatomy, dissect
 from forest_addon.growth.own_tree.habit import fit
+from forest_addon.growth.own_tree.lines import lay, stand_on, walk
 from forest_addon.growth.own_tree.recognise import Recognition, recognise
 from forest_addon.growth.own_tree.relay import (
     farthest_off,
