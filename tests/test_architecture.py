@@ -88,7 +88,7 @@ BUDGETS = {
     "forest_addon/drawing": (583, 6),
     "forest_addon/flight": (1568, 10),
     "forest_addon/formats": (3495, 30),
-    "forest_addon/growth": (8527, 39),
+    "forest_addon/growth": (8534, 40),
     "forest_addon/results": (1152, 17),
     "forest_addon/sensing": (13039, 91),
     "forest_addon/spec": (1193, 11),
