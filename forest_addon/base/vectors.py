@@ -36,3 +36,26 @@ def zenith_of(ways: np.ndarray) -> np.ndarray:
 def elevation_of(ways: np.ndarray) -> np.ndarray:
     """Angles (...) of directions (..., 3) above the horizon, radians."""
     return np.asarray(np.arctan2(column(ways, 2), np.hypot(ways[..., 0], ways[..., 1])))
+
+
+def nearest_on_triangles(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
+    """Places (N, 3) on triangles (N, 3, 3), one each, that are nearest to points (N, 3)."""
+    normal = cross_rows(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    square = np.einsum("ni,ni->n", normal, normal)
+    high = np.einsum("ni,ni->n", points - corners[:, 0], normal) / np.where(square > 0, square, 1.0)
+    nearest = points - high[:, None] * normal
+    inside = square > 0
+    for k, n in enumerate((1, 2, 0)):
+        turn = cross_rows(corners[:, n] - corners[:, k], nearest - corners[:, k])
+        inside &= np.einsum("ni,ni->n", turn, normal) >= 0
+    least = np.where(inside, 0.0, np.inf)  # within its triangle the place in the plane is nearest
+    for k, n in enumerate((1, 2, 0)):
+        edge, away = corners[:, n] - corners[:, k], points - corners[:, k]
+        size = np.maximum(np.einsum("ni,ni->n", edge, edge), 1e-300)
+        along = np.clip(np.einsum("ni,ni->n", away, edge) / size, 0.0, 1.0)
+        gap = away - along[:, None] * edge
+        distance = np.einsum("ni,ni->n", gap, gap)
+        nearer = distance < least
+        nearest[nearer] = (points - gap)[nearer]
+        least = np.where(nearer, distance, least)
+    return nearest

@@ -99,8 +99,8 @@ def library(path: StrPath, extra: str, name: str, instead: str = "") -> Any:
 
 
 def refuse_claims(path: StrPath, most: int = MOST) -> None:
-    """Refuse what has no end, more than any reader here should hold, or LAS, PLY and glTF files that count
-    more than their bytes can hold; what is missing is told later.
+    """Refuse what has no end, more than any reader here should hold, or LAS, PLY, glTF and USD files that
+    count more than their bytes can hold; what is missing is told later.
 
     Raises
     ------
@@ -126,6 +126,8 @@ def refuse_claims(path: StrPath, most: int = MOST) -> None:
         claimed, room = 0, status.st_size
         if head.startswith(b"LASF") and len(head) > 110:
             claimed, room = _claims_of_las(head, room, file)
+        elif head.startswith(b"PXR-USDC") and len(head) > 23:
+            claimed, room = _claims_of_usd(head, room, file)
     if re.match(rb"ply\s", head):
         claimed = _claims_of_ply(head)
     elif head.startswith(b"glTF") or str(path).lower().endswith(".gltf"):
@@ -141,6 +143,7 @@ def refuse_claims(path: StrPath, most: int = MOST) -> None:
 def _claims_of_las(head: bytes, size: int, file: BinaryIO) -> tuple[int, int]:
     """Records that a LAS file counts, and what it has room for."""
     first, begin, records, kind, length, points = struct.unpack_from("<HIIBHI", head, 94)
+    begin = min(begin, size)
     if records * 54 > begin - first:
         return records, max(begin - first, 0) // 54
     if head[25] >= 4 and len(head) >= 255:
@@ -164,6 +167,20 @@ def _claims_of_las(head: bytes, size: int, file: BinaryIO) -> tuple[int, int]:
     if chunks > size:
         return chunks, size
     return points, PACKED * max(size - begin, 0) // max(length, 1)
+
+
+def _claims_of_usd(head: bytes, size: int, file: BinaryIO) -> tuple[int, int]:
+    """Bytes or items that a binary USD counts in its sections or their table, and what it has room for."""
+    file.seek(min(int.from_bytes(head[16:24], "little"), size))
+    table = file.read(8 + 32 * 16)
+    counted = [(32 * int.from_bytes(table[:8], "little"), size)]
+    whole = min(counted[0][0], (len(table) - 8) // 32 * 32)
+    for name, begin, length in struct.iter_unpack("<16sQQ", table[8 : 8 + max(whole, 0)]):
+        file.seek(min(begin, size))
+        told = file.read(16 if name.startswith(b"TOKENS") else 8)
+        words = (int.from_bytes(told[at : at + 8], "little") for at in (0, 8))
+        counted += [(begin + length, size), (max(words), PACKED * size)]
+    return max(counted, key=lambda one: one[0] / max(one[1], 1))
 
 
 def _claims_of_ply(head: bytes) -> int:

@@ -26,7 +26,15 @@ import numpy as np
 from ..base.rng import stream
 from ..spec import Siblings
 from .own_tree.habit import BREAST, Habit
-from .own_tree.relay import Outline, SiblingStanding, lowest_corner, outline_of, standing_of
+from .own_tree.relay import (
+    Outline,
+    SiblingStanding,
+    hold_rings,
+    lowest_corner,
+    outline_of,
+    standing_of,
+)
+from .own_tree.rings import OFF
 from .own_tree.sibling import Grown, grow_sibling
 from .skeleton import Skeleton, find_axes, stem_radii
 from .tree import Tree
@@ -316,6 +324,7 @@ def judge(habit: Habit, settings: Siblings, count: int) -> Verdict:
         likeness = compare(one, portraits)
         missed = [*_unlike(likeness), *_unsound(own, [standing_of(tree) for tree in grown])]
         missed += _sunk(habit, low, grown[:MESHED], variety)
+        missed += _off_bark(habit, grown[:MESHED])
         missed.sort(key=lambda miss: -miss.times)
         verdicts.append(Verdict(variety, count, likeness, tuple(missed)))
         if not missed:
@@ -360,6 +369,17 @@ def _unsound(own: SiblingStanding, found: list[SiblingStanding]) -> list[Miss]:
         words = f"a branch is {thicker:.1f} times as thick as its parent ({own.thicker:.1f} in the tree)"
         missed.append(Miss(words, (thicker - max(own.thicker, 1.0)) / MOST_THICKER))
     return missed
+
+
+def _off_bark(habit: Habit, grown: list[Grown]) -> list[Miss]:
+    """Limbs whose mesh begins off the mesh of what bears them."""
+    off = max(float(hold_rings(habit.anatomy, tree).left.max()) for tree in grown)
+    if off <= OFF:
+        return []
+    words = (
+        f"a limb's mesh begins {1000 * off:.0f} mm off its bearer's ({1000 * OFF:.0f} mm allowed)"
+    )
+    return [Miss(words, off / OFF)]
 
 
 def _sunk(habit: Habit, low: float, grown: list[Grown], variety: float) -> list[Miss]:

@@ -23,7 +23,9 @@ from ..report import can_draw, without
 if TYPE_CHECKING:
     from forest_addon.growth.library.template_library import Brought, Library, NotUnderstoodError
     from forest_addon.growth.likeness import Verdict
+    from forest_addon.growth.own_tree.anatomy import Anatomy
     from forest_addon.growth.own_tree.pieces import Group
+    from forest_addon.growth.own_tree.sibling import Grown
     from forest_addon.growth.tree import Tree
 
 
@@ -222,9 +224,42 @@ def _tell_how(made: Library, up_given: bool, say: Say) -> None:
     closed = len(made.found.wood.triangles) - made.found.wood.drawn
     if closed and not made.found.fronds:
         say(f"Joined: cut at its forks; {closed:,} triangles close the cuts, inside the wood")
+    for told in _bridged(made.habit.anatomy):
+        say(f"Bridged: {told}")
     for doubt in made.found.doubts:
         marked = " recognised.png marks where." if can_draw() else ""
         say(f"In doubt: {doubt.sentence}{marked}")
+
+
+def _bridged(anatomy: Anatomy) -> list[str]:
+    """Limbs and stems whose mesh began off what bears them, in words."""
+    told = []
+    for limbs, one, many, off in (
+        (anatomy.parent >= 0, "limb", "limbs", "off the wood that bears"),
+        (anatomy.parent < 0, "stem", "stems", "above the ground that bears"),
+    ):
+        gap = anatomy.bridged[limbs & (anatomy.bridged > 0)]
+        if len(gap):
+            what, whom = (one, "it") if len(gap) == 1 else (many, "them")
+            far = f"{gap[0]:.3g} m" if len(gap) == 1 else f"up to {gap.max():.3g} m"
+            told.append(f"{len(gap):,} {what} began {far} {off} {whom}; a tube leads there")
+    return told
+
+
+def _rings(anatomy: Anatomy, grown: Grown, what: str) -> str:
+    """Say how far lowest rings of limbs were off the mesh of what bears them, and are."""
+    from forest_addon.growth.own_tree.relay import hold_rings
+    from forest_addon.growth.own_tree.rings import OFF
+
+    held = hold_rings(anatomy, grown)
+    limbs, moved = int((grown.parent >= 0).sum()), int((held.far > OFF).sum())
+    text = f"Lowest rings on the mesh, {what}: {moved:,} of {limbs:,} limbs"
+    if moved:
+        text += (
+            f" had corners up to {1000 * held.far.max():.0f} mm off the wood that bears them, moved"
+        )
+        return f"{text} in; now {1000 * held.left.max():.1f} mm at most"
+    return f"{text} were off the wood that bears them by more than {1000 * OFF:.0f} mm"
 
 
 def _show_siblings(made: Library, sensed: int, path: Path, say: Say) -> None:
@@ -244,11 +279,16 @@ def _show_siblings(made: Library, sensed: int, path: Path, say: Say) -> None:
     verdict = made.verdict
     species, template = load_species(made.species)
     itself = grow(_varied(species, 0.0), template, stream(0, "template"))
-    off = farthest_off(made.habit.anatomy, grow_sibling(made.habit, Siblings(variety=0.0), 0))
+    anatomy = made.habit.anatomy
+    rebuilt = grow_sibling(made.habit, Siblings(variety=0.0), 0)
+    off = farthest_off(anatomy, rebuilt)
     say(
         f"Rebuilt from its parts: {len(itself.leaves):,} of {made.leaf_count:,} leaves, every vertex "
         f"within {1000 * off:.2g} mm of where it was."
     )
+    say(_rings(anatomy, rebuilt, "the tree itself"))
+    kin = grow_sibling(made.habit, Siblings(variety=verdict.variety), 1)
+    say(_rings(anatomy, kin, "a sibling"))
 
     def sibling(number: int) -> Tree:
         return grow(species, template, stream(0, "template", "sibling", number))

@@ -453,10 +453,10 @@ def test_a_raster_that_would_take_all_memory_is_refused(tmp_path, name, make):
         read_raster(tmp_path / name)
 
 
-def claiming_las(path, at, code, value):
+def claiming_las(path, at, code, *values):
     las(path)
     raw = bytearray(path.read_bytes())
-    struct.pack_into(code, raw, at, value)
+    struct.pack_into(code, raw, at, *values)
     path.write_bytes(raw)
 
 
@@ -467,7 +467,22 @@ def claiming_glb(path):
     )
 
 
+def claiming_usd(path, at, value):
+    usd(path)
+    raw = bytearray(path.read_bytes())
+    table = struct.unpack_from("<Q", raw, 16)[0]
+    at = struct.unpack_from("<Q", raw, table + 8 + 16)[0] if at else table
+    struct.pack_into("<Q", raw, at, value)
+    path.write_bytes(raw)
+
+
 CLAIMS = {
+    "sections": ("a.usdc", lambda path: claiming_usd(path, 0, 300_000_000)),
+    "words": ("a.usdc", lambda path: claiming_usd(path, 1, 300_000_000)),
+    "records beyond the end": (
+        "a.las",
+        lambda path: claiming_las(path, 96, "<II", 10**9, 3 * 10**6),
+    ),
     "records": ("a.las", lambda path: claiming_las(path, 100, "<I", 4_000_000_000)),
     "records behind": ("a.las", lambda path: claiming_las(path, 243, "<I", 4_000_000_000)),
     "points": ("a.las", lambda path: claiming_las(path, 247, "<Q", 10**15)),

@@ -19,7 +19,8 @@ foot at the thick end, so a thin tip that happens to touch a neighbour does not 
 generations come first, so branches of one whorl hang on the trunk and not on each other. What touches
 nothing is hung on what fits best, smallest gaps first, then again what touches it: nearer wood is better,
 but not if it is much thinner than the foot, nor if the foot points away from it. A stout piece that stands on
-the ground beside the trunk without touching it is a stem of its own. Wood is taken as tubes about
+the ground beside the trunk without touching it, or whose foot is nearer to the ground than to any wood, is a
+stem of its own. Wood is taken as tubes about
 centrelines, which also tells that a foot deep inside the trunk touches it.
 
 The parent of a piece that begins deep within another one is plain (``root``). A tip or a flank may touch any
@@ -486,19 +487,28 @@ def _outward(lines: Centrelines, pieces: np.ndarray) -> np.ndarray:
 
 
 def _stems_apart(lines: Centrelines, trunk: int, free: np.ndarray) -> np.ndarray:
-    """Pieces that stand on the ground beside the trunk, and their radius away from it."""
+    """Pieces that stand on the ground beside the trunk, and their radius away from it.
+
+    One whose foot is missing is nearer to the ground than to any wood.
+    """
     ends, radius, rows = lines.ends(), lines.end_radius, np.arange(len(free))
     height = float(np.ptp(ends[:, :, 2]))
     foot = np.argmin(ends[:, :, 2], axis=1)
     low, high = ends[rows, foot, 2], ends[rows, 1 - foot, 2]
     stout = radius[trunk, foot[trunk]]
-    apart = free & (low <= low[trunk] + LEVEL * height + stout) & (high - low >= TALL * height)
+    apart = free & (low <= low[trunk] + BESIDE * height) & (high - low >= TALL * height)
     apart &= (radius[rows, foot] >= STEM * stout) & (rows != trunk)
     some = np.flatnonzero(apart)
     if not len(some):
         return some
     found = find_contacts(lines, np.array([trunk]), ends[some, foot[some]])
-    return some[(found.gap > radius[some, foot[some]]) & (found.gap <= BESIDE * height)]
+    stands = low[some] <= low[trunk] + LEVEL * height + stout
+    for row in np.flatnonzero(~stands):
+        others, end = np.flatnonzero(rows != some[row]), ends[some[row], foot[some[row]]]
+        gap = find_contacts(lines, others, end[None]).gap[0]
+        stands[row] = gap > low[some[row]] - low[trunk]
+    away = (found.gap > radius[some, foot[some]]) & (found.gap <= BESIDE * height)
+    return some[stands & away]
 
 
 def find_bearers(lines: Centrelines, leaves: Pieces) -> tuple[np.ndarray, np.ndarray]:

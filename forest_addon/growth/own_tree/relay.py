@@ -28,8 +28,10 @@ from ...base.trimesh import TriMesh, join
 from ...base.vectors import cross_rows, zenith_of
 from ..mesh.leaves import Leaves
 from ..skeleton import Skeleton, depths, root_of
-from .anatomy import GROUND, Anatomy, Seats, seat_at, seats_on, share_of, stand_on
+from .anatomy import GROUND, Anatomy, hold
 from .habit import Habit
+from .lines import Seats, seat_at, seats_on, share_of, stand_on
+from .rings import OFF
 from .sibling import Grown
 
 LEAF_SIZE = 0.10  # relative spread
@@ -39,6 +41,7 @@ BLOCK = 1 << 17  # vertices that are moved at once
 Hung = tuple[int, float, str]  # stretch of the axis, how far along it, text
 LEAST = 1e-7  # metres and degrees that are left out
 FULL_TURN = 360.0
+SUNK = 0.1  # of the way from bark to axis, that corners are moved in
 
 
 @dataclass(frozen=True)
@@ -63,8 +66,11 @@ class HungLeaves:
 
 
 def mesh_of(anatomy: Anatomy, grown: Grown, variety: float) -> tuple[TriMesh, Leaves, np.ndarray]:
-    """Wood and leaves of a tree in one mesh, the truth of the leaves, and (L, 3) where they hang."""
-    wood = _wood(anatomy, grown)
+    """Wood and leaves of a tree in one mesh, the truth of the leaves, and (L, 3) where they hang.
+
+    Corners of a limb's lowest ring that are off its bearer's mesh are moved into it.
+    """
+    wood, _ = _carried_in(anatomy, grown, _wood(anatomy, grown))
     leaves, truth, foot = _leaves(anatomy, grown, hang_leaves(anatomy, grown, variety), variety > 0)
     return join([wood, leaves]), truth, foot
 
@@ -134,6 +140,31 @@ def _wood(anatomy: Anatomy, grown: Grown) -> TriMesh:
             columns, wood.stock.place[of], on, wood.part[of], bone, wood.weight[of]
         )
     return replace(mesh, vertices=place, order=grown.order.astype(np.int8)[of_triangle])
+
+
+def _carried_in(
+    anatomy: Anatomy, grown: Grown, wood: TriMesh
+) -> tuple[TriMesh, tuple[np.ndarray, np.ndarray]]:
+    """Wood whose lowest rings are within what bears them; (B,) metres that they were off, at the corner
+    that is nearest to it and at the farthest one.
+    """
+    stock = anatomy.wood.stock
+    vertex, owner, _ = stock.vertices.copy(grown.piece)
+    _, of_triangle, _ = stock.triangles.copy(grown.piece)
+    ring = np.flatnonzero(anatomy.wood.ring[vertex] & (grown.parent[owner] >= 0))
+    near, far = np.full(len(grown.piece), np.inf), np.zeros(len(grown.piece))
+    place = wood.vertices.copy()
+    for order in range(1, int(grown.order.max(initial=0)) + 1):  # bearers before what they bear
+        row = ring[grown.order[owner[ring]] == order]
+        branch = owner[row]
+        bearer = grown.parent[branch]
+        found, axis = hold(grown.lines, bearer, place[row], place, wood.triangles, of_triangle)
+        np.minimum.at(near, branch, found.off)
+        np.maximum.at(far, branch, found.off)
+        moved = found.off > OFF
+        place[row[moved]] = (found.place + SUNK * (axis - found.place))[moved]
+    near[np.isinf(near)] = 0.0
+    return replace(wood, vertices=place), (near, far)
 
 
 def _carried(
@@ -327,6 +358,26 @@ def standing_of(grown: Grown) -> SiblingStanding:
     gap = np.hypot(seat.away, seat.along) - thick
     thicker = lines.radius[knots[:-1]][borne] / np.maximum(thick, np.finfo(float).tiny)
     return SiblingStanding(float(lean), max(float(gap.max()), 0.0), float(thicker.max()))
+
+
+@dataclass(frozen=True)
+class RingsHeld:
+    """Lowest rings of B branches' meshes, held against the mesh of what bears each.
+
+    near, far : (B,) metres that the ring's nearest and farthest corner are off as laid, 0 inside.
+    left : (B,) metres that the farthest one is off once what was off by more than ``OFF`` has been moved in.
+    """
+
+    near: np.ndarray
+    far: np.ndarray
+    left: np.ndarray
+
+
+def hold_rings(anatomy: Anatomy, grown: Grown) -> RingsHeld:
+    """Hold the lowest rings of a grown tree's branches against the wood that bears them."""
+    wood, (near, far) = _carried_in(anatomy, grown, _wood(anatomy, grown))
+    _, (_, left) = _carried_in(anatomy, grown, wood)
+    return RingsHeld(near, far, left)
 
 
 def lowest_corner(anatomy: Anatomy, grown: Grown, variety: float) -> float:

@@ -32,8 +32,9 @@ from ...base.runs import Runs, bounds, numbered
 from ...base.vectors import zenith_of
 from ...spec import Siblings
 from ..draw import GOLDEN
-from .anatomy import GROUND, Lines, foot_frames, lay, seat_at, sloped, slopes, stand_on, walk
+from .anatomy import GROUND
 from .habit import CHILDREN, Habit, Size, radius_at_seat, size_of, trunk_girth
+from .lines import Lines, foot_frames, lay, seat_at, sloped, slopes, stand_on, walk
 
 JITTER = 0.25  # share of the scatter of spacing by which a node moves
 FARTHEST = 0.8  # share of the way to the next node

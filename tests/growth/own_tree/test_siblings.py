@@ -11,6 +11,7 @@ import lzma
 from functools import cache
 from itertools import pairwise
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 import pytest
@@ -36,22 +37,25 @@ from forest_addon.growth.lsystem.system import read_system
 from forest_addon.growth.lsystem.turtle import ABOP, read_commands
 from forest_addon.growth.lsystem.turtle import walk as walk_turtle
 from forest_addon.growth.mesh.leaves import Leaves
-from forest_addon.growth.own_tree.anatomy import dissect, lay, stand_on, walk
+from forest_addon.growth.own_tree.anatomy import Anatomy, dissect
 from forest_addon.growth.own_tree.habit import fit
+from forest_addon.growth.own_tree.lines import lay, stand_on, walk
 from forest_addon.growth.own_tree.recognise import Recognition, recognise
 from forest_addon.growth.own_tree.relay import (
     farthest_off,
     feet_of_leaves,
     generations_of,
     hang_leaves,
+    hold_rings,
     lowest_corner,
     mesh_of,
     skeleton_of_grown,
     standing_of,
     write_string,
 )
+from forest_addon.growth.own_tree.rings import OFF
 from forest_addon.growth.own_tree.sibling import Grown, grow_sibling
-from forest_addon.growth.skeleton import Skeleton
+from forest_addon.growth.skeleton import Skeleton, depths
 from forest_addon.growth.tree import Tree
 from forest_addon.spec import Siblings, SpecError
 
@@ -60,6 +64,8 @@ NAMES = {"length": 1.0, "angle": 0.0, "thinning": 1.0}
 SAME = Siblings(variety=0.0)
 SIBLINGS = 5
 REAL = Path(__file__).resolve().parents[4] / "shared" / "data" / "trees"
+LIBRARY = Path(__file__).resolve().parents[3] / "assets" / "templates"
+MOST_OFF = OFF + 1e-3
 DONE = ("nothing", "rough", "doubled", "decimated", "both")
 
 
@@ -98,8 +104,7 @@ def test_every_piece_begins_within_its_parent_and_every_leaf_sits_on_its_branch(
         grown = grow_sibling(own.habit, Siblings(), key)
         mesh, leaves, _ = mesh_of(own.anatomy, grown, 1.0)
         assert np.isfinite(mesh.vertices).all()
-        wood = own.anatomy.wood.stock
-        assert off_mesh(mesh, wood, own.anatomy, grown, np.random.default_rng(key)) < 1e-3
+        assert off_mesh(mesh, own.anatomy, grown) < MOST_OFF
         hung = hang_leaves(own.anatomy, grown, 1.0)
         assert len(hung.branch) == len(leaves)
         place, _, radius = stand_on(grown.lines, hung.branch, hung.seat)
@@ -221,40 +226,116 @@ def test_settings_that_contradict_each_other_are_refused():
         Siblings(age=2.0, height=10.0)
 
 
-def off_mesh(mesh, stock, anatomy, grown, rng) -> float:
-    """Metres, at most, between the lowest ring of 60 branches' meshes and the mesh of what bears them."""
+def off_mesh(mesh: TriMesh, anatomy: Anatomy, grown: Grown) -> float:
+    """Metres, at most, that a corner of the lowest ring of a branch's mesh is outside its bearer's mesh.
+
+    Of all branches that were bridged and of 60 others; distances by Blender's own tree of triangles.
+    """
+    import bpy  # noqa: F401 - brings mathutils
+    from mathutils.bvhtree import BVHTree
+
+    stock = anatomy.wood.stock
     vertex, owner, _ = stock.vertices.copy(grown.piece)
     along = anatomy.wood.stretch[vertex] + anatomy.wood.part[vertex]
     facets = mesh.vertices[mesh.triangles[mesh.part == WOOD]]
     _, of_facet, _ = stock.triangles.copy(grown.piece)
     begin = np.searchsorted(of_facet, np.arange(len(grown.piece) + 1))
+    borne = grown.parent >= 0
+    some_of = np.random.default_rng(len(facets)).permutation(np.flatnonzero(borne))[:60]
+    bridged = np.flatnonzero(borne & (anatomy.bridged[grown.piece] > 0))
     worst = 0.0
-    for branch in rng.choice(np.flatnonzero(grown.parent >= 0), 60, replace=False):
+    for branch in np.union1d(some_of, bridged):
         rows = np.flatnonzero(owner == branch)
         ring = mesh.vertices[rows[along[rows] <= along[rows].min() + 1e-3]]
-        places = [*ring, ring.mean(axis=0)]
         parent = grown.parent[branch]
         around = facets[begin[parent] : begin[parent + 1]]
-        if max(winding_number(place, around) for place in places) < 0.5:
-            worst = max(worst, min(distance(place, around) for place in places))
+        corners = [tuple(corner) for corner in around.reshape(-1, 3)]
+        numbers = np.arange(len(corners)).reshape(-1, 3).tolist()
+        bark = BVHTree.FromPolygons(corners, numbers, all_triangles=True)
+        for place in ring:
+            if winding_number(place, around) < 0.5:
+                worst = max(worst, bark.find_nearest(tuple(place))[3])
     return worst
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["apple", "hill_cherry", "quaking_aspen", "lombardy_poplar"])
-def test_limbs_of_real_trees_siblings_begin_in_the_wood_that_bears_them(name, tmp_path):
-    """Pieces of these trees float up to 5 cm off what bears them; in siblings none does by 1 cm."""
-    packed = REAL / f"{name}-wood.stl.xz"
+def facets_of(name: str) -> np.ndarray:
+    """Wood of a tree that people made, of one of the library's or of a model."""
+    if name in TREES:
+        return TREES[name](12, True).wood()
+    library, packed = LIBRARY / name / "wood.stl", REAL / f"{name}-wood.stl.xz"
+    if library.is_file():
+        return read_stl(library)
     if not packed.is_file():
         pytest.skip(f"there is no {packed}")
-    (tmp_path / "wood.stl").write_bytes(lzma.decompress(packed.read_bytes()))
-    anatomy = dissect(recognise(read_stl(tmp_path / "wood.stl")))
-    habit = fit(anatomy)
-    for key in (3, 4):
-        grown = grow_sibling(habit, Siblings(), key)
-        mesh, *_ = mesh_of(anatomy, grown, 1.0)
-        off = off_mesh(mesh, anatomy.wood.stock, anatomy, grown, np.random.default_rng(key))
-        assert off < 1e-2
+    with TemporaryDirectory() as folder:
+        (Path(folder) / "wood.stl").write_bytes(lzma.decompress(packed.read_bytes()))
+        return read_stl(Path(folder) / "wood.stl")
+
+
+def gapped(name: str, metres: float, order: int) -> np.ndarray:
+    """A tree of which so much is missing at the base of its two longest branches of an order."""
+    found = recognise(facets_of(name))
+    wood, reach = found.wood, found.lines.length()
+    long = np.flatnonzero((depths(found.parent) == order) & (reach > 2 * metres))
+    cut = long[np.argsort(-reach[long])][:2]
+    assert len(cut) == 2
+    away = np.linalg.norm(wood.vertices - found.foot[wood.piece_of_vertex], axis=1)
+    gone = np.isin(wood.piece, cut) & (away[wood.triangles].min(axis=1) < metres)
+    return wood.vertices[wood.triangles[~gone]]
+
+
+@pytest.mark.medium
+@pytest.mark.parametrize("variety", [0.0, 1.0])
+@pytest.mark.parametrize(
+    ("name", "gap", "order"),
+    [
+        *((name, 0.0, 1) for name in ("apple", "maple", "hazelnut", "spruce", "hill_cherry")),
+        *((name, 0.0, 1) for name in ("quaking_aspen", "lombardy_poplar", "palm", "curved")),
+        *((name, gap, 1) for name in ("maple", "forked", "hill_cherry") for gap in (0.1, 0.5)),
+        ("forked", 0.5, 2),
+        ("apple", 0.5, 1),
+        ("hill_cherry", 0.5, 2),
+    ],
+)
+def test_the_mesh_of_every_limb_begins_in_the_wood_that_bears_it(name, gap, order, variety):
+    """Drawn off the bark by up to 11 cm, or cut off half a metre from it: none is, by 6 mm."""
+    anatomy = dissect(recognise(gapped(name, gap, order) if gap else facets_of(name)))
+    if gap:
+        assert 0.2 * gap < anatomy.bridged.max() < gap + 0.3  # to the nearest wood; whole facets go
+    grown = grow_sibling(fit(anatomy), Siblings(variety=variety), 3)
+    mesh, *_ = mesh_of(anatomy, grown, variety)
+    assert off_mesh(mesh, anatomy, grown) < MOST_OFF
+    held = hold_rings(anatomy, grown)
+    assert held.left.max() <= OFF
+    assert (held.near <= held.far).all()
+
+
+def test_limbs_that_are_not_off_are_left_as_they_are():
+    anatomy = dissect(recognise(facets_of("forked")))
+    assert not anatomy.bridged.any()
+    grown = grow_sibling(fit(anatomy), SAME, 0)
+    assert hold_rings(anatomy, grown).far.max() < 1e-3
+    corners = facets_of("forked").reshape(-1, 3)
+    mesh, *_ = mesh_of(anatomy, grown, 0.0)
+    origin = recognise(facets_of("forked")).origin
+    assert cKDTree(corners).query(mesh.vertices + origin)[0].max() < 1e-6
+
+
+@pytest.mark.parametrize("missing", [0.1, 0.5])
+@pytest.mark.parametrize("variety", [0.0, 1.0])
+def test_a_stem_whose_foot_is_missing_is_led_to_the_ground(missing, variety):
+    found = recognise(facets_of("twin"))
+    (other,) = found.stems[1:]
+    wood = found.wood
+    gone = (wood.piece == other) & (wood.vertices[wood.triangles][:, :, 2].min(axis=1) < missing)
+    anatomy = dissect(recognise(wood.vertices[wood.triangles[~gone]]))
+    assert np.count_nonzero(anatomy.parent < 0) == 2
+    assert anatomy.bridged.max() >= 0.9 * missing
+    grown = grow_sibling(fit(anatomy), Siblings(variety=variety), 3)
+    mesh, *_ = mesh_of(anatomy, grown, variety)
+    _, owner, _ = anatomy.wood.stock.vertices.copy(grown.piece)
+    for stem in np.flatnonzero(grown.parent < 0):
+        assert mesh.vertices[owner == stem, 2].min() < OFF
 
 
 def winding_number(point, facets):
@@ -264,17 +345,6 @@ def winding_number(point, facets):
     above = np.einsum("ti,ti->t", a, np.cross(b, c))
     below = la * lb * lc + (a * b).sum(1) * lc + (b * c).sum(1) * la + (c * a).sum(1) * lb
     return abs(np.arctan2(above, below).sum() / (2 * np.pi))
-
-
-def distance(point, facets):
-    """To the nearest of a fine grid of places on facets, brute force."""
-    share = np.linspace(0, 1, 25)
-    u, v = (grid.ravel() for grid in np.meshgrid(share, share))
-    u, v = u[u + v <= 1], v[u + v <= 1]
-    near = facets[np.argsort(np.linalg.norm(facets - point, axis=2).min(axis=1))[:60]]
-    places = near[:, 0, None] * (1 - u - v)[:, None] + near[:, 1, None] * u[:, None]
-    places = places + near[:, 2, None] * v[:, None]
-    return np.linalg.norm(places - point, axis=2).min()
 
 
 def flared(sides: int, capped: bool = False, lean: float = 0.0) -> Model:
@@ -382,16 +452,22 @@ def test_a_tree_of_no_variety_is_the_template_itself(name):
     own = own_tree(name)
     rebuilt = sibling(name, 1, variety=0.0)
     facets = rebuilt.mesh.vertices[rebuilt.mesh.triangles] + own.found.origin
+    off = np.count_nonzero(hold_rings(own.anatomy, grow_sibling(own.habit, SAME, 7)).far > OFF)
     for part, brought in ((WOOD, own.wood), (LEAF, own.leaves)):
         mine = facets[rebuilt.mesh.part == part]
         assert len(mine) == len(brought)
+        if off and part == WOOD:  # corners of so many rings were off the bark, and have moved
+            gap = cKDTree(brought.reshape(-1, 3)).query(mine.reshape(-1, 3))[0]
+            assert np.count_nonzero(gap > 1e-9) < 60 * off
+            continue
         np.testing.assert_allclose(
             np.sort(mine.reshape(-1, 9).sum(axis=1)),
             np.sort(brought.reshape(-1, 9).sum(axis=1)),
             atol=1e-9,
         )
     every = np.concatenate([own.wood, own.leaves])
-    np.testing.assert_allclose(corners_of(facets)[:, 0], corners_of(every)[:, 0], atol=2e-7)
+    if not off:
+        np.testing.assert_allclose(corners_of(facets)[:, 0], corners_of(every)[:, 0], atol=2e-7)
     assert len(rebuilt.leaves) == len(own.tree.leaves)
     assert farthest_off(own.anatomy, grow_sibling(own.habit, SAME, 7)) < 1e-9  # metres
 

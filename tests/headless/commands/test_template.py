@@ -49,6 +49,8 @@ def test_a_users_tree_becomes_a_forest_in_two_commands(files, capsys, monkeypatc
     assert (out / "recognised.png").stat().st_size > 20_000
 
     assert "Rebuilt from its parts: 63 of 63 leaves" in said
+    assert "Lowest rings on the mesh, the tree itself: 0 of " in said
+    assert "Bridged" not in said
     assert "24 siblings against the tree, 3 of them with sensors" in said
     assert (out / "siblings.png").stat().st_size > 10_000
 
