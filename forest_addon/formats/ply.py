@@ -77,7 +77,7 @@ def read_surface(path: Path) -> tuple[np.ndarray, np.ndarray]:
     data = path.read_bytes()
     start = data.index(b"\n", data.index(b"end_header")) + 1
     head = [line.split() for line in data[:start].decode("ascii", "replace").splitlines() if line]
-    order = {"ascii": "", "binary_big_endian": ">"}.get(head[1][1], "<")
+    order: Any = {"ascii": "", "binary_big_endian": ">"}.get(head[1][1], "<")
     words = iter(data[start:].split() if not order else ())
 
     def take(kind: str) -> Any:

@@ -68,8 +68,8 @@ def held(parts: Sequence[AuditPart], rng: np.random.Generator, seconds: float) -
         for kind, errors in zip(part.kinds, np.hstack(looked), strict=True):
             seen.setdefault(kind, []).append((errors, part.of))
     checks = [
-        Check.on(what, np.concatenate([e for e, _ in each]), sum(n for _, n in each), *allowed)
-        for (what, *allowed), each in seen.items()
+        Check.on(what, np.concatenate([e for e, _ in each]), sum(n for _, n in each), limit, unit)
+        for (what, limit, unit), each in seen.items()
     ]
     return Audit(tuple(checks), seconds, exact)
 

@@ -19,7 +19,9 @@ from dataclasses import dataclass
 from functools import cache, wraps
 from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
-SAME = {"position": ("poses", "receiver")}  # a word, and what else its thing is called
+SAME: dict[str, tuple[str, ...]] = {
+    "position": ("poses", "receiver")
+}  # a word, and what else its thing is called
 CODES = {  # of inventories for a species: Latin, German, numbers of FIA, symbols of USDA
     "douglas-fir": "pseudotsuga-menziesii dgl dougl 202 psme",
     "european-ash": "fraxinus-excelsior es esche frex",

@@ -60,7 +60,7 @@ OF_THE_FOREST = (
     *("canopy_return", "litter", "trunk_height"),
 )
 
-APPLIES: dict[str, tuple[str, tuple[str, ...]]] = {
+APPLIES: dict[str, tuple[str, tuple[str | bool, ...]]] = {
     "beam_file": ("beam", ("file",)),
     "beam_width_deg": ("beam", ("gaussian",)),
     "hearing_file": ("hearing", ("file",)),

@@ -14,7 +14,6 @@ import re
 import warnings
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
-from functools import reduce
 
 import numpy as np
 
@@ -74,7 +73,7 @@ def parse_expression(text: str, names: Collection[str]) -> Expression:
 def _read(node: ast.expr, names: Collection[str], text: str) -> Tree:
     """The operations that a syntax tree stands for."""
     if isinstance(node, ast.Constant) and type(node.value) in (int, float):
-        return float(node.value)
+        return float(node.value)  # type: ignore[arg-type]
     if isinstance(node, ast.Name):
         if node.id not in names:
             raise ExpressionError(_unknown(node.id, text, names))
@@ -88,10 +87,10 @@ def _read(node: ast.expr, names: Collection[str], text: str) -> Tree:
     elif isinstance(node, ast.Compare):
         works, parts = [_OPERATORS.get(type(op)) for op in node.ops], [node.left, *node.comparators]
     if parts and all(works):
-        first, *rest = (_read(part, names, text) for part in parts)
-        return reduce(
-            lambda left, step: (step[0], (left, step[1])), zip(works, rest, strict=True), first
-        )
+        tree, *rest = (_read(part, names, text) for part in parts)
+        for work, right in zip(works, rest, strict=True):
+            tree = (work, (tree, right))  # type: ignore[assignment]  # none is None
+        return tree
     if isinstance(node, ast.UnaryOp) and type(node.op) in _OPERATORS:
         return _OPERATORS[type(node.op)], (_read(node.operand, names, text),)
     if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and not node.keywords:

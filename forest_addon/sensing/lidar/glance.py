@@ -158,7 +158,7 @@ FLAT = math.radians(80.0)  # a beam nearer to the horizon is drawn at this angle
 
 def outline(sensor: Any) -> np.ndarray:
     """(N, 2, 3) m, ends of the lines that show where a LiDAR looks."""
-    drawn = {
+    drawn: dict[type, Any] = {
         Tractor: fan_outline,
         Terrestrial: sweep_outline,
         Airborne: strips_outline,

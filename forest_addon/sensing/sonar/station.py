@@ -226,12 +226,13 @@ class EchoPaths(RowTable):
     def bound(self, station: Station) -> np.ndarray:
         """(M,) no gain in the band is larger, at any ear."""
         band, equipment = station.sonar.band, station.equipment
-        sent = equipment.emit.loudest(*self.emitted.T, band)
+        sent = equipment.emit.loudest(self.emitted[:, 0], self.emitted[:, 1], band)
         most = np.zeros(len(sent))
         for ear, length in enumerate(self.length.T):
             hear = equipment.hear(ear)
             same = station.together and hear is equipment.emit
-            heard = sent if same else hear.loudest(*self.heard[:, ear].T, band)
+            az, el = self.heard[:, ear].T
+            heard = sent if same else hear.loudest(az, el, band)
             weaker = np.exp(-station.least_loss * length) / (self.distance * self.leg[:, ear])
             most = np.maximum(most, sent * heard * weaker)
         return most

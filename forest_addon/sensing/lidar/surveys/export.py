@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import count
 from pathlib import Path
@@ -215,7 +215,7 @@ def _platform(name: str, kind: str) -> tuple[Element, Element]:
     return platform, SubElement(platform, "scannerMount", x="0", y="0", z="0")
 
 
-def _leg(where: dict[str, object], said: dict[str, object]) -> Element:
+def _leg(where: Mapping[str, object], said: Mapping[str, object]) -> Element:
     """Leg of a survey, by its settings of the platform and of the scanner."""
     leg = Element("leg")
     SubElement(leg, "platformSettings", words(where))
