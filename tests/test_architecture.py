@@ -312,9 +312,10 @@ blend = false
 COUNT = """\
 import os, sys, threading
 root, seen = os.getcwd() + os.sep, set()
+ours = tuple(root + top + os.sep for top in ("forest_addon", "headless"))
 def watch(frame, event, _):
     code = frame.f_code
-    if event != "call" or not code.co_filename.startswith(root) or code.co_name.startswith("<"):
+    if event != "call" or not code.co_filename.startswith(ours) or code.co_name.startswith("<"):
         return
     outer = frame.f_back
     while outer is not None:
