@@ -107,7 +107,7 @@ BUDGETS = {
     "studies/validation": (3083, 16),
 }
 # Functions and files that a pulse, a ping and a clap pass on their way to a file.
-FLOWS = {"pulse": (859, 136), "ping": (1000, 150), "clap": (889, 150)}
+FLOWS = {"pulse": (870, 138), "ping": (990, 148), "clap": (910, 143)}
 
 
 @pytest.fixture(scope="module")
