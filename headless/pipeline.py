@@ -73,6 +73,7 @@ from .report import can_draw, page, without
 from .report.page import BUDGET, turning_cloud
 from .unfinished import Unfinished
 
+DRY = 1.0  # per cent of relative humidity, which no air has
 SURELY = 2.0  # times the memory that is free: what asks for more is refused, as it is known to a factor of 2
 MOST_LEAVES = 5_000_000  # rows of leaves.npz; beyond, leaves are written once a variant
 Dry = tuple[str, np.ndarray, float]  # a sound's name, samples and sampling rate
@@ -143,6 +144,10 @@ def run_scene(
         run.stages.warn("LAS files lack their coordinate system; pip install pyproj tells it")
     if not (settings.plantings or settings.stems or settings.sensors or settings.blend):
         stages.warn("the scene has neither trees nor sensors; add [[plantings]] and [[sensors]]")
+    if settings.air.humidity < DRY:
+        stages.warn(
+            f"air.humidity is {settings.air.humidity:g} %, drier than air is; it is in per cent"
+        )
     _describe_stand(run, forest, site.inputs)
     with stages.stage("build Blender scene"):
         grown_in = stages.seconds["grow trees"]

@@ -79,7 +79,7 @@ APPLIES: dict[str, tuple[str, tuple[str | bool, ...]]] = {
     "channels": ("pattern", ("spinning",)),
     "fan_deg": ("pattern", ("fans",)),
     "petals": ("pattern", ("rosette",)),
-    "poses": ("follow", (GIVEN,)),
+    "poses": ("followed", (GIVEN,)),
     "path_step": ("source_or_receiver_path", (GIVEN,)),
     "facing_azimuth_deg": ("directivity", ("cardioid", "measured")),
     "facing_elevation_deg": ("directivity", ("cardioid", "measured")),
@@ -113,8 +113,8 @@ def applies(group: Any, name: str) -> bool:
     if not hasattr(group, other):
         return True
     value = getattr(group, other)
-    if values == (GIVEN,):
-        return bool(value)
+    if values == (GIVEN,):  # 0 where nothing is None
+        return bool(value) or (value == 0 and getattr(type(group), other, 0) is None)
     return value > 1 if values == (MORE_THAN_ONE,) else value in values
 
 

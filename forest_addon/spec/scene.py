@@ -22,7 +22,7 @@ class Air(Settings):
     """The air that sound travels through."""
 
     temperature_c: float = param(20.0, unit="°C", help="temperature", ge=-40, le=50)
-    humidity: float = param(50.0, unit="%", help="relative humidity", ge=1, le=100)
+    humidity: float = param(50.0, unit="%", help="relative humidity", gt=0, le=100)
     pressure_kpa: float = param(101.325, unit="kPa", help="pressure", ge=20, le=120)
     sound_speed: float | None = param(
         None,

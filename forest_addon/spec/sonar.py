@@ -155,6 +155,11 @@ class Sonar(Sensor):
         False, help="also write what each leaf, branch and facet adds, and where it is"
     )
 
+    @property
+    def followed(self) -> str:
+        """The object that it moves with; empty where a route says where it goes."""
+        return "" if self.route else self.follow
+
     def check(self) -> None:
         if self.band[0] > self.band[1]:
             raise SpecError("band", f"{list(self.band)} must be [lowest, highest] in Hz")

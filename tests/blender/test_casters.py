@@ -283,7 +283,6 @@ def test_a_batch_of_any_size_finds_the_same_bytes(engine, size):
 @pytest.mark.medium
 def test_how_many_rays_go_at_a_time_does_not_matter(monkeypatch):
     """Also where the rays of a mesh are no multiple of a turn, and fewer or more than one."""
-    monkeypatch.setattr(bvh, "FEW", 0)
     monkeypatch.setattr(bvh, "TURN", 7)
     caster = BvhCaster(forest(40))
     origins, directions = random_rays(6000)

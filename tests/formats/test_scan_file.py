@@ -292,7 +292,7 @@ def peak():
 
 folder, rows = Path(sys.argv[1]), np.zeros(100_000, POINT)
 for kind in ("npz", "las"):
-    for chunks in (1, 3, 9):
+    for chunks in (1, 6, 12):  # by six two slices are held at a time
         file = PlyFile(folder / "a.partial.ply", POINT)
         for _ in range(chunks):
             file.append(rows)

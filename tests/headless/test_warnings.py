@@ -86,6 +86,7 @@ def test_what_asks_for_more_memory_than_there_is_by_far_is_refused_before_it_beg
     ("more", "said"),
     [
         ("", "neither trees nor sensors"),
+        ("[air]\nhumidity = 0.5\n", "air.humidity is 0.5 %"),
         (
             "[[sensors]]\nkind = 'terrestrial'\nposition = [5, 5, -3]\nangle_step_deg = 9\n",
             "m under the ground",
@@ -111,7 +112,6 @@ def test_what_is_hardly_meant_is_warned_of(run, tmp_path, more, said):
     ("more", "said"),
     [
         ("[tiles]\nsize = 0.0001\n", "give at least 0.01 m"),
-        ("[air]\nhumidity = 0.5\n", "0.5 % is out of range; use from 1 to 100 %"),
         ("[[sensors]]\nkind = 'reverb'\nsample_rate = 8000.5\n", "need a whole number of hertz"),
         (f"[[sensors]]\nkind = 'terrestrial'\nname = '{'x' * 300}'\n", "give a shorter one"),
         (
