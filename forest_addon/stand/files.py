@@ -90,7 +90,7 @@ def read_tree_list(path: Path, offset: Sequence[float] = (0.0, 0.0), crs: str = 
     measures = trees.numbers[named, 2:]
     return TreeList(
         position=trees.position[named] - np.array(offset[:2]),
-        species=tuple(trees.species[named].tolist()) if trees.species.any() else None,
+        species=tuple(trees.species[named].tolist()) if (trees.species != "").any() else None,
         scale=trees.numbers[named, 0],
         rotation=trees.numbers[named, 1],
         measures=measures if np.isfinite(measures).any() else None,
