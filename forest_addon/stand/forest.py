@@ -89,7 +89,7 @@ def _content(value: object) -> object:
 
 Planted = tuple[Species, TreeTemplate | Habit | Kind | Blade | None]  # and its templates
 Grown = Callable[[int, int, Species], Tree]  # of a planting and variant, by numbers
-MOST_OF = 0.8  # of the trees that are drawn; where fewer stand, it is said
+MOST_OF = 0.5  # of the trees that are drawn; where fewer stand, it is said
 
 
 @dataclass(frozen=True)
