@@ -154,7 +154,7 @@ def opened(path):
 
 
 def head_of(path):
-    """What is read before Blender reads a mesh; files go to Blender in tests of its own."""
+    """Heads that are read before Blender reads a mesh; files go to Blender in tests of its own."""
     if not path.exists():
         raise SpecError(str(path), "there is no such file")
     refuse_claims(path)

@@ -51,6 +51,7 @@ def draw_scene(
     ------
     OSError : the picture could not be written.
     """
+    scene.view_layers[0].update()  # camera and sun may have been moved just now
     wide, tall = scene.render.resolution_x, scene.render.resolution_y
     light = _Light(scene, caster, middle, reach, height)
     # Neighbours in blocks of 8 x 8, so that rays which are cast together pass the same branches.
