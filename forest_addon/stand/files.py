@@ -77,12 +77,12 @@ def read_tree_list(path: Path, offset: Sequence[float] = (0.0, 0.0), crs: str = 
                 units = ("cm", "mm", "in") if key == "dbh" else ("ft", "cm", "dm")
                 fit = [unit for unit in units if low <= typical * LENGTHS[unit] <= high] or ["cm"]
                 row, size, most = trees.line[worst], column[worst], MOST[key]
-                said = f"row {row}: {key} is {size:g} m, more than trees have ({most:g} m)"
+                why = f"row {row}: {key} is {size:g} m, more than trees have ({most:g} m)"
                 if size <= most:
-                    said = f"half of the trees have a {key} above {typical:.3g} m, and no stand {high:g} m"
+                    why = f"half of the trees have a {key} above {typical:.3g} m, and no stand {high:g} m"
                 raise SpecError(
                     str(path),
-                    f"{said}; a median of {typical:.3g} "
+                    f"{why}; a median of {typical:.3g} "
                     f"{' or '.join(fit)} would make sense: say the unit in the header, as {key}_{fit[0]}",
                 )
     named, said = trees.species != "", trees.said
