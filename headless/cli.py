@@ -20,7 +20,16 @@ from pathlib import Path
 
 from forest_addon.formats.ownership import Keeper, keeping
 
-from .command import PROGRAM, Command, DoubtfulError, IncompleteError, UnlikeError, typed
+from .command import (
+    PROGRAM,
+    Command,
+    DoubtfulError,
+    IncompleteError,
+    UnlikeError,
+    fault_of,
+    is_told,
+    typed,
+)
 from .commands import COMMANDS
 from .interrupt import interruptible
 from .progress import PlainStream, plain
@@ -84,7 +93,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             sys.unraisablehook = _say_nothing  # files that fail again when they are dropped
             return _fail(_in_words(problem), 1)
         except ValueError as problem:  # SpecError is one
-            return _fail(problem, 2)
+            told = is_told(problem)
+            return _fail(problem if told else fault_of(problem), 2 if told else 1)
         except DoubtfulError as problem:
             return _fail(problem, 3)
         except IncompleteError as problem:
@@ -95,6 +105,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             sys.unraisablehook = _say_nothing
             print(f"\ninterrupted; {kept}", file=sys.stderr)
             return 130
+        except Exception as problem:
+            return _fail(fault_of(problem), 1)
     return 0
 
 
