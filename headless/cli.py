@@ -84,7 +84,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
             return _fail(without(f"{command.name} cannot draw its pictures"), 2)
         except MemoryError as problem:
             sys.unraisablehook = _say_nothing
-            said = f" ({problem})" if str(problem) else ""
+            asked = re.search(
+                r"allocate ([\d.]+ \w+)", str(problem)
+            )  # numpy says of what shape, too
+            said = f" for {asked[1]} more" if asked else ""
             return _fail(f"there is not enough memory{said}; take less at once, {kept}", 1)
         except BrokenPipeError:  # who read it has seen enough
             os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
@@ -200,7 +203,7 @@ def _values_joined(words: Sequence[str]) -> list[str]:
 
 
 def _fail(problem: object, code: int) -> int:
-    print(f"error: {plain(str(problem))}", file=sys.stderr)
+    print(f"error: {plain(' '.join(str(problem).splitlines()))}", file=sys.stderr)
     return code
 
 

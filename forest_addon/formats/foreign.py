@@ -235,15 +235,15 @@ def _claims_of_ply(path: Path, head: bytes) -> int:
             raise SpecError(
                 str(path), f"has a line of more than {PLY_LONGEST:,} bytes; export it as binary PLY"
             )
-    least, count = 0, 0
+    least = count = most = 0
     for words in map(str.split, lines):
         if words[:1] == ["element"]:
             count = int(words[2])
-            least = max(least, count)
+            most = max(most, count)
         elif words[:1] == ["property"]:
             kind = words[2] if words[1] == "list" else words[1]
             least += count * (2 if is_text else SIZES[kind])
-    return least
+    return max(least, most)
 
 
 def _claims_of_gltf(path: Path, size: int) -> tuple[int, int]:

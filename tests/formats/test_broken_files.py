@@ -488,7 +488,12 @@ CLAIMS = {
     "points": ("a.las", lambda path: claiming_las(path, 247, "<Q", 10**15)),
     "packed points": ("a.laz", lambda path: claiming_las(path, 247, "<Q", 10**10)),
     "vertices": ("a.ply", text(*PLY[:2], "element vertex 4000000000", *PLY[3:], "0 0")),
+    "vertices of nothing": ("a.ply", text(*PLY[:2], "element vertex 4000000000", PLY[5], "0 0")),
     "accessors": ("a.glb", claiming_glb),
+    "sparse accessors": (
+        "a.gltf",
+        text('{"accessors": [{"count": 3, "sparse": {"count": 4000000000}}]}'),
+    ),
 }
 
 
@@ -498,6 +503,46 @@ def test_a_head_that_counts_more_than_the_file_holds_is_refused_at_once(tmp_path
     make(tmp_path / name)
     with pytest.raises(SpecError, match=f"{name}: is broken: its head counts"):
         (read_las if name[:4] in ("a.la",) else refuse_claims)(tmp_path / name)
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows has no such files")
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("a.gltf", '{"buffers": [{"uri": "endless%2Ebin", "byteLength": 9}]}'),
+        ("a.gltf", '{"images": [{"uri": "endless.bin"}]}'),
+        ("a.obj", "mtllib endless.bin"),
+        ("a.obj", "v 0 0 0\nmtllib a.mtl"),
+    ],
+    ids=["buffer", "image", "materials", "texture"],
+)
+def test_a_part_that_has_no_end_is_not_opened(tmp_path, name, said):
+    """Blender opens what a file names beside it, and would wait for ever."""
+    os.mkfifo(tmp_path / "endless.bin")
+    (tmp_path / "a.mtl").write_text("newmtl m\nmap_Kd -s 1 endless.bin\n")
+    (tmp_path / name).write_text(said)
+    with pytest.raises(SpecError, match=r"names \"endless.bin\", which is a device or a pipe"):
+        refuse_claims(tmp_path / name)
+
+
+@pytest.mark.parametrize(
+    "lines",
+    [
+        (*PLY[:2], "comment " + "x" * 200_000, *PLY[2:], "0 0"),
+        (*PLY[:2], PLY[3], PLY[2], *PLY[3:], "0 0"),
+        (*PLY[:2], "element vertex three", *PLY[3:], "0 0"),
+        (*PLY[:2], "element vertex -4", *PLY[3:], "0 0"),
+        (*PLY[:2], "vertex 3", *PLY[3:], "0 0"),
+        (*PLY[:3], "property flaot x", *PLY[4:], "0 0"),
+        (*PLY[:5], "0 0"),
+        (*PLY, "0 0", "1 0", "0 1 " + "0 " * 40_000),
+    ],
+    ids=["no end", "no element", "word", "negative", "no word", "type", "open", "line"],
+)
+def test_a_ply_on_which_blender_ends_itself_is_refused_before(tmp_path, lines):
+    text(*lines)(tmp_path / "a.ply")
+    with pytest.raises(SpecError, match=r"a\.ply: (is no PLY that can be read|has a line of)"):
+        refuse_claims(tmp_path / "a.ply")
 
 
 @pytest.mark.parametrize("kind", ["layer", "chunk table", "points of a chunk"])
