@@ -19,6 +19,8 @@ from hypothesis.strategies import integers
 
 from forest_addon.base.places import ASSETS
 from forest_addon.base.rng import stream
+from forest_addon.flight import policies
+from forest_addon.flight.senses import LIDAR, LidarSense
 from forest_addon.formats.foreign import guarded, refuse_claims
 from forest_addon.formats.glb import read_glb
 from forest_addon.formats.helios.parts import (
@@ -39,7 +41,7 @@ from forest_addon.growth.library.species_file import load_species
 from forest_addon.sensing.reverb.directivity import read_directivity
 from forest_addon.sensing.reverb.ends import read_microphones, read_path
 from forest_addon.sensing.sonar.equipment_files import read_call, read_patterns, read_route
-from forest_addon.spec import Scene, Sonar, SpecError, Species
+from forest_addon.spec import Flight, Scene, Sonar, SpecError, Species
 from forest_addon.stand.files import read_tree_list
 
 TOKENS = (
@@ -171,6 +173,7 @@ PLY = (
     "end_header",
 )
 POINT = '{"type": "Feature", "geometry": {"type": "Point", "coordinates": [%s]}, "properties": {"h": 9}}'
+LEVEL = LidarSense(LIDAR)
 READERS = {
     "las": ("a.las", las, lambda path: np.asarray(read_las(path).xyz)),
     "laz": ("a.laz", las, lambda path: np.asarray(read_las(path).xyz)),
@@ -229,6 +232,11 @@ READERS = {
         "a.wav",
         lambda path: write_wav(path, np.linspace(-1, 1, 50), 250_000.0),
         lambda path: read_call(path, Sonar()),
+    ),
+    "policy": (
+        "a.npz",
+        lambda path: np.savez(path, weights=np.linspace(-1, 1, policies.SIZE)),
+        lambda path: policies.load(path, Flight(), LEVEL).weights,
     ),
     "stl": ("a.stl", lambda path: write_stl(path, stream(0, "stl").random((5, 3, 3))), read_stl),
     "ascii stl": ("a.stl", ascii_stl, read_stl),
