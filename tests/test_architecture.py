@@ -23,6 +23,7 @@ NUMBERS = {"numpy", "scipy"}
 PACKAGES = {
     "forest_addon.base": NUMBERS,
     "forest_addon.spec": set(),
+    "forest_addon.kernels": {"numpy"},
     "forest_addon.formats": NUMBERS
     | {
         "OpenImageIO",
