@@ -23,6 +23,7 @@ NUMBERS = {"numpy", "scipy"}
 PACKAGES = {
     "forest_addon.base": NUMBERS,
     "forest_addon.spec": set(),
+    "forest_addon.kernels": {"numpy"},
     "forest_addon.formats": NUMBERS
     | {
         "OpenImageIO",
@@ -89,12 +90,13 @@ BUDGETS = {
     "forest_addon/flight": (1568, 10),
     "forest_addon/formats": (3495, 30),
     "forest_addon/growth": (8535, 40),
+    "forest_addon/kernels": (35, 1),
     "forest_addon/results": (1152, 17),
     "forest_addon/sensing": (13040, 91),
     "forest_addon/spec": (1195, 11),
     "forest_addon/stand": (3845, 34),
     "forest_addon/ui": (5936, 41),
-    "headless": (1328, 13),
+    "headless": (1329, 13),
     "headless/accuracy": (574, 4),
     "headless/commands": (1648, 17),
     "headless/dataset": (2465, 15),
