@@ -360,7 +360,8 @@ class Echoes(Result):
 
     @property
     def motion(self) -> dict[str, np.ndarray]:
-        """Motion of what each ping heard, the loudest first: ``pose`` (M,) the ping's number, ``position`` (M, 3) m and ``velocity`` (M, 3) m/s at its time, and ``rest`` (M, 3) m, where
+        """Motion of what each ping heard, the loudest first: ``pose`` (M,) the ping's
+        number, ``position`` (M, 3) m and ``velocity`` (M, 3) m/s at its time, and ``rest`` (M, 3) m, where
         each is as the scene stands still; empty for a still scene."""
         from ..results.echo_files import heard_columns
 

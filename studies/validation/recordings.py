@@ -371,7 +371,7 @@ def expected_energy(
     packets: int,
     sent: Callable[[float], Sent] | None = None,
 ) -> ExpectedEnergy:
-    """Expected energy of octaves (B,) for ``last`` seconds. sent : by frequency, energy that the source sends by ways."""
+    """Expected energy of octaves (B,) for ``last`` seconds. sent : by frequency, energy sent by ways."""
     reverb = settings(stand, path)
     canopy = replace(FoliageCanopy(), top=stand.trunk_height)
     around = TrunkStand(

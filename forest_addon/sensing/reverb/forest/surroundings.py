@@ -49,8 +49,8 @@ USUAL_TOP = 15.0  # m, of stems without tops
 
 @dataclass(frozen=True)
 class FoliageCanopy:
-    """Foliage of a scene: leaf_area_density, m²/m³ at the height of the path; top, m, where trees end; clutter;
-    floor_leaf_area, m²/m² of leaves of plants on the floor."""
+    """Foliage of a scene: leaf_area_density, m²/m³ at the height of the path; top, m, where trees end;
+    clutter; floor_leaf_area, m²/m² of leaves of plants on the floor."""
 
     leaf_area_density: float = 0.0
     top: float = 0.0
