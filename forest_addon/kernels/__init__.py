@@ -23,13 +23,29 @@ FILE = ROOM / ("_kernels" + {"win32": ".dll", "darwin": ".dylib"}.get(sys.platfo
 
 # Arguments and results of the functions in kernels.h. An array of another type, or one that is not
 # contiguous, is refused by ctypes when a function is called; lengths are the caller's to check.
-_text = ctypes.c_char_p
-_bytes, _int32s, _int64s, _floats, _doubles = (
+_text, _int64, _double = ctypes.c_char_p, ctypes.c_int64, ctypes.c_double
+_int8s, _int32s, _int64s, _floats, _doubles = (
     np.ctypeslib.ndpointer(kind, flags="C_CONTIGUOUS")
-    for kind in (np.uint8, np.int32, np.int64, np.float32, np.float64)
+    for kind in (np.int8, np.int32, np.int64, np.float32, np.float64)
 )
 FUNCTIONS: dict[str, tuple[list[Any], Any]] = {
     "kernels_sources": ([], _text),
+    "spread_rays": ([_int64, *[_doubles] * 6, _int64, *[_doubles] * 3], None),
+    "blur_patches": (
+        [
+            *(_int64, _int64s, _int64s, _int64, _int8s, _doubles, _doubles, _int64s),
+            *(_doubles, _doubles, _doubles, _double, _int64s, _doubles, _doubles, _doubles),
+        ],
+        None,
+    ),
+    "find_echoes": (
+        [
+            *(_int64, _int64s, _int64s, _int64, _doubles, _doubles, _doubles, _double),
+            *(_int64, _int64, _doubles, _double, _int64s, _doubles),
+            *(_int64s, _doubles, _doubles, _doubles, _int64s),
+        ],
+        _int64,
+    ),
 }
 
 
