@@ -47,7 +47,7 @@ NO_NETWORK = 75  # EX_TEMPFAIL
 
 
 class BuildError(Exception):
-    """Why there is no archive, in one sentence."""
+    """Reason in one sentence for which there is no archive."""
 
     def __init__(self, problem: str, exit_code: int = 1) -> None:
         super().__init__(problem)

@@ -50,7 +50,7 @@ INSTALL = {
 
 
 class SetupError(Exception):
-    """Why there is no environment, in words for the person at the terminal."""
+    """Reason for which there is no environment, in words for the person at the terminal."""
 
 
 def main(arguments: list[str] | None = None) -> int:
