@@ -27,12 +27,20 @@ FILE = "_kernels" + {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so
 # Arguments and results of the functions in kernels.h. An array of another type, or one that is not
 # contiguous, is refused by ctypes when a function is called; lengths are the caller's to check.
 _text = ctypes.c_char_p
-_bytes, _int32s, _int64s, _floats, _doubles = (
+_count = ctypes.c_int64
+_bytes, _int32s, _int64s, _floats, _doubles, _complexes = (
     np.ctypeslib.ndpointer(kind, flags="C_CONTIGUOUS")
-    for kind in (np.uint8, np.int32, np.int64, np.float32, np.float64)
+    for kind in (np.uint8, np.int32, np.int64, np.float32, np.float64, np.complex128)
 )
 FUNCTIONS: dict[str, tuple[list[Any], Any]] = {
     "kernels_sources": ([], _text),
+    "lay_echoes": (
+        [
+            *(_count, _doubles, _doubles, _count, _complexes, _count, _doubles),
+            *(_count, _count, _doubles, _count, _complexes),
+        ],
+        None,
+    ),
 }
 
 
