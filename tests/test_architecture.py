@@ -85,7 +85,7 @@ BUDGETS = {
     "forest_addon/acoustics": (1215, 19),
     "forest_addon/api": (871, 6),
     "forest_addon/base": (314, 13),
-    "forest_addon/blender": (5490, 43),
+    "forest_addon/blender": (5502, 43),
     "forest_addon/drawing": (583, 6),
     "forest_addon/flight": (1568, 10),
     "forest_addon/formats": (3495, 30),
