@@ -92,7 +92,7 @@ BUDGETS = {
     "forest_addon/growth": (8535, 40),
     "forest_addon/kernels": (41, 1),
     "forest_addon/results": (1152, 17),
-    "forest_addon/sensing": (13037, 91),
+    "forest_addon/sensing": (13040, 91),
     "forest_addon/spec": (1198, 11),
     "forest_addon/stand": (3845, 34),
     "forest_addon/ui": (5936, 41),
