@@ -20,8 +20,8 @@
 #define MANY 100          /* contacts of a patch, beyond which that does not do */
 
 void spread_rays(int64_t beams, const double *start, const double *axis, const double *exit_x,
-                    const double *exit_y, const double *turn_x, const double *turn_y, int64_t subrays,
-                    const double *place, double *origin, double *direction)
+                 const double *exit_y, const double *turn_x, const double *turn_y, int64_t subrays,
+                 const double *place, double *origin, double *direction)
 {
     for (int64_t first = 0; first < 3 * beams; first += 3) {
         for (int64_t ray = 0; ray < subrays; ray++) {
@@ -158,10 +158,10 @@ static void patches(const struct contacts *c, int64_t subrays, const int64_t *se
 }
 
 void blur_patches(int64_t count, const int64_t *order, const int64_t *ray, int64_t subrays,
-                     const int8_t *surface, const double *distance, const double *energy,
-                     const int64_t *line, const double *origin, const double *direction,
-                     const double *normal, double sigma, int64_t *seats, double *room, double *moved,
-                     double *blur)
+                  const int8_t *surface, const double *distance, const double *energy,
+                  const int64_t *line, const double *origin, const double *direction,
+                  const double *normal, double sigma, int64_t *seats, double *room, double *moved,
+                  double *blur)
 {
     struct contacts all = {line, origin, direction, normal, distance};
     int64_t stop;
@@ -485,10 +485,10 @@ static void sort_rows(int64_t count, int64_t *row, const double *distance)
 }
 
 int64_t find_echoes(int64_t count, const int64_t *order, const int64_t *ray, int64_t subrays,
-                       const double *distance, const double *energy, const double *blur, double sigma,
-                       int64_t bins, int64_t window, const double *shape, double bin, int64_t *rows,
-                       double *room, int64_t *pulse, double *crest, double *total, double *width,
-                       int64_t *contact)
+                    const double *distance, const double *energy, const double *blur, double sigma,
+                    int64_t bins, int64_t window, const double *shape, double bin, int64_t *rows,
+                    double *room, int64_t *pulse, double *crest, double *total, double *width,
+                    int64_t *contact)
 {
     struct digitiser digitiser = {bins, window, shape, bin};
     struct echoes found = {0, pulse, contact, crest, total, width};
