@@ -13,7 +13,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import ClassVar
 
-from forest_addon.spec import Scene, SpecError, unknown
+from forest_addon.spec import FORMER, Scene, SpecError, unknown
 
 SCENE_HELP = "a scene file (TOML), or the name of one of assets/scenes"
 OURS = {"forest_addon", "headless", "studies"}  # folders of code
@@ -125,7 +125,7 @@ def scene_file(words: str) -> Path:
     from forest_addon.base.places import ASSETS
 
     given = Path(words)
-    shipped = ASSETS / "scenes" / f"{words}.toml"
+    shipped = ASSETS / "scenes" / f"{FORMER.get(words, words)}.toml"
     is_name = given.name == words and not given.suffix and not given.exists()
     return shipped if is_name and shipped.is_file() else given
 

@@ -64,7 +64,7 @@ def main() -> None:
 
 
 def shown_of(arrows: list[tuple[str, str]]) -> dict[str, list]:
-    """What the picture shows: its arrows, and the folders of the shell."""
+    """Content of the picture: its arrows, and the folders of the shell."""
     folders = [f"{room}/{chip}" for room in ("headless", "ui") for chip in _chips(room)]
     return {"arrows": [list(arrow) for arrow in reduced(arrows)], "folders": folders}
 

@@ -297,6 +297,21 @@ def param_of(field: dataclasses.Field[Any]) -> Param:
     return field.metadata["param"]
 
 
+FORMER = {
+    "T20": "tanveer-2020a",
+    "A20": "tanveer-2020b",
+    "S": "simlidar",
+    "t20": "tanveer-2020a",
+    "t20-circle.csv": "tanveer-circle.csv",
+    "t20-eight.csv": "tanveer-eight.csv",
+    "t20-five-trees": "tanveer-five-trees",
+    "t20-one-tree": "tanveer-one-tree",
+    "t20-table-1-five": "tanveer-table-1-five",
+    "t20-table-1-one": "tanveer-table-1-one",
+}
+"""Names that choices and shipped files had in earlier releases, and those that they have now."""
+
+
 class Settings:
     """Base of every group of settings: a frozen keyword dataclass that checks itself."""
 
@@ -318,6 +333,8 @@ class Settings:
         for field in dataclasses.fields(self):  # type: ignore[arg-type]
             name, known, value = field.name, param_of(field), getattr(self, field.name)
             value = AUTO if known.auto and isinstance(value, str) and value == "auto" else value
+            if known.choices and isinstance(value, str) and value not in known.choices:
+                value = FORMER.get(value, value)
             refuse_many(name, value, known)
             value = typed(name, value, kinds[name])
             object.__setattr__(self, name, value)

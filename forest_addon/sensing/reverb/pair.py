@@ -135,7 +135,7 @@ class Pair:
 
     @cached_property
     def losses(self) -> Losses | None:
-        """Of a model ``forest``."""
+        """Losses of a model ``forest``; None of any other."""
         if self.around is None:
             return None
         return Losses.of(self.reverb, self.air, self.around.stand, self.source, self.receiver)
@@ -215,7 +215,7 @@ class Pair:
         return (straight, direct), (bounced, self._reflected(mirrored, bounced))
 
     def tail(self, expansions: Expansions) -> Tail | None:
-        """Of sound scattered more than once; None where the model has none. Kept in ``expansions``."""
+        """Sound scattered more than once; None where the model has none. Kept in ``expansions``."""
         if not (self.losses and self.around and self.reverb.tail == "transport"):
             return None
         ends, length = (self.source, self.receiver), self.reverb.duration
