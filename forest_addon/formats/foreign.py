@@ -19,7 +19,6 @@ from collections.abc import Callable, Iterable
 from itertools import takewhile
 from pathlib import Path
 from typing import Any, BinaryIO, Concatenate, ParamSpec, TypeVar
-from urllib.parse import unquote
 
 import numpy as np
 
@@ -253,7 +252,8 @@ def _claims_of_gltf(path: Path, size: int) -> tuple[int, int]:
         raw = raw[20 : 20 + int.from_bytes(raw[12:16], "little")]
     document = json.loads(raw)
     parts = (*document.get("buffers", []), *document.get("images", []))
-    names = [unquote(name) for each in parts if (name := str(each.get("uri", "")))[:5] != "data:"]
+    names = [name for each in parts if (name := str(each.get("uri", "")))[:5] != "data:"]
+    names = [re.sub("%([0-9a-fA-F]{2})", lambda code: chr(int(code[1], 16)), n) for n in names]
     _refuse_endless_beside(path, filter(None, names))
     size += sum(file.stat().st_size for name in names if (file := path.parent / name).is_file())
     counted = [*document.get("accessors", [])]
