@@ -64,10 +64,11 @@ def others(value, known):
         return [choice for choice in known.choices if choice != value]
     if isinstance(value, (int, float)):
         step = 1 if isinstance(value, int) else 0.013
-        tried = (type(value)(value * 1.5 + step), type(value)(value * 0.6), known.minimum)
+        middle = type(value)((known.minimum + known.maximum) / 2) if known.maximum < 1e3 else 1
+        tried = (value * 1.5 + step, value * 0.6, middle, known.minimum)
         return [
             v
-            for v in tried
+            for v in map(type(value), tried)
             if v != value and known.minimum < v <= known.maximum and math.isfinite(v)
         ]
     if isinstance(value, tuple) and value and isinstance(value[0], float):
