@@ -119,9 +119,7 @@ OF_SPECIES: dict[str, tuple[str, tuple[str | bool, ...]]] = {  # as APPLIES, ask
     **dict.fromkeys(
         ("leaf.petiole", "leaf.curl_deg"), ("leaf.shape", ("beech", "birch", "oak", "palmate"))
     ),
-    **dict.fromkeys(
-        ("dead", "detail.tolerance", "detail.limbs", "detail.relief"), ("grown_by", WHOLE)
-    ),
+    **dict.fromkeys(("dead", "detail.tolerance", "detail.limbs"), ("grown_by", WHOLE)),
 }
 
 
