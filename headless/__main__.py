@@ -1,6 +1,11 @@
 """``python -m headless``."""
 
 if __name__ == "__main__":  # processes of a pool import it, too
+    import signal
+
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # no traceback of an import
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
+
     from .interrupt import follow_starter, quietly
 
     follow_starter()

@@ -111,6 +111,7 @@ OF_SPECIES: dict[str, tuple[str, tuple[str | bool, ...]]] = {  # as APPLIES, ask
     "grammar.whorls": ("grammar.dialect", ("tanveer-2020b",)),
     "grammar.generations": ("grammar.dialect", ("tanveer-2020a",)),
     "architecture": ("grown_by", ("crown",)),
+    "template.grow_leaves": ("template.leaves", ("",)),
     "leaf": ("leaves_by", ("leaf",)),
     **dict.fromkeys(
         ("leaf.nodes", "leaf.per_node", "leaf.fan_deg"), ("grown_by", (*OF_TANVEER, "siblings"))
@@ -158,8 +159,11 @@ def idle_in_species(species: Species) -> list[str]:
     """Sentences about settings of a species that have no effect on trees that grow as its do."""
     said = []
     for place, (other, values) in OF_SPECIES.items():
-        group = attrgetter(place.rpartition(".")[0])(species) if "." in place else species
-        name, found = place.rpartition(".")[2], attrgetter(other)(species)
+        table, _, name = place.rpartition(".")
+        group = getattr(species, table) if table else species
+        if group is None:
+            continue
+        found = attrgetter(other)(species)
         (default,) = (field.default for field in fields(group) if field.name == name)
         if getattr(group, name) != default and found not in values:
             said.append(_idle(place, other, values, found))
