@@ -102,6 +102,8 @@ APPLIES: dict[str, tuple[str, tuple[str | bool, ...]]] = {
     "painted_value": ("painted", (GIVEN,)),
     **dict.fromkeys(("efficiency", "photons"), ("energy", (GIVEN,))),
     "speed": ("doppler", (True,)),
+    **dict.fromkeys(("divergence_mrad", "exit_diameter"), ("subrays", (MORE_THAN_ONE,))),
+    "passing": ("leaf_transmittance", (GIVEN,)),
 }
 
 WHOLE = ("rules", "honda", "crown", "grammar")

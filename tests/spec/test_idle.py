@@ -127,7 +127,7 @@ TRIED = {
     "terrestrial": Terrestrial(position=(4, 4, 1.5), angle_step_deg=8.0),
     "tractor": Tractor(position=(-2, 0, 1.0), track=8, step=1.0, angle_step_deg=6.0, top=5.0),
 }
-FILES = {"time_expansion", "contributions"}  # what is written, not what is found
+FILES = {"time_expansion", "contributions", "wavelength_nm"}  # what is written, not what is found
 OF_THE_SCENE = {  # without anything so near or far, or shining
     "near_limit",
     "continue_to",
@@ -139,6 +139,9 @@ OF_THE_SCENE = {  # without anything so near or far, or shining
     "blanking",
     "beyond",
     "faintest",
+    "max_returns",
+    "other",
+    "dead_zone",
 }
 
 
