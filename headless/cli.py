@@ -19,6 +19,7 @@ from contextlib import contextmanager, redirect_stdout
 from pathlib import Path
 
 from forest_addon.formats.ownership import Keeper, keeping
+from forest_addon.spec import unknown
 
 from .command import PROGRAM, Command, DoubtfulError, IncompleteError, UnlikeError, typed
 from .commands import COMMANDS
@@ -54,6 +55,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     words = sys.argv[1:] if arguments is None else arguments
     if words and words[0] in STUDIES:
         return _fail(f"{words[0]} is a study of the repository: python -m studies {words[0]}", 2)
+    if words and not words[0].startswith("-") and words[0] not in {c.name for c in COMMANDS}:
+        return _fail(unknown("command", words[0], [c.name for c in COMMANDS]), 2)
     chosen = _parser().parse_args(_values_joined(words))
     command: Command = chosen.command
     try:
