@@ -310,6 +310,8 @@ def _renewed(
     if not asked or not _is_same(old.geometry, new.geometry):
         old = new
     old.places, lasting["observer"] = new.places, old
+    for of_sensors in (old._moving, old._moving_wood, old._begins):  # it may move otherwise by now
+        of_sensors.clear()
     return old
 
 
