@@ -406,7 +406,7 @@ def kept(depsgraph: bpy.types.Depsgraph, make: Callable[..., T], *settings: Hash
 
 
 def _properties() -> list[tuple[Any, ...]]:
-    """What custom properties of objects and materials say to sensors."""
+    """Return what custom properties of objects and materials say to sensors."""
     blocks = (*bpy.data.objects, *bpy.data.materials)
     return [(block.session_uid, *map(block.get, PROPERTIES)) for block in blocks]
 
