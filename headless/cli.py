@@ -160,6 +160,7 @@ def _parser() -> argparse.ArgumentParser:
         epilog=typed(EPILOG),
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
+    parser.add_argument("--version", action=_Version, nargs=0, help="show versions and exit")
     commands = parser.add_subparsers(required=True, dest="COMMAND", metavar="COMMAND")
     for command in COMMANDS:
         of_this = commands.add_parser(
@@ -181,6 +182,17 @@ def _parser() -> argparse.ArgumentParser:
             )
         of_this.set_defaults(command=command)
     return parser
+
+
+class _Version(argparse.Action):
+    """Versions in one line; what they are asked of is loaded only then."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
+        from forest_addon import kernels
+        from forest_addon.base.places import version
+
+        print(f"Forest Sensing {version()}, kernels: {kernels.engine()}")
+        parser.exit()
 
 
 def _path(word: str) -> Path:
