@@ -68,6 +68,14 @@ def empty_blender(blender):
     return blender
 
 
+@pytest.fixture
+def quick(monkeypatch):
+    """Tests of stands and sweeps over settings try as little as they may: their figures are not looked at."""
+    monkeypatch.setattr("forest_addon.stand.statistics.goodness.SIMULATIONS", 19)
+    for name, few in (("sweep.ENOUGH", 0.0), ("sensors.EXACTLY", 50), ("sensors.MANY", 91)):
+        monkeypatch.setattr(f"headless.accuracy.{name}", few)
+
+
 @pytest.fixture(scope="session")
 def once(tmp_path_factory):
     """``once(name, make)``: a folder that ``make(folder)`` has filled, in the first process that asks for it.

@@ -72,7 +72,7 @@ WORDS = {
     "convolve": "convolve ir.wav dry.wav --out {out}/wet.wav",
     "fly": "fly flight.toml --episodes 1 --out {out}",
 }
-SLOW = {"run", "demo", "accuracy", "fly", "dataset", "assets", "species"}
+SLOW = {"run", "demo", "accuracy", "fly", "dataset", "assets", "species", "estimate", "template"}
 USERS = ("notes.txt", "my.blend", "wood.txt", "42/mine.txt", "scenes/0001/mine.laz", "scenes/42/a")
 
 
@@ -105,14 +105,12 @@ def inputs(tmp_path_factory):
 
 
 @pytest.fixture
-def run(headless, inputs, tmp_path, monkeypatch):
+def run(headless, inputs, tmp_path, monkeypatch, quick):
     """Runs a command on copies of its inputs, with words after its own."""
     here = tmp_path / "here"
     shutil.copytree(inputs, here)
     monkeypatch.chdir(here)
     monkeypatch.setattr(commands.demo, "DEMO", here / "tiny.toml")
-    # No verdict and no picture is looked at.
-    monkeypatch.setattr("forest_addon.stand.statistics.goodness.SIMULATIONS", 19)
     monkeypatch.setattr("headless.report.trees.ICON", 24)
     return lambda name, out, *more: headless(*WORDS[name].format(out=out).split(), *more)
 
