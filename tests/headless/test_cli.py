@@ -89,7 +89,8 @@ def test_too_little_memory_is_one_line(headless, monkeypatch, tmp_path):
 
 
 @pytest.mark.slow
-def test_a_species_called_as_no_file_can_be(headless, tmp_path):
+def test_a_species_called_as_no_file_can_be(headless, tmp_path, monkeypatch):
+    monkeypatch.setattr("headless.report.trees.ICON", 24)
     (tmp_path / "s.toml").write_text('name = "oak/pine\\\\x"\n[honda]\nlevels.values = [1]\n')
     done = headless("species", tmp_path / "s.toml", "--pictures", tmp_path / "p")
     assert done.returncode == 0, done.stderr

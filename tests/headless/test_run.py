@@ -1,6 +1,7 @@
 """A whole run, as a user starts it: a process, a scene file, an output folder."""
 
 import json
+import re
 import shutil
 import subprocess
 import sys
@@ -145,7 +146,8 @@ def test_the_report_holds_its_pictures(done):
     page = (done[0] / "report.html").read_text()
     assert page.count("data:image/png;base64,") == 6
     assert viewer() in page  # of the turning clouds, in the page itself
-    assert "http" not in page.replace(viewer(), "").replace("http-equiv", "")
+    words = re.sub("base64,[A-Za-z0-9+/=]+", "", page.replace(viewer(), ""))
+    assert "http" not in words.replace("http-equiv", "")
 
 
 @pytest.mark.slow

@@ -95,7 +95,7 @@ expected = 2
 exact = true
 
 [[plantings]]
-species = "abop-monopodial-a"
+species = "apple"
 variants = 1
 expected = 1
 exact = true
