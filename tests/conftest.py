@@ -26,13 +26,15 @@ from hypothesis.internal.constants_ast import Constants
 # unlucky draw fails nobody's change. `make fuzz` draws new ones, as the profile `fuzz`.
 settings.register_profile(
     "same",
-    max_examples=50,
+    max_examples=25,
     deadline=None,
     derandomize=True,
     database=None,
     suppress_health_check=[HealthCheck.too_slow, HealthCheck.function_scoped_fixture],
 )
-settings.register_profile("fuzz", settings.get_profile("same"), derandomize=False)
+settings.register_profile(
+    "fuzz", settings.get_profile("same"), derandomize=False, max_examples=100
+)
 settings.load_profile("same")
 # Hypothesis also tries numbers that it reads in our sources, but only in those imported by then: another
 # order of tests, or another share of them in a process, would be other inputs.
