@@ -32,9 +32,7 @@ settings.register_profile(
     database=None,
     suppress_health_check=[HealthCheck.too_slow, HealthCheck.function_scoped_fixture],
 )
-settings.register_profile(
-    "fuzz", settings.get_profile("same"), derandomize=False, max_examples=100
-)
+settings.register_profile("fuzz", settings.get_profile("same"), derandomize=False, max_examples=100)
 settings.load_profile("same")
 # Hypothesis also tries numbers that it reads in our sources, but only in those imported by then: another
 # order of tests, or another share of them in a process, would be other inputs.

@@ -848,6 +848,7 @@ def test_a_collection_that_was_deleted_with_its_objects_is_made_anew(empty_blend
     assert {n: f[1] for n, f in shown.items()} == {n: f[1] for n, f in fresh.items()}
 
 
+@pytest.mark.medium
 def test_a_forest_of_an_older_version_is_replaced(empty_blender):
     """Its objects carry the name they were made under, but do not say what they stand for."""
     plant(seed=2)

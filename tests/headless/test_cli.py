@@ -97,6 +97,7 @@ def test_a_species_called_as_no_file_can_be(headless, tmp_path, monkeypatch):
     assert [path.name for path in (tmp_path / "p").glob("*.jpg")] == ["oak_pine_x.jpg"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("ending", "code"), [("| true; exit ${PIPESTATUS[0]}", 141), (">&-", 0)])
 def test_output_that_nobody_reads_ends_a_command_quietly(ending, code):
     words = f"{sys.executable} -m headless derive maple --generations 12 {ending}"

@@ -67,7 +67,6 @@ def done(once):
     return folder / "out", *json.loads((folder / "said.json").read_text())
 
 
-@pytest.mark.slow
 def test_every_result_is_there_and_nothing_else(done):
     out, said, told = done
     assert sorted(p.name for p in out.iterdir()) == [RECORD, *RESULTS]

@@ -169,6 +169,7 @@ def test_a_folder_full_of_a_users_files(run, tmp_path, name):
     assert files(tmp_path / "here") == read
 
 
+@pytest.mark.medium
 def test_this_test_notices_a_rule_that_is_broken(run, tmp_path, monkeypatch):
     monkeypatch.setattr(atomic, "claim", lambda *paths, ours=False: None)
     users = put(tmp_path / "theirs", ["t.csv"])
@@ -176,6 +177,7 @@ def test_this_test_notices_a_rule_that_is_broken(run, tmp_path, monkeypatch):
     assert not users.items() <= files(tmp_path / "theirs").items()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("words", "named"),
     [
@@ -207,6 +209,7 @@ def test_what_is_read_is_not_written(headless, inputs, tmp_path, monkeypatch, wo
     assert files(here)[named] == before[named]
 
 
+@pytest.mark.slow
 def test_another_scenes_results_go_and_changed_ones_stay(headless, tmp_path):
     def scene(*names):
         head = SMALL.partition("[[sensors]]")[0]
@@ -271,6 +274,7 @@ def test_a_record_that_is_none_of_ours_is_left(tmp_path):
     assert files(tmp_path) == {RECORD: b"mine"}
 
 
+@pytest.mark.slow
 def test_no_file_of_the_working_folder_is_run(tmp_path, monkeypatch):
     (tmp_path / "queue.py").write_text("import pathlib; pathlib.Path('ran').touch()")
     monkeypatch.chdir(tmp_path)

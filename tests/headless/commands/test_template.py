@@ -93,7 +93,7 @@ def test_a_height_that_is_given_sets_the_scale(files, capsys):
     assert len(habit.anatomy.foliage.bearer) == 0
 
 
-@pytest.mark.medium
+@pytest.mark.slow
 def test_t20s_grammar_is_there_by_name(files, capsys):
     out = files / "elm"
     words = ["template", str(files / "w.stl"), str(files / "l.stl"), "--name", "elm"]

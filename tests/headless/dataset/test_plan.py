@@ -177,6 +177,7 @@ kinds = [2, 2]
 """
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize(
     "more",
     ["[splits]\nshare_trees = true\n", "[splits]\ntrain = 1.0\nvalidation = 0.0\ntest = 0.0\n"],

@@ -152,7 +152,7 @@ def test_the_exact_sum_is_exact_at_all_times(radii: tuple[float, float]) -> None
     assert max(tenths) < 1e-6 * 3e-5 * 10 * np.linalg.norm(truth)
 
 
-@medium
+@slow
 def test_the_exact_sum_with_every_loss_is_exact() -> None:
     paths, *ends = stand(3, (0.1, 0.3), 40.0, 10.0)
     losses = forest(ends, 1.0)
@@ -161,7 +161,7 @@ def test_the_exact_sum_with_every_loss_is_exact() -> None:
     assert np.linalg.norm(found - truth) < 3e-8 * np.linalg.norm(truth)
 
 
-@medium
+@slow
 @pytest.mark.parametrize("tolerance", [1e-2, 1e-4])
 def test_thick_trunks_beside_both_ends(tolerance: float) -> None:
     """Was 4 to 7 times over in a tenth of the record."""
@@ -322,7 +322,7 @@ def test_gain_of_each_path() -> None:
     )
 
 
-@medium
+@slow
 @pytest.mark.parametrize(
     ("source", "receiver"),
     [
