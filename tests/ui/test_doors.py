@@ -174,7 +174,6 @@ def test_a_flyer_meets_the_whole_forest(props, grown, name, tmp_path):
     same(met, grown("full" if name == "unheard" else name))
 
 
-@pytest.mark.medium
 def test_who_hears_no_leaf_grows_none(grown):
     assert leaves_of(grown("full")) > 1000
     assert leaves_of(grown("unheard")) == 0

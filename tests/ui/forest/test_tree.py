@@ -42,7 +42,7 @@ def test_seed_and_generations_change_the_tree(props):
     assert not np.array_equal(other.vertices, small.vertices)
 
 
-@pytest.mark.medium
+@pytest.mark.slow
 def test_every_preset_is_offered_and_any_kind_can_be_added(props):
     presets = {path.stem for path in (ROOT / "assets" / "species").glob("*.toml")}
     assert presets <= {item[0] for item in tree.species_items()}
