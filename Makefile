@@ -1,17 +1,18 @@
 # Two commands matter: `make demo` and `make test`; between two edits `make check`. All first make the environment in VENV, once: an
 # interpreter that really runs (packaging/find_python.sh), a venv with Blender as a module
-# (packaging/setup_env.py). That is done again when pyproject.toml changes. Choose with
-# PYTHON=/path/to/python and VENV=folder; ARGS="..." is handed on.
+# (packaging/setup_env.py). That is done again when pyproject.toml changes; the kernels in C
+# are built again when their sources do. Choose with PYTHON=/path/to/python and VENV=folder; ARGS="..." is handed on.
 
 VENV ?= .venv
 PLATFORM ?=
 ARGS ?=
 export PYTHON
 RUN := $(VENV)/bin/python
-READY := $(VENV)/ready
+ENVIRONMENT := $(VENV)/ready
+READY := $(VENV)/kernels
 
 .DEFAULT_GOAL := help
-.PHONY: help demo check test fuzz test-gui lint bench validate docs architecture extension words clean distclean
+.PHONY: help demo check test fuzz test-gui lint bench validate docs architecture extension wheels words clean distclean
 
 help: ## list what can be made
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' Makefile
@@ -56,6 +57,9 @@ docs: $(READY) ## build the documentation site in build/site; it runs the notebo
 extension: $(READY) ## build the Blender extension in build/; PLATFORM=all for every system
 	@$(RUN) packaging/build_extension.py $(PLATFORM)
 
+wheels: $(READY) ## build the wheels of every platform in build/
+	@$(RUN) packaging/build_wheels.py $(PLATFORM)
+
 words: $(READY) ## write the template for translators, build/forest_sensing.pot
 	@$(RUN) packaging/list_words.py
 
@@ -69,5 +73,8 @@ clean: ## remove caches, build/ and out/demo
 distclean: clean ## clean, and remove the environment and the downloaded wheels
 	@rm -rf "$(VENV)" wheels
 
-$(READY): pyproject.toml
+$(READY): $(ENVIRONMENT) packaging/build_kernels.py $(wildcard forest_addon/kernels/*.[ch])
+	@$(RUN) packaging/build_kernels.py; touch $@
+
+$(ENVIRONMENT): pyproject.toml
 	@python=$$(sh packaging/find_python.sh) && "$$python" packaging/setup_env.py "$(VENV)"

@@ -121,7 +121,7 @@ def _table(title: str, group: type[spec.Settings], named: set[type[spec.Settings
 
 
 def _meanings(name: str, known: spec.Param) -> str:
-    """What each choice does, where more than its name says it."""
+    """Meaning of each choice, where more than its name says it."""
     said = {choice: meaning_of(name, choice) for choice in known.choices}
     return "".join(f"<br>`{choice}`: {words}" for choice, words in said.items() if words)
 

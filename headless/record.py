@@ -13,6 +13,7 @@ from typing import Any
 import bpy
 import numpy as np
 
+from forest_addon import kernels
 from forest_addon.api import Result, World
 from forest_addon.base.places import version
 from forest_addon.formats.atomic import write_whole
@@ -49,6 +50,7 @@ def made_with(settings: Scene) -> dict[str, Any]:
             "python": platform.python_version(),
             "numpy": np.__version__,
             "scipy": scipy.__version__,
+            "kernels": kernels.engine(),
         },
         "platform": platform.platform(),
         "cores": os.cpu_count(),

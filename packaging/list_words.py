@@ -74,7 +74,7 @@ def of_code() -> Iterator[Text]:
 
 
 def _given(call: ast.Call) -> Iterator[tuple[str, ast.expr]]:
-    """What a call is given to say, with its context."""
+    """Texts that a call is given to say, with their context."""
     name = getattr(call.func, "attr", getattr(call.func, "id", ""))
     if isinstance(call.func, ast.Name) and name in OURS:
         yield ANY, call.args[0]

@@ -61,7 +61,7 @@ GAP = 8  # pixels between pictures side by side
 
 @dataclass(frozen=True)
 class Shot:
-    """How a walker looks who stands where most stems are seen.
+    """View of a walker who stands where most stems are seen.
 
     up : metres that the eye rises, a metre forward. sun : its height, and how far to the right of straight
     ahead it is, degrees. golden : the sun is low.

@@ -2,9 +2,10 @@
 
 Runs under the interpreter that ``find_python.sh`` found, with the standard library only. In order:
 the system libraries Blender needs, by trying to load each; the venv; pip, with what it is doing on
-one line and all of it in ``setup.log``; what else bpy's own file says is missing; ``import bpy``.
-Only then is the stamp ``ready`` written, which the Makefile compares with pyproject.toml. Every
-failure is a line or two and exit code 1.
+one line and all of it in ``setup.log``; what else bpy's own file says is missing; ``import bpy``;
+the kernels in C, which may be missing. Only then are the stamps ``ready`` and ``kernels`` written, which
+the Makefile compares with pyproject.toml and with the kernels' sources. Every failure is a line or two
+and exit code 1.
 """
 
 from __future__ import annotations
@@ -49,7 +50,7 @@ INSTALL = {
 
 
 class SetupError(Exception):
-    """Why there is no environment, in words for the person at the terminal."""
+    """Reason for which there is no environment, in words for the person at the terminal."""
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -82,7 +83,9 @@ def set_up(folder: Path) -> None:
     stamp.unlink(missing_ok=True)
     install(python, folder / "setup.log")
     load_blender(python)
+    subprocess.run([python, ROOT / "packaging/build_kernels.py", "--fetch"])
     stamp.write_text(f"Python {VERSION}\n")
+    (folder / "kernels").touch()
     print(f"environment ready in {time.monotonic() - started:.0f} s")
 
 

@@ -43,7 +43,7 @@ class CrossSections:
 
 
 def cross_sections(ka: np.ndarray, bark: float = 0.0) -> CrossSections:
-    """Of trunks of sizes ka (K,), above 0. bark : share that bark absorbs of a wave head on."""
+    """Cross-sections of trunks of sizes ka (K,), above 0. bark : share that it absorbs of a wave head on."""
     order = np.argsort(ka, kind="stable")
     found = np.empty((3, len(ka)))
     for rows in np.array_split(order, max(1, len(ka) // 64)):

@@ -276,8 +276,8 @@ class PointCloud(Result):
 
     @property
     def motion(self) -> dict[str, np.ndarray]:
-        """Of a scene that moved, (P, 3) each: ``velocity`` of what was met, m/s, and ``rest``, metres, where
-        that point is when the scene stands as at the present frame; nothing of a still scene."""
+        """Motion of what was met, (P, 3) each: ``velocity``, m/s, and ``rest``, metres, where that point is
+        when the scene stands as at the present frame; empty for a still scene."""
         found = self.found
         if found.velocity is None or found.rest is None:
             return {}
@@ -360,10 +360,9 @@ class Echoes(Result):
 
     @property
     def motion(self) -> dict[str, np.ndarray]:
-        """Of pings in a scene that moved, of what each heard, the loudest first: ``pose`` (M,) the ping's
+        """Motion of what each ping heard, the loudest first: ``pose`` (M,) the ping's
         number, ``position`` (M, 3) m and ``velocity`` (M, 3) m/s at its time, and ``rest`` (M, 3) m, where
-        each is as the
-        scene stands still; nothing of a still scene."""
+        each is as the scene stands still; empty for a still scene."""
         from ..results.echo_files import heard_columns
 
         columns = heard_columns(self.found)

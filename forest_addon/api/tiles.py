@@ -288,7 +288,7 @@ class Tiling:
         return np.unique(np.concatenate(chosen))
 
     def _unlike(self, rows: np.ndarray) -> np.ndarray:
-        """Of trees that are equally high by all that decides it, one each."""
+        """One row for each set of trees that are equally high by all that decides height."""
         stand = self.forest.stand
         of = (stand.species, stand.variant, stand.scale, stand.position[:, 2], stand.sink)
         _, first = np.unique(np.column_stack([c[rows] for c in of]), axis=0, return_index=True)

@@ -9,6 +9,7 @@ else.
 
 from .base import (
     AUTO,
+    FORMER,
     Discrete,
     Normal,
     Param,
@@ -87,6 +88,7 @@ from .species import (
 
 __all__ = [
     "AUTO",
+    "FORMER",
     "HORSESHOE_BAND",
     "MAX_REACH",
     "POLISHED",

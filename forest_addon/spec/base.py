@@ -38,6 +38,7 @@ CODES = {  # of inventories for a species: Latin, German, numbers of FIA, symbol
     "silver-fir": "abies-alba ta tanne weißtanne abal3",
 }
 SAME |= {code: (name,) for name, codes in CODES.items() for code in codes.split()}
+FINEST_SUM = 1e-9  # of all amplitudes
 MOST_RAYS = 10**12  # of a scan; none that is meant has as many
 A_SECOND = 4e5  # rays of Embree on one core, about
 
@@ -109,6 +110,20 @@ def refuse_absurd(key: str, pulses: float, rays: int = 1) -> None:
             key,
             f"asks for {pulses:.2g} pulses{each}, some {years:,.2g} years of work; a scan has at most "
             f"{MOST_RAYS:.0e} rays, so give another",
+        )
+
+
+def refuse_too_fine(tolerance: float) -> None:
+    """Refuse a tolerance of a sum that float64 does not keep.
+
+    Raises
+    ------
+    SpecError : it is above 0 and below 1e-9.
+    """
+    if 0 < tolerance < FINEST_SUM:
+        raise SpecError(
+            "tolerance",
+            f"is finer than float64 keeps; use 0 for the exact sum, or {FINEST_SUM:g} and more",
         )
 
 
@@ -282,6 +297,21 @@ def param_of(field: dataclasses.Field[Any]) -> Param:
     return field.metadata["param"]
 
 
+FORMER = {
+    "T20": "tanveer-2020a",
+    "A20": "tanveer-2020b",
+    "S": "simlidar",
+    "t20": "tanveer-2020a",
+    "t20-circle.csv": "tanveer-circle.csv",
+    "t20-eight.csv": "tanveer-eight.csv",
+    "t20-five-trees": "tanveer-five-trees",
+    "t20-one-tree": "tanveer-one-tree",
+    "t20-table-1-five": "tanveer-table-1-five",
+    "t20-table-1-one": "tanveer-table-1-one",
+}
+"""Names that choices and shipped files had in earlier releases, and those that they have now."""
+
+
 class Settings:
     """Base of every group of settings: a frozen keyword dataclass that checks itself."""
 
@@ -303,6 +333,8 @@ class Settings:
         for field in dataclasses.fields(self):  # type: ignore[arg-type]
             name, known, value = field.name, param_of(field), getattr(self, field.name)
             value = AUTO if known.auto and isinstance(value, str) and value == "auto" else value
+            if known.choices and isinstance(value, str) and value not in known.choices:
+                value = FORMER.get(value, value)
             refuse_many(name, value, known)
             value = typed(name, value, kinds[name])
             object.__setattr__(self, name, value)

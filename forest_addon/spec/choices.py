@@ -379,13 +379,13 @@ CHOICES: dict[str, dict[str, tuple[str, str]]] = {
         "heading": ("Heading", "Get so far in one direction"),
     },
     "dialect": {
-        "T20": (
+        "tanveer-2020a": (
             "Tanveer et al. 2020a",
             "A trunk whose branches branch again, by Tanveer and colleagues",
         ),
-        "A20": ("Tanveer et al. 2020b", "Whorls of branches on one trunk"),
+        "tanveer-2020b": ("Tanveer et al. 2020b", "Whorls of branches on one trunk"),
         "ABOP": ("ABOP", "The symbols of The Algorithmic Beauty of Plants"),
-        "S": ("Méndez et al.", "The symbols of Méndez and colleagues"),
+        "simlidar": ("Méndez et al.", "The symbols of Méndez and colleagues"),
     },
 }
 

@@ -358,10 +358,16 @@ MAX_REACH = 1000.0  # metres that a branch may end from the foot of its tree
 
 
 class Grammar(Settings):
-    """An L-system of Tanveer et al. 2020a (g -> d(g)[g)+g, axiom g)) or of A20 (whorls on one trunk)."""
+    """An L-system of Tanveer et al. 2020a (g -> d(g)[g)+g, axiom g)) or of 2020b (whorls on one trunk)."""
 
-    dialect: str = param("T20", help="paper whose grammar this is", choices=("T20", "A20"))
-    whorls: int = param(2, help="the dialect A20 only: groups d(d)+d) on the trunk", ge=1, le=12)
+    dialect: str = param(
+        "tanveer-2020a",
+        help="paper whose grammar this is",
+        choices=("tanveer-2020a", "tanveer-2020b"),
+    )
+    whorls: int = param(
+        2, help="the dialect tanveer-2020b only: groups d(d)+d) on the trunk", ge=1, le=12
+    )
     generations: int = param(7, help="how often the grammar is rewritten", ge=0, le=12)
     copies: int = param(
         2,
@@ -476,7 +482,7 @@ class Rules(Settings):
     number.
     """
 
-    dialect: str = param("ABOP", help="paper whose symbols these are", choices=("ABOP", "S"))
+    dialect: str = param("ABOP", help="paper whose symbols these are", choices=("ABOP", "simlidar"))
     axiom: str = param(help="the string that is rewritten")
     productions: tuple[str, ...] = param((), help="what symbols are replaced by")
     constants: tuple[str, ...] = param((), help='named numbers, "r = 0.9"')

@@ -418,7 +418,7 @@ def tree_table(forest: GrownForest) -> dict[str, list[object]]:
 
 
 def _in_band(forest: GrownForest, found: np.ndarray) -> list[object]:
-    """Of each tree whether all that it measures is as measured trees are: 1, 0, or empty."""
+    """One value a tree: 1 where all that it measures is as measured trees are, 0 where not, or empty."""
     told: list[object] = [""] * len(found)
     for planting, law in enumerate(forest.laws):
         rows = np.flatnonzero(forest.stand.species == planting) if law is not None else ()
@@ -430,7 +430,7 @@ def _in_band(forest: GrownForest, found: np.ndarray) -> list[object]:
 
 
 def met_targets(forest: GrownForest) -> list[TargetsMet]:
-    """Of each planting with targets: wanted, reached, in the measured band, and what could not be."""
+    """Counts for each planting with targets: wanted, reached, in the measured band, and what could not be."""
     if forest.wanted is None:
         return []
     missed = [forest.variant_of(row).missed for row in range(len(forest.stand))]

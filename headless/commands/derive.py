@@ -42,7 +42,13 @@ class DeriveCommand(Command):
         derive_species(chosen.species, chosen.generations, chosen.seed, chosen.count)
 
 
-BRANCHES = {"T20": "(+", "A20": "(+", "S": "[", "ABOP": "["}  # symbols that begin a side branch
+# Symbols that begin a side branch.
+BRANCHES = {
+    "tanveer-2020a": "(+",
+    "tanveer-2020b": "(+",
+    "simlidar": "[",
+    "ABOP": "[",
+}
 
 
 def derive_species(name: str, generations: int | None, seed: int, count: bool) -> None:

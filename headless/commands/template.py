@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from forest_addon.base.progress import Say
-from forest_addon.spec import Siblings, SpecError, Species
+from forest_addon.spec import FORMER, Siblings, SpecError, Species
 
 from ..command import PROGRAM, Command, UnlikeError, finite
 from ..progress import Stages, hushed
@@ -74,7 +74,8 @@ class TemplateCommand(Command):
         )
         parser.add_argument(
             "--grammar",
-            choices=("fitted", "t20"),
+            choices=("fitted", "tanveer-2020a"),
+            type=lambda word: FORMER.get(word, word),
             default="fitted",
             help="siblings of the tree, or its branches on Tanveer et al.'s grammar (default fitted)",
         )
@@ -123,7 +124,7 @@ def make_template(
 ) -> Path:
     """Make a template library from files of a tree; returns the species file.
 
-    grammar : "fitted" or "t20". siblings : how many to compare with the tree; 0: none.
+    grammar : "fitted" or "tanveer-2020a". siblings : how many to compare with the tree; 0: none.
     accept : write a scene also of siblings that are too unlike the tree.
 
     Raises

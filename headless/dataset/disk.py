@@ -48,7 +48,7 @@ class Done:
 
     @property
     def number(self) -> int:
-        """Of the scene."""
+        """Number of the scene."""
         return int(self.record["scene"])
 
     @property

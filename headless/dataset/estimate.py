@@ -77,7 +77,7 @@ class Trial:
 
 @dataclass(frozen=True)
 class Estimate:
-    """Of a whole dataset: how many scenes, whole scenes as trials tell them, and what could not be made.
+    """Cost of a whole dataset: how many scenes, whole scenes as trials tell them, and what could not be made.
 
     stands_for : how many scenes each trial stands for; (): alike many.
     """

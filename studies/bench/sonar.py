@@ -110,8 +110,8 @@ TITLE = "sonar: pings among trees"
 SPECIES, VARIANTS = "honda-birch", 5
 POSE = {"position": (0.0, 0.0, 4.0), "elevation_deg": 10.0}
 PAPER_SECONDS = {  # Tanveer et al. 2020a, Table 1, on 32 cores
-    "t20-table-1-one": 0.73,
-    "t20-table-1-five": 3.03,
+    "tanveer-table-1-one": 0.73,
+    "tanveer-table-1-five": 3.03,
 }
 
 

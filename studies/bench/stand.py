@@ -242,7 +242,7 @@ def _forest(instancing: str, count: int) -> tuple[spec.Scene, GrownForest]:
 
 
 def _errors(geometry, forest: GrownForest) -> dict[str, float]:
-    """Of the evaluated scene against the plan."""
+    """Errors of the evaluated scene against the plan."""
     trees = np.flatnonzero(geometry.tree >= 0)
     number = geometry.tree[trees]
     offset = geometry.transform[trees] - forest.transforms()[number]

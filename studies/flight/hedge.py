@@ -163,8 +163,8 @@ def _write(path: Path, setups: Mapping[str, HedgeSetup], found: Mapping[str, Hed
 def echoes(
     setup: HedgeSetup, count: int, seed: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Of so many pings at new hedges energy (M,), cochleagram (M, B, T), the bands' envelopes (M, B, S) and
-    whether there was a gap (M,). Every other one has it.
+    """Echoes of ``count`` pings at new hedges: energy (M,), cochleagram (M, B, T), the bands' envelopes
+    (M, B, S) and whether there was a gap (M,). Every other one has it.
     """
     sonar = SONAR.changed(beam_width_deg=(setup.beam, setup.beam))
     air, equipment = Air(), Equipment.of(sonar)

@@ -46,8 +46,8 @@ def shares_of(count: np.ndarray) -> np.ndarray:
 
 
 def halves_apart(cloud: FlownCloud, seed: int) -> dict[int, float]:
-    """Of each line, how far apart the shares of single returns of random halves of its blocks are: the 95th
-    percentile, as a share."""
+    """Distance, for each line, between the shares of single returns of random halves of its blocks: the
+    95th percentile, as a share."""
     rng, found = stream(seed, "validate", "halves of lines"), {}
     for number in np.unique(cloud.line).tolist():
         rows = (cloud.line == number) & (cloud.number == 1)

@@ -66,7 +66,7 @@ class Decay:
 def decay_of(
     samples: np.ndarray, rate: float, bands: np.ndarray, left_db: np.ndarray | None = None
 ) -> Decay:
-    """Of an impulse response; a band of 0 is the whole."""
+    """Decay of an impulse response; a band of 0 is the whole."""
     measures = room_metrics(samples, rate, left_db)
     rows = [int(np.flatnonzero(measures.band == band)[0]) for band in bands]
     start = onset(samples)
@@ -371,7 +371,7 @@ def expected_energy(
     packets: int,
     sent: Callable[[float], Sent] | None = None,
 ) -> ExpectedEnergy:
-    """Of octaves (B,) for ``last`` seconds. sent : by frequency, energy that the source sends by ways."""
+    """Expected energy of octaves (B,) for ``last`` seconds. sent : by frequency, energy sent by ways."""
     reverb = settings(stand, path)
     canopy = replace(FoliageCanopy(), top=stand.trunk_height)
     around = TrunkStand(

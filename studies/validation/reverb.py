@@ -624,7 +624,7 @@ def _ablation(stands: Sequence[PlausibleStand], path: SoundPath = KOLI) -> Ablat
 
 
 def _terms(rows: Ablation, measured: Decay) -> list[Comparison]:
-    """Of each variant, by how much it misses, over all octaves."""
+    """Miss of each variant over all octaves."""
     found = []
     for name, (t20, c50) in rows.items():
         miss = float(np.exp(np.nanmean(np.abs(np.log(t20 / measured.t20)))) - 1.0)

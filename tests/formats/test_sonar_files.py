@@ -78,7 +78,7 @@ def test_routes(tmp_path: Path) -> None:
             read_route(path, 0.0)
     with pytest.raises(SpecError, match="is not in"):
         find("no.csv", tmp_path, "route")
-    assert find("t20-eight.csv", tmp_path, "route").is_file()
+    assert find("tanveer-eight.csv", tmp_path, "route").is_file()
 
 
 def test_a_call_from_a_wav_file(tmp_path: Path) -> None:

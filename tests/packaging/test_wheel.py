@@ -50,7 +50,7 @@ def wheel(tmp_path_factory):
     source.mkdir()
     for name in (
         *("forest_addon", "headless", "assets", "pyproject.toml", "setup.py", "README.md"),
-        *("LICENSE", "blender_manifest.toml", "MANIFEST.in"),
+        *("LICENSE", "blender_manifest.toml", "MANIFEST.in", "packaging"),
     ):
         (source / name).symlink_to(ROOT / name)
     made = run("-m", "pip", "wheel", "--quiet", "--no-deps", "--wheel-dir", folder, source)

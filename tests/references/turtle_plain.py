@@ -1,4 +1,4 @@
-"""A plain turtle for T20's symbols: a stack, one segment after the other, rotation matrices."""
+"""A plain turtle for the symbols of Tanveer et al. 2020a: a stack, one segment at a time, matrices."""
 
 import numpy as np
 

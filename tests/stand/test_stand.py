@@ -15,7 +15,9 @@ FIELD = Forest(size=(20.0, 20.0))
 HILLS = Planting(
     species="maple",
     gaussians=(
-        Gaussian(peak=0.4, centre=(5.0, 5.0), width=(5**0.5, 6**0.5)),  # T20's example
+        Gaussian(
+            peak=0.4, centre=(5.0, 5.0), width=(5**0.5, 6**0.5)
+        ),  # Tanveer et al. 2020a's example
         Gaussian(peak=0.3, centre=(19.0, 15.0), width=(3.0, 9.0)),  # reaches over the edge
     ),
 )

@@ -50,7 +50,7 @@ def test_files_are_named_from_where_the_scene_file_stands(small, tmp_path):
 
 
 def test_what_is_shipped_or_missing_keeps_its_name(small, sensor, tmp_path):
-    sensor("sonar", name="flying", route="t20-eight.csv", call_file="gone.wav")
+    sensor("sonar", name="flying", route="tanveer-eight.csv", call_file="gone.wav")
     sensor("airborne", scanner="riegl-vux-1uav")
     write_scene(bpy.context.scene, tmp_path / "mine.toml")
     back = read_settings(tmp_path / "mine.toml", Scene)

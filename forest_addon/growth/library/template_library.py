@@ -132,7 +132,7 @@ def make_library(
 ) -> Library:
     """Make a template library from files of a tree.
 
-    grammar : "fitted" for siblings of the tree, "t20" for Tanveer et al.'s grammar with its branches.
+    grammar : "fitted" for siblings of the tree, "tanveer-2020a" for that grammar with its branches.
     siblings : how many to grow and judge; 0: none. Those that are too unlike the tree get no scene.
     accept : write the scene all the same.
 
@@ -157,7 +157,7 @@ def make_library(
     try:
         habit = fit(dissect(found, metres))
         tell(2, 5)
-        if grammar == "t20":
+        if grammar == "tanveer-2020a":
             how = _grammar_text(fit_grammar(split_tree(*metric)))
         else:
             verdict = judge(habit, settings, siblings) if siblings else None

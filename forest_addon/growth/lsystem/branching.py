@@ -43,14 +43,14 @@ CENTRE, SIDE, SYMMETRIC = 0, 1, 2
 _ROLE = {ord("["): CENTRE, ord("("): SIDE, ord("+"): SYMMETRIC}
 # Symbols whose segments ``)`` goes back from: a symmetric branch ends with its parent in Tanveer et al.
 # 2020a; in 2020b it has a bracket of its own, and the trunk goes on without one.
-_OPENING = {"T20": b"[(", "A20": b"(+"}
+_OPENING = {"tanveer-2020a": b"[(", "tanveer-2020b": b"(+"}
 SPREAD = 0.3  # share of its rise by which a copy may sit lower
 
 
 def system_of_grammar(grammar: Grammar) -> System:
     """The L-system of a species' grammar, Tanveer et al.'s (2020a), or (2020b): a trunk with whorls."""
     axiom, rule = "g)", "g -> d(g)[g)+g"
-    if grammar.dialect == "A20":
+    if grammar.dialect == "tanveer-2020b":
         axiom, rule = "g", f"g -> {'['.join(['d(d)+d)'] * grammar.whorls)}"
     return read_system(axiom, [rule], notation=Notation(parametric=False))
 
@@ -62,11 +62,11 @@ def string_of(grammar: Grammar) -> np.ndarray:
     ------
     ValueError : the string would be longer than ``system.MAX_SYMBOLS``; says how long.
     """
-    most = 1 if grammar.dialect == "A20" else grammar.generations
+    most = 1 if grammar.dialect == "tanveer-2020b" else grammar.generations
     return rewrite(system_of_grammar(grammar), min(grammar.generations, most)).codes
 
 
-def parse(symbols: np.ndarray, dialect: str = "T20") -> tuple[np.ndarray, np.ndarray]:
+def parse(symbols: np.ndarray, dialect: str = "tanveer-2020a") -> tuple[np.ndarray, np.ndarray]:
     """Parent (S,) and role (S,) of every segment of a string's symbols, in the order they are written.
 
     Raises

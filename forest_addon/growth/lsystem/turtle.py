@@ -6,7 +6,7 @@ A dialect is the meaning of each symbol as a table of texts, which a user change
 own. A symbol without an entry is passed over, as ABOP does with the variables of a grammar.
 
 ABOP: Prusinkiewicz & Lindenmayer, The Algorithmic Beauty of Plants, section 1.5 and appendix C. Turns
-are right-handed about the turtle's up (+), left (&) and heading (\). S: Méndez et al., SIMLIDAR; an
+are right-handed about the turtle's up (+), left (&) and heading (\). simlidar: Méndez et al.; an
 internode of generation n is h0/2^(n-1) long and N·dm/n thick, N being the number of generations.
 
 What only turns or widens is joined to what follows it within its branch, to a step. A step turns by a fixed
@@ -105,7 +105,7 @@ ABOP = Dialect(
         *("[ = branch", "] = end", "{ = outline", "} = close"),
     ),
 )
-S = Dialect(
+SIMLIDAR = Dialect(
     Notation(tagged="I"),
     (
         "I(n) = draw(h0 / 2^(n - 1), N * dm / n)",
@@ -113,7 +113,7 @@ S = Dialect(
         *("F = leaf", "[ = branch", "] = end"),
     ),
 )
-DIALECTS = {"ABOP": ABOP, "S": S}
+DIALECTS = {"ABOP": ABOP, "simlidar": SIMLIDAR}
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ from ...base.places import ASSETS
 from ...formats.foreign import guarded
 from ...formats.sofa import HeadResponses, read_head
 from ...formats.wav import read_wav
-from ...spec import Sonar, SpecError
+from ...spec import FORMER, Sonar, SpecError
 from ..trajectory import Trajectory, looking
 from .beam import BeamPattern, MeasuredBeam, MeasuredSphere
 from .calls import Call, resampled
@@ -71,7 +71,7 @@ def find(name: str, folder: Path, key: str) -> Path:
     ------
     SpecError : there is none.
     """
-    for place in (folder / name, ASSETS / "scenes" / name):
+    for place in (folder / name, ASSETS / "scenes" / FORMER.get(name, name)):
         if place.is_file():
             return place
     raise SpecError(key, f'"{name}" is not in {folder}; check the name')

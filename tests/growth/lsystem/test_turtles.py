@@ -28,7 +28,7 @@ from forest_addon.growth.lsystem.expression import ExpressionError
 from forest_addon.growth.lsystem.system import GrammarError, read_system, rewrite
 from forest_addon.growth.lsystem.turtle import (
     ABOP,
-    S,
+    SIMLIDAR,
     prune_descending,
     read_commands,
     system_of,
@@ -161,7 +161,7 @@ def test_a_users_symbols_over_the_dialects():
         ("F", ("F = draw",), "takes 1 to 2"),
         ("F", ("F = draw(speed)",), '"speed" is not known'),
         ("F", ("F",), "is not like"),
-        ("I(1)", S.symbols, '"h0" is not known'),
+        ("I(1)", SIMLIDAR.symbols, '"h0" is not known'),
     ],
 )
 def test_what_cannot_be_walked_is_refused(text, symbols, words):
@@ -191,7 +191,7 @@ def test_internodes_of_s_have_their_length_and_diameter():
     assert length == pytest.approx(0.42 / 2.0 ** (tags - 1))
     assert skeleton.radius[:, 0] * 2 == pytest.approx(5 * 0.006 / tags)
     assert (skeleton.radius[:, 0] == skeleton.radius[:, 1]).all()
-    # V = sum of pi d² h/4, as S computes it from counts of internodes by generation
+    # V = sum of pi d² h/4, as Méndez et al. compute it from counts of internodes by generation
     counts = np.bincount(tags, minlength=6)
     n = np.arange(1, 6)
     wanted = (counts[1:] * np.pi * (5 * 0.006 / n) ** 2 * 0.42 / 2.0 ** (n - 1) / 4).sum()

@@ -132,7 +132,7 @@ def test_scenes_of_the_papers_expect_what_their_formulas_say(name):
 
 
 def test_unsquared_formulas_of_the_papers_became_squared_ones():
-    """W: h = l = 4000 m²; T20's example: 5, 6, 3, 6 m²."""
+    """W: h = l = 4000 m²; Tanveer et al. 2020a's example: 5, 6, 3, 6 m²."""
     for name, widths in (("wahed-300m", [4000] * 8), ("tanveer-20m", [5, 6, 3, 6])):
         settings = read_settings(SCENES / f"{name}.toml", Scene)
         found = [w**2 for p in settings.plantings for g in p.gaussians for w in g.width]

@@ -94,10 +94,10 @@ def test_a_height_that_is_given_sets_the_scale(files, capsys):
 
 
 @pytest.mark.slow
-def test_t20s_grammar_is_there_by_name(files, capsys):
+def test_the_grammar_of_2020a_is_there_by_name(files, capsys):
     out = files / "elm"
     words = ["template", str(files / "w.stl"), str(files / "l.stl"), "--name", "elm"]
-    assert main([*words, "--grammar", "t20", "--out", str(out)]) == 0
+    assert main([*words, "--grammar", "tanveer-2020a", "--out", str(out)]) == 0
     assert "siblings" not in capsys.readouterr().out
     species, template = load_species(out / "elm.toml")
     assert species.siblings is None
@@ -239,9 +239,11 @@ def test_units_are_inferred_from_usual_sizes(height, leaf, name):
 
 
 @pytest.mark.slow
-def test_the_maple_of_t20(tmp_path, capsys):
+def test_the_maple_of_tanveer_2020a(tmp_path, capsys):
     if not MAPLE.is_dir():
-        pytest.skip(f"the maple of T20 is not at {MAPLE}; it has no licence to be shipped")
+        pytest.skip(
+            f"the maple of Tanveer et al. 2020a is not at {MAPLE}; it has no licence to be shipped"
+        )
     wood, leaves = MAPLE / "maple_stem.stl", MAPLE / "maple_leaves.stl"
     assert (
         main(

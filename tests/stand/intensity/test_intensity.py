@@ -163,7 +163,7 @@ def test_mixture_integral_is_that_of_scipy():
 
 
 def test_the_preset_has_the_hills_of_the_example():
-    """T20's example is written unsquared, 0.4 exp(-(x-5)²/5 - (y-5)²/6); the preset converts it."""
+    """The example of 2020a is unsquared, 0.4 exp(-(x-5)²/5 - (y-5)²/6); the preset converts it."""
     (maple, _) = read_settings(ASSETS / "scenes" / "tanveer-20m.toml", Scene).plantings
     (written,) = maple.gaussians
     hill = Mixture(*(np.array([value]) for value in (written.peak, written.centre, written.width)))

@@ -41,7 +41,7 @@ def crowns_of(scene):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("preset", "trees"), [("t20-one-tree", 1), ("paper-100k", 0)])
+@pytest.mark.parametrize(("preset", "trees"), [("tanveer-one-tree", 1), ("paper-100k", 0)])
 def test_a_start_scene_stands_built_and_lit(props, preset, trees):
     bpy.data.meshes.new("of the old file").use_fake_user = True
     assert bpy.ops.forest.new(preset=preset) == {"FINISHED"}
@@ -64,7 +64,7 @@ def test_a_start_scene_stands_built_and_lit(props, preset, trees):
 @pytest.mark.slow
 def test_the_lawn_is_for_pictures_alone(props):
     """Views do not show it, so that View All frames the forest; and no sensor meets it."""
-    bpy.ops.forest.new(preset="t20-one-tree")
+    bpy.ops.forest.new(preset="tanveer-one-tree")
     lawn = bpy.context.scene.objects[LAWN]
     assert (lawn.hide_viewport, lawn.hide_render) == (True, False)
     seen = {thing for thing in bpy.context.scene.objects if thing.visible_get()}

@@ -193,7 +193,7 @@ BARE = Clutter()
 
 
 def clutter_of(rods: Iterable[Rods], blades: Iterable[Blades], area: float) -> Clutter:
-    """Of the trees on so many m², each given in the world."""
+    """Clutter of the trees on ``area`` m², each given in the world."""
     layers = int(HIGHEST / LAYER)
     count = len(CLASSES) - 1
     length, volume = np.zeros((layers, count)), np.zeros(count)
@@ -361,7 +361,7 @@ class Scatter:
 
 
 def scatter_of(clutter: Clutter, frequency: float, speed: float, takes: Takes) -> Scatter:
-    """Of branches and leaves."""
+    """Scattering by branches and leaves at one frequency, Hz."""
     radii = np.array(clutter.radii)
     wood = np.zeros(len(clutter.length))
     lost = np.zeros(len(clutter.length))

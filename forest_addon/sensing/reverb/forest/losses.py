@@ -83,7 +83,7 @@ class TrunkStand:
 
 @dataclass(frozen=True)
 class Losses:
-    """Of all paths between a source and a receiver.
+    """Losses of all paths between a source and a receiver.
 
     low, high : the heights of the ends, metres. resistivity : of the ground, kPa·s/m², 0: ``constant``.
     back : turbulence turns phases the other way. scattered : what branches and leaves scatter is lost too.

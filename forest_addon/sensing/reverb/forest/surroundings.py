@@ -49,8 +49,8 @@ USUAL_TOP = 15.0  # m, of stems without tops
 
 @dataclass(frozen=True)
 class FoliageCanopy:
-    """Of a scene: leaf_area_density, m²/m³ at the height of the path; top, m, where trees end; clutter;
-    floor_leaf_area, m²/m² of leaves of plants on the floor."""
+    """Foliage of a scene: leaf_area_density, m²/m³ at the height of the path; top, m, where trees end;
+    clutter; floor_leaf_area, m²/m² of leaves of plants on the floor."""
 
     leaf_area_density: float = 0.0
     top: float = 0.0
@@ -72,7 +72,7 @@ class Surroundings:
 def surroundings(
     trunks: Trunks, reverb: Reverb, field: Field | None, canopy: FoliageCanopy
 ) -> Surroundings:
-    """Of the trunks of a field; None: the field is as large as its trunks' hull."""
+    """Surroundings of trunks. field : its corner and size, m; None: it is as large as its trunks' hull."""
     place = trunks.position
     if field is not None:
         corner, size = np.asarray(field[0], np.float64), np.asarray(field[1], np.float64)

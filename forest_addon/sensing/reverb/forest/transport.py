@@ -63,12 +63,12 @@ class Density:
 
     @property
     def largest(self) -> float:
-        """Of all places."""
+        """Largest density of all places."""
         return max(float(self.cells.max(initial=0.0)), self.around)
 
     @property
     def mean(self) -> float:
-        """Of the cells; around them where there are none."""
+        """Mean density of the cells, or that around them where there are none."""
         return float(self.cells.mean()) if self.cells.size else self.around
 
     def at(self, place: np.ndarray) -> np.ndarray:

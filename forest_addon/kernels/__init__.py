@@ -1,0 +1,96 @@
+"""Kernels in C, called by ctypes: arrays go in by pointer, and other Python threads run meanwhile.
+
+The library, beside this file or in a wheel of its own, is built from the sources beside this file by
+packaging/build_kernels.py and carries their hash. Where there is none, or one of other sources, numpy
+computes the same, more slowly: ``library`` is None, and ``engine`` says why. FOREST_SENSING_KERNELS=off in
+the environment asks for numpy.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import hashlib
+import importlib.util
+import os
+import sys
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+SWITCH = "FOREST_SENSING_KERNELS"
+ROOM = Path(__file__).resolve().parent
+WHEEL = "forest_sensing_kernels"  # of Blender's extension, whose own files hold nothing compiled
+FILE = "_kernels" + {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
+
+# Arguments and results of the functions in kernels.h. An array of another type, or one that is not
+# contiguous, is refused by ctypes when a function is called; lengths are the caller's to check.
+_text = ctypes.c_char_p
+_count, _double = ctypes.c_int64, ctypes.c_double
+_int8s, _bytes, _int32s, _int64s, _floats, _doubles, _complexes = (
+    np.ctypeslib.ndpointer(kind, flags="C_CONTIGUOUS")
+    for kind in (np.int8, np.uint8, np.int32, np.int64, np.float32, np.float64, np.complex128)
+)
+FUNCTIONS: dict[str, tuple[list[Any], Any]] = {
+    "kernels_sources": ([], _text),
+    "lay_echoes": (
+        [
+            *(_count, _doubles, _doubles, _count, _complexes, _count, _doubles),
+            *(_count, _count, _doubles, _count, _complexes),
+        ],
+        None,
+    ),
+    "spread_rays": ([_count, *[_doubles] * 6, _count, *[_doubles] * 3], None),
+    "blur_patches": (
+        [
+            *(_count, _int64s, _int64s, _count, _int8s, _doubles, _doubles, _int64s),
+            *(_doubles, _doubles, _doubles, _double, _int64s, _doubles, _doubles, _doubles),
+        ],
+        None,
+    ),
+    "find_echoes": (
+        [
+            *(_count, _int64s, _int64s, _count, _doubles, _doubles, _doubles, _double),
+            *(_count, _count, _doubles, _double, _int64s, _doubles),
+            *(_int64s, _doubles, _doubles, _doubles, _int64s),
+        ],
+        _count,
+    ),
+}
+
+
+def library() -> ctypes.CDLL | None:
+    """Return the library, its functions with the types of their arguments; None where numpy computes."""
+    return None if _switched_off() else _opened()[0]
+
+
+def engine() -> str:
+    """Return what computes, for records and panels: "C", or "numpy" and why."""
+    return f"numpy ({SWITCH}=off)" if _switched_off() else _opened()[1]
+
+
+def _switched_off() -> bool:
+    return os.environ.get(SWITCH) == "off"
+
+
+@cache
+def _opened() -> tuple[ctypes.CDLL | None, str]:
+    """Return the library and "C", or None and "numpy" with the reason."""
+    wheel = importlib.util.find_spec(WHEEL)
+    folders = [ROOM, *map(Path, wheel.submodule_search_locations or () if wheel else ())]
+    found = next((folder / FILE for folder in folders if (folder / FILE).exists()), None)
+    if found is None:
+        return None, "numpy (no library is built)"
+    sources = b"".join(file.read_bytes() for file in sorted(ROOM.glob("*.[ch]")))
+    try:
+        opened = ctypes.CDLL(str(found))
+        opened.kernels_sources.restype = _text
+        if opened.kernels_sources().decode() != hashlib.sha256(sources).hexdigest():
+            return None, "numpy (the library is of other sources)"
+    except (OSError, AttributeError) as problem:
+        return None, f"numpy (the library does not load: {problem})"
+    for name, (arguments, result) in FUNCTIONS.items():
+        function = getattr(opened, name)
+        function.argtypes, function.restype = arguments, result
+    return opened, "C"
