@@ -86,7 +86,7 @@ def test_too_little_memory_is_one_line(headless, monkeypatch, tmp_path):
     monkeypatch.setattr(RunCommand, "run", huge)
     done = headless("run", "scene.toml", "--out", tmp_path / "o")
     assert done.returncode == 1
-    assert done.stderr.startswith("error: there is not enough memory (Unable to allocate 3 TiB)")
+    assert done.stderr.startswith("error: there is not enough memory for 3 TiB more; ")
 
 
 @pytest.mark.slow
