@@ -77,7 +77,7 @@ def tabulated(ka: np.ndarray, angle: np.ndarray) -> np.ndarray:
 def tabulated_by_kernel(library: Any, *given: Any) -> None:
     """Call the library's ``exact_discs`` with all but the table; the last one given is the result."""
     steps = np.array([KA_STEP, KA_SHIFT, ANGLE_STEP, ANGLE_SHIFT, LAST])
-    table = _splines()
+    table = _by_incidence()
     library.exact_discs(*given[:-1], steps, MARGIN, table.shape[1], table, given[-1])
 
 
@@ -119,6 +119,12 @@ def table_error(ka: np.ndarray, angle: np.ndarray) -> np.ndarray:
 def _splines() -> np.ndarray:
     """(U, V) complex64, coefficients of cardinal cubic splines over both axes."""
     return kept_table("disc-splines", _version(), _make_splines)
+
+
+@lru_cache(maxsize=1)
+def _by_incidence() -> np.ndarray:
+    """(V, U) the same, by incidence."""
+    return np.ascontiguousarray(_splines().T)
 
 
 @lru_cache(maxsize=1)

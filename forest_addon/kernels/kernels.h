@@ -26,7 +26,7 @@ KERNEL const char *kernels_sources(void);
  *
  * paper_discs, piston_discs, exact_discs: the models of acoustics/disc.py times a factor; radius, incidence from
  *     0 to a quarter of a turn, factor (count). The paper's phasor is looked up by the argument of its error
- *     function; exact discs in splines (_, columns) over size and incidence, whose steps (5) are those of
+ *     function; exact discs in splines (_, rows) over incidence and size, whose steps (5) are those of
  *     acoustics/disc_table.py: of ka and its shift, of incidence and its shift, the last ka; the first ``margin``
  *     of either axis lie before 0. They are turned by ``later`` times ka.
  * piston_rims: i·level·H1(x)e^{-ix} at the near side (side -1) of a disc's rim, i times the conjugate at the far
@@ -44,7 +44,7 @@ KERNEL void piston_rims(int64_t nodes, const double *wavenumber, int64_t count, 
                         const double *level, double side, int64_t cells, const double *hankel, double *values);
 KERNEL void exact_discs(int64_t nodes, const double *wavenumber, int64_t count, const double *radius,
                         const double *incidence, const double *factor, double later, const double *steps,
-                        int64_t margin, int64_t columns, const float *table, double *values);
+                        int64_t margin, int64_t rows, const float *table, double *values);
 KERNEL void cylinders(int64_t nodes, const double *wavenumber, int64_t count, const double *radius,
                       const double *phase, const double *level, double largest, const double *bend, double first,
                       double step, int64_t cells, const double *table, double *values);

@@ -46,14 +46,14 @@ def test_echoes_are_laid_down_alike(both, width, nodes, sums):
 
 K = 2 * np.pi * np.geomspace(20e3, 120e3, 7) / 343.0
 RADIUS, ANGLE = np.meshgrid(
-    [1e-9, 1e-4, 0.003, 0.02, 0.05, 0.07, 0.3], np.append(np.linspace(0, np.pi / 2, 40), 1e-7)
+    [1e-6, 1e-4, 0.003, 0.02, 0.05, 0.07, 0.3], np.append(np.linspace(0, np.pi / 2, 40), 1e-7)
 )
 RADIUS, ANGLE = RADIUS.ravel(), ANGLE.ravel()
 FACTOR = np.random.default_rng(1).uniform(0.1, 1, len(RADIUS))
 
 
 @pytest.mark.parametrize("later", [0.0, 1.0])
-@pytest.mark.parametrize(("model", "off"), [("paper", 1e-12), ("piston", 1e-12), ("exact", 5e-7)])
+@pytest.mark.parametrize(("model", "off"), [("paper", 5e-12), ("piston", 1e-12), ("exact", 5e-7)])
 def test_discs_are_as_loud(both, model, off, later):
     """Of the exact disc's table, numpy sums in single precision."""
     later *= model == "exact"
