@@ -18,6 +18,43 @@
 /* Returns the hash of the sources that the library was built from, as packaging/build_kernels.py told it. */
 KERNEL const char *kernels_sources(void);
 
+/* The amplitudes of scatterers, into values (nodes, count) complex, at wavenumbers (nodes), 1/m.
+ *
+ * Cubics: a table (cells, 4) complex has in each cell, ``step`` wide from ``first`` on, the coefficients of a
+ * cubic in parts of the cell, lowest power first. hankel: of the Hankel function of order 1 times the root of its
+ * argument x and without its phase e^{ix}, over 6/x from 0 to 1.
+ *
+ * paper_discs, piston_discs, exact_discs: the models of acoustics/disc.py times a factor; radius, incidence from
+ *     0 to a quarter of a turn, factor (count). The paper's phasor is looked up by the argument of its error
+ *     function; exact discs in splines (_, rows) over incidence and size, whose steps (5) are those of
+ *     acoustics/disc_table.py: of ka and its shift, of incidence and its shift, the last ka; the first ``margin``
+ *     of either axis lie before 0. They are turned by ``later`` times ka.
+ * piston_rims: i·level·H1(x)e^{-ix} at the near side (side -1) of a disc's rim, i times the conjugate at the far
+ *     one (1); x = 2k·across is at least 6. across, level (count).
+ * cylinders: the model of sensing/sonar/wood.py. radius as it is seen, phase of the sinc over k, level (count);
+ *     S·e^{2ika}·(1 + ka^1.5)/ka^2 over log(1 + 2ka) up to the size ``largest``, beyond which it bends (1 complex).
+ */
+KERNEL void paper_discs(int64_t nodes, const double *wavenumber, int64_t count, const double *radius,
+                        const double *incidence, const double *factor, double first, double step, int64_t cells,
+                        const double *table, double *values);
+KERNEL void piston_discs(int64_t nodes, const double *wavenumber, int64_t count, const double *radius,
+                         const double *incidence, const double *factor, int64_t cells, const double *hankel,
+                         double *values);
+KERNEL void piston_rims(int64_t nodes, const double *wavenumber, int64_t count, const double *across,
+                        const double *level, double side, int64_t cells, const double *hankel, double *values);
+KERNEL void exact_discs(int64_t nodes, const double *wavenumber, int64_t count, const double *radius,
+                        const double *incidence, const double *factor, double later, const double *steps,
+                        int64_t margin, int64_t rows, const float *table, double *values);
+KERNEL void cylinders(int64_t nodes, const double *wavenumber, int64_t count, const double *radius,
+                      const double *phase, const double *level, double largest, const double *bend, double first,
+                      double step, int64_t cells, const double *table, double *values);
+
+/* Multiplies values (nodes, count) complex by level (count) times e^{sum over d of basis[d, q] term[d, i]};
+ * basis (terms, nodes), term (terms, count).
+ */
+KERNEL void weigh_echoes(int64_t nodes, int64_t count, const double *level, int64_t terms, const double *basis,
+                         const double *term, double *values);
+
 /* Lays echoes down on even grids of delays: each is turned back by its cycles and goes, weighted, to the
  * ``width`` points about its place, times a kernel's taps there.
  *
@@ -33,5 +70,37 @@ KERNEL const char *kernels_sources(void);
 KERNEL void lay_echoes(int64_t count, const double *place, const double *cycles, int64_t nodes, const double *heights,
                        int64_t sums, const double *weights, int64_t width, int64_t powers, const double *taps_of,
                        int64_t size, double *grid);
+
+/* Rays of beams (B,), beam by beam, at places (S, 2) x, y across each: from start + x * exit_x + y * exit_y along
+ * axis + x * turn_x + y * turn_y, all (B, 3). Writes origin and unit direction (B * S, 3). */
+KERNEL void spread_rays(int64_t beams, const double *start, const double *axis, const double *exit_x,
+                        const double *exit_y, const double *turn_x, const double *turn_y,
+                        int64_t subrays, const double *place, double *origin, double *direction);
+
+/* Moves and blurs contacts (C,) on surfaces that go on between the rays of a pulse.
+ * order (C,): rows of the contacts, pulse by pulse. ray (C,): number of the ray, pulse * subrays + sub-ray.
+ * surface (C,): contacts of one number may lie on one surface, -1 on none that goes on; of a ray the first contact
+ * of each number that has energy counts.
+ * distance, energy (C,): metres, and any unit. line (C,): rows of origin and direction (L, 3), unit vectors.
+ * normal (C, 3): unit vectors. sigma: m, of the pulse. seats (3 * subrays,), room (6 * subrays,): anything.
+ * Writes moved (C,), the range of the light of each contact, and blur (C,), its standard deviation, metres. */
+KERNEL void blur_patches(int64_t count, const int64_t *order, const int64_t *ray, int64_t subrays,
+                         const int8_t *surface, const double *distance, const double *energy,
+                         const int64_t *line, const double *origin, const double *direction,
+                         const double *normal, double sigma, int64_t *seats, double *room,
+                         double *moved, double *blur);
+
+/* Echoes of those of the contacts (C,) that have energy, by pulse and range; returns how many, at most C.
+ * count to energy: as above. blur (C,): m, standard deviation in range of the light of each contact.
+ * bins: 0, then echoes are crests of the waveform; else it is sampled, shape (bins,) is the light of a pulse in
+ * bins of so many metres, and a bin is an echo that is larger than all within the window, in bins.
+ * rows (4 * C + W,), room (6 * C + W,): anything, with W = C * (bins + window + 1) + bins, 0 without bins.
+ * Writes of each echo its pulse, the distance of the crest, the total energy, the width, and the row of the
+ * contact that stands for it: of those with half the energy of the strongest the one of the innermost sub-ray. */
+KERNEL int64_t find_echoes(int64_t count, const int64_t *order, const int64_t *ray, int64_t subrays,
+                           const double *distance, const double *energy, const double *blur,
+                           double sigma, int64_t bins, int64_t window, const double *shape,
+                           double bin, int64_t *rows, double *room, int64_t *pulse, double *crest,
+                           double *total, double *width, int64_t *contact);
 
 #endif
