@@ -14,7 +14,7 @@ from references.trunks_at_length import sum_at_length
 from forest_addon.acoustics.air import absorption
 from forest_addon.acoustics.cylinder import transfer
 from forest_addon.sensing.reverb.forest.losses import Losses, TrunkStand
-from forest_addon.sensing.reverb.sums.fast_scattering import Expansions, judged
+from forest_addon.sensing.reverb.sums.fast_scattering import Expansions, arrivals_of, judged
 from forest_addon.sensing.reverb.sums.scattering import TrunkPaths, direct_sum, trunk_paths
 from forest_addon.sensing.reverb.sums.tree_response import tree_response
 from forest_addon.sensing.reverb.trunks import Trunks
@@ -67,7 +67,7 @@ def worst(
         exact = exact_sum(paths, rate, losses, air, seconds)
     found = Expansions().sum(paths, rate, len(exact), air, tolerance, losses)
     assert max(found.errors.values(), default=0.0) < 3.0 * tolerance
-    arrivals = (paths.length - 2.0 * paths.radius * np.sin(paths.angle / 2)) / 343.0
+    arrivals = arrivals_of(paths, losses, air.speed())
     return max(judged(found.samples, exact, rate, tolerance, arrivals).values()) / tolerance
 
 
