@@ -313,17 +313,20 @@ blend = false
 # Run by a Python of its own: counts functions of ours that run, but for those that run while modules load.
 COUNT = """\
 import os, sys, threading
-root, seen = os.getcwd() + os.sep, set()
+root, seen, known = os.getcwd() + os.sep, set(), set()
 ours = tuple(root + top + os.sep for top in ("forest_addon", "headless"))
 def watch(frame, event, _):
     code = frame.f_code
-    if event != "call" or not code.co_filename.startswith(ours) or code.co_name.startswith("<"):
+    if event != "call" or code in known or not code.co_filename.startswith(ours):
+        return
+    if code.co_name.startswith("<"):
         return
     outer = frame.f_back
     while outer is not None:
         if outer.f_code.co_name == "<module>" and outer.f_code.co_filename.startswith(root):
             return
         outer = outer.f_back
+    known.add(code)
     if code.co_flags & 1:
         seen.add((code.co_filename, code.co_qualname))
 from headless.cli import main
