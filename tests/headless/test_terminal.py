@@ -1,4 +1,4 @@
-"""Words of a run in a terminal and in a pipe: a line a step, what it found behind it, nothing to be redrawn."""
+"""Words of a run in a terminal and in a pipe: a line a step, and what it found; nothing is redrawn."""
 
 import json
 
