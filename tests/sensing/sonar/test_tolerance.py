@@ -23,6 +23,7 @@ from forest_addon.sensing.sonar.wood import CylinderStrength
 from forest_addon.spec import Air, Sonar
 
 AIR, SPEED = Air(), 343.0
+pytestmark = pytest.mark.usefixtures("computed_by")
 KINDS = ("paper", "piston", "exact", "edge", "wood", "rims")
 QUIET = {"cull": 0.0, "shading": "none", "near_limit": 1e-3}
 ROUGH = 5.0  # times what a table is said to be off by, that it is not smooth by
