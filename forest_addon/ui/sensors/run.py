@@ -431,7 +431,7 @@ class FOREST_OT_run(Working, bpy.types.Operator):
 
 
 class FOREST_MT_forest(bpy.types.Menu):
-    """What a search by F3 finds: it looks through the menus of the view."""
+    """Menu through which a search by F3 finds what grows and runs: it looks through those of the view."""
 
     bl_idname = "FOREST_MT_forest"
     bl_label = "Forest"
