@@ -28,13 +28,13 @@ from forest_addon import kernels
 # unlucky draw fails nobody's change. `make fuzz` draws new ones, as the profile `fuzz`.
 settings.register_profile(
     "same",
-    max_examples=50,
+    max_examples=25,
     deadline=None,
     derandomize=True,
     database=None,
     suppress_health_check=[HealthCheck.too_slow, HealthCheck.function_scoped_fixture],
 )
-settings.register_profile("fuzz", settings.get_profile("same"), derandomize=False)
+settings.register_profile("fuzz", settings.get_profile("same"), derandomize=False, max_examples=100)
 settings.load_profile("same")
 # Hypothesis also tries numbers that it reads in our sources, but only in those imported by then: another
 # order of tests, or another share of them in a process, would be other inputs.
@@ -78,6 +78,14 @@ def empty_blender(blender):
     """Blender with nothing in it. Preferences are not read again, which takes four times as long."""
     blender.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
     return blender
+
+
+@pytest.fixture
+def quick(monkeypatch):
+    """Tests of stands and sweeps over settings try as little as they may: their figures are not looked at."""
+    monkeypatch.setattr("forest_addon.stand.statistics.goodness.SIMULATIONS", 19)
+    for name, few in (("sweep.ENOUGH", 0.0), ("sensors.EXACTLY", 50), ("sensors.MANY", 91)):
+        monkeypatch.setattr(f"headless.accuracy.{name}", few)
 
 
 @pytest.fixture(scope="session")

@@ -1,7 +1,5 @@
 """Exported scene files: they mean the same wherever they are written, and name the .blend they start from."""
 
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +13,7 @@ from forest_addon.spec import Raster, Scene, Species
 from forest_addon.ui.forest.scene_file import write_scene
 from forest_addon.ui.settings import exchange
 from forest_addon.ui.species.edit import relocated
+from headless.cli import main
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -95,11 +94,7 @@ def test_with_its_blend_file_the_scene_gives_the_same_bytes(slope, tmp_path):
     text = path.read_text() + "\n[output]\n" + "".join(f"{name} = false\n" for name in off)
     path.write_text(text)
     out = tmp_path / "headless"
-    done = subprocess.run(
-        [sys.executable, "-m", "headless", "run", str(path), "--out", str(out), "--quiet"],
-        cwd=ROOT, capture_output=True, text=True, timeout=900,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
+    assert main(["run", str(path), "--out", str(out), "--quiet"]) == 0
     for name in ("cloud.laz", "reverb.wav", "echo.wav"):
         assert (out / name).read_bytes() == (tmp_path / "panel" / name).read_bytes(), name
     with bpy.data.libraries.load(str(out / "forest.blend")) as (inside, _):
