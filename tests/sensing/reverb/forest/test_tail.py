@@ -137,7 +137,7 @@ def test_a_few_trunks_have_no_tail(count):
     assert found.trees.any() == (count > 0)
 
 
-@pytest.mark.slow
+@pytest.mark.medium
 def test_an_opaque_stand():
     """More than 4 trunks a square metre: finite, and quiet soon."""
     trunks = stand_of(900, 7.5, 0.1)
