@@ -85,7 +85,7 @@ BUDGETS = {
     "forest_addon/acoustics": (1200, 19),
     "forest_addon/api": (873, 6),
     "forest_addon/base": (329, 13),
-    "forest_addon/blender": (5557, 43),
+    "forest_addon/blender": (5590, 43),
     "forest_addon/drawing": (596, 6),
     "forest_addon/flight": (1567, 10),
     "forest_addon/formats": (3541, 30),
