@@ -19,6 +19,7 @@ from contextlib import contextmanager, redirect_stdout
 from pathlib import Path
 
 from forest_addon.formats.ownership import Keeper, keeping
+from forest_addon.spec import unknown
 
 from .command import (
     PROGRAM,
@@ -63,9 +64,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     words = sys.argv[1:] if arguments is None else arguments
     if words and words[0] in STUDIES:
         return _fail(f"{words[0]} is a study of the repository: python -m studies {words[0]}", 2)
-    chosen = _parser().parse_args(_values_joined(words))
-    command: Command = chosen.command
     try:
+        _refuse_unknown(words)
+        chosen = _parser().parse_args(_values_joined(words))
+        command: Command = chosen.command
         if "out" in chosen:
             chosen.out = command.output(chosen)
     except ValueError as problem:
@@ -153,6 +155,13 @@ def _alone(lock: Path | None) -> Iterator[None]:
         yield
 
 
+def _refuse_unknown(words: Sequence[str]) -> None:
+    """Refuse a word that is no command, with the nearest; what begins with a dash is the parser's."""
+    names = [command.name for command in COMMANDS]
+    if words and not words[0].startswith("-") and words[0] not in names:
+        raise unknown("command", words[0], names)
+
+
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog=PROGRAM,
@@ -160,6 +169,7 @@ def _parser() -> argparse.ArgumentParser:
         epilog=typed(EPILOG),
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
+    parser.add_argument("--version", action=_Version, nargs=0, help="show versions and exit")
     commands = parser.add_subparsers(required=True, dest="COMMAND", metavar="COMMAND")
     for command in COMMANDS:
         of_this = commands.add_parser(
@@ -181,6 +191,17 @@ def _parser() -> argparse.ArgumentParser:
             )
         of_this.set_defaults(command=command)
     return parser
+
+
+class _Version(argparse.Action):
+    """Versions in one line; what they are asked of is loaded only then."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
+        from forest_addon import kernels
+        from forest_addon.base.places import version
+
+        print(f"Forest Sensing {version()}, kernels: {kernels.engine()}")
+        parser.exit()
 
 
 def _path(word: str) -> Path:

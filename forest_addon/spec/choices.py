@@ -16,37 +16,6 @@ from typing import Any
 from .base import Settings, shown
 from .species import Species
 
-ADVANCED: dict[str, frozenset[str]] = {
-    "tractor": frozenset({"gap", "splits", "escape"}),
-    "terrestrial": frozenset({"scanner", "faintest", "line_step_deg"}),
-    "mobile": frozenset({"scanner", "faintest", "mount_deg"}),
-    "airborne": frozenset({"scanner", "faintest", "mount_deg"}),
-    "sonar": frozenset(
-        {
-            *("doppler", "record", "facets", "leaf_model", "absorption", "near_limit"),
-            *("cull", "tolerance", "contributions", "shading_rays"),
-        }
-    ),
-    "reverb": frozenset(
-        {
-            *("ground", "impedance_model", "flow_resistivity", "strength", "spreading"),
-            *("extinction", "multiple_share", "path_ground", "turbulence", "bark", "foliage"),
-            *("leaf_area_density", "leaf_absorption", "min_radius", "tolerance", "rescattering"),
-            *("array_file", "source_path", "receiver_path", "path_step", "noise_db"),
-        }
-    ),
-    "beam": frozenset({"wavelength_nm", "exit_diameter", "subrays", "pulse_ns", "extinction"}),
-    "surfaces": frozenset({"leaf_transmittance", "passing"}),
-    "receiver": frozenset({"dead_zone", "dynamic_range", "blanking", "halo", "halo_mrad"}),
-    "linkbudget": frozenset({"energy", "aperture", "efficiency", "photons"}),
-    "noise": frozenset({"range_ppm", "incidence_sd"}),
-    "rays": frozenset({"threads"}),
-    "accuracy": frozenset({"audit", "detail"}),
-    "forest": frozenset({"spacing_rule"}),
-}
-
-MORE_THAN_ONE, GIVEN = ">1", "given"
-NATURAL = ("snow", "forest floor", "grass", "soil", "asphalt")
 OF_THE_FOREST = (
     *(
         "extinction",
@@ -62,6 +31,38 @@ OF_THE_FOREST = (
     *("floor_leaf_area", "branch_radius", "leaf_radius", "needle_area_density", "needle_radius"),
     *("canopy_return", "litter", "trunk_height"),
 )
+ADVANCED: dict[str, frozenset[str]] = {
+    "tractor": frozenset({"gap", "splits", "escape"}),
+    "terrestrial": frozenset({"scanner", "faintest", "line_step_deg"}),
+    "mobile": frozenset({"scanner", "faintest", "mount_deg"}),
+    "airborne": frozenset({"scanner", "faintest", "mount_deg"}),
+    "sonar": frozenset(
+        {
+            *("doppler", "record", "facets", "leaf_model", "absorption", "near_limit"),
+            *("cull", "tolerance", "contributions", "shading_rays"),
+        }
+    ),
+    "reverb": frozenset(
+        {
+            *("ground", "impedance_model", "flow_resistivity", "strength", "spreading"),
+            *OF_THE_FOREST,
+            *("min_radius", "continue_to", "tolerance", "rescattering", "head_file", "noise_db"),
+            *("array", "array_spacing", "array_azimuth_deg", "array_elevation_deg", "array_file"),
+            *("source_path", "receiver_path", "path_step"),
+        }
+    ),
+    "beam": frozenset({"wavelength_nm", "exit_diameter", "subrays", "pulse_ns", "extinction"}),
+    "surfaces": frozenset({"leaf_transmittance", "passing"}),
+    "receiver": frozenset({"dead_zone", "dynamic_range", "blanking", "halo", "halo_mrad"}),
+    "linkbudget": frozenset({"energy", "aperture", "efficiency", "photons"}),
+    "noise": frozenset({"range_ppm", "incidence_sd"}),
+    "rays": frozenset({"threads"}),
+    "accuracy": frozenset({"audit", "detail"}),
+    "forest": frozenset({"spacing_rule"}),
+}
+
+MORE_THAN_ONE, GIVEN = ">1", "given"
+NATURAL = ("snow", "forest floor", "grass", "soil", "asphalt")
 
 APPLIES: dict[str, tuple[str, tuple[str | bool, ...]]] = {
     "beam_file": ("beam", ("file",)),

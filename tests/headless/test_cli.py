@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from forest_addon.base.places import version
 from headless import cli
 from headless.commands import COMMANDS
 
@@ -85,20 +86,30 @@ def test_too_little_memory_is_one_line(headless, monkeypatch, tmp_path):
     monkeypatch.setattr(RunCommand, "run", huge)
     done = headless("run", "scene.toml", "--out", tmp_path / "o")
     assert done.returncode == 1
-    assert done.stderr.startswith("error: there is not enough memory (Unable to allocate 3 TiB)")
+    assert done.stderr.startswith("error: there is not enough memory for 3 TiB more; ")
 
 
 @pytest.mark.slow
-def test_a_species_called_as_no_file_can_be(headless, tmp_path):
+def test_a_species_called_as_no_file_can_be(headless, tmp_path, monkeypatch):
+    monkeypatch.setattr("headless.report.trees.ICON", 24)
     (tmp_path / "s.toml").write_text('name = "oak/pine\\\\x"\n[honda]\nlevels.values = [1]\n')
     done = headless("species", tmp_path / "s.toml", "--pictures", tmp_path / "p")
     assert done.returncode == 0, done.stderr
     assert [path.name for path in (tmp_path / "p").glob("*.jpg")] == ["oak_pine_x.jpg"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("ending", "code"), [("| true; exit ${PIPESTATUS[0]}", 141), (">&-", 0)])
 def test_output_that_nobody_reads_ends_a_command_quietly(ending, code):
     words = f"{sys.executable} -m headless derive maple --generations 12 {ending}"
     ended = subprocess.run(["bash", "-c", words], cwd=ROOT, capture_output=True, text=True)
     assert ended.returncode == code
     assert ended.stderr == ""
+
+
+def test_versions_say_what_computes(capsys, monkeypatch):
+    monkeypatch.setenv("FOREST_SENSING_KERNELS", "off")
+    with pytest.raises(SystemExit, match="0"):
+        cli.main(["--version"])
+    said = f"Forest Sensing {version()}, kernels: numpy (FOREST_SENSING_KERNELS=off)\n"
+    assert capsys.readouterr().out == said

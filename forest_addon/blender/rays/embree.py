@@ -271,7 +271,7 @@ class EmbreeCaster(Search):
     ) -> None:
         """Build all trees.
 
-        like : a caster of a scene with the same meshes, whose trees of these are shared.
+        like : a caster whose trees of the meshes that both scenes have are shared.
 
         Raises
         ------
@@ -299,16 +299,16 @@ class EmbreeCaster(Search):
         else:
             self._device = like._device
         self._build = build = EmbreeBuild(self._library, self._device, like and like._build)
-        made: dict[int, np.ndarray | None] = {} if like is None else like._usable
-        self._usable = usable = {
-            m: made[m] if m in made else _not_all(scene.meshes[m])
-            for m in distinct(scene.mesh_index[known]).tolist()
-        }
-        trees: dict[int, int] = {} if like is None else like._of_mesh
-        self._of_mesh = of_mesh = {
-            m: trees[m] if m in trees else build.mesh(scene.meshes[m], rows, scene.table.short(m))
-            for m, rows in usable.items()
-        }
+        made: dict[int, tuple[np.ndarray | None, int]] = {}
+        if like is not None:
+            there = {m: k for m, k in self._same.items() if k in like._usable}
+            made = {m: (like._usable[k], like._of_mesh[k]) for m, k in there.items()}
+        for m in distinct(scene.mesh_index[known]).tolist():
+            if m not in made:
+                rows = _not_all(scene.meshes[m])
+                made[m] = rows, build.mesh(scene.meshes[m], rows, scene.table.short(m))
+        self._usable = usable = {m: rows for m, (rows, _) in made.items()}
+        self._of_mesh = of_mesh = {m: tree for m, (_, tree) in made.items()}
         self._whole = all(rows is None for rows in usable.values())
         if not self._whole:
             given = {

@@ -40,6 +40,11 @@ from .trunks import Trunks
 LOWEST = 1.0  # Hz; below it, the ground is as it is there
 
 
+def _trees_of(tree: np.ndarray) -> int:
+    """Return how many trees stems (N,) are of; those of no tree (-1) count each."""
+    return len(np.unique(tree[tree >= 0])) + int((tree < 0).sum())
+
+
 @dataclass(frozen=True)
 class ImpulseResponse:
     """The pressure at the receiver, sample 0 when the source sounds.
@@ -47,16 +52,18 @@ class ImpulseResponse:
     sample_rate : Hz. direct, ground, trees : (N,) the three parts, re the source's impulse at 1 m.
     direct_delay : seconds from source to receiver in a straight line, whether blocked or not.
     direct_clear, ground_clear : whether wood leaves the direct and the ground sound their way.
-    trunks : how many trunks were heard. continued : how many of them stand beyond the field.
+    trunks : how many trunks were heard, each stem for itself. continued : how many of them stand beyond the
+    field. stands : how many trees these stems are of; each of no tree counts as one; -1: unknown.
     late : how many more are so far away that they would be heard after the end.
     left_db : (1 + B,) their energy, dB re all, estimated: of the whole band and of octaves
     (``tree_response``).
     clamped : how many trunks cover the source or the receiver.
     exact : whether every trunk was summed at every frequency, rather than to the tolerance.
-    errors : {lower end of an octave in Hz: relative error of the fast sum, found by its checks}.
+    errors : {lower end of an octave in Hz: relative error of the fast sum at most}.
     model_error : what single scattering leaves out, None if it was not asked for.
     tail : (N,) noise of sound scattered more than once, part of ``trees``; None where there is none.
     joint : seconds from when all of the trunks' sound is noise; inf: never.
+    tail_error : (B,) dB, standard error of the level of that noise in each octave; None where there is none.
     channel : which source and which receiver. further : the responses of further pairs.
     weak : trunks that are left out because they add next to nothing. weak_bound : what they add to any
     octave at most, as a share of it.
@@ -83,6 +90,7 @@ class ImpulseResponse:
     model_error: ModelError | None = None
     tail: np.ndarray | None = None
     joint: float = math.inf
+    tail_error: np.ndarray | None = None
     channel: str = "source to receiver"
     further: tuple[ImpulseResponse, ...] = ()
     weak: int = 0
@@ -94,6 +102,7 @@ class ImpulseResponse:
     plain: ImpulseResponse | None = None
     stand: TrunkStand | None = None
     sprays: tuple[str, ...] = ()
+    stands: int = -1
 
     @property
     def channels(self) -> tuple[ImpulseResponse, ...]:
@@ -172,6 +181,7 @@ class Pair:
             direct_clear=direct,
             ground_clear=ground,
             trunks=int(trees.heard.sum()),
+            stands=_trees_of(forest.tree[trees.heard]),
             continued=int(trees.heard[ours:].sum()),
             late=int((~trees.heard).sum()),
             clamped=trees.clamped,
@@ -183,6 +193,7 @@ class Pair:
             else None,
             tail=noise,
             joint=tail.joint / air.speed() if tail else math.inf,
+            tail_error=tail.spread if tail else None,
             channel=self.channel,
             source=tuple(self.source.tolist()),
             receiver=tuple(self.receiver.tolist()),
