@@ -727,13 +727,13 @@ class Species(Settings):
 
     @property
     def grown_by(self) -> str:
-        """What makes its wood."""
+        """Name of what makes its wood."""
         given = ("siblings", "template", "rules", "honda", "crown")
         return next((key for key in given if getattr(self, key) is not None), "grammar")
 
     @property
     def leaves_by(self) -> str:
-        """What makes its leaves: its template's file, or the table of leaves."""
+        """Name of what makes its leaves: its template's file, or the table of leaves."""
         return "template" if self.template and not self.template.grow_leaves else "leaf"
 
     def check(self) -> None:
