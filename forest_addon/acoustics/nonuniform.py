@@ -54,7 +54,7 @@ DIRECT_AT_ONCE = 1 << 15  # and of those at every bin
 ROUNDING = 16.0 * 2.0**-53  # of a sum, and for each period of the carrier
 FEW = 1 << 16  # products of echoes and bins that are summed directly: the fast way costs more
 DEPOSITED = 1 << 22  # values on the grid of the nodes and weights that are deposited at once
-TRANSFORM = 1.0  # of the time of an amplitude, that of a bin of a transform
+TRANSFORM = 0.15  # of the time of an amplitude, that of a bin of a transform
 
 
 @dataclass(frozen=True)
