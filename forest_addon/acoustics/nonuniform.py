@@ -46,6 +46,7 @@ SPARE = 12  # nodes beyond those that the farthest reaching of them should need
 RESOLVED = 0.01  # of the tolerance, that the last quarter of a series may hold
 FLAT = 3.0  # times what is left beyond two thirds of it: amplitudes are no smoother
 SAFE = 0.5  # of the tolerance, for what a few echoes tell of all
+UNSEEN = 0.1  # of it, that they may not tell
 KERNEL = 0.25  # of the tolerance, for the transform
 TYPICAL = 0.4  # root of the mean square of the transform's error, over the largest
 PEAK = 3.5  # largest of many random values over their root of the mean square, about
@@ -63,8 +64,9 @@ class DelayedSum:
 
     spectrum : (K,) complex, or (W, K) where W weights were given.
     size : Σ_i of the largest |A_i| at the nodes.
-    error : about how far, as a share of the size, values of the spectrum are from the exact sum; with
-        weights, of those of 1. It may be above the tolerance where amplitudes themselves are not smooth.
+    error : how far at most, as a share of the size, values of the spectrum are from the exact sum; with
+        weights, of those of 1. It is estimated from some of the echoes, and may be above the tolerance where
+        amplitudes themselves are not smooth.
     nodes : {number of nodes: how many echoes were interpolated with it}, K for those summed directly.
     """
 
@@ -116,7 +118,7 @@ def sum_delayed(
             task.direct(rows)
         else:
             task.interpolate(rows, nodes, width)
-    return task.result(kernel, plan.error, plan.scattered)
+    return task.result(kernel, plan.error, plan.scattered, UNSEEN * tolerance)
 
 
 @dataclass(frozen=True)
@@ -326,8 +328,11 @@ class _Task:
             self._measure(values)
             self._nodes[self.count] = self._nodes.get(self.count, 0) + len(some)
 
-    def result(self, kernel: float, error: float, scattered: float) -> DelayedSum:
-        """With the error of a term on the grid, and of interpolation: all in phase, and scattered."""
+    def result(
+        self, kernel: float, error: float, scattered: float, unseen: float = 0.0
+    ) -> DelayedSum:
+        """With the error of a term on the grid, and of interpolation: all in phase, scattered, and what was
+        not seen of it."""
         spectrum = self._spectrum[0] if self._one else self._spectrum
         if not self._size:
             return DelayedSum(spectrum, 0.0, 0.0, self._nodes)
@@ -339,7 +344,7 @@ class _Task:
         together = min(loud * random / self._size, 1.0)
         kernel *= min(self._interpolated / self._size, 1.0)
         kernel *= together * (TYPICAL + (1.0 - TYPICAL) * together)
-        told = min(error, loud * scattered) + kernel + rounding
+        told = min(error, loud * scattered) + kernel + rounding + unseen
         return DelayedSum(spectrum, self._size, told, self._nodes)
 
 

@@ -21,7 +21,7 @@ from forest_addon.ui.settings import exchange
 from forest_addon.ui.settings.groups import LARGEST_INT
 
 DEMO = Path(__file__).resolve().parents[2] / "assets/scenes/demo.toml"
-IN_BLENDER = settings(max_examples=12)
+IN_BLENDER = settings(max_examples=6)
 
 
 def values(kind, known, digits):
