@@ -56,6 +56,25 @@ static double dot(const double *a, const double *b)
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 }
 
+void light_back(int64_t count, const int64_t *ray, int64_t subrays, const double *share,
+                const double *reflectance, const double *light, const double *distance,
+                const double *normal, const int64_t *line, const double *direction, double extinction,
+                double nearest, double *energy)
+{
+    int64_t base = 0; /* first ray of the pulse */
+    for (int64_t i = 0; i < count; i++) {
+        if (ray[i] < base || ray[i] >= base + subrays) {
+            base = ray[i] / subrays * subrays;
+        }
+        double back = reflectance[i] * light[i] * share[ray[i] - base];
+        back = back * fabs(dot(normal + 3 * i, direction + 3 * line[i])) / (distance[i] * distance[i]);
+        if (extinction != 0) {
+            back *= exp(-2 * extinction * distance[i]);
+        }
+        energy[i] = back > 0 && distance[i] >= nearest ? back : 0;
+    }
+}
+
 /* Contacts of beams: rows of the arrays of blur_patches. */
 struct contacts {
     const int64_t *line;

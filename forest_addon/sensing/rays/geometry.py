@@ -86,11 +86,10 @@ class SceneGeometry:
         self, instance: np.ndarray, triangle: np.ndarray, otherwise: float
     ) -> np.ndarray:
         """(R,) reflectance of what was hit: of its material, else of its object, else ``otherwise``."""
-        found = np.where(instance >= 0, np.append(self.reflectance, np.nan)[instance], np.nan)
-        mesh_of = np.append(self.mesh_index, -1)[instance]
+        found = np.append(self.reflectance, np.nan).take(instance)  # a miss is -1
         for index, slots in enumerate(self.slot_reflectance):
             if np.isfinite(slots).any():
-                rows = np.flatnonzero(mesh_of == index)
+                rows = np.flatnonzero(np.append(self.mesh_index, -1)[instance] == index)
                 slot = self.meshes[index].material[triangle[rows]]
                 own = slots[np.clip(slot, 0, len(slots) - 1)]
                 found[rows] = np.where(np.isnan(own), found[rows], own)
