@@ -237,6 +237,8 @@ def _in_words(problem: OSError) -> str:
     if problem.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
         what = f" while writing {Path(problem.filename).name}" if problem.filename else ""
         return f"the disk is full{what}; free some space and run again, finished files are kept"
+    if problem.errno in (errno.EMFILE, errno.ENFILE):
+        return "the system lets this process open no more files; raise its limit (ulimit -n 1024)"
     if problem.strerror and problem.filename:
         return f"{problem.filename}: {problem.strerror}"
     return str(problem)

@@ -186,10 +186,10 @@ class Expansions:
                         lowest,
                         heard,
                     )
-                    for check in checks:
-                        octave = 20.0 * 2.0 ** math.floor(math.log2(check.frequency / 20.0))
+                    for frequency, error in checks:
+                        octave = 20.0 * 2.0 ** math.floor(math.log2(frequency / 20.0))
                         if octave >= 20.0:
-                            errors[octave] = max(check.error, errors.get(octave, 0.0))
+                            errors[octave] = max(error, errors.get(octave, 0.0))
                     return found
 
                 first, last = float(some.earliest.min()), float(some.length.max())
