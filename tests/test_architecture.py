@@ -88,7 +88,7 @@ BUDGETS = {
     "forest_addon/blender": (5590, 43),
     "forest_addon/drawing": (596, 6),
     "forest_addon/flight": (1567, 10),
-    "forest_addon/formats": (3541, 30),
+    "forest_addon/formats": (3540, 30),
     "forest_addon/growth": (8535, 40),
     "forest_addon/kernels": (43, 1),
     "forest_addon/results": (1169, 17),
