@@ -59,6 +59,13 @@ FUNCTIONS: dict[str, tuple[list[Any], Any]] = {
         None,
     ),
     "spread_rays": ([_count, *[_doubles] * 6, _count, *[_doubles] * 3], None),
+    "light_back": (
+        [
+            *(_count, _int64s, _count, _doubles, _doubles, _doubles, _doubles, _doubles),
+            *(_int64s, _doubles, _double, _double, _doubles),
+        ],
+        None,
+    ),
     "blur_patches": (
         [
             *(_count, _int64s, _int64s, _count, _int8s, _doubles, _doubles, _int64s),

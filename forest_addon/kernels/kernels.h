@@ -95,6 +95,15 @@ KERNEL void spread_rays(int64_t beams, const double *start, const double *axis, 
                         const double *exit_y, const double *turn_x, const double *turn_y,
                         int64_t subrays, const double *place, double *origin, double *direction);
 
+/* Light that contacts (C,) send back: energy (C,) = reflectance * light * share * |cos| / distance^2, in air of some
+ * extinction; 0 where it is no number or the distance is below nearest.
+ * ray (C,): number of the ray, pulse * subrays + sub-ray. share (subrays,): of a pulse's light, of each ray.
+ * reflectance, light, distance (C,). normal (C, 3), and direction (L, 3) with rows line (C,): unit vectors. */
+KERNEL void light_back(int64_t count, const int64_t *ray, int64_t subrays, const double *share,
+                       const double *reflectance, const double *light, const double *distance,
+                       const double *normal, const int64_t *line, const double *direction,
+                       double extinction, double nearest, double *energy);
+
 /* Moves and blurs contacts (C,) on surfaces that go on between the rays of a pulse.
  * order (C,): rows of the contacts, pulse by pulse. ray (C,): number of the ray, pulse * subrays + sub-ray.
  * surface (C,): contacts of one number may lie on one surface, -1 on none that goes on; of a ray the first contact
