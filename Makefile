@@ -12,7 +12,7 @@ ENVIRONMENT := $(VENV)/ready
 READY := $(VENV)/kernels
 
 .DEFAULT_GOAL := help
-.PHONY: help demo check test fuzz test-gui lint bench validate docs architecture extension words clean distclean
+.PHONY: help demo check test fuzz test-gui lint bench validate docs architecture extension wheels words clean distclean
 
 help: ## list what can be made
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' Makefile
@@ -56,6 +56,9 @@ docs: $(READY) ## build the documentation site in build/site; it runs the notebo
 
 extension: $(READY) ## build the Blender extension in build/; PLATFORM=all for every system
 	@$(RUN) packaging/build_extension.py $(PLATFORM)
+
+wheels: $(READY) ## build the wheels of every platform in build/
+	@$(RUN) packaging/build_wheels.py $(PLATFORM)
 
 words: $(READY) ## write the template for translators, build/forest_sensing.pot
 	@$(RUN) packaging/list_words.py

@@ -7,10 +7,12 @@ wheel is then one platform's, for every Python; without one it is any platform's
 
 import subprocess
 import sys
+import sysconfig
 import tomllib
 from pathlib import Path
 
 from setuptools import find_packages, setup
+from setuptools.command.bdist_wheel import bdist_wheel
 from setuptools.command.build_py import build_py
 
 ROOT = Path(__file__).resolve().parent
@@ -29,11 +31,26 @@ class BuildWithKernels(build_py):
         super().run()
         top = ROOT if self.editable_mode else ROOT / self.build_lib
         script, folder = ROOT / "packaging/build_kernels.py", top / "forest_addon/kernels"
-        subprocess.run([sys.executable, script, "--out", folder])
+        for earlier in () if self.editable_mode else folder.glob("_kernels.*"):
+            earlier.unlink()
+        wheel = self.get_finalized_command("bdist_wheel")
+        other = [wheel.plat_name] if wheel.plat_name_supplied else []
+        subprocess.run([sys.executable, script, *other, "--out", folder])
+
+
+class WheelOfAPlatform(bdist_wheel):
+    """A wheel for every Python: of one platform where the library is in it, else of any."""
+
+    def get_tag(self) -> tuple[str, str, str]:
+        python, abi, platform = super().get_tag()
+        folder = Path(self.get_finalized_command("build_py").build_lib)
+        if platform == "any" and list(folder.glob("forest_addon/kernels/_kernels.*")):
+            platform = sysconfig.get_platform().replace("-", "_").replace(".", "_")
+        return python, abi, platform
 
 
 setup(
-    cmdclass={"build_py": BuildWithKernels},
+    cmdclass={"build_py": BuildWithKernels, "bdist_wheel": WheelOfAPlatform},
     version=MANIFEST["version"],
     packages=[
         *find_packages(include=["forest_addon", "forest_addon.*"]),

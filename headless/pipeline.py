@@ -151,7 +151,8 @@ def run_scene(
     _describe_stand(run, forest, site.inputs)
     with stages.stage("build Blender scene"):
         grown_in = stages.seconds["grow trees"]
-        world = site.build(forest, as_assets=wanted.blend, seconds=grown_in)
+        looks = bool(wanted.blend or wanted.glb or wanted.usd or wanted.preview)
+        world = site.build(forest, as_assets=wanted.blend, looks=looks, seconds=grown_in)
     with stages.stage("write truth"):
         _write_truth(run, forest)
     _sense(run, world, sound, resume, strict)
@@ -330,7 +331,8 @@ def _write_scene(run: Run) -> None:
     scene, wanted, stages = bpy.context.scene, run.settings.output, run.stages
     if any(run.settings.offset):
         scene[PROPERTY] = run.settings.offset
-    set_stage(scene, wanted.preview_size)
+    if wanted.blend or wanted.preview:
+        set_stage(scene, wanted.preview_size)
     if wanted.blend:
         with stages.stage("write forest.blend"), hushed(errors=True):
             save_blend(run.path("forest.blend"))
@@ -375,21 +377,22 @@ def _write_report(run: Run, facts: dict[str, Any]) -> None:
 
 
 def _take(run: Run, world: World, result: Result, sound: Dry | None) -> None:
-    """Write a result, show it in Blender's scene, and say what it is."""
+    """Write a result, show it in Blender's scene where somebody will see that, and say what it is."""
     sensor, found, scene = result.sensor, result.found, bpy.context.scene
     files = write_finding(run.out, sensor, found, Offset.of(run.settings))
     run.files += [file.name for file in files]
-    record = results_of(sensor)
+    wanted, record = run.settings.output, results_of(sensor)
+    seen = run.forest is not None and (wanted.blend or wanted.preview == "cycles")
     if record.is_response and record.sound is not None:
         heard, rate = record.sound(sensor, found)
         if sound is not None and record.wet is not None:
             name, samples, dry_rate = sound
             heard, rate = record.wet(sensor, found, samples, dry_rate)
             write_wav(run.path(f"{sensor.name}-{name}.wav"), heard, rate)
-        if run.forest is not None:
+        if seen:
             with hushed():
                 give_sound(put_sensor(scene, sensor), sensor.name, heard, rate)
-    if record.is_cloud and run.forest is not None:
+    if record.is_cloud and seen:
         show_cloud(part(scene, RESULTS), sensor.name, found)
     finding = _describe(run, world, result)
     for warning in finding.warnings:

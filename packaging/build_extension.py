@@ -5,14 +5,18 @@ blender_manifest.toml says everything: which files go in and which wheels. For o
 wheels are downloaded into wheels/ by their exact names; the repository is staged with a manifest that
 names that platform and those wheels alone; Blender's own tool, which comes with bpy, builds and
 validates the archive. scipy's wheel goes in without the tests that it carries, a seventh of its size:
-see ``without_tests``. Exit code 1 with one line on failure, 75 when the package index cannot be reached.
+see ``without_tests``. The kernels in C go in as a wheel of ours, as Blender's rules want compiled files:
+built by ziglang for a platform that is named, by this machine's compiler otherwise; without either they
+are left out, which is said. Exit code 1 with one line on failure, 75 when the package index cannot be
+reached.
 """
 
 from __future__ import annotations
 
 import argparse
+import base64
+import hashlib
 import importlib.util
-import platform as machine
 import shutil
 import subprocess
 import sys
@@ -23,6 +27,7 @@ from collections.abc import Sequence
 from fnmatch import fnmatch
 from pathlib import Path
 
+import build_kernels
 from write_manual import write_manual
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -43,6 +48,7 @@ TAGS = {
 BLENDERS = {"3.11": "blender4.5-5.0", "3.13": "blender5.1"}
 NEWEST = "cp313"  # the Python whose wheels another's stand in for
 LEAN = ("scipy",)  # packages that go in without their tests
+KERNELS = "forest_sensing_kernels"  # the wheel that is built here
 NO_NETWORK = 75  # EX_TEMPFAIL
 
 
@@ -56,7 +62,7 @@ class BuildError(Exception):
 
 def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description="Build the Blender extension.")
-    parser.add_argument("platform", nargs="?", default=this_platform(), choices=[*PLATFORMS, "all"])
+    parser.add_argument("platform", nargs="?", choices=[*PLATFORMS, "all"])
     parser.add_argument("--out", type=Path, default=ROOT / "build", help="folder for the archive")
     parser.add_argument("--python", metavar="3.x", help="for a Blender with this Python alone")
     options = parser.parse_args(arguments)
@@ -74,11 +80,20 @@ def main(arguments: list[str] | None = None) -> int:
     return 0
 
 
-def build(platform: str, out: Path, python: str) -> Path:
+def build(named: str | None, out: Path, python: str) -> Path:
+    platform = named or build_kernels.this_platform()
+    if platform not in PLATFORMS:
+        raise BuildError(f"no extension is made for {platform}, only for {', '.join(PLATFORMS)}")
     text = (ROOT / "blender_manifest.toml").read_text(encoding="utf-8")
     text = for_python(text, python, platform)
     manifest = tomllib.loads(text)
     wheels = [wheel for wheel in manifest["wheels"] if fits(wheel, platform)]
+    ours = next(wheel for wheel in wheels if KERNELS in wheel)
+    try:
+        wheel_of_kernels(Path(ours).name, named)
+    except build_kernels.BuildError as problem:
+        print(f"the extension goes without the kernels: {problem}", file=sys.stderr)
+        wheels.remove(ours)
     for wheel in wheels:
         fetch(Path(wheel).name)
     out.mkdir(parents=True, exist_ok=True)
@@ -99,13 +114,6 @@ def build(platform: str, out: Path, python: str) -> Path:
     return archive
 
 
-def this_platform() -> str:
-    """Blender's name for this machine's platform."""
-    system = {"Darwin": "macos"}.get(machine.system(), machine.system().lower())
-    kind = machine.machine().lower()
-    return f"{system}-{ {'x86_64': 'x64', 'amd64': 'x64', 'aarch64': 'arm64'}.get(kind, kind) }"
-
-
 def fits(wheel: str, platform: str) -> bool:
     tag = wheel.removesuffix(".whl").rpartition("-")[2]
     return tag == "any" or fnmatch(tag, PLATFORMS[platform])
@@ -119,6 +127,29 @@ def fetch(name: str) -> None:
     found = download(f"{project}=={version}", python, abi, tag.split("."))
     if found != name:
         raise BuildError(f"the manifest declares {name}, but the package index has {found}")
+
+
+def wheel_of_kernels(name: str, named: str | None) -> None:
+    """Write the wheel of the library into wheels/, built for a named platform or for this machine."""
+    project, version, tag = name.removesuffix(".whl").split("-", 2)
+    about = f"{project}-{version}.dist-info"
+    WHEELS.mkdir(exist_ok=True)
+    with tempfile.TemporaryDirectory(dir=WHEELS) as folder:
+        library = build_kernels.build(Path(folder), named, fetch=named is not None)
+        files = {
+            f"{project}/{library.name}": library.read_bytes(),
+            f"{about}/LICENSE": (ROOT / "LICENSE").read_bytes(),
+            f"{about}/METADATA": f"Metadata-Version: 2.4\nName: {project}\nVersion: {version}\n"
+            "License-Expression: GPL-3.0-or-later\nLicense-File: LICENSE\n".encode(),
+            f"{about}/WHEEL": f"Wheel-Version: 1.0\nRoot-Is-Purelib: false\nTag: {tag}\n".encode(),
+        }
+    record = f"{about}/RECORD,,\n"
+    for path, content in files.items():
+        digest = base64.urlsafe_b64encode(hashlib.sha256(content).digest()).decode().rstrip("=")
+        record = f"{path},sha256={digest},{len(content)}\n{record}"
+    with zipfile.ZipFile(WHEELS / name, "w", zipfile.ZIP_DEFLATED) as wheel:
+        for path, content in (files | {f"{about}/RECORD": record.encode()}).items():
+            wheel.writestr(zipfile.ZipInfo(path, (1980, 1, 1, 0, 0, 0)), content)
 
 
 def lean(wheel: Path) -> Path:
@@ -211,7 +242,9 @@ def copy_repository(stage: Path) -> None:
 
     def left_out(folder: str, names: list[str]) -> set[str]:
         here = large if Path(folder) == ROOT else set()
-        return {n for n in names if n.startswith(".") or n.endswith(ours) or n in here}
+        return {
+            n for n in names if n.startswith((".", "_kernels.")) or n.endswith(ours) or n in here
+        }
 
     shutil.copytree(ROOT, stage, ignore=left_out)
 

@@ -22,6 +22,8 @@ from hypothesis import HealthCheck, settings
 from hypothesis.internal.conjecture import providers
 from hypothesis.internal.constants_ast import Constants
 
+from forest_addon import kernels
+
 # Everybody tries the same few inputs, and no clock decides whether a property holds: a loaded machine or an
 # unlucky draw fails nobody's change. `make fuzz` draws new ones, as the profile `fuzz`.
 settings.register_profile(
@@ -59,6 +61,16 @@ def blender():
     bpy = pytest.importorskip("bpy")
     bpy.ops.wm.read_factory_settings(use_empty=True)
     return bpy
+
+
+@pytest.fixture(params=["C", "numpy"])
+def computed_by(request, monkeypatch):
+    """Run a test with the kernels' library, and without it."""
+    if request.param == "numpy":
+        monkeypatch.setenv(kernels.SWITCH, "off")
+    elif kernels.library() is None:
+        pytest.skip(kernels.engine())
+    return request.param
 
 
 @pytest.fixture

@@ -17,7 +17,11 @@ import numpy as np
 from numpy.polynomial import chebyshev
 from scipy import fft, sparse, special
 
+from .. import kernels
+from .spectrum import phasors
+
 NARROWEST = 3  # points of the kernel
+LANES = 4  # complex values of a grid's row that are beside each other; it has a multiple of them
 # Largest error of a term, for kernels of 3, 4, … points.
 ALIASING = (
     *(1.7e-2, 2.6e-3, 2.1e-4, 1.7e-5, 1.7e-6, 3e-7, 3.1e-8),
@@ -44,36 +48,63 @@ class DelayGrid:
     """
 
     def __init__(self, count: int, columns: int, width: int, sums: int = 1) -> None:
-        self._kernel = kernel(width)
+        self._kernel, self._columns = kernel(width), columns
         self._bins = np.arange(count) - count // 2
         self._size = fft.next_fast_len(max(OVERSAMPLING * count, 2 * width))
-        self._grid = np.zeros((sums, self._size + width, 2 * columns))
+        self._grid = grid_of(sums, self._size + width, columns)
 
-    def add(self, turns: np.ndarray, weight: np.ndarray, several: np.ndarray | None = None) -> None:
-        """Add weights (M, R) complex at delays ``turns`` (M,), 1 the period of the bins; several : (M, N)
-        real, of each in the sums."""
-        width = self._kernel.width
+    def add(
+        self, turns: np.ndarray, cycles: np.ndarray, weight: np.ndarray, several: np.ndarray
+    ) -> None:
+        """Add weights (R, M) complex at delays ``turns`` (M,), 1 the period of the bins, each turned back by
+        its cycles (M,); several : (M, N) real, of each in the sums."""
         place = (turns - np.floor(turns)) * self._size  # 0 … size, both included
-        values = np.ascontiguousarray(weight, dtype=np.complex128).view(np.float64)
-        first, taps = self._kernel.spread(place, np.float64)
-        first += np.where(first < 0, np.int32(self._size), np.int32(0))
-        columns = first[:, None] + np.arange(width, dtype=np.int32)
-        rows = np.arange(0, taps.size + 1, width, dtype=np.int32)
-        shape = (len(turns), self._grid.shape[1])
-        for number, grid in enumerate(self._grid):
-            mine = taps if several is None else taps * several[:, number]
-            deposit = sparse.csr_matrix((mine.T.ravel(), columns.ravel(), rows), shape=shape)
-            grid += deposit.T @ values
+        lay(self._kernel, place, cycles, weight, several, self._grid)
 
     def spectrum(self, number: int = 0) -> np.ndarray:
         """(R, count) complex, of a sum."""
-        whole = self._grid[number]
+        whole = self._grid[number, :, : self._columns]
         grid = whole[: self._size].copy()
         grid[: len(whole) - self._size] += whole[self._size :]
-        transformed = fft.fft(np.ascontiguousarray(grid.view(np.complex128).T), axis=1)
+        transformed = fft.fft(np.ascontiguousarray(grid.T), axis=1)
         spectrum: np.ndarray = transformed[:, self._bins % self._size]
         spectrum /= self._kernel.transform(self._bins / self._size)
         return spectrum
+
+
+def grid_of(sums: int, points: int, columns: int) -> np.ndarray:
+    """(N, points, C) complex zeros, C at least as many as the columns, for ``lay``."""
+    return np.zeros((sums, points, -(-columns // LANES) * LANES), np.complex128)
+
+
+def lay(
+    chosen: Kernel,
+    place: np.ndarray,
+    cycles: np.ndarray,
+    heights: np.ndarray,
+    weights: np.ndarray,
+    grid: np.ndarray,
+) -> None:
+    """Add echoes to N grids (N, S + width, C), of ``grid_of``.
+
+    place : (M,) grid points, 0 … S. cycles : (M,) that each is turned back. heights : (R, M) complex, R at
+    most C. weights : (M, N) real, of each in the grids.
+    """
+    size, echoes = grid.shape[1] - chosen.width, (len(place), place, cycles, len(heights))
+    library = kernels.library()
+    if library is not None:
+        heights = np.ascontiguousarray(heights, np.complex128)
+        taps = (*chosen.polynomial.shape[::-1], chosen.polynomial)
+        weights = np.ascontiguousarray(weights, np.float64)
+        library.lay_echoes(*echoes, heights, len(grid), weights, *taps, size, grid)
+        return
+    first, taps = chosen.spread(place)
+    points = np.where(first < 0, first + size, first)[:, None] + np.arange(chosen.width)
+    ends = np.arange(0, points.size + 1, chosen.width)
+    turned = (heights * phasors(cycles)).T
+    for weight, one in zip(weights.T, grid, strict=True):
+        entries = ((taps * weight).T.ravel(), points.ravel(), ends)
+        one[:, : len(heights)] += sparse.csr_array(entries, (len(place), len(one))).T @ turned
 
 
 OVERSAMPLING = 2
@@ -104,25 +135,18 @@ class Kernel:
         powers = np.eye(degree + 1)  # of x in each Chebyshev polynomial, T_n = 2x·T_{n-1} - T_{n-2}
         for n in range(2, degree + 1):
             powers[n] = 2.0 * np.roll(powers[n - 1], 1) - powers[n - 2]
-        return np.asarray((fitted.T @ powers)[:, ::-1].T)
+        return np.ascontiguousarray((fitted.T @ powers)[:, ::-1].T)
 
     @property
     def _places(self) -> np.ndarray:
         return np.arange(self.width) - (self.width - 1) / 2
 
-    def spread(self, place: np.ndarray, dtype: type[np.floating]) -> tuple[np.ndarray, np.ndarray]:
-        """First grid point (N,) int32 and taps (width, N) of pulses at ``place`` (N,), grid points."""
+    def spread(self, place: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """First grid point (N,) and taps (width, N) of pulses at ``place`` (N,), grid points."""
         shifted = place - (self.width - 2) / 2
         first = np.floor(shifted)
-        x: np.ndarray = ((shifted - first) * 2.0 - 1.0).astype(dtype)
-        taps: np.ndarray = np.empty((self.width, len(place)), dtype)
-        for tap, powers in zip(taps, self.polynomial.T.astype(dtype), strict=True):
-            np.multiply(x, powers[0], out=tap)
-            for power in powers[1:-1]:
-                tap += power
-                tap *= x
-            tap += powers[-1]
-        return first.astype(np.int32), taps
+        taps: np.ndarray = np.polyval(self.polynomial[:, :, None], 2.0 * (shifted - first) - 1.0)
+        return first.astype(np.int64), taps
 
     def transform(self, frequency: np.ndarray) -> np.ndarray:
         """Fourier transform at frequencies in cycles a grid point; complex ones are of decaying waves."""

@@ -31,7 +31,7 @@ from numpy.typing import ArrayLike
 from ..base.rows import distinct
 from . import chebyshev
 from .gridding import ALIASING, NARROWEST, DelayGrid, width_for
-from .spectrum import delay_factors, phasors
+from .spectrum import delay_factors
 
 Amplitude = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
@@ -290,9 +290,7 @@ class _Task:
     def _deposit(self, grid: DelayGrid, rows: np.ndarray, values: np.ndarray, block: slice) -> None:
         """Lay amplitudes (R, m) times their weights down at their delays."""
         delay = self.delay[rows]
-        turn = phasors(self._middle * delay)
-        several = None if self._one else self._weights[rows, block]
-        grid.add(delay * self._spacing, (values * turn).T, several)
+        grid.add(delay * self._spacing, self._middle * delay, values, self._weights[rows, block])
 
     def _collect(self, grid: DelayGrid, nodes: int, block: slice) -> None:
         """Add what was laid down to the sums of some weights."""

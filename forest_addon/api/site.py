@@ -121,10 +121,18 @@ class Site(ForestSite):
         open_for(scene, folder)
         return with_objects(site)
 
-    def build(self, forest: GrownForest, *, as_assets: bool = True, seconds: float = 0.0) -> World:
+    def build(
+        self,
+        forest: GrownForest,
+        *,
+        as_assets: bool = True,
+        looks: bool = True,
+        seconds: float = 0.0,
+    ) -> World:
         """Put a forest that grew here, and the scene's sensors, into Blender's current scene.
 
-        as_assets : whether variants become assets, each with a picture. seconds : that growing took.
+        as_assets : whether variants become assets, each with a picture. looks : whether materials are as
+        somebody would see them. seconds : that growing took.
 
         Raises
         ------
@@ -135,7 +143,7 @@ class Site(ForestSite):
         from ..blender.site import build_site
 
         started = time.perf_counter()
-        build_site(place, self, forest, as_assets=as_assets)
+        build_site(place, self, forest, as_assets=as_assets, looks=looks)
         for sensor in self.scene.sensors:
             put_sensor(place, sensor)
         seconds += time.perf_counter() - started

@@ -1,14 +1,16 @@
 """Kernels in C, called by ctypes: arrays go in by pointer, and other Python threads run meanwhile.
 
-The library beside this file is built from the sources beside it by packaging/build_kernels.py and carries
-their hash. Where there is none, or one of other sources, numpy computes the same, more slowly: ``library``
-is None, and ``engine`` says why. FOREST_SENSING_KERNELS=off in the environment asks for numpy.
+The library, beside this file or in a wheel of its own, is built from the sources beside this file by
+packaging/build_kernels.py and carries their hash. Where there is none, or one of other sources, numpy
+computes the same, more slowly: ``library`` is None, and ``engine`` says why. FOREST_SENSING_KERNELS=off in
+the environment asks for numpy.
 """
 
 from __future__ import annotations
 
 import ctypes
 import hashlib
+import importlib.util
 import os
 import sys
 from functools import cache
@@ -19,17 +21,54 @@ import numpy as np
 
 SWITCH = "FOREST_SENSING_KERNELS"
 ROOM = Path(__file__).resolve().parent
-FILE = ROOM / ("_kernels" + {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so"))
+WHEEL = "forest_sensing_kernels"  # of Blender's extension, whose own files hold nothing compiled
+FILE = "_kernels" + {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
 
 # Arguments and results of the functions in kernels.h. An array of another type, or one that is not
 # contiguous, is refused by ctypes when a function is called; lengths are the caller's to check.
 _text = ctypes.c_char_p
-_bytes, _int32s, _int64s, _floats, _doubles = (
+_count = ctypes.c_int64
+_bytes, _int32s, _int64s, _floats, _doubles, _complexes = (
     np.ctypeslib.ndpointer(kind, flags="C_CONTIGUOUS")
-    for kind in (np.uint8, np.int32, np.int64, np.float32, np.float64)
+    for kind in (np.uint8, np.int32, np.int64, np.float32, np.float64, np.complex128)
 )
+
+
+class CastScene(ctypes.Structure):
+    """``struct cast_scene`` of kernels.h."""
+
+    _point = ctypes.c_double * 3
+    _fields_ = (
+        ("tree", ctypes.c_void_p),
+        ("intersect", ctypes.c_void_p),
+        ("low", _point),
+        ("high", _point),
+        ("centre", _point),
+        ("slack", ctypes.c_double),
+        ("transform", ctypes.c_void_p),
+        ("first", ctypes.c_void_p),
+        ("triangle", ctypes.c_void_p),
+        ("single", ctypes.c_void_p),
+        ("exact", ctypes.c_void_p),
+    )
+
+
 FUNCTIONS: dict[str, tuple[list[Any], Any]] = {
     "kernels_sources": ([], _text),
+    "cast_rays": (
+        [
+            *(ctypes.POINTER(CastScene), _count, _doubles, _doubles, _doubles, _doubles),
+            *(_int64s, _int64s, _doubles, _int64s, _int64s, _doubles),
+        ],
+        None,
+    ),
+    "lay_echoes": (
+        [
+            *(_count, _doubles, _doubles, _count, _complexes, _count, _doubles),
+            *(_count, _count, _doubles, _count, _complexes),
+        ],
+        None,
+    ),
 }
 
 
@@ -50,11 +89,14 @@ def _switched_off() -> bool:
 @cache
 def _opened() -> tuple[ctypes.CDLL | None, str]:
     """Return the library and "C", or None and "numpy" with the reason."""
-    if not FILE.exists():
+    wheel = importlib.util.find_spec(WHEEL)
+    folders = [ROOM, *map(Path, wheel.submodule_search_locations or () if wheel else ())]
+    found = next((folder / FILE for folder in folders if (folder / FILE).exists()), None)
+    if found is None:
         return None, "numpy (no library is built)"
     sources = b"".join(file.read_bytes() for file in sorted(ROOM.glob("*.[ch]")))
     try:
-        opened = ctypes.CDLL(str(FILE))
+        opened = ctypes.CDLL(str(found))
         opened.kernels_sources.restype = _text
         if opened.kernels_sources().decode() != hashlib.sha256(sources).hexdigest():
             return None, "numpy (the library is of other sources)"

@@ -47,4 +47,20 @@ KERNEL void cast_rays(const struct cast_scene *scene, int64_t count, const doubl
                       const int64_t *left_instance, const int64_t *left_triangle, double *distance,
                       int64_t *instance, int64_t *triangle, double *normal);
 
+/* Lays echoes down on even grids of delays: each is turned back by its cycles and goes, weighted, to the
+ * ``width`` points about its place, times a kernel's taps there.
+ *
+ * count      echoes; nodes: complex values of each; sums: grids
+ * place      (count) grid points, from 0 to ``size``; what lies before point 0 goes ``size`` points later
+ * cycles     (count)
+ * heights    (nodes, count) complex
+ * weights    (count, sums) of the echoes in each grid
+ * taps_of    (powers, width) polynomials of the taps in twice the offset from the middle between two points,
+ *            highest power first; ``width`` is at most 24
+ * grid       (sums, size + width, columns) complex, added to; ``columns`` is ``nodes`` up to a multiple of 4
+ */
+KERNEL void lay_echoes(int64_t count, const double *place, const double *cycles, int64_t nodes, const double *heights,
+                       int64_t sums, const double *weights, int64_t width, int64_t powers, const double *taps_of,
+                       int64_t size, double *grid);
+
 #endif

@@ -11,6 +11,7 @@ from forest_addon.acoustics.disc import MODELS, backscatter_amplitude
 from forest_addon.acoustics.gridding import ALIASING, NARROWEST, DelayGrid, kernel
 from forest_addon.acoustics.nonuniform import sum_delayed
 
+pytestmark = pytest.mark.usefixtures("computed_by")
 START, SPACING, COUNT, SPEED = 60e3, 50.0, 401, 340.0
 FREQUENCY = START + SPACING * np.arange(COUNT)
 
@@ -191,7 +192,7 @@ def test_aliasing_of_the_kernel(width: int, stated: float) -> None:
     worst = 0.0
     for delay in delays:
         grid = DelayGrid(bins, 1, width)
-        grid.add(np.array([delay]), np.ones((1, 1)))
+        grid.add(np.array([delay]), np.zeros(1), np.ones((1, 1)), np.ones((1, 1)))
         exact = np.exp(-2j * np.pi * delay * (np.arange(bins) - bins // 2))
         worst = max(worst, np.abs(grid.spectrum()[0] - exact).max())
     assert worst < stated
@@ -202,7 +203,7 @@ def test_kernel_has_the_transform_it_claims() -> None:
     chosen = kernel(7)
     offset = (np.arange(2000) + 0.5) / 2000 - 0.5
     points = (np.arange(7) - 3)[:, None] - offset
-    first, taps = chosen.spread(3 + offset, np.float64)
+    first, taps = chosen.spread(3 + offset)
     assert not first.any()
     frequency = np.array([0.0, 0.1, 0.25])
     waves = np.exp(-2j * np.pi * frequency[:, None, None] * points)

@@ -34,8 +34,11 @@ def settings(instancing, count):
     )
 
 
-def planted(instancing, count=15):
+def planted(instancing, count=15, species=None):
     scene = settings(instancing, count)
+    if species:
+        only = spec.Planting(species=species, variants=1, expected=count, exact=True)
+        scene = scene.changed(plantings=(only,))
     kinds = [load_species(ASSETS / "species" / f"{p.species}.toml") for p in scene.plantings]
     forest = grow_forest(scene, kinds)
     build(bpy.context.scene, scene, forest)
@@ -201,3 +204,19 @@ def test_another_reader_finds_every_tree_of_a_usd_file(empty_blender, instancing
     top = (forest.stand.position[:, 2] + forest.heights()).max()
     assert abs(high[2] - top) < 0.3
     assert (high - low)[:2].max() < 130
+
+
+@pytest.mark.parametrize("instancing", ["points", "objects"])
+def test_other_programs_see_bark_leaves_and_ground_in_colour(empty_blender, instancing, tmp_path):
+    """Viewers of glTF and USD do not know Blender's nodes: without a plain colour all is white."""
+    planted(instancing, 2, "maple")
+    export_glb(bpy.context.scene, tmp_path / "forest.glb")
+    export_usd(bpy.context.scene, tmp_path / "forest.usda")
+    document, _ = read_glb(tmp_path / "forest.glb")
+    seen = {m["name"]: m["pbrMetallicRoughness"]["baseColorFactor"] for m in document["materials"]}
+    assert len({tuple(colour) for colour in seen.values()}) == len(seen) == 3
+    leaf = next(colour for name, colour in seen.items() if "leaf" in name)
+    assert leaf[1] > max(leaf[0], leaf[2])
+    text = (tmp_path / "forest.usda").read_text()
+    assert "diffuseColor = (0.8, 0.8, 0.8)" not in text
+    assert text.count("diffuseColor = (") == len(seen)

@@ -18,7 +18,6 @@ def room(tmp_path, monkeypatch):
     for source in kernels.ROOM.glob("*.[ch]"):
         shutil.copy(source, tmp_path)
     monkeypatch.setattr(kernels, "ROOM", tmp_path)
-    monkeypatch.setattr(kernels, "FILE", tmp_path / kernels.FILE.name)
     monkeypatch.setattr(builder, "ROOM", tmp_path)
     monkeypatch.delenv(kernels.SWITCH, raising=False)
     kernels._opened.cache_clear()
@@ -44,8 +43,8 @@ def test_the_library_of_these_sources_is_opened(built, monkeypatch):
 @pytest.mark.parametrize(
     ("spoil", "why"),
     [
-        (lambda room: kernels.FILE.unlink(), "no library is built"),
-        (lambda room: kernels.FILE.write_bytes(b"\x7fELF"), "the library does not load: "),
+        (lambda room: (room / kernels.FILE).unlink(), "no library is built"),
+        (lambda room: (room / kernels.FILE).write_bytes(b"\x7fELF"), "the library does not load: "),
         (
             lambda room: (room / "kernels.h").write_text("/* later */"),
             "the library is of other sources",
@@ -72,7 +71,7 @@ def test_without_a_compiler_one_sentence_says_what_to_install(tmp_path):
 
 
 def test_sources_that_do_not_compile_leave_the_library_as_it_was(built):
-    before = kernels.FILE.read_bytes()
+    before = (built / kernels.FILE).read_bytes()
     (built / "broken.c").write_text("int unused(void) { int x; return 0; }")  # warnings are errors
     assert builder.main([]) == 1
-    assert kernels.FILE.read_bytes() == before
+    assert (built / kernels.FILE).read_bytes() == before

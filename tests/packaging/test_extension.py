@@ -8,6 +8,7 @@ import base64
 import csv
 import hashlib
 import io
+import json
 import sys
 import tomllib
 import zipfile
@@ -125,6 +126,11 @@ def test_commands_leave_the_extension_as_it_was(session):
         pixels = np.asarray(Image.open(out / f"{name}.png"))
         assert min(pixels.shape[:2]) > 300
         assert pixels[30:-30].std() > 5, name
+
+
+def test_the_kernels_come_as_a_wheel_and_run(session):
+    record = json.loads((session["folder"] / "out" / "run.json").read_text(encoding="utf-8"))
+    assert record["versions"]["kernels"] == "C"
 
 
 def test_disabling_leaves_nothing_behind(session):

@@ -28,6 +28,7 @@ NETWORK = {
 # Licences that may be part of a work under GPL-3.0-or-later (gnu.org/licenses/license-list).
 COMPATIBLE = {
     *("MIT", "MIT-CMU", "BSD", "BSD-2-Clause", "BSD-3-Clause", "Apache-2.0", "MPL-2.0", "PSF-2.0"),
+    "GPL-3.0-or-later",  # ours: the kernels
     *("MIT License", "BSD License", "BSD 3-Clause License", "Python Software Foundation License"),
 }
 BINARY = (b"\x7fELF", b"MZ", b"\xcf\xfa\xed\xfe", b"\xca\xfe\xba\xbe")  # Linux, Windows, macOS

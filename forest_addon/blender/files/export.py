@@ -29,6 +29,7 @@ from ...formats.glb import Copies, instance_nodes
 from ...spec import Scene, SpecError
 from ..scene.instances import read_points
 from ..scene.layout import GROUND_NAME, PART_KEY, TREES, objects_in, root
+from ..scene.materials import in_one_colour
 from ..scene.nodes import in_full
 
 STARTUP = ("Cube", "Camera", "Light")  # what Blender itself puts into a new file
@@ -155,7 +156,7 @@ def export_glb(scene: bpy.types.Scene, path: str | os.PathLike[str]) -> None:
         bare = {thing for thing in wanted if thing.type == "MESH" and not thing.data.polygons}
         with replacing(path) as partial, _trimmed(scene, wanted) as trimmed:
             shown = (trimmed - bare) | {scene.objects[name] for name in copies}
-            with _selected(shown):
+            with _selected(shown), in_one_colour():
                 _write_glb(partial, path)
             if copies:
                 instance_nodes(partial, copies)
@@ -197,6 +198,7 @@ def export_usd(scene: bpy.types.Scene, path: str | os.PathLike[str]) -> None:
         replacing(path) as partial,
         _trimmed(scene, wanted) as shown,
         _selected(shown),
+        in_one_colour(),
     ):
         try:
             bpy.ops.wm.usd_export(

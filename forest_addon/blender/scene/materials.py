@@ -7,12 +7,14 @@ Shader nodes are written as formulas (``graph``). Height and tone of bark follow
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import bpy
 
 from ... import spec
+from .layout import is_ours
 from .nodes import Colour, Graph, Value, tree_of
 
 MOSS, ALGAE = (0.045, 0.065, 0.012), (0.12, 0.15, 0.07)
@@ -396,6 +398,25 @@ def _set_gloss(shader: bpy.types.Node, roughness: float, specular: float) -> Non
 def _note(material: bpy.types.Material, colour: Colour) -> None:
     material[LOOK_KEY] = colour
     material.diffuse_color = (*_scaled(colour, VIEWPORT), 1.0)
+
+
+@contextmanager
+def in_one_colour() -> Iterator[None]:
+    """Give our materials one colour each for an exporter, whose format does not know Blender's nodes."""
+    linked = [
+        (material, node.inputs["Base Color"], node.inputs["Base Color"].links[0].from_socket)
+        for material in filter(is_ours, bpy.data.materials)
+        for node in tree_of(material).nodes
+        if node.type == "BSDF_PRINCIPLED" and node.inputs["Base Color"].is_linked
+    ]
+    for material, colour, _ in linked:
+        colour.default_value = material.diffuse_color
+        material.node_tree.links.remove(colour.links[0])
+    try:
+        yield
+    finally:
+        for material, colour, source in linked:
+            material.node_tree.links.new(source, colour)
 
 
 def _tones(name: str, colour: Colour) -> tuple[Colour, Colour]:

@@ -61,7 +61,7 @@ class Drawn:
         one = np.ones(count)
         strength: Strength
         if kind == "edge":
-            strength = EdgeStrength(radius, angle, one)
+            strength = EdgeStrength(radius, angle, one, radius * np.cos(angle))
         elif kind == "wood":
             sine, cosine = np.sin(angle), np.cos(angle)
             strength = CylinderStrength(3.0 * radius, 0.5 * radius, sine, cosine, one)

@@ -32,11 +32,11 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import fft, linalg, sparse
+from scipy import fft, linalg
 
 from ....acoustics import chebyshev
 from ....acoustics.cylinder import order_count, partial_waves, transfer
-from ....acoustics.gridding import OVERSAMPLING, kernel, width_for
+from ....acoustics.gridding import OVERSAMPLING, grid_of, kernel, lay, width_for
 from ....acoustics.spectrum import delay_factors
 from ....base.rng import stream
 from ..band import SPREAD, roll_off
@@ -228,23 +228,18 @@ class LayerSum:
         several = max(4, GRID_AT_ONCE // (size * OVERSAMPLING))
         for first in range(0, len(filters), several):
             terms = slice(first, first + several)
-            grid = np.zeros((size * OVERSAMPLING, len(filters[terms])), self.dtype)
+            count = len(filters[terms])
+            grid = grid_of(1, size * OVERSAMPLING, -(-count // 2))
             for start in range(0, len(place), TRUNKS_AT_ONCE):
                 some = slice(start, start + TRUNKS_AT_ONCE)
-                given = heights(some)[:, terms].astype(self.dtype)
-                grid += self._deposit(fine[some], given, len(grid))
-            spectra = fft.rfft(grid.T, axis=1)[:, : size // 2 + 1]
+                at = fine[some]
+                pairs = np.zeros((len(at), -(-count // 2)), np.complex128)  # of real heights
+                pairs.view(np.float64)[:, :count] = heights(some)[:, terms]
+                lay(self.kernel, at, np.zeros(len(at)), pairs.T, np.ones((len(at), 1)), grid)
+            pulses = grid[0].view(np.float64)[:, :count].astype(self.dtype)
+            spectra = fft.rfft(pulses.T, axis=1)[:, : size // 2 + 1]
             total += np.einsum("kf,kf->f", spectra, filters[terms])
         return total
-
-    def _deposit(self, place: np.ndarray, heights: np.ndarray, size: int) -> np.ndarray:
-        """(size, R) pulses of the heights (N, R) at grid places (N,)."""
-        first, taps = self.kernel.spread(place, self.dtype)
-        width = self.kernel.width
-        rows = first[:, None] + np.arange(width, dtype=np.int32)
-        ends = np.arange(0, rows.size + 1, width, dtype=np.int32)
-        spread = sparse.csc_array((taps.T.ravel(), rows.ravel(), ends), shape=(size, len(place)))
-        return spread @ heights
 
     def _filters_of(self, number: int) -> np.ndarray:
         """(R, T) filters of a sector, as they are before the air."""

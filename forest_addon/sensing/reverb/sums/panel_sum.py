@@ -256,11 +256,11 @@ class _Panel:
         if count <= FEW_BINS:
             carried = phasors(np.outer(delay, self.nodes))
             return (weight[:, None] * heights * carried).sum(axis=0) * level
-        heights *= (weight * phasors(self.frequency[count // 2] * delay))[:, None]
+        cycles, middle_of = delay * group.spacing, self.frequency[count // 2]
         grid = DelayGrid(count, len(k), group.kernel)
         for start in range(0, len(rows), TRUNKS_AT_ONCE):
             some = slice(start, start + TRUNKS_AT_ONCE)
-            grid.add(delay[some] * group.spacing, heights[some])
+            grid.add(cycles[some], middle_of * delay[some], heights[some].T, weight[some, None])
         parts = grid.spectrum()
         parts *= chebyshev.lagrange(len(k), np.linspace(-1.0, 1.0, count))
         found: np.ndarray = parts.sum(axis=0) * level
