@@ -1,4 +1,4 @@
-"""Rays side by side go through Embree together: what they meet is what each meets alone."""
+"""Rays side by side go through Embree together: what they meet is what each meets alone, and in numpy."""
 
 import numpy as np
 import pytest
@@ -7,9 +7,10 @@ pytest.importorskip("bpy")
 
 from references.rays_brute import BruteCaster
 
+from forest_addon import kernels
 from forest_addon.base.rng import stream
 from forest_addon.base.trimesh import OTHER, TriMesh
-from forest_addon.blender.rays.embree import ALIKE, LONE, EmbreeCaster, lanes_for
+from forest_addon.blender.rays.embree import EmbreeCaster
 from forest_addon.sensing.rays.geometry import SceneGeometry
 
 
@@ -49,6 +50,28 @@ def test_rays_of_beams_meet_what_brute_force_says(fine):
     assert (scene.table.vertices.dtype == np.float32) is not fine
 
 
+@pytest.mark.parametrize("fine", [False, True])
+def test_the_kernel_and_numpy_find_the_same_bytes(fine, monkeypatch):
+    if kernels.library() is None:
+        pytest.skip(kernels.engine())
+    caster = EmbreeCaster(crumbs(fine))
+    origin, way = beams(100)
+    near = stream(9, "near").uniform(0, 12, len(way))
+
+    def chain():
+        first = caster.cast(origin, way, 14.0)
+        yield first
+        yield caster.cast(origin, way, 13.0, min_distance=near)
+        yield caster.cast(origin, way, min_distance=first.distance, leaving=first)
+
+    ours = list(chain())
+    monkeypatch.setenv(kernels.SWITCH, "off")
+    for one, other in zip(ours, chain(), strict=True):
+        assert one.found.any()
+        for name, column in vars(one).items():
+            assert column.tobytes() == getattr(other, name).tobytes()
+
+
 def test_beams_in_any_order_meet_the_same():
     origin, way = beams(300)
     caster, order = EmbreeCaster(crumbs(False)), stream(5, "order").permutation(300 * 19)
@@ -57,9 +80,43 @@ def test_beams_in_any_order_meet_the_same():
     np.testing.assert_array_equal(beside.triangle, apart.triangle)
 
 
-def test_only_rays_side_by_side_go_together():
-    origin, way = (rays.T.copy() for rays in beams(215))
-    assert lanes_for(origin, way) == ALIKE
-    rng = stream(6, "apart")
-    assert lanes_for(origin + rng.normal(size=origin.shape), way) == LONE
-    assert lanes_for(origin, rng.normal(size=way.shape)) == LONE
+def lattice():
+    """Two grids with steps of quarters, coplanar here and there: in float32 rays hit their edges exactly."""
+    place = np.arange(41.0)
+    x, y = np.meshgrid(place, place, indexing="ij")
+    number = np.arange(x.size).reshape(x.shape)
+    cells = (number[:-1, :-1], number[1:, :-1], number[:-1, 1:], number[1:, 1:])
+    faces = np.concatenate(
+        [
+            np.stack([cells[k] for k in some], axis=2).reshape(-1, 3)
+            for some in ((0, 1, 2), (1, 3, 2))
+        ]
+    )
+    rough = 0.25 * stream(7, "rough").integers(0, 3, x.shape)
+    heights = (rough, np.full(x.shape, 0.25))
+    meshes = tuple(
+        TriMesh.of_part(np.stack([x, y, z], axis=2).reshape(-1, 3), faces, OTHER) for z in heights
+    )
+    some = np.arange(2)
+    return SceneGeometry(meshes, np.eye(3, 4)[None].repeat(2, 0), some, ("x",) * 2, some, some)
+
+
+def test_a_hit_depends_on_its_ray_alone():
+    """Also where rays hit edges and coplanar faces exactly, and the order of a search would decide."""
+    scene, rng, count = lattice(), stream(8, "lattice"), 20_000
+    mesh = scene.meshes[0]
+    edge = mesh.vertices[mesh.triangles[rng.integers(len(mesh.triangles), size=count), :2]]
+    share = rng.choice([0.0, 0.25, 0.5, 1.0], (count, 1))
+    target = edge[:, 0] * (1 - share) + edge[:, 1] * share
+    origins = target + np.column_stack([rng.integers(-8, 9, (count, 2)), np.full(count, 16.0)])
+    caster = EmbreeCaster(scene)
+    whole = caster.cast(origins, target - origins)
+    assert whole.found.mean() > 0.95
+    for _ in range(3):
+        order = rng.permutation(count)
+        apart = caster.cast(origins[order], (target - origins)[order])
+        for name, column in vars(whole.select(order)).items():
+            assert column.tobytes() == getattr(apart, name).tobytes()
+    for row in range(0, count, 100):
+        alone = caster.cast(origins[[row]], (target - origins)[[row]])
+        assert (alone.instance[0], alone.triangle[0]) == (whole.instance[row], whole.triangle[row])

@@ -25,7 +25,21 @@ from ...sensing.rays.caster import Hits
 from ...sensing.rays.exact import meet
 from ...sensing.rays.paths import RigidPath, corners_at_rest
 from ...sensing.rays.search import RefinedSurfaces, in_tasks, search_on, whole_triangles
-from .embree import EmbreeBuild, EmbreeCaster, RayPackets, lanes_for
+from .embree import (
+    _COHERENT,
+    FAR,
+    HIT_GEOMETRY,
+    HIT_INSTANCE,
+    HIT_PRIMITIVE,
+    MASK,
+    NONE,
+    ROWS,
+    TFAR,
+    EmbreeBuild,
+    EmbreeCaster,
+    _aligned,
+    collapsed,
+)
 
 LONGEST = 128  # samples of a window; Embree takes one step more
 ROUND = 16  # a window's samples are a multiple of this, so that wide steps fit
@@ -33,6 +47,109 @@ WITHIN = 1e-5  # m by which wider steps may miss a sample
 KEPT = 4  # windows that are kept
 MANY = 64  # moments at which something comes or goes, from which windows are short
 SLACK = 1e-6  # of the scene's size, by which rays go on
+
+
+# Packets of rays as Embree wants them: which rays go together, how many, and by which of its ways.
+#
+# Rays side by side, as those of a beam, go by eight as a coherent packet: Embree passes its tree once for
+# the pyramid around them, twice as fast as ray by ray. Others go by sixteen, which Embree takes one by one;
+# so do those of an aircraft's beams, which are farther apart than leaves are wide where they enter the
+# scene and would be a tenth slower together.
+
+
+LONE, ALIKE = 16, 8  # rays of a packet
+TURN = 0.03  # by how much unit directions of a packet side by side differ at most
+ASIDE = 0.05  # metres between the places where they enter the scene, at most: about a leaf
+LOOKED_AT = 16  # of so many packets one
+MOST_APART = 0.1  # share of the packets that may be wider
+# Rows of RTCRayHit8 and 16; between them normal 12-14, u 15, v 16, and 20 the place in an array of instances.
+TNEAR, DIRECTION, TIME, ID, FLAGS, HIT_OF_ARRAY = 3, 4, 7, 10, 11, 20
+
+
+def lanes_for(origins: np.ndarray, directions: np.ndarray) -> int:
+    """Return how many of the rays (3, R), (3, R) should go together, as they follow each other.
+
+    origins : where they enter the scene.
+    """
+    whole = origins.shape[1] // ALIKE * ALIKE
+    for rays, most in ((directions, TURN), (origins, ASIDE)):
+        some = rays[:, :whole].reshape(3, -1, ALIKE)[:, ::LOOKED_AT]
+        wide = (some.max(axis=2) - some.min(axis=2) > most).any(axis=0)
+        if np.count_nonzero(wide) > MOST_APART * len(wide):
+            return LONE
+    return ALIKE
+
+
+class RayPackets:
+    """Rays as Embree wants them: packets (P, 21, lanes) float32, the last one filled up with idle lanes."""
+
+    def __init__(self, count: int, lanes: int = LONE) -> None:
+        self.lanes = lanes
+        size = -(-count // lanes)
+        self.packets = _aligned((size, ROWS, lanes), np.float32)
+        self._whole = self.packets.view(np.uint32)
+        self.packets[:, [TNEAR, TIME]] = 0.0
+        self._whole[:, MASK] = NONE
+        self._whole[:, [ID, FLAGS]] = 0
+        self._lanes = np.zeros((7, size * lanes), dtype=np.float32)  # origin, direction, reach
+        self._by_packet = self._lanes.reshape(7, size, lanes).swapaxes(0, 1)
+        self._found = self._whole[:, HIT_PRIMITIVE:ROWS]
+        first, step = self.packets.ctypes.data, self.packets.strides[0]
+        self.addresses = range(first, first + step * size, step)
+
+    def fill(
+        self,
+        origins: np.ndarray,
+        directions: np.ndarray,
+        reach: np.ndarray,
+    ) -> None:
+        """Rays (3, R), (3, R), (R,)."""
+        count = len(reach)
+        self._lanes[:3, :count] = origins
+        self._lanes[3:6, :count] = directions
+        np.minimum(reach, FAR, out=reach)
+        self._lanes[6, :count] = reach
+        self._lanes[6, count:] = -1.0  # ends before it starts: idle
+        self.packets[:, :3] = self._by_packet[:, :3]
+        self.packets[:, DIRECTION : DIRECTION + 3] = self._by_packet[:, 3:6]
+        self.packets[:, TFAR] = self._by_packet[:, 6]
+        self._found[:] = NONE
+
+    def set_time(self, time: np.ndarray) -> None:
+        """Times (R,) of the rays from 0 to 1, for a scene that moves."""
+        every = np.zeros(self._lanes.shape[1], dtype=np.float32)
+        every[: len(time)] = time
+        self.packets[:, TIME] = every.reshape(-1, self.lanes)
+
+    def trace(self, library: ctypes.CDLL, scene: int, rays: np.ndarray | None = None) -> None:
+        """Send them into a scene.
+
+        rays : some, whose packets go; left out: all.
+        """
+        run, how = library.rtcIntersect16, None
+        if self.lanes == ALIKE:
+            run, how = library.rtcIntersect8, ctypes.addressof(_COHERENT)
+        going: Iterable[int] = self.addresses
+        if rays is not None:
+            some = np.flatnonzero(np.bincount(rays // self.lanes, minlength=1))
+            going = map(going.__getitem__, some.tolist())
+        deque(map(run, repeat(_SENT), repeat(scene), going, repeat(how)), maxlen=0)
+
+    def read(self, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Instance and triangle (M,) of the rays that met something, and which rays (M,) these are."""
+        found = self._found.swapaxes(0, 1).reshape(ROWS - HIT_PRIMITIVE, -1)
+        met = (found[HIT_GEOMETRY - HIT_PRIMITIVE, :count] != NONE).nonzero()[0]
+        instance = found[HIT_INSTANCE - HIT_PRIMITIVE].take(met).astype(np.int64)
+        return instance, found[0].take(met).astype(np.int64), met
+
+    def rows_of_array(self, rays: np.ndarray) -> np.ndarray:
+        """(M,) which of an array of instances (``EmbreeBuild.array``) rays (M,) met."""
+        return self._found[:, HIT_OF_ARRAY - HIT_PRIMITIVE].ravel().take(rays).astype(np.int64)
+
+
+_EVERY_LANE = _aligned((LONE,), np.int32)
+_EVERY_LANE[:] = -1
+_SENT = _EVERY_LANE.ctypes.data
 
 
 def embree_motion(
@@ -98,8 +215,8 @@ class EmbreeMotion:
             WeakKeyDictionary()
         )
         self._lock = Lock()
-        self._number_triangles(None if like is None else like._usable)
-        self._rows = [r for r, n in enumerate(motion.rows.tolist()) if len(self._given(n))]
+        self._whole = {n: self._usable(n) for n in motion.rows.tolist()}
+        self._rows = [r for r, n in enumerate(motion.rows.tolist()) if self._whole[n].any()]
         self._bound()
         self._steps = [self._step_of(n) for n in motion.rows.tolist()]
 
@@ -210,7 +327,7 @@ class EmbreeMotion:
             near, leave = clip(*box, origin, way, begin, limit)
             packets.set_time(at)
             packets.trace(library, top, np.flatnonzero(near <= leave))
-        instance, primitive, met = packets.read(len(rays))
+        instance, triangle, met = packets.read(len(rays))
         if not len(met):
             return found
         piece = np.flatnonzero(instance >= self._moving.count)
@@ -218,9 +335,6 @@ class EmbreeMotion:
             known = self._pieces_at(pieces)[1]
             row = packets.rows_of_array(met[piece])
             instance[piece] = self._moving.count + pieces.piece[known[row]]
-        triangle = primitive
-        if not self._whole:
-            triangle = self._numbers[self._begins[self._slot[instance]] + primitive]
         origin, way, time = origin.take(met, 1), way.take(met, 1), time[met]
         at = self._moving.scene.transform[instance]
         rows, row = self._moving.motion.row_of(instance)
@@ -281,51 +395,22 @@ class EmbreeMotion:
         known = np.isfinite(first)  # else it is met at its rim, in float32 alone
         hits.put(rows[known], Hits(first[known], count + number[known], chosen[known]))
 
-    def _number_triangles(self, like: dict[int, np.ndarray | None] | None) -> None:
-        """Note which triangles Embree is given: of meshes, and of each part that bends, all of whose corners
-        are finite at all times."""
-        scene, shapes = self._moving.scene, self._moving.motion.shapes
-        self._slot = scene.mesh_index.copy()
-        self._usable: dict[int, np.ndarray | None] = dict(like or self._still._usable)
-        for place, number in enumerate(shapes):
-            self._slot[number] = len(scene.meshes) + place
-        for slot in distinct(self._slot).tolist():
-            if slot < len(scene.meshes) and slot not in self._usable:
-                rows = whole_triangles(scene.meshes[slot])
-                self._usable[slot] = (
-                    None if len(rows) == len(scene.meshes[slot].triangles) else rows
-                )
-        for number, shape in shapes.items():
-            finite = np.isfinite(shape.vertices).all(axis=(0, 2))
-            rows = np.flatnonzero(finite[self._mesh(number).triangles].all(axis=1))
-            self._usable[int(self._slot[number])] = rows
-        self._whole = all(rows is None for rows in self._usable.values())
-        sizes = [len(mesh.triangles) for mesh in scene.meshes] + [0] * len(shapes)
-        self._surface = np.array(sizes) > 0
-        for slot, rows in self._usable.items():
-            self._surface[slot] &= rows is None or len(rows) > 0
-        if not self._whole:
-            count = len(scene.meshes) + len(shapes)
-            given = [self._usable.get(slot, np.empty(0, np.int64)) for slot in range(count)]
-            numbers = [
-                np.arange(len(scene.meshes[slot].triangles)) if rows is None else rows
-                for slot, rows in enumerate(given)
-            ]
-            size = np.array([len(rows) for rows in numbers])
-            self._begins, self._numbers = np.cumsum(size) - size, np.concatenate(numbers)
-
-    def _given(self, number: int) -> np.ndarray:
-        """Triangles of an instance that Embree is given."""
-        rows = self._usable[int(self._slot[number])]
-        return np.arange(len(self._mesh(number).triangles)) if rows is None else rows
+    def _usable(self, number: int) -> np.ndarray:
+        """(T,) bool: which triangles of a part are met; where it bends, those finite at all times."""
+        shape = self._moving.motion.shapes.get(number)
+        mesh = self._mesh(number)
+        if shape is None:
+            return whole_triangles(mesh)
+        finite = np.isfinite(shape.vertices).all(axis=(0, 2))
+        return np.asarray(finite[mesh.triangles].all(axis=1))
 
     def _bound(self) -> None:
         """Set the box of all that rays may meet, at any time, and its centre."""
-        boxes = [(self._still._box_low, self._still._box_high)]
+        boxes = [(self._still._low, self._still._high)]
         for row in self._rows:
             number = int(self._moving.motion.rows[row])
             mesh, shape = self._mesh(number), self._moving.motion.shapes.get(number)
-            used = mesh.vertices[mesh.triangles[self._given(number)]].reshape(-1, 3)
+            used = mesh.vertices[mesh.triangles[self._whole[number]]].reshape(-1, 3)
             box = (used.min(axis=0), used.max(axis=0)) if shape is None else shape.bounds()
             boxes.append(self._moving.motion.paths[number].swept(*box))
         lows, highs = (np.array(ends) for ends in zip(*boxes, strict=True))
@@ -375,18 +460,20 @@ class EmbreeMotion:
             return self._still._of_mesh[index]
         if index not in self._trees:
             mesh = self._moving.scene.meshes[index]
-            self._trees[index] = self._holder.mesh(mesh, self._usable[index])
+            self._trees[index] = self._holder.mesh(mesh)
         return self._trees[index]
 
     def _pieces_at(self, window: PieceWindow) -> tuple[int, np.ndarray, EmbreeBuild]:
         """Embree's scene of the pieces of a window, rows of those that have a surface, and what keeps it."""
         if window not in self._pieces:
             still, number = self._still, self._moving.count + window.piece
-            known = np.flatnonzero(self._surface[self._slot[number]])
+            mesh_of = self._moving.scene.mesh_index
+            some = [len(self._mesh(one).triangles) > 0 for one in number.tolist()]
+            known = np.flatnonzero(some)
             number, places = number[known], window.places[:, known]
             places[:, :, :, 3] -= self._centre
             build = EmbreeBuild(still._library, still._device, still._build)
-            used, which = np.unique(self._slot[number], return_index=True, return_inverse=True)[1:]
+            used, which = np.unique(mesh_of[number], return_index=True, return_inverse=True)[1:]
             scenes = [self._tree(one) for one in number[used].tolist()]
             top = build.array(scenes, which, places, len(self._moving.scene))
             self._pieces[window] = top, known, build
@@ -446,7 +533,7 @@ class EmbreeMotion:
                 every = np.arange(shape.vertices.shape[1])
                 time = self._first + self._step * sample
                 steps = np.stack([shape.at(every[None], t[None])[0] for t in time])
-        return build.shape(steps, self._mesh(number).triangles[self._given(number)])
+        return build.shape(steps, collapsed(self._mesh(number).triangles, self._whole[number]))
 
 
 def quaternions(transform: np.ndarray) -> np.ndarray:

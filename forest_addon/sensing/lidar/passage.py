@@ -263,7 +263,7 @@ def received(
     nearest, crest, energy, width = found[:, lit]
     echoes = WaveformEchoes(lit, crest, energy, width, lit)
     met = face[lit]
-    seen = Hits(nearest, planes.instance[met], planes.triangle[met])
+    seen = Hits(nearest, planes.instance[met], planes.triangle[met], normal[lit])
     return Received(echoes, seen, way, normal[lit]), sure
 
 

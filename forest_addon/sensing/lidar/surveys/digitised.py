@@ -98,7 +98,8 @@ class DigitisedScan(Scan):
         way += ring.y[ray, None] * beams.turn_y[beam]
         way /= np.linalg.norm(way, axis=1, keepdims=True)
         met = face[beam]
-        hits = Hits(distance[beam, ray], planes.instance[met], planes.triangle[met])
+        told = planes.instance[met], planes.triangle[met], normal[beam]
+        hits = Hits(distance[beam, ray], *told)
         return Received(echoes, hits, way, normal[beam])
 
     def _rays(self, beams: BeamFrames) -> tuple[np.ndarray, np.ndarray]:
@@ -375,7 +376,8 @@ class HazyScan(Scan):
             met = np.flatnonzero(np.isfinite(distance))
             kept = found.select(np.flatnonzero(found.hits.distance <= distance[found.ray]))
             first = np.zeros(len(met), dtype=np.int64)
-            hits = Hits(distance[met], np.full(len(met), haze.instance), first)
+            there = np.full(len(met), haze.instance)
+            hits = Hits(distance[met], there, first, -rays[1][met])
             organ = self.caster.scene.meshes[haze.instance].part[first]
             found = Contacts.joined([kept, Contacts(met, hits, organ, np.ones(len(met)))])
             found = found.select(np.lexsort((found.hits.distance, found.ray)))
