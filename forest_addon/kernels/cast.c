@@ -36,8 +36,8 @@ enum { HIT_TRIANGLE = 5, HIT_INSTANCE = 7 };
 #define LONG 1e200
 #define MARGIN 1e-3      /* metres before the limit where a search begins */
 #define BEHIND 5e-7f     /* share of a distance that Embree goes on: four steps of a float32 */
-#define TURN 0.03f       /* by how much directions differ at most of rays that go together, */
-#define ASIDE 0.05f      /* and the places where they enter the scene, metres: about a leaf */
+#define TURN 0.25f       /* by how much directions differ at most of rays that go together, */
+#define ASIDE 2.0f       /* and the places where they enter the scene, metres: wider ones are faster alone */
 
 struct filter_call { /* RTCFilterFunctionNArguments */
     int *valid;

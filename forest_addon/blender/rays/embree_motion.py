@@ -10,7 +10,10 @@ then, each with as many steps as its path needs to be right to ``WITHIN``. Trees
 
 from __future__ import annotations
 
-from collections import OrderedDict
+import ctypes
+from collections import OrderedDict, deque
+from collections.abc import Iterable
+from itertools import repeat
 from threading import Lock
 from weakref import WeakKeyDictionary
 
