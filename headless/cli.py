@@ -20,7 +20,16 @@ from pathlib import Path
 
 from forest_addon.formats.ownership import Keeper, keeping
 
-from .command import PROGRAM, Command, DoubtfulError, IncompleteError, UnlikeError, typed
+from .command import (
+    PROGRAM,
+    Command,
+    DoubtfulError,
+    IncompleteError,
+    UnlikeError,
+    fault_of,
+    is_told,
+    typed,
+)
 from .commands import COMMANDS
 from .interrupt import interruptible
 from .progress import PlainStream, plain
@@ -75,7 +84,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
             return _fail(without(f"{command.name} cannot draw its pictures"), 2)
         except MemoryError as problem:
             sys.unraisablehook = _say_nothing
-            said = f" ({problem})" if str(problem) else ""
+            asked = re.search(
+                r"allocate ([\d.]+ \w+)", str(problem)
+            )  # numpy says of what shape, too
+            said = f" for {asked[1]} more" if asked else ""
             return _fail(f"there is not enough memory{said}; take less at once, {kept}", 1)
         except BrokenPipeError:  # who read it has seen enough
             os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
@@ -84,7 +96,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             sys.unraisablehook = _say_nothing  # files that fail again when they are dropped
             return _fail(_in_words(problem), 1)
         except ValueError as problem:  # SpecError is one
-            return _fail(problem, 2)
+            told = is_told(problem)
+            return _fail(problem if told else fault_of(problem), 2 if told else 1)
         except DoubtfulError as problem:
             return _fail(problem, 3)
         except IncompleteError as problem:
@@ -95,6 +108,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             sys.unraisablehook = _say_nothing
             print(f"\ninterrupted; {kept}", file=sys.stderr)
             return 130
+        except Exception as problem:
+            return _fail(fault_of(problem), 1)
     return 0
 
 
@@ -145,6 +160,7 @@ def _parser() -> argparse.ArgumentParser:
         epilog=typed(EPILOG),
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
+    parser.add_argument("--version", action=_Version, nargs=0, help="show versions and exit")
     commands = parser.add_subparsers(required=True, dest="COMMAND", metavar="COMMAND")
     for command in COMMANDS:
         of_this = commands.add_parser(
@@ -168,6 +184,17 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
+class _Version(argparse.Action):
+    """Versions in one line; what they are asked of is loaded only then."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
+        from forest_addon import kernels
+        from forest_addon.base.places import version
+
+        print(f"Forest Sensing {version()}, kernels: {kernels.engine()}")
+        parser.exit()
+
+
 def _path(word: str) -> Path:
     """Return what a word names; an empty one is a variable that was not set, not this folder."""
     if not word.strip():
@@ -188,7 +215,7 @@ def _values_joined(words: Sequence[str]) -> list[str]:
 
 
 def _fail(problem: object, code: int) -> int:
-    print(f"error: {plain(str(problem))}", file=sys.stderr)
+    print(f"error: {plain(' '.join(str(problem).splitlines()))}", file=sys.stderr)
     return code
 
 

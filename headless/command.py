@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import math
+import traceback
 from dataclasses import replace
 from pathlib import Path
 from typing import ClassVar
@@ -15,6 +16,8 @@ from typing import ClassVar
 from forest_addon.spec import FORMER, Scene, SpecError, unknown
 
 SCENE_HELP = "a scene file (TOML), or the name of one of assets/scenes"
+OURS = {"forest_addon", "headless", "studies"}  # folders of code
+LONGEST = 300  # characters of words that are not ours
 LOCK = ".lock"  # in a folder that one command at a time writes to
 
 
@@ -39,6 +42,27 @@ class IncompleteError(Exception):
 
 class UnlikeError(Exception):
     """Siblings too unlike their tree to be planted; files are kept, no scene is written; exit code 5."""
+
+
+def _steps_of_ours(problem: BaseException) -> list[traceback.FrameSummary | None]:
+    """The steps to an error, None for those in code of others."""
+    steps = traceback.extract_tb(problem.__traceback__)
+    return [step if OURS & {*Path(step.filename).parts} else None for step in steps]
+
+
+def is_told(problem: ValueError) -> bool:
+    """Return whether an error is in words of ours; numpy's and Python's own mean a fault of the program."""
+    return _steps_of_ours(problem)[-1:] != [None]
+
+
+def fault_of(problem: BaseException) -> str:
+    """Return what went wrong in the program itself, and where."""
+    ours = [step for step in _steps_of_ours(problem) if step]
+    place = f" ({Path(ours[-1].filename).name}:{ours[-1].lineno})" if ours else ""
+    what = " ".join(str(problem).split())[:LONGEST]
+    return (
+        f"a fault of this program that is worth a report: {type(problem).__name__}: {what}{place}"
+    )
 
 
 class Command:

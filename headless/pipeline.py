@@ -135,8 +135,7 @@ def run_scene(
     with stages.stage("read species and templates"), hushed():
         empty_file()
         site = Site.of(settings, folder)
-    for line in site.inputs.told:
-        stages.say(f"  {line}")
+    stages.tell(site.inputs.told)
     with stages.stage("grow trees") as progress:
         forest = site.grow(progress)
     run = Run(settings, out, stages, forest, site.ground, forest.labels)
@@ -504,8 +503,10 @@ def _write_truth(run: Run, forest: GrownForest) -> None:
         run.files.append(FILE)
     write_csv(run.path("trees.csv"), on_the_map(tree_table(forest), offset))
     write_csv(run.path("leaf_angles.csv"), angle_table(forest))
-    if run.settings.output.qsm:
-        rows = cylinder_table(forest)
+    rows = cylinder_table(forest) if run.settings.output.qsm else {}
+    if run.settings.output.qsm and not rows:
+        run.stages.warn("output.qsm has no effect: no tree grows in the scene")
+    if rows:
         write_cylinders(run.path("cylinders.csv"), rows, offset)
         for path in write_models(run.out / "qsm", rows, offset):
             run.files.append(str(path.relative_to(run.out)))

@@ -7,7 +7,7 @@ import os
 import re
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
@@ -16,6 +16,7 @@ from typing import Any, TextIO
 from forest_addon.base.progress import Progress
 
 WIDTH = 34
+MEANT = "did you mean"
 DELAY = 1.0  # s, before a bar is shown
 
 
@@ -68,6 +69,14 @@ class Stages:
         """Print a line, unless quiet."""
         if not self.quiet:
             self._print(text)
+
+    def tell(self, lines: Sequence[str]) -> None:
+        """Print lines on what was read; one that asks for what was meant is a warning."""
+        for line in lines:
+            if MEANT in line:
+                self.warn(line)
+            else:
+                self.say(f"  {line}")
 
     def warn(self, warning: str) -> None:
         """Print what a user would hardly want, also when quiet; each once."""

@@ -24,7 +24,7 @@ from forest_addon.formats.toml_file import read_scanner, structure, write_settin
 from forest_addon.results.coordinates import NO_OFFSET, Offset
 from forest_addon.results.scan_file import write_scan
 from forest_addon.sensing.lidar.cloud import Cloud
-from forest_addon.sensing.lidar.surveys.digitised import DigitisedScan, Haze, HazyScan, rings
+from forest_addon.sensing.lidar.surveys.digitised import Haze, SurveyScan, rings
 from forest_addon.sensing.lidar.surveys.leg import SurveyLeg, step_count
 from forest_addon.sensing.lidar.surveys.like import (
     FlightLine,
@@ -83,7 +83,7 @@ class ScanChoice:
     echoes: str = ECHOES[0]
 
 
-class _Counting(HazyScan):
+class CountedScan(SurveyScan):
     """A scan that counts its pulses by returns, and sums its points, while it runs."""
 
     def chunks(self, first: int = 0, at_once: int | None = None) -> Iterator[tuple[int, Cloud]]:
@@ -95,14 +95,6 @@ class _Counting(HazyScan):
             self.by_returns += np.bincount(count, minlength=MOST_RETURNS + 1)
             self.total += cloud.position.sum(axis=0)
             yield stop, cloud
-
-
-class CountedScan(_Counting):
-    """A scan by our own echoes that counts."""
-
-
-class CountedDigitisedScan(_Counting, DigitisedScan):
-    """A scan by echoes as HELIOS++ finds them that counts."""
 
 
 def scan_survey(
@@ -182,18 +174,14 @@ def _scan_of(
     name: str,
     caster: RayCaster | MovingCaster,
     choice: ScanChoice,
-) -> _Counting:
+) -> CountedScan:
     """The scan of a leg."""
     sensor, pattern = sensor_of_survey(survey, leg, name), SurveyLeg(survey, leg)
-    digitiser = leg.digitiser
-    if choice.echoes == "survey" and digitiser.rings > 1:
+    scan = CountedScan(sensor, caster, choice.seed, pattern=pattern)  # type: ignore[arg-type]
+    if choice.echoes == "survey" and leg.digitiser.rings > 1:
         across = np.pi / 2 if survey.device.optics == "conic" else 0.0
-        found: _Counting = CountedDigitisedScan(
-            sensor, caster, choice.seed, pattern, digitiser, across
-        )
-    else:
-        found = CountedScan(sensor, caster, choice.seed, pattern=pattern)  # type: ignore[arg-type]
-    return found.among(hazes_of(survey))
+        scan = scan.sampled(leg.digitiser, across)
+    return scan.among(hazes_of(survey))
 
 
 def casters_of(survey: Survey, engine: str) -> Callable[[int], RayCaster | MovingCaster]:

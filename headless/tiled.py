@@ -190,8 +190,7 @@ def run_by_workers(words: Sequence[str], workers: int) -> None:
 
 def _say_tiles(run: TiledRun) -> None:
     tiling, tiles = run.tiling, run.tiling.scene.tiles
-    for line in tiling.site.inputs.told:
-        run.stages.say(f"  {line}")
+    run.stages.tell(tiling.site.inputs.told)
     across = " x ".join(map(str, tiling.grid.count))
     trees = len(tiling.forest.stand)
     run.stages.say(

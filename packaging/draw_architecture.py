@@ -31,7 +31,7 @@ ROWS = (
     (6, {"site": (2, 29, PURE), "drawing": (52, 46, FILES)}),
     (22, {"stand": (2, 27, PURE), "sensing": (31, 67, PURE)}),
     (21, {"growth": (2, 57, PURE), "acoustics": (62, 36, PURE)}),
-    (6, {"formats": (2, 57, BASE)}),
+    (6, {"formats": (2, 57, BASE), "kernels": (62, 36, BASE)}),
     (6, {"spec": (2, 40, BASE), "base": (46, 52, BASE)}),
 )
 GAP = 4

@@ -117,7 +117,6 @@ INSIDE = {
     "write_scan": "forest_addon.results.scan_file:write_scan",
     "choose": "forest_addon.sensing.kinds:choose",
     "of_family": "forest_addon.sensing.kinds:of_family",
-    "join_clouds": "forest_addon.sensing.lidar.cloud:join",
     "spread": "forest_addon.sensing.lidar.footprint:spread",
     "Scan": "forest_addon.sensing.lidar.scan:Scan",
     "scan": "forest_addon.sensing.lidar.scan:scan",

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -72,6 +73,12 @@ class TriMesh:
     def known_edges(self) -> Edges | None:
         """The edges, made now where they were left for later."""
         return self.edges() if callable(self.edges) else self.edges
+
+    @cached_property
+    def solid(self) -> TriMesh:
+        """The mesh without leaves: itself where it has none."""
+        wood = self.part != LEAF
+        return self if wood.all() else self.select(wood)
 
     def area_vectors(self) -> np.ndarray:
         """(T, 3) half cross products: the direction is the normal, the length the area in m²."""

@@ -220,7 +220,7 @@ def _image(axes: Axes, level: np.ndarray, extent: tuple[float, ...]) -> None:
         extent=extent,
         origin="lower",
         aspect="auto",
-        cmap="magma",
+        cmap="inferno",
         vmin=top - FLOOR_DB,
         vmax=top,
         rasterized=True,

@@ -10,7 +10,13 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
-from matplotlib.colors import BoundaryNorm, ListedColormap
+from matplotlib.colors import (
+    BoundaryNorm,
+    LinearSegmentedColormap,
+    ListedColormap,
+    LogNorm,
+    Normalize,
+)
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
@@ -166,7 +172,7 @@ def draw_reverb(response: ImpulseResponse) -> Figure:
         NFFT=window,
         Fs=int(response.sample_rate),
         noverlap=window * 7 // 8,
-        cmap="magma",
+        cmap="inferno",
         vmin=20 * np.log10(peak) - 150,
         vmax=20 * np.log10(peak) - 50,
     )
@@ -229,6 +235,11 @@ def draw_strips(plot: Plot) -> Figure:
         extent = (plot.across.low, plot.across.high, strip.up.low, strip.up.high)
         each.imshow(strip.pixels, origin="lower", aspect="auto", extent=extent)
         each.set(title=strip.title, ylabel=strip.up.label, xlabel=plot.across.label)
+        if strip.values is not None:
+            values = strip.values
+            scale = LinearSegmentedColormap.from_list("strip", list(strip.colours))
+            norm = (LogNorm if values.log else Normalize)(values.low, values.high)
+            figure.colorbar(ScalarMappable(norm, scale), ax=each, label=values.label, pad=0.01)
     return figure
 
 

@@ -5,7 +5,7 @@ are ``keep``-ed, in the user's language.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from ..spec import Scene
 from ..stand.compose import corners_of, process_of
 from ..stand.inputs import Inputs
 from ..stand.plan import Stand
-from .palette import rgb, species_colour
+from .palette import LEVELS, MEASURES, rgb, species_colour
 
 WIDE, HIGH = 1100, 300  # pixels of one strip
 MAP_HIGH = 900  # pixels of a map, at most
@@ -27,28 +27,29 @@ CLEARING, MEADOW = (
     np.array([0.984, 0.988, 0.98]),
     np.array([0.68, 0.795, 0.575]),
 )  # least, most intensity
-# From silence to the loudest, from far to near, from low to high.
-SCALE = np.array(
-    [[0.02, 0.02, 0.05], [0.2, 0.1, 0.4], [0.7, 0.2, 0.35], [0.98, 0.6, 0.2], [1, 1, 0.8]]
-)
+LEVEL, MEASURE = (np.array(scale) ** (1 / 2.2) for scale in (LEVELS, MEASURES))  # on the screen
 
 
 @dataclass(frozen=True)
 class Axis:
-    """Axis along an edge of a plot: the values at its ends, and their quantity."""
+    """Axis along an edge of a plot: the values at its ends, and their quantity. log : by their logarithm."""
 
     low: float
     high: float
     label: str
+    log: bool = False
 
 
 @dataclass(frozen=True)
 class Strip:
-    """pixels : (H, W, 3) of 0 to 1, the lowest row first. up : their vertical axis."""
+    """pixels : (H, W, 3) of 0 to 1, the lowest row first. up : their vertical axis. values : what their
+    colours are, None where these are no scale. colours : (K, 3) of the values, evenly apart on their axis."""
 
     title: str
     pixels: np.ndarray
     up: Axis
+    values: Axis | None = None
+    colours: np.ndarray = field(default_factory=lambda: LEVEL)
 
 
 @dataclass(frozen=True)
@@ -80,7 +81,12 @@ def sound_plot(samples: np.ndarray, sample_rate: float, decay: bool = False) -> 
     milliseconds = 1e3 * len(part) / sample_rate
     return Plot(
         (
-            Strip(keep("Spectrogram"), spectrogram, Axis(low / 1e3, high / 1e3, "kHz")),
+            Strip(
+                keep("Spectrogram"),
+                spectrogram,
+                Axis(low / 1e3, high / 1e3, "kHz"),
+                Axis(-DEPTH_DB, 0.0, "dB"),
+            ),
             Strip(title, level, Axis(-DEPTH_DB, 0.0, "dB")),
         ),
         Axis(0.0, milliseconds, "ms"),
@@ -98,13 +104,17 @@ def from_above(position: np.ndarray) -> Plot:
     height = np.full((shape[1], shape[0]), -np.inf)
     np.maximum.at(height, (row, column), position[:, 2])
     share = (height - low[2]) / (high[2] - low[2] or 1.0)
-    cells = np.where(np.isfinite(height)[..., None], _coloured(0.2 + 0.8 * share), PAPER)
+    cells = np.where(np.isfinite(height)[..., None], _coloured(share), PAPER)
     enlarged = max(1, WIDE // max(height.shape))
     pixels = cells.repeat(enlarged, axis=0).repeat(enlarged, axis=1)
     return Plot(
         (
             Strip(
-                keep("Height of the points"), pixels, Axis(float(low[1]), float(high[1]), "y (m)")
+                keep("Height of the points"),
+                pixels,
+                Axis(float(low[1]), float(high[1]), "y (m)"),
+                Axis(float(low[2]), float(high[2]), "m"),
+                MEASURE,
             ),
         ),
         Axis(float(low[0]), float(high[0]), "x (m)"),
@@ -125,7 +135,14 @@ def stand_map(stand: Stand, settings: Scene, inputs: Inputs) -> Plot:
     pixels = CLEARING + (intensity / (intensity.max() or 1.0))[..., None] * (MEADOW - CLEARING)
     _set_trees(pixels, stand, settings, low, scale)
     title = f"{settings.name}: {len(stand):,} trees on {stand.area / 1e4:,.3g} ha"
-    strip = Strip(title, pixels, Axis(float(low[1]), float(high[1]), "y (m)"))
+    most = float(intensity.max())
+    strip = Strip(
+        title,
+        pixels,
+        Axis(float(low[1]), float(high[1]), "y (m)"),
+        Axis(0.0, most, keep("trees/ha")) if most > 0 else None,
+        np.array([CLEARING, MEADOW]),
+    )
     return Plot((strip,), Axis(float(low[0]), float(high[0]), "x (m)"), "")
 
 
@@ -169,18 +186,21 @@ def _set_trees(
         part += 0.85 * np.clip(reach + 0.5 - away, 0.0, 1.0)[..., None] * (colour - part)
 
 
-def by_distance(distance: np.ndarray) -> np.ndarray:
-    """Colours of distances (H, W) by their logarithm, enlarged or thinned to the size of two strips."""
+def by_distance(title: str, distance: np.ndarray, up: Axis) -> Strip:
+    """Distances (H, W) coloured by their logarithm, enlarged or thinned to the size of two strips."""
     high, wide = distance.shape
     rows = (np.arange(2 * HIGH) * high) // (2 * HIGH)
     columns = (np.arange(WIDE) * wide) // WIDE
     there = distance[np.ix_(rows, columns)]
     known = np.isfinite(there)
     if not known.any():
-        return _coloured(np.zeros(there.shape))
-    near, far = np.log(np.maximum(np.percentile(there[known], (1, 100)), 1e-3))
+        return Strip(title, np.broadcast_to(PAPER, (*there.shape, 3)), up)
+    ends = np.maximum(np.percentile(there[known], (1, 100)), 1e-3)
+    near, far = np.log(ends)
     away = (np.log(np.where(known, np.maximum(there, 1e-3), 1.0)) - near) / ((far - near) or 1.0)
-    return _coloured(np.where(known, 1.0 - 0.85 * np.clip(away, 0.0, 1.0), 0.0))
+    pixels = np.where(known[..., None], _coloured(1.0 - away), PAPER)
+    values = Axis(float(ends[0]), float(ends[1]), "m", log=True) if far > near else None
+    return Strip(title, pixels, up, values, MEASURE[::-1])
 
 
 def _level(size: np.ndarray, floor: float) -> np.ndarray:
@@ -206,7 +226,7 @@ def _spectrogram(samples: np.ndarray, sample_rate: float) -> tuple[np.ndarray, f
 
     window = max(16, min(512, len(samples) // 16))
     if len(samples) < window:
-        return np.broadcast_to(SCALE[0], (HIGH, WIDE, 3)), 0.0, sample_rate / 2
+        return np.broadcast_to(LEVEL[0], (HIGH, WIDE, 3)), 0.0, sample_rate / 2
     hop = max(1, (len(samples) - window) // WIDE)
     transform = signal.ShortTimeFFT(signal.windows.hann(window), hop, sample_rate, mfft=4 * window)
     first = transform.p_min  # the times of its columns are those of the signal, without overhang
@@ -216,12 +236,12 @@ def _spectrogram(samples: np.ndarray, sample_rate: float) -> tuple[np.ndarray, f
     low, high = (heard[0], heard[-1]) if len(heard) else (0, len(level) - 1)
     rows = np.linspace(low, high, HIGH).astype(int)
     columns = np.linspace(0, level.shape[1] - 1, WIDE).astype(int)
-    colours = _coloured(1.0 + level[np.ix_(rows, columns)] / DEPTH_DB)
+    colours = _coloured(1.0 + level[np.ix_(rows, columns)] / DEPTH_DB, LEVEL)
     return colours, float(transform.f[low]), float(transform.f[high])
 
 
-def _coloured(share: np.ndarray) -> np.ndarray:
+def _coloured(share: np.ndarray, scale: np.ndarray = MEASURE) -> np.ndarray:
     """(..., 3) colours of values 0 to 1."""
-    place = np.linspace(0.0, 1.0, len(SCALE))
+    place = np.linspace(0.0, 1.0, len(scale))
     clipped = np.clip(share, 0.0, 1.0)
-    return np.stack([np.interp(clipped, place, SCALE[:, k]) for k in range(3)], axis=-1)
+    return np.stack([np.interp(clipped, place, scale[:, k]) for k in range(3)], axis=-1)

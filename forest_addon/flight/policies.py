@@ -22,6 +22,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from ..base.vectors import azimuth_of, column
+from ..formats.foreign import guarded
 from ..formats.table import write_npz
 from ..spec import Flight, SpecError, unknown
 from .bodies import ACTIONS, wrapped
@@ -284,6 +285,7 @@ class Trained:
         write_npz(path, {"weights": self.weights}, {"weights": "1"})
 
 
+@guarded("a trained policy")
 def load(path: Path, flight: Flight, lidar: LidarSense) -> Trained:
     """A policy that was trained before.
 
@@ -291,11 +293,8 @@ def load(path: Path, flight: Flight, lidar: LidarSense) -> Trained:
     ------
     SpecError : the file is none of ours.
     """
-    try:
-        with np.load(path, allow_pickle=False) as file:
-            weights = np.array(file["weights"], dtype=np.float64)
-    except (OSError, ValueError, KeyError) as problem:
-        raise SpecError(str(path), f"is no trained policy ({problem}); train one first") from None
+    with np.load(path, allow_pickle=False) as file:
+        weights = np.array(file["weights"], dtype=np.float64)
     if weights.shape != (SIZE,) or not np.isfinite(weights).all():
         raise SpecError(str(path), f"has weights {weights.shape}, not ({SIZE},); train anew")
     return Trained(flight, lidar, weights)

@@ -50,22 +50,22 @@ class FlightSurroundings:
     @cached_property
     def caster(self) -> RayCaster | MovingCaster:
         """Rays that meet everything, in the wind at times of their own."""
-        from ..blender.rays.casters import moved_caster
+        from ..blender.rays.casters import make_caster
 
         if self.sway is not None:
             return self.stock.pieces.caster(self.geometry, self.sway)
-        return moved_caster(self.stock.caster, self.geometry)
+        return make_caster(self.geometry, self.settings.rays, self.stock.caster)
 
     @cached_property
     def wood(self) -> RayCaster | MovingCaster:
         """Rays that pass leaves, in the wind at times of their own."""
-        from ..blender.rays.casters import moved_caster
+        from ..blender.rays.casters import make_caster
 
         like = self.stock.wood
         solid = replace(self.geometry, meshes=like.scene.meshes)
         if self.sway is not None:
             return self.stock.pieces.caster(solid, self.sway, solid=True)
-        return moved_caster(like, solid)
+        return make_caster(solid, self.settings.rays, like)
 
     @cached_property
     def targets(self) -> EchoTargets:

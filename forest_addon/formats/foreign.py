@@ -15,7 +15,8 @@ import os
 import re
 import stat
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from itertools import takewhile
 from pathlib import Path
 from typing import Any, BinaryIO, Concatenate, ParamSpec, TypeVar
 
@@ -31,17 +32,22 @@ LONGEST = 160  # characters of another program's words
 MOST = 4_000_000_000  # bytes of a file
 PACKED = 300  # points of a LAZ over those that its bytes would hold unpacked
 HEAD = 100_000  # bytes in which a PLY says what it holds
-SIZES = {
-    "char": 1,
-    "uchar": 1,
-    "int8": 1,
-    "uint8": 1,
-    "short": 2,
-    "ushort": 2,
-    "int16": 2,
-    "uint16": 2,
+SIZES = {  # bytes of PLY's types
+    **dict.fromkeys(("char", "uchar", "int8", "uint8"), 1),
+    **dict.fromkeys(("short", "ushort", "int16", "uint16"), 2),
+    **dict.fromkeys(("int", "uint", "int32", "uint32", "float", "float32"), 4),
+    **dict.fromkeys(("double", "float64"), 8),
 }
-SIZES |= {"double": 8, "float64": 8}  # of PLY; others have 4
+_KIND = f"(?:{'|'.join(SIZES)})"
+_NOTE = r"(?:(?:comment|obj_info)\b.*\n)*"
+PLY_HEAD = re.compile(
+    rf"ply\n{_NOTE}format (?:ascii|binary_(?:little|big)_endian) 1\.0\n{_NOTE}"
+    rf"(?:element \w+ \d+\n{_NOTE}(?:property (?:list {_KIND} )?{_KIND} \S+\n{_NOTE})*)+"
+)
+PLY_LONGEST = 60_000  # bytes of a line; Blender's reader ends the process beyond 64 KiB
+BESIDE = re.compile(
+    rb"^\s*(?:mtllib|map_\w+|bump|disp|refl|norm)\s+(?:-\w+\s+\S+\s+)*(.+?)\s*$", re.M
+)
 COARSE = 2e-3  # of the extent, a step of single precision that loses the shape
 FINEST = 1e-3  # metres, a step that loses none
 RASTER = 0.5  # metres, that corners of grids are multiples of
@@ -111,7 +117,7 @@ def refuse_claims(path: StrPath, most: int = MOST) -> None:
     except OSError:
         return
     kind = stat.S_IFMT(status.st_mode)
-    if kind not in (stat.S_IFREG, stat.S_IFDIR):
+    if _is_endless(path):
         raise SpecError(str(path), "is a device or a pipe; name a file")
     if status.st_size > most:
         raise SpecError(
@@ -129,7 +135,11 @@ def refuse_claims(path: StrPath, most: int = MOST) -> None:
         elif head.startswith(b"PXR-USDC") and len(head) > 23:
             claimed, room = _claims_of_usd(head, room, file)
     if re.match(rb"ply\s", head):
-        claimed = _claims_of_ply(head)
+        claimed = _claims_of_ply(Path(path), head)
+    elif str(path).lower().endswith((".obj", ".mtl")):
+        _refuse_endless_beside(
+            Path(path), map(os.fsdecode, BESIDE.findall(Path(path).read_bytes()))
+        )
     elif head.startswith(b"glTF") or str(path).lower().endswith(".gltf"):
         claimed, room = _claims_of_gltf(Path(path), room)
     if claimed > room:
@@ -138,6 +148,25 @@ def refuse_claims(path: StrPath, most: int = MOST) -> None:
             f"is broken: its head counts {claimed:,} records or bytes, it has room for {room:,}; copy or "
             "export it again",
         )
+
+
+def _is_endless(path: StrPath) -> bool:
+    """Return whether something is neither a file nor a folder; what is not there is not."""
+    try:
+        kind = stat.S_IFMT(os.stat(path).st_mode)
+    except (OSError, ValueError):
+        return False
+    return kind not in (stat.S_IFREG, stat.S_IFDIR)
+
+
+def _refuse_endless_beside(path: Path, names: Iterable[str]) -> None:
+    """Refuse a file that names, as its own parts, what has no end; libraries of materials name more."""
+    for name in names:
+        beside = path.parent / name
+        if _is_endless(beside):
+            raise SpecError(str(path), f'names "{name}", which is a device or a pipe; name a file')
+        if beside.suffix.lower() == ".mtl" and beside != path:
+            refuse_claims(beside)
 
 
 def _claims_of_las(head: bytes, size: int, file: BinaryIO) -> tuple[int, int]:
@@ -183,17 +212,37 @@ def _claims_of_usd(head: bytes, size: int, file: BinaryIO) -> tuple[int, int]:
     return max(counted, key=lambda one: one[0] / max(one[1], 1))
 
 
-def _claims_of_ply(head: bytes) -> int:
-    """Bytes that a PLY needs for what it counts, at least."""
-    text = head.partition(b"end_header")[0].decode("ascii", "replace")
-    least, count = 0, 0
-    for words in map(str.split, text.splitlines()):
-        if words[:1] == ["element"] and len(words) > 2:
+def _claims_of_ply(path: Path, head: bytes) -> int:
+    """Bytes that a PLY needs for what it counts, at least.
+
+    Raises
+    ------
+    SpecError : its head is none, or a line is so long that Blender ends on it.
+    """
+    lines = head.decode("ascii", "replace").splitlines()
+    lines = [
+        " ".join(line.split()) for line in takewhile(lambda t: t.strip() != "end_header", lines)
+    ]
+    whole = "".join(f"{line}\n" for line in filter(None, lines))
+    if b"end_header" not in head or not PLY_HEAD.fullmatch(whole):
+        raise SpecError(
+            str(path), "is no PLY that can be read: its head is broken; export it again"
+        )
+    is_text = "format ascii 1.0" in lines
+    with open(path, "rb") as file:
+        if is_text and any(len(line) > PLY_LONGEST for line in file):
+            raise SpecError(
+                str(path), f"has a line of more than {PLY_LONGEST:,} bytes; export it as binary PLY"
+            )
+    least = count = most = 0
+    for words in map(str.split, lines):
+        if words[:1] == ["element"]:
             count = int(words[2])
-        elif words[:1] == ["property"] and len(words) > 2:
+            most = max(most, count)
+        elif words[:1] == ["property"]:
             kind = words[2] if words[1] == "list" else words[1]
-            least += count * (2 if "format ascii" in text else SIZES.get(kind, 4))
-    return least
+            least += count * (2 if is_text else SIZES[kind])
+    return max(least, most)
 
 
 def _claims_of_gltf(path: Path, size: int) -> tuple[int, int]:
@@ -202,12 +251,14 @@ def _claims_of_gltf(path: Path, size: int) -> tuple[int, int]:
     if raw.startswith(b"glTF"):
         raw = raw[20 : 20 + int.from_bytes(raw[12:16], "little")]
     document = json.loads(raw)
-    names = [str(each.get("uri", "")) for each in document.get("buffers", [])]
-    beside = [path.parent / name for name in names if name and not name.startswith("data:")]
-    size += sum(file.stat().st_size for file in beside if file.is_file())
-    return max(
-        (int(each.get("count", 0)) for each in document.get("accessors", [])), default=0
-    ), size
+    parts = (*document.get("buffers", []), *document.get("images", []))
+    names = [name for each in parts if (name := str(each.get("uri", "")))[:5] != "data:"]
+    names = [re.sub("%([0-9a-fA-F]{2})", lambda code: chr(int(code[1], 16)), n) for n in names]
+    _refuse_endless_beside(path, filter(None, names))
+    size += sum(file.stat().st_size for name in names if (file := path.parent / name).is_file())
+    counted = [*document.get("accessors", [])]
+    counted += [each["sparse"] for each in counted if "sparse" in each]
+    return max((int(each.get("count", 0)) for each in counted), default=0), size
 
 
 def refuse_coarse(path: StrPath, corners: np.ndarray, exact: bool = False) -> None:
@@ -253,6 +304,11 @@ def _sentence(problem: Exception, what: str) -> str:
         return "asks for more memory than there is; give a smaller file"
     if isinstance(problem, OSError) and problem.strerror:
         return f"cannot be read: {problem.strerror}"
-    shown = "".join(c if c.isprintable() else " " for c in str(problem))[:LONGEST]
-    why = " ".join(shown.split()) or type(problem).__name__
+    lines = [line for line in str(problem).splitlines() if not line.startswith("Location:")]
+    if "Traceback" in str(problem):  # of a script of Blender's: what it ended with
+        lines = [line for line in lines if line.strip()][-1:]
+    shown = "".join(
+        c if c.isprintable() else " " for c in re.sub(r"\bError: ", "", " ".join(lines))
+    )
+    why = " ".join(shown[:LONGEST].split()).rstrip(".") or type(problem).__name__
     return f"cannot be read as {what} ({why}); save it again"

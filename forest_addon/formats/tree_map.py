@@ -22,6 +22,7 @@ import zipfile
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from difflib import get_close_matches
 from functools import partial
 from itertools import chain
 from pathlib import Path
@@ -100,6 +101,7 @@ NO = ("0", "false", "f", "no", "n", "nein", "non", "dead")
 LIVING = ("alive", "live", "lebend", "vivant")
 MOST = 500_000_000  # bytes of a table
 PACKED = 200  # times the bytes of a file that it may unpack to, beside a megabyte
+LIKE = 0.8  # of a column's name, beyond which it is a slip of the keyboard
 STEMS = 50  # rows at one place that may be one tree
 CROWDED = 0.02  # m² a tree, below which numbers that may be degrees are degrees
 DEGREES = "EPSG:4326"
@@ -293,6 +295,13 @@ def _words(sheet: _Sheet) -> str:
     ]
     used = {at for at, *_ in columns.values()}
     left = [name.strip() for at, name in enumerate(sheet.head) if at not in used and name.strip()]
+    missing = {
+        word: key for key in {*COLUMNS} - {*columns} for word in COLUMNS[key].split() if word[3:]
+    }
+    for name in left:
+        near = get_close_matches("".join(_plain(name)), missing, 1, LIKE)
+        meant = f"{sheet.path.name}: column {name} is not used; did you mean {{}}?"
+        sheet.said += [meant.format(missing[word]) for word in near]
     return ", ".join(taken) + (f"; not used: {', '.join(left)}" if left else "")
 
 

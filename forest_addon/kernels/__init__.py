@@ -27,10 +27,10 @@ FILE = "_kernels" + {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so
 # Arguments and results of the functions in kernels.h. An array of another type, or one that is not
 # contiguous, is refused by ctypes when a function is called; lengths are the caller's to check.
 _text = ctypes.c_char_p
-_count = ctypes.c_int64
-_bytes, _int32s, _int64s, _floats, _doubles, _complexes = (
+_count, _double = ctypes.c_int64, ctypes.c_double
+_int8s, _bytes, _int32s, _int64s, _floats, _doubles, _complexes = (
     np.ctypeslib.ndpointer(kind, flags="C_CONTIGUOUS")
-    for kind in (np.uint8, np.int32, np.int64, np.float32, np.float64, np.complex128)
+    for kind in (np.int8, np.uint8, np.int32, np.int64, np.float32, np.float64, np.complex128)
 )
 
 
@@ -68,6 +68,22 @@ FUNCTIONS: dict[str, tuple[list[Any], Any]] = {
             *(_count, _count, _doubles, _count, _complexes),
         ],
         None,
+    ),
+    "spread_rays": ([_count, *[_doubles] * 6, _count, *[_doubles] * 3], None),
+    "blur_patches": (
+        [
+            *(_count, _int64s, _int64s, _count, _int8s, _doubles, _doubles, _int64s),
+            *(_doubles, _doubles, _doubles, _double, _int64s, _doubles, _doubles, _doubles),
+        ],
+        None,
+    ),
+    "find_echoes": (
+        [
+            *(_count, _int64s, _int64s, _count, _doubles, _doubles, _doubles, _double),
+            *(_count, _count, _doubles, _double, _int64s, _doubles),
+            *(_int64s, _doubles, _doubles, _doubles, _int64s),
+        ],
+        _count,
     ),
 }
 

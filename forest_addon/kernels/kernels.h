@@ -63,4 +63,36 @@ KERNEL void lay_echoes(int64_t count, const double *place, const double *cycles,
                        int64_t sums, const double *weights, int64_t width, int64_t powers, const double *taps_of,
                        int64_t size, double *grid);
 
+/* Rays of beams (B,), beam by beam, at places (S, 2) x, y across each: from start + x * exit_x + y * exit_y along
+ * axis + x * turn_x + y * turn_y, all (B, 3). Writes origin and unit direction (B * S, 3). */
+KERNEL void spread_rays(int64_t beams, const double *start, const double *axis, const double *exit_x,
+                        const double *exit_y, const double *turn_x, const double *turn_y,
+                        int64_t subrays, const double *place, double *origin, double *direction);
+
+/* Moves and blurs contacts (C,) on surfaces that go on between the rays of a pulse.
+ * order (C,): rows of the contacts, pulse by pulse. ray (C,): number of the ray, pulse * subrays + sub-ray.
+ * surface (C,): contacts of one number may lie on one surface, -1 on none that goes on; of a ray the first contact
+ * of each number that has energy counts.
+ * distance, energy (C,): metres, and any unit. line (C,): rows of origin and direction (L, 3), unit vectors.
+ * normal (C, 3): unit vectors. sigma: m, of the pulse. seats (3 * subrays,), room (6 * subrays,): anything.
+ * Writes moved (C,), the range of the light of each contact, and blur (C,), its standard deviation, metres. */
+KERNEL void blur_patches(int64_t count, const int64_t *order, const int64_t *ray, int64_t subrays,
+                         const int8_t *surface, const double *distance, const double *energy,
+                         const int64_t *line, const double *origin, const double *direction,
+                         const double *normal, double sigma, int64_t *seats, double *room,
+                         double *moved, double *blur);
+
+/* Echoes of those of the contacts (C,) that have energy, by pulse and range; returns how many, at most C.
+ * count to energy: as above. blur (C,): m, standard deviation in range of the light of each contact.
+ * bins: 0, then echoes are crests of the waveform; else it is sampled, shape (bins,) is the light of a pulse in
+ * bins of so many metres, and a bin is an echo that is larger than all within the window, in bins.
+ * rows (4 * C + W,), room (6 * C + W,): anything, with W = C * (bins + window + 1) + bins, 0 without bins.
+ * Writes of each echo its pulse, the distance of the crest, the total energy, the width, and the row of the
+ * contact that stands for it: of those with half the energy of the strongest the one of the innermost sub-ray. */
+KERNEL int64_t find_echoes(int64_t count, const int64_t *order, const int64_t *ray, int64_t subrays,
+                           const double *distance, const double *energy, const double *blur,
+                           double sigma, int64_t bins, int64_t window, const double *shape,
+                           double bin, int64_t *rows, double *room, int64_t *pulse, double *crest,
+                           double *total, double *width, int64_t *contact);
+
 #endif

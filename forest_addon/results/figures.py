@@ -72,11 +72,20 @@ def of_forest(forest: GrownForest) -> list[Figure]:
     found += [
         numbers("leaves", "Leaves", f"{leaves:,}"),
         numbers("triangles", "Triangles", f"{triangles:,}"),
-        numbers("triangles of the variants", "Of Variants", f"{unique:,}"),
+        numbers("triangles of the variants", "Held Once", f"{unique:,}"),
         words("density", "Density", "{density:,.0f} trees/ha", density=density),
     ]
     if stand.removed:
-        found.append(words("", "Too Close", "{count:,} taken away", count=int(stand.removed)))
+        removed, before = int(stand.removed), len(stand) + int(stand.removed)
+        found.append(
+            words(
+                "",
+                "Spacing",
+                "{removed:,} of {before:,} trees removed",
+                removed=removed,
+                before=before,
+            )
+        )
     if stand.off_ground.any():
         lost = int(stand.off_ground.sum())
         found.append(words("", "No Ground", "{count:,} left out", count=lost))

@@ -13,10 +13,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .. import kernels
 from ..formats.atomic import write_whole
 from ..spec import Scene, Sensor, SpecError
 from .coordinates import FILE, NO_OFFSET, Offset
-from .figures import Figure
+from .figures import Figure, numbers
 from .kind import Finding, ResultKind, Variables
 from .points import ending_of
 from .reverb import REVERB
@@ -52,7 +53,8 @@ def results_of(sensor: Sensor) -> ResultKind:
 
 def figures_of(sensor: Sensor, found: Finding, seen: Seen | None = None) -> list[Figure]:
     """Return the figures of what a sensor found. seen : the scene that it looked at, where it is known."""
-    return results_of(sensor).figures(sensor, found, seen)
+    engine = numbers("", "Kernels", kernels.engine())
+    return [*results_of(sensor).figures(sensor, found, seen), engine]
 
 
 def sentence_of(sensor: Sensor, found: Finding) -> str:

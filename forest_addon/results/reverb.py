@@ -50,6 +50,11 @@ def of_response(response: ImpulseResponse, trunks: int | None = None) -> list[Fi
     return [
         *found,
         numbers("trunks heard", "Trunks Heard", f"{response.trunks:,}"),
+        *(
+            [numbers("trees that they are of", "Trees Heard", f"{response.stands:,}")]
+            if 0 <= response.stands < response.trunks
+            else []
+        ),
         numbers("trunks beyond the field", "Beyond Field", f"{response.continued:,}"),
         numbers("trunks after the record's end", "Too Late", f"{response.late:,}"),
         numbers("reverberation time", "Reverb Time", f"{seconds:.2f} s")
@@ -118,6 +123,11 @@ def _multiple_scattering(found: ModelError | None) -> Iterator[Figure]:
 def _sentence(response: ImpulseResponse) -> str:
     if not response.trunks:
         return keep("no trunks heard")
+    if 0 <= response.stands < response.trunks:
+        count, trees = response.trunks, response.stands
+        return keep("{count:,} stems of {trees:,} trees heard", count=count, trees=trees)
+    if response.trunks == 1:
+        return keep("1 trunk heard")
     return keep("{count:,} trunks heard", count=response.trunks)
 
 

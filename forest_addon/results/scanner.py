@@ -9,7 +9,7 @@ import numpy as np
 
 from ..base.rows import distinct
 from ..base.words import keep
-from ..drawing.strips import Axis, Plot, Strip, by_distance, from_above
+from ..drawing.strips import Axis, Plot, by_distance, from_above
 from ..spec import Scanner, Terrestrial
 from .coordinates import Offset
 from .figures import Figure, numbers, organ_figures, share
@@ -152,9 +152,9 @@ def cloud_plot(scanner: Scanner, cloud: Cloud) -> Plot | None:
     (west, east), (low, high) = scanner.azimuth_deg, scanner.elevation_deg
     return Plot(
         (
-            Strip(
+            by_distance(
                 keep("Distance of the first return"),
-                by_distance(distance),
+                distance,
                 Axis(low, high, keep("elevation (°)")),
             ),
         ),

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..base.words import keep
-from ..drawing.strips import Axis, Plot, Strip, by_distance
+from ..drawing.strips import Axis, Plot, by_distance
 from .coordinates import Offset
 from .figures import Figure, numbers, organ_figures, share
 from .kind import ResultKind, Variables
@@ -81,9 +81,9 @@ def matrix_plot(_tractor: Tractor, scan: TractorScan) -> Plot:
     track = scan.track
     return Plot(
         (
-            Strip(
+            by_distance(
                 keep("Distance of the first hit"),
-                by_distance(scan.distance.T),
+                scan.distance.T,
                 Axis(float(angle[0]), float(angle[-1]), keep("degrees from the horizontal")),
             ),
         ),

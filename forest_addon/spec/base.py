@@ -38,6 +38,7 @@ CODES = {  # of inventories for a species: Latin, German, numbers of FIA, symbol
     "silver-fir": "abies-alba ta tanne weißtanne abal3",
 }
 SAME |= {code: (name,) for name, codes in CODES.items() for code in codes.split()}
+FINEST_SUM = 1e-9  # of all amplitudes
 MOST_RAYS = 10**12  # of a scan; none that is meant has as many
 A_SECOND = 4e5  # rays of Embree on one core, about
 
@@ -109,6 +110,20 @@ def refuse_absurd(key: str, pulses: float, rays: int = 1) -> None:
             key,
             f"asks for {pulses:.2g} pulses{each}, some {years:,.2g} years of work; a scan has at most "
             f"{MOST_RAYS:.0e} rays, so give another",
+        )
+
+
+def refuse_too_fine(tolerance: float) -> None:
+    """Refuse a tolerance of a sum that float64 does not keep.
+
+    Raises
+    ------
+    SpecError : it is above 0 and below 1e-9.
+    """
+    if 0 < tolerance < FINEST_SUM:
+        raise SpecError(
+            "tolerance",
+            f"is finer than float64 keeps; use 0 for the exact sum, or {FINEST_SUM:g} and more",
         )
 
 

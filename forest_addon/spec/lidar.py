@@ -122,12 +122,17 @@ class Tractor(Sensor):
             raise SpecError("position[2]", "the scanner must be above z = 0; raise it")
         if self.top <= self.position[2]:
             raise SpecError("top", f"{self.top:g} m must be above the scanner's height")
-        rise = math.atan2(self.top - self.position[2], self.reach)
-        fan = math.degrees(rise + math.atan2(self.position[2], self.reach))
-        beams = places_in(fan, self.angle_step_deg)
-        scans = places_in(self.track, self.step * (self.gap + 1))
+        beams, scans = self.counts
         key = "angle_step_deg" if beams > scans else "step"
         refuse_absurd(key, beams * scans, max(self.splits, 1) ** 2)
+
+    @property
+    def counts(self) -> tuple[float, float]:
+        """Beams of a fan, and fans along the track."""
+        rise = math.atan2(self.top - self.position[2], self.reach)
+        fan = math.degrees(rise + math.atan2(self.position[2], self.reach))
+        scans = places_in(self.track, self.step * (self.gap + 1))
+        return places_in(fan, self.angle_step_deg), scans
 
 
 class Beam(Settings):

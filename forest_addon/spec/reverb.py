@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from .base import Settings, SpecError, param
+from .base import Settings, SpecError, param, refuse_too_fine
 from .sensor import Sensor, azimuth, elevation, kind, output_name, place
 
 
@@ -312,11 +312,7 @@ class Reverb(Sensor):
             raise SpecError(
                 "sample_rate", f"{self.sample_rate:g} Hz: sound files need a whole number of hertz"
             )
-        if 0 < self.tolerance < 1e-9:
-            raise SpecError(
-                "tolerance",
-                "is finer than float64 keeps; use 0 for the exact sum, or 1e-9 and more",
-            )
+        refuse_too_fine(self.tolerance)
         if self.heard_as == "binaural" and not self.head_file:
             raise SpecError("head_file", "is needed where heard_as is binaural; name a SOFA file")
         if self.directivity == "measured" and not self.directivity_file:

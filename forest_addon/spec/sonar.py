@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from .base import SpecError, param
+from .base import SpecError, param, refuse_too_fine
 from .sensor import (
     PATTERNS,
     Sensor,
@@ -170,6 +170,7 @@ class Sonar(Sensor):
             )
         if self.near_limit >= self.max_range:
             raise SpecError("near_limit", "must be smaller than max_range")
+        refuse_too_fine(self.tolerance)
         for key in ("beam", "hearing", "call"):
             if getattr(self, key) == "file" and not getattr(self, f"{key}_file"):
                 raise SpecError(f"{key}_file", f'is needed for {key} = "file"; name a file')

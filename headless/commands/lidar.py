@@ -384,9 +384,6 @@ def scan_blend(
     from forest_addon.sensing.lidar.scan import Scan
 
     stages = Stages(quiet)
-    if not blend.is_file():
-        raise SpecError(str(blend), "there is no such file; check the path")
-    target.parent.mkdir(parents=True, exist_ok=True)
     with hushed():
         import bpy
 
@@ -427,7 +424,7 @@ def scan_blend(
             some = np.linspace(0, scan.pulses - 1, 50).astype(np.int64)
             where = pattern_of(sensor, way).pulses(some).origin
             nothing = why_nothing("0 points", where, sensor.max_range, observer.geometry)
-            stages.say(f"  Warning: {nothing}")
+            stages.warn(nothing)
         stages.say(
             f"{done.path}: {done.points:,} points of {done.pulses:,} pulses by {caster.engine}, "
             f"{(done.pulses - done.resumed_at) / took:,.0f} pulses/s"

@@ -29,7 +29,6 @@ import sys
 import tempfile
 import threading
 import time
-import traceback
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import (
@@ -51,6 +50,7 @@ from typing import Any
 from forest_addon.base.places import environment_of_child
 from forest_addon.spec import SpecError
 
+from ..command import fault_of, is_told
 from ..progress import forget_peak, held_memory, peak_memory_mb
 from . import disk
 from .plan import Recipe
@@ -181,11 +181,9 @@ def _failure(problem: BaseException) -> SceneOutcome:
         return SceneOutcome("memory", "needs more memory than there is")
     if isinstance(problem, OSError):
         return SceneOutcome("disk" if problem.errno in DISK else "fault", str(problem))
-    if isinstance(problem, ValueError):
+    if isinstance(problem, ValueError) and is_told(problem):
         return SceneOutcome("settings", str(problem))
-    where = traceback.extract_tb(problem.__traceback__)[-1]
-    place = f"{Path(where.filename).name}:{where.lineno}"
-    return SceneOutcome("fault", f"{type(problem).__name__}: {problem} ({place})")
+    return SceneOutcome("fault", fault_of(problem))
 
 
 # The worker, which starts that process and watches it.

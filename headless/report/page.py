@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from forest_addon import kernels
 from forest_addon.base.places import ASSETS, version
 from forest_addon.base.rng import stream
 from forest_addon.base.trimesh import GROUND
@@ -307,7 +308,7 @@ def write(
 <title>{html.escape(settings.name)} · Forest Sensing</title>
 <style>{CSS}</style></head>
 <body><header><h1>{html.escape(settings.name)}</h1>
-<p>Forest Sensing {version()}, seed {settings.seed}</p></header>
+<p>Forest Sensing {version()}, seed {settings.seed}, kernels: {kernels.engine()}</p></header>
 {hero}
 <main>{body}
 <section><h2>Times</h2><table>{times}

@@ -237,7 +237,7 @@ def test_degenerate_and_nan_geometry_harms_no_other(engine):
 
 
 def test_collinear_triangles_hide_nothing(engine):
-    """Triangles of 5 cm without height but for rounding, and a real one by each; rays pass along the lines."""
+    """Triangles of 5 cm without height but for rounding, a real one by each; rays pass along the lines."""
     rng = stream(15, "collinear")
     count = 300
     first = rng.normal([0, 0, 8], 4, (count, 3))

@@ -1,6 +1,8 @@
 """The evaluated scene as arrays: modifiers, instances, hidden objects, curves, leaf numbers."""
 
 import dataclasses
+import gc
+import weakref
 from pathlib import Path
 
 import numpy as np
@@ -20,10 +22,12 @@ from forest_addon.blender.read.depsgraph import (
     read_scene,
 )
 from forest_addon.blender.scene.meshes import from_mesh, to_mesh
+from forest_addon.blender.sensors.observe import Observer
 from forest_addon.growth.library.species_file import find_species, load_species
 from forest_addon.growth.mesh.leaves import measure_leaves
 from forest_addon.growth.tree import grow
 from forest_addon.sensing.lidar.cloud import label
+from forest_addon.spec import Rays
 
 
 def quad(x, part, leaf=-1):
@@ -448,3 +452,92 @@ def test_a_negative_scale_keeps_distances(empty_blender):
     thing = add(quad(1, WOOD))
     thing.scale = (-2, 1, 1)
     assert distance_along_x(read()) == pytest.approx(3, abs=1e-6)
+
+
+def observe(engine="auto"):
+    bpy.context.view_layer.update()
+    return Observer.of(bpy.context.evaluated_depsgraph_get(), Rays(engine=engine))
+
+
+def test_a_scene_is_not_set_up_anew_after_what_sensors_do_not_meet(empty_blender):
+    add(quad(0, WOOD))
+    lamp = bpy.data.objects.new("ear", None)
+    bpy.context.scene.collection.objects.link(lamp)
+    before = observe()
+    lamp.location.x = 3
+    after = observe()
+    assert after is before
+    assert after.places["ear"] == (3, 0, 0)
+    add(quad(1, WOOD), **{IGNORED_KEY: True})
+    assert observe() is before
+
+
+@pytest.mark.parametrize("engine", ["embree", "bvhtree"])
+def test_trees_of_meshes_that_stayed_are_not_built_anew(empty_blender, engine, monkeypatch):
+    from forest_addon.blender.rays import bvh, embree
+
+    built = []
+    for room, name in ((bvh, "whole_triangles"), (embree, "_not_all")):
+        before = getattr(room, name)
+        told = lambda mesh, before=before: built.append(len(mesh.triangles)) or before(mesh)  # noqa: E731
+        monkeypatch.setattr(room, name, told)
+    rng = stream(4, engine)
+    things = []
+    for count in (3, 4, 5, 6):
+        corners = rng.uniform(-1, 1, (3 * count, 3))
+        triangles = np.arange(3 * count).reshape(-1, 3)
+        things.append(add(TriMesh.of_part(corners, triangles, WOOD), str(count)))
+    origins, ways = rng.uniform(-2, 2, (2, 400, 3))
+
+    def cast():
+        built.clear()
+        observer = observe(engine)
+        for caster in (observer.caster, observer.wood):
+            mine = caster.cast(origins, ways)
+            alone = BvhCaster(observer.geometry).cast(origins, ways)
+            assert np.array_equal(mine.instance, alone.instance)
+            assert np.allclose(mine.distance, alone.distance, rtol=0, atol=1e-12)
+        return sorted(set(built) - {48, 600})  # those of the trial of Embree
+
+    assert cast() == [3, 4, 5, 6]
+    things[0].location.x += 0.5
+    assert cast() == []
+    things[1].data.vertices[0].co.z += 0.7
+    things[1].data.update()
+    assert cast() == [4]
+    things.append(add(quad(0, WOOD)))
+    bpy.data.objects.remove(things.pop(2))
+    assert (
+        cast() == [2, 4] if engine == "embree" else [2]
+    )  # of the first scene's meshes Embree keeps those
+
+
+def test_meshes_of_a_closed_file_are_let_go(empty_blender, tmp_path):
+    add(quad(0, WOOD))
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "a.blend"))
+    observer = observe()
+    observer.caster.cast(np.zeros((1, 3)), np.ones((1, 3)))
+    left = weakref.ref(observer.geometry.meshes[0])
+    del observer
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "a.blend"))
+    gc.collect()
+    assert left() is None
+
+
+@pytest.mark.parametrize("update", [True, False])
+def test_a_property_set_by_a_script_counts_in_the_first_run(empty_blender, update):
+    thing, other = add(quad(0, WOOD)), add(quad(1, WOOD))
+    depsgraph_now = bpy.context.evaluated_depsgraph_get
+    assert len(read_scene(depsgraph_now())) == 2
+    thing[IGNORED_KEY] = True
+    if update:
+        bpy.context.view_layer.update()
+    assert read_scene(depsgraph_now()).object_name == (other.name,)
+    bark = bpy.data.materials.new("bark")
+    other.data.materials.append(bark)
+    bpy.context.view_layer.update()
+    read_scene(depsgraph_now())
+    for place, value in ((other, 0.25), (bark, 0.5)):
+        place[REFLECTANCE_KEY] = value
+        scene = read_scene(depsgraph_now())
+        assert scene.reflectance_at(np.zeros(1, int), np.zeros(1, int), 0.9) == [value]

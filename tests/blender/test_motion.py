@@ -192,6 +192,17 @@ def test_places_never_fill_the_memory(scene, monkeypatch):
         forest.current().scan(FAN)
 
 
+def test_keys_that_were_changed_are_followed_anew(scene):
+    """The frame that is shown is the same, so that nothing of the scene's shape changes."""
+    plate, found = bpy.data.objects["plate"], []
+    for end in (FAR, FAR - 4 * SPEED):
+        keyed(plate, "location", [(FAR, 0, 0), (end, 0, 0)], (1, 97))
+        scene.frame_set(1)
+        found.append(forest.current().scan(FAN).found.returns.distance.min())
+    assert found[0] == pytest.approx(FAR, abs=0.1)
+    assert found[1] < FAR - 0.5
+
+
 PING = forest.Sonar(
     position=(0, 0, 0), beam="omni", call="fm", doppler=True, motion=True, tolerance=1e-8
 )

@@ -49,7 +49,9 @@ def test_scripts_of_a_file_never_run(empty_blender, tmp_path, monkeypatch, wante
 def test_what_is_no_blend_file(tmp_path):
     (tmp_path / "a.blend").write_text("no")
     for name in ("a.blend", "gone.blend"):
-        with pytest.raises(SpecError, match=rf"{name}: cannot be opened .*; check the path"):
+        with pytest.raises(
+            SpecError, match=rf"{name}: (cannot be read as a scene|there is no such file)"
+        ):
             open_file(tmp_path / name)
 
 

@@ -125,7 +125,7 @@ def test_a_bad_file_is_one_sentence_and_leaves_nothing(tmp_path: Path, ending: s
         read_groups(tmp_path / f"bad.{ending}")
     assert "\n" not in str(caught.value)
     assert state() == before
-    with pytest.raises(SpecError, match="there is no file"):
+    with pytest.raises(SpecError, match="there is no such file"):
         read_groups(tmp_path / f"gone.{ending}")
 
 

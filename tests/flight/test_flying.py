@@ -168,7 +168,7 @@ def test_what_was_learnt_is_kept(tmp_path):
     told = one.sense()
     assert np.array_equal(made.act(told), again.act(told))
     (tmp_path / "other.npz").write_text("no")
-    with pytest.raises(SpecError, match="train one first"):
+    with pytest.raises(SpecError, match="cannot be read as a trained policy"):
         policies.load(tmp_path / "other.npz", ALONG, lidar)
 
 

@@ -19,6 +19,8 @@ from hypothesis.strategies import integers
 
 from forest_addon.base.places import ASSETS
 from forest_addon.base.rng import stream
+from forest_addon.flight import policies
+from forest_addon.flight.senses import LIDAR, LidarSense
 from forest_addon.formats.foreign import guarded, refuse_claims
 from forest_addon.formats.glb import read_glb
 from forest_addon.formats.helios.parts import (
@@ -39,7 +41,7 @@ from forest_addon.growth.library.species_file import load_species
 from forest_addon.sensing.reverb.directivity import read_directivity
 from forest_addon.sensing.reverb.ends import read_microphones, read_path
 from forest_addon.sensing.sonar.equipment_files import read_call, read_patterns, read_route
-from forest_addon.spec import Scene, Sonar, SpecError, Species
+from forest_addon.spec import Flight, Scene, Sonar, SpecError, Species
 from forest_addon.stand.files import read_tree_list
 
 TOKENS = (
@@ -171,6 +173,7 @@ PLY = (
     "end_header",
 )
 POINT = '{"type": "Feature", "geometry": {"type": "Point", "coordinates": [%s]}, "properties": {"h": 9}}'
+LEVEL = LidarSense(LIDAR)
 READERS = {
     "las": ("a.las", las, lambda path: np.asarray(read_las(path).xyz)),
     "laz": ("a.laz", las, lambda path: np.asarray(read_las(path).xyz)),
@@ -229,6 +232,11 @@ READERS = {
         "a.wav",
         lambda path: write_wav(path, np.linspace(-1, 1, 50), 250_000.0),
         lambda path: read_call(path, Sonar()),
+    ),
+    "policy": (
+        "a.npz",
+        lambda path: np.savez(path, weights=np.linspace(-1, 1, policies.SIZE)),
+        lambda path: policies.load(path, Flight(), LEVEL).weights,
     ),
     "stl": ("a.stl", lambda path: write_stl(path, stream(0, "stl").random((5, 3, 3))), read_stl),
     "ascii stl": ("a.stl", ascii_stl, read_stl),
@@ -488,7 +496,12 @@ CLAIMS = {
     "points": ("a.las", lambda path: claiming_las(path, 247, "<Q", 10**15)),
     "packed points": ("a.laz", lambda path: claiming_las(path, 247, "<Q", 10**10)),
     "vertices": ("a.ply", text(*PLY[:2], "element vertex 4000000000", *PLY[3:], "0 0")),
+    "vertices of nothing": ("a.ply", text(*PLY[:2], "element vertex 4000000000", PLY[5], "0 0")),
     "accessors": ("a.glb", claiming_glb),
+    "sparse accessors": (
+        "a.gltf",
+        text('{"accessors": [{"count": 3, "sparse": {"count": 4000000000}}]}'),
+    ),
 }
 
 
@@ -498,6 +511,46 @@ def test_a_head_that_counts_more_than_the_file_holds_is_refused_at_once(tmp_path
     make(tmp_path / name)
     with pytest.raises(SpecError, match=f"{name}: is broken: its head counts"):
         (read_las if name[:4] in ("a.la",) else refuse_claims)(tmp_path / name)
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows has no such files")
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("a.gltf", '{"buffers": [{"uri": "endless%2Ebin", "byteLength": 9}]}'),
+        ("a.gltf", '{"images": [{"uri": "endless.bin"}]}'),
+        ("a.obj", "mtllib endless.bin"),
+        ("a.obj", "v 0 0 0\nmtllib a.mtl"),
+    ],
+    ids=["buffer", "image", "materials", "texture"],
+)
+def test_a_part_that_has_no_end_is_not_opened(tmp_path, name, said):
+    """Blender opens what a file names beside it, and would wait for ever."""
+    os.mkfifo(tmp_path / "endless.bin")
+    (tmp_path / "a.mtl").write_text("newmtl m\nmap_Kd -s 1 endless.bin\n")
+    (tmp_path / name).write_text(said)
+    with pytest.raises(SpecError, match=r"names \"endless.bin\", which is a device or a pipe"):
+        refuse_claims(tmp_path / name)
+
+
+@pytest.mark.parametrize(
+    "lines",
+    [
+        (*PLY[:2], "comment " + "x" * 200_000, *PLY[2:], "0 0"),
+        (*PLY[:2], PLY[3], PLY[2], *PLY[3:], "0 0"),
+        (*PLY[:2], "element vertex three", *PLY[3:], "0 0"),
+        (*PLY[:2], "element vertex -4", *PLY[3:], "0 0"),
+        (*PLY[:2], "vertex 3", *PLY[3:], "0 0"),
+        (*PLY[:3], "property flaot x", *PLY[4:], "0 0"),
+        (*PLY[:5], "0 0"),
+        (*PLY, "0 0", "1 0", "0 1 " + "0 " * 40_000),
+    ],
+    ids=["no end", "no element", "word", "negative", "no word", "type", "open", "line"],
+)
+def test_a_ply_on_which_blender_ends_itself_is_refused_before(tmp_path, lines):
+    text(*lines)(tmp_path / "a.ply")
+    with pytest.raises(SpecError, match=r"a\.ply: (is no PLY that can be read|has a line of)"):
+        refuse_claims(tmp_path / "a.ply")
 
 
 @pytest.mark.parametrize("kind", ["layer", "chunk table", "points of a chunk"])

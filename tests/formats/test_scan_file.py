@@ -18,7 +18,6 @@ from forest_addon.results.coordinates import Offset
 from forest_addon.results.points import POINT, records
 from forest_addon.results.scan_file import FORMATS, write_scan
 from forest_addon.sensing.lidar.scan import Scan, scan
-from forest_addon.sensing.rays import bundles
 from forest_addon.spec import Beam, Noise, SpecError, Terrestrial
 
 SCANNER = Terrestrial(
@@ -115,12 +114,6 @@ def test_an_interrupted_scan_ends_with_the_same_bytes(tmp_path, kind, kills):
     assert cut.read_bytes() == whole.read_bytes()
 
 
-@pytest.fixture
-def every_ray(monkeypatch):
-    """No beam is known to meet one face before its rays are cast."""
-    monkeypatch.setattr(bundles, "MOST", -1)
-
-
 class Faulty(BruteCaster):
     """Fails on some pulses, as a program does that has a fault."""
 
@@ -142,7 +135,6 @@ def faulty(*pulses):
     return Scan(SCANNER, Faulty(*pulses), seed=5)
 
 
-@pytest.mark.usefixtures("every_ray")
 def test_a_pulse_that_cannot_be_measured_costs_no_other(tmp_path):
     whole = records(scan(SCANNER, work().caster, 5))
     done = write_scan(tmp_path / "a.double.ply", faulty(100, 101, 230), 5, at_once=64)
@@ -161,7 +153,6 @@ def test_a_pulse_that_cannot_be_measured_costs_no_other(tmp_path):
     assert records(cloud).tobytes() == kept.tobytes()
 
 
-@pytest.mark.usefixtures("every_ray")
 def test_what_was_lost_before_an_interruption_is_named_after_it(tmp_path):
     path = tmp_path / "a.ply"
     with pytest.raises(Killed):
@@ -173,7 +164,6 @@ def test_what_was_lost_before_an_interruption_is_named_after_it(tmp_path):
 
 
 @pytest.mark.medium
-@pytest.mark.usefixtures("every_ray")
 def test_a_caster_that_fails_always_ends_the_scan_and_keeps_what_is_done(tmp_path):
     with pytest.raises(IndexError):
         write_scan(tmp_path / "a.ply", faulty(*range(128, 480)), 5, at_once=64)

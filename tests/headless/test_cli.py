@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from forest_addon.base.places import version
 from headless import cli
 from headless.commands import COMMANDS
 
@@ -102,3 +103,11 @@ def test_output_that_nobody_reads_ends_a_command_quietly(ending, code):
     ended = subprocess.run(["bash", "-c", words], cwd=ROOT, capture_output=True, text=True)
     assert ended.returncode == code
     assert ended.stderr == ""
+
+
+def test_versions_say_what_computes(capsys, monkeypatch):
+    monkeypatch.setenv("FOREST_SENSING_KERNELS", "off")
+    with pytest.raises(SystemExit, match="0"):
+        cli.main(["--version"])
+    said = f"Forest Sensing {version()}, kernels: numpy (FOREST_SENSING_KERNELS=off)\n"
+    assert capsys.readouterr().out == said

@@ -26,12 +26,12 @@ from forest_addon.formats.helios.parts import (
 )
 from forest_addon.formats.helios.survey import read_survey
 from forest_addon.sensing.lidar.pattern import Pulses
-from forest_addon.sensing.lidar.surveys.digitised import digitised, pulse_shape
+from forest_addon.sensing.lidar.surveys.digitised import bins_of
 from forest_addon.sensing.lidar.surveys.leg import SurveyLeg, oscillating
 from forest_addon.sensing.lidar.surveys.stepped import SteppedPath
+from forest_addon.sensing.lidar.waveform import find_echoes
 from forest_addon.spec import SpecError
 from headless.surveys import (
-    CountedDigitisedScan,
     CountedScan,
     casters_of,
     hazes_of,
@@ -274,7 +274,8 @@ def peaks(place: np.ndarray, energy: np.ndarray, shape: np.ndarray, window: int)
 def test_digitised_echoes_are_the_maxima_of_the_binned_waveform(pulse_ns: float, most: int) -> None:
     rng = np.random.default_rng(3)
     digitiser = Digitiser(3, 0.25, 1.0)
-    shape = pulse_shape(pulse_ns, 0.25)
+    bins = bins_of(pulse_ns, digitiser)
+    shape = bins.shape
     bin_m = 0.25 * 0.299792458
     pulse, distance, energy, expected = [], [], [], []
     for number in range(200):
@@ -287,10 +288,9 @@ def test_digitised_echoes_are_the_maxima_of_the_binned_waveform(pulse_ns: float,
         place = ((at - at.min()) / bin_m + 1e-9).astype(int)
         expected.append(len(peaks(place, light, shape, 4)))
     shuffled = rng.permutation(len(pulse))
-    given = np.array(pulse)[shuffled], np.arange(len(pulse))[shuffled] % 19
-    echoes = digitised(
-        *given, np.array(distance)[shuffled], np.array(energy)[shuffled], pulse_ns, digitiser
-    )
+    ray = np.array(pulse)[shuffled] * 19 + np.arange(len(pulse))[shuffled] % 19
+    given = np.array(distance)[shuffled], np.array(energy)[shuffled]
+    echoes = find_echoes(ray, 19, *given, 0.1, bins=bins)
     assert np.bincount(echoes.pulse, minlength=200).tolist() == expected
     assert max(expected) >= most
     assert echoes.energy.sum() == pytest.approx(sum(energy))
@@ -416,7 +416,7 @@ def test_every_quality_of_the_beam_has_all_its_rays(tmp_path: Path, rings: int) 
     assert sensor.beam.subrays == 1 + sum(int(2 * np.pi * k) for k in range(1, rings))
     caster = casters_of(survey, "embree")(0)
     pattern = SurveyLeg(survey, leg)
-    scan = CountedDigitisedScan(sensor, caster, 4, pattern, leg.digitiser).seen_by(caster)
+    scan = CountedScan(sensor, caster, 4, pattern=pattern).sampled(leg.digitiser)
     cloud = scan.look_at(np.arange(pattern.count))
     down = pattern.pulses(np.arange(pattern.count)).direction[:, 2] < -0.1
     assert set(np.flatnonzero(down)) <= set(cloud.pulse)

@@ -6,6 +6,12 @@ import numpy as np
 import pytest
 
 from forest_addon.formats.wav import write_wav
+from headless.cli import main
+from headless.command import fault_of, is_told
+from headless.commands.derive import DeriveCommand
+
+pytest.importorskip("bpy")
+from headless.tiled import Share
 
 BARE = """
 [forest]
@@ -99,9 +105,15 @@ def test_what_asks_for_more_memory_than_there_is_by_far_is_refused_before_it_beg
             "[[plantings]]\nspecies = 'silver-birch'\nexpected = 1\nscale = [2, 2]\n",
             "scale has no effect",
         ),
+        (
+            "[[plantings]]\nspecies = 'apple'\nlayout = 'list'\ntrees = 'trees.csv'\n",
+            "column heigth is not used; did you mean height?",
+        ),
+        ("qsm = true\n[[stems]]\ncount = 5\n", "output.qsm has no effect"),
     ],
 )
 def test_what_is_hardly_meant_is_warned_of(run, tmp_path, more, said):
+    (tmp_path / "trees.csv").write_text("x,y,heigth\n4,5,6\n")
     ended = run(BARE + more, "--quiet")
     assert ended.returncode == 0
     assert said in ended.stderr
@@ -143,3 +155,25 @@ def test_a_level_that_is_no_number_is_refused(headless, tmp_path):
     ended = headless("convolve", tmp_path / "a.wav", tmp_path / "a.wav", "--normalise", "nan")
     assert ended.returncode == 2
     assert "nan is no finite number" in ended.stderr
+
+
+def test_words_of_numpy_are_a_fault_of_the_program_and_say_where():
+    for raised, told in ((lambda: np.empty(0).max(), False), (lambda: Share.of("3"), True)):
+        with pytest.raises(ValueError, match=r"\w") as problem:
+            raised()
+        assert is_told(problem.value) == told
+        assert fault_of(problem.value).startswith(
+            "a fault of this program that is worth a report: V"
+        )
+    assert fault_of(problem.value).endswith(")")
+
+
+def test_memory_that_lacks_is_said_without_the_words_of_numpy(capsys, monkeypatch):
+    def takes_all(*_):
+        np.empty((8_000_000_000, 1000))
+
+    monkeypatch.setattr(DeriveCommand, "run", takes_all)
+    assert main(["derive", "apple"]) == 1
+    said = capsys.readouterr().err
+    assert said.startswith("error: there is not enough memory for 58.2 TiB more; ")
+    assert "shape" not in said

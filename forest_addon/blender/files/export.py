@@ -24,7 +24,7 @@ import numpy as np
 from mathutils import Vector
 
 from ...formats.atomic import replacing
-from ...formats.foreign import refuse_claims, refuse_coarse
+from ...formats.foreign import guarded, refuse_coarse
 from ...formats.glb import Copies, instance_nodes
 from ...spec import Scene, SpecError
 from ..scene.instances import read_points
@@ -51,6 +51,7 @@ def empty_file() -> None:
     bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
 
 
+@guarded("a scene")
 def open_file(path: Path) -> float:
     """Open a .blend file without its windows, and without running what scripts it has, or a mesh file in an
     empty scene, by Blender's importer. What counts in another unit is made metres; return metres of a unit.
@@ -62,17 +63,13 @@ def open_file(path: Path) -> float:
     ending, name = path.suffix.lower(), str(path.resolve())
     if ending not in IMPORTERS:
         raise SpecError(str(path), f"must end in one of {', '.join(IMPORTERS)}")
-    refuse_claims(path)
-    try:
-        if ending == ".blend":
-            bpy.ops.wm.open_mainfile(filepath=name, load_ui=False, use_scripts=False)
-        else:
-            empty_file()
-            group, operator = IMPORTERS[ending]
-            getattr(getattr(bpy.ops, group), operator)(filepath=name)
-    except RuntimeError as problem:
-        why = " ".join(str(problem).replace("Error: ", "").split())
-        raise SpecError(str(path), f"cannot be opened ({why}); check the path") from None
+    path.stat()  # importers say of a missing file what it is not
+    if ending == ".blend":
+        bpy.ops.wm.open_mainfile(filepath=name, load_ui=False, use_scripts=False)
+    else:
+        empty_file()
+        group, operator = IMPORTERS[ending]
+        getattr(getattr(bpy.ops, group), operator)(filepath=name)
     if ending != ".blend":
         _refuse_far(path)
     units = bpy.context.scene.unit_settings

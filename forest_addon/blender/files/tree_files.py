@@ -14,7 +14,7 @@ from pathlib import Path
 import bpy
 import numpy as np
 
-from ...formats.foreign import refuse_claims, refuse_coarse
+from ...formats.foreign import guarded, refuse_coarse
 from ...formats.stl import StlError, read_stl
 from ...growth.own_tree.pieces import Group
 from ...spec import SpecError
@@ -25,6 +25,7 @@ DRACO = b"KHR_draco_mesh_compression"
 COMPRESSED = "this Blender cannot decode its compressed meshes (Draco); export it without"
 
 
+@guarded("a mesh", key="template")
 def read_groups(path: Path) -> list[Group]:
     """The meshes of a file, one group for each object and material.
 
@@ -32,21 +33,18 @@ def read_groups(path: Path) -> list[Group]:
     ------
     SpecError : the file is not there, is no such file, holds no facets, or lost its shape at map coordinates.
     """
-    if not path.is_file():
-        raise SpecError("template", f"there is no file {path}; check the path")
-    refuse_claims(path)
     with _apart() as scene:
         try:
             _open(path)
-        except RuntimeError as problem:
-            raise SpecError(
-                "template", f"{path.name} cannot be read: {_why(path, problem)}"
-            ) from None
+        except RuntimeError:
+            if _is_compressed(path):
+                raise SpecError("template", f"{path} cannot be read: {COMPRESSED}") from None
+            raise
         groups = [group for thing in scene.objects for group in _groups_of(thing)]
     if path.suffix.lower() in (".gltf", ".glb"):  # Blender has turned it to z up
         groups = [Group(g.name, g.material, g.facets @ _Y_TO_Z) for g in groups]
     if not groups and _is_compressed(path):
-        raise SpecError("template", f"{path.name} cannot be read: {COMPRESSED}")
+        raise SpecError("template", f"{path} cannot be read: {COMPRESSED}")
     if not groups:
         raise SpecError("template", f"{path.name} has no facets; export it with its meshes")
     refuse_coarse(path, np.concatenate([group.facets for group in groups]))
@@ -79,20 +77,12 @@ def _is_compressed(path: Path) -> bool:
     return path.suffix.lower() in (".gltf", ".glb") and DRACO in path.read_bytes()
 
 
-def _why(path: Path, problem: RuntimeError) -> str:
-    """Return what an importer has to say, in one line."""
-    if _is_compressed(path):
-        return COMPRESSED
-    lines = [line.strip() for line in str(problem).splitlines()]
-    told = [line for line in lines if line and not line.startswith("Location:")]
-    return told[-1].removeprefix("Error: ").rstrip(".") if told else "no such file"
-
-
 _Y_TO_Z = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])  # rows times this: z up back to y up
 
 
 def _open(path: Path) -> None:
     ending = path.suffix.lower()
+    path.stat()  # importers say of a missing file what it is not
     if ending == ".ply":
         bpy.ops.wm.ply_import(filepath=str(path), forward_axis="Y", up_axis="Z")
     elif ending == ".obj":

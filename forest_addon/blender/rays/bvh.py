@@ -50,9 +50,6 @@ class BvhCaster(Search):
         low, high = scene.bounds()
         low[~np.isfinite(self._to_local).all(axis=0)] = np.nan  # flat: met by nothing
         self._boxes = BoxTree(low, high)
-        self._trees: list[tuple[BVHTree, np.ndarray] | None] = (
-            [None] * len(scene.meshes) if like is None else like._trees
-        )
 
     def _nearest(
         self, origins: np.ndarray, directions: np.ndarray, start: np.ndarray, limit: np.ndarray
@@ -168,16 +165,16 @@ class BvhCaster(Search):
         return origin, way, stretch
 
     def _tree(self, mesh_number: int) -> tuple[BVHTree, np.ndarray]:
-        """The BVHTree of a mesh, made when first needed, and the triangles it was made of."""
-        ready = self._trees[mesh_number]
+        """The BVHTree of a mesh, made when first needed and kept with it, and its triangles' numbers."""
+        mesh = self.scene.meshes[mesh_number]
+        ready: tuple[BVHTree, np.ndarray] | None = vars(mesh).get("_tree")
         if ready is None:
-            mesh = self.scene.meshes[mesh_number]
             numbers = np.flatnonzero(whole_triangles(mesh))
             vertices = np.nan_to_num(mesh.vertices, nan=0.0, posinf=0.0, neginf=0.0)
             tree = BVHTree.FromPolygons(
                 vertices.tolist(), mesh.triangles[numbers].tolist(), all_triangles=True
             )
-            ready = self._trees[mesh_number] = (tree, numbers)
+            ready = vars(mesh)["_tree"] = (tree, numbers)
         return ready
 
 

@@ -24,24 +24,28 @@ from .embree import EmbreeCaster, EmbreeError
 from .embree_motion import EmbreeMotion, embree_motion
 
 
-def make_caster(scene: SceneGeometry, rays: Rays) -> Search:
+def make_caster(scene: SceneGeometry, rays: Rays, like: Search | None = None) -> Search:
     """The caster that the settings ask for.
+
+    like : a caster of before by the same settings, whose trees of meshes that both scenes have are shared.
 
     Raises
     ------
     ValueError : Embree is asked for by name and cannot be used; says why.
     """
+    plain = like if isinstance(like, BvhCaster) else None
     if rays.engine == "bvhtree":
-        return BvhCaster(scene)
+        return BvhCaster(scene, plain)
     problem = embree_problem()
     if not problem:
+        fast = like if isinstance(like, EmbreeCaster) else None
         try:
-            return EmbreeCaster(scene, rays.threads or os.cpu_count() or 1)
+            return EmbreeCaster(scene, rays.threads or os.cpu_count() or 1, fast)
         except EmbreeError as error:  # no memory left for this scene
             problem = str(error)
     if rays.engine == "embree":
         raise ValueError(f'engine "embree" cannot be used: {problem}; use "auto" or "bvhtree"')
-    return BvhCaster(scene)
+    return BvhCaster(scene, plain)
 
 
 def make_moving_caster(
@@ -62,21 +66,6 @@ def make_moving_caster(
             like=search if isinstance(search, EmbreeMotion) else None,
         ),
     )
-
-
-def moved_caster(like: Search, scene: SceneGeometry) -> Search:
-    """A caster of the same meshes that stand elsewhere: only where they stand is made anew.
-
-    Raises
-    ------
-    ValueError : the scene has other meshes.
-    """
-    if scene.meshes is not like.scene.meshes:
-        raise ValueError("the meshes are others; make a caster of the scene itself")
-    if isinstance(like, EmbreeCaster):
-        return EmbreeCaster(scene, like.threads, like)
-    assert isinstance(like, BvhCaster)
-    return BvhCaster(scene, like)
 
 
 @cache

@@ -170,7 +170,7 @@ class EmbreeCaster(Search):
     ) -> None:
         """Build all trees.
 
-        like : a caster of a scene with the same meshes, whose trees of these are shared.
+        like : a caster whose trees of the meshes that both scenes have are shared.
 
         Raises
         ------
@@ -191,7 +191,10 @@ class EmbreeCaster(Search):
         else:
             self._device = like._device
         self._build = build = EmbreeBuild(self._library, self._device, like and like._build)
-        trees: dict[int, int] = {} if like is None else like._of_mesh
+        trees = {}
+        if like is not None:
+            there = like._of_mesh
+            trees = {m: there[k] for m, k in self._same.items() if k in there}
         self._of_mesh = of_mesh = {
             m: trees[m] if m in trees else build.mesh(scene.meshes[m], scene.table.short(m))
             for m in distinct(scene.mesh_index[known]).tolist()

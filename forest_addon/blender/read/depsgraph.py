@@ -5,7 +5,9 @@ them; what is hidden is not. Meshes that several instances share are read once. 
 objects say more: ``forest_tree`` and ``forest_species`` number trees, ``forest_ignored`` keeps an object
 from all sensors, ``forest_reflectance`` and what makes a mirror, glass or water (``optics_of``) are for
 LiDAR, of a material, too. Trees from an asset library, whose mesh says so, are numbered after all
-others, by the names of their objects. What was read is kept until Blender reports any change.
+others, by the names of their objects. What was read is kept until Blender reports any change, or custom
+properties say something else, which it does not report. A mesh that is read again and holds what it held is
+the same ``TriMesh`` as before, with all that was made of it.
 """
 
 from __future__ import annotations
@@ -15,6 +17,7 @@ import hashlib
 from collections.abc import Callable, Container, Hashable, Iterable
 from dataclasses import fields
 from typing import Any, TypeVar
+from weakref import WeakValueDictionary
 
 import bpy
 import numpy as np
@@ -41,6 +44,7 @@ from ..scene.instances import (
 from ..scene.meshes import from_mesh
 
 KIND_KEY, *NUMBER_KEYS = (property_of(field.name) for field in fields(Polished))
+PROPERTIES = (IGNORED_KEY, TREE_KEY, SPECIES_KEY, REFLECTANCE_KEY, KIND_KEY, *NUMBER_KEYS)
 NO_OPTICS = (np.nan, np.nan, np.nan, np.nan)
 Optics = tuple[float, float, float, float]
 
@@ -54,9 +58,9 @@ def optics_of(*places: bpy.types.ID) -> Optics:
     a retro-reflector its gain), NaN where they are not said. All are NaN where no place says anything.
     """
     for place in places:
-        kind = place.get(KIND_KEY)
+        kind = place.original.get(KIND_KEY)
         if isinstance(kind, str) and kind:
-            said = [place.get(key) for key in NUMBER_KEYS]
+            said = [place.original.get(key) for key in NUMBER_KEYS]
             index, share, extinction, gain = (
                 float(value) if isinstance(value, (int, float)) else np.nan for value in said
             )
@@ -159,8 +163,10 @@ class _Found:
         self, mesh: bpy.types.Mesh, thing: bpy.types.Object, owner: bpy.types.Object, matrix: Any
     ) -> None:
         """One instance of an object's mesh, of which ``owner`` is the reason."""
+        if _says(owner, thing, IGNORED_KEY, False):
+            return
         number = self._number(mesh, thing)
-        if number < 0 or _says(owner, thing, IGNORED_KEY, False):
+        if number < 0:
             return
         self._single.append(
             (
@@ -177,9 +183,11 @@ class _Found:
     def add_many(self, standing: Standing, owner: bpy.types.Object) -> None:
         """All instances of a mesh that the nodes of ``owner`` make."""
         self._keepers.append(standing.keeper)  # its meshes tell each other apart by where they are
-        number = self._number(standing.mesh, standing.source)
         source = standing.source or owner
-        if number < 0 or _says(owner, source, IGNORED_KEY, False):
+        if _says(owner, source, IGNORED_KEY, False):
+            return
+        number = self._number(standing.mesh, standing.source)
+        if number < 0:
             return
         count = len(standing.transform)
         world = np.array(owner.matrix_world) @ standing.transform
@@ -254,7 +262,7 @@ class _Found:
             empty = not len(mesh.polygons)
             self._number_of[key] = -1 if empty else len(self._meshes)
             if not empty:
-                self._meshes.append(separate_leaves(_triangles_of(mesh, thing)))
+                self._meshes.append(_known(_triangles_of(mesh, thing)))
                 self._slots.append(_slot_reflectance(mesh))
                 slots = [optics_of(m) if m else NO_OPTICS for m in mesh.materials]
                 self._slot_optics.append(np.array(slots or [NO_OPTICS]))
@@ -331,10 +339,25 @@ def _triangles_of(mesh: bpy.types.Mesh, thing: bpy.types.Object | None) -> TriMe
         thing.to_mesh_clear()
 
 
+_meshes: WeakValueDictionary[bytes, TriMesh] = WeakValueDictionary()  # by what they hold
+
+
+def _known(mesh: TriMesh) -> TriMesh:
+    """A mesh that was read, with its leaves apart; where one that holds the same is in use, that one."""
+    told = hashlib.sha256(str((mesh.vertices.shape, mesh.triangles.shape)).encode())
+    for values in (mesh.vertices, mesh.triangles, mesh.part, mesh.leaf, mesh.material):
+        told.update(np.ascontiguousarray(values))
+    return _meshes.get(told.digest()) or _meshes.setdefault(told.digest(), separate_leaves(mesh))
+
+
 def _says(owner: bpy.types.Object, thing: bpy.types.Object, key: str, otherwise: Any) -> Any:
-    """A custom property of the owner, else of the thing itself; what is no number does not count."""
+    """A custom property of the owner, else of the thing itself; what is no number does not count.
+
+    The originals are asked: what a script sets reaches evaluated objects with the next change of another
+    kind.
+    """
     for place in (owner, thing):
-        value = place.get(key)
+        value = place.original.get(key)
         if isinstance(value, (bool, int, float)):
             return value
     return otherwise
@@ -357,7 +380,7 @@ def _asset_of(mesh: bpy.types.Mesh, thing: bpy.types.Object | None) -> str:
 
 def _slot_reflectance(mesh: bpy.types.Mesh) -> np.ndarray:
     """(S,) reflectance of the materials, NaN where they say nothing."""
-    values = [m.get(REFLECTANCE_KEY) if m else None for m in mesh.materials]
+    values = [m.original.get(REFLECTANCE_KEY) if m else None for m in mesh.materials]
     known = [v if isinstance(v, (int, float)) else np.nan for v in values]
     return np.array(known or [np.nan], dtype=np.float64)
 
@@ -365,32 +388,51 @@ def _slot_reflectance(mesh: bpy.types.Mesh) -> np.ndarray:
 T = TypeVar("T")
 
 _kept: dict[Hashable, Any] = {}
+lasting: dict[str, Any] = {}  # what is kept over changes, and let go of with the file
 
 
 def kept(depsgraph: bpy.types.Depsgraph, make: Callable[..., T], *settings: Hashable) -> T:
     """``make(depsgraph, *settings)``, or what it made of this scene before if nothing changed since."""
     if not all(forget in handlers for handlers in _reports()):
-        unwatch()
+        _unwatch()
         for handlers in _reports():
             handlers.append(forget)
+        bpy.app.handlers.load_pre.append(close)
     view = (depsgraph.scene.session_uid, depsgraph.view_layer.name, depsgraph.mode)
-    key = (*view, make, *settings)
-    if key not in _kept:
-        _kept[key] = make(depsgraph, *settings)
-    return _kept[key]
+    key, said = (*view, make, *settings), _properties()
+    if key not in _kept or _kept[key][0] != said:
+        _kept[key] = said, make(depsgraph, *settings)
+    return _kept[key][1]
+
+
+def _properties() -> list[tuple[Any, ...]]:
+    """Return what custom properties of objects and materials say to sensors."""
+    blocks = (*bpy.data.objects, *bpy.data.materials)
+    return [(block.session_uid, *map(block.get, PROPERTIES)) for block in blocks]
 
 
 def forget(*_: Any) -> None:
-    """Drop all that is kept; the handler of every change."""
+    """Drop what holds as long as nothing changes; the handler of every change."""
     _kept.clear()
 
 
-def unwatch() -> None:
-    """Forget, and take the handlers back."""
+def close(*_: Any) -> None:
+    """Drop also what lasts; the handler of files that are closed."""
     forget()
-    for handlers in _reports():
-        if forget in handlers:
-            handlers.remove(forget)
+    lasting.clear()
+
+
+def unwatch() -> None:
+    """Drop all, and take the handlers back."""
+    close()
+    _unwatch()
+
+
+def _unwatch() -> None:
+    for handlers in (*_reports(), bpy.app.handlers.load_pre):
+        for ours in (forget, close):
+            if ours in handlers:
+                handlers.remove(ours)
 
 
 atexit.register(unwatch)  # with a handler of ours left, bpy 4.5 does not end

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import fields, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, TypeVar
@@ -21,16 +21,17 @@ from ...sensing.kinds import choose, kind_of
 from ...sensing.moving import MovingScene, Swaying
 from ...sensing.moving_rays import MovingCaster
 from ...sensing.rays.caster import RayCaster
-from ...sensing.rays.geometry import rounding_warning
+from ...sensing.rays.geometry import SceneGeometry, rounding_warning
 from ...sensing.rays.inside import tree_around
 from ...sensing.rays.paths import SceneMotion
+from ...sensing.rays.search import Search
 from ...sensing.rays.tracks import BENT
 from ...sensing.reverb.sums.fast_scattering import Expansions
 from ...sensing.trajectory import Trajectory
 from ...spec import Rays, Scene, Sensor
 from ...stand.placed import PlacedTrees
 from ..rays.casters import make_caster, make_moving_caster
-from ..read.depsgraph import kept, read_scene
+from ..read.depsgraph import kept, lasting, read_scene
 from ..scene.meshes import placed_trees
 from ..scene.nodes import in_full
 from .following import SceneFollower
@@ -52,11 +53,7 @@ class Observer:
         with in_full(depsgraph):
             self.geometry = read_scene(depsgraph)
         self.warning = rounding_warning(self.geometry)  # what a user should know, in a sentence
-        self.places = {
-            thing.name: tuple(thing.matrix_world.translation)
-            for thing in depsgraph.objects
-            if thing.type in ENDS
-        }
+        self.places = _places(depsgraph)
         self.rays = rays or Rays()
         self.expansions = Expansions() if expansions is None else expansions
         self._made: dict[Any, Any] = {}
@@ -70,8 +67,8 @@ class Observer:
     def of(
         cls, depsgraph: bpy.types.Depsgraph, rays: Rays, expansions: Expansions | None = None
     ) -> Observer:
-        """The observer of before, with all it has made, as long as nothing changes."""
-        return kept(depsgraph, cls, rays, expansions)
+        """The observer of before, with all it has made, as long as nothing that it senses changes."""
+        return kept(depsgraph, _renewed, rays, expansions)
 
     @cached_property
     def names(self) -> list[str]:
@@ -82,12 +79,12 @@ class Observer:
     @cached_property
     def caster(self) -> RayCaster:
         """Rays that meet everything."""
-        return make_caster(self.geometry, self.rays)
+        return _sharing(self.geometry, self.rays)
 
     @cached_property
     def wood(self) -> RayCaster:
         """Rays that pass leaves: lines of sight of sound."""
-        return make_caster(self.geometry.solid(), self.rays)
+        return _sharing(self.geometry.solid(), self.rays)
 
     @cached_property
     def stems(self) -> np.ndarray:
@@ -295,6 +292,63 @@ class Observer:
         ValueError : what it should follow, or the file of its route, is not there or cannot be used.
         """
         return kind_of(sensor).trajectory(sensor, folder, SceneFollower(bpy.context.scene))
+
+
+def _places(depsgraph: bpy.types.Depsgraph) -> dict[str, tuple[float, ...]]:
+    """Return where things stand that can be a source or a receiver, by their names."""
+    ends = (thing for thing in depsgraph.objects if thing.type in ENDS)
+    return {thing.name: tuple(thing.matrix_world.translation) for thing in ends}
+
+
+def _renewed(
+    depsgraph: bpy.types.Depsgraph, rays: Rays, expansions: Expansions | None = None
+) -> Observer:
+    """An observer of the scene as it is now: that of before, where what is sensed is the same."""
+    new = Observer(depsgraph, rays, expansions)
+    old = lasting.get("observer", new)
+    asked = old.rays == rays and expansions in (None, old.expansions)
+    if not asked or not _is_same(old.geometry, new.geometry):
+        old = new
+    old.places, lasting["observer"] = new.places, old
+    for of_sensors in (old._moving, old._moving_wood, old._begins):  # it may move otherwise by now
+        of_sensors.clear()
+    return old
+
+
+def _is_same(one: SceneGeometry, other: SceneGeometry) -> bool:
+    """Return whether two scenes hold the same meshes at the same places, and say the same of them."""
+    if list(map(id, one.meshes)) != list(map(id, other.meshes)):
+        return False
+    for field in fields(SceneGeometry):
+        if field.name != "meshes":
+            both = getattr(one, field.name), getattr(other, field.name)
+            lists = [value if isinstance(value, tuple) else (value,) for value in both]
+            if len(lists[0]) != len(lists[1]) or not all(map(_are_equal, *lists)):
+                return False
+    return True
+
+
+def _are_equal(one: Any, other: Any) -> bool:
+    if isinstance(one, np.ndarray) and isinstance(other, np.ndarray):
+        return np.array_equal(one, other, equal_nan=one.dtype.kind == "f")
+    return bool(one is other or one == other)
+
+
+def _sharing(scene: SceneGeometry, rays: Rays) -> RayCaster:
+    """A caster; where half of a scene's triangles are in one of before, with the trees of that.
+
+    Those that were made of all their meshes are kept, two of them: of everything, and of what is solid.
+    """
+    before: list[tuple[Rays, Search]] = lasting.setdefault("casters", [])
+    half = sum(len(mesh.triangles) for mesh in scene.meshes) / 2
+    for asked, like in before:
+        common = sum(len(scene.meshes[number].triangles) for number in like.same_meshes(scene))
+        if asked == rays and common > half:
+            return make_caster(scene, rays, like)
+    made = make_caster(scene, rays)
+    before.append((rays, made))
+    del before[:-2]
+    return made
 
 
 def _in_the_wind(observer: Observer, solid: bool) -> MovingCaster:

@@ -38,6 +38,7 @@ from ..scene.nodes import LOW, choose_input, has_input, set_input, shown_corners
 from .cloud_nodes import (
     FARTHEST,
     GOLDEN,
+    LEVEL_MAP,
     SCALE,
     USUAL_MAP,
     VALUE,
@@ -437,19 +438,25 @@ def _ear_colours(found: Any) -> SceneColours:
     if not there.any():
         return _screen(np.zeros((*level.shape, 3)), there, [])
     ends = np.array([level[there].min(), level[there].max()])
-    colours, legend = _on_scale(level, there, ends, [f"{end:.0f} dB" for end in ends])
+    texts = [f"{end:.0f} dB" for end in ends]
+    colours, legend = _on_scale(level, there, ends, texts, scale=LEVEL_MAP)
     first, last = found.frequency[0] / 1e3, found.frequency[-1] / 1e3
     axes = f"0–{found.reach:g} m, {first:.0f}–{last:.0f} kHz"
     return colours, [*legend, (axes, (0.7, 0.7, 0.7))]
 
 
 def _on_scale(
-    values: np.ndarray, there: np.ndarray, ends: np.ndarray, texts: list[str], turned: bool = False
+    values: np.ndarray,
+    there: np.ndarray,
+    ends: np.ndarray,
+    texts: list[str],
+    turned: bool = False,
+    scale: str = USUAL_MAP,
 ) -> SceneColours:
-    """Values on the usual scale between two, which have these texts; turned : the smaller are brighter."""
+    """Values on a scale between two, which have these texts; turned : the smaller are brighter."""
     share = (np.where(there, values, ends[0]) - ends[0]) / (np.ptp(ends) or 1.0)
-    at_ends = on_map(USUAL_MAP, np.array([0.0, 1.0]))[:: -1 if turned else 1]
-    colours = on_map(USUAL_MAP, 1.0 - share if turned else share)
+    at_ends = on_map(scale, np.array([0.0, 1.0]))[:: -1 if turned else 1]
+    colours = on_map(scale, 1.0 - share if turned else share)
     return _screen(colours, there, list(zip(texts, map(tuple, at_ends), strict=True)))
 
 

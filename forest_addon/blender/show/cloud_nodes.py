@@ -15,6 +15,8 @@ from collections.abc import Mapping, Sequence
 import bpy
 import numpy as np
 
+from ...drawing.palette import LEVELS
+from ...drawing.palette import MEASURES as SCALE
 from ..scene.layout import COLOUR_BY, COLOUR_MAP, FAR_POINTS, RADIUS, SHARE, is_local
 from ..scene.materials import coloured
 from ..scene.nodes import HIGH as HIGH
@@ -29,18 +31,11 @@ FARTHEST = 10_000.0  # m above and below: all there is
 NUMBERS = ("tree", "species", "leaf", "object", "return_number")
 MEASURES = ("height", "distance", "intensity", "incidence", "width", "scan_angle", "time")
 HEARD_NUMBERS, HEARD_MEASURES = ("tree",), ("delay", "distance", "height")
-SCALE = ((0.09, 0.0, 0.16), (0.03, 0.20, 0.29), (0.02, 0.45, 0.25), (0.98, 0.80, 0.02))
 # Scales of colours, linear, evenly apart, from the smallest value to the largest.
 MAPS: dict[str, tuple[tuple[float, float, float], ...]] = {
     "Dusk to Day": SCALE,
     "Grey": ((0.02, 0.02, 0.02), (0.85, 0.85, 0.85)),
-    "Heat": (
-        (0.005, 0.002, 0.03),
-        (0.09, 0.005, 0.15),
-        (0.50, 0.04, 0.09),
-        (0.94, 0.27, 0.003),
-        (0.97, 0.98, 0.37),
-    ),
+    "Heat": LEVELS,
     "Rainbow": (
         (0.03, 0.02, 0.20),
         (0.02, 0.50, 0.83),
@@ -49,7 +44,7 @@ MAPS: dict[str, tuple[tuple[float, float, float], ...]] = {
         (0.19, 0.002, 0.002),
     ),
 }
-USUAL_MAP = next(iter(MAPS))
+USUAL_MAP, LEVEL_MAP = "Dusk to Day", "Heat"
 QUIET, SIZES = -60.0, (0.6, 2.0)  # dB below the loudest; a point's size there and of the loudest
 GOLDEN = 0.6180339887498949  # numbers one after the other get hues far apart
 VIVID, VALUE = 0.75, 0.6  # saturation and value of those hues

@@ -331,9 +331,9 @@ def sort_out(groups: Sequence[Group]) -> Sorted:
         return _gather(groups, kinds, "by name")
     left = [k for k in range(len(groups)) if kinds[k] != "other"]
     facets = np.concatenate([groups[k].facets for k in left] or [np.empty((0, 3, 3))])
-    if not len(facets):
-        return Sorted(facets, None, "")
-    pieces = part(facets)
+    pieces = part(facets) if len(facets) else None
+    if pieces is None or not len(pieces.triangles):  # all without area
+        return Sorted(facets[:0], None, "")
     leaf = looks_like_leaves(pieces)
     if len(left) > 1:
         owner = np.repeat(np.arange(len(left)), [len(groups[k].facets) for k in left])

@@ -23,11 +23,13 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.special import xlogy
 
+from ... import kernels
 from ...base.rng import keyed_uniform
-from ...base.rows import RowTable
+from ...base.rows import RowTable, distinct
 from ...spec import Beam
 from .cloud import cosines
 from .pattern import Pulses
+from .waveform import by_pulse
 
 GOLDEN_ANGLE = np.pi * (3 - np.sqrt(5))
 
@@ -102,38 +104,28 @@ def spread(pulses: Pulses, beam: Beam, keys: np.ndarray) -> tuple[np.ndarray, np
     """
     if beam.subrays == 1:
         return pulses.origin, pulses.direction
-    return sub_rays(frames(pulses, beam, keys), beam.subrays)
+    return rays_at(frames(pulses, beam, keys), places(beam.subrays))
 
 
-def sub_rays(beams: BeamFrames, subrays: int) -> tuple[np.ndarray, np.ndarray]:
-    """(P·N, 3) origins and unit directions of the N sub-rays of P beams, beam by beam."""
-    return rays_at(beams, *places(subrays).T)  # before the turn of each pulse
-
-
-def rays_at(beams: BeamFrames, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(P·N, 3) origins and unit directions of rays of P beams at (N,), (N,) across them, beam by beam."""
-    origin = _placed(beams.origin, beams.exit_x, x, beams.exit_y, y)
-    way = _placed(beams.axis, beams.turn_x, x, beams.turn_y, y)
-    way /= np.sqrt(way[0] ** 2 + way[1] ** 2 + way[2] ** 2)
-    return origin.T, way.T
+def rays_at(beams: BeamFrames, place: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(P·N, 3) origins and unit directions of rays of P beams at places (N, 2) across them, beam by beam."""
+    given = [np.ascontiguousarray(vectors) for vectors in vars(beams).values()]
+    library = kernels.library()
+    if library is not None:
+        origin, way = np.empty((2, len(beams.axis) * len(place), 3))
+        library.spread_rays(len(beams.axis), *given, len(place), place, origin, way)
+        return origin, way
+    start, axis, exit_x, exit_y, turn_x, turn_y = (vectors[:, None] for vectors in given)
+    x, y = place.T[:, :, None]
+    origin = (exit_x * x + exit_y * y + start).reshape(-1, 3)
+    way = (turn_x * x + turn_y * y + axis).reshape(-1, 3)
+    return origin, way / np.sqrt(way[:, :1] ** 2 + way[:, 1:2] ** 2 + way[:, 2:] ** 2)
 
 
 def reach(beam: Beam) -> tuple[float, float]:
     """Metres that a sub-ray starts at most beside the axis, and radians that it turns from it at most."""
     widest = float(np.hypot(*places(beam.subrays).T).max())
     return widest * beam.exit_diameter / 2, widest * max(beam.divergence_mrad) * 0.5e-3
-
-
-def _placed(
-    start: np.ndarray, a: np.ndarray, x: np.ndarray, b: np.ndarray, y: np.ndarray
-) -> np.ndarray:
-    """(3, P·N) start + a·x + b·y of vectors (P, 3) and numbers (N,), each coordinate in one piece."""
-    places = np.empty((3, len(a), len(x)))
-    for axis, place in enumerate(places):
-        np.multiply(a[:, axis, None], x, out=place)
-        place += b[:, axis, None] * y
-        place += start[:, axis, None]
-    return places.reshape(3, -1)
 
 
 # Patches that a pulse's light comes from where a surface goes on between its sub-rays.
@@ -161,89 +153,94 @@ SPREAD, MOST = 4.0, 0.9  # κ = SPREAD/√n, at most MOST
 MANY = 100  # contacts of a patch, beyond which that does not do
 
 
-@dataclass(frozen=True)
-class ContactedBeams:
-    """C contacts, at most one of a sub-ray: pulse and sub-ray (C,), distance and energy (C,); where their
-    rays start and go and normals of the surfaces, (C, 3).
-    """
-
-    pulse: np.ndarray
-    subray: np.ndarray
-    distance: np.ndarray
-    energy: np.ndarray
-    origin: np.ndarray
-    direction: np.ndarray
-    normal: np.ndarray
-
-
-def goes_on_long(pulse: np.ndarray, distance: np.ndarray, sigma: float) -> np.ndarray:
-    """Rows of the contacts (C,) whose pulse reaches farther than one echo; the others need no patches."""
-    near = np.full(int(pulse.max(initial=0)) + 1, np.inf)
-    far = -near
-    np.minimum.at(near, pulse, distance)
-    np.maximum.at(far, pulse, distance)
-    return np.flatnonzero((far - near > SHORT * sigma)[pulse])
-
-
 def blurred_patches(
-    contacts: ContactedBeams, subrays: int, sigma: float
+    ray: np.ndarray,
+    subrays: int,
+    surface: np.ndarray,
+    distance: np.ndarray,
+    energy: np.ndarray,
+    line: np.ndarray,
+    lines: tuple[np.ndarray, np.ndarray],
+    normal: np.ndarray,
+    sigma: float,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Ranges (C,) of the light of contacts, and its spread (C,) in range, metres.
 
-    subrays : of a pulse. sigma : metres, standard deviation of the pulse.
+    ray, subrays, distance, energy, sigma : see ``waveform.find_echoes``.
+    surface : (C,) int8, contacts of one number may lie on one surface; -1: none that goes on. Of a ray the
+        first contact of each counts.
+    line : (C,) rows of ``lines``, origins and unit directions (L, 3) on which contacts are seen.
+    normal : (C, 3) unit vectors.
     """
-    at, energy = contacts.distance, contacts.energy
-    patch = _patches(contacts, subrays, sigma)
-    count = np.bincount(patch)
-    some = np.zeros(len(count))
-    some[patch] = at  # differences from one of the patch's own ranges lose no digits
-    away = at - some[patch]
-    whole = np.bincount(patch, energy)
-    mean = (np.bincount(patch, energy * away) / whole)[patch]
-    variance = (np.bincount(patch, energy * (away - mean) ** 2) / whole)[patch]
-    share = np.minimum(SPREAD / np.sqrt(count), MOST)[patch]
-    low, high = np.full((2, len(count)), [[np.inf], [-np.inf]])
-    np.minimum.at(low, patch, away)
-    np.maximum.at(high, patch, away)
-    square = ((high - low) ** 2)[patch]
-    many = (count[patch] > MANY) & (square > 0)
-    share[many] = square[many] / (square + 4 * variance)[many]
-    mean += some[patch]
-    moved = np.where(count[patch] > 1, mean + np.sqrt(1 - share) * (at - mean), at)
-    return moved, np.sqrt(share * variance)
+    library = kernels.library()
+    if library is not None:
+        moved, blur = np.empty((2, len(ray)))
+        library.blur_patches(
+            len(ray),
+            np.argsort(ray, kind="stable"),
+            *(ray, subrays, surface, np.ascontiguousarray(distance), energy, line, *lines),
+            *(np.ascontiguousarray(normal), sigma),
+            *(np.empty(3 * subrays, dtype=np.int64), np.empty(6 * subrays), moved, blur),
+        )
+        return moved, blur
+    moved, blur = np.array(distance), np.zeros(len(ray))
+    for rows in by_pulse(ray, subrays, np.flatnonzero((surface >= 0) & (energy > 0))):
+        if np.ptp(distance[rows]) <= SHORT * sigma:
+            continue
+        for number in distinct(surface[rows]):
+            mine = rows[surface[rows] == number]
+            mine = mine[np.unique(ray[mine], return_index=True)[1]]
+            beams = distance[mine], *(way[line[mine]] for way in lines), normal[mine]
+            patch = _patches(ray[mine] % subrays, subrays, beams, sigma)
+            for group in np.split(
+                mine[np.argsort(patch, kind="stable")], np.cumsum(np.bincount(patch))
+            ):
+                if len(group) > 1:
+                    given = _blurred(distance[group], energy[group])
+                    moved[group], blur[group] = given
+    return moved, blur
 
 
-def _patches(contacts: ContactedBeams, subrays: int, sigma: float) -> np.ndarray:
-    """(C,) number of the patch that each contact is on."""
-    numbers, pulse = np.unique(contacts.pulse, return_inverse=True)
-    at = np.full((len(numbers), subrays), -1)
-    at[pulse, contacts.subray] = np.arange(len(pulse))
-    one, other = _pairs(subrays)
-    i, j = at[:, one].ravel(), at[:, other].ravel()
+def _blurred(distance: np.ndarray, energy: np.ndarray) -> tuple[np.ndarray, float]:
+    """Ranges (C,) of the light of a patch, and its spread in range."""
+    away = distance - distance[0]  # differences from one of the patch's own ranges lose no digits
+    mean = np.average(away, weights=energy)
+    variance = np.average((away - mean) ** 2, weights=energy)
+    share, square = min(SPREAD / np.sqrt(len(away)), MOST), np.ptp(away) ** 2
+    if len(away) > MANY and square > 0:
+        share = square / (square + 4 * variance)
+    mean += distance[0]
+    return mean + np.sqrt(1 - share) * (distance - mean), np.sqrt(share * variance)
+
+
+def _patches(
+    subray: np.ndarray, subrays: int, beams: tuple[np.ndarray, ...], sigma: float
+) -> np.ndarray:
+    """(C,) number of the patch that each contact of a pulse is on."""
+    at = np.full(subrays, -1)
+    at[subray] = np.arange(len(subray))
+    i, j = (at[rays] for rays in _pairs(subrays))
     both = np.flatnonzero((i >= 0) & (j >= 0))
-    i, j = i[both], j[both]
-    alike = cosines(contacts.normal[i], contacts.normal[j]) > ALIKE
-    i, j = i[alike], j[alike]
-    near, far = 1 / contacts.distance[i], 1 / contacts.distance[j]
+    one, other = (tuple(values[rows[both]] for values in beams) for rows in (i, j))
+    near, far = 1 / one[0], 1 / other[0]
     change = far - near
-    expected = (_plane(contacts, i, j) - near + far - _plane(contacts, j, i)) / 2
-    off = np.abs(change - expected)
-    linked = off <= BESIDE_SHARE * np.abs(change) + BESIDE * sigma * near * far
-    links = (np.ones(np.count_nonzero(linked), dtype=bool), (i[linked], j[linked]))
-    graph = coo_array(links, shape=(len(pulse), len(pulse)))
+    expected = (_plane(one, other) - near + far - _plane(other, one)) / 2
+    linked = (
+        np.abs(change - expected) <= BESIDE_SHARE * np.abs(change) + BESIDE * sigma * near * far
+    )
+    linked &= cosines(one[3], other[3]) > ALIKE
+    links = (np.ones(np.count_nonzero(linked), dtype=bool), (i[both[linked]], j[both[linked]]))
+    graph = coo_array(links, shape=(len(subray), len(subray)))
     patch: np.ndarray = connected_components(graph, directed=False)[1]
     return patch
 
 
-def _plane(contacts: ContactedBeams, i: np.ndarray, j: np.ndarray) -> np.ndarray:
-    """(P,) 1/range at which the rays of contacts j meet the planes of contacts i; below 0: behind."""
-    normal = contacts.normal[i]
-    foot = contacts.origin[i] - contacts.origin[j]
-    foot += contacts.distance[i, None] * contacts.direction[i]
+def _plane(one: tuple[np.ndarray, ...], other: tuple[np.ndarray, ...]) -> np.ndarray:
+    """(K,) 1/range at which rays of others meet the planes of contacts; below 0: behind."""
+    distance, origin, way, normal = one
+    foot = origin - other[1] + distance[:, None] * way
     with np.errstate(divide="ignore", invalid="ignore"):
-        inverse: np.ndarray = np.einsum("pk,pk->p", normal, contacts.direction[j]) / np.einsum(
-            "pk,pk->p", normal, foot
-        )
+        inverse: np.ndarray = (normal * other[2]).sum(axis=1) / (normal * foot).sum(axis=1)
     return inverse
 
 

@@ -166,9 +166,8 @@ def _no_points(job: Observation, found: Any) -> str:
 
 
 def _cost_of_drive(tractor: Tractor, _trajectory: Any, engine: str) -> Cost:
-    from .tractor import fan, positions
-
-    count = len(fan(tractor)) * len(positions(tractor))
+    beams, scans = tractor.counts
+    count = int(beams * scans)
     return cost_of_rays(tractor, count, max(tractor.splits, 1) ** 2, 1.0, engine)
 
 

@@ -11,7 +11,7 @@ is behind it all the same. Limits hold for the true range; noise is added after.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from copy import copy
 from dataclasses import replace
 from typing import Any
@@ -24,21 +24,13 @@ from ...base.rows import distinct
 from ...base.trimesh import LEAF
 from ...base.vectors import azimuth_of
 from ..moving_rays import MovingCaster
-from ..rays.bundles import Faces
 from ..rays.caster import Hits, RayCaster, hit_normals
 from ..rays.exact import Referee
 from ..rays.geometry import SceneGeometry
 from ..trajectory import Trajectory
 from .cloud import Cloud, Lost, cosines, join, label
-from .footprint import (
-    BeamFrames,
-    ContactedBeams,
-    blurred_patches,
-    frames,
-    goes_on_long,
-    sub_rays,
-)
-from .passage import Contacts, Planes, Received, alone, meet, received, seen
+from .footprint import blurred_patches, spread
+from .passage import Contacts, Received, meet
 from .pattern import LiDAR, Pattern, Pulses, pattern_of
 from .radiometry import (
     detection_limit,
@@ -58,8 +50,8 @@ from .receiver import (
     reading,
     unambiguous_range,
 )
-from .specular import DIRECT, Halo, SpecularScene, alike_bounces, follow
-from .waveform import LIGHT, WaveformEchoes, find_echoes, pulse_length
+from .specular import DIRECT, Halo, SpecularScene, follow
+from .waveform import LIGHT, Bins, find_echoes, pulse_length
 
 RAYS_AT_ONCE = 65_536
 MOST_LOST = 100  # pulses of a scan; beyond, it is not a pulse that is at fault
@@ -94,12 +86,9 @@ class Scan:
         self._halo = None if self._moving else Halo.of(scanner, caster.scene)
         self.specular = SpecularScene.of(caster.scene, scanner)
         self._unfollowed = 0
-        still = self._moving is None and self.specular is None and scanner.beam.subrays > 1
-        self._faces = Faces.of(caster.scene) if still else None
-        if self._faces is not None:
-            self.at_once *= 16  # hardly a ray is traced
-            self._planes = Planes.of_faces(caster.scene, scanner, self._faces)
-        self._sure = True  # what a ray meets is no chance, but for leaves that let light pass
+        self._subrays, self._sigma = scanner.beam.subrays, pulse_length(scanner.beam.pulse_ns)
+        self._bins: Bins | None = None  # echoes are crests of waveforms
+        self._by_chance = scanner.surfaces.leaf_transmittance > 0  # what a ray meets
         self._lost = 0
 
     def moved(self, seed: int, path: Trajectory) -> Scan:
@@ -111,9 +100,9 @@ class Scan:
         return other
 
     def seen_by(self, caster: Any) -> Scan:
-        """The same scan by another caster of the same scene, which is asked for every ray."""
+        """The same scan by another caster of the same scene."""
         other = copy(self)
-        other.caster, other._faces = caster, None
+        other.caster = caster
         other._moving = caster.moving if isinstance(caster, MovingCaster) else None
         return other
 
@@ -141,10 +130,7 @@ class Scan:
 
     def rays(self, number: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Origins and directions (P·S, 3) of the rays of the pulses of these numbers (P,), pulse by pulse."""
-        pulses = self.pattern.pulses(number)
-        if self.scanner.beam.subrays == 1:
-            return pulses.origin, pulses.direction
-        return self._rays(self._frames(pulses, daughter_keys(self._key, number)))
+        return self._rays(self.pattern.pulses(number), daughter_keys(self._key, number))
 
     def _found(self, pulses: Pulses, keys: np.ndarray) -> Received:
         """Return the echoes of pulses and their halos, before the receiver."""
@@ -152,12 +138,19 @@ class Scan:
         return found if self._halo is None else self._halo.added(self.caster, pulses, keys, found)
 
     def _direct(self, pulses: Pulses, keys: np.ndarray) -> Received:
-        scanner = self.scanner
-        if scanner.beam.subrays > 1:
-            return self._beams(pulses, keys)
-        rays = pulses.origin, pulses.direction
-        contacts = self._met(rays, keys, None if self._moving is None else pulses.time)
-        return self._received(rays, contacts, pulses.time)
+        rays, when = self._rays(pulses, keys), pulses.time
+        count = self._subrays
+        if count > 1:
+            when = np.repeat(when, count)
+            some = np.tile(np.arange(count), len(keys))
+            keys = np.repeat(keys, count)
+            keys = daughter_keys(keys, some) if self._by_chance else keys
+        contacts = self._met(rays, keys, None if self._moving is None else when)
+        return self._received(rays, contacts, when)
+
+    def _rays(self, pulses: Pulses, keys: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return origins and directions of the rays of pulses with these keys, pulse by pulse."""
+        return spread(pulses, self.scanner.beam, keys)
 
     def _met(
         self, rays: tuple[np.ndarray, np.ndarray], keys: np.ndarray, at: np.ndarray | None
@@ -207,58 +200,6 @@ class Scan:
         )
         return both.select(np.lexsort((both.echoes.distance, both.echoes.pulse)))
 
-    def _beams(self, pulses: Pulses, keys: np.ndarray) -> Received:
-        """Return echoes of beams of several rays; those that surely meet one face, or nothing, cast none."""
-        if self._faces is None:
-            return self._traced_in_parts(self._frames(pulses, keys), keys, pulses.time)
-        some, known, face = seen(self._faces, pulses, self.scanner)
-        pulses, keys = pulses.select(some), keys[some]
-        beams, left = self._frames(pulses, keys), np.ones(len(some), dtype=bool)
-        found, sure = received(self.scanner, beams.select(known), self._planes, face)
-        parts = [found.of(known)]
-        left[known[sure]] = False
-        known, face = np.delete(known, sure), np.delete(face, sure)
-        for rows, found in self._on_faces(beams, known, face):
-            left[rows] = False
-            parts.append(found.of(rows))
-        rest = np.flatnonzero(left)
-        traced = self._traced_in_parts(beams.select(rest), keys[rest], pulses.time[rest])
-        return Received.by_pulse([*parts, traced.of(rest)]).of(some)
-
-    def _traced_in_parts(self, beams: BeamFrames, keys: np.ndarray, time: np.ndarray) -> Received:
-        at_once = max(1, RAYS_AT_ONCE // self.scanner.beam.subrays)
-        parts = []
-        for first in range(0, max(len(keys), 1), at_once):
-            rows = np.arange(first, min(first + at_once, len(keys)))
-            parts.append(self._traced(beams.select(rows), keys[rows], time[rows]).of(rows))
-        return Received.joined(parts)
-
-    def _frames(self, pulses: Pulses, keys: np.ndarray) -> BeamFrames:
-        return frames(pulses, self.scanner.beam, keys)
-
-    def _on_faces(
-        self, beams: BeamFrames, rows: np.ndarray, face: np.ndarray
-    ) -> Iterable[tuple[np.ndarray, Received]]:
-        """Echoes of rows of beams known to meet a long stretch of a face; what is not here is traced."""
-        return ()
-
-    def _rays(self, beams: BeamFrames) -> tuple[np.ndarray, np.ndarray]:
-        return sub_rays(beams, self.scanner.beam.subrays)
-
-    def _traced(self, beams: BeamFrames, keys: np.ndarray, time: np.ndarray) -> Received:
-        scanner, count = self.scanner, self.scanner.beam.subrays
-        rays = self._rays(beams)
-        ray_keys = np.zeros(len(rays[0]), dtype=np.uint64)
-        if scanner.surfaces.leaf_transmittance or not self._sure:
-            ray_keys = daughter_keys(np.repeat(keys, count), np.tile(np.arange(count), len(keys)))
-        when = np.repeat(time, count)
-        at = None if self._moving is None else when
-        contacts = self._met(rays, ray_keys, at)
-        if self._moving is not None or contacts.sight is not None or not self._sure:
-            return self._received(rays, contacts, when)
-        whole, rest = alone(self.caster.scene, scanner, beams, contacts)
-        return Received.by_pulse([whole, self._received(rays, rest, when)])
-
     def chunks(self, first: int = 0, at_once: int | None = None) -> Iterator[tuple[int, Cloud]]:
         """Pieces of the scan from pulse ``first`` on: where each ends, and what it found.
 
@@ -292,60 +233,31 @@ class Scan:
         self, rays: tuple[np.ndarray, np.ndarray], contacts: Contacts, time: np.ndarray
     ) -> Received:
         """Return the echoes of the light that comes back to origins and directions of rays, sent at times."""
-        scanner, scene = self.scanner, self.caster.scene
-        hits, sight = contacts.hits, contacts.sight
-        ways = rays[1][contacts.ray] if sight is None else sight.way
+        scanner, scene, hits, sight = self.scanner, self.caster.scene, contacts.hits, contacts.sight
+        line, lines, bounce = contacts.ray, rays, np.zeros(len(contacts.ray), dtype=np.int8)
+        if sight is not None:
+            line, lines, bounce = np.arange(len(line)), (sight.origin, sight.way), sight.bounce
+        ways = lines[1][line]
         normal = self._normals(hits, ways, time[contacts.ray])
         reflectance = reflectance_of(scene, hits, contacts.organ, scanner.surfaces)
-        energy = intensity(
-            self._light(contacts, reflectance),
-            cosines(normal, ways),
-            hits.distance,
-            scanner.beam.extinction,
-        )
-        counts = np.flatnonzero((energy > 0) & (hits.distance >= scanner.min_range))
-        echoes = self._echoes(rays, contacts, counts, energy, ways, normal)
-        chosen = counts[echoes.contact]
-        bounce = None if sight is None else sight.bounce[chosen]
-        return Received(echoes, hits.select(chosen), ways[chosen], normal[chosen], bounce)
+        light, extinction = self._light(contacts, reflectance), scanner.beam.extinction
+        energy = intensity(light, cosines(normal, ways), hits.distance, extinction)
+        energy[hits.distance < scanner.min_range] = 0.0
+        common, distance, blur = (contacts.ray, self._subrays), hits.distance, None
+        if self._subrays > 1 and self._bins is None:
+            surface = np.where(contacts.organ == LEAF, np.int8(-1), bounce)
+            distance, blur = blurred_patches(
+                *common, surface, distance, energy, line, lines, normal, self._sigma
+            )
+        echoes = find_echoes(*common, distance, energy, self._sigma, blur, self._bins)
+        chosen = echoes.contact
+        gone = None if sight is None else bounce[chosen]
+        return Received(echoes, hits.select(chosen), ways[chosen], normal[chosen], gone)
 
     def _light(self, contacts: Contacts, reflectance: np.ndarray) -> np.ndarray:
         """(C,) share of a pulse's light that contacts send back."""
-        light: np.ndarray = reflectance * contacts.light / self.scanner.beam.subrays
+        light: np.ndarray = reflectance * contacts.light / self._subrays
         return light
-
-    def _echoes(
-        self,
-        rays: tuple[np.ndarray, np.ndarray],
-        contacts: Contacts,
-        counts: np.ndarray,
-        energy: np.ndarray,
-        ways: np.ndarray,
-        normal: np.ndarray,
-    ) -> WaveformEchoes:
-        """Echoes of the contacts (C,) that count, by row; energy (C,), ways and normals (C, 3) of all."""
-        subrays, sight = self.scanner.beam.subrays, contacts.sight
-        pulse, subray = np.divmod(contacts.ray[counts], subrays)
-        sigma = pulse_length(self.scanner.beam.pulse_ns)
-        distance, blur = contacts.hits.distance[counts], None
-        if subrays > 1:
-            blur = np.zeros(len(counts))
-            solid = np.flatnonzero(contacts.organ[counts] != LEAF)
-            solid = solid[goes_on_long(pulse[solid], distance[solid], sigma)]
-            for alike in [solid] if sight is None else alike_bounces(contacts, counts, solid):
-                rows = counts[alike]
-                starts = rays[0][contacts.ray[rows]] if sight is None else sight.origin[rows]
-                met = ContactedBeams(
-                    pulse=pulse[alike],
-                    subray=subray[alike],
-                    distance=distance[alike],
-                    energy=energy[rows],
-                    origin=starts,
-                    direction=ways[rows],
-                    normal=normal[rows],
-                )
-                distance[alike], blur[alike] = blurred_patches(met, subrays, sigma)
-        return find_echoes(pulse, subray, distance, energy[counts], sigma, blur)
 
     def _normals(self, hits: Hits, ways: np.ndarray, time: np.ndarray) -> np.ndarray:
         """Return (C, 3) normals of what was met on ways (C, 3), at times (C,)."""

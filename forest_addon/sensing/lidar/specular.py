@@ -11,12 +11,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...base.rng import daughter_keys
-from ...base.rows import RowTable, distinct
+from ...base.rows import RowTable
 from ...spec import AUTO, POLISHED, USUAL_INDEX, Beam, Polished, Scanner, SpecError, Surfaces
 from ..rays.caster import Hits, RayCaster, hit_normals
 from ..rays.geometry import SceneGeometry, apply_transform
 from .cloud import cosines, organs
-from .footprint import frames, sub_rays
+from .footprint import frames, places, rays_at
 from .passage import FAINT, Contacts, Received, SightLines, split
 from .pattern import Pulses
 from .radiometry import RETRO, intensity, reflectance_of
@@ -252,17 +252,6 @@ def follow(
     return Contacts.joined([contacts, _as_seen(found, turned, specular)]), ended
 
 
-def alike_bounces(contacts: Contacts, counts: np.ndarray, solid: np.ndarray) -> list[np.ndarray]:
-    """Rows ``solid`` of contacts ``counts`` in parts with at most one contact of a ray, all of one kind of
-    bounce: what lies on one surface as the scanner sees it."""
-    assert contacts.sight is not None
-    ray, bounce = contacts.ray[counts[solid]], contacts.sight.bounce[counts[solid]]
-    order = np.lexsort((ray, bounce))
-    new = np.append(True, (np.diff(ray[order]) != 0) | (np.diff(bounce[order]) != 0))
-    first = order[new[: len(order)]]
-    return [np.sort(solid[first[bounce[first] == kind]]) for kind in distinct(bounce[first])]
-
-
 def _as_seen(found: Contacts, turned: Turned, specular: SpecularScene) -> Contacts:
     """Contacts of turned rays as the scanner sees them, with the light that reaches it."""
     turn = turned.select(found.ray)
@@ -467,7 +456,7 @@ class Halo:
             return found
         some = Pulses(*(value[rows] for value in vars(pulses).values()))
         beams = frames(some, self._beam, daughter_keys(keys[rows], "halo"))
-        more = self._seen(caster, *sub_rays(beams, RAYS))
+        more = self._seen(caster, *rays_at(beams, places(RAYS)))
         if not len(more.echoes.pulse):
             return found
         more = replace(more, echoes=replace(more.echoes, pulse=rows[more.echoes.pulse]))
@@ -504,9 +493,8 @@ class Halo:
             met.distance,
             scanner.beam.extinction,
         )
-        pulse, ray = np.divmod(rows, RAYS)
         sigma = pulse_length(scanner.beam.pulse_ns)
-        echoes = find_echoes(pulse, ray, met.distance, energy, sigma)
+        echoes = find_echoes(rows, RAYS, met.distance, energy, sigma)
         chosen = echoes.contact
         return Received(echoes, met.select(chosen), ways[chosen], normal[chosen])
 

@@ -22,6 +22,7 @@ from .cloud import Cloud, Returns, label
 from .pattern import steps
 
 RAYS_AT_ONCE = 131_072
+CONTACT = 1e-3  # m; what is nearer is as bright as there
 
 
 @dataclass(frozen=True)
@@ -83,7 +84,7 @@ def to_cloud(scan: TractorScan, tractor: Tractor) -> Cloud:
         azimuth=azimuth_of(way),
         elevation=elevation,
         scan_angle=elevation,
-        intensity=seen.cos_incidence / seen.distance**2,
+        intensity=seen.cos_incidence / np.maximum(seen.distance, CONTACT) ** 2,
         width=np.zeros(len(pulse)),
         true_range=seen.distance,
         returns=seen,

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from ...base.trimesh import LEAF, TriMesh
+from ...base.trimesh import TriMesh
 from .boxes import morton
 
 OF_INSTANCES = (
@@ -130,7 +130,7 @@ class SceneGeometry:
 
     def solid(self) -> SceneGeometry:
         """The same scene without leaves: what blocks a sound, or a line of sight."""
-        return replace(self, meshes=tuple(m.select(m.part != LEAF) for m in self.meshes))
+        return replace(self, meshes=tuple(mesh.solid for mesh in self.meshes))
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         """(I, 3) smallest and (I, 3) largest world coordinates of each instance; NaN where empty.

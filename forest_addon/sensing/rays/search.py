@@ -28,7 +28,7 @@ STEP = 1e-6  # metres: the first step behind what does not count
 class Search(RayCaster, ABC):
     """A ``RayCaster`` over an engine's ``_nearest``, on ``threads`` threads.
 
-    like : a search in a scene with the same meshes, which shares what was made of them.
+    like : a search in another scene, which shares what was made of meshes that both have.
     """
 
     engine: str
@@ -38,9 +38,16 @@ class Search(RayCaster, ABC):
     def __init__(self, scene: SceneGeometry, threads: int = 1, like: Search | None = None) -> None:
         self.scene = scene
         self.threads = threads
-        self._surfaces: RefinedSurfaces = RefinedSurfaces(
-            scene, None if like is None else like._surfaces
-        )
+        self._same = {} if like is None else like.same_meshes(scene)
+        if like is None or self._same != dict(enumerate(range(len(like.scene.meshes)))):
+            self._surfaces = RefinedSurfaces(scene)
+        else:
+            self._surfaces = RefinedSurfaces(scene, like._surfaces)
+
+    def same_meshes(self, scene: SceneGeometry) -> dict[int, int]:
+        """Return which mesh of this search's scene each mesh of another is, of those that are in both."""
+        number = {id(mesh): n for n, mesh in enumerate(self.scene.meshes)}
+        return {n: number[id(m)] for n, m in enumerate(scene.meshes) if id(m) in number}
 
     @abstractmethod
     def _nearest(

@@ -10,6 +10,7 @@ import numpy as np
 
 from ...base.progress import Progress
 from ...base.rng import stream
+from ...base.trimesh import OTHER, is_wood
 from ...base.words import keep
 from ...spec import AUTO, Choice, Reverb, Scene
 from ..audit import AuditPart, figures
@@ -220,10 +221,18 @@ def _fixed(group: Any) -> str:
     return keep("It sends alike to all sides") if group.directivity == "omni" else ""
 
 
-def _bare(_job: Observation, found: Any) -> str:
+def _bare(job: Observation, found: Any) -> str:
     """The words for a response that no trunk is in."""
     if any(one.trunks or one.continued for one in (found, *found.further)):
         return ""
+    meshes = job.seen.geometry.meshes
+    if any((mesh.part == OTHER).any() for mesh in meshes) and not any(
+        is_wood(mesh.part).any() for mesh in meshes
+    ):
+        return (
+            "no trunk is heard: no mesh here says which of its faces are wood; give trees the face attribute "
+            '"part", 1 on wood and 2 on leaves, or have their file recognised as a species'
+        )
     return (
         "no trunk is heard: what there is comes straight and by the ground; set plantings, stems or "
         "continue_to"

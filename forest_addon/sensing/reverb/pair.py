@@ -40,6 +40,11 @@ from .trunks import Trunks
 LOWEST = 1.0  # Hz; below it, the ground is as it is there
 
 
+def _trees_of(tree: np.ndarray) -> int:
+    """Return how many trees stems (N,) are of; those of no tree (-1) count each."""
+    return len(np.unique(tree[tree >= 0])) + int((tree < 0).sum())
+
+
 @dataclass(frozen=True)
 class ImpulseResponse:
     """The pressure at the receiver, sample 0 when the source sounds.
@@ -47,7 +52,8 @@ class ImpulseResponse:
     sample_rate : Hz. direct, ground, trees : (N,) the three parts, re the source's impulse at 1 m.
     direct_delay : seconds from source to receiver in a straight line, whether blocked or not.
     direct_clear, ground_clear : whether wood leaves the direct and the ground sound their way.
-    trunks : how many trunks were heard. continued : how many of them stand beyond the field.
+    trunks : how many trunks were heard, each stem for itself. continued : how many of them stand beyond the
+    field. stands : how many trees these stems are of; each of no tree counts as one; -1: unknown.
     late : how many more are so far away that they would be heard after the end.
     left_db : (1 + B,) their energy, dB re all, estimated: of the whole band and of octaves
     (``tree_response``).
@@ -94,6 +100,7 @@ class ImpulseResponse:
     plain: ImpulseResponse | None = None
     stand: TrunkStand | None = None
     sprays: tuple[str, ...] = ()
+    stands: int = -1
 
     @property
     def channels(self) -> tuple[ImpulseResponse, ...]:
@@ -172,6 +179,7 @@ class Pair:
             direct_clear=direct,
             ground_clear=ground,
             trunks=int(trees.heard.sum()),
+            stands=_trees_of(forest.tree[trees.heard]),
             continued=int(trees.heard[ours:].sum()),
             late=int((~trees.heard).sum()),
             clamped=trees.clamped,

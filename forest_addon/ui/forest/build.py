@@ -101,7 +101,7 @@ def fingerprint(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> str:
     said = (settings.seed, settings.offset, settings.forest, settings.plantings)
     parts = [repr((*said, edited_species(scene), folder))]
     if settings.accuracy.detail == "auto":  # what grows depends on who looks
-        parts.append(repr(exchange.to_spec(scene).sensors))
+        parts.append(repr(exchange.to_spec(scene, exchange.usable(scene)).sensors))
     surface = settings.forest.terrain.object
     if surface:
         make = partial(_of_terrain, surface, depsgraph)
@@ -335,7 +335,7 @@ class FOREST_OT_build(Working, bpy.types.Operator):
 
         demo = forestless(scene.forest_sensing)
         changed = 0 if demo else take_up_changes(scene)
-        given = read_settings(DEMO, Scene) if demo else to_spec(scene)
+        given = read_settings(DEMO, Scene) if demo else to_spec(scene, exchange.usable(scene))
         settings = beside_cube(scene, given) if demo else given
         if demo and sensors_of(scene):
             settings = replace(settings, sensors=())  # those that are there are the user's own

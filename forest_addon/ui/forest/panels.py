@@ -54,6 +54,8 @@ def _planting_row(item: Any) -> Row:
     known = item.standing >= 0
     count = item.standing if known else item.expected
     number = label("1 tree") if count == 1 else label("{expected:g} trees", expected=count)
+    if known and item.use_expected and round(item.expected) != count:
+        number = label("{standing:,} of {asked:g} trees", standing=count, asked=item.expected)
     return Row(
         title_of(item.species) or label("(no species)"),
         "GREASEPENCIL" if edited else "OUTLINER_OB_CURVES",

@@ -312,6 +312,9 @@ class FOREST_OT_new(bpy.types.Operator):
 
     def execute(self, _context: bpy.types.Context) -> set[str]:
         preset = self.preset  # this operator does not outlive the file
+        if preset and not (SCENES / f"{preset}.toml").is_file():
+            self.report({"ERROR"}, say('There is no scene "{name}"', name=preset))
+            return {"CANCELLED"}
         bpy.ops.wm.read_homefile(**NEW_FILE)
         if bpy.app.background:
             return set(bpy.ops.forest.furnish(preset=preset))

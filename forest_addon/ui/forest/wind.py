@@ -17,7 +17,7 @@ from ...blender.jobs import Task, Work
 from ...blender.scene.layout import points_of_forest
 from ...blender.scene.nodes import LEVEL_KEY, instancer_of, show_as, shown_of
 from ...spec import SpecError
-from ..settings.exchange import to_spec
+from ..settings.exchange import to_spec, usable
 from ..shell.running import Button, Working
 from ..shell.views import redraw_views
 from ..shell.words import label, say
@@ -81,7 +81,7 @@ def swaying(context: bpy.types.Context, missing: list[str]) -> Generator[Task, A
     missing : gets a sentence where trees stand still although there is wind.
     """
     scene = context.scene
-    settings = to_spec(scene)
+    settings = to_spec(scene, usable(scene))
     if settings.wind.speed == 0 or not scene.forest_sensing.built:
         return None
     mark = fingerprint(scene, context.evaluated_depsgraph_get())
@@ -119,7 +119,7 @@ class FOREST_OT_show_wind(Working, bpy.types.Operator):
         from ...blender.show.wind import amplitudes_of, knots_of, show_wind
         from ...stand.wind.response import KNOTS
 
-        if to_spec(context.scene).wind.speed == 0:
+        if to_spec(context.scene, []).wind.speed == 0:
             raise SpecError(say("Wind"), say("set its speed above 0 first"))
         count = knots_of(context.scene, KNOTS)
         missing: list[str] = []

@@ -95,7 +95,7 @@ def _records() -> dict[str, Callable[..., Any]]:
 # What says nothing where no forest was asked for and none of it was met.
 OF_TREES = {
     *("Trees Seen", "Wood", "Leaves", "Ground", "Leaves Heard", "Wood Heard", "Behind Wood"),
-    *("Trunks Heard", "Beyond Field", "Too Late"),
+    *("Trunks Heard", "Trees Heard", "Beyond Field", "Too Late"),
 }
 
 Words = dict[str, str]
@@ -114,6 +114,16 @@ def keep_forest(
         planting.standing = int(np.count_nonzero(forest.stand.species == number))
     _note(props, "forest", "forest", settings.name, figures | {keep("Time"): f"{seconds:.1f} s"})
     trees, leaves = figures["Trees"], figures["Leaves"]
+    if removed := int(forest.stand.removed):
+        return say(
+            "{trees} trees with {leaves} leaves in {seconds:.1f} s; spacing removed {removed:,} of "
+            "{before:,}",
+            trees=trees,
+            leaves=leaves,
+            seconds=seconds,
+            removed=removed,
+            before=removed + len(forest.stand),
+        )
     if len(forest.stand) == 1:
         return say("1 tree with {leaves} leaves in {seconds:.1f} s", leaves=leaves, seconds=seconds)
     return say(

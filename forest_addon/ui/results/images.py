@@ -22,6 +22,10 @@ from ...drawing.strips import Axis, Plot, Strip
 from ..shell.words import label_kept
 
 LEFT, RIGHT, BELOW, ABOVE = 96, 28, 66, 38  # pixels around strips; ABOVE each for its title
+BAR, BESIDE = (
+    18,
+    110,
+)  # pixels of a scale of colours, and of the room that it takes with its numbers
 FONT, SIZE = 0, 18
 GROUND, TEXT, LINE = 0.03, 0.85, 0.35  # grey
 TICK = 6  # pixels
@@ -51,7 +55,12 @@ def drawn(plot: Plot) -> np.ndarray:
 
 
 def ticks(axis: Axis, most: int) -> list[float]:
-    """Round values along an axis, at most so many: steps of 1, 2 or 5 times a power of ten."""
+    """Round values along an axis, at most so many: 1, 2 or 5 times a power of ten, or steps of so much."""
+    if axis.log:
+        low, high = math.floor(math.log10(axis.low)), math.ceil(math.log10(axis.high))
+        round_ones = [factor * 10.0**power for power in range(low, high) for factor in (1, 2, 5)]
+        found = [value for value in round_ones if axis.low <= value <= axis.high]
+        return found[:: -(-len(found) // most)] if found else [axis.low]
     span = axis.high - axis.low
     if not span > 0:
         return [axis.low]
@@ -78,7 +87,8 @@ def _compose(plot: Plot) -> tuple[np.ndarray, list[Label]]:
     """The canvas with strips, frames and ticks, and what is to be written on it."""
     wide = plot.strips[0].pixels.shape[1]
     high = BELOW + sum(len(strip.pixels) + ABOVE for strip in plot.strips)
-    canvas = np.full((high, LEFT + wide + RIGHT, 3), GROUND)
+    beside = BESIDE if any(strip.values for strip in plot.strips) else RIGHT
+    canvas = np.full((high, LEFT + wide + beside, 3), GROUND)
     labels: list[Label] = []
     bottom = BELOW
     for strip in plot.strips:
@@ -102,13 +112,25 @@ def _draw_strip(canvas: np.ndarray, strip: Strip, across: Axis, bottom: int) -> 
     for value, row in _places(strip.up, high, 6, 30):
         canvas[bottom + row, LEFT - TICK : LEFT] = LINE
         yield (f"{value:g}", LEFT - TICK - 6, bottom + row, 1.0, 0.5)
+    if strip.values is None:
+        return
+    foot = right + RIGHT // 2
+    place = np.linspace(0.0, len(strip.colours) - 1.0, high)
+    for channel in range(3):
+        shades = np.interp(place, np.arange(len(strip.colours)), strip.colours[:, channel])
+        canvas[bottom:top, foot : foot + BAR, channel] = shades[:, None]
+    yield (label_kept(strip.values.label), foot + BAR, top + 10, 0.5, 0.0)
+    for value, row in _places(strip.values, high, 6, 30):
+        canvas[bottom + row, foot + BAR : foot + BAR + TICK] = LINE
+        yield (f"{value:g}", foot + BAR + TICK + 6, bottom + row, 0.0, 0.5)
 
 
 def _places(axis: Axis, pixels: int, most: int, apart: int) -> Iterator[tuple[float, int]]:
     """Ticks of an axis and the pixels that they are at, so far apart that their numbers have room."""
-    span = (axis.high - axis.low) or 1.0
+    even = math.log if axis.log else float
+    low, span = even(axis.low), (even(axis.high) - even(axis.low)) or 1.0
     for value in ticks(axis, max(1, min(most, pixels // apart))):
-        yield round(value, 9), round((value - axis.low) / span * (pixels - 1))
+        yield round(value, 9), round((even(value) - low) / span * (pixels - 1))
 
 
 def _written(labels: list[Label], shape: tuple[int, ...]) -> np.ndarray:
@@ -145,10 +167,16 @@ def _through_a_file(paper: imbuf.types.ImBuf) -> np.ndarray:
 
 
 def _small(plot: Plot) -> np.ndarray:
-    """(ICON, ICON, 3): the strips alone."""
+    """(ICON, ICON, 3): the strips alone, as wide for their height as they are."""
     pixels = np.concatenate([strip.pixels for strip in plot.strips])
-    rows, columns = (np.arange(ICON) * size // ICON for size in pixels.shape[:2])
-    return pixels[np.ix_(rows, columns)]
+    longest = max(pixels.shape[:2])
+    rows, columns = (
+        np.arange(max(1, ICON * n // longest)) * longest // ICON for n in pixels.shape[:2]
+    )
+    found = np.full((ICON, ICON, 3), GROUND)
+    top, left = (ICON - len(rows)) // 2, (ICON - len(columns)) // 2
+    found[top : top + len(rows), left : left + len(columns)] = pixels[np.ix_(rows, columns)]
+    return found
 
 
 def _with_alpha(colours: np.ndarray) -> np.ndarray:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -24,6 +25,7 @@ from ..shell.words import keep, label, say
 from .panels import is_unrendered
 
 if TYPE_CHECKING:
+    from ...blender.sensors.observe import Observer
     from ...results.coordinates import Offset
     from ...results.kind import Finding
     from ...sensing.kind import Cost
@@ -117,7 +119,7 @@ class Ahead:
     """All runs of a job, one after the other: which one comes, and which share of the whole it is."""
 
     def __init__(self, of_sensors: list[Cost], frames: int) -> None:
-        self._of_sensors, self._frames, self._done = of_sensors, frames, 0
+        self._of_sensors, self._frames, self._done, self._ran = of_sensors, frames, 0, 0
         self._times: dict[str, tuple[float, float]] = {}  # s taken and estimated, by sensor
         self._frame = sum(max(cost.seconds, 1e-3) for cost in of_sensors)
 
@@ -150,6 +152,7 @@ class Ahead:
 
     def note(self, name: str, took: float, estimated: float) -> None:
         """Note what a run took; those of a frame range add up."""
+        self._ran += 1
         before = self._times.get(name, (0.0, 0.0))
         self._times[name] = before[0] + took, before[1] + estimated
 
@@ -161,12 +164,12 @@ class Ahead:
             return say("{took} ({estimated} estimated)", took=took, estimated=estimated)
 
         runs = list(self._times.items())
-        if len(runs) == 1 and self._done == 1:
+        if self._ran == 1:
             estimated = time_in_words(runs[0][1][1])
             return say("{found} ({estimated} estimated)", found=sentence, estimated=estimated)
         whole = sum(times[0] for _, times in runs), sum(times[1] for _, times in runs)
         each = ", ".join(f"{name} {both(times)}" for name, times in runs)
-        return say("{count} runs in {time}: {each}", count=self._done, time=both(whole), each=each)
+        return say("{count} runs in {time}: {each}", count=self._ran, time=both(whole), each=each)
 
 
 FEW = 3  # names of objects in a sentence
@@ -258,13 +261,22 @@ class FOREST_OT_run(Working, bpy.types.Operator):
         if not chosen:
             problem = say("{name} is no sensor of this scene; add it again", name=self.sensor)
             raise SpecError("sensor", problem)
-        to_spec(scene, chosen)  # all of them, before the first one runs
-        ahead = Ahead(costs(context, chosen), 1 if self.frames == "THIS" else len(frames_of(scene)))
+        to_spec(scene, [])
         folder = _folder(scene.forest_sensing.output)
-        if self.frames == "THIS":
-            return ahead.told((yield from self._look(context, chosen, folder, None, ahead)))
-        now, part_of_frame, sentence = scene.frame_current, scene.frame_subframe, ""
+        self._broken: dict[str, str] = {}  # what is wrong with sensors, by name
+        able: list[tuple[bpy.types.Object, Cost]] = []
+        for thing in chosen:
+            with self._apart(thing.name):
+                able.append((thing, costs(context, [thing])[0]))
+        if not able:
+            raise ValueError(" ".join(self._broken.values()))
+        chosen = [thing for thing, _ in able]
         frames = frames_of(scene)
+        ahead = Ahead([cost for _, cost in able], 1 if self.frames == "THIS" else len(frames))
+        if self.frames == "THIS":
+            sentence = yield from self._look(context, chosen, folder, None, ahead)
+            return self._told(ahead, sentence)
+        now, part_of_frame, sentence = scene.frame_current, scene.frame_subframe, ""
         if folder is None and not self.keep and len(frames) > 1:
             problem = say(
                 "choose a folder, or Keep in File: of {count} frames the panel keeps one",
@@ -277,7 +289,34 @@ class FOREST_OT_run(Working, bpy.types.Operator):
                 sentence = yield from self._look(context, chosen, folder, frame, ahead)
         finally:
             scene.frame_set(now, subframe=part_of_frame)
-        return ahead.told(sentence)
+        return self._told(ahead, sentence)
+
+    @contextmanager
+    def _apart(self, name: str, frame: int | None = None) -> Iterator[None]:
+        """Note what is wrong with a sensor in this block, so that others run."""
+        try:
+            yield
+        except PROBLEMS as problem:
+            said = in_words(problem)
+            said = said if name in said else f"{name}: {said}"
+            if frame is not None:
+                said = say("frame {frame}: {said}", frame=frame, said=said)
+            self._broken.setdefault(name, said)
+
+    def _told(self, ahead: Ahead, sentence: str) -> str:
+        """Return what is said at the end, with what did not run and why.
+
+        Raises
+        ------
+        ValueError : nothing ran.
+        """
+        broken = " ".join(self._broken.values())
+        if not self._job.kept:
+            raise ValueError(broken)
+        for problem in self._broken.values():
+            self.report({"WARNING"}, problem)
+        said = ahead.told(sentence)
+        return said if not broken else say("{said}. NOT RUN: {broken}", said=said, broken=broken)
 
     def _look(
         self,
@@ -288,15 +327,8 @@ class FOREST_OT_run(Working, bpy.types.Operator):
         ahead: Ahead,
     ) -> Work:
         """Run these sensors in the scene of one frame, None: as it is, of which nothing is numbered."""
-        from ...blender.scene.instances import planted_names
         from ...blender.sensors.moving import seconds_of
         from ...blender.sensors.observe import Observer
-        from ...results.coordinates import Offset
-        from ...sensing.kind import note_pace
-        from ...sensing.kinds import choose
-        from ...stand.plan import labels
-        from ..results.finding import keep_finding, note_audit, note_figures
-        from ..results.keep import begin_frames
 
         rays = rays_of(to_spec(context.scene, []).rays)
         missing: list[str] = []
@@ -306,53 +338,76 @@ class FOREST_OT_run(Working, bpy.types.Operator):
         warnings = (*missing, observer.warning, names_unrendered(context.view_layer))
         for sentence in filter(None, warnings):
             self.report({"WARNING"}, sentence)
-        home = Path(bpy.path.abspath(context.scene.forest_sensing.folder))
-        sentence, number = "", "" if frame is None else f"-{frame:04d}"
+        sentence = ""
         for thing in things:
-            started = time.perf_counter()
-            settings = to_spec(context.scene, [thing])
-            (sensor,) = settings.sensors
-            observe = partial(observer.observe, sensor, settings, folder=home)
-            way = observer.way(sensor, home)
-            observer.prepare(choose(sensor)[0], way)  # here: it goes from frame to frame
-            step, span, cost = ahead.next(thing.name)
-            found = yield Task(step, partial(observe, way=way), span=span)
-            took = time.perf_counter() - started
-            note_pace(sensor, cost, took)
-            ahead.note(thing.name, took, cost.seconds)
-            planted = planted_names(context.scene, labels(settings.plantings))
-            if self.keep and thing.name not in self._job.kept:
-                begin_frames(context.scene, thing.name)
-            sentence = keep_finding(
-                context,
-                thing,
-                sensor,
-                found,
-                took,
-                Offset.of(settings),
-                (observer.names, planted),
-                frame if self.keep else None,
-                observer.geometry,
-            )
-            estimate = keep(
-                "{took:.1f} s, {estimated:.1f} s estimated", took=took, estimated=cost.seconds
-            )
-            note_figures(context, thing.name, {"Time": estimate})
-            empty = observer.empty(sensor, settings, found, home, way)
-            if empty:
-                sentence = f"{thing.name}: {empty}"
-                self.report({"WARNING"}, sentence)
-            self._job.kept.append(thing.name)
-            if folder is not None:
-                numbered = replace(sensor, name=sensor.name + number)
-                sentence += self._save(folder, thing.name, numbered, found, Offset.of(settings))
-            check = partial(observer.audit, sensor, settings, found, took, home, way)
-            at_end = (span[1], span[1])
-            audit = yield Task(step, lambda _tell, check=check: check(), span=at_end)
-            if audit is not None:
-                note_audit(context, thing.name, audit)
-                if not audit.kept:
-                    self.report({"WARNING"}, f"{thing.name}: {audit}")
+            with self._apart(thing.name, frame):
+                sentence = yield from self._sense(context, thing, observer, folder, frame, ahead)
+        return sentence
+
+    def _sense(
+        self,
+        context: bpy.types.Context,
+        thing: bpy.types.Object,
+        observer: Observer,
+        folder: Path | None,
+        frame: int | None,
+        ahead: Ahead,
+    ) -> Work:
+        """Run one sensor."""
+        from ...blender.scene.instances import planted_names
+        from ...results.coordinates import Offset
+        from ...sensing.kind import note_pace
+        from ...sensing.kinds import choose
+        from ...stand.plan import labels
+        from ..results.finding import keep_finding, note_audit, note_figures
+        from ..results.keep import begin_frames
+
+        started = time.perf_counter()
+        step, span, cost = ahead.next(thing.name)
+        home = Path(bpy.path.abspath(context.scene.forest_sensing.folder))
+        number = "" if frame is None else f"-{frame:04d}"
+        settings = to_spec(context.scene, [thing])
+        (sensor,) = settings.sensors
+        observe = partial(observer.observe, sensor, settings, folder=home)
+        way = observer.way(sensor, home)
+        observer.prepare(choose(sensor)[0], way)  # here: it goes from frame to frame
+        found = yield Task(step, partial(observe, way=way), span=span)
+        took = time.perf_counter() - started
+        note_pace(sensor, cost, took)
+        ahead.note(thing.name, took, cost.seconds)
+        planted = planted_names(context.scene, labels(settings.plantings))
+        if self.keep and thing.name not in self._job.kept:
+            begin_frames(context.scene, thing.name)
+        sentence = keep_finding(
+            context,
+            thing,
+            sensor,
+            found,
+            took,
+            Offset.of(settings),
+            (observer.names, planted),
+            frame if self.keep else None,
+            observer.geometry,
+        )
+        estimate = keep(
+            "{took:.1f} s, {estimated:.1f} s estimated", took=took, estimated=cost.seconds
+        )
+        note_figures(context, thing.name, {"Time": estimate})
+        empty = observer.empty(sensor, settings, found, home, way)
+        if empty:
+            sentence = f"{thing.name}: {empty}"
+            self.report({"WARNING"}, sentence)
+        self._job.kept.append(thing.name)
+        if folder is not None:
+            numbered = replace(sensor, name=sensor.name + number)
+            sentence += self._save(folder, thing.name, numbered, found, Offset.of(settings))
+        check = partial(observer.audit, sensor, settings, found, took, home, way)
+        at_end = (span[1], span[1])
+        audit = yield Task(step, lambda _tell, check=check: check(), span=at_end)
+        if audit is not None:
+            note_audit(context, thing.name, audit)
+            if not audit.kept:
+                self.report({"WARNING"}, f"{thing.name}: {audit}")
         return sentence
 
     def _save(self, folder: Path, name: str, sensor: Sensor, found: Finding, offset: Offset) -> str:
@@ -366,7 +421,10 @@ class FOREST_OT_run(Working, bpy.types.Operator):
                 keeper.reads(bpy.data.filepath)
                 path = write_finding(folder, sensor, found, offset)[0]
         except (OSError, ImportError, SpecError) as problem:
-            self.report({"WARNING"}, say("Not saved: {reason}", reason=in_words(problem)))
+            reason = in_words(problem)
+            self.report(
+                {"WARNING"}, say("{sensor}: not saved: {reason}", sensor=name, reason=reason)
+            )
             return ""
         bpy.context.scene.forest_sensing.results[name].file = str(path)
         return say(", saved as {path}", path=path)

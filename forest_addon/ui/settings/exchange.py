@@ -124,9 +124,10 @@ def from_spec(scene: Any, settings: spec.Scene, keep_sensors: bool = False) -> N
         write(getattr(props, name), getattr(settings, name))
     fill(props, "plantings", settings.plantings)
     fill(props, "stems", settings.stems)
-    there = sensors.sensors_of(scene)
-    known = _unnamed(there) if keep_sensors else []
-    for thing in () if keep_sensors else there:
+    known = [
+        replace(sensor_of(one), name=sensors.kind_of(one)) for one in usable(scene) if keep_sensors
+    ]
+    for thing in () if keep_sensors else sensors.sensors_of(scene):
         sensors.remove_sensor(thing)
     for sensor in settings.sensors:
         if replace(sensor, name=sensor.kind) not in known:
@@ -137,14 +138,15 @@ def from_spec(scene: Any, settings: spec.Scene, keep_sensors: bool = False) -> N
         layer.update()
 
 
-def _unnamed(things: Iterable[Any]) -> list[Settings]:
-    """The settings of sensors, if they can be used, all with the same names."""
+def usable(scene: Any) -> list[Any]:
+    """The sensors of a scene whose settings can be used: those that cannot must not stop all else."""
     found = []
-    for thing in things:
+    for thing in sensors.sensors_of(scene):
         try:
-            found.append(replace(sensor_of(thing), name=sensors.kind_of(thing)))
+            sensor_of(thing)
         except SpecError:
             continue
+        found.append(thing)
     return found
 
 

@@ -52,3 +52,12 @@ def test_a_wall_beside_the_track(heading, side, x):
     assert scan.distance[:, high] == pytest.approx(np.tile(5 / np.cos(scan.angle[high]), (6, 1)))
     assert (scan.organ[:, high] == WOOD).all()
     assert (scan.returns.tree.reshape(scan.organ.shape)[:, high] == 0).all()
+
+
+def test_a_beam_that_begins_on_a_surface_has_a_finite_intensity():
+    scan = driven.drive(TRACTOR, BruteCaster(scene_with(ground(), wall(-4.0))))
+    met = np.flatnonzero(np.isfinite(scan.returns.distance))
+    scan.returns.distance[met[:5]] = 0.0
+    cloud = driven.to_cloud(scan, TRACTOR)
+    assert np.isfinite(cloud.intensity).all()
+    assert cloud.true_range[0] == 0

@@ -18,7 +18,8 @@ def echoes_of(distance, energy=None, pulse=None, sigma=SIGMA):
     distance = np.asarray(distance, float)
     energy = np.ones(len(distance)) if energy is None else np.asarray(energy, float)
     pulse = np.zeros(len(distance), np.int64) if pulse is None else np.asarray(pulse)
-    return find_echoes(pulse, np.arange(len(distance)), distance, energy, sigma)
+    ray = pulse * len(distance) + np.arange(len(distance))
+    return find_echoes(ray, max(len(distance), 1), distance, energy, sigma)
 
 
 def crests_by_grid(distance, energy, sigma):
@@ -128,8 +129,8 @@ def test_the_sampled_waveform_holds_the_energy():
 
 def test_the_contact_that_stands_for_an_echo_is_the_innermost_of_the_strong():
     found = find_echoes(
-        np.zeros(4, int),
         np.array([3, 1, 0, 2]),
+        4,
         np.array([10.0, 10.01, 10.02, 10.03]),
         np.array([1.0, 0.6, 0.1, 0.9]),
         SIGMA,
@@ -212,7 +213,7 @@ def test_no_pulse_is_lost_and_no_light(sigma, pulses, spread):
     pulse = np.repeat(np.arange(len(pulses)), [len(contacts) for contacts in pulses])
     distance, energy, blur = 40 + sigma * place, 10 ** (decade - 5), sigma * blur * spread
     subray = np.concatenate([np.arange(len(contacts)) for contacts in pulses])
-    found = find_echoes(pulse, subray, distance, energy, sigma, blur)
+    found = find_echoes(pulse * 100 + subray, 100, distance, energy, sigma, blur)
 
     for number in range(len(pulses)):
         mine, its = found.pulse == number, pulse == number

@@ -89,6 +89,59 @@ def test_a_source_below_the_ground_is_refused(built):
         run("reverb")
 
 
+def test_a_broken_sensor_does_not_stop_the_others(built, capfd):
+    settings_of("echo").band = (1e5, 3e5)  # found before it runs
+    bpy.data.objects["reverb"].location.z = -1  # found when it runs
+    assert press("run") == {"FINISHED"}
+    assert {"scan", "cloud"} <= {*built.results.keys()}
+    assert not {"echo", "reverb"} & {*built.results.keys()}
+    said = capfd.readouterr().out
+    for words in ("NOT RUN", "echo.band", "reverb.source"):
+        assert words in said
+    assert said.count("above the ground") == 2  # a warning, and at the end
+    with pytest.raises(RuntimeError, match=r"reverb\.source.*above the ground"):
+        run("reverb")
+    for name in ("scan", "cloud"):
+        bpy.data.objects.remove(bpy.data.objects[name])
+    with pytest.raises(RuntimeError, match=r"(?s)echo\.band.*reverb\.source"):
+        press("run")
+
+
+def test_a_broken_sensor_does_not_stop_the_forest(small):
+    settings_of("echo").band = (1e5, 3e5)
+    assert press("build") == {"FINISHED"}
+    small.wind.speed = 3.0
+    assert run("cloud") == {"FINISHED"}
+
+
+@pytest.mark.medium
+def test_a_frame_that_a_sensor_cannot_run_in_does_not_stop_the_others(built, capfd):
+    scene, reverb = bpy.context.scene, bpy.data.objects["reverb"]
+    for frame, z in ((1, 1.0), (2, -1.0), (3, 1.0)):
+        reverb.location.z = z
+        reverb.keyframe_insert("location", frame=frame)
+    scene.frame_start, scene.frame_end = 1, 3
+    assert run("reverb", frames="RANGE", keep=True) == {"FINISHED"}
+    assert [each.frame for each in built.results["reverb"].frames] == [1, 3]
+    said = capfd.readouterr().out
+    assert "2 runs in" in said
+    assert "NOT RUN: frame 2: reverb.source[2]: must be above the ground" in said
+
+
+@pytest.mark.parametrize("part", [None, 1])
+def test_a_reverb_among_trees_of_the_users_own_says_why_it_hears_none(props, sensor, capfd, part):
+    bpy.ops.mesh.primitive_cylinder_add(vertices=12, radius=0.2, depth=6, location=(2, 1, 3))
+    if part is not None:
+        faces = bpy.context.object.data.attributes.new("part", "INT", "FACE")
+        faces.data.foreach_set("value", [part] * len(faces.data))
+        bpy.context.object.data.update()
+    sensor("reverb", source=(0, 0, 1), receiver=(5, 0, 1), sample_rate=4000, duration=0.1)
+    assert press("run") == {"FINISHED"}
+    said = capfd.readouterr().out
+    assert ('give trees the face attribute "part", 1 on wood' in said) == (part is None)
+    assert ("1 trunk heard" in said) == (part is not None)
+
+
 @pytest.mark.slow
 def test_a_sensor_follows_the_frames(built, tmp_path):
     scene, echo = bpy.context.scene, bpy.data.objects["echo"]

@@ -12,139 +12,31 @@ Distances are times in one direction there: light that is 1 m farther is 3.3 ns 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from copy import copy
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
 
 from ....base.rng import daughter_keys, keyed_uniform
 from ....formats.helios.device import Digitiser
-from ...moving_rays import MovingCaster
-from ...rays.caster import Hits, RayCaster
+from ...rays.caster import Hits
 from ..footprint import BeamFrames, rays_at
-from ..passage import Contacts, Received, scalars_of
-from ..pattern import LiDAR, Pattern, Pulses
-from ..radiometry import intensity
-from ..scan import RAYS_AT_ONCE, Scan
-from ..waveform import LIGHT, WaveformEchoes, gathered
+from ..passage import Contacts
+from ..pattern import Pulses
+from ..scan import Scan
+from ..waveform import LIGHT, Bins
 
-BINS_AT_ONCE = 4_000_000  # of all waveforms in work
 METRES_A_NS = LIGHT * 1e-9
-
-
-class DigitisedScan(Scan):
-    """A scan whose footprints are HELIOS++'s rings of rays, and whose echoes are found in bins.
-
-    Beams that meet one face, and a short way of it, have one echo without that.
-    across : radians by which the first ray of a ring is turned from the direction of the sweep.
-    """
-
-    def __init__(
-        self,
-        scanner: LiDAR,
-        caster: RayCaster | MovingCaster,
-        seed: int,
-        pattern: Pattern,
-        digitiser: Digitiser,
-        across: float = 0.0,
-    ) -> None:
-        super().__init__(scanner, caster, seed, pattern=pattern)  # type: ignore[arg-type]
-        self._digitiser, self._across = digitiser, across
-        self._rings = rings(digitiser.rings)
-
-    def _frames(self, pulses: Pulses, keys: np.ndarray) -> BeamFrames:
-        half = 0.5e-3 * np.array(self.scanner.beam.divergence_mrad)[:, None, None]
-        beside = np.cross(pulses.direction, pulses.across)
-        cos, sin = np.cos(self._across), np.sin(self._across)
-        none = np.zeros_like(beside)
-        return BeamFrames(
-            origin=pulses.origin,
-            axis=pulses.direction,
-            exit_x=none,
-            exit_y=none,
-            turn_x=half[0] * (cos * pulses.across + sin * beside),
-            turn_y=half[1] * (cos * beside - sin * pulses.across),
-        )
-
-    def _on_faces(
-        self, beams: BeamFrames, rows: np.ndarray, face: np.ndarray
-    ) -> Iterator[tuple[np.ndarray, Received]]:
-        at_once = RAYS_AT_ONCE // len(self._rings.away)
-        for first in range(0, len(rows), at_once):
-            part = slice(first, first + at_once)
-            yield rows[part], self._on_face(beams.select(rows[part]), face[part])
-
-    def _on_face(self, beams: BeamFrames, face: np.ndarray) -> Received:
-        """Echoes of beams (P,) that meet these faces with all their rays."""
-        planes, ring = self._planes, self._rings
-        normal = planes.normal[face]
-        scalars = scalars_of(beams, planes.foot[face], normal)[:, :, None]
-        height, _, _, facing, turn_x, turn_y = scalars
-        half = 0.5e-3 * self.scanner.beam.divergence_mrad[0]
-        lean = facing + ring.x * turn_x
-        lean += ring.y * turn_y
-        lean /= np.sqrt(1 + (half * ring.away) ** 2)
-        distance = height / lean
-        light = planes.reflectance[face][:, None] * ring.share
-        energy = intensity(light, lean, distance, self.scanner.beam.extinction)
-        inside = (distance >= self.scanner.min_range) & (distance <= self.scanner.max_range)
-        pulse, subray = np.nonzero((energy > 0) & inside)
-        echoes = self._digitised(pulse, subray, distance[pulse, subray], energy[pulse, subray])
-        beam, ray = pulse[echoes.contact], subray[echoes.contact]
-        way = beams.axis[beam] + ring.x[ray, None] * beams.turn_x[beam]
-        way += ring.y[ray, None] * beams.turn_y[beam]
-        way /= np.linalg.norm(way, axis=1, keepdims=True)
-        met = face[beam]
-        told = planes.instance[met], planes.triangle[met], normal[beam]
-        hits = Hits(distance[beam, ray], *told)
-        return Received(echoes, hits, way, normal[beam])
-
-    def _rays(self, beams: BeamFrames) -> tuple[np.ndarray, np.ndarray]:
-        return rays_at(beams, self._rings.x, self._rings.y)
-
-    def _light(self, contacts: Contacts, reflectance: np.ndarray) -> np.ndarray:
-        share = self._rings.share[contacts.ray % len(self._rings.share)]
-        return np.asarray(reflectance * contacts.light * share)
-
-    def _echoes(
-        self,
-        rays: tuple[np.ndarray, np.ndarray],
-        contacts: Contacts,
-        counts: np.ndarray,
-        energy: np.ndarray,
-        ways: np.ndarray,
-        normal: np.ndarray,
-    ) -> WaveformEchoes:
-        pulse, subray = np.divmod(contacts.ray[counts], len(self._rings.share))
-        return self._digitised(pulse, subray, contacts.hits.distance[counts], energy[counts])
-
-    def _digitised(
-        self, pulse: np.ndarray, subray: np.ndarray, distance: np.ndarray, energy: np.ndarray
-    ) -> WaveformEchoes:
-        pulse_ns = self.scanner.beam.pulse_ns
-        return digitised(pulse, subray, distance, energy, pulse_ns, self._digitiser)
 
 
 @dataclass(frozen=True)
 class Rings:
-    """Rays of a beam: (N,) angles from the axis in half divergences, angles around it, shares of light."""
+    """Rays of a beam: half divergences from the axis (N, 2), along the first ray of a ring and across, and
+    shares of the light (N,)."""
 
-    away: np.ndarray
-    around: np.ndarray
+    place: np.ndarray
     share: np.ndarray
-
-    @cached_property
-    def x(self) -> np.ndarray:
-        """(N,) half divergences from the axis, along the first ray of a ring."""
-        return np.asarray(self.away * np.cos(self.around))
-
-    @cached_property
-    def y(self) -> np.ndarray:
-        """(N,) half divergences from the axis, across that."""
-        return np.asarray(self.away * np.sin(self.around))
 
 
 def rings(quality: int) -> Rings:
@@ -159,130 +51,16 @@ def rings(quality: int) -> Rings:
         away += [2.0 * ring / quality] * count
         around += (2 * np.pi / count * np.arange(count)).tolist()
         share += [((2 * ring + 1) / count) ** 2] * count
-    return Rings(np.array(away), np.array(around), np.array(share) / sum(share))
+    place = np.stack([np.cos(around), np.sin(around)], axis=1) * np.array(away)[:, None]
+    return Rings(place, np.array(share) / sum(share))
 
 
-def pulse_shape(pulse_ns: float, bin_ns: float) -> np.ndarray:
-    """(B,) light of a pulse in the bins from its start on."""
-    time = bin_ns * np.arange(max(int(pulse_ns / bin_ns), 1)) * 7 / pulse_ns
-    return np.asarray(time**2 * np.exp(-time))
-
-
-def digitised(
-    pulse: np.ndarray,
-    subray: np.ndarray,
-    distance: np.ndarray,
-    energy: np.ndarray,
-    pulse_ns: float,
-    digitiser: Digitiser,
-) -> WaveformEchoes:
-    """The echoes of C contacts; see ``waveform.find_echoes``.
-
-    Light in no echo belongs to the nearest one of its pulse; a pulse without any has none.
-    """
-    order = np.lexsort((distance, pulse))
-    pulse, subray, distance, energy = (v[order] for v in (pulse, subray, distance, energy))
-    new = np.append(True, np.diff(pulse) != 0) if len(pulse) else np.zeros(0, dtype=bool)
-    nearest = distance[np.flatnonzero(new)][np.cumsum(new) - 1] if len(pulse) else distance
-    place = ((distance - nearest) / (METRES_A_NS * digitiser.bin_ns) + 1e-9).astype(np.int64)
-    shape = pulse_shape(pulse_ns, digitiser.bin_ns)
+def bins_of(pulse_ns: float, digitiser: Digitiser) -> Bins:
+    """Bins of a pulse's light, from its start on."""
+    count = max(int(pulse_ns / digitiser.bin_ns), 1)
+    time = digitiser.bin_ns * np.arange(count) * 7 / pulse_ns
     window = int(digitiser.window_ns / digitiser.bin_ns)
-    far = len(shape) + window  # bins beyond which lights do not meet
-    apart = new.copy()
-    apart[1:] |= np.diff(place) > far
-    group = np.cumsum(apart) - 1
-    start = np.flatnonzero(apart)
-    bins = place - place[start][group]
-    lone = pulse[start]
-    opens = np.append(True, np.diff(lone) != 0) if len(lone) else new
-    ends = np.stack([opens, np.append(opens[1:], True)]) if len(lone) else np.zeros((2, 0), bool)
-    peak_group, peak_bin = _maxima(group, bins, energy, ends, shape, window)
-    owner = _owners(pulse, place, start, peak_group, peak_bin, int(np.argmax(shape)))
-    rows = np.flatnonzero(owner >= 0)
-    rows = rows[np.argsort(owner[rows], kind="stable")]
-    pulse, subray, distance, energy = (v[rows] for v in (pulse, subray, distance, energy))
-    if not len(rows):
-        return WaveformEchoes(pulse, distance, energy, distance, rows)
-    number = np.cumsum(np.diff(owner[rows], prepend=owner[rows[0]]) != 0)
-    own = pulse_ns / 7 * np.sqrt(3.0) * METRES_A_NS / 2  # the spread of the pulse itself
-    found = gathered(number, pulse, subray, distance, energy, np.zeros(len(rows)), own)
-    return replace(found, contact=order[rows[found.contact]])
-
-
-def _maxima(
-    group: np.ndarray,
-    bins: np.ndarray,
-    energy: np.ndarray,
-    ends: np.ndarray,
-    shape: np.ndarray,
-    window: int,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Groups of contacts, and bins in them, at which the waveform has an echo; in that order.
-
-    ends : (2, G) bool, groups with which the waveform of a pulse begins, and ends: nothing is beyond.
-    """
-    length = np.zeros(ends.shape[1], dtype=np.int64)
-    np.maximum.at(length, group, bins)
-    length += len(shape)
-    found_group, found_bin = [], []
-    by_length = np.argsort(length, kind="stable")
-    first = 0
-    while first < len(by_length):
-        widest = length[by_length[first : first + 4096]]
-        count = int(np.searchsorted(np.arange(1, len(widest) + 1) * widest, BINS_AT_ONCE)) or 1
-        some = by_length[first : first + count]
-        first += len(some)
-        row = np.full(ends.shape[1], -1)
-        row[some] = np.arange(len(some))
-        rows = np.flatnonzero(row[group] >= 0)
-        wave = np.zeros((len(some), int(length[some].max())))
-        flat = row[group[rows]] * wave.shape[1] + bins[rows]
-        for shift, light in enumerate(shape):
-            wave.ravel()[:] += np.bincount(
-                flat + shift, weights=energy[rows] * light, minlength=wave.size
-            )
-        peak = wave > 0
-        for away in range(1, window):
-            before = np.pad(wave, ((0, 0), (away, 0)), constant_values=-1.0)[:, : wave.shape[1]]
-            after = np.pad(wave, ((0, 0), (0, away)), constant_values=-1.0)[:, away:]
-            bin_ = np.arange(wave.shape[1])
-            before_all = (bin_ - away <= 0) & ends[0, some][:, None]
-            beyond_all = (bin_ + away >= length[some][:, None]) & ends[1, some][:, None]
-            peak &= ((before > 0) & (before < wave)) | before_all
-            peak &= ((after > 0) & (after < wave)) | beyond_all
-        where, at = np.nonzero(peak)
-        found_group.append(some[where])
-        found_bin.append(at)
-    which, at = (
-        np.concatenate([*found_group, np.zeros(0, int)]),
-        np.concatenate([*found_bin, np.zeros(0, int)]),
-    )
-    order = np.lexsort((at, which))
-    return which[order], at[order]
-
-
-def _owners(
-    pulse: np.ndarray,
-    place: np.ndarray,
-    start: np.ndarray,
-    peak_group: np.ndarray,
-    peak_bin: np.ndarray,
-    crest: int,
-) -> np.ndarray:
-    """(C,) number of the echo that a contact belongs to: the nearest of its pulse; -1 where it has none."""
-    reach = int(place.max(initial=0)) + 1_000
-    at = pulse[start][peak_group] * reach + place[start][peak_group] + peak_bin - crest
-    mine = pulse * reach + place
-    after = np.searchsorted(at, mine)
-    best = np.full(len(mine), -1)
-    away = np.full(len(mine), np.inf)
-    for side in (after - 1, after):
-        there = np.flatnonzero((side >= 0) & (side < len(at)))
-        same = there[pulse[start][peak_group[side[there]]] == pulse[there]]
-        gap = np.abs(at[side[same]] - mine[same])
-        better = gap < away[same]
-        best[same[better]], away[same[better]] = side[same[better]], gap[better]
-    return best
+    return Bins(time**2 * np.exp(-time), METRES_A_NS * digitiser.bin_ns, window)
 
 
 # Voxels that light passes by chance: plant area as a haze, of one density in each cell of a grid.
@@ -350,19 +128,47 @@ class Haze:
         return found
 
 
-class HazyScan(Scan):
-    """A scan of a scene in which light passes voxels by chance."""
+class SurveyScan(Scan):
+    """A scan that may find echoes as HELIOS++ does, and whose light may pass voxels by chance."""
 
     _hazes: tuple[Haze, ...] = ()
+    _rings: Rings | None = None
+    _across = 0.0
 
     def among(self, hazes: tuple[Haze, ...]) -> Self:
         """The same scan with voxels that light passes by chance."""
-        if not hazes:
-            return self
         other = copy(self)
-        other._hazes, other._faces, other._sure = hazes, None, False
-        other.at_once = max(1, RAYS_AT_ONCE // self.scanner.beam.subrays)
+        other._hazes, other._by_chance = hazes, self._by_chance or bool(hazes)
         return other
+
+    def sampled(self, digitiser: Digitiser, across: float = 0.0) -> Self:
+        """The same scan with HELIOS++'s rings of rays, whose echoes are found in bins.
+
+        across : radians by which the first ray of a ring is turned from the direction of the sweep.
+        """
+        other, pulse_ns = copy(self), self.scanner.beam.pulse_ns
+        other._rings, other._across = rings(digitiser.rings), across
+        other._subrays, other._bins = len(other._rings.share), bins_of(pulse_ns, digitiser)
+        other._sigma = pulse_ns / 7 * np.sqrt(3.0) * METRES_A_NS / 2
+        return other
+
+    def _rays(self, pulses: Pulses, keys: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        if self._rings is None:
+            return super()._rays(pulses, keys)
+        along, across = 0.5e-3 * np.array(self.scanner.beam.divergence_mrad)
+        beside = np.cross(pulses.direction, pulses.across)
+        cos, sin = np.cos(self._across), np.sin(self._across)
+        none = np.zeros_like(beside)
+        turn_x = along * (cos * pulses.across + sin * beside)
+        turn_y = across * (cos * beside - sin * pulses.across)
+        beams = BeamFrames(pulses.origin, pulses.direction, none, none, turn_x, turn_y)
+        return rays_at(beams, self._rings.place)
+
+    def _light(self, contacts: Contacts, reflectance: np.ndarray) -> np.ndarray:
+        if self._rings is None:
+            return super()._light(contacts, reflectance)
+        share = self._rings.share[contacts.ray % self._subrays]
+        return np.asarray(reflectance * contacts.light * share)
 
     def _met(
         self, rays: tuple[np.ndarray, np.ndarray], keys: np.ndarray, at: np.ndarray | None
