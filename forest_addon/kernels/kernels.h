@@ -18,13 +18,13 @@
 /* Returns the hash of the sources that the library was built from, as packaging/build_kernels.py told it. */
 KERNEL const char *kernels_sources(void);
 
-/* Embree's rtcIntersect8. */
-typedef void (*intersect8)(const int *valid, void *tree, void *rays, void *arguments);
+/* Embree's rtcIntersect1. */
+typedef void (*intersect1)(void *tree, void *ray, void *arguments);
 
 /* A scene of I instances of meshes with T triangles and V vertices in all. */
 struct cast_scene {
     void *tree;               /* Embree's scene of the instances, by number, about the centre */
-    intersect8 intersect;     /* of the library that made it */
+    intersect1 intersect;     /* of the library that made it */
     double low[3], high[3];   /* a box around all, larger by slack */
     double centre[3];
     double slack;             /* metres by which float32 may be wrong */

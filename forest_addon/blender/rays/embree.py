@@ -57,8 +57,7 @@ SIGNATURES = {
     "rtcSetGeometryTransform": (None, [_P, _U, _I, _P]),
     "rtcSetGeometryTransformQuaternion": (None, [_P, _U, _P]),
     "rtcSetGeometryTimeStepCount": (None, [_P, _U]),
-    "rtcIntersect8": (None, [_P, _P, _P, _P]),
-    "rtcIntersect16": (None, [_P, _P, _P, _P]),
+    "rtcIntersect1": (None, [_P, _P, _P]),
     "rtcSetGeometryInstancedScenes": (None, [_P, _P, _Z]),
 }
 
@@ -117,36 +116,12 @@ def _type(library: ctypes.CDLL) -> None:
         raise EmbreeError("it was built without arrays of instances")
 
 
-class _Arguments(ctypes.Structure):
-    """RTCIntersectArguments."""
-
-    _fields_ = (
-        ("flags", ctypes.c_int),
-        ("features", ctypes.c_uint),
-        ("context", ctypes.c_void_p),
-        ("filter", ctypes.c_void_p),
-        ("intersect", ctypes.c_void_p),
-        ("width", ctypes.c_float),
-    )
-
-
-# Rows of RTCRayHit8; before them origin 0-2, direction 4-6.
-TFAR, MASK, HIT_PRIMITIVE, HIT_GEOMETRY, HIT_INSTANCE, ROWS, LANES = 8, 9, 17, 18, 19, 21, 8
+# Numbers of RTCRayHit, of four bytes each; before them origin 0-2, direction 4-6.
+TIME, TFAR, MASK, HIT_PRIMITIVE, HIT_GEOMETRY, HIT_INSTANCE, HIT_OF_ARRAY, SIZE = (
+    *(7, 8, 9, 17, 18, 19, 20, 24),
+)
 NONE = 0xFFFFFFFF
 FAR = 3e38  # the longest way that float32 holds
-_COHERENT = _Arguments(flags=1 << 16, features=NONE)
-
-
-def _aligned(shape: tuple[int, ...], dtype: type) -> np.ndarray:
-    """An array of zeros that starts at a multiple of 64 bytes."""
-    size = int(np.prod(shape)) * np.dtype(dtype).itemsize
-    room = np.zeros(size + 64, dtype=np.uint8)
-    start = -room.ctypes.data % 64
-    return room[start : start + size].view(dtype).reshape(shape)
-
-
-_FIRST_LANE = _aligned((LANES,), np.int32)
-_FIRST_LANE[0] = -1
 
 
 # The fast engine: Blender's own Embree, instanced, on all cores.
@@ -217,7 +192,7 @@ class EmbreeCaster(Search):
         point = ctypes.c_double * 3
         return CastScene(
             tree=self._top,
-            intersect=ctypes.cast(self._library.rtcIntersect8, ctypes.c_void_p),
+            intersect=ctypes.cast(self._library.rtcIntersect1, ctypes.c_void_p),
             low=point(*self._low),
             high=point(*self._high),
             centre=point(*self._centre),
@@ -271,9 +246,9 @@ class EmbreeCaster(Search):
         origins, directions, begin = origins[:, rays], directions[:, rays], begin[rays]
         reach = (limit[rays] - begin) * (1 + 1e-6) + self._slack
         moved = begin * directions + origins - self._centre[:, None]
-        instance, triangle = self._one_by_one(moved, directions, np.minimum(reach, FAR))
-        met = (instance != NONE).nonzero()[0]
-        instance, triangle = instance[met].astype(np.int64), triangle[met].astype(np.int64)
+        sent = rays_of(moved, directions, reach)
+        send(self._library, self._top, sent)
+        met, instance, triangle = met_by(sent)
         distance, normal = self._surfaces.meet(
             origins[:, met], directions[:, met], instance, triangle
         )
@@ -281,21 +256,29 @@ class EmbreeCaster(Search):
         hits.put(rays[met], Hits(distance, instance, triangle, normal.T))
         return hits
 
-    def _one_by_one(
-        self, origins: np.ndarray, directions: np.ndarray, reach: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Instance and triangle (R,) that rays (3, R), (3, R) meet, ``NONE`` for a miss; each goes alone in a
-        packet, so that Embree computes what it does for the kernel."""
-        packets = _aligned((len(reach), ROWS, LANES), np.float32)
-        whole = packets.view(np.uint32)
-        packets[:, :3, 0], packets[:, 4:7, 0], packets[:, TFAR, 0] = origins.T, directions.T, reach
-        whole[:, [MASK, HIT_GEOMETRY, HIT_INSTANCE], 0] = NONE
-        first, step = packets.ctypes.data, packets.strides[0]
-        for place in range(first, first + step * len(reach), step):
-            self._library.rtcIntersect8(
-                _FIRST_LANE.ctypes.data, self._top, place, ctypes.addressof(_COHERENT)
-            )
-        return whole[:, HIT_INSTANCE, 0], whole[:, HIT_PRIMITIVE, 0]
+
+def rays_of(origins: np.ndarray, directions: np.ndarray, reach: np.ndarray) -> np.ndarray:
+    """(R, SIZE) float32, rays (3, R), (3, R), (R,) as Embree wants them."""
+    rays = _aligned((len(reach), SIZE), np.float32)
+    rays[:, :3], rays[:, 4:7], rays[:, TFAR] = origins.T, directions.T, np.minimum(reach, FAR)
+    rays.view(np.uint32)[:, [MASK, HIT_GEOMETRY, HIT_INSTANCE]] = NONE
+    return rays
+
+
+def send(
+    library: ctypes.CDLL, top: int, rays: np.ndarray, some: np.ndarray | slice = slice(None)
+) -> None:
+    """Send some of the rays into a scene, one by one: packets would find other faces at edges."""
+    places = rays.ctypes.data + rays.strides[0] * np.arange(len(rays))[some]
+    deque(map(library.rtcIntersect1, repeat(top), places.tolist(), repeat(None)), maxlen=0)
+
+
+def met_by(rays: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Rows (M,) of rays that met something, and what: instance (M,), triangle (M,)."""
+    whole = rays.view(np.uint32)
+    met = np.flatnonzero(whole[:, HIT_GEOMETRY] != NONE)
+    named = whole[met][:, [HIT_INSTANCE, HIT_PRIMITIVE]].astype(np.int64)
+    return met, named[:, 0], named[:, 1]
 
 
 COLUMNS = ((), np.float64), ((), np.int64), ((), np.int64), ((3,), np.float64)  # of ``Hits``
@@ -431,6 +414,14 @@ class EmbreeBuild:
 def collapsed(triangles: np.ndarray, whole: np.ndarray) -> np.ndarray:
     """Triangles (T, 3), those that are not whole (T,) drawn together to a corner, where no ray meets them."""
     return triangles if whole.all() else np.where(whole[:, None], triangles, triangles[:, :1])
+
+
+def _aligned(shape: tuple[int, ...], dtype: type) -> np.ndarray:
+    """An array of zeros that starts at a multiple of 64 bytes."""
+    size = int(np.prod(shape)) * np.dtype(dtype).itemsize
+    room = np.zeros(size + 64, dtype=np.uint8)
+    start = -room.ctypes.data % 64
+    return room[start : start + size].view(dtype).reshape(shape)
 
 
 def _release(

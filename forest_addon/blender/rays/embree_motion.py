@@ -1,8 +1,7 @@
 """Embree on a scene that moves: instances that turn or sway, meshes that bend, and rays with a time each.
 
-Rays go through the tree of what stands still, then through those of what moves meanwhile, in the same
-packets; what they find in float32 is met again in float64, where the part is at the ray's time. What moves by
-keys has windows of up to 128 samples, cut wherever something comes or goes, with the parts that are there
+Rays go through the tree of what stands still, then through those of what moves meanwhile; what they find
+in float32 is met again in float64, where the part is at the ray's time. What moves by keys has windows of up to 128 samples, cut wherever something comes or goes, with the parts that are there
 then, each with as many steps as its path needs to be right to ``WITHIN``. Trees that sway have windows of
 ``moving.SPAN`` knots, with the pieces about the rays; Embree takes their places linearly between knots, as
 ``moving.PieceWindow`` does.
@@ -10,10 +9,7 @@ then, each with as many steps as its path needs to be right to ``WITHIN``. Trees
 
 from __future__ import annotations
 
-import ctypes
-from collections import OrderedDict, deque
-from collections.abc import Iterable
-from itertools import repeat
+from collections import OrderedDict
 from threading import Lock
 from weakref import WeakKeyDictionary
 
@@ -29,19 +25,14 @@ from ...sensing.rays.exact import meet
 from ...sensing.rays.paths import RigidPath, corners_at_rest
 from ...sensing.rays.search import RefinedSurfaces, in_tasks, search_on, whole_triangles
 from .embree import (
-    _COHERENT,
-    FAR,
-    HIT_GEOMETRY,
-    HIT_INSTANCE,
-    HIT_PRIMITIVE,
-    MASK,
-    NONE,
-    ROWS,
-    TFAR,
+    HIT_OF_ARRAY,
+    TIME,
     EmbreeBuild,
     EmbreeCaster,
-    _aligned,
     collapsed,
+    met_by,
+    rays_of,
+    send,
 )
 
 LONGEST = 128  # samples of a window; Embree takes one step more
@@ -50,109 +41,6 @@ WITHIN = 1e-5  # m by which wider steps may miss a sample
 KEPT = 4  # windows that are kept
 MANY = 64  # moments at which something comes or goes, from which windows are short
 SLACK = 1e-6  # of the scene's size, by which rays go on
-
-
-# Packets of rays as Embree wants them: which rays go together, how many, and by which of its ways.
-#
-# Rays side by side, as those of a beam, go by eight as a coherent packet: Embree passes its tree once for
-# the pyramid around them, twice as fast as ray by ray. Others go by sixteen, which Embree takes one by one;
-# so do those of an aircraft's beams, which are farther apart than leaves are wide where they enter the
-# scene and would be a tenth slower together.
-
-
-LONE, ALIKE = 16, 8  # rays of a packet
-TURN = 0.03  # by how much unit directions of a packet side by side differ at most
-ASIDE = 0.05  # metres between the places where they enter the scene, at most: about a leaf
-LOOKED_AT = 16  # of so many packets one
-MOST_APART = 0.1  # share of the packets that may be wider
-# Rows of RTCRayHit8 and 16; between them normal 12-14, u 15, v 16, and 20 the place in an array of instances.
-TNEAR, DIRECTION, TIME, ID, FLAGS, HIT_OF_ARRAY = 3, 4, 7, 10, 11, 20
-
-
-def lanes_for(origins: np.ndarray, directions: np.ndarray) -> int:
-    """Return how many of the rays (3, R), (3, R) should go together, as they follow each other.
-
-    origins : where they enter the scene.
-    """
-    whole = origins.shape[1] // ALIKE * ALIKE
-    for rays, most in ((directions, TURN), (origins, ASIDE)):
-        some = rays[:, :whole].reshape(3, -1, ALIKE)[:, ::LOOKED_AT]
-        wide = (some.max(axis=2) - some.min(axis=2) > most).any(axis=0)
-        if np.count_nonzero(wide) > MOST_APART * len(wide):
-            return LONE
-    return ALIKE
-
-
-class RayPackets:
-    """Rays as Embree wants them: packets (P, 21, lanes) float32, the last one filled up with idle lanes."""
-
-    def __init__(self, count: int, lanes: int = LONE) -> None:
-        self.lanes = lanes
-        size = -(-count // lanes)
-        self.packets = _aligned((size, ROWS, lanes), np.float32)
-        self._whole = self.packets.view(np.uint32)
-        self.packets[:, [TNEAR, TIME]] = 0.0
-        self._whole[:, MASK] = NONE
-        self._whole[:, [ID, FLAGS]] = 0
-        self._lanes = np.zeros((7, size * lanes), dtype=np.float32)  # origin, direction, reach
-        self._by_packet = self._lanes.reshape(7, size, lanes).swapaxes(0, 1)
-        self._found = self._whole[:, HIT_PRIMITIVE:ROWS]
-        first, step = self.packets.ctypes.data, self.packets.strides[0]
-        self.addresses = range(first, first + step * size, step)
-
-    def fill(
-        self,
-        origins: np.ndarray,
-        directions: np.ndarray,
-        reach: np.ndarray,
-    ) -> None:
-        """Rays (3, R), (3, R), (R,)."""
-        count = len(reach)
-        self._lanes[:3, :count] = origins
-        self._lanes[3:6, :count] = directions
-        np.minimum(reach, FAR, out=reach)
-        self._lanes[6, :count] = reach
-        self._lanes[6, count:] = -1.0  # ends before it starts: idle
-        self.packets[:, :3] = self._by_packet[:, :3]
-        self.packets[:, DIRECTION : DIRECTION + 3] = self._by_packet[:, 3:6]
-        self.packets[:, TFAR] = self._by_packet[:, 6]
-        self._found[:] = NONE
-
-    def set_time(self, time: np.ndarray) -> None:
-        """Times (R,) of the rays from 0 to 1, for a scene that moves."""
-        every = np.zeros(self._lanes.shape[1], dtype=np.float32)
-        every[: len(time)] = time
-        self.packets[:, TIME] = every.reshape(-1, self.lanes)
-
-    def trace(self, library: ctypes.CDLL, scene: int, rays: np.ndarray | None = None) -> None:
-        """Send them into a scene.
-
-        rays : some, whose packets go; left out: all.
-        """
-        run, how = library.rtcIntersect16, None
-        if self.lanes == ALIKE:
-            run, how = library.rtcIntersect8, ctypes.addressof(_COHERENT)
-        going: Iterable[int] = self.addresses
-        if rays is not None:
-            some = np.flatnonzero(np.bincount(rays // self.lanes, minlength=1))
-            going = map(going.__getitem__, some.tolist())
-        deque(map(run, repeat(_SENT), repeat(scene), going, repeat(how)), maxlen=0)
-
-    def read(self, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Instance and triangle (M,) of the rays that met something, and which rays (M,) these are."""
-        found = self._found.swapaxes(0, 1).reshape(ROWS - HIT_PRIMITIVE, -1)
-        met = (found[HIT_GEOMETRY - HIT_PRIMITIVE, :count] != NONE).nonzero()[0]
-        instance = found[HIT_INSTANCE - HIT_PRIMITIVE].take(met).astype(np.int64)
-        return instance, found[0].take(met).astype(np.int64), met
-
-    def rows_of_array(self, rays: np.ndarray) -> np.ndarray:
-        """(M,) which of an array of instances (``EmbreeBuild.array``) rays (M,) met."""
-        return self._found[:, HIT_OF_ARRAY - HIT_PRIMITIVE].ravel().take(rays).astype(np.int64)
-
-
-_EVERY_LANE = _aligned((LONE,), np.int32)
-_EVERY_LANE[:] = -1
-_SENT = _EVERY_LANE.ctypes.data
 
 
 def embree_motion(
@@ -322,21 +210,20 @@ class EmbreeMotion:
             limit, time = limit[rays], time[rays]
             tops = [(top, box, at[rays]) for top, box, at in tops]
         moved = origin + begin * way - self._centre[:, None]
-        packets = RayPackets(len(rays), lanes_for(moved, way))
-        packets.fill(moved, way, (limit - begin) * (1 + 1e-6) + self._slack)
+        sent = rays_of(moved, way, (limit - begin) * (1 + 1e-6) + self._slack)
         library = self._still._library
-        packets.trace(library, self._still._top)
+        send(library, self._still._top, sent)
         for top, box, at in tops:
             near, leave = clip(*box, origin, way, begin, limit)
-            packets.set_time(at)
-            packets.trace(library, top, np.flatnonzero(near <= leave))
-        instance, triangle, met = packets.read(len(rays))
+            sent[:, TIME] = at
+            send(library, top, sent, near <= leave)
+        met, instance, triangle = met_by(sent)
         if not len(met):
             return found
         piece = np.flatnonzero(instance >= self._moving.count)
         if len(piece) and pieces is not None:
             known = self._pieces_at(pieces)[1]
-            row = packets.rows_of_array(met[piece])
+            row = sent.view(np.uint32)[met[piece], HIT_OF_ARRAY]
             instance[piece] = self._moving.count + pieces.piece[known[row]]
         origin, way, time = origin.take(met, 1), way.take(met, 1), time[met]
         at = self._moving.scene.transform[instance]
@@ -350,8 +237,8 @@ class EmbreeMotion:
         if len(bends):
             ask = instance[bends], triangle[bends]
             corners = self._moving.motion.corners(self._moving.scene, *ask, time[bends])
-            rays_of = origin.take(bends, 1), way.take(bends, 1)
-            distance[bends] = self._surfaces.distance(*rays_of, *ask, at[bends], corners)
+            bent = origin.take(bends, 1), way.take(bends, 1)
+            distance[bends] = self._surfaces.distance(*bent, *ask, at[bends], corners)
         found.put(rays[met], Hits(distance, instance, triangle))
         return found
 
