@@ -1,10 +1,11 @@
 """Embree on a scene that moves: instances that turn or sway, meshes that bend, and rays with a time each.
 
-Rays go through the tree of what stands still, then through those of what moves meanwhile; what they find
-in float32 is met again in float64, where the part is at the ray's time. What moves by keys has windows of up to 128 samples, cut wherever something comes or goes, with the parts that are there
-then, each with as many steps as its path needs to be right to ``WITHIN``. Trees that sway have windows of
-``moving.SPAN`` knots, with the pieces about the rays; Embree takes their places linearly between knots, as
-``moving.PieceWindow`` does.
+Rays go through the tree of what stands still, then through those of what moves meanwhile; what they find in
+float32 is met again in float64, where the part is at the ray's time. What moves by keys has windows of up
+to 128 samples, cut wherever something comes or goes, with the parts that are there then, each with as many
+steps as its path needs to be right to ``WITHIN``. Trees that sway have windows of ``moving.SPAN`` knots,
+with the pieces about the rays; Embree takes their places linearly between knots, as ``moving.PieceWindow``
+does.
 """
 
 from __future__ import annotations
