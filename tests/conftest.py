@@ -28,13 +28,13 @@ from forest_addon import kernels
 # unlucky draw fails nobody's change. `make fuzz` draws new ones, as the profile `fuzz`.
 settings.register_profile(
     "same",
-    max_examples=50,
+    max_examples=25,
     deadline=None,
     derandomize=True,
     database=None,
     suppress_health_check=[HealthCheck.too_slow, HealthCheck.function_scoped_fixture],
 )
-settings.register_profile("fuzz", settings.get_profile("same"), derandomize=False)
+settings.register_profile("fuzz", settings.get_profile("same"), derandomize=False, max_examples=100)
 settings.load_profile("same")
 # Hypothesis also tries numbers that it reads in our sources, but only in those imported by then: another
 # order of tests, or another share of them in a process, would be other inputs.
@@ -80,6 +80,14 @@ def empty_blender(blender):
     return blender
 
 
+@pytest.fixture
+def quick(monkeypatch):
+    """Tests of stands and sweeps over settings try as little as they may: their figures are not looked at."""
+    monkeypatch.setattr("forest_addon.stand.statistics.goodness.SIMULATIONS", 19)
+    for name, few in (("sweep.ENOUGH", 0.0), ("sensors.EXACTLY", 50), ("sensors.MANY", 91)):
+        monkeypatch.setattr(f"headless.accuracy.{name}", few)
+
+
 @pytest.fixture(scope="session")
 def once(tmp_path_factory):
     """``once(name, make)``: a folder that ``make(folder)`` has filled, in the first process that asks for it.
@@ -108,12 +116,14 @@ def once(tmp_path_factory):
 def pytest_configure(config):
     """Caches of this run alone: what another version of the code left in the user's is not ours to read.
 
-    The processes of xdist inherit it. Matplotlib's list of fonts stays where it is; it takes seconds.
+    The processes of xdist inherit it. Matplotlib's list of fonts and zig's libraries stay where they are;
+    they take seconds and minutes.
     """
     if hasattr(config, "workerinput"):
         return
     home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
     os.environ.setdefault("MPLCONFIGDIR", str(home / "matplotlib"))
+    os.environ.setdefault("ZIG_GLOBAL_CACHE_DIR", str(home / "zig"))
     os.environ["XDG_CACHE_HOME"] = config.stash[_cache] = tempfile.mkdtemp(prefix="cache-")
 
 

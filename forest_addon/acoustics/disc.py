@@ -22,7 +22,6 @@ far field the echo's pressure is p = p₀·f·exp(-ikr)/r (e^{+iωt}), p₀ the 
 
 from __future__ import annotations
 
-import cmath
 import math
 from functools import lru_cache
 
@@ -30,13 +29,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import special
 
-from .disc_table import HANDOVER, LAST, tabulated, tabulated_bound
+from .. import kernels
+from .cubics import Cubics
+from .disc_table import HANDOVER, LAST, tabulated, tabulated_bound, tabulated_by_kernel
 
 MODELS = ("paper", "piston", "exact")
 
 LOBES = 256  # of J₁ whose heights are known to the bound
 STEEPEST = (-1.5, 6.0)  # of the error function of the paper's phase: below never, beyond it is 1
-PLACES = 1024  # a unit of its argument, of the table
+SMALLEST = 6.0  # argument of the Hankel function from where it is smooth but for its phase
 
 
 def backscatter(ka: ArrayLike, incidence: ArrayLike, model: str = "exact") -> np.ndarray:
@@ -63,6 +64,74 @@ def backscatter_amplitude(ka: ArrayLike, incidence: ArrayLike, model: str = "exa
     if model == "paper":
         return _paper(size, angle)
     raise _unknown(model, MODELS)
+
+
+def disc_amplitudes(
+    wavenumber: np.ndarray,
+    radius: np.ndarray,
+    incidence: np.ndarray,
+    factor: np.ndarray,
+    model: str,
+    later: float = 0.0,
+) -> np.ndarray:
+    """(Q, M) complex f in metres at wavenumbers (Q,) of discs (M,), times a factor (M,); incidence from 0 to
+    π/2. later : radii by which the echo's delay is taken to be later.
+
+    Raises
+    ------
+    ValueError : the model is not known.
+    """
+    library = kernels.library()
+    if library is None or model not in MODELS:
+        k = wavenumber[:, None]
+        turn = np.exp(1j * later * k * radius)
+        return backscatter_amplitude(k * radius, incidence, model) * turn * (factor / k)
+    found = np.empty((len(wavenumber), len(radius)), np.complex128)
+    given = (len(wavenumber), wavenumber, len(radius), radius, incidence, factor)
+    if model == "paper":
+        library.paper_discs(*given, *_paper_phasors().given, found)
+    elif model == "piston":
+        library.piston_discs(*given, *_hankel().given[2:], found)
+    else:
+        tabulated_by_kernel(library, *given, later, found)
+        large = np.flatnonzero(wavenumber.max(initial=0.0) * radius > HANDOVER)
+        if len(large):
+            size, some = wavenumber[:, None] * radius[large], incidence[large]
+            turn = np.exp(1j * later * size) * (factor[large] / wavenumber[:, None])
+            found[:, large] = _exact(size, some) * turn
+    return found
+
+
+def rim_amplitudes(
+    wavenumber: np.ndarray, across: np.ndarray, level: np.ndarray, side: int
+) -> np.ndarray:
+    """(Q, M) i·level·H₁(x)e^{-ix} at the near side (-1), its conjugate times i at the far one (1); x =
+    2k·across, ``SMALLEST`` at least."""
+    library = kernels.library()
+    if library is None:
+        wave = special.hankel1e(1, 2.0 * wavenumber[:, None] * across)
+        return 1j * level * (wave if side < 0 else np.conj(wave))
+    found = np.empty((len(wavenumber), len(across)), np.complex128)
+    given = (len(wavenumber), wavenumber, len(across), across, level, side)
+    library.piston_rims(*given, *_hankel().given[2:], found)
+    return found
+
+
+@lru_cache(maxsize=1)
+def _hankel() -> Cubics:
+    """√x·H₁⁽¹⁾(x)e^{-ix} over ``SMALLEST``/x."""
+
+    def rooted(share: np.ndarray) -> np.ndarray:
+        x = SMALLEST / share
+        return np.asarray(special.hankel1e(1, x) * np.sqrt(x))
+
+    return Cubics.of(rooted, 0.0, 1.0, 1024)
+
+
+@lru_cache(maxsize=1)
+def _paper_phasors() -> Cubics:
+    """The paper's phasor over the argument of its error function."""
+    return Cubics.of(_paper_phasor, *STEEPEST, 4096)
 
 
 def amplitude_bound(
@@ -157,45 +226,17 @@ def _paper(ka: np.ndarray, angle: np.ndarray) -> np.ndarray:
     """L·e^{-i·phase} of the paper's fit, L with its sign; phase = erf(steepness·(π/2 - β)) - 2.6343."""
     empty = ka == 0  # the fit does not vanish there, and its angle factor has no limit
     c = np.where(empty, 1.0, ka)
-    log = np.log(c)  # exponentials are faster than powers
+    log = np.log(c)
     size = np.where(empty, 0.0, _paper_peak(c) * np.cos(_paper_turn(log) * angle))
-    value = _erf_phasor((0.9824 * np.exp(0.3523 * log) - 0.9459) * (math.pi / 2 - angle))
-    value *= size
-    value *= cmath.exp(2.6343j)
+    steepness = 0.9824 * np.exp(0.3523 * log) - 0.9459
+    value: np.ndarray = size * _paper_phasor(steepness * (math.pi / 2 - angle))
     return value
 
 
-def _erf_phasor(x: np.ndarray) -> np.ndarray:
-    """e^{-i·erf(x)} for x >= ``STEEPEST[0]``, to 3e-14: Taylor series about the nearest of many places.
-
-    numpy's complex exponential and scipy's error function are several times slower.
-    """
-    first, last = STEEPEST
-    place = np.minimum(x, last) * PLACES
-    near = np.rint(place)
-    place -= near
-    with np.errstate(invalid="ignore"):  # what is no number stays so
-        index = near.astype(np.intp)
-    index -= round(first * PLACES)
-    *rest, value = (series.take(index, mode="clip") for series in _erf_phasor_series())
-    for term in reversed(rest):
-        value *= place
-        value += term
+def _paper_phasor(x: np.ndarray) -> np.ndarray:
+    """e^{-i·phase} of the paper by the argument of its error function."""
+    value: np.ndarray = np.exp(-1j * (special.erf(x) - 2.6343))
     return value
-
-
-@lru_cache(maxsize=1)
-def _erf_phasor_series() -> np.ndarray:
-    """(4, P) coefficients of (x - place)·``PLACES`` to the powers 0 to 3."""
-    first, last = (round(end * PLACES) for end in STEEPEST)
-    x = np.arange(first, last + 1) / PLACES
-    slope = -2j / math.sqrt(math.pi) * np.exp(-np.square(x))  # of -i·erf
-    bend, twist = -2.0 * x * slope, (4.0 * x * x - 2.0) * slope
-    second, third = (slope**2 + bend) / 2, (slope**3 + 3 * slope * bend + twist) / 6
-    series = np.stack([np.ones_like(slope), slope, second, third])
-    scale = PLACES ** -np.arange(4.0)[:, None]
-    table: np.ndarray = np.exp(-1j * special.erf(x)) * series * scale
-    return table
 
 
 def _paper_bound(

@@ -17,9 +17,9 @@ import platform
 from functools import lru_cache
 from hashlib import blake2b
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-from scipy import sparse
 
 from .kept_tables import kept_table
 
@@ -30,8 +30,6 @@ ERROR = 1e-5
 
 SERIES, ROUNDED = 3e-8, 4e-7  # of ``level``, where the file's series are cut; of k·f
 MISSED, RIPPLE = 1.5, 0.1
-
-DISCS_AT_ONCE, FEW_SIZES = 2048, 6
 
 MARGIN = 10  # points beyond the domain: what a spline does at its end has decayed by a factor of 4 a point
 KA_STEP, KA_SHIFT = 0.008, 1.0
@@ -63,8 +61,6 @@ def tabulated(ka: np.ndarray, angle: np.ndarray) -> np.ndarray:
     row, across = _cell_of_ka(ka)
     column, along = _cell_of_angle(angle)
     weight_across, weight_along = spline_weights(across), spline_weights(along)
-    if np.ndim(ka) == 2 and np.shape(angle) == np.shape(ka)[1:] and len(ka) >= FEW_SIZES:
-        return _along_lines(row, weight_across, column, weight_along) * level(ka)
     width = splines.shape[1]
     corner = row * width + column
     flat = splines.ravel()
@@ -78,37 +74,11 @@ def tabulated(ka: np.ndarray, angle: np.ndarray) -> np.ndarray:
     return np.asarray(total * level(ka))
 
 
-def _along_lines(
-    row: np.ndarray,
-    across: tuple[np.ndarray, ...],
-    column: np.ndarray,
-    along: tuple[np.ndarray, ...],
-) -> np.ndarray:
-    """(Q, M) k·f over ``level`` of discs (M,) at Q sizes each: first over the incidence, for all rows that
-    discs have in common, then over the sizes."""
-    found = np.empty(row.shape, dtype=np.complex64)
-    weights = np.stack(along, axis=1)
-    four = column[:, None] + np.arange(4, dtype=np.int32)
-    ends = np.arange(0, 4 * DISCS_AT_ONCE + 1, 4, dtype=np.int32)
-    for begin in range(0, len(column), DISCS_AT_ONCE):
-        some = slice(begin, begin + DISCS_AT_ONCE)
-        place = row[:, some]
-        first = int(place.min())
-        lines = np.ascontiguousarray(_by_incidence()[:, first : int(place.max()) + 4])
-        count, width = place.shape[1], lines.shape[1]
-        entries = weights[some].ravel(), four[some].ravel(), ends[: count + 1]
-        picked = sparse.csr_matrix(entries, shape=(count, len(lines)))
-        flat = (picked @ lines.view(np.float32)).view(np.complex64).ravel()
-        place = place + (width * np.arange(count, dtype=np.int32) - first)
-        total = flat.take(place)
-        total *= across[0][:, some]
-        for weight in across[1:]:
-            place += 1
-            more = flat.take(place)
-            more *= weight[:, some]
-            total += more
-        found[:, some] = total
-    return found
+def tabulated_by_kernel(library: Any, *given: Any) -> None:
+    """Call the library's ``exact_discs`` with all but the table; the last one given is the result."""
+    steps = np.array([KA_STEP, KA_SHIFT, ANGLE_STEP, ANGLE_SHIFT, LAST])
+    table = _by_incidence()
+    library.exact_discs(*given[:-1], steps, MARGIN, table.shape[1], table, given[-1])
 
 
 def tabulated_bound(lowest: np.ndarray, highest: np.ndarray, angle: np.ndarray) -> np.ndarray:

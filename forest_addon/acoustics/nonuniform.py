@@ -44,13 +44,13 @@ SPARE = 12  # nodes beyond those that the farthest reaching of them should need
 RESOLVED = 0.01  # of the tolerance, that the last quarter of a series may hold
 FLAT = 3.0  # times what is left beyond two thirds of it: amplitudes are no smoother
 SAFE = 0.5  # of the tolerance, for what a few echoes tell of all
+UNSEEN = 0.1  # of it, that they may not tell
 KERNEL = 0.25  # of the tolerance, for the transform
 TYPICAL = 0.4  # root of the mean square of the transform's error, over the largest
 PEAK = 3.5  # largest of many random values over their root of the mean square, about
 VALUES_AT_ONCE = 1 << 16  # amplitudes at once: what is computed on the way fits a core's cache
 DIRECT_AT_ONCE = 1 << 15  # and of those at every bin
 ROUNDING = 16.0 * 2.0**-53  # of a sum, and for each period of the carrier
-SINGLE = 4e-7  # of amplitudes in single precision
 FEW = 1 << 16  # products of echoes and bins that are summed directly: the fast way costs more
 DEPOSITED = 1 << 22  # values on the grid of the nodes and weights that are deposited at once
 TRANSFORM = 0.15  # of the time of an amplitude, that of a bin of a transform
@@ -62,8 +62,9 @@ class DelayedSum:
 
     spectrum : (K,) complex, or (W, K) where W weights were given.
     size : Σ_i of the largest |A_i| at the nodes.
-    error : about how far, as a share of the size, values of the spectrum are from the exact sum; with
-        weights, of those of 1. It may be above the tolerance where amplitudes themselves are not smooth.
+    error : how far at most, as a share of the size, values of the spectrum are from the exact sum; with
+        weights, of those of 1. It is estimated from some of the echoes, and may be above the tolerance where
+        amplitudes themselves are not smooth.
     nodes : {number of nodes: how many echoes were interpolated with it}, K for those summed directly.
     """
 
@@ -102,7 +103,7 @@ def sum_delayed(
     the number of its periods.
     """
     delay = np.asarray(delay, np.float64)
-    task = _Task(amplitude, delay, weights, start, spacing, count, tolerance, ends)
+    task = _Task(amplitude, delay, weights, start, spacing, count, ends)
     if tolerance < 2.0 * ALIASING[-1] or len(delay) * count <= FEW:
         task.direct(np.arange(len(delay)))
         return task.result(0.0, 0.0, 0.0)
@@ -115,7 +116,7 @@ def sum_delayed(
             task.direct(rows)
         else:
             task.interpolate(rows, nodes, width)
-    return task.result(kernel, plan.error, plan.scattered)
+    return task.result(kernel, plan.error, plan.scattered, UNSEEN * tolerance)
 
 
 @dataclass(frozen=True)
@@ -221,10 +222,9 @@ class _Task:
         start: float,
         spacing: float,
         count: int,
-        tolerance: float,
         ends: tuple[float, float] | None = None,
     ) -> None:
-        self._amplitude, self.delay, self._tolerance = amplitude, delay, tolerance
+        self._amplitude, self.delay = amplitude, delay
         self._one = weights is None
         self._weights = np.ones((len(delay), 1)) if weights is None else weights
         self._start, self._spacing, self.count = start, spacing, count
@@ -233,7 +233,6 @@ class _Task:
         self._ends = (start, last) if ends is None else (min(ends[0], start), max(ends[1], last))
         self._spectrum = np.zeros((self._weights.shape[1], count), dtype=np.complex128)
         self._size = self._squares = self._interpolated = 0.0
-        self._single = False
         self._nodes: dict[int, int] = {}
 
     @property
@@ -274,7 +273,6 @@ class _Task:
         """Add the sizes of amplitudes (R, m); returns their sum."""
         largest = np.abs(values).max(axis=0).astype(np.float64)
         size = float(largest.sum())
-        self._single |= values.dtype == np.complex64
         self._size += size
         self._squares += float(largest @ largest)
         return size
@@ -320,8 +318,11 @@ class _Task:
             self._measure(values)
             self._nodes[self.count] = self._nodes.get(self.count, 0) + len(some)
 
-    def result(self, kernel: float, error: float, scattered: float) -> DelayedSum:
-        """With the error of a term on the grid, and of interpolation: all in phase, and scattered."""
+    def result(
+        self, kernel: float, error: float, scattered: float, unseen: float = 0.0
+    ) -> DelayedSum:
+        """With the error of a term on the grid, and of interpolation: all in phase, scattered, and what was
+        not seen of it."""
         spectrum = self._spectrum[0] if self._one else self._spectrum
         if not self._size:
             return DelayedSum(spectrum, 0.0, 0.0, self._nodes)
@@ -333,9 +334,7 @@ class _Task:
         together = min(loud * random / self._size, 1.0)
         kernel *= min(self._interpolated / self._size, 1.0)
         kernel *= together * (TYPICAL + (1.0 - TYPICAL) * together)
-        if self._single and self._tolerance > 0:
-            rounding += SINGLE * together
-        told = min(error, loud * scattered) + kernel + rounding
+        told = min(error, loud * scattered) + kernel + rounding + unseen
         return DelayedSum(spectrum, self._size, told, self._nodes)
 
 

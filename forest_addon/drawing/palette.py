@@ -18,17 +18,6 @@ ORGANS = {
     DEAD: ("dead wood", "#8c8378"),
 }
 
-# Scales, linear colours evenly apart from the smallest value to the largest: of distances and heights, and of
-# levels of sound. On the screen they are matplotlib's viridis and inferno.
-MEASURES = ((0.09, 0.0, 0.16), (0.03, 0.20, 0.29), (0.02, 0.45, 0.25), (0.98, 0.80, 0.02))
-LEVELS = (
-    (0.005, 0.002, 0.03),
-    (0.09, 0.005, 0.15),
-    (0.50, 0.04, 0.09),
-    (0.94, 0.27, 0.003),
-    (0.97, 0.98, 0.37),
-)
-
 # Species, told apart also by those who see no red or green (Okabe and Ito 2008), in an order that fits trees.
 SPECIES = {
     "green": "#00724f",

@@ -9,12 +9,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from ..base.labels import LEVELS, MEASURES
 from ..base.words import keep
 from ..spec import Scene
 from ..stand.compose import corners_of, process_of
 from ..stand.inputs import Inputs
 from ..stand.plan import Stand
-from .palette import LEVELS, MEASURES, rgb, species_colour
+from .palette import rgb, species_colour
 
 WIDE, HIGH = 1100, 300  # pixels of one strip
 MAP_HIGH = 900  # pixels of a map, at most

@@ -28,9 +28,12 @@ FILE = "_kernels" + {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so
 # contiguous, is refused by ctypes when a function is called; lengths are the caller's to check.
 _text = ctypes.c_char_p
 _count, _double = ctypes.c_int64, ctypes.c_double
-_int8s, _bytes, _int32s, _int64s, _floats, _doubles, _complexes = (
+_int8s, _bytes, _int32s, _int64s, _floats, _doubles, _singles, _complexes = (
     np.ctypeslib.ndpointer(kind, flags="C_CONTIGUOUS")
-    for kind in (np.int8, np.uint8, np.int32, np.int64, np.float32, np.float64, np.complex128)
+    for kind in (
+        *(np.int8, np.uint8, np.int32, np.int64),
+        *(np.float32, np.float64, np.complex64, np.complex128),
+    )
 )
 
 
@@ -53,6 +56,8 @@ class CastScene(ctypes.Structure):
     )
 
 
+_SCATTERERS = _count, _doubles, _count, _doubles, _doubles
+_CUBICS = _double, _double, _count, _complexes, _complexes
 FUNCTIONS: dict[str, tuple[list[Any], Any]] = {
     "kernels_sources": ([], _text),
     "cast_rays": (
@@ -62,6 +67,15 @@ FUNCTIONS: dict[str, tuple[list[Any], Any]] = {
         ],
         None,
     ),
+    "weigh_echoes": ([_count, _count, _doubles, _count, _doubles, _doubles, _complexes], None),
+    "paper_discs": ([*_SCATTERERS, _doubles, *_CUBICS], None),
+    "piston_discs": ([*_SCATTERERS, _doubles, *_CUBICS[2:]], None),
+    "piston_rims": ([*_SCATTERERS, _double, *_CUBICS[2:]], None),
+    "exact_discs": (
+        [*_SCATTERERS, _doubles, _double, _doubles, _count, _count, _singles, _complexes],
+        None,
+    ),
+    "cylinders": ([*_SCATTERERS, _doubles, _double, _complexes, *_CUBICS], None),
     "lay_echoes": (
         [
             *(_count, _doubles, _doubles, _count, _complexes, _count, _doubles),
@@ -70,6 +84,13 @@ FUNCTIONS: dict[str, tuple[list[Any], Any]] = {
         None,
     ),
     "spread_rays": ([_count, *[_doubles] * 6, _count, *[_doubles] * 3], None),
+    "light_back": (
+        [
+            *(_count, _int64s, _count, _doubles, _doubles, _doubles, _doubles, _doubles),
+            *(_int64s, _doubles, _double, _double, _doubles),
+        ],
+        None,
+    ),
     "blur_patches": (
         [
             *(_count, _int64s, _int64s, _count, _int8s, _doubles, _doubles, _int64s),

@@ -47,6 +47,43 @@ KERNEL void cast_rays(const struct cast_scene *scene, int64_t count, const doubl
                       const int64_t *left_instance, const int64_t *left_triangle, double *distance,
                       int64_t *instance, int64_t *triangle, double *normal);
 
+/* The amplitudes of scatterers, into values (nodes, count) complex, at wavenumbers (nodes), 1/m.
+ *
+ * Cubics: a table (cells, 4) complex has in each cell, ``step`` wide from ``first`` on, the coefficients of a
+ * cubic in parts of the cell, lowest power first. hankel: of the Hankel function of order 1 times the root of its
+ * argument x and without its phase e^{ix}, over 6/x from 0 to 1.
+ *
+ * paper_discs, piston_discs, exact_discs: the models of acoustics/disc.py times a factor; radius, incidence from
+ *     0 to a quarter of a turn, factor (count). The paper's phasor is looked up by the argument of its error
+ *     function; exact discs in splines (_, rows) over incidence and size, whose steps (5) are those of
+ *     acoustics/disc_table.py: of ka and its shift, of incidence and its shift, the last ka; the first ``margin``
+ *     of either axis lie before 0. They are turned by ``later`` times ka.
+ * piston_rims: i·level·H1(x)e^{-ix} at the near side (side -1) of a disc's rim, i times the conjugate at the far
+ *     one (1); x = 2k·across is at least 6. across, level (count).
+ * cylinders: the model of sensing/sonar/wood.py. radius as it is seen, phase of the sinc over k, level (count);
+ *     S·e^{2ika}·(1 + ka^1.5)/ka^2 over log(1 + 2ka) up to the size ``largest``, beyond which it bends (1 complex).
+ */
+KERNEL void paper_discs(int64_t nodes, const double *wavenumber, int64_t count, const double *radius,
+                        const double *incidence, const double *factor, double first, double step, int64_t cells,
+                        const double *table, double *values);
+KERNEL void piston_discs(int64_t nodes, const double *wavenumber, int64_t count, const double *radius,
+                         const double *incidence, const double *factor, int64_t cells, const double *hankel,
+                         double *values);
+KERNEL void piston_rims(int64_t nodes, const double *wavenumber, int64_t count, const double *across,
+                        const double *level, double side, int64_t cells, const double *hankel, double *values);
+KERNEL void exact_discs(int64_t nodes, const double *wavenumber, int64_t count, const double *radius,
+                        const double *incidence, const double *factor, double later, const double *steps,
+                        int64_t margin, int64_t rows, const float *table, double *values);
+KERNEL void cylinders(int64_t nodes, const double *wavenumber, int64_t count, const double *radius,
+                      const double *phase, const double *level, double largest, const double *bend, double first,
+                      double step, int64_t cells, const double *table, double *values);
+
+/* Multiplies values (nodes, count) complex by level (count) times e^{sum over d of basis[d, q] term[d, i]};
+ * basis (terms, nodes), term (terms, count).
+ */
+KERNEL void weigh_echoes(int64_t nodes, int64_t count, const double *level, int64_t terms, const double *basis,
+                         const double *term, double *values);
+
 /* Lays echoes down on even grids of delays: each is turned back by its cycles and goes, weighted, to the
  * ``width`` points about its place, times a kernel's taps there.
  *
@@ -68,6 +105,15 @@ KERNEL void lay_echoes(int64_t count, const double *place, const double *cycles,
 KERNEL void spread_rays(int64_t beams, const double *start, const double *axis, const double *exit_x,
                         const double *exit_y, const double *turn_x, const double *turn_y,
                         int64_t subrays, const double *place, double *origin, double *direction);
+
+/* Light that contacts (C,) send back: energy (C,) = reflectance * light * share * |cos| / distance^2, in air of some
+ * extinction; 0 where it is no number or the distance is below nearest.
+ * ray (C,): number of the ray, pulse * subrays + sub-ray. share (subrays,): of a pulse's light, of each ray.
+ * reflectance, light, distance (C,). normal (C, 3), and direction (L, 3) with rows line (C,): unit vectors. */
+KERNEL void light_back(int64_t count, const int64_t *ray, int64_t subrays, const double *share,
+                       const double *reflectance, const double *light, const double *distance,
+                       const double *normal, const int64_t *line, const double *direction,
+                       double extinction, double nearest, double *energy);
 
 /* Moves and blurs contacts (C,) on surfaces that go on between the rays of a pulse.
  * order (C,): rows of the contacts, pulse by pulse. ray (C,): number of the ray, pulse * subrays + sub-ray.

@@ -1,11 +1,76 @@
 /* Echoes of a ping: how loud each is at some frequencies, and their sum on an even grid of delays. */
 #include <math.h>
+#include <string.h>
 
 #include "kernels.h"
 
 #define TURN 6.283185307179586
+#define QUARTER 1.5707963267948966 /* of a turn */
+#define ROUNDER 6755399441055744.0 /* 1.5 times 2^52: added and taken away, it rounds to whole numbers */
+#define BLOCK 32                   /* echoes that are computed side by side */
 #define TOGETHER 4 /* complex values of an echo that are laid down at once */
 #define WIDEST 24   /* taps of a kernel, at most */
+
+/* Cosine and sine of -TURN times some cycles, to rounding: their power series within a quarter of a turn. Unlike
+ * the library's functions they are computed of several values at once, and are the same everywhere. */
+static inline void turned_back(double cycles, double *cosine, double *sine)
+{
+    double halves = (2.0 * cycles + ROUNDER) - ROUNDER;
+    double odd = halves - 2.0 * ((0.5 * halves + ROUNDER) - ROUNDER);
+    double sign = 1.0 - 2.0 * odd * odd;
+    double x = -TURN * (cycles - 0.5 * halves);
+    double y = x * x;
+    double s = -1.0 / 121645100408832000.0;
+    s = s * y + 1.0 / 355687428096000.0;
+    s = s * y - 1.0 / 1307674368000.0;
+    s = s * y + 1.0 / 6227020800.0;
+    s = s * y - 1.0 / 39916800.0;
+    s = s * y + 1.0 / 362880.0;
+    s = s * y - 1.0 / 5040.0;
+    s = s * y + 1.0 / 120.0;
+    s = s * y - 1.0 / 6.0;
+    double c = 1.0 / 2432902008176640000.0;
+    c = c * y - 1.0 / 6402373705728000.0;
+    c = c * y + 1.0 / 20922789888000.0;
+    c = c * y - 1.0 / 87178291200.0;
+    c = c * y + 1.0 / 479001600.0;
+    c = c * y - 1.0 / 3628800.0;
+    c = c * y + 1.0 / 40320.0;
+    c = c * y - 1.0 / 720.0;
+    c = c * y + 1.0 / 24.0;
+    c = c * y - 0.5;
+    *sine = sign * (x + x * y * s);
+    *cosine = sign * (1.0 + y * c);
+}
+
+/* e^x, to rounding: the power series within half a factor of two; as at -700 and 700 beyond. */
+static inline double exponential(double x)
+{
+    x = x > -700.0 ? x : -700.0;
+    x = x < 700.0 ? x : 700.0;
+    double shifted = x * 1.4426950408889634 + ROUNDER;
+    double doublings = shifted - ROUNDER;
+    double rest = (x - doublings * 0.6931471803691238) - doublings * 1.9082149292705877e-10;
+    double sum = 1.0 / 6227020800.0;
+    sum = sum * rest + 1.0 / 479001600.0;
+    sum = sum * rest + 1.0 / 39916800.0;
+    sum = sum * rest + 1.0 / 3628800.0;
+    sum = sum * rest + 1.0 / 362880.0;
+    sum = sum * rest + 1.0 / 40320.0;
+    sum = sum * rest + 1.0 / 5040.0;
+    sum = sum * rest + 1.0 / 720.0;
+    sum = sum * rest + 1.0 / 120.0;
+    sum = sum * rest + 1.0 / 24.0;
+    sum = sum * rest + 1.0 / 6.0;
+    sum = sum * rest + 0.5;
+    sum = sum * rest * rest + rest + 1.0;
+    uint64_t exponent, bits;
+    memcpy(&exponent, &shifted, sizeof exponent);
+    memcpy(&bits, &sum, sizeof bits);
+    bits += exponent << 52;
+    memcpy(&sum, &bits, sizeof sum);
+    return sum;
+}
 
 void lay_echoes(int64_t count, const double *place, const double *cycles, int64_t nodes, const double *heights,
                 int64_t sums, const double *weights, int64_t width, int64_t powers, const double *taps_of,
@@ -23,9 +88,8 @@ void lay_echoes(int64_t count, const double *place, const double *cycles, int64_
         for (int64_t p = 1; p < powers; p++)
             for (int64_t t = 0; t < width; t++)
                 taps[t] = taps[t] * x + taps_of[p * width + t];
-        double angle = -TURN * (cycles[i] - rint(cycles[i]));
-        double cosine = cos(angle);
-        double sine = sin(angle);
+        double cosine, sine;
+        turned_back(cycles[i], &cosine, &sine);
         if (first < 0)
             first += size;
         for (int64_t begin = 0; begin < columns; begin += TOGETHER) {
@@ -45,6 +109,212 @@ void lay_echoes(int64_t count, const double *place, const double *cycles, int64_
                     row += 2 * columns;
                 }
             }
+        }
+    }
+}
+
+/* Value at a place, in cells from the first on, of complex cubics: a table has 4 coefficients for each cell,
+ * lowest power first. */
+static inline void cubic(int64_t cells, const double *table, double place, double *real, double *imaginary)
+{
+    double within = place < (double)cells ? place : (double)cells; /* also of a place that is no number */
+    within = within > 0.0 ? within : 0.0;
+    int64_t cell = (int64_t)within < cells ? (int64_t)within : cells - 1;
+    double x = within - (double)cell;
+    const double *c = table + 8 * cell;
+    *real = ((c[6] * x + c[4]) * x + c[2]) * x + c[0];
+    *imaginary = ((c[7] * x + c[5]) * x + c[3]) * x + c[1];
+}
+
+void weigh_echoes(int64_t nodes, int64_t count, const double *level, int64_t terms, const double *basis,
+                  const double *term, double *values)
+{
+    for (int64_t q = 0; q < nodes; q++) {
+        for (int64_t begin = 0; begin < count; begin += BLOCK) {
+            int64_t some = count - begin < BLOCK ? count - begin : BLOCK;
+            double *value = values + 2 * (q * count + begin);
+            double exponent[BLOCK] = {0.0};
+            for (int64_t d = 0; d < terms; d++)
+                for (int64_t i = 0; i < some; i++)
+                    exponent[i] += basis[d * nodes + q] * term[d * count + begin + i];
+            for (int64_t i = 0; i < some; i++)
+                exponent[i] = level[begin + i] * exponential(exponent[i]);
+            for (int64_t i = 0; i < some; i++) {
+                value[2 * i] *= exponent[i];
+                value[2 * i + 1] *= exponent[i];
+            }
+        }
+    }
+}
+
+void paper_discs(int64_t nodes, const double *wavenumber, int64_t count, const double *radius,
+                 const double *incidence, const double *factor, double first, double step, int64_t cells,
+                 const double *table, double *values)
+{
+    for (int64_t begin = 0; begin < count; begin += BLOCK) {
+        int64_t some = count - begin < BLOCK ? count - begin : BLOCK;
+        double log_radius[BLOCK], place[BLOCK], level[BLOCK];
+        for (int64_t i = 0; i < some; i++)
+            log_radius[i] = radius[begin + i] > 0.0 ? log(radius[begin + i]) : 0.0;
+        for (int64_t q = 0; q < nodes; q++) {
+            double k = wavenumber[q];
+            double log_k = log(k);
+            double *value = values + 2 * (q * count + begin);
+            for (int64_t i = 0; i < some; i++) {
+                double size = k * radius[begin + i];
+                double log_size = log_k + log_radius[i];
+                double turn = 0.3999 * exponential(-0.9065 * log_size) + 0.9979;
+                double steepness = 0.9824 * exponential(0.3523 * log_size) - 0.9459;
+                double angle = incidence[begin + i];
+                double cosine, sine;
+                place[i] = (steepness * (QUARTER - angle) - first) / step;
+                turned_back(turn * angle / TURN, &cosine, &sine);
+                level[i] = (0.5003 * size * size + 0.6867) * cosine * factor[begin + i] / k;
+                level[i] = size == 0.0 ? 0.0 : level[i];
+            }
+            for (int64_t i = 0; i < some; i++) {
+                cubic(cells, table, place[i], value + 2 * i, value + 2 * i + 1);
+                value[2 * i] *= level[i];
+                value[2 * i + 1] *= level[i];
+            }
+        }
+    }
+}
+
+/* The Hankel function of order 1 at x >= 6, without its phase e^{ix}; table: of its product with the root of x,
+ * over 6/x from 0 to 1. */
+static inline void hankel(int64_t cells, const double *table, double x, double *real, double *imaginary)
+{
+    cubic(cells, table, (double)cells * (6.0 / x), real, imaginary);
+    double root = sqrt(x);
+    *real /= root;
+    *imaginary /= root;
+}
+
+/* 2 J1(x)/x: by its power series, or from the Hankel function. */
+static inline double jinc(int64_t cells, const double *table, double x)
+{
+    if (x >= 6.0) {
+        double real, imaginary, cosine, sine;
+        hankel(cells, table, x, &real, &imaginary);
+        turned_back(-x / TURN, &cosine, &sine);
+        return 2.0 * (real * cosine - imaginary * sine) / x;
+    }
+    double square = 0.25 * x * x;
+    double sum = 1.0;
+    for (int n = 20; n > 0; n--)
+        sum = 1.0 - square * (1.0 / (double)(n * (n + 1))) * sum;
+    return sum;
+}
+
+void piston_discs(int64_t nodes, const double *wavenumber, int64_t count, const double *radius,
+                  const double *incidence, const double *factor, int64_t cells, const double *table,
+                  double *values)
+{
+    for (int64_t i = 0; i < count; i++) {
+        double across = 2.0 * radius[i] * sin(incidence[i]);
+        double face = 0.5 * radius[i] * radius[i] * cos(incidence[i]) * factor[i];
+        for (int64_t q = 0; q < nodes; q++) {
+            double *value = values + 2 * (q * count + i);
+            value[0] = 0.0;
+            value[1] = face * wavenumber[q] * jinc(cells, table, wavenumber[q] * across);
+        }
+    }
+}
+
+void piston_rims(int64_t nodes, const double *wavenumber, int64_t count, const double *across,
+                 const double *level, double side, int64_t cells, const double *table, double *values)
+{
+    for (int64_t q = 0; q < nodes; q++) {
+        for (int64_t i = 0; i < count; i++) {
+            double real, imaginary;
+            hankel(cells, table, 2.0 * wavenumber[q] * across[i], &real, &imaginary);
+            double *value = values + 2 * (q * count + i);
+            value[0] = side * level[i] * imaginary;
+            value[1] = level[i] * real;
+        }
+    }
+}
+
+/* The four cardinal cubic splines at t, from 0 to 1. */
+static inline void splines(double t, double *weight)
+{
+    double s = 1.0 - t;
+    weight[0] = s * s * s / 6.0;
+    weight[1] = 2.0 / 3.0 - t * t * (1.0 - 0.5 * t);
+    weight[2] = 2.0 / 3.0 - s * s * (1.0 - 0.5 * s);
+    weight[3] = t * t * t / 6.0;
+}
+
+void exact_discs(int64_t nodes, const double *wavenumber, int64_t count, const double *radius,
+                 const double *incidence, const double *factor, double later, const double *steps,
+                 int64_t margin, int64_t rows, const float *table, double *values)
+{
+    for (int64_t begin = 0; begin < count; begin += BLOCK) {
+        int64_t some = count - begin < BLOCK ? count - begin : BLOCK;
+        double along[BLOCK][4], place[BLOCK], real[BLOCK], imaginary[BLOCK];
+        const float *column[BLOCK];
+        for (int64_t i = 0; i < some; i++) {
+            double at = (sqrt(incidence[begin + i] + steps[3]) - sqrt(steps[3])) / steps[2];
+            int64_t cell = at < 1e6 ? (int64_t)at : 0; /* 0 of what is no number, which stays in the weights */
+            splines(at - (double)cell, along[i]);
+            column[i] = table + 2 * ((cell + margin - 1) * rows + margin - 1);
+        }
+        for (int64_t q = 0; q < nodes; q++) {
+            double k = wavenumber[q];
+            double *value = values + 2 * (q * count + begin);
+            for (int64_t i = 0; i < some; i++) {
+                double size = k * radius[begin + i];
+                size = size < steps[4] ? size : steps[4];
+                place[i] = (sqrt(size + steps[1]) - sqrt(steps[1])) / steps[0];
+            }
+            for (int64_t i = 0; i < some; i++) {
+                int64_t cell = (int64_t)place[i];
+                const float *four = column[i] + 2 * cell;
+                double over[4];
+                double sum[8] = {0.0};
+                splines(place[i] - (double)cell, over);
+                for (int b = 0; b < 4; b++) {
+                    for (int a = 0; a < 8; a++)
+                        sum[a] += along[i][b] * (double)four[a];
+                    four += 2 * rows;
+                }
+                real[i] = over[0] * sum[0] + over[1] * sum[2] + over[2] * sum[4] + over[3] * sum[6];
+                imaginary[i] = over[0] * sum[1] + over[1] * sum[3] + over[2] * sum[5] + over[3] * sum[7];
+            }
+            for (int64_t i = 0; i < some; i++) {
+                double size = k * radius[begin + i];
+                double square = size * size;
+                double level = square * size / sqrt(4.0 + square) * factor[begin + i] / k;
+                double cosine, sine;
+                turned_back(-later * size / TURN, &cosine, &sine);
+                value[2 * i] = level * (real[i] * cosine - imaginary[i] * sine);
+                value[2 * i + 1] = level * (real[i] * sine + imaginary[i] * cosine);
+            }
+        }
+    }
+}
+
+void cylinders(int64_t nodes, const double *wavenumber, int64_t count, const double *radius,
+               const double *phase, const double *level, double largest, const double *bend, double first,
+               double step, int64_t cells, const double *table, double *values)
+{
+    for (int64_t i = 0; i < count; i++) {
+        for (int64_t q = 0; q < nodes; q++) {
+            double size = wavenumber[q] * radius[i];
+            double inside = size < largest ? size : largest;
+            double beyond = size > largest ? size / largest : 1.0;
+            double real, imaginary;
+            cubic(cells, table, (log1p(2.0 * inside) - first) / step, &real, &imaginary);
+            double bent = 1.0 - 1.0 / beyond;
+            double turn = wavenumber[q] * phase[i];
+            double cosine, sine;
+            turned_back(-turn / TURN, &cosine, &sine);
+            double along = fabs(turn) < 1e-8 ? 1.0 : sine / turn;
+            along *= level[i] * inside * inside / (1.0 + inside * sqrt(inside)) * sqrt(beyond);
+            double *value = values + 2 * (q * count + i);
+            value[0] = along * (real * (1.0 + bent * bend[0]) - imaginary * bent * bend[1]);
+            value[1] = -along * (imaginary * (1.0 + bent * bend[0]) + real * bent * bend[1]);
         }
     }
 }

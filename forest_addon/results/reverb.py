@@ -68,7 +68,19 @@ def of_response(response: ImpulseResponse, trunks: int | None = None) -> list[Fi
         _passing("direct path", "Direct Path", [channel.direct_clear for channel in channels]),
         _passing("ground path", "Ground Path", [channel.ground_clear for channel in channels]),
         *_multiple_scattering(response.model_error),
+        *_of_tail(response.tail_error, measured.band),
     ]
+
+
+def _of_tail(error: np.ndarray | None, band: np.ndarray) -> Iterator[Figure]:
+    """Return how far the level of noise may be off because its energy is drawn, where there is such."""
+    if error is not None and np.isfinite(error).any():
+        yield _by_octave(
+            "standard error of the tail's level by octave", band, np.append(np.nan, error), "dB", 1
+        )
+        worst = int(np.nanargmax(error))
+        said = f"{error[worst]:.1f} dB at {band[1 + worst]:g} Hz"
+        yield numbers("", "Tail Error", said)
 
 
 def _of_model(reverb: Reverb, response: ImpulseResponse) -> list[Figure]:
@@ -159,11 +171,6 @@ def _notes(reverb: Reverb, response: ImpulseResponse) -> tuple[str, ...]:
         "Reverberation time is read from -5 to -35 dB of the energy decay; C50 with the onset at "
         "-20 dB.",
     ]
-    notes += [
-        f"From {low:g} Hz to {2 * low:g} Hz the error of the sum is {error:.0e}."
-        for low, error in sorted(response.errors.items())
-        if error > reverb.tolerance
-    ]
     if np.isfinite(response.joint):
         notes.append(
             f"From {response.joint:.2f} s on the trunks' sound is noise with the energy of transport: "
@@ -189,6 +196,16 @@ def _notes(reverb: Reverb, response: ImpulseResponse) -> tuple[str, ...]:
     if peak > 1:
         notes.append("The sound exceeds full scale; the WAV is 32-bit float and does not clip.")
     return tuple(notes)
+
+
+def _doubts(reverb: Reverb, response: ImpulseResponse) -> tuple[str, ...]:
+    """Return that a tolerance was not reached, where, and what to do."""
+    return tuple(
+        f"the sum over trunks may be {error:.0e} off from {low:g} to {2 * low:g} Hz, where "
+        f"{reverb.tolerance:.0e} was asked for. Set tolerance to 0 for the direct sum."
+        for low, error in sorted(response.errors.items())
+        if error > reverb.tolerance
+    )
 
 
 def _notes_of_settings(reverb: Reverb, response: ImpulseResponse) -> list[str]:
@@ -261,6 +278,8 @@ def write_response(path: Path, found: ImpulseResponse) -> None:
         room_metrics(channel.samples, found.sample_rate, channel.left_db) for channel in channels
     ]
     moving = {"moment": np.array([one.at for one in channels])} if found.at == found.at else {}
+    drawn = [channel.tail_error for channel in channels if channel.tail_error is not None]
+    tails = {"tail_error": np.array(drawn)} if len(drawn) == len(channels) else {}
     times, densities = zip(
         *(echo_density(channel.samples, found.sample_rate) for channel in channels), strict=True
     )
@@ -274,6 +293,7 @@ def write_response(path: Path, found: ImpulseResponse) -> None:
         "source": np.array([channel.source for channel in channels]),
         "receiver": np.array([channel.receiver for channel in channels]),
         **moving,
+        **tails,
         "direct_delay": np.array([channel.direct_delay for channel in channels]),
         "left_out": np.array([channel.left_db for channel in channels]),
         "energy_decay": np.array([energy_decay_db(channel.samples) for channel in channels]),
@@ -289,7 +309,9 @@ def write_response(path: Path, found: ImpulseResponse) -> None:
     units = dict.fromkeys(("time", "direct_delay", "centre_time", "echo_density_time"), "s")
     units |= dict.fromkeys(("edt", "t20", "t30", "t60"), "s") | {"band": "Hz", "d50": "1"}
     units |= dict.fromkeys(("energy_decay", "left_out", "c50", "c80"), "dB") | {"echo_density": "1"}
-    units |= {"source": "m", "receiver": "m"} | dict.fromkeys(moving, "s")
+    units |= (
+        {"source": "m", "receiver": "m"} | dict.fromkeys(moving, "s") | dict.fromkeys(tails, "dB")
+    )
     units |= dict.fromkeys(("samples", "direct", "ground", "trees"), "re source's impulse at 1 m")
     write_npz(path, arrays, units)
 
@@ -371,6 +393,7 @@ REVERB = ResultKind(
     sentence=_sentence,
     story=_story,
     notes=_notes,
+    doubts=_doubts,
     files=(".wav", ".npz"),
     write=_write,
     endings=(".wav", ".npz", ".csv", ".sofa"),

@@ -8,42 +8,14 @@ to have an effect.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import fields
+from operator import attrgetter
 from typing import Any
 
 from .base import Settings, shown
+from .species import Species
 
-ADVANCED: dict[str, frozenset[str]] = {
-    "tractor": frozenset({"gap", "splits", "escape"}),
-    "terrestrial": frozenset({"scanner", "faintest", "line_step_deg"}),
-    "mobile": frozenset({"scanner", "faintest", "mount_deg"}),
-    "airborne": frozenset({"scanner", "faintest", "mount_deg"}),
-    "sonar": frozenset(
-        {
-            *("doppler", "record", "facets", "leaf_model", "absorption", "near_limit"),
-            *("cull", "tolerance", "contributions", "shading_rays"),
-        }
-    ),
-    "reverb": frozenset(
-        {
-            *("ground", "impedance_model", "flow_resistivity", "strength", "spreading"),
-            *("extinction", "multiple_share", "path_ground", "turbulence", "bark", "foliage"),
-            *("leaf_area_density", "leaf_absorption", "min_radius", "tolerance", "rescattering"),
-            *("array_file", "source_path", "receiver_path", "path_step", "noise_db"),
-        }
-    ),
-    "beam": frozenset({"wavelength_nm", "exit_diameter", "subrays", "pulse_ns", "extinction"}),
-    "surfaces": frozenset({"leaf_transmittance", "passing"}),
-    "receiver": frozenset({"dead_zone", "dynamic_range", "blanking", "halo", "halo_mrad"}),
-    "linkbudget": frozenset({"energy", "aperture", "efficiency", "photons"}),
-    "noise": frozenset({"range_ppm", "incidence_sd"}),
-    "rays": frozenset({"threads"}),
-    "accuracy": frozenset({"audit", "detail"}),
-    "forest": frozenset({"spacing_rule"}),
-}
-
-MORE_THAN_ONE, GIVEN = ">1", "given"
-NATURAL = ("snow", "forest floor", "grass", "soil", "asphalt")
 OF_THE_FOREST = (
     *(
         "extinction",
@@ -59,6 +31,38 @@ OF_THE_FOREST = (
     *("floor_leaf_area", "branch_radius", "leaf_radius", "needle_area_density", "needle_radius"),
     *("canopy_return", "litter", "trunk_height"),
 )
+ADVANCED: dict[str, frozenset[str]] = {
+    "tractor": frozenset({"gap", "splits", "escape"}),
+    "terrestrial": frozenset({"scanner", "faintest", "line_step_deg"}),
+    "mobile": frozenset({"scanner", "faintest", "mount_deg"}),
+    "airborne": frozenset({"scanner", "faintest", "mount_deg"}),
+    "sonar": frozenset(
+        {
+            *("doppler", "record", "facets", "leaf_model", "absorption", "near_limit"),
+            *("cull", "tolerance", "contributions", "shading_rays"),
+        }
+    ),
+    "reverb": frozenset(
+        {
+            *("ground", "impedance_model", "flow_resistivity", "strength", "spreading"),
+            *OF_THE_FOREST,
+            *("min_radius", "continue_to", "tolerance", "rescattering", "head_file", "noise_db"),
+            *("array", "array_spacing", "array_azimuth_deg", "array_elevation_deg", "array_file"),
+            *("source_path", "receiver_path", "path_step"),
+        }
+    ),
+    "beam": frozenset({"wavelength_nm", "exit_diameter", "subrays", "pulse_ns", "extinction"}),
+    "surfaces": frozenset({"leaf_transmittance", "passing"}),
+    "receiver": frozenset({"dead_zone", "dynamic_range", "blanking", "halo", "halo_mrad"}),
+    "linkbudget": frozenset({"energy", "aperture", "efficiency", "photons"}),
+    "noise": frozenset({"range_ppm", "incidence_sd"}),
+    "rays": frozenset({"threads"}),
+    "accuracy": frozenset({"audit", "detail"}),
+    "forest": frozenset({"spacing_rule"}),
+}
+
+MORE_THAN_ONE, GIVEN = ">1", "given"
+NATURAL = ("snow", "forest floor", "grass", "soil", "asphalt")
 
 APPLIES: dict[str, tuple[str, tuple[str | bool, ...]]] = {
     "beam_file": ("beam", ("file",)),
@@ -92,11 +96,34 @@ APPLIES: dict[str, tuple[str, tuple[str | bool, ...]]] = {
     "strauss": ("layout", ("strauss",)),
     "trees": ("layout", ("list",)),
     "collection": ("layout", ("list",)),
+    **dict.fromkeys(("expected", "density"), ("layout", ("poisson", "clusters", "strauss"))),
     "exact": ("expected", (GIVEN,)),
+    **dict.fromkeys(("unit", "fill_holes", "relief"), ("file", (GIVEN,))),
     "holes": ("polygon", (GIVEN,)),
     "painted_value": ("painted", (GIVEN,)),
     **dict.fromkeys(("efficiency", "photons"), ("energy", (GIVEN,))),
     "speed": ("doppler", (True,)),
+    **dict.fromkeys(("divergence_mrad", "exit_diameter"), ("subrays", (MORE_THAN_ONE,))),
+    "passing": ("leaf_transmittance", (GIVEN,)),
+}
+
+WHOLE = ("rules", "honda", "crown", "grammar")
+OF_TANVEER = ("grammar", "template")
+OF_SPECIES: dict[str, tuple[str, tuple[str | bool, ...]]] = {  # as APPLIES, asked of the species
+    **dict.fromkeys(("grammar", "jitter"), ("grown_by", OF_TANVEER)),
+    "grammar.whorls": ("grammar.dialect", ("tanveer-2020b",)),
+    "grammar.generations": ("grammar.dialect", ("tanveer-2020a",)),
+    "architecture": ("grown_by", ("crown",)),
+    "template.grow_leaves": ("template.leaves", ("",)),
+    "leaf": ("leaves_by", ("leaf",)),
+    **dict.fromkeys(
+        ("leaf.nodes", "leaf.per_node", "leaf.fan_deg"), ("grown_by", (*OF_TANVEER, "siblings"))
+    ),
+    "leaf.angle_deg": ("grown_by", (*OF_TANVEER, "siblings", "crown", "honda")),
+    **dict.fromkeys(
+        ("leaf.petiole", "leaf.curl_deg"), ("leaf.shape", ("beech", "birch", "oak", "palmate"))
+    ),
+    **dict.fromkeys(("dead", "detail.tolerance", "detail.limbs"), ("grown_by", WHOLE)),
 }
 
 
@@ -125,15 +152,31 @@ def idle(group: Settings) -> list[str]:
         value = getattr(group, field.name)
         if value != field.default and not applies(group, field.name):
             other, values = APPLIES[field.name]
-            wanted = {MORE_THAN_ONE: "above 1", GIVEN: "given"}
-            needed = " or ".join(wanted.get(str(v), shown(v)) for v in values)
-            said.append(
-                f"{field.name} has no effect: it needs {other} to be {needed}, "
-                f"which is {shown(getattr(group, other))}"
-            )
+            said.append(_idle(field.name, other, values, getattr(group, other)))
         elif isinstance(value, Settings):
             said += [f"{field.name}.{sentence}" for sentence in idle(value)]
     return said
+
+
+def idle_in_species(species: Species) -> list[str]:
+    """Sentences about settings of a species that have no effect on trees that grow as its do."""
+    said = []
+    for place, (other, values) in OF_SPECIES.items():
+        table, _, name = place.rpartition(".")
+        group = getattr(species, table) if table else species
+        if group is None:
+            continue
+        found = attrgetter(other)(species)
+        (default,) = (field.default for field in fields(group) if field.name == name)
+        if getattr(group, name) != default and found not in values:
+            said.append(_idle(place, other, values, found))
+    return said
+
+
+def _idle(place: str, other: str, values: Iterable[str | bool], found: Any) -> str:
+    wanted = {MORE_THAN_ONE: "above 1", GIVEN: "given"}
+    needed = " or ".join(wanted.get(str(v), shown(v)) for v in values)
+    return f"{place} has no effect: it needs {other} to be {needed}, which is {shown(found)}"
 
 
 _PATTERNS = {

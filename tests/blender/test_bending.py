@@ -148,6 +148,7 @@ def test_what_vanishes_and_comes_back_is_met_while_it_is_there(scene, engine):  
     assert result.audit.kept
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("engine", ENGINES)
 def test_other_triangles_are_met_from_their_frame_on(scene, engine):  # noqa: F811
     """An array modifier that makes two plates of one at frame 21, the second at half the distance."""

@@ -39,7 +39,7 @@ MEASURED = sorted(
 )
 TREE = Wanted(0.16, 12.0, 3.6, 4.0, 40.0)
 WAYS = np.array([[0, 0, 1], [1, 0, 0.1], [0, 1, 0.3], [0.6, -0.5, 0.6], [-0.7, -0.3, 0.25]])
-SIDE = 75  # rays along each side of a picture
+SIDE = 50  # rays along each side of a picture
 
 
 def far_trees(forest):
@@ -74,12 +74,12 @@ def hidden_and_gap(tree, like):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", MEASURED)
 def test_a_coarser_tree_hides_as_much(name):
-    """Three trees, five directions, 5,625 rays each: the means of hidden area and gap fraction are within
+    """Three trees, five directions, 2,500 rays each: the means of hidden area and gap fraction are within
     the bound, known to 2 % or better (a standard error, from their spread). Most species are within 1 %; a
     quarter of a maple's leaves, whose crown has wide gaps, is 2 to 4 % off.
     """
     species, kind = load_species(find_species(name, Path()))
-    shares = (0.5, SHARE)
+    shares = (0.5, SHARE) if name == "norway-maple" else (SHARE,)
     off = {share: [] for share in shares}
     for seed in range(3):  # crowns with gaps differ more between directions
         full = grow(species, kind, stream(seed, "detail", name), TREE)

@@ -159,7 +159,7 @@ def wide(instancing):
     return forest
 
 
-@pytest.mark.medium
+@pytest.mark.slow
 @pytest.mark.parametrize("instancing", ["points", "objects"])
 def test_a_viewer_that_frames_all_shows_the_forest(empty_blender, instancing, tmp_path):
     forest = wide(instancing)
@@ -191,7 +191,7 @@ print(*whole.GetMin(), *whole.GetMax())
 """
 
 
-@pytest.mark.medium
+@pytest.mark.slow
 @pytest.mark.parametrize("instancing", ["points", "objects"])
 def test_another_reader_finds_every_tree_of_a_usd_file(empty_blender, instancing, tmp_path):
     pytest.importorskip("pxr", reason="usd-core reads USD files back")

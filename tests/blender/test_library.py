@@ -151,7 +151,6 @@ def test_a_tree_of_a_library_is_seen_as_the_tree_that_it_is(
     )
 
 
-@pytest.mark.slow
 def test_each_has_a_number_and_what_a_user_numbers_stays(empty_blender, library):
     fern = bring(library / "fern.blend", "collections", "Fern 1", True)
     hazel = bring(library / "hazelnut.blend", "collections", "Hazelnut 1", True)
@@ -176,7 +175,7 @@ def test_each_has_a_number_and_what_a_user_numbers_stays(empty_blender, library)
     assert len(scene.meshes) == 2
 
 
-@pytest.mark.slow
+@pytest.mark.medium
 def test_what_the_asset_browser_shows(empty_blender, library):
     listed = (library / FILE).read_text().splitlines()
     with bpy.data.libraries.load(str(library / "hazelnut.blend"), assets_only=True) as (

@@ -55,6 +55,7 @@ def test_what_is_no_blend_file(tmp_path):
             open_file(tmp_path / name)
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("ending", [".glb", ".obj", ".ply", ".stl", ".usdc", ".blend"])
 def test_scenes_of_every_format_open_in_metres_and_z_up(empty_blender, tmp_path, ending):
     """A box of 1 x 2 x 3 m whose foot is at (4, 5, 0); the .blend counts in centimetres."""
@@ -89,6 +90,7 @@ def test_a_mesh_that_counts_more_than_it_holds_never_reaches_blender(tmp_path):
         open_file(tmp_path / "a.max")
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("ending", [".glb", ".obj", ".ply", ".stl", ".usdc"])
 @pytest.mark.parametrize("how", ["corners", "place"])
 def test_a_mesh_at_map_coordinates_is_refused_at_both_doors(empty_blender, tmp_path, ending, how):

@@ -43,7 +43,7 @@ def library(scene):
     return found, corners
 
 
-@pytest.mark.medium
+@pytest.mark.slow
 def test_a_build_of_what_was_made_ahead_is_the_same(monkeypatch):
     monkeypatch.setattr(assets, "DOTS", 2000)
     asked, heard = settings(3), []
@@ -67,7 +67,7 @@ def test_a_build_of_what_was_made_ahead_is_the_same(monkeypatch):
     assert not forest_scene.make_ready(anew, shapes_in(plain), False, lambda *_: None).stand_ins
 
 
-@pytest.mark.medium
+@pytest.mark.slow
 def test_measures_and_pictures_can_follow_once_the_forest_stands(monkeypatch):
     """As a window does it: nothing of the forest before is told of the new one meanwhile."""
     monkeypatch.setattr(assets, "DOTS", 2000)

@@ -10,6 +10,7 @@ from forest_addon.growth.tree import grow
 from forest_addon.spec import Grammar, Look, Species
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("autumn", [0.0, 0.5, 1.0])
 def test_leaves_turn(empty_blender, autumn):
     look = Look(leaf=(0.1, 0.2, 0.0), autumn=autumn, autumn_leaf=(0.5, 0.3, 0.1))

@@ -36,6 +36,7 @@ from forest_addon.stand.forest import grow_forest
 
 KINDS = ("objects", "meshes", "materials", "collections", "node_groups")
 HOW = ("objects", "points")
+LOST = (None, TREES, VARIANTS, OUTLINES, GROUND_NAME)
 OLD_KEYS = {MADE_KEY, TREE_KEY, SPECIES_KEY, "forest_sensing", "forest_part"}
 
 
@@ -150,18 +151,25 @@ def mesh(name="own"):
 # ------------------------------------------------------------------------------ the same and the new
 
 
+def alternately(cases, first=0):
+    """Each case with one of the two ways in which trees stand, in turn."""
+    return [(case, HOW[(number + first) % 2]) for number, case in enumerate(cases)]
+
+
+CHANGES = (
+    {"seed": 2},
+    {"count": 4},
+    {"count": 15, "seed": 5},
+    {"species": ("hazelnut", "apple-stochastic")},
+    {"species": ("hazelnut",)},
+    {"look": (0.1, 0.2, 0.3)},
+)
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("how", HOW)
 @pytest.mark.parametrize(
-    "change",
-    [
-        {"seed": 2},
-        {"count": 4},
-        {"count": 15, "seed": 5},
-        {"species": ("hazelnut", "apple-stochastic")},
-        {"species": ("hazelnut",)},
-        {"look": (0.1, 0.2, 0.3)},
-    ],
+    ("change", "how"),
+    [*alternately(CHANGES), *alternately(CHANGES[:1], 1), (CHANGES[3], "objects")],
 )
 def test_an_update_is_the_forest_that_a_fresh_build_is(empty_blender, how, change):
     plant(how, **change)
@@ -655,8 +663,9 @@ def ramp_colours(material):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("how", HOW)
-@pytest.mark.parametrize("where", ["ground_mesh", "stand_in", "fingerprint", "points_mesh"])
+@pytest.mark.parametrize(
+    ("where", "how"), alternately(["ground_mesh", "stand_in", "fingerprint", "points_mesh"])
+)
 def test_an_update_that_fails_changes_nothing(empty_blender, how, where, monkeypatch):
     plant(how)
     bpy.data.materials.remove(slots(first(VARIANTS))[1])
@@ -735,8 +744,7 @@ def test_while_something_of_it_is_edited_a_forest_stays_as_it_is(empty_blender):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("how", HOW)
-@pytest.mark.parametrize("shown", [False, True])
+@pytest.mark.parametrize(("shown", "how"), alternately([False, True]))
 def test_each_scene_updates_its_own_forest(empty_blender, how, shown):
     here, there = bpy.context.scene, bpy.data.scenes.new("there")
     plant(how)
@@ -757,8 +765,7 @@ def test_each_scene_updates_its_own_forest(empty_blender, how, shown):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", PARTS)
-@pytest.mark.parametrize("how", HOW)
+@pytest.mark.parametrize(("name", "how"), alternately(PARTS))
 def test_a_linked_forest_within_ours_is_left_alone(empty_blender, how, name, tmp_path):
     path = str(tmp_path / "library.blend")
     plant(how, seed=3)
@@ -796,8 +803,7 @@ def dissolve(home):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("how", HOW)
-@pytest.mark.parametrize("lost", [None, TREES, VARIANTS, OUTLINES, GROUND_NAME])
+@pytest.mark.parametrize(("lost", "how"), alternately(LOST))
 def test_a_collection_that_was_deleted_comes_back_with_what_was_in_it(empty_blender, how, lost):
     plant(how, seed=2)
     fresh, count = told(), counts()
@@ -817,8 +823,7 @@ def test_a_collection_that_was_deleted_comes_back_with_what_was_in_it(empty_blen
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("how", HOW)
-@pytest.mark.parametrize("lost", [None, TREES, VARIANTS, OUTLINES, GROUND_NAME])
+@pytest.mark.parametrize(("lost", "how"), alternately(LOST, 1))
 def test_a_collection_that_was_deleted_with_its_objects_is_made_anew(empty_blender, how, lost):
     plant(how, seed=2)
     fresh = told()
@@ -843,6 +848,7 @@ def test_a_collection_that_was_deleted_with_its_objects_is_made_anew(empty_blend
     assert {n: f[1] for n, f in shown.items()} == {n: f[1] for n, f in fresh.items()}
 
 
+@pytest.mark.medium
 def test_a_forest_of_an_older_version_is_replaced(empty_blender):
     """Its objects carry the name they were made under, but do not say what they stand for."""
     plant(seed=2)

@@ -124,7 +124,7 @@ def test_a_later_frame_is_a_later_moment():
     assert np.array_equal(world.scan(coarse).points, first.points)
 
 
-@pytest.mark.medium
+@pytest.mark.slow
 def test_a_ping_hears_trees_where_the_wind_has_them():
     bat = forest.Sonar(
         position=(0, 0, 2),
@@ -270,6 +270,7 @@ class Rises:
         return 5.0
 
 
+@pytest.mark.medium
 def test_engines_meet_pieces_that_sway_where_they_are():
     corners = np.array([[0.0, -0.5, -1], [0, 0.5, -1], [0, 0, 1]])
     shifts = np.array([[0.0, k, 0] for k in range(3)])
@@ -304,6 +305,7 @@ def test_engines_meet_pieces_that_sway_where_they_are():
         assert (behind.distance >= found.distance).all()
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("engine", ["embree", "bvhtree"])
 def test_a_stand_in_which_nothing_sways_is_seen_as_without_wind(engine):
     """A lying log has no axis that bends."""

@@ -63,7 +63,7 @@ def pieces_drawn(place):
     return found
 
 
-@pytest.mark.medium
+@pytest.mark.slow
 def test_pieces_are_where_sensors_meet_them():
     """At frames and between them, against the maps that rays are cast at, in float64."""
     place, _, sway = windy()
@@ -172,7 +172,7 @@ def test_trees_that_are_points_sway_as_they_are_displayed(display):
     assert not [one for one in instancer.id_data.data.attributes if "wind" in one.name]
 
 
-@pytest.mark.medium
+@pytest.mark.slow
 def test_sensors_see_the_same_of_points_with_and_without_the_view():
     place, world, sway = windy(POINTS)
     before = world.scan(SCAN)

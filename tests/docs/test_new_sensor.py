@@ -43,7 +43,7 @@ kind = "rangefinder"
 name = "down"
 elevation_deg = -90.0
 [mix]
-species = ["honda-birch"]
+species = ["apple"]
 kinds = [1, 1]
 density = 0.001
 variants = 1

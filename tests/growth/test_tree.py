@@ -132,7 +132,7 @@ def test_seasons_turn_colours_then_take_leaves():
 def test_kept_trees_are_those_that_would_grow_and_a_season_grows_none(species, monkeypatch):
     def asked(season, age=0.3):
         given = {"species": species, "season": season, "age": age}
-        planting = Planting(**given, expected=3, exact=True, variants=2)
+        planting = Planting(**given, expected=2, exact=True, variants=1)
         field = Forest(size=(30, 30))
         return ForestSite.read(Scene(seed=2, forest=field, plantings=(planting,)))
 

@@ -20,10 +20,16 @@ from window import Blender, ImpossibleError, provide
 ROOT = Path(__file__).resolve().parents[2]
 OUT = ROOT / "out" / "gui"
 SECONDS = 900  # for a scenario
-SCENARIOS = ("doors", "session", "ten_clicks", "large", "looking", "working", "planting", "road")
+SCENARIOS = (
+    *("doors", "session", "ten_clicks", "large", "looking", "working", "planting", "road"),
+    *("hovering", "randomly"),
+)
 
 
 def main() -> int:
+    if wrong := [word for word in sys.argv[1:] if word not in SCENARIOS]:
+        print(f"{wrong[0]} is no scenario; name some of {', '.join(SCENARIOS)}, or none for all")
+        return 2
     shutil.rmtree(OUT, ignore_errors=True)
     try:
         blender = provide(OUT)

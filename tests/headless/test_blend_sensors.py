@@ -41,6 +41,7 @@ def saved(path, settings, *, grow):
         return to_spec(bpy.context.scene)
 
 
+@pytest.mark.slow
 def test_sensors_of_a_blend_file_find_what_the_api_finds_in_the_wind(headless, tmp_path):
     blend, out = tmp_path / "windy.blend", tmp_path / "o"
     settings = saved(blend, WINDY, grow=True)
@@ -86,6 +87,7 @@ def test_a_blend_file_without_sensors_or_things_says_so(headless, tmp_path):
     assert (ended.returncode, "belongs to a scene file" in ended.stderr) == (2, True)
 
 
+@pytest.mark.medium
 def test_centimetres_become_metres_and_a_warning_says_so(headless, tmp_path):
     blend, out = tmp_path / "cm.blend", tmp_path / "o"
     scanner = forest.Terrestrial(name="cloud", position=(300, 0, 0), angle_step_deg=1)
@@ -101,6 +103,7 @@ def test_centimetres_become_metres_and_a_warning_says_so(headless, tmp_path):
     assert np.abs(cloud.xyz[:, 1:]).max() == pytest.approx(1, abs=0.1)
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize(
     ("before", "after"),
     [

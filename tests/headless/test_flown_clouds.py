@@ -85,6 +85,7 @@ UNITS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", UNITS)
 def test_coordinates_are_read_in_metres(tmp_path, flight, kind):
     unit, record = UNITS[kind]
@@ -104,6 +105,7 @@ def test_degrees_and_systems_that_are_not_there_are_refused(tmp_path, flight):
         read_las(tmp_path / "a.las")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("crs", "said"),
     [
@@ -128,6 +130,7 @@ def test_metres_are_written_into_systems_of_metres_alone(tmp_path, crs, said):
             door()
 
 
+@pytest.mark.medium
 def test_a_cloud_in_feet_is_validated_as_one_in_metres(tmp_path, flight):
     save(tmp_path / "m.las", flight)
     save(tmp_path / "ft.las", flight, (US_FOOT, US_FOOT), wkt("EPSG:2227"))

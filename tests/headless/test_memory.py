@@ -23,7 +23,7 @@ size = [10, 10]
 [[plantings]]
 species = "hazelnut"
 variants = 1
-expected = 3
+expected = 1
 exact = true
 [[sensors]]
 kind = "terrestrial"

@@ -49,14 +49,8 @@ def run(scene, out):
     ).stdout.split()
 
 
-@pytest.fixture
-def few_simulations(monkeypatch):
-    """As few as the stand's test takes: its verdict is not looked at."""
-    monkeypatch.setattr("forest_addon.stand.statistics.goodness.SIMULATIONS", 19)
-
-
 @pytest.mark.slow
-def test_what_is_switched_off_is_not_made_nor_imported(tmp_path, headless, few_simulations):
+def test_what_is_switched_off_is_not_made_nor_imported(tmp_path, headless, quick):
     scene = tmp_path / "scene.toml"
     scene.write_text(STAND + OFF)
     assert run(scene, tmp_path / "bare") == []
@@ -79,7 +73,7 @@ def test_what_is_switched_off_is_not_made_nor_imported(tmp_path, headless, few_s
 
 
 @pytest.mark.slow
-def test_without_pictures_the_test_of_the_stand_is_still_told(tmp_path, headless, few_simulations):
+def test_without_pictures_the_test_of_the_stand_is_still_told(tmp_path, headless, quick):
     scene = tmp_path / "scene.toml"
     scene.write_text(
         STAND.split("[[sensors]]")[0]

@@ -1,6 +1,7 @@
 """A whole run, as a user starts it: a process, a scene file, an output folder."""
 
 import json
+import re
 import shutil
 import subprocess
 import sys
@@ -66,7 +67,6 @@ def done(once):
     return folder / "out", *json.loads((folder / "said.json").read_text())
 
 
-@pytest.mark.slow
 def test_every_result_is_there_and_nothing_else(done):
     out, said, told = done
     assert sorted(p.name for p in out.iterdir()) == [RECORD, *RESULTS]
@@ -134,7 +134,7 @@ def test_the_glb_is_valid_and_shares_meshes(done, tmp_path):
     document = json.loads(raw[20 : 20 + length])
     trees = len((done[0] / "trees.csv").read_text().splitlines()) - 1
     assert len(document["nodes"]) >= trees + 1
-    assert len(document["meshes"]) <= 3  # two variants and the ground
+    assert len(document["meshes"]) <= 2  # a variant and the ground
     issues = gltf.validate(done[0] / "forest.glb")
     if issues is None:
         pytest.skip("Khronos' glTF validator needs node and npm, or they are offline")
@@ -145,14 +145,15 @@ def test_the_report_holds_its_pictures(done):
     page = (done[0] / "report.html").read_text()
     assert page.count("data:image/png;base64,") == 6
     assert viewer() in page  # of the turning clouds, in the page itself
-    assert "http" not in page.replace(viewer(), "").replace("http-equiv", "")
+    words = re.sub("base64,[A-Za-z0-9+/=]+", "", page.replace(viewer(), ""))
+    assert "http" not in words.replace("http-equiv", "")
 
 
 @pytest.mark.slow
-def test_the_same_seed_gives_the_same_results_in_another_process(done, tmp_path):
+def test_the_same_seed_gives_the_same_results_in_another_process(headless, done, tmp_path):
     scene = tmp_path / "scene.toml"
     scene.write_text(SMALL.read_text().split("[output]")[0] + BARE)
-    ended = process("run", scene, "--out", tmp_path, "--quiet")
+    ended = headless("run", scene, "--out", tmp_path, "--quiet")
     assert ended.returncode == 0
     assert ended.stderr == ""
     for name in ("trees.csv", "cloud.laz", "reverb.wav", "scan.npz", "echo.npz", "leaves.npz"):

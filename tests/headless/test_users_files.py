@@ -72,7 +72,7 @@ WORDS = {
     "convolve": "convolve ir.wav dry.wav --out {out}/wet.wav",
     "fly": "fly flight.toml --episodes 1 --out {out}",
 }
-SLOW = {"run", "demo", "accuracy", "fly", "dataset", "assets", "species"}
+SLOW = {"run", "demo", "accuracy", "fly", "dataset", "assets", "species", "estimate", "template"}
 USERS = ("notes.txt", "my.blend", "wood.txt", "42/mine.txt", "scenes/0001/mine.laz", "scenes/42/a")
 
 
@@ -105,14 +105,12 @@ def inputs(tmp_path_factory):
 
 
 @pytest.fixture
-def run(headless, inputs, tmp_path, monkeypatch):
+def run(headless, inputs, tmp_path, monkeypatch, quick):
     """Runs a command on copies of its inputs, with words after its own."""
     here = tmp_path / "here"
     shutil.copytree(inputs, here)
     monkeypatch.chdir(here)
     monkeypatch.setattr(commands.demo, "DEMO", here / "tiny.toml")
-    # No verdict and no picture is looked at.
-    monkeypatch.setattr("forest_addon.stand.statistics.goodness.SIMULATIONS", 19)
     monkeypatch.setattr("headless.report.trees.ICON", 24)
     return lambda name, out, *more: headless(*WORDS[name].format(out=out).split(), *more)
 
@@ -171,6 +169,7 @@ def test_a_folder_full_of_a_users_files(run, tmp_path, name):
     assert files(tmp_path / "here") == read
 
 
+@pytest.mark.medium
 def test_this_test_notices_a_rule_that_is_broken(run, tmp_path, monkeypatch):
     monkeypatch.setattr(atomic, "claim", lambda *paths, ours=False: None)
     users = put(tmp_path / "theirs", ["t.csv"])
@@ -178,6 +177,7 @@ def test_this_test_notices_a_rule_that_is_broken(run, tmp_path, monkeypatch):
     assert not users.items() <= files(tmp_path / "theirs").items()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("words", "named"),
     [
@@ -209,6 +209,7 @@ def test_what_is_read_is_not_written(headless, inputs, tmp_path, monkeypatch, wo
     assert files(here)[named] == before[named]
 
 
+@pytest.mark.slow
 def test_another_scenes_results_go_and_changed_ones_stay(headless, tmp_path):
     def scene(*names):
         head = SMALL.partition("[[sensors]]")[0]
@@ -273,6 +274,7 @@ def test_a_record_that_is_none_of_ours_is_left(tmp_path):
     assert files(tmp_path) == {RECORD: b"mine"}
 
 
+@pytest.mark.slow
 def test_no_file_of_the_working_folder_is_run(tmp_path, monkeypatch):
     (tmp_path / "queue.py").write_text("import pathlib; pathlib.Path('ran').touch()")
     monkeypatch.chdir(tmp_path)

@@ -53,6 +53,7 @@ def test_a_warning_is_said_when_quiet_and_kept_in_the_record(run, tmp_path):
     assert json.loads((tmp_path / "out/run.json").read_text())["warnings"] == said
 
 
+@pytest.mark.medium
 def test_strict_makes_a_warning_an_exit_code_and_keeps_the_results(run, tmp_path):
     ended = run(NOTHING_MET, "--quiet", "--strict")
     assert ended.returncode == 3
@@ -62,6 +63,7 @@ def test_strict_makes_a_warning_an_exit_code_and_keeps_the_results(run, tmp_path
     assert run(BARE + sonar, "--strict", "--quiet").returncode == 0
 
 
+@pytest.mark.slow
 def test_trees_that_spacing_takes_away_are_told(run):
     crowded = BARE.replace("size = [10, 10]", "size = [10, 10]\nspacing = 4.0") + CROWDED
     said = run(crowded).stderr
@@ -88,6 +90,7 @@ def test_what_asks_for_more_memory_than_there_is_by_far_is_refused_before_it_beg
     assert not list((tmp_path / "out").glob("*.laz"))
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize(
     ("more", "said"),
     [

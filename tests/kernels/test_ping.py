@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 from forest_addon import kernels
+from forest_addon.acoustics.disc import disc_amplitudes, rim_amplitudes
 from forest_addon.acoustics.gridding import grid_of, kernel, lay
+from forest_addon.sensing.sonar.wood import CylinderStrength
 
 
 @pytest.fixture
@@ -40,3 +42,37 @@ def test_echoes_are_laid_down_alike(both, width, nodes, sums):
     one, other = both(laid)
     assert np.abs(one - other).max() < 1e-14 * np.abs(heights).sum()
     assert not one[:, :, nodes:].any()
+
+
+K = 2 * np.pi * np.geomspace(20e3, 120e3, 7) / 343.0
+RADIUS, ANGLE = np.meshgrid(
+    [1e-6, 1e-4, 0.003, 0.02, 0.05, 0.07, 0.3], np.append(np.linspace(0, np.pi / 2, 40), 1e-7)
+)
+RADIUS, ANGLE = RADIUS.ravel(), ANGLE.ravel()
+FACTOR = np.random.default_rng(1).uniform(0.1, 1, len(RADIUS))
+
+
+@pytest.mark.parametrize("later", [0.0, 1.0])
+@pytest.mark.parametrize(("model", "off"), [("paper", 5e-12), ("piston", 1e-12), ("exact", 5e-7)])
+def test_discs_are_as_loud(both, model, off, later):
+    """Of the exact disc's table, numpy sums in single precision."""
+    later *= model == "exact"
+    one, other = both(lambda: disc_amplitudes(K, RADIUS, ANGLE, FACTOR, model, later))
+    scale = np.abs(disc_amplitudes(K, RADIUS, 0 * ANGLE, FACTOR, model))
+    assert (np.abs(one - other) <= off * scale).all()
+
+
+@pytest.mark.parametrize("side", [-1, 1])
+def test_rims_are_as_loud(both, side):
+    across = 3.0 / K[0] * np.geomspace(1, 1e4, 500)
+    level = np.linspace(0.1, 1, 500)
+    one, other = both(lambda: rim_amplitudes(K, across, level, side))
+    np.testing.assert_allclose(one, other, rtol=2e-13)
+
+
+def test_cylinders_are_as_loud(both):
+    """Up to sizes beyond the table, of any turn."""
+    sine, cosine = np.sin(ANGLE), np.cos(ANGLE)
+    wood = CylinderStrength(3 * RADIUS + 0.01, 2 * RADIUS, sine, cosine, FACTOR)
+    one, other = both(lambda: wood.amplitude(K))
+    assert (np.abs(one - other) <= 1e-13 * np.abs(other).max(axis=1, keepdims=True)).all()

@@ -78,7 +78,7 @@ def test_the_installed_wheel_works_alone_from_another_folder(wheel, tmp_path):
     )
     assert made.returncode == 0, made.stderr
     here.mkdir()
-    (here / "small.toml").write_text(SMALL.split("[output]")[0] + BARE, "utf-8")
+    (here / "small.toml").write_text(SMALL.split("[[sensors]]")[0] + BARE, "utf-8")
     (here / "tiles.toml").write_text(TILES, "utf-8")
     done = run("-c", USE, cwd=here, env=os.environ | {"PYTHONPATH": str(site)})
     assert done.returncode == 0, done.stderr

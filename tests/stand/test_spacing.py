@@ -108,11 +108,11 @@ def test_a_distance_of_exactly_the_spacing_is_kept(rule):
 def test_matern_ii_keeps_the_share_that_it_should():
     """Of a Poisson process, (1 - exp(-λπr²))/(λπr²) stay (Matérn 1960; Stoyan, Kendall and Mecke 5.4).
 
-    400 runs; neighbours inhibit each other, so the binomial error is larger than the true one: 4.5 sigma,
+    150 runs; neighbours inhibit each other, so the binomial error is larger than the true one: 4.5 sigma,
     false alarm below 7e-6.
     """
     stay, every = 0, 0
-    for s in range(400):
+    for s in range(150):
         rng = stream(s, "share")
         points = rng.uniform(0, 20, (rng.poisson(400), 2))
         keep = matern_ii(points, rng.random(len(points)), 0.6)

@@ -7,6 +7,7 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from forest_addon import ui
+from forest_addon.blender.scene import assets
 from forest_addon.drawing import strips as plots
 
 
@@ -44,10 +45,9 @@ def sensor(props):
 @pytest.fixture
 def small(props, sensor, monkeypatch):
     """The panel filled with a forest of about three hazels and coarse sensors in their midst."""
-    monkeypatch.setattr(
-        plots, "WIDE", 220
-    )  # each result is drawn, which takes longer than most sensors
-    monkeypatch.setattr(plots, "HIGH", 60)
+    # Results and trees are drawn, which takes longer than most sensors.
+    for room, name, few in ((plots, "WIDE", 220), (plots, "HIGH", 60), (assets, "DOTS", 500)):
+        monkeypatch.setattr(room, name, few)
     props.seed = 3
     props.forest.size = (6, 6)
     props.forest.margin = 2
@@ -58,7 +58,7 @@ def small(props, sensor, monkeypatch):
     planting.expected = 4
     sensor("terrestrial", position=(3, 3, 1), angle_step_deg=6)
     sensor("tractor", position=(-2, 0, 1), track=6, step=1, angle_step_deg=5)
-    sensor("sonar", position=(-1, 3, 1), max_range=4)
+    sensor("sonar", position=(-1, 3, 1), max_range=4, wood=False)
     sensor("reverb", source=(1, 1, 1), receiver=(5, 5, 1), sample_rate=4000, duration=0.1)
     bpy.context.view_layer.update()  # until then objects do not say where they are
     return props

@@ -153,25 +153,20 @@ def grown():
     return made
 
 
-DOORS = [
-    pytest.param(
-        door, name, id=f"{door.__name__}-{name}", marks=() if name == quick else pytest.mark.slow
-    )
-    for door, quick in ((by_panel, "measured"), (by_dataset, "looked at"), (by_command, "near"))
-    for name in SCENES
-]
-
-
-@pytest.mark.medium
-@pytest.mark.parametrize(("door", "name"), DOORS)
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("door", "name"),
+    [
+        *((by_panel, "measured"), (by_panel, "near"), (by_dataset, "looked at")),
+        *((by_dataset, "full"), (by_command, "near"), (by_command, "unheard")),
+    ],
+)
 def test_every_door_opens_on_the_same_forest(props, grown, door, name, tmp_path):
     same(door(scene_of(name), tmp_path), grown(name))
 
 
 @pytest.mark.medium
-@pytest.mark.parametrize(
-    "name", ["full", "unheard", pytest.param("measured", marks=pytest.mark.slow)]
-)
+@pytest.mark.parametrize("name", ["unheard", "measured"])
 def test_a_flyer_meets_the_whole_forest(props, grown, name, tmp_path):
     """It may come near any tree, so that its forest is that of full detail, whatever other sensors need."""
     scene = scene_of(name)
@@ -179,7 +174,6 @@ def test_a_flyer_meets_the_whole_forest(props, grown, name, tmp_path):
     same(met, grown("full" if name == "unheard" else name))
 
 
-@pytest.mark.medium
 def test_who_hears_no_leaf_grows_none(grown):
     assert leaves_of(grown("full")) > 1000
     assert leaves_of(grown("unheard")) == 0

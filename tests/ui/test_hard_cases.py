@@ -475,7 +475,7 @@ SITUATIONS = [
     *(after_undo_and_redo, in_local_view),
 ]
 
-SHARES = 3  # of the operators, one of which a situation meets
+SHARES = 5  # of the operators, one of which a situation meets
 
 
 @pytest.mark.slow
@@ -642,6 +642,7 @@ def test_sensors_whose_files_would_have_one_name_are_refused(again):
     assert '"echo-1" is taken' in words
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("instancing", ["objects", "points"])
 def test_a_full_copy_is_a_forest_of_its_own_and_no_second_one(again, instancing):
     """Building there leaves the first alone, and nothing stands twice: trees, points, library, results."""

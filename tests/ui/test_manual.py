@@ -41,7 +41,7 @@ def found(name, mapping):
     return next((page for pattern, page in mapping if fnmatchcase(name.lower(), pattern)), None)
 
 
-@pytest.mark.medium
+@pytest.mark.slow
 def test_everything_leads_to_a_place_that_is_there(registered, pages):
     _, texts = pages
     names, mapping = list(names_of_ours()), list(preferences._pages())
@@ -62,7 +62,6 @@ def test_a_setting_leads_to_its_own_line(registered):
     assert {name: found(name, mapping) for name in lines} == lines
 
 
-@pytest.mark.medium
 def test_pages_show_pictures_and_lead_to_each_other_alone(pages):
     folder, texts = pages
     for name, text in texts.items():

@@ -15,7 +15,8 @@ from forest_addon.sensing.kinds import KINDS
 from forest_addon.spec.choices import ADVANCED, APPLIES
 from forest_addon.ui import properties
 from forest_addon.ui.results.finding import OF_TREES
-from forest_addon.ui.settings import exchange
+from forest_addon.ui.sensors.run import MENUS, FOREST_MT_forest, draw_menu
+from forest_addon.ui.settings import drawing, exchange, references
 from forest_addon.ui.settings.groups import fields_of
 from forest_addon.ui.shell import running
 from forest_addon.ui.species.panel import SPREADS
@@ -163,6 +164,32 @@ def test_basic_hides_the_papers_symbols(small):
     assert basic < more
     assert any(text.startswith("Turbul") for text in more - basic)
     assert exchange.sensor_of(bpy.data.objects["reverb"]).strength == spec.Reverb().strength
+
+
+def test_a_reverb_is_not_a_wall_of_fields(small):
+    """At most ten without *Advanced*, with where it stands, whatever is chosen in one of them."""
+    thing = bpy.data.objects["reverb"]
+    group = thing.forest_sensor.reverb
+    hidden = {"name", *KINDS["reverb"].posed, *references.HEARD_TYPES}
+    for prop in group.bl_rna.properties:
+        values = [item.identifier for item in prop.enum_items] if prop.type == "ENUM" else []
+        for value in values or [None]:
+            usual = getattr(group, prop.identifier)
+            if value is not None:
+                setattr(group, prop.identifier, value)
+            fields = [n for n in group.shown if n not in hidden and drawing.is_shown(group, n)]
+            fields += ["location", "receiver", "rotation"]
+            assert len(fields) <= 10, (prop.identifier, value, fields)
+            if value is not None:
+                setattr(group, prop.identifier, usual)
+
+
+def test_growing_and_running_are_found_by_a_search(props):
+    """Blender's search looks through the menus of the view."""
+    seen = []
+    FOREST_MT_forest.draw(SimpleNamespace(layout=Layout(seen)), bpy.context)
+    assert {"Grow Forest", "Run Sensor", "Run Frame Range"} <= set(seen)
+    assert any(menu == "VIEW3D_MT_object" and draw is draw_menu for menu, draw in MENUS)
 
 
 def test_every_rule_names_settings_that_there_are(props):

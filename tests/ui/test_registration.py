@@ -91,7 +91,7 @@ print(sorted(heavy), sorted(r for r in rooms if not set(r.split(".")[1:]) <= rec
 """
 
 
-@pytest.mark.medium
+@pytest.mark.slow
 def test_enabling_imports_nothing_heavy():
     run = subprocess.run(
         [sys.executable, "-c", IMPORTED], cwd=ROOT, capture_output=True, text=True, timeout=300

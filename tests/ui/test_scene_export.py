@@ -1,7 +1,5 @@
 """Exported scene files: they mean the same wherever they are written, and name the .blend they start from."""
 
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -9,12 +7,15 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
+from forest_addon.base.places import ASSETS
 from forest_addon.formats.toml_file import read_settings, write_settings
 from forest_addon.growth.library.species_file import find_species, load_species
 from forest_addon.spec import Raster, Scene, Species
+from forest_addon.spec.base import with_files
 from forest_addon.ui.forest.scene_file import write_scene
 from forest_addon.ui.settings import exchange
 from forest_addon.ui.species.edit import relocated
+from headless.cli import main
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -95,11 +96,7 @@ def test_with_its_blend_file_the_scene_gives_the_same_bytes(slope, tmp_path):
     text = path.read_text() + "\n[output]\n" + "".join(f"{name} = false\n" for name in off)
     path.write_text(text)
     out = tmp_path / "headless"
-    done = subprocess.run(
-        [sys.executable, "-m", "headless", "run", str(path), "--out", str(out), "--quiet"],
-        cwd=ROOT, capture_output=True, text=True, timeout=900,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
+    assert main(["run", str(path), "--out", str(out), "--quiet"]) == 0
     for name in ("cloud.laz", "reverb.wav", "echo.wav"):
         assert (out / name).read_bytes() == (tmp_path / "panel" / name).read_bytes(), name
     with bpy.data.libraries.load(str(out / "forest.blend")) as (inside, _):
@@ -125,3 +122,43 @@ def test_a_scene_of_instanced_collections_starts_from_its_blend(props, tmp_path)
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "here.blend"))
     write_scene(bpy.context.scene, tmp_path / "a.toml")
     assert read_settings(tmp_path / "a.toml", Scene).blend == "here.blend"
+
+
+@pytest.mark.parametrize("preset", ["tanveer-five-trees", "rioja-pines"])
+def test_no_route_leads_into_the_extensions_folder(props, tmp_path, preset):
+    """What a set-up of the add-on names goes along, so that the scene file works on another machine."""
+    assert bpy.ops.forest.start(preset=preset) == {"FINISHED"}
+    before = exchange.to_spec(bpy.context.scene)
+    write_scene(bpy.context.scene, tmp_path / "mine.toml")
+    for file in tmp_path.rglob("*.toml"):
+        text = file.read_text("utf-8")
+        assert "../" not in text
+        assert str(ASSETS) not in text
+    named = []
+    with_files(
+        read_settings(tmp_path / "mine.toml", Scene), lambda file: named.append(file) or file
+    )
+    ours = [file for file in named if "mine-files/" in file]
+    assert ours
+    for file in ours:
+        assert (tmp_path / file).read_bytes() == next(ASSETS.rglob(Path(file).name)).read_bytes()
+    elsewhere = tmp_path / "else"
+    (tmp_path / "mine.toml").rename(tmp_path / "moved.toml")
+    elsewhere.mkdir()
+    bpy.ops.forest.load_scene(filepath=str(tmp_path / "moved.toml"))
+    assert len(exchange.to_spec(bpy.context.scene).sensors) == len(before.sensors)
+
+
+def test_files_that_are_dropped_are_taken(props, tmp_path):
+    """Handlers name operators that there are, and take a file at once."""
+    known = {"FOREST_FH_load_scene", "FOREST_FH_take_ground", "FOREST_FH_import_tree"}
+    handlers = {name: getattr(bpy.types, name) for name in known}
+    endings = " ".join(handler.bl_file_extensions for handler in handlers.values())
+    assert {".toml", ".laz", ".stl"} <= set(endings.replace(";", " ").split())
+    for handler in handlers.values():
+        room, _, name = handler.bl_import_operator.partition(".")
+        operator = getattr(getattr(bpy.ops, room), name).get_rna_type()
+        assert "filepath" in operator.properties
+        assert operator.properties["filepath"].is_skip_save
+    assert bpy.ops.forest.take_ground(filepath=str(tmp_path / "hill.laz")) == {"FINISHED"}
+    assert exchange.to_spec(bpy.context.scene).forest.terrain.file == str(tmp_path / "hill.laz")

@@ -2,8 +2,6 @@
 
 import json
 import shutil
-import subprocess
-import sys
 
 import numpy as np
 import pytest
@@ -22,6 +20,7 @@ from ui.pressing import (
 from forest_addon.formats.toml_file import read_settings
 from forest_addon.spec import Scene
 from forest_addon.ui.settings import exchange
+from headless.cli import main
 
 BARE = "\n[output]\n" + "".join(
     f"{name} = false\n"
@@ -57,11 +56,7 @@ def test_without_a_window_the_exported_scene_gives_the_same_bytes(built, tmp_pat
     press("save_scene", filepath=str(path))
     path.write_text(path.read_text() + BARE)
     out = tmp_path / "headless"
-    done = subprocess.run(
-        [sys.executable, "-m", "headless", "run", str(path), "--out", str(out), "--quiet"],
-        cwd=ROOT, capture_output=True, text=True, timeout=300,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
+    assert main(["run", str(path), "--out", str(out), "--quiet"]) == 0
     results = sorted(file.name for file in (tmp_path / "panel").glob("[!.]*"))
     assert len(results) == 6
     for name in results:

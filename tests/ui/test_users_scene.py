@@ -187,7 +187,7 @@ def begin(again, mode):
     return folder, mine, snapshot(mine)
 
 
-@pytest.mark.medium
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")  # every property is read, old ones too
 @pytest.mark.parametrize("case", CASES)
 def test_nothing_of_the_users_is_touched(again, case):
@@ -195,7 +195,7 @@ def test_nothing_of_the_users_is_touched(again, case):
     assert changes(case, folder, mine, before)[1] == {}
 
 
-@pytest.mark.medium
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")
 def test_nothing_of_the_users_is_touched_while_an_object_is_edited(again):
     """Most buttons refuse then: one file serves all of these."""

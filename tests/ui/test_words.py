@@ -261,7 +261,6 @@ def test_the_template_has_every_kind_of_text(template):
     assert {("*", pattern) for pattern in patterns} <= known
 
 
-@pytest.mark.medium
 def test_gettext_accepts_the_template(template, tmp_path):
     if not shutil.which("msgfmt"):
         pytest.skip("gettext's msgfmt is not installed")

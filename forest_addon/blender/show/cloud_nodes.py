@@ -15,8 +15,8 @@ from collections.abc import Mapping, Sequence
 import bpy
 import numpy as np
 
-from ...drawing.palette import LEVELS
-from ...drawing.palette import MEASURES as SCALE
+from ...base.labels import LEVELS
+from ...base.labels import MEASURES as SCALE
 from ..scene.layout import COLOUR_BY, COLOUR_MAP, FAR_POINTS, RADIUS, SHARE, is_local
 from ..scene.materials import coloured
 from ..scene.nodes import HIGH as HIGH

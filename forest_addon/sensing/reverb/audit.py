@@ -29,7 +29,7 @@ from .hearing import OMNI_EAR, Hearing, encoded
 from .model_error import model_error
 from .pair import Gain, ImpulseResponse, Pair, filtered
 from .sums.bands import OctaveBand, bands_of
-from .sums.fast_scattering import FINEST, Expansions, judged
+from .sums.fast_scattering import FINEST, Expansions, arrivals_of, judged
 from .sums.scattering import TrunkPaths, direct_sum, scattered_spectrum, trunk_paths
 from .sums.tree_response import NEAREST, left_out_db, soon_summed
 
@@ -186,6 +186,7 @@ class Channel:
             "left_db": left_out_db(paths, heard, (straight,), rate, pair.air, pair.losses),
             "tail": None if self.tail is None else pair.noise(self.tail, count),
             "joint": self.tail.joint / self.speed if self.tail else math.inf,
+            "tail_error": self.tail.spread if self.tail else None,
             "source": tuple(pair.source.tolist()),
             "receiver": tuple(pair.receiver.tolist()),
             "at": pair.at,
@@ -249,7 +250,8 @@ def _trunks(channel: Channel, share: float) -> list[AuditPart]:
     def early(_number: np.ndarray) -> np.ndarray:
         exact = summed(part)
         if part == count:
-            begins = paths.earliest[paths.earliest <= channel.last] / channel.speed
+            within = paths.select(paths.earliest <= channel.last)
+            begins = arrivals_of(within, channel.pair.losses, channel.speed)
             tolerance = channel.pair.reverb.tolerance
             return np.array([max(judged(trees, exact, rate, tolerance, begins).values())])
         apart, fade = trees[:part] - exact, max(part // 2, 1)

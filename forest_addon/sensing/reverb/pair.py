@@ -59,10 +59,11 @@ class ImpulseResponse:
     (``tree_response``).
     clamped : how many trunks cover the source or the receiver.
     exact : whether every trunk was summed at every frequency, rather than to the tolerance.
-    errors : {lower end of an octave in Hz: relative error of the fast sum, found by its checks}.
+    errors : {lower end of an octave in Hz: relative error of the fast sum at most}.
     model_error : what single scattering leaves out, None if it was not asked for.
     tail : (N,) noise of sound scattered more than once, part of ``trees``; None where there is none.
     joint : seconds from when all of the trunks' sound is noise; inf: never.
+    tail_error : (B,) dB, standard error of the level of that noise in each octave; None where there is none.
     channel : which source and which receiver. further : the responses of further pairs.
     weak : trunks that are left out because they add next to nothing. weak_bound : what they add to any
     octave at most, as a share of it.
@@ -89,6 +90,7 @@ class ImpulseResponse:
     model_error: ModelError | None = None
     tail: np.ndarray | None = None
     joint: float = math.inf
+    tail_error: np.ndarray | None = None
     channel: str = "source to receiver"
     further: tuple[ImpulseResponse, ...] = ()
     weak: int = 0
@@ -191,6 +193,7 @@ class Pair:
             else None,
             tail=noise,
             joint=tail.joint / air.speed() if tail else math.inf,
+            tail_error=tail.spread if tail else None,
             channel=self.channel,
             source=tuple(self.source.tolist()),
             receiver=tuple(self.receiver.tolist()),

@@ -16,14 +16,11 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-
-from ...base.products import product
 
 if TYPE_CHECKING:
     from scipy.spatial import cKDTree
@@ -42,24 +39,24 @@ HORSESHOE = (
 Rows = np.ndarray | slice
 
 
-# Gain towards M directions of frequencies (Q,) and rows (m,): (Q, m), or (1, m) where it is always alike.
-Towards = Callable[[np.ndarray, Rows], np.ndarray]
-
-
 class BeamPattern(ABC):
     """A directivity, 1 on its axis or where it is largest; offsets az and el (M,) are in radians."""
 
     @abstractmethod
-    def towards(self, az: np.ndarray, el: np.ndarray) -> Towards:
-        """The gain at offsets, of which many frequencies or few rows at a time are asked for."""
+    def terms(self, az: np.ndarray, el: np.ndarray) -> np.ndarray:
+        """(D, M) of the logarithm of the gain at offsets: times ``basis``, they add up to it."""
+
+    @abstractmethod
+    def basis(self, frequency: np.ndarray) -> np.ndarray:
+        """(D, Q) what the terms are multiplied with at frequencies (Q,)."""
 
     @abstractmethod
     def ceiling(self, away: np.ndarray, band: tuple[float, float]) -> np.ndarray:
         """(M,) no gain in the band is larger at ``away`` (M,) radians off the axis or more."""
 
     def gain(self, az: np.ndarray, el: np.ndarray, frequency: np.ndarray) -> np.ndarray:
-        """(Q, M), or (1, M) where it is alike at every frequency (Q,)."""
-        return self.towards(az, el)(frequency, slice(None))
+        """(Q, M) at frequencies (Q,)."""
+        return np.exp(np.einsum("dq,dm->qm", self.basis(frequency), self.terms(az, el)))
 
     def loudest(self, az: np.ndarray, el: np.ndarray, band: tuple[float, float]) -> np.ndarray:
         """(M,) no gain in the band is larger at these offsets."""
@@ -77,9 +74,11 @@ class GaussianBeam(BeamPattern):
 
     width: tuple[float, float]
 
-    def towards(self, az: np.ndarray, el: np.ndarray) -> Towards:
-        gain = np.exp(_exponent(az, el) @ (1.0 / np.square(self.width)))
-        return lambda frequency, rows: gain[None, rows]
+    def terms(self, az: np.ndarray, el: np.ndarray) -> np.ndarray:
+        return (_exponent(az, el) @ (1.0 / np.square(self.width)))[None]
+
+    def basis(self, frequency: np.ndarray) -> np.ndarray:
+        return np.ones((1, len(frequency)))
 
     def ceiling(self, away: np.ndarray, band: tuple[float, float]) -> np.ndarray:
         return np.exp(-2.0 * HALF_POWER * np.square(away / max(self.width)))
@@ -100,11 +99,11 @@ class Horseshoe(BeamPattern):
         """Full -3 dB width in radians."""
         return np.deg2rad(np.polyval(HORSESHOE, np.asarray(frequency) / 1e3))
 
-    def towards(self, az: np.ndarray, el: np.ndarray) -> Towards:
-        away = _exponent(az, el).sum(axis=1)
-        return lambda frequency, rows: np.exp(
-            away[rows] / np.square(self.width(frequency))[:, None]
-        )
+    def terms(self, az: np.ndarray, el: np.ndarray) -> np.ndarray:
+        return _exponent(az, el).sum(axis=1)[None]
+
+    def basis(self, frequency: np.ndarray) -> np.ndarray:
+        return 1.0 / np.square(self.width(frequency))[None]
 
     def ceiling(self, away: np.ndarray, band: tuple[float, float]) -> np.ndarray:
         return np.exp(-2.0 * HALF_POWER * np.square(away / self.width(np.array(band[0]))))
@@ -131,29 +130,19 @@ class Measured(BeamPattern):
 
     def levels(self, frequency: np.ndarray) -> np.ndarray:
         """(N, Q) dB at other frequencies."""
-        return self._fit.T @ self._polynomials(frequency)
+        return self._fit.T @ self.basis(frequency)
 
-    def _polynomials(self, frequency: np.ndarray) -> np.ndarray:
-        """(D, Q) Chebyshev's, of ``_fit``."""
+    def basis(self, frequency: np.ndarray) -> np.ndarray:
         low, high = self.frequency[0], self.frequency[-1]
         wanted = 2.0 * (np.clip(frequency, low, high) - low) / ((high - low) or 1.0) - 1.0
         return np.polynomial.chebyshev.chebvander(wanted, len(self._fit) - 1).T
 
-    def towards(self, az: np.ndarray, el: np.ndarray) -> Towards:
-        """By the polynomials of the logarithm, which are mixed as dB are; between directions levels are as
-        smooth over the frequency as at these."""
+    def terms(self, az: np.ndarray, el: np.ndarray) -> np.ndarray:
         corners, kind, shares = self._mixed(az, el)
         terms = np.zeros((len(self._fit), len(az)))
         for corner, share in zip(corners.T, shares, strict=True):
             terms += share * self._fit.take(corner.take(kind), axis=1)
-        terms *= math.log(10.0) / 20.0
-
-        def gain(frequency: np.ndarray, rows: Rows) -> np.ndarray:
-            some = terms[:, rows] if isinstance(rows, slice) else terms.take(rows, axis=1)
-            at = np.asarray(product(self._polynomials(frequency).T, some))
-            return np.exp(at, out=at)
-
-        return gain
+        return terms * (math.log(10.0) / 20.0)
 
     @abstractmethod
     def _mixed(self, az: np.ndarray, el: np.ndarray) -> tuple[np.ndarray, np.ndarray, list[Any]]:

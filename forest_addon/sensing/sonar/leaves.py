@@ -14,9 +14,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from ...acoustics.disc import amplitude_bound, backscatter_amplitude
+from ...acoustics.disc import SMALLEST, amplitude_bound, disc_amplitudes, rim_amplitudes
 from ...acoustics.disc_table import HANDOVER, table_error
-from ...acoustics.hankel import SMALLEST, hankel
 from ...base.rows import distinct, lengths
 from ...base.trimesh import TriMesh
 from ...growth.mesh.leaves import pieces_of
@@ -91,7 +90,9 @@ class FoliageDiscs:
     def of_discs(cls, discs: LeafDiscs) -> FoliageDiscs:
         """Discs that are measured already, in the world; only similarities may move them."""
         made = cls.__new__(cls)
-        made.leaf, made.local = discs.leaf, (discs.centre, discs.normal, discs.radius)
+        made.leaf = discs.leaf
+        measured = discs.centre, discs.normal, discs.radius
+        made.local = tuple(np.ascontiguousarray(each, np.float64) for each in measured)
         return made
 
     def moved(self, transform: np.ndarray, rows: np.ndarray | None = None) -> Measured:
@@ -187,18 +188,18 @@ FAR = 2.0  # ka² from where on f/r² holds within 0.1 dB, for the sound that is
 
 @dataclass(frozen=True)
 class DiscStrength(Strength):
-    """radius, incidence : (M,) metres and radians. nearness : (M,) a factor of the amplitude."""
+    """radius, incidence : (M,) metres and radians. nearness : (M,) a factor of the amplitude. later : radii
+    by which their delay is taken to be later."""
 
     radius: np.ndarray
     incidence: np.ndarray
     nearness: np.ndarray
     model: str
+    later: float = 0.0
 
     def amplitude(self, wavenumber: np.ndarray) -> np.ndarray:
-        k = np.asarray(wavenumber)[:, None]
-        amplitude = backscatter_amplitude(k * self.radius, self.incidence, self.model)
-        amplitude *= self.nearness / k
-        return amplitude
+        given = self.radius, self.incidence, self.nearness, self.model, self.later
+        return disc_amplitudes(wavenumber, *given)
 
     def bound(self, lowest: float, highest: float) -> np.ndarray:
         far = amplitude_bound(lowest, highest, self.radius, self.incidence, self.model)
@@ -208,7 +209,7 @@ class DiscStrength(Strength):
         """Of a piston, far enough off its normal, the two places of its rim that sound; of an exact disc
         itself, some time later: its rims' sound crosses its face."""
         if self.model == "exact":
-            later = ShiftedDisc(self.radius, self.incidence, self.nearness, self.model)
+            later = replace(self, later=LATER)
             return [ScattererPart(np.arange(len(self.radius)), LATER * self.radius, later)]
         across = self.radius * np.sin(self.incidence)
         apart = max(SMALLEST / (2.0 * lowest), np.pi / (2.0 * (highest - lowest)))
@@ -238,24 +239,6 @@ class DiscStrength(Strength):
 
 
 @dataclass(frozen=True)
-class ShiftedDisc(DiscStrength):
-    """Exact discs, ``LATER`` radii later; see ``DiscStrength``."""
-
-    def amplitude(self, wavenumber: np.ndarray) -> np.ndarray:
-        k = np.asarray(wavenumber)[:, None]
-        size = k * self.radius
-        amplitude = backscatter_amplitude(size, self.incidence, "exact").astype(np.complex64)
-        size *= LATER / (2.0 * np.pi)
-        size -= np.rint(size)  # in single precision, as the table is
-        turn = (2.0 * np.pi * size).astype(np.float32)
-        later = np.empty(size.shape, np.complex64)
-        later.real, later.imag = np.cos(turn), np.sin(turn)
-        later *= (self.nearness / k).astype(np.float32)
-        amplitude *= later
-        return amplitude
-
-
-@dataclass(frozen=True)
 class DiscRim(Strength):
     """One place of a piston's rim, without its delay: half of J₁ = Re H₁, H₁ the Hankel function.
 
@@ -270,9 +253,8 @@ class DiscRim(Strength):
     side: int
 
     def amplitude(self, wavenumber: np.ndarray) -> np.ndarray:
-        wave = hankel(2.0 * np.asarray(wavenumber)[:, None] * self.across)
-        size = 0.25j * self.radius**2 * np.cos(self.incidence) / self.across
-        return size * (wave if self.side < 0 else np.conj(wave))
+        level = 0.25 * self.radius**2 * np.cos(self.incidence) / self.across
+        return rim_amplitudes(wavenumber, self.across, level, self.side)
 
     def bound(self, lowest: float, highest: float) -> np.ndarray:
         return np.abs(self.amplitude(np.array([lowest])))[0]
@@ -432,11 +414,9 @@ class EdgeStrength(Strength):
     late: np.ndarray
 
     def amplitude(self, wavenumber: np.ndarray) -> np.ndarray:
-        k = np.asarray(wavenumber)[:, None]
-        ka = k * self.radius
-        exact = backscatter_amplitude(ka, self.incidence, "exact")
-        edge = exact - backscatter_amplitude(ka, self.incidence, "piston")
-        return self.share * np.exp(-1j * k * self.late) * edge / k
+        given = wavenumber, self.radius, self.incidence, self.share
+        edge = disc_amplitudes(*given, "exact") - disc_amplitudes(*given, "piston")
+        return edge * np.exp(-1j * wavenumber[:, None] * self.late)
 
     def bound(self, lowest: float, highest: float) -> np.ndarray:
         return EDGE * self.share * self.radius

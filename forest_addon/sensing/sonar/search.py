@@ -20,6 +20,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ... import kernels
 from ...base.rows import RowTable, lengths
 from .beam import Rows
 from .calls import SAMPLED, Band
@@ -223,48 +224,41 @@ class EarAmplitudes:
 
     def __init__(self, group: SearchGroup, station: Station, ear: int) -> None:
         self._station, paths = station, group.paths
-        equipment, hear = station.equipment, station.equipment.hear(ear)
-        self._sent = self._heard = equipment.emit.towards(*paths.emitted.T)
-        if not (hear is equipment.emit and station.together):
-            self._heard = hear.towards(*paths.heard[:, ear].T)
+        self._beams = station.equipment.emit, station.equipment.hear(ear)
         leg = paths.leg[:, ear]
-        self._length = paths.distance + leg
+        sent, heard = paths.emitted.T, paths.heard[:, ear].T
+        terms = [self._beams[0].terms(*sent), self._beams[1].terms(*heard)]
+        self._terms = np.concatenate([*terms, -(paths.distance + leg)[None]])
         self._level = group.shade / (paths.distance * leg)
         strength = group.scatterers.seen((station.point + station.ear[ear]) / 2)
         self.whole = ScattererPart(np.arange(len(group)), np.zeros(len(group)), strength)
 
-    def gain(
-        self, frequency: np.ndarray, rows: Rows = slice(None), *, single: bool = False
-    ) -> np.ndarray:
-        """(Q, m) of some rows; in single precision scatterer by scatterer."""
-        sent = self._sent(frequency, rows)
-        heard = sent if self._heard is self._sent else self._heard(frequency, rows)
-        gain = sent * heard * self._level[rows]
-        if single:
-            gain = np.ascontiguousarray(gain.T, dtype=np.float32).T
-        if self._station.sonar.absorption:
-            loss, length = self._station.loss(frequency), self._length[rows]
-            if single:
-                loss, length = loss.astype(np.float32), length.astype(np.float32)
-            weaker = np.outer(length, -loss).T if single else np.outer(-loss, length)
-            np.exp(weaker, out=weaker)
-            gain = np.multiply(weaker, gain, out=weaker)
-        return gain
+    def _basis(self, frequency: np.ndarray) -> np.ndarray:
+        beams = [beam.basis(frequency) for beam in self._beams]
+        return np.concatenate([*beams, self._station.loss(frequency)[None]])
+
+    def gain(self, frequency: np.ndarray) -> np.ndarray:
+        """(Q, M) of all."""
+        return np.exp(np.einsum("dq,dm->qm", self._basis(frequency), self._terms)) * self._level
 
     def of(self, part: ScattererPart, frequency: np.ndarray, rows: Rows) -> np.ndarray:
         """(Q, m) complex A of some rows of a part at frequencies (Q,)."""
         wavenumber = 2.0 * np.pi * frequency / self._station.sound_speed
         amplitude = part.strength.select(rows).amplitude(wavenumber)
-        amplitude *= self.gain(frequency, part.rows[rows], single=amplitude.dtype == np.complex64)
+        some, basis = part.rows[rows], self._basis(frequency)
+        level, terms = self._level[some], self._terms.take(some, axis=1)
+        library = kernels.library()
+        if library is None:
+            return np.asarray(amplitude * level * np.exp(np.einsum("dq,dm->qm", basis, terms)))
+        library.weigh_echoes(*amplitude.shape, level, len(terms), basis, terms, amplitude)
         return amplitude
 
     def reach(self, part: ScattererPart, band: tuple[float, float]) -> np.ndarray:
         """(m,) s, about how far responses of a part reach, with what their gains change over a band."""
-        low, high = (self.gain(np.array([end]), part.rows)[0] for end in band)
-        changed = np.abs(np.log(np.maximum(low, 1e-300) / np.maximum(high, 1e-300)))
+        change = np.diff(self._basis(np.array(band)), axis=1)[:, 0] @ self._terms
         width, speed = max(band[1] - band[0], 1e-9), self._station.sound_speed
         own = part.strength.reach(2.0 * np.pi * band[0] / speed) / speed
-        return own + changed / (2.0 * np.pi * width)
+        return np.asarray(own + np.abs(change[part.rows]) / (2.0 * np.pi * width))
 
 
 def mean_amplitude(

@@ -21,6 +21,8 @@ from typing import ClassVar
 
 import numpy as np
 
+from ... import kernels
+from ...acoustics.cubics import Cubics
 from ...acoustics.cylinder import scattering_sum
 from ...base.trimesh import TriMesh, is_wood
 from ...growth.own_tree.centreline import find_centrelines
@@ -49,10 +51,16 @@ class CylinderStrength(Strength):
     nearness: np.ndarray
 
     def amplitude(self, wavenumber: np.ndarray) -> np.ndarray:
-        k = np.asarray(wavenumber)[:, None]
-        along = np.sinc(k * (self.length * self.cosine / math.pi))
-        around = np.conj(_backscatter(k * (self.radius * self.sine)))
-        return along * around * (self.nearness * self.length / math.pi)
+        size, turn = self.radius * self.sine, self.length * self.cosine
+        level = self.nearness * self.length / math.pi
+        library = kernels.library()
+        if library is None:
+            k = wavenumber[:, None]
+            return np.sinc(k * (turn / math.pi)) * np.conj(_backscatter(k * size)) * level
+        found = np.empty((len(wavenumber), len(size)), np.complex128)
+        given = (len(wavenumber), wavenumber, len(size), size, turn, level)
+        library.cylinders(*given, LARGEST, np.array([_bend()]), *_table().given, found)
+        return found
 
     def bound(self, lowest: float, highest: float) -> np.ndarray:
         size = _largest_backscatter(highest * self.radius * self.sine)
@@ -212,7 +220,7 @@ def _cut(
 def _backscatter(size: np.ndarray) -> np.ndarray:
     """S(ka, π) times e^{2ika}, what is left when the near side's delay is taken off (e^{-iωt})."""
     inside = np.minimum(size, LARGEST)
-    value: np.ndarray = _looked_up(_coordinate(inside)) * inside**2 / (1.0 + inside**1.5)
+    value: np.ndarray = _table().at(_coordinate(inside)) * inside**2 / (1.0 + inside**1.5)
     beyond = np.maximum(size / LARGEST, 1.0)
     return value * np.sqrt(beyond) * (1.0 + _bend() * (1.0 - 1.0 / beyond))
 
@@ -228,36 +236,23 @@ def _largest_backscatter(size: np.ndarray) -> np.ndarray:
 def _bend() -> complex:
     """Return what S/√ka still changes by, relative to it, from ``LARGEST`` to infinity: ∝ 1/ka."""
     half, last = (
-        _looked_up(_coordinate(np.array(x))) * x**1.5 / (1.0 + x**1.5)
+        _table().at(_coordinate(np.array(x))) * x**1.5 / (1.0 + x**1.5)
         for x in (LARGEST / 2, LARGEST)
     )
     return complex((last - half) / last)
 
 
-def _looked_up(coordinate: np.ndarray) -> np.ndarray:
-    """S·e^{2ika}·(1 + ka^1.5)/ka², which is flat at both ends, over ``_coordinate``."""
-    first, step, cubics = _table()
-    place = np.asarray((coordinate - first) / step)
-    cell = np.clip(place.astype(np.int32), 0, cubics.shape[1] - 1)
-    place -= cell
-    value: np.ndarray = cubics[0].take(cell)
-    for term in cubics[1:]:
-        value *= place
-        value += term.take(cell)
-    return value
-
-
 @lru_cache(maxsize=1)
-def _table() -> tuple[float, float, np.ndarray]:
-    """First coordinate, step, and (4, cells) of cubic splines in parts of a step, highest power first."""
-    from scipy.interpolate import CubicSpline  # here: it takes a tenth of a second to import
+def _table() -> Cubics:
+    """S·e^{2ika}·(1 + ka^1.5)/ka², which is flat at both ends, over ``_coordinate``."""
 
-    place = np.linspace(_coordinate(np.array(1e-6)), _coordinate(np.array(LARGEST)), 6000)
-    size = _size(place)
-    value = scattering_sum(size, math.pi) * np.exp(2j * size) * (1.0 + size**1.5) / size**2
-    step = float(place[-1] - place[0]) / (len(place) - 1)
-    cubics = CubicSpline(place, value).c * step ** np.arange(3.0, -1.0, -1.0)[:, None]
-    return float(place[0]), step, np.ascontiguousarray(cubics)
+    def flattened(place: np.ndarray) -> np.ndarray:
+        size = _size(place.ravel())
+        value = scattering_sum(size, math.pi) * np.exp(2j * size) * (1.0 + size**1.5) / size**2
+        return np.asarray(value.reshape(place.shape))
+
+    ends = (float(_coordinate(np.array(end))) for end in (1e-6, LARGEST))
+    return Cubics.of(flattened, *ends, 3000)
 
 
 @lru_cache(maxsize=1)

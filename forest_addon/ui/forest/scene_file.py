@@ -3,29 +3,31 @@
 In a new file that a window shows, a forest is moved as a whole beside Blender's start cube.
 
 A scene file that is written gives the same results without a window, wherever it is written. Files that
-settings name are named from its folder. Edited species are written into a folder beside it. Objects that are
-not ours are seen by sensors and may be named by settings, so a scene that has them starts from its .blend
-file.
+settings name are named from its folder; those that come with the add-on are copied beside it. Edited species
+are written into a folder beside it. Objects that are not ours are seen by sensors and may be named by
+settings, so a scene that has them starts from its .blend file.
 """
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Iterator
 from dataclasses import fields, is_dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import bpy
-from bpy_extras.io_utils import ExportHelper, ImportHelper
+from bpy_extras.io_utils import ExportHelper
 
 from ... import spec
+from ...base.places import ASSETS
 from ...blender.scene.instances import IGNORED_KEY, may_be_met
 from ...blender.scene.layout import is_ours
 from ...blender.sensors.objects import file_name, sensors_of
 from ..settings.exchange import from_spec, to_spec
 from ..settings.groups import text_of
 from ..settings.preferences import rays_of
-from ..shell.running import Button, Reading
+from ..shell.running import Button, Reading, Taking, dropped
 from ..shell.views import choose_sensor
 from ..shell.words import say
 from ..species.edit import Edited, edited_species, from_folder, relocated
@@ -119,17 +121,31 @@ def write_scene(scene: bpy.types.Scene, path: Path) -> str:
     SpecError : a value that cannot be used.
     OSError : a file cannot be written.
     """
+    from ...formats.ownership import Keeper, keeping
     from ...formats.toml_file import write_settings
 
     path = path.resolve()
     settings, edited = to_spec(scene), edited_species(scene)
     origin = Path(bpy.path.abspath(scene.forest_sensing.folder))
 
+    shipped: dict[str, Path] = {}  # with the add-on, whose folder other machines do not have
+
     def move(file: str) -> str:
-        known = (origin / file).is_file()  # else it is shipped with the add-on, or missing anyhow
-        return from_folder(origin / file, path.parent) if known else file
+        known = (origin / file).resolve()
+        if not known.is_file():  # a name that is found everywhere, or missing anyhow
+            return file
+        if not known.is_relative_to(ASSETS.resolve()):
+            return from_folder(known, path.parent)
+        shipped[known.name] = known
+        return f"{path.stem}-files/{known.name}"
 
     settings = spec.with_files(settings, move)
+    if shipped:
+        home = path.with_name(f"{path.stem}-files")
+        with keeping(Keeper(home, "panel", advice=say("choose another name, or move it away"))):
+            home.mkdir(parents=True, exist_ok=True)
+            for name, file in shipped.items():
+                shutil.copyfile(file, home / name)
     blend, wanting = _blend_for(scene, settings, path.parent)
     write_settings(path, replace(_with_edited(settings, edited, path), blend=blend))
     return wanting
@@ -210,7 +226,20 @@ def take_scene(
             choose_sensor(bpy.context, sensors_of(scene)[0])  # active in the scene, too
 
 
-class FOREST_OT_load_scene(Button, bpy.types.Operator, ImportHelper):
+class FOREST_OT_take_ground(Button, bpy.types.Operator, Taking):
+    """Have the forest stand on the ground of a file: points, a raster or a surface"""
+
+    bl_idname = "forest.take_ground"
+    bl_label = "Ground from File"
+    filter_glob: bpy.props.StringProperty(default="*.laz;*.las;*.tif;*.asc", options={"HIDDEN"})
+
+    def act(self, context: bpy.types.Context) -> str:
+        context.scene.forest_sensing.forest.terrain.file = self.filepath
+        name = Path(self.filepath).name
+        return say("The forest stands on {name}. Press Grow Forest to see it", name=name)
+
+
+class FOREST_OT_load_scene(Button, bpy.types.Operator, Taking):
     """Take forest and sensors from a scene file (.toml), the same that runs without a window"""
 
     bl_idname = "forest.load_scene"
@@ -232,6 +261,12 @@ class FOREST_OT_load_scene(Button, bpy.types.Operator, ImportHelper):
             )
             done = f"{done}. {gone}"
         return done
+
+
+CLASSES = (
+    dropped(".toml", "Forest Sensing Scene", "forest.load_scene"),
+    dropped(".laz;.las", "Ground of a Forest", "forest.take_ground"),
+)
 
 
 class FOREST_OT_take_offset(Button, bpy.types.Operator):

@@ -23,7 +23,7 @@ from ...sensing.kinds import KINDS, choose
 from ..settings.exchange import sensor_of, to_spec
 from ..settings.preferences import rays_of
 from ..shell.running import PROBLEMS, WhenReady, current, in_words
-from ..shell.views import chosen_sensor, redraw_views, views
+from ..shell.views import chosen_sensor, redraw_views, region_of, views
 from ..shell.words import keep, label, say
 
 TICK, QUIET = 0.05, 0.5  # s between two looks; s without a change before the scene is read again
@@ -223,8 +223,16 @@ def _tick() -> float | None:
     return QUIET
 
 
+def beside_toolbar(area: bpy.types.Area) -> int:
+    """Return how many pixels of a view's left edge its toolbar covers."""
+    main, tools = region_of(area, "WINDOW"), region_of(area, "TOOLS")
+    if tools.width <= 1 or tools.x > main.x + main.width // 2:
+        return 0
+    return max(tools.x + tools.width - main.x, 0)
+
+
 def _draw() -> None:
-    """Draw the image, its name and its legend in the lower left corner of the view."""
+    """Draw the image, its name and its legend in the lower left corner of the view, beside the toolbar."""
     context = bpy.context
     if _eye is None or context.scene.session_uid != _eye.scene:
         return
@@ -232,9 +240,10 @@ def _draw() -> None:
 
     scale = context.preferences.system.ui_scale
     edge, line = EDGE * scale, LINE * scale
+    left = edge + beside_toolbar(context.area)
     blf.size(FONT, SIZE * scale)
     if _eye.found is None:
-        _write(_eye.problem, edge, edge, (1.0, 0.8, 0.4))
+        _write(_eye.problem, left, edge, (1.0, 0.8, 0.4))
         return
     shown = context.scene.forest_sensing.look_shows
     if shown not in _eye.drawn:
@@ -244,8 +253,8 @@ def _draw() -> None:
     wide = SHARE * context.region.width
     high = wide * min(max(texture.height / texture.width, 0.15), 0.6)
     gpu.state.blend_set("NONE")
-    draw_texture_2d(texture, (edge, edge + line), wide, high)
-    x = edge
+    draw_texture_2d(texture, (left, edge + line), wide, high)
+    x = left
     for text, colour in legend:
         x = _write("■", x, edge, colour) + 4 * scale
         x = _write(label(text), x, edge, (0.9, 0.9, 0.9)) + 14 * scale
@@ -256,7 +265,7 @@ def _draw() -> None:
         title = label("{image}, at the 3D cursor", image=title)
     if _eye.changed_at is not None:
         title = label("{image}, before the last change", image=title)
-    _write(title, edge, edge + line + high + 6 * scale, (0.9, 0.9, 0.9))
+    _write(title, left, edge + line + high + 6 * scale, (0.9, 0.9, 0.9))
 
 
 def _placed(context: bpy.types.Context, sensor: Any) -> Any:

@@ -430,6 +430,33 @@ class FOREST_OT_run(Working, bpy.types.Operator):
         return say(", saved as {path}", path=path)
 
 
+class FOREST_MT_forest(bpy.types.Menu):
+    """Menu through which a search by F3 finds what grows and runs: it looks through those of the view."""
+
+    bl_idname = "FOREST_MT_forest"
+    bl_label = "Forest"
+
+    def draw(self, _context: bpy.types.Context) -> None:
+        for name in (
+            "build",
+            "new_seed",
+            "run",
+            "run_frames",
+            "look_through",
+            "load_scene",
+            "save_scene",
+        ):
+            self.layout.operator(f"forest.{name}")
+
+
+def draw_menu(menu: bpy.types.Menu, _context: bpy.types.Context) -> None:
+    """The entry in the view's menu *Object*."""
+    menu.layout.menu(FOREST_MT_forest.bl_idname, icon="OUTLINER_OB_CURVES")
+
+
+MENUS = (("VIEW3D_MT_object", draw_menu),)
+
+
 class FOREST_OT_run_large(bpy.types.Operator):
     """Ask before what takes long or much memory"""
 

@@ -13,10 +13,12 @@ import importlib.util
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any, ClassVar
 
 import bpy
 import gpu
+from bpy_extras.io_utils import ImportHelper
 
 from ...base.progress import Progress
 from ...blender.jobs import Job, Task, Work
@@ -240,6 +242,30 @@ class Reading(Button):
     @classmethod
     def obstacle(cls, _context: bpy.types.Context) -> str:
         return ""
+
+
+class Taking(ImportHelper):
+    """Asks for a file; of one that was dropped into a view, for the rest of its settings."""
+
+    filepath: bpy.props.StringProperty(subtype="FILE_PATH", options={"SKIP_SAVE", "HIDDEN"})
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        if not self.filepath:
+            return set(ImportHelper.invoke(self, context, event))
+        title = Path(self.filepath).name
+        return set(context.window_manager.invoke_props_dialog(self, title=title, translate=False))
+
+
+def dropped(ending: str, title: str, operator: str) -> type[bpy.types.FileHandler]:
+    """The class that has files of an ending, dropped into a 3D view, taken by one of our operators."""
+
+    def poll_drop(_cls: type, context: bpy.types.Context) -> bool:
+        return context.area is not None and context.area.type == "VIEW_3D"
+
+    name = f"FOREST_FH_{operator.partition('.')[2]}"
+    said = {"bl_idname": name, "bl_label": title, "bl_import_operator": operator}
+    body = said | {"bl_file_extensions": ending, "poll_drop": classmethod(poll_drop)}
+    return type(name, (bpy.types.FileHandler,), body)
 
 
 def press(operator: Callable[..., set[str]], **settings: object) -> set[str]:

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 import bpy
-from bpy_extras.io_utils import ExportHelper, ImportHelper
+from bpy_extras.io_utils import ExportHelper
 
 from ... import spec
 from ...base.places import ASSETS
@@ -29,7 +29,16 @@ from ...spec import SpecError
 from ..settings import exchange
 from ..settings.drawing import split
 from ..settings.preferences import library_folder, species_folder
-from ..shell.running import Button, Reading, WhenReady, Working, getting_ready, press
+from ..shell.running import (
+    Button,
+    Reading,
+    Taking,
+    WhenReady,
+    Working,
+    dropped,
+    getting_ready,
+    press,
+)
 from ..shell.views import chosen_planting, icons
 from ..shell.words import EDITED, label, language, say, title_of
 
@@ -432,7 +441,10 @@ OF_LEAVES = ("leaf", "leaves", "foliage")  # within the name of the file that ho
 OF_WOOD = ("wood", "stem", "trunk", "branches")
 
 
-class FOREST_OT_import_tree(WhenReady, bpy.types.Operator, ImportHelper):
+CLASSES = (dropped(".stl", "Species from a Tree", "forest.import_tree"),)
+
+
+class FOREST_OT_import_tree(WhenReady, bpy.types.Operator, Taking):
     """Make a species from files of a tree: one of its wood and, if there is, one of its leaves"""
 
     bl_idname = "forest.import_tree"

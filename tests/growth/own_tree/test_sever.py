@@ -301,12 +301,10 @@ def right_parents(skeleton: Skeleton, found: Recognition) -> np.ndarray:
 @pytest.mark.parametrize(
     "name",
     [
-        "honda-conifer",
         "honda-willow",
         "honda-birch",
         "ginkgo",
         "abop-ternary-a",
-        "abop-sympodial-a",
         "abop-sympodial-b",
     ],
 )

@@ -28,10 +28,9 @@ def law(name):
     return Process(SITE[name], np.zeros(2), np.array([120.0, 90.0]))
 
 
-@pytest.fixture(autouse=True)
-def fewer_simulations(monkeypatch):
-    """Each is estimated again, which takes most of the time; here their verdict is not looked at."""
-    monkeypatch.setattr("forest_addon.stand.statistics.goodness.SIMULATIONS", 19)
+pytestmark = pytest.mark.usefixtures(
+    "quick"
+)  # each is estimated again, which takes most of the time
 
 
 @pytest.fixture

@@ -30,6 +30,7 @@ def test_a_terrain_alone_is_a_scene_in_its_middle(tmp_path, terrain):
     assert "heights in m of 250 to 250" in heard[0]
 
 
+@pytest.mark.slow
 def test_a_map_of_trees_stands_on_its_terrain(tmp_path, terrain):
     rng = np.random.default_rng(1)
     rows = [f"{500050 + x:.2f},{5400050 + y:.2f},maple" for x, y in 80 * rng.random((30, 2))]

@@ -53,7 +53,7 @@ SCAN = ("--scanner", "riegl-vz-400i", "--at", "-1,0.5,1.6", "--set", "angle_step
 SCAN += ("--set", "beam.subrays=7")
 
 
-@pytest.mark.slow
+@pytest.mark.medium
 def test_a_scene_of_ones_own(lidar, park, tmp_path):
     out = tmp_path / "scan.laz"
     ended = lidar(park, *SCAN, "--azimuth", "-45,45", "--offset", "465000,5473000,0", "--out", out)

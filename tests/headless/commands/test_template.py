@@ -29,7 +29,8 @@ def files(tmp_path):
 def test_a_users_tree_becomes_a_forest_in_two_commands(files, capsys, monkeypatch):
     pytest.importorskip("bpy")
     monkeypatch.setattr("headless.report.trees.WIDTH", 500)  # it is rendered, which takes seconds
-    monkeypatch.setattr("headless.report.trees.OF_TEMPLATE", 6)
+    monkeypatch.setattr("headless.report.trees.OF_TEMPLATE", 4)
+    monkeypatch.setattr("headless.report.trees.SIDES", 4)
     out = files / "elm"
     assert (
         main(
@@ -92,7 +93,7 @@ def test_a_height_that_is_given_sets_the_scale(files, capsys):
     assert len(habit.anatomy.foliage.bearer) == 0
 
 
-@pytest.mark.medium
+@pytest.mark.slow
 def test_the_grammar_of_2020a_is_there_by_name(files, capsys):
     out = files / "elm"
     words = ["template", str(files / "w.stl"), str(files / "l.stl"), "--name", "elm"]
@@ -186,8 +187,9 @@ def test_siblings_unlike_the_tree_get_no_scene_unless_they_are_accepted(files, c
     """Allowed is so little that no siblings keep to it: exit code 5, the files and no scene."""
     monkeypatch.setattr("forest_addon.growth.likeness.MOST_DIFFERENCE", 1e-4)
     monkeypatch.setattr("headless.commands.template.can_draw", lambda: False)
-    monkeypatch.setattr("headless.commands.template.SENSED", 2)
-    monkeypatch.setattr("headless.report.trees.OF_TEMPLATE", 3)
+    monkeypatch.setattr("headless.commands.template.SENSED", 1)
+    monkeypatch.setattr("headless.report.trees.OF_TEMPLATE", 2)
+    monkeypatch.setattr("headless.report.trees.SIDES", 3)
     out = files / "elm"
     words = ["template", f"{files}/w.stl", f"{files}/l.stl", "--name", "elm", "--out", str(out)]
     assert main([*words, "--siblings", "3", "--accept"]) == 0

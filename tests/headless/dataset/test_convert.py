@@ -188,7 +188,7 @@ def _needs(block):
             pytest.importorskip(name, exc_type=ImportError)  # some want a newer numpy
 
 
-@pytest.mark.medium
+@pytest.mark.slow
 @pytest.mark.parametrize("number", range(len(BLOCKS)))
 def test_the_pages_examples_run_and_are_short(made, number, tmp_path, monkeypatch):
     block = BLOCKS[number]
@@ -239,7 +239,6 @@ def test_tensors_come_where_torch_is(made):
     assert all(isinstance(value, torch.Tensor) for value in batch.values())
 
 
-@pytest.mark.slow
 def test_every_name_in_a_label_file_has_its_legend(undisturbed):
     with open(undisturbed / "legend.csv", newline="") as file:
         known = {(row["file"], row["name"]): row["meaning"] for row in csv.DictReader(file)}

@@ -110,7 +110,7 @@ def test_a_recipe_changes_with_what_decides_the_bytes_and_with_nothing_else(tmp_
 
 
 def test_a_recipe_knows_the_content_of_the_files_that_it_names(tmp_path):
-    text = SMALL.read_text().replace('"honda-birch", "apple-stochastic"', '"mine.toml"')
+    text = SMALL.read_text().replace('"apple", "whorl-8"', '"mine.toml"')
     (tmp_path / "plan.toml").write_text(text)
     preset = (PLANS.parent / "species" / "honda-birch.toml").read_text()
     (tmp_path / "mine.toml").write_text(preset)
@@ -177,6 +177,7 @@ kinds = [2, 2]
 """
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize(
     "more",
     ["[splits]\nshare_trees = true\n", "[splits]\ntrain = 1.0\nvalidation = 0.0\ntest = 0.0\n"],

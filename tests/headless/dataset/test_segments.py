@@ -44,7 +44,8 @@ def test_segments_are_where_the_render_shows_them(warm, tmp_path):
     small = "scene.output={preview_size=[96,64],preview_samples=8}"
     flat = ("--set", "vary.terrain.relief=0.0", "--set", "scene.forest.size=[3.0,3.0]")
     more = ("--set", "count=1", "--set", "keep.preview=true", "--set", small, "--set", "seed=9")
-    ended = warm.run(PLAN, *more, *flat, "--set", "mix.density=0.6", "--out", tmp_path / "data")
+    more += ("--set", "mix.density=0.6", "--set", 'mix.species=["honda-birch","apple-stochastic"]')
+    ended = warm.run(PLAN, *more, *flat, "--set", "mix.scale=[0.3,0.5]", "--out", tmp_path / "data")
     assert ended.returncode == 0, ended.stderr
     folder = tmp_path / "data" / "scenes" / "000000"
     numbers = segments_from((folder / "preview-segments.png").read_bytes())

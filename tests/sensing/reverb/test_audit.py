@@ -134,7 +134,6 @@ def test_no_trunks():
     assert found.kept
 
 
-@pytest.mark.slow
 def test_a_trunk_that_sounds_after_the_record_is_not_held_against_it():
     """The record holds only the spread of the band's end before its arrival."""
     clap = Reverb(

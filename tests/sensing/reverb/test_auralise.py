@@ -14,6 +14,7 @@ from forest_addon.sensing.reverb.auralise import auralise, normalised, resample
 from forest_addon.spec import SpecError
 
 
+@pytest.mark.medium
 def test_convolution_by_its_definition() -> None:
     rng = np.random.default_rng(0)
     response, dry = rng.standard_normal((30, 2)), rng.standard_normal(50)

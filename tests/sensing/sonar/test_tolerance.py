@@ -23,10 +23,10 @@ from forest_addon.sensing.sonar.wood import CylinderStrength
 from forest_addon.spec import Air, Sonar
 
 AIR, SPEED = Air(), 343.0
+pytestmark = pytest.mark.usefixtures("computed_by")
 KINDS = ("paper", "piston", "exact", "edge", "wood", "rims")
 QUIET = {"cull": 0.0, "shading": "none", "near_limit": 1e-3}
 ROUGH = 5.0  # times what a table is said to be off by, that it is not smooth by
-TRULY = 0.4  # of an error, that the estimate is at least
 
 
 @dataclass(frozen=True)
@@ -151,10 +151,10 @@ def test_the_sum_keeps_its_tolerance_and_knows_its_error(kind: str) -> None:
     sharp = []
     for scene, error, told, rough in drawn(kind, 16):
         assert error <= max(scene.tolerance, rough)
-        assert told >= TRULY * error - 1e-10  # rounding of the carriers
+        assert told >= error - 1e-10  # rounding of the carriers
         if scene.where == "spread" and error > 1e-9:
             sharp.append(told / error)
-    assert np.median(sharp) < 10.0
+    assert np.median(sharp) < 30.0
 
 
 def post_and_board() -> TriMesh:
@@ -183,7 +183,7 @@ def test_a_ping_at_a_post_and_a_board_many_times_at_one_place(kinds: dict, beam:
         size = 30.0 * exact.size.max()
         error = np.abs(fast.spectra - 30 * exact.spectra).max() / size
         assert 0 < error <= 10.0**-digits
-        assert TRULY * error <= fast.error_bound <= 10.0**-digits
+        assert error <= fast.error_bound <= 10.0**-digits
         assert fast.size.max() == pytest.approx(size, rel=0.05)
 
 

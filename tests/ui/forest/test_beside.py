@@ -15,7 +15,7 @@ from forest_addon.ui.forest.start import GALLERY
 WAY = np.array((11.0, -18.0))
 
 
-@pytest.mark.medium
+@pytest.mark.slow
 @pytest.mark.parametrize("preset", [card.preset for card in GALLERY])
 def test_trees_and_sensors_keep_their_places_among_each_other(preset):
     path = ASSETS / "scenes" / f"{preset}.toml"

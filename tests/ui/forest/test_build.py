@@ -34,7 +34,7 @@ def test_build_plants_a_forest(built):
     }
 
 
-@pytest.mark.slow
+@pytest.mark.medium
 def test_building_again_is_the_same_forest_and_nothing_piles_up(built):
     places = sorted(tuple(tree.matrix_world.translation) for tree in trees())
     before = counts()
@@ -126,7 +126,7 @@ def test_a_bad_setting_is_reported_and_the_old_forest_kept(built, spoil, words):
     assert facts(built, "forest")["Trees"] == str(len(places))
 
 
-@pytest.mark.slow
+@pytest.mark.medium
 def test_a_build_that_breaks_midway_takes_back_what_it_made(built, monkeypatch):
     before, names = counts(), {tree.name for tree in trees()}
 
@@ -198,7 +198,7 @@ def test_a_forest_is_built_when_our_collections_were_deleted(built, sensor):
     assert run("another") == {"FINISHED"}
 
 
-@pytest.mark.slow
+@pytest.mark.medium
 def test_a_new_forest_keeps_the_sensors_where_they_are(built):
     echo = bpy.data.objects["echo"]
     echo.location = (2, 2, 2)

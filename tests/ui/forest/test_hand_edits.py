@@ -97,7 +97,6 @@ def test_locked_trees_outlive_another_seed(grove):
     assert kept.data.name == mesh
 
 
-@pytest.mark.medium
 def test_a_swapped_tree_is_the_next_variant_at_once_and_after_growing(grove):
     tree = trees()[0]
     stands, before = tuple(tree.location[:2]), tree.data.name
@@ -165,7 +164,7 @@ def test_copies_of_trees_are_planted_where_they_stand(grove):
     assert np.allclose(standing_by_script(), places(), atol=1e-5)
 
 
-@pytest.mark.medium
+@pytest.mark.slow
 @pytest.mark.parametrize("link", [False, True])
 def test_a_tree_of_another_file_is_planted_only_where_it_is_the_same(grove, tmp_path, link):
     """As Blender brings one in when its thumbnail is dropped: appended or linked from a library's file."""

@@ -237,7 +237,7 @@ def test_undo_and_redo_bring_both_back(hilly):
     assert said() == [HILLS[1]]
 
 
-@pytest.mark.slow
+@pytest.mark.medium
 def test_a_build_leaves_handles_alone_and_results_do_not_know_them(hilly):
     def built():
         bpy.ops.forest.build()

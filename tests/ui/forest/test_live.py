@@ -75,7 +75,7 @@ def test_what_a_forest_is_made_of_is_in_the_fingerprint(heard, change):
     assert mark() != before
 
 
-@pytest.mark.slow
+@pytest.mark.medium
 @pytest.mark.parametrize(
     "change",
     [
@@ -205,6 +205,7 @@ def test_what_failed_or_was_cancelled_waits_for_the_next_change(built):
     assert settle()
 
 
+@pytest.mark.medium
 def test_settings_that_cannot_be_built_are_stale_and_left(built):
     built.plantings[0].use_expected = False
     assert settle() == ""
@@ -288,6 +289,7 @@ def test_without_a_window_nothing_runs_by_itself(built):
     assert build._hear not in bpy.app.handlers.depsgraph_update_post
 
 
+@pytest.mark.medium
 def test_saved_and_opened_the_forest_is_known_to_be_up_to_date(built, tmp_path):
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "live.blend"))
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "live.blend"))

@@ -51,7 +51,7 @@ def test_a_drag_fills_the_disc_up_to_its_density_and_no_further(hand, small):
     assert apart[~np.eye(20, dtype=bool)].min() > 0.6 / np.sqrt(density) - 1e-4
 
 
-@pytest.mark.medium
+@pytest.mark.slow
 def test_a_cleared_disc_stays_free_and_can_be_taken_back(hand, small):
     first = places()
     hand.begin()

@@ -43,7 +43,7 @@ def test_a_cloud_is_exported_as_one_chooses(built, tmp_path):
         press("export_result", result="cloud", filepath=str(tmp_path / "mine.doc"))
 
 
-@pytest.mark.medium
+@pytest.mark.slow
 def test_what_is_too_large_to_be_kept_says_so(built, tmp_path, monkeypatch):
     monkeypatch.setattr(finding, "MOST", 1000)
     run("echo")
@@ -149,7 +149,7 @@ def test_points_are_labelled_by_material_with_names(painted, tmp_path):
         assert name == nearest_face(place)
 
 
-@pytest.mark.medium
+@pytest.mark.slow
 @pytest.mark.parametrize("ending", ["las", "ply", "npz", "csv"])
 def test_points_are_labelled_by_object_with_names(painted, tmp_path, ending):
     path = tmp_path / f"a.{ending}"

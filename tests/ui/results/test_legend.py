@@ -57,7 +57,7 @@ def test_each_name_stands_beside_the_colour_of_its_points(built, choice):
     assert names <= set(drawn())
 
 
-@pytest.mark.medium
+@pytest.mark.slow
 @pytest.mark.parametrize("instancing", ["objects", "points"])
 def test_undergrowth_is_named_as_well(small, instancing):
     small.forest.undergrowth, small.forest.instancing = "sparse", instancing

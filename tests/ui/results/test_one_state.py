@@ -53,7 +53,7 @@ def differing(one, other):
     return [key for key in one if one[key] != other[key]]
 
 
-@pytest.mark.medium
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["cloud", "echo"])
 def test_undo_redo_and_reopening_change_all_of_a_result(built, tmp_path, name):
     run(name)
@@ -75,7 +75,7 @@ def test_undo_redo_and_reopening_change_all_of_a_result(built, tmp_path, name):
     assert differing(state(name, tmp_path), second) == []
 
 
-@pytest.mark.medium
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["scan", "echo", "reverb"])
 def test_each_kept_frame_exports_its_own(built, tmp_path, name):
     """At each frame all of a result is what a run of that frame alone gives."""

@@ -14,7 +14,7 @@ from ui.pressing import (
 )
 
 
-@pytest.mark.slow
+@pytest.mark.medium
 def test_the_dice_and_the_sound(built):
     seed = built.seed
     assert press("new_seed") == {"FINISHED"}

@@ -21,7 +21,7 @@ def room(props):
     return props
 
 
-@pytest.mark.medium
+@pytest.mark.slow
 @pytest.mark.parametrize("which", STARTS)
 def test_each_runs_at_once_in_any_scene(room, which):
     bpy.context.scene.cursor.location = (-2, 0, 3)

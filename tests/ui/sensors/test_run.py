@@ -23,7 +23,7 @@ from forest_addon.ui.sensors.run import FOREST_OT_run, FOREST_OT_run_frames
 from forest_addon.ui.settings import exchange
 
 
-@pytest.mark.slow
+@pytest.mark.medium
 def test_points_of_both_lidars_lie_on_the_same_things(built):
     run("scan")
     run("cloud")
@@ -181,7 +181,7 @@ def test_results_are_saved_where_the_user_says(built, name, file, tmp_path):
     assert built.results[name].file == str(written)
 
 
-@pytest.mark.medium
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "file"), [("cloud", "cloud.laz"), ("echo", "echo.npz")])
 def test_a_users_file_of_that_name_stays(built, name, file, tmp_path):
     """The panel saves beside it where another run had saved, and never over what others wrote."""
@@ -235,7 +235,7 @@ def test_a_scanner_without_a_way_is_told_so(built, sensor):
         run("track")
 
 
-@pytest.mark.slow
+@pytest.mark.medium
 def test_a_scanner_flies_over_the_forest(built, sensor):
     settings = {"position": (3, -2, 30), "track": 10, "speed": 10}
     sensor("airborne", pulse_rate=2000, line_rate=20, **settings)

@@ -72,7 +72,7 @@ def files_of(path):
     return [(path.parent / name).resolve() for name in named if name]
 
 
-@pytest.mark.medium
+@pytest.mark.slow
 @pytest.mark.parametrize("name", PRESETS)
 def test_edit_save_and_read_gives_the_preset(planting, tmp_path, name):
     preset = ASSETS / "species" / f"{name}.toml"
@@ -228,7 +228,7 @@ def test_edited_species_travel_in_the_file(planting, tmp_path):
 # ------------------------------------------------------------------------------------------ import
 
 
-@pytest.mark.medium
+@pytest.mark.slow
 def test_a_tree_from_stl_is_planted(planting, model, own):
     bpy.ops.forest.import_tree(
         directory=str(model), files=[{"name": "leaves.stl"}, {"name": "wood.stl"}]

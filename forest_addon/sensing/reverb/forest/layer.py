@@ -19,7 +19,7 @@ import numpy as np
 
 from ....base.vectors import azimuth_of
 from .clutter import ANGLES, LAYER, Scatter
-from .transport import PhaseFunction, Sent
+from .transport import SHARES, PhaseFunction, Sent
 
 SMEAR = 0.12  # radians
 NEAREST = (
@@ -126,12 +126,13 @@ def diffused(
     rng: np.random.Generator,
     sent: Sequence[Sent] = (),
 ) -> np.ndarray:
-    """(B, X) energy a metre of path between ``edges`` (X + 1,), without the air.
+    """(SHARES, B, X) energy a metre of path between ``edges`` (X + 1,), without the air, by each share of the
+    packets; their mean is of all.
 
-    source, receiver : (3,) metres above a level ground. packets : of each octave.
+    source, receiver : (3,) metres above a level ground. packets : of each octave, SHARES or more.
     """
     tables, bands = _Tables(layer), len(layer.scatters)
-    found = np.zeros((bands, len(edges) - 1))
+    found = np.zeros((SHARES, bands, len(edges) - 1))
     moving = _Packets(np.repeat(np.arange(bands), packets), np.asarray(source, np.float64), rng)
     for band, energy in enumerate(sent):
         moving.weight[moving.band == band] = energy(moving.way[moving.band == band])
@@ -154,7 +155,7 @@ def diffused(
         _count(found, moving, rows, trunk[rows], tables, layer, np.asarray(receiver), edges)
         moving.turn_at_trunks(np.flatnonzero(trunk), tables, rng)
         moving.turn_in_space(np.flatnonzero(turned), tables, rng)
-    return found * (4.0 * math.pi / packets) / np.diff(edges)
+    return found * (4.0 * math.pi * SHARES / packets) / np.diff(edges)
 
 
 class _Packets:
@@ -168,11 +169,11 @@ class _Packets:
         level = np.sqrt(np.maximum(1.0 - sine**2, 0.0))
         self.way = np.column_stack([level * np.cos(turn), level * np.sin(turn), sine])
         self.travelled, self.weight = np.zeros(count), np.ones(count)
-        self.met = np.zeros(count, bool)
+        self.met, self.share = np.zeros(count, bool), np.arange(count) % SHARES
 
     def keep(self, rows: np.ndarray) -> None:
         """Drop all others."""
-        for name in ("band", "place", "way", "travelled", "weight", "met"):
+        for name in ("band", "share", "place", "way", "travelled", "weight", "met"):
             setattr(self, name, getattr(self, name)[rows])
 
     def go(self, step: np.ndarray, layer: Layer, rng: np.random.Generator) -> None:
@@ -272,8 +273,9 @@ def _count(
         counted = moving.weight[rows] * share * np.exp(-lost)
         counted *= np.where(distance < NEAREST, 3.0 / NEAREST**2, distance**-2.0)
         column = np.searchsorted(edges, moving.travelled[rows] + distance, side="right") - 1
-        inside = (column >= 0) & (column < found.shape[1])
-        at = band[inside] * found.shape[1] + column[inside]
+        inside = (column >= 0) & (column < found.shape[2])
+        row = moving.share[rows] * found.shape[1] + band
+        at = row[inside] * found.shape[2] + column[inside]
         found += np.bincount(at, counted[inside], found.size).reshape(found.shape)
 
 

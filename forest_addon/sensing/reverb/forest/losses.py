@@ -395,9 +395,9 @@ def lean_coherence(
     table = _table(round(math.log2(heights[0] / heights[1]), 3))
     inside = np.log(np.clip(size, LEAN_SIZES[0], LEAN_SIZES[-1]))
     double = np.exp(table.ev(*np.broadcast_arrays(inside, np.log(reach))))
-    power = table.ev(math.log(LEAN_SIZES[0]), np.log(reach), dx=1)
+    first, last = (table.ev(math.log(end), np.log(reach), dx=1) for end in LEAN_SIZES[[0, -1]])
     below, above = np.minimum(size / LEAN_SIZES[0], 1.0), np.maximum(size / LEAN_SIZES[-1], 1.0)
-    once = np.exp(-double * below**power) / above
+    once = np.exp(-double * below**first) * above ** (-double * last)  # no kinks in frequency
     several = np.maximum(met, 1e-6)
     return np.asarray(
         np.exp(-several * (1.0 - once)) * -np.expm1(-several * once) / -np.expm1(-several)

@@ -29,7 +29,7 @@ from ..metrics import octave_bands
 from .clutter import scatter_of
 from .layer import Layer, diffused
 from .losses import Losses
-from .transport import Density, Energy, PhaseFunction, Sent, transported_bands
+from .transport import SHARES, Density, Energy, PhaseFunction, Sent, transported_bands
 
 BLOCK = 0.0107  # s, of noise with one spectrum
 PACKETS = 2000  # of energy, of each octave
@@ -89,6 +89,8 @@ class Tail:
     sound scattered once than transport does. joint : metres of path from which all is noise.
     diffuse : (B, X) energy a metre between the edges of ``energy`` that branches or leaves turned, without
     the air; None: nothing does.
+    spread : (B,) dB, standard error of the level of noise from the joint on, by shares of the packets;
+    NaN where nothing is heard.
     """
 
     band: np.ndarray
@@ -97,6 +99,7 @@ class Tail:
     joint: float
     losses: Losses
     diffuse: np.ndarray | None = None
+    spread: np.ndarray = field(default_factory=lambda: np.empty(0))
     _blocks: LastAsked[tuple, NoiseBlocks] = field(
         default_factory=lambda: LastAsked(1), init=False, compare=False, repr=False
     )
@@ -117,13 +120,17 @@ class Tail:
     def heard(self, length: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(B, X) a metre that arrives, scattered once by trunks, and more than once or by branches."""
         once, again = self.energies(length)
-        kept = np.exp(-2.0 * np.outer(self.losses.along(self.band), length))
-        kept = kept * self.losses.unthinned.mean_square(self.band[:, None], length)
+        kept, left = self.left(length)
         if self.diffuse is None:
             return once * kept, again * kept
         turned = np.array([self.turned(row, length) for row in range(len(self.diffuse))])
-        lost = np.exp(-2.0 * np.outer(self.losses.of_air(self.band), length))
-        return once * kept, again * kept + turned * lost
+        return once * kept, again * kept + turned * left
+
+    def left(self, length: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(B, X) shares of the energy that are left of level sound, and of what branches or leaves turned."""
+        kept = np.exp(-2.0 * np.outer(self.losses.along(self.band), length))
+        kept = kept * self.losses.unthinned.mean_square(self.band[:, None], length)
+        return kept, np.exp(-2.0 * np.outer(self.losses.of_air(self.band), length))
 
     def samples(self, rate: float, count: int, air: Air, rng: np.random.Generator) -> np.ndarray:
         """(count,) noise at ``rate`` Hz, sample 0 when the source sounds."""
@@ -258,14 +265,16 @@ def tail_of(
         ]
     taken = replace(losses, extinction=way).removed(bands)
     lift = taken - losses.removed(bands)
-    turned = None
+    turned, in_space = None, 0.0
     if not clutter.empty:
         layer = _layer(reverb, losses, 0.0 if bare else density.mean, tuple(phases), bands)
         rng = stream(int(key[0]), *key[1:], "branches")
         ways = [sent(band) for band in bands.tolist()] if sent else ()
-        turned = diffused(layer, source, receiver, edges, packets, rng, ways)
+        in_space = diffused(layer, source, receiver, edges, packets, rng, ways)
+        turned = in_space.mean(axis=0)
     tail = Tail(bands, tuple(found), lift, math.inf, losses, turned)
-    return replace(tail, joint=_joint(tail, reverb.multiple_share, apart))
+    tail = replace(tail, joint=_joint(tail, reverb.multiple_share, apart))
+    return replace(tail, spread=_spread(tail, in_space))
 
 
 def _layer(
@@ -313,7 +322,26 @@ def _diffused(start: Energy, phase: PhaseFunction, density: Density, edges: np.n
     last = slice(count - 4, count)
     level = float(np.mean(start.again[last] / law[last]))
     again = np.concatenate([start.again, level * law[count:]])
-    return Energy(edges, np.concatenate([start.once, np.full(len(middle) - count, LEAST)]), again)
+    once = np.concatenate([start.once, np.full(len(middle) - count, LEAST)])
+    return Energy(edges, once, again, start.drawn)
+
+
+def _spread(tail: Tail, in_space: np.ndarray | float) -> np.ndarray:
+    """(B,) dB, of all noise from the joint on. in_space : (SHARES, B, X) that branches or leaves turned.
+
+    Where packets diffuse their energy is that of the last bins, and as sure.
+    """
+    length, width = tail.energy[0].middle, np.diff(tail.energy[0].edges)
+    level = np.zeros((SHARES, len(tail.band), len(length)))
+    for row, energy in enumerate(tail.energy):
+        if energy.drawn is not None:
+            level[:, row, : energy.drawn.shape[1]] = energy.drawn
+    kept, left = tail.left(length)
+    late = (length >= tail.joint) | math.isinf(tail.joint)
+    noise = (level * kept + in_space * left) @ (width * late)
+    mean, error = noise.mean(axis=0), noise.std(axis=0, ddof=1) / math.sqrt(SHARES)
+    share = np.divide(error, mean, out=np.full(len(mean), np.nan), where=mean > 0)
+    return np.asarray(10.0 / math.log(10.0) * share)
 
 
 def _joint(tail: Tail, share: float, apart: float) -> float:

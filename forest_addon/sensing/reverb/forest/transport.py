@@ -8,8 +8,8 @@ so on; at every meeting what would go to the receiver is counted (next-event est
     E(x) = 2π·P(r, x)/x,
 
 P the density in the plane: trunks keep the vertical wavenumber, so that what reaches the receiver travelled
-level, and spread in height as any sound has over x. ``isotropic`` is P where trunks send alike all round
-(Paasschens 1997). What is lost a metre, and the ground, depend on x alone (``losses``) and come later.
+level, and spread in height as any sound has over x. Where trunks send alike all round P has a closed
+form (Paasschens 1997). What is lost a metre, and the ground, depend on x alone (``losses``) and come later.
 
 With ``energy`` extinction the shadow, which goes straight on, is not a meeting: the lobe around straight on
 that holds so much of the energy is taken off |H|².
@@ -35,6 +35,7 @@ NEAREST = (
 )
 FAINT = 1e-7  # of the packets' energy, below which they are not followed
 THINNED = 10.0  # mean free paths from which on fewer packets stand for the rest
+SHARES = 8  # of the packets, whose energies apart tell how far all together may be off
 
 Sent = Callable[[np.ndarray], np.ndarray]  # energy that a source sends on ways (N, 3), re its axis
 
@@ -185,11 +186,13 @@ class Energy:
     """E(x) of a source and a receiver, without losses along the path.
 
     edges : (X + 1,) metres of path. once, again : (X,) per metre, scattered once and more than once.
+    drawn : (SHARES, X) again by shares of the packets; None: of a law.
     """
 
     edges: np.ndarray
     once: np.ndarray
     again: np.ndarray
+    drawn: np.ndarray | None = None
 
     @property
     def middle(self) -> np.ndarray:
@@ -245,7 +248,7 @@ def transported_bands(
     """
     (source, receiver), tables = ends, Turns(phases)
     rates = density.largest * tables.width  # meetings a metre, real and not
-    found = np.zeros((2, len(phases), len(edges) - 1))
+    found = np.zeros((SHARES, 2, len(phases), len(edges) - 1))
     last = np.array([edges[count] for count in bins])
     moving = _LevelPackets(np.flatnonzero(rates > 0), source, packets, rng, sent)
     for _ in range(MOST_MEETINGS * 4):
@@ -267,13 +270,14 @@ def transported_bands(
         again = (moving.met[rows] > 0).astype(np.int64)
         column = np.searchsorted(edges, length, side="right") - 1
         inside = (column >= 0) & (length < last[band])
-        place = (again * len(phases) + band) * found.shape[2] + column
+        place = ((2 * moving.share[rows] + again) * len(phases) + band) * found.shape[3] + column
         add = np.bincount(place[inside], counted[inside] / length[inside], found.size)
         found += add.reshape(found.shape)
         moving.turn(rows, tables.draw(band, rng), tables.kept[band])
-    found /= max(packets, 1) * np.diff(edges)
+    found /= np.maximum(moving.drawn, 1)[:, None, None, None] * np.diff(edges)
+    once, again = np.average(found, axis=0, weights=moving.drawn)
     return [
-        Energy(edges[: count + 1], found[0, row, :count], found[1, row, :count])
+        Energy(edges[: count + 1], once[row, :count], again[row, :count], found[:, 1, row, :count])
         for row, count in enumerate(bins)
     ]
 
@@ -326,6 +330,10 @@ class _LevelPackets:
         self.heading = 2.0 * math.pi * (even + rng.random(count)) / max(packets, 1)
         self.way = np.column_stack([np.cos(self.heading), np.sin(self.heading)])
         self.travelled, self.met = np.zeros(count), np.zeros(count, np.int64)
+        self.share, self.drawn = (
+            even % SHARES,
+            np.bincount(np.arange(packets) % SHARES, minlength=SHARES),
+        )
         self.weight = np.ones(count)
         for band in bands.tolist() if sent else ():
             rows = self.band == band
@@ -352,7 +360,7 @@ class _LevelPackets:
             beyond[fresh] = density.left(self.place[fresh], self.way[fresh])
             going &= ~beyond
         if not going.all():
-            for name in ("band", "place", "heading", "way", "travelled", "met", "weight"):
+            for name in ("band", "share", "place", "heading", "way", "travelled", "met", "weight"):
                 setattr(self, name, getattr(self, name)[going])
 
     def real(self, density: Density, rng: np.random.Generator) -> np.ndarray:
@@ -369,15 +377,3 @@ class _LevelPackets:
         self.way[rows, 0], self.way[rows, 1] = np.cos(heading), np.sin(heading)
         self.weight[rows] *= kept
         self.met[rows] += 1
-
-
-def isotropic(
-    distance: float, length: np.ndarray, free_path: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """Once and more than once scattered energy a metre, 2π·P/x, of a free path (Paasschens 1997).
-
-    distance : m between source and receiver. length : (X,) metres of path, larger than that.
-    """
-    root = np.sqrt(np.maximum(length**2 - distance**2, 1e-300))
-    once = np.exp(-length / free_path) / (free_path * root * length)
-    return once, once * np.expm1(root / free_path)

@@ -26,9 +26,11 @@ A relative error ε, from 1e-2 to 1e-6, holds against the formula (``scattering`
 - each tenth of the record in which the sound of a trunk begins and that is less than 100 dB below the whole
   (90 dB at 1e-6),
 
-for all trunks of 1 mm to 2 m, all air, grounds and losses that the settings take, and all sampling rates;
-with losses on the paths (``model = "forest"``) it holds down to 1e-5, and 1e-6 was met within a factor of 10
-in all sweeps: ask for 0, the direct sum, where that matters.
+for all trunks of 1 mm to 2 m, all air, grounds and losses that the settings take, and all sampling rates.
+It is a bound by search: of 800 drawn stands (``tests/references/tolerances``: thin trunks, moving sources,
+any air, leaves that absorb all but infrasound; 1e-2 to 1e-6) two were over, up to 3.3 times in a tenth of a
+record; these are mended, and tests. The error that is told of an octave is the tolerance, or what checks of H
+find where they find more; then it is an estimate, and a warning.
 Octaves are those of the record with its end faded out over 40 ms, and its start before the first arrival
 faded in: a record that ends at once sounds at all frequencies. The formula's sound before the first
 arrival, of a band that ends smoothly and of losses without dispersion, is part of it. Finer than 1e-6, and
@@ -69,7 +71,8 @@ FINEST_FILTERS = (
 
 @dataclass(frozen=True)
 class FastSum:
-    """samples : (N,). errors : {lower end of an octave in Hz: relative error of H found by checks}."""
+    """samples : (N,). errors : {lower end of an octave in Hz: relative error at most}: the tolerance, or what
+    checks of H found where they found more."""
 
     samples: np.ndarray
     errors: dict[float, float]
@@ -101,8 +104,16 @@ class Expansions:
         """
         alike = len(paths.radius) > 0 and paths.radius.min() == paths.radius.max() > 0
         different = paths.radius[:1] if alike else np.unique(paths.radius[paths.radius > 0])
-        if len(different) > FEW_RADII or not _filters_serve(tolerance, losses, different):
-            return self._of_many_radii(paths, rate, count, air, tolerance, losses, progress)
+
+        def loss_at(frequency: np.ndarray) -> np.ndarray:
+            loss = loss_per_metre(frequency, air, losses)
+            return loss if losses is None else loss + 0.5 * losses.removed(frequency)
+
+        few = len(different) <= FEW_RADII and _filters_serve(tolerance, losses, different)
+        if not few or _is_infrasound(paths, rate, loss_at, air.speed()):
+            return self._of_many_radii(
+                paths, rate, count, air, tolerance, losses, loss_at, progress
+            )
         gained = self._gain(losses, rate, tolerance, whole=True) is not None
         air_filter = None if gained else self._air(rate, air, tolerance)
         size = SPREAD + count + (max(SPREAD, air_filter.tail) if air_filter else SPREAD)
@@ -124,7 +135,7 @@ class Expansions:
         samples = samples[SPREAD : SPREAD + count]
         if progress:
             progress(len(paths.length), len(paths.length))
-        return FastSum(samples, errors)
+        return FastSum(samples, {low: max(error, tolerance) for low, error in errors.items()})
 
     def _of_many_radii(
         self,
@@ -134,16 +145,12 @@ class Expansions:
         air: Air,
         tolerance: float,
         losses: Losses | None,
+        loss_at: Loss,
         progress: Progress | None,
     ) -> FastSum:
         """By panels of frequency, but for loud trunks, which are summed exactly."""
         speed, bark = air.speed(), losses.bark if losses else 0.0
         bands = bands_of(rate, float(paths.radius.max(initial=0.0)), speed, tolerance)
-
-        def loss_at(frequency: np.ndarray) -> np.ndarray:
-            loss = loss_per_metre(frequency, air, losses)
-            return loss if losses is None else loss + 0.5 * losses.removed(frequency)
-
         loud = loud_trunks(paths, rate, count, loss_at, speed)
         total = direct_sum(paths.select(loud), rate, count, air, None, losses, tolerance, bands)
         rest = paths.select(~loud) if loud.any() else paths
@@ -179,10 +186,10 @@ class Expansions:
                         lowest,
                         heard,
                     )
-                    for check in checks:
-                        octave = 20.0 * 2.0 ** math.floor(math.log2(check.frequency / 20.0))
+                    for frequency, error in checks:
+                        octave = 20.0 * 2.0 ** math.floor(math.log2(frequency / 20.0))
                         if octave >= 20.0:
-                            errors[octave] = max(check.error, errors.get(octave, 0.0))
+                            errors[octave] = max(error, errors.get(octave, 0.0))
                     return found
 
                 first, last = float(some.earliest.min()), float(some.length.max())
@@ -192,7 +199,7 @@ class Expansions:
                 done += len(rows)
                 if progress:
                     progress(done, len(bands) * len(rest.length))
-        return FastSum(total, errors)
+        return FastSum(total, {low: max(error, tolerance) for low, error in errors.items()})
 
     def _gain(
         self,
@@ -243,11 +250,29 @@ def _filters_serve(tolerance: float, losses: Losses | None, radii: np.ndarray) -
     return tolerance >= FINEST_FILTERS[0 if plain else 1]
 
 
+def _is_infrasound(paths: TrunkPaths, rate: float, loss: Loss, speed: float) -> bool:
+    """Return whether so much is lost on the way that more than INFRASOUND of the energy is below what filters
+    of some seconds keep."""
+    band = np.array([f for f in BANDS if f < 0.4 * rate])
+    some = paths.select(slice(None, None, 1 + len(paths.length) // SEEN))
+    found = energies(some, band, loss, speed).sum(axis=1) * band
+    return bool(found[0] > INFRASOUND * found.sum())
+
+
 FINEST = 1e-6  # of the fast sums
 LOWEST = 20.0  # Hz
+INFRASOUND, SEEN = 1e-3, 256  # of the energy, at LOWEST; paths that tell it
 FAINTEST_OCTAVE, FAINTEST_TENTH = 1e-6, 1e-5  # of the whole, in amplitude
 EXACT = 3e-11  # of the whole: what the exact sum is good for at any time
 FADED = 0.04  # s of the record's end
+
+
+def arrivals_of(paths: TrunkPaths, losses: Losses | None, speed: float) -> np.ndarray:
+    """(M,) seconds, when trunks are first heard: off their near faces, between ends of unlike heights."""
+    way = paths.length - 2.0 * paths.radius * np.sin(paths.angle / 2)
+    if losses is not None:
+        way = way + losses.detour(paths.length, losses.rises[0])
+    return np.asarray(way / speed)
 
 
 def judged(
@@ -295,7 +320,7 @@ def _octaves(
     return result
 
 
-BANDS = (125.0, 1000.0, 4000.0)  # Hz at which loudness is estimated
+BANDS = (LOWEST, 125.0, 1000.0, 4000.0)  # Hz at which loudness is estimated
 LOUDER = 10.0  # times a tenth of the record that all of the others are together
 MOST_SINGLE, MOST = 400, 20_000  # trunks that are summed one by one; among so many
 UNHEARD, MOST_UNHEARD = 1e-2, 1e-6  # of the tolerance, of the sound: 40 dB are left for the ground

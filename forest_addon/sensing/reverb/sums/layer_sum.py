@@ -325,7 +325,7 @@ HIGH_RINGING = 25.0  # a/c; sound that creeps around the trunk has left it
 LOW_RINGING = 3.0  # s of the low layer's filters, of which the last two thirds fade out
 FADED = 12.8 / (2.0 / 3.0 * LOW_RINGING)  # Hz
 EXPANSION_GRID = 2  # periods of the filters' spectrum over their length
-SHARE = 0.1  # of the tolerance, for leaving out terms
+SHARE = 0.03  # of the tolerance, for leaving out terms: some trunks stand where H nearly vanishes
 FEWEST = 200  # frequencies at which terms are found
 CHECKED = 24  # angles of a sector at which it is checked, at a frequency of each octave
 

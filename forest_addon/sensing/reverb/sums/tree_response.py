@@ -63,7 +63,7 @@ class TreeResponse:
     clamped : how many trunks cover the source or the receiver.
     exact : whether every trunk was summed at every frequency.
     left_db : (1 + B,) energy of trunks after the end, dB re all sound, of the whole band and of octaves.
-    errors : {lower end of an octave in Hz: relative error of the fast sum, found by its checks}.
+    errors : {lower end of an octave in Hz: relative error of the fast sum at most}.
     """
 
     samples: np.ndarray

@@ -55,7 +55,7 @@ def test_isotropic_scatterers_in_space() -> None:
     edges = np.linspace(10.01, 110.0, 11)
     layer = Layer(0.0, (around(1e-9),), (even(0.1, 2000),), 2000.0, 0.0, HARD)
     ends = np.array([[0.0, 0.0, 1000.0], [10.0, 0.0, 1000.0]])
-    found = diffused(layer, *ends, edges, 15_000, np.random.default_rng(1))[0]
+    found = diffused(layer, *ends, edges, 15_000, np.random.default_rng(1)).mean(0)[0]
     fine = np.linspace(0, 1, 50)[:, None] * np.diff(edges) + edges[:-1]
     apart = 10 * np.log10(found / paasschens(10.0, fine, 10.0).mean(axis=0))
     assert np.abs(apart).max() < 1.2
@@ -69,7 +69,7 @@ def test_a_layer_of_trunks_and_branches_by_another_monte_carlo() -> None:
     edges = np.array([9.0, 14.0, 20.0, 30.0, 45.0, 70.0])
     layer = Layer(0.05, (around(1.0),), (even(0.04, 8),), 8.0, 0.0, HARD)
     source, receiver = np.array([0.0, 0.0, 1.5]), np.array([8.0, 0.0, 1.5])
-    found = diffused(layer, source, receiver, edges, 20_000, rng)[0]
+    found = diffused(layer, source, receiver, edges, 20_000, rng).mean(0)[0]
     plain = in_layer(
         0.05,
         lambda g, n: g.uniform(-math.pi, math.pi, n),
@@ -91,7 +91,7 @@ def test_between_mirrors_nothing_is_lost() -> None:
     edges = np.geomspace(100.0, 400.0, 6)
     layer = Layer(0.0, (around(1e-9),), (even(0.25, 16),), 16.0, 1.0, HARD)
     ends = np.array([[0.0, 0.0, 6.0], [5.0, 0.0, 9.0]])
-    found = diffused(layer, *ends, edges, 8000, np.random.default_rng(3))[0]
+    found = diffused(layer, *ends, edges, 8000, np.random.default_rng(3)).mean(0)[0]
     middle = np.sqrt(edges[1:] * edges[:-1])
     plane = 4 * math.pi / 16.0 / (4 * math.pi * middle * 4.0 / 3.0)  # diffusion, D = c·l/3
     apart = 10 * np.log10(found / plane)
@@ -181,7 +181,7 @@ def test_litter_and_a_canopy_that_returns() -> None:
     edges, ends = np.linspace(10, 60, 5), np.array([[0.0, 0.0, 1.5], [9.0, 0.0, 1.5]])
     layer = Layer(0.05, (around(0.3),), (even(0.02, 8),), 8.0, 0.0, HARD)
     levels = [
-        diffused(each, *ends, edges, 3000, stream(1, "test"))[0].sum()
+        diffused(each, *ends, edges, 3000, stream(1, "test")).mean(0)[0].sum()
         for each in (layer, replace(layer, back=0.8), replace(layer, rough=0.3))
     ]
     assert levels[1] > 1.1 * levels[0]

@@ -30,7 +30,7 @@ def losses_of(stand=STAND, source=SOURCE, receiver=RECEIVER, **changes):
     return Losses.of(Reverb(**(given | changes)), AIR, stand, source, receiver)
 
 
-@pytest.mark.medium
+@pytest.mark.slow
 @pytest.mark.parametrize("rise", [0.0, 3.0])
 def test_a_trunk_in_space(rise):
     """Both the weight and a path that rises, by an integral over vertical wavenumbers; far away to 1/kr."""
@@ -96,7 +96,7 @@ def test_where_trunks_end_the_fresnel_integral_does():
     assert abs(found - expected) < 2e-3
 
 
-@pytest.mark.medium
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("extinction", "lean", "surface", "bound"),
     [
