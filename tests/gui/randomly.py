@@ -162,6 +162,7 @@ def scenario(steps):
     for seed in SEEDS:
         steps.step(f"operators of seed {seed}")
         begin()
+        yield 1.0  # Blender ends where a region is shown before a window has drawn the new file
         yield from drive.wait_for(drive.has_view, 20, "a view")
         yield from drive.open_tab("Forest")
         for name, pick in chosen(seed):

@@ -30,8 +30,8 @@ from ..looks import EchoLook
 if TYPE_CHECKING:
     from ..trajectory import Follower, Trajectory
 
-BEGIN = 4.0  # s, a first guess: axes of branches and the sound of leaves, found anew for each run
-HEARD = 1.2  # s, a first guess: an ear hears one ping of leaves that are exact discs
+BEGIN = 1.4  # s, a first guess: axes of branches and the sound of leaves, found once in a scene
+HEARD = 0.4  # s, a first guess: an ear hears one ping of leaves that are exact discs
 FITTED = 0.1  # s, the same of the papers' leaves and of pistons
 MOMENT = 1e-3  # s, that a scene is looked at for a ping
 RAYS = 8  # lines from a sonar to the contour of its beam

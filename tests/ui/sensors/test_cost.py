@@ -79,7 +79,8 @@ def test_a_reverb_is_guessed_to_take_longer_among_more_trees(built, monkeypatch)
     settings = to_spec(bpy.context.scene, [thing])
     kind, standing = KINDS["reverb"], sum(planting.standing for planting in plantings)
     more = [
-        kind.seconds_among(settings.sensors[0], settings, n) for n in (standing - 1000, standing)
+        sum(kind.seconds_among(settings.sensors[0], settings, n))
+        for n in (standing - 1000, standing)
     ]
     assert many.seconds - few.seconds == pytest.approx(more[1] - more[0])
     assert more[1] > more[0]
@@ -91,7 +92,8 @@ def test_its_own_pace_counts_once_a_sensor_has_run(built, monkeypatch):
     monkeypatch.setattr(costs_of, "_pace", {})
     (thing,) = (thing for thing in things() if thing.name == "cloud")
     guess = run.costs(bpy.context, [thing])[0]
-    assert guess.seconds == pytest.approx(costs_of.BEGIN + guess.work * costs_of.RAY)
+    assert guess.seconds == pytest.approx(guess.setup + guess.work * costs_of.RAY)
+    assert guess.setup > costs_of.BEGIN
     sensor = to_spec(bpy.context.scene, [thing]).sensors[0]
     costs_of.note_pace(sensor, guess, 12.0)
     assert run.costs(bpy.context, [thing])[0].seconds == pytest.approx(12.0)
