@@ -19,6 +19,7 @@ from contextlib import contextmanager, redirect_stdout
 from pathlib import Path
 
 from forest_addon.formats.ownership import Keeper, keeping
+from forest_addon.spec import unknown
 
 from .command import (
     PROGRAM,
@@ -63,9 +64,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     words = sys.argv[1:] if arguments is None else arguments
     if words and words[0] in STUDIES:
         return _fail(f"{words[0]} is a study of the repository: python -m studies {words[0]}", 2)
-    chosen = _parser().parse_args(_values_joined(words))
-    command: Command = chosen.command
     try:
+        _refuse_unknown(words)
+        chosen = _parser().parse_args(_values_joined(words))
+        command: Command = chosen.command
         if "out" in chosen:
             chosen.out = command.output(chosen)
     except ValueError as problem:
@@ -151,6 +153,13 @@ def _alone(lock: Path | None) -> Iterator[None]:
 
     with only_one(lock.parent, lock.name):
         yield
+
+
+def _refuse_unknown(words: Sequence[str]) -> None:
+    """Refuse a word that is no command, with the nearest; what begins with a dash is the parser's."""
+    names = [command.name for command in COMMANDS]
+    if words and not words[0].startswith("-") and words[0] not in names:
+        raise unknown("command", words[0], names)
 
 
 def _parser() -> argparse.ArgumentParser:

@@ -13,7 +13,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import ClassVar
 
-from forest_addon.spec import FORMER, Scene, SpecError, unknown
+from forest_addon.spec import Scene, SpecError
 
 SCENE_HELP = "a scene file (TOML), or the name of one of assets/scenes"
 OURS = {"forest_addon", "headless", "studies"}  # folders of code
@@ -122,12 +122,16 @@ class Command:
 def scene_file(words: str) -> Path:
     """Return the scene file that a word of the command line means: a file, or one of ``assets/scenes``
     by its name alone, such as hedge-bat."""
-    from forest_addon.base.places import ASSETS
+    from forest_addon.base.places import shipped
 
-    given = Path(words)
-    shipped = ASSETS / "scenes" / f"{FORMER.get(words, words)}.toml"
-    is_name = given.name == words and not given.suffix and not given.exists()
-    return shipped if is_name and shipped.is_file() else given
+    return shipped(words, "scenes", ".toml")
+
+
+def sound_file(words: str) -> Path:
+    """Return the WAV file that a word of the command line means, or one of ``assets/sounds`` by its name."""
+    from forest_addon.base.places import shipped
+
+    return shipped(words, "sounds", ".wav")
 
 
 def name_of(scene: Path) -> str:
@@ -147,15 +151,11 @@ def read_scene(path: Path, seed: int | None, dry: str = "") -> Scene:
     ------
     SpecError : the file, or ``--seed``, cannot be used; two of its results would have one name.
     """
-    from forest_addon.formats.toml_file import read_settings
+    from forest_addon.formats.toml_file import read_settings, refuse_unknown_scene
     from forest_addon.results.kinds import files_of
     from forest_addon.sensing import kinds  # noqa: F401  whose words a scene file may name
 
-    if not path.suffix and not path.exists():
-        from forest_addon.base.places import ASSETS
-
-        known = sorted(scene.stem for scene in (ASSETS / "scenes").glob("*.toml"))
-        raise unknown("scene", str(path), known, ", or a .toml file")
+    refuse_unknown_scene(path)
     settings = read_settings(path, Scene)
     try:
         files_of(settings, dry)

@@ -45,7 +45,7 @@ from forest_addon.formats.ownership import claim
 from forest_addon.formats.table import write_csv, write_npz
 from forest_addon.formats.wav import read_wav, write_wav
 from forest_addon.results.coordinates import FILE, PROPERTY, Offset, on_the_map, write_note
-from forest_addon.results.kinds import files_of, results_of, write_finding
+from forest_addon.results.kinds import files_of, results_of, sentence_of, write_finding
 from forest_addon.results.tables import write_cylinders, write_models
 from forest_addon.sensing.audit import Audit
 from forest_addon.sensing.kinds import cost_of
@@ -75,6 +75,7 @@ from .unfinished import Unfinished
 
 DRY = 1.0  # per cent of relative humidity, which no air has
 SURELY = 2.0  # times the memory that is free: what asks for more is refused, as it is known to a factor of 2
+LONG = 30.0  # s of a sensor, from which on its cost is said before
 MOST_LEAVES = 5_000_000  # rows of leaves.npz; beyond, leaves are written once a variant
 Dry = tuple[str, np.ndarray, float]  # a sound's name, samples and sampling rate
 
@@ -111,6 +112,7 @@ def run_scene(
     out: Path,
     *,
     quiet: bool = False,
+    verbose: bool = False,
     dry: Path | None = None,
     resume: bool = False,
     strict: bool = False,
@@ -130,7 +132,7 @@ def run_scene(
     """
     sound = None if dry is None else (dry.stem, *read_wav(dry))
     _make_writable(out)
-    stages, wanted = Stages(quiet), settings.output
+    stages, wanted = Stages(quiet, verbose), settings.output
     stages.say(f"{settings.name}, seed {settings.seed}")
     with stages.stage("read species and templates"), hushed():
         empty_file()
@@ -162,6 +164,7 @@ def run_blend(
     out: Path,
     *,
     quiet: bool = False,
+    verbose: bool = False,
     dry: Path | None = None,
     resume: bool = False,
     strict: bool = False,
@@ -182,7 +185,7 @@ def run_blend(
 
     sound = None if dry is None else (dry.stem, *read_wav(dry))
     _make_writable(out)
-    stages = Stages(quiet)
+    stages = Stages(quiet, verbose)
     with registered():
         try:
             with stages.stage(f"open {blend.name}"), hushed(errors=True):
@@ -315,7 +318,8 @@ def _say_cost(run: Run, world: World, sensor: Sensor) -> None:
         cost = cost_of(sensor, way, observer.caster.engine, run.settings, len(observer.stems))
     except ValueError:
         return
-    run.stages.say(f"  {sensor.name}: {cost}")
+    if run.stages.verbose or cost.seconds > LONG:
+        run.stages.say(f"  {sensor.name}: {cost}")
     free = free_memory()
     if cost.memory > SURELY * free:
         raise SpecError(
@@ -397,7 +401,9 @@ def _take(run: Run, world: World, result: Result, sound: Dry | None) -> None:
     for warning in finding.warnings:
         run.stages.warn(warning.removesuffix("."))
     if result.audit is not None:
-        run.stages.say(f"  {result.audit}")
+        run.stages.detail(str(result.audit))
+    checked = "" if result.audit is None else f", {result.audit.brief}"
+    run.stages.found = f"{sentence_of(sensor, found)}{checked}"
     run.findings.append(finding)
     run.results[sensor.name] = dataclasses.replace(result, found=None)  # on disk: not kept
 
@@ -480,7 +486,7 @@ def _audit_trees(run: Run, world: World) -> None:
     if run.settings.accuracy.audit:
         run.trees = world.audit
     for audit in run.trees.values():
-        run.stages.say(f"  {audit}")
+        run.stages.detail(str(audit))
     stand = run.findings[0]
     notes = (*stand.notes, *map(str, world.chosen))
     run.findings[0] = dataclasses.replace(stand, audits=tuple(run.trees.values()), notes=notes)

@@ -15,7 +15,7 @@ from typing import Any, TextIO
 
 from forest_addon.base.progress import Progress
 
-WIDTH = 34
+WIDTH = 28
 MEANT = "did you mean"
 DELAY = 1.0  # s, before a bar is shown
 
@@ -44,10 +44,14 @@ class PlainStream:
 
 
 class Stages:
-    """Names and times the stages of a run; ``seconds`` keeps what each took, ``warnings`` what was said."""
+    """Names and times the stages of a run; ``seconds`` keeps what each took, ``warnings`` what was said.
 
-    def __init__(self, quiet: bool) -> None:
-        self.quiet = quiet
+    ``found``, set within a stage, stands behind its time. verbose : say what an audit looked at as well.
+    """
+
+    def __init__(self, quiet: bool, verbose: bool = False) -> None:
+        self.quiet, self.verbose = quiet, verbose
+        self.found = ""
         self.warnings: list[str] = []
         self.seconds: dict[str, float] = {}
         self._bar: Any = None  # of the stage that runs
@@ -55,20 +59,25 @@ class Stages:
     @contextmanager
     def stage(self, name: str) -> Iterator[Progress]:
         """Time a stage; the block gets a function ``progress(done, total)``."""
-        start = time.perf_counter()
-        if self.quiet:
+        start, self.found = time.perf_counter(), ""
+        if self.quiet or not sys.stderr.isatty():
             yield lambda done, total: None
         else:
             with _bar(plain(name)) as bar:
                 self._bar = bar
                 yield partial(_show, bar)
         self.seconds[name] = time.perf_counter() - start
-        self.say(f"  {name:<{WIDTH}}{self.seconds[name]:7.2f} s")
+        self.say(f"  {name:<{WIDTH}}{self.seconds[name]:7.2f} s   {self.found}".rstrip())
 
     def say(self, text: str) -> None:
         """Print a line, unless quiet."""
         if not self.quiet:
             self._print(text)
+
+    def detail(self, text: str) -> None:
+        """Print a line that few want to read, where it was asked for."""
+        if self.verbose:
+            self.say(f"  {text}")
 
     def tell(self, lines: Sequence[str]) -> None:
         """Print lines on what was read; one that asks for what was meant is a warning."""
@@ -100,7 +109,7 @@ def _bar(name: str) -> Iterator[Any]:
         delay=DELAY,
         leave=False,
         file=sys.stderr,
-        bar_format="{desc:<36}{bar:20} {percentage:3.0f}%  {elapsed}",
+        bar_format="{desc:<36}{bar:20} {percentage:3.0f}%  {elapsed}, {remaining} left",
     )
     try:
         yield bar

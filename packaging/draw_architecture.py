@@ -31,7 +31,7 @@ ROWS = (
     (6, {"site": (2, 29, PURE), "drawing": (52, 46, FILES)}),
     (22, {"stand": (2, 27, PURE), "sensing": (31, 67, PURE)}),
     (21, {"growth": (2, 57, PURE), "acoustics": (62, 36, PURE)}),
-    (6, {"formats": (2, 57, BASE), "kernels": (62, 36, BASE)}),
+    (6, {"formats": (2, 57, BASE), "kernels": (66, 32, BASE)}),
     (6, {"spec": (2, 40, BASE), "base": (46, 52, BASE)}),
 )
 GAP = 4
@@ -47,7 +47,8 @@ WINGS = {
     "growth/lsystem": (4, 13.4, 24, 6.6),
     "growth/mesh": (33, 13.4, 24, 6.6),
 }
-STRAIGHT: dict[tuple[str, str], float] = {}  # left of which an arrow goes, where not in the middle
+# Left of which an arrow goes, where not in the middle.
+STRAIGHT = {("acoustics", "base"): 64.0}
 SIDEWAYS = {
     ("sensing", "stand"),
     ("headless", "ui"),

@@ -116,12 +116,14 @@ def once(tmp_path_factory):
 def pytest_configure(config):
     """Caches of this run alone: what another version of the code left in the user's is not ours to read.
 
-    The processes of xdist inherit it. Matplotlib's list of fonts stays where it is; it takes seconds.
+    The processes of xdist inherit it. Matplotlib's list of fonts and zig's libraries stay where they are;
+    they take seconds and minutes.
     """
     if hasattr(config, "workerinput"):
         return
     home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
     os.environ.setdefault("MPLCONFIGDIR", str(home / "matplotlib"))
+    os.environ.setdefault("ZIG_GLOBAL_CACHE_DIR", str(home / "zig"))
     os.environ["XDG_CACHE_HOME"] = config.stash[_cache] = tempfile.mkdtemp(prefix="cache-")
 
 

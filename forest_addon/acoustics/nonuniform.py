@@ -116,7 +116,7 @@ def sum_delayed(
             task.direct(rows)
         else:
             task.interpolate(rows, nodes, width)
-    return task.result(kernel, plan.error, plan.scattered)
+    return task.result(kernel, plan.error, plan.scattered, UNSEEN * tolerance)
 
 
 @dataclass(frozen=True)
@@ -318,8 +318,11 @@ class _Task:
             self._measure(values)
             self._nodes[self.count] = self._nodes.get(self.count, 0) + len(some)
 
-    def result(self, kernel: float, error: float, scattered: float) -> DelayedSum:
-        """With the error of a term on the grid, and of interpolation: all in phase, and scattered."""
+    def result(
+        self, kernel: float, error: float, scattered: float, unseen: float = 0.0
+    ) -> DelayedSum:
+        """With the error of a term on the grid, and of interpolation: all in phase, scattered, and what was
+        not seen of it."""
         spectrum = self._spectrum[0] if self._one else self._spectrum
         if not self._size:
             return DelayedSum(spectrum, 0.0, 0.0, self._nodes)
@@ -331,8 +334,7 @@ class _Task:
         together = min(loud * random / self._size, 1.0)
         kernel *= min(self._interpolated / self._size, 1.0)
         kernel *= together * (TYPICAL + (1.0 - TYPICAL) * together)
-        told = min(error, loud * scattered) + kernel + rounding
-        told += UNSEEN * self._tolerance if self._interpolated else 0.0
+        told = min(error, loud * scattered) + kernel + rounding + unseen
         return DelayedSum(spectrum, self._size, told, self._nodes)
 
 

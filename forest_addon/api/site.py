@@ -9,8 +9,9 @@ import time
 from pathlib import Path
 from typing import Any, Self
 
+from ..base.places import shipped
 from ..base.progress import Progress
-from ..formats.toml_file import read_settings
+from ..formats.toml_file import read_settings, refuse_unknown_scene
 from ..site import ForestSite
 from ..spec import Scene, SpecError, with_files
 from ..stand.forest import GrownForest
@@ -19,18 +20,20 @@ from .world import World
 
 
 def read(path: str | Path) -> Scene:
-    """The scene of a scene file; files that it names are found from wherever it is used.
+    """The scene of a scene file, or of one of assets/scenes by its name; files that it names are found from
+    wherever it is used.
 
     Raises
     ------
     SpecError : there is no such file, or it says what cannot be used; names the key.
 
     >>> from forest_addon import api as forest
-    >>> scene = forest.read("assets/scenes/demo.toml")
+    >>> scene = forest.read("demo")
     >>> scene.changed(seed=8).seed
     8
     """
-    path = path_of("read", path)
+    path = shipped(path_of("read", path), "scenes", ".toml")
+    refuse_unknown_scene(path)
     folder = path.resolve().parent
 
     def found(file: str) -> str:  # a name without an ending is a preset's

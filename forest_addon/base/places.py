@@ -14,6 +14,30 @@ ASSETS = next(
 )
 
 
+FORMER = {
+    "t20-circle.csv": "tanveer-circle.csv",
+    "t20-eight.csv": "tanveer-eight.csv",
+    "t20-five-trees": "tanveer-five-trees",
+    "t20-one-tree": "tanveer-one-tree",
+    "t20-table-1-five": "tanveer-table-1-five",
+    "t20-table-1-one": "tanveer-table-1-one",
+}
+"""Names that files of assets/scenes had in earlier releases, and those that they have now."""
+
+
+def shipped(word: str | os.PathLike[str], folder: str, ending: str) -> Path:
+    """Return the file that a word means: one that is there, or one that comes with the add-on, by its name
+    alone (hedge-bat) or by its path in the repository (assets/scenes/hedge-bat.toml)."""
+    given = Path(word)
+    if given.parts[:1] == ("assets",):
+        found = ASSETS.joinpath(*given.parts[1:])
+    elif not given.suffix and len(given.parts) == 1:
+        found = ASSETS / folder / f"{FORMER.get(str(given), given)}{ending}"
+    else:
+        return given
+    return given if given.exists() or not found.is_file() else found
+
+
 def environment_of_child(**more: str) -> dict[str, str]:
     """Return the environment of a Python process of ours: it finds what this one finds, and takes no module
     from the folder that it starts in.

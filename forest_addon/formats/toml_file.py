@@ -187,6 +187,18 @@ def merged(under: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
     return both
 
 
+def refuse_unknown_scene(path: Path) -> None:
+    """Refuse a word that names no scene of assets/scenes, and no file.
+
+    Raises
+    ------
+    SpecError : it does not; says the nearest names.
+    """
+    if not path.suffix and not path.exists():
+        known = sorted(scene.stem for scene in (ASSETS / "scenes").glob("*.toml"))
+        raise unknown("scene", str(path), known, ", or a .toml file")
+
+
 T = TypeVar("T", bound=Settings)
 
 

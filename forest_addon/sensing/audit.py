@@ -220,6 +220,14 @@ class Audit:
         faster = f"; about {said} times as fast as the exact way"
         return "; ".join(map(str, self.checks)) + (faster if self.times > 1 else "")
 
+    @property
+    def brief(self) -> str:
+        """The verdict in a few words, by the check that uses most of what it is allowed."""
+        worst = self.worst
+        if not self.kept:
+            return str(worst)
+        return f"checked: {worst.error:.0e} {worst.unit} off" if worst.error else "checked: exact"
+
     def record(self) -> dict[str, object]:
         """Entries of run.json."""
         return {

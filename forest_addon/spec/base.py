@@ -302,14 +302,8 @@ FORMER = {
     "A20": "tanveer-2020b",
     "S": "simlidar",
     "t20": "tanveer-2020a",
-    "t20-circle.csv": "tanveer-circle.csv",
-    "t20-eight.csv": "tanveer-eight.csv",
-    "t20-five-trees": "tanveer-five-trees",
-    "t20-one-tree": "tanveer-one-tree",
-    "t20-table-1-five": "tanveer-table-1-five",
-    "t20-table-1-one": "tanveer-table-1-one",
 }
-"""Names that choices and shipped files had in earlier releases, and those that they have now."""
+"""Names that choices had in earlier releases, and those that they have now."""
 
 
 class Settings:

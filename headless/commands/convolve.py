@@ -7,7 +7,7 @@ from pathlib import Path
 
 from forest_addon.base.progress import Say
 
-from ..command import Command, finite, out_file
+from ..command import Command, finite, out_file, sound_file
 
 
 class ConvolveCommand(Command):
@@ -21,7 +21,12 @@ class ConvolveCommand(Command):
 
     def arguments(self, parser: argparse.ArgumentParser) -> None:
         parser.add_argument("response", type=Path, metavar="IR.wav", help="the impulse response")
-        parser.add_argument("dry", type=Path, metavar="DRY.wav", help="the dry sound, at any rate")
+        parser.add_argument(
+            "dry",
+            type=sound_file,
+            metavar="DRY.wav",
+            help="the dry sound, at any rate, or the name of one of assets/sounds",
+        )
         parser.add_argument(
             "--out",
             type=Path,

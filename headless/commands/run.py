@@ -10,7 +10,16 @@ from pathlib import Path
 
 from forest_addon.spec import Scene, SpecError
 
-from ..command import LOCK, SCENE_HELP, Command, read_scene, refuse_beyond, scene_file
+from ..command import (
+    LOCK,
+    SCENE_HELP,
+    Command,
+    DoubtfulError,
+    read_scene,
+    refuse_beyond,
+    scene_file,
+    sound_file,
+)
 
 
 class RunCommand(Command):
@@ -90,6 +99,7 @@ class RunCommand(Command):
                 share=None if share is None else Share.of(share),
                 strict=chosen.strict,
             )
+            _print_record(chosen)
             return
         if workers > 1 or share is not None:
             key = "--workers" if share is None else "--share"
@@ -98,13 +108,24 @@ class RunCommand(Command):
             )
         of_file = partial(run_scene, settings, scene.resolve().parent)
         run = partial(run_blend, scene) if is_blend else of_file
-        run(
-            chosen.out,
-            quiet=chosen.quiet,
-            dry=chosen.convolve,
-            resume=chosen.resume,
-            strict=chosen.strict,
-        )
+        try:
+            run(
+                chosen.out,
+                quiet=chosen.quiet,
+                verbose=chosen.verbose,
+                dry=chosen.convolve,
+                resume=chosen.resume,
+                strict=chosen.strict,
+            )
+        except DoubtfulError:  # all is written
+            _print_record(chosen)
+            raise
+        _print_record(chosen)
+
+
+def _print_record(chosen: argparse.Namespace) -> None:
+    if chosen.json:
+        print((chosen.out / "run.json").read_text(encoding="utf-8"))
 
 
 def open_blend() -> Path:
@@ -128,7 +149,7 @@ def add_run_options(parser: argparse.ArgumentParser, folder: str) -> None:
     parser.add_argument("--seed", type=int, help="another seed than the scene file's")
     parser.add_argument(
         "--convolve",
-        type=Path,
+        type=sound_file,
         metavar="DRY.wav",
         help="also write what each reverb makes of this dry sound: NAME-DRY.wav",
     )
@@ -137,7 +158,14 @@ def add_run_options(parser: argparse.ArgumentParser, folder: str) -> None:
         action="store_true",
         help="go on with a run that was ended: sensors that it had finished do not look again",
     )
-    parser.add_argument("--quiet", action="store_true", help="say nothing but warnings and errors")
+    how = parser.add_mutually_exclusive_group()
+    how.add_argument("--quiet", action="store_true", help="say nothing but warnings and errors")
+    how.add_argument(
+        "--verbose", action="store_true", help="say what each audit looked at, and costs"
+    )
+    parser.add_argument(
+        "--json", action="store_true", help="in the end, print run.json on standard output"
+    )
     parser.add_argument(
         "--strict", action="store_true", help="end with exit code 3 where there was a warning"
     )

@@ -58,6 +58,7 @@ def test_a_thinned_forest_is_not_called_poisson_alone():
 def test_what_is_said_beside_a_bar_begins_its_line(monkeypatch, capsys):
     """The terminal's line is what follows the last return to its begin."""
     monkeypatch.setattr(progress, "DELAY", 0.01)
+    monkeypatch.setattr("sys.stderr.isatty", lambda: True)
     stages = progress.Stages(quiet=False)
     with stages.stage("scan") as shown:
         time.sleep(0.15)  # a bar is drawn anew after 0.1 s

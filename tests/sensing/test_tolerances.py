@@ -15,6 +15,7 @@ from references.tolerances import CASES, Case
 HARDEST = {
     "sonar": (79, 649, 728, 843, 1160, 1198, 1429),
     "reverb": (
+        2252,
         13,
         129,
         120,

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import os
+from itertools import product
 
 import bpy
 import numpy as np
 
 from ...base.progress import Progress
-from ...base.rng import stream
+from ...base.rng import daughter_keys, keyed_uniform, stream
 from ...base.trimesh import LEAF
 from ...base.vectors import azimuth_of
 from ...formats.atomic import replacing
 from ...formats.raster_file import write_png
 from ...sensing.rays.caster import RayCaster, hit_normals
+from ..scene.layout import is_ours
 from .preview import AIR, BELOW, RINGS, SUN, VISIBILITY, WOODED, ridge_of
 
 SAMPLES = 2  # rays a pixel, each somewhere in it
@@ -27,6 +29,8 @@ HAZE, BLUE = (
     np.array([0.30, 0.50, 0.84]),
 )  # the sky's horizon, and above
 SUNLIGHT, SKYLIGHT = np.array([2.6, 2.2, 1.65]), np.array([0.42, 0.52, 0.70])
+GRAIN, PATCHES = (0.30, 0.03), 1.2  # m, of bark and litter, and of what grows on it
+UPRIGHT = np.array([1.0, 1.0, 0.15])  # by which grain is stretched upwards
 THROUGH = np.array([0.70, 0.80, 0.25])  # of the sun on a leaf, what leaves it at the other side
 MEADOW, BARE = (
     np.array([0.10, 0.13, 0.05]),
@@ -71,6 +75,20 @@ def draw_scene(
         partial.write_bytes(write_png(image))
 
 
+def noise(place: np.ndarray) -> np.ndarray:
+    """(N,) smooth noise at places (N, 3), 0 to 1: drawn at whole numbers, between them by cubic steps."""
+    cell = np.floor(place)
+    step = place - cell
+    step *= step * (3.0 - 2.0 * step)
+    value = np.zeros(len(place))
+    for corner in product((0, 1), repeat=3):
+        lattice = (cell + corner).astype(np.int64).astype(np.uint64)
+        key = daughter_keys(daughter_keys(lattice[:, 0], lattice[:, 1]), lattice[:, 2])
+        share = np.where(corner, step, 1.0 - step).prod(axis=1)
+        value += share * (key >> np.uint64(11)) * 2.0**-53
+    return value
+
+
 def filmic(light: np.ndarray) -> np.ndarray:
     """Brightness of a picture, 0 to 1, of light: an S-curve that ends in white (Narkowicz 2015)."""
     light = EXPOSURE * light
@@ -85,6 +103,22 @@ def _directions(scene: bpy.types.Scene, x: np.ndarray, y: np.ndarray) -> np.ndar
     flat = np.column_stack([(x - wide / 2) * pixel, (tall / 2 - y) * pixel, np.full(len(x), -1.0)])
     turned = flat @ np.array(camera.matrix_world)[:3, :3].T
     return np.asarray(turned / np.linalg.norm(turned, axis=1)[:, None])
+
+
+def _grained(
+    colour: np.ndarray, points: np.ndarray, normal: np.ndarray, textured: np.ndarray
+) -> np.ndarray:
+    """(R, 3) colours with the grain of bark and litter, moss and herbs where they lie level."""
+    some = points[textured] * UPRIGHT
+    grain = sum(0.5 * noise(some / size) for size in GRAIN)
+    found = colour.copy()
+    found[textured] *= (0.35 + 0.9 * grain)[:, None]
+    level = np.clip(4.0 * normal[textured, 2] - 3.0, 0.0, 1.0)
+    green = level * np.clip(3.0 * noise(some / PATCHES) - 1.0, 0.0, 1.0)
+    found[textured] += (
+        0.7 * green[:, None] * ((0.6 + 0.8 * grain)[:, None] * MEADOW - found[textured])
+    )
+    return found
 
 
 class _Light:
@@ -102,11 +136,14 @@ class _Light:
         self.plain = height - BELOW
         self.eye = np.array(scene.camera.matrix_world.translation)
         self.sun = np.array(scene.objects[SUN].matrix_world)[:3, 2]
-        self.colours = []
+        self.colours, self.textured = [], []
         for names in caster.scene.slot_names or [()] * len(caster.scene.meshes):
             known = [bpy.data.materials.get(name) for name in names]
             rows = [BARE if one is None else np.array(one.diffuse_color)[:3] for one in known]
             self.colours.append(np.array(rows or [BARE]))
+            self.textured.append(
+                np.array([one is not None and is_ours(one) for one in known] or [False])
+            )
 
     def seen(self, directions: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         """(R, 3) light from directions (R, 3)."""
@@ -118,10 +155,13 @@ class _Light:
         normal[met] = hit_normals(self.caster.scene, hits.select(met))
         normal *= -np.copysign(1.0, (normal * directions).sum(axis=1))[:, None]
         colour, leaf = np.broadcast_to(MEADOW, light.shape).copy(), np.zeros(len(far), bool)
-        colour[met], leaf[met] = self._surfaces(hits.instance[met], hits.triangle[met])
+        textured = np.ones(len(far), bool)
+        surfaces = self._surfaces(hits.instance[met], hits.triangle[met])
+        colour[met], leaf[met], textured[met] = surfaces
         near = np.flatnonzero(far < FAR)
         normal, colour, leaf, direction = normal[near], colour[near], leaf[near], directions[near]
         points = self.eye + (far[near] - LIFT)[:, None] * direction
+        colour = _grained(colour, points, normal, textured[near])
         sunny = ~self.caster.occluded(points, np.broadcast_to(self.sun, points.shape), FAR)
         up = rng.normal(size=points.shape)
         up = normal + up / np.linalg.norm(up, axis=1)[:, None]  # as often as its cosine says
@@ -136,17 +176,23 @@ class _Light:
 
     def _surfaces(
         self, instance: np.ndarray, triangle: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """(R, 3) colours of triangles that were met, and (R,) whether they are leaves."""
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """(R, 3) colours of triangles that were met, (R,) whether they are leaves, and whether bark or
+        ground of ours, which are not even."""
         geometry = self.caster.scene
         mesh_of = geometry.mesh_index[instance]
-        colour, leaf = np.empty((len(instance), 3)), np.empty(len(instance), bool)
+        colour = np.empty((len(instance), 3))
+        leaf, textured = np.empty((2, len(instance)), bool)
         for number in np.unique(mesh_of):
             rows, mesh = np.flatnonzero(mesh_of == number), geometry.meshes[number]
             own = self.colours[number]
-            colour[rows] = own[np.clip(mesh.material[triangle[rows]], 0, len(own) - 1)]
+            slot = np.clip(mesh.material[triangle[rows]], 0, len(own) - 1)
             leaf[rows] = mesh.part[triangle[rows]] == LEAF
-        return colour, leaf
+            textured[rows] = self.textured[number][slot] & ~leaf[rows]
+            shade = keyed_uniform(mesh.leaf[triangle[rows]].astype(np.uint64), "shade")
+            shade = np.where(leaf[rows], 0.6 + 0.8 * shade, 1.0)
+            colour[rows] = own[slot] * shade[:, None]
+        return colour, leaf, textured
 
     def _around(self, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(R, 3) light of sky and hills behind the forest, and (R,) m to the plain, ``FAR`` beyond."""

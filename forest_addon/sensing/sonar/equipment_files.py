@@ -14,11 +14,11 @@ from pathlib import Path
 
 import numpy as np
 
-from ...base.places import ASSETS
+from ...base.places import ASSETS, FORMER
 from ...formats.foreign import guarded
 from ...formats.sofa import HeadResponses, read_head
 from ...formats.wav import read_wav
-from ...spec import FORMER, Sonar, SpecError
+from ...spec import Sonar, SpecError
 from ..trajectory import Trajectory, looking
 from .beam import BeamPattern, MeasuredBeam, MeasuredSphere
 from .calls import Call, resampled

@@ -253,7 +253,7 @@ def _filters_serve(tolerance: float, losses: Losses | None, radii: np.ndarray) -
 def _is_infrasound(paths: TrunkPaths, rate: float, loss: Loss, speed: float) -> bool:
     """Return whether so much is lost on the way that more than INFRASOUND of the energy is below what filters
     of some seconds keep."""
-    band = np.array([LOWEST, *(f for f in BANDS if f < 0.4 * rate)])
+    band = np.array([f for f in BANDS if f < 0.4 * rate])
     some = paths.select(slice(None, None, 1 + len(paths.length) // SEEN))
     found = energies(some, band, loss, speed).sum(axis=1) * band
     return bool(found[0] > INFRASOUND * found.sum())
@@ -320,7 +320,7 @@ def _octaves(
     return result
 
 
-BANDS = (125.0, 1000.0, 4000.0)  # Hz at which loudness is estimated
+BANDS = (LOWEST, 125.0, 1000.0, 4000.0)  # Hz at which loudness is estimated
 LOUDER = 10.0  # times a tenth of the record that all of the others are together
 MOST_SINGLE, MOST = 400, 20_000  # trunks that are summed one by one; among so many
 UNHEARD, MOST_UNHEARD = 1e-2, 1e-6  # of the tolerance, of the sound: 40 dB are left for the ground

@@ -1,0 +1,83 @@
+"""Words of a run in a terminal and in a pipe: a line a step, and what it found; nothing is redrawn."""
+
+import json
+
+import laspy
+import pytest
+
+from forest_addon import api, spec
+from forest_addon.base.places import ASSETS
+from headless.cli import main
+
+SCENE = """
+seed = 7
+[forest]
+size = [8.0, 8.0]
+[[plantings]]
+species = "maple"
+variants = 1
+expected = 1
+exact = true
+[output]
+report = false
+preview = false
+pictures = false
+blend = false
+glb = false
+goodness = false
+[[sensors]]
+kind = "terrestrial"
+name = "tripod"
+position = [1.0, 1.0, 1.6]
+angle_step_deg = 3.0
+"""
+
+
+@pytest.fixture
+def scene(tmp_path):
+    (tmp_path / "scene.toml").write_text(SCENE)
+    return tmp_path / "scene.toml"
+
+
+def test_a_step_is_a_line_that_says_what_it_found(scene, tmp_path, capsys):
+    assert main(["run", str(scene), "--out", str(tmp_path / "out")]) == 0
+    said = capsys.readouterr().err
+    assert "\r" not in said
+    assert "\n\n" not in said
+    lines = said.splitlines()
+    assert max(map(len, lines)) < 110 + len(str(tmp_path))
+    tripod = next(line for line in lines if "terrestrial tripod" in line)
+    with laspy.open(tmp_path / "out" / "tripod.laz") as cloud:
+        assert f"{cloud.header.point_count:,} points" in tripod
+    assert "checked: " in tripod
+    assert not any("sent again" in line for line in lines)
+
+
+def test_details_are_said_where_they_are_asked_for_and_the_record_is_printed(
+    scene, tmp_path, capsys
+):
+    words = ["run", str(scene), "--out", str(tmp_path / "out"), "--verbose", "--json"]
+    assert main(words) == 0
+    said = capsys.readouterr()
+    assert any("sent again" in line for line in said.err.splitlines())
+    assert json.loads(said.out) == json.loads((tmp_path / "out" / "run.json").read_text())
+
+
+@pytest.mark.parametrize("word", ["demo", "assets/scenes/demo.toml"])
+def test_what_ships_is_named_from_any_folder(word, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert api.read(word).name == api.read(ASSETS / "scenes" / "demo.toml").name
+    (tmp_path / "demo").mkdir()
+    if word == "demo":
+        with pytest.raises(spec.SpecError):
+            api.read(word)  # a folder of the user's is what the word names here
+
+
+def test_a_mistyped_command_or_scene_is_answered_with_the_nearest(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main(["rnu", "demo"]) == 2
+    assert 'did you mean "run"' in capsys.readouterr().err
+    assert main(["run", "dmo"]) == 2
+    assert 'did you mean "demo"' in capsys.readouterr().err
+    with pytest.raises(spec.SpecError, match='did you mean "demo"'):
+        api.read("dmo")
