@@ -118,7 +118,7 @@ def _never_empty(_job: Observation, _found: Any) -> str:
     return ""
 
 
-def _no_more(_sensor: Any, _settings: Scene, _trees: int) -> tuple[float, float]:
+def _no_more(_sensor: Any, _settings: Scene, _trees: int, _count: int) -> tuple[float, float]:
     return 0.0, 0.0
 
 
@@ -154,7 +154,8 @@ class SensorKind:
     lasts : seconds of a scene that moves, which a run along a trajectory looks at; 0: it stands still.
     sways : whether it meets trees where the wind has them at the time of each of its rays.
     cost : of a run along a trajectory with a ray engine. seconds_among : what so many trees, and all that a
-        scene's settings add to them, add to its first guess, to set up and to work.
+        scene's settings add to them, add to its first guess, to set up and to work, of so many pings or
+        channels.
     outline : (N, 2, 3) m, ends of the lines that show where it looks.
     choose : what is left to "auto", chosen. left_out : what a finding left out, and the bound on that.
     thinned : settings, as a table, by which one of so many of its pulses is sent; None: it has none.
@@ -178,7 +179,7 @@ class SensorKind:
     lasts: Callable[[Any, Any], float] = _a_moment
     sways: bool = False
     cost: Callable[[Any, Any, str], Cost] = _one_run
-    seconds_among: Callable[[Any, Scene, int], tuple[float, float]] = _no_more
+    seconds_among: Callable[[Any, Scene, int, int], tuple[float, float]] = _no_more
     outline: Callable[[Any], np.ndarray] = _no_lines
     choose: Callable[[Any], tuple[Choice, ...]] = _nothing_chosen
     left_out: Callable[[Any], tuple[Choice, ...]] = _nothing_chosen

@@ -51,7 +51,7 @@ def cost_of(
     """
     kind = kind_of(sensor)
     cost = kind.cost(sensor, trajectory, engine)
-    setup, work = kind.seconds_among(sensor, settings, trees)
+    setup, work = kind.seconds_among(sensor, settings, trees, cost.count)
     setup += triangles * TRIANGLE
     return cost_with(sensor.kind, cost, -cost.setup if ready else setup, work)
 
