@@ -1,6 +1,7 @@
 # Two commands matter: `make demo` and `make test`; between two edits `make check`. All first make the environment in VENV, once: an
 # interpreter that really runs (packaging/find_python.sh), a venv with Blender as a module
-# (packaging/setup_env.py). That is done again when pyproject.toml changes; the kernels in C
+# (packaging/setup_env.py); what only tests need comes with the first test. That is done again when pyproject.toml
+# changes; the kernels in C
 # are built again when their sources do. Choose with PYTHON=/path/to/python and VENV=folder; ARGS="..." is handed on.
 
 VENV ?= .venv
@@ -8,8 +9,10 @@ PLATFORM ?=
 ARGS ?=
 export PYTHON
 RUN := $(VENV)/bin/python
-ENVIRONMENT := $(VENV)/ready
-READY := $(VENV)/kernels
+# Dates of what an environment has: all that runs forests, the kernels in C, and all that tests need.
+BLENDER := $(VENV)/blender
+KERNELS := $(VENV)/kernels
+READY := $(VENV)/ready
 
 .DEFAULT_GOAL := help
 .PHONY: help demo check test fuzz test-gui lint bench validate docs architecture extension wheels words clean distclean
@@ -17,7 +20,7 @@ READY := $(VENV)/kernels
 help: ## list what can be made
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' Makefile
 
-demo: $(READY) ## grow the demo forest, run every sensor in it, results and report in out/demo
+demo: $(KERNELS) ## grow the demo forest, run every sensor in it, results and report in out/demo
 	@$(RUN) -m headless demo --out out/demo $(ARGS)
 
 # A process a core; who is done takes over from who is not. The check leaves out tests that are marked medium or
@@ -73,8 +76,11 @@ clean: ## remove caches, build/ and out/demo
 distclean: clean ## clean, and remove the environment and the downloaded wheels
 	@rm -rf "$(VENV)" wheels
 
-$(READY): $(ENVIRONMENT) packaging/build_kernels.py $(wildcard forest_addon/kernels/*.[ch])
+$(KERNELS): $(BLENDER) packaging/build_kernels.py $(wildcard forest_addon/kernels/*.[ch])
 	@$(RUN) packaging/build_kernels.py; touch $@
 
-$(ENVIRONMENT): pyproject.toml
+$(BLENDER): pyproject.toml
+	@python=$$(sh packaging/find_python.sh) && "$$python" packaging/setup_env.py "$(VENV)" bpy
+
+$(READY): pyproject.toml | $(KERNELS)
 	@python=$$(sh packaging/find_python.sh) && "$$python" packaging/setup_env.py "$(VENV)"

@@ -1,8 +1,14 @@
 """``python -m headless``."""
 
 if __name__ == "__main__":  # processes of a pool import it, too
-    from .interrupt import quietly
+    import signal
 
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # no traceback of an import
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+    from .interrupt import follow_starter, quietly
+
+    follow_starter()
     quietly()  # before the first import that takes a while
 
     from .cli import main

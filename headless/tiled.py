@@ -32,6 +32,7 @@ from forest_addon.spec import Scene, SpecError
 from forest_addon.stand.forest import angle_table, tree_table
 
 from .command import DoubtfulError
+from .interrupt import WATCHED
 from .progress import Stages, hushed, peak_memory_mb
 from .record import made_with
 
@@ -169,23 +170,31 @@ def run_by_workers(words: Sequence[str], workers: int) -> None:
     started = [
         subprocess.Popen(
             [sys.executable, "-m", str(__package__), *words, "--share", f"{k + 1}/{workers}"],
-            stdin=subprocess.DEVNULL,
+            stdin=subprocess.PIPE,  # which closes when we end, however that comes
             stderr=subprocess.PIPE,
             text=True,
-            env=environment_of_child(),
+            env=environment_of_child(**{WATCHED: "1"}),
         )
         for k in range(workers)
     ]
+    said = []
     try:
-        said = [process.communicate()[1] for process in started]
+        for process in started:
+            assert process.stderr is not None
+            said.append(process.stderr.read().strip())
+            process.wait()
     finally:
         for process in started:
             if process.poll() is None:
                 process.terminate()
-    for process, text in zip(started, said, strict=True):
-        if process.returncode:
-            last = (text.strip().splitlines() or ["it was killed"])[-1]
-            raise SpecError("--workers", f"a process ended early: {last}; --resume goes on")
+    for number, (process, text) in enumerate(zip(started, said, strict=True), 1):
+        code = process.returncode
+        if code:
+            how = f"was ended by signal {-code}" if code < 0 else f"ended with {code}"
+            last = f": {text.splitlines()[-1]}" if text else ""
+            raise SpecError(
+                "--workers", f"process {number} of {workers} {how}{last}; --resume goes on"
+            )
 
 
 def _say_tiles(run: TiledRun) -> None:

@@ -49,6 +49,12 @@ INSTALL = {
 }
 
 
+# Files whose dates tell make what an environment has.
+STAMPS = {"bpy": ("blender", "kernels"), "dev": ("blender", "kernels", "ready")}
+PURPOSE = {"bpy": "runs forests", "dev": "tests need"}
+MEGABYTES = {"bpy": 400, "dev": 250}
+
+
 class SetupError(Exception):
     """Reason for which there is no environment, in words for the person at the terminal."""
 
@@ -57,6 +63,13 @@ def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description="Make the project's virtual environment.")
     parser.add_argument("venv", nargs="?", type=Path, default=Path(".venv"))
     parser.add_argument(
+        "extra",
+        nargs="?",
+        choices=("bpy", "dev"),
+        default="dev",
+        help="bpy: all that runs, dev: and tests",
+    )
+    parser.add_argument(
         "--missing", action="store_true", help="only print the system packages that are missing"
     )
     options = parser.parse_args(arguments)
@@ -64,7 +77,7 @@ def main(arguments: list[str] | None = None) -> int:
         if options.missing:
             print(*packages(missing_libraries(), package_tool()))
         else:
-            set_up(options.venv.absolute())
+            set_up(options.venv.absolute(), options.extra)
     except SetupError as problem:
         print(problem, file=sys.stderr)
         return 1
@@ -74,18 +87,19 @@ def main(arguments: list[str] | None = None) -> int:
     return 0
 
 
-def set_up(folder: Path) -> None:
+def set_up(folder: Path, extra: str) -> None:
     started = time.monotonic()
     if missing := missing_libraries():
         raise SetupError(advice(missing, package_tool()))
     python = make_venv(folder)
-    stamp = folder / "ready"
-    stamp.unlink(missing_ok=True)
-    install(python, folder / "setup.log")
+    stamps = [folder / name for name in STAMPS[extra]]
+    for stamp in stamps:
+        stamp.unlink(missing_ok=True)
+    install(python, folder / "setup.log", extra)
     load_blender(python)
     subprocess.run([python, ROOT / "packaging/build_kernels.py", "--fetch"])
-    stamp.write_text(f"Python {VERSION}\n")
-    (folder / "kernels").touch()
+    for stamp in stamps:
+        stamp.write_text(f"Python {VERSION}\n")
     print(f"environment ready in {time.monotonic() - started:.0f} s")
 
 
@@ -167,7 +181,7 @@ def works(python: Path) -> bool:
     return answer.stdout.strip() == VERSION
 
 
-def install(python: Path, log: Path) -> None:
+def install(python: Path, log: Path, extra: str) -> None:
     """Runs pip, with a line on what it is at; everything it said is in ``log``."""
     command = [str(python), "-m", "pip", "install", "--no-input", "--disable-pip-version-check"]
     if not sys.dont_write_bytecode:  # most is never imported; Python compiles what is, and keeps it
@@ -175,13 +189,13 @@ def install(python: Path, log: Path) -> None:
     if tuple(map(int, ensurepip.version().split(".")[:2])) >= (24, 1):
         command.append("--progress-bar=raw")  # byte counts as lines; older pips show none
     print(
-        "installing what pyproject.toml asks for (the first time some 500 MB to download)",
+        f"installing what {PURPOSE[extra]} (the first time some {MEGABYTES[extra]} MB to download)",
         flush=True,
     )
     with (
         log.open("w", encoding="utf-8") as written,
         subprocess.Popen(
-            [*command, "--editable", f"{ROOT}[dev]"],
+            [*command, "--editable", f"{ROOT}[{extra}]"],
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,

@@ -8,10 +8,13 @@ to have an effect.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import fields
+from operator import attrgetter
 from typing import Any
 
 from .base import Settings, shown
+from .species import Species
 
 OF_THE_FOREST = (
     *(
@@ -93,11 +96,34 @@ APPLIES: dict[str, tuple[str, tuple[str | bool, ...]]] = {
     "strauss": ("layout", ("strauss",)),
     "trees": ("layout", ("list",)),
     "collection": ("layout", ("list",)),
+    **dict.fromkeys(("expected", "density"), ("layout", ("poisson", "clusters", "strauss"))),
     "exact": ("expected", (GIVEN,)),
+    **dict.fromkeys(("unit", "fill_holes", "relief"), ("file", (GIVEN,))),
     "holes": ("polygon", (GIVEN,)),
     "painted_value": ("painted", (GIVEN,)),
     **dict.fromkeys(("efficiency", "photons"), ("energy", (GIVEN,))),
     "speed": ("doppler", (True,)),
+    **dict.fromkeys(("divergence_mrad", "exit_diameter"), ("subrays", (MORE_THAN_ONE,))),
+    "passing": ("leaf_transmittance", (GIVEN,)),
+}
+
+WHOLE = ("rules", "honda", "crown", "grammar")
+OF_TANVEER = ("grammar", "template")
+OF_SPECIES: dict[str, tuple[str, tuple[str | bool, ...]]] = {  # as APPLIES, asked of the species
+    **dict.fromkeys(("grammar", "jitter"), ("grown_by", OF_TANVEER)),
+    "grammar.whorls": ("grammar.dialect", ("tanveer-2020b",)),
+    "grammar.generations": ("grammar.dialect", ("tanveer-2020a",)),
+    "architecture": ("grown_by", ("crown",)),
+    "template.grow_leaves": ("template.leaves", ("",)),
+    "leaf": ("leaves_by", ("leaf",)),
+    **dict.fromkeys(
+        ("leaf.nodes", "leaf.per_node", "leaf.fan_deg"), ("grown_by", (*OF_TANVEER, "siblings"))
+    ),
+    "leaf.angle_deg": ("grown_by", (*OF_TANVEER, "siblings", "crown", "honda")),
+    **dict.fromkeys(
+        ("leaf.petiole", "leaf.curl_deg"), ("leaf.shape", ("beech", "birch", "oak", "palmate"))
+    ),
+    **dict.fromkeys(("dead", "detail.tolerance", "detail.limbs"), ("grown_by", WHOLE)),
 }
 
 
@@ -126,15 +152,31 @@ def idle(group: Settings) -> list[str]:
         value = getattr(group, field.name)
         if value != field.default and not applies(group, field.name):
             other, values = APPLIES[field.name]
-            wanted = {MORE_THAN_ONE: "above 1", GIVEN: "given"}
-            needed = " or ".join(wanted.get(str(v), shown(v)) for v in values)
-            said.append(
-                f"{field.name} has no effect: it needs {other} to be {needed}, "
-                f"which is {shown(getattr(group, other))}"
-            )
+            said.append(_idle(field.name, other, values, getattr(group, other)))
         elif isinstance(value, Settings):
             said += [f"{field.name}.{sentence}" for sentence in idle(value)]
     return said
+
+
+def idle_in_species(species: Species) -> list[str]:
+    """Sentences about settings of a species that have no effect on trees that grow as its do."""
+    said = []
+    for place, (other, values) in OF_SPECIES.items():
+        table, _, name = place.rpartition(".")
+        group = getattr(species, table) if table else species
+        if group is None:
+            continue
+        found = attrgetter(other)(species)
+        (default,) = (field.default for field in fields(group) if field.name == name)
+        if getattr(group, name) != default and found not in values:
+            said.append(_idle(place, other, values, found))
+    return said
+
+
+def _idle(place: str, other: str, values: Iterable[str | bool], found: Any) -> str:
+    wanted = {MORE_THAN_ONE: "above 1", GIVEN: "given"}
+    needed = " or ".join(wanted.get(str(v), shown(v)) for v in values)
+    return f"{place} has no effect: it needs {other} to be {needed}, which is {shown(found)}"
 
 
 _PATTERNS = {

@@ -725,6 +725,17 @@ class Species(Settings):
     look: Look = param(Look(), help="colours")
     bark: Bark = param(Bark(), help="bark, in pictures and in relief")
 
+    @property
+    def grown_by(self) -> str:
+        """Name of what makes its wood."""
+        given = ("siblings", "template", "rules", "honda", "crown")
+        return next((key for key in given if getattr(self, key) is not None), "grammar")
+
+    @property
+    def leaves_by(self) -> str:
+        """Name of what makes its leaves: its template's file, or the table of leaves."""
+        return "template" if self.template and not self.template.grow_leaves else "leaf"
+
     def check(self) -> None:
         given = [
             key for key in ("template", "rules", "honda", "crown") if getattr(self, key) is not None

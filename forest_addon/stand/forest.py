@@ -22,7 +22,7 @@ from ..growth.own_tree.template import TreeTemplate
 from ..growth.tree import Tree, aged, fallen, grow, in_season, with_fallen
 from ..growth.truth import leaf_angles, wood_of_tree
 from ..spec import Allometry, Choice, Look, Scene, Species
-from ..spec.choices import idle
+from ..spec.choices import idle, idle_in_species
 from .inputs import Inputs
 from .intensity.terrain import sink
 from .measured import MeasuredTrees, dbh_at, scales_for, with_targets
@@ -252,6 +252,8 @@ class ForestPlan:
                 meant = "exactly so many" if planting.exact else "a list"
                 meant = "those drawn and set by hand" if planting.by_hand else meant
                 said.append(f"{name}: {counts[number]:,} trees of {meant} stand; {', '.join(whys)}")
+        for species, _ in self.species:
+            said += [f"{species.name}: {sentence}" for sentence in idle_in_species(species)]
         if self.scene.plantings and not len(stand):
             said.append("no tree stands: expect more, or a larger field")
         return tuple(said)

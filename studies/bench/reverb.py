@@ -285,7 +285,7 @@ def _all_terms(say: Say) -> None:
     say(
         "cold: its first response, imports not counted; joint, s: all is noise from then on; error: the"
     )
-    say("largest of an octave that the sum's checks find; MB: of the process\n")
+    say("largest that is told of an octave; MB: of the process\n")
     rows = []
     for count, radii, leafy in (
         (100_000, (0.25, 0.25), False),

@@ -112,12 +112,13 @@ def test_a_folder_that_is_no_environment_is_left_alone(tmp_path):
     assert (tmp_path / "thesis.txt").exists()
 
 
-def test_pip_that_fails_leaves_no_stamp(tmp_path, monkeypatch):
-    (tmp_path / "ready").touch()
+@pytest.mark.parametrize(("extra", "stamp"), [("bpy", "blender"), ("dev", "ready")])
+def test_pip_that_fails_leaves_no_stamp(extra, stamp, tmp_path, monkeypatch):
+    (tmp_path / stamp).touch()
     monkeypatch.setattr(setup, "missing_libraries", list)
     monkeypatch.setattr(setup, "make_venv", lambda folder: tmp_path / "bin/python")
     program(tmp_path / "bin", "python", "echo 'ERROR: No matching distribution for bpy'; exit 1")
     with pytest.raises(setup.SetupError, match="No matching distribution for bpy"):
-        setup.set_up(tmp_path)
-    assert not (tmp_path / "ready").exists()
+        setup.set_up(tmp_path, extra)
+    assert not (tmp_path / stamp).exists()
     assert "No matching" in (tmp_path / "setup.log").read_text()

@@ -28,7 +28,7 @@ from forest_addon.spec import Air, Rays, Reverb, Sonar
 
 from .echo_scenes import scene_of, square_leaves
 
-RAYS = 200
+RAYS, GRAZING = 200, 2e-3  # of a scene; cosine of the incidence, 89.89°
 
 
 @dataclass(frozen=True)
@@ -120,7 +120,7 @@ def sonar_case(number: int) -> Case:
     kind = f"sonar {model}" + " wood" * with_post + " facets" * with_board + " moves" * moves
     what = f"{count} leaves {side:.3f} m, {ears} ears, {low:.0f} + {wide:.0f} Hz, {air}"
     told = fast.error_bound + fast.table_error
-    warned = bool(told > tolerance)
+    warned = bool(fast.error_bound > tolerance)
     return Case(
         kind,
         number,
@@ -254,7 +254,8 @@ def reverb_case(number: int) -> Case:
 def lidar_case(number: int) -> Case:
     """Distances of rays to leaves, far from the origin too, turned, stretched and mirrored, by both engines.
 
-    The tolerance is what audits allow: 1 nm and the rounding of the coordinates.
+    The tolerance is what audits allow: 1 nm and the rounding of the coordinates. Rays that graze a leaf by
+    less than GRAZING are left out: there Embree may name the other half of a leaf, up to 1.5 mm off.
     """
     rng = np.random.default_rng((50, number))
     count, side = int(_log(rng, 3, 60)), _log(rng, 1e-3, 0.5)
@@ -276,6 +277,12 @@ def lidar_case(number: int) -> Case:
     missed = ~(found.found & exact.found) & (found.found | exact.found)
     away = np.where(missed, np.inf, 0.0)
     both = found.found & exact.found
+    corners = mesh.vertices[mesh.triangles[exact.triangle]]
+    corners = np.einsum("rci,rji->rcj", corners, scene.transform[exact.instance][:, :, :3])
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    facing = np.abs(((aims - origins) * normal).sum(axis=1))
+    facing /= np.linalg.norm(aims - origins, axis=1) * np.linalg.norm(normal, axis=1)
+    both &= facing > GRAZING
     away[both] = np.abs(found.distance[both] - exact.distance[both])
     allowed = 1e-9 + 64.0 * 2.0**-52 * (offset + 200.0)
     what = (

@@ -151,8 +151,16 @@ def test_any_number_is_kept_to_single_precision(props, drawn):
     assert back.polygon == drawn.polygon  # corners are kept as text, to the last digit
 
 
-def test_the_demo_scene_comes_back_as_it_was(props):
-    demo = read_settings(DEMO, spec.Scene)
+def test_the_demo_scene_comes_back_as_it_was_whatever_is_set_besides(props):
+    demo = read_settings(DEMO, spec.Scene).changed(
+        rays=spec.Rays(engine="bvhtree"),
+        wind=spec.Wind(speed=3.0),
+        flight=spec.Flight(distance=9.0),
+        accuracy=spec.Accuracy(audit=0.25),
+        stems=(spec.Stems(count=5),),
+        offset=(432100.25, 5612300.5, 0.0),
+        crs="EPSG:32632",
+    )
     scene = bpy.context.scene
     exchange.from_spec(scene, demo)
     bpy.context.view_layer.update()

@@ -8,8 +8,8 @@ so on; at every meeting what would go to the receiver is counted (next-event est
     E(x) = 2π·P(r, x)/x,
 
 P the density in the plane: trunks keep the vertical wavenumber, so that what reaches the receiver travelled
-level, and spread in height as any sound has over x. ``isotropic`` is P where trunks send alike all round
-(Paasschens 1997). What is lost a metre, and the ground, depend on x alone (``losses``) and come later.
+level, and spread in height as any sound has over x. Where trunks send alike all round P has a closed
+form (Paasschens 1997). What is lost a metre, and the ground, depend on x alone (``losses``) and come later.
 
 With ``energy`` extinction the shadow, which goes straight on, is not a meeting: the lobe around straight on
 that holds so much of the energy is taken off |H|².
@@ -377,15 +377,3 @@ class _LevelPackets:
         self.way[rows, 0], self.way[rows, 1] = np.cos(heading), np.sin(heading)
         self.weight[rows] *= kept
         self.met[rows] += 1
-
-
-def isotropic(
-    distance: float, length: np.ndarray, free_path: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """Once and more than once scattered energy a metre, 2π·P/x, of a free path (Paasschens 1997).
-
-    distance : m between source and receiver. length : (X,) metres of path, larger than that.
-    """
-    root = np.sqrt(np.maximum(length**2 - distance**2, 1e-300))
-    once = np.exp(-length / free_path) / (free_path * root * length)
-    return once, once * np.expm1(root / free_path)

@@ -29,7 +29,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 
 import numpy as np
 from scipy import special
@@ -64,12 +63,7 @@ TRUNKS_AT_ONCE = 8192
 PROBES = 24  # trunks whose heights are checked in each panel
 
 
-@dataclass(frozen=True)
-class PanelCheck:
-    """Relative error of H at a frequency, in Hz, the root of its mean square over some trunks."""
-
-    frequency: float
-    error: float
+Check = tuple[float, float]  # Hz, and relative error of H there, root mean square over some trunks
 
 
 def panel_spectrum(
@@ -83,7 +77,7 @@ def panel_spectrum(
     bark: float = 0.0,
     lowest: int = 1,
     heard: Callable[[float, float], bool] | None = None,
-) -> tuple[np.ndarray, list[PanelCheck]]:
+) -> tuple[np.ndarray, list[Check]]:
     """(F,) spectrum at 0, 1, … ``count`` - 1 times ``spacing`` Hz, 0 below ``lowest``, and what checks found.
 
     loss : what is lost at frequencies (F,) in Hz, nepers per metre; smooth, or panels become narrow.
@@ -160,7 +154,7 @@ class _Group:
         spectrum: np.ndarray,
         lowest: int,
         heard: Callable[[float, float], bool] | None,
-    ) -> list[PanelCheck]:
+    ) -> list[Check]:
         """Add these trunks' sound in the panels where it is heard."""
         of_bin = 2.0 * math.pi / self.speed * self.spacing * self.thickest  # ka
         last, first, end, checks = len(spectrum) - 1, lowest, FIRST, []
@@ -191,7 +185,7 @@ class _Panel:
         self.frequency = np.arange(first, last + 1) * group.spacing
         ends = 2.0 * math.pi / group.speed * self.frequency[[0, -1]]
         self.boxes = Boxes(group.paths, ends, group.allowed, group.bark)
-        self.checks: list[PanelCheck] = []
+        self.checks: list[Check] = []
         loss = self._loss(self.frequency[[len(self.frequency) // 2]])
         loud = group.loudness * np.exp(-2.0 * loss * (group.paths.length - group.nearest))
         loud += 1e-300
@@ -286,7 +280,7 @@ class _Panel:
         exact *= math.sqrt(2.0 / math.pi) / z**2 * np.exp(-1j * z * self.shift(some.angle))
         size = some.weight * some.radius**2
         error = np.linalg.norm(size * (found - exact)) / np.linalg.norm(size * exact)
-        self.checks.append(PanelCheck(frequency, float(error)))
+        self.checks.append((frequency, float(error)))
 
 
 Shift = Callable[[np.ndarray], np.ndarray]  # of angles

@@ -12,13 +12,22 @@ from forest_addon.sensing.reverb.forest.transport import (
     Density,
     PhaseFunction,
     Turns,
-    isotropic,
     transported,
 )
 
 ANGLE = math.pi * (np.arange(ANGLES) + 0.5) / ANGLES
 ALIKE = PhaseFunction(0.4, 1.0, ANGLE, np.full(ANGLES, 0.5 / math.pi))
 RECEIVER = np.array([10.0, 0.0])
+
+
+def isotropic(distance, length, free_path):
+    """Once and more than once scattered energy a metre, 2π·P/x, of a free path (Paasschens 1997).
+
+    distance : m between source and receiver. length : (X,) metres of path, larger than that.
+    """
+    root = np.sqrt(np.maximum(length**2 - distance**2, 1e-300))
+    once = np.exp(-length / free_path) / (free_path * root * length)
+    return once, once * np.expm1(root / free_path)
 
 
 def test_packets_follow_the_closed_form():
