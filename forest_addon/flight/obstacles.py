@@ -8,7 +8,7 @@ nearly always free. Instances stand in a map of squares.
 from __future__ import annotations
 
 import numpy as np
-from scipy.ndimage import distance_transform_edt
+import scipy
 from scipy.spatial import cKDTree
 
 from ..base.rows import distinct
@@ -342,7 +342,9 @@ class Solid:
         if self.empty:
             self.room = np.full(self.shape, np.inf, dtype=np.float32)
             return
-        away = distance_transform_edt((self.count == 0).reshape(self.shape)) * self.cell
+        away = (
+            scipy.ndimage.distance_transform_edt((self.count == 0).reshape(self.shape)) * self.cell
+        )
         bound = np.maximum(away - np.sqrt(3) * self.cell, 0.0)
         self.room = (bound * (1 - 1e-6)).astype(np.float32)
 

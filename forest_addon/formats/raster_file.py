@@ -19,8 +19,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.interpolate import LinearNDInterpolator
-from scipy.ndimage import map_coordinates
+import scipy  # loads a part when it is first asked
 from scipy.spatial import cKDTree
 
 from ..spec import SpecError
@@ -108,7 +107,7 @@ class GeoRaster:
         y, x = np.mgrid[:rows, :columns] + 0.5
         place = drawn.places(x, y)
         middle = np.moveaxis(self.indices(place)[..., ::-1] - 0.5, -1, 0)
-        pixels = map_coordinates(self.pixels, middle, order=1, mode="nearest")
+        pixels = scipy.ndimage.map_coordinates(self.pixels, middle, order=1, mode="nearest")
         return replace(drawn, pixels=np.where(self.holds(place), pixels, np.nan))
 
     def heights(self, path: Path, unit: float | None = None) -> np.ndarray:
@@ -398,7 +397,7 @@ def linear_between(
     away, nearest = cKDTree(known).query(at)
     found = np.where(away <= reach, values[nearest], np.nan)
     if len(known) > 3:
-        linear = LinearNDInterpolator(known, values)(at)
+        linear = scipy.interpolate.LinearNDInterpolator(known, values)(at)
         found = np.where(np.isnan(linear), found, linear)
     return found
 

@@ -40,9 +40,39 @@ void spread_rays(int64_t beams, const double *start, const double *axis, const d
     }
 }
 
+/* As fmin and fmax without their care for what is no number, which costs a call. */
+static double smaller(double a, double b)
+{
+    return a < b ? a : b;
+}
+
+static double larger(double a, double b)
+{
+    return a > b ? a : b;
+}
+
 static double dot(const double *a, const double *b)
 {
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+}
+
+void light_back(int64_t count, const int64_t *ray, int64_t subrays, const double *share,
+                const double *reflectance, const double *light, const double *distance,
+                const double *normal, const int64_t *line, const double *direction, double extinction,
+                double nearest, double *energy)
+{
+    int64_t base = 0; /* first ray of the pulse */
+    for (int64_t i = 0; i < count; i++) {
+        if (ray[i] < base || ray[i] >= base + subrays) {
+            base = ray[i] / subrays * subrays;
+        }
+        double back = reflectance[i] * light[i] * share[ray[i] - base];
+        back = back * fabs(dot(normal + 3 * i, direction + 3 * line[i])) / (distance[i] * distance[i]);
+        if (extinction != 0) {
+            back *= exp(-2 * extinction * distance[i]);
+        }
+        energy[i] = back > 0 && distance[i] >= nearest ? back : 0;
+    }
 }
 
 /* Contacts of beams: rows of the arrays of blur_patches. */
@@ -125,8 +155,8 @@ static void patches(const struct contacts *c, int64_t subrays, const int64_t *se
         of[0] += 1;
         of[1] += energy[seat[s]];
         of[2] += energy[seat[s]] * away;
-        of[4] = fmin(of[4], away);
-        of[5] = fmax(of[5], away);
+        of[4] = smaller(of[4], away);
+        of[5] = larger(of[5], away);
     }
     for (int64_t s = 0; s < subrays; s++) {
         if (seat[s] >= 0) {
@@ -148,7 +178,7 @@ static void patches(const struct contacts *c, int64_t subrays, const int64_t *se
         double mean = of[2] / of[1] + c->distance[parent[subrays + patch]];
         double variance = of[3] / of[1];
         double square = (of[5] - of[4]) * (of[5] - of[4]);
-        double share = fmin(SPREAD / sqrt(of[0]), MOST);
+        double share = smaller(SPREAD / sqrt(of[0]), MOST);
         if (of[0] > MANY && square > 0) {
             share = square / (square + 4 * variance);
         }
@@ -166,17 +196,17 @@ void blur_patches(int64_t count, const int64_t *order, const int64_t *ray, int64
     struct contacts all = {line, origin, direction, normal, distance};
     int64_t stop;
     for (int64_t first = 0; first < count; first = stop) {
-        int64_t pulse = ray[order[first]] / subrays;
+        int64_t base = ray[order[first]] / subrays * subrays; /* first ray of this pulse */
         double near = INFINITY;
         double far = -INFINITY;
         int8_t most = -1;
-        for (stop = first; stop < count && ray[order[stop]] / subrays == pulse; stop++) {
+        for (stop = first; stop < count && ray[order[stop]] < base + subrays; stop++) {
             int64_t row = order[stop];
             moved[row] = distance[row];
             blur[row] = 0;
             if (surface[row] >= 0 && energy[row] > 0) {
-                near = fmin(near, distance[row]);
-                far = fmax(far, distance[row]);
+                near = smaller(near, distance[row]);
+                far = larger(far, distance[row]);
                 most = surface[row] > most ? surface[row] : most;
             }
         }
@@ -190,7 +220,7 @@ void blur_patches(int64_t count, const int64_t *order, const int64_t *ray, int64
             }
             for (int64_t at = first; at < stop; at++) {
                 int64_t row = order[at];
-                int64_t *seat = seats + ray[row] % subrays;
+                int64_t *seat = seats + (ray[row] - base);
                 if (*seat < 0 && surface[row] == number && energy[row] > 0) {
                     *seat = row;
                     seated++;
@@ -223,7 +253,7 @@ static double slope_at(const struct pulse *p, int64_t first, int64_t stop, doubl
     double nearest = INFINITY; /* keeps the largest exponential at 1 */
     for (int64_t i = first; i < stop; i++) {
         double away = p->at[i] - x;
-        nearest = fmin(nearest, 0.5 * away * away * p->narrow[i]);
+        nearest = smaller(nearest, 0.5 * away * away * p->narrow[i]);
     }
     double total = 0;
     double mean = 0;
@@ -285,7 +315,7 @@ static void add_echo(const struct pulse *p, int64_t first, int64_t stop, double 
     int64_t chosen = -1;
     for (int64_t i = first; i < stop; i++) {
         total += p->energy[i];
-        strongest = fmax(strongest, p->energy[i]);
+        strongest = larger(strongest, p->energy[i]);
     }
     for (int64_t i = first; i < stop; i++) {
         mean += p->energy[i] / total * (p->at[i] - p->at[first]);
@@ -312,7 +342,7 @@ static void add_group(const struct pulse *p, int64_t first, int64_t stop, double
     double end = p->at[stop - 1];
     double least = p->width[first];
     for (int64_t i = first; i < stop; i++) {
-        least = fmin(least, p->width[i]);
+        least = smaller(least, p->width[i]);
     }
     if (!(end - start > 2 * least)) {
         add_echo(p, first, stop, sigma, crest_of(p, first, stop, start, end), found);
@@ -370,13 +400,13 @@ static void add_waveform(const struct pulse *p, double sigma, struct echoes *fou
     }
     double least = INFINITY; /* of what later contacts reach back to */
     for (int64_t i = count - 1; i >= 0; i--) {
-        least = fmin(least, p->at[i] - APART * (p->width[i] - sigma / 2));
+        least = smaller(least, p->at[i] - APART * (p->width[i] - sigma / 2));
         p->behind[i] = least;
     }
     double before = -INFINITY;
     int64_t first = 0;
     for (int64_t i = 0; i < count; i++) {
-        before = fmax(before, p->at[i] + APART * (p->width[i] - sigma / 2));
+        before = larger(before, p->at[i] + APART * (p->width[i] - sigma / 2));
         int last = i + 1 == count;
         if (last || (wide ? before < p->behind[i + 1] : p->at[i + 1] - p->at[i] > APART * sigma)) {
             add_group(p, first, i + 1, sigma, found);
@@ -499,8 +529,9 @@ int64_t find_echoes(int64_t count, const int64_t *order, const int64_t *ray, int
     int64_t stop;
     for (int64_t first = 0; first < count; first = stop) {
         int64_t number = ray[order[first]] / subrays;
+        int64_t base = number * subrays;
         p.count = 0;
-        for (stop = first; stop < count && ray[order[stop]] / subrays == number; stop++) {
+        for (stop = first; stop < count && ray[order[stop]] < base + subrays; stop++) {
             if (energy[order[stop]] > 0) {
                 row[p.count++] = order[stop];
             }
@@ -510,7 +541,7 @@ int64_t find_echoes(int64_t count, const int64_t *order, const int64_t *ray, int
         }
         sort_rows(p.count, row, distance);
         for (int64_t i = 0; i < p.count; i++) {
-            subray[i] = ray[row[i]] % subrays;
+            subray[i] = ray[row[i]] - base;
             p.at[i] = distance[row[i]];
             p.energy[i] = energy[row[i]];
             p.width[i] = blur[row[i]] > 0 ? hypot(sigma, blur[row[i]]) : sigma;

@@ -8,7 +8,7 @@ mean density over the ground that these leave, where one is given.
 from __future__ import annotations
 
 import numpy as np
-from scipy.ndimage import distance_transform_edt
+import scipy
 
 from .. import spec
 from ..formats.raster_file import GeoRaster
@@ -138,7 +138,9 @@ def _raster(
 
 def _spread(pixels: np.ndarray) -> np.ndarray:
     """The pixels, NaN replaced by the nearest that is none."""
-    nearest = distance_transform_edt(np.isnan(pixels), return_distances=False, return_indices=True)
+    nearest = scipy.ndimage.distance_transform_edt(
+        np.isnan(pixels), return_distances=False, return_indices=True
+    )
     return np.asarray(np.nan_to_num(pixels[tuple(nearest)]))
 
 

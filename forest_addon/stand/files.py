@@ -20,7 +20,7 @@ from operator import attrgetter
 from pathlib import Path
 
 import numpy as np
-from scipy.ndimage import binary_dilation
+import scipy
 
 from .. import spec
 from ..formats.crs import same_place, short, wkt_of
@@ -276,7 +276,7 @@ def _cut(
 def _filled(pixels: np.ndarray) -> np.ndarray:
     """The pixels, NaN replaced by what is linear between those beside holes, else by the nearest."""
     hole = np.isnan(pixels)
-    beside = np.argwhere(binary_dilation(hole, np.ones((3, 3))) & ~hole)
+    beside = np.argwhere(scipy.ndimage.binary_dilation(hole, np.ones((3, 3))) & ~hole)
     filled = pixels.copy()
     filled[hole] = linear_between(beside, pixels[tuple(beside.T)], np.argwhere(hole))
     return filled

@@ -25,10 +25,17 @@ def room(tmp_path, monkeypatch):
     kernels._opened.cache_clear()
 
 
-@pytest.fixture
-def built(room):
-    if builder.main([]):
+@pytest.fixture(scope="module")
+def library(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("library")
+    if builder.main(["--out", str(folder)]):
         pytest.skip("no C compiler is here")
+    return folder / kernels.FILE
+
+
+@pytest.fixture
+def built(library, room):
+    shutil.copy(library, room)
     return room
 
 

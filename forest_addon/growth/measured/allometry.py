@@ -43,7 +43,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import astuple, dataclass
 
 import numpy as np
-from scipy.integrate import cumulative_trapezoid
+import scipy
 from scipy.spatial import ConvexHull, QhullError
 from scipy.special import ndtr, ndtri
 
@@ -217,7 +217,7 @@ def _density(kind: Allometry, dbh: np.ndarray, given: np.ndarray) -> np.ndarray:
 
 def _drawn(at: np.ndarray, density: np.ndarray, uniform: np.ndarray) -> np.ndarray:
     """(N,) numbers with densities (N, G) at (G,), by inversion."""
-    below = cumulative_trapezoid(density, axis=1, initial=0)
+    below = scipy.integrate.cumulative_trapezoid(density, axis=1, initial=0)
     rows = zip(uniform * below[:, -1], below, strict=True)
     return np.array([np.interp(share, each, at) for share, each in rows])
 

@@ -26,7 +26,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy.optimize import brentq
+import scipy
 from scipy.spatial import cKDTree
 
 from ...base.rng import daughter_keys, stream, truncated_normal
@@ -355,7 +355,7 @@ def _contraction(internodes: float, generations: int) -> float:
 
     if miss(0.05) >= 0 or miss(1.5) <= 0:
         return 0.05 if miss(0.05) >= 0 else 1.5
-    return float(brentq(miss, 0.05, 1.5))
+    return float(scipy.optimize.brentq(miss, 0.05, 1.5))
 
 
 def _mean_reach(grammar: Grammar) -> float:

@@ -71,18 +71,13 @@ def cosines(normal: np.ndarray, directions: np.ndarray) -> np.ndarray:
 
 def organs(scene: SceneGeometry, hits: Hits) -> np.ndarray:
     """(R,) int8 parts of what was hit, ``ESCAPED`` where nothing was."""
-    found = np.flatnonzero(hits.found)
-    whole = len(found) == len(hits.found)
-    instance, triangle = hits.instance, hits.triangle
-    if not whole:
-        instance, triangle = instance[found], triangle[found]
-    table = scene.table
-    part: np.ndarray = table.part.take(table.starts[scene.mesh_index].take(instance) + triangle)
-    if whole:
-        return part
-    values = np.full(len(hits.found), ESCAPED, dtype=np.int8)
-    values[found] = part
-    return values
+    if not len(scene.table.part):
+        return np.full(len(hits.found), ESCAPED, dtype=np.int8)
+    first = np.append(
+        scene.table.starts[scene.mesh_index], 0
+    )  # a miss has instance and triangle -1
+    part = scene.table.part.take(first.take(hits.instance) + hits.triangle)
+    return np.where(hits.found, part, np.int8(ESCAPED))
 
 
 def _leaves(scene: SceneGeometry, hits: Hits) -> np.ndarray:

@@ -38,7 +38,7 @@ class SightLines(RowTable):
 
 @dataclass(frozen=True)
 class Contacts(RowTable):
-    """C surfaces that send light back, those of one ray from the nearest on.
+    """C surfaces that send light back, those of one ray from the nearest on, and rays that met nothing.
 
     ray : (C,) number of the ray. hits : what it met. organ : (C,) int8 part of the tree.
     light : (C,) share of the ray's light that gets there and back.
@@ -69,6 +69,8 @@ def meet(
     light = np.ones(len(origins))
     when: dict[str, Any] = {} if time is None else {"time": time}
     hits = caster.cast(origins, directions, max_distance, **when)
+    if not surfaces.leaf_transmittance:
+        return Contacts(ray, hits, organs(caster.scene, hits), light)
     found: list[Contacts] = []
     while True:
         met = np.flatnonzero(hits.found)

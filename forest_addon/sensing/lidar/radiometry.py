@@ -14,11 +14,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from ... import kernels
 from ...base.rng import keyed_normal, keyed_uniform
 from ...base.trimesh import DEAD, GROUND, LEAF, OTHER, WOOD
 from ...spec import POLISHED, Noise, Polished, Scanner, SpecError, Surfaces
 from ..rays.caster import Hits
 from ..rays.geometry import SceneGeometry
+from .cloud import cosines
 
 RETRO = POLISHED.index("retro")
 PLANCK, LIGHT_SPEED = 6.62607015e-34, 299_792_458.0  # J·s, m/s
@@ -31,6 +33,34 @@ def intensity(
     with np.errstate(divide="ignore"):
         back: np.ndarray = reflectance * np.abs(cos_incidence) / distance**2
     return back * np.exp(-2 * extinction * distance) if extinction else back
+
+
+def light_back(
+    ray: np.ndarray,
+    share: np.ndarray,
+    light: tuple[np.ndarray, np.ndarray],
+    distance: np.ndarray,
+    normal: np.ndarray,
+    line: np.ndarray,
+    way: np.ndarray,
+    extinction: float,
+    nearest: float,
+) -> np.ndarray:
+    """(C,) 1/m², what contacts add to the I of their pulses; 0 of those nearer than ``nearest``, metres.
+
+    ray : (C,) numbers of rays, from pulse to pulse. share : (S,) of a pulse's light in each of its rays.
+    light : reflectances (C,), and shares (C,) of a ray's light that get there and back.
+    normal : (C, 3). line : (C,) rows of ``way`` (L, 3), unit directions.
+    """
+    library = kernels.library()
+    if library is None:
+        energy = light[0] * light[1] * share[ray % len(share)]
+        energy = intensity(energy, cosines(normal, way[line]), distance, extinction)
+        return np.where((energy > 0) & (distance >= nearest), energy, 0.0)
+    energy = np.empty(len(ray))
+    given = (np.ascontiguousarray(one) for one in (*light, distance, normal, line, way))
+    library.light_back(len(ray), ray, len(share), share, *given, extinction, nearest, energy)
+    return energy
 
 
 def detection_limit(scanner: Scanner) -> float:

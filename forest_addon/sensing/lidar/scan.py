@@ -28,13 +28,13 @@ from ..rays.caster import Hits, RayCaster, hit_normals
 from ..rays.exact import Referee
 from ..rays.geometry import SceneGeometry
 from ..trajectory import Trajectory
-from .cloud import Cloud, Lost, cosines, join, label
+from .cloud import Cloud, Lost, join, label
 from .footprint import blurred_patches, spread
 from .passage import Contacts, Received, meet
 from .pattern import LiDAR, Pattern, Pulses, pattern_of
 from .radiometry import (
     detection_limit,
-    intensity,
+    light_back,
     range_error,
     reflectance_of,
     refuse_surplus,
@@ -87,6 +87,7 @@ class Scan:
         self.specular = SpecularScene.of(caster.scene, scanner)
         self._unfollowed = 0
         self._subrays, self._sigma = scanner.beam.subrays, pulse_length(scanner.beam.pulse_ns)
+        self._share = np.full(self._subrays, 1 / self._subrays)  # of a pulse's light, of each ray
         self._bins: Bins | None = None  # echoes are crests of waveforms
         self._by_chance = scanner.surfaces.leaf_transmittance > 0  # what a ray meets
         self._lost = 0
@@ -238,13 +239,12 @@ class Scan:
         line, lines, bounce = contacts.ray, rays, np.zeros(len(contacts.ray), dtype=np.int8)
         if sight is not None:
             line, lines, bounce = np.arange(len(line)), (sight.origin, sight.way), sight.bounce
-        ways = lines[1][line]
-        normal = self._normals(hits, ways, time[contacts.ray])
+        normal = self._normals(hits, lines[1][line], time[contacts.ray])
         reflectance = reflectance_of(scene, hits, contacts.organ, scanner.surfaces)
-        light, extinction = self._light(contacts, reflectance), scanner.beam.extinction
-        energy = intensity(light, cosines(normal, ways), hits.distance, extinction)
-        energy[hits.distance < scanner.min_range] = 0.0
-        common, distance, blur = (contacts.ray, self._subrays), hits.distance, None
+        light, distance, blur = (reflectance, contacts.light), hits.distance, None
+        seen = distance, normal, line, lines[1], scanner.beam.extinction, scanner.min_range
+        energy = light_back(contacts.ray, self._share, light, *seen)
+        common = contacts.ray, self._subrays
         if self._subrays > 1 and self._bins is None:
             surface = np.where(contacts.organ == LEAF, np.int8(-1), bounce)
             distance, blur = blurred_patches(
@@ -253,12 +253,8 @@ class Scan:
         echoes = find_echoes(*common, distance, energy, self._sigma, blur, self._bins)
         chosen = echoes.contact
         gone = None if sight is None else bounce[chosen]
-        return Received(echoes, hits.select(chosen), ways[chosen], normal[chosen], gone)
-
-    def _light(self, contacts: Contacts, reflectance: np.ndarray) -> np.ndarray:
-        """(C,) share of a pulse's light that contacts send back."""
-        light: np.ndarray = reflectance * contacts.light / self._subrays
-        return light
+        ways = lines[1][line[chosen]]
+        return Received(echoes, hits.select(chosen), ways, normal[chosen], gone)
 
     def _normals(self, hits: Hits, ways: np.ndarray, time: np.ndarray) -> np.ndarray:
         """Return (C, 3) normals of what was met on ways (C, 3), at times (C,)."""

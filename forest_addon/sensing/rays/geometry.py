@@ -86,15 +86,27 @@ class SceneGeometry:
         self, instance: np.ndarray, triangle: np.ndarray, otherwise: float
     ) -> np.ndarray:
         """(R,) reflectance of what was hit: of its material, else of its object, else ``otherwise``."""
-        found = np.where(instance >= 0, np.append(self.reflectance, np.nan)[instance], np.nan)
-        mesh_of = np.append(self.mesh_index, -1)[instance]
-        for index, slots in enumerate(self.slot_reflectance):
-            if np.isfinite(slots).any():
-                rows = np.flatnonzero(mesh_of == index)
-                slot = self.meshes[index].material[triangle[rows]]
-                own = slots[np.clip(slot, 0, len(slots) - 1)]
-                found[rows] = np.where(np.isnan(own), found[rows], own)
+        found = np.append(self.reflectance, np.nan).take(instance)  # a miss is -1
+        if self._of_material is not None:
+            first = np.append(self.table.starts[self.mesh_index], 0)
+            own = self._of_material.take(first.take(instance) + triangle)
+            found = np.where(np.isnan(own) | (instance < 0), found, own)
         return np.where(np.isnan(found), otherwise, found)
+
+    @cached_property
+    def _of_material(self) -> np.ndarray | None:
+        """(T,) reflectance that materials say of the table's triangles; None where none says any."""
+        says = any(np.isfinite(slots).any() for slots in self.slot_reflectance)
+        if not says or not len(self.table.part):
+            return None
+        said = np.full(len(self.table.part), np.nan)
+        for mesh, slots, first in zip(
+            self.meshes, self.slot_reflectance, self.table.starts, strict=True
+        ):
+            if len(slots):
+                own = slots[np.clip(mesh.material, 0, len(slots) - 1)]
+                said[first : first + len(own)] = own
+        return said
 
     def optics_at(self, instance: np.ndarray, triangle: np.ndarray) -> np.ndarray:
         """(R, 4) what makes that which was hit a mirror, glass or water: of its material, else of its

@@ -18,7 +18,7 @@ from functools import cached_property
 from typing import Protocol
 
 import numpy as np
-from scipy.ndimage import map_coordinates
+import scipy
 from scipy.spatial import cKDTree
 from scipy.special import chdtr, chdtrc
 
@@ -236,7 +236,9 @@ class Region:
         the overlap of pixels is bilinear."""
         middle = np.array(self._overlaps.shape) // 2
         at = shift[:, ::-1] / self.cell[::-1] + middle
-        read: np.ndarray = map_coordinates(self._overlaps, at.T, order=1, mode="constant")
+        read: np.ndarray = scipy.ndimage.map_coordinates(
+            self._overlaps, at.T, order=1, mode="constant"
+        )
         return read
 
     @cached_property

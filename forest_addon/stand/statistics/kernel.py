@@ -12,7 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import correlate1d
+import scipy
 from scipy.optimize import minimize_scalar
 
 from .window import Window
@@ -157,5 +157,5 @@ def _taps(width: float) -> np.ndarray:
 
 def _smooth(image: np.ndarray, kernel: list[np.ndarray]) -> np.ndarray:
     for axis, taps in enumerate(kernel):
-        image = correlate1d(image, taps, axis=axis, mode="constant")
+        image = scipy.ndimage.correlate1d(image, taps, axis=axis, mode="constant")
     return image

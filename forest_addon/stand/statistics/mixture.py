@@ -14,7 +14,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.ndimage import gaussian_filter
+import scipy
 from scipy.optimize import minimize
 from scipy.spatial import cKDTree
 
@@ -287,7 +287,7 @@ def _with_another_hill(data: _Data, fit: _Fit) -> Iterator[_Fit]:
     for scale in SCALES:
         near = (scale / cell)[::-1]
         have, want = (
-            gaussian_filter(image, near, mode="constant") * 2 * np.pi * near.prod()
+            scipy.ndimage.gaussian_filter(image, near, mode="constant") * 2 * np.pi * near.prod()
             for image in (seen, law)
         )
         at = middle[int(np.argmax((have - want) / np.sqrt(want + 1)))]

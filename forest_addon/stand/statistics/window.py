@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.ndimage import map_coordinates
+import scipy
 from scipy.special import ndtr, owens_t
 
 from ..intensity.polygon import Polygon
@@ -193,7 +193,7 @@ class Window:
         table, cell = self._overlap_table
         middle = (np.array(table.shape) - 1) / 2
         at = shift[:, ::-1] / cell[::-1] + middle
-        read: np.ndarray = map_coordinates(table, at.T, order=1, mode="constant")
+        read: np.ndarray = scipy.ndimage.map_coordinates(table, at.T, order=1, mode="constant")
         return read
 
     @cached_property

@@ -148,7 +148,8 @@ class SurveyScan(Scan):
         """
         other, pulse_ns = copy(self), self.scanner.beam.pulse_ns
         other._rings, other._across = rings(digitiser.rings), across
-        other._subrays, other._bins = len(other._rings.share), bins_of(pulse_ns, digitiser)
+        other._share, other._subrays = other._rings.share, len(other._rings.share)
+        other._bins = bins_of(pulse_ns, digitiser)
         other._sigma = pulse_ns / 7 * np.sqrt(3.0) * METRES_A_NS / 2
         return other
 
@@ -163,12 +164,6 @@ class SurveyScan(Scan):
         turn_y = across * (cos * beside - sin * pulses.across)
         beams = BeamFrames(pulses.origin, pulses.direction, none, none, turn_x, turn_y)
         return rays_at(beams, self._rings.place)
-
-    def _light(self, contacts: Contacts, reflectance: np.ndarray) -> np.ndarray:
-        if self._rings is None:
-            return super()._light(contacts, reflectance)
-        share = self._rings.share[contacts.ray % self._subrays]
-        return np.asarray(reflectance * contacts.light * share)
 
     def _met(
         self, rays: tuple[np.ndarray, np.ndarray], keys: np.ndarray, at: np.ndarray | None

@@ -28,7 +28,7 @@ Gain = Callable[[np.ndarray, np.ndarray], np.ndarray]  # of frequency and path l
 PANEL_KA = 3.0  # width of a panel in ka of the octave's thickest trunk
 TRUNKS_AT_ONCE = 512
 BINS_AT_ONCE = 512
-BY_NODES = 1e-5  # tolerance from above which losses are interpolated between nodes
+BY_NODES = 5e-5  # tolerance from above which losses are interpolated between nodes
 
 
 @dataclass(frozen=True)
