@@ -25,7 +25,7 @@ from .command import (
     PROGRAM,
     Command,
     DoubtfulError,
-    IncompleteError,
+    EndedError,
     UnlikeError,
     fault_of,
     is_told,
@@ -86,9 +86,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             return _fail(without(f"{command.name} cannot draw its pictures"), 2)
         except MemoryError as problem:
             sys.unraisablehook = _say_nothing
-            asked = re.search(
-                r"allocate ([\d.]+ \w+)", str(problem)
-            )  # numpy says of what shape, too
+            asked = re.search(r"allocate ([\d.]+ \w+)", str(problem))  # numpy's words
             said = f" for {asked[1]} more" if asked else ""
             return _fail(f"there is not enough memory{said}; take less at once, {kept}", 1)
         except BrokenPipeError:  # who read it has seen enough
@@ -100,12 +98,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         except ValueError as problem:  # SpecError is one
             told = is_told(problem)
             return _fail(problem if told else fault_of(problem), 2 if told else 1)
-        except DoubtfulError as problem:
-            return _fail(problem, 3)
-        except IncompleteError as problem:
-            return _fail(problem, 4)
-        except UnlikeError as problem:
-            return _fail(problem, 5)
+        except EndedError as problem:
+            return _fail(problem, problem.code)
         except KeyboardInterrupt:
             sys.unraisablehook = _say_nothing
             print(f"\ninterrupted; {kept}", file=sys.stderr)

@@ -32,16 +32,28 @@ def typed(text: str | None) -> str | None:
     return None if text is None else text.replace("python -m headless", PROGRAM)
 
 
-class DoubtfulError(Exception):
-    """Results that were kept, but are not as exact as was asked for; exit code 3."""
+class EndedError(Exception):
+    """An end that is no mistake of who asked, with an exit code of its own."""
+
+    code: ClassVar[int]
 
 
-class IncompleteError(Exception):
-    """Most was made, some of it could not be; exit code 4."""
+class DoubtfulError(EndedError):
+    """Results that were kept, but are not as exact as was asked for."""
+
+    code = 3
 
 
-class UnlikeError(Exception):
-    """Siblings too unlike their tree to be planted; files are kept, no scene is written; exit code 5."""
+class IncompleteError(EndedError):
+    """Most was made, some of it could not be."""
+
+    code = 4
+
+
+class UnlikeError(EndedError):
+    """Siblings too unlike their tree to be planted; files are kept, no scene is written."""
+
+    code = 5
 
 
 def _steps_of_ours(problem: BaseException) -> list[traceback.FrameSummary | None]:

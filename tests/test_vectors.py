@@ -4,7 +4,6 @@ import math
 
 import numpy as np
 
-from forest_addon.base.products import product
 from forest_addon.base.vectors import azimuth_of, column, elevation_of, zenith_of
 
 
@@ -31,10 +30,3 @@ def test_a_column_has_the_same_bits_wherever_the_result_lies():
         behind = memory[3 * count + gap : 4 * count + gap]
         np.arctan2(column(ways, 1), column(ways, 0), out=behind)
         assert behind.tobytes() == wanted.tobytes()
-
-
-def test_a_product_in_pieces_is_the_product():
-    rng = np.random.default_rng(2)
-    for rows, inner, columns in ((7, 5, 3), (1000, 40, 300), (9, 2, 140_000), (0, 3, 2)):
-        a, b = rng.normal(size=(rows, inner)), rng.normal(size=(inner, columns))
-        np.testing.assert_allclose(product(a, b), a @ b, rtol=1e-12, atol=1e-12)

@@ -20,6 +20,7 @@ Several sums of the same echoes, weighted differently, share their amplitudes.
 from __future__ import annotations
 
 import math
+from bisect import bisect_left
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
@@ -40,6 +41,7 @@ LEVELS = np.unique(np.rint(2.0 * 1.12 ** np.arange(45)).astype(np.int64))  # up 
 # Nepers by which errors may be asked to be smaller than the tolerance, or larger: one after the other.
 STRICTNESS = np.concatenate([np.arange(-18.0, 30.0, 0.5), 30.0 * 1.2 ** np.arange(40)])
 SAMPLES = 128  # echoes that are measured, and of many more
+LIKE = 256.0  # steps of the turn of echoes, for its factor of e, within which they are alike
 SPARE = 12  # nodes beyond those that the farthest reaching of them should need
 RESOLVED = 0.01  # of the tolerance, that the last quarter of a series may hold
 FLAT = 3.0  # times what is left beyond two thirds of it: amplitudes are no smoother
@@ -111,7 +113,7 @@ def sum_delayed(
     kernel = ALIASING[width - NARROWEST]
     plan = _planned(task, reach, loudness, SAFE * max(tolerance - kernel, 0.1 * tolerance))
     for nodes in distinct(plan.nodes).tolist():
-        rows = plan.order[plan.nodes[plan.order] == nodes]
+        rows = np.flatnonzero(plan.nodes == nodes)
         if nodes == 0:
             task.direct(rows)
         else:
@@ -121,11 +123,10 @@ def sum_delayed(
 
 @dataclass(frozen=True)
 class _NodePlan:
-    """nodes : (M,) of the echoes, 0: directly. order : (M,) of them, like ones together. error, scattered :
-    of Σ max|A|, measured: all errors in phase, and their root of the sum of squares."""
+    """nodes : (M,) of the echoes, 0: directly. error, scattered : of Σ max|A|, measured: all errors in phase,
+    and their root of the sum of squares."""
 
     nodes: np.ndarray
-    order: np.ndarray
     error: float
     scattered: float
 
@@ -137,7 +138,8 @@ def _planned(task: _Task, reach: ArrayLike, loudness: ArrayLike, allowed: float)
     turn = task.octave + math.pi * task.width * np.broadcast_to(np.abs(reach), shape)
     total = float(loud.sum())
     chance = 0.5 / len(loud) + (0.5 / total) * loud  # of being drawn, over how many are
-    order = np.argsort(turn, kind="stable")
+    like = np.minimum(LIKE * np.log(turn / turn.min()), 65_535.0)
+    order = np.argsort(like.astype(np.uint16), kind="stable")  # ten times faster than of the turns
     drawn = np.cumsum(chance[order])
     draws = min(SAMPLES + len(loud) // 256, len(loud))
     places = (np.arange(draws) + 0.5) / draws * drawn[-1]
@@ -160,18 +162,26 @@ def _planned(task: _Task, reach: ArrayLike, loudness: ArrayLike, allowed: float)
     scale = total / (len(loud) * loud)  # every echo may be off by the same
     levels = LEVELS[max(min(dense, task.count // 2), LEVELS[0]) >= LEVELS]
     direct = task.count <= 2 * dense  # as cheap as more nodes
-    level = _level(turn[some], STRICTNESS[:, None] - math.log(allowed), scale[some], levels)
-    served = np.append(levels, levels[-1])[level], np.arange(draws)
-    missed = (level < len(levels)) | (not direct)
-    errors = np.where(missed, after[served], 0.0) @ weight
-    least = FLAT * float(after[2 * dense // 3] @ weight)
-    chosen = int(np.argmax(errors <= max(allowed * size, least)))
-    level = _level(turn, STRICTNESS[chosen] - math.log(allowed), scale, levels)
-    nodes = _together(level if direct else np.minimum(level, len(levels) - 1), levels, task.count)
-    left = np.where(missed, typical[served], 0.0)[chosen]
-    scattered = math.sqrt(float(left**2 @ weight))
-    unit = size or 1.0
-    return _NodePlan(nodes, order, float(errors[chosen]) / unit, scattered / unit)
+
+    def leveled(rows: np.ndarray | slice, strictness: float) -> np.ndarray:
+        level = _level(turn[rows], strictness - math.log(allowed), scale[rows], levels)
+        return level if direct else np.minimum(level, len(levels) - 1)
+
+    def missed(nodes: np.ndarray) -> tuple[float, float]:
+        """Errors of the drawn echoes: all in phase, and their root of the sum of squares."""
+        kept = nodes, np.arange(draws)
+        in_phase, random = (np.where(nodes > 0, of[kept], 0.0) for of in (after, typical))
+        return float(in_phase @ weight), math.sqrt(float(random**2 @ weight))
+
+    def at_most(strictness: float) -> bool:
+        return missed(np.append(levels, 0)[leveled(some, strictness)])[0] <= enough
+
+    enough = max(allowed * size, FLAT * float(after[2 * dense // 3] @ weight))
+    chosen = bisect_left(STRICTNESS, True, key=at_most)
+    level = leveled(slice(None), float(STRICTNESS[min(chosen, len(STRICTNESS) - 1)]))
+    nodes = _together(level, levels, task.count)
+    error, scattered = (off / (size or 1.0) for off in missed(nodes[some]))
+    return _NodePlan(nodes, error, scattered)
 
 
 def _level(

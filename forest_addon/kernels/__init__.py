@@ -76,6 +76,9 @@ FUNCTIONS: dict[str, tuple[list[Any], Any]] = {
         None,
     ),
     "cylinders": ([*_SCATTERERS, _doubles, _double, _complexes, *_CUBICS], None),
+    "move_discs": ([_count, _int64s, *[_doubles] * 3, _double, _doubles, _doubles], None),
+    "incidences": ([_count, *[_doubles] * 4], None),
+    "trace_paths": ([_count, _doubles, _count, *[_doubles] * 5], None),
     "lay_echoes": (
         [
             *(_count, _doubles, _doubles, _count, _complexes, _count, _doubles),

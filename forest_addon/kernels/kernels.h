@@ -84,6 +84,24 @@ KERNEL void cylinders(int64_t nodes, const double *wavenumber, int64_t count, co
 KERNEL void weigh_echoes(int64_t nodes, int64_t count, const double *level, int64_t terms, const double *basis,
                          const double *term, double *values);
 
+/* Moves some rows of discs into the world: centre, normal (_, 3) of all, rows (count), by a transform (3, 4) that
+ * turns, mirrors and scales evenly; moved, turned (count, 3).
+ */
+KERNEL void move_discs(int64_t count, const int64_t *rows, const double *centre, const double *normal,
+                       const double *transform, double scale, double *moved, double *turned);
+
+/* The angles (count), from 0 to a quarter of a turn, between normals (count, 3) and the ways from a point (3) to
+ * centres (count, 3).
+ */
+KERNEL void incidences(int64_t count, const double *centre, const double *normal, const double *point, double *angle);
+
+/* The ways to centres (count, 3) from places (ends, 3), the mouth of a sonar and its ears, with their frames
+ * (ends, 3, 3): axis, left, up. direction (count, 3) unit, from the first; distance (count, ends); offset
+ * (count, ends, 2) off the axes, as beam_offsets of sensing/sonar/beam.py.
+ */
+KERNEL void trace_paths(int64_t count, const double *centre, int64_t ends, const double *place, const double *frame,
+                        double *direction, double *distance, double *offset);
+
 /* Lays echoes down on even grids of delays: each is turned back by its cycles and goes, weighted, to the
  * ``width`` points about its place, times a kernel's taps there.
  *

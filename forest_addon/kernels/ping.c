@@ -318,3 +318,62 @@ void cylinders(int64_t nodes, const double *wavenumber, int64_t count, const dou
         }
     }
 }
+
+void move_discs(int64_t count, const int64_t *rows, const double *centre, const double *normal,
+                const double *transform, double scale, double *moved, double *turned)
+{
+    for (int64_t i = 0; i < count; i++) {
+        const double *c = centre + 3 * rows[i];
+        const double *n = normal + 3 * rows[i];
+        for (int a = 0; a < 3; a++) {
+            const double *t = transform + 4 * a;
+            moved[3 * i + a] = t[0] * c[0] + t[1] * c[1] + t[2] * c[2] + t[3];
+            turned[3 * i + a] = (t[0] * n[0] + t[1] * n[1] + t[2] * n[2]) / scale;
+        }
+    }
+}
+
+void incidences(int64_t count, const double *centre, const double *normal, const double *point, double *angle)
+{
+    for (int64_t i = 0; i < count; i++) {
+        const double *n = normal + 3 * i;
+        double x = centre[3 * i] - point[0];
+        double y = centre[3 * i + 1] - point[1];
+        double z = centre[3 * i + 2] - point[2];
+        double a = y * n[2] - z * n[1];
+        double b = z * n[0] - x * n[2];
+        double c = x * n[1] - y * n[0];
+        angle[i] = atan2(sqrt(a * a + b * b + c * c), fabs(x * n[0] + y * n[1] + z * n[2]));
+    }
+}
+
+void trace_paths(int64_t count, const double *centre, int64_t ends, const double *place, const double *frame,
+                 double *direction, double *distance, double *offset)
+{
+    for (int64_t i = 0; i < count; i++) {
+        for (int64_t e = 0; e < ends; e++) {
+            const double *f = frame + 9 * e;
+            double x = centre[3 * i] - place[3 * e];
+            double y = centre[3 * i + 1] - place[3 * e + 1];
+            double z = centre[3 * i + 2] - place[3 * e + 2];
+            double away = sqrt(x * x + y * y + z * z);
+            x /= away;
+            y /= away;
+            z /= away;
+            double left = f[3] * x + f[4] * y + f[5] * z;
+            double up = f[6] * x + f[7] * y + f[8] * z;
+            double side = sqrt(left * left + up * up);
+            double angle = atan2(side, f[0] * x + f[1] * y + f[2] * z);
+            double share = side > 0.0 ? angle / side : 0.0;
+            double *off = offset + 2 * (i * ends + e);
+            off[0] = side > 0.0 ? share * left : angle;
+            off[1] = share * up;
+            distance[i * ends + e] = away;
+            if (e == 0) {
+                direction[3 * i] = x;
+                direction[3 * i + 1] = y;
+                direction[3 * i + 2] = z;
+            }
+        }
+    }
+}

@@ -7,7 +7,6 @@ a name stands for anything; ``NAME_unit`` beside an array is its unit as text.
 
 from __future__ import annotations
 
-import csv
 import html
 import importlib.metadata
 import platform
@@ -107,9 +106,10 @@ def draw_overview(done: Sequence[Done], seed: int, path: Path) -> None:
 def _draw_map(axes: Axes, one: Done, colour: dict[str, str]) -> None:
     from matplotlib.collections import EllipseCollection
 
-    trees = _table(one.folder / "trees.csv")
+    trees = disk.table_of(one.folder / "trees.csv")
     place = np.array([[float(t["x_m"]), float(t["y_m"])] for t in trees]).reshape(-1, 2)
-    place -= _offset(one.folder / "scene.toml")  # sensors are drawn beside them
+    sensors, _, offset = _told(one.folder)
+    place -= offset  # sensors are drawn beside them
     wide = np.array([float(t["crown_width_m"]) for t in trees])
     faces = [colour[t["species"]] for t in trees]
     if len(place):
@@ -129,7 +129,7 @@ def _draw_map(axes: Axes, one: Done, colour: dict[str, str]) -> None:
         if name.endswith("-route.csv"):
             route = np.loadtxt(one.folder / name, delimiter=",", skiprows=1, ndmin=2)
             axes.plot(route[:, 0], route[:, 1], ".-", color=INK, lw=0.8, ms=4)
-    for x, y in _standing(one.folder / "scene.toml"):
+    for x, y in _standing(sensors):
         axes.plot(x, y, "^", color=INK, ms=5, mew=0)
     axes.set_aspect("equal")
     axes.autoscale_view()
@@ -143,10 +143,10 @@ def _draw_map(axes: Axes, one: Done, colour: dict[str, str]) -> None:
     )
 
 
-def _standing(path: Path) -> list[tuple[float, float]]:
+def _standing(sensors: Sequence[dict[str, Any]]) -> list[tuple[float, float]]:
     """Return where sensors stand that do not move."""
     found = []
-    for sensor in tomllib.loads(path.read_text(encoding="utf-8")).get("sensors", []):
+    for sensor in sensors:
         for key in ("position", "source", "receiver"):
             place = sensor.get(key)  # the receiver of a scanner is a table
             if isinstance(place, list) and sensor["kind"] in ("terrestrial", "sonar", "reverb"):
@@ -183,11 +183,14 @@ def _draw_clouds(axes: Axes, folder: Path, clouds: dict[str, int]) -> None:
     """A slice of the field where most trees stand, of the largest clouds that have points enough for it;
     far points first.
     """
-    low, high = _field(folder / "scene.toml")
+    _, forest, offset = _told(folder)
+    low = np.array(forest.origin) + offset
+    high = low + forest.size
     middle = _most_trees(folder, (low[1] + high[1]) / 2)
     some, shades, drawn = [], [], []
     for name in sorted(clouds, key=lambda key: -clouds[key]):
-        place, organ = read_points(folder, name)
+        (cloud,) = [each for _, each in disk.clouds_of(folder, name)][-1:]
+        place, organ = cloud["xyz"], cloud["organ"]
         x, y, _ = place.T
         near = (np.abs(y - middle) < SLICE / 2) & (x > low[0] - BESIDE) & (x < high[0] + BESIDE)
         some.append(place[near])
@@ -207,37 +210,18 @@ def _draw_clouds(axes: Axes, folder: Path, clouds: dict[str, int]) -> None:
 
 def _most_trees(folder: Path, otherwise: float) -> float:
     """The y about which a slice holds most trunks."""
-    y = np.array([float(tree["y_m"]) for tree in _table(folder / "trees.csv")])
+    y = np.array([float(tree["y_m"]) for tree in disk.table_of(folder / "trees.csv")])
     if not len(y):
         return otherwise
     near = np.abs(y[:, None] - y) < SLICE / 2
     return float(y[near[np.argmax(near.sum(axis=1))]].mean())
 
 
-def _offset(path: Path) -> np.ndarray:
-    """(2,) metres that are added to what is written of a scene."""
-    told = tomllib.loads(path.read_text(encoding="utf-8")).get("offset", (0.0, 0.0, 0.0))
-    return np.array(told[:2], dtype=np.float64)
-
-
-def _field(path: Path) -> tuple[np.ndarray, np.ndarray]:
-    """(2,) lowest and (2,) highest corner of a scene's field."""
-    table = tomllib.loads(path.read_text(encoding="utf-8")).get("forest", {})
-    forest = structure(table, Forest)
-    low = np.array(forest.origin) + _offset(path)
-    return low, low + forest.size
-
-
-def read_points(folder: Path, name: str) -> tuple[np.ndarray, np.ndarray]:
-    """Places (P, 3) and organs (P,) of a cloud of a scene."""
-    packed = folder / f"{name}-points.npz"
-    if packed.is_file():
-        with np.load(packed) as data:
-            return np.stack([data[axis] for axis in "xyz"], axis=1), data["organ"]
-    import laspy
-
-    cloud = laspy.read(folder / f"{name}.laz")
-    return np.asarray(cloud.xyz), np.asarray(cloud["organ"])
+def _told(folder: Path) -> tuple[list[dict[str, Any]], Forest, np.ndarray]:
+    """Sensors, the field and the (2,) metres that are added to what is written, of a scene's settings."""
+    told = tomllib.loads((folder / "scene.toml").read_text(encoding="utf-8"))
+    offset = np.array(told.get("offset", (0.0, 0.0))[:2], dtype=np.float64)
+    return told.get("sensors", []), structure(told.get("forest", {}), Forest), offset
 
 
 def draw_varied(done: Sequence[Done], path: Path) -> None:
@@ -253,7 +237,7 @@ def draw_varied(done: Sequence[Done], path: Path) -> None:
         columns.setdefault("leaf area of a scene, m²", []).append(one.record["leaf_area_m2"])
         if sum(one.record["points"].values()):
             columns.setdefault("points of a scene", []).append(sum(one.record["points"].values()))
-        for tree in _table(one.folder / "trees.csv"):
+        for tree in disk.table_of(one.folder / "trees.csv"):
             for key, factor, words in (
                 ("dbh_m", 100, "DBH, cm"),
                 ("height_m", 1, "height of a tree, m"),
@@ -274,11 +258,6 @@ def draw_varied(done: Sequence[Done], path: Path) -> None:
             names, counts = np.unique([str(value) for value in values], return_counts=True)
             axes.barh(names, counts, color=LEAF_GREEN)
     save_figure(figure, path)
-
-
-def _table(path: Path) -> list[dict[str, str]]:
-    with open(path, newline="", encoding="utf-8") as file:
-        return list(csv.DictReader(file))
 
 
 LOADER = Path(__file__).parent / "loader.py"  # read, never imported here

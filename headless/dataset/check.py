@@ -7,7 +7,6 @@ before it; no two splits share a grown tree unless the plan says so; no result i
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -100,8 +99,7 @@ def faults_of(one: disk.Done, may_be_empty: bool = False) -> Iterator[str]:
 
 
 def _wrong_labels(one: disk.Done) -> Iterator[str]:
-    with open(one.folder / "trees.csv", newline="", encoding="utf-8") as file:
-        trees = list(csv.DictReader(file))
+    trees = disk.table_of(one.folder / "trees.csv")
     known = {int(tree["tree"]): tree for tree in trees}
     if len(known) != one.record["trees"]:
         yield f"trees.csv has {len(known)} trees, scene.json says {one.record['trees']}"
@@ -122,7 +120,7 @@ def _wrong_labels(one: disk.Done) -> Iterator[str]:
 
 
 def _wrong_points(folder: Path, name: str, count: int, leaves: np.ndarray) -> Iterator[str]:
-    for kind, fields in _clouds(folder, name):
+    for kind, fields in disk.clouds_of(folder, name):
         tree, leaf, organ, species = (fields[key] for key in ("tree", "leaf", "organ", "species"))
         if len(tree) != count:
             yield f"{kind} has {len(tree)} points, scene.json says {count}"
@@ -139,20 +137,6 @@ def _wrong_points(folder: Path, name: str, count: int, leaves: np.ndarray) -> It
         pairs = np.unique(np.stack([tree[of_tree], species[of_tree]], 1), axis=0)
         if len(np.unique(pairs[:, 0])) != len(pairs):
             yield f"{kind}: a tree has two species"
-
-
-def _clouds(folder: Path, name: str) -> Iterator[tuple[str, Any]]:
-    if (folder / f"{name}.laz").is_file():
-        import laspy
-
-        cloud = laspy.read(folder / f"{name}.laz")
-        yield (
-            f"{name}.laz",
-            {key: np.asarray(cloud[key]) for key in ("tree", "leaf", "organ", "species")},
-        )
-    if (folder / f"{name}-points.npz").is_file():
-        with np.load(folder / f"{name}-points.npz") as data:
-            yield f"{name}-points.npz", dict(data)
 
 
 def _wrong_cylinders(path: Path, known: dict[int, Any]) -> Iterator[str]:

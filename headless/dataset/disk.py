@@ -16,6 +16,7 @@ other.
 
 from __future__ import annotations
 
+import csv
 import errno
 import hashlib
 import json
@@ -28,6 +29,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from forest_addon.formats.atomic import replacing, write_whole
 from forest_addon.formats.ownership import claim, digest_of, remove
@@ -121,6 +124,26 @@ def scenes_done(root: Path) -> Iterator[Done]:
     for path in sorted(folder.iterdir()) if folder.is_dir() else ():
         if path.name.isdigit() and (found := read_scene(path)) is not None:
             yield found
+
+
+def table_of(path: Path) -> list[dict[str, str]]:
+    """Rows of a CSV file of a scene."""
+    with open(path, newline="", encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+def clouds_of(folder: Path, name: str) -> Iterator[tuple[str, Any]]:
+    """Files of a cloud of a scene, each with its arrays by field."""
+    if (folder / f"{name}.laz").is_file():
+        import laspy
+
+        cloud = laspy.read(folder / f"{name}.laz")
+        labels = {key: np.asarray(cloud[key]) for key in ("tree", "leaf", "organ", "species")}
+        yield f"{name}.laz", {"xyz": np.asarray(cloud.xyz), **labels}
+    if (folder / f"{name}-points.npz").is_file():
+        with np.load(folder / f"{name}-points.npz") as data:
+            place = np.stack([data[axis] for axis in "xyz"], axis=1)
+            yield f"{name}-points.npz", {"xyz": place, **data}
 
 
 def read_scene(folder: Path) -> Done | None:

@@ -68,15 +68,3 @@ def test_shipped_table_is_what_the_script_makes() -> None:
         assert abs(len(made) - len(rows[index])) <= 1
         np.testing.assert_allclose(rows[index][:shared], made[:shared], atol=3e-7)
     assert FILE.stat().st_size < 1e6
-
-
-@pytest.mark.medium
-def test_many_sizes_of_a_disc_are_the_same_numbers():
-    """A disc at many sizes is summed over the incidence first; bit by bit the same."""
-    rng = np.random.default_rng(3)
-    ka, angle = (
-        np.geomspace(0.5, 60.0, 2000)[:, None] * rng.uniform(0.5, 1, 5),
-        rng.uniform(0, 1.5, 5),
-    )
-    one_by_one = np.concatenate([tabulated(row[None], angle) for row in ka])
-    np.testing.assert_array_equal(tabulated(ka, angle), one_by_one)

@@ -2,11 +2,15 @@
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from forest_addon import kernels
 from forest_addon.acoustics.disc import disc_amplitudes, rim_amplitudes
 from forest_addon.acoustics.gridding import grid_of, kernel, lay
+from forest_addon.sensing.sonar.leaves import FoliageDiscs, LeafDiscs, LeafEchoes
+from forest_addon.sensing.sonar.station import Equipment, Station, posed
 from forest_addon.sensing.sonar.wood import CylinderStrength
+from forest_addon.spec import Air, Sonar
 
 
 @pytest.fixture
@@ -76,3 +80,27 @@ def test_cylinders_are_as_loud(both):
     wood = CylinderStrength(3 * RADIUS + 0.01, 2 * RADIUS, sine, cosine, FACTOR)
     one, other = both(lambda: wood.amplitude(K))
     assert (np.abs(one - other) <= 1e-13 * np.abs(other).max(axis=1, keepdims=True)).all()
+
+
+def test_opened_leaves_are_placed_alike(both):
+    """Discs that are turned and scaled; paths to three ears, also of places on the axis and behind."""
+    rng = np.random.default_rng(7)
+    centre, normal = rng.normal(size=(2, 400, 3))
+    normal /= np.linalg.norm(normal, axis=1)[:, None]
+    transform = np.column_stack([2 * Rotation.from_rotvec([1, 2, 3]).as_matrix(), [3, 4, 5]])
+    one = np.zeros(400, np.int64)
+    discs = FoliageDiscs.of_discs(LeafDiscs(centre, normal, np.ones(400), one, one, one))
+    rows = rng.permutation(400)[:300]
+    sonar = Sonar(ears=3, ear_turn_deg=20.0)
+    station = Station(sonar, Air(), posed(sonar), Equipment.of(sonar))
+    ahead = station.point + np.array([[1.0], [-1.0]]) * station.pose.frame[0]
+
+    def placed():
+        centres, normals, radius = discs.moved(transform, rows)
+        places = np.concatenate([centres, ahead])
+        leaves = LeafEchoes(centres, rows, normals, radius, radius, "paper")
+        paths = station.paths(places)
+        return centres, normals, leaves.incidence(station.point), *vars(paths).values()
+
+    for found, expected in zip(*both(placed), strict=True):
+        np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-13)

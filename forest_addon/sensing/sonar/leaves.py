@@ -14,6 +14,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from ... import kernels
 from ...acoustics.disc import SMALLEST, amplitude_bound, disc_amplitudes, rim_amplitudes
 from ...acoustics.disc_table import HANDOVER, table_error
 from ...base.rows import distinct, lengths
@@ -98,14 +99,19 @@ class FoliageDiscs:
     def moved(self, transform: np.ndarray, rows: np.ndarray | None = None) -> Measured:
         """The leaves, or those of some rows, through one (3, 4) transform."""
         linear = transform[:, :3]
-        centre, normal, radius = self.local if rows is None else [v[rows] for v in self.local]
-        scale = similarity(linear)
-        if not len(radius):
-            return centre, normal, radius
-        if scale is not None:
-            turned = normal @ linear.T / (scale or 1.0)
-            return apply_transform(transform, centre), turned, scale * radius
         rows = np.arange(len(self.leaf)) if rows is None else rows
+        scale = similarity(linear)
+        if scale is not None:
+            centre, normal, radius = self.local
+            moved, turned = np.empty((2, len(rows), 3))
+            library = kernels.library()
+            if library is None:
+                moved = apply_transform(transform, centre[rows])
+                turned = normal[rows] @ linear.T / (scale or 1.0)
+            else:
+                given = len(rows), rows, centre, normal, np.ascontiguousarray(transform)
+                library.move_discs(*given, scale or 1.0, moved, turned)
+            return moved, turned, scale * radius[rows]
         size = self._first[rows + 1] - self._first[rows]
         owner = np.repeat(np.arange(len(rows)), size)
         facet = np.arange(len(owner)) + np.repeat(self._first[rows] - np.cumsum(size) + size, size)
@@ -289,13 +295,16 @@ class LeafEchoes(Scatterers):
 
     def incidence(self, point: np.ndarray) -> np.ndarray:
         """(M,) radians between their normals and the way to a point."""
-        x, y, z = np.ascontiguousarray((self.centre - point).T)
-        u, v, w = np.ascontiguousarray(self.normal.T)
-        facing = np.abs(x * u + y * v + z * w)
+        library = kernels.library()
+        if library is not None:
+            angle = np.empty(len(self))
+            places = (np.ascontiguousarray(each) for each in (self.centre, self.normal, point))
+            library.incidences(len(self), *places, angle)
+            return angle
+        way = self.centre - point
         # Sine and cosine both keep their digits, face-on and edge-on.
-        grazing = np.sqrt((y * w - z * v) ** 2 + (z * u - x * w) ** 2 + (x * v - y * u) ** 2)
-        angle: np.ndarray = np.arctan2(grazing, facing)
-        return angle
+        grazing = lengths(np.cross(way, self.normal))
+        return np.arctan2(grazing, np.abs(np.einsum("mi,mi->m", way, self.normal)))
 
 
 # Leaves within their near field, where a disc is no point: their faces, and what the models add.

@@ -255,7 +255,8 @@ class EarAmplitudes:
 
     def reach(self, part: ScattererPart, band: tuple[float, float]) -> np.ndarray:
         """(m,) s, about how far responses of a part reach, with what their gains change over a band."""
-        change = np.diff(self._basis(np.array(band)), axis=1)[:, 0] @ self._terms
+        basis = np.diff(self._basis(np.array(band)), axis=1)[:, 0]
+        change = np.einsum("d,dm->m", basis, self._terms)
         width, speed = max(band[1] - band[0], 1e-9), self._station.sound_speed
         own = part.strength.reach(2.0 * np.pi * band[0] / speed) / speed
         return np.asarray(own + np.abs(change[part.rows]) / (2.0 * np.pi * width))

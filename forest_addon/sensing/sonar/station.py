@@ -19,8 +19,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ... import kernels
 from ...acoustics.air import absorption
-from ...base.rows import RowTable, lengths
+from ...base.rows import RowTable
 from ...spec import Air, Sonar
 from ..trajectory import Trajectory, frame_of
 from .beam import BeamPattern, GaussianBeam, Horseshoe, Omni, beam_offsets
@@ -149,7 +150,6 @@ class Station:
         self.point = pose.position
         self.ear = pose.position + ears.offset @ pose.frame  # (E, 3)
         self.ear_frame = ears.frame @ pose.frame  # (E, 3, 3)
-        self.together = len(ears) == 1 and sonar.ear_turn_deg == 0
         self.apart = float(np.linalg.norm(ears.offset, axis=1).max())
         self.sound_speed = air.speed()
         self.least_loss = float(self.loss(np.array([sonar.band[0]]))[0])
@@ -187,36 +187,53 @@ class Station:
 
     def paths(self, centre: np.ndarray) -> EchoPaths:
         """The ways from the mouth by places (M, 3) to the ears."""
-        out = centre - self.point
-        distance = lengths(out)
-        direction = out / distance[:, None]
-        emitted = np.stack(beam_offsets(direction, self.pose.frame), axis=1)
-        if self.together:
-            return EchoPaths(direction, distance, distance[:, None], emitted, emitted[:, None])
-        legs, heard = [], []
-        for ear, frame in zip(self.ear, self.ear_frame, strict=True):
-            back = centre - ear
-            leg = lengths(back)
-            legs.append(leg)
-            heard.append(np.stack(beam_offsets(back / leg[:, None], frame), axis=1))
-        return EchoPaths(
-            direction, distance, np.stack(legs, axis=1), emitted, np.stack(heard, axis=1)
-        )
+        ends = np.concatenate([self.point[None], self.ear])
+        frames = np.concatenate([self.pose.frame[None], self.ear_frame])
+        library = kernels.library()
+        if library is not None:
+            shape = len(centre), len(ends)
+            found = EchoPaths(np.empty((len(centre), 3)), np.empty(shape), np.empty((*shape, 2)))
+            given = len(centre), np.ascontiguousarray(centre), len(ends), ends, frames
+            library.trace_paths(*given, *vars(found).values())
+            return found
+        ways = centre - ends[:, None]
+        away = np.linalg.norm(ways, axis=2)
+        ways /= away[:, :, None]
+        offsets = [beam_offsets(*each) for each in zip(ways, frames, strict=True)]
+        return EchoPaths(ways[0], away.T, np.transpose(offsets, (2, 0, 1)))
 
 
 @dataclass(frozen=True)
 class EchoPaths(RowTable):
     """M ways by a scatterer to E ears.
 
-    direction : (M, 3) unit, from the mouth. distance : (M,). leg : (M, E) from scatterer to ear.
-    emitted : (M, 2) offsets off the beam's axis. heard : (M, E, 2) off the ears' axes.
+    direction : (M, 3) unit, from the mouth. away : (M, 1 + E) metres from the mouth and from the ears.
+    offset : (M, 1 + E, 2) radians off the beam's axis and off the ears'.
     """
 
     direction: np.ndarray
-    distance: np.ndarray
-    leg: np.ndarray
-    emitted: np.ndarray
-    heard: np.ndarray
+    away: np.ndarray
+    offset: np.ndarray
+
+    @property
+    def distance(self) -> np.ndarray:
+        """(M,) from the mouth."""
+        return self.away[:, 0]
+
+    @property
+    def leg(self) -> np.ndarray:
+        """(M, E) from scatterer to ear."""
+        return self.away[:, 1:]
+
+    @property
+    def emitted(self) -> np.ndarray:
+        """(M, 2) offsets off the beam's axis."""
+        return self.offset[:, 0]
+
+    @property
+    def heard(self) -> np.ndarray:
+        """(M, E, 2) offsets off the ears' axes."""
+        return self.offset[:, 1:]
 
     @property
     def length(self) -> np.ndarray:
@@ -226,13 +243,10 @@ class EchoPaths(RowTable):
     def bound(self, station: Station) -> np.ndarray:
         """(M,) no gain in the band is larger, at any ear."""
         band, equipment = station.sonar.band, station.equipment
-        sent = equipment.emit.loudest(self.emitted[:, 0], self.emitted[:, 1], band)
+        sent = equipment.emit.loudest(*self.emitted.T, band)
         most = np.zeros(len(sent))
         for ear, length in enumerate(self.length.T):
-            hear = equipment.hear(ear)
-            same = station.together and hear is equipment.emit
-            az, el = self.heard[:, ear].T
-            heard = sent if same else hear.loudest(az, el, band)
+            heard = equipment.hear(ear).loudest(*self.heard[:, ear].T, band)
             weaker = np.exp(-station.least_loss * length) / (self.distance * self.leg[:, ear])
             most = np.maximum(most, sent * heard * weaker)
         return most
