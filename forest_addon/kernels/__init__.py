@@ -35,10 +35,38 @@ _int8s, _bytes, _int32s, _int64s, _floats, _doubles, _singles, _complexes = (
         *(np.float32, np.float64, np.complex64, np.complex128),
     )
 )
+
+
+class CastScene(ctypes.Structure):
+    """``struct cast_scene`` of kernels.h."""
+
+    _point = ctypes.c_double * 3
+    _fields_ = (
+        ("tree", ctypes.c_void_p),
+        ("intersect", ctypes.c_void_p),
+        ("low", _point),
+        ("high", _point),
+        ("centre", _point),
+        ("slack", ctypes.c_double),
+        ("transform", ctypes.c_void_p),
+        ("first", ctypes.c_void_p),
+        ("triangle", ctypes.c_void_p),
+        ("single", ctypes.c_void_p),
+        ("exact", ctypes.c_void_p),
+    )
+
+
 _SCATTERERS = _count, _doubles, _count, _doubles, _doubles
 _CUBICS = _double, _double, _count, _complexes, _complexes
 FUNCTIONS: dict[str, tuple[list[Any], Any]] = {
     "kernels_sources": ([], _text),
+    "cast_rays": (
+        [
+            *(ctypes.POINTER(CastScene), _count, _doubles, _doubles, _doubles, _doubles),
+            *(_int64s, _int64s, _doubles, _int64s, _int64s, _doubles),
+        ],
+        None,
+    ),
     "weigh_echoes": ([_count, _count, _doubles, _count, _doubles, _doubles, _complexes], None),
     "paper_discs": ([*_SCATTERERS, _doubles, *_CUBICS], None),
     "piston_discs": ([*_SCATTERERS, _doubles, *_CUBICS[2:]], None),

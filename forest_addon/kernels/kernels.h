@@ -18,6 +18,35 @@
 /* Returns the hash of the sources that the library was built from, as packaging/build_kernels.py told it. */
 KERNEL const char *kernels_sources(void);
 
+/* Embree's rtcIntersect1. */
+typedef void (*intersect1)(void *tree, void *ray, void *arguments);
+
+/* A scene of I instances of meshes with T triangles and V vertices in all. */
+struct cast_scene {
+    void *tree;               /* Embree's scene of the instances, by number, about the centre */
+    intersect1 intersect;     /* of the library that made it */
+    double low[3], high[3];   /* a box around all, larger by slack */
+    double centre[3];
+    double slack;             /* metres by which float32 may be wrong */
+    const double *transform;  /* (I, 3, 4) local to world */
+    const int64_t *first;     /* (I) row of triangle where the instance's mesh begins */
+    const int32_t *triangle;  /* (T, 3) rows of the vertices */
+    const float *single;      /* (V, 3) vertices where float32 holds them exactly; else NULL, and */
+    const double *exact;      /* (V, 3) here */
+};
+
+/* Finds the closest hit of each ray, as RayCaster in forest_addon/sensing/rays/caster.py promises it.
+ *
+ * origin, direction: (count, 3). near, far: (count) metres. left_instance, left_triangle: (count) what a ray
+ * leaves, -1 nothing. Written are distance (count) metres, infinite for a miss; instance and triangle (count),
+ * -1 for a miss; normal (count, 3), unit vectors in the world, NaN for a miss. A hit depends on its ray
+ * alone, not on those beside it.
+ */
+KERNEL void cast_rays(const struct cast_scene *scene, int64_t count, const double *origin,
+                      const double *direction, const double *near, const double *far,
+                      const int64_t *left_instance, const int64_t *left_triangle, double *distance,
+                      int64_t *instance, int64_t *triangle, double *normal);
+
 /* The amplitudes of scatterers, into values (nodes, count) complex, at wavenumbers (nodes), 1/m.
  *
  * Cubics: a table (cells, 4) complex has in each cell, ``step`` wide from ``first`` on, the coefficients of a

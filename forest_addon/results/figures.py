@@ -81,7 +81,7 @@ def of_forest(forest: GrownForest) -> list[Figure]:
             words(
                 "",
                 "Spacing",
-                "{removed:,} of {before:,} trees removed",
+                "{removed:,} of {before:,} removed",
                 removed=removed,
                 before=before,
             )

@@ -118,8 +118,8 @@ def _never_empty(_job: Observation, _found: Any) -> str:
     return ""
 
 
-def _no_more(_sensor: Any, _settings: Scene, _trees: int) -> float:
-    return 0.0
+def _no_more(_sensor: Any, _settings: Scene, _trees: int, _count: int) -> tuple[float, float]:
+    return 0.0, 0.0
 
 
 def _one_run(sensor: Any, _trajectory: Any, _engine: str) -> Cost:
@@ -154,8 +154,9 @@ class SensorKind:
     lasts : seconds of a scene that moves, which a run along a trajectory looks at; 0: it stands still.
     sways : whether it meets trees where the wind has them at the time of each of its rays.
     cost : of a run along a trajectory with a ray engine. seconds_among : what so many trees, and all that a
-        scene's settings add to them, add to its first guess. outline : (N, 2, 3) m, ends of the lines that
-        show where it looks.
+        scene's settings add to them, add to its first guess, to set up and to work, of so many pings or
+        channels.
+    outline : (N, 2, 3) m, ends of the lines that show where it looks.
     choose : what is left to "auto", chosen. left_out : what a finding left out, and the bound on that.
     thinned : settings, as a table, by which one of so many of its pulses is sent; None: it has none.
     look : what it needs of trees, where their detail is left to "auto".
@@ -178,7 +179,7 @@ class SensorKind:
     lasts: Callable[[Any, Any], float] = _a_moment
     sways: bool = False
     cost: Callable[[Any, Any, str], Cost] = _one_run
-    seconds_among: Callable[[Any, Scene, int], float] = _no_more
+    seconds_among: Callable[[Any, Scene, int, int], tuple[float, float]] = _no_more
     outline: Callable[[Any], np.ndarray] = _no_lines
     choose: Callable[[Any], tuple[Choice, ...]] = _nothing_chosen
     left_out: Callable[[Any], tuple[Choice, ...]] = _nothing_chosen
@@ -213,24 +214,29 @@ class SensorKind:
 
 # Cost of a run, before it begins: how much it sends, how long that takes, how much it keeps.
 #
-# The time is a guess until sensors of a kind have run once in this process: seconds to begin, as tables
-# take, and seconds for each unit of work, as measured in the demo forest. Then the guess is multiplied by
-# what the last run took over what was guessed, on this machine and in this scene.
+# The time is a guess until sensors of a kind have run once in this process: seconds to set the scene up,
+# which only the first run in it takes, and seconds for each unit of work, as measured in small woods. Then
+# the larger of both is multiplied by what the last run took over what was guessed, on this machine.
 
 
 RAY = 2.5e-6  # s, a first guess: a ray of Embree
-BEGIN = 0.7  # s to read a scene, make Embree ready and draw what was found
+BEGIN = 0.1  # s to make Embree ready
+TRIANGLE = 8e-7  # s to set one of a scene up, in the order of its mesh
 SLOWER = 15.0  # times that BVHTree takes a ray
 RETURN = 300  # bytes of a point: what is computed of it, and what Blender keeps
 
-_pace: dict[str, float] = {}  # s taken over s guessed, of the last run of sensors of a kind
+BRIEF = 0.3  # s of a run, from which on it says how fast a kind is
+LEAST = 0.1  # of a guess, which no run falls below
+
+_pace: dict[str, tuple[float, float]] = {}  # by kind: s taken over s guessed, to set up and to work
 
 
 @dataclass(frozen=True)
 class Cost:
     """Cost of one run: ``count`` of what it sends (pulses, pings, channels), seconds, bytes.
 
-    work : what the time grows with: rays, pings, channels. guess : seconds as guessed before any has run.
+    work : what the time grows with: rays, pings, channels. guess : seconds as guessed before any has run;
+    setup : those of them that only the first run of a kind in a scene takes.
     """
 
     what: str
@@ -239,6 +245,7 @@ class Cost:
     seconds: float
     memory: int
     guess: float = 0.0
+    setup: float = 0.0
 
     def __str__(self) -> str:
         rays = f" of {self.work:,} rays" if self.work > self.count else ""
@@ -247,11 +254,11 @@ class Cost:
         return f"{self.count:,} {what}{rays}: about {_lasting(self.seconds)}{memory}"
 
 
-def cost_with(cost: Cost, more: float) -> Cost:
-    """The cost of a run to whose first guess so many seconds are added."""
-    guess = cost.guess + more
-    pace = cost.seconds / cost.guess if cost.guess > 0 else 1.0
-    return replace(cost, seconds=guess * pace, guess=guess)
+def cost_with(kind: str, cost: Cost, setup: float, work: float) -> Cost:
+    """The cost of a run of a kind whose first guess is so many seconds more, to set up and to work."""
+    first, then = _pace.get(kind, (1.0, 1.0))
+    setup, work = max(cost.setup + setup, 0.0), cost.guess - cost.setup + work
+    return replace(cost, seconds=setup * first + work * then, guess=setup + work, setup=setup)
 
 
 def _lasting(seconds: float) -> str:
@@ -292,13 +299,21 @@ def cost_of_work(
     """
     work = work or count
     guess = begin + work * unit
-    return Cost(what, count, work, guess * _pace.get(sensor.kind, 1.0), memory, guess)
+    cost = Cost(what, count, work, guess, memory, guess, begin)
+    return cost_with(sensor.kind, cost, 0.0, 0.0)
 
 
 def note_pace(sensor: Sensor, cost: Cost, seconds: float) -> None:
-    """Remember how long a run took."""
-    if cost.guess > 0:
-        _pace[sensor.kind] = seconds / cost.guess
+    """Remember how long a run took: the larger part of its guess is what was wrong."""
+    if max(seconds, cost.seconds) < BRIEF:
+        return
+    first, then = _pace.get(sensor.kind, (1.0, 1.0))
+    setup, work = cost.setup, cost.guess - cost.setup
+    if setup > work:
+        first = max((seconds - work * then) / setup, LEAST)
+    elif work > 0:
+        then = max((seconds - setup * first) / work, LEAST)
+    _pace[sensor.kind] = first, then
 
 
 # Reasons why a sensor found nothing, in a sentence: nothing there, nothing in reach, nothing met.

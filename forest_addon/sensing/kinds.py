@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from ..spec import SENSORS, Choice, Scene, Sensor
-from .kind import Cost, SensorKind, cost_with
+from .kind import TRIANGLE, Cost, SensorKind, cost_with
 from .lidar.kind import AIRBORNE, MOBILE, TERRESTRIAL, TRACTOR
 from .reverb.kind import REVERB
 from .sonar.kind import SONAR
@@ -36,11 +36,24 @@ def kind_of(sensor: Sensor) -> SensorKind:
     return KINDS[sensor.kind]
 
 
-def cost_of(sensor: Sensor, trajectory: Any, engine: str, settings: Scene, trees: int) -> Cost:
-    """The cost of a sensor's run along a trajectory with a ray engine, in a scene with so many trees."""
+def cost_of(
+    sensor: Sensor,
+    trajectory: Any,
+    engine: str,
+    settings: Scene,
+    trees: int,
+    triangles: int = 0,
+    ready: bool = False,
+) -> Cost:
+    """The cost of a sensor's run along a trajectory with a ray engine, in a scene with so many trees.
+
+    triangles : that are not set up yet. ready : the kind has run in this scene, and it is the same.
+    """
     kind = kind_of(sensor)
-    more = kind.seconds_among(sensor, settings, trees)
-    return cost_with(kind.cost(sensor, trajectory, engine), more)
+    cost = kind.cost(sensor, trajectory, engine)
+    setup, work = kind.seconds_among(sensor, settings, trees, cost.count)
+    setup += triangles * TRIANGLE
+    return cost_with(sensor.kind, cost, -cost.setup if ready else setup, work)
 
 
 def of_family(sensors: Iterable[Sensor], family: str) -> list[Any]:

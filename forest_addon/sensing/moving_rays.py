@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from copy import copy
+from dataclasses import replace
 from typing import Protocol
 
 import numpy as np
@@ -93,7 +94,9 @@ class MovingCaster:
         near = np.broadcast_to(np.asarray(min_distance, dtype=np.float64), len(origins))
         far = np.broadcast_to(np.asarray(max_distance, dtype=np.float64), len(origins))
         time = np.asarray(time, dtype=np.float64)
-        return self.search.cast(origins, ways, far, time=time, min_distance=near, leaving=leaving)
+        limits = {"min_distance": near, "leaving": leaving}
+        found = self.search.cast(origins, ways, far, time=time, **limits)
+        return replace(found, normal=self.moving.normals(found, time))
 
     def meets(
         self, origins: np.ndarray, directions: np.ndarray, hits: Hits, time: np.ndarray
@@ -213,7 +216,7 @@ class PartByPart:
         left = None
         if leaving is not None:
             left = leaving.select(ray)
-            left = Hits(left.distance, np.where(left.instance == instance, 0, -1), left.triangle)
+            left = replace(left, instance=np.where(left.instance == instance, 0, -1))
         number = int(instance[0])
         limits = np.fmin(far, best.distance)[ray] * size, near[ray] * size
         caster = self._caster(number)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from forest_addon.results.figures import facts, words
-from forest_addon.results.kinds import figures_of
+from forest_addon.results.kinds import RESULTS, figures_of
 from forest_addon.results.reverb import of_response
 from forest_addon.sensing.reverb.metrics import octave_bands
 from forest_addon.sensing.reverb.response import ImpulseResponse
@@ -52,8 +52,25 @@ def test_a_path_of_several_channels():
     assert facts(figures_of(Reverb(), blocked))["direct path"] == "blocked by wood"
 
 
+def test_a_reverb_whose_tolerance_was_not_reached_is_warned_of():
+    found = dataclasses.replace(response(), errors={20.0: 3e-4, 40.0: 1e-4})
+    (warning,) = RESULTS["reverb"].doubts(Reverb(tolerance=1e-4), found)
+    assert "3e-04 off from 20 to 40 Hz, where 1e-04 was asked for" in warning
+    assert RESULTS["reverb"].doubts(Reverb(tolerance=1e-3), found) == ()
+
+
+def test_the_tail_says_how_sure_its_level_is():
+    error = np.array([np.nan, 5.25, *np.full(len(octave_bands(24_000.0)) - 2, 0.3)])
+    found = of_response(dataclasses.replace(response(), tail_error=error))
+    assert facts(found)["standard error of the tail's level by octave"].startswith("62.5 Hz 5.2 dB")
+    (shown,) = [each.text for each in found if each.short == "Tail Error"]
+    assert shown == "5.2 dB at 62.5 Hz"
+    assert "Tail Error" not in [each.short for each in of_response(response())]
+
+
 def test_no_name_twice():
-    found = of_response(response(), trunks=1)
+    error = np.ones(len(octave_bands(24_000.0)))
+    found = of_response(dataclasses.replace(response(), tail_error=error), trunks=1)
     for names in ([each.name for each in found], [each.short for each in found]):
         named = [name for name in names if name]
         assert len(named) == len(set(named))

@@ -7,9 +7,11 @@ included). Each instance is met from its own origin, so that an offset of 1e6 m 
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
-from forest_addon.sensing.rays.caster import Hits
+from forest_addon.sensing.rays.caster import Hits, hit_normals
 from forest_addon.sensing.rays.geometry import SceneGeometry
 
 EDGE = 1e-12  # barycentric slack: a ray aimed at a shared edge meets at least one of its triangles
@@ -56,9 +58,10 @@ class BruteCaster:
                 nearest = t.argmin(axis=1)
                 reached = t[np.arange(len(t)), nearest]
                 closer = np.flatnonzero(reached < hits.distance[rows])
-                found = Hits(reached[closer], np.full(len(closer), index), nearest[closer])
+                nothing = np.full((len(closer), 3), np.nan)
+                found = Hits(reached[closer], np.full(len(closer), index), nearest[closer], nothing)
                 hits.put(rows[closer], found)
-        return hits
+        return replace(hits, normal=hit_normals(self.scene, replace(hits, normal=None)))
 
     def occluded(
         self,

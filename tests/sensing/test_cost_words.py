@@ -28,7 +28,11 @@ def test_costs_in_words(cost, words):
 def test_a_reverb_takes_longer_with_heights_stems_and_a_forest_that_goes_on():
     """In proportion to cuts and to channels; a forest that goes on as stems of its number do."""
     level = Reverb(source=(5.0, 5.0, 1.5), receiver=(9.0, 5.0, 1.5))
-    among = kind_of(level).seconds_among
+
+    def among(*given):
+        count = kind_of(level).cost(given[0], None, "embree").count
+        return sum(kind_of(level).seconds_among(*given, count))
+
     field = Scene(name="field", forest=Forest(size=(100.0, 100.0)))
     stems = field.changed(stems=(Stems(count=30_000), Stems(count=10_000)))
     one = among(level, field, 100)

@@ -242,7 +242,7 @@ def test_the_template_has_every_kind_of_text(template):
     known = set(spoken(template))
     assert {
         ("*", "{count:,} stems"),  # say and label
-        ("*", "{removed:,} of {before:,} trees removed"),  # kept figures
+        ("*", "{removed:,} of {before:,} removed"),  # kept figures
         ("*", "Leaves Heard"),
         ("*", "Images"),  # plain, in a layout
         ("Operator", "Grow Forest"),  # plain, on a button

@@ -72,7 +72,7 @@ class BvhCaster(Search):
         if len(several):
             found.append(self._in_rounds(pairs.select(several), origins, directions, limit))
         ray, box, triangle = (np.concatenate(part) for part in zip(*found, strict=True))
-        distance = self._surfaces.distance(
+        distance, normal = self._surfaces.meet(
             origins.take(ray, 1), directions.take(ray, 1), box, triangle
         )
         within = (distance <= limit[ray]).nonzero()[0]
@@ -80,7 +80,8 @@ class BvhCaster(Search):
         order = within[np.lexsort((box[within], distance[within], ray[within]))]
         chosen = order[_firsts(ray[order])]
         hits = Hits.misses(len(limit))
-        hits.put(ray[chosen], Hits(distance[chosen], box[chosen], triangle[chosen]))
+        met = Hits(distance, box, triangle, normal.T).select(chosen)
+        hits.put(ray[chosen], met)
         return hits
 
     def _only(
@@ -168,7 +169,7 @@ class BvhCaster(Search):
         mesh = self.scene.meshes[mesh_number]
         ready: tuple[BVHTree, np.ndarray] | None = vars(mesh).get("_tree")
         if ready is None:
-            numbers = whole_triangles(mesh)
+            numbers = np.flatnonzero(whole_triangles(mesh))
             vertices = np.nan_to_num(mesh.vertices, nan=0.0, posinf=0.0, neginf=0.0)
             tree = BVHTree.FromPolygons(
                 vertices.tolist(), mesh.triangles[numbers].tolist(), all_triangles=True

@@ -9,10 +9,9 @@ from __future__ import annotations
 
 import ctypes
 import sys
-import threading
 import weakref
 from collections import deque
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from functools import cache
 from itertools import repeat
 from pathlib import Path
@@ -20,12 +19,14 @@ from pathlib import Path
 import bpy
 import numpy as np
 
+from ... import kernels
 from ...base.rows import distinct
 from ...base.trimesh import TriMesh
+from ...kernels import CastScene
 from ...sensing.rays.boxes import clip
 from ...sensing.rays.caster import Hits
-from ...sensing.rays.geometry import SceneGeometry, invert_transforms
-from ...sensing.rays.search import TASK, Search, whole_triangles
+from ...sensing.rays.geometry import SceneGeometry, TriangleTable, invert_transforms
+from ...sensing.rays.search import Search, in_tasks, whole_triangles
 
 FOLDERS = ("lib", "blender.shared", ".", "../Frameworks", "../Resources/lib")
 FILES = {"win32": ("embree4*.dll",), "darwin": ("libembree4*.dylib",)}
@@ -56,8 +57,7 @@ SIGNATURES = {
     "rtcSetGeometryTransform": (None, [_P, _U, _I, _P]),
     "rtcSetGeometryTransformQuaternion": (None, [_P, _U, _P]),
     "rtcSetGeometryTimeStepCount": (None, [_P, _U]),
-    "rtcIntersect8": (None, [_P, _P, _P, _P]),
-    "rtcIntersect16": (None, [_P, _P, _P, _P]),
+    "rtcIntersect1": (None, [_P, _P, _P]),
     "rtcSetGeometryInstancedScenes": (None, [_P, _P, _Z]),
 }
 
@@ -116,145 +116,19 @@ def _type(library: ctypes.CDLL) -> None:
         raise EmbreeError("it was built without arrays of instances")
 
 
-# Packets of rays as Embree wants them: which rays go together, how many, and by which of its ways.
-#
-# Rays side by side, as those of a beam, go by eight as a coherent packet: Embree passes its tree once for
-# the pyramid around them, twice as fast as ray by ray. Others go by sixteen, which Embree takes one by one;
-# so do those of an aircraft's beams, which are farther apart than leaves are wide where they enter the
-# scene and would be a tenth slower together.
-
-
-LONE, ALIKE = 16, 8  # rays of a packet
-TURN = 0.03  # by how much unit directions of a packet side by side differ at most
-ASIDE = 0.05  # metres between the places where they enter the scene, at most: about a leaf
-LOOKED_AT = 16  # of so many packets one
-MOST_APART = 0.1  # share of the packets that may be wider
-# Rows of RTCRayHit8 and 16; between them normal 12-14, u 15, v 16, and 20 the place in an array of instances.
-TNEAR, DIRECTION, TIME, TFAR, MASK, ID, FLAGS = 3, 4, 7, 8, 9, 10, 11
-HIT_PRIMITIVE, HIT_GEOMETRY, HIT_INSTANCE, HIT_OF_ARRAY, ROWS = 17, 18, 19, 20, 21
+# Numbers of RTCRayHit, of four bytes each; before them origin 0-2, direction 4-6.
+TIME, TFAR, MASK, HIT_PRIMITIVE, HIT_GEOMETRY, HIT_INSTANCE, HIT_OF_ARRAY, SIZE = (
+    *(7, 8, 9, 17, 18, 19, 20, 24),
+)
 NONE = 0xFFFFFFFF
 FAR = 3e38  # the longest way that float32 holds
-
-
-class _Arguments(ctypes.Structure):
-    """RTCIntersectArguments."""
-
-    _fields_ = (
-        ("flags", ctypes.c_int),
-        ("features", ctypes.c_uint),
-        ("context", ctypes.c_void_p),
-        ("filter", ctypes.c_void_p),
-        ("intersect", ctypes.c_void_p),
-        ("width", ctypes.c_float),
-    )
-
-
-_COHERENT = _Arguments(flags=1 << 16, features=NONE)
-
-
-def lanes_for(origins: np.ndarray, directions: np.ndarray) -> int:
-    """Return how many of the rays (3, R), (3, R) should go together, as they follow each other.
-
-    origins : where they enter the scene.
-    """
-    whole = origins.shape[1] // ALIKE * ALIKE
-    for rays, most in ((directions, TURN), (origins, ASIDE)):
-        some = rays[:, :whole].reshape(3, -1, ALIKE)[:, ::LOOKED_AT]
-        wide = (some.max(axis=2) - some.min(axis=2) > most).any(axis=0)
-        if np.count_nonzero(wide) > MOST_APART * len(wide):
-            return LONE
-    return ALIKE
-
-
-class RayPackets:
-    """Rays as Embree wants them: packets (P, 21, lanes) float32, the last one filled up with idle lanes."""
-
-    def __init__(self, count: int, lanes: int = LONE) -> None:
-        self.lanes = lanes
-        size = -(-count // lanes)
-        self.packets = _aligned((size, ROWS, lanes), np.float32)
-        self._whole = self.packets.view(np.uint32)
-        self.packets[:, [TNEAR, TIME]] = 0.0
-        self._whole[:, MASK] = NONE
-        self._whole[:, [ID, FLAGS]] = 0
-        self._lanes = np.zeros((7, size * lanes), dtype=np.float32)  # origin, direction, reach
-        self._by_packet = self._lanes.reshape(7, size, lanes).swapaxes(0, 1)
-        self._found = self._whole[:, HIT_PRIMITIVE:ROWS]
-        first, step = self.packets.ctypes.data, self.packets.strides[0]
-        self.addresses = range(first, first + step * size, step)
-
-    def fill(
-        self,
-        origins: np.ndarray,
-        directions: np.ndarray,
-        reach: np.ndarray,
-    ) -> None:
-        """Rays (3, R), (3, R), (R,)."""
-        count = len(reach)
-        self._lanes[:3, :count] = origins
-        self._lanes[3:6, :count] = directions
-        np.minimum(reach, FAR, out=reach)
-        self._lanes[6, :count] = reach
-        self._lanes[6, count:] = -1.0  # ends before it starts: idle
-        self.packets[:, :3] = self._by_packet[:, :3]
-        self.packets[:, DIRECTION : DIRECTION + 3] = self._by_packet[:, 3:6]
-        self.packets[:, TFAR] = self._by_packet[:, 6]
-        self._found[:] = NONE
-
-    def set_time(self, time: np.ndarray) -> None:
-        """Times (R,) of the rays from 0 to 1, for a scene that moves."""
-        every = np.zeros(self._lanes.shape[1], dtype=np.float32)
-        every[: len(time)] = time
-        self.packets[:, TIME] = every.reshape(-1, self.lanes)
-
-    def trace(self, library: ctypes.CDLL, scene: int, rays: np.ndarray | None = None) -> None:
-        """Send them into a scene.
-
-        rays : some, whose packets go; left out: all.
-        """
-        run, how = library.rtcIntersect16, None
-        if self.lanes == ALIKE:
-            run, how = library.rtcIntersect8, ctypes.addressof(_COHERENT)
-        going: Iterable[int] = self.addresses
-        if rays is not None:
-            some = np.flatnonzero(np.bincount(rays // self.lanes, minlength=1))
-            going = map(going.__getitem__, some.tolist())
-        deque(map(run, repeat(_SENT), repeat(scene), going, repeat(how)), maxlen=0)
-
-    def read(self, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Instance and triangle (M,) of the rays that met something, and which rays (M,) these are."""
-        found = self._found.swapaxes(0, 1).reshape(ROWS - HIT_PRIMITIVE, -1)
-        met = (found[HIT_GEOMETRY - HIT_PRIMITIVE, :count] != NONE).nonzero()[0]
-        instance = found[HIT_INSTANCE - HIT_PRIMITIVE].take(met).astype(np.int64)
-        return instance, found[0].take(met).astype(np.int64), met
-
-    def rows_of_array(self, rays: np.ndarray) -> np.ndarray:
-        """(M,) which of an array of instances (``EmbreeBuild.array``) rays (M,) met."""
-        return self._found[:, HIT_OF_ARRAY - HIT_PRIMITIVE].ravel().take(rays).astype(np.int64)
-
-
-def _aligned(shape: tuple[int, ...], dtype: type) -> np.ndarray:
-    """An array that starts at a multiple of 64 bytes."""
-    size = int(np.prod(shape)) * np.dtype(dtype).itemsize
-    room = np.empty(size + 64, dtype=np.uint8)
-    start = -room.ctypes.data % 64
-    return room[start : start + size].view(dtype).reshape(shape)
-
-
-_EVERY_LANE = _aligned((LONE,), np.int32)
-_EVERY_LANE[:] = -1
-_SENT = _EVERY_LANE.ctypes.data
 
 
 # The fast engine: Blender's own Embree, instanced, on all cores.
 #
 # Every unique mesh is an Embree scene of triangles in local space; above them is one of instances, about
-# the centre of them all, where float32 holds them best. Rays enter its box in float64 and go in packets
-# (``RayPackets``). Python's lock is free meanwhile, so that threads work side by side.
-
-
-FEW = 64  # rays, of which it is not asked whether they go side by side
-KEPT = 1024  # rays, up to which their packets are kept from call to call
+# the centre of them all, where float32 holds them best. ``kernels/cast.c`` sends rays through it, without
+# Python's lock, so that threads work side by side; without that library they go one by one.
 
 
 class EmbreeCaster(Search):
@@ -281,43 +155,25 @@ class EmbreeCaster(Search):
         low, high = scene.bounds()
         low[~np.isfinite(invert_transforms(scene.transform)).all(axis=(1, 2))] = np.nan
         known = np.flatnonzero(np.isfinite(low).all(axis=1))  # the others are flat or empty
-        self._low, self._high = (
-            low[known].min(0, initial=np.inf),
-            high[known].max(0, initial=-np.inf),
-        )
-        self._centre = (self._low + self._high) / 2 if len(known) else np.zeros(3)
-        size = float((self._high - self._low).max()) if len(known) else 0.0
+        low, high = low[known].min(0, initial=np.inf), high[known].max(0, initial=-np.inf)
+        size = float((high - low).max()) if len(known) else 0.0
+        self._centre = (low + high) / 2 if len(known) else np.zeros(3)
         self._slack = 1e-6 * size + 1e-6
-
-        self._box_low, self._box_high = self._low - self._slack, self._high + self._slack
-        self._middle = self._centre[:, None]
-        self._kept = threading.local()
-
+        self._low, self._high = low - self._slack, high + self._slack
         self._library = load()
         if like is None:
             self._device = self._library.rtcNewDevice(f"threads={threads}".encode())
         else:
             self._device = like._device
         self._build = build = EmbreeBuild(self._library, self._device, like and like._build)
-        made: dict[int, tuple[np.ndarray | None, int]] = {}
+        trees = {}
         if like is not None:
-            there = {m: k for m, k in self._same.items() if k in like._usable}
-            made = {m: (like._usable[k], like._of_mesh[k]) for m, k in there.items()}
-        for m in distinct(scene.mesh_index[known]).tolist():
-            if m not in made:
-                rows = _not_all(scene.meshes[m])
-                made[m] = rows, build.mesh(scene.meshes[m], rows, scene.table.short(m))
-        self._usable = usable = {m: rows for m, (rows, _) in made.items()}
-        self._of_mesh = of_mesh = {m: tree for m, (_, tree) in made.items()}
-        self._whole = all(rows is None for rows in usable.values())
-        if not self._whole:
-            given = {
-                m: np.arange(len(scene.meshes[m].triangles)) if rows is None else rows
-                for m, rows in usable.items()
-            }
-            size = np.array([len(given.get(m, ())) for m in range(len(scene.meshes))])
-            self._first_number = np.cumsum(size) - size
-            self._numbers = np.concatenate(list(given.values()))  # of all that Embree was given
+            there = like._of_mesh
+            trees = {m: there[k] for m, k in self._same.items() if k in there}
+        self._of_mesh = of_mesh = {
+            m: trees[m] if m in trees else build.mesh(scene.meshes[m], scene.table.short(m))
+            for m in distinct(scene.mesh_index[known]).tolist()
+        }
         place = scene.transform.copy()
         place[:, :, 3] -= self._centre
         self._top = build.instances(
@@ -325,60 +181,107 @@ class EmbreeCaster(Search):
             [of_mesh[m] for m in scene.mesh_index[known]],
             place[known].astype(np.float32),
         )
+        self._arrays = np.ascontiguousarray(scene.transform), self._surfaces.first, scene.table
+        self._described = self._describe(*self._arrays)
+
+    def _describe(
+        self, transform: np.ndarray, first: np.ndarray, table: TriangleTable
+    ) -> CastScene:
+        """The scene as the kernel wants it."""
+        single = table.vertices.dtype == np.float32
+        point = ctypes.c_double * 3
+        return CastScene(
+            tree=self._top,
+            intersect=ctypes.cast(self._library.rtcIntersect1, ctypes.c_void_p),
+            low=point(*self._low),
+            high=point(*self._high),
+            centre=point(*self._centre),
+            slack=self._slack,
+            transform=transform.ctypes.data,
+            first=first.ctypes.data,
+            triangle=table.triangles.ctypes.data,
+            single=table.vertices.ctypes.data if single else None,
+            exact=None if single else table.vertices.ctypes.data,
+        )
+
+    def cast(
+        self,
+        origins: np.ndarray,
+        directions: np.ndarray,
+        max_distance: float | np.ndarray = np.inf,
+        *,
+        min_distance: float | np.ndarray = 0.0,
+        leaving: Hits | None = None,
+    ) -> Hits:
+        """The closest hit of each ray; see ``RayCaster``."""
+        library = kernels.library()
+        if library is None:
+            limits = {"min_distance": min_distance, "leaving": leaving}
+            return super().cast(origins, directions, max_distance, **limits)
+        count = len(origins)
+        from_, ways = (
+            np.ascontiguousarray(rays, np.float64).reshape(count, 3)
+            for rays in (origins, directions)
+        )
+        near, far = (
+            np.ascontiguousarray(np.broadcast_to(limit, count), np.float64)
+            for limit in (min_distance, max_distance)
+        )
+        left = Hits.misses(count) if leaving is None else leaving
+        given = from_, ways, near, far, left.instance, left.triangle
+        hits = Hits(*(np.empty((count, *size), kind) for size, kind in COLUMNS))
+
+        def task(part: slice) -> None:
+            rays = [array[part] for array in (*given, *vars(hits).values())]
+            library.cast_rays(self._described, len(rays[0]), *rays)
+
+        in_tasks(task, count, self.threads)
+        return hits
 
     def _nearest(
         self, origins: np.ndarray, directions: np.ndarray, start: np.ndarray, limit: np.ndarray
     ) -> Hits:
-        begin, leaves = clip(self._box_low, self._box_high, origins, directions, start, limit)
+        begin, leaves = clip(self._low, self._high, origins, directions, start, limit)
         rays = (begin <= leaves).nonzero()[0]
-        count = len(rays)
-        if count < len(start):
-            begin, limit = begin[rays], limit[rays]
-            origins, directions = origins.take(rays, 1), directions.take(rays, 1)
-        if not count:
-            return Hits.misses(len(start))
-        moved = begin * directions
-        moved += origins
-        moved -= self._middle
-        limit = limit - begin
-        limit *= 1 + 1e-6
-        limit += self._slack
-        packets = self._packets_of(count, lanes_for(moved, directions) if count > FEW else LONE)
-        packets.fill(moved, directions, limit)
-        packets.trace(self._library, self._top)
-        instance, triangle, met = packets.read(count)
-        if not self._whole:
-            triangle = self._numbered(instance, triangle)
-        if len(met) < count:
-            origins, directions = origins.take(met, 1), directions.take(met, 1)
-        distance = self._surfaces.distance(origins, directions, instance, triangle)
-        if len(met) == len(start):
-            return Hits(distance, instance, triangle)
+        origins, directions, begin = origins[:, rays], directions[:, rays], begin[rays]
+        reach = (limit[rays] - begin) * (1 + 1e-6) + self._slack
+        moved = begin * directions + origins - self._centre[:, None]
+        sent = rays_of(moved, directions, reach)
+        send(self._library, self._top, sent)
+        met, instance, triangle = met_by(sent)
+        distance, normal = self._surfaces.meet(
+            origins[:, met], directions[:, met], instance, triangle
+        )
         hits = Hits.misses(len(start))
-        hits.put(rays[met], Hits(distance, instance, triangle))
+        hits.put(rays[met], Hits(distance, instance, triangle, normal.T))
         return hits
 
-    def _packets_of(self, count: int, lanes: int) -> RayPackets:
-        """Room for so many rays: of few, or of a whole task, what this thread has kept."""
-        if KEPT < count != TASK:
-            return RayPackets(count, lanes)
-        size = -(-count // lanes), lanes
-        kept: dict[tuple[int, int], RayPackets] = self._kept.__dict__.setdefault("packets", {})
-        if size not in kept:
-            kept[size] = RayPackets(count, lanes)
-        return kept[size]
 
-    def _numbered(self, instance: np.ndarray, primitive: np.ndarray) -> np.ndarray:
-        """Triangles of the meshes, from those that Embree was given."""
-        mesh_of = self.scene.mesh_index[instance]
-        found: np.ndarray = self._numbers.take(self._first_number.take(mesh_of) + primitive)
-        return found
+def rays_of(origins: np.ndarray, directions: np.ndarray, reach: np.ndarray) -> np.ndarray:
+    """(R, SIZE) float32, rays (3, R), (3, R), (R,) as Embree wants them."""
+    rays = _aligned((len(reach), SIZE), np.float32)
+    rays[:, :3], rays[:, 4:7], rays[:, TFAR] = origins.T, directions.T, np.minimum(reach, FAR)
+    rays.view(np.uint32)[:, [MASK, HIT_GEOMETRY, HIT_INSTANCE]] = NONE
+    return rays
 
 
-def _not_all(mesh: TriMesh) -> np.ndarray | None:
-    """Return which triangles of a mesh a ray can hit; None: all."""
-    rows = whole_triangles(mesh)
-    return None if len(rows) == len(mesh.triangles) else rows
+def send(
+    library: ctypes.CDLL, top: int, rays: np.ndarray, some: np.ndarray | slice = slice(None)
+) -> None:
+    """Send some of the rays into a scene, one by one: packets would find other faces at edges."""
+    places = rays.ctypes.data + rays.strides[0] * np.arange(len(rays))[some]
+    deque(map(library.rtcIntersect1, repeat(top), places.tolist(), repeat(None)), maxlen=0)
+
+
+def met_by(rays: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Rows (M,) of rays that met something, and what: instance (M,), triangle (M,)."""
+    whole = rays.view(np.uint32)
+    met = np.flatnonzero(whole[:, HIT_GEOMETRY] != NONE)
+    named = whole[met][:, [HIT_INSTANCE, HIT_PRIMITIVE]].astype(np.int64)
+    return met, named[:, 0], named[:, 1]
+
+
+COLUMNS = ((), np.float64), ((), np.int64), ((), np.int64), ((3,), np.float64)  # of ``Hits``
 
 
 class EmbreeBuild:
@@ -397,14 +300,12 @@ class EmbreeBuild:
         # The parent is held by what releases this, so that it goes after it, also in a collected circle.
         weakref.finalize(self, _release, library, device, self._scenes, self._arrays, parent)
 
-    def mesh(self, mesh: TriMesh, rows: np.ndarray | None, points: np.ndarray | None = None) -> int:
-        """A scene of triangles of a mesh, in its local space.
+    def mesh(self, mesh: TriMesh, points: np.ndarray | None = None) -> int:
+        """A scene of a mesh's triangles, in its local space.
 
-        rows : their numbers; None: all.
         points : its vertices in float32, where they are kept already, with one row more behind them.
         """
-        whole = rows is None or len(rows) == len(mesh.triangles)
-        triangles = mesh.triangles if whole else mesh.triangles[rows]
+        triangles = collapsed(mesh.triangles, whole_triangles(mesh))
         if points is None or not np.isfinite(points.sum()):
             return self.shape(mesh.vertices[None], triangles)
         return self._of_triangles(points, 1, triangles)
@@ -508,6 +409,19 @@ class EmbreeBuild:
         if error:
             raise EmbreeError(f"Embree could not build the scene (its error {error})")
         return scene
+
+
+def collapsed(triangles: np.ndarray, whole: np.ndarray) -> np.ndarray:
+    """Triangles (T, 3), those that are not whole (T,) drawn together to a corner, where no ray meets them."""
+    return triangles if whole.all() else np.where(whole[:, None], triangles, triangles[:, :1])
+
+
+def _aligned(shape: tuple[int, ...], dtype: type) -> np.ndarray:
+    """An array of zeros that starts at a multiple of 64 bytes."""
+    size = int(np.prod(shape)) * np.dtype(dtype).itemsize
+    room = np.zeros(size + 64, dtype=np.uint8)
+    start = -room.ctypes.data % 64
+    return room[start : start + size].view(dtype).reshape(shape)
 
 
 def _release(

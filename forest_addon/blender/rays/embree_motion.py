@@ -1,11 +1,11 @@
 """Embree on a scene that moves: instances that turn or sway, meshes that bend, and rays with a time each.
 
-Rays go through the tree of what stands still, then through those of what moves meanwhile, in the same
-packets; what they find in float32 is met again in float64, where the part is at the ray's time. What moves by
-keys has windows of up to 128 samples, cut wherever something comes or goes, with the parts that are there
-then, each with as many steps as its path needs to be right to ``WITHIN``. Trees that sway have windows of
-``moving.SPAN`` knots, with the pieces about the rays; Embree takes their places linearly between knots, as
-``moving.PieceWindow`` does.
+Rays go through the tree of what stands still, then through those of what moves meanwhile; what they find in
+float32 is met again in float64, where the part is at the ray's time. What moves by keys has windows of up
+to 128 samples, cut wherever something comes or goes, with the parts that are there then, each with as many
+steps as its path needs to be right to ``WITHIN``. Trees that sway have windows of ``moving.SPAN`` knots,
+with the pieces about the rays; Embree takes their places linearly between knots, as ``moving.PieceWindow``
+does.
 """
 
 from __future__ import annotations
@@ -25,7 +25,16 @@ from ...sensing.rays.caster import Hits
 from ...sensing.rays.exact import meet
 from ...sensing.rays.paths import RigidPath, corners_at_rest
 from ...sensing.rays.search import RefinedSurfaces, in_tasks, search_on, whole_triangles
-from .embree import EmbreeBuild, EmbreeCaster, RayPackets, lanes_for
+from .embree import (
+    HIT_OF_ARRAY,
+    TIME,
+    EmbreeBuild,
+    EmbreeCaster,
+    collapsed,
+    met_by,
+    rays_of,
+    send,
+)
 
 LONGEST = 128  # samples of a window; Embree takes one step more
 ROUND = 16  # a window's samples are a multiple of this, so that wide steps fit
@@ -98,8 +107,8 @@ class EmbreeMotion:
             WeakKeyDictionary()
         )
         self._lock = Lock()
-        self._number_triangles(None if like is None else like._usable)
-        self._rows = [r for r, n in enumerate(motion.rows.tolist()) if len(self._given(n))]
+        self._whole = {n: self._usable(n) for n in motion.rows.tolist()}
+        self._rows = [r for r, n in enumerate(motion.rows.tolist()) if self._whole[n].any()]
         self._bound()
         self._steps = [self._step_of(n) for n in motion.rows.tolist()]
 
@@ -202,25 +211,21 @@ class EmbreeMotion:
             limit, time = limit[rays], time[rays]
             tops = [(top, box, at[rays]) for top, box, at in tops]
         moved = origin + begin * way - self._centre[:, None]
-        packets = RayPackets(len(rays), lanes_for(moved, way))
-        packets.fill(moved, way, (limit - begin) * (1 + 1e-6) + self._slack)
+        sent = rays_of(moved, way, (limit - begin) * (1 + 1e-6) + self._slack)
         library = self._still._library
-        packets.trace(library, self._still._top)
+        send(library, self._still._top, sent)
         for top, box, at in tops:
             near, leave = clip(*box, origin, way, begin, limit)
-            packets.set_time(at)
-            packets.trace(library, top, np.flatnonzero(near <= leave))
-        instance, primitive, met = packets.read(len(rays))
+            sent[:, TIME] = at
+            send(library, top, sent, near <= leave)
+        met, instance, triangle = met_by(sent)
         if not len(met):
             return found
         piece = np.flatnonzero(instance >= self._moving.count)
         if len(piece) and pieces is not None:
             known = self._pieces_at(pieces)[1]
-            row = packets.rows_of_array(met[piece])
+            row = sent.view(np.uint32)[met[piece], HIT_OF_ARRAY]
             instance[piece] = self._moving.count + pieces.piece[known[row]]
-        triangle = primitive
-        if not self._whole:
-            triangle = self._numbers[self._begins[self._slot[instance]] + primitive]
         origin, way, time = origin.take(met, 1), way.take(met, 1), time[met]
         at = self._moving.scene.transform[instance]
         rows, row = self._moving.motion.row_of(instance)
@@ -233,8 +238,8 @@ class EmbreeMotion:
         if len(bends):
             ask = instance[bends], triangle[bends]
             corners = self._moving.motion.corners(self._moving.scene, *ask, time[bends])
-            rays_of = origin.take(bends, 1), way.take(bends, 1)
-            distance[bends] = self._surfaces.distance(*rays_of, *ask, at[bends], corners)
+            bent = origin.take(bends, 1), way.take(bends, 1)
+            distance[bends] = self._surfaces.distance(*bent, *ask, at[bends], corners)
         found.put(rays[met], Hits(distance, instance, triangle))
         return found
 
@@ -281,51 +286,22 @@ class EmbreeMotion:
         known = np.isfinite(first)  # else it is met at its rim, in float32 alone
         hits.put(rows[known], Hits(first[known], count + number[known], chosen[known]))
 
-    def _number_triangles(self, like: dict[int, np.ndarray | None] | None) -> None:
-        """Note which triangles Embree is given: of meshes, and of each part that bends, all of whose corners
-        are finite at all times."""
-        scene, shapes = self._moving.scene, self._moving.motion.shapes
-        self._slot = scene.mesh_index.copy()
-        self._usable: dict[int, np.ndarray | None] = dict(like or self._still._usable)
-        for place, number in enumerate(shapes):
-            self._slot[number] = len(scene.meshes) + place
-        for slot in distinct(self._slot).tolist():
-            if slot < len(scene.meshes) and slot not in self._usable:
-                rows = whole_triangles(scene.meshes[slot])
-                self._usable[slot] = (
-                    None if len(rows) == len(scene.meshes[slot].triangles) else rows
-                )
-        for number, shape in shapes.items():
-            finite = np.isfinite(shape.vertices).all(axis=(0, 2))
-            rows = np.flatnonzero(finite[self._mesh(number).triangles].all(axis=1))
-            self._usable[int(self._slot[number])] = rows
-        self._whole = all(rows is None for rows in self._usable.values())
-        sizes = [len(mesh.triangles) for mesh in scene.meshes] + [0] * len(shapes)
-        self._surface = np.array(sizes) > 0
-        for slot, rows in self._usable.items():
-            self._surface[slot] &= rows is None or len(rows) > 0
-        if not self._whole:
-            count = len(scene.meshes) + len(shapes)
-            given = [self._usable.get(slot, np.empty(0, np.int64)) for slot in range(count)]
-            numbers = [
-                np.arange(len(scene.meshes[slot].triangles)) if rows is None else rows
-                for slot, rows in enumerate(given)
-            ]
-            size = np.array([len(rows) for rows in numbers])
-            self._begins, self._numbers = np.cumsum(size) - size, np.concatenate(numbers)
-
-    def _given(self, number: int) -> np.ndarray:
-        """Triangles of an instance that Embree is given."""
-        rows = self._usable[int(self._slot[number])]
-        return np.arange(len(self._mesh(number).triangles)) if rows is None else rows
+    def _usable(self, number: int) -> np.ndarray:
+        """(T,) bool: which triangles of a part are met; where it bends, those finite at all times."""
+        shape = self._moving.motion.shapes.get(number)
+        mesh = self._mesh(number)
+        if shape is None:
+            return whole_triangles(mesh)
+        finite = np.isfinite(shape.vertices).all(axis=(0, 2))
+        return np.asarray(finite[mesh.triangles].all(axis=1))
 
     def _bound(self) -> None:
         """Set the box of all that rays may meet, at any time, and its centre."""
-        boxes = [(self._still._box_low, self._still._box_high)]
+        boxes = [(self._still._low, self._still._high)]
         for row in self._rows:
             number = int(self._moving.motion.rows[row])
             mesh, shape = self._mesh(number), self._moving.motion.shapes.get(number)
-            used = mesh.vertices[mesh.triangles[self._given(number)]].reshape(-1, 3)
+            used = mesh.vertices[mesh.triangles[self._whole[number]]].reshape(-1, 3)
             box = (used.min(axis=0), used.max(axis=0)) if shape is None else shape.bounds()
             boxes.append(self._moving.motion.paths[number].swept(*box))
         lows, highs = (np.array(ends) for ends in zip(*boxes, strict=True))
@@ -375,18 +351,20 @@ class EmbreeMotion:
             return self._still._of_mesh[index]
         if index not in self._trees:
             mesh = self._moving.scene.meshes[index]
-            self._trees[index] = self._holder.mesh(mesh, self._usable[index])
+            self._trees[index] = self._holder.mesh(mesh)
         return self._trees[index]
 
     def _pieces_at(self, window: PieceWindow) -> tuple[int, np.ndarray, EmbreeBuild]:
         """Embree's scene of the pieces of a window, rows of those that have a surface, and what keeps it."""
         if window not in self._pieces:
             still, number = self._still, self._moving.count + window.piece
-            known = np.flatnonzero(self._surface[self._slot[number]])
+            mesh_of = self._moving.scene.mesh_index
+            some = [len(self._mesh(one).triangles) > 0 for one in number.tolist()]
+            known = np.flatnonzero(some)
             number, places = number[known], window.places[:, known]
             places[:, :, :, 3] -= self._centre
             build = EmbreeBuild(still._library, still._device, still._build)
-            used, which = np.unique(self._slot[number], return_index=True, return_inverse=True)[1:]
+            used, which = np.unique(mesh_of[number], return_index=True, return_inverse=True)[1:]
             scenes = [self._tree(one) for one in number[used].tolist()]
             top = build.array(scenes, which, places, len(self._moving.scene))
             self._pieces[window] = top, known, build
@@ -446,7 +424,7 @@ class EmbreeMotion:
                 every = np.arange(shape.vertices.shape[1])
                 time = self._first + self._step * sample
                 steps = np.stack([shape.at(every[None], t[None])[0] for t in time])
-        return build.shape(steps, self._mesh(number).triangles[self._given(number)])
+        return build.shape(steps, collapsed(self._mesh(number).triangles, self._whole[number]))
 
 
 def quaternions(transform: np.ndarray) -> np.ndarray:

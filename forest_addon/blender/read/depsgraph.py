@@ -41,6 +41,7 @@ from ..scene.instances import (
     has_nodes,
     standings,
 )
+from ..scene.layout import CLOUD_KEY
 from ..scene.meshes import from_mesh
 
 KIND_KEY, *NUMBER_KEYS = (property_of(field.name) for field in fields(Polished))
@@ -411,9 +412,20 @@ def _properties() -> list[tuple[Any, ...]]:
     return [(block.session_uid, *map(block.get, PROPERTIES)) for block in blocks]
 
 
-def forget(*_: Any) -> None:
+def forget(_scene: Any = None, depsgraph: Any = None, *_: Any) -> None:
     """Drop what holds as long as nothing changes; the handler of every change."""
     _kept.clear()
+    for update in () if depsgraph is None else depsgraph.updates:
+        if update.is_updated_geometry or update.is_updated_transform:
+            thing = update.id.original
+            of_scene = isinstance(thing, bpy.types.Object) and thing.type in SOLID_TYPES
+            if of_scene and not (CLOUD_KEY in thing or thing.get(IGNORED_KEY)):
+                lasting["changed"] = True
+
+
+def ready() -> set[str]:
+    """Return kinds of sensors for which all is set up, as far as is known without a look at the scene."""
+    return set() if lasting.get("changed", True) else lasting["observer"].ran
 
 
 def close(*_: Any) -> None:

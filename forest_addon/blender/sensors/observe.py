@@ -56,6 +56,7 @@ class Observer:
         self.places = _places(depsgraph)
         self.rays = rays or Rays()
         self.expansions = Expansions() if expansions is None else expansions
+        self.ran: set[str] = set()  # kinds of sensors for which all is set up
         self._made: dict[Any, Any] = {}
         self._moving: dict[Sensor, MovingCaster] = {}
         self._moving_wood: dict[Sensor, MovingCaster] = {}
@@ -109,6 +110,7 @@ class Observer:
             return
         self._moving.clear()
         self._made.clear()
+        self.ran.clear()
         self._sway, self._start = sway, start
 
     @property
@@ -309,7 +311,7 @@ def _renewed(
     asked = old.rays == rays and expansions in (None, old.expansions)
     if not asked or not _is_same(old.geometry, new.geometry):
         old = new
-    old.places, lasting["observer"] = new.places, old
+    old.places, lasting["observer"], lasting["changed"] = new.places, old, False
     for of_sensors in (old._moving, old._moving_wood, old._begins):  # it may move otherwise by now
         of_sensors.clear()
     return old

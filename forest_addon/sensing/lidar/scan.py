@@ -187,13 +187,12 @@ class Scan:
         """Return echoes with the receiver's noise, and those of noise alone, which meet nothing."""
         light = noisy_light(self.scanner, found.echoes, keys)
         false = false_echoes(self.scanner, keys)
-        nothing = np.full(len(false.pulse), -1)
         both = Received.joined(
             [
                 replace(found, echoes=replace(found.echoes, energy=light)),
                 Received(
                     false,
-                    Hits(false.distance, nothing, nothing.copy()),
+                    replace(Hits.misses(len(false.pulse)), distance=false.distance),
                     pulses.direction[false.pulse],
                     np.full((len(false.pulse), 3), np.nan),
                     None if found.bounce is None else np.zeros(len(false.pulse), dtype=np.int8),

@@ -25,11 +25,13 @@ class Hits(RowTable):
 
     distance : (R,) float64 metres along the unit direction, ``inf`` for a miss.
     instance, triangle : (R,) int64, -1 for a miss.
+    normal : (R, 3) unit world normals of the triangles, NaN for a miss; None: not told.
     """
 
     distance: np.ndarray
     instance: np.ndarray
     triangle: np.ndarray
+    normal: np.ndarray | None = None
 
     @property
     def found(self) -> np.ndarray:
@@ -40,13 +42,12 @@ class Hits(RowTable):
     def misses(cls, count: int) -> Hits:
         """Hits of rays that meet nothing."""
         nothing = np.full(count, -1, dtype=np.int64)
-        return cls(np.full(count, np.inf), nothing, nothing.copy())
+        return cls(np.full(count, np.inf), nothing, nothing.copy(), np.full((count, 3), np.nan))
 
     def put(self, rows: np.ndarray | slice, found: Hits) -> None:
         """Write what some of the rays hit."""
-        self.distance[rows] = found.distance
-        self.instance[rows] = found.instance
-        self.triangle[rows] = found.triangle
+        for column, values in zip(vars(self).values(), vars(found).values(), strict=True):
+            column[rows] = values
 
 
 class RayCaster(Protocol):
@@ -128,6 +129,8 @@ def hit_normals(
 
     transform : (R, 3, 4) of what was hit, where it was then; left out: where the scene says.
     """
+    if transform is None and hits.normal is not None:
+        return hits.normal
     normals = np.full((len(hits.distance), 3), np.nan)
     found = np.flatnonzero(hits.found)
     table = scene.table

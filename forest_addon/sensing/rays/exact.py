@@ -7,12 +7,13 @@ groups whose boxes they meet (Möller & Trumbore 1997). It shares no code with t
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from ...base.trimesh import TriMesh
-from .caster import Hits, RayCaster
+from .caster import Hits, RayCaster, hit_normals
 from .geometry import SceneGeometry, invert_transforms
 
 GROUP = 8  # triangles of a box, and boxes of a larger one
@@ -53,7 +54,7 @@ class ExactCaster(RayCaster):
             left = None if leaving is None else leaving.select(rows)
             ray, met = self.through(origins[rows], ways[rows], near[rows], far[rows], left)
             put_nearest(hits, first + ray, met)
-        return hits
+        return replace(hits, normal=hit_normals(self.scene, replace(hits, normal=None)))
 
     def meets(self, origins: np.ndarray, directions: np.ndarray, hits: Hits) -> np.ndarray:
         """(R,) metres along rays to the triangles that hits name; inf where one passes its triangle by."""
@@ -96,7 +97,8 @@ class ExactCaster(RayCaster):
             mesh = self.scene.meshes[index]
             pair, triangle = candidates(_levels(mesh), start, way, far[mine])
             distance = meet(_corners(mesh, triangle), start[pair], way[pair])
-            mine, hits = mine[pair], Hits(distance, here[pair], triangle)
+            mine = mine[pair]
+            hits = Hits(distance, here[pair], triangle, np.full((len(mine), 3), np.nan))
             left = None if leaving is None else leaving.select(mine)
             some = counting(hits, near[mine], far[mine], left)
             rays.append(mine[some])
@@ -316,7 +318,7 @@ class Referee(RayCaster):
                 **at(wrong),
             )
             wrong = wrong[~_alike(blind, ours.select(wrong))]
-        right = Hits(distance, ours.instance.copy(), ours.triangle.copy())
+        right = replace(ours.select(np.arange(len(distance))), distance=distance)
         right.put(wrong, exact.select(wrong))
         return right
 
@@ -379,7 +381,7 @@ class Referee(RayCaster):
             np.tile(far, count),
             **{name: np.tile(every, count) for name, every in when.items()},
         )
-        ours = Hits(*(np.tile(value, count) for value in vars(ours).values()))
+        ours = ours.select(np.tile(np.arange(len(origins)), count))
         found = _alike(moved, ours)
         found &= ~np.tile(by_name, count) | (
             (moved.instance == ours.instance) & (moved.triangle == ours.triangle)
@@ -400,7 +402,7 @@ def _without_nothing(hits: Hits) -> Hits:
     """Hits, those at no finite distance taken away."""
     nothing = ~np.isfinite(hits.distance)
     if (nothing & hits.found).any():
-        hits = Hits(hits.distance.copy(), hits.instance.copy(), hits.triangle.copy())
+        hits = hits.select(np.arange(len(nothing)))
         hits.put(nothing, Hits.misses(int(nothing.sum())))
     return hits
 

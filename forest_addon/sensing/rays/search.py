@@ -220,12 +220,12 @@ def in_tasks(task: Callable[[slice], None], count: int, threads: int, size: int 
 
 # The float64 distance of a hit: where both engines become exact.
 #
-# An engine says in float32 which triangle of which instance a ray meets. ``RefinedSurfaces.distance``
+# An engine says in float32 which triangle of which instance a ray meets. ``RefinedSurfaces.meet``
 # intersects the ray with that triangle's plane again, in float64, with the world's axes but from the ray's
 # origin: that takes the error from 1e-5 m to 1e-13 m, near the world's origin and at UTM coordinates alike.
 
 
-ROWS = 8192  # at a time: what is in work stays in the cache
+FLAT = 4.0  # steps of a float32 at a triangle's coordinates
 
 
 class RefinedSurfaces:
@@ -238,8 +238,8 @@ class RefinedSurfaces:
         if like is not None:
             scene.share_table(like.table)
         self.table: TriangleTable = scene.table
-        self._transform = np.ascontiguousarray(scene.transform.reshape(-1, 12).T)
-        self._first = self.table.starts[scene.mesh_index]  # triangle, by instance
+        self._transform = scene.transform
+        self.first = self.table.starts[scene.mesh_index]  # triangle, by instance
 
     def distance(
         self,
@@ -250,7 +250,20 @@ class RefinedSurfaces:
         transform: np.ndarray | None = None,
         corners: np.ndarray | None = None,
     ) -> np.ndarray:
-        """(R,) metres along rays (3, R) with unit directions to the planes of their triangles (R,).
+        """(R,) metres along rays to the planes of their triangles; see ``meet``."""
+        return self.meet(origins, directions, instance, triangle, transform, corners)[0]
+
+    def meet(
+        self,
+        origins: np.ndarray,
+        directions: np.ndarray,
+        instance: np.ndarray,
+        triangle: np.ndarray,
+        transform: np.ndarray | None = None,
+        corners: np.ndarray | None = None,
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """(R,) metres along rays (3, R) with unit directions to the planes of their triangles (R,), and the
+        unit normals (3, R) of these.
 
         transform : (R, 3, 4) of the instances, where they are then; left out: where the scene says.
         corners : (R, 3, 3) of the triangles in their own frames; left out: of their meshes.
@@ -258,73 +271,38 @@ class RefinedSurfaces:
         A ray that float32 found to hit and that passes just beside the triangle may meet its plane
         far away, or never: the distance is kept within that of the triangle's corners.
         """
-        if len(instance) <= ROWS:
-            return self._distance(origins, directions, instance, triangle, transform, corners)
-        found = np.empty(len(instance))
-        for first in range(0, len(instance), ROWS):
-            part = slice(first, first + ROWS)
-            found[part] = self._distance(
-                origins[:, part],
-                directions[:, part],
-                instance[part],
-                triangle[part],
-                None if transform is None else transform[part],
-                None if corners is None else corners[part],
-            )
-        return found
-
-    def _distance(
-        self,
-        origins: np.ndarray,
-        directions: np.ndarray,
-        instance: np.ndarray,
-        triangle: np.ndarray,
-        transform: np.ndarray | None,
-        corners: np.ndarray | None,
-    ) -> np.ndarray:
-        """Few calls on whole arrays: of few rays each costs more than what it computes."""
         if transform is None:
-            place = self._transform.take(instance, 1)
-        else:
-            place = np.ascontiguousarray(transform.reshape(-1, 12).T)
-        m = place.reshape(3, 4, 1, -1)  # to, from, 1, R
+            transform = self._transform[instance]
+        m = transform.reshape(-1, 3, 4, 1).transpose(1, 2, 3, 0)  # to, from, 1, R
         if corners is None:
-            corner = self.table.corners(self._first.take(instance) + triangle)
+            corner = self.table.corners(self.first.take(instance) + triangle)
         else:
-            corner = corners.transpose(2, 1, 0).copy()  # (of space, of triangle, R)
-        space = m[:, 0] * corner[0]
-        part = m[:, 1] * corner[1]
-        space += part
-        np.multiply(m[:, 2], corner[2], out=part)
-        space += part
-        # Foot, and the other corners from it; rows x, y, z, x, y: slices of them are their turns.
-        way = np.empty((5, 3, space.shape[2]))
-        np.subtract(space[:, 1:], space[:, :1], out=way[:3, 1:])
-        way[3:, 1:] = way[:2, 1:]
-        u, v = way[:, 1], way[:, 2]
-        normal = u[1:4] * v[2:5]
-        normal -= u[2:5] * v[1:4]
-        foot = np.subtract(m[:, 3, 0], origins, out=way[:3, 0])
-        foot += space[:, 0]
+            corner = corners.transpose(2, 1, 0)  # (of space, of triangle, R)
+        space = m[:, 0] * corner[0] + m[:, 1] * corner[1] + m[:, 2] * corner[2]
+        u, v = space[:, 1] - space[:, 0], space[:, 2] - space[:, 0]
+        normal = u[[1, 2, 0]] * v[[2, 0, 1]] - u[[2, 0, 1]] * v[[1, 2, 0]]
+        foot = m[:, 3, 0] - origins + space[:, 0]
         with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-            t = _dot(foot, normal)
-            t /= _dot(directions, normal)
-        at, second, third = _dot(way[:3], directions[:, None])  # along the ray
-        nearest = np.minimum(second, third)
-        np.minimum(nearest, 0.0, out=nearest)
-        nearest += at
-        np.maximum(second, third, out=third)
-        np.maximum(third, 0.0, out=third)
-        third += at
-        np.fmax(t, nearest, out=t)
-        return np.fmin(t, third, out=t)
+            t = _dot(foot, normal) / _dot(directions, normal)
+            normal /= np.sqrt(_dot(normal, normal))
+        at, second, third = (_dot(way, directions) for way in (foot, u, v))
+        t = np.fmax(t, at + np.minimum(np.minimum(second, third), 0.0))
+        return np.fmin(t, at + np.maximum(np.maximum(second, third), 0.0)), normal
 
 
 def whole_triangles(mesh: TriMesh) -> np.ndarray:
-    """Numbers of the triangles that a ray can hit: corners finite, area not zero."""
+    """(T,) bool: which triangles of a mesh a ray can hit.
+
+    Corners must be finite, the height over the longest side more than ``FLAT`` steps of a float32: whoever
+    searches in single precision finds what is thinner all along its line, before what is really there.
+    """
     with np.errstate(invalid="ignore", over="ignore"):
-        area = sum(np.abs(mesh.area_vectors().T))
-    return np.flatnonzero(np.isfinite(area) & (area > 0))
+        corners = mesh.vertices[mesh.triangles]
+        sides = corners - np.roll(corners, 1, axis=1)
+        double = np.linalg.norm(2 * mesh.area_vectors(), axis=1)
+        longest = np.sqrt((sides**2).sum(axis=2).max(axis=1))
+        step = np.spacing(np.abs(corners).max(axis=(1, 2)).astype(np.float32))
+        return np.asarray(double > FLAT * step * longest)
 
 
 def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:

@@ -17,12 +17,13 @@ from ..audit import AuditPart, figures
 from ..kind import SOUND, Cost, Observation, Seen, SensorKind, chain, cost_of_work
 from ..looks import SensorLook
 
-BEGIN = 1.6  # s, a first guess: leaves and branches are measured, the response is drawn and written
+BEGIN = 0.3  # s, a first guess: leaves and branches are measured
 A_TREE = 0.0085  # s, a first guess: its trunk is cut out of the scene, and heard with all others
+A_STEM = 0.004  # s a channel, a first guess: it is heard
 A_CUT = 0.002  # s, a first guess: it is cut at another height, where ends are of different heights
 MANY = 3.0  # s a channel, a first guess: any number of trunks of all radii
 FEW = 5000.0  # of them take half as long
-CHANNEL = 0.3  # s, a first guess
+CHANNEL = 0.15  # s, a first guess
 FINEST = 1e-6  # tolerance that the fast sum keeps
 END = 10 ** (-75 / 20)  # a record ends where that is left of it
 
@@ -160,7 +161,9 @@ def _channels(reverb: Reverb) -> int:
     return pairs * {"omni": 1, "ambisonics": 3, "binaural": 12}[reverb.heard_as]
 
 
-def _seconds_among(reverb: Reverb, settings: Scene, trees: int) -> float:
+def _seconds_among(
+    reverb: Reverb, settings: Scene, trees: int, channels: int
+) -> tuple[float, float]:
     """Seconds that trees take to be cut at all heights, and that stems and the forest beyond take."""
     from .trunks import heights_between
 
@@ -173,7 +176,7 @@ def _seconds_among(reverb: Reverb, settings: Scene, trees: int) -> float:
     beyond = max(dense * np.pi * reverb.continue_to**2 - trees - stems, 0.0)
     of_trees = trees * (A_TREE + A_CUT * (cuts - 1))
     alone = stems + beyond
-    return of_trees + MANY * alone / (alone + FEW) * _channels(reverb)
+    return of_trees, (MANY * alone / (alone + FEW) + A_STEM * trees) * channels
 
 
 def _cost(reverb: Reverb, _trajectory: Any, _engine: str) -> Cost:

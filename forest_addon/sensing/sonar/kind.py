@@ -11,7 +11,7 @@ import numpy as np
 
 from ...base.progress import Progress
 from ...base.words import keep
-from ...spec import AUTO, Choice, Sonar
+from ...spec import AUTO, Choice, Scene, Sonar
 from ..audit import AuditPart
 from ..kind import (
     AROUND,
@@ -30,8 +30,9 @@ from ..looks import EchoLook
 if TYPE_CHECKING:
     from ..trajectory import Follower, Trajectory
 
-BEGIN = 4.0  # s, a first guess: axes of branches and the sound of leaves, found anew for each run
-HEARD = 1.2  # s, a first guess: an ear hears one ping of leaves that are exact discs
+BEGIN = 1.4  # s, a first guess: axes of branches and the sound of leaves, found once in a scene
+IN_REACH = 0.045  # s, a first guess: an ear hears one ping of a tree
+HEARD = 0.3  # s, a first guess: an ear hears one ping of leaves that are exact discs
 FITTED = 0.1  # s, the same of the papers' leaves and of pistons
 MOMENT = 1e-3  # s, that a scene is looked at for a ping
 RAYS = 8  # lines from a sonar to the contour of its beam
@@ -162,6 +163,13 @@ def _cost(sonar: Sonar, trajectory: Any, _engine: str) -> Cost:
     return cost_of_work(sonar, "pings", pings, an_ear * sonar.ears, begin=BEGIN)
 
 
+def _seconds_among(sonar: Sonar, settings: Scene, trees: int, pings: int) -> tuple[float, float]:
+    """Seconds that trees in reach take, of half a circle."""
+    dense = trees / float(np.prod(settings.forest.size))
+    near = min(dense * math.pi * sonar.max_range**2 / 2, trees)
+    return 0.0, IN_REACH * near * sonar.ears * pings
+
+
 def beam_outline(sonar: Sonar) -> np.ndarray:
     """The -3 dB contour of one way of the beam at ``max_range``, rays to it, and the axis."""
     from ..trajectory import frame_of
@@ -230,6 +238,7 @@ SONAR = SensorKind(
     trajectory=_trajectory,
     positions=_where_it_pings,
     cost=_cost,
+    seconds_among=_seconds_among,
     outline=beam_outline,
     choose=_choose,
     look=_look,

@@ -313,7 +313,7 @@ class AtMoment(RayCaster):
             origins, directions, max_distance, time=time, min_distance=min_distance
         )
         instance, triangle = self._caster.moving.known(hits.instance, hits.triangle)
-        return Hits(hits.distance, instance, triangle)
+        return replace(hits, instance=instance, triangle=triangle)
 
 
 def at_moment(caster: Any, time: float) -> Any:

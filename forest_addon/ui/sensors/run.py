@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import bpy
 
 from ...blender.jobs import Task, Work
+from ...blender.read.depsgraph import ready
 from ...blender.scene.instances import may_be_met
 from ...blender.sensors import objects as sensors
 from ...spec import SpecError
@@ -50,13 +51,23 @@ def costs(context: bpy.types.Context, things: Iterable[bpy.types.Object]) -> lis
     home = Path(bpy.path.abspath(context.scene.forest_sensing.folder))
     found = []
     trees = sum(planting.standing for planting in context.scene.forest_sensing.plantings)
+    known = ready()
+    triangles = 0 if known else triangles_in(context.scene)
     for thing in things:
         settings = to_spec(context.scene, [thing])
         (sensor,) = settings.sensors
         engine = "bvhtree" if settings.rays.engine == "bvhtree" else "embree"
         way = kind_of(sensor).trajectory(sensor, home, Forecast(context.scene))
-        found.append(cost_of(sensor, way, engine, settings, trees))
+        again = sensor.kind in known
+        found.append(cost_of(sensor, way, engine, settings, trees, triangles, again))
+        triangles = 0  # the first one sets them up
     return found
+
+
+def triangles_in(scene: bpy.types.Scene) -> int:
+    """Return how many triangles the meshes of a scene have, each once, before modifiers."""
+    meshes = {thing.data for thing in scene.objects if thing.type == "MESH"}
+    return sum(len(mesh.loops) - 2 * len(mesh.polygons) for mesh in meshes)
 
 
 def chosen_things(scene: bpy.types.Scene, name: str, again: bool = False) -> list[bpy.types.Object]:
@@ -374,6 +385,7 @@ class FOREST_OT_run(Working, bpy.types.Operator):
         found = yield Task(step, partial(observe, way=way), span=span)
         took = time.perf_counter() - started
         note_pace(sensor, cost, took)
+        observer.ran.add(sensor.kind)
         ahead.note(thing.name, took, cost.seconds)
         planted = planted_names(context.scene, labels(settings.plantings))
         if self.keep and thing.name not in self._job.kept:

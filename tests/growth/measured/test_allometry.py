@@ -223,7 +223,7 @@ def test_what_is_drawn_both_ways_round_is_one_joint_law(known):
     from scipy.stats import ks_2samp
 
     name = ("picea-abies", "fagus")[sum(known) % 2]
-    kind, count, rng = read_allometry(name, FOLDER), 500, stream(4, name, *known)
+    kind, count, rng = read_allometry(name, FOLDER), 1000, stream(4, name, *known)
     nothing = np.full((count, 4), NOTHING)
     dbh = np.exp(rng.uniform(np.log(0.005), np.log(kind.height.dbh[1]), count))
     trees = draw(kind, dbh, nothing, rng.random((count, 4)))
@@ -236,4 +236,4 @@ def test_what_is_drawn_both_ways_round_is_one_joint_law(known):
     back = (again > 0.02) & (again < 0.4)
     for what in (lambda d, m: d, lambda d, m: m[:, 0] / d, lambda d, m: m[:, 1] / d):
         p = ks_2samp(what(dbh, trees)[inner], what(again, more)[back]).pvalue
-        assert p > 1e-6  # false alarm 2e-5 in all 21
+        assert p > 1e-4  # false alarm 2e-3 in all 21, whose seeds are fixed

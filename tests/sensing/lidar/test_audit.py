@@ -14,7 +14,6 @@ from forest_addon.sensing.lidar.audit import parts_of_drive, parts_of_scan, ray_
 from forest_addon.sensing.lidar.cloud import join
 from forest_addon.sensing.lidar.scan import Scan, scan
 from forest_addon.sensing.lidar.tractor import drive
-from forest_addon.sensing.rays.caster import Hits
 from forest_addon.sensing.rays.geometry import SceneGeometry
 from forest_addon.spec import Beam, Rays, Surfaces, Terrestrial, Tractor
 
@@ -41,7 +40,7 @@ class Off(BruteCaster):
         distance = hits.distance * self._factor
         if self._blind:
             distance[::10] = np.inf
-        return Hits(distance, hits.instance, hits.triangle)
+        return replace(hits, distance=distance)
 
 
 @pytest.mark.medium
@@ -99,7 +98,7 @@ def test_of_the_rays_of_a_beam_that_meet_level_ground_at_once_any_is_right():
         def cast(self, *rays, **limits):
             hits = super().cast(*rays, **limits)
             distance = hits.distance * (1 - 1e-15 * (np.arange(len(hits.distance)) % 97))
-            return Hits(distance, hits.instance, hits.triangle)
+            return replace(hits, distance=distance)
 
     def audit(caster, found):
         return held(parts_of_drive(drives, found, caster, 0.05), stream(1, "a"), 2.0)
@@ -169,7 +168,7 @@ def test_of_two_surfaces_that_single_precision_cannot_part_either_is_right():
 
         def cast(self, *rays, **limits):
             found = self._back.cast(*rays, **limits)
-            return Hits(found.distance * self._factor, found.instance, found.triangle)
+            return replace(found, distance=found.distance * self._factor)
 
     first = BruteCaster(wedge).cast(origin, way, 50.0).distance
     assert 1e-8 < Later().cast(origin, way, 50.0).distance - first < 1e-6

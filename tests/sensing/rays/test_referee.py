@@ -30,7 +30,8 @@ class Beside(RayCaster):
     def cast(self, origins, directions, max_distance=np.inf, **_):
         count = len(origins)
         there = origins[:, 2] - origins[:, 0]  # of the plane z = x, straight down
-        return Hits(there, np.zeros(count, np.int64), np.ones(count, np.int64))
+        named = np.zeros(count, np.int64), np.ones(count, np.int64)
+        return Hits(there, *named, np.zeros((count, 3)))
 
 
 @pytest.mark.parametrize(

@@ -177,7 +177,8 @@ class SurveyScan(Scan):
             met = np.flatnonzero(np.isfinite(distance))
             kept = found.select(np.flatnonzero(found.hits.distance <= distance[found.ray]))
             first = np.zeros(len(met), dtype=np.int64)
-            hits = Hits(distance[met], np.full(len(met), haze.instance), first)
+            there = np.full(len(met), haze.instance)
+            hits = Hits(distance[met], there, first, -rays[1][met])
             organ = self.caster.scene.meshes[haze.instance].part[first]
             found = Contacts.joined([kept, Contacts(met, hits, organ, np.ones(len(met)))])
             found = found.select(np.lexsort((found.hits.distance, found.ray)))
