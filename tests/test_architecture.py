@@ -92,7 +92,7 @@ BUDGETS = {
     "forest_addon/growth": (8535, 40),
     "forest_addon/kernels": (46, 1),
     "forest_addon/results": (1169, 17),
-    "forest_addon/sensing": (12491, 90),
+    "forest_addon/sensing": (12484, 90),
     "forest_addon/spec": (1229, 11),
     "forest_addon/stand": (3847, 34),
     "forest_addon/ui": (6065, 41),

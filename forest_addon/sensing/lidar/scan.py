@@ -238,7 +238,7 @@ class Scan:
         line, lines, bounce = contacts.ray, rays, np.zeros(len(contacts.ray), dtype=np.int8)
         if sight is not None:
             line, lines, bounce = np.arange(len(line)), (sight.origin, sight.way), sight.bounce
-        normal = self._normals(hits, lines[1][line], time[contacts.ray])
+        normal = hit_normals(scene, hits)
         reflectance = reflectance_of(scene, hits, contacts.organ, scanner.surfaces)
         light, distance, blur = (reflectance, contacts.light), hits.distance, None
         seen = distance, normal, line, lines[1], scanner.beam.extinction, scanner.min_range
@@ -254,11 +254,6 @@ class Scan:
         gone = None if sight is None else bounce[chosen]
         ways = lines[1][line[chosen]]
         return Received(echoes, hits.select(chosen), ways, normal[chosen], gone)
-
-    def _normals(self, hits: Hits, ways: np.ndarray, time: np.ndarray) -> np.ndarray:
-        """Return (C, 3) normals of what was met on ways (C, 3), at times (C,)."""
-        scene, moving = self.caster.scene, self._moving
-        return hit_normals(scene, hits) if moving is None else moving.normals(hits, time)
 
     def _measure(
         self, pulses: Pulses, number: np.ndarray, keys: np.ndarray, found: Received

@@ -183,8 +183,3 @@ class SurveyScan(Scan):
             found = Contacts.joined([kept, Contacts(met, hits, organ, np.ones(len(met)))])
             found = found.select(np.lexsort((found.hits.distance, found.ray)))
         return found
-
-    def _normals(self, hits: Hits, ways: np.ndarray, time: np.ndarray) -> np.ndarray:
-        normal = super()._normals(hits, ways, time)
-        hazy = np.isin(hits.instance, [haze.instance for haze in self._hazes])
-        return np.where(hazy[:, None], -ways, normal) if hazy.any() else normal
