@@ -94,9 +94,11 @@ def lay(
     library = kernels.library()
     if library is not None:
         heights = np.ascontiguousarray(heights, np.complex128)
-        taps = (*chosen.polynomial.shape[::-1], chosen.polynomial)
+        width, powers = chosen.polynomial.shape[::-1]
         weights = np.ascontiguousarray(weights, np.float64)
-        library.lay_echoes(*echoes, heights, len(grid), weights, *taps, size, grid)
+        library.lay_echoes(
+            *(*echoes, heights, len(grid), weights, width, powers, chosen.polynomial, size, grid)
+        )
         return
     first, taps = chosen.spread(place)
     points = np.where(first < 0, first + size, first)[:, None] + np.arange(chosen.width)

@@ -94,8 +94,7 @@ class MovingCaster:
         near = np.broadcast_to(np.asarray(min_distance, dtype=np.float64), len(origins))
         far = np.broadcast_to(np.asarray(max_distance, dtype=np.float64), len(origins))
         time = np.asarray(time, dtype=np.float64)
-        limits = {"min_distance": near, "leaving": leaving}
-        found = self.search.cast(origins, ways, far, time=time, **limits)
+        found = self.search.cast(origins, ways, far, time=time, min_distance=near, leaving=leaving)
         return replace(found, normal=self.moving.normals(found, time))
 
     def meets(

@@ -111,9 +111,13 @@ def find_echoes(
             for first, stop, place in runs:
                 some = slice(first, stop)
                 echo = _echo(at[some], light[some], width[some], ray[rows[some]] % subrays, sigma)
-                mean, total, wide, chosen = echo
-                where = mean if np.isnan(place) else place
-                found.append((ray[rows[0]] // subrays, where, total, wide, rows[first + chosen]))
+                found.append(
+                    (
+                        ray[rows[0]] // subrays,
+                        echo[0] if np.isnan(place) else place,
+                        *(*echo[1:3], rows[first + echo[3]]),
+                    )
+                )
         pulse, where, total, wide, contact = np.array(found).reshape(-1, 5).T
         return WaveformEchoes(pulse.astype(int), where, total, wide, contact.astype(int))
     count, given = len(ray), bins or Bins(np.zeros(0), 1.0, 0)
@@ -136,7 +140,8 @@ def find_echoes(
         np.empty(6 * count + room),
         *(whole[0], *real, whole[1]),
     )
-    return WaveformEchoes(whole[0, :many], *real[:, :many], whole[1, :many])
+    where, total, wide = real[:, :many]
+    return WaveformEchoes(whole[0, :many], where, total, wide, whole[1, :many])
 
 
 def by_pulse(ray: np.ndarray, subrays: int, rows: np.ndarray) -> list[np.ndarray]:

@@ -92,8 +92,8 @@ class FoliageDiscs:
         """Discs that are measured already, in the world; only similarities may move them."""
         made = cls.__new__(cls)
         made.leaf = discs.leaf
-        measured = discs.centre, discs.normal, discs.radius
-        made.local = tuple(np.ascontiguousarray(each, np.float64) for each in measured)
+        centre, normal = np.ascontiguousarray([discs.centre, discs.normal], np.float64)
+        made.local = centre, normal, np.ascontiguousarray(discs.radius, np.float64)
         return made
 
     def moved(self, transform: np.ndarray, rows: np.ndarray | None = None) -> Measured:

@@ -243,10 +243,12 @@ class EchoPaths(RowTable):
     def bound(self, station: Station) -> np.ndarray:
         """(M,) no gain in the band is larger, at any ear."""
         band, equipment = station.sonar.band, station.equipment
-        sent = equipment.emit.loudest(*self.emitted.T, band)
+        azimuth, elevation = self.emitted.T
+        sent = equipment.emit.loudest(azimuth, elevation, band)
         most = np.zeros(len(sent))
         for ear, length in enumerate(self.length.T):
-            heard = equipment.hear(ear).loudest(*self.heard[:, ear].T, band)
+            azimuth, elevation = self.heard[:, ear].T
+            heard = equipment.hear(ear).loudest(azimuth, elevation, band)
             weaker = np.exp(-station.least_loss * length) / (self.distance * self.leg[:, ear])
             most = np.maximum(most, sent * heard * weaker)
         return most

@@ -251,8 +251,8 @@ def _table() -> Cubics:
         value = scattering_sum(size, math.pi) * np.exp(2j * size) * (1.0 + size**1.5) / size**2
         return np.asarray(value.reshape(place.shape))
 
-    ends = (float(_coordinate(np.array(end))) for end in (1e-6, LARGEST))
-    return Cubics.of(flattened, *ends, 3000)
+    first, last = (float(_coordinate(np.array(end))) for end in (1e-6, LARGEST))
+    return Cubics.of(flattened, first, last, 3000)
 
 
 @lru_cache(maxsize=1)

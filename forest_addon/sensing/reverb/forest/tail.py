@@ -265,7 +265,7 @@ def tail_of(
         ]
     taken = replace(losses, extinction=way).removed(bands)
     lift = taken - losses.removed(bands)
-    turned, in_space = None, 0.0
+    turned, in_space = None, np.zeros(1)
     if not clutter.empty:
         layer = _layer(reverb, losses, 0.0 if bare else density.mean, tuple(phases), bands)
         rng = stream(int(key[0]), *key[1:], "branches")
@@ -326,7 +326,7 @@ def _diffused(start: Energy, phase: PhaseFunction, density: Density, edges: np.n
     return Energy(edges, once, again, start.drawn)
 
 
-def _spread(tail: Tail, in_space: np.ndarray | float) -> np.ndarray:
+def _spread(tail: Tail, in_space: np.ndarray) -> np.ndarray:
     """(B,) dB, of all noise from the joint on. in_space : (SHARES, B, X) that branches or leaves turned.
 
     Where packets diffuse their energy is that of the last bins, and as sure.
