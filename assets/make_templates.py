@@ -3,7 +3,7 @@
     python assets/make_templates.py [--out FOLDER]
 
 A template tree has one trunk, its foot at the origin, and a few first-level branches; grown forests are
-assembled from copies of those branches. Every axis starts on its mother's axis, at an angle and a turn
+assembled from copies of those branches. Every axis starts on its parent's axis, at an angle and a turn
 that follow the species' phyllotaxis, bends towards or away from the sky, and wanders a little. Leaves
 sit on the axes in the same phyllotaxis and turn their upper side to the light. All draws come from
 keyed streams and all coordinates are rounded to 0.01 mm, so the files are the same byte for byte
@@ -41,13 +41,13 @@ DECIMALS = 5  # of the coordinates: the last digits of sines differ between proc
 
 @dataclass(frozen=True, kw_only=True)
 class Order:
-    """The axes of one order: where they stand on their mother, how long, how bent, how thick.
+    """The axes of one order: where they stand on their parent, how long, how bent, how thick.
 
-    count : places on a mother of mean length; a longer one has more, in proportion.
-    reach : share of the mother's length at the first and the last place.
+    count : places on a parent of mean length; a longer one has more, in proportion.
+    reach : share of the parent's length at the first and the last place.
     length : metres, at the first and the last place.
     spread : relative standard deviation of the length.
-    angle_deg : from the mother's direction, at the first and the last place.
+    angle_deg : from the parent's direction, at the first and the last place.
     phyllotaxis : what stands at a place, see ``turns_deg``.
     lift_deg : turn towards the sky, in the first and in the second half of the axis.
     wander_deg : standard deviation of its bend.
@@ -234,15 +234,15 @@ def grow(name: str) -> tuple[Axis, list[list[Axis]]]:
     return trunk, branches
 
 
-def bear(mother: Axis, mother_order: Order, order: Order) -> Iterator[Axis]:
-    """The axes of one order that stand on a mother axis."""
-    draw = stream(SEED, *mother.lineage, "places")
-    count = int(order.count * mother.length / np.mean(mother_order.length) + draw.random())
+def bear(parent: Axis, parent_order: Order, order: Order) -> Iterator[Axis]:
+    """The axes of one order that stand on a parent axis."""
+    draw = stream(SEED, *parent.lineage, "places")
+    count = int(order.count * parent.length / np.mean(parent_order.length) + draw.random())
     shares = (np.arange(count) + 0.5 + draw.uniform(-0.25, 0.25, count)) / max(count, 1)
     for number, share in enumerate(shares):
-        foot, direction, thickness = mother.at(between(order.reach, share))
+        foot, direction, thickness = parent.at(between(order.reach, share))
         for sister, turn in enumerate(turns_deg(order.phyllotaxis, number, direction)):
-            lineage = (*mother.lineage, number, sister)
+            lineage = (*parent.lineage, number, sister)
             own = stream(SEED, *lineage)
             turn += own.normal(0, 12)
             angle = between(order.angle_deg, share) + own.normal(0, 4)
@@ -250,7 +250,7 @@ def bear(mother: Axis, mother_order: Order, order: Order) -> Iterator[Axis]:
             length *= 1 + order.spread * np.clip(own.normal(), -2, 2)
             points, radius = bend(foot, leave(direction, turn, angle), length, order, own)
             radius = np.minimum(radius, 0.9 * thickness)
-            yield Axis(points, radius, mother.order + 1, lineage)
+            yield Axis(points, radius, parent.order + 1, lineage)
 
 
 def bend(

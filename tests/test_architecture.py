@@ -85,7 +85,7 @@ BUDGETS = {
     "forest_addon/acoustics": (1205, 19),
     "forest_addon/api": (873, 6),
     "forest_addon/base": (316, 12),
-    "forest_addon/blender": (5506, 43),
+    "forest_addon/blender": (5511, 43),
     "forest_addon/drawing": (596, 6),
     "forest_addon/flight": (1567, 10),
     "forest_addon/formats": (3540, 30),

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from forest_addon.base.rng import daughter_keys, keyed_uniform, stream, truncated_normal
+from forest_addon.base.rng import child_keys, keyed_uniform, stream, truncated_normal
 
 
 def test_different_keys_are_uncorrelated():
@@ -26,7 +26,7 @@ def test_truncated_normal_follows_its_law():
 
 
 def test_keyed_numbers_are_uniform_and_independent_of_their_neighbours():
-    keys = daughter_keys(np.zeros(40_000, np.uint64), np.arange(40_000))
+    keys = child_keys(np.zeros(40_000, np.uint64), np.arange(40_000))
     assert len(np.unique(keys)) == 40_000
     draws = keyed_uniform(keys, "angle")
     assert 0 < draws.min() < draws.max() < 1
@@ -36,9 +36,9 @@ def test_keyed_numbers_are_uniform_and_independent_of_their_neighbours():
             draws,
             keyed_uniform(keys, "length"),
             keyed_uniform(keys + np.uint64(1), "angle"),
-            keyed_uniform(daughter_keys(keys, 0), "angle"),
-            keyed_uniform(daughter_keys(keys, 1), "angle"),
-            keyed_uniform(daughter_keys(keys, "leaf"), "angle"),
+            keyed_uniform(child_keys(keys, 0), "angle"),
+            keyed_uniform(child_keys(keys, 1), "angle"),
+            keyed_uniform(child_keys(keys, "leaf"), "angle"),
         ]
     )
     # False alarm below 1e-5: six Kolmogorov tests, 15 correlations and 6 of successive draws.
@@ -52,5 +52,5 @@ def test_numbers_stay_what_they_are():
     """In every process, on every machine, in every version."""
     drawn = stream(5, "tree", "maple", 3).random(3).tolist()
     assert drawn == [0.3641612322596921, 0.4198843378196193, 0.8942618312553818]
-    keys = daughter_keys(np.array([1, 2], np.uint64), np.array([3, 4]))
+    keys = child_keys(np.array([1, 2], np.uint64), np.array([3, 4]))
     assert keyed_uniform(keys, "angle").tolist() == [0.5278940289521616, 0.37693566134421447]

@@ -47,7 +47,7 @@ def _word(part: int | str) -> int:
     return int(part)
 
 
-def daughter_keys(keys: np.ndarray, number: np.ndarray | int | str) -> np.ndarray:
+def child_keys(keys: np.ndarray, number: np.ndarray | int | str) -> np.ndarray:
     """(N,) uint64 keys of what descends from N things: the lineage of arrays.
 
     number : which child each one is, or a name for all of them.
@@ -63,7 +63,7 @@ def keyed_uniform(keys: np.ndarray, purpose: str) -> np.ndarray:
     As with ``stream``, but for whole arrays: a hash of 64 bits (splitmix64 by Steele, Lea & Flood 2014)
     in place of a generator, so that no draw depends on how many others are drawn, or in which order.
     """
-    bits = daughter_keys(keys, purpose) >> np.uint64(11)
+    bits = child_keys(keys, purpose) >> np.uint64(11)
     return (bits.astype(np.float64) + 0.5) * 2.0**-53
 
 
@@ -76,7 +76,7 @@ def keyed_normal(keys: np.ndarray, purpose: str) -> np.ndarray:
 
 
 def first_key(seed: int, *key: int | str) -> np.ndarray:
-    """(1,) uint64 key that ``daughter_keys`` descend from; the same lineage as ``stream``.
+    """(1,) uint64 key that ``child_keys`` descend from; the same lineage as ``stream``.
 
     Raises
     ------

@@ -19,7 +19,7 @@ BREAST = 1.3  # metres above the foot
 def write_treeqsm(path: str | os.PathLike[str], table: Mapping[str, np.ndarray]) -> None:
     """Write the cylinders of one tree.
 
-    table : columns (C,) as ``stand.truth.cylinder_table`` has them, a parent before its daughters.
+    table : columns (C,) as ``stand.truth.cylinder_table`` has them, a parent before its children.
 
     Raises
     ------
@@ -77,14 +77,14 @@ def _branches(cylinder: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
     first = np.flatnonzero(cylinder["PositionInBranch"] == 1)
     first = first[np.argsort(number[first])]
     parent = cylinder["parent"][first]
-    mother = np.where(parent > 0, parent - 1, 0)
+    bearer = np.where(parent > 0, parent - 1, 0)
     axis, radius = cylinder["axis"], cylinder["radius"]
     volume = 1e3 * np.pi * radius**2 * cylinder["length"]
     area = 2 * np.pi * radius * cylinder["length"]
-    lean = np.clip((axis[first] * axis[mother]).sum(axis=1), -1.0, 1.0)
+    lean = np.clip((axis[first] * axis[bearer]).sum(axis=1), -1.0, 1.0)
     return {
         "order": cylinder["BranchOrder"][first],
-        "parent": np.where(parent > 0, cylinder["branch"][mother], 0),
+        "parent": np.where(parent > 0, cylinder["branch"][bearer], 0),
         "diameter": 2 * radius[first],
         "volume": np.bincount(number, volume, count),
         "area": np.bincount(number, area, count),

@@ -23,7 +23,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from ..base.rng import daughter_keys, truncated_normal
+from ..base.rng import child_keys, truncated_normal
 from ..base.trimesh import DEAD, LEAF, WOOD, TriMesh, join
 from ..spec import Discrete, Normal, Siblings, Species
 from .draw import draw_inclination
@@ -267,7 +267,7 @@ def _grafted(
 def _leaf_keys(count: int, rng: np.random.Generator) -> np.ndarray:
     """A key for each leaf of a tree."""
     own = np.full(count, rng.integers(2**63), np.uint64)
-    return daughter_keys(own, np.arange(count))
+    return child_keys(own, np.arange(count))
 
 
 @lru_cache(maxsize=16)

@@ -67,6 +67,7 @@ FUNCTIONS: dict[str, tuple[list[Any], Any]] = {
         ],
         None,
     ),
+    "send_rays": ([ctypes.c_void_p, ctypes.c_void_p, _count, _int64s, _floats, _count], None),
     "weigh_echoes": ([_count, _count, _doubles, _count, _doubles, _doubles, _complexes], None),
     "paper_discs": ([*_SCATTERERS, _doubles, *_CUBICS], None),
     "piston_discs": ([*_SCATTERERS, _doubles, *_CUBICS[2:]], None),

@@ -19,7 +19,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import ndtri
 
-from ..base.rng import daughter_keys, first_key, keyed_uniform, stream
+from ..base.rng import child_keys, first_key, keyed_uniform, stream
 from ..growth.measured.allometry import (
     BREAST,
     MEASURES,
@@ -91,7 +91,7 @@ def with_targets(
     variants: dict[tuple[int, int], Wanted] = {}
     groups, ignored = _groups(seed, stand, plantings, names, species, inputs)
     laws: list[Allometry | None] = [None] * len(plantings)
-    site = ndtri(keyed_uniform(daughter_keys(np.repeat(first_key(seed, "site"), 4), SITE), "site"))
+    site = ndtri(keyed_uniform(child_keys(np.repeat(first_key(seed, "site"), 4), SITE), "site"))
     found = _scores(stand, groups)
     for group in groups:
         rows, law = group.rows, group.law
@@ -197,11 +197,11 @@ def _groups(
         if law is None and isinstance(kind, Kind):
             law = kind.allometry
         key = first_key(seed, "stand", names[number], "measures")
-        keys = daughter_keys(np.repeat(key, len(rows)), stand.number[rows])
+        keys = child_keys(np.repeat(key, len(rows)), stand.number[rows])
         given = np.tile(given_by(targets), (len(rows), 1))
         dbh = planting.age * draw_dbh(targets, keys, law if planting.targets else None, given)
         mine = planting.age * draw_dbh(
-            targets, daughter_keys(np.repeat(key, len(hand)), stand.number[hand])
+            targets, child_keys(np.repeat(key, len(hand)), stand.number[hand])
         )
         said = told_of(planting, stand.number[hand], "diameter")
         hands = np.where(np.isfinite(said), said, mine)

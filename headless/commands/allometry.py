@@ -170,7 +170,7 @@ def _check_leaves(species: Species, kind: Kind) -> None:
 
     import numpy as np
 
-    from forest_addon.base.rng import daughter_keys, stream
+    from forest_addon.base.rng import child_keys, stream
     from forest_addon.growth.draw import draw_inclination
     from forest_addon.growth.tree import grow
 
@@ -182,6 +182,6 @@ def _check_leaves(species: Species, kind: Kind) -> None:
     tree = grow(species, kind, rng)
     some = rng.choice(len(tree.leaves), min(LEAVES, len(tree.leaves)), replace=False)
     angle = np.arccos(np.clip(np.abs(tree.leaves.normal[some, 2]), 0, 1))
-    keys = daughter_keys(np.full(400_000, 1, np.uint64), np.arange(400_000))
+    keys = child_keys(np.full(400_000, 1, np.uint64), np.arange(400_000))
     p = ks_2samp(angle, draw_inclination(species.inclination, keys)).pvalue
     print(f"  inclination of {len(some)} leaves against the measured one: KS p = {p:.3f}")

@@ -269,7 +269,12 @@ def send(
     library: ctypes.CDLL, top: int, rays: np.ndarray, some: np.ndarray | slice = slice(None)
 ) -> None:
     """Send some of the rays into a scene, one by one: packets would find other faces at edges."""
-    places = rays.ctypes.data + rays.strides[0] * np.arange(len(rays))[some]
+    rows, kernel = np.arange(len(rays))[some], kernels.library()
+    if kernel is not None:
+        intersect = ctypes.cast(library.rtcIntersect1, ctypes.c_void_p)
+        kernel.send_rays(intersect, top, len(rows), rows, rays, rays.shape[1])
+        return
+    places = rays.ctypes.data + rays.strides[0] * rows
     deque(map(library.rtcIntersect1, repeat(top), places.tolist(), repeat(None)), maxlen=0)
 
 

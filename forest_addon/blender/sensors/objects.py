@@ -149,7 +149,7 @@ def home_of(
     return home if there.issuperset(sensors_of(scene) if known is None else known) else scene
 
 
-def is_stranger(scene: bpy.types.Scene, thing: bpy.types.Object) -> bool:
+def is_foreign(scene: bpy.types.Scene, thing: bpy.types.Object) -> bool:
     """Return whether a scene shows a sensor that it cannot run as it is: one that is linked from another
     file, is of another scene's forest, or whose receiver or path is in no collection here."""
     if thing.type not in BODIES or kind_of(thing) not in KINDS:

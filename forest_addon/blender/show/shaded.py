@@ -9,7 +9,7 @@ import bpy
 import numpy as np
 
 from ...base.progress import Progress
-from ...base.rng import daughter_keys, keyed_uniform, stream
+from ...base.rng import child_keys, keyed_uniform, stream
 from ...base.trimesh import LEAF
 from ...base.vectors import azimuth_of
 from ...formats.atomic import replacing
@@ -83,7 +83,7 @@ def noise(place: np.ndarray) -> np.ndarray:
     value = np.zeros(len(place))
     for corner in product((0, 1), repeat=3):
         lattice = (cell + corner).astype(np.int64).astype(np.uint64)
-        key = daughter_keys(daughter_keys(lattice[:, 0], lattice[:, 1]), lattice[:, 2])
+        key = child_keys(child_keys(lattice[:, 0], lattice[:, 1]), lattice[:, 2])
         share = np.where(corner, step, 1.0 - step).prod(axis=1)
         value += share * (key >> np.uint64(11)) * 2.0**-53
     return value

@@ -23,7 +23,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ...base.rng import daughter_keys, keyed_uniform
+from ...base.rng import child_keys, keyed_uniform
 from ...spec import SpecError
 from ..foreign import guarded, refuse_coarse
 from ..raster_file import read_raster
@@ -358,7 +358,7 @@ def read_voxels(path: Path, mode: VoxelMode, material: Material) -> PartMesh:
         raise SpecError(str(path), "has no voxel that stops light")
     middle = low + size * (table[:, :3] + 0.5)
     if mode.shifted:
-        keys = daughter_keys(np.zeros(len(table), dtype=np.uint64), np.arange(len(table)))
+        keys = child_keys(np.zeros(len(table), dtype=np.uint64), np.arange(len(table)))
         chance = np.stack([keyed_uniform(keys, axis) for axis in "xyz"], axis=1)
         middle += (2 * chance - 1) * np.maximum(size - edge, 0)[:, None] / 2
     boxes = _boxes(middle[there], edge[there], material)

@@ -30,7 +30,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from ...base.rng import daughter_keys, keyed_uniform, truncated_normal
+from ...base.rng import child_keys, keyed_uniform, truncated_normal
 from ...base.runs import numbered
 from ...spec import MAX_REACH, Grammar, Honda, Jitter, Leaf, Species
 from ..draw import GOLDEN, draw_discrete, draw_normal, mean_of
@@ -213,7 +213,7 @@ def _copied(skeleton: Skeleton, copies: int, key: int) -> Skeleton:
     )
     parts = [skeleton]
     for copy in range(1, copies):
-        keys = daughter_keys(np.full(len(roots), key, np.uint64), np.arange(len(roots)))
+        keys = child_keys(np.full(len(roots), key, np.uint64), np.arange(len(roots)))
         share = copy / copies * (1 - SPREAD * keyed_uniform(keys, f"rise {copy}"))
         foot = skeleton.start[roots]
         raised = foot + share[:, None] * axis
@@ -250,8 +250,8 @@ def _tip_leaves(skeleton: Skeleton, species: Species, key: int) -> LeafSites:
     segment = np.repeat(tip, each)
     number = np.tile(np.arange(each), len(tip))
     node, side = number // leaf.per_node, number % leaf.per_node
-    keys = daughter_keys(np.full(len(segment), key, np.uint64), segment)
-    keys = daughter_keys(daughter_keys(keys, "leaf"), number)
+    keys = child_keys(np.full(len(segment), key, np.uint64), segment)
+    keys = child_keys(child_keys(keys, "leaf"), number)
     along = skeleton.end[segment] - skeleton.start[segment]
     foot = skeleton.start[segment] + ((node + 1) / leaf.nodes)[:, None] * along
     heading = along / np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-12)
@@ -312,7 +312,7 @@ def grow_honda(honda: Honda, leaf: Leaf, key: int) -> tuple[Skeleton, LeafSites]
     ------
     ValueError : more than ``MAX_SEGMENTS`` segments, or a reach beyond ``MAX_REACH``; says how much.
     """
-    tree = daughter_keys(np.array([key], np.uint64), "honda")
+    tree = child_keys(np.array([key], np.uint64), "honda")
     levels = int(draw_discrete(honda.levels, tree, "levels")[0])
     _refuse_if_large(honda)
     length_ratio = float(draw_normal(honda.length_ratio, tree, "length ratio")[0])
@@ -336,7 +336,7 @@ def grow_honda(honda: Honda, leaf: Leaf, key: int) -> tuple[Skeleton, LeafSites]
         if leaf.on and level > levels - honda.leaf_levels:
             leaves.append(_leaves(honda, leaf, here, chains))
         if level < levels:
-            here = _daughters(honda, here, chains, length_ratio, radius_ratio, level)
+            here = _children(honda, here, chains, length_ratio, radius_ratio, level)
             if drawn + len(here.key) * honda.pieces > MAX_SEGMENTS:
                 raise ValueError(_too_many(drawn + len(here.key) * honda.pieces))
     return Skeleton.joined(skeletons), LeafSites.joined([LeafSites.none(), *leaves])
@@ -415,7 +415,7 @@ def _segments(here: _Branches, chains: _Chains, tip: float) -> Skeleton:
     )
 
 
-def _daughters(
+def _children(
     honda: Honda,
     here: _Branches,
     chains: _Chains,
@@ -427,7 +427,7 @@ def _daughters(
     choice = (honda.trunk_daughters if level == 0 else None) or honda.daughters
     born = draw_discrete(choice, here.key, "daughters")
     parent, number = numbered(born)
-    key = daughter_keys(here.key[parent], number)
+    key = child_keys(here.key[parent], number)
     share = np.ones(len(parent))
     if honda.sprouting == "along":
         share = honda.bare + (1 - honda.bare) * keyed_uniform(key, "place")
@@ -447,7 +447,7 @@ def _daughters(
 
     if honda.leader_ratio > 0:
         every = np.arange(len(born))
-        leader = daughter_keys(here.key, LEADER)
+        leader = child_keys(here.key, LEADER)
         parent, share = np.concatenate([parent, every]), np.concatenate([share, np.ones(len(born))])
         key, angle = np.concatenate([key, leader]), np.concatenate([angle, np.zeros(len(born))])
         twist = np.deg2rad(draw_normal(honda.twist_deg, leader, "twist"))
@@ -494,7 +494,7 @@ def _leaves(honda: Honda, leaf: Leaf, here: _Branches, chains: _Chains) -> LeafS
     """Evenly along every branch, the last at its very tip."""
     born = draw_discrete(honda.leaves, here.key, "leaves")
     branch, number = numbered(born)
-    key = daughter_keys(daughter_keys(here.key[branch], "leaf"), number)
+    key = child_keys(child_keys(here.key[branch], "leaf"), number)
     foot, heading, across, _, segment = _along(chains, branch, (number + 1) / born[branch])
     phase = 2 * np.pi * keyed_uniform(here.key, "leaf phase")[branch]
     return set_leaves(leaf, key, foot, heading, across, phase + GOLDEN * number, segment)

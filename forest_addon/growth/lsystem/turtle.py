@@ -35,7 +35,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...base.rng import daughter_keys
+from ...base.rng import child_keys
 from ...base.rows import RowTable
 from ...spec import MAX_REACH, Leaf, Rules
 from ..draw import draw_normal
@@ -705,7 +705,7 @@ def _commands(rules: Rules, word: Word) -> Commands:
 
 def _sized(leaves: LeafSites, leaf: Leaf, key: int, scale: float) -> LeafSites:
     """Leaves with their length and width: what the string says, else drawn."""
-    keys = daughter_keys(np.full(len(leaves), key, np.uint64), np.arange(len(leaves)))
+    keys = child_keys(np.full(len(leaves), key, np.uint64), np.arange(len(leaves)))
     drawn = draw_normal(leaf.length, keys, "leaf length")
     length = np.where(np.isnan(leaves.length), drawn, leaves.length * scale)
     ratio = draw_normal(leaf.width_ratio, keys, "leaf width")

@@ -33,7 +33,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial import cKDTree
 
-from ...base.rng import daughter_keys, keyed_normal, keyed_uniform
+from ...base.rng import child_keys, keyed_normal, keyed_uniform
 from ...base.runs import numbered, sums
 from ...base.vectors import azimuth_of, cross_rows
 from ...spec import Architecture, Crown, Leaf
@@ -466,7 +466,7 @@ def seat_twigs(
     below = skeleton.end[:, 2].max() - skeleton.end[bearing, 2]
     thinned = np.clip(below / (TAPER * crown.twig.mean), SPARSEST, 1.0)
     reach = np.cumsum(length * thinned)
-    keys = daughter_keys(np.repeat(key, count), np.arange(count))
+    keys = child_keys(np.repeat(key, count), np.arange(count))
     at = (np.arange(count) + keyed_uniform(keys, "twig place")) / count * reach[-1]
     pick = np.minimum(np.searchsorted(reach, at, side="right"), len(bearing) - 1)
     share = 1 - (reach[pick] - at) / np.diff(reach, prepend=0.0)[pick]
@@ -515,7 +515,7 @@ def leaves_on(leaf: Leaf, twigs: Twigs, first: int, count: int, stalk: bool) -> 
     way = twigs.end - twigs.start
     heading = way / np.maximum(np.linalg.norm(way, axis=1, keepdims=True), 1e-9)
     foot = twigs.start[twig] + share[:, None] * way[twig]
-    keys = daughter_keys(twigs.key[twig], number)
+    keys = child_keys(twigs.key[twig], number)
     azimuth = GOLDEN * number + 2 * np.pi * keyed_uniform(twigs.key, "leaf phase")[twig]
     side = across(heading)
     sites = set_leaves(leaf, keys, foot, heading[twig], side[twig], azimuth, first + twig)
@@ -630,7 +630,7 @@ def with_dead(wood: Skeleton, plan: Architecture, wanted: Wanted, key: np.ndarra
     count = round(dead.density * (base - low) * (1 - dead.decay * dead.down / 2))
     if count < 1 or not (wood.order == 0).any():
         return wood
-    keys = daughter_keys(np.repeat(key, count), np.arange(count))
+    keys = child_keys(np.repeat(key, count), np.arange(count))
     rank = (np.arange(count) + keyed_uniform(keys, "height")) / count
     depth = np.linspace(0.0, dead.down, 65)  # below the crown's base, as a share of it
     share = depth * (1 - dead.decay * depth / 2)
@@ -735,7 +735,7 @@ def _sides(
     of, number = numbered(many)
     if not len(of):
         return None
-    own = daughter_keys(keys[of], number)
+    own = child_keys(keys[of], number)
     at = (0.25 + 0.7 * keyed_uniform(own, "place")) * pieces
     piece = np.minimum(at.astype(int), pieces - 1)
     part = (at - piece)[:, None]

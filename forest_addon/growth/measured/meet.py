@@ -19,7 +19,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...base.rng import daughter_keys, keyed_uniform
+from ...base.rng import child_keys, keyed_uniform
 from ...base.runs import Runs
 from ...base.trimesh import TriMesh, join
 from ...spec import SpecError, Species
@@ -111,7 +111,7 @@ def grow_crown(
     bare = skeleton_of_nodes(nodes, tips)
     count = leaves_needed(species, blade, wanted.leaf_area)
     bearers = -(-count // crown.twig_leaves)
-    twigs = seat_twigs(crown, bare, tips[1:], bearers, daughter_keys(tree, "twigs"))
+    twigs = seat_twigs(crown, bare, tips[1:], bearers, child_keys(tree, "twigs"))
     own = np.bincount(twigs.segment, minlength=len(bare))
     pipes = borne(bare.parent, own)
     drawn = with_twigs(bare, twigs, crown.twig_radius)
@@ -251,11 +251,11 @@ def _picked(have: int, count: int, key: int) -> tuple[np.ndarray, np.ndarray, np
 
     Returns the leaf (count,) that each stands for, whether that stands there already, and their keys.
     """
-    keys = daughter_keys(np.full(have, key, np.uint64), np.arange(have))
+    keys = child_keys(np.full(have, key, np.uint64), np.arange(have))
     rank = np.argsort(keyed_uniform(keys, "leaf chosen"))
     pick = np.sort(np.concatenate([*[np.arange(have)] * (count // have), rank[: count % have]]))
     again = np.concatenate([[False], pick[1:] == pick[:-1]])
-    return pick, again, daughter_keys(np.full(count, key, np.uint64), np.arange(count))
+    return pick, again, child_keys(np.full(count, key, np.uint64), np.arange(count))
 
 
 def _refuse_many(count: float, area: float, where: str) -> None:

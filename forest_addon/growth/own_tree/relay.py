@@ -22,7 +22,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...base.rng import daughter_keys, keyed_normal, keyed_uniform
+from ...base.rng import child_keys, keyed_normal, keyed_uniform
 from ...base.runs import numbered
 from ...base.trimesh import TriMesh, join
 from ...base.vectors import cross_rows, zenith_of
@@ -198,12 +198,12 @@ def hang_leaves(anatomy: Anatomy, grown: Grown, variety: float) -> HungLeaves:
     foliage, lines = anatomy.foliage, anatomy.lines
     row, branch, _ = foliage.of_piece.copy(grown.piece)
     rank = row - foliage.of_piece.first[grown.piece[branch]]
-    key = daughter_keys(daughter_keys(grown.key[branch], "leaf"), rank)
+    key = child_keys(child_keys(grown.key[branch], "leaf"), rank)
     times = np.floor(grown.scale[branch] + keyed_uniform(key, "times"))
     times = np.where(grown.scale[branch] == 1, 1, times).astype(np.int64)
     which, copy = numbered(times)
     row, branch, key = row[which], branch[which], key[which]
-    key = np.where(copy > 0, daughter_keys(key, copy), key)
+    key = np.where(copy > 0, child_keys(key, copy), key)
 
     seat = foliage.seat.select(row)
     piece = grown.piece[branch]

@@ -26,7 +26,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...base.rng import daughter_keys, keyed_normal, keyed_uniform
+from ...base.rng import child_keys, keyed_normal, keyed_uniform
 from ...base.rows import RowTable
 from ...base.runs import Runs, bounds, numbered
 from ...base.vectors import zenith_of
@@ -92,7 +92,7 @@ def place_children(
     slots = habit.slots
     row, owner, _ = slots.of_piece.copy(piece)
     node, limb = slots.node[row], slots.limb[row]
-    own_key = daughter_keys(key[owner], row - slots.of_piece.first[piece[owner]])
+    own_key = child_keys(key[owner], row - slots.of_piece.first[piece[owner]])
 
     # As many nodes as the axis is long: node i has floor((i + 1 + U)f) - floor((i + U)f).
     begin = keyed_uniform(key, "nodes")[owner] + node
@@ -112,7 +112,7 @@ def place_children(
 
     slot, node = slots.piece[row], slots.node[row]
     share = habit.share[slot] + onward * slots.after[row] * (1 - 1e-9)
-    of_node = daughter_keys(daughter_keys(key[owner], "node"), node)
+    of_node = child_keys(child_keys(key[owner], "node"), node)
     z = np.clip(keyed_normal(of_node, "move"), -2.0, 2.0) * variety * habit.scatter[order] * JITTER
     z = np.clip(z, -FARTHEST, FARTHEST)
     share = share + z * np.where(z > 0, slots.after[row], slots.before[row])
@@ -137,7 +137,7 @@ def _repeated(times: np.ndarray, *columns: np.ndarray) -> tuple[np.ndarray, ...]
     """
     which, copy = numbered(times)
     row, owner, key, *rest = (column[which] for column in columns)
-    key = np.where(copy > 0, daughter_keys(key, copy), key)
+    key = np.where(copy > 0, child_keys(key, copy), key)
     return row, owner, key, copy, times[which], *rest
 
 
@@ -184,7 +184,7 @@ def _turned(
         relative = azimuth[mine] - standing[slots.node[row[mine]]]
         free, reach = ~slots.limb[row[mine]], anatomy.lines.reach()[slots.piece[row[mine]]]
         own = _lopsided(anatomy.azimuth[slots.piece[run]], anatomy.lines.reach()[slots.piece[run]])
-        tries = daughter_keys(np.repeat(key[number : number + 1], TRIES), np.arange(TRIES))
+        tries = child_keys(np.repeat(key[number : number + 1], TRIES), np.arange(TRIES))
         least, chosen = np.inf, azimuth[mine]
         for attempt in (int(key[number]), *tries.tolist()):
             turned = _turned_nodes(standing, seen, attempt, variety)[place.ravel()]
@@ -212,7 +212,7 @@ def _turned_nodes(standing: np.ndarray, seen: np.ndarray, key: int, variety: flo
     step = np.diff(standing)
     mean = np.exp(1j * step).mean()
     node = seen.astype(np.int64)
-    keys = daughter_keys(np.full(len(node), key, np.uint64), np.arange(len(node)))
+    keys = child_keys(np.full(len(node), key, np.uint64), np.arange(len(node)))
     near = keyed_uniform(keys, "turn") * (2 * NEIGHBOURS + 1) - NEIGHBOURS - 0.5
     other = np.where(keyed_uniform(keys, "near") < variety, np.rint(near), 0).astype(np.int64)
     if abs(mean) > EVEN:
@@ -382,7 +382,7 @@ def grow_sibling(habit: Habit, siblings: Siblings, key: int) -> Grown:
 
     key : 64 bits, the lineage of the tree.
     """
-    tree = daughter_keys(np.array([key], np.uint64), "sibling")
+    tree = child_keys(np.array([key], np.uint64), "sibling")
     size = size_of(habit, siblings, tree)
     grown = _grow(habit, siblings.variety, size, tree)
     if siblings.height:
@@ -407,7 +407,7 @@ def _trunks(habit: Habit, variety: float, size: Size, tree: np.ndarray) -> Shoot
     """The trunks, turned about the vertical or mirrored: a base that lies flat on the ground still does."""
     anatomy = habit.anatomy
     piece = anatomy.trunks
-    key = daughter_keys(np.repeat(tree, len(piece)), np.arange(len(piece)))
+    key = child_keys(np.repeat(tree, len(piece)), np.arange(len(piece)))
     turn = 2 * np.pi * variety * keyed_uniform(np.repeat(tree, len(piece)), "turn")
     sign = np.repeat(_signs(tree, variety), len(piece))
     start = foot_frames(

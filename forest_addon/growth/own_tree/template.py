@@ -29,7 +29,7 @@ import numpy as np
 import scipy
 from scipy.spatial import cKDTree
 
-from ...base.rng import daughter_keys, stream, truncated_normal
+from ...base.rng import child_keys, stream, truncated_normal
 from ...base.runs import numbered
 from ...base.trimesh import LEAF, WOOD, TriMesh, join
 from ...spec import Grammar, Jitter, Leaf
@@ -398,8 +398,8 @@ def dress(wood: np.ndarray, leaf: Leaf, blade: Blade, unit: float) -> np.ndarray
     rows = np.repeat(np.arange(len(twigs) * leaf.nodes), leaf.per_node)
     foot, heading = np.concatenate(feet)[rows] * unit, np.concatenate(headings)[rows]
     azimuth = 2 * np.pi * rank / leaf.per_node + np.deg2rad(leaf.fan_deg) * node
-    keys = daughter_keys(np.full(len(rows), KEY, np.uint64), np.repeat(twigs, each))
-    keys = daughter_keys(keys, np.tile(np.arange(each), len(twigs)))
+    keys = child_keys(np.full(len(rows), KEY, np.uint64), np.repeat(twigs, each))
+    keys = child_keys(keys, np.tile(np.arange(each), len(twigs)))
     sites = set_leaves(leaf, keys, foot, heading, across(heading), azimuth, np.repeat(twigs, each))
     mesh = lay(sites, blade)
     facets: np.ndarray = mesh.vertices[mesh.triangles] / unit

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ...base.rng import daughter_keys, keyed_uniform
+from ...base.rng import child_keys, keyed_uniform
 from ...base.rows import RowTable
 from ...base.trimesh import LEAF
 from ...spec import Surfaces
@@ -106,7 +106,7 @@ def split(
     leaf = organ == LEAF
     if surfaces.passing == "share":
         return rows, rows[leaf & (light * share**2 > FAINT)], share**2
-    through = leaf & (keyed_uniform(daughter_keys(keys, before), "leaf") < share)
+    through = leaf & (keyed_uniform(child_keys(keys, before), "leaf") < share)
     return rows[~through], rows[through], 1.0
 
 

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...base.rng import daughter_keys, keyed_normal, keyed_uniform
+from ...base.rng import child_keys, keyed_normal, keyed_uniform
 from ...spec import Scanner
 from .radiometry import detection_limit, intensity
 from .waveform import FWHM, LIGHT, WaveformEchoes, pulse_length
@@ -99,7 +99,7 @@ def false_alarm_rate(threshold_snr: float, pulse_ns: float) -> float:
 
 def noisy_light(scanner: Scanner, echoes: WaveformEchoes, keys: np.ndarray) -> np.ndarray:
     """(E,) light of echoes with the receiver's noise, 1/m². keys : (P,) uint64 keys of the pulses."""
-    drawn = daughter_keys(keys[echoes.pulse], AMPLITUDE + ranks(echoes.pulse))
+    drawn = child_keys(keys[echoes.pulse], AMPLITUDE + ranks(echoes.pulse))
     spread = detection_limit(scanner) / scanner.receiver.threshold_snr
     light: np.ndarray = echoes.energy + spread * keyed_normal(drawn, "amplitude")
     return light
@@ -111,7 +111,7 @@ def false_echoes(scanner: Scanner, keys: np.ndarray) -> WaveformEchoes:
     gate = 2 * (scanner.max_range - scanner.min_range) / LIGHT
     count = _poisson(keyed_uniform(keys, "false"), false_alarm_rate(snr, beam.pulse_ns) * gate)
     pulse = np.repeat(np.arange(len(keys)), count)
-    drawn = daughter_keys(keys[pulse], PLACE + ranks(pulse))
+    drawn = child_keys(keys[pulse], PLACE + ranks(pulse))
     place, height = keyed_uniform(drawn, "where"), keyed_uniform(drawn, "height")
     distance = scanner.min_range + (scanner.max_range - scanner.min_range) * place
     crest = np.sqrt(1 - 2 * np.log(np.maximum(height, RAREST)) / snr**2)

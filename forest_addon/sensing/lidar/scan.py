@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from ...base.progress import Progress
-from ...base.rng import daughter_keys, first_key
+from ...base.rng import child_keys, first_key
 from ...base.rows import distinct
 from ...base.trimesh import LEAF
 from ...base.vectors import azimuth_of
@@ -120,7 +120,7 @@ class Scan:
     def look_at(self, number: np.ndarray) -> Cloud:
         """The returns of the pulses of these numbers (P,), ascending."""
         pulses = self.pattern.pulses(number)
-        keys = daughter_keys(self._key, number)
+        keys = child_keys(self._key, number)
         self._unfollowed = 0
         if self.scanner.receiver.beyond == "folded":
             return self._measure(pulses, number, keys, self._folded(number))
@@ -131,7 +131,7 @@ class Scan:
 
     def rays(self, number: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Origins and directions (P·S, 3) of the rays of the pulses of these numbers (P,), pulse by pulse."""
-        return self._rays(self.pattern.pulses(number), daughter_keys(self._key, number))
+        return self._rays(self.pattern.pulses(number), child_keys(self._key, number))
 
     def _found(self, pulses: Pulses, keys: np.ndarray) -> Received:
         """Return the echoes of pulses and their halos, before the receiver."""
@@ -145,7 +145,7 @@ class Scan:
             when = np.repeat(when, count)
             some = np.tile(np.arange(count), len(keys))
             keys = np.repeat(keys, count)
-            keys = daughter_keys(keys, some) if self._by_chance else keys
+            keys = child_keys(keys, some) if self._by_chance else keys
         contacts = self._met(rays, keys, None if self._moving is None else when)
         return self._received(rays, contacts, when)
 
@@ -171,7 +171,7 @@ class Scan:
         late = np.arange(int(self.scanner.max_range // period) + 1)
         sent = distinct(number[:, None] - late)
         sent = sent[sent >= 0]
-        found = self._found(self.pattern.pulses(sent), daughter_keys(self._key, sent))
+        found = self._found(self.pattern.pulses(sent), child_keys(self._key, sent))
         rounds = np.floor(found.echoes.distance / period)
         arrives = sent[found.echoes.pulse] + rounds.astype(np.int64)
         place = np.searchsorted(number, arrives)
@@ -264,7 +264,7 @@ class Scan:
             found = self._with_noise(pulses, keys, found)
         found = found.select(np.flatnonzero(found.echoes.energy >= detection_limit(scanner)))
         found = found.select(awake(found.echoes, scanner.receiver.dead_zone))
-        return_keys = daughter_keys(keys[found.echoes.pulse], ranks(found.echoes.pulse))
+        return_keys = child_keys(keys[found.echoes.pulse], ranks(found.echoes.pulse))
         kept = np.flatnonzero(survives_drop_out(scanner.noise, return_keys))
         found, return_keys = found.select(kept), return_keys[kept]
         kept = chosen_returns(found.echoes, scanner.beam.max_returns, scanner.receiver.keep)

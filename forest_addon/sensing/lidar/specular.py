@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...base.rng import daughter_keys
+from ...base.rng import child_keys
 from ...base.rows import RowTable
 from ...spec import AUTO, POLISHED, USUAL_INDEX, Beam, Polished, Scanner, SpecError, Surfaces
 from ..rays.caster import Hits, RayCaster, hit_normals
@@ -246,7 +246,7 @@ def follow(
         turned.origin,
         turned.way,
         (max_distance - gone) / ratio,
-        daughter_keys(daughter_keys(keys[turned.ray], "bounce"), turned.bounce),
+        child_keys(child_keys(keys[turned.ray], "bounce"), turned.bounce),
         turned.left,
     )
     return Contacts.joined([contacts, _as_seen(found, turned, specular)]), ended
@@ -455,7 +455,7 @@ class Halo:
         if not len(rows):
             return found
         some = Pulses(*(value[rows] for value in vars(pulses).values()))
-        beams = frames(some, self._beam, daughter_keys(keys[rows], "halo"))
+        beams = frames(some, self._beam, child_keys(keys[rows], "halo"))
         more = self._seen(caster, *rays_at(beams, places(RAYS)))
         if not len(more.echoes.pulse):
             return found

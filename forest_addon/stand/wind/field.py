@@ -21,7 +21,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...base.rng import daughter_keys, keyed_normal, keyed_uniform, stream
+from ...base.rng import child_keys, keyed_normal, keyed_uniform, stream
 from ...spec import Wind
 
 LOWEST, HIGHEST = 0.005, 8.0  # Hz
@@ -195,7 +195,7 @@ class Flutter:
         share = wind**2 / (ONSET**2 + wind**2)
         tone = TONE * np.exp(SPREAD * keyed_normal(key, "flutter"))
         rates = [tone, tone * (1 + APART), 0.6 * tone, 0.6 * tone * (1 + APART)]
-        phases = [keyed_uniform(daughter_keys(key, "flutter"), name) for name in "abcd"]
+        phases = [keyed_uniform(child_keys(key, "flutter"), name) for name in "abcd"]
         return cls(
             size=np.stack([TWIST * share, NOD * share], axis=1),
             rate=2 * np.pi * np.stack(rates, axis=1),

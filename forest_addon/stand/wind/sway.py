@@ -11,7 +11,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ...base.rng import daughter_keys, first_key
+from ...base.rng import child_keys, first_key
 from ...base.trimesh import TriMesh
 from ...growth.sway.beams import GreenWood, wood_of_species
 from ...growth.sway.shape import (
@@ -340,8 +340,8 @@ class ForestSway:
         shape, stand = self.shape(tree), self._forest.stand
         assert shape is not None
         seats = shape.seats
-        tree_key = daughter_keys(self._first, np.array([tree]))
-        key = daughter_keys(np.broadcast_to(tree_key, leaf.shape), leaf)
+        tree_key = child_keys(self._first, np.array([tree]))
+        key = child_keys(np.broadcast_to(tree_key, leaf.shape), leaf)
         wind = self.field.mean(float(stand.scale[tree]) * seats.foot[leaf, 2])
         along, normal = seats.axis[leaf], seats.normal[leaf]
         across = np.cross(along, normal)

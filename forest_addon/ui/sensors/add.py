@@ -300,7 +300,7 @@ class FOREST_OT_adopt_sensor(Button, bpy.types.Operator):
     @classmethod
     def obstacle(cls, context: bpy.types.Context) -> str:
         reason, thing = super().obstacle(context), context.view_layer.objects.active
-        if not reason and (thing is None or not sensors.is_stranger(context.scene, thing)):
+        if not reason and (thing is None or not sensors.is_foreign(context.scene, thing)):
             reason = say("The active object is no sensor of another file or scene")
         return reason
 

@@ -483,7 +483,7 @@ def draw_adopt(
     layout: bpy.types.UILayout, context: bpy.types.Context, thing: bpy.types.Object | None
 ) -> None:
     """Offer to make a sensor this scene's own, where it is not, or lacks what it needs."""
-    if thing is None or not sensors.is_stranger(context.scene, thing):
+    if thing is None or not sensors.is_foreign(context.scene, thing):
         return
     layout.label(text=label("{name} is not whole here", name=thing.name), icon="ERROR")
     layout.operator("forest.adopt_sensor", icon="LINKED")

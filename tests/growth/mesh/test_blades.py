@@ -12,7 +12,7 @@ import pytest
 from references.own_trees import own_tree
 from scipy import stats
 
-from forest_addon.base.rng import daughter_keys, stream
+from forest_addon.base.rng import child_keys, stream
 from forest_addon.base.trimesh import LEAF, TriMesh, join
 from forest_addon.growth.draw import draw_inclination
 from forest_addon.growth.library.species_file import find_species, load_species
@@ -55,7 +55,7 @@ from forest_addon.spec import (
 )
 
 NEAR, FAR = 0.0005, 0.002
-KEYS = daughter_keys(np.zeros(20_000, np.uint64), np.arange(20_000))
+KEYS = child_keys(np.zeros(20_000, np.uint64), np.arange(20_000))
 STEEP = Inclination(mean_deg=60, sd_deg=12)
 UNLIKELY = (
     1e-4  # a right draw is refused by chance once in ten thousand; keys are fixed, so never by luck

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.special import erf
 
-from forest_addon.base.rng import daughter_keys, first_key
+from forest_addon.base.rng import child_keys, first_key
 from forest_addon.sensing.lidar.footprint import radii, spread
 from forest_addon.sensing.lidar.pattern import Pulses
 from forest_addon.spec import Beam
@@ -21,7 +21,7 @@ def pulses_along_x(count):
 
 def spots(beam, distance, count=1):
     """(P, N, 2) where sub-rays cross the plane at this distance: along the sweep, and across it."""
-    keys = daughter_keys(first_key(1, "test"), np.arange(count))
+    keys = child_keys(first_key(1, "test"), np.arange(count))
     origin, way = spread(pulses_along_x(count), beam, keys)
     origin, way = np.broadcast_to(origin, way.shape), way
     at = origin + way * ((distance - origin[:, :1]) / way[:, :1])

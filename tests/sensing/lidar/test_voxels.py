@@ -9,7 +9,7 @@ import numpy as np
 from scipy import stats
 from scipy.spatial.transform import Rotation
 
-from forest_addon.base.rng import daughter_keys, first_key, keyed_uniform
+from forest_addon.base.rng import child_keys, first_key, keyed_uniform
 from forest_addon.sensing.lidar.surveys.digitised import Haze
 
 FALSE_ALARM = 1e-6
@@ -64,8 +64,8 @@ def test_nothing_is_met_beyond_the_farthest() -> None:
 def test_paths_in_two_densities_follow_beers_law() -> None:
     """Cells of 0.5 and 2 m² a m³: the distance has F(s) = 1 - exp(-σs) in each, 8.2 % pass both."""
     haze = Haze(0, np.eye(4)[:3], np.zeros(3), 1.0, np.array([[[0.5, 2.0]]]))
-    keys = daughter_keys(first_key(3, "lidar", "test"), np.arange(20_000))
-    depth = -np.log(keyed_uniform(daughter_keys(keys, 0), "voxels"))
+    keys = child_keys(first_key(3, "lidar", "test"), np.arange(20_000))
+    depth = -np.log(keyed_uniform(child_keys(keys, 0), "voxels"))
     start, way = np.tile([0.5, 0.5, -1.0], (20_000, 1)), np.tile([0.0, 0.0, 1.0], (20_000, 1))
     found = haze.reach(start, way, depth, np.full(20_000, 10.0)) - 1
     passed = int(np.isinf(found).sum())

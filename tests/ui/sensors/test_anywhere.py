@@ -103,9 +103,9 @@ def test_a_pasted_reverb_says_that_its_receiver_is_missing_and_adopts_it(scene, 
     receiver = sensors.receiver_of(thing)
     assert receiver is not None
     assert not receiver.users_scene
-    assert sensors.is_stranger(bpy.context.scene, thing)
+    assert sensors.is_foreign(bpy.context.scene, thing)
     assert press("adopt_sensor") == {"FINISHED"}
-    assert not sensors.is_stranger(bpy.context.scene, thing)
+    assert not sensors.is_foreign(bpy.context.scene, thing)
     assert receiver.users_scene == (bpy.context.scene,)
     place = tuple(receiver.location)
     (settings,) = exchange.to_spec(bpy.context.scene).sensors
@@ -116,7 +116,7 @@ def test_a_linked_sensor_is_adopted(scene, tmp_path):
     name = saved(tmp_path, "sonar", ears=2)
     thing = loaded(tmp_path, name, link=True)
     assert sensors.sensors_of(bpy.context.scene) == []
-    assert sensors.is_stranger(bpy.context.scene, thing)
+    assert sensors.is_foreign(bpy.context.scene, thing)
     assert press("adopt_sensor") == {"FINISHED"}
     (made,) = sensors.sensors_of(bpy.context.scene)
     assert made.library is None
@@ -131,7 +131,7 @@ def test_one_of_another_scenes_forest_is_copied(scene):
     part(other, "Sensors")
     other.collection.children.link(root(scene))  # shown there, too
     assert sensors.sensors_of(other) == []
-    assert sensors.is_stranger(other, thing)
+    assert sensors.is_foreign(other, thing)
     made = sensors.adopt(other, thing)
     assert made != thing
     assert sensors.sensors_of(other) == [made]

@@ -18,7 +18,7 @@ from typing import Self
 
 import numpy as np
 
-from ....base.rng import daughter_keys, keyed_uniform
+from ....base.rng import child_keys, keyed_uniform
 from ....formats.helios.device import Digitiser
 from ...rays.caster import Hits
 from ..footprint import BeamFrames, rays_at
@@ -172,7 +172,7 @@ class SurveyScan(Scan):
         for number, haze in enumerate(self._hazes):
             nearest = np.full(len(keys), self.scanner.max_range)
             np.minimum.at(nearest, found.ray, found.hits.distance)
-            chance = keyed_uniform(daughter_keys(keys, number), "voxels")
+            chance = keyed_uniform(child_keys(keys, number), "voxels")
             distance = haze.reach(*rays, -np.log(chance), nearest)
             met = np.flatnonzero(np.isfinite(distance))
             kept = found.select(np.flatnonzero(found.hits.distance <= distance[found.ray]))
