@@ -92,10 +92,10 @@ BUDGETS = {
     "forest_addon/growth": (8535, 40),
     "forest_addon/kernels": (46, 1),
     "forest_addon/results": (1169, 17),
-    "forest_addon/sensing": (12484, 90),
+    "forest_addon/sensing": (12485, 90),
     "forest_addon/spec": (1229, 11),
     "forest_addon/stand": (3847, 34),
-    "forest_addon/ui": (6065, 41),
+    "forest_addon/ui": (6072, 41),
     "headless": (1394, 13),
     "headless/accuracy": (574, 4),
     "headless/commands": (1656, 17),
@@ -109,7 +109,8 @@ BUDGETS = {
     "studies/validation": (3083, 16),
 }
 # Functions and files that a pulse, a ping and a clap pass on their way to a file.
-FLOWS = {"pulse": (870, 138), "ping": (990, 148), "clap": (910, 143)}
+# Pings and claps rose by kernels in C beside numpy and by the standard errors of a tail (990, 910 before).
+FLOWS = {"pulse": (857, 138), "ping": (1000, 149), "clap": (915, 143)}
 
 
 @pytest.fixture(scope="module")

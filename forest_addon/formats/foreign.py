@@ -134,7 +134,7 @@ def refuse_claims(path: StrPath, most: int = MOST) -> None:
             claimed, room = _claims_of_las(head, room, file)
         elif head.startswith(b"PXR-USDC") and len(head) > 23:
             claimed, room = _claims_of_usd(head, room, file)
-    if re.match(rb"ply\s", head):
+    if str(path).lower().endswith(".ply") and re.match(rb"ply\s", head):
         claimed = _claims_of_ply(Path(path), head)
     elif str(path).lower().endswith((".obj", ".mtl")):
         _refuse_endless_beside(

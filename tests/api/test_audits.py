@@ -84,6 +84,8 @@ def check(world, name, found, seed=0):
 def off(value, rows):
     """A value that is wrong; of an array some rows, by a twentieth and a ten-thousandth of the largest."""
     if not isinstance(value, np.ndarray):
+        if value is None:
+            return np.ones(1)
         if isinstance(value, str):
             return value + "?"
         if isinstance(value, tuple):

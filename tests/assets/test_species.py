@@ -38,7 +38,7 @@ def test_every_species_is_named_sourced_and_grows(path):
     assert species.name == path.stem
     assert any(
         source in species.source
-        for source in ("Tanveer", "Wahed", "Méndez", "W (", "S (", "ABOP", "Runions", "Callaham")
+        for source in ("Tanveer", "Wahed", "Méndez", "ABOP", "Runions", "Callaham")
     )
     if template is not None:
         return  # grafted trees have tests of their own

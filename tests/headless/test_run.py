@@ -81,7 +81,9 @@ def test_the_record_tells_how_to_run_it_again(done):
     assert record["ray_engine"] == ("bvhtree" if embree_problem() else "embree")
     assert record["settings"]["forest"]["size"] == [10.0, 10.0]
     assert record["settings"]["sensors"][0]["name"] == "scan"
-    assert set(record["versions"]) == {"forest_sensing", "blender", "python", "numpy", "scipy"}
+    assert set(record["versions"]) == {
+        *("forest_sensing", "blender", "python", "numpy", "scipy", "kernels")
+    }
     assert all(took >= 0 for took in record["stage_seconds"].values())
     assert sorted(record["files"]) == sorted(set(RESULTS) - {"report.html"})
 

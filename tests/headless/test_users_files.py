@@ -285,7 +285,7 @@ def test_no_file_of_the_working_folder_is_run(tmp_path, monkeypatch):
     finally:
         worker.end()
     words = ["run", "none.toml", "--out", "o"]
-    with pytest.raises(ValueError, match=r"a process ended early: error: none\.toml"):
+    with pytest.raises(ValueError, match=r"process 1 of 1 ended with 2: error: none\.toml"):
         run_by_workers(words, 1)
     assert not (tmp_path / "ran").exists()
 

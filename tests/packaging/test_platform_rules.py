@@ -203,7 +203,7 @@ def test_classes_are_named_as_blender_wants_them():
 
     letters = {bpy.types.Operator: "OT", bpy.types.Panel: "PT", bpy.types.Menu: "MT",
                bpy.types.UIList: "UL", bpy.types.PropertyGroup: "PG",
-               bpy.types.AddonPreferences: "AP"}  # fmt: skip
+               bpy.types.AddonPreferences: "AP", bpy.types.FileHandler: "FH"}  # fmt: skip
     for cls in ui._classes():
         (kind,) = (letters[base] for base in letters if issubclass(cls, base))
         assert cls.__name__.startswith(f"FOREST_{kind}_"), cls

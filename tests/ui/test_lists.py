@@ -70,7 +70,12 @@ def test_a_planting_shows_what_stands(built):
     (planting,) = built.plantings
     standing = len([thing for thing in bpy.data.objects if "forest_tree" in thing])
     assert planting.standing == standing
-    assert _planting_row(planting).right in (f"{standing} trees", "1 tree")
+    meant = round(planting.expected)
+    assert _planting_row(planting).right in (
+        f"{standing} trees",
+        f"{standing} of {meant} trees",
+        "1 tree",
+    )
     fresh = built.plantings.add()
     fresh.species, fresh.use_expected, fresh.expected = "maple", True, 7
     assert _planting_row(fresh).right == "7 trees"

@@ -51,7 +51,8 @@ def test_a_job_stays_in_the_scene_that_it_was_begun_in(built):
     for name, expected in (("build", ["forest"]), ("run", ["cloud", "forest"])):
         begun, kind = bpy.context, {"build": build.FOREST_OT_build, "run": FOREST_OT_run}[name]
         button = SimpleNamespace(sensor="cloud", frames="THIS", keep=False, again=False)
-        button._look = partial(FOREST_OT_run._look, button)
+        for method in ("_look", "_sense", "_apart", "_problems", "_told"):
+            setattr(button, method, partial(getattr(FOREST_OT_run, method), button))
         work = kind.work(button, begun)
         button._job = Job(name, work)
         modal = SimpleNamespace(

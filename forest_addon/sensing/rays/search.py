@@ -39,7 +39,7 @@ class Search(RayCaster, ABC):
         self.scene = scene
         self.threads = threads
         self._same = {} if like is None else like.same_meshes(scene)
-        if like is None or self._same != dict(enumerate(range(len(like.scene.meshes)))):
+        if like is None or [*map(id, scene.meshes)] != [*map(id, like.scene.meshes)]:
             self._surfaces = RefinedSurfaces(scene)
         else:
             self._surfaces = RefinedSurfaces(scene, like._surfaces)

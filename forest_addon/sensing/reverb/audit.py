@@ -27,7 +27,7 @@ from .forest.losses import loss_per_metre
 from .forest.tail import FADE, Tail
 from .hearing import OMNI_EAR, Hearing, encoded
 from .model_error import model_error
-from .pair import Gain, ImpulseResponse, Pair, filtered
+from .pair import Gain, ImpulseResponse, Pair, filtered, trees_of
 from .sums.bands import OctaveBand, bands_of
 from .sums.fast_scattering import FINEST, Expansions, arrivals_of, judged
 from .sums.scattering import TrunkPaths, direct_sum, scattered_spectrum, trunk_paths
@@ -161,6 +161,7 @@ class Channel:
         paths = self.paths if weak is None else self.paths.select(~weak.rows)
         reverb, rate, count = pair.reverb, self.rate, len(found.trees)
         heard = paths.earliest <= (count + SPREAD) / rate * self.speed
+        tree = pair.forest.tree if weak is None else pair.forest.tree[~weak.rows]
         straight = max(math.dist(pair.source, pair.receiver), NEAREST)
         ours = len(pair.trunks)
         ours -= int(weak.rows[:ours].sum()) if weak is not None else 0
@@ -179,6 +180,7 @@ class Channel:
             "direct_clear": pair.clear[0],
             "ground_clear": pair.clear[1],
             "trunks": int(heard.sum()),
+            "stands": trees_of(tree[heard]),
             "continued": int(heard[ours:].sum()),
             "late": int((~heard).sum()),
             "clamped": int(paths.clamped.sum()),

@@ -40,7 +40,7 @@ from .trunks import Trunks
 LOWEST = 1.0  # Hz; below it, the ground is as it is there
 
 
-def _trees_of(tree: np.ndarray) -> int:
+def trees_of(tree: np.ndarray) -> int:
     """Return how many trees stems (N,) are of; those of no tree (-1) count each."""
     return len(np.unique(tree[tree >= 0])) + int((tree < 0).sum())
 
@@ -181,7 +181,7 @@ class Pair:
             direct_clear=direct,
             ground_clear=ground,
             trunks=int(trees.heard.sum()),
-            stands=_trees_of(forest.tree[trees.heard]),
+            stands=trees_of(forest.tree[trees.heard]),
             continued=int(trees.heard[ours:].sum()),
             late=int((~trees.heard).sum()),
             clamped=trees.clamped,

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import bpy
 
 from ...blender.jobs import Task, Work
-from ...blender.read.depsgraph import ready
 from ...blender.scene.instances import may_be_met
 from ...blender.sensors import objects as sensors
 from ...spec import SpecError
@@ -51,6 +50,8 @@ def costs(context: bpy.types.Context, things: Iterable[bpy.types.Object]) -> lis
     home = Path(bpy.path.abspath(context.scene.forest_sensing.folder))
     found = []
     trees = sum(planting.standing for planting in context.scene.forest_sensing.plantings)
+    from ...blender.read.depsgraph import ready
+
     known = ready()
     triangles = 0 if known else triangles_in(context.scene)
     for thing in things:
@@ -184,6 +185,7 @@ class Ahead:
 
 
 FEW = 3  # names of objects in a sentence
+SHOWN = 40  # letters of a name
 
 
 def _import_rooms(_tell: Any) -> None:
@@ -280,7 +282,7 @@ class FOREST_OT_run(Working, bpy.types.Operator):
             with self._apart(thing.name):
                 able.append((thing, costs(context, [thing])[0]))
         if not able:
-            raise ValueError(" ".join(self._broken.values()))
+            raise ValueError(self._problems())
         chosen = [thing for thing, _ in able]
         frames = frames_of(scene)
         ahead = Ahead([cost for _, cost in able], 1 if self.frames == "THIS" else len(frames))
@@ -309,10 +311,18 @@ class FOREST_OT_run(Working, bpy.types.Operator):
             yield
         except PROBLEMS as problem:
             said = in_words(problem)
-            said = said if name in said else f"{name}: {said}"
+            short = name if len(name) <= SHOWN else f"{name[:SHOWN]}…"
+            said = said if name in said else f"{short}: {said}"
             if frame is not None:
                 said = say("frame {frame}: {said}", frame=frame, said=said)
             self._broken.setdefault(name, said)
+
+    def _problems(self) -> str:
+        """Return what is wrong with the first sensors that do not run, and how many more there are."""
+        problems = list(self._broken.values())
+        more = len(problems) - FEW
+        others = [say("({count} more)", count=more)] if more > 0 else []
+        return " ".join(problems[:FEW] + others)
 
     def _told(self, ahead: Ahead, sentence: str) -> str:
         """Return what is said at the end, with what did not run and why.
@@ -321,7 +331,7 @@ class FOREST_OT_run(Working, bpy.types.Operator):
         ------
         ValueError : nothing ran.
         """
-        broken = " ".join(self._broken.values())
+        broken = self._problems()
         if not self._job.kept:
             raise ValueError(broken)
         for problem in self._broken.values():

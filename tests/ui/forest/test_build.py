@@ -11,7 +11,6 @@ from ui.pressing import (
     facts,
     press,
     run,
-    settings_of,
     trees,
 )
 
@@ -113,7 +112,6 @@ def test_a_forest_without_trees_is_a_ground(small):
         (lambda p: setattr(p.plantings[0], "species", "no.toml"), "no.toml.*no such file"),
         (lambda p: setattr(p.plantings[0], "use_expected", False), "expected.*give a number"),
         (lambda p: setattr(p.plantings[0], "scale", (2, 1)), "smallest, largest"),
-        (lambda p: setattr(settings_of("echo"), "band", (8e4, 6e4)), r"echo\.band"),
     ],
 )
 def test_a_bad_setting_is_reported_and_the_old_forest_kept(built, spoil, words):
