@@ -1,4 +1,4 @@
-"""What a ray meets through Embree is what it meets alone, with the kernel and without."""
+"""Hits of rays through Embree are those that each ray has alone, with the kernel and without."""
 
 import numpy as np
 import pytest

@@ -50,7 +50,7 @@ def hover(told: set[str]) -> Scenario:
 
 
 def blocks() -> int:
-    """How many curves and objects the file has: a tooltip makes none."""
+    """Counts of curves and objects in the file: a tooltip makes none."""
     return len(bpy.data.objects) + len(bpy.data.curves)
 
 

@@ -60,7 +60,7 @@ def ours():
 
 
 def names():
-    """What a text of an operator may name: sensors, results, species, files."""
+    """Names that a text of an operator may hold: sensors, results, species, files."""
     props = bpy.context.scene.forest_sensing
     things = [thing.name for thing in bpy.context.scene.objects]
     return ["", *things, *props.results.keys(), "demo", "hazelnut", "tripod", "bat", "sonar"]

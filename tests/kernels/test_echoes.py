@@ -19,7 +19,7 @@ BEAM = Beam(divergence_mrad=(3.0, 3.0), exit_diameter=0.02, subrays=19, pulse_ns
 
 @pytest.fixture
 def by_both(monkeypatch):
-    """What a call gives by C and by numpy."""
+    """Results of a call by C and by numpy."""
     if kernels.library() is None:
         pytest.skip(kernels.engine())
 

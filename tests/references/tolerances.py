@@ -33,7 +33,7 @@ RAYS, GRAZING = 200, 2e-3  # of a scene; cosine of the incidence, 89.89°
 
 @dataclass(frozen=True)
 class Case:
-    """What came of a scene.
+    """Outcome of one scene.
 
     error : the true one over the tolerance. told_of : largest true error over what is told of it. warned :
     whether the result says that the tolerance was not reached.

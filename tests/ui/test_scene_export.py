@@ -126,7 +126,7 @@ def test_a_scene_of_instanced_collections_starts_from_its_blend(props, tmp_path)
 
 @pytest.mark.parametrize("preset", ["tanveer-five-trees", "rioja-pines"])
 def test_no_route_leads_into_the_extensions_folder(props, tmp_path, preset):
-    """What a set-up of the add-on names goes along, so that the scene file works on another machine."""
+    """Files that a set-up of the add-on names go along, so that the scene file works on another machine."""
     assert bpy.ops.forest.start(preset=preset) == {"FINISHED"}
     before = exchange.to_spec(bpy.context.scene)
     write_scene(bpy.context.scene, tmp_path / "mine.toml")
