@@ -220,11 +220,15 @@ class EarSense:
 
 
 def cochleagram(sound: np.ndarray, sonar: Sonar) -> np.ndarray:
-    """(E, BANDS, BINS) levels of sound (E, S) by frequency and time, 0 at ``FLOOR_DB`` and 1 at ``TOP_DB``:
-    the mean square of each band's envelope in each bin of time, in dB.
+    """(E, BANDS, BINS) levels of sound (E, S) by frequency and time."""
+    return levels(band_power(sound, sonar))
+
+
+def levels(power: np.ndarray) -> np.ndarray:
+    """(..., BINS) levels of squared envelopes (..., S) by time, 0 at ``FLOOR_DB`` and 1 at ``TOP_DB``: their
+    mean in each bin, in dB.
     """
-    count = sound.shape[-1]
-    power = band_power(sound, sonar)
+    count = power.shape[-1]
     edges = np.linspace(0, count, BINS, endpoint=False).astype(np.int64)
     size = np.diff(edges, append=count)
     mean = np.add.reduceat(power, edges, axis=-1) / size

@@ -22,17 +22,17 @@ from ..inside import (
     STYLE,
     Flyers,
     LidarSense,
+    StemWorld,
     Straight,
     Trained,
     fly,
     new_figure,
+    poisson_strip,
     save_figure,
     stream,
     train,
     write_csv,
 )
-from .stems import StemWorld
-from .theory import poisson_strip
 
 DENSITY, TRUNK = 0.08, 0.2  # trees/m², metres
 FIELD = np.array([60.0, 40.0])
