@@ -71,7 +71,7 @@ class Reception:
 
 
 @dataclass(frozen=True, eq=False)
-class Receiver:
+class EchoReceiver:
     """A sonar's receiver with what it has in files.
 
     call : None of a pulse of the band. transducer : its impulse response, or None. noise : pascals, or None.
@@ -159,7 +159,7 @@ class Receiver:
         white = self.settings.changed(
             self_noise_db=0.0, self_noise_shape=(), ambient="none", noise_file=""
         )
-        one = Receiver(self.sonar.changed(receiver=white), None, self.transducer)
+        one = EchoReceiver(self.sonar.changed(receiver=white), None, self.transducer)
         return float(20.0 * np.log10(peak) - snr_db - 10.0 * np.log10(one.band_noise[0]))
 
 
@@ -173,7 +173,7 @@ def ambient_level(settings: SonarReceiver) -> float:
 
 
 def receive(
-    receiver: Receiver,
+    receiver: EchoReceiver,
     waveforms: np.ndarray,
     ears: np.ndarray,
     sound_speed: float,
@@ -267,7 +267,7 @@ class _Filters:
 
 
 @lru_cache(maxsize=8)
-def _filters(receiver: Receiver, length: int) -> _Filters:
+def _filters(receiver: EchoReceiver, length: int) -> _Filters:
     rate = receiver.sonar.sample_rate
     once = receiver.response(length)
     twice = once * once
@@ -285,14 +285,14 @@ def _analytic(spectra: np.ndarray, length: int) -> np.ndarray:
     return np.asarray(fft.ifft(whole, axis=1, overwrite_x=True))
 
 
-def _noise(receiver: Receiver, filters: _Filters, rng: np.random.Generator) -> np.ndarray:
+def _noise(receiver: EchoReceiver, filters: _Filters, rng: np.random.Generator) -> np.ndarray:
     """(L,) Gaussian noise behind the transducer."""
     drawn = rng.standard_normal((len(filters.spread), 2)).view(np.complex128)[:, 0]
     return np.asarray(fft.irfft(drawn * filters.spread, filters.length))
 
 
 def _stretches(
-    receiver: Receiver,
+    receiver: EchoReceiver,
     filters: _Filters,
     count: int,
     start: list[float],

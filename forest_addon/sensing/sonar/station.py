@@ -93,7 +93,7 @@ class Equipment:
     emit: BeamPattern
     hears: tuple[BeamPattern, ...]
     call: Call | None
-    receiver: Receiver | None = None
+    receiver: EchoReceiver | None = None
 
     @classmethod
     def of(
@@ -123,7 +123,7 @@ class Equipment:
             raise ValueError("the call's WAV file has not been read; give its samples")
         receiver = None
         if sonar.receiver is not None:
-            receiver = Receiver(sonar, call, transducer, noise)
+            receiver = EchoReceiver(sonar, call, transducer, noise)
             for given, name in ((transducer, "transducer_file"), (noise, "noise_file")):
                 if given is None and getattr(sonar.receiver, name):
                     raise ValueError(f"the receiver's {name} has not been read; give its samples")

@@ -12,7 +12,7 @@ from scipy.stats import chi2
 
 from forest_addon.sensing.sonar.calls import Call
 from forest_addon.sensing.sonar.ping import Echo, ping
-from forest_addon.sensing.sonar.receiver import REFERENCE, Receiver, receive
+from forest_addon.sensing.sonar.receiver import REFERENCE, EchoReceiver, receive
 from forest_addon.spec import Air, Sonar, SonarReceiver, SpecError
 
 AIR = Air(sound_speed=340.0)
@@ -36,7 +36,7 @@ def heard(sonar: Sonar, discs: Any = LEAF, **given: Any) -> Echo:
 
 def silence(sonar: Sonar, count: int = 40_000, seed: int = 0, **given: Any) -> np.ndarray:
     """(N,) what the receiver records where there is no echo."""
-    receiver = Receiver(sonar, **given)
+    receiver = EchoReceiver(sonar, **given)
     return receive(receiver, np.zeros((1, count)), np.zeros((1, 3)), 340.0, seed).recorded[0]
 
 
@@ -88,7 +88,7 @@ def test_noise_has_the_spectrum_that_is_asked_for(shape: Any, resonance: float) 
 
 
 def test_a_resonance_has_its_width_at_minus_3_db_one_way() -> None:
-    receiver = Receiver(sonar_of(resonance=70e3, bandwidth=4e3))
+    receiver = EchoReceiver(sonar_of(resonance=70e3, bandwidth=4e3))
     length = 1 << 18
     size = np.abs(receiver.response(length)) ** 2
     frequency = np.fft.rfftfreq(length, 1 / RATE)
@@ -103,7 +103,7 @@ def test_call_and_echo_pass_the_transducer_as_a_convolution_in_time() -> None:
     response = np.exp(-np.arange(60) / 12) * rng.normal(size=60)
     sonar = sonar_of(source_level_db=None, transducer_file="t.wav")
     call = Call(np.hanning(300) * np.sin(np.arange(300)), RATE)
-    receiver = Receiver(sonar, call, Call(response, RATE))
+    receiver = EchoReceiver(sonar, call, Call(response, RATE))
     waveform = np.zeros(1000)
     waveform[200:500] = 0.3 * call.samples
     got = receive(receiver, waveform[None], np.zeros((1, 3)), 340.0, 0).recorded[0]
@@ -131,7 +131,7 @@ def test_signal_to_noise_is_that_of_the_closed_form() -> None:
     cell = np.argmax(received.range_snr_db[0])
     assert received.range_snr_db[0, cell] == pytest.approx(received.snr_db[0])
     assert received.range[cell] == pytest.approx(2.0, abs=0.1)
-    asked = Receiver(sonar).self_noise_for(peak, 10.0)
+    asked = EchoReceiver(sonar).self_noise_for(peak, 10.0)
     again = sonar.changed(receiver=sonar.receiver.changed(self_noise_db=asked))
     assert heard(again).received.snr_db == pytest.approx([10.0], abs=0.02)
 
@@ -166,7 +166,7 @@ def test_the_converter_clips_and_rounds() -> None:
     assert steps.min() == -8
     assert steps.max() == 7
     np.testing.assert_allclose(got, np.clip(free, -full, full * 7 / 8), atol=full / 16 * 1.001)
-    received = receive(Receiver(sonar), np.zeros((1, 40_000)), np.zeros((1, 3)), 340.0, 0)
+    received = receive(EchoReceiver(sonar), np.zeros((1, 40_000)), np.zeros((1, 3)), 340.0, 0)
     assert received.clipped == np.count_nonzero(np.abs(free) > full) > 0
 
 
@@ -196,7 +196,9 @@ def test_detections_are_the_echo_and_false_alarms_by_rayleigh() -> None:
     low = sonar.changed(receiver=sonar.receiver.changed(threshold_db=-20.0))
     high = sonar.changed(receiver=sonar.receiver.changed(threshold_db=10 * math.log10(2 * 3.0)))
     many = [
-        receive(Receiver(s), np.zeros((1, 400_000)), np.zeros((1, 3)), 340.0, 0).detection_snr_db
+        receive(
+            EchoReceiver(s), np.zeros((1, 400_000)), np.zeros((1, 3)), 340.0, 0
+        ).detection_snr_db
         for s in (low, high)
     ]
     assert np.array_equal(many[0][many[0] >= 10 * math.log10(6.0)], many[1])
@@ -209,7 +211,7 @@ def test_a_file_of_noise_comes_by_the_direct_path() -> None:
     sonar = sonar_of(noise_file="p.wav", noise_from=(0.0, 0.3, 0.0)).changed(
         ears=2, ear_spacing=0.17, band=(20e3, 80e3)
     )
-    receiver = Receiver(sonar, noise=noise)
+    receiver = EchoReceiver(sonar, noise=noise)
     ears = np.array([[0, 0.085, 0], [0, -0.085, 0]])
     left, right = receive(receiver, np.zeros((2, 8000)), ears, 340.0, 0).recorded
     assert np.std(left) / np.std(right) == pytest.approx(0.385 / 0.215, rel=0.01)
@@ -243,7 +245,7 @@ def test_wind_and_insects_have_their_published_levels() -> None:
         ("insects", {}, 60.0, 78e3),
         ("rain", {"ambient_level_db": 50.0}, 50.0, 19e3),
     ):
-        receiver = Receiver(sonar_of(ambient=ambient, **settings))
+        receiver = EchoReceiver(sonar_of(ambient=ambient, **settings))
         top = width + (2e3 if ambient == "insects" else 1e3)
         even, octave = receiver.density(np.array([5e3, 2 * top]))
         assert 10 * math.log10(even * width / REFERENCE**2) == pytest.approx(level)
