@@ -26,7 +26,7 @@ from ...spec import Air, Sonar
 from ..trajectory import Trajectory, frame_of
 from .beam import BeamPattern, GaussianBeam, Horseshoe, Omni, beam_offsets
 from .calls import Call, synthesise
-from .receiver import Receiver
+from .receiver import EchoReceiver
 from .targets import Candidates
 
 
