@@ -26,7 +26,7 @@ from ..api import World
 from ..spec import Flight, Mobile, Scene, Sonar, SpecError, unknown
 from . import top_view
 from .bodies import ACTIONS
-from .listening import SONAR, EchoTask, noisy
+from .listening import EchoTask, noisy, sensed
 from .senses import (
     BANDS,
     BINS,
@@ -35,7 +35,6 @@ from .senses import (
     ODOMETRY,
     EarSense,
     LidarSense,
-    band_power,
     levels,
     lidar_of,
     sonar_of,
@@ -89,7 +88,7 @@ class _Flights:
             self.stock.settings = settings.changed(flight=flight)
         eyes = LidarSense(lidar or lidar_of(settings)) if "lidar" in sensors else None
         ears = (
-            EarSense(sonar or sonar_of(settings), settings.air, heard)
+            EarSense(sonar or sonar_of(settings), settings.air, heard, folder)
             if "sonar" in sensors
             else None
         )
@@ -509,7 +508,7 @@ class ListenEnv(gymnasium.Env):
         if self.snr_db is not None:
             sound = noisy(sound, self.snr_db, self.task.loudness(), own, 0)
         self._truth = truth
-        return levels(band_power(sound, SONAR))[0].astype(np.float32), {}
+        return levels(sensed(sound)).astype(np.float32), {}
 
     def step(self, action: int) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
         """Guess; see ``gymnasium.Env``.

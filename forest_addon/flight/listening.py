@@ -1,8 +1,9 @@
 """Echoes to tell something from: is there a passage in a hedge, is there a pole among leaves?
 
 Every echo is of leaves that no other hears: a box of them at random, pinged once from a place and direction
-that vary a little (after Wang & Müller 2021, Bioinspir. Biomim., doi 10.1088/1748-3190/ac2aff). ``Listener``
-has four ways to tell, which others are measured against:
+that vary a little (after Wang & Müller 2021, Bioinspir. Biomim., doi 10.1088/1748-3190/ac2aff), and heard
+behind a filter that is matched to the call. ``Listener`` has four ways to tell, which others are measured
+against:
 
 - energy: of the whole echo.
 - first crossing: the times at which each band first crosses a threshold.
@@ -19,6 +20,7 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
+from scipy import fft
 from scipy.optimize import minimize
 from scipy.special import expit
 from scipy.stats import rankdata
@@ -26,13 +28,14 @@ from scipy.stats import rankdata
 from ..base.rng import stream
 from ..sensing.sonar.leaves import LeafDiscs
 from ..sensing.sonar.ping import ping
+from ..sensing.sonar.receiver import EchoReceiver, receive
 from ..sensing.sonar.station import Equipment, SonarPose
 from ..sensing.trajectory import frame_of
-from ..spec import Air, Sonar, unknown
-from .senses import levels
+from ..spec import Air, Sonar, SonarReceiver, unknown
+from .senses import band_power, levels
 from .stems import StemWorld
 
-WIDTHS = {"passage": 0.5, "pole": 0.1}  # metres: of the passage, and of the pole's diameter
+WIDTHS = {"passage": 0.5, "pole": 0.04}  # metres: of the passage, and of the pole's diameter
 SIZE = (3.0, 1.6, 0.4)  # metres across, up, deep, of the box of leaves
 DENSITY = 400.0  # leaves/m³
 LEAF = (0.025, 0.006)  # metres, radius and its spread
@@ -59,6 +62,7 @@ SONAR = Sonar(
 THRESHOLDS = (0.02, 0.05, 0.1, 0.2, 0.3, 0.5)
 LISTENERS = ("energy", "first crossing", "template", "network")
 COMPONENTS, UNITS, DECAY = 24, 8, 0.01  # of the network: inputs, hidden units, weights' cost
+SOURCE_LEVEL = 110.0  # dB re 20 µPa at 0.1 m, of the call in noise
 KNOWN = 16  # echoes that say how loud a task is
 
 
@@ -122,19 +126,43 @@ def _equipment() -> Equipment:
     return Equipment.of(SONAR)
 
 
+def _call() -> np.ndarray:
+    call = _equipment().call
+    assert call is not None
+    return call.samples
+
+
 @cache
 def _loudness(task: EchoTask) -> float:
     heard = [np.abs(task.heard(0, number, False)).max() for number in range(KNOWN)]
     return float(np.median(heard))
 
 
+@cache
+def _receiver(loudness: float, snr_db: float) -> EchoReceiver:
+    """A receiver with white noise of its own that the peak of a loud echo is above."""
+    settings = SonarReceiver(source_level_db=SOURCE_LEVEL)
+    silent = EchoReceiver(SONAR.changed(receiver=settings))
+    level = silent.self_noise_for(loudness * silent.pressure, snr_db)
+    return EchoReceiver(SONAR.changed(receiver=settings.changed(self_noise_db=level)))
+
+
 def noisy(sound: np.ndarray, snr_db: float, loudness: float, seed: int, number: int) -> np.ndarray:
-    """An echo (E, S) in white noise, whose root mean square within the sonar's band is ``snr_db`` below a
-    peak of ``loudness``."""
-    low, high = SONAR.band
-    share = 2.0 * (high - low) / SONAR.sample_rate
-    level = loudness * 10.0 ** (-snr_db / 20.0) / np.sqrt(share)
-    return sound + level * stream(seed, "hedge", "noise", number).standard_normal(sound.shape)
+    """An echo (1, S) as a receiver hears it whose noise in the band is ``snr_db`` below a peak of
+    ``loudness``, re the call at 1 m."""
+    receiver = _receiver(loudness, snr_db)
+    found = receive(receiver, sound, np.zeros((1, 3)), Air().speed(), seed, "listen", number)
+    return found.recorded / found.pressure
+
+
+def sensed(sound: np.ndarray) -> np.ndarray:
+    """(B, S) squared envelopes of an echo (1, S) in bands, behind a filter that is matched to the call: a
+    copy of the call keeps its peak there."""
+    call = _call()
+    length = fft.next_fast_len(sound.shape[-1] + len(call), real=True)
+    held = np.conj(fft.rfft(call, length)) / (call @ call)
+    compressed = fft.irfft(fft.rfft(sound, length) * held, length)[..., : sound.shape[-1]]
+    return band_power(compressed, SONAR)[0].astype(np.float32)
 
 
 class Listener:
@@ -149,7 +177,7 @@ class Listener:
     def fit(self, power: np.ndarray, is_there: np.ndarray, seed: int = 1) -> Listener:
         """Learn from echoes.
 
-        power : (M, B, S) squared envelopes, see ``senses.band_power``. is_there : (M,) bool. seed : of where
+        power : (M, B, S) of echoes, see ``sensed``. is_there : (M,) bool. seed : of where
         the network starts.
         """
         if self.name == "first crossing":
