@@ -17,7 +17,6 @@ from forest_addon.growth.library.species_file import (
     read_measured,
 )
 from forest_addon.growth.measured.allometry import (
-    KINDS,
     MEASURES,
     band,
     draw,
