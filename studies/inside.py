@@ -74,6 +74,7 @@ INSIDE = {
     "SIDEWAYS": "forest_addon.flight.stems:SIDEWAYS",
     "TRUNK": "forest_addon.flight.stems:TRUNK",
     "poisson_forests": "forest_addon.flight.stems:poisson_forests",
+    "StemForests": "forest_addon.flight.stems:StemForests",
     "StemWorld": "forest_addon.flight.stems:StemWorld",
     "poisson_strip": "forest_addon.flight.stems:poisson_strip",
     "TopView": "forest_addon.flight.top_view:TopView",

@@ -81,6 +81,7 @@ PACKAGES = {
 # formats, stand and what tells of them grew: places, units and systems of files by other hands are read.
 # headless and ui grew: the sensors in a .blend file run without a window.
 # sensing and spec grew: a sonar has a receiver with a transducer, noise and a converter.
+# flight grew: forests without Blender and echoes to tell from came from the studies, for others to use.
 BUDGETS = {
     "forest_addon": (321, 3),
     "forest_addon/acoustics": (1205, 19),

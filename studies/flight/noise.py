@@ -34,21 +34,21 @@ from ..inside import (
 )
 from .learn import learnt
 
-DENSITY = 0.08  # trees/m²
+DENSITY = 0.1  # trees/m²
 AHEAD = 2.0  # metres to the trunk whose echo says how loud noise is
 LEARNT_DB, SNR_DB = 10.0, (None, 10.0, 0.0, -5.0)  # dB; None: no noise
-ROUNDS, DRAWINGS, STARTS = 12, 20, 2
+ROUNDS, DRAWINGS, STARTS = 12, 24, 2
 FLIGHTS, LANE = 100, 40.0  # of a level, and metres of the forest's width for each
 SOURCE_LEVEL = 110.0  # dB re 20 µPa at 0.1 m
 FLIGHT = Flight(
     speed=3.0,
-    distance=15.0,
+    distance=12.0,
     aim="heading",
     step=0.2,
-    steps=60,
+    steps=30,
     start_low=(0.0, 0.1),
     start_high=(0.0, 0.9),
-    height=1.5,
+    height=0.5,
     clearance=1.0,
 )
 HEARS = SONAR.changed(
@@ -96,7 +96,7 @@ def run(out: Path, size: float = 1.0, seed: int = 1, say: Callable[[str], None] 
 
 def forests(flights: int) -> StemForests:
     """Forests with a lane for each flight."""
-    return StemForests(FLIGHT, DENSITY, width=LANE * flights)
+    return StemForests(FLIGHT, DENSITY, width=LANE * flights, height=2 * FLIGHT.height)
 
 
 def hearing(snr: float | None) -> EarSense:
@@ -104,7 +104,7 @@ def hearing(snr: float | None) -> EarSense:
     if snr is None:
         return EarSense(HEARS, Air())
     settings = SonarReceiver(source_level_db=SOURCE_LEVEL)
-    tree = StemWorld(np.array([[AHEAD, 0.0]]), np.array([TRUNK]), np.zeros(2), np.ones(2))
+    tree = StemWorld(np.array([[AHEAD, 0.0]]), np.array([TRUNK]), *np.eye(2), 2 * FLIGHT.height)
     silent = EarSense(HEARS.changed(receiver=settings), Air())
     state = at_rest(FLIGHT, np.array([[0.0, 0.0, FLIGHT.height]]), np.zeros(1))
     echo = silent.ping(tree, state)
