@@ -166,7 +166,7 @@ class EarSense:
     """A sonar that flyers carry.
 
     heard : what is told of an echo, ``cochleagram`` (E, BANDS, BINS) from 0 (``FLOOR_DB``) to 1
-    (``TOP_DB``), or ``waveforms`` (E, S) re the call at 1 m.
+    (``TOP_DB``), or ``waveforms`` (E, S) re the call at 1 m; of a sonar with a receiver, as that records it.
     """
 
     def __init__(self, sonar: Sonar, air: Air, heard: str = "cochleagram") -> None:
@@ -193,8 +193,10 @@ class EarSense:
         x, y, z = state.position[row].tolist()
         return self.sonar.changed(position=(x, y, z), azimuth_deg=heading, elevation_deg=pitch)
 
-    def ping(self, around: Any, state: State, row: int = 0, time: float = 0.0) -> Echo:
-        """One ping at a time, s."""
+    def ping(
+        self, around: Any, state: State, row: int = 0, time: float = 0.0, seed: int = 0
+    ) -> Echo:
+        """One ping at a time, s; seed : of the receiver's noise."""
         shading = self.sonar.shading
         return ping(
             around.targets,
@@ -204,14 +206,22 @@ class EarSense:
             pose=self.place(state, row, time),
             equipment=self._equipment,
             everything=around.caster if "extinction" in shading else None,
+            seed=seed,
         )
 
-    def listen(self, around: Any, state: State, time: np.ndarray | None = None) -> np.ndarray:
-        """(N, *shape) what all flyers hear who ping at times (N,), s; left out: 0."""
+    def listen(
+        self,
+        around: Any,
+        state: State,
+        time: np.ndarray | None = None,
+        seeds: np.ndarray | None = None,
+    ) -> np.ndarray:
+        """(N, *shape) what all flyers hear who ping at times (N,), s, with seeds (N,); left out: 0."""
         told = np.empty((len(state), *self.shape))
         for row in range(len(state)):
             when = 0.0 if time is None else float(time[row])
-            sound = self.ping(around, state, row, when).waveforms
+            seed = 0 if seeds is None else int(seeds[row])
+            sound = self.ping(around, state, row, when, seed).heard_waveforms
             if self.heard == "cochleagram":
                 told[row] = cochleagram(sound, self.sonar)
             else:

@@ -69,6 +69,7 @@ class Flyers:
         self.goal, self.from_ = np.zeros((count, 3)), np.zeros((count, 3))
         self.steps, self.flown = np.zeros(count, dtype=np.int64), np.zeros(count)
         self._rngs = [generator(0)] * count
+        self._seed = np.zeros(count, dtype=np.int64)
         self._ball, self._room = np.zeros((count, 3)), np.full(count, -1.0)
         self._left = np.zeros(count)
         self._air = np.tile(np.array(self.flight.wind), (count, 1))
@@ -106,9 +107,9 @@ class Flyers:
             target = place + flight.distance * ahead if aim is None else aim
             way = target - place
             heading = float(np.arctan2(way[1], way[0])) if way[:2].any() else float(towards)
-            begun.append((row, rng, place, target, heading))
-        for row, rng, place, target, heading in begun:
-            self._rngs[row] = rng
+            begun.append((row, int(seed), rng, place, target, heading))
+        for row, seed, rng, place, target, heading in begun:
+            self._rngs[row], self._seed[row] = rng, seed
             self.goal[row], self.from_[row] = target, place
             self.steps[row], self.flown[row] = 0, 0.0
             self._room[row] = -1.0
@@ -132,7 +133,8 @@ class Flyers:
                 due = due & rows
             now = due.nonzero()[0]
             if len(now):
-                self._heard[now] = self.ears.listen(self.world, state.select(now), self.time[now])
+                when, seeds = self.time[now], self._seed[now]
+                self._heard[now] = self.ears.listen(self.world, state.select(now), when, seeds)
             told["sonar"] = self._heard.copy()
         told["odometry"] = odometry(self.flight, state, self.goal, self._rngs)
         return told
