@@ -126,6 +126,13 @@ class Targets(Settings):
     dbh: Normal | None = param(
         None, unit="m", help="diameters at breast height, where a list of trees gives none"
     )
+    understorey: float = param(
+        0.0,
+        help="share of the trees that are young or suppressed under the canopy, where no list gives "
+        "diameters",
+        ge=0,
+        le=1,
+    )
     height: float = param(0.0, unit="m", help="height; 0: as its kind was measured", ge=0, le=150)
     crown_width: float = param(
         0.0, unit="m", help="width of the crown; 0: as its kind was measured", ge=0, le=100
