@@ -9,7 +9,7 @@ g ≈ Σ_q G_q(f)·T_q(x) (``path_gain``), so that
 Many trunks are laid down on an even grid as pulses of these heights, one transform for each product r, q that
 the tolerance needs. Where few trunks meet many products, as near by, each trunk's own spectrum,
 (Σ_r U_r·V_r)·(Σ_q G_q·T_q), is turned to its time, which costs R + Q products for R·Q transforms. Few trunks
-that lose nothing but to the air are heard one by one, as samples: no grid over the whole record is transformed.
+without a gain are heard one by one, as samples: no grid over the whole record is transformed.
 
 H of trunks of one radius as a short sum of products: H(f, φ) ≈ Σ_r U_r(f)·V_r(cos φ) in each sector of φ.
 
@@ -137,7 +137,7 @@ class LayerSum:
     def _one_by_one(
         self, place: np.ndarray, heights: np.ndarray, products: np.ndarray, size: int
     ) -> np.ndarray:
-        """(size,) samples of trunks that are heard at ``place`` (N,) with heights (N, R) of a sector's terms."""
+        """(size,) samples of trunks at ``place`` (N,), of heights (N, R) in a sector's terms."""
         total = np.zeros(size)
         whole = np.rint(place).astype(np.int64)
         later = chebyshev.polynomials(2.0 * (place - whole), len(products) // heights.shape[1]).T
@@ -150,8 +150,8 @@ class LayerSum:
         return total
 
     def _delayed(self, number: int) -> tuple[np.ndarray, np.ndarray]:
-        """(P·R, T) Chebyshev coefficients of a sector's filters that are up to half a sample later or earlier,
-        and their first sample."""
+        """(P·R, T) Chebyshev coefficients of a sector's filters by how much later they are, up to half a
+        sample, and the first sample of them that is heard."""
         key = "delayed", number
         if key not in self._spectra:
             filters = self._filters_of(number)
