@@ -87,7 +87,7 @@ BUDGETS = {
     "forest_addon/api": (874, 6),
     "forest_addon/base": (317, 12),
     "forest_addon/blender": (5511, 43),
-    "forest_addon/drawing": (596, 6),
+    "forest_addon/drawing": (595, 6),
     "forest_addon/flight": (1940, 12),
     "forest_addon/formats": (3540, 30),
     "forest_addon/growth": (8535, 40),
