@@ -131,9 +131,9 @@ HEAD = """\
 
 Each sensor and each way to grow and plant, held to measurements of real forests. The page is written by
 `python -m studies validate --data FOLDER --docs docs`; each part names its measurements. *Agrees* means
-that intervals overlap, or what a row says; *not told apart*, that they overlap and would do so even if the two
-differed by half. The last column is the difference that a row can tell: where the intervals, 90 % where nothing
-else is said, would no longer overlap. What does not agree stands here like what does.
+that intervals overlap, or what a row says; *not told apart*, that they overlap and would do so even if the
+two differed by half. The last column is the difference that a row can tell: where the intervals, 90 % where
+nothing else is said, would no longer overlap. What does not agree stands here like what does.
 """
 TAIL = """\
 ## What was not measured

@@ -53,7 +53,7 @@ def test_what_is_kept_is_read_as_it_was(subject, tmp_path):
     assert "34 (33 to 35)" in text
     assert "it stands steeper" in text
     page = (chosen.docs / "validation.md").read_text(encoding="utf-8")
-    assert "0 agree and 1 do not" in page
+    assert "0 agree, 1 do not and 0 cannot" in page
     assert "pictures/validation/angles.png" in page
     assert (chosen.docs / "pictures" / "validation" / "angles.png").read_bytes() == b"picture"
 
