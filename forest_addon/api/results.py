@@ -276,7 +276,7 @@ class PointCloud(Result):
 
     @property
     def received(self) -> dict[str, np.ndarray]:
-        """What the sonar's receiver made of the pings, as its file holds it: ``recorded`` (P, E, N) Pa,
+        """Pings as the sonar's receiver heard them, as its file holds it: ``recorded`` (P, E, N) Pa,
         ``noise_level`` and ``snr_db`` (P, E), ``range`` (R,) m, ``range_snr_db`` (P, E, R), and detections by
         ``detection_ping``, ``detection_ear``, ``detection_time`` s and ``detection_snr_db``; empty without a
         receiver."""

@@ -128,7 +128,7 @@ def _arrays(flight: PingSeries, waveform: np.ndarray, single: bool) -> dict[str,
 
 
 def received_arrays(flight: PingSeries) -> dict[str, np.ndarray]:
-    """What the receiver of P pings made of them, padded to one length; nothing where there is none.
+    """Records of P pings by their receiver, padded to one length; nothing where there is none.
 
     recorded : (P, E, N). noise_level, snr_db : (P, E). range : (R,). range_snr_db : (P, E, R), -inf after
     a record's end. detection_ping, detection_ear, detection_time, detection_snr_db : (D,).
