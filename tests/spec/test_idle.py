@@ -34,6 +34,7 @@ from forest_addon.spec import (
     Reverb,
     Scene,
     Sonar,
+    SonarReceiver,
     SpecError,
     Species,
     Template,
@@ -147,6 +148,24 @@ def world():
 TRIED = {
     "sonar": Sonar(
         position=(4, 4, 1.5), max_range=6.0, leaf_model="piston", cull=1e-2, tolerance=1e-3
+    ),
+    "receiver": Sonar(
+        position=(4, 4, 1.5),
+        max_range=6.0,
+        leaf_model="piston",
+        cull=1e-2,
+        tolerance=1e-3,
+        receiver=SonarReceiver(
+            source_level_db=110.0,
+            resonance=70e3,
+            ringing_db=-40.0,
+            gain=((0.0, 0.0), (0.03, 20.0)),
+            self_noise_db=20.0,
+            ambient="wind",
+            overload_db=80.0,
+            bits=12,
+            threshold_db=10.0,
+        ),
     ),
     "reverb": Reverb(source=(1, 1, 1.5), receiver=(7, 7, 1.5), sample_rate=8000.0, duration=0.2),
     "terrestrial": Terrestrial(position=(4, 4, 1.5), angle_step_deg=8.0),
