@@ -311,7 +311,7 @@ def decided(
     felt : (N, SECTORS), see ``Trained``. aim : (N,) radians to the left.
     """
     felt = np.column_stack([felt, np.sin(aim), np.cos(aim)])
-    weights = np.broadcast_to(weights, (len(felt), SIZE))
+    weights = np.atleast_2d(weights)
     split = HIDDEN * (INPUTS + 1)
     first = weights[:, :split].reshape(-1, HIDDEN, INPUTS + 1)
     last = weights[:, split:].reshape(-1, 2, HIDDEN + 1)
