@@ -223,7 +223,7 @@ COMMANDS: dict[str, tuple[Callable[[argparse.Namespace], None], str, str, dict[s
     "flight": (
         _flight,
         "experiments: critical speed, gaps in hedges, bat against LiDAR; train a policy",
-        "speed: flights of 100 m through Poisson forests beside the critical speed of Karaman & Frazzoli. "
+        "speed: flights of 500 m through Poisson forests beside the critical speed of Karaman & Frazzoli. "
         "gaps: a gap in a hedge or a pole in leaves from one echo, by noise, beside Wang & Müller. plants: "
         "which of two plants, beside Kuc. senses: two ears against LiDAR. learn: train a small policy by the "
         "cross-entropy method. noise: train one by ear in noise, and fly it in more.",

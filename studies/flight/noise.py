@@ -46,10 +46,10 @@ from ..inside import (
 DENSITY = 0.1  # trees/m²
 AHEAD = 2.0  # metres to the trunk whose echo says how loud noise is
 LEARNT_DB, SNR_DB = 10.0, (None, 10.0, 0.0, -5.0)  # dB; None: no noise
-PASSES, PUPILS = 3, 32  # of lessons; flights in each
-LONGEST = 6  # steps of the fit
+PASSES, PUPILS = 2, 32  # of lessons; flights in each
+LONGEST = 20  # steps of the fit
 REST = 0.02  # radians, that a weight of 1 costs as much as
-FLIGHTS, LANE = 100, 40.0  # of a level, and metres of the forest's width for each
+FLIGHTS, LANE = 48, 40.0  # of a level, and metres of the forest's width for each
 SOURCE_LEVEL = 110.0  # dB re 20 µPa at 0.1 m
 FLIGHT = Flight(
     speed=3.0,
@@ -131,7 +131,7 @@ def taught(sense: EarSense, pupils: int, seed: int, say: Callable[[str], None]) 
             return np.concatenate([ours[0] - asked[0], ours[1] - asked[1], REST * weights])
 
         say(f"lesson {number + 1}: {len(felt)} decisions")
-        weights = least_squares(off, weights, method="lm", max_nfev=LONGEST * SIZE).x
+        weights = least_squares(off, weights, method="lm", max_nfev=LONGEST).x
     return weights
 
 
