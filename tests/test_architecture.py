@@ -85,9 +85,9 @@ PACKAGES = {
 BUDGETS = {
     "forest_addon": (321, 3),
     "forest_addon/acoustics": (1205, 19),
-    "forest_addon/api": (878, 6),
+    "forest_addon/api": (879, 6),
     "forest_addon/base": (317, 12),
-    "forest_addon/blender": (5511, 43),
+    "forest_addon/blender": (5515, 43),
     "forest_addon/drawing": (595, 6),
     "forest_addon/flight": (1938, 12),
     "forest_addon/formats": (3540, 30),
