@@ -5,6 +5,8 @@ Blender forbids to write while it draws; a tooltip that does leaves a traceback 
 run.
 """
 
+from collections.abc import Generator
+
 import bpy
 from drive import (
     HOVER,
@@ -51,7 +53,7 @@ def hover(told: set[str]) -> Scenario:
                 yield TOOLTIP
 
 
-def hover_all() -> Scenario:
+def hover_all() -> Generator[float, None, set[str]]:
     """Rest on all buttons of the sidebar, page by page; returns the commands whose tooltips were drawn."""
     told: set[str] = set()
     for _ in range(PAGES):
