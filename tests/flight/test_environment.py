@@ -189,8 +189,6 @@ def test_pictures_of_many_flyers():
     one, other = many.render()
     assert one.shape == other.shape
     assert not np.array_equal(one, other)
-    with pytest.raises(forest.SpecError, match="render_mode"):
-        FlightVectorEnv(2, SCENE, render_mode="human")
 
 
 @pytest.mark.medium
