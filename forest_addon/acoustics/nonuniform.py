@@ -373,7 +373,7 @@ class _Task:
 
     @property
     def alike(self) -> float:
-        """How many times their root of the sum of squares the echoes are together, as many random ones are at
+        """Times their root of the sum of squares that echoes are together, at most; as many random ones are at
         least."""
         loudest = float(np.abs(self._spectrum).max())
         return max(ALIKE * loudest / math.sqrt(self._squares or 1.0), PEAK)
