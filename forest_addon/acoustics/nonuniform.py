@@ -373,8 +373,7 @@ class _Task:
 
     @property
     def alike(self) -> float:
-        """Times their root of the sum of squares that echoes are together, at most; as many random ones are at
-        least."""
+        """Largest value over the root of the sum of squares, in which errors are alike; ``PEAK`` at least."""
         loudest = float(np.abs(self._spectrum).max())
         return max(ALIKE * loudest / math.sqrt(self._squares or 1.0), PEAK)
 
