@@ -40,6 +40,7 @@ TABLES: list[tuple[str, type[spec.Settings]]] = [
     ("[sensors.noise]", spec.Noise),
     ("[[sensors.poses]]", spec.Pose),
     ('[[sensors]] kind = "sonar"', spec.Sonar),
+    ("[sensors.receiver] of a sonar", spec.SonarReceiver),
     ('[[sensors]] kind = "reverb"', spec.Reverb),
     ("[[sensors.sources]], [[sensors.receivers]]", spec.Place),
     ("[flight]", spec.Flight),

@@ -18,6 +18,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, redirect_stdout
 from pathlib import Path
 
+from forest_addon.base.places import NO_BLENDER
 from forest_addon.formats.ownership import Keeper, keeping
 from forest_addon.spec import unknown
 
@@ -79,11 +80,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             with _alone(command.lock(chosen)):
                 _run(command, chosen)
         except ModuleNotFoundError as problem:
-            from .report import DRAWERS, without
-
-            if (problem.name or "").split(".")[0] not in DRAWERS:
-                raise
-            return _fail(without(f"{command.name} cannot draw its pictures"), 2)
+            return _fail(_missing(problem, command.name), 2)
         except MemoryError as problem:
             sys.unraisablehook = _say_nothing
             asked = re.search(r"allocate ([\d.]+ \w+)", str(problem))  # numpy's words
@@ -120,7 +117,8 @@ def _run(command: Command, chosen: argparse.Namespace) -> None:
     )
     for key, value in vars(chosen).items():
         for word in value if isinstance(value, list) else [value]:
-            if key not in command.outputs and isinstance(word, (str, Path)):
+            named = isinstance(word, Path) or (isinstance(word, str) and os.path.isfile(word))
+            if named and key not in command.outputs:  # a folder may have the name of a species
                 keeper.reads(word)
     doubt = None
     with keeping(keeper):
@@ -220,6 +218,18 @@ def _values_joined(words: Sequence[str]) -> list[str]:
 def _fail(problem: object, code: int) -> int:
     print(f"error: {plain(' '.join(str(problem).splitlines()))}", file=sys.stderr)
     return code
+
+
+def _missing(problem: ModuleNotFoundError, name: str) -> str:
+    """Return what to say of a package that is not installed, to a command of this name."""
+    from .report import DRAWERS, without
+
+    package = (problem.name or "").split(".")[0]
+    if package in DRAWERS:
+        return without(f"{name} cannot draw its pictures")
+    if package == "bpy":
+        return f"{name}: Blender as a module {NO_BLENDER}"
+    return f"{name} needs {package}, which is not installed; {PROGRAM} doctor says how to get it"
 
 
 def _say_nothing(_: object) -> None:

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..base.places import NO_BLENDER
 from ..formats.table import write_csv
 from ..formats.toml_file import PLATFORMS, read_scanner, scanner_names, structure
 from ..sensing.kinds import kind_of
@@ -134,10 +135,7 @@ def import_blender() -> Any:
     try:
         import bpy
     except ImportError:
-        raise SpecError(
-            "bpy",
-            "is not installed; pip install bpy (5.2 for Python 3.13, 4.5 for 3.11), or run in Blender",
-        ) from None
+        raise SpecError("bpy", NO_BLENDER) from None
     return bpy
 
 

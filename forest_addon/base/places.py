@@ -13,6 +13,9 @@ ASSETS = next(
     ROOT / "assets",
 )
 
+NO_BLENDER = (
+    "is not installed; pip install bpy (5.2 for Python 3.13, 4.5 for 3.11), or run in Blender"
+)
 
 FORMER = {
     "t20-circle.csv": "tanveer-circle.csv",
@@ -27,7 +30,8 @@ FORMER = {
 
 def shipped(word: str | os.PathLike[str], folder: str, ending: str) -> Path:
     """Return the file that a word means: one that is there, or one that comes with the add-on, by its name
-    alone (hedge-bat) or by its path in the repository (assets/scenes/hedge-bat.toml)."""
+    alone (hedge-bat) or by its path in the repository (assets/scenes/hedge-bat.toml). A folder of that name
+    is no such file."""
     given = Path(word)
     if given.parts[:1] == ("assets",):
         found = ASSETS.joinpath(*given.parts[1:])
@@ -35,7 +39,7 @@ def shipped(word: str | os.PathLike[str], folder: str, ending: str) -> Path:
         found = ASSETS / folder / f"{FORMER.get(str(given), given)}{ending}"
     else:
         return given
-    return given if given.exists() or not found.is_file() else found
+    return found if found.is_file() and (given.is_dir() or not given.exists()) else given
 
 
 def environment_of_child(**more: str) -> dict[str, str]:

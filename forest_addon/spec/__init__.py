@@ -62,7 +62,7 @@ from .lidar import (
 from .reverb import Place, Reverb
 from .scene import SENSORS, Accuracy, Air, Choice, Output, Rays, Scene, Tiles, Wind
 from .sensor import Sensor
-from .sonar import HORSESHOE_BAND, Sonar
+from .sonar import HORSESHOE_BAND, Sonar, SonarReceiver
 from .species import (
     MAX_REACH,
     Allometry,
@@ -145,6 +145,7 @@ __all__ = [
     "Settings",
     "Siblings",
     "Sonar",
+    "SonarReceiver",
     "SpecError",
     "Species",
     "Stems",

@@ -54,6 +54,12 @@ ADVANCED: dict[str, frozenset[str]] = {
     "beam": frozenset({"wavelength_nm", "exit_diameter", "subrays", "pulse_ns", "extinction"}),
     "surfaces": frozenset({"leaf_transmittance", "passing"}),
     "receiver": frozenset({"dead_zone", "dynamic_range", "blanking", "halo", "halo_mrad"}),
+    "sonarreceiver": frozenset(
+        {
+            *("transducer_file", "ringing_db", "blanking", "gain", "self_noise_shape", "bits"),
+            *("ambient_level_db", "noise_level_db", "noise_from", "overload_db"),
+        }
+    ),
     "linkbudget": frozenset({"energy", "aperture", "efficiency", "photons"}),
     "noise": frozenset({"range_ppm", "incidence_sd"}),
     "rays": frozenset({"threads"}),
@@ -105,6 +111,12 @@ APPLIES: dict[str, tuple[str, tuple[str | bool, ...]]] = {
     "speed": ("doppler", (True,)),
     **dict.fromkeys(("divergence_mrad", "exit_diameter"), ("subrays", (MORE_THAN_ONE,))),
     "passing": ("leaf_transmittance", (GIVEN,)),
+    "bandwidth": ("resonance", (GIVEN,)),
+    "self_noise_shape": ("self_noise_db", (GIVEN,)),
+    "ambient_level_db": ("ambient", ("wind", "rain", "insects")),
+    "wind_speed": ("ambient", ("wind",)),
+    **dict.fromkeys(("noise_level_db", "noise_from"), ("noise_file", (GIVEN,))),
+    "bits": ("overload_db", (GIVEN,)),
 }
 
 WHOLE = ("rules", "honda", "crown", "grammar")
@@ -410,6 +422,12 @@ CHOICES: dict[str, dict[str, tuple[str, str]]] = {
         "trunks": ("By Wood", "What stands behind a trunk or branch is not heard"),
         "extinction": ("By Leaves", "Leaves in the way weaken what is behind them"),
         "trunks+extinction": ("Wood and Leaves", "Both"),
+    },
+    "ambient": {
+        "none": ("None", "Nothing sounds but the echo"),
+        "wind": ("Wind", "Wind in vegetation, by its speed (Boersma 1997)"),
+        "rain": ("Rain", "Rain on leaves, as loud as is said"),
+        "insects": ("Insects", "A tropical night (Schmidt and Römer 2011)"),
     },
     "body": {
         "bat": ("Bat", "A point mass with limits on speed, acceleration and turns"),

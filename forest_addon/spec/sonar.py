@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
+from itertools import pairwise
 from typing import ClassVar
 
-from .base import SpecError, param, refuse_too_fine
+from .base import Settings, SpecError, param, refuse_too_fine, shown
 from .sensor import (
     PATTERNS,
     Sensor,
@@ -18,6 +20,155 @@ from .sensor import (
 )
 
 HORSESHOE_BAND = (60e3, 80e3)  # Hz, of the call whose beam width Tanveer et al. (2020a) give
+
+
+class SonarReceiver(Settings):
+    """Receiver of a sonar: transducer, noise, gain and converter, in physical units.
+
+    Levels of pressure are re 20 µPa, spectral levels re 1 µPa²/Hz.
+    """
+
+    TITLE: ClassVar[str] = "Receiver"
+    source_level_db: float | None = param(
+        None,
+        unit="dB",
+        help="level of the call's peak at 0.1 m on the axis, re 20 µPa; left out: all is relative to the "
+        "call at 1 m, and there is no noise",
+        ge=0,
+        le=200,
+    )
+    resonance: float = param(
+        0.0,
+        unit="Hz",
+        help="resonance of the transducer, which call and echo pass; 0: it is alike at all frequencies",
+        ge=0,
+        le=1e6,
+    )
+    bandwidth: float = param(
+        5e3, unit="Hz", help="-3 dB width of that resonance, one way", ge=10, le=1e6
+    )
+    transducer_file: str = param(
+        "",
+        help="WAV file with the transducer's impulse response, one way, in place of a resonance",
+        file=True,
+    )
+    ringing_db: float | None = param(
+        None,
+        unit="dB",
+        help="level at which the ears hear the call itself as it is sent, re the call at 1 m; it rings on as "
+        "the transducer does; left out: they do not",
+        ge=-200,
+        le=60,
+    )
+    blanking: float = param(
+        0.0,
+        unit="s",
+        help="time from the beginning of the call in which nothing is heard",
+        ge=0,
+        le=1,
+    )
+    gain: tuple[tuple[float, float], ...] = param(
+        (),
+        help="gain over time: pairs of s after the call begins, rising, and dB; straight lines between "
+        "them; empty: none",
+        most=1000,
+    )
+    self_noise_db: float | None = param(
+        None,
+        unit="dB",
+        help="spectral level of the receiver's own noise as sound before the transducer, re 1 µPa²/Hz; left "
+        "out: none",
+        ge=-200,
+        le=200,
+    )
+    self_noise_shape: tuple[tuple[float, float], ...] = param(
+        (),
+        help="how this differs over frequency: pairs of Hz, rising, and dB that are added; straight lines "
+        "between them; empty: white",
+        most=1000,
+    )
+    ambient: str = param(
+        "none",
+        help="noise of the surroundings, from all sides: none, wind in vegetation, rain on leaves, or "
+        "insects of a tropical night",
+        choices=("none", "wind", "rain", "insects"),
+    )
+    ambient_level_db: float | None = param(
+        None,
+        unit="dB",
+        help="level of it over the frequencies at which it was measured, re 20 µPa; left out: as published, "
+        "which rain is not",
+        ge=-100,
+        le=200,
+    )
+    wind_speed: float = param(3.0, unit="m/s", help="wind that makes the noise", gt=0, le=30)
+    noise_file: str = param(
+        "",
+        help="WAV file with further noise, as of propellers; each ping hears a stretch of it by chance",
+        file=True,
+    )
+    noise_level_db: float | None = param(
+        None,
+        unit="dB",
+        help="root mean square level of that file, re 20 µPa; left out: its samples are pascals",
+        ge=-100,
+        le=200,
+    )
+    noise_from: tuple[float, float, float] | None = param(
+        None,
+        unit="m",
+        help="place of what was recorded, as seen from the sonar: ahead, left and up; the file is then taken "
+        "as heard at 1 m from it, and every ear hears it by the direct path; left out: from all sides",
+    )
+    overload_db: float | None = param(
+        None,
+        unit="dB",
+        help="level of the largest pressure that the converter holds, after the gain, re 20 µPa; left out: "
+        "nothing clips",
+        ge=0,
+        le=200,
+    )
+    bits: int = param(0, help="bits of the converter; 0: nothing is rounded", ge=0, le=32)
+    threshold_db: float | None = param(
+        None,
+        unit="dB",
+        help="crests of the envelope this much above the root mean square noise in the band are detections; "
+        "left out: none are looked for",
+        ge=-20,
+        le=100,
+    )
+
+    @property
+    def noisy(self) -> bool:
+        """Presence of noise of any kind."""
+        return self.self_noise_db is not None or self.ambient != "none" or bool(self.noise_file)
+
+    def check(self) -> None:
+        if self.source_level_db is None and (self.noisy or self.overload_db is not None):
+            raise SpecError(
+                "source_level_db",
+                "is missing; noise and overload are pressures, and the echo has one by the level of its call",
+            )
+        if self.threshold_db is not None and not self.noisy:
+            raise SpecError(
+                "threshold_db", "counts from the noise; give self_noise_db, or other noise"
+            )
+        if self.resonance and self.transducer_file:
+            raise SpecError(
+                "resonance", "is given beside transducer_file; both say how it rings, leave one out"
+            )
+        if self.ambient == "rain" and self.ambient_level_db is None:
+            raise SpecError(
+                "ambient_level_db", "is missing; no level of rain is published in air, give one"
+            )
+        if self.noise_from == (0.0, 0.0, 0.0):
+            raise SpecError("noise_from", "is where the sonar itself is; move it away")
+        for key in ("gain", "self_noise_shape"):
+            pairs = getattr(self, key)
+            if any(after[0] <= before[0] for before, after in pairwise(pairs)):
+                raise SpecError(key, f"{shown(pairs)} must rise in the first number of its pairs")
+            if not all(math.isfinite(number) for pair in pairs for number in pair):
+                raise SpecError(key, "holds a number that is not finite; correct it")
 
 
 class Sonar(Sensor):
@@ -155,6 +306,10 @@ class Sonar(Sensor):
         False, help="also write what each leaf, branch and facet adds, and where it is"
     )
 
+    receiver: SonarReceiver | None = param(
+        None, help="transducer, noise and converter; left out: echoes are heard as they are"
+    )
+
     @property
     def followed(self) -> str:
         """The object that it moves with; empty where a route says where it goes."""
@@ -186,3 +341,11 @@ class Sonar(Sensor):
             )
         if self.call != "impulse" and self.band[0] == self.band[1]:
             raise SpecError("call", "needs a band; a tone has none")
+        if self.receiver is not None:
+            if self.band[0] == self.band[1]:
+                raise SpecError("receiver", "needs a band; a tone has none")
+            if self.receiver.resonance > self.sample_rate / 2:
+                raise SpecError(
+                    "receiver.resonance",
+                    f"{self.receiver.resonance:g} Hz is above half the sample_rate; sample faster",
+                )

@@ -8,6 +8,7 @@ from .convolve import ConvolveCommand
 from .dataset import DatasetCommand
 from .demo import DemoCommand
 from .derive import DeriveCommand
+from .doctor import DoctorCommand
 from .estimate import EstimateCommand
 from .export import ExportCommand
 from .fly import FlyCommand
@@ -22,4 +23,5 @@ COMMANDS = (
     *(DeriveCommand(), TemplateCommand(), SpeciesCommand(), StandCommand(), EstimateCommand()),
     *(AllometryCommand(), AssetsCommand(), CanopyCommand()),
     *(LidarCommand(), ExportCommand(), ConvolveCommand(), FlyCommand()),
+    DoctorCommand(),
 )

@@ -1,12 +1,15 @@
 """Words of a run in a terminal and in a pipe: a line a step, and what it found; nothing is redrawn."""
 
 import json
+import subprocess
+import sys
+from importlib import metadata
 
 import laspy
 import pytest
 
-from forest_addon import api, spec
-from forest_addon.base.places import ASSETS
+from forest_addon import api, kernels, spec
+from forest_addon.base.places import ASSETS, environment_of_child
 from headless.cli import main
 
 SCENE = """
@@ -67,10 +70,8 @@ def test_details_are_said_where_they_are_asked_for_and_the_record_is_printed(
 def test_what_ships_is_named_from_any_folder(word, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert api.read(word).name == api.read(ASSETS / "scenes" / "demo.toml").name
-    (tmp_path / "demo").mkdir()
-    if word == "demo":
-        with pytest.raises(spec.SpecError):
-            api.read(word)  # a folder of the user's is what the word names here
+    (tmp_path / word).mkdir(parents=True)  # such as results of an earlier run
+    assert api.read(word).name == api.read(ASSETS / "scenes" / "demo.toml").name
 
 
 def test_a_mistyped_command_or_scene_is_answered_with_the_nearest(tmp_path, monkeypatch, capsys):
@@ -81,3 +82,41 @@ def test_a_mistyped_command_or_scene_is_answered_with_the_nearest(tmp_path, monk
     assert 'did you mean "demo"' in capsys.readouterr().err
     with pytest.raises(spec.SpecError, match='did you mean "demo"'):
         api.read("dmo")
+
+
+def test_a_folder_may_be_called_like_the_command(scene, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "run").mkdir()
+    assert main(["run", "scene.toml", "--out", "run"]) == 0
+
+
+def test_doctor_names_what_computes_and_how_to_get_what_is_missing(monkeypatch, capsys):
+    assert main(["doctor"]) == 0
+    said = capsys.readouterr().out
+    assert f"numpy {metadata.version('numpy')}" in said
+    assert kernels.engine() in said
+    monkeypatch.setenv(kernels.SWITCH, "off")
+    monkeypatch.setitem(sys.modules, "bpy", None)
+    monkeypatch.setattr(metadata, "version", lambda name: _version_but_of(name, "scipy"))
+    assert main(["doctor"]) == 4
+    told = capsys.readouterr()
+    assert "missing scipy: pip install forest-sensing" in told.out
+    assert "C compiler" in told.out
+    assert "Blender, scipy missing" in told.err
+
+
+def _version_but_of(name, missing):
+    if name == missing:
+        raise metadata.PackageNotFoundError(name)
+    return "1.0"
+
+
+def test_without_blender_a_run_says_what_to_install(tmp_path):
+    code = "import sys; sys.modules['bpy'] = None; from headless.cli import main; sys.exit(main())"
+    words = [sys.executable, "-c", code, "run", "demo", "--out", str(tmp_path / "out")]
+    ended = subprocess.run(words, capture_output=True, text=True, env=environment_of_child())
+    assert ended.returncode == 2
+    assert ended.stderr.splitlines()[-1].startswith(
+        "error: run: Blender as a module is not installed"
+    )
+    assert "pip install bpy" in ended.stderr

@@ -17,6 +17,7 @@ def read(name):
 
 MANIFEST = tomllib.loads(read("blender_manifest.toml"))
 PROJECT = tomllib.loads(read("pyproject.toml"))["project"]
+CONDA = {"matplotlib": "matplotlib-base"}  # what conda-forge calls it
 META = json.loads(read("codemeta.json"))
 PLATFORM_TAGS = {"linux-x64": "manylinux", "windows-x64": "win_amd64", "macos-arm64": "macosx"}
 
@@ -76,3 +77,12 @@ def test_the_papers_citations_are_in_its_bibliography():
     name = re.search(r"^bibliography: (.+)$", paper, re.M).group(1)
     keys = re.findall(r"^@\w+\{(\w+),", read(name), re.M)
     assert sorted(keys) == sorted(re.findall(r"\[@(\w+)\]", paper))
+
+
+def test_the_conda_recipe_needs_what_the_project_does():
+    recipe = read("packaging/conda/recipe.yaml")
+    assert f'version: "{MANIFEST["version"]}"' in recipe
+    run = re.search(r"  run:\n((?:    - .*\n)+)", recipe)[1].replace(" ", "")
+    for line in PROJECT["dependencies"]:
+        name, _, bounds = re.match(r"([\w-]+)(\[\w+\])?(.*)", line).groups()
+        assert f"-{CONDA.get(name, name)}{bounds}\n" in run

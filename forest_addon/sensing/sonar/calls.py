@@ -108,7 +108,7 @@ SWEEP = 0.2  # share of a CF-FM call that is its sweep
 
 @dataclass(frozen=True)
 class Call:
-    """N samples of pressure re 1 m on the axis, the largest 1, and their rate in Hz."""
+    """N samples of pressure re 1 m on the axis, the largest 1, and their rate in Hz; or of another sound."""
 
     samples: np.ndarray
     sample_rate: float
@@ -165,7 +165,7 @@ def synthesise(sonar: Sonar) -> Call:
 
 
 def resampled(samples: np.ndarray, rate: float, sonar: Sonar) -> Call:
-    """Samples (N,) or (N, channels) of any rate as a call at the sonar's, the first channel.
+    """Samples (N,) or (N, channels) of any rate at the sonar's, the first channel, as loud as they are.
 
     Raises
     ------
@@ -174,13 +174,12 @@ def resampled(samples: np.ndarray, rate: float, sonar: Sonar) -> Call:
     from scipy.signal import resample
 
     first = np.asarray(samples, dtype=np.float64).reshape(len(samples), -1)[:, 0]
-    peak = np.abs(first).max(initial=0.0)
-    if not peak > 0:
-        raise ValueError("the call's WAV file is silent; give one with a sound in it")
+    if not np.abs(first).max(initial=0.0) > 0:
+        raise ValueError("the WAV file is silent; give one with a sound in it")
     count = max(1, round(len(first) * sonar.sample_rate / rate))
     if count != len(first):
         first = resample(first, count)
-    return Call(first / np.abs(first).max(), sonar.sample_rate)
+    return Call(first, sonar.sample_rate)
 
 
 def _sweep(time: np.ndarray, length: float, low: float, high: float) -> np.ndarray:

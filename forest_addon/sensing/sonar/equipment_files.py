@@ -1,4 +1,4 @@
-"""Files that a sonar is given: measured beam patterns, routes, calls.
+"""Files that a sonar is given: measured beam patterns, routes, calls, a transducer's response, noise.
 
 A pattern is a CSV of levels in dB, a column a frequency in Hz: by ``angle_deg`` off the axis, or by
 ``azimuth_deg`` and ``elevation_deg`` all round, with ``ear`` (0 is the left one) where ears differ. Of ears
@@ -10,6 +10,7 @@ call is a WAV file. Names are relative to the folder of the scene file, or else 
 from __future__ import annotations
 
 import csv
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +23,7 @@ from ...spec import Sonar, SpecError
 from ..trajectory import Trajectory, looking
 from .beam import BeamPattern, MeasuredBeam, MeasuredSphere
 from .calls import Call, resampled
+from .receiver import REFERENCE
 from .station import Equipment
 
 PLACES = ("x_m", "y_m", "z_m", "azimuth_deg", "elevation_deg")
@@ -50,7 +52,15 @@ def equip(sonar: Sonar, folder: Path) -> Equipment:
     call = None
     if sonar.call == "file":
         call = read_call(find(sonar.call_file, folder, "call_file"), sonar)
-    return Equipment.of(sonar, emit, hears, call)
+    transducer = noise = None
+    if (receiver := sonar.receiver) is not None:
+        if receiver.transducer_file:
+            file = find(receiver.transducer_file, folder, "receiver.transducer_file")
+            transducer = read_sound(file, sonar)
+        if receiver.noise_file:
+            file = find(receiver.noise_file, folder, "receiver.noise_file")
+            noise = read_noise(file, sonar, receiver.noise_level_db)
+    return Equipment.of(sonar, emit, hears, call, transducer, noise)
 
 
 def _ears(sonar: Sonar, file: Path) -> tuple[BeamPattern, ...]:
@@ -196,12 +206,12 @@ def read_route(path: Path, speed: float) -> Trajectory:
 
 
 @guarded("a WAV file")
-def read_call(path: Path, sonar: Sonar) -> Call:
-    """The first channel of a WAV file as a call.
+def read_sound(path: Path, sonar: Sonar) -> Call:
+    """The first channel of a WAV file at a sonar's rate, as loud as it is.
 
     Raises
     ------
-    SpecError : it is no WAV file, or silent.
+    SpecError : it is no WAV file, or has nothing in the sonar's band.
     """
     samples, rate = read_wav(path)
     if rate / 2 <= sonar.band[0]:
@@ -215,7 +225,22 @@ def read_call(path: Path, sonar: Sonar) -> Call:
     except SpecError:
         raise
     except ValueError as problem:
-        raise SpecError(str(path), f"cannot be used as a call: {problem}") from None
+        raise SpecError(str(path), f"cannot be used as a sound: {problem}") from None
+
+
+def read_call(path: Path, sonar: Sonar) -> Call:
+    """The same as a call, its largest sample 1; raises as that."""
+    sound = read_sound(path, sonar)
+    return replace(sound, samples=sound.samples / np.abs(sound.samples).max())
+
+
+def read_noise(path: Path, sonar: Sonar, level_db: float | None) -> Call:
+    """The same as noise in pascals, of a root mean square level re 20 µPa where one is given."""
+    sound = read_sound(path, sonar)
+    if level_db is None:
+        return sound
+    loud = REFERENCE * 10.0 ** (level_db / 20.0)
+    return replace(sound, samples=sound.samples * (loud / np.sqrt(np.mean(sound.samples**2))))
 
 
 def _numbers(path: Path) -> tuple[list[str], np.ndarray]:

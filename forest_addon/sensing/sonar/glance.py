@@ -51,6 +51,7 @@ def listen(job: Observation, targets: EchoTargets) -> Cochleagram:
         follow="",
         doppler=False,
         call="impulse",
+        receiver=None,
         shading_rays=1,
         tolerance=max(sonar.tolerance, TOLERANCE),
         cull=max(sonar.cull, CULL),

@@ -93,6 +93,7 @@ def _listen(job: Observation, progress: Progress | None) -> Any:
     sonar, air, targets = job.sensor, job.settings.air, _targets(job)
     wood, everything = _casters(job)
     given: dict[str, Any] = {"equipment": equip(sonar, job.folder), "everything": everything}
+    given["seed"] = job.settings.seed
     if job.trajectory is None:
         pose = replace(posed(sonar), time=job.start)
         return ping(targets, sonar, air, wood, progress, pose=pose, **given)

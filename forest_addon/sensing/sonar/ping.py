@@ -30,14 +30,15 @@ from ...spec import Air, Sonar
 from ..rays.caster import RayCaster
 from .calls import Band, BandGrid, grid_of
 from .leaves import LeafDiscs, leaf_discs
+from .receiver import Reception, receive
 from .search import Found, SearchGroup, mean_amplitude, search
 from .shading import shade_of
-from .station import Equipment, SonarPose, Station, posed
+from .station import Ears, Equipment, SonarPose, Station, posed
 from .summation import Moment, fastest, moments_of, played, sum_echoes, widened
 from .targets import EchoTargets
 from .windy import at_moment
 
-__all__ = ["Contributions", "Echo", "EchoTargets", "LeafDiscs", "leaf_discs", "ping"]
+__all__ = ["Contributions", "Echo", "EchoTargets", "LeafDiscs", "Reception", "leaf_discs", "ping"]
 
 
 @dataclass(frozen=True)
@@ -87,6 +88,7 @@ class Echo:
     error_bound, table_error : of Σ max|A|, by which the spectra may be off the direct sum, and by which
     this may be off because the exact disc and cylinders are looked up. size : (E,) Σ max|A| of these.
     groups : what is in the sum, by kind. moments : how many of the scene the pieces of its call met.
+    received : what the sonar's receiver makes of the waveforms; None where it has none.
     """
 
     frequency: np.ndarray
@@ -115,6 +117,7 @@ class Echo:
     pose: SonarPose
     list_heard: Callable[[], Contributions]
     moments: int = 1
+    received: Reception | None = None
 
     @cached_property
     def heard(self) -> Contributions:
@@ -157,6 +160,8 @@ def ping(
     pose: SonarPose | None = None,
     equipment: Equipment | None = None,
     everything: RayCaster | None = None,
+    seed: int = 0,
+    number: int = 0,
 ) -> Echo:
     """Send one ping and sum the echo of all that sounds.
 
@@ -165,6 +170,7 @@ def ping(
     pose : where the sonar is, in place of the one its settings say.
     equipment : beams and call; needed where the settings name files.
     everything : rays that meet leaves, needed where ``sonar.shading`` has "extinction".
+    seed, number : of the receiver's noise: the scene's seed, and which ping of a flight it is.
 
     Raises
     ------
@@ -202,6 +208,11 @@ def ping(
             else spectra * call.spectrum(grid.frequency)
         )
         waveforms = _in_time(called, grid, 2.0).real
+    received = None
+    if (receiver := station.equipment.receiver) is not None:
+        ping_key = number, f"{station.pose.time:.9f}"
+        ears, speed = Ears.of(sonar).offset, station.sound_speed
+        received = receive(receiver, waveforms, ears, speed, seed, *ping_key)
     return Echo(
         frequency=grid.frequency,
         spectra=spectra,
@@ -228,6 +239,7 @@ def ping(
         pose=station.pose,
         list_heard=partial(contributions, found.groups, station, band, targets),
         moments=len(moments),
+        received=received,
     )
 
 
@@ -358,6 +370,7 @@ def fly(
     *,
     equipment: Equipment | None = None,
     everything: RayCaster | None = None,
+    seed: int = 0,
 ) -> PingSeries:
     """Ping from every pose; arguments as of ``ping``, progress counts poses.
 
@@ -371,7 +384,15 @@ def fly(
     echoes = []
     for number, pose in enumerate(poses):
         found = ping(
-            targets, sonar, air, wood, pose=pose, equipment=equipment, everything=everything
+            targets,
+            sonar,
+            air,
+            wood,
+            pose=pose,
+            equipment=equipment,
+            everything=everything,
+            seed=seed,
+            number=number,
         )
         echoes.append(found)
         if progress:

@@ -26,6 +26,7 @@ from ...spec import Air, Sonar
 from ..trajectory import Trajectory, frame_of
 from .beam import BeamPattern, GaussianBeam, Horseshoe, Omni, beam_offsets
 from .calls import Call, synthesise
+from .receiver import EchoReceiver
 from .targets import Candidates
 
 
@@ -86,12 +87,13 @@ class Ears:
 class Equipment:
     """Equipment of a sonar: beams of call and ears, and the call, None for a pulse of the band.
 
-    hears : a pattern for each ear, or one for all.
+    hears : a pattern for each ear, or one for all. receiver : None where echoes are heard as they are.
     """
 
     emit: BeamPattern
     hears: tuple[BeamPattern, ...]
     call: Call | None
+    receiver: EchoReceiver | None = None
 
     @classmethod
     def of(
@@ -100,8 +102,12 @@ class Equipment:
         emit: BeamPattern | None = None,
         hears: tuple[BeamPattern, ...] = (),
         call: Call | None = None,
+        transducer: Call | None = None,
+        noise: Call | None = None,
     ) -> Equipment:
         """Return what the settings say; what they have in files is given.
+
+        transducer : the receiver's impulse response. noise : pascals that it hears.
 
         Raises
         ------
@@ -115,7 +121,13 @@ class Equipment:
             call = synthesise(sonar)
         if call is None and sonar.call == "file":
             raise ValueError("the call's WAV file has not been read; give its samples")
-        return cls(emit, hears, call)
+        receiver = None
+        if sonar.receiver is not None:
+            receiver = EchoReceiver(sonar, call, transducer, noise)
+            for given, name in ((transducer, "transducer_file"), (noise, "noise_file")):
+                if given is None and getattr(sonar.receiver, name):
+                    raise ValueError(f"the receiver's {name} has not been read; give its samples")
+        return cls(emit, hears, call, receiver)
 
     def hear(self, ear: int) -> BeamPattern:
         """The pattern of an ear."""

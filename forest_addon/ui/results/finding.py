@@ -77,10 +77,19 @@ def _records() -> dict[str, Callable[..., Any]]:
     from ...sensing.reverb.forest.losses import TrunkStand
     from ...sensing.reverb.model_error import ModelError
     from ...sensing.reverb.pair import ImpulseResponse
-    from ...sensing.sonar.ping import Echo, PingSeries
+    from ...sensing.sonar.ping import Echo, PingSeries, Reception
     from ...sensing.sonar.station import SonarPose
 
-    found = [Echo, PingSeries, SonarPose, ImpulseResponse, ModelError, TrunkStand, Clutter]
+    found = [
+        Echo,
+        Reception,
+        PingSeries,
+        SonarPose,
+        ImpulseResponse,
+        ModelError,
+        TrunkStand,
+        Clutter,
+    ]
     groups: list[type] = [Settings]
     for group in groups:  # it grows
         groups.extend(group.__subclasses__())

@@ -509,8 +509,11 @@ def _draw_sensor(layout: bpy.types.UILayout, thing: bpy.types.Object) -> None:
     draw_settings(split(layout), group, hidden)
     for part in group.nested:
         header, body = folded(layout, f"FOREST_{kind}_{part}")
+        if hasattr(group, f"use_{part}"):
+            header.prop(group, f"use_{part}", text="")
         header.label(text=name_in(type(group), part))
         if body is not None:
+            body.active = getattr(group, f"use_{part}", True)
             draw_settings(split(body), getattr(group, part))
     if kind == "mobile":
         _draw_poses(layout, group)

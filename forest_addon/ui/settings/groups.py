@@ -67,6 +67,15 @@ WHEN_USED = {
     "architecture": spec.Architecture(),
     "dbh": spec.Normal(mean=0.25, sd=0.06),
     "inclination": spec.Inclination(),
+    "receiver": spec.SonarReceiver(),
+    "source_level_db": 110.0,
+    "ringing_db": -40.0,
+    "self_noise_db": 20.0,
+    "ambient_level_db": 50.0,
+    "noise_level_db": 80.0,
+    "noise_from": (0.0, 0.1, 0.0),
+    "overload_db": 120.0,
+    "threshold_db": 12.0,
 }
 
 
@@ -252,6 +261,17 @@ LABELS = {
     "dynamic_range": "Dynamic (dB)",
     "threshold_snr": "Threshold (SNR)",
     "beyond": "Far Echoes",
+    "source_level_db": "Source (dB)",
+    "transducer_file": "Transducer WAV",
+    "ringing_db": "Ringing (dB)",
+    "gain": "Gain (s, dB)",
+    "self_noise_db": "Noise (dB/Hz)",
+    "self_noise_shape": "Shape (Hz, dB)",
+    "ambient_level_db": "Ambient (dB)",
+    "noise_file": "Noise WAV",
+    "noise_level_db": "Loudness (dB)",
+    "overload_db": "Overload (dB)",
+    "threshold_db": "Detect (dB)",
 }  # others are too long for a sidebar
 ONE_OF = ("template", "rules", "honda", "crown")  # parts of a species of which one may be used
 DIGITS = {"mean": 3, "sd": 3, "low": 3, "high": 3}  # of numbers whose size a default does not tell
