@@ -206,7 +206,15 @@ def copy_pictures(part: Subject, folder: Path) -> None:
 # Run validations: print their tables; keep each as JSON, Markdown and pictures in its own folder.
 
 
-SECTIONS = ("reverb", "sonar", "lidar", "stand", "leaves", "trees", "wind")  # in the order of the page
+SECTIONS = (
+    "reverb",
+    "sonar",
+    "lidar",
+    "stand",
+    "leaves",
+    "trees",
+    "wind",
+)  # in the order of the page
 PARTS = (*SECTIONS, "training", "ablations", "tasks")  # the last three are made by ``study``
 KEPT = "validation.json"
 

@@ -6,11 +6,15 @@ The leaves nearest to the beam's axis go in. Each is met by the call and by what
     w(j→i) = f_j(0→i)·p_j + Σ_l f_j(l→i)·w(l→j)·g(l, j),
 
 0 the sonar and p_j the pressure of the call at j. f is physical optics of a rigid disc,
-ik·a²/2·√|cosβ·cosβ'|·2J₁(x)/x, x = a times the change of the wavenumber along the disc, with the other sign on
-the far side: straight on it is the shadow, of twice the disc's cross-section. The way between two leaves is
-that between two faces, not points: g = e^{-ikr}/(r + ik(a² + a'²)/2), the field of Gaussians of their
-areas, so that no leaf reflects more than it meets. All ways round are summed (GMRES): shade and echoes of
-echoes both are in it.
+ik·a²/2·√|cosβ·cosβ'|·2J₁(x)/x, x = a times the change of the wavenumber along the disc, with the other
+sign on the far side: straight on it is the shadow, of twice the disc's cross-section. The way between two
+leaves is that between two faces, not points: g = e^{-ikr}/(r + ik(a² + a'²)/2), the field of Gaussians of
+their areas, so that no leaf reflects more than it meets. All ways round are summed (GMRES): shade and echoes
+of echoes both are in it.
+
+Leaves of 2.5 cm any way round in a box of 0.3 m, 1, 2, 4, 8, 12 m² a m³ (5, 5, 7, 11, 15 of their hull): the
+field is off by 13, 19, 26, 35, 40 % at 40 kHz (medians of ten draws), by 4, 11, 14, 27, 32 % at 70 kHz; the
+mean energy by less than 1 dB, 2 dB at most.
 """
 
 from __future__ import annotations
@@ -29,6 +33,9 @@ from .search import SearchGroup
 from .station import Station
 
 LEAVES, FEW = 100, 5  # that are solved for, at most and at least
+DENSE = (
+    10.0  # m² of leaf a m³ of so many, from where a waveform of single scattering is a third off
+)
 PAIRS = 12  # of frequencies, evenly over the band
 APART = 20.0  # Hz between the two of a pair: tells the mean delay
 RESIDUAL = 1e-4
