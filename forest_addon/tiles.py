@@ -113,11 +113,11 @@ class TiledForest:
 
     stand : all trees, in their sizes, with their feet in the ground. reach : (N,) metres that a tree reaches
     to the sides of its foot. across : m, the largest distance between two points of one tree. low, high :
-    lowest and highest coordinate z of any tree.
+    lowest and highest coordinate z of any tree. notes : of the plan.
     """
 
     def __init__(self, plan: ForestPlan) -> None:
-        self._plan = plan
+        self._plan, self.notes = plan, plan.notes()
         self.trees = KeptTrees(plan)
         self.stand = stand = plan.placed(self.trees)
         self.labels = tuple(labels(plan.scene.plantings))

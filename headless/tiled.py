@@ -200,6 +200,8 @@ def run_by_workers(words: Sequence[str], workers: int) -> None:
 def _say_tiles(run: TiledRun) -> None:
     tiling, tiles = run.tiling, run.tiling.scene.tiles
     run.stages.tell(tiling.site.inputs.told)
+    for note in tiling.forest.notes:
+        run.stages.warn(note)
     across = " x ".join(map(str, tiling.grid.count))
     trees = len(tiling.forest.stand)
     run.stages.say(

@@ -224,10 +224,11 @@ COMMANDS: dict[str, tuple[Callable[[argparse.Namespace], None], str, str, dict[s
         _flight,
         "experiments: critical speed, gaps in hedges, bat against LiDAR; train a policy",
         "speed: flights of 500 m through Poisson forests beside the critical speed of Karaman & Frazzoli. "
-        "hedge: gap or no gap from one echo, beside Wang & Müller. plants: which of two plants, beside "
-        "Kuc. senses: two ears against LiDAR. learn: train a small policy by the cross-entropy method.",
+        "gaps: a gap in a hedge or a pole in leaves from one echo, by noise, beside Wang & Müller. plants: "
+        "which of two plants, beside Kuc. senses: two ears against LiDAR. learn: train a small policy by the "
+        "cross-entropy method. noise: train one by ear in noise, and fly it in more.",
         {
-            "experiment": {"choices": ("speed", "hedge", "plants", "senses", "learn")},
+            "experiment": {"choices": ("speed", "gaps", "plants", "senses", "learn", "noise")},
             "--size": {"type": float, "default": 1.0, "help": "of the samples (1: minutes)"},
             "--seed": SEED,
             "--out": {"type": Path, "metavar": "DIR", "help": "default out/flight-EXPERIMENT"},

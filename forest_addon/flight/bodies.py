@@ -21,7 +21,7 @@ import numpy as np
 
 from ..base.rows import RowTable
 from ..base.vectors import column
-from ..spec import Flight, SpecError
+from ..spec import Flight
 
 GRAVITY = 9.81
 PIECE = 0.02  # seconds of a quadrotor's straight pieces, at most
@@ -80,34 +80,12 @@ def at_rest(
     )
 
 
-def checked(flight: Flight, action: np.ndarray, count: int) -> np.ndarray:
-    """Actions (N, A) of a body as float64, kept within -1 and 1.
-
-    Raises
-    ------
-    SpecError : another shape, or what is not a number.
-    """
-    names = ACTIONS[flight.body]
-    values = np.asarray(action, dtype=np.float64)
-    if values.shape != (count, len(names)):
-        raise SpecError(
-            "action",
-            f"has the shape {values.shape[1:]}; a {flight.body} takes {len(names)} numbers: "
-            + ", ".join(names),
-        )
-    if not np.isfinite(values).all():
-        raise SpecError(
-            "action", "holds what is not a number; nothing was flown, give finite numbers"
-        )
-    return np.clip(values, -1.0, 1.0)
-
-
 def move(
     flight: Flight, state: State, action: np.ndarray, wind: np.ndarray | None = None
 ) -> tuple[State, np.ndarray]:
     """The state after a step, and the ends (N, K, 3) of the straight pieces that lead there.
 
-    action : (N, A), see ``checked``. wind : (N, 3) m/s of the air during the step; left out: the steady one
+    action : (N, A) from -1 to 1. wind : (N, 3) m/s of the air during the step; left out: the steady one
     of the settings.
     """
     air = np.array(flight.wind) if wind is None else wind

@@ -3,12 +3,12 @@
 ::
 
     import gymnasium as gym, forest_addon.flight
-    scene = "assets/scenes/flight-poisson.toml"
-    env = gym.make("ForestSensing/Flight-v0", scene=scene, sensors=("lidar", "sonar"))
+    env = gym.make("ForestSensing/Flight-v0", scene="flight-poisson", sensors=("lidar", "sonar"))
 
 What is sensed is a dict of arrays, ``lidar`` (rays,) metres, ``sonar`` (ears, ...), ``odometry``
 (8,), float64 or, rounded to it, float32; an action is a number from -1 to 1 for each thing a body decides
-(``bodies``). The reward is the metres nearer to the aim, -10 for a touch, 10 for arriving.
+(``bodies``). The reward is the metres nearer to the aim, -10 for a touch, 10 for arriving. Misuse that
+Gymnasium has an error for gets that (``gymnasium.error``), settings that cannot be used a ``SpecError``.
 """
 
 from __future__ import annotations
@@ -18,20 +18,36 @@ from typing import Any, ClassVar
 
 import gymnasium
 import numpy as np
-from gymnasium import spaces
+from gymnasium import error, logger, spaces
+from gymnasium.utils import seeding
 from gymnasium.vector.utils import batch_space
 
 from ..api import World
 from ..spec import Flight, Mobile, Scene, Sonar, SpecError, unknown
 from . import top_view
 from .bodies import ACTIONS
-from .senses import FARTHEST, HEARD, ODOMETRY, EarSense, LidarSense, lidar_of, sonar_of
+from .listening import EchoTask, noisy, sensed
+from .senses import (
+    BANDS,
+    BINS,
+    FARTHEST,
+    HEARD,
+    ODOMETRY,
+    EarSense,
+    LidarSense,
+    levels,
+    lidar_of,
+    sonar_of,
+)
 from .simulation import SENSORS, Flyers
+from .stems import StemForests, StemWorld, poisson_forests
 from .woods import FlightSurroundings, Stock
 
 FORESTS = ("new", "fixed")
+SCENE = "flight-poisson"  # of assets/scenes, where none is given
 MODES = ("rgb_array", "human")
 DTYPES = ("float64", "float32")
+NO_MODE = 'render() draws nothing without a mode; make the environment with render_mode="rgb_array"'
 
 
 class _Flights:
@@ -40,7 +56,7 @@ class _Flights:
     def __init__(
         self,
         count: int,
-        scene: Scene | World | str | Path,
+        scene: Scene | World | StemForests | str | Path,
         sensors: tuple[str, ...],
         flight: Flight | None,
         lidar: Mobile | None,
@@ -62,6 +78,8 @@ class _Flights:
             raise SpecError("every", f"{every} is out of range; use at least 1")
         if isinstance(scene, World):
             self.stock = Stock.standing(scene)
+        elif isinstance(scene, StemForests):
+            self.stock = scene
         else:
             self.stock = Stock(scene, folder)
         settings = self.stock.settings
@@ -70,7 +88,7 @@ class _Flights:
             self.stock.settings = settings.changed(flight=flight)
         eyes = LidarSense(lidar or lidar_of(settings)) if "lidar" in sensors else None
         ears = (
-            EarSense(sonar or sonar_of(settings), settings.air, heard)
+            EarSense(sonar or sonar_of(settings), settings.air, heard, folder)
             if "sonar" in sensors
             else None
         )
@@ -91,8 +109,12 @@ class _Flights:
     def enter(self, seed: int, options: dict[str, Any]) -> None:
         """Plant the forest of an episode."""
         wanted = options.get("forest", self.stock.settings.seed if self.forest == "fixed" else seed)
+        if not (isinstance(wanted, int) and wanted >= 0):
+            raise SpecError(
+                "options.forest", f"{wanted!r} is no seed; use a whole number from 0 on"
+            )
         if wanted != self._entered:
-            self.flyers.enter(self.stock.surroundings(int(wanted)))
+            self.flyers.enter(self.stock.surroundings(wanted))
             self._entered = wanted
 
     def sense(self) -> dict[str, np.ndarray]:
@@ -103,7 +125,7 @@ class _Flights:
         }
 
     @property
-    def surroundings(self) -> FlightSurroundings:
+    def surroundings(self) -> FlightSurroundings | StemWorld:
         """Return where the flyers are."""
         return self.flyers.world
 
@@ -115,7 +137,9 @@ def _started(options: dict[str, Any] | None) -> tuple[dict[str, Any], dict[str, 
     ------
     SpecError : one that is not known.
     """
-    options = dict(options or {})
+    options = {} if options is None else options
+    if not isinstance(options, dict):
+        raise SpecError("options", f"{options!r} is no dict of names and values")
     known = ("forest", "start", "goal", "heading_deg")
     for name in options:
         if name not in known:
@@ -123,10 +147,34 @@ def _started(options: dict[str, Any] | None) -> tuple[dict[str, Any], dict[str, 
     return options, {name: options[name] for name in known[1:] if name in options}
 
 
+def _taken(space: spaces.Box, action: Any, unused: np.ndarray | None = None) -> np.ndarray:
+    """Return an action that a space has, as float64. unused : (N,) bool, of rows that may be anything.
+
+    Raises
+    ------
+    InvalidAction : the space does not have it: another shape, out of bounds, no number.
+    """
+    try:
+        values = np.array(action)
+    except ValueError:  # rows of different lengths
+        values = np.array("ragged")
+    if unused is not None and values.shape == space.shape:
+        values[unused] = 0
+    if values.dtype.kind not in "fiu" or not space.contains(values.astype(space.dtype)):
+        raise error.InvalidAction(f"{action!r} is not in {space}; nothing was flown")
+    return values.astype(np.float64)
+
+
+def _refuse_mode(mode: str | None, known: tuple[str, ...]) -> None:
+    if mode not in (None, *known):
+        raise error.UnsupportedMode(str(unknown("render_mode", str(mode), known)))
+
+
 class FlightEnv(gymnasium.Env):
     """One flyer.
 
-    scene : a scene file, a ``Scene``, or a ``World`` (what stands in Blender: its forest stays the same).
+    scene : a scene file or the name of one of assets/scenes, a ``Scene``, ``StemForests``, or a ``World``
+    (what stands in Blender: its forest stays the same).
     sensors : of "lidar" and "sonar" those that it carries. flight, lidar, sonar : in place of the scene's.
     heard : what the sonar tells, "cochleagram" or "waveforms". every : steps from ping to ping.
     forest : "new" at every reset, or "fixed", the scene's own. folder : that relative paths start from.
@@ -139,7 +187,7 @@ class FlightEnv(gymnasium.Env):
 
     def __init__(
         self,
-        scene: Scene | World | str | Path,
+        scene: Scene | World | StemForests | str | Path = SCENE,
         sensors: tuple[str, ...] = ("lidar",),
         flight: Flight | None = None,
         lidar: Mobile | None = None,
@@ -151,8 +199,7 @@ class FlightEnv(gymnasium.Env):
         render_mode: str | None = None,
         dtype: str = "float64",
     ) -> None:
-        if render_mode not in (None, *MODES):
-            raise unknown("render_mode", render_mode, MODES)
+        _refuse_mode(render_mode, MODES)
         self.flights = _Flights(
             1, scene, tuple(sensors), flight, lidar, sonar, heard, every, forest, folder, dtype
         )
@@ -161,6 +208,7 @@ class FlightEnv(gymnasium.Env):
         self.render_mode = render_mode
         self._view: top_view.TopView | None = None
         self._trail: list[np.ndarray] = []
+        self._flies = False
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -172,12 +220,13 @@ class FlightEnv(gymnasium.Env):
         SpecError : a start that touches something, an option that is not known.
         """
         super().reset(seed=seed)
+        self._flies = False
         chosen, where = _started(options)
-        own = int(self.np_random.integers(2**31)) if seed is None else int(seed)
+        own = int(self.np_random.integers(2**31)) if seed is None else seed
         flyers = self.flights.flyers
         self.flights.enter(own, chosen)
         flyers.start([0], [own], **where)
-        self._seed, self._ended = own, False
+        self._flies = True
         self._trail = [flyers.state.position[0].copy()]
         if self._view is not None and self._view.world is not self.flights.surroundings:
             self._view = None
@@ -193,10 +242,14 @@ class FlightEnv(gymnasium.Env):
 
         Raises
         ------
-        SpecError : an action that cannot be used; the episode is untouched.
+        InvalidAction : the action space does not have it; the episode is untouched.
+        ResetNeeded : no flight has begun, or it has ended.
         """
+        if not self._flies:
+            raise error.ResetNeeded("Call reset() before step(): no flight has begun, or it ended")
         flyers = self.flights.flyers
-        out = flyers.step(np.asarray(action, dtype=np.float64)[None])
+        out = flyers.step(_taken(self.action_space, action)[None])
+        self._flies = not out.ended[0]
         if self.render_mode is not None:
             self._trail.append(flyers.state.position[0].copy())
         seen = _first(self.flights.sense())
@@ -207,7 +260,16 @@ class FlightEnv(gymnasium.Env):
         return seen, float(out.reward[0]), crashed or arrived, bool(out.late[0]), info
 
     def render(self) -> np.ndarray | None:
-        """The picture of "rgb_array"; "human" shows its own."""
+        """The picture of "rgb_array"; "human" shows its own.
+
+        Raises
+        ------
+        ResetNeeded : no flight has begun.
+        """
+        if self.render_mode is None:
+            logger.warn(NO_MODE)
+        elif not self._trail:
+            raise error.ResetNeeded("Call reset() before render(): no flight has begun")
         return self._picture() if self.render_mode == "rgb_array" else None
 
     def close(self) -> None:
@@ -264,7 +326,7 @@ class FlightVectorEnv(gymnasium.vector.VectorEnv):
     def __init__(
         self,
         num_envs: int,
-        scene: Scene | World | str | Path,
+        scene: Scene | World | StemForests | str | Path = SCENE,
         sensors: tuple[str, ...] = ("lidar",),
         flight: Flight | None = None,
         lidar: Mobile | None = None,
@@ -278,8 +340,7 @@ class FlightVectorEnv(gymnasium.vector.VectorEnv):
     ) -> None:
         if num_envs < 1:
             raise SpecError("num_envs", f"{num_envs} is out of range; use at least 1")
-        if render_mode not in (None, "rgb_array"):
-            raise unknown("render_mode", render_mode, ("rgb_array",))
+        _refuse_mode(render_mode, MODES[:1])
         self.num_envs = num_envs
         self.render_mode = render_mode
         self.flights = _Flights(
@@ -302,21 +363,25 @@ class FlightVectorEnv(gymnasium.vector.VectorEnv):
         self._over = np.zeros(num_envs, dtype=bool)
         self._view: top_view.TopView | None = None
         self._trails: list[list[np.ndarray]] = []
+        self._next: list[int] = []
 
     def reset(
         self, *, seed: int | list[int] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         """Begin the episodes of all flyers."""
+        self._refuse_closed("reset")
+        self._next = []
         chosen, where = _started(options)
-        if seed is None:
-            seed = int(self.np_random.integers(2**31))
-        elif isinstance(seed, int):
+        if isinstance(seed, (list, tuple)):
+            seeds = [seeding.np_random(one)[1] for one in seed]
+        else:
             super().reset(seed=seed)
-        seeds = [seed + i for i in range(self.num_envs)] if isinstance(seed, int) else list(seed)
+            first = int(self.np_random.integers(2**31)) if seed is None else seed
+            seeds = [first + i for i in range(self.num_envs)]
         if len(seeds) != self.num_envs:
-            raise SpecError("seed", f"has {len(seeds)} numbers; give {self.num_envs}, or one")
-        self.flights.enter(int(seeds[0]), chosen)
-        self._where, self._next = where, [int(s) for s in seeds]
+            raise error.Error(f"There are {len(seeds)} seeds; give {self.num_envs}, or one")
+        self.flights.enter(seeds[0], chosen)
+        self._where, self._next = where, seeds
         self.flights.flyers.start(range(self.num_envs), self._next, **where)
         self._over[:] = False
         if self.render_mode is not None:
@@ -331,13 +396,14 @@ class FlightVectorEnv(gymnasium.vector.VectorEnv):
 
         Raises
         ------
-        SpecError : an action that cannot be used; no flyer has moved.
+        InvalidAction : the action space does not have them; no flyer has moved.
+        ResetNeeded : no flight has begun.
         """
+        self._refuse_closed("step")
+        if not self._next:
+            raise error.ResetNeeded("Call reset() before step(): no flight has begun")
         flyers, again = self.flights.flyers, self._over.copy()
-        actions = np.array(actions, dtype=np.float64)
-        if again.any() and actions.shape[:1] == again.shape:
-            actions[again] = 0.0
-        out = flyers.step(actions)
+        out = flyers.step(_taken(self.action_space, actions, again))
         crashed, arrived, late, reward = out.crashed, out.arrived, out.late, out.reward
         if again.any():
             rows = np.flatnonzero(again).tolist()
@@ -367,6 +433,10 @@ class FlightVectorEnv(gymnasium.vector.VectorEnv):
             )
         )
 
+    def _refuse_closed(self, doing: str) -> None:
+        if self.closed:
+            raise error.ClosedEnvironmentError(f"Trying to operate on `{doing}` after close()")
+
     def _info(self) -> dict[str, Any]:
         flyers = self.flights.flyers
         return {
@@ -374,6 +444,86 @@ class FlightVectorEnv(gymnasium.vector.VectorEnv):
             "heading": flyers.state.heading.copy(),
             "flown": flyers.flown.copy(),
         }
+
+
+class PoissonEnv(FlightEnv):
+    """A bird among trunks at random (``stems.poisson_forests``), which needs no Blender.
+
+    density : trees/m². speed : m/s. distance : metres to fly. given : as of ``FlightEnv``.
+    """
+
+    def __init__(
+        self, density: float = 0.1, speed: float = 4.0, distance: float = 100.0, **given: Any
+    ) -> None:
+        super().__init__(poisson_forests(density, speed, distance), **given)
+
+
+class PoissonVectorEnv(FlightVectorEnv):
+    """Many birds in one such forest; arguments as of ``PoissonEnv``."""
+
+    def __init__(
+        self,
+        num_envs: int,
+        density: float = 0.1,
+        speed: float = 4.0,
+        distance: float = 100.0,
+        **given: Any,
+    ) -> None:
+        super().__init__(num_envs, poisson_forests(density, speed, distance), **given)
+
+
+class ListenEnv(gymnasium.Env):
+    """One echo, then a guess: is it there, a passage in a hedge or a pole among leaves?
+
+    what, distance, width : as of ``listening.EchoTask``. snr_db : peak over noise, None: no noise.
+    An action is 0 (no) or 1 (yes), the reward 1 for what is right; ``info`` tells the truth after the guess.
+    """
+
+    metadata: ClassVar[dict[str, Any]] = {"render_modes": []}
+
+    def __init__(
+        self,
+        what: str = "passage",
+        distance: float = 1.4,
+        width: float | None = None,
+        snr_db: float | None = None,
+        render_mode: str | None = None,
+    ) -> None:
+        _refuse_mode(render_mode, ())
+        self.task = EchoTask(what, distance, width)
+        self.snr_db = snr_db
+        self.observation_space = spaces.Box(0.0, 1.0, (BANDS, BINS))
+        self.action_space = spaces.Discrete(2)
+        self._truth: int | None = None
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[np.ndarray, dict[str, Any]]:
+        """Hear another echo; see ``gymnasium.Env``. It takes no options."""
+        super().reset(seed=seed)
+        for name in options or ():
+            raise unknown("options", name, ())
+        truth, own = self.np_random.integers((2, 2**31)).tolist()
+        sound = self.task.heard(own, 0, bool(truth))
+        if self.snr_db is not None:
+            sound = noisy(sound, self.snr_db, self.task.loudness(), own, 0)
+        self._truth = truth
+        return levels(sensed(sound)).astype(np.float32), {}
+
+    def step(self, action: int) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
+        """Guess; see ``gymnasium.Env``.
+
+        Raises
+        ------
+        InvalidAction : neither 0 nor 1. ResetNeeded : nothing was heard since the last guess.
+        """
+        if self._truth is None:
+            raise error.ResetNeeded("Call reset() before step(): each echo takes one guess")
+        if not self.action_space.contains(action):
+            raise error.InvalidAction(f"{action!r} is not in {self.action_space}")
+        truth, self._truth = self._truth, None
+        nothing = np.zeros((BANDS, BINS), np.float32)
+        return nothing, float(action == truth), True, False, {"truth": truth}
 
 
 def generator_of(seed: int) -> np.random.Generator:

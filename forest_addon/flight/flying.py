@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.stats import binomtest
 
 from .simulation import Flyers
 
@@ -117,11 +118,9 @@ def _track(
     )
 
 
-def interval(successes: int, trials: int, z: float = 1.96) -> tuple[float, float]:
-    """Wilson's interval of a share (1927): from, to; 0 to 1 without trials."""
+def interval(successes: int, trials: int) -> tuple[float, float]:
+    """Wilson's interval of 95 % of a share (1927): from, to; 0 to 1 without trials."""
     if not trials:
         return 0.0, 1.0
-    share, square = successes / trials, z * z / trials
-    middle = (share + square / 2) / (1 + square)
-    half = z * np.sqrt(share * (1 - share) / trials + square / (4 * trials)) / (1 + square)
-    return max(0.0, float(middle - half)), min(1.0, float(middle + half))
+    low, high = binomtest(successes, trials).proportion_ci(method="wilson")
+    return float(low), float(high)

@@ -26,7 +26,7 @@ from ..formats.foreign import guarded
 from ..formats.table import write_npz
 from ..spec import Flight, SpecError, unknown
 from .bodies import ACTIONS, wrapped
-from .senses import FLOOR_DB, TOP_DB, EarSense, LidarSense
+from .senses import BINS, FLOOR_DB, TOP_DB, EarSense, LidarSense
 
 NAMES = ("straight", "gap", "echo", "trained")
 FIRST = 1e-3  # s of an echo that count
@@ -228,17 +228,24 @@ def policy_of(
 
 # A small policy that learns, by the cross-entropy method: numpy alone, minutes on two cores.
 #
-# The nearest thing in each of ``SECTORS`` sectors of the LiDAR's level rays, and the aim's direction, go
-# through one hidden layer to a direction and a pace, which ``policies.steer`` flies. Weights θ are drawn
+# What is felt, and the aim's direction, go through one hidden layer to a direction and a pace, which
+# ``policies.steer`` flies. By LiDAR it is the nearest thing in each of ``SECTORS`` sectors of its level rays;
+# by ear, in each of ``GATES`` spans of range, how much louder the left ear hears than the right, and how
+# loud it is; and how loud the loudest is. Weights θ are drawn
 # from a normal distribution N(μ, σ²), each drawing flies the same starts, and μ, σ become those of the best
 # (Rubinstein 1999; with noise that fades, Szita & Lőrincz 2006, Neural Comput. 18, 2936).
 
 
-SECTORS, HIDDEN = 15, 8
+SECTORS, GATES, HIDDEN = 15, 7, 8
 INPUTS = SECTORS + 2
 SIZE = HIDDEN * (INPUTS + 1) + 2 * (HIDDEN + 1)
 KEPT = 0.2  # share of the drawings that are the best
 NEAR = 4.0  # metres: the scale on which nearness is felt
+QUIET, LOUDER, ASIDE = (
+    -60.0,
+    20.0,
+    10.0,
+)  # dB: felt as 0; felt as 1 by both ears; by their difference
 
 
 @dataclass
@@ -246,12 +253,18 @@ class Trained:
     """A policy of weights (SIZE,), or (N, SIZE) one for each flyer."""
 
     flight: Flight
-    lidar: LidarSense
+    sense: LidarSense | EarSense
     weights: np.ndarray
-    sensors: tuple[str, ...] = ("lidar",)
 
     def __post_init__(self) -> None:
-        ways = self.lidar.ways
+        self.sensors = ("lidar",) if isinstance(self.sense, LidarSense) else ("sonar",)
+        if isinstance(self.sense, EarSense):
+            if self.sense.heard != "cochleagram" or self.sense.sonar.ears != 2:
+                raise SpecError(
+                    "sonar", "has no cochleagrams of two ears; a trained policy needs them"
+                )
+            return
+        ways = self.sense.ways
         level = np.flatnonzero(np.abs(ways[:, 2]) < 0.3)
         angle = np.arctan2(ways[level, 1], ways[level, 0])
         front = np.abs(angle) <= np.pi * 0.75
@@ -265,11 +278,22 @@ class Trained:
                 "lidar", f"has too few level rays; a trained policy needs one in each of {SECTORS}"
             )
 
+    def felt(self, told: dict[str, np.ndarray]) -> np.ndarray:
+        """(N, SECTORS) what goes into the hidden layer beside the aim."""
+        if isinstance(self.sense, LidarSense):
+            seen = np.minimum.reduceat(told["lidar"][:, self._rays], self._first, axis=1)
+            return np.exp(-seen / NEAR)
+        power = 10.0 ** ((FLOOR_DB + (TOP_DB - FLOOR_DB) * told["sonar"]) / 10.0)
+        first = np.linspace(0, BINS, GATES, endpoint=False).astype(np.int64)
+        heard = 10.0 * np.log10(np.add.reduceat(power.mean(axis=2), first, axis=2))  # (N, 2, GATES)
+        left, right = heard[:, 0], heard[:, 1]
+        loud = ((left + right) / 2 - QUIET) / LOUDER
+        return np.column_stack([(left - right) / ASIDE, loud, loud.max(axis=1)])
+
     def act(self, told: dict[str, np.ndarray]) -> np.ndarray:
         """See ``policies.Policy``."""
-        seen = np.minimum.reduceat(told["lidar"][:, self._rays], self._first, axis=1)
         aim = bearing(told)
-        felt = np.column_stack([np.exp(-seen / NEAR), np.sin(aim), np.cos(aim)])
+        felt = np.column_stack([self.felt(told), np.sin(aim), np.cos(aim)])
         weights = np.broadcast_to(self.weights, (len(felt), SIZE))
         split = HIDDEN * (INPUTS + 1)
         first = weights[:, :split].reshape(-1, HIDDEN, INPUTS + 1)
@@ -286,7 +310,7 @@ class Trained:
 
 
 @guarded("a trained policy")
-def load(path: Path, flight: Flight, lidar: LidarSense) -> Trained:
+def load(path: Path, flight: Flight, sense: LidarSense | EarSense) -> Trained:
     """A policy that was trained before.
 
     Raises
@@ -297,7 +321,7 @@ def load(path: Path, flight: Flight, lidar: LidarSense) -> Trained:
         weights = np.array(file["weights"], dtype=np.float64)
     if weights.shape != (SIZE,) or not np.isfinite(weights).all():
         raise SpecError(str(path), f"has weights {weights.shape}, not ({SIZE},); train anew")
-    return Trained(flight, lidar, weights)
+    return Trained(flight, sense, weights)
 
 
 def train(

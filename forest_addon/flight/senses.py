@@ -9,8 +9,9 @@ that nothing disturbs, their distances are all there is to it, else the whole sc
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
@@ -21,8 +22,8 @@ from ..base.rng import stream
 from ..sensing.lidar.pattern import Sweep
 from ..sensing.lidar.scan import Scan
 from ..sensing.moving_rays import MovingCaster
+from ..sensing.sonar.equipment_files import equip
 from ..sensing.sonar.ping import Echo, ping
-from ..sensing.sonar.station import Equipment
 from ..sensing.sonar.station import SonarPose as Place
 from ..sensing.trajectory import Trajectory, frame_of, through
 from ..spec import Air, Flight, Mobile, Pose, Scene, Sensor, Sonar
@@ -163,19 +164,21 @@ class LidarSense:
 
 
 class EarSense:
-    """A sonar that flyers carry.
+    """A sonar that flyers carry; through its receiver, where it has one.
 
     heard : what is told of an echo, ``cochleagram`` (E, BANDS, BINS) from 0 (``FLOOR_DB``) to 1
-    (``TOP_DB``), or ``waveforms`` (E, S) re the call at 1 m.
+    (``TOP_DB``), or ``waveforms`` (E, S) re the call at 1 m. folder : that names of its files start from.
     """
 
-    def __init__(self, sonar: Sonar, air: Air, heard: str = "cochleagram") -> None:
+    def __init__(
+        self, sonar: Sonar, air: Air, heard: str = "cochleagram", folder: str | Path = "."
+    ) -> None:
         speed = air.speed()
         if not sonar.record:
             lasts = sonar.call_duration if sonar.call != "impulse" else 0.0
             sonar = sonar.changed(record=2.0 * sonar.max_range / speed + lasts)
         self.sonar, self.air, self.heard = sonar, air, heard
-        self._equipment = Equipment.of(sonar)
+        self._equipment = equip(sonar, Path(folder))
         self.samples = math.ceil(sonar.record * sonar.sample_rate)
         shape = (BANDS, BINS) if heard == "cochleagram" else (self.samples,)
         self.shape = (sonar.ears, *shape)
@@ -193,8 +196,16 @@ class EarSense:
         x, y, z = state.position[row].tolist()
         return self.sonar.changed(position=(x, y, z), azimuth_deg=heading, elevation_deg=pitch)
 
-    def ping(self, around: Any, state: State, row: int = 0, time: float = 0.0) -> Echo:
-        """One ping at a time, s."""
+    def ping(
+        self,
+        around: Any,
+        state: State,
+        row: int = 0,
+        time: float = 0.0,
+        seed: int = 0,
+        number: int = 0,
+    ) -> Echo:
+        """One ping at a time, s. seed, number : of the flyer and its ping, for the receiver's noise."""
         shading = self.sonar.shading
         return ping(
             around.targets,
@@ -204,14 +215,26 @@ class EarSense:
             pose=self.place(state, row, time),
             equipment=self._equipment,
             everything=around.caster if "extinction" in shading else None,
+            seed=seed,
+            number=number,
         )
 
-    def listen(self, around: Any, state: State, time: np.ndarray | None = None) -> np.ndarray:
-        """(N, *shape) what all flyers hear who ping at times (N,), s; left out: 0."""
+    def listen(
+        self,
+        around: Any,
+        state: State,
+        time: np.ndarray | None = None,
+        seeds: Sequence[int] | None = None,
+        numbers: np.ndarray | None = None,
+    ) -> np.ndarray:
+        """(N, *shape) what all flyers hear who ping at times (N,), s; seeds, numbers : as of ``ping``. What
+        is left out is 0."""
         told = np.empty((len(state), *self.shape))
-        for row in range(len(state)):
-            when = 0.0 if time is None else float(time[row])
-            sound = self.ping(around, state, row, when).waveforms
+        none = np.zeros(len(state), dtype=np.int64)
+        given = (none if part is None else part for part in (time, seeds, numbers))
+        for row, (when, seed, number) in enumerate(zip(*given, strict=True)):
+            echo = self.ping(around, state, row, float(when), int(seed), int(number))
+            sound = echo.heard_waveforms
             if self.heard == "cochleagram":
                 told[row] = cochleagram(sound, self.sonar)
             else:
@@ -220,11 +243,15 @@ class EarSense:
 
 
 def cochleagram(sound: np.ndarray, sonar: Sonar) -> np.ndarray:
-    """(E, BANDS, BINS) levels of sound (E, S) by frequency and time, 0 at ``FLOOR_DB`` and 1 at ``TOP_DB``:
-    the mean square of each band's envelope in each bin of time, in dB.
+    """(E, BANDS, BINS) levels of sound (E, S) by frequency and time."""
+    return levels(band_power(sound, sonar))
+
+
+def levels(power: np.ndarray) -> np.ndarray:
+    """(..., BINS) levels of squared envelopes (..., S) by time, 0 at ``FLOOR_DB`` and 1 at ``TOP_DB``: their
+    mean in each bin, in dB.
     """
-    count = sound.shape[-1]
-    power = band_power(sound, sonar)
+    count = power.shape[-1]
     edges = np.linspace(0, count, BINS, endpoint=False).astype(np.int64)
     size = np.diff(edges, append=count)
     mean = np.add.reduceat(power, edges, axis=-1) / size

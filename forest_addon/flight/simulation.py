@@ -1,7 +1,7 @@
 """Flyers in a world: they start, sense, decide elsewhere, move, and touch something or arrive.
 
 All N flyers move at a time; each has its own chances (``generator(seed, number)``), so that its flight does
-not depend on the others. A step is refused as a whole before anything has moved. On each straight piece of a
+not depend on the others. On each straight piece of a
 step what comes first counts: the touch ends a flight, arriving ends it too, wherever along the piece.
 """
 
@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from ..spec import Flight, SpecError
-from .bodies import State, at_rest, carried, checked, move
+from .bodies import State, at_rest, carried, move
 from .obstacles import touched
 from .senses import EarSense, LidarSense, generator, odometry
 
@@ -68,7 +68,7 @@ class Flyers:
         self.state = at_rest(self.flight, np.zeros((count, 3)), np.zeros(count))
         self.goal, self.from_ = np.zeros((count, 3)), np.zeros((count, 3))
         self.steps, self.flown = np.zeros(count, dtype=np.int64), np.zeros(count)
-        self._rngs = [generator(0)] * count
+        self._rngs, self._own = [generator(0)] * count, [0] * count
         self._ball, self._room = np.zeros((count, 3)), np.full(count, -1.0)
         self._left = np.zeros(count)
         self._air = np.tile(np.array(self.flight.wind), (count, 1))
@@ -91,9 +91,11 @@ class Flyers:
         SpecError : a start that touches something; no free place was found for one.
         """
         flight = self.flight
-        towards = np.deg2rad(flight.heading_deg if heading_deg is None else heading_deg)
-        given = flight.start if start is None else _place("start", start)
-        aim = None if goal is None else _place("goal", goal)
+        turned = flight.heading_deg if heading_deg is None else heading_deg
+        towards = np.deg2rad(_finite("heading_deg", turned, (), "a finite number, degrees"))
+        metres = (3,), "three finite numbers, metres"
+        given = flight.start if start is None else _finite("start", start, *metres)
+        aim = None if goal is None else _finite("goal", goal, *metres)
         begun = []
         for row, seed in zip(rows, seeds, strict=True):
             rng = generator(int(seed))
@@ -106,9 +108,9 @@ class Flyers:
             target = place + flight.distance * ahead if aim is None else aim
             way = target - place
             heading = float(np.arctan2(way[1], way[0])) if way[:2].any() else float(towards)
-            begun.append((row, rng, place, target, heading))
-        for row, rng, place, target, heading in begun:
-            self._rngs[row] = rng
+            begun.append((row, int(seed), rng, place, target, heading))
+        for row, seed, rng, place, target, heading in begun:
+            self._rngs[row], self._own[row] = rng, seed
             self.goal[row], self.from_[row] = target, place
             self.steps[row], self.flown[row] = 0, 0.0
             self._room[row] = -1.0
@@ -132,7 +134,9 @@ class Flyers:
                 due = due & rows
             now = due.nonzero()[0]
             if len(now):
-                self._heard[now] = self.ears.listen(self.world, state.select(now), self.time[now])
+                own = [self._own[row] for row in now]
+                time, steps = self.time[now], self.steps[now]
+                self._heard[now] = self.ears.listen(self.world, state.select(now), time, own, steps)
             told["sonar"] = self._heard.copy()
         told["odometry"] = odometry(self.flight, state, self.goal, self._rngs)
         return told
@@ -145,14 +149,9 @@ class Flyers:
     def step(self, action: np.ndarray) -> Outcome:
         """Move all flyers a step.
 
-        action : (N, A), see ``bodies``.
-
-        Raises
-        ------
-        SpecError : an action that cannot be used; nothing has moved.
+        action : (N, A) from -1 to 1, see ``bodies``.
         """
         flight = self.flight
-        action = checked(flight, action, self.count)
         before = self.state
         if self.world.gusts is None:
             after, corners = move(flight, before, action)
@@ -320,8 +319,17 @@ def _lengths(vector: np.ndarray) -> np.ndarray:
     return np.sqrt(vector[:, 0] ** 2 + vector[:, 1] ** 2 + vector[:, 2] ** 2)
 
 
-def _place(name: str, value: Any) -> np.ndarray:
-    place = np.asarray(value, dtype=np.float64)
-    if place.shape != (3,) or not np.isfinite(place).all():
-        raise SpecError(name, "must be three finite numbers, metres")
-    return place
+def _finite(name: str, value: Any, shape: tuple[int, ...], words: str) -> np.ndarray:
+    """Return a value that a user gave as numbers.
+
+    Raises
+    ------
+    SpecError : it has another shape, or is no finite number.
+    """
+    try:
+        numbers = np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        numbers = np.array(np.nan)
+    if numbers.shape != shape or not np.isfinite(numbers).all():
+        raise SpecError(name, f"must be {words}")
+    return numbers

@@ -135,9 +135,12 @@ def _multiple_scattering(found: ModelError | None) -> Iterator[Figure]:
 def _sentence(response: ImpulseResponse) -> str:
     if not response.trunks:
         return keep("no trunks heard")
-    if 0 <= response.stands < response.trunks:
-        count, trees = response.trunks, response.stands
-        return keep("{count:,} stems of {trees:,} trees heard", count=count, trees=trees)
+    beyond = response.continued  # trunks, each of which counts as a tree
+    count, trees = response.trunks - beyond, response.stands - beyond
+    if 0 <= trees < count:
+        stems = "{count:,} stems of {trees:,} trees heard"
+        around = ", and {beyond:,} trunks around the scene" if beyond else ""
+        return keep(stems + around, count=count, trees=trees, beyond=beyond)
     if response.trunks == 1:
         return keep("1 trunk heard")
     return keep("{count:,} trunks heard", count=response.trunks)

@@ -2,8 +2,8 @@
 
 Menus and the page of the scene file are made from ``CHOICES``, by the parameter's name; the same word means
 the same wherever it stands. ``ADVANCED`` are the papers' symbols and what only numerical questions need, by
-the settings that hold them. ``APPLIES`` says of a setting which other one, and which of its values, it needs
-to have an effect.
+the settings that hold them. ``APPLIES`` says of a setting, by its name or by GROUP.NAME, which other one, and
+which of its values, it needs to have an effect.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from operator import attrgetter
 from typing import Any
 
 from .base import Settings, shown
+from .scene import SENSORS, Scene
 from .species import Species
 
 OF_THE_FOREST = (
@@ -67,7 +68,7 @@ ADVANCED: dict[str, frozenset[str]] = {
     "forest": frozenset({"spacing_rule"}),
 }
 
-MORE_THAN_ONE, GIVEN = ">1", "given"
+MORE_THAN_ONE, GIVEN, LEFT_OUT = ">1", "given", "left out"
 NATURAL = ("snow", "forest floor", "grass", "soil", "asphalt")
 
 APPLIES: dict[str, tuple[str, tuple[str | bool, ...]]] = {
@@ -105,12 +106,29 @@ APPLIES: dict[str, tuple[str, tuple[str | bool, ...]]] = {
     **dict.fromkeys(("expected", "density"), ("layout", ("poisson", "clusters", "strauss"))),
     "exact": ("expected", (GIVEN,)),
     **dict.fromkeys(("unit", "fill_holes", "relief"), ("file", (GIVEN,))),
+    **dict.fromkeys(("terrain.size", "terrain.origin"), ("file", (GIVEN,))),
     "holes": ("polygon", (GIVEN,)),
     "painted_value": ("painted", (GIVEN,)),
     **dict.fromkeys(("efficiency", "photons"), ("energy", (GIVEN,))),
     "speed": ("doppler", (True,)),
     **dict.fromkeys(("divergence_mrad", "exit_diameter"), ("subrays", (MORE_THAN_ONE,))),
     "passing": ("leaf_transmittance", (GIVEN,)),
+    **dict.fromkeys(("inclination.mean_deg", "inclination.sd_deg"), ("shares", (LEFT_OUT,))),
+    "mobile.speed": ("follow", (GIVEN,)),
+    "airborne.spacing": ("strips", (MORE_THAN_ONE,)),
+    **dict.fromkeys(("wind.direction_deg", "wind.turbulence"), ("speed", (GIVEN,))),
+    **dict.fromkeys(("tiles.buffer", "tiles.files"), ("size", (GIVEN,))),
+    "preview_from": ("preview", (GIVEN,)),
+    "preview_size": ("blend_or_preview", (GIVEN,)),
+    "preview_samples": ("preview", ("cycles",)),
+    "slowest": ("body", ("bat",)),
+    "sideways": ("body", ("bird",)),
+    **dict.fromkeys(("tilt_deg", "response"), ("body", ("quadrotor",))),
+    "climb": ("body", ("bat", "quadrotor")),
+    **dict.fromkeys(("turn_rate_deg", "acceleration"), ("body", ("bat", "planar", "quadrotor"))),
+    "reached": ("aim", ("goal",)),
+    **dict.fromkeys(("start_low", "start_high", "clearance"), ("start", (LEFT_OUT,))),
+    "flight.height": ("start", (LEFT_OUT,)),
     "bandwidth": ("resonance", (GIVEN,)),
     "self_noise_shape": ("self_noise_db", (GIVEN,)),
     "ambient_level_db": ("ambient", ("wind", "rain", "insects")),
@@ -126,8 +144,14 @@ OF_SPECIES: dict[str, tuple[str, tuple[str | bool, ...]]] = {  # as APPLIES, ask
     "grammar.whorls": ("grammar.dialect", ("tanveer-2020b",)),
     "grammar.generations": ("grammar.dialect", ("tanveer-2020a",)),
     "architecture": ("grown_by", ("crown",)),
+    **dict.fromkeys(
+        [f"architecture.{name}" for name in ("control", "limbs", "growth", "divide", "weak")],
+        ("stem_divides", (True,)),
+    ),
+    "crown.leader": ("stem_divides", (False,)),
     "template.grow_leaves": ("template.leaves", ("",)),
-    "leaf": ("leaves_by", ("leaf",)),
+    "leaf": ("leaves_by", ("leaf", "needles")),
+    "leaf.shape": ("leaves_by", ("leaf",)),
     **dict.fromkeys(
         ("leaf.nodes", "leaf.per_node", "leaf.fan_deg"), ("grown_by", (*OF_TANVEER, "siblings"))
     ),
@@ -144,16 +168,23 @@ def is_advanced(settings: str, name: str) -> bool:
     return name in ADVANCED.get(settings, ())
 
 
+def need_of(group: Any, name: str) -> tuple[str, tuple[str | bool, ...]] | None:
+    """Return which other setting one of a group needs for an effect, as ``APPLIES``; None: none."""
+    kind = type(group).__name__.removeprefix("FOREST_PG_").lower()
+    need = APPLIES.get(f"{kind}.{name}", APPLIES.get(name))
+    return need if need and hasattr(group, need[0]) else None
+
+
 def applies(group: Any, name: str) -> bool:
     """Return whether a setting has an effect beside the others of its group."""
-    if name not in APPLIES:
+    need = need_of(group, name)
+    if need is None:
         return True
-    other, values = APPLIES[name]
-    if not hasattr(group, other):
-        return True
-    value = getattr(group, other)
-    if values == (GIVEN,):  # 0 where nothing is None
-        return bool(value) or (value == 0 and getattr(type(group), other, 0) is None)
+    other, values = need
+    value = getattr(group, other) if getattr(group, f"use_{other}", True) else None
+    given = bool(value) or (value == 0 and getattr(type(group), other, 0) is None)
+    if values in ((GIVEN,), (LEFT_OUT,)):  # 0 is given where left out is None
+        return given == (values == (GIVEN,))
     return value > 1 if values == (MORE_THAN_ONE,) else value in values
 
 
@@ -163,16 +194,33 @@ def idle(group: Settings) -> list[str]:
     for field in fields(group):  # type: ignore[arg-type]
         value = getattr(group, field.name)
         if value != field.default and not applies(group, field.name):
-            other, values = APPLIES[field.name]
+            other, values = need_of(group, field.name) or ("", ())
             said.append(_idle(field.name, other, values, getattr(group, other)))
         elif isinstance(value, Settings):
             said += [f"{field.name}.{sentence}" for sentence in idle(value)]
     return said
 
 
+def idle_in_scene(scene: Scene) -> list[str]:
+    """Sentences about settings of a scene, but for its plantings and sensors, that have no effect in it."""
+    said, field = idle(scene), scene.forest
+    apart = field.spacing or field.distances or any(one.crown for one in scene.plantings)
+    if field.spacing_rule != type(field).spacing_rule and not apart:
+        said.append(
+            "forest.spacing_rule has no effect: it needs a spacing, distances, or crowns of plantings"
+        )
+    kinds = {sensor.kind for sensor in scene.sensors}
+    flies = scene.flight != type(scene).flight
+    for name, who in (("air", {"sonar", "reverb"}), ("wind", SENSORS.keys() - {"reverb"})):
+        given = getattr(scene, name) != getattr(type(scene), name)
+        if given and kinds and not kinds & who and not flies:
+            said.append(f"{name} has no effect on {' and '.join(sorted(kinds))}")
+    return said
+
+
 def idle_in_species(species: Species) -> list[str]:
     """Sentences about settings of a species that have no effect on trees that grow as its do."""
-    said = []
+    said = idle(species)
     for place, (other, values) in OF_SPECIES.items():
         table, _, name = place.rpartition(".")
         group = getattr(species, table) if table else species
@@ -186,7 +234,7 @@ def idle_in_species(species: Species) -> list[str]:
 
 
 def _idle(place: str, other: str, values: Iterable[str | bool], found: Any) -> str:
-    wanted = {MORE_THAN_ONE: "above 1", GIVEN: "given"}
+    wanted = {MORE_THAN_ONE: "above 1", GIVEN: "given", LEFT_OUT: "left out"}
     needed = " or ".join(wanted.get(str(v), shown(v)) for v in values)
     return f"{place} has no effect: it needs {other} to be {needed}, which is {shown(found)}"
 

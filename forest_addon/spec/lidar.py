@@ -212,6 +212,22 @@ class Noise(Settings):
         le=100,
     )
     drop_out: float = param(0.0, help="share of the returns that get lost", ge=0, le=1)
+    registration_sd: float = param(
+        0.0,
+        unit="m",
+        help="standard deviation, along each axis, of where the whole scan or flight line is put as it is "
+        "joined with others",
+        ge=0,
+        le=100,
+    )
+    registration_deg: float = param(
+        0.0,
+        unit="deg",
+        help="standard deviation of how the whole scan or flight line is turned about each axis as it is "
+        "joined with others",
+        ge=0,
+        le=10,
+    )
 
 
 class Receiver(Settings):

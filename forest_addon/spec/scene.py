@@ -166,6 +166,11 @@ class Output(Settings):
     )
     preview_samples: int = param(20, help="samples a pixel where Cycles renders", ge=1, le=65536)
 
+    @property
+    def blend_or_preview(self) -> bool:
+        """Return whether the size of a picture counts."""
+        return bool(self.blend or self.preview)
+
 
 class Tiles(Settings):
     """Tiles in which a field is grown and looked at that is larger than memory; results do not depend on it.

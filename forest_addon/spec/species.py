@@ -126,6 +126,13 @@ class Targets(Settings):
     dbh: Normal | None = param(
         None, unit="m", help="diameters at breast height, where a list of trees gives none"
     )
+    understorey: float = param(
+        0.0,
+        help="share of the trees that are young or suppressed under the canopy, where no list gives "
+        "diameters",
+        ge=0,
+        le=1,
+    )
     height: float = param(0.0, unit="m", help="height; 0: as its kind was measured", ge=0, le=150)
     crown_width: float = param(
         0.0, unit="m", help="width of the crown; 0: as its kind was measured", ge=0, le=100
@@ -290,7 +297,12 @@ class Architecture(Settings):
     the limbs with branches and twigs.
     """
 
-    model: str = param("Rauh", help="architectural model of Hallé & Oldeman (1970)", choices=MODELS)
+    model: str = param(
+        "Rauh",
+        help="name of the architectural model (Hallé & Oldeman 1970) that the measures below are "
+        "of; they alone count",
+        choices=MODELS,
+    )
     fork: float = param(
         1.0,
         help="where the stem first divides, from the crown's base 0 to its top; 1: it does not",
@@ -732,9 +744,16 @@ class Species(Settings):
         return next((key for key in given if getattr(self, key) is not None), "grammar")
 
     @property
+    def stem_divides(self) -> bool:
+        """Return whether stems of its crown do, where they are thick enough."""
+        return self.architecture is not None and self.architecture.fork < 1
+
+    @property
     def leaves_by(self) -> str:
-        """Name of what makes its leaves: its template's file, or the table of leaves."""
-        return "template" if self.template and not self.template.grow_leaves else "leaf"
+        """Name of what makes its leaves: its template's file, or the table of needles or leaves."""
+        if self.template and not self.template.grow_leaves:
+            return "template"
+        return "needles" if self.needles else "leaf"
 
     def check(self) -> None:
         given = [

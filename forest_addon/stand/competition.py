@@ -4,9 +4,9 @@ The crowns that stand about a tree, weighted by a normal kernel of twice its own
 square of their height over its own (light comes from above), cover a share of the ground, κ. The score
 (log κ - log κ₀)/s, κ₀ = 1.5, is a part of what crown bases and widths of the tree differ by from the law
 of its kind: above 0 the base is higher and the crown narrower than of most measured trees, below 0 lower and
-wider. Crowns of neighbours overlap little and grow into gaps between them, no living crown is but a tuft on
-a pole, none has more leaves than nineteen of twenty measured ones, and no stand a larger leaf area index than
-closed ones have.
+wider. Stands differ in these also by what competition does not tell. Crowns of neighbours overlap little and
+grow into gaps between them, no living crown is but a tuft on a pole, none has more leaves than nineteen of
+twenty measured ones, and no stand a larger leaf area index than closed ones have.
 """
 
 from __future__ import annotations
@@ -15,18 +15,24 @@ import numpy as np
 from scipy.spatial import cKDTree
 from scipy.special import ndtr, ndtri
 
+from ..base.rng import keyed_uniform
+
 KERNEL = 1.0  # standard deviation of the kernel over the mean width of crowns
 REACH = 2.5  # of those, beyond which neighbours do not count
 CLOSED, SPREAD = 1.5, 0.7  # κ₀ and s
 MOST = 2.0  # of the score, either way
 BASE, WIDTH = 0.65, -0.55  # correlation of the score with residuals of crown base and width
 ALONE = (-MOST * WIDTH, -MOST * BASE)  # scores of crown width and base of a tree without neighbours
+THINNEST, THICKEST = 0.025, 0.6  # metres, and of the canopy's: diameters of the understorey
+FALL = 0.05 / np.log(
+    1.4
+)  # metres in which numbers of trees by diameter fall by e, as by 1.4 in 5 cm
 YOUNG = 0.07  # metres of diameter, below which a tree stands under the canopy
 OVERLAP = 1.8  # sum of two neighbours' radii over their distance, at most
 NARROWEST = 0.6  # of what was drawn, that neighbours may leave of a crown's width
 INTO_GAPS = 0.17  # of its width, that a crown with gaps on half its sides is wider than drawn
 BESIDE, SIDES = 1.1, 24  # of its radius, where a crown's sides are looked at, and how many of them
-SHORTEST = 0.25  # length of a living crown over the height of its tree
+SHORTEST = 0.2  # length over the height of its tree that living crowns come near to, and none has
 DENSEST = 15.0  # m² of leaves over the m² that a crown covers
 MOST_INDEX = (
     8.0  # m² of leaves a m² of ground, which closed stands do not pass, unless their species says
@@ -104,6 +110,24 @@ def competed(uniform: np.ndarray, found: np.ndarray) -> np.ndarray:
     return mixed
 
 
+def site_part(normals: np.ndarray) -> np.ndarray:
+    """(4,) normals that the trees of a stand share, by measure, without the part that is competition's."""
+    told = np.array([0.0, WIDTH, BASE, 0.0])
+    return np.asarray(normals * np.sqrt(1 - told**2))
+
+
+def suppressed(dbh: np.ndarray, keys: np.ndarray, share: float) -> np.ndarray:
+    """(N,) diameters, m, of trees with keys (N,), of which this share stand under the canopy.
+
+    Numbers of trees by diameter fall there exponentially, by the same factor from class to class (de Liocourt
+    1898; Meyer 1952, J. For. 50:85), up to a share of the diameter that the tree had in the canopy.
+    """
+    most = np.maximum(THICKEST * dbh, THINNEST)
+    falls = -np.expm1((THINNEST - most) / FALL)
+    thin = THINNEST - FALL * np.log1p(-falls * keyed_uniform(keys, "suppressed"))
+    return np.where(keyed_uniform(keys, "understorey") < share, thin, dbh)
+
+
 def apart(place: np.ndarray, width: np.ndarray, free: np.ndarray) -> np.ndarray:
     """(N,) crown widths, those that are free (N,) bool narrower where neighbours stand too near."""
     if len(place) < 2:
@@ -143,10 +167,15 @@ def filled(place: np.ndarray, width: np.ndarray, free: np.ndarray) -> np.ndarray
 def bounded(wanted: np.ndarray, free: np.ndarray, most_leaves: np.ndarray) -> np.ndarray:
     """(N, 5) targets whose free ones (N, 4) keep the bounds of crown length and leaf area.
 
+    The odds of a crown's base, q, become q/√(1 + (q/q₀)²), q₀ those of the shortest crown: low bases hardly
+    move, and no two trees meet at the bound.
     most_leaves : (N,) m² that 95 % of the kind stay below.
     """
     bounds = wanted.copy()
-    base = np.minimum(wanted[:, 3], (1 - SHORTEST) * wanted[:, 1])
+    height = wanted[:, 1]
+    odds = wanted[:, 3] / np.maximum(height - wanted[:, 3], 1e-9)
+    odds = odds / np.hypot(1.0, odds * SHORTEST / (1 - SHORTEST))
+    base = height * odds / (1 + odds)
     bounds[:, 3] = np.where(free[:, 2], base, wanted[:, 3])
     crown = DENSEST * np.pi / 4 * wanted[:, 2] ** 2
     least = np.minimum(np.minimum(most_leaves, crown), wanted[:, 4])

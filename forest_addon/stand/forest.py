@@ -22,7 +22,7 @@ from ..growth.own_tree.template import TreeTemplate
 from ..growth.tree import Tree, aged, fallen, grow, in_season, with_fallen
 from ..growth.truth import leaf_angles, wood_of_tree
 from ..spec import Allometry, Choice, Look, Scene, Species
-from ..spec.choices import idle, idle_in_species
+from ..spec.choices import idle, idle_in_scene, idle_in_species
 from .inputs import Inputs
 from .intensity.terrain import sink
 from .measured import MeasuredTrees, dbh_at, scales_for, with_targets
@@ -226,13 +226,13 @@ class ForestPlan:
             variants=variants,
             wanted=self.measured.trees if self.measured.variants else None,
             laws=self.measured.laws,
-            notes=(*self.measured.ignored, *self._missing()),
+            notes=self.notes(),
         )
 
-    def _missing(self) -> tuple[str, ...]:
+    def notes(self) -> tuple[str, ...]:
         """Say what has no effect, and where fewer trees stand than were asked for: none, not all of an exact
         number or a list, or far fewer than were drawn."""
-        stand, said = self.measured.stand, []
+        stand, said = self.measured.stand, list(self.measured.ignored)
         names, counts = labels(self.scene.plantings), stand.counts()
         for number, (name, planting) in enumerate(zip(names, self.scene.plantings, strict=True)):
             said += [f"{name}: {sentence}" for sentence in idle(planting)]
@@ -254,6 +254,7 @@ class ForestPlan:
                 said.append(f"{name}: {counts[number]:,} trees of {meant} stand; {', '.join(whys)}")
         for species, _ in self.species:
             said += [f"{species.name}: {sentence}" for sentence in idle_in_species(species)]
+        said += idle_in_scene(self.scene)
         if self.scene.plantings and not len(stand):
             said.append("no tree stands: expect more, or a larger field")
         return tuple(said)

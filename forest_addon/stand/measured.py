@@ -36,7 +36,18 @@ from ..growth.measured.allometry import (
 )
 from ..growth.skeleton import Skeleton
 from ..spec import Allometry, Planting, SpecError, Species
-from .competition import MOST_INDEX, apart, bounded, canopy_of, competed, filled, score, thinned
+from .competition import (
+    MOST_INDEX,
+    apart,
+    bounded,
+    canopy_of,
+    competed,
+    filled,
+    score,
+    site_part,
+    suppressed,
+    thinned,
+)
 from .inputs import Inputs
 from .layouts import told_of
 from .plan import Stand, chosen_of
@@ -92,6 +103,7 @@ def with_targets(
     groups, ignored = _groups(seed, stand, plantings, names, species, inputs)
     laws: list[Allometry | None] = [None] * len(plantings)
     site = ndtri(keyed_uniform(child_keys(np.repeat(first_key(seed, "site"), 4), SITE), "site"))
+    site = site_part(site)
     found = _scores(stand, groups)
     for group in groups:
         rows, law = group.rows, group.law
@@ -199,7 +211,8 @@ def _groups(
         key = first_key(seed, "stand", names[number], "measures")
         keys = child_keys(np.repeat(key, len(rows)), stand.number[rows])
         given = np.tile(given_by(targets), (len(rows), 1))
-        dbh = planting.age * draw_dbh(targets, keys, law if planting.targets else None, given)
+        dbh = draw_dbh(targets, keys, law if planting.targets else None, given)
+        dbh = planting.age * suppressed(dbh, keys, targets.understorey)
         mine = planting.age * draw_dbh(
             targets, child_keys(np.repeat(key, len(hand)), stand.number[hand])
         )
@@ -215,7 +228,12 @@ def _groups(
             if planting.targets is None or planting.targets.dbh is None:
                 some = np.isfinite(told[:, 1:]).any(axis=1)
                 dbh[some] = draw_dbh(None, keys[some], law, given[some])
-            dbh = np.where(np.isfinite(told[:, 0]), told[:, 0], dbh)
+            known = np.isfinite(told[:, 0])
+            dbh = np.where(known, told[:, 0], dbh)
+            if targets.understorey and known.all():
+                ignored.append(
+                    f"{names[number]}: understorey has no effect, as its list gives every diameter"
+                )
         if law is not None:
             _refuse_thick(f"plantings[{number}]", law, np.append(dbh, hands))
         uniform = np.stack([keyed_uniform(keys, name) for name in MEASURES], axis=1)

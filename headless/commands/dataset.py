@@ -97,9 +97,13 @@ Exit code 4: some scenes could not be made; manifest.csv says why."""
             return
         refuse_beyond("--workers", 1 if chosen.workers is None else chosen.workers, 1)
         refuse_beyond("--shards", 1 if chosen.shards is None else chosen.shards, 1)
-        from ..dataset.plan import find_plan, read_plan
+        from ..dataset.plan import find_plan, idle_in_plan, read_plan
+        from ..progress import Stages
 
         plan = read_plan(find_plan(chosen.plan), chosen.set)
+        stages = Stages(chosen.quiet)
+        for sentence in idle_in_plan(plan):
+            stages.warn(sentence)
         if chosen.dry_run:
             from ..dataset.estimate import estimate, tell
 

@@ -16,7 +16,7 @@ from forest_addon.base.progress import Say
 from forest_addon.spec import Scene, SpecError
 
 from ..command import SCENE_HELP, Command, refuse_beyond, scene_file
-from ..progress import hushed
+from ..progress import Stages, hushed
 
 if TYPE_CHECKING:
     from forest_addon.flight.flying import Track
@@ -151,7 +151,7 @@ def fly_scene(
         empty_file()
         stock = Stock(path, path.resolve().parent)
     out.mkdir(parents=True, exist_ok=True)
-    whole, cells, first = stock.settings, [], None
+    whole, cells, first, stages = stock.settings, [], None, Stages(quiet=False)
     say(f"{whole.name}: {policy}, {episodes} flights at each speed and density")
     if whole.wind.speed > 0:
         blows = f"a wind of {whole.wind.speed:g} m/s at the tops"
@@ -168,6 +168,8 @@ def fly_scene(
                 f"  {speed:5.1f} m/s, {cell.trees:7.4f} trees/m²: {cell.arrived / episodes:4.0%} arrive "
                 f"({low:.0%} to {high:.0%}), {_mean_speed(cell):.1f} m/s on the way"
             )
+            for note in world.forest.notes:
+                stages.warn(note)
     stock.settings = whole
     write_tracks(out / "trajectories.csv", cells)
     write_success(out / "success.csv", cells)

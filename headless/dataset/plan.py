@@ -43,8 +43,9 @@ from forest_addon.growth.library.species_file import find_species, load_species
 from forest_addon.growth.tree import grow
 from forest_addon.results.kinds import files_of
 from forest_addon.sensing import kinds as _kinds  # noqa: F401  whose words a plan may name
-from forest_addon.spec import Scene, SpecError, Species, refuse_unknown, unknown
+from forest_addon.spec import Accuracy, Output, Scene, SpecError, Species, refuse_unknown, unknown
 from forest_addon.spec.base import Settings, with_files
+from forest_addon.spec.choices import idle, idle_in_scene
 
 from . import vary
 from .place import refuse_out_of_range
@@ -218,6 +219,7 @@ TABLES = ("scene", "scenes", "vary", "mix", "terrain", "place", "splits", "keep"
 OWN = ("mix", "terrain", "place")  # tables of a plan whose keys may vary, beside the scene's
 SPLITS = ("train", "validation", "test")
 GOLDEN = (5**0.5 - 1) / 2
+LOOKED_AT = 8  # scenes, in which a setting without effect is looked for
 
 
 @dataclass(frozen=True)
@@ -491,7 +493,43 @@ def _resolved(
             )
         if not plan.keep.empty:
             refuse_out_of_range(scene, places[-1], index)
-    return scene, {"terrain": _within("terrain", tables, Ground), "place": places}
+    return scene, {"mix": mix, "terrain": _within("terrain", tables, Ground), "place": places}
+
+
+def idle_in_plan(plan: Plan) -> list[str]:
+    """Sentences about settings that have no effect in any of a plan's first scenes."""
+    count = min(plan.count, LOOKED_AT)
+    drawn = vary.draw(plan.varied, plan.head.seed, count)
+    found = [_idle_in(plan, number, drawn[number]) for number in range(count)]
+    tables = [(key, getattr(plan, key)) for key in ("splits", "keep")]
+    always = [f"{key}.{sentence}" for key, group in tables for sentence in idle(group)]
+    return always + [one for one in found[0] if all(one in other for other in found)]
+
+
+def _idle_in(plan: Plan, number: int, drawn: dict[str, Any]) -> list[str]:
+    """Sentences about settings without effect in one scene."""
+    base = _base_of(plan, number)
+    scene, own = _resolved(plan, base, drawn, number)
+    mix, plantings = own["mix"], scene.plantings
+    said = [f"mix.{one}" for one in idle(mix)] + [f"terrain.{one}" for one in idle(own["terrain"])]
+    said += [f"place[{k}].{one}" for k, place in enumerate(own["place"]) for one in idle(place)]
+    if mix.redealt and not mix.species and sum(bool(one.density) for one in plantings) < 2:
+        said.append("mix.redealt has no effect: it needs two plantings with a density, or more")
+    if mix.season and not any(_sheds(one.species, base.folder) for one in plantings):
+        said.append("mix.season has no effect: no planting is of a measured kind that sheds leaves")
+    if mix.species and plan.head.library and mix.variants != Mix().variants:
+        said.append("mix.variants has no effect beside trees of a shared library")
+    one_tree = not all(knows_chance(one.species, base.folder) for one in plantings)
+    if plan.splits.share_trees and not plan.head.library and not one_tree:
+        said.append('splits.share_trees has no effect: it needs trees = "shared library of N"')
+    looks = ("preview_size", "preview_samples")  # of a scene's picture, which [keep] may ask for
+    output = Output(**{name: getattr(scene.output, name) for name in looks})
+    if scene.output != output:
+        said.append("scene.output has no effect in a dataset; [keep] says what is written")
+    if scene.accuracy.audit not in (0, Accuracy().audit):
+        said.append("scene.accuracy.audit has no effect in a dataset; check it by --check")
+    said += [f"scene.{one}" for one in idle_in_scene(scene.changed(output=Output()))]
+    return said + [f"{one.name}: {word}" for one in scene.sensors for word in idle(one)]
 
 
 def _plantings(

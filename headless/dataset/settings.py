@@ -5,8 +5,23 @@ from __future__ import annotations
 from typing import ClassVar
 
 from forest_addon.spec.base import Settings, SpecError, param
+from forest_addon.spec.choices import APPLIES, GIVEN, LEFT_OUT
 
 RULES = ("centre", "corners", "scattered", "path", "over", "pairs")
+APPLIES |= {
+    **dict.fromkeys(
+        ("mix.kinds", "mix.density", "mix.evenness", "mix.variants", "mix.scale"),
+        ("species", (GIVEN,)),
+    ),
+    "redealt": ("species", (LEFT_OUT,)),
+    **dict.fromkeys(("ground.wavelength", "ground.roughness", "ground.step"), ("relief", (GIVEN,))),
+    "placing.count": ("rule", ("scattered", "pairs")),
+    "placing.clear": ("rule", ("centre", "corners", "scattered", "path", "pairs")),
+    "placing.apart": ("rule", ("scattered",)),
+    "placing.speed": ("rule", ("path",)),
+    "placing.distance": ("rule", ("pairs",)),
+    "occlusion": ("voxels", (GIVEN,)),
+}
 
 
 class Mix(Settings):
@@ -74,7 +89,7 @@ class Placing(Settings):
         "for a reverb, in pairs of source and receiver",
         choices=RULES,
     )
-    count: int = param(1, help="positions (scattered), pairs, or poses of a path", ge=1, le=100000)
+    count: int = param(1, help="positions (scattered), or pairs", ge=1, le=100000)
     height: float = param(1.6, unit="m", help="above the ground", ge=-1e3, le=1e5)
     clear: float = param(0.8, unit="m", help="kept from the axis of every trunk", ge=0, le=1e3)
     apart: float = param(

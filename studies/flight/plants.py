@@ -29,6 +29,7 @@ from ..inside import (
     Equipment,
     LeafDiscs,
     cochleagram,
+    discriminant,
     frame_of,
     new_figure,
     ping,
@@ -36,7 +37,6 @@ from ..inside import (
     stream,
     write_csv,
 )
-from .theory import discriminant
 
 AREA = 0.6  # m² of leaves of a plant, one side; ours
 BALL = 0.3  # metres, radius of a plant; ours

@@ -15,14 +15,15 @@ from pathlib import Path
 import numpy as np
 from matplotlib import rc_context
 
-from forest_addon.api import Flight
-
 from ..inside import (
+    BODY,
     FAINT,
     INK,
     LIDAR,
     LINES,
+    SIDEWAYS,
     STYLE,
+    TRUNK,
     Flyers,
     Gap,
     LidarSense,
@@ -30,19 +31,17 @@ from ..inside import (
     fly,
     interval,
     new_figure,
+    poisson_forests,
     save_figure,
     stream,
     write_csv,
 )
-from .stems import StemWorld
-from .theory import chance_of_way, critical_slope, poisson_strip
+from .theory import chance_of_way, critical_slope
 
-LENGTH, WIDTH = 500.0, 60.0  # metres
-TRUNK, BODY = 0.20, 0.15  # metres, radii
-SIDEWAYS = 2.0  # m/s, w
+LENGTH, LANE = 500.0, 60.0  # metres, and of the forest's width for each flight
 SPEEDS = (2.0, 4.0, 6.0, 9.0, 13.0)
 DENSITIES = (0.05, 0.1, 0.15, 0.25)  # trees/m²
-FLIGHTS, FOREST = 24, 12  # of a cell, of a forest
+FLIGHTS = 100  # of a cell
 STRIPS = 16  # forests of the theory
 EXISTS = np.array([4.0, 8.0, 16.0, 24.0, 32.0, 48.0, 64.0])  # m/s
 
@@ -74,8 +73,10 @@ def run(
         ]
         critical[density] = SIDEWAYS / critical_slope(rng, density, reach, LENGTH, strips)
         mine = [c for c in cells if c.density == density]
-        shares = ", ".join(f"{c.speed:g} m/s {arrived(c):.0%}" for c in mine)
-        say(f"{density:g} trees/m²: {shares}; critical {critical[density]:.1f} m/s")
+        shares = " | ".join(
+            f"{through(c)} ({100 * ends(c)[0]:.0f} to {100 * ends(c)[1]:.0f} %)" for c in mine
+        )
+        say(f"| {density:g} | {shares} | {critical[density]:.0f} m/s |")
     reach = TRUNK + BODY
     kappa = {d: v * d * reach**2 / SIDEWAYS for d, v in critical.items()}
     say("v_c·ρR²/w: " + ", ".join(f"{k:.2f} at {d:g}" for d, k in kappa.items()))
@@ -85,7 +86,9 @@ def run(
             "speed_m_s": [c.speed for c in cells],
             "trees_per_m2": [c.density for c in cells],
             "flights": [len(c.tracks) for c in cells],
-            "arrived": [sum(t.end == "arrived" for t in c.tracks) for c in cells],
+            "arrived": [through(c) for c in cells],
+            "share_low": [round(ends(c)[0], 3) for c in cells],
+            "share_high": [round(ends(c)[1], 3) for c in cells],
             "mean_way_m": [round(float(np.mean([t.flown for t in c.tracks])), 1) for c in cells],
         },
     )
@@ -104,35 +107,27 @@ def run(
 
 def arrived(cell: SpeedCell) -> float:
     """Share of its flights that come through."""
-    return sum(t.end == "arrived" for t in cell.tracks) / len(cell.tracks)
+    return through(cell) / len(cell.tracks)
+
+
+def through(cell: SpeedCell) -> int:
+    """Return how many come through."""
+    return sum(t.end == "arrived" for t in cell.tracks)
+
+
+def ends(cell: SpeedCell) -> tuple[float, float]:
+    """Interval of 95 % of the share."""
+    return interval(through(cell), len(cell.tracks))
 
 
 def flown(speed: float, density: float, flights: int, seed: int) -> list[Track]:
-    """Flights of one speed through forests of one density."""
-    flight = Flight(
-        body="bird",
-        speed=speed,
-        sideways=SIDEWAYS,
-        radius=BODY,
-        aim="heading",
-        distance=LENGTH,
-        step=0.1,
-        steps=10_000,
-        start_low=(0.0, 0.25),
-        start_high=(0.0, 0.75),
-        clearance=1.0,
-    )
+    """Flights of one speed through one forest of one density, so wide that few ever see the same trunks."""
+    forests = poisson_forests(density, speed, LENGTH)
+    forests.width = LANE * flights
     lidar = LidarSense(LIDAR)
-    tracks: list[Track] = []
-    for first in range(0, flights, FOREST):
-        some = list(range(first, min(first + FOREST, flights)))
-        rng = stream(seed, "flight", "strip", str(density), first)
-        place = poisson_strip(rng, density, LENGTH + 40.0, WIDTH)
-        world = StemWorld(place, np.full(len(place), TRUNK), np.zeros(2), np.array([LENGTH, WIDTH]))
-        flyers = Flyers(flight, len(some), lidar, None)
-        flyers.enter(world)
-        tracks += fly(flyers, Gap(flight, lidar), [seed + n for n in some], first)
-    return tracks
+    flyers = Flyers(forests.flight, flights, lidar, None)
+    flyers.enter(forests.surroundings(seed))
+    return fly(flyers, Gap(forests.flight, lidar), [seed + n for n in range(flights)], seed)
 
 
 def draw(path: Path, cells: list[SpeedCell], exist: dict, critical: dict) -> Path:
@@ -142,13 +137,8 @@ def draw(path: Path, cells: list[SpeedCell], exist: dict, critical: dict) -> Pat
         for colour, density in zip(LINES, DENSITIES, strict=False):
             mine = [c for c in cells if c.density == density]
             share = np.array([arrived(c) for c in mine])
-            ends = np.array(
-                [
-                    interval(round(s * len(c.tracks)), len(c.tracks))
-                    for s, c in zip(share, mine, strict=True)
-                ]
-            )
-            error = np.maximum(np.stack([share - ends[:, 0], ends[:, 1] - share]), 0)
+            low, high = np.array([ends(c) for c in mine]).T
+            error = np.maximum([share - low, high - share], 0)
             speed = [c.speed for c in mine]
             left.errorbar(
                 speed,

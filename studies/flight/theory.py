@@ -15,6 +15,8 @@ from __future__ import annotations
 import numpy as np
 from scipy.ndimage import maximum_filter1d
 
+from ..inside import poisson_strip
+
 GRID = 0.04  # metres across
 
 
@@ -58,14 +60,6 @@ def passable(
     return length
 
 
-def poisson_strip(
-    rng: np.random.Generator, density: float, length: float, width: float
-) -> np.ndarray:
-    """(N, 2) places of a Poisson process from x = 0 to ``length`` and y = 0 to ``width``."""
-    count = rng.poisson(density * length * width)
-    return rng.uniform((0.0, 0.0), (length, width), (count, 2))
-
-
 def chance_of_way(
     rng: np.random.Generator,
     density: float,
@@ -100,32 +94,3 @@ def critical_slope(
         got = [passable(p, np.full(len(p), reach), middle, length, width) >= length for p in places]
         low, high = (low, middle) if np.mean(got) >= 0.5 else (middle, high)
     return float(np.sqrt(low * high))
-
-
-# Guesses: the area under an ROC curve, and a linear discriminant.
-
-
-def area_under_curve(score: np.ndarray, is_it: np.ndarray) -> float:
-    """Chance that one that is it (M,) bool scores higher than one that is not, ties counted half: the area
-    under the ROC curve (Mann & Whitney 1947).
-    """
-    score = np.asarray(score, dtype=np.float64)
-    _, place, count = np.unique(score, return_inverse=True, return_counts=True)
-    rank = (np.cumsum(count) - (count - 1) / 2.0)[place]
-    yes, no = int(is_it.sum()), int((~is_it).sum())
-    if not yes or not no:
-        return 0.5
-    return float((rank[is_it].sum() - yes * (yes + 1) / 2.0) / (yes * no))
-
-
-def discriminant(features: np.ndarray, is_it: np.ndarray, ridge: float = 0.1) -> np.ndarray:
-    """(F + 1,) weights and offset of Fisher's linear discriminant (1936) of features (M, F).
-
-    ridge : share of the mean variance that is added to each, so that few samples do for many features.
-    """
-    yes, no = features[is_it], features[~is_it]
-    spread = np.atleast_2d(np.cov(yes, rowvar=False) + np.cov(no, rowvar=False)) / 2
-    spread = spread + np.eye(len(spread)) * (ridge * np.trace(spread) / len(spread) + 1e-12)
-    weights = np.linalg.solve(spread, yes.mean(axis=0) - no.mean(axis=0))
-    middle = (yes.mean(axis=0) + no.mean(axis=0)) / 2
-    return np.append(weights, -weights @ middle)

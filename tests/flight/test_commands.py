@@ -55,10 +55,12 @@ def test_fly_writes_tables_picture_and_blend(tmp_path):
 
 
 @pytest.mark.slow
-def test_the_hedge_is_an_experiment(tmp_path, capsys):
-    assert study(["flight", "hedge", "--size", "0.008", "--out", str(tmp_path)]) == 0
-    assert (tmp_path / "hedge.png").stat().st_size > 10_000
-    assert all(0 <= float(row["auc_energy"]) <= 1 for row in rows(tmp_path / "hedge.csv"))
+def test_gaps_are_an_experiment(tmp_path, capsys):
+    assert study(["flight", "gaps", "--size", "0.016", "--out", str(tmp_path)]) == 0
+    assert (tmp_path / "gaps.png").stat().st_size > 10_000
+    found = rows(tmp_path / "gaps.csv")
+    assert len(found) == 5 * 6 * 4
+    assert all(0 <= float(row["auc"]) <= 1 for row in found)
 
 
 @pytest.mark.parametrize(

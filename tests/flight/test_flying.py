@@ -8,14 +8,14 @@ import pytest
 
 from forest_addon.flight import policies
 from forest_addon.flight.flying import fly, interval
+from forest_addon.flight.listening import area_under_curve, discriminant
 from forest_addon.flight.policies import Gap, Straight, policy_of
 from forest_addon.flight.senses import LIDAR, LidarSense
 from forest_addon.flight.simulation import Flyers
+from forest_addon.flight.stems import PlaneTrunks, StemWorld
 from forest_addon.spec import Flight, SpecError, Wind
 from forest_addon.stand.wind.field import WindField
 from studies.flight import theory
-from studies.flight.stems import PlaneTrunks, StemWorld
-from studies.flight.theory import area_under_curve, discriminant
 
 ALONG = Flight(aim="heading", distance=30.0, start=(0.0, 0.0, 1.5), steps=400, speed=4.0, step=0.1)
 NONE = np.empty((0, 2))
@@ -88,18 +88,6 @@ def test_a_start_in_a_trunk_is_refused():
     crowd = world([[x, y] for x in range(41) for y in range(41)], 0.8)
     with pytest.raises(SpecError, match="no free place was found"):
         flyers(ALONG.changed(start=None), crowd).start([0], [1])
-
-
-def test_a_refused_action_leaves_all_as_it_was():
-    one = flyers(ALONG, world(), 2)
-    one.start([0, 1], [1, 2])
-    one.step(np.zeros((2, 3)))
-    before = [values.copy() for values in vars(one.state).values()]
-    steps = one.steps.copy()
-    with pytest.raises(SpecError):
-        one.step(np.array([[0.0, 0, 0], [0, np.nan, 0]]))
-    assert all(np.array_equal(a, b) for a, b in zip(before, vars(one.state).values(), strict=True))
-    assert np.array_equal(steps, one.steps)
 
 
 @pytest.mark.medium

@@ -12,9 +12,9 @@ from forest_addon.flight.obstacles import (
     touched,
     touches,
 )
+from forest_addon.flight.stems import PlaneTrunks
 from forest_addon.growth.mesh.meshing import tube
 from forest_addon.sensing.rays.geometry import SceneGeometry
-from studies.flight.stems import PlaneTrunks
 
 FLOOR = np.array([[[-9.0, -9, 0], [9, -9, 0], [0, 20, 0]]])
 

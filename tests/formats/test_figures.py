@@ -43,6 +43,21 @@ def test_numbers_of_a_response():
     assert float(shown["reverberation time"].removesuffix(" s")) == pytest.approx(1.0, abs=0.01)
 
 
+@pytest.mark.parametrize(
+    ("trunks", "continued", "stands", "said"),
+    [
+        (0, 0, 0, "no trunks heard"),
+        (12, 0, 9, "12 stems of 9 trees heard"),
+        (4492, 4472, 4481, "20 stems of 9 trees heard, and 4,472 trunks around the scene"),
+        (4492, 4480, 4492, "4,492 trunks heard"),
+        (12, 4, -1, "12 trunks heard"),
+    ],
+)
+def test_trunks_beyond_the_scene_are_no_trees_of_it(trunks, continued, stands, said):
+    of = {"trunks": trunks, "continued": continued, "stands": stands}
+    assert RESULTS["reverb"].sentence(dataclasses.replace(response(), **of)) == said
+
+
 def test_a_path_of_several_channels():
     blocked = dataclasses.replace(response(direct_clear=False), channel="other")
     found = figures_of(Reverb(), response(further=(blocked,)))

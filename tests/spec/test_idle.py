@@ -1,7 +1,10 @@
 """Settings without effect are said: each changes something in a scene, is refused or is called idle."""
 
 import dataclasses
+import json
 import math
+import types
+import typing
 from pathlib import Path
 
 import numpy as np
@@ -15,25 +18,40 @@ from forest_addon.growth.library.species_file import complete_species, find_spec
 from forest_addon.growth.tree import grow
 from forest_addon.spec import (
     Airborne,
+    Detail,
+    Flight,
     Forest,
     Grammar,
     Honda,
     Jitter,
     Leaf,
     Mobile,
+    Normal,
+    Output,
     Planting,
+    Pose,
     Reverb,
     Scene,
     Sonar,
+    SonarReceiver,
     SpecError,
     Species,
     Template,
     Terrestrial,
+    Tiles,
     Tractor,
+    Wind,
     param_of,
 )
-from forest_addon.spec.base import Settings
-from forest_addon.spec.choices import APPLIES, OF_SPECIES, idle, idle_in_species
+from forest_addon.spec.base import Settings, types_of
+from forest_addon.spec.choices import (
+    OF_SPECIES,
+    idle,
+    idle_in_scene,
+    idle_in_species,
+    need_of,
+)
+from forest_addon.stand.inputs import Inputs
 
 GROUPS = (Sonar(), Reverb(), Terrestrial(), Mobile(), Airborne(), Planting(species="x", expected=3))
 
@@ -56,7 +74,7 @@ GROUPS = (Sonar(), Reverb(), Terrestrial(), Mobile(), Airborne(), Planting(speci
 )
 def test_a_setting_without_effect_is_named_with_what_it_needs(group, name):
     (sentence,) = idle(group)
-    assert sentence.startswith(f"{name} has no effect: it needs {APPLIES[name][0]} to be ")
+    assert sentence.startswith(f"{name} has no effect: it needs {need_of(group, name)[0]} to be ")
 
 
 @pytest.mark.parametrize(
@@ -73,8 +91,8 @@ def test_settings_with_an_effect_are_not_named(group):
     assert idle(group) == []
 
 
-def others(value, known):
-    """Other values that a setting may have, one or two."""
+def others(value, known, kind):
+    """Other values that a setting of a type may have, one or two."""
     if isinstance(value, bool):
         return [not value]
     if known.choices:
@@ -88,8 +106,13 @@ def others(value, known):
             for v in map(type(value), tried)
             if v != value and known.minimum < v <= known.maximum and math.isfinite(v)
         ]
-    if isinstance(value, tuple) and value and isinstance(value[0], float):
-        return [(value[0] * 0.8 + 0.11, *value[1:])]
+    if isinstance(value, tuple) and value and isinstance(value[0], (int, float)):
+        return [(type(value[0])(value[0] * 0.8 + 1.31), *value[1:])]
+    if value is None:  # left out: a number, or some
+        given = next(one for one in typing.get_args(kind) if one is not types.NoneType)
+        if typing.get_origin(given) is tuple:
+            return [tuple(2.0 + k for k, _ in enumerate(typing.get_args(given)))]
+        return [given(known.minimum + 2)] if given in (int, float) else []
     return []
 
 
@@ -97,14 +120,16 @@ def arrays(found):
     """All numbers of a finding, flat."""
     if dataclasses.is_dataclass(found):
         return [a for f in dataclasses.fields(found) for a in arrays(getattr(found, f.name))]
+    if isinstance(found, dict):
+        return arrays(list(found.values()))
     if isinstance(found, (list, tuple)):
         return [a for one in found for a in arrays(one)]
-    return [found] if isinstance(found, np.ndarray) else []
+    return [np.array(found)] if isinstance(found, (np.ndarray, bytes, int, float)) else []
 
 
 def alike(one, other):
-    one, other = arrays(one), arrays(other)
-    return len(one) == len(other) and all(map(np.array_equal, one, other))
+    one, other = ([a.tobytes() for a in arrays(found)] for found in (one, other))
+    return one == other
 
 
 @pytest.fixture(scope="module")
@@ -123,9 +148,35 @@ TRIED = {
     "sonar": Sonar(
         position=(4, 4, 1.5), max_range=6.0, leaf_model="piston", cull=1e-2, tolerance=1e-3
     ),
+    "receiver": Sonar(
+        position=(4, 4, 1.5),
+        max_range=6.0,
+        leaf_model="piston",
+        cull=1e-2,
+        tolerance=1e-3,
+        receiver=SonarReceiver(
+            source_level_db=110.0,
+            resonance=70e3,
+            ringing_db=-40.0,
+            gain=((0.0, 0.0), (0.03, 20.0)),
+            self_noise_db=20.0,
+            ambient="wind",
+            overload_db=80.0,
+            bits=12,
+            threshold_db=10.0,
+        ),
+    ),
     "reverb": Reverb(source=(1, 1, 1.5), receiver=(7, 7, 1.5), sample_rate=8000.0, duration=0.2),
     "terrestrial": Terrestrial(position=(4, 4, 1.5), angle_step_deg=8.0),
     "tractor": Tractor(position=(-2, 0, 1.0), track=8, step=1.0, angle_step_deg=6.0, top=5.0),
+    "mobile": Mobile(
+        poses=(Pose(position=(0, 4, 2)), Pose(time=0.5, position=(8, 4, 2))),
+        pulse_rate=2000.0,
+        field_deg=(-80, 80),
+    ),
+    "airborne": Airborne(
+        position=(0, 4, 20), heading_deg=0.0, track=8.0, speed=8.0, pulse_rate=1000.0
+    ),
 }
 FILES = {"time_expansion", "contributions", "wavelength_nm"}  # what is written, not what is found
 OF_THE_SCENE = {  # without anything so near or far, or shining
@@ -146,36 +197,53 @@ OF_THE_SCENE = {  # without anything so near or far, or shining
 
 
 def paths(group, within=()):
-    """Every setting of a group and of those in it: its path, its value, what is known of it."""
+    """Every setting of a group and of those in it: its path, its value, what is known of it, its type."""
     for field in dataclasses.fields(group):
-        value = getattr(group, field.name)
+        value, path = getattr(group, field.name), (*within, field.name)
         if isinstance(value, Settings):
-            yield from paths(value, (*within, field.name))
+            yield from paths(value, path)
+        elif isinstance(value, tuple) and value and isinstance(value[0], Settings):
+            yield from paths(value[0], (*path, 0))
         else:
-            yield (*within, field.name), value, param_of(field)
+            yield path, value, param_of(field), types_of(type(group))[field.name]
 
 
 def put(group, path, value):
-    inner = value if len(path) == 1 else put(getattr(group, path[0]), path[1:], value)
-    return group.changed(**{path[0]: inner})
+    if not path:
+        return value
+    if path[0] == 0:
+        return (put(group[0], path[1:], value), *group[1:])
+    return group.changed(**{path[0]: put(getattr(group, path[0]), path[1:], value)})
 
 
-def silent(group, find, without=frozenset()):
-    """Settings of which no other value is refused, is said to be idle, or changes what is found."""
+def said_of(group):
+    """Sentences about what is idle in a group, whatever it is of."""
+    if isinstance(group, Species):
+        return idle_in_species(group)
+    return idle_in_scene(group) if isinstance(group, Scene) else idle(group)
+
+
+def silent(group, find, without=frozenset(), within=()):
+    """Settings of which no other value is refused, is said to be idle, or changes what is found.
+
+    within : first steps of the paths that are tried; none: all.
+    """
     first, found = find(group), []
-    for path, value, known in paths(group):
-        values = others(value, known)
+    assert alike(first, find(group))  # else everything would change it
+    for path, value, known, kind in paths(group):
+        if path[: len(within)] != within or not without.isdisjoint(path):
+            continue
+        values = others(value, known, kind)
         for other in values:
             try:
                 changed = put(group, path, other)
-                said = idle_in_species(changed) if isinstance(changed, Species) else idle(changed)
-                if said or not alike(first, find(changed)):
+                if said_of(changed) or not alike(first, find(changed)):
                     break
             except SpecError:
                 break
         else:
-            if values and without.isdisjoint(path):
-                found.append(".".join(path))
+            if values:
+                found.append(".".join(map(str, path)))
     return found
 
 
@@ -185,7 +253,7 @@ def test_every_setting_changes_something_or_is_refused_or_said_to_be_idle(world,
     assert not silent(TRIED[kind], lambda s: world.look(s).found, FILES | OF_THE_SCENE)
 
 
-LOOKS = {"look", "bark", "relief"}  # of pictures, and of stems thicker than these
+LOOKS = {"look", "bark", "relief", "model"}  # of pictures, of thicker stems, a name
 OF_SYMBOLS = {"angle_deg", "rotation_deg", "length", "diameter", "thinning", "leaf", "leaves"}
 
 
@@ -196,16 +264,33 @@ OF_SYMBOLS = {"angle_deg", "rotation_deg", "length", "diameter", "thinning", "le
         ("hazelnut", {"leaves"}),  # of a template, which has all of them or none
         ("whorl-8", {"leaves"}),
         ("abop-ternary-a", OF_SYMBOLS),  # none of its symbols asks for them
+        ("silver-birch", {"targets", "leaf_area_index"}),  # given below
     ],
 )
 def test_every_setting_of_a_species_changes_its_trees_or_is_said_to_be_idle(name, without):
     path = find_species(name, Path())
 
     def grown(species):
-        tree = grow(*complete_species(species, path.parent, name), stream(3, "idle"))
-        return [*arrays(tree.mesh), *arrays(tree.leaves), *arrays(tree.skeleton)]
+        found = []
+        for dbh in (
+            (0.25, 0.08) if species.crown else (0,)
+        ):  # a stem that divides, and one with whorls
+            measures = {"crown_width": 3.0, "crown_base": 2.0, "leaf_area": 0.5, "height": 9.0}
+            targets = species.targets
+            if dbh:
+                targets = targets.changed(**measures, dbh=Normal(mean=dbh))
+            kind = complete_species(species.changed(targets=targets), path.parent, name)
+            tree = grow(*kind, stream(3, "idle"))
+            found += [tree.mesh, tree.leaves, tree.skeleton]
+        return arrays(found)
 
-    assert not silent(read_settings(path, Species), grown, LOOKS | without)
+    start = read_settings(path, Species)
+    if start.crown:
+        fork = start.architecture.changed(fork=0.3)
+        light = {"crown": start.crown.changed(points=40, twig_leaves=2), "architecture": fork}
+        start = start.changed(**light, detail=Detail(tolerance=0.02))
+    found = silent(start, grown, LOOKS | without)
+    assert not found, found
 
 
 @pytest.mark.slow
@@ -221,6 +306,198 @@ def test_every_setting_of_a_planting_changes_the_stand_or_is_said_to_be_idle(lay
 
     not_here = {"season", "base", "altitude"}  # colours; without hills it is scaled; flat ground
     assert not silent(start, planted, not_here)
+
+
+@pytest.mark.slow
+def test_every_setting_of_air_and_wind_changes_what_is_sensed_or_is_said_to_be_idle(world):
+    def looked(scene):
+        there = dataclasses.replace(world, scene=scene)
+        return [there.look(TRIED[kind]).found for kind in ("sonar", "terrestrial")]
+
+    blown = world.scene.changed(wind=Wind(speed=4.0))
+    assert not silent(blown, looked, within=("wind",))
+    assert not silent(world.scene, looked, within=("air",))
+    assert not silent(world.scene, looked, within=("wind",))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("body", ["bat", "bird", "planar", "quadrotor"])
+def test_every_setting_of_a_flight_changes_it_or_is_said_to_be_idle(world, body):
+    from forest_addon.flight.simulation import Flyers
+    from forest_addon.flight.woods import Stock
+
+    def flown(flight):
+        there = dataclasses.replace(world, scene=world.scene.changed(flight=flight))
+        stock = Stock.standing(there)
+        flyers = Flyers(flight, 6, None, None)
+        flyers.enter(stock.surroundings())
+        flyers.start(range(6), range(6))
+        names = {"bat": 3, "bird": 1, "planar": 1, "quadrotor": 4}
+        seen = [[int(solid.count.sum()) for solid in stock.solids]]
+        for _ in range(3):
+            outcome = flyers.step(np.full((6, names[body]), 0.9))
+            seen += [flyers.sense(), flyers.state, outcome]
+        return arrays(seen)
+
+    free = {
+        "start_low": (-1.0, -1.0),
+        "start_high": (2.0, 2.0),
+        "distance": 3.0,
+        "steps": 3,
+        "speed": 2.0,
+    }
+    assert not silent(Flight(body=body, **free), flown)
+
+
+@pytest.mark.slow
+def test_every_setting_of_a_field_changes_the_scene_or_is_said_to_be_idle():
+    bpy = pytest.importorskip("bpy")
+    from forest_addon import api
+
+    plantings = tuple(
+        Planting(species=name, variants=1, expected=8, exact=True)
+        for name in ("whorl-8", "hazelnut")
+    )
+    start = Scene(forest=Forest(size=(8, 8), spacing=2, margin=2), plantings=plantings)
+
+    def built(scene):
+        geometry = api.build(scene).observer.geometry
+        return [len(bpy.data.objects), *arrays(geometry.meshes), *arrays(geometry)]
+
+    assert not silent(start, built, within=("forest",))
+
+
+@pytest.mark.slow
+def test_every_setting_of_tiles_changes_them_or_is_said_to_be_idle():
+    pytest.importorskip("bpy")
+    from forest_addon import api
+
+    planting = Planting(species="hazelnut", variants=1, expected=12, exact=True)
+    scene = Scene(
+        forest=Forest(size=(40, 40)), plantings=(planting,), tiles=Tiles(size=20, buffer=5)
+    )
+
+    def cut(scene):
+        tiling = api.Tiling.of(scene)
+        return [[tile.low for tile in tiling.tiles], len(tiling.build(0).observer.geometry)]
+
+    assert not silent(scene, cut, {"files"}, within=("tiles",))  # files: see headless/test_tiled
+
+
+@pytest.mark.slow
+def test_every_setting_of_the_output_changes_files_or_is_said_to_be_idle(tmp_path):
+    pytest.importorskip("bpy")
+    from matplotlib.image import imread
+
+    from headless.pipeline import run_scene
+
+    off = dict.fromkeys(("pictures", "goodness", "leaves", "report", "blend", "glb"), False)
+    planting = Planting(species="hazelnut", variants=1, expected=60)
+    runs = iter(range(1000))
+
+    def files(output):
+        scene = Scene(forest=Forest(size=(30, 30)), plantings=(planting,), output=output)
+        out = tmp_path / str(next(runs))
+        run_scene(scene, Path(), out, quiet=True)
+        fixed = (path for path in sorted(out.rglob("*")) if path.suffix in (".png", ""))
+        names = [path.name.encode() for path in sorted(out.rglob("*"))]
+        told = str(list(json.loads((out / "run.json").read_text())["results"])).encode()
+        return [told, *names, *(imread(path) for path in fixed if path.is_file())]
+
+    small = Output(**off, preview=True, preview_size=(32, 32))
+    assert not silent(small, files)
+    assert not silent(small.changed(preview="cycles", preview_samples=1), files)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("rule", ["centre", "corners", "scattered", "path", "over", "pairs"])
+def test_every_setting_of_a_place_moves_a_sensor_or_is_said_to_be_idle(rule):
+    from headless.dataset.place import place_sensors
+    from headless.dataset.settings import Placing
+
+    sensor = {"path": Mobile(name="a"), "over": Airborne(name="a"), "pairs": Reverb(name="a")}
+    scene = Scene(forest=Forest(size=(20, 20)), sensors=(sensor.get(rule, Terrestrial(name="a")),))
+    trunks = np.random.default_rng(1).uniform(0, 20, (200, 2))
+
+    def placed(place):
+        settings, files = place_sensors(scene, [place], trunks, Inputs().ground(0.0))
+        return [*arrays(settings.sensors), *(text.encode() for text in files.values())]
+
+    assert not silent(Placing(sensor="a", rule=rule, count=12), placed)
+
+
+@pytest.mark.slow
+def test_every_table_of_a_plan_changes_its_scenes_or_is_said_to_be_idle(tmp_path):
+    from headless.dataset.place import heights_of
+    from headless.dataset.plan import read_plan, recipes
+    from headless.dataset.settings import Ground, Mix, Splits
+
+    field = Forest(size=(20, 20))
+    for ground in (Ground(), Ground(relief=3.0)):
+        assert not silent(ground, lambda one: list(heights_of(one, 1, field)) if one.relief else [])
+
+    def scenes(key, written):
+        def drawn(group):
+            plan = tmp_path / "plan.toml"
+            plan.write_text(written + key + text_of(group))
+            return [
+                str((one.scene, one.split, one.library)).encode()
+                for one in recipes(read_plan(plan))
+            ]
+
+        return drawn
+
+    def text_of(group):
+        table = dataclasses.asdict(group)
+        return "".join(f"{key} = {toml(value)}\n" for key, value in table.items())
+
+    base = "count = 8\n[scene]\n[[scene.plantings]]\nspecies = 'silver-birch'\ndensity = 0.1\n"
+    base += "[[scene.plantings]]\nspecies = 'scots-pine'\ndensity = 0.2\n"
+    species = ("hazelnut", "norway-spruce", "silver-birch")
+    for mix in (Mix(), Mix(species=species), Mix(redealt=2.0)):
+        assert not silent(mix, scenes("[mix]\n", base))
+    assert not silent(
+        Splits(),
+        scenes("[splits]\n", f"trees = 'shared library of 3'\n{base}"),
+        {"train", "validation", "test"},
+    )
+
+
+def toml(value):
+    """A value as TOML writes it."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, str):
+        return f"'{value}'"
+    return str(list(value) if isinstance(value, tuple) else value)
+
+
+@pytest.mark.slow
+def test_everything_that_a_dataset_keeps_is_a_file_or_is_said_to_be_idle(tmp_path):
+    pytest.importorskip("bpy")
+    from headless.dataset.plan import read_plan, recipes
+    from headless.dataset.scene import Session, make
+    from headless.dataset.settings import Keep
+
+    written = (
+        "count = 1\n[scene.forest]\nsize = [8, 8]\n"
+        "[[scene.plantings]]\nspecies = 'hazelnut'\nvariants = 1\nexpected = 2\nexact = true\n"
+        "[[scene.sensors]]\nkind = 'terrestrial'\nname = 'a'\nposition = [4, 4, 1.5]\n"
+        "angle_step_deg = 8.0\n[scene.output]\npreview_size = [32, 32]\npreview_samples = 1\n"
+    )
+    (tmp_path / "plan.toml").write_text(written)
+    (recipe,) = recipes(read_plan(tmp_path / "plan.toml"))
+    session, runs = Session(), iter(range(1000))
+
+    def made(keep):
+        out = tmp_path / str(next(runs))
+        out.mkdir()
+        make(dataclasses.replace(recipe, keep=dataclasses.asdict(keep)), out, session)
+        files = sorted(out.rglob("*.npz"))
+        names = [path.name.encode() for path in sorted(out.rglob("*"))]
+        return [*names, *(path.read_bytes() for path in files)]
+
+    assert not silent(Keep(), made, {"empty"})  # of the check, see headless/dataset
 
 
 @pytest.mark.parametrize(
@@ -244,7 +521,7 @@ def test_every_setting_of_a_planting_changes_the_stand_or_is_said_to_be_idle(lay
     ids=lambda value: value if isinstance(value, str) else "",
 )
 def test_a_table_of_a_species_that_grows_otherwise_is_named(species, place):
-    (sentence,) = idle_in_species(species)
+    sentence = idle_in_species(species)[0]
     assert sentence.startswith(f"{place} has no effect: it needs {OF_SPECIES[place][0]} to be ")
 
 

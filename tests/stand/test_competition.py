@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from forest_addon.growth.library.species_file import find_species, load_species
 from forest_addon.growth.measured.allometry import band
@@ -14,6 +15,7 @@ from forest_addon.stand.competition import (
     cover,
     filled,
     leaf_area_index,
+    suppressed,
 )
 from forest_addon.stand.inputs import Inputs, TreeList
 from forest_addon.stand.measured import with_targets
@@ -81,7 +83,8 @@ def test_crowns_of_a_dense_stand_are_higher_and_narrower(seed):
 def test_no_parasol_no_surplus_of_leaves_and_little_overlap():
     for seed in range(4):
         stand, trees, law = stand_of(2.2, seed)
-        assert (trees[:, 3] <= (1 - SHORTEST) * trees[:, 1] + 1e-9).all()
+        assert (trees[:, 3] < (1 - SHORTEST) * trees[:, 1]).all()
+        assert len(np.unique(trees[:, 3])) == len(trees)  # none sit on a bound
         assert (trees[:, 4] <= band(law, trees[:, 0])[1, :, 3] + 1e-9).all()
         place = stand.position[:, :2]
         inner = (abs(place - place.mean(axis=0)) < 7).all(axis=1)
@@ -111,6 +114,16 @@ def test_crowns_grow_into_gaps_between_neighbours_alone():
     for apart_by in (50.0, 0.5):  # gaps on all sides, or on none
         looked = filled(apart_by / 2.5 * place, width, free)
         assert looked[66] == 3.0  # a tree in the middle
+
+
+def test_the_understorey_falls_off_by_the_same_factor_from_class_to_class():
+    dbh, keys = np.full(20_000, 0.4), np.arange(20_000, dtype=np.uint64)
+    found = suppressed(dbh, keys, 0.3)
+    young = found[found < 0.4]
+    assert abs(len(young) - 6000) < 5 * np.sqrt(20_000 * 0.3 * 0.7)  # false alarm below 1e-6
+    law = stats.truncexpon((0.24 - 0.025) * np.log(1.4) / 0.05, 0.025, 0.05 / np.log(1.4))
+    assert stats.kstest(young, law.cdf).pvalue > 1e-4
+    assert suppressed(dbh, keys, 0.0).tolist() == dbh.tolist()
 
 
 @pytest.mark.medium

@@ -3,6 +3,7 @@
 Whether it looks well is seen in the real application only; these tests keep drawing from failing there.
 """
 
+import dataclasses
 from types import SimpleNamespace
 
 import pytest
@@ -12,7 +13,8 @@ bpy = pytest.importorskip("bpy")
 from forest_addon import spec, ui
 from forest_addon.blender.sensors import objects as sensors
 from forest_addon.sensing.kinds import KINDS
-from forest_addon.spec.choices import ADVANCED, APPLIES
+from forest_addon.spec.base import Settings, param_of
+from forest_addon.spec.choices import ADVANCED, APPLIES, GIVEN, LEFT_OUT
 from forest_addon.ui import properties
 from forest_addon.ui.results.finding import OF_TREES
 from forest_addon.ui.sensors.run import MENUS, FOREST_MT_forest, draw_menu
@@ -148,7 +150,9 @@ def test_every_setting_has_its_place(small, sensor):
     for group in properties.GROUPS.values():
         if group.__name__ in in_a_line:
             continue
-        for name in set(group.shown) - posed - set(APPLIES):
+        kind = group.__name__.removeprefix("FOREST_PG_")
+        ruled = {name for name in group.shown if {name, f"{kind}.{name}"} & APPLIES.keys()}
+        for name in set(group.shown) - posed - ruled:
             prop = {p.identifier: p for p in group.bl_rna.properties}[name]
             label = prop.name.partition(" (")[0]
             assert any(text.startswith(label) for text in seen), f"{group.__name__}.{name}"
@@ -199,12 +203,28 @@ def test_every_rule_names_settings_that_there_are(props):
     lower = {kind.__name__.lower(): names for kind, names in fields.items()}
     for settings, names in ADVANCED.items():
         assert names <= lower[settings].keys()
-    for name, (other, values) in APPLIES.items():
-        holders = [kind for kind, names in fields.items() if name in names and hasattr(kind, other)]
+    every = {
+        kind: {f.name: param_of(f) for f in dataclasses.fields(kind)} for kind in kinds(Settings)
+    }
+    for place, (other, values) in APPLIES.items():
+        settings, _, name = place.rpartition(".")
+        holders = [
+            kind
+            for kind, names in every.items()
+            if name in names
+            and (other in names or hasattr(kind, other))
+            and settings in ("", kind.__name__.lower())
+        ]
         assert holders, name
         for kind in holders:
-            known = fields[kind].get(other)
-            assert known is None or not known.choices or set(values) <= set(known.choices)
+            known = every[kind].get(other)
+            fixed = known and [value for value in values if value not in (GIVEN, LEFT_OUT)]
+            assert not fixed or not known.choices or set(fixed) <= set(known.choices)
+
+
+def kinds(of):
+    """All classes of settings that there are."""
+    return [one for kind in of.__subclasses__() for one in (kind, *kinds(kind))]
 
 
 def test_what_does_not_apply_now_is_hidden(small):

@@ -13,6 +13,7 @@ A pulse of several sub-rays adds theirs up, each with its share of the energy.
 from __future__ import annotations
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from ... import kernels
 from ...base.rng import keyed_normal, keyed_uniform
@@ -165,6 +166,16 @@ def range_error(
     )
     error: np.ndarray = np.sqrt(variance) * keyed_normal(keys, "range")
     return error
+
+
+def registration(noise: Noise, key: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Rotation (3, 3) and shift (3,), metres, by which a scan with this key (1,) is joined amiss."""
+    turn, shift = (
+        np.concatenate([keyed_normal(key, f"registration {what} {axis}") for axis in "xyz"])
+        for what in ("turn", "shift")
+    )
+    turn = Rotation.from_rotvec(np.deg2rad(noise.registration_deg) * turn)
+    return turn.as_matrix(), noise.registration_sd * shift
 
 
 def survives_drop_out(noise: Noise, keys: np.ndarray) -> np.ndarray:

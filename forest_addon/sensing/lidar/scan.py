@@ -38,6 +38,7 @@ from .radiometry import (
     range_error,
     reflectance_of,
     refuse_surplus,
+    registration,
     survives_drop_out,
 )
 from .receiver import (
@@ -289,7 +290,7 @@ class Scan:
             instance, triangle = self._moving.known(*which)
             labelled = replace(labelled, instance=instance, triangle=triangle)
         return Cloud(
-            position=pulses.origin[echoes.pulse] + measured[:, None] * way,
+            position=self.placed(pulses.origin[echoes.pulse], way, measured),
             pulse=number[echoes.pulse],
             time=pulses.time[echoes.pulse],
             number=(rank + 1).astype(np.uint8),
@@ -308,6 +309,14 @@ class Scan:
             bounce=self._bounce(found),
             unfollowed=self._unfollowed,
         )
+
+    def placed(self, origin: np.ndarray, way: np.ndarray, distance: np.ndarray) -> np.ndarray:
+        """(P, 3) points at distances (P,) along ways (P, 3) from origins, in the joined cloud."""
+        noise = self.scanner.noise
+        if noise.registration_sd or noise.registration_deg:
+            turn, shift = registration(noise, self._key)
+            origin, way = origin + shift, way @ turn.T
+        return np.asarray(origin + distance[:, None] * way)
 
     def _bounce(self, found: Received) -> np.ndarray | None:
         """(P,) how the light of returns went; None of a scanner that follows no bounces."""

@@ -228,6 +228,8 @@ LABELS = {
     "density": "Trees/m²",
     "crs": "CRS",
     "subrays": "Sub-rays",
+    "registration_sd": "Joined Amiss",
+    "registration_deg": "Turned (°)",
     "pulse_rate": "Pulses",
     "painted_value": "Painted (/m²)",
     "divergence_mrad": "Spread (mrad)",

@@ -2,10 +2,13 @@
 as half of their surface: by each study's way, and against weighed needles.
 """
 
+from runpy import run_path
+
 import numpy as np
 import pytest
 from references.measured import FOUND, needs_measurements
 
+from forest_addon.base.places import ASSETS
 from forest_addon.base.rng import stream
 from forest_addon.growth.library.species_file import (
     FOLDER,
@@ -14,7 +17,6 @@ from forest_addon.growth.library.species_file import (
     read_measured,
 )
 from forest_addon.growth.measured.allometry import (
-    KINDS,
     MEASURES,
     band,
     draw,
@@ -123,11 +125,11 @@ def test_at_least_a_dozen_kinds_and_four_types_are_shipped():
 
 @pytest.mark.medium
 @needs_measurements
-def test_shipped_files_are_what_the_measured_table_says():
-    table = read_measured(FOUND / "baad_trees.csv")
-    for name in KINDS:
-        shipped = read_allometry(name.lower().replace(" ", "-"), FOLDER)
-        assert fit_kind(name, table, shipped.source) == shipped
+def test_shipped_files_are_what_the_measured_tables_say():
+    make = run_path(str(ASSETS / "make_allometry.py"))
+    tables = FOUND / "baad_trees.csv", FOUND / "trees_by_platform" / "pytreedb.csv"
+    for kind in make["fitted"](*tables):
+        assert read_allometry(kind.name.lower().replace(" ", "-"), FOLDER) == kind
 
 
 def test_a_name_that_is_not_there_is_told():

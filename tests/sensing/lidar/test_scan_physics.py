@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 from references.lidar_scenes import ground, scene_with
 from references.rays_brute import BruteCaster
+from scipy import stats
+from scipy.spatial.transform import Rotation
 from scipy.special import erf
 
 from forest_addon.base.trimesh import GROUND, LEAF, OTHER, WOOD, TriMesh
@@ -285,6 +287,24 @@ def test_ranges_scatter_as_stated(noise, tilt, expected):
     assert abs(after) < CHANCE / np.sqrt(count)  # neighbours know nothing of each other
     away = np.linalg.norm(cloud.position, axis=1)
     assert away == pytest.approx(cloud.returns.distance)
+
+
+def test_scans_are_joined_amiss_as_rigid_bodies():
+    """Of 60 seeds the squares of turns and shifts over their variances are χ² of 180 each: false alarm below
+    2e-6."""
+    wall, field = sheet(100.0, tilt=0.4), {"azimuth_deg": (-6.0, 6.0), "elevation_deg": (-6.0, 6.0)}
+    scanner = Terrestrial(position=(0.0, 0.0, 0.0), max_range=500.0, angle_step_deg=3.0, **field)
+    amiss = replace(scanner, noise=Noise(registration_sd=0.02, registration_deg=0.1))
+    still, sums = look(scanner, wall).position, np.zeros(2)
+    for seed in range(60):
+        moved = look(amiss, wall, seed=seed).position
+        turn, _ = Rotation.align_vectors(moved - moved.mean(axis=0), still - still.mean(axis=0))
+        assert np.ptp(moved - turn.apply(still), axis=0) == pytest.approx(0.0, abs=1e-9)
+        shift = moved.mean(axis=0) - turn.apply(still.mean(axis=0))  # of a scanner at the origin
+        sums += (np.rad2deg(turn.magnitude()) / 0.1) ** 2, (np.linalg.norm(shift) / 0.02) ** 2
+    low, high = stats.chi2.ppf([5e-7, 1 - 5e-7], 180)
+    assert (low < sums).all()
+    assert (sums < high).all()
 
 
 def test_returns_drop_out_by_chance():

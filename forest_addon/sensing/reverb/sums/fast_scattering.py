@@ -131,8 +131,7 @@ class Expansions:
                 total += layer.sum(some, turned, size, gain)
                 for octave, error in layer.errors.items():
                     errors[octave] = max(error, errors.get(octave, 0.0))
-        samples = air_filter.apply(total, -SPREAD) if air_filter else total
-        samples = samples[SPREAD : SPREAD + count]
+        samples = total[SPREAD : SPREAD + count]
         if progress:
             progress(len(paths.length), len(paths.length))
         return FastSum(samples, {low: max(error, tolerance) for low, error in errors.items()})

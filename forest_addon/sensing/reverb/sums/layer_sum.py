@@ -8,7 +8,8 @@ g ≈ Σ_q G_q(f)·T_q(x) (``path_gain``), so that
 
 Many trunks are laid down on an even grid as pulses of these heights, one transform for each product r, q that
 the tolerance needs. Where few trunks meet many products, as near by, each trunk's own spectrum,
-(Σ_r U_r·V_r)·(Σ_q G_q·T_q), is turned to its time, which costs R + Q products for R·Q transforms.
+(Σ_r U_r·V_r)·(Σ_q G_q·T_q), is turned to its time, which costs R + Q products for R·Q transforms. Few trunks
+without a gain are heard one by one, as samples: no grid over the whole record is transformed.
 
 H of trunks of one radius as a short sum of products: H(f, φ) ≈ Σ_r U_r(f)·V_r(cos φ) in each sector of φ.
 
@@ -54,6 +55,10 @@ UNHEARD = 1e-5  # of the loudest frequency: where a layer has nothing but roundi
 LEAST = 0.3  # of the tolerance: products of a zone that are smaller at all frequencies are left out
 SEEN = 4  # every so many frequencies of a transform tell how large a product is
 BESIDE = 160  # samples of a low layer before and after the record; they fade out
+LATE = 12  # Chebyshev points of the part of a sample by which a trunk is heard later, at most
+FAINT = 1e-4  # of the tolerance: where trunks' own samples begin and end
+# ns a value: of a trunk's own samples, a product in it; of a point of a term's grid
+SAMPLE, SAMPLE_PRODUCT, POINT = 1.0, 0.03, 20.0
 # ns a value: of a trunk's own spectrum, a product in it; of a product on the grid; and a sector's on top
 OWN, OWN_PRODUCT, GRIDDED, GRID = 12.0, 0.25, 8.0, 5e5
 
@@ -61,7 +66,7 @@ Heights = Callable[[slice], np.ndarray]  # of some trunks, (N, K)
 
 
 class LayerSum:
-    """The sum over one layer's sectors, before the air where that is no part of a gain.
+    """The sum over one layer's sectors, with what the air takes.
 
     Filters are kept as spectra for each length of transform that was needed, up to MOST_KEPT.
     """
@@ -102,6 +107,8 @@ class LayerSum:
                 given = paths.select(near), cosine[near], sector_of[near], gain, zone
                 start, part = self._zone_sum(*given)
                 _add(total, part, start - first)
+        if self.air is not None:
+            total = self.air.apply(total, first)
         if self.step == 1:
             return total
         skipped = -SPREAD - first * self.step
@@ -113,6 +120,12 @@ class LayerSum:
         """First sample and samples of one sector's trunks, without a gain."""
         sector = self.layer.sector(number)
         place, base, size = self._placed(paths.length, 0.0, 0)
+        products, first = self._delayed(number)
+        each = products.shape[1] * (SAMPLE + SAMPLE_PRODUCT * len(products))
+        if len(place) * each < POINT * OVERSAMPLING * size * sector.terms:
+            heights = sector.shares(cosine) * paths.weight[:, None]
+            part = self._one_by_one(place, heights, products, size)
+            return base - sector.lead + int(first[0]), part
         filters, _ = self._filter_spectra(number, size)
 
         def heights(rows: slice) -> np.ndarray:
@@ -120,6 +133,40 @@ class LayerSum:
 
         spectrum = self._gridded(place, heights, filters, size)
         return base - sector.lead, fft.irfft(spectrum.astype(np.complex128), size)
+
+    def _one_by_one(
+        self, place: np.ndarray, heights: np.ndarray, products: np.ndarray, size: int
+    ) -> np.ndarray:
+        """(size,) samples of trunks at ``place`` (N,), of heights (N, R) in a sector's terms."""
+        total = np.zeros(size)
+        whole = np.rint(place).astype(np.int64)
+        later = chebyshev.polynomials(2.0 * (place - whole), len(products) // heights.shape[1]).T
+        heights = (later[:, :, None] * heights[:, None]).reshape(len(place), -1)
+        several = max(1, SPECTRA_AT_ONCE // products.shape[1])
+        for first in range(0, len(whole), several):
+            some = slice(first, first + several)
+            for start, samples in zip(whole[some].tolist(), heights[some] @ products, strict=True):
+                total[start : start + len(samples)] += samples
+        return total
+
+    def _delayed(self, number: int) -> tuple[np.ndarray, np.ndarray]:
+        """(P·R, T) Chebyshev coefficients of a sector's filters by how much later they are, up to half a
+        sample, and the first sample of them that is heard."""
+        key = "delayed", number
+        if key not in self._spectra:
+            filters = self._filters_of(number)
+            size = fft.next_fast_len(filters.shape[1] + SPREAD, real=True)
+            turn = delay_factors(0.0, 1.0 / size, size // 2 + 1, 0.5 * chebyshev.points(LATE)).T
+            later = fft.irfft(fft.rfft(filters, size) * turn[:, None], size)
+            found = chebyshev.coefficients(later[:, :, : filters.shape[1]], 0)
+            large = np.abs(found).max(axis=1)
+            loudest = self.layer.tolerance * large.max()
+            kept = np.flatnonzero(large.max(axis=1) > SHARE * loudest)[-1] + 1
+            heard = np.flatnonzero(large.max(axis=0) > FAINT * loudest)
+            some = found[:kept, :, heard[0] : heard[-1] + 1].reshape(-1, int(np.ptp(heard)) + 1)
+            self._keep(key, some, heard[:1])
+            return some, heard[:1]
+        return self._spectra[key]
 
     def _zone_sum(
         self,
