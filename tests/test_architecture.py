@@ -80,6 +80,7 @@ PACKAGES = {
 # Statements (docstrings weigh nothing) and modules of each room: they only go down.
 # formats, stand and what tells of them grew: places, units and systems of files by other hands are read.
 # headless and ui grew: the sensors in a .blend file run without a window.
+# spec, stand and headless grew: settings without effect in a scene or plan are named.
 # sensing and spec grew: a sonar has a receiver with a transducer, noise and a converter.
 BUDGETS = {
     "forest_addon": (321, 3),
