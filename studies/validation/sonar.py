@@ -114,7 +114,7 @@ class Recorder:
 
 
 @dataclass(frozen=True)
-class Plant:
+class PottedPlant:
     """A plant about the middle of its foliage: leaves (L,) by centre, normal and along (L, 3), half length,
     half width and bend (rad, from rim to rim) of each; stems and pot as a mesh of wood and one of facets."""
 
@@ -270,7 +270,7 @@ def calibrated(poles: dict[float, np.ndarray], radius: float) -> Recorder:
     return Recorder(frequency, sent / transfer, width, height)
 
 
-def draw_plant(seed: int, number: int) -> Plant:
+def draw_plant(seed: int, number: int) -> PottedPlant:
     """A plant as one may be that nobody has seen: a box of 0.2 to 0.6 m, leaves of 2 to 12 cm, 2 to 15 m² of
     them a cubic metre, any inclination between a sphere's and mostly level; stems and a pot below."""
     rng = stream(seed, "validate sonar", number)
@@ -301,12 +301,12 @@ def draw_plant(seed: int, number: int) -> Plant:
     wide, deep = rng.uniform(0.06, 0.15), rng.uniform(0.1, 0.3)
     sides = np.stack([foot - (0, 0, deep), foot])
     pot = TriMesh.of_part(*tube(sides, wide * np.array([0.8, 1.0]), 32), OTHER)
-    return Plant(
+    return PottedPlant(
         centre, normal, along, half, half * shape, np.full(count, bend), join_meshes(stems), pot
     )
 
 
-def leaves_of(plant: Plant, curved: bool) -> TriMesh:
+def leaves_of(plant: PottedPlant, curved: bool) -> TriMesh:
     """The leaves: flat hexagons of an ellipse's area, or, curved, surfaces of flat facets that bend along."""
     rings = TILES // 2 if curved else 1
     turn = 2 * math.pi * np.arange(TILES * rings) / (TILES * rings)
@@ -370,7 +370,7 @@ WAYS: dict[str, tuple[bool, bool, dict[str, Any], int]] = {
 }
 
 
-def echoes_of(plant: Plant, recorder: Recorder, distance: float, way: str) -> np.ndarray:
+def echoes_of(plant: PottedPlant, recorder: Recorder, distance: float, way: str) -> np.ndarray:
     """(A, N) echoes of a plant's aspects, evenly around."""
     bare, curved, settings, _ = WAYS[way]
     parts = [leaves_of(plant, curved)]
@@ -477,7 +477,7 @@ def _of_way(
     return Comparison(f"{way}: measures within", "", whole, Interval(float(within)), None, words)
 
 
-def _of_echoes(plants: Sequence[Plant], recorders: Sequence[Recorder]) -> list[Comparison]:
+def _of_echoes(plants: Sequence[PottedPlant], recorders: Sequence[Recorder]) -> list[Comparison]:
     """What echoes between leaves change of the plants that have few."""
     found = []
     for plant, recorder in zip(plants, recorders, strict=True):
