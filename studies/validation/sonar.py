@@ -462,7 +462,7 @@ def _judged(
 def _of_way(
     way: str, measured: dict[float, dict[str, float]], found: dict[float, dict[str, np.ndarray]]
 ) -> Comparison:
-    """How many of the measures a way has within its intervals, and its medians."""
+    """A way by how many of the measures it has within its intervals, and its medians."""
     pairs = [(name, d) for name in MEASURES for d in DISTANCES]
     within = sum(
         Interval.of(found[d][name]).meets(Interval(measured[d][name])) for name, d in pairs
@@ -478,7 +478,7 @@ def _of_way(
 
 
 def _of_echoes(plants: Sequence[PottedPlant], recorders: Sequence[Recorder]) -> list[Comparison]:
-    """What echoes between leaves change of the plants that have few."""
+    """Changes by echoes between leaves, of the plants that have few."""
     found = []
     for plant, recorder in zip(plants, recorders, strict=True):
         if len(plant.centre) > SOLVED:
