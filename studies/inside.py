@@ -216,8 +216,6 @@ INSIDE = {
     "Process": "forest_addon.stand.poisson:Process",
     "greedy": "forest_addon.stand.spacing:greedy",
     "matern_ii": "forest_addon.stand.spacing:matern_ii",
-    "LogLinear": "forest_addon.stand.statistics.covariates:LogLinear",
-    "fit_covariates": "forest_addon.stand.statistics.covariates:fit_covariates",
     "Envelope": "forest_addon.stand.statistics.goodness:Envelope",
     "SIMULATIONS": "forest_addon.stand.statistics.goodness:SIMULATIONS",
     "envelope": "forest_addon.stand.statistics.goodness:envelope",
