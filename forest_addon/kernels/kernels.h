@@ -15,6 +15,22 @@
 #define KERNEL __attribute__((visibility("default")))
 #endif
 
+/* As fmin and fmax, which cost a call: b where one of them is no number. */
+static inline double smaller(double a, double b)
+{
+    return a < b ? a : b;
+}
+
+static inline double larger(double a, double b)
+{
+    return a > b ? a : b;
+}
+
+static inline double dot(const double *a, const double *b)
+{
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+}
+
 /* Returns the hash of the sources that the library was built from, as packaging/build_kernels.py told it. */
 KERNEL const char *kernels_sources(void);
 
