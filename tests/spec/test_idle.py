@@ -5,6 +5,7 @@ import json
 import math
 import types
 import typing
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -326,14 +327,17 @@ def test_every_setting_of_a_flight_changes_it_or_is_said_to_be_idle(world, body)
     from forest_addon.flight.simulation import Flyers
     from forest_addon.flight.woods import Stock
 
+    @cache
+    def stock(thinnest):
+        flight = Flight(thinnest=thinnest)
+        return Stock.standing(dataclasses.replace(world, scene=world.scene.changed(flight=flight)))
+
     def flown(flight):
-        there = dataclasses.replace(world, scene=world.scene.changed(flight=flight))
-        stock = Stock.standing(there)
         flyers = Flyers(flight, 6, None, None)
-        flyers.enter(stock.surroundings())
+        flyers.enter(stock(flight.thinnest).surroundings())
         flyers.start(range(6), range(6))
         names = {"bat": 3, "bird": 1, "planar": 1, "quadrotor": 4}
-        seen = [[int(solid.count.sum()) for solid in stock.solids]]
+        seen = [[int(solid.count.sum()) for solid in stock(flight.thinnest).solids]]
         for _ in range(3):
             outcome = flyers.step(np.full((6, names[body]), 0.9))
             seen += [flyers.sense(), flyers.state, outcome]
