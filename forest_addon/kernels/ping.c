@@ -223,14 +223,14 @@ void piston_discs(int64_t nodes, const double *wavenumber, int64_t count, const 
 }
 
 void piston_rims(int64_t nodes, const double *wavenumber, int64_t count, const double *across,
-                 const double *level, double side, int64_t cells, const double *table, double *values)
+                 const double *level, const double *side, int64_t cells, const double *table, double *values)
 {
     for (int64_t q = 0; q < nodes; q++) {
         for (int64_t i = 0; i < count; i++) {
             double real, imaginary;
             hankel(cells, table, 2.0 * wavenumber[q] * across[i], &real, &imaginary);
             double *value = values + 2 * (q * count + i);
-            value[0] = side * level[i] * imaginary;
+            value[0] = side[i] * level[i] * imaginary;
             value[1] = level[i] * real;
         }
     }
