@@ -166,8 +166,8 @@ def run_scene(
 
 
 def _refuse_large(forest: GrownForest, exported: bool) -> None:
-    """Refuse a forest that has grown and that memory will not hold as Blender's scene, for rays and on its way
-    into files.
+    """Refuse a forest that has grown and that memory will not hold as Blender's scene, for rays and as it is
+    written into files.
 
     Raises
     ------
