@@ -82,12 +82,13 @@ PACKAGES = {
 # headless and ui grew: the sensors in a .blend file run without a window.
 # spec, stand and headless grew: settings without effect in a scene or plan are named.
 # sensing and spec grew: a sonar has a receiver with a transducer, noise and a converter.
+# blender and ui grew: stand-ins are whole near the camera, an estimate knows what came or went.
 BUDGETS = {
     "forest_addon": (321, 3),
     "forest_addon/acoustics": (1220, 19),
     "forest_addon/api": (890, 6),
     "forest_addon/base": (317, 12),
-    "forest_addon/blender": (5515, 43),
+    "forest_addon/blender": (5541, 43),
     "forest_addon/drawing": (595, 6),
     "forest_addon/flight": (1938, 12),
     "forest_addon/formats": (3540, 30),
@@ -97,7 +98,7 @@ BUDGETS = {
     "forest_addon/sensing": (12873, 92),
     "forest_addon/spec": (1306, 11),
     "forest_addon/stand": (3827, 33),
-    "forest_addon/ui": (6075, 41),
+    "forest_addon/ui": (6078, 41),
     "headless": (1448, 13),
     "headless/accuracy": (583, 4),
     "headless/commands": (1728, 18),
