@@ -201,11 +201,11 @@ class Result:
         return record
 
     def _repr_html_(self) -> str:
-        """For notebooks: its figures and its picture."""
+        """For notebooks: its figures, its picture, and its sound as it is played."""
         said = self.summary() | ({"audit": str(self.audit)} if self.audit else {})
         said |= {"warning": "; ".join(self.warnings)} if self.warnings else {}
         rows = "".join(f"<tr><td>{k}</td><td>{v}</td></tr>" for k, v in said.items())
-        return f"<table>{rows}</table>" + _as_html(self)
+        return f"<table>{rows}</table>" + _as_html(self) + _player(self)
 
 
 def _figures() -> Any:
@@ -232,6 +232,21 @@ def _as_html(result: Result) -> str:
     picture = io.BytesIO()
     figure.savefig(picture, format="png", dpi=80)
     return f'<img src="data:image/png;base64,{base64.b64encode(picture.getvalue()).decode()}">'
+
+
+def _player(result: Result) -> str:
+    """A result's sound, its first two channels, to be played in HTML; nothing where it has none."""
+    play = results_of(result.sensor).sound
+    if play is None:
+        return ""
+    from scipy.io import wavfile
+
+    samples, rate = play(result.sensor, result.found)
+    sound = io.BytesIO()
+    channels = samples.reshape(len(samples), -1)[:, :2]
+    wavfile.write(sound, round(rate), channels.astype(np.float32))
+    coded = base64.b64encode(sound.getvalue()).decode()
+    return f'<br><audio controls src="data:audio/wav;base64,{coded}"></audio>'
 
 
 class PointCloud(Result):
@@ -273,6 +288,17 @@ class PointCloud(Result):
     def _moved(self) -> dict[str, str]:
         figures = figures_of(self.sensor, self.found)
         return {each.name: each.text for each in figures if each.short in ("Met Moving", "Blur")}
+
+    @property
+    def received(self) -> dict[str, np.ndarray]:
+        """Pings as the sonar's receiver heard them, as its file holds it: ``recorded`` (P, E, N) Pa,
+        ``noise_level`` and ``snr_db`` (P, E), ``range`` (R,) m, ``range_snr_db`` (P, E, R), and detections by
+        ``detection_ping``, ``detection_ear``, ``detection_time`` s and ``detection_snr_db``; empty without a
+        receiver."""
+        from ..results.echo_files import received_arrays
+        from ..sensing.sonar.ping import PingSeries
+
+        return received_arrays(PingSeries(self.pings))
 
     @property
     def motion(self) -> dict[str, np.ndarray]:

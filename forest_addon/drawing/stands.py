@@ -20,7 +20,7 @@ from ..stand.statistics.k_function import At
 from ..stand.statistics.window import Window
 from .figures import blank_figure
 from .palette import FAINT, INK, LEAF_GREEN, RED, species_colour
-from .strips import CLEARING, MEADOW, stand_intensity, stand_map
+from .strips import CLEARING, MEADOW, stand_map
 
 MEADOW_MAP = LinearSegmentedColormap.from_list("meadow", [CLEARING, MEADOW])
 GRID = 360  # pixels along the longer side of what is drawn of fields
@@ -35,11 +35,10 @@ def draw_stand(stand: Stand, labels: Sequence[str], settings: Scene, inputs: Inp
     height = float(np.clip(8.6 * tall / wide, 3.2, 9.5))
     figure = blank_figure((11, height))
     axes = figure.add_subplot()
-    plot = stand_map(stand, settings, inputs)
-    axes.imshow(plot.strips[0].pixels, extent=_extent(low, high), origin="lower", zorder=0)
-    most = float(stand_intensity(settings, inputs, _shape(high - low)).max())
-    if most > 0:
-        scale = ScalarMappable(Normalize(0, most), MEADOW_MAP)
+    strip = stand_map(stand, settings, inputs).strips[0]
+    axes.imshow(strip.pixels, extent=_extent(low, high), origin="lower", zorder=0)
+    if strip.values is not None:
+        scale = ScalarMappable(Normalize(strip.values.low, strip.values.high), MEADOW_MAP)
         figure.colorbar(
             *(scale, None, axes), label="intensity, trees/ha", shrink=0.5, aspect=24, anchor=(0, 0)
         ).outline.set_edgecolor(FAINT)
@@ -50,7 +49,7 @@ def draw_stand(stand: Stand, labels: Sequence[str], settings: Scene, inputs: Inp
     axes.set_xlim(low[0] - room, high[0] + room)
     axes.set_ylim(low[1] - room, high[1] + room)
     _name_axes(axes)
-    axes.set_title(plot.strips[0].title)
+    axes.set_title(strip.title)
     _name_species(axes, stand, labels)
     return figure
 

@@ -132,7 +132,7 @@ def stand_map(stand: Stand, settings: Scene, inputs: Inputs) -> Plot:
     low, high = corners_of(settings.forest)
     scale = float(min(WIDE / (high - low)[0], MAP_HIGH / (high - low)[1]))  # pixels a metre
     columns, rows = np.maximum(((high - low) * scale).astype(int), 8)
-    intensity = stand_intensity(settings, inputs, (rows, columns))
+    intensity = _intensity(settings, inputs, (rows, columns))
     pixels = CLEARING + (intensity / (intensity.max() or 1.0))[..., None] * (MEADOW - CLEARING)
     _set_trees(pixels, stand, settings, low, scale)
     title = f"{settings.name}: {len(stand):,} trees on {stand.area / 1e4:,.3g} ha"
@@ -147,7 +147,7 @@ def stand_map(stand: Stand, settings: Scene, inputs: Inputs) -> Plot:
     return Plot((strip,), Axis(float(low[0]), float(high[0]), "x (m)"), "")
 
 
-def stand_intensity(settings: Scene, inputs: Inputs, shape: tuple[int, int]) -> np.ndarray:
+def _intensity(settings: Scene, inputs: Inputs, shape: tuple[int, int]) -> np.ndarray:
     """Sum of all intensities, trees per hectare, in (rows, columns) over the field, south first."""
     low, high = corners_of(settings.forest)
     y, x = (

@@ -234,9 +234,7 @@ class EarSense:
         given = (none if part is None else part for part in (time, seeds, numbers))
         for row, (when, seed, number) in enumerate(zip(*given, strict=True)):
             echo = self.ping(around, state, row, float(when), int(seed), int(number))
-            received, sound = echo.received, echo.waveforms
-            if received is not None:
-                sound = received.recorded / received.pressure
+            sound = echo.heard_waveforms
             if self.heard == "cochleagram":
                 told[row] = cochleagram(sound, self.sonar)
             else:

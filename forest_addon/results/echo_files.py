@@ -3,13 +3,14 @@
 ``NAME.npz`` holds axes, impulse responses, spectra and the echoes of the call, with poses; of a flight all
 arrays are stacked and padded to one length. ``NAME.wav`` plays the echoes ``time_expansion`` times slower,
 one channel an ear, one pose after the other, as loud as the file can hold; ``wav_gain`` in the NPZ takes
-that back. ``NAME-heard.npz`` lists what each leaf, branch and facet added, in a scene that moves with its
-velocity at the ping's time and its place at rest.
+that back. Of a sonar with a receiver the NPZ also holds what that recorded, the noise, signal over noise and
+detections, and the WAV plays what it recorded. ``NAME-heard.npz`` lists what each leaf, branch and facet
+added, in a scene that moves with its velocity at the ping's time and its place at rest.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -32,6 +33,14 @@ UNITS = {
     "axis": "1",
     "sound_speed": "m/s",
     "sample_rate": "Hz",
+}
+RECEIVED_UNITS = {
+    "call_pressure": "Pa",
+    "snr_db": "dB",
+    "range": "m",
+    "range_snr_db": "dB",
+    "detection_time": "s",
+    "detection_snr_db": "dB",
 }
 HEARD_UNITS = {
     "position": "m",
@@ -66,9 +75,12 @@ def write_echo(
 def write_echo_arrays(path: Path, found: Echo | PingSeries, offset: Sequence[float] = NONE) -> None:
     """Write axes, responses, spectra, echoes and poses as NPZ. offset : (3,) metres, added to positions."""
     flight, single = _flight(found), isinstance(found, Echo)
-    waveform = flight.stacked("waveforms")
-    arrays = _arrays(flight, waveform, single) | {"wav_gain": np.array(_gain(waveform))}
-    write_npz(path, on_the_map(arrays, offset), UNITS)
+    arrays, units = _arrays(flight, flight.stacked("waveforms"), single), UNITS
+    if received := received_arrays(flight):
+        arrays, pascals = arrays | received, recorded_unit(received)
+        units = UNITS | RECEIVED_UNITS | dict.fromkeys(("recorded", "noise_level"), pascals)
+    arrays["wav_gain"] = np.array(_gain(flight.stacked("heard_waveforms")))
+    write_npz(path, on_the_map(arrays, offset), units)
 
 
 def write_echo_sound(path: Path, found: Echo | PingSeries, time_expansion: float) -> None:
@@ -79,7 +91,7 @@ def write_echo_sound(path: Path, found: Echo | PingSeries, time_expansion: float
 def sound_of(found: Echo | PingSeries, time_expansion: float) -> tuple[np.ndarray, int]:
     """The echoes ``time_expansion`` times slower: (N, E) samples as loud as a file can hold, rate in Hz."""
     flight = _flight(found)
-    waveform = flight.stacked("waveforms")
+    waveform = flight.stacked("heard_waveforms")
     sound = np.moveaxis(waveform, 1, 2).reshape(-1, waveform.shape[1]) * _gain(waveform)
     return sound, max(1, round(flight.echoes[0].sample_rate / time_expansion))
 
@@ -113,6 +125,39 @@ def _arrays(flight: PingSeries, waveform: np.ndarray, single: bool) -> dict[str,
         "sound_speed": np.array(first.sound_speed),
         "sample_rate": np.array(first.sample_rate),
     }
+
+
+def received_arrays(flight: PingSeries) -> dict[str, np.ndarray]:
+    """Records of P pings by their receiver, padded to one length; nothing where there is none.
+
+    recorded : (P, E, N). noise_level, snr_db : (P, E). range : (R,). range_snr_db : (P, E, R), -inf after
+    a record's end. detection_ping, detection_ear, detection_time, detection_snr_db : (D,).
+    """
+    every = [echo.received for echo in flight.echoes if echo.received is not None]
+    if not every:
+        return {}
+    longest = max((one.range for one in every), key=len)
+    within = np.full((len(every), len(every[0].recorded), len(longest)), -np.inf)
+    for row, one in zip(within, every, strict=True):
+        row[:, : len(one.range)] = one.range_snr_db
+    found = ("detection_ear", "detection_time", "detection_snr_db")
+    return {
+        "recorded": flight.stacked("heard_waveforms") * every[0].pressure,
+        "call_pressure": np.array(every[0].pressure),
+        "noise_level": np.array([one.noise_level for one in every]),
+        "snr_db": np.array([one.snr_db for one in every]),
+        "range": longest,
+        "range_snr_db": within,
+        "detection_ping": np.repeat(
+            np.arange(len(every)), [len(one.detection_ear) for one in every]
+        ),
+        **{name: np.concatenate([getattr(one, name) for one in every]) for name in found},
+    }
+
+
+def recorded_unit(received: Mapping[str, np.ndarray]) -> str:
+    """Unit of what is recorded: pascals, where the level of the call is said."""
+    return "re call at 1 m" if received["call_pressure"] == 1.0 else "Pa"
 
 
 def heard_columns(found: Echo | PingSeries) -> dict[str, np.ndarray]:

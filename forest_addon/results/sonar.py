@@ -18,7 +18,11 @@ if TYPE_CHECKING:
     from ..base.labels import Labels
     from ..sensing.kind import Seen
     from ..sensing.sonar.ping import Contributions, Echo, PingSeries
-    from ..spec import Sonar
+    from ..sensing.sonar.receiver import Reception
+    from ..spec import Sonar, SonarReceiver
+
+
+REFERENCE = 20e-6  # Pa, of levels of pressure
 
 
 def _echoes(found: Finding) -> tuple[Echo, ...]:
@@ -44,14 +48,14 @@ def strongest(echo: Echo) -> tuple[float, float] | None:
     return distance, float(20 * np.log10(echo.envelope[peak]))
 
 
-def _figures(_sonar: Sonar, found: Finding, _seen: Seen | None) -> list[Figure]:
+def _figures(sonar: Sonar, found: Finding, _seen: Seen | None) -> list[Figure]:
     """Return the figures of an echo, of a flight those of its loudest ping."""
     if not _is_flight(found):
-        return _of_echo(found)
-    return [numbers("", "Pings", f"{len(found):,}"), *_of_echo(loudest(found), found.echoes)]
+        return _of_echo(sonar, found)
+    return [numbers("", "Pings", f"{len(found):,}"), *_of_echo(sonar, loudest(found), found.echoes)]
 
 
-def _of_echo(echo: Echo, echoes: Sequence[Echo] = ()) -> list[Figure]:
+def _of_echo(sonar: Sonar, echo: Echo, echoes: Sequence[Echo] = ()) -> list[Figure]:
     """Figures of an echo; its error is the largest of all ``echoes`` that it stands for."""
     heard = {kind: int(np.count_nonzero(echo.heard.kind == kind)) for kind in ("wood", "facet")}
     found = [
@@ -75,11 +79,34 @@ def _of_echo(echo: Echo, echoes: Sequence[Echo] = ()) -> list[Figure]:
         ("discs of ka > 120 beyond 60°", "Doubtful Discs", echo.doubtful),
     )
     found += [numbers(name, short, f"{count:,}") for name, short, count in some if count]
+    found += _of_receiver(sonar.receiver, echo.received)
     most = max(each.error_bound + each.table_error for each in (echo, *echoes))
     found += [
         words("error of the sum at most", "", "{share:.1e} of all amplitudes", share=most),
         numbers("", "Error at Most", f"{100 * most:.2g} %"),
     ]
+    return found
+
+
+def _of_receiver(receiver: SonarReceiver | None, received: Reception | None) -> list[Figure]:
+    """Figures of what a receiver made of an echo; none without one."""
+    if receiver is None or received is None:
+        return []
+    found = []
+    if receiver.noisy:
+        level = 20 * np.log10(received.noise_level / REFERENCE)
+        found.append(numbers("noise in the band", "Noise", f"{level.max():.1f} dB re 20 µPa"))
+        over = float(received.snr_db.max())
+        said = f"{over:.1f} dB" if np.isfinite(over) else "no echo"
+        found.append(numbers("peak of the echo over the noise", "Over Noise", said))
+        above = received.range[(received.range_snr_db >= 0.0).any(axis=0)]
+        if len(above):
+            far = f"{above.max():.1f} m"
+            found.append(numbers("echo above the noise up to", "Above Noise", far))
+    if receiver.threshold_db is not None:
+        found.append(numbers("detections", "Detections", f"{len(received.detection_ear):,}"))
+    if received.clipped:
+        found.append(numbers("samples that were clipped", "Clipped", f"{received.clipped:,}"))
     return found
 
 
@@ -136,11 +163,27 @@ def _notes(sonar: Sonar, found: Finding) -> tuple[str, ...]:
 
 
 def _doubts(sonar: Sonar, found: Finding) -> tuple[str, ...]:
-    """Return that a tolerance was not reached, and what to do.
+    """Return that a tolerance was not reached, and what to do, and that leaves are too dense."""
+    return (*_doubts_about_sum(sonar, found), *_doubts_about_density(found))
 
-    Silent where the sum has at most two thirds of all bounds, with what is left out as too weak and the
-    tables: then a finer sum makes the result no surer. The notes give all three.
-    """
+
+def _doubts_about_density(found: Finding) -> tuple[str, ...]:
+    """Return that leaves near the beam's axis are too dense for echoes of single leaves."""
+    from ..sensing.sonar.rescattering import DENSE, LEAVES, density_of, nearest_leaves
+
+    leaves = nearest_leaves((loudest(found) if _is_flight(found) else found).groups)
+    if leaves is None or len(leaves) < LEAVES or density_of(leaves) < DENSE:
+        return ()
+    return (
+        f"leaves near the beam's axis are dense, {density_of(leaves):.0f} m² a m³: echoes from leaf to leaf, "
+        "which are left out, change the waveform by a third or more, its mean energy by 1 to 2 dB. Trust the "
+        "energy and its spread rather than single peaks.",
+    )
+
+
+def _doubts_about_sum(sonar: Sonar, found: Finding) -> tuple[str, ...]:
+    """Silent where the sum has at most two thirds of all bounds, with what is left out as too weak and the
+    tables: then a finer sum makes the result no surer. The notes give all three."""
     echoes = _echoes(found)
     error = max(echo.error_bound for echo in echoes)
     others = max(echo.cull_bound + echo.table_error for echo in echoes)
@@ -172,8 +215,20 @@ def _echo_notes(sonar: Sonar, echoes: Sequence[Echo]) -> Iterator[str]:
     both = (
         "Leaves weaken what lies behind them, large ones and wood hide it as straight rays would."
     )
+    receiver = sonar.receiver
+    if receiver is not None and receiver.ambient != "none":
+        yield _ambient_in_words(receiver)
     yield f"{summed}; what is left out as too weak adds at most {bound:.1e} of them."
     yield shade.get(sonar.shading, both)
+
+
+def _ambient_in_words(receiver: SonarReceiver) -> str:
+    sources = {
+        "wind": "wind in vegetation by Boersma 1997, measured over grassland up to 20 kHz",
+        "insects": "insects of a tropical night by Schmidt & Römer 2011, up to 80 kHz",
+        "rain": "rain at the level that is given, up to 20 kHz",
+    }
+    return f"Noise of {sources[receiver.ambient]}; above, 6 dB less an octave is an assumption."
 
 
 def _write(folder: Path, sonar: Sonar, found: Finding, offset: Offset) -> list[Path]:
@@ -198,16 +253,16 @@ def _columns(found: Finding) -> dict[str, list[Any]]:
     """Time and channels of a sound; of a flight one ping after the other."""
     rate = float(_echoes(found)[0].sample_rate)
     if not _is_flight(found):
-        return sound_columns(found.waveforms, rate)
-    stacked = found.stacked("waveforms")
+        return sound_columns(found.heard_waveforms, rate)
+    stacked = found.stacked("heard_waveforms")
     return sound_columns(np.moveaxis(stacked, 1, 0).reshape(stacked.shape[1], -1), rate)
 
 
 def _plot(_sonar: Sonar, found: Finding) -> Plot:
     if _is_flight(found):
-        pings = found.stacked("waveforms")[:, 0].ravel()
+        pings = found.stacked("heard_waveforms")[:, 0].ravel()
         return sound_plot(pings, found.echoes[0].sample_rate)
-    return sound_plot(found.waveforms[0], found.sample_rate)
+    return sound_plot(found.heard_waveforms[0], found.sample_rate)
 
 
 def _marks(found: Finding) -> Contributions | None:
@@ -222,13 +277,22 @@ def _sound(sonar: Sonar, found: Finding) -> tuple[np.ndarray, float]:
 
 def _labelled(found: Finding) -> tuple[Variables, Variables]:
     from ..sensing.sonar.ping import PingSeries
+    from .echo_files import received_arrays, recorded_unit
 
     pings, dims = PingSeries(_echoes(found)), ("ping", "ear", "time")
     unit = "re the call at 1 m"
     place, _ = pings.poses()
+    received: Variables = {}
+    if made := received_arrays(pings):
+        received = {
+            "recorded": (dims, made["recorded"], recorded_unit(made)),
+            "noise_level": (dims[:2], made["noise_level"], recorded_unit(made)),
+            "snr_db": (dims[:2], made["snr_db"], "dB"),
+        }
     return {
         "waveform": (dims, pings.stacked("waveforms"), unit),
         "envelope": (dims, pings.stacked("envelopes"), unit),
+        **received,
     }, {
         "time": (("time",), pings.time, "s"),
         **{name: (("ping",), place[:, k], "m") for k, name in enumerate("xyz")},

@@ -204,6 +204,10 @@ WIND = (0.0, 9.0)  # m/s: scans in calm and in 9 m/s (Vaaja et al. 2016, ISPRS A
 REGISTRATION = (0.002, 0.007)
 # Days of a year: from the unfolding of beech in mid-May (Dittmar & Elling 2006) to the colouring of oak on 19
 # October (Deutscher Wetterdienst, mean of 2011 to 2023); a month of turning and falling is ours.
+# dB re 20 µPa at 0.1 m, of the peak, 3 dB above the root mean square: mean of Daubenton's bats in silence,
+# and their loudest call in noise (Foskolos et al. 2022, J. Exp. Biol. 225, jeb242957).
+SOURCE_LEVEL = (115.0, 132.0)
+SELF_NOISE = 6.0  # dB about what a plan has, between receivers of a kind: ours
 SEASON = {"choice": [0.0, 0.25, 0.5, 0.75, 1.0], "weights": [160, 10, 10, 10, 175]}
 
 
@@ -232,6 +236,9 @@ def randomised(head: Head, scenes: Sequence[Mapping[str, Any]], plan: Mapping[st
         found["wind.speed"] = {"uniform": list(WIND)}
     if sensors and kinds <= set(PLATFORMS):
         found |= _of_scanners(sensors, kinds)
+    receivers = [sensor.get("receiver") for sensor in sensors]
+    if kinds == {"sonar"} and all(isinstance(one, Mapping) for one in receivers):
+        found |= _of_receivers(receivers)
     return found | own
 
 
@@ -272,6 +279,20 @@ def _of_scanners(sensors: Sequence[Mapping[str, Any]], kinds: set[Any]) -> dict[
     if all(steps):
         low, high = STEEPER * min(map(float, steps)), COARSER * max(map(float, steps))
         found["sensors[*].angle_step_deg"] = {"uniform": [low, high]}
+    return found
+
+
+def _of_receivers(receivers: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Return what varies of sonars' receivers, where every sensor of a plan has one."""
+    found: dict[str, Any] = {}
+    if all("source_level_db" in one for one in receivers):
+        found["sensors[*].receiver.source_level_db"] = {"uniform": list(SOURCE_LEVEL)}
+    noise = [float(one["self_noise_db"]) for one in receivers if "self_noise_db" in one]
+    if len(noise) == len(receivers):
+        low, high = min(noise) - SELF_NOISE, max(noise) + SELF_NOISE
+        found["sensors[*].receiver.self_noise_db"] = {"uniform": [low, high]}
+    if all(one.get("ambient") == "wind" for one in receivers):
+        found["sensors[*].receiver.wind_speed"] = {"uniform": [0.5, WIND[1]]}
     return found
 
 

@@ -57,6 +57,10 @@ class Picture:
     words: str
 
 
+AGREES, DIFFERS, UNTOLD = "agrees", "does not agree", "not told apart"
+BLIND = 0.5  # relative difference that a row has to be able to tell
+
+
 @dataclass(frozen=True)
 class Comparison:
     """One quantity beside its measurement.
@@ -75,9 +79,21 @@ class Comparison:
     pictures: tuple[Picture, ...] = ()
 
     @property
+    def power(self) -> float | None:
+        """Relative difference from which on these intervals would no longer overlap; None where they are not
+        both known. Intervals of 90 % that just do not overlap differ at about the level of 2 %."""
+        both = [each for each in (self.measured, self.simulated) if each and each.low is not None]
+        size = max((abs(each.value) for each in both), default=0.0)
+        if len(both) < 2 or size == 0:
+            return None
+        return sum((each.high or 0.0) - (each.low or 0.0) for each in both) / 2 / size
+
+    @property
     def verdict(self) -> str:
-        """In a word."""
-        return {True: "agrees", False: "does not agree", None: "-"}[self.agrees]
+        """In a word: that intervals overlap is no agreement where they would for any likely value."""
+        if self.agrees and self.power is not None and self.power > BLIND:
+            return UNTOLD
+        return {True: AGREES, False: DIFFERS, None: "-"}[self.agrees]
 
 
 def as_record(comparison: Comparison) -> dict:
@@ -115,13 +131,15 @@ HEAD = """\
 
 Each sensor and each way to grow and plant, held to measurements of real forests. The page is written by
 `python -m studies validate --data FOLDER --docs docs`; each part names its measurements. *Agrees* means
-that intervals overlap, or what a row says. What does not agree stands here like what does.
+that intervals overlap, or what a row says; *not told apart*, that they overlap and would do so even if the
+two differed by half. The last column is the difference that a row can tell: where the intervals, 90 % where
+nothing else is said, would no longer overlap. What does not agree stands here like what does.
 """
 TAIL = """\
 ## What was not measured
 
-- **Sonar.** No echoes of foliage with its leaves' positions were at hand; the echo model is held to exact
-  waves on discs and facets ([sonar](sonar.md)), not to an animal's recording.
+- **Sonar.** No echoes of foliage with its leaves' positions were at hand, and none of an animal's band; the
+  leaf itself is held to exact waves on discs and facets ([sonar](sonar.md)).
 - **Intensity of LiDAR** in absolute units: the clouds give digital numbers without calibration.
 - **Rain and moving leaves**, and how wind changes a scan from one time to the next.
 - **Bark**: its roughness, and its reflectance at the wavelengths of scanners.
@@ -142,14 +160,22 @@ class Subject:
 def table_of(comparisons: Sequence[Comparison]) -> list[str]:
     """The rows of a Markdown table; the column *before* only where something was mended."""
     before = any(c.before for c in comparisons)
-    names = ["quantity", "measured", *(["before"] if before else []), "simulated", "verdict"]
+    names = [
+        "quantity",
+        "measured",
+        *(["before"] if before else []),
+        "simulated",
+        "verdict",
+        "tells",
+    ]
     lines = ["| " + " | ".join(names) + " |", "|" + "---|" * len(names)]
     for c in comparisons:
         quantity = f"{c.quantity}, {c.unit}" if c.unit else c.quantity
         columns = [quantity, c.measured.text() if c.measured else "not measured"]
         if before:
             columns.append(c.before.text() if c.before else "")
-        columns += [c.simulated.text() if c.simulated else "", c.verdict]
+        tells = "" if c.power is None else f"{c.power:.0%}"
+        columns += [c.simulated.text() if c.simulated else "", c.verdict, tells]
         lines.append("| " + " | ".join(column.replace("|", "\\|") for column in columns) + " |")
     return lines
 
@@ -177,22 +203,27 @@ def part_text(part: Subject, pictures: str) -> str:
 def page_text(parts: Sequence[Subject], pictures: str) -> str:
     """The whole page."""
     every = [c for part in parts for c in part.comparisons]
-    agree, disagree = (sum(c.agrees is wanted for c in every) for wanted in (True, False))
+    agree, disagree, untold = (_count(every, verdict) for verdict in (AGREES, DIFFERS, UNTOLD))
     overview = [
-        "| | agree | do not | not judged |",
-        "|---|---|---|---|",
+        "| | agree | do not | not told apart | not judged |",
+        "|---|---|---|---|---|",
         *(_counts_of(part) for part in parts),
     ]
     said = (
-        f"Of {agree + disagree} quantities that were judged, {agree} agree and {disagree} do not."
+        f"Of {agree + disagree + untold} quantities that were judged, {agree} agree, {disagree} do not and "
+        f"{untold} cannot be told apart."
     )
     texts = [HEAD, said + "\n", "\n".join(overview) + "\n"]
     return "\n".join([*texts, *(part_text(part, pictures) for part in parts), TAIL])
 
 
 def _counts_of(part: Subject) -> str:
-    counts = [sum(c.agrees is wanted for c in part.comparisons) for wanted in (True, False, None)]
+    counts = [_count(part.comparisons, verdict) for verdict in (AGREES, DIFFERS, UNTOLD, "-")]
     return f"| {part.title} | " + " | ".join(map(str, counts)) + " |"
+
+
+def _count(comparisons: Sequence[Comparison], verdict: str) -> int:
+    return sum(c.verdict == verdict for c in comparisons)
 
 
 def copy_pictures(part: Subject, folder: Path) -> None:
@@ -206,7 +237,15 @@ def copy_pictures(part: Subject, folder: Path) -> None:
 # Run validations: print their tables; keep each as JSON, Markdown and pictures in its own folder.
 
 
-SECTIONS = ("reverb", "lidar", "stand", "leaves", "trees", "wind")  # in the order of the page
+SECTIONS = (
+    "reverb",
+    "sonar",
+    "lidar",
+    "stand",
+    "leaves",
+    "trees",
+    "wind",
+)  # in the order of the page
 PARTS = (*SECTIONS, "training", "ablations", "tasks")  # the last three are made by ``study``
 KEPT = "validation.json"
 

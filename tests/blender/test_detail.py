@@ -74,14 +74,14 @@ def hidden_and_gap(tree, like):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", MEASURED)
 def test_a_coarser_tree_hides_as_much(name):
-    """Three trees, five directions, 2,500 rays each: the means of hidden area and gap fraction are within
+    """Two trees, five directions, 2,500 rays each: the means of hidden area and gap fraction are within
     the bound, known to 2 % or better (a standard error, from their spread). Most species are within 1 %; a
     quarter of a maple's leaves, whose crown has wide gaps, is 2 to 4 % off.
     """
     species, kind = load_species(find_species(name, Path()))
     shares = (0.5, SHARE) if name == "norway-maple" else (SHARE,)
     off = {share: [] for share in shares}
-    for seed in range(3):  # crowns with gaps differ more between directions
+    for seed in range(2):  # crowns with gaps differ more between directions
         full = grow(species, kind, stream(seed, "detail", name), TREE)
         whole = hidden_and_gap(full, full)
         for share in shares:

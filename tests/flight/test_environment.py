@@ -161,6 +161,21 @@ def test_many_flyers_fly_as_each_alone(env):
 
 
 @pytest.mark.medium
+def test_the_noise_of_a_receiver_is_each_flyers_and_steps_own():
+    receiver = forest.SonarReceiver(source_level_db=110.0, self_noise_db=60.0)
+    carried = {"sensors": ("sonar",), "sonar": LEAVES.changed(receiver=receiver, max_range=1.0)}
+    many = FlightVectorEnv(2, SCENE, heard="waveforms", **carried)
+    alone = FlightEnv(SCENE, heard="waveforms", **carried)
+    stay = np.zeros((2, *alone.action_space.shape))
+    first, then = many.reset(seed=20)[0]["sonar"], many.step(stay)[0]["sonar"]
+    assert np.array_equal(alone.reset(seed=21, options={"forest": 20})[0]["sonar"], first[1])
+    assert np.array_equal(alone.step(stay[1])[0]["sonar"], then[1])
+    records = np.stack([*first, *then])[:, 0]  # of which noise is nearly all
+    alike = np.corrcoef(records) - np.eye(4)
+    assert np.abs(alike).max() * np.sqrt(records.shape[1]) < 6
+
+
+@pytest.mark.medium
 def test_ended_flights_begin_anew_on_the_next_step():
     hits = Flight(distance=15.0, steps=3, start_low=(0.0, 0.0), start_high=(1.0, 1.0))
     many = FlightVectorEnv(2, SCENE, sensors=(), flight=hits)

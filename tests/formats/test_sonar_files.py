@@ -17,7 +17,7 @@ from forest_addon.results.kinds import RESULTS
 from forest_addon.sensing.sonar.equipment_files import equip, find, read_patterns, read_route
 from forest_addon.sensing.sonar.ping import EchoTargets, fly, ping
 from forest_addon.sensing.sonar.station import posed, poses_of
-from forest_addon.spec import Air, Scene, Sonar, SpecError
+from forest_addon.spec import Air, Scene, Sonar, SonarReceiver, SpecError
 
 LEAVES = discs_of([[2, 0, 2], [3, 0.2, 2]], [1.0, 0, 0], 0.02)
 
@@ -129,6 +129,56 @@ def test_a_flight_in_files(tmp_path: Path) -> None:
     assert samples.shape == (3 * len(flight.time), 2)
     with np.load(heard) as data:
         assert np.bincount(data["pose"]).tolist() == [2, 2, 2]
+
+
+def test_what_a_receiver_recorded_in_files(tmp_path: Path) -> None:
+    receiver = SonarReceiver(source_level_db=120.0, self_noise_db=20.0, threshold_db=10.0)
+    sonar = Sonar(ears=2, receiver=receiver)
+    targets = EchoTargets.of_discs(LEAVES)
+    flight = fly(targets, sonar, Air(), [posed(sonar)] * 3, seed=5)
+    arrays, sound = write_echo(tmp_path, "way", flight, sonar)
+    with np.load(arrays) as data:
+        for number, echo in enumerate(flight.echoes):
+            assert echo.received is not None
+            np.testing.assert_allclose(data["recorded"][number], echo.received.recorded)
+            assert np.array_equal(data["snr_db"][number], echo.received.snr_db)
+            mine = data["detection_ping"] == number
+            assert np.array_equal(data["detection_time"][mine], echo.received.detection_time)
+        assert str(data["recorded_unit"]) == "Pa"
+        assert data["range_snr_db"].shape == (3, 2, len(data["range"]))
+        gain, pressure = float(data["wav_gain"]), float(data["call_pressure"])
+        recorded = data["recorded"]
+    _, samples = wavfile.read(sound)
+    np.testing.assert_allclose(
+        samples[: recorded.shape[2]] * (pressure / gain), recorded[0].T, atol=1e-6 * pressure / gain
+    )
+    shown = {each.short: each.text for each in RESULTS["sonar"].figures(sonar, flight, None)}
+    assert shown["Over Noise"] == f"{max(e.received.snr_db.max() for e in flight.echoes):.1f} dB"
+    assert not np.array_equal(recorded[0], recorded[1])
+    ahead = ping(targets, sonar, Air(), seed=5, number=2, pose=posed(sonar)).received
+    assert np.array_equal(ahead.recorded, flight.echoes[2].received.recorded)
+    bare = write_echo(tmp_path, "bare", ping(LEAVES, Sonar(), Air()), Sonar())[0]
+    with np.load(bare) as data:
+        assert not {name for name in data if "snr" in name or "recorded" in name}
+
+
+@pytest.mark.parametrize("key", ["transducer_file", "noise_file"])
+def test_sounds_of_a_receiver_are_read(tmp_path: Path, key: str) -> None:
+    samples = np.sin(np.arange(2000) * 2 * np.pi * 70e3 / 300e3) * np.hanning(2000)
+    wavfile.write(tmp_path / "sound.wav", 300_000, samples.astype(np.float32))
+    given = {"source_level_db": 110.0, key: "sound.wav"}
+    if key == "noise_file":
+        given["noise_level_db"] = 60.0
+    sonar = Sonar(receiver=SonarReceiver(**given))
+    receiver = equip(sonar, tmp_path).receiver
+    read = receiver.noise or receiver.transducer
+    assert len(read.samples) == round(2000 * 4 / 3)
+    if key == "noise_file":
+        assert np.sqrt(np.mean(read.samples**2)) == pytest.approx(20e-6 * 1000)
+    with pytest.raises(SpecError, match=f"receiver.{key}"):
+        equip(sonar, tmp_path / "elsewhere")
+    with pytest.raises(ValueError, match=key):
+        ping(LEAVES, sonar, Air())
 
 
 def test_a_sum_is_warned_of_where_it_decides_how_sure_the_result_is() -> None:

@@ -5,6 +5,7 @@ import json
 import math
 import types
 import typing
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -33,6 +34,7 @@ from forest_addon.spec import (
     Reverb,
     Scene,
     Sonar,
+    SonarReceiver,
     SpecError,
     Species,
     Template,
@@ -146,6 +148,24 @@ def world():
 TRIED = {
     "sonar": Sonar(
         position=(4, 4, 1.5), max_range=6.0, leaf_model="piston", cull=1e-2, tolerance=1e-3
+    ),
+    "receiver": Sonar(
+        position=(4, 4, 1.5),
+        max_range=6.0,
+        leaf_model="piston",
+        cull=1e-2,
+        tolerance=1e-3,
+        receiver=SonarReceiver(
+            source_level_db=110.0,
+            resonance=70e3,
+            ringing_db=-40.0,
+            gain=((0.0, 0.0), (0.03, 20.0)),
+            self_noise_db=20.0,
+            ambient="wind",
+            overload_db=80.0,
+            bits=12,
+            threshold_db=10.0,
+        ),
     ),
     "reverb": Reverb(source=(1, 1, 1.5), receiver=(7, 7, 1.5), sample_rate=8000.0, duration=0.2),
     "terrestrial": Terrestrial(position=(4, 4, 1.5), angle_step_deg=8.0),
@@ -307,14 +327,17 @@ def test_every_setting_of_a_flight_changes_it_or_is_said_to_be_idle(world, body)
     from forest_addon.flight.simulation import Flyers
     from forest_addon.flight.woods import Stock
 
+    @cache
+    def stock(thinnest):
+        flight = Flight(thinnest=thinnest)
+        return Stock.standing(dataclasses.replace(world, scene=world.scene.changed(flight=flight)))
+
     def flown(flight):
-        there = dataclasses.replace(world, scene=world.scene.changed(flight=flight))
-        stock = Stock.standing(there)
         flyers = Flyers(flight, 6, None, None)
-        flyers.enter(stock.surroundings())
+        flyers.enter(stock(flight.thinnest).surroundings())
         flyers.start(range(6), range(6))
         names = {"bat": 3, "bird": 1, "planar": 1, "quadrotor": 4}
-        seen = [[int(solid.count.sum()) for solid in stock.solids]]
+        seen = [[int(solid.count.sum()) for solid in stock(flight.thinnest).solids]]
         for _ in range(3):
             outcome = flyers.step(np.full((6, names[body]), 0.9))
             seen += [flyers.sense(), flyers.state, outcome]

@@ -6,7 +6,8 @@ Errors are shares of Σ max|A|, in which tolerance and cull are asked for, and t
 comb's. Responses, envelopes and waveforms are derived from the spectra, whole; the spectrum of a call's echo
 from that of the transfer function, or, of a sonar or scene that moves, summed over every path at its own
 speed, piece by piece of a call that is cut; of calls in more than ``PIECES`` pieces it is not looked at.
-Times, frequencies, counts and poses are computed again; what is heard is searched for and listed again.
+What a receiver made of the waveforms is made again, with the same noise. Times, frequencies, counts and
+poses are computed again; what is heard is searched for and listed again.
 """
 
 from __future__ import annotations
@@ -24,8 +25,9 @@ from ..audit import LEAST, AuditPart, figure_error, figures, shares
 from ..rays.caster import RayCaster
 from .calls import Band, BandGrid, Call, grid_of
 from .ping import Echo, PingHearing, contributions, heard_from
+from .receiver import receive
 from .search import Found
-from .station import Equipment, SonarPose, Station
+from .station import Ears, Equipment, SonarPose, Station
 from .summation import Moment, factors, fastest, pieces_of, sum_echoes, widened
 from .targets import EchoTargets
 from .windy import at_moment
@@ -48,7 +50,7 @@ PATHS = 20  # times as much as a scatterer of a comb takes a path at its own spe
 
 @dataclass(frozen=True)
 class Pings:
-    """Pings as sent and heard, and a way to look again; wood, everything : casters as of ``ping``."""
+    """Pings as sent and heard, and a way to look again; wood, everything, seed : as of ``ping``."""
 
     echoes: Sequence[Echo]
     poses: Sequence[SonarPose]
@@ -58,6 +60,7 @@ class Pings:
     wood: RayCaster | None
     everything: RayCaster | None
     equipment: Equipment
+    seed: int = 0
 
     @cached_property
     def band(self) -> Band:
@@ -132,6 +135,15 @@ def parts_of_echoes(pings: Pings, share: float) -> list[AuditPart]:
             ),
         ),
     ]
+    if pings.equipment.receiver is not None:
+        what = "receptions, received again from the waveforms"
+        made.append(
+            AuditPart(
+                count,
+                lambda number: np.array([_received(pings, n) for n in number.tolist()]),
+                ((what, OF_SAMPLES, "of each"),),
+            )
+        )
     again = max(1, int(share * count))
     if again > 1 or in_range <= SEARCHED:
         kind = "pings searched and listed again", OF_SAMPLES, "of each"
@@ -228,6 +240,19 @@ def _searched(pings: Pings, echo: Echo) -> float:
             pairs.append((getattr(ours, name), getattr(theirs, name)))
         pairs.append((ours.scatterers.number, theirs.scatterers.number))
         pairs.append((ours.paths.length, theirs.paths.length))
+    return max(figure_error(one, other) for one, other in pairs)
+
+
+def _received(pings: Pings, number: int) -> float:
+    """Largest error of what the receiver made of a ping."""
+    echo, receiver = pings.echoes[number], pings.equipment.receiver
+    assert receiver is not None
+    key = number, f"{echo.pose.time:.9f}"
+    ears = Ears.of(pings.sonar).offset
+    again = receive(receiver, echo.waveforms, ears, pings.air.speed(), pings.seed, *key)
+    if echo.received is None:
+        return math.inf
+    pairs = zip(vars(echo.received).values(), vars(again).values(), strict=True)
     return max(figure_error(one, other) for one, other in pairs)
 
 

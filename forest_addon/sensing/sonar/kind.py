@@ -117,6 +117,7 @@ def _audit(job: Observation, found: Any) -> list[AuditPart]:
         settings.air,
         *_casters(job),
         equip(sonar, job.folder),
+        settings.seed,
     )
     return parts_of_echoes(pings, settings.accuracy.audit)
 

@@ -125,6 +125,13 @@ class Echo:
         return self.list_heard()
 
     @property
+    def heard_waveforms(self) -> np.ndarray:
+        """(E, N) re the call at 1 m, as the receiver records them, where there is one."""
+        if self.received is None:
+            return self.waveforms
+        return self.received.recorded / self.received.pressure
+
+    @property
     def spectrum(self) -> np.ndarray:
         """(K,) at the first ear."""
         first: np.ndarray = self.spectra[0]

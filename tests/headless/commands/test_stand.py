@@ -63,7 +63,7 @@ def test_positions_and_map_are_written(scene, tmp_path, capsys):
 
 @pytest.mark.slow
 def test_geojson_and_another_seed(scene, tmp_path):
-    scene.write_text(SCENE.replace("slope_deg = [0, 60]\n", ""))  # which takes long to integrate
+    scene.write_text(SCENE.replace("slope_deg = [0, 60]\n", "").replace("rasters =", "# "))
     made = []
     for seed in ("0", "2"):  # the first is the scene's own
         out = tmp_path / f"{seed}.geojson"

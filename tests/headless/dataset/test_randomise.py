@@ -55,6 +55,22 @@ def test_ears_have_no_instruments(tmp_path):
     assert not any("scanner" in key for one in found for key in one)
 
 
+def test_receivers_of_sonars_differ_in_level_noise_and_wind(tmp_path):
+    path = tmp_path / "ears.toml"
+    path.write_text(
+        'count = 30\nrandomise = "measured"\n[scene]\n[[scene.sensors]]\nkind = "sonar"\n'
+        'receiver = { source_level_db = 110, self_noise_db = 20, ambient = "wind" }\n'
+        '[mix]\nspecies = ["maple"]\ndensity = 0.01\n'
+    )
+    every = [one.settings().sensors[0].receiver for one in recipes(read_plan(path))]
+    levels, noise, wind = np.transpose(
+        [(one.source_level_db, one.self_noise_db, one.wind_speed) for one in every]
+    )
+    for values, (low, high) in ((levels, vary.SOURCE_LEVEL), (noise, (14, 26)), (wind, (0.5, 9))):
+        assert low <= values.min() < values.max() <= high
+        assert np.ptp(values) > 0.7 * (high - low)  # chance of less in 30: 3e-4
+
+
 def test_what_cannot_be_used_is_said(tmp_path):
     with pytest.raises(SpecError, match="randomise"):
         read_plan(PLANS / "tiny.toml", ("randomise=wild",))

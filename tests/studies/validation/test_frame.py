@@ -53,7 +53,7 @@ def test_what_is_kept_is_read_as_it_was(subject, tmp_path):
     assert "34 (33 to 35)" in text
     assert "it stands steeper" in text
     page = (chosen.docs / "validation.md").read_text(encoding="utf-8")
-    assert "0 agree and 1 do not" in page
+    assert "0 agree, 1 do not and 0 cannot" in page
     assert "pictures/validation/angles.png" in page
     assert (chosen.docs / "pictures" / "validation" / "angles.png").read_bytes() == b"picture"
 
@@ -70,3 +70,17 @@ def test_what_cannot_be_asked_for(tmp_path):
         run.run_sections(["leafs"], arguments(data=tmp_path), tmp_path)
     with pytest.raises(SpecError, match="is no folder; give that of the measurements"):
         run.run_sections(["leaves"], arguments(data=tmp_path / "none"), tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("measured", "simulated", "verdict"),
+    [
+        (Interval(10.0, 9.0, 11.0), Interval(10.5, 9.5, 11.5), run.AGREES),  # tells a fifth
+        (Interval(17.9, 6.2, 23.9), Interval(8.02, 7.94, 9.0), run.UNTOLD),  # tells a half
+        (Interval(10.0), Interval(10.5, 4.0, 17.0), run.AGREES),  # what a row says
+    ],
+)
+def test_intervals_that_any_value_would_meet_do_not_agree(measured, simulated, verdict):
+    assert (
+        Comparison("height", "m", measured, simulated, measured.meets(simulated)).verdict == verdict
+    )
