@@ -229,6 +229,11 @@ def test_a_file_of_noise_comes_by_the_direct_path() -> None:
         ({"ambient": "rain"}, "ambient_level_db"),
         ({"resonance": 50e3, "transducer_file": "a.wav"}, "resonance"),
         ({"gain": ((1.0, 0.0), (0.5, 0.0))}, "gain"),
+        ({"gain": ((0.0, 1e6),)}, "gain"),
+        (
+            {"self_noise_db": 0.0, "self_noise_shape": ((0.0, float("nan")),)},
+            "self_noise_shape[0][1]",
+        ),
         ({"resonance": 250e3}, "receiver.resonance"),
     ],
 )
