@@ -56,7 +56,7 @@ DIRECT_AT_ONCE = 1 << 15  # and of those at every bin
 ROUNDING = 16.0 * 2.0**-53  # of a sum, and for each period of the carrier
 FEW = 1 << 15  # products of echoes and bins that are summed directly: the fast way costs more
 DEPOSITED = 1 << 22  # values on the grid of the nodes and weights that are deposited at once
-TRANSFORM = 0.15  # of the time of an amplitude, that of a bin of a transform
+TRANSFORM = 0.6  # of the time of an amplitude, that of a bin of a transform
 
 
 @dataclass(frozen=True)
@@ -224,15 +224,13 @@ def _level(
 def _nodes_for(turn: np.ndarray, nepers: np.ndarray | float) -> np.ndarray:
     """(M,) nodes n for which the series of e^{i·turn·x} has fallen by so much: by n·(α - tanh α) where
     cosh α = n/turn, which is turn·(α·cosh α - sinh α)."""
-    alpha, fall = _falls()
-    found = turn * np.cosh(np.interp(np.maximum(nepers, 0.0) / turn, fall, alpha))
-    return np.asarray(found)
+    return np.asarray(turn * np.interp(np.maximum(nepers, 0.0) / turn, *_falls()))
 
 
 @lru_cache(maxsize=1)
 def _falls() -> tuple[np.ndarray, np.ndarray]:
-    alpha = np.linspace(0.0, 8.0, 4000)
-    return alpha, alpha * np.cosh(alpha) - np.sinh(alpha)
+    alpha = np.linspace(0.0, 8.0, 1000)
+    return alpha * np.cosh(alpha) - np.sinh(alpha), np.cosh(alpha)
 
 
 def _together(level: np.ndarray, levels: np.ndarray, count: int) -> np.ndarray:
