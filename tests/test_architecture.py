@@ -102,7 +102,7 @@ BUDGETS = {
     "forest_addon/ui": (6078, 41),
     "headless": (1448, 13),
     "headless/accuracy": (584, 4),
-    "headless/commands": (1728, 18),
+    "headless/commands": (1737, 18),
     "headless/dataset": (2509, 15),
     "headless/report": (529, 4),
     "studies": (167, 5),
