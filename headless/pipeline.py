@@ -75,6 +75,11 @@ from .unfinished import Unfinished
 
 DRY = 1.0  # per cent of relative humidity, which no air has
 SURELY = 2.0  # times the memory that is free: what asks for more is refused, as it is known to a factor of 2
+SENSED, EXPORTED = (
+    3.5,
+    7.5,
+)  # times what trees hold as they grew: in Blender and for rays, and as glTF
+KNOWN = 1.25  # to which factor that is known
 LONG = 30.0  # s of a sensor, from which on its cost is said before
 MOST_LEAVES = 5_000_000  # rows of leaves.npz; beyond, leaves are written once a variant
 Dry = tuple[str, np.ndarray, float]  # a sound's name, samples and sampling rate
@@ -140,6 +145,7 @@ def run_scene(
     stages.tell(site.inputs.told)
     with stages.stage("grow trees") as progress:
         forest = site.grow(progress)
+    _refuse_large(forest, wanted.glb or bool(wanted.usd))
     run = Run(settings, out, stages, forest, site.ground, forest.labels)
     if settings.crs and not can_tell_crs():
         run.stages.warn("LAS files lack their coordinate system; pip install pyproj tells it")
@@ -157,6 +163,26 @@ def run_scene(
     with stages.stage("write truth"):
         _write_truth(run, forest)
     _sense(run, world, sound, resume, strict)
+
+
+def _refuse_large(forest: GrownForest, exported: bool) -> None:
+    """Refuse a forest that has grown and that memory will not hold as Blender's scene, for rays and as it is
+    written into files.
+
+    Raises
+    ------
+    SpecError : it needs more memory than there is, by far.
+    """
+    grown = sum(tree.nbytes for tree in forest.variants.values())
+    needs, free = grown * (EXPORTED if exported else SENSED), free_memory()
+    if needs > KNOWN * free:
+        few = max(1, int(len(forest.variants) * free / needs))
+        less = "" if not exported else "; output.glb = false halves it"
+        raise SpecError(
+            "plantings",
+            f"their {len(forest.variants)} different trees need about {needs / 1e9:.3g} GB of memory in "
+            f"Blender, and {free / 1e9:.3g} GB are free; give about {few} variants in all{less}",
+        )
 
 
 def run_blend(

@@ -8,8 +8,10 @@ LAS file.
 from __future__ import annotations
 
 import json
+import os
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -20,7 +22,10 @@ from forest_addon.base.trimesh import GROUND, LEAF, OTHER, TriMesh
 from forest_addon.formats.helios.legs import Leg
 from forest_addon.formats.helios.survey import Survey, read_survey
 from forest_addon.formats.las import read_las
+from forest_addon.formats.raster_file import read_raster
+from forest_addon.formats.table import write_csv
 from forest_addon.formats.toml_file import read_scanner, structure, write_settings
+from forest_addon.formats.tree_map import NUMBERS, read_tree_map
 from forest_addon.results.coordinates import NO_OFFSET, Offset
 from forest_addon.results.scan_file import write_scan
 from forest_addon.sensing.lidar.cloud import Cloud
@@ -41,9 +46,21 @@ from forest_addon.sensing.moving_rays import MovingCaster
 from forest_addon.sensing.rays.caster import RayCaster
 from forest_addon.sensing.rays.geometry import SceneGeometry
 from forest_addon.sensing.rays.paths import SceneMotion
-from forest_addon.spec import Beam, Mobile, Noise, Pose, Rays, Scene, SpecError, Terrestrial
+from forest_addon.spec import (
+    Beam,
+    Mobile,
+    Noise,
+    Planting,
+    Pose,
+    Rays,
+    Scene,
+    SpecError,
+    Terrain,
+    Terrestrial,
+)
 from forest_addon.spec import Forest as Field
 
+from .commands.estimate import species_of_map
 from .progress import Stages, hushed
 
 ECHOES = ("survey", "waveform")
@@ -325,19 +342,25 @@ class FlownCloud:
     angle: np.ndarray
 
 
+ENOUGH = 6  # variants of a species that a plot's trees are, each in the size of its own diameter
+
+
 def write_like(
     cloud_file: Path,
     target: Path,
     scanner: str | None = None,
     trajectory: Path | None = None,
     crs: str = "",
-    say: object = print,
+    say: Callable[[str], object] = print,
+    trees: Path | None = None,
+    species: Sequence[str] = (),
 ) -> Scene:
     """Write a scene with one scanner for each flight line of a cloud, flown and swept like it; return it.
 
     scanner : an instrument whose light and receiver are taken. trajectory : CSV or SBET in the cloud's
     coordinates and clock, in place of the way that pulses tell. crs : the system of the cloud if it names
-    none, which an SBET goes to.
+    none, which an SBET goes to. trees : a table of the trees that stand there, which are planted on the
+    ground of the cloud; species : NAME=PRESET of its names.
 
     Raises
     ------
@@ -378,15 +401,56 @@ def write_like(
         sensors=tuple(sensors),
     )
     target.parent.mkdir(parents=True, exist_ok=True)
-    write_settings(target, scene)
     for words in report:
-        say(words)  # type: ignore[operator]
+        say(words)
+    then = "plant it with [[plantings]], or by --trees TABLE, then: run"
+    if trees is not None:
+        ground = Terrain(file=Path(os.path.relpath(cloud_file, target.parent)).as_posix())
+        plantings = _planted(trees, species, target, crs, say)
+        raster = read_raster(cloud_file)
+        rows, columns = raster.pixels.shape
+        ends = np.sort(raster.places(np.array([0, columns]), np.array([0, rows])), axis=0) - low[:2]
+        corner = np.ceil(ends[0])
+        side = np.floor(ends[1]) - corner
+        field = Field(
+            origin=(float(corner[0]), float(corner[1])),
+            size=(float(side[0]), float(side[1])),
+            terrain=ground,
+        )
+        scene = scene.changed(forest=field, plantings=plantings)
+        then = "its trees on its ground; then: run"
+    write_settings(target, scene)
     pulses = int((cloud.number == 1).sum())
-    say(  # type: ignore[operator]
+    say(
         f"{target}: {len(sensors)} lines over {side[0]:.0f} x {side[1]:.0f} m, {pulses / side.prod():.3g} "
-        "pulses/m² in the cloud; plant it with [[plantings]], then: run"
+        f"pulses/m² in the cloud; {then}"
     )
     return scene
+
+
+def _planted(
+    table: Path, species: Sequence[str], target: Path, crs: str, say: Callable[[str], object]
+) -> tuple[Planting, ...]:
+    """Write the trees of a table beside a scene, in metres and by the names of our species; return their
+    plantings."""
+    trees = read_tree_map(table, crs)
+    for line in trees.said:
+        say(line)
+    kinds = species_of_map(trees, species, target.parent)
+    for name, kind in kinds.items():
+        if name != kind:
+            say(f'"{name}" is planted as {kind}')
+    file = target.with_name(f"{target.stem}-trees.csv")
+    planted = [kinds[str(name)] for name in trees.species]
+    columns: dict[str, list[Any]] = dict(zip("xy", trees.position.T.tolist(), strict=True))
+    columns["species"] = [Path(kind).stem for kind in planted]
+    known = dict(zip(NUMBERS, trees.numbers.T, strict=True))
+    write_csv(file, columns | {k: v.tolist() for k, v in known.items() if np.isfinite(v).any()})
+    count = Counter(planted)
+    return tuple(
+        Planting(species=kind, layout="list", trees=file.name, variants=min(many, ENOUGH))
+        for kind, many in count.items()
+    )
 
 
 def read_flown(path: Path, crs: str = "") -> FlownCloud:

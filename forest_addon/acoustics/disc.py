@@ -103,14 +103,14 @@ def disc_amplitudes(
 
 
 def rim_amplitudes(
-    wavenumber: np.ndarray, across: np.ndarray, level: np.ndarray, side: int
+    wavenumber: np.ndarray, across: np.ndarray, level: np.ndarray, side: np.ndarray
 ) -> np.ndarray:
     """(Q, M) i·level·H₁(x)e^{-ix} at the near side (-1), its conjugate times i at the far one (1); x =
-    2k·across, ``SMALLEST`` at least."""
+    2k·across, ``SMALLEST`` at least; across, level, side (M,)."""
     library = kernels.library()
     if library is None:
         wave = special.hankel1e(1, 2.0 * wavenumber[:, None] * across)
-        return 1j * level * (wave if side < 0 else np.conj(wave))
+        return 1j * level * np.where(side < 0, wave, np.conj(wave))
     found = np.empty((len(wavenumber), len(across)), np.complex128)
     given = (len(wavenumber), wavenumber, len(across), across, level, side)
     library.piston_rims(*given, *_hankel().given[2:], found)

@@ -49,7 +49,7 @@ class DelayGrid:
 
     def __init__(self, count: int, columns: int, width: int, sums: int = 1) -> None:
         self._kernel, self._columns = kernel(width), columns
-        self._bins = np.arange(count) - count // 2
+        self._count = count
         self._size = fft.next_fast_len(max(OVERSAMPLING * count, 2 * width))
         self._grid = grid_of(sums, self._size + width, columns)
 
@@ -66,9 +66,12 @@ class DelayGrid:
         whole = self._grid[number, :, : self._columns]
         grid = whole[: self._size].copy()
         grid[: len(whole) - self._size] += whole[self._size :]
-        transformed = fft.fft(np.ascontiguousarray(grid.T), axis=1)
-        spectrum: np.ndarray = transformed[:, self._bins % self._size]
-        spectrum /= self._kernel.transform(self._bins / self._size)
+        transformed = fft.fft(np.ascontiguousarray(grid.T), axis=1, overwrite_x=True)
+        below, bins = self._count // 2, np.arange(self._count) - self._count // 2
+        share = 1.0 / self._kernel.transform(bins / self._size)
+        spectrum = np.empty((self._columns, self._count), np.complex128)
+        np.multiply(transformed[:, self._size - below :], share[:below], out=spectrum[:, :below])
+        np.multiply(transformed[:, : self._count - below], share[below:], out=spectrum[:, below:])
         return spectrum
 
 

@@ -11,8 +11,8 @@ How many nodes an echo needs follows from how far its response reaches around it
 is: the series of e^{iθx} falls as n·(α - tanh α) beyond n = θ·cosh α (Debye), and every echo may be off by
 as much as any other. How strict that has to be is measured: some echoes, drawn evenly and by loudness, are
 computed in more nodes than any will need, and what their Chebyshev series hold beyond their nodes is the
-error that all of them make. The tolerance holds with all of these errors in phase. The error that is told
-is smaller where echoes cancel each other as random ones do, since their errors do so too.
+error that all of them make. Errors cancel as the echoes themselves do: they are first taken to add up as
+random ones, and where the sum is louder than such echoes are, it is made again with errors as much louder.
 
 Several sums of the same echoes, weighted differently, share their amplitudes.
 """
@@ -50,12 +50,13 @@ UNSEEN = 0.1  # of it, that they may not tell
 KERNEL = 0.25  # of the tolerance, for the transform
 TYPICAL = 0.4  # root of the mean square of the transform's error, over the largest
 PEAK = 3.5  # largest of many random values over their root of the mean square, about
+ALIKE = 1.5  # times as loud as echoes are together, of their own, errors may be
 VALUES_AT_ONCE = 1 << 16  # amplitudes at once: what is computed on the way fits a core's cache
 DIRECT_AT_ONCE = 1 << 15  # and of those at every bin
 ROUNDING = 16.0 * 2.0**-53  # of a sum, and for each period of the carrier
-FEW = 1 << 16  # products of echoes and bins that are summed directly: the fast way costs more
+FEW = 1 << 15  # products of echoes and bins that are summed directly: the fast way costs more
 DEPOSITED = 1 << 22  # values on the grid of the nodes and weights that are deposited at once
-TRANSFORM = 0.15  # of the time of an amplitude, that of a bin of a transform
+TRANSFORM = 0.6  # of the time of an amplitude, that of a bin of a transform
 
 
 @dataclass(frozen=True)
@@ -105,20 +106,39 @@ def sum_delayed(
     the number of its periods.
     """
     delay = np.asarray(delay, np.float64)
-    task = _Task(amplitude, delay, weights, start, spacing, count, ends)
+    given = amplitude, delay, weights, start, spacing, count, ends
+    task = _Task(*given)
     if tolerance < 2.0 * ALIASING[-1] or len(delay) * count <= FEW:
         task.direct(np.arange(len(delay)))
         return task.result(0.0, 0.0, 0.0)
-    width = width_for(KERNEL * tolerance)
-    kernel = ALIASING[width - NARROWEST]
-    plan = _planned(task, reach, loudness, SAFE * max(tolerance - kernel, 0.1 * tolerance))
-    for nodes in distinct(plan.nodes).tolist():
-        rows = np.flatnonzero(plan.nodes == nodes)
-        if nodes == 0:
-            task.direct(rows)
-        else:
-            task.interpolate(rows, nodes, width)
-    return task.result(kernel, plan.error, plan.scattered, UNSEEN * tolerance)
+    loud = np.maximum(np.broadcast_to(loudness, delay.shape), 1e-300)
+    alike = PEAK
+    while True:
+        width = width_for(KERNEL * tolerance / _summed(alike * _evenness(loud)))
+        kernel = ALIASING[width - NARROWEST]
+        plan = _planned(task, reach, loud, SAFE * (1.0 - KERNEL) * tolerance, alike)
+        for nodes in distinct(plan.nodes).tolist():
+            rows = np.flatnonzero(plan.nodes == nodes)
+            if nodes == 0:
+                task.direct(rows)
+            else:
+                task.interpolate(rows, nodes, width)
+        found = task.result(kernel, plan.error, plan.scattered, UNSEEN * tolerance)
+        if found.error <= tolerance or task.alike <= alike:
+            return found
+        alike, task = task.alike, _Task(*given)
+
+
+def _evenness(loud: np.ndarray) -> float:
+    """Return the root of the sum of squares over the sum."""
+    return float(np.linalg.norm(loud) / loud.sum())
+
+
+def _summed(together: float) -> float:
+    """Return the share of the transform's largest error that many echoes make, together as loud as this share
+    of them in phase."""
+    together = min(together, 1.0)
+    return together * (TYPICAL + (1.0 - TYPICAL) * together)
 
 
 @dataclass(frozen=True)
@@ -131,11 +151,14 @@ class _NodePlan:
     scattered: float
 
 
-def _planned(task: _Task, reach: ArrayLike, loudness: ArrayLike, allowed: float) -> _NodePlan:
-    """Nodes of all echoes, with errors of at most ``allowed``·Σ max|A| as far as some tell."""
-    shape = task.delay.shape
-    loud = np.maximum(np.broadcast_to(loudness, shape), 1e-300)
-    turn = task.octave + math.pi * task.width * np.broadcast_to(np.abs(reach), shape)
+def _planned(
+    task: _Task, reach: ArrayLike, loud: np.ndarray, allowed: float, alike: float
+) -> _NodePlan:
+    """Nodes of all echoes, with errors of at most ``allowed``·Σ max|A| as far as some tell.
+
+    alike : how many times their root of the sum of squares errors are together, at most.
+    """
+    turn = task.octave + math.pi * task.width * np.broadcast_to(np.abs(reach), loud.shape)
     total = float(loud.sum())
     chance = 0.5 / len(loud) + (0.5 / total) * loud  # of being drawn, over how many are
     like = np.minimum(LIKE * np.log(turn / turn.min()), 65_535.0)
@@ -156,9 +179,10 @@ def _planned(task: _Task, reach: ArrayLike, loudness: ArrayLike, allowed: float)
             break
         dense = min(2 * dense, 2 * int(LEVELS[-1]))
     terms = np.append(terms, np.zeros_like(terms[:1]), axis=0)
-    # (dense + 1, S) that interpolation between n nodes misses, on average over the band and at most
-    typical = np.sqrt(np.cumsum(np.square(terms[::-1]), axis=0)[::-1]) + beyond
-    after = 2.0 * np.minimum(np.cumsum(terms[::-1], axis=0)[::-1], PEAK * typical) + beyond
+    # (dense + 1, S) that interpolation between n nodes misses: root of the mean square, and at most.
+    # Twice at the ends of the band, where a term and what the nodes take it for are in phase.
+    root = np.sqrt(np.cumsum(np.square(terms[::-1]), axis=0)[::-1]) + beyond
+    after = 2.0 * np.minimum(np.cumsum(terms[::-1], axis=0)[::-1], PEAK * root) + beyond
     scale = total / (len(loud) * loud)  # every echo may be off by the same
     levels = LEVELS[max(min(dense, task.count // 2), LEVELS[0]) >= LEVELS]
     direct = task.count <= 2 * dense  # as cheap as more nodes
@@ -170,13 +194,17 @@ def _planned(task: _Task, reach: ArrayLike, loudness: ArrayLike, allowed: float)
     def missed(nodes: np.ndarray) -> tuple[float, float]:
         """Errors of the drawn echoes: all in phase, and their root of the sum of squares."""
         kept = nodes, np.arange(draws)
-        in_phase, random = (np.where(nodes > 0, of[kept], 0.0) for of in (after, typical))
+        in_phase, random = (np.where(nodes > 0, of[kept], 0.0) for of in (after, 2.0 * root))
         return float(in_phase @ weight), math.sqrt(float(random**2 @ weight))
 
-    def at_most(strictness: float) -> bool:
-        return missed(np.append(levels, 0)[leveled(some, strictness)])[0] <= enough
+    def together(nodes: np.ndarray) -> float:
+        in_phase, random = missed(nodes)
+        return min(in_phase, alike * random)
 
-    enough = max(allowed * size, FLAT * float(after[2 * dense // 3] @ weight))
+    def at_most(strictness: float) -> bool:
+        return together(np.append(levels, 0)[leveled(some, strictness)]) <= enough
+
+    enough = max(allowed * size, FLAT * together(np.full(draws, 2 * dense // 3)))
     chosen = bisect_left(STRICTNESS, True, key=at_most)
     level = leveled(slice(None), float(STRICTNESS[min(chosen, len(STRICTNESS) - 1)]))
     nodes = _together(level, levels, task.count)
@@ -196,15 +224,13 @@ def _level(
 def _nodes_for(turn: np.ndarray, nepers: np.ndarray | float) -> np.ndarray:
     """(M,) nodes n for which the series of e^{i·turn·x} has fallen by so much: by n·(α - tanh α) where
     cosh α = n/turn, which is turn·(α·cosh α - sinh α)."""
-    alpha, fall = _falls()
-    found = turn * np.cosh(np.interp(np.maximum(nepers, 0.0) / turn, fall, alpha))
-    return np.asarray(found)
+    return np.asarray(turn * np.interp(np.maximum(nepers, 0.0) / turn, *_falls()))
 
 
 @lru_cache(maxsize=1)
 def _falls() -> tuple[np.ndarray, np.ndarray]:
-    alpha = np.linspace(0.0, 8.0, 4000)
-    return alpha, alpha * np.cosh(alpha) - np.sinh(alpha)
+    alpha = np.linspace(0.0, 8.0, 1000)
+    return alpha * np.cosh(alpha) - np.sinh(alpha), np.cosh(alpha)
 
 
 def _together(level: np.ndarray, levels: np.ndarray, count: int) -> np.ndarray:
@@ -338,14 +364,16 @@ class _Task:
             return DelayedSum(spectrum, 0.0, 0.0, self._nodes)
         turns = (self._start + self._spacing * self.count) * float(np.abs(self.delay).max())
         rounding = ROUNDING * (1.0 + turns)
-        # Errors cancel as echoes do: these are so many times as loud as random ones.
-        random = math.sqrt(self._squares)
-        loud = max(float(np.abs(self._spectrum).max()) / (PEAK * random), 1.0) * PEAK
-        together = min(loud * random / self._size, 1.0)
         kernel *= min(self._interpolated / self._size, 1.0)
-        kernel *= together * (TYPICAL + (1.0 - TYPICAL) * together)
-        told = min(error, loud * scattered) + kernel + rounding + unseen
+        kernel *= _summed(self.alike * math.sqrt(self._squares) / self._size)
+        told = min(error, self.alike * scattered) + kernel + rounding + unseen
         return DelayedSum(spectrum, self._size, told, self._nodes)
+
+    @property
+    def alike(self) -> float:
+        """Largest value over the root of the sum of squares, in which errors are alike; ``PEAK`` at least."""
+        loudest = float(np.abs(self._spectrum).max())
+        return max(ALIKE * loudest / math.sqrt(self._squares or 1.0), PEAK)
 
 
 @lru_cache(maxsize=64)

@@ -26,7 +26,7 @@ These names stay: a later version may add to them.
 from __future__ import annotations
 
 from importlib import import_module
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ..base.progress import Progress
 from ..spec import (
@@ -90,13 +90,20 @@ from ..spec import (
     Tractor,
     Wind,
 )
-from .given import instrument, instruments, save_pattern, trajectory
-from .results import Echoes, PointCloud, Response, Result, RowScan
-from .site import Site, build, current, read
-from .tiles import Tile, TiledScan, Tiling
-from .world import World
 
-_TYPES = {  # of what functions take and give, imported when they are asked for
+if TYPE_CHECKING:
+    from .given import instrument, instruments, save_pattern, trajectory
+    from .results import Echoes, PointCloud, Response, Result, RowScan
+    from .site import Site, build, current, read
+    from .tiles import Tile, TiledScan, Tiling
+    from .world import World
+
+_LATER = {  # all but settings, imported when it is asked for
+    **dict.fromkeys(("instrument", "instruments", "save_pattern", "trajectory"), ".given"),
+    **dict.fromkeys(("Echoes", "PointCloud", "Response", "Result", "RowScan"), ".results"),
+    **dict.fromkeys(("Site", "build", "current", "read"), ".site"),
+    **dict.fromkeys(("Tile", "TiledScan", "Tiling"), ".tiles"),
+    "World": ".world",
     "Audit": "..sensing.audit",
     "Canopy": "..sensing.canopy",
     "Check": "..sensing.audit",
@@ -125,10 +132,10 @@ _TYPES = {  # of what functions take and give, imported when they are asked for
 
 
 def __getattr__(name: str) -> Any:
-    """Return a type of ``_TYPES``."""
-    if name not in _TYPES:
+    """Return what is of ``_LATER``."""
+    if name not in _LATER:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(_TYPES[name], __name__), name)
+    return getattr(import_module(_LATER[name], __name__), name)
 
 
 __all__ = [

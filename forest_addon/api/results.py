@@ -201,11 +201,11 @@ class Result:
         return record
 
     def _repr_html_(self) -> str:
-        """For notebooks: its figures and its picture."""
+        """For notebooks: its figures, its picture, and its sound as it is played."""
         said = self.summary() | ({"audit": str(self.audit)} if self.audit else {})
         said |= {"warning": "; ".join(self.warnings)} if self.warnings else {}
         rows = "".join(f"<tr><td>{k}</td><td>{v}</td></tr>" for k, v in said.items())
-        return f"<table>{rows}</table>" + _as_html(self)
+        return f"<table>{rows}</table>" + _as_html(self) + _player(self)
 
 
 def _figures() -> Any:
@@ -232,6 +232,21 @@ def _as_html(result: Result) -> str:
     picture = io.BytesIO()
     figure.savefig(picture, format="png", dpi=80)
     return f'<img src="data:image/png;base64,{base64.b64encode(picture.getvalue()).decode()}">'
+
+
+def _player(result: Result) -> str:
+    """A result's sound, its first two channels, to be played in HTML; nothing where it has none."""
+    play = results_of(result.sensor).sound
+    if play is None:
+        return ""
+    from scipy.io import wavfile
+
+    samples, rate = play(result.sensor, result.found)
+    sound = io.BytesIO()
+    channels = samples.reshape(len(samples), -1)[:, :2]
+    wavfile.write(sound, round(rate), channels.astype(np.float32))
+    coded = base64.b64encode(sound.getvalue()).decode()
+    return f'<br><audio controls src="data:audio/wav;base64,{coded}"></audio>'
 
 
 class PointCloud(Result):

@@ -164,7 +164,7 @@ def _spectrogram(axes: Axes, echo: Echo) -> None:
     from scipy.signal import ShortTimeFFT
     from scipy.signal.windows import hann
 
-    signal, rate = echo.waveforms[0], echo.sample_rate
+    signal, rate = echo.heard_waveforms[0], echo.sample_rate
     axes.set_title("Spectrogram of the echo")
     window = min(256, len(signal))
     if window < 8:
@@ -195,7 +195,7 @@ def cochleagram(echo: Echo) -> tuple[np.ndarray, np.ndarray]:
     low, high = _around(echo)
     centre = np.geomspace(low, high, CHANNELS)
     width = centre / (2 * QUALITY) / math.sqrt(2 ** (1 / 4) - 1)
-    signal = echo.waveforms[0]
+    signal = echo.heard_waveforms[0]
     frequency = np.fft.fftfreq(len(signal), 1 / echo.sample_rate)
     spectrum = 2 * np.fft.fft(signal) * (frequency > 0)
     every = max(1, len(signal) // 2000)
@@ -232,7 +232,7 @@ def _waveforms(axes: Axes, flight: PingSeries) -> None:
     """Waveforms at the first ear, each drawn to its own height, with its peak level."""
     shown = flight.echoes[:LINES]
     for number, echo in enumerate(shown):
-        wave = echo.waveforms[0]
+        wave = echo.heard_waveforms[0]
         peak = float(np.abs(wave).max(initial=0.0))
         axes.plot(echo.time * 1e3, -number + 0.45 * wave / (peak or 1.0), color=INK, linewidth=0.35)
         level = f"{20 * math.log10(peak):.0f} dB" if peak else "silence"

@@ -116,19 +116,21 @@ def wood_of_mesh(mesh: TriMesh) -> Wood:
     return Wood(volume * once, area, area / np.pi)
 
 
-def leaf_angles(leaves: Leaves, bins: int = ANGLE_BINS) -> tuple[np.ndarray, np.ndarray]:
-    """The leaf-angle distribution: edges (bins + 1,) in radians and density (bins,) per radian.
+def leaf_angles(leaves: Leaves) -> tuple[np.ndarray, np.ndarray]:
+    """The leaf-angle distribution: edges (K + 1,) in radians and density (K,) per radian.
 
     A leaf's angle is that between its normal, either way round, and the vertical: 0 lies flat, π/2
     stands. Leaves count by their area. The density integrates to 1; without leaves it is 0.
     """
-    edges = np.linspace(0.0, np.pi / 2, bins + 1)
+    edges = np.linspace(0.0, np.pi / 2, ANGLE_BINS + 1)
     angle = np.arccos(np.clip(np.abs(leaves.normal[:, 2]), 0.0, 1.0))
     area = np.bincount(
-        np.minimum((angle / edges[1]).astype(np.int64), bins - 1), leaves.radius**2, bins
+        np.minimum((angle / edges[1]).astype(np.int64), ANGLE_BINS - 1),
+        leaves.radius**2,
+        ANGLE_BINS,
     )
     total = float(area.sum())
-    return edges, area / (total * edges[1]) if total > 0 else np.zeros(bins)
+    return edges, area / (total * edges[1]) if total > 0 else np.zeros(ANGLE_BINS)
 
 
 def tree_truth(tree: Tree) -> dict[str, float]:

@@ -71,7 +71,7 @@ FUNCTIONS: dict[str, tuple[list[Any], Any]] = {
     "weigh_echoes": ([_count, _count, _doubles, _count, _doubles, _doubles, _complexes], None),
     "paper_discs": ([*_SCATTERERS, _doubles, *_CUBICS], None),
     "piston_discs": ([*_SCATTERERS, _doubles, *_CUBICS[2:]], None),
-    "piston_rims": ([*_SCATTERERS, _double, *_CUBICS[2:]], None),
+    "piston_rims": ([*_SCATTERERS, _doubles, *_CUBICS[2:]], None),
     "exact_discs": (
         [*_SCATTERERS, _doubles, _double, _doubles, _count, _count, _singles, _complexes],
         None,

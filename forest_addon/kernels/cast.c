@@ -32,11 +32,6 @@ struct ray { /* on its way */
     int64_t instance, triangle;
 };
 
-static double dot(const double *a, const double *b)
-{
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
-
 /* Unit vector along a direction; 0 where that is zero or not finite. */
 static int normalise(const double *direction, double *way)
 {
@@ -44,7 +39,7 @@ static int normalise(const double *direction, double *way)
     memcpy(way, direction, 3 * sizeof *way);
     square = dot(way, way);
     if (!(square > SHORT && square < LONG)) {
-        length = fmax(fmax(fabs(way[0]), fabs(way[1])), fabs(way[2]));
+        length = larger(larger(fabs(way[0]), fabs(way[1])), fabs(way[2]));
         for (int k = 0; k < 3; k++)
             way[k] /= length;
         square = dot(way, way);
@@ -82,8 +77,8 @@ static double meet(const struct cast_scene *scene, const struct ray *ray, double
     second = dot(u, ray->way);
     third = dot(v, ray->way);
     distance = dot(foot, n) / dot(ray->way, n);
-    distance = fmax(distance, at + fmin(fmin(second, third), 0.0));
-    distance = fmin(distance, at + fmax(fmax(second, third), 0.0));
+    distance = larger(distance, at + smaller(smaller(second, third), 0.0));
+    distance = smaller(distance, at + larger(larger(second, third), 0.0));
     length = sqrt(dot(n, n));
     for (int a = 0; a < 3; a++)
         normal[a] = n[a] / length;
@@ -98,8 +93,8 @@ static int trace(const struct cast_scene *scene, struct ray *ray, double begin, 
         double slope = 1.0 / (fabs(ray->way[a]) < TINY ? TINY : ray->way[a]);
         double one = (scene->low[a] - ray->origin[a]) * slope;
         double other = (scene->high[a] - ray->origin[a]) * slope;
-        begin = fmax(begin, fmin(one, other));
-        end = fmin(end, fmax(one, other));
+        begin = larger(begin, smaller(one, other));
+        end = smaller(end, larger(one, other));
     }
     if (!(begin <= end))
         return 0;
@@ -109,7 +104,7 @@ static int trace(const struct cast_scene *scene, struct ray *ray, double begin, 
     }
     reach = (ray->far - begin) * (1.0 + 1e-6) + scene->slack;
     sent->near = 0.0f;
-    sent->far = (float)fmin(reach, FAR);
+    sent->far = (float)smaller(reach, FAR);
     sent->mask = sent->geometry = sent->instance = NONE;
     scene->intersect(scene->tree, sent, NULL);
     ray->instance = sent->instance;
@@ -148,7 +143,7 @@ void cast_rays(const struct cast_scene *scene, int64_t count, const double *orig
             met = meet(scene, &ray, own);
             if (counts(&ray, met))
                 break;
-            start = fmax(start, met) + step;
+            start = larger(met, start) + step;
             step *= 2.0;
         }
         found = found && met <= ray.far;

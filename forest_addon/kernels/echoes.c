@@ -40,22 +40,6 @@ void spread_rays(int64_t beams, const double *start, const double *axis, const d
     }
 }
 
-/* As fmin and fmax without their care for what is no number, which costs a call. */
-static double smaller(double a, double b)
-{
-    return a < b ? a : b;
-}
-
-static double larger(double a, double b)
-{
-    return a > b ? a : b;
-}
-
-static double dot(const double *a, const double *b)
-{
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
-
 void light_back(int64_t count, const int64_t *ray, int64_t subrays, const double *share,
                 const double *reflectance, const double *light, const double *distance,
                 const double *normal, const int64_t *line, const double *direction, double extinction,

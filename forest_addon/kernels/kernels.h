@@ -15,6 +15,22 @@
 #define KERNEL __attribute__((visibility("default")))
 #endif
 
+/* As fmin and fmax, which cost a call: b where one of them is no number. */
+static inline double smaller(double a, double b)
+{
+    return a < b ? a : b;
+}
+
+static inline double larger(double a, double b)
+{
+    return a > b ? a : b;
+}
+
+static inline double dot(const double *a, const double *b)
+{
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+}
+
 /* Returns the hash of the sources that the library was built from, as packaging/build_kernels.py told it. */
 KERNEL const char *kernels_sources(void);
 
@@ -63,7 +79,7 @@ KERNEL void send_rays(intersect1 intersect, void *tree, int64_t count, const int
  *     acoustics/disc_table.py: of ka and its shift, of incidence and its shift, the last ka; the first ``margin``
  *     of either axis lie before 0. They are turned by ``later`` times ka.
  * piston_rims: i·level·H1(x)e^{-ix} at the near side (side -1) of a disc's rim, i times the conjugate at the far
- *     one (1); x = 2k·across is at least 6. across, level (count).
+ *     one (1); x = 2k·across is at least 6. across, level, side (count).
  * cylinders: the model of sensing/sonar/wood.py. radius as it is seen, phase of the sinc over k, level (count);
  *     S·e^{2ika}·(1 + ka^1.5)/ka^2 over log(1 + 2ka) up to the size ``largest``, beyond which it bends (1 complex).
  */
@@ -74,7 +90,8 @@ KERNEL void piston_discs(int64_t nodes, const double *wavenumber, int64_t count,
                          const double *incidence, const double *factor, int64_t cells, const double *hankel,
                          double *values);
 KERNEL void piston_rims(int64_t nodes, const double *wavenumber, int64_t count, const double *across,
-                        const double *level, double side, int64_t cells, const double *hankel, double *values);
+                        const double *level, const double *side, int64_t cells, const double *hankel,
+                        double *values);
 KERNEL void exact_discs(int64_t nodes, const double *wavenumber, int64_t count, const double *radius,
                         const double *incidence, const double *factor, double later, const double *steps,
                         int64_t margin, int64_t rows, const float *table, double *values);

@@ -223,17 +223,44 @@ void piston_discs(int64_t nodes, const double *wavenumber, int64_t count, const 
 }
 
 void piston_rims(int64_t nodes, const double *wavenumber, int64_t count, const double *across,
-                 const double *level, double side, int64_t cells, const double *table, double *values)
+                 const double *level, const double *side, int64_t cells, const double *table, double *values)
 {
     for (int64_t q = 0; q < nodes; q++) {
         for (int64_t i = 0; i < count; i++) {
             double real, imaginary;
             hankel(cells, table, 2.0 * wavenumber[q] * across[i], &real, &imaginary);
             double *value = values + 2 * (q * count + i);
-            value[0] = side * level[i] * imaginary;
+            value[0] = side[i] * level[i] * imaginary;
             value[1] = level[i] * real;
         }
     }
+}
+
+/* The natural logarithm of x, 1e-300 to 1e300, to rounding: the series of artanh within half a factor of two. */
+static inline double logarithm(double x)
+{
+    uint64_t bits, whole;
+    memcpy(&bits, &x, sizeof bits);
+    bits += 0x3ff0000000000000 - 0x3fe6a09e667f3bcd; /* less the root of a half: rounds to powers of two */
+    whole = (bits >> 52) | 0x4330000000000000;
+    bits = (bits & 0x000fffffffffffff) + 0x3fe6a09e667f3bcd;
+    double power, rest;
+    memcpy(&power, &whole, sizeof power);
+    memcpy(&rest, &bits, sizeof rest);
+    power -= 4503599627370496.0 + 1023.0;
+    double s = (rest - 1.0) / (rest + 1.0);
+    double y = s * s;
+    double sum = 1.0 / 21.0;
+    sum = sum * y + 1.0 / 19.0;
+    sum = sum * y + 1.0 / 17.0;
+    sum = sum * y + 1.0 / 15.0;
+    sum = sum * y + 1.0 / 13.0;
+    sum = sum * y + 1.0 / 11.0;
+    sum = sum * y + 1.0 / 9.0;
+    sum = sum * y + 1.0 / 7.0;
+    sum = sum * y + 1.0 / 5.0;
+    sum = sum * y + 1.0 / 3.0;
+    return power * 0.6931471805599453 + (2.0 * s + 2.0 * s * y * sum);
 }
 
 /* The four cardinal cubic splines at t, from 0 to 1. */
@@ -246,50 +273,63 @@ static inline void splines(double t, double *weight)
     weight[3] = t * t * t / 6.0;
 }
 
+/* Four complex values in line: of as many columns of a table, each 2 * rows after the one before, weighted. */
+static inline void mixed(const float *column, int64_t rows, const float *weight, float *line)
+{
+    for (int a = 0; a < 8; a++)
+        line[a] = weight[0] * column[a] + weight[1] * column[2 * rows + a] + weight[2] * column[4 * rows + a]
+                  + weight[3] * column[6 * rows + a];
+}
+
 void exact_discs(int64_t nodes, const double *wavenumber, int64_t count, const double *radius,
                  const double *incidence, const double *factor, double later, const double *steps,
                  int64_t margin, int64_t rows, const float *table, double *values)
 {
-    for (int64_t begin = 0; begin < count; begin += BLOCK) {
-        int64_t some = count - begin < BLOCK ? count - begin : BLOCK;
-        double along[BLOCK][4], place[BLOCK], real[BLOCK], imaginary[BLOCK];
-        const float *column[BLOCK];
-        for (int64_t i = 0; i < some; i++) {
-            double at = (sqrt(incidence[begin + i] + steps[3]) - sqrt(steps[3])) / steps[2];
-            int64_t cell = at < 1e6 ? (int64_t)at : 0; /* 0 of what is no number, which stays in the weights */
-            splines(at - (double)cell, along[i]);
-            column[i] = table + 2 * ((cell + margin - 1) * rows + margin - 1);
-        }
-        for (int64_t q = 0; q < nodes; q++) {
-            double k = wavenumber[q];
-            double *value = values + 2 * (q * count + begin);
-            for (int64_t i = 0; i < some; i++) {
-                double size = k * radius[begin + i];
-                size = size < steps[4] ? size : steps[4];
-                place[i] = (sqrt(size + steps[1]) - sqrt(steps[1])) / steps[0];
+    for (int64_t i = 0; i < count; i++) {
+        double at = (sqrt(incidence[i] + steps[3]) - sqrt(steps[3])) / steps[2];
+        int64_t cell = at < 1e6 ? (int64_t)at : 0; /* 0 of what is no number, which stays in the weights */
+        const float *column = table + 2 * ((cell + margin - 1) * rows + margin - 1);
+        double over[4];
+        float along[4], line[16]; /* of eight sizes, from four times ``known`` on: nodes go on from there */
+        int64_t known = -2;
+        splines(at - (double)cell, over);
+        for (int b = 0; b < 4; b++)
+            along[b] = (float)over[b];
+        for (int64_t begin = 0; begin < nodes; begin += BLOCK) {
+            int64_t some = nodes - begin < BLOCK ? nodes - begin : BLOCK;
+            double size[BLOCK], place[BLOCK], real[BLOCK], imaginary[BLOCK];
+            for (int64_t q = 0; q < some; q++) {
+                size[q] = wavenumber[begin + q] * radius[i];
+                double inside = size[q] < steps[4] ? size[q] : steps[4];
+                place[q] = (sqrt(inside + steps[1]) - sqrt(steps[1])) / steps[0];
             }
-            for (int64_t i = 0; i < some; i++) {
-                int64_t cell = (int64_t)place[i];
-                const float *four = column[i] + 2 * cell;
-                double over[4];
-                double sum[8] = {0.0};
-                splines(place[i] - (double)cell, over);
-                for (int b = 0; b < 4; b++) {
-                    for (int a = 0; a < 8; a++)
-                        sum[a] += along[i][b] * (double)four[a];
-                    four += 2 * rows;
-                }
-                real[i] = over[0] * sum[0] + over[1] * sum[2] + over[2] * sum[4] + over[3] * sum[6];
-                imaginary[i] = over[0] * sum[1] + over[1] * sum[3] + over[2] * sum[5] + over[3] * sum[7];
+            for (int64_t q = 0; q < some; q++) {
+                int64_t row = (int64_t)place[q];
+                int64_t four = row / 4;
+                if (four == known + 1)
+                    memcpy(line, line + 8, 8 * sizeof *line);
+                else if (four != known)
+                    mixed(column + 8 * four, rows, along, line);
+                if (four != known)
+                    mixed(column + 8 * four + 8, rows, along, line + 8);
+                known = four;
+                const float *l = line + 2 * (row - 4 * four);
+                splines(place[q] - (double)row, over);
+                real[q] = over[0] * l[0] + over[1] * l[2] + over[2] * l[4] + over[3] * l[6];
+                imaginary[q] = over[0] * l[1] + over[1] * l[3] + over[2] * l[5] + over[3] * l[7];
             }
-            for (int64_t i = 0; i < some; i++) {
-                double size = k * radius[begin + i];
-                double square = size * size;
-                double level = square * size / sqrt(4.0 + square) * factor[begin + i] / k;
+            for (int64_t q = 0; q < some; q++) {
+                double square = size[q] * size[q];
+                double level = square * size[q] / sqrt(4.0 + square) * factor[i] / wavenumber[begin + q];
                 double cosine, sine;
-                turned_back(-later * size / TURN, &cosine, &sine);
-                value[2 * i] = level * (real[i] * cosine - imaginary[i] * sine);
-                value[2 * i + 1] = level * (real[i] * sine + imaginary[i] * cosine);
+                turned_back(-later * size[q] / TURN, &cosine, &sine);
+                double turned = level * (real[q] * cosine - imaginary[q] * sine);
+                imaginary[q] = level * (real[q] * sine + imaginary[q] * cosine);
+                real[q] = turned;
+            }
+            for (int64_t q = 0; q < some; q++) {
+                values[2 * ((begin + q) * count + i)] = real[q];
+                values[2 * ((begin + q) * count + i) + 1] = imaginary[q];
             }
         }
     }
@@ -300,21 +340,35 @@ void cylinders(int64_t nodes, const double *wavenumber, int64_t count, const dou
                double step, int64_t cells, const double *table, double *values)
 {
     for (int64_t i = 0; i < count; i++) {
-        for (int64_t q = 0; q < nodes; q++) {
-            double size = wavenumber[q] * radius[i];
-            double inside = size < largest ? size : largest;
-            double beyond = size > largest ? size / largest : 1.0;
-            double real, imaginary;
-            cubic(cells, table, (log1p(2.0 * inside) - first) / step, &real, &imaginary);
-            double bent = 1.0 - 1.0 / beyond;
-            double turn = wavenumber[q] * phase[i];
-            double cosine, sine;
-            turned_back(-turn / TURN, &cosine, &sine);
-            double along = fabs(turn) < 1e-8 ? 1.0 : sine / turn;
-            along *= level[i] * inside * inside / (1.0 + inside * sqrt(inside)) * sqrt(beyond);
-            double *value = values + 2 * (q * count + i);
-            value[0] = along * (real * (1.0 + bent * bend[0]) - imaginary * bent * bend[1]);
-            value[1] = -along * (imaginary * (1.0 + bent * bend[0]) + real * bent * bend[1]);
+        for (int64_t begin = 0; begin < nodes; begin += BLOCK) {
+            int64_t some = nodes - begin < BLOCK ? nodes - begin : BLOCK;
+            const double *k = wavenumber + begin;
+            double place[BLOCK], real[BLOCK], imaginary[BLOCK];
+            for (int64_t q = 0; q < some; q++) {
+                double size = k[q] * radius[i];
+                double inside = size < largest ? size : largest;
+                place[q] = (logarithm(1.0 + 2.0 * inside) - first) / step;
+            }
+            for (int64_t q = 0; q < some; q++)
+                cubic(cells, table, place[q], real + q, imaginary + q);
+            for (int64_t q = 0; q < some; q++) {
+                double size = k[q] * radius[i];
+                double inside = size < largest ? size : largest;
+                double beyond = size > largest ? size / largest : 1.0;
+                double bent = 1.0 - 1.0 / beyond;
+                double turn = k[q] * phase[i];
+                double cosine, sine;
+                turned_back(-turn / TURN, &cosine, &sine);
+                double along = fabs(turn) < 1e-8 ? 1.0 : sine / turn;
+                along *= level[i] * inside * inside / (1.0 + inside * sqrt(inside)) * sqrt(beyond);
+                double mixed = along * (real[q] * (1.0 + bent * bend[0]) - imaginary[q] * bent * bend[1]);
+                imaginary[q] = -along * (imaginary[q] * (1.0 + bent * bend[0]) + real[q] * bent * bend[1]);
+                real[q] = mixed;
+            }
+            for (int64_t q = 0; q < some; q++) {
+                values[2 * ((begin + q) * count + i)] = real[q];
+                values[2 * ((begin + q) * count + i) + 1] = imaginary[q];
+            }
         }
     }
 }
@@ -333,46 +387,73 @@ void move_discs(int64_t count, const int64_t *rows, const double *centre, const 
     }
 }
 
+/* The angle from 0 to half a turn of which these are a sine, not negative, and a cosine, times any length. */
+static inline double angle_of(double sine, double cosine)
+{
+    double length = sqrt(sine * sine + cosine * cosine) + fabs(cosine);
+    double t = length == 0.0 ? 0.0 : sine / length; /* the tangent of half of it, then of an eighth */
+    t = t / (1.0 + sqrt(1.0 + t * t));
+    t = t / (1.0 + sqrt(1.0 + t * t));
+    double y = t * t;
+    double sum = 1.0 / 23.0;
+    sum = 1.0 / 21.0 - sum * y;
+    sum = 1.0 / 19.0 - sum * y;
+    sum = 1.0 / 17.0 - sum * y;
+    sum = 1.0 / 15.0 - sum * y;
+    sum = 1.0 / 13.0 - sum * y;
+    sum = 1.0 / 11.0 - sum * y;
+    sum = 1.0 / 9.0 - sum * y;
+    sum = 1.0 / 7.0 - sum * y;
+    sum = 1.0 / 5.0 - sum * y;
+    sum = 1.0 / 3.0 - sum * y;
+    double angle = 8.0 * (t - t * y * sum);
+    return cosine < 0.0 ? 0.5 * TURN - angle : angle;
+}
+
 void incidences(int64_t count, const double *centre, const double *normal, const double *point, double *angle)
 {
     for (int64_t i = 0; i < count; i++) {
+        const double *c = centre + 3 * i;
         const double *n = normal + 3 * i;
-        double x = centre[3 * i] - point[0];
-        double y = centre[3 * i + 1] - point[1];
-        double z = centre[3 * i + 2] - point[2];
+        double x = c[0] - point[0];
+        double y = c[1] - point[1];
+        double z = c[2] - point[2];
         double a = y * n[2] - z * n[1];
         double b = z * n[0] - x * n[2];
-        double c = x * n[1] - y * n[0];
-        angle[i] = atan2(sqrt(a * a + b * b + c * c), fabs(x * n[0] + y * n[1] + z * n[2]));
+        double d = x * n[1] - y * n[0];
+        angle[i] = angle_of(sqrt(a * a + b * b + d * d), fabs(x * n[0] + y * n[1] + z * n[2]));
     }
 }
 
 void trace_paths(int64_t count, const double *centre, int64_t ends, const double *place, const double *frame,
                  double *direction, double *distance, double *offset)
 {
-    for (int64_t i = 0; i < count; i++) {
-        for (int64_t e = 0; e < ends; e++) {
-            const double *f = frame + 9 * e;
-            double x = centre[3 * i] - place[3 * e];
-            double y = centre[3 * i + 1] - place[3 * e + 1];
-            double z = centre[3 * i + 2] - place[3 * e + 2];
-            double away = sqrt(x * x + y * y + z * z);
-            x /= away;
-            y /= away;
-            z /= away;
-            double left = f[3] * x + f[4] * y + f[5] * z;
-            double up = f[6] * x + f[7] * y + f[8] * z;
-            double side = sqrt(left * left + up * up);
-            double angle = atan2(side, f[0] * x + f[1] * y + f[2] * z);
-            double share = side > 0.0 ? angle / side : 0.0;
-            double *off = offset + 2 * (i * ends + e);
-            off[0] = side > 0.0 ? share * left : angle;
-            off[1] = share * up;
-            distance[i * ends + e] = away;
-            if (e == 0) {
-                direction[3 * i] = x;
-                direction[3 * i + 1] = y;
-                direction[3 * i + 2] = z;
+    for (int64_t e = 0; e < ends; e++) {
+        const double *from = place + 3 * e;
+        const double *f = frame + 9 * e;
+        for (int64_t begin = 0; begin < count; begin += BLOCK) {
+            int64_t some = count - begin < BLOCK ? count - begin : BLOCK;
+            double away[BLOCK], left[BLOCK], up[BLOCK], share[BLOCK];
+            for (int64_t i = 0; i < some; i++) {
+                const double *c = centre + 3 * (begin + i);
+                double x = c[0] - from[0];
+                double y = c[1] - from[1];
+                double z = c[2] - from[2];
+                away[i] = sqrt(x * x + y * y + z * z);
+                left[i] = f[3] * x + f[4] * y + f[5] * z;
+                up[i] = f[6] * x + f[7] * y + f[8] * z;
+                double side = sqrt(left[i] * left[i] + up[i] * up[i]);
+                double angle = angle_of(side, f[0] * x + f[1] * y + f[2] * z);
+                share[i] = side > 0.0 ? angle / side : 0.0;
+                left[i] = side > 0.0 ? share[i] * left[i] : angle;
+            }
+            for (int64_t i = 0; i < some; i++) {
+                int64_t row = begin + i;
+                distance[row * ends + e] = away[i];
+                offset[2 * (row * ends + e)] = left[i];
+                offset[2 * (row * ends + e) + 1] = share[i] * up[i];
+                for (int a = 0; e == 0 && a < 3; a++)
+                    direction[3 * row + a] = (centre[3 * row + a] - from[a]) / away[i];
             }
         }
     }

@@ -163,11 +163,27 @@ def _notes(sonar: Sonar, found: Finding) -> tuple[str, ...]:
 
 
 def _doubts(sonar: Sonar, found: Finding) -> tuple[str, ...]:
-    """Return that a tolerance was not reached, and what to do.
+    """Return that a tolerance was not reached, and what to do, and that leaves are too dense."""
+    return (*_doubts_about_sum(sonar, found), *_doubts_about_density(found))
 
-    Silent where the sum has at most two thirds of all bounds, with what is left out as too weak and the
-    tables: then a finer sum makes the result no surer. The notes give all three.
-    """
+
+def _doubts_about_density(found: Finding) -> tuple[str, ...]:
+    """Return that leaves near the beam's axis are too dense for echoes of single leaves."""
+    from ..sensing.sonar.rescattering import DENSE, LEAVES, density_of, nearest_leaves
+
+    leaves = nearest_leaves((loudest(found) if _is_flight(found) else found).groups)
+    if leaves is None or len(leaves) < LEAVES or density_of(leaves) < DENSE:
+        return ()
+    return (
+        f"leaves near the beam's axis are dense, {density_of(leaves):.0f} m² a m³: echoes from leaf to leaf, "
+        "which are left out, change the waveform by a third or more, its mean energy by 1 to 2 dB. Trust the "
+        "energy and its spread rather than single peaks.",
+    )
+
+
+def _doubts_about_sum(sonar: Sonar, found: Finding) -> tuple[str, ...]:
+    """Silent where the sum has at most two thirds of all bounds, with what is left out as too weak and the
+    tables: then a finer sum makes the result no surer. The notes give all three."""
     echoes = _echoes(found)
     error = max(echo.error_bound for echo in echoes)
     others = max(echo.cull_bound + echo.table_error for echo in echoes)

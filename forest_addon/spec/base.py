@@ -38,6 +38,8 @@ CODES = {  # of inventories for a species: Latin, German, numbers of FIA, symbol
     "silver-fir": "abies-alba ta tanne weißtanne abal3",
 }
 SAME |= {code: (name,) for name, codes in CODES.items() for code in codes.split()}
+LATIN = {codes.split()[0]: name for name, codes in CODES.items() if "-" in codes.split()[0]}
+SAME |= {g[:2] + s[:2]: (name,) for (g, s), name in ((k.split("-"), v) for k, v in LATIN.items())}
 FINEST_SUM = 1e-9  # of all amplitudes
 MOST_RAYS = 10**12  # of a scan; none that is meant has as many
 A_SECOND = 4e5  # rays of Embree on one core, about
@@ -78,6 +80,8 @@ def nearest(name: str, known: Iterable[str]) -> list[str]:
     names, plain = list(known), name.strip().lower().replace(" ", "-")
     near = [word for word in SAME.get(plain, ()) if word in names]
     near = near or [full for full in names if plain in full.split("-")]  # an "oak"
+    genus = plain.partition("-")[0]  # of a Latin name, another species of the same
+    near = near or [full for latin, full in LATIN.items() if latin.partition("-")[0] == genus]
     return near or difflib.get_close_matches(name, names, 1)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from itertools import pairwise
 from typing import ClassVar
 
@@ -19,6 +18,7 @@ from .sensor import (
     place,
 )
 
+LOUDEST = 200.0  # dB, that gains and shapes of spectra change by at most
 HORSESHOE_BAND = (60e3, 80e3)  # Hz, of the call whose beam width Tanveer et al. (2020a) give
 
 
@@ -167,8 +167,8 @@ class SonarReceiver(Settings):
             pairs = getattr(self, key)
             if any(after[0] <= before[0] for before, after in pairwise(pairs)):
                 raise SpecError(key, f"{shown(pairs)} must rise in the first number of its pairs")
-            if not all(math.isfinite(number) for pair in pairs for number in pair):
-                raise SpecError(key, "holds a number that is not finite; correct it")
+            if any(abs(level) > LOUDEST for _, level in pairs):
+                raise SpecError(key, f"{shown(pairs)} must stay within {LOUDEST:g} dB")
 
 
 class Sonar(Sensor):

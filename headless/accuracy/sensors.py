@@ -15,7 +15,7 @@ beyond its field, one that goes on twice as far is drawn, and cut off at several
 end leaves out. The two errors add up as squares.
 
 What models leave out stands beside them, and is often the larger error: the exact disc for another leaf,
-leaves that stand in the way, trunks that scatter more than once.
+leaves that stand in the way, trunks and leaves that scatter more than once.
 """
 
 from __future__ import annotations
@@ -46,7 +46,10 @@ from forest_addon.sensing.reverb.forest.surroundings import canopy_of
 from forest_addon.sensing.reverb.kind import trunks_between
 from forest_addon.sensing.reverb.response import impulse_response
 from forest_addon.sensing.reverb.trunks import continue_trunks
+from forest_addon.sensing.sonar.equipment_files import equip
 from forest_addon.sensing.sonar.ping import Echo
+from forest_addon.sensing.sonar.rescattering import nearest_leaves, rescattering
+from forest_addon.sensing.sonar.station import Station
 from forest_addon.sensing.trajectory import looking
 from forest_addon.spec import Rays, Reverb, Scanner, Scene, Sonar, Tractor
 
@@ -434,10 +437,20 @@ def sweep_sonar(
         other = f"{'trunks+' * ('trunks' in sensor.shading)}extinction"
         without = off(ours, listen({"shading": other})[0])[0]
         models.append((without, "leaves hide nothing behind them"))
-    notes = (note, f"{heard:,.0f} scatterers in range of a ping")
+    notes = [note, f"{heard:,.0f} scatterers in range of a ping"]
+    leaves = nearest_leaves(coarse[0].groups)
+    if leaves is not None:
+        station = Station(sensor, settings.air, coarse[0].pose, equip(sensor, folder))
+        solved = rescattering(leaves, station)
+        words = f"echoes between the {len(leaves)} leaves nearest to the beam's axis are left out"
+        models.append((solved.relative, words))
+        notes.append(
+            f"{words}: they change the spectrum by {solved.relative:.0%}, its energy by "
+            f"{solved.level_db:+.1f} dB and the mean delay by {1e3 * solved.later:+.3f} ms"
+        )
     model = max(models, default=None)
     what = "spectrum of the echo"
-    return AccuracySweep(sensor, what, "", today, tuple(points), model, notes, terms)
+    return AccuracySweep(sensor, what, "", today, tuple(points), model, tuple(notes), terms)
 
 
 def _share(found: np.ndarray, exact: np.ndarray) -> float:

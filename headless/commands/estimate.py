@@ -178,7 +178,7 @@ def estimate_site(
         raise SpecError(str(path), "has no trees below its header; give one a row")
     frame = _window(window) if window else Window.around(trees.position)
     _refuse_outside(path, trees, frame)
-    kinds = _species(trees, species, out.parent)
+    kinds = species_of_map(trees, species, out.parent)
     offset = np.floor(frame.low) if np.abs(frame.high).max() > FAR else np.zeros(2)
     frame = Window(tuple(ring - offset for ring in frame.rings))
     field = _field(frame)
@@ -391,8 +391,15 @@ def _refuse_outside(path: Path, trees: TreeMap, window: Window) -> None:
         )
 
 
-def _species(trees: TreeMap, words: Sequence[str], folder: Path) -> dict[str, str]:
-    """Return which species to plant for each name of the map."""
+def species_of_map(trees: TreeMap, words: Sequence[str], folder: Path) -> dict[str, str]:
+    """Return which species to plant for each name of the map.
+
+    words : NAME=PRESET, or PRESET alone for all. folder : of the scene, which paths of files start from.
+
+    Raises
+    ------
+    SpecError : a name that nothing is planted for.
+    """
 
     import numpy as np
 

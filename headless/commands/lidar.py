@@ -87,6 +87,19 @@ with the same command and --resume, to the same bytes."""
             help="with --like: its way, as CSV (time_s, x_m, y_m, z_m, heading_deg, pitch_deg, "
             "roll_deg) or SBET",
         )
+        parser.add_argument(
+            "--trees",
+            type=Path,
+            metavar="TABLE",
+            help="with --like: the trees that stand there, planted as measured on the cloud's ground",
+        )
+        parser.add_argument(
+            "--species",
+            action="append",
+            default=[],
+            metavar="NAME=PRESET",
+            help="with --trees: what to plant for a name of the table, or PRESET alone for all",
+        )
         parser.add_argument("--list", action="store_true", help="print the scanners that are known")
         parser.add_argument(
             "--scanner", metavar="NAME", help="a scanner of --list, or a .toml file"
@@ -157,8 +170,9 @@ with the same command and --resume, to the same bytes."""
         if chosen.like:
             self._write_like(chosen)
             return
-        if chosen.trajectory:
-            raise SpecError("--trajectory", "belongs to --like REAL.laz")
+        for option in ("trajectory", "trees", "species"):
+            if getattr(chosen, option):
+                raise SpecError(f"--{option}", "belongs to --like REAL.laz")
         if chosen.survey:
             self._run_survey(chosen)
             return
@@ -199,7 +213,10 @@ with the same command and --resume, to the same bytes."""
                 raise SpecError(option, "does not go with --like, which writes a scene")
         if chosen.out.suffix != ".toml":
             raise SpecError(f"--out {chosen.out}", "must end in .toml: --like writes a scene")
-        write_like(chosen.like, chosen.out, chosen.scanner, chosen.trajectory, chosen.crs)
+        planted = {"trees": chosen.trees, "species": chosen.species}
+        write_like(
+            chosen.like, chosen.out, chosen.scanner, chosen.trajectory, chosen.crs, **planted
+        )
 
     def _run_survey(self, chosen: argparse.Namespace) -> None:
         """Run a survey of HELIOS++.

@@ -20,7 +20,7 @@ from pathlib import Path
 from ..inside import save_figure, unknown, version, write_whole
 
 SECTIONS = (
-    *("growth", "stand", "lidar", "sonar", "reverb", "series", "flight"),
+    *("kernels", "growth", "stand", "lidar", "sonar", "reverb", "series", "flight"),
     *("dataset", "cluster", "waiting", "frontier"),
 )
 ON_REQUEST = ("peers",)  # what needs other programs, in ``others``

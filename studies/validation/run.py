@@ -138,8 +138,8 @@ nothing else is said, would no longer overlap. What does not agree stands here l
 TAIL = """\
 ## What was not measured
 
-- **Sonar.** No echoes of foliage with its leaves' positions were at hand; the echo model is held to exact
-  waves on discs and facets ([sonar](sonar.md)), not to an animal's recording.
+- **Sonar.** No echoes of foliage with its leaves' positions were at hand, and none of an animal's band; the
+  leaf itself is held to exact waves on discs and facets ([sonar](sonar.md)).
 - **Intensity of LiDAR** in absolute units: the clouds give digital numbers without calibration.
 - **Rain and moving leaves**, and how wind changes a scan from one time to the next.
 - **Bark**: its roughness, and its reflectance at the wavelengths of scanners.
@@ -237,7 +237,15 @@ def copy_pictures(part: Subject, folder: Path) -> None:
 # Run validations: print their tables; keep each as JSON, Markdown and pictures in its own folder.
 
 
-SECTIONS = ("reverb", "lidar", "stand", "leaves", "trees", "wind")  # in the order of the page
+SECTIONS = (
+    "reverb",
+    "sonar",
+    "lidar",
+    "stand",
+    "leaves",
+    "trees",
+    "wind",
+)  # in the order of the page
 PARTS = (*SECTIONS, "training", "ablations", "tasks")  # the last three are made by ``study``
 KEPT = "validation.json"
 

@@ -23,14 +23,12 @@ from ..inside import (
     Constant,
     Envelope,
     Intensity,
-    LogLinear,
     Process,
     RasterIntensity,
     Window,
     blank_figure,
     envelope,
     fit_clusters,
-    fit_covariates,
     fit_strauss,
     inhomogeneous_k,
     read_tree_map,
@@ -40,6 +38,7 @@ from ..inside import (
     save_figure,
     stream,
 )
+from .covariates import LogLinear, fit_covariates
 from .run import Comparison, Interval, Picture
 
 TITLE = "Stands: where trees stand"

@@ -1,10 +1,13 @@
 """The Python API: the README's lines as written, truth by name, and what cannot be done in one sentence."""
 
+import base64
 import doctest
+import io
 import sys
 
 import numpy as np
 import pytest
+from scipy.io import wavfile
 
 bpy = pytest.importorskip("bpy")
 
@@ -120,7 +123,7 @@ def test_sounds_as_files(world, tmp_path):
 
 
 @pytest.mark.slow
-def test_notebooks_show_pictures(world):
+def test_notebooks_show_pictures_and_play_sounds(world):
     row = forest.Tractor(position=(-3, 0, 1), track=2, step=0.5, angle_step_deg=5, reach=8, top=4)
     for result in (
         world.scan(TRIPOD),
@@ -128,7 +131,14 @@ def test_notebooks_show_pictures(world):
         world.ping(BAT),
         world.impulse_response(CLAP),
     ):
-        assert "<img" in result._repr_html_()
+        shown = result._repr_html_()
+        assert "<img" in shown
+        coded = shown.partition("data:audio/wav;base64,")[2].partition('"')[0]
+        assert bool(coded) == isinstance(result, forest.Echoes | forest.Response)
+        if coded:
+            rate, samples = wavfile.read(io.BytesIO(base64.b64decode(coded)))
+            assert rate == (BAT.sample_rate / BAT.time_expansion if rate > 8000 else 8000)
+            assert np.abs(samples).max() > 0
     assert "hazelnut" in world._repr_html_()
 
 

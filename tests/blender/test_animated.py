@@ -143,7 +143,7 @@ def test_triangles_that_are_others_at_all_times_are_read_between_frames(scene, e
     cut = block.modifiers.new("Boolean", "BOOLEAN")
     cut.object, cut.operation = ball, "DIFFERENCE"
     scene.frame_set(1)
-    result = scan(engine, FEW.changed(pulse_rate=500.0))  # 11 frames
+    result = scan(engine, FEW.changed(pulse_rate=1000.0))  # 6 frames
     assert np.quantile(off(result.found), 0.9) < 4 / 11 / 16  # what the ball goes in a sixteenth
     assert any(
         '"block" is made of other triangles' in words and "2.6 ms" in words

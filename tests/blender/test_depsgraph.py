@@ -459,6 +459,24 @@ def observe(engine="auto"):
     return Observer.of(bpy.context.evaluated_depsgraph_get(), Rays(engine=engine))
 
 
+@pytest.mark.parametrize("how", ["deleted", "unlinked", "added", "none that counts"])
+def test_what_comes_or_goes_is_set_up_anew_and_an_estimate_knows(empty_blender, how):
+    thing, home = add(quad(0, WOOD)), bpy.context.scene.collection
+    spare = bpy.data.objects.new("spare", to_mesh("spare", quad(2, WOOD)))
+    add(quad(1, WOOD))
+    observe().ran.add("terrestrial")
+    assert depsgraph.ready() == {"terrestrial"}
+    if how == "deleted":
+        bpy.data.objects.remove(thing)
+    elif how == "unlinked":
+        home.objects.unlink(thing)
+    else:
+        spare[IGNORED_KEY] = how != "added"
+        home.objects.link(spare)
+    bpy.context.view_layer.update()
+    assert depsgraph.ready() == ({"terrestrial"} if how == "none that counts" else set())
+
+
 def test_a_scene_is_not_set_up_anew_after_what_sensors_do_not_meet(empty_blender):
     add(quad(0, WOOD))
     lamp = bpy.data.objects.new("ear", None)

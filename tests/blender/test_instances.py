@@ -163,7 +163,8 @@ def test_a_user_finds_named_inputs(empty_blender):
     assert (modifier.name, modifier.node_group.name) == (nodes.INSTANCER, "Forest Sensing Forest")
     sockets = [i for i in modifier.node_group.interface.items_tree if i.in_out == "INPUT"]
     assert [socket.name for socket in sockets] == [
-        *("Points", "Variants", "Outlines", "Scale", "Rotation", "Light View", "Dots", "Show Share")
+        *("Points", "Variants", "Outlines", "Scale", "Rotation", "Light View", "Whole Within"),
+        *("Dots", "Show Share"),
     ]
     assert all(socket.description for socket in sockets)
 
@@ -178,6 +179,26 @@ def test_size_and_turn_of_all_are_seen_by_sensors_too(empty_blender):
     assert np.abs(found - expected).max() < 1e-5
     scene = read_scene(bpy.context.evaluated_depsgraph_get())
     assert len(scene.transform) == 2 * COUNT
+
+
+@pytest.mark.parametrize("within", [0.0, 90.0, 1e4])
+def test_stand_ins_are_whole_near_the_camera_and_sensors_see_all_whole(empty_blender, within):
+    thing = plant()
+    nodes.set_input(thing.modifiers[0], nodes.LIGHT, True)
+    nodes.set_input(thing.modifiers[0], nodes.NEAR, within)
+    before = placed(thing)
+    assert {source.name[:5] for source in before.source} == {"rough"}  # there is no camera
+    camera = bpy.data.objects.new("eye", bpy.data.cameras.new("eye"))
+    bpy.context.scene.collection.objects.link(camera)
+    bpy.context.scene.camera, camera.location = camera, (1.0, 2.0, 3.0)
+    thing.update_tag()
+    found = placed(thing)
+    away = np.linalg.norm(found.transform[:, :, 3] - np.array(camera.location), axis=1)
+    whole = np.array([found.source[k].name.startswith("full") for k in found.index])
+    assert (whole == (away <= within)).all()
+    assert 0 < whole.sum() < len(whole) or within != 90
+    with nodes.in_full(bpy.context.evaluated_depsgraph_get()):
+        assert {source.name[:4] for source in placed(thing).source} == {"full"}
 
 
 @pytest.mark.parametrize("share", [0.0, 0.3, 1.0])

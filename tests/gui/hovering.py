@@ -1,8 +1,11 @@
-"""The mouse rests on every button of every sensor until its tooltip is drawn, and a scene is copied in full.
+"""The mouse rests on every button of every sensor until its tooltip is drawn, with all parts of all panels
+open for the last, and a scene is copied in full.
 
 Blender forbids to write while it draws; a tooltip that does leaves a traceback in the log, which fails the
 run.
 """
+
+from collections.abc import Generator
 
 import bpy
 from drive import (
@@ -13,6 +16,7 @@ from drive import (
     choose,
     demo_forest,
     idle,
+    open_every_panel,
     ours,
     point_at,
     press,
@@ -25,7 +29,7 @@ from drive import (
 
 TOOLTIP = 1.0  # s until Blender has drawn one
 COLUMNS = (0.3, 0.6, 0.8, 0.93)  # of the sidebar's width
-PAGES = 4  # of the sidebar, one above the other
+PAGES = 20  # of the sidebar, one above the other, at most
 SENSORS = ("terrestrial", "drone", "mobile", "airborne", "tractor", "sonar", "reverb")
 
 
@@ -49,9 +53,36 @@ def hover(told: set[str]) -> Scenario:
                 yield TOOLTIP
 
 
+def hover_all() -> Generator[float, None, set[str]]:
+    """Rest on all buttons of the sidebar, page by page; returns the commands whose tooltips were drawn."""
+    told: set[str] = set()
+    for _ in range(PAGES):
+        yield from hover(told)
+        side = view()[3]
+        top = side.view2d.region_to_view(0, 0)
+        scroll(side, 12)
+        yield from settle()
+        if side.view2d.region_to_view(0, 0) == top:
+            break
+    scroll(view()[3], -100)
+    return told
+
+
 def blocks() -> int:
     """Counts of curves and objects in the file: a tooltip makes none."""
     return len(bpy.data.objects) + len(bpy.data.curves)
+
+
+def hover_sensor(kind: str) -> Scenario:
+    """Rest on all buttons while a sensor of this kind is chosen."""
+    press("forest.add_sensor", invoke=False, kind=kind)
+    choose(bpy.context.view_layer.objects.active)
+    before = blocks()
+    told = yield from hover_all()
+    assert blocks() == before
+    assert sum("forest.run" in command for command in told) >= 2, told
+    print(f"FIGURE tooltips drawn of {kind}: {len(told)}", flush=True)
+    press("forest.remove_sensor", invoke=False)
 
 
 def scenario(steps: Steps) -> Scenario:
@@ -60,24 +91,9 @@ def scenario(steps: Steps) -> Scenario:
     for name in [one.name for one in ours("blender.sensors.objects").sensors_of(bpy.context.scene)]:
         choose(bpy.data.objects[name])
         press("forest.remove_sensor", invoke=False)
-    ours("ui.settings.drawing").FOLDED = True
-
     for kind in SENSORS:
         steps.step(f"every button of a sensor: {kind}")
-        press("forest.add_sensor", invoke=False, kind=kind)
-        choose(bpy.context.view_layer.objects.active)
-        before, told = blocks(), set()
-        for page in range(PAGES):
-            found = len(told)
-            yield from hover(told)
-            if page and len(told) == found:
-                break
-            scroll(view()[3], 12)
-        scroll(view()[3], -100)
-        assert blocks() == before
-        assert sum("forest.run" in command for command in told) >= 2, told
-        print(f"FIGURE tooltips drawn of {kind}: {len(told)}", flush=True)
-        press("forest.remove_sensor", invoke=False)
+        yield from hover_sensor(kind)
 
     steps.step("a full copy is a copy: growing in it moves nothing of the first")
     first = bpy.context.scene
@@ -91,3 +107,10 @@ def scenario(steps: Steps) -> Scenario:
     copied = [thing for thing in bpy.context.scene.objects if "forest_tree" in thing]
     assert len(copied) == len(stood) == sum(p.standing for p in props().plantings)
     assert {thing.name for thing in first.objects if "forest_tree" in thing} == stood
+
+    steps.step("every button of every part of a panel")
+    bpy.ops.wm.read_homefile(use_empty=False, use_factory_startup=False)
+    yield 1.0
+    open_every_panel()
+    yield from demo_forest()
+    yield from hover_sensor("sonar")

@@ -19,7 +19,7 @@ from window import Blender, ImpossibleError, provide
 
 ROOT = Path(__file__).resolve().parents[2]
 OUT = ROOT / "out" / "gui"
-SECONDS = 900  # for a scenario
+SECONDS = 1800  # for a scenario
 SCENARIOS = (
     *("doors", "session", "ten_clicks", "large", "looking", "working", "planting", "road"),
     *("hovering", "randomly"),

@@ -10,11 +10,13 @@ pyproj = pytest.importorskip("pyproj")
 from forest_addon.formats.las import read_las, write_las
 from forest_addon.results.points import POINT
 from forest_addon.sensing.lidar.pattern import pattern_of
+from forest_addon.site import ForestSite
 from forest_addon.spec import Mobile, Pose, Scene, SpecError
 from forest_addon.stand.files import read_inputs
 from headless.surveys import write_like
 from studies.validation.own_cloud import read_cloud
 
+CODES = ("PIAB", "FASY", "ABAL", "ACPS")
 FOOT, US_FOOT = 0.3048, 1200 / 3937
 LOW = np.array([1_980_000.0, 610_000.0, 40.0])  # EPSG:26943, metres
 SPEED, START = 60.0, 245_385.0
@@ -203,3 +205,24 @@ def test_seconds_of_the_week_meet_adjusted_standard_time(tmp_path, flight, adjus
         found[0, 1] - SPEED * found[0, 0], abs=0.01
     )
     assert found[:, 3] == pytest.approx(LOW[2] + 400.0, abs=0.01)
+
+
+def test_a_plot_gets_a_twin_of_its_own_trees_on_its_own_ground(tmp_path, flight):
+    place = flight[0][flight[2] == 2]
+    middle = place.mean(axis=0)
+    rows = [f"{middle[0] + 2 * k:.2f},{middle[1]:.2f},{code}" for k, code in enumerate(CODES)]
+    table = [f"{row},{30 - 5 * k},{20 - 2 * k}" for k, row in enumerate(rows)]
+    (tmp_path / "trees.csv").write_text("\n".join(["x,y,species,dbh_cm,height_m", *table]))
+    names = ["ACPS=norway-maple", "PIAB=norway-spruce", "FASY=european-beech", "ABAL=silver-fir"]
+    words = {"trees": tmp_path / "trees.csv", "species": names}
+    save(tmp_path / "cloud.las", flight, record=wkt(26943))
+    scene, heard = like(tmp_path, "cloud.las", **words)
+    assert '"FASY" is planted as european-beech' in heard
+    stand = ForestSite.read(scene, tmp_path).plan()
+    place = stand.position[stand.species < len(CODES)] + scene.offset  # others are undergrowth
+    assert np.sort(place[:, 0]) == pytest.approx(middle[0] + 2 * np.arange(len(CODES)), abs=0.01)
+    assert place[:, 2] == pytest.approx(LOW[2], abs=0.05)
+    with pytest.raises(
+        SpecError, match="ABAL=silver-fir --species ACPS=PRESET --species FASY=europ"
+    ):
+        like(tmp_path, "cloud.las", trees=tmp_path / "trees.csv")

@@ -16,7 +16,18 @@ pytest.importorskip("bpy")
 from headless import tiled
 
 ROOT = Path(__file__).resolve().parents[2]
-SMALL = Path(__file__).with_name("small.toml")
+SCAN = """
+[[plantings]]
+species = "whorl-8"
+variants = 1
+expected = 1
+exact = true
+[[sensors]]
+kind = "terrestrial"
+angle_step_deg = 10
+[output]
+pictures = false
+"""
 WHEN = """
 import os, runpy, sys
 
@@ -41,7 +52,8 @@ runpy.run_module("headless", run_name="__main__", alter_sys=True)
     ],
 )
 def test_ctrl_c_during_an_import(tmp_path, moment):
-    text = WHEN.format(moment=moment, scene=str(SMALL), out=str(tmp_path / "o"))
+    text = WHEN.format(moment=moment, scene=str(tmp_path / "s.toml"), out=str(tmp_path / "o"))
+    (tmp_path / "s.toml").write_text(SCAN)
     done = subprocess.run(
         [sys.executable, "-c", text],
         cwd=ROOT,

@@ -1,6 +1,7 @@
 """Words of a run in a terminal and in a pipe: a line a step, and what it found; nothing is redrawn."""
 
 import json
+import re
 import subprocess
 import sys
 from importlib import metadata
@@ -10,6 +11,7 @@ import pytest
 
 from forest_addon import api, kernels, spec
 from forest_addon.base.places import ASSETS, environment_of_child
+from headless import pipeline
 from headless.cli import main
 
 SCENE = """
@@ -120,3 +122,13 @@ def test_without_blender_a_run_says_what_to_install(tmp_path):
         "error: run: Blender as a module is not installed"
     )
     assert "pip install bpy" in ended.stderr
+
+
+def test_a_forest_that_memory_will_not_hold_is_refused_as_it_has_grown(
+    scene, tmp_path, monkeypatch, capsys
+):
+    monkeypatch.setattr(pipeline, "free_memory", lambda: 1e5)
+    assert main(["run", str(scene), "--out", str(tmp_path / "out")]) == 2
+    said = capsys.readouterr().err.splitlines()[-1]
+    assert re.match(r"error: plantings: their 1 different trees need about \S+ GB of memory", said)
+    assert said.endswith("0.0001 GB are free; give about 1 variants in all")

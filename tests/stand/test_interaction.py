@@ -23,7 +23,6 @@ from forest_addon.stand.layouts import (
 )
 from forest_addon.stand.plan import plan_stand
 from forest_addon.stand.poisson import Process
-from forest_addon.stand.statistics.covariates import fit_covariates
 from forest_addon.stand.statistics.interaction import fit_clusters, fit_strauss
 from forest_addon.stand.statistics.k_function import inhomogeneous_k
 from forest_addon.stand.statistics.window import Window
@@ -184,23 +183,6 @@ def test_repulsion_is_found_again_and_poisson_has_none():
     assert min(f.gain for f in found) > 10
     trees = HIGH * stream(1, "none").random((400, 2))
     assert fit_strauss(trees, WINDOW, radii).gain < 6
-
-
-def test_coefficients_of_covariates_are_found_again():
-    """Each within 4.5 of its standard errors: fails once in 50,000."""
-    rows, columns = 40, 50
-    z = np.stack(np.meshgrid(np.linspace(-1, 1, columns), np.linspace(100, 130, rows)))
-    mean = np.exp(-16.0 + 1.5 * z[0] + 0.1 * z[1]) * WINDOW.area / (rows * columns) * 40
-    rng = stream(1, "covariates")
-    count = rng.poisson(mean)
-    row, column = np.divmod(np.repeat(np.arange(rows * columns), count.ravel()), columns)
-    points = (np.stack([column, row], axis=1) + rng.random((len(row), 2))) * [2.0, 2.0]
-    fit = fit_covariates(points, z, WINDOW)
-    assert (np.abs(fit.coefficient[1:] - [1.5, 0.1]) < 4.5 * fit.error[1:]).all()
-    assert fit.pixels.sum() * 4.0 == pytest.approx(len(points))
-    assert fit.at(points[:5]).min() > 0
-    with pytest.raises(ValueError, match="drop one"):
-        fit_covariates(points, np.stack([z[0], 2 * z[0] + 1]), WINDOW)
 
 
 @pytest.mark.medium

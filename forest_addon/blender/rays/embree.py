@@ -26,7 +26,7 @@ from ...kernels import CastScene
 from ...sensing.rays.boxes import clip
 from ...sensing.rays.caster import Hits
 from ...sensing.rays.geometry import SceneGeometry, TriangleTable, invert_transforms
-from ...sensing.rays.search import Search, in_tasks, whole_triangles
+from ...sensing.rays.search import TASK, Search, in_tasks, whole_triangles
 
 FOLDERS = ("lib", "blender.shared", ".", "../Frameworks", "../Resources/lib")
 FILES = {"win32": ("embree4*.dll",), "darwin": ("libembree4*.dylib",)}
@@ -223,17 +223,18 @@ class EmbreeCaster(Search):
             np.ascontiguousarray(rays, np.float64).reshape(count, 3)
             for rays in (origins, directions)
         )
-        near, far = (
-            np.ascontiguousarray(np.broadcast_to(limit, count), np.float64)
-            for limit in (min_distance, max_distance)
-        )
-        left = Hits.misses(count) if leaving is None else leaving
-        given = from_, ways, near, far, left.instance, left.triangle
+        limits = [np.broadcast_to(limit, count) for limit in (min_distance, max_distance)]
+        nothing = np.full(min(count, TASK), -1)
         hits = Hits(*(np.empty((count, *size), kind) for size, kind in COLUMNS))
 
         def task(part: slice) -> None:
-            rays = [array[part] for array in (*given, *vars(hits).values())]
-            library.cast_rays(self._described, len(rays[0]), *rays)
+            rays = [from_[part], ways[part]]
+            rays += [np.ascontiguousarray(limit[part], np.float64) for limit in limits]
+            rays += [nothing[: len(rays[0])]] * 2
+            if leaving is not None:
+                rays[4:] = leaving.instance[part], leaving.triangle[part]
+            found = (column[part] for column in vars(hits).values())
+            library.cast_rays(self._described, len(rays[0]), *rays, *found)
 
         in_tasks(task, count, self.threads)
         return hits

@@ -416,11 +416,24 @@ def forget(_scene: Any = None, depsgraph: Any = None, *_: Any) -> None:
     """Drop what holds as long as nothing changes; the handler of every change."""
     _kept.clear()
     for update in () if depsgraph is None else depsgraph.updates:
-        if update.is_updated_geometry or update.is_updated_transform:
-            thing = update.id.original
-            of_scene = isinstance(thing, bpy.types.Object) and thing.type in SOLID_TYPES
-            if of_scene and not (CLOUD_KEY in thing or thing.get(IGNORED_KEY)):
-                lasting["changed"] = True
+        thing = update.id.original
+        if isinstance(thing, bpy.types.Collection):  # something came or went
+            gone = "solids" in lasting and lasting["solids"] != solids_in(depsgraph.scene)
+        else:
+            gone = (update.is_updated_geometry or update.is_updated_transform) and is_solid(thing)
+        if gone:
+            lasting["changed"] = True
+
+
+def is_solid(thing: bpy.types.ID) -> bool:
+    """Return whether sensors may meet something, as far as is known without its geometry."""
+    of_scene = isinstance(thing, bpy.types.Object) and thing.type in SOLID_TYPES
+    return of_scene and not (CLOUD_KEY in thing or thing.get(IGNORED_KEY))
+
+
+def solids_in(scene: bpy.types.Scene) -> int:
+    """Return how many objects of a scene sensors may meet."""
+    return sum(map(is_solid, scene.objects))
 
 
 def ready() -> set[str]:

@@ -230,11 +230,11 @@ class Graph:
 
 INSTANCER = "Forest Sensing Forest"
 # A group with other sockets than these gets another number. Of version 1 were no size and turn of all, of
-# version 2 no dots.
-LAYOUT_KEY, LAYOUT, KNOWN = "forest_layout", 3, (1, 2, 3)
+# version 2 no dots, of version 3 no distance within which trees are whole.
+LAYOUT_KEY, LAYOUT, KNOWN = "forest_layout", 4, (1, 2, 3, 4)
 FIRST = "Forest Instancer"  # what version 1 was called
 POINTS, VARIANTS, OUTLINES, LIGHT, TREES = "Points", "Variants", "Outlines", "Light View", "Trees"
-DOTS = "Dots"
+DOTS, NEAR = "Dots", "Whole Within"
 DOT = 0.35  # metres, radius of a dot, of a tree of size 1
 ALL_SCALE, ALL_ROTATION = "Scale", "Rotation"
 VIEW_KEY = "forest_view"  # of a group that changes what views show and nothing else
@@ -243,6 +243,7 @@ LEVEL_KEY = "forest_level"  # on the same object: triangles at most of a stand-i
 VARIANT, ROTATION, SCALE = "variant", "rotation", "scale"  # attributes of the points
 SIZES = {"default_value": 1.0, "min_value": 0.001, "max_value": 1000.0}
 TURNS = {"subtype": "ANGLE", "min_value": -1e4, "max_value": 1e4}
+METRES = {"subtype": "DISTANCE", "default_value": 10.0, "min_value": 0.0}
 SHARES = {"subtype": "FACTOR", "default_value": 1.0, "min_value": 0.0, "max_value": 1.0}
 
 
@@ -449,6 +450,7 @@ def _make_instancer() -> bpy.types.NodeTree:
             (ALL_SCALE, "Float", "Size of all trees; sensors see them so", SIZES),
             (ALL_ROTATION, "Float", "Turn of all trees about the vertical", TURNS),
             (LIGHT, "Bool", "Stand-ins in views; renders and sensors see trees"),
+            (NEAR, "Float", "Trees nearer to the scene's camera are no stand-ins", METRES),
             (DOTS, "Bool", "Dots in views; renders and sensors see trees"),
             (SHARE, "Float", "Of trees in views; renders and sensors see all", SHARES),
         ),
@@ -457,20 +459,38 @@ def _make_instancer() -> bpy.types.NodeTree:
     graph.tree[LAYOUT_KEY] = LAYOUT
     given, viewed = graph.given, graph.value("IsViewport", label="In a view")
     light = graph.both(viewed, given[LIGHT], label="Light, in a view")
-    kinds = graph.library(VARIANTS), graph.library(OUTLINES)
     sampled = graph.value("RandomValue", given[SHARE], data_type="BOOLEAN", label="A share of all")
+    shown = graph.switch("BOOLEAN", viewed, True, sampled, label="Some or all")
     turn = graph.math("ADD", graph.named(ROTATION), given[ALL_ROTATION], label="Turned")
     size = graph.named(SCALE)
     place = {
         "Points": given[POINTS],
-        "Selection": graph.switch("BOOLEAN", viewed, True, sampled, label="Some or all"),
-        "Instance": graph.switch("GEOMETRY", light, *kinds, label="Stand-ins or trees"),
         "Pick Instance": True,
         "Instance Index": graph.named(VARIANT, "INT"),
         "Rotation": graph.value("CombineXYZ", 0.0, 0.0, turn, label="About the vertical"),
         "Scale": graph.math("MULTIPLY", size, given[ALL_SCALE], label="Sized"),
     }
-    trees = graph.add("InstanceOnPoints", place, label="A tree on every point").outputs[0]
+
+    def planted(library: Value, where: Value, told: str) -> Value:
+        these = place | {"Selection": where, "Instance": library}
+        return graph.add("InstanceOnPoints", these, label=told).outputs[0]
+
+    camera = {"Object": graph.value("InputActiveCamera")}
+    eye = graph.add("ObjectInfo", camera, transform_space="RELATIVE").outputs
+    away = {0: graph.value("InputPosition"), 1: eye["Location"]}
+    away = graph.add("VectorMath", away, operation="DISTANCE").outputs["Value"]
+    there = graph.add("VectorMath", {0: eye["Scale"]}, operation="LENGTH").outputs["Value"]
+    there = graph.math("GREATER_THAN", there, 0.0, label="There is a camera")  # of none all is 0
+    within = graph.math("MULTIPLY", there, given[NEAR], label="Reach of whole trees")
+    far = graph.math("GREATER_THAN", away, within, label="Far from the camera")
+    whole, rough = graph.library(VARIANTS), graph.library(OUTLINES)
+    near = graph.both(shown, far, "NIMPLY", label="Shown and near")
+    trees = planted(whole, near, "Trees that are near")
+    stand_ins = planted(rough, graph.both(shown, far, label="Shown and far"), "Far stand-ins")
+    mixed = graph.add("JoinGeometry", {0: stand_ins}, label="Near and far")
+    graph.put(mixed.inputs[0], trees)
+    trees = planted(whole, shown, "A tree on every point")
+    trees = graph.switch("GEOMETRY", light, trees, mixed.outputs[0], label="Trees or stand-ins")
     radius = graph.math("MULTIPLY", size, DOT, label="Size of a dot")
     dot = {"Mesh": given[POINTS], "Radius": radius}
     dots = graph.add("MeshToPoints", dot, label="A dot for every tree").outputs[0]

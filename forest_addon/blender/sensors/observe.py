@@ -31,7 +31,7 @@ from ...sensing.trajectory import Trajectory
 from ...spec import Rays, Scene, Sensor
 from ...stand.placed import PlacedTrees
 from ..rays.casters import make_caster, make_moving_caster
-from ..read.depsgraph import kept, lasting, read_scene
+from ..read.depsgraph import kept, lasting, read_scene, solids_in
 from ..scene.meshes import placed_trees
 from ..scene.nodes import in_full
 from .following import SceneFollower
@@ -312,6 +312,7 @@ def _renewed(
     if not asked or not _is_same(old.geometry, new.geometry):
         old = new
     old.places, lasting["observer"], lasting["changed"] = new.places, old, False
+    lasting["solids"] = solids_in(depsgraph.scene)
     for of_sensors in (old._moving, old._moving_wood, old._begins):  # it may move otherwise by now
         of_sensors.clear()
     return old

@@ -272,6 +272,8 @@ def draw(
     found = measures(kind, dbh, z)
     share = found[:, 2] / found[:, 0]
     found = np.where(known, given, found)
+    narrow = np.minimum(found[:, 1], WIDEST * found[:, 0])  # of a broken stem
+    found[:, 1] = np.where(known[:, 1], found[:, 1], narrow)
     base = share * found[:, 0]  # of the height that the tree has
     found[:, 2] = np.where(known[:, 2], given[:, 2], base)
     return found

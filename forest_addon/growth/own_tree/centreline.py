@@ -491,7 +491,11 @@ class Tubes:
         return _Look(gap, doubt)
 
     def contacts(self, points: np.ndarray, seen: _Look, *, thinnest: bool = False) -> Contact:
-        """See ``find_contacts``; so many points at a time that memory is bounded."""
+        """See ``find_contacts``; so many points at a time that memory is bounded.
+
+        thinnest : for points inside several tubes, the thinnest of them, and not that whose surface is
+            farthest away.
+        """
         batches = np.array_split(np.arange(len(points)), max(len(points) // BATCH, 1))
         parts = [self._contacts(points[rows], seen.of(rows), thinnest) for rows in batches]
         return Contact(*(np.concatenate(column) for column in zip(*parts, strict=True)))
@@ -558,13 +562,7 @@ class Tubes:
         return part, np.sqrt(np.einsum("nki,nki->nk", aside, aside))
 
 
-def find_contacts(
-    lines: Centrelines, pieces: np.ndarray, points: np.ndarray, *, thinnest: bool = False
-) -> Contact:
-    """The wood of some pieces that is nearest to points (N, 3).
-
-    thinnest : for points inside several tubes, the thinnest of them, and not that whose surface is
-        farthest away.
-    """
+def find_contacts(lines: Centrelines, pieces: np.ndarray, points: np.ndarray) -> Contact:
+    """The wood of some pieces that is nearest to points (N, 3)."""
     tubes = Tubes.of(lines, pieces)
-    return tubes.contacts(points, tubes.look(points), thinnest=thinnest)
+    return tubes.contacts(points, tubes.look(points))

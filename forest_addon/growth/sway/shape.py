@@ -85,12 +85,12 @@ class SwayShape:
     mass: float
     leaf_mass: float
 
-    def at_members(self, share: float = 0.5) -> tuple[np.ndarray, np.ndarray]:
-        """Points (B, 3) of members and their modes (B, M, 3), at a share of their length."""
+    def at_members(self) -> tuple[np.ndarray, np.ndarray]:
+        """Middles (B, 3) of members and their modes (B, M, 3)."""
         own = self.members
-        points = own.start + share * (own.end - own.start)
+        points = own.start + 0.5 * (own.end - own.start)
         low, high = self.ends
-        return points, low[:, :, :3] + share * (high - low)[:, :, :3]
+        return points, low[:, :, :3] + 0.5 * (high - low)[:, :, :3]
 
     @property
     def ends(self) -> tuple[np.ndarray, np.ndarray]:
@@ -140,11 +140,11 @@ class SwayShape:
         return low + share * (high - low)
 
 
-def shape_of(skeleton: Skeleton, leaves: Leaves, wood: GreenWood, modes: int = MODES) -> SwayShape:
+def shape_of(skeleton: Skeleton, leaves: Leaves, wood: GreenWood) -> SwayShape:
     """Reduce a tree of at least one segment to its first modes."""
     seats = seats_of(skeleton, leaves)
     area = np.bincount(seats.segment, np.pi * leaves.radius**2, minlength=len(skeleton))
-    return shape_with(skeleton, area, wood, modes, seats)
+    return shape_with(skeleton, area, wood, seats=seats)
 
 
 def shape_with(

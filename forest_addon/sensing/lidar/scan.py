@@ -54,7 +54,7 @@ from .receiver import (
 from .specular import DIRECT, Halo, SpecularScene, follow
 from .waveform import LIGHT, Bins, find_echoes, pulse_length
 
-RAYS_AT_ONCE = 65_536
+RAYS_AT_ONCE = 32_768
 MOST_LOST = 100  # pulses of a scan; beyond, it is not a pulse that is at fault
 
 

@@ -297,11 +297,12 @@ def whole_triangles(mesh: TriMesh) -> np.ndarray:
     searches in single precision finds what is thinner all along its line, before what is really there.
     """
     with np.errstate(invalid="ignore", over="ignore"):
-        corners = mesh.vertices[mesh.triangles]
-        sides = corners - np.roll(corners, 1, axis=1)
+        a, b, c = (np.ascontiguousarray(mesh.vertices[of].T) for of in mesh.triangles.T)
+        sides = [_dot(side, side) for side in (a - c, b - a, c - b)]
+        longest = np.sqrt(np.maximum.reduce(sides))
         double = np.linalg.norm(2 * mesh.area_vectors(), axis=1)
-        longest = np.sqrt((sides**2).sum(axis=2).max(axis=1))
-        step = np.spacing(np.abs(corners).max(axis=(1, 2)).astype(np.float32))
+        farthest = np.maximum.reduce([*np.abs(a), *np.abs(b), *np.abs(c)])
+        step = np.spacing(farthest.astype(np.float32))
         return np.asarray(double > FLAT * step * longest)
 
 

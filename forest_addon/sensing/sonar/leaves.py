@@ -183,8 +183,8 @@ def _sum(values: np.ndarray, owner: np.ndarray, count: int) -> np.ndarray:
 # is what wiggles in frequency: each alone is smooth.
 
 
-LATER = 1.0  # radii, about which an exact disc's response lies evenly
-EXACT_REACH, PAPER_REACH = 3.0, 0.3  # radii to both sides
+LATER = 1.0  # radii by which a disc's response that crosses its face is later than that of its rims
+PAPER_REACH = 0.3  # radii to both sides
 PAPER_TURN = 0.36  # radians at ka = 1 by which the fit's angle turns while the frequency doubles
 GRAZING = (
     np.pi / 3
@@ -223,9 +223,9 @@ class DiscStrength(Strength):
         near, far = np.flatnonzero(~rims), np.flatnonzero(rims)
         parts = [ScattererPart(near, np.zeros(len(near)), self.select(near))] if len(near) else []
         if len(far):
-            for side in (-1, 1):
-                strength = DiscRim(across[far], self.radius[far], self.incidence[far], side)
-                parts.append(ScattererPart(far, side * 2.0 * across[far], strength))
+            rows, side = np.tile(far, 2), np.repeat([-1.0, 1.0], len(far))
+            strength = DiscRim(across[rows], self.radius[rows], self.incidence[rows], side)
+            parts.append(ScattererPart(rows, side * 2.0 * across[rows], strength))
         return parts
 
     def reach(self, wavenumber: float) -> np.ndarray:
@@ -234,9 +234,8 @@ class DiscStrength(Strength):
                 PAPER_TURN * self.incidence * np.maximum(wavenumber * self.radius, 1e-3) ** -0.9065
             )
             return PAPER_REACH * self.radius + turn / wavenumber
-        if self.model == "exact":
-            return EXACT_REACH * self.radius
-        return 2.0 * self.radius * np.sin(self.incidence)
+        rims = 2.0 * self.radius * np.sin(self.incidence)
+        return rims + LATER * self.radius if self.model == "exact" else rims
 
     def error(self, highest: float) -> np.ndarray | None:
         if self.model != "exact":
@@ -248,7 +247,7 @@ class DiscStrength(Strength):
 class DiscRim(Strength):
     """One place of a piston's rim, without its delay: half of J₁ = Re H₁, H₁ the Hankel function.
 
-    across : (M,) a·sinβ. side : -1 the place nearer to the sonar, 1 the farther.
+    across : (M,) a·sinβ. side : (M,) -1 the place nearer to the sonar, 1 the farther.
 
     f = (i·a²·cosβ/4a·sinβ)·H₁(x)e^{-ix} or its conjugate, x = 2ka·sinβ: k·f = i(ka)²/2·cosβ·2J₁(x)/x.
     """
@@ -256,7 +255,7 @@ class DiscRim(Strength):
     across: np.ndarray
     radius: np.ndarray
     incidence: np.ndarray
-    side: int
+    side: np.ndarray
 
     def amplitude(self, wavenumber: np.ndarray) -> np.ndarray:
         level = 0.25 * self.radius**2 * np.cos(self.incidence) / self.across
@@ -431,7 +430,7 @@ class EdgeStrength(Strength):
         return EDGE * self.share * self.radius
 
     def reach(self, wavenumber: float) -> np.ndarray:
-        return EXACT_REACH * self.radius + self.late
+        return 2.0 * (np.sin(self.incidence) + LATER) * self.radius + self.late
 
     def error(self, highest: float) -> np.ndarray:
         return self.share * self.radius * table_error(highest * self.radius, self.incidence)

@@ -230,12 +230,16 @@ class EarAmplitudes:
         terms = [self._beams[0].terms(*sent), self._beams[1].terms(*heard)]
         self._terms = np.concatenate([*terms, -(paths.distance + leg)[None]])
         self._level = group.shade / (paths.distance * leg)
+        self._known: dict[bytes, np.ndarray] = {}  # bases, by their frequencies
         strength = group.scatterers.seen((station.point + station.ear[ear]) / 2)
         self.whole = ScattererPart(np.arange(len(group)), np.zeros(len(group)), strength)
 
     def _basis(self, frequency: np.ndarray) -> np.ndarray:
-        beams = [beam.basis(frequency) for beam in self._beams]
-        return np.concatenate([*beams, self._station.loss(frequency)[None]])
+        key = frequency.tobytes()
+        if key not in self._known:
+            beams = [beam.basis(frequency) for beam in self._beams]
+            self._known[key] = np.concatenate([*beams, self._station.loss(frequency)[None]])
+        return self._known[key]
 
     def gain(self, frequency: np.ndarray) -> np.ndarray:
         """(Q, M) of all."""

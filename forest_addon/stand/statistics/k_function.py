@@ -22,10 +22,11 @@ import scipy
 from scipy.spatial import cKDTree
 from scipy.special import chdtr, chdtrc
 
-from .window import Window
+from .window import Window, overlaps
 
 BLOCK = 16384  # trees whose neighbours are held at once
 NEIGHBOURS = 50  # of a tree, on average, within the largest radius that is chosen by itself
+STEPS = 60  # radii that are chosen by themselves
 FEWEST = 5.0  # expected trees of a quadrat; those with fewer are pooled (Cochran)
 FINE = 512  # points along the longer side by which λ is integrated over quadrats
 
@@ -115,8 +116,8 @@ def inhomogeneous_k(
     return KFunction(radius, value, pairs)
 
 
-def choose_radii(points: np.ndarray, window: Extent, steps: int = 60) -> np.ndarray:
-    """(steps,) radii up to a quarter of the shorter side, or to where a tree has ``NEIGHBOURS``."""
+def choose_radii(points: np.ndarray, window: Extent) -> np.ndarray:
+    """(``STEPS``,) radii up to a quarter of the shorter side, or to where a tree has ``NEIGHBOURS``."""
     even = np.sqrt(NEIGHBOURS * window.area / (np.pi * max(len(points), 1)))
     largest = min(float(window.extent.min()) / 4, float(np.sqrt(window.area)) / 4, float(even))
     tree = cKDTree(points - points[:1])
@@ -125,7 +126,7 @@ def choose_radii(points: np.ndarray, window: Extent, steps: int = 60) -> np.ndar
         if tree.query_ball_point(some, largest, return_length=True).mean() <= NEIGHBOURS + 1:
             break
         largest /= np.sqrt(2)
-    return np.linspace(largest / steps, largest, steps)
+    return np.linspace(largest / STEPS, largest, STEPS)
 
 
 def quadrat_test(points: np.ndarray, expected: np.ndarray, window: Window) -> QuadratTest:
@@ -243,11 +244,7 @@ class Region:
 
     @cached_property
     def _overlaps(self) -> np.ndarray:
-        from scipy.signal import fftconvolve  # here: it takes half a second to import
-
-        image = self.filled.astype(float)
-        overlaps = np.rint(fftconvolve(image, image[::-1, ::-1])) * self.cell.prod()
-        return np.pad(overlaps, 1)
+        return np.pad(np.rint(overlaps(self.filled)) * self.cell.prod(), 1)
 
 
 def region_of(at: At, window: Window) -> Region:

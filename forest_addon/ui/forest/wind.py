@@ -15,7 +15,7 @@ import bpy
 
 from ...blender.jobs import Task, Work
 from ...blender.scene.layout import points_of_forest
-from ...blender.scene.nodes import LEVEL_KEY, instancer_of, show_as, shown_of
+from ...blender.scene.nodes import LEVEL_KEY, NEAR, drawn_inputs, instancer_of, show_as, shown_of
 from ...spec import SpecError
 from ..settings.exchange import to_spec, usable
 from ..shell.running import Button, Working
@@ -68,6 +68,9 @@ def draw_display(layout: bpy.types.UILayout, props: Any) -> None:
     if props.display == "LIGHT":
         count = modifier.id_data.get(LEVEL_KEY, FINEST)
         text = label("Stand-ins of {count} triangles at most", count=count)
+        holder, key = drawn_inputs(modifier).get(NEAR, (None, ""))
+        if holder is not None:
+            layout.prop(holder, key, text=label("Whole Trees Around the Camera"))
     said.label(text=text, icon="INFO")
     said.label(text="Sensors and renders see full trees", icon="BLANK1")
 

@@ -133,11 +133,19 @@ def test_done_scenes_are_not_made_again_and_lost_ones_come_back_the_same(copy, u
 
 def test_shared_trees_are_the_same_as_each_grown_alone(tmp_path, warm):
     """The last scene of a library, alone in a process and a run of its own, and after others."""
-    shared = ("--set", 'trees="shared library of 2"', "--workers", "1", "--quiet")
+    shared = (
+        "--set",
+        'trees="shared library of 2"',
+        "--set",
+        "count=3",
+        "--workers",
+        "1",
+        "--quiet",
+    )
     ended = warm.run(PLAN, "--out", tmp_path / "all", *shared)
     assert ended.returncode == 0, ended.stderr
     wanted = bytes_of(tmp_path / "all")
-    shutil.rmtree(tmp_path / "all" / "scenes" / "000003")
+    shutil.rmtree(tmp_path / "all" / "scenes" / "000002")
     warm.renew()
     assert warm.run(PLAN, "--out", tmp_path / "all", *shared).returncode == 0
     assert bytes_of(tmp_path / "all") == wanted

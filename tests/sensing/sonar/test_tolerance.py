@@ -154,7 +154,7 @@ def test_the_sum_keeps_its_tolerance_and_knows_its_error(kind: str) -> None:
         assert told >= error - 1e-10  # rounding of the carriers
         if scene.where == "spread" and error > 1e-9:
             sharp.append(told / error)
-    assert np.median(sharp) < 30.0
+    assert np.median(sharp) < 15.0
 
 
 def post_and_board() -> TriMesh:
@@ -184,7 +184,7 @@ def test_a_ping_at_a_post_and_a_board_many_times_at_one_place(kinds: dict, beam:
         error = np.abs(fast.spectra - 30 * exact.spectra).max() / size
         assert 0 < error <= 10.0**-digits
         assert error <= fast.error_bound <= 10.0**-digits
-        assert fast.size.max() == pytest.approx(size, rel=0.05)
+        assert fast.size.max() == pytest.approx(size, rel=0.1)  # few nodes miss a maximum
 
 
 def test_error_of_the_table_is_bounded() -> None:

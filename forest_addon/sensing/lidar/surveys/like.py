@@ -110,6 +110,7 @@ def scanner_like(
         pulse_rate=pattern.pulse_rate,
         mount_deg=(0.0, round(pattern.pitch_deg, 3), round(pattern.yaw_deg, 3)),
         poses=poses_of(line, offset, start),
+        speed=Mobile.__dataclass_fields__["speed"].default,  # poses say it
     )
 
 

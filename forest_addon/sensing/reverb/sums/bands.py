@@ -117,13 +117,21 @@ def samples_of(
 def _upsampled(periodic: np.ndarray, step: int, count: int) -> np.ndarray:
     """(count,) at ``step`` times the rate, of samples that go round; nothing is in their upper half band."""
     needed = -(-count // step) + 2 * BESIDE
-    some = np.take(periodic, np.arange(-BESIDE, needed - BESIDE), mode="wrap") / step
+    some = np.take(periodic, np.arange(-BESIDE, needed - BESIDE), mode="wrap")
     fade = fall(np.arange(BESIDE) + 0.5, (0.0, float(BESIDE)))
-    some[:BESIDE] *= fade[::-1]
-    some[-BESIDE:] *= fade
-    size = fft.next_fast_len(needed, real=True)
-    spectrum = fft.rfft(some, size)
+    return upsampled(some, step, fade)[BESIDE * step : BESIDE * step + count]
+
+
+def upsampled(samples: np.ndarray, step: int, fade: np.ndarray) -> np.ndarray:
+    """(N·step,) samples at ``step`` times the rate, of a band that has nothing at its old end.
+
+    fade : from 1 to 0, over as many samples at both ends, which are changed.
+    """
+    samples[: len(fade)] *= fade[::-1]
+    samples[-len(fade) :] *= fade
+    size = fft.next_fast_len(len(samples) + len(fade), real=True)
+    spectrum = fft.rfft(samples, size)
     wide = np.zeros(size * step // 2 + 1, spectrum.dtype)
     wide[: len(spectrum)] = spectrum
-    whole: np.ndarray = fft.irfft(wide, size * step)[BESIDE * step : BESIDE * step + count]
-    return whole * step
+    whole: np.ndarray = fft.irfft(wide, size * step)
+    return whole[: len(samples) * step]

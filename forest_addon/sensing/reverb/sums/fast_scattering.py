@@ -5,8 +5,8 @@ of frequency (``layer_sum``): in each sector of the scattering angle H(f, φ) �
 
     Σ_m w_m·e^{-ikx_m}·H(f, φ_m) ≈ Σ_r U_r(f)·Σ_m w_m·V_r(cos φ_m)·e^{-ikx_m}
 
-and the inner sums are pulses of the heights w_m·V_r at the times x_m/c: a Kaiser-Bessel kernel spreads
-them over an even grid, one sparse product for all r, and a Fourier transform follows. The air comes
+and the inner sums are pulses of the heights w_m·V_r at the times x_m/c: of many trunks, a Kaiser-Bessel
+kernel spreads them over an even grid, and a transform follows; few are summed as samples. The air comes
 after the sum over sectors, as a filter that changes in time (``path_gain``), or is in the gain of paths.
 Trunks of many radii are summed by panels of frequency (``panel_sum``), where nothing has to be set up.
 
@@ -50,7 +50,7 @@ from scipy import fft
 from ....base.kept import LastAsked
 from ....base.progress import Progress
 from ....spec import Air
-from ..band import SPREAD, roll_off
+from ..band import roll_off
 from ..forest.losses import Losses, loss_per_metre
 from ..forest.tail import Tail
 from .bands import bands_of, samples_of
@@ -115,9 +115,7 @@ class Expansions:
                 paths, rate, count, air, tolerance, losses, loss_at, progress
             )
         gained = self._gain(losses, rate, tolerance, whole=True) is not None
-        air_filter = None if gained else self._air(rate, air, tolerance)
-        size = SPREAD + count + (max(SPREAD, air_filter.tail) if air_filter else SPREAD)
-        total = np.zeros(size)
+        total = np.zeros(count)
         cosine, done = np.cos(paths.angle), 0
         errors: dict[float, float] = {}
         for radius in different.tolist():
@@ -128,13 +126,12 @@ class Expansions:
             done += len(turned)
             for layer in self._set_up(radius, rate, air, tolerance, losses, gained):
                 gain = self._gain(losses, rate, tolerance, whole=True, highest=layer.highest)
-                total += layer.sum(some, turned, size, gain)
+                total += layer.sum(some, turned, count, gain)
                 for octave, error in layer.errors.items():
                     errors[octave] = max(error, errors.get(octave, 0.0))
-        samples = total[SPREAD : SPREAD + count]
         if progress:
             progress(len(paths.length), len(paths.length))
-        return FastSum(samples, {low: max(error, tolerance) for low, error in errors.items()})
+        return FastSum(total, {low: max(error, tolerance) for low, error in errors.items()})
 
     def _of_many_radii(
         self,

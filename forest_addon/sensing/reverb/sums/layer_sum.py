@@ -33,7 +33,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import fft, linalg
+from scipy import fft, linalg, special
 
 from ....acoustics import chebyshev
 from ....acoustics.cylinder import order_count, partial_waves, transfer
@@ -42,6 +42,7 @@ from ....acoustics.spectrum import delay_factors
 from ....base.rng import stream
 from ..band import SPREAD, roll_off
 from ..forest.losses import Losses
+from .bands import upsampled
 from .path_gain import AirFilter, PathGain, Zone
 from .scattering import TrunkPaths
 
@@ -55,7 +56,8 @@ UNHEARD = 1e-5  # of the loudest frequency: where a layer has nothing but roundi
 LEAST = 0.3  # of the tolerance: products of a zone that are smaller at all frequencies are left out
 SEEN = 4  # every so many frequencies of a transform tell how large a product is
 BESIDE = 160  # samples of a low layer before and after the record; they fade out
-LATE = 12  # Chebyshev points of the part of a sample by which a trunk is heard later, at most
+LATE = 16  # Chebyshev polynomials of the part of a sample by which a trunk is heard later, at most
+LONG = 8  # times its filters, a sector's grid, from which on trunks may be heard one by one
 FAINT = 1e-4  # of the tolerance: where trunks' own samples begin and end
 # ns a value: of a trunk's own samples, a product in it; of a point of a term's grid
 SAMPLE, SAMPLE_PRODUCT, POINT = 1.0, 0.03, 20.0
@@ -90,10 +92,9 @@ class LayerSum:
     def sum(
         self, paths: TrunkPaths, cosine: np.ndarray, count: int, gain: PathGain | None = None
     ) -> np.ndarray:
-        """(count,) samples at the full rate, sample SPREAD when the source sounds."""
-        first = -(SPREAD // self.step) - BESIDE * (self.step > 1)
-        last = -(-(count - SPREAD) // self.step) + BESIDE * (self.step > 1)
-        total: np.ndarray = np.zeros(last - first)
+        """(count,) samples at the full rate, sample 0 when the source sounds."""
+        beside = BESIDE if self.step > 1 else self.air.tail if self.air else 0
+        total: np.ndarray = np.zeros(-(-count // self.step) + 2 * beside)
         sector_of = np.searchsorted(self.layer.highs, cosine)
         for number in np.flatnonzero(np.bincount(sector_of)).tolist():
             for octave, error in self.layer.sector(number).errors.items():
@@ -101,18 +102,18 @@ class LayerSum:
         if gain is None:
             for number, rows in _groups(sector_of):
                 start, part = self._sector_sum(number, paths.select(rows), cosine[rows])
-                _add(total, part, start - first)
+                _add(total, part, start + beside)
         else:
             for zone, near in gain.zones(paths.length):
                 given = paths.select(near), cosine[near], sector_of[near], gain, zone
                 start, part = self._zone_sum(*given)
-                _add(total, part, start - first)
+                _add(total, part, start + beside)
         if self.air is not None:
-            total = self.air.apply(total, first)
-        if self.step == 1:
-            return total
-        skipped = -SPREAD - first * self.step
-        return _upsampled(total, self.step)[skipped : skipped + count]
+            total = self.air.apply(total, -beside)
+        if self.step > 1:
+            fade = roll_off(0.45 + 0.05 * np.arange(BESIDE) / BESIDE)
+            total = upsampled(total, self.step, fade)
+        return total[beside * self.step : beside * self.step + count]
 
     def _sector_sum(
         self, number: int, paths: TrunkPaths, cosine: np.ndarray
@@ -120,12 +121,13 @@ class LayerSum:
         """First sample and samples of one sector's trunks, without a gain."""
         sector = self.layer.sector(number)
         place, base, size = self._placed(paths.length, 0.0, 0)
-        products, first = self._delayed(number)
-        each = products.shape[1] * (SAMPLE + SAMPLE_PRODUCT * len(products))
-        if len(place) * each < POINT * OVERSAMPLING * size * sector.terms:
-            heights = sector.shares(cosine) * paths.weight[:, None]
-            part = self._one_by_one(place, heights, products, size)
-            return base - sector.lead + int(first[0]), part
+        if size > LONG * self.layer.size:
+            products, first = self._delayed(number)
+            each = products.shape[1] * (SAMPLE + SAMPLE_PRODUCT * len(products))
+            if len(place) * each < POINT * OVERSAMPLING * size * sector.terms:
+                shares = sector.shares(cosine) * paths.weight[:, None]
+                part = self._one_by_one(place, shares, products, size)
+                return base - sector.lead + int(first[0]), part
         filters, _ = self._filter_spectra(number, size)
 
         def heights(rows: slice) -> np.ndarray:
@@ -154,18 +156,20 @@ class LayerSum:
         sample, and the first sample of them that is heard."""
         key = "delayed", number
         if key not in self._spectra:
-            filters = self._filters_of(number)
+            filters, orders = self._filters_of(number), np.arange(LATE)
             size = fft.next_fast_len(filters.shape[1] + SPREAD, real=True)
-            turn = delay_factors(0.0, 1.0 / size, size // 2 + 1, 0.5 * chebyshev.points(LATE)).T
-            later = fft.irfft(fft.rfft(filters, size) * turn[:, None], size)
-            found = chebyshev.coefficients(later[:, :, : filters.shape[1]], 0)
-            large = np.abs(found).max(axis=1)
-            loudest = self.layer.tolerance * large.max()
-            kept = np.flatnonzero(large.max(axis=1) > SHARE * loudest)[-1] + 1
-            heard = np.flatnonzero(large.max(axis=0) > FAINT * loudest)
-            some = found[:kept, :, heard[0] : heard[-1] + 1].reshape(-1, int(np.ptp(heard)) + 1)
-            self._keep(key, some, heard[:1])
-            return some, heard[:1]
+            most = 2.0 * special.jv(orders, 0.5 * math.pi)  # at the end of the band
+            order = orders[most > SHARE * self.layer.tolerance][:, None, None]
+            # e^{-iωx/2} = Σ ε_p·(-i)^p·J_p(ω/2)·T_p(x) (DLMF 10.12.3)
+            series = special.jv(order, math.pi / size * np.arange(size // 2 + 1)) * (-1j) ** order
+            series[1:] *= 2.0
+            found = fft.irfft(fft.rfft(filters, size) * series, size)[:, :, : filters.shape[1]]
+            found = found.reshape(-1, filters.shape[1])
+            large = np.abs(found).max(axis=0)
+            heard = np.flatnonzero(large > FAINT * self.layer.tolerance * large.max())
+            found = np.ascontiguousarray(found[:, heard[0] : heard[-1] + 1])
+            self._keep(key, found, heard[:1])
+            return found, heard[:1]
         return self._spectra[key]
 
     def _zone_sum(
@@ -342,19 +346,6 @@ def transform_size(least: int) -> int:
     """One of a few lengths of transform, so that their filters are used again."""
     step = 1 << max(0, least.bit_length() - 4)
     return 2 * fft.next_fast_len(-(-least // step) * step // 2 + 1, real=True)
-
-
-def _upsampled(samples: np.ndarray, step: int) -> np.ndarray:
-    """(N·step,) samples at ``step`` times the rate; the band has nothing at its old end."""
-    fade = roll_off(0.45 + 0.05 * np.arange(BESIDE) / BESIDE)
-    samples[:BESIDE] *= fade[::-1]
-    samples[-BESIDE:] *= fade
-    size = fft.next_fast_len(len(samples) + BESIDE, real=True)
-    spectrum = fft.rfft(samples, size)
-    wide = np.zeros(size * step // 2 + 1, spectrum.dtype)
-    wide[: len(spectrum)] = spectrum
-    whole: np.ndarray = fft.irfft(wide, size * step)
-    return whole[: len(samples) * step]
 
 
 def _add(total: np.ndarray, part: np.ndarray, start: int) -> None:

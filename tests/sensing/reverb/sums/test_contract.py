@@ -14,6 +14,7 @@ from references.trunks_at_length import sum_at_length
 from forest_addon.acoustics.air import absorption
 from forest_addon.acoustics.cylinder import transfer
 from forest_addon.sensing.reverb.forest.losses import Losses, TrunkStand
+from forest_addon.sensing.reverb.sums import layer_sum
 from forest_addon.sensing.reverb.sums.fast_scattering import Expansions, arrivals_of, judged
 from forest_addon.sensing.reverb.sums.scattering import TrunkPaths, direct_sum, trunk_paths
 from forest_addon.sensing.reverb.sums.tree_response import tree_response
@@ -97,6 +98,17 @@ SCENES: dict[str, tuple[int, tuple[float, float], float, float, float | None, di
     "many radii, leaves": (60, (0.01, 0.5), 60.0, 6e3, 0.3, {"bark": 0.05}),
     "up to a metre": (40, (0.05, 1.0), 60.0, 4e3, None, {}),
 }
+
+
+@pytest.mark.parametrize("cost", [0.0, math.inf], ids=["on a grid", "one by one"])
+def test_trunks_on_a_grid_and_one_by_one(cost: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whichever seems cheaper: near the record's begin, beyond its end, and at all parts of a sample."""
+    monkeypatch.setattr(layer_sum, "POINT", cost)
+    monkeypatch.setattr(layer_sum, "LONG", 0)
+    paths, *_ = stand(60, (0.25, 0.25), 60.0, 1.0)
+    exact = exact_sum(paths, 8e3, seconds=0.15)
+    for tolerance in (1e-2, 1e-4, 1e-5):
+        assert worst(paths, 8e3, tolerance, exact=exact) < 1.0, tolerance
 
 
 @slow

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .window import Window
+from ..inside import Window
 
 STEPS = 50
 DONE = 1e-10
