@@ -98,7 +98,7 @@ def density_of(leaves: SearchGroup) -> float:
         volume = ConvexHull(leaves.scatterers.centre).volume
     except QhullError:
         return 0.0
-    return float(math.pi * (_discs(leaves).radius**2).sum() / volume)
+    return float(math.pi * (_discs(leaves).radius ** 2).sum() / volume)
 
 
 def rescattering(leaves: SearchGroup, station: Station, pairs: int = PAIRS) -> Rescattering:
