@@ -35,7 +35,6 @@ from ..inside import (
     ping,
     rays_of,
     send,
-    stream,
 )
 from ..tables import table
 from . import flight, lidar, lidar_rays, reverb, sonar
@@ -95,11 +94,13 @@ def _seconds(work: Callable[[], object]) -> float:
     return time.thread_time() - start
 
 
-def _alone(caster: EmbreeCaster, origins: np.ndarray, ways: np.ndarray) -> float:
-    """Seconds of Embree for rays (R, 3), as float32 and in order, alone: the median."""
+def _alone(
+    caster: EmbreeCaster, origins: np.ndarray, ways: np.ndarray, reach: float = np.inf
+) -> float:
+    """Seconds of Embree for rays (R, 3) of so many metres, as float32 and in order, alone: the median."""
     taken = []
     for _ in range(RUNS):
-        rays = rays_of((origins - caster._centre).T, ways.T, np.full(len(ways), np.inf))
+        rays = rays_of((origins - caster._centre).T, ways.T, np.full(len(ways), reach))
         taken.append(_seconds(lambda rays=rays: send(caster._library, caster._top, rays)))
     return median(taken)
 
@@ -186,7 +187,8 @@ def _flyers() -> Iterator[Row]:
     around, base = stock.surroundings(1), lidar_of(stock.settings)
     for rays, count in ((64, 1), (64, 64), (1024, 1)):
         scanner = base.changed(pulse_rate=base.line_rate * rays)
-        flyers = Flyers(stock.settings.flight, count, LidarSense(scanner), None)
+        sense = LidarSense(scanner)
+        flyers = Flyers(stock.settings.flight, count, sense, None)
         flyers.enter(around)
         flyers.start(range(count), range(count))
         action = np.zeros((count, flyers.state.position.shape[1]))
@@ -197,7 +199,7 @@ def _flyers() -> Iterator[Row]:
                 over = np.flatnonzero(flyers.step(action).ended).tolist()
                 flyers.start(over, over)
 
-        way = stream(9, "bench", "ways").normal(size=(rays * count, 3))
+        ways = np.tile(sense.ways, (count, 1))
         at = np.repeat(flyers.state.position, rays, axis=0)
-        limit = _figure(count / _alone(around.caster, at, way))
-        yield f"steps, {count} flyers of {rays} rays", STEPS * count, work, lambda: "-", limit
+        limit = _figure(count / _alone(around.caster, at, ways, scanner.max_range))
+        yield f"steps, flyers: {count}, rays of each: {rays}", STEPS * count, work, lambda: "-", limit
