@@ -202,4 +202,10 @@ def _flyers() -> Iterator[Row]:
         ways = np.tile(sense.ways, (count, 1))
         at = np.repeat(flyers.state.position, rays, axis=0)
         limit = _figure(count / _alone(around.caster, at, ways, scanner.max_range))
-        yield f"steps, flyers: {count}, rays of each: {rays}", STEPS * count, work, lambda: "-", limit
+        yield (
+            f"steps, flyers: {count}, rays of each: {rays}",
+            STEPS * count,
+            work,
+            lambda: "-",
+            limit,
+        )
