@@ -31,11 +31,12 @@ from ..sensing.sonar.ping import ping
 from ..sensing.sonar.receiver import EchoReceiver, receive
 from ..sensing.sonar.station import Equipment, SonarPose
 from ..sensing.trajectory import frame_of
-from ..spec import Air, Sonar, SonarReceiver, unknown
+from ..spec import Air, Sonar, SonarReceiver, SpecError, unknown
 from .senses import band_power, levels
 from .stems import StemWorld
 
 WIDTHS = {"passage": 0.5, "pole": 0.04}  # metres: of the passage, and of the pole's diameter
+FARTHEST = 2.2  # metres to the leaves, which the sonar still hears
 SIZE = (3.0, 1.6, 0.4)  # metres across, up, deep, of the box of leaves
 DENSITY = 400.0  # leaves/m³
 LEAF = (0.025, 0.006)  # metres, radius and its spread
@@ -75,7 +76,7 @@ class EchoTask:
 
     Raises
     ------
-    SpecError : another word.
+    SpecError : another word, a distance or width that is out of range.
     """
 
     what: str = "passage"
@@ -87,6 +88,11 @@ class EchoTask:
             raise unknown("what", self.what, tuple(WIDTHS))
         if self.width is None:
             object.__setattr__(self, "width", WIDTHS[self.what])
+        for name, most in (("distance", FARTHEST), ("width", SIZE[0])):
+            if not 0 < (metres := getattr(self, name)) <= most:
+                raise SpecError(
+                    name, f"{metres} is out of range; use more than 0, at most {most} m"
+                )
 
     def heard(self, seed: int, number: int, is_there: bool) -> np.ndarray:
         """(1, S) the echo of one ping re the call at 1 m, with no noise."""

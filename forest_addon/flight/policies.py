@@ -58,7 +58,10 @@ class Straight:
 
 @dataclass
 class Gap:
-    """By the widest gap; for scanners whose rays are level enough, the others are left out."""
+    """By the widest gap; for scanners whose rays are level enough, the others are left out.
+
+    way, pace : (N,) radians to the left and share of the speed, of the last decision.
+    """
 
     flight: Flight
     lidar: LidarSense
@@ -73,12 +76,12 @@ class Gap:
         order = np.argsort(angle)
         self._rays, self._angle = level[order], angle[order]
         self._off = np.abs(wrapped(self._angle[:, None] - self._angle))  # (R, R)
-        self._before = np.zeros(0)
+        self.way = self.pace = np.zeros(0)
 
     def act(self, told: dict[str, np.ndarray]) -> np.ndarray:
         flight, seen = self.flight, told["lidar"][:, self._rays]
-        if len(self._before) != len(seen):
-            self._before = np.zeros(len(seen))
+        if len(self.way) != len(seen):
+            self.way = np.zeros(len(seen))
         # What is seen there grows by the body: within this angle of it no way goes on beyond it.
         body = flight.radius + STANDOFF
         wide = np.arcsin(np.minimum(body / np.maximum(seen, body), 1.0))
@@ -98,7 +101,7 @@ class Gap:
         wanted = np.minimum(AHEAD * speed + 1.0, 0.9 * most)[:, None]
         to_aim = np.abs(wrapped(self._angle - aim[:, None]))
         turn = np.abs(self._angle)
-        again = np.abs(wrapped(self._angle - self._before[:, None]))
+        again = np.abs(wrapped(self._angle - self.way[:, None]))
         short = np.maximum(0.0, 1.0 - free / wanted)
         cost = to_aim + 0.6 * turn + 0.3 * again + 12.0 * short
         best = cost.argmin(axis=1)
@@ -109,7 +112,7 @@ class Gap:
         pace = np.clip(ahead / (2.0 * wanted[:, 0]), 0.25, 1.0) * np.clip(
             1.4 - np.abs(way), 0.35, 1.0
         )
-        self._before = way
+        self.way, self.pace = way, pace
         return steer(flight, told, way, pace)
 
 
@@ -292,21 +295,31 @@ class Trained:
 
     def act(self, told: dict[str, np.ndarray]) -> np.ndarray:
         """See ``policies.Policy``."""
-        aim = bearing(told)
-        felt = np.column_stack([self.felt(told), np.sin(aim), np.cos(aim)])
-        weights = np.broadcast_to(self.weights, (len(felt), SIZE))
-        split = HIDDEN * (INPUTS + 1)
-        first = weights[:, :split].reshape(-1, HIDDEN, INPUTS + 1)
-        last = weights[:, split:].reshape(-1, 2, HIDDEN + 1)
-        inner = np.tanh(np.einsum("nhi,ni->nh", first[..., :-1], felt) + first[..., -1])
-        out = np.einsum("noh,nh->no", last[..., :-1], inner) + last[..., -1]
-        way = wrapped(0.5 * aim + 1.5 * np.tanh(column(out, 0)))
-        pace = 0.2 + 0.8 / (1.0 + np.exp(-np.clip(out[:, 1], -30, 30)))
+        way, pace = decided(self.weights, self.felt(told), bearing(told))
         return steer(self.flight, told, way, pace)
 
     def save(self, path: Path) -> None:
         """Write the weights."""
         write_npz(path, {"weights": self.weights}, {"weights": "1"})
+
+
+def decided(
+    weights: np.ndarray, felt: np.ndarray, aim: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """(N,) way to the left, radians, and (N,) share of the speed that weights (SIZE,) or (N, SIZE) decide on.
+
+    felt : (N, SECTORS), see ``Trained``. aim : (N,) radians to the left.
+    """
+    felt = np.column_stack([felt, np.sin(aim), np.cos(aim)])
+    weights = np.atleast_2d(weights)
+    split = HIDDEN * (INPUTS + 1)
+    first = weights[:, :split].reshape(-1, HIDDEN, INPUTS + 1)
+    last = weights[:, split:].reshape(-1, 2, HIDDEN + 1)
+    inner = np.tanh(np.einsum("nhi,ni->nh", first[..., :-1], felt) + first[..., -1])
+    out = np.einsum("noh,nh->no", last[..., :-1], inner) + last[..., -1]
+    way = wrapped(0.5 * aim + 1.5 * np.tanh(column(out, 0)))
+    pace = 0.2 + 0.8 / (1.0 + np.exp(-np.clip(out[:, 1], -30, 30)))
+    return way, pace
 
 
 @guarded("a trained policy")

@@ -23,7 +23,7 @@ from ..sensing.sonar.targets import EchoTargets
 from ..spec import Flight, Forest, Scene, SpecError
 from .obstacles import REACH, Solid
 
-HEIGHT = 3.0  # metres of a trunk that sound and pictures meet
+HEIGHT = 3.0  # metres of a trunk, where nothing else is said
 SIDES, RINGS = 16, 4  # of its mesh: corners around, rings along
 BEYOND = 20.0  # metres of forest behind the aim
 DENSEST = 5.0  # trees/m²
@@ -118,14 +118,21 @@ def _roots(away: np.ndarray, way: np.ndarray, reach: np.ndarray) -> np.ndarray:
 class StemWorld:
     """A forest of trunks that flyers fly in.
 
-    low, high : (2,) of the field, metres. gusts : the wind that carries flyers: there is none.
+    low, high : (2,) of the field, metres. height : metres of the trunks that sound and pictures meet.
+    gusts : the wind that carries flyers: there is none.
     """
 
     gusts = None
 
     def __init__(
-        self, position: np.ndarray, radius: np.ndarray, low: np.ndarray, high: np.ndarray
+        self,
+        position: np.ndarray,
+        radius: np.ndarray,
+        low: np.ndarray,
+        high: np.ndarray,
+        height: float = HEIGHT,
     ) -> None:
+        self._height = height
         self.field = np.asarray(low, dtype=np.float64), np.asarray(high, dtype=np.float64)
         self.caster = self.wood = self.obstacles = PlaneTrunks(position, radius)
 
@@ -135,7 +142,7 @@ class StemWorld:
         place, radius = self.obstacles.position, self.obstacles.radius
         transform = np.zeros((len(radius), 3, 4))
         transform[:, 0, 0] = transform[:, 1, 1] = radius / TRUNK
-        transform[:, 2, 2], transform[:, :2, 3] = 1.0, place
+        transform[:, 2, 2], transform[:, :2, 3] = self._height / HEIGHT, place
         none = np.zeros(len(radius), dtype=np.int64)
         return SceneGeometry((_tube(),), transform, none, ("trunk",), none, none, none)
 
@@ -173,12 +180,14 @@ class StemForests:
     """Poisson forests of trunks, one for each seed, for a ``FlightEnv`` in place of a scene.
 
     flight : of who flies along X. density : trees/m². trunk : metres, their radius. width : metres across.
+    height : metres of the trunks that sound and pictures meet.
     """
 
     flight: Flight
     density: float = 0.1
     trunk: float = TRUNK
     width: float = 60.0
+    height: float = HEIGHT
 
     @property
     def settings(self) -> Scene:
@@ -192,7 +201,7 @@ class StemForests:
         length = self.flight.distance
         place = poisson_strip(rng, self.density, length + BEYOND, self.width)
         size = np.array([length, self.width])
-        return StemWorld(place, np.full(len(place), self.trunk), np.zeros(2), size)
+        return StemWorld(place, np.full(len(place), self.trunk), np.zeros(2), size, self.height)
 
 
 def poisson_forests(density: float, speed: float, distance: float) -> StemForests:

@@ -47,7 +47,8 @@ def read_wav(path: Path) -> tuple[np.ndarray, float]:
     except OSError as problem:
         raise SpecError(str(path), f"cannot be read: {problem.strerror or problem}") from None
     except Exception as problem:  # a broken header fails in many ways
-        raise SpecError(str(path), f"is not a WAV file that can be read: {problem}") from None
+        why = problem if isinstance(problem, ValueError) else "its header is broken"
+        raise SpecError(str(path), f"is not a WAV file that can be read: {why}") from None
     if rate <= 0:
         raise SpecError(str(path), "says that it has 0 samples a second; save it again")
     if not samples.size:

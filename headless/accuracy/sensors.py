@@ -437,19 +437,20 @@ def sweep_sonar(
         other = f"{'trunks+' * ('trunks' in sensor.shading)}extinction"
         without = off(ours, listen({"shading": other})[0])[0]
         models.append((without, "leaves hide nothing behind them"))
+    notes = [note, f"{heard:,.0f} scatterers in range of a ping"]
     leaves = nearest_leaves(coarse[0].groups)
     if leaves is not None:
         station = Station(sensor, settings.air, coarse[0].pose, equip(sensor, folder))
         solved = rescattering(leaves, station)
-        words = (
-            f"single against multiple scattering by the {len(leaves)} leaves nearest to the beam's axis: "
-            f"energy {solved.level_db:+.1f} dB, mean delay {1e3 * solved.later:+.3f} ms"
-        )
+        words = f"echoes between the {len(leaves)} leaves nearest to the beam's axis are left out"
         models.append((solved.relative, words))
-    notes = (note, f"{heard:,.0f} scatterers in range of a ping")
+        notes.append(
+            f"{words}: they change the spectrum by {solved.relative:.0%}, its energy by "
+            f"{solved.level_db:+.1f} dB and the mean delay by {1e3 * solved.later:+.3f} ms"
+        )
     model = max(models, default=None)
     what = "spectrum of the echo"
-    return AccuracySweep(sensor, what, "", today, tuple(points), model, notes, terms)
+    return AccuracySweep(sensor, what, "", today, tuple(points), model, tuple(notes), terms)
 
 
 def _share(found: np.ndarray, exact: np.ndarray) -> float:

@@ -41,7 +41,7 @@ class ConvolveCommand(Command):
         )
 
     def output(self, chosen: argparse.Namespace) -> Path:
-        beside = chosen.response.with_name(f"{chosen.response.stem}-{chosen.dry.stem}.wav")
+        beside = chosen.response.parent / f"{chosen.response.stem}-{chosen.dry.stem}.wav"
         return out_file(chosen.out or beside, ".wav")
 
     def run(self, chosen: argparse.Namespace) -> None:

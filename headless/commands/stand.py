@@ -13,8 +13,10 @@ from typing import TYPE_CHECKING
 
 from forest_addon.base.progress import Say
 from forest_addon.spec import SpecError
+from forest_addon.spec.choices import idle, idle_in_scene
 
 from ..command import SCENE_HELP, Command, name_of, out_file, read_scene, scene_file
+from ..progress import Stages
 from ..report import can_draw, without
 
 if TYPE_CHECKING:
@@ -73,6 +75,13 @@ def sample_stand(scene: Path, out: Path, seed: int | None = None, say: Say = pri
     names = labels(settings.plantings)
     for line in (*site.inputs.told, *stand_lines(stand, names)):
         say(line)
+    stages = Stages(quiet=False)
+    named = zip(names, settings.plantings, strict=True)
+    said = [f"{name}: {one}" for name, planting in named for one in idle(planting)]
+    for sentence in (*said, *idle_in_scene(settings)):
+        stages.warn(sentence)
+    if names and not len(stand):
+        stages.warn("no tree stands: expect more, or a larger field")
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
     except OSError as problem:

@@ -20,7 +20,6 @@ from ..inside import (
     LINES,
     SIZE,
     STYLE,
-    EarSense,
     Flyers,
     LidarSense,
     StemWorld,
@@ -55,15 +54,33 @@ TRIED = 64  # flights of the test
 def run(out: Path, size: float = 1.0, seed: int = 1, say: Callable[[str], None] = print) -> Trained:
     """Train, test, write ``trained.npz``, ``learning.csv`` and ``learning.png``."""
     out.mkdir(parents=True, exist_ok=True)
-    lidar, history = LidarSense(LIDAR), []
-    plan = max(2, round(ROUNDS * size)), DRAWINGS, STARTS
+    lidar = LidarSense(LIDAR)
+    rounds = max(2, round(ROUNDS * size))
+    history: list[tuple[float, float]] = []
 
-    def planted(number: int) -> StemWorld:
-        return world(seed, "train", number)
+    def score(weights: np.ndarray, number: int) -> np.ndarray:
+        flyers = Flyers(FLIGHT, len(weights), lidar, None)
+        total = np.zeros(len(weights))
+        for start in range(STARTS):
+            flyers.enter(world(seed, "train", number * STARTS + start))
+            flyers.start(range(len(weights)), [seed + number] * len(weights))
+            policy = Trained(FLIGHT, lidar, weights)
+            going = np.ones(len(weights), dtype=bool)
+            for _ in range(STEPS):
+                step = flyers.step(policy.act(flyers.sense()))
+                total += np.where(going, step.reward, 0.0)
+                going &= ~step.ended
+                if not going.any():
+                    break
+        return total / STARTS
 
-    weights = learnt(FLIGHT, lidar, planted, plan, seed, say, history)
-    policy = Trained(FLIGHT, lidar, weights)
-    policy.save(out / "trained.npz")
+    def tell(number: int, scores: np.ndarray) -> None:
+        history.append((float(scores.mean()), float(scores.max())))
+        say(f"round {number + 1}: mean {scores.mean():.1f}, best {scores.max():.1f}")
+
+    weights = train(score, stream(seed, "flight", "learn"), rounds, DRAWINGS, tell)
+    learnt = Trained(FLIGHT, lidar, weights)
+    learnt.save(out / "trained.npz")
     tried = {"before": np.zeros(SIZE), "after": weights}
     shares = {name: success(Trained(FLIGHT, lidar, w), lidar, seed) for name, w in tried.items()}
     shares["straight on"] = success(Straight(FLIGHT), lidar, seed)
@@ -72,48 +89,7 @@ def run(out: Path, size: float = 1.0, seed: int = 1, say: Callable[[str], None] 
     write_csv(out / "learning.csv", {"mean": list(mean), "best": list(best)})
     draw(out / "learning.png", history, shares)
     say(f"Written to {out}: trained.npz, learning.csv, learning.png")
-    return policy
-
-
-def learnt(
-    flight: Flight,
-    sense: LidarSense | EarSense,
-    planted: Callable[[int], StemWorld],
-    plan: tuple[int, int, int],
-    seed: int,
-    say: Callable[[str], None],
-    history: list[tuple[float, float]] | None = None,
-) -> np.ndarray:
-    """Weights that were trained to fly by LiDAR or by ear.
-
-    planted : called as planted(number) for the forest of each start. plan : rounds, drawings in each, starts
-    of each. history : gets mean and best score of each round.
-    """
-    rounds, drawings, starts = plan
-    carried = (sense, None) if isinstance(sense, LidarSense) else (None, sense)
-
-    def score(weights: np.ndarray, number: int) -> np.ndarray:
-        flyers = Flyers(flight, len(weights), *carried)
-        total = np.zeros(len(weights))
-        for start in range(starts):
-            flyers.enter(planted(number * starts + start))
-            flyers.start(range(len(weights)), [seed + number] * len(weights))
-            policy = Trained(flight, sense, weights)
-            going = np.ones(len(weights), dtype=bool)
-            for _ in range(flight.steps):
-                step = flyers.step(policy.act(flyers.sense(going)))
-                total += np.where(going, step.reward, 0.0)
-                going &= ~step.ended
-                if not going.any():
-                    break
-        return total / starts
-
-    def tell(number: int, scores: np.ndarray) -> None:
-        if history is not None:
-            history.append((float(scores.mean()), float(scores.max())))
-        say(f"round {number + 1}: mean {scores.mean():.1f}, best {scores.max():.1f}")
-
-    return train(score, stream(seed, "flight", "learn"), rounds, drawings, tell)
+    return learnt
 
 
 def world(seed: int, purpose: str, number: int) -> StemWorld:

@@ -1,9 +1,9 @@
 """Flights of 500 m through Poisson forests, beside how fast the theory lets a bird go at all.
 
 Karaman & Frazzoli's bird (v ahead, at most w across) flies among upright trunks by the gap policy on a LiDAR
-of 64 rays; the share that comes through is held against speed and density. Beside it: the share of forests in
-which any way of that slope comes through 500 m (``theory``), which no policy can beat, and the speed
-at which that is a half.
+of 64 rays, as in ``ForestSensing/Poisson-v0``; the share that comes through is held against speed and
+density. Beside it: the share of forests in which any way of that slope comes through (``theory``),
+whatever the policy, and the speed at which that is a half.
 """
 
 from __future__ import annotations
@@ -38,7 +38,8 @@ from ..inside import (
 )
 from .theory import chance_of_way, critical_slope
 
-LENGTH, LANE = 500.0, 60.0  # metres, and of the forest's width for each flight
+LENGTH = 500.0  # metres
+LANE = 60.0  # metres of a forest's width for each flight
 SPEEDS = (2.0, 4.0, 6.0, 9.0, 13.0)
 DENSITIES = (0.05, 0.1, 0.15, 0.25)  # trees/m²
 FLIGHTS = 100  # of a cell

@@ -130,6 +130,8 @@ MISUSES = {
     "a plane start": (lambda: begun().reset(options={"start": (1, 2)}), SpecError),
     "a negative density": (lambda: gym.make(POISSON, density=-1.0), SpecError),
     "no speed": (lambda: gym.make(POISSON, speed=0.0), SpecError),
+    "a hedge behind": (lambda: gym.make(POLE, distance=-1.0), SpecError),
+    "a pole of no width": (lambda: gym.make(POLE, width=float("nan")), SpecError),
     "an unknown sense": (lambda: gym.make(POISSON, sensors=("smell",)), SpecError),
     "a scene that is none": (lambda: FlightEnv(5), SpecError),
 }

@@ -13,7 +13,7 @@ from scipy.io import wavfile
 from forest_addon.base.places import ASSETS
 from forest_addon.formats.toml_file import read_settings
 from forest_addon.results.echo_files import write_echo
-from forest_addon.results.kinds import RESULTS
+from forest_addon.results.kinds import RESULTS, labelled_of
 from forest_addon.sensing.sonar.equipment_files import equip, find, read_patterns, read_route
 from forest_addon.sensing.sonar.ping import EchoTargets, fly, ping
 from forest_addon.sensing.sonar.station import posed, poses_of
@@ -155,6 +155,11 @@ def test_what_a_receiver_recorded_in_files(tmp_path: Path) -> None:
     shown = {each.short: each.text for each in RESULTS["sonar"].figures(sonar, flight, None)}
     assert shown["Over Noise"] == f"{max(e.received.snr_db.max() for e in flight.echoes):.1f} dB"
     assert not np.array_equal(recorded[0], recorded[1])
+    variables, _ = labelled_of(sonar, flight)
+    dims, values, unit = variables["recorded"]
+    assert np.array_equal(values, recorded)
+    assert (dims, unit) == (("ping", "ear", "time"), "Pa")
+    assert "recorded" not in labelled_of(Sonar(), ping(LEAVES, Sonar(), Air()))[0]
     ahead = ping(targets, sonar, Air(), seed=5, number=2, pose=posed(sonar)).received
     assert np.array_equal(ahead.recorded, flight.echoes[2].received.recorded)
     bare = write_echo(tmp_path, "bare", ping(LEAVES, Sonar(), Air()), Sonar())[0]

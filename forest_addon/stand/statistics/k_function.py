@@ -22,7 +22,7 @@ import scipy
 from scipy.spatial import cKDTree
 from scipy.special import chdtr, chdtrc
 
-from .window import Window
+from .window import Window, overlaps
 
 BLOCK = 16384  # trees whose neighbours are held at once
 NEIGHBOURS = 50  # of a tree, on average, within the largest radius that is chosen by itself
@@ -244,11 +244,7 @@ class Region:
 
     @cached_property
     def _overlaps(self) -> np.ndarray:
-        from scipy.signal import fftconvolve  # here: it takes half a second to import
-
-        image = self.filled.astype(float)
-        overlaps = np.rint(fftconvolve(image, image[::-1, ::-1])) * self.cell.prod()
-        return np.pad(overlaps, 1)
+        return np.pad(np.rint(overlaps(self.filled)) * self.cell.prod(), 1)
 
 
 def region_of(at: At, window: Window) -> Region:

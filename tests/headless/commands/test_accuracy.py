@@ -152,6 +152,7 @@ def test_a_scene_gets_a_picture_and_settings_that_run(tmp_path, monkeypatch, qui
     for name in ("cloud", "scan", "echo", "reverb"):
         assert f"\n{name} (" in f"\n{words}"
     assert "dominates" in words
+    assert "leaves nearest to the beam's axis are left out" in words
     for knob in ("rays by BVHTree", "brute force", "tubes within", "of the leaves", "mesh "):
         assert knob in words, knob
     for knob in ("shading rays", "forest as far as 6 m", "extent "):

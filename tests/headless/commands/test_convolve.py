@@ -41,6 +41,19 @@ def test_no_file_of_another_kind_and_none_that_is_read_is_written(tmp_path, caps
     assert [path.name for path in tmp_path.iterdir()] == ["dry.wav"]
 
 
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [("ir.wav", "that can be read: its header is broken"), (".", "Is a directory")],
+)
+def test_what_is_no_impulse_response_is_said_in_our_words(
+    tmp_path, capsys, monkeypatch, name, said
+):
+    monkeypatch.chdir(tmp_path)
+    Path("ir.wav").write_bytes(b"RIFF\0\0\0\0WAVE")
+    assert main(["convolve", name, str(CLAP)]) == 2
+    assert said in capsys.readouterr().err
+
+
 def test_levels_above_full_scale_stay_unless_normalised(tmp_path):
     said = []
     wavfile.write(tmp_path / "ir.wav", 24_000, np.array([40.0], np.float32))

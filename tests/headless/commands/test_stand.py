@@ -77,6 +77,21 @@ def test_geojson_and_another_seed(scene, tmp_path):
     assert made[0] != made[1]
 
 
+def test_a_stand_says_what_has_no_effect_and_that_no_tree_stands(tmp_path, capsys):
+    (tmp_path / "trees.csv").write_text("x,y\n")
+    planted = 'species = "maple"\nlayout = "list"\ntrees = "trees.csv"\ndensity = 3\n'
+    written = f"[[plantings]]\n{planted}[wind]\nturbulence = 0.1\n"
+    (tmp_path / "scene.toml").write_text(written)
+    main(["stand", str(tmp_path / "scene.toml"), "--out", str(tmp_path / "p.csv")])
+    said = capsys.readouterr().err
+    for words in (
+        "maple: density has no effect",
+        "wind.turbulence has no effect",
+        "no tree stands",
+    ):
+        assert f"Warning: {words}" in said
+
+
 @pytest.mark.medium
 @pytest.mark.parametrize(
     ("spoil", "said"),

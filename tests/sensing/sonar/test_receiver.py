@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from references.leaf_discs import discs_of
-from scipy.stats import chi2
+from scipy.stats import chi2, poisson
 
 from forest_addon.sensing.sonar.calls import Call
 from forest_addon.sensing.sonar.ping import Echo, ping
@@ -186,22 +186,29 @@ def test_gain_blanking_and_ringing_follow_time() -> None:
     assert deaf.recorded[0, time >= 0.004].all()
 
 
-def test_detections_are_the_echo_and_false_alarms_by_rayleigh() -> None:
-    """An envelope of Gaussian noise is above x times its rms with the chance e^{-x²/2}."""
-    sonar = sonar_of(source_level_db=130.0, self_noise_db=10.0, threshold_db=20.0)
-    echo = heard(sonar)
-    received = echo.received
+def test_the_echo_is_detected_when_and_as_loud_as_it_comes() -> None:
+    received = heard(
+        sonar_of(source_level_db=130.0, self_noise_db=10.0, threshold_db=20.0)
+    ).received
     assert received.detection_time.min() == pytest.approx(4 / 340, abs=2e-4)
     assert received.detection_snr_db.max() == pytest.approx(received.snr_db[0], abs=0.5)
-    low = sonar.changed(receiver=sonar.receiver.changed(threshold_db=-20.0))
-    high = sonar.changed(receiver=sonar.receiver.changed(threshold_db=10 * math.log10(2 * 3.0)))
-    many = [
-        receive(
-            EchoReceiver(s), np.zeros((1, 400_000)), np.zeros((1, 3)), 340.0, 0
-        ).detection_snr_db
-        for s in (low, high)
-    ]
-    assert np.array_equal(many[0][many[0] >= 10 * math.log10(6.0)], many[1])
+
+
+def test_false_alarms_are_as_many_as_rice_says() -> None:
+    """An envelope of noise in a band of B rises above x times its rms √(2π)·B/√12·x·e^{-x²/2} times a
+    second (Rice 1945), and one crest follows nearly every time; counts are Poisson's."""
+    over, seconds = 3.5, 5
+    sonar = sonar_of(self_noise_db=10.0, threshold_db=20 * math.log10(over))
+    quiet, here = np.zeros((1, round(RATE))), np.zeros((1, 3))
+    count = sum(
+        len(receive(EchoReceiver(sonar), quiet, here, 340.0, seed).detection_time)
+        for seed in range(seconds)
+    )
+    rate = math.sqrt(2 * math.pi / 12) * 20e3 * over * math.exp(-(over**2) / 2)
+    low, high = poisson.ppf(
+        [FALSE_ALARM / 2, 1 - FALSE_ALARM / 2], rate * seconds * np.array([1, 1.05])
+    )
+    assert low <= count <= high
 
 
 def test_a_file_of_noise_comes_by_the_direct_path() -> None:
