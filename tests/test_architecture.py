@@ -106,7 +106,7 @@ BUDGETS = {
     "headless/dataset": (2509, 15),
     "headless/report": (529, 4),
     "studies": (167, 5),
-    "studies/bench": (2042, 20),
+    "studies/bench": (2046, 20),
     "studies/flight": (531, 8),
     "studies/papers": (358, 3),
     "studies/sim_to_real": (941, 5),
