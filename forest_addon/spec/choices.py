@@ -185,7 +185,9 @@ def applies(group: Any, name: str) -> bool:
     given = bool(value) or (value == 0 and getattr(type(group), other, 0) is None)
     if values in ((GIVEN,), (LEFT_OUT,)):  # 0 is given where left out is None
         return given == (values == (GIVEN,))
-    return value > 1 if values == (MORE_THAN_ONE,) else value in values
+    if values == (MORE_THAN_ONE,):
+        return value is not None and value > 1
+    return value in values
 
 
 def idle(group: Settings) -> list[str]:

@@ -35,7 +35,6 @@ from ..inside import (
     ping,
     rays_of,
     send,
-    stream,
 )
 from ..tables import table
 from . import flight, lidar, lidar_rays, reverb, sonar
@@ -43,16 +42,17 @@ from . import flight, lidar, lidar_rays, reverb, sonar
 TITLE = "kernels: with the library and by numpy, and Embree alone"
 RUNS = 3
 RAYS, CHECKED, PULSES, STEPS = 60_000, 64, 4_000, 40
+SEEN = 20 * np.arange(PULSES)  # of a scan's pulses, all over the stand
 TREES = (1, 100)
 
-Row = tuple[
-    str, int, Callable[[], object], Callable[[], str], str
-]  # what, how many, work, error, limit
+# What, how many of it, the work, its error, the limit.
+Row = tuple[str, int, Callable[[], object], Callable[[], str], str]
 
 
 def run(say: Say) -> None:
     """Print the table; some minutes."""
-    rows = []
+    head = ["a CPU second", "library", "numpy", "times", "error", "error of numpy", "Embree alone"]
+    table(say, head, [])
     for make in (_rays, _pulses, _pings, _trunks, _flyers):
         for what, count, work, error, limit in make():
             speeds: dict[bool, list[float]] = {False: [], True: []}
@@ -65,10 +65,9 @@ def run(say: Say) -> None:
                 with _kernels(on):
                     speeds[on].append(count / _seconds(work))
             with_, without = median(speeds[True]), median(speeds[False])
-            told = [f"{with_:,.4g}", f"{without:,.4g}", f"{with_ / without:.2f}"]
-            rows.append([what, *told, off[True], off[False], limit])
-    head = ["a CPU second", "library", "numpy", "times", "error", "error of numpy", "Embree alone"]
-    table(say, head, rows)
+            told = [_figure(with_), _figure(without), f"{with_ / without:.2f}"]
+            row = [what, *told, off[True], off[False], limit]
+            say("| " + " | ".join(row) + " |")  # one by one: it takes minutes
 
 
 @contextmanager
@@ -85,17 +84,23 @@ def _kernels(on: bool) -> Iterator[None]:
             os.environ[KERNELS_SWITCH] = before
 
 
+def _figure(speed: float) -> str:
+    return f"{speed:,.0f}" if speed >= 100 else f"{speed:.1f}"
+
+
 def _seconds(work: Callable[[], object]) -> float:
     start = time.thread_time()
     work()
     return time.thread_time() - start
 
 
-def _alone(caster: EmbreeCaster, origins: np.ndarray, ways: np.ndarray) -> float:
-    """Seconds of Embree for rays (R, 3), as float32 and in order, alone: the median."""
+def _alone(
+    caster: EmbreeCaster, origins: np.ndarray, ways: np.ndarray, reach: float = np.inf
+) -> float:
+    """Seconds of Embree for rays (R, 3) of so many metres, as float32 and in order, alone: the median."""
     taken = []
     for _ in range(RUNS):
-        rays = rays_of((origins - caster._centre).T, ways.T, np.full(len(ways), np.inf))
+        rays = rays_of((origins - caster._centre).T, ways.T, np.full(len(ways), reach))
         taken.append(_seconds(lambda rays=rays: send(caster._library, caster._top, rays)))
     return median(taken)
 
@@ -111,7 +116,7 @@ def _rays() -> Iterator[Row]:
             _, tail, other, missed = lidar_rays._errors([caster.cast(*few)], [truth])
             return f"{tail} m (99 %), other {other}, missed {missed}"
 
-        limit = f"{RAYS / _alone(caster, *many):,.4g}"
+        limit = _figure(RAYS / _alone(caster, *many))
         yield f"rays, trees: {trees}", RAYS, lambda c=caster, m=many: c.cast(*m), error, limit
 
 
@@ -125,19 +130,19 @@ def _pulses() -> Iterator[Row]:
         )  # fmt: skip
         work = Scan(scanner, caster)
         with _kernels(False):
-            reference = work.look(0, PULSES).returns.distance
+            reference = work.look_at(SEEN).returns.distance
 
         def error(work: Scan = work, reference: np.ndarray = reference) -> str:
-            found = work.look(0, PULSES).returns.distance
+            found = work.look_at(SEEN).returns.distance
             if len(found) != len(reference):
                 return f"{len(found) - len(reference):+d} returns"
             return f"{np.abs(found - reference).max():.0e} m"
 
-        axes = work.pattern.pulses(np.arange(PULSES))
+        axes = work.pattern.pulses(SEEN)
         seconds = subrays * _alone(caster, axes.origin, axes.direction)
-        limit = f"{PULSES / seconds:,.4g}"
+        limit = _figure(PULSES / seconds)
         what = f"pulses of {subrays} rays, 10 trees"
-        yield what, PULSES, lambda work=work: work.look(0, PULSES), error, limit
+        yield what, PULSES, lambda work=work: work.look_at(SEEN), error, limit
 
 
 def _pings() -> Iterator[Row]:
@@ -182,7 +187,8 @@ def _flyers() -> Iterator[Row]:
     around, base = stock.surroundings(1), lidar_of(stock.settings)
     for rays, count in ((64, 1), (64, 64), (1024, 1)):
         scanner = base.changed(pulse_rate=base.line_rate * rays)
-        flyers = Flyers(stock.settings.flight, count, LidarSense(scanner), None)
+        sense = LidarSense(scanner)
+        flyers = Flyers(stock.settings.flight, count, sense, None)
         flyers.enter(around)
         flyers.start(range(count), range(count))
         action = np.zeros((count, flyers.state.position.shape[1]))
@@ -193,7 +199,13 @@ def _flyers() -> Iterator[Row]:
                 over = np.flatnonzero(flyers.step(action).ended).tolist()
                 flyers.start(over, over)
 
-        way = stream(9, "bench", "ways").normal(size=(rays * count, 3))
+        ways = np.tile(sense.ways, (count, 1))
         at = np.repeat(flyers.state.position, rays, axis=0)
-        limit = f"{count / _alone(around.caster, at, way):,.4g}"
-        yield f"steps, {count} flyers of {rays} rays", STEPS * count, work, lambda: "-", limit
+        limit = _figure(count / _alone(around.caster, at, ways, scanner.max_range))
+        yield (
+            f"steps, flyers: {count}, rays of each: {rays}",
+            STEPS * count,
+            work,
+            lambda: "-",
+            limit,
+        )

@@ -84,6 +84,12 @@ def nearest_leaves(groups: Sequence[SearchGroup], most: int = LEAVES) -> SearchG
     return every.select(np.argsort(off, kind="stable")[:most])
 
 
+def _discs(leaves: SearchGroup) -> LeafEchoes:
+    """Leaves of a group that holds nothing else."""
+    assert isinstance(leaves.scatterers, LeafEchoes)
+    return leaves.scatterers
+
+
 def density_of(leaves: SearchGroup) -> float:
     """m² of leaf a m³ of their convex hull; 0 where they are in a plane."""
     from scipy.spatial import ConvexHull, QhullError
@@ -92,7 +98,7 @@ def density_of(leaves: SearchGroup) -> float:
         volume = ConvexHull(leaves.scatterers.centre).volume
     except QhullError:
         return 0.0
-    return float(math.pi * (leaves.scatterers.radius**2).sum() / volume)
+    return float(math.pi * (_discs(leaves).radius ** 2).sum() / volume)
 
 
 def rescattering(leaves: SearchGroup, station: Station, pairs: int = PAIRS) -> Rescattering:
@@ -107,7 +113,7 @@ def rescattering(leaves: SearchGroup, station: Station, pairs: int = PAIRS) -> R
 def _solved(leaves: SearchGroup, station: Station, frequency: float) -> tuple[complex, ...]:
     """The echo with every echo between leaves, of each alone, and of each alone as the ping weakens it."""
     k, count = 2.0 * math.pi * frequency / station.sound_speed, len(leaves)
-    centre, radius = leaves.scatterers.centre, leaves.scatterers.radius
+    centre, radius = leaves.scatterers.centre, _discs(leaves).radius
     sent, heard = _ways(leaves, station, frequency)
     ends = np.concatenate([station.point[None], centre])
     towards = ends - centre[:, None]  # (L, 1 + L, 3), the sonar first
@@ -143,15 +149,15 @@ def _ways(leaves: SearchGroup, station: Station, frequency: float) -> tuple[np.n
     offsets = paths.emitted.T, paths.heard[:, 0].T
     made = []
     for beam, offset, away in zip(beams, offsets, (paths.distance, paths.leg[:, 0]), strict=True):
-        near = np.sqrt(subdued(away, leaves.scatterers.radius, wavenumber))
+        near = np.sqrt(subdued(away, _discs(leaves).radius, wavenumber))
         loss = 1j * wavenumber + station.loss(one)[0]
-        made.append(near * beam.gain(*offset, one)[0] * np.exp(-loss * away) / away)
+        made.append(near * beam.gain(offset[0], offset[1], one)[0] * np.exp(-loss * away) / away)
     return made[0], made[1]
 
 
 def _amplitudes(leaves: SearchGroup, towards: np.ndarray, wavenumber: float) -> np.ndarray:
     """(L, E, E) f of leaves, metres, of sound from the ends that are in directions (L, E, 3), to them."""
-    normal, size = leaves.scatterers.normal, wavenumber * leaves.scatterers.radius
+    normal, size = _discs(leaves).normal, wavenumber * _discs(leaves).radius
     cosine = np.einsum("lei,li->le", towards, normal)
     along = towards - cosine[:, :, None] * normal[:, None]
     squared = np.einsum("lei,lei->le", along, along)
