@@ -210,6 +210,7 @@ def _figures(pings: Pings, echo: Echo) -> dict[str, object]:
     highest = station.wavenumbers[1]
     cut = pings.equipment.call is not None and sonar.doppler
     right: dict[str, object] = {} if cut else {"moments": 1}
+    right |= {} if pings.equipment.receiver else {"received": None}
     return right | {
         "frequency": grid.frequency,
         "time": np.arange(grid.samples) / sonar.sample_rate,
