@@ -112,9 +112,9 @@ def sum_delayed(
         task.direct(np.arange(len(delay)))
         return task.result(0.0, 0.0, 0.0)
     loud = np.maximum(np.broadcast_to(loudness, delay.shape), 1e-300)
-    alike = PEAK
+    alike, even = PEAK, float(np.linalg.norm(loud) / loud.sum())
     while True:
-        width = width_for(KERNEL * tolerance / _summed(alike * _evenness(loud)))
+        width = width_for(KERNEL * tolerance / _summed(alike * even))
         kernel = ALIASING[width - NARROWEST]
         plan = _planned(task, reach, loud, SAFE * (1.0 - KERNEL) * tolerance, alike)
         for nodes in distinct(plan.nodes).tolist():
@@ -124,14 +124,10 @@ def sum_delayed(
             else:
                 task.interpolate(rows, nodes, width)
         found = task.result(kernel, plan.error, plan.scattered, UNSEEN * tolerance)
-        if found.error <= tolerance or task.alike <= alike:
+        if found.error <= tolerance or (task.alike <= alike and task.even <= even):
             return found
-        alike, task = task.alike, _Task(*given)
-
-
-def _evenness(loud: np.ndarray) -> float:
-    """Return the root of the sum of squares over the sum."""
-    return float(np.linalg.norm(loud) / loud.sum())
+        alike, even = max(alike, task.alike), max(even, task.even)
+        task = _Task(*given)
 
 
 def _summed(together: float) -> float:
@@ -365,9 +361,14 @@ class _Task:
         turns = (self._start + self._spacing * self.count) * float(np.abs(self.delay).max())
         rounding = ROUNDING * (1.0 + turns)
         kernel *= min(self._interpolated / self._size, 1.0)
-        kernel *= _summed(self.alike * math.sqrt(self._squares) / self._size)
+        kernel *= _summed(self.alike * self.even)
         told = min(error, self.alike * scattered) + kernel + rounding + unseen
         return DelayedSum(spectrum, self._size, told, self._nodes)
+
+    @property
+    def even(self) -> float:
+        """Root of the sum of squares over the sum, of the echoes' sizes."""
+        return math.sqrt(self._squares) / (self._size or 1.0)
 
     @property
     def alike(self) -> float:

@@ -21,7 +21,7 @@ import numpy as np
 
 from ..base.rows import RowTable
 from ..base.vectors import column
-from ..spec import Flight
+from ..spec import Flight, SpecError
 
 GRAVITY = 9.81
 PIECE = 0.02  # seconds of a quadrotor's straight pieces, at most
@@ -87,7 +87,18 @@ def move(
 
     action : (N, A) from -1 to 1. wind : (N, 3) m/s of the air during the step; left out: the steady one
     of the settings.
+
+    Raises
+    ------
+    SpecError : actions of another shape, or that are not from -1 to 1.
     """
+    names = ACTIONS[flight.body]
+    if np.shape(action) != (len(state), len(names)) or not (np.abs(action) <= 1.0).all():
+        raise SpecError(
+            "action",
+            f"has the shape {np.shape(action)}, or values beyond -1 and 1; {len(state)} of body "
+            f"{flight.body} take {len(names)} numbers each: {', '.join(names)}",
+        )
     air = np.array(flight.wind) if wind is None else wind
     return MOVES[flight.body](flight, state, action, air)
 

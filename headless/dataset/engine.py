@@ -444,6 +444,7 @@ def _client(cluster: Cluster) -> Iterator[Any]:
     }
     for name in [n for n in logging.root.manager.loggerDict if n.split(".")[0] == "distributed"]:
         logging.getLogger(name).setLevel(logging.CRITICAL + 1)  # what matters is said in a sentence
+    gc.collect()  # a client that never got through would wait for itself if it went as another starts
     with dask.config.set(calm), contextlib.ExitStack() as stack:
         if cluster.scheduler:
             try:

@@ -22,6 +22,7 @@ from forest_addon.sensing.lidar.scan import Scan
 from forest_addon.sensing.lidar.tractor import TractorScan
 from forest_addon.sensing.reverb.pair import ImpulseResponse
 from forest_addon.sensing.sonar.ping import Contributions, Echo
+from forest_addon.sensing.sonar.receiver import Reception
 from forest_addon.sensing.sonar.station import SonarPose
 from forest_addon.spec import (
     Accuracy,
@@ -31,6 +32,7 @@ from forest_addon.spec import (
     Reverb,
     Scene,
     Sonar,
+    SonarReceiver,
     Terrestrial,
     Tractor,
 )
@@ -47,12 +49,18 @@ BAT = Sonar(
     tolerance=1e-6,
     cull=0.0,
 )
+EAR = BAT.changed(
+    name="ear",
+    receiver=SonarReceiver(
+        source_level_db=110.0, self_noise_db=0.0, overload_db=90.0, bits=12, threshold_db=6.0
+    ),
+)
 CLAP = Reverb(
     name="clap", source=(2, 2, 1.5), receiver=(9, 9, 1.5), sample_rate=16000, tolerance=1e-3,
     duration=0.3, continue_to=60.0, model="paper",
 )  # fmt: skip
 STAND = CLAP.changed(name="stand", model="forest", continue_to=30.0)
-SENSORS = {each.name: each for each in (TRIPOD, ROWS, BAT, CLAP, STAND)}
+SENSORS = {each.name: each for each in (TRIPOD, ROWS, BAT, EAR, CLAP, STAND)}
 SEEDS = 8
 
 pytestmark = pytest.mark.slow
@@ -130,6 +138,7 @@ FIELDS = {
     "bat": names(Echo, SUMS)
     + names(SonarPose, {"width"}, "pose.")
     + names(Contributions, {"velocity", "rest"}, "heard."),
+    "ear": names(Reception, within="received."),
     "clap": names(ImpulseResponse, PARTS),
     "stand": [*names(ImpulseResponse, PARTS), "tail", "joint"],
 }

@@ -105,9 +105,9 @@ def parts_of_echoes(pings: Pings, share: float) -> list[AuditPart]:
     combs = int(np.clip(WORK // work, 1, max(COMBS, share * count)))
     which = "everything heard" if sonar.cull > 0 and not culled else "everything in range"
     # A tolerance may be finer than tables are smooth; then an echo says what it is off by.
-    promised = sonar.tolerance
-    if promised > 0:
-        promised = max(promised, CAUTION * max(echo.error_bound for echo in echoes))
+    promised, told = sonar.tolerance, max(echo.error_bound for echo in echoes)
+    if 0 < promised < told:
+        promised = CAUTION * told
     allowed = promised + (sonar.cull if culled else 0.0) + ROUNDING + _of_phases(echoes)
     what = f"combs of {COMB} bins of the spectrum by the direct sum over {which}"
     part = _Rows(echoes, strides)
@@ -210,6 +210,7 @@ def _figures(pings: Pings, echo: Echo) -> dict[str, object]:
     highest = station.wavenumbers[1]
     cut = pings.equipment.call is not None and sonar.doppler
     right: dict[str, object] = {} if cut else {"moments": 1}
+    right |= {} if pings.equipment.receiver else {"received": None}
     return right | {
         "frequency": grid.frequency,
         "time": np.arange(grid.samples) / sonar.sample_rate,
