@@ -84,6 +84,8 @@ PACKAGES = {
 # sensing and spec grew: a sonar has a receiver with a transducer, noise and a converter.
 # headless grew: a stand says what has no effect. blender and ui: stand-ins are whole near the camera,
 # an estimate knows what came or went.
+# flight grew: forests, gaps and poles by id without Blender, and listeners; headless/commands: a doctor, a
+# plot's twin; acoustics, results and headless/dataset: errors that cancel as echoes do, receivers.
 BUDGETS = {
     "forest_addon": (321, 3),
     "forest_addon/acoustics": (1221, 19),
