@@ -92,7 +92,7 @@ BUDGETS = {
     "forest_addon/api": (890, 6),
     "forest_addon/base": (317, 12),
     "forest_addon/blender": (5541, 43),
-    "forest_addon/drawing": (595, 6),
+    "forest_addon/drawing": (599, 6),
     "forest_addon/flight": (1949, 12),
     "forest_addon/formats": (3541, 30),
     "forest_addon/growth": (8537, 40),

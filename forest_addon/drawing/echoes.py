@@ -26,6 +26,7 @@ HEARD_DB = 40.0  # red are those at most so much weaker than the loudest
 FLOOR_DB = 60.0
 CHANNELS = 80  # of a cochleagram
 QUALITY = 20.0  # centre frequency over -3 dB bandwidth of a channel
+RINGS = 25.0  # nepers by which a channel has fallen when it is silent
 LINES = 12  # waveforms below each other
 
 
@@ -196,13 +197,16 @@ def cochleagram(echo: Echo) -> tuple[np.ndarray, np.ndarray]:
     centre = np.geomspace(low, high, CHANNELS)
     width = centre / (2 * QUALITY) / math.sqrt(2 ** (1 / 4) - 1)
     signal = echo.heard_waveforms[0]
-    frequency = np.fft.fftfreq(len(signal), 1 / echo.sample_rate)
-    spectrum = 2 * np.fft.fft(signal) * (frequency > 0)
+    rings = math.ceil(RINGS / (2 * math.pi * width.min()) * echo.sample_rate)
+    length = len(signal) + rings  # so that no end is heard again at the beginning
+    frequency = np.fft.fftfreq(length, 1 / echo.sample_rate)
+    spectrum = 2 * np.fft.fft(signal, length) * (frequency > 0)
     every = max(1, len(signal) // 2000)
     levels = []
     for middle, half in zip(centre, width, strict=True):
         response = (1 + 1j * (frequency - middle) / half) ** -4
-        levels.append(_level(np.abs(np.fft.ifft(spectrum * response))[::every], 1e-15))
+        heard = np.abs(np.fft.ifft(spectrum * response))[: len(signal) : every]
+        levels.append(_level(heard, 1e-15))
     return centre, np.array(levels)
 
 

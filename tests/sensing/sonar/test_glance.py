@@ -1,8 +1,11 @@
 """A glance of a sonar's ears: pulses show at their distances, tones in their channels, at their levels."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
+from forest_addon.drawing.echoes import cochleagram as drawn_cochleagram
 from forest_addon.sensing.sonar.glance import COLUMNS, cochleagram
 
 SPEED = 343.0
@@ -40,3 +43,15 @@ def test_silence_is_silence_and_ears_are_apart():
     level = cochleagram(FREQUENCY, np.stack([0 * FREQUENCY, at(5, 1.0)]), CENTRE, LASTS)
     assert level[0].max() == level.min()
     assert np.isneginf(cochleagram(FREQUENCY, 0j * FREQUENCY[None], CENTRE, LASTS)).all()
+
+
+def test_the_end_of_an_echo_is_not_heard_at_its_beginning():
+    """Channels of the report's picture, of a click that they still ring of as the echo ends."""
+    rate, click = 250_000.0, np.zeros((1, 8192))
+    click[0, -60] = 1.0
+    echo = SimpleNamespace(
+        frequency=np.array([25e3, 80e3]), sample_rate=rate, heard_waveforms=click
+    )
+    _, level = drawn_cochleagram(echo)
+    assert level[:, -2:].max() > level.max() - 10.0
+    assert level[:, :200].max() < level.max() - 80.0
