@@ -8,12 +8,17 @@ from __future__ import annotations
 
 import argparse
 import math
+import os
+import shlex
 import traceback
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import ClassVar
 
+from forest_addon.base.places import ASSETS
 from forest_addon.spec import Scene, SpecError
+from forest_addon.spec.base import nearest
 
 SCENE_HELP = "a scene file (TOML), or the name of one of assets/scenes"
 OURS = {"forest_addon", "headless", "studies"}  # folders of code
@@ -179,6 +184,53 @@ def read_scene(path: Path, seed: int | None, dry: str = "") -> Scene:
         return replace(settings, seed=seed)
     except SpecError as problem:
         raise SpecError("--seed", problem.problem) from None
+
+
+def species_of_map(names: Sequence[str], words: Sequence[str], folder: Path) -> dict[str, str]:
+    """Return which species to plant for each name of a map of trees, "" where it says none.
+
+    words : NAME=PRESET, or PRESET alone for all. folder : of the scene, which paths of files start from.
+
+    Raises
+    ------
+    SpecError : a name that nothing is planted for.
+    """
+    presets = sorted(p.stem for p in (ASSETS / "species").glob("*.toml"))
+    told = dict(word.split("=", 1) for word in words if "=" in word)
+    for_all = next((word for word in words if "=" not in word), None)
+    for name in told:
+        if name not in names:
+            known = ", ".join(f'"{n}"' for n in names if n) or "none at all"
+            raise SpecError("--species", f'no tree of the map is "{name}"; it has {known}')
+    kinds = {}
+    for name in names:
+        kind = told.get(name, for_all or name)
+        if not name and name not in told and for_all is None:
+            raise SpecError(
+                "--species",
+                "some trees have no species; say what grows there, for example --species maple",
+            )
+        if kind.endswith(".toml"):
+            if not Path(kind).is_file():
+                raise SpecError("--species", f"there is no file {kind}; check the path")
+            kind = Path(os.path.relpath(kind, folder)).as_posix()
+        kinds[name] = kind
+    lost = {
+        name: kind for name, kind in kinds.items() if kind not in presets and kind[-5:] != ".toml"
+    }
+    if lost:
+        are, place = ("is no preset", "its") if len(lost) == 1 else ("are no presets", "their")
+        asked = " ".join(
+            shlex.join(["--species", f"{name or kind}={(nearest(kind, presets) or ['PRESET'])[0]}"])
+            for name, kind in lost.items()
+        )
+        said = ", ".join(dict.fromkeys(f'"{kind}"' for kind in lost.values()))
+        raise SpecError(
+            "--species",
+            f"{said} {are}; say what grows in {place} place, "
+            f"as {asked}. Presets: {', '.join(presets)}, or a .toml file",
+        )
+    return kinds
 
 
 def out_file(out: Path, *endings: str) -> Path:

@@ -60,7 +60,7 @@ from forest_addon.spec import (
 )
 from forest_addon.spec import Forest as Field
 
-from .commands.estimate import species_of_map
+from .command import species_of_map
 from .progress import Stages, hushed
 
 ECHOES = ("survey", "waveform")
@@ -436,7 +436,7 @@ def _planted(
     trees = read_tree_map(table, crs)
     for line in trees.said:
         say(line)
-    kinds = species_of_map(trees, species, target.parent)
+    kinds = species_of_map(np.unique(trees.species).tolist(), species, target.parent)
     for name, kind in kinds.items():
         if name != kind:
             say(f'"{name}" is planted as {kind}')

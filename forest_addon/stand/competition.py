@@ -24,9 +24,8 @@ MOST = 2.0  # of the score, either way
 BASE, WIDTH = 0.65, -0.55  # correlation of the score with residuals of crown base and width
 ALONE = (-MOST * WIDTH, -MOST * BASE)  # scores of crown width and base of a tree without neighbours
 THINNEST, THICKEST = 0.025, 0.6  # metres, and of the canopy's: diameters of the understorey
-FALL = 0.05 / np.log(
-    1.4
-)  # metres in which numbers of trees by diameter fall by e, as by 1.4 in 5 cm
+# Metres in which numbers of trees by diameter fall by e, as by 1.4 in 5 cm.
+FALL = 0.05 / np.log(1.4)
 YOUNG = 0.07  # metres of diameter, below which a tree stands under the canopy
 OVERLAP = 1.8  # sum of two neighbours' radii over their distance, at most
 NARROWEST = 0.6  # of what was drawn, that neighbours may leave of a crown's width

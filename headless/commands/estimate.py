@@ -9,14 +9,12 @@ from __future__ import annotations
 import argparse
 import os
 import re
-import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from forest_addon.base.places import ASSETS
 from forest_addon.base.progress import Say
 from forest_addon.formats.atomic import replacing
 from forest_addon.spec import (
@@ -29,9 +27,8 @@ from forest_addon.spec import (
     SpecError,
     Targets,
 )
-from forest_addon.spec.base import nearest
 
-from ..command import PROGRAM, Command, out_file
+from ..command import PROGRAM, Command, out_file, species_of_map
 from ..report import can_draw, without
 
 if TYPE_CHECKING:
@@ -178,7 +175,7 @@ def estimate_site(
         raise SpecError(str(path), "has no trees below its header; give one a row")
     frame = _window(window) if window else Window.around(trees.position)
     _refuse_outside(path, trees, frame)
-    kinds = species_of_map(trees, species, out.parent)
+    kinds = species_of_map(np.unique(trees.species).tolist(), species, out.parent)
     offset = np.floor(frame.low) if np.abs(frame.high).max() > FAR else np.zeros(2)
     frame = Window(tuple(ring - offset for ring in frame.rings))
     field = _field(frame)
@@ -389,57 +386,6 @@ def _refuse_outside(path: Path, trees: TreeMap, window: Window) -> None:
             f"row {trees.line[outside[0]]}: the tree at ({x:.10g}, {y:.10g}) lies outside the window"
             f"{others}; leave it out, or widen --window",
         )
-
-
-def species_of_map(trees: TreeMap, words: Sequence[str], folder: Path) -> dict[str, str]:
-    """Return which species to plant for each name of the map.
-
-    words : NAME=PRESET, or PRESET alone for all. folder : of the scene, which paths of files start from.
-
-    Raises
-    ------
-    SpecError : a name that nothing is planted for.
-    """
-
-    import numpy as np
-
-    presets = sorted(p.stem for p in (ASSETS / "species").glob("*.toml"))
-    told = dict(word.split("=", 1) for word in words if "=" in word)
-    for_all = next((word for word in words if "=" not in word), None)
-    names = [str(name) for name in np.unique(trees.species)]
-    for name in told:
-        if name not in names:
-            known = ", ".join(f'"{n}"' for n in names if n) or "none at all"
-            raise SpecError("--species", f'no tree of the map is "{name}"; it has {known}')
-    kinds = {}
-    for name in names:
-        kind = told.get(name, for_all or name)
-        if not name and name not in told and for_all is None:
-            raise SpecError(
-                "--species",
-                "some trees have no species; say what grows there, for example --species maple",
-            )
-        if kind.endswith(".toml"):
-            if not Path(kind).is_file():
-                raise SpecError("--species", f"there is no file {kind}; check the path")
-            kind = Path(os.path.relpath(kind, folder)).as_posix()
-        kinds[name] = kind
-    lost = {
-        name: kind for name, kind in kinds.items() if kind not in presets and kind[-5:] != ".toml"
-    }
-    if lost:
-        are, place = ("is no preset", "its") if len(lost) == 1 else ("are no presets", "their")
-        told = " ".join(
-            shlex.join(["--species", f"{name or kind}={(nearest(kind, presets) or ['PRESET'])[0]}"])
-            for name, kind in lost.items()
-        )
-        names = ", ".join(dict.fromkeys(f'"{kind}"' for kind in lost.values()))
-        raise SpecError(
-            "--species",
-            f"{names} {are}; say what grows in {place} place, "
-            f"as {told}. Presets: {', '.join(presets)}, or a .toml file",
-        )
-    return kinds
 
 
 def _field(window: Window) -> Forest:

@@ -123,7 +123,7 @@ def test_listeners_tell_what_their_feature_holds():
 
 @pytest.fixture(scope="module")
 def flights():
-    """What two flyers sense in an open field and before a trunk, without a receiver and in its noise."""
+    """Senses of two flyers, in an open field and before a trunk, without a receiver and in its noise."""
     told = {}
     noise = SonarReceiver(source_level_db=110.0, self_noise_db=0.0)
     for name, receiver in (("clean", None), ("noisy", noise), ("again", noise)):

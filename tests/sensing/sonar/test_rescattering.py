@@ -121,7 +121,7 @@ def test_a_leaf_alone_is_the_piston_and_leaves_far_apart_do_not_meet():
 
 
 def test_a_large_leaf_hides_a_small_one_right_behind_it():
-    """What it sends on straight ahead cancels the call: 1 - a²/(a² + b²) is left, each way."""
+    """Sound sent on straight ahead cancels the call: 1 - a²/(a² + b²) is left, each way."""
     centre, normal = np.array([[1.0, 0, 0], [1.02, 0, 0]]), np.array([[1.0, 0, 0]] * 2)
     screen, _ = solved(centre[:1], normal[:1], np.array([0.06]))
     both, _ = solved(centre, normal, np.array([0.06, 0.01]))
