@@ -12,19 +12,8 @@ import numpy as np
 
 from ..formats.raster_file import GeoRaster
 from ..spec import Allometry, Forest, Raster, Terrain
+from .intensity.layers import Painted
 from .intensity.terrain import Flat, GroundSurface
-
-
-@dataclass(frozen=True)
-class Painted:
-    """Weights on a mesh, in world coordinates.
-
-    vertices : (V, 3) metres. triangles : (T, 3). weight : (V,), 0 or larger.
-    """
-
-    vertices: np.ndarray
-    triangles: np.ndarray
-    weight: np.ndarray
 
 
 @dataclass(frozen=True)

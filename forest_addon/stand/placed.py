@@ -10,7 +10,7 @@ all axes, and volumes always.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,6 +19,7 @@ from ..base.vectors import azimuth_of
 from ..growth.measured.allometry import BREAST, stem_profile
 from ..growth.mesh.leaves import Leaves
 from ..growth.skeleton import Cylinders, Skeleton, cylinders_of
+from .forest import stacked
 
 
 @dataclass(frozen=True)
@@ -218,9 +219,3 @@ def cylinder_columns(
         "length": length,
         "volume": np.pi * radius**2 * length,
     }
-
-
-def stacked(tables: Sequence[Mapping[str, np.ndarray]]) -> dict[str, np.ndarray]:
-    """Tables of the same columns, one below the other; no columns of none."""
-    names = tables[0] if tables else ()
-    return {name: np.concatenate([table[name] for table in tables]) for name in names}

@@ -17,8 +17,8 @@ from ..growth.mesh.cells import CellAreas, areas_by_cell, join_areas, triangle_a
 from ..growth.own_tree.habit import BREAST
 from ..growth.skeleton import Cylinders, cylinders_of, diameter_at
 from ..growth.tree import Tree
-from .forest import GrownForest, tree_table
-from .placed import cylinder_columns, stacked
+from .forest import GrownForest, stacked, tree_table
+from .placed import cylinder_columns
 
 PARTS = ("leaf", "wood")  # columns of the areas by cell
 

@@ -18,14 +18,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.special import erf, erfc
 
-from ...spec import SpecError
-
-
-class IntensityError(SpecError):
-    """An intensity that cannot be used: one sentence with what, where and what to do."""
-
-    def __init__(self, sentence: str) -> None:
-        super().__init__("", sentence)
+from .surface import IntensityError
 
 
 class Intensity(ABC):

@@ -2,12 +2,25 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
-from ..inputs import Painted
 from .functions import Intensity, IntensityError, Mask
 from .surface import Grid, IntensitySurface, Pyramid
 from .terrain import GroundSurface, refuse_pixels
+
+
+@dataclass(frozen=True)
+class Painted:
+    """Weights on a mesh, in world coordinates.
+
+    vertices : (V, 3) metres. triangles : (T, 3). weight : (V,), 0 or larger.
+    """
+
+    vertices: np.ndarray
+    triangles: np.ndarray
+    weight: np.ndarray
 
 
 class RasterIntensity(Intensity):

@@ -19,6 +19,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...spec import SpecError
+
+
+class IntensityError(SpecError):
+    """An intensity that cannot be used: one sentence with what, where and what to do."""
+
+    def __init__(self, sentence: str) -> None:
+        super().__init__("", sentence)
+
 
 class Pyramid:
     """Ranges of a grid of cells (rows, columns), each with its own smallest and largest value; NaN of those

@@ -21,8 +21,7 @@ import numpy as np
 
 from ...base.rng import stream
 from ...spec import Forest, SpecError
-from .functions import IntensityError
-from .surface import Grid, IntensitySurface
+from .surface import Grid, IntensityError, IntensitySurface
 
 RING = 24  # places around a trunk's foot where the ground is looked up
 DEEPEST = 4.0  # foot radii that a tree is sunk at most (a foot over a cliff)
