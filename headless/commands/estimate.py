@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from forest_addon.stand.poisson import Process
     from forest_addon.stand.statistics.choose import ChosenLaw, MappedSpecies
     from forest_addon.stand.statistics.goodness import Estimate, Goodness
-    from forest_addon.stand.statistics.window import Window
+    from forest_addon.stand.statistics.intensity import Window
 
 
 class EstimateCommand(Command):
@@ -166,7 +166,7 @@ def estimate_site(
 
     from forest_addon.formats.tree_map import read_tree_map
     from forest_addon.stand.statistics.choose import MappedSpecies
-    from forest_addon.stand.statistics.window import Window
+    from forest_addon.stand.statistics.intensity import Window
 
     if method == "kernel" and law not in ("auto", "poisson"):
         raise SpecError("--law", f"{law} goes with --method mixture; a kernel estimate is Poisson")
@@ -327,8 +327,7 @@ def _grown(
     from forest_addon.stand.compose import process_of
     from forest_addon.stand.statistics.choose import ChosenLaw, choose_law
     from forest_addon.stand.statistics.goodness import examine, law_of
-    from forest_addon.stand.statistics.kernel import kernel_estimate
-    from forest_addon.stand.statistics.mixture import FittedMixture, fit_mixture
+    from forest_addon.stand.statistics.intensity import FittedMixture, fit_mixture, kernel_estimate
 
     points, frame = mapped.points, mapped.window
     estimate = fit_mixture(points, frame) if method == "mixture" else kernel_estimate(points, frame)
@@ -359,7 +358,7 @@ def _simulate(process: Process, name: str, number: int) -> np.ndarray:
 
 def _window(words: Sequence[str]) -> Window:
     from forest_addon.formats.tree_map import read_rings
-    from forest_addon.stand.statistics.window import Window
+    from forest_addon.stand.statistics.intensity import Window
 
     try:
         if len(words) == 1:
@@ -403,7 +402,7 @@ def _planting(kind: str, estimate: Estimate, file: str) -> tuple[Planting, Input
 
     from forest_addon.formats.raster_file import GeoRaster
     from forest_addon.stand.inputs import Inputs
-    from forest_addon.stand.statistics.kernel import KernelEstimate
+    from forest_addon.stand.statistics.intensity import KernelEstimate
 
     if isinstance(estimate, KernelEstimate):
         pixels = np.ascontiguousarray(estimate.pixels[::-1])  # north first
@@ -428,7 +427,7 @@ def _planting(kind: str, estimate: Estimate, file: str) -> tuple[Planting, Input
 
 def _summary(grown: SpeciesOfSite) -> str:
     from forest_addon.stand.statistics.choose import ACCEPTED
-    from forest_addon.stand.statistics.mixture import FittedMixture
+    from forest_addon.stand.statistics.intensity import FittedMixture
 
     estimate = grown.estimate
     if isinstance(estimate, FittedMixture):

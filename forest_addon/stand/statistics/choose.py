@@ -20,10 +20,9 @@ from ..compose import process_of
 from ..inputs import Inputs
 from ..plan import draw_places
 from .goodness import Goodness, examine, law_of
+from .intensity import FittedMixture, Window, fit_mixture
 from .interaction import fit_clusters, fit_strauss
 from .k_function import KFunction, choose_radii, inhomogeneous_k, region_of
-from .mixture import FittedMixture, fit_mixture
-from .window import Window
 
 LAWS = ("poisson", "thomas", "matern", "strauss")
 MANY_HILLS = 5

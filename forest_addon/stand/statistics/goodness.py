@@ -22,6 +22,7 @@ from ...spec import Forest, Scene
 from ..compose import corners_of, process_of
 from ..inputs import Inputs
 from ..plan import Stand, plan_stand
+from .intensity import FittedMixture, KernelEstimate, Window, kernel_estimate, refit
 from .k_function import (
     SMALLEST,
     At,
@@ -34,9 +35,6 @@ from .k_function import (
     quadrat_test,
     region_of,
 )
-from .kernel import KernelEstimate, kernel_estimate
-from .mixture import FittedMixture, refit
-from .window import Window
 
 LEVEL = 0.05
 SIMULATIONS = 39  # (S + 1)·LEVEL is whole, and the extremes are the pointwise 5 %

@@ -17,8 +17,8 @@ from scipy.spatial import cKDTree
 
 from ...spec import Clusters, Strauss
 from ..layouts import k_of_clusters
+from .intensity import Window
 from .k_function import At, KFunction
-from .window import Window
 
 FAINTEST = 100.0  # groups within the largest radius: more add less than 1 % to K
 LATTICE = 200  # points along the longer side that the integral is summed over

@@ -22,7 +22,7 @@ import scipy
 from scipy.spatial import cKDTree
 from scipy.special import chdtr, chdtrc
 
-from .window import Window, overlaps
+from .intensity import Window, overlaps
 
 BLOCK = 16384  # trees whose neighbours are held at once
 NEIGHBOURS = 50  # of a tree, on average, within the largest radius that is chosen by itself

@@ -7,6 +7,7 @@ from scipy import stats
 from forest_addon.base.rng import stream
 from forest_addon.stand.spacing import Spacing, space
 from forest_addon.stand.statistics.goodness import TestedLaw, envelope, examine, law_of
+from forest_addon.stand.statistics.intensity import Window, fit_mixture
 from forest_addon.stand.statistics.k_function import (
     choose_quadrats,
     choose_radii,
@@ -15,8 +16,6 @@ from forest_addon.stand.statistics.k_function import (
     quadrat_test,
     region_of,
 )
-from forest_addon.stand.statistics.mixture import fit_mixture
-from forest_addon.stand.statistics.window import Window
 from tests.references.point_pattern import k_direct
 
 FIELD = Window.rectangle((0, 0), (100, 80))
