@@ -480,7 +480,7 @@ def _describe_stand(run: Run, forest: GrownForest, inputs: Inputs) -> None:
     run.targets = {one.label: record(one) for one in met}
     if not wanted.goodness:
         return
-    from forest_addon.stand.statistics import goodness
+    from forest_addon.stand.statistics import law as goodness
 
     with run.stages.stage("test where trees stand"):
         window, law = goodness.window_of(settings.forest), goodness.law_of_scene(settings, inputs)

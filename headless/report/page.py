@@ -50,7 +50,7 @@ from . import can_draw
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from forest_addon.stand.statistics.goodness import Goodness
+    from forest_addon.stand.statistics.law import Goodness
 
 LEAVES = 60_000  # on a map
 

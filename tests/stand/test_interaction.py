@@ -24,8 +24,7 @@ from forest_addon.stand.layouts import (
 from forest_addon.stand.plan import plan_stand
 from forest_addon.stand.poisson import Process
 from forest_addon.stand.statistics.intensity import Window
-from forest_addon.stand.statistics.interaction import fit_clusters, fit_strauss
-from forest_addon.stand.statistics.k_function import inhomogeneous_k
+from forest_addon.stand.statistics.law import fit_clusters, fit_strauss, inhomogeneous_k
 
 LOW, HIGH = np.zeros(2), np.array([100.0, 80.0])
 WINDOW = Window.rectangle(LOW, HIGH)
