@@ -22,7 +22,7 @@ from .spec import AUTO, Scene, SpecError
 from .stand.files import read_inputs
 from .stand.forest import ForestPlan, Grown, GrownForest, Planted, TreesBeforeFall
 from .stand.inputs import Inputs
-from .stand.intensity.terrain import GroundSurface, roughened
+from .stand.intensity.surface import GroundSurface, roughened
 from .stand.plan import Stand, plan_stand
 from .stand.undergrowth import with_undergrowth
 

@@ -61,7 +61,7 @@ from forest_addon.stand.forest import (
     variant_leaf_table,
 )
 from forest_addon.stand.inputs import Inputs
-from forest_addon.stand.intensity.terrain import GroundSurface
+from forest_addon.stand.intensity.surface import GroundSurface
 from forest_addon.stand.plan import labels
 from forest_addon.stand.targets import record
 from forest_addon.stand.truth import cylinder_table

@@ -203,7 +203,7 @@ class Stock:
     @cached_property
     def ground(self) -> Any:
         """The terrain."""
-        from ..stand.intensity.terrain import Flat
+        from ..stand.intensity.surface import Flat
 
         if self._site is None:
             return Flat(self.settings.forest.terrain.base)

@@ -24,7 +24,7 @@ from ..growth.truth import leaf_angles, wood_of_tree
 from ..spec import Allometry, Choice, Look, Scene, Species
 from ..spec.choices import idle, idle_in_scene, idle_in_species
 from .inputs import Inputs
-from .intensity.terrain import sink
+from .intensity.surface import sink
 from .measured import MeasuredTrees, dbh_at, scales_for, with_targets
 from .plan import Stand, labels, plan_stand
 from .targets import TargetsMet, found_in, in_band, not_met, targets_met

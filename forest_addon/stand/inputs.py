@@ -13,7 +13,7 @@ import numpy as np
 from ..formats.raster_file import GeoRaster
 from ..spec import Allometry, Forest, Raster, Terrain
 from .intensity.layers import Painted
-from .intensity.terrain import Flat, GroundSurface
+from .intensity.surface import Flat, GroundSurface
 
 
 @dataclass(frozen=True)

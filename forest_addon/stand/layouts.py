@@ -56,7 +56,7 @@ from ..spec import (
 )
 from .inputs import TreeList
 from .intensity.functions import IntensityError
-from .intensity.terrain import GroundSurface
+from .intensity.surface import GroundSurface
 from .poisson import MAX_POINTS, Process
 
 MAX_PLACES = 20_000_000

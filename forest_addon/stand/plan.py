@@ -17,7 +17,7 @@ from ..spec import Forest, Planting, SpecError
 from .compose import area_of, corners_of, masks_of, process_of
 from .inputs import Inputs, TreeList
 from .intensity.functions import IntensityError
-from .intensity.terrain import GroundSurface
+from .intensity.surface import GroundSurface
 from .layouts import is_cleared, orchard, sample_clusters, sample_strauss, set_trees, trees_of
 from .poisson import Integral, Process, sample
 from .spacing import Spacing, apart_from, space

@@ -23,7 +23,7 @@ from forest_addon.growth.library.species_file import load_species
 from forest_addon.spec import SpecError
 from forest_addon.stand.forest import grow_forest
 from forest_addon.stand.inputs import Inputs
-from forest_addon.stand.intensity.terrain import Heightmap
+from forest_addon.stand.intensity.surface import Heightmap
 
 
 def depsgraph():

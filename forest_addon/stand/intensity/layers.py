@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .functions import Intensity, IntensityError, Mask
-from .surface import Grid, IntensitySurface, Pyramid
-from .terrain import GroundSurface, refuse_pixels
+from .surface import Grid, GroundSurface, IntensitySurface, Pyramid, refuse_pixels
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ from forest_addon.stand.intensity.functions import (
     Sum,
 )
 from forest_addon.stand.intensity.polygon import Polygon
-from forest_addon.stand.intensity.terrain import Heightmap, Triangulated
+from forest_addon.stand.intensity.surface import Heightmap, Triangulated
 from forest_addon.stand.poisson import Process, quadrature
 
 LOW, SIZE = np.array([500_000.0, 5_400_000.0]), np.array([60.0, 40.0])  # UTM: far from the origin
