@@ -217,7 +217,7 @@ INSIDE = {
     "Constant": "forest_addon.stand.intensity.functions:Constant",
     "Intensity": "forest_addon.stand.intensity.functions:Intensity",
     "Mixture": "forest_addon.stand.intensity.functions:Mixture",
-    "RasterIntensity": "forest_addon.stand.intensity.layers:RasterIntensity",
+    "RasterIntensity": "forest_addon.stand.intensity.functions:RasterIntensity",
     "sample": "forest_addon.stand.poisson:sample",
     "Process": "forest_addon.stand.poisson:Process",
     "greedy": "forest_addon.stand.spacing:greedy",

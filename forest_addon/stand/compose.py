@@ -13,15 +13,21 @@ import scipy
 from .. import spec
 from ..formats.raster_file import GeoRaster
 from .inputs import Inputs, on_field
-from .intensity.functions import Constant, Intensity, IntensityError, Mask, Mixture, Product, Sum
-from .intensity.layers import (
+from .intensity.functions import (
+    Constant,
+    Intensity,
+    IntensityError,
+    Mask,
+    Mixture,
     PaintedMesh,
     PixelMask,
+    Polygon,
+    Product,
     RasterIntensity,
     RasterMask,
+    Sum,
     TerrainLimits,
 )
-from .intensity.polygon import Polygon
 from .poisson import Process
 
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..formats.raster_file import GeoRaster
 from ..spec import Allometry, Forest, Raster, Terrain
-from .intensity.layers import Painted
+from .intensity.functions import Painted
 from .intensity.surface import Flat, GroundSurface
 
 

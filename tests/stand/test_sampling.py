@@ -11,16 +11,16 @@ from scipy import stats
 from forest_addon.base.rng import stream
 from forest_addon.spec import Forest, Gaussian, Planting
 from forest_addon.stand.compose import process_of
-from forest_addon.stand.intensity import layers
+from forest_addon.stand.intensity import functions as layers
 from forest_addon.stand.intensity.functions import (
     Constant,
     Intensity,
     IntensityError,
     Mixture,
+    Polygon,
     Product,
     Sum,
 )
-from forest_addon.stand.intensity.polygon import Polygon
 from forest_addon.stand.poisson import MAX_POINTS, BoundViolation, Process, sample
 
 LOW, SIZE = np.array([500_000.0, 5_400_000.0]), np.array([60.0, 40.0])  # UTM

@@ -19,7 +19,7 @@ from scipy.special import ndtr, owens_t
 
 from ...base.rng import stream
 from ...base.vectors import column
-from ..intensity.polygon import Polygon
+from ..intensity.functions import Polygon
 
 TOUCH = 1e-9  # part of the longer side within which a point is on an edge
 TABLE = 1024  # cells along the longer side from which a polygon's set covariance is read

@@ -11,15 +11,15 @@ from forest_addon.formats.toml_file import read_settings
 from forest_addon.spec import Forest, Gaussian, Planting, Raster, Scene
 from forest_addon.stand.compose import process_of
 from forest_addon.stand.inputs import Inputs, Painted
-from forest_addon.stand.intensity import layers
+from forest_addon.stand.intensity import functions as layers
 from forest_addon.stand.intensity.functions import (
     Constant,
     IntensityError,
     Mixture,
+    Polygon,
     Product,
     Sum,
 )
-from forest_addon.stand.intensity.polygon import Polygon
 from forest_addon.stand.intensity.surface import Heightmap, Triangulated
 from forest_addon.stand.poisson import Process, quadrature
 
