@@ -19,9 +19,9 @@ from .growth.tree import Tree
 from .sensing.detail import grow_needed
 from .sensing.kinds import kind_of
 from .spec import AUTO, Scene, SpecError
+from .stand.compose import Inputs
 from .stand.files import read_inputs
 from .stand.forest import ForestPlan, Grown, GrownForest, Planted, TreesBeforeFall
-from .stand.inputs import Inputs
 from .stand.intensity.surface import GroundSurface, roughened
 from .stand.plan import Stand, plan_stand
 from .stand.undergrowth import with_undergrowth

@@ -51,6 +51,7 @@ from forest_addon.sensing.audit import Audit
 from forest_addon.sensing.kinds import cost_of
 from forest_addon.sensing.rays.caster import RayCaster
 from forest_addon.spec import Output, Scene, Sensor, SpecError
+from forest_addon.stand.compose import Inputs
 from forest_addon.stand.forest import (
     GrownForest,
     angle_table,
@@ -60,7 +61,6 @@ from forest_addon.stand.forest import (
     tree_table,
     variant_leaf_table,
 )
-from forest_addon.stand.inputs import Inputs
 from forest_addon.stand.intensity.surface import GroundSurface
 from forest_addon.stand.plan import labels
 from forest_addon.stand.targets import record

@@ -12,8 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from ..spec import Scene
-from ..stand.compose import corners_of
-from ..stand.inputs import Inputs
+from ..stand.compose import Inputs, corners_of
 from ..stand.plan import Stand
 from ..stand.statistics.intensity import Window
 from ..stand.statistics.law import At, Goodness

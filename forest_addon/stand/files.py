@@ -33,7 +33,7 @@ from ..formats.tree_map import LENGTHS, NUMBERS, read_tree_map
 from ..growth.library.species_file import read_allometry
 from ..spec import SpecError
 from ..spec.forest import METRES
-from .inputs import Inputs, TreeList, on_field
+from .compose import Inputs, TreeList, on_field
 from .intensity.functions import IntensityError
 from .intensity.surface import GroundSurface, Heightmap, Triangulated, refuse_pixels
 

@@ -23,7 +23,7 @@ from ..growth.tree import Tree, aged, fallen, grow, in_season, with_fallen
 from ..growth.truth import leaf_angles, wood_of_tree
 from ..spec import Allometry, Choice, Look, Scene, Species
 from ..spec.choices import idle, idle_in_scene, idle_in_species
-from .inputs import Inputs
+from .compose import Inputs
 from .intensity.surface import sink
 from .measured import MeasuredTrees, dbh_at, scales_for, with_targets
 from .plan import Stand, labels, plan_stand

@@ -54,7 +54,7 @@ from ..spec import (
     Strauss,
     quoted_with_hints,
 )
-from .inputs import TreeList
+from .compose import TreeList
 from .intensity.functions import IntensityError
 from .intensity.surface import GroundSurface
 from .poisson import MAX_POINTS, Process

@@ -48,7 +48,7 @@ from .competition import (
     suppressed,
     thinned,
 )
-from .inputs import Inputs
+from .compose import Inputs
 from .layouts import told_of
 from .plan import Stand, chosen_of
 

@@ -14,8 +14,7 @@ import numpy as np
 
 from ..base.rng import stream
 from ..spec import Forest, Planting, SpecError
-from .compose import area_of, corners_of, masks_of, process_of
-from .inputs import Inputs, TreeList
+from .compose import Inputs, TreeList, area_of, corners_of, masks_of, process_of
 from .intensity.functions import IntensityError
 from .intensity.surface import GroundSurface
 from .layouts import is_cleared, orchard, sample_clusters, sample_strauss, set_trees, trees_of

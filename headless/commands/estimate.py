@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from forest_addon.formats.tree_map import TreeMap
-    from forest_addon.stand.inputs import Inputs
+    from forest_addon.stand.compose import Inputs
     from forest_addon.stand.poisson import Process
     from forest_addon.stand.statistics.intensity import Window
     from forest_addon.stand.statistics.law import ChosenLaw, Estimate, Goodness, MappedSpecies
@@ -399,7 +399,7 @@ def _planting(kind: str, estimate: Estimate, file: str) -> tuple[Planting, Input
     import numpy as np
 
     from forest_addon.formats.raster_file import GeoRaster
-    from forest_addon.stand.inputs import Inputs
+    from forest_addon.stand.compose import Inputs
     from forest_addon.stand.statistics.intensity import KernelEstimate
 
     if isinstance(estimate, KernelEstimate):

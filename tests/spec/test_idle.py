@@ -52,7 +52,7 @@ from forest_addon.spec.choices import (
     idle_in_species,
     need_of,
 )
-from forest_addon.stand.inputs import Inputs
+from forest_addon.stand.compose import Inputs
 
 GROUPS = (Sonar(), Reverb(), Terrestrial(), Mobile(), Airborne(), Planting(species="x", expected=3))
 

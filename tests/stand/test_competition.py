@@ -17,7 +17,7 @@ from forest_addon.stand.competition import (
     leaf_area_index,
     suppressed,
 )
-from forest_addon.stand.inputs import Inputs, TreeList
+from forest_addon.stand.compose import Inputs, TreeList
 from forest_addon.stand.measured import with_targets
 from forest_addon.stand.plan import labels, plan_stand
 

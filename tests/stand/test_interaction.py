@@ -217,7 +217,7 @@ def test_fewer_trees_than_were_asked_for_exactly_are_said():
     from forest_addon.growth.library.species_file import find_species, load_species
     from forest_addon.site import ForestSite
     from forest_addon.spec import Scene
-    from forest_addon.stand.inputs import Inputs, TreeList
+    from forest_addon.stand.compose import Inputs, TreeList
 
     species = load_species(find_species("hazelnut", Path()))
     close = Planting(species="hazelnut", variants=1, expected=18, exact=True)

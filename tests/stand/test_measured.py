@@ -15,9 +15,9 @@ from forest_addon.growth.library.species_file import (
 from forest_addon.growth.measured.allometry import scores
 from forest_addon.growth.skeleton import Skeleton
 from forest_addon.spec import Forest, Normal, Planting, Rows, Scene, SpecError, Targets
+from forest_addon.stand.compose import Inputs
 from forest_addon.stand.files import read_tree_list
 from forest_addon.stand.forest import grow_forest, tree_table
-from forest_addon.stand.inputs import Inputs
 from forest_addon.stand.measured import dbh_at, groups_of, scales_for, with_targets
 from forest_addon.stand.plan import plan_stand
 

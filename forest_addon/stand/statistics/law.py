@@ -25,8 +25,7 @@ from scipy.special import chdtr, chdtrc
 
 from ...base.rng import stream
 from ...spec import Clusters, Forest, Planting, Scene, Strauss
-from ..compose import corners_of, process_of
-from ..inputs import Inputs
+from ..compose import Inputs, corners_of, process_of
 from ..layouts import k_of_clusters
 from ..plan import Stand, draw_places, plan_stand
 from .intensity import (

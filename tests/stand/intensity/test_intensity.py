@@ -9,8 +9,7 @@ from forest_addon.base.rng import stream
 from forest_addon.formats.raster_file import GeoRaster
 from forest_addon.formats.toml_file import read_settings
 from forest_addon.spec import Forest, Gaussian, Planting, Raster, Scene
-from forest_addon.stand.compose import process_of
-from forest_addon.stand.inputs import Inputs, Painted
+from forest_addon.stand.compose import Inputs, Painted, process_of
 from forest_addon.stand.intensity import functions as layers
 from forest_addon.stand.intensity.functions import (
     Constant,

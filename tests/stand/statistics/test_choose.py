@@ -6,8 +6,7 @@ import pytest
 from forest_addon.base.rng import stream
 from forest_addon.formats.toml_file import read_settings
 from forest_addon.spec import Clusters, Forest, Gaussian, Planting, Scene, SpecError, Strauss
-from forest_addon.stand.compose import process_of
-from forest_addon.stand.inputs import Inputs
+from forest_addon.stand.compose import Inputs, process_of
 from forest_addon.stand.plan import draw_places
 from headless.commands.estimate import estimate_site
 
