@@ -5,7 +5,7 @@ import pytest
 from scipy import stats
 
 from forest_addon.base.rng import stream
-from forest_addon.stand.spacing import Spacing, space
+from forest_addon.stand.plan import Spacing, space
 from forest_addon.stand.statistics.intensity import Window, fit_mixture
 from forest_addon.stand.statistics.law import (
     TestedLaw,
