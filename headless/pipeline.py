@@ -62,8 +62,8 @@ from forest_addon.stand.forest import (
     variant_leaf_table,
 )
 from forest_addon.stand.intensity.surface import GroundSurface
+from forest_addon.stand.measured import record
 from forest_addon.stand.plan import labels
-from forest_addon.stand.targets import record
 from forest_addon.stand.truth import cylinder_table
 
 from .command import DoubtfulError

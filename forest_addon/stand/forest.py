@@ -25,9 +25,18 @@ from ..spec import Allometry, Choice, Look, Scene, Species
 from ..spec.choices import idle, idle_in_scene, idle_in_species
 from .compose import Inputs
 from .intensity.surface import sink
-from .measured import MeasuredTrees, dbh_at, scales_for, with_targets
+from .measured import (
+    MeasuredTrees,
+    TargetsMet,
+    dbh_at,
+    found_in,
+    in_band,
+    not_met,
+    scales_for,
+    targets_met,
+    with_targets,
+)
 from .plan import Stand, labels, plan_stand
-from .targets import TargetsMet, found_in, in_band, not_met, targets_met
 
 MOST_KEPT = 500_000_000  # bytes
 Key = tuple[Any, ...]

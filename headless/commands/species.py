@@ -161,7 +161,7 @@ def _grow(name: str, seed: int) -> tuple[Species, Tree]:
     from forest_addon.growth.library.species_file import find_species, load_species
     from forest_addon.growth.measured.allometry import Kind, typical_tree
     from forest_addon.growth.tree import grow
-    from forest_addon.stand.competition import ALONE
+    from forest_addon.stand.measured import ALONE
 
     species, template = load_species(find_species(name, Path()))
     fine = species.changed(detail=species.detail.changed(tolerance=0.003))

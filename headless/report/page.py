@@ -42,8 +42,8 @@ from forest_addon.sensing.sonar.ping import EchoTargets
 from forest_addon.spec import Scene, Sensor
 from forest_addon.stand.compose import Inputs
 from forest_addon.stand.forest import GrownForest
+from forest_addon.stand.measured import TargetsMet, facts_of, sentences
 from forest_addon.stand.plan import Stand
-from forest_addon.stand.targets import TargetsMet, facts_of, sentences
 
 from . import can_draw
 
