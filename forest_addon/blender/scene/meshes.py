@@ -29,7 +29,7 @@ from ...growth.tree import Tree
 from ...growth.truth import tree_truth
 from ...sensing.rays.geometry import SceneGeometry
 from ...stand.intensity.surface import GroundSurface, Heightmap
-from ...stand.placed import PlacedTrees, PlacedVariant
+from ...stand.truth import PlacedTrees, PlacedVariant
 from .attributes import places_of, read, write
 from .instances import ASSET_KEY
 
