@@ -316,7 +316,7 @@ class World:
     @cached_property
     def _swaying(self) -> Any:
         """The sway of the trees in the scene's wind; None where they stand still."""
-        from ..stand.wind.sway import sway_of
+        from ..stand.wind import sway_of
 
         return self.forest and sway_of(self.forest, self.scene.wind, self.scene.seed)
 
