@@ -26,8 +26,7 @@ from ...formats.foreign import guarded
 from ...formats.stl import StlError, read_stl
 from ...formats.toml_file import read_settings
 from ...spec import Allometry, SpecError, Species, quoted_with_hints, unknown
-from ..lsystem.expression import ExpressionError
-from ..lsystem.system import GrammarError
+from ..lsystem.system import ExpressionError, GrammarError
 from ..lsystem.turtle import check_rules
 from ..measured.allometry import Kind, diameters, half_of_surface
 from ..mesh.blades import Blade, BladeError, blade_from, leaf_blade

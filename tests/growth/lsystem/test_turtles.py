@@ -24,8 +24,7 @@ from forest_addon.growth.lsystem.branching import (
     skeleton_of,
     string_of,
 )
-from forest_addon.growth.lsystem.expression import ExpressionError
-from forest_addon.growth.lsystem.system import GrammarError, read_system, rewrite
+from forest_addon.growth.lsystem.system import ExpressionError, GrammarError, read_system, rewrite
 from forest_addon.growth.lsystem.turtle import (
     ABOP,
     SIMLIDAR,
