@@ -249,8 +249,8 @@ def _bridged(anatomy: Anatomy) -> list[str]:
 
 def _rings(anatomy: Anatomy, grown: Grown, what: str) -> str:
     """Say how far lowest rings of limbs were off the mesh of what bears them, and are."""
+    from forest_addon.growth.own_tree.anatomy import OFF
     from forest_addon.growth.own_tree.relay import hold_rings
-    from forest_addon.growth.own_tree.rings import OFF
 
     held = hold_rings(anatomy, grown)
     limbs, moved = int((grown.parent >= 0).sum()), int((held.far > OFF).sum())
