@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Self
 
 from .base.progress import Progress
-from .growth.library.species_file import check_known, find_species, load_species
+from .growth.library import check_known, find_species, load_species
 from .growth.tree import Tree
 from .sensing.detail import grow_needed
 from .sensing.kinds import kind_of

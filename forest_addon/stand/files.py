@@ -30,7 +30,7 @@ from ..formats.ply import read_surface
 from ..formats.raster_file import GeoRaster, linear_between, read_raster
 from ..formats.stl import read_stl
 from ..formats.tree_map import LENGTHS, NUMBERS, read_tree_map
-from ..growth.library.species_file import read_allometry
+from ..growth.library import read_allometry
 from ..spec import SpecError
 from ..spec.forest import METRES
 from .compose import Inputs, TreeList, on_field

@@ -277,7 +277,7 @@ def _targets(kind: str, out: Path, name: str, numbers: np.ndarray, say: Say) -> 
     import numpy as np
 
     from forest_addon.formats.toml_file import write_settings
-    from forest_addon.growth.library.species_file import find_species, load_species
+    from forest_addon.growth.library import find_species, load_species
     from forest_addon.growth.measured.allometry import Kind, draw_diameters, middle
 
     measured = numbers[:, 2:]

@@ -19,7 +19,7 @@ from forest_addon.blender.scene.forest import build
 from forest_addon.blender.scene.layout import GROUND_NAME, part
 from forest_addon.blender.scene.meshes import ground_mesh
 from forest_addon.blender.sensors.observe import Observer
-from forest_addon.growth.library.species_file import load_species
+from forest_addon.growth.library import load_species
 from forest_addon.spec import SpecError
 from forest_addon.stand.compose import Inputs
 from forest_addon.stand.forest import grow_forest

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from forest_addon.growth.library.species_file import find_species, load_species
+from forest_addon.growth.library import find_species, load_species
 from forest_addon.growth.measured.allometry import band
 from forest_addon.spec import Planting, Scene, Targets
 from forest_addon.stand.compose import Inputs, TreeList

@@ -214,7 +214,7 @@ def test_the_edge_of_a_field_has_no_more_trees_than_its_middle():
 
 
 def test_fewer_trees_than_were_asked_for_exactly_are_said():
-    from forest_addon.growth.library.species_file import find_species, load_species
+    from forest_addon.growth.library import find_species, load_species
     from forest_addon.site import ForestSite
     from forest_addon.spec import Scene
     from forest_addon.stand.compose import Inputs, TreeList

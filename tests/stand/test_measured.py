@@ -6,12 +6,7 @@ import numpy as np
 import pytest
 
 from forest_addon.base.rng import stream
-from forest_addon.growth.library.species_file import (
-    FOLDER,
-    find_species,
-    load_species,
-    read_allometry,
-)
+from forest_addon.growth.library import FOLDER, find_species, load_species, read_allometry
 from forest_addon.growth.measured.allometry import scores
 from forest_addon.growth.skeleton import Skeleton
 from forest_addon.spec import Forest, Normal, Planting, Rows, Scene, SpecError, Targets

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from forest_addon.api.world import trees_in_world
-from forest_addon.growth.library.species_file import find_species, load_species, read_allometry
+from forest_addon.growth.library import find_species, load_species, read_allometry
 from forest_addon.growth.measured.allometry import TARGETS, band
 from forest_addon.spec import Forest, Planting, Scene, Targets
 from forest_addon.stand.compose import Inputs

@@ -14,7 +14,7 @@ from references.turtle_plain import grow_plainly
 
 from forest_addon.base.rng import stream
 from forest_addon.formats.toml_file import read_settings, structure
-from forest_addon.growth.library.species_file import find_species
+from forest_addon.growth.library import find_species
 from forest_addon.growth.lsystem.branching import (
     CENTRE,
     SIDE,
