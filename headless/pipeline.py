@@ -480,11 +480,11 @@ def _describe_stand(run: Run, forest: GrownForest, inputs: Inputs) -> None:
     run.targets = {one.label: record(one) for one in met}
     if not wanted.goodness:
         return
-    from forest_addon.stand.statistics import law as goodness
+    from forest_addon.stand.statistics.law import examine, law_of_scene, poisson_trees, window_of
 
     with run.stages.stage("test where trees stand"):
-        window, law = goodness.window_of(settings.forest), goodness.law_of_scene(settings, inputs)
-        found = goodness.examine(goodness.poisson_trees(settings, stand), window, law)
+        window, law = window_of(settings.forest), law_of_scene(settings, inputs)
+        found = examine(poisson_trees(settings, stand), window, law)
         if found is None:  # too few trees
             return
         picture = None

@@ -359,7 +359,7 @@ def make_library(
     brought.check()
     tell = progress or _say_nothing
     tell(0, 5)
-    parts, found, up = _stand(_read_of_template_library(brought), brought.up)
+    parts, found, up = _stand(_read_tree(brought), brought.up)
     timber, foliage = parts.wood, parts.leaves
     tell(1, 5)
     leaf = _leaf_length(found)
@@ -415,7 +415,7 @@ def check_name(name: str) -> None:
         raise SpecError("name", f'"{name}" must be letters, digits, - and _ only')
 
 
-def _read_of_template_library(brought: Brought) -> Sorted:
+def _read_tree(brought: Brought) -> Sorted:
     try:
         if brought.groups:
             count = sum(len(group.facets) for group in brought.groups)

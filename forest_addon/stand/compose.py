@@ -17,7 +17,6 @@ from ..spec import Allometry, Forest, Raster, Terrain
 from .intensity.functions import (
     Constant,
     Intensity,
-    IntensityError,
     Mask,
     Mixture,
     Painted,
@@ -30,7 +29,7 @@ from .intensity.functions import (
     Sum,
     TerrainLimits,
 )
-from .intensity.surface import Flat, GroundSurface
+from .intensity.surface import Flat, GroundSurface, IntensityError
 from .poisson import Process
 
 

@@ -34,8 +34,7 @@ from ..growth.library import read_allometry
 from ..spec import SpecError
 from ..spec.forest import METRES
 from .compose import Inputs, TreeList, on_field
-from .intensity.functions import IntensityError
-from .intensity.surface import GroundSurface, Heightmap, Triangulated, refuse_pixels
+from .intensity.surface import GroundSurface, Heightmap, IntensityError, Triangulated, refuse_pixels
 
 MOST = {"dbh": 5.0, "height": 150.0, "crown_width": 100.0, "crown_base": 150.0}  # metres
 USUAL = {

@@ -55,8 +55,7 @@ from ..spec import (
     quoted_with_hints,
 )
 from .compose import TreeList
-from .intensity.functions import IntensityError
-from .intensity.surface import GroundSurface
+from .intensity.surface import GroundSurface, IntensityError
 from .poisson import MAX_POINTS, Process
 
 MAX_PLACES = 20_000_000

@@ -16,8 +16,7 @@ from scipy.spatial import cKDTree
 from ..base.rng import stream
 from ..spec import Forest, Planting, SpecError
 from .compose import Inputs, TreeList, area_of, corners_of, masks_of, process_of
-from .intensity.functions import IntensityError
-from .intensity.surface import GroundSurface
+from .intensity.surface import GroundSurface, IntensityError
 from .layouts import is_cleared, orchard, sample_clusters, sample_strauss, set_trees, trees_of
 from .poisson import Integral, Process, sample
 

@@ -18,7 +18,6 @@ from ..growth.likeness import crown_base, crown_width
 from ..growth.measured.allometry import BREAST, stem_profile
 from ..growth.mesh.cells import CellAreas, areas_by_cell, join_areas, triangle_areas
 from ..growth.mesh.leaves import Leaves
-from ..growth.own_tree.habit import BREAST
 from ..growth.skeleton import Cylinders, Skeleton, cylinders_of, diameter_at
 from ..growth.tree import Tree
 from .forest import GrownForest, stacked, tree_table

@@ -448,7 +448,7 @@ FEW = 65_536  # points at a time
 SIGMAS = (
     6.0  # of a mode beyond its mean, that it exceeds less than once in a hundred million moments
 )
-SWAY_LOWEST = 1.0  # metres of height for which wind is told
+LOWEST_TOP = 1.0  # metres of height for which wind is told
 LEAN = 0.2  # of a tree's height: a top that is farther off no longer moves by small motions
 
 
@@ -465,8 +465,8 @@ class ForestSway:
         self._forest = forest
         self._seed = seed
         heights = forest.heights()
-        top = float(np.quantile(heights, 0.9)) if len(heights) else SWAY_LOWEST
-        top = max(top, SWAY_LOWEST)
+        top = float(np.quantile(heights, 0.9)) if len(heights) else LOWEST_TOP
+        top = max(top, LOWEST_TOP)
         shelter = drag_area_of(forest, top, lambda key: wood_of_species(forest.species[key[0]]))
         self.field = WindField.drawn(wind, top, shelter, seed)
         self._shapes: dict[tuple[int, int], SwayShape | None] = {}

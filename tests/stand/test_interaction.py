@@ -13,7 +13,8 @@ from scipy import integrate, stats
 from forest_addon.base.rng import stream
 from forest_addon.spec import Clusters, Forest, Gaussian, Planting, SpecError, Strauss
 from forest_addon.stand.compose import process_of
-from forest_addon.stand.intensity.functions import Constant, IntensityError
+from forest_addon.stand.intensity.functions import Constant
+from forest_addon.stand.intensity.surface import IntensityError
 from forest_addon.stand.layouts import (
     activity_of,
     k_of_clusters,
