@@ -1,6 +1,6 @@
 """``python -m headless template``: a user's tree in files becomes a species that grows.
 
-Written into a folder: the library (``growth.library.template_library``), a picture of what was
+Written into a folder: the library (``growth.library``), a picture of what was
 recognised, and one of the tree that was brought, the same put together again from its parts, and five
 siblings. A table says how close siblings come, a verdict whether they may be planted. A scene then plants
 the species file; scene.toml is one.
