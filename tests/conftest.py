@@ -98,7 +98,7 @@ def empty_blender(blender):
 @pytest.fixture
 def quick(monkeypatch):
     """Tests of stands and sweeps over settings try as little as they may: their figures are not looked at."""
-    monkeypatch.setattr("forest_addon.stand.statistics.goodness.SIMULATIONS", 19)
+    monkeypatch.setattr("forest_addon.stand.statistics.law.SIMULATIONS", 19)
     for name, few in (("sweep.ENOUGH", 0.0), ("sensors.EXACTLY", 50), ("sensors.MANY", 91)):
         monkeypatch.setattr(f"headless.accuracy.{name}", few)
 

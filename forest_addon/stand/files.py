@@ -30,12 +30,11 @@ from ..formats.ply import read_surface
 from ..formats.raster_file import GeoRaster, linear_between, read_raster
 from ..formats.stl import read_stl
 from ..formats.tree_map import LENGTHS, NUMBERS, read_tree_map
-from ..growth.library.species_file import read_allometry
+from ..growth.library import read_allometry
 from ..spec import SpecError
 from ..spec.forest import METRES
-from .inputs import Inputs, TreeList, on_field
-from .intensity.functions import IntensityError
-from .intensity.terrain import GroundSurface, Heightmap, Triangulated, refuse_pixels
+from .compose import Inputs, TreeList, on_field
+from .intensity.surface import GroundSurface, Heightmap, IntensityError, Triangulated, refuse_pixels
 
 MOST = {"dbh": 5.0, "height": 150.0, "crown_width": 100.0, "crown_base": 150.0}  # metres
 USUAL = {
