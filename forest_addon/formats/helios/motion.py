@@ -1,4 +1,4 @@
-"""How parts of a HELIOS++ scene move: sequences of rigid motions, one step of a sequence at a time.
+"""Motions of parts of a HELIOS++ scene: sequences of rigid motions, one step of a sequence at a time.
 
 A step takes the part's turn R and its middle c to A·R and B·c + C: a motion of the part in itself turns it
 about its middle (B is the identity), any other about the origin of HELIOS++'s own frame, which is the lowest

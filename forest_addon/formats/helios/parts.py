@@ -18,7 +18,7 @@ import numpy as np
 
 from ...base.rng import child_keys, keyed_uniform
 from ...spec import SpecError
-from ..foreign import guarded, refuse_coarse
+from ..foreign import guarded, numbers, refuse_coarse
 from ..raster_file import read_raster
 from .document import find_file, yes
 
@@ -64,7 +64,7 @@ def read_materials(path: Path) -> dict[str, Material]:
     for block in re.split(r"(?m)^[ \t]*newmtl[ \t]+(?=\S)", text)[1:]:
         name, *lines = block.splitlines()
         said = dict(re.findall(r"^[ \t]*helios_(\w+)[ \t]+(\S+)", "\n".join(lines), re.MULTILINE))
-        reflectance = float(said.get("reflectance", "nan"))
+        reflectance = float(numbers(said.get("reflectance", "nan"), path, "a reflectance"))
         if reflectance < 0 or reflectance > 1:
             raise SpecError(
                 str(path),
@@ -82,7 +82,9 @@ def read_materials(path: Path) -> dict[str, Material]:
 @guarded("a spectrum of the ASTER library")
 def _spectrum(path: Path) -> tuple[np.ndarray, np.ndarray]:
     """Wavelengths in nm, ascending, and reflectances from 0 to 1."""
-    rows = np.loadtxt(path, skiprows=HEADER, usecols=(0, 1), ndmin=2, encoding="latin-1")
+    lines = path.read_text("latin-1").splitlines()[HEADER:]
+    pairs = [line.split()[:2] for line in lines if line.strip()]
+    rows = numbers(pairs, path, "wavelength and reflectance")
     rows = rows[np.argsort(rows[:, 0], kind="stable")]
     return rows[:, 0] * 1e3, rows[:, 1] / 100.0
 
@@ -252,7 +254,7 @@ def read_points(
     lines = path.read_text("utf-8", errors="replace").splitlines()
     rows = [text.split(separator if separator.strip() else None)[:3] for text in lines]
     told = [row for row, t in zip(rows, lines, strict=True) if t.strip() and t[:1] not in "#/"]
-    points = np.array(told, dtype=np.float64).reshape(-1, 3)
+    points = numbers(told, path, "x, y, z").reshape(-1, 3)
     if not len(points) or not np.isfinite(points).all():
         raise SpecError(str(path), "holds no points, or values that are no numbers")
     low, extent = points.min(axis=0), np.ptp(points, axis=0)
@@ -305,7 +307,7 @@ def read_voxels(path: Path, mode: VoxelMode, material: Material) -> PartMesh:
     for name in ("PadBVTotal", *(() if hazy else ("transmittance",))):
         if name not in head:
             raise SpecError(str(path), f"is no file of voxels: it has no column {name}")
-    table = np.array(rows[2:], dtype=np.float64).reshape(-1, len(head))
+    table = numbers(rows[2:], path, "numbers").reshape(-1, len(head))
     low, size = np.array(said["min_corner"].split(), dtype=np.float64), float(said["res"])
     passing = np.zeros(len(table)) if hazy else table[:, head.index("transmittance")]
     density = table[:, head.index("PadBVTotal")]

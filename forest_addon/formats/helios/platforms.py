@@ -24,7 +24,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ...spec import SpecError
-from ..foreign import guarded
+from ..foreign import guarded, numbers
 from .document import find_file, number, yes
 
 NAMES = ("t", "roll", "pitch", "yaw", "x", "y", "z")
@@ -136,7 +136,7 @@ def _read(file: Path, leg: Element, path: Path) -> np.ndarray:
     rows = [line.split(separator or None) for line in lines if line.strip() and line[0] != "#"]
     if len(rows) < 2:
         raise SpecError(str(file), f"has {len(rows)} rows; a trajectory needs two")
-    table = np.array(rows, dtype=np.float64)
+    table = numbers(rows, file, "numbers")
     heads = [line.partition(":")[2] for line in lines if line.startswith("#HEADER")]
     head = [name.strip().strip('"') for name in heads[-1].split(",")] if heads else []
     if set(leg.attrib) & set(KEYS):
