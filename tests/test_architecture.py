@@ -94,7 +94,7 @@ BUDGETS = {
     "forest_addon/blender": (5541, 43),
     "forest_addon/drawing": (596, 6),
     "forest_addon/flight": (1948, 12),
-    "forest_addon/formats": (3411, 29),
+    "forest_addon/formats": (3416, 29),
     "forest_addon/growth": (8511, 36),
     "forest_addon/kernels": (46, 1),
     "forest_addon/results": (1228, 17),
