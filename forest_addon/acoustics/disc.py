@@ -148,14 +148,16 @@ def amplitude_bound(
         return _paper_bound(lowest, highest, size, angle)
     if model not in MODELS:
         raise _unknown(model, MODELS)
-    optics = _piston_bound(lowest, highest, size, angle)
     if model == "piston":
-        return np.cos(angle) * optics
+        return np.cos(angle) * _piston_bound(lowest, highest, size, angle)
     inside = tabulated_bound(lowest * size, np.minimum(highest * size, LAST), angle)
+    bound: np.ndarray = np.where(lowest * size < LAST, size * inside, 0.0)
+    large = highest * size > HANDOVER
+    size, angle = size[large], angle[large]
     with np.errstate(divide="ignore"):
         rim = np.minimum(1.0, (math.pi * lowest * size * np.sin(angle)) ** -0.5)  # |J₀|
-    beyond = np.where(highest * size > HANDOVER, optics + 0.5 * size * rim, 0.0)
-    bound: np.ndarray = np.maximum(np.where(lowest * size < LAST, size * inside, 0.0), beyond)
+    optics = _piston_bound(lowest, highest, size, angle)
+    bound[large] = np.maximum(bound[large], optics + 0.5 * size * rim)
     return bound
 
 

@@ -80,6 +80,9 @@ class GaussianBeam(BeamPattern):
     def basis(self, frequency: np.ndarray) -> np.ndarray:
         return np.ones((1, len(frequency)))
 
+    def loudest(self, az: np.ndarray, el: np.ndarray, band: tuple[float, float]) -> np.ndarray:
+        return np.exp(self.terms(az, el)[0])
+
     def ceiling(self, away: np.ndarray, band: tuple[float, float]) -> np.ndarray:
         return np.exp(-2.0 * HALF_POWER * np.square(away / max(self.width)))
 
