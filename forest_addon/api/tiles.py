@@ -2,9 +2,8 @@
 
 ``Tiling.of`` draws where all trees stand. ``build`` puts a tile with its buffer into Blender as a scene.
 ``scan_to`` and ``look`` go from tile to tile by themselves; what they find is what the whole forest gives, to
-the bit: rays enter a scene in float32, counted from its middle, so every tile's scene also holds the few
-trees that the bounds of the whole are told by (``frame``), and the instances of a scan's labels are numbered
-as in the whole.
+the bit: rays enter a scene in float32, counted from its middle, so every tile's scene is told the bounds of
+the whole (``extent``), and the instances of a scan's labels are numbered as in the whole.
 """
 
 from __future__ import annotations
@@ -28,7 +27,7 @@ from ..sensing.kinds import choose, kind_of
 from ..sensing.looks import Upright
 from ..sensing.rays.geometry import SceneGeometry
 from ..spec import Output, Rays, Scene, Sensor, SpecError
-from ..stand.forest import ForestPlan, keys_of
+from ..stand.forest import ForestPlan, codes_of, keys_of
 from ..tiles import (
     LEVELS,
     TiledForest,
@@ -52,8 +51,6 @@ if TYPE_CHECKING:
     from ..sensing.lidar.scan import Scan
     from ..sensing.trajectory import Trajectory
 
-BLOCK = 100_000  # trees at a time
-SINGLE = 2.0**-24  # rounding of float32
 PARTS = "parts"
 
 
@@ -100,7 +97,7 @@ class Tiling:
             site = Site.of(scene, folder)
             plan = ForestPlan.of(site.scene, site.species, site.inputs)
             grid = TileGrid.of(site.scene.forest, site.scene.tiles.size)
-            return cls(site, TiledForest(plan), grid)
+            return cls(site, TiledForest(plan, grid), grid)
 
     @property
     def scene(self) -> Scene:
@@ -214,12 +211,11 @@ class Tiling:
         return way_of(Observer, choose(sensor)[0], along, self.site.folder)
 
     def _world(self, rows: np.ndarray) -> World:
-        """Rows of trees, and those that tell the bounds of the whole, in Blender."""
+        """Rows of trees in Blender, with the bounds of the whole."""
         place = import_blender().context.scene
         from ..blender.scene.forest import MANY
         from ..blender.site import build_site
 
-        rows = np.union1d(rows, self.frame)
         part = self.forest.part(rows)
         kind = "points" if self._as_points(MANY) else "objects"
         field = self.scene.forest.changed(instancing=kind)
@@ -227,7 +223,8 @@ class Tiling:
         build_site(place, site, part, as_assets=False)
         world = World(self.scene, self.site.folder, part, place)
         observer = world.observer
-        observer.geometry = replace(observer.geometry, crowd=self._crowd(observer.geometry))
+        seen = observer.geometry
+        observer.geometry = replace(seen, crowd=self._crowd(seen), extent=self.extent)
         return world
 
     def _as_points(self, many: int) -> bool:
@@ -249,50 +246,30 @@ class Tiling:
 
     @cached_property
     def _count(self) -> dict[tuple[int, int], int]:
-        stand = self.forest.stand
-        pairs, count = np.unique(
-            np.column_stack([stand.species, stand.variant]), axis=0, return_counts=True
-        )
-        return {(int(s), int(v)): int(n) for (s, v), n in zip(pairs, count, strict=True)}
+        many, code = codes_of(self.forest.stand)
+        return {divmod(key, many): n for key, n in enumerate(np.bincount(code).tolist()) if n}
 
     @cached_property
-    def frame(self) -> np.ndarray:
-        """Rows of the trees that may reach to the bounds of the whole forest, within float32's rounding."""
-        stand = self.forest.stand
-        if not len(stand):
-            return np.empty(0, dtype=np.int64)
-        low, high = np.empty((2, len(stand), 3))
-        for part in self.forest.parts(BLOCK):
-            keys = keys_of(part.stand)
-            number = {key: k for k, key in enumerate(keys)}
-            pairs = zip(part.stand.species.tolist(), part.stand.variant.tolist(), strict=True)
-            geometry = SceneGeometry(
-                meshes=tuple(part.variants[key].mesh for key in keys),
-                transform=part.transforms(),
-                mesh_index=np.array([number[pair] for pair in pairs]),
-                object_name=(),
-                tree=part.stand.id,
-                species=part.stand.species,
-                object_index=part.stand.id,
-                crowd=tuple(self._count[key] for key in keys),
-            )
-            rows = part.stand.id
-            low[rows], high[rows] = geometry.bounds()
-        chosen = []
-        for axis in range(3):
-            near = 16 * SINGLE * (np.nanmax(np.abs([low[:, axis], high[:, axis]]), initial=0) + 100)
-            for values, sign in ((low[:, axis], -1.0), (high[:, axis], 1.0)):
-                best = np.nanmax(sign * values, initial=-np.inf)
-                rows = np.flatnonzero(sign * values >= best - near)
-                chosen.append(rows if axis < 2 else self._unlike(rows))
-        return np.unique(np.concatenate(chosen))
-
-    def _unlike(self, rows: np.ndarray) -> np.ndarray:
-        """One row for each set of trees that are equally high by all that decides height."""
-        stand = self.forest.stand
-        of = (stand.species, stand.variant, stand.scale, stand.position[:, 2], stand.sink)
-        _, first = np.unique(np.column_stack([c[rows] for c in of]), axis=0, return_index=True)
-        return rows[first]
+    def extent(self) -> np.ndarray | None:
+        """(2, 3) lowest and highest corner of all trees' boxes; None without any."""
+        if not len(self.forest.outermost):
+            return None
+        part = self.forest.part(self.forest.outermost)
+        keys = keys_of(part.stand)
+        number = {key: k for k, key in enumerate(keys)}
+        pairs = zip(part.stand.species.tolist(), part.stand.variant.tolist(), strict=True)
+        low, high = SceneGeometry(
+            meshes=tuple(part.variants[key].mesh for key in keys),
+            transform=part.transforms(),
+            mesh_index=np.array([number[pair] for pair in pairs]),
+            object_name=(),
+            tree=part.stand.id,
+            species=part.stand.species,
+            object_index=part.stand.id,
+            crowd=tuple(self._count[key] for key in keys),
+        ).bounds()
+        found = np.isfinite(low).all(axis=1)
+        return np.array([low[found].min(axis=0), high[found].max(axis=0)]) if found.any() else None
 
     def numbered(self, geometry: SceneGeometry) -> np.ndarray:
         """(I + 1,) numbers that instances of a tile's scene have in that of the whole; -1 of none, last."""
