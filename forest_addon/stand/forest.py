@@ -23,12 +23,20 @@ from ..growth.tree import Tree, aged, fallen, grow, in_season, with_fallen
 from ..growth.truth import leaf_angles, wood_of_tree
 from ..spec import Allometry, Choice, Look, Scene, Species
 from ..spec.choices import idle, idle_in_scene, idle_in_species
-from .inputs import Inputs
-from .intensity.terrain import sink
-from .measured import MeasuredTrees, dbh_at, scales_for, with_targets
-from .placed import stacked
+from .compose import Inputs
+from .intensity.surface import sink
+from .measured import (
+    MeasuredTrees,
+    TargetsMet,
+    dbh_at,
+    found_in,
+    in_band,
+    not_met,
+    scales_for,
+    targets_met,
+    with_targets,
+)
 from .plan import Stand, labels, plan_stand
-from .targets import TargetsMet, found_in, in_band, not_met, targets_met
 
 MOST_KEPT = 500_000_000  # bytes
 Key = tuple[Any, ...]
@@ -468,3 +476,9 @@ def _truth_of(tree: Tree) -> dict[str, float]:
         "area": wood.area,
         "projected": wood.projected,
     }
+
+
+def stacked(tables: Sequence[Mapping[str, np.ndarray]]) -> dict[str, np.ndarray]:
+    """Tables of the same columns, one below the other; no columns of none."""
+    names = tables[0] if tables else ()
+    return {name: np.concatenate([table[name] for table in tables]) for name in names}

@@ -37,7 +37,7 @@ from forest_addon.growth.lsystem.system import read_system
 from forest_addon.growth.lsystem.turtle import ABOP, read_commands
 from forest_addon.growth.lsystem.turtle import walk as walk_turtle
 from forest_addon.growth.mesh.leaves import Leaves
-from forest_addon.growth.own_tree.anatomy import Anatomy, dissect
+from forest_addon.growth.own_tree.anatomy import OFF, Anatomy, dissect
 from forest_addon.growth.own_tree.habit import fit
 from forest_addon.growth.own_tree.lines import lay, stand_on, walk
 from forest_addon.growth.own_tree.recognise import Recognition, recognise
@@ -53,7 +53,6 @@ from forest_addon.growth.own_tree.relay import (
     standing_of,
     write_string,
 )
-from forest_addon.growth.own_tree.rings import OFF
 from forest_addon.growth.own_tree.sibling import Grown, grow_sibling
 from forest_addon.growth.skeleton import Skeleton, depths
 from forest_addon.growth.tree import Tree
