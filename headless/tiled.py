@@ -149,7 +149,7 @@ def run_in_tiles(
 
 @dataclass(frozen=True)
 class TileJob:
-    """A piece of the scans of a run in tiles, as a ``Job`` of the engine.
+    """A piece of the scans of a run in tiles, as a ``WorkerJob`` of the engine.
 
     scene, folder : as of ``run_in_tiles``. out : where the run's pieces are. sensors : names of those that
     scan. cuts : along the edges of the tile.
@@ -167,16 +167,16 @@ class TileJob:
 
     @property
     def name(self) -> str:
-        """See ``Job``."""
+        """See ``WorkerJob``."""
         grid = TileGrid.of(self.scene.forest, self.scene.tiles.size)
         return f"tile {grid.name(self.number // LEVELS)}"
 
     def is_done(self) -> bool:
-        """See ``Job``; only who has planned the field knows."""
+        """See ``WorkerJob``; only who has planned the field knows."""
         return False
 
     def make(self, session: Any) -> dict[str, float]:
-        """See ``Job``."""
+        """See ``WorkerJob``."""
         rays = self.scene.rays.changed(threads=self.threads)
         start = time.process_time()
         scans = _scans_of(self.scene.changed(rays=rays), self.folder, self.out, self.sensors)
@@ -185,10 +185,10 @@ class TileJob:
         return {"plan": planned - start, "sensors": time.process_time() - planned}
 
     def note(self, outcome: SceneOutcome) -> None:
-        """See ``Job``; the piece itself says it."""
+        """See ``WorkerJob``; the piece itself says it."""
 
     def smaller(self) -> TileJob | None:
-        """See ``Job``."""
+        """See ``WorkerJob``."""
         return replace(self, cuts=2 * self.cuts) if self.cuts < MOST_CUTS else None
 
 
@@ -336,7 +336,7 @@ class TileCost:
     pulses: float
 
     def record(self) -> dict[str, Any]:
-        """What it says: numbers with their 95 % intervals."""
+        """Numbers with their 95 % intervals, by name."""
         found = self.tiles
         hours = found.whole(found.seconds / 3600)
         more = (self.plan + self.pulses) / 3600

@@ -68,7 +68,7 @@ DISK = (
 )
 
 
-class Job(Protocol):
+class WorkerJob(Protocol):
     """Work of one process, and how much it may take: bytes of memory, threads that cast rays.
 
     number : of the job; the lowest are done first. name : of what it makes, in messages.
@@ -96,14 +96,14 @@ class Job(Protocol):
         """Write down how it went."""
         ...
 
-    def smaller(self) -> Job | None:
+    def smaller(self) -> WorkerJob | None:
         """Return the same work in parts that need less memory; None: it cannot be cut."""
         ...
 
 
 @dataclass(frozen=True)
 class SceneJob:
-    """A scene of the dataset in the folder ``root``, as a ``Job``."""
+    """A scene of the dataset in the folder ``root``, as a ``WorkerJob``."""
 
     root: Path
     recipe: Recipe
@@ -113,21 +113,21 @@ class SceneJob:
 
     @property
     def number(self) -> int:
-        """See ``Job``."""
+        """See ``WorkerJob``."""
         return self.recipe.number
 
     @property
     def name(self) -> str:
-        """See ``Job``."""
+        """See ``WorkerJob``."""
         return f"scene {self.recipe.name}"
 
     def is_done(self) -> bool:
-        """See ``Job``."""
+        """See ``WorkerJob``."""
         there = disk.read_scene(self.root / disk.SCENES / self.recipe.name)
         return there is not None and there.record.get("settings") == self.recipe.digest
 
     def make(self, session: Any) -> dict[str, float]:
-        """See ``Job``."""
+        """See ``WorkerJob``."""
         from .scene import make
 
         recipe, partial = self.recipe, disk.begin(self.root, self.recipe.number)
@@ -150,7 +150,7 @@ class SceneJob:
             session.clear()
 
     def note(self, outcome: SceneOutcome) -> None:
-        """See ``Job``."""
+        """See ``WorkerJob``."""
         done = outcome.kind == "done"
         status = {"status": "done" if done else "failed", "settings": self.recipe.digest}
         status |= {} if done else {"kind": outcome.kind, "why": outcome.why}
@@ -158,7 +158,7 @@ class SceneJob:
         disk.write_status(self.root, self.recipe.number, status)
 
     def smaller(self) -> None:
-        """See ``Job``."""
+        """See ``WorkerJob``."""
 
 
 @dataclass(frozen=True)
@@ -217,7 +217,7 @@ def _end_with_starter() -> None:
         os._exit(0)
 
 
-def _serve(job: Job) -> SceneOutcome:
+def _serve(job: WorkerJob) -> SceneOutcome:
     """Do a job, or say why not."""
     forget_peak()
     try:
@@ -264,7 +264,7 @@ class Worker:
         self._process: Any = None
         self._folder: tempfile.TemporaryDirectory[str] | None = None  # of its last words
 
-    def make(self, job: Job) -> SceneOutcome:
+    def make(self, job: WorkerJob) -> SceneOutcome:
         """Do a job, twice if need be, in smaller parts where it needs too much memory, and note how it
         went."""
         if job.threads != self.threads:
@@ -297,7 +297,7 @@ class Worker:
             self.end()
         return replace(outcome, why=cut) if done else outcome
 
-    def once(self, job: Job) -> SceneOutcome:
+    def once(self, job: WorkerJob) -> SceneOutcome:
         """Have the process try a job."""
         problem = ""
         if self._process is None or not self._process.is_alive():
@@ -401,7 +401,7 @@ def _environment() -> Iterator[None]:
 _own = threading.local()
 
 
-def work(job: Job) -> SceneOutcome:
+def work(job: WorkerJob) -> SceneOutcome:
     """``Worker.make`` by the one worker of this thread; what a scheduler calls."""
     if not hasattr(_own, "worker"):
         multiprocessing.current_process().daemon = False  # as Dask's are, which may start none
@@ -457,7 +457,7 @@ def machine_memory() -> float:
         return float("inf")
 
 
-def make_all(jobs: Sequence[Job], cluster: Cluster, report: Report) -> None:
+def make_all(jobs: Sequence[WorkerJob], cluster: Cluster, report: Report) -> None:
     """Have every job done; ``report`` is told of each, in any order.
 
     Raises
@@ -474,14 +474,14 @@ def make_all(jobs: Sequence[Job], cluster: Cluster, report: Report) -> None:
         _hand_out(jobs, client, cluster, report)
 
 
-def _make_here(jobs: Sequence[Job], workers: int, report: Report) -> None:
+def _make_here(jobs: Sequence[WorkerJob], workers: int, report: Report) -> None:
     """Have jobs done by workers of this process, a thread each, which wait for their children."""
     idle: queue.SimpleQueue[Worker] = queue.SimpleQueue()
     every = [Worker() for _ in range(workers)]
     for worker in every:
         idle.put(worker)
 
-    def make(job: Job) -> SceneOutcome:
+    def make(job: WorkerJob) -> SceneOutcome:
         worker = idle.get()
         try:
             return worker.make(job)
@@ -588,7 +588,7 @@ def _gone(address: str, problem: object) -> OSError:
     )
 
 
-def _hand_out(jobs: Sequence[Job], client: Any, cluster: Cluster, report: Report) -> None:
+def _hand_out(jobs: Sequence[WorkerJob], client: Any, cluster: Cluster, report: Report) -> None:
     """Submit jobs until each has a result; a lost one is submitted again.
 
     The scheduler holds a few jobs for each thread of its workers, not the whole plan, and each result is
@@ -596,7 +596,7 @@ def _hand_out(jobs: Sequence[Job], client: Any, cluster: Cluster, report: Report
     """
     address = client.scheduler.address if client.scheduler else "?"
     left = deque(jobs)
-    out: dict[Any, Job] = {}
+    out: dict[Any, WorkerJob] = {}
     ended: queue.SimpleQueue[Any] = queue.SimpleQueue()
     most, looked, fruitless = LEAST_AHEAD, 0.0, 0
     while left or out:
