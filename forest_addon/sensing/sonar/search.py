@@ -272,8 +272,7 @@ def mean_amplitude(
     """(M,) mean |A| over the band (Hann) at the first ear, on the band's own few frequencies."""
     frequency, weight = band.sample(count)
     heard = EarAmplitudes(group, station, 0)
-    mean: np.ndarray = weight @ np.abs(heard.of(heard.whole, frequency, slice(None)))
-    return mean
+    return np.asarray(weight @ np.abs(heard.of(heard.whole, frequency, slice(None))))
 
 
 def merged(groups: list[SearchGroup]) -> list[SearchGroup]:

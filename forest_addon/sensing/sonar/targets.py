@@ -279,5 +279,4 @@ def _joined(found: list[Candidates]) -> Candidates:
     if not found:
         none = np.empty(0, np.int64)
         return Candidates(none, none, none, np.empty((0, 3)), *([np.empty(0)] * 4))
-    names = list(Candidates.__dataclass_fields__)
-    return Candidates(*(np.concatenate([getattr(f, name) for f in found]) for name in names))
+    return Candidates.joined(found)
