@@ -73,7 +73,7 @@ PACKAGES = {
     "studies": NUMBERS
     | {"bpy", "distributed", "laspy", "mathutils", "matplotlib", "pgeof", "psutil", "pyhelios"}
     | {"sklearn", "tlseparation", "tomli_w"},
-    "headless": NUMBERS | {"bpy", "matplotlib", "tqdm"},
+    "headless": NUMBERS | {"bpy", "laspy", "matplotlib", "pyproj", "pystac", "tqdm", "upath"},
 }
 
 
