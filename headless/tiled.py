@@ -138,6 +138,10 @@ def run_in_tiles(
     for sensor in todo:
         remove(run.note(sensor.name))
         if is_scanner(sensor):
+            if sensor.receiver.sample_ns:
+                raise SpecError(
+                    "receiver.sample_ns", "tiles keep no waveforms; leave one of them out"
+                )
             way = run.tiling.way(sensor)
             run.scans[sensor.name] = scan = TiledScan(run.tiling, sensor, run.folder, way)
             if scan.followed:
