@@ -23,6 +23,7 @@ from gymnasium.utils import seeding
 from gymnasium.vector.utils import batch_space
 
 from ..api import World
+from ..base.rng import stream
 from ..spec import Flight, Mobile, Scene, Sonar, SpecError, unknown
 from . import top_view
 from .bodies import ACTIONS
@@ -232,7 +233,7 @@ class FlightEnv(gymnasium.Env):
             self._view = None
         seen = _first(self.flights.sense())
         if self.render_mode == "human":
-            self._show()
+            self._picture()
         return seen, self._info()
 
     def step(
@@ -254,7 +255,7 @@ class FlightEnv(gymnasium.Env):
             self._trail.append(flyers.state.position[0].copy())
         seen = _first(self.flights.sense())
         if self.render_mode == "human":
-            self._show()
+            self._picture()
         crashed, arrived = bool(out.crashed[0]), bool(out.arrived[0])
         info = self._info() | {"crashed": crashed, "arrived": arrived}
         return seen, float(out.reward[0]), crashed or arrived, bool(out.late[0]), info
@@ -295,17 +296,11 @@ class FlightEnv(gymnasium.Env):
         flyers = self.flights.flyers
         if self._view is None:
             self._view = top_view.TopView(self.flights.surroundings)
-        lidar = flyers.lidar
-        return self._view.draw(
-            np.array(self._trail),
-            flyers.goal[0],
-            float(flyers.state.heading[0]),
-            lidar and lidar.scanner.max_range,
-        )
-
-    def _show(self) -> None:
-        picture = self._picture()
-        self._view.show(picture)
+        trail = np.array(self._trail)
+        picture = self._view.draw(trail, flyers.goal[0], float(flyers.state.heading[0]))
+        if self.render_mode == "human":
+            self._view.show(picture)
+        return picture
 
 
 class FlightVectorEnv(gymnasium.vector.VectorEnv):
@@ -408,7 +403,7 @@ class FlightVectorEnv(gymnasium.vector.VectorEnv):
         if again.any():
             rows = np.flatnonzero(again).tolist()
             for row in rows:  # the next of this flyer's episodes
-                self._next[row] = int(generator_of(self._next[row]).integers(2**31))
+                self._next[row] = int(stream(self._next[row], "flight", "next").integers(2**31))
             flyers.start(rows, [self._next[row] for row in rows], **self._where)
             crashed, arrived, late = crashed & ~again, arrived & ~again, late & ~again
             reward = np.where(again, 0.0, reward)
@@ -423,15 +418,9 @@ class FlightVectorEnv(gymnasium.vector.VectorEnv):
         """The pictures of "rgb_array", one a flyer; before the first reset there are none."""
         if self._view is None:
             return None
-        flyers, reach = self.flights.flyers, self.flights.flyers.lidar
-        return tuple(
-            self._view.draw(
-                np.array(trail), goal, float(heading), reach and reach.scanner.max_range
-            )
-            for trail, goal, heading in zip(
-                self._trails, flyers.goal, flyers.state.heading, strict=True
-            )
-        )
+        flyers = self.flights.flyers
+        ways = zip(self._trails, flyers.goal, flyers.state.heading.tolist(), strict=True)
+        return tuple(self._view.draw(np.array(trail), *way) for trail, *way in ways)
 
     def _refuse_closed(self, doing: str) -> None:
         if self.closed:
@@ -524,13 +513,6 @@ class ListenEnv(gymnasium.Env):
         truth, self._truth = self._truth, None
         nothing = np.zeros((BANDS, BINS), np.float32)
         return nothing, float(action == truth), True, False, {"truth": truth}
-
-
-def generator_of(seed: int) -> np.random.Generator:
-    """The chances of which episode follows one of this seed."""
-    from ..base.rng import stream
-
-    return stream(seed, "flight", "next")
 
 
 def _first(told: dict[str, np.ndarray]) -> dict[str, np.ndarray]:

@@ -15,12 +15,12 @@ from typing import Protocol
 
 import numpy as np
 
-from ..base.rows import distinct
+from ..base.rows import distinct, lengths
 from ..base.trimesh import LEAF, OTHER, TriMesh
 from .rays.boxes import clip, extents, within
 from .rays.caster import Hits, hit_normals, unit_columns
 from .rays.exact import meet
-from .rays.geometry import SceneGeometry
+from .rays.geometry import OF_MESHES, SceneGeometry
 from .rays.paths import SceneMotion, ShapePath, corners_at_rest
 
 KNOTS = 32  # a second
@@ -87,30 +87,19 @@ class MovingScene:
         self.count = len(whole)
         more = () if pieces is None else pieces.meshes
         meshed = whole.with_meshes((EMPTY, *more), (0, *(() if pieces is None else pieces.of_mesh)))
+        empty = len(whole.meshes)
         index = whole.mesh_index.copy()
-        index[sways] = len(whole.meshes)
+        index[sways] = empty
         self.scene = replace(meshed, mesh_index=index)
         if like is not None and len(like.scene.meshes) == len(self.scene.meshes):
             self.scene.share_table(like.scene.table)
         index = index.copy()
-        index[self.motion.rows] = len(whole.meshes)
-        self.still = replace(
-            whole.with_meshes((EMPTY,), (0,)),
-            mesh_index=index,
-            slot_reflectance=(),
-            asset=(),
-            slot_names=(),
-            slot_optics=(),
-        )
+        index[self.motion.rows] = empty
+        self.still = _surfaces(whole, (*whole.meshes, EMPTY), index)
         # Instances of other times that stand for trees which sway are never there.
-        away = sways[sways >= len(read)]
-        self.whole = replace(meshed, meshes=meshed.meshes[: len(whole.meshes) + 1])
-        self.whole = replace(
-            self.whole,
-            mesh_index=np.where(
-                np.isin(np.arange(self.count), away), len(whole.meshes), whole.mesh_index
-            ),
-        )
+        there = whole.mesh_index.copy()
+        there[sways[sways >= len(read)]] = empty
+        self.whole = replace(meshed, meshes=meshed.meshes[: empty + 1], mesh_index=there)
         if pieces is not None:
             rows = np.concatenate([np.arange(self.count), pieces.owner])
             mesh = np.concatenate([self.scene.mesh_index, len(whole.meshes) + 1 + pieces.mesh])
@@ -175,7 +164,7 @@ class MovingScene:
     def normals(self, hits: Hits, time: np.ndarray) -> np.ndarray:
         """(R, 3) unit world normals of the triangles that were hit at times (R,), s; NaN for a miss."""
         found = hit_normals(self.scene, hits, self.at(hits.instance, time))
-        bends = np.flatnonzero(np.isin(hits.instance, list(self.motion.shapes)))
+        bends = np.flatnonzero(self.motion.bends(hits.instance))
         if len(bends):
             some = hits.instance[bends], hits.triangle[bends], time[bends]
             a, b, c = self.corners(*some).swapaxes(0, 1)
@@ -198,10 +187,8 @@ class MovingScene:
             if rows is sways:
                 at, rate = self._swayed(instance[rows] - self.count, time[rows])
             else:
-                at, rate = (
-                    self.motion.table.at(row, time[rows]),
-                    self.motion.table.rate(row, time[rows]),
-                )
+                table = self.motion.table
+                at, rate = table.at(row, time[rows]), table.rate(row, time[rows])
             own = taken_back(at, points[rows])
             velocity[rows] = moved(rate, own)
             if rows is moves:
@@ -216,14 +203,14 @@ class MovingScene:
         """(R, 3) m/s of own points (R, 3) as their shape changes, and where they are at rest; NaN where they
         are not there then."""
         rate, stood = np.zeros_like(own), own.copy()
-        bends = np.flatnonzero(np.isin(instance, list(self.motion.shapes)))
+        bends = np.flatnonzero(self.motion.bends(instance))
         if len(bends):
             asked = instance[bends], triangle[bends], time[bends]
             a, b, c = self.motion.corners(self.scene, *asked).swapaxes(0, 1)
             across = np.stack([b - a, c - a], axis=2)  # (R, 3, 2): shares along two sides
             share = np.einsum("rij,rj->ri", np.linalg.pinv(across), own[bends] - a)
             shares = np.column_stack([1 - share.sum(axis=1), share])
-            rates = self.motion.corner_rates(self.scene, *asked)
+            rates = self.motion.corners(self.scene, *asked, rates=True)
             rate[bends] = np.einsum("rk,rki->ri", shares, rates)
             stood[bends] = np.einsum("rk,rki->ri", shares, corners_at_rest(self.scene, *asked[:2]))
         if self.motion.stands_for is not None:
@@ -277,16 +264,7 @@ class MovingScene:
                 made[id(shape), mesh] = len(meshes)
                 meshes.append(replace(meshes[mesh], vertices=vertices))
             index[number] = made[id(shape), mesh]
-        return replace(
-            self.whole,
-            meshes=tuple(meshes),
-            transform=transform,
-            mesh_index=index,
-            slot_reflectance=(),
-            asset=(),
-            slot_names=(),
-            slot_optics=(),
-        )
+        return replace(_surfaces(self.whole, tuple(meshes), index), transform=transform)
 
     def bundles(
         self,
@@ -319,8 +297,8 @@ class MovingScene:
         size = np.diff(first, append=len(near))
         run = np.repeat(np.arange(len(first)), size)
         chief = near[first + size // 2]
-        apart = _length(origins[near] - origins[chief][run])
-        apart += leaves[near] * _length(ways[near] - ways[chief][run])
+        apart = lengths(origins[near] - origins[chief][run])
+        apart += leaves[near] * lengths(ways[near] - ways[chief][run])
         apart = np.maximum.reduceat(apart, first)
         since = np.minimum.reduceat(enters[near], first)
         until = np.maximum.reduceat(leaves[near], first)
@@ -539,6 +517,14 @@ class CutTrees:
         return piece + self._shift[number], self._next[number]
 
 
+def _surfaces(
+    scene: SceneGeometry, meshes: tuple[TriMesh, ...], index: np.ndarray
+) -> SceneGeometry:
+    """A scene with other meshes (I,), of which nothing else is told."""
+    bare = dict.fromkeys(OF_MESHES, ())
+    return replace(scene, meshes=meshes, mesh_index=index, crowd=(), **bare)  # type: ignore[arg-type]
+
+
 def trees_that_sway(scene: SceneGeometry, sway: TreesOfStand | None) -> np.ndarray:
     """(I,) the number in the stand of each instance that is a tree which sways, -1 of all others."""
     found = np.full(len(scene), -1)
@@ -624,7 +610,3 @@ def turned_back(transform: np.ndarray, vectors: np.ndarray) -> np.ndarray:
     with np.errstate(invalid="ignore", divide="ignore"):
         volume = np.einsum("ri,ri->r", x, across[:, 0])
         return np.asarray(np.einsum("rij,rj->ri", across, vectors) / volume[:, None])
-
-
-def _length(way: np.ndarray) -> np.ndarray:
-    return np.sqrt(np.einsum("ri,ri->r", way, way))

@@ -234,7 +234,7 @@ class EmbreeMotion:
         if len(piece) and pieces is not None:
             at[piece] = self._placed(pieces, instance[piece], time[piece])
         distance = self._surfaces.distance(origin, way, instance, triangle, at)
-        bends = rows[np.isin(instance[rows], list(self._moving.motion.shapes))]
+        bends = rows[self._moving.motion.bends(instance[rows])]
         if len(bends):
             ask = instance[bends], triangle[bends]
             corners = self._moving.motion.corners(self._moving.scene, *ask, time[bends])
