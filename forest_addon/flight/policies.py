@@ -53,7 +53,9 @@ class Straight:
     sensors: tuple[str, ...] = ()
 
     def act(self, told: dict[str, np.ndarray]) -> np.ndarray:
-        return steer(self.flight, told, bearing(told), np.ones(len(told["odometry"])))
+        return steer(
+            self.flight, told, azimuth_of(told["odometry"]), np.ones(len(told["odometry"]))
+        )
 
 
 @dataclass
@@ -96,7 +98,7 @@ class Gap:
             ]
             hides = np.roll(wide, -shift, axis=1) >= off
             np.minimum(free, np.where(hides, np.roll(blocks, -shift, axis=1), np.inf), out=free)
-        aim = bearing(told)
+        aim = azimuth_of(told["odometry"])
         speed = np.hypot(*told["odometry"][:, 3:5].T)
         wanted = np.minimum(AHEAD * speed + 1.0, 0.9 * most)[:, None]
         to_aim = np.abs(wrapped(self._angle - aim[:, None]))
@@ -138,7 +140,7 @@ class EchoPolicy:
         self._side = np.where(np.abs(difference) > 0.5, np.sign(difference), self._side)
         near = np.clip(1.0 - first / WINDOW, 0.0, 1.0)
         away = -self._side * np.minimum(0.5 + np.abs(difference) / 6.0, 1.0) * np.pi / 2
-        aim = np.clip(bearing(told), -np.pi / 2, np.pi / 2)
+        aim = np.clip(azimuth_of(told["odometry"]), -np.pi / 2, np.pi / 2)
         way = np.where(heard, near * away + (1 - near) * aim, aim)
         return steer(
             self.flight, told, way, np.where(heard, np.clip(first / WINDOW, 0.2, 1.0), 1.0)
@@ -163,12 +165,6 @@ class EchoPolicy:
         )
         energy = (power * inside[:, None]).sum(axis=-1)
         return first, 10.0 * np.log10(np.maximum(energy, 1e-30))
-
-
-def bearing(told: dict[str, np.ndarray]) -> np.ndarray:
-    """(N,) direction of the aim from the nose, radians to the left."""
-    aim = told["odometry"]
-    return azimuth_of(aim)
 
 
 def steer(
@@ -211,6 +207,8 @@ def policy_of(
     ------
     SpecError : there is none of that name; it needs a sensor that is not there.
     """
+    if name not in NAMES:
+        raise unknown("policy", name, NAMES)
     if name == "straight":
         return Straight(flight)
     if name == "gap" and lidar is not None:
@@ -219,14 +217,9 @@ def policy_of(
         return EchoPolicy(flight, ears)
     if name == "trained" and trained is not None and lidar is not None:
         return trained
-    if name not in NAMES:
-        raise unknown("policy", name, NAMES)
-    needs = {
-        "gap": "a lidar",
-        "echo": "a sonar",
-        "trained": "a lidar and the file of what was learnt",
-    }
-    raise SpecError("policy", f'"{name}" needs {needs[name]}')
+    needs = {"gap": "a lidar", "echo": "a sonar"}
+    lacks = needs.get(name, "a lidar and the file of what was learnt")
+    raise SpecError("policy", f'"{name}" needs {lacks}')
 
 
 # A small policy that learns, by the cross-entropy method: numpy alone, minutes on two cores.
@@ -295,7 +288,7 @@ class Trained:
 
     def act(self, told: dict[str, np.ndarray]) -> np.ndarray:
         """See ``policies.Policy``."""
-        way, pace = decided(self.weights, self.felt(told), bearing(told))
+        way, pace = decided(self.weights, self.felt(told), azimuth_of(told["odometry"]))
         return steer(self.flight, told, way, pace)
 
     def save(self, path: Path) -> None:

@@ -87,7 +87,7 @@ class EmbreeMotion:
         like: EmbreeMotion | None = None,
     ) -> None:
         scene, motion = moving.scene, moving.motion
-        if like is not None and not _same(scene.meshes, like._moving.scene.meshes):
+        if like and [*map(id, scene.meshes)] != [*map(id, like._moving.scene.meshes)]:
             like = None
         self._moving, self._threads = moving, threads
         self._still = still = EmbreeCaster(moving.still, threads, like and like._still)
@@ -406,7 +406,7 @@ class EmbreeMotion:
             places.append(quaternions(at))
             bends = number in motion.shapes
             scenes.append(self._bent(number, build, block) if bends else self._tree(number))
-        return build.turning(numbers, scenes, places)
+        return build.instances(numbers, scenes, places, turn=True)
 
     def _bent(self, number: int, build: EmbreeBuild, block: int) -> int:
         """Embree's scene of a part's triangles as they bend in a block of samples."""
@@ -440,7 +440,3 @@ def quaternions(transform: np.ndarray) -> np.ndarray:
     found[:, 9:13] = Rotation.from_matrix(turn).as_quat()[:, [3, 0, 1, 2]]
     found[:, 13:] = transform[:, :, 3]
     return np.ascontiguousarray(found, dtype=np.float32)
-
-
-def _same(one: tuple[TriMesh, ...], other: tuple[TriMesh, ...]) -> bool:
-    return len(one) == len(other) and all(a is b for a, b in zip(one, other, strict=True))

@@ -9,7 +9,6 @@ step that doubles from try to try.
 
 from __future__ import annotations
 
-import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -72,54 +71,18 @@ class Search(RayCaster, ABC):
         """The closest hit of each ray; see ``RayCaster``."""
         origins, directions = np.asarray(origins), np.asarray(directions)
         count = len(origins)
-        if count <= self.task and leaving is None:
-            found = self._plainly(origins, directions, min_distance, max_distance)
-            if found is not None:
-                return found
         near, far = (
             np.full(count, limit, dtype=np.float64) for limit in (min_distance, max_distance)
         )
-        if count <= self.task:
-            return self._cast(origins, directions, near, far, leaving)
         hits = Hits.misses(count)
+        left = Hits.misses(count) if leaving is None else leaving
 
         def task(part: slice) -> None:
-            left = None if leaving is None else leaving.select(part)
-            hits.put(part, self._cast(origins[part], directions[part], near[part], far[part], left))
+            given = origins[part], directions[part], near[part], far[part]
+            hits.put(part, self._cast(*given, left.select(part)))
 
         in_tasks(task, count, self.threads, self.task)
         return hits
-
-    def _plainly(
-        self,
-        origins: np.ndarray,
-        directions: np.ndarray,
-        near: float | np.ndarray,
-        far: float | np.ndarray,
-    ) -> Hits | None:
-        """One task as most are: finite rays and the same limits for all.
-
-        As ``_cast`` without its looks at each ray, which cost more than the search of few; None where
-        the rays or their limits need them.
-        """
-        if isinstance(near, np.ndarray) or isinstance(far, np.ndarray) or not near <= far:
-            return None
-        origins = np.array(origins.T, dtype=np.float64, order="C")
-        directions = unit_columns(directions.T)
-        if not math.isfinite(np.add.reduce(origins, None) + np.add.reduce(directions, None)):
-            return None
-        count = origins.shape[1]
-        start, limit = np.full(count, near - MARGIN), np.full(count, far, np.float64)
-        hits = self._nearest(origins, directions, start, limit)
-        if count and np.minimum.reduce(hits.distance) < near:
-
-            def nearest(rays: np.ndarray, begin: np.ndarray) -> Hits:
-                from_, ways, ends = _taken(rays, origins, directions, limit)
-                return self._nearest(from_, ways, begin, ends)
-
-            least = np.full(count, near, np.float64)
-            _search_behind(nearest, hits, start, least, Hits.misses(count))
-        return hits if far == np.inf else _within(hits, far)
 
     def _cast(
         self,
@@ -127,33 +90,23 @@ class Search(RayCaster, ABC):
         directions: np.ndarray,
         near: np.ndarray,
         far: np.ndarray,
-        leaving: Hits | None,
+        left: Hits,
     ) -> Hits:
         """One task."""
         from_, ways = np.array(origins.T, dtype=np.float64, order="C"), unit_columns(directions.T)
-        sound = np.isfinite(from_.sum(axis=0) + ways.sum(axis=0)) & (near <= far)
-        if not sound.all():
-            hits, rows = Hits.misses(len(near)), np.flatnonzero(sound)
-            left = None if leaving is None else leaving.select(rows)
-            given = origins[rows], directions[rows], near[rows], far[rows]
-            hits.put(rows, self._cast(*given, left))
-            return hits
+        sound = np.flatnonzero(np.isfinite(from_.sum(axis=0) + ways.sum(axis=0)) & (near <= far))
+        from_, ways, near, far = _taken(sound, from_, ways, near, far)
 
         def nearest(rays: np.ndarray, start: np.ndarray) -> Hits:
             begin, way, limit = _taken(rays, from_, ways, far)
             return self._nearest(begin, way, start, limit)
 
-        left = Hits.misses(len(near)) if leaving is None else leaving
-        return search_on(nearest, near, far, left)
-
-
-def _within(hits: Hits, far: np.ndarray | float) -> Hits:
-    """Hits, those beyond ``far`` taken away."""
-    beyond = hits.distance > far
-    beyond &= hits.instance >= 0
-    if beyond.any():
-        hits.put(beyond, Hits.misses(1))
-    return hits
+        found = search_on(nearest, near, far, left.select(sound))
+        if len(sound) == len(origins):
+            return found
+        hits = Hits.misses(len(origins))
+        hits.put(sound, found)
+        return hits
 
 
 def _taken(rays: np.ndarray, *arrays: np.ndarray) -> tuple[np.ndarray, ...]:
@@ -184,27 +137,19 @@ def search_on(
     """
     start = near - MARGIN
     start[left.found] += MARGIN
-    hits = nearest(np.arange(len(near)), start)
-    _search_behind(nearest, hits, start, near, left)
-    return _within(hits, far)
-
-
-def _search_behind(
-    nearest: Callable[[np.ndarray, np.ndarray], Hits],
-    hits: Hits,
-    start: np.ndarray,
-    near: np.ndarray,
-    left: Hits,
-) -> None:
-    """Search on behind hits that do not count, until all do; changes ``hits`` and ``start``."""
+    rays, step = np.arange(len(near)), STEP
+    hits = nearest(rays, start)
     rays = np.flatnonzero(refused(hits, near, left))
-    step = STEP
-    while len(rays):
+    while len(rays):  # behind what does not count
         start[rays] = np.maximum(start[rays], hits.distance[rays]) + step
         step *= 2.0
         found = nearest(rays, start[rays])
         hits.put(rays, found)
         rays = rays[refused(found, near[rays], left.select(rays))]
+    beyond = (hits.distance > far) & hits.found
+    if beyond.any():
+        hits.put(beyond, Hits.misses(1))
+    return hits
 
 
 def in_tasks(task: Callable[[slice], None], count: int, threads: int, size: int = TASK) -> None:
