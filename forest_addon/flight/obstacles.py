@@ -11,7 +11,7 @@ import numpy as np
 import scipy
 from scipy.spatial import cKDTree
 
-from ..base.rows import distinct, lengths
+from ..base.rows import distinct, lengths, repeated
 from ..base.trimesh import LEAF, TriMesh, is_wood
 from ..growth.own_tree.centreline import find_centrelines
 from ..growth.own_tree.pieces import part
@@ -358,12 +358,6 @@ class Solid:
         number = (cells[:, 0] * self.shape[1] + cells[:, 1]) * self.shape[2] + cells[:, 2]
         self.items = item[np.argsort(number, kind="stable")]
         self.count = np.bincount(number, minlength=int(self.shape.prod()))
-
-
-def repeated(count: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(Σ count,) row of each of so many copies, and which copy of its row it is."""
-    row = np.repeat(np.arange(len(count)), count)
-    return row, np.arange(len(row)) - np.repeat(np.cumsum(count) - count, count)
 
 
 # First touch of a moving sphere: triangles, in closed form.

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from ..base.rows import repeated
 from ..base.trimesh import LEAF
-from .obstacles import repeated
 
 PIXELS = 480  # of the longer side
 GROUND, CROWN, WOOD = (233, 228, 214), (150, 178, 128), (84, 58, 40)

@@ -15,7 +15,7 @@ from typing import Protocol
 
 import numpy as np
 
-from ..base.rows import distinct, lengths
+from ..base.rows import distinct, lengths, repeated
 from ..base.trimesh import LEAF, OTHER, TriMesh
 from .rays.boxes import clip, extents, within
 from .rays.caster import Hits, hit_normals, unit_columns
@@ -484,7 +484,7 @@ class CutTrees:
         return centre - out, centre + out
 
     def _join_seams(self) -> None:
-        """Put the copies of each triangle, which pieces at a seam share, in a ring.
+        """List the copies of each triangle, which pieces at a seam share.
 
         Which of them an engine in float32 meets first may depend on the rays it goes with; in float64 one is
         first.
@@ -492,29 +492,33 @@ class CutTrees:
         size = np.array([len(rows) for rows in self.triangle], dtype=np.int64)
         self._first = np.cumsum(size) - size
         self._whole = np.concatenate([np.empty(0, np.int64), *self.triangle])
-        self._shift = np.zeros(len(self._whole), dtype=np.int64)  # to the piece of the next copy
-        self._next = np.arange(len(self._whole)) - np.repeat(
-            self._first, size
-        )  # its triangle there
+        own = np.arange(len(self._whole)) - np.repeat(self._first, size)  # in its piece
+        self._many, self._begin, self._rank = (np.zeros(len(self._whole), np.int64) for _ in "mbr")
+        copies = [np.empty((2, 0), np.int64)]  # rank of its piece in the tree, and triangle there
+        total = 0
         for listed in self._known.values():
             number = np.concatenate([self._first[m] + np.arange(size[m]) for _, m in listed])
-            place = np.repeat(np.arange(len(listed)), [size[m] for _, m in listed])
-            order = np.argsort(self._whole[number], kind="stable")
-            begins = np.flatnonzero(np.diff(self._whole[number[order]], prepend=-1))
-            after = np.arange(1, len(number) + 1)
-            after[np.append(begins[1:], len(number)) - 1] = begins
-            there = order[after]
-            self._shift[number[order]] = place[there] - place[order]
-            self._next[number[order]] = self._next[number[there]]
+            self._rank[number] = np.repeat(np.arange(len(listed)), [size[m] for _, m in listed])
+            order = number[np.argsort(self._whole[number], kind="stable")]
+            copies.append(np.stack([self._rank[order], own[order]]))
+            _, begin, many = np.unique(self._whole[order], return_index=True, return_counts=True)
+            self._begin[order], self._many[order] = (
+                total + np.repeat(begin, many),
+                np.repeat(many, many),
+            )
+            total += len(order)
+        self._copies = np.concatenate(copies, axis=1)
 
-    def at_seams(self, piece: np.ndarray, triangle: np.ndarray) -> np.ndarray:
-        """Rows of hits on pieces, by pieces and triangles (R,), whose triangle has copies."""
-        return np.flatnonzero(self._shift[self._first[self.mesh[piece]] + triangle])
-
-    def next_copy(self, piece: np.ndarray, triangle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The next copy of triangles of pieces (R,): its piece and triangle."""
+    def copies(
+        self, piece: np.ndarray, triangle: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Rows (M,) of those triangles of pieces (R,) that have copies at seams, once for each copy, itself
+        among them, and these: pieces (M,), ascending of each row, and triangles (M,)."""
         number = self._first[self.mesh[piece]] + triangle
-        return piece + self._shift[number], self._next[number]
+        many = self._many[number]
+        row, which = repeated(np.where(many > 1, many, 0))
+        rank, own = self._copies[:, self._begin[number][row] + which]
+        return row, piece[row] + rank - self._rank[number][row], own
 
 
 def _surfaces(
@@ -553,10 +557,9 @@ def split_pieces(mesh: TriMesh, piece: np.ndarray) -> list[tuple[int, np.ndarray
     rows, where = [np.arange(len(piece))], [piece]
     for side in range(3):
         at = corner[seam, side]
-        held = first[at + 1] - first[at]
-        flat = np.arange(held.sum()) + np.repeat(first[at] - np.cumsum(held) + held, held)
-        rows.append(np.repeat(seam, held))
-        where.append(of[flat])
+        held, which = repeated(first[at + 1] - first[at])
+        rows.append(seam[held])
+        where.append(of[first[at][held] + which])
     both = distinct(np.concatenate(where) * len(piece) + np.concatenate(rows))
     which, row = np.divmod(both, len(piece))
     cuts = np.flatnonzero(np.diff(which, prepend=-1))

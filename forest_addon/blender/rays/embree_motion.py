@@ -22,7 +22,7 @@ from ...base.trimesh import TriMesh
 from ...sensing.moving import MovingScene, PieceWindow
 from ...sensing.rays.boxes import clip
 from ...sensing.rays.caster import Hits
-from ...sensing.rays.exact import meet
+from ...sensing.rays.exact import meet, put_nearest
 from ...sensing.rays.paths import RigidPath, corners_at_rest
 from ...sensing.rays.search import RefinedSurfaces, in_tasks, search_on, whole_triangles
 from .embree import (
@@ -261,30 +261,17 @@ class EmbreeMotion:
         cut, count = self._moving.pieces, self._moving.count
         assert cut is not None
         rows = np.flatnonzero(hits.instance >= count)
-        rows = rows[cut.at_seams(hits.instance[rows] - count, hits.triangle[rows])]
-        begun = hits.instance[rows] - count, hits.triangle[rows]
-        first, number, chosen = np.full(len(rows), np.inf), *(part.copy() for part in begun)
-        going, (piece, triangle) = np.arange(len(rows)), begun
-        while len(going):
-            there = np.isin(piece, window.piece)
-            some, of = going[there], rows[going[there]]
-            at = self._placed(window, count + piece[there], time[of])
-            own = corners_at_rest(self._moving.scene, count + piece[there], triangle[there])
-            corners = np.einsum("rij,rkj->rki", at[:, :, :3], own)
-            corners += at[:, None, :, 3] - origins[of, None]
-            distance = meet(tuple(corners.swapaxes(0, 1)), np.zeros((len(of), 3)), ways[of])
-            less = (distance < first[some]) | (
-                (distance == first[some]) & (piece[there] < number[some])
-            )
-            less &= (distance >= near[of]) & np.isfinite(distance)
-            won = some[less]
-            first[won], number[won] = distance[less], piece[there][less]
-            chosen[won] = triangle[there][less]
-            piece, triangle = cut.next_copy(piece, triangle)
-            more = (piece != begun[0][going]) | (triangle != begun[1][going])
-            going, piece, triangle = going[more], piece[more], triangle[more]
-        known = np.isfinite(first)  # else it is met at its rim, in float32 alone
-        hits.put(rows[known], Hits(first[known], count + number[known], chosen[known]))
+        row, piece, triangle = cut.copies(hits.instance[rows] - count, hits.triangle[rows])
+        there = np.isin(piece, window.piece)
+        of, instance, triangle = rows[row[there]], count + piece[there], triangle[there]
+        own = corners_at_rest(self._moving.scene, instance, triangle)
+        at = self._placed(window, instance, time[of])
+        corners = np.einsum("rij,rkj->rki", at[:, :, :3], own)
+        corners += at[:, None, :, 3] - origins[of, None]
+        distance = meet(tuple(corners.swapaxes(0, 1)), np.zeros((len(of), 3)), ways[of])
+        # Where none counts, it is met at its rim, in float32 alone.
+        counts = np.flatnonzero((distance >= near[of]) & np.isfinite(distance))
+        put_nearest(hits, of[counts], Hits(distance, instance, triangle).select(counts))
 
     def _usable(self, number: int) -> np.ndarray:
         """(T,) bool: which triangles of a part are met; where it bends, those finite at all times."""
