@@ -24,19 +24,11 @@ AT_ONCE = 64  # such pieces of a way
 
 
 def touched(
-    obstacles: MeshObstacles,
-    start: np.ndarray,
-    end: np.ndarray,
-    radius: float,
-    room: np.ndarray | None = None,
+    obstacles: MeshObstacles, start: np.ndarray, end: np.ndarray, radius: float
 ) -> np.ndarray:
-    """(N,) shares of ways (N, 3) to (N, 3) at which spheres first touch; ``inf``: never.
-
-    room : (N,) known around the starts; left out: asked for.
-    """
-    room = obstacles.room(start) if room is None else room
+    """(N,) shares of ways (N, 3) to (N, 3) at which spheres first touch; ``inf``: never."""
     share = np.full(len(start), np.inf)
-    rows = (lengths(end - start) + radius > room).nonzero()[0]
+    rows = (lengths(end - start) + radius > obstacles.room(start)).nonzero()[0]
     if len(rows):
         share[rows] = obstacles.touch(start[rows], end[rows], radius)
     return share

@@ -168,27 +168,20 @@ class Flyers:
         for piece in range(corners.shape[1]):
             there = corners[:, piece]
             length = lengths(there - here)
-            stops, comes = self._touched(here, there, length), self._arrives(here, there, length)
-            if stops is None and comes is None and not (crashed.any() or arrived.any()):
-                way += length
-            else:
-                never = np.full(self.count, np.inf)
-                stops = never if stops is None else stops
-                comes = never if comes is None else comes
-                going = ~(crashed | arrived)
-                hit = going & (stops <= comes) & np.isfinite(stops)
-                there_now = going & (comes < stops)
-                share = np.where(hit, stops, np.where(there_now, comes, 1.0))
-                ended = (hit | there_now)[:, None]
-                place = np.where(ended, here + share[:, None] * (there - here), place)
-                way += np.where(going, share * length, 0.0)
-                crashed |= hit
-                arrived |= there_now
+            stops, comes = self._touched(here, there, length), self._arrives(here, there)
+            going = ~(crashed | arrived)
+            hit = going & (stops <= comes) & np.isfinite(stops)
+            comes_there = going & (comes < stops)
+            share = np.where(hit, stops, np.where(comes_there, comes, 1.0))
+            ended = (hit | comes_there)[:, None]
+            place = np.where(ended, here + share[:, None] * (there - here), place)
+            way += np.where(going, share * length, 0.0)
+            crashed |= hit
+            arrived |= comes_there
             here = there
         left = self._distance(place)
         reward = self._left - left
-        if crashed.any() or arrived.any():
-            reward = reward + CRASH * crashed + ARRIVED * arrived
+        reward = reward + CRASH * crashed + ARRIVED * arrived
         self._left = left
         self.state = State(place, after.velocity, after.heading, after.tilt, after.course)
         self.steps += 1
@@ -208,48 +201,31 @@ class Flyers:
         )
         return np.asarray(steady + field.at(above, time))
 
-    def _touched(
-        self, here: np.ndarray, there: np.ndarray, length: np.ndarray
-    ) -> np.ndarray | None:
-        """Shares of ways at which flyers touch, None: none does. Who stays in the free ball of before, or in
-        that around where it is, is not asked.
+    def _touched(self, here: np.ndarray, there: np.ndarray, length: np.ndarray) -> np.ndarray:
+        """(N,) shares of ways at which flyers touch, ``inf``: not on them. Who stays in the free ball of
+        before, or in that around where it is, is not asked; obstacles that move stand for a step where they
+        are in its middle.
         """
-        radius = self.flight.radius
-        if self.world.obstacles.moves:
-            return self._touched_amid(here, there, radius)
+        radius, obstacles = self.flight.radius, self.world.obstacles
+        share = np.full(self.count, np.inf)
+        if obstacles.moves:
+            middle = self.time + 0.5 * self.flight.step
+            for time in np.unique(middle).tolist():
+                rows = np.flatnonzero(middle == time)
+                share[rows] = touched(obstacles.at(time), here[rows], there[rows], radius)
+            return share
         # The ball holds the start of the way too: a ball is convex.
         rows = (lengths(there - self._ball) + radius > self._room).nonzero()[0]
-        if not len(rows):
-            return None
-        obstacles = self.world.obstacles
-        room = obstacles.room(here[rows])
-        self._ball[rows], self._room[rows] = here[rows], room
-        close = length[rows] + radius > room
-        if not close.any():
-            return None
-        rows = rows[close]
-        share = np.full(self.count, np.inf)
-        share[rows] = obstacles.touch(here[rows], there[rows], radius)
+        if len(rows):
+            room = obstacles.room(here[rows])
+            self._ball[rows], self._room[rows] = here[rows], room
+            rows = rows[length[rows] + radius > room]
+        if len(rows):
+            share[rows] = obstacles.touch(here[rows], there[rows], radius)
         return share
 
-    def _touched_amid(
-        self, here: np.ndarray, there: np.ndarray, radius: float
-    ) -> np.ndarray | None:
-        """The same among obstacles that move: they stand for a step where they are in its middle."""
-        share = np.full(self.count, np.inf)
-        middle = self.time + 0.5 * self.flight.step
-        for time in np.unique(middle).tolist():
-            rows = np.flatnonzero(middle == time)
-            share[rows] = touched(self.world.obstacles.at(time), here[rows], there[rows], radius)
-        return share if np.isfinite(share).any() else None
-
-    def _arrives(
-        self, here: np.ndarray, there: np.ndarray, length: np.ndarray
-    ) -> np.ndarray | None:
-        """(N,) shares of ways at which flyers come to their aim, ``inf``: not on it; None: none does."""
-        reached = 0.0 if self.flight.aim == "heading" else self.flight.reached
-        if (self._distance(here) - length > reached).all():
-            return None
+    def _arrives(self, here: np.ndarray, there: np.ndarray) -> np.ndarray:
+        """(N,) shares of ways at which flyers come to their aim, ``inf``: not on it."""
         way = there - here
         if self.flight.aim == "heading":
             axis = self.goal - self.from_
@@ -258,6 +234,7 @@ class Flyers:
             with np.errstate(divide="ignore", invalid="ignore"):
                 share = np.where(left <= 0, 0.0, left / speed)
             return np.where((left <= 0) | ((speed > 0) & (share <= 1)), share, np.inf)
+        reached = self.flight.reached
         share = first_within(here - self.goal, way, reached)
         share = np.where(lengths(here - self.goal) <= reached, 0.0, share)
         return np.where(share <= 1, share, np.inf)
