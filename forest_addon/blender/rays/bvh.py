@@ -123,9 +123,8 @@ class BvhCaster(Search):
             near = pairs.entry[turn] <= best[pairs.ray[turn]]
             turn, last = turn[near], last[near]
             ray, box, triangle = self._only(pairs.select(turn), origins, directions, best)
-            distance = self._surfaces.distance(
-                origins.take(ray, 1), directions.take(ray, 1), box, triangle
-            )
+            rays = origins.take(ray, 1), directions.take(ray, 1)
+            distance, _ = self._surfaces.meet(*rays, box, triangle)
             best[ray] = np.minimum(best[ray], distance)
             found.append((ray, box, triangle))
             turn = turn + 1

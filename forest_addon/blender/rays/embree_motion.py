@@ -233,13 +233,13 @@ class EmbreeMotion:
             at[rows] = self._moving.motion.table.at(row, time[rows])
         if len(piece) and pieces is not None:
             at[piece] = self._placed(pieces, instance[piece], time[piece])
-        distance = self._surfaces.distance(origin, way, instance, triangle, at)
+        distance, _ = self._surfaces.meet(origin, way, instance, triangle, at)
         bends = rows[self._moving.motion.bends(instance[rows])]
         if len(bends):
             ask = instance[bends], triangle[bends]
             corners = self._moving.motion.corners(self._moving.scene, *ask, time[bends])
             bent = origin.take(bends, 1), way.take(bends, 1)
-            distance[bends] = self._surfaces.distance(*bent, *ask, at[bends], corners)
+            distance[bends], _ = self._surfaces.meet(*bent, *ask, at[bends], corners)
         found.put(rays[met], Hits(distance, instance, triangle))
         return found
 

@@ -37,16 +37,12 @@ class Search(RayCaster, ABC):
     def __init__(self, scene: SceneGeometry, threads: int = 1, like: Search | None = None) -> None:
         self.scene = scene
         self.threads = threads
-        self._same = {} if like is None else like.same_meshes(scene)
-        if like is None or [*map(id, scene.meshes)] != [*map(id, like.scene.meshes)]:
-            self._surfaces = RefinedSurfaces(scene)
-        else:
-            self._surfaces = RefinedSurfaces(scene, like._surfaces)
-
-    def same_meshes(self, scene: SceneGeometry) -> dict[int, int]:
-        """Return which mesh of this search's scene each mesh of another is, of those that are in both."""
-        number = {id(mesh): n for n, mesh in enumerate(self.scene.meshes)}
-        return {n: number[id(m)] for n, m in enumerate(scene.meshes) if id(m) in number}
+        # Which mesh of the other search's scene each mesh is, of those that are in both.
+        known = {} if like is None else {id(mesh): n for n, mesh in enumerate(like.scene.meshes)}
+        self._same = {n: known[id(m)] for n, m in enumerate(scene.meshes) if id(m) in known}
+        if like is not None and [*map(id, scene.meshes)] == [*known]:
+            scene.share_table(like.scene.table)
+        self._surfaces = RefinedSurfaces(scene)
 
     @abstractmethod
     def _nearest(
@@ -174,29 +170,12 @@ FLAT = 4.0  # steps of a float32 at a triangle's coordinates
 
 
 class RefinedSurfaces:
-    """The planes of all triangles of a scene.
+    """The planes of all triangles of a scene."""
 
-    like : of a scene with the same meshes, whose table is shared.
-    """
-
-    def __init__(self, scene: SceneGeometry, like: RefinedSurfaces | None = None) -> None:
-        if like is not None:
-            scene.share_table(like.table)
+    def __init__(self, scene: SceneGeometry) -> None:
         self.table: TriangleTable = scene.table
         self._transform = scene.transform
         self.first = self.table.starts[scene.mesh_index]  # triangle, by instance
-
-    def distance(
-        self,
-        origins: np.ndarray,
-        directions: np.ndarray,
-        instance: np.ndarray,
-        triangle: np.ndarray,
-        transform: np.ndarray | None = None,
-        corners: np.ndarray | None = None,
-    ) -> np.ndarray:
-        """(R,) metres along rays to the planes of their triangles; see ``meet``."""
-        return self.meet(origins, directions, instance, triangle, transform, corners)[0]
 
     def meet(
         self,
