@@ -11,7 +11,6 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass, replace
 from functools import cache
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -25,6 +24,7 @@ from .document import find_file, yes
 HEADER = 26  # lines of a spectrum
 UNKNOWN = 0.5
 SPECTRA = "data/spectra"
+WORDS = {"v": 1, "f": 2, "usemtl": 3}  # of lines of a Wavefront file that are read
 
 
 @dataclass(frozen=True)
@@ -136,20 +136,32 @@ def together(surfaces: list[PartMesh]) -> PartMesh:
     )
 
 
-def _material_files(path: Path) -> list[Path]:
+def _words_of(path: Path) -> list[list[str]]:
+    """Words of each line of a Wavefront file; one that goes on after a backslash stands where it ends."""
+    text = re.sub("#.*", "", path.read_text("utf-8", errors="replace"))
+    if "\\\n" in text:
+        text = re.sub(r"(?m)^(?:.*\\\n)+.*", _on_one_line, text)
+    return [line.split() or [""] for line in text.splitlines()]
+
+
+def _on_one_line(lines: re.Match[str]) -> str:
+    return "\n" * lines[0].count("\n") + lines[0].replace("\\\n", " ")
+
+
+def _material_files(path: Path, lines: list[list[str]]) -> list[Path]:
     """The files that lines ``mtllib`` of an OBJ name, one or several in a line; they may not be there."""
-    text = path.read_text("utf-8", errors="replace").replace("\\\n", " ")
-    said = re.findall(r"^[ \t]*mtllib[ \t]+(.*\S)", text, re.MULTILINE)
-    named = [[one] if (path.parent / one).is_file() else one.split() for one in said]
+    said = [words[1:] for words in lines if words[0] == "mtllib" and len(words) > 1]
+    named = [[one] if (path.parent / (one := " ".join(each))).is_file() else each for each in said]
     return [path.parent / name for names in named for name in names]
 
 
-def lost_materials(path: Path) -> tuple[str, ...]:
+def lost_materials(path: Path, lines: list[list[str]] | None = None) -> tuple[str, ...]:
     """Sentences on the material files that an OBJ names and that are not there; none of other files."""
-    files = _material_files(path) if path.suffix.lower() == ".obj" else []
+    if path.suffix.lower() != ".obj":
+        return ()
     return tuple(
         f"{path.name}: its material file {file.name} is not there, what it says of surfaces is not known"
-        for file in files
+        for file in _material_files(path, _words_of(path) if lines is None else lines)
         if not file.is_file()
     )
 
@@ -164,42 +176,40 @@ def read_obj(path: Path, up: str = "z") -> PartMesh:
     ------
     SpecError : a corner that is not there, no face at all, or a shape that was lost at map coordinates.
     """
-    places: list[list[float]] = []
-    faces: list[tuple[int, int, int]] = []
-    slots: list[int] = []
-    slot, names, known = 0, {"": 0}, {}  # type: ignore[var-annotated]
-    begun = ""
-    for line, text in enumerate(path.read_text("utf-8", errors="replace").splitlines(), 1):
-        begun += text.split("#")[0]
-        if begun.endswith("\\"):
-            begun = begun[:-1] + " "
-            continue
-        word, *rest = begun.split() or [""]
-        begun = ""
-        if word == "v":
-            places.append([float(x) for x in rest[:3]])
-        elif word == "f":
-            index = [int(one.split("/")[0]) for one in rest]
-            corner = [i - 1 if i > 0 else len(places) + i if i else -1 for i in index]
-            if len(corner) < 3 or min(corner) < 0 or max(corner) >= len(places):
-                raise SpecError(str(path), f"line {line}: a face has a corner that is not there")
-            faces += [(corner[0], b, c) for b, c in pairwise(corner[1:])]
-            slots += [slot] * (len(corner) - 2)
-        elif word == "usemtl":
-            slot = names.setdefault(" ".join(rest), len(names))
-    if not faces:
+    lines = _words_of(path)
+    word = np.array([WORDS.get(line[0], 0) for line in lines], dtype=np.int8)
+    at_vertex, at_face, at_name = (np.flatnonzero(word == number) for number in WORDS.values())
+    if not len(at_face):
         raise SpecError(str(path), "has no face")
-    vertices = np.array(places)
+    vertices = np.array([[float(x) for x in lines[line][1:4]] for line in at_vertex])
+    corners = np.array([len(lines[line]) - 1 for line in at_face])
+    said = [int(one.partition("/")[0]) for line in at_face for one in lines[line][1:]]
+    before = np.searchsorted(at_vertex, at_face)  # vertices that stand above a face
+    index, known = np.array(said, dtype=np.int64), np.repeat(before, corners)
+    index += np.where(index > 0, -1, np.where(index < 0, known, -1))
+    wrong = corners < 3
+    face = np.repeat(np.arange(len(corners)), corners)
+    wrong[face[(index < 0) | (index >= known)]] = True
+    if wrong.any():
+        line = 1 + at_face[np.argmax(wrong)]
+        raise SpecError(str(path), f"line {line}: a face has a corner that is not there")
+    fan = np.repeat(np.arange(len(corners)), corners - 2)
+    second = np.arange(len(fan)) + 2 * fan + 1  # two corners more than triangles a face
+    first = (np.cumsum(corners) - corners)[fan]
+    faces = index[np.stack([first, second, second + 1], axis=1)].astype(np.int32)
+    names = {"": 0}
+    slots = [0, *(names.setdefault(" ".join(lines[line][1:]), len(names)) for line in at_name)]
+    slot = np.array(slots, dtype=np.int32)[np.searchsorted(at_name, at_face)][fan]
     if not np.isfinite(vertices).all():
         raise SpecError(str(path), "has corners that are no numbers")
     refuse_coarse(path, vertices, exact=True)
-    for file in filter(Path.is_file, _material_files(path)):
-        known |= read_materials(file)
+    material_of: dict[str, Material] = {}
+    for file in filter(Path.is_file, _material_files(path, lines)):
+        material_of |= read_materials(file)
     if up == "y":
         vertices = np.stack([vertices[:, 0], -vertices[:, 2], vertices[:, 1]], axis=1)
-    materials = tuple(known.get(name, Material()) for name in names)
-    given = np.array(faces, dtype=np.int32), np.array(slots, dtype=np.int32)
-    return PartMesh(vertices, *given, materials, notes=lost_materials(path))
+    materials = tuple(material_of.get(name, Material()) for name in names)
+    return PartMesh(vertices, faces, slot, materials, notes=lost_materials(path, lines))
 
 
 MOST_VOXELS = 20_000_000  # cells of the grid around a cloud
