@@ -29,7 +29,7 @@ from ...sensing.rays.tracks import BENT
 from ...sensing.reverb.sums.fast_scattering import Expansions
 from ...sensing.trajectory import Trajectory
 from ...spec import Rays, Scene, Sensor
-from ...stand.placed import PlacedTrees
+from ...stand.truth import PlacedTrees
 from ..rays.casters import make_caster, make_moving_caster
 from ..read.depsgraph import kept, lasting, read_scene, solids_in
 from ..scene.meshes import placed_trees
@@ -345,7 +345,8 @@ def _sharing(scene: SceneGeometry, rays: Rays) -> RayCaster:
     before: list[tuple[Rays, Search]] = lasting.setdefault("casters", [])
     half = sum(len(mesh.triangles) for mesh in scene.meshes) / 2
     for asked, like in before:
-        common = sum(len(scene.meshes[number].triangles) for number in like.same_meshes(scene))
+        known = {*map(id, like.scene.meshes)}
+        common = sum(len(mesh.triangles) for mesh in scene.meshes if id(mesh) in known)
         if asked == rays and common > half:
             return make_caster(scene, rays, like)
     made = make_caster(scene, rays)

@@ -20,7 +20,7 @@ from ...base.rng import stream
 from ...base.trimesh import TriMesh, join
 from ...base.vectors import azimuth_of
 from ...formats.atomic import replacing
-from ...growth.library.species_file import find_species, load_species
+from ...growth.library import find_species, load_species
 from ...growth.tree import grow
 from ..scene import materials
 from ..scene.instances import IGNORED_KEY, read_points

@@ -94,7 +94,7 @@ def _terrain(context: bpy.types.Context, scene: spec.Scene, folder: Path) -> Any
     """The ground that the forest would be planted on now."""
     from ...blender.read.inputs import read_terrain
     from ...stand import files as stand_files
-    from ...stand.intensity.terrain import Flat
+    from ...stand.intensity.surface import Flat
 
     ground = scene.forest.terrain
     if ground.object:
