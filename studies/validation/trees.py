@@ -308,7 +308,7 @@ def compare_branches(path: Path, seed: int) -> list[Comparison]:
         least = np.quantile(found[found[:, 0] > 0, 1:], 0.1, axis=0)
         theirs.append(_by_order(found, least))
         grown = [_like(name, size, stem, seed, int(number)) for name in BROADLEAVES]
-        ours.append(np.mean([_by_order(tree, least) for tree in grown], axis=0))
+        ours.append(np.nanmean([_by_order(tree, least) for tree in grown], axis=0))
     known, mine, thin = np.array(theirs), np.array(ours), np.array(slender)
     found = [
         _branch_row(f"slender trees, {ORDERS[1]}, number", "", known[thin, 0, 0], mine[thin, 0, 0])
@@ -338,26 +338,26 @@ def _by_order(found: np.ndarray, least: np.ndarray) -> np.ndarray:
     """(3, 3) of each order number, median length in m and median radius in mm of branches (A, 3)."""
     kept = found[(found[:, 1:] >= least).all(axis=1)]
     rows = [kept[kept[:, 0] == order] for order in ORDERS]
-    none = np.zeros((1, 3))
+    none = np.full((1, 3), np.nan)
     return np.array(
         [[len(r), *(np.median(r if len(r) else none, axis=0)[[2, 1]] * [1, 1000])] for r in rows]
     )
 
 
 def _branch_row(what: str, unit: str, known: np.ndarray, mine: np.ndarray) -> Comparison:
+    known, mine = known[np.isfinite(mine)], mine[np.isfinite(mine)]
     both = [_mean_of(values) for values in (known, mine)]
     near = bool(abs(np.log(both[1].value / both[0].value)) <= np.log(ALIKE))
     words = (
-        f"{len(known)} trees, five species of ours for each; geometric mean and its 95 % interval; "
+        f"{len(known)} trees, five species of ours for each; mean and its 95 % interval; "
         f"measured are {known.min():.3g} to {known.max():.3g}, ours {mine.min():.3g} to {mine.max():.3g}."
     )
     return Comparison(f"broadleaves by scan, {what}", unit, *both, near, words)
 
 
 def _mean_of(values: np.ndarray) -> Interval:
-    log = np.log(np.maximum(values, 1e-3))
-    half = 2.0 * log.std(ddof=1) / np.sqrt(len(log))
-    return Interval(*np.exp(log.mean() + half * np.array([0.0, -1.0, 1.0])).tolist())
+    middle, half = values.mean(), 2.0 * values.std(ddof=1) / np.sqrt(len(values))
+    return Interval(float(middle), float(middle - half), float(middle + half))
 
 
 def read_trees(path: Path) -> dict[str, dict[str, np.ndarray]]:
