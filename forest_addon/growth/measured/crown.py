@@ -313,7 +313,7 @@ def _weak(
     foot = base + 0.8 * span * (np.arange(count) + 0.8 * rng.random(count)) / count
     foot[0] = base
     azimuth = GOLDEN * np.arange(count) + rng.random(count)
-    reach = 0.1 + 0.5 * rng.random(count)
+    reach = 0.1 + 0.4 * rng.random(count)
     angle = np.deg2rad(WEAK_ANGLE + 8 * rng.standard_normal(count))
     tip = np.full(count, np.deg2rad(min(plan.tip_deg, 25.0)))
     return _Limbs(foot, azimuth, reach, np.clip(angle, 0.3, 1.9), tip)
