@@ -178,7 +178,8 @@ def lines(scene: bpy.types.Scene) -> Iterator[tuple[bpy.types.Object, np.ndarray
             yield thing, ends
 
 
-NEARER = 2e-4  # in depth, of the view's: points lie on surfaces, and would be half hidden by them
+# After projection, in depth of the view's: points lie on surfaces, and would be half hidden by them.
+NEARER = Matrix.Translation((0.0, 0.0, -2e-4))
 
 SIZES = 6  # sizes that points of one cloud are drawn in
 
@@ -208,7 +209,7 @@ def draw_points(context: bpy.types.Context) -> None:
         shader = shader or gpu.shader.from_builtin("POINT_FLAT_COLOR")
         for size, batch in _batch(thing, shader, context):
             with gpu.matrix.push_pop(), gpu.matrix.push_pop_projection():
-                gpu.matrix.load_projection_matrix(_nearer() @ gpu.matrix.get_projection_matrix())
+                gpu.matrix.load_projection_matrix(NEARER @ gpu.matrix.get_projection_matrix())
                 gpu.matrix.multiply_matrix(thing.matrix_world)
                 gpu.state.point_size_set(size * context.scene.forest_sensing.point_size)
                 batch.draw(shader)
@@ -263,13 +264,6 @@ def _batch(
             for number in np.unique(group)
         ]
     return _points[key]
-
-
-def _nearer() -> Matrix:
-    """Return what brings everything a little nearer to the eye, after projection."""
-    nearer = Matrix.Identity(4)
-    nearer[2][3] = -NEARER
-    return nearer
 
 
 # How each layer is drawn, and made anew when something has changed; without a depsgraph, all of it.

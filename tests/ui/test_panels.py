@@ -26,6 +26,12 @@ from forest_addon.ui.species.panel import SPREADS
 from .pressing import next_uid
 
 
+def canvas(kind, layout):
+    """Stands for a panel or menu that Blender has made of a class, with what that says of itself."""
+    said = {n: getattr(kind, n) for n in ("names", "which", "starts") if hasattr(kind, n)}
+    return SimpleNamespace(layout=layout, **said)
+
+
 class Layout:
     """Stands for Blender's: checks names, and keeps what would be shown."""
 
@@ -65,8 +71,8 @@ class Layout:
 
     def menu(self, name, text="", icon="NONE"):
         self._known_icon(icon)
-        seen = SimpleNamespace(layout=self)
-        getattr(bpy.types, name).draw(seen, bpy.context)
+        kind = getattr(bpy.types, name)
+        kind.draw(canvas(kind, self), bpy.context)
 
     def operator_menu_enum(self, name, choice, text="", icon="NONE"):
         self.operator(name, text, icon)
@@ -110,10 +116,9 @@ def drawn(context=None):
         if panel.bl_region_type == "HEADER":  # Blender draws the files of presets
             continue
         if not hasattr(panel, "poll") or panel.poll(context):
-            canvas = SimpleNamespace(layout=Layout(seen), which=getattr(panel, "which", ""))
             for part in ("draw_header_preset", "draw"):
                 if hasattr(panel, part):
-                    getattr(panel, part)(canvas, context)
+                    getattr(panel, part)(canvas(panel, Layout(seen)), context)
     assert next_uid() == first + 1, "drawing makes blocks, which Blender forbids"
     return seen
 

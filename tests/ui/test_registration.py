@@ -1,5 +1,7 @@
 """All or nothing: what the add-on registers, and that nothing of it stays."""
 
+import importlib
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -25,6 +27,13 @@ def ours():
     if hasattr(bpy.types.Scene, "forest_sensing"):
         found.add("Scene.forest_sensing")
     return found
+
+
+@pytest.mark.parametrize("scenario", sorted((ROOT / "tests" / "gui").glob("*.py")), ids=str)
+def test_scenarios_of_the_window_name_what_is_there(scenario):
+    """Most of them are played by hand alone."""
+    for room, name in re.findall(r'ours\("([^"]+)"\)\.(\w+)', scenario.read_text("utf-8")):
+        assert hasattr(importlib.import_module(f"forest_addon.{room}"), name), (room, name)
 
 
 @pytest.fixture

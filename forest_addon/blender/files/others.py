@@ -79,11 +79,9 @@ def export_for_others(
     with replacing(folder / "scene.json") as partial:
         partial.write_text(json.dumps(said, indent=1) + "\n", encoding="utf-8")
     say(f"{folder / 'scene.json'}: {len(placed):,} parts of {len(geometry.meshes):,} meshes")
+    export_glb(bpy.context.scene, folder / "forest.glb")
+    save_blend(folder / "scene.blend")
     for file in ("forest.glb", "scene.blend"):
-        if file.endswith(".glb"):
-            export_glb(bpy.context.scene, folder / file)
-        else:
-            save_blend(folder / file)
         say(str(folder / file))
     return len(placed)
 

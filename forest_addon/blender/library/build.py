@@ -28,11 +28,10 @@ from ...growth.tree import Tree, grow
 from ...growth.truth import tree_truth
 from ...spec import Species
 from ..scene import materials
-from ..scene.assets import mark_asset
+from ..scene.assets import draw, mark_asset
 from ..scene.layout import all_or_nothing
 from ..scene.meshes import to_mesh, write_truth
 from ..scene.placing import fingerprint
-from . import pictures
 
 ROOT = "Forest Sensing"
 
@@ -58,7 +57,7 @@ def grow_exhibits(
     made = []
     for variant in range(variants):
         tree = grow(species, template, stream(seed, "library", species.name, variant))
-        made.append(Exhibit(tree, tree_truth(tree), pictures.picture(tree.mesh, species.look)))
+        made.append(Exhibit(tree, tree_truth(tree), draw(tree.mesh, species.look, size=2)))
         if progress:
             progress(variant + 1, variants)
     return made
@@ -80,7 +79,7 @@ def write_species(folder: Path, species: Species, exhibits: Sequence[Exhibit]) -
             truth = exhibit.truth
             half = 0.55 * max(truth["crown_width_m"], 0.3 * truth["height_m"])
             x += half if variant else 0.0
-            path = catalog_of(species, truth["height_m"])
+            path = f"{ROOT}/{_named().get(species.name) or _guess(species, truth['height_m'])}"
             made.add(_asset(species.name, exhibit, variant, x, path, coats))
             x += half
             paths.add(path)
@@ -138,11 +137,6 @@ _HEAD = """\
 
 VERSION 1
 """
-
-
-def catalog_of(species: Species, height: float) -> str:
-    """The path of the catalog of a species whose trees are so tall, metres."""
-    return f"{ROOT}/{_named().get(species.name) or _guess(species, height)}"
 
 
 def _guess(species: Species, height: float) -> str:

@@ -1,4 +1,4 @@
-"""Pictures of grown trees: contact sheets, portraits of assets by our own rays, close-ups.
+"""Pictures of grown trees by Cycles: contact sheets and close-ups.
 
 On a sheet trees hang in a grid before an orthographic camera that looks slightly down on them; the
 background stays transparent. ``SheetCell`` says where each came to stand in the picture, so that labels
@@ -19,14 +19,10 @@ from mathutils import Vector
 from ... import spec
 from ...base.progress import Progress
 from ...base.rng import stream
-from ...base.trimesh import LEAF, TriMesh, is_wood
+from ...base.trimesh import TriMesh
 from ...growth.skeleton import Skeleton
 from ...growth.tree import Tree
-from ...sensing.rays.caster import hit_normals
-from ...sensing.rays.geometry import SceneGeometry
-from ...spec import Look, Rays
 from ..files.export import empty_file
-from ..rays.casters import make_caster
 from ..scene import materials
 from ..scene.meshes import to_mesh
 from ..scene.nodes import tree_of
@@ -155,82 +151,6 @@ def _light(scene: bpy.types.Scene) -> None:
     scene.world = world
 
 
-PIXELS = 256
-SIDE = 2  # rays along a side of a pixel
-ASSET_PICTURE_TILT = np.deg2rad(8.0)  # that the eye looks down
-TOWARDS_SUN = np.array([-0.50, -0.62, 0.60]) / np.linalg.norm([-0.50, -0.62, 0.60])  # towards it
-SUNLIGHT, SKYLIGHT, THROUGH = 3.4, 1.5, 0.45  # of light from behind a leaf, what comes through
-SHADES = 0.22  # how much leaves differ in brightness, relative
-
-
-def picture(mesh: TriMesh, look: Look, pixels: int = PIXELS) -> np.ndarray:
-    """(pixels, pixels, 4) float32 sRGB with alpha, rows from below: a tree, Z up, as large as it fits."""
-    image = np.zeros((pixels, pixels, 4))
-    if not len(mesh.triangles):
-        return image.astype(np.float32)
-    forward = np.array([0.0, np.cos(ASSET_PICTURE_TILT), -np.sin(ASSET_PICTURE_TILT)])
-    up = np.array([0.0, np.sin(ASSET_PICTURE_TILT), np.cos(ASSET_PICTURE_TILT)])
-    above = mesh.vertices[mesh.vertices[:, 2] >= 0]
-    shown = above if len(above) else mesh.vertices
-    flat = np.column_stack([shown[:, 0], shown @ up])
-    low, high = flat.min(axis=0), flat.max(axis=0)
-    size = max(float((high - low).max()), 1e-6) * 1.03
-    count = pixels * SIDE
-    rng = stream(0, "asset", "rays")
-    place = (np.arange(count)[:, None] + rng.random((2, count, count))) / count - 0.5
-    across = (low[0] + high[0]) / 2 + size * place[0].T
-    over = (low[1] + high[1]) / 2 + size * place[1]
-    reach = float(np.abs(mesh.vertices).max()) * 2 + 1.0
-    start = across.reshape(-1, 1) * [1.0, 0.0, 0.0] + over.reshape(-1, 1) * up - reach * forward
-    colour, found = _seen(mesh, look, start, forward, rng)
-    alpha = found.reshape(pixels, SIDE, pixels, SIDE).mean(axis=(1, 3))
-    summed = colour.reshape(pixels, SIDE, pixels, SIDE, 3).mean(axis=(1, 3))
-    mean = summed / np.maximum(alpha, 1e-9)[..., None]
-    image[..., :3] = np.clip(1 - np.exp(-mean), 0, 1) ** (1 / 2.2)
-    image[..., 3] = alpha
-    image[alpha == 0] = 0.0
-    return image.astype(np.float32)
-
-
-def _seen(
-    mesh: TriMesh, look: Look, start: np.ndarray, forward: np.ndarray, rng: np.random.Generator
-) -> tuple[np.ndarray, np.ndarray]:
-    """Light (R, 3) that comes back along rays, linear, and whether (R,) there is a tree."""
-    one = np.zeros(1, dtype=np.int64)
-    scene = SceneGeometry((mesh,), np.eye(3, 4)[None], one, ("tree",), one, one)
-    caster = make_caster(scene, Rays())
-    way = np.broadcast_to(forward, start.shape)
-    hits = caster.cast(start, way)
-    point = start + np.where(hits.found, hits.distance, 0.0)[:, None] * forward
-    found = hits.found & (point[:, 2] >= 0)  # what is sunk into the ground is not shown
-    rows = np.flatnonzero(found)
-    colour = np.zeros((len(start), 3))
-    if not len(rows):
-        return colour, found
-    met, point = hits.select(rows), point[rows]
-    normal = hit_normals(scene, met)
-    normal *= -np.sign(normal @ forward)[:, None]  # towards the eye
-    is_leaf = mesh.part[met.triangle] == LEAF
-    tone = np.full((len(rows), 3), 0.2)
-    tone[is_wood(mesh.part[met.triangle])] = look.bark
-    tone[is_leaf] = look.foliage()
-    leaf = mesh.leaf[met.triangle][is_leaf].astype(np.uint64)
-    shade = (leaf * np.uint64(2654435761) % np.uint64(1 << 32)) / 2.0**32
-    tone[is_leaf] *= (1 - SHADES + 2 * SHADES * shade)[:, None]
-    facing = normal @ TOWARDS_SUN
-    through = np.where(is_leaf, THROUGH, 0.0)
-    lit = np.where(facing > 0, facing, -through * facing)
-    towards = np.broadcast_to(TOWARDS_SUN, point.shape)
-    lit *= ~caster.occluded(point, towards, leaving=met)
-    z = rng.random(len(rows))
-    turn = 2 * np.pi * rng.random(len(rows))
-    wide = np.sqrt(1 - z**2)
-    sky = np.column_stack([wide * np.cos(turn), wide * np.sin(turn), z])
-    open_sky = ~caster.occluded(point, sky, leaving=met)
-    colour[rows] = tone * (SUNLIGHT * lit + SKYLIGHT * (0.35 + 0.65 * open_sky))[:, None]
-    return colour, found
-
-
 BEHIND, NEAREST, FARTHEST = 60, 7.0, 55.0  # trees behind, metres
 
 
@@ -269,7 +189,11 @@ def render_closeup(
     scene.collection.objects.link(bpy.data.objects.new(species.name, mesh))
     set_stage(scene, size)
     lay_horizon(scene, np.zeros(2), FARTHEST, 0.0)
-    _ground(scene)
+    data, far = bpy.data.meshes.new("Close-up ground"), FARTHEST + 100  # level forest floor
+    corners = [(-far, -far, 0.0), (far, -far, 0.0), (far, far, 0.0), (-far, far, 0.0)]
+    data.from_pydata(corners, [], [(0, 1, 2, 3)])
+    data.materials.append(materials.ground("Close-up ground"))
+    scene.collection.objects.link(bpy.data.objects.new("Close-up ground", data))
     _stand_behind(scene, mesh, view)
     way = view.target - view.eye
     grow_around(scene, view.eye[:2], math.atan2(way[1], way[0]), lambda place: np.zeros(len(place)))
@@ -281,16 +205,6 @@ def render_closeup(
     data.dof.focus_distance = float(np.linalg.norm(view.target - view.eye))
     scene.objects[SUN].rotation_euler = Vector(view.sun).to_track_quat("Z", "Y").to_euler()
     render(scene, spec.Output(preview_samples=samples), path, progress, exposure=1.0)
-
-
-def _ground(scene: bpy.types.Scene) -> None:
-    """Level forest floor around the tree."""
-    data = bpy.data.meshes.new("Close-up ground")
-    far = FARTHEST + 100
-    corners = [(-far, -far, 0.0), (far, -far, 0.0), (far, far, 0.0), (-far, far, 0.0)]
-    data.from_pydata(corners, [], [(0, 1, 2, 3)])
-    data.materials.append(materials.ground("Close-up ground"))
-    scene.collection.objects.link(bpy.data.objects.new("Close-up ground", data))
 
 
 def _stand_behind(scene: bpy.types.Scene, mesh: bpy.types.Mesh, view: View) -> None:

@@ -38,7 +38,7 @@ PAPER = 0.94  # grey of the paper, as in the pictures of presets
 class AssetPortrait:
     """Description of an asset's tree.
 
-    label : what its planting is called. picture : (PIXELS, PIXELS, 4), see ``draw``.
+    label : what its planting is called. picture : (P, P, 4), see ``draw``.
     """
 
     label: str
@@ -50,9 +50,8 @@ def portray(species: spec.Species, label: str, mesh: TriMesh) -> AssetPortrait:
     """Describe and draw a tree, Z up, of a species."""
     height = float(mesh.vertices[:, 2].max(initial=0.0))
     leaves = int(mesh.leaf.max(initial=-1)) + 1
-    colours = {WOOD: species.look.bark, DEAD: species.look.bark, LEAF: species.look.foliage()}
     described = f"{label}, {height:.1f} m tall, {leaves:,} leaves"
-    return AssetPortrait(label, described, draw(mesh, colours))
+    return AssetPortrait(label, described, draw(mesh, species.look))
 
 
 @dataclass(frozen=True)
@@ -132,17 +131,15 @@ def on_paper(wood: np.ndarray, leaves: np.ndarray | None, look: spec.Look) -> np
             for f, part in parts
         ]
     )
-    drawn = draw(mesh, {WOOD: look.bark, LEAF: look.foliage()})
+    drawn = draw(mesh, look)
     ink = drawn[::-1, :, 3:]
     return np.asarray(ink * drawn[::-1, :, :3] + PAPER * (1 - ink))
 
 
-def draw(mesh: TriMesh, colours: dict[int, tuple[float, float, float]]) -> np.ndarray:
-    """(PIXELS, PIXELS, 4) sRGB, from the lower left: the mesh from the front, the rest transparent.
-
-    colours : linear, by the part of a face.
-    """
-    picture = np.zeros((PIXELS, PIXELS, 4), dtype=np.float32)
+def draw(mesh: TriMesh, look: spec.Look, size: int = 1) -> np.ndarray:
+    """(P, P, 4) sRGB, from the lower left: a tree from the front, the rest transparent; P is size PIXELS."""
+    pixels, count = size * PIXELS, size**2 * DOTS
+    picture = np.zeros((pixels, pixels, 4), dtype=np.float32)
     some = slice(None, None, 1 + len(mesh.triangles) // FACES)
     corner, of_part = mesh.vertices[mesh.triangles[some]], mesh.part[some]
     normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
@@ -150,22 +147,20 @@ def draw(mesh: TriMesh, colours: dict[int, tuple[float, float, float]]) -> np.nd
     if not area.sum() > 0:
         return picture
     rng = stream(0, "asset", "picture")
-    face = rng.choice(len(area), DOTS, p=area / area.sum())
-    u, v = rng.random((2, DOTS, 1))
+    face = rng.choice(len(area), count, p=area / area.sum())
+    u, v = rng.random((2, count, 1))
     u, v = np.where(u + v > 1, 1 - u, u), np.where(u + v > 1, 1 - v, v)
     a, b, c = corner[face].transpose(1, 0, 2)
     dots = a + u * (b - a) + v * (c - a)
 
     low, high = dots.min(axis=0), dots.max(axis=0)
-    size = max(high[0] - low[0], high[2] - low[2], 1e-9) * 1.04
-    middle = (low + high) / 2
-    place = ((dots - middle) / size + 0.5) * PIXELS
-    column, row = np.clip(place[:, [0, 2]], 0, PIXELS - 1).astype(int).T
+    extent = max(high[0] - low[0], high[2] - low[2], 1e-9) * 1.04
+    place = ((dots - (low + high) / 2) / extent + 0.5) * pixels
+    column, row = np.clip(place[:, [0, 2]], 0, pixels - 1).astype(int).T
     order = np.argsort(-dots[:, 1])  # what is nearer is drawn over what is farther
     facing = np.abs(normal[face] @ LIGHT) / (area[face] * np.linalg.norm(LIGHT))
     tone = np.full((128, 3), 0.25)
-    for part, colour in colours.items():
-        tone[part] = colour
+    tone[[WOOD, DEAD]], tone[LEAF] = look.bark, look.foliage()
     shade = 2.5 * tone[of_part[face]] * (AMBIENT + (1 - AMBIENT) * facing)[:, None]
     picture[row[order], column[order], :3] = np.clip(shade[order], 0, 1) ** (1 / 2.2)
     picture[row, column, 3] = 1.0

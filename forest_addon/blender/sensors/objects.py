@@ -223,8 +223,13 @@ def place(thing: bpy.types.Object, settings: Sensor) -> None:
     """Move and turn an object to where its settings say."""
     kind = KINDS[settings.kind]
     thing.rotation_mode = "XYZ"
-    if kind.body == "speaker":
-        _place_ends(thing, settings)
+    if kind.body == "speaker":  # it points where it faces, and its receiver is where one listens
+        reverb: Any = settings
+        up, turn = reverb.facing_elevation_deg, reverb.facing_azimuth_deg
+        thing.location = reverb.source
+        thing.rotation_euler = (math.radians(90 + up), 0.0, math.radians(turn - 90))
+        if receiver := receiver_of(thing):
+            receiver.location = reverb.receiver
         return
     azimuth, elevation = (
         next((getattr(settings, name) for name in names if name in kind.posed), 0.0)
@@ -235,16 +240,6 @@ def place(thing: bpy.types.Object, settings: Sensor) -> None:
         thing.location = settings.position  # type: ignore[attr-defined]
     elif poses := getattr(settings, "poses", ()):
         thing.location = poses[0].position
-
-
-def _place_ends(thing: bpy.types.Object, reverb: Any) -> None:
-    """A Speaker to its source, pointing where that faces, and its receiver to where one listens."""
-    up, turn = reverb.facing_elevation_deg, reverb.facing_azimuth_deg
-    thing.location = reverb.source
-    thing.rotation_euler = (math.radians(90 + up), 0.0, math.radians(turn - 90))
-    receiver = receiver_of(thing)
-    if receiver is not None:
-        receiver.location = reverb.receiver
 
 
 def pose(thing: bpy.types.Object) -> dict[str, Any]:

@@ -17,10 +17,10 @@ import numpy as np
 
 from ...base.labels import LEVELS
 from ...base.labels import MEASURES as SCALE
-from ..scene.layout import COLOUR_BY, COLOUR_MAP, FAR_POINTS, RADIUS, SHARE, is_local
+from ..scene.layout import COLOUR_BY, COLOUR_MAP, FAR_POINTS, RADIUS, SHARE
 from ..scene.materials import coloured
 from ..scene.nodes import HIGH as HIGH
-from ..scene.nodes import LOW, Graph, Value
+from ..scene.nodes import LOW, Graph, Value, marked
 
 GROUP, HEARD_GROUP = "Forest Sensing Points", "Forest Sensing Echo Points"
 # A group with other sockets than these gets another number. Of version 2 no points were left out in views.
@@ -52,12 +52,13 @@ VIVID, VALUE = 0.75, 0.6  # saturation and value of those hues
 
 def scan_group() -> bpy.types.NodeTree:
     """The nodes of scanners' clouds, as they are in the file."""
-    return _found("scan") or _make("scan", GROUP, "Organ", NUMBERS, MEASURES)
+    return marked(GROUP_KEY, f"scan {VERSION}") or _make("scan", GROUP, "Organ", NUMBERS, MEASURES)
 
 
 def heard_group() -> bpy.types.NodeTree:
     """The nodes of what sonars heard."""
-    return _found("heard") or _make("heard", HEARD_GROUP, "Loudness", HEARD_NUMBERS, HEARD_MEASURES)
+    of_echoes = ("heard", HEARD_GROUP, "Loudness", HEARD_NUMBERS, HEARD_MEASURES)
+    return marked(GROUP_KEY, f"heard {VERSION}") or _make(*of_echoes)
 
 
 def title_of(name: str) -> str:
@@ -84,12 +85,6 @@ def points_material() -> bpy.types.Material:
     made = bpy.data.materials.get(MATERIAL) or coloured(MATERIAL, "colour")
     made.diffuse_color = (1.0, 0.75, 0.1, 1.0)  # Solid shading knows one colour for all points
     return made
-
-
-def _found(kind: str) -> bpy.types.NodeTree | None:
-    wanted = f"{kind} {VERSION}"
-    groups = (g for g in bpy.data.node_groups if g.get(GROUP_KEY) == wanted and is_local(g))
-    return next(groups, None)
 
 
 def _make(
@@ -128,10 +123,15 @@ def _make(
     graph.tree[GROUP_KEY] = f"{kind} {VERSION}"
     given = graph.given
     colour = _colour(graph, first, numbers, measures)
+    radius = given[RADIUS]
+    if kind == "heard":
+        level = graph.named("level")
+        size = graph.value("MapRange", level, QUIET, 0.0, *SIZES, label="Loud is large")
+        radius = graph.math("MULTIPLY", radius, size, label="Size")
     points = {
         "Mesh": graph.store(given["Geometry"], "colour", "FLOAT_COLOR", colour),
         "Selection": _shown(graph),
-        "Radius": _loud(graph) if kind == "heard" else given[RADIUS],
+        "Radius": radius,
     }
     made = graph.add("MeshToPoints", points, label="A point a vertex").outputs[0]
     graph.finish(graph.value("SetMaterial", made, None, given[COAT], label="What they look like"))
@@ -173,12 +173,6 @@ def _shown(graph: Graph) -> Value:
     near = graph.both(viewed, near, "IMPLY", label="Elsewhere all")
     near = graph.both(near, given[FAR_POINTS], "OR", label="Or wherever")
     return graph.both(graph.both(within, chance), near, label="Is shown")
-
-
-def _loud(graph: Graph) -> Value:
-    """The size of points by how loud they were."""
-    size = graph.value("MapRange", graph.named("level"), QUIET, 0.0, *SIZES, label="Loud is large")
-    return graph.math("MULTIPLY", graph.given[RADIUS], size, label="Size")
 
 
 def _choice(graph: Graph, menu: str, kind: str, choices: Mapping[Value, str]) -> Value:

@@ -13,10 +13,11 @@ import bpy
 
 from ... import spec
 from ...blender.scene.layout import INTENSITY, part
+from ...blender.show import intensity
 from ..settings import exchange
 from ..shell.running import Button
 from ..shell.views import chosen_planting, see_through, select
-from ..shell.words import say
+from ..shell.words import free_name, say
 
 NAME = "Canvas"
 PAINTING = "PAINT_WEIGHT"
@@ -30,13 +31,11 @@ def _put_away(*_: object) -> None:
     global _in_hand
     if not _in_hand or bpy.context.mode == PAINTING:
         return
-    from ...blender.show.intensity import CANVAS_KEY, put_away
-
     thing = bpy.data.objects.get(_in_hand)
     _in_hand = ""
     see_through(False)
-    if thing is not None and CANVAS_KEY in thing:  # in another file it may be anything
-        put_away(thing)
+    if thing is not None and intensity.CANVAS_KEY in thing:  # in another file it may be anything
+        intensity.show_canvas(thing, painted=False)
 
 
 class FOREST_OT_paint(Button, bpy.types.Operator):
@@ -55,8 +54,6 @@ class FOREST_OT_paint(Button, bpy.types.Operator):
         return reason
 
     def act(self, context: bpy.types.Context) -> str:
-        from ...blender.show.intensity import layer_of, take_up
-
         global _in_hand
         if context.mode == PAINTING:
             bpy.ops.object.mode_set(mode="OBJECT")
@@ -64,56 +61,43 @@ class FOREST_OT_paint(Button, bpy.types.Operator):
             return ""
         thing = self._canvas(context)
         planting = chosen_planting(context.scene.forest_sensing)
-        layer = layer_of(thing, _layer_name(planting, thing))
+        layer = intensity.layer_of(thing, _layer_name(planting, thing))
         planting.painted = f"{thing.name}:{layer.name}"
         select(context, thing)
         bpy.ops.object.mode_set(mode="WEIGHT_PAINT")
-        take_up(thing)
+        intensity.show_canvas(thing, painted=True)
         _in_hand = thing.name
         see_through(True)
         return say("Paint where trees stand; Done ends it, Grow Forest plants them")
 
     def _canvas(self, context: bpy.types.Context) -> bpy.types.Object:
         """The scene's canvas, laid over the field as it is now."""
-        from ...blender.show import intensity
+        from ...blender.site import with_objects
+        from ...site import ForestSite
+        from ...stand.files import read_inputs
 
         props = context.scene.forest_sensing
+        folder = Path(bpy.path.abspath(props.folder))
         settings = spec.Scene(
             forest=exchange.read(props.forest, spec.Forest, "forest"),
             offset=exchange.parsed("offset", props.offset) or (0.0, 0.0, 0.0),
             crs=props.crs,
         )
-        terrain = _terrain(context, settings, Path(bpy.path.abspath(props.folder)))
+        site = ForestSite(settings, folder, inputs=read_inputs(settings, folder))
+        site = with_objects(site, context.evaluated_depsgraph_get())
         home = part(context.scene, INTENSITY)
-        thing = intensity.find_canvas(home) or intensity.new_canvas(NAME, home)
-        intensity.lay(thing, settings.forest, terrain)
+        known = (t for t in home.objects if intensity.CANVAS_KEY in t and t.type == "MESH")
+        thing = next(known, None) or intensity.new_canvas(NAME, home)
+        intensity.lay(thing, settings.forest, site.ground)
         return thing
-
-
-def _terrain(context: bpy.types.Context, scene: spec.Scene, folder: Path) -> Any:
-    """The ground that the forest would be planted on now."""
-    from ...blender.read.inputs import read_terrain
-    from ...stand import files as stand_files
-    from ...stand.intensity.terrain import Flat
-
-    ground = scene.forest.terrain
-    if ground.object:
-        return read_terrain(ground.object, context.evaluated_depsgraph_get())
-    if ground.file:
-        return stand_files.read_terrain(scene, folder)[0]
-    return Flat(ground.base)
 
 
 def _layer_name(planting: Any, thing: bpy.types.Object) -> str:
     """The layer that the planting has on the canvas, or the name for one of its own."""
     if planting.painted_pointer == thing and planting.painted_layer in thing.vertex_groups:
         return str(planting.painted_layer)
-    stem = name = Path(planting.species).stem or "trees"
-    number = 1
-    while name in thing.vertex_groups:
-        number += 1
-        name = f"{stem} {number}"
-    return name
+    stem = Path(planting.species).stem or "trees"
+    return free_name(stem, " ", "", thing.vertex_groups.__contains__)
 
 
 HANDLERS = (("depsgraph_update_post", _put_away),)

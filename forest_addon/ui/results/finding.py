@@ -39,6 +39,7 @@ from ...spec import Scene, Sensor
 from ...spec.base import Settings
 from ...stand.forest import GrownForest
 from ..settings.exchange import forestless
+from ..shell.views import redraw_panels
 from ..shell.words import Kept, keep, label_kept, say, say_kept
 from . import images
 from .keep import (
@@ -164,7 +165,8 @@ def keep_finding(
     record = results_of(sensor)
     figured, sentence = figures_of(sensor, found), sentence_of(sensor, found)
     if forestless(props):
-        figured = [each for each in figured if each.short not in OF_TREES or _is_some(each)]
+        some = [each for each in figured if any(digit in "123456789" for digit in each.text)]
+        figured = [each for each in figured if each.short not in OF_TREES or each in some]
     figures = in_words(figured)
     plot = record.plot(sensor, found)
     title = f"Forest {sensor.name}" + ("" if frame is None else f" {frame:04d}")
@@ -212,11 +214,6 @@ def in_words(figures: list[Figure]) -> Words:
         for each in figures
         if each.short
     }
-
-
-def _is_some(figure: Figure) -> bool:
-    """Return whether a count or a share is more than none."""
-    return any(digit in "123456789" for digit in figure.text)
 
 
 def note_audit(context: bpy.types.Context, name: str, audit: Audit) -> None:
@@ -274,5 +271,6 @@ def _note(props: Any, name: str, kind: str, title: str, figures: Words) -> Any:
     for field in set(result.bl_rna.properties.keys()) - {"rna_type", "name", "frames"}:
         result.property_unset(field)
     result.name, result.kind, result.title = name, kind, title
+    redraw_panels()
     _set_figures(result, figures)
     return result

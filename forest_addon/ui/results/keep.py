@@ -18,7 +18,7 @@ import bpy
 from ...blender.scene.layout import CLOUD_KEY, FRAME_KEY
 from ...blender.sensors.objects import file_name, kind_of, sensors_of
 from ..shell.running import Reading
-from ..shell.views import show
+from ..shell.views import redraw_panels, show
 from ..shell.words import say
 
 
@@ -106,17 +106,20 @@ def show_frame(scene: bpy.types.Scene) -> None:
         ours = thing is not None and CLOUD_KEY in thing and FRAME_KEY in thing.data
         if ours and each.points is not None and thing.data != each.points:
             thing.data = each.points
-        if each.picture is not None and result.picture != each.picture:
-            result.picture = each.picture
         speaker = scene.objects.get(result.name)
         if each.sound is not None and speaker is not None and speaker.type == "SPEAKER":
             speaker.data.sound = each.sound
+        if bpy.app.is_job_running("RENDER"):
+            continue  # its thread goes from frame to frame while windows draw the panel
+        if each.picture is not None and result.picture != each.picture:
+            result.picture = each.picture
         result.found = each.found
         if each.said and each.said != _said_of(result):  # nothing, in files of before
             figures, legend = json.loads(each.said)
             result.figures.clear()
             set_figures(result, figures)
             set_legend(result, ((choice, name, colour) for name, choice, *colour in legend))
+            redraw_panels()
 
 
 @bpy.app.handlers.persistent

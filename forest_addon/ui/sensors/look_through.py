@@ -15,10 +15,12 @@ from typing import Any, ClassVar
 import blf
 import bpy
 import gpu
+import numpy as np
 from gpu_extras.presets import draw_texture_2d
 
 from ...blender.scene.instances import may_be_met
 from ...blender.sensors import objects as sensors
+from ...sensing.kind import Observation
 from ...sensing.kinds import KINDS, choose
 from ..settings.exchange import sensor_of, to_spec
 from ..settings.preferences import rays_of
@@ -81,7 +83,6 @@ class Eye:
 
     def _glance(self, context: bpy.types.Context, sensor: Any, again: bool) -> None:
         from ...blender.sensors.observe import Observer
-        from ...sensing.kind import Observation
 
         settings = to_spec(context.scene, [])
         if self.observer is None or again:
@@ -277,8 +278,6 @@ def _placed(context: bpy.types.Context, sensor: Any) -> Any:
 
 
 def _texture(colours: Any) -> gpu.types.GPUTexture:
-    import numpy as np
-
     high, wide = colours.shape[:2]
     pixels = np.ones((high, wide, 4), dtype=np.float32)
     pixels[..., :3] = colours

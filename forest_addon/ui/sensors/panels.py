@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -194,12 +194,8 @@ NO_SCANNER = keep("Choose a moving scanner in the list of sensors first")
 NO_REVERB = keep("Choose a reverb in the list of sensors first")
 
 
-def _poses_of(context: Context) -> Any:
-    return chosen_settings(context, "mobile")
-
-
-def _reverb_of(context: Context) -> Any:
-    return chosen_settings(context, "reverb")
+_poses_of = partial(chosen_settings, kind="mobile")
+_reverb_of = partial(chosen_settings, kind="reverb")
 
 
 def _place(position: Any) -> str:
@@ -207,26 +203,22 @@ def _place(position: Any) -> str:
     return f"{x:g}, {y:g}, {z:g} m"
 
 
-def _object_row(item: Any) -> Row:
-    lost = item.thing is None
-    return Row(item.name or "?" if lost else item.thing.name, "ERROR" if lost else "OBJECT_DATA")
-
-
-def _start_pose(pose: Any, context: Context) -> None:
+def _next_pose(context: Context) -> dict[str, Any]:
+    """A pose ten seconds and ten metres after the last."""
     poses = _poses_of(context).poses
     if len(poses) < 2:
-        return
+        return {}
     last = poses[len(poses) - 2]
-    pose.time, pose.heading_deg = last.time + 10, last.heading_deg
-    x, y, z = last.position
-    heading = math.radians(last.heading_deg)
-    pose.position = (x + 10 * math.cos(heading), y + 10 * math.sin(heading), z)
+    (x, y, z), heading = last.position, math.radians(last.heading_deg)
+    place = (x + 10 * math.cos(heading), y + 10 * math.sin(heading), z)
+    return {"time": last.time + 10, "heading_deg": last.heading_deg, "position": place}
 
 
-def _start_place(place: Any, context: Context) -> None:
+def _middle(context: Context) -> dict[str, Any]:
+    """A place in the middle of the field, as high as a new one is."""
     field = context.scene.forest_sensing.forest
     x, y = (o + s / 2 for o, s in zip(field.origin, field.size, strict=True))
-    place.position = (x, y, place.position[2])
+    return {"position": (x, y, spec.Place().position[2])}
 
 
 CLASSES = (
@@ -240,27 +232,33 @@ CLASSES = (
         "Further sources or receivers of a reverb",
         lambda item: Row(_place(item.position), "EMPTY_AXIS"),
     ),
-    rows("objects", "Objects that are further sources or receivers of a reverb", _object_row),
+    rows(
+        "objects",
+        "Objects that are further sources or receivers of a reverb",
+        lambda item: (
+            Row(item.thing.name, "OBJECT_DATA") if item.thing else Row(item.name or "?", "ERROR")
+        ),
+    ),
     *buttons(
         "pose",
         "Pose",
         Listed("poses", _poses_of, NO_SCANNER),
         "Add a place that the scanner passes, ten seconds and ten metres after the last",
-        _start_pose,
+        _next_pose,
     ),
     *buttons(
         "source",
         "Source",
         Listed("sources", _reverb_of, NO_REVERB),
         "Add one more source, in the middle of the field",
-        _start_place,
+        _middle,
     ),
     *buttons(
         "receiver",
         "Receiver",
         Listed("receivers", _reverb_of, NO_REVERB),
         "Add one more receiver, in the middle of the field",
-        _start_place,
+        _middle,
     ),
     *buttons(
         "source_object",
@@ -296,13 +294,6 @@ def instruments() -> dict[str, ScannerFile]:
     from ...formats.toml_file import read_scanner, scanner_names
 
     return {name: read_scanner(name) for name in scanner_names()}
-
-
-def draw_instrument(layout: bpy.types.UILayout, group: Any) -> None:
-    """The menu, which shows the instrument that a scanner's settings started from."""
-    layout.row(heading="Instrument").menu(
-        FOREST_MT_instruments.__name__, text=instrument_title(group)
-    )
 
 
 def instrument_title(group: Any) -> str:
@@ -505,7 +496,8 @@ def _draw_sensor(layout: bpy.types.UILayout, thing: bpy.types.Object) -> None:
         column.label(text=label_kept(fixed), icon="INFO")
     hidden = {"name", *record.posed, *references.HEARD_TYPES}
     if "scanner" in group.shown:
-        draw_instrument(split(layout), group)
+        row = split(layout).row(heading="Instrument")
+        row.menu(FOREST_MT_instruments.__name__, text=instrument_title(group))
     draw_settings(split(layout), group, hidden)
     for part in group.nested:
         header, body = folded(layout, f"FOREST_{kind}_{part}")
@@ -515,18 +507,11 @@ def _draw_sensor(layout: bpy.types.UILayout, thing: bpy.types.Object) -> None:
         if body is not None:
             body.active = getattr(group, f"use_{part}", True)
             draw_settings(split(body), getattr(group, part))
-    if kind == "mobile":
-        _draw_poses(layout, group)
+    if kind == "mobile" and not group.follow:
+        layout.label(text="Where It Goes")
+        draw_listed(layout, group, "poses", "pose")
     elif kind == "reverb":
         _draw_further(layout, group)
-
-
-def _draw_poses(layout: bpy.types.UILayout, group: Any) -> None:
-    """The poses of a scanner that follows nothing."""
-    if group.follow:
-        return
-    layout.label(text="Where It Goes")
-    draw_listed(layout, group, "poses", "pose")
 
 
 def _draw_further(layout: bpy.types.UILayout, group: Any) -> None:

@@ -247,12 +247,12 @@ def buttons(
     title: str,
     listed: Listed,
     adds: str,
-    start: Callable[[Any, Context], None] = lambda item, context: None,
+    start: Callable[[Context], dict[str, Any]] = lambda context: {},
 ) -> tuple[type, type]:
     """The operators forest.add_THING and forest.remove_THING.
 
     title : what people call an item. adds : the help of the button that adds.
-    start : gives a new item, which is the last of the list by then, its first settings.
+    start : the first settings of a new item, which is the last of the list by then.
     """
     said = {
         "add": {"__doc__": adds, "start": staticmethod(start)},
@@ -301,7 +301,9 @@ class _Listing(Button):
 class _Add(_Listing):
     def change(self, items: Any, _active: int, context: Context) -> int:
         """Add one item; returns its number."""
-        self.start(items.add(), context)
+        item = items.add()
+        for name, value in self.start(context).items():
+            setattr(item, name, value)
         return len(items) - 1
 
 

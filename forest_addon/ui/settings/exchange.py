@@ -20,6 +20,7 @@ from ...blender.scene.layout import shortest
 from ...blender.sensors import objects as sensors
 from ...blender.sensors.objects import file_name
 from ...spec import Settings, SpecError
+from ..shell.views import redraw_panels
 from ..shell.words import say
 from . import hills, references
 from .groups import LARGEST_INT, WHEN_USED, fields_of, text_of
@@ -263,6 +264,7 @@ def fill(group: Any, name: str, items: Iterable[Settings]) -> None:
     for item in items:
         write(collection.add(), item)
     setattr(group, f"active_{name}", 0)
+    redraw_panels()
 
 
 def _named(place: str, group: Any, name: str) -> str:

@@ -9,9 +9,10 @@ becomes a whole path, which scene files understand.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
+from contextlib import suppress
 from dataclasses import dataclass
-from functools import partial
+from itertools import product
 from typing import Any
 
 import bpy
@@ -38,24 +39,17 @@ def _is_ground(_group: Any, thing: Any) -> bool:
     return thing.type in SOLID_TYPES and SPECIES_KEY not in thing
 
 
-def _may_lead(_group: Any, thing: Any) -> bool:
-    return bool(thing.type == "CURVE" or thing.animation_data or thing.parent or thing.constraints)
-
-
-def _is_one_of(kinds: set[str], _item: Any, thing: Any) -> bool:
-    return thing.type in kinds and HANDLE_KEY not in thing
-
-
 HEARD_TYPES = {"source_objects": {"SPEAKER"}, "receiver_objects": {"EMPTY", "CAMERA"}}
 REFERENCES = {
     "object": Reference(_is_ground),
     "painted": Reference(_is_ground, layered=True),
     "collection": Reference(lambda _group, _home: True, of=bpy.types.Collection),
-    "follow": Reference(_may_lead),
-    **{
-        name: Reference(partial(_is_one_of, kinds), many=True)
-        for name, kinds in HEARD_TYPES.items()
-    },
+    "follow": Reference(
+        lambda _group, thing: bool(
+            thing.type == "CURVE" or thing.animation_data or thing.parent or thing.constraints
+        )
+    ),
+    **{name: Reference(lambda _group, _thing: True, many=True) for name in HEARD_TYPES},
 }
 
 _busy = False  # a name or a pointer is set to follow the other
@@ -118,10 +112,7 @@ def resolve(group: Any, name: str) -> None:
         return
     _busy = True
     try:
-        if REFERENCES[name].many:
-            _find_many(group, name)
-        else:
-            _find(group, name)
+        _find(group, name)
     finally:
         _busy = False
 
@@ -157,22 +148,14 @@ def listed_anew(group: Any, name: str) -> None:
     _set_text(group, name, _names_in(getattr(group, f"{name}_pointers")))
 
 
-def renew_texts(groups: Iterator[Any]) -> None:
+def renew_texts(groups: Iterable[Any]) -> None:
     """Have texts say what things are called now, for whoever reads the file without pointers."""
-    for group in groups:
-        for name in named_by(group):
-            try:
+    for group, name in product(groups, REFERENCES):
+        if {f"{name}_pointer", f"{name}_pointers"} & set(group.bl_rna.properties.keys()):
+            with suppress(SpecError):
                 text = name_of(group, name)
-            except SpecError:
-                continue
-            if getattr(group, name) != text:
-                _set_text(group, name, text)
-
-
-def named_by(group: Any) -> list[str]:
-    """The settings of a group that name something."""
-    known = group.bl_rna.properties
-    return [n for n in REFERENCES if f"{n}_pointer" in known or f"{n}_pointers" in known]
+                if getattr(group, name) != text:
+                    _set_text(group, name, text)
 
 
 def _names_in(items: Any) -> str:
@@ -189,6 +172,13 @@ def _check(name: str, thing: Any) -> None:
 
 def _find(group: Any, name: str) -> None:
     known, text = REFERENCES[name], getattr(group, name)
+    if known.many:
+        items = getattr(group, f"{name}_pointers")
+        items.clear()
+        for part in filter(None, (part.strip() for part in text.split(","))):
+            item = items.add()
+            item.name, item.thing = part, bpy.data.objects.get(part)
+        return
     every = bpy.data.collections if known.of is bpy.types.Collection else bpy.data.objects
     holder, layer = text, ""
     if known.layered and text not in every:
@@ -198,14 +188,6 @@ def _find(group: Any, name: str) -> None:
         setattr(group, f"{name}_pointer", found)
     if known.layered:
         setattr(group, f"{name}_layer", layer if found is not None else "")
-
-
-def _find_many(group: Any, name: str) -> None:
-    items = getattr(group, f"{name}_pointers")
-    items.clear()
-    for part in filter(None, (part.strip() for part in getattr(group, name).split(","))):
-        item = items.add()
-        item.name, item.thing = part, bpy.data.objects.get(part)
 
 
 def _say_name(group: Any, name: str) -> None:
@@ -237,13 +219,9 @@ def layers_of(thing: bpy.types.Object) -> list[str]:
     names = [known.name for known in thing.vertex_groups]
     if thing.type == "MESH":
         names += [a.name for a in thing.data.color_attributes]
-        names += [a.name for a in thing.data.attributes if _is_weight(a)]
+        of_points = [a for a in thing.data.attributes if a.domain != "EDGE" and not a.is_internal]
+        names += [a.name for a in of_points if a.data_type == "FLOAT"]
     return list(dict.fromkeys(names))
-
-
-def _is_weight(attribute: Any) -> bool:
-    plain = attribute.domain != "EDGE" and not attribute.is_internal
-    return bool(plain and attribute.data_type == "FLOAT")
 
 
 SPECIES = ASSETS / "species"

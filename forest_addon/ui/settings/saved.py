@@ -7,7 +7,6 @@ the panel until the user takes note, and in the console. A file without settings
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator
 from typing import Any
 
 import bpy
@@ -88,7 +87,9 @@ def _sign(*_: object) -> None:
         if scene.is_editable and _has_settings(scene):
             props = scene.forest_sensing
             props.layout = max(LAYOUT, props.layout)
-            references.renew_texts(_groups_that_name(scene))
+            things = sensors.sensors_of(scene)
+            of_sensors = (getattr(t.forest_sensor, sensors.kind_of(t)) for t in things)
+            references.renew_texts([props.forest.terrain, *props.plantings, *of_sensors])
 
 
 def _has_settings(scene: bpy.types.Scene) -> bool:
@@ -105,15 +106,6 @@ def _holds_values(stored: Any) -> bool:
     return any(
         _holds_values(value) if hasattr(value, "keys") else True for value in stored.values()
     )
-
-
-def _groups_that_name(scene: bpy.types.Scene) -> Iterator[Any]:
-    """Every group of a scene's settings that names something of it."""
-    props = scene.forest_sensing
-    yield props.forest.terrain
-    yield from props.plantings
-    for thing in sensors.sensors_of(scene):
-        yield getattr(thing.forest_sensor, sensors.kind_of(thing))
 
 
 HANDLERS = (

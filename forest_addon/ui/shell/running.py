@@ -9,6 +9,7 @@ that Blender lacks are looked for before; slow views are drawn only once while w
 from __future__ import annotations
 
 import functools
+import importlib
 import importlib.util
 import time
 from collections.abc import Callable, Iterator
@@ -229,6 +230,8 @@ class Button:
         except PROBLEMS as problem:
             self.report({"ERROR"}, in_words(problem))
             return {"CANCELLED"}
+        finally:
+            redraw_panels()  # those in other windows too may show items of a list that are gone
         if said:
             self.report({"INFO"}, said)
         return {"CANCELLED"} if said is None else {"FINISHED"}
@@ -387,19 +390,24 @@ class FOREST_OT_cancel(Reading, bpy.types.Operator):
         return ""
 
 
-def getting_ready(import_rooms: Callable[[Progress], object]) -> Task:
-    """The first piece of work: importing what it needs, scipy with it, takes a while the first time."""
+def getting_ready(*rooms: str) -> Task:
+    """The first piece of work: importing what it needs, scipy with it, takes a while the first time.
 
-    def patiently(tell: Progress) -> object:
-        for _ in range(ATTEMPTS):
+    rooms : modules of ours by their names within ``forest_addon``.
+    """
+    within = (__package__ or "").removesuffix(".ui.shell")
+
+    def patiently(_tell: Progress) -> None:
+        for left in reversed(range(ATTEMPTS)):
             try:
-                return import_rooms(tell)
+                for room in rooms:
+                    importlib.import_module(f"{within}.{room}")
+                return
             except RuntimeError as problem:
                 # two threads that import the same package each from another end: Python ends one of them
-                if type(problem).__name__ != "_DeadlockError":
+                if type(problem).__name__ != "_DeadlockError" or not left:
                     raise
                 time.sleep(TICK)
-        return import_rooms(tell)
 
     return Task(say("getting ready"), patiently, whole=True)
 
@@ -429,19 +437,20 @@ def in_words(problem: BaseException) -> str:
     if isinstance(problem, MemoryError):
         return say("There is not enough memory for this; take fewer trees or coarser steps")
     if isinstance(problem, ReferenceError):
-        return say(_what_is_gone(problem))
+        return say(next(words for kind, words in GONE.items() if kind in str(problem)))
     if isinstance(problem, OSError) and problem.strerror:
         return f"{problem.filename or say('A file cannot be written')}: {problem.strerror}"
     return str(problem)
 
 
-def _what_is_gone(problem: ReferenceError) -> str:
-    """Return which thing was removed while a job used it."""
-    if "type Object" in str(problem):
-        return keep("An object was removed or undone meanwhile, perhaps the sensor; run it again")
-    if "type Scene" in str(problem):
-        return keep("The scene was removed or undone meanwhile; run it again")
-    return keep("Something of the scene was removed or undone meanwhile; run it again")
+# What was removed while a job used it, by what Python says of it.
+GONE = {
+    "type Object": keep(
+        "An object was removed or undone meanwhile, perhaps the sensor; run it again"
+    ),
+    "type Scene": keep("The scene was removed or undone meanwhile; run it again"),
+    "": keep("Something of the scene was removed or undone meanwhile; run it again"),
+}
 
 
 def register() -> None:

@@ -55,7 +55,11 @@ def holds(box: bpy.types.Area | bpy.types.Region, x: int, y: int) -> bool:
 
 
 def redraw_panels() -> None:
-    """Have every sidebar of a 3D view and every Properties editor drawn anew, and no view itself."""
+    """Have every sidebar of a 3D view and every Properties editor drawn anew, and no view itself.
+
+    Whoever adds to a list of settings or takes from it calls this at once: buttons that are drawn point to
+    where items were, and a mouse over one would have Blender read memory that is no longer theirs.
+    """
     for window in bpy.context.window_manager.windows:
         for area in window.screen.areas:
             if area.type in PANELS:

@@ -96,7 +96,8 @@ def _is_idle(group: Any, part: str) -> bool:
 
 def _draw_part(layout: bpy.types.UILayout, group: Any) -> None:
     """Numbers and texts first, then what is drawn from a distribution."""
-    long = _long_texts(group)
+    wide = ("axiom", "productions", "constants", "symbols")  # texts of an L-system
+    long = [name for name in group.shown if name in wide]
     draw_settings(split(layout), group, long)
     kind = type(group)
     for name in long:
@@ -114,12 +115,6 @@ def _draw_part(layout: bpy.types.UILayout, group: Any) -> None:
 def _has(kind: type, name: str) -> bool:
     """Return whether a class of settings has a property; looked up once."""
     return name in kind.bl_rna.properties  # type: ignore[attr-defined]
-
-
-def _long_texts(group: Any) -> tuple[str, ...]:
-    """Return what needs the whole width: the texts of an L-system."""
-    wide = ("axiom", "productions", "constants", "symbols")
-    return tuple(name for name in group.shown if name in wide)
 
 
 def _draw_spread(layout: bpy.types.UILayout, owner: Any, name: str) -> None:
