@@ -3,7 +3,7 @@
 An operator that computes is a ``Working`` with a ``work`` generator (``blender/jobs``). From a window it
 runs modally: the window lives on, one job at a time, and nothing is left half done when it is stopped: what a
 work has finished by then it notes in ``kept`` of its job. From a script it runs to its end at once. Packages
-that Blender lacks are looked for before; slow views are drawn only once while work goes on.
+that Blender lacks are looked for before.
 """
 
 from __future__ import annotations
@@ -117,12 +117,6 @@ BY_PROCESSOR = (
     "gdi generic",
 )
 LITTLE = 240_000  # triangles that a processor draws in less than a tenth of a second
-SLOW = 0.2  # s that a view takes to draw; faster ones are left alone
-LATELY = 1.5  # times as long ago as drawing took: then it is still being smoothed
-
-_handles: list[Any] = []
-_began = _took = _ended = 0.0
-_usual = ""  # the smoothing of before; empty: it is not ours
 
 
 def drawable() -> int:
@@ -133,45 +127,6 @@ def drawable() -> int:
         return DRAWABLE
     drawn_by = gpu.platform.renderer_get().lower()
     return LITTLE if any(name in drawn_by for name in BY_PROCESSOR) else DRAWABLE
-
-
-def rough_edges() -> None:
-    """Smooth views no longer, if one is being smoothed and that is slow."""
-    global _usual
-    system = bpy.context.preferences.system
-    late = time.perf_counter() - _ended
-    still = system.viewport_aa in ("OFF", "FXAA")  # these draw a view once
-    if _usual or _took < SLOW or late > LATELY * _took or still:
-        return
-    _usual = system.viewport_aa
-    _set("OFF")
-
-
-def usual_edges() -> None:
-    """Smooth views as before."""
-    global _usual
-    if _usual:
-        _set(_usual)
-    _usual = ""
-
-
-def _set(smoothing: str) -> None:
-    """Set how edges are smoothed; nothing that preferences are to be saved for."""
-    preferences = bpy.context.preferences
-    changed = preferences.is_dirty
-    preferences.system.viewport_aa = smoothing  # type: ignore[assignment]
-    preferences.is_dirty = changed
-
-
-def _begin() -> None:
-    global _began
-    _began = time.perf_counter()
-
-
-def _end() -> None:
-    global _took, _ended
-    _ended = time.perf_counter()
-    _took = _ended - _began
 
 
 TICK = 0.02  # s between two looks at a running job
@@ -314,7 +269,6 @@ class Working(WhenReady):
         self._shown = ""
         self._timer = manager.event_timer_add(TICK, window=context.window)
         manager.modal_handler_add(self)
-        rough_edges()
         return {"RUNNING_MODAL"}
 
     def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
@@ -371,7 +325,6 @@ class Working(WhenReady):
 
     def _leave(self, context: bpy.types.Context) -> None:
         context.window_manager.event_timer_remove(self._timer)
-        usual_edges()
         show_no_job(context)
 
 
@@ -453,19 +406,8 @@ GONE = {
 }
 
 
-def register() -> None:
-    """Watch views draw."""
-    if not bpy.app.background:
-        add = bpy.types.SpaceView3D.draw_handler_add
-        _handles.append(add(_begin, (), "WINDOW", "PRE_VIEW"))
-        _handles.append(add(_end, (), "WINDOW", "POST_PIXEL"))
-
-
 def unregister() -> None:
-    """Watch no longer, leave smoothing as it was, and stop what runs."""
-    while _handles:
-        bpy.types.SpaceView3D.draw_handler_remove(_handles.pop(), "WINDOW")
-    usual_edges()
+    """Stop what runs."""
     if current() is not None:
         show_no_job(bpy.context)
     stop()
