@@ -353,7 +353,7 @@ class FOREST_OT_make_library(Working, bpy.types.Operator):
 
     def work(self, context: bpy.types.Context) -> Work:
         yield getting_ready("blender.library.build")
-        from ...blender.library.build import grow_exhibits, write_species
+        from ...blender.scene.assets import grow_exhibits, write_species
 
         props, out = context.scene.forest_sensing, library_folder()
         folder = Path(bpy.path.abspath(props.folder))
