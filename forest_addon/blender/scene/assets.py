@@ -2,6 +2,12 @@
 
 What they measure and look like is told once they stand, and anew when they have changed (``untold``).
 The picture is drawn here, from points strewn over the mesh, because a Blender without a window draws none.
+
+A library has a .blend file for every species. Each tree is a collection that is marked as an asset, with
+catalog, description, tags and picture, and holds one object. A collection can be dragged in as an instance,
+which moves freely also where it is linked; its object can be appended or linked by itself. What sensors know
+of the tree lies on its mesh (``meshes``). In the file the trees stand in a row; an instance has its tree at
+its own origin.
 """
 
 from __future__ import annotations
@@ -48,31 +54,12 @@ PAPER = 0.94  # grey of the paper, as in the pictures of presets
 
 
 @dataclass(frozen=True)
-class AssetPortrait:
-    """Description of an asset's tree.
-
-    label : what its planting is called. picture : (P, P, 4), see ``draw``.
-    """
-
-    label: str
-    description: str
-    picture: np.ndarray
-
-
-def portray(species: spec.Species, label: str, mesh: TriMesh) -> AssetPortrait:
-    """Describe and draw a tree, Z up, of a species."""
-    height = float(mesh.vertices[:, 2].max(initial=0.0))
-    leaves = int(mesh.leaf.max(initial=-1)) + 1
-    described = f"{label}, {height:.1f} m tall, {leaves:,} leaves"
-    return AssetPortrait(label, described, draw(mesh, species.look))
-
-
-@dataclass(frozen=True)
 class ToldVariant:
-    """Measures of a variant by name and unit, and its picture."""
+    """Measures of a variant by name and unit, a sentence, and its picture (``draw``)."""
 
     truth: Mapping[str, float]
-    portrait: AssetPortrait
+    description: str
+    picture: np.ndarray
 
 
 def untold(scene: bpy.types.Scene, forest: GrownForest) -> list[Variant]:
@@ -102,9 +89,8 @@ def tell_variants(
         thing.data[TOLD_KEY] = thing.data[SHAPE_KEY]
         was, drawn_from = thing.get(PICTURE_KEY), _drawn_from(thing, forest, key)
         if was != drawn_from and (was is None or thing.asset_data is not None):
-            portrait = told[key].portrait
-            tags = ("tree", "forest", portrait.label)
-            mark_asset(thing, portrait.description, tags, portrait.picture)
+            tags = ("tree", "forest", forest.labels[key[0]])
+            mark_asset(thing, told[key].description, tags, told[key].picture)
         thing[PICTURE_KEY] = drawn_from
 
 

@@ -27,7 +27,7 @@ from ...growth.truth import tree_truth
 from ...stand.forest import GrownForest
 from ...stand.intensity.terrain import Flat, GroundSurface
 from . import materials
-from .assets import ToldVariant, Variant, portray, tell_variants, untold
+from .assets import ToldVariant, Variant, draw, tell_variants, untold
 from .instances import (
     SPECIES_KEY,
     STOOD_KEY,
@@ -105,9 +105,11 @@ def tell_of(
     for number, key in enumerate(wanted):
         if tell:
             tell(number, len(wanted))
-        planting, tree = key[0], forest.variants[key]
-        portrait = portray(forest.species[planting], forest.labels[planting], tree.mesh)
-        told[key] = ToldVariant(tree_truth(tree), portrait)
+        tree, label = forest.variants[key], forest.labels[key[0]]
+        height = float(tree.mesh.vertices[:, 2].max(initial=0.0))
+        described = f"{label}, {height:.1f} m tall, {tree.mesh.leaf.max(initial=-1) + 1:,} leaves"
+        picture = draw(tree.mesh, forest.species[key[0]].look)
+        told[key] = ToldVariant(tree_truth(tree), described, picture)
     return told
 
 

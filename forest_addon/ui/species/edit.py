@@ -352,7 +352,7 @@ class FOREST_OT_make_library(Working, bpy.types.Operator):
     )
 
     def work(self, context: bpy.types.Context) -> Work:
-        yield getting_ready("blender.library.build")
+        yield getting_ready("blender.scene.assets")
         from ...blender.scene.assets import grow_exhibits, write_species
 
         props, out = context.scene.forest_sensing, library_folder()
