@@ -34,8 +34,7 @@ from ..rays.casters import make_caster, make_moving_caster
 from ..read.depsgraph import kept, lasting, read_scene, solids_in
 from ..scene.meshes import placed_trees
 from ..scene.nodes import in_full
-from .following import SceneFollower
-from .moving import WITHIN, read_motion, seconds_of
+from .moving import WITHIN, SceneFollower, read_motion, seconds_of
 
 T = TypeVar("T")
 ENDS = {"SPEAKER", "EMPTY", "CAMERA"}  # what can be a source or a receiver

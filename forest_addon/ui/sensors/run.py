@@ -47,7 +47,7 @@ def costs(context: bpy.types.Context, things: Iterable[bpy.types.Object]) -> lis
     SpecError, ValueError : settings that cannot be used.
     """
     from ...blender.read.depsgraph import ready
-    from ...blender.sensors.following import Forecast
+    from ...blender.sensors.moving import Forecast
 
     home = Path(bpy.path.abspath(context.scene.forest_sensing.folder))
     found = []
