@@ -107,7 +107,8 @@ def _rooms() -> tuple[ModuleType, ...]:
     from . import overlay, properties
     from .forest import build, hand, painting, planting, scene_file, start, tree, wind
     from .forest import panels as forest_panels
-    from .results import buttons, keep
+    from .results import keep
+    from .results import keep as buttons
     from .results import panel as results_panel
     from .sensors import add, flight, look_through, run
     from .sensors import panels as sensor_panels

@@ -42,15 +42,7 @@ from ..settings.exchange import forestless
 from ..shell.views import redraw_panels
 from ..shell.words import Kept, keep, label_kept, say, say_kept
 from . import images
-from .keep import (
-    blocks_of,
-    hold_frame,
-    let_go,
-    set_figures,
-    set_legend,
-    show_result,
-    tell_again,
-)
+from .keep import blocks_of, hold_frame, let_go, set_figures, set_legend, show_result, tell_again
 
 MOST = 2**30  # bytes of a result; Blender's files hold no text of twice as many
 # What no file that is exported needs: working tables of a ping, and what follows from its responses.

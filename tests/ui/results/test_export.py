@@ -17,7 +17,8 @@ from forest_addon.results.kinds import RESULTS
 from forest_addon.results.points import POINT
 from forest_addon.sensing.reverb.auralise import auralise, normalised
 from forest_addon.sensing.reverb.response import channels_of
-from forest_addon.ui.results import buttons, finding
+from forest_addon.ui.results import finding
+from forest_addon.ui.results import keep as buttons
 
 from ..pressing import add_cube, press, run
 
