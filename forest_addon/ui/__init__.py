@@ -112,7 +112,8 @@ def _rooms() -> tuple[ModuleType, ...]:
     from .results import panel as results_panel
     from .sensors import add, flight, look_through, run
     from .sensors import panels as sensor_panels
-    from .settings import hills, preferences, presets, saved
+    from .settings import hills, preferences, presets
+    from .settings import references as saved
     from .shell import running, views, words
     from .species import edit
     from .species import panel as species_panel

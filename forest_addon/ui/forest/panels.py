@@ -25,7 +25,7 @@ from ..settings.drawing import (
 )
 from ..settings.exchange import forestless
 from ..settings.presets import draw_presets
-from ..settings.saved import draw_notice
+from ..settings.references import draw_notice
 from ..shell import running
 from ..shell.running import current, draw_job
 from ..shell.views import chosen, chosen_planting
