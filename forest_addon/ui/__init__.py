@@ -105,7 +105,8 @@ def _rooms() -> tuple[ModuleType, ...]:
     ``register`` and ``unregister`` do the rest.
     """
     from . import overlay, properties
-    from .forest import build, hand, painting, planting, scene_file, start, tree, wind
+    from .forest import build, hand, planting, scene_file, start, tree, wind
+    from .forest import hand as painting
     from .forest import panels as forest_panels
     from .results import keep
     from .results import keep as buttons

@@ -31,7 +31,7 @@ from ..shell.running import current, draw_job
 from ..shell.views import chosen, chosen_planting
 from ..shell.words import EDITED, keep, label, title_of
 from . import build
-from .painting import PAINTING
+from .hand import PAINTING
 from .planting import is_planting
 from .wind import draw_display
 
