@@ -295,7 +295,7 @@ FOREST_PG_scene = group_class(  # everything that a Blender scene holds of ours
     },
 )
 CLASSES = (
-    *references.CLASSES,
+    references.FOREST_PG_heard,
     *GROUPS.values(),
     FOREST_PG_sensor,
     FOREST_PG_edited,

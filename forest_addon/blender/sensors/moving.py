@@ -1,8 +1,14 @@
-"""Trajectories of animated objects and curves of a Blender scene, for sensors that follow them.
+"""Motion in a Blender scene: what sensors follow, and where each instance is at any time.
 
 An object's X axis is forward and its Z axis up, as the arrows of our sensors show; it is taken as it is
 evaluated, with constraints, parents and drivers. A curve counts as its line, whatever its bevel; a curve that
 is animated itself counts as an object.
+
+For sensors that look while a scene moves it is read frame by frame. Time 0 is the first frame of the scene's
+range. Objects are taken as they are evaluated, with keys, drivers, parents, constraints, simulations and all
+that changes their shape. Between frames they are read as often as it takes until what is interpolated is right
+to ``WITHIN``, and points of what changes its shape to ``BENT``; at most ``HALVINGS`` halvings, fewer where
+samples would fill the memory.
 """
 
 from __future__ import annotations

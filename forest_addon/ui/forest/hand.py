@@ -1,9 +1,13 @@
-"""Trees set, changed and removed by hand, which *Grow Forest* keeps: with a brush, one by one, by selection.
+"""Forests by hand: trees set, changed and removed, which *Grow Forest* keeps; where others stand, painted.
 
 All of it ends in the settings of plantings (``by_hand`` and ``clearings``). Before a forest is grown anew,
 trees that somebody has moved or deleted in the view are noted there, as trees set by hand, and as clearings
 where they were drawn. Buttons for selected trees do the same at once. So a scene file and a script grow what
 the window shows.
+
+A button lays a canvas over the field and gives the user Blender's brush. While it is painted the canvas is
+drawn before the trees, which views show through it. However the user leaves Weight Paint mode, by the button
+or Blender's own ways, it is put away then.
 """
 
 from __future__ import annotations

@@ -5,6 +5,8 @@ several are asked for. Of a frame range, a result holds a mesh, a picture, a sou
 and a legend of every frame that ran. When Blender goes to a frame, all that shows the result is given those
 of that frame, or of the last one before it that ran. A result whose sensor is renamed follows, with its
 points.
+
+Operators of a result's icons select its points, show its picture, play its sound, export and remove it.
 """
 
 from __future__ import annotations

@@ -5,6 +5,10 @@ is found, the pointer holds what it means, and the name is read from that; a nam
 text. Several objects, whose names a text parts by commas, are a list of pointers. Where a species or
 a scanner is typed, names are offered. A file is chosen in the file browser; Blender's ``//``
 becomes a whole path, which scene files understand.
+
+A scene that is saved says what things are called now, and which layout its settings have. A later layout than
+this version knows is told in the panel until the user takes note, and in the console. A file without settings
+of ours is left alone.
 """
 
 from __future__ import annotations
@@ -26,7 +30,6 @@ from ...blender.show.intensity import HANDLE_KEY
 from ...spec import Param, SpecError
 from ..shell.running import Button
 from ..shell.words import say
-from . import references
 
 
 @dataclass(frozen=True)
@@ -70,9 +73,6 @@ class FOREST_PG_heard(bpy.types.PropertyGroup):
         ),
         update=lambda _item, _context: None,  # or Blender reports no change
     )
-
-
-CLASSES = (FOREST_PG_heard,)
 
 
 def pointers(name: str, words: dict[str, Any]) -> dict[str, Any]:
@@ -354,7 +354,7 @@ def _sign(*_: object) -> None:
             props.layout = max(LAYOUT, props.layout)
             things = sensors.sensors_of(scene)
             of_sensors = (getattr(t.forest_sensor, sensors.kind_of(t)) for t in things)
-            references.renew_texts([props.forest.terrain, *props.plantings, *of_sensors])
+            renew_texts([props.forest.terrain, *props.plantings, *of_sensors])
 
 
 def _has_settings(scene: bpy.types.Scene) -> bool:
