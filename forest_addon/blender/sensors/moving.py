@@ -4,10 +4,10 @@ An object's X axis is forward and its Z axis up, as the arrows of our sensors sh
 evaluated, with constraints, parents and drivers. A curve counts as its line, whatever its bevel; a curve that
 is animated itself counts as an object.
 
-For sensors that look while a scene moves it is read frame by frame. Time 0 is the first frame of the scene's
-range. Objects are taken as they are evaluated, with keys, drivers, parents, constraints, simulations and all
-that changes their shape. Between frames they are read as often as it takes until what is interpolated is right
-to ``WITHIN``, and points of what changes its shape to ``BENT``; at most ``HALVINGS`` halvings, fewer where
+For sensors that look while a scene moves it is read frame by frame. Time 0 is the first frame of its range.
+Objects are taken as they are evaluated, with keys, drivers, parents, constraints, simulations and all that
+changes their shape. Between frames they are read as often as it takes until what is interpolated is right to
+``WITHIN``, and points of what changes its shape to ``BENT``; at most ``HALVINGS`` halvings, fewer where
 samples would fill the memory.
 """
 
