@@ -224,14 +224,6 @@ def _tick() -> float | None:
     return QUIET
 
 
-def beside_toolbar(area: bpy.types.Area) -> int:
-    """Return how many pixels of a view's left edge its toolbar covers."""
-    main, tools = region_of(area, "WINDOW"), region_of(area, "TOOLS")
-    if tools.width <= 1 or tools.x > main.x + main.width // 2:
-        return 0
-    return max(tools.x + tools.width - main.x, 0)
-
-
 def _draw() -> None:
     """Draw the image, its name and its legend in the lower left corner of the view, beside the toolbar."""
     context = bpy.context
@@ -241,7 +233,9 @@ def _draw() -> None:
 
     scale = context.preferences.system.ui_scale
     edge, line = EDGE * scale, LINE * scale
-    left = edge + beside_toolbar(context.area)
+    main, tools = (region_of(context.area, kind) for kind in ("WINDOW", "TOOLS"))
+    covers = tools.width > 1 and tools.x <= main.x + main.width // 2
+    left = edge + max(tools.x + tools.width - main.x, 0) * covers
     blf.size(FONT, SIZE * scale)
     if _eye.found is None:
         _write(_eye.problem, left, edge, (1.0, 0.8, 0.4))
