@@ -12,7 +12,7 @@ import colorsys
 import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import bpy
 import numpy as np
@@ -55,8 +55,7 @@ DEGREES = 180.0 / np.pi
 Colour = tuple[float, float, float]
 
 
-@dataclass(frozen=True)
-class Entry:
+class Entry(NamedTuple):
     """One line: under which choice of the menu, what it says, in which colour."""
 
     choice: str

@@ -182,11 +182,11 @@ def keep_finding(
         points = show_cloud(part(context.scene, RESULTS), sensor.name, cloud)
         note_scan(points.data, cloud, offset, offset.crs, labels)
         result.shown = points.name
-        set_legend(result, map(dataclasses.astuple, legend_of(cloud, *names)))
+        set_legend(result, legend_of(cloud, *names))
     if marks is not None:
         points = show_heard(part(context.scene, RESULTS), sensor.name, marks)
         result.shown = points.name
-        set_legend(result, map(dataclasses.astuple, legend_of_heard(marks)))
+        set_legend(result, legend_of_heard(marks))
     if result.shown:
         show_result(context, result)
         if beyond := end_with_ground(points, context.scene):

@@ -207,7 +207,7 @@ class FOREST_OT_show_result(Reading, bpy.types.Operator):
             raise ValueError(
                 say("{name} has no points here. Run its sensor again", name=self.result)
             )
-        if is_seen(thing):
+        if thing.visible_get():
             thing.hide_set(True)
         else:
             show_result(context, results[self.result], self.more)
@@ -219,9 +219,11 @@ def points_of(result: Any) -> bpy.types.Object | None:
     return result.id_data.objects.get(result.shown) if result.shown else None
 
 
-def is_seen(thing: bpy.types.Object) -> bool:
-    """Return whether the view layer shows an object."""
-    return bool(thing.visible_get())
+def record_of(result: Any) -> Any:
+    """Return what there is to know of results of this kind; None of the forest, and of no result."""
+    from ...results.kinds import RESULTS as KINDS_OF_RESULTS
+
+    return None if result is None else KINDS_OF_RESULTS.get(result.kind)
 
 
 def show_result(context: bpy.types.Context, result: Any, more: bool = False) -> None:
@@ -232,7 +234,7 @@ def show_result(context: bpy.types.Context, result: Any, more: bool = False) -> 
     show(context, thing)  # not selected: all points would be orange
     for other in () if more else context.scene.forest_sensing.results:
         points = points_of(other)
-        if points is not None and points != thing and CLOUD_KEY in points and is_seen(points):
+        if points is not None and points != thing and CLOUD_KEY in points and points.visible_get():
             points.hide_set(True)
 
 
@@ -299,13 +301,12 @@ def heard_of(result: Any) -> tuple[np.ndarray, float] | None:
     SpecError : the file of the dry sound cannot be used.
     """
     from ...results.dry_sounds import PEAK_DB, dry_sound
-    from ...results.kinds import RESULTS
     from ...sensing.reverb.auralise import normalised
     from .finding import unpack
 
     if not result.found:
         return None
-    record, (sensor, found, _) = RESULTS[result.kind], unpack(result.found)
+    record, (sensor, found, _) = record_of(result), unpack(result.found)
     assert record.sound is not None, "what has no points sounds"
     response, rate = record.sound(sensor, found)
     if not record.is_response:
@@ -363,12 +364,11 @@ WORDS = {
 
 def endings_of(result: Any) -> tuple[str, ...]:
     """Return the endings of files that a result can be written to; none where nothing of it is kept."""
-    from ...results.kinds import RESULTS
     from ...results.points import can_write
 
     if not (result.found or _scan_of(result)):
         return ()
-    return tuple(ending for ending in RESULTS[result.kind].endings if can_write(ending))
+    return tuple(ending for ending in record_of(result).endings if can_write(ending))
 
 
 def _scan_of(result: Any) -> bpy.types.Mesh | None:
@@ -398,13 +398,6 @@ def _write(path: Path, result: Any, label: str) -> Offset:
     offset = Offset(kept.offset, kept.crs)
     write_points(path, kept.cloud, offset, kept.labels.get(label))
     return offset
-
-
-def _is_response(result: Any) -> bool:
-    """Return whether there is a choice of what sounds when it becomes a WAV."""
-    from ...results.kinds import RESULTS
-
-    return result is not None and result.kind in RESULTS and RESULTS[result.kind].is_response
 
 
 class FOREST_OT_export_result(Reading, bpy.types.Operator, ExportHelper):
@@ -453,26 +446,22 @@ class FOREST_OT_export_result(Reading, bpy.types.Operator, ExportHelper):
         """The name follows the format that is chosen beside it."""
         from ...results.points import ending_of
 
-        path = Path(self.filepath)
+        path, before = Path(self.filepath), self.filepath
         had = ending_of(path)
-        if had not in WORDS or not path.name:
-            return False
-        renamed = str(path.with_name(path.name[: -len(had)] + f".{self.ending.lower()}"))
-        if renamed == self.filepath:
-            return False
-        self.filepath = renamed
-        return True
+        if had in WORDS and path.name:
+            self.filepath = str(path.with_name(path.name[: -len(had)] + f".{self.ending.lower()}"))
+        return self.filepath != before
 
     def draw(self, context: bpy.types.Context) -> None:
         column = self.layout.column(align=True)
         for ending in self._endings(context):
             column.prop_enum(self, "ending", ending[1:].upper())
-        result = context.scene.forest_sensing.results.get(self.result)
+        props = context.scene.forest_sensing
+        result, record = props.results.get(self.result), record_of(props.results.get(self.result))
         if result is not None and _scan_of(result) is not None:
             self.layout.prop(self, "labels")
-        if self.ending == "WAV" and _is_response(result):
+        if self.ending == "WAV" and record is not None and record.is_response:
             self.layout.prop(self, "heard")
-            props = context.scene.forest_sensing
             if self.heard:
                 self.layout.prop(props, "dry", text="")
 
@@ -483,10 +472,8 @@ class FOREST_OT_export_result(Reading, bpy.types.Operator, ExportHelper):
 
         endings = self._endings(context)
         if not endings:
-            name = self.result
-            raise ValueError(
-                say("{name} is not kept in this file. Run its sensor again", name=name)
-            )
+            problem = say("{name} is not kept in this file. Run its sensor again", name=self.result)
+            raise ValueError(problem)
         path = Path(bpy.path.abspath(self.filepath))
         result, crs = context.scene.forest_sensing.results[self.result], ""
         if ending_of(path) not in endings:
@@ -496,7 +483,7 @@ class FOREST_OT_export_result(Reading, bpy.types.Operator, ExportHelper):
                 endings=", ".join(endings),
             )
             raise SpecError(path.name, problem)
-        if self.heard and _is_response(result) and path.suffix.lower() == ".wav":
+        if self.heard and record_of(result).is_response and path.suffix.lower() == ".wav":
             write_wav(path, *heard_of(result))
         else:
             crs = _write(path, result, self.labels).crs

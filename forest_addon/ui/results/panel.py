@@ -21,7 +21,7 @@ from ...blender.show.cloud_nodes import is_measure, on_map
 from ..settings.drawing import OnceStarted, icon_of, split
 from ..shell.views import icons
 from ..shell.words import label, label_of_kept
-from .keep import is_seen, points_of
+from .keep import points_of, record_of
 
 SIDE = 32  # pixels of an icon
 EDGE = 2  # of these, left free around it
@@ -83,8 +83,6 @@ class FOREST_PT_results(OnceStarted, bpy.types.Panel):
 
 
 def _draw_result(layout: bpy.types.UILayout, result: Any) -> None:
-    from ...results.kinds import RESULTS
-
     header, body = layout.panel_prop(result, "opened")
     title = label("{name} (before)", name=result.title) if result.stale else result.title
     header.label(text=title, icon=icon_of(result.kind))
@@ -92,7 +90,7 @@ def _draw_result(layout: bpy.types.UILayout, result: Any) -> None:
         chosen = header.operator("forest.select_result", text="", icon="RESTRICT_SELECT_OFF")
         chosen.shown = result.shown
     _draw_looks(header, result)
-    record = RESULTS.get(result.kind)
+    record = record_of(result)
     if result.file:
         opened = header.operator("wm.path_open", text="", icon="FILE_FOLDER")
         opened.filepath = result.file
@@ -145,11 +143,9 @@ def draw_found(layout: bpy.types.UILayout, result: Any) -> None:
 
 def _draw_looks(layout: bpy.types.UILayout, result: Any) -> None:
     """Draw the buttons that show the points of a result, play it, and show its picture."""
-    from ...results.kinds import RESULTS
-
-    points, record = points_of(result), RESULTS.get(result.kind)
+    points, record = points_of(result), record_of(result)
     if points is not None:
-        eye = "HIDE_OFF" if is_seen(points) else "HIDE_ON"
+        eye = "HIDE_OFF" if points.visible_get() else "HIDE_ON"
         layout.operator("forest.show_result", text="", icon=eye).result = result.name
     if record is not None and record.sound is not None:
         layout.operator("forest.play", text="", icon="PLAY_SOUND").sensor = result.name

@@ -214,7 +214,7 @@ def read(group: Any, settings: type[T], place: str = "", given: dict[str, Any] |
         elif field.how == "text":
             values[name] = parsed(key, getattr(group, name))
         elif name in references.REFERENCES and field.kind is str:
-            values[name] = _named(key, group, name)
+            values[name] = references.name_of(group, name, key)
         else:
             values[name] = _plain(getattr(group, name))
     try:
@@ -265,13 +265,6 @@ def fill(group: Any, name: str, items: Iterable[Settings]) -> None:
         write(collection.add(), item)
     setattr(group, f"active_{name}", 0)
     redraw_panels()
-
-
-def _named(place: str, group: Any, name: str) -> str:
-    try:
-        return references.name_of(group, name)
-    except SpecError as problem:
-        raise SpecError(place, problem.problem) from None
 
 
 def parsed(place: str, text: str) -> Any:

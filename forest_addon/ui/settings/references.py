@@ -121,23 +121,23 @@ def resolve(group: Any, name: str) -> None:
         _busy = False
 
 
-def name_of(group: Any, name: str) -> str:
+def name_of(group: Any, name: str, key: str = "") -> str:
     """Return what a setting names, as that is called now.
 
     Raises
     ------
-    SpecError : it was deleted.
+    SpecError : it was deleted; with the setting's ``key``.
     """
     text = str(getattr(group, name))
     if REFERENCES[name].many:
         items = getattr(group, f"{name}_pointers")
         for item in items:
-            _check(name, item.thing)
+            _check(key or name, item.thing)
         return _names_in(items) if any(item.thing for item in items) else text
     thing = getattr(group, f"{name}_pointer")
     if thing is None:
         return text
-    _check(name, thing)
+    _check(key or name, thing)
     layer = getattr(group, f"{name}_layer", "")
     return f"{thing.name}:{layer}" if layer else str(thing.name)
 
@@ -167,11 +167,11 @@ def _names_in(items: Any) -> str:
     return ", ".join(filter(None, names))
 
 
-def _check(name: str, thing: Any) -> None:
+def _check(key: str, thing: Any) -> None:
     """One that was deleted lives on for the pointer's sake alone."""
     if isinstance(thing, bpy.types.Object) and not thing.users_collection:
         problem = say('"{name}" was deleted; choose another, or none', name=thing.name)
-        raise SpecError(name, problem)
+        raise SpecError(key, problem)
 
 
 def _find(group: Any, name: str) -> None:
