@@ -214,8 +214,7 @@ def shapes_in(scene: bpy.types.Scene) -> set[str]:
 
 def stands(scene: bpy.types.Scene, forest: GrownForest) -> bool:
     """Return whether a forest is the one that was last built in a Blender scene."""
-    last = _stands.get(scene.session_uid)
-    return last is not None and last() is forest
+    return standing_forest(scene) is forest
 
 
 def standing_forest(scene: bpy.types.Scene) -> GrownForest | None:

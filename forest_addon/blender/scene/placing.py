@@ -218,7 +218,11 @@ def put(
             thing.data = want.data
             given.append(thing)
         things[want.role] = thing
-    _sweep()
+    # Meshes of ours that nothing uses any more go, with the materials that only they used.
+    unused = [mesh for mesh in bpy.data.meshes if not mesh.users and is_ours(mesh)]
+    worn = {material for mesh in unused for material in mesh.materials if material}
+    bpy.data.batch_remove(unused)
+    bpy.data.batch_remove([coat for coat in worn if not coat.users and is_ours(coat)])
     for mesh in made:
         settle(mesh)
     for thing in given:
@@ -281,14 +285,6 @@ def _dissolve(unwanted: set[bpy.types.Collection], heir: bpy.types.Collection) -
                 if block not in known and block not in unwanted:
                     mine.link(block)
         bpy.data.collections.remove(home)
-
-
-def _sweep() -> None:
-    """Remove meshes of ours that nothing uses any more, with the materials that only they used."""
-    unused = [mesh for mesh in bpy.data.meshes if not mesh.users and is_ours(mesh)]
-    worn = {material for mesh in unused for material in mesh.materials if material}
-    bpy.data.batch_remove(unused)
-    bpy.data.batch_remove([coat for coat in worn if not coat.users and is_ours(coat)])
 
 
 def _tell(thing: bpy.types.Object, want: WantedObject) -> None:

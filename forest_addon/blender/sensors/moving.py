@@ -58,11 +58,9 @@ class SceneFollower:
             else:
                 frames = np.linspace(first, last, count)
                 matrix = self._matrices(name, frames)
-                near, far = (
-                    (self._places(name, frames + way) - self._places(name, frames - way))
-                    * (rate / (2 * way))
-                    for way in (HALF, 2 * HALF)
-                )
+                ways = (-2 * HALF, -HALF, HALF, 2 * HALF)
+                behind, a, b, ahead = (self._matrices(name, frames + w)[:, :3, 3] for w in ways)
+                near, far = (b - a) * (rate / (2 * HALF)), (ahead - behind) * (rate / (4 * HALF))
                 better = (4 * near - far) / 3  # Richardson; where they part, a motion breaks
                 velocity = np.where(np.abs(near - far) <= ALIKE * np.abs(near), better, near)
         finally:
@@ -86,9 +84,6 @@ class SceneFollower:
         near = ", ".join(sorted(shown)[:8])
         known = f"; curves and empties here: {near}" if near else ""
         raise SpecError("follow", f'there is no object "{name}" in this scene{known}')
-
-    def _places(self, name: str, frames: np.ndarray) -> np.ndarray:
-        return self._matrices(name, frames)[:, :3, 3]
 
     def _matrices(self, name: str, frames: np.ndarray) -> np.ndarray:
         """(K, 4, 4) of an object as it is evaluated at frames (K,)."""

@@ -52,7 +52,8 @@ class Observer:
         with in_full(depsgraph):
             self.geometry = read_scene(depsgraph)
         self.warning = rounding_warning(self.geometry)  # what a user should know, in a sentence
-        self.places = _places(depsgraph)
+        ends = (thing for thing in depsgraph.objects if thing.type in ENDS)
+        self.places = {thing.name: tuple(thing.matrix_world.translation) for thing in ends}
         self.rays = rays or Rays()
         self.expansions = Expansions() if expansions is None else expansions
         self.ran: set[str] = set()  # kinds of sensors for which all is set up
@@ -293,12 +294,6 @@ class Observer:
         ValueError : what it should follow, or the file of its route, is not there or cannot be used.
         """
         return kind_of(sensor).trajectory(sensor, folder, SceneFollower(bpy.context.scene))
-
-
-def _places(depsgraph: bpy.types.Depsgraph) -> dict[str, tuple[float, ...]]:
-    """Return where things stand that can be a source or a receiver, by their names."""
-    ends = (thing for thing in depsgraph.objects if thing.type in ENDS)
-    return {thing.name: tuple(thing.matrix_world.translation) for thing in ends}
 
 
 def _renewed(

@@ -208,15 +208,6 @@ def _measure(graph: Graph, name: str) -> Value:
     return graph.math("LOGARITHM", least, 10.0, label="In decades")
 
 
-def _hue(graph: Graph, number: Value) -> Value:
-    """A number as a hue of its own; -1, which is none, as grey."""
-    hue = graph.math("FRACT", graph.math("MULTIPLY", number, GOLDEN, label="Far apart"))
-    vivid = graph.math("MULTIPLY", graph.math("GREATER_THAN", number, -0.5), VIVID)
-    return graph.value(
-        "FunctionNodeCombineColor", hue, vivid, VALUE, mode="HSV", label="Hue as a colour"
-    )
-
-
 def _on_scale(graph: Graph, value: Value) -> Value:
     """A measure on the scale that the second menu chooses, from its smallest to its largest value."""
     every = {"Geometry": graph.given["Geometry"], "Attribute": value}

@@ -266,7 +266,14 @@ def lay_horizon(scene: bpy.types.Scene, middle: np.ndarray, reach: float, height
         vertices, faces = _ring(number, reach + beyond, high, jag)
         vertices += [*middle, height]
         data.from_pydata(vertices.tolist(), [], faces.tolist())
-        data.materials.append(_paint(f"{HORIZON} {number}", beyond))
+        name = f"{HORIZON} {number}"
+        material = bpy.data.materials.get(name) or bpy.data.materials.new(name)
+        graph = Graph(tree_of(material))
+        graph.tree.nodes.clear()
+        air = 1 - np.exp(-beyond / VISIBILITY)  # a flat colour: leaves seen through so much air
+        colour = tuple(float(w + air * (a - w)) for w, a in zip(WOODED, AIR, strict=True))
+        graph.add("OutputMaterial", {"Surface": graph.value("Emission", colour)})
+        data.materials.append(material)
         ring = _lay(scene.collection, HORIZON, data)
         ring.visible_shadow = ring.visible_diffuse = ring.visible_glossy = False
     data = bpy.data.meshes.new(HORIZON)
@@ -300,17 +307,6 @@ def _ring(number: int, radius: float, high: float, jag: float) -> tuple[np.ndarr
     faces = np.stack([corner, after, CORNERS + after, CORNERS + corner], axis=1)
     top = np.column_stack([around, ridge])
     return np.concatenate([foot, top]), faces
-
-
-def _paint(name: str, distance: float) -> bpy.types.Material:
-    """A flat colour: leaves seen through so much air."""
-    material = bpy.data.materials.get(name) or bpy.data.materials.new(name)
-    graph = Graph(tree_of(material))
-    graph.tree.nodes.clear()
-    air = 1 - np.exp(-distance / VISIBILITY)
-    colour = tuple(float(w + air * (a - w)) for w, a in zip(WOODED, AIR, strict=True))
-    graph.add("OutputMaterial", {"Surface": graph.value("Emission", colour)})
-    return material
 
 
 NAME = "Forest undergrowth"

@@ -80,6 +80,15 @@ def chosen_things(scene: bpy.types.Scene, name: str, again: bool = False) -> lis
     return [thing for thing in found if thing.name in stale] if again else found
 
 
+def estimate(context: bpy.types.Context, name: str, again: bool = False) -> list[Cost]:
+    """The cost of running the sensor of this name, or all; none where settings cannot be used, which running
+    says."""
+    try:
+        return costs(context, chosen_things(context.scene, name, again))
+    except PROBLEMS:
+        return []
+
+
 def is_large(found: list[Cost], frames: int = 1, keep: bool = False) -> bool:
     """Return whether one should be asked before this runs. keep : what all frames find stays in the file."""
     seconds = frames * sum(cost.seconds for cost in found)
@@ -219,22 +228,13 @@ class FOREST_OT_run(Working, bpy.types.Operator):
     @classmethod
     def description(cls, context: bpy.types.Context, given: bpy.types.OperatorProperties) -> str:
         """Return what it would do, with what that costs where the settings say."""
-        words = say(cls.__doc__ or "")
-        try:
-            found = costs(context, chosen_things(context.scene, given.sensor, given.again))
-        except PROBLEMS:
-            return words
+        words, found = say(cls.__doc__ or ""), estimate(context, given.sensor, given.again)
         return f"{words}.\n{cost_in_words(found)}" if found else words
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         if not (self.sure or bpy.app.background):
             frames = len(frames_of(context.scene)) if self.frames == "RANGE" else 1
-            try:
-                found = costs(context, chosen_things(context.scene, self.sensor, self.again))
-                large = is_large(found, frames, self.keep)
-            except PROBLEMS:
-                large = False  # running it says what is wrong
-            if large:
+            if is_large(estimate(context, self.sensor, self.again), frames, self.keep):
                 return set(
                     bpy.ops.forest.run_large(
                         "INVOKE_DEFAULT",
@@ -485,7 +485,7 @@ class FOREST_OT_run_large(bpy.types.Operator):
 
     def draw(self, context: bpy.types.Context) -> None:
         frames = len(frames_of(context.scene)) if self.frames == "RANGE" else 1
-        found = costs(context, chosen_things(context.scene, self.sensor, self.again))
+        found = estimate(context, self.sensor, self.again)
         self.layout.label(text=cost_in_words(found, frames, self.keep), icon="INFO")
         self.layout.label(text="Esc stops it; what was found until then stays.")
 
@@ -551,11 +551,8 @@ class FOREST_OT_run_frames(WhenReady, bpy.types.Operator):
             frames=frames,
             runs=number * frames,
         )
-        try:
-            found = costs(bpy.context, chosen_things(scene, self.sensor if one else ""))
-        except PROBLEMS:
-            return runs  # running it says what is wrong
-        return f"{runs}, {cost_in_words(found, frames, self.keep)}"
+        found = estimate(bpy.context, self.sensor if one else "")
+        return f"{runs}, {cost_in_words(found, frames, self.keep)}" if found else runs
 
     def act(self, _context: bpy.types.Context) -> str:
         one = self.sensor if self.which == "ONE" else ""

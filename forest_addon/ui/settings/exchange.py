@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeVar
@@ -143,11 +144,9 @@ def usable(scene: Any) -> list[Any]:
     """The sensors of a scene whose settings can be used: those that cannot must not stop all else."""
     found = []
     for thing in sensors.sensors_of(scene):
-        try:
+        with suppress(SpecError):
             sensor_of(thing)
-        except SpecError:
-            continue
-        found.append(thing)
+            found.append(thing)
     return found
 
 
@@ -168,18 +167,17 @@ def untouched(props: Any, but: frozenset[str] = frozenset()) -> bool:
     script."""
     for known in props.bl_rna.properties:
         name = known.identifier
-        if name in but:
+        if name in but or name == "rna_type":
             continue
         if known.type == "POINTER" and known.fixed_type.identifier.startswith("FOREST_PG_"):
-            if not untouched(getattr(props, name)):
-                return False
+            is_set = not untouched(getattr(props, name))
         elif known.type == "COLLECTION":
-            if len(getattr(props, name)):
-                return False
+            is_set = len(getattr(props, name)) > 0
         elif known.type == "POINTER":  # to a thing; none is what it starts with
-            if name != "rna_type" and getattr(props, name) is not None:
-                return False
-        elif not known.is_skip_save and props.is_property_set(name):
+            is_set = getattr(props, name) is not None
+        else:
+            is_set = not known.is_skip_save and props.is_property_set(name)
+        if is_set:
             return False
     return True
 
