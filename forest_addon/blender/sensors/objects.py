@@ -27,8 +27,6 @@ PATH_KEY = "forest_path"  # custom property of a moving scanner: the curve that 
 
 AZIMUTHS, ELEVATIONS = ("azimuth_deg", "heading_deg"), ("elevation_deg",)
 BODIES = {"EMPTY", "SPEAKER"}  # types of the objects that sensors are
-FEW = 4  # objects of a collection that are all looked at each time
-_KEPT: dict[int, tuple[Any, tuple[str, ...]]] = {}  # by collection: its state, names of its sensors
 DEGREE_DIGITS = 4  # what single precision keeps of an angle: rounding gives 110 back
 
 
@@ -132,7 +130,7 @@ def sensors_of(scene: bpy.types.Scene) -> list[bpy.types.Object]:
 
     Those that are linked from another file, and those of another scene's forest, are not among them.
     """
-    found = {thing for home in _homes(scene) for thing in _sensors_in(home)}
+    found = {thing for home in _homes(scene) for thing in home.objects if _is_sensor(thing)}
     return sorted(found, key=lambda thing: thing.name)
 
 
@@ -190,26 +188,6 @@ def _homes(scene: bpy.types.Scene) -> Iterator[bpy.types.Collection]:
             continue
         yield home
         waiting.extend(home.children)
-
-
-def _sensors_in(home: bpy.types.Collection) -> list[bpy.types.Object]:
-    """The sensors of this file that hang in a collection itself.
-
-    Of a collection of more than a few objects, which trees are, their names are kept as long as it has as
-    many objects, the same last one, and sensors of these names: each redraw of the panel asks many times.
-    """
-    things = home.objects
-    count = len(things)
-    if count <= FEW:
-        return [thing for thing in things if _is_sensor(thing)]
-    last = things[count - 1]
-    state = (count, last.session_uid, _is_sensor(last))
-    known, names = _KEPT.get(home.session_uid, (None, ()))
-    kept = [things.get(name) for name in names] if known == state else [None]
-    if not all(thing is not None and _is_sensor(thing) for thing in kept):
-        kept = [thing for thing in things if _is_sensor(thing)]
-        _KEPT[home.session_uid] = (state, tuple(thing.name for thing in kept))
-    return kept
 
 
 def _is_sensor(thing: bpy.types.Object) -> bool:

@@ -42,7 +42,16 @@ from ..settings.exchange import forestless
 from ..shell.views import redraw_panels
 from ..shell.words import Kept, keep, label_kept, say, say_kept
 from . import images
-from .keep import blocks_of, hold_frame, let_go, set_figures, set_legend, show_result, tell_again
+from .keep import (
+    SENSOR_KEY,
+    blocks_of,
+    hold_frame,
+    let_go,
+    set_figures,
+    set_legend,
+    show_result,
+    tell_again,
+)
 
 MOST = 2**30  # bytes of a result; Blender's files hold no text of twice as many
 # What no file that is exported needs: working tables of a ping, and what follows from its responses.
@@ -171,6 +180,7 @@ def keep_finding(
     result = _note(  # what needs disk space is done
         props, thing.name, sensor.kind, thing.name, figures | {keep("Time"): f"{seconds:.1f} s"}
     )
+    thing[SENSOR_KEY] = thing.name
     result.summary.value = sentence
     result.summary.made_of = sentence.made_of if isinstance(sentence, Kept) else ""
     result.picture, result.caption = picture, label_kept(plot.caption) if plot else ""

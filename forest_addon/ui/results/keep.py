@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import bpy
 
 from ...blender.scene.layout import CLOUD_KEY, FRAME_KEY
-from ...blender.sensors.objects import file_name, kind_of, sensors_of
+from ...blender.sensors.objects import file_name, sensors_of
 from ..shell.running import Reading
 from ..shell.views import redraw_panels, show
 from ..shell.words import say
@@ -131,25 +131,19 @@ def _to_frame(scene: bpy.types.Scene, _depsgraph: object = None) -> None:
         show_frame(scene)
 
 
-_sensor_of: dict[tuple[int, str], int] = {}  # uid of a sensor, by scene and name of its result
+SENSOR_KEY = "forest_result"  # on a sensor: the name of its result
 
 
 def follow_names(scene: bpy.types.Scene) -> None:
     """Rename results whose sensor has another name by now."""
     results = scene.forest_sensing.results
-    for result in results:
-        key = scene.session_uid, result.name
-        thing = scene.objects.get(result.name)
-        if thing is not None and kind_of(thing) == result.kind:
-            _sensor_of[key] = thing.session_uid
-            continue
-        uid = _sensor_of.pop(key, None)
-        if uid is None:
-            continue
-        thing = next((t for t in sensors_of(scene) if t.session_uid == uid), None)
-        if thing is not None and thing.name not in results:
-            _rename(scene, result, thing.name)
-            _sensor_of[scene.session_uid, thing.name] = uid
+    for thing in sensors_of(scene):
+        told, name = thing.get(SENSOR_KEY, thing.name), thing.name
+        if told != name and told in scene.objects:  # it is a copy
+            del thing[SENSOR_KEY]
+        elif told in results and name not in results:
+            _rename(scene, results[told], name)
+            thing[SENSOR_KEY] = name
 
 
 def _rename(scene: bpy.types.Scene, result: Any, name: str) -> None:
@@ -163,11 +157,6 @@ def _rename(scene: bpy.types.Scene, result: Any, name: str) -> None:
     if shown is not None and CLOUD_KEY in shown:
         rename_cloud(shown, file_name(name))
         result.shown = shown.name
-
-
-def unregister() -> None:
-    """Forget the sensors."""
-    _sensor_of.clear()
 
 
 @bpy.app.handlers.persistent

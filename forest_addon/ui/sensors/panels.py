@@ -44,7 +44,7 @@ from ..settings.drawing import (
 )
 from ..settings.presets import draw_presets
 from ..shell.running import current, draw_job
-from ..shell.views import chosen, chosen_sensor, chosen_settings, while_drawn
+from ..shell.views import chosen, chosen_sensor, chosen_settings
 from ..shell.words import keep, label, label_kept, say
 from .look_through import draw_switch
 
@@ -384,10 +384,8 @@ class FOREST_PT_sensors(OnceStarted, bpy.types.Panel):
         home = sensors.home_of(context.scene, known)
         row = layout.row()
         if home is not None and known:
-            with while_drawn(props):
-                row.template_list(
-                    "FOREST_UL_sensors", "", home, "objects", props, "active_sensor", rows=3
-                )
+            listed = ("FOREST_UL_sensors", "", home, "objects", props, "active_sensor")
+            row.template_list(*listed, rows=3)
         else:
             row.label(text="No sensor yet: add one", icon="INFO")
         buttons = row.column(align=True)
