@@ -148,7 +148,11 @@ def _colour(graph: Graph, first: str, numbers: Sequence[str], measures: Sequence
     value = _picked(graph, number, [0.0, *(_measure(graph, name) for name in names)])
     how = {"data_type": "FLOAT", "operation": "LESS_THAN", "label": "Has a hue"}
     hued = graph.value("Compare", number, len(numbers) + 0.5, **how)
-    by_value = graph.switch("RGBA", hued, _on_scale(graph, value), _hue(graph, value))
+    hue = graph.math("FRACT", graph.math("MULTIPLY", value, GOLDEN, label="Far apart"))
+    vivid = graph.math("MULTIPLY", graph.math("GREATER_THAN", value, -0.5), VIVID)  # -1: none, grey
+    told = {"mode": "HSV", "label": "Hue as a colour"}
+    own = graph.value("FunctionNodeCombineColor", hue, vivid, VALUE, **told)
+    by_value = graph.switch("RGBA", hued, _on_scale(graph, value), own)
     how |= {"operation": "GREATER_THAN", "label": "Is a value"}
     other = graph.value("Compare", number, 0.5, **how)
     return graph.switch("RGBA", other, graph.named("organ_colour", "FLOAT_COLOR"), by_value)
