@@ -29,7 +29,7 @@ from ..blender.sensors.objects import kind_of, sensors_of
 from ..sensing.kinds import KINDS, outline
 from ..spec import Scene, SpecError
 from .settings import exchange
-from .settings.drawing import OnceStarted, split
+from .settings.drawing import OnceStarted, is_narrow, split
 from .settings.exchange import forestless
 from .shell.views import chosen_sensor, draw_lines, line_shader
 
@@ -250,7 +250,7 @@ class FOREST_PT_view(OnceStarted, bpy.types.Panel):
 
     def draw(self, context: bpy.types.Context) -> None:
         props = context.scene.forest_sensing
-        row = self.layout.row(align=True)
+        row = self.layout.column(align=True) if is_narrow() else self.layout.row(align=True)
         for name in ("show_sensors", "show_intensity", "show_points"):
             if name != "show_intensity" or not forestless(props):
                 row.prop(props, name, toggle=True)

@@ -38,6 +38,7 @@ from ..settings.drawing import (
     draw_settings,
     folded,
     icon_of,
+    is_narrow,
     name_in,
     rows,
     split,
@@ -457,7 +458,9 @@ def _draw_run(layout: bpy.types.UILayout, thing: bpy.types.Object | None) -> Non
     one.enabled = thing is not None
     this = one.operator(
         "forest.run",
-        text=label("Run") if thing is None else label("Run {sensor}", sensor=thing.name),
+        text=label("Run {sensor}", sensor=thing.name)
+        if thing and not is_narrow()
+        else label("Run"),
         icon="PLAY",
     )
     this.sensor, this.frames = "" if thing is None else thing.name, "THIS"

@@ -26,6 +26,7 @@ from .references import is_lost
 
 FOLDED = True  # parts of settings are closed until someone opens them
 BIG = 1.4  # heights of a row: the buttons that start work
+NARROW = 210  # pixels, of an interface in its usual size
 OF_FOREST = "OUTLINER_OB_CURVES"
 
 
@@ -82,10 +83,16 @@ class OfData:
     bl_context = "data"
 
 
+def is_narrow() -> bool:
+    """Return whether names would be cut off beside values in the region that is drawn."""
+    region, scale = bpy.context.region, bpy.context.preferences.system.ui_scale
+    return region is not None and 1 < region.width < NARROW * scale
+
+
 def split(layout: bpy.types.UILayout) -> bpy.types.UILayout:
-    """A column with labels to the left and values to the right."""
+    """A column with labels to the left and values to the right; where it is narrow, within or above these."""
     column = layout.column()
-    column.use_property_split = True
+    column.use_property_split = not is_narrow()
     column.use_property_decorate = False
     return column
 
@@ -140,22 +147,27 @@ def _way(kind: type, name: str) -> tuple[str, str, str]:
         way = "reference"
     elif f"use_{name}" in known:
         way = "optional"
+    elif name in PARTS and getattr(known[face], "is_array", False):
+        way = "pair"
     else:
-        pair = name in PARTS and getattr(known[face], "is_array", False)
-        way = "pair" if pair else "plain"
+        way = "text" if known[face].type in ("STRING", "ENUM") else "plain"
     return way, face, str(known[face].name)
 
 
 def draw_field(layout: bpy.types.UILayout, group: Any, name: str) -> None:
     """One setting: pairs as two rows, a value that may be left out behind its switch."""
     way, face, title = _way(type(group), name)
-    if way == "plain":
+    narrow = is_narrow()
+    if way == "text" and narrow:
+        layout.label(text=title)
+        layout.prop(group, face, text="")
+    elif way in ("plain", "text"):
         layout.prop(group, face)
     elif way == "reference":
         draw_reference(layout, group, name)
     elif way == "optional":
-        row = layout.row(align=True, heading=title)
-        row.prop(group, f"use_{name}", text="")
+        row = layout.column() if narrow else layout.row(align=True, heading=title)
+        row.prop(group, f"use_{name}", text=title if narrow else "")
         value = row.row(align=True)
         value.active = getattr(group, f"use_{name}")
         value.prop(group, face, text="")
@@ -172,7 +184,11 @@ def draw_field(layout: bpy.types.UILayout, group: Any, name: str) -> None:
 def draw_reference(layout: bpy.types.UILayout, group: Any, name: str) -> None:
     """Draw the thing that a setting names, to be picked; a name that nothing here has stands below as a
     text."""
-    layout.prop(group, f"{name}_pointer")
+    if is_narrow():
+        layout.label(text=name_in(type(group), f"{name}_pointer"))
+        layout.prop(group, f"{name}_pointer", text="")
+    else:
+        layout.prop(group, f"{name}_pointer")
     if is_lost(group, name):
         layout.prop(group, name, text=label("Not Here"), icon="ERROR")
     elif f"{name}_layer" in group.bl_rna.properties and getattr(group, f"{name}_pointer"):

@@ -7,7 +7,15 @@ from typing import Any
 
 import bpy
 
-from ..settings.drawing import WithForest, draw_list, draw_settings, folded, name_in, split
+from ..settings.drawing import (
+    WithForest,
+    draw_list,
+    draw_settings,
+    folded,
+    is_narrow,
+    name_in,
+    split,
+)
 from ..shell.views import chosen_planting
 from ..shell.words import keep, label, label_kept
 from .edit import edited_item
@@ -24,7 +32,7 @@ class FOREST_PT_species(WithForest, bpy.types.Panel):
     def draw(self, context: bpy.types.Context) -> None:
         layout, props = self.layout, context.scene.forest_sensing
         draw_list(layout, props, "plantings", "planting")
-        halves = layout.split(factor=0.5)
+        halves = layout.column() if is_narrow() else layout.split(factor=0.5)
         if chosen_planting(props) is not None:
             halves.template_icon_view(
                 props, "species_picture", show_labels=True, scale=5.5, scale_popup=6.5
