@@ -1,43 +1,51 @@
-"""All panels at 180 pixels."""
-import bpy
-from drive import *
-from drive import TAB
+"""The sidebar at 180 pixels: every panel is drawn so narrow, page by page, to be looked at."""
 
-def narrow(width):
-    _, area, main, side = view()
-    y = side.y + side.height // 3
-    point_at(side.x + 1, y); 
-    yield HOVER * 3
-    xdotool("mousedown", "1"); yield 0.3
-    to = side.x + side.width - width
+from drive import (
+    HOVER,
+    Scenario,
+    Steps,
+    demo_forest,
+    open_every_panel,
+    point_at,
+    press,
+    scroll,
+    settle,
+    view,
+    xdotool,
+)
+
+WIDE = 180  # pixels
+PAGES = 20  # of the sidebar, one above the other, at most
+
+
+def drag_edge(width: int) -> Scenario:
+    """Drag the sidebar's edge until it is so wide."""
+    side = view()[3]
+    y, to = side.y + side.height // 3, side.x + side.width - width
+    point_at(side.x + 1, y)
+    yield 3 * HOVER
+    xdotool("mousedown", "1")
+    yield 3 * HOVER
     for x in (side.x + 5, (side.x + to) // 2, to):
-        point_at(x, y); yield 0.3
-    xdotool("mouseup", "1"); yield 0.5
+        point_at(x, y)
+        yield 3 * HOVER
+    xdotool("mouseup", "1")
     yield from settle()
-    print("FIGURE width", view()[3].width, flush=True)
 
-def pages(steps, name):
-    for page in range(14):
-        steps.step(f"{name} {page:02d}")
+
+def scenario(steps: Steps) -> Scenario:
+    steps.step("a forest and sensors, and every panel open")
+    open_every_panel()
+    yield from demo_forest()
+    press("forest.add_sensor", invoke=False, kind="reverb")
+    yield from drag_edge(WIDE)
+    assert abs(view()[3].width - WIDE) < 5, view()[3].width
+    for page in range(PAGES):
+        steps.step(f"page {page}")
         yield from settle()
         side = view()[3]
         top = side.view2d.region_to_view(0, 0)
-        steps.step(f"{name} {page:02d} scrolled")
         scroll(side, 16)
         yield from settle()
         if side.view2d.region_to_view(0, 0) == top:
             break
-    scroll(view()[3], -200)
-    yield from settle()
-
-def scenario(steps):
-    steps.step("begin")
-    open_every_panel()
-    yield from demo_forest()
-    import sys
-    for kind in ("sonar", "terrestrial", "reverb"):
-        press("forest.add_sensor", invoke=False, kind=kind)
-    props().advanced = False
-    print("FIGURE width before", view()[3].width, flush=True)
-    yield from narrow(180)
-    yield from pages(steps, "dark")

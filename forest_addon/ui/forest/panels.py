@@ -17,9 +17,12 @@ from ..settings.drawing import (
     buttons,
     draw_field,
     draw_listed,
+    draw_named,
     draw_reference,
     draw_settings,
+    is_narrow,
     is_shown,
+    name_in,
     rows,
     split,
 )
@@ -186,13 +189,14 @@ class FOREST_PT_forest(Tab, bpy.types.Panel):
     bl_order = 0
 
     def draw_header_preset(self, context: bpy.types.Context) -> None:
-        self.layout.operator("forest.load_scene", text="", icon="FILE_FOLDER", emboss=False)
-        self.layout.operator("forest.save_scene", text="", icon="FILE_TICK", emboss=False)
-        self.layout.operator("forest.export_others", text="", icon="EXPORT", emboss=False)
-        self.layout.separator()  # from the handle that Blender draws at the end
+        if not is_narrow():  # else they would stand on the title
+            _draw_files(self.layout)
+            self.layout.separator()  # from the handle that Blender draws at the end
 
     def draw(self, context: bpy.types.Context) -> None:
         layout, props = self.layout, context.scene.forest_sensing
+        if is_narrow():
+            _draw_files(layout.row())
         if running.missing():
             missing = running.packages_in_words(running.missing())
             _draw_warning(layout, (missing, *running.WHAT_TO_DO)).alert = True
@@ -339,8 +343,9 @@ class FOREST_PT_by_hand(_OfPlanting, bpy.types.Panel):
         row.scale_y = BIG
         row.operator("forest.plant", text=text, icon="CHECKMARK" if is_planting() else "BRUSH_DATA")
         column = split(layout)
-        for name in ("plant_radius", "plant_density", "plant_grows"):
-            column.prop(props, name)
+        for name in ("plant_radius", "plant_density"):
+            draw_named(column, props, name, name_in(type(props), name), is_narrow())
+        column.prop(props, "plant_grows")
         layout.label(text="Selected Trees")
         row = layout.column(align=True)  # side by side their names would be cut off
         for name, icon in (("lock", "LOCKED"), ("swap", "FILE_REFRESH"), ("remove", "X")):
@@ -393,6 +398,13 @@ class FOREST_PT_ground(OfForest, bpy.types.Panel):
         column.prop(props, "crs")
 
 
+def _draw_files(row: bpy.types.UILayout) -> None:
+    """The buttons for scene files."""
+    for name, icon in (("load_scene", "FILE_FOLDER"), ("save_scene", "FILE_TICK")):
+        row.operator(f"forest.{name}", text="", icon=icon, emboss=False)
+    row.operator("forest.export_others", text="", icon="EXPORT", emboss=False)
+
+
 def _draw_start(layout: bpy.types.UILayout) -> None:
     """Draw the start for a newcomer: two doors, and the way to a file."""
     _build_or_progress(layout, "OUTLINER_OB_CURVES", label("Grow Forest"))
@@ -406,7 +418,7 @@ def _draw_start(layout: bpy.types.UILayout) -> None:
 
 def _draw_update(layout: bpy.types.UILayout, scene: bpy.types.Scene) -> None:
     """The button that grows, with a star where settings have changed since, and Live beside it."""
-    row = layout.row(align=True)
+    row = layout.column(align=True) if is_narrow() else layout.row(align=True)
     if "forest" not in scene.forest_sensing.results:
         _build_or_progress(row, "OUTLINER_OB_CURVES", label("Grow Forest"))
     else:
@@ -414,7 +426,7 @@ def _draw_update(layout: bpy.types.UILayout, scene: bpy.types.Scene) -> None:
         _build_or_progress(row, "FILE_REFRESH", label("Grow Forest") + star)
     beside = row.row(align=True)
     beside.scale_y = BIG
-    beside.ui_units_x = 3
+    beside.ui_units_x = 0 if is_narrow() else 3
     beside.prop(scene.forest_sensing, "live", toggle=True)
 
 

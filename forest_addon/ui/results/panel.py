@@ -28,7 +28,7 @@ from ...blender.scene.nodes import chosen_input, drawn_inputs
 from ...blender.sensors.objects import file_name
 from ...blender.show.cloud_nodes import is_measure, on_map
 from ...spec import SpecError
-from ..settings.drawing import OnceStarted, icon_of, split
+from ..settings.drawing import OnceStarted, icon_of, is_narrow, split
 from ..shell.running import Button, Reading
 from ..shell.views import icons, region_of, select
 from ..shell.words import label, label_of_kept, say
@@ -129,7 +129,7 @@ def _draw_result(layout: bpy.types.UILayout, result: Any) -> None:
         column.prop(props, "dry")
         if props.dry == "FILE":
             column.prop(props, "dry_file")
-    table = body.split(factor=0.45)
+    table = body.split(factor=0.5 if is_narrow() else 0.45)
     names, values = table.column(align=True), table.column(align=True)
     names.active = False
     for figure in result.figures:

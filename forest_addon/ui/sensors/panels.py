@@ -35,6 +35,7 @@ from ..settings.drawing import (
     buttons,
     draw_list,
     draw_listed,
+    draw_named,
     draw_settings,
     folded,
     icon_of,
@@ -183,8 +184,9 @@ class FOREST_UL_sensors(bpy.types.UIList):
 
     def draw_item(self, context, layout, data, item, icon, active, name, index=0) -> None:
         layout.prop(item, "name", text="", emboss=False, icon=icon_of(kind_of(item)))
-        run = layout.operator("forest.run", text="", icon="PLAY", emboss=False)
-        run.sensor, run.frames = item.name, "THIS"
+        if not is_narrow():
+            run = layout.operator("forest.run", text="", icon="PLAY", emboss=False)
+            run.sensor, run.frames = item.name, "THIS"
 
     def filter_items(self, context, data, name) -> tuple[list[int], list[int]]:
         things = getattr(data, name)
@@ -399,7 +401,8 @@ class FOREST_PT_sensors(OnceStarted, bpy.types.Panel):
         if found is not None:
             draw_found(layout, found)
         draw_switch(layout, context, thing)
-        split(layout).prop(props, "output", placeholder="In this file alone")
+        told = {"placeholder": "In this file alone"}
+        draw_named(split(layout), props, "output", "Save To", is_narrow(), **told)
 
 
 class FOREST_PT_sensor(OfSensors, bpy.types.Panel):
@@ -489,7 +492,7 @@ def _draw_sensor(layout: bpy.types.UILayout, thing: bpy.types.Object) -> None:
     if record.posed:  # else it goes where its poses say, or what it follows
         column.prop(thing, "location")
     if record.body == "speaker":
-        column.prop(thing, f'["{sensors.RECEIVER_KEY}"]', text="Receiver")
+        draw_named(column, thing, f'["{sensors.RECEIVER_KEY}"]', "Receiver", is_narrow())
     for axis in record.turns:
         column.prop(thing, "rotation_euler", index=axis, text=AXES[axis])
     fixed = record.fixed(group)

@@ -27,6 +27,7 @@ from .references import is_lost
 FOLDED = True  # parts of settings are closed until someone opens them
 BIG = 1.4  # heights of a row: the buttons that start work
 NARROW = 210  # pixels, of an interface in its usual size
+LETTERS = 10  # of a name that a number leaves room for where it is narrow
 OF_FOREST = "OUTLINER_OB_CURVES"
 
 
@@ -150,7 +151,7 @@ def _way(kind: type, name: str) -> tuple[str, str, str]:
     elif name in PARTS and getattr(known[face], "is_array", False):
         way = "pair"
     else:
-        way = "text" if known[face].type in ("STRING", "ENUM") else "plain"
+        way = {"BOOLEAN": "switch", "STRING": "text", "ENUM": "text"}.get(known[face].type, "plain")
     return way, face, str(known[face].name)
 
 
@@ -158,12 +159,7 @@ def draw_field(layout: bpy.types.UILayout, group: Any, name: str) -> None:
     """One setting: pairs as two rows, a value that may be left out behind its switch."""
     way, face, title = _way(type(group), name)
     narrow = is_narrow()
-    if way == "text" and narrow:
-        layout.label(text=title)
-        layout.prop(group, face, text="")
-    elif way in ("plain", "text"):
-        layout.prop(group, face)
-    elif way == "reference":
+    if way == "reference":
         draw_reference(layout, group, name)
     elif way == "optional":
         row = layout.column() if narrow else layout.row(align=True, heading=title)
@@ -171,24 +167,36 @@ def draw_field(layout: bpy.types.UILayout, group: Any, name: str) -> None:
         value = row.row(align=True)
         value.active = getattr(group, f"use_{name}")
         value.prop(group, face, text="")
-    else:
+    elif way == "pair":
         column = layout.column(align=True)
         first, second = PARTS[name]
         words, space, unit = label(title).partition(" (")
+        if narrow:
+            column.label(text=title)
+        words = "" if narrow else words
         column.prop(
             group, face, index=0, text=label("{setting} {end}", setting=words, end=label(first))
         )
         column.prop(group, face, index=1, text=f"{label(second)}{space}{unit}")
+    else:
+        above = narrow and (way == "text" or (way == "plain" and len(title) > LETTERS))
+        draw_named(layout, group, face, title, above)
+
+
+def draw_named(
+    layout: bpy.types.UILayout, owner: Any, name: str, title: str, above: bool, **style: Any
+) -> None:
+    """A property with its name before or within it, or above."""
+    if above:
+        layout.label(text=title)
+    layout.prop(owner, name, text="" if above else title, **style)
 
 
 def draw_reference(layout: bpy.types.UILayout, group: Any, name: str) -> None:
     """Draw the thing that a setting names, to be picked; a name that nothing here has stands below as a
     text."""
-    if is_narrow():
-        layout.label(text=name_in(type(group), f"{name}_pointer"))
-        layout.prop(group, f"{name}_pointer", text="")
-    else:
-        layout.prop(group, f"{name}_pointer")
+    pointer = f"{name}_pointer"
+    draw_named(layout, group, pointer, name_in(type(group), pointer), is_narrow())
     if is_lost(group, name):
         layout.prop(group, name, text=label("Not Here"), icon="ERROR")
     elif f"{name}_layer" in group.bl_rna.properties and getattr(group, f"{name}_pointer"):
@@ -249,7 +257,7 @@ def rows(name: str, meaning: str, row_of: Callable[[Any], Row]) -> type[bpy.type
         row = row_of(item)
         line = layout.row(align=True)
         line.label(text=row.text, icon=row.icon)
-        if row.right:
+        if row.right and not is_narrow():
             end = line.row()
             end.alignment = "RIGHT"
             end.label(text=row.right)
