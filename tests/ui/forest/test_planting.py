@@ -12,6 +12,7 @@ from mathutils import Vector
 from ui.pressing import press
 
 from forest_addon.blender.scene.instances import stood_trees
+from forest_addon.ui.forest import planting
 from forest_addon.ui.forest.hand import Hand, swap_tree, take_away
 from forest_addon.ui.forest.planting import FOREST_OT_plant, ground_below
 
@@ -109,6 +110,19 @@ def test_the_brush_follows_the_mouse_and_its_keys(hand, event, passes):
     given = {"value": "PRESS", "ctrl": False, "oskey": False, "alt": False} | event
     assert FOREST_OT_plant.heed(brush, bpy.context, SimpleNamespace(**given)) == {passes}
     assert drawn
+
+
+def test_what_the_brush_has_seen_is_looked_at_again_after_undo(registered, monkeypatch):
+    """Undo makes objects anew: to move one that is gone would end Blender."""
+    looked = []
+    seen = SimpleNamespace(scene=None, look=lambda: looked.append(1))
+    brush = SimpleNamespace(hand=seen, moved="a tree")
+    monkeypatch.setattr(planting, "_working", brush)
+    for name, heard in planting.WINDOW_HANDLERS:
+        if name in ("undo_post", "redo_post"):
+            heard(bpy.context.scene)
+    assert len(looked) == 2
+    assert (brush.moved, seen.scene) == (None, bpy.context.scene)
 
 
 def test_a_brush_that_fails_is_put_away(registered):
