@@ -33,7 +33,7 @@ from ..settings import exchange
 from ..settings.exchange import forestless, to_spec
 from ..shell import running
 from ..shell.running import PROBLEMS, Button, Working, current, getting_ready, obstacle, stop
-from ..shell.views import look_at, redraw_panels, region_of, views
+from ..shell.views import is_rendering, look_at, redraw_panels, region_of, views
 from ..shell.words import say
 from ..species.edit import edited_species, load
 from .hand import take_up_changes
@@ -170,7 +170,7 @@ def _hear(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     brought = scene.session_uid in _brought
     _brought.discard(scene.session_uid)
     props = scene.forest_sensing
-    if not props.built and not props.live:
+    if not (props.built or props.live) or is_rendering():
         return
     if brought:
         settle(scene, depsgraph, brought)

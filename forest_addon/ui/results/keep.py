@@ -18,7 +18,7 @@ import bpy
 from ...blender.scene.layout import CLOUD_KEY, FRAME_KEY
 from ...blender.sensors.objects import file_name, sensors_of
 from ..shell.running import Reading
-from ..shell.views import redraw_panels, show
+from ..shell.views import is_rendering, redraw_panels, show
 from ..shell.words import say
 
 if TYPE_CHECKING:
@@ -112,8 +112,8 @@ def show_frame(scene: bpy.types.Scene) -> None:
         speaker = scene.objects.get(result.name)
         if each.sound is not None and speaker is not None and speaker.type == "SPEAKER":
             speaker.data.sound = each.sound
-        if bpy.app.is_job_running("RENDER"):
-            continue  # its thread goes from frame to frame while windows draw the panel
+        if is_rendering():
+            continue
         if each.picture is not None and result.picture != each.picture:
             result.picture = each.picture
         result.found = each.found

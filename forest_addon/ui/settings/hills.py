@@ -18,7 +18,7 @@ from mathutils import Matrix
 
 from ...blender.scene.layout import INTENSITY, find_part, part
 from ...blender.show import intensity
-from ..shell.views import redraw_panels, select_alone
+from ..shell.views import is_rendering, redraw_panels, select_alone
 from ..shell.words import title_of
 
 SAME = 1e-6  # relative difference that is rounding: of a parent's matrix
@@ -67,7 +67,7 @@ def follow(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     """Take into the hills what happened to their handles."""
     global _following
     props = scene.forest_sensing
-    if not props.drag_hills or not scene.is_editable:
+    if not props.drag_hills or not scene.is_editable or is_rendering():
         return
     home = find_part(scene, INTENSITY)
     if home is None:  # gone with all handles: the hills stay, and are not taken for deleted later

@@ -65,6 +65,12 @@ def redraw_panels() -> None:
                 region_of(area, PANELS[area.type]).tag_redraw()
 
 
+def is_rendering() -> bool:
+    """Return whether Blender renders: its thread then goes from frame to frame, and whoever hears of that must
+    change nothing that windows draw or time meanwhile."""
+    return bool(bpy.app.is_job_running("RENDER"))
+
+
 def look_at(area: bpy.types.Area, field: Forest) -> None:
     """Turn a 3D view to the whole field, beside the sidebar, and have its solid mode draw no outlines.
 
