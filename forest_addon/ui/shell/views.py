@@ -66,8 +66,8 @@ def redraw_panels() -> None:
 
 
 def is_rendering() -> bool:
-    """Return whether Blender renders: its thread then goes from frame to frame, and whoever hears of that must
-    change nothing that windows draw or time meanwhile."""
+    """Return whether Blender renders: its thread then goes from frame to frame, and whoever hears of that
+    must change nothing that windows draw meanwhile."""
     return bool(bpy.app.is_job_running("RENDER"))
 
 
