@@ -257,6 +257,8 @@ class Stock:
 
     def _placed(self, forest: GrownForest) -> SceneGeometry:
         """The geometry that Blender's scene of this forest would be read as."""
+        from ..blender.scene.instances import evaluated_transforms
+
         stock, stand = self._geometry, forest.stand
         rest = np.flatnonzero(stock.tree < 0)
         keys = zip(stand.species.tolist(), stand.variant.tolist(), strict=True)
@@ -265,7 +267,8 @@ class Stock:
         keys = zip(stand.species.tolist(), stand.variant.tolist(), strict=True)
         rank = np.array([number[key] for key in keys], dtype=np.int64)
         order = np.argsort(rank, kind="stable")  # as they are read: one variant after the other
-        transform = forest.transforms().astype(np.float32).astype(np.float64)  # as Blender keeps it
+        place = forest.transforms()[:, :, 3]
+        transform = evaluated_transforms(place, stand.rotation, stand.scale)
         trees = stock.object_index[stock.tree >= 0][:1].repeat(len(stand))
         return replace(
             stock,

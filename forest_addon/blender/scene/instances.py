@@ -9,7 +9,8 @@ collection of objects that counts them in the order of their names.
 ``standings`` reads an evaluated object without a loop over instances: its meshes, each with all places
 where it stands. Blender gives the instances of a geometry as a point cloud whose points have a transform
 and the number of what stands there: an object, or a geometry with a mesh and instances of its own, and
-so on down.
+so on down. ``evaluated_transforms`` gives the float32 matrices of points that stand in no scene of the
+user's.
 
 A tree that is an object says where it was planted; the collection of its planting says where all were. So
 a tree that was moved by hand is known (``stood_trees``), and one that was deleted. Of trees that are points
@@ -268,6 +269,43 @@ def _refuse(bad: np.ndarray, values: np.ndarray, tree: np.ndarray, what: str, mu
     if bad.any():
         first = int(np.argmax(bad))
         raise ValueError(f"tree {tree[first]} {what} {values[first]}; it must be {must}")
+
+
+NAME = "Forest Sensing, for a moment"
+
+
+def evaluated_transforms(
+    position: np.ndarray, rotation: np.ndarray, scale: np.ndarray
+) -> np.ndarray:
+    """(N, 3, 4) float64 that hold Blender's float32: local to world of N trees.
+
+    position : (N, 3) metres. rotation : (N,) radians about the vertical. scale : (N,) size factors.
+
+    Raises
+    ------
+    ValueError : a size factor is not above 0, or a place is not finite.
+    """
+    count = len(position)
+    if not count:
+        return np.empty((0, 3, 4))
+    number, zero = np.arange(count), np.zeros(count, dtype=np.int64)
+    scene = bpy.data.scenes.new(NAME)
+    try:
+        with all_or_nothing(always=True):
+            points = points_mesh(NAME, 1, position, rotation, scale, zero, number, zero)
+            single = bpy.data.meshes.new(NAME)
+            single.vertices.add(1)
+            thing, library = bpy.data.objects.new(NAME, points), bpy.data.collections.new(NAME)
+            library.objects.link(bpy.data.objects.new(NAME, single))
+            scene.collection.objects.link(thing)
+            give_instancer(thing, library, library, light=False)
+            layer = scene.view_layers[0]
+            layer.update()
+            placed = read_points(thing.evaluated_get(layer.depsgraph))
+    finally:
+        bpy.data.scenes.remove(scene)
+    order = np.argsort(placed.tree)
+    return placed.transform[order]
 
 
 STOOD_KEY = "forest_stood"  # of a tree: x, y, rotation, scale, variant, diameter; of a collection: x, y, ...

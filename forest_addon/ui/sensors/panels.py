@@ -401,8 +401,10 @@ class FOREST_PT_sensors(OnceStarted, bpy.types.Panel):
         if found is not None:
             draw_found(layout, found)
         draw_switch(layout, context, thing)
-        told = {"placeholder": "In this file alone"}
-        draw_named(split(layout), props, "output", "Save To", is_narrow(), **told)
+        if is_narrow():
+            layout.label(text="Save To")
+        text = "" if is_narrow() else "Save To"
+        split(layout).prop(props, "output", text=text, placeholder="In this file alone")
 
 
 class FOREST_PT_sensor(OfSensors, bpy.types.Panel):

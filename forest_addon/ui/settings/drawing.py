@@ -183,13 +183,11 @@ def draw_field(layout: bpy.types.UILayout, group: Any, name: str) -> None:
         draw_named(layout, group, face, title, above)
 
 
-def draw_named(
-    layout: bpy.types.UILayout, owner: Any, name: str, title: str, above: bool, **style: Any
-) -> None:
+def draw_named(layout: bpy.types.UILayout, owner: Any, name: str, title: str, above: bool) -> None:
     """A property with its name before or within it, or above."""
     if above:
         layout.label(text=title)
-    layout.prop(owner, name, text="" if above else title, **style)
+    layout.prop(owner, name, text="" if above else title)
 
 
 def draw_reference(layout: bpy.types.UILayout, group: Any, name: str) -> None:
