@@ -26,8 +26,7 @@ from ..sensing.sonar.targets import EchoTargets
 from ..sensing.sonar.windy import EchoWind
 from ..spec import Rays, Scene, SpecError
 from ..stand.forest import GrownForest
-from ..stand.wind.field import WindField
-from ..stand.wind.sway import ForestSway, sway_of
+from ..stand.wind import ForestSway, WindField, sway_of
 from .obstacles import REACH, MeshObstacles, Solid
 
 APART = 100.0  # metres between the single trees that are read
@@ -203,7 +202,7 @@ class Stock:
     @cached_property
     def ground(self) -> Any:
         """The terrain."""
-        from ..stand.intensity.terrain import Flat
+        from ..stand.intensity.surface import Flat
 
         if self._site is None:
             return Flat(self.settings.forest.terrain.base)

@@ -42,7 +42,7 @@ class TreesOfStand(Protocol):
 
 
 class Swaying(TreesOfStand, Protocol):
-    """Trees that sway, as ``stand.wind.sway`` has them; named by their number in the stand."""
+    """Trees that sway, as ``stand.wind`` has them; named by their number in the stand."""
 
     def leaning(self) -> int: ...
 

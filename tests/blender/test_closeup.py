@@ -20,7 +20,7 @@ from forest_addon.blender.show.preview import (
     stand_walker,
     walkers_view,
 )
-from forest_addon.growth.library.species_file import find_species, load_species
+from forest_addon.growth.library import find_species, load_species
 from forest_addon.growth.measured.allometry import Wanted
 from forest_addon.growth.tree import grow, without_leaves
 from forest_addon.spec import SpecError

@@ -15,7 +15,7 @@ from forest_addon.blender.scene import forest as forest_scene
 from forest_addon.blender.scene.forest import build, shapes_in
 from forest_addon.blender.scene.layout import OUTLINES, VARIANTS, part
 from forest_addon.blender.scene.placing import fingerprint
-from forest_addon.growth.library.species_file import load_species
+from forest_addon.growth.library import load_species
 from forest_addon.stand.forest import grow_forest
 
 

@@ -14,8 +14,7 @@ from forest_addon.blender.scene.meshes import from_mesh
 from forest_addon.blender.scene.nodes import show_as
 from forest_addon.blender.show.wind import hide_wind, is_wind, show_wind, shows_wind
 from forest_addon.sensing.moving import split_pieces
-from forest_addon.stand.wind.response import KNOTS
-from forest_addon.stand.wind.sway import sway_of
+from forest_addon.stand.wind import KNOTS, sway_of
 from forest_addon.ui.forest.wind import forest_of_points
 
 STAND = forest.Scene(

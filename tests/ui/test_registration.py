@@ -1,6 +1,7 @@
 """All or nothing: what the add-on registers, and that nothing of it stays."""
 
 import importlib
+import importlib.util
 import re
 import subprocess
 import sys
@@ -135,3 +136,11 @@ def test_enables_without_scipy_and_says_what_is_missing():
     assert run.returncode == 0, run.stderr
     assert "('scipy',)" in run.stdout
     assert "scipy is missing in this Blender" in run.stdout
+
+
+@pytest.mark.parametrize("file", sorted((ROOT / "forest_addon" / "ui").rglob("*.py")), ids=str)
+def test_what_work_imports_first_is_there(file):
+    """It is named by text."""
+    for call in re.findall(r"getting_ready\(([^)]*)\)", file.read_text("utf-8")):
+        for room in re.findall(r'"([\w.]+)"', call):
+            assert importlib.util.find_spec(f"forest_addon.{room}"), room

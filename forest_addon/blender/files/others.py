@@ -23,10 +23,10 @@ from ...formats.helios.writing import (
     write_materials,
     write_obj,
 )
-from ...sensing.lidar.surveys.export import SCENES, scanner_of, write_survey
+from ...sensing.lidar.surveys.export import SCENES, write_survey
 from ...sensing.rays.geometry import SceneGeometry, apply_transform
 from ...sensing.trajectory import Trajectory
-from ...spec import Scene, SpecError, Surfaces
+from ...spec import Scanner, Scene, SpecError, Surfaces
 from .export import export_glb, save_blend
 
 PARTS = "data/sceneparts"
@@ -51,7 +51,7 @@ def export_for_others(
     """
     if not len(geometry):
         raise SpecError(scene.name, "has nothing to export: nothing in it has faces")
-    surfaces = next((s.surfaces for s in map(scanner_of, scene.sensors) if s), Surfaces())
+    surfaces = next((s.surfaces for s in scene.sensors if isinstance(s, Scanner)), Surfaces())
     placed, unsaid = write_parts(geometry, folder, scene.name, surfaces)
     for sentence in unsaid:
         say(f"  {sentence}")

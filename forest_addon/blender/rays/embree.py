@@ -156,6 +156,8 @@ class EmbreeCaster(Search):
         low[~np.isfinite(invert_transforms(scene.transform)).all(axis=(1, 2))] = np.nan
         known = np.flatnonzero(np.isfinite(low).all(axis=1))  # the others are flat or empty
         low, high = low[known].min(0, initial=np.inf), high[known].max(0, initial=-np.inf)
+        if scene.extent is not None:
+            low, high = np.minimum(low, scene.extent[0]), np.maximum(high, scene.extent[1])
         size = float((high - low).max()) if len(known) else 0.0
         self._centre = (low + high) / 2 if len(known) else np.zeros(3)
         self._slack = 1e-6 * size + 1e-6

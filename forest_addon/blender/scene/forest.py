@@ -25,7 +25,7 @@ from ...base.trimesh import TriMesh
 from ...growth.mesh.stand_in import Level, level_for, stand_in
 from ...growth.truth import tree_truth
 from ...stand.forest import GrownForest
-from ...stand.intensity.terrain import Flat, GroundSurface
+from ...stand.intensity.surface import Flat, GroundSurface
 from . import materials
 from .assets import ToldVariant, Variant, draw, tell_variants, untold
 from .instances import (

@@ -24,7 +24,7 @@ from ... import spec
 from .layout import GROUND_NAME, SHARE, find_part, is_local, is_ours
 
 if TYPE_CHECKING:
-    from ...stand.intensity.terrain import GroundSurface
+    from ...stand.intensity.surface import GroundSurface
 
 Colour = tuple[float, float, float]
 Value = Any  # a number, a vector, a colour, or bpy.types.NodeSocket

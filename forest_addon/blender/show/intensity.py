@@ -19,7 +19,7 @@ from ..scene.attributes import places_of, write
 from ..scene.instances import IGNORED_KEY
 
 if TYPE_CHECKING:
-    from ...stand.intensity.terrain import GroundSurface
+    from ...stand.intensity.surface import GroundSurface
 
 HANDLE_KEY = (
     "forest_handle"  # custom property of a handle: its own name; a copy still has the other's

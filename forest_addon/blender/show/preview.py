@@ -23,7 +23,7 @@ from ...base.rng import stream
 from ...base.trimesh import TriMesh, join
 from ...base.vectors import azimuth_of
 from ...formats.atomic import replacing
-from ...growth.library.species_file import find_species, load_species
+from ...growth.library import find_species, load_species
 from ...growth.skeleton import Skeleton
 from ...growth.tree import Tree, grow
 from ..files.export import empty_file

@@ -54,7 +54,7 @@ from ..scene.nodes import (
 )
 
 if TYPE_CHECKING:
-    from ...stand.wind.sway import ForestSway
+    from ...stand.wind import ForestSway
 
 
 WIND_KEY = "forest_wind"  # of the group that moves pieces

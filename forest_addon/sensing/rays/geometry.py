@@ -42,7 +42,8 @@ class SceneGeometry:
     asset : for each mesh which tree of a library it is, empty for others; left out: none is.
     slot_names : for each mesh the names of its materials, empty where a slot is; left out: unknown.
     crowd : for each mesh how many instances the forest has of which this scene is a part, so that both have
-        the same bounds; left out: those that are here.
+        the same boxes; left out: those that are here.
+    extent : (2, 3) lowest and highest corner of what else that forest has; left out: nothing.
     optics : (I, 4) of the object what makes it a mirror, glass or water: number of the kind
         (``spec.POLISHED``, -1 an unknown word), refractive index, share that a mirror sends on, extinction
         (of a retro-reflector its gain), NaN where it says nothing; left out: nowhere.
@@ -61,6 +62,7 @@ class SceneGeometry:
     asset: tuple[str, ...] = ()
     slot_names: tuple[tuple[str, ...], ...] = ()
     crowd: tuple[int, ...] = ()
+    extent: np.ndarray | None = None
     optics: np.ndarray | None = None
     slot_optics: tuple[np.ndarray, ...] = ()
 
@@ -160,7 +162,7 @@ class SceneGeometry:
             if not len(rows):
                 continue
             each = int(np.clip(BOXES // many[number], 1, PIECES))
-            least, most = _pieces(self.meshes[number], each)
+            least, most = boxes_of(self.meshes[number], each)
             if not len(least):
                 continue
             linear, shift = self.transform[rows, :, :3], self.transform[rows, None, :, 3]
@@ -170,7 +172,7 @@ class SceneGeometry:
         return low, high
 
 
-def _pieces(mesh: TriMesh, count: int) -> tuple[np.ndarray, np.ndarray]:
+def boxes_of(mesh: TriMesh, count: int) -> tuple[np.ndarray, np.ndarray]:
     """(K, 3), (K, 3) boxes around at most ``count`` groups of vertices that lie near each other.
 
     They are kept with the mesh, which many scenes may share.

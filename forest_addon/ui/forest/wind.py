@@ -97,7 +97,7 @@ def swaying(context: bpy.types.Context, missing: list[str]) -> Generator[Task, A
     if _known.get(scene.session_uid, (None,))[0] == key:
         return _known[scene.session_uid][1]
     from ...blender.scene.forest import standing_forest
-    from ...stand.wind.sway import sway_of
+    from ...stand.wind import sway_of
 
     forest = standing_forest(scene)
     if forest is None:
@@ -120,7 +120,7 @@ class FOREST_OT_show_wind(Working, bpy.types.Operator):
 
     def work(self, context: bpy.types.Context) -> Work:
         from ...blender.show.wind import amplitudes_of, knots_of, show_wind
-        from ...stand.wind.response import KNOTS
+        from ...stand.wind import KNOTS
 
         if to_spec(context.scene, []).wind.speed == 0:
             raise SpecError(say("Wind"), say("set its speed above 0 first"))

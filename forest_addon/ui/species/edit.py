@@ -184,7 +184,7 @@ def load(name: str, folder: Path, edited: Edited) -> Any:
     ------
     SpecError : there is no such species, or it cannot be used.
     """
-    from ...growth.library.species_file import complete_species, find_species, load_species
+    from ...growth.library import complete_species, find_species, load_species
 
     if name in edited:
         species, home = edited[name]
@@ -240,7 +240,7 @@ class FOREST_OT_edit_species(_OfSpecies, bpy.types.Operator):
 
     def act(self, context: bpy.types.Context) -> str:
         from ...formats.toml_file import read_settings
-        from ...growth.library.species_file import find_species
+        from ...growth.library import find_species
 
         scene = context.scene
         props = scene.forest_sensing
@@ -486,7 +486,7 @@ class FOREST_OT_make_species(Working, bpy.types.Operator):
         from ...blender.scene.assets import on_paper
         from ...formats.atomic import replacing
         from ...formats.raster_file import write_png
-        from ...growth.library.template_library import Brought, Library, check_name, make_library
+        from ...growth.library import Brought, Library, check_name, make_library
         from ...spec import Look
 
         props = context.scene.forest_sensing

@@ -19,8 +19,7 @@ from forest_addon.blender.jobs import CancelledError
 from forest_addon.formats.raster_file import read_png
 from forest_addon.formats.stl import write_stl
 from forest_addon.formats.toml_file import read_settings
-from forest_addon.growth.library.species_file import load_species
-from forest_addon.growth.library.template_library import Brought, make_library
+from forest_addon.growth.library import Brought, load_species, make_library
 from forest_addon.spec import SpecError
 from forest_addon.ui.settings import preferences
 from forest_addon.ui.settings.exchange import to_spec
