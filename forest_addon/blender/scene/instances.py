@@ -33,6 +33,7 @@ from .layout import (
     ROLE_KEY,
     TREES,
     VARIANTS,
+    all_or_nothing,
     by_role,
     find_part,
     grove,
@@ -40,7 +41,7 @@ from .layout import (
     objects_in,
     within_reach,
 )
-from .nodes import ROTATION, SCALE, VARIANT
+from .nodes import ROTATION, SCALE, VARIANT, give_instancer
 
 if TYPE_CHECKING:
     from ...stand.forest import GrownForest
