@@ -53,7 +53,6 @@ INSIDE = {
     "Trained": "forest_addon.flight.policies:Trained",
     "train": "forest_addon.flight.policies:train",
     "EchoPolicy": "forest_addon.flight.policies:EchoPolicy",
-    "bearing": "forest_addon.flight.policies:bearing",
     "decided": "forest_addon.flight.policies:decided",
     "Gap": "forest_addon.flight.policies:Gap",
     "Straight": "forest_addon.flight.policies:Straight",

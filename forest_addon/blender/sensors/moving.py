@@ -215,7 +215,8 @@ def read_motion(
         else:
             if moves:  # samples are now close enough to tell a jump from what is fast
                 tracks = _tracks(scene, now, frames / rate, samples, jumps=True)
-                off, bent = coarse.off(middle / rate, between, tracks)
+                both = tracks.joined[::2] & tracks.joined[1::2]
+                off, bent = coarse.off(middle / rate, between, both)
                 found = _probed(scene, now, frames / rate, samples, reader, rate, tracks)
                 off, bent = max(off, found[0]), max(bent, found[1])
     return tracks.motion(off, bent, steps)
@@ -239,8 +240,8 @@ def _probed(
         ends = slice(first, first + 2)
         when = time[first] + SHARE * np.diff(time[ends])
         pair = _tracks(scene, now, time[ends], samples[ends])
-        steady = None if finest is None else finest.steady(first)
-        found = pair.off(when, reader.at(when * rate), steady=steady)
+        steady = None if finest is None else finest.joined[[first]]
+        found = pair.off(when, reader.at(when * rate), steady)
         off, bent = max(off, found[0]), max(bent, found[1])
     return off, bent
 

@@ -339,7 +339,8 @@ def _sharing(scene: SceneGeometry, rays: Rays) -> RayCaster:
     before: list[tuple[Rays, Search]] = lasting.setdefault("casters", [])
     half = sum(len(mesh.triangles) for mesh in scene.meshes) / 2
     for asked, like in before:
-        common = sum(len(scene.meshes[number].triangles) for number in like.same_meshes(scene))
+        known = {*map(id, like.scene.meshes)}
+        common = sum(len(mesh.triangles) for mesh in scene.meshes if id(mesh) in known)
         if asked == rays and common > half:
             return make_caster(scene, rays, like)
     made = make_caster(scene, rays)
