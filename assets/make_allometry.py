@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from forest_addon.formats.toml_file import write_settings
-from forest_addon.growth.library.species_file import file_stem, read_measured
+from forest_addon.growth.library import file_stem, read_measured
 from forest_addon.growth.measured.allometry import KINDS, fit_kind
 from forest_addon.spec import Allometry
 

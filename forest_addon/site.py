@@ -14,15 +14,15 @@ from pathlib import Path
 from typing import Self
 
 from .base.progress import Progress
-from .growth.library.species_file import check_known, find_species, load_species
+from .growth.library import check_known, find_species, load_species
 from .growth.tree import Tree
 from .sensing.detail import grow_needed
 from .sensing.kinds import kind_of
 from .spec import AUTO, Scene, SpecError
+from .stand.compose import Inputs
 from .stand.files import read_inputs
 from .stand.forest import ForestPlan, Grown, GrownForest, Planted, TreesBeforeFall
-from .stand.inputs import Inputs
-from .stand.intensity.terrain import GroundSurface, roughened
+from .stand.intensity.surface import GroundSurface, roughened
 from .stand.plan import Stand, plan_stand
 from .stand.undergrowth import with_undergrowth
 

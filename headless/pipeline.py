@@ -51,6 +51,7 @@ from forest_addon.sensing.audit import Audit
 from forest_addon.sensing.kinds import cost_of
 from forest_addon.sensing.rays.caster import RayCaster
 from forest_addon.spec import Output, Scene, Sensor, SpecError
+from forest_addon.stand.compose import Inputs
 from forest_addon.stand.forest import (
     GrownForest,
     angle_table,
@@ -60,10 +61,9 @@ from forest_addon.stand.forest import (
     tree_table,
     variant_leaf_table,
 )
-from forest_addon.stand.inputs import Inputs
-from forest_addon.stand.intensity.terrain import GroundSurface
+from forest_addon.stand.intensity.surface import GroundSurface
+from forest_addon.stand.measured import record
 from forest_addon.stand.plan import labels
-from forest_addon.stand.targets import record
 from forest_addon.stand.truth import cylinder_table
 
 from .command import DoubtfulError
@@ -480,11 +480,11 @@ def _describe_stand(run: Run, forest: GrownForest, inputs: Inputs) -> None:
     run.targets = {one.label: record(one) for one in met}
     if not wanted.goodness:
         return
-    from forest_addon.stand.statistics import goodness
+    from forest_addon.stand.statistics.law import examine, law_of_scene, poisson_trees, window_of
 
     with run.stages.stage("test where trees stand"):
-        window, law = goodness.window_of(settings.forest), goodness.law_of_scene(settings, inputs)
-        found = goodness.examine(goodness.poisson_trees(settings, stand), window, law)
+        window, law = window_of(settings.forest), law_of_scene(settings, inputs)
+        found = examine(poisson_trees(settings, stand), window, law)
         if found is None:  # too few trees
             return
         picture = None

@@ -27,8 +27,7 @@ from forest_addon.blender.show.preview import render, set_stage
 from forest_addon.blender.show.wind import show_wind
 from forest_addon.drawing.figures import blank_figure, save_figure
 from forest_addon.drawing.palette import FAINT, INK
-from forest_addon.stand.wind.response import KNOTS
-from forest_addon.stand.wind.sway import sway_of
+from forest_addon.stand.wind import KNOTS, sway_of
 
 ROOT = Path(__file__).resolve().parents[1]
 DEMO = ROOT / "assets" / "scenes" / "demo.toml"

@@ -5,6 +5,7 @@ import shutil
 import sys
 import tempfile
 from pathlib import Path
+from types import SimpleNamespace
 
 try:
     import fcntl
@@ -96,9 +97,31 @@ def empty_blender(blender):
 
 
 @pytest.fixture
+def headless(capfd):
+    """Runs a command in this process, as a user types it: how it ended, and what it said.
+
+    Many run in one Blender: a process of its own for each costs seconds.
+    """
+    pytest.importorskip("bpy")
+    from headless.cli import main
+
+    def run(*words):
+        capfd.readouterr()
+        try:
+            code = main([str(word) for word in words])
+        except SystemExit as end:  # argparse has said what was wrong
+            code = end.code
+        said = capfd.readouterr()
+        assert "Traceback" not in said.err
+        return SimpleNamespace(returncode=code, stdout=said.out, stderr=said.err)
+
+    return run
+
+
+@pytest.fixture
 def quick(monkeypatch):
     """Tests of stands and sweeps over settings try as little as they may: their figures are not looked at."""
-    monkeypatch.setattr("forest_addon.stand.statistics.goodness.SIMULATIONS", 19)
+    monkeypatch.setattr("forest_addon.stand.statistics.law.SIMULATIONS", 19)
     for name, few in (("sweep.ENOUGH", 0.0), ("sensors.EXACTLY", 50), ("sensors.MANY", 91)):
         monkeypatch.setattr(f"headless.accuracy.{name}", few)
 

@@ -47,7 +47,7 @@ from .results import Echoes, PointCloud, Response, Result, RowScan, is_scanner, 
 
 if TYPE_CHECKING:
     from ..stand.forest import GrownForest
-    from ..stand.placed import PlacedTrees
+    from ..stand.truth import PlacedTrees
 
 Table = dict[str, np.ndarray]
 
@@ -55,7 +55,7 @@ Table = dict[str, np.ndarray]
 def trees_in_world(forest: GrownForest | None, placed: PlacedTrees) -> Table:
     """A row a tree."""
     from ..stand.forest import tree_table
-    from ..stand.placed import placed_table
+    from ..stand.truth import placed_table
 
     table = _both(forest, placed, tree_table, placed_table)
     numbers = [name for name in table if name.startswith("target_") or name == "in_band"]
@@ -65,15 +65,14 @@ def trees_in_world(forest: GrownForest | None, placed: PlacedTrees) -> Table:
 def leaves_in_world(forest: GrownForest | None, placed: PlacedTrees) -> Table:
     """A row a leaf."""
     from ..stand.forest import leaf_table
-    from ..stand.placed import placed_leaves
+    from ..stand.truth import placed_leaves
 
     return _both(forest, placed, leaf_table, placed_leaves)
 
 
 def cylinders_in_world(forest: GrownForest | None, placed: PlacedTrees) -> Table:
     """A row a segment of a branch."""
-    from ..stand.placed import placed_cylinders
-    from ..stand.truth import cylinder_table
+    from ..stand.truth import cylinder_table, placed_cylinders
 
     return _both(forest, placed, cylinder_table, placed_cylinders)
 
@@ -85,7 +84,7 @@ def skeleton_in_world(forest: GrownForest | None, placed: PlacedTrees, tree: int
     ------
     SpecError : there is no tree of this number.
     """
-    from ..stand.placed import placed_skeleton
+    from ..stand.truth import placed_skeleton
 
     rows = np.flatnonzero(forest.stand.id == tree) if forest is not None else ()
     if forest is None or not len(rows):
@@ -144,7 +143,7 @@ if TYPE_CHECKING:
     from ..sensing.trajectory import Trajectory
     from ..spec import Choice
     from ..stand.forest import GrownForest
-    from ..stand.placed import PlacedTrees
+    from ..stand.truth import PlacedTrees
 
 MOST_PIXELS = 8192  # along a side of a hemispherical picture
 
@@ -317,7 +316,7 @@ class World:
     @cached_property
     def _swaying(self) -> Any:
         """The sway of the trees in the scene's wind; None where they stand still."""
-        from ..stand.wind.sway import sway_of
+        from ..stand.wind import sway_of
 
         return self.forest and sway_of(self.forest, self.scene.wind, self.scene.seed)
 
@@ -484,7 +483,7 @@ class World:
         """Return what was grown here, and trees of libraries; an error where there is neither."""
         import_blender()
         from ..blender.scene.meshes import has_assets
-        from ..stand.placed import NONE
+        from ..stand.truth import NONE
 
         placed = self.observer.placed_trees if has_assets() else NONE
         return (None if len(placed) and self.forest is None else self._grown()), placed

@@ -12,12 +12,10 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from ..spec import Scene
-from ..stand.compose import corners_of
-from ..stand.inputs import Inputs
+from ..stand.compose import Inputs, corners_of
 from ..stand.plan import Stand
-from ..stand.statistics.goodness import Goodness
-from ..stand.statistics.k_function import At
-from ..stand.statistics.window import Window
+from ..stand.statistics.intensity import Window
+from ..stand.statistics.law import At, Goodness
 from .figures import blank_figure
 from .palette import FAINT, INK, LEAF_GREEN, RED, species_colour
 from .strips import CLEARING, MEADOW, stand_map

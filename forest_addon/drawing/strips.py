@@ -12,8 +12,7 @@ import numpy as np
 from ..base.labels import LEVELS, MEASURES
 from ..base.words import keep
 from ..spec import Scene
-from ..stand.compose import corners_of, process_of
-from ..stand.inputs import Inputs
+from ..stand.compose import Inputs, corners_of, process_of
 from ..stand.plan import Stand
 from .palette import rgb, species_colour
 

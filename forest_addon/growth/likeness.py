@@ -25,6 +25,7 @@ import numpy as np
 
 from ..base.rng import stream
 from ..spec import Siblings
+from .own_tree.anatomy import OFF
 from .own_tree.habit import BREAST, Habit
 from .own_tree.relay import (
     Outline,
@@ -34,7 +35,6 @@ from .own_tree.relay import (
     outline_of,
     standing_of,
 )
-from .own_tree.rings import OFF
 from .own_tree.sibling import Grown, grow_sibling
 from .skeleton import Skeleton, find_axes, stem_radii
 from .tree import Tree

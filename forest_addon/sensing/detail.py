@@ -29,8 +29,8 @@ from ..base.progress import Progress
 from ..base.rng import stream
 from ..growth.tree import Tree, leaves_left, with_tolerance, without_leaves
 from ..spec import Choice, Scene, Species
+from ..stand.compose import Inputs
 from ..stand.forest import ForestPlan, Grown, GrownForest, Planted, TreesBeforeFall, keys_of
-from ..stand.inputs import Inputs
 from .kinds import kind_of
 from .looks import Leafy, SensorLook, Upright, range_shift
 

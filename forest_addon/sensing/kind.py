@@ -59,7 +59,7 @@ class Seen(Protocol):
 
     @property
     def sway(self) -> Any:
-        """The sway of trees in the wind (``stand.wind.sway``) and the time at which it begins, s; None: they
+        """The sway of trees in the wind (``stand.wind``) and the time at which it begins, s; None: they
         stand still."""
         ...
 

@@ -30,12 +30,11 @@ from ..formats.ply import read_surface
 from ..formats.raster_file import GeoRaster, linear_between, read_raster
 from ..formats.stl import read_stl
 from ..formats.tree_map import LENGTHS, NUMBERS, read_tree_map
-from ..growth.library.species_file import read_allometry
+from ..growth.library import read_allometry
 from ..spec import SpecError
 from ..spec.forest import METRES
-from .inputs import Inputs, TreeList, on_field
-from .intensity.functions import IntensityError
-from .intensity.terrain import GroundSurface, Heightmap, Triangulated, refuse_pixels
+from .compose import Inputs, TreeList, on_field
+from .intensity.surface import GroundSurface, Heightmap, IntensityError, Triangulated, refuse_pixels
 
 MOST = {"dbh": 5.0, "height": 150.0, "crown_width": 100.0, "crown_base": 150.0}  # metres
 USUAL = {
@@ -245,7 +244,7 @@ def _refuse_elsewhere(
     if good is not None:
         fitting = (float(good[0]), float(good[1]), scene.offset[2])
         x, y, z = fitting
-        todo = f"offset = [{x:.10g}, {y:.10g}, {z:g}] would put the field on it"
+        todo = f"offset = [{x:.10g}, {y:.10g}, {z:g}] at the top of the scene would put the field on it"
     there, here = (
         " and ".join(
             f"{a} {first:.10g} to {last:.10g}" for a, first, last in zip("xy", *ends, strict=True)

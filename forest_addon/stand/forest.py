@@ -23,12 +23,20 @@ from ..growth.tree import Tree, aged, fallen, grow, in_season, with_fallen
 from ..growth.truth import leaf_angles, wood_of_tree
 from ..spec import Allometry, Choice, Look, Scene, Species
 from ..spec.choices import idle, idle_in_scene, idle_in_species
-from .inputs import Inputs
-from .intensity.terrain import sink
-from .measured import MeasuredTrees, dbh_at, scales_for, with_targets
-from .placed import stacked
+from .compose import Inputs
+from .intensity.surface import sink
+from .measured import (
+    MeasuredTrees,
+    TargetsMet,
+    dbh_at,
+    found_in,
+    in_band,
+    not_met,
+    scales_for,
+    targets_met,
+    with_targets,
+)
 from .plan import Stand, labels, plan_stand
-from .targets import TargetsMet, found_in, in_band, not_met, targets_met
 
 MOST_KEPT = 500_000_000  # bytes
 Key = tuple[Any, ...]
@@ -262,10 +270,11 @@ class ForestPlan:
     def placed(self, variants: Mapping[tuple[int, int], Tree]) -> Stand:
         """The stand with every tree in the size that it is to have, its foot in the ground."""
         stand = _sized(self.measured.stand, variants, self.measured.trees)
-        foot = np.zeros(len(stand))
+        many, code = codes_of(stand)
+        foot = np.zeros(int(code.max(initial=-1)) + 1)
         for (planting, variant), tree in variants.items():
-            mine = (stand.species == planting) & (stand.variant == variant)
-            foot[mine] = float(tree.skeleton.radius[:1, 0].sum()) * stand.scale[mine]
+            foot[planting * many + variant] = tree.skeleton.radius[:1, 0].sum()
+        foot = foot[code] * stand.scale
         ground = self.inputs.ground(self.scene.forest.terrain.base)
         return replace(stand, sink=sink(ground, stand.position[:, :2], foot))
 
@@ -287,11 +296,20 @@ def grow_forest(
 
 def keys_of(stand: Stand) -> list[tuple[int, int]]:
     """(planting, variant) of all trees that stand, each once, in order."""
-    return sorted({(int(s), int(v)) for s, v in zip(stand.species, stand.variant, strict=True)})
+    many, code = codes_of(stand)
+    return [divmod(number, many) for number in np.flatnonzero(np.bincount(code)).tolist()]
+
+
+def codes_of(stand: Stand) -> tuple[int, np.ndarray]:
+    """A number of variants, and (N,) planting times that number plus variant of each tree."""
+    many = int(stand.variant.max(initial=0)) + 1
+    return many, stand.species * many + stand.variant
 
 
 def _sized(stand: Stand, variants: Mapping[tuple[int, int], Tree], wanted: np.ndarray) -> Stand:
     """The stand with every tree that has a diameter to meet in the size at which it meets it."""
+    if not np.isfinite(wanted[:, 0]).any():
+        return stand
     scale = stand.scale.copy()
     for (planting, variant), tree in variants.items():
         mine = (stand.species == planting) & (stand.variant == variant) & np.isfinite(wanted[:, 0])
@@ -458,3 +476,9 @@ def _truth_of(tree: Tree) -> dict[str, float]:
         "area": wood.area,
         "projected": wood.projected,
     }
+
+
+def stacked(tables: Sequence[Mapping[str, np.ndarray]]) -> dict[str, np.ndarray]:
+    """Tables of the same columns, one below the other; no columns of none."""
+    names = tables[0] if tables else ()
+    return {name: np.concatenate([table[name] for table in tables]) for name in names}

@@ -54,9 +54,8 @@ from ..spec import (
     Strauss,
     quoted_with_hints,
 )
-from .inputs import TreeList
-from .intensity.functions import IntensityError
-from .intensity.terrain import GroundSurface
+from .compose import TreeList
+from .intensity.surface import GroundSurface, IntensityError
 from .poisson import MAX_POINTS, Process
 
 MAX_PLACES = 20_000_000

@@ -22,7 +22,6 @@ import numpy as np
 from .intensity.functions import (
     Constant,
     Intensity,
-    IntensityError,
     Mask,
     Mixture,
     Product,
@@ -30,6 +29,7 @@ from .intensity.functions import (
     Sum,
     refine,
 )
+from .intensity.surface import IntensityError
 
 CELLS = 20_000  # that the integral of an intensity without a closed form is summed over, at least
 

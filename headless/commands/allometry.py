@@ -75,7 +75,7 @@ def fit_table(table: Path, kinds: Sequence[str], source: str, out: Path) -> None
     import numpy as np
 
     from forest_addon.formats.toml_file import write_settings
-    from forest_addon.growth.library.species_file import file_stem, read_measured
+    from forest_addon.growth.library import file_stem, read_measured
     from forest_addon.growth.measured.allometry import KINDS, MEASURES, band, fit_kind
 
     measured = read_measured(table)
@@ -107,7 +107,7 @@ def check_species(name: str, trees: int) -> None:
     import numpy as np
 
     from forest_addon.base.rng import stream
-    from forest_addon.growth.library.species_file import find_species, load_species
+    from forest_addon.growth.library import find_species, load_species
     from forest_addon.growth.measured.allometry import (
         MEASURES,
         Z90,

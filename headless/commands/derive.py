@@ -61,7 +61,7 @@ def derive_species(name: str, generations: int | None, seed: int, count: bool) -
     """
 
     from forest_addon.formats.toml_file import read_settings
-    from forest_addon.growth.library.species_file import find_species
+    from forest_addon.growth.library import find_species
 
     species = read_settings(find_species(name, Path()), Species)
     if species.siblings is not None:
@@ -81,7 +81,7 @@ def _fitted(path: Path, generations: int | None, seed: int) -> str:
     """The string of a tree by the grammar that is fitted to the species' template."""
 
     from forest_addon.base.rng import stream
-    from forest_addon.growth.library.species_file import load_species
+    from forest_addon.growth.library import load_species
     from forest_addon.growth.own_tree.relay import generations_of, write_string
     from forest_addon.growth.own_tree.sibling import grow_sibling
 

@@ -35,11 +35,10 @@ if TYPE_CHECKING:
     import numpy as np
 
     from forest_addon.formats.tree_map import TreeMap
-    from forest_addon.stand.inputs import Inputs
+    from forest_addon.stand.compose import Inputs
     from forest_addon.stand.poisson import Process
-    from forest_addon.stand.statistics.choose import ChosenLaw, MappedSpecies
-    from forest_addon.stand.statistics.goodness import Estimate, Goodness
-    from forest_addon.stand.statistics.window import Window
+    from forest_addon.stand.statistics.intensity import Window
+    from forest_addon.stand.statistics.law import ChosenLaw, Estimate, Goodness, MappedSpecies
 
 
 class EstimateCommand(Command):
@@ -165,8 +164,8 @@ def estimate_site(
     import numpy as np
 
     from forest_addon.formats.tree_map import read_tree_map
-    from forest_addon.stand.statistics.choose import MappedSpecies
-    from forest_addon.stand.statistics.window import Window
+    from forest_addon.stand.statistics.intensity import Window
+    from forest_addon.stand.statistics.law import MappedSpecies
 
     if method == "kernel" and law not in ("auto", "poisson"):
         raise SpecError("--law", f"{law} goes with --method mixture; a kernel estimate is Poisson")
@@ -278,7 +277,7 @@ def _targets(kind: str, out: Path, name: str, numbers: np.ndarray, say: Say) -> 
     import numpy as np
 
     from forest_addon.formats.toml_file import write_settings
-    from forest_addon.growth.library.species_file import find_species, load_species
+    from forest_addon.growth.library import find_species, load_species
     from forest_addon.growth.measured.allometry import Kind, draw_diameters, middle
 
     measured = numbers[:, 2:]
@@ -325,10 +324,8 @@ def _grown(
     """Return what was estimated of a species' trees, and the arrays that its planting reads."""
 
     from forest_addon.stand.compose import process_of
-    from forest_addon.stand.statistics.choose import ChosenLaw, choose_law
-    from forest_addon.stand.statistics.goodness import examine, law_of
-    from forest_addon.stand.statistics.kernel import kernel_estimate
-    from forest_addon.stand.statistics.mixture import FittedMixture, fit_mixture
+    from forest_addon.stand.statistics.intensity import FittedMixture, fit_mixture, kernel_estimate
+    from forest_addon.stand.statistics.law import ChosenLaw, choose_law, examine, law_of
 
     points, frame = mapped.points, mapped.window
     estimate = fit_mixture(points, frame) if method == "mixture" else kernel_estimate(points, frame)
@@ -359,7 +356,7 @@ def _simulate(process: Process, name: str, number: int) -> np.ndarray:
 
 def _window(words: Sequence[str]) -> Window:
     from forest_addon.formats.tree_map import read_rings
-    from forest_addon.stand.statistics.window import Window
+    from forest_addon.stand.statistics.intensity import Window
 
     try:
         if len(words) == 1:
@@ -402,8 +399,8 @@ def _planting(kind: str, estimate: Estimate, file: str) -> tuple[Planting, Input
     import numpy as np
 
     from forest_addon.formats.raster_file import GeoRaster
-    from forest_addon.stand.inputs import Inputs
-    from forest_addon.stand.statistics.kernel import KernelEstimate
+    from forest_addon.stand.compose import Inputs
+    from forest_addon.stand.statistics.intensity import KernelEstimate
 
     if isinstance(estimate, KernelEstimate):
         pixels = np.ascontiguousarray(estimate.pixels[::-1])  # north first
@@ -427,8 +424,8 @@ def _planting(kind: str, estimate: Estimate, file: str) -> tuple[Planting, Input
 
 
 def _summary(grown: SpeciesOfSite) -> str:
-    from forest_addon.stand.statistics.choose import ACCEPTED
-    from forest_addon.stand.statistics.mixture import FittedMixture
+    from forest_addon.stand.statistics.intensity import FittedMixture
+    from forest_addon.stand.statistics.law import ACCEPTED
 
     estimate = grown.estimate
     if isinstance(estimate, FittedMixture):

@@ -87,7 +87,7 @@ def show_species(
     SpecError : a species is not known or cannot be used; pictures cannot be drawn.
     """
 
-    from forest_addon.growth.library.species_file import species_names
+    from forest_addon.growth.library import species_names
     from forest_addon.growth.truth import tree_truth
 
     grown = [_grow(name, seed) for name in names or species_names()]
@@ -132,9 +132,9 @@ def show_closeups(
     """
 
     from forest_addon.base.rng import stream
-    from forest_addon.blender.library.pictures import SHOTS as KINDS
-    from forest_addon.blender.library.pictures import render_closeup
-    from forest_addon.growth.library.species_file import find_species, load_species
+    from forest_addon.blender.show.preview import SHOTS as KINDS
+    from forest_addon.blender.show.preview import render_closeup
+    from forest_addon.growth.library import find_species, load_species
     from forest_addon.growth.tree import grow
 
     asked = [(name, kind) for name in names for kind in KINDS] or list(SHOTS)
@@ -158,10 +158,10 @@ def _grow(name: str, seed: int) -> tuple[Species, Tree]:
     """A tree of a preset or species file; of a measured one its middle tree, standing alone."""
 
     from forest_addon.base.rng import stream
-    from forest_addon.growth.library.species_file import find_species, load_species
+    from forest_addon.growth.library import find_species, load_species
     from forest_addon.growth.measured.allometry import Kind, typical_tree
     from forest_addon.growth.tree import grow
-    from forest_addon.stand.competition import ALONE
+    from forest_addon.stand.measured import ALONE
 
     species, template = load_species(find_species(name, Path()))
     fine = species.changed(detail=species.detail.changed(tolerance=0.003))

@@ -1,6 +1,6 @@
 """``python -m headless template``: a user's tree in files becomes a species that grows.
 
-Written into a folder: the library (``growth.library.template_library``), a picture of what was
+Written into a folder: the library (``growth.library``), a picture of what was
 recognised, and one of the tree that was brought, the same put together again from its parts, and five
 siblings. A table says how close siblings come, a verdict whether they may be planted. A scene then plants
 the species file; scene.toml is one.
@@ -21,7 +21,7 @@ from ..progress import Stages, hushed
 from ..report import can_draw, without
 
 if TYPE_CHECKING:
-    from forest_addon.growth.library.template_library import Brought, Library, NotUnderstoodError
+    from forest_addon.growth.library import Brought, Library, NotUnderstoodError
     from forest_addon.growth.likeness import Verdict
     from forest_addon.growth.own_tree.anatomy import Anatomy
     from forest_addon.growth.own_tree.pieces import Group
@@ -99,7 +99,7 @@ class TemplateCommand(Command):
         return chosen.out or Path("out") / chosen.name
 
     def run(self, chosen: argparse.Namespace) -> None:
-        from forest_addon.growth.library.template_library import Brought
+        from forest_addon.growth.library import Brought
 
         brought = Brought(chosen.wood, chosen.leaves, chosen.height, chosen.unit, chosen.up)
         make_template(
@@ -134,7 +134,7 @@ def make_template(
     """
 
     from forest_addon.formats.helios.parts import lost_materials
-    from forest_addon.growth.library.template_library import NotUnderstoodError, make_library
+    from forest_addon.growth.library import NotUnderstoodError, make_library
 
     if siblings and not 3 <= siblings <= 1000:
         raise SpecError("--siblings", f"{siblings} is out of range; use 3 to 1000, or 0 for none")
@@ -249,8 +249,8 @@ def _bridged(anatomy: Anatomy) -> list[str]:
 
 def _rings(anatomy: Anatomy, grown: Grown, what: str) -> str:
     """Say how far lowest rings of limbs were off the mesh of what bears them, and are."""
+    from forest_addon.growth.own_tree.anatomy import OFF
     from forest_addon.growth.own_tree.relay import hold_rings
-    from forest_addon.growth.own_tree.rings import OFF
 
     held = hold_rings(anatomy, grown)
     limbs, moved = int((grown.parent >= 0).sum()), int((held.far > OFF).sum())
@@ -270,7 +270,7 @@ def _show_siblings(made: Library, sensed: int, path: Path, say: Say) -> None:
     """
 
     from forest_addon.base.rng import stream
-    from forest_addon.growth.library.species_file import load_species
+    from forest_addon.growth.library import load_species
     from forest_addon.growth.own_tree.relay import farthest_off
     from forest_addon.growth.own_tree.sibling import grow_sibling
     from forest_addon.growth.tree import grow

@@ -17,7 +17,7 @@ import numpy as np
 from forest_addon.base.rng import stream
 from forest_addon.sensing.kinds import kind_of
 from forest_addon.spec import Forest, Pose, Scene, Sensor, SpecError
-from forest_addon.stand.intensity.terrain import GroundSurface, Heightmap
+from forest_addon.stand.intensity.surface import GroundSurface, Heightmap
 
 from .settings import Ground, Placing
 

@@ -39,7 +39,7 @@ from forest_addon.formats.toml_file import (
     table_of,
     without_version,
 )
-from forest_addon.growth.library.species_file import find_species, load_species
+from forest_addon.growth.library import find_species, load_species
 from forest_addon.growth.tree import grow
 from forest_addon.results.kinds import files_of
 from forest_addon.sensing import kinds as _kinds  # noqa: F401  whose words a plan may name

@@ -45,7 +45,7 @@ from forest_addon.stand.forest import Grown, GrownForest, angle_table, leaf_tabl
 from forest_addon.stand.plan import labels
 from forest_addon.stand.truth import cylinder_table, inventory, voxel_arrays
 from forest_addon.stand.undergrowth import LOW
-from forest_addon.stand.wind.sway import sway_of
+from forest_addon.stand.wind import sway_of
 
 from ..progress import hushed
 from .for_instance import EIGHT, SEGMENTS, classes_of, orders_of, write_for_instance

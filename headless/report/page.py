@@ -40,17 +40,17 @@ from forest_addon.sensing.rays.geometry import apply_transform
 from forest_addon.sensing.sonar.kind import targets_of
 from forest_addon.sensing.sonar.ping import EchoTargets
 from forest_addon.spec import Scene, Sensor
+from forest_addon.stand.compose import Inputs
 from forest_addon.stand.forest import GrownForest
-from forest_addon.stand.inputs import Inputs
+from forest_addon.stand.measured import TargetsMet, facts_of, sentences
 from forest_addon.stand.plan import Stand
-from forest_addon.stand.targets import TargetsMet, facts_of, sentences
 
 from . import can_draw
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from forest_addon.stand.statistics.goodness import Goodness
+    from forest_addon.stand.statistics.law import Goodness
 
 LEAVES = 60_000  # on a map
 

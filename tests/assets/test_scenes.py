@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from forest_addon.formats.toml_file import read_settings
-from forest_addon.growth.library.species_file import find_species
+from forest_addon.growth.library import find_species
 from forest_addon.spec import Scene
 
 SCENES = Path(__file__).resolve().parents[2] / "assets" / "scenes"

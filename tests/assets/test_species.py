@@ -7,7 +7,7 @@ import pytest
 
 from forest_addon.base.places import ASSETS
 from forest_addon.base.rng import stream
-from forest_addon.growth.library.species_file import find_species, load_species
+from forest_addon.growth.library import find_species, load_species
 from forest_addon.growth.lsystem.branching import interpret, skeleton_of, string_of
 from forest_addon.growth.tree import grow
 from forest_addon.spec import Jitter, SpecError

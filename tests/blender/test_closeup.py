@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from forest_addon.base.rng import stream
-from forest_addon.blender.library.pictures import SHOTS
 from forest_addon.blender.scene.instances import IGNORED_KEY
 from forest_addon.blender.show.preview import (
     AHEAD,
@@ -15,12 +14,13 @@ from forest_addon.blender.show.preview import (
     EYE,
     HALF_VIEW,
     NAME,
+    SHOTS,
     grow_around,
     set_stage,
     stand_walker,
     walkers_view,
 )
-from forest_addon.growth.library.species_file import find_species, load_species
+from forest_addon.growth.library import find_species, load_species
 from forest_addon.growth.measured.allometry import Wanted
 from forest_addon.growth.tree import grow, without_leaves
 from forest_addon.spec import SpecError

@@ -23,7 +23,7 @@ from forest_addon.blender.read.depsgraph import (
 )
 from forest_addon.blender.scene.meshes import from_mesh, to_mesh
 from forest_addon.blender.sensors.observe import Observer
-from forest_addon.growth.library.species_file import find_species, load_species
+from forest_addon.growth.library import find_species, load_species
 from forest_addon.growth.mesh.leaves import measure_leaves
 from forest_addon.growth.tree import grow
 from forest_addon.sensing.lidar.cloud import label

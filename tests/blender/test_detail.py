@@ -10,7 +10,7 @@ from scipy.spatial import ConvexHull
 from forest_addon.base.places import ASSETS
 from forest_addon.base.rng import stream
 from forest_addon.blender.rays.casters import make_caster
-from forest_addon.growth.library.species_file import find_species, load_species
+from forest_addon.growth.library import find_species, load_species
 from forest_addon.growth.measured.allometry import Wanted
 from forest_addon.growth.tree import grow
 from forest_addon.sensing.detail import BOUND, COARSE, SHARE, grow_needed

@@ -17,7 +17,7 @@ from forest_addon.blender.scene import nodes
 from forest_addon.blender.scene.forest import build
 from forest_addon.blender.scene.layout import TREES, VARIANTS, part
 from forest_addon.formats.glb import EXTENSION, read_glb
-from forest_addon.growth.library.species_file import load_species
+from forest_addon.growth.library import load_species
 from forest_addon.stand.forest import grow_forest
 
 MESHES = 4  # variants of two species

@@ -19,11 +19,11 @@ from forest_addon.blender.scene.forest import build
 from forest_addon.blender.scene.layout import GROUND_NAME, part
 from forest_addon.blender.scene.meshes import ground_mesh
 from forest_addon.blender.sensors.observe import Observer
-from forest_addon.growth.library.species_file import load_species
+from forest_addon.growth.library import load_species
 from forest_addon.spec import SpecError
+from forest_addon.stand.compose import Inputs
 from forest_addon.stand.forest import grow_forest
-from forest_addon.stand.inputs import Inputs
-from forest_addon.stand.intensity.terrain import Heightmap
+from forest_addon.stand.intensity.surface import Heightmap
 
 
 def depsgraph():

@@ -17,7 +17,7 @@ from forest_addon.blender.scene.forest import MANY, build
 from forest_addon.blender.scene.instances import points_mesh, read_points
 from forest_addon.blender.scene.layout import OUTLINES, TREES, VARIANTS, part
 from forest_addon.blender.sensors.observe import Observer
-from forest_addon.growth.library.species_file import load_species
+from forest_addon.growth.library import load_species
 from forest_addon.stand.forest import grow_forest
 
 SIZES = (1.0, 2.0, 3.0)  # heights of three variants, which tell them apart

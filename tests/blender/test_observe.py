@@ -13,7 +13,7 @@ from forest_addon.blender.read.depsgraph import TREE_KEY
 from forest_addon.blender.scene.forest import build
 from forest_addon.blender.scene.layout import ROOT, TREES, part, root
 from forest_addon.blender.sensors.observe import Observer
-from forest_addon.growth.library.species_file import load_species
+from forest_addon.growth.library import load_species
 from forest_addon.sensing.sonar.ping import leaf_discs
 from forest_addon.stand.forest import grow_forest, leaf_table
 

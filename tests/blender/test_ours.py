@@ -18,7 +18,7 @@ from forest_addon.blender.scene.layout import (
     part,
     root,
 )
-from forest_addon.growth.library.species_file import load_species
+from forest_addon.growth.library import load_species
 from forest_addon.stand.forest import grow_forest
 
 KINDS = ("objects", "meshes", "materials", "collections", "node_groups")

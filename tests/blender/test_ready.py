@@ -15,7 +15,7 @@ from forest_addon.blender.scene import forest as forest_scene
 from forest_addon.blender.scene.forest import build, shapes_in
 from forest_addon.blender.scene.layout import OUTLINES, VARIANTS, part
 from forest_addon.blender.scene.placing import fingerprint
-from forest_addon.growth.library.species_file import load_species
+from forest_addon.growth.library import load_species
 from forest_addon.stand.forest import grow_forest
 
 
@@ -89,7 +89,7 @@ def test_measures_and_pictures_can_follow_once_the_forest_stands(monkeypatch):
     assert assets.untold(later, anew) == []
     assert second.asset_data is None  # the user's choice
     second.asset_mark()
-    portrait = forest_scene.tell_of(anew, wanted)[wanted[1]].portrait
-    assets.mark_asset(second, portrait.description, ("tree", portrait.label), portrait.picture)
+    told = forest_scene.tell_of(anew, wanted)[wanted[1]]
+    assets.mark_asset(second, told.description, ("tree", anew.labels[0]), told.picture)
     assert library(later) == library(at_once)
     assert first.data["height_m"] == pytest.approx(anew.variants[wanted[0]].height)

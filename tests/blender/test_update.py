@@ -31,7 +31,7 @@ from forest_addon.blender.scene.layout import (
     root,
 )
 from forest_addon.blender.scene.placing import KeptStanding
-from forest_addon.growth.library.species_file import load_species
+from forest_addon.growth.library import load_species
 from forest_addon.stand.forest import grow_forest
 
 KINDS = ("objects", "meshes", "materials", "collections", "node_groups")

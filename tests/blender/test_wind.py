@@ -13,7 +13,7 @@ from forest_addon.sensing.moving import KNOTS, MovingScene
 from forest_addon.sensing.moving_rays import MovingCaster
 from forest_addon.sensing.rays.exact import ExactCaster
 from forest_addon.sensing.rays.geometry import SceneGeometry
-from forest_addon.stand.wind.sway import sway_of
+from forest_addon.stand.wind import sway_of
 
 SCAN = forest.Terrestrial(
     position=(0, 0, 1.5),

@@ -14,7 +14,7 @@ from forest_addon.flight.senses import LIDAR, LidarSense
 from forest_addon.flight.simulation import Flyers
 from forest_addon.flight.stems import PlaneTrunks, StemWorld
 from forest_addon.spec import Flight, SpecError, Wind
-from forest_addon.stand.wind.field import WindField
+from forest_addon.stand.wind import WindField
 from studies.flight import theory
 
 ALONG = Flight(aim="heading", distance=30.0, start=(0.0, 0.0, 1.5), steps=400, speed=4.0, step=0.1)

@@ -37,7 +37,7 @@ from forest_addon.formats.stl import StlError, read_stl, write_stl
 from forest_addon.formats.toml_file import read_scanner, read_settings
 from forest_addon.formats.tree_map import read_rings, read_tree_map
 from forest_addon.formats.wav import read_wav, write_wav
-from forest_addon.growth.library.species_file import load_species
+from forest_addon.growth.library import load_species
 from forest_addon.sensing.reverb.directivity import read_directivity
 from forest_addon.sensing.reverb.ends import read_microphones, read_path
 from forest_addon.sensing.sonar.equipment_files import read_call, read_patterns, read_route

@@ -6,7 +6,7 @@ from scipy.io import loadmat
 
 from forest_addon import spec
 from forest_addon.base.places import ASSETS
-from forest_addon.growth.library.species_file import load_species
+from forest_addon.growth.library import load_species
 from forest_addon.results.tables import write_cylinders, write_models
 from forest_addon.stand.forest import grow_forest
 from forest_addon.stand.truth import cylinder_table, inventory

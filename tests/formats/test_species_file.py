@@ -11,7 +11,7 @@ from forest_addon.base.places import ASSETS
 from forest_addon.base.rng import stream
 from forest_addon.base.trimesh import LEAF
 from forest_addon.formats.stl import read_stl, write_stl
-from forest_addon.growth.library.species_file import KEPT, find_species, load_species
+from forest_addon.growth.library import KEPT, find_species, load_species
 from forest_addon.growth.mesh.leaves import measure_leaves
 from forest_addon.growth.own_tree.template import BranchTemplate
 from forest_addon.growth.tree import grow

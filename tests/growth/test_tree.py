@@ -10,7 +10,7 @@ import pytest
 
 from forest_addon.base.rng import stream
 from forest_addon.base.trimesh import LEAF, WOOD
-from forest_addon.growth.library.species_file import find_species, load_species
+from forest_addon.growth.library import find_species, load_species
 from forest_addon.growth.mesh.leaves import measure_leaves
 from forest_addon.growth.tree import SUNK, fallen, grow, in_season, with_fallen
 from forest_addon.growth.truth import wood_of_tree

@@ -12,7 +12,7 @@ import pytest
 from references.solid_brute import union_volume
 
 from forest_addon.base.rng import stream
-from forest_addon.growth.library.species_file import find_species, load_species
+from forest_addon.growth.library import find_species, load_species
 from forest_addon.growth.lsystem.branching import skeleton_of
 from forest_addon.growth.mesh.leaves import Leaves
 from forest_addon.growth.mesh.meshing import mesh_wood

@@ -15,7 +15,7 @@ from forest_addon.drawing.palette import SPECIES, rgb
 from forest_addon.drawing.strips import WIDE
 from forest_addon.formats.raster_file import read_png
 from forest_addon.spec import Forest, Planting, Reverb, Scene, SpecError
-from forest_addon.stand.inputs import Inputs
+from forest_addon.stand.compose import Inputs
 from forest_addon.ui.results.images import ABOVE, BELOW, LEFT
 from headless import report
 from headless.report import page

@@ -7,7 +7,7 @@ import pytest
 
 from forest_addon.base.rng import stream
 from forest_addon.base.trimesh import LEAF, WOOD, is_wood
-from forest_addon.growth.library.species_file import find_species, load_species
+from forest_addon.growth.library import find_species, load_species
 from forest_addon.sensing.audit import held
 from forest_addon.sensing.detail import grow_needed
 from forest_addon.sensing.trees_audit import part_of_tubes

@@ -8,7 +8,7 @@ import pytest
 
 from forest_addon.base.rng import stream
 from forest_addon.base.trimesh import WOOD
-from forest_addon.growth.library.species_file import find_species, load_species
+from forest_addon.growth.library import find_species, load_species
 from forest_addon.growth.mesh.leaves import separate_leaves
 from forest_addon.growth.tree import grow
 from forest_addon.sensing.audit import Audit, Check, held

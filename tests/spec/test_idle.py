@@ -15,7 +15,7 @@ from forest_addon.api.site import Site
 from forest_addon.base.places import ASSETS
 from forest_addon.base.rng import stream
 from forest_addon.formats.toml_file import read_settings
-from forest_addon.growth.library.species_file import complete_species, find_species
+from forest_addon.growth.library import complete_species, find_species
 from forest_addon.growth.tree import grow
 from forest_addon.spec import (
     Airborne,
@@ -52,7 +52,7 @@ from forest_addon.spec.choices import (
     idle_in_species,
     need_of,
 )
-from forest_addon.stand.inputs import Inputs
+from forest_addon.stand.compose import Inputs
 
 GROUPS = (Sonar(), Reverb(), Terrestrial(), Mobile(), Airborne(), Planting(species="x", expected=3))
 

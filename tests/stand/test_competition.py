@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from forest_addon.growth.library.species_file import find_species, load_species
+from forest_addon.growth.library import find_species, load_species
 from forest_addon.growth.measured.allometry import band
 from forest_addon.spec import Planting, Scene, Targets
-from forest_addon.stand.competition import (
+from forest_addon.stand.compose import Inputs, TreeList
+from forest_addon.stand.measured import (
     MOST_INDEX,
     OVERLAP,
     SHORTEST,
@@ -16,9 +17,8 @@ from forest_addon.stand.competition import (
     filled,
     leaf_area_index,
     suppressed,
+    with_targets,
 )
-from forest_addon.stand.inputs import Inputs, TreeList
-from forest_addon.stand.measured import with_targets
 from forest_addon.stand.plan import labels, plan_stand
 
 

@@ -13,7 +13,8 @@ from scipy import integrate, stats
 from forest_addon.base.rng import stream
 from forest_addon.spec import Clusters, Forest, Gaussian, Planting, SpecError, Strauss
 from forest_addon.stand.compose import process_of
-from forest_addon.stand.intensity.functions import Constant, IntensityError
+from forest_addon.stand.intensity.functions import Constant
+from forest_addon.stand.intensity.surface import IntensityError
 from forest_addon.stand.layouts import (
     activity_of,
     k_of_clusters,
@@ -23,9 +24,8 @@ from forest_addon.stand.layouts import (
 )
 from forest_addon.stand.plan import plan_stand
 from forest_addon.stand.poisson import Process
-from forest_addon.stand.statistics.interaction import fit_clusters, fit_strauss
-from forest_addon.stand.statistics.k_function import inhomogeneous_k
-from forest_addon.stand.statistics.window import Window
+from forest_addon.stand.statistics.intensity import Window
+from forest_addon.stand.statistics.law import fit_clusters, fit_strauss, inhomogeneous_k
 
 LOW, HIGH = np.zeros(2), np.array([100.0, 80.0])
 WINDOW = Window.rectangle(LOW, HIGH)
@@ -215,10 +215,10 @@ def test_the_edge_of_a_field_has_no_more_trees_than_its_middle():
 
 
 def test_fewer_trees_than_were_asked_for_exactly_are_said():
-    from forest_addon.growth.library.species_file import find_species, load_species
+    from forest_addon.growth.library import find_species, load_species
     from forest_addon.site import ForestSite
     from forest_addon.spec import Scene
-    from forest_addon.stand.inputs import Inputs, TreeList
+    from forest_addon.stand.compose import Inputs, TreeList
 
     species = load_species(find_species("hazelnut", Path()))
     close = Planting(species="hazelnut", variants=1, expected=18, exact=True)

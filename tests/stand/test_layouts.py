@@ -5,8 +5,8 @@ import pytest
 
 from forest_addon.base.rng import stream
 from forest_addon.spec import Forest, Gaussian, Planting, Rows, SpecError
-from forest_addon.stand.inputs import Inputs, TreeList
-from forest_addon.stand.intensity.functions import IntensityError
+from forest_addon.stand.compose import Inputs, TreeList
+from forest_addon.stand.intensity.surface import IntensityError
 from forest_addon.stand.layouts import orchard
 from forest_addon.stand.plan import plan_stand
 

@@ -6,18 +6,13 @@ import numpy as np
 import pytest
 
 from forest_addon.base.rng import stream
-from forest_addon.growth.library.species_file import (
-    FOLDER,
-    find_species,
-    load_species,
-    read_allometry,
-)
+from forest_addon.growth.library import FOLDER, find_species, load_species, read_allometry
 from forest_addon.growth.measured.allometry import scores
 from forest_addon.growth.skeleton import Skeleton
 from forest_addon.spec import Forest, Normal, Planting, Rows, Scene, SpecError, Targets
+from forest_addon.stand.compose import Inputs
 from forest_addon.stand.files import read_tree_list
 from forest_addon.stand.forest import grow_forest, tree_table
-from forest_addon.stand.inputs import Inputs
 from forest_addon.stand.measured import dbh_at, groups_of, scales_for, with_targets
 from forest_addon.stand.plan import plan_stand
 

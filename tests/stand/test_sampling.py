@@ -11,16 +11,16 @@ from scipy import stats
 from forest_addon.base.rng import stream
 from forest_addon.spec import Forest, Gaussian, Planting
 from forest_addon.stand.compose import process_of
-from forest_addon.stand.intensity import layers
+from forest_addon.stand.intensity import functions
 from forest_addon.stand.intensity.functions import (
     Constant,
     Intensity,
-    IntensityError,
     Mixture,
+    Polygon,
     Product,
     Sum,
 )
-from forest_addon.stand.intensity.polygon import Polygon
+from forest_addon.stand.intensity.surface import IntensityError
 from forest_addon.stand.poisson import MAX_POINTS, BoundViolation, Process, sample
 
 LOW, SIZE = np.array([500_000.0, 5_400_000.0]), np.array([60.0, 40.0])  # UTM
@@ -49,7 +49,7 @@ class Plain(Intensity):
 def pixels():
     image = stream(1, "pixels").random((5, 7))
     image[image < 0.4] = 0
-    return layers.RasterIntensity(image, LOW, SIZE)
+    return functions.RasterIntensity(image, LOW, SIZE)
 
 
 TRIANGLE = Polygon(np.add(LOW, [[5, 5], [55, 8], [20, 39]]))
@@ -137,7 +137,7 @@ def test_an_exact_number_is_exact(name):
 def test_one_pixel_that_is_not_zero_gets_all_trees():
     image = np.zeros((512, 512))
     image[100, 300] = 1
-    made = Process(layers.RasterIntensity(image, LOW, SIZE), LOW, LOW + SIZE)
+    made = Process(functions.RasterIntensity(image, LOW, SIZE), LOW, LOW + SIZE)
     points = sample(made.scaled(20_000 / made.expected()), stream(1, "pixel"))
     step = SIZE / 512
     centre = LOW + step * [300.5, 512 - 100.5]
@@ -181,7 +181,7 @@ def test_too_many_trees_are_refused_with_the_number(name):
 
 
 def test_nothing_where_the_intensity_is_zero():
-    empty = Process(layers.RasterIntensity(np.zeros((4, 4)), LOW, SIZE), LOW, LOW + SIZE)
+    empty = Process(functions.RasterIntensity(np.zeros((4, 4)), LOW, SIZE), LOW, LOW + SIZE)
     assert sample(empty, stream(0, "x")).shape == (0, 2)
     with pytest.raises(IntensityError, match="7 trees cannot stand"):
         sample(empty, stream(0, "x"), 7)

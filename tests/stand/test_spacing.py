@@ -6,8 +6,7 @@ from scipy.spatial import cKDTree
 
 from forest_addon.base.rng import stream
 from forest_addon.spec import Distance, Forest, Planting, SpecError
-from forest_addon.stand.plan import plan_stand
-from forest_addon.stand.spacing import Spacing, greedy, matern_ii, space
+from forest_addon.stand.plan import Spacing, greedy, matern_ii, plan_stand, space
 
 RULES = {"matern": matern_ii, "greedy": greedy}
 

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from forest_addon.api.world import trees_in_world
-from forest_addon.growth.library.species_file import find_species, load_species, read_allometry
+from forest_addon.growth.library import find_species, load_species, read_allometry
 from forest_addon.growth.measured.allometry import TARGETS, band
 from forest_addon.spec import Forest, Planting, Scene, Targets
+from forest_addon.stand.compose import Inputs
 from forest_addon.stand.files import read_tree_list
 from forest_addon.stand.forest import grow_forest, met_targets, tree_table
-from forest_addon.stand.inputs import Inputs
-from forest_addon.stand.placed import NONE
-from forest_addon.stand.targets import facts_of, in_band, record, sentences, targets_met
+from forest_addon.stand.measured import facts_of, in_band, record, sentences, targets_met
+from forest_addon.stand.truth import NONE
 
 LIST = "x,y,dbh,height\n2,2,0.10,8.0\n5,5,0.12,9.0\n8,8,0.16,9.5\n"
 LAW = read_allometry("betula", Path())

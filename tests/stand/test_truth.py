@@ -8,7 +8,7 @@ import pytest
 
 from forest_addon import spec
 from forest_addon.base.trimesh import LEAF, WOOD
-from forest_addon.growth.library.species_file import find_species, load_species
+from forest_addon.growth.library import find_species, load_species
 from forest_addon.growth.truth import segment_table
 from forest_addon.stand.forest import grow_forest
 from forest_addon.stand.truth import cylinder_table, inventory, voxel_arrays

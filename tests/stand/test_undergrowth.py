@@ -9,7 +9,7 @@ from forest_addon.base.trimesh import DEAD
 from forest_addon.formats.toml_file import read_settings
 from forest_addon.site import ForestSite
 from forest_addon.spec import Forest, Planting, Reverb, Scene, SpecError, Terrain, Terrestrial
-from forest_addon.stand.intensity.terrain import Flat, Heightmap, Triangulated, roughened
+from forest_addon.stand.intensity.surface import Flat, Heightmap, Triangulated, roughened
 from forest_addon.stand.undergrowth import PLANTS
 
 LOOKED_AT = (Terrestrial(),)

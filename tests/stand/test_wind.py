@@ -13,8 +13,7 @@ from forest_addon.growth.mesh.leaves import Leaves
 from forest_addon.growth.sway.beams import GreenWood
 from forest_addon.growth.sway.shape import shape_of, shape_with
 from forest_addon.spec import Wind
-from forest_addon.stand.wind.field import DECAY, WindField, kaimal
-from forest_addon.stand.wind.response import INTERNAL, drag, response_of
+from forest_addon.stand.wind import DECAY, INTERNAL, WindField, drag, kaimal, response_of
 
 WOOD = GreenWood(800.0, 9e9)
 BREEZE = Wind(speed=6.0, direction_deg=30.0)

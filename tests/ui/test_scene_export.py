@@ -9,7 +9,7 @@ bpy = pytest.importorskip("bpy")
 
 from forest_addon.base.places import ASSETS
 from forest_addon.formats.toml_file import read_settings, write_settings
-from forest_addon.growth.library.species_file import find_species, load_species
+from forest_addon.growth.library import find_species, load_species
 from forest_addon.spec import Raster, Scene, Species
 from forest_addon.spec.base import with_files
 from forest_addon.ui.forest.scene_file import write_scene

@@ -14,8 +14,8 @@ import numpy as np
 from ... import spec
 from ...base.vectors import azimuth_of
 from ...spec import SpecError
-from ...stand.inputs import Inputs, Painted, TreeList
-from ...stand.intensity.terrain import Triangulated
+from ...stand.compose import Inputs, Painted, TreeList
+from ...stand.intensity.surface import Triangulated
 from ..scene.attributes import read, world_places_of
 from ..scene.layout import LUMINANCE, objects_in
 from .depsgraph import SOLID_TYPES

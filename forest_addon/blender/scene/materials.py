@@ -38,11 +38,6 @@ class Surface:
     covers: tuple[tuple[Value, Value], ...] = ()
 
 
-def surface_of(graph: Graph, bark: spec.Bark) -> Surface:
-    """The surface of a bark, without moss."""
-    return TEXTURES[bark.texture](graph, bark)
-
-
 def covered(graph: Graph, bark: spec.Bark, colour: Value, surface: Surface) -> Value:
     """The colour with all that covers it: marks, another colour further up, algae and moss at the foot."""
     if bark.upper_from < 1:
@@ -245,7 +240,7 @@ def bark(
     """
     material, shader = _principled(name, into)
     graph = Graph(material.node_tree)
-    surface = surface_of(graph, coat)
+    surface = TEXTURES[coat.texture](graph, coat)
     tones = graph.ramp(surface.tone, _tones(BARK_TONES, colour), 0.05, 0.75, name=BARK_TONES)
     graph.put(shader.inputs["Base Color"], covered(graph, coat, tones, surface))
     graph.put(shader.inputs["Normal"], graph.bump(surface.height, surface.metres, 0.85))
@@ -324,7 +319,13 @@ def _veins(graph: Graph, palmate: bool) -> tuple[Value, Value]:
     uv = graph.place("UV")
     along = graph.axis(uv, "X")
     aside = graph.math("ABSOLUTE", graph.math("SUBTRACT", graph.axis(uv, "Y"), 0.5))
-    wave = graph.math("SINE", graph.math("MULTIPLY", _slant(graph, along, aside, palmate), 30.0))
+    if palmate:  # across the side veins, of the fingers of a palm or of a feather
+        far = graph.math("SUBTRACT", along, HUB)
+        square = graph.math("MULTIPLY_ADD", aside, aside, graph.math("MULTIPLY", far, far))
+        slant = graph.math("SQRT", square)
+    else:
+        slant = graph.math("MULTIPLY_ADD", aside, -0.75, along)
+    wave = graph.math("SINE", graph.math("MULTIPLY", slant, 30.0))
     side = graph.step(graph.math("ABSOLUTE", wave), 0.14, 0.03)
     veins = graph.math("MULTIPLY", side, 0.45 if palmate else 0.7)
     for angle in PALM if palmate else (0.0,):
@@ -336,15 +337,6 @@ def _veins(graph: Graph, palmate: bool) -> tuple[Value, Value]:
         rib = graph.math("MULTIPLY", rib, graph.step(way, -0.01, 0.01))
         veins = graph.math("MAXIMUM", veins, rib)
     return veins, graph.step(graph.math("ABSOLUTE", wave), 0.3, 0.9)
-
-
-def _slant(graph: Graph, along: Value, aside: Value, palmate: bool) -> Value:
-    """Coordinates across the side veins: of a feather, or of the fingers of a palm."""
-    if not palmate:
-        return graph.math("MULTIPLY_ADD", aside, -0.75, along)
-    far = graph.math("SUBTRACT", along, HUB)
-    square = graph.math("MULTIPLY_ADD", aside, aside, graph.math("MULTIPLY", far, far))
-    return graph.math("SQRT", square)
 
 
 def recolour(material: bpy.types.Material, colour: Colour) -> None:

@@ -40,13 +40,16 @@ from ...base.rows import RowTable
 from ...spec import MAX_REACH, Leaf, Rules
 from ..draw import draw_normal
 from ..skeleton import LeafSites, Skeleton, root_of
-from .expression import Expression, ExpressionError, Value, parse_expression
 from .system import (
+    Expression,
+    ExpressionError,
     GrammarError,
     Notation,
     Prediction,
     System,
+    Value,
     Word,
+    parse_expression,
     predict,
     read_constants,
     read_system,

@@ -28,10 +28,9 @@ from ...base.trimesh import TriMesh, join
 from ...base.vectors import cross_rows, zenith_of
 from ..mesh.leaves import Leaves
 from ..skeleton import Skeleton, depths, root_of
-from .anatomy import GROUND, Anatomy, hold
+from .anatomy import GROUND, OFF, Anatomy, hold
 from .habit import Habit
 from .lines import Seats, seat_at, seats_on, share_of, stand_on
-from .rings import OFF
 from .sibling import Grown
 
 LEAF_SIZE = 0.10  # relative spread

@@ -95,7 +95,7 @@ def _respond(job: Observation, progress: Progress | None) -> Any:
 
 def _sprays(job: Observation) -> tuple[str, ...]:
     """Names of conifers whose needles have no shoots, which a model ``forest`` takes for leaves."""
-    from ...growth.library.species_file import find_species, load_species
+    from ...growth.library import find_species, load_species
     from ...growth.sway.beams import CONIFERS, genus_of
 
     if job.sensor.model != "forest" or not (job.sensor.foliage and job.sensor.branches):

@@ -30,7 +30,7 @@ AROUND = 16  # vertices or triangles near a point, by which it goes
 
 
 class SwayingLeaves(Protocol):
-    """Trees that sway and whose leaves flutter (``stand.wind.sway``); named by their number in the stand."""
+    """Trees that sway and whose leaves flutter (``stand.wind``); named by their number in the stand."""
 
     @property
     def number(self) -> dict[int, int]: ...

@@ -97,7 +97,7 @@ def swaying(context: bpy.types.Context, missing: list[str]) -> Generator[Task, A
     if _known.get(scene.session_uid, (None,))[0] == key:
         return _known[scene.session_uid][1]
     from ...blender.scene.forest import standing_forest
-    from ...stand.wind.sway import sway_of
+    from ...stand.wind import sway_of
 
     forest = standing_forest(scene)
     if forest is None:
@@ -120,7 +120,7 @@ class FOREST_OT_show_wind(Working, bpy.types.Operator):
 
     def work(self, context: bpy.types.Context) -> Work:
         from ...blender.show.wind import amplitudes_of, knots_of, show_wind
-        from ...stand.wind.response import KNOTS
+        from ...stand.wind import KNOTS
 
         if to_spec(context.scene, []).wind.speed == 0:
             raise SpecError(say("Wind"), say("set its speed above 0 first"))
@@ -181,10 +181,7 @@ class FOREST_OT_bake_wind(Button, bpy.types.Operator):
             raise ValueError(say("Name a file that ends in .abc, .usd, .usda or .usdc"))
         if not shows_wind(context.scene):
             raise ValueError(say("Press Show Wind first"))
-        try:
-            bake(context.scene, path)
-        except RuntimeError as refusal:
-            raise ValueError(str(refusal)) from None
+        bake(context.scene, path)
         return say("Wrote {file}", file=path.name)
 
 
@@ -192,7 +189,7 @@ def draw_wind(layout: bpy.types.UILayout, scene: bpy.types.Scene) -> None:
     """The buttons that show wind in views, hide it and write it to a file."""
     from ...blender.show.wind import shows_wind
 
-    shown = shows_wind(scene)
+    shown, modifier = shows_wind(scene), forest_of_points(scene)
     row = layout.row(align=True)
     row.operator(
         "forest.show_wind",
@@ -203,9 +200,9 @@ def draw_wind(layout: bpy.types.UILayout, scene: bpy.types.Scene) -> None:
         return
     row.operator("forest.hide_wind", text="", icon="X")
     layout.operator("forest.bake_wind", icon="EXPORT")
-    modifier = forest_of_points(scene)
-    display = shown_of(modifier) if modifier is not None else "FULL"
-    if display != "FULL":
-        text = label("Dots stand still: choose Light or Full")
-        text = label("Stand-ins sway; renders show full trees") if display == "LIGHT" else text
-        layout.label(text=text, icon="INFO")
+    said = {
+        "DOTS": label("Dots stand still: choose Light or Full"),
+        "LIGHT": label("Stand-ins sway; renders show full trees"),
+    }
+    if modifier is not None and shown_of(modifier) in said:
+        layout.label(text=said[shown_of(modifier)], icon="INFO")

@@ -12,10 +12,11 @@ from scipy.stats import chi2
 from forest_addon.base.rng import stream
 from forest_addon.growth.lsystem import system as engine
 from forest_addon.growth.lsystem.branching import string_of
-from forest_addon.growth.lsystem.expression import ExpressionError, parse_expression
 from forest_addon.growth.lsystem.system import (
+    ExpressionError,
     GrammarError,
     Notation,
+    parse_expression,
     predict,
     read_constants,
     read_system,

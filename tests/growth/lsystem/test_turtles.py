@@ -14,7 +14,7 @@ from references.turtle_plain import grow_plainly
 
 from forest_addon.base.rng import stream
 from forest_addon.formats.toml_file import read_settings, structure
-from forest_addon.growth.library.species_file import find_species
+from forest_addon.growth.library import find_species
 from forest_addon.growth.lsystem.branching import (
     CENTRE,
     SIDE,
@@ -24,8 +24,7 @@ from forest_addon.growth.lsystem.branching import (
     skeleton_of,
     string_of,
 )
-from forest_addon.growth.lsystem.expression import ExpressionError
-from forest_addon.growth.lsystem.system import GrammarError, read_system, rewrite
+from forest_addon.growth.lsystem.system import ExpressionError, GrammarError, read_system, rewrite
 from forest_addon.growth.lsystem.turtle import (
     ABOP,
     SIMLIDAR,

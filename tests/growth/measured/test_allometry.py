@@ -10,12 +10,7 @@ from references.measured import FOUND, needs_measurements
 
 from forest_addon.base.places import ASSETS
 from forest_addon.base.rng import stream
-from forest_addon.growth.library.species_file import (
-    FOLDER,
-    allometry_names,
-    read_allometry,
-    read_measured,
-)
+from forest_addon.growth.library import FOLDER, allometry_names, read_allometry, read_measured
 from forest_addon.growth.measured.allometry import (
     MEASURES,
     band,

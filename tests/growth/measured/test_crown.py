@@ -11,7 +11,7 @@ from references.solid_brute import union_volume
 from forest_addon.base.rng import stream
 from forest_addon.base.trimesh import DEAD, LEAF
 from forest_addon.formats.toml_file import read_settings
-from forest_addon.growth.library.species_file import find_species, load_species
+from forest_addon.growth.library import find_species, load_species
 from forest_addon.growth.measured.allometry import Wanted, dbh_of
 from forest_addon.growth.measured.curves import TAPER, TIGHT, curved
 from forest_addon.growth.mesh.meshing import mesh_wood

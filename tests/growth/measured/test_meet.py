@@ -10,11 +10,7 @@ import pytest
 from forest_addon.base.places import ASSETS
 from forest_addon.base.rng import stream
 from forest_addon.base.trimesh import WOOD
-from forest_addon.growth.library.species_file import (
-    complete_species,
-    find_species,
-    load_species,
-)
+from forest_addon.growth.library import complete_species, find_species, load_species
 from forest_addon.growth.measured.allometry import Wanted, crown_base_of, dbh_of, width_of
 from forest_addon.growth.measured.crown import borne, colonise
 from forest_addon.growth.measured.meet import grow_measured, leaves_needed

@@ -15,7 +15,7 @@ from scipy import stats
 from forest_addon.base.rng import child_keys, stream
 from forest_addon.base.trimesh import LEAF, TriMesh, join
 from forest_addon.growth.draw import draw_inclination
-from forest_addon.growth.library.species_file import find_species, load_species
+from forest_addon.growth.library import find_species, load_species
 from forest_addon.growth.lsystem.branching import skeleton_of
 from forest_addon.growth.mesh.blades import (
     HALVES,

@@ -11,7 +11,7 @@ import pytest
 
 from forest_addon.base.rng import stream
 from forest_addon.base.trimesh import LEAF, OTHER, WOOD, TriMesh
-from forest_addon.growth.library.species_file import find_species, load_species
+from forest_addon.growth.library import find_species, load_species
 from forest_addon.growth.mesh.meshing import Relief, mesh_wood, sides_for, sides_of, tube
 from forest_addon.growth.mesh.stand_in import LEVELS, level_for, stand_in
 from forest_addon.growth.skeleton import Skeleton, find_axes, first_level

@@ -12,7 +12,7 @@ from references.model_tree import Model, at, line, tree, tube
 from scipy.spatial import cKDTree
 
 from forest_addon.base.rng import stream
-from forest_addon.growth.library.species_file import find_species, load_species
+from forest_addon.growth.library import find_species, load_species
 from forest_addon.growth.mesh.meshing import mesh_wood
 from forest_addon.growth.own_tree.pieces import join_along, part
 from forest_addon.growth.own_tree.recognise import LeanError, Recognition, TemplateError, recognise

@@ -18,7 +18,7 @@ from forest_addon.base.places import ASSETS
 from forest_addon.base.rng import stream
 from forest_addon.base.trimesh import LEAF, WOOD, TriMesh
 from forest_addon.formats.stl import read_stl
-from forest_addon.growth.library.species_file import load_species
+from forest_addon.growth.library import load_species
 from forest_addon.growth.mesh.blades import SHAPES
 from forest_addon.growth.mesh.leaves import measure_leaves
 from forest_addon.growth.own_tree import template

@@ -5,7 +5,7 @@ import pytest
 
 from forest_addon.base.rng import stream
 from forest_addon.formats.toml_file import read_settings
-from forest_addon.growth.library.species_file import read_allometry
+from forest_addon.growth.library import read_allometry
 from forest_addon.growth.measured.allometry import middle
 from forest_addon.spec import Scene, SpecError
 from forest_addon.stand.compose import process_of

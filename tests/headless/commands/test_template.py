@@ -9,7 +9,7 @@ import pytest
 from references.model_tree import tree
 
 from forest_addon.formats.stl import read_stl, write_stl
-from forest_addon.growth.library.species_file import load_species
+from forest_addon.growth.library import load_species
 from forest_addon.growth.own_tree.pieces import infer_unit
 from headless.cli import main
 

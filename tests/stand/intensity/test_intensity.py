@@ -9,18 +9,10 @@ from forest_addon.base.rng import stream
 from forest_addon.formats.raster_file import GeoRaster
 from forest_addon.formats.toml_file import read_settings
 from forest_addon.spec import Forest, Gaussian, Planting, Raster, Scene
-from forest_addon.stand.compose import process_of
-from forest_addon.stand.inputs import Inputs, Painted
-from forest_addon.stand.intensity import layers
-from forest_addon.stand.intensity.functions import (
-    Constant,
-    IntensityError,
-    Mixture,
-    Product,
-    Sum,
-)
-from forest_addon.stand.intensity.polygon import Polygon
-from forest_addon.stand.intensity.terrain import Heightmap, Triangulated
+from forest_addon.stand.compose import Inputs, Painted, process_of
+from forest_addon.stand.intensity import functions
+from forest_addon.stand.intensity.functions import Constant, Mixture, Polygon, Product, Sum
+from forest_addon.stand.intensity.surface import Heightmap, IntensityError, Triangulated
 from forest_addon.stand.poisson import Process, quadrature
 
 LOW, SIZE = np.array([500_000.0, 5_400_000.0]), np.array([60.0, 40.0])  # UTM: far from the origin
@@ -40,7 +32,7 @@ def mixture():
 
 
 def raster(rows=7, columns=11, seed=1):
-    return layers.RasterIntensity(stream(seed, "pixels").random((rows, columns)), LOW, SIZE)
+    return functions.RasterIntensity(stream(seed, "pixels").random((rows, columns)), LOW, SIZE)
 
 
 def painted_mesh():
@@ -67,11 +59,11 @@ EVERY = {
     "constant": lambda: Constant(0.3),
     "mixture": mixture,
     "raster": raster,
-    "mask": lambda: layers.RasterMask(raster(), 0.6),
-    "mesh": lambda: layers.PaintedMesh(painted_mesh(), 2.0),
+    "mask": lambda: functions.RasterMask(raster(), 0.6),
+    "mesh": lambda: functions.PaintedMesh(painted_mesh(), 2.0),
     "polygon": lambda: Polygon(STAR + LOW + 20, [np.array(HOLE) + LOW + 20]),
-    "limits": lambda: layers.TerrainLimits(terrain(), (0.1, 0.7), (2.0, 8.0)),
-    "limits on triangles": lambda: layers.TerrainLimits(
+    "limits": lambda: functions.TerrainLimits(terrain(), (0.1, 0.7), (2.0, 8.0)),
+    "limits on triangles": lambda: functions.TerrainLimits(
         Triangulated(painted_mesh().vertices, painted_mesh().triangles), (0.05, 0.3), (0.2, 0.9)
     ),
     "sum": lambda: Sum((mixture(), raster(), Constant(0.1))),
@@ -176,7 +168,7 @@ def test_pixels_that_are_no_intensity_are_refused_with_their_place(bad, said):
     pixels = np.ones((4, 6))
     pixels[1, 4] = bad
     with pytest.raises(IntensityError, match=rf"row 1, column 4 .* is {said}.*1 of 24"):
-        layers.RasterIntensity(pixels, LOW, SIZE, "d.png")
+        functions.RasterIntensity(pixels, LOW, SIZE, "d.png")
 
 
 def test_weights_that_are_no_intensity_are_refused_with_their_place():
@@ -184,9 +176,9 @@ def test_weights_that_are_no_intensity_are_refused_with_their_place():
     weight = mesh.weight.copy()
     weight[17] = -1
     with pytest.raises(IntensityError, match="vertex 17"):
-        layers.PaintedMesh(Painted(mesh.vertices, mesh.triangles, weight), 1.0)
+        functions.PaintedMesh(Painted(mesh.vertices, mesh.triangles, weight), 1.0)
     with pytest.raises(IntensityError, match="no area"):
-        layers.PaintedMesh(Painted(mesh.vertices * [1, 0, 1], mesh.triangles, mesh.weight), 1.0)
+        functions.PaintedMesh(Painted(mesh.vertices * [1, 0, 1], mesh.triangles, mesh.weight), 1.0)
 
 
 def test_painted_weights_are_barycentric_and_of_the_topmost_triangle():
@@ -197,7 +189,7 @@ def test_painted_weights_are_barycentric_and_of_the_topmost_triangle():
         np.array([[0, 1, 2], [3, 4, 5]]),
         np.array([0, 4, 8, 1, 1, 1.0]),
     )
-    at = layers.PaintedMesh(mesh, 2.0).at
+    at = functions.PaintedMesh(mesh, 2.0).at
     assert at(np.array([[3.0, 0.5]]))[0] == pytest.approx(2 * (4 * 0.75 + 8 * 0.125))
     assert at(np.array([[0.5, 0.5]]))[0] == pytest.approx(2.0)
     assert at(np.array([[3.0, 3.0]]))[0] == 0
@@ -263,9 +255,9 @@ def test_a_planting_adds_multiplies_and_masks():
         planting, field, Inputs(rasters={"shade": GeoRaster(shade), "only": GeoRaster(only)})
     )
     points = LOW + stream(5, "points").random((2000, 2)) * SIZE
-    image = layers.RasterIntensity(shade, LOW, SIZE).at(points)
+    image = functions.RasterIntensity(shade, LOW, SIZE).at(points)
     hill = 2 * np.exp(-(((points - LOW - 10) / [4, 9]) ** 2).sum(axis=1))
-    within = layers.RasterIntensity(only, LOW, SIZE).at(points) >= 0.5
+    within = functions.RasterIntensity(only, LOW, SIZE).at(points) >= 0.5
     assert process.at(points) == pytest.approx((0.2 + hill + 3 * image) * 0.5 * image * within)
 
 

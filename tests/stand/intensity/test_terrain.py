@@ -5,13 +5,13 @@ import pytest
 
 from forest_addon.base.rng import stream
 from forest_addon.spec import Forest, Grammar, Planting, Scene, Species, Terrain
+from forest_addon.stand.compose import Inputs
 from forest_addon.stand.forest import grow_forest
-from forest_addon.stand.inputs import Inputs
-from forest_addon.stand.intensity.functions import IntensityError
-from forest_addon.stand.intensity.terrain import (
+from forest_addon.stand.intensity.surface import (
     DEEPEST,
     Flat,
     Heightmap,
+    IntensityError,
     Triangulated,
     normals,
     sink,

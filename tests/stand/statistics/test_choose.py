@@ -6,8 +6,7 @@ import pytest
 from forest_addon.base.rng import stream
 from forest_addon.formats.toml_file import read_settings
 from forest_addon.spec import Clusters, Forest, Gaussian, Planting, Scene, SpecError, Strauss
-from forest_addon.stand.compose import process_of
-from forest_addon.stand.inputs import Inputs
+from forest_addon.stand.compose import Inputs, process_of
 from forest_addon.stand.plan import draw_places
 from headless.commands.estimate import estimate_site
 
@@ -48,7 +47,7 @@ def mapped(planting, seed, path):
 def test_the_law_of_a_map_is_found_again(tmp_path, made, monkeypatch):
     planting, layouts = MADE[made]
     if layouts == {"poisson"}:  # chance rejects that in 5 % of maps, by as few simulations as by 39
-        monkeypatch.setattr("forest_addon.stand.statistics.goodness.SIMULATIONS", 19)
+        monkeypatch.setattr("forest_addon.stand.statistics.law.SIMULATIONS", 19)
     window = ["0", "0", "100", "100"]
     said = []
     scene = estimate_site(
@@ -71,7 +70,7 @@ def test_the_law_of_a_map_is_found_again(tmp_path, made, monkeypatch):
 
 
 def test_a_law_that_does_not_fit_is_told(tmp_path, monkeypatch):
-    monkeypatch.setattr("forest_addon.stand.statistics.goodness.SIMULATIONS", 19)
+    monkeypatch.setattr("forest_addon.stand.statistics.law.SIMULATIONS", 19)
     rows = "".join(f"{x},{y}\n" for x in range(2, 40, 4) for y in range(2, 40, 4))
     (tmp_path / "grid.csv").write_text("x,y\n" + rows)
     with pytest.raises(SpecError, match=r"--law: .*a kernel estimate is Poisson"):

@@ -6,8 +6,7 @@ import pytest
 from forest_addon.base.rng import stream
 from forest_addon.stand.intensity.functions import Mixture
 from forest_addon.stand.poisson import Process, sample
-from forest_addon.stand.statistics.kernel import choose_bandwidth, kernel_estimate
-from forest_addon.stand.statistics.window import Window
+from forest_addon.stand.statistics.intensity import Window, choose_bandwidth, kernel_estimate
 from tests.references.point_pattern import kernel_direct
 
 FIELD = Window.rectangle((0, 0), (100, 80))

@@ -6,8 +6,7 @@ import pytest
 from forest_addon.base.rng import stream
 from forest_addon.stand.intensity.functions import Constant, Mixture, Sum
 from forest_addon.stand.poisson import Process, sample
-from forest_addon.stand.statistics.mixture import fit_mixture, refit
-from forest_addon.stand.statistics.window import Window
+from forest_addon.stand.statistics.intensity import Window, fit_mixture, refit
 
 FIELD = Window.rectangle((0, 0), (100, 100))
 NOTCHED = Window((np.array([[0, 0], [100, 0], [90, 80], [40, 95], [0, 55.0]]),))

@@ -5,18 +5,20 @@ import pytest
 from scipy import stats
 
 from forest_addon.base.rng import stream
-from forest_addon.stand.spacing import Spacing, space
-from forest_addon.stand.statistics.goodness import TestedLaw, envelope, examine, law_of
-from forest_addon.stand.statistics.k_function import (
+from forest_addon.stand.plan import Spacing, space
+from forest_addon.stand.statistics.intensity import Window, fit_mixture
+from forest_addon.stand.statistics.law import (
+    TestedLaw,
     choose_quadrats,
     choose_radii,
+    envelope,
+    examine,
     inhomogeneous_k,
     integrate_by_quadrat,
+    law_of,
     quadrat_test,
     region_of,
 )
-from forest_addon.stand.statistics.mixture import fit_mixture
-from forest_addon.stand.statistics.window import Window
 from tests.references.point_pattern import k_direct
 
 FIELD = Window.rectangle((0, 0), (100, 80))
@@ -83,7 +85,7 @@ def test_it_is_the_direct_sum():
 def test_blocks_do_not_matter(monkeypatch):
     points, radius = forest("blocks"), np.linspace(0.5, 6, 12)
     whole = inhomogeneous_k(points, slope(points), FIELD, radius)
-    monkeypatch.setattr("forest_addon.stand.statistics.k_function.BLOCK", 50)
+    monkeypatch.setattr("forest_addon.stand.statistics.law.BLOCK", 50)
     parts = inhomogeneous_k(points, slope(points), FIELD, radius)
     assert parts.pairs == whole.pairs
     assert parts.value == pytest.approx(whole.value, rel=1e-12)

@@ -5,7 +5,7 @@ import pytest
 from scipy import integrate
 
 from forest_addon.base.rng import stream
-from forest_addon.stand.statistics.window import Window
+from forest_addon.stand.statistics.intensity import Window
 
 TRIANGLE = Window((np.array([[0.0, 0.0], [3.0, 0.0], [0.0, 3.0]]),))
 HOLED = Window(

@@ -7,7 +7,7 @@ import pytest
 from references.measured import FOUND, needs_measurements
 
 from forest_addon.base.rng import stream
-from forest_addon.growth.library.species_file import read_allometry
+from forest_addon.growth.library import read_allometry
 from forest_addon.growth.measured.allometry import Wanted, refuse_contradictions
 from forest_addon.spec import SpecError
 from studies.validation.flights import (

@@ -6,7 +6,7 @@ from references.measured import FOUND, needs_measurements
 
 from forest_addon.base.rng import stream
 from forest_addon.formats.tree_map import read_tree_map
-from forest_addon.stand.statistics.window import Window
+from forest_addon.stand.statistics.intensity import Window
 from studies.validation.covariates import fit_covariates
 from studies.validation.stand import MAPS, judge
 

@@ -2,6 +2,7 @@
 
 import builtins
 import shutil
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,8 +19,7 @@ from forest_addon.blender.jobs import CancelledError
 from forest_addon.formats.raster_file import read_png
 from forest_addon.formats.stl import write_stl
 from forest_addon.formats.toml_file import read_settings
-from forest_addon.growth.library.species_file import load_species
-from forest_addon.growth.library.template_library import Brought, make_library
+from forest_addon.growth.library import Brought, load_species, make_library
 from forest_addon.spec import SpecError
 from forest_addon.ui.settings import preferences
 from forest_addon.ui.settings.exchange import to_spec
@@ -370,3 +370,15 @@ def test_pictures_go_with_the_add_on(planting):
         assert len(held) == 0
     finally:
         ui.register()
+
+
+def test_texts_that_buttons_point_to_never_go(props):
+    """Blender copies no text of a menu that a function gives: one that went would end Blender."""
+    props.plantings.add()
+    text = edit.choices(props)[0][2]
+    held = sys.getrefcount(text)
+    edit.refresh()
+    for number in range(40):
+        props.plantings[0].species = f"other-{number}"
+        edit.choices(props)
+    assert sys.getrefcount(text) == held

@@ -9,7 +9,7 @@ from references.clutter_of_truth import blades_of_leaves, rods_of_skeleton
 
 from forest_addon.base.rng import stream
 from forest_addon.base.trimesh import LEAF, WOOD, TriMesh
-from forest_addon.growth.library.species_file import find_species, load_species
+from forest_addon.growth.library import find_species, load_species
 from forest_addon.growth.mesh.blades import shoot_of
 from forest_addon.growth.tree import grow
 from forest_addon.sensing.rays.geometry import SceneGeometry

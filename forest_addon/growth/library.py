@@ -1,0 +1,528 @@
+"""Species files and allometry files: TOML, the STL templates that a species may name, and tables of measured
+trees.
+
+Wherever a species is named, a name without an ending means a file of ``assets/species``; wherever an
+allometry is named, one of ``assets/allometry``. A table is a CSV with columns ``species``, ``pft``,
+``dbh_m``, ``height_m``, ``crown_width_m``, ``crown_base_m``, ``leaf_area_m2``, empty where nothing was
+measured, and perhaps ``study``, who measured, and ``leaf_area_is``, how leaves were counted: "half" of their
+surface, "all" of it, or the "outline" that a scanner sees.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from hashlib import blake2b
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..base.kept import LastAsked
+from ..base.places import ASSETS, file_name, version
+from ..base.progress import Progress
+from ..base.trimesh import LEAF, TriMesh
+from ..formats.atomic import replacing
+from ..formats.foreign import guarded
+from ..formats.ownership import claim, remove
+from ..formats.stl import StlError, read_stl, write_stl
+from ..formats.toml_file import VERSION_KEY, read_settings
+from ..spec import Allometry, Grammar, Siblings, SpecError, Species, quoted_with_hints, unknown
+from .likeness import Verdict, judge
+from .lsystem.system import ExpressionError, GrammarError
+from .lsystem.turtle import check_rules
+from .measured.allometry import Kind, diameters, half_of_surface
+from .mesh.blades import Blade, BladeError, blade_from, leaf_blade
+from .mesh.leaves import measure_leaves
+from .own_tree.anatomy import dissect
+from .own_tree.habit import Habit, allometry_of, fit
+from .own_tree.pieces import (
+    UNITS,
+    UPRIGHT,
+    Group,
+    Sorted,
+    Unit,
+    infer_unit,
+    likely_up,
+    sort_out,
+    stood,
+)
+from .own_tree.recognise import LeanError, Recognition, TemplateError, recognise
+from .own_tree.template import TreeTemplate, dress, fit_grammar, split_tree
+
+FOLDER = ASSETS / "allometry"
+COLUMNS = {
+    "dbh": "dbh_m",
+    "height": "height_m",
+    "crown_width": "crown_width_m",
+    "crown_base": "crown_base_m",
+    "leaf_area": "leaf_area_m2",
+}
+MOST_OF_TREE, MOST_OF_LEAF = 3_000_000, 10_000  # facets of a file
+KEPT = 16  # trees that stay recognised; as many as a process keeps ready to graft
+_recognised: LastAsked[tuple[bytes, tuple[str, float]], TreeTemplate | Habit] = LastAsked(KEPT)
+
+
+def allometry_names() -> list[str]:
+    """Every preset of ``assets/allometry``."""
+    return sorted(path.stem for path in FOLDER.glob("*.toml"))
+
+
+def file_stem(name: str) -> str:
+    """Name of the file of a kind: "Picea abies" becomes picea-abies."""
+    return file_name(name.lower()).replace(" ", "-")
+
+
+def read_allometry(name: str, folder: Path) -> Allometry:
+    """A preset, or a file of that name relative to ``folder``.
+
+    Raises
+    ------
+    SpecError : there is no such allometry, or its file cannot be used.
+    """
+    path = folder / name if name.endswith(".toml") else FOLDER / f"{name}.toml"
+    if not path.is_file() or (not name.endswith(".toml") and name not in allometry_names()):
+        raise unknown("allometry", name, allometry_names(), ", or a .toml file")
+    return _read(path, path.stat().st_mtime_ns)
+
+
+@lru_cache(maxsize=64)
+def _read(path: Path, _changed: int) -> Allometry:
+    return read_settings(path, Allometry)
+
+
+@guarded("a CSV file of measured trees")
+def read_measured(path: Path) -> dict[str, np.ndarray]:
+    """A table of measured trees: texts ``species``, ``pft`` and ``study``, and the numbers of ``COLUMNS``.
+
+    Leaf areas are half of the surface of leaves, and what is known of BAAD's studies is put right.
+
+    Raises
+    ------
+    SpecError : the file is missing, has no such columns, or a cell that is no number.
+    """
+    with open(path, newline="", encoding="utf-8-sig") as file:
+        rows = list(csv.DictReader(file))
+    needed = ("species", "pft", *COLUMNS.values())
+    missing = [key for key in needed if not rows or key not in rows[0]]
+    if missing:
+        raise SpecError(str(path), f"has no column {missing[0]}; it needs {', '.join(needed)}")
+    table = {key: np.array([row[key] or "" for row in rows]) for key in ("species", "pft")}
+    table["study"] = np.array([row.get("study") or "" for row in rows])
+    for key, column in COLUMNS.items():
+        table[key] = np.array(
+            [_number(path, line, column, row[column]) for line, row in enumerate(rows, 2)]
+        )
+    way = np.array([row.get("leaf_area_is") or "" for row in rows])
+    table["dbh"] = diameters(table["dbh"], table["study"])
+    table["leaf_area"] = half_of_surface(
+        table["leaf_area"], table["species"], table["pft"], table["study"], way
+    )
+    return table
+
+
+def _number(path: Path, line: int, column: str, text: str | None) -> float:
+    if not text or text.strip() in ("", "NA"):
+        return math.nan
+    try:
+        return float(text)
+    except ValueError:
+        raise SpecError(
+            str(path),
+            f'row {line}: {column} is "{text}", not a number; correct it or leave it empty',
+        ) from None
+
+
+def find_species(name: str, folder: Path) -> Path:
+    """The file of a species: a preset's, or a path relative to the folder of the scene file.
+
+    Raises
+    ------
+    SpecError : there is no such preset; names those that are there.
+    """
+    if not name:
+        raise SpecError("species", "is empty; choose a preset or a .toml file")
+    if name.endswith(".toml"):
+        return folder / name
+    if name not in (names := species_names()):
+        raise unknown("species", name, names, ", or a .toml file")
+    return ASSETS / "species" / f"{name}.toml"
+
+
+def check_known(names: Mapping[str, str], folder: Path) -> None:
+    """Check that species are there, by what names each: presets by name, files by path from ``folder``.
+
+    Raises
+    ------
+    SpecError : some are not; names all of them, each with the nearest preset.
+    """
+    known, wrong = species_names(), []
+    for key, name in names.items():
+        try:
+            path = find_species(name, folder)
+            if name.endswith(".toml") and not path.is_file():
+                raise SpecError("species", f"{path}: there is no such file; check the path")
+        except SpecError as problem:
+            wrong.append(SpecError(key, problem.problem))
+    if len(wrong) == 1:
+        raise wrong[0]
+    if wrong:
+        where = ", ".join(problem.key for problem in wrong)
+        said = quoted_with_hints((names[problem.key] for problem in wrong), known)
+        raise SpecError(
+            where, f"{said} are not there; use some of {', '.join(known)}, or .toml files"
+        )
+
+
+def species_names() -> list[str]:
+    """Every preset of ``assets/species``."""
+    return sorted(path.stem for path in (ASSETS / "species").glob("*.toml"))
+
+
+@guarded("a species file", meant=(OSError,))
+def load_species(path: Path) -> tuple[Species, TreeTemplate | Habit | Kind | Blade | None]:
+    """Read a species and what it takes from files: templates, or allometry and leaf of one without.
+
+    Raises
+    ------
+    SpecError : the file, its rules, or an STL file that it names, is missing or cannot be used.
+    """
+    return complete_species(read_settings(path, Species), path.parent, str(path))
+
+
+def complete_species(
+    species: Species, folder: Path, place: str
+) -> tuple[Species, TreeTemplate | Habit | Kind | Blade | None]:
+    """A species with what it takes from STL files, which start from ``folder``.
+
+    Raises
+    ------
+    SpecError : its rules cannot be used, or an STL file is missing or bad; ``place`` names the species.
+    """
+    if species.rules is not None:
+        try:
+            check_rules(species.rules)
+        except (GrammarError, ExpressionError) as problem:
+            raise SpecError(place, f"rules: {problem}") from None
+    template, leaf = species.template, species.leaf
+    what = "leaf.mesh" if template is None else "template"
+    try:
+        blade = blade_from(read_stl(folder / leaf.mesh, MOST_OF_LEAF)) if leaf.mesh else None
+        if template is None and species.targets is not None:
+            named = species.targets.allometry
+            return species, Kind(read_allometry(named, folder) if named else None, blade)
+        if template is None:
+            return species, blade
+        wood = read_stl(folder / template.wood, MOST_OF_TREE)
+        leaves = read_stl(folder / template.leaves, MOST_OF_TREE) if template.leaves else None
+        if leaves is None and template.grow_leaves and leaf.on:
+            unit = template.height / float(np.ptp(wood[:, :, 2])) if template.height else 1.0
+            leaves = dress(wood, leaf, blade or leaf_blade(leaf, species.detail.tolerance), unit)
+        if species.siblings is not None:
+            tall = float(np.ptp(wood[:, :, 2])) if len(wood) else 0.0
+            metres = template.height / tall if template.height and tall else 1.0
+            return species, _once(
+                ("fit", metres), wood, leaves, lambda: fit(dissect(recognise(wood, leaves), metres))
+            )
+        height = template.height
+        return species, _once(
+            ("split", height), wood, leaves, lambda: split_tree(wood, leaves, height=height)
+        )
+    except FileNotFoundError as problem:
+        raise SpecError(
+            place, f"{what}: there is no file {problem.filename}; check the path"
+        ) from None
+    except (StlError, TemplateError, BladeError) as problem:
+        raise SpecError(place, f"{what}: {problem}") from None
+
+
+def _once(
+    what: tuple[str, float], wood: np.ndarray, leaves: np.ndarray | None, make: Callable[[], Any]
+) -> Any:
+    """Call ``make`` for facets, once; what it makes is kept of the trees that were last asked for.
+
+    Every update of a forest, and every scene of a series, reads its species anew, and recognising one takes
+    up to seconds. What is made of a template is kept by the object: the same one comes back.
+    """
+    content = blake2b(wood.tobytes())
+    if leaves is not None:
+        content.update(b"leaves" + leaves.tobytes())
+    key = (content.digest(), what)
+    return _recognised.once(key, make)
+
+
+class NotUnderstoodError(SpecError):
+    """Facets that are no tree, with the (T, 3, 3) facets themselves, z up, and (N, 3) places in them."""
+
+    def __init__(self, problem: TemplateError, facets: np.ndarray) -> None:
+        super().__init__("template", str(problem))
+        self.facets = facets
+        self.places = problem.places
+
+
+@dataclass(frozen=True)
+class Brought:
+    """The files of a tree, and how they are to be read.
+
+    wood, leaves : STL files; wood alone may hold leaves too.
+    height : metres of the tree; 0: as the unit says.
+    unit : in which they are drawn, of ``UNITS``. up : axis that points up, of ``UPRIGHT``. Both are
+        inferred where empty.
+    groups : what the files hold, where they are no STL.
+    """
+
+    wood: Path
+    leaves: Path | None = None
+    height: float = 0.0
+    unit: str = ""
+    up: str = ""
+    groups: Sequence[Group] = ()
+
+    def check(self) -> None:
+        """Refuse a height, a unit or an axis that cannot be used.
+
+        Raises
+        ------
+        SpecError : which, and what can be.
+        """
+        if not 0 <= self.height <= 200:
+            raise SpecError("height", f"{self.height:g} m is out of range; use 0 to 200")
+        if self.unit and self.unit not in UNITS:
+            raise unknown("unit", self.unit, UNITS)
+        if self.up and self.up not in UPRIGHT:
+            raise unknown("up", self.up, UPRIGHT)
+
+
+@dataclass(frozen=True)
+class Library:
+    """Library of a user's tree: as read and recognised, in file units, and as made.
+
+    wood, leaves : (T, 3, 3) facets as read, z up. leaf : median length of a leaf, None without leaves.
+    unit : what one unit of the files is taken to be. habit : the tree taken apart, in metres.
+    species : the file written.
+    told : in words, how wood and leaves were told apart within one file, if they were.
+    up : the files' axis that points up. verdict : on its siblings, where these were judged.
+    """
+
+    wood: np.ndarray
+    leaves: np.ndarray | None
+    found: Recognition
+    leaf: float | None
+    unit: Unit
+    habit: Habit
+    species: Path
+    told: str = ""
+    up: str = "z"
+    verdict: Verdict | None = None
+
+    @property
+    def height(self) -> float:
+        """Height of the tree, metres."""
+        return float(np.ptp(self.wood[:, :, 2])) * self.unit.metres
+
+    @property
+    def branches(self) -> int:
+        """Number of its first-level branches."""
+        return int(np.count_nonzero(self.habit.anatomy.order == 1))
+
+    @property
+    def leaf_count(self) -> int:
+        """Number of its leaves."""
+        return len(self.habit.anatomy.foliage.bearer)
+
+
+def make_library(
+    brought: Brought,
+    name: str,
+    out: Path,
+    progress: Progress | None = None,
+    grammar: str = "fitted",
+    siblings: int = 0,
+    accept: bool = False,
+) -> Library:
+    """Make a template library from files of a tree.
+
+    grammar : "fitted" for siblings of the tree, "tanveer-2020a" for that grammar with its branches.
+    siblings : how many to grow and judge; 0: none. Those that are too unlike the tree get no scene.
+    accept : write the scene all the same.
+
+    Raises
+    ------
+    SpecError : a name, a height or a file cannot be used, with the reason.
+    OSError : the folder cannot be written.
+    """
+    check_name(name)
+    brought.check()
+    tell = progress or _say_nothing
+    tell(0, 5)
+    parts, found, up = _stand(_read_tree(brought), brought.up)
+    timber, foliage = parts.wood, parts.leaves
+    tell(1, 5)
+    leaf = _leaf_length(found)
+    tall = float(np.ptp(timber[:, :, 2]))
+    scale = _scale(brought, tall, None if found.fronds else leaf)  # a frond's tells no unit
+    metres = scale.metres
+    metric = (timber * metres, None if foliage is None else foliage * metres)
+    settings, verdict = Siblings(allometry=allometry_of(name)), None
+    try:
+        habit = fit(dissect(found, metres))
+        tell(2, 5)
+        if grammar == "tanveer-2020a":
+            how = _grammar_text(fit_grammar(split_tree(*metric)))
+        else:
+            verdict = judge(habit, settings, siblings) if siblings else None
+            how = _siblings_text(settings, verdict.variety if verdict else 1.0)
+    except TemplateError as problem:
+        raise NotUnderstoodError(problem, timber) from None
+    tell(4, 5)  # from here on it is not stopped
+
+    names = ("wood.stl", "leaves.stl", f"{name}.toml", "scene.toml")
+    claim(*(out / file for file in names))
+    out.mkdir(parents=True, exist_ok=True)
+    write_stl(out / "wood.stl", metric[0], f"{name}: wood, metres")
+    if metric[1] is not None:
+        write_stl(out / "leaves.stl", metric[1], f"{name}: leaves, metres")
+    species = out / f"{name}.toml"
+    origin = " and ".join(path.name for path in (brought.wood, brought.leaves) if path)
+    _write(species, _species_text(name, origin, foliage is not None) + how)
+    if verdict is None or verdict.stands or accept:
+        _write(out / "scene.toml", _scene_text(name, tall * metres))
+    else:
+        remove(out / "scene.toml")
+    tell(5, 5)
+    return Library(timber, foliage, found, leaf, scale, habit, species, parts.said, up, verdict)
+
+
+def _scale(brought: Brought, tall: float, leaf: float | None) -> Unit:
+    """The unit of files in which the tree is so high and a leaf so long."""
+    if brought.height:
+        return Unit(brought.height / tall, "units of the height given")
+    return Unit(UNITS[brought.unit], brought.unit) if brought.unit else infer_unit(tall, leaf)
+
+
+def check_name(name: str) -> None:
+    """Refuse a name that would not do as one of a file.
+
+    Raises
+    ------
+    SpecError : it has other characters than letters, digits, - and _.
+    """
+    if not re.fullmatch(r"[\w-]+", name):
+        raise SpecError("name", f'"{name}" must be letters, digits, - and _ only')
+
+
+def _read_tree(brought: Brought) -> Sorted:
+    try:
+        if brought.groups:
+            count = sum(len(group.facets) for group in brought.groups)
+            if count > 2 * MOST_OF_TREE:
+                raise SpecError(
+                    "template",
+                    f"has {count:,} facets, more than {2 * MOST_OF_TREE:,}; make it coarser",
+                )
+            return sort_out(brought.groups)
+        timber = read_stl(brought.wood, MOST_OF_TREE)
+        if brought.leaves is None:
+            return sort_out([Group("", "", timber)])
+        return Sorted(timber, read_stl(brought.leaves, MOST_OF_TREE), "")
+    except FileNotFoundError as problem:
+        raise SpecError(
+            "template", f"there is no file {problem.filename}; check the path"
+        ) from None
+    except StlError as problem:
+        raise SpecError("template", str(problem)) from None
+
+
+def _stand(parts: Sorted, up: str) -> tuple[Sorted, Recognition, str]:
+    """Wood and leaves z up, what is recognised in them, and which axis was up."""
+    likely = up or (likely_up(parts.wood) if len(parts.wood) else "z")
+    first: LeanError | None = None
+    lying = parts.wood
+    for axis in (likely, *(() if up else (other for other in UPRIGHT if other != likely))):
+        turned = stood(parts, axis)
+        try:
+            return turned, recognise(turned.wood, turned.leaves), axis
+        except LeanError as problem:
+            first = first or problem
+            lying = turned.wood if first is problem else lying
+        except TemplateError as problem:
+            raise NotUnderstoodError(problem, turned.wood) from None
+    assert first is not None
+    raise NotUnderstoodError(first, lying) from None
+
+
+def _leaf_length(found: Recognition) -> float | None:
+    """Median length of the leaves in file units, None without leaves."""
+    pieces = found.leaves
+    if not pieces.count:
+        return None
+    mesh = TriMesh.of_part(pieces.vertices, pieces.triangles, LEAF)
+    mesh.leaf[:] = pieces.piece
+    return float(np.median(measure_leaves(mesh).length))
+
+
+def _species_text(name: str, origin: str, leafy: bool) -> str:
+    return f"""\
+{VERSION_KEY} = "{version()}"
+name = "{name}"
+source = "Template from {origin.replace('"', "'").replace(chr(92), "/")}."
+
+[template]
+wood = "wood.stl"
+leaves = "{"leaves.stl" if leafy else ""}"
+"""
+
+
+def _siblings_text(settings: Siblings, variety: float) -> str:
+    return f"""
+# Siblings of this tree; 0 is the tree itself. Without this table, Tanveer et al.'s grammar sets its branches.
+[siblings]
+variety = {variety}
+allometry = "{settings.allometry}"
+"""
+
+
+def _grammar_text(grammar: Grammar) -> str:
+    return f"""
+[grammar]
+generations = {grammar.generations}
+copies = {grammar.copies}
+length = {grammar.length}
+side_ratio = {grammar.side_ratio}
+centre_ratio = {grammar.centre_ratio}
+angle_deg = {grammar.angle_deg}
+twist_deg = {grammar.twist_deg}
+radius = {grammar.radius}
+radius_ratio = {grammar.radius_ratio}
+"""
+
+
+def _scene_text(name: str, height: float) -> str:
+    side = round(max(4.0, 2.5 * height), 1)
+    return f"""\
+{VERSION_KEY} = "{version()}"
+name = "{name} forest"
+seed = 1
+
+[forest]
+size = [{side}, {side}]
+spacing = {round(0.3 * height, 2)}
+
+[[plantings]]
+species = "{name}.toml"
+variants = 3
+expected = 12
+"""
+
+
+def _write(path: Path, text: str) -> None:
+    with replacing(path) as partial:
+        partial.write_text(text, encoding="utf-8")
+
+
+def _say_nothing(_done: int, _total: int) -> None:
+    """In place of a progress bar."""

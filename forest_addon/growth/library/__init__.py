@@ -1,1 +1,0 @@
-"""Library of species: species files, templates and allometries, by way of ``formats``."""

@@ -1,1 +1,0 @@
-"""Wind over and within a stand, and how its trees answer it."""
