@@ -89,7 +89,7 @@ PACKAGES = {
 # sensing, results, formats and spec grew: waveforms are recorded, written and decomposed.
 BUDGETS = {
     "forest_addon": (387, 3),
-    "forest_addon/acoustics": (1221, 19),
+    "forest_addon/acoustics": (1212, 19),
     "forest_addon/api": (899, 6),
     "forest_addon/base": (320, 12),
     "forest_addon/blender": (5289, 39),
@@ -99,7 +99,7 @@ BUDGETS = {
     "forest_addon/growth": (8518, 36),
     "forest_addon/kernels": (46, 1),
     "forest_addon/results": (1292, 17),
-    "forest_addon/sensing": (12729, 92),
+    "forest_addon/sensing": (12725, 92),
     "forest_addon/spec": (1317, 11),
     "forest_addon/stand": (3733, 17),
     "forest_addon/ui": (5841, 38),
