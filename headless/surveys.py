@@ -139,7 +139,12 @@ def scan_survey(
             if not leg.active:
                 stages.say(f"  {name}: the scanner is off")
                 continue
-            scan = _scan_of(legs, leg, name, caster_of(index), seed, echoes)
+            sensor, pattern = sensor_of_survey(legs, leg, name), SurveyLeg(legs, leg)
+            scan = CountedScan(sensor, caster_of(index), seed, pattern=pattern)
+            if echoes == "survey" and leg.digitiser.rings > 1:
+                across = np.pi / 2 if legs.device.optics == "conic" else 0.0
+                scan = scan.sampled(leg.digitiser, across)
+            scan = scan.among(hazes_of(legs))
             file = target.with_name(f"{target.stem}-{name}{target.suffix}")
             started = time.process_time()
             with stages.stage(f"{name}, {scan.pulses:,} pulses") as progress:
@@ -155,23 +160,6 @@ def scan_survey(
     if not quiet:
         print("\n".join(table_of(found, beside)))
     return found
-
-
-def _scan_of(
-    survey: Survey,
-    leg: Leg,
-    name: str,
-    caster: RayCaster | MovingCaster,
-    seed: int,
-    echoes: str,
-) -> CountedScan:
-    """The scan of a leg."""
-    sensor, pattern = sensor_of_survey(survey, leg, name), SurveyLeg(survey, leg)
-    scan = CountedScan(sensor, caster, seed, pattern=pattern)  # type: ignore[arg-type]
-    if echoes == "survey" and leg.digitiser.rings > 1:
-        across = np.pi / 2 if survey.device.optics == "conic" else 0.0
-        scan = scan.sampled(leg.digitiser, across)
-    return scan.among(hazes_of(survey))
 
 
 def casters_of(survey: Survey, engine: str) -> Callable[[int], RayCaster | MovingCaster]:

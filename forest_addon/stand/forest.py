@@ -270,10 +270,11 @@ class ForestPlan:
     def placed(self, variants: Mapping[tuple[int, int], Tree]) -> Stand:
         """The stand with every tree in the size that it is to have, its foot in the ground."""
         stand = _sized(self.measured.stand, variants, self.measured.trees)
-        foot = np.zeros(len(stand))
+        many, code = codes_of(stand)
+        foot = np.zeros(int(code.max(initial=-1)) + 1)
         for (planting, variant), tree in variants.items():
-            mine = (stand.species == planting) & (stand.variant == variant)
-            foot[mine] = float(tree.skeleton.radius[:1, 0].sum()) * stand.scale[mine]
+            foot[planting * many + variant] = tree.skeleton.radius[:1, 0].sum()
+        foot = foot[code] * stand.scale
         ground = self.inputs.ground(self.scene.forest.terrain.base)
         return replace(stand, sink=sink(ground, stand.position[:, :2], foot))
 
@@ -295,11 +296,20 @@ def grow_forest(
 
 def keys_of(stand: Stand) -> list[tuple[int, int]]:
     """(planting, variant) of all trees that stand, each once, in order."""
-    return sorted({(int(s), int(v)) for s, v in zip(stand.species, stand.variant, strict=True)})
+    many, code = codes_of(stand)
+    return [divmod(number, many) for number in np.flatnonzero(np.bincount(code)).tolist()]
+
+
+def codes_of(stand: Stand) -> tuple[int, np.ndarray]:
+    """A number of variants, and (N,) planting times that number plus variant of each tree."""
+    many = int(stand.variant.max(initial=0)) + 1
+    return many, stand.species * many + stand.variant
 
 
 def _sized(stand: Stand, variants: Mapping[tuple[int, int], Tree], wanted: np.ndarray) -> Stand:
     """The stand with every tree that has a diameter to meet in the size at which it meets it."""
+    if not np.isfinite(wanted[:, 0]).any():
+        return stand
     scale = stand.scale.copy()
     for (planting, variant), tree in variants.items():
         mine = (stand.species == planting) & (stand.variant == variant) & np.isfinite(wanted[:, 0])
