@@ -119,6 +119,11 @@ class Pieces:
         size = np.bincount(self.piece_of_vertex, minlength=self.count)
         return sums(self.piece_of_vertex, self.vertices, self.count) / size[:, None]
 
+    def largest(self, value: np.ndarray) -> np.ndarray:
+        """(C,) vertex of each piece with the largest value (V,), the last of equal ones."""
+        ranked = np.lexsort((value, self.piece_of_vertex))
+        return np.asarray(ranked[np.cumsum(np.bincount(self.piece_of_vertex)) - 1])
+
     def boxes(self) -> tuple[np.ndarray, np.ndarray]:
         """(C, 3) lowest and highest coordinates of each piece."""
         low, high = np.full((self.count, 3), np.inf), np.full((self.count, 3), -np.inf)

@@ -521,12 +521,12 @@ def find_bearers(lines: Centrelines, leaves: Pieces) -> tuple[np.ndarray, np.nda
     tubes = Tubes.of(lines, np.arange(len(lines.first) - 1))
     near = _groups_near(tubes, leaves)
     corner = leaves.piece_of_vertex
-    seen = tubes.look(leaves.vertices, near[:, corner])
+    gap, away = seen = tubes.look(leaves.vertices, near[:, corner])
     begins = np.flatnonzero(np.diff(corner, prepend=-1))
-    least = np.minimum.reduceat(np.maximum(seen.gap.min(axis=0), 0.0), begins)
-    away = (seen.gap - seen.doubt).min(axis=0)  # at least
+    least = np.minimum.reduceat(np.maximum(gap.min(axis=0), 0.0), begins)
+    away = away.min(axis=0)  # at least
     close = np.flatnonzero(away <= least[corner])
-    at_corners = tubes.contacts(leaves.vertices[close], seen.of(close), thinnest=True)
+    at_corners = tubes.contacts(leaves.vertices[close], seen[:, :, close], thinnest=True)
     away[close] = at_corners.gap
     np.minimum.at(least, corner[close], np.maximum(at_corners.gap, 0.0))
 
@@ -536,8 +536,8 @@ def find_bearers(lines: Centrelines, leaves: Pieces) -> tuple[np.ndarray, np.nda
     owner, one, other = corner[one[may]], one[may], other[may]
     middles = (leaves.vertices[one] + leaves.vertices[other]) / 2
     seen = tubes.look(middles, near[:, owner])
-    may = np.flatnonzero((seen.gap - seen.doubt).min(axis=0) <= least[owner])
-    at_middles = tubes.contacts(middles[may], seen.of(may), thinnest=True)
+    may = np.flatnonzero(seen[1].min(axis=0) <= least[owner])
+    at_middles = tubes.contacts(middles[may], seen[:, :, may], thinnest=True)
 
     owner = np.concatenate([corner[close], owner[may]])
     piece, gap, radius = (
@@ -556,9 +556,8 @@ def _groups_near(tubes: Tubes, leaves: Pieces) -> np.ndarray:
     size, middle = np.bincount(owner, minlength=leaves.count), leaves.middles()
     away = lengths(leaves.vertices - middle[owner])
     reach = np.maximum.reduceat(away, np.cumsum(size) - size)
-    seen = tubes.look(middle)
-    least = np.maximum(seen.gap.min(axis=0) + reach, 0.0)
-    return np.asarray(seen.gap - seen.doubt - reach <= least)
+    gap, away = tubes.look(middle)
+    return np.asarray(away - reach <= np.maximum(gap.min(axis=0) + reach, 0.0))
 
 
 def root(lines: Centrelines, trunk: int, known: Known) -> Known:

@@ -216,8 +216,8 @@ class PieceAxes:
     of_slice : (S,) axis of each slice. parent : (A,) axis it begins on, -1 for that of a root.
     fork : (A,) slice of the parent that it begins on, -1.
     chain : (S,) whether a slice is on its axis, and no bump beside it.
-    centre, heading : (S, 3) of the axis, and radius : (S,) of the surface about it, without the bulges of forks
-        at slices that are on axes.
+    centre, heading : (S, 3) of the axis, and radius : (S,) about it, without the bulges of forks at slices
+        that are on axes.
     """
 
     of_slice: np.ndarray
@@ -590,9 +590,8 @@ def may_fork(pieces: Pieces, lines: Centrelines) -> np.ndarray:
 def _find_roots(pieces: Pieces) -> np.ndarray:
     """Vertices around the thick, low end of each piece."""
     count, owner = pieces.count, pieces.piece_of_vertex
-    size = np.bincount(owner, minlength=count)
     away = np.linalg.norm(pieces.vertices - pieces.middles()[owner], axis=1)
-    start = np.lexsort((away, owner))[np.cumsum(size) - 1]
+    start = pieces.largest(away)
     slices = slice_up(pieces, distance_from(pieces, start), COARSE * band_width(pieces))
     axes = find_axes(slices)
     radius = axes.radius
