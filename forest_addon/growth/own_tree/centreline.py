@@ -262,9 +262,9 @@ def _close_ends(
 def _end_radii(
     first: np.ndarray, radius: np.ndarray, pieces: Pieces, along: np.ndarray, outward: np.ndarray
 ) -> np.ndarray:
-    """(C, 2) radius near both ends, leaving caps aside: an upper quartile, where a cap's middle does not count."""
+    """(C, 2) radius near both ends, leaving caps aside: the upper quartile there."""
     owner, thickness = pieces.piece_of_vertex, lengths(outward)
-    """(C, 2) radius near both ends, leaving caps aside: the upper quartile, so that a cap does not count."""
+    found = np.empty((pieces.count, 2))
     for end, at in enumerate((first[:-1], first[1:] - 1)):
         depth = along if end == 0 else -along
         depth = depth - np.minimum.reduceat(depth, Runs.of(owner, pieces.count).first)[owner]
@@ -481,9 +481,8 @@ class Tubes:
     def beside(
         self, points: np.ndarray, count: int, groups: tuple[_Balls, ...] = ()
     ) -> tuple[np.ndarray, ...]:
-        """The cones that the ``count`` balls of each group, or of these, that are nearest to points (N, 3) are
-        in: the cone, how far the point is from its axis, how far along it that is, 0 .. 1, and the radius
-        there, (N, k).
+        """The cones with the ``count`` balls nearest to points (N, 3) of each group, or of these: the cone,
+        how far the point is from its axis, how far along it that is, 0 .. 1, and the radius there, (N, k).
         """
         near = [balls.stretch[balls.query(points, count)] for balls in groups or self.groups]
         cone = np.concatenate(near, axis=1)
