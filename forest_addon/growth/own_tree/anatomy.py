@@ -9,6 +9,10 @@ A recognised centreline has many knots, evenly spaced. Kept are as many as it is
 nearest place along the line where the piece has vertices. Between two rings of a tube there are none, so
 its mesh runs straight there and so does the line; what hangs on the line then hangs on the mesh. A piece
 with two rings is one stretch and stays straight.
+
+The lowest ring of a limb's mesh is held against the mesh of what bears it. A place is inside its bearer
+where it lies on the axis' side of the nearest place on the bearer's bark and behind the triangle there;
+where the two do not agree, or beyond the axis' ends, the winding number tells.
 """
 
 from __future__ import annotations
@@ -48,6 +52,11 @@ FEWEST = 4  # stretches of a branch
 THINNEST = 1e-5  # metres, of what a coarse mesh leaves no thickness
 SHORTEST = 0.02  # of a line's length; nearer knots are one
 SIDES = 8  # of a tube that bridges a gap
+OFF = 5e-3  # metres off its bearer's mesh from which a ring is moved or bridged
+BORDER = 2.0  # radii from the foot within which a border is that of the foot
+CLOSED = 0.1  # radii from the foot within which corners of a closed tube are its lowest ring
+APART = 1e3  # metres from one bearer to the next, where samples are looked up
+NEAREST = 8  # samples of triangles looked at, for each place
 SLIM = 0.6  # of its bearer's radius, that such a tube is thick there at most
 
 
@@ -343,7 +352,9 @@ class _Mesh:
 def _ring(
     lines: Lines, owner: np.ndarray, triangles: np.ndarray, stretch: np.ndarray, part: np.ndarray
 ) -> np.ndarray:
-    """(V,) whether a vertex is of the lowest ring of its piece."""
+    """(V,) whether a vertex is of the lowest ring of its piece: of the border at the foot of an open tube,
+    else of the lowest corners.
+    """
     along = _along(lines, owner, stretch, part) * lines.reach()[owner]
     edges = np.sort(np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=2)).reshape(-1, 2)
     _, at, times = np.unique(
@@ -352,7 +363,12 @@ def _ring(
     border = np.zeros(len(owner), dtype=bool)
     border[edges[at[times == 1]]] = True
     thick = lines.radius[lines.first[:-1] + np.arange(len(lines.first) - 1)]
-    return lowest_ring(along, owner, thick, border)
+    low = np.full(len(thick), np.inf)
+    np.minimum.at(low, owner, along)
+    deep = along - low[owner]
+    rim = border & (deep <= BORDER * thick[owner])
+    is_open = np.bincount(owner[rim], minlength=len(thick)) > 0
+    return np.where(is_open[owner], rim, deep <= CLOSED * thick[owner])
 
 
 def hold(
@@ -362,19 +378,44 @@ def hold(
     vertices: np.ndarray,
     triangles: np.ndarray,
     owner: np.ndarray,
-) -> tuple[OnBark, np.ndarray]:
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Hold places (N, 3) against the meshes of the lines (N,) that bear them.
 
     vertices, triangles, owner : (V, 3), (T, 3), and (T,) whose triangles they are.
 
     Returns
     -------
-    How far off they are; and (N, 3) the place on the axis beside each one.
+    (N, 3) the nearest place on the bark of each; (N,) metres that it is off, 0 inside; and (N, 3) the place
+    on the axis beside it.
     """
     stretch, part = nearest(lines, bearer, point)
     held = np.clip(part, 0.0, 1.0)
     axis, _ = lines.at(bearer, stretch, held)
-    return hold_against(point, bearer, axis, part != held, vertices, triangles, owner), axis
+    borne = np.zeros(int(max(owner.max(initial=-1), bearer.max(initial=-1))) + 1, dtype=bool)
+    borne[bearer] = True
+    mine = np.flatnonzero(borne[owner])
+    if not len(mine):
+        return point, np.zeros(len(point)), axis
+    corners, owner = vertices[triangles[mine]], owner[mine]
+    middles = (corners + np.roll(corners, 1, axis=1)) / 2
+    samples = np.concatenate([corners, middles, corners.mean(axis=1)[:, None]], axis=1)
+    many = samples.shape[1]
+    samples = np.column_stack([samples.reshape(-1, 3), APART * np.repeat(owner, many)])
+    tree = cKDTree(samples, balanced_tree=False, compact_nodes=False)
+    _, found = tree.query(np.column_stack([point, APART * bearer]), NEAREST)
+    found = np.minimum(found, many * len(owner) - 1) // many
+    row = np.repeat(np.arange(len(point)), NEAREST)
+    every = nearest_on_triangles(point[row], corners[found.ravel()])
+    gap = lengths(every - point[row]).reshape(-1, NEAREST)
+    gap[owner[found] != bearer[:, None]] = np.inf
+    best = np.arange(len(point)), np.argmin(gap, axis=1)
+    bark, gap, mine = every.reshape(-1, NEAREST, 3)[best], gap[best], corners[found[best]]
+    normal = cross_rows(mine[:, 1] - mine[:, 0], mine[:, 2] - mine[:, 0])
+    inside = np.einsum("ni,ni->n", point - bark, axis - bark) > 0  # towards the axis
+    behind = np.einsum("ni,ni->n", point - bark, normal) < 0
+    for k in np.flatnonzero((behind != inside) | (part != held)):
+        inside[k] = winding_number(point[k], corners[owner == bearer[k]]) > 0.5
+    return bark, np.where(inside | np.isinf(gap), 0.0, gap), axis  # no mesh: nothing to be off
 
 
 def _bridge(
@@ -393,8 +434,8 @@ def _bridge(
     off = np.full(count, np.inf)
     of_triangle = owner[mesh.triangles[:, 0]]
     bearer, point = parent[owner[row]], mesh.place[row]
-    found, _ = hold(lines, bearer, point, mesh.place, mesh.triangles, of_triangle)
-    np.minimum.at(off, owner[row], found.off)
+    _, found, _ = hold(lines, bearer, point, mesh.place, mesh.triangles, of_triangle)
+    np.minimum.at(off, owner[row], found)
     stem = (parent < 0) & (np.arange(count) != trunk)
     np.minimum.at(off, owner[stem[owner]], mesh.place[stem[owner], 2])
     off = np.where(np.isfinite(off) & (off > OFF), off, 0.0)
@@ -543,84 +584,6 @@ def _gaps(lines: Lines, line: np.ndarray, point: np.ndarray) -> np.ndarray:
     start, way = lines.knot[knot], lines.knot[knot + 1] - lines.knot[knot]
     radius = lines.radius[knot] + part * (lines.radius[knot + 1] - lines.radius[knot])
     return np.maximum(lengths(point - start - part[:, None] * way) - radius, 0.0)
-
-
-OFF = 5e-3  # metres off its bearer's mesh from which a ring is moved or bridged
-BORDER = 2.0  # radii from the foot within which a border is that of the foot
-CLOSED = 0.1  # radii from the foot within which corners of a closed tube are its lowest ring
-APART = 1e3  # metres from one bearer to the next, where samples are looked up
-NEAREST = 8  # samples of triangles looked at, for each place
-
-
-@dataclass(frozen=True, eq=False)
-class OnBark:
-    """N places held against the wood that bears them.
-
-    place : (N, 3) nearest on its bark. off : (N,) metres, 0 inside.
-    """
-
-    place: np.ndarray
-    off: np.ndarray
-
-
-def lowest_ring(
-    along: np.ndarray, owner: np.ndarray, thick: np.ndarray, border: np.ndarray
-) -> np.ndarray:
-    """(V,) whether a vertex is of the lowest ring of its piece.
-
-    along : (V,) metres from the foot. owner : (V,) piece. thick : (C,) radius of pieces at the foot.
-    border : (V,) whether an edge of one triangle only ends there.
-    """
-    low = np.full(len(thick), np.inf)
-    np.minimum.at(low, owner, along)
-    deep = along - low[owner]
-    rim = border & (deep <= BORDER * thick[owner])
-    is_open = np.bincount(owner[rim], minlength=len(thick)) > 0
-    return np.where(is_open[owner], rim, deep <= CLOSED * thick[owner])
-
-
-def hold_against(
-    point: np.ndarray,
-    bearer: np.ndarray,
-    axis: np.ndarray,
-    beyond: np.ndarray,
-    vertices: np.ndarray,
-    triangles: np.ndarray,
-    owner: np.ndarray,
-) -> OnBark:
-    """Hold places (N, 3) against the meshes of their bearers (N,).
-
-    axis : (N, 3) beside the place on the bearer's axis. beyond : (N,) whether it is beyond the end of that.
-    vertices, triangles, owner : (V, 3), (T, 3), and (T,) whose triangles they are.
-    """
-    borne = np.zeros(int(max(owner.max(initial=-1), bearer.max(initial=-1))) + 1, dtype=bool)
-    borne[bearer] = True
-    mine = np.flatnonzero(borne[owner])
-    if not len(mine):
-        return OnBark(point, np.zeros(len(point)))
-    corners, owner = vertices[triangles[mine]], owner[mine]
-    middles = (corners + np.roll(corners, 1, axis=1)) / 2
-    samples = np.concatenate([corners, middles, corners.mean(axis=1)[:, None]], axis=1)
-    many = samples.shape[1]
-    samples = np.column_stack([samples.reshape(-1, 3), APART * np.repeat(owner, many)])
-    tree = cKDTree(samples, balanced_tree=False, compact_nodes=False)
-    _, found = tree.query(np.column_stack([point, APART * bearer]), NEAREST)
-    found = np.minimum(found, many * len(owner) - 1) // many
-    row = np.repeat(np.arange(len(point)), NEAREST)
-    every = nearest_on_triangles(point[row], corners[found.ravel()])
-    gap = lengths(every - point[row]).reshape(-1, NEAREST)
-    gap[owner[found] != bearer[:, None]] = np.inf
-    best = np.argmin(gap, axis=1)
-    row = np.arange(len(point))
-    bark, gap = every.reshape(-1, NEAREST, 3)[row, best], gap[row, best]
-    mine = corners[found[row, best]]
-    normal = cross_rows(mine[:, 1] - mine[:, 0], mine[:, 2] - mine[:, 0])
-    towards = np.einsum("ni,ni->n", point - bark, axis - bark) > 0
-    behind = np.einsum("ni,ni->n", point - bark, normal) < 0
-    inside = towards.copy()
-    for k in np.flatnonzero((behind != towards) | beyond):
-        inside[k] = winding_number(point[k], corners[owner == bearer[k]]) > 0.5
-    return OnBark(bark, np.where(inside | np.isinf(gap), 0.0, gap))  # no mesh: nothing to be off
 
 
 def winding_number(point: np.ndarray, corners: np.ndarray) -> float:
