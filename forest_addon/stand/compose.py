@@ -103,8 +103,9 @@ def process_of(
     """
     inputs = inputs or Inputs()
     low, high = corners_of(forest)
+    added = _added(planting, forest, inputs)
     parts: list[Intensity] = [
-        _sum(_added(planting, forest, inputs)),
+        added[0] if len(added) == 1 else Sum(tuple(added)),
         *(_raster(r, forest, inputs, planting) for r in planting.rasters if r.use == "multiply"),
         *masks_of(planting, forest, inputs),
     ]
@@ -117,8 +118,9 @@ def process_of(
         return process
     total = process.expected()
     if total <= 0 and asked:
+        what = "gaussians" if planting.gaussians and not planting.rasters else "intensity"
         raise IntensityError(
-            f"{planting.species}: the {_what(planting)} put nothing on the field, so {asked} "
+            f"{planting.species}: the {what} put nothing on the field, so {asked} "
             "cannot be expected there; move a centre or widen it"
         )
     return process.scaled(wanted / total if total > 0 else 0.0)
@@ -187,10 +189,6 @@ def _added(planting: spec.Planting, forest: spec.Forest, inputs: Inputs) -> list
     return added or [Constant(1.0)]
 
 
-def _sum(parts: list[Intensity]) -> Intensity:
-    return parts[0] if len(parts) == 1 else Sum(tuple(parts))
-
-
 def _raster(
     raster: spec.Raster, forest: spec.Forest, inputs: Inputs, planting: spec.Planting
 ) -> Intensity:
@@ -229,7 +227,3 @@ def _pixels(
     if pixels is None:
         raise IntensityError(f"{planting.species}: the raster {raster.file} was not read")
     return pixels, *on_field(pixels, raster, forest)
-
-
-def _what(planting: spec.Planting) -> str:
-    return "gaussians" if planting.gaussians and not planting.rasters else "intensity"

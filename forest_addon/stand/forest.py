@@ -14,13 +14,13 @@ import numpy as np
 
 from ..base.progress import Progress
 from ..base.rng import stream
-from ..growth.measured.allometry import TARGETS, Kind, Wanted, crown_of
+from ..growth.measured.allometry import TARGETS, Kind, Wanted
 from ..growth.mesh.blades import Blade
 from ..growth.mesh.leaves import Leaves
 from ..growth.own_tree.habit import Habit
 from ..growth.own_tree.template import TreeTemplate
 from ..growth.tree import Tree, aged, fallen, grow, in_season, with_fallen
-from ..growth.truth import leaf_angles, wood_of_tree
+from ..growth.truth import leaf_angles, tree_truth
 from ..spec import Allometry, Choice, Look, Scene, Species
 from ..spec.choices import idle, idle_in_scene, idle_in_species
 from .compose import Inputs
@@ -123,8 +123,14 @@ class GrownForest:
 
     @cached_property
     def truth(self) -> dict[tuple[int, int], dict[str, float]]:
-        """Measures of each variant in its own size."""
-        return {key: _truth_of(tree) for key, tree in self.variants.items()}
+        """Measures of each variant in its own size (``tree_truth``)."""
+        return {key: tree_truth(tree) for key, tree in self.variants.items()}
+
+    @property
+    def keys(self) -> list[tuple[int, int]]:
+        """The planting and variant of each tree."""
+        stand = self.stand
+        return list(zip(stand.species.tolist(), stand.variant.tolist(), strict=True))
 
     def variant_of(self, tree: int) -> Tree:
         """The grown tree that stands as tree number ``tree``."""
@@ -132,9 +138,8 @@ class GrownForest:
 
     def heights(self) -> np.ndarray:
         """(N,) metres of every tree."""
-        pairs = zip(self.stand.species.tolist(), self.stand.variant.tolist(), strict=True)
         own = {key: tree.height for key, tree in self.variants.items()}
-        return np.array([own[pair] for pair in pairs]) * self.stand.scale
+        return np.array([own[key] for key in self.keys]) * self.stand.scale
 
     def transforms(self) -> np.ndarray:
         """(N, 3, 4) local to world of every tree: turned, scaled, moved, sunk."""
@@ -193,7 +198,10 @@ class ForestPlan:
             for (kind, template), planting in zip(species, scene.plantings, strict=True)
         ]
         if scene.accuracy.relief:
-            species = [(with_relief(kind), template) for kind, template in species]
+            species = [  # a template's wood stays as it is
+                (kind.changed(detail=kind.detail.changed(relief=True)), template)
+                for kind, template in species
+            ]
         stand = plan_stand(scene.seed, scene.forest, scene.plantings, inputs)
         names = labels(scene.plantings)
         measured = with_targets(scene.seed, stand, scene.plantings, names, species, inputs)
@@ -278,11 +286,6 @@ class ForestPlan:
         return replace(stand, sink=sink(ground, stand.position[:, :2], foot))
 
 
-def with_relief(species: Species) -> Species:
-    """The species with the relief of its bark meshed; a template's wood stays as it is."""
-    return species.changed(detail=species.detail.changed(relief=True))
-
-
 def grow_forest(
     scene: Scene,
     species: Sequence[Planted],
@@ -355,9 +358,7 @@ def variant_leaf_table(forest: GrownForest) -> dict[str, np.ndarray]:
 def leaf_count(forest: GrownForest) -> int:
     """Return how many leaves all trees bear together."""
     of_variant = {key: len(tree.leaves) for key, tree in forest.variants.items()}
-    stand = forest.stand
-    keys = zip(stand.species.tolist(), stand.variant.tolist(), strict=True)
-    return sum(of_variant[key] for key in keys)
+    return sum(of_variant[key] for key in forest.keys)
 
 
 def angle_table(forest: GrownForest) -> dict[str, np.ndarray]:
@@ -386,17 +387,16 @@ def tree_table(forest: GrownForest) -> dict[str, list[object]]:
     Of trees that were to measure something also what: ``target_dbh_m`` and so on; ``in_band``, 1 where all
     of it is as measured trees have it; ``not_met``, the names of targets that are not reached.
     """
-    stand = forest.stand
-    truth = forest.truth
-    keys = list(zip(stand.species.tolist(), stand.variant.tolist(), strict=True))
-    dbh = np.zeros(len(stand))
+    stand, truth, keys = forest.stand, forest.truth, forest.keys
+    dbh, foot = np.zeros((2, len(stand)))
     for (planting, variant), grown in forest.variants.items():
         mine = (stand.species == planting) & (stand.variant == variant)
         dbh[mine] = dbh_at(grown.skeleton, stand.scale[mine])
+        foot[mine] = float(grown.skeleton.radius[:1, 0].sum()) * stand.scale[mine]
 
-    def scaled(name: str, power: int) -> list[object]:
+    def scaled(name: str, power: int) -> dict[str, list[object]]:
         values = np.array([truth[key][name] for key in keys], dtype=float)
-        return list((values * stand.scale**power).tolist())
+        return {name: list((values * stand.scale**power).tolist())}
 
     table: dict[str, list[object]] = {
         "tree": stand.id.tolist(),
@@ -406,16 +406,16 @@ def tree_table(forest: GrownForest) -> dict[str, list[object]]:
         **{f"{axis}_m": stand.position[:, k].tolist() for k, axis in enumerate("xyz")},
         "rotation_rad": stand.rotation.tolist(),
         "scale": list(stand.scale.tolist()),
-        "height_m": scaled("height", 1),
+        **scaled("height_m", 1),
         "dbh_m": list(dbh.tolist()),
-        "crown_width_m": scaled("crown_width", 1),
-        "crown_base_m": scaled("crown_base", 1),
-        "foot_radius_m": scaled("foot_radius", 1),
+        **scaled("crown_width_m", 1),
+        **scaled("crown_base_m", 1),
+        "foot_radius_m": list(foot.tolist()),
         "leaves": [int(truth[key]["leaves"]) for key in keys],
-        "leaf_area_m2": scaled("leaf_area", 2),
-        "wood_volume_m3": scaled("volume", 3),
-        "wood_area_m2": scaled("area", 2),
-        "projected_wood_m2": scaled("projected", 2),
+        **scaled("leaf_area_m2", 2),
+        **scaled("wood_volume_m3", 3),
+        **scaled("wood_area_m2", 2),
+        **scaled("projected_wood_m2", 2),
     }
     if forest.wanted is not None:
         for column, name in enumerate(TARGETS):
@@ -449,23 +449,6 @@ def met_targets(forest: GrownForest) -> list[TargetsMet]:
     return targets_met(
         tree_table(forest), stand.species, forest.labels, forest.wanted, forest.laws, missed
     )
-
-
-def _truth_of(tree: Tree) -> dict[str, float]:
-    """Return what one variant measures in its own size."""
-    wood = wood_of_tree(tree)
-    width, base = crown_of(tree.skeleton, tree.leaves, tree.grafted)
-    return {
-        "height": tree.height,
-        "crown_width": width,
-        "crown_base": base,
-        "foot_radius": float(tree.skeleton.radius[:1, 0].sum()),
-        "leaves": float(len(tree.leaves)),
-        "leaf_area": float(np.pi * (tree.leaves.radius**2).sum()),
-        "volume": wood.volume,
-        "area": wood.area,
-        "projected": wood.projected,
-    }
 
 
 def stacked(tables: Sequence[Mapping[str, np.ndarray]]) -> dict[str, np.ndarray]:

@@ -36,7 +36,6 @@ runs of this process over 100 R by 100 R, up to βR² = 100 (a hard core: 48).
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.polynomial.chebyshev import chebval2d
@@ -47,7 +46,6 @@ from ..spec import (
     Clearing,
     Clusters,
     Forest,
-    HandTree,
     Planting,
     Rows,
     Stems,
@@ -55,7 +53,7 @@ from ..spec import (
     quoted_with_hints,
 )
 from .compose import TreeList
-from .intensity.surface import GroundSurface, IntensityError
+from .intensity.surface import IntensityError
 from .poisson import MAX_POINTS, Process
 
 MAX_PLACES = 20_000_000
@@ -132,48 +130,11 @@ def trees_of(
     return np.flatnonzero(np.isin(np.array(listed.species), list(names)))
 
 
-@dataclass(frozen=True)
-class SetTrees:
-    """The M trees of a planting that were set by hand and have ground below them.
-
-    position : (M, 3) metres. rotation : (M,) radians. scale, variant : (M,). number : (M,) int64, -1 for the
-    first that the planting names. off_ground : how many have no ground.
-    """
-
-    position: np.ndarray
-    rotation: np.ndarray
-    scale: np.ndarray
-    variant: np.ndarray
-    number: np.ndarray
-    off_ground: int
-
-
-def set_trees(seed: int, label: str, planting: Planting, ground: GroundSurface) -> SetTrees:
-    """Return the trees of a planting that were set by hand; ``label`` is the planting's name."""
-    trees = planting.by_hand
-    count = len(trees)
-
-    def draw(purpose: str) -> np.ndarray:
-        return stream(seed, "stand", label, "hand", purpose).random(count)
-
-    low, high = planting.scale
-    variant = np.floor(draw("variant") * planting.variants)
-    place = np.array([tree.position for tree in trees], dtype=float).reshape(-1, 2)
-    height = ground.height(place)
-    stands = np.isfinite(height)
-    return SetTrees(
-        position=np.column_stack([place, height])[stands],
-        rotation=_given(np.deg2rad(_said(trees, "rotation_deg")), 2 * np.pi * draw("turn"))[stands],
-        scale=_given(_said(trees, "scale"), low * (high / low) ** draw("size"))[stands],
-        variant=_given(_said(trees, "variant") % planting.variants, variant)[stands].astype(int),
-        number=-1 - np.flatnonzero(stands),
-        off_ground=int((~stands).sum()),
-    )
-
-
 def told_of(planting: Planting, numbers: np.ndarray, name: str) -> np.ndarray:
     """(M,) what trees set by hand, by their numbers (M,), say of themselves; NaN where nothing."""
-    return _said(planting.by_hand, name)[-1 - numbers]
+    values = [getattr(tree, name) for tree in planting.by_hand]
+    told = np.array([np.nan if value is None else value for value in values], dtype=float)
+    return np.asarray(told[-1 - numbers])
 
 
 def is_cleared(place: np.ndarray, clearings: Sequence[Clearing]) -> np.ndarray:
@@ -183,15 +144,6 @@ def is_cleared(place: np.ndarray, clearings: Sequence[Clearing]) -> np.ndarray:
         apart = place - np.array(disc.position)
         found |= (apart**2).sum(axis=1) <= disc.radius**2
     return found
-
-
-def _said(trees: Sequence[HandTree], name: str) -> np.ndarray:
-    values = [getattr(tree, name) for tree in trees]
-    return np.array([np.nan if value is None else value for value in values], dtype=float)
-
-
-def _given(said: np.ndarray, drawn: np.ndarray) -> np.ndarray:
-    return np.where(np.isfinite(said), said, drawn)
 
 
 def plant_stems(

@@ -14,10 +14,11 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from ..base.rng import stream
+from ..base.rows import RowTable
 from ..spec import Forest, Planting, SpecError
 from .compose import Inputs, TreeList, area_of, corners_of, masks_of, process_of
 from .intensity.surface import GroundSurface, IntensityError
-from .layouts import is_cleared, orchard, sample_clusters, sample_strauss, set_trees, trees_of
+from .layouts import is_cleared, orchard, sample_clusters, sample_strauss, told_of, trees_of
 from .poisson import Integral, Process, sample
 
 OF_PLANTING = ("too_near", "off_ground", "off_field", "expected", "error")
@@ -102,31 +103,30 @@ def plan_stand(
         )
         for number in range(len(plantings))
     ]
-
-    def joined(name: str, empty: np.ndarray) -> np.ndarray:
-        return np.concatenate([getattr(p, name) for p in planted]) if planted else empty
-
-    position, mark = joined("position", np.empty((0, 3))), joined("mark", np.empty(0))
-    scale = joined("scale", np.empty(0))
+    none, some = np.empty(0), np.empty(0, dtype=np.int64)
+    nobody = _Planted(
+        *(np.empty((0, 3)), none, none, none, some, some, some > 0),
+        *(Integral(0.0), 0, 0),
+    )
+    trees = _Planted.joined([nobody, *planted])
     species = np.repeat(np.arange(len(planted)), [len(p.mark) for p in planted])
-    crown = np.array([p.crown for p in plantings], dtype=float)[species] * scale
-    number = joined("number", np.empty(0, dtype=np.int64))
-    drawn, cleared = number >= 0, joined("cleared", np.empty(0, dtype=bool))
-    keep, flat = drawn.copy(), position[:, :2]
+    crown = np.array([p.crown for p in plantings], dtype=float)[species] * trees.scale
+    drawn, flat = trees.number >= 0, trees.position[:, :2]
+    keep = drawn.copy()
     # Those in clearings take part: where one is taken away, none that it kept away moves up.
     rule = Spacing(distance, species[drawn], crown[drawn])
-    keep[drawn] = space(flat[drawn], mark[drawn], rule, forest.spacing_rule)
+    keep[drawn] = space(flat[drawn], trees.mark[drawn], rule, forest.spacing_rule)
     keep = (keep | ~drawn) & apart_from(flat, ~drawn, Spacing(distance, species, crown))
-    gone = ~keep & ~cleared
-    keep &= ~cleared
+    gone = ~keep & ~trees.cleared
+    keep &= ~trees.cleared
     return Stand(
-        position=position[keep],
-        rotation=joined("rotation", np.empty(0))[keep],
-        scale=scale[keep],
+        position=trees.position[keep],
+        rotation=trees.rotation[keep],
+        scale=trees.scale[keep],
         species=species[keep],
-        variant=joined("variant", np.empty(0, dtype=np.int64))[keep],
+        variant=trees.variant[keep],
         id=np.arange(int(keep.sum())),
-        number=number[keep],
+        number=trees.number[keep],
         sink=np.zeros(int(keep.sum())),
         too_near=np.bincount(species[gone], minlength=len(planted)),
         off_ground=np.array([p.off_ground for p in planted], dtype=np.int64),
@@ -171,8 +171,8 @@ def distances_of(forest: Forest, names: Sequence[str]) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class _Planted:
-    """Trees of one planting before spacing."""
+class _Planted(RowTable):
+    """Trees of one planting before spacing; those set by hand are older than any other."""
 
     position: np.ndarray
     mark: np.ndarray
@@ -240,22 +240,36 @@ def _plant(
 def _with_hand(
     drawn: _Planted, seed: int, label: str, planting: Planting, ground: GroundSurface
 ) -> _Planted:
-    """Add the trees that were set by hand, older than any other."""
-    if not planting.by_hand:
+    """Add the trees that were set by hand and have ground below them."""
+    count = len(planting.by_hand)
+    if not count:
         return drawn
-    mine = set_trees(seed, label, planting, ground)
-    return _Planted(
-        position=np.concatenate([drawn.position, mine.position]),
-        mark=np.concatenate([drawn.mark, np.full(len(mine.number), -1.0)]),
-        rotation=np.concatenate([drawn.rotation, mine.rotation]),
-        scale=np.concatenate([drawn.scale, mine.scale]),
-        variant=np.concatenate([drawn.variant, mine.variant]),
-        number=np.concatenate([drawn.number, mine.number]),
+
+    def draw(purpose: str) -> np.ndarray:
+        return stream(seed, "stand", label, "hand", purpose).random(count)
+
+    turn, size, variant = (
+        told_of(planting, -1 - np.arange(count), name)
+        for name in ("rotation_deg", "scale", "variant")
+    )
+    low, high = planting.scale
+    kind = np.where(np.isfinite(variant), variant, np.floor(draw("variant") * planting.variants))
+    place = np.array([tree.position for tree in planting.by_hand], dtype=float).reshape(-1, 2)
+    height = ground.height(place)
+    stands = np.isfinite(height)
+    mine = _Planted(
+        position=np.column_stack([place, height])[stands],
+        mark=np.full(int(stands.sum()), -1.0),
+        rotation=np.where(np.isfinite(turn), np.deg2rad(turn), 2 * np.pi * draw("turn"))[stands],
+        scale=np.where(np.isfinite(size), size, low * (high / low) ** draw("size"))[stands],
+        variant=(kind % planting.variants)[stands].astype(np.int64),
+        number=-1 - np.flatnonzero(stands),
+        cleared=np.zeros(int(stands.sum()), dtype=bool),
         expected=drawn.expected,
-        cleared=np.append(drawn.cleared, np.zeros(len(mine.number), dtype=bool)),
-        off_ground=drawn.off_ground + mine.off_ground,
+        off_ground=drawn.off_ground + int((~stands).sum()),
         off_field=drawn.off_field,
     )
+    return replace(_Planted.joined([drawn, mine]), off_ground=mine.off_ground)
 
 
 def draw_places(planting: Planting, process: Process, rng: np.random.Generator) -> np.ndarray:
@@ -374,9 +388,8 @@ def apart_from(points: np.ndarray, fixed: np.ndarray, spacing: Spacing) -> np.nd
 def matern_ii(points: np.ndarray, mark: np.ndarray, spacing: Spacing | float) -> np.ndarray:
     """(N,) bool, which trees stay: those with no older tree too near."""
     spacing, age, reach = _prepare(mark, spacing)
-    keep = np.ones(len(points), dtype=bool)
     if reach <= 0 or len(points) < 2:
-        return keep
+        return np.ones(len(points), dtype=bool)
     keep = _oldest_of_bins(points, age, spacing)
     judged = np.flatnonzero(keep)
     for query, other in _pairs(points[judged], points, reach):
@@ -390,13 +403,10 @@ def matern_ii(points: np.ndarray, mark: np.ndarray, spacing: Spacing | float) ->
 def greedy(points: np.ndarray, mark: np.ndarray, spacing: Spacing | float) -> np.ndarray:
     """(N,) bool, which trees stay: from the oldest on, those with no tree too near that stays."""
     spacing, age, reach = _prepare(mark, spacing)
-    keep = np.ones(len(points), dtype=bool)
     if reach <= 0 or len(points) < 2:
-        return keep
-    by_age = np.argsort(age)
-    keep[:] = False
-    kept = np.empty(0, dtype=np.int64)
-    start = 0
+        return np.ones(len(points), dtype=bool)
+    by_age, keep = np.argsort(age), np.zeros(len(points), dtype=bool)
+    kept, start = np.empty(0, dtype=np.int64), 0
     while start < len(points):
         batch = by_age[start : start + max(FIRST_BATCH, start)]
         start += len(batch)

@@ -86,10 +86,6 @@ class Process:
             made.__dict__["total"] = Integral(total.value * factor, total.error * factor)
         return made
 
-    def whole(self) -> Intensity:
-        """λ with its factor, as one intensity."""
-        return Product((self.intensity,), self.factor)
-
 
 def quadrature(intensity: Intensity, low: np.ndarray, high: np.ndarray) -> Integral:
     """∫λ over a rectangle by 3 x 3 Gauss points in every cell of a quadtree.
@@ -162,9 +158,9 @@ def sample(process: Process, rng: np.random.Generator, exactly: int | None = Non
             if exactly is None:
                 return _by_component(components, process, rng)
             return _repeat(lambda n: _components_of(components, process, n, rng), exactly)
-    intensity = process.whole()
+    intensity = Product((process.intensity,), process.factor)
     cells = refine(intensity, process.low, process.high, SPARE)
-    cells = cells.where(cells.upper > 0)
+    cells = cells.select(cells.upper > 0)
     if exactly is None:
         counts = rng.poisson(cells.upper * (1 + ROUNDING) * cells.area)
         return _thin(intensity, cells, np.repeat(np.arange(len(cells)), counts), rng)

@@ -30,10 +30,8 @@ def inventory(forest: GrownForest) -> dict[str, list[object]]:
     table = tree_table(forest)
     base = {key: crown_base(tree) for key, tree in forest.variants.items()}
     width = {key: crown_width(tree) for key, tree in forest.variants.items()}
-    stand = forest.stand
-    keys = list(zip(stand.species.tolist(), stand.variant.tolist(), strict=True))
-    sunk, scale = stand.sink.tolist(), stand.scale.tolist()
-    rows = list(zip(keys, sunk, scale, strict=True))
+    stand, keys = forest.stand, forest.keys
+    rows = list(zip(keys, stand.sink.tolist(), stand.scale.tolist(), strict=True))
     more: dict[str, list[object]] = {
         "dbh_m": [
             diameter_at(forest.variants[key].skeleton, (BREAST + deep) / size) * size
@@ -58,8 +56,7 @@ def cylinder_table(forest: GrownForest) -> dict[str, np.ndarray]:
     tables = []
     variants = {key: cylinders_of(tree.skeleton) for key, tree in forest.variants.items()}
     stand = forest.stand
-    keys = zip(stand.species.tolist(), stand.variant.tolist(), strict=True)
-    for number, (key, matrix) in enumerate(zip(keys, forest.transforms(), strict=True)):
+    for number, (key, matrix) in enumerate(zip(forest.keys, forest.transforms(), strict=True)):
         own: Cylinders = variants[key]
         size = float(stand.scale[number])
         start, end = (ends @ matrix[:, :3].T + matrix[:, 3] for ends in (own.start, own.end))
@@ -75,9 +72,8 @@ def cylinder_table(forest: GrownForest) -> dict[str, np.ndarray]:
 def areas_of_trees(forest: GrownForest, edge: float) -> Iterator[CellAreas]:
     """For tree after tree, its areas of leaf (one side) and wood in the cells of a grid, m²."""
     variants = {key: _faces(tree) for key, tree in forest.variants.items()}
-    stand = forest.stand
-    keys = zip(stand.species.tolist(), stand.variant.tolist(), strict=True)
-    for key, matrix, size in zip(keys, forest.transforms(), stand.scale.tolist(), strict=True):
+    sizes = forest.stand.scale.tolist()
+    for key, matrix, size in zip(forest.keys, forest.transforms(), sizes, strict=True):
         columns, triangles, wood, area = variants[key]
         place = matrix[:, :3] @ columns
         place += matrix[:, 3:]
@@ -105,8 +101,14 @@ def voxel_arrays(forest: GrownForest, edge: float) -> dict[str, np.ndarray]:
     """
     of_trees = list(areas_of_trees(forest, edge))
     whole = join_areas(of_trees, len(PARTS))
-    number_of = _Numbers(whole.cell)
-    cells = [number_of(one.cell) for one in of_trees]
+    low = whole.cell.min(axis=0, initial=0)
+    size = tuple((whole.cell.max(axis=0, initial=0) - low + 1).tolist())
+
+    def key(cell: np.ndarray) -> np.ndarray:
+        return np.asarray(np.ravel_multi_index(tuple((cell - low).T), size))
+
+    order, keys = np.argsort(key(whole.cell)), np.sort(key(whole.cell))
+    cells = [order[np.searchsorted(keys, key(one.cell))] for one in of_trees]
     trees = [np.full(len(c), t, np.int32) for c, t in zip(cells, forest.stand.id, strict=True)]
     none = np.empty(0, np.int32)
     return {
@@ -116,23 +118,6 @@ def voxel_arrays(forest: GrownForest, edge: float) -> dict[str, np.ndarray]:
         "tree_cell": np.concatenate([*cells, none]).astype(np.int32),
         "tree": np.concatenate([*trees, none]),
     }
-
-
-class _Numbers:
-    """Row numbers of cells within a table of different cells (K, 3)."""
-
-    def __init__(self, cell: np.ndarray) -> None:
-        self.low = cell.min(axis=0, initial=0)
-        self.size = tuple((cell.max(axis=0, initial=0) - self.low + 1).tolist())
-        key = self._key(cell)
-        self.order = np.argsort(key)
-        self.key = key[self.order]
-
-    def _key(self, cell: np.ndarray) -> np.ndarray:
-        return np.asarray(np.ravel_multi_index(tuple((cell - self.low).T), self.size))
-
-    def __call__(self, cell: np.ndarray) -> np.ndarray:
-        return np.asarray(self.order[np.searchsorted(self.key, self._key(cell))])
 
 
 @dataclass(frozen=True)

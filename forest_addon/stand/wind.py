@@ -17,9 +17,10 @@ about its midrib and nods across it; two close tones of its own make it come and
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TypeVar
 
 import numpy as np
 
@@ -452,6 +453,15 @@ LOWEST_TOP = 1.0  # metres of height for which wind is told
 LEAN = 0.2  # of a tree's height: a top that is farther off no longer moves by small motions
 
 
+Moving = TypeVar("Moving")
+
+
+def _sure(value: Moving | None) -> Moving:
+    """What only trees that move have, of one that does."""
+    assert value is not None
+    return value
+
+
 class ForestSway:
     """Motion of the trees of a grown forest in the wind.
 
@@ -485,7 +495,7 @@ class ForestSway:
 
     def shape(self, tree: int) -> SwayShape | None:
         """The modes of a tree's variant, None of what does not move."""
-        key = self._key(tree)
+        key = self.variant(tree)
         if key not in self._shapes:
             grown, species = self._forest.variants[key], self._forest.species[key[0]]
             self._shapes[key] = _shape(grown, species)
@@ -511,7 +521,7 @@ class ForestSway:
 
     def rig(self, tree: int) -> SwayRig | None:
         """The pieces of a tree's variant that move as one, None of what does not move."""
-        key = self._key(tree)
+        key = self.variant(tree)
         if key not in self._rigs:
             shape = self.shape(tree)
             self._rigs[key] = None if shape is None else rig_of(shape)
@@ -519,25 +529,18 @@ class ForestSway:
 
     def pieces(self, tree: int, mesh: TriMesh) -> np.ndarray:
         """(T,) the piece that each triangle of the mesh of a tree's variant is of; the tree must move."""
-        shape, rig = self.shape(tree), self.rig(tree)
-        assert shape is not None
-        assert rig is not None
-        return piece_of_triangles(shape, rig, mesh)
+        return piece_of_triangles(_sure(self.shape(tree)), _sure(self.rig(tree)), mesh)
 
     def places(self, tree: int, knot: np.ndarray) -> np.ndarray:
         """(K, G, 3, 4) where the pieces of a tree are at knots (K,), whole numbers of 1/32 s.
 
         They are maps from rest in the variant's own frame and size. Between knots pieces go straight.
         """
-        rig = self.rig(tree)
-        assert rig is not None
-        return rig.places(self.amplitudes(tree, knot))
+        return _sure(self.rig(tree)).places(self.amplitudes(tree, knot))
 
     def amplitudes(self, tree: int, knot: np.ndarray) -> np.ndarray:
         """(K, M) amplitudes of a tree's modes at knots (K,), over the tree's size."""
-        response = self.response(tree)
-        assert response is not None
-        knot = np.asarray(knot)
+        response, knot = _sure(self.response(tree)), np.asarray(knot)
         if not np.array_equal(knot, self._knots):  # the same for all trees of a moment
             self._knots = knot.copy()
             self._turned = np.exp(1j * (knot / KNOTS)[:, None] * response.rate)
@@ -550,14 +553,13 @@ class ForestSway:
 
     def variant(self, tree: int) -> tuple[int, int]:
         """The planting and the variant that a tree is of."""
-        return self._key(tree)
+        stand = self._forest.stand
+        return int(stand.species[tree]), int(stand.variant[tree])
 
     def moment(self, tree: int, time: float) -> tuple[np.ndarray, np.ndarray]:
         """(G, 3, 4) where the pieces of a tree are at a time, s, and (G, 3, 4) how fast that changes, 1/s;
         as ``places``, without knots."""
-        rig, response = self.rig(tree), self.response(tree)
-        assert rig is not None
-        assert response is not None
+        rig, response = _sure(self.rig(tree)), _sure(self.response(tree))
         scale = float(self._forest.stand.scale[tree])
         if time != self._moment[0]:  # the same for all trees of a moment
             self._moment = time, np.exp(1j * time * response.rate)
@@ -568,8 +570,7 @@ class ForestSway:
 
     def pieces_at(self, tree: int, points: np.ndarray, leaf: np.ndarray) -> np.ndarray:
         """(N,) the piece that points (N, 3) of a tree's variant are on; leaf : (N,) its leaf, -1 wood."""
-        rig = self.rig(tree)
-        assert rig is not None
+        rig = _sure(self.rig(tree))
         return np.asarray(rig.of_member[self.anchors_of(tree, points, leaf).bone])
 
     def flutter(
@@ -578,9 +579,8 @@ class ForestSway:
         """Foot (N, 3) of leaves of a tree, and by how much they turn about it at a time: vectors (N, 3) in
         radians and their rates, in the variant's frame. Needles do not flutter.
         """
-        shape = self.shape(tree)
-        assert shape is not None
-        species = self._forest.species[self._key(tree)[0]]
+        shape = _sure(self.shape(tree))
+        species = self._forest.species[self.variant(tree)[0]]
         if species.needles is not None or not len(shape.seats.segment):
             none = np.zeros((len(leaf), 3))
             return none, none, none
@@ -593,9 +593,7 @@ class ForestSway:
     ) -> float:
         """Metres in the variant's size that no point of a tree's pieces, in boxes from (G, 3) to (G, 3), is
         off its rest at knots (K,) and between them; left out: ever, all waves in phase."""
-        rig, response = self.rig(tree), self.response(tree)
-        assert rig is not None
-        assert response is not None
+        rig, response = _sure(self.rig(tree)), _sure(self.response(tree))
         middle, half = (low + high) / 2, (high - low) / 2
         off = np.abs(np.einsum("gmij,gj->gmi", rig.maps[..., :3], middle) + rig.maps[..., 3])
         off += np.einsum("gmij,gj->gmi", np.abs(rig.maps[..., :3]), half)
@@ -608,7 +606,7 @@ class ForestSway:
 
     def anchors(self, tree: int) -> Anchors:
         """Anchors of the mesh vertices of a tree's variant, in the order of ``Tree.mesh.vertices``."""
-        key = self._key(tree)
+        key = self.variant(tree)
         if key not in self._anchors:
             mesh = self._forest.variants[key].mesh
             self._anchors[key] = self.anchors_of(tree, mesh.vertices, corner_leaves(mesh))
@@ -645,10 +643,6 @@ class ForestSway:
                 )
         return found
 
-    def _key(self, tree: int) -> tuple[int, int]:
-        stand = self._forest.stand
-        return int(stand.species[tree]), int(stand.variant[tree])
-
     def _reach(self, tree: int) -> float:
         shape, response = self.shape(tree), self.response(tree)
         if shape is None or response is None:
@@ -665,7 +659,9 @@ class ForestSway:
 
     def _moved(self, tree: np.ndarray, at: Anchors, time: np.ndarray, order: int) -> np.ndarray:
         found = np.zeros((len(tree), 3))
-        for number, rows in _by_tree(tree):
+        order_of = np.argsort(tree, kind="stable")
+        numbers, begin = np.unique(np.asarray(tree)[order_of], return_index=True)
+        for number, rows in zip(numbers.tolist(), np.split(order_of, begin[1:]), strict=True):
             shape, response = self.shape(number), self.response(number)
             if shape is None or response is None:
                 continue
@@ -675,45 +671,29 @@ class ForestSway:
         return found
 
     def _of_one(self, tree: int, at: Anchors, time: np.ndarray, order: int) -> np.ndarray:
-        shape, response = self.shape(tree), self.response(tree)
-        assert shape is not None
-        assert response is not None
-        stand = self._forest.stand
-        amplitude = response.amplitudes(time)[order]
-        low, high = self._tables(self._key(tree))
+        shape, stand = _sure(self.shape(tree)), self._forest.stand
+        amplitude = _sure(self.response(tree)).amplitudes(time)[order]
+        kept: dict[str, tuple[np.ndarray, np.ndarray]] = vars(shape)
+        if "_tables" not in kept:
+            kept["_tables"] = shape.ends
+        low, high = kept["_tables"]
         both = low[at.bone]
         both += at.along[:, None, None] * (high - low)[at.bone]
         six = np.einsum("nm,nmi->ni", amplitude, both)
         moved = six[:, :3] + np.cross(six[:, 3:], at.arm)
-        leafy = np.flatnonzero(at.leaf >= 0)
-        if len(leafy):
-            moved[leafy] += self._fluttered(tree, at.select(leafy), time[leafy], order)
+        leafy, scale = np.flatnonzero(at.leaf >= 0), float(stand.scale[tree])
+        if len(leafy) and self._forest.species[self.variant(tree)[0]].needles is None:
+            turns = self._turns(tree, at.leaf[leafy], time[leafy])[order]
+            moved[leafy] += scale * np.cross(turns, at.reach[leafy])
         cos, sin = np.cos(stand.rotation[tree]), np.sin(stand.rotation[tree])
         x, y, z = moved.T
         return np.stack([cos * x - sin * y, sin * x + cos * y, z], axis=1)
-
-    def _tables(self, key: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
-        shape = self._shapes[key]
-        assert shape is not None
-        kept: dict[str, tuple[np.ndarray, np.ndarray]] = vars(shape)
-        if "_tables" not in kept:
-            kept["_tables"] = shape.ends
-        return kept["_tables"]
-
-    def _fluttered(self, tree: int, at: Anchors, time: np.ndarray, order: int) -> np.ndarray:
-        """(N, 3) displacement or velocity of points of leaves about their feet, in the variant's axes."""
-        if self._forest.species[self._key(tree)[0]].needles is not None:
-            return np.zeros((len(at), 3))
-        scale = float(self._forest.stand.scale[tree])
-        return scale * np.cross(self._turns(tree, at.leaf, time)[order], at.reach)
 
     def _turns(
         self, tree: int, leaf: np.ndarray, time: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """(N, 3) vectors that leaves turn by about their feet at times (N,), radians, and their rates."""
-        shape, stand = self.shape(tree), self._forest.stand
-        assert shape is not None
-        seats = shape.seats
+        seats, stand = _sure(self.shape(tree)).seats, self._forest.stand
         tree_key = child_keys(self._first, np.array([tree]))
         key = child_keys(np.broadcast_to(tree_key, leaf.shape), leaf)
         wind = self.field.mean(float(stand.scale[tree]) * seats.foot[leaf, 2])
@@ -754,11 +734,3 @@ def _still(count: int) -> Anchors:
         none - 1,
         np.zeros((count, 3), np.float32),
     )
-
-
-def _by_tree(tree: np.ndarray) -> Iterator[tuple[int, np.ndarray]]:
-    """Each tree with the rows that name it."""
-    tree = np.asarray(tree)
-    order = np.argsort(tree, kind="stable")
-    found, first = np.unique(tree[order], return_index=True)
-    yield from zip(found.tolist(), np.split(order, first[1:]), strict=True)

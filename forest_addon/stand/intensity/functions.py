@@ -19,6 +19,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.special import erf, erfc
 
+from ...base.rows import RowTable
 from .surface import Grid, GroundSurface, IntensityError, IntensitySurface, Pyramid, refuse_pixels
 
 
@@ -155,7 +156,7 @@ MAX_ASPECT = 1024  # cells along the longer side of the first cut
 
 
 @dataclass(frozen=True)
-class QuadtreeCells:
+class QuadtreeCells(RowTable):
     """low, high : (C, 2) corners, metres. lower, upper : (C,) bounds of λ over the closed cells."""
 
     low: np.ndarray
@@ -175,12 +176,6 @@ class QuadtreeCells:
     def gap(self) -> np.ndarray:
         """(C,) trees between what the bounds allow."""
         return np.asarray((self.upper - self.lower) * self.area)
-
-    def where(self, chosen: np.ndarray) -> QuadtreeCells:
-        """Some of the cells."""
-        return QuadtreeCells(
-            self.low[chosen], self.high[chosen], self.lower[chosen], self.upper[chosen]
-        )
 
 
 def refine(
@@ -206,15 +201,10 @@ def refine(
         ).all(axis=1)
         if kept + len(active) + 3 * int(cut.sum()) > MAX_CELLS:
             cut[:] = False
-        done.append(active.where(~cut))
+        done.append(active.select(~cut))
         kept, settled = kept + len(done[-1]), settled + float(gap[~cut].sum())
         active = _bounded(intensity, *_quarters(active.low[cut], middle[cut], active.high[cut]))
-    return QuadtreeCells(
-        *(
-            np.concatenate([getattr(part, n) for part in done])
-            for n in ("low", "high", "lower", "upper")
-        )
-    )
+    return QuadtreeCells.joined(done)
 
 
 def _bounded(intensity: Intensity, low: np.ndarray, high: np.ndarray) -> QuadtreeCells:
@@ -360,15 +350,11 @@ def _ring(corners: Sequence[Sequence[float]] | np.ndarray, name: str) -> np.ndar
         ring = ring[:-1]
     if not np.isfinite(ring).all():
         raise IntensityError(f"{name}: a corner is not finite; mend it")
-    if len(ring) < 3 or _in_line(ring):
+    offset = ring - ring[:1]
+    longest = offset[np.argmax((offset**2).sum(axis=1))] if len(ring) else (0.0, 0.0)
+    if len(ring) < 3 or (offset[:, 0] * longest[1] == offset[:, 1] * longest[0]).all():  # in line
         raise IntensityError(f"{name} has no area; give at least 3 corners that are not in line")
     return ring
-
-
-def _in_line(ring: np.ndarray) -> bool:
-    offset = ring - ring[0]
-    longest = offset[np.argmax((offset**2).sum(axis=1))]
-    return bool((offset[:, 0] * longest[1] == offset[:, 1] * longest[0]).all())
 
 
 def _area(ring: np.ndarray) -> float:
@@ -601,10 +587,8 @@ class TerrainLimits(Mask):
 
     def bounds(self, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         upper = np.ones(len(low))
-        for limits, (least, most) in (
-            (self.altitude, self.terrain.height_bounds(low, high)),
-            (self.steepness, self.terrain.steepness_bounds(low, high)),
-        ):
+        both = self.altitude, self.steepness
+        for limits, (least, most) in zip(both, self.terrain.bounds(low, high), strict=True):
             room = 1e-9 * max(1.0, *(abs(limit) for limit in limits if np.isfinite(limit)))
             upper[(most < limits[0] - room) | (least > limits[1] + room)] = 0.0
         return np.zeros(len(low)), upper

@@ -316,6 +316,9 @@ RING = 24  # places around a trunk's foot where the ground is looked up
 DEEPEST = 4.0  # foot radii that a tree is sunk at most (a foot over a cliff)
 
 
+Bounds = tuple[np.ndarray, np.ndarray]  # the lower and the upper, (C,) each
+
+
 class GroundSurface(Protocol):
     """A height field."""
 
@@ -325,11 +328,8 @@ class GroundSurface(Protocol):
     def gradient(self, points: np.ndarray) -> np.ndarray:
         """(N, 2) derivatives of the height along x and y; NaN where there is no ground."""
 
-    def height_bounds(self, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """True bounds (C,) of the height over cells (C, 2); -inf and inf where unknown."""
-
-    def steepness_bounds(self, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """True bounds (C,) of |gradient| over cells (C, 2)."""
+    def bounds(self, low: np.ndarray, high: np.ndarray) -> tuple[Bounds, Bounds]:
+        """True bounds (C,) of the height, -inf and inf where unknown, and of |gradient| over cells (C, 2)."""
 
     def triangles(self) -> tuple[np.ndarray, np.ndarray] | None:
         """Vertices (V, 3) and triangles (T, 3) to show it by, None where it is flat."""
@@ -376,12 +376,9 @@ class Flat:
     def gradient(self, points: np.ndarray) -> np.ndarray:
         return np.zeros((len(points), 2))
 
-    def height_bounds(self, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        same = np.full(len(low), self.base)
-        return same, same
-
-    def steepness_bounds(self, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        return np.zeros(len(low)), np.zeros(len(low))
+    def bounds(self, low: np.ndarray, high: np.ndarray) -> tuple[Bounds, Bounds]:
+        same, level = np.full(len(low), self.base), np.zeros(len(low))
+        return (same, same), (level, level)
 
     def triangles(self) -> None:
         return None
@@ -409,11 +406,9 @@ class Heightmap:
         inside = self.grid.inside(points)[:, None]
         return np.where(inside, self.grid.gradient(points), np.nan)
 
-    def height_bounds(self, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        return self._heights.over(*self.grid.patches_of(low, high))
-
-    def steepness_bounds(self, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        return self._steepness.over(*self.grid.patches_of(low, high))
+    def bounds(self, low: np.ndarray, high: np.ndarray) -> tuple[Bounds, Bounds]:
+        patches = self.grid.patches_of(low, high)
+        return self._heights.over(*patches), self._steepness.over(*patches)
 
     def triangles(self) -> tuple[np.ndarray, np.ndarray]:
         """Corners at pixel centres and along the edge; two triangles a patch.
@@ -457,11 +452,9 @@ class Triangulated:
         triangle, _ = self.surface.locate(points)
         return np.where(triangle[:, None] >= 0, self._gradient[triangle], np.nan)
 
-    def height_bounds(self, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        return self._heights.over(*self.surface.bins_of(low, high))
-
-    def steepness_bounds(self, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        return self._steepness.over(*self.surface.bins_of(low, high))
+    def bounds(self, low: np.ndarray, high: np.ndarray) -> tuple[Bounds, Bounds]:
+        bins = self.surface.bins_of(low, high)
+        return self._heights.over(*bins), self._steepness.over(*bins)
 
     def triangles(self) -> tuple[np.ndarray, np.ndarray]:
         return self.surface.vertices, self.surface.triangles

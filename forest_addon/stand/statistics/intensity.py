@@ -63,14 +63,12 @@ class Window:
     @cached_property
     def low(self) -> np.ndarray:
         """(2,) smallest x and y."""
-        low: np.ndarray = self.rings[0].min(axis=0)
-        return low
+        return np.asarray(self.rings[0].min(axis=0))
 
     @cached_property
     def high(self) -> np.ndarray:
         """(2,) largest x and y."""
-        high: np.ndarray = self.rings[0].max(axis=0)
-        return high
+        return np.asarray(self.rings[0].max(axis=0))
 
     @property
     def extent(self) -> np.ndarray:
@@ -109,8 +107,7 @@ class Window:
     def contains(self, points: np.ndarray) -> np.ndarray:
         """(N,) bool of points (N, 2), inside or on an edge."""
         if self.is_rectangle:
-            rectangle: np.ndarray = ((points >= self.low) & (points <= self.high)).all(axis=1)
-            return rectangle
+            return np.asarray(((points >= self.low) & (points <= self.high)).all(axis=1))
         within: np.ndarray = self._polygon.at(points) > 0
         outside = np.flatnonzero(~within)
         start, end = self._edges
@@ -131,9 +128,11 @@ class Window:
         z = (x - centre) / deviation. Absolute error 1e-15 a corner.
         """
         if self.is_rectangle:
-            return _moments_over_rectangle(
-                (self.low - centre) / deviation, (self.high - centre) / deviation
-            )
+            low, high = (self.low - centre) / deviation, (self.high - centre) / deviation
+            mass, below, above = ndtr(high) - ndtr(low), _density(low), _density(high)
+            other = mass[:, ::-1]  # x and y are independent
+            square = (mass + low * below - high * above) * other
+            return mass.prod(axis=1), (below - above) * other, square
         start, end = (
             (corner[None] - (centre - self.low)[:, None]) / deviation[:, None]
             for corner in self._edges
@@ -183,8 +182,7 @@ class Window:
         np.add.at(share, (line, column), sign * (column + 1 - cell))
         np.add.at(share, (line, column + 1), sign * (cell - column))
         filled = np.cumsum(share, axis=1)[:, :columns]
-        mean: np.ndarray = filled.reshape(rows, lines, columns).mean(axis=1)
-        return mean
+        return np.asarray(filled.reshape(rows, lines, columns).mean(axis=1))
 
     def set_covariance(self, shift: np.ndarray) -> np.ndarray:
         """(N,) area of the window that overlaps with itself moved by shift (N, 2), m².
@@ -192,13 +190,11 @@ class Window:
         Closed for a rectangle; else read from a table, to 1e-3 of the area.
         """
         if self.is_rectangle:
-            overlap: np.ndarray = np.maximum(self.extent - np.abs(shift), 0.0).prod(axis=1)
-            return overlap
+            return np.asarray(np.maximum(self.extent - np.abs(shift), 0.0).prod(axis=1))
         table, cell = self._overlap_table
         middle = (np.array(table.shape) - 1) / 2
         at = shift[:, ::-1] / cell[::-1] + middle
-        read: np.ndarray = scipy.ndimage.map_coordinates(table, at.T, order=1, mode="constant")
-        return read
+        return np.asarray(scipy.ndimage.map_coordinates(table, at.T, order=1, mode="constant"))
 
     @cached_property
     def _overlap_table(self) -> tuple[np.ndarray, np.ndarray]:
@@ -218,27 +214,16 @@ def overlaps(image: np.ndarray) -> np.ndarray:
     return np.roll(found, (rows - 1, columns - 1), axis=(0, 1))[:-1, :-1]
 
 
-def _moments_over_rectangle(
-    low: np.ndarray, high: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The same between corners (G, 2) in units of z: x and y are independent."""
-    mass, below, above = ndtr(high) - ndtr(low), _density(low), _density(high)
-    other = mass[:, ::-1]
-    return mass.prod(axis=1), (below - above) * other, (mass + low * below - high * above) * other
-
-
 def _triangle(distance: np.ndarray, along: np.ndarray) -> np.ndarray:
     """Signed mass of a standard normal between its centre and a line, from the line's foot to ``along``."""
     far = np.maximum(np.abs(distance), 1e-300)
     ratio = along / far
     mass = np.arctan2(along, far) / (2 * np.pi) - owens_t(far, ratio)
-    signed: np.ndarray = np.sign(distance) * mass
-    return signed
+    return np.asarray(np.sign(distance) * mass)
 
 
 def _density(z: np.ndarray) -> np.ndarray:
-    density: np.ndarray = np.exp(-(z**2) / 2) / np.sqrt(2 * np.pi)
-    return density
+    return np.asarray(np.exp(-(z**2) / 2) / np.sqrt(2 * np.pi))
 
 
 FINEST, COARSEST = 2048, 96  # pixels along the longer side
@@ -375,8 +360,7 @@ def _taps(width: float) -> np.ndarray:
     points have by being spread linearly."""
     reach = int(np.ceil(REACH * width))
     taps = np.exp(-0.5 * np.arange(-reach, reach + 1) ** 2 / (width**2 - 1 / 6))
-    normed: np.ndarray = taps / taps.sum()
-    return normed
+    return np.asarray(taps / taps.sum())
 
 
 def _smooth(image: np.ndarray, kernel: list[np.ndarray]) -> np.ndarray:
@@ -460,7 +444,17 @@ def refit(mixture: FittedMixture, points: np.ndarray) -> FittedMixture:
     data = _Data.of(points, mixture.window)
     if not len(points):
         return data.mixture(_Fit(0.0, np.empty((0, 5)), 0.0))
-    start = data.fit_of(mixture)
+    deviation = mixture.width / np.sqrt(2)
+    mass = data.window.gaussian_moments(mixture.centre, deviation)[0]
+    trees = mixture.peak * np.pi * mixture.width.prod(axis=1) * mass
+    hill = np.column_stack(
+        [
+            np.log(np.maximum(trees, 1e-3)),
+            (mixture.centre - data.middle) / data.side,
+            np.log(deviation / data.side),
+        ]
+    )
+    start = _Fit(mixture.base * data.window.area, hill, mixture.log_likelihood)
     return data.mixture(data.climb(start.scaled(len(points)), REFINING))
 
 
@@ -506,30 +500,14 @@ class _Data:
         unit = Window(tuple((ring - middle) / side for ring in window.rings))
         scaled = (points - middle) / side
         scaled = scaled[np.lexsort(scaled.T)]
-        return _Data(window, unit, middle, side, scaled, _features(scaled), _narrowest(scaled))
-
-    def sketch(self) -> _Data:
-        """Itself, or a part that is fast to fit and the same for the same points."""
-        if len(self.points) <= SKETCH:
-            return self
-        chosen = stream(0, "mixture sketch").permutation(len(self.points))[:SKETCH]
-        return replace(self, points=self.points[chosen], features=self.features[chosen])
+        places, narrowest = np.unique(scaled, axis=0), NARROWEST
+        if len(places) > 1:
+            nearest = cKDTree(places).query(places, k=2)[0][:, 1]
+            narrowest = float(np.clip(np.quantile(nearest, CROWDED) / 2, NARROWEST, 0.1))
+        return _Data(window, unit, middle, side, scaled, _features(scaled), narrowest)
 
     def bic(self, fit: _Fit) -> float:
         return -2 * fit.score + fit.parameters * float(np.log(max(len(self.points), 1)))
-
-    def fit_of(self, mixture: FittedMixture) -> _Fit:
-        deviation = mixture.width / np.sqrt(2)
-        mass = self.window.gaussian_moments(mixture.centre, deviation)[0]
-        trees = mixture.peak * np.pi * mixture.width.prod(axis=1) * mass
-        hill = np.column_stack(
-            [
-                np.log(np.maximum(trees, 1e-3)),
-                (mixture.centre - self.middle) / self.side,
-                np.log(deviation / self.side),
-            ]
-        )
-        return _Fit(mixture.base * self.window.area, hill, mixture.log_likelihood)
 
     def mixture(self, fit: _Fit) -> FittedMixture:
         """A fit in metres. Its likelihood is that of trees per square metre."""
@@ -615,7 +593,10 @@ def _ladder(data: _Data, hills: int | None) -> Iterator[_Fit]:
     best = data.flat()
     yield best
     most = min(MAX_HILLS if hills is None else hills, len(data.points) // TREES_A_HILL)
-    sketch, current, risen = data.sketch(), best, 0
+    sketch, current, risen = data, best, 0
+    if len(data.points) > SKETCH:  # a part that is fast to fit, the same for the same points
+        chosen = stream(0, "mixture sketch").permutation(len(data.points))[:SKETCH]
+        sketch = replace(data, points=data.points[chosen], features=data.features[chosen])
     for _ in range(most):
         starts = list(_with_another_hill(data, current))
         if not starts:
@@ -670,16 +651,7 @@ def _density_of_mixture(fit: _Fit, unit: Window, points: np.ndarray) -> np.ndarr
     mass = np.maximum(unit.gaussian_moments(fit.hill[:, 1:3], deviation)[0], 1e-12)
     peak = fit.hill[:, 0] - np.log(2 * np.pi * mass) - fit.hill[:, 3:].sum(axis=1)
     terms = np.exp(_features(points) @ _quadratic(peak, fit.hill[:, 1:3], deviation))
-    density: np.ndarray = fit.base / unit.area + terms.sum(axis=1)
-    return density
-
-
-def _narrowest(points: np.ndarray) -> float:
-    places = np.unique(points, axis=0)
-    if len(places) < 2:
-        return NARROWEST
-    nearest = cKDTree(places).query(places, k=2)[0][:, 1]
-    return float(np.clip(np.quantile(nearest, CROWDED) / 2, NARROWEST, 0.1))
+    return np.asarray(fit.base / unit.area + terms.sum(axis=1))
 
 
 def _features(points: np.ndarray) -> np.ndarray:
