@@ -357,14 +357,22 @@ def make_library(
     """
     check_name(name)
     brought.check()
-    tell = progress or _say_nothing
+    tell = progress or (lambda _done, _total: None)
     tell(0, 5)
     parts, found, up = _stand(_read_tree(brought), brought.up)
     timber, foliage = parts.wood, parts.leaves
     tell(1, 5)
-    leaf = _leaf_length(found)
+    leaf, leaves = None, found.leaves
+    if leaves.count:
+        mesh = TriMesh.of_part(leaves.vertices, leaves.triangles, LEAF)
+        mesh.leaf[:] = leaves.piece
+        leaf = float(np.median(measure_leaves(mesh).length))
     tall = float(np.ptp(timber[:, :, 2]))
-    scale = _scale(brought, tall, None if found.fronds else leaf)  # a frond's tells no unit
+    scale = infer_unit(tall, None if found.fronds else leaf)  # a frond's tells no unit
+    if brought.height:
+        scale = Unit(brought.height / tall, "units of the height given")
+    elif brought.unit:
+        scale = Unit(UNITS[brought.unit], brought.unit)
     metres = scale.metres
     metric = (timber * metres, None if foliage is None else foliage * metres)
     settings, verdict = Siblings(allometry=allometry_of(name)), None
@@ -395,13 +403,6 @@ def make_library(
         remove(out / "scene.toml")
     tell(5, 5)
     return Library(timber, foliage, found, leaf, scale, habit, species, parts.said, up, verdict)
-
-
-def _scale(brought: Brought, tall: float, leaf: float | None) -> Unit:
-    """The unit of files in which the tree is so high and a leaf so long."""
-    if brought.height:
-        return Unit(brought.height / tall, "units of the height given")
-    return Unit(UNITS[brought.unit], brought.unit) if brought.unit else infer_unit(tall, leaf)
 
 
 def check_name(name: str) -> None:
@@ -453,16 +454,6 @@ def _stand(parts: Sorted, up: str) -> tuple[Sorted, Recognition, str]:
             raise NotUnderstoodError(problem, turned.wood) from None
     assert first is not None
     raise NotUnderstoodError(first, lying) from None
-
-
-def _leaf_length(found: Recognition) -> float | None:
-    """Median length of the leaves in file units, None without leaves."""
-    pieces = found.leaves
-    if not pieces.count:
-        return None
-    mesh = TriMesh.of_part(pieces.vertices, pieces.triangles, LEAF)
-    mesh.leaf[:] = pieces.piece
-    return float(np.median(measure_leaves(mesh).length))
 
 
 def _species_text(name: str, origin: str, leafy: bool) -> str:
@@ -522,7 +513,3 @@ expected = 12
 def _write(path: Path, text: str) -> None:
     with replacing(path) as partial:
         partial.write_text(text, encoding="utf-8")
-
-
-def _say_nothing(_done: int, _total: int) -> None:
-    """In place of a progress bar."""

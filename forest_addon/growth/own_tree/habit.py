@@ -256,7 +256,12 @@ def _table(anatomy: Anatomy, share: np.ndarray, order: int) -> Table:
     parent = anatomy.parent[mine]
     reach = anatomy.lines.reach()
     place = np.linspace(0.0, 1.0, PLACES)
-    smooth = _smoother(share[mine], place)
+    d = share[mine] - place[:, None]  # weights (P, N) of a local linear regression
+    weight = np.exp(-((d / KERNEL) ** 2) / 2) + 1e-9
+    s0, s1, s2 = weight.sum(1), (weight * d).sum(1), (weight * d * d).sum(1)
+    ridge = s2 + 0.05 * KERNEL**2 * s0  # where all lie on one side the slope is held back
+    solved = weight * (ridge[:, None] - s1[:, None] * d)
+    smooth = solved / (ridge * s0 - s1 * s1)[:, None]
     length = np.log(np.maximum(reach[mine] / reach[parent], 1e-9))
     means = smooth @ length, smooth @ anatomy.angle[mine]
     off = [
@@ -270,16 +275,6 @@ def _table(anatomy: Anatomy, share: np.ndarray, order: int) -> Table:
         length_spread=min(BY_CHANCE * off[0], MOST_LENGTH_SPREAD),
         angle_spread=min(BY_CHANCE * off[1], MOST_ANGLE_SPREAD),
     )
-
-
-def _smoother(x: np.ndarray, place: np.ndarray) -> np.ndarray:
-    """(P, N) weights of a local linear regression at places (P,) of values at x (N,)."""
-    d = x - place[:, None]
-    weight = np.exp(-((d / KERNEL) ** 2) / 2) + 1e-9
-    s0, s1, s2 = weight.sum(1), (weight * d).sum(1), (weight * d * d).sum(1)
-    ridge = s2 + 0.05 * KERNEL**2 * s0  # where all lie on one side the slope is held back
-    solved = weight * (ridge[:, None] - s1[:, None] * d)
-    return np.asarray(solved / (ridge * s0 - s1 * s1)[:, None])
 
 
 DBH_SPREAD = 0.145
