@@ -50,9 +50,7 @@ from ..spec import (
     Rows,
     Stems,
     Strauss,
-    quoted_with_hints,
 )
-from .compose import TreeList
 from .intensity.surface import IntensityError
 from .poisson import MAX_POINTS, Process
 
@@ -98,36 +96,6 @@ def _numbers(wanted: int, spacing: float, reach: np.ndarray) -> tuple[int, int]:
         int(np.ceil(reach.min() / spacing - tidy)),
         int(np.floor(reach.max() / spacing + tidy)) + 1,
     )
-
-
-def trees_of(
-    listed: TreeList, names: Sequence[str], every: Sequence[str], source: str
-) -> np.ndarray:
-    """Return which trees (M,) of a list are of a planting.
-
-    names : what the planting may be called in the list. every : all names of all plantings.
-
-    Raises
-    ------
-    IntensityError : a position or scale that is not a number or not positive; a species that nobody plants.
-    """
-    bad = ~np.isfinite(listed.position).all(axis=1)
-    if listed.scale is not None:
-        bad |= listed.scale <= 0
-    if bad.any():
-        raise IntensityError(
-            f"{source}: tree {int(np.argmax(bad)) + 1} has no finite position or no positive scale"
-        )
-    if listed.species is None:
-        return np.arange(len(listed))
-    unknown = sorted(set(listed.species) - set(every))
-    if unknown:
-        are = "is" if len(unknown) == 1 else "are"
-        raise IntensityError(
-            f"{source}: the species {quoted_with_hints(unknown, every)} {are} not planted; use one of "
-            f"{', '.join(every)}"
-        )
-    return np.flatnonzero(np.isin(np.array(listed.species), list(names)))
 
 
 def told_of(planting: Planting, numbers: np.ndarray, name: str) -> np.ndarray:
@@ -200,16 +168,13 @@ def k_of_clusters(radius: np.ndarray, clusters: Clusters) -> np.ndarray:
     if clusters.kind == "thomas":
         share = -np.expm1(-((radius / (2 * clusters.spread)) ** 2))
     else:
-        share = _within_disc(radius / (2 * clusters.spread))
+        z = np.minimum(radius / (2 * clusters.spread), 1.0)
+        root = np.sqrt(1 - z**2)
+        bent = (8 * z**2 - 4) * np.arccos(z) - 2 * np.arcsin(z) + 4 * z * root**3 - 6 * z * root
+        share = (
+            2 + bent / np.pi
+        )  # that two even points of a disc are nearer than z times its diameter
     return np.asarray(np.pi * radius**2 + share / clusters.groups)
-
-
-def _within_disc(z: np.ndarray) -> np.ndarray:
-    """The chance that two even points of a disc are nearer than z times its diameter."""
-    z = np.minimum(z, 1.0)
-    root = np.sqrt(1 - z**2)
-    bent = (8 * z**2 - 4) * np.arccos(z) - 2 * np.arcsin(z) + 4 * z * root**3 - 6 * z * root
-    return np.asarray(2 + bent / np.pi)
 
 
 Activity = Callable[[np.ndarray], np.ndarray]

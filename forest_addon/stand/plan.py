@@ -15,10 +15,10 @@ from scipy.spatial import cKDTree
 
 from ..base.rng import stream
 from ..base.rows import RowTable
-from ..spec import Forest, Planting, SpecError
+from ..spec import Forest, Planting, SpecError, quoted_with_hints
 from .compose import Inputs, TreeList, area_of, corners_of, masks_of, process_of
 from .intensity.surface import GroundSurface, IntensityError
-from .layouts import is_cleared, orchard, sample_clusters, sample_strauss, told_of, trees_of
+from .layouts import is_cleared, orchard, sample_clusters, sample_strauss, told_of
 from .poisson import Integral, Process, sample
 
 OF_PLANTING = ("too_near", "off_ground", "off_field", "expected", "error")
@@ -322,9 +322,25 @@ def chosen_of(
     IntensityError : a tree of the list that cannot stand; a species that nobody plants.
     """
     planting = plantings[number]
-    every = [*dict.fromkeys([*names, *(p.species for p in plantings)])]
     source = planting.trees or planting.collection
-    return trees_of(listed, (names[number], planting.species), every, source)
+    bad = ~np.isfinite(listed.position).all(axis=1)
+    if listed.scale is not None:
+        bad |= listed.scale <= 0
+    if bad.any():
+        raise IntensityError(
+            f"{source}: tree {int(np.argmax(bad)) + 1} has no finite position or no positive scale"
+        )
+    if listed.species is None:
+        return np.arange(len(listed))
+    every = [*dict.fromkeys([*names, *(p.species for p in plantings)])]
+    unknown = sorted(set(listed.species) - set(every))
+    if unknown:
+        are = "is" if len(unknown) == 1 else "are"
+        raise IntensityError(
+            f"{source}: the species {quoted_with_hints(unknown, every)} {are} not planted; use one of "
+            f"{', '.join(every)}"
+        )
+    return np.flatnonzero(np.isin(np.array(listed.species), [names[number], planting.species]))
 
 
 PORTION = 2_000_000  # pairs at once, about

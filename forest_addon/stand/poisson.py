@@ -227,24 +227,19 @@ def _thin(
     points += cells.low[cell]
     np.minimum(points, cells.high[cell], out=points)  # rounding must not leave the cell
     value, bound = intensity.at(points), (cells.upper * (1 + ROUNDING))[cell]
-    _refuse(points, value, bound)
-    return points[rng.random(len(cell)) * bound < value]
-
-
-def _refuse(points: np.ndarray, value: np.ndarray, bound: np.ndarray) -> None:
     bad = ~((value >= 0) & (value <= bound))
-    if not bad.any():
-        return
-    k = int(np.argmax(bad))
-    x, y = points[k].tolist()
-    if value[k] > bound[k]:
-        raise BoundViolation(
-            f"the intensity at ({x:.6g}, {y:.6g}) is {value[k]:.6g} trees/m², above its bound of "
-            f"{bound[k]:.6g}; its bounds() is wrong, so no sample would be exact"
+    if bad.any():
+        k = int(np.argmax(bad))
+        x, y = points[k].tolist()
+        if value[k] > bound[k]:
+            raise BoundViolation(
+                f"the intensity at ({x:.6g}, {y:.6g}) is {value[k]:.6g} trees/m², above its bound of "
+                f"{bound[k]:.6g}; its bounds() is wrong, so no sample would be exact"
+            )
+        raise IntensityError(
+            f"the intensity at ({x:.6g}, {y:.6g}) is {value[k]:g} trees/m²; it must be 0 or larger"
         )
-    raise IntensityError(
-        f"the intensity at ({x:.6g}, {y:.6g}) is {value[k]:g} trees/m²; it must be 0 or larger"
-    )
+    return points[rng.random(len(cell)) * bound < value]
 
 
 def _repeat(draw: Callable[[int], np.ndarray], exactly: int) -> np.ndarray:

@@ -18,7 +18,7 @@ from ..growth.likeness import crown_base, crown_width
 from ..growth.measured.allometry import BREAST, stem_profile
 from ..growth.mesh.cells import CellAreas, areas_by_cell, join_areas, triangle_areas
 from ..growth.mesh.leaves import Leaves
-from ..growth.skeleton import Cylinders, Skeleton, cylinders_of, diameter_at
+from ..growth.skeleton import Skeleton, diameter_at, find_axes
 from ..growth.tree import Tree
 from .forest import GrownForest, stacked, tree_table
 
@@ -54,16 +54,16 @@ def cylinder_table(forest: GrownForest) -> dict[str, np.ndarray]:
     grafted from templates, trunk and first-level branches only (``all_branches`` of the inventory is 0).
     """
     tables = []
-    variants = {key: cylinders_of(tree.skeleton) for key, tree in forest.variants.items()}
+    tied = {key: _tied(tree.skeleton) for key, tree in forest.variants.items()}
     stand = forest.stand
     for number, (key, matrix) in enumerate(zip(forest.keys, forest.transforms(), strict=True)):
-        own: Cylinders = variants[key]
-        size = float(stand.scale[number])
-        start, end = (ends @ matrix[:, :3].T + matrix[:, 3] for ends in (own.start, own.end))
-        length, radius = own.length * size, own.equal_radius * size
+        wood, size = forest.variants[key].skeleton, float(stand.scale[number])
+        start, end = (ends @ matrix[:, :3].T + matrix[:, 3] for ends in (wood.start, wood.end))
+        length, radius = wood.length * size, wood.equal_radius * size
         tables.append(
             cylinder_columns(
-                int(stand.id[number]), own, (start, end), own.radius * size, radius, length
+                *(int(stand.id[number]), tied[key], (start, end)),
+                *(wood.radius * size, radius, length),
             )
         )
     return stacked(tables)
@@ -279,7 +279,7 @@ def placed_cylinders(trees: PlacedTrees) -> dict[str, np.ndarray]:
     tables = []
     for row, (index, matrix) in enumerate(zip(trees.index.tolist(), trees.transform, strict=True)):
         grown = trees.grown[index]
-        own, world = cylinders_of(grown.skeleton), placed_skeleton(grown, matrix)
+        own, world = _tied(grown.skeleton), placed_skeleton(grown, matrix)
         r1, r2 = world["radius"].T
         radius = np.sqrt((r1**2 + r1 * r2 + r2**2) / 3)
         length = np.linalg.norm(world["end"] - world["start"], axis=1)
@@ -290,9 +290,21 @@ def placed_cylinders(trees: PlacedTrees) -> dict[str, np.ndarray]:
     return stacked(tables)
 
 
+def _tied(skeleton: Skeleton) -> dict[str, np.ndarray]:
+    """Columns (S,) that say how the cylinders of a tree hang together, counted from 1; 0 is none."""
+    axes = find_axes(skeleton)
+    return {
+        "cyl_ID": np.arange(1, len(skeleton) + 1),
+        "parent_ID": skeleton.parent + 1,
+        "extension_ID": axes.onward + 1,
+        "axis_ID": axes.of_segment + 1,
+        "branching_order": skeleton.order,
+    }
+
+
 def cylinder_columns(
     tree: int,
-    own: Cylinders,
+    own: dict[str, np.ndarray],
     ends: tuple[np.ndarray, np.ndarray],
     radii: np.ndarray,
     radius: np.ndarray,
@@ -300,15 +312,11 @@ def cylinder_columns(
 ) -> dict[str, np.ndarray]:
     """Columns (S,) of the cylinders of a tree in the world, by the names of ``stand.truth.cylinder_table``.
 
-    ends : (S, 3) each, m. radii : (S, 2) at both ends, and radius (S,) of equal volume, m. length : (S,) m.
+    own : as ``_tied`` tells. ends : (S, 3) each, m. radii : (S, 2) at both ends, and radius (S,) of equal volume, m. length : (S,) m.
     """
     return {
-        "tree": np.full(len(own), tree),
-        "cyl_ID": np.arange(1, len(own) + 1),
-        "parent_ID": own.parent + 1,
-        "extension_ID": own.extension + 1,
-        "axis_ID": own.axis + 1,
-        "branching_order": own.order,
+        "tree": np.full(len(length), tree),
+        **own,
         **{f"start{axis}": ends[0][:, k] for k, axis in enumerate("XYZ")},
         **{f"end{axis}": ends[1][:, k] for k, axis in enumerate("XYZ")},
         "radius_cyl": radius,

@@ -80,19 +80,15 @@ class Mixture(Intensity):
         return lower, upper
 
     def closed_integral(self, low: np.ndarray, high: np.ndarray) -> float:
-        spans = _erf_between((low - self.centre) / self.width, (high - self.centre) / self.width)
+        a, b = (low - self.centre) / self.width, (high - self.centre) / self.width
+        right, left = a > 0, b < 0  # in a tail by erfc, where erf has no digits left
+        near, far = np.where(left, -b, a), np.where(left, -a, b)
+        spans = np.where(right | left, erfc(near) - erfc(far), erf(b) - erf(a))
         return float(self.peak @ np.prod(self.width * np.sqrt(np.pi) / 2 * spans, axis=1))
 
     def whole(self) -> np.ndarray:
         """(G,) ∫ of each hill over the plane, C·π·h·l."""
         return np.asarray(self.peak * np.pi * self.width.prod(axis=1))
-
-
-def _erf_between(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """erf(b) - erf(a) for a <= b; in a tail by erfc, where erf has no digits left."""
-    right, left = a > 0, b < 0
-    near, far = np.where(left, -b, a), np.where(left, -a, b)
-    return np.where(right | left, erfc(near) - erfc(far), erf(b) - erf(a))
 
 
 @dataclass(frozen=True)
@@ -372,7 +368,11 @@ def _refuse_crossings(
     for first in range(0, len(start), rows):
         mine = every[first : first + rows]
         a, b = start[mine, None], end[mine, None]
-        meet = _meet(a, b, start[None], end[None])
+        c, d = start[None], end[None]  # closed segments ab and cd have a point in common:
+        meet = (
+            (np.minimum(a, b) <= np.maximum(c, d)) & (np.minimum(c, d) <= np.maximum(a, b))
+        ).all(-1)
+        meet &= (_side(a, b, c) * _side(a, b, d) <= 0) & (_side(c, d, a) * _side(c, d, b) <= 0)
         # Neighbours share a corner; they may not fold back over each other.
         after = follower[mine, None] == every
         before = follower == mine[:, None]
@@ -395,15 +395,6 @@ def _refuse_crossings(
 def _side(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:
     ab, ac = b - a, c - a
     return np.asarray(ab[..., 0] * ac[..., 1] - ab[..., 1] * ac[..., 0])
-
-
-def _meet(a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray) -> np.ndarray:
-    """Return whether the closed segments ab and cd have a point in common."""
-    boxes = ((np.minimum(a, b) <= np.maximum(c, d)) & (np.minimum(c, d) <= np.maximum(a, b))).all(
-        axis=-1
-    )
-    apart = (_side(a, b, c) * _side(a, b, d) > 0) | (_side(c, d, a) * _side(c, d, b) > 0)
-    return np.asarray(boxes & ~apart)
 
 
 def _odd(start: np.ndarray, end: np.ndarray, places: np.ndarray) -> np.ndarray:
