@@ -96,7 +96,10 @@ def portray(tree: Outline | Tree) -> Portrait:
         numbers["leaf area, m²"] = float(area.sum())
         facing = np.clip(np.abs(leaves.normal[:, 2]), 0.0, 1.0)
         samples["inclination of a leaf, deg"] = np.rad2deg(np.arccos(facing))
-    place, weight = _along(wood, wood.order > 0)
+    part, aloft = (np.arange(SAMPLES) + 0.5) / SAMPLES, wood.order > 0
+    low, high = wood.start[aloft, 2], wood.end[aloft, 2]
+    place = (low[:, None] + part * (high - low)[:, None]).ravel()
+    weight = np.repeat(wood.length[aloft] / SAMPLES, SAMPLES)
     profiles = {"branch length": _profile(place, weight, height)}
     if len(leaves):
         profiles["leaf area"] = _profile(leaves.centre[:, 2], area, height)
@@ -141,14 +144,6 @@ def crown_base(tree: Outline | Tree) -> float:
 def trunk_radius(wood: Skeleton, height: float) -> float:
     """Radius of the trunk at a height, of the first of several stems; 0 above its tip."""
     return float(next(iter(stem_radii(wood, height)), 0.0))
-
-
-def _along(wood: Skeleton, which: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Heights of places along segments, and the length that each stands for."""
-    part = (np.arange(SAMPLES) + 0.5) / SAMPLES
-    low, high = wood.start[which, 2], wood.end[which, 2]
-    place = low[:, None] + part * (high - low)[:, None]
-    return place.ravel(), np.repeat(wood.length[which] / SAMPLES, SAMPLES)
 
 
 def _profile(place: np.ndarray, weight: np.ndarray, height: float) -> np.ndarray:

@@ -277,13 +277,16 @@ class ForestPlan:
 
     def placed(self, variants: Mapping[tuple[int, int], Tree]) -> Stand:
         """The stand with every tree in the size that it is to have, its foot in the ground."""
-        stand = _sized(self.measured.stand, variants, self.measured.trees)
-        foot = np.zeros(len(stand))
+        stand, wanted = self.measured.stand, self.measured.trees
+        scale, foot = stand.scale.copy(), np.zeros(len(stand))
         for (planting, variant), tree in variants.items():
             mine = (stand.species == planting) & (stand.variant == variant)
-            foot[mine] = float(tree.skeleton.radius[:1, 0].sum()) * stand.scale[mine]
+            met = mine & np.isfinite(wanted[:, 0])  # those that have a diameter to meet
+            if met.any() and len(tree.skeleton):
+                scale[met] = scales_for(tree.skeleton, wanted[met, 0])
+            foot[mine] = float(tree.skeleton.radius[:1, 0].sum()) * scale[mine]
         ground = self.inputs.ground(self.scene.forest.terrain.base)
-        return replace(stand, sink=sink(ground, stand.position[:, :2], foot))
+        return replace(stand, scale=scale, sink=sink(ground, stand.position[:, :2], foot))
 
 
 def grow_forest(
@@ -299,16 +302,6 @@ def grow_forest(
 def keys_of(stand: Stand) -> list[tuple[int, int]]:
     """(planting, variant) of all trees that stand, each once, in order."""
     return sorted({(int(s), int(v)) for s, v in zip(stand.species, stand.variant, strict=True)})
-
-
-def _sized(stand: Stand, variants: Mapping[tuple[int, int], Tree], wanted: np.ndarray) -> Stand:
-    """The stand with every tree that has a diameter to meet in the size at which it meets it."""
-    scale = stand.scale.copy()
-    for (planting, variant), tree in variants.items():
-        mine = (stand.species == planting) & (stand.variant == variant) & np.isfinite(wanted[:, 0])
-        if mine.any() and len(tree.skeleton):
-            scale[mine] = scales_for(tree.skeleton, wanted[mine, 0])
-    return replace(stand, scale=scale)
 
 
 def leaf_table(forest: GrownForest) -> dict[str, np.ndarray]:

@@ -275,21 +275,18 @@ def _refuse_units(source: str, law: Allometry, told: np.ndarray) -> None:
 
 def _scores(stand: Stand, groups: Sequence[_MeasuredGroup]) -> np.ndarray:
     """(N,) competition of all trees that are to measure something; 0 of others."""
-    found = np.zeros(len(stand))
-    rows, dbh, height, width = [], [], [], []
+    found, size = np.zeros(len(stand)), np.full((len(stand), 3), np.nan)  # dbh, height, width
     for group in groups:
         if group.law is not None:
-            middles = [np.exp(middle(getattr(group.law, n), group.dbh)) for n in MEASURES[:2]]
-            told = np.isfinite(group.given)
-            rows.append(group.rows)
-            dbh.append(group.dbh)
-            height.append(np.where(told[:, 0], group.given[:, 0], middles[0]))
-            width.append(np.where(told[:, 1], group.given[:, 1], middles[1]))
-    if rows:
-        all_rows = np.concatenate(rows)
-        place = stand.position[all_rows, :2]
-        canopy = canopy_of(np.concatenate(dbh))
-        found[all_rows] = score(place, np.concatenate(height), np.concatenate(width), canopy)
+            laws = [getattr(group.law, name) for name in MEASURES[:2]]
+            middles = np.column_stack([np.exp(middle(law, group.dbh)) for law in laws])
+            given = group.given[:, :2]
+            size[group.rows, 0] = group.dbh
+            size[group.rows, 1:] = np.where(np.isfinite(given), given, middles)
+    rows = np.flatnonzero(np.isfinite(size[:, 0]))
+    if len(rows):
+        dbh, height, width = np.ascontiguousarray(size[rows].T)
+        found[rows] = score(stand.position[rows, :2], height, width, canopy_of(dbh))
     return found
 
 

@@ -312,7 +312,8 @@ def cylinder_columns(
 ) -> dict[str, np.ndarray]:
     """Columns (S,) of the cylinders of a tree in the world, by the names of ``stand.truth.cylinder_table``.
 
-    own : as ``_tied`` tells. ends : (S, 3) each, m. radii : (S, 2) at both ends, and radius (S,) of equal volume, m. length : (S,) m.
+    own : as ``_tied`` tells. ends : (S, 3) each, m. radii : (S, 2) at both ends, and radius (S,) of equal
+    volume, m. length : (S,) m.
     """
     return {
         "tree": np.full(len(length), tree),

@@ -80,19 +80,19 @@ def parse(symbols: np.ndarray, dialect: str = "tanveer-2020a") -> tuple[np.ndarr
     opens, closes = np.isin(symbols, list(_OPENING[dialect])), symbols == ord(")")
     if closes[-1:].any() and closes.sum() > opens.sum():  # the axiom's own closes nothing
         symbols, opens, closes = symbols[:-1], opens[:-1], closes[:-1]
-    paths = find_paths(opens, closes)
-    drawn = np.isin(symbols[paths.command], list(b"dg"))
+    command, follows, _, _ = find_paths(opens, closes)
+    drawn = np.isin(symbols[command], list(b"dg"))
     # The step that drew the segment on which each step stands, itself where none did.
-    stands = root_of(np.where(drawn, -1, paths.before))
+    stands = root_of(np.where(drawn, -1, follows))
     number = np.append(np.where(drawn, np.cumsum(drawn) - 1, -1), -1)
-    before = paths.before[drawn]
+    before = follows[drawn]
     turned = np.isin(symbols, list(_ROLE))
     last = np.maximum.accumulate(np.where(turned, np.arange(len(symbols)), -1))
     roles = np.zeros(256, np.int64)
     roles[list(_ROLE)] = list(_ROLE.values())
     role = np.where(last < 0, CENTRE, roles[symbols[np.maximum(last, 0)]])
     parent = np.where(before < 0, -1, number[stands[before]])
-    return parent, role[paths.command[drawn]]
+    return parent, role[command[drawn]]
 
 
 @lru_cache(maxsize=16)

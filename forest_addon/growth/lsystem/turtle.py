@@ -119,19 +119,11 @@ SIMLIDAR = Dialect(
 DIALECTS = {"ABOP": ABOP, "simlidar": SIMLIDAR}
 
 
-@dataclass(frozen=True)
-class Commands:
-    """Commands of the turtle, symbol after symbol, without those that are passed over.
-
-    kind : (C,) int8. number : (C, 2) float64, NaN where a command has none.
-    """
-
-    kind: np.ndarray
-    number: np.ndarray
+Commands = tuple[np.ndarray, np.ndarray]  # kind (C,) int8, number (C, 2) float64, NaN for none
 
 
 def read_commands(word: Word, symbols: Sequence[str], known: Mapping[str, float]) -> Commands:
-    """The commands of a string.
+    """The commands of a string, symbol after symbol, without those that are passed over.
 
     symbols : entries of a dialect; of two for the same letter the later counts.
     known : names that entries may use besides a letter's own numbers.
@@ -163,7 +155,7 @@ def read_commands(word: Word, symbols: Sequence[str], known: Mapping[str, float]
         for rank, expression in enumerate(expressions):
             number[where, rank] = expression({**known, **own})
     kept = kind != SKIP
-    return Commands(kind[kept], number[kept])
+    return kind[kept], number[kept]
 
 
 def _read_meaning(
@@ -212,7 +204,7 @@ def join_commands(commands: Commands) -> Steps:
     ------
     GrammarError : an outline closes that was not opened.
     """
-    kind, number = commands.kind, commands.number
+    kind, number = commands
     opens = kind == OUTLINE
     depth = np.cumsum(opens.astype(np.int64) - (kind == CLOSE))
     if len(depth) and depth.min() < 0:
@@ -264,27 +256,17 @@ def product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return out
 
 
-@dataclass(frozen=True)
-class Paths:
-    """The tree of P steps; closing brackets are left out.
-
-    command : (P,) number of the step in the string, ascending.
-    before : (P,) which of the P the turtle does before it, -1 where it starts.
-    branch : (P,) number of the pair of brackets that it stands in, 0 outside all. A bracket that opens
-        counts to the branch that it opens.
-    parent : (B,) branch that each branch leaves, -1 for branch 0; a parent has a smaller number.
-    """
-
-    command: np.ndarray
-    before: np.ndarray
-    branch: np.ndarray
-    parent: np.ndarray
-
-
-def find_paths(opens: np.ndarray, closes: np.ndarray) -> Paths:
-    """The paths of commands, given which of them (C,) open and which close a bracket.
+def find_paths(opens: np.ndarray, closes: np.ndarray) -> tuple[np.ndarray, ...]:
+    """The tree of commands, given which of them (C,) open and which close a bracket.
 
     Brackets that stay open are closed by the end of the string.
+
+    Returns
+    -------
+    (P,) commands that are no closing brackets, ascending; (P,) which of the P the turtle does before each,
+    -1 where it starts; (P,) number of the pair of brackets that it stands in, 0 outside all, where a bracket
+    that opens counts to the branch that it opens; (B,) branch that each branch leaves, -1 for branch 0: a
+    parent has a smaller number.
 
     Raises
     ------
@@ -313,7 +295,7 @@ def find_paths(opens: np.ndarray, closes: np.ndarray) -> Paths:
     before, branch = np.empty((2, count), np.int64)
     before[by_depth], branch[by_depth] = previous, np.cumsum(rank_opens)
     parent = np.append(-1, np.where(outside, 0, branch[previous[heads]]))
-    return Paths(command, before, branch, parent)
+    return command, before, branch, parent
 
 
 @dataclass(frozen=True)
@@ -348,12 +330,13 @@ def walk(
     GrammarError : brackets do not match, or a diameter is negative.
     """
     steps = join_commands(commands)
-    paths = find_paths(steps.opens, steps.closes)
-    steps = steps.select(paths.command)  # without closing brackets
+    command, before, branch, parent = find_paths(steps.opens, steps.closes)
+    steps = steps.select(command)  # without closing brackets
     kind, number, outline = steps.kind, steps.number, steps.outline
     drawn = (kind == DRAW) & (outline < 0)
     skeleton, turn, place, last = _states(
-        steps, drawn, paths, diameter, np.asarray(tropism, np.float64), elasticity
+        *(steps, drawn, before, branch, diameter),
+        *(np.asarray(tropism, np.float64), elasticity),
     )
     bears = (kind == LEAF) & (outline < 0)
     outlines, begins = np.unique(outline, return_index=True)
@@ -368,13 +351,14 @@ def walk(
         segment=last[leaf],
     )
     _measure_outlines(leaves, leaf, outline, place)
-    return Walk(skeleton, leaves, paths.branch[drawn], paths.branch[leaf], paths.parent)
+    return Walk(skeleton, leaves, branch[drawn], branch[leaf], parent)
 
 
 def _states(
     steps: Steps,
     drawn: np.ndarray,
-    paths: Paths,
+    after: np.ndarray,
+    branch: np.ndarray,
     diameter: float,
     tropism: np.ndarray,
     elasticity: float,
@@ -382,17 +366,17 @@ def _states(
     """The segments; and, of the turtle after each of P steps, the quaternion (4, P) from its frame to the
     world, its place (P, 3), and the segment (P,) drawn last.
 
-    Level by level, in arrays sorted by level; place 0 is the turtle before all steps.
+    after : (P,) the step that each one follows. Level by level, in arrays sorted by level; place 0 is the
+        turtle before all steps.
     """
-    count, depth = len(steps.kind), depths(paths.before)
+    count, depth = len(steps.kind), depths(after)
     by_level = np.argsort(depth, kind="stable")
     slot = np.zeros(count + 1, np.int64)  # where each step's state is; the last is "none before"
     slot[by_level] = np.arange(1, count + 1)
-    before = slot[paths.before[by_level]]
+    before, branch = slot[after[by_level]], branch[by_level]
     own = (np.cumsum(drawn) - 1)[by_level]  # number of the segment that a step draws
     kind, number, draws = steps.kind[by_level], steps.number[by_level], drawn[by_level]
     local, factor, offset = steps.turn[by_level].T, steps.factor[by_level], steps.offset[by_level]
-    branch = paths.branch[by_level]
 
     reach = np.where((kind == DRAW) | (kind == MOVE), number[:, 0], 0.0)
     levels_left = kind == LEVEL
@@ -432,7 +416,7 @@ def _states(
     given = number[row - 1, 1]
     radius = np.where(np.isnan(given), width[row], given) / 2
     skeleton = Skeleton(
-        start=place[slot[paths.before[drawn]]],
+        start=place[slot[after[drawn]]],
         end=place[row],
         radius=np.stack([radius, radius], axis=1),
         parent=parent[row],

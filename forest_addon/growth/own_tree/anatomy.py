@@ -150,7 +150,17 @@ def _knots(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Line and share of every knot that is kept, ascending."""
     count = len(lines.first) - 1
-    wanted = _enough(lines, trunk)
+    # A line of length l that bends by b in all is off n chords by about l·b/(8n²); trunks keep all stretches.
+    size, of = np.diff(lines.first), lines.line
+    knot = np.arange(len(lines.length)) + of
+    way = (lines.knot[knot + 1] - lines.knot[knot]) / np.maximum(lines.length, 1e-12)[:, None]
+    bent = np.arccos(np.clip(np.einsum("ni,ni->n", way[1:], way[:-1]), -1.0, 1.0))
+    within = of[1:] == of[:-1]
+    total = np.bincount(of[1:][within], bent[within], count)
+    thin = np.add.reduceat(lines.radius, lines.first[:-1] + np.arange(count)) / (size + 1)
+    off = np.sqrt(total * lines.reach() / (8 * OFF_AXIS * np.maximum(thin, 1e-9)))
+    wanted = np.ceil(np.maximum(np.maximum(total / STRAIGHT, off), FEWEST)).astype(np.int64)
+    wanted = np.where(trunk, size, np.minimum(wanted, size))
     line = np.repeat(np.arange(count), wanted + 1)
     rank = np.arange(len(line)) - bounds(wanted + 1)[line]
     share = rank / wanted[line]
@@ -166,23 +176,6 @@ def _knots(
     apart = np.diff(share, prepend=-1.0) > SHORTEST
     kept = ~inside | (apart & (share < 1.0 - SHORTEST))
     return line[kept], share[kept]
-
-
-def _enough(lines: Lines, trunk: np.ndarray) -> np.ndarray:
-    """(C,) stretches that a line needs: all of trunks, else as it is bent.
-
-    A line of length l that bends by b in all is off n chords by about l·b/(8n²).
-    """
-    size, line = np.diff(lines.first), lines.line
-    knot = np.arange(len(lines.length)) + line
-    way = (lines.knot[knot + 1] - lines.knot[knot]) / np.maximum(lines.length, 1e-12)[:, None]
-    bent = np.arccos(np.clip(np.einsum("ni,ni->n", way[1:], way[:-1]), -1.0, 1.0))
-    within = line[1:] == line[:-1]
-    total = np.bincount(line[1:][within], bent[within], len(size))
-    thin = np.add.reduceat(lines.radius, lines.first[:-1] + np.arange(len(size))) / (size + 1)
-    off = np.sqrt(total * lines.reach() / (8 * OFF_AXIS * np.maximum(thin, 1e-9)))
-    wanted = np.ceil(np.maximum(np.maximum(total / STRAIGHT, off), FEWEST)).astype(np.int64)
-    return np.where(trunk, size, np.minimum(wanted, size))
 
 
 GROUND = np.eye(3)  # the frame that a trunk stands in

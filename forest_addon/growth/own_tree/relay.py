@@ -121,17 +121,27 @@ def _wood(anatomy: Anatomy, grown: Grown) -> TriMesh:
     )
     matrix = matrix.reshape(-1, 9)
     after = np.minimum(np.arange(len(matrix)) + 1, (lines.first[1:] - 1)[lines.line])
-    columns = [
+    matrix, onward, start, way = (
         np.ascontiguousarray(held.T) for held in (matrix, matrix[after] - matrix, start, way)
-    ]
+    )
     place = np.empty((len(vertex), 3))
     for begin in range(0, len(vertex), BLOCK):
         rows = slice(begin, begin + BLOCK)
         of, first = vertex[rows], lines.first[owner[rows]]
         on, bone = first + wood.stretch[of], first + wood.bone[of]
-        place[rows] = _carried(
-            columns, wood.stock.place[of], on, wood.part[of], bone, wood.weight[of]
-        )
+        offset = np.ascontiguousarray(wood.stock.place[of].T)
+        part, weight = wood.part[of], wood.weight[of]
+        for axis in range(3):  # by column, for speed
+            total = way[axis][on]
+            total *= part
+            total += start[axis][on]
+            for k, value in enumerate(offset):
+                held = onward[3 * axis + k][bone]
+                held *= weight
+                held += matrix[3 * axis + k][bone]
+                held *= value
+                total += held
+            place[rows, axis] = total
     return replace(mesh, vertices=place, order=grown.order.astype(np.int8)[of_triangle])
 
 
@@ -150,32 +160,6 @@ def _carried_in(anatomy: Anatomy, grown: Grown, wood: TriMesh) -> tuple[TriMesh,
         moved = off > OFF
         place[row[moved]] = (bark + SUNK * (axis - bark))[moved]
     return replace(wood, vertices=place), far
-
-
-def _carried(
-    columns: list[np.ndarray],
-    place: np.ndarray,
-    on: np.ndarray,
-    part: np.ndarray,
-    bone: np.ndarray,
-    weight: np.ndarray,
-) -> np.ndarray:
-    """(V, 3) places of vertices seen from their lines (V, 3), by column for speed."""
-    matrix, onward, start, way = columns
-    moved = np.empty_like(place)
-    offset = np.ascontiguousarray(place.T)
-    for axis in range(3):
-        total = way[axis][on]
-        total *= part
-        total += start[axis][on]
-        for k, value in enumerate(offset):
-            held = onward[3 * axis + k][bone]
-            held *= weight
-            held += matrix[3 * axis + k][bone]
-            held *= value
-            total += held
-        moved[:, axis] = total
-    return moved
 
 
 def hang_leaves(anatomy: Anatomy, grown: Grown, variety: float) -> HungLeaves:

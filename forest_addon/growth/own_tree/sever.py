@@ -86,35 +86,26 @@ def band_width(pieces: Pieces) -> float:
 def slice_up(pieces: Pieces, distance: np.ndarray, width: float) -> Slices:
     """Slices between levels ``width`` apart of a ``distance`` (V,) that has no minimum but the roots."""
     band = (distance / width).astype(np.int64)
-    one, other = pieces.edges.T.astype(np.int64)
-    swap = band[one] > band[other]
-    one, other = np.where(swap, other, one), np.where(swap, one, other)
+    ends = pieces.edges.astype(np.int64)
+    ends = np.take_along_axis(ends, np.argsort(band[ends], axis=1, kind="stable"), axis=1)
+    one, other = np.ascontiguousarray(ends.T)
     inner = np.maximum(band[other] - band[one] - 1, 0)  # bands that an edge only passes through
     first = len(band) + np.cumsum(inner) - inner  # its node in the lowest of those
     nodes = len(band) + int(inner.sum())
 
-    level = band[one] == band[other]
-    pairs = [np.stack([one[level], other[level]], axis=1)]
-    pairs.append(_across_triangles(pieces, band, one, other, first))
-    node_slice = join_along(np.concatenate(pairs), nodes)
+    level, tall = ends[band[one] == band[other]], _across_triangles(pieces, band, one, other, first)
+    node_slice = join_along(np.concatenate([level, tall]), nodes)
 
-    edge = np.repeat(np.arange(len(one)), inner)
-    rank = np.arange(len(edge)) - np.repeat(first - len(band), inner)
+    edge, rank = numbered(inner)
     node_band = np.concatenate([band, band[one[edge]] + 1 + rank])
-    count = int(node_slice.max()) + 1
-    order_band = np.zeros(count, dtype=np.int64)
-    order_band[node_slice] = node_band
-    order = np.argsort(order_band, kind="stable")
-    number = np.empty(count, dtype=np.int64)
-    number[order] = np.arange(count)
-    node_slice = number[node_slice]
+    shown = np.unique(node_slice, return_index=True)[1]  # a node of each slice
+    order = np.argsort(node_band[shown], kind="stable")
+    node_slice, shown = np.argsort(order)[node_slice], shown[order]
 
-    below, loops = _stack(node_slice, one, other, inner, first, count)
-    owner = np.zeros(count, dtype=np.int64)
-    owner[node_slice[: len(band)]] = pieces.piece_of_vertex
-    owner[node_slice[len(band) :]] = pieces.piece_of_vertex[one[edge]]
+    below, loops = _stack(node_slice, one, other, inner, first, len(shown))
+    owner = np.concatenate([pieces.piece_of_vertex, pieces.piece_of_vertex[one[edge]]])[shown]
     moments = _moments(pieces, distance, width, band, (one, other, edge, rank), node_slice)
-    return Slices(node_slice[: len(band)], owner, order_band[order], below, loops, *moments, width)
+    return Slices(node_slice[: len(band)], owner, node_band[shown], below, loops, *moments, width)
 
 
 def _across_triangles(

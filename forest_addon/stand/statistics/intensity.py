@@ -313,7 +313,10 @@ def choose_bandwidth(points: np.ndarray, window: Window) -> float:
 
 
 def _estimate(points: np.ndarray, window: Window, sigma: float) -> KernelEstimate:
-    inner = _shape(window, sigma)
+    longest = float(window.extent.max())  # pixels at most σ/4 wide, neither coarse nor slow
+    along = np.clip(np.ceil(PIXELS_PER_SIGMA * longest / sigma), COARSEST, FINEST)
+    columns, rows = np.maximum(np.rint(along * window.extent / longest), 4).astype(int)
+    inner = int(rows), int(columns)
     cell = window.extent[::-1] / inner  # along y, along x
     kernel = [_taps(width) for width in sigma / cell]
     cover = np.pad(window.coverage(inner), 1)
@@ -331,14 +334,6 @@ def _estimate(points: np.ndarray, window: Window, sigma: float) -> KernelEstimat
     left = (value.ravel()[corner] * share).sum(axis=1) - own
     expected = float((value * cover).sum() * cell.prod())
     return KernelEstimate(value, sigma, window, expected, np.maximum(left, 0.0))
-
-
-def _shape(window: Window, sigma: float) -> tuple[int, int]:
-    """Rows and columns of pixels at most σ/3 wide, within what is neither coarse nor slow."""
-    longest = float(window.extent.max())
-    along = np.clip(np.ceil(PIXELS_PER_SIGMA * longest / sigma), COARSEST, FINEST)
-    columns, rows = np.maximum(np.rint(along * window.extent / longest), 4).astype(int)
-    return int(rows), int(columns)
 
 
 def _spread(

@@ -569,14 +569,6 @@ class MappedSpecies:
         goodness = examine(self.points, self.window, law_of(estimate, simulate))
         return ChosenLaw(law, estimate, planting, goodness)
 
-    def k_function(self, estimate: FittedMixture) -> KFunction | None:
-        """K about an estimated intensity; None where fewer than two trees can be judged."""
-        region = region_of(estimate.at, self.window)
-        within = self.points[region.contains(self.points)]
-        if len(within) < 2:
-            return None
-        return inhomogeneous_k(within, estimate.at(within), region, choose_radii(within, region))
-
 
 def choose_law(
     mapped: MappedSpecies, by_chance: ChosenLaw, hills: FittedMixture, law: str = "auto"
@@ -614,9 +606,11 @@ def _candidates(
     plain = replace(planting, base=0.0, gaussians=())
     grounds = [(even, plain)] + ([(hills, planting)] if len(hills.peak) else [])
     for estimate, ground in grounds:
-        k = mapped.k_function(estimate)
-        if k is None:
+        region = region_of(estimate.at, mapped.window)
+        within = mapped.points[region.contains(mapped.points)]
+        if len(within) < 2:
             continue
+        k = inhomogeneous_k(within, estimate.at(within), region, choose_radii(within, region))
         for kind in ("thomas", "matern"):
             if law not in ("auto", kind) or not (k.l_function > k.radius).any():
                 continue
