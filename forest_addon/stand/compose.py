@@ -30,7 +30,7 @@ from .intensity.functions import (
     TerrainLimits,
 )
 from .intensity.surface import Flat, GroundSurface, IntensityError
-from .poisson import Process
+from .layouts import Process
 
 
 @dataclass(frozen=True)

@@ -18,8 +18,16 @@ from ..base.rows import RowTable
 from ..spec import Forest, Planting, SpecError, quoted_with_hints
 from .compose import Inputs, TreeList, area_of, corners_of, masks_of, process_of
 from .intensity.surface import GroundSurface, IntensityError
-from .layouts import is_cleared, orchard, sample_clusters, sample_strauss, told_of
-from .poisson import Integral, Process, sample
+from .layouts import (
+    Integral,
+    Process,
+    is_cleared,
+    orchard,
+    sample,
+    sample_clusters,
+    sample_strauss,
+    told_of,
+)
 
 OF_PLANTING = ("too_near", "off_ground", "off_field", "expected", "error")
 

@@ -16,6 +16,7 @@ from forest_addon.stand.compose import process_of
 from forest_addon.stand.intensity.functions import Constant
 from forest_addon.stand.intensity.surface import IntensityError
 from forest_addon.stand.layouts import (
+    Process,
     activity_of,
     k_of_clusters,
     run_births_and_deaths,
@@ -23,7 +24,6 @@ from forest_addon.stand.layouts import (
     sample_strauss,
 )
 from forest_addon.stand.plan import plan_stand
-from forest_addon.stand.poisson import Process
 from forest_addon.stand.statistics.intensity import Window
 from forest_addon.stand.statistics.law import fit_clusters, fit_strauss, inhomogeneous_k
 
