@@ -50,8 +50,7 @@ from forest_addon.stand.forest import (
     leaf_table,
     voxel_arrays,
 )
-from forest_addon.stand.plan import labels
-from forest_addon.stand.undergrowth import LOW
+from forest_addon.stand.plan import LOW, labels
 from forest_addon.stand.wind import sway_of
 
 from ..progress import hushed
