@@ -1,4 +1,9 @@
-"""Species files and allometry files: TOML, the STL templates that a species may name, and tables of measured
+"""A user's tree in files becomes a species that grows: the folder of its library.
+
+Written: the tree in metres (wood.stl, leaves.stl), a species file by which siblings of it grow (or trees
+of Tanveer et al.'s grammar, fitted to its habit), and a scene that plants it (scene.toml).
+
+Species files and allometry files: TOML, the STL templates that a species may name, and tables of measured
 trees.
 
 Wherever a species is named, a name without an ending means a file of ``assets/species``; wherever an

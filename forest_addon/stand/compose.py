@@ -1,4 +1,10 @@
-"""Inputs of a stand besides its settings: rasters, painted meshes, lists of trees and the ground.
+"""From settings to intensities: what a planting says, as one process on its field.
+
+λ = (base + hills + rasters and paint that are added) · rasters that multiply, within the field's polygon,
+the planting's polygon, its masks and its limits of slope and altitude; scaled to an expected number, or to a
+mean density over the ground that these leave, where one is given.
+
+Inputs of a stand besides its settings: rasters, painted meshes, lists of trees and the ground.
 
 All are plain arrays, so files (``stand.files``) and objects of a Blender scene can fill them.
 """

@@ -1,6 +1,21 @@
 """A forest as arrays: the stand, and one grown tree for every variant that stands in it.
 
 Trees are kept as they grew, before leaves fell: another season of a forest grows none of them anew.
+
+The truth of a forest that its sensors are held against: every tree, every branch, all area by cell.
+
+Tables are in world coordinates. A tree's breast height is 1.3 m above the ground at its foot; its crown's
+base has a fiftieth of the leaf area below it, and the crown's width is the mean of its extents from all sides
+(``growth.likeness``).
+
+Trees that stand as somebody put them: turned, leaned and stretched at will, with their truth.
+
+The trees are kept as they were grown, at the origin; an affine transform M with linear part A puts each into
+the world. A leaf of normal n and area s has there the normal A⁻ᵀn (normalised) and the area s |det A| |A⁻ᵀn|;
+its axis is A times its axis. A stem that is stretched by v along the vertical and by h = √(|det A|/v)
+across it has its diameter at breast height where it was 1.3/v m up, times h. Lengths, areas and volumes of
+wood grow with v and h, (det A)^(2/3) and det A: exact for trees that are turned and scaled alike on
+all axes, and volumes always.
 """
 
 from __future__ import annotations
@@ -606,7 +621,7 @@ NONE = PlacedTrees(
 
 
 def placed_table(trees: PlacedTrees) -> dict[str, list[object]]:
-    """One row a tree, the columns of ``stand.forest.tree_table``; ``planting`` is the object's name."""
+    """One row a tree, the columns of ``tree_table``; ``planting`` is the object's name."""
     linear = trees.transform[:, :, :3]
     volume = np.abs(np.linalg.det(linear)) if len(trees) else np.empty(0)
     along = np.linalg.norm(linear[:, :, 2], axis=1)
@@ -645,7 +660,7 @@ def placed_table(trees: PlacedTrees) -> dict[str, list[object]]:
 
 
 def placed_leaves(trees: PlacedTrees) -> dict[str, np.ndarray]:
-    """Every leaf in the world, the columns of ``stand.forest.leaf_table``."""
+    """Every leaf in the world, the columns of ``leaf_table``."""
     tables = []
     for row, (index, matrix) in enumerate(zip(trees.index.tolist(), trees.transform, strict=True)):
         leaves = trees.grown[index].leaves
@@ -708,7 +723,7 @@ def _dbh(skeleton: Skeleton, along: float, across: float) -> float:
 
 
 def placed_cylinders(trees: PlacedTrees) -> dict[str, np.ndarray]:
-    """One row a branch segment of every tree, the columns of ``stand.truth.cylinder_table``."""
+    """One row a branch segment of every tree, the columns of ``cylinder_table``."""
     tables = []
     for row, (index, matrix) in enumerate(zip(trees.index.tolist(), trees.transform, strict=True)):
         grown = trees.grown[index]
@@ -743,7 +758,7 @@ def cylinder_columns(
     radius: np.ndarray,
     length: np.ndarray,
 ) -> dict[str, np.ndarray]:
-    """Columns (S,) of the cylinders of a tree in the world, by the names of ``stand.truth.cylinder_table``.
+    """Columns (S,) of the cylinders of a tree in the world, by the names of ``cylinder_table``.
 
     own : as ``_tied`` tells. ends : (S, 3) each, m. radii : (S, 2) at both ends, and radius (S,) of equal
     volume, m. length : (S,) m.

@@ -9,6 +9,40 @@ on the field (Tanveer et al. 2020a; Kingman, Poisson Processes, ch. 2). Any othe
 homogeneous process under a true bound in every cell of a quadtree, of which a point stays with chance
 λ/bound (Lewis and Shedler 1979). A bound that is violated stops the work, because the sample would be
 wrong.
+
+Places of trees that are no Poisson process: rows, lists, groups, trees apart, trees set by hand.
+
+**By hand**: what somebody decided, trees set and discs kept free, beside what a planting draws. What is
+drawn is drawn as without them, so setting, moving or removing one tree moves no other. A tree set by hand
+has a number below 0 (-1 for the first), and its own streams for what its planting does not say.
+
+**Stems**, trees that are cylinders only, are a binomial process: exactly as many as asked for, evenly at
+random over the field, as the forests of Kaneko & Gamper (2021); groups of them have streams of their own,
+keyed by their number.
+
+**Groups**: inhomogeneous Neyman-Scott processes. Centres of groups are a homogeneous Poisson process of κ a
+square metre, also around the field; each group scatters its trees about its centre by a normal law (Thomas
+1949) or evenly within a disc (Matérn 1960). Every tree stays with chance λ(x)/max λ, so that their mean is
+the planting's intensity λ and the K function is that of the homogeneous process (Waagepetersen 2007):
+
+    Thomas: K(r) = πr² + (1 - exp(-r²/4σ²))/κ.
+    Matérn: K(r) = πr² + h(r/2R)/κ, h the law of the distance of two points in a disc.
+
+**Trees apart**: the Strauss process (Strauss 1975), with γ = 0 a hard core.
+
+Its density against a Poisson process is Π β(x_i) · γ^s, s the pairs nearer than R. It is drawn by births
+and deaths (Geyer & Møller 1994) in cells at least R wide: cells of one of four colours do not see each
+other, so all of a colour take a step at once, each by Metropolis's ratio with |cell| and its own trees.
+
+Trees at the edge of the field would have no neighbours beyond it and be too many (3 % in a hectare), so the
+process runs on around the field, with the intensity of the nearest place in it.
+
+A planting says the mean intensity λ, not β. With w = (1 - γ)πR²λ,
+
+    log β = log λ + w + (1 - γ) w² P(w, γ):
+
+λ exp(w) is the Poisson-saddlepoint approximation (Baddeley & Nair 2012), P is fitted to the means of long
+runs of this process over 100 R by 100 R, up to βR² = 100 (a hard core: 48).
 """
 
 from __future__ import annotations

@@ -3,6 +3,23 @@
 Every species has its own streams, keyed by its name, so adding a species moves no tree of another. Each
 purpose (place, age, turn, size, variant) draws from its own stream in the order of the trees, so tree 7
 is the same tree whether 10 or 10,000 are planted.
+
+Hard cores: no two trees nearer than the distance of their pair.
+
+Every tree has an age, a uniform mark. By **Matérn II** (Matérn 1960) a tree goes if an older one stands
+too near, whether that one stays or not: every tree is judged alike. **Greedy** (Wahed et al.) keeps the
+oldest first, so a tree goes only if an older one that stays is too near: more trees stay, and those that
+do depend on each other over longer distances. Neither depends on the order of the trees.
+
+The distance of a pair is that of its two kinds (rows of a matrix), or the sum of their crown radii where
+that is larger. Time grows with the number of trees, whatever the distance.
+
+Undergrowth as plantings: what stands and lies between the trees of a measured stand.
+
+Herbs, dwarf shrubs, shrubs, young trees of the stand's own species, litter, stumps and lying stems, by number
+a hectare, of conifers and of broadleaves apart: the orders of magnitude of national forest inventories
+(deadwood and regeneration) and of vegetation surveys, not of any one stand. A scene that plants one of these
+species itself has its undergrowth by hand.
 """
 
 from __future__ import annotations

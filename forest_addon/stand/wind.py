@@ -13,6 +13,22 @@ Leaves flutter about their stalks, relative to the branch that bears them. Leave
 torsional galloping at a wind of a metre or two a second, and then hardly more as it grows (Tadrist et al.
 2015, J. Fluids Struct. 56; 2018, J. R. Soc. Interface 15), while branches move ever more. A leaf turns
 about its midrib and nods across it; two close tones of its own make it come and go.
+
+Response of one tree to the wind: amplitudes of its modes as a closed function of time.
+
+Drag on a member is quadratic in slow and linear in fast wind, as leaves fold and crowns bend
+(reconfiguration, Vogel exponent -1: de Langre 2008; Rudnicki et al. 2004): F = c U² / √(1 + (U/U_r)²), c =
+ρ c_d A. What has bent by an angle θ faces the wind with cos θ of its area, and only the wind across it
+pushes: F cos²θ, θ the arctangent of the small rotation θ_0, so F/(1 + θ_0²) (as plates and rods in Gosselin,
+de Langre & Machado-Almeida 2010, J. Fluid Mech. 650). It is made linear about the local mean: its slope times
+the turbulence drives the modes, its slope times the tree's own velocity is the aerodynamic damping, and what
+it loses as the tree bends on is a stiffness. A mode is then an oscillator whose answer to each wave of the
+wind is known.
+
+Sway of a whole stand: the motion that sensors and the view ask for, tree by tree.
+
+A variant is reduced to its modes once, a tree's answer to the wind is found when it is first asked for. All
+of it follows from the scene's settings and seed, so every process finds the same.
 """
 
 from __future__ import annotations

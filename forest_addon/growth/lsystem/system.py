@@ -12,6 +12,13 @@ Every symbol of a string is replaced at once, generation by generation. Before a
 is predicted: exactly, or as an expectation where chance decides; where conditions decide nothing can be said,
 and each generation is measured before it is made. What would not fit is refused with the number. Strings are
 worked through in blocks, so a derivation needs little more memory than its last two strings.
+
+Arithmetic in productions, read by Python's parser and computed on arrays; nothing is evaluated as Python.
+
+Of a text's syntax tree only numbers, known names, and the operators and functions of the tables below are
+taken; anything else is refused. Each operation works on whole arrays, one value for every occurrence of a
+symbol. Operators, from the loosest: ``||``, ``&&``, ``== != < <= > >=``, ``+ -``, ``* /``, sign and ``!``,
+``^``. Truth is 1 and 0. Angles of ``sin cos tan`` are degrees, as everywhere in a production.
 """
 
 from __future__ import annotations

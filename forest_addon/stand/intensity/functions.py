@@ -8,6 +8,14 @@ it within. Images, painted meshes, polygons and limits of the terrain are in mod
 Cells of a quadtree have true bounds of an intensity and are small where it varies. The field is cut into
 nearly square cells; a cell is quartered while the room between its bounds, times its area, is more than it
 may be. Exact thinning and integration both stand on these cells.
+
+Polygon windows: where trees may stand, with holes.
+
+Corners are checked once (no zero area, no edge that crosses or touches another), then points are judged by
+the even-odd rule: points in order of y, so that an edge asks those alone that lie between its ends. For
+cells, edges are drawn into a grid of bins: bins without an edge are wholly in or out.
+
+Intensities from what lies on the ground: images, painted meshes, and limits of the terrain.
 """
 
 from __future__ import annotations

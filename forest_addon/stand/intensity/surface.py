@@ -11,6 +11,19 @@ edge have no area from above and are never met.
 **Pyramid** of ranges: Every level halves the one below, so a rectangle of any size is covered by at most
 three blocks along each axis of the level whose blocks are half its extent or more. What is found is a true
 bound; it is exact for rectangles of up to two cells, because those are looked up themselves.
+
+The ground that trees stand on: flat, a heightmap, or a triangulated surface.
+
+A ``GroundSurface`` gives the height and the gradient of its topmost surface at any place, exactly (bilinear
+on a heightmap, barycentric on triangles), NaN where there is none, and true bounds over cells, which limits
+of slope and altitude need. Trunks stay vertical; ``sink`` says how deep one has to go so that no gap shows
+below its downhill side.
+
+Rough ground has bumps and hollows of a few decimetres to metres on whatever the ground is otherwise.
+Heights are a sum of cosine waves of 0.6 to 4.8 m in all directions, each octave with the amplitude that its
+length has in a surface of Hurst exponent 0.7, of which the standard deviation is a quarter of the
+roughness: what lies within two of them is 95 % of the ground. Beyond the field it fades, so that its edge
+is level.
 """
 
 from __future__ import annotations

@@ -3,6 +3,23 @@
 A rectangle is a polygon of four corners. Moments of Gaussians over it are closed: the triangle between the
 centre and a piece of an edge at distance d, from its foot to t, holds atan(t/d)/2π - T(d, t/d) of a
 standard normal (Owen's T; Owen 1956), and higher moments follow from the divergence theorem.
+
+Kernel estimate of an intensity from a map of trees.
+
+λ(s) = Σ κ_σ(s - x_i) / e(x_i), κ_σ an isotropic normal, e(x) = ∫_W κ_σ(v - x)dv the share of it within the
+window: the edge correction of Jones (1993) and Diggle, which keeps ∫_W λ = n. Points are spread linearly on
+pixels no wider than σ/4 and filtered, so the time hardly grows with their number. σ maximises the Poisson
+likelihood of every tree given the others (likelihood cross-validation; Loader 1999, ch. 5), in which trees
+at one place count as one tree, so that double entries do not draw σ to 0.
+
+Maximum-likelihood Gaussian mixture of an inhomogeneous Poisson process seen through a window.
+
+λ(s) = base + Σ C·exp(-(x-a)²/h² - (y-b)²/l²), Tanveer et al.'s squared form, maximises Σ log λ(x_i) - ∫_W
+λ. A hill is followed by N, the trees that it puts *within* the window W, so that what it would put
+outside, unseen, does not pull its centre inwards (a truncated mixture; Lee & Scott 2012). Mass and
+derivatives over W are closed (``Window.gaussian_moments``); L-BFGS climbs. Hills are added one by one
+where trees are most in excess of the fit, without any draw, and their number has the smallest BIC, -2 log
+L + p log n.
 """
 
 from __future__ import annotations

@@ -8,6 +8,33 @@ eq. 2). Pairs that the window cannot show are made up for by translation: a pair
 A tree counts 1/λ in the inhomogeneous K function, so a few trees far out on a hill would outweigh all
 others. Pairs are therefore counted within a region where λ is not small, by Kaneko & Gamper's own
 definition with that region as the window.
+
+Goodness of fit of a law: L(r) - r in envelopes of simulations of that law, and quadrats.
+
+Every simulation is judged as the trees were: where λ was estimated from the trees, it is estimated again
+from each simulation, or the test would find them too much like their own estimate.
+
+Pointwise, the extremes of S curves hold a further one at a given radius with probability 1 - 2/(S + 1).
+Over all radii that is missed far more often, so the global envelope takes the largest deviation of a whole
+curve from the mean, in standard deviations of each radius (studentised maximum deviation; Myllymäki et al.
+2017, sec. 4.2). Mean and deviation are those of all S + 1 curves, the observed among them, so that the
+curves are exchangeable and its level is exact.
+
+Clusters and repulsion estimated from a map: minimum contrast, and the pseudolikelihood.
+
+**Clusters**: κ and the spread that make ∫ (K̂^¼ - K^¼)² dr least (Diggle & Gratton 1984), K̂ the
+inhomogeneous K function. **Strauss**: for each radius R on a grid, γ that maximises
+Π λ(x_i; x) · exp(-∫λ(u; x) du) with λ(u; x) = β λ(u) γ^t(u) (Besag 1977; Baddeley & Turner 2000), t the
+trees nearer than R to u, trees and integral over the window less a border of the largest R. For given γ
+the best β is closed; R with the largest pseudolikelihood wins.
+
+Law of a map of trees: Poisson with hills, groups (Thomas, Matérn) or repulsion (Strauss), by its test.
+
+The intensity is estimated first; if stands that are drawn from it are like the map (L(r) - r within its
+global envelope, quadrats likewise), trees stand by chance and nothing more is fitted. Otherwise groups are
+fitted where trees keep company and repulsion where they keep apart, over an even ground and over the hills,
+and the first law that the same tests accept is taken, fewest numbers first; if none is accepted, the one with
+the largest p. More than ``MANY_HILLS`` hills say that trees come in groups, so groups are tried then too.
 """
 
 from __future__ import annotations
