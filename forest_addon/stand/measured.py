@@ -226,7 +226,7 @@ def _groups(
         hands = np.where(np.isfinite(said), said, mine)
         dbh = hands if alone else dbh
         listed = _listed(number, names, plantings, inputs)
-        if listed is not None and not alone:
+        if len(listed) and not alone:
             told = listed[stand.number[rows]]
             if law is not None:
                 _refuse_units(planting.trees or names[number], law, told)
@@ -371,29 +371,24 @@ def _ignored(
 ) -> list[str]:
     """A sentence if the list of a planting without targets says what its trees measure."""
     listed = _listed(number, names, plantings, inputs)
-    if listed is None or not len(listed):
-        return []
     told = [
         name for name, column in zip(TARGETS, listed.T, strict=True) if np.isfinite(column).any()
     ]
-    if not told:
-        return []
-    return [
+    sentence = (
         f"{names[number]}: its list gives {' and '.join(told)}, which count only with "
         "[plantings.targets]; the trees have the sizes of their species"
-    ]
+    )
+    return [sentence] if told else []
 
 
 def _listed(
     number: int, names: Sequence[str], plantings: Sequence[Planting], inputs: Inputs
-) -> np.ndarray | None:
-    """(M, 5) the measures of a planting's list, None where it has none."""
+) -> np.ndarray:
+    """(M, 5) the measures of a planting's list, no rows where it has none."""
     planting = plantings[number]
-    if planting.layout != "list":
-        return None
     listed = inputs.lists.get(planting.trees or planting.collection)
-    if listed is None or listed.measures is None:
-        return None
+    if planting.layout != "list" or listed is None or listed.measures is None:
+        return np.empty((0, 5))
     return listed.measures[chosen_of(number, names, plantings, listed)]
 
 
@@ -656,14 +651,14 @@ def targets_met(
         law = laws[number] if number < len(laws) else None
         within = None if law is None else in_band(law, found[rows])
         told = Counter(reason for row in rows.tolist() for reason in missed[row])
-        reasons = tuple(_counted(reason, count, len(rows)) for reason, count in told.items())
+        of = len(rows)
+        reasons = tuple(
+            reason if count == of else f"{reason} ({count} of {of} trees)"
+            for reason, count in told.items()
+        )
         kind = "" if law is None else law.name
         met.append(TargetsMet(label, kind, wanted[rows], found[rows], within, reasons))
     return met
-
-
-def _counted(reason: str, count: int, of: int) -> str:
-    return reason if count == of else f"{reason} ({count} of {of} trees)"
 
 
 def sentences(met: TargetsMet) -> Iterator[str]:

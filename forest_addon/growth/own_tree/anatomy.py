@@ -25,7 +25,7 @@ from scipy.spatial import cKDTree
 from ...base.rows import lengths
 from ...base.runs import Runs, bounds
 from ...base.trimesh import LEAF, WOOD, TriMesh
-from ...base.vectors import cross_rows, nearest_on_triangles
+from ...base.vectors import azimuth_of, column, cross_rows, nearest_on_triangles
 from ..mesh.leaves import CopyStock, Leaves, measure_leaves
 from ..mesh.meshing import tube
 from ..skeleton import depths
@@ -33,10 +33,8 @@ from .lines import (
     STEEP,
     Lines,
     Seats,
-    angles_in,
     foot_frames,
     nearest,
-    rolled,
     seats_on,
     share_of,
     unbend,
@@ -296,7 +294,9 @@ def dissect(found: Recognition, metres: float = 1.0) -> Anatomy:
             seat.aside[here] = np.arctan2(feet[here, 1], feet[here, 0])
             seat.along[here] = feet[here, 2]
         heading = direction[lines.first[here]]
-        azimuth[here], angle[here] = angles_in(parents, heading)
+        own = np.einsum("nij,ni->nj", parents, heading)
+        azimuth[here] = azimuth_of(own)
+        angle[here] = np.arctan2(np.hypot(own[:, 0], own[:, 1]), column(own, 2))
         seat.aside[here] -= azimuth[here]
         plain = foot_frames(parents, azimuth[here], angle[here], np.zeros(len(here)), carried[here])
         if level:
@@ -304,7 +304,8 @@ def dissect(found: Recognition, metres: float = 1.0) -> Anatomy:
             level_ones = np.flatnonzero(~carried[here])
             upper = plain.copy()
             upper[level_ones] = upper_frames(heading[level_ones])
-            roll[here] = rolled(plain, upper)
+            cosine, sine = (np.einsum("ni,ni->n", plain[:, :, k], upper[:, :, 0]) for k in range(2))
+            roll[here] = np.arctan2(sine, cosine)  # about T, from the N of one to that of the other
         else:
             roll[here] = -azimuth[here]  # the least turn from upright
         start = foot_frames(parents, azimuth[here], angle[here], roll[here], carried[here])

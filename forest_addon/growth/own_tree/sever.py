@@ -405,11 +405,11 @@ def close(
     child, beyond = label[halves[:, 0] // 3], label[halves[:, 1] // 3]
     rim = (axes.parent[child] >= 0) & (axes.parent[beyond] != child)
     half, child, beyond = halves[rim, 0], child[rim], beyond[rim]
-    a = triangles[half // 3, half % 3]
-    b = triangles[half // 3, (half + 1) % 3]
-    to_parent = beyond == axes.parent[child]
-    begins = slices.centre[np.maximum(axes.fork, 0)]
-    foot_rim = _nearest_rim(pieces.vertices, a, b, child, to_parent, begins)
+    a, b = triangles[half // 3, half % 3], triangles[half // 3, (half + 1) % 3]
+    foot_rim = _nearest_rim(
+        *(pieces.vertices, a, b, child, beyond == axes.parent[child]),
+        slices.centre[np.maximum(axes.fork, 0)],
+    )
     a, b, child = a[foot_rim], b[foot_rim], child[foot_rim]
 
     count = len(axes.parent)
@@ -429,7 +429,6 @@ def close(
     inner_a, inner_b = base + number.reshape(2, -1)
     tip = base + len(inner) + child
     vertices = np.concatenate([pieces.vertices, inner, apex])
-    parent = axes.parent[child]
     made = np.concatenate(
         [
             np.stack([a, b, tip], axis=1),
@@ -439,8 +438,8 @@ def close(
     )
     loose = loose_edges_of(pieces)
     everything = np.concatenate([triangles, made, loose])
-    loose_label = axes.of_slice[slices.of_vertex[loose[:, 0]]]
-    whole = np.concatenate([label, parent, child, child, loose_label])
+    whole = [label, axes.parent[child], child, child, axes.of_slice[slices.of_vertex[loose[:, 0]]]]
+    whole = np.concatenate(whole)
     present, first = np.unique(label, return_index=True)
     known = np.isin(whole, present)
     everything, whole = everything[known], whole[known]
@@ -668,10 +667,9 @@ def join_stacked(pieces: Pieces, lines: Centrelines) -> Pieces:
     everything = np.concatenate([triangles, loose, ties])
     of = label[pieces.piece_of_vertex[everything[:, 0]]]
     _, first, of = np.unique(of, return_index=True, return_inverse=True)
-    rank = np.empty(len(first), np.int64)
-    rank[np.argsort(first)] = np.arange(len(first))  # in the order of the file
+    of = np.argsort(np.argsort(first))[of.ravel()]  # in the order of the file
     has_area = np.arange(len(everything)) < len(triangles)
-    return assemble(pieces.vertices, everything, rank[of.ravel()], has_area, drawn=pieces.drawn)
+    return assemble(pieces.vertices, everything, of, has_area, drawn=pieces.drawn)
 
 
 def _stacked_ends(lines: Centrelines) -> np.ndarray:

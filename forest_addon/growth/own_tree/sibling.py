@@ -33,7 +33,7 @@ from ...spec import Siblings
 from ..draw import GOLDEN
 from .anatomy import GROUND
 from .habit import CHILDREN, Habit, Size, radius_at_seat, size_of, trunk_girth
-from .lines import Lines, foot_frames, lay, seat_at, sloped, slopes, stand_on, walk
+from .lines import Lines, foot_frames, lay, seat_at, sloped, stand_on, walk
 
 JITTER = 0.25  # share of the scatter of spacing by which a node moves
 FARTHEST = 0.8  # share of the way to the next node
@@ -231,7 +231,7 @@ def lay_trunks(
     open_ones = np.ones(len(first) - 1, dtype=bool)
     for calm in CALMER:
         other = _bent_otherwise(bend, key[owner], part, calm * variety)
-        slope = np.clip(slopes(plain) + calm * variety * LEAN * lean, 0.0, np.pi)
+        slope = np.clip(zenith_of(plain[:, :, 2]) + calm * variety * LEAN * lean, 0.0, np.pi)
         frame = lay(other, first, start, slope)
         fits = open_ones & (_leans(frame, length, first) <= most)
         mine = fits[owner]
@@ -270,7 +270,7 @@ def _above_ground(
 
     floor, foot : (C,) metres below which no knot goes, and of the feet, above the ground.
     """
-    slope[first[:-1]] = slopes(start)
+    slope[first[:-1]] = zenith_of(start[:, :, 2])
     owner, _ = numbered(np.diff(first))
     rise = np.cumsum(length * np.cos(slope))
     base = foot - (rise - length * np.cos(slope))[first[:-1]]
@@ -509,10 +509,10 @@ def _lay(
     else:
         part = rank / size[owner]
         bend = _bent_otherwise(bend, key[owner], part, variety)
-        # The piece's own slopes, but for how the foot's differs, which fades along it.
+        # The piece's own but for how the foot's differs, which fades along it.
         part = part + 0.5 / size[owner]
-        own = slopes(lines.frame[source])
-        at_foot = slopes(start) - slopes(lines.frame[lines.first[piece]])
+        own = zenith_of(lines.frame[source][:, :, 2])
+        at_foot = zenith_of(start[:, :, 2]) - zenith_of(lines.frame[lines.first[piece]][:, :, 2])
         sway = variety * SWAY * keyed_normal(key, "sway")[owner] * part * np.sin(own)
         slope = np.clip(own + at_foot[owner] * np.exp(-FADE * part) + sway, 0.0, np.pi)
         floor = np.minimum(habit.floor[piece], foot[:, 2])
