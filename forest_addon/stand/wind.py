@@ -95,7 +95,9 @@ class WindField:
         Q equal layers from the ground to the tops, over the ground's area (a drag of ρ times that times U²).
         """
         rng = stream(seed, "wind")
-        edge = _edges()
+        below, within, above = STEPS
+        parts = np.geomspace(LOWEST, EVEN[0], below + 1), np.linspace(*EVEN, within + 1)[1:]
+        edge = np.concatenate([*parts, np.geomspace(EVEN[1], HIGHEST, above + 1)[1:]])
         frequency = edge[:-1] + np.diff(edge) * rng.random(len(edge) - 1)
         sigma = wind.turbulence * wind.speed * np.array([1.0, SIDE, UP])
         spread = DECAY * frequency[:, None] / wind.speed
@@ -186,17 +188,6 @@ class WindField:
         )
 
 
-def _edges() -> np.ndarray:
-    below, within, above = STEPS
-    return np.concatenate(
-        [
-            np.geomspace(LOWEST, EVEN[0], below + 1),
-            np.linspace(*EVEN, within + 1)[1:],
-            np.geomspace(EVEN[1], HIGHEST, above + 1)[1:],
-        ]
-    )
-
-
 def kaimal(frequency: np.ndarray, peak: np.ndarray) -> np.ndarray:
     """(K, C) Kaimal's spectral density of unit variance, 1/Hz, whose f S(f) peaks at frequencies (C,)."""
     scale = 0.25 / peak  # f S = 4 n / (1 + 6 n)^(5/3) peaks at n = 1/4
@@ -210,36 +201,19 @@ TONE, SPREAD = 5.0, 0.3  # Hz, and the standard deviation of its logarithm
 APART = 0.15  # between the two tones, over the first
 
 
-@dataclass(frozen=True)
-class Flutter:
-    """Flutter of N leaves: twist and nod, each of two tones.
-
-    size : (N, 2) radians of each tone of twist and nod. rate : (N, 4) rad/s. phase : (N, 4).
+def flutter(key: np.ndarray, wind: np.ndarray, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(N, 2) twist and nod of leaves with keys (N,) in local mean winds (N,) m/s at times (N,), radians, and
+    their rates: two tones each.
     """
-
-    size: np.ndarray
-    rate: np.ndarray
-    phase: np.ndarray
-
-    @classmethod
-    def of(cls, key: np.ndarray, wind: np.ndarray) -> Flutter:
-        """The flutter of leaves with keys (N,) in local mean winds (N,) m/s."""
-        share = wind**2 / (ONSET**2 + wind**2)
-        tone = TONE * np.exp(SPREAD * keyed_normal(key, "flutter"))
-        rates = [tone, tone * (1 + APART), 0.6 * tone, 0.6 * tone * (1 + APART)]
-        phases = [keyed_uniform(child_keys(key, "flutter"), name) for name in "abcd"]
-        return cls(
-            size=np.stack([TWIST * share, NOD * share], axis=1),
-            rate=2 * np.pi * np.stack(rates, axis=1),
-            phase=2 * np.pi * np.stack(phases, axis=1),
-        )
-
-    def angles(self, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(N, 2) twist and nod at times (N,), radians, and their rates."""
-        turn = self.rate * time[:, None] + self.phase
-        value = np.sin(turn).reshape(-1, 2, 2).sum(axis=2)
-        rate = (self.rate * np.cos(turn)).reshape(-1, 2, 2).sum(axis=2)
-        return self.size * value, self.size * rate
+    share = wind**2 / (ONSET**2 + wind**2)
+    tone = TONE * np.exp(SPREAD * keyed_normal(key, "flutter"))
+    rates = [tone, tone * (1 + APART), 0.6 * tone, 0.6 * tone * (1 + APART)]
+    phases = [keyed_uniform(child_keys(key, "flutter"), name) for name in "abcd"]
+    size = np.stack([TWIST * share, NOD * share], axis=1)
+    rate = 2 * np.pi * np.stack(rates, axis=1)
+    turn = rate * time[:, None] + 2 * np.pi * np.stack(phases, axis=1)
+    speed = (rate * np.cos(turn)).reshape(-1, 2, 2).sum(axis=2)
+    return size * np.sin(turn).reshape(-1, 2, 2).sum(axis=2), size * speed
 
 
 AIR = 1.2  # kg/m³
@@ -322,14 +296,20 @@ def response_of(
     push = np.einsum("bmi,ci->bmc", modes, axes) / scale**1.5
     omega = 2 * np.pi * shape.modes.frequency / scale
     tilt = shape.tilts / scale**2.5  # of a unit of push
-    sails = _Sails(
-        push, tilt, omega, force, np.stack([slope, *[force / np.maximum(wind, 1e-9)] * 2], 1)
-    )
+    lever = np.stack([slope, *[force / np.maximum(wind, 1e-9)] * 2], 1)  # what a gust adds, N s/m
     waves, shaken = np.zeros((0, 0)), np.zeros(len(force))
     for _ in range(2):
-        bent, mean, towards = sails.bent(shaken)
-        drive = field.push(world, push * (sails.lever * bent[:, None])[:, None])
-        waves, damper = sails.answer(drive, 2 * np.pi * field.frequency, bent, towards)
+        kept, mean, falls = _bent(push, tilt, omega, force, shaken)
+        damper = np.einsum("bmc,bnc,bc->mn", push, push, lever * kept[:, None])
+        # Beyond the critical damping a mode creeps; the share that the others take from it stays.
+        most = 2 * omega * (MOST_DAMPING - INTERNAL)
+        damper *= np.minimum(1.0, most / np.maximum(np.diagonal(damper), 1e-12)).min()
+        damper = damper + np.diag(2 * INTERNAL * omega)
+        rate = 2 * np.pi * field.frequency[:, None, None]
+        answer = 1j * rate * damper + push[:, :, 0].T @ falls
+        answer += np.eye(len(omega)) * (omega**2 - rate[:, :, 0] ** 2)[:, :, None]
+        drive = field.push(world, push * (lever * kept[:, None])[:, None])
+        waves = np.linalg.solve(answer, drive[:, :, None])[:, :, 0].T
         found = 0.5 * np.einsum("mk,nk->mn", waves, waves.conj()).real
         shaken = np.einsum("bmi,mn,bni->b", tilt, found, tilt)
         if shaken.max(initial=0.0) < CALM:
@@ -361,51 +341,27 @@ def _share_kept(shape: SwayShape, mean: np.ndarray, waves: np.ndarray, scale: fl
     return np.asarray(share * (MOST_TURN / max(float(most), MOST_TURN)))
 
 
-@dataclass(frozen=True)
-class _Sails:
-    """Members of a tree as the wind meets them.
+def _bent(
+    push: np.ndarray, tilt: np.ndarray, omega: np.ndarray, force: np.ndarray, shaken: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(B,) shares of drag that members keep as they bend, (M,) how far the mean wind bends the tree, and
+    (B, M) N that drag falls by a unit of each mode.
 
     push : (B, M, 3) of modes along, across and upright. tilt : (B, M, 2) radians by a unit of each mode.
-    omega : (M,) rad/s. force : (B,) N of the mean wind at rest. lever : (B, 3) N s/m, what a gust adds.
+    omega : (M,) rad/s. force : (B,) N of the mean wind at rest. shaken : (B,) mean square of the rotation by
+    gusts.
     """
-
-    push: np.ndarray
-    tilt: np.ndarray
-    omega: np.ndarray
-    force: np.ndarray
-    lever: np.ndarray
-
-    def bent(self, shaken: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """(B,) shares of drag that members keep as they bend, (M,) how far the mean wind bends the tree, and
-        (B, M) N that drag falls by a unit of each mode.
-
-        shaken : (B,) mean square of the rotation by gusts.
-        """
-        share, mean, lean = 1 / (1 + shaken), np.zeros(len(self.omega)), np.zeros((len(shaken), 2))
-        for _ in range(MOST_STEPS):
-            mean = self.push[:, :, 0].T @ (self.force * share) / self.omega**2
-            lean = np.einsum("bmi,m->bi", self.tilt, mean)
-            new = 1 / (1 + shaken + (lean**2).sum(axis=1))
-            apart = np.abs(new - share).max(initial=0.0)
-            share = (share + new) / 2
-            if apart < 1e-4:
-                break
-        falls = 2 * self.force * share**2
-        return share, mean, falls[:, None] * np.einsum("bi,bmi->bm", lean, self.tilt)
-
-    def answer(
-        self, drive: np.ndarray, rate: np.ndarray, bent: np.ndarray, falls: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """(M, K) answers to waves (K, M) at rates (K,), rad/s, and the damper (M, M)."""
-        omega, lever = self.omega, self.lever * bent[:, None]
-        aerodynamic = np.einsum("bmc,bnc,bc->mn", self.push, self.push, lever)
-        # Beyond the critical damping a mode creeps; the share that the others take from it stays.
-        most = 2 * omega * (MOST_DAMPING - INTERNAL)
-        aerodynamic *= np.minimum(1.0, most / np.maximum(np.diagonal(aerodynamic), 1e-12)).min()
-        damper = aerodynamic + np.diag(2 * INTERNAL * omega)
-        answer = 1j * rate[:, None, None] * damper + self.push[:, :, 0].T @ falls
-        answer += np.eye(len(omega)) * (omega**2 - rate[:, None] ** 2)[:, :, None]
-        return np.linalg.solve(answer, drive[:, :, None])[:, :, 0].T, damper
+    share, mean, lean = 1 / (1 + shaken), np.zeros(len(omega)), np.zeros((len(shaken), 2))
+    for _ in range(MOST_STEPS):
+        mean = push[:, :, 0].T @ (force * share) / omega**2
+        lean = np.einsum("bmi,m->bi", tilt, mean)
+        new = 1 / (1 + shaken + (lean**2).sum(axis=1))
+        apart = np.abs(new - share).max(initial=0.0)
+        share = (share + new) / 2
+        if apart < 1e-4:
+            break
+    falls = 2 * force * share**2
+    return share, mean, falls[:, None] * np.einsum("bi,bmi->bm", lean, tilt)
 
 
 def drag(shape: SwayShape, wind: np.ndarray, scale: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
@@ -716,8 +672,7 @@ class ForestSway:
         along, normal = seats.axis[leaf], seats.normal[leaf]
         across = np.cross(along, normal)
         value, rate = (
-            angle[:, :1] * along + angle[:, 1:] * across
-            for angle in Flutter.of(key, wind).angles(time)
+            angle[:, :1] * along + angle[:, 1:] * across for angle in flutter(key, wind, time)
         )
         return value, rate
 

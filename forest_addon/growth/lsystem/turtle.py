@@ -542,7 +542,15 @@ def grow_ruled(
             f"branches reach {written(reach)} m from the foot, more than {MAX_REACH:g} m; "
             "use a smaller scale, smaller ratios or fewer generations"
         )
-    return scaled, _sized(leaves, leaf, key, rules.scale) if leaf.on else LeafSites.none()
+    if not leaf.on:
+        return scaled, LeafSites.none()
+    # Length and width of a leaf are what the string says, else drawn.
+    keys = child_keys(np.full(len(leaves), key, np.uint64), np.arange(len(leaves)))
+    drawn = draw_normal(leaf.length, keys, "leaf length")
+    length = np.where(np.isnan(leaves.length), drawn, leaves.length * rules.scale)
+    ratio = draw_normal(leaf.width_ratio, keys, "leaf width")
+    width = np.where(np.isnan(leaves.width), length * ratio, leaves.width * rules.scale)
+    return scaled, replace(leaves, foot=leaves.foot * rules.scale, length=length, width=width)
 
 
 def _derive_to_walk(rules: Rules, rng: np.random.Generator) -> Word:
@@ -581,13 +589,3 @@ def _commands(rules: Rules, word: Word) -> Commands:
         **read_constants(rules.constants),
     }
     return read_commands(word, (*DIALECTS[rules.dialect].symbols, *rules.symbols), known)
-
-
-def _sized(leaves: LeafSites, leaf: Leaf, key: int, scale: float) -> LeafSites:
-    """Leaves with their length and width: what the string says, else drawn."""
-    keys = child_keys(np.full(len(leaves), key, np.uint64), np.arange(len(leaves)))
-    drawn = draw_normal(leaf.length, keys, "leaf length")
-    length = np.where(np.isnan(leaves.length), drawn, leaves.length * scale)
-    ratio = draw_normal(leaf.width_ratio, keys, "leaf width")
-    width = np.where(np.isnan(leaves.width), length * ratio, leaves.width * scale)
-    return replace(leaves, foot=leaves.foot * scale, length=length, width=width)

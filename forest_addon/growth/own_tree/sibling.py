@@ -103,7 +103,12 @@ def place_children(
     share = share + z * np.where(z > 0, slots.after[row], slots.before[row])
     place = share = np.clip(share, 0.0, 1.0)
     if order == 1 and variety > 0:
-        share = _moved_base(share, owner, key, variety)
+        low = np.ones(len(key))  # crowns of trunks begin higher or lower; the top stays
+        np.minimum.at(low, owner, share)
+        wanted = low * np.exp(variety * BASE_SPREAD * np.clip(keyed_normal(key, "base"), -2, 2))
+        wanted = np.minimum(wanted, 0.9)[owner]
+        part = (share - low[owner]) / np.maximum(1 - low[owner], 1e-9)
+        share = wanted + part * (1 - wanted)
     azimuth = habit.anatomy.azimuth[slot]
     if order == 1:
         azimuth = _turned(habit, piece, key, row, owner, at, variety)
@@ -124,18 +129,6 @@ def _repeated(times: np.ndarray, *columns: np.ndarray) -> tuple[np.ndarray, ...]
     row, owner, key, *rest = (column[which] for column in columns)
     key = np.where(copy > 0, child_keys(key, copy), key)
     return row, owner, key, copy, times[which], *rest
-
-
-def _moved_base(
-    share: np.ndarray, owner: np.ndarray, key: np.ndarray, variety: float
-) -> np.ndarray:
-    """Shares of trunks whose crowns begin higher or lower; the top stays."""
-    low = np.ones(len(key))
-    np.minimum.at(low, owner, share)
-    wanted = low * np.exp(variety * BASE_SPREAD * np.clip(keyed_normal(key, "base"), -2, 2))
-    wanted = np.minimum(wanted, 0.9)
-    part = (share - low[owner]) / np.maximum(1 - low[owner], 1e-9)
-    return np.asarray(wanted[owner] + part * (1 - wanted[owner]))
 
 
 def _turned(
