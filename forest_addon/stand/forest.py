@@ -32,7 +32,7 @@ from ..base.rng import stream
 from ..base.trimesh import LEAF, is_wood
 from ..base.vectors import azimuth_of
 from ..growth.likeness import crown_base, crown_width
-from ..growth.measured.allometry import BREAST, TARGETS, Kind, Wanted, stem_profile
+from ..growth.measured.allometry import BREAST, TARGETS, Kind, Wanted
 from ..growth.mesh.blades import Blade
 from ..growth.mesh.cells import CellAreas, areas_by_cell, join_areas, triangle_areas
 from ..growth.mesh.leaves import Leaves
@@ -436,21 +436,16 @@ def tree_table(forest: GrownForest) -> dict[str, list[object]]:
             values = forest.wanted[:, column]
             table[f"target_{name}_{unit}"] = ["" if np.isnan(v) else float(v) for v in values]
         found = found_in(table)
-        table["in_band"] = _in_band(forest, found)
+        band: list[object] = [""] * len(found)
+        for planting, law in enumerate(forest.laws):
+            rows = np.flatnonzero(stand.species == planting)
+            if law is not None and len(rows):
+                inside = in_band(law, found[rows]).all(axis=1)
+                for row, value in zip(rows, inside.tolist(), strict=True):
+                    band[row] = int(value)
+        table["in_band"] = band
         table["not_met"] = list(not_met(forest.wanted, found))
     return table
-
-
-def _in_band(forest: GrownForest, found: np.ndarray) -> list[object]:
-    """One value a tree: 1 where all that it measures is as measured trees are, 0 where not, or empty."""
-    told: list[object] = [""] * len(found)
-    for planting, law in enumerate(forest.laws):
-        rows = np.flatnonzero(forest.stand.species == planting) if law is not None else ()
-        if law is not None and len(rows):
-            inside = in_band(law, found[rows]).all(axis=1)
-            for row, value in zip(rows, inside.tolist(), strict=True):
-                told[row] = int(value)
-    return told
 
 
 def met_targets(forest: GrownForest) -> list[TargetsMet]:
@@ -632,7 +627,8 @@ def placed_table(trees: PlacedTrees) -> dict[str, list[object]]:
         values = np.array([row.truth.get(name, np.nan) for row in rows], dtype=float)
         return list((values * factor).tolist())
 
-    dbh = [_dbh(row.skeleton, v, h) for row, v, h in zip(rows, along, across, strict=True)]
+    sizes = zip(rows, along[:, None], across[:, None], strict=True)
+    dbh = [float(dbh_at(row.skeleton, *size)[0]) for row, *size in sizes]
     foot = np.array([float(row.skeleton.radius[:1, 0].sum()) for row in rows])
     area = [
         float(np.pi * (_leaves_in(row.leaves, m)["radius"] ** 2).sum())
@@ -713,13 +709,6 @@ def _leaves_in(leaves: Leaves, matrix: np.ndarray) -> dict[str, np.ndarray]:
         "width": leaves.width * grows / np.maximum(long, 1e-300),
         "radius": leaves.radius * np.sqrt(grows),
     }
-
-
-def _dbh(skeleton: Skeleton, along: float, across: float) -> float:
-    """Diameter of a stem that is stretched along and across the vertical; 0 where it is lower than 1.3 m."""
-    z, d = stem_profile(skeleton)
-    height = BREAST / along if along else np.inf
-    return across * float(np.interp(height, z, d)) if len(z) and height <= z[-1] else 0.0
 
 
 def placed_cylinders(trees: PlacedTrees) -> dict[str, np.ndarray]:

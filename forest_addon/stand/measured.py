@@ -109,7 +109,7 @@ def with_targets(
     groups, ignored = _groups(seed, stand, plantings, names, species, inputs)
     laws: list[Allometry | None] = [None] * len(plantings)
     site = ndtri(keyed_uniform(child_keys(np.repeat(first_key(seed, "site"), 4), SITE), "site"))
-    site = site_part(site)
+    site *= np.sqrt(1 - np.array([0.0, WIDTH, BASE, 0.0]) ** 2)  # without what is competition's
     found = _scores(stand, groups)
     for group in groups:
         rows, law = group.rows, group.law
@@ -357,13 +357,16 @@ def scales_for(skeleton: Skeleton, dbh: np.ndarray) -> np.ndarray:
     return scale
 
 
-def dbh_at(skeleton: Skeleton, scale: np.ndarray) -> np.ndarray:
-    """(N,) diameters at breast height of a tree in sizes (N,), metres; 0 where it does not reach it."""
+def dbh_at(skeleton: Skeleton, along: np.ndarray, across: np.ndarray | None = None) -> np.ndarray:
+    """(N,) diameters at breast height, metres, of a tree in sizes (N,) along the vertical, and across it where
+    they are others; 0 where it does not reach it.
+    """
     z, d = stem_profile(skeleton)
     if not len(z):
-        return np.zeros(len(scale))
-    height = BREAST / scale
-    return np.asarray(np.where(height <= z[-1], scale * np.interp(height, z, d), 0.0))
+        return np.zeros(len(along))
+    height = BREAST / np.maximum(along, 1e-300)
+    wide = along if across is None else across
+    return np.asarray(np.where(height <= z[-1], wide * np.interp(height, z, d), 0.0))
 
 
 def _ignored(
@@ -482,12 +485,6 @@ def competed(uniform: np.ndarray, found: np.ndarray) -> np.ndarray:
         noise = weight * found + np.sqrt(1 - weight**2) * ndtri(uniform[:, column])
         mixed[:, column] = np.clip(ndtr(noise), 1e-6, 1 - 1e-6)
     return mixed
-
-
-def site_part(normals: np.ndarray) -> np.ndarray:
-    """(4,) normals that the trees of a stand share, by measure, without the part that is competition's."""
-    told = np.array([0.0, WIDTH, BASE, 0.0])
-    return np.asarray(normals * np.sqrt(1 - told**2))
 
 
 def suppressed(dbh: np.ndarray, keys: np.ndarray, share: float) -> np.ndarray:

@@ -245,7 +245,11 @@ def _plant(
         else:
             points, given = _listed(number, names, plantings, inputs)
         expected = Integral(float(len(points)))
-        on_field = _on_field(points, planting, forest, inputs)
+        start, end = corners_of(forest)
+        tidy = 1e-9 * float(np.max(end - start))  # a row on the very edge counts
+        on_field = ((points >= start - tidy) & (points <= end + tidy)).all(axis=1)
+        for mask in masks_of(planting, forest, inputs):
+            on_field &= mask.at(points) > 0
     count = len(points)
 
     def draw(purpose: str) -> np.ndarray:
@@ -315,16 +319,6 @@ def draw_places(planting: Planting, process: Process, rng: np.random.Generator) 
     if planting.layout == "strauss":
         return sample_strauss(process, planting.strauss, rng)
     return sample(process, rng, round(process.expected()) if planting.exact else None)
-
-
-def _on_field(points: np.ndarray, planting: Planting, forest: Forest, inputs: Inputs) -> np.ndarray:
-    """(N,) bool, which places lie on the field and where the planting may stand."""
-    low, high = corners_of(forest)
-    tidy = 1e-9 * float(np.max(high - low))  # a row on the very edge counts
-    good = ((points >= low - tidy) & (points <= high + tidy)).all(axis=1)
-    for mask in masks_of(planting, forest, inputs):
-        good &= mask.at(points) > 0
-    return np.asarray(good)
 
 
 def _listed(

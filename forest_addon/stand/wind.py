@@ -35,7 +35,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
 from typing import TypeVar
 
 import numpy as np
@@ -53,7 +52,7 @@ from ..growth.sway.shape import (
     shape_of,
 )
 from ..growth.tree import Tree
-from ..spec import Species, Wind
+from ..spec import Wind
 from .forest import GrownForest
 
 LOWEST, HIGHEST = 0.005, 8.0  # Hz
@@ -445,7 +444,7 @@ class ForestSway:
         self, forest: GrownForest, wind: Wind, seed: int, like: ForestSway | None = None
     ) -> None:
         self._forest = forest
-        self._seed = seed
+        self._first = first_key(seed, "flutter")
         heights = forest.heights()
         top = float(np.quantile(heights, 0.9)) if len(heights) else LOWEST_TOP
         top = max(top, LOWEST_TOP)
@@ -470,7 +469,10 @@ class ForestSway:
         key = self.variant(tree)
         if key not in self._shapes:
             grown, species = self._forest.variants[key], self._forest.species[key[0]]
-            self._shapes[key] = _shape(grown, species)
+            wood = grown.skeleton
+            moves = len(wood) > 1 and not species.dead and wood.radius.max() > 0
+            beams = wood_of_species(species)
+            self._shapes[key] = shape_of(wood, grown.leaves, beams) if moves else None
         return self._shapes[key]
 
     def response(self, tree: int) -> SwayResponse | None:
@@ -676,24 +678,12 @@ class ForestSway:
         )
         return value, rate
 
-    @cached_property
-    def _first(self) -> np.ndarray:
-        return first_key(self._seed, "flutter")
-
 
 def sway_of(
     forest: GrownForest, wind: Wind, seed: int, like: ForestSway | None = None
 ) -> ForestSway | None:
     """The motion of a forest in a scene's wind; None without wind or trees. like : see ``ForestSway``."""
     return ForestSway(forest, wind, seed, like) if wind.speed > 0 and len(forest.stand) else None
-
-
-def _shape(tree: Tree, species: Species) -> SwayShape | None:
-    if species.dead or not len(tree.skeleton) or tree.skeleton.radius.max() <= 0:
-        return None
-    if len(tree.skeleton) < 2:
-        return None
-    return shape_of(tree.skeleton, tree.leaves, wood_of_species(species))
 
 
 def _still(count: int) -> Anchors:

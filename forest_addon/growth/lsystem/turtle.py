@@ -525,7 +525,17 @@ def grow_ruled(
 
     key : lineage of the tree, from which sizes of leaves are drawn. rng : draws of the productions.
     """
-    word = _derive_to_walk(rules, rng)
+    system = system_of(rules)
+    size, word = predict(system, rules.generations), None
+    if system.conditional or size.symbols <= MAX_WALKED:
+        word = rewrite(system, rules.generations, rng)
+        size = Prediction(len(word), 0, True)
+    if word is None or len(word) > MAX_WALKED:
+        about = "" if size.exact else "about "
+        raise ValueError(
+            f"{rules.generations} generations make {about}{written(size.symbols)} symbols, more than the "
+            f"{MAX_WALKED:,} that fit in memory as a tree; use fewer generations"
+        )
     walked = walk(_commands(rules, word), rules.diameter, rules.tropism, rules.elasticity)
     if rules.prune_descending:
         walked = prune_descending(walked)
@@ -551,22 +561,6 @@ def grow_ruled(
     ratio = draw_normal(leaf.width_ratio, keys, "leaf width")
     width = np.where(np.isnan(leaves.width), length * ratio, leaves.width * rules.scale)
     return scaled, replace(leaves, foot=leaves.foot * rules.scale, length=length, width=width)
-
-
-def _derive_to_walk(rules: Rules, rng: np.random.Generator) -> Word:
-    """The string, refused before it is derived where it would be too long to walk."""
-    system = system_of(rules)
-    size = predict(system, rules.generations)
-    if system.conditional or size.symbols <= MAX_WALKED:
-        word = rewrite(system, rules.generations, rng)
-        if len(word) <= MAX_WALKED:
-            return word
-        size = Prediction(len(word), 0, True)
-    about = "" if size.exact else "about "
-    raise ValueError(
-        f"{rules.generations} generations make {about}{written(size.symbols)} symbols, more than the "
-        f"{MAX_WALKED:,} that fit in memory as a tree; use fewer generations"
-    )
 
 
 def check_rules(rules: Rules) -> None:

@@ -23,7 +23,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from ...base.rows import lengths
-from ...base.runs import Runs, bounds
+from ...base.runs import Runs, bounds, numbered
 from ...base.trimesh import LEAF, WOOD, TriMesh
 from ...base.vectors import azimuth_of, column, cross_rows, nearest_on_triangles
 from ..mesh.leaves import CopyStock, Leaves, measure_leaves
@@ -70,8 +70,14 @@ def find_bones(
     The lines; (S, 3) unit directions of their stretches; (V,) stretch of its line that each vertex is on;
     (V,) how far along it, 0 .. 1.
     """
-    owner = found.wood.piece_of_vertex.astype(np.int64)
-    whole = _from_foot_to_tip(found, origin, metres)
+    recognised, owner = found.lines, found.wood.piece_of_vertex.astype(np.int64)
+    size = np.diff(recognised.first)
+    piece, rank = numbered(size)
+    backwards = found.foot_end[piece] == 1
+    row = recognised.first[piece] + np.where(backwards, size[piece] - 1 - rank, rank)
+    knot = (recognised.knot[row] - origin) * metres
+    radius = np.maximum(recognised.radius[row] * metres, THINNEST)
+    whole, _ = _through(knot, radius, recognised.first.astype(np.int64))  # each from its foot on
     stretch, part = nearest(whole, owner, place)
     along = _along(whole, owner, stretch, np.clip(part, 0.0, 1.0))
     line, share = _knots(whole, owner, along, trunk=found.parent < 0)
@@ -85,19 +91,6 @@ def find_bones(
     knot = np.clip(knot, first, first + np.diff(lines.first)[owner] - 1)
     step = np.maximum(share[knot + 1] - share[knot], np.finfo(float).tiny)
     return lines, direction, knot - first, np.clip((along - share[knot]) / step, 0.0, 1.0)
-
-
-def _from_foot_to_tip(found: Recognition, origin: np.ndarray, metres: float) -> Lines:
-    """The recognised lines, all knots, each from its foot on."""
-    first = found.lines.first
-    size = np.diff(first)
-    owner = np.repeat(np.arange(len(size)), size)
-    rank = np.arange(first[-1]) - first[owner]
-    backwards = found.foot_end[owner] == 1
-    row = first[owner] + np.where(backwards, size[owner] - 1 - rank, rank)
-    knot = (found.lines.knot[row] - origin) * metres
-    radius = np.maximum(found.lines.radius[row] * metres, THINNEST)
-    return _through(knot, radius, first.astype(np.int64))[0]
 
 
 def _through(knot: np.ndarray, radius: np.ndarray, first: np.ndarray) -> tuple[Lines, np.ndarray]:
@@ -313,6 +306,19 @@ def dissect(found: Recognition, metres: float = 1.0) -> Anatomy:
         laid, bent = unbend(direction[rows], bounds(np.diff(lines.first)[here]), start)
         frame[rows], bend[rows] = laid, bent
     lines = replace(lines, knot=walk(frame, lines.length, lines.first, feet), frame=frame)
+    # Each vertex is turned by the stretch that it is on and by the nearer next.
+    owner, stretch, part = mesh.owner, mesh.stretch, mesh.part
+    towards_next = (part >= 0.5) & (stretch < np.diff(lines.first)[owner] - 1)
+    from_before = (part < 0.5) & (stretch > 0)
+    on_line, _ = lines.at(owner, stretch, part)
+    wood = TemplateWood(
+        stock=CopyStock.of(mesh.place - on_line, owner, mesh.triangles, WOOD, BARK_SLOT),
+        stretch=stretch,
+        part=part,
+        bone=stretch - from_before,
+        weight=np.where(towards_next, part - 0.5, np.where(from_before, part + 0.5, 0.0)),
+        ring=mesh.ring,
+    )
     return Anatomy(
         parent=parent,
         order=order,
@@ -323,7 +329,7 @@ def dissect(found: Recognition, metres: float = 1.0) -> Anatomy:
         angle=angle,
         roll=roll,
         carried=carried,
-        wood=_wood(lines, mesh),
+        wood=wood,
         foliage=_foliage(found, lines, origin, metres),
         bridged=bridged,
     )
@@ -492,23 +498,6 @@ def _bridge(
     triangles = renamed[triangles[sorted_ones]]
     whole = _Mesh(place[order], owner[order], triangles, stretch[order], part[order], ring[order])
     return extended, np.insert(direction, first, ahead, axis=0), whole, off
-
-
-def _wood(lines: Lines, mesh: _Mesh) -> TemplateWood:
-    """The mesh of the pieces, each vertex turned by the stretch that it is on and by the nearer next."""
-    owner, stretch, part = mesh.owner, mesh.stretch, mesh.part
-    last = np.diff(lines.first)[owner] - 1
-    towards_next = (part >= 0.5) & (stretch < last)
-    from_before = (part < 0.5) & (stretch > 0)
-    on_line, _ = lines.at(owner, stretch, part)
-    return TemplateWood(
-        stock=CopyStock.of(mesh.place - on_line, owner, mesh.triangles, WOOD, BARK_SLOT),
-        stretch=stretch,
-        part=part,
-        bone=stretch - from_before,
-        weight=np.where(towards_next, part - 0.5, np.where(from_before, part + 0.5, 0.0)),
-        ring=mesh.ring,
-    )
 
 
 def _foliage(found: Recognition, lines: Lines, origin: np.ndarray, metres: float) -> Foliage:

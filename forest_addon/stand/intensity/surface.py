@@ -528,13 +528,11 @@ def roughened(ground: GroundSurface, forest: Forest, roughness: float, seed: int
     base = ground.height(place).reshape(len(y), len(x))
     bumps = _bumps(x, y, seed)
     inner_low, inner_high = np.array(forest.origin), np.array(forest.origin) + np.array(forest.size)
-    fade = np.ones_like(bumps)
-    for axis, along in ((1, x), (0, y)):
-        k = 1 - axis
-        away = np.maximum(np.maximum(inner_low[k] - along, along - inner_high[k]), 0)
-        fall = np.clip(1 - away / FADE, 0, 1)
-        fade *= fall[None, :] if axis == 1 else fall[:, None]
-    heights = base + roughness / 4 * bumps * fade
+    across, along = (
+        np.clip(1 - np.maximum(np.maximum(inner_low[k] - at, at - inner_high[k]), 0) / FADE, 0, 1)
+        for k, at in enumerate((x, y))
+    )
+    heights = base + roughness / 4 * bumps * (across * along[:, None])
     return Heightmap(heights, low, span, "rough ground")
 
 
