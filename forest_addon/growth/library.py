@@ -224,12 +224,11 @@ def complete_species(
             return species, blade
         wood = read_stl(folder / template.wood, MOST_OF_TREE)
         leaves = read_stl(folder / template.leaves, MOST_OF_TREE) if template.leaves else None
+        tall = float(np.ptp(wood[:, :, 2])) if len(wood) else 0.0
+        metres = template.height / tall if template.height and tall else 1.0
         if leaves is None and template.grow_leaves and leaf.on:
-            unit = template.height / float(np.ptp(wood[:, :, 2])) if template.height else 1.0
-            leaves = dress(wood, leaf, blade or leaf_blade(leaf, species.detail.tolerance), unit)
+            leaves = dress(wood, leaf, blade or leaf_blade(leaf, species.detail.tolerance), metres)
         if species.siblings is not None:
-            tall = float(np.ptp(wood[:, :, 2])) if len(wood) else 0.0
-            metres = template.height / tall if template.height and tall else 1.0
             return species, _once(
                 ("fit", metres), wood, leaves, lambda: fit(dissect(recognise(wood, leaves), metres))
             )

@@ -358,8 +358,8 @@ def scales_for(skeleton: Skeleton, dbh: np.ndarray) -> np.ndarray:
 
 
 def dbh_at(skeleton: Skeleton, along: np.ndarray, across: np.ndarray | None = None) -> np.ndarray:
-    """(N,) diameters at breast height, metres, of a tree in sizes (N,) along the vertical, and across it where
-    they are others; 0 where it does not reach it.
+    """(N,) diameters at breast height, metres, of a tree in sizes (N,) along the vertical, and across it
+    where they are others; 0 where it does not reach it.
     """
     z, d = stem_profile(skeleton)
     if not len(z):
