@@ -6,9 +6,8 @@ if __name__ == "__main__":  # processes of a pool import it, too
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # no traceback of an import
         signal.signal(signal.SIGINT, signal.SIG_DFL)
 
-    from .interrupt import follow_starter, quietly
+    from .interrupt import quietly
 
-    follow_starter()
     quietly()  # before the first import that takes a while
 
     from .cli import main

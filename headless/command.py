@@ -136,6 +136,12 @@ class Command:
         raise NotImplementedError
 
 
+def add_cluster_options(parser: argparse.ArgumentParser) -> None:
+    """Declare the options that say on which other machines workers are."""
+    parser.add_argument("--scheduler", default="", metavar="ADDRESS", help="of a Dask cluster")
+    parser.add_argument("--slurm", metavar="KEY=VALUE,...", help="start workers by Slurm")
+
+
 def scene_file(words: str) -> Path:
     """Return the scene file that a word of the command line means: a file, or one of ``assets/scenes``
     by its name alone, such as hedge-bat."""

@@ -18,7 +18,6 @@ from types import FrameType
 from forest_addon.formats.atomic import remove_partial_files
 
 PATIENCE = 2.0  # seconds
-WATCHED = "FOREST_SENSING_WATCHED"  # in the environment of a process that ends with its starter
 STOPPED = 130  # exit code
 BLENDERS = f"{os.sep}scripts{os.sep}"  # in the path of a script that belongs to Blender
 
@@ -27,20 +26,6 @@ def quietly() -> None:
     """From now on SIGINT ends the process in one line: before anything is written, and after."""
     if signal.getsignal(signal.SIGINT) != signal.SIG_IGN:  # as in the background of a shell
         signal.signal(signal.SIGINT, lambda *_: _end("nothing was written", 2))
-
-
-def follow_starter() -> None:
-    """End with whoever started this process, where the environment says that it holds our standard input:
-    that closes when it ends, however that comes."""
-    if os.environ.pop(WATCHED, ""):
-        threading.Thread(target=_end_at_end, daemon=True).start()
-
-
-def _end_at_end() -> None:
-    while os.read(0, 1):
-        pass
-    remove_partial_files()
-    os._exit(STOPPED)
 
 
 @contextmanager

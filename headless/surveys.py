@@ -19,8 +19,7 @@ from typing import Any
 import numpy as np
 
 from forest_addon.base.trimesh import GROUND, LEAF, OTHER, TriMesh
-from forest_addon.formats.helios.legs import Leg
-from forest_addon.formats.helios.survey import Survey, read_survey
+from forest_addon.formats.helios.survey import Leg, Survey, read_survey
 from forest_addon.formats.las import read_las
 from forest_addon.formats.raster_file import read_raster
 from forest_addon.formats.table import write_csv
@@ -51,7 +50,6 @@ from forest_addon.spec import (
     Mobile,
     Noise,
     Planting,
-    Pose,
     Rays,
     Scene,
     SpecError,
@@ -70,46 +68,25 @@ MOST_RETURNS = 15  # that a point file numbers
 
 @dataclass(frozen=True)
 class LegCounts:
-    """Counts of a leg: pulses by their number of returns (16,), the mean of its points (3,), CPU seconds."""
+    """Counts of a leg: points, pulses that came back, pulses with one return, the mean of its points (3,),
+    CPU seconds."""
 
     name: str
-    by_returns: np.ndarray
+    points: int
+    pulses: int
+    single: int
     mean: np.ndarray
     seconds: float
 
-    @property
-    def points(self) -> int:
-        """Number of points."""
-        return int(self.by_returns @ np.arange(len(self.by_returns)))
-
-    @property
-    def pulses(self) -> int:
-        """Number of pulses that came back."""
-        return int(self.by_returns.sum())
-
-
-@dataclass(frozen=True)
-class ScanChoice:
-    """Seed of noise and chances, who casts the rays, and how echoes are found.
-
-    echoes : of ``ECHOES``: as HELIOS++ finds them, by the survey's bins and window, or as our scanners do.
-    """
-
-    seed: int = 0
-    engine: str = "auto"
-    echoes: str = ECHOES[0]
-
 
 class CountedScan(SurveyScan):
-    """A scan that counts its pulses by returns, and sums its points, while it runs."""
+    """A scan that counts its pulses that come back and those with one return, and sums its points."""
 
     def chunks(self, first: int = 0, at_once: int | None = None) -> Iterator[tuple[int, Cloud]]:
         """See ``Scan.chunks``."""
-        self.by_returns = np.zeros(MOST_RETURNS + 1, dtype=np.int64)
-        self.total = np.zeros(3)
+        self.came, self.total = np.zeros(2, dtype=np.int64), np.zeros(3)
         for stop, cloud in super().chunks(first, at_once):
-            count = cloud.count[cloud.number == 1]
-            self.by_returns += np.bincount(count, minlength=MOST_RETURNS + 1)
+            self.came += (cloud.number == 1).sum(), (cloud.count == 1).sum()
             self.total += cloud.position.sum(axis=0)
             yield stop, cloud
 
@@ -121,12 +98,16 @@ def scan_survey(
     assets: Path | None = None,
     reference: Path | None = None,
     offset: Offset = NO_OFFSET,
-    choice: ScanChoice = ScanChoice(),
+    seed: int = 0,
+    engine: str = "auto",
+    echoes: str = ECHOES[0],
     quiet: bool = False,
 ) -> list[LegCounts]:
     """Run a survey of HELIOS++, each active leg into a file: NAME-leg000.laz and so on.
 
     assets : where paths in the survey start. reference : counts of each leg to be held beside ours.
+    seed : of noise and chances. engine : who casts the rays. echoes : of ``ECHOES``: as HELIOS++ finds them,
+    by the survey's bins and window, or as our scanners do.
 
     Raises
     ------
@@ -149,56 +130,36 @@ def scan_survey(
         stages.say(f"  parts are swapped: the survey is played {len(plays)} times")
     target.parent.mkdir(parents=True, exist_ok=True)
     found = []
-    for number, play in enumerate(plays):
-        name = f"play{number}-" if len(plays) > 1 else ""
-        found += _scan_play(play, target, name, offset, choice, stages)
+    for play, legs in enumerate(plays):
+        prefix = f"play{play}-" if len(plays) > 1 else ""
+        with stages.stage("make the scene"), hushed():
+            caster_of = casters_of(legs, engine)
+        for index, leg in enumerate(legs.legs):
+            name = f"{prefix}leg{index:03d}"
+            if not leg.active:
+                stages.say(f"  {name}: the scanner is off")
+                continue
+            sensor, pattern = sensor_of_survey(legs, leg, name), SurveyLeg(legs, leg)
+            scan = CountedScan(sensor, caster_of(index), seed, pattern=pattern)
+            if echoes == "survey" and leg.digitiser.rings > 1:
+                across = np.pi / 2 if legs.device.optics == "conic" else 0.0
+                scan = scan.sampled(leg.digitiser, across)
+            scan = scan.among(hazes_of(legs))
+            file = target.with_name(f"{target.stem}-{name}{target.suffix}")
+            started = time.process_time()
+            with stages.stage(f"{name}, {scan.pulses:,} pulses") as progress:
+                done = write_scan(file, scan, seed, offset=offset, progress=progress)
+            took = time.process_time() - started
+            if not done.points:
+                near, far = scan.scanner.min_range, scan.scanner.max_range
+                stages.warn(f"{name} has no point: nothing stands from {near:g} to {far:g} m away")
+            mean = scan.total / max(done.points, 1)
+            found.append(LegCounts(name, done.points, *scan.came.tolist(), mean, took))
+            engine_of = scan.caster.engine
+            stages.say(f"{file}: {done.points:,} points of {done.pulses:,} pulses by {engine_of}")
     if not quiet:
         print("\n".join(table_of(found, beside)))
     return found
-
-
-def _scan_play(
-    survey: Survey, target: Path, prefix: str, offset: Offset, choice: ScanChoice, stages: Stages
-) -> list[LegCounts]:
-    """Scan each active leg of a survey into a file, whose name begins with a prefix after the target's."""
-    with stages.stage("make the scene"), hushed():
-        caster_of = casters_of(survey, choice.engine)
-    found = []
-    for index, leg in enumerate(survey.legs):
-        name = f"{prefix}leg{index:03d}"
-        if not leg.active:
-            stages.say(f"  {name}: the scanner is off")
-            continue
-        caster = caster_of(index)
-        scan = _scan_of(survey, leg, name, caster, choice)
-        file = target.with_name(f"{target.stem}-{name}{target.suffix}")
-        started = time.process_time()
-        with stages.stage(f"{name}, {scan.pulses:,} pulses") as progress:
-            done = write_scan(file, scan, choice.seed, offset=offset, progress=progress)
-        took = time.process_time() - started
-        if not done.points:
-            near, far = scan.scanner.min_range, scan.scanner.max_range
-            stages.warn(f"{name} has no point: nothing stands from {near:g} to {far:g} m away")
-        mean = scan.total / max(done.points, 1)
-        found.append(LegCounts(name, scan.by_returns, mean, took))
-        stages.say(f"{file}: {done.points:,} points of {done.pulses:,} pulses by {caster.engine}")
-    return found
-
-
-def _scan_of(
-    survey: Survey,
-    leg: Leg,
-    name: str,
-    caster: RayCaster | MovingCaster,
-    choice: ScanChoice,
-) -> CountedScan:
-    """The scan of a leg."""
-    sensor, pattern = sensor_of_survey(survey, leg, name), SurveyLeg(survey, leg)
-    scan = CountedScan(sensor, caster, choice.seed, pattern=pattern)  # type: ignore[arg-type]
-    if choice.echoes == "survey" and leg.digitiser.rings > 1:
-        across = np.pi / 2 if survey.device.optics == "conic" else 0.0
-        scan = scan.sampled(leg.digitiser, across)
-    return scan.among(hazes_of(survey))
 
 
 def casters_of(survey: Survey, engine: str) -> Callable[[int], RayCaster | MovingCaster]:
@@ -276,7 +237,7 @@ def sensor_of_survey(survey: Survey, leg: Leg, name: str) -> Terrestrial:
         beam=Beam(
             wavelength_nm=device.wavelength_nm,
             divergence_mrad=(spread, spread),
-            subrays=len(rings(leg.digitiser.rings).share),
+            subrays=len(rings(leg.digitiser.rings)[1]),
             pulse_ns=device.pulse_ns,
             max_returns=min(device.max_returns or MOST_RETURNS, MOST_RETURNS),
         ),
@@ -287,23 +248,19 @@ def sensor_of_survey(survey: Survey, leg: Leg, name: str) -> Terrestrial:
 def table_of(found: list[LegCounts], beside: Mapping[str, Any]) -> list[str]:
     """Lines of a table: points, pulses that came back and those with one return, ours and the reference's."""
     kinds = ("points", "pulses", "single")
-    head = f"{'leg':<8}" + "".join(f"{kind:>12}{'ref.':>12}{'%':>8}" for kind in kinds)
-    lines = [head + f"{'centre, m':>11}{'CPU s':>8}" if beside else head]
-    if not beside:
-        lines = [f"{'leg':<8}" + "".join(f"{kind:>12}" for kind in kinds) + f"{'CPU s':>8}"]
+    more, end = (f"{'ref.':>12}{'%':>8}", f"{'centre, m':>11}") if beside else ("", "")
+    lines = [f"{'leg':<8}" + "".join(f"{kind:>12}{more}" for kind in kinds) + f"{end}{'CPU s':>8}"]
     for leg in found:
-        ours = (leg.points, leg.pulses, int(leg.by_returns[1]))
-        line = f"{leg.name:<8}"
-        other = beside.get(leg.name)
-        if other is None:
-            lines.append(line + "".join(f"{n:>12,}" for n in ours) + f"{leg.seconds:>8.1f}")
-            continue
-        single = int(other["returns_per_pulse"].get("1", 0))
-        theirs = (int(other["points"]), int(other["pulses_with_returns"]), single)
-        for mine, its in zip(ours, theirs, strict=True):
-            line += f"{mine:>12,}{its:>12,}{100 * (mine / max(its, 1) - 1):>+8.2f}"
-        away = float(np.linalg.norm(leg.mean - np.array(other["mean_xyz"])))
-        lines.append(f"{line}{away:>11.3f}{leg.seconds:>8.1f}")
+        line, other, away = f"{leg.name:<8}", beside.get(leg.name), ""
+        theirs: tuple[int | None, ...] = (None,) * 3
+        if other is not None:
+            single = other["returns_per_pulse"].get("1", 0)
+            theirs = int(other["points"]), int(other["pulses_with_returns"]), int(single)
+            away = f"{float(np.linalg.norm(leg.mean - np.array(other['mean_xyz']))):>11.3f}"
+        for mine, its in zip((leg.points, leg.pulses, leg.single), theirs, strict=True):
+            line += f"{mine:>12,}"
+            line += "" if its is None else f"{its:>12,}{100 * (mine / max(its, 1) - 1):>+8.2f}"
+        lines.append(f"{line}{away}{leg.seconds:>8.1f}")
     return lines
 
 
@@ -383,10 +340,8 @@ def write_like(
             continue
         far = np.linalg.norm(cloud.place[rows] - line.at(cloud.time[rows]), axis=1)
         plain = _instrument(scanner, float(far.max()), int(cloud.count.max()))
-        made = scanner_like(plain, line, pattern, low, line.time[0])
-        if flown is not None:
-            made = made.changed(poses=_poses(flown, line, low))
-        sensors.append(made)
+        rows_of = None if flown is None else _during(flown, line.time[0], line.time[-1])
+        sensors.append(scanner_like(plain, line, pattern, low, rows_of))
         report.append(_told(line, pattern, far, low, int(rows.sum())))
     if not sensors:
         raise SpecError(
@@ -533,20 +488,6 @@ def _during(flown: np.ndarray, start: float, stop: float) -> np.ndarray:
     last = int(np.searchsorted(flown[:, 0], stop)) + 1
     met = flown[0, 0] <= stop and flown[-1, 0] >= start
     return flown[first:last] if met else flown[:0]
-
-
-def _poses(flown: np.ndarray, line: FlightLine, low: np.ndarray) -> tuple[Pose, ...]:
-    rows = _during(flown, float(line.time[0]), float(line.time[-1]))
-    return tuple(
-        Pose(
-            time=round(float(row[0] - line.time[0]), 6),
-            position=tuple(float(v) for v in np.round(row[1:4] - low, 3)),
-            heading_deg=float(row[4]),
-            pitch_deg=float(row[5]),
-            roll_deg=float(row[6]),
-        )
-        for row in rows
-    )
 
 
 def _told(

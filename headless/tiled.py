@@ -2,8 +2,8 @@
 
 All that is finished stands on the disk. A piece (a tile, with one width of buffer) is a file of its own
 in ``tiles/`` until its scan is joined; a sensor that is done has a note there, which says by what settings.
-So a run that is killed loses the pieces that it was at, and ``--resume`` makes what is missing. Processes
-share the work by number alone, ``--share 2/8``, on one machine or on many that see the same folder.
+So a run that is killed loses the pieces that it was at, and ``--resume`` makes what is missing. Workers are
+those of datasets: of this machine, or of a cluster whose machines see the same folder.
 """
 
 from __future__ import annotations
@@ -11,16 +11,18 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
-import subprocess
-import sys
+import tempfile
+import time
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from forest_addon.api import TiledScan, Tiling, World
 from forest_addon.api.results import is_scanner
-from forest_addon.base.places import environment_of_child
+from forest_addon.base.rng import stream
 from forest_addon.blender.files.export import empty_file
 from forest_addon.blender.read.depsgraph import forget
 from forest_addon.formats.atomic import remove_abandoned, write_whole
@@ -30,46 +32,31 @@ from forest_addon.results.coordinates import FILE, Offset, on_the_map, write_not
 from forest_addon.results.kinds import write_finding
 from forest_addon.spec import Scene, SpecError
 from forest_addon.stand.forest import angle_table, tree_table
+from forest_addon.tiles import LEVELS, TileGrid, seconds_of_pulses
 
-from .command import DoubtfulError
-from .interrupt import WATCHED
+from .command import DoubtfulError, IncompleteError
+from .dataset.engine import Cluster, SceneOutcome, make_all
+from .dataset.estimate import Estimate, Trial
+from .dataset.settings import Running
 from .progress import Stages, hushed, peak_memory_mb
 from .record import made_with
 
 FOLDER = "tiles"
+MOST_CUTS = 8  # along the edges of a tile
 BLOCK = 250_000  # trees of trees.csv at a time
 NOT_WRITTEN = "report.html, pictures, leaves.npz, forest.blend, forest.glb and preview.png"
-
-
-@dataclass(frozen=True)
-class Share:
-    """Share of the work: number ``part`` of ``parts``, from 1."""
-
-    part: int = 1
-    parts: int = 1
-
-    @classmethod
-    def of(cls, text: str) -> Share:
-        """Read "2/8".
-
-        Raises
-        ------
-        ValueError : it is something else.
-        """
-        part, _, parts = text.partition("/")
-        if not (part.isdigit() and parts.isdigit() and 1 <= int(part) <= int(parts)):
-            raise ValueError(f'"{text}" is no share; write such as 2/8')
-        return cls(int(part), int(parts))
 
 
 @dataclass
 class TiledRun:
     """State of a run in tiles."""
 
+    asked: Scene
+    base: Path  # that its paths are relative to
     tiling: Tiling
     out: Path
     stages: Stages
-    resume: bool
+    resume: bool = False
     scans: dict[str, TiledScan] = field(default_factory=dict)
     facts: dict[str, Any] = field(default_factory=dict)
     files: list[str] = field(default_factory=list)
@@ -77,6 +64,11 @@ class TiledRun:
     @property
     def folder(self) -> Path:
         return self.out / FOLDER
+
+    def scan(self, sensor: Any, only: np.ndarray | None = None) -> TiledScan:
+        """The scan of one of its scanners."""
+        way = self.tiling.way(sensor)
+        return TiledScan(self.tiling, sensor, self.folder, way, only)
 
     def note(self, name: str) -> Path:
         """Path of the file which says that a sensor is done."""
@@ -109,45 +101,40 @@ def run_in_tiles(
     *,
     quiet: bool = False,
     resume: bool = False,
-    share: Share | None = None,
+    cluster: Cluster | None = None,
     strict: bool = False,
 ) -> None:
     """Run a scene with ``[tiles]`` into a folder.
 
     folder : that paths in the scene file are relative to. resume : take what is finished.
-    share : make only these pieces, and join nothing; None: all, and join them. strict : a warning is an
-    error, at the end.
+    cluster : where tiles are made; None: in this process. strict : a warning is an error, at the end.
 
     Raises
     ------
     SpecError : a scene that cannot be cut into tiles. OSError : a file could not be written; what is
-    finished is kept. DoubtfulError : ``strict`` and a warning; everything is written.
+    finished is kept. IncompleteError : a tile could not be made. DoubtfulError : ``strict`` and a warning;
+    everything is written.
     """
     stages = Stages(quiet)
     stages.say(f"{settings.name}, seed {settings.seed}, in tiles")
     out.mkdir(parents=True, exist_ok=True)
     with stages.stage("plan the field, grow variants"), hushed():
         empty_file()
-        run = TiledRun(Tiling.of(settings, folder), out, stages, resume or share is not None)
+        run = TiledRun(settings, folder, Tiling.of(settings, folder), out, stages, resume)
     run.folder.mkdir(exist_ok=True)
-    if share is None:
-        remove_abandoned(run.folder)
+    remove_abandoned(run.folder)
     _say_tiles(run)
     every = run.tiling.site.scene.sensors
     todo = [s for s in every if not (run.resume and run.done(s))]
     for sensor in todo:
         remove(run.note(sensor.name))
         if is_scanner(sensor):
-            way = run.tiling.way(sensor)
-            run.scans[sensor.name] = scan = TiledScan(run.tiling, sensor, run.folder, way)
+            run.scans[sensor.name] = scan = run.scan(sensor)
             if scan.followed:
                 stages.say(f"  {scan.followed}")
         else:
             run.tiling.reachable(sensor)  # refused now, before hours are spent
-    _make_pieces(run, share)
-    if share is not None:
-        stages.say(f"Share {share.part}/{share.parts} is done; --resume without --share joins all")
-        return
+    _make_pieces(run, cluster)
     for sensor in todo:
         if is_scanner(sensor):
             _join(run, run.scans[sensor.name])
@@ -160,41 +147,75 @@ def run_in_tiles(
         raise DoubtfulError(f"{'; '.join(stages.warnings)}; the results are kept in {out}")
 
 
-def run_by_workers(words: Sequence[str], workers: int) -> None:
-    """Run so many processes of this command, a share each; ``words`` are its arguments.
+@dataclass(frozen=True)
+class TileJob:
+    """A piece of the scans of a run in tiles, as a ``WorkerJob`` of the engine.
 
-    Raises
-    ------
-    SpecError : one of them failed; says what it said last.
+    scene, folder : as of ``run_in_tiles``. out : where the run's pieces are. sensors : names of those that
+    scan. cuts : along the edges of the tile.
     """
-    started = [
-        subprocess.Popen(
-            [sys.executable, "-m", str(__package__), *words, "--share", f"{k + 1}/{workers}"],
-            stdin=subprocess.PIPE,  # which closes when we end, however that comes
-            stderr=subprocess.PIPE,
-            text=True,
-            env=environment_of_child(**{WATCHED: "1"}),
-        )
-        for k in range(workers)
-    ]
-    said = []
-    try:
-        for process in started:
-            assert process.stderr is not None
-            said.append(process.stderr.read().strip())
-            process.wait()
-    finally:
-        for process in started:
-            if process.poll() is None:
-                process.terminate()
-    for number, (process, text) in enumerate(zip(started, said, strict=True), 1):
-        code = process.returncode
-        if code:
-            how = f"was ended by signal {-code}" if code < 0 else f"ended with {code}"
-            last = f": {text.splitlines()[-1]}" if text else ""
-            raise SpecError(
-                "--workers", f"process {number} of {workers} {how}{last}; --resume goes on"
-            )
+
+    scene: Scene
+    folder: Path
+    out: Path
+    number: int
+    sensors: tuple[str, ...]
+    running: Running
+    memory: float
+    threads: int
+    cuts: int = 1
+
+    @property
+    def name(self) -> str:
+        """See ``WorkerJob``."""
+        grid = TileGrid.of(self.scene.forest, self.scene.tiles.size)
+        return f"tile {grid.name(self.number // LEVELS)}"
+
+    def is_done(self) -> bool:
+        """See ``WorkerJob``; only who has planned the field knows."""
+        return False
+
+    def make(self, session: Any) -> dict[str, float]:
+        """See ``WorkerJob``."""
+        rays = self.scene.rays.changed(threads=self.threads)
+        start = time.process_time()
+        scans = _scans_of(self.scene.changed(rays=rays), self.folder, self.out, self.sensors)
+        planned = time.process_time()
+        make_piece(scans, self.number, self.cuts)
+        return {"plan": planned - start, "sensors": time.process_time() - planned}
+
+    def note(self, outcome: SceneOutcome) -> None:
+        """See ``WorkerJob``; the piece itself says it."""
+
+    def smaller(self) -> TileJob | None:
+        """See ``WorkerJob``."""
+        return replace(self, cuts=2 * self.cuts) if self.cuts < MOST_CUTS else None
+
+
+_known: dict[str, list[TiledScan]] = {}  # the scans that this process plans, by what they are of
+
+
+def _scans_of(scene: Scene, folder: Path, out: Path, sensors: Sequence[str]) -> list[TiledScan]:
+    """The scans of a run, planned once in a process."""
+    said = repr((scene, folder, out, sensors))
+    if said not in _known:
+        _known.clear()
+        with hushed():
+            empty_file()
+            run = TiledRun(scene, folder, Tiling.of(scene, folder), out, Stages(True))
+        _known[said] = [run.scan(s) for s in scene.sensors if s.name in sensors]
+    return _known[said]
+
+
+def make_piece(scans: Sequence[TiledScan], piece: int, cuts: int = 1) -> None:
+    """Make what is missing of a piece, of several scans in one scene."""
+    world: World | None = None
+    for scan in scans:
+        if piece in scan.pulses.pieces and not scan.is_made(piece):
+            with hushed():
+                world = (world or scan.world(piece)) if cuts == 1 else None
+                scan.make(piece, world, cuts)
+    forget()
 
 
 def _say_tiles(run: TiledRun) -> None:
@@ -211,26 +232,124 @@ def _say_tiles(run: TiledRun) -> None:
     run.facts["tiles"] = {"count": list(tiling.grid.count), "trees": trees}
 
 
-def _make_pieces(run: TiledRun, share: Share | None) -> None:
-    """Make the pieces that are missing, those of several scans in one scene together."""
-    wanted: dict[int, list[TiledScan]] = {}
-    for scan in run.scans.values():
-        for piece in scan.todo(run.resume):
-            wanted.setdefault(piece, []).append(scan)
-    order = sorted(wanted)
-    if share is not None:
-        order = order[share.part - 1 :: share.parts]
+def _make_pieces(run: TiledRun, cluster: Cluster | None) -> list[SceneOutcome]:
+    """Make the pieces that are missing; returns how those went that workers made."""
+    todo = sorted({piece for scan in run.scans.values() for piece in scan.todo(run.resume)})
+    told: list[SceneOutcome] = []
     with run.stages.stage("scan tiles") as progress:
-        for done, piece in enumerate(order):
-            world: World | None = None
-            for scan in wanted[piece]:
-                if share is not None and scan.is_made(piece):  # by another share, meanwhile
-                    continue
-                with hushed():
-                    world = world or scan.world(piece)
-                scan.make(piece, world)
-            progress(done + 1, len(order))
-    forget()
+        if cluster is None:
+            for done, piece in enumerate(todo):
+                make_piece(list(run.scans.values()), piece)
+                progress(done + 1, len(todo))
+            return told
+        for scan in run.scans.values():
+            scan.keep_pulses()
+
+        def report(outcome: SceneOutcome) -> None:
+            told.append(outcome)
+            progress(len(told), len(todo))
+            if outcome.why:
+                run.stages.warn(outcome.why)
+
+        make_all(jobs_of(run, todo, cluster), cluster, report)
+    lost = [one.why for one in told if one.kind != "done"]
+    if lost:
+        raise IncompleteError(f"{len(lost)} pieces could not be made: {lost[0]}; --resume goes on")
+    return told
+
+
+def jobs_of(run: TiledRun, pieces: Sequence[int], cluster: Cluster) -> list[TileJob]:
+    """The jobs of pieces of a run."""
+    running = Running()
+    memory, threads = cluster.shares(len(pieces), running)
+    given = run.asked, run.base.resolve(), run.out.resolve()
+    names = tuple(run.scans)
+    return [TileJob(*given, piece, names, running, memory, threads) for piece in pieces]
+
+
+# A sample of tiles, by which the whole is told.
+
+
+def sample_tiles(
+    scene: Scene, folder: Path, share: float, cluster: Cluster, stages: Stages
+) -> TileCost:
+    """Scan some tiles of a field, by chance, in a folder that is removed.
+
+    share : of all tiles, at least two.
+
+    Raises
+    ------
+    SpecError : a scene that cannot be cut into tiles, or has no scanner. IncompleteError : a tile could not
+    be made.
+    """
+    with tempfile.TemporaryDirectory() as place:
+        start = time.process_time()
+        with stages.stage("plan the field, grow variants"), hushed():
+            empty_file()
+            run = TiledRun(scene, folder, Tiling.of(scene, folder), Path(place), stages)
+        plan = time.process_time() - start
+        _say_tiles(run)
+        grid = run.tiling.grid
+        count = min(max(round(share * len(grid)), 2), len(grid))
+        chosen = np.sort(stream(scene.seed, "tiles", "sample").permutation(len(grid))[:count])
+        sensors = [s for s in run.tiling.site.scene.sensors if is_scanner(s)]
+        if not sensors:
+            raise SpecError(
+                "sensors", "have no scanner, and all others look at one scene of their own"
+            )
+        pulses = 0.0
+        for sensor in sensors:
+            with stages.stage(f"find the pulses of {count:,} tiles"):
+                run.scans[sensor.name] = scan = run.scan(sensor, chosen)
+            pulses += seconds_of_pulses(scan.sensor, scan.pattern, grid, scan.heights)
+        told = _make_pieces(run, cluster)
+        trials = []
+        with stages.stage("weigh their files"):
+            for tile in chosen.tolist():
+                trials.append(
+                    _weigh(run, tile, [one for one in told if one.scene // LEVELS == tile])
+                )
+        return TileCost(Estimate(len(grid), tuple(trials), ()), plan, pulses)
+
+
+def _weigh(run: TiledRun, tile: int, told: Sequence[SceneOutcome]) -> Trial:
+    """Cost of a tile, of which the pieces have been made: seconds of the sensors and of writing, bytes."""
+    start, size, points = time.process_time(), 0, 0
+    for scan in run.scans.values():
+        parts = [scan.path(piece) for piece in scan.pulses.pieces if piece // LEVELS == tile]
+        if parts:
+            path = run.out / f"{scan.sensor.name}.laz"
+            points += scan.join(path, parts=parts).points
+            size += path.stat().st_size
+    seconds = {"sensors": sum(one.seconds.get("sensors", 0.0) for one in told)}
+    seconds["write"] = time.process_time() - start
+    return Trial(seconds, points, size, max((one.peak for one in told), default=0.0))
+
+
+@dataclass(frozen=True)
+class TileCost:
+    """Cost of all tiles of a field as a sample of them tells it: the sample, CPU seconds in which a process
+    plans the field, and those in which all pulses are dealt to tiles."""
+
+    tiles: Estimate
+    plan: float
+    pulses: float
+
+    def record(self) -> dict[str, Any]:
+        """Numbers with their 95 % intervals, by name."""
+        found = self.tiles
+        hours = found.whole(found.seconds / 3600)
+        more = (self.plan + self.pulses) / 3600
+        return {
+            "tiles": found.count,
+            "scanned": len(found.scenes),
+            "cpu_hours": [one + more for one in hours],
+            "bytes": found.whole(np.array([one.size for one in found.scenes])),
+            "points": found.whole(np.array([one.points for one in found.scenes])),
+            "memory_bytes_a_worker": found.peak,
+            "plan_cpu_seconds_a_worker": self.plan,
+            "pulses_cpu_seconds": self.pulses,
+        }
 
 
 def _join(run: TiledRun, scan: TiledScan) -> None:

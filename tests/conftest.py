@@ -5,6 +5,7 @@ import shutil
 import sys
 import tempfile
 from pathlib import Path
+from types import SimpleNamespace
 
 try:
     import fcntl
@@ -93,6 +94,28 @@ def empty_blender(blender):
     """Blender with nothing in it. Preferences are not read again, which takes four times as long."""
     blender.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
     return blender
+
+
+@pytest.fixture
+def headless(capfd):
+    """Runs a command in this process, as a user types it: how it ended, and what it said.
+
+    Many run in one Blender: a process of its own for each costs seconds.
+    """
+    pytest.importorskip("bpy")
+    from headless.cli import main
+
+    def run(*words):
+        capfd.readouterr()
+        try:
+            code = main([str(word) for word in words])
+        except SystemExit as end:  # argparse has said what was wrong
+            code = end.code
+        said = capfd.readouterr()
+        assert "Traceback" not in said.err
+        return SimpleNamespace(returncode=code, stdout=said.out, stderr=said.err)
+
+    return run
 
 
 @pytest.fixture

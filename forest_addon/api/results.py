@@ -290,17 +290,6 @@ class PointCloud(Result):
         return {each.name: each.text for each in figures if each.short in ("Met Moving", "Blur")}
 
     @property
-    def received(self) -> dict[str, np.ndarray]:
-        """Pings as the sonar's receiver heard them, as its file holds it: ``recorded`` (P, E, N) Pa,
-        ``noise_level`` and ``snr_db`` (P, E), ``range`` (R,) m, ``range_snr_db`` (P, E, R), and detections by
-        ``detection_ping``, ``detection_ear``, ``detection_time`` s and ``detection_snr_db``; empty without a
-        receiver."""
-        from ..results.echo_files import received_arrays
-        from ..sensing.sonar.ping import PingSeries
-
-        return received_arrays(PingSeries(self.pings))
-
-    @property
     def motion(self) -> dict[str, np.ndarray]:
         """Motion of what was met, (P, 3) each: ``velocity``, m/s, and ``rest``, metres, where that point is
         when the scene stands as at the present frame; empty for a still scene."""
@@ -383,6 +372,17 @@ class Echoes(Result):
         from ..sensing.sonar.ping import PingSeries
 
         return PingSeries(self.pings).stacked("waveforms")
+
+    @property
+    def received(self) -> dict[str, np.ndarray]:
+        """Pings as the sonar's receiver heard them, as its file holds it: ``recorded`` (P, E, N) Pa,
+        ``noise_level`` and ``snr_db`` (P, E), ``range`` (R,) m, ``range_snr_db`` (P, E, R), and detections by
+        ``detection_ping``, ``detection_ear``, ``detection_time`` s and ``detection_snr_db``; empty without a
+        receiver."""
+        from ..results.echo_files import received_arrays
+        from ..sensing.sonar.ping import PingSeries
+
+        return received_arrays(PingSeries(self.pings))
 
     @property
     def motion(self) -> dict[str, np.ndarray]:

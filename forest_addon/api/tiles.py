@@ -2,16 +2,15 @@
 
 ``Tiling.of`` draws where all trees stand. ``build`` puts a tile with its buffer into Blender as a scene.
 ``scan_to`` and ``look`` go from tile to tile by themselves; what they find is what the whole forest gives, to
-the bit: rays enter a scene in float32, counted from its middle, so every tile's scene also holds the few
-trees that the bounds of the whole are told by (``frame``), and the instances of a scan's labels are numbered
-as in the whole.
+the bit: rays enter a scene in float32, counted from its middle, so every tile's scene is told the bounds of
+the whole (``extent``), and the instances of a scan's labels are numbered as in the whole.
 """
 
 from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -28,13 +27,15 @@ from ..sensing.kinds import choose, kind_of
 from ..sensing.looks import Upright
 from ..sensing.rays.geometry import SceneGeometry
 from ..spec import Output, Rays, Scene, Sensor, SpecError
-from ..stand.forest import ForestPlan, keys_of
+from ..stand.forest import ForestPlan, codes_of, keys_of
 from ..tiles import (
+    AT_ONCE,
     LEVELS,
     TiledForest,
     TiledPulses,
     TileFiles,
     TileGrid,
+    belongs,
     buffer_of,
     is_part,
     join_parts,
@@ -52,8 +53,6 @@ if TYPE_CHECKING:
     from ..sensing.lidar.scan import Scan
     from ..sensing.trajectory import Trajectory
 
-BLOCK = 100_000  # trees at a time
-SINGLE = 2.0**-24  # rounding of float32
 PARTS = "parts"
 
 
@@ -100,7 +99,7 @@ class Tiling:
             site = Site.of(scene, folder)
             plan = ForestPlan.of(site.scene, site.species, site.inputs)
             grid = TileGrid.of(site.scene.forest, site.scene.tiles.size)
-            return cls(site, TiledForest(plan), grid)
+            return cls(site, TiledForest(plan, grid), grid)
 
     @property
     def scene(self) -> Scene:
@@ -131,7 +130,7 @@ class Tiling:
             raise SpecError("tile", f"{tile} is not there; use 0 to {len(self.grid) - 1}")
         wide = self.scene.tiles.buffer if buffer is None else buffer
         low, high = self.grid.corners(np.array(tile))
-        return self._world(self.forest.near(low - wide, high + wide))
+        return self.world_of(self.forest.near(low - wide, high + wide))
 
     def scan_to(
         self,
@@ -183,7 +182,7 @@ class Tiling:
         ------
         SpecError : a sensor whose reach is not bounded.
         """
-        return self._world(self.reachable(sensor, along))
+        return self.world_of(self.reachable(sensor, along))
 
     def reachable(self, sensor: Sensor, along: Trajectory | None = None) -> np.ndarray:
         """Rows of the trees that a sensor can reach from any place of its way, and some beyond.
@@ -213,13 +212,12 @@ class Tiling:
 
         return way_of(Observer, choose(sensor)[0], along, self.site.folder)
 
-    def _world(self, rows: np.ndarray) -> World:
-        """Rows of trees, and those that tell the bounds of the whole, in Blender."""
+    def world_of(self, rows: np.ndarray) -> World:
+        """Rows of trees in Blender, with the bounds of the whole."""
         place = import_blender().context.scene
         from ..blender.scene.forest import MANY
         from ..blender.site import build_site
 
-        rows = np.union1d(rows, self.frame)
         part = self.forest.part(rows)
         kind = "points" if self._as_points(MANY) else "objects"
         field = self.scene.forest.changed(instancing=kind)
@@ -227,7 +225,8 @@ class Tiling:
         build_site(place, site, part, as_assets=False)
         world = World(self.scene, self.site.folder, part, place)
         observer = world.observer
-        observer.geometry = replace(observer.geometry, crowd=self._crowd(observer.geometry))
+        seen = observer.geometry
+        observer.geometry = replace(seen, crowd=self._crowd(seen), extent=self.extent)
         return world
 
     def _as_points(self, many: int) -> bool:
@@ -249,50 +248,30 @@ class Tiling:
 
     @cached_property
     def _count(self) -> dict[tuple[int, int], int]:
-        stand = self.forest.stand
-        pairs, count = np.unique(
-            np.column_stack([stand.species, stand.variant]), axis=0, return_counts=True
-        )
-        return {(int(s), int(v)): int(n) for (s, v), n in zip(pairs, count, strict=True)}
+        many, code = codes_of(self.forest.stand)
+        return {divmod(key, many): n for key, n in enumerate(np.bincount(code).tolist()) if n}
 
     @cached_property
-    def frame(self) -> np.ndarray:
-        """Rows of the trees that may reach to the bounds of the whole forest, within float32's rounding."""
-        stand = self.forest.stand
-        if not len(stand):
-            return np.empty(0, dtype=np.int64)
-        low, high = np.empty((2, len(stand), 3))
-        for part in self.forest.parts(BLOCK):
-            keys = keys_of(part.stand)
-            number = {key: k for k, key in enumerate(keys)}
-            pairs = zip(part.stand.species.tolist(), part.stand.variant.tolist(), strict=True)
-            geometry = SceneGeometry(
-                meshes=tuple(part.variants[key].mesh for key in keys),
-                transform=part.transforms(),
-                mesh_index=np.array([number[pair] for pair in pairs]),
-                object_name=(),
-                tree=part.stand.id,
-                species=part.stand.species,
-                object_index=part.stand.id,
-                crowd=tuple(self._count[key] for key in keys),
-            )
-            rows = part.stand.id
-            low[rows], high[rows] = geometry.bounds()
-        chosen = []
-        for axis in range(3):
-            near = 16 * SINGLE * (np.nanmax(np.abs([low[:, axis], high[:, axis]]), initial=0) + 100)
-            for values, sign in ((low[:, axis], -1.0), (high[:, axis], 1.0)):
-                best = np.nanmax(sign * values, initial=-np.inf)
-                rows = np.flatnonzero(sign * values >= best - near)
-                chosen.append(rows if axis < 2 else self._unlike(rows))
-        return np.unique(np.concatenate(chosen))
-
-    def _unlike(self, rows: np.ndarray) -> np.ndarray:
-        """One row for each set of trees that are equally high by all that decides height."""
-        stand = self.forest.stand
-        of = (stand.species, stand.variant, stand.scale, stand.position[:, 2], stand.sink)
-        _, first = np.unique(np.column_stack([c[rows] for c in of]), axis=0, return_index=True)
-        return rows[first]
+    def extent(self) -> np.ndarray | None:
+        """(2, 3) lowest and highest corner of all trees' boxes; None without any."""
+        if not len(self.forest.outermost):
+            return None
+        part = self.forest.part(self.forest.outermost)
+        keys = keys_of(part.stand)
+        number = {key: k for k, key in enumerate(keys)}
+        pairs = zip(part.stand.species.tolist(), part.stand.variant.tolist(), strict=True)
+        low, high = SceneGeometry(
+            meshes=tuple(part.variants[key].mesh for key in keys),
+            transform=part.transforms(),
+            mesh_index=np.array([number[pair] for pair in pairs]),
+            object_name=(),
+            tree=part.stand.id,
+            species=part.stand.species,
+            object_index=part.stand.id,
+            crowd=tuple(self._count[key] for key in keys),
+        ).bounds()
+        found = np.isfinite(low).all(axis=1)
+        return np.array([low[found].min(axis=0), high[found].max(axis=0)]) if found.any() else None
 
     def numbered(self, geometry: SceneGeometry) -> np.ndarray:
         """(I + 1,) numbers that instances of a tile's scene have in that of the whole; -1 of none, last."""
@@ -352,7 +331,8 @@ def _refuse(scene: Scene) -> None:
 class TiledScan:
     """A scan in tiles: its pieces, made in any order by any process, and joined at the end.
 
-    tiling : the ``Tiling`` of its forest. folder : where parts lie until then.
+    tiling : the ``Tiling`` of its forest. folder : where parts lie until then. only : tiles (T,) that are
+    wanted; left out: all.
 
     Raises
     ------
@@ -360,7 +340,12 @@ class TiledScan:
     """
 
     def __init__(
-        self, tiling: Any, sensor: Any, folder: Path, way: Trajectory | None = None
+        self,
+        tiling: Any,
+        sensor: Any,
+        folder: Path,
+        way: Trajectory | None = None,
+        only: np.ndarray | None = None,
     ) -> None:
         from ..sensing.lidar.pattern import pattern_of
 
@@ -381,16 +366,27 @@ class TiledScan:
             raise SpecError(f"{name}.receiver.beyond", f"{why}; take tiles away")
         self.pattern = pattern_of(self.sensor, way)
         forest = tiling.forest
-        heights = (forest.low, forest.high) if len(forest.stand) else (0.0, 0.0)
-        self.pulses: TiledPulses = tiled_pulses(
-            self.sensor, self.pattern, tiling.grid, heights, tiling.scene.tiles.buffer
-        )
+        self.heights = (forest.low, forest.high) if len(forest.stand) else (0.0, 0.0)
         said = [tiling.digest, asdict(self.sensor), tiling.scene.offset]
         total = hashlib.blake2b(json.dumps(said, sort_keys=True, default=str).encode())
         probe = self.pattern.pulses(np.linspace(0, self.pattern.count - 1, 64).astype(np.int64))
         for array in (probe.origin, probe.direction):
             total.update(np.ascontiguousarray(array).view(np.uint8).data)
         self._digest = total.hexdigest()[:32]
+        kept = None if only is not None else TiledPulses.read(self.path_of_pulses, self._digest)
+        buffer = tiling.scene.tiles.buffer
+        self.pulses: TiledPulses = kept or tiled_pulses(
+            self.sensor, self.pattern, tiling.grid, self.heights, buffer, only
+        )
+
+    @property
+    def path_of_pulses(self) -> Path:
+        """Path of the file that tells other processes which pulses belong to which piece."""
+        return self.folder / f"{self.sensor.name}.pulses.npz"
+
+    def keep_pulses(self) -> None:
+        """Write for other processes which pulses belong to which piece."""
+        self.pulses.write(self.path_of_pulses, self._digest)
 
     @property
     def followed(self) -> str:
@@ -424,34 +420,72 @@ class TiledScan:
         """Return whether the part of a piece is finished."""
         return is_part(self.path(piece), self._digest)
 
-    def make(self, piece: int, world: World | None = None) -> None:
-        """Trace the pulses of a piece into its part; world : its scene, where that stands already."""
+    def make(self, piece: int, world: World | None = None, cuts: int = 1) -> None:
+        """Trace the pulses of a piece into its part.
+
+        world : its scene, where that stands already. cuts : along each edge of the tile; its scene is built
+        in so many times so many smaller ones, one after the other, with the same result.
+        """
+        if cuts > 1:
+            write_part(self.path(piece), self._digest, self._in_cells(piece, cuts))
+            return
         world = self.world(piece) if world is None else world
-        with world.still():
-            write_part(self.path(piece), self._digest, self._look(piece, world))
+        pulses = self.pulses.numbers(piece, AT_ONCE)
+        write_part(self.path(piece), self._digest, self._look(pulses, world))
 
     def world(self, piece: int) -> World:
         """Put the scene of a piece into Blender."""
         tile, level = divmod(int(piece), LEVELS)
         return self.tiling.build(tile, buffer_of(level, self.tiling.scene.tiles.buffer))
 
-    def _look(self, piece: int, world: World) -> Iterator[tuple[int, np.ndarray, Sequence[Any]]]:
+    def _in_cells(self, piece: int, cuts: int) -> Iterator[tuple[int, np.ndarray, Sequence[Any]]]:
+        """Pulses of a piece by cells of its tile, each in the trees that they can meet."""
+        tiling, number = self.tiling, np.concatenate([*self.pulses.numbers(piece, AT_ONCE)])
+        cells = TileGrid.of(tiling.scene.forest, tiling.grid.size / cuts)
+        pulses = self.pattern.pulses(number)
+        cell, excess = belongs(self.sensor, pulses, cells, self.heights)
+        found = []
+        for one in np.unique(cell).tolist():
+            mine = cell == one
+            low, high = cells.corners(np.array(one))
+            wide = float(excess[mine].max())
+            world = tiling.world_of(tiling.forest.near(low - wide, high + wide))
+            found += list(self._look([number[mine]], world))
+        rows = np.concatenate([rows for _, rows, _ in found])
+        lost = sorted((one for _, _, some in found for one in some), key=lambda one: one.first)
+        yield len(number), rows[np.argsort(rows["pulse"], kind="stable")], lost
+
+    def _look(
+        self, pulses: Iterable[np.ndarray], world: World
+    ) -> Iterator[tuple[int, np.ndarray, Sequence[Any]]]:
         from ..sensing.lidar.scan import Scan
 
-        tiling, observer = self.tiling, world.observer
-        observer.prepare(self.sensor, self.way)
-        scan: Scan = Scan(self.sensor, observer.eyes(self.sensor), tiling.scene.seed, self.way)
-        number = tiling.numbered(observer.geometry)
-        offset = Offset.of(tiling.scene)
-        for some in self.pulses.numbers(piece, scan.at_once):
-            cloud = scan.look_around_faults(some)
-            returns = replace(cloud.returns, instance=number[cloud.returns.instance])
-            yield len(some), records(replace(cloud, returns=returns), offset), cloud.lost
+        tiling = self.tiling
+        with world.still() as observer:
+            observer.prepare(self.sensor, self.way)
+            scan: Scan = Scan(self.sensor, observer.eyes(self.sensor), tiling.scene.seed, self.way)
+            number = tiling.numbered(observer.geometry)
+            offset = Offset.of(tiling.scene)
+            for many in pulses:
+                for first in range(0, len(many), scan.at_once):
+                    some = many[first : first + scan.at_once]
+                    cloud = scan.look_around_faults(some)
+                    returns = replace(cloud.returns, instance=number[cloud.returns.instance])
+                    yield len(some), records(replace(cloud, returns=returns), offset), cloud.lost
 
-    def join(self, path: Path, progress: Progress | None = None) -> Written:
-        """Join the parts, which are all finished, into the files that the settings ask for."""
+    def join(
+        self,
+        path: Path,
+        progress: Progress | None = None,
+        parts: Sequence[Path] | None = None,
+    ) -> Written:
+        """Join the parts, which are all finished, into the files that the settings ask for; parts : some
+        of them, into one file."""
         tiling, wanted = self.tiling, self.tiling.scene.tiles.files
-        parts = [self.path(piece) for piece in self.pulses.pieces]
+        if parts is not None:
+            wanted = "merged"
+        else:
+            parts = [self.path(piece) for piece in self.pulses.pieces]
         of_tiles = None
         if wanted != "merged":
             folder = path.with_name(path.name.partition(".")[0])
@@ -470,6 +504,7 @@ class TiledScan:
         for part in parts:
             part.with_suffix(".json").unlink()
             part.unlink()
+        self.path_of_pulses.unlink(missing_ok=True)
         if not any(self.folder.iterdir()):
             self.folder.rmdir()
         return written

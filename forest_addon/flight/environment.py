@@ -23,6 +23,7 @@ from gymnasium.utils import seeding
 from gymnasium.vector.utils import batch_space
 
 from ..api import World
+from ..base.rng import stream
 from ..spec import Flight, Mobile, Scene, Sonar, SpecError, unknown
 from . import top_view
 from .bodies import ACTIONS
@@ -105,6 +106,26 @@ class _Flights:
         told["odometry"] = spaces.Box(-FARTHEST, FARTHEST, (ODOMETRY,), self.dtype)
         self.observed = spaces.Dict(told)
         self.actions = spaces.Box(-1.0, 1.0, (len(ACTIONS[self.flight.body]),), self.dtype)
+        self.trails: list[list[np.ndarray]] = []  # of each flyer, its places since it set out
+        self.view: top_view.TopView | None = None
+
+    def start(
+        self, seeds: list[int], chosen: dict[str, Any], where: dict[str, Any]
+    ) -> dict[str, np.ndarray]:
+        """Plant the forest of an episode, set all flyers out and return what they sense."""
+        self.enter(seeds[0], chosen)
+        self.flyers.start(range(self.flyers.count), seeds, **where)
+        self.trails = [[place.copy()] for place in self.flyers.state.position]
+        if self.view is not None and self.view.world is not self.surroundings:
+            self.view = None
+        return self.sense()
+
+    def pictures(self) -> tuple[np.ndarray, ...]:
+        """Pictures from above, one a flyer."""
+        if self.view is None:
+            self.view = top_view.TopView(self.surroundings)
+        ways = zip(self.trails, self.flyers.goal, self.flyers.state.heading.tolist(), strict=True)
+        return tuple(self.view.draw(np.array(trail), *way) for trail, *way in ways)
 
     def enter(self, seed: int, options: dict[str, Any]) -> None:
         """Plant the forest of an episode."""
@@ -206,8 +227,6 @@ class FlightEnv(gymnasium.Env):
         self.observation_space = self.flights.observed
         self.action_space = self.flights.actions
         self.render_mode = render_mode
-        self._view: top_view.TopView | None = None
-        self._trail: list[np.ndarray] = []
         self._flies = False
 
     def reset(
@@ -223,16 +242,9 @@ class FlightEnv(gymnasium.Env):
         self._flies = False
         chosen, where = _started(options)
         own = int(self.np_random.integers(2**31)) if seed is None else seed
-        flyers = self.flights.flyers
-        self.flights.enter(own, chosen)
-        flyers.start([0], [own], **where)
+        seen = _first(self.flights.start([own], chosen, where))
         self._flies = True
-        self._trail = [flyers.state.position[0].copy()]
-        if self._view is not None and self._view.world is not self.flights.surroundings:
-            self._view = None
-        seen = _first(self.flights.sense())
-        if self.render_mode == "human":
-            self._show()
+        self._show()
         return seen, self._info()
 
     def step(
@@ -250,11 +262,9 @@ class FlightEnv(gymnasium.Env):
         flyers = self.flights.flyers
         out = flyers.step(_taken(self.action_space, action)[None])
         self._flies = not out.ended[0]
-        if self.render_mode is not None:
-            self._trail.append(flyers.state.position[0].copy())
+        self.flights.trails[0].append(flyers.state.position[0].copy())
         seen = _first(self.flights.sense())
-        if self.render_mode == "human":
-            self._show()
+        self._show()
         crashed, arrived = bool(out.crashed[0]), bool(out.arrived[0])
         info = self._info() | {"crashed": crashed, "arrived": arrived}
         return seen, float(out.reward[0]), crashed or arrived, bool(out.late[0]), info
@@ -268,15 +278,15 @@ class FlightEnv(gymnasium.Env):
         """
         if self.render_mode is None:
             logger.warn(NO_MODE)
-        elif not self._trail:
+        elif not self.flights.trails:
             raise error.ResetNeeded("Call reset() before render(): no flight has begun")
-        return self._picture() if self.render_mode == "rgb_array" else None
+        return self.flights.pictures()[0] if self.render_mode == "rgb_array" else None
 
     def close(self) -> None:
         """Close the window, if there is one."""
-        if self._view is not None:
-            self._view.close()
-            self._view = None
+        if self.flights.view is not None:
+            self.flights.view.close()
+            self.flights.view = None
 
     def world(self) -> World:
         """The forest of this episode, built in Blender; see ``FlightSurroundings.world``."""
@@ -291,21 +301,10 @@ class FlightEnv(gymnasium.Env):
             "forest": self.flights._entered,
         }
 
-    def _picture(self) -> np.ndarray:
-        flyers = self.flights.flyers
-        if self._view is None:
-            self._view = top_view.TopView(self.flights.surroundings)
-        lidar = flyers.lidar
-        return self._view.draw(
-            np.array(self._trail),
-            flyers.goal[0],
-            float(flyers.state.heading[0]),
-            lidar and lidar.scanner.max_range,
-        )
-
     def _show(self) -> None:
-        picture = self._picture()
-        self._view.show(picture)
+        if self.render_mode == "human":
+            pictures = self.flights.pictures()
+            self.flights.view.show(pictures[0])  # type: ignore[union-attr]  # just made
 
 
 class FlightVectorEnv(gymnasium.vector.VectorEnv):
@@ -361,8 +360,6 @@ class FlightVectorEnv(gymnasium.vector.VectorEnv):
         self.observation_space = batch_space(self.flights.observed, num_envs)
         self.action_space = batch_space(self.flights.actions, num_envs)
         self._over = np.zeros(num_envs, dtype=bool)
-        self._view: top_view.TopView | None = None
-        self._trails: list[list[np.ndarray]] = []
         self._next: list[int] = []
 
     def reset(
@@ -380,14 +377,10 @@ class FlightVectorEnv(gymnasium.vector.VectorEnv):
             seeds = [first + i for i in range(self.num_envs)]
         if len(seeds) != self.num_envs:
             raise error.Error(f"There are {len(seeds)} seeds; give {self.num_envs}, or one")
-        self.flights.enter(seeds[0], chosen)
+        seen = self.flights.start(seeds, chosen, where)
         self._where, self._next = where, seeds
-        self.flights.flyers.start(range(self.num_envs), self._next, **where)
         self._over[:] = False
-        if self.render_mode is not None:
-            self._trails = [[place.copy()] for place in self.flights.flyers.state.position]
-            self._view = top_view.TopView(self.flights.surroundings)
-        return self.flights.sense(), self._info()
+        return seen, self._info()
 
     def step(
         self, actions: np.ndarray
@@ -408,30 +401,20 @@ class FlightVectorEnv(gymnasium.vector.VectorEnv):
         if again.any():
             rows = np.flatnonzero(again).tolist()
             for row in rows:  # the next of this flyer's episodes
-                self._next[row] = int(generator_of(self._next[row]).integers(2**31))
+                self._next[row] = int(stream(self._next[row], "flight", "next").integers(2**31))
             flyers.start(rows, [self._next[row] for row in rows], **self._where)
             crashed, arrived, late = crashed & ~again, arrived & ~again, late & ~again
             reward = np.where(again, 0.0, reward)
         self._over = crashed | arrived | late
-        for row, place in enumerate(flyers.state.position if self._trails else ()):
-            kept = [] if again[row] else self._trails[row]
-            self._trails[row] = [*kept, place.copy()]
+        for row, place in enumerate(flyers.state.position if self.render_mode else ()):
+            kept = [] if again[row] else self.flights.trails[row]
+            self.flights.trails[row] = [*kept, place.copy()]
         info = self._info() | {"crashed": crashed, "arrived": arrived}
         return self.flights.sense(), reward, crashed | arrived, late, info
 
     def render(self) -> tuple[np.ndarray, ...] | None:
         """The pictures of "rgb_array", one a flyer; before the first reset there are none."""
-        if self._view is None:
-            return None
-        flyers, reach = self.flights.flyers, self.flights.flyers.lidar
-        return tuple(
-            self._view.draw(
-                np.array(trail), goal, float(heading), reach and reach.scanner.max_range
-            )
-            for trail, goal, heading in zip(
-                self._trails, flyers.goal, flyers.state.heading, strict=True
-            )
-        )
+        return self.flights.pictures() if self.render_mode and self.flights.trails else None
 
     def _refuse_closed(self, doing: str) -> None:
         if self.closed:
@@ -524,13 +507,6 @@ class ListenEnv(gymnasium.Env):
         truth, self._truth = self._truth, None
         nothing = np.zeros((BANDS, BINS), np.float32)
         return nothing, float(action == truth), True, False, {"truth": truth}
-
-
-def generator_of(seed: int) -> np.random.Generator:
-    """The chances of which episode follows one of this seed."""
-    from ..base.rng import stream
-
-    return stream(seed, "flight", "next")
 
 
 def _first(told: dict[str, np.ndarray]) -> dict[str, np.ndarray]:

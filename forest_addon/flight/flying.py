@@ -69,9 +69,21 @@ def fly(
             # Who is through stands still: its place after the end is not asked for.
             ended = going & out.ended
             for row in np.flatnonzero(ended).tolist():
-                which = (out.arrived[row], out.crashed[row], True)
-                end = ENDS[which.index(True)]
-                tracks.append(_track(rows, row, end, flyers, forest, some[row]))
+                place, heading, near = (
+                    np.array([one[row] for one in part]) for part in zip(*rows, strict=True)
+                )
+                track = Track(
+                    np.append(place, flyers.state.position[[row]], axis=0),
+                    np.append(heading, flyers.state.heading[row]),
+                    np.append(near, near[-1]),
+                    ENDS[(out.arrived[row], out.crashed[row], True).index(True)],
+                    flyers.goal[row].copy(),
+                    flyers.flight.step,
+                    float(flyers.flown[row]),
+                    forest,
+                    some[row],
+                )
+                tracks.append(track)
             going = going & ~ended
             if progress and ended.any():
                 progress(len(tracks), len(seeds))
@@ -90,32 +102,6 @@ def nearest(flyers: Flyers, told: dict[str, np.ndarray]) -> np.ndarray:
             first, _ = EchoPolicy(flyers.flight, flyers.ears).cues(told["sonar"])
             return np.minimum(first, flyers.ears.sonar.max_range)
     return np.full(flyers.count, np.nan)
-
-
-def _track(
-    rows: list[tuple[np.ndarray, np.ndarray, np.ndarray]],
-    row: int,
-    end: str,
-    flyers: Flyers,
-    forest: int,
-    seed: int,
-) -> Track:
-    """The flight of one flyer, which has just ended."""
-    state = flyers.state
-    place, heading, near = (
-        np.array([step[row] for step in part]) for part in zip(*rows, strict=True)
-    )
-    return Track(
-        np.append(place, state.position[[row]], axis=0),
-        np.append(heading, state.heading[row]),
-        np.append(near, near[-1]),
-        end,
-        flyers.goal[row].copy(),
-        flyers.flight.step,
-        float(flyers.flown[row]),
-        forest,
-        seed,
-    )
 
 
 def interval(successes: int, trials: int) -> tuple[float, float]:

@@ -132,12 +132,6 @@ def _equipment() -> Equipment:
     return Equipment.of(SONAR)
 
 
-def _call() -> np.ndarray:
-    call = _equipment().call
-    assert call is not None
-    return call.samples
-
-
 @cache
 def _loudness(task: EchoTask) -> float:
     heard = [np.abs(task.heard(0, number, False)).max() for number in range(KNOWN)]
@@ -164,7 +158,7 @@ def noisy(sound: np.ndarray, snr_db: float, loudness: float, seed: int, number: 
 def sensed(sound: np.ndarray) -> np.ndarray:
     """(B, S) squared envelopes of an echo (1, S) in bands, behind a filter that is matched to the call: a
     copy of the call keeps its peak there."""
-    call = _call()
+    call = _equipment().call.samples  # type: ignore[union-attr]  # it has one
     length = fft.next_fast_len(sound.shape[-1] + len(call), real=True)
     held = np.conj(fft.rfft(call, length)) / (call @ call)
     compressed = fft.irfft(fft.rfft(sound, length) * held, length)[..., : sound.shape[-1]]
@@ -189,8 +183,12 @@ class Listener:
         if self.name == "first crossing":
             self._largest = np.median(power[~is_there].max(axis=2), axis=0)
             some = np.arange(len(power)) // 2 % 2 == 0
-            worth = {level: self._worth(level, power, is_there, some) for level in THRESHOLDS}
-            self.level = max(worth, key=worth.__getitem__)
+            worth = []
+            for level in THRESHOLDS:  # fitted by one half, it tells the other
+                first = crossings(power, level**2 * self._largest)
+                weights = discriminant(first[some], is_there[some])
+                worth.append(area_under_curve(first[~some] @ weights[:-1], is_there[~some]))
+            self.level = THRESHOLDS[int(np.argmax(worth))]
         features = self._features(power)
         if self.name == "network":
             self._mean = features.mean(axis=0)
@@ -217,14 +215,6 @@ class Listener:
         if self.name == "first crossing":
             return crossings(power, self.level**2 * self._largest)
         return levels(power).reshape(len(power), -1)
-
-    def _worth(
-        self, level: float, power: np.ndarray, is_there: np.ndarray, some: np.ndarray
-    ) -> float:
-        """Return how well a threshold that some echoes are fitted by tells the others."""
-        first = crossings(power, level**2 * self._largest)
-        weights = discriminant(first[some], is_there[some])
-        return area_under_curve(first[~some] @ weights[:-1], is_there[~some])
 
 
 def crossings(power: np.ndarray, level: np.ndarray) -> np.ndarray:

@@ -11,7 +11,7 @@ import numpy as np
 import scipy
 from scipy.spatial import cKDTree
 
-from ..base.rows import distinct
+from ..base.rows import distinct, lengths, repeated
 from ..base.trimesh import LEAF, TriMesh, is_wood
 from ..growth.own_tree.centreline import find_centrelines
 from ..growth.own_tree.pieces import part
@@ -24,21 +24,11 @@ AT_ONCE = 64  # such pieces of a way
 
 
 def touched(
-    obstacles: MeshObstacles,
-    start: np.ndarray,
-    end: np.ndarray,
-    radius: float,
-    room: np.ndarray | None = None,
+    obstacles: MeshObstacles, start: np.ndarray, end: np.ndarray, radius: float
 ) -> np.ndarray:
-    """(N,) shares of ways (N, 3) to (N, 3) at which spheres first touch; ``inf``: never.
-
-    room : (N,) known around the starts; left out: asked for.
-    """
-    room = obstacles.room(start) if room is None else room
-    way = end - start
-    far = np.sqrt(way[:, 0] ** 2 + way[:, 1] ** 2 + way[:, 2] ** 2)
+    """(N,) shares of ways (N, 3) to (N, 3) at which spheres first touch; ``inf``: never."""
     share = np.full(len(start), np.inf)
-    rows = (far + radius > room).nonzero()[0]
+    rows = (lengths(end - start) + radius > obstacles.room(start)).nonzero()[0]
     if len(rows):
         share[rows] = obstacles.touch(start[rows], end[rows], radius)
     return share
@@ -128,7 +118,7 @@ class MeshObstacles:
         # First the box, which tells the ground and what is far; then the cells.
         away = np.maximum(self._low[which] - at, at - self._high[which])
         np.maximum(away, 0.0, out=away)
-        room = np.sqrt(away[:, 0] ** 2 + away[:, 1] ** 2 + away[:, 2] ** 2)
+        room = lengths(away)
         close = (room < REACH).nonzero()[0]
         which, at = which[close], at[close]
         m = self._to_local[which]
@@ -161,8 +151,7 @@ class MeshObstacles:
         if not len(self._mesh):
             return share
         way = end - start
-        far = np.sqrt(way[:, 0] ** 2 + way[:, 1] ** 2 + way[:, 2] ** 2)
-        count = np.maximum(np.ceil(far / LONGEST), 1).astype(np.int64)
+        count = np.maximum(np.ceil(lengths(way) / LONGEST), 1).astype(np.int64)
         for first in range(0, int(count.max()), AT_ONCE):
             rows = np.flatnonzero((count > first) & ~np.isfinite(share))
             if not len(rows):
@@ -239,17 +228,14 @@ class MeshObstacles:
             ((self._low <= place + slack) & (self._high >= place - slack)).all(axis=1).nonzero()[0]
         )
         for which in met:
-            count, first = (
-                len(self._solids[self._mesh[which]].corners),
-                self._shift[self._mesh[which]],
-            )
-            own = self._placed(np.full(count, which), first + np.arange(count))
+            item = np.arange(*self._shift[self._mesh[which] : self._mesh[which] + 2])
+            own = self._placed(np.full(len(item), which), item)
             a, b, c = (own - place).transpose(1, 0, 2)
             la, lb, lc = (np.linalg.norm(v, axis=1) for v in (a, b, c))
             top = np.einsum("ti,ti->t", a, np.cross(b, c))
-            dot = np.einsum
-            low = la * lb * lc + dot("ti,ti->t", a, b) * lc
-            low += dot("ti,ti->t", b, c) * la + dot("ti,ti->t", c, a) * lb
+            low = la * lb * lc
+            for one, other, length in ((a, b, lc), (b, c, la), (c, a, lb)):
+                low = low + np.einsum("ti,ti->t", one, other) * length
             if abs(2.0 * np.arctan2(top, low).sum()) > 2.0 * np.pi:
                 return True
         return False
@@ -328,16 +314,12 @@ class Solid:
         self.corners = mesh.vertices[mesh.triangles[stopping(mesh, thinnest)]]
         self.empty = not len(self.corners)
         points = self.corners.reshape(-1, 3)
-        self.box = (
-            (points.min(axis=0), points.max(axis=0))
-            if not self.empty
-            else (np.zeros(3), np.zeros(3))
-        )
+        ends = np.zeros((1, 3)) if self.empty else points
+        self.box = ends.min(axis=0), ends.max(axis=0)
         self.low = self.box[0] - MARGIN
         extent = self.box[1] - self.box[0] + 2 * MARGIN
         self.cell = max(FINEST, float(np.cbrt(extent.prod() / CELLS)))
-        shape = np.maximum(np.ceil(extent / self.cell), 1).astype(np.int64)
-        self.shape = shape
+        self.shape = np.maximum(np.ceil(extent / self.cell), 1).astype(np.int64)
         self._file()
         if self.empty:
             self.room = np.full(self.shape, np.inf, dtype=np.float32)
@@ -354,31 +336,20 @@ class Solid:
         first = np.floor((self.corners.min(axis=1) - self.low - slack) / self.cell).astype(np.int64)
         last = np.floor((self.corners.max(axis=1) - self.low + slack) / self.cell).astype(np.int64)
         first, last = np.maximum(first, 0), np.minimum(last, self.shape - 1)
-        span = last - first + 1
-        count = span.prod(axis=1)
-        while count.sum() > MOST:  # few triangles over very many cells: a ground
+        # Few triangles over very many cells are a ground.
+        while (last - first + 1).prod(axis=1).sum() > MOST:
             self.cell *= 2.0
             self.shape = np.maximum(-(-self.shape // 2), 1)
             first, last = first // 2, last // 2
-            span = last - first + 1
-            count = span.prod(axis=1)
-        item, place = repeated(count)
+        span = last - first + 1
+        item, place = repeated(span.prod(axis=1))
         across = span[item]
         x, rest = np.divmod(place, across[:, 1] * across[:, 2])
         y, z = np.divmod(rest, across[:, 2])
         cells = first[item] + np.stack([x, y, z], axis=1)
-        number = self._number(cells)
+        number = (cells[:, 0] * self.shape[1] + cells[:, 1]) * self.shape[2] + cells[:, 2]
         self.items = item[np.argsort(number, kind="stable")]
         self.count = np.bincount(number, minlength=int(self.shape.prod()))
-
-    def _number(self, cells: np.ndarray) -> np.ndarray:
-        return (cells[:, 0] * self.shape[1] + cells[:, 1]) * self.shape[2] + cells[:, 2]
-
-
-def repeated(count: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(Σ count,) row of each of so many copies, and which copy of its row it is."""
-    row = np.repeat(np.arange(len(count)), count)
-    return row, np.arange(len(row)) - np.repeat(np.cumsum(count) - count, count)
 
 
 # First touch of a moving sphere: triangles, in closed form.
@@ -402,7 +373,8 @@ def touches(start: np.ndarray, way: np.ndarray, radius: float, corners: np.ndarr
     share = _faces(start, way, radius, corners)
     for k, n in enumerate(NEXT):
         np.minimum(share, _edges(start, way, radius, corners[:, k], corners[:, n]), out=share)
-        np.minimum(share, _spheres(start, way, radius, corners[:, k]), out=share)
+        corner = first_within(start - corners[:, k], way, radius)
+        np.minimum(share, np.where(corner <= 1, corner, np.inf), out=share)
     share[distances(start, corners) <= radius] = 0.0
     return share
 
@@ -449,37 +421,26 @@ def _edges(
 ) -> np.ndarray:
     """Return where spheres touch edges (T, 3), (T, 3) between their ends: at right angles to each, a
     circle."""
-    edge = other - one
+    edge, away = other - one, start - one
     square = np.einsum("ti,ti->t", edge, edge)
-    away = start - one
     size = np.maximum(square, 1e-300)
-    away_along, way_along = (
-        np.einsum("ti,ti->t", away, edge) / size,
-        np.einsum("ti,ti->t", edge, way) / size,
-    )
-    away = away - away_along[:, None] * edge
-    across = way - way_along[:, None] * edge
-    a = np.einsum("ti,ti->t", across, across)
-    b = np.einsum("ti,ti->t", away, across)
-    c = np.einsum("ti,ti->t", away, away) - radius**2
-    with np.errstate(invalid="ignore", divide="ignore"):
-        root = b * b - a * c
-        share = c / (np.sqrt(root) - b)
+    away_along, way_along = (np.einsum("ti,ti->t", v, edge) / size for v in (away, way))
+    share = first_within(away - away_along[:, None] * edge, way - way_along[:, None] * edge, radius)
+    with np.errstate(invalid="ignore"):
         along = away_along + share * way_along
-        met = (root >= 0) & (b < 0) & (c > 0) & (share <= 1) & (along >= 0) & (along <= 1)
-    return np.where(met & (square > 0), share, np.inf)
-
-
-def _spheres(start: np.ndarray, way: np.ndarray, radius: float, point: np.ndarray) -> np.ndarray:
-    away = start - point
-    a = np.einsum("ti,ti->t", way, way)
-    b = np.einsum("ti,ti->t", away, way)
-    c = np.einsum("ti,ti->t", away, away) - radius**2
-    with np.errstate(invalid="ignore", divide="ignore"):
-        root = b * b - a * c
-        share = c / (np.sqrt(root) - b)
-        met = (root >= 0) & (b < 0) & (c > 0) & (share <= 1)
+        met = (share <= 1) & (along >= 0) & (along <= 1) & (square > 0)
     return np.where(met, share, np.inf)
+
+
+def first_within(away: np.ndarray, way: np.ndarray, reach: np.ndarray | float) -> np.ndarray:
+    """(...,) shares of ways (..., D) at which points ``away`` (..., D) from centres first come within
+    ``reach`` (...,) of them; ``inf``: never, or they are there."""
+    pairs = (way, way), (away, way), (away, away)
+    a, b, square = (np.einsum("...i,...i", one, other) for one, other in pairs)
+    c = square - reach**2
+    with np.errstate(invalid="ignore", divide="ignore"):
+        share = c / (np.sqrt(b * b - a * c) - b)
+    return np.where((b < 0) & (share >= 0), share, np.inf)
 
 
 def _normals(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

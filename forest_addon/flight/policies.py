@@ -17,7 +17,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -26,23 +26,13 @@ from ..formats.foreign import guarded
 from ..formats.table import write_npz
 from ..spec import Flight, SpecError, unknown
 from .bodies import ACTIONS, wrapped
-from .senses import BINS, FLOOR_DB, TOP_DB, EarSense, LidarSense
+from .senses import BINS, EarSense, LidarSense, power_of
 
 NAMES = ("straight", "gap", "echo", "trained")
 FIRST = 1e-3  # s of an echo that count
 WINDOW = 2.5  # metres from where on an echo turns
 STANDOFF = 0.15  # metres that a gap is wider than the body on each side
 AHEAD = 0.6  # seconds of flight that must be free
-
-
-class Policy(Protocol):
-    """Policy: observations to decisions."""
-
-    sensors: tuple[str, ...]
-
-    def act(self, told: dict[str, np.ndarray]) -> np.ndarray:
-        """(N, A) actions for what N flyers sense, see ``simulation.Flyers.sense``."""
-        ...
 
 
 @dataclass
@@ -53,7 +43,9 @@ class Straight:
     sensors: tuple[str, ...] = ()
 
     def act(self, told: dict[str, np.ndarray]) -> np.ndarray:
-        return steer(self.flight, told, bearing(told), np.ones(len(told["odometry"])))
+        return steer(
+            self.flight, told, azimuth_of(told["odometry"]), np.ones(len(told["odometry"]))
+        )
 
 
 @dataclass
@@ -68,11 +60,9 @@ class Gap:
     sensors: tuple[str, ...] = ("lidar",)
 
     def __post_init__(self) -> None:
-        ways = self.lidar.ways
-        level = np.flatnonzero(np.abs(ways[:, 2]) < 0.3)
+        level, angle = self.lidar.level
         if not len(level):
             raise SpecError("lidar", "has no level rays; the gap policy needs some")
-        angle = np.arctan2(ways[level, 1], ways[level, 0])
         order = np.argsort(angle)
         self._rays, self._angle = level[order], angle[order]
         self._off = np.abs(wrapped(self._angle[:, None] - self._angle))  # (R, R)
@@ -89,14 +79,12 @@ class Gap:
         most = self.lidar.scanner.max_range
         blocks = np.where(seen < most, seen, np.inf)
         free = np.full(seen.shape, np.inf)
-        for shift in range(-(len(self._angle) // 2), len(self._angle) // 2 + 1):
-            off = self._off[
-                np.arange(len(self._angle)),
-                (np.arange(len(self._angle)) + shift) % len(self._angle),
-            ]
+        rays = np.arange(len(self._angle))
+        for shift in range(-(len(rays) // 2), len(rays) // 2 + 1):
+            off = self._off[rays, (rays + shift) % len(rays)]
             hides = np.roll(wide, -shift, axis=1) >= off
             np.minimum(free, np.where(hides, np.roll(blocks, -shift, axis=1), np.inf), out=free)
-        aim = bearing(told)
+        aim = azimuth_of(told["odometry"])
         speed = np.hypot(*told["odometry"][:, 3:5].T)
         wanted = np.minimum(AHEAD * speed + 1.0, 0.9 * most)[:, None]
         to_aim = np.abs(wrapped(self._angle - aim[:, None]))
@@ -138,7 +126,7 @@ class EchoPolicy:
         self._side = np.where(np.abs(difference) > 0.5, np.sign(difference), self._side)
         near = np.clip(1.0 - first / WINDOW, 0.0, 1.0)
         away = -self._side * np.minimum(0.5 + np.abs(difference) / 6.0, 1.0) * np.pi / 2
-        aim = np.clip(bearing(told), -np.pi / 2, np.pi / 2)
+        aim = np.clip(azimuth_of(told["odometry"]), -np.pi / 2, np.pi / 2)
         way = np.where(heard, near * away + (1 - near) * aim, aim)
         return steer(
             self.flight, told, way, np.where(heard, np.clip(first / WINDOW, 0.2, 1.0), 1.0)
@@ -150,8 +138,7 @@ class EchoPolicy:
         if self.ears.heard == "waveforms":
             power, step = sonar**2, 1.0 / settings.sample_rate
         else:
-            level = FLOOR_DB + sonar * (TOP_DB - FLOOR_DB)
-            power = np.where(sonar > 0, 10.0 ** (level / 10.0), 0.0).sum(axis=2)
+            power = np.where(sonar > 0, power_of(sonar), 0.0).sum(axis=2)
             step = self.ears.samples / sonar.shape[-1] / settings.sample_rate
         loud = power.max(axis=1)  # (N, T), either ear
         starts = loud > np.maximum(1e-3 * loud.max(axis=1, keepdims=True), 1e-11)
@@ -163,12 +150,6 @@ class EchoPolicy:
         )
         energy = (power * inside[:, None]).sum(axis=-1)
         return first, 10.0 * np.log10(np.maximum(energy, 1e-30))
-
-
-def bearing(told: dict[str, np.ndarray]) -> np.ndarray:
-    """(N,) direction of the aim from the nose, radians to the left."""
-    aim = told["odometry"]
-    return azimuth_of(aim)
 
 
 def steer(
@@ -211,6 +192,8 @@ def policy_of(
     ------
     SpecError : there is none of that name; it needs a sensor that is not there.
     """
+    if name not in NAMES:
+        raise unknown("policy", name, NAMES)
     if name == "straight":
         return Straight(flight)
     if name == "gap" and lidar is not None:
@@ -219,14 +202,9 @@ def policy_of(
         return EchoPolicy(flight, ears)
     if name == "trained" and trained is not None and lidar is not None:
         return trained
-    if name not in NAMES:
-        raise unknown("policy", name, NAMES)
-    needs = {
-        "gap": "a lidar",
-        "echo": "a sonar",
-        "trained": "a lidar and the file of what was learnt",
-    }
-    raise SpecError("policy", f'"{name}" needs {needs[name]}')
+    needs = {"gap": "a lidar", "echo": "a sonar"}
+    lacks = needs.get(name, "a lidar and the file of what was learnt")
+    raise SpecError("policy", f'"{name}" needs {lacks}')
 
 
 # A small policy that learns, by the cross-entropy method: numpy alone, minutes on two cores.
@@ -267,9 +245,7 @@ class Trained:
                     "sonar", "has no cochleagrams of two ears; a trained policy needs them"
                 )
             return
-        ways = self.sense.ways
-        level = np.flatnonzero(np.abs(ways[:, 2]) < 0.3)
-        angle = np.arctan2(ways[level, 1], ways[level, 0])
+        level, angle = self.sense.level
         front = np.abs(angle) <= np.pi * 0.75
         sector = np.floor((angle[front] / (np.pi * 0.75) + 1) / 2 * SECTORS).astype(int)
         sector = np.clip(sector, 0, SECTORS - 1)
@@ -286,7 +262,7 @@ class Trained:
         if isinstance(self.sense, LidarSense):
             seen = np.minimum.reduceat(told["lidar"][:, self._rays], self._first, axis=1)
             return np.exp(-seen / NEAR)
-        power = 10.0 ** ((FLOOR_DB + (TOP_DB - FLOOR_DB) * told["sonar"]) / 10.0)
+        power = power_of(told["sonar"])
         first = np.linspace(0, BINS, GATES, endpoint=False).astype(np.int64)
         heard = 10.0 * np.log10(np.add.reduceat(power.mean(axis=2), first, axis=2))  # (N, 2, GATES)
         left, right = heard[:, 0], heard[:, 1]
@@ -294,8 +270,8 @@ class Trained:
         return np.column_stack([(left - right) / ASIDE, loud, loud.max(axis=1)])
 
     def act(self, told: dict[str, np.ndarray]) -> np.ndarray:
-        """See ``policies.Policy``."""
-        way, pace = decided(self.weights, self.felt(told), bearing(told))
+        """(N, A) actions for what N flyers sense."""
+        way, pace = decided(self.weights, self.felt(told), azimuth_of(told["odometry"]))
         return steer(self.flight, told, way, pace)
 
     def save(self, path: Path) -> None:

@@ -90,13 +90,19 @@ def degrees(state: State, row: int) -> tuple[float, float, float]:
 
 
 class LidarSense:
-    """A mobile scanner that flyers carry."""
+    """A mobile scanner that flyers carry.
+
+    ways : (R, 3) of its rays, ahead along +X. level : those that are level enough to fly by, and their angles
+    to the left, radians.
+    """
 
     def __init__(self, scanner: Mobile) -> None:
         self.scanner = scanner
         self._sweep = Sweep(scanner, through([Pose()]))
         self.rays = self._sweep.count
         self.ways, _, _ = self._sweep.ways(np.arange(self.rays))
+        level = np.flatnonzero(np.abs(self.ways[:, 2]) < 0.3)
+        self.level = level, np.arctan2(self.ways[level, 1], self.ways[level, 0])
         beam, surfaces = scanner.beam, scanner.surfaces
         white = min(surfaces.other, surfaces.wood, surfaces.leaf, surfaces.ground) > 0
         self.exact = (  # nothing is left to chance, nothing is weighed
@@ -257,6 +263,11 @@ def levels(power: np.ndarray) -> np.ndarray:
     mean = np.add.reduceat(power, edges, axis=-1) / size
     level = 10.0 * np.log10(np.maximum(mean, 1e-30))
     return np.clip((level - FLOOR_DB) / (TOP_DB - FLOOR_DB), 0.0, 1.0)
+
+
+def power_of(level: np.ndarray) -> np.ndarray:
+    """The squared envelopes of ``levels``."""
+    return np.asarray(10.0 ** ((FLOOR_DB + level * (TOP_DB - FLOOR_DB)) / 10.0))
 
 
 def band_power(sound: np.ndarray, sonar: Sonar) -> np.ndarray:

@@ -13,9 +13,10 @@ from typing import Any
 
 import numpy as np
 
+from ..base.rows import lengths
 from ..spec import Flight, SpecError
 from .bodies import State, at_rest, carried, move
-from .obstacles import touched
+from .obstacles import first_within, touched
 from .senses import EarSense, LidarSense, generator, odometry
 
 TRIES = 200  # places that are drawn for a start
@@ -99,11 +100,14 @@ class Flyers:
         begun = []
         for row, seed in zip(rows, seeds, strict=True):
             rng = generator(int(seed))
-            place = (
-                self._free(rng)
-                if given is None
-                else self._checked(np.array(given, dtype=np.float64))
-            )
+            place = self._free(rng) if given is None else np.array(given, dtype=np.float64)
+            if given is not None and self._stuck(place, 0.0):
+                x, y, z = place
+                raise SpecError(
+                    "flight.start",
+                    f"({x:g}, {y:g}, {z:g}) is inside or within {flight.radius:g} m of something solid; "
+                    "start elsewhere",
+                )
             ahead = np.array([np.cos(towards), np.sin(towards), 0.0])
             target = place + flight.distance * ahead if aim is None else aim
             way = target - place
@@ -163,28 +167,21 @@ class Flyers:
         here, place, way = before.position, after.position, np.zeros(self.count)
         for piece in range(corners.shape[1]):
             there = corners[:, piece]
-            length = _lengths(there - here)
-            stops, comes = self._touched(here, there, length), self._arrives(here, there, length)
-            if stops is None and comes is None and not (crashed.any() or arrived.any()):
-                way += length
-            else:
-                never = np.full(self.count, np.inf)
-                stops = never if stops is None else stops
-                comes = never if comes is None else comes
-                going = ~(crashed | arrived)
-                hit = going & (stops <= comes) & np.isfinite(stops)
-                there_now = going & (comes < stops)
-                share = np.where(hit, stops, np.where(there_now, comes, 1.0))
-                ended = (hit | there_now)[:, None]
-                place = np.where(ended, here + share[:, None] * (there - here), place)
-                way += np.where(going, share * length, 0.0)
-                crashed |= hit
-                arrived |= there_now
+            length = lengths(there - here)
+            stops, comes = self._touched(here, there, length), self._arrives(here, there)
+            going = ~(crashed | arrived)
+            hit = going & (stops <= comes) & np.isfinite(stops)
+            comes_there = going & (comes < stops)
+            share = np.where(hit, stops, np.where(comes_there, comes, 1.0))
+            ended = (hit | comes_there)[:, None]
+            place = np.where(ended, here + share[:, None] * (there - here), place)
+            way += np.where(going, share * length, 0.0)
+            crashed |= hit
+            arrived |= comes_there
             here = there
         left = self._distance(place)
         reward = self._left - left
-        if crashed.any() or arrived.any():
-            reward = reward + CRASH * crashed + ARRIVED * arrived
+        reward = reward + CRASH * crashed + ARRIVED * arrived
         self._left = left
         self.state = State(place, after.velocity, after.heading, after.tilt, after.course)
         self.steps += 1
@@ -204,48 +201,31 @@ class Flyers:
         )
         return np.asarray(steady + field.at(above, time))
 
-    def _touched(
-        self, here: np.ndarray, there: np.ndarray, length: np.ndarray
-    ) -> np.ndarray | None:
-        """Shares of ways at which flyers touch, None: none does. Who stays in the free ball of before, or in
-        that around where it is, is not asked.
+    def _touched(self, here: np.ndarray, there: np.ndarray, length: np.ndarray) -> np.ndarray:
+        """(N,) shares of ways at which flyers touch, ``inf``: not on them. Who stays in the free ball of
+        before, or in that around where it is, is not asked; obstacles that move stand for a step where they
+        are in its middle.
         """
-        radius = self.flight.radius
-        if self.world.obstacles.moves:
-            return self._touched_amid(here, there, radius)
-        # The ball holds the start of the way too: a ball is convex.
-        rows = (_lengths(there - self._ball) + radius > self._room).nonzero()[0]
-        if not len(rows):
-            return None
-        obstacles = self.world.obstacles
-        room = obstacles.room(here[rows])
-        self._ball[rows], self._room[rows] = here[rows], room
-        close = length[rows] + radius > room
-        if not close.any():
-            return None
-        rows = rows[close]
+        radius, obstacles = self.flight.radius, self.world.obstacles
         share = np.full(self.count, np.inf)
-        share[rows] = obstacles.touch(here[rows], there[rows], radius)
+        if obstacles.moves:
+            middle = self.time + 0.5 * self.flight.step
+            for time in np.unique(middle).tolist():
+                rows = np.flatnonzero(middle == time)
+                share[rows] = touched(obstacles.at(time), here[rows], there[rows], radius)
+            return share
+        # The ball holds the start of the way too: a ball is convex.
+        rows = (lengths(there - self._ball) + radius > self._room).nonzero()[0]
+        if len(rows):
+            room = obstacles.room(here[rows])
+            self._ball[rows], self._room[rows] = here[rows], room
+            rows = rows[length[rows] + radius > room]
+        if len(rows):
+            share[rows] = obstacles.touch(here[rows], there[rows], radius)
         return share
 
-    def _touched_amid(
-        self, here: np.ndarray, there: np.ndarray, radius: float
-    ) -> np.ndarray | None:
-        """The same among obstacles that move: they stand for a step where they are in its middle."""
-        share = np.full(self.count, np.inf)
-        middle = self.time + 0.5 * self.flight.step
-        for time in np.unique(middle).tolist():
-            rows = np.flatnonzero(middle == time)
-            share[rows] = touched(self.world.obstacles.at(time), here[rows], there[rows], radius)
-        return share if np.isfinite(share).any() else None
-
-    def _arrives(
-        self, here: np.ndarray, there: np.ndarray, length: np.ndarray
-    ) -> np.ndarray | None:
-        """(N,) shares of ways at which flyers come to their aim, ``inf``: not on it; None: none does."""
-        reached = 0.0 if self.flight.aim == "heading" else self.flight.reached
-        if (self._distance(here) - length > reached).all():
-            return None
+    def _arrives(self, here: np.ndarray, there: np.ndarray) -> np.ndarray:
+        """(N,) shares of ways at which flyers come to their aim, ``inf``: not on it."""
         way = there - here
         if self.flight.aim == "heading":
             axis = self.goal - self.from_
@@ -254,14 +234,10 @@ class Flyers:
             with np.errstate(divide="ignore", invalid="ignore"):
                 share = np.where(left <= 0, 0.0, left / speed)
             return np.where((left <= 0) | ((speed > 0) & (share <= 1)), share, np.inf)
-        away = here - self.goal
-        a, b = np.einsum("ni,ni->n", way, way), np.einsum("ni,ni->n", away, way)
-        c = np.einsum("ni,ni->n", away, away) - self.flight.reached**2
-        with np.errstate(divide="ignore", invalid="ignore"):
-            root = b * b - a * c
-            share = c / (np.sqrt(root) - b)
-            met = (root >= 0) & (b < 0) & (share <= 1)
-        return np.where(c <= 0, 0.0, np.where(met, share, np.inf))
+        reached = self.flight.reached
+        share = first_within(here - self.goal, way, reached)
+        share = np.where(lengths(here - self.goal) <= reached, 0.0, share)
+        return np.where(share <= 1, share, np.inf)
 
     def _distance(self, place: np.ndarray) -> np.ndarray:
         """(N,) metres from places to the aims."""
@@ -271,7 +247,7 @@ class Flyers:
             return np.einsum("ni,ni->n", off, axis) / np.maximum(
                 np.linalg.norm(axis, axis=1), 1e-12
             )
-        return _lengths(off)
+        return lengths(off)
 
     def _seeds(self) -> np.ndarray:
         """(N,) seeds of what the scanners of this step do by chance; none are drawn where there is none."""
@@ -294,16 +270,6 @@ class Flyers:
             f"no free place was found in {TRIES} draws; widen start_low to start_high, or lower clearance",
         )
 
-    def _checked(self, place: np.ndarray) -> np.ndarray:
-        if self._stuck(place, 0.0):
-            x, y, z = place
-            raise SpecError(
-                "flight.start",
-                f"({x:g}, {y:g}, {z:g}) is inside or within {self.flight.radius:g} m of something solid; "
-                "start elsewhere",
-            )
-        return place
-
     def _stuck(self, place: np.ndarray, clearance: float) -> bool:
         radius = self.flight.radius + clearance
         obstacles = self.world.obstacles.at(0.0)
@@ -312,11 +278,6 @@ class Flyers:
         if np.isfinite(obstacles.touch(place[None], place[None], radius)[0]):
             return True
         return bool(obstacles.encloses(place))
-
-
-def _lengths(vector: np.ndarray) -> np.ndarray:
-    """(N,) of vectors (N, 3)."""
-    return np.sqrt(vector[:, 0] ** 2 + vector[:, 1] ** 2 + vector[:, 2] ** 2)
 
 
 def _finite(name: str, value: Any, shape: tuple[int, ...], words: str) -> np.ndarray:

@@ -21,7 +21,7 @@ from ..sensing.rays.caster import Hits, unit_columns
 from ..sensing.rays.geometry import SceneGeometry
 from ..sensing.sonar.targets import EchoTargets
 from ..spec import Flight, Forest, Scene, SpecError
-from .obstacles import REACH, Solid
+from .obstacles import REACH, Solid, first_within
 
 HEIGHT = 3.0  # metres of a trunk, where nothing else is said
 SIDES, RINGS = 16, 4  # of its mesh: corners around, rings along
@@ -61,7 +61,7 @@ class PlaneTrunks:
             if not rows:
                 continue
             away = origins[first, :2] - self.position[rows]
-            share = _roots(away[None], way[first:last], self.radius[rows])
+            share = first_within(away, way[first:last, None], self.radius[rows])
             found = share.argmin(axis=1)
             nearest = share[np.arange(last - first), found]
             met = nearest <= max_distance
@@ -93,7 +93,7 @@ class PlaneTrunks:
             if rows:
                 away = start[row, :2] - self.position[rows]
                 thick = self.radius[rows] + radius
-                met = _roots(away[None], way[[row]], thick)[0]
+                met = first_within(away, way[row], thick)
                 inside = np.hypot(*away.T) <= thick
                 share[row] = np.where(inside, 0.0, np.where(met <= 1.0, met, np.inf)).min()
         return share
@@ -101,18 +101,6 @@ class PlaneTrunks:
     def encloses(self, place: np.ndarray) -> bool:
         """Return whether a place (3,) is inside of a trunk."""
         return bool((np.hypot(*(self.position - place[:2]).T) < self.radius).any())
-
-
-def _roots(away: np.ndarray, way: np.ndarray, reach: np.ndarray) -> np.ndarray:
-    """(M, K) shares of ways (M, 2) at which points come within ``reach`` (K,) of centres that they are away
-    from, (1 or M, K, 2), first; ``inf``: never, or they are there.
-    """
-    c = away[..., 0] ** 2 + away[..., 1] ** 2 - reach**2
-    b = away[..., 0] * way[:, None, 0] + away[..., 1] * way[:, None, 1]
-    a = way[:, 0] ** 2 + way[:, 1] ** 2
-    with np.errstate(invalid="ignore", divide="ignore"):
-        share = c / (np.sqrt(b * b - a[:, None] * c) - b)
-    return np.where((b < 0) & (share >= 0), share, np.inf)
 
 
 class StemWorld:

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from ..base.rows import repeated
 from ..base.trimesh import LEAF
 
 PIXELS = 480  # of the longer side
@@ -31,18 +32,13 @@ class TopView:
         self._window: Any = None
         self.picture = self._painted()
 
-    def draw(
-        self, trail: np.ndarray, goal: np.ndarray, heading: float, _range: float | None = None
-    ) -> np.ndarray:
+    def draw(self, trail: np.ndarray, goal: np.ndarray, heading: float) -> np.ndarray:
         """(Y, X, 3) uint8. trail : (P, 3) places from the start on. heading : radians."""
         picture = self.picture.copy()
-        steps = (
-            np.linalg.norm(np.diff(trail[:, :2], axis=0), axis=1) if len(trail) > 1 else np.empty(0)
-        )
-        count = np.maximum((steps * self._scale * 1.5).astype(int), 1)
+        steps = np.linalg.norm(np.diff(trail[:, :2], axis=0), axis=1)
+        row, place = repeated(np.maximum((steps * self._scale * 1.5).astype(int), 1))
         if len(steps):
-            row = np.repeat(np.arange(len(steps)), count)
-            share = (np.arange(len(row)) - np.repeat(np.cumsum(count) - count, count)) / count[row]
+            share = place / np.bincount(row)[row]
             line = trail[row, :2] + share[:, None] * (trail[row + 1, :2] - trail[row, :2])
             self._dots(picture, line, TRAIL, 1)
         self._dots(picture, goal[None, :2], GOAL, 4)

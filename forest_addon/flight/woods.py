@@ -22,9 +22,10 @@ from ..sensing.moving import MovingScene, boxes_of_pieces, trees_that_sway
 from ..sensing.moving_rays import MovingCaster
 from ..sensing.rays.caster import RayCaster
 from ..sensing.rays.geometry import SceneGeometry
+from ..sensing.rays.search import Search
 from ..sensing.sonar.targets import EchoTargets
 from ..sensing.sonar.windy import EchoWind
-from ..spec import Rays, Scene, SpecError
+from ..spec import Scene, SpecError
 from ..stand.forest import GrownForest
 from ..stand.wind import ForestSway, WindField, sway_of
 from .obstacles import REACH, MeshObstacles, Solid
@@ -49,29 +50,28 @@ class FlightSurroundings:
     @cached_property
     def caster(self) -> RayCaster | MovingCaster:
         """Rays that meet everything, in the wind at times of their own."""
-        from ..blender.rays.casters import make_caster
-
-        if self.sway is not None:
-            return self.stock.pieces.caster(self.geometry, self.sway)
-        return make_caster(self.geometry, self.settings.rays, self.stock.caster)
+        return self._cast_in(self.geometry, self.stock.caster)
 
     @cached_property
     def wood(self) -> RayCaster | MovingCaster:
         """Rays that pass leaves, in the wind at times of their own."""
+        like = self.stock.wood
+        return self._cast_in(replace(self.geometry, meshes=like.scene.meshes), like)
+
+    def _cast_in(self, scene: SceneGeometry, like: Search) -> RayCaster | MovingCaster:
         from ..blender.rays.casters import make_caster
 
-        like = self.stock.wood
-        solid = replace(self.geometry, meshes=like.scene.meshes)
         if self.sway is not None:
-            return self.stock.pieces.caster(solid, self.sway, solid=True)
-        return make_caster(solid, self.settings.rays, like)
+            return self.stock.moving_caster(scene, self.sway, like)
+        return make_caster(scene, self.settings.rays, like)
 
     @cached_property
     def targets(self) -> EchoTargets:
         """Return what sounds back."""
-        if self.sway is not None:
-            return self.stock.pieces.targets(self.geometry, self.sway, self.stock.targets)
-        return EchoTargets(self.geometry, self.stock.targets)
+        if self.sway is None:
+            return EchoTargets(self.geometry, self.stock.targets)
+        self.stock.wind = EchoWind(self.geometry, self.sway, like=self.stock.wind)
+        return EchoTargets(self.geometry, self.stock.targets, self.stock.wind)
 
     @cached_property
     def obstacles(self) -> MeshObstacles:
@@ -83,10 +83,11 @@ class FlightSurroundings:
     @cached_property
     def sway(self) -> ForestSway | None:
         """The sway of the trees; None without wind or trees, or of what was not grown here."""
-        pieces, wind = self.stock.pieces, self.settings.wind
         if self.forest is None:
             return None
-        return pieces.sway(sway_of(self.forest, wind, self.seed, pieces.like))
+        found = sway_of(self.forest, self.settings.wind, self.seed, self.stock.sway)
+        self.stock.sway = self.stock.sway or found
+        return found
 
     @property
     def gusts(self) -> WindField | None:
@@ -123,12 +124,17 @@ class Stock:
     """The meshes of a scene and all that is made of them alone.
 
     scene : settings or a scene file. folder : that relative paths in settings start from.
+    sway, wind : of the first forest that sways, whose modes and pieces all others share.
     Blender's current scene gets the forest of the scene's own seed; nothing later needs it there.
 
     Raises
     ------
     SpecError : ``bpy`` is missing; a species, a file or an object cannot be used.
     """
+
+    sway: ForestSway | None = None
+    wind: EchoWind | None = None
+    _site: Site | None
 
     def __init__(self, scene: Scene | str | Path, folder: str | Path = ".") -> None:
         if not isinstance(scene, Scene):
@@ -144,14 +150,18 @@ class Stock:
             forest=scene.forest.changed(instancing="points"),
             accuracy=scene.accuracy.changed(detail="full"),
         )
-        self._site: Site | None = None
-        self._read(Path(folder))
+        self._moving: dict[Search, MovingCaster] = {}
+        site = self._site = Site.of(self.settings, Path(folder))
+        forest = site.grow()
+        self._grown = replace(forest, variants=site.every_variant(forest))
+        shown = self._catalogue() if self._grown.variants else forest
+        self._keep(site.build(shown).observer.geometry)
 
     @classmethod
     def standing(cls, world: World) -> Stock:
         """Return what stands in Blender now; there is one forest of it."""
         made = cls.__new__(cls)
-        made.settings, made._site = world.scene, None
+        made.settings, made._site, made._moving = world.scene, None, {}
         made._grown = world.forest
         made._keep(world.observer.geometry)
         return made
@@ -170,28 +180,38 @@ class Stock:
         return self._standing_here().build(forest)
 
     @cached_property
-    def caster(self) -> Any:
+    def caster(self) -> Search:
         """Rays that meet everything of the first forest."""
-        from ..blender.rays.casters import make_caster
-
-        return make_caster(self._geometry, self.settings.rays)
+        return self._cast_in(self._geometry)
 
     @cached_property
-    def wood(self) -> Any:
+    def wood(self) -> Search:
         """Rays that pass leaves."""
+        return self._cast_in(self._geometry.solid())
+
+    def _cast_in(self, scene: SceneGeometry) -> Search:
         from ..blender.rays.casters import make_caster
 
-        return make_caster(self._geometry.solid(), self.settings.rays)
+        return make_caster(scene, self.settings.rays)
 
     @cached_property
     def targets(self) -> EchoTargets:
         """Return what sounds back, measured once."""
         return EchoTargets(self._geometry)
 
-    @cached_property
-    def pieces(self) -> SharedPieces:
-        """Trees in pieces that sway."""
-        return SharedPieces(self.settings.rays)
+    def moving_caster(self, scene: SceneGeometry, sway: ForestSway, still: Search) -> MovingCaster:
+        """Rays in a forest that sways, whose trees are shared with those of the forests before.
+
+        still : the caster of the same meshes as they stand.
+        """
+        from ..blender.rays.casters import make_moving_caster
+
+        like = self._moving.get(still)
+        moving = MovingScene(scene, sway=NearbySway(sway), like=like and like.moving)
+        made = make_moving_caster(moving, self.settings.rays, like)
+        if like is None or len(like.scene.meshes) < len(made.scene.meshes):
+            self._moving[still] = made
+        return made
 
     @cached_property
     def solids(self) -> list[Solid]:
@@ -207,14 +227,6 @@ class Stock:
         if self._site is None:
             return Flat(self.settings.forest.terrain.base)
         return self._site.ground
-
-    def _read(self, folder: Path) -> None:
-        """Grow every variant that can stand, build one of each in Blender and read all that is there."""
-        site = self._site = Site.of(self.settings, folder)
-        forest = site.grow()
-        self._grown = replace(forest, variants=site.every_variant(forest))
-        shown = self._catalogue() if self._grown.variants else forest
-        self._keep(site.build(shown).observer.geometry)
 
     def _standing_here(self) -> Site:
         """The site with the settings of now, which may have changed since it was read."""
@@ -260,27 +272,27 @@ class Stock:
 
         stock, stand = self._geometry, forest.stand
         rest = np.flatnonzero(stock.tree < 0)
-        keys = zip(stand.species.tolist(), stand.variant.tolist(), strict=True)
+        keys = [*zip(stand.species.tolist(), stand.variant.tolist(), strict=True)]
         mesh = np.array([self._mesh_of[key] for key in keys], dtype=np.int64)
         number = {key: n for n, key in enumerate(forest.variants)}
-        keys = zip(stand.species.tolist(), stand.variant.tolist(), strict=True)
         rank = np.array([number[key] for key in keys], dtype=np.int64)
         order = np.argsort(rank, kind="stable")  # as they are read: one variant after the other
         place = forest.transforms()[:, :, 3]
         transform = evaluated_transforms(place, stand.rotation, stand.scale)
         trees = stock.object_index[stock.tree >= 0][:1].repeat(len(stand))
-        return replace(
-            stock,
-            transform=np.concatenate([stock.transform[rest], transform[order]]),
-            mesh_index=np.concatenate([stock.mesh_index[rest], mesh[order]]),
-            tree=np.concatenate([stock.tree[rest], stand.id[order]]),
-            species=np.concatenate([stock.species[rest], stand.species[order]]),
-            object_index=np.concatenate([stock.object_index[rest], trees]),
-            reflectance=np.concatenate([stock.reflectance[rest], np.full(len(stand), np.nan)]),
-            optics=None
-            if stock.optics is None
-            else np.concatenate([stock.optics[rest], np.full((len(stand), 4), np.nan)]),
-        )
+        none = np.full(len(stand), np.nan)
+        given: dict[str, np.ndarray] = {
+            "transform": transform[order],
+            "mesh_index": mesh[order],
+            "tree": stand.id[order],
+            "species": stand.species[order],
+            "object_index": trees,
+            "reflectance": none,
+        }
+        if stock.optics is not None:
+            given["optics"] = np.stack([none] * 4, axis=1)
+        joined = {k: np.concatenate([getattr(stock, k)[rest], v]) for k, v in given.items()}
+        return replace(stock, **joined)  # type: ignore[arg-type]
 
 
 # Woods that sway around flyers: rays, echoes and obstacles of trees where the wind has them at a time.
@@ -308,45 +320,6 @@ class NearbySway:
         if knot is None:
             return float(np.linalg.norm(high.max(axis=0) - low.min(axis=0)))
         return self._sway.most(tree, low, high, knot)
-
-
-class SharedPieces:
-    """Everything of swaying trees that belongs to their meshes, made once for all forests of a stock.
-
-    rays : settings of what casts them.
-    """
-
-    def __init__(self, rays: Rays) -> None:
-        self._rays = rays
-        self._sway: ForestSway | None = None
-        self._wind: EchoWind | None = None
-        self._casters: dict[bool, MovingCaster] = {}
-
-    def sway(self, sway: ForestSway | None) -> ForestSway | None:
-        """Keep a forest's sway for those to come."""
-        self._sway = self._sway or sway
-        return sway
-
-    @property
-    def like(self) -> ForestSway | None:
-        """Return a sway that has the modes of the stock's variants."""
-        return self._sway
-
-    def caster(self, scene: SceneGeometry, sway: ForestSway, solid: bool = False) -> MovingCaster:
-        """Rays in a forest that sways; solid : its meshes have no leaves."""
-        from ..blender.rays.casters import make_moving_caster
-
-        like = self._casters.get(solid)
-        moving = MovingScene(scene, sway=NearbySway(sway), like=like and like.moving)
-        made = make_moving_caster(moving, self._rays, like)
-        if like is None or len(like.scene.meshes) < len(made.scene.meshes):
-            self._casters[solid] = made
-        return made
-
-    def targets(self, scene: SceneGeometry, sway: ForestSway, like: EchoTargets) -> EchoTargets:
-        """Return what sounds back in a forest that sways."""
-        self._wind = EchoWind(scene, sway, like=self._wind)
-        return EchoTargets(scene, like, self._wind)
 
 
 class SwayingObstacles(MeshObstacles):

@@ -87,6 +87,19 @@ def guarded(
     return around
 
 
+def numbers(rows: Any, path: StrPath, what: str) -> np.ndarray:
+    """Return rows of words as numbers; what a file says is not repeated.
+
+    Raises
+    ------
+    SpecError : one is none; says what a line should be.
+    """
+    try:
+        return np.array(rows, dtype=np.float64)
+    except ValueError:
+        raise SpecError(str(path), f"has a line that is not {what}") from None
+
+
 def library(path: StrPath, extra: str, name: str, instead: str = "") -> Any:
     """Return a library of an optional extra of this package. instead : what else one may do.
 

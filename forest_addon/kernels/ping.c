@@ -43,11 +43,9 @@ static inline void turned_back(double cycles, double *cosine, double *sine)
     *cosine = sign * (1.0 + y * c);
 }
 
-/* e^x, to rounding: the power series within half a factor of two; as at -700 and 700 beyond. */
+/* e^x, to rounding, for x from -700 to 700: the power series within half a factor of two. */
 static inline double exponential(double x)
 {
-    x = x > -700.0 ? x : -700.0;
-    x = x < 700.0 ? x : 700.0;
     double shifted = x * 1.4426950408889634 + ROUNDER;
     double doublings = shifted - ROUNDER;
     double rest = (x - doublings * 0.6931471803691238) - doublings * 1.9082149292705877e-10;
@@ -137,6 +135,8 @@ void weigh_echoes(int64_t nodes, int64_t count, const double *level, int64_t ter
             for (int64_t d = 0; d < terms; d++)
                 for (int64_t i = 0; i < some; i++)
                     exponent[i] += basis[d * nodes + q] * term[d * count + begin + i];
+            for (int64_t i = 0; i < some; i++)
+                exponent[i] = exponent[i] > -700.0 ? exponent[i] : -700.0;
             for (int64_t i = 0; i < some; i++)
                 exponent[i] = level[begin + i] * exponential(exponent[i]);
             for (int64_t i = 0; i < some; i++) {

@@ -15,12 +15,12 @@ from typing import Protocol
 
 import numpy as np
 
-from ..base.rows import distinct
+from ..base.rows import distinct, lengths, repeated
 from ..base.trimesh import LEAF, OTHER, TriMesh
 from .rays.boxes import clip, extents, within
 from .rays.caster import Hits, hit_normals, unit_columns
 from .rays.exact import meet
-from .rays.geometry import SceneGeometry
+from .rays.geometry import OF_MESHES, SceneGeometry
 from .rays.paths import SceneMotion, ShapePath, corners_at_rest
 
 KNOTS = 32  # a second
@@ -87,30 +87,19 @@ class MovingScene:
         self.count = len(whole)
         more = () if pieces is None else pieces.meshes
         meshed = whole.with_meshes((EMPTY, *more), (0, *(() if pieces is None else pieces.of_mesh)))
+        empty = len(whole.meshes)
         index = whole.mesh_index.copy()
-        index[sways] = len(whole.meshes)
+        index[sways] = empty
         self.scene = replace(meshed, mesh_index=index)
         if like is not None and len(like.scene.meshes) == len(self.scene.meshes):
             self.scene.share_table(like.scene.table)
         index = index.copy()
-        index[self.motion.rows] = len(whole.meshes)
-        self.still = replace(
-            whole.with_meshes((EMPTY,), (0,)),
-            mesh_index=index,
-            slot_reflectance=(),
-            asset=(),
-            slot_names=(),
-            slot_optics=(),
-        )
+        index[self.motion.rows] = empty
+        self.still = _surfaces(whole, (*whole.meshes, EMPTY), index)
         # Instances of other times that stand for trees which sway are never there.
-        away = sways[sways >= len(read)]
-        self.whole = replace(meshed, meshes=meshed.meshes[: len(whole.meshes) + 1])
-        self.whole = replace(
-            self.whole,
-            mesh_index=np.where(
-                np.isin(np.arange(self.count), away), len(whole.meshes), whole.mesh_index
-            ),
-        )
+        there = whole.mesh_index.copy()
+        there[sways[sways >= len(read)]] = empty
+        self.whole = replace(meshed, meshes=meshed.meshes[: empty + 1], mesh_index=there)
         if pieces is not None:
             rows = np.concatenate([np.arange(self.count), pieces.owner])
             mesh = np.concatenate([self.scene.mesh_index, len(whole.meshes) + 1 + pieces.mesh])
@@ -175,7 +164,7 @@ class MovingScene:
     def normals(self, hits: Hits, time: np.ndarray) -> np.ndarray:
         """(R, 3) unit world normals of the triangles that were hit at times (R,), s; NaN for a miss."""
         found = hit_normals(self.scene, hits, self.at(hits.instance, time))
-        bends = np.flatnonzero(np.isin(hits.instance, list(self.motion.shapes)))
+        bends = np.flatnonzero(self.motion.bends(hits.instance))
         if len(bends):
             some = hits.instance[bends], hits.triangle[bends], time[bends]
             a, b, c = self.corners(*some).swapaxes(0, 1)
@@ -198,10 +187,8 @@ class MovingScene:
             if rows is sways:
                 at, rate = self._swayed(instance[rows] - self.count, time[rows])
             else:
-                at, rate = (
-                    self.motion.table.at(row, time[rows]),
-                    self.motion.table.rate(row, time[rows]),
-                )
+                table = self.motion.table
+                at, rate = table.at(row, time[rows]), table.rate(row, time[rows])
             own = taken_back(at, points[rows])
             velocity[rows] = moved(rate, own)
             if rows is moves:
@@ -216,14 +203,14 @@ class MovingScene:
         """(R, 3) m/s of own points (R, 3) as their shape changes, and where they are at rest; NaN where they
         are not there then."""
         rate, stood = np.zeros_like(own), own.copy()
-        bends = np.flatnonzero(np.isin(instance, list(self.motion.shapes)))
+        bends = np.flatnonzero(self.motion.bends(instance))
         if len(bends):
             asked = instance[bends], triangle[bends], time[bends]
             a, b, c = self.motion.corners(self.scene, *asked).swapaxes(0, 1)
             across = np.stack([b - a, c - a], axis=2)  # (R, 3, 2): shares along two sides
             share = np.einsum("rij,rj->ri", np.linalg.pinv(across), own[bends] - a)
             shares = np.column_stack([1 - share.sum(axis=1), share])
-            rates = self.motion.corner_rates(self.scene, *asked)
+            rates = self.motion.corners(self.scene, *asked, rates=True)
             rate[bends] = np.einsum("rk,rki->ri", shares, rates)
             stood[bends] = np.einsum("rk,rki->ri", shares, corners_at_rest(self.scene, *asked[:2]))
         if self.motion.stands_for is not None:
@@ -277,16 +264,7 @@ class MovingScene:
                 made[id(shape), mesh] = len(meshes)
                 meshes.append(replace(meshes[mesh], vertices=vertices))
             index[number] = made[id(shape), mesh]
-        return replace(
-            self.whole,
-            meshes=tuple(meshes),
-            transform=transform,
-            mesh_index=index,
-            slot_reflectance=(),
-            asset=(),
-            slot_names=(),
-            slot_optics=(),
-        )
+        return replace(_surfaces(self.whole, tuple(meshes), index), transform=transform)
 
     def bundles(
         self,
@@ -319,8 +297,8 @@ class MovingScene:
         size = np.diff(first, append=len(near))
         run = np.repeat(np.arange(len(first)), size)
         chief = near[first + size // 2]
-        apart = _length(origins[near] - origins[chief][run])
-        apart += leaves[near] * _length(ways[near] - ways[chief][run])
+        apart = lengths(origins[near] - origins[chief][run])
+        apart += leaves[near] * lengths(ways[near] - ways[chief][run])
         apart = np.maximum.reduceat(apart, first)
         since = np.minimum.reduceat(enters[near], first)
         until = np.maximum.reduceat(leaves[near], first)
@@ -506,7 +484,7 @@ class CutTrees:
         return centre - out, centre + out
 
     def _join_seams(self) -> None:
-        """Put the copies of each triangle, which pieces at a seam share, in a ring.
+        """List the copies of each triangle, which pieces at a seam share.
 
         Which of them an engine in float32 meets first may depend on the rays it goes with; in float64 one is
         first.
@@ -514,29 +492,41 @@ class CutTrees:
         size = np.array([len(rows) for rows in self.triangle], dtype=np.int64)
         self._first = np.cumsum(size) - size
         self._whole = np.concatenate([np.empty(0, np.int64), *self.triangle])
-        self._shift = np.zeros(len(self._whole), dtype=np.int64)  # to the piece of the next copy
-        self._next = np.arange(len(self._whole)) - np.repeat(
-            self._first, size
-        )  # its triangle there
+        own = np.arange(len(self._whole)) - np.repeat(self._first, size)  # in its piece
+        self._many, self._begin, self._rank = (np.zeros(len(self._whole), np.int64) for _ in "mbr")
+        copies = [np.empty((2, 0), np.int64)]  # rank of its piece in the tree, and triangle there
+        total = 0
         for listed in self._known.values():
             number = np.concatenate([self._first[m] + np.arange(size[m]) for _, m in listed])
-            place = np.repeat(np.arange(len(listed)), [size[m] for _, m in listed])
-            order = np.argsort(self._whole[number], kind="stable")
-            begins = np.flatnonzero(np.diff(self._whole[number[order]], prepend=-1))
-            after = np.arange(1, len(number) + 1)
-            after[np.append(begins[1:], len(number)) - 1] = begins
-            there = order[after]
-            self._shift[number[order]] = place[there] - place[order]
-            self._next[number[order]] = self._next[number[there]]
+            self._rank[number] = np.repeat(np.arange(len(listed)), [size[m] for _, m in listed])
+            order = number[np.argsort(self._whole[number], kind="stable")]
+            copies.append(np.stack([self._rank[order], own[order]]))
+            _, begin, many = np.unique(self._whole[order], return_index=True, return_counts=True)
+            self._begin[order], self._many[order] = (
+                total + np.repeat(begin, many),
+                np.repeat(many, many),
+            )
+            total += len(order)
+        self._copies = np.concatenate(copies, axis=1)
 
-    def at_seams(self, piece: np.ndarray, triangle: np.ndarray) -> np.ndarray:
-        """Rows of hits on pieces, by pieces and triangles (R,), whose triangle has copies."""
-        return np.flatnonzero(self._shift[self._first[self.mesh[piece]] + triangle])
-
-    def next_copy(self, piece: np.ndarray, triangle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The next copy of triangles of pieces (R,): its piece and triangle."""
+    def copies(
+        self, piece: np.ndarray, triangle: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Rows (M,) of those triangles of pieces (R,) that have copies at seams, once for each copy, itself
+        among them, and these: pieces (M,), ascending of each row, and triangles (M,)."""
         number = self._first[self.mesh[piece]] + triangle
-        return piece + self._shift[number], self._next[number]
+        many = self._many[number]
+        row, which = repeated(np.where(many > 1, many, 0))
+        rank, own = self._copies[:, self._begin[number][row] + which]
+        return row, piece[row] + rank - self._rank[number][row], own
+
+
+def _surfaces(
+    scene: SceneGeometry, meshes: tuple[TriMesh, ...], index: np.ndarray
+) -> SceneGeometry:
+    """A scene with other meshes (I,), of which nothing else is told."""
+    bare = dict.fromkeys(OF_MESHES, ())
+    return replace(scene, meshes=meshes, mesh_index=index, crowd=(), **bare)  # type: ignore[arg-type]
 
 
 def trees_that_sway(scene: SceneGeometry, sway: TreesOfStand | None) -> np.ndarray:
@@ -567,10 +557,9 @@ def split_pieces(mesh: TriMesh, piece: np.ndarray) -> list[tuple[int, np.ndarray
     rows, where = [np.arange(len(piece))], [piece]
     for side in range(3):
         at = corner[seam, side]
-        held = first[at + 1] - first[at]
-        flat = np.arange(held.sum()) + np.repeat(first[at] - np.cumsum(held) + held, held)
-        rows.append(np.repeat(seam, held))
-        where.append(of[flat])
+        held, which = repeated(first[at + 1] - first[at])
+        rows.append(seam[held])
+        where.append(of[first[at][held] + which])
     both = distinct(np.concatenate(where) * len(piece) + np.concatenate(rows))
     which, row = np.divmod(both, len(piece))
     cuts = np.flatnonzero(np.diff(which, prepend=-1))
@@ -624,7 +613,3 @@ def turned_back(transform: np.ndarray, vectors: np.ndarray) -> np.ndarray:
     with np.errstate(invalid="ignore", divide="ignore"):
         volume = np.einsum("ri,ri->r", x, across[:, 0])
         return np.asarray(np.einsum("rij,rj->ri", across, vectors) / volume[:, None])
-
-
-def _length(way: np.ndarray) -> np.ndarray:
-    return np.sqrt(np.einsum("ri,ri->r", way, way))

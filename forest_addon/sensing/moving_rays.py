@@ -186,7 +186,7 @@ class PartByPart:
         for ray, instance in groups:
             # What changes its shape is met alone.
             kind = np.where(
-                np.isin(instance, list(motion.shapes)),
+                motion.bends(instance),
                 -1 - instance,
                 moving.scene.mesh_index[instance],
             )

@@ -247,7 +247,7 @@ def _refuse_elsewhere(
     if good is not None:
         fitting = (float(good[0]), float(good[1]), scene.offset[2])
         x, y, z = fitting
-        todo = f"offset = [{x:.10g}, {y:.10g}, {z:g}] would put the field on it"
+        todo = f"offset = [{x:.10g}, {y:.10g}, {z:g}] at the top of the scene would put the field on it"
     there, here = (
         " and ".join(
             f"{a} {first:.10g} to {last:.10g}" for a, first, last in zip("xy", *ends, strict=True)

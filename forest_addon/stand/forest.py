@@ -298,13 +298,16 @@ class ForestPlan:
     def placed(self, variants: Mapping[tuple[int, int], Tree]) -> Stand:
         """The stand with every tree in the size that it is to have, its foot in the ground."""
         stand, wanted = self.measured.stand, self.measured.trees
-        scale, foot = stand.scale.copy(), np.zeros(len(stand))
+        many, code = codes_of(stand)
+        scale, met = stand.scale.copy(), np.isfinite(wanted[:, 0])  # have a diameter to meet
+        foot, meets = np.zeros(int(code.max(initial=-1)) + 1), bool(met.any())
         for (planting, variant), tree in variants.items():
-            mine = (stand.species == planting) & (stand.variant == variant)
-            met = mine & np.isfinite(wanted[:, 0])  # those that have a diameter to meet
-            if met.any() and len(tree.skeleton):
-                scale[met] = scales_for(tree.skeleton, wanted[met, 0])
-            foot[mine] = float(tree.skeleton.radius[:1, 0].sum()) * scale[mine]
+            number = planting * many + variant
+            foot[number] = tree.skeleton.radius[:1, 0].sum()
+            mine = np.flatnonzero(met & (code == number)) if meets else ()
+            if len(mine) and len(tree.skeleton):
+                scale[mine] = scales_for(tree.skeleton, wanted[mine, 0])
+        foot = foot[code] * scale
         ground = self.inputs.ground(self.scene.forest.terrain.base)
         return replace(stand, scale=scale, sink=sink(ground, stand.position[:, :2], foot))
 
@@ -321,7 +324,14 @@ def grow_forest(
 
 def keys_of(stand: Stand) -> list[tuple[int, int]]:
     """(planting, variant) of all trees that stand, each once, in order."""
-    return sorted({(int(s), int(v)) for s, v in zip(stand.species, stand.variant, strict=True)})
+    many, code = codes_of(stand)
+    return [divmod(number, many) for number in np.flatnonzero(np.bincount(code)).tolist()]
+
+
+def codes_of(stand: Stand) -> tuple[int, np.ndarray]:
+    """A number of variants, and (N,) planting times that number plus variant of each tree."""
+    many = int(stand.variant.max(initial=0)) + 1
+    return many, stand.species * many + stand.variant
 
 
 def leaf_table(forest: GrownForest) -> dict[str, np.ndarray]:

@@ -17,11 +17,12 @@ from .run import RunCommand
 from .species import SpeciesCommand
 from .stand import StandCommand
 from .template import TemplateCommand
+from .tiles import TilesCommand
 
 COMMANDS = (
     *(RunCommand(), DemoCommand(), DatasetCommand(), AccuracyCommand()),
     *(DeriveCommand(), TemplateCommand(), SpeciesCommand(), StandCommand(), EstimateCommand()),
     *(AllometryCommand(), AssetsCommand(), CanopyCommand()),
     *(LidarCommand(), ExportCommand(), ConvolveCommand(), FlyCommand()),
-    DoctorCommand(),
+    *(TilesCommand(), DoctorCommand()),
 )

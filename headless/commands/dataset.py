@@ -8,7 +8,7 @@ from pathlib import Path
 
 from forest_addon.spec import SpecError
 
-from ..command import Command, refuse_beyond
+from ..command import Command, add_cluster_options, refuse_beyond
 
 CONVERTED = ("semantic-kitti", "s3dis", "coco-panoptic")
 
@@ -47,8 +47,7 @@ Exit code 4: some scenes could not be made; manifest.csv says why."""
             help="any other key of the plan",
         )
         parser.add_argument("--workers", type=int, metavar="N", help="here; default: one a core")
-        parser.add_argument("--scheduler", default="", metavar="ADDRESS", help="of a Dask cluster")
-        parser.add_argument("--slurm", metavar="KEY=VALUE,...", help="start workers by Slurm")
+        add_cluster_options(parser)
         parser.add_argument(
             "--dry-run", action="store_true", help="time some scenes, say what all will cost"
         )

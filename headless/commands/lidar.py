@@ -225,7 +225,7 @@ with the same command and --resume, to the same bytes."""
         ------
         SpecError : words that do not go with a survey, or a survey that cannot be used.
         """
-        from ..surveys import ScanChoice, scan_survey
+        from ..surveys import scan_survey
 
         words = ("blend", "scanner", "at", "along", "azimuth", "set", "resume", "chunk")
         for word in words:
@@ -240,7 +240,9 @@ with the same command and --resume, to the same bytes."""
             assets=chosen.assets,
             reference=chosen.reference,
             offset=_offset(chosen),
-            choice=ScanChoice(chosen.seed, chosen.engine, chosen.echoes or "survey"),
+            seed=chosen.seed,
+            engine=chosen.engine,
+            echoes=chosen.echoes or "survey",
             quiet=chosen.quiet,
         )
 

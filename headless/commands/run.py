@@ -11,10 +11,10 @@ from pathlib import Path
 from forest_addon.spec import Scene, SpecError
 
 from ..command import (
-    LOCK,
     SCENE_HELP,
     Command,
     DoubtfulError,
+    add_cluster_options,
     read_scene,
     refuse_beyond,
     scene_file,
@@ -44,31 +44,21 @@ class RunCommand(Command):
             metavar="N",
             help="processes that scan the tiles of a scene with [tiles] (default 1)",
         )
-        parser.add_argument(
-            "--share",
-            metavar="K/N",
-            help="make every Nth piece from the Kth on, as one of N processes that see the same folder; "
-            "--resume joins them",
-        )
+        add_cluster_options(parser)
 
     def output(self, chosen: argparse.Namespace) -> Path:
         if chosen.scene is None:
             chosen.scene = open_blend()
         return super().output(chosen)
 
-    def lock(self, chosen: argparse.Namespace) -> Path:
-        share = "" if chosen.share is None else f"-{chosen.share.replace('/', '-of-')}"
-        return chosen.out / f"{LOCK}{share}"
-
     def is_whole(self, chosen: argparse.Namespace) -> bool:
-        # none that goes on, or has processes to help, makes all files of its folder
-        return not chosen.resume and chosen.share is None and chosen.workers < 2
+        return not chosen.resume  # none that goes on makes all files of its folder
 
     def kept(self, chosen: argparse.Namespace) -> str:
         return f"{super().kept(chosen)}; --resume goes on with it"
 
     def run(self, chosen: argparse.Namespace) -> None:
-        scene, workers, share = chosen.scene, chosen.workers, chosen.share
+        scene, workers = chosen.scene, chosen.workers
         refuse_beyond("--workers", workers, 1)
         is_blend = scene.suffix.lower() == ".blend"
         dry = chosen.convolve.stem if chosen.convolve else ""
@@ -78,31 +68,29 @@ class RunCommand(Command):
         from ..progress import hushed
 
         with hushed():  # Blender says where its colours come from
+            from ..dataset.engine import Cluster
             from ..pipeline import claim_files, run_blend, run_scene
-            from ..tiled import Share, run_by_workers, run_in_tiles
+            from ..tiled import run_in_tiles
         if not is_blend:
             claim_files(settings, chosen.out, dry)
 
         if settings.tiles.size:
             if chosen.convolve:
                 raise SpecError("--convolve", "needs a reverb, which cannot be run in tiles")
-            if share is None and workers > 1:
-                seed = [] if chosen.seed is None else ["--seed", str(chosen.seed)]
-                words = ["run", str(scene), "--out", str(chosen.out), "--quiet", *seed]
-                run_by_workers([*words, *(["--resume"] if chosen.resume else [])], workers)
+            cluster = Cluster(workers, chosen.scheduler, chosen.slurm)
             run_in_tiles(
                 settings,
                 scene.resolve().parent,
                 chosen.out,
                 quiet=chosen.quiet,
-                resume=chosen.resume or workers > 1,
-                share=None if share is None else Share.of(share),
+                resume=chosen.resume,
+                cluster=cluster if cluster.is_elsewhere or workers > 1 else None,
                 strict=chosen.strict,
             )
             _print_record(chosen)
             return
-        if workers > 1 or share is not None:
-            key = "--workers" if share is None else "--share"
+        if workers > 1 or chosen.scheduler or chosen.slurm is not None:
+            key = "--workers" if workers > 1 else "--scheduler" if chosen.scheduler else "--slurm"
             raise SpecError(
                 key, "needs a scene with [tiles]; sensors of others use all cores by themselves"
             )

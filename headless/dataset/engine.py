@@ -1,9 +1,9 @@
-"""Workers that make the scenes: threads of this process, or those of a Dask cluster.
+"""Workers that make scenes of a dataset or tiles of a field: threads of this process, or of a Dask cluster.
 
-A worker holds a process pool of one process, which has Blender loaded and makes one scene after the other;
-the worker never loads Blender itself. It watches its process: a scene that runs past its time or needs more
-memory than it may is ended with it, and a scene that cannot be made is set aside. The process is renewed
-after a while, and ends with whoever started it, however that comes.
+A worker holds a process pool of one process, which has Blender loaded and does one job after the other;
+the worker never loads Blender itself. It watches its process: a job that runs past its time or needs more
+memory than it may is ended with it; one that can be cut is done in smaller parts, and what cannot be made is
+set aside. The process is renewed after a while, and ends with whoever started it, however that comes.
 
 A scheduler only hands out jobs. What is done stands on the disk before a result is given; so whatever a
 scheduler loses (workers that end by walltime, tasks that it gives up after some such ends) is handed out
@@ -45,7 +45,7 @@ from importlib.metadata import PackageNotFoundError, distribution
 from importlib.util import module_from_spec
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import Any, Protocol
 
 from forest_addon.base.places import environment_of_child
 from forest_addon.spec import SpecError
@@ -68,10 +68,42 @@ DISK = (
 )
 
 
+class WorkerJob(Protocol):
+    """Work of one process, and how much it may take: bytes of memory, threads that cast rays.
+
+    number : of the job; the lowest are done first. name : of what it makes, in messages.
+    """
+
+    running: Running
+    memory: float
+    threads: int
+
+    @property
+    def number(self) -> int: ...
+
+    @property
+    def name(self) -> str: ...
+
+    def is_done(self) -> bool:
+        """Return whether another worker has finished it meanwhile."""
+        ...
+
+    def make(self, session: Any) -> dict[str, float]:
+        """Do it, in a process with Blender; returns CPU seconds of each stage."""
+        ...
+
+    def note(self, outcome: SceneOutcome) -> None:
+        """Write down how it went."""
+        ...
+
+    def smaller(self) -> WorkerJob | None:
+        """Return the same work in parts that need less memory; None: it cannot be cut."""
+        ...
+
+
 @dataclass(frozen=True)
 class SceneJob:
-    """A scene, the folder of its dataset, and how much it may take: bytes of memory, threads that cast
-    rays."""
+    """A scene of the dataset in the folder ``root``, as a ``WorkerJob``."""
 
     root: Path
     recipe: Recipe
@@ -79,14 +111,63 @@ class SceneJob:
     memory: float
     threads: int
 
+    @property
+    def number(self) -> int:
+        """See ``WorkerJob``."""
+        return self.recipe.number
+
+    @property
+    def name(self) -> str:
+        """See ``WorkerJob``."""
+        return f"scene {self.recipe.name}"
+
+    def is_done(self) -> bool:
+        """See ``WorkerJob``."""
+        there = disk.read_scene(self.root / disk.SCENES / self.recipe.name)
+        return there is not None and there.record.get("settings") == self.recipe.digest
+
+    def make(self, session: Any) -> dict[str, float]:
+        """See ``WorkerJob``."""
+        from .scene import make
+
+        recipe, partial = self.recipe, disk.begin(self.root, self.recipe.number)
+        try:
+            made = make(recipe, partial, session)
+            record = {
+                "scene": recipe.number,
+                "split": recipe.split,
+                "seed": recipe.seed,
+                "base": recipe.base,
+                "settings": recipe.digest,
+                "varied": recipe.varied,
+                **made["facts"],
+            }
+            start = time.process_time()
+            disk.finish(partial, self.root, record)
+            return {**made["seconds"], "digest": time.process_time() - start}
+        finally:
+            shutil.rmtree(partial, ignore_errors=True)
+            session.clear()
+
+    def note(self, outcome: SceneOutcome) -> None:
+        """See ``WorkerJob``."""
+        done = outcome.kind == "done"
+        status = {"status": "done" if done else "failed", "settings": self.recipe.digest}
+        status |= {} if done else {"kind": outcome.kind, "why": outcome.why}
+        status |= {"seconds": outcome.wall, "cpu": outcome.seconds, "memory": outcome.memory}
+        disk.write_status(self.root, self.recipe.number, status)
+
+    def smaller(self) -> None:
+        """See ``WorkerJob``."""
+
 
 @dataclass(frozen=True)
 class SceneOutcome:
-    """Outcome of a scene: ``kind`` is done, or why it was not: settings, fault, disk, memory, timeout, crash,
+    """Outcome of a job: ``kind`` is done, or why it was not: settings, fault, disk, memory, timeout, crash,
     stopped.
 
     seconds : CPU time of each stage. wall : seconds. memory, peak : bytes that the process held afterwards,
-    and at most. scene : its number.
+    and at most. scene : number of the job.
     """
 
     kind: str
@@ -136,33 +217,13 @@ def _end_with_starter() -> None:
         os._exit(0)
 
 
-def _serve(root: Path, recipe: Recipe) -> SceneOutcome:
-    """Make a scene, or say why not."""
-    from .scene import make
-
+def _serve(job: WorkerJob) -> SceneOutcome:
+    """Do a job, or say why not."""
     forget_peak()
-    partial = None
     try:
-        partial = disk.begin(root, recipe.number)
-        made = make(recipe, partial, _session)
-        record = {
-            "scene": recipe.number,
-            "split": recipe.split,
-            "seed": recipe.seed,
-            "base": recipe.base,
-            "settings": recipe.digest,
-            "varied": recipe.varied,
-            **made["facts"],
-        }
-        start = time.process_time()
-        disk.finish(partial, root, record)
-        seconds = made["seconds"] | {"digest": time.process_time() - start}
-        outcome = SceneOutcome("done", seconds=seconds)
+        outcome = SceneOutcome("done", seconds=job.make(_session))
     except BaseException as problem:
-        if partial is not None:
-            shutil.rmtree(partial, ignore_errors=True)
         outcome = _failure(problem)
-    _session.clear()
     gc.collect()
     if not _session.served:  # modules and what they keep: no later scene need look through them
         gc.freeze()
@@ -203,47 +264,49 @@ class Worker:
         self._process: Any = None
         self._folder: tempfile.TemporaryDirectory[str] | None = None  # of its last words
 
-    def make(self, job: SceneJob) -> SceneOutcome:
-        """Make the scene of a job, twice if need be, and note how it went beside the dataset."""
-        root, recipe, running = job.root, job.recipe, job.running
+    def make(self, job: WorkerJob) -> SceneOutcome:
+        """Do a job, twice if need be, in smaller parts where it needs too much memory, and note how it
+        went."""
         if job.threads != self.threads:
             self.end()
             self.threads = job.threads
-        there = disk.read_scene(root / disk.SCENES / recipe.name)
-        if there is not None and there.record.get("settings") == recipe.digest:
-            return SceneOutcome("done", scene=recipe.number)
-        for _ in range(TRIES):
-            outcome = self.scene(root, recipe, running.timeout, job.memory)
+        if job.is_done():
+            return SceneOutcome("done", scene=job.number)
+        cut, left = "", TRIES
+        while left:
+            left -= 1
+            outcome = self.once(job)
             if outcome.kind in ("done", "disk") or self._stopped:
                 break
             self.end()
+            smaller = job.smaller() if outcome.kind == "memory" else None
+            if smaller is not None:
+                job, cut, left = smaller, f"{job.name} {outcome.why}: it is cut", TRIES
         done = outcome.kind == "done"
         if self._stopped and not done:
             return replace(outcome, kind="stopped")
+        if outcome.kind != "disk":
+            try:
+                job.note(outcome)
+            except OSError as problem:
+                outcome = replace(outcome, kind="disk", why=str(problem))
         if outcome.kind == "disk":
-            return outcome
-        status = {"status": "done" if done else "failed", "settings": recipe.digest}
-        status |= {} if done else {"kind": outcome.kind, "why": outcome.why}
-        status |= {"seconds": outcome.wall, "cpu": outcome.seconds, "memory": outcome.memory}
-        try:
-            disk.write_status(root, recipe.number, status)
-        except OSError as problem:
-            return SceneOutcome("disk", str(problem), scene=recipe.number)
-        grown = outcome.memory - self.first_memory > running.renew_grown_gb * 1e9
-        if done and (grown or self.scenes >= running.renew_after):
+            return replace(outcome, why=f"{job.name}: {outcome.why}")
+        grown = outcome.memory - self.first_memory > job.running.renew_grown_gb * 1e9
+        if done and (grown or self.scenes >= job.running.renew_after):
             self.end()
-        return outcome
+        return replace(outcome, why=cut) if done else outcome
 
-    def scene(self, root: Path, recipe: Recipe, timeout: float, most: float) -> SceneOutcome:
-        """Have the process try a scene; ``most`` bytes of memory, ``timeout`` seconds."""
+    def once(self, job: WorkerJob) -> SceneOutcome:
+        """Have the process try a job."""
         problem = ""
         if self._process is None or not self._process.is_alive():
             problem = self.start()
         if problem:
-            return SceneOutcome("crash", problem, scene=recipe.number)
+            return SceneOutcome("crash", problem, scene=job.number)
         started = time.monotonic()
-        outcome = self._ask(started + timeout, most, _serve, root, recipe)
-        outcome = replace(outcome, wall=time.monotonic() - started, scene=recipe.number)
+        outcome = self._ask(started + job.running.timeout, job.memory, _serve, job)
+        outcome = replace(outcome, wall=time.monotonic() - started, scene=job.number)
         if self._process is not None:
             self.scenes += 1
             self.first_memory = self.first_memory or outcome.memory
@@ -338,7 +401,7 @@ def _environment() -> Iterator[None]:
 _own = threading.local()
 
 
-def work(job: SceneJob) -> SceneOutcome:
+def work(job: WorkerJob) -> SceneOutcome:
     """``Worker.make`` by the one worker of this thread; what a scheduler calls."""
     if not hasattr(_own, "worker"):
         multiprocessing.current_process().daemon = False  # as Dask's are, which may start none
@@ -357,24 +420,44 @@ AHEAD, LEAST_AHEAD = (
     64,
 )  # jobs that a scheduler holds for each thread of its workers, and at least
 CAN_START_IN = 60  # s
+OF_MEMORY = 0.9  # share of the machine's that all workers may need together
 
 
 @dataclass(frozen=True)
 class Cluster:
-    """Place where scenes are made: ``workers`` here; a scheduler's address; or keys and values of a batch
+    """Place where jobs are done: ``workers`` here; a scheduler's address; or keys and values of a batch
     system. ``make`` is what each of its workers does with a job."""
 
     workers: int = 0
     scheduler: str = ""
     slurm: str | None = None
-    make: Callable[[SceneJob], SceneOutcome] = work
+    make: Callable[[Any], SceneOutcome] = work
+
+    @property
+    def is_elsewhere(self) -> bool:
+        """Return whether the workers are not of this process."""
+        return bool(self.scheduler) or self.slurm is not None
+
+    def shares(self, jobs: int, running: Running) -> tuple[float, int]:
+        """Bytes of memory and threads that each of the workers may take that so many jobs need."""
+        workers = 1 if self.is_elsewhere else min(self.local_workers(), max(jobs, 1))
+        memory = running.memory_gb * 1e9 or machine_memory() * OF_MEMORY / workers
+        return memory, max(1, (os.cpu_count() or 1) // workers)
 
     def local_workers(self) -> int:
         """Return how many there are on this machine."""
         return self.workers or os.cpu_count() or 1
 
 
-def make_all(jobs: Sequence[SceneJob], cluster: Cluster, report: Report) -> None:
+def machine_memory() -> float:
+    """Bytes of this machine's memory; infinity where the system does not tell."""
+    try:
+        return float(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"))
+    except (AttributeError, ValueError, OSError):  # Windows
+        return float("inf")
+
+
+def make_all(jobs: Sequence[WorkerJob], cluster: Cluster, report: Report) -> None:
     """Have every job done; ``report`` is told of each, in any order.
 
     Raises
@@ -384,21 +467,21 @@ def make_all(jobs: Sequence[SceneJob], cluster: Cluster, report: Report) -> None
     """
     if not jobs:
         return
-    if not cluster.scheduler and cluster.slurm is None:
+    if not cluster.is_elsewhere:
         _make_here(jobs, min(cluster.local_workers(), len(jobs)), report)
         return
     with _client(cluster) as client:
         _hand_out(jobs, client, cluster, report)
 
 
-def _make_here(jobs: Sequence[SceneJob], workers: int, report: Report) -> None:
+def _make_here(jobs: Sequence[WorkerJob], workers: int, report: Report) -> None:
     """Have jobs done by workers of this process, a thread each, which wait for their children."""
     idle: queue.SimpleQueue[Worker] = queue.SimpleQueue()
     every = [Worker() for _ in range(workers)]
     for worker in every:
         idle.put(worker)
 
-    def make(job: SceneJob) -> SceneOutcome:
+    def make(job: WorkerJob) -> SceneOutcome:
         worker = idle.get()
         try:
             return worker.make(job)
@@ -410,14 +493,12 @@ def _make_here(jobs: Sequence[SceneJob], workers: int, report: Report) -> None:
     try:
         for result in as_completed(results):
             _take(result.result(), report)
-    except BaseException:  # also Ctrl-C: no scene is waited for
+    except BaseException:  # also Ctrl-C: no job is waited for
         pool.shutdown(wait=False, cancel_futures=True)
         while not all(result.done() for result in results):
             for worker in every:
                 worker.stop()
             time.sleep(STOPS_IN)
-        for root in {job.root for job in jobs}:
-            disk.clean(root)  # of scenes that were being made
         raise
     finally:
         pool.shutdown()
@@ -427,7 +508,7 @@ def _make_here(jobs: Sequence[SceneJob], workers: int, report: Report) -> None:
 
 def _take(outcome: SceneOutcome, report: Report) -> None:
     if outcome.kind == "disk":
-        raise OSError(f"scene {outcome.scene:06d}: {outcome.why}; finished scenes are kept")
+        raise OSError(f"{outcome.why}; what is finished is kept")
     report(outcome)
 
 
@@ -494,29 +575,28 @@ def _import(name: str, extra: str) -> Any:
         return importlib.import_module(name)
     except ImportError:
         raise SpecError(
-            "dataset",
-            f"{name} is not installed, which hands scenes to the workers of a cluster; install "
+            "--slurm" if extra == "slurm" else "--scheduler",
+            f"{name} is not installed, which hands work to the workers of a cluster; install "
             f"forest-sensing[{extra}], or leave the cluster out",
         ) from None
 
 
 def _gone(address: str, problem: object) -> OSError:
     return OSError(
-        f"the scheduler at {address} cannot be reached ({problem}); finished scenes are kept, the same "
-        "command "
-        "goes on"
+        f"the scheduler at {address} cannot be reached ({problem}); what is finished is kept, the same "
+        "command goes on"
     )
 
 
-def _hand_out(jobs: Sequence[SceneJob], client: Any, cluster: Cluster, report: Report) -> None:
+def _hand_out(jobs: Sequence[WorkerJob], client: Any, cluster: Cluster, report: Report) -> None:
     """Submit jobs until each has a result; a lost one is submitted again.
 
     The scheduler holds a few jobs for each thread of its workers, not the whole plan, and each result is
-    taken as it arrives; so a scene costs the same in a plan of ten and of a hundred thousand.
+    taken as it arrives; so a job costs the same in a plan of ten and of a hundred thousand.
     """
     address = client.scheduler.address if client.scheduler else "?"
     left = deque(jobs)
-    out: dict[Any, SceneJob] = {}
+    out: dict[Any, WorkerJob] = {}
     ended: queue.SimpleQueue[Any] = queue.SimpleQueue()
     most, looked, fruitless = LEAST_AHEAD, 0.0, 0
     while left or out:
@@ -524,8 +604,7 @@ def _hand_out(jobs: Sequence[SceneJob], client: Any, cluster: Cluster, report: R
             most, looked = _ahead(client, address), time.monotonic()
         while left and len(out) < most:
             job = left.popleft()
-            rank = -job.recipe.number
-            future = client.submit(cluster.make, job, pure=False, retries=0, priority=rank)
+            future = client.submit(cluster.make, job, pure=False, retries=0, priority=-job.number)
             out[future] = job
             future.add_done_callback(ended.put)
         try:
@@ -541,7 +620,7 @@ def _hand_out(jobs: Sequence[SceneJob], client: Any, cluster: Cluster, report: R
             fruitless += 1
             if fruitless >= FRUITLESS * most:
                 raise OSError(
-                    f"the cluster finished none of {len(left) + len(out)} scenes; finished scenes are kept"
+                    f"the cluster finished none of {len(left) + len(out)} jobs; what is finished is kept"
                 )
         future.release()
 

@@ -27,9 +27,9 @@ import numpy as np
 from forest_addon.sensing.kinds import KINDS, kind_of
 
 from . import disk
-from .engine import Worker
-from .factory import _machine_memory
+from .engine import SceneJob, Worker, machine_memory
 from .plan import Plan, Recipe, recipes
+from .settings import Running
 
 SAMPLES = 5
 CONSIDERED = 400  # scenes of a plan, evenly spread, whose cost is guessed
@@ -130,16 +130,24 @@ class Estimate:
     @property
     def interval(self) -> tuple[float, float] | None:
         """Core-hours that the whole lies between with 90 %; None of a single trial."""
+        if 1 == len(self.scenes) < self.count:
+            return None
+        return self.whole(self.seconds / 3600, SURE)[1:]
+
+    def whole(self, values: np.ndarray, sure: float = 0.95) -> tuple[float, float, float]:
+        """Sum over all scenes of what the trials say (S,), and what it lies between with that confidence."""
         from scipy.stats import t
 
-        shares = self.weights * self.seconds * len(self.scenes) / 3600
-        if len(shares) >= self.count:
-            return self.core_hours, self.core_hours
-        if len(shares) < 2:
-            return None
-        half = t.ppf((1 + SURE) / 2, len(shares) - 1) * shares.std(ddof=1) / np.sqrt(len(shares))
-        least = float(self.seconds.sum() / 3600)  # the trials are part of it
-        return max(self.core_hours - float(half), least), self.core_hours + float(half)
+        shares = self.weights * values * len(self.scenes)
+        half, many = 0.0, len(shares)
+        if many < self.count:
+            half = float(t.ppf((1 + sure) / 2, many - 1) * shares.std(ddof=1) / np.sqrt(many))
+        total = float(shares.mean())
+        return (
+            total,
+            max(total - half, float(values.sum())),
+            total + half,
+        )  # the trials are part of it
 
     @property
     def boreal_hours(self) -> float | None:
@@ -169,7 +177,7 @@ def estimate(plan: Plan, say: Callable[[str], None], samples: int = SAMPLES) -> 
         for index, weight in zip(chosen.tolist(), stands_for.tolist(), strict=True):
             recipe = every[index]
             try:
-                scenes.append(_trial(recipe, worker, plan.running.timeout, say))
+                scenes.append(_trial(recipe, worker, plan.running, say))
                 weights.append(weight * plan.count / len(every))
             except _Failed as problem:
                 failed.append(f"scene {recipe.name}: {problem}")
@@ -219,11 +227,11 @@ def by_cost(cost: np.ndarray, samples: int) -> tuple[np.ndarray, np.ndarray]:
     return np.append(heavy, chosen), np.append(np.ones(len(heavy)), weight)
 
 
-def _trial(recipe: Recipe, worker: Worker, timeout: float, say: Callable[[str], None]) -> Trial:
+def _trial(recipe: Recipe, worker: Worker, running: Running, say: Callable[[str], None]) -> Trial:
     """Return what a whole scene takes."""
 
     def make(thin: float) -> Trial:
-        return _made(thinned(recipe, thin), worker, timeout)
+        return _made(thinned(recipe, thin), worker, running)
 
     few = make(THIN) if _has_pulses(recipe) else None
     share = 1.0 if few is None else max(1.0, THIN * few.points / ENOUGH)
@@ -239,10 +247,10 @@ def _trial(recipe: Recipe, worker: Worker, timeout: float, say: Callable[[str], 
     return found
 
 
-def _made(recipe: Recipe, worker: Worker, timeout: float) -> Trial:
+def _made(recipe: Recipe, worker: Worker, running: Running) -> Trial:
     with tempfile.TemporaryDirectory() as folder:
         root = Path(folder)
-        outcome = worker.scene(root, recipe, timeout, _machine_memory())
+        outcome = worker.once(SceneJob(root, recipe, running, machine_memory(), 1))
         if outcome.kind != "done":
             raise _Failed(outcome.why)
         done = disk.read_scene(root / disk.SCENES / recipe.name)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import sys
 import time
 from collections.abc import Sequence
@@ -29,7 +28,6 @@ NAMED = 8  # scenes that a message names
 REFRESH = 30.0  # s between two manifests, at least
 SHARE_OF_MANIFESTS = 0.01  # of the time, at most; those of a large dataset take seconds
 MANY = 10_000  # scenes, whose settings take a second to draw
-OF_MEMORY = 0.9  # share of the machine's that all workers may need together
 
 
 @dataclass(frozen=True)
@@ -91,10 +89,7 @@ def make_scenes(
     SpecError : the cluster cannot be used.
     OSError : a scene cannot be written, or the cluster went away; what is finished stays.
     """
-    workers = 1 if asked.cluster.scheduler or asked.cluster.slurm else asked.cluster.local_workers()
-    workers = max(1, min(workers, len(missing)))
-    threads = max(1, (os.cpu_count() or 1) // workers)
-    memory = plan.running.memory_gb * 1e9 or _machine_memory() * OF_MEMORY / workers
+    memory, threads = asked.cluster.shares(len(missing), plan.running)
     jobs = [SceneJob(out, recipe, plan.running, memory, threads) for recipe in missing]
     refresh = time.monotonic() + REFRESH
     done = len(wanted) - len(missing)
@@ -121,6 +116,10 @@ def make_scenes(
 
         try:
             make_all(jobs, asked.cluster, report)
+        except BaseException:
+            if not asked.cluster.is_elsewhere:
+                disk.clean(out)  # of scenes that were being made
+            raise
         finally:
             rows = write_manifest(out, wanted)
     return rows
@@ -165,13 +164,6 @@ def write_plan(plan: Plan, out: Path) -> None:
     made = ", ".join(f"{name} {number}" for name, number in versions().items())
     head = f"# The plan of this dataset as it was used, base scenes within.\n# Made with {made}"
     write_whole(out / "plan.toml", f"{head}\n\n{tomli_w.dumps(plan.tables)}")
-
-
-def _machine_memory() -> float:
-    try:
-        return float(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"))
-    except (AttributeError, ValueError, OSError):  # Windows
-        return float("inf")
 
 
 def _describe(plan: Plan, wanted: Sequence[Recipe], out: Path, changed: bool) -> None:

@@ -145,7 +145,11 @@ def memory_by_scene(plan: Plan) -> Sequence[float]:
     with tempfile.TemporaryDirectory() as folder:
         try:
             for recipe in recipes(plan):
-                held.append(worker.scene(Path(folder), recipe, 7200.0, float("inf")).memory)
+                held.append(
+                    worker.once(
+                        SceneJob(Path(folder), recipe, plan.running, float("inf"), 1)
+                    ).memory
+                )
                 remove_scene(Path(folder), recipe.number)
         finally:
             worker.end()

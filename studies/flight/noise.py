@@ -35,7 +35,7 @@ from ..inside import (
     Straight,
     Trained,
     at_rest,
-    bearing,
+    azimuth_of,
     decided,
     fly,
     interval,
@@ -118,7 +118,7 @@ def taught(sense: EarSense, pupils: int, seed: int, say: Callable[[str], None]) 
         for _ in range(FLIGHT.steps):
             told = flyers.sense(going)
             action = teacher.act(told)
-            step = pupil.felt(told), bearing(told), teacher.way, teacher.pace
+            step = pupil.felt(told), azimuth_of(told["odometry"]), teacher.way, teacher.pace
             rows.append(tuple(part[going] for part in step))
             out = flyers.step(pupil.act(told) if number else action)
             going &= ~out.ended

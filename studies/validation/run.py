@@ -129,11 +129,12 @@ def _number(value: float) -> str:
 HEAD = """\
 # How real
 
-Each sensor and each way to grow and plant, held to measurements of real forests. The page is written by
-`python -m studies validate --data FOLDER --docs docs`; each part names its measurements. *Agrees* means
-that intervals overlap, or what a row says; *not told apart*, that they overlap and would do so even if the
-two differed by half. The last column is the difference that a row can tell: where the intervals, 90 % where
-nothing else is said, would no longer overlap. What does not agree stands here like what does.
+Each sensor, and each way to grow and plant trees, compared with measurements of real forests. *Agrees*
+means that intervals overlap, or what the row says; *not told apart*, that they overlap and would still do
+so if the two differed by half. The last column is the difference that a row can detect: beyond it the
+intervals (90 % where nothing else is said) no longer overlap. Tables show what was judged, and words below
+them explain what does not agree or cannot be told. Rows without a verdict and words on what agrees are in
+`docs/validation/*.json`. `python -m studies validate --data FOLDER --docs docs` writes this page.
 """
 TAIL = """\
 ## What was not measured
@@ -181,15 +182,22 @@ def table_of(comparisons: Sequence[Comparison]) -> list[str]:
 
 
 def part_text(part: Subject, pictures: str) -> str:
-    """A subject's part of the page.
+    """A subject's part of the page: its rows that were judged, with words on those that do not agree.
 
-    pictures : the folder of its pictures, from where the text is kept; empty: beside it.
+    pictures : the folder of its pictures, from where the text is kept; empty: beside it, with all rows and
+    words.
     """
+    shown = [c for c in part.comparisons if not pictures or c.agrees is not None]
+    shown = shown or list(part.comparisons)
     lines = [f"## {part.title}", ""]
     if part.summary:
         lines += [part.summary.strip(), ""]
-    lines += [*table_of(part.comparisons), ""]
-    said = [f"- **{c.quantity}.** {c.words}" for c in part.comparisons if c.words]
+    lines += [*table_of(shown), ""]
+    said = [
+        f"- **{c.quantity}.** {c.words}"
+        for c in shown
+        if c.words and not (pictures and c.verdict == AGREES)
+    ]
     if said:
         lines += [*said, ""]
     where = f"{pictures}/" if pictures else ""

@@ -68,6 +68,19 @@ def test_every_result_as_a_dataset(world):
 
 
 @pytest.mark.medium
+def test_every_property_of_every_result_can_be_read(world):
+    receiver = forest.SonarReceiver(source_level_db=100, self_noise_db=30)
+    heard = world.ping(BAT.changed(receiver=receiver))
+    for result in (world.scan(TRIPOD), world.scan(ROW), heard, world.impulse_response(CLAP)):
+        names = [n for n, _ in inspect.getmembers(type(result), lambda m: isinstance(m, property))]
+        for name in names:
+            assert getattr(result, name) is not None, name
+    echo = heard.pings[0]
+    np.testing.assert_allclose(heard.received["recorded"][0], echo.received.recorded, rtol=1e-12)
+    assert world.ping(BAT).received == {}
+
+
+@pytest.mark.medium
 def test_numbers_have_names(world):
     labels = world.scan(TRIPOD).labels
     met = {world.objects[number] for number in np.unique(labels["object"]) if number >= 0}

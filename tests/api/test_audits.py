@@ -38,7 +38,7 @@ from forest_addon.spec import (
 )
 
 BEAM = Beam(divergence_mrad=(2.0, 2.0), subrays=3, max_returns=5)
-TRIPOD = Terrestrial(name="cloud", position=(6, 6, 1.6), angle_step_deg=1.2, beam=BEAM)
+TRIPOD = Terrestrial(name="cloud", position=(6, 6, 1.6), angle_step_deg=1.6, beam=BEAM)
 ROWS = Tractor(name="rows", position=(-2, 0, 1), track=8.0, step=0.05, angle_step_deg=0.5, splits=1)
 BAT = Sonar(
     name="bat",
@@ -61,16 +61,16 @@ CLAP = Reverb(
 )  # fmt: skip
 STAND = CLAP.changed(name="stand", model="forest", continue_to=30.0)
 SENSORS = {each.name: each for each in (TRIPOD, ROWS, BAT, EAR, CLAP, STAND)}
-SEEDS = 8
+SEEDS = 4
 
 pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(scope="module")
 def world():
-    planting = Planting(species="hazelnut", variants=3, expected=9, exact=True)
+    planting = Planting(species="hazelnut", variants=2, expected=5, exact=True)
     asked = Scene(
-        seed=5,
+        seed=6,
         forest=Forest(size=(12.0, 12.0)),
         plantings=(planting,),
         accuracy=Accuracy(audit=0.0),

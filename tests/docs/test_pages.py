@@ -72,6 +72,13 @@ def test_its_links_lead_somewhere(page):
             assert (page.parent / target).exists(), f"{page.name}: {target}"
 
 
+def test_the_gallery_shows_its_scene_files_whole():
+    gallery = script("packaging/make_gallery.py")
+    assert TEXT[DOCS / "gallery.md"] == gallery.page()
+    assert len(gallery.ORDER) == 12
+    assert set(gallery.ORDER) == {file.stem for file in DOCS.glob("gallery/*.toml")}
+
+
 @pytest.mark.parametrize("sensor", ["lidar", "sonar", "reverb", "flight"])
 def test_a_sensor_s_page_is_use_model_and_evidence(sensor):
     """In that order, with a picture and a command before them."""
@@ -151,7 +158,6 @@ def smaller(text):
 @pytest.fixture
 def reader(tmp_path, monkeypatch, empty_blender, quick):
     """A reader's folder: the assets, a tree of one's own; scenes that pages name have a few trees."""
-    monkeypatch.setattr("forest_addon.blender.library.pictures.SIDE", 1)
     scenes = tmp_path / "assets" / "scenes"
     scenes.mkdir(parents=True)
     for shipped in [*(ROOT / "assets").iterdir(), *(ROOT / "assets" / "scenes").iterdir()]:

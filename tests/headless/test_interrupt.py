@@ -1,19 +1,13 @@
 """Ctrl-C at any moment, also while modules are imported: one line, exit code 130."""
 
-import os
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
 
-from forest_addon.spec import SpecError
-from headless.interrupt import WATCHED
-
 pytest.importorskip("bpy")
-from headless import tiled
 
 ROOT = Path(__file__).resolve().parents[2]
 SCAN = """
@@ -70,52 +64,3 @@ def test_ctrl_c_during_an_import(tmp_path, moment):
     assert [line for line in lines if line.startswith("interrupted; ")], lines
     assert not [line for line in lines if "Traceback" in line or "Error" in line], lines
     assert not list(tmp_path.glob("o/.*partial*"))
-
-
-FOLLOWER = """
-import time
-from headless.interrupt import follow_starter
-follow_starter()
-print("here", flush=True)
-time.sleep(60)
-"""
-
-
-@pytest.mark.parametrize("watched", [True, False])
-def test_a_process_of_a_run_in_tiles_does_not_outlive_its_starter(watched):
-    """Our end of its standard input closes however we end; others read theirs, or have none."""
-    around = os.environ | ({WATCHED: "1"} if watched else {})
-    words = [sys.executable, "-c", FOLLOWER]
-    child = subprocess.Popen(words, cwd=ROOT, stdin=-1, stdout=-1, env=around)
-    try:
-        assert child.stdout.readline() == b"here\n"
-        child.stdin.close()
-        if watched:
-            assert child.wait(timeout=30) == 130
-        else:
-            time.sleep(0.5)
-            assert child.poll() is None
-    finally:
-        child.kill()
-        child.wait()
-        child.stdout.close()
-
-
-@pytest.mark.skipif(os.name == "nt", reason="a shell's own signals")
-@pytest.mark.parametrize(
-    ("does", "said"),
-    [
-        ("kill -9 $$", r"process 1 of 2 was ended by signal 9; --resume goes on"),
-        (
-            "echo one >&2; echo no room >&2; exit 7",
-            "process 1 of 2 ended with 7: no room; --resume",
-        ),
-    ],
-)
-def test_a_worker_that_dies_is_named_with_its_last_words(tmp_path, monkeypatch, does, said):
-    worker = tmp_path / "worker"
-    worker.write_text(f"#!/bin/sh\n{does}\n")
-    worker.chmod(0o755)
-    monkeypatch.setattr(sys, "executable", str(worker))
-    with pytest.raises(SpecError, match=said):
-        tiled.run_by_workers(["run"], 2)

@@ -11,7 +11,7 @@ import pytest
 from forest_addon.formats.helios.document import read_document
 from forest_addon.formats.helios.scene import read_scene
 from forest_addon.formats.helios.survey import read_survey
-from forest_addon.sensing.lidar.surveys.leg import SurveyLeg, refracted
+from forest_addon.sensing.lidar.surveys.leg import SurveyLeg
 from forest_addon.spec import SpecError
 from headless.surveys import scan_survey
 
@@ -123,12 +123,6 @@ def test_cone_meets_the_ground_on_a_circle_that_flies(tmp_path: Path) -> None:
     np.testing.assert_allclose(pulses.direction[:, 2], -np.cos(np.deg2rad(20)), atol=1e-12)
     np.testing.assert_allclose(pulses.origin[:, 1], -10 + 20 * pulses.time, atol=1e-9)
     assert abs(pulses.direction[:, :2].mean(axis=0)).max() < 1e-9  # ten whole turns
-
-
-def test_refraction_keeps_snells_law() -> None:
-    way = np.array([[np.sin(0.3), np.cos(0.3), 0.0]])
-    behind = refracted(way, np.array([[0.0, -1.0, 0.0]]), 1 / 1.5)
-    assert np.arcsin(behind[0, 0]) == pytest.approx(np.arcsin(np.sin(0.3) / 1.5))
 
 
 def test_survey_runs_into_a_file_a_leg_and_meets_the_plane(tmp_path: Path) -> None:

@@ -14,12 +14,11 @@ from scipy.spatial.transform import Rotation
 
 from forest_addon.formats.helios.device import Digitiser
 from forest_addon.formats.helios.document import find_files
+from forest_addon.formats.helios.motion import PartMotion, read_motion
 from forest_addon.formats.helios.parts import (
     Material,
-    PartMotion,
     VoxelMode,
     read_materials,
-    read_motion,
     read_points,
     read_terrain,
     read_voxels,

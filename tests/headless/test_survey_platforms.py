@@ -8,10 +8,9 @@ from xml.etree.ElementTree import fromstring
 import numpy as np
 import pytest
 
-from forest_addon.formats.helios import driven
-from forest_addon.formats.helios.driven import DrivenLeg, drive
+from forest_addon.formats.helios import platforms
+from forest_addon.formats.helios.platforms import DrivenLeg, SurveyTrack, drive
 from forest_addon.formats.helios.survey import read_survey
-from forest_addon.formats.helios.track import SurveyTrack
 from forest_addon.spec import SpecError
 from headless.surveys import scan_survey
 
@@ -62,14 +61,14 @@ def test_copter_turns_smoothly_at_its_rate_and_looks_along_the_next_leg() -> Non
 
 
 def test_copter_that_stops_before_its_waypoint_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(driven, "STEPS_A_SECOND", 500)
+    monkeypatch.setattr(platforms, "STEPS_A_SECOND", 500)
     with pytest.raises(SpecError, match=r"leg 0 never arrives.*slowdownEnabled"):
         flown(COPTER, [(0, 0, 20), (0, 80, 20)], 'movePerSec_m="5"')
 
 
 @pytest.mark.medium
 def test_tractor_that_turns_round_and_round_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(driven, "STEPS_A_SECOND", 500)
+    monkeypatch.setattr(platforms, "STEPS_A_SECOND", 500)
     with pytest.raises(SpecError, match=r"leg 1 never arrives.*round and round.*wider curves"):
         flown(TRACTOR, [(0, 0, 0), (0, 12, 0), (7, 15, 0)], 'movePerSec_m="3"')
 
@@ -100,7 +99,7 @@ def test_steps_of_many_pulses_go_where_single_ones_go(
     setting = 'movePerSec_m="3" smoothTurn="true" slowdownEnabled="false"'
     places = [(0.0, 0.0, 5.0), (0.0, 12.0, 5.0), (12.0, 30.0, 5.0)]
     exact, _ = flown(platform, places, setting)  # a step is one pulse at 5 kHz
-    monkeypatch.setattr(driven, "STEPS_A_SECOND", 500)
+    monkeypatch.setattr(platforms, "STEPS_A_SECOND", 500)
     coarse, _ = flown(platform, places, setting)
     for one, other in zip(exact, coarse, strict=True):
         assert other.time[-1] == pytest.approx(one.time[-1], abs=0.05)

@@ -1,11 +1,20 @@
-"""`headless run` of a field in tiles: shares of it, joined later, are the run of one process."""
+"""`headless run` of a field in tiles by workers, what is lost meanwhile, and what a sample says of it."""
 
+import dataclasses
+import json
+
+import laspy
 import numpy as np
 import pytest
 
 pytest.importorskip("bpy")
 
+from forest_addon import api as forest
+from forest_addon.formats.toml_file import read_settings
 from headless.cli import main
+from headless.dataset.engine import SceneOutcome, Worker
+from headless.dataset.settings import Running
+from headless.tiled import TileJob
 
 FIELD = """
 seed = 3
@@ -35,33 +44,92 @@ pulse_rate = 1000
 """
 
 
-@pytest.mark.slow
-def test_shares_of_which_one_lost_a_piece_are_joined_to_the_same_bytes(
-    tmp_path, empty_blender, capsys
-):
-    field = tmp_path / "field.toml"
-    field.write_text(FIELD)
+@pytest.fixture
+def field(tmp_path):
+    (tmp_path / "field.toml").write_text(FIELD)
     np.save(tmp_path / "ground.npy", np.full((3, 3), 2.0))
+    return tmp_path / "field.toml"
 
+
+@pytest.mark.slow
+def test_workers_of_which_one_lost_a_piece_make_the_same_bytes(field, empty_blender, capsys):
     def run(out, *more):
-        assert main(["run", str(field), "--out", str(tmp_path / out), "--quiet", *more]) == 0
-        return tmp_path / out
+        folder = field.with_name(out)
+        assert main(["run", str(field), "--out", str(folder), "--quiet", *more]) == 0
+        return folder
 
     whole = run("whole")
-    parts = run("parts", "--share", "1/2")
-    assert not (parts / "als.laz").exists()
-    run("parts", "--share", "2/2")
-    pieces = sorted((parts / "tiles").glob("*.rows"))
-    assert len(pieces) > 1
-    pieces[0].unlink()  # as if the process had been killed before it was there
-    pieces[0].with_suffix(".json").unlink()
-    run("parts", "--resume")
+    parts = field.with_name("parts")
+    # As if the command had been killed when it had one piece, and a worker in the middle of another.
+    tiling = forest.Tiling.of(read_settings(field, forest.Scene), field.parent)
+    scan = forest.TiledScan(tiling, tiling.site.scene.sensors[0], parts / "tiles")
+    scan.make(int(scan.todo(False)[0]))
+    (parts / "tiles" / ".als-1-1-0.1.partial.rows").write_bytes(b"half")
+    run("parts", "--resume", "--workers", "2")
     names = ["als.laz", "leaf_angles.csv", "tiles.csv", "trees.csv"]
-    written = sorted(file.name for file in whole.glob("[!.]*.*"))
-    assert written == [*names[:2], "run.json", *names[2:]]
+    for folder in (whole, parts):
+        written = sorted(file.name for file in folder.glob("[!.]*.*"))
+        assert written == [*names[:2], "run.json", *names[2:]]
+        assert not list(folder.glob("tiles/*.[rnp]*z"))
     for name in names:
         assert (parts / name).read_bytes() == (whole / name).read_bytes(), name
     before = (whole / "als.laz").stat().st_mtime_ns
     assert main(["run", str(field), "--out", str(whole), "--resume"]) == 0
     assert "ground.npy is an image or array without a place: heights" in str(capsys.readouterr())
     assert (whole / "als.laz").stat().st_mtime_ns == before
+
+
+@pytest.mark.slow
+def test_a_tile_in_smaller_scenes_is_the_same(field, tmp_path, empty_blender):
+    tiling = forest.Tiling.of(read_settings(field, forest.Scene), field.parent)
+    scan = forest.TiledScan(tiling, tiling.site.scene.sensors[0], tmp_path)
+    points = 0
+    for piece in scan.todo(False):
+        scan.make(piece)
+        at_once = scan.path(piece).read_bytes()
+        points += len(at_once) > 8
+        scan.make(piece, cuts=3)
+        assert scan.path(piece).read_bytes() == at_once
+    assert points
+
+
+def test_a_tile_that_needs_too_much_memory_is_cut_and_that_is_said(field, monkeypatch):
+    scene = read_settings(field, forest.Scene)
+    job = TileJob(scene, field.parent, field.parent, 32, ("als",), Running(), 1e9, 1)
+    asked = []
+
+    def once(self, job):
+        asked.append(job.cuts)
+        enough = job.cuts > 2
+        why = "" if enough else "needs more memory than it may have (1.0 GB)"
+        return SceneOutcome("done" if enough else "memory", why, scene=job.number)
+
+    monkeypatch.setattr(Worker, "once", once)
+    found = Worker().make(job)
+    assert asked == [1, 2, 4]
+    assert (found.kind, found.why) == (
+        "done",
+        "tile 1-0 needs more memory than it may have (1.0 GB): it is cut",
+    )
+    monkeypatch.setattr(Worker, "once", lambda self, job: SceneOutcome("memory", "needs more"))
+    assert Worker().make(dataclasses.replace(job, cuts=8)).kind == "memory"
+
+
+@pytest.mark.slow
+def test_a_sample_of_all_tiles_tells_the_whole(field, empty_blender, capsys):
+    words = ["--sample", "100%", "--workers", "1", "--quiet", "--json"]
+    assert main(["tiles", str(field), *words]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert main(["run", str(field), "--out", str(field.with_name("o")), "--quiet"]) == 0
+    points = len(laspy.read(field.with_name("o") / "als.laz").points)
+    assert found["scanned"] == found["tiles"] == 4
+    assert found["points"] == [points] * 3  # nothing is left to chance
+    assert main(["tiles", str(field), "--sample", "50%", *words[2:]]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["scanned"] == 2
+    assert found["points"][1] <= points <= found["points"][2]
+
+
+def test_what_has_no_scanner_is_not_sampled(field, empty_blender):
+    field.write_text(FIELD.replace('kind = "airborne"', 'kind = "sonar"').partition("position")[0])
+    assert main(["tiles", str(field), "--quiet"]) == 2

@@ -27,7 +27,7 @@ class _Lent:
     """A Blender that does not end with who used it."""
 
     def __init__(self, worker):
-        self.scene = worker.scene
+        self.once = worker.once
 
     def end(self):
         pass

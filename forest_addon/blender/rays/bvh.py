@@ -54,24 +54,11 @@ class BvhCaster(Search):
     def _nearest(
         self, origins: np.ndarray, directions: np.ndarray, start: np.ndarray, limit: np.ndarray
     ) -> Hits:
-        with _no_collection():
-            return self._visit(origins, directions, start, limit)
-
-    def _visit(
-        self, origins: np.ndarray, directions: np.ndarray, start: np.ndarray, limit: np.ndarray
-    ) -> Hits:
         """Let rays visit their instances; of what each met, the nearest by its exact distance."""
         ray, box, entry = self._boxes.pairs(origins, directions, start, limit)
         pairs = _Pairs(ray, box, np.maximum(entry * (1 - BEFORE_SHARE) - BEFORE, start[ray]), entry)
-        number = np.bincount(ray, minlength=len(limit))
-        alone = (number == 1)[ray]
-        single, several = alone.nonzero()[0], (~alone).nonzero()[0]
-        found = [NOTHING]
-        if len(single):
-            found.append(self._only(pairs.select(single), origins, directions, limit))
-        if len(several):
-            found.append(self._in_rounds(pairs.select(several), origins, directions, limit))
-        ray, box, triangle = (np.concatenate(part) for part in zip(*found, strict=True))
+        with _no_collection():
+            ray, box, triangle = self._in_rounds(pairs, origins, directions, limit)
         distance, normal = self._surfaces.meet(
             origins.take(ray, 1), directions.take(ray, 1), box, triangle
         )
@@ -131,15 +118,13 @@ class BvhCaster(Search):
         one behind what they have met: all visit their nearest instance, then all their second."""
         turn = _firsts(pairs.ray)
         last = np.append(turn[1:], len(pairs.ray))
-        best = limit.copy()
-        found = []
+        best, found = limit.copy(), [NOTHING]
         while len(turn):
             near = pairs.entry[turn] <= best[pairs.ray[turn]]
             turn, last = turn[near], last[near]
             ray, box, triangle = self._only(pairs.select(turn), origins, directions, best)
-            distance = self._surfaces.distance(
-                origins.take(ray, 1), directions.take(ray, 1), box, triangle
-            )
+            rays = origins.take(ray, 1), directions.take(ray, 1)
+            distance, _ = self._surfaces.meet(*rays, box, triangle)
             best[ray] = np.minimum(best[ray], distance)
             found.append((ray, box, triangle))
             turn = turn + 1

@@ -11,7 +11,7 @@ import ctypes
 import sys
 import weakref
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import cache
 from itertools import repeat
 from pathlib import Path
@@ -156,20 +156,18 @@ class EmbreeCaster(Search):
         low[~np.isfinite(invert_transforms(scene.transform)).all(axis=(1, 2))] = np.nan
         known = np.flatnonzero(np.isfinite(low).all(axis=1))  # the others are flat or empty
         low, high = low[known].min(0, initial=np.inf), high[known].max(0, initial=-np.inf)
+        if scene.extent is not None:
+            low, high = np.minimum(low, scene.extent[0]), np.maximum(high, scene.extent[1])
         size = float((high - low).max()) if len(known) else 0.0
         self._centre = (low + high) / 2 if len(known) else np.zeros(3)
         self._slack = 1e-6 * size + 1e-6
         self._low, self._high = low - self._slack, high + self._slack
         self._library = load()
-        if like is None:
-            self._device = self._library.rtcNewDevice(f"threads={threads}".encode())
-        else:
-            self._device = like._device
+        new = self._library.rtcNewDevice
+        self._device = like._device if like else new(f"threads={threads}".encode())
         self._build = build = EmbreeBuild(self._library, self._device, like and like._build)
-        trees = {}
-        if like is not None:
-            there = like._of_mesh
-            trees = {m: there[k] for m, k in self._same.items() if k in there}
+        there = like._of_mesh if like else {}
+        trees = {m: there[k] for m, k in self._same.items() if k in there}
         self._of_mesh = of_mesh = {
             m: trees[m] if m in trees else build.mesh(scene.meshes[m], scene.table.short(m))
             for m in distinct(scene.mesh_index[known]).tolist()
@@ -179,7 +177,7 @@ class EmbreeCaster(Search):
         self._top = build.instances(
             known.tolist(),
             [of_mesh[m] for m in scene.mesh_index[known]],
-            place[known].astype(np.float32),
+            place[known, None].astype(np.float32),
         )
         self._arrays = np.ascontiguousarray(scene.transform), self._surfaces.first, scene.table
         self._described = self._describe(*self._arrays)
@@ -344,35 +342,32 @@ class EmbreeBuild:
         self._attach(scene, geometry, 0)
         return self._commit(scene)
 
-    def turning(self, numbers: list[int], scenes: list[int], places: list[np.ndarray]) -> int:
-        """A scene of instances that turn; a hit names the instance by its number.
-
-        places : of each (S, 16) float32, Embree's ``RTCQuaternionDecomposition``, at even steps of a ray's
-        time from 0 to 1, between which turns go at an even rate and all else linearly.
-        """
-        top = self._scene()
-        for number, scene, place in zip(numbers, scenes, places, strict=True):
-            geometry = self._library.rtcNewGeometry(self._device, INSTANCE)
-            self._library.rtcSetGeometryInstancedScene(geometry, scene)
-            if len(place) > 1:
-                self._library.rtcSetGeometryTimeStepCount(geometry, len(place))
-            rows = range(place.ctypes.data, place.ctypes.data + place.nbytes, place.strides[0])
-            turn = self._library.rtcSetGeometryTransformQuaternion
-            deque(map(turn, repeat(geometry), range(len(place)), rows), maxlen=0)
-            self._attach(top, geometry, number)
-        return self._commit(top)
-
-    def instances(self, numbers: list[int], scenes: list[int], place: np.ndarray) -> int:
+    def instances(
+        self,
+        numbers: list[int],
+        scenes: list[int],
+        places: Sequence[np.ndarray],
+        turn: bool = False,
+    ) -> int:
         """A scene of instances; a hit names the instance by its number.
 
-        place : (I, 3, 4) float32.
+        places : of each (S, 3, 4) float32 at even steps of a ray's time from 0 to 1. turn : they are
+        (S, 16), Embree's ``RTCQuaternionDecomposition``, between which turns go at an even rate and all else
+        linearly.
         """
-        top = self._scene()
-        turn, form = self._library.rtcSetGeometryTransform, FLOAT3X4_ROWS
-        for number, scene, row in zip(numbers, scenes, place, strict=True):
-            geometry = self._library.rtcNewGeometry(self._device, INSTANCE)
-            self._library.rtcSetGeometryInstancedScene(geometry, scene)
-            turn(geometry, 0, form, row.ctypes.data)
+        top, library = self._scene(), self._library
+        for number, scene, place in zip(numbers, scenes, places, strict=True):
+            geometry = library.rtcNewGeometry(self._device, INSTANCE)
+            library.rtcSetGeometryInstancedScene(geometry, scene)
+            if len(place) > 1:
+                library.rtcSetGeometryTimeStepCount(geometry, len(place))
+            first, size = place.ctypes.data, place.strides[0]
+            for step in range(len(place)):
+                row = first + step * size
+                if turn:
+                    library.rtcSetGeometryTransformQuaternion(geometry, step, row)
+                else:
+                    library.rtcSetGeometryTransform(geometry, step, FLOAT3X4_ROWS, row)
             self._attach(top, geometry, number)
         return self._commit(top)
 

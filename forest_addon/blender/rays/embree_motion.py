@@ -22,7 +22,7 @@ from ...base.trimesh import TriMesh
 from ...sensing.moving import MovingScene, PieceWindow
 from ...sensing.rays.boxes import clip
 from ...sensing.rays.caster import Hits
-from ...sensing.rays.exact import meet
+from ...sensing.rays.exact import meet, put_nearest
 from ...sensing.rays.paths import RigidPath, corners_at_rest
 from ...sensing.rays.search import RefinedSurfaces, in_tasks, search_on, whole_triangles
 from .embree import (
@@ -87,7 +87,7 @@ class EmbreeMotion:
         like: EmbreeMotion | None = None,
     ) -> None:
         scene, motion = moving.scene, moving.motion
-        if like is not None and not _same(scene.meshes, like._moving.scene.meshes):
+        if like and [*map(id, scene.meshes)] != [*map(id, like._moving.scene.meshes)]:
             like = None
         self._moving, self._threads = moving, threads
         self._still = still = EmbreeCaster(moving.still, threads, like and like._still)
@@ -233,13 +233,13 @@ class EmbreeMotion:
             at[rows] = self._moving.motion.table.at(row, time[rows])
         if len(piece) and pieces is not None:
             at[piece] = self._placed(pieces, instance[piece], time[piece])
-        distance = self._surfaces.distance(origin, way, instance, triangle, at)
-        bends = rows[np.isin(instance[rows], list(self._moving.motion.shapes))]
+        distance, _ = self._surfaces.meet(origin, way, instance, triangle, at)
+        bends = rows[self._moving.motion.bends(instance[rows])]
         if len(bends):
             ask = instance[bends], triangle[bends]
             corners = self._moving.motion.corners(self._moving.scene, *ask, time[bends])
             bent = origin.take(bends, 1), way.take(bends, 1)
-            distance[bends] = self._surfaces.distance(*bent, *ask, at[bends], corners)
+            distance[bends], _ = self._surfaces.meet(*bent, *ask, at[bends], corners)
         found.put(rays[met], Hits(distance, instance, triangle))
         return found
 
@@ -261,30 +261,17 @@ class EmbreeMotion:
         cut, count = self._moving.pieces, self._moving.count
         assert cut is not None
         rows = np.flatnonzero(hits.instance >= count)
-        rows = rows[cut.at_seams(hits.instance[rows] - count, hits.triangle[rows])]
-        begun = hits.instance[rows] - count, hits.triangle[rows]
-        first, number, chosen = np.full(len(rows), np.inf), *(part.copy() for part in begun)
-        going, (piece, triangle) = np.arange(len(rows)), begun
-        while len(going):
-            there = np.isin(piece, window.piece)
-            some, of = going[there], rows[going[there]]
-            at = self._placed(window, count + piece[there], time[of])
-            own = corners_at_rest(self._moving.scene, count + piece[there], triangle[there])
-            corners = np.einsum("rij,rkj->rki", at[:, :, :3], own)
-            corners += at[:, None, :, 3] - origins[of, None]
-            distance = meet(tuple(corners.swapaxes(0, 1)), np.zeros((len(of), 3)), ways[of])
-            less = (distance < first[some]) | (
-                (distance == first[some]) & (piece[there] < number[some])
-            )
-            less &= (distance >= near[of]) & np.isfinite(distance)
-            won = some[less]
-            first[won], number[won] = distance[less], piece[there][less]
-            chosen[won] = triangle[there][less]
-            piece, triangle = cut.next_copy(piece, triangle)
-            more = (piece != begun[0][going]) | (triangle != begun[1][going])
-            going, piece, triangle = going[more], piece[more], triangle[more]
-        known = np.isfinite(first)  # else it is met at its rim, in float32 alone
-        hits.put(rows[known], Hits(first[known], count + number[known], chosen[known]))
+        row, piece, triangle = cut.copies(hits.instance[rows] - count, hits.triangle[rows])
+        there = np.isin(piece, window.piece)
+        of, instance, triangle = rows[row[there]], count + piece[there], triangle[there]
+        own = corners_at_rest(self._moving.scene, instance, triangle)
+        at = self._placed(window, instance, time[of])
+        corners = np.einsum("rij,rkj->rki", at[:, :, :3], own)
+        corners += at[:, None, :, 3] - origins[of, None]
+        distance = meet(tuple(corners.swapaxes(0, 1)), np.zeros((len(of), 3)), ways[of])
+        # Where none counts, it is met at its rim, in float32 alone.
+        counts = np.flatnonzero((distance >= near[of]) & np.isfinite(distance))
+        put_nearest(hits, of[counts], Hits(distance, instance, triangle).select(counts))
 
     def _usable(self, number: int) -> np.ndarray:
         """(T,) bool: which triangles of a part are met; where it bends, those finite at all times."""
@@ -406,7 +393,7 @@ class EmbreeMotion:
             places.append(quaternions(at))
             bends = number in motion.shapes
             scenes.append(self._bent(number, build, block) if bends else self._tree(number))
-        return build.turning(numbers, scenes, places)
+        return build.instances(numbers, scenes, places, turn=True)
 
     def _bent(self, number: int, build: EmbreeBuild, block: int) -> int:
         """Embree's scene of a part's triangles as they bend in a block of samples."""
@@ -440,7 +427,3 @@ def quaternions(transform: np.ndarray) -> np.ndarray:
     found[:, 9:13] = Rotation.from_matrix(turn).as_quat()[:, [3, 0, 1, 2]]
     found[:, 13:] = transform[:, :, 3]
     return np.ascontiguousarray(found, dtype=np.float32)
-
-
-def _same(one: tuple[TriMesh, ...], other: tuple[TriMesh, ...]) -> bool:
-    return len(one) == len(other) and all(a is b for a, b in zip(one, other, strict=True))

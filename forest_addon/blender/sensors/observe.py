@@ -34,8 +34,7 @@ from ..rays.casters import make_caster, make_moving_caster
 from ..read.depsgraph import kept, lasting, read_scene, solids_in
 from ..scene.meshes import placed_trees
 from ..scene.nodes import in_full
-from .following import SceneFollower
-from .moving import WITHIN, read_motion, seconds_of
+from .moving import WITHIN, SceneFollower, read_motion, seconds_of
 
 T = TypeVar("T")
 ENDS = {"SPEAKER", "EMPTY", "CAMERA"}  # what can be a source or a receiver
@@ -53,7 +52,8 @@ class Observer:
         with in_full(depsgraph):
             self.geometry = read_scene(depsgraph)
         self.warning = rounding_warning(self.geometry)  # what a user should know, in a sentence
-        self.places = _places(depsgraph)
+        ends = (thing for thing in depsgraph.objects if thing.type in ENDS)
+        self.places = {thing.name: tuple(thing.matrix_world.translation) for thing in ends}
         self.rays = rays or Rays()
         self.expansions = Expansions() if expansions is None else expansions
         self.ran: set[str] = set()  # kinds of sensors for which all is set up
@@ -296,12 +296,6 @@ class Observer:
         return kind_of(sensor).trajectory(sensor, folder, SceneFollower(bpy.context.scene))
 
 
-def _places(depsgraph: bpy.types.Depsgraph) -> dict[str, tuple[float, ...]]:
-    """Return where things stand that can be a source or a receiver, by their names."""
-    ends = (thing for thing in depsgraph.objects if thing.type in ENDS)
-    return {thing.name: tuple(thing.matrix_world.translation) for thing in ends}
-
-
 def _renewed(
     depsgraph: bpy.types.Depsgraph, rays: Rays, expansions: Expansions | None = None
 ) -> Observer:
@@ -345,7 +339,8 @@ def _sharing(scene: SceneGeometry, rays: Rays) -> RayCaster:
     before: list[tuple[Rays, Search]] = lasting.setdefault("casters", [])
     half = sum(len(mesh.triangles) for mesh in scene.meshes) / 2
     for asked, like in before:
-        common = sum(len(scene.meshes[number].triangles) for number in like.same_meshes(scene))
+        known = {*map(id, like.scene.meshes)}
+        common = sum(len(mesh.triangles) for mesh in scene.meshes if id(mesh) in known)
         if asked == rays and common > half:
             return make_caster(scene, rays, like)
     made = make_caster(scene, rays)

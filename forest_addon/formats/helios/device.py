@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from xml.etree.ElementTree import Element
 
@@ -10,7 +11,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ...spec import SpecError
-from .document import number, place_of, rotation_of, yes
+from .document import OPTICS_ERRORS, number, place_of, rotation_of, yes
 
 WAVEFORM = "FWFSettings"
 OPTICS = ("rotating", "conic", "risley", "oscillating", "line")
@@ -18,23 +19,13 @@ CHANNEL = {"id", "name", "wavelength_nm"}  # what a channel may say of itself
 
 
 @dataclass(frozen=True)
-class Prism:
-    """A turning wedge: degrees, negative if its second face is tilted; turns a second; refractive index."""
-
-    angle_deg: float
-    turns_hz: float
-    index: float
-
-
-@dataclass(frozen=True)
 class Digitiser:
     """Settings by which HELIOS++ finds echoes: rings of sub-rays; bins of the waveform, and the window
-    in which a maximum must be the largest, ns; how long a waveform may be, ns (0: any)."""
+    in which a maximum must be the largest, ns."""
 
     rings: int = 3
     bin_ns: float = 0.25
     window_ns: float = 1.0
-    longest_ns: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -43,7 +34,8 @@ class Device:
 
     origin : (C, 3) metres of each channel's beam from the mount. turn : C rotations of it. incident : (C, 3)
     direction of the beam before the prisms. ranges : smallest and largest, m. scan_product : degrees times
-    hertz that an oscillating mirror can do. fibres : of a line. notes : what was passed over.
+    hertz that an oscillating mirror can do. fibres : of a line. prisms : turning wedges, degrees (negative if
+    the second face is tilted), turns a second and refractive index of each. notes : what was passed over.
     """
 
     name: str
@@ -57,7 +49,7 @@ class Device:
     scan_hz: float
     scan_product: float
     fibres: int
-    prisms: tuple[Prism, ...]
+    prisms: tuple[tuple[float, float, float], ...]
     ranges: tuple[float, float]
     accuracy: float
     divergence: float
@@ -69,7 +61,7 @@ class Device:
     notes: tuple[str, ...] = ()
 
 
-def read_device(scanner: Element, path: Path, survey: Element | None = None) -> Device:
+def read_device(scanner: Element, path: Path, survey: Element) -> Device:
     """A scanner of a library, with what a survey says of its detector and waveform instead.
 
     Raises
@@ -79,36 +71,34 @@ def read_device(scanner: Element, path: Path, survey: Element | None = None) -> 
     name, optics = scanner.get("name", "scanner"), scanner.get("optics", "")
     if optics not in OPTICS:
         raise SpecError(str(path), f'optics "{optics}" is not supported; {", ".join(OPTICS)} are')
-    for tag in ("deflectionError", "headError", "rangeError"):
+    for tag in OPTICS_ERRORS:
         if scanner.find(tag) is not None:
             raise SpecError(str(path), f"{name} has {tag}, an expression, which is not supported")
 
     def value(key: str, otherwise: float | None = None) -> float:
         return number(scanner, key, path, otherwise)
 
-    def one_of(channel: Element | None, tag: str) -> Element | None:
-        own = None if channel is None else channel.find(tag)
-        return scanner.find(tag) if own is None else own
-
-    channels: list[Element | None] = [*scanner.findall("channels/channel")] or [None]
+    channels = scanner.findall("channels/channel")
     for channel in channels:
-        for key in sorted(set(channel.attrib) - CHANNEL if channel is not None else ()):
+        for key in sorted(channel.attrib.keys() - CHANNEL):
             raise SpecError(str(path), f'a channel of {name} has its own "{key}": not supported')
-    origins = [one_of(c, "beamOrigin") for c in channels]
-    incident = [one_of(c, "incidentBeam") for c in channels]
+
+    def of_each(tag: str) -> list[Element | None]:
+        shared = scanner.find(tag)
+        own = [channel.find(tag) for channel in channels] or [None]
+        return [shared if one is None else one for one in own]
+
+    origins, incident = of_each("beamOrigin"), of_each("incidentBeam")
     prisms = tuple(
-        Prism(value(f"angle{i}_deg"), value(f"rotorFreq{i}_Hz"), value(f"refrIndex{i}"))
+        (value(f"angle{i}_deg"), value(f"rotorFreq{i}_Hz"), value(f"refrIndex{i}"))
         for i in (1, 2, 3)
         if scanner.get(f"angle{i}_deg")
     )
-    axis = scanner.find("headRotateAxis")
-    widest = value("scanAngleMax_deg", 0.0)
-    detector = None if survey is None else survey.find("detectorSettings")
+    axis, detector = scanner.find("headRotateAxis"), survey.find("detectorSettings")
     detector = scanner if detector is None else detector
-    pulse_ns = value("pulseLength_ns", 4.0)
-    colours = [number(c, "wavelength_nm", path, 0.0) for c in channels if c is not None]
-    colours = [one for one in colours if one] or [1064.0]
-    owners = (scanner, *([] if survey is None else [survey]))
+    widest, pulse_ns = value("scanAngleMax_deg", 0.0), value("pulseLength_ns", 4.0)
+    colours = [one for c in channels if (one := number(c, "wavelength_nm", path, 0.0))]
+    owners = (scanner, survey)
     return Device(
         name=name,
         optics=optics,
@@ -129,7 +119,7 @@ def read_device(scanner: Element, path: Path, survey: Element | None = None) -> 
         accuracy=number(detector, "accuracy_m", path, value("accuracy_m", 0.0)),
         divergence=value("beamDivergence_rad", 0.0003),
         pulse_ns=pulse_ns,
-        wavelength_nm=value("wavelength_nm", colours[0]),
+        wavelength_nm=value("wavelength_nm", (*colours, 1064.0)[0]),
         max_returns=int(value("maxNOR", 0.0)),
         pulse_rate=float(scanner.get("pulseFreqs_Hz", "100000").split(",")[0]),
         digitiser=digitiser_of(owners, Digitiser(), pulse_ns, path),
@@ -138,22 +128,17 @@ def read_device(scanner: Element, path: Path, survey: Element | None = None) -> 
 
 
 def _notes(
-    owners: tuple[Element, ...], colours: list[float], channels: list[Element | None]
-) -> list[str]:
+    owners: tuple[Element, ...], colours: list[float], channels: list[Element]
+) -> Iterator[str]:
     """Sentences on what is passed over of a scanner and a survey."""
-    found = []
-    shared = owners[0].find(WAVEFORM)
-    common = {**shared.attrib} if shared is not None else {}
-    own = [c.find(WAVEFORM) for c in channels if c is not None]
-    if any(said is not None and {**common, **said.attrib} != common for said in own):
-        found.append(f"all channels have the scanner's {WAVEFORM}; their own are passed over")
+    common = {key: value for one in owners[0].findall(WAVEFORM) for key, value in one.items()}
+    own = [one.attrib for channel in channels for one in channel.findall(WAVEFORM)]
+    if any({**common, **said} != common for said in own):
+        yield f"all channels have the scanner's {WAVEFORM}; their own are passed over"
     if len(set(colours)) > 1:
-        found.append(
-            f"all channels see surfaces as at {colours[0]:g} nm; their own are passed over"
-        )
+        yield f"all channels see surfaces as at {colours[0]:g} nm; their own are passed over"
     if any(yes(said.get("snapToSurface"), False) for one in owners for said in one.iter(WAVEFORM)):
-        found.append("ranges are those of the light, without bins: snapToSurface is passed over")
-    return found
+        yield "ranges are those of the light, without bins: snapToSurface is passed over"
 
 
 def digitiser_of(
@@ -161,17 +146,12 @@ def digitiser_of(
 ) -> Digitiser:
     """Read the settings of the waveform that owners state, the last one last, over those before."""
     found = before
-    for owner in owners:
-        said = owner.find(WAVEFORM)
-        if said is None:
-            continue
+    for said in (said for owner in owners for said in owner.findall(WAVEFORM)[:1]):
         window = pulse_ns / 4 if before == Digitiser() else found.window_ns
-        found = replace(
-            found,
+        found = Digitiser(
             rings=int(number(said, "beamSampleQuality", path, found.rings)),
             bin_ns=number(said, "binSize_ns", path, found.bin_ns),
             window_ns=number(said, "winSize_ns", path, window),
-            longest_ns=number(said, "maxFullwaveRange_ns", path, found.longest_ns),
         )
     if not (1 <= found.rings <= 50 and found.bin_ns > 0 and pulse_ns / found.bin_ns < 1e5):
         raise SpecError(

@@ -172,7 +172,6 @@ def read_document(path: Path) -> Element:
         raise SpecError(str(path), "declares a document type (DTD), which is not read; remove it")
 
     parser.StartDoctypeDeclHandler = refuse
-    parser.EntityDeclHandler = refuse
     parser.StartElementHandler = builder.start
     parser.EndElementHandler = builder.end
     parser.CharacterDataHandler = builder.data
@@ -187,12 +186,11 @@ def find_file(name: str, near: Path, assets: Path | None = None) -> Path:
     ------
     SpecError : there is none.
     """
-    for place in _places(name, near, assets):
-        if place.is_file():
-            return place
-    raise SpecError(
-        str(near), f'names "{name}", which is in no folder above it; say where with --assets FOLDER'
-    )
+    found = next(filter(Path.is_file, _places(name, near, assets)), None)
+    if found is None:
+        problem = f'names "{name}", which is in no folder above it; say where with --assets FOLDER'
+        raise SpecError(str(near), problem)
+    return found
 
 
 def find_files(pattern: str, near: Path, assets: Path | None = None) -> list[Path]:
@@ -213,11 +211,10 @@ def find_files(pattern: str, near: Path, assets: Path | None = None) -> list[Pat
         matches = re.compile(name).fullmatch
     except re.error as problem:
         raise SpecError(str(near), f'efilepath = "{pattern}" is broken: {problem}') from None
-    for place in _places(folder, near, assets):
-        if place.is_dir():
-            found = [file for file in sorted(place.iterdir()) if matches(file.name)]
-            if found:
-                return found
+    for place in filter(Path.is_dir, _places(folder, near, assets)):
+        found = [file for file in sorted(place.iterdir()) if matches(file.name)]
+        if found:
+            return found
     raise SpecError(str(near), f'efilepath = "{pattern}" matches no file in a folder above it')
 
 
@@ -256,13 +253,18 @@ def number(element: Element, key: str, where: Path, otherwise: float | None = No
     text = element.get(key)
     if text is None and otherwise is not None:
         return otherwise
-    try:
-        found = float(text or "")
-    except ValueError:
-        found = np.nan
-    if not np.isfinite(found):
+    found = _floats(text or "")
+    if found.shape != (1,) or not np.isfinite(found[0]):
         raise SpecError(str(where), f'{element.tag} {key} = "{text or ""}" is not a number')
-    return found
+    return float(found[0])
+
+
+def _floats(text: str) -> np.ndarray:
+    """Numbers with semicolons between them; none of a text that is something else."""
+    try:
+        return np.array([float(part) for part in text.split(";")])
+    except ValueError:
+        return np.empty(0)
 
 
 def yes(text: str | None, otherwise: bool) -> bool:
@@ -277,10 +279,7 @@ def vector(text: str, where: Path) -> np.ndarray:
     ------
     SpecError : they are something else.
     """
-    try:
-        found = np.array([float(part) for part in text.split(";")])
-    except ValueError:
-        found = np.full(1, np.nan)
+    found = _floats(text)
     if found.shape != (3,) or not np.isfinite(found).all():
         raise SpecError(str(where), f'"{text}" is not three numbers x;y;z')
     return found
@@ -288,9 +287,8 @@ def vector(text: str, where: Path) -> np.ndarray:
 
 def place_of(element: Element | None, where: Path) -> np.ndarray:
     """(3,) attributes x, y, z, metres; what is missing is 0."""
-    if element is None:
-        return np.zeros(3)
-    return np.array([number(element, axis, where, 0.0) for axis in "xyz"])
+    given = Element("none") if element is None else element
+    return np.array([number(given, axis, where, 0.0) for axis in "xyz"])
 
 
 def rotation_of(element: Element | None, where: Path) -> Rotation:
@@ -301,9 +299,7 @@ def rotation_of(element: Element | None, where: Path) -> Rotation:
     SpecError : an axis that is not x, y or z.
     """
     total = Rotation.identity()
-    if element is None:
-        return total
-    for turn in element.findall("rot"):
+    for turn in [] if element is None else element.findall("rot"):
         axis = AXES.get(turn.get("axis", "").lower())
         if axis is None:
             raise SpecError(str(where), f'rot axis = "{turn.get("axis", "")}" is not x, y or z')

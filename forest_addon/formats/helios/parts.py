@@ -1,14 +1,9 @@
-"""Parts of a HELIOS++ scene: triangles of OBJ files, GeoTIFF and voxels, their materials, how they move.
+"""Parts of a HELIOS++ scene: triangles of OBJ files, GeoTIFF and voxels, and their materials.
 
 **Materials** are what a Wavefront material file says of ground and reflectance, and spectra. A spectrum is
 a text file of 26 lines about the sample, then wavelength in µm and reflectance in percent (ASTER spectral
 library: Baldridge et al. 2009, Remote Sens. Environ. 113, 711). What is not said is half the light, as in
 HELIOS++.
-
-**Motion** is sequences of rigid motions, one step of a sequence at a time. A step takes the part's turn R
-and its middle c to A·R and B·c + C: a motion of the part in itself turns it about its middle (B is the
-identity), any other about the origin of HELIOS++'s own frame, which is the lowest corner of the box around
-the whole scene.
 """
 
 from __future__ import annotations
@@ -16,22 +11,20 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass, replace
 from functools import cache
-from itertools import pairwise
 from pathlib import Path
-from xml.etree.ElementTree import Element
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from ...base.rng import child_keys, keyed_uniform
 from ...spec import SpecError
-from ..foreign import guarded, refuse_coarse
+from ..foreign import guarded, numbers, refuse_coarse
 from ..raster_file import read_raster
-from .document import find_file, number, vector, yes
+from .document import find_file, yes
 
 HEADER = 26  # lines of a spectrum
 UNKNOWN = 0.5
 SPECTRA = "data/spectra"
+WORDS = {"v": 1, "f": 2, "usemtl": 3}  # of lines of a Wavefront file that are read
 
 
 @dataclass(frozen=True)
@@ -67,47 +60,31 @@ def read_materials(path: Path) -> dict[str, Material]:
     SpecError : no material, or a reflectance that is no number from 0 to 1.
     """
     found: dict[str, Material] = {}
-    said: dict[str, str] = {}
-    name = ""
-    for text in [*path.read_text("utf-8", errors="replace").splitlines(), "newmtl"]:
-        word, *rest = text.split() or [""]
-        if word == "newmtl":
-            if name:
-                found[name] = _material(said, path)
-            name, said = " ".join(rest), {}
-        elif word.startswith("helios_") and rest:
-            said[word] = rest[0]
+    text = path.read_text("utf-8", "replace")
+    for block in re.split(r"(?m)^[ \t]*newmtl[ \t]+(?=\S)", text)[1:]:
+        name, *lines = block.splitlines()
+        said = dict(re.findall(r"^[ \t]*helios_(\w+)[ \t]+(\S+)", "\n".join(lines), re.MULTILINE))
+        reflectance = float(numbers(said.get("reflectance", "nan"), path, "a reflectance"))
+        if reflectance < 0 or reflectance > 1:
+            raise SpecError(
+                str(path),
+                f"helios_reflectance {reflectance:g} is no share from 0 to 1 of the light; write 45 % as "
+                "0.45",
+            )
+        ground = yes(said.get("isGround"), False)
+        found[" ".join(name.split())] = Material(ground, reflectance, said.get("spectra", ""))
     if not found:
         raise SpecError(str(path), "holds no material (newmtl)")
     return found
-
-
-def _material(said: dict[str, str], path: Path) -> Material:
-    text = said.get("helios_reflectance", "nan")
-    try:
-        reflectance = float(text)
-    except ValueError:
-        raise SpecError(str(path), "helios_reflectance is not a number") from None
-    if reflectance < 0 or reflectance > 1:
-        raise SpecError(
-            str(path),
-            f"helios_reflectance {reflectance:g} is no share from 0 to 1 of the light; write 45 % as 0.45",
-        )
-    return Material(
-        ground=yes(said.get("helios_isGround"), False),
-        reflectance=reflectance,
-        spectrum=said.get("helios_spectra", ""),
-    )
 
 
 @cache
 @guarded("a spectrum of the ASTER library")
 def _spectrum(path: Path) -> tuple[np.ndarray, np.ndarray]:
     """Wavelengths in nm, ascending, and reflectances from 0 to 1."""
-    try:
-        rows = np.loadtxt(path, skiprows=HEADER, usecols=(0, 1), ndmin=2, encoding="latin-1")
-    except ValueError:
-        raise SpecError(str(path), "has a line that is not wavelength and reflectance") from None
+    lines = path.read_text("latin-1").splitlines()[HEADER:]
+    pairs = [line.split()[:2] for line in lines if line.strip()]
+    rows = numbers(pairs, path, "wavelength and reflectance")
     rows = rows[np.argsort(rows[:, 0], kind="stable")]
     return rows[:, 0] * 1e3, rows[:, 1] / 100.0
 
@@ -145,6 +122,8 @@ class PartMesh:
 
 def together(surfaces: list[PartMesh]) -> PartMesh:
     """One surface of several."""
+    if len(surfaces) == 1:
+        return surfaces[0]
     vertex = np.cumsum([0, *(len(one.vertices) for one in surfaces)])
     slot = np.cumsum([0, *(len(one.materials) for one in surfaces)])
     return PartMesh(
@@ -153,23 +132,36 @@ def together(surfaces: list[PartMesh]) -> PartMesh:
         np.concatenate([one.slot + s for one, s in zip(surfaces, slot, strict=False)]),
         tuple(material for one in surfaces for material in one.materials),
         tuple(grid for one in surfaces for grid in one.hazes),
+        tuple(note for one in surfaces for note in one.notes),
     )
 
 
-def _material_files(path: Path) -> list[Path]:
+def _words_of(path: Path) -> list[list[str]]:
+    """Words of each line of a Wavefront file; one that goes on after a backslash stands where it ends."""
+    text = re.sub("#.*", "", path.read_text("utf-8", errors="replace"))
+    if "\\\n" in text:
+        text = re.sub(r"(?m)^(?:.*\\\n)+.*", _on_one_line, text)
+    return [line.split() or [""] for line in text.splitlines()]
+
+
+def _on_one_line(lines: re.Match[str]) -> str:
+    return "\n" * lines[0].count("\n") + lines[0].replace("\\\n", " ")
+
+
+def _material_files(path: Path, lines: list[list[str]]) -> list[Path]:
     """The files that lines ``mtllib`` of an OBJ name, one or several in a line; they may not be there."""
-    text = path.read_text("utf-8", errors="replace").replace("\\\n", " ")
-    said = re.findall(r"^[ \t]*mtllib[ \t]+(.*\S)", text, re.MULTILINE)
-    named = [[one] if (path.parent / one).is_file() else one.split() for one in said]
+    said = [words[1:] for words in lines if words[0] == "mtllib" and len(words) > 1]
+    named = [[one] if (path.parent / (one := " ".join(each))).is_file() else each for each in said]
     return [path.parent / name for names in named for name in names]
 
 
-def lost_materials(path: Path) -> tuple[str, ...]:
+def lost_materials(path: Path, lines: list[list[str]] | None = None) -> tuple[str, ...]:
     """Sentences on the material files that an OBJ names and that are not there; none of other files."""
-    files = _material_files(path) if path.suffix.lower() == ".obj" else []
+    if path.suffix.lower() != ".obj":
+        return ()
     return tuple(
         f"{path.name}: its material file {file.name} is not there, what it says of surfaces is not known"
-        for file in files
+        for file in _material_files(path, _words_of(path) if lines is None else lines)
         if not file.is_file()
     )
 
@@ -184,54 +176,40 @@ def read_obj(path: Path, up: str = "z") -> PartMesh:
     ------
     SpecError : a corner that is not there, no face at all, or a shape that was lost at map coordinates.
     """
-    places: list[list[float]] = []
-    faces: list[tuple[int, int, int]] = []
-    slots: list[int] = []
-    names = [""]
-    known: dict[str, Material] = {}
-    slot, begun = 0, ""
-    for line, text in enumerate(path.read_text("utf-8", errors="replace").splitlines(), 1):
-        begun += text.split("#")[0]
-        if begun.endswith("\\"):
-            begun = begun[:-1] + " "
-            continue
-        word, *rest = begun.split() or [""]
-        begun = ""
-        if word == "v":
-            places.append([float(x) for x in rest[:3]])
-        elif word == "f":
-            corner = [_corner(one, len(places)) for one in rest]
-            if len(corner) < 3 or min(corner) < 0 or max(corner) >= len(places):
-                raise SpecError(str(path), f"line {line}: a face has a corner that is not there")
-            faces += [(corner[0], b, c) for b, c in pairwise(corner[1:])]
-            slots += [slot] * (len(corner) - 2)
-        elif word == "usemtl":
-            name = " ".join(rest)
-            if name not in names:
-                names.append(name)
-            slot = names.index(name)
-    if not faces:
+    lines = _words_of(path)
+    word = np.array([WORDS.get(line[0], 0) for line in lines], dtype=np.int8)
+    at_vertex, at_face, at_name = (np.flatnonzero(word == number) for number in WORDS.values())
+    if not len(at_face):
         raise SpecError(str(path), "has no face")
-    vertices = np.array(places)
+    vertices = np.array([[float(x) for x in lines[line][1:4]] for line in at_vertex])
+    corners = np.array([len(lines[line]) - 1 for line in at_face])
+    said = [int(one.partition("/")[0]) for line in at_face for one in lines[line][1:]]
+    before = np.searchsorted(at_vertex, at_face)  # vertices that stand above a face
+    index, known = np.array(said, dtype=np.int64), np.repeat(before, corners)
+    index += np.where(index > 0, -1, np.where(index < 0, known, -1))
+    wrong = corners < 3
+    face = np.repeat(np.arange(len(corners)), corners)
+    wrong[face[(index < 0) | (index >= known)]] = True
+    if wrong.any():
+        line = 1 + at_face[np.argmax(wrong)]
+        raise SpecError(str(path), f"line {line}: a face has a corner that is not there")
+    fan = np.repeat(np.arange(len(corners)), corners - 2)
+    second = np.arange(len(fan)) + 2 * fan + 1  # two corners more than triangles a face
+    first = (np.cumsum(corners) - corners)[fan]
+    faces = index[np.stack([first, second, second + 1], axis=1)].astype(np.int32)
+    names = {"": 0}
+    slots = [0, *(names.setdefault(" ".join(lines[line][1:]), len(names)) for line in at_name)]
+    slot = np.array(slots, dtype=np.int32)[np.searchsorted(at_name, at_face)][fan]
     if not np.isfinite(vertices).all():
         raise SpecError(str(path), "has corners that are no numbers")
     refuse_coarse(path, vertices, exact=True)
-    for file in filter(Path.is_file, _material_files(path)):
-        known |= read_materials(file)
+    material_of: dict[str, Material] = {}
+    for file in filter(Path.is_file, _material_files(path, lines)):
+        material_of |= read_materials(file)
     if up == "y":
         vertices = np.stack([vertices[:, 0], -vertices[:, 2], vertices[:, 1]], axis=1)
-    return PartMesh(
-        vertices,
-        np.array(faces, dtype=np.int32),
-        np.array(slots, dtype=np.int32),
-        tuple(known.get(name, Material()) for name in names),
-        notes=lost_materials(path),
-    )
-
-
-def _corner(text: str, count: int) -> int:
-    index = int(text.split("/")[0])
-    return index - 1 if index > 0 else count + index if index else -1
+    materials = tuple(material_of.get(name, Material()) for name in names)
+    return PartMesh(vertices, faces, slot, materials, notes=lost_materials(path, lines))
 
 
 MOST_VOXELS = 20_000_000  # cells of the grid around a cloud
@@ -285,13 +263,8 @@ def read_points(
         raise SpecError(str(path), f"voxelSize = {size:g} must be above 0")
     lines = path.read_text("utf-8", errors="replace").splitlines()
     rows = [text.split(separator if separator.strip() else None)[:3] for text in lines]
-    told = [
-        row for row, text in zip(rows, lines, strict=True) if text.strip() and text[:1] not in "#/"
-    ]
-    try:
-        points = np.array(told, dtype=np.float64).reshape(-1, 3)
-    except ValueError:
-        raise SpecError(str(path), "has a line that is not x, y, z") from None
+    told = [row for row, t in zip(rows, lines, strict=True) if t.strip() and t[:1] not in "#/"]
+    points = numbers(told, path, "x, y, z").reshape(-1, 3)
     if not len(points) or not np.isfinite(points).all():
         raise SpecError(str(path), "holds no points, or values that are no numbers")
     low, extent = points.min(axis=0), np.ptp(points, axis=0)
@@ -337,47 +310,39 @@ def read_voxels(path: Path, mode: VoxelMode, material: Material) -> PartMesh:
     said = dict(re.findall(r"#\s*(\w+)\s*:\s*([^#]*)", notes))
     rows = [text.split() for text in lines if text and text[:1] != "#"]
     head = rows[1] if len(rows) > 1 else []
-    for key in ("min_corner", "res", *(["max_pad"] if mode.name == "scaled" else [])):
+    hazy, scaled = mode.name == "transmittive", mode.name == "scaled"
+    for key in ("min_corner", "res", *(["max_pad"] if scaled else [])):
         if key not in said:
             raise SpecError(str(path), f"is no file of voxels: it does not say #{key}")
-    hazy = mode.name == "transmittive"
     for name in ("PadBVTotal", *(() if hazy else ("transmittance",))):
         if name not in head:
             raise SpecError(str(path), f"is no file of voxels: it has no column {name}")
-    table = np.array(rows[2:], dtype=np.float64).reshape(-1, len(head))
-    density = table[:, head.index("PadBVTotal")]
-    passing = np.zeros(len(table)) if hazy else table[:, head.index("transmittance")]
+    table = numbers(rows[2:], path, "numbers").reshape(-1, len(head))
     low, size = np.array(said["min_corner"].split(), dtype=np.float64), float(said["res"])
-    there = np.isfinite(passing) & (passing != 1)
-    edge = np.full(len(table), size)
-    if mode.name != "fixed":
-        there &= density > 0
-    if mode.name == "scaled":
-        edge = size * (np.maximum(density, 0) / float(said["max_pad"])) ** mode.power
+    passing = np.zeros(len(table)) if hazy else table[:, head.index("transmittance")]
+    density = table[:, head.index("PadBVTotal")]
+    there = np.isfinite(passing) & (passing != 1) & ((density > 0) | (mode.name == "fixed"))
     if not there.any():
         raise SpecError(str(path), "has no voxel that stops light")
-    middle = low + size * (table[:, :3] + 0.5)
+    cell, density = table[there, :3], density[there]
+    edge = np.full(len(cell), size)
+    if scaled:
+        edge = size * (density / float(said["max_pad"])) ** mode.power
+    middle = low + size * (cell + 0.5)
     if mode.shifted:
-        keys = child_keys(np.zeros(len(table), dtype=np.uint64), np.arange(len(table)))
+        keys = child_keys(np.zeros(len(cell), dtype=np.uint64), np.flatnonzero(there))
         chance = np.stack([keyed_uniform(keys, axis) for axis in "xyz"], axis=1)
         middle += (2 * chance - 1) * np.maximum(size - edge, 0)[:, None] / 2
-    boxes = _boxes(middle[there], edge[there], material)
+    boxes = _boxes(middle, edge, material)
     if not hazy:
         return boxes
-    return replace(boxes, hazes=(_grid(path, table[there, :3], density[there], low, size),))
-
-
-def _grid(
-    path: Path, cell: np.ndarray, density: np.ndarray, low: np.ndarray, size: float
-) -> VoxelGrid:
-    """The grid of cells (B, 3) of densities (B,); it starts at ``low``."""
     first = cell.min(axis=0)
     place = (cell - first).astype(np.int64)
     if size <= 0 or np.prod(place.max(axis=0) + 1.0) > MOST_VOXELS:
         raise SpecError(str(path), f"has more than {MOST_VOXELS:,} cells, or cells of no size")
     grid = np.zeros(place.max(axis=0) + 1)
     grid[tuple(place.T)] = density
-    return VoxelGrid(low + size * first, size, grid)
+    return replace(boxes, hazes=(VoxelGrid(low + size * first, size, grid),))
 
 
 def _boxes(middle: np.ndarray, edge: np.ndarray, material: Material) -> PartMesh:
@@ -392,134 +357,3 @@ def _of_one_material(vertices: np.ndarray, faces: np.ndarray, material: Material
     return PartMesh(
         vertices, faces.astype(np.int32), np.zeros(len(faces), dtype=np.int32), (material,)
     )
-
-
-@dataclass(frozen=True)
-class MotionStep:
-    """Rigid motion of a step: turns become ``turn`` · R, middles ``carry`` · c + ``move``, metres."""
-
-    turn: np.ndarray
-    carry: np.ndarray
-    move: np.ndarray
-
-    def after(self, first: MotionStep) -> MotionStep:
-        """Both, ``first`` before this one."""
-        return MotionStep(
-            self.turn @ first.turn, self.carry @ first.carry, self.carry @ first.move + self.move
-        )
-
-
-@dataclass(frozen=True)
-class MotionSequence:
-    """Step that is taken ``loop`` times (0: for ever), before the sequence ``next`` (empty: it stands)."""
-
-    name: str
-    step: MotionStep
-    loop: int
-    next: str
-
-
-@dataclass(frozen=True)
-class PartMotion:
-    """Motion of a part: sequences, the first one first; each step lasts ``every`` pulses."""
-
-    sequences: tuple[MotionSequence, ...]
-    every: int
-
-
-def read_motion(
-    scene: Element, part: Element, origin: np.ndarray, pulse_rate: float, where: Path
-) -> PartMotion | None:
-    """The motion of a part; None of one that stands.
-
-    origin : (3,) metres, of HELIOS++'s own frame. pulse_rate : Hz, of the first leg.
-
-    Raises
-    ------
-    SpecError : a motion that is not known, or a number that is missing.
-    """
-    sequences = tuple(_sequence(element, origin, where) for element in part.findall("dmotion"))
-    if not sequences:
-        return None
-    names = [one.name for one in sequences]
-    for one in sequences:
-        if one.next and one.next not in names:
-            raise SpecError(str(where), f'dmotion "{one.name}": next = "{one.next}" is not there')
-    return PartMotion(sequences, _interval(scene, part, pulse_rate, where))
-
-
-def _interval(scene: Element, part: Element, pulse_rate: float, where: Path) -> int:
-    """Pulses between two steps of a part."""
-    seconds = number(scene, "dynTimeStep", where, 0.0)
-    if seconds > 0:
-        steps = max(int(number(part, "dynTimeStep", where, seconds) / seconds), 1)
-        return max(int(pulse_rate * seconds), 1) * steps
-    rates = [number(element, "dynStep", where, 1.0) for element in (scene, part)]
-    return int(max(rates[0], 1.0)) * int(max(rates[1], 1.0))
-
-
-def _sequence(element: Element, origin: np.ndarray, where: Path) -> MotionSequence:
-    name = element.get("id", "")
-    if element.get("loop") is None:
-        raise SpecError(str(where), f'dmotion "{name}" has no loop')
-    total = MotionStep(np.eye(3), np.eye(3), np.zeros(3))
-    motions = element.findall("motion")
-    if not motions:
-        raise SpecError(str(where), f'dmotion "{name}" holds no motion')
-    for motion in motions:
-        for step in _steps(motion, origin, where):
-            total = step.after(total)
-    return MotionSequence(name, total, int(number(element, "loop", where)), element.get("next", ""))
-
-
-def _steps(motion: Element, origin: np.ndarray, where: Path) -> list[MotionStep]:
-    """The steps of a motion, in the world."""
-    kind = motion.get("type", "")
-    itself = yes(motion.get("selfMode"), False)
-    shift = number(motion, "autoCRS", where, 0.0) * origin
-    none, unit = np.zeros(3), np.eye(3)
-
-    def of(key: str) -> np.ndarray:
-        if motion.get(key) is None:
-            raise SpecError(str(where), f'motion "{kind}" has no {key}')
-        return vector(motion.get(key, ""), where)
-
-    def about() -> np.ndarray:
-        turn = np.deg2rad(number(motion, "angle", where)) * _unit(of("axis"))
-        return Rotation.from_rotvec(turn).as_matrix()
-
-    def placed(turn: np.ndarray, move: np.ndarray) -> MotionStep:
-        if itself:
-            return MotionStep(turn, unit, move)
-        return MotionStep(turn, turn, move + origin - turn @ origin)
-
-    if kind == "identity":
-        return [MotionStep(unit, unit, none)]
-    if kind == "translation":
-        return [placed(unit, of("vec") + shift)]
-    if kind == "rotation" and motion.get("center") is not None:
-        centre = of("center") - shift
-        return [placed(unit, -centre), placed(about(), none), placed(unit, centre)]
-    if kind == "rotation":
-        return [placed(about(), none)]
-    if kind == "helical":
-        return [placed(about(), number(motion, "glide", where) * _unit(of("axis")))]
-    if kind == "reflection":
-        return [placed(_mirror(of("ortho")), none)]
-    if kind == "glideplane":
-        return [placed(_mirror(of("ortho")), of("shift"))]
-    if kind == "rotsym":
-        turn = _mirror(of("axis")) @ about()
-        centre = of("center") if motion.get("center") is not None else none
-        return [placed(turn, centre - turn @ centre)]
-    raise SpecError(str(where), f'motion type "{kind}" is not known')
-
-
-def _mirror(normal: np.ndarray) -> np.ndarray:
-    n = _unit(normal)
-    return np.eye(3) - 2 * np.outer(n, n)
-
-
-def _unit(axis: np.ndarray) -> np.ndarray:
-    length = float(np.linalg.norm(axis))
-    return axis / length if length else axis

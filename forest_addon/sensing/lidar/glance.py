@@ -15,7 +15,6 @@ import numpy as np
 
 from ...spec import Airborne, Mobile, Surfaces, Terrestrial, Tractor
 from ..kind import AROUND, Observation, chain, rays_to
-from ..rays.caster import RayCaster
 from .cloud import ESCAPED, Cloud, label
 from .pattern import directions
 from .radiometry import intensity, reflectance_of
@@ -50,7 +49,21 @@ def glance(job: Observation, shape: tuple[int, int] = SHAPE) -> Glance:
     """
     scanner = job.sensor
     origin, way, size = rays_of(scanner, job.trajectory, shape)
-    found = _look(job.seen.caster, scanner, origin, way)
+    caster = job.seen.caster
+    hits = caster.cast(origin, way, scanner.max_range)
+    seen = label(caster.scene, hits, way)
+    # What is nearer than the scanner sees hides what is behind it.
+    there = hits.found & (hits.distance >= getattr(scanner, "min_range", 0.0))
+    surfaces = getattr(scanner, "surfaces", None) or Surfaces()
+    clear = getattr(getattr(scanner, "beam", None), "extinction", 0.0)
+    away = np.where(there, hits.distance, 1.0)
+    reflectance = reflectance_of(caster.scene, hits, seen.organ, surfaces)
+    bright = intensity(reflectance, seen.cos_incidence, away, clear) * away**2
+    found = (
+        np.where(there, hits.distance, np.inf),
+        np.where(there, bright, 0.0),
+        np.where(there, seen.organ, ESCAPED).astype(np.int8),
+    )
     return Glance(*(values.reshape(size[::-1]).T for values in found))
 
 
@@ -112,26 +125,6 @@ def _grid(columns: int, rows: int, shape: tuple[int, int]) -> tuple[np.ndarray, 
     return column, row
 
 
-def _look(
-    caster: RayCaster, scanner: Any, origin: np.ndarray, way: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(R,) distance, brightness and organ; what is nearer than the scanner sees hides what is behind it."""
-    hits = caster.cast(origin, way, scanner.max_range)
-    seen = label(caster.scene, hits, way)
-    there = hits.found & (hits.distance >= getattr(scanner, "min_range", 0.0))
-    surfaces = getattr(scanner, "surfaces", None) or Surfaces()
-    beam = getattr(scanner, "beam", None)
-    away = np.where(there, hits.distance, 1.0)
-    reflectance = reflectance_of(caster.scene, hits, seen.organ, surfaces)
-    clear = 0.0 if beam is None else beam.extinction
-    bright = intensity(reflectance, seen.cos_incidence, away, clear) * away**2
-    return (
-        np.where(there, hits.distance, np.inf),
-        np.where(there, bright, 0.0),
-        np.where(there, seen.organ, ESCAPED).astype(np.int8),
-    )
-
-
 # A scan from a tripod as an image: the range of the first return by azimuth and elevation.
 
 
@@ -169,20 +162,15 @@ def outline(sensor: Any) -> np.ndarray:
 
 def fan_outline(tractor: Tractor) -> np.ndarray:
     """The track, and the fan of beams at its start, middle and end."""
-    heading = math.radians(tractor.heading_deg)
-    ahead = np.array([math.cos(heading), math.sin(heading), 0.0])
-    aside = np.array([ahead[1], -ahead[0], 0.0]) * (1.0 if tractor.side == "right" else -1.0)
-    start = np.asarray(tractor.position)
-    height = start[2]
+    from .tractor import directions_of, origins_of
+
+    height = tractor.position[2]
     low, high = -math.atan2(height, tractor.reach), math.atan2(tractor.top - height, tractor.reach)
-    angle = np.linspace(low, high, AROUND // 4 + 1)
-    fan = tractor.reach * (
-        np.cos(angle)[:, None] * aside + np.sin(angle)[:, None] * [0.0, 0.0, 1.0]
-    )
-    parts = [chain(np.array([start, start + tractor.track * ahead]))]
-    for share in (0.0, 0.5, 1.0):
-        foot = start + share * tractor.track * ahead
-        parts += [chain(foot + fan), rays_to(foot, foot + fan[[0, -1]])]
+    rays = tractor.reach * directions_of(tractor, np.linspace(low, high, AROUND // 4 + 1))
+    feet = origins_of(tractor, tractor.track * np.array([0.0, 0.5, 1.0]))
+    parts = [chain(feet[[0, 2]])]
+    for foot in feet:
+        parts += [chain(foot + rays), rays_to(foot, foot + rays[[0, -1]])]
     return np.concatenate(parts)
 
 
@@ -209,17 +197,16 @@ def sweep_outline(scanner: Terrestrial, radius: float = 2.0) -> np.ndarray:
 
 def strips_outline(flight: Airborne) -> np.ndarray:
     """The strips of a flight, and the fan of beams down to z = 0 at the start of each."""
-    heading = math.radians(flight.heading_deg)
-    ahead = np.array([math.cos(heading), math.sin(heading), 0.0])
-    right = np.array([ahead[1], -ahead[0], 0.0])
-    height = max(flight.position[2], 0.0)
+    from ..trajectory import strips
+
+    heading, height = math.radians(flight.heading_deg), max(flight.position[2], 0.0)
+    right = np.array([math.sin(heading), -math.cos(heading), 0.0])
     edges = np.clip(np.radians(flight.field_deg), -FLAT, FLAT)
     parts = []
-    for strip in range(flight.strips):
-        start = np.asarray(flight.position) + strip * flight.spacing * right
+    for number, ends in enumerate(strips(flight).position.reshape(-1, 2, 3)):
+        start = ends[number % 2]  # every other strip is flown back
         foot = start + np.tan(edges)[:, None] * height * right - [0.0, 0.0, height]
-        parts += [chain(np.array([start, start + flight.track * ahead])), rays_to(start, foot)]
-        parts.append(chain(foot))
+        parts += [chain(ends), rays_to(start, foot), chain(foot)]
     return np.concatenate(parts)
 
 

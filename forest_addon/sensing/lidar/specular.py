@@ -236,13 +236,14 @@ def follow(
     second specular surface.
     """
     count = len(rays[0])
-    walk = _Walk(caster, specular, surfaces)
-    contacts, turns, _ = walk.straight(*rays, np.full(count, max_distance), keys)
+    walk = caster, specular, surfaces
+    contacts, turns, _ = _straight(*walk, *rays, np.full(count, max_distance), keys)
     if not turns:
         return contacts, 0
     turned = Turned.joined(turns)
     gone, ratio = turned.left.distance, turned.ratio
-    found, _, ended = walk.straight(
+    found, _, ended = _straight(
+        *walk,
         turned.origin,
         turned.way,
         (max_distance - gone) / ratio,
@@ -271,123 +272,119 @@ def _as_seen(found: Contacts, turned: Turned, specular: SpecularScene) -> Contac
     )
 
 
-class _Walk:
-    """Straight ways of rays through leaves and panes."""
+def _straight(
+    caster: RayCaster,
+    specular: SpecularScene,
+    surfaces: Surfaces,
+    origins: np.ndarray,
+    ways: np.ndarray,
+    limit: np.ndarray,
+    keys: np.ndarray,
+    left: Hits | None = None,
+) -> tuple[Contacts, list[Turned], int]:
+    """Follow rays to what ends them: what sends light back, where rays are turned, and how many of those
+    that were turned before meet a specular surface again.
 
-    def __init__(self, caster: RayCaster, specular: SpecularScene, surfaces: Surfaces) -> None:
-        self._caster, self._specular, self._surfaces = caster, specular, surfaces
-
-    def straight(
-        self,
-        origins: np.ndarray,
-        ways: np.ndarray,
-        limit: np.ndarray,
-        keys: np.ndarray,
-        left: Hits | None = None,
-    ) -> tuple[Contacts, list[Turned], int]:
-        """Follow rays to what ends them: what sends light back, where rays are turned, and how many of those
-        that were turned before meet a specular surface again.
-
-        limit : (R,) metres. left : what turned rays leave; they are not turned again.
-        """
-        scene = self._caster.scene
-        ray, light = np.arange(len(origins)), np.ones(len(origins))
-        bounce = np.zeros(len(origins), dtype=np.int8)
-        hits = self._caster.cast(origins, ways, limit, leaving=left)
-        found: list[Contacts] = []
-        turned: list[Turned] = []
-        ended = np.zeros(len(origins), dtype=bool)
-        while True:
-            met = np.flatnonzero(hits.found)
-            ray, light, bounce, hits = ray[met], light[met], bounce[met], hits.select(met)
-            organ = organs(scene, hits)
-            optics = self._specular.at(hits)
-            plain = np.flatnonzero(np.isnan(optics[0]))
-            sends, passes, kept = split(
-                organ[plain], light[plain], self._surfaces, keys[ray[plain]], len(found)
-            )
-            bare = np.flatnonzero(~np.isnan(optics[0]))
-            dust = scene.reflectance_at(hits.instance[bare], hits.triangle[bare], 0.0)
-            sends = np.sort(np.append(plain[sends], bare[dust > 0]))
-            sight = SightLines(origins[ray[sends]], ways[ray[sends]], bounce[sends])
-            found.append(
-                Contacts(ray[sends], hits.select(sends), organ[sends], light[sends], sight)
-            )
-            through = np.zeros(len(ray))
-            through[plain[passes]] = kept
-            if len(bare):
-                some = tuple(value[bare] for value in optics)
-                own = ray[bare], light[bare] * (1 - dust) ** 2, hits.select(bare)
-                passed, turns = self._at_specular(own, origins[own[0]], ways[own[0]], some)
-                through[bare] = (1 - dust) ** 2 * passed
-                bounce[bare[some[0] == GLASS]] = THROUGH
-                ended[own[0]] = True
-                turned += turns if left is None else []
-            on = np.flatnonzero((through > 0) & (light * through > FAINT))
-            if not len(on):
-                again = int(ended.sum()) if left is not None else 0
-                return Contacts.joined(found), turned, again
-            ray, light, bounce = ray[on], light[on] * through[on], bounce[on]
-            behind = hits.select(on)
-            hits = self._caster.cast(
-                origins[ray],
-                ways[ray],
-                limit[ray],
-                min_distance=behind.distance,
-                leaving=behind,
-            )
-
-    def _at_specular(
-        self,
-        met: tuple[np.ndarray, np.ndarray, Hits],
-        origins: np.ndarray,
-        ways: np.ndarray,
-        optics: tuple[np.ndarray, ...],
-    ) -> tuple[np.ndarray, list[Turned]]:
-        """Shares (B,) of light there and back that go straight on, and the rays that are turned.
-
-        met : number of the rays, their light, and the specular surfaces that they met.
-        """
-        ray, light, hits = met
-        kind, index, share, extinction = optics
-        normal = hit_normals(self._caster.scene, hits)
-        inwards = np.einsum("bk,bk->b", ways, normal) < 0
-        ratio = np.where((kind == WATER) & ~inwards, 1 / index, index)
-        bent, before, behind = refracted(ways, normal, ratio)
-        back = np.select(
-            [kind == MIRROR, kind == GLASS],
-            [share, pane_reflectance(before, behind, ratio)],
-            surface_reflectance(before, behind, ratio),
+    limit : (R,) metres. left : what turned rays leave; they are not turned again.
+    """
+    scene = caster.scene
+    ray, light = np.arange(len(origins)), np.ones(len(origins))
+    bounce = np.zeros(len(origins), dtype=np.int8)
+    hits = caster.cast(origins, ways, limit, leaving=left)
+    found: list[Contacts] = []
+    turned: list[Turned] = []
+    ended = np.zeros(len(origins), dtype=bool)
+    while True:
+        met = np.flatnonzero(hits.found)
+        ray, light, bounce, hits = ray[met], light[met], bounce[met], hits.select(met)
+        organ = organs(scene, hits)
+        optics = specular.at(hits)
+        plain = np.flatnonzero(np.isnan(optics[0]))
+        sends, passes, kept = split(
+            organ[plain], light[plain], surfaces, keys[ray[plain]], len(found)
         )
-        same, air = np.ones(len(ray)), np.full(len(ray), self._specular.extinction)
-        under = np.where(inwards, extinction, 0.0)
-        point = origins + hits.distance[:, None] * ways
-        ways_of = (
-            (REFLECTED, back, mirrored(ways, normal), same, before, air),
-            (REFRACTED, 1 - back, bent, ratio, behind, under),
+        bare = np.flatnonzero(~np.isnan(optics[0]))
+        dust = scene.reflectance_at(hits.instance[bare], hits.triangle[bare], 0.0)
+        sends = np.sort(np.append(plain[sends], bare[dust > 0]))
+        sight = SightLines(origins[ray[sends]], ways[ray[sends]], bounce[sends])
+        found.append(Contacts(ray[sends], hits.select(sends), organ[sends], light[sends], sight))
+        through = np.zeros(len(ray))
+        through[plain[passes]] = kept
+        if len(bare):
+            some = tuple(value[bare] for value in optics)
+            own = ray[bare], light[bare] * (1 - dust) ** 2, hits.select(bare)
+            passed, turns = _at_specular(caster, specular, own, origins[own[0]], ways[own[0]], some)
+            through[bare] = (1 - dust) ** 2 * passed
+            bounce[bare[some[0] == GLASS]] = THROUGH
+            ended[own[0]] = True
+            turned += turns if left is None else []
+        on = np.flatnonzero((through > 0) & (light * through > FAINT))
+        if not len(on):
+            again = int(ended.sum()) if left is not None else 0
+            return Contacts.joined(found), turned, again
+        ray, light, bounce = ray[on], light[on] * through[on], bounce[on]
+        behind = hits.select(on)
+        hits = caster.cast(
+            origins[ray],
+            ways[ray],
+            limit[ray],
+            min_distance=behind.distance,
+            leaving=behind,
         )
-        turned = []
-        for bounce, part, way, m, beyond, lost in ways_of:
-            goes = light * part**2 > FAINT
-            if bounce == REFRACTED:
-                goes &= kind == WATER
-            rows = np.flatnonzero(goes)
-            of = np.full(len(rows), bounce, dtype=np.int8)
-            turned.append(
-                Turned(
-                    ray[rows],
-                    of,
-                    hits.select(rows),
-                    point[rows],
-                    way[rows],
-                    (light * part**2)[rows],
-                    m[rows],
-                    before[rows],
-                    beyond[rows],
-                    lost[rows],
-                )
+
+
+def _at_specular(
+    caster: RayCaster,
+    specular: SpecularScene,
+    met: tuple[np.ndarray, np.ndarray, Hits],
+    origins: np.ndarray,
+    ways: np.ndarray,
+    optics: tuple[np.ndarray, ...],
+) -> tuple[np.ndarray, list[Turned]]:
+    """Shares (B,) of light there and back that go straight on, and the rays that are turned.
+
+    met : number of the rays, their light, and the specular surfaces that they met.
+    """
+    ray, light, hits = met
+    kind, index, share, extinction = optics
+    normal = hit_normals(caster.scene, hits)
+    inwards = np.einsum("bk,bk->b", ways, normal) < 0
+    ratio = np.where((kind == WATER) & ~inwards, 1 / index, index)
+    bent, before, behind = refracted(ways, normal, ratio)
+    back = np.select(
+        [kind == MIRROR, kind == GLASS],
+        [share, pane_reflectance(before, behind, ratio)],
+        surface_reflectance(before, behind, ratio),
+    )
+    same, air = np.ones(len(ray)), np.full(len(ray), specular.extinction)
+    under = np.where(inwards, extinction, 0.0)
+    point = origins + hits.distance[:, None] * ways
+    ways_of = (
+        (REFLECTED, back, mirrored(ways, normal), same, before, air),
+        (REFRACTED, 1 - back, bent, ratio, behind, under),
+    )
+    turned = []
+    for bounce, part, way, m, beyond, lost in ways_of:
+        goes = light * part**2 > FAINT
+        if bounce == REFRACTED:
+            goes &= kind == WATER
+        rows = np.flatnonzero(goes)
+        of = np.full(len(rows), bounce, dtype=np.int8)
+        turned.append(
+            Turned(
+                ray[rows],
+                of,
+                hits.select(rows),
+                point[rows],
+                way[rows],
+                (light * part**2)[rows],
+                m[rows],
+                before[rows],
+                beyond[rows],
+                lost[rows],
             )
-        return np.where(kind == GLASS, (1 - back) ** 2, 0.0), turned
+        )
+    return np.where(kind == GLASS, (1 - back) ** 2, 0.0), turned
 
 
 def _is_said(values: np.ndarray) -> np.ndarray:

@@ -108,7 +108,7 @@ def positions(tractor: Tractor) -> np.ndarray:
 def axes(tractor: Tractor, scan: np.ndarray, step: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(B, 3), (B, 3) origins and unit directions of the first rays of beams, by scan and step of the fan."""
     along = positions(tractor)[scan]
-    return _origins(tractor, along), _directions(tractor, fan(tractor)[step])
+    return origins_of(tractor, along), directions_of(tractor, fan(tractor)[step])
 
 
 def beam_rays(
@@ -122,7 +122,7 @@ def beam_rays(
     along = tractor.step * ((scan[:, None] * (tractor.gap + 1) * split + i) / split)
     lowest, turn = fan(tractor)[0], np.deg2rad(tractor.angle_step_deg)
     angle = lowest + turn * ((step[:, None] * split + j) / split)
-    return _origins(tractor, along.ravel()), _directions(tractor, angle.ravel())
+    return origins_of(tractor, along.ravel()), directions_of(tractor, angle.ravel())
 
 
 def _look(
@@ -133,7 +133,7 @@ def _look(
     within = np.arange(tractor.splits + 1)
     column = np.arange(angles)[:, None] * split + within  # (M, P + 1) of the lattice
     lowest, step = fan(tractor)[0], np.deg2rad(tractor.angle_step_deg)
-    ways = _directions(tractor, lowest + step * (np.arange(column.max() + 1) / split))
+    ways = directions_of(tractor, lowest + step * (np.arange(column.max() + 1) / split))
     at_once = max(1, RAYS_AT_ONCE // (len(ways) * split))
     pieces: list[Returns] = []
     for first in range(0, scans, at_once):
@@ -141,7 +141,7 @@ def _look(
         lines, row = np.unique(
             scan[:, None] * (tractor.gap + 1) * split + within, return_inverse=True
         )
-        origins = np.repeat(_origins(tractor, tractor.step * (lines / split)), len(ways), axis=0)
+        origins = np.repeat(origins_of(tractor, tractor.step * (lines / split)), len(ways), axis=0)
         directions = np.tile(ways, (len(lines), 1))
         hits = caster.cast(origins, directions, tractor.max_range)
         near = _nearest(hits.distance.reshape(len(lines), -1), row.reshape(len(scan), -1), column)
@@ -171,12 +171,12 @@ def _nearest(distance: np.ndarray, row: np.ndarray, column: np.ndarray) -> np.nd
     return best.ravel()
 
 
-def _origins(tractor: Tractor, along: np.ndarray) -> np.ndarray:
+def origins_of(tractor: Tractor, along: np.ndarray) -> np.ndarray:
     """(K, 3) where the scanner is after so many metres."""
     return np.array(tractor.position) + along[:, None] * _forward(tractor)
 
 
-def _directions(tractor: Tractor, angle: np.ndarray) -> np.ndarray:
+def directions_of(tractor: Tractor, angle: np.ndarray) -> np.ndarray:
     """(K, 3) unit vectors at angles from the horizontal, to the scanner's side."""
     forward = _forward(tractor)
     sideways = np.array([forward[1], -forward[0], 0.0]) * (1 if tractor.side == "right" else -1)

@@ -113,16 +113,8 @@ def clip(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return where rays (3, R) enter and leave a box (3,), (3,), within their limits; leave < enter:
     never."""
-    slope = inverse(directions)
-    a = low[:, None] - origins
-    a *= slope
-    b = high[:, None] - origins
-    b *= slope
-    near, far = np.minimum(a, b), np.maximum(a, b, out=b)
-    enters, leaves = np.maximum(near[0], near[1]), np.minimum(far[0], far[1])
-    np.maximum(enters, near[2], out=enters)
-    np.minimum(leaves, far[2], out=leaves)
-    return np.maximum(enters, start, out=enters), np.minimum(leaves, limit, out=leaves)
+    enters, leaves = slabs(origins, inverse(directions), (low, high), start)
+    return enters, np.minimum(leaves, limit, out=leaves)
 
 
 def extents(begin: np.ndarray, end: np.ndarray, about: np.ndarray) -> np.ndarray:
@@ -152,13 +144,12 @@ def inverse(directions: np.ndarray) -> np.ndarray:
 
 
 def slabs(
-    origin: np.ndarray, slope: np.ndarray, box: Box, start: float = 0.0
+    origin: np.ndarray, slope: np.ndarray, box: Box, start: np.ndarray | float = 0.0
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return where rays enter boxes, not before ``start``, and where they leave them; slope is
     1/direction."""
     low, high = box
-    entry: np.ndarray | float = start
-    leave: np.ndarray | None = None
+    entry, leave = start, np.inf
     for axis in range(3):
         a = low[axis] - origin[axis]
         a *= slope[axis]
@@ -166,9 +157,8 @@ def slabs(
         b *= slope[axis]
         near, far = np.minimum(a, b), np.maximum(a, b, out=b)
         entry = np.maximum(near, entry, out=near)
-        leave = far if leave is None else np.minimum(leave, far, out=leave)
-    assert leave is not None
-    return np.asarray(entry), leave
+        leave = np.minimum(leave, far, out=far)
+    return np.asarray(entry), np.asarray(leave)
 
 
 def _meets(entry: np.ndarray, leave: np.ndarray, limit: np.ndarray) -> np.ndarray:
@@ -213,12 +203,8 @@ def _drawn_apart(bits: np.ndarray) -> np.ndarray:
     return bits
 
 
-def _sides() -> np.ndarray:
-    """(D, 3) unit directions along which bundles of ways are measured: level ones, and the vertical."""
-    turn = np.arange(24) * np.pi / 24
-    level = np.column_stack([np.cos(turn), np.sin(turn), np.zeros(24)])
-    return np.concatenate([level, [[0.0, 0.0, 1.0]]])
-
-
 APART = _drawn_apart(np.arange(1024))
-SIDES = _sides()
+_TURNS = np.arange(24) * np.pi / 24
+# (D, 3) unit directions along which bundles of ways are measured: level ones, and the vertical.
+SIDES = np.column_stack([np.cos(_TURNS), np.sin(_TURNS), np.zeros(24)])
+SIDES = np.concatenate([SIDES, [[0.0, 0.0, 1.0]]])

@@ -42,7 +42,8 @@ class SceneGeometry:
     asset : for each mesh which tree of a library it is, empty for others; left out: none is.
     slot_names : for each mesh the names of its materials, empty where a slot is; left out: unknown.
     crowd : for each mesh how many instances the forest has of which this scene is a part, so that both have
-        the same bounds; left out: those that are here.
+        the same boxes; left out: those that are here.
+    extent : (2, 3) lowest and highest corner of what else that forest has; left out: nothing.
     optics : (I, 4) of the object what makes it a mirror, glass or water: number of the kind
         (``spec.POLISHED``, -1 an unknown word), refractive index, share that a mirror sends on, extinction
         (of a retro-reflector its gain), NaN where it says nothing; left out: nowhere.
@@ -61,6 +62,7 @@ class SceneGeometry:
     asset: tuple[str, ...] = ()
     slot_names: tuple[tuple[str, ...], ...] = ()
     crowd: tuple[int, ...] = ()
+    extent: np.ndarray | None = None
     optics: np.ndarray | None = None
     slot_optics: tuple[np.ndarray, ...] = ()
 
@@ -160,7 +162,7 @@ class SceneGeometry:
             if not len(rows):
                 continue
             each = int(np.clip(BOXES // many[number], 1, PIECES))
-            least, most = _pieces(self.meshes[number], each)
+            least, most = boxes_of(self.meshes[number], each)
             if not len(least):
                 continue
             linear, shift = self.transform[rows, :, :3], self.transform[rows, None, :, 3]
@@ -170,27 +172,24 @@ class SceneGeometry:
         return low, high
 
 
-def _pieces(mesh: TriMesh, count: int) -> tuple[np.ndarray, np.ndarray]:
+def boxes_of(mesh: TriMesh, count: int) -> tuple[np.ndarray, np.ndarray]:
     """(K, 3), (K, 3) boxes around at most ``count`` groups of vertices that lie near each other.
 
     They are kept with the mesh, which many scenes may share.
     """
     kept: dict[int, tuple[np.ndarray, np.ndarray]] = vars(mesh).setdefault("_boxes", {})
-    if count not in kept:
-        kept[count] = _boxed(mesh, count)
-    return kept[count]
-
-
-def _boxed(mesh: TriMesh, count: int) -> tuple[np.ndarray, np.ndarray]:
+    if count in kept:
+        return kept[count]
     counts = np.zeros(len(mesh.vertices), dtype=bool)
     counts[mesh.triangles.ravel()] = True
     counts &= np.isfinite(mesh.vertices.sum(axis=1))
     used = mesh.vertices if counts.all() else mesh.vertices[counts]
-    first = np.unique(np.linspace(0, len(used), count, endpoint=False).astype(np.int64))
-    if not len(used):
-        return used, used
-    used = used[np.argsort((morton(used) >> COARSE).astype(np.uint16), kind="stable")]
-    return np.minimum.reduceat(used, first), np.maximum.reduceat(used, first)
+    kept[count] = used, used
+    if len(used):
+        first = np.unique(np.linspace(0, len(used), count, endpoint=False).astype(np.int64))
+        used = used[np.argsort((morton(used) >> COARSE).astype(np.uint16), kind="stable")]
+        kept[count] = np.minimum.reduceat(used, first), np.maximum.reduceat(used, first)
+    return kept[count]
 
 
 def apply_transform(transform: np.ndarray, points: np.ndarray) -> np.ndarray:
@@ -228,7 +227,9 @@ class TriangleTable:
         triangles = [len(mesh.triangles) for mesh in meshes]
         vertices = [len(mesh.vertices) for mesh in meshes]
         self.starts = np.cumsum([0, *triangles])[:-1]
-        short = all(_is_short(mesh.vertices) for mesh in meshes)
+        with np.errstate(over="ignore", invalid="ignore"):  # what is no number need not be kept
+            points = (mesh.vertices for mesh in meshes)
+            short = all((each.astype(np.float32) == each).all() for each in points)
         self._corners = np.cumsum([0, *vertices])
         room = np.zeros((self._corners[-1] + 1, 3), dtype=np.float32 if short else np.float64)
         self.vertices = room[:-1]
@@ -252,12 +253,6 @@ class TriangleTable:
         """(3, 3, R) float64: of each coordinate and each corner, those of triangles (R,) of the table."""
         found = self.vertices.take(self.triangles.take(number, 0), 0)
         return found.transpose(2, 1, 0).astype(np.float64, order="C")
-
-
-def _is_short(points: np.ndarray) -> bool:
-    """Return whether float32 holds points exactly; what is no number need not be kept."""
-    with np.errstate(over="ignore", invalid="ignore"):
-        return bool((points.astype(np.float32) == points).all())
 
 
 # Precision of a scene's places: Blender keeps coordinates in float32.

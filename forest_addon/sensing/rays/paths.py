@@ -70,7 +70,12 @@ class PathTable:
     """Many paths side by side, asked by their rows."""
 
     def __init__(self, paths: Sequence[RigidPath]) -> None:
-        whole = [_at_least_two(path) for path in paths]
+        whole = [
+            (path.time, path.transform)
+            if len(path.time) > 1
+            else (np.arange(2.0), np.repeat(path.transform, 2, axis=0))  # at any times: it stands
+            for path in paths
+        ]
         count = [len(time) for time, _ in whole]
         self._first = np.cumsum([0, *count])[:-1]
         self._times: list[np.ndarray] = []
@@ -78,14 +83,17 @@ class PathTable:
         known: dict[bytes, int] = {}
         for row, (time, _) in enumerate(whole):
             self._clock[row] = known.setdefault(time.tobytes(), len(known))
-            if self._clock[row] == len(self._times):
-                self._times.append(time)
+            self._times += [time] if self._clock[row] == len(self._times) else []
         self._knots = np.column_stack([self._first, self._first + count])
         self._even = np.array([_evenly(time) for time, _ in whole], dtype=bool)
         self._knots[~self._even, 1] = self._knots[~self._even, 0]  # none beside them tells
         every = np.concatenate([transform for _, transform in whole])
-        self._place, turn, self._shape = _factors(every)
-        self._turn = turn
+        # Places, turns and shapes, by polar decomposition.
+        u, size, v = np.linalg.svd(every[:, :, :3])
+        sign = np.where(np.linalg.det(u @ v) < 0, -1.0, 1.0)[:, None, None]
+        self._shape = sign * ((v.transpose(0, 2, 1) * size[:, None, :]) @ v)
+        self._place, self._turn = every[:, :, 3], Rotation.from_matrix(sign * (u @ v))
+        turn = self._turn
         self._round = (turn[:-1].inv() * turn[1:]).as_rotvec()  # in the part's own frame
         self._ends = np.array([[path.time[0], path.time[-1]] for path in paths])
         inner = np.ones(len(every) - 1, dtype=bool)
@@ -148,16 +156,16 @@ class PathsOneByOne:
 
     def at(self, which: np.ndarray, time: np.ndarray) -> np.ndarray:
         """See ``PathTable.at``."""
-        found = np.empty((len(time), 3, 4))
-        for row in distinct(which).tolist():
-            found[which == row] = self._paths[row].at(time[which == row])
-        return found
+        return self._asked("at", which, time)
 
     def rate(self, which: np.ndarray, time: np.ndarray) -> np.ndarray:
         """See ``PathTable.rate``."""
+        return self._asked("rate", which, time)
+
+    def _asked(self, what: str, which: np.ndarray, time: np.ndarray) -> np.ndarray:
         found = np.empty((len(time), 3, 4))
         for row in distinct(which).tolist():
-            found[which == row] = self._paths[row].rate(time[which == row])
+            found[which == row] = getattr(self._paths[row], what)(time[which == row])
         return found
 
 
@@ -267,36 +275,28 @@ class SceneMotion:
         return mine, row[mine]
 
     def corners(
-        self, scene: SceneGeometry, instance: np.ndarray, triangle: np.ndarray, time: np.ndarray
-    ) -> np.ndarray:
-        """(R, 3, 3) own corners of triangles at times, m."""
-        return self._of_corners(scene, instance, triangle, time, "at")
-
-    def corner_rates(
-        self, scene: SceneGeometry, instance: np.ndarray, triangle: np.ndarray, time: np.ndarray
-    ) -> np.ndarray:
-        """(R, 3, 3) m/s of own corners of triangles at times."""
-        return self._of_corners(scene, instance, triangle, time, "velocity")
-
-    def _of_corners(
         self,
         scene: SceneGeometry,
         instance: np.ndarray,
         triangle: np.ndarray,
         time: np.ndarray,
-        ask: str,
+        rates: bool = False,
     ) -> np.ndarray:
+        """(R, 3, 3) own corners of triangles at times, m. rates : how fast they move, m/s, instead."""
         found = np.zeros((len(instance), 3, 3))
-        bends = np.zeros(len(instance), dtype=bool)
+        if not rates:
+            rest = np.flatnonzero(~self.bends(instance))
+            found[rest] = corners_at_rest(scene, instance[rest], triangle[rest])
         for number, shape in self.shapes.items():
             mine = np.flatnonzero(instance == number)
             if len(mine):
                 vertex = scene.meshes[scene.mesh_index[number]].triangles[triangle[mine]]
-                found[mine], bends[mine] = getattr(shape, ask)(vertex, time[mine]), True
-        if ask == "at" and not bends.all():
-            rest = np.flatnonzero(~bends)
-            found[rest] = corners_at_rest(scene, instance[rest], triangle[rest])
+                found[mine] = (shape.velocity if rates else shape.at)(vertex, time[mine])
         return found
+
+    def bends(self, instance: np.ndarray) -> np.ndarray:
+        """(R,) bool, which of these instances change their shape."""
+        return np.isin(instance, list(self.shapes))
 
 
 def corners_at_rest(scene: SceneGeometry, instance: np.ndarray, triangle: np.ndarray) -> np.ndarray:
@@ -347,20 +347,6 @@ def _rate(
     noise = 8 * np.finfo(np.float32).eps * size
     best[~np.isfinite(best) | (np.abs(best) <= noise)] = 0.0
     return np.asarray(mean + (share - 0.5) * best)
-
-
-def _at_least_two(path: RigidPath) -> tuple[np.ndarray, np.ndarray]:
-    if len(path.time) > 1:
-        return path.time, path.transform
-    return np.arange(2.0), np.repeat(path.transform, 2, axis=0)  # at any times: it stands
-
-
-def _factors(transform: np.ndarray) -> tuple[np.ndarray, Rotation, np.ndarray]:
-    """Places (K, 3), turns and shapes (K, 3, 3) of transforms, by polar decomposition."""
-    u, size, v = np.linalg.svd(transform[:, :, :3])
-    sign = np.where(np.linalg.det(u @ v) < 0, -1.0, 1.0)[:, None, None]
-    shape = sign * ((v.transpose(0, 2, 1) * size[:, None, :]) @ v)
-    return transform[:, :, 3], Rotation.from_matrix(sign * (u @ v)), shape
 
 
 def _between(

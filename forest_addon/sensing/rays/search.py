@@ -9,7 +9,6 @@ step that doubles from try to try.
 
 from __future__ import annotations
 
-import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -38,16 +37,12 @@ class Search(RayCaster, ABC):
     def __init__(self, scene: SceneGeometry, threads: int = 1, like: Search | None = None) -> None:
         self.scene = scene
         self.threads = threads
-        self._same = {} if like is None else like.same_meshes(scene)
-        if like is None or [*map(id, scene.meshes)] != [*map(id, like.scene.meshes)]:
-            self._surfaces = RefinedSurfaces(scene)
-        else:
-            self._surfaces = RefinedSurfaces(scene, like._surfaces)
-
-    def same_meshes(self, scene: SceneGeometry) -> dict[int, int]:
-        """Return which mesh of this search's scene each mesh of another is, of those that are in both."""
-        number = {id(mesh): n for n, mesh in enumerate(self.scene.meshes)}
-        return {n: number[id(m)] for n, m in enumerate(scene.meshes) if id(m) in number}
+        # Which mesh of the other search's scene each mesh is, of those that are in both.
+        known = {} if like is None else {id(mesh): n for n, mesh in enumerate(like.scene.meshes)}
+        self._same = {n: known[id(m)] for n, m in enumerate(scene.meshes) if id(m) in known}
+        if like is not None and [*map(id, scene.meshes)] == [*known]:
+            scene.share_table(like.scene.table)
+        self._surfaces = RefinedSurfaces(scene)
 
     @abstractmethod
     def _nearest(
@@ -72,54 +67,18 @@ class Search(RayCaster, ABC):
         """The closest hit of each ray; see ``RayCaster``."""
         origins, directions = np.asarray(origins), np.asarray(directions)
         count = len(origins)
-        if count <= self.task and leaving is None:
-            found = self._plainly(origins, directions, min_distance, max_distance)
-            if found is not None:
-                return found
         near, far = (
             np.full(count, limit, dtype=np.float64) for limit in (min_distance, max_distance)
         )
-        if count <= self.task:
-            return self._cast(origins, directions, near, far, leaving)
         hits = Hits.misses(count)
+        left = Hits.misses(count) if leaving is None else leaving
 
         def task(part: slice) -> None:
-            left = None if leaving is None else leaving.select(part)
-            hits.put(part, self._cast(origins[part], directions[part], near[part], far[part], left))
+            given = origins[part], directions[part], near[part], far[part]
+            hits.put(part, self._cast(*given, left.select(part)))
 
         in_tasks(task, count, self.threads, self.task)
         return hits
-
-    def _plainly(
-        self,
-        origins: np.ndarray,
-        directions: np.ndarray,
-        near: float | np.ndarray,
-        far: float | np.ndarray,
-    ) -> Hits | None:
-        """One task as most are: finite rays and the same limits for all.
-
-        As ``_cast`` without its looks at each ray, which cost more than the search of few; None where
-        the rays or their limits need them.
-        """
-        if isinstance(near, np.ndarray) or isinstance(far, np.ndarray) or not near <= far:
-            return None
-        origins = np.array(origins.T, dtype=np.float64, order="C")
-        directions = unit_columns(directions.T)
-        if not math.isfinite(np.add.reduce(origins, None) + np.add.reduce(directions, None)):
-            return None
-        count = origins.shape[1]
-        start, limit = np.full(count, near - MARGIN), np.full(count, far, np.float64)
-        hits = self._nearest(origins, directions, start, limit)
-        if count and np.minimum.reduce(hits.distance) < near:
-
-            def nearest(rays: np.ndarray, begin: np.ndarray) -> Hits:
-                from_, ways, ends = _taken(rays, origins, directions, limit)
-                return self._nearest(from_, ways, begin, ends)
-
-            least = np.full(count, near, np.float64)
-            _search_behind(nearest, hits, start, least, Hits.misses(count))
-        return hits if far == np.inf else _within(hits, far)
 
     def _cast(
         self,
@@ -127,33 +86,23 @@ class Search(RayCaster, ABC):
         directions: np.ndarray,
         near: np.ndarray,
         far: np.ndarray,
-        leaving: Hits | None,
+        left: Hits,
     ) -> Hits:
         """One task."""
         from_, ways = np.array(origins.T, dtype=np.float64, order="C"), unit_columns(directions.T)
-        sound = np.isfinite(from_.sum(axis=0) + ways.sum(axis=0)) & (near <= far)
-        if not sound.all():
-            hits, rows = Hits.misses(len(near)), np.flatnonzero(sound)
-            left = None if leaving is None else leaving.select(rows)
-            given = origins[rows], directions[rows], near[rows], far[rows]
-            hits.put(rows, self._cast(*given, left))
-            return hits
+        sound = np.flatnonzero(np.isfinite(from_.sum(axis=0) + ways.sum(axis=0)) & (near <= far))
+        from_, ways, near, far = _taken(sound, from_, ways, near, far)
 
         def nearest(rays: np.ndarray, start: np.ndarray) -> Hits:
             begin, way, limit = _taken(rays, from_, ways, far)
             return self._nearest(begin, way, start, limit)
 
-        left = Hits.misses(len(near)) if leaving is None else leaving
-        return search_on(nearest, near, far, left)
-
-
-def _within(hits: Hits, far: np.ndarray | float) -> Hits:
-    """Hits, those beyond ``far`` taken away."""
-    beyond = hits.distance > far
-    beyond &= hits.instance >= 0
-    if beyond.any():
-        hits.put(beyond, Hits.misses(1))
-    return hits
+        found = search_on(nearest, near, far, left.select(sound))
+        if len(sound) == len(origins):
+            return found
+        hits = Hits.misses(len(origins))
+        hits.put(sound, found)
+        return hits
 
 
 def _taken(rays: np.ndarray, *arrays: np.ndarray) -> tuple[np.ndarray, ...]:
@@ -184,27 +133,19 @@ def search_on(
     """
     start = near - MARGIN
     start[left.found] += MARGIN
-    hits = nearest(np.arange(len(near)), start)
-    _search_behind(nearest, hits, start, near, left)
-    return _within(hits, far)
-
-
-def _search_behind(
-    nearest: Callable[[np.ndarray, np.ndarray], Hits],
-    hits: Hits,
-    start: np.ndarray,
-    near: np.ndarray,
-    left: Hits,
-) -> None:
-    """Search on behind hits that do not count, until all do; changes ``hits`` and ``start``."""
+    rays, step = np.arange(len(near)), STEP
+    hits = nearest(rays, start)
     rays = np.flatnonzero(refused(hits, near, left))
-    step = STEP
-    while len(rays):
+    while len(rays):  # behind what does not count
         start[rays] = np.maximum(start[rays], hits.distance[rays]) + step
         step *= 2.0
         found = nearest(rays, start[rays])
         hits.put(rays, found)
         rays = rays[refused(found, near[rays], left.select(rays))]
+    beyond = (hits.distance > far) & hits.found
+    if beyond.any():
+        hits.put(beyond, Hits.misses(1))
+    return hits
 
 
 def in_tasks(task: Callable[[slice], None], count: int, threads: int, size: int = TASK) -> None:
@@ -229,29 +170,12 @@ FLAT = 4.0  # steps of a float32 at a triangle's coordinates
 
 
 class RefinedSurfaces:
-    """The planes of all triangles of a scene.
+    """The planes of all triangles of a scene."""
 
-    like : of a scene with the same meshes, whose table is shared.
-    """
-
-    def __init__(self, scene: SceneGeometry, like: RefinedSurfaces | None = None) -> None:
-        if like is not None:
-            scene.share_table(like.table)
+    def __init__(self, scene: SceneGeometry) -> None:
         self.table: TriangleTable = scene.table
         self._transform = scene.transform
         self.first = self.table.starts[scene.mesh_index]  # triangle, by instance
-
-    def distance(
-        self,
-        origins: np.ndarray,
-        directions: np.ndarray,
-        instance: np.ndarray,
-        triangle: np.ndarray,
-        transform: np.ndarray | None = None,
-        corners: np.ndarray | None = None,
-    ) -> np.ndarray:
-        """(R,) metres along rays to the planes of their triangles; see ``meet``."""
-        return self.meet(origins, directions, instance, triangle, transform, corners)[0]
 
     def meet(
         self,

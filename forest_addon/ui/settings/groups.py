@@ -357,10 +357,9 @@ def _switch(field: Field) -> Any:
 
 def _switch_others_off(name: str, props: Any) -> None:
     """A species grows in one way only."""
-    if getattr(props, f"use_{name}"):
-        for other in ONE_OF:
-            if other != name and getattr(props, f"use_{other}"):
-                setattr(props, f"use_{other}", False)
+    for other in ONE_OF if getattr(props, f"use_{name}") else ():
+        if other != name and getattr(props, f"use_{other}"):
+            setattr(props, f"use_{other}", False)
 
 
 def property_of(field: Field, update: Update = _noticed) -> Any:

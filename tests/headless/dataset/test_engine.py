@@ -11,9 +11,10 @@ from typing import ClassVar
 import pytest
 
 from forest_addon.spec import SpecError
-from headless.dataset import disk, engine
-from headless.dataset.engine import Cluster, SceneOutcome, Worker, make_all, slurm_cluster
+from headless.dataset import engine
+from headless.dataset.engine import Cluster, SceneJob, SceneOutcome, Worker, make_all, slurm_cluster
 from headless.dataset.plan import PLANS, read_plan, recipes
+from headless.dataset.settings import Running
 from studies.bench.cluster import seconds_of, trial
 
 
@@ -62,7 +63,7 @@ def certificate(folder, authority):
 
 
 def job_of(number, **more):
-    return SimpleNamespace(recipe=SimpleNamespace(number=number), **more)
+    return SimpleNamespace(number=number, **more)
 
 
 @pytest.mark.slow
@@ -76,7 +77,8 @@ def test_a_process_that_is_killed_is_told_with_its_last_words(tmp_path):
         assert found.kind == "crash"
         assert found.why.startswith("Blender's process was ended by signal 9")
         (tmp_path / "scenes").write_text("no folder")
-        found = worker.scene(tmp_path, SimpleNamespace(number=3), 60.0, 1e12)  # in a new process
+        recipe = SimpleNamespace(number=3, name="000003")
+        found = worker.once(SceneJob(tmp_path, recipe, Running(), 1e12, 1))  # in a new process
         assert found.kind == "fault"
         assert found.scene == 3
         assert found.memory > 0
@@ -95,7 +97,7 @@ class Pretended:
         self.every.append(self)
 
     def make(self, job):
-        number = job.recipe.number
+        number = job.number
         if self.endless and number % 2:
             assert self.stopped.wait(20)
             return SceneOutcome("stopped", scene=number)
@@ -140,24 +142,20 @@ def broken(number):
 
 @pytest.mark.parametrize(
     ("result", "problem", "words"),
-    [(full, OSError, "no space; finished scenes are kept"), (broken, RuntimeError, "broken")],
+    [(full, OSError, "no space; what is finished is kept"), (broken, RuntimeError, "broken")],
 )
-def test_what_no_scene_survives_stops_every_worker(
-    pretended, monkeypatch, tmp_path, result, problem, words
-):
+def test_what_no_scene_survives_stops_every_worker(pretended, monkeypatch, result, problem, words):
     monkeypatch.setattr(pretended, "endless", True)
-    jobs = [job_of(number, root=tmp_path, result=result) for number in (1, 0, 2, 4)]
-    half = disk.begin(tmp_path, 2)
+    jobs = [job_of(number, result=result) for number in (1, 0, 2, 4)]
     with pytest.raises(problem, match=words):
         make_all(jobs, Cluster(workers=2), print)
     assert all(worker.ended for worker in pretended.every)
     assert any(worker.stopped.is_set() for worker in pretended.every)
-    assert not half.exists()  # nobody is making it any more
 
 
 def told(job):
     """Result of a scene that takes no time."""
-    return SceneOutcome("done", scene=job.recipe.number)
+    return SceneOutcome("done", scene=job.number)
 
 
 @pytest.mark.slow
@@ -217,5 +215,5 @@ def test_a_cluster_that_loses_everything_is_given_up(monkeypatch):
     with distributed.LocalCluster(**here, dashboard_address=None) as cluster:
         place = Cluster(scheduler=cluster.scheduler_address, make=lose)
         jobs = [job_of(number) for number in range(5)]
-        with pytest.raises(OSError, match="finished none of 5 scenes"):
+        with pytest.raises(OSError, match="finished none of 5 jobs"):
             make_all(jobs, place, print)

@@ -43,7 +43,7 @@ def test_rates_field_and_tilt_are_read_back(sweep, pitch):
     assert found.pitch_deg == pytest.approx(pitch, abs=0.05)
     assert found.field_deg[0] == pytest.approx(np.degrees(np.arctan(0.2)) - 1, abs=0.5)
     assert found.field_deg[1] == pytest.approx(np.degrees(np.arctan(0.45)) + 1, abs=0.5)
-    again = scanner_like(Mobile(), line, found, np.zeros(3), 0.0)
+    again = scanner_like(Mobile(), line, found, np.zeros(3))
     wide = np.ptp(found.field_deg)
     assert again.pulse_rate / again.line_rate == pytest.approx(wide / (120 / 2000), rel=0.02)
 

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from forest_addon.base.trimesh import OTHER, TriMesh
-from forest_addon.formats.helios.parts import MotionSequence, MotionStep, PartMotion
+from forest_addon.formats.helios.motion import STILL, PartMotion
 from forest_addon.sensing.lidar.surveys.stepped import SteppedPath
 from forest_addon.sensing.moving import MovingScene
 from forest_addon.sensing.moving_rays import MovingCaster
@@ -31,15 +31,14 @@ def two_that_step() -> tuple[SceneGeometry, SceneMotion]:
         (mesh,), transform, np.zeros(3, dtype=np.int64), ("a", "b", "c"), none, none.copy()
     )
     turn = Rotation.from_euler("xyz", [9, 5, 20], degrees=True).as_matrix()
-    steps = {
-        1: (MotionStep(turn, np.eye(3), np.zeros(3)), 60),
-        2: (MotionStep(np.eye(3), np.eye(3), np.array([0.05, 0.1, 0.02])), 40),
-    }
+    turns, goes = STILL.copy(), STILL.copy()
+    turns[0, :3, :3], goes[1, :3, 3] = turn, [0.05, 0.1, 0.02]
+    steps = {1: (turns, 60), 2: (goes, 40)}
     paths = {
         part: SteppedPath(
             transform[part],
             transform[part, :, 3],
-            PartMotion((MotionSequence("m", step, 0, ""),), every),
+            PartMotion((step,), (0,), 1, every),
             RATE,
             (30, 600),
         )

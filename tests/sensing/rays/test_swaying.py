@@ -227,21 +227,16 @@ def test_labels_go_with_pieces(parts):
         assert np.array_equal(own.vertices[own.triangles], mesh.vertices[mesh.triangles[rows]])
 
 
-def test_the_copies_of_a_triangle_at_a_seam_are_a_ring():
+def test_the_copies_of_a_triangle_at_a_seam_are_known_to_each_other():
     moving = MovingScene(scene(plate()), sway=Lean())
     pieces = moving.pieces
     size = [len(mesh.triangles) for mesh in pieces.meshes]
     piece, triangle = np.repeat(np.arange(2), size), np.concatenate([np.arange(n) for n in size])
-    rows = pieces.at_seams(piece, triangle)
-    assert len(rows) == 2 * 4  # two rows of the plate on both sides of the seam, in both pieces
-    other = pieces.next_copy(piece[rows], triangle[rows])
-    assert (other[0] != piece[rows]).all()
-    known = [
-        moving.known(moving.count + number, of)
-        for number, of in ((piece[rows], triangle[rows]), other)
-    ]
-    assert np.array_equal(known[0], known[1])
-    assert np.array_equal(pieces.next_copy(*other), (piece[rows], triangle[rows]))
+    row, *copies = pieces.copies(piece, triangle)
+    assert len(row) == 2 * 4 * 2  # two rows of the plate on both sides of the seam, in both pieces
+    assert np.array_equal(copies[0].reshape(-1, 2), np.tile([0, 1], (8, 1)))
+    own = moving.known(moving.count + piece[row], triangle[row])
+    assert np.array_equal(own, moving.known(moving.count + copies[0], copies[1]))
 
 
 def test_no_bundle_passes_by_a_box_that_its_ways_meet():

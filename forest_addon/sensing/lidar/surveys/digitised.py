@@ -21,6 +21,7 @@ import numpy as np
 from ....base.rng import child_keys, keyed_uniform
 from ....formats.helios.device import Digitiser
 from ...rays.caster import Hits
+from ...rays.cells import Cells, walk
 from ..footprint import BeamFrames, rays_at
 from ..passage import Contacts
 from ..pattern import Pulses
@@ -30,20 +31,13 @@ from ..waveform import LIGHT, Bins
 METRES_A_NS = LIGHT * 1e-9
 
 
-@dataclass(frozen=True)
-class Rings:
+def rings(quality: int) -> tuple[np.ndarray, np.ndarray]:
     """Rays of a beam: half divergences from the axis (N, 2), along the first ray of a ring and across, and
-    shares of the light (N,)."""
+    shares of the light (N,).
 
-    place: np.ndarray
-    share: np.ndarray
-
-
-def rings(quality: int) -> Rings:
-    """One ray, and rings of 6, 12, … at even angles, of which the outermost is just inside the divergence.
-
-    Ring k of n rays is weighed by ((2k + 1)/n)², as HELIOS++'s energy model does far from the scanner: its
-    share of the light and of the footprint.
+    One ray, and rings of 6, 12, … at even angles, of which the outermost is just inside the divergence. Ring
+    k of n rays is weighed by ((2k + 1)/n)², as HELIOS++'s energy model does far from the scanner: its share
+    of the light and of the footprint.
     """
     away, around, share = [0.0], [0.0], [1.0]
     for ring in range(1, quality):
@@ -52,7 +46,7 @@ def rings(quality: int) -> Rings:
         around += (2 * np.pi / count * np.arange(count)).tolist()
         share += [((2 * ring + 1) / count) ** 2] * count
     place = np.stack([np.cos(around), np.sin(around)], axis=1) * np.array(away)[:, None]
-    return Rings(place, np.array(share) / sum(share))
+    return place, np.array(share) / sum(share)
 
 
 def bins_of(pulse_ns: float, digitiser: Digitiser) -> Bins:
@@ -92,39 +86,18 @@ class Haze:
 
         depth : (R,) area that a ray crosses, m² a m². origins, directions : (R, 3). farthest : (R,) metres.
         """
-        found = np.full(len(origins), np.inf)
+        found, left = np.full(len(origins), np.inf), depth.copy()
         inward = np.linalg.inv(self.transform[:, :3]) / self.size
         start = (origins - self.transform[:, 3]) @ inward.T - self.low / self.size
-        way = directions @ inward.T
-        cells = np.array(self.density.shape)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            ends = np.stack([(0 - start) / way, (cells - start) / way])
-        along = way == 0
-        outside = along & ((start < 0) | (start >= cells))
-        ends[:, along] = np.array([[-np.inf], [np.inf]])
-        enters = np.maximum(ends.min(axis=0).max(axis=1), 0.0)
-        leaves = np.minimum(ends.max(axis=0).min(axis=1), farthest)
-        rows = np.flatnonzero((enters < leaves) & ~outside.any(axis=1))
-        start, way, at, last = start[rows], way[rows], enters[rows], leaves[rows]
-        left = depth[rows].copy()
-        ahead = way > 0
-        cell = np.clip(np.floor(start + at[:, None] * way), 0, cells - 1).astype(np.int64)
-        while len(rows):
-            with np.errstate(divide="ignore", invalid="ignore"):
-                border = (cell + ahead - start) / way
-            border[way == 0] = np.inf
-            axis = border.argmin(axis=1)
-            lines = np.arange(len(rows))
-            stop = np.clip(border[lines, axis], at, last)
-            density = self.density[cell[:, 0], cell[:, 1], cell[:, 2]]
-            crossed = density * (stop - at)
-            met = crossed >= left
-            found[rows[met]] = at[met] + left[met] / density[met]
-            cell[lines, axis] += np.where(ahead[lines, axis], 1, -1)
-            inside = ((cell >= 0) & (cell < cells)).all(axis=1)
-            on = np.flatnonzero(~met & (stop < last) & inside)
-            rows, at, left = rows[on], stop[on], (left - crossed)[on]
-            start, way, last, cell, ahead = start[on], way[on], last[on], cell[on], ahead[on]
+        grid = Cells(np.zeros(3, np.int64), np.array(self.density.shape), 1.0)
+        for step in walk(grid, start, directions @ inward.T, farthest):
+            density = self.density.ravel()[step.cell]
+            crossed = density * (step.leave - step.enter)
+            met = crossed >= left[step.line]
+            row = step.line[met]
+            found[row] = step.enter[met] + left[row] / density[met]
+            left[step.line] -= crossed
+            left[row] = np.inf  # no farther
         return found
 
 
@@ -132,7 +105,7 @@ class SurveyScan(Scan):
     """A scan that may find echoes as HELIOS++ does, and whose light may pass voxels by chance."""
 
     _hazes: tuple[Haze, ...] = ()
-    _rings: Rings | None = None
+    _rings: np.ndarray | None = None
     _across = 0.0
 
     def among(self, hazes: tuple[Haze, ...]) -> Self:
@@ -147,8 +120,8 @@ class SurveyScan(Scan):
         across : radians by which the first ray of a ring is turned from the direction of the sweep.
         """
         other, pulse_ns = copy(self), self.scanner.beam.pulse_ns
-        other._rings, other._across = rings(digitiser.rings), across
-        other._share, other._subrays = other._rings.share, len(other._rings.share)
+        other._rings, other._share = rings(digitiser.rings)
+        other._across, other._subrays = across, len(other._share)
         other._bins = bins_of(pulse_ns, digitiser)
         other._sigma = pulse_ns / 7 * np.sqrt(3.0) * METRES_A_NS / 2
         return other
@@ -163,7 +136,7 @@ class SurveyScan(Scan):
         turn_x = along * (cos * pulses.across + sin * beside)
         turn_y = across * (cos * beside - sin * pulses.across)
         beams = BeamFrames(pulses.origin, pulses.direction, none, none, turn_x, turn_y)
-        return rays_at(beams, self._rings.place)
+        return rays_at(beams, self._rings)
 
     def _met(
         self, rays: tuple[np.ndarray, np.ndarray], keys: np.ndarray, at: np.ndarray | None

@@ -44,9 +44,7 @@ MOST_PULSES = 1_000_000  # that have a row each
 FEWEST_SWING = 204  # pulses of a mirror's swing: theirs turns round in 50 at each end, twice
 MOST_ROWS = 10_000  # beams one above the other, that a scanner is given as channels
 THEIRS = Rotation.from_euler("z", np.pi / 2)  # from our axes to theirs
-SCENES, SURVEYS = "data/scenes", "data/surveys"
-TRAJECTORIES = "data/trajectories/{name}.trj"
-SCANNERS, PLATFORMS = "data/scanners-{name}.xml", "data/platforms-{name}.xml"
+SCENES = "data/scenes"
 
 
 @dataclass(frozen=True)
@@ -58,6 +56,13 @@ class Exported:
     unsaid: tuple[str, ...]
 
 
+class NoSurveyError(ValueError):
+    """HELIOS++ has no scanner like a sensor."""
+
+
+Written = tuple[Element, Element, list[Element]]  # scanner, platform, legs
+
+
 def write_survey(
     sensor: Sensor, folder: Path, scene: str, surfaces: Surfaces, way: Trajectory | None = None
 ) -> Exported:
@@ -65,46 +70,14 @@ def write_survey(
 
     surfaces : that the materials were made of. way : of a mobile sensor.
     """
-    scanner_of_ours = scanner_of(sensor)
-    rows = _rows(sensor)
-    if rows > MOST_ROWS:
-        why = f"{rows:,} beams one above the other are more than {MOST_ROWS:,}"
-        return Exported(sensor.name, None, (why,))
-    file = TRAJECTORIES.format(name=f"{scene}-{sensor.name}")
-    if scanner_of_ours is None and not isinstance(sensor, Tractor):
-        return Exported(sensor.name, None, (f"HELIOS++ has no {sensor.kind}",))
     name = f"{scene}-{sensor.name}"
-    if isinstance(sensor, Tractor):
-        scanner, platform, legs = _tractor(sensor)
-        unsaid = ["points, not a matrix of distances; intensities are those of the surfaces"]
-        unsaid += ["a beam is one ray, its first: splits are left out"] if sensor.splits else []
-    elif isinstance(sensor, Terrestrial):
-        scanner, platform, legs = _tripod(sensor)
-        unsaid = [LEAVE_TOGETHER]
-    elif isinstance(sensor, Airborne | Mobile) and _cannot(sensor) and (way or flown(sensor)):
-        pattern_of_ours = pattern_of(sensor, way)
-        if pattern_of_ours.count > MOST_PULSES:
-            why = f"{_cannot(sensor)}, and a row for each of {pattern_of_ours.count:,} pulses are too many"
-            return Exported(sensor.name, None, (f"{why}; its way is in scene.json",))
-        scanner, platform, legs = _posed(sensor, pattern_of_ours, folder / file, file)
-        unsaid = [f"{_cannot(sensor)}: its platform turns as the beam does, a row a pulse"]
-    elif isinstance(sensor, Airborne):
-        scanner, platform, legs = _strips(sensor)
-        unsaid = [DIFFER[sensor.pattern]]
-    elif isinstance(sensor, Mobile) and way is not None:
-        scanner, platform, legs = _along(sensor, way, folder / file, file)
-        unsaid = [DIFFER[sensor.pattern]]
-    else:
-        what = f"a {sensor.kind} scanner of no known way is not written as a survey"
-        return Exported(sensor.name, None, (f"{what}; its way is in scene.json",))
-    files = SCANNERS.format(name=name), PLATFORMS.format(name=name)
-    for file, element in zip(files, (scanner, platform), strict=True):
-        root = Element("document")
-        root.append(element)
-        write_document(folder / file, root)
-    root = Element("document")
-    survey = SubElement(
-        root,
+    way, file = way or flown(sensor), f"data/trajectories/{name}.trj"
+    try:
+        (scanner, platform, legs), unsaid = _told(sensor, way, folder, file)
+    except NoSurveyError as why:
+        return Exported(sensor.name, None, (str(why),))
+    files = f"data/scanners-{name}.xml", f"data/platforms-{name}.xml"
+    survey = Element(
         "survey",
         name=name,
         scene=f"{SCENES}/{scene}.xml#{scene}",
@@ -112,34 +85,66 @@ def write_survey(
         scanner=f"{files[0]}#scanner",
     )
     if platform.get("type") == "interpolated":
-        survey.set("basePlatform", survey.attrib["platform"])
-        survey.set("platform", "interpolated")
+        survey.attrib |= {"basePlatform": f"{files[1]}#platform", "platform": "interpolated"}
         survey.set("rotationSpec", "CANONICAL")
         platform.set("type", "linearpath")
     survey.extend(legs)
-    path = f"{SURVEYS}/{name}.xml"
-    write_document(folder / path, root)
-    if scanner_of_ours is not None:
-        unsaid += _unsaid(scanner_of_ours, surfaces)
+    path = f"data/surveys/{name}.xml"
+    for target, element in zip((*files, path), (scanner, platform, survey), strict=True):
+        root = Element("document")
+        root.append(element)
+        write_document(folder / target, root)
+    if isinstance(sensor, Scanner):
+        unsaid += _unsaid(sensor, surfaces)
     return Exported(sensor.name, path, tuple(unsaid))
 
 
-def _rows(sensor: Sensor) -> int:
-    """Beams one above the other that are channels of a head."""
+def _told(
+    sensor: Sensor, way: Trajectory | None, folder: Path, file: str
+) -> tuple[Written, list[str]]:
+    """Scanner, platform and legs like a sensor, and sentences on how they differ.
+
+    Raises
+    ------
+    NoSurveyError : HELIOS++ has none like it; says why.
+    """
+    in_json = "its way is in scene.json"
     if isinstance(sensor, Tractor):
-        return len(fan(sensor))
-    return len(directions(sensor)[1]) if isinstance(sensor, Terrestrial) else 0
+        _refuse_rows(len(fan(sensor)))
+        unsaid = ["points, not a matrix of distances; intensities are those of the surfaces"]
+        unsaid += ["a beam is one ray, its first: splits are left out"] if sensor.splits else []
+        return _tractor(sensor), unsaid
+    if isinstance(sensor, Terrestrial):
+        _refuse_rows(len(directions(sensor)[1]))
+        return _tripod(sensor), [LEAVE_TOGETHER]
+    if not isinstance(sensor, Airborne | Mobile):
+        raise NoSurveyError(f"HELIOS++ has no {sensor.kind}")
+    if way is None:
+        raise NoSurveyError(
+            f"a {sensor.kind} scanner of no known way is not written as a survey; {in_json}"
+        )
+    if cannot := _cannot(sensor):
+        pattern = pattern_of(sensor, way)
+        if pattern.count > MOST_PULSES:
+            rows = f"a row for each of {pattern.count:,} pulses are too many"
+            raise NoSurveyError(f"{cannot}, and {rows}; {in_json}")
+        unsaid = [f"{cannot}: its platform turns as the beam does, a row a pulse"]
+        return _posed(sensor, pattern, folder / file, file), unsaid
+    differs = [DIFFER[sensor.pattern]]
+    if isinstance(sensor, Airborne):
+        return _strips(sensor), differs
+    return _along(sensor, way, folder / file, file), differs
 
 
-def scanner_of(sensor: Sensor) -> Scanner | None:
-    """The sensor as a scanner with a beam, None where it is none."""
-    return sensor if isinstance(sensor, Scanner) else None
+def _refuse_rows(count: int) -> None:
+    if count > MOST_ROWS:
+        raise NoSurveyError(f"{count:,} beams one above the other are more than {MOST_ROWS:,}")
 
 
 def _unsaid(sensor: Scanner, surfaces: Surfaces) -> list[str]:
     """Sentences on what HELIOS++ has no word for."""
     beam, noise, receiver = sensor.beam, sensor.noise, sensor.receiver
-    rays = _rays(_rings(beam.subrays))
+    _, rays = _rings(beam.subrays)
     sentences = {
         "its reflectances differ from those of the first scanner, which the materials have": (
             sensor.surfaces != surfaces
@@ -163,13 +168,10 @@ def _unsaid(sensor: Scanner, surfaces: Surfaces) -> list[str]:
     return [sentence for sentence, holds in sentences.items() if holds]
 
 
-def _rings(subrays: int) -> int:
-    """Rings of HELIOS++ that have at least so many rays."""
-    return next(quality for quality in count(1) if _rays(quality) >= subrays)
-
-
-def _rays(quality: int) -> int:
-    return len(rings(quality).share)
+def _rings(subrays: int) -> tuple[int, int]:
+    """Rings of HELIOS++ that have at least so many rays, and how many they have."""
+    every = ((quality, len(rings(quality)[1])) for quality in count(1))
+    return next(one for one in every if one[1] >= subrays)
 
 
 def _device(sensor: Scanner, pulse_rate: float, widest_deg: float, scan_hz: float) -> Element:
@@ -194,19 +196,19 @@ def _device(sensor: Scanner, pulse_rate: float, widest_deg: float, scan_hz: floa
         "maxNOR": beam.max_returns,
     }
     scanner = Element("scanner", words(values))
-    SubElement(scanner, "FWFSettings", beamSampleQuality=str(_rings(beam.subrays)))
+    SubElement(scanner, "FWFSettings", beamSampleQuality=str(_rings(beam.subrays)[0]))
     SubElement(scanner, "headRotateAxis", x="0", y="0", z="1")
+    SubElement(scanner, "beamOrigin", x="0", y="0", z="0")
     return scanner
 
 
-def _channels(scanner: Element, elevation: np.ndarray) -> None:
-    """Give a scanner a channel for each elevation, degrees."""
-    SubElement(scanner, "beamOrigin", x="0", y="0", z="0")
+def _channels(scanner: Element, angles: np.ndarray, axis: str = "x") -> None:
+    """Give a scanner a channel for each angle, degrees about an axis."""
     channels = SubElement(scanner, "channels")
-    for number, angle in enumerate(elevation.tolist()):
+    for number, angle in enumerate(angles.tolist()):
         channel = SubElement(channels, "channel", id=str(number))
         origin = SubElement(channel, "beamOrigin", x="0", y="0", z="0")
-        SubElement(origin, "rot", axis="x", angle_deg=repr(angle))
+        SubElement(origin, "rot", axis=axis, angle_deg=repr(angle))
 
 
 def _platform(name: str, kind: str) -> tuple[Element, Element]:
@@ -233,7 +235,7 @@ def _followed(trajectory: str) -> dict[str, object]:
     return {"trajectory": trajectory, "trajectory_separator": ","}
 
 
-def _tripod(sensor: Terrestrial) -> tuple[Element, Element, list[Element]]:
+def _tripod(sensor: Terrestrial) -> Written:
     """Scanner, platform and legs of a tripod: a head that turns a column a pulse, with a channel a row."""
     azimuth, elevation = (np.rad2deg(angles) for angles in directions(sensor))
     columns = sensor.pulse_rate / len(elevation)
@@ -254,13 +256,13 @@ def _tripod(sensor: Terrestrial) -> tuple[Element, Element, list[Element]]:
     return scanner, _platform("tripod", "static")[0], [leg]
 
 
-def _swept(sensor: MovingScanner) -> tuple[Element, Rotation, dict[str, object]]:
-    """Scanner of a pattern, how it is turned on its platform, and settings of a leg.
+def _swept(sensor: MovingScanner, seconds: float) -> tuple[Element, Rotation, dict[str, float]]:
+    """Scanner of a pattern, how it is turned on its platform, and settings of a leg of so many seconds.
 
     Theirs: X right, Y ahead, Z up; the mirror swings from Y to Z, the cone is about Y. Ours: X ahead, Y left.
     """
     low, high = sensor.field_deg
-    said: dict[str, object] = {"pulseFreq_hz": sensor.pulse_rate, "scanFreq_hz": sensor.line_rate}
+    said = {"pulseFreq_hz": sensor.pulse_rate, "scanFreq_hz": sensor.line_rate}
     if sensor.pattern == "spinning":
         columns = sensor.pulse_rate / sensor.channels
         scanner = _device(sensor, columns, 180.0, 0.0)
@@ -268,7 +270,9 @@ def _swept(sensor: MovingScanner) -> tuple[Element, Rotation, dict[str, object]]
         _channels(scanner, rows)
         speed = -360.0 * sensor.line_rate
         said = {"pulseFreq_hz": columns, "scanFreq_hz": 0.0, "scanAngle_deg": 180.0}
-        said |= {"headRotatePerSec_deg": speed, "headRotateStart_deg": -speed / columns}
+        start = -speed / columns
+        said |= {"headRotatePerSec_deg": speed, "headRotateStart_deg": start}
+        said["headRotateStop_deg"] = start + speed * seconds
         return scanner, Rotation.identity(), said
     if sensor.pattern == "circles":
         scanner = _device(sensor, sensor.pulse_rate, high, sensor.line_rate)
@@ -281,24 +285,13 @@ def _swept(sensor: MovingScanner) -> tuple[Element, Rotation, dict[str, object]]
         ahead = np.array([np.sin(middle), 0.0, -np.cos(middle)])
         beside = np.array([np.cos(middle), 0.0, np.sin(middle)])
         swung = Rotation.from_matrix(np.stack([np.cross(ahead, beside), ahead, beside], axis=1))
-        said |= _told_of(sensor, scanner)
-    SubElement(scanner, "beamOrigin", x="0", y="0", z="0")
+        if sensor.pattern == "zigzag":
+            scanner.set("optics", "oscillating")
+            said["scanFreq_hz"] = sensor.line_rate / 2
+        elif sensor.pattern == "fans":
+            _channels(scanner, np.array([0.0, sensor.fan_deg, -sensor.fan_deg]), "z")
+            said = {key: value / FANS for key, value in said.items()}
     return scanner, swung, said | {"scanAngle_deg": float(scanner.attrib["scanAngleMax_deg"])}
-
-
-def _told_of(sensor: MovingScanner, scanner: Element) -> dict[str, object]:
-    """Make a scanner of parallel lines one of three fans, or whose mirror swings; its rates."""
-    if sensor.pattern == "zigzag":
-        scanner.set("optics", "oscillating")
-        return {"scanFreq_hz": sensor.line_rate / 2}
-    if sensor.pattern != "fans":
-        return {}
-    channels = SubElement(scanner, "channels")
-    for number, lean in enumerate((0.0, sensor.fan_deg, -sensor.fan_deg)):
-        channel = SubElement(channels, "channel", id=str(number))
-        origin = SubElement(channel, "beamOrigin", x="0", y="0", z="0")
-        SubElement(origin, "rot", axis="z", angle_deg=repr(float(lean)))
-    return {"pulseFreq_hz": sensor.pulse_rate / FANS, "scanFreq_hz": sensor.line_rate / FANS}
 
 
 def _cannot(sensor: MovingScanner) -> str:
@@ -313,19 +306,16 @@ def _cannot(sensor: MovingScanner) -> str:
     return ""
 
 
-def _posed(
-    sensor: MovingScanner, pattern: Pattern, path: Path, name: str
-) -> tuple[Element, Element, list[Element]]:
+def _posed(sensor: MovingScanner, pattern: Pattern, path: Path, name: str) -> Written:
     """Scanner whose beam stands still, platform that turns as it should, and its leg."""
     scanner = _device(sensor, sensor.pulse_rate, 180.0, 0.0)
-    SubElement(scanner, "beamOrigin", x="0", y="0", z="0")
     write_poses(path, beam_poses(pattern, sensor.pulse_rate))
     values = {"active": True, "pulseFreq_hz": sensor.pulse_rate, "scanFreq_hz": 0.0}
     leg = _leg(_followed(name), {**values, "scanAngle_deg": 180.0})
     return scanner, _platform("platform", "interpolated")[0], [leg]
 
 
-def _tractor(sensor: Tractor) -> tuple[Element, Element, list[Element]]:
+def _tractor(sensor: Tractor) -> Written:
     """Scanner, platform and legs of SIMLIDAR's tractor: a channel for each angle of its fan, all at one time,
     a pulse a scan; it goes a metre a second."""
     along = positions(sensor)
@@ -355,37 +345,26 @@ def _carrier(sensor: MovingScanner, kind: str, swung: Rotation) -> Element:
     return platform
 
 
-def _along(
-    sensor: Mobile, way: Trajectory, path: Path, name: str
-) -> tuple[Element, Element, list[Element]]:
+def _along(sensor: Mobile, way: Trajectory, path: Path, name: str) -> Written:
     """Scanner, platform and the leg of a way, whose poses go to a file of this name."""
-    scanner, swung, said = _swept(sensor)
-    time = np.linspace(0.0, way.duration, int(way.duration * ROWS_A_SECOND) + 2)
-    time = np.linspace(0.0, way.duration, min(len(time), MOST_POSES))
+    scanner, swung, said = _swept(sensor, way.duration)
+    rows = min(int(way.duration * ROWS_A_SECOND) + 2, MOST_POSES)
+    time = np.linspace(0.0, way.duration, rows)
     where, attitude = way.at(way.start + time)
     write_poses(path, (time, canonical(attitude * THEIRS.inv()), where))
-    turned = float(str(said.get("headRotatePerSec_deg", 0.0))) * way.duration
-    leg = _leg(_followed(name), _with_stop({"active": True, **said}, turned))
+    leg = _leg(_followed(name), {"active": True, **said})
     return scanner, _carrier(sensor, "interpolated", swung), [leg]
 
 
-def _with_stop(said: dict[str, object], turned: float) -> dict[str, object]:
-    """Settings of a leg with where its head stops after so many degrees, if it turns."""
-    start = said.get("headRotateStart_deg")
-    return said if start is None else {**said, "headRotateStop_deg": float(str(start)) + turned}
-
-
-def _strips(sensor: Airborne) -> tuple[Element, Element, list[Element]]:
+def _strips(sensor: Airborne) -> Written:
     """Scanner, platform and legs of an aircraft that flies strips."""
-    scanner, swung, said = _swept(sensor)
-    platform = _carrier(sensor, "linearpath", swung)
-    turned = float(str(said.get("headRotatePerSec_deg", 0.0))) * sensor.track / sensor.speed
-    legs = []
-    for start, stop in strips(sensor).position.reshape(-1, 2, 3):
-        for place, active in ((start, True), (stop, False)):
-            where = _at(place) | {"movePerSec_m": sensor.speed}
-            legs.append(_leg(where, _with_stop({"active": active, **said}, turned)))
-    return scanner, platform, legs
+    scanner, swung, said = _swept(sensor, sensor.track / sensor.speed)
+    legs = [
+        _leg(_at(place) | {"movePerSec_m": sensor.speed}, {"active": active, **said})
+        for ends in strips(sensor).position.reshape(-1, 2, 3)
+        for place, active in zip(ends, (True, False), strict=True)
+    ]
+    return scanner, _carrier(sensor, "linearpath", swung), legs
 
 
 def flown(sensor: Sensor) -> Trajectory | None:

@@ -7,17 +7,15 @@ A platform that moves looks along its way, level, with +Y forward, but for one w
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ....base.attitudes import composed
 from ....base.rows import distinct
-from ....formats.helios.legs import Leg
-from ....formats.helios.survey import Survey
+from ....formats.helios.survey import Leg, Survey
 from ....spec import SpecError
 from ..pattern import Pulses
+from ..specular import refracted
 
 MOST_STEPS = 200_000_000
 
@@ -32,33 +30,38 @@ class SurveyLeg:
 
     def __init__(self, survey: Survey, leg: Leg) -> None:
         self._survey, self._leg, self._device = survey, leg, survey.device
-        steps = step_count(survey, leg)
-        self._carried = _heading(leg) * survey.mount_turn
+        x, y, _ = leg.stop - leg.start
+        heading = Rotation.from_euler("z", np.arctan2(-x, y) if x or y else 0.0)
+        self._carried = heading * survey.mount_turn
         self._channels = len(self._device.turn)
-        self._sweeps = self._mirror()
-        step = np.arange(steps)
-        if self._sweeps and self._device.optics == "rotating":
+        self._first, self._sweep = self._mirror()
+        self._sent = np.arange(step_count(survey, leg))
+        if self._device.optics == "rotating" and leg.scan_hz:
             low, high = np.deg2rad(leg.field_deg)
-            angle = mirror_angles(step, *self._sweeps)
-            step = step[(angle > low) & (angle <= high)]
-        self._sent = step
-        self.count = len(step) * self._channels
+            angle = self._angles(self._sent)
+            self._sent = self._sent[(angle > low) & (angle <= high)]
+        self.count = len(self._sent) * self._channels
         if not self.count:
             raise SpecError("leg", "sends no pulse; check its scan angle")
 
-    def _mirror(self) -> tuple[np.ndarray, np.ndarray] | None:
-        leg, device = self._leg, self._device
+    def _mirror(self) -> tuple[np.ndarray, np.ndarray]:
+        """Angles of a mirror, radians: those of its first sweep, and of each after it."""
+        leg, device, none = self._leg, self._device, np.zeros(0)
         widest = float(np.deg2rad(leg.scan_angle_deg))
-        if device.optics == "line":
-            return np.zeros(0), fibres(device.fibres, widest)
-        if device.optics not in ("rotating", "oscillating") or not leg.scan_hz:
-            return None
+        if device.optics == "line":  # of fibres, one after the other
+            return none, -widest + 2 * widest / device.fibres * np.arange(device.fibres)
+        if not leg.scan_hz or device.optics not in ("rotating", "oscillating"):
+            return none, np.zeros(1)
         if device.optics == "oscillating":
-            return np.zeros(0), oscillating(
-                leg.pulse_rate, leg.scan_hz, widest, device.scan_product
-            )
+            return none, oscillating(leg.pulse_rate, leg.scan_hz, widest, device.scan_product)
         widest = float(np.deg2rad(device.scan_angle_deg))
         return sawtooth(leg.scan_hz * (widest + widest) / leg.pulse_rate, widest)
+
+    def _angles(self, step: np.ndarray) -> np.ndarray:
+        """(P,) angles of the mirror at steps (P,) from 0 on, radians."""
+        every = np.concatenate([self._first, self._sweep])
+        late = step - len(self._first)
+        return every[np.where(late < 0, step, len(self._first) + late % len(self._sweep))]
 
     def pulses(self, number: np.ndarray) -> Pulses:
         """See ``Pattern``; the scan angle is that of the deflector."""
@@ -98,18 +101,15 @@ class SurveyLeg:
     def _deflected(self, step: np.ndarray, channel: np.ndarray) -> Ways:
         leg, device = self._leg, self._device
         if device.optics in ("rotating", "oscillating", "line"):
-            fixed = np.zeros(len(step))
-            return turned(mirror_angles(step, *self._sweeps) if self._sweeps else fixed)
-        half = float(np.deg2rad(leg.scan_angle_deg))
+            return turned(self._angles(step))
         if device.optics == "conic":
             turns = (step + 1) * (device.scan_hz / leg.pulse_rate)
-            return cone(2 * np.pi * (turns % 1.0), half)
-        wedges = [(float(np.deg2rad(p.angle_deg)), p.turns_hz, p.index) for p in device.prisms]
+            return cone(2 * np.pi * (turns % 1.0), float(np.deg2rad(leg.scan_angle_deg)))
         way, across, angle = np.empty((len(step), 3)), np.empty((len(step), 3)), np.empty(len(step))
         for index in distinct(channel):
             rows = np.flatnonzero(channel == index)
             time = (step[rows] + 1) / leg.pulse_rate
-            found = risley(time, wedges, 1.0, device.incident[index])
+            found = risley(time, device.prisms, device.incident[index])
             way[rows], across[rows], angle[rows] = found
         return way, across, angle
 
@@ -154,12 +154,6 @@ def _about(axis: np.ndarray, cos: np.ndarray, sin: np.ndarray, v: np.ndarray) ->
     return turned
 
 
-def _heading(leg: Leg) -> Rotation:
-    """The attitude of a level platform whose +Y looks along the leg."""
-    x, y, _ = leg.stop - leg.start
-    return Rotation.from_euler("z", np.arctan2(-x, y) if x or y else 0.0)
-
-
 # Directions in which mirrors, fibres and turning prisms send a beam, pulse by pulse.
 #
 # The frame of a deflector is that of HELIOS++ (Winiwarter et al. 2022): the beam leaves forward, +Y; a
@@ -169,7 +163,6 @@ def _heading(leg: Leg) -> Rotation:
 Ways = tuple[
     np.ndarray, np.ndarray, np.ndarray
 ]  # directions (P, 3), across (P, 3), angles (P,) radians
-Wedge = tuple[float, float, float]  # angle in radians, turns a second, refractive index
 
 
 def sawtooth(step: float, widest: float) -> tuple[np.ndarray, np.ndarray]:
@@ -193,13 +186,6 @@ def sawtooth(step: float, widest: float) -> tuple[np.ndarray, np.ndarray]:
     return sweep(0.0)[1:], sweep(-widest)
 
 
-def mirror_angles(number: np.ndarray, first: np.ndarray, sweep: np.ndarray) -> np.ndarray:
-    """(P,) angles of steps (P,) from 0 on of a mirror whose sweeps ``sawtooth`` gives."""
-    late = np.maximum(number - len(first), 0) % len(sweep)
-    early = first[np.minimum(number, len(first) - 1)] if len(first) else sweep[late]
-    return np.where(number < len(first), early, sweep[late])
-
-
 def oscillating(pulse_rate: float, scan_hz: float, widest: float, product: float) -> np.ndarray:
     """Angles of a mirror that swings from -``widest`` to ``widest`` and back, radians, for each pulse of
     a swing.
@@ -221,25 +207,11 @@ def oscillating(pulse_rate: float, scan_hz: float, widest: float, product: float
             f"{scan_hz:g} leaves {swing} pulses a swing; a mirror that turns needs 202",
         )
     fastest = 2 * widest / (half - 2 * turning + (2 * turning - 1) / 2)
-    place = np.arange(swing)
-    up, down = place < half, place > half
-    speed = np.where(up, fastest, -fastest)
-    speed[0] = speed[half] = 0.0
-    first = (place >= 1) & (place < turning)
-    speed[first] *= (place[first] - 1) / (turning - 1)
-    slows = up & (place >= half - turning) & (place > 0)
-    speed[slows] *= (half - place[slows]) / turning
-    starts = down & (place < half + 1 + turning)
-    speed[starts] *= (place[starts] - half - 1) / turning
-    ends = down & (place >= swing - turning + 1)
-    speed[ends] *= (swing - place[ends]) / (turning - 1)
-    rise = -widest + np.cumsum(speed[:half])
-    return np.concatenate([rise, widest + np.cumsum(speed[half:])])
-
-
-def fibres(count: int, widest: float) -> np.ndarray:
-    """Angles of a line of so many fibres from -``widest`` on, radians, one after the other."""
-    return -widest + 2 * widest / count * np.arange(count)
+    there, back = np.arange(half), np.arange(swing - half)
+    rise = np.minimum((there - 1) / (turning - 1), (half - there) / turning)
+    fall = np.minimum((back - 1) / turning, (swing - half - back) / (turning - 1))
+    gone = [np.cumsum(fastest * np.clip(share, 0, 1)) for share in (rise, fall)]
+    return np.concatenate([gone[0] - widest, widest - gone[1]])
 
 
 def turned(angle: np.ndarray) -> Ways:
@@ -256,43 +228,29 @@ def cone(turn: np.ndarray, half: float) -> Ways:
     return way, across, np.full(len(turn), half)
 
 
-def risley(time: np.ndarray, wedges: Sequence[Wedge], air: float, incident: np.ndarray) -> Ways:
+def risley(
+    time: np.ndarray, wedges: tuple[tuple[float, float, float], ...], incident: np.ndarray
+) -> Ways:
     """Ways through turning wedges at times (P,), seconds, by Snell's law at each face (Li et al. 2017).
 
-    A wedge of positive angle has its first face tilted, one of negative angle its second.
-    """
-    way = np.broadcast_to(incident / np.linalg.norm(incident), (len(time), 3))
-    flat = np.broadcast_to(np.array([0.0, -1.0, 0.0]), way.shape)
-    for angle, turns, index in wedges:
-        about = 2 * np.pi * turns * time
-        tilt = np.stack(
-            [
-                np.sin(about) * np.sin(angle),
-                np.full(len(time), -np.cos(angle)),
-                np.cos(about) * np.sin(angle),
-            ],
-            axis=1,
-        )
-        faces = (tilt, flat) if angle >= 0 else (flat, tilt)
-        way = refracted(way, faces[0], air / index)
-        way = refracted(way, faces[1], index / air)
-    across = np.cross(way, [1.0, 0.0, 0.0])
-    across /= np.linalg.norm(across, axis=1, keepdims=True)
-    return way, across, np.arccos(np.clip(way[:, 1], -1, 1))
-
-
-def refracted(way: np.ndarray, normal: np.ndarray, ratio: float) -> np.ndarray:
-    """(P, 3) directions behind a face whose unit normals (P, 3) point against ``way``, by Snell's law.
-
-    ratio : refractive index before the face over that behind it.
+    wedges : degrees, turns a second and refractive index of each; one of positive angle has its first face
+    tilted, one of negative angle its second.
 
     Raises
     ------
     SpecError : light is reflected totally.
     """
-    cos = -np.einsum("pi,pi->p", way, normal)
-    inside = 1 - ratio**2 * (1 - cos**2)
-    if (inside < 0).any():
-        raise SpecError("scanner", "its prisms reflect the beam totally")
-    behind = ratio * way + (ratio * cos - np.sqrt(inside))[:, None] * normal
-    return np.asarray(behind / np.linalg.norm(behind, axis=1, keepdims=True))
+    way = np.broadcast_to(incident / np.linalg.norm(incident), (len(time), 3))
+    flat = np.broadcast_to(np.array([0.0, -1.0, 0.0]), way.shape)
+    for angle, turns, index in wedges:
+        about, lean = 2 * np.pi * turns * time, np.deg2rad(angle)
+        down = np.full(len(time), -np.cos(lean))
+        tilt = np.stack([np.sin(about) * np.sin(lean), down, np.cos(about) * np.sin(lean)], axis=1)
+        faces = (tilt, flat) if angle >= 0 else (flat, tilt)
+        for face, ratio in zip(faces, (index, 1 / index), strict=True):
+            way, _, behind = refracted(way, face, np.full(len(way), ratio))
+            if np.isnan(behind).any():
+                raise SpecError("scanner", "its prisms reflect the beam totally")
+    across = np.cross(way, [1.0, 0.0, 0.0])
+    across /= np.linalg.norm(across, axis=1, keepdims=True)
+    return way, across, np.arccos(np.clip(way[:, 1], -1, 1))

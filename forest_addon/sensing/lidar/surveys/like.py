@@ -10,6 +10,7 @@ pulses a second within it the pulse rate. Only the field that the cloud shows is
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -26,7 +27,7 @@ WIDE = 5.0  # degrees across that a turn of the fan about the vertical is told f
 
 @dataclass(frozen=True)
 class FlownPattern:
-    """FlownPattern of a line: pulses and lines a second, field (2,) and pitch, yaw of the fan, degrees,
+    """Pattern of a line: pulses and lines a second, field (2,) and pitch, yaw of the fan, degrees,
     whether
     the mirror swings to and fro, and the pulses a second of the instrument itself."""
 
@@ -58,7 +59,11 @@ def pattern_like(
         )
     order = np.argsort(time, kind="stable")
     place, time, scan_angle = place[order], time[order], scan_angle[order]
-    right, ahead = _in_frame(line, place, time)
+    # metres to the right and ahead of the platform, a metre down
+    way, onward = place - line.at(time), line.velocity[:2] / np.linalg.norm(line.velocity[:2])
+    down = np.maximum(-way[:, 2], 1e-6)
+    right = (way[:, 0] * onward[1] - way[:, 1] * onward[0]) / down
+    ahead = way[:, :2] @ onward / down
     sweeps = _long_sweeps(line, time)
     # the fan is a plane through the scanner: ahead = tan(yaw)·right + tan(pitch)/cos(yaw)
     each = [_slope(right[a:b], ahead[a:b]) for a, b in sweeps]
@@ -99,9 +104,21 @@ def pattern_like(
 
 
 def scanner_like(
-    scanner: Mobile, line: FlightLine, pattern: FlownPattern, offset: np.ndarray, start: float
+    scanner: Mobile,
+    line: FlightLine,
+    pattern: FlownPattern,
+    offset: np.ndarray,
+    rows: np.ndarray | None = None,
 ) -> Mobile:
-    """A scanner that flies a line again; places less the offset (3,) m, times less ``start`` s."""
+    """A scanner that flies a line again; places less the offset (3,) m, times less those of its first knot.
+
+    rows : (K, 7) poses as of ``trajectories``; left out: those of the line's knots, level, forward along the
+    way.
+    """
+    if rows is None:
+        heading = round(float(np.degrees(np.arctan2(line.velocity[1], line.velocity[0]))), 3)
+        level = np.tile([heading, 0.0, 0.0], (len(line.time), 1))
+        rows = np.column_stack([line.time, line.place, level])
     return scanner.changed(
         name=f"line-{line.number}",
         pattern="zigzag" if pattern.zigzag else "lines",
@@ -109,44 +126,34 @@ def scanner_like(
         line_rate=pattern.line_rate,
         pulse_rate=pattern.pulse_rate,
         mount_deg=(0.0, round(pattern.pitch_deg, 3), round(pattern.yaw_deg, 3)),
-        poses=poses_of(line, offset, start),
+        poses=tuple(
+            Pose(
+                time=round(time, 6),
+                position=tuple(round(v, 3) for v in place),
+                heading_deg=heading,
+                pitch_deg=pitch,
+                roll_deg=roll,
+            )
+            for time, *place, heading, pitch, roll in (
+                rows - [line.time[0], *offset, 0, 0, 0]
+            ).tolist()
+        ),
         speed=Mobile.__dataclass_fields__["speed"].default,  # poses say it
     )
 
 
-def poses_of(line: FlightLine, offset: np.ndarray, start: float) -> tuple[Pose, ...]:
-    """Poses at a line's knots, level, forward along the way."""
-    heading = float(np.degrees(np.arctan2(line.velocity[1], line.velocity[0])))
-    return tuple(
-        Pose(
-            time=round(float(when - start), 6),
-            position=tuple(float(v) for v in np.round(where - offset, 3)),
-            heading_deg=round(heading, 3),
-        )
-        for when, where in zip(line.time, line.place, strict=True)
-    )
-
-
-def _in_frame(
-    line: FlightLine, place: np.ndarray, time: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """(P,) metres to the right and (P,) ahead of the platform, a metre down."""
-    way = place - line.at(time)
-    ahead = line.velocity[:2] / np.linalg.norm(line.velocity[:2])
-    down = np.maximum(-way[:, 2], 1e-6)
-    right = way[:, 0] * ahead[1] - way[:, 1] * ahead[0]
-    return right / down, way[:, :2] @ ahead / down
-
-
 def _long_sweeps(line: FlightLine, time: np.ndarray) -> list[tuple[int, int]]:
-    """First and past-the-last pulse of the sweeps of a dozen pulses and more, of sorted times.
+    """First and past-the-last pulse of the sweeps of a dozen pulses and more, of sorted times: long pauses
+    part them.
 
     Raises
     ------
     SpecError : there are fewer than three.
     """
-    pairs = zip(*(edge.tolist() for edge in _cuts(time)), strict=True)
-    found = [(a, b) for a, b in pairs if b - a >= LONG_SWEEP and time[b - 1] > time[a]]
+    step = np.diff(time)
+    usual = max(float(np.median(step[step > 0])), 1e-9) if (step > 0).any() else 1e-9
+    cuts = [0, *(np.flatnonzero(step > BREAK * usual) + 1).tolist(), len(time)]
+    found = [(a, b) for a, b in pairwise(cuts) if b - a >= LONG_SWEEP and time[b - 1] > time[a]]
     if len(found) < 3:
         raise SpecError(
             f"line {line.number}",
@@ -159,14 +166,6 @@ def _slope(x: np.ndarray, y: np.ndarray) -> float:
     """Slope of the straight line through points."""
     away = x - x.mean()
     return float((away * y).sum() / max((away * away).sum(), 1e-300))
-
-
-def _cuts(time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """First and past-the-last pulse of each sweep, of sorted times: long pauses part them."""
-    step = np.diff(time)
-    usual = max(float(np.median(step[step > 0])), 1e-9) if (step > 0).any() else 1e-9
-    cut = np.flatnonzero(step > BREAK * usual) + 1
-    return np.append(0, cut), np.append(cut, len(time))
 
 
 def _period(middle: np.ndarray) -> float:
@@ -194,7 +193,7 @@ ROUNDS = 15
 
 @dataclass(frozen=True)
 class FlightLine:
-    """FlightLine of a cloud: number (the point source), time (K,) s and place (K, 3) m of its knots, how many
+    """Line of a cloud: number (the point source), time (K,) s and place (K, 3) m of its knots, how many
     pulses said so, and by how much their beams' ends miss it in the median, m."""
 
     number: int

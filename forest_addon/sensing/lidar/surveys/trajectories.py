@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 
 from ....formats.atomic import replacing
 from ....formats.crs import to_map
-from ....formats.foreign import guarded
+from ....formats.foreign import guarded, numbers
 from ....spec import SpecError
 from ..pattern import Pattern
 
@@ -62,11 +62,8 @@ def read_poses(path: Path) -> np.ndarray:
     if missing:
         raise SpecError(str(path), f"lacks the columns {', '.join(missing)}")
     place = [head.index(name) for name in COLUMNS]
-    try:
-        rows = [[float(row[number]) for number in place] for row in lines[1:]]
-    except (ValueError, IndexError):
-        raise SpecError(str(path), "has a value that is no number, or a row too short") from None
-    return np.array(rows, dtype=np.float64).reshape(-1, len(COLUMNS))
+    rows = [[(row + [""] * len(head))[number] for number in place] for row in lines[1:]]
+    return numbers(rows, path, "numbers").reshape(-1, len(COLUMNS))
 
 
 @guarded("an SBET")
