@@ -325,7 +325,7 @@ def judge(habit: Habit, settings: Siblings, count: int) -> Verdict:
 
 
 def _likenesses(likeness: Likeness) -> Iterator[Miss]:
-    """How far means and profiles are off."""
+    """Distances of means and profiles from the goals."""
     for row in likeness.numbers:
         if row.name.startswith(JUDGED):
             allowed = max(MOST_DIFFERENCE * abs(row.template), row.room)
@@ -344,7 +344,7 @@ def _likenesses(likeness: Likeness) -> Iterator[Miss]:
 def _soundness(
     habit: Habit, own: tuple[float, ...], grown: list[Grown], variety: float
 ) -> Iterator[Miss]:
-    """How far trunks lean, branches are off their parents or thicker than these, reach deeper into the ground
+    """Measures of how far trunks lean, branches are off their parents or thicker, reach deeper into the ground
     than the tree's own roots, and begin off the mesh of what bears them.
 
     own : lean, gap, thickness and lowest corner of the tree itself.

@@ -428,7 +428,7 @@ Moving = TypeVar("Moving")
 
 
 def _sure(value: Moving | None) -> Moving:
-    """What only trees that move have, of one that does."""
+    """Return a value that only trees that move have, of one that does."""
     assert value is not None
     return value
 
