@@ -344,8 +344,8 @@ def _likenesses(likeness: Likeness) -> Iterator[Miss]:
 def _soundness(
     habit: Habit, own: tuple[float, ...], grown: list[Grown], variety: float
 ) -> Iterator[Miss]:
-    """Measures of how far trunks lean, branches are off their parents or thicker, reach into the ground deeper
-    than the tree's own roots, and begin off the mesh of what bears them.
+    """Measures of how far trunks lean, branches are off their parents or thicker, reach deeper into the
+    ground than the tree's own roots, and begin off the mesh of what bears them.
 
     own : lean, gap, thickness and lowest corner of the tree itself.
     """
