@@ -178,7 +178,6 @@ class PartByPart:
             there = (time[ray] >= self._spans[box, 0]) & (time[ray] < self._spans[box, 1])
             groups.append((ray[there], motion.rows[box[there]]))
         for rows, window in moving.bundles(origins, ways, near, far, time, sound):
-            assert moving.pieces is not None
             boxes = moving.pieces.boxes[moving.pieces.mesh[window.piece]]
             tree = BoxTree(*swept(boxes, window.places))
             ray, box, _ = tree.pairs(origins[rows].T, ways[rows].T, near[rows], far[rows])
