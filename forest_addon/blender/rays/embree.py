@@ -258,7 +258,7 @@ class EmbreeCaster(Search):
 
 def rays_of(origins: np.ndarray, directions: np.ndarray, reach: np.ndarray) -> np.ndarray:
     """(R, SIZE) float32, rays (3, R), (3, R), (R,) as Embree wants them."""
-    rays = _aligned((len(reach), SIZE), np.float32)
+    rays = np.zeros((len(reach), SIZE), np.float32)  # at 16 bytes, as Embree asks of one ray
     rays[:, :3], rays[:, 4:7], rays[:, TFAR] = origins.T, directions.T, np.minimum(reach, FAR)
     rays.view(np.uint32)[:, [MASK, HIT_GEOMETRY, HIT_INSTANCE]] = NONE
     return rays
@@ -415,14 +415,6 @@ class EmbreeBuild:
 def collapsed(triangles: np.ndarray, whole: np.ndarray) -> np.ndarray:
     """Triangles (T, 3), those that are not whole (T,) drawn together to a corner, where no ray meets them."""
     return triangles if whole.all() else np.where(whole[:, None], triangles, triangles[:, :1])
-
-
-def _aligned(shape: tuple[int, ...], dtype: type) -> np.ndarray:
-    """An array of zeros that starts at a multiple of 64 bytes."""
-    size = int(np.prod(shape)) * np.dtype(dtype).itemsize
-    room = np.zeros(size + 64, dtype=np.uint8)
-    start = -room.ctypes.data % 64
-    return room[start : start + size].view(dtype).reshape(shape)
 
 
 def _release(
