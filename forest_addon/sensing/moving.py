@@ -18,8 +18,7 @@ import numpy as np
 from ..base.rows import distinct, lengths, repeated
 from ..base.trimesh import LEAF, OTHER, TriMesh
 from .rays.boxes import clip, extents, within
-from .rays.caster import Hits, hit_normals, unit_columns
-from .rays.exact import meet
+from .rays.caster import Hits, hit_normals
 from .rays.geometry import OF_MESHES, SceneGeometry
 from .rays.paths import SceneMotion, ShapePath, corners_at_rest
 
@@ -142,19 +141,6 @@ class MovingScene:
         own = self.motion.corners(self.scene, instance, triangle, time)
         at = self.at(instance, time)
         return np.asarray(np.einsum("rij,rkj->rki", at[:, :, :3], own) + at[:, None, :, 3])
-
-    def meets(
-        self, origins: np.ndarray, directions: np.ndarray, hits: Hits, time: np.ndarray
-    ) -> np.ndarray:
-        """(R,) metres along rays to the triangles that hits name; inf where one passes its triangle by."""
-        found = np.full(len(origins), np.inf)
-        rows = np.flatnonzero(hits.found)
-        if len(rows):
-            corners = self.corners(hits.instance[rows], hits.triangle[rows], time[rows])
-            corners -= origins[rows, None]
-            ways = unit_columns(directions[rows].T).T
-            found[rows] = meet(tuple(corners.swapaxes(0, 1)), np.zeros((len(rows), 3)), ways)
-        return found
 
     def normals(self, hits: Hits, time: np.ndarray) -> np.ndarray:
         """(R, 3) unit world normals of the triangles that were hit at times (R,), s; NaN for a miss."""

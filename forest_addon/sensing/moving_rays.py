@@ -101,7 +101,13 @@ class MovingCaster:
         self, origins: np.ndarray, directions: np.ndarray, hits: Hits, time: np.ndarray
     ) -> np.ndarray:
         """(R,) metres along rays to the triangles that hits name; inf where one passes its triangle by."""
-        return self.moving.meets(origins, directions, hits, time)
+        found = np.full(len(origins), np.inf)
+        rows = np.flatnonzero(hits.found)
+        corners = self.moving.corners(hits.instance[rows], hits.triangle[rows], time[rows])
+        corners -= origins[rows, None]
+        ways = unit_columns(directions[rows].T).T
+        found[rows] = meet(tuple(corners.swapaxes(0, 1)), np.zeros((len(rows), 3)), ways)
+        return found
 
     def exactly(self, true: SceneGeometry | None = None) -> MovingCaster:
         """The same motion with every triangle met in float64. true : the scene that is true, as it is read;
