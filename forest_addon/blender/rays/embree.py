@@ -25,7 +25,7 @@ from ...base.trimesh import TriMesh
 from ...kernels import CastScene
 from ...sensing.rays.boxes import clip
 from ...sensing.rays.caster import Hits
-from ...sensing.rays.geometry import SceneGeometry, TriangleTable, invert_transforms
+from ...sensing.rays.geometry import SceneGeometry, invert_transforms
 from ...sensing.rays.search import TASK, Search, in_tasks, whole_triangles
 
 FOLDERS = ("lib", "blender.shared", ".", "../Frameworks", "../Resources/lib")
@@ -179,16 +179,11 @@ class EmbreeCaster(Search):
             [of_mesh[m] for m in scene.mesh_index[known]],
             place[known, None].astype(np.float32),
         )
-        self._arrays = np.ascontiguousarray(scene.transform), self._surfaces.first, scene.table
-        self._described = self._describe(*self._arrays)
-
-    def _describe(
-        self, transform: np.ndarray, first: np.ndarray, table: TriangleTable
-    ) -> CastScene:
-        """The scene as the kernel wants it."""
+        table, point = scene.table, ctypes.c_double * 3
+        transform, first = np.ascontiguousarray(scene.transform), self._surfaces.first
+        self._arrays = transform, first, table  # which the kernel reads where they are
         single = table.vertices.dtype == np.float32
-        point = ctypes.c_double * 3
-        return CastScene(
+        self._described = CastScene(
             tree=self._top,
             intersect=ctypes.cast(self._library.rtcIntersect1, ctypes.c_void_p),
             low=point(*self._low),
