@@ -129,6 +129,10 @@ def run_in_tiles(
     for sensor in todo:
         remove(run.note(sensor.name))
         if is_scanner(sensor):
+            if sensor.receiver.sample_ns:
+                raise SpecError(
+                    "receiver.sample_ns", "tiles keep no waveforms; leave one of them out"
+                )
             run.scans[sensor.name] = scan = run.scan(sensor)
             if scan.followed:
                 stages.say(f"  {scan.followed}")

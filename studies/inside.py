@@ -128,6 +128,7 @@ INSIDE = {
     "grow": "forest_addon.growth.tree:grow",
     "has_curves": "forest_addon.growth.tree:has_curves",
     "Wood": "forest_addon.growth.truth:Wood",
+    "find_axes": "forest_addon.growth.skeleton:find_axes",
     "segment_table": "forest_addon.growth.truth:segment_table",
     "wood_of_mesh": "forest_addon.growth.truth:wood_of_mesh",
     "wood_of_skeleton": "forest_addon.growth.truth:wood_of_skeleton",

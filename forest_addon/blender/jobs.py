@@ -125,7 +125,10 @@ class Job:
         self._stopped.set()
         with self._lock:
             if self._at_work is not None:
-                _raise_in(self._at_work, CancelledError)
+                # As soon as that thread runs Python: steps between two ``tell`` are long, and what they keep
+                # for later they store whole or not at all.
+                raise_in = ctypes.pythonapi.PyThreadState_SetAsyncExc
+                raise_in(ctypes.c_ulong(self._at_work), ctypes.py_object(CancelledError))
             self._at_work = None
         self._work.close()
 
@@ -184,10 +187,3 @@ def _short_turns() -> Iterator[None]:
         yield
     finally:
         sys.setswitchinterval(usual)
-
-
-def _raise_in(thread: int, problem: type[BaseException]) -> None:
-    """Raise an exception in another thread as soon as that runs Python: steps between two ``tell`` are
-    long, and what they keep for later they store whole or not at all.
-    """
-    ctypes.pythonapi.PyThreadState_SetAsyncExc(ctypes.c_ulong(thread), ctypes.py_object(problem))

@@ -322,7 +322,8 @@ class Architecture(Settings):
     weak: float = param(
         0.8,
         unit="1/m",
-        help="weak branches on a metre of stem in the crown, where it divides",
+        help="weaker limbs on a metre of stem in the crown, of a stem of 0.5 m that divides; a thinner one "
+        "has more",
         ge=0,
         le=20,
     )

@@ -7,6 +7,7 @@ lists, drawing, running, words.
 
 from __future__ import annotations
 
+import importlib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
@@ -97,6 +98,16 @@ def _classes() -> tuple[type, ...]:
     return tuple(found)
 
 
+ROOMS = (
+    *("properties", "species.edit", "shell.words", "shell.running", "forest.tree", "forest.start"),
+    *("forest.build", "forest.scene_file", "sensors.add", "sensors.run", "sensors.look_through"),
+    *("results.keep", "settings.preferences", "settings.presets", "forest.panels"),
+    *("sensors.panels", "sensors.flight", "results.panel", "overlay", "species.panel"),
+    *("forest.wind", "shell.views", "settings.hills", "forest.hand", "forest.planting"),
+    "settings.references",
+)
+
+
 def _rooms() -> tuple[ModuleType, ...]:
     """Return what has classes, menus or handlers; panels in the order in which they stand.
 
@@ -104,21 +115,4 @@ def _rooms() -> tuple[ModuleType, ...]:
     bpy.app.handlers that they name (``WINDOW_HANDLERS`` not in the background), ``MENUS`` to Blender's menus;
     ``register`` and ``unregister`` do the rest.
     """
-    from . import overlay, properties
-    from .forest import build, hand, painting, planting, scene_file, start, tree, wind
-    from .forest import panels as forest_panels
-    from .results import buttons, keep
-    from .results import panel as results_panel
-    from .sensors import add, flight, look_through, run
-    from .sensors import panels as sensor_panels
-    from .settings import hills, preferences, presets, saved
-    from .shell import running, views, words
-    from .species import edit
-    from .species import panel as species_panel
-
-    return (
-        *(properties, edit, words, running, tree, start, build, scene_file, add, run, look_through),
-        *(buttons, keep, preferences, presets),
-        *(forest_panels, sensor_panels, flight, results_panel, overlay, species_panel),
-        *(wind, views, hills, painting, hand, planting, saved),
-    )
+    return tuple(importlib.import_module(f".{name}", __name__) for name in ROOMS)

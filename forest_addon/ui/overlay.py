@@ -12,7 +12,7 @@ those that are larger than the modifier's radius, as loud ones of an echo are, h
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +29,7 @@ from ..blender.sensors.objects import kind_of, sensors_of
 from ..sensing.kinds import KINDS, outline
 from ..spec import Scene, SpecError
 from .settings import exchange
-from .settings.drawing import OnceStarted, split
+from .settings.drawing import OnceStarted, is_narrow, split
 from .settings.exchange import forestless
 from .shell.views import chosen_sensor, draw_lines, line_shader
 
@@ -37,23 +37,25 @@ CELLS = 96  # of the intensity along the longer side of the field
 LIFT = 0.05  # m above the ground, so that the two do not flicker
 FAINT, STRONG = np.array([0.2, 0.5, 0.2, 0.0]), np.array([0.95, 0.9, 0.2, 0.55])
 
-_looked_at: int | None = None  # the scene whose settings nothing has changed since
+Drawing = Callable[[bpy.types.Context], None]
+_made_for: dict[
+    Drawing, int
+] = {}  # the scene, by session_uid, that a drawing is of since it changed last
 _drawn: tuple[Any, Any] = (None, None)  # the settings that the batch is of, the batch
 
 
-def forget_intensity(_depsgraph: bpy.types.Depsgraph | None = None) -> None:
-    """Something changed: look at the settings again before the next drawing."""
-    global _looked_at
-    _looked_at = None
+def _is_new(drawing: Drawing, scene: bpy.types.Scene) -> bool:
+    """Return whether something changed, or there is another scene, since a drawing asked last."""
+    known, _made_for[drawing] = _made_for.get(drawing), scene.session_uid
+    return known != scene.session_uid
 
 
 def draw_intensity(context: bpy.types.Context) -> None:
     """Draw the intensity of the scene, where that is asked for."""
-    global _looked_at, _drawn
+    global _drawn
     if not context.scene.forest_sensing.show_intensity:
         return
-    if _looked_at != context.scene.session_uid:
-        _looked_at = context.scene.session_uid
+    if _is_new(draw_intensity, context.scene):
         before, _drawn = _drawn, (None, None)  # nothing, should this fail
         _drawn = _renewed(before, context.evaluated_depsgraph_get())
     if _drawn[1] is not None:
@@ -131,24 +133,15 @@ FAINT_LINES = 0.3  # share of the strength of a line that the other sensors' hav
 
 log = logging.getLogger(__name__)
 
-_drawn_for: int | None = None  # the scene that the batches are of; None: make them anew
 _outlines: list[tuple[Any, tuple[float, ...], str]] = []
-
-
-def forget_outlines(_depsgraph: bpy.types.Depsgraph | None = None) -> None:
-    """Something changed: make the lines anew before the next drawing."""
-    global _drawn_for
-    _drawn_for = None
 
 
 def draw_outlines(context: bpy.types.Context) -> None:
     """Draw the lines of the scene's sensors, where that is asked for."""
-    global _drawn_for
     if not context.scene.forest_sensing.show_sensors:
         return
     shader = line_shader()
-    if _drawn_for != context.scene.session_uid:
-        _drawn_for = context.scene.session_uid
+    if _is_new(draw_outlines, context.scene):
         _outlines.clear()
         for thing, ends in lines(context.scene):
             batch = batch_for_shader(shader, "LINES", {"pos": ends})
@@ -178,21 +171,12 @@ def lines(scene: bpy.types.Scene) -> Iterator[tuple[bpy.types.Object, np.ndarray
             yield thing, ends
 
 
-NEARER = 2e-4  # in depth, of the view's: points lie on surfaces, and would be half hidden by them
+# After projection, in depth of the view's: points lie on surfaces, and would be half hidden by them.
+NEARER = Matrix.Translation((0.0, 0.0, -2e-4))
 
 SIZES = 6  # sizes that points of one cloud are drawn in
 
 _points: dict[int, list[tuple[float, Any]]] = {}  # of a cloud, by its session_uid: size, points
-
-
-def forget_points(depsgraph: bpy.types.Depsgraph | None = None) -> None:
-    """Make anew what has changed; without a depsgraph, all."""
-    if depsgraph is None:
-        _points.clear()
-        return
-    for update in depsgraph.updates:
-        if update.is_updated_geometry and isinstance(update.id, bpy.types.Object):
-            _points.pop(update.id.original.session_uid, None)
 
 
 def draw_points(context: bpy.types.Context) -> None:
@@ -201,41 +185,32 @@ def draw_points(context: bpy.types.Context) -> None:
         return
     home = find_part(context.scene, RESULTS)
     clouds = [thing for thing in home.objects if CLOUD_KEY in thing] if home else ()
-    shader = None
+    shader = gpu.shader.from_builtin("POINT_FLAT_COLOR")
     for thing in clouds:
         if not thing.visible_get(viewport=context.space_data):
             continue
-        shader = shader or gpu.shader.from_builtin("POINT_FLAT_COLOR")
         for size, batch in _batch(thing, shader, context):
             with gpu.matrix.push_pop(), gpu.matrix.push_pop_projection():
-                gpu.matrix.load_projection_matrix(_nearer() @ gpu.matrix.get_projection_matrix())
+                gpu.matrix.load_projection_matrix(NEARER @ gpu.matrix.get_projection_matrix())
                 gpu.matrix.multiply_matrix(thing.matrix_world)
                 gpu.state.point_size_set(size * context.scene.forest_sensing.point_size)
                 batch.draw(shader)
 
 
-def positions_and_colours(thing: bpy.types.Object) -> tuple[np.ndarray, np.ndarray]:
-    """(N, 3) places, of the object's own space, and (N, 4) colours for the screen, of an evaluated cloud."""
+def seen_points(thing: bpy.types.Object) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Points of an evaluated cloud: (N, 3) places, of the object's own space, (N, 4) colours for the screen,
+    and (N,) sizes in those of its modifier's radius."""
     geometry = thing.evaluated_geometry()  # its points are gone with it
     points = geometry.pointcloud
     known = points.attributes if points is not None else {}
     if "colour" not in known or "position" not in known:  # its modifier was removed or changed
-        return np.empty((0, 3), np.float32), np.empty((0, 4), np.float32)
+        return np.empty((0, 3), np.float32), np.empty((0, 4), np.float32), np.empty(0, np.float32)
     colour = read(points, "colour", "FLOAT_COLOR")
     colour[:, :3] **= GAMMA
-    return read(points, "position", "FLOAT_VECTOR"), colour
-
-
-def sizes(thing: bpy.types.Object) -> np.ndarray:
-    """(N,) sizes of an evaluated cloud's points, in those of its modifier's radius."""
-    geometry = thing.evaluated_geometry()
-    points = geometry.pointcloud
-    if points is None or "radius" not in points.attributes:
-        return np.empty(0, np.float32)
-    radius = read(points, "radius")
     modifier = next((m for m in thing.modifiers if has_input(m, RADIUS)), None)
     usual = float(input_of(modifier, RADIUS)) if modifier is not None else 0.0
-    return radius / usual if usual > 0 else np.ones_like(radius)
+    size = read(points, "radius") / usual if usual > 0 else np.ones(len(colour), np.float32)
+    return read(points, "position", "FLOAT_VECTOR"), colour, size
 
 
 def _batch(
@@ -245,10 +220,7 @@ def _batch(
     key = thing.session_uid
     if key not in _points:
         evaluated = thing.evaluated_get(context.evaluated_depsgraph_get())
-        position, colour = positions_and_colours(evaluated)
-        size = sizes(evaluated)
-        if len(size) != len(position):
-            size = np.ones(len(position), np.float32)
+        position, colour, size = seen_points(evaluated)
         step = max(float(np.ptp(size)), 1e-3) / SIZES if len(size) else 1.0
         group = np.round(size / step)
         _points[key] = [
@@ -265,26 +237,9 @@ def _batch(
     return _points[key]
 
 
-def _nearer() -> Matrix:
-    """Return what brings everything a little nearer to the eye, after projection."""
-    nearer = Matrix.Identity(4)
-    nearer[2][3] = -NEARER
-    return nearer
-
-
-# How each layer is drawn, and made anew when something has changed; without a depsgraph, all of it.
-Drawings = Mapping[
-    Callable[[bpy.types.Context], None], Callable[[bpy.types.Depsgraph | None], None]
-]
-DRAWINGS: Drawings = {
-    draw_intensity: forget_intensity,
-    draw_outlines: forget_outlines,
-    draw_points: forget_points,
-}
-
-
+DRAWINGS: tuple[Drawing, ...] = (draw_intensity, draw_outlines, draw_points)  # the layers
 _handle: Any = None
-_broken: set[Callable[[bpy.types.Context], None]] = set()  # what failed since something changed
+_broken: set[Drawing] = set()  # what failed since something changed
 
 
 class FOREST_PT_view(OnceStarted, bpy.types.Panel):
@@ -295,7 +250,7 @@ class FOREST_PT_view(OnceStarted, bpy.types.Panel):
 
     def draw(self, context: bpy.types.Context) -> None:
         props = context.scene.forest_sensing
-        row = self.layout.row(align=True)
+        row = self.layout.column(align=True) if is_narrow() else self.layout.row(align=True)
         for name in ("show_sensors", "show_intensity", "show_points"):
             if name != "show_intensity" or not forestless(props):
                 row.prop(props, name, toggle=True)
@@ -316,10 +271,10 @@ def unregister() -> None:
     if _handle is not None:
         bpy.types.SpaceView3D.draw_handler_remove(_handle, "WINDOW")
         _handle = None
-    forget(DRAWINGS)
+    forget()
 
 
-def draw(drawings: Drawings, context: bpy.types.Context) -> None:
+def draw(drawings: Iterable[Drawing], context: bpy.types.Context) -> None:
     """Draw each of them, whatever becomes of the others."""
     for drawing in drawings:
         if drawing in _broken:
@@ -331,20 +286,20 @@ def draw(drawings: Drawings, context: bpy.types.Context) -> None:
             log.exception("Forest Sensing cannot draw a part of its overlays")
 
 
-def forget(drawings: Drawings, depsgraph: bpy.types.Depsgraph | None = None) -> None:
-    """Something changed: each makes it anew, and what failed is tried again."""
-    _broken.clear()
-    for make_anew in drawings.values():
-        make_anew(depsgraph)
-
-
 @bpy.app.handlers.persistent
-def _forget(_scene: object = None, depsgraph: bpy.types.Depsgraph | None = None) -> None:
-    forget(DRAWINGS, depsgraph)
+def forget(_scene: object = None, depsgraph: bpy.types.Depsgraph | None = None) -> None:
+    """Something changed: make it anew, and try again what failed. Without a depsgraph, all has changed."""
+    _broken.clear()
+    _made_for.clear()
+    if depsgraph is None:
+        _points.clear()
+    for update in depsgraph.updates if depsgraph is not None else ():
+        if update.is_updated_geometry and isinstance(update.id, bpy.types.Object):
+            _points.pop(update.id.original.session_uid, None)
 
 
 WINDOW_HANDLERS = tuple(
-    (f"{name}_post", _forget)
+    (f"{name}_post", forget)
     for name in ("depsgraph_update", "frame_change", "undo", "redo", "load")
 )
 

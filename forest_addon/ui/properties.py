@@ -37,13 +37,15 @@ WHEN_SET = {
 }
 
 
+BESIDES: dict[type, dict[str, Any]] = {
+    spec.Gaussian: {"handle": PointerProperty(type=bpy.types.Object)},
+    spec.Planting: {"standing": IntProperty(default=-1, options={"HIDDEN"})},
+}
+
+
 def _besides(settings: type[spec.Settings]) -> dict[str, Any]:
     """Return what a group holds besides its settings."""
-    if settings is spec.Gaussian:
-        return {"handle": PointerProperty(type=bpy.types.Object)}
-    held: dict[str, Any] = {}
-    if settings is spec.Planting:
-        held["standing"] = IntProperty(default=-1, options={"HIDDEN"})
+    held = dict(BESIDES.get(settings, {}))
     for field in fields_of(settings):
         if field.name in references.REFERENCES and field.kind is str:
             held |= references.pointers(field.name, words_of(field))
@@ -295,7 +297,7 @@ FOREST_PG_scene = group_class(  # everything that a Blender scene holds of ours
     },
 )
 CLASSES = (
-    *references.CLASSES,
+    references.FOREST_PG_heard,
     *GROUPS.values(),
     FOREST_PG_sensor,
     FOREST_PG_edited,

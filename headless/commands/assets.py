@@ -67,7 +67,7 @@ def make_library(
     OSError : a file could not be written; those written before stay.
     """
 
-    from forest_addon.blender.library.build import FILE, grow_exhibits, write_species
+    from forest_addon.blender.scene.assets import FILE, grow_exhibits, write_species
     from forest_addon.growth.library import find_species, load_species, species_names
 
     refuse_beyond("--variants", variants, 1, MOST)

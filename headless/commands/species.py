@@ -132,8 +132,8 @@ def show_closeups(
     """
 
     from forest_addon.base.rng import stream
-    from forest_addon.blender.library.pictures import SHOTS as KINDS
-    from forest_addon.blender.library.pictures import render_closeup
+    from forest_addon.blender.show.preview import SHOTS as KINDS
+    from forest_addon.blender.show.preview import render_closeup
     from forest_addon.growth.library import find_species, load_species
     from forest_addon.growth.tree import grow
 

@@ -81,7 +81,7 @@ def _render_row(
     grown: Sequence[tuple[Species, Tree]], columns: int, width: int, path: Path, **how: Any
 ) -> Path:
     """Render trees in rows of so many columns, a name, a height and a scale below each."""
-    from forest_addon.blender.library.pictures import FIELD, FOOT, render_sheet
+    from forest_addon.blender.show.preview import FIELD, FOOT, render_sheet
 
     path.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory() as folder:
@@ -114,7 +114,7 @@ def draw_pictures(grown: Sequence[tuple[Species, Tree]], folder: Path) -> None:
     """A square JPEG of each tree, cut from one render at twice its size."""
     from PIL import Image
 
-    from forest_addon.blender.library.pictures import FIELD, FOOT, render_sheet
+    from forest_addon.blender.show.preview import FIELD, FOOT, render_sheet
 
     columns = math.ceil(math.sqrt(len(grown)))
     wide = 2 * ICON

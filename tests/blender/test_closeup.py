@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from forest_addon.base.rng import stream
-from forest_addon.blender.library.pictures import SHOTS
 from forest_addon.blender.scene.instances import IGNORED_KEY
 from forest_addon.blender.show.preview import (
     AHEAD,
@@ -15,6 +14,7 @@ from forest_addon.blender.show.preview import (
     EYE,
     HALF_VIEW,
     NAME,
+    SHOTS,
     grow_around,
     set_stage,
     stand_walker,

@@ -9,7 +9,7 @@ bpy = pytest.importorskip("bpy")
 
 from references.animation import curves_of
 
-from forest_addon.blender.sensors.following import curve_points
+from forest_addon.blender.sensors.moving import curve_points
 from forest_addon.blender.sensors.observe import Observer
 from forest_addon.spec import Mobile, Scene, Sonar, SpecError
 

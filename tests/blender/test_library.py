@@ -15,7 +15,7 @@ from mathutils import Euler, Matrix
 from forest_addon import api
 from forest_addon.base.rng import stream
 from forest_addon.base.trimesh import LEAF, WOOD
-from forest_addon.blender.library.build import FILE, add_catalogs, catalog_id
+from forest_addon.blender.scene.assets import FILE, add_catalogs, catalog_id
 from forest_addon.blender.scene.meshes import to_mesh, write_truth
 from forest_addon.growth.library import find_species, load_species
 from forest_addon.growth.mesh.leaves import measure_leaves

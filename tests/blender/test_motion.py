@@ -10,7 +10,7 @@ bpy = pytest.importorskip("bpy")
 from references.animation import curves_of
 
 from forest_addon import api as forest
-from forest_addon.blender.sensors.following import SceneFollower
+from forest_addon.blender.sensors.moving import SceneFollower
 from forest_addon.sensing.sonar.station import Equipment, Station
 from forest_addon.sensing.sonar.summation import factors
 

@@ -89,7 +89,7 @@ def test_measures_and_pictures_can_follow_once_the_forest_stands(monkeypatch):
     assert assets.untold(later, anew) == []
     assert second.asset_data is None  # the user's choice
     second.asset_mark()
-    portrait = forest_scene.tell_of(anew, wanted)[wanted[1]].portrait
-    assets.mark_asset(second, portrait.description, ("tree", portrait.label), portrait.picture)
+    told = forest_scene.tell_of(anew, wanted)[wanted[1]]
+    assets.mark_asset(second, told.description, ("tree", anew.labels[0]), told.picture)
     assert library(later) == library(at_once)
     assert first.data["height_m"] == pytest.approx(anew.variants[wanted[0]].height)

@@ -4,8 +4,8 @@ import bpy
 import pytest
 
 from forest_addon.base.rng import stream
-from forest_addon.blender.library.pictures import _hang
 from forest_addon.blender.scene.materials import LOOK_KEY
+from forest_addon.blender.show.preview import _hang
 from forest_addon.growth.tree import grow
 from forest_addon.spec import Grammar, Look, Species
 

@@ -87,8 +87,9 @@ def test_pieces_are_where_sensors_meet_them():
 
 
 @pytest.mark.slow
-def test_sensors_see_the_same_with_and_without_the_view():
-    place, world, sway = windy()
+@pytest.mark.parametrize("trees", ["objects", "points"])
+def test_sensors_see_the_same_with_and_without_the_view(trees):
+    place, world, sway = windy(*([POINTS] * (trees == "points")))
     before = world.scan(SCAN)
     show_wind(place, sway, KNOTS)
     assert np.array_equal(world.scan(SCAN).points, before.points)
@@ -169,14 +170,6 @@ def test_trees_that_are_points_sway_as_they_are_displayed(display):
     assert not len(shown(place))
     hide_wind(place)
     assert not [one for one in instancer.id_data.data.attributes if "wind" in one.name]
-
-
-@pytest.mark.slow
-def test_sensors_see_the_same_of_points_with_and_without_the_view():
-    place, world, sway = windy(POINTS)
-    before = world.scan(SCAN)
-    show_wind(place, sway, KNOTS)
-    assert np.array_equal(world.scan(SCAN).points, before.points)
 
 
 @pytest.mark.slow

@@ -158,7 +158,6 @@ def smaller(text):
 @pytest.fixture
 def reader(tmp_path, monkeypatch, empty_blender, quick):
     """A reader's folder: the assets, a tree of one's own; scenes that pages name have a few trees."""
-    monkeypatch.setattr("forest_addon.blender.library.pictures.SIDE", 1)
     scenes = tmp_path / "assets" / "scenes"
     scenes.mkdir(parents=True)
     for shipped in [*(ROOT / "assets").iterdir(), *(ROOT / "assets" / "scenes").iterdir()]:

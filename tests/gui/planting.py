@@ -61,7 +61,7 @@ def maple():
 
 
 def trees() -> list:
-    return ours("blender.scene.stood").stood_trees(bpy.context.scene)
+    return ours("blender.scene.instances").stood_trees(bpy.context.scene)
 
 
 def nearest(x: float, y: float):

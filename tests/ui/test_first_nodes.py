@@ -13,7 +13,7 @@ bpy = pytest.importorskip("bpy")
 from forest_addon.blender.scene import nodes
 from forest_addon.blender.scene.instances import read_points
 from forest_addon.blender.scene.layout import CLOUD_KEY, COLOUR_BY, RADIUS, SHARE, TREES, find_part
-from forest_addon.ui.overlay import positions_and_colours
+from forest_addon.ui.overlay import seen_points
 
 from .pressing import run
 from .test_panels import drawn
@@ -77,7 +77,7 @@ def test_its_cloud_is_drawn_and_takes_new_points_as_it_is(first):
     group = modifier.node_group
     bpy.context.view_layer.update()
     depsgraph = bpy.context.evaluated_depsgraph_get()
-    position, colour = positions_and_colours(thing.evaluated_get(depsgraph))
+    position, colour, _ = seen_points(thing.evaluated_get(depsgraph))
     assert len(position) == len(thing.data.vertices) > 400
     assert len(np.unique(colour.round(3), axis=0)) > 50  # by distance
     assert {"Distance", "Radius"} <= {nodes.chosen_input(modifier, COLOUR_BY), *drawn()}

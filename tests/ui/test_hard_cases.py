@@ -21,7 +21,6 @@ from ui import test_panels
 
 from forest_addon import spec, ui
 from forest_addon.blender.jobs import Job
-from forest_addon.blender.library import pictures
 from forest_addon.blender.scene import assets, layout
 from forest_addon.blender.scene.instances import TREE_KEY
 from forest_addon.blender.scene.layout import CLOUD_KEY
@@ -138,7 +137,6 @@ def small_pictures(patch):
     patch.setattr(plots, "WIDE", 64)
     patch.setattr(plots, "HIGH", 32)
     patch.setattr(assets, "DOTS", 500)
-    patch.setattr(pictures, "SIDE", 1)
 
 
 def fill(scene, folder):

@@ -11,7 +11,9 @@ from ui.pressing import (
     settings_of,
 )
 
+from forest_addon.ui.forest import hand
 from forest_addon.ui.settings import exchange
+from forest_addon.ui.shell import running
 
 
 def test_plantings_and_hills_are_added_and_removed(props):
@@ -27,6 +29,22 @@ def test_plantings_and_hills_are_added_and_removed(props):
     assert len(props.plantings) == 0
     assert not bpy.ops.forest.remove_planting.poll()
     assert not bpy.ops.forest.add_gaussian.poll()
+
+
+def test_whoever_changes_a_list_has_panels_drawn_anew(props, monkeypatch):
+    """Buttons that are drawn point to where items were: a mouse over one would end Blender."""
+    drawn = []
+    for room in (running, exchange, hand):
+        monkeypatch.setattr(room, "redraw_panels", lambda: drawn.append(1))
+    for change in (
+        lambda: press("add_planting"),
+        lambda: hand.add_tree(props.plantings[0], (1.0, 2.0), 0.0, 1.0, 0),
+        lambda: hand.remove_tree(props.plantings[0], (1.0, 2.0)),
+        lambda: exchange.fill(props, "plantings", ()),
+    ):
+        drawn.clear()
+        change()
+        assert drawn
 
 
 @pytest.mark.slow

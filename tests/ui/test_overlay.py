@@ -25,19 +25,16 @@ class Sheet:
             raise ValueError("no vertices")
         self.drawn += 1
 
-    def forget(self, depsgraph=None):
-        pass
-
 
 def test_a_broken_drawing_takes_no_other_along(registered, caplog):
     sheets = [Sheet(), Sheet(broken=True), Sheet()]
-    drawings = {sheet.draw: sheet.forget for sheet in sheets}
+    drawings = [sheet.draw for sheet in sheets]
     for _ in range(3):
         overlay.draw(drawings, bpy.context)
     assert [sheet.drawn for sheet in sheets] == [3, 0, 3]
     assert len(caplog.records) == 1  # not at every redraw
     sheets[1].broken = False
-    overlay.forget(drawings)
+    overlay.forget()
     overlay.draw(drawings, bpy.context)
     assert [sheet.drawn for sheet in sheets] == [4, 1, 4]
 

@@ -10,20 +10,31 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
+import blf
+
 from forest_addon import spec, ui
 from forest_addon.blender.sensors import objects as sensors
 from forest_addon.sensing.kinds import KINDS
 from forest_addon.spec.base import Settings, param_of
 from forest_addon.spec.choices import ADVANCED, APPLIES, GIVEN, LEFT_OUT
-from forest_addon.ui import properties
+from forest_addon.ui import overlay, properties
+from forest_addon.ui.forest import panels as forest_panels
 from forest_addon.ui.results.finding import OF_TREES
+from forest_addon.ui.sensors import panels as sensor_panels
 from forest_addon.ui.sensors.run import MENUS, FOREST_MT_forest, draw_menu
 from forest_addon.ui.settings import drawing, exchange, references
 from forest_addon.ui.settings.groups import fields_of
 from forest_addon.ui.shell import running
+from forest_addon.ui.species import panel as species_panel
 from forest_addon.ui.species.panel import SPREADS
 
 from .pressing import next_uid
+
+
+def canvas(kind, layout):
+    """Stands for a panel or menu that Blender has made of a class, with what that says of itself."""
+    said = {n: getattr(kind, n) for n in ("names", "which", "starts") if hasattr(kind, n)}
+    return SimpleNamespace(layout=layout, **said)
 
 
 class Layout:
@@ -65,8 +76,8 @@ class Layout:
 
     def menu(self, name, text="", icon="NONE"):
         self._known_icon(icon)
-        seen = SimpleNamespace(layout=self)
-        getattr(bpy.types, name).draw(seen, bpy.context)
+        kind = getattr(bpy.types, name)
+        kind.draw(canvas(kind, self), bpy.context)
 
     def operator_menu_enum(self, name, choice, text="", icon="NONE"):
         self.operator(name, text, icon)
@@ -110,10 +121,9 @@ def drawn(context=None):
         if panel.bl_region_type == "HEADER":  # Blender draws the files of presets
             continue
         if not hasattr(panel, "poll") or panel.poll(context):
-            canvas = SimpleNamespace(layout=Layout(seen), which=getattr(panel, "which", ""))
             for part in ("draw_header_preset", "draw"):
                 if hasattr(panel, part):
-                    getattr(panel, part)(canvas, context)
+                    getattr(panel, part)(canvas(panel, Layout(seen)), context)
     assert next_uid() == first + 1, "drawing makes blocks, which Blender forbids"
     return seen
 
@@ -383,3 +393,21 @@ def test_a_list_that_has_lost_its_sensors_says_that_one_can_be_added(small):
     for thing in sensors.sensors_of(bpy.context.scene):
         bpy.data.objects.remove(thing)
     assert "No sensor yet: add one" in drawn()
+
+
+def test_narrow_panels_name_all_that_wide_ones_name(built, monkeypatch):
+    built.advanced = True
+    wide = set(drawn())
+    for room in (drawing, forest_panels, sensor_panels, species_panel, overlay):
+        monkeypatch.setattr(room, "is_narrow", lambda: True)
+    left = " ".join(map(str, drawn()))
+    assert {name for name in wide if str(name).partition(" ")[0] not in left} == set()
+
+
+def test_names_of_settings_fit_within_180_pixels(registered):
+    """Blender cuts the middle out of what does not: 180 less tabs, edges, frames and a number of 30."""
+    blf.size(0, 11)  # as interfaces have it
+    groups = [cls for cls in ui._classes() if hasattr(cls, "shown")]
+    names = {drawing._way(cls, name)[2] for cls in groups for name in cls.shown}
+    assert len(names) > 200
+    assert [name for name in names if blf.dimensions(0, name)[0] > 95] == []

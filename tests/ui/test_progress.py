@@ -52,22 +52,3 @@ def test_run_row_grow_row_properties_and_status_bar_show_the_job(built, job, mon
     assert seen == ["Run Sensor", "[50%] cloud 50%", "", "Esc: cancel"]
     job.over = True
     assert running.how_far(job) == "Run Sensor is stopping"
-
-
-@pytest.mark.parametrize(
-    ("took", "ago", "rough"),
-    [(1.0, 0.5, True), (1.0, 5.0, False), (0.05, 0.01, False)],
-)
-def test_slow_views_that_are_being_smoothed_are_drawn_once_and_smoothed_again(
-    took, ago, rough, monkeypatch
-):
-    system = bpy.context.preferences.system
-    system.viewport_aa = "8"
-    bpy.context.preferences.is_dirty = False
-    monkeypatch.setattr(running, "_took", took)
-    monkeypatch.setattr(running, "_ended", running.time.perf_counter() - ago)
-    running.rough_edges()
-    assert system.viewport_aa == ("OFF" if rough else "8")
-    running.usual_edges()
-    assert system.viewport_aa == "8"
-    assert not bpy.context.preferences.is_dirty

@@ -1,5 +1,8 @@
 """All or nothing: what the add-on registers, and that nothing of it stays."""
 
+import importlib
+import importlib.util
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -25,6 +28,13 @@ def ours():
     if hasattr(bpy.types.Scene, "forest_sensing"):
         found.add("Scene.forest_sensing")
     return found
+
+
+@pytest.mark.parametrize("scenario", sorted((ROOT / "tests" / "gui").glob("*.py")), ids=str)
+def test_scenarios_of_the_window_name_what_is_there(scenario):
+    """Most of them are played by hand alone."""
+    for room, name in re.findall(r'ours\("([^"]+)"\)\.(\w+)', scenario.read_text("utf-8")):
+        assert hasattr(importlib.import_module(f"forest_addon.{room}"), name), (room, name)
 
 
 @pytest.fixture
@@ -126,3 +136,11 @@ def test_enables_without_scipy_and_says_what_is_missing():
     assert run.returncode == 0, run.stderr
     assert "('scipy',)" in run.stdout
     assert "scipy is missing in this Blender" in run.stdout
+
+
+@pytest.mark.parametrize("file", sorted((ROOT / "forest_addon" / "ui").rglob("*.py")), ids=str)
+def test_what_work_imports_first_is_there(file):
+    """It is named by text."""
+    for call in re.findall(r"getting_ready\(([^)]*)\)", file.read_text("utf-8")):
+        for room in re.findall(r'"([\w.]+)"', call):
+            assert importlib.util.find_spec(f"forest_addon.{room}"), room

@@ -9,7 +9,8 @@ bpy = pytest.importorskip("bpy")
 from ui import test_panels
 
 from forest_addon import spec
-from forest_addon.ui.settings import exchange, saved
+from forest_addon.ui.settings import exchange
+from forest_addon.ui.settings import references as saved
 
 
 def reopened(path):

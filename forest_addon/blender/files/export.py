@@ -70,8 +70,13 @@ def open_file(path: Path) -> float:
         empty_file()
         group, operator = IMPORTERS[ending]
         getattr(getattr(bpy.ops, group), operator)(filepath=name)
-    if ending != ".blend":
-        _refuse_far(path)
+        # Single precision may have rounded meshes away, or moved them.
+        things = [t for t in bpy.context.scene.objects if t.type == "MESH" and t.data.polygons]
+        boxes = [np.array(thing.bound_box) for thing in things]
+        turned = [np.array(thing.matrix_world)[:3] for thing in things]
+        placed = [box @ m[:, :3].T + m[:, 3] for box, m in zip(boxes, turned, strict=True)]
+        for corners in (*boxes, placed) if things else ():
+            refuse_coarse(path, np.array(corners))
     units = bpy.context.scene.unit_settings
     metres = float(units.scale_length)
     if metres != 1:
@@ -84,16 +89,6 @@ def open_file(path: Path) -> float:
         units.scale_length = 1.0
         bpy.context.view_layer.update()
     return metres
-
-
-def _refuse_far(path: Path) -> None:
-    """Refuse meshes of the open file that Blender's single precision has rounded away, or moved."""
-    meshes = [t for t in bpy.context.scene.objects if t.type == "MESH" and t.data.polygons]
-    boxes = [np.array(thing.bound_box) for thing in meshes]
-    turned = [np.array(thing.matrix_world)[:3] for thing in meshes]
-    placed = [box @ turn[:, :3].T + turn[:, 3] for box, turn in zip(boxes, turned, strict=True)]
-    for corners in (*boxes, placed) if meshes else ():
-        refuse_coarse(path, np.array(corners))
 
 
 def open_for(scene: Scene, folder: Path) -> None:
@@ -128,13 +123,10 @@ def save_blend(path: str | os.PathLike[str]) -> None:
     ------
     OSError : Blender could not write it.
     """
-    with replacing(path) as partial:
-        try:
-            bpy.ops.wm.save_as_mainfile(
-                filepath=str(partial), copy=True, compress=True, check_existing=False
-            )
-        except RuntimeError as problem:
-            raise _refused(problem, path) from None
+    with replacing(path) as partial, _said_of(path):
+        bpy.ops.wm.save_as_mainfile(
+            filepath=str(partial), copy=True, compress=True, check_existing=False
+        )
 
 
 def export_glb(scene: bpy.types.Scene, path: str | os.PathLike[str]) -> None:
@@ -153,33 +145,20 @@ def export_glb(scene: bpy.types.Scene, path: str | os.PathLike[str]) -> None:
         bare = {thing for thing in wanted if thing.type == "MESH" and not thing.data.polygons}
         with replacing(path) as partial, _trimmed(scene, wanted) as trimmed:
             shown = (trimmed - bare) | {scene.objects[name] for name in copies}
-            with _selected(shown), in_one_colour():
-                _write_glb(partial, path)
+            with _selected(shown), in_one_colour(), _said_of(path):
+                bpy.ops.export_scene.gltf(
+                    filepath=str(partial),
+                    export_format="GLB",
+                    use_selection=True,
+                    export_extras=True,
+                    export_apply=False,
+                    export_animations=False,
+                    export_attributes=False,
+                    export_texcoords=False,
+                    export_yup=True,
+                )
             if copies:
                 instance_nodes(partial, copies)
-
-
-def _write_glb(partial: Path, path: str | os.PathLike[str]) -> None:
-    """Write what is selected.
-
-    Raises
-    ------
-    OSError : the exporter could not write it; says the path that was asked for.
-    """
-    try:
-        bpy.ops.export_scene.gltf(
-            filepath=str(partial),
-            export_format="GLB",
-            use_selection=True,
-            export_extras=True,
-            export_apply=False,
-            export_animations=False,
-            export_attributes=False,
-            export_texcoords=False,
-            export_yup=True,
-        )
-    except RuntimeError as problem:
-        raise _refused(problem, path) from None
 
 
 def export_usd(scene: bpy.types.Scene, path: str | os.PathLike[str]) -> None:
@@ -196,21 +175,19 @@ def export_usd(scene: bpy.types.Scene, path: str | os.PathLike[str]) -> None:
         _trimmed(scene, wanted) as shown,
         _selected(shown),
         in_one_colour(),
+        _said_of(path),
     ):
-        try:
-            bpy.ops.wm.usd_export(
-                filepath=str(partial),
-                check_existing=False,
-                selected_objects_only=True,
-                export_animation=False,
-                use_instancing=True,
-                evaluation_mode="RENDER",
-                export_lights=False,
-                convert_world_material=False,
-                convert_orientation=False,
-            )
-        except RuntimeError as problem:
-            raise _refused(problem, path) from None
+        bpy.ops.wm.usd_export(
+            filepath=str(partial),
+            check_existing=False,
+            selected_objects_only=True,
+            export_animation=False,
+            use_instancing=True,
+            evaluation_mode="RENDER",
+            export_lights=False,
+            convert_world_material=False,
+            convert_orientation=False,
+        )
 
 
 def _of_parts(scene: bpy.types.Scene, *parts: str) -> set[bpy.types.Object]:
@@ -330,13 +307,23 @@ def _selected(things: set[bpy.types.Object]) -> Iterator[None]:
             scene.frame_set(frame[0], subframe=frame[1])
 
 
-def _refused(problem: RuntimeError, path: str | os.PathLike[str]) -> OSError:
-    """Return what the system refused, found in what an operator reports."""
-    text = str(problem).strip()
-    for code in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EACCES, errno.EROFS):
-        if os.strerror(code) in text:
-            return OSError(code, os.strerror(code), os.fspath(path))
-    return OSError(text.splitlines()[-1].removeprefix("Error: ") if text else "Blender failed")
+@contextmanager
+def _said_of(path: str | os.PathLike[str]) -> Iterator[None]:
+    """Have an operator's report in this block say what the system refused, of the path that was asked for.
+
+    Raises
+    ------
+    OSError : the operator failed.
+    """
+    try:
+        yield
+    except RuntimeError as problem:
+        text = str(problem).strip()
+        for code in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EACCES, errno.EROFS):
+            if os.strerror(code) in text:
+                raise OSError(code, os.strerror(code), os.fspath(path)) from None
+        said = text.splitlines()[-1].removeprefix("Error: ") if text else "Blender failed"
+        raise OSError(said) from None
 
 
 def bake(scene: bpy.types.Scene, path: Path) -> None:
@@ -345,12 +332,11 @@ def bake(scene: bpy.types.Scene, path: Path) -> None:
 
     Raises
     ------
-    RuntimeError : Blender could not write it.
-    OSError : the file could not be put in its place.
+    OSError : Blender could not write it.
     """
     top = root(scene)
     name = top.name if top is not None else ""
-    with replacing(path) as part:
+    with replacing(path) as part, _said_of(path):
         if path.suffix.lower() == ".abc":
             bpy.ops.wm.alembic_export(
                 filepath=str(part),

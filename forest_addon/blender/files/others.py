@@ -69,21 +69,37 @@ def export_for_others(
         "crs": scene.crs,
         "units": "metres, degrees, z up; OBJ parts are local, transform is (3, 4) local to world",
         "materials": dict(enumerate(PART_NAMES)),
-        "parts": _rows(geometry, placed),
+        "parts": [
+            {
+                "id": int(part.name),
+                "file": part.file,
+                "object": geometry.object_name[geometry.object_index[int(part.name)]],
+                "tree": int(geometry.tree[int(part.name)]),
+                "species": int(geometry.species[int(part.name)]),
+                "transform": part.transform.tolist(),
+            }
+            for part in placed
+        ],
         "species": dict(enumerate(planting.species for planting in scene.plantings)),
         "sensors": [asdict(sensor) for sensor in scene.sensors],
-        "ways": {name: _way(way) for name, way in ways.items() if way is not None},
+        "ways": {  # attitudes as quaternions x, y, z, w
+            name: {
+                "time_s": way.time.tolist(),
+                "position_m": way.position.tolist(),
+                "attitude_xyzw": way.at(way.time)[1].as_quat().tolist(),
+            }
+            for name, way in ways.items()
+            if way is not None
+        },
         "surveys": [asdict(found) for found in told],
         "unsaid": unsaid,
     }
     with replacing(folder / "scene.json") as partial:
         partial.write_text(json.dumps(said, indent=1) + "\n", encoding="utf-8")
     say(f"{folder / 'scene.json'}: {len(placed):,} parts of {len(geometry.meshes):,} meshes")
+    export_glb(bpy.context.scene, folder / "forest.glb")
+    save_blend(folder / "scene.blend")
     for file in ("forest.glb", "scene.blend"):
-        if file.endswith(".glb"):
-            export_glb(bpy.context.scene, folder / file)
-        else:
-            save_blend(folder / file)
         say(str(folder / file))
     return len(placed)
 
@@ -162,31 +178,3 @@ class _Materials:
                     self.ground.add(name)
             numbers.append(self.names.index(name))
         return np.array(numbers)[slot.ravel()]
-
-
-def _rows(geometry: SceneGeometry, placed: list[PlacedPart]) -> list[dict[str, object]]:
-    """Labels and places of the parts, for JSON."""
-    found = []
-    for part in placed:
-        row = int(part.name)
-        found.append(
-            {
-                "id": row,
-                "file": part.file,
-                "object": geometry.object_name[geometry.object_index[row]],
-                "tree": int(geometry.tree[row]),
-                "species": int(geometry.species[row]),
-                "transform": part.transform.tolist(),
-            }
-        )
-    return found
-
-
-def _way(way: Trajectory) -> dict[str, object]:
-    """A way for JSON: times, places, and attitudes as quaternions x, y, z, w."""
-    _, attitude = way.at(way.time)
-    return {
-        "time_s": way.time.tolist(),
-        "position_m": way.position.tolist(),
-        "attitude_xyzw": attitude.as_quat().tolist(),
-    }

@@ -43,10 +43,10 @@ def read_groups(path: Path) -> list[Group]:
         groups = [group for thing in scene.objects for group in _groups_of(thing)]
     if path.suffix.lower() in (".gltf", ".glb"):  # Blender has turned it to z up
         groups = [Group(g.name, g.material, g.facets @ _Y_TO_Z) for g in groups]
-    if not groups and _is_compressed(path):
-        raise SpecError("template", f"{path} cannot be read: {COMPRESSED}")
     if not groups:
-        raise SpecError("template", f"{path.name} has no facets; export it with its meshes")
+        problem = f"{path.name} has no facets; export it with its meshes"
+        compressed = f"{path} cannot be read: {COMPRESSED}"
+        raise SpecError("template", compressed if _is_compressed(path) else problem)
     refuse_coarse(path, np.concatenate([group.facets for group in groups]))
     return groups
 
@@ -119,11 +119,8 @@ def _apart() -> Iterator[bpy.types.Scene]:
 def _everything() -> Iterator[bpy.types.ID]:
     for prop in bpy.data.bl_rna.properties:
         if prop.type == "COLLECTION":
-            yield from (data for data in getattr(bpy.data, prop.identifier) if _is_id(data))
-
-
-def _is_id(data: object) -> bool:
-    return isinstance(data, bpy.types.ID) and not isinstance(data, bpy.types.Library)
+            every = getattr(bpy.data, prop.identifier)
+            yield from (d for d in every if isinstance(d, bpy.types.ID) and d.id_type != "LIBRARY")
 
 
 def _groups_of(thing: bpy.types.Object) -> list[Group]:

@@ -99,7 +99,8 @@ def _read(depsgraph: bpy.types.Depsgraph, found: _Found | None = None) -> SceneG
     found = _Found() if found is None else found
     by_nodes = set()
     plain = []
-    iterate = _has_other_instances(depsgraph)
+    viewport = depsgraph.mode == "VIEWPORT"
+    iterate = any(_instances_otherwise(thing, viewport) for thing in depsgraph.ids)
     for thing in depsgraph.objects:
         if not has_nodes(thing):
             plain.append(thing)
@@ -131,18 +132,12 @@ def _read(depsgraph: bpy.types.Depsgraph, found: _Found | None = None) -> SceneG
     return found.scene()
 
 
-def _has_other_instances(depsgraph: bpy.types.Depsgraph) -> bool:
-    """Return whether something instances otherwise than by nodes, or is hidden and its instances are not."""
-    viewport = depsgraph.mode == "VIEWPORT"
-    for thing in depsgraph.ids:
-        if isinstance(thing, bpy.types.Object) and (
-            has_duplis(thing)
-            or not (
-                thing.show_instancer_for_viewport if viewport else thing.show_instancer_for_render
-            )
-        ):
-            return True
-    return False
+def _instances_otherwise(thing: bpy.types.ID, viewport: bool) -> bool:
+    """Return whether an object instances otherwise than by nodes, or is hidden and its instances are not."""
+    if not isinstance(thing, bpy.types.Object):
+        return False
+    which = "viewport" if viewport else "render"
+    return has_duplis(thing) or not getattr(thing, f"show_instancer_for_{which}")
 
 
 class _Found:
@@ -245,7 +240,7 @@ class _Found:
         self, mesh: np.ndarray, name: np.ndarray, tree: np.ndarray, species: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """Numbers of trees and species, with those of trees from libraries that nobody numbered."""
-        kinds = [species_of_asset(asset) for asset in self._assets]
+        kinds = [asset.partition("#")[0] for asset in self._assets]
         number = {kind: k for k, kind in enumerate(sorted(set(kinds) - {""}))}
         of_mesh = np.array([number.get(kind, -1) for kind in kinds], dtype=np.int64)
         ours = of_mesh[mesh] >= 0
@@ -264,7 +259,9 @@ class _Found:
             self._number_of[key] = -1 if empty else len(self._meshes)
             if not empty:
                 self._meshes.append(_known(_triangles_of(mesh, thing)))
-                self._slots.append(_slot_reflectance(mesh))
+                shares = [m.original.get(REFLECTANCE_KEY) if m else None for m in mesh.materials]
+                shares = [s if isinstance(s, int | float) else np.nan for s in shares]
+                self._slots.append(np.array(shares or [np.nan], dtype=np.float64))
                 slots = [optics_of(m) if m else NO_OPTICS for m in mesh.materials]
                 self._slot_optics.append(np.array(slots or [NO_OPTICS]))
                 self._assets.append(_asset_of(mesh, thing))
@@ -330,9 +327,8 @@ def _triangles_of(mesh: bpy.types.Mesh, thing: bpy.types.Object | None) -> TriMe
     Blender takes a look at an array for a change of it: what an evaluated mesh shares with its original is
     then held twice for good, and what a copy shares until it is cleared.
     """
-    if thing is None or thing.type != "MESH" or thing.data.as_pointer() != mesh.as_pointer():
-        return from_mesh(mesh)
-    if not thing.is_evaluated:
+    own = thing is not None and thing.type == "MESH" and thing.is_evaluated
+    if not own or thing.data.as_pointer() != mesh.as_pointer():
         return from_mesh(mesh)
     try:
         return from_mesh(thing.to_mesh())
@@ -357,33 +353,15 @@ def _says(owner: bpy.types.Object, thing: bpy.types.Object, key: str, otherwise:
     The originals are asked: what a script sets reaches evaluated objects with the next change of another
     kind.
     """
-    for place in (owner, thing):
-        value = place.original.get(key)
-        if isinstance(value, (bool, int, float)):
-            return value
-    return otherwise
-
-
-def species_of_asset(asset: str) -> str:
-    """The species of a tree of a library, empty where there is none."""
-    return asset.partition("#")[0]
+    said = (place.original.get(key) for place in (owner, thing))
+    return next((value for value in said if isinstance(value, bool | int | float)), otherwise)
 
 
 def _asset_of(mesh: bpy.types.Mesh, thing: bpy.types.Object | None) -> str:
     """Return which tree of a library a mesh is, also one that modifiers have worked on; empty for others."""
-    given = thing.original.data if thing is not None else None
-    for data in (mesh, given):
-        asset = data.get(ASSET_KEY) if isinstance(data, bpy.types.ID) else None
-        if isinstance(asset, str):
-            return asset
-    return ""
-
-
-def _slot_reflectance(mesh: bpy.types.Mesh) -> np.ndarray:
-    """(S,) reflectance of the materials, NaN where they say nothing."""
-    values = [m.original.get(REFLECTANCE_KEY) if m else None for m in mesh.materials]
-    known = [v if isinstance(v, (int, float)) else np.nan for v in values]
-    return np.array(known or [np.nan], dtype=np.float64)
+    blocks = (mesh, thing.original.data) if thing is not None else (mesh,)
+    said = (block.get(ASSET_KEY) for block in blocks if isinstance(block, bpy.types.ID))
+    return next((asset for asset in said if isinstance(asset, str)), "")
 
 
 T = TypeVar("T")

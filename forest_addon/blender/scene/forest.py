@@ -27,7 +27,7 @@ from ...growth.truth import tree_truth
 from ...stand.forest import GrownForest
 from ...stand.intensity.surface import Flat, GroundSurface
 from . import materials
-from .assets import ToldVariant, Variant, portray, tell_variants, untold
+from .assets import ToldVariant, Variant, draw, tell_variants, untold
 from .instances import (
     SPECIES_KEY,
     STOOD_KEY,
@@ -75,23 +75,6 @@ class ReadyForest:
         """Level at which stand-ins show the trees of a forest."""
         return level_for(len(forest.stand), self.drawable)
 
-    def shape(self, forest: GrownForest, key: Variant) -> str:
-        """The fingerprint of a variant's mesh."""
-        if key not in self.shapes:
-            self.shapes[key] = fingerprint(forest.variants[key].mesh)
-        return self.shapes[key]
-
-    def stand_in(self, forest: GrownForest, key: Variant) -> TriMesh:
-        """The few triangles that views show of a variant."""
-        if key in self.stand_ins:
-            return self.stand_ins[key]
-        tree = forest.variants[key]
-        return stand_in(tree.mesh, tree.skeleton, self.level(forest))
-
-    def rough_shape(self, forest: GrownForest, key: Variant) -> str:
-        """The fingerprint of a variant's stand-in."""
-        return f"{self.shape(forest, key)} {self.level(forest).most}"
-
 
 def make_ready(
     forest: GrownForest,
@@ -105,11 +88,12 @@ def make_ready(
     known : shapes that stand in the scene already, of which nothing is made anew.
     """
     ready = ReadyForest(drawable=drawable)
+    level = ready.level(forest)
     for number, (key, tree) in enumerate(forest.variants.items()):
         tell(number, len(forest.variants))
         ready.shapes[key] = fingerprint(tree.mesh)
-        if as_points and ready.rough_shape(forest, key) not in known:
-            ready.stand_ins[key] = ready.stand_in(forest, key)
+        if as_points and f"{ready.shapes[key]} {level.most}" not in known:
+            ready.stand_ins[key] = stand_in(tree.mesh, tree.skeleton, level)
     return ready
 
 
@@ -121,9 +105,11 @@ def tell_of(
     for number, key in enumerate(wanted):
         if tell:
             tell(number, len(wanted))
-        planting, tree = key[0], forest.variants[key]
-        portrait = portray(forest.species[planting], forest.labels[planting], tree.mesh)
-        told[key] = ToldVariant(tree_truth(tree), portrait)
+        tree, label = forest.variants[key], forest.labels[key[0]]
+        height = float(tree.mesh.vertices[:, 2].max(initial=0.0))
+        described = f"{label}, {height:.1f} m tall, {tree.mesh.leaf.max(initial=-1) + 1:,} leaves"
+        picture = draw(tree.mesh, forest.species[key[0]].look)
+        told[key] = ToldVariant(tree_truth(tree), described, picture)
     return told
 
 
@@ -164,21 +150,36 @@ def build(
     edited = next((thing.name for thing in standing.things.values() if thing.mode == "EDIT"), "")
     if edited:
         raise ValueError(f'"{edited}" is being edited; leave Edit Mode, then grow the forest again')
+    ready, points = ready or ReadyForest(), are_points(settings.forest, forest)
+    labels = () if points else forest.labels
     with all_or_nothing():
-        plan = _Plan(looks=looks, ready=ready or ReadyForest())
-        _fill(plan, scene, standing, settings.forest, forest, terrain)
+        library, outlines = _library(standing, forest, points, ready, looks)
+        wanted, light = [*outlines, *library], False
+        number_of = {key: number for number, key in enumerate(forest.variants)}
+        pairs = zip(forest.stand.species.tolist(), forest.stand.variant.tolist(), strict=True)
+        variant = np.array([number_of[pair] for pair in pairs], dtype=np.int64)
+        if not points:
+            wanted += _trees(forest, [want.data for want in library], variant)
+        elif len(forest.stand):
+            trees, light = _points(scene, standing, forest, library, variant)
+            wanted.append(trees)
+        if not settings.forest.terrain.object:
+            shape = ground_mesh(settings.forest, terrain)
+            coats, make = [Coat("Ground", materials.ground)], partial(to_mesh, "Ground", shape)
+            data = standing.renew(GROUND_ROLE, "Ground", fingerprint(shape), make, coats)
+            wanted.append(WantedObject(GROUND_NAME, GROUND_ROLE, "Ground", data))
 
     chosen = bpy.data.objects.get(settings.forest.terrain.object)
     if chosen is not None and is_ours(chosen):  # else it stays anyway, or went while trees grew
         del chosen[MADE_KEY]
     if looks:
         standing.dress([coat for pair in _coats(forest) for coat in pair])
-    things = put(scene, standing, plan.wanted, plan.labels)
+    things = put(scene, standing, wanted, labels)
     if POINTS_ROLE in things:
         libraries = part(scene, VARIANTS), part(scene, OUTLINES)
-        give_instancer(things[POINTS_ROLE], *libraries, light=plan.light)
-        things[POINTS_ROLE][LEVEL_KEY] = plan.ready.level(forest).most
-    if plan.labels:
+        give_instancer(things[POINTS_ROLE], *libraries, light=light)
+        things[POINTS_ROLE][LEVEL_KEY] = ready.level(forest).most
+    if labels:
         note_stood(scene, forest)
     if GROUND_ROLE in things:
         show_near(things[GROUND_ROLE], settings.forest, terrain)
@@ -213,53 +214,13 @@ def shapes_in(scene: bpy.types.Scene) -> set[str]:
 
 def stands(scene: bpy.types.Scene, forest: GrownForest) -> bool:
     """Return whether a forest is the one that was last built in a Blender scene."""
-    last = _stands.get(scene.session_uid)
-    return last is not None and last() is forest
+    return standing_forest(scene) is forest
 
 
 def standing_forest(scene: bpy.types.Scene) -> GrownForest | None:
     """Return the forest that was last built in a Blender scene, if it is still in memory."""
     last = _stands.get(scene.session_uid)
     return None if last is None else last()
-
-
-@dataclass
-class _Plan:
-    """Needs of a forest: objects, plantings that have a collection of their own, and whether views show
-    outlines; ready : what was made ahead."""
-
-    wanted: list[WantedObject] = field(default_factory=list)
-    labels: tuple[str, ...] = ()
-    looks: bool = True
-    light: bool = False
-    ready: ReadyForest = field(default_factory=ReadyForest)
-
-
-def _fill(
-    plan: _Plan,
-    scene: bpy.types.Scene,
-    standing: KeptStanding,
-    settings: spec.Forest,
-    forest: GrownForest,
-    terrain: GroundSurface,
-) -> None:
-    """Make all data of a forest; the scene stays as it is."""
-    stand, points = forest.stand, are_points(settings, forest)
-    library = _fill_library(plan, standing, forest, points)
-    number_of = {key: number for number, key in enumerate(forest.variants)}
-    pairs = zip(stand.species.tolist(), stand.variant.tolist(), strict=True)
-    variant = np.array([number_of[pair] for pair in pairs], dtype=np.int64)
-    if not points:
-        plan.labels = forest.labels
-        plan.wanted += _trees(forest, [want.data for want in library], variant)
-    elif len(stand):
-        plan.wanted.append(_points(plan, scene, standing, forest, library, variant))
-    if not settings.terrain.object:
-        coat = Coat("Ground", materials.ground)
-        shape = ground_mesh(settings, terrain)
-        make = partial(to_mesh, "Ground", shape)
-        data = standing.renew(GROUND_ROLE, "Ground", fingerprint(shape), make, [coat])
-        plan.wanted.append(WantedObject(GROUND_NAME, GROUND_ROLE, "Ground", data))
 
 
 def _coats(forest: GrownForest) -> list[tuple[Coat, Coat]]:
@@ -283,42 +244,42 @@ def _coats(forest: GrownForest) -> list[tuple[Coat, Coat]]:
     ]
 
 
-def _fill_library(
-    plan: _Plan, standing: KeptStanding, forest: GrownForest, with_outlines: bool
-) -> list[WantedObject]:
-    """Plan an object for every variant, named so that their order is their number; returns them."""
-    coats, library = _coats(forest), []
-    if not plan.looks:
+def _library(
+    standing: KeptStanding,
+    forest: GrownForest,
+    with_outlines: bool,
+    ready: ReadyForest,
+    looks: bool,
+) -> tuple[list[WantedObject], list[WantedObject]]:
+    """Plan an object for every variant and its outline, named so that their order is their number."""
+    coats, library, outlines = _coats(forest), [], []
+    if not looks:
         coats = [(replace(bark, make=_bare), replace(leaf, make=_bare)) for bark, leaf in coats]
-    digits = max(3, len(str(len(forest.variants))))
+    digits, level = max(3, len(str(len(forest.variants)))), ready.level(forest)
     for number, ((planting, variant), tree) in enumerate(forest.variants.items()):
         label, numbered = forest.labels[planting], f"{number:0{digits}d} "
         name, key = f"{label}.{variant:03d}", (planting, variant)
-        role, shape = f"{VARIANTS}/{name}", plan.ready.shape(forest, key) if plan.looks else ""
-        make = partial(to_mesh, name, tree.mesh)
+        shape = (ready.shapes.get(key) or fingerprint(tree.mesh)) if looks else ""
+        role, make = f"{VARIANTS}/{name}", partial(to_mesh, name, tree.mesh)
         sister = standing.first(f"{VARIANTS}/{label}")
         mesh = standing.renew(role, name, shape, make, coats[planting], sister)
         says = {SPECIES_KEY: planting}
         library.append(WantedObject(VARIANTS, role, numbered + name, mesh, says=says))
         if with_outlines:
             role, rough = f"{OUTLINES}/{name}", f"{name} outline"
-            make = partial(_outline_mesh, rough, plan.ready, forest, key)
-            told = plan.ready.rough_shape(forest, key)
+            made = ready.stand_ins.get(key)
+            make = lambda rough=rough, tree=tree, made=made: to_mesh(  # noqa: E731
+                rough, made or stand_in(tree.mesh, tree.skeleton, level)
+            )
+            told = f"{shape} {level.most}"
             data = standing.renew(role, rough, told, make, coats[planting], mesh)
-            plan.wanted.append(WantedObject(OUTLINES, role, numbered + rough, data))
-    plan.wanted += library
-    return library
+            outlines.append(WantedObject(OUTLINES, role, numbered + rough, data))
+    return library, outlines
 
 
 def _bare(name: str, *_look: object) -> bpy.types.Material:
     """A material that looks like nothing."""
     return bpy.data.materials.new(name)
-
-
-def _outline_mesh(
-    name: str, ready: ReadyForest, forest: GrownForest, key: tuple[int, int]
-) -> bpy.types.Mesh:
-    return to_mesh(name, ready.stand_in(forest, key))
 
 
 def _trees(
@@ -336,14 +297,13 @@ def _trees(
 
 
 def _points(
-    plan: _Plan,
     scene: bpy.types.Scene,
     standing: KeptStanding,
     forest: GrownForest,
     library: Sequence[WantedObject],
     variant: np.ndarray,
-) -> WantedObject:
-    """One object for all trees."""
+) -> tuple[WantedObject, bool]:
+    """One object for all trees, and whether views show their outlines at first."""
     instancer_group()
     stand, home = forest.stand, find_part(scene, VARIANTS)
     others = [b.name for b in (*home.objects, *home.children) if not is_ours(b)] if home else []
@@ -361,6 +321,6 @@ def _points(
     )
     faces = np.array([len(want.data.polygons) for want in library], dtype=np.int64)
     aligned = bool((rank == np.arange(len(rank))).all())  # or outlines would be those of others
-    plan.light = aligned and bool(faces[variant].sum() > SHOWN_IN_FULL)
+    light = aligned and bool(faces[variant].sum() > SHOWN_IN_FULL)
     data = standing.renew(POINTS_ROLE, TREES, "", make)
-    return WantedObject(TREES, POINTS_ROLE, TREES, data)
+    return WantedObject(TREES, POINTS_ROLE, TREES, data), light

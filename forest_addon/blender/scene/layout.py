@@ -167,8 +167,19 @@ def root(scene: bpy.types.Scene) -> bpy.types.Collection | None:
 
 def part(scene: bpy.types.Scene, name: str) -> bpy.types.Collection:
     """One of the collections of the scene's forest, made where it is missing."""
-    top = root(scene) or _new_root(scene)
-    return find_part(scene, name) or _new_part(name, top)
+    top, found = root(scene), find_part(scene, name)
+    if top is None:
+        top = make_collection(ROOT, scene.collection)
+        top[ROOT_KEY] = True
+        _gather(top, scene.collection, PART_KEY)
+        found = find_part(scene, name)
+    if found is None:
+        found = make_collection(name, top)
+        found[PART_KEY] = name
+        found.hide_viewport = found.hide_render = name in LIBRARIES
+        if name == TREES:
+            _gather(found, top, ROLE_KEY)
+    return found
 
 
 def find_part(scene: bpy.types.Scene, name: str) -> bpy.types.Collection | None:
@@ -209,22 +220,6 @@ def objects_in(top: bpy.types.Collection) -> list[bpy.types.Object]:
     """
     homes = (top, *_below(top))
     return list(dict.fromkeys(thing for home in homes for thing in home.objects))
-
-
-def _new_root(scene: bpy.types.Scene) -> bpy.types.Collection:
-    made = make_collection(ROOT, scene.collection)
-    made[ROOT_KEY] = True
-    _gather(made, scene.collection, PART_KEY)
-    return made
-
-
-def _new_part(name: str, top: bpy.types.Collection) -> bpy.types.Collection:
-    made = make_collection(name, top)
-    made[PART_KEY] = name
-    made.hide_viewport = made.hide_render = name in LIBRARIES
-    if name == TREES:
-        _gather(made, top, ROLE_KEY)
-    return made
 
 
 def _gather(home: bpy.types.Collection, above: bpy.types.Collection, key: str) -> None:

@@ -21,6 +21,7 @@ MOSS, ALGAE = (0.045, 0.065, 0.012), (0.12, 0.15, 0.07)
 SCAR, FURROW = (0.018, 0.015, 0.013), (0.030, 0.024, 0.020)
 TWIG_BROWN = (0.055, 0.030, 0.022)
 PALE = (0.42, 0.44, 0.38)
+INNER_BIRCH, BLIGHT = (0.46, 0.30, 0.20), (0.10, 0.055, 0.02)
 SHEDS_FROM = 1.5  # branching order from which a birch's bark is brown and thin
 
 
@@ -35,11 +36,6 @@ class Surface:
     metres: float
     tone: Value
     covers: tuple[tuple[Value, Value], ...] = ()
-
-
-def surface_of(graph: Graph, bark: spec.Bark) -> Surface:
-    """The surface of a bark, without moss."""
-    return TEXTURES[bark.texture](graph, bark)
 
 
 def covered(graph: Graph, bark: spec.Bark, colour: Value, surface: Surface) -> Value:
@@ -105,14 +101,23 @@ def _smooth(graph: Graph, bark: spec.Bark) -> Surface:
     short = graph.scaled(graph.moved(place, 9.0, 0.01), (0.055, 0.055, 0.010))
     marks = graph.step(graph.noise(short, 1.0, 1.0), 0.66, 0.74)
     fine = graph.noise(place, 90.0, 3.0, 0.7)
+    eyes = graph.scaled(graph.moved(place, 5.0, 0.015), (0.32, 0.32, 0.21))
+    eye = graph.add(
+        "TexVoronoi", {"Vector": eyes, "Scale": 1.0}
+    ).outputs  # where branches were shed
+    lid = graph.math("ABSOLUTE", graph.math("SUBTRACT", eye["Distance"], 0.16))
+    scars = graph.step(
+        graph.math("ADD", lid, graph.value("SeparateColor", eye["Color"])), 0.36, 0.28
+    )
     patches = graph.step(graph.noise(place, 5.5, 8.0, 0.68), 0.54, 0.60)
     crust = graph.math("MULTIPLY", patches, graph.step(fine, 0.30, 0.55))
     height = graph.math("MULTIPLY_ADD", wrinkles, 0.8, graph.math("MULTIPLY", fine, 0.25))
-    height = graph.math("MULTIPLY_ADD", marks, -0.5, height)
+    height = graph.math("MULTIPLY_ADD", marks, -0.5, graph.math("MULTIPLY_ADD", scars, 0.9, height))
     tone = graph.math("MULTIPLY_ADD", clouds, 0.75, graph.math("MULTIPLY", wrinkles, 0.22))
     covers = (
         (graph.math("MULTIPLY", crust, 0.55), PALE),
         (graph.math("MULTIPLY", marks, 0.28), (0.06, 0.052, 0.045)),
+        (graph.math("MULTIPLY", scars, 0.45), FURROW),
     )
     return Surface(height, 0.0035, tone, covers)
 
@@ -169,35 +174,39 @@ def _plated(graph: Graph, bark: spec.Bark) -> Surface:
 
 
 def _peeling(graph: Graph, bark: spec.Bark) -> Surface:
-    """White skin with dark level marks and scars; at the foot black and cracked; twigs brown."""
+    """White skin with raised lenticels that comes off in level strips; black diamonds of crust, more of them
+    further down until they are all of the foot; twigs brown.
+    """
     place = graph.place()
     bent = graph.moved(place, 3.0, 0.03)
-    level = graph.scaled(bent, (0.11, 0.11, 0.010))
-    marks = graph.step(graph.noise(level, 1.0, 1.5), 0.64, 0.70)
-    strips = graph.noise(graph.scaled(bent, (0.5, 0.5, 0.05)), 1.0, 4.0, 0.6)
-    edge, own = graph.cells(graph.scaled(bent, (0.17, 0.17, 0.24)))
-    scars = graph.math("MULTIPLY", graph.step(edge, 0.42, 0.50), graph.step(own, 0.62, 0.66))
-    fine = graph.noise(place, 60.0, 4.0, 0.7)
-    foot_place = graph.scaled(
-        graph.moved(place, 8.0, 0.015), (bark.size, bark.size, 3.0 * bark.size)
-    )
-    cells, _ = graph.cells(foot_place)
     z = graph.axis(place, "Z")
+    fine = graph.noise(place, 60.0, 4.0, 0.7)
+    level = graph.scaled(graph.moved(place, 7.0, 0.006), (0.035, 0.035, 0.0028))
+    lenticels = graph.step(graph.noise(level, 1.0, 1.0), 0.63, 0.70)
+    strips = graph.noise(graph.scaled(bent, (0.30, 0.30, 0.035)), 1.0, 5.0, 0.62)
+    bare = graph.step(strips, 0.62, 0.63)  # where the skin has come off, as far as its curled edge
+    edge = graph.step(graph.math("ABSOLUTE", graph.math("SUBTRACT", strips, 0.61)), 0.012, 0.0)
+    crust, _ = graph.cells(graph.scaled(bent, (bark.size, bark.size, 1.5 * bark.size)))
+    torn = graph.scaled(graph.moved(place, 16.0, 0.02), (0.26, 0.26, 0.19))
+    cell = graph.add("TexVoronoi", {"Vector": torn, "Scale": 1.0}, distance="MANHATTAN").outputs
+    size = graph.math("MULTIPLY_ADD", graph.value("SeparateColor", cell["Color"]), 0.35, 0.08)
+    size = graph.math("MULTIPLY_ADD", z, 0.05, size)
+    diamonds = graph.step(graph.math("ADD", cell["Distance"], size), 0.68, 0.60)
     ragged = graph.math("MULTIPLY_ADD", graph.noise(bent, 4.0, 3.0), -1.6, z)
-    foot = graph.step(ragged, 0.55, -0.65)
-    open_cracks = graph.math("MULTIPLY", foot, graph.step(cells, 0.30, 0.10))
+    rough = graph.math("MAXIMUM", diamonds, graph.step(ragged, 0.55, -0.65))
+    cracks = graph.math("MULTIPLY", rough, graph.step(crust, 0.26, 0.06))
     twig = graph.step(graph.attribute("order"), SHEDS_FROM, SHEDS_FROM + 0.1)
-    height = graph.math("MULTIPLY_ADD", strips, 0.35, graph.math("MULTIPLY", fine, 0.08))
-    height = graph.math(
-        "MULTIPLY_ADD", graph.math("MULTIPLY", foot, graph.step(cells, 0.0, 0.3)), 1.6, height
-    )
-    tone = graph.math("MULTIPLY_ADD", strips, 0.45, graph.math("MULTIPLY_ADD", fine, 0.12, 0.32))
-    dark: Colour = SCAR
+    height = graph.math("MULTIPLY_ADD", lenticels, 0.22, graph.math("MULTIPLY", fine, 0.10))
+    height = graph.math("MULTIPLY_ADD", bare, -0.25, graph.math("MULTIPLY_ADD", edge, 0.4, height))
+    crusted = graph.math("MULTIPLY", rough, graph.step(crust, 0.0, 0.3))
+    height = graph.math("MULTIPLY_ADD", crusted, 1.6, height)
+    clouds = graph.math("MULTIPLY_ADD", graph.noise(place, 2.6, 5.0, 0.6), 0.75, -0.18)
+    tone = graph.math("MULTIPLY_ADD", strips, 0.30, graph.math("MULTIPLY_ADD", fine, 0.12, clouds))
     covers = (
-        (graph.math("MULTIPLY", marks, 0.72), (0.10, 0.075, 0.06)),
-        (scars, dark),
-        (graph.math("MULTIPLY", foot, 0.55), (0.09, 0.08, 0.07)),
-        (open_cracks, dark),
+        (graph.math("MULTIPLY", bare, 0.55), INNER_BIRCH),
+        (graph.math("MULTIPLY", lenticels, 0.75), (0.13, 0.095, 0.075)),
+        (graph.math("MULTIPLY", rough, 0.80), (0.07, 0.062, 0.055)),
+        (cracks, SCAR),
         (twig, TWIG_BROWN),
     )
     return Surface(height, 0.006, tone, covers)
@@ -231,7 +240,7 @@ def bark(
     """
     material, shader = _principled(name, into)
     graph = Graph(material.node_tree)
-    surface = surface_of(graph, coat)
+    surface = TEXTURES[coat.texture](graph, coat)
     tones = graph.ramp(surface.tone, _tones(BARK_TONES, colour), 0.05, 0.75, name=BARK_TONES)
     graph.put(shader.inputs["Base Color"], covered(graph, coat, tones, surface))
     graph.put(shader.inputs["Normal"], graph.bump(surface.height, surface.metres, 0.85))
@@ -262,7 +271,8 @@ def style_of(coat: spec.Bark) -> str:
 
 
 def leaf(name: str, colour: Colour, veins: str = "feather") -> bpy.types.Material:
-    """Leaves that let light through, with a paler underside; each leaf has its own shade.
+    """Leaves that let light through, with a paler underside. Each has its own shade; those at the top of the
+    tree and of some branches are lighter, and some are spotted.
 
     veins : "feather", a midrib and side veins, as texture coordinates along and across the blade give them;
         "palm", ribs that part at the end of the stalk; "none".
@@ -271,7 +281,11 @@ def leaf(name: str, colour: Colour, veins: str = "feather") -> bpy.types.Materia
     graph = Graph(material.node_tree)
     number = graph.attribute("leaf")
     shade = graph.add("TexWhiteNoise", {"W": number}, noise_dimensions="1D").outputs["Value"]
-    above = tones = graph.ramp(shade, _tones(LEAF_TONES, colour), name=LEAF_TONES)
+    place = graph.place()
+    sunny = graph.math("MULTIPLY_ADD", graph.axis(graph.place("Generated"), "Z"), 0.35, -0.25)
+    sunny = graph.math("MULTIPLY_ADD", graph.noise(place, 0.9, 2.0), 0.55, sunny)
+    tone = graph.math("MULTIPLY_ADD", shade, 0.65, sunny)
+    above = tones = graph.ramp(tone, _tones(LEAF_TONES, colour), name=LEAF_TONES)
     if veins != "none":
         vein, between = _veins(graph, veins == "palm")
         above = graph.mix(graph.math("MULTIPLY", vein, 0.35), above, (1.5, 1.5, 1.2), "MULTIPLY")
@@ -279,6 +293,11 @@ def leaf(name: str, colour: Colour, veins: str = "feather") -> bpy.types.Materia
             graph.math("MULTIPLY", between, 0.18), above, (0.6, 0.62, 0.5), "MULTIPLY"
         )
         lit = graph.mix(graph.math("MULTIPLY", vein, 0.6), tones, (0.45, 0.5, 0.3), "MULTIPLY")
+        blotch = graph.math(
+            "MULTIPLY", graph.noise(place, 260.0, 2.0), graph.step(shade, 0.45, 0.9)
+        )
+        spots = graph.math("MULTIPLY", graph.step(blotch, 0.46, 0.56), 0.75)
+        above, lit = graph.mix(spots, above, BLIGHT), graph.mix(spots, lit, BLIGHT)
         graph.put(shader.inputs["Normal"], graph.bump(vein, 0.0006, 0.5))
     else:
         lit = above
@@ -300,7 +319,13 @@ def _veins(graph: Graph, palmate: bool) -> tuple[Value, Value]:
     uv = graph.place("UV")
     along = graph.axis(uv, "X")
     aside = graph.math("ABSOLUTE", graph.math("SUBTRACT", graph.axis(uv, "Y"), 0.5))
-    wave = graph.math("SINE", graph.math("MULTIPLY", _slant(graph, along, aside, palmate), 30.0))
+    if palmate:  # across the side veins, of the fingers of a palm or of a feather
+        far = graph.math("SUBTRACT", along, HUB)
+        square = graph.math("MULTIPLY_ADD", aside, aside, graph.math("MULTIPLY", far, far))
+        slant = graph.math("SQRT", square)
+    else:
+        slant = graph.math("MULTIPLY_ADD", aside, -0.75, along)
+    wave = graph.math("SINE", graph.math("MULTIPLY", slant, 30.0))
     side = graph.step(graph.math("ABSOLUTE", wave), 0.14, 0.03)
     veins = graph.math("MULTIPLY", side, 0.45 if palmate else 0.7)
     for angle in PALM if palmate else (0.0,):
@@ -312,15 +337,6 @@ def _veins(graph: Graph, palmate: bool) -> tuple[Value, Value]:
         rib = graph.math("MULTIPLY", rib, graph.step(way, -0.01, 0.01))
         veins = graph.math("MAXIMUM", veins, rib)
     return veins, graph.step(graph.math("ABSOLUTE", wave), 0.3, 0.9)
-
-
-def _slant(graph: Graph, along: Value, aside: Value, palmate: bool) -> Value:
-    """Coordinates across the side veins: of a feather, or of the fingers of a palm."""
-    if not palmate:
-        return graph.math("MULTIPLY_ADD", aside, -0.75, along)
-    far = graph.math("SUBTRACT", along, HUB)
-    square = graph.math("MULTIPLY_ADD", aside, aside, graph.math("MULTIPLY", far, far))
-    return graph.math("SQRT", square)
 
 
 def recolour(material: bpy.types.Material, colour: Colour) -> None:

@@ -173,11 +173,21 @@ def read_truth(mesh: bpy.types.Mesh) -> PlacedVariant | None:
     if not (isinstance(wood, bpy.types.Mesh) and isinstance(leaves, bpy.types.Mesh)):
         return None
     told = {key: value for key, value in mesh.items() if isinstance(value, float)}
+    ends, columns = places_of(wood).reshape(-1, 2, 3), [c for c in OF_SEGMENTS if c != "dead"]
+    skeleton = Skeleton(
+        start=ends[:, 0],
+        end=ends[:, 1],
+        radius=_get(wood, "POINT", "radius").reshape(-1, 2),
+        **{column: _get(wood, "EDGE", column) for column in columns},
+        dead=_get(wood, "EDGE", "dead") > 0 if "dead" in wood.attributes else None,
+    )
+    of_leaves = {column: _get(leaves, "POINT", column) for column in OF_LEAVES}
+    of_leaves["branch"] = of_leaves["branch"].astype(np.int32)
     return PlacedVariant(
         name=str(mesh[ASSET_KEY]),
         species=str(mesh.get(SPECIES, "")),
-        skeleton=_read_skeleton(wood),
-        leaves=_read_leaves(leaves),
+        skeleton=skeleton,
+        leaves=Leaves(centre=places_of(leaves), **of_leaves),
         truth=told,
         grafted=bool(mesh.get(GRAFTED, False)),
     )
@@ -230,17 +240,6 @@ def _skeleton_mesh(name: str, wood: Skeleton) -> bpy.types.Mesh:
     return data
 
 
-def _read_skeleton(data: bpy.types.Mesh) -> Skeleton:
-    ends = places_of(data).reshape(-1, 2, 3)
-    return Skeleton(
-        start=ends[:, 0],
-        end=ends[:, 1],
-        radius=_get(data, "POINT", "radius").reshape(-1, 2),
-        **{column: _get(data, "EDGE", column) for column in OF_SEGMENTS if column != "dead"},
-        dead=_get(data, "EDGE", "dead") > 0 if "dead" in data.attributes else None,
-    )
-
-
 def _leaf_mesh(name: str, leaves: Leaves) -> bpy.types.Mesh:
     data = bpy.data.meshes.new(name)
     data.vertices.add(len(leaves))
@@ -250,12 +249,6 @@ def _leaf_mesh(name: str, leaves: Leaves) -> bpy.types.Mesh:
         _put(data, "POINT", column, getattr(leaves, column))
     data.update()
     return data
-
-
-def _read_leaves(data: bpy.types.Mesh) -> Leaves:
-    columns = {column: _get(data, "POINT", column) for column in OF_LEAVES}
-    columns["branch"] = columns["branch"].astype(np.int32)
-    return Leaves(centre=places_of(data), **columns)
 
 
 def _put(data: bpy.types.Mesh, domain: str, column: str, values: np.ndarray) -> None:

@@ -257,7 +257,10 @@ def give_instancer(
 
     light : show outlines in views.
     """
-    modifier = next((m for m in thing.modifiers if _is_instancer_modifier(m)), None)
+    by_nodes = [m for m in thing.modifiers if m.type == "NODES"]
+    lost = [m for m in by_nodes if m.node_group is None and m.name in (INSTANCER, FIRST)]
+    found = [m for m in by_nodes if _is_instancer(m.node_group)]
+    modifier = next(iter([m for m in by_nodes if m in found or m in lost]), None)
     chosen = modifier is not None and is_light(modifier) != thing.get(LIGHT_KEY, False)
     if modifier is None:
         modifier = thing.modifiers.new(INSTANCER, "NODES")
@@ -265,23 +268,12 @@ def give_instancer(
         modifier.node_group, chosen = instancer_group(), False
     sockets = _sockets(modifier)
     for name, library in ((VARIANTS, variants), (OUTLINES, outlines)):
-        if name in sockets and _is_replaceable(_input(modifier, name)[0]):
+        known = _input(modifier, name)[0] if name in sockets else None
+        if name in sockets and (known is None or is_ours(known)):
             set_input(modifier, name, library)
     if LIGHT in sockets and not chosen:
         set_input(modifier, LIGHT, light)
     thing[LIGHT_KEY] = light
-
-
-def _is_instancer_modifier(modifier: bpy.types.Modifier) -> bool:
-    """Return whether a modifier is an instancer, or was one before its node group was deleted."""
-    if modifier.type != "NODES":
-        return False
-    group = modifier.node_group
-    return _is_instancer(group) or (group is None and modifier.name in (INSTANCER, FIRST))
-
-
-def _is_replaceable(library: bpy.types.Collection | None) -> bool:
-    return library is None or is_ours(library)
 
 
 @contextmanager
@@ -355,10 +347,14 @@ def show_as(modifier: bpy.types.Modifier, what: str) -> None:
                 set_input(one, name, on)
 
 
+def marked(key: str, value: object) -> bpy.types.NodeTree | None:
+    """The file's own node group with a custom property of this value, as it is; None where there is none."""
+    return next((g for g in bpy.data.node_groups if g.get(key) == value and is_local(g)), None)
+
+
 def instancer_group() -> bpy.types.NodeTree:
-    """The file's node group, as it is; made where there is none."""
-    groups = (g for g in bpy.data.node_groups if g.get(LAYOUT_KEY) == LAYOUT and is_local(g))
-    return next(groups, None) or _make_instancer()
+    """The file's node group that puts trees on points, made where there is none."""
+    return marked(LAYOUT_KEY, LAYOUT) or _make_instancer()
 
 
 def has_input(modifier: bpy.types.Modifier, socket: str) -> bool:
@@ -519,7 +515,7 @@ def show_near(thing: bpy.types.Object, field: spec.Forest, terrain: GroundSurfac
         return
     if modifier is None:
         modifier = thing.modifiers.new(GROUP, "NODES")
-        modifier.node_group = _group()
+        modifier.node_group = marked(VIEW_KEY, True) or _make()
         thing[VIEW_KEY] = True
     for name, way, extent in ((LOW, -1.0, (0.0, 0.0)), (HIGH, 1.0, field.size)):
         corner = [o + e + way * around(field) for o, e in zip(field.origin, extent, strict=True)]
@@ -545,12 +541,6 @@ def shown_corners(scene: bpy.types.Scene) -> tuple[tuple[float, ...], tuple[floa
 def _is_ours(modifier: bpy.types.Modifier) -> bool:
     group = modifier.node_group if modifier.type == "NODES" else None
     return group is not None and VIEW_KEY in group
-
-
-def _group() -> bpy.types.NodeTree:
-    """The file's node group, as it is; made where there is none."""
-    known = (g for g in bpy.data.node_groups if VIEW_KEY in g and is_local(g))
-    return next(known, None) or _make()
 
 
 def _make() -> bpy.types.NodeTree:

@@ -143,19 +143,14 @@ class KeptStanding:
         self, old: bpy.types.Mesh | None, coats: Sequence[Coat]
     ) -> list[bpy.types.Material | None]:
         worn = list(old.materials) if old else []
-        bare = [slot for slot in range(len(coats)) if slot >= len(worn) or worn[slot] is None]
         worn += [None] * (len(coats) - len(worn))
-        for slot in bare:
-            worn[slot] = self._coat(coats[slot])
+        for slot, coat in enumerate(coats):
+            if worn[slot] is None and coat.name not in self.materials:
+                made = own(coat.make(coat.name, *([] if coat.colour is None else [coat.colour])))
+                made[ROLE_KEY] = coat.name
+                self.materials[coat.name] = made
+            worn[slot] = worn[slot] or self.materials[coat.name]
         return worn
-
-    def _coat(self, coat: Coat) -> bpy.types.Material:
-        if coat.name not in self.materials:
-            colour = () if coat.colour is None else (coat.colour,)
-            made = own(coat.make(coat.name, *colour))
-            made[ROLE_KEY] = coat.name
-            self.materials[coat.name] = made
-        return self.materials[coat.name]
 
 
 def has_own_mesh(thing: bpy.types.Object) -> bool:
@@ -223,7 +218,11 @@ def put(
             thing.data = want.data
             given.append(thing)
         things[want.role] = thing
-    _sweep()
+    # Meshes of ours that nothing uses any more go, with the materials that only they used.
+    unused = [mesh for mesh in bpy.data.meshes if not mesh.users and is_ours(mesh)]
+    worn = {material for mesh in unused for material in mesh.materials if material}
+    bpy.data.batch_remove(unused)
+    bpy.data.batch_remove([coat for coat in worn if not coat.users and is_ours(coat)])
     for mesh in made:
         settle(mesh)
     for thing in given:
@@ -244,9 +243,7 @@ def _clear(homes: set[bpy.types.Collection], kept: set[bpy.types.Object]) -> Non
     doomed = {t for t in bpy.data.objects if not t.users and ROLE_KEY in t and is_ours(t)}
     for home in homes:
         for thing in list(home.objects):
-            if thing in kept or thing.type != "MESH" or not is_ours(thing):
-                continue
-            if CLOUD_KEY in thing:
+            if thing in kept or thing.type != "MESH" or not is_ours(thing) or CLOUD_KEY in thing:
                 continue
             if thing in theirs:
                 home.objects.unlink(thing)
@@ -288,14 +285,6 @@ def _dissolve(unwanted: set[bpy.types.Collection], heir: bpy.types.Collection) -
                 if block not in known and block not in unwanted:
                     mine.link(block)
         bpy.data.collections.remove(home)
-
-
-def _sweep() -> None:
-    """Remove meshes of ours that nothing uses any more, with the materials that only they used."""
-    unused = [mesh for mesh in bpy.data.meshes if not mesh.users and is_ours(mesh)]
-    worn = {material for mesh in unused for material in mesh.materials if material}
-    bpy.data.batch_remove(unused)
-    bpy.data.batch_remove([coat for coat in worn if not coat.users and is_ours(coat)])
 
 
 def _tell(thing: bpy.types.Object, want: WantedObject) -> None:

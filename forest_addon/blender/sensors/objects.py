@@ -27,8 +27,6 @@ PATH_KEY = "forest_path"  # custom property of a moving scanner: the curve that 
 
 AZIMUTHS, ELEVATIONS = ("azimuth_deg", "heading_deg"), ("elevation_deg",)
 BODIES = {"EMPTY", "SPEAKER"}  # types of the objects that sensors are
-FEW = 4  # objects of a collection that are all looked at each time
-_KEPT: dict[int, tuple[Any, tuple[str, ...]]] = {}  # by collection: its state, names of its sensors
 DEGREE_DIGITS = 4  # what single precision keeps of an angle: rounding gives 110 back
 
 
@@ -132,7 +130,7 @@ def sensors_of(scene: bpy.types.Scene) -> list[bpy.types.Object]:
 
     Those that are linked from another file, and those of another scene's forest, are not among them.
     """
-    found = {thing for home in _homes(scene) for thing in _sensors_in(home)}
+    found = {thing for home in _homes(scene) for thing in home.objects if _is_sensor(thing)}
     return sorted(found, key=lambda thing: thing.name)
 
 
@@ -192,26 +190,6 @@ def _homes(scene: bpy.types.Scene) -> Iterator[bpy.types.Collection]:
         waiting.extend(home.children)
 
 
-def _sensors_in(home: bpy.types.Collection) -> list[bpy.types.Object]:
-    """The sensors of this file that hang in a collection itself.
-
-    Of a collection of more than a few objects, which trees are, their names are kept as long as it has as
-    many objects, the same last one, and sensors of these names: each redraw of the panel asks many times.
-    """
-    things = home.objects
-    count = len(things)
-    if count <= FEW:
-        return [thing for thing in things if _is_sensor(thing)]
-    last = things[count - 1]
-    state = (count, last.session_uid, _is_sensor(last))
-    known, names = _KEPT.get(home.session_uid, (None, ()))
-    kept = [things.get(name) for name in names] if known == state else [None]
-    if not all(thing is not None and _is_sensor(thing) for thing in kept):
-        kept = [thing for thing in things if _is_sensor(thing)]
-        _KEPT[home.session_uid] = (state, tuple(thing.name for thing in kept))
-    return kept
-
-
 def _is_sensor(thing: bpy.types.Object) -> bool:
     # Most objects are none: what is cheapest to ask comes first, as each redraw of the panel asks.
     return (
@@ -223,8 +201,13 @@ def place(thing: bpy.types.Object, settings: Sensor) -> None:
     """Move and turn an object to where its settings say."""
     kind = KINDS[settings.kind]
     thing.rotation_mode = "XYZ"
-    if kind.body == "speaker":
-        _place_ends(thing, settings)
+    if kind.body == "speaker":  # it points where it faces, and its receiver is where one listens
+        reverb: Any = settings
+        up, turn = reverb.facing_elevation_deg, reverb.facing_azimuth_deg
+        thing.location = reverb.source
+        thing.rotation_euler = (math.radians(90 + up), 0.0, math.radians(turn - 90))
+        if receiver := receiver_of(thing):
+            receiver.location = reverb.receiver
         return
     azimuth, elevation = (
         next((getattr(settings, name) for name in names if name in kind.posed), 0.0)
@@ -235,16 +218,6 @@ def place(thing: bpy.types.Object, settings: Sensor) -> None:
         thing.location = settings.position  # type: ignore[attr-defined]
     elif poses := getattr(settings, "poses", ()):
         thing.location = poses[0].position
-
-
-def _place_ends(thing: bpy.types.Object, reverb: Any) -> None:
-    """A Speaker to its source, pointing where that faces, and its receiver to where one listens."""
-    up, turn = reverb.facing_elevation_deg, reverb.facing_azimuth_deg
-    thing.location = reverb.source
-    thing.rotation_euler = (math.radians(90 + up), 0.0, math.radians(turn - 90))
-    receiver = receiver_of(thing)
-    if receiver is not None:
-        receiver.location = reverb.receiver
 
 
 def pose(thing: bpy.types.Object) -> dict[str, Any]:

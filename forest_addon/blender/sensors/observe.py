@@ -34,8 +34,7 @@ from ..rays.casters import make_caster, make_moving_caster
 from ..read.depsgraph import kept, lasting, read_scene, solids_in
 from ..scene.meshes import placed_trees
 from ..scene.nodes import in_full
-from .following import SceneFollower
-from .moving import WITHIN, read_motion, seconds_of
+from .moving import WITHIN, SceneFollower, read_motion, seconds_of
 
 T = TypeVar("T")
 ENDS = {"SPEAKER", "EMPTY", "CAMERA"}  # what can be a source or a receiver
@@ -53,7 +52,8 @@ class Observer:
         with in_full(depsgraph):
             self.geometry = read_scene(depsgraph)
         self.warning = rounding_warning(self.geometry)  # what a user should know, in a sentence
-        self.places = _places(depsgraph)
+        ends = (thing for thing in depsgraph.objects if thing.type in ENDS)
+        self.places = {thing.name: tuple(thing.matrix_world.translation) for thing in ends}
         self.rays = rays or Rays()
         self.expansions = Expansions() if expansions is None else expansions
         self.ran: set[str] = set()  # kinds of sensors for which all is set up
@@ -294,12 +294,6 @@ class Observer:
         ValueError : what it should follow, or the file of its route, is not there or cannot be used.
         """
         return kind_of(sensor).trajectory(sensor, folder, SceneFollower(bpy.context.scene))
-
-
-def _places(depsgraph: bpy.types.Depsgraph) -> dict[str, tuple[float, ...]]:
-    """Return where things stand that can be a source or a receiver, by their names."""
-    ends = (thing for thing in depsgraph.objects if thing.type in ENDS)
-    return {thing.name: tuple(thing.matrix_world.translation) for thing in ends}
 
 
 def _renewed(

@@ -12,7 +12,7 @@ import colorsys
 import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import bpy
 import numpy as np
@@ -55,8 +55,7 @@ DEGREES = 180.0 / np.pi
 Colour = tuple[float, float, float]
 
 
-@dataclass(frozen=True)
-class Entry:
+class Entry(NamedTuple):
     """One line: under which choice of the menu, what it says, in which colour."""
 
     choice: str
@@ -141,8 +140,7 @@ def of_organs(organ: np.ndarray) -> np.ndarray:
 
 
 def _of_organ(organ: int) -> Colour:
-    r, g, b, _ = COLOUR_OF_ORGAN.get(organ, OTHER)
-    return r, g, b
+    return COLOUR_OF_ORGAN.get(organ, OTHER)[:3]
 
 
 def _of_number(number: int) -> Colour:
@@ -312,9 +310,9 @@ def note_scan(
     for name in EXACT:
         values = cloud.returns.distance if name == "distance" else getattr(cloud, name)
         kind = "FLOAT_VECTOR" if values.ndim == 2 else "FLOAT"
-        write(data, _rounding(name), values - values.astype(np.float32), kind)
+        write(data, f"{name}_rounding", values - values.astype(np.float32), kind)
     for name, label in labels.items():
-        write(data, _attribute(name), label.number, "INT")
+        write(data, f"label_{name.lower()}", label.number, "INT")
     said = {
         "pulses": cloud.pulses,
         "engine": cloud.engine,
@@ -380,25 +378,21 @@ def kept_scan(data: bpy.types.Mesh) -> KeptScan:
         },
     )
     names = {
-        n: words for n, words in said.get("labels", {}).items() if _attribute(n) in data.attributes
+        n: words
+        for n, words in said.get("labels", {}).items()
+        if f"label_{n.lower()}" in data.attributes
     }
-    labels = {n: Labels(_read(data, _attribute(n), "INT"), tuple(w)) for n, w in names.items()}
+    labels = {
+        n: Labels(_read(data, f"label_{n.lower()}", "INT"), tuple(w)) for n, w in names.items()
+    }
     return KeptScan(cloud, tuple(said.get("offset", (0.0, 0.0, 0.0))), said.get("crs", ""), labels)
-
-
-def _rounding(name: str) -> str:
-    return f"{name}_rounding"
-
-
-def _attribute(label: str) -> str:
-    return f"label_{label.lower()}"
 
 
 def _read(data: bpy.types.Mesh, name: str, kind: str) -> np.ndarray:
     """(P,) or (P, 3) float64 or int32 of an attribute; zeros where it was removed."""
     values = read(data, name, kind)
     values = values if kind == "INT" else values.astype(np.float64)
-    return values + _read(data, _rounding(name), kind) if name in EXACT else values
+    return values + _read(data, f"{name}_rounding", kind) if name in EXACT else values
 
 
 DISTANCE, BRIGHTNESS, ORGAN = "DISTANCE", "BRIGHTNESS", "ORGAN"

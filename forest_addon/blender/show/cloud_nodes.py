@@ -17,10 +17,10 @@ import numpy as np
 
 from ...base.labels import LEVELS
 from ...base.labels import MEASURES as SCALE
-from ..scene.layout import COLOUR_BY, COLOUR_MAP, FAR_POINTS, RADIUS, SHARE, is_local
+from ..scene.layout import COLOUR_BY, COLOUR_MAP, FAR_POINTS, RADIUS, SHARE
 from ..scene.materials import coloured
 from ..scene.nodes import HIGH as HIGH
-from ..scene.nodes import LOW, Graph, Value
+from ..scene.nodes import LOW, Graph, Value, marked
 
 GROUP, HEARD_GROUP = "Forest Sensing Points", "Forest Sensing Echo Points"
 # A group with other sockets than these gets another number. Of version 2 no points were left out in views.
@@ -52,12 +52,13 @@ VIVID, VALUE = 0.75, 0.6  # saturation and value of those hues
 
 def scan_group() -> bpy.types.NodeTree:
     """The nodes of scanners' clouds, as they are in the file."""
-    return _found("scan") or _make("scan", GROUP, "Organ", NUMBERS, MEASURES)
+    return marked(GROUP_KEY, f"scan {VERSION}") or _make("scan", GROUP, "Organ", NUMBERS, MEASURES)
 
 
 def heard_group() -> bpy.types.NodeTree:
     """The nodes of what sonars heard."""
-    return _found("heard") or _make("heard", HEARD_GROUP, "Loudness", HEARD_NUMBERS, HEARD_MEASURES)
+    of_echoes = ("heard", HEARD_GROUP, "Loudness", HEARD_NUMBERS, HEARD_MEASURES)
+    return marked(GROUP_KEY, f"heard {VERSION}") or _make(*of_echoes)
 
 
 def title_of(name: str) -> str:
@@ -84,12 +85,6 @@ def points_material() -> bpy.types.Material:
     made = bpy.data.materials.get(MATERIAL) or coloured(MATERIAL, "colour")
     made.diffuse_color = (1.0, 0.75, 0.1, 1.0)  # Solid shading knows one colour for all points
     return made
-
-
-def _found(kind: str) -> bpy.types.NodeTree | None:
-    wanted = f"{kind} {VERSION}"
-    groups = (g for g in bpy.data.node_groups if g.get(GROUP_KEY) == wanted and is_local(g))
-    return next(groups, None)
 
 
 def _make(
@@ -128,10 +123,15 @@ def _make(
     graph.tree[GROUP_KEY] = f"{kind} {VERSION}"
     given = graph.given
     colour = _colour(graph, first, numbers, measures)
+    radius = given[RADIUS]
+    if kind == "heard":
+        level = graph.named("level")
+        size = graph.value("MapRange", level, QUIET, 0.0, *SIZES, label="Loud is large")
+        radius = graph.math("MULTIPLY", radius, size, label="Size")
     points = {
         "Mesh": graph.store(given["Geometry"], "colour", "FLOAT_COLOR", colour),
         "Selection": _shown(graph),
-        "Radius": _loud(graph) if kind == "heard" else given[RADIUS],
+        "Radius": radius,
     }
     made = graph.add("MeshToPoints", points, label="A point a vertex").outputs[0]
     graph.finish(graph.value("SetMaterial", made, None, given[COAT], label="What they look like"))
@@ -148,7 +148,11 @@ def _colour(graph: Graph, first: str, numbers: Sequence[str], measures: Sequence
     value = _picked(graph, number, [0.0, *(_measure(graph, name) for name in names)])
     how = {"data_type": "FLOAT", "operation": "LESS_THAN", "label": "Has a hue"}
     hued = graph.value("Compare", number, len(numbers) + 0.5, **how)
-    by_value = graph.switch("RGBA", hued, _on_scale(graph, value), _hue(graph, value))
+    hue = graph.math("FRACT", graph.math("MULTIPLY", value, GOLDEN, label="Far apart"))
+    vivid = graph.math("MULTIPLY", graph.math("GREATER_THAN", value, -0.5), VIVID)  # -1: none, grey
+    told = {"mode": "HSV", "label": "Hue as a colour"}
+    own = graph.value("FunctionNodeCombineColor", hue, vivid, VALUE, **told)
+    by_value = graph.switch("RGBA", hued, _on_scale(graph, value), own)
     how |= {"operation": "GREATER_THAN", "label": "Is a value"}
     other = graph.value("Compare", number, 0.5, **how)
     return graph.switch("RGBA", other, graph.named("organ_colour", "FLOAT_COLOR"), by_value)
@@ -173,12 +177,6 @@ def _shown(graph: Graph) -> Value:
     near = graph.both(viewed, near, "IMPLY", label="Elsewhere all")
     near = graph.both(near, given[FAR_POINTS], "OR", label="Or wherever")
     return graph.both(graph.both(within, chance), near, label="Is shown")
-
-
-def _loud(graph: Graph) -> Value:
-    """The size of points by how loud they were."""
-    size = graph.value("MapRange", graph.named("level"), QUIET, 0.0, *SIZES, label="Loud is large")
-    return graph.math("MULTIPLY", graph.given[RADIUS], size, label="Size")
 
 
 def _choice(graph: Graph, menu: str, kind: str, choices: Mapping[Value, str]) -> Value:
@@ -212,15 +210,6 @@ def _measure(graph: Graph, name: str) -> Value:
         return value
     least = graph.math("MAXIMUM", value, 1e-20, label="Not 0")
     return graph.math("LOGARITHM", least, 10.0, label="In decades")
-
-
-def _hue(graph: Graph, number: Value) -> Value:
-    """A number as a hue of its own; -1, which is none, as grey."""
-    hue = graph.math("FRACT", graph.math("MULTIPLY", number, GOLDEN, label="Far apart"))
-    vivid = graph.math("MULTIPLY", graph.math("GREATER_THAN", number, -0.5), VIVID)
-    return graph.value(
-        "FunctionNodeCombineColor", hue, vivid, VALUE, mode="HSV", label="Hue as a colour"
-    )
 
 
 def _on_scale(graph: Graph, value: Value) -> Value:

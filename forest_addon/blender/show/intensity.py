@@ -71,11 +71,6 @@ CELLS = 100  # along each side: a brush is many of them wide, and a stroke is li
 LIFT = 0.02  # m above the ground, so that the two do not flicker
 
 
-def find_canvas(home: bpy.types.Collection) -> bpy.types.Object | None:
-    """The canvas in a collection, None where there is none."""
-    return next((t for t in home.objects if CANVAS_KEY in t and t.type == "MESH"), None)
-
-
 def new_canvas(name: str, home: bpy.types.Collection) -> bpy.types.Object:
     """A new canvas in a collection, not yet laid."""
     side = np.linspace(0.0, 1.0, CELLS + 1)
@@ -103,14 +98,9 @@ def lay(thing: bpy.types.Object, field: spec.Forest, terrain: GroundSurface) -> 
     thing.data.update()
 
 
-def take_up(thing: bpy.types.Object) -> None:
-    """Show a canvas before the trees that stand on it."""
-    thing.display_type, thing.show_in_front = "TEXTURED", True
-
-
-def put_away(thing: bpy.types.Object) -> None:
-    """Leave of a canvas only its outline in sight."""
-    thing.display_type, thing.show_in_front = "BOUNDS", False
+def show_canvas(thing: bpy.types.Object, painted: bool) -> None:
+    """Show a canvas before the trees that stand on it, or leave only its outline in sight."""
+    thing.display_type, thing.show_in_front = "TEXTURED" if painted else "BOUNDS", painted
 
 
 def layer_of(thing: bpy.types.Object, name: str) -> bpy.types.VertexGroup:

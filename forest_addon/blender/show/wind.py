@@ -47,6 +47,7 @@ from ..scene.nodes import (
     Graph,
     Value,
     instancer_of,
+    marked,
     set_input,
     show_as,
     shown_of,
@@ -101,22 +102,6 @@ class WindShown:
     still: int
     pieces: int
     seconds: float
-
-
-@dataclass(frozen=True)
-class WindClock:
-    """Frames in which wind is shown: the first one, knots of amplitudes in a frame, knots of the table, and
-    the amplitudes there (``amplitudes_of``)."""
-
-    first: int
-    knots: float
-    count: int
-    amplitudes: Mapping[int, np.ndarray]
-
-    @property
-    def inputs(self) -> dict[str, float]:
-        """The same for modifiers."""
-        return {LAST: self.count - 2, FIRST: self.first, KNOT: self.knots}
 
 
 def amplitudes_of(
@@ -190,27 +175,31 @@ def show_on_points(
     scene: bpy.types.Scene,
     instancer: bpy.types.Modifier,
     sway: ForestSway,
-    clock: WindClock,
+    amplitudes: Mapping[int, np.ndarray],
+    clock: dict[str, float],
     top: bpy.types.Collection,
     key: str,
 ) -> WindShown:
-    """Let the trees of an instancer sway. top : where what is made for that goes. key : mark of the
-    modifier."""
+    """Let the trees of an instancer sway. clock : inputs of modifiers that say when. top : where what is made
+    for that goes. key : mark of the modifier."""
     thing, number = instancer.id_data, sway.number
     tree, kind = (read(thing.data, name, "INT", missing=-1) for name in (TREE_KEY, VARIANT))
     row_of = [number.get(one, -1) for one in tree.tolist()]
-    moving = [k for k, row in enumerate(row_of) if row in clock.amplitudes]
-    rows = [row_of[k] for k in moving]
+    moving = [k for k, row in enumerate(row_of) if row in amplitudes]
+    rows, count = [row_of[k] for k in moving], int(clock[LAST]) + 2
     told = {name: np.zeros(len(tree), np.int64) for name in OWN}
     told[ROW][moving] = 1 + np.arange(len(moving))
-    told[KNOTS][moving] = clock.count * np.arange(len(moving))
-    given = {TABLE: make_object("Wind Table", table_of(clock.amplitudes, rows, clock.count), top)}
+    told[KNOTS][moving] = count * np.arange(len(moving))
+    given = {TABLE: make_object("Wind Table", table_of(amplitudes, rows, count), top)}
     used, sample = np.unique(kind[moving], return_index=True)
     for what, names, part in ((FULL, OF_FULL, VARIANTS), (LIGHT, OF_LIGHT, OUTLINES)):
         home, maps = make_collection(f"Wind {what}", top), []
         for one, first in zip(used.tolist(), sample.tolist(), strict=True):
             block, row = library_of(scene, part)[one], rows[first]
-            mesh = _rest(block, sway, row, part)
+            # of a stand-in the mesh that stands for it, where it is one mesh
+            rough = isinstance(block, bpy.types.Object) and block.type == "MESH"
+            mesh = from_mesh(block.data) if part == OUTLINES and rough else sway.rest(row)
+            mesh = mesh if len(mesh.triangles) else sway.rest(row)
             begin = len(home.objects)
             maps.append(pieces_of(sway, row, mesh, _coats(scene, block, one), home))
             mine = np.array(moving)[kind[moving] == one]
@@ -224,7 +213,7 @@ def show_on_points(
         write(thing.data, name, values, "INT")
     modifier = thing.modifiers.new(key, "NODES")
     modifier.node_group = many_group(key)
-    for name, value in (given | clock.inputs).items():
+    for name, value in (given | clock).items():
         set_input(modifier, name, value)
     show_as(instancer, shown_of(instancer))
     many = int(told[OF_FULL[1]].sum())
@@ -237,13 +226,6 @@ def forget_points(data: bpy.types.Mesh) -> None:
         attribute = data.attributes.get(name)
         if attribute is not None:
             data.attributes.remove(attribute)
-
-
-def _rest(block: bpy.types.ID, sway: ForestSway, row: int, part: str) -> TriMesh:
-    """The mesh of a variant; of a stand-in the one that stands for it, where it is one mesh."""
-    stands = part == OUTLINES and isinstance(block, bpy.types.Object) and block.type == "MESH"
-    mesh = from_mesh(block.data) if stands else sway.rest(row)
-    return mesh if len(mesh.triangles) else sway.rest(row)
 
 
 def _coats(
@@ -280,14 +262,14 @@ def show_wind(
     if amplitudes is None or any(len(one) != count for one in amplitudes.values()):
         amplitudes = amplitudes_of(sway, count)
     hide_wind(scene)
-    clock = WindClock(scene.frame_start, knots / rate, count, amplitudes)
+    clock = {LAST: count - 2, FIRST: scene.frame_start, KNOT: knots / rate}
     with all_or_nothing():
         top = make_collection(HOME, root(scene) or scene.collection)
         top.hide_viewport = top.hide_render = True
         if instancer is not None:
-            made = show_on_points(scene, instancer, sway, clock, top, HOME)
+            made = show_on_points(scene, instancer, sway, amplitudes, clock, top, HOME)
         else:
-            made = _show_on_objects(found, sway, clock, top)
+            made = _show_on_objects(found, sway, amplitudes, clock, top)
     return replace(made, seconds=(scene.frame_end - scene.frame_start) / rate)
 
 
@@ -329,15 +311,15 @@ def _trees(
 def _show_on_objects(
     found: Sequence[bpy.types.Object],
     sway: ForestSway,
-    clock: WindClock,
+    amplitudes: Mapping[int, np.ndarray],
+    clock: dict[str, float],
     top: bpy.types.Collection,
 ) -> WindShown:
     """Let trees sway that are objects."""
     rows = [sway.number.get(int(thing[TREE_KEY]), -1) for thing in found]
-    moving = [
-        (thing, row) for thing, row in zip(found, rows, strict=True) if row in clock.amplitudes
-    ]
-    table = table_of(clock.amplitudes, [row for _, row in moving], clock.count)
+    moving = [(thing, row) for thing, row in zip(found, rows, strict=True) if row in amplitudes]
+    count = int(clock[LAST]) + 2
+    table = table_of(amplitudes, [row for _, row in moving], count)
     given = {TABLE: make_object("Wind Table", table, top)}
     kinds: dict[tuple[str, tuple[int, int]], tuple[bpy.types.Collection, np.ndarray]] = {}
     shapes: list[bpy.types.Collection] = []
@@ -353,12 +335,12 @@ def _show_on_objects(
     size = np.array([len(one) for one in maps], np.int64)
     tree = np.repeat(np.arange(len(maps)), size)
     piece = np.arange(len(tree)) - np.repeat(np.cumsum(size) - size, size)
-    told = {TREE: tree, PIECE: piece, KNOTS: tree * clock.count}
+    told = {TREE: tree, PIECE: piece, KNOTS: tree * count}
     data = pieces_mesh(np.concatenate(maps) if maps else np.zeros((0, 12, 3, 4)), told)
     pieces = make_object("Wind Pieces", data, top)
     modifier = pieces.modifiers.new(HOME, "NODES")
     modifier.node_group = moving_group()
-    for name, value in (given | clock.inputs).items():
+    for name, value in (given | clock).items():
         set_input(modifier, name, value)
     for place, (thing, _) in enumerate(moving):
         modifier = thing.modifiers.new(HOME, "NODES")
@@ -417,8 +399,7 @@ def basis_name(mode: int, column: int) -> str:
 
 def moving_group() -> bpy.types.NodeTree:
     """The file's group that moves the pieces of all trees, made where there is none."""
-    found = next((g for g in bpy.data.node_groups if WIND_KEY in g), None)
-    return found or _moving()
+    return marked(WIND_KEY, True) or _moving()
 
 
 def showing_group(key: str) -> bpy.types.NodeTree:
@@ -429,8 +410,7 @@ def showing_group(key: str) -> bpy.types.NodeTree:
 
 def many_group(key: str) -> bpy.types.NodeTree:
     """The file's group that shows trees that are points, made where there is none; key : as a view's."""
-    found = next((g for g in bpy.data.node_groups if g.get(MANY_KEY) == key), None)
-    return found or _many(key)
+    return marked(MANY_KEY, key) or _many(key)
 
 
 def _moving() -> bpy.types.NodeTree:
@@ -464,20 +444,15 @@ def _many(key: str) -> bpy.types.NodeTree:
     sways = graph.math("GREATER_THAN", graph.named(ROW, "INT"), 0.5)
     parted = {"Geometry": given["Tree"], "Selection": sways}
     moving, still = graph.add("SeparateGeometry", parted, domain="INSTANCE").outputs
-    pieces = _pieces(graph, _swaying_trees(graph, moving), light)
+    stand = graph.value("InstanceTransform")  # of each tree that sways, a point that says so
+    trees = graph.store(moving, STAND, "FLOAT4X4", stand, "INSTANCE")
+    trees = graph.value("InstancesToPoints", trees)
+    for number, three in enumerate(_amplitudes(graph)):
+        trees = graph.store(trees, f"{AMPLITUDES} {number}", "FLOAT_VECTOR", three)
+    pieces = _pieces(graph, trees, light)
     joined = graph.add("JoinGeometry", {0: pieces})
     graph.put(joined.inputs[0], still)
     return graph.finish(graph.switch("GEOMETRY", dots, joined.outputs[0], given["Tree"]))
-
-
-def _swaying_trees(graph: Graph, trees: Value) -> Value:
-    """A point for every tree that sways, which says how it stands and the amplitudes of its modes."""
-    stand = graph.value("InstanceTransform")
-    told = graph.store(trees, STAND, "FLOAT4X4", stand, "INSTANCE")
-    told = graph.value("InstancesToPoints", told)
-    for number, three in enumerate(_amplitudes(graph)):
-        told = graph.store(told, f"{AMPLITUDES} {number}", "FLOAT_VECTOR", three)
-    return told
 
 
 def _pieces(graph: Graph, trees: Value, light: Value) -> Value:

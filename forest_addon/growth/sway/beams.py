@@ -18,7 +18,8 @@ mean of the species of a genus, density by the specific gravity on green volume 
 moisture content of heartwood and sapwood (Table 4-1). Apple: Markwardt & Wilson 1935. Moduli are those of the
 tests, of short beams of clear wood: the shear in them takes a tenth, knots and young wood of whole stems take
 more (2.0 to 6.4 GPa in standing Sitka spruces, whose sawn wood has 5.9: Milne & Blackburn 1989, Tree Physiol.
-5:195).
+5:195). Branches are of less dense young wood: at most 4.6 GPa where trunks have at most 7.5, in spruce, pine,
+larch and birch alike (Cannell & Morgan 1987, Tree Physiol. 3:355).
 
 Leaves: dry mass over the leaf area (BAAD, Falster et al. 2015: the geometric mean over studies of a genus of
 their medians), which is half of the surface of needles however a study counted (``measured/allometry``),
@@ -43,6 +44,7 @@ DRY = 0.4  # dry mass of leaves over the fresh one
 BROAD_LEAF, NEEDLE = 0.053, 0.22  # kg/m² dry, by one-sided area
 INSIDE = 0.92  # diameter without bark over that with it
 THIN_BARK = {"fagus": 0.97, "picea": 0.95, "abies": 0.95}
+BRANCH = 0.6  # modulus of branches over that of the stem
 TORSION = 0.065  # shear modulus over modulus of elasticity (Wood handbook, Table 5-1)
 EVERGREEN = ("picea", "pinus", "pseudotsuga", "abies")
 LONGEST = 1 / 40  # of the tree's height, of a member
@@ -147,7 +149,8 @@ def wood_of_genus(genus: str) -> GreenWood:
 class Members:
     """B straight tapered members of a tree and how its S segments ride on them.
 
-    start, end : (B, 3) metres. radius : (B, 2) at start and end, metres, that give the segments' volume.
+    start, end : (B, 3) metres. stem : (B,) bool, of the stem.
+    radius : (B, 2) at start and end, metres, that give the segments' volume.
     node : (B, 2) int64, nodes of start and end; node 0 is the ground, b + 1 the end of member b.
     offset : (B, 3) metres from the start's node to the member's start.
     of_segment : (S,) int64, the member that each segment is part of, or rides on.
@@ -157,6 +160,7 @@ class Members:
 
     start: np.ndarray
     end: np.ndarray
+    stem: np.ndarray
     radius: np.ndarray
     node: np.ndarray
     offset: np.ndarray
@@ -199,7 +203,8 @@ def members_of(skeleton: Skeleton, most: int = MOST) -> Members:
     radius = _radii(skeleton, member, first, last)[stays]
     node, offset = _nodes(start, end, np.where(above >= 0, number[above], -1)[stays])
     along = _along(skeleton, stays[member], number[own], start, end)
-    return Members(start, end, radius, node, offset, number[own], stays[member], along)
+    stem = skeleton.order[first[stays]] == 0
+    return Members(start, end, stem, radius, node, offset, number[own], stays[member], along)
 
 
 def _joined(skeleton: Skeleton, longest: float) -> np.ndarray:
@@ -381,6 +386,7 @@ def _elements(
 ) -> tuple[np.ndarray, np.ndarray]:
     """(B, 12, 12) stiffness and mass of members along their own x axis."""
     stiff, mass = np.zeros((len(length), 12, 12)), np.zeros((len(length), 12, 12))
+    modulus = wood.modulus * np.where(members.stem, 1.0, BRANCH)
     for point, weight in zip(POINT, WEIGHT, strict=True):
         x = (point + 1) / 2
         radius = members.radius[:, 0] * (1 - x) + members.radius[:, 1] * x
@@ -400,22 +406,22 @@ def _elements(
                 move[:, at, plane] = cubic[k] * lever
         move[:, 0, 2], move[:, 6, 2] = 1 - x, x
         move[:, 3, 3], move[:, 9, 3] = 1 - x, x
-        stiff += np.einsum("b,bip,bjp->bij", wood.modulus * inertia * dx, bend, bend)
+        stiff += np.einsum("b,bip,bjp->bij", modulus * inertia * dx, bend, bend)
         weighed = move.copy()
         weighed[:, :, 3] *= (2 * turning / area)[:, None]
         mass += np.einsum("b,bip,bjp->bij", wood.density * area * dx, weighed, move)
         pull, twist = (
-            wood.modulus * wood.inside**2 * area * dx,
-            TORSION * wood.modulus * 2 * inertia * dx,
+            modulus * wood.inside**2 * area * dx,
+            TORSION * modulus * 2 * inertia * dx,
         )
-        for at, modulus in ((0, pull), (3, twist)):
+        for at, rigid in ((0, pull), (3, twist)):
             for i, j, sign in (
                 (at, at, 1),
                 (at + 6, at + 6, 1),
                 (at, at + 6, -1),
                 (at + 6, at, -1),
             ):
-                stiff[:, i, j] += sign * modulus / length**2
+                stiff[:, i, j] += sign * rigid / length**2
     return stiff, mass
 
 

@@ -15,7 +15,7 @@ from __future__ import annotations
 import hashlib
 import secrets
 import time
-from collections.abc import Callable, Generator
+from collections.abc import Generator
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -33,7 +33,7 @@ from ..settings import exchange
 from ..settings.exchange import forestless, to_spec
 from ..shell import running
 from ..shell.running import PROBLEMS, Button, Working, current, getting_ready, obstacle, stop
-from ..shell.views import look_at, redraw_panels, region_of, views
+from ..shell.views import is_rendering, look_at, redraw_panels, region_of, views
 from ..shell.words import say
 from ..species.edit import edited_species, load
 from .hand import take_up_changes
@@ -50,7 +50,7 @@ UNUSABLE = "unusable"  # the fingerprint of settings that nothing can be built f
 
 _now: dict[int, str] = {}  # fingerprint of a scene's settings, by its session_uid
 _let_be: dict[int, str] = {}  # the one that is not built by itself
-_digests: dict[tuple[str, str], tuple[str, str]] = {}  # of a surface or weights: (object, digest)
+_digests: dict[tuple[str, str], str] = {}  # of a surface or weights, by name and setting
 _due = 0.0  # when it will have been quiet for long enough
 _brought: set[int] = set()  # scenes of which the next report is the work of undo, redo or a file
 _building: tuple[Job, int, str] | None = None  # the job that Live began, its scene, what it builds
@@ -94,7 +94,7 @@ def fingerprint(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> str:
     ------
     SpecError : a setting that cannot be used, or an object that is not there.
     """
-    from ...blender.read.inputs import read_places
+    from ...blender.read.inputs import read_painted, read_places, read_terrain
 
     settings = exchange.to_spec(scene, [])
     folder = bpy.path.abspath(scene.forest_sensing.folder)
@@ -102,19 +102,21 @@ def fingerprint(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> str:
     parts = [repr((*said, edited_species(scene), folder))]
     if settings.accuracy.detail == "auto":  # what grows depends on who looks
         parts.append(repr(exchange.to_spec(scene, exchange.usable(scene)).sensors))
-    surface = settings.forest.terrain.object
-    if surface:
-        make = partial(_of_terrain, surface, depsgraph)
-        parts.append(_kept_digest(("surface", surface), surface, make))
+    named = [(settings.forest.terrain.object, "forest.terrain.object")]
     for number, planting in enumerate(settings.plantings):
-        name, where = planting.painted, f"plantings[{number}]"
-        if name:
-            holder = name if name in bpy.data.objects else name.rpartition(":")[0]
-            make = partial(_of_painted, name, depsgraph, f"{where}.painted")
-            parts.append(_kept_digest(("weights", name), holder, make))
+        named.append((planting.painted, f"plantings[{number}].painted"))
         if planting.layout == "list" and planting.collection:
-            places = read_places(planting.collection, depsgraph, f"{where}.collection")
+            where = f"plantings[{number}].collection"
+            places = read_places(planting.collection, depsgraph, where)
             parts.append(_digest(places.position, places.scale, places.rotation))
+    for name, where in named:
+        if name and (name, where) not in _digests:
+            painted = where.endswith("painted")
+            found: Any = (read_painted if painted else read_terrain)(name, depsgraph, where)
+            found = found if painted else found.surface
+            weight = found.weight if painted else None
+            _digests[name, where] = _digest(found.vertices, found.triangles, weight)
+        parts.append(_digests.get((name, where), ""))
     return hashlib.blake2b("\n".join(parts).encode(), digest_size=16).hexdigest()
 
 
@@ -151,27 +153,6 @@ def let_be(scene: bpy.types.Scene, mark: str) -> None:
 # ------------------------------------------------------------------------------------------ digests
 
 
-def _kept_digest(what: tuple[str, str], holder: str, make: Callable[[], str]) -> str:
-    """The digest of something that is read from an object, until Blender says that this has changed."""
-    if what not in _digests:
-        _digests[what] = (holder, make())
-    return _digests[what][1]
-
-
-def _of_terrain(name: str, depsgraph: bpy.types.Depsgraph) -> str:
-    from ...blender.read.inputs import read_terrain
-
-    surface = read_terrain(name, depsgraph).surface
-    return _digest(surface.vertices, surface.triangles)
-
-
-def _of_painted(name: str, depsgraph: bpy.types.Depsgraph, where: str) -> str:
-    from ...blender.read.inputs import read_painted
-
-    painted = read_painted(name, depsgraph, where)
-    return _digest(painted.vertices, painted.triangles, painted.weight)
-
-
 def _digest(*arrays: np.ndarray | None) -> str:
     whole = hashlib.blake2b(digest_size=16)
     for array in arrays:
@@ -189,13 +170,12 @@ def _hear(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     brought = scene.session_uid in _brought
     _brought.discard(scene.session_uid)
     props = scene.forest_sensing
-    if not props.built and not props.live:
+    if not (props.built or props.live) or is_rendering():
         return
     if brought:
         settle(scene, depsgraph, brought)
         return
-    if _digests:
-        _forget_changed(depsgraph)
+    _forget_changed(depsgraph)
     _due = time.monotonic() + QUIET
     if not bpy.app.timers.is_registered(_settle):
         bpy.app.timers.register(_settle, first_interval=QUIET, persistent=True)
@@ -209,14 +189,15 @@ def _hear_brought(*_: object) -> None:
 
 
 def _forget_changed(depsgraph: bpy.types.Depsgraph) -> None:
+    """Read again what Blender says has changed."""
     changed = {
         update.id.name
         for update in depsgraph.updates
         if update.is_updated_geometry or update.is_updated_transform
     }
-    for what, (holder, _) in list(_digests.items()):
-        if holder in changed:
-            del _digests[what]
+    for name, where in list(_digests):
+        if name in changed or name.rpartition(":")[0] in changed:  # until Blender says so
+            del _digests[name, where]
 
 
 def _settle() -> float | None:
@@ -273,12 +254,6 @@ DEMO = ASSETS / "scenes" / "demo.toml"
 _kept: dict[str, TreesBeforeFall] = {}  # trees of the forest that grew last, once one has
 
 
-def _import_rooms(_tell: Any) -> None:
-    from ... import site  # noqa: F401
-    from ...blender import site as blender_site  # noqa: F401
-    from ..results import finding  # noqa: F401
-
-
 def _grown(site: ForestSite, tell: Progress) -> GrownForest:
     """Grow a forest, but for trees that are those of the forest before, in another season perhaps."""
     from ...stand.forest import TreesBeforeFall
@@ -319,7 +294,7 @@ class FOREST_OT_build(Working, bpy.types.Operator):
 
     def work(self, context: bpy.types.Context) -> Work:
         started, scene = time.perf_counter(), context.scene
-        yield getting_ready(_import_rooms)
+        yield getting_ready("site", "blender.site", "ui.results.finding")
         from ...blender.scene.assets import tell_variants, untold
         from ...blender.scene.forest import (
             SHOWN_IN_FULL,

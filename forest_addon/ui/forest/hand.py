@@ -1,19 +1,26 @@
-"""Trees set, changed and removed by hand, which *Grow Forest* keeps: with a brush, one by one, by selection.
+"""Forests by hand: trees set, changed and removed, which *Grow Forest* keeps; where others stand, painted.
 
 All of it ends in the settings of plantings (``by_hand`` and ``clearings``). Before a forest is grown anew,
 trees that somebody has moved or deleted in the view are noted there, as trees set by hand, and as clearings
 where they were drawn. Buttons for selected trees do the same at once. So a scene file and a script grow what
 the window shows.
+
+A button lays a canvas over the field and gives the user Blender's brush. While it is painted the canvas is
+drawn before the trees, which views show through it. However the user leaves Weight Paint mode, by the button
+or Blender's own ways, it is put away then.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any, ClassVar
 
 import bpy
 import numpy as np
 
+from ... import spec
 from ...blender.scene.instances import (
     STOOD_KEY,
     StoodTree,
@@ -22,11 +29,23 @@ from ...blender.scene.instances import (
     note_change,
     stood_trees,
 )
-from ...blender.scene.layout import ROLE_KEY, TREES, VARIANTS, adopt, find_part, is_ours
+from ...blender.scene.layout import (
+    INTENSITY,
+    ROLE_KEY,
+    TREES,
+    VARIANTS,
+    adopt,
+    find_part,
+    is_ours,
+    part,
+)
+from ...blender.show import intensity
 from ...spec import Clearing, HandTree
+from ..settings import exchange
 from ..settings.exchange import fill, read
 from ..shell.running import Button, obstacle
-from ..shell.words import keep, say
+from ..shell.views import chosen_planting, redraw_panels, see_through, select
+from ..shell.words import free_name, keep, say
 
 Place = tuple[float, float]
 NEAR = 1e-3  # metres: two places that are one
@@ -87,6 +106,7 @@ def add_tree(
     All but the diameter (m) is said, so that it stays the same tree when others are set or removed.
     """
     entry = planting.by_hand.add() if entry is None else entry
+    redraw_panels()
     entry.position = place
     given = {"rotation_deg": rotation_deg, "scale": scale, "variant": variant, "diameter": diameter}
     for name, value in given.items():
@@ -102,6 +122,7 @@ def remove_tree(planting: Any, place: Place) -> None:
         clear_spot(planting, place)
     else:
         planting.by_hand.remove(list(planting.by_hand).index(entry))
+    redraw_panels()
 
 
 def find_set(planting: Any, place: Place) -> Any:
@@ -119,14 +140,53 @@ def clear_spot(planting: Any, place: Place, radius: float = SPOT) -> None:
     disc.position, disc.radius = place, radius
 
 
+def copy_of(thing: bpy.types.Object) -> tuple[str, int] | None:
+    """Return the planting and variant of which an object is a copy that somebody made; None: of none."""
+    part, _, name = str(thing.get(ROLE_KEY, "")).partition("/")
+    if thing.type != "MESH" or is_ours(thing):
+        return None
+    if part == VARIANTS:
+        return variant_copied(thing)
+    if part == TREES and STOOD_KEY in thing:
+        return name.rpartition(" ")[0], int(thing[STOOD_KEY][4])
+    return None
+
+
+def variant_copied(thing: bpy.types.Object) -> tuple[str, int] | None:
+    """Return planting and number of the variant that an object is, here or in another file; None: of none."""
+    part, _, name = str(thing.get(ROLE_KEY, "")).partition("/")
+    label, _, number = name.rpartition(".")
+    is_one = thing.type == "MESH" and part == VARIANTS and number.isdecimal()
+    return (label, int(number)) if is_one else None
+
+
+def swap_tree(planting: Any, tree: StoodTree) -> None:
+    """Make a tree the next variant of its species, at once where it is an object, and keep it so."""
+    number = (tree.variant + 1) % planting.variants
+    set_tree(planting, tree, number)
+    role = f"{VARIANTS}/{tree.label}.{number:03d}"
+    home = find_part(planting.id_data, VARIANTS)
+    for thing in home.objects if home is not None else ():  # else it comes with the forest
+        if thing.get(ROLE_KEY) == role and tree.thing is not None:
+            tree.thing.data = thing.data
+
+
+def take_away(planting: Any, tree: StoodTree) -> None:
+    """Take a tree out of the forest, and have none drawn in its place."""
+    remove_tree(planting, tree.planted)
+    forget_tree(tree)
+
+
 class _OfSelected(Button):
-    """An operator on selected trees of the forest."""
+    """An operator on selected trees of the forest, which does ``change(planting, tree)`` with each."""
+
+    nothing, fits = NO_TREES, staticmethod(lambda thing: STOOD_KEY in thing)
 
     @classmethod
     def obstacle(cls, context: bpy.types.Context) -> str:
         reason = super().obstacle(context)
-        stand = context.mode == "OBJECT" and any(STOOD_KEY in t for t in context.selected_objects)
-        return reason or ("" if stand else say(NO_TREES))
+        there = context.mode == "OBJECT" and any(map(cls.fits, context.selected_objects))
+        return reason or ("" if there else say(cls.nothing))
 
     def act(self, context: bpy.types.Context) -> str | None:
         """Change each tree of a known planting; returns how many those are."""
@@ -150,9 +210,7 @@ class FOREST_OT_lock_trees(_OfSelected, bpy.types.Operator):
 
     bl_idname = "forest.lock_trees"
     bl_label = "Lock Trees"
-
-    def change(self, planting: Any, tree: StoodTree) -> None:
-        set_tree(planting, tree)
+    change = staticmethod(set_tree)
 
 
 class FOREST_OT_swap_trees(_OfSelected, bpy.types.Operator):
@@ -160,15 +218,7 @@ class FOREST_OT_swap_trees(_OfSelected, bpy.types.Operator):
 
     bl_idname = "forest.swap_trees"
     bl_label = "Next Variant"
-
-    def change(self, planting: Any, tree: StoodTree) -> None:
-        number = (tree.variant + 1) % planting.variants
-        set_tree(planting, tree, number)
-        role = f"{VARIANTS}/{tree.label}.{number:03d}"
-        home = find_part(planting.id_data, VARIANTS)
-        for thing in home.objects if home is not None else ():  # else it comes with the forest
-            if thing.get(ROLE_KEY) == role and tree.thing is not None:
-                tree.thing.data = thing.data
+    change = staticmethod(swap_tree)
 
 
 class FOREST_OT_remove_trees(_OfSelected, bpy.types.Operator):
@@ -176,24 +226,16 @@ class FOREST_OT_remove_trees(_OfSelected, bpy.types.Operator):
 
     bl_idname = "forest.remove_trees"
     bl_label = "Remove Trees"
-
-    def change(self, planting: Any, tree: StoodTree) -> None:
-        remove_tree(planting, tree.planted)
-        forget_tree(tree)
+    change = staticmethod(take_away)
 
 
-class FOREST_OT_adopt_trees(Button, bpy.types.Operator):
+class FOREST_OT_adopt_trees(_OfSelected, bpy.types.Operator):
     """Plant the selected copies of trees where they stand: copied here or dragged from the Asset Browser"""
 
     bl_idname = "forest.adopt_trees"
     bl_label = "Plant Copies"
     bl_options: ClassVar[set[str]] = {"UNDO"}
-
-    @classmethod
-    def obstacle(cls, context: bpy.types.Context) -> str:
-        reason = super().obstacle(context)
-        copied = context.mode == "OBJECT" and any(map(copy_of, context.selected_objects))
-        return reason or ("" if copied else say(NO_COPIES))
+    nothing, fits = NO_COPIES, staticmethod(copy_of)
 
     def act(self, context: bpy.types.Context) -> str | None:
         known, planted = plantings_by_label(context.scene), []
@@ -217,36 +259,15 @@ class FOREST_OT_adopt_trees(Button, bpy.types.Operator):
         return say("{count} planted; Grow Forest keeps them", count=len(planted))
 
 
-def copy_of(thing: bpy.types.Object) -> tuple[str, int] | None:
-    """Return the planting and variant of which an object is a copy that somebody made; None: of none."""
-    part, _, name = str(thing.get(ROLE_KEY, "")).partition("/")
-    if thing.type != "MESH" or is_ours(thing):
-        return None
-    if part == VARIANTS:
-        return variant_copied(thing)
-    if part == TREES and STOOD_KEY in thing:
-        return name.rpartition(" ")[0], int(thing[STOOD_KEY][4])
-    return None
-
-
-def variant_copied(thing: bpy.types.Object) -> tuple[str, int] | None:
-    """Return planting and number of the variant that an object is, here or in another file; None: of none."""
-    part, _, name = str(thing.get(ROLE_KEY, "")).partition("/")
-    label, _, number = name.rpartition(".")
-    is_one = thing.type == "MESH" and part == VARIANTS and number.isdecimal()
-    return (label, int(number)) if is_one else None
-
-
 def draw_menu(menu: Any, context: bpy.types.Context) -> None:
     """Draw what can be done with selected trees, in the context menu of objects."""
     stand = any(STOOD_KEY in thing for thing in context.selected_objects)
     copied = any(map(copy_of, context.selected_objects))
-    if stand or copied:
+    names = ["lock_trees", "swap_trees", "remove_trees"] * stand + ["adopt_trees"] * copied
+    if names:
         menu.layout.separator()
-    for name in ("lock_trees", "swap_trees", "remove_trees") if stand else ():
+    for name in names:
         menu.layout.operator(f"forest.{name}")
-    if copied:
-        menu.layout.operator("forest.adopt_trees")
 
 
 MENUS = (("VIEW3D_MT_object_context_menu", draw_menu),)
@@ -291,7 +312,11 @@ class Hand:
         """Undo a stroke; returns whether there was one."""
         if not self.before:
             return False
-        _restore(self.scene, self.before.pop())
+        plantings = self.scene.forest_sensing.plantings
+        for planting, (trees, discs) in zip(plantings, self.before.pop(), strict=False):
+            fill(planting, "by_hand", trees)
+            fill(planting, "clearings", discs)
+        self.scene.update_tag()
         self.set.clear()
         self.cleared.clear()
         return True
@@ -328,8 +353,9 @@ class Hand:
         """Take away the trees on a disc, and have none drawn there; returns how many went."""
         near = np.flatnonzero(np.hypot(*(self.places - place).T) <= radius)
         known = plantings_by_label(self.scene)
-        drawn = [self.trees[k].label for k in near if not self._is_set(known, self.trees[k])]
-        for label in set(drawn) & known.keys():
+        trees = [self.trees[k] for k in near if self.trees[k].label in known]
+        drawn = [t.label for t in trees if find_set(known[t.label], t.planted) is None]
+        for label in set(drawn):
             clear_spot(known[label], place, radius)
         gone = len(drawn)
         for planting in known.values():
@@ -341,6 +367,7 @@ class Hand:
         self.trees = [tree for k, tree in enumerate(self.trees) if k not in near]
         if gone:
             self.cleared.append((float(place[0]), float(place[1]), radius))
+            redraw_panels()
         return gone
 
     def nearest(self, place: Place, reach: float) -> StoodTree | None:
@@ -350,30 +377,26 @@ class Hand:
         return self.trees[number] if number >= 0 and far[number] <= reach else None
 
     def change(
-        self, tree: StoodTree, variant: int | None = None, place: Place | None = None
+        self,
+        tree: StoodTree,
+        how: Callable[[Any, StoodTree], None] = set_tree,
+        place: Place | None = None,
     ) -> None:
-        """Keep one tree as it stands, or as another variant, or at another place."""
+        """Keep one tree as it stands, or at another place, or do with it what a button does."""
         known = plantings_by_label(self.scene)
         if tree.label not in known:
             return
-        planting, number = known[tree.label], self.trees.index(tree)
+        number = self.trees.index(tree)
         now = tree if place is None else replace(tree, place=place)
         if tree.thing is not None and place is not None:
             tree.thing.location[:2] = place
-        set_tree(planting, now, None if variant is None else variant % planting.variants)
+        how(known[tree.label], now)
+        if how is take_away:
+            self.cleared.append((*tree.planted, 0.5))
+            del self.trees[number]
+            return
         self.trees[number] = replace(now, planted=now.place, was=(now.rotation, now.scale))
         self.set.append(now.place)
-
-    def remove(self, tree: StoodTree) -> None:
-        """Take one tree away."""
-        known = plantings_by_label(self.scene)
-        if tree.label in known:
-            remove_tree(known[tree.label], tree.planted)
-            self.cleared.append((*tree.planted, 0.5))
-            self.trees.remove(tree)
-
-    def _is_set(self, known: dict[str, Any], tree: StoodTree) -> bool:
-        return tree.label in known and find_set(known[tree.label], tree.planted) is not None
 
 
 def hand_trees(scene: bpy.types.Scene) -> Kept:
@@ -392,8 +415,85 @@ def hand_trees(scene: bpy.types.Scene) -> Kept:
     ]
 
 
-def _restore(scene: bpy.types.Scene, kept: Kept) -> None:
-    for planting, (trees, discs) in zip(scene.forest_sensing.plantings, kept, strict=False):
-        fill(planting, "by_hand", trees)
-        fill(planting, "clearings", discs)
-    scene.update_tag()
+NAME = "Canvas"
+PAINTING = "PAINT_WEIGHT"
+
+_in_hand = ""  # the canvas that is being painted
+
+
+@bpy.app.handlers.persistent
+def _put_away(*_: object) -> None:
+    """Put the canvas away when it is no longer painted."""
+    global _in_hand
+    if not _in_hand or bpy.context.mode == PAINTING:
+        return
+    thing = bpy.data.objects.get(_in_hand)
+    _in_hand = ""
+    see_through(False)
+    if thing is not None and intensity.CANVAS_KEY in thing:  # in another file it may be anything
+        intensity.show_canvas(thing, painted=False)
+
+
+class FOREST_OT_paint(Button, bpy.types.Operator):
+    """Paint where this species stands, on the ground; press again when it is done"""
+
+    bl_idname = "forest.paint"
+    bl_label = "Paint"
+
+    @classmethod
+    def obstacle(cls, context: bpy.types.Context) -> str:
+        if context.mode not in ("OBJECT", PAINTING):
+            return say("Leave this mode first: painting begins in Object Mode")
+        reason = super().obstacle(context)
+        if not reason and chosen_planting(context.scene.forest_sensing) is None:
+            reason = say("There is no planting yet. Add one to the list")
+        return reason
+
+    def act(self, context: bpy.types.Context) -> str:
+        global _in_hand
+        if context.mode == PAINTING:
+            bpy.ops.object.mode_set(mode="OBJECT")
+            _put_away()
+            return ""
+        thing = self._canvas(context)
+        planting = chosen_planting(context.scene.forest_sensing)
+        layer = intensity.layer_of(thing, _layer_name(planting, thing))
+        planting.painted = f"{thing.name}:{layer.name}"
+        select(context, thing)
+        bpy.ops.object.mode_set(mode="WEIGHT_PAINT")
+        intensity.show_canvas(thing, painted=True)
+        _in_hand = thing.name
+        see_through(True)
+        return say("Paint where trees stand; Done ends it, Grow Forest plants them")
+
+    def _canvas(self, context: bpy.types.Context) -> bpy.types.Object:
+        """The scene's canvas, laid over the field as it is now."""
+        from ...blender.site import with_objects
+        from ...site import ForestSite
+        from ...stand.files import read_inputs
+
+        props = context.scene.forest_sensing
+        folder = Path(bpy.path.abspath(props.folder))
+        settings = spec.Scene(
+            forest=exchange.read(props.forest, spec.Forest, "forest"),
+            offset=exchange.parsed("offset", props.offset) or (0.0, 0.0, 0.0),
+            crs=props.crs,
+        )
+        site = ForestSite(settings, folder, inputs=read_inputs(settings, folder))
+        site = with_objects(site, context.evaluated_depsgraph_get())
+        home = part(context.scene, INTENSITY)
+        known = (t for t in home.objects if intensity.CANVAS_KEY in t and t.type == "MESH")
+        thing = next(known, None) or intensity.new_canvas(NAME, home)
+        intensity.lay(thing, settings.forest, site.ground)
+        return thing
+
+
+def _layer_name(planting: Any, thing: bpy.types.Object) -> str:
+    """The layer that the planting has on the canvas, or the name for one of its own."""
+    if planting.painted_pointer == thing and planting.painted_layer in thing.vertex_groups:
+        return str(planting.painted_layer)
+    stem = Path(planting.species).stem or "trees"
+    return free_name(stem, " ", "", thing.vertex_groups.__contains__)
+
+
+HANDLERS = (("depsgraph_update_post", _put_away),)

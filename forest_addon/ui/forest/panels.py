@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -16,21 +17,24 @@ from ..settings.drawing import (
     buttons,
     draw_field,
     draw_listed,
+    draw_named,
     draw_reference,
     draw_settings,
+    is_narrow,
     is_shown,
+    name_in,
     rows,
     split,
 )
 from ..settings.exchange import forestless
 from ..settings.presets import draw_presets
-from ..settings.saved import draw_notice
+from ..settings.references import draw_notice
 from ..shell import running
 from ..shell.running import current, draw_job
 from ..shell.views import chosen, chosen_planting
 from ..shell.words import EDITED, keep, label, title_of
 from . import build
-from .painting import PAINTING
+from .hand import PAINTING
 from .planting import is_planting
 from .wind import draw_display
 
@@ -47,6 +51,8 @@ def _planting(context: Context) -> Any:
 
 NO_PLANTING = keep("There is no planting yet. Add one to the list")
 WIDE = 2.0  # metres, of a clearing that a button makes
+# Blender shows lengths times the scene's Unit Scale; trees and sound are computed without it.
+UNIT = (keep("A unit counts as 1 m here:"), keep("set Scene > Unit Scale to 1"))
 
 
 def _planting_row(item: Any) -> Row:
@@ -67,39 +73,17 @@ def _place(place: Any, form: str = "g") -> str:
     return f"{place[0]:{form}}, {place[1]:{form}} m"
 
 
-def _start_planting(planting: Any, _context: Context) -> None:
-    planting.species = "maple"
-    planting.use_expected = True
+def _hill(field: Any) -> dict[str, Any]:
+    """A hill in the middle of a field."""
+    middle = [o + s / 2 for o, s in zip(field.origin, field.size, strict=True)]
+    return {"centre": middle, "width": [s / 4 for s in field.size]}
 
 
-def _start_hill(hill: Any, context: Context) -> None:
-    field = _props(context).forest
-    hill.centre = [o + s / 2 for o, s in zip(field.origin, field.size, strict=True)]
-    hill.width = [s / 4 for s in field.size]
-
-
-def _start_image(raster: Any, context: Context) -> None:
-    field = _props(context).forest
-    raster.size, raster.origin = field.size, field.origin  # when switched on
-
-
-def _start_distance(pair: Any, context: Context) -> None:
+def _distance(context: Context) -> dict[str, Any]:
+    """A distance of the chosen planting from itself."""
     planting = _planting(context)
-    if planting is not None:
-        pair.species = pair.other = planting.species
-    pair.distance = _props(context).forest.spacing
-
-
-def _start_stems(stems: Any, _context: Context) -> None:
-    stems.count = 1000
-
-
-def _start_tree(tree: Any, context: Context) -> None:
-    tree.position = context.scene.cursor.location[:2]
-
-
-def _start_clearing(disc: Any, context: Context) -> None:
-    disc.position, disc.radius = context.scene.cursor.location[:2], WIDE
+    both = {} if planting is None else dict.fromkeys(("species", "other"), planting.species)
+    return both | {"distance": _props(context).forest.spacing}
 
 
 CLASSES = (
@@ -109,7 +93,7 @@ CLASSES = (
         "Planting",
         Listed("plantings", _props),
         "Plant one more species",
-        _start_planting,
+        lambda _context: {"species": "maple", "use_expected": True},
     ),
     rows(
         "gaussians",
@@ -123,7 +107,7 @@ CLASSES = (
         "Hill",
         Listed("gaussians", _planting, NO_PLANTING),
         "Add a hill of the intensity function, in the middle of the field",
-        _start_hill,
+        lambda context: _hill(_props(context).forest),
     ),
     rows(
         "rasters",
@@ -135,7 +119,7 @@ CLASSES = (
         "Image",
         Listed("rasters", _planting, NO_PLANTING),
         "Add an image to the intensity function",
-        _start_image,
+        lambda context: {n: getattr(_props(context).forest, n) for n in ("size", "origin")},
     ),
     rows(
         "distances",
@@ -151,7 +135,7 @@ CLASSES = (
         "Distance",
         Listed("distances", lambda context: _props(context).forest),
         "Add a distance between trees of two species, at first of the chosen planting with itself",
-        _start_distance,
+        _distance,
     ),
     rows(
         "stems",
@@ -163,7 +147,7 @@ CLASSES = (
         "Stems",
         Listed("stems", _props),
         "Add trees that are upright cylinders only: reverb hears them, nothing is grown",
-        _start_stems,
+        lambda _context: {"count": 1000},
     ),
     rows(
         "by_hand",
@@ -179,7 +163,7 @@ CLASSES = (
         "Tree",
         Listed("by_hand", _planting, NO_PLANTING),
         "Set a tree by hand at the 3D cursor",
-        _start_tree,
+        lambda context: {"position": context.scene.cursor.location[:2]},
     ),
     rows(
         "clearings",
@@ -191,7 +175,7 @@ CLASSES = (
         "Clearing",
         Listed("clearings", _planting, NO_PLANTING),
         "Keep a disc around the 3D cursor free of trees that are drawn",
-        _start_clearing,
+        lambda context: {"position": context.scene.cursor.location[:2], "radius": WIDE},
     ),
 )
 
@@ -205,19 +189,21 @@ class FOREST_PT_forest(Tab, bpy.types.Panel):
     bl_order = 0
 
     def draw_header_preset(self, context: bpy.types.Context) -> None:
-        self.layout.operator("forest.load_scene", text="", icon="FILE_FOLDER", emboss=False)
-        self.layout.operator("forest.save_scene", text="", icon="FILE_TICK", emboss=False)
-        self.layout.operator("forest.export_others", text="", icon="EXPORT", emboss=False)
-        self.layout.separator()  # from the handle that Blender draws at the end
+        if not is_narrow():  # else they would stand on the title
+            _draw_files(self.layout)
+            self.layout.separator()  # from the handle that Blender draws at the end
 
     def draw(self, context: bpy.types.Context) -> None:
         layout, props = self.layout, context.scene.forest_sensing
+        if is_narrow():
+            _draw_files(layout.row())
         if running.missing():
-            _say_what_is_missing(layout)
+            missing = running.packages_in_words(running.missing())
+            _draw_warning(layout, (missing, *running.WHAT_TO_DO)).alert = True
         if props.notice:
             draw_notice(layout, props)
         if context.scene.unit_settings.scale_length != 1:
-            _say_what_a_unit_is(layout)
+            _draw_warning(layout, UNIT)
         if forestless(props):
             _draw_start(layout)
             return
@@ -254,14 +240,24 @@ class FOREST_PT_plantings(OfForest, bpy.types.Panel):
 
 
 class _OfPlanting(Tab):
-    """More of the chosen planting."""
+    """More of the chosen planting: what ``names`` says of it, or what only the layout ``which`` heeds."""
 
     bl_parent_id = "FOREST_PT_plantings"
     bl_options: ClassVar[set[str]] = {"DEFAULT_CLOSED"}
+    names: tuple[str, ...] = ()
+    which = ""
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         return bool(context.scene.forest_sensing.plantings)
+
+    def draw(self, context: bpy.types.Context) -> None:
+        column, planting = split(self.layout), _shown_planting(context)
+        column.active = self.which in ("", planting.layout)
+        for name in self.names:
+            draw_field(column, planting, name)
+        if not self.names:
+            draw_settings(column, getattr(planting, self.which))
 
 
 class FOREST_PT_intensity(_OfPlanting, bpy.types.Panel):
@@ -292,47 +288,28 @@ class FOREST_PT_intensity(_OfPlanting, bpy.types.Panel):
 
 class FOREST_PT_limits(_OfPlanting, bpy.types.Panel):
     bl_label = "Limits"
-
-    def draw(self, context: bpy.types.Context) -> None:
-        column = split(self.layout)
-        for name in ("slope_deg", "altitude", "polygon", "holes"):
-            draw_field(column, _shown_planting(context), name)
+    names = ("slope_deg", "altitude", "polygon", "holes")
 
 
-class _OfLayout(_OfPlanting):
-    """Settings that one layout alone heeds, under its own name."""
-
-    which: ClassVar[str]
-
-    def draw(self, context: bpy.types.Context) -> None:
-        column, planting = split(self.layout), _shown_planting(context)
-        column.active = planting.layout == self.which
-        draw_settings(column, getattr(planting, self.which))
-
-
-class FOREST_PT_clusters(_OfLayout, bpy.types.Panel):
+class FOREST_PT_clusters(_OfPlanting, bpy.types.Panel):
     bl_label = "Clusters"
     which = "clusters"
 
 
-class FOREST_PT_strauss(_OfLayout, bpy.types.Panel):
+class FOREST_PT_strauss(_OfPlanting, bpy.types.Panel):
     bl_label = "Keeping Apart"
     which = "strauss"
 
 
-class FOREST_PT_rows(_OfLayout, bpy.types.Panel):
+class FOREST_PT_rows(_OfPlanting, bpy.types.Panel):
     bl_label = "Orchard Rows"
     which = "rows"
 
 
 class FOREST_PT_list(_OfPlanting, bpy.types.Panel):
     bl_label = "List of Trees"
-
-    def draw(self, context: bpy.types.Context) -> None:
-        column, planting = split(self.layout), _shown_planting(context)
-        column.active = planting.layout == "list"
-        for name in ("trees", "collection"):
-            draw_field(column, planting, name)
+    names = ("trees", "collection")
+    which = "list"
 
 
 class FOREST_PT_targets(_OfPlanting, bpy.types.Panel):
@@ -366,8 +343,9 @@ class FOREST_PT_by_hand(_OfPlanting, bpy.types.Panel):
         row.scale_y = BIG
         row.operator("forest.plant", text=text, icon="CHECKMARK" if is_planting() else "BRUSH_DATA")
         column = split(layout)
-        for name in ("plant_radius", "plant_density", "plant_grows"):
-            column.prop(props, name)
+        for name in ("plant_radius", "plant_density"):
+            draw_named(column, props, name, name_in(type(props), name), is_narrow())
+        column.prop(props, "plant_grows")
         layout.label(text="Selected Trees")
         row = layout.column(align=True)  # side by side their names would be cut off
         for name, icon in (("lock", "LOCKED"), ("swap", "FILE_REFRESH"), ("remove", "X")):
@@ -420,6 +398,13 @@ class FOREST_PT_ground(OfForest, bpy.types.Panel):
         column.prop(props, "crs")
 
 
+def _draw_files(row: bpy.types.UILayout) -> None:
+    """The buttons for scene files."""
+    for name, icon in (("load_scene", "FILE_FOLDER"), ("save_scene", "FILE_TICK")):
+        row.operator(f"forest.{name}", text="", icon=icon, emboss=False)
+    row.operator("forest.export_others", text="", icon="EXPORT", emboss=False)
+
+
 def _draw_start(layout: bpy.types.UILayout) -> None:
     """Draw the start for a newcomer: two doors, and the way to a file."""
     _build_or_progress(layout, "OUTLINER_OB_CURVES", label("Grow Forest"))
@@ -433,7 +418,7 @@ def _draw_start(layout: bpy.types.UILayout) -> None:
 
 def _draw_update(layout: bpy.types.UILayout, scene: bpy.types.Scene) -> None:
     """The button that grows, with a star where settings have changed since, and Live beside it."""
-    row = layout.row(align=True)
+    row = layout.column(align=True) if is_narrow() else layout.row(align=True)
     if "forest" not in scene.forest_sensing.results:
         _build_or_progress(row, "OUTLINER_OB_CURVES", label("Grow Forest"))
     else:
@@ -441,24 +426,17 @@ def _draw_update(layout: bpy.types.UILayout, scene: bpy.types.Scene) -> None:
         _build_or_progress(row, "FILE_REFRESH", label("Grow Forest") + star)
     beside = row.row(align=True)
     beside.scale_y = BIG
-    beside.ui_units_x = 3
+    beside.ui_units_x = 0 if is_narrow() else 3
     beside.prop(scene.forest_sensing, "live", toggle=True)
 
 
-def _say_what_is_missing(layout: bpy.types.UILayout) -> None:
+def _draw_warning(layout: bpy.types.UILayout, lines: Sequence[str]) -> bpy.types.UILayout:
+    """Draw sentences in a box, a line each."""
     box = layout.box()
-    box.alert = True
     column = box.column(align=True)
-    column.label(text=running.packages_in_words(running.missing()), icon="ERROR")
-    for line in running.WHAT_TO_DO:
-        column.label(text=line)
-
-
-def _say_what_a_unit_is(layout: bpy.types.UILayout) -> None:
-    """Blender shows lengths times the scene's Unit Scale; trees and sound are computed without it."""
-    column = layout.box().column(align=True)
-    column.label(text="A unit counts as 1 m here:", icon="ERROR")
-    column.label(text="set Scene > Unit Scale to 1", icon="BLANK1")
+    for number, line in enumerate(lines):
+        column.label(text=label(line), icon="BLANK1" if number else "ERROR")
+    return box
 
 
 def _build_or_progress(layout: bpy.types.UILayout, icon: str, text: str) -> None:

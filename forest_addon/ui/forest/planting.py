@@ -37,7 +37,7 @@ from ...blender.scene.layout import (
     find_part,
 )
 from ...spec import SpecError
-from ..shell.running import WhenReady, current, obstacle
+from ..shell.running import WhenReady, current, obstacle, show_no_job
 from ..shell.views import (
     chosen_planting,
     draw_lines,
@@ -48,7 +48,16 @@ from ..shell.views import (
     region_of,
 )
 from ..shell.words import keep, say
-from .hand import Hand, copy_of, hand_trees, take_up_changes, variant_copied
+from .hand import (
+    Hand,
+    copy_of,
+    hand_trees,
+    set_tree,
+    swap_tree,
+    take_away,
+    take_up_changes,
+    variant_copied,
+)
 
 TICK = 0.1  # s between two looks at whether the forest can be grown
 STEP = 0.5  # of the radius that the brush moves between two dabs
@@ -109,13 +118,24 @@ class FOREST_OT_plant(WhenReady, bpy.types.Operator):
         return {"RUNNING_MODAL"}
 
     def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        try:
+            return self.heed(context, event)
+        except Exception:
+            self._end(context)  # or the brush would be drawn for ever, and nothing would end it
+            raise
+
+    def heed(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        """Do what an event means to the brush."""
         if self.over or context.scene != self.hand.scene or context.mode != "OBJECT":
             return self._end(context)
         if event.type == "TIMER":
             self._grow(context)
             return {"PASS_THROUGH"}
         if event.type == "LEFTMOUSE" and event.value == "RELEASE" and self.stroke:
-            self._lift()
+            if self.moved is not None:
+                self.hand.change(self.moved, place=(self.last.x, self.last.y))
+            self.stroke, self.moved, self.due = "", None, True
+            self.hand.scene.update_tag()
             return {"RUNNING_MODAL"}
         place = self._below(context, event)
         if place is None and not self.stroke:
@@ -125,7 +145,7 @@ class FOREST_OT_plant(WhenReady, bpy.types.Operator):
             self.clearing = event.ctrl
             if self.stroke and place is not None:
                 self._drag(context, place)
-            self.area.tagredraw_views()
+            self.area.tag_redraw()
             return {"RUNNING_MODAL"} if self.stroke else {"PASS_THROUGH"}
         if event.value != "PRESS" or place is None:
             return {"PASS_THROUGH"}
@@ -173,13 +193,6 @@ class FOREST_OT_plant(WhenReady, bpy.types.Operator):
             planting = chosen_planting(props)
             hand.scatter(planting, xy, props.plant_radius, props.plant_density)
 
-    def _lift(self) -> None:
-        """End a stroke."""
-        if self.stroke == "move" and self.moved is not None:
-            self.hand.change(self.moved, place=(self.last.x, self.last.y))
-        self.stroke, self.moved, self.due = "", None, True
-        self.hand.scene.update_tag()
-
     def _key(self, context: bpy.types.Context, event: bpy.types.Event, place: Vector) -> set[str]:
         """Do what a key means; other keys are Blender's."""
         props, hand = context.scene.forest_sensing, self.hand
@@ -192,14 +205,11 @@ class FOREST_OT_plant(WhenReady, bpy.types.Operator):
             tree = hand.nearest(tuple(place[:2]), REACH)
             if tree is not None:
                 hand.begin()
-                if event.type == "X":
-                    hand.remove(tree)
-                else:
-                    hand.change(tree, tree.variant + 1 if event.type == "V" else None)
+                hand.change(tree, {"L": set_tree, "V": swap_tree, "X": take_away}[event.type])
                 self.due = True
         else:
             return {"PASS_THROUGH"}
-        self.area.tagredraw_views()
+        self.area.tag_redraw()
         return {"RUNNING_MODAL"}
 
     def _grow(self, context: bpy.types.Context) -> None:
@@ -209,7 +219,7 @@ class FOREST_OT_plant(WhenReady, bpy.types.Operator):
             context.workspace.status_text_set(say(KEYS))  # where the job said how far it was
             if not self.due and not self.stroke:
                 self.hand.look()
-                self.area.tagredraw_views()
+                self.area.tag_redraw()
         if not self.due or self.stroke or current() is not None:
             return
         self.due = False
@@ -224,18 +234,23 @@ class FOREST_OT_plant(WhenReady, bpy.types.Operator):
         region, x, y = region_of(self.area, "WINDOW"), event.mouse_x, event.mouse_y
         if [r for r in self.area.regions if r.width > 1 and holds(r, x, y)] != [region]:
             return None
-        view = self.area.spaces.active.region_3d
-        return _ground_seen(context, region, view, (x - region.x, y - region.y))
+        return _ground_seen(context, region, (x - region.x, y - region.y))
 
     def _end(self, context: bpy.types.Context) -> set[str]:
-        global _working
         if _working is self:
+            unregister()
             context.window_manager.event_timer_remove(self.timer)
-            context.workspace.status_text_set(None)
-            _working = None
-            _draw_no_more()
+            show_no_job(context)
             redraw_views()
         return {"FINISHED"} if self.hand.before else {"CANCELLED"}
+
+
+@bpy.app.handlers.persistent
+def _look_again(*_: object) -> None:
+    """Undo and redo make objects anew: those that the brush has seen may be gone."""
+    if _working is not None:
+        _working.hand.scene, _working.moved = bpy.context.scene, None
+        _working.hand.look()
 
 
 def is_planting() -> bool:
@@ -243,10 +258,9 @@ def is_planting() -> bool:
     return _working is not None
 
 
-def _ground_seen(
-    context: bpy.types.Context, region: bpy.types.Region, view: bpy.types.RegionView3D, mouse: Any
-) -> Vector | None:
+def _ground_seen(context: bpy.types.Context, region: bpy.types.Region, mouse: Any) -> Vector | None:
     """Return where the ground is below (x, y) of a region."""
+    view = region.data
     begin = region_2d_to_origin_3d(region, view, mouse)
     return ground_below(context, begin, region_2d_to_vector_3d(region, view, mouse))
 
@@ -266,13 +280,6 @@ def ground_below(context: bpy.types.Context, begin: Vector, way: Vector) -> Vect
     if abs(way.z) < 1e-9 or (terrain.base - begin.z) / way.z <= 0:
         return None
     return begin + way * ((terrain.base - begin.z) / way.z)
-
-
-def _draw_no_more() -> None:
-    global _handle
-    if _handle is not None:
-        bpy.types.SpaceView3D.draw_handler_remove(_handle, "WINDOW")
-        _handle = None
 
 
 def _draw() -> None:
@@ -305,9 +312,11 @@ def _lines(ends: np.ndarray, colour: tuple[float, ...]) -> None:
 
 def unregister() -> None:
     """Leave nothing that draws."""
-    global _working
+    global _working, _handle
     _working = None
-    _draw_no_more()
+    if _handle is not None:
+        bpy.types.SpaceView3D.draw_handler_remove(_handle, "WINDOW")
+        _handle = None
 
 
 LOCAL = "OBJECT_OT_add_named"  # what Blender does when an asset of this file is dropped
@@ -413,14 +422,15 @@ def _stand_below(context: bpy.types.Context, thing: bpy.types.Object) -> None:
     """
     low, high = thing.bound_box[0], thing.bound_box[6]
     bottom = Vector(((low[0] + high[0]) / 2, (low[1] + high[1]) / 2, low[2]))
-    region, view = context.region, context.region.data
-    mouse = location_3d_to_region_2d(region, view, thing.matrix_world @ bottom)
-    if mouse is None:
-        return
-    place = _ground_seen(context, region, view, mouse)
+    region = context.region
+    mouse = location_3d_to_region_2d(region, region.data, thing.matrix_world @ bottom)
+    place = None if mouse is None else _ground_seen(context, region, mouse)
     if place is not None:
         thing.rotation_euler[:2] = 0.0, 0.0
         thing.location = place
 
 
-WINDOW_HANDLERS = (("depsgraph_update_post", hear_drop),)
+WINDOW_HANDLERS = (
+    ("depsgraph_update_post", hear_drop),
+    *((name, _look_again) for name in ("undo_post", "redo_post")),
+)

@@ -23,6 +23,7 @@ from ... import spec
 from ...base.places import ASSETS
 from ...blender.scene.instances import IGNORED_KEY, may_be_met
 from ...blender.scene.layout import is_ours
+from ...blender.scene.nodes import around
 from ...blender.sensors.objects import file_name, sensors_of
 from ..settings.exchange import from_spec, to_spec
 from ..settings.groups import text_of
@@ -34,8 +35,7 @@ from ..species.edit import Edited, edited_species, from_folder, relocated
 
 CUBE, CORNERS = "Cube", 8  # what Blender starts with
 BESIDE = 2.0  # metres from the cube's middle to the ground that views show
-PLACES = {"origin", "centre", "start", "position", "source", "receiver"}
-OUTLINES = {"polygon", "holes"}
+PLACES = {"origin", "centre", "start", "position", "source", "receiver", "polygon", "holes"}
 # What is given by files and objects of its own does not move with the rest.
 NAMED = {"painted", "trees", "collection", "object", "file", "follow", "array_file"}
 NAMED |= {"source_path", "receiver_path", "source_objects", "receiver_objects"}
@@ -45,8 +45,6 @@ def beside_cube(scene: bpy.types.Scene, settings: spec.Scene) -> spec.Scene:
     """Move a forest beside the start cube of a new file, if a window shows that; else it stays in place."""
     if bpy.app.background or bpy.data.filepath or not _is_start(scene) or _is_bound(settings):
         return settings
-    from ...blender.scene.nodes import around
-
     field = settings.forest
     right = BESIDE + around(field) - field.origin[0]
     return moved(settings, (round(right, 1), -field.origin[1] - field.size[1] / 2))
@@ -60,9 +58,7 @@ def moved(settings: Any, way: tuple[float, float]) -> Any:
         if isinstance(settings, spec.Rows):
             break  # they start at a place of the field
         if field.name in PLACES and isinstance(value, tuple):
-            changed[field.name] = _place(value, way)
-        elif field.name in OUTLINES:
-            changed[field.name] = _outline(value, way)
+            changed[field.name] = _shifted(value, way)
         elif is_dataclass(value):
             changed[field.name] = moved(value, way)
         elif isinstance(value, tuple) and any(map(is_dataclass, value)):
@@ -70,15 +66,11 @@ def moved(settings: Any, way: tuple[float, float]) -> Any:
     return replace(settings, **changed)
 
 
-def _place(place: tuple[float, ...], way: tuple[float, float]) -> tuple[float, ...]:
+def _shifted(place: tuple[Any, ...], way: tuple[float, float]) -> tuple[Any, ...]:
+    """A place moved, an outline of places, or several outlines."""
+    if not place or isinstance(place[0], tuple):
+        return tuple(_shifted(inner, way) for inner in place)
     return (place[0] + way[0], place[1] + way[1], *place[2:])
-
-
-def _outline(corners: tuple[Any, ...], way: tuple[float, float]) -> tuple[Any, ...]:
-    """An outline, or several, moved."""
-    if corners and isinstance(corners[0][0], tuple):
-        return tuple(_outline(ring, way) for ring in corners)
-    return tuple(_place(corner, way) for corner in corners)
 
 
 def _is_start(scene: bpy.types.Scene) -> bool:

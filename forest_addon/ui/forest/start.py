@@ -20,11 +20,14 @@ import bpy
 
 from ...base.places import ASSETS
 from ...blender.jobs import Work
+from ...spec import Scene
 from ..settings.drawing import split
+from ..settings.exchange import from_spec
 from ..shell.running import WhenReady, Working, current, press
 from ..shell.views import icons, look_at, open_tab, region_of, views
 from ..shell.words import keep, label, say
 from .build import FOREST_OT_build
+from .scene_file import open_scene
 
 PREVIEWS = ASSETS / "previews"
 ACROSS = 3  # cards in a row
@@ -141,18 +144,25 @@ def presets() -> tuple[tuple[str, str], ...]:
     )
 
 
-class FOREST_OT_start(WhenReady, bpy.types.Operator):
+class _WithPreset:
+    """An operator of which the preset says in its tooltip what one does with it."""
+
+    preset: bpy.props.StringProperty(
+        name="Preset", description="A scene of the add-on; empty: nothing planted, no sensor"
+    )
+
+    @classmethod
+    def description(cls, _context: bpy.types.Context, given: bpy.types.OperatorProperties) -> str:
+        return words_of(given.preset) or say(cls.__doc__ or "")
+
+
+class FOREST_OT_start(_WithPreset, WhenReady, bpy.types.Operator):
     """Take this set-up, species, field, sensors, and grow it; what else is in the scene stays"""
 
     bl_idname = "forest.start"
     bl_label = "Start a Forest"
     bl_options: ClassVar[set[str]] = {"UNDO"}
 
-    preset: bpy.props.StringProperty(
-        name="Preset",
-        description="A scene of the add-on; empty: nothing planted, no sensor",
-        options={"HIDDEN"},
-    )
     sensors: bpy.props.EnumProperty(
         name="Sensors",
         description="What becomes of sensors that are in the scene",
@@ -168,10 +178,6 @@ class FOREST_OT_start(WhenReady, bpy.types.Operator):
         description="Grow it at once and look at it; else Grow Forest does",
         options={"SKIP_SAVE"},
     )
-
-    @classmethod
-    def description(cls, _context: bpy.types.Context, given: bpy.types.OperatorProperties) -> str:
-        return words_of(given.preset) or say(cls.__doc__ or "")
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         props = context.scene.forest_sensing
@@ -207,22 +213,27 @@ class FOREST_MT_start(bpy.types.Menu):
         self.layout.operator("forest.add_flight", icon="EMPTY_SINGLE_ARROW")
 
 
-class FOREST_MT_more(bpy.types.Menu):
-    """Set-ups of published papers, and further forests"""
+class _Others:
+    """A menu of presets that the gallery does not show, by their titles."""
 
     bl_label = "From Papers"
+    starts = "forest.start"
 
     def draw(self, _context: bpy.types.Context) -> None:
-        draw_others(self.layout, "forest.start")
+        shown = {card.preset for card in GALLERY}
+        for file, title in presets():
+            if file not in shown:
+                _draw_entry(self.layout, self.starts, file, title)  # type: ignore[attr-defined]
 
 
-class FOREST_MT_more_new(bpy.types.Menu):
+class FOREST_MT_more(_Others, bpy.types.Menu):
     """Set-ups of published papers, and further forests"""
 
-    bl_label = "From Papers"
 
-    def draw(self, _context: bpy.types.Context) -> None:
-        draw_others(self.layout, "forest.new")
+class FOREST_MT_more_new(_Others, bpy.types.Menu):
+    """Set-ups of published papers, and further forests"""
+
+    starts = "forest.new"
 
 
 def take(scene: bpy.types.Scene, preset: str, keep_sensors: bool = False) -> str:
@@ -234,13 +245,9 @@ def take(scene: bpy.types.Scene, preset: str, keep_sensors: bool = False) -> str
     ------
     SpecError : there is no such preset, or its file cannot be used; nothing is changed.
     """
-    from ... import spec
-    from ..settings.exchange import from_spec
-    from .scene_file import open_scene
-
     if preset:
         return open_scene(scene, SCENES / f"{preset}.toml", keep_sensors, beside=True)
-    from_spec(scene, spec.Scene(name="My forest", seed=1), keep_sensors)
+    from_spec(scene, Scene(name="My forest", seed=1), keep_sensors)
     return say("An empty forest")
 
 
@@ -255,14 +262,6 @@ def draw_presets(layout: bpy.types.UILayout, operator: str) -> None:
     more = FOREST_MT_more_new if operator == "forest.new" else FOREST_MT_more
     layout.menu(more.__name__, icon="DOCUMENTS")
     layout.operator(operator, text="Empty", icon="FILE_NEW").preset = ""
-
-
-def draw_others(layout: bpy.types.UILayout, operator: str) -> None:
-    """Presets that the gallery does not show, by their titles."""
-    shown = {card.preset for card in GALLERY}
-    for file, title in presets():
-        if file not in shown:
-            _draw_entry(layout, operator, file, title)
 
 
 def _draw_entry(
@@ -287,20 +286,12 @@ RETRY = 0.1  # s until it is seen again whether a job of the old file has ended
 _awaited: str | None = None  # the preset that the next new file is furnished with
 
 
-class FOREST_OT_new(bpy.types.Operator):
+class FOREST_OT_new(_WithPreset, bpy.types.Operator):
     """Start a new file with this forest: grown, lit, with a camera and its sensors"""
 
     bl_idname = "forest.new"
     bl_label = "New Forest"
     bl_options: ClassVar[set[str]] = set()  # it cannot be repeated: the file of before is gone
-
-    preset: bpy.props.StringProperty(
-        name="Preset", description="A scene of the add-on; empty: nothing planted, no sensor"
-    )
-
-    @classmethod
-    def description(cls, _context: bpy.types.Context, given: bpy.types.OperatorProperties) -> str:
-        return words_of(given.preset) or say(cls.__doc__ or "")
 
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
         global _awaited

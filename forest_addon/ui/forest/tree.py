@@ -13,7 +13,9 @@ from typing import Any, ClassVar
 import bpy
 from bpy_extras.object_utils import AddObjectHelper, object_data_add
 
-from ...spec import Species
+from ...base.rng import stream
+from ...base.trimesh import LEAF
+from ...blender.scene import materials
 from ..settings.drawing import OfData, split
 from ..shell.running import WhenReady
 from ..shell.words import say
@@ -166,17 +168,16 @@ def _grow(
     ------
     SpecError, ValueError, OSError : there is no such species, or it cannot be grown.
     """
-    from ...base.rng import stream
-    from ...base.trimesh import LEAF
-    from ...blender.scene import materials
     from ...blender.scene.meshes import to_mesh
     from ...growth.tree import grow
-    from ..species.edit import edited_species, load
 
     folder = Path(bpy.path.abspath(context.scene.forest_sensing.folder))
-    species, template = load(name, folder, edited_species(context.scene))
-    if generations:
-        species = with_generations(species, generations)
+    species, template = edit.load(name, folder, edit.edited_species(context.scene))
+    if generations and species.rules is not None:
+        rules = replace(species.rules, generations=generations)
+        species = replace(species, rules=rules)
+    elif generations and species.honda is None:  # one that branches by levels stays as it is
+        species = replace(species, grammar=replace(species.grammar, generations=generations))
     tree = grow(species, template, stream(seed, "tree", name))
     mesh = tree.mesh if leaves else tree.mesh.select(tree.mesh.part != LEAF)
     data = to_mesh(species.name, mesh)
@@ -186,16 +187,6 @@ def _grow(
     noted = data.forest_grown
     noted.grown, noted.seed, noted.generations, noted.leaves = name, seed, generations, leaves
     return data
-
-
-def with_generations(species: Species, generations: int) -> Species:
-    """A species that is rewritten so many times; one that branches by levels is left as it is."""
-    changed: dict[str, Any] = {}
-    if species.rules is not None:
-        changed["rules"] = replace(species.rules, generations=generations)
-    elif species.honda is None:
-        changed["grammar"] = replace(species.grammar, generations=generations)
-    return replace(species, **changed)
 
 
 def draw_in_menu(menu: bpy.types.Menu, _context: bpy.types.Context) -> None:

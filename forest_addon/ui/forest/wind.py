@@ -181,10 +181,7 @@ class FOREST_OT_bake_wind(Button, bpy.types.Operator):
             raise ValueError(say("Name a file that ends in .abc, .usd, .usda or .usdc"))
         if not shows_wind(context.scene):
             raise ValueError(say("Press Show Wind first"))
-        try:
-            bake(context.scene, path)
-        except RuntimeError as refusal:
-            raise ValueError(str(refusal)) from None
+        bake(context.scene, path)
         return say("Wrote {file}", file=path.name)
 
 
@@ -192,7 +189,7 @@ def draw_wind(layout: bpy.types.UILayout, scene: bpy.types.Scene) -> None:
     """The buttons that show wind in views, hide it and write it to a file."""
     from ...blender.show.wind import shows_wind
 
-    shown = shows_wind(scene)
+    shown, modifier = shows_wind(scene), forest_of_points(scene)
     row = layout.row(align=True)
     row.operator(
         "forest.show_wind",
@@ -203,9 +200,9 @@ def draw_wind(layout: bpy.types.UILayout, scene: bpy.types.Scene) -> None:
         return
     row.operator("forest.hide_wind", text="", icon="X")
     layout.operator("forest.bake_wind", icon="EXPORT")
-    modifier = forest_of_points(scene)
-    display = shown_of(modifier) if modifier is not None else "FULL"
-    if display != "FULL":
-        text = label("Dots stand still: choose Light or Full")
-        text = label("Stand-ins sway; renders show full trees") if display == "LIGHT" else text
-        layout.label(text=text, icon="INFO")
+    said = {
+        "DOTS": label("Dots stand still: choose Light or Full"),
+        "LIGHT": label("Stand-ins sway; renders show full trees"),
+    }
+    if modifier is not None and shown_of(modifier) in said:
+        layout.label(text=said[shown_of(modifier)], icon="INFO")

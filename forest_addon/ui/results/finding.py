@@ -39,9 +39,11 @@ from ...spec import Scene, Sensor
 from ...spec.base import Settings
 from ...stand.forest import GrownForest
 from ..settings.exchange import forestless
+from ..shell.views import redraw_panels
 from ..shell.words import Kept, keep, label_kept, say, say_kept
 from . import images
 from .keep import (
+    SENSOR_KEY,
     blocks_of,
     hold_frame,
     let_go,
@@ -164,7 +166,8 @@ def keep_finding(
     record = results_of(sensor)
     figured, sentence = figures_of(sensor, found), sentence_of(sensor, found)
     if forestless(props):
-        figured = [each for each in figured if each.short not in OF_TREES or _is_some(each)]
+        some = [each for each in figured if any(digit in "123456789" for digit in each.text)]
+        figured = [each for each in figured if each.short not in OF_TREES or each in some]
     figures = in_words(figured)
     plot = record.plot(sensor, found)
     title = f"Forest {sensor.name}" + ("" if frame is None else f" {frame:04d}")
@@ -177,6 +180,7 @@ def keep_finding(
     result = _note(  # what needs disk space is done
         props, thing.name, sensor.kind, thing.name, figures | {keep("Time"): f"{seconds:.1f} s"}
     )
+    thing[SENSOR_KEY] = thing.name
     result.summary.value = sentence
     result.summary.made_of = sentence.made_of if isinstance(sentence, Kept) else ""
     result.picture, result.caption = picture, label_kept(plot.caption) if plot else ""
@@ -188,11 +192,11 @@ def keep_finding(
         points = show_cloud(part(context.scene, RESULTS), sensor.name, cloud)
         note_scan(points.data, cloud, offset, offset.crs, labels)
         result.shown = points.name
-        set_legend(result, map(dataclasses.astuple, legend_of(cloud, *names)))
+        set_legend(result, legend_of(cloud, *names))
     if marks is not None:
         points = show_heard(part(context.scene, RESULTS), sensor.name, marks)
         result.shown = points.name
-        set_legend(result, map(dataclasses.astuple, legend_of_heard(marks)))
+        set_legend(result, legend_of_heard(marks))
     if result.shown:
         show_result(context, result)
         if beyond := end_with_ground(points, context.scene):
@@ -212,11 +216,6 @@ def in_words(figures: list[Figure]) -> Words:
         for each in figures
         if each.short
     }
-
-
-def _is_some(figure: Figure) -> bool:
-    """Return whether a count or a share is more than none."""
-    return any(digit in "123456789" for digit in figure.text)
 
 
 def note_audit(context: bpy.types.Context, name: str, audit: Audit) -> None:
@@ -274,5 +273,6 @@ def _note(props: Any, name: str, kind: str, title: str, figures: Words) -> Any:
     for field in set(result.bl_rna.properties.keys()) - {"rna_type", "name", "frames"}:
         result.property_unset(field)
     result.name, result.kind, result.title = name, kind, title
+    redraw_panels()
     _set_figures(result, figures)
     return result

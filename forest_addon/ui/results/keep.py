@@ -11,15 +11,18 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Sequence
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import bpy
 
 from ...blender.scene.layout import CLOUD_KEY, FRAME_KEY
-from ...blender.sensors.objects import file_name, kind_of, sensors_of
+from ...blender.sensors.objects import file_name, sensors_of
 from ..shell.running import Reading
-from ..shell.views import show
+from ..shell.views import is_rendering, redraw_panels, show
 from ..shell.words import say
+
+if TYPE_CHECKING:
+    pass
 
 
 def blocks_of(result: Any) -> list[bpy.types.ID | None]:
@@ -106,17 +109,20 @@ def show_frame(scene: bpy.types.Scene) -> None:
         ours = thing is not None and CLOUD_KEY in thing and FRAME_KEY in thing.data
         if ours and each.points is not None and thing.data != each.points:
             thing.data = each.points
-        if each.picture is not None and result.picture != each.picture:
-            result.picture = each.picture
         speaker = scene.objects.get(result.name)
         if each.sound is not None and speaker is not None and speaker.type == "SPEAKER":
             speaker.data.sound = each.sound
+        if is_rendering():
+            continue
+        if each.picture is not None and result.picture != each.picture:
+            result.picture = each.picture
         result.found = each.found
         if each.said and each.said != _said_of(result):  # nothing, in files of before
             figures, legend = json.loads(each.said)
             result.figures.clear()
             set_figures(result, figures)
             set_legend(result, ((choice, name, colour) for name, choice, *colour in legend))
+            redraw_panels()
 
 
 @bpy.app.handlers.persistent
@@ -125,25 +131,19 @@ def _to_frame(scene: bpy.types.Scene, _depsgraph: object = None) -> None:
         show_frame(scene)
 
 
-_sensor_of: dict[tuple[int, str], int] = {}  # uid of a sensor, by scene and name of its result
+SENSOR_KEY = "forest_result"  # on a sensor: the name of its result
 
 
 def follow_names(scene: bpy.types.Scene) -> None:
     """Rename results whose sensor has another name by now."""
     results = scene.forest_sensing.results
-    for result in results:
-        key = scene.session_uid, result.name
-        thing = scene.objects.get(result.name)
-        if thing is not None and kind_of(thing) == result.kind:
-            _sensor_of[key] = thing.session_uid
-            continue
-        uid = _sensor_of.pop(key, None)
-        if uid is None:
-            continue
-        thing = next((t for t in sensors_of(scene) if t.session_uid == uid), None)
-        if thing is not None and thing.name not in results:
-            _rename(scene, result, thing.name)
-            _sensor_of[scene.session_uid, thing.name] = uid
+    for thing in sensors_of(scene):
+        told, name = thing.get(SENSOR_KEY, thing.name), thing.name
+        if told != name and told in scene.objects:  # it is a copy
+            del thing[SENSOR_KEY]
+        elif told in results and name not in results:
+            _rename(scene, results[told], name)
+            thing[SENSOR_KEY] = name
 
 
 def _rename(scene: bpy.types.Scene, result: Any, name: str) -> None:
@@ -157,11 +157,6 @@ def _rename(scene: bpy.types.Scene, result: Any, name: str) -> None:
     if shown is not None and CLOUD_KEY in shown:
         rename_cloud(shown, file_name(name))
         result.shown = shown.name
-
-
-def unregister() -> None:
-    """Forget the sensors."""
-    _sensor_of.clear()
 
 
 @bpy.app.handlers.persistent
@@ -195,7 +190,7 @@ class FOREST_OT_show_result(Reading, bpy.types.Operator):
             raise ValueError(
                 say("{name} has no points here. Run its sensor again", name=self.result)
             )
-        if is_seen(thing):
+        if thing.visible_get():
             thing.hide_set(True)
         else:
             show_result(context, results[self.result], self.more)
@@ -207,9 +202,11 @@ def points_of(result: Any) -> bpy.types.Object | None:
     return result.id_data.objects.get(result.shown) if result.shown else None
 
 
-def is_seen(thing: bpy.types.Object) -> bool:
-    """Return whether the view layer shows an object."""
-    return bool(thing.visible_get())
+def record_of(result: Any) -> Any:
+    """Return what there is to know of results of this kind; None of the forest, and of no result."""
+    from ...results.kinds import RESULTS as KINDS_OF_RESULTS
+
+    return None if result is None else KINDS_OF_RESULTS.get(result.kind)
 
 
 def show_result(context: bpy.types.Context, result: Any, more: bool = False) -> None:
@@ -220,5 +217,5 @@ def show_result(context: bpy.types.Context, result: Any, more: bool = False) -> 
     show(context, thing)  # not selected: all points would be orange
     for other in () if more else context.scene.forest_sensing.results:
         points = points_of(other)
-        if points is not None and points != thing and CLOUD_KEY in points and is_seen(points):
+        if points is not None and points != thing and CLOUD_KEY in points and points.visible_get():
             points.hide_set(True)

@@ -1,11 +1,16 @@
-"""The panel *Results*: what came of it, in figures and pictures, and what the colours of points mean."""
+"""The panel *Results*: what came of it, in figures and pictures, and what the colours of points mean.
+
+Operators of a result's icons select its points, show its picture, play its sound, export and remove it.
+"""
 
 from __future__ import annotations
 
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import bpy
 import numpy as np
+from bpy_extras.io_utils import ExportHelper
 
 from ...blender.scene.layout import (
     COLOUR_BY,
@@ -14,14 +19,23 @@ from ...blender.scene.layout import (
     GAMMA,
     LUMINANCE,
     RADIUS,
+    RESULTS,
     SHARE,
+    find_part,
+    is_ours,
 )
 from ...blender.scene.nodes import chosen_input, drawn_inputs
+from ...blender.sensors.objects import file_name
 from ...blender.show.cloud_nodes import is_measure, on_map
-from ..settings.drawing import OnceStarted, icon_of, split
-from ..shell.views import icons
-from ..shell.words import label, label_of_kept
-from .keep import is_seen, points_of
+from ...spec import SpecError
+from ..settings.drawing import OnceStarted, icon_of, is_narrow, split
+from ..shell.running import Button, Reading
+from ..shell.views import icons, region_of, select
+from ..shell.words import label, label_of_kept, say
+from .keep import blocks_of, let_go, points_of, record_of
+
+if TYPE_CHECKING:
+    from ...results.coordinates import Offset
 
 SIDE = 32  # pixels of an icon
 EDGE = 2  # of these, left free around it
@@ -83,8 +97,6 @@ class FOREST_PT_results(OnceStarted, bpy.types.Panel):
 
 
 def _draw_result(layout: bpy.types.UILayout, result: Any) -> None:
-    from ...results.kinds import RESULTS
-
     header, body = layout.panel_prop(result, "opened")
     title = label("{name} (before)", name=result.title) if result.stale else result.title
     header.label(text=title, icon=icon_of(result.kind))
@@ -92,7 +104,7 @@ def _draw_result(layout: bpy.types.UILayout, result: Any) -> None:
         chosen = header.operator("forest.select_result", text="", icon="RESTRICT_SELECT_OFF")
         chosen.shown = result.shown
     _draw_looks(header, result)
-    record = RESULTS.get(result.kind)
+    record = record_of(result)
     if result.file:
         opened = header.operator("wm.path_open", text="", icon="FILE_FOLDER")
         opened.filepath = result.file
@@ -117,7 +129,7 @@ def _draw_result(layout: bpy.types.UILayout, result: Any) -> None:
         column.prop(props, "dry")
         if props.dry == "FILE":
             column.prop(props, "dry_file")
-    table = body.split(factor=0.45)
+    table = body.split(factor=0.5 if is_narrow() else 0.45)
     names, values = table.column(align=True), table.column(align=True)
     names.active = False
     for figure in result.figures:
@@ -145,11 +157,9 @@ def draw_found(layout: bpy.types.UILayout, result: Any) -> None:
 
 def _draw_looks(layout: bpy.types.UILayout, result: Any) -> None:
     """Draw the buttons that show the points of a result, play it, and show its picture."""
-    from ...results.kinds import RESULTS
-
-    points, record = points_of(result), RESULTS.get(result.kind)
+    points, record = points_of(result), record_of(result)
     if points is not None:
-        eye = "HIDE_OFF" if is_seen(points) else "HIDE_ON"
+        eye = "HIDE_OFF" if points.visible_get() else "HIDE_ON"
         layout.operator("forest.show_result", text="", icon=eye).result = result.name
     if record is not None and record.sound is not None:
         layout.operator("forest.play", text="", icon="PLAY_SOUND").sensor = result.name
@@ -180,3 +190,288 @@ def _draw_points(layout: bpy.types.UILayout, result: Any) -> None:
             column.prop(*inputs[COLOUR_MAP], text=COLOUR_MAP)
             colour_map = chosen_input(modifier, COLOUR_MAP)
         draw_legend(layout, result, choice, colour_map)
+
+
+EARS = 2  # channels that are played; files have all
+
+_playing: Any = None  # what sounds now, and its sound; it stops when nobody holds it
+
+
+class FOREST_OT_select_result(Reading, bpy.types.Operator):
+    """Select these points and show them"""
+
+    bl_idname = "forest.select_result"
+    bl_label = "Select Points"
+    bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO"}
+    shown: bpy.props.StringProperty(options={"HIDDEN"})
+
+    @classmethod
+    def obstacle(cls, context: bpy.types.Context) -> str:
+        if context.mode == "OBJECT":
+            return ""
+        return say("Leave this mode first: objects are selected in Object Mode")
+
+    def act(self, context: bpy.types.Context) -> str:
+        thing = context.scene.objects.get(self.shown)
+        if thing is None:
+            problem = say("{name} is no longer in the scene. Run its sensor again", name=self.shown)
+            raise ValueError(problem)
+        select(context, thing)
+        return ""
+
+
+class FOREST_OT_play(Reading, bpy.types.Operator):
+    """Play it: a reverb as the chosen sound is heard in the forest, an echo slowed down for human ears"""
+
+    bl_idname = "forest.play"
+    bl_label = "Play"
+    sensor: bpy.props.StringProperty(options={"HIDDEN"})
+
+    def act(self, context: bpy.types.Context) -> str:
+        import aud
+
+        global _playing
+        result = context.scene.forest_sensing.results.get(self.sensor)
+        heard = None if result is None else heard_of(result)
+        if heard is None:
+            raise ValueError(say("{name} has no sound. Run it again", name=self.sensor))
+        samples, rate = heard
+        try:
+            sound = aud.Sound.buffer(np.ascontiguousarray(samples[:, :EARS], np.float32), rate)
+            _playing = aud.Device().play(sound), sound
+        except aud.error as problem:
+            raise ValueError(say("No sound can be played here: {reason}", reason=problem)) from None
+        return ""
+
+
+def heard_of(result: Any) -> tuple[np.ndarray, float] | None:
+    """Return what a result sounds like: (N, C) samples and their rate, as its WAV has them; None: like
+    nothing, or nothing of it is kept.
+
+    An echo is slowed down; a reverb is what the scene's dry sound becomes in the forest.
+
+    Raises
+    ------
+    SpecError : the file of the dry sound cannot be used.
+    """
+    from ...results.dry_sounds import PEAK_DB, dry_sound
+    from ...sensing.reverb.auralise import normalised
+    from .finding import unpack
+
+    if not result.found:
+        return None
+    record, (sensor, found, _) = record_of(result), unpack(result.found)
+    assert record.sound is not None, "what has no points sounds"
+    response, rate = record.sound(sensor, found)
+    if not record.is_response:
+        return response, rate
+    props = result.id_data.forest_sensing
+    if props.dry == "NONE" or record.wet is None:
+        return normalised(np.reshape(response, (len(response), -1)), PEAK_DB)[0], rate
+    dry = dry_sound(props.dry.lower(), Path(bpy.path.abspath(props.dry_file)))
+    wet, rate = record.wet(sensor, found, *dry)
+    return normalised(wet, PEAK_DB)[0], rate
+
+
+class FOREST_OT_show_picture(Reading, bpy.types.Operator):
+    """Show this picture in an Image Editor, below this view where none is open"""
+
+    bl_idname = "forest.show_picture"
+    bl_label = "Show in Image Editor"
+    result: bpy.props.StringProperty(options={"HIDDEN"})
+
+    def act(self, context: bpy.types.Context) -> str:
+        results = context.scene.forest_sensing.results
+        picture = results[self.result].picture if self.result in results else None
+        if picture is None:
+            raise ValueError(say("This picture is no longer there. Run its sensor again"))
+        area = next((a for a in context.screen.areas if a.type == "IMAGE_EDITOR"), None)
+        if area is None:
+            known = set(context.screen.areas)
+            bpy.ops.screen.area_split(direction="HORIZONTAL", factor=0.45)
+            area = next(iter(set(context.screen.areas) - known), None)
+            if area is None:
+                raise ValueError(say("There is no room for it here. Open an Image Editor first"))
+            area.type = "IMAGE_EDITOR"
+        area.spaces.active.image = picture
+        with context.temp_override(area=area, region=region_of(area, "WINDOW")):
+            bpy.ops.image.view_all(fit_view=True)
+        return ""
+
+
+WORDS = {
+    ".laz": ("LAZ", "A compressed point cloud with all labels"),
+    ".las": ("LAS", "A point cloud with all labels"),
+    ".ply": ("PLY", "A point cloud with all labels, binary"),
+    ".copc.laz": ("COPC", "A point cloud that viewers stream, with all labels"),
+    ".e57": ("E57", "A point cloud with the scanner's pose and a panorama"),
+    ".pcd": ("PCD", "A point cloud with all labels, for PCL and ROS"),
+    ".double.ply": ("PLY, Doubles", "A binary PLY whose places are whole coordinates"),
+    ".double.pcd": ("PCD, Doubles", "A PCD whose places are whole coordinates"),
+    ".xyz": ("XYZ", "A point cloud as lines of text"),
+    ".sofa": ("SOFA", "Impulse responses with their places (AES69)"),
+    ".wav": ("WAV", "A sound; echoes slowed down for human ears"),
+    ".npz": ("NPZ", "Arrays for Python"),
+    ".csv": ("CSV", "A table, for spreadsheets"),
+}
+
+
+def endings_of(result: Any) -> tuple[str, ...]:
+    """Return the endings of files that a result can be written to; none where nothing of it is kept."""
+    from ...results.points import can_write
+
+    if not (result.found or _scan_of(result)):
+        return ()
+    return tuple(ending for ending in record_of(result).endings if can_write(ending))
+
+
+def _scan_of(result: Any) -> bpy.types.Mesh | None:
+    """The points that the object of a result shows, where those are all that it is."""
+    from ...blender.show.cloud import is_scan
+
+    shown = points_of(result)
+    return (
+        shown.data if shown is not None and shown.type == "MESH" and is_scan(shown.data) else None
+    )
+
+
+def _write(path: Path, result: Any, label: str) -> Offset:
+    """Write a result as it is shown; returns the offset that was added to its positions."""
+    from ...blender.show.cloud import kept_scan
+    from ...results.coordinates import Offset
+    from ...results.kinds import write_as
+    from ...results.points import write_points
+    from .finding import unpack
+
+    data = _scan_of(result)
+    if data is None:
+        sensor, found, offset = unpack(result.found)
+        write_as(path, sensor, found, offset)
+        return offset
+    kept = kept_scan(data)
+    offset = Offset(kept.offset, kept.crs)
+    write_points(path, kept.cloud, offset, kept.labels.get(label))
+    return offset
+
+
+class FOREST_OT_export_result(Reading, bpy.types.Operator, ExportHelper):
+    """Write this result to a file; its ending says in which format"""
+
+    bl_idname = "forest.export_result"
+    bl_label = "Export Result"
+    filename_ext = ""
+    check_extension = False
+
+    result: bpy.props.StringProperty(options={"HIDDEN"})
+    filter_glob: bpy.props.StringProperty(
+        default=";".join(f"*{ending}" for ending in WORDS), options={"HIDDEN"}
+    )
+    ending: bpy.props.EnumProperty(
+        name="Format",
+        description="Which kind of file",
+        items=[(ending[1:].upper(), name, words) for ending, (name, words) in WORDS.items()],
+        options={"SKIP_SAVE"},
+    )
+    labels: bpy.props.EnumProperty(
+        name="Labels",
+        description="What points are classed by; the file holds the names",
+        items=[
+            ("CLASS", "Class", "Other, wood, leaf, ground"),
+            ("OBJECT", "Object", "The object that was hit, by its name"),
+            ("SPECIES", "Species", "The species of the tree, by its name"),
+            ("MATERIAL", "Material", "The material that was hit, by its name"),
+        ],
+    )
+    heard: bpy.props.BoolProperty(
+        name="As It Is Played",
+        description="The chosen sound as it is heard in the forest, not the impulse response",
+    )
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        endings = self._endings(context)
+        if not endings:
+            return self.execute(context)  # which says why
+        usual = endings[0]
+        self.ending = usual[1:].upper()
+        self.filepath = f"{file_name(self.result)}{usual}"
+        return ExportHelper.invoke(self, context, event)
+
+    def check(self, _context: bpy.types.Context) -> bool:
+        """The name follows the format that is chosen beside it."""
+        from ...results.points import ending_of
+
+        path, before = Path(self.filepath), self.filepath
+        had = ending_of(path)
+        if had in WORDS and path.name:
+            self.filepath = str(path.with_name(path.name[: -len(had)] + f".{self.ending.lower()}"))
+        return self.filepath != before
+
+    def draw(self, context: bpy.types.Context) -> None:
+        column = self.layout.column(align=True)
+        for ending in self._endings(context):
+            column.prop_enum(self, "ending", ending[1:].upper())
+        props = context.scene.forest_sensing
+        result, record = props.results.get(self.result), record_of(props.results.get(self.result))
+        if result is not None and _scan_of(result) is not None:
+            self.layout.prop(self, "labels")
+        if self.ending == "WAV" and record is not None and record.is_response:
+            self.layout.prop(self, "heard")
+            if self.heard:
+                self.layout.prop(props, "dry", text="")
+
+    def act(self, context: bpy.types.Context) -> str:
+        from ...formats.crs import can_tell_crs
+        from ...formats.wav import write_wav
+        from ...results.points import ending_of
+
+        endings = self._endings(context)
+        if not endings:
+            problem = say("{name} is not kept in this file. Run its sensor again", name=self.result)
+            raise ValueError(problem)
+        path = Path(bpy.path.abspath(self.filepath))
+        result, crs = context.scene.forest_sensing.results[self.result], ""
+        if ending_of(path) not in endings:
+            problem = say(
+                'cannot be written as "{ending}"; use {endings}',
+                ending=ending_of(path),
+                endings=", ".join(endings),
+            )
+            raise SpecError(path.name, problem)
+        if self.heard and record_of(result).is_response and path.suffix.lower() == ".wav":
+            write_wav(path, *heard_of(result))
+        else:
+            crs = _write(path, result, self.labels).crs
+        if context.scene.is_editable:
+            result.file = str(path)
+        if crs and not can_tell_crs():
+            problem = say("Written without its coordinate system: Blender has no pyproj")
+            self.report({"WARNING"}, problem)
+        return say("Written: {file}", file=path)
+
+    def _endings(self, context: bpy.types.Context) -> tuple[str, ...]:
+        result = context.scene.forest_sensing.results.get(self.result)
+        return () if result is None else endings_of(result)
+
+
+class FOREST_OT_remove_result(Button, bpy.types.Operator):
+    """Remove this result, with its points and its picture; files that were written stay"""
+
+    bl_idname = "forest.remove_result"
+    bl_label = "Remove Result"
+
+    result: bpy.props.StringProperty(options={"HIDDEN"})
+
+    def act(self, context: bpy.types.Context) -> str:
+        results = context.scene.forest_sensing.results
+        number = results.find(self.result)
+        if number < 0:
+            raise ValueError(say("{name} is no longer there", name=self.result))
+        shown = context.scene.objects.get(results[number].shown)
+        left = blocks_of(results[number])
+        results.remove(number)
+        home = find_part(context.scene, RESULTS)
+        if shown is not None and home is not None and shown.name in home.objects and is_ours(shown):
+            left.append(shown.data)
+            bpy.data.objects.remove(shown)
+        let_go(left)
+        return ""

@@ -7,6 +7,8 @@ place and heading; the trail is coloured by how near anything was.
 
 from __future__ import annotations
 
+from math import degrees
+from pathlib import Path
 from typing import Any
 
 import bpy
@@ -66,11 +68,6 @@ def flyer_of(scene: bpy.types.Scene) -> bpy.types.Object | None:
     return next((thing for thing in scene.objects if FLYER_KEY in thing), None)
 
 
-def _import_rooms(_tell: Any) -> None:
-    from ...api import World  # noqa: F401
-    from ...flight import flying, policies, woods  # noqa: F401
-
-
 class FOREST_OT_fly(Working, bpy.types.Operator):
     """Fly from where the flyer stands to its aim, through all that stands in the scene, and animate it"""
 
@@ -87,10 +84,7 @@ class FOREST_OT_fly(Working, bpy.types.Operator):
         thing = flyer_of(scene)
         if thing is None:
             raise spec.SpecError("", say("There is no flyer yet; add one by Add > Forest > Flight"))
-        yield getting_ready(_import_rooms)
-        from math import degrees
-        from pathlib import Path
-
+        yield getting_ready("api", "flight.flying", "flight.policies", "flight.woods")
         from ...api import World
         from ...blender.show.trails import show_flights
         from ...flight.flying import fly

@@ -15,10 +15,12 @@ from typing import Any, ClassVar
 import blf
 import bpy
 import gpu
+import numpy as np
 from gpu_extras.presets import draw_texture_2d
 
 from ...blender.scene.instances import may_be_met
 from ...blender.sensors import objects as sensors
+from ...sensing.kind import Observation
 from ...sensing.kinds import KINDS, choose
 from ..settings.exchange import sensor_of, to_spec
 from ..settings.preferences import rays_of
@@ -81,7 +83,6 @@ class Eye:
 
     def _glance(self, context: bpy.types.Context, sensor: Any, again: bool) -> None:
         from ...blender.sensors.observe import Observer
-        from ...sensing.kind import Observation
 
         settings = to_spec(context.scene, [])
         if self.observer is None or again:
@@ -223,14 +224,6 @@ def _tick() -> float | None:
     return QUIET
 
 
-def beside_toolbar(area: bpy.types.Area) -> int:
-    """Return how many pixels of a view's left edge its toolbar covers."""
-    main, tools = region_of(area, "WINDOW"), region_of(area, "TOOLS")
-    if tools.width <= 1 or tools.x > main.x + main.width // 2:
-        return 0
-    return max(tools.x + tools.width - main.x, 0)
-
-
 def _draw() -> None:
     """Draw the image, its name and its legend in the lower left corner of the view, beside the toolbar."""
     context = bpy.context
@@ -240,7 +233,9 @@ def _draw() -> None:
 
     scale = context.preferences.system.ui_scale
     edge, line = EDGE * scale, LINE * scale
-    left = edge + beside_toolbar(context.area)
+    main, tools = (region_of(context.area, kind) for kind in ("WINDOW", "TOOLS"))
+    covers = tools.width > 1 and tools.x <= main.x + main.width // 2
+    left = edge + max(tools.x + tools.width - main.x, 0) * covers
     blf.size(FONT, SIZE * scale)
     if _eye.found is None:
         _write(_eye.problem, left, edge, (1.0, 0.8, 0.4))
@@ -277,8 +272,6 @@ def _placed(context: bpy.types.Context, sensor: Any) -> Any:
 
 
 def _texture(colours: Any) -> gpu.types.GPUTexture:
-    import numpy as np
-
     high, wide = colours.shape[:2]
     pixels = np.ones((high, wide, 4), dtype=np.float32)
     pixels[..., :3] = colours

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -35,16 +35,18 @@ from ..settings.drawing import (
     buttons,
     draw_list,
     draw_listed,
+    draw_named,
     draw_settings,
     folded,
     icon_of,
+    is_narrow,
     name_in,
     rows,
     split,
 )
 from ..settings.presets import draw_presets
 from ..shell.running import current, draw_job
-from ..shell.views import chosen, chosen_sensor, chosen_settings, while_drawn
+from ..shell.views import chosen, chosen_sensor, chosen_settings
 from ..shell.words import keep, label, label_kept, say
 from .look_through import draw_switch
 
@@ -182,8 +184,9 @@ class FOREST_UL_sensors(bpy.types.UIList):
 
     def draw_item(self, context, layout, data, item, icon, active, name, index=0) -> None:
         layout.prop(item, "name", text="", emboss=False, icon=icon_of(kind_of(item)))
-        run = layout.operator("forest.run", text="", icon="PLAY", emboss=False)
-        run.sensor, run.frames = item.name, "THIS"
+        if not is_narrow():
+            run = layout.operator("forest.run", text="", icon="PLAY", emboss=False)
+            run.sensor, run.frames = item.name, "THIS"
 
     def filter_items(self, context, data, name) -> tuple[list[int], list[int]]:
         things = getattr(data, name)
@@ -194,12 +197,8 @@ NO_SCANNER = keep("Choose a moving scanner in the list of sensors first")
 NO_REVERB = keep("Choose a reverb in the list of sensors first")
 
 
-def _poses_of(context: Context) -> Any:
-    return chosen_settings(context, "mobile")
-
-
-def _reverb_of(context: Context) -> Any:
-    return chosen_settings(context, "reverb")
+_poses_of = partial(chosen_settings, kind="mobile")
+_reverb_of = partial(chosen_settings, kind="reverb")
 
 
 def _place(position: Any) -> str:
@@ -207,26 +206,22 @@ def _place(position: Any) -> str:
     return f"{x:g}, {y:g}, {z:g} m"
 
 
-def _object_row(item: Any) -> Row:
-    lost = item.thing is None
-    return Row(item.name or "?" if lost else item.thing.name, "ERROR" if lost else "OBJECT_DATA")
-
-
-def _start_pose(pose: Any, context: Context) -> None:
+def _next_pose(context: Context) -> dict[str, Any]:
+    """A pose ten seconds and ten metres after the last."""
     poses = _poses_of(context).poses
     if len(poses) < 2:
-        return
+        return {}
     last = poses[len(poses) - 2]
-    pose.time, pose.heading_deg = last.time + 10, last.heading_deg
-    x, y, z = last.position
-    heading = math.radians(last.heading_deg)
-    pose.position = (x + 10 * math.cos(heading), y + 10 * math.sin(heading), z)
+    (x, y, z), heading = last.position, math.radians(last.heading_deg)
+    place = (x + 10 * math.cos(heading), y + 10 * math.sin(heading), z)
+    return {"time": last.time + 10, "heading_deg": last.heading_deg, "position": place}
 
 
-def _start_place(place: Any, context: Context) -> None:
+def _middle(context: Context) -> dict[str, Any]:
+    """A place in the middle of the field, as high as a new one is."""
     field = context.scene.forest_sensing.forest
     x, y = (o + s / 2 for o, s in zip(field.origin, field.size, strict=True))
-    place.position = (x, y, place.position[2])
+    return {"position": (x, y, spec.Place().position[2])}
 
 
 CLASSES = (
@@ -240,27 +235,33 @@ CLASSES = (
         "Further sources or receivers of a reverb",
         lambda item: Row(_place(item.position), "EMPTY_AXIS"),
     ),
-    rows("objects", "Objects that are further sources or receivers of a reverb", _object_row),
+    rows(
+        "objects",
+        "Objects that are further sources or receivers of a reverb",
+        lambda item: (
+            Row(item.thing.name, "OBJECT_DATA") if item.thing else Row(item.name or "?", "ERROR")
+        ),
+    ),
     *buttons(
         "pose",
         "Pose",
         Listed("poses", _poses_of, NO_SCANNER),
         "Add a place that the scanner passes, ten seconds and ten metres after the last",
-        _start_pose,
+        _next_pose,
     ),
     *buttons(
         "source",
         "Source",
         Listed("sources", _reverb_of, NO_REVERB),
         "Add one more source, in the middle of the field",
-        _start_place,
+        _middle,
     ),
     *buttons(
         "receiver",
         "Receiver",
         Listed("receivers", _reverb_of, NO_REVERB),
         "Add one more receiver, in the middle of the field",
-        _start_place,
+        _middle,
     ),
     *buttons(
         "source_object",
@@ -296,13 +297,6 @@ def instruments() -> dict[str, ScannerFile]:
     from ...formats.toml_file import read_scanner, scanner_names
 
     return {name: read_scanner(name) for name in scanner_names()}
-
-
-def draw_instrument(layout: bpy.types.UILayout, group: Any) -> None:
-    """The menu, which shows the instrument that a scanner's settings started from."""
-    layout.row(heading="Instrument").menu(
-        FOREST_MT_instruments.__name__, text=instrument_title(group)
-    )
 
 
 def instrument_title(group: Any) -> str:
@@ -393,10 +387,8 @@ class FOREST_PT_sensors(OnceStarted, bpy.types.Panel):
         home = sensors.home_of(context.scene, known)
         row = layout.row()
         if home is not None and known:
-            with while_drawn(props):
-                row.template_list(
-                    "FOREST_UL_sensors", "", home, "objects", props, "active_sensor", rows=3
-                )
+            listed = ("FOREST_UL_sensors", "", home, "objects", props, "active_sensor")
+            row.template_list(*listed, rows=3)
         else:
             row.label(text="No sensor yet: add one", icon="INFO")
         buttons = row.column(align=True)
@@ -409,7 +401,10 @@ class FOREST_PT_sensors(OnceStarted, bpy.types.Panel):
         if found is not None:
             draw_found(layout, found)
         draw_switch(layout, context, thing)
-        split(layout).prop(props, "output", placeholder="In this file alone")
+        if is_narrow():
+            layout.label(text="Save To")
+        text = "" if is_narrow() else "Save To"
+        split(layout).prop(props, "output", text=text, placeholder="In this file alone")
 
 
 class FOREST_PT_sensor(OfSensors, bpy.types.Panel):
@@ -468,7 +463,9 @@ def _draw_run(layout: bpy.types.UILayout, thing: bpy.types.Object | None) -> Non
     one.enabled = thing is not None
     this = one.operator(
         "forest.run",
-        text=label("Run") if thing is None else label("Run {sensor}", sensor=thing.name),
+        text=label("Run {sensor}", sensor=thing.name)
+        if thing and not is_narrow()
+        else label("Run"),
         icon="PLAY",
     )
     this.sensor, this.frames = "" if thing is None else thing.name, "THIS"
@@ -497,7 +494,7 @@ def _draw_sensor(layout: bpy.types.UILayout, thing: bpy.types.Object) -> None:
     if record.posed:  # else it goes where its poses say, or what it follows
         column.prop(thing, "location")
     if record.body == "speaker":
-        column.prop(thing, f'["{sensors.RECEIVER_KEY}"]', text="Receiver")
+        draw_named(column, thing, f'["{sensors.RECEIVER_KEY}"]', "Receiver", is_narrow())
     for axis in record.turns:
         column.prop(thing, "rotation_euler", index=axis, text=AXES[axis])
     fixed = record.fixed(group)
@@ -505,7 +502,8 @@ def _draw_sensor(layout: bpy.types.UILayout, thing: bpy.types.Object) -> None:
         column.label(text=label_kept(fixed), icon="INFO")
     hidden = {"name", *record.posed, *references.HEARD_TYPES}
     if "scanner" in group.shown:
-        draw_instrument(split(layout), group)
+        row = split(layout).row(heading="Instrument")
+        row.menu(FOREST_MT_instruments.__name__, text=instrument_title(group))
     draw_settings(split(layout), group, hidden)
     for part in group.nested:
         header, body = folded(layout, f"FOREST_{kind}_{part}")
@@ -515,18 +513,11 @@ def _draw_sensor(layout: bpy.types.UILayout, thing: bpy.types.Object) -> None:
         if body is not None:
             body.active = getattr(group, f"use_{part}", True)
             draw_settings(split(body), getattr(group, part))
-    if kind == "mobile":
-        _draw_poses(layout, group)
+    if kind == "mobile" and not group.follow:
+        layout.label(text="Where It Goes")
+        draw_listed(layout, group, "poses", "pose")
     elif kind == "reverb":
         _draw_further(layout, group)
-
-
-def _draw_poses(layout: bpy.types.UILayout, group: Any) -> None:
-    """The poses of a scanner that follows nothing."""
-    if group.follow:
-        return
-    layout.label(text="Where It Goes")
-    draw_listed(layout, group, "poses", "pose")
 
 
 def _draw_further(layout: bpy.types.UILayout, group: Any) -> None:

@@ -8,15 +8,19 @@ from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import bpy
+import numpy as np
 
 from ...blender.jobs import Task, Work
-from ...blender.scene.instances import may_be_met
+from ...blender.scene.instances import may_be_met, planted_names
 from ...blender.sensors import objects as sensors
-from ...spec import SpecError
+from ...sensing.kind import Cost, note_pace
+from ...sensing.kinds import choose, cost_of, kind_of
+from ...spec import Sensor, SpecError
 from ..forest.wind import swaying
+from ..results.keep import begin_frames
 from ..settings.drawing import split
 from ..settings.exchange import to_spec
 from ..settings.preferences import expansions, rays_of
@@ -28,8 +32,6 @@ if TYPE_CHECKING:
     from ...blender.sensors.observe import Observer
     from ...results.coordinates import Offset
     from ...results.kind import Finding
-    from ...sensing.kind import Cost
-    from ...spec import Sensor
 
 LONG = 60.0  # s; what takes longer is asked about
 LARGE = 2e9  # bytes; the same
@@ -44,14 +46,12 @@ def costs(context: bpy.types.Context, things: Iterable[bpy.types.Object]) -> lis
     ------
     SpecError, ValueError : settings that cannot be used.
     """
-    from ...blender.sensors.following import Forecast
-    from ...sensing.kinds import cost_of, kind_of
+    from ...blender.read.depsgraph import ready
+    from ...blender.sensors.moving import Forecast
 
     home = Path(bpy.path.abspath(context.scene.forest_sensing.folder))
     found = []
     trees = sum(planting.standing for planting in context.scene.forest_sensing.plantings)
-    from ...blender.read.depsgraph import ready
-
     known = ready()
     triangles = 0 if known else triangles_in(context.scene)
     for thing in things:
@@ -78,6 +78,15 @@ def chosen_things(scene: bpy.types.Scene, name: str, again: bool = False) -> lis
     stale = {result.name for result in results if result.stale}
     found = [thing for thing in sensors.sensors_of(scene) if name in ("", thing.name)]
     return [thing for thing in found if thing.name in stale] if again else found
+
+
+def estimate(context: bpy.types.Context, name: str, again: bool = False) -> list[Cost]:
+    """The cost of running the sensor of this name, or all; none where settings cannot be used, which running
+    says."""
+    try:
+        return costs(context, chosen_things(context.scene, name, again))
+    except PROBLEMS:
+        return []
 
 
 def is_large(found: list[Cost], frames: int = 1, keep: bool = False) -> bool:
@@ -133,19 +142,15 @@ class Ahead:
     def __init__(self, of_sensors: list[Cost], frames: int) -> None:
         self._of_sensors, self._frames, self._done, self._ran = of_sensors, frames, 0, 0
         self._times: dict[str, tuple[float, float]] = {}  # s taken and estimated, by sensor
-        self._frame = sum(max(cost.seconds, 1e-3) for cost in of_sensors)
+        ends = np.cumsum([0.0, *frames * [max(cost.seconds, 1e-3) for cost in of_sensors]])
+        self._ends = (ends / ends[-1]).tolist()
 
     def next(self, name: str) -> tuple[str, tuple[float, float], Cost]:
         """Return what the next run is called, from which share of the job to which it leads, what it
         costs."""
         frame, number = divmod(self._done, len(self._of_sensors))
+        span, words = (self._ends[self._done], self._ends[self._done + 1]), name
         self._done += 1
-        before = sum(max(cost.seconds, 1e-3) for cost in self._of_sensors[:number])
-        cost = self._of_sensors[number]
-        whole = self._frames * self._frame
-        low = (frame * self._frame + before) / whole
-        span = low, low + max(cost.seconds, 1e-3) / whole
-        words = name
         if len(self._of_sensors) > 1:
             words = say(
                 "{sensor}, {number} of {count}",
@@ -160,7 +165,7 @@ class Ahead:
                 number=frame + 1,
                 count=self._frames,
             )
-        return words, span, cost
+        return words, span, self._of_sensors[number]
 
     def note(self, name: str, took: float, estimated: float) -> None:
         """Note what a run took; those of a frame range add up."""
@@ -186,11 +191,6 @@ class Ahead:
 
 FEW = 3  # names of objects in a sentence
 SHOWN = 40  # letters of a name
-
-
-def _import_rooms(_tell: Any) -> None:
-    from ...blender.sensors import observe  # noqa: F401
-    from ..results import finding  # noqa: F401
 
 
 class FOREST_OT_run(Working, bpy.types.Operator):
@@ -228,22 +228,13 @@ class FOREST_OT_run(Working, bpy.types.Operator):
     @classmethod
     def description(cls, context: bpy.types.Context, given: bpy.types.OperatorProperties) -> str:
         """Return what it would do, with what that costs where the settings say."""
-        words = say(cls.__doc__ or "")
-        try:
-            found = costs(context, chosen_things(context.scene, given.sensor, given.again))
-        except PROBLEMS:
-            return words
+        words, found = say(cls.__doc__ or ""), estimate(context, given.sensor, given.again)
         return f"{words}.\n{cost_in_words(found)}" if found else words
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         if not (self.sure or bpy.app.background):
             frames = len(frames_of(context.scene)) if self.frames == "RANGE" else 1
-            try:
-                found = costs(context, chosen_things(context.scene, self.sensor, self.again))
-                large = is_large(found, frames, self.keep)
-            except PROBLEMS:
-                large = False  # running it says what is wrong
-            if large:
+            if is_large(estimate(context, self.sensor, self.again), frames, self.keep):
                 return set(
                     bpy.ops.forest.run_large(
                         "INVOKE_DEFAULT",
@@ -266,7 +257,7 @@ class FOREST_OT_run(Working, bpy.types.Operator):
 
     def work(self, context: bpy.types.Context) -> Work:
         scene = context.scene
-        yield getting_ready(_import_rooms)
+        yield getting_ready("blender.sensors.observe", "ui.results.finding")
         chosen = chosen_things(scene, self.sensor, self.again)
         if not chosen and self.again:
             problem = say("no result is from before the last change; press Run")
@@ -375,13 +366,9 @@ class FOREST_OT_run(Working, bpy.types.Operator):
         ahead: Ahead,
     ) -> Work:
         """Run one sensor."""
-        from ...blender.scene.instances import planted_names
         from ...results.coordinates import Offset
-        from ...sensing.kind import note_pace
-        from ...sensing.kinds import choose
         from ...stand.plan import labels
         from ..results.finding import keep_finding, note_audit, note_figures
-        from ..results.keep import begin_frames
 
         started = time.perf_counter()
         step, span, cost = ahead.next(thing.name)
@@ -498,7 +485,7 @@ class FOREST_OT_run_large(bpy.types.Operator):
 
     def draw(self, context: bpy.types.Context) -> None:
         frames = len(frames_of(context.scene)) if self.frames == "RANGE" else 1
-        found = costs(context, chosen_things(context.scene, self.sensor, self.again))
+        found = estimate(context, self.sensor, self.again)
         self.layout.label(text=cost_in_words(found, frames, self.keep), icon="INFO")
         self.layout.label(text="Esc stops it; what was found until then stays.")
 
@@ -564,11 +551,8 @@ class FOREST_OT_run_frames(WhenReady, bpy.types.Operator):
             frames=frames,
             runs=number * frames,
         )
-        try:
-            found = costs(bpy.context, chosen_things(scene, self.sensor if one else ""))
-        except PROBLEMS:
-            return runs  # running it says what is wrong
-        return f"{runs}, {cost_in_words(found, frames, self.keep)}"
+        found = estimate(bpy.context, self.sensor if one else "")
+        return f"{runs}, {cost_in_words(found, frames, self.keep)}" if found else runs
 
     def act(self, _context: bpy.types.Context) -> str:
         one = self.sensor if self.which == "ONE" else ""

@@ -26,6 +26,8 @@ from .references import is_lost
 
 FOLDED = True  # parts of settings are closed until someone opens them
 BIG = 1.4  # heights of a row: the buttons that start work
+NARROW = 210  # pixels, of an interface in its usual size
+LETTERS = 10  # of a name that a number leaves room for where it is narrow
 OF_FOREST = "OUTLINER_OB_CURVES"
 
 
@@ -82,10 +84,16 @@ class OfData:
     bl_context = "data"
 
 
+def is_narrow() -> bool:
+    """Return whether names would be cut off beside values in the region that is drawn."""
+    region, scale = bpy.context.region, bpy.context.preferences.system.ui_scale
+    return region is not None and 1 < region.width < NARROW * scale
+
+
 def split(layout: bpy.types.UILayout) -> bpy.types.UILayout:
-    """A column with labels to the left and values to the right."""
+    """A column with labels to the left and values to the right; where it is narrow, within or above these."""
     column = layout.column()
-    column.use_property_split = True
+    column.use_property_split = not is_narrow()
     column.use_property_decorate = False
     return column
 
@@ -140,39 +148,53 @@ def _way(kind: type, name: str) -> tuple[str, str, str]:
         way = "reference"
     elif f"use_{name}" in known:
         way = "optional"
+    elif name in PARTS and getattr(known[face], "is_array", False):
+        way = "pair"
     else:
-        pair = name in PARTS and getattr(known[face], "is_array", False)
-        way = "pair" if pair else "plain"
+        way = {"BOOLEAN": "switch", "STRING": "text", "ENUM": "text"}.get(known[face].type, "plain")
     return way, face, str(known[face].name)
 
 
 def draw_field(layout: bpy.types.UILayout, group: Any, name: str) -> None:
     """One setting: pairs as two rows, a value that may be left out behind its switch."""
     way, face, title = _way(type(group), name)
-    if way == "plain":
-        layout.prop(group, face)
-    elif way == "reference":
+    narrow = is_narrow()
+    if way == "reference":
         draw_reference(layout, group, name)
     elif way == "optional":
-        row = layout.row(align=True, heading=title)
-        row.prop(group, f"use_{name}", text="")
+        row = layout.column() if narrow else layout.row(align=True, heading=title)
+        row.prop(group, f"use_{name}", text=title if narrow else "")
         value = row.row(align=True)
         value.active = getattr(group, f"use_{name}")
         value.prop(group, face, text="")
-    else:
+    elif way == "pair":
         column = layout.column(align=True)
         first, second = PARTS[name]
         words, space, unit = label(title).partition(" (")
+        if narrow:
+            column.label(text=title)
+        words = "" if narrow else words
         column.prop(
             group, face, index=0, text=label("{setting} {end}", setting=words, end=label(first))
         )
         column.prop(group, face, index=1, text=f"{label(second)}{space}{unit}")
+    else:
+        above = narrow and (way == "text" or (way == "plain" and len(title) > LETTERS))
+        draw_named(layout, group, face, title, above)
+
+
+def draw_named(layout: bpy.types.UILayout, owner: Any, name: str, title: str, above: bool) -> None:
+    """A property with its name before or within it, or above."""
+    if above:
+        layout.label(text=title)
+    layout.prop(owner, name, text="" if above else title)
 
 
 def draw_reference(layout: bpy.types.UILayout, group: Any, name: str) -> None:
     """Draw the thing that a setting names, to be picked; a name that nothing here has stands below as a
     text."""
-    layout.prop(group, f"{name}_pointer")
+    pointer = f"{name}_pointer"
+    draw_named(layout, group, pointer, name_in(type(group), pointer), is_narrow())
     if is_lost(group, name):
         layout.prop(group, name, text=label("Not Here"), icon="ERROR")
     elif f"{name}_layer" in group.bl_rna.properties and getattr(group, f"{name}_pointer"):
@@ -233,7 +255,7 @@ def rows(name: str, meaning: str, row_of: Callable[[Any], Row]) -> type[bpy.type
         row = row_of(item)
         line = layout.row(align=True)
         line.label(text=row.text, icon=row.icon)
-        if row.right:
+        if row.right and not is_narrow():
             end = line.row()
             end.alignment = "RIGHT"
             end.label(text=row.right)
@@ -247,12 +269,12 @@ def buttons(
     title: str,
     listed: Listed,
     adds: str,
-    start: Callable[[Any, Context], None] = lambda item, context: None,
+    start: Callable[[Context], dict[str, Any]] = lambda context: {},
 ) -> tuple[type, type]:
     """The operators forest.add_THING and forest.remove_THING.
 
     title : what people call an item. adds : the help of the button that adds.
-    start : gives a new item, which is the last of the list by then, its first settings.
+    start : the first settings of a new item, which is the last of the list by then.
     """
     said = {
         "add": {"__doc__": adds, "start": staticmethod(start)},
@@ -301,7 +323,9 @@ class _Listing(Button):
 class _Add(_Listing):
     def change(self, items: Any, _active: int, context: Context) -> int:
         """Add one item; returns its number."""
-        self.start(items.add(), context)
+        item = items.add()
+        for name, value in self.start(context).items():
+            setattr(item, name, value)
         return len(items) - 1
 
 

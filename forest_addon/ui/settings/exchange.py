@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeVar
@@ -20,6 +21,7 @@ from ...blender.scene.layout import shortest
 from ...blender.sensors import objects as sensors
 from ...blender.sensors.objects import file_name
 from ...spec import Settings, SpecError
+from ..shell.views import redraw_panels
 from ..shell.words import say
 from . import hills, references
 from .groups import LARGEST_INT, WHEN_USED, fields_of, text_of
@@ -142,11 +144,9 @@ def usable(scene: Any) -> list[Any]:
     """The sensors of a scene whose settings can be used: those that cannot must not stop all else."""
     found = []
     for thing in sensors.sensors_of(scene):
-        try:
+        with suppress(SpecError):
             sensor_of(thing)
-        except SpecError:
-            continue
-        found.append(thing)
+            found.append(thing)
     return found
 
 
@@ -167,18 +167,17 @@ def untouched(props: Any, but: frozenset[str] = frozenset()) -> bool:
     script."""
     for known in props.bl_rna.properties:
         name = known.identifier
-        if name in but:
+        if name in but or name == "rna_type":
             continue
         if known.type == "POINTER" and known.fixed_type.identifier.startswith("FOREST_PG_"):
-            if not untouched(getattr(props, name)):
-                return False
+            is_set = not untouched(getattr(props, name))
         elif known.type == "COLLECTION":
-            if len(getattr(props, name)):
-                return False
+            is_set = len(getattr(props, name)) > 0
         elif known.type == "POINTER":  # to a thing; none is what it starts with
-            if name != "rna_type" and getattr(props, name) is not None:
-                return False
-        elif not known.is_skip_save and props.is_property_set(name):
+            is_set = getattr(props, name) is not None
+        else:
+            is_set = not known.is_skip_save and props.is_property_set(name)
+        if is_set:
             return False
     return True
 
@@ -213,7 +212,7 @@ def read(group: Any, settings: type[T], place: str = "", given: dict[str, Any] |
         elif field.how == "text":
             values[name] = parsed(key, getattr(group, name))
         elif name in references.REFERENCES and field.kind is str:
-            values[name] = _named(key, group, name)
+            values[name] = references.name_of(group, name, key)
         else:
             values[name] = _plain(getattr(group, name))
     try:
@@ -263,13 +262,7 @@ def fill(group: Any, name: str, items: Iterable[Settings]) -> None:
     for item in items:
         write(collection.add(), item)
     setattr(group, f"active_{name}", 0)
-
-
-def _named(place: str, group: Any, name: str) -> str:
-    try:
-        return references.name_of(group, name)
-    except SpecError as problem:
-        raise SpecError(place, problem.problem) from None
+    redraw_panels()
 
 
 def parsed(place: str, text: str) -> Any:

@@ -262,6 +262,8 @@ LABELS = {
     "flow_resistivity": "σ (kPa·s/m²)",
     "dynamic_range": "Dynamic (dB)",
     "threshold_snr": "Threshold (SNR)",
+    "sample_ns": "Sampling (ns)",
+    "shape_step_ns": "Shape Step (ns)",
     "beyond": "Far Echoes",
     "source_level_db": "Source (dB)",
     "transducer_file": "Transducer WAV",
@@ -357,10 +359,9 @@ def _switch(field: Field) -> Any:
 
 def _switch_others_off(name: str, props: Any) -> None:
     """A species grows in one way only."""
-    if getattr(props, f"use_{name}"):
-        for other in ONE_OF:
-            if other != name and getattr(props, f"use_{other}"):
-                setattr(props, f"use_{other}", False)
+    for other in ONE_OF if getattr(props, f"use_{name}") else ():
+        if other != name and getattr(props, f"use_{other}"):
+            setattr(props, f"use_{other}", False)
 
 
 def property_of(field: Field, update: Update = _noticed) -> Any:

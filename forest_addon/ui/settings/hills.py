@@ -18,7 +18,7 @@ from mathutils import Matrix
 
 from ...blender.scene.layout import INTENSITY, find_part, part
 from ...blender.show import intensity
-from ..shell.views import select_alone
+from ..shell.views import is_rendering, redraw_panels, select_alone
 from ..shell.words import title_of
 
 SAME = 1e-6  # relative difference that is rounding: of a parent's matrix
@@ -67,11 +67,12 @@ def follow(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     """Take into the hills what happened to their handles."""
     global _following
     props = scene.forest_sensing
-    if not props.drag_hills or not scene.is_editable:
+    if not props.drag_hills or not scene.is_editable or is_rendering():
         return
     home = find_part(scene, INTENSITY)
-    if home is None:  # gone with all handles: the hills stay
-        _release_deleted(props)
+    if home is None:  # gone with all handles: the hills stay, and are not taken for deleted later
+        for _, _, hill in _hills(props):
+            hill.handle = hill.handle if _stands(hill.handle) else None
         return
     _following = True
     try:
@@ -104,19 +105,13 @@ def _stands(thing: bpy.types.Object | None) -> bool:
     return thing is not None and bool(thing.users_collection)
 
 
-def _release_deleted(props: Any) -> None:
-    """Forget handles that were deleted, so that their hills are not taken for deleted later."""
-    for _, _, hill in _hills(props):
-        if hill.handle is not None and not _stands(hill.handle):
-            hill.handle = None
-
-
 def _drop_deleted(props: Any) -> None:
     for planting in props.plantings:
         for number in reversed(range(len(planting.gaussians))):
             handle = planting.gaussians[number].handle
             if handle is not None and not _stands(handle):
                 planting.gaussians.remove(number)
+                redraw_panels()
                 last = len(planting.gaussians) - 1
                 planting.active_gaussians = max(0, min(planting.active_gaussians, last))
 
@@ -135,6 +130,7 @@ def _adopt_copies(props: Any, home: bpy.types.Collection) -> None:
             planting, number = origins[thing[intensity.HANDLE_KEY]]
             peak = planting.gaussians[number].peak
             hill = planting.gaussians.add()
+            redraw_panels()
             hill.peak, hill.handle = peak, thing
     for thing in (*of_handle, *copies):
         if thing is not None:

@@ -56,7 +56,7 @@ class FOREST_AP_preferences(bpy.types.AddonPreferences):
         row.label(text=str(cache_folder()))
         row.operator(
             "forest.clear_cache",
-            text=label("Clear {size}", size=_megabytes(_recently())),
+            text=label("Clear {size}", size=_megabytes(_size_at(int(time.monotonic() / FRESH)))),
             icon="TRASH",
         )
         column.label(text="Asset Library")
@@ -132,15 +132,10 @@ def cache_size() -> int:
     return sum(file.stat().st_size for file in cache_folder().rglob("*") if file.is_file())
 
 
-_seen = (float("-inf"), 0)
-
-
-def _recently() -> int:
+@functools.lru_cache(maxsize=1)
+def _size_at(_moment: int) -> int:
     """The size of the cache, not looked up at every redraw."""
-    global _seen
-    if time.monotonic() - _seen[0] > FRESH:
-        _seen = (time.monotonic(), cache_size())
-    return _seen[1]
+    return cache_size()
 
 
 def _megabytes(size: int) -> str:
@@ -203,7 +198,14 @@ def manual_map() -> Map:
     pages = list(_pages())
     if CARRIED.is_dir():
         return f"{CARRIED.as_uri()}/", pages
-    return f"{DOCS.as_uri()}/", [(pattern, _in_working_copy(page)) for pattern, page in pages]
+    own = {file.stem for file in (*DOCS.glob("*.md"), *DOCS.glob("guide/*.md"))}
+    guides = {file.stem for file in DOCS.glob("guide/*.md")} - {f.stem for f in DOCS.glob("*.md")}
+    found = []
+    for pattern, page in pages:
+        name, _, place = page.partition(".html")
+        name = name if name in own else "panel"
+        found.append((pattern, f"{'guide/' * (name in guides)}{name}.md{place}"))
+    return f"{DOCS.as_uri()}/", found
 
 
 def _pages() -> Iterator[tuple[str, str]]:
@@ -211,7 +213,10 @@ def _pages() -> Iterator[tuple[str, str]]:
         yield f"bpy.ops.forest.{name}", f"{page}.html"
     for name, place in PLACES.items():
         yield f"bpy.ops.forest.{name}", f"panel.html#{place}"
-    for group in _settings():
+    groups = [*Settings.__subclasses__()]
+    for group in groups:  # it grows
+        groups += group.__subclasses__()
+    for group in groups:
         name = group.__name__.lower()
         for field in (field.name for field in dataclasses.fields(group)):  # type: ignore[arg-type]
             yield f"bpy.types.forest_pg_{name}.{field}", f"scene-file.html#{name}.{field}"
@@ -219,23 +224,6 @@ def _pages() -> Iterator[tuple[str, str]]:
             yield f"bpy.types.forest_pg_{name}.{field}{FACE}", f"scene-file.html#{name}.{field}"
     yield "bpy.ops.forest.*", "panel.html"
     yield "bpy.types.forest_*", "panel.html"
-
-
-def _settings() -> list[type[Settings]]:
-    """Every group of settings, those of sensors first made."""
-    found: list[type[Settings]] = []
-    waiting = list(Settings.__subclasses__())
-    while waiting:
-        group = waiting.pop(0)
-        found.append(group)
-        waiting += group.__subclasses__()
-    return found
-
-
-def _in_working_copy(page: str) -> str:
-    name, _, place = page.partition(".html")
-    file = next((f for f in (f"{name}.md", f"guide/{name}.md") if (DOCS / f).exists()), "panel.md")
-    return file + place
 
 
 def register() -> None:

@@ -23,6 +23,7 @@ from ..shell.running import Reading, in_words
 from ..shell.views import chosen_planting, chosen_sensor, chosen_settings
 from ..shell.words import say
 from . import exchange, references
+from .drawing import is_narrow
 
 FOLDER = "forest_sensing"
 PLACES = {"gaussians", "rasters", "painted", "polygon", "holes", "trees", "collection"}
@@ -92,7 +93,7 @@ def _table(kind: str, context: bpy.types.Context) -> dict[str, Any]:
 def draw_presets(layout: bpy.types.UILayout, name: str) -> None:
     """The button in a panel's header that opens the menu of presets."""
     panel = getattr(bpy.types, f"FOREST_PT_presets_{name}", None)
-    if panel is not None:
+    if panel is not None and not is_narrow():  # it would stand on the title
         panel.draw_panel_header(layout)
 
 

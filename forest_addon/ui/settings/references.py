@@ -5,13 +5,19 @@ is found, the pointer holds what it means, and the name is read from that; a nam
 text. Several objects, whose names a text parts by commas, are a list of pointers. Where a species or
 a scanner is typed, names are offered. A file is chosen in the file browser; Blender's ``//``
 becomes a whole path, which scene files understand.
+
+A scene that is saved says what things are called now, and which layout its settings have. A later layout than
+this version knows is told in the panel until the user takes note, and in the console. A file without settings
+of ours is left alone.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+import logging
+from collections.abc import Callable, Iterable
+from contextlib import suppress
 from dataclasses import dataclass
-from functools import partial
+from itertools import product
 from typing import Any
 
 import bpy
@@ -19,8 +25,10 @@ from bpy.props import CollectionProperty, IntProperty, PointerProperty, StringPr
 
 from ...base.places import ASSETS
 from ...blender.scene.instances import SOLID_TYPES, SPECIES_KEY
+from ...blender.sensors import objects as sensors
 from ...blender.show.intensity import HANDLE_KEY
 from ...spec import Param, SpecError
+from ..shell.running import Button
 from ..shell.words import say
 
 
@@ -38,24 +46,17 @@ def _is_ground(_group: Any, thing: Any) -> bool:
     return thing.type in SOLID_TYPES and SPECIES_KEY not in thing
 
 
-def _may_lead(_group: Any, thing: Any) -> bool:
-    return bool(thing.type == "CURVE" or thing.animation_data or thing.parent or thing.constraints)
-
-
-def _is_one_of(kinds: set[str], _item: Any, thing: Any) -> bool:
-    return thing.type in kinds and HANDLE_KEY not in thing
-
-
 HEARD_TYPES = {"source_objects": {"SPEAKER"}, "receiver_objects": {"EMPTY", "CAMERA"}}
 REFERENCES = {
     "object": Reference(_is_ground),
     "painted": Reference(_is_ground, layered=True),
     "collection": Reference(lambda _group, _home: True, of=bpy.types.Collection),
-    "follow": Reference(_may_lead),
-    **{
-        name: Reference(partial(_is_one_of, kinds), many=True)
-        for name, kinds in HEARD_TYPES.items()
-    },
+    "follow": Reference(
+        lambda _group, thing: bool(
+            thing.type == "CURVE" or thing.animation_data or thing.parent or thing.constraints
+        )
+    ),
+    **{name: Reference(lambda _group, _thing: True, many=True) for name in HEARD_TYPES},
 }
 
 _busy = False  # a name or a pointer is set to follow the other
@@ -72,9 +73,6 @@ class FOREST_PG_heard(bpy.types.PropertyGroup):
         ),
         update=lambda _item, _context: None,  # or Blender reports no change
     )
-
-
-CLASSES = (FOREST_PG_heard,)
 
 
 def pointers(name: str, words: dict[str, Any]) -> dict[str, Any]:
@@ -118,31 +116,28 @@ def resolve(group: Any, name: str) -> None:
         return
     _busy = True
     try:
-        if REFERENCES[name].many:
-            _find_many(group, name)
-        else:
-            _find(group, name)
+        _find(group, name)
     finally:
         _busy = False
 
 
-def name_of(group: Any, name: str) -> str:
+def name_of(group: Any, name: str, key: str = "") -> str:
     """Return what a setting names, as that is called now.
 
     Raises
     ------
-    SpecError : it was deleted.
+    SpecError : it was deleted; with the setting's ``key``.
     """
     text = str(getattr(group, name))
     if REFERENCES[name].many:
         items = getattr(group, f"{name}_pointers")
         for item in items:
-            _check(name, item.thing)
+            _check(key or name, item.thing)
         return _names_in(items) if any(item.thing for item in items) else text
     thing = getattr(group, f"{name}_pointer")
     if thing is None:
         return text
-    _check(name, thing)
+    _check(key or name, thing)
     layer = getattr(group, f"{name}_layer", "")
     return f"{thing.name}:{layer}" if layer else str(thing.name)
 
@@ -157,22 +152,14 @@ def listed_anew(group: Any, name: str) -> None:
     _set_text(group, name, _names_in(getattr(group, f"{name}_pointers")))
 
 
-def renew_texts(groups: Iterator[Any]) -> None:
+def renew_texts(groups: Iterable[Any]) -> None:
     """Have texts say what things are called now, for whoever reads the file without pointers."""
-    for group in groups:
-        for name in named_by(group):
-            try:
+    for group, name in product(groups, REFERENCES):
+        if {f"{name}_pointer", f"{name}_pointers"} & set(group.bl_rna.properties.keys()):
+            with suppress(SpecError):
                 text = name_of(group, name)
-            except SpecError:
-                continue
-            if getattr(group, name) != text:
-                _set_text(group, name, text)
-
-
-def named_by(group: Any) -> list[str]:
-    """The settings of a group that name something."""
-    known = group.bl_rna.properties
-    return [n for n in REFERENCES if f"{n}_pointer" in known or f"{n}_pointers" in known]
+                if getattr(group, name) != text:
+                    _set_text(group, name, text)
 
 
 def _names_in(items: Any) -> str:
@@ -180,15 +167,22 @@ def _names_in(items: Any) -> str:
     return ", ".join(filter(None, names))
 
 
-def _check(name: str, thing: Any) -> None:
+def _check(key: str, thing: Any) -> None:
     """One that was deleted lives on for the pointer's sake alone."""
     if isinstance(thing, bpy.types.Object) and not thing.users_collection:
         problem = say('"{name}" was deleted; choose another, or none', name=thing.name)
-        raise SpecError(name, problem)
+        raise SpecError(key, problem)
 
 
 def _find(group: Any, name: str) -> None:
     known, text = REFERENCES[name], getattr(group, name)
+    if known.many:
+        items = getattr(group, f"{name}_pointers")
+        items.clear()
+        for part in filter(None, (part.strip() for part in text.split(","))):
+            item = items.add()
+            item.name, item.thing = part, bpy.data.objects.get(part)
+        return
     every = bpy.data.collections if known.of is bpy.types.Collection else bpy.data.objects
     holder, layer = text, ""
     if known.layered and text not in every:
@@ -198,14 +192,6 @@ def _find(group: Any, name: str) -> None:
         setattr(group, f"{name}_pointer", found)
     if known.layered:
         setattr(group, f"{name}_layer", layer if found is not None else "")
-
-
-def _find_many(group: Any, name: str) -> None:
-    items = getattr(group, f"{name}_pointers")
-    items.clear()
-    for part in filter(None, (part.strip() for part in getattr(group, name).split(","))):
-        item = items.add()
-        item.name, item.thing = part, bpy.data.objects.get(part)
 
 
 def _say_name(group: Any, name: str) -> None:
@@ -237,13 +223,9 @@ def layers_of(thing: bpy.types.Object) -> list[str]:
     names = [known.name for known in thing.vertex_groups]
     if thing.type == "MESH":
         names += [a.name for a in thing.data.color_attributes]
-        names += [a.name for a in thing.data.attributes if _is_weight(a)]
+        of_points = [a for a in thing.data.attributes if a.domain != "EDGE" and not a.is_internal]
+        names += [a.name for a in of_points if a.data_type == "FLOAT"]
     return list(dict.fromkeys(names))
-
-
-def _is_weight(attribute: Any) -> bool:
-    plain = attribute.domain != "EDGE" and not attribute.is_internal
-    return bool(plain and attribute.data_type == "FLOAT")
 
 
 SPECIES = ASSETS / "species"
@@ -297,3 +279,102 @@ SEARCHES = {
     "other": _planted,
     "scanner": _scanners,
 }
+
+
+LAYOUT = 3  # how a scene keeps its settings
+KEY = "forest_sensing"  # of the scene's settings, as Blender stores them
+
+log = logging.getLogger(__name__)
+
+
+class FOREST_OT_take_note(Button, bpy.types.Operator):
+    """Remove this message"""
+
+    bl_idname = "forest.take_note"
+    bl_label = "Dismiss"
+
+    @classmethod
+    def description(cls, context: bpy.types.Context, _properties: Any) -> str:
+        notice = context.scene.forest_sensing.notice
+        return say("{notice}. Press to take this line away", notice=notice)
+
+    @classmethod
+    def obstacle(cls, context: bpy.types.Context) -> str:
+        reason = super().obstacle(context)
+        if not reason and not context.scene.forest_sensing.notice:
+            reason = say("There is nothing to take note of")
+        return reason
+
+    def act(self, context: bpy.types.Context) -> str:
+        context.scene.forest_sensing.property_unset("notice")
+        return ""
+
+
+def draw_notice(panel: bpy.types.UILayout, props: Any) -> None:
+    """One line of what happened to this file, with the button that takes it away."""
+    row = panel.row(align=True)
+    row.label(text=props.notice.partition(":")[0], icon="INFO")
+    row.operator("forest.take_note", text="", icon="X")
+
+
+def register() -> None:
+    """Look at the file that is open by now."""
+    bpy.app.timers.register(_look_at_all, first_interval=0.0)
+
+
+def unregister() -> None:
+    """Look at it no longer."""
+    if bpy.app.timers.is_registered(_look_at_all):
+        bpy.app.timers.unregister(_look_at_all)
+
+
+@bpy.app.handlers.persistent
+def _look_at_all(*_: object) -> None:
+    """Tell of scenes that a newer version has saved."""
+    for scene in bpy.data.scenes:
+        if not scene.is_editable or not _has_settings(scene):
+            continue
+        if scene.forest_sensing.layout > LAYOUT:
+            notice = say(
+                "Saved by a newer version: it keeps settings in layout {found}, this version knows {known}: "
+                "what is new in it has no effect here. Update Forest Sensing",
+                found=scene.forest_sensing.layout,
+                known=LAYOUT,
+            )
+            scene.forest_sensing.notice = notice
+            log.warning("Forest Sensing, scene %s. %s", scene.name, notice)
+
+
+@bpy.app.handlers.persistent
+def _sign(*_: object) -> None:
+    """Note today's layout in every scene that is about to be saved with settings of ours."""
+    for scene in bpy.data.scenes:
+        if scene.is_editable and _has_settings(scene):
+            props = scene.forest_sensing
+            props.layout = max(LAYOUT, props.layout)
+            things = sensors.sensors_of(scene)
+            of_sensors = (getattr(t.forest_sensor, sensors.kind_of(t)) for t in things)
+            renew_texts([props.forest.terrain, *props.plantings, *of_sensors])
+
+
+def _has_settings(scene: bpy.types.Scene) -> bool:
+    """Return whether settings of ours are stored in a scene and any was set."""
+    # Blender 5 keeps them apart from custom properties
+    apart = hasattr(scene, "bl_system_properties_get")
+    home = scene.bl_system_properties_get() if apart else scene
+    stored = None if home is None else home.get(KEY)
+    return stored is not None and _holds_values(stored)
+
+
+def _holds_values(stored: Any) -> bool:
+    """Return whether anything was set: to draw a panel makes empty groups."""
+    return any(
+        _holds_values(value) if hasattr(value, "keys") else True for value in stored.values()
+    )
+
+
+HANDLERS = (
+    ("load_post", _look_at_all),
+    ("blend_import_post", _look_at_all),
+    ("save_pre", _sign),
+)

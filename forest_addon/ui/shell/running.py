@@ -3,12 +3,13 @@
 An operator that computes is a ``Working`` with a ``work`` generator (``blender/jobs``). From a window it
 runs modally: the window lives on, one job at a time, and nothing is left half done when it is stopped: what a
 work has finished by then it notes in ``kept`` of its job. From a script it runs to its end at once. Packages
-that Blender lacks are looked for before; slow views are drawn only once while work goes on.
+that Blender lacks are looked for before.
 """
 
 from __future__ import annotations
 
 import functools
+import importlib
 import importlib.util
 import time
 from collections.abc import Callable, Iterator
@@ -116,12 +117,6 @@ BY_PROCESSOR = (
     "gdi generic",
 )
 LITTLE = 240_000  # triangles that a processor draws in less than a tenth of a second
-SLOW = 0.2  # s that a view takes to draw; faster ones are left alone
-LATELY = 1.5  # times as long ago as drawing took: then it is still being smoothed
-
-_handles: list[Any] = []
-_began = _took = _ended = 0.0
-_usual = ""  # the smoothing of before; empty: it is not ours
 
 
 def drawable() -> int:
@@ -132,45 +127,6 @@ def drawable() -> int:
         return DRAWABLE
     drawn_by = gpu.platform.renderer_get().lower()
     return LITTLE if any(name in drawn_by for name in BY_PROCESSOR) else DRAWABLE
-
-
-def rough_edges() -> None:
-    """Smooth views no longer, if one is being smoothed and that is slow."""
-    global _usual
-    system = bpy.context.preferences.system
-    late = time.perf_counter() - _ended
-    still = system.viewport_aa in ("OFF", "FXAA")  # these draw a view once
-    if _usual or _took < SLOW or late > LATELY * _took or still:
-        return
-    _usual = system.viewport_aa
-    _set("OFF")
-
-
-def usual_edges() -> None:
-    """Smooth views as before."""
-    global _usual
-    if _usual:
-        _set(_usual)
-    _usual = ""
-
-
-def _set(smoothing: str) -> None:
-    """Set how edges are smoothed; nothing that preferences are to be saved for."""
-    preferences = bpy.context.preferences
-    changed = preferences.is_dirty
-    preferences.system.viewport_aa = smoothing  # type: ignore[assignment]
-    preferences.is_dirty = changed
-
-
-def _begin() -> None:
-    global _began
-    _began = time.perf_counter()
-
-
-def _end() -> None:
-    global _took, _ended
-    _ended = time.perf_counter()
-    _took = _ended - _began
 
 
 TICK = 0.02  # s between two looks at a running job
@@ -229,6 +185,8 @@ class Button:
         except PROBLEMS as problem:
             self.report({"ERROR"}, in_words(problem))
             return {"CANCELLED"}
+        finally:
+            redraw_panels()  # those in other windows too may show items of a list that are gone
         if said:
             self.report({"INFO"}, said)
         return {"CANCELLED"} if said is None else {"FINISHED"}
@@ -311,7 +269,6 @@ class Working(WhenReady):
         self._shown = ""
         self._timer = manager.event_timer_add(TICK, window=context.window)
         manager.modal_handler_add(self)
-        rough_edges()
         return {"RUNNING_MODAL"}
 
     def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
@@ -368,7 +325,6 @@ class Working(WhenReady):
 
     def _leave(self, context: bpy.types.Context) -> None:
         context.window_manager.event_timer_remove(self._timer)
-        usual_edges()
         show_no_job(context)
 
 
@@ -387,19 +343,24 @@ class FOREST_OT_cancel(Reading, bpy.types.Operator):
         return ""
 
 
-def getting_ready(import_rooms: Callable[[Progress], object]) -> Task:
-    """The first piece of work: importing what it needs, scipy with it, takes a while the first time."""
+def getting_ready(*rooms: str) -> Task:
+    """The first piece of work: importing what it needs, scipy with it, takes a while the first time.
 
-    def patiently(tell: Progress) -> object:
-        for _ in range(ATTEMPTS):
+    rooms : modules of ours by their names within ``forest_addon``.
+    """
+    within = (__package__ or "").removesuffix(".ui.shell")
+
+    def patiently(_tell: Progress) -> None:
+        for left in reversed(range(ATTEMPTS)):
             try:
-                return import_rooms(tell)
+                for room in rooms:
+                    importlib.import_module(f"{within}.{room}")
+                return
             except RuntimeError as problem:
                 # two threads that import the same package each from another end: Python ends one of them
-                if type(problem).__name__ != "_DeadlockError":
+                if type(problem).__name__ != "_DeadlockError" or not left:
                     raise
                 time.sleep(TICK)
-        return import_rooms(tell)
 
     return Task(say("getting ready"), patiently, whole=True)
 
@@ -429,34 +390,24 @@ def in_words(problem: BaseException) -> str:
     if isinstance(problem, MemoryError):
         return say("There is not enough memory for this; take fewer trees or coarser steps")
     if isinstance(problem, ReferenceError):
-        return say(_what_is_gone(problem))
+        return say(next(words for kind, words in GONE.items() if kind in str(problem)))
     if isinstance(problem, OSError) and problem.strerror:
         return f"{problem.filename or say('A file cannot be written')}: {problem.strerror}"
     return str(problem)
 
 
-def _what_is_gone(problem: ReferenceError) -> str:
-    """Return which thing was removed while a job used it."""
-    if "type Object" in str(problem):
-        return keep("An object was removed or undone meanwhile, perhaps the sensor; run it again")
-    if "type Scene" in str(problem):
-        return keep("The scene was removed or undone meanwhile; run it again")
-    return keep("Something of the scene was removed or undone meanwhile; run it again")
-
-
-def register() -> None:
-    """Watch views draw."""
-    if not bpy.app.background:
-        add = bpy.types.SpaceView3D.draw_handler_add
-        _handles.append(add(_begin, (), "WINDOW", "PRE_VIEW"))
-        _handles.append(add(_end, (), "WINDOW", "POST_PIXEL"))
+# What was removed while a job used it, by what Python says of it.
+GONE = {
+    "type Object": keep(
+        "An object was removed or undone meanwhile, perhaps the sensor; run it again"
+    ),
+    "type Scene": keep("The scene was removed or undone meanwhile; run it again"),
+    "": keep("Something of the scene was removed or undone meanwhile; run it again"),
+}
 
 
 def unregister() -> None:
-    """Watch no longer, leave smoothing as it was, and stop what runs."""
-    while _handles:
-        bpy.types.SpaceView3D.draw_handler_remove(_handles.pop(), "WINDOW")
-    usual_edges()
+    """Stop what runs."""
     if current() is not None:
         show_no_job(bpy.context)
     stop()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
 from typing import Any
 
 import bpy
@@ -55,11 +54,21 @@ def holds(box: bpy.types.Area | bpy.types.Region, x: int, y: int) -> bool:
 
 
 def redraw_panels() -> None:
-    """Have every sidebar of a 3D view and every Properties editor drawn anew, and no view itself."""
+    """Have every sidebar of a 3D view and every Properties editor drawn anew, and no view itself.
+
+    Whoever adds to a list of settings or takes from it calls this at once: buttons that are drawn point to
+    where items were, and a mouse over one would have Blender read memory that is no longer theirs.
+    """
     for window in bpy.context.window_manager.windows:
         for area in window.screen.areas:
             if area.type in PANELS:
                 region_of(area, PANELS[area.type]).tag_redraw()
+
+
+def is_rendering() -> bool:
+    """Return whether Blender renders: its thread then goes from frame to frame, and whoever hears of that
+    must change nothing that windows draw meanwhile."""
+    return bool(bpy.app.is_job_running("RENDER"))
 
 
 def look_at(area: bpy.types.Area, field: Forest) -> None:
@@ -164,11 +173,6 @@ def _below(home: bpy.types.LayerCollection) -> Iterator[bpy.types.LayerCollectio
         yield from _below(child)
 
 
-_drawn: dict[
-    int, int
-] = {}  # number of the chosen sensor while a scene's list is drawn, by session_uid
-
-
 def chosen(owner: Any, name: str) -> Any:
     """The item of a list that is chosen, the last one where fewer are left; the list must hold one."""
     listed = getattr(owner, name)
@@ -212,23 +216,10 @@ def choose_sensor(context: bpy.types.Context, thing: bpy.types.Object) -> None:
 
 def number_of_sensor(props: Any) -> int:
     """Return where the chosen sensor is in the list, -1 where there is none."""
-    if props.id_data.session_uid in _drawn:
-        return _drawn[props.id_data.session_uid]
     known = sensors.sensors_of(props.id_data)
     home = sensors.home_of(props.id_data, known)
     thing = chosen_sensor(bpy.context, known) if bpy.context.scene == props.id_data else None
     return -1 if home is None or thing is None else list(home.objects).index(thing)
-
-
-@contextmanager
-def while_drawn(props: Any) -> Iterator[None]:
-    """Look up which sensor is chosen once for this block: Blender asks for each row that it draws."""
-    key = props.id_data.session_uid
-    _drawn[key] = number_of_sensor(props)
-    try:
-        yield
-    finally:
-        del _drawn[key]
 
 
 def choose_number(props: Any, number: int) -> None:

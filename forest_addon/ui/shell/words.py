@@ -17,6 +17,7 @@ import functools
 import json
 import re
 from collections.abc import Callable
+from itertools import chain, count
 from pathlib import Path
 
 import bpy
@@ -127,6 +128,13 @@ def read_catalog(text: str) -> Catalog:
         if said.get("msgid") and said.get("msgstr"):
             catalog[said.get("msgctxt", ANY), said["msgid"]] = said["msgstr"]
     return catalog
+
+
+def free_name(before: str, between: str, after: str, is_taken: Callable[[str], bool]) -> str:
+    """A name that is not taken yet: BEFORE AFTER, else with a number from 2 on in between."""
+    ends = chain([""], (f"{between}{number}" for number in count(2)))
+    names = (f"{before}{end}{after}" for end in ends)
+    return next(name for name in names if not is_taken(name))
 
 
 EDITED = "edited/"  # begins the name of a species that is edited

@@ -1,8 +1,7 @@
 """Species: chosen by picture, taken into properties and changed, recognised in files, saved, made assets.
 
 Folders are looked into when species are first drawn, and not again; ``refresh`` takes note of a new file.
-Pictures of what is planted are read then, the others one by one afterwards, so that the menu has them when it
-is opened: Blender would show a spinner for each that it has not read yet.
+Pictures of what is planted are read then, the others by Blender when the menu is opened.
 
 An edited species lives in the .blend under a name such as edited/maple.toml, which plantings use as if it
 were a file; ``load`` takes it from there. STL files that it names start from the folder that it came from.
@@ -40,13 +39,12 @@ from ..shell.running import (
     press,
 )
 from ..shell.views import chosen_planting, icons
-from ..shell.words import EDITED, label, language, say, title_of
+from ..shell.words import EDITED, free_name, label, language, say, title_of
 
 Choice = tuple[str, str, str, int, int]  # what a planting calls it, name, help, icon, number
 
-BETWEEN = 0.02  # s between two pictures that are read
-
-_unread: list[str] = []  # species whose pictures are not read yet
+# Buttons and tooltips point to these texts and do not copy them: none may go while Blender runs.
+_offered: list[Sequence[Choice]] = []
 
 
 def choices(props: Any) -> tuple[Choice, ...]:
@@ -66,10 +64,12 @@ def menu(props: Any, first: str) -> list[Choice]:
 def _menu(edited: tuple[tuple[str, str], ...], first: str, _language: str) -> list[Choice]:
     found = _choices(edited, (), _language)
     ordered = sorted(found, key=lambda choice: choice[0] != first)
-    return [
+    made = [
         (name, title, label("Grow a {species}", species=title), icon, number)
         for number, (name, title, _, icon, _) in enumerate(ordered)
     ]
+    _offered.append(made)
+    return made
 
 
 def number_of(props: Any) -> int:
@@ -99,14 +99,11 @@ def register() -> None:
 
 
 def unregister() -> None:
-    """Read no more pictures."""
+    """Forget what was seen there."""
     refresh()
-    _unread.clear()
-    if bpy.app.timers.is_registered(_read_next):
-        bpy.app.timers.unregister(_read_next)
 
 
-@functools.lru_cache(maxsize=16)  # Blender wants the texts kept while it shows them
+@functools.lru_cache(maxsize=16)
 def _choices(
     edited: tuple[tuple[str, str], ...], planted: tuple[str, ...], _language: str
 ) -> tuple[Choice, ...]:
@@ -116,7 +113,7 @@ def _choices(
         label("{species} (edited)", species=title_of(name)) if name in origins else title_of(name)
         for name in names
     ]
-    return tuple(
+    made = tuple(
         (
             name,
             title,
@@ -126,6 +123,8 @@ def _choices(
         )
         for number, (name, title) in enumerate(zip(names, titles, strict=True))
     )
+    _offered.append(made)
+    return made
 
 
 @functools.cache
@@ -154,25 +153,9 @@ def _icon(species: str, now: bool) -> int:
         return int(_plain_icons()["OUTLINER_OB_CURVES"].value)
     if species not in icons():
         icons().load(species, str(picture), "IMAGE")
-        _unread.append(species)
-        if not bpy.app.background and not bpy.app.timers.is_registered(_read_next):
-            bpy.app.timers.register(_read_next, first_interval=BETWEEN)
-    if now and species in _unread:
-        _read_picture(species)
+    if now:  # Blender does so when it is asked for the size
+        tuple(icons()[species].image_size)
     return int(icons()[species].icon_id)
-
-
-def _read_picture(species: str) -> None:
-    """Have Blender read a picture's file now, as it does when it is asked for the size."""
-    _unread.remove(species)
-    tuple(icons()[species].image_size)
-
-
-def _read_next() -> float | None:
-    """Read one more picture; returns the seconds until the next, None after the last."""
-    if _unread:
-        _read_picture(_unread[0])
-    return BETWEEN if _unread else None
 
 
 def _plain_icons() -> Any:
@@ -265,7 +248,7 @@ class FOREST_OT_edit_species(_OfSpecies, bpy.types.Operator):
         path = find_species(planting.species, Path(bpy.path.abspath(props.folder)))
         species = read_settings(path, spec.Species)
         item = props.edited.add()
-        item.name = _free_name(props, path.stem)
+        item.name = free_name(f"{EDITED}{path.stem}", "-", ".toml", props.edited.__contains__)
         item.origin = planting.species
         item.folder = "" if _is_preset(planting.species) else str(path.resolve().parent)
         exchange.write(item.settings, species)
@@ -283,11 +266,9 @@ class FOREST_OT_discard_species(_OfSpecies, bpy.types.Operator):
     bl_label = "Discard"
 
     def act(self, context: bpy.types.Context) -> str:
-
-        scene = context.scene
-        item = edited_item(scene.forest_sensing)
+        item = edited_item(context.scene.forest_sensing)
         origin = item.origin
-        _replace(scene, item, origin)
+        _replace(context.scene, item, origin)
         return say("Back to {species}", species=title_of(origin))
 
 
@@ -341,14 +322,6 @@ def _replace(scene: bpy.types.Scene, item: Any, species: str) -> None:
     props.edited.remove(props.edited.find(name))
 
 
-def _free_name(props: Any, stem: str) -> str:
-    name, number = f"{EDITED}{stem}.toml", 1
-    while name in props.edited:
-        number += 1
-        name = f"{EDITED}{stem}-{number}.toml"
-    return name
-
-
 def _is_preset(species: str) -> bool:
     return not species.endswith(".toml")
 
@@ -365,10 +338,6 @@ SEED = 1
 FIRST = ("norway-maple", "silver-birch", "norway-spruce", "hazelnut")  # where nothing is planted
 
 
-def _import_rooms(_tell: Any) -> None:
-    from ...blender.library import build as library  # noqa: F401
-
-
 class FOREST_OT_make_library(Working, bpy.types.Operator):
     """Write trees of this scene's species, or four usual ones, as assets for the Asset Browser"""
 
@@ -383,8 +352,8 @@ class FOREST_OT_make_library(Working, bpy.types.Operator):
     )
 
     def work(self, context: bpy.types.Context) -> Work:
-        yield getting_ready(_import_rooms)
-        from ...blender.library.build import grow_exhibits, write_species
+        yield getting_ready("blender.scene.assets")
+        from ...blender.scene.assets import grow_exhibits, write_species
 
         props, out = context.scene.forest_sensing, library_folder()
         folder = Path(bpy.path.abspath(props.folder))
@@ -586,8 +555,4 @@ def title_from(wood: Path) -> str:
 
 def free_folder(home: Path, name: str) -> Path:
     """A folder of this name that is not there yet; numbered where there is one."""
-    folder, number = home / name, 1
-    while folder.exists():
-        number += 1
-        folder = home / f"{name}-{number}"
-    return folder
+    return home / free_name(name, "-", "", lambda name: (home / name).exists())

@@ -7,7 +7,15 @@ from typing import Any
 
 import bpy
 
-from ..settings.drawing import WithForest, draw_list, draw_settings, folded, name_in, split
+from ..settings.drawing import (
+    WithForest,
+    draw_list,
+    draw_settings,
+    folded,
+    is_narrow,
+    name_in,
+    split,
+)
 from ..shell.views import chosen_planting
 from ..shell.words import keep, label, label_kept
 from .edit import edited_item
@@ -24,7 +32,7 @@ class FOREST_PT_species(WithForest, bpy.types.Panel):
     def draw(self, context: bpy.types.Context) -> None:
         layout, props = self.layout, context.scene.forest_sensing
         draw_list(layout, props, "plantings", "planting")
-        halves = layout.split(factor=0.5)
+        halves = layout.column() if is_narrow() else layout.split(factor=0.5)
         if chosen_planting(props) is not None:
             halves.template_icon_view(
                 props, "species_picture", show_labels=True, scale=5.5, scale_popup=6.5
@@ -96,7 +104,8 @@ def _is_idle(group: Any, part: str) -> bool:
 
 def _draw_part(layout: bpy.types.UILayout, group: Any) -> None:
     """Numbers and texts first, then what is drawn from a distribution."""
-    long = _long_texts(group)
+    wide = ("axiom", "productions", "constants", "symbols")  # texts of an L-system
+    long = [name for name in group.shown if name in wide]
     draw_settings(split(layout), group, long)
     kind = type(group)
     for name in long:
@@ -114,12 +123,6 @@ def _draw_part(layout: bpy.types.UILayout, group: Any) -> None:
 def _has(kind: type, name: str) -> bool:
     """Return whether a class of settings has a property; looked up once."""
     return name in kind.bl_rna.properties  # type: ignore[attr-defined]
-
-
-def _long_texts(group: Any) -> tuple[str, ...]:
-    """Return what needs the whole width: the texts of an L-system."""
-    wide = ("axiom", "productions", "constants", "symbols")
-    return tuple(name for name in group.shown if name in wide)
 
 
 def _draw_spread(layout: bpy.types.UILayout, owner: Any, name: str) -> None:

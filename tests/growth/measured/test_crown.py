@@ -66,6 +66,25 @@ def test_a_beech_divides_into_as_few_limbs_as_a_scanned_one():
         assert skeleton.start[heavy, 2].min() < 7.5  # the scanned one divides 5.5 m up
 
 
+@pytest.mark.medium
+@pytest.mark.parametrize(
+    "wanted",
+    [
+        Wanted(0.18, 20.9, 4.9, 12.6, 30.0),
+        Wanted(0.47, 20.8, 8.5, 7.8, 150.0),
+        Wanted(0.85, 20.1, 10.8, 5.9, 300.0),
+    ],
+)
+def test_a_forest_tree_has_as_many_limbs_as_scanned_ones(wanted):
+    # Models of twelve scanned trees (L1-Tree): 5 to 47 limbs on the stem, of 1.4 to 4.9 m by a tree's median.
+    skeleton = tree_of("european-ash", wanted).skeleton
+    first, thick = limbs_of(skeleton)
+    limbs = first[thick > 0.015]
+    long = [skeleton.length[skeleton.axis(int(row))].sum() for row in limbs]
+    assert 5 <= len(limbs) <= 30
+    assert 1.4 / 1.3 < np.median(long) < 4.9 * 1.3
+
+
 def test_a_young_beech_keeps_its_leader():
     skeleton = tree_of("european-beech", Wanted(0.06, 7.0, 2.6, 1.5, 15.0)).skeleton
     stem = skeleton.order == 0

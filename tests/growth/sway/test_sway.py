@@ -4,6 +4,8 @@ moves: as its members move, few, and rigid where a rigid thing moves.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from references.rods import rod
@@ -104,6 +106,14 @@ def test_what_stands_keeps_most_of_its_frequency_whatever_it_weighs(share):
         assert stands == heavy
     if share > 0.8:
         assert stands < 0.9 * light
+
+
+def test_branches_bend_more_easily_than_stems():
+    # Cannell & Morgan 1987: at most 4.6 GPa where trunks of the same trees have at most 7.5.
+    stem = rod(0.15, 0.05)
+    limb = replace(stem, order=np.ones_like(stem.order))
+    slower = with_tip_mass(limb, 30.0)[0] / with_tip_mass(stem, 30.0)[0]
+    assert slower == pytest.approx(np.sqrt(4.6 / 7.5), rel=0.02)
 
 
 def test_bark_weighs_and_does_not_stiffen():

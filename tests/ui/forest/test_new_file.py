@@ -18,6 +18,8 @@ from forest_addon.spec import Scene
 from forest_addon.ui.forest import start
 from forest_addon.ui.forest.start import SCENES, presets
 
+from ..test_panels import canvas
+
 
 def in_picture(scene, corners):
     """Where places are in the camera's picture, 0 to 1."""
@@ -97,7 +99,8 @@ def test_the_menu_is_there_and_offers_what_add_offers(registered):
             pass
 
         def menu(self, name, **_):
-            getattr(bpy.types, name).draw(SimpleNamespace(layout=self), None)
+            kind = getattr(bpy.types, name)
+            kind.draw(canvas(kind, self), None)
 
     menu = type("Menu", (), {"layout": Layout()})
     start.FOREST_MT_new.draw(menu, None)

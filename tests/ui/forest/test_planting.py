@@ -1,15 +1,20 @@
 """The hand that plants: what a stroke sets, clears and takes back, in trees that are objects or points."""
 
+from functools import partial
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 bpy = pytest.importorskip("bpy")
 
+from mathutils import Vector
 from ui.pressing import press
 
 from forest_addon.blender.scene.instances import stood_trees
-from forest_addon.ui.forest.hand import Hand
-from forest_addon.ui.forest.planting import ground_below
+from forest_addon.ui.forest import planting
+from forest_addon.ui.forest.hand import Hand, swap_tree, take_away
+from forest_addon.ui.forest.planting import FOREST_OT_plant, ground_below
 
 
 def places():
@@ -77,23 +82,59 @@ def test_one_tree_is_moved_changed_and_removed(hand, small):
     assert (-5.0, 12.0) in map(tuple, places().tolist())
     hand.look()
     tree = hand.nearest((-5.0, 12.0), 0.1)
-    hand.change(tree, tree.variant + 1)
+    hand.change(tree, swap_tree)
     press("build")
     hand.look()
     now = hand.nearest((-5.0, 12.0), 0.1)
     assert now.variant == (tree.variant + 1) % 2
     assert (now.rotation, now.scale) == pytest.approx((tree.rotation, tree.scale), abs=1e-4)
     count = len(hand.trees)
-    hand.remove(now)
+    hand.change(now, take_away)
     press("build")
     assert len(places()) == count - 1
     assert len(small.plantings[0].by_hand) == 0
 
 
 @pytest.mark.medium
-def test_the_ground_is_found_below_the_mouse(hand):
-    from mathutils import Vector
+@pytest.mark.parametrize(
+    ("event", "passes"),
+    [({"type": "MOUSEMOVE"}, "PASS_THROUGH"), ({"type": "RIGHT_BRACKET"}, "RUNNING_MODAL")],
+)
+def test_the_brush_follows_the_mouse_and_its_keys(hand, event, passes):
+    drawn = []
+    area = SimpleNamespace(tag_redraw=lambda: drawn.append(1))
+    brush = SimpleNamespace(
+        over=False, stroke="", hand=hand, area=area, _below=lambda *_: Vector((1, 2, 0))
+    )
+    brush._key = partial(FOREST_OT_plant._key, brush)
+    given = {"value": "PRESS", "ctrl": False, "oskey": False, "alt": False} | event
+    assert FOREST_OT_plant.heed(brush, bpy.context, SimpleNamespace(**given)) == {passes}
+    assert drawn
 
+
+def test_what_the_brush_has_seen_is_looked_at_again_after_undo(registered, monkeypatch):
+    """Undo makes objects anew: to move one that is gone would end Blender."""
+    looked = []
+    seen = SimpleNamespace(scene=None, look=lambda: looked.append(1))
+    brush = SimpleNamespace(hand=seen, moved="a tree")
+    monkeypatch.setattr(planting, "_working", brush)
+    for name, heard in planting.WINDOW_HANDLERS:
+        if name in ("undo_post", "redo_post"):
+            heard(bpy.context.scene)
+    assert len(looked) == 2
+    assert (brush.moved, seen.scene) == (None, bpy.context.scene)
+
+
+def test_a_brush_that_fails_is_put_away(registered):
+    ended = []
+    brush = SimpleNamespace(heed=lambda *_: 1 / 0, _end=ended.append)
+    with pytest.raises(ZeroDivisionError):
+        FOREST_OT_plant.modal(brush, bpy.context, SimpleNamespace())
+    assert ended == [bpy.context]
+
+
+@pytest.mark.medium
+def test_the_ground_is_found_below_the_mouse(hand):
     place = ground_below(bpy.context, Vector((1, 2, 9)), Vector((0, 0, -1)))
     assert tuple(place) == pytest.approx((1, 2, 0), abs=1e-5)
     far = ground_below(bpy.context, Vector((900, 2, 9)), Vector((0, 0.6, -0.8)))

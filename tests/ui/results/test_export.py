@@ -17,13 +17,13 @@ from forest_addon.results.kinds import RESULTS
 from forest_addon.results.points import POINT
 from forest_addon.sensing.reverb.auralise import auralise, normalised
 from forest_addon.sensing.reverb.response import channels_of
-from forest_addon.ui.results import buttons, finding
+from forest_addon.ui.results import finding, panel
 
 from ..pressing import add_cube, press, run
 
 
 def test_every_format_of_a_result_has_its_words():
-    assert {ending for kind in RESULTS.values() for ending in kind.endings} == set(buttons.WORDS)
+    assert {ending for kind in RESULTS.values() for ending in kind.endings} == set(panel.WORDS)
 
 
 @pytest.mark.medium
@@ -62,13 +62,13 @@ def test_points_have_a_radius(built):
 @pytest.mark.medium
 def test_an_echo_can_be_heard(built):
     run("echo")
-    samples, rate = buttons.heard_of(built.results["echo"])
+    samples, rate = panel.heard_of(built.results["echo"])
     assert rate == 20_000  # 400 kHz, twenty times slower
     assert samples.shape[1] == 1
     assert 0.85 < abs(samples).max() <= 1.0
     assert press("play", sensor="echo") == {"FINISHED"}
-    assert buttons._playing[1].specs[0] == rate
-    assert np.abs(buttons._playing[1].data() - samples).max() < 1e-6
+    assert panel._playing[1].specs[0] == rate
+    assert np.abs(panel._playing[1].data() - samples).max() < 1e-6
 
 
 @pytest.mark.medium
@@ -80,7 +80,7 @@ def test_a_reverb_is_played_as_the_chosen_sound_is_heard(built, tmp_path):
     for choice in ("CLAP", "CALL"):
         built.dry = choice
         assert press("play", sensor="reverb") == {"FINISHED"}
-        played = buttons._playing[1]
+        played = panel._playing[1]
         dry, dry_rate = dry_sound(choice.lower())
         wet = normalised(auralise(responses, dry, found.sample_rate, dry_rate), PEAK_DB)[0]
         assert played.specs[0] == found.sample_rate
@@ -92,7 +92,7 @@ def test_a_reverb_is_played_as_the_chosen_sound_is_heard(built, tmp_path):
         assert np.abs(samples - wet[:, 0]).max() < 1e-6
     built.dry = "NONE"
     press("play", sensor="reverb")
-    click = buttons._playing[1].data()[:, 0]
+    click = panel._playing[1].data()[:, 0]
     assert np.argmax(np.abs(click)) == np.argmax(np.abs(responses[:, 0]))
     built.dry, built.dry_file = "FILE", str(tmp_path / "CLAP.wav")
     assert press("play", sensor="reverb") == {"FINISHED"}

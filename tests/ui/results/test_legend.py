@@ -9,7 +9,7 @@ from forest_addon.blender.scene.layout import CLOUD_KEY, COLOUR_BY, COLOUR_MAP, 
 from forest_addon.blender.scene.nodes import choose_input, chosen_input, set_input
 from forest_addon.blender.show.cloud_nodes import on_map
 from forest_addon.stand.undergrowth import PLANTS
-from forest_addon.ui.overlay import GAMMA, positions_and_colours
+from forest_addon.ui.overlay import GAMMA, seen_points
 from forest_addon.ui.results import panel
 from forest_addon.ui.results.panel import SIDE, pixels_of
 
@@ -24,7 +24,7 @@ def points_of(props, name):
 def colours(thing):
     """Of the points as they are drawn, linear."""
     evaluated = thing.evaluated_get(bpy.context.evaluated_depsgraph_get())
-    return positions_and_colours(evaluated)[1][:, :3] ** (1 / GAMMA)
+    return seen_points(evaluated)[1][:, :3] ** (1 / GAMMA)
 
 
 def labels(thing, name):

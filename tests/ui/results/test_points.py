@@ -10,7 +10,7 @@ from forest_addon.blender.scene.layout import CLOUD_KEY, COLOUR_BY, FAR_POINTS, 
 from forest_addon.blender.scene.nodes import drawn_inputs, has_input, set_input
 from forest_addon.blender.show.cloud import COLOUR_OF_ORGAN
 from forest_addon.blender.show.cloud_nodes import QUIET, SIZES
-from forest_addon.ui.overlay import GAMMA, positions_and_colours, sizes
+from forest_addon.ui.overlay import GAMMA, seen_points
 
 
 @pytest.fixture
@@ -21,7 +21,7 @@ def cloud(small):
 
 
 def drawn(cloud):
-    return positions_and_colours(cloud.evaluated_get(bpy.context.evaluated_depsgraph_get()))
+    return seen_points(cloud.evaluated_get(bpy.context.evaluated_depsgraph_get()))[:2]
 
 
 @pytest.mark.medium
@@ -71,11 +71,11 @@ def test_loud_points_are_larger_and_those_of_a_scan_alike(cloud):
     level = np.empty(len(echo.data.vertices), np.float32)
     echo.data.attributes["level"].data.foreach_get("value", level)
     expected = np.interp(level, (QUIET, 0.0), SIZES)
-    np.testing.assert_allclose(sizes(echo.evaluated_get(depsgraph)), expected, rtol=1e-4)
+    np.testing.assert_allclose(seen_points(echo.evaluated_get(depsgraph))[2], expected, rtol=1e-4)
     assert np.ptp(expected) > 0.5
     bpy.ops.forest.run(sensor="cloud")
     depsgraph.update()
-    np.testing.assert_allclose(sizes(cloud.evaluated_get(depsgraph)), 1.0)
+    np.testing.assert_allclose(seen_points(cloud.evaluated_get(depsgraph))[2], 1.0)
 
 
 @pytest.mark.medium

@@ -56,7 +56,6 @@ def test_without_points_it_says_to_run_again(built, tmp_path):
 @pytest.mark.medium
 def test_a_result_follows_its_sensor(built, tmp_path):
     run("cloud")
-    follow_names(bpy.context.scene)  # Blender calls it after each change
     thing, points = bpy.data.objects["cloud"], bpy.data.objects[built.results["cloud"].shown]
     thing.name = "north tripod"
     bpy.context.view_layer.update()

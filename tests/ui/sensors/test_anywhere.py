@@ -53,7 +53,7 @@ def test_in_any_collection_it_is_listed_chosen_and_removed(scene):
 
 def test_among_many_trees_it_is_seen_as_it_comes_and_goes(scene):
     oaks = grove(scene, "oak")
-    for _ in range(3 * sensors.FEW):
+    for _ in range(12):
         oaks.objects.link(bpy.data.objects.new("oak", None))
     assert sensors.sensors_of(scene) == []
     thing = added("terrestrial")

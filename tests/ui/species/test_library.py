@@ -4,7 +4,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from forest_addon.blender.library.build import FILE
+from forest_addon.blender.scene.assets import FILE
 from forest_addon.ui.settings import preferences
 from forest_addon.ui.species import edit
 

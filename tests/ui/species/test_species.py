@@ -2,6 +2,7 @@
 
 import builtins
 import shutil
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -369,3 +370,15 @@ def test_pictures_go_with_the_add_on(planting):
         assert len(held) == 0
     finally:
         ui.register()
+
+
+def test_texts_that_buttons_point_to_never_go(props):
+    """Blender copies no text of a menu that a function gives: one that went would end Blender."""
+    props.plantings.add()
+    text = edit.choices(props)[0][2]
+    held = sys.getrefcount(text)
+    edit.refresh()
+    for number in range(40):
+        props.plantings[0].species = f"other-{number}"
+        edit.choices(props)
+    assert sys.getrefcount(text) == held

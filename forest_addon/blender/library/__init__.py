@@ -1,1 +1,0 @@
-"""Library: grown variants as assets with pictures and truth."""
