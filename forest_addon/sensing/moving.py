@@ -261,6 +261,8 @@ class MovingScene:
         Rays that follow one another are neighbours most often: one of a run stands for all, with what is
         around it as far as the others are off.
         """
+        if not len(self.pieces.owner):
+            return
         knot = (time + self.start) * KNOTS
         block = np.floor(knot / SPAN).astype(np.int64)
         hull = self.pieces.hull
