@@ -190,10 +190,14 @@ class PartByPart:
     ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
         """Rays (M,) by number and instances (M,) that they may meet, those of a mesh together."""
         moving, motion = self._moving, self._moving.motion
-        ray, box, _ = self._keyed.pairs(origins[sound].T, ways[sound].T, near[sound], far[sound])
-        ray = sound[ray]
-        there = (time[ray] >= self._spans[box, 0]) & (time[ray] < self._spans[box, 1])
-        groups = [(ray[there], motion.rows[box[there]])]
+        groups = []
+        if len(motion.rows):
+            ray, box, _ = self._keyed.pairs(
+                origins[sound].T, ways[sound].T, near[sound], far[sound]
+            )
+            ray = sound[ray]
+            there = (time[ray] >= self._spans[box, 0]) & (time[ray] < self._spans[box, 1])
+            groups.append((ray[there], motion.rows[box[there]]))
         for rows, window in moving.bundles(origins, ways, near, far, time, sound):
             boxes = moving.pieces.boxes[moving.pieces.mesh[window.piece]]
             tree = BoxTree(*swept(boxes, window.places))
