@@ -18,9 +18,11 @@ from pathlib import Path
 import laspy
 import lazrs
 import numpy as np
+from laspy.point.dims import WAVEFORM_FIELDS_NAMES
 from laspy.vlrs.known import GeoKeyDirectoryVlr, WktCoordinateSystemVlr
 
 from ..base.labels import Labels
+from ..base.rows import distinct
 from ..base.trimesh import DEAD, GROUND, LEAF, WOOD
 from ..spec import SpecError
 from .atomic import replacing
@@ -62,6 +64,9 @@ EXTRA = {
     "nz": "normal of the surface",
     "incidence": "beam to normal, degrees",
 }
+PACKET_LENGTH = 16  # samples, whole multiples of which a waveform is long
+PACKETS_HEAD = 60  # bytes of a file of waveforms before them
+WAVES_VLR = 99  # the record of descriptor 1 is one more
 BOUNCE = {"bounce": "0 direct 1 ghost 2 glass 3 water"}  # of rows that have it
 
 
@@ -71,6 +76,7 @@ def write_las(
     written: date | None = None,
     labels: Labels | None = None,
     crs: str = "",
+    packets: tuple[Path, float, float, float] | None = None,
 ) -> None:
     """Write rows (P,) of ``points.POINT``, also of a file; a name ending in .laz is compressed.
 
@@ -79,19 +85,30 @@ def write_las(
     labels : what points are classed by instead of by organ, from class 64 on, which LAS leaves to users;
         the header names the classes. What comes after the 192 most frequent is class 1.
     crs : coordinate system that the header tells as WKT, such as "EPSG:32632".
+    packets : file of the waveforms that rows name, ps from sample to sample, gain and offset of its counts;
+        points then are of format 9.
 
     Raises
     ------
-    SpecError : PROJ does not know the coordinate system.
+    SpecError : waveforms in a COPC, which holds none; PROJ does not know the coordinate system.
     OSError : it cannot be written.
     """
     if str(path).lower().endswith(COPC):
+        if packets is not None:
+            raise SpecError(str(path), "holds no waveforms; end its name in .laz or .las")
         with tempfile.TemporaryDirectory() as folder:
             plain = os.path.join(folder, "plain.laz")
             write_las(plain, rows, written, labels, crs)
             write_copc(path, plain)
         return
     header = _header(rows, written)
+    if packets is not None:
+        header.global_encoding.waveform_data_packets_external = True
+        lengths = rows["wave_samples"][:]
+        for length in distinct(lengths[lengths > 0]).tolist():
+            body = struct.pack("<BBIIdd", 16, 0, length, round(packets[1]), *packets[2:])
+            number = WAVES_VLR + length // PACKET_LENGTH
+            header.vlrs.append(laspy.VLR("LASF_Spec", number, "Waveform", body))
     wkt = wkt_of(crs)
     if wkt:
         header.vlrs.append(WktCoordinateSystemVlr(wkt))
@@ -225,7 +242,8 @@ def intensity_level(amplitude: np.ndarray) -> np.ndarray:
 
 
 def _header(rows: np.ndarray | StoredRows, written: date | None) -> laspy.LasHeader:
-    header = laspy.LasHeader(version="1.4", point_format=6)
+    waved = "wave_samples" in (rows.dtype.names or ())
+    header = laspy.LasHeader(version="1.4", point_format=9 if waved else 6)
     low, high = bounds(rows)
     wide = float((high - low).max(initial=0.0)) > RESOLUTION * REACH * 0.9
     header.scales = np.full(3, 10 * RESOLUTION if wide else RESOLUTION)
@@ -270,3 +288,9 @@ def _fill(raw: np.ndarray, rows: np.ndarray, classes: np.ndarray, header: laspy.
     raw["gps_time"] = rows["time"]
     for name in _extra(rows):
         raw[name] = rows[name]
+    if "wave_samples" in (rows.dtype.names or ()):
+        raw["wavepacket_index"] = rows["wave_samples"] // PACKET_LENGTH
+        raw["wavepacket_size"] = 2 * rows["wave_samples"]
+        raw["wavepacket_offset"] = PACKETS_HEAD + 2 * rows["wave_start"]
+        for name in WAVEFORM_FIELDS_NAMES[3:]:
+            raw[name] = rows[name]

@@ -8,6 +8,7 @@ all formats but E57 and the tables of text are then written a part at a time.
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Sequence
 from importlib.util import find_spec
 from pathlib import Path
@@ -19,6 +20,7 @@ from ..formats.atomic import replacing
 from ..formats.ply import StoredRows, bounds, write_ply
 from ..formats.table import write_csv, write_npz
 from ..sensing.lidar.cloud import Cloud
+from ..sensing.lidar.waveform import BASELINE, LIGHT, Waveforms
 from .coordinates import NO_OFFSET, Offset
 
 POINT = np.dtype(
@@ -44,7 +46,20 @@ POINT = np.dtype(
         ("number_of_returns", "u1"),
     ]
 )
-BOUNCED = np.dtype([*POINT.descr, ("bounce", "u1")])  # 0 direct, 1 ghost, 2 glass, 3 refracted
+BOUNCE = ("bounce", "u1")  # 0 direct, 1 ghost, 2 glass, 3 refracted
+PACKET = (  # of a return's record in a file of waveforms
+    (
+        "wave_start",
+        "<f8",
+    ),  # its first sample, of all in the file from 0; whole, as PLY has no such numbers
+    ("wave_samples", "<u4"),  # how many; 0: there is none
+    ("return_point_wave_location", "<f4"),  # ps after the first
+    *(
+        (name, "<f4") for name in ("x_t", "y_t", "z_t")
+    ),  # m that light goes on in a ps, there and back
+)
+HEAD_BYTES, SAMPLES_AT_ONCE = 60, 1 << 20  # of a file of waveforms
+LONGEST = 255 * 16  # samples of a record: as many lengths as LAS can tell
 FILLED_AT_ONCE = 5_000  # what stays in the cache while its fields are copied
 UNITS = {
     **dict.fromkeys(("x", "y", "z", "range", "true_range"), "m"),
@@ -63,13 +78,25 @@ XYZ = {  # columns of such a file, and their digits
     "intensity_db": "%.2f",
     **dict.fromkeys(("tree", "organ", "label"), "%d"),
 }
+WAVEFORMS = ".wdp"
+NO_PACKETS = (".e57", ".xyz")
 STILL = 1e-6  # metres that the places of a scanner on a tripod may differ by
 
 
-def records(cloud: Cloud, offset: Sequence[float] = NO_OFFSET) -> np.ndarray:
-    """(P,) array of ``POINT``, of a scanner that follows bounces of ``BOUNCED``; ``offset`` metres are added
-    to positions."""
-    rows = np.empty(len(cloud), dtype=POINT if cloud.bounce is None else BOUNCED)
+def point_type(bounces: bool, waves: bool = False) -> np.dtype:
+    """The type of rows of a scanner that follows bounces, or records waveforms."""
+    more = (*((BOUNCE,) if bounces else ()), *(PACKET if waves else ()))
+    return np.dtype([*POINT.descr, *more]) if more else POINT
+
+
+def records(
+    cloud: Cloud, offset: Sequence[float] = NO_OFFSET, before: int | None = None
+) -> np.ndarray:
+    """(P,) array of ``point_type``; ``offset`` metres are added to positions.
+
+    before : samples that stand before the cloud's own in a file of waveforms; left out: rows name none.
+    """
+    rows = np.zeros(len(cloud), point_type(cloud.bounce is not None, before is not None))
     for first in range(0, len(cloud), FILLED_AT_ONCE):
         some = slice(first, first + FILLED_AT_ONCE)
         part, returns = rows[some], cloud.returns
@@ -88,7 +115,30 @@ def records(cloud: Cloud, offset: Sequence[float] = NO_OFFSET) -> np.ndarray:
         part["object"] = returns.instance[some]
         if cloud.bounce is not None:
             part["bounce"] = cloud.bounce[some]
+    if before is not None and cloud.waves is not None:
+        _name_packets(rows, cloud, cloud.waves, before)
     return rows
+
+
+def _name_packets(rows: np.ndarray, cloud: Cloud, waves: Waveforms, before: int) -> None:
+    """Fill in where the record of each return stands, of a cloud with waveforms."""
+    start = waves.starts
+    length = np.diff(np.append(start, len(waves.pulse)))
+    step = np.floor(cloud.true_range / waves.step).astype(np.int64)
+    order = (waves.pulse[start] << 40) + waves.index[start]
+    row = np.searchsorted(order, (cloud.pulse << 40) + step, side="right") - 1
+    first = start[np.maximum(row, 0)] if len(start) else row
+    known = np.flatnonzero(row >= 0)
+    inside = waves.pulse[first[known]] == cloud.pulse[known]
+    inside &= step[known] < waves.index[first[known]] + length[row[known]]
+    inside &= length[row[known]] <= LONGEST
+    known = known[inside]
+    rows["wave_start"][known] = before + first[known]
+    rows["wave_samples"][known] = length[row[known]]
+    after = cloud.returns.distance[known] - waves.index[first[known]] * waves.step
+    rows["return_point_wave_location"][known] = after * 2e12 / LIGHT
+    for name, axis in zip(("x_t", "y_t", "z_t"), _axes(cloud).T, strict=True):
+        rows[name] = axis * LIGHT / 2e12
 
 
 def write_points(path: Path, cloud: Cloud, offset: Offset, labels: Labels | None = None) -> None:
@@ -113,7 +163,24 @@ def write_points(path: Path, cloud: Cloud, offset: Offset, labels: Labels | None
         local, seen = cloud.position - about, origin is not None
         write_e57(path, LocalScan(path.stem, local, cloud.intensity, (x, y, z), panorama=seen))
         return
-    write_rows(path, records(cloud, offset), offset=offset, labels=labels)
+    if cloud.waves is None or ending_of(path) in NO_PACKETS:
+        write_rows(path, records(cloud, offset), offset=offset, labels=labels)
+        return
+    packets = write_packets(path, cloud.waves.value, cloud.waves)
+    write_rows(path, records(cloud, offset, 0), offset=offset, labels=labels, packets=packets)
+
+
+def write_packets(
+    path: Path, counts: np.ndarray, waves: Waveforms
+) -> tuple[Path, float, float, float]:
+    """Write counts (N,) of waveforms beside a file of points, as LAS's ``.wdp``; return it, with ps from
+    sample to sample, gain and offset of the counts. waves : tells step and gain."""
+    beside = path.with_name(path.name[: -len(ending_of(path))] + WAVEFORMS)
+    with replacing(beside) as partial, open(partial, "wb") as file:
+        file.write(struct.pack("<H16sHQ32s", 0, b"LASF_Spec", 65535, 2 * len(counts), b"Waveforms"))
+        for first in range(0, len(counts), SAMPLES_AT_ONCE):
+            file.write(counts[first : first + SAMPLES_AT_ONCE].tobytes())
+    return beside, waves.step * 2e12 / LIGHT, waves.gain, -BASELINE * waves.gain
 
 
 def write_rows(
@@ -124,12 +191,14 @@ def write_rows(
     offset: Offset = NO_OFFSET,
     labels: Labels | None = None,
     packed: bool = True,
+    packets: tuple[Path, float, float, float] | None = None,
 ) -> None:
     """Write rows of points; the ending of the path, one of ``ENDINGS`` but E57's, says how.
 
     comments : of a PLY. offset : the metres that rows have it in them, which x, y and z of a PLY or PCD in
     single precision are about, and the coordinate system that a LAS tells. labels : of rows in memory:
-    classes of a LAS, else a field more. packed : whether an NPZ is compressed.
+    classes of a LAS, else a field more. packed : whether an NPZ is compressed. packets : waveforms that
+    the rows name, which an NPZ holds as well.
 
     Raises
     ------
@@ -139,7 +208,7 @@ def write_rows(
     if ending in (".laz", ".las", COPC):
         from ..formats.las import write_las  # here: few runs need what it takes to import
 
-        write_las(path, rows, labels=labels, crs=offset.crs)
+        write_las(path, rows, labels=labels, crs=offset.crs, packets=packets)
         return
     rows = rows if labels is None else _with_label(rows[:], labels)
     columns = {name: rows[name] for name in rows.dtype.names or ()}
@@ -153,6 +222,10 @@ def write_rows(
         write_pcd(path, rows, _about(ending, rows, offset))
     elif ending == ".npz":
         named = {} if labels is None else {"label_name": np.array(labels.names, dtype=np.str_)}
+        if packets is not None:
+            counts = np.memmap(packets[0], "<u2", "r", HEAD_BYTES)
+            scale = np.array(packets[1:])
+            named |= {"waveform_counts": counts, "waveform_step_gain_offset": scale}
         write_npz(path, columns | named, UNITS, packed)
     elif ending == ".xyz":
         _write_xyz(path, rows[:])
@@ -187,12 +260,16 @@ def origin_of(cloud: Cloud) -> np.ndarray | None:
     """(3,) metres, where the scanner stood; None of one that moved, or without returns."""
     if not len(cloud):
         return None
+    places = cloud.position - cloud.returns.distance[:, None] * _axes(cloud)
+    return np.median(places, axis=0) if np.ptp(places, axis=0).max() < STILL else None
+
+
+def _axes(cloud: Cloud) -> np.ndarray:
+    """(P, 3) directions of the beams of returns."""
     level = np.cos(cloud.elevation)
-    axis = np.column_stack(
+    return np.column_stack(
         [level * np.cos(cloud.azimuth), level * np.sin(cloud.azimuth), np.sin(cloud.elevation)]
     )
-    places = cloud.position - cloud.returns.distance[:, None] * axis
-    return np.median(places, axis=0) if np.ptp(places, axis=0).max() < STILL else None
 
 
 def _with_label(rows: np.ndarray, labels: Labels) -> np.ndarray:

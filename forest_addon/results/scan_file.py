@@ -4,8 +4,8 @@ While a scan runs, its returns stand in ``NAME.partial.ply``, a binary PLY of fu
 every second, or with every chunk where its length is given, and ``NAME.partial.json`` says how far it is
 and of which scan. A scan that is killed leaves both: the PLY opens anywhere, and ``resume`` cuts it back to
 the last chunk that the JSON knows and goes on from there. At the end the PLY becomes the format that was
-asked for, a part at a time. Each pulse depends on its number alone, so the bytes are those of a scan that
-was never interrupted, and memory holds one chunk.
+asked for, a part at a time; samples of waveforms wait in ``NAME.partial.wdp``. Each pulse depends on its
+number alone, so the bytes are those of a scan that was never interrupted, and memory holds one chunk.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 
@@ -30,7 +30,7 @@ from ..sensing.lidar.scan import Scan
 from ..sensing.rays.geometry import SceneGeometry
 from ..spec import Scanner, SpecError
 from .coordinates import NO_OFFSET, Offset
-from .points import BOUNCED, POINT, ending_of, records, write_rows
+from .points import ending_of, point_type, records, write_packets, write_rows
 
 FORMATS = ("laz", "las", "copc.laz", "ply", "double.ply", "pcd", "npz")
 ROWS_AT_ONCE = 200_000
@@ -62,6 +62,7 @@ class ScanState:
     points: int = 0
     lost: tuple[Lost, ...] = ()
     unfollowed: int = 0
+    samples: int = 0
 
     def write(self, path: Path) -> None:
         """Write it as JSON."""
@@ -108,12 +109,21 @@ def write_scan(
     else:
         state.write(noted)
     begin = state.done
-    point = BOUNCED if scan.scanner.bounces else POINT
+    point = point_type(scan.scanner.bounces, bool(scan.scanner.receiver.sample_ns))
     file = PlyFile(partial, point, comments_of(scan.scanner, seed), keep=state.points)
+    samples = None
+    if scan.scanner.receiver.sample_ns:
+        beside = path.with_name(f"{stem}.partial.wdp")
+        samples = beside.open("ab")
+        samples.truncate(2 * state.samples)
     saved, rows = time.monotonic(), []
     try:
         for done, cloud in scan.chunks(begin, state.at_once):
-            rows.append(records(cloud, offset))
+            rows.append(records(cloud, offset, state.samples if samples else None))
+            if samples and cloud.waves is not None:
+                samples.write(cloud.waves.value.tobytes())
+                samples.flush()
+                state = dataclasses.replace(state, samples=state.samples + len(cloud.waves.value))
             lost = together([*state.lost, *cloud.lost])
             ended = state.unfollowed + cloud.unfollowed
             state = dataclasses.replace(state, done=done, lost=lost, unfollowed=ended)
@@ -126,7 +136,15 @@ def write_scan(
         if rows:
             state = _saved(file, noted, state, rows)
         file.close()
-    finish(file, path, offset)
+        if samples:
+            samples.close()
+    packets = None
+    if samples:
+        none = scan.look(0, 0).waves
+        counts = np.memmap(beside, "<u2", "r") if state.samples else none.value
+        packets = write_packets(path, counts, none)
+        beside.unlink()
+    finish(file, path, offset, packets)
     noted.unlink(missing_ok=True)
     return Written(path, scan.pulses, file.count, begin, state.lost, state.unfollowed)
 
@@ -157,9 +175,10 @@ def comments_of(scanner: Scanner, seed: int) -> tuple[str, ...]:
     return (f"Forest Sensing {scanner.kind} scan {scanner.name}, seed {seed}",)
 
 
-def finish(file: PlyFile, path: Path, offset: Offset) -> None:
-    """Turn a partial file of records into the file that was asked for, which its ending says."""
-    write_rows(path, file.rows(), file.comments, offset=offset, packed=False)
+def finish(file: PlyFile, path: Path, offset: Offset, packets: Any = None) -> None:
+    """Turn a partial file of records into the file that was asked for, which its ending says; packets : as
+    ``write_rows`` takes them."""
+    write_rows(path, file.rows(), file.comments, offset=offset, packed=False, packets=packets)
     file.path.unlink()
 
 

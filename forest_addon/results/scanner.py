@@ -14,7 +14,7 @@ from ..spec import Scanner, Terrestrial
 from .coordinates import Offset
 from .figures import Figure, numbers, organ_figures, share
 from .kind import ResultKind, Variables
-from .points import ENDINGS, write_points
+from .points import ENDINGS, WAVEFORMS, write_points
 
 THIRDS = 3  # of the heights of what moves
 
@@ -127,7 +127,7 @@ def _notes(scanner: Scanner, _cloud: Cloud) -> tuple[str, ...]:
 def _write(folder: Path, scanner: Scanner, cloud: Cloud, offset: Offset) -> list[Path]:
     path = folder / f"{scanner.name}.laz"
     write_points(path, cloud, offset)
-    return [path]
+    return [path] if cloud.waves is None else [path, path.with_suffix(WAVEFORMS)]
 
 
 def _save(

@@ -52,9 +52,16 @@ ADVANCED: dict[str, frozenset[str]] = {
             *("source_path", "receiver_path", "path_step"),
         }
     ),
-    "beam": frozenset({"wavelength_nm", "exit_diameter", "subrays", "pulse_ns", "extinction"}),
+    "beam": frozenset(
+        {
+            *("wavelength_nm", "exit_diameter", "subrays", "pulse_ns", "extinction"),
+            *("pulse_shape", "shape_step_ns"),
+        }
+    ),
     "surfaces": frozenset({"leaf_transmittance", "passing"}),
-    "receiver": frozenset({"dead_zone", "dynamic_range", "blanking", "halo", "halo_mrad"}),
+    "receiver": frozenset(
+        {"dead_zone", "echoes", "sample_ns", "dynamic_range", "blanking", "halo", "halo_mrad"}
+    ),
     "sonarreceiver": frozenset(
         {
             *("transducer_file", "ringing_db", "blanking", "gain", "self_noise_shape", "bits"),
@@ -113,6 +120,7 @@ APPLIES: dict[str, tuple[str, tuple[str | bool, ...]]] = {
     "speed": ("doppler", (True,)),
     **dict.fromkeys(("divergence_mrad", "exit_diameter"), ("subrays", (MORE_THAN_ONE,))),
     "passing": ("leaf_transmittance", (GIVEN,)),
+    "shape_step_ns": ("pulse_shape", (GIVEN,)),
     **dict.fromkeys(("inclination.mean_deg", "inclination.sd_deg"), ("shares", (LEFT_OUT,))),
     "mobile.speed": ("follow", (GIVEN,)),
     "airborne.spacing": ("strips", (MORE_THAN_ONE,)),
@@ -403,6 +411,7 @@ CHOICES: dict[str, dict[str, tuple[str, str]]] = {
         "merged": ("One File", "All points of a scan in one file, as without tiles"),
         "tiles": ("A File a Tile", "The points over each tile in a file of its own"),
         "both": ("Both", "One file of all points, and one of each tile"),
+        "copc": ("COPC", "A COPC file of each tile, with a catalogue by which all open as one"),
     },
     "undergrowth": {
         "auto": ("Automatic", "Sparse where a scanner or a sonar looks at measured trees"),
@@ -418,6 +427,10 @@ CHOICES: dict[str, dict[str, tuple[str, str]]] = {
     "side": {
         "left": ("Left", "It looks to the left of where it drives"),
         "right": ("Right", "It looks to the right of where it drives"),
+    },
+    "echoes": {
+        "crests": ("Crests", "Where the waveform is higher than about it"),
+        "gaussians": ("Gaussians", "Fitted to samples, one for each crest: neighbours draw none"),
     },
     "keep": {
         "first": ("First", "The nearest of a pulse"),

@@ -162,12 +162,25 @@ class Beam(Settings):
         ge=0.001,
         le=1000,
     )
+    pulse_shape: tuple[float, ...] = param(
+        (),
+        help="power of a pulse at even times, as the receiver sees it, with tail and ringing; of recorded "
+        "waveforms and Gaussians that are fitted; left out: a Gaussian of pulse_ns",
+        most=4096,
+    )
+    shape_step_ns: float = param(
+        1.0, unit="ns", help="time between two values of pulse_shape", gt=0, le=1000
+    )
     max_returns: int = param(
         1, help="echoes that are kept of a pulse; the receiver chooses which", ge=1, le=15
     )
     extinction: float = param(
         0.0, unit="1/m", help="light that a metre of air takes from a beam", ge=0, le=10
     )
+
+    def check(self) -> None:
+        if self.pulse_shape and sum(self.pulse_shape) <= 0:
+            raise SpecError("pulse_shape", "holds no light; its values must sum to more than 0")
 
 
 class Surfaces(Settings):
@@ -238,6 +251,19 @@ class Receiver(Settings):
         unit="m",
         help="least range between two returns of a pulse: after a return the receiver is blind so long; 0: "
         "what the waveform tells apart",
+        ge=0,
+        le=1000,
+    )
+    echoes: str = param(
+        "crests",
+        help="what an echo is: a crest of the waveform, or a Gaussian fitted to its samples, one for each "
+        "crest (least squares)",
+        choices=("crests", "gaussians"),
+    )
+    sample_ns: float = param(
+        0.0,
+        unit="ns",
+        help="waveforms are recorded with so much time between samples; 0: none is",
         ge=0,
         le=1000,
     )
@@ -332,7 +358,12 @@ class Scanner(Sensor):
             raise SpecError(
                 "faintest", "is given beside a link budget; both state the threshold, leave one out"
             )
-        for key in ("dynamic_range", "threshold_snr"):
+        if self.receiver.beyond == "folded" and self.receiver.sample_ns:
+            raise SpecError(
+                "receiver.sample_ns",
+                'does not go with beyond = "folded": a record is of one pulse; leave one of them out',
+            )
+        for key in ("dynamic_range", "threshold_snr", "sample_ns"):
             if getattr(self.receiver, key) and not (self.faintest or self.link.energy):
                 raise SpecError(
                     f"receiver.{key}",

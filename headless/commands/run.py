@@ -11,6 +11,7 @@ from pathlib import Path
 from forest_addon.spec import Scene, SpecError
 
 from ..command import (
+    PROGRAM,
     SCENE_HELP,
     Command,
     DoubtfulError,
@@ -45,6 +46,12 @@ class RunCommand(Command):
             help="processes that scan the tiles of a scene with [tiles] (default 1)",
         )
         add_cluster_options(parser)
+        parser.add_argument(
+            "--store",
+            metavar="URL",
+            help="of a scene with [tiles]: s3://, gs:// or another of fsspec's, to which finished pieces and "
+            "in the end all files are copied; with --resume pieces are taken from there",
+        )
 
     def output(self, chosen: argparse.Namespace) -> Path:
         if chosen.scene is None:
@@ -77,6 +84,8 @@ class RunCommand(Command):
         if settings.tiles.size:
             if chosen.convolve:
                 raise SpecError("--convolve", "needs a reverb, which cannot be run in tiles")
+            from ..store import store_of
+
             cluster = Cluster(workers, chosen.scheduler, chosen.slurm)
             run_in_tiles(
                 settings,
@@ -85,12 +94,16 @@ class RunCommand(Command):
                 quiet=chosen.quiet,
                 resume=chosen.resume,
                 cluster=cluster if cluster.is_elsewhere or workers > 1 else None,
+                store=None if chosen.store is None else store_of(chosen.store),
+                command=f"{PROGRAM} run {scene.name} --seed {settings.seed}",
                 strict=chosen.strict,
             )
             _print_record(chosen)
             return
-        if workers > 1 or chosen.scheduler or chosen.slurm is not None:
-            key = "--workers" if workers > 1 else "--scheduler" if chosen.scheduler else "--slurm"
+        asked = {"--workers": workers > 1, "--scheduler": chosen.scheduler, "--store": chosen.store}
+        for key in [key for key, said in asked.items() if said] + ["--slurm"] * (
+            chosen.slurm is not None
+        ):
             raise SpecError(
                 key, "needs a scene with [tiles]; sensors of others use all cores by themselves"
             )

@@ -18,7 +18,7 @@ from forest_addon.results.coordinates import Offset
 from forest_addon.results.points import POINT, records
 from forest_addon.results.scan_file import FORMATS, write_scan
 from forest_addon.sensing.lidar.scan import Scan, scan
-from forest_addon.spec import Beam, Noise, SpecError, Terrestrial
+from forest_addon.spec import Beam, Noise, Receiver, SpecError, Terrestrial
 
 SCANNER = Terrestrial(
     position=(0.0, 0.0, 1.5),
@@ -300,3 +300,71 @@ def test_memory_does_not_grow_with_the_scan(tmp_path):
     peaks = np.array([float(line) for line in ended.stdout.split()]).reshape(2, 3)
     more = 6 * 100_000 * POINT.itemsize / 1e6
     assert (peaks[:, 2] - peaks[:, 1] < 0.1 * more).all(), peaks  # MB, with pages of files
+
+
+WAVED = SCANNER.changed(
+    faintest=0.1,
+    noise=Noise(),
+    receiver=Receiver(sample_ns=1.0, echoes="gaussians", threshold_snr=20.0),
+)
+
+
+def packets_of(path):
+    """Waveforms of a LAS file's points as laspy and the file beside it tell them: counts over volts, ps."""
+    las, raw = laspy.read(path), path.with_suffix(".wdp").read_bytes()
+    assert las.header.point_format.id == 9
+    assert las.header.global_encoding.waveform_data_packets_external
+    assert raw[2:13] == b"LASF_Spec\0\0"
+    told = {
+        v.record_id - 99: v.parsed_record for v in las.vlrs.get_by_id("LASF_Spec", range(100, 355))
+    }
+    for row in range(len(las.points)):
+        one = told[int(las["wavepacket_index"][row])]
+        begin, size = int(las["wavepacket_offset"][row]), int(las["wavepacket_size"][row])
+        assert size == one.number_of_samples * one.bits_per_sample // 8
+        counts = np.frombuffer(raw[begin : begin + size], "<u2").astype(float)
+        time = np.arange(len(counts)) * one.temporal_sample_spacing
+        yield las, row, time, counts * one.digitizer_gain + one.digitizer_offset
+
+
+@pytest.mark.parametrize("name", ["a.laz", "a.las"])
+def test_waveforms_stand_beside_a_las_file_where_its_points_say(tmp_path, name):
+    """The record of a return is largest where the return says that it is, on the beam through its place."""
+    scan_ = work(WAVED)
+    write_scan(tmp_path / name, scan_, 5)
+    origin, rows = np.array(WAVED.position), 0
+    for las, row, time, volts in packets_of(tmp_path / name):
+        at = float(las["return_point_wave_location"][row])
+        assert np.interp(at, time, volts) > 0.2 * volts.max()
+        way = np.array([float(las[axis][row]) for axis in ("x_t", "y_t", "z_t")])
+        assert np.linalg.norm(way) == pytest.approx(299_792_458 / 2 * 1e-12, rel=1e-6)
+        start = las.xyz[row] - float(las["range"][row]) / np.linalg.norm(way) * way
+        assert start == pytest.approx(origin, abs=2e-3)
+        if las.number_of_returns[row] == 1:
+            middle = (time * volts).sum() / volts.sum()
+            assert at == pytest.approx(middle, abs=400)
+        rows += 1
+    assert rows > 100
+
+
+@pytest.mark.parametrize("ending", ["laz", "npz"])
+def test_waveforms_of_a_scan_that_was_killed_are_those_of_one_that_was_not(tmp_path, ending):
+    whole, broken = tmp_path / f"whole.{ending}", tmp_path / f"broken.{ending}"
+    write_scan(whole, work(WAVED), 5, at_once=100)
+    with pytest.raises(Killed):
+        write_scan(broken, work(WAVED), 5, at_once=100, progress=killed_after(200))
+    with open(tmp_path / "broken.partial.wdp", "ab") as file:
+        file.write(b"lost")
+    write_scan(broken, work(WAVED), 5, at_once=100, resume=True)
+    assert whole.with_suffix(".wdp").read_bytes() == broken.with_suffix(".wdp").read_bytes()
+    assert not list(tmp_path.glob("*partial*"))
+    if ending == "npz":
+        one, other = (np.load(path) for path in (whole, broken))
+        assert all(
+            (one[name] == other[name]).all() for name in one.files if one[name].dtype != "<f4"
+        )
+        begin, many = int(one["wave_start"][9]), int(one["wave_samples"][9])
+        assert (one["waveform_counts"][begin : begin + many] > 990).sum() > many / 2
+        assert one["waveform_step_gain_offset"][0] == pytest.approx(1000)
+    else:
+        assert whole.read_bytes() == broken.read_bytes()

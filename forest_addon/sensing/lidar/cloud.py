@@ -14,6 +14,7 @@ import numpy as np
 from ...base.rows import RowTable
 from ..rays.caster import Hits, hit_normals
 from ..rays.geometry import SceneGeometry
+from .waveform import Waveforms
 
 ESCAPED = -1  # organ of a beam that meets nothing
 
@@ -125,6 +126,7 @@ class Cloud(RowTable):
         point is when the scene stands as at the frame of the scan; None of a still scene.
     bounce : of a scanner that follows bounces, (P,) int8: 0 direct, 1 by reflection: a ghost where nothing
         stands, 2 straight through glass, 3 refracted; None of others.
+    waves : of a scanner that records waveforms, those of its pulses, in counts.
     unfollowed : rays that were turned and met a second mirror, glass or water.
     lost : those of the ``pulses`` on which the program failed; a fault of ours, to be reported.
     """
@@ -148,6 +150,7 @@ class Cloud(RowTable):
     rest: np.ndarray | None = None
     bounce: np.ndarray | None = None
     unfollowed: int = 0
+    waves: Waveforms | None = None
 
     def __len__(self) -> int:
         return len(self.pulse)

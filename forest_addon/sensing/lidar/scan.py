@@ -52,9 +52,20 @@ from .receiver import (
     unambiguous_range,
 )
 from .specular import DIRECT, Halo, SpecularScene, follow
-from .waveform import LIGHT, Bins, find_echoes, pulse_length
+from .waveform import (
+    LIGHT,
+    Bins,
+    Waveforms,
+    find_echoes,
+    fitted_echoes,
+    pulse_length,
+    record,
+    sent_pulse,
+)
 
 RAYS_AT_ONCE = 32_768
+FINE_STEP = 0.25  # pulse lengths between samples that nobody told
+FAINT_CREST = 0.5  # of the faintest echo's crest, that a Gaussian is fitted to: others add to it
 MOST_LOST = 100  # pulses of a scan; beyond, it is not a pulse that is at fault
 
 
@@ -90,8 +101,15 @@ class Scan:
         self._subrays, self._sigma = scanner.beam.subrays, pulse_length(scanner.beam.pulse_ns)
         self._share = np.full(self._subrays, 1 / self._subrays)  # of a pulse's light, of each ray
         self._bins: Bins | None = None  # echoes are crests of waveforms
+        self._step, self._fits = 0.0, scanner.receiver.echoes == "gaussians"
+        if self._fits or scanner.receiver.sample_ns:
+            self._step = scanner.receiver.sample_ns * 1e-9 * LIGHT / 2 or FINE_STEP * self._sigma
+            self._sent = sent_pulse(scanner.beam, self._step)
+        # light a metre of range at the crest of the faintest echo that is seen
+        self._faintest = detection_limit(scanner) / (self._sigma * np.sqrt(2 * np.pi))
         self._by_chance = scanner.surfaces.leaf_transmittance > 0  # what a ray meets
         self._lost = 0
+        self._waves: Waveforms | None = None
 
     def moved(self, seed: int, path: Trajectory) -> Scan:
         """The same scanner in the same scene on another path, with the chances of another seed."""
@@ -250,7 +268,14 @@ class Scan:
             distance, blur = blurred_patches(
                 *common, surface, distance, energy, line, lines, normal, self._sigma
             )
-        echoes = find_echoes(*common, distance, energy, self._sigma, blur, self._bins)
+        if self._step and self._bins is None:
+            blur = np.zeros(len(distance)) if blur is None else blur
+            self._waves = record(*common, distance, energy, blur, self._sent, self._step)
+        if self._waves is not None and self._fits:
+            seen = distance, energy, self._sigma, FAINT_CREST * self._faintest
+            echoes = fitted_echoes(self._waves, *common, *seen)
+        else:
+            echoes = find_echoes(*common, distance, energy, self._sigma, blur, self._bins)
         chosen = echoes.contact
         gone = None if sight is None else bounce[chosen]
         ways = lines[1][line[chosen]]
@@ -273,6 +298,12 @@ class Scan:
         echoes = found.echoes
         rank = ranks(echoes.pulse)
 
+        gone, waves = found.bounce, None
+        if scanner.bounces and gone is None:
+            gone = np.full(len(echoes.pulse), DIRECT, dtype=np.int8)
+        if scanner.receiver.sample_ns and self._waves is not None:
+            counted = self._waves.counted(self._faintest, keys, scanner.receiver)
+            waves = replace(counted, pulse=number[counted.pulse])
         labelled = label(self.caster.scene, found.hits, found.way, found.normal)
         measured = echoes.distance + range_error(
             scanner.noise, echoes.distance, labelled.cos_incidence, return_keys
@@ -306,8 +337,9 @@ class Scan:
             engine=self.caster.engine,
             velocity=velocity,
             rest=rest,
-            bounce=self._bounce(found),
+            bounce=gone,
             unfollowed=self._unfollowed,
+            waves=waves,
         )
 
     def placed(self, origin: np.ndarray, way: np.ndarray, distance: np.ndarray) -> np.ndarray:
@@ -317,13 +349,6 @@ class Scan:
             turn, shift = registration(noise, self._key)
             origin, way = origin + shift, way @ turn.T
         return np.asarray(origin + distance[:, None] * way)
-
-    def _bounce(self, found: Received) -> np.ndarray | None:
-        """(P,) how the light of returns went; None of a scanner that follows no bounces."""
-        if not self.scanner.bounces:
-            return None
-        nowhere = np.full(len(found.echoes.pulse), DIRECT, dtype=np.int8)
-        return nowhere if found.bounce is None else found.bounce
 
 
 def scan(

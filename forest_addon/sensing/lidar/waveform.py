@@ -12,7 +12,10 @@ squared (Popoviciu). Longer groups are searched in steps of s/4, where the slope
 closer than that count as one. Newton's method, held by bisection, finds the place. A contact belongs to the
 crest between whose valleys it lies; a crest that no contact lies at is no echo.
 
-A receiver that samples (``surveys.digitised``) tells echoes apart by its bins in place of crests.
+A receiver that samples (``surveys.digitised``) tells echoes apart by its bins in place of crests. One that
+records (``record``) keeps the waveform itself, and one that decomposes it (``decompose``) fits Gaussians to
+its samples, one for each crest (Hofton, Minster & Blair 2000, IEEE Trans. Geosci. Remote Sens. 38, 1989;
+Wagner et al. 2006, ISPRS J. 60, 100).
 """
 
 from __future__ import annotations
@@ -24,10 +27,13 @@ from itertools import pairwise
 import numpy as np
 
 from ... import kernels
-from ...base.rows import RowTable
+from ...base.rng import child_keys, keyed_normal
+from ...base.rows import RowTable, distinct
+from ...spec import Beam, Receiver
 
 LIGHT = 299_792_458.0  # m/s
 FWHM = 2 * np.sqrt(2 * np.log(2))  # of a Gaussian, in standard deviations
+FAR = 1e6  # m, farther than any range: parts pulses on one axis
 APART = 8.0  # standard deviations beyond which contacts are treated alone
 STEP = 0.25  # of the smallest width in a group, of the search for crests
 
@@ -64,19 +70,6 @@ class Bins:
 def pulse_length(pulse_ns: float) -> float:
     """Standard deviation, in metres of range, of a pulse of this full width at half maximum."""
     return pulse_ns * 1e-9 * LIGHT / 2 / FWHM
-
-
-def sample(
-    time: np.ndarray, distance: np.ndarray, energy: np.ndarray, sigma: float | np.ndarray
-) -> np.ndarray:
-    """(T,) waveform at two-way times (T,) seconds of contacts (C,): energy per metre of range.
-
-    sigma : metres, of all or (C,) of each.
-    """
-    away = (time[:, None] * LIGHT / 2 - distance) / sigma
-    shape = np.exp(-0.5 * away**2) / (sigma * np.sqrt(2 * np.pi))
-    wave: np.ndarray = shape @ energy
-    return wave
 
 
 def find_echoes(
@@ -249,3 +242,225 @@ def _peaks(at: np.ndarray, energy: np.ndarray, bins: Bins) -> Runs:
     owner = np.abs(place[:, None] - np.array(peaks)).argmin(axis=1)
     ends = pairwise([0, *(np.flatnonzero(np.diff(owner)) + 1).tolist(), len(at)])
     return [(first, stop, np.nan) for first, stop in ends]
+
+
+# Waveforms as a receiver records them, in even steps of range from the scanner on, and Gaussians fitted to
+# such records.
+#
+# Each contact is laid down as a Gaussian, and the whole is folded with weights, so that both together are the
+# pulse's shape: one Gaussian as wide as the pulse and no weights, or for a shape told by samples Gaussians of
+# 0.7 steps, which alias by 6e-5. Its zero is where one Gaussian that is fitted to it has its middle: so
+# instruments count ranges from the pulse that they have sent.
+
+
+REACH = 6.0  # standard deviations that a contact's light is laid down to each side
+FINE = 0.7  # steps, of the Gaussians that a told shape is made of
+BEYOND = 16  # samples, and whole multiples of them, that a record is long
+PLAIN = 0.005  # of a record's largest power, below which there is no crest
+ROUNDS, SETTLED = 60, 1e-10  # of a fit, and steps of its parameters at which it ends
+BASELINE = 1000  # counts where no light is
+LEVELS = 65535  # counts
+SPAN = 30.0  # dB over the faintest echo that counts hold where no dynamic range is told
+
+
+@dataclass(frozen=True)
+class Waveforms(RowTable):
+    """N samples of the light of pulses, by pulse and range; none lie between contacts that are far apart.
+
+    pulse : (N,) pulse. index : (N,) steps of range from the scanner. value : (N,) energy a metre of range, or
+    counts of a converter. step : metres of range. gain : energy a metre of a count.
+    """
+
+    pulse: np.ndarray
+    index: np.ndarray
+    value: np.ndarray
+    step: float
+    gain: float = 1.0
+
+    def select(self, rows: np.ndarray | slice) -> Waveforms:
+        """All: no sample is a row of the returns that it is kept with."""
+        return self
+
+    @property
+    def starts(self) -> np.ndarray:
+        """(S,) rows at which a record begins: samples that follow each other without a gap."""
+        new = (np.diff(self.pulse) != 0) | (np.diff(self.index) != 1)
+        return np.flatnonzero(np.append(len(self.pulse) > 0, new))
+
+    def counted(self, faintest: float, keys: np.ndarray, receiver: Receiver) -> Waveforms:
+        """The same in counts of 16 bits, with noise where the threshold has a ratio to it.
+
+        faintest : energy a metre at the crest of the faintest echo that is seen. keys : (P,) uint64 keys of
+        the pulses. receiver : its threshold over the noise, and the dB over the faintest, 30 where none are
+        told, at which its converter is full.
+        """
+        noise = faintest / receiver.threshold_snr if receiver.threshold_snr else 0.0
+        drawn = child_keys(keys[self.pulse], self.index)
+        value = self.value + noise * keyed_normal(drawn, "waveform")
+        gain = faintest * 10 ** ((receiver.dynamic_range or SPAN) / 10) / (LEVELS - BASELINE)
+        counts = np.rint(np.clip(value / gain + BASELINE, 0, LEVELS)).astype(np.uint16)
+        return Waveforms(self.pulse, self.index, counts, self.step, gain)
+
+
+def sent_pulse(beam: Beam, step: float) -> tuple[float, np.ndarray, int]:
+    """The shape of a beam's pulse: standard deviation, metres, of Gaussians one step of range apart, their
+    weights (K,), which sum to 1, and which of them lies at the range. step : metres."""
+    sigma = pulse_length(beam.pulse_ns)
+    if not beam.pulse_shape:
+        return sigma, np.ones(1), 0
+    from scipy.interpolate import CubicSpline  # here: few scanners tell one
+
+    told, apart = np.pad(np.array(beam.pulse_shape), BEYOND), beam.shape_step_ns * 1e-9 * LIGHT / 2
+    count = np.arange(len(told))
+    crest = np.array([[int(told.argmax())]])
+    (_, (middle,), _) = (values[0] for values in _fitted(told[None], crest, sigma / apart))
+    zero = int(np.ceil(middle * apart / step))
+    last = int((len(told) - 1 - middle) * apart / step)
+    place = middle + np.arange(-zero, last + 1) * step / apart
+    shape = CubicSpline(count, told)(place)
+    away = np.arange(len(shape))[:, None] - np.arange(len(shape))
+    weight = np.linalg.solve(np.exp(-0.5 * (away / FINE) ** 2), shape)
+    return FINE * step, weight / weight.sum(), zero
+
+
+def record(
+    ray: np.ndarray,
+    subrays: int,
+    distance: np.ndarray,
+    energy: np.ndarray,
+    blur: np.ndarray,
+    sent: tuple[float, np.ndarray, int],
+    step: float,
+) -> Waveforms:
+    """Samples of the waveforms of contacts; see ``find_echoes``. sent : as ``sent_pulse`` tells it. step :
+    metres of range."""
+    sigma, weights, zero = sent
+    lit = np.flatnonzero(energy > 0)
+    lit = lit[np.lexsort((distance[lit], ray[lit] // subrays))]
+    pulse, at, width = ray[lit] // subrays, distance[lit], np.hypot(sigma, blur[lit])
+    if not len(lit):
+        return Waveforms(pulse, pulse, at, step)
+    reach, middle = np.ceil(REACH * width / step).astype(int), np.rint(at / step).astype(int)
+    low = middle - reach - zero
+    high = middle + reach + len(weights) - zero + BEYOND
+    apart = pulse << 40
+    new = (
+        np.maximum.accumulate(high + apart)[:-1]
+        < np.minimum.accumulate((low + apart)[::-1])[-2::-1]
+    )
+    first = np.flatnonzero(np.append(True, new))
+    begin = np.minimum.reduceat(low, first)
+    count = -((begin - np.maximum.reduceat(high, first) + BEYOND) // BEYOND) * BEYOND
+    place = np.cumsum(count) - count - begin  # row of a step of range
+    whole = np.arange(count.sum())
+    index = whole - np.repeat(place, count)
+    each = 2 * reach + 1
+    laid = np.repeat(middle - reach - np.cumsum(each) + each, each) + np.arange(each.sum())
+    of = np.repeat(np.arange(len(lit)), each)
+    away = (laid * step - at[of]) / width[of]
+    power = (energy[lit] / (width * np.sqrt(2 * np.pi)))[of] * np.exp(-0.5 * away**2)
+    row = np.repeat(place, np.diff(np.append(first, len(lit))))[of] + laid
+    power = np.bincount(row, power, len(whole))
+    padded = np.pad(power, (len(weights) - 1 - zero, zero))
+    folded = sum(
+        weight * padded[len(weights) - 1 - k :][: len(whole)]
+        for k, weight in enumerate(weights.tolist())
+    )
+    return Waveforms(np.repeat(pulse[first], count), index, np.asarray(folded), step)
+
+
+def decompose(
+    waves: Waveforms, sigma: float, faintest: float = 0.0
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Pulse, distance, energy and width (E,) of Gaussians fitted to records, one for each of their crests.
+
+    sigma : metres, of the pulse, with which fits begin. faintest : energy a metre below which nothing is a
+    crest.
+    """
+    power, start = waves.value, waves.starts
+    if not len(start):
+        return waves.pulse, power, power, power
+    length = np.diff(np.append(start, len(power)))
+    least = np.maximum(PLAIN * np.maximum.reduceat(power, start), faintest)
+    higher = (power > np.roll(power, 1)) & (power >= np.roll(power, -1))
+    higher &= power > np.repeat(least, length)
+    higher[start] = higher[start + length - 1] = False
+    crest, owner = np.flatnonzero(higher), np.repeat(np.arange(len(start)), length)[higher]
+    many, blocks = np.bincount(owner, minlength=len(start)), -(-length // (4 * BEYOND))
+    kinds = (many << 20) + blocks  # so that what is fitted together does not depend on what else is
+    padded, found = np.append(power, 0.0), [np.empty((4, 0))]
+    for kind in distinct(kinds[many > 0]).tolist():
+        rows, step = np.flatnonzero(kinds == kind), np.arange((kind & 0xFFFFF) * 4 * BEYOND)
+        begin = start[rows, None]
+        some = padded[np.where(step < length[rows, None], begin + step, len(power))]
+        at = crest[np.isin(owner, rows)].reshape(len(rows), -1) - begin
+        height, middle, width = _fitted(some, at, sigma / waves.step)
+        sound = (middle >= 0) & (middle < len(step)) & (width < len(step))
+        energy = height * width * waves.step * np.sqrt(2 * np.pi)
+        distance = (middle + waves.index[begin]) * waves.step
+        fits = waves.pulse[begin] + 0 * middle, distance, energy, width * waves.step
+        found.append(np.stack(fits)[:, sound])
+    fits = np.concatenate(found, axis=1)
+    pulse, *others = fits[:, np.lexsort(fits[1::-1])]
+    return pulse.astype(np.int64), *others
+
+
+def _fitted(power: np.ndarray, crest: np.ndarray, sigma: float) -> np.ndarray:
+    """(3, R, K) heights, middles and standard deviations, in samples, of K Gaussians each, fitted to R
+    records (R, T) from their crests (R, K) on, by Levenberg and Marquardt's steps."""
+    known = np.stack([np.take_along_axis(power, crest, 1), crest, np.full(crest.shape, sigma)])
+    going, damping = np.arange(len(power)), np.full(len(power), 1e-3)
+    time = np.arange(power.shape[1])[:, None]
+    unit = np.eye(3 * crest.shape[1])
+    for _ in range(ROUNDS):
+        some, fit = power[going], known[:, going]
+        height, middle, width = fit[:, :, None]
+        away = (time - middle) / width
+        bell = np.exp(-0.5 * away**2)
+        slope = np.concatenate(
+            [bell, height * bell * away / width, height * bell * away**2 / width], 2
+        )
+        miss = some - (height * bell).sum(axis=2)
+        normal = np.matmul(slope.transpose(0, 2, 1), slope)
+        damped = damping[going, None, None] * np.einsum("rii->ri", normal)[:, :, None] + 1e-300
+        toward = np.matmul(slope.transpose(0, 2, 1), miss[:, :, None])
+        step = np.linalg.solve(normal + damped * unit, toward)[:, :, 0]
+        trial = fit + step.reshape(len(going), 3, crest.shape[1]).transpose(1, 0, 2)
+        shape = np.exp(-0.5 * ((time - trial[1][:, None]) / trial[2][:, None]) ** 2)
+        left = (some - (trial[0][:, None] * shape).sum(axis=2)) ** 2
+        better = left.sum(axis=1) < (miss**2).sum(axis=1)
+        better &= (trial[[0, 2]] > 0).all(axis=(0, 2))
+        known[:, going] = np.where(better[:, None], trial, fit)
+        damping[going] *= np.where(better, 0.1, 10.0)
+        still = (np.abs(step) > SETTLED * np.abs(fit).max(axis=(0, 2))[:, None]).any(axis=1)
+        going = going[still & (damping[going] < 1e12)]
+    return known
+
+
+def fitted_echoes(
+    waves: Waveforms,
+    ray: np.ndarray,
+    subrays: int,
+    distance: np.ndarray,
+    energy: np.ndarray,
+    sigma: float,
+    faintest: float,
+) -> WaveformEchoes:
+    """Echoes of contacts by the Gaussians of their waveforms; see ``find_echoes`` and ``decompose``.
+
+    A contact stands for the Gaussian that is nearest to it; one that is nearest to none is no echo.
+    """
+    pulse, *fits = decompose(waves, sigma, faintest)
+    if not len(pulse):
+        return WaveformEchoes(pulse, *fits, pulse)
+    lit = np.flatnonzero(energy > 0)
+    mine, place = ray[lit] // subrays, fits[0] + pulse * FAR
+    owner = np.searchsorted((place[:-1] + place[1:]) / 2, distance[lit] + mine * FAR)
+    strongest = np.zeros(len(place))
+    np.maximum.at(strongest, owner, energy[lit])
+    weak = energy[lit] < 0.5 * strongest[owner]
+    order = np.lexsort((ray[lit] % subrays, weak, owner))
+    order = order[np.append(True, np.diff(owner[order]) != 0)]
+    order = order[pulse[owner[order]] == mine[order]]
+    kept = owner[order]
+    return WaveformEchoes(pulse[kept], *(values[kept] for values in fits), lit[order])

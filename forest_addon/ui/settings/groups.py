@@ -262,6 +262,8 @@ LABELS = {
     "flow_resistivity": "σ (kPa·s/m²)",
     "dynamic_range": "Dynamic (dB)",
     "threshold_snr": "Threshold (SNR)",
+    "sample_ns": "Sampling (ns)",
+    "shape_step_ns": "Shape Step (ns)",
     "beyond": "Far Echoes",
     "source_level_db": "Source (dB)",
     "transducer_file": "Transducer WAV",

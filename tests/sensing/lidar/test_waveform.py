@@ -6,12 +6,26 @@ import numpy as np
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
-from scipy.optimize import minimize_scalar
+from scipy.optimize import curve_fit, minimize_scalar
 
 from forest_addon.formats.toml_file import read_scanner, scanner_names
-from forest_addon.sensing.lidar.waveform import LIGHT, find_echoes, pulse_length, sample
+from forest_addon.sensing.lidar.waveform import (
+    LIGHT,
+    find_echoes,
+    fitted_echoes,
+    pulse_length,
+    record,
+    sent_pulse,
+)
+from forest_addon.spec import Beam
 
 SIGMA = 0.3
+
+
+def sample(time, distance, energy, sigma):
+    """Waveform at two-way times (T,) s of contacts (C,): energy a metre of range."""
+    away = (time[:, None] * LIGHT / 2 - distance) / sigma
+    return np.exp(-0.5 * away**2) / (sigma * np.sqrt(2 * np.pi)) @ energy
 
 
 def echoes_of(distance, energy=None, pulse=None, sigma=SIGMA):
@@ -242,3 +256,68 @@ def test_every_contact_is_in_exactly_one_echo(sigma, places, seed):
         assert int(np.log2(energy[contact])) in one
     reach = [[distance[energy == 2.0**k][0] for k in one] for one in taken]
     assert all(max(a) <= min(b) for a, b in pairwise(reach))  # in order
+
+
+@pytest.mark.parametrize("gap", [2.2, 2.4, 3.0, 6.0])
+@pytest.mark.parametrize("ratio", [1.0, 0.5])
+def test_gaussians_fitted_to_a_record_are_where_the_contacts_are(gap, ratio):
+    """Where a crest is drawn to its neighbour (5.5 cm of two equal ones at 2.4σ of 4 ns), a fit is not."""
+    ray, none = np.arange(2), np.zeros(2)
+    distance, energy = np.array([10.0, 10.0 + gap * SIGMA]), np.array([1.0, ratio])
+    waves = record(ray, 2, distance, energy, none, (SIGMA, np.ones(1), 0), SIGMA / 4)
+    time = waves.index * waves.step * 2 / LIGHT
+    assert waves.value == pytest.approx(sample(time, distance, energy, SIGMA), abs=1e-7)
+    found = fitted_echoes(waves, ray, 2, distance, energy, SIGMA, 0.0)
+    if len(found.distance) == 2 or gap > 2.4:
+        assert found.distance == pytest.approx(distance, abs=1e-6)
+        assert found.energy == pytest.approx(energy, rel=1e-5)
+        assert found.width == pytest.approx([SIGMA, SIGMA], rel=1e-5)
+        assert found.contact.tolist() == [0, 1]
+    else:  # of unequal ones the weaker has no crest yet
+        assert ratio < 1
+        assert len(echoes_of(distance, energy).distance) == 1
+
+
+def test_records_and_fits_of_a_pulse_do_not_depend_on_the_others():
+    rng = np.random.default_rng(3)
+    ray, distance = np.arange(7 * 60), 50 + rng.choice([0.0, 0.9, 4.0, 30.0], 420)
+    distance += rng.uniform(0, 0.2, 420)
+    energy, blur = rng.random(420) * (rng.random(420) > 0.2), rng.uniform(0, 0.1, 420)
+    sent = sent_pulse(Beam(pulse_ns=6.0, pulse_shape=(0.2, 1.0, 0.7, 0.2, 0.05, -0.02)), 0.05)
+
+    def made(some):
+        given = ray[some], 7, distance[some], energy[some], blur[some]
+        waves = record(*given, sent, 0.05)
+        return waves, fitted_echoes(waves, *given[:4], SIGMA, 0.0)
+
+    waves, whole = made(ray >= 0)
+    for parts in (ray < 7 * 23, ray >= 7 * 23):
+        some, echoes = made(parts)
+        of = np.isin(waves.pulse, some.pulse)
+        assert (some.value == waves.value[of]).all()
+        assert (some.index == waves.index[of]).all()
+        rows = np.isin(whole.pulse, echoes.pulse)
+        for name in ("pulse", "distance", "energy", "width"):
+            assert (getattr(echoes, name) == getattr(whole, name)[rows]).all()
+
+
+@pytest.mark.parametrize("step_ns", [1.0, 0.3])
+def test_a_told_shape_keeps_its_light_and_its_range(step_ns):
+    """Of a pulse with a tail: as much light, at the range where a Gaussian fitted to the pulse lies."""
+    time = np.arange(60)
+    shape = np.exp(-0.5 * ((time - 20) / 5) ** 2) + 0.3 * np.exp(-0.5 * ((time - 31) / 7) ** 2)
+    fit, _ = curve_fit(
+        lambda t, a, m, s: a * np.exp(-0.5 * ((t - m) / s) ** 2), time, shape, (1, 20, 5)
+    )
+    step = step_ns * 1e-9 * LIGHT / 2
+    sent = sent_pulse(Beam(pulse_ns=12.0, pulse_shape=tuple(shape.tolist())), step)
+    ray, distance = np.zeros(1, int), np.array([77.77])
+    waves = record(ray, 1, distance, np.ones(1), np.zeros(1), sent, step)
+    assert waves.value.sum() * step == pytest.approx(1, abs=2e-3)
+    own = fit[1] + (waves.index * step - 77.77) / (1e-9 * LIGHT / 2)
+    there = np.interp(own, time, shape, left=0, right=0)
+    assert waves.value == pytest.approx(
+        there * waves.value.max() / shape.max(), abs=0.01 * waves.value.max()
+    )
+    found = fitted_echoes(waves, ray, 1, distance, np.ones(1), SIGMA * 3, 0.0)
+    assert found.distance == pytest.approx([77.77], abs=2e-3)
