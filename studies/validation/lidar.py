@@ -21,7 +21,6 @@ from .run import Comparison, Interval
 from .stems import compare_stems, compare_twigs
 from .tapes import compare_diameters, compare_residuals
 from .twin import compare_twin
-from .waveforms import compare_waveforms
 
 REAL = {0.001: 0.36, 0.01: 0.54, 0.05: 0.76, 0.1: 0.87}  # metres
 SHARES = (92.8, 7.04, 0.15)  # %
@@ -71,8 +70,7 @@ SUMMARY = """\
 Measured: one 27 x 26 m plot of conifers by drone (352 pulses/m²) and by aircraft (22 pulses/m²), from the R
 package spanner (GPL-3); 16 plots of pine in La Rioja, every tree by hand and as one terrestrial scan found
 it, from FORTLS (GPL-3); volumes of two ashes by Demol et al. (2022); one plot of 50 x 50 m in the French Alps
-with every tree and its airborne cloud, from lidaRtRee (GPL-3); 500 waveforms over Harvard Forest, from
-waveformlidar (GPL). Simulated are stands with what is
+with every tree and its airborne cloud, from lidaRtRee (GPL-3). Simulated are stands with what is
 known of the plots (trees as the clouds tell them; stems in the places, diameters and heights of four of
 the 16); beams, which are not stated with the data, are assumed as typical.
 """
@@ -227,10 +225,6 @@ returns are the instrument's as well as the stand's. Summits stand for as many o
 real cloud, by one published window (Popescu & Wynne 2004), but the real canopy has more summits that are
 no tree.
 
-Waveforms. Real and simulated ones are decomposed by the same fit, one Gaussian for each crest above 15 %
-of the largest sample. The stand of the real ones is not described, so ours is a guess; the pulse is the
-one that was sent.
-
 Gaps between returns of a VZ-400i agree without a dead zone: the length of the pulse alone makes that edge.
 
 `python -m studies validate lidar CLOUD.laz --scene MY.toml` holds the clouds of a scene to one of your
@@ -267,7 +261,6 @@ def validate(data: Path, out: Path, arguments: argparse.Namespace) -> list[Compa
         return compare_own(arguments.file, arguments.scene)
     found = compare_flights(data / "clouds", arguments.seed)
     found += compare_twin(data / "chablais3", arguments.seed)
-    found += compare_waveforms(data / "waveforms", arguments.seed)
     found += compare_gaps(arguments.seed)
     found += compare_stems(data / "rioja", out, arguments.seed)
     found += compare_diameters(data / "rioja", arguments.seed)

@@ -10,7 +10,6 @@ from references.measured import FOUND, needs_measurements
 
 from forest_addon.base.rng import stream
 from forest_addon.formats.las import read_las
-from forest_addon.sensing.lidar.waveform import Waveforms
 from forest_addon.spec import SpecError
 from studies.validation import lidar, own_cloud
 from studies.validation.own_cloud import CloudReturns, compare_own, read_cloud
@@ -25,7 +24,6 @@ from studies.validation.stems import (
     thicker,
 )
 from studies.validation.twin import detected
-from studies.validation.waveforms import STEP, measured
 
 
 def test_a_circle_through_an_arc_is_found_again():
@@ -167,16 +165,3 @@ def test_summits_of_cones_are_their_trees_and_a_bush_is_none():
     found, false = detected(place, (cones[:, 2] - 3 * away).max(axis=1).clip(0), trees)
     assert found == pytest.approx(3 / 4)  # one tree has no returns
     assert false == pytest.approx(1 / 4)
-
-
-def test_waveforms_are_measured_as_they_were_made():
-    """Half of them one Gaussian of 6 ns, half three of them."""
-    time = np.arange(160)
-    one = 400 * np.exp(-0.5 * ((time - 50) / 6) ** 2)
-    three = one + 200 * np.exp(-0.5 * ((time - 85) / 6) ** 2)
-    three += 300 * np.exp(-0.5 * ((time - 115) / 6) ** 2)
-    value = np.concatenate([one, three] * 10)
-    waves = Waveforms(np.repeat(np.arange(20), 160), np.tile(time, 20), value, STEP)
-    many, single, several, first, *_ = measured(waves)
-    assert (many, single, several) == pytest.approx((2, 50, 50))
-    assert first == pytest.approx(6, abs=1e-6)
