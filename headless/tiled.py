@@ -105,6 +105,7 @@ def run_in_tiles(
     *,
     quiet: bool = False,
     resume: bool = False,
+    share: tuple[int, int] | None = None,
     cluster: Cluster | None = None,
     store: Path | None = None,
     command: str = "",
@@ -113,6 +114,7 @@ def run_in_tiles(
     """Run a scene with ``[tiles]`` into a folder.
 
     folder : that paths in the scene file are relative to. resume : take what is finished.
+    share : (k, n), make every nth piece from the kth on, and join nothing; None: all, and join them.
     cluster : where tiles are made; None: in this process. store : that pieces, and all files in the end, are
     copied to, and pieces are taken from. command : that a catalogue tells. strict : a warning is an error, at
     the end.
@@ -129,11 +131,19 @@ def run_in_tiles(
     with stages.stage("plan the field, grow variants"), hushed():
         empty_file()
         run = TiledRun(
-            settings, folder, Tiling.of(settings, folder), out, stages, resume, store, command
+            settings,
+            folder,
+            Tiling.of(settings, folder),
+            out,
+            stages,
+            resume or share is not None,
+            store,
+            command,
         )
     run.folder.mkdir(exist_ok=True)
-    remove_abandoned(run.folder)
-    if store is not None and resume:
+    if share is None:
+        remove_abandoned(run.folder)
+    if store is not None and run.resume:
         fetch(store / FOLDER, run.folder)
     _say_tiles(run)
     every = run.tiling.site.scene.sensors
@@ -150,7 +160,10 @@ def run_in_tiles(
                 stages.say(f"  {scan.followed}")
         else:
             run.tiling.reachable(sensor)  # refused now, before hours are spent
-    _make_pieces(run, cluster)
+    _make_pieces(run, cluster, share or (1, 1))
+    if share is not None:
+        stages.say(f"Share {share[0]}/{share[1]} is done; --resume without --share joins all")
+        return
     for sensor in todo:
         if is_scanner(sensor):
             _join(run, run.scans[sensor.name])
@@ -263,9 +276,12 @@ def _say_tiles(run: TiledRun) -> None:
     run.facts["tiles"] = {"count": list(tiling.grid.count), "trees": trees}
 
 
-def _make_pieces(run: TiledRun, cluster: Cluster | None) -> list[SceneOutcome]:
-    """Make the pieces that are missing; returns how those went that workers made."""
+def _make_pieces(
+    run: TiledRun, cluster: Cluster | None, share: tuple[int, int] = (1, 1)
+) -> list[SceneOutcome]:
+    """Make the pieces of a share that are missing; returns how those went that workers made."""
     todo = sorted({piece for scan in run.scans.values() for piece in scan.todo(run.resume)})
+    todo = todo[share[0] - 1 :: share[1]]
     told: list[SceneOutcome] = []
     with run.stages.stage("scan tiles") as progress:
         if cluster is None:
