@@ -23,8 +23,7 @@ from .stand.compose import Inputs
 from .stand.files import read_inputs
 from .stand.forest import ForestPlan, Grown, GrownForest, Planted, TreesBeforeFall
 from .stand.intensity.surface import GroundSurface, roughened
-from .stand.plan import Stand, plan_stand
-from .stand.undergrowth import with_undergrowth
+from .stand.plan import Stand, plan_stand, with_undergrowth
 
 ROUGH = 0.1  # metres, of ground with undergrowth
 Load = Callable[[str, Path], Planted]

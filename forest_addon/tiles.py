@@ -119,7 +119,8 @@ class TiledForest:
 
     stand : all trees, in their sizes, with their feet in the ground. reach : (N,) metres that a tree reaches
     to the sides of its foot. across : m, the largest distance between two points of one tree. low, high :
-    lowest and highest coordinate z of any tree. outermost : rows of those that may reach to the bounds of
+    lowest and highest coordinate z of any tree. bounds : (2, 3) lowest and highest corner of the box that
+    all trees are in. outermost : rows of those that may reach to the bounds of
     the whole. notes : of the plan.
     """
 
@@ -145,6 +146,11 @@ class TiledForest:
         bottom, top = foot + stand.scale * least[code], foot + stand.scale * most[code]
         self.low = float(bottom.min(initial=np.inf)) - SLACK
         self.high = float(top.max(initial=-np.inf)) + SLACK
+        self.bounds = np.zeros((2, 3))
+        if len(stand):
+            place, reach = stand.position[:, :2], self.reach.max()
+            self.bounds[0] = *(place.min(axis=0) - reach), self.low
+            self.bounds[1] = *(place.max(axis=0) + reach), self.high
         outer = (bottom <= self.low + SLACK + SAME) | (top >= self.high - SLACK - SAME)
         for place in stand.position[:, :2].T:
             first, last = place - TURNED * self.reach, place + TURNED * self.reach
@@ -272,11 +278,11 @@ def tiled_pulses(
     scanner: LiDAR,
     pattern: Pattern,
     grid: TileGrid,
-    heights: tuple[float, float],
+    bounds: np.ndarray,
     buffer: float,
     only: np.ndarray | None = None,
 ) -> TiledPulses:
-    """Say of every pulse to which piece it belongs; heights : lowest and highest z of all trees, m.
+    """Say of every pulse to which piece it belongs; bounds : (2, 3) corners of the box of all trees, m.
 
     only : tiles whose pulses are wanted, those of others belong to none. Blocks of pulses of which one in
     ``SPARSE`` enters no such tile and no neighbour of one are passed over.
@@ -292,14 +298,14 @@ def tiled_pulses(
     for first in range(0, pattern.count, at_once):
         number = np.arange(first, min(first + at_once, pattern.count))
         if only is not None:
-            tile, _ = belongs(scanner, pattern.pulses(number[::SPARSE]), grid, heights)
+            tile, _ = belongs(scanner, pattern.pulses(number[::SPARSE]), grid, bounds)
             if not near[tile].any():
                 if last != -1:
                     starts.append(number[:1])
                     pieces.append(np.array([-1]))
                 last = -1
                 continue
-        tile, excess = belongs(scanner, pattern.pulses(number), grid, heights)
+        tile, excess = belongs(scanner, pattern.pulses(number), grid, bounds)
         with np.errstate(divide="ignore"):
             level = np.ceil(np.log2(excess / max(buffer, FIRST)))
         level = np.where(excess <= buffer, 0, np.clip(level, 1, LEVELS - 1)).astype(np.int64)
@@ -316,12 +322,12 @@ def tiled_pulses(
 
 
 def belongs(
-    scanner: LiDAR, pulses: Pulses, grid: TileGrid, heights: tuple[float, float]
+    scanner: LiDAR, pulses: Pulses, grid: TileGrid, bounds: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(P,) tile of pulses, and (P,) metres that their paths among trees lead beyond it."""
+    """(P,) tile of pulses, and (P,) metres that their paths in the box of all trees lead beyond it."""
     radius, spread = reach(scanner.beam)
     wide = radius + np.tan(spread) * scanner.max_range + SPARE
-    low, high = heights[0] - wide, heights[1] + wide
+    low, high = bounds[0, 2] - wide, bounds[1, 2] + wide
     up, begin = pulses.direction[:, 2], pulses.origin[:, 2]
     with np.errstate(divide="ignore", invalid="ignore"):
         ends = np.sort([(low - begin) / up, (high - begin) / up], axis=0)
@@ -336,30 +342,34 @@ def belongs(
     enter, leave = where + near[:, None] * flat, where + far[:, None] * flat
     tile = grid.tile_of(enter)
     least, most = grid.corners(tile)
+    within = bounds[:, :2] + [[-wide], [wide]]
+    enter, leave = np.clip(enter, *within), np.clip(leave, *within)
     beyond = np.maximum(least - np.minimum(enter, leave), np.maximum(enter, leave) - most)
     excess = np.maximum(beyond.max(axis=1), 0.0) + wide
     return tile, np.where(meets, excess, 0.0)
 
 
 def seconds_of_pulses(
-    scanner: LiDAR, pattern: Pattern, grid: TileGrid, heights: tuple[float, float]
+    scanner: LiDAR, pattern: Pattern, grid: TileGrid, bounds: np.ndarray
 ) -> float:
     """CPU seconds in which all pulses are dealt to tiles, as some blocks of them tell."""
     start, seen = time.process_time(), 0
     for first in np.linspace(0, max(pattern.count - AT_ONCE, 0), 4).astype(np.int64):
         number = np.arange(first, min(first + AT_ONCE, pattern.count))
-        belongs(scanner, pattern.pulses(number), grid, heights)
+        belongs(scanner, pattern.pulses(number), grid, bounds)
         seen += len(number)
     return (time.process_time() - start) * pattern.count / seen
 
 
 @dataclass(frozen=True)
 class TileFiles:
-    """Files of tiles that are wanted: of which tiles, in which folder, and whether they are all."""
+    """Files of tiles that are wanted: of which tiles, in which folder, whether they are all, and with what
+    ending; left out: that of the whole."""
 
     grid: TileGrid
     folder: Path
     alone: bool = False
+    ending: str = ""
 
 
 def write_part(
@@ -437,7 +447,7 @@ def join_parts(
         for tile, count in made.items():
             of_tile = PlyFile(_of_tile(tiles, tile), POINT, comments, keep=count)
             of_tile.close()
-            name = f"{stem}-{tiles.grid.name(tile)}{path.name[len(stem) :]}"
+            name = f"{stem}-{tiles.grid.name(tile)}{tiles.ending or path.name[len(stem) :]}"
             finish(of_tile, tiles.folder / name, offset)
     if file is not None:
         finish(file, path, offset)

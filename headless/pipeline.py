@@ -55,6 +55,7 @@ from forest_addon.stand.compose import Inputs
 from forest_addon.stand.forest import (
     GrownForest,
     angle_table,
+    cylinder_table,
     leaf_count,
     leaf_table,
     met_targets,
@@ -64,7 +65,6 @@ from forest_addon.stand.forest import (
 from forest_addon.stand.intensity.surface import GroundSurface
 from forest_addon.stand.measured import record
 from forest_addon.stand.plan import labels
-from forest_addon.stand.truth import cylinder_table
 
 from .command import DoubtfulError
 from .progress import Stages, free_memory, hushed

@@ -34,12 +34,14 @@ from forest_addon.spec import Scene, SpecError
 from forest_addon.stand.forest import angle_table, tree_table
 from forest_addon.tiles import LEVELS, TileGrid, seconds_of_pulses
 
+from .catalogue import write_catalogue
 from .command import DoubtfulError, IncompleteError
 from .dataset.engine import Cluster, SceneOutcome, make_all
 from .dataset.estimate import Estimate, Trial
 from .dataset.settings import Running
 from .progress import Stages, hushed, peak_memory_mb
 from .record import made_with
+from .store import fetch, put
 
 FOLDER = "tiles"
 MOST_CUTS = 8  # along the edges of a tile
@@ -57,6 +59,8 @@ class TiledRun:
     out: Path
     stages: Stages
     resume: bool = False
+    store: Path | None = None
+    command: str = ""
     scans: dict[str, TiledScan] = field(default_factory=dict)
     facts: dict[str, Any] = field(default_factory=dict)
     files: list[str] = field(default_factory=list)
@@ -101,13 +105,19 @@ def run_in_tiles(
     *,
     quiet: bool = False,
     resume: bool = False,
+    share: tuple[int, int] | None = None,
     cluster: Cluster | None = None,
+    store: Path | None = None,
+    command: str = "",
     strict: bool = False,
 ) -> None:
     """Run a scene with ``[tiles]`` into a folder.
 
     folder : that paths in the scene file are relative to. resume : take what is finished.
-    cluster : where tiles are made; None: in this process. strict : a warning is an error, at the end.
+    share : (k, n), make every nth piece from the kth on, and join nothing; None: all, and join them.
+    cluster : where tiles are made; None: in this process. store : that pieces, and all files in the end, are
+    copied to, and pieces are taken from. command : that a catalogue tells. strict : a warning is an error, at
+    the end.
 
     Raises
     ------
@@ -120,9 +130,21 @@ def run_in_tiles(
     out.mkdir(parents=True, exist_ok=True)
     with stages.stage("plan the field, grow variants"), hushed():
         empty_file()
-        run = TiledRun(settings, folder, Tiling.of(settings, folder), out, stages, resume)
+        run = TiledRun(
+            settings,
+            folder,
+            Tiling.of(settings, folder),
+            out,
+            stages,
+            resume or share is not None,
+            store,
+            command,
+        )
     run.folder.mkdir(exist_ok=True)
-    remove_abandoned(run.folder)
+    if share is None:
+        remove_abandoned(run.folder)
+    if store is not None and run.resume:
+        fetch(store / FOLDER, run.folder)
     _say_tiles(run)
     every = run.tiling.site.scene.sensors
     todo = [s for s in every if not (run.resume and run.done(s))]
@@ -138,7 +160,10 @@ def run_in_tiles(
                 stages.say(f"  {scan.followed}")
         else:
             run.tiling.reachable(sensor)  # refused now, before hours are spent
-    _make_pieces(run, cluster)
+    _make_pieces(run, cluster, share or (1, 1))
+    if share is not None:
+        stages.say(f"Share {share[0]}/{share[1]} is done; --resume without --share joins all")
+        return
     for sensor in todo:
         if is_scanner(sensor):
             _join(run, run.scans[sensor.name])
@@ -146,7 +171,11 @@ def run_in_tiles(
             _look(run, sensor)
     _write_stand(run)
     _write_record(run, every)
-    stages.say(f"Done: {len(run.files)} files in {out}")
+    if store is not None:
+        put(out, run.files, store)
+        for piece in (store / FOLDER).iterdir() if (store / FOLDER).is_dir() else ():
+            piece.unlink()
+    stages.say(f"Done: {len(run.files)} files in {store or out}")
     if strict and stages.warnings:
         raise DoubtfulError(f"{'; '.join(stages.warnings)}; the results are kept in {out}")
 
@@ -156,7 +185,7 @@ class TileJob:
     """A piece of the scans of a run in tiles, as a ``WorkerJob`` of the engine.
 
     scene, folder : as of ``run_in_tiles``. out : where the run's pieces are. sensors : names of those that
-    scan. cuts : along the edges of the tile.
+    scan. cuts : along the edges of the tile. store : that the piece is copied to.
     """
 
     scene: Scene
@@ -168,6 +197,7 @@ class TileJob:
     memory: float
     threads: int
     cuts: int = 1
+    store: Path | None = None
 
     @property
     def name(self) -> str:
@@ -183,9 +213,9 @@ class TileJob:
         """See ``WorkerJob``."""
         rays = self.scene.rays.changed(threads=self.threads)
         start = time.process_time()
-        scans = _scans_of(self.scene.changed(rays=rays), self.folder, self.out, self.sensors)
+        scans = _scans_of(replace(self, scene=self.scene.changed(rays=rays)))
         planned = time.process_time()
-        make_piece(scans, self.number, self.cuts)
+        make_piece(scans, self.number, self.cuts, self.store)
         return {"plan": planned - start, "sensors": time.process_time() - planned}
 
     def note(self, outcome: SceneOutcome) -> None:
@@ -199,26 +229,36 @@ class TileJob:
 _known: dict[str, list[TiledScan]] = {}  # the scans that this process plans, by what they are of
 
 
-def _scans_of(scene: Scene, folder: Path, out: Path, sensors: Sequence[str]) -> list[TiledScan]:
+def _scans_of(job: TileJob) -> list[TiledScan]:
     """The scans of a run, planned once in a process."""
-    said = repr((scene, folder, out, sensors))
+    scene, folder, out = job.scene, job.folder, job.out
+    said = repr((scene, folder, out, job.sensors))
     if said not in _known:
         _known.clear()
+        if job.store is not None:
+            fetch(job.store / FOLDER, out / FOLDER, ".npz")
         with hushed():
             empty_file()
             run = TiledRun(scene, folder, Tiling.of(scene, folder), out, Stages(True))
-        _known[said] = [run.scan(s) for s in scene.sensors if s.name in sensors]
+        _known[said] = [run.scan(s) for s in scene.sensors if s.name in job.sensors]
     return _known[said]
 
 
-def make_piece(scans: Sequence[TiledScan], piece: int, cuts: int = 1) -> None:
-    """Make what is missing of a piece, of several scans in one scene."""
+def make_piece(
+    scans: Sequence[TiledScan], piece: int, cuts: int = 1, store: Path | None = None
+) -> None:
+    """Make what is missing of a piece, of several scans in one scene, and copy it to a store."""
     world: World | None = None
     for scan in scans:
-        if piece in scan.pulses.pieces and not scan.is_made(piece):
+        if piece not in scan.pulses.pieces:
+            continue
+        if not scan.is_made(piece):
             with hushed():
                 world = (world or scan.world(piece)) if cuts == 1 else None
                 scan.make(piece, world, cuts)
+        if store is not None:
+            name = scan.path(piece).name  # the note last: it says that the piece is whole
+            put(scan.folder, (name, Path(name).with_suffix(".json").name), store / FOLDER)
     forget()
 
 
@@ -236,18 +276,23 @@ def _say_tiles(run: TiledRun) -> None:
     run.facts["tiles"] = {"count": list(tiling.grid.count), "trees": trees}
 
 
-def _make_pieces(run: TiledRun, cluster: Cluster | None) -> list[SceneOutcome]:
-    """Make the pieces that are missing; returns how those went that workers made."""
+def _make_pieces(
+    run: TiledRun, cluster: Cluster | None, share: tuple[int, int] = (1, 1)
+) -> list[SceneOutcome]:
+    """Make the pieces of a share that are missing; returns how those went that workers made."""
     todo = sorted({piece for scan in run.scans.values() for piece in scan.todo(run.resume)})
+    todo = todo[share[0] - 1 :: share[1]]
     told: list[SceneOutcome] = []
     with run.stages.stage("scan tiles") as progress:
         if cluster is None:
             for done, piece in enumerate(todo):
-                make_piece(list(run.scans.values()), piece)
+                make_piece(list(run.scans.values()), piece, store=run.store)
                 progress(done + 1, len(todo))
             return told
         for scan in run.scans.values():
             scan.keep_pulses()
+            if run.store is not None:
+                put(run.folder, [scan.path_of_pulses.name], run.store / FOLDER)
 
         def report(outcome: SceneOutcome) -> None:
             told.append(outcome)
@@ -256,6 +301,8 @@ def _make_pieces(run: TiledRun, cluster: Cluster | None) -> list[SceneOutcome]:
                 run.stages.warn(outcome.why)
 
         make_all(jobs_of(run, todo, cluster), cluster, report)
+        if run.store is not None:
+            fetch(run.store / FOLDER, run.folder)  # what workers elsewhere have made
     lost = [one.why for one in told if one.kind != "done"]
     if lost:
         raise IncompleteError(f"{len(lost)} pieces could not be made: {lost[0]}; --resume goes on")
@@ -268,7 +315,8 @@ def jobs_of(run: TiledRun, pieces: Sequence[int], cluster: Cluster) -> list[Tile
     memory, threads = cluster.shares(len(pieces), running)
     given = run.asked, run.base.resolve(), run.out.resolve()
     names = tuple(run.scans)
-    return [TileJob(*given, piece, names, running, memory, threads) for piece in pieces]
+    takes = names, running, memory, threads, 1, run.store
+    return [TileJob(*given, piece, *takes) for piece in pieces]
 
 
 # A sample of tiles, by which the whole is told.
@@ -305,7 +353,7 @@ def sample_tiles(
         for sensor in sensors:
             with stages.stage(f"find the pulses of {count:,} tiles"):
                 run.scans[sensor.name] = scan = run.scan(sensor, chosen)
-            pulses += seconds_of_pulses(scan.sensor, scan.pattern, grid, scan.heights)
+            pulses += seconds_of_pulses(scan.sensor, scan.pattern, grid, run.tiling.forest.bounds)
         told = _make_pieces(run, cluster)
         trials = []
         with stages.stage("weigh their files"):
@@ -362,6 +410,11 @@ def _join(run: TiledRun, scan: TiledScan) -> None:
     path = run.out / f"{sensor.name}.laz"
     with run.stages.stage(f"write {path.name}") as progress:
         written = scan.join(path, progress)
+    if run.tiling.scene.tiles.files == "copc":
+        told = {"forest:seed": run.asked.seed, "forest:sensor": sensor.kind}
+        told["forest:command"] = run.command
+        made = sorted(path.with_suffix("").glob("*.copc.laz"))
+        write_catalogue(path.with_suffix(""), made, run.asked.crs, told)
     files = [path.name] if path.is_file() else []
     files += [str(p.relative_to(run.out)) for p in sorted(path.with_suffix("").glob("*.*"))]
     facts = {"pulses": written.pulses, "points": written.points, "followed": scan.pulses.followed}

@@ -148,22 +148,23 @@ def amplitude_bound(
         return _paper_bound(lowest, highest, size, angle)
     if model not in MODELS:
         raise _unknown(model, MODELS)
-    optics = _piston_bound(lowest, highest, size, angle)
     if model == "piston":
-        return np.cos(angle) * optics
+        return np.cos(angle) * _piston_bound(lowest, highest, size, angle)
     inside = tabulated_bound(lowest * size, np.minimum(highest * size, LAST), angle)
+    bound: np.ndarray = np.where(lowest * size < LAST, size * inside, 0.0)
+    large = highest * size > HANDOVER
+    size, angle = size[large], angle[large]
     with np.errstate(divide="ignore"):
         rim = np.minimum(1.0, (math.pi * lowest * size * np.sin(angle)) ** -0.5)  # |J₀|
-    beyond = np.where(highest * size > HANDOVER, optics + 0.5 * size * rim, 0.0)
-    bound: np.ndarray = np.maximum(np.where(lowest * size < LAST, size * inside, 0.0), beyond)
+    optics = _piston_bound(lowest, highest, size, angle)
+    bound[large] = np.maximum(bound[large], optics + 0.5 * size * rim)
     return bound
 
 
 def _acute(incidence: ArrayLike) -> np.ndarray:
     """Angles folded to 0 … π/2: either face, either side of the normal."""
     turned = np.mod(np.asarray(incidence, dtype=np.float64), math.pi)
-    folded: np.ndarray = np.minimum(turned, math.pi - turned)
-    return folded
+    return np.asarray(np.minimum(turned, math.pi - turned))
 
 
 def jinc(x: ArrayLike) -> np.ndarray:
@@ -210,8 +211,7 @@ def _piston_bound(
     following = np.searchsorted(peaks[:-1], lowest * across)  # the next peak
     within = peaks[following] < highest * across
     inner = 2.0 * heights[following] / np.where(within, across, np.inf)
-    bound: np.ndarray = 0.5 * radius**2 * np.maximum(largest, inner)
-    return bound
+    return np.asarray(0.5 * radius**2 * np.maximum(largest, inner))
 
 
 @lru_cache(maxsize=1)
@@ -229,14 +229,12 @@ def _paper(ka: np.ndarray, angle: np.ndarray) -> np.ndarray:
     log = np.log(c)
     size = np.where(empty, 0.0, _paper_peak(c) * np.cos(_paper_turn(log) * angle))
     steepness = 0.9824 * np.exp(0.3523 * log) - 0.9459
-    value: np.ndarray = size * _paper_phasor(steepness * (math.pi / 2 - angle))
-    return value
+    return np.asarray(size * _paper_phasor(steepness * (math.pi / 2 - angle)))
 
 
 def _paper_phasor(x: np.ndarray) -> np.ndarray:
     """e^{-i·phase} of the paper by the argument of its error function."""
-    value: np.ndarray = np.exp(-1j * (special.erf(x) - 2.6343))
-    return value
+    return np.asarray(np.exp(-1j * (special.erf(x) - 2.6343)))
 
 
 def _paper_bound(
@@ -249,19 +247,16 @@ def _paper_bound(
     low, high = (_paper_turn(np.log(c)) * angle for c in ends)
     crest = np.ceil(low / math.pi) <= np.floor(high / math.pi)
     wave = np.where(crest, 1.0, np.maximum(np.abs(np.cos(low)), np.abs(np.cos(high))))
-    bound: np.ndarray = np.where(empty, 0.0, peak * wave)
-    return bound
+    return np.asarray(np.where(empty, 0.0, peak * wave))
 
 
 def _paper_peak(ka: np.ndarray) -> np.ndarray:
-    value: np.ndarray = 0.5003 * ka * ka + 0.6867
-    return value
+    return np.asarray(0.5003 * ka * ka + 0.6867)
 
 
 def _paper_turn(log: np.ndarray) -> np.ndarray:
     """P₂ of the logarithm of ka."""
-    value: np.ndarray = 0.3999 * np.exp(-0.9065 * log) + 0.9979
-    return value
+    return np.asarray(0.3999 * np.exp(-0.9065 * log) + 0.9979)
 
 
 def _unknown(model: str, models: tuple[str, ...]) -> ValueError:

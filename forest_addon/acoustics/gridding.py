@@ -158,13 +158,11 @@ class Kernel:
         if np.iscomplexobj(frequency):
             root = np.sqrt(self.shape**2 - (math.pi * self.width * frequency) ** 2)
             scale = np.exp(-self.shape) / special.ive(0, self.shape)
-            decaying: np.ndarray = self.width * scale * np.sinh(root) / root
-            return decaying
+            return np.asarray(self.width * scale * np.sinh(root) / root)
         square = self.shape**2 - (math.pi * self.width * frequency) ** 2
         root = np.sqrt(np.abs(square))
         scale = np.exp(-self.shape) / special.ive(0, self.shape)
         whole = np.where(
             square >= 0, np.sinh(root) / np.maximum(root, 1e-300), np.sinc(root / math.pi)
         )
-        result: np.ndarray = self.width * scale * np.where(root < 1e-8, 1.0, whole)
-        return result
+        return np.asarray(self.width * scale * np.where(root < 1e-8, 1.0, whole))

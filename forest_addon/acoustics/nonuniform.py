@@ -213,8 +213,7 @@ def _level(
 ) -> np.ndarray:
     """(M,) the first of the levels that leaves ``nepers`` less than ``scale`` of echoes, their number where
     none does."""
-    level: np.ndarray = np.searchsorted(levels, _nodes_for(turn, nepers - np.log(scale)))
-    return level
+    return np.asarray(np.searchsorted(levels, _nodes_for(turn, nepers - np.log(scale))))
 
 
 def _nodes_for(turn: np.ndarray, nepers: np.ndarray | float) -> np.ndarray:
@@ -239,8 +238,7 @@ def _together(level: np.ndarray, levels: np.ndarray, count: int) -> np.ndarray:
         if echoes[here] * more < TRANSFORM * count * levels[here]:
             echoes[following] += echoes[here]
             raised[raised == here] = following
-    found: np.ndarray = np.append(levels, 0)[raised[level]]
-    return found
+    return np.asarray(np.append(levels, 0)[raised[level]])
 
 
 class _Task:

@@ -22,7 +22,7 @@ from ..base.places import version
 from ..base.progress import Progress
 from ..formats.ownership import remove
 from ..results.coordinates import Offset
-from ..results.points import records
+from ..results.points import COPC, records
 from ..sensing.kinds import choose, kind_of
 from ..sensing.looks import Upright
 from ..sensing.rays.geometry import SceneGeometry
@@ -365,8 +365,6 @@ class TiledScan:
             why = "cannot be folded with tiles, since an echo may be of a pulse in another one"
             raise SpecError(f"{name}.receiver.beyond", f"{why}; take tiles away")
         self.pattern = pattern_of(self.sensor, way)
-        forest = tiling.forest
-        self.heights = (forest.low, forest.high) if len(forest.stand) else (0.0, 0.0)
         said = [tiling.digest, asdict(self.sensor), tiling.scene.offset]
         total = hashlib.blake2b(json.dumps(said, sort_keys=True, default=str).encode())
         probe = self.pattern.pulses(np.linspace(0, self.pattern.count - 1, 64).astype(np.int64))
@@ -376,7 +374,7 @@ class TiledScan:
         kept = None if only is not None else TiledPulses.read(self.path_of_pulses, self._digest)
         buffer = tiling.scene.tiles.buffer
         self.pulses: TiledPulses = kept or tiled_pulses(
-            self.sensor, self.pattern, tiling.grid, self.heights, buffer, only
+            self.sensor, self.pattern, tiling.grid, tiling.forest.bounds, buffer, only
         )
 
     @property
@@ -443,7 +441,7 @@ class TiledScan:
         tiling, number = self.tiling, np.concatenate([*self.pulses.numbers(piece, AT_ONCE)])
         cells = TileGrid.of(tiling.scene.forest, tiling.grid.size / cuts)
         pulses = self.pattern.pulses(number)
-        cell, excess = belongs(self.sensor, pulses, cells, self.heights)
+        cell, excess = belongs(self.sensor, pulses, cells, tiling.forest.bounds)
         found = []
         for one in np.unique(cell).tolist():
             mine = cell == one
@@ -490,7 +488,9 @@ class TiledScan:
         if wanted != "merged":
             folder = path.with_name(path.name.partition(".")[0])
             folder.mkdir(parents=True, exist_ok=True)
-            of_tiles = TileFiles(tiling.grid, folder, alone=wanted == "tiles")
+            of_tiles = TileFiles(
+                tiling.grid, folder, wanted != "both", COPC if wanted == "copc" else ""
+            )
         written = join_parts(
             path,
             parts,

@@ -46,16 +46,14 @@ from .given import (
 from .results import Echoes, PointCloud, Response, Result, RowScan, is_scanner, result_of
 
 if TYPE_CHECKING:
-    from ..stand.forest import GrownForest
-    from ..stand.truth import PlacedTrees
+    from ..stand.forest import GrownForest, PlacedTrees
 
 Table = dict[str, np.ndarray]
 
 
 def trees_in_world(forest: GrownForest | None, placed: PlacedTrees) -> Table:
     """A row a tree."""
-    from ..stand.forest import tree_table
-    from ..stand.truth import placed_table
+    from ..stand.forest import placed_table, tree_table
 
     table = _both(forest, placed, tree_table, placed_table)
     numbers = [name for name in table if name.startswith("target_") or name == "in_band"]
@@ -64,15 +62,14 @@ def trees_in_world(forest: GrownForest | None, placed: PlacedTrees) -> Table:
 
 def leaves_in_world(forest: GrownForest | None, placed: PlacedTrees) -> Table:
     """A row a leaf."""
-    from ..stand.forest import leaf_table
-    from ..stand.truth import placed_leaves
+    from ..stand.forest import leaf_table, placed_leaves
 
     return _both(forest, placed, leaf_table, placed_leaves)
 
 
 def cylinders_in_world(forest: GrownForest | None, placed: PlacedTrees) -> Table:
     """A row a segment of a branch."""
-    from ..stand.truth import cylinder_table, placed_cylinders
+    from ..stand.forest import cylinder_table, placed_cylinders
 
     return _both(forest, placed, cylinder_table, placed_cylinders)
 
@@ -84,7 +81,7 @@ def skeleton_in_world(forest: GrownForest | None, placed: PlacedTrees, tree: int
     ------
     SpecError : there is no tree of this number.
     """
-    from ..stand.truth import placed_skeleton
+    from ..stand.forest import placed_skeleton
 
     rows = np.flatnonzero(forest.stand.id == tree) if forest is not None else ()
     if forest is None or not len(rows):
@@ -142,8 +139,7 @@ if TYPE_CHECKING:
     from ..sensing.canopy import Canopy
     from ..sensing.trajectory import Trajectory
     from ..spec import Choice
-    from ..stand.forest import GrownForest
-    from ..stand.truth import PlacedTrees
+    from ..stand.forest import GrownForest, PlacedTrees
 
 MOST_PIXELS = 8192  # along a side of a hemispherical picture
 
@@ -483,7 +479,7 @@ class World:
         """Return what was grown here, and trees of libraries; an error where there is neither."""
         import_blender()
         from ..blender.scene.meshes import has_assets
-        from ..stand.truth import NONE
+        from ..stand.forest import NONE
 
         placed = self.observer.placed_trees if has_assets() else NONE
         return (None if len(placed) and self.forest is None else self._grown()), placed

@@ -9,10 +9,9 @@ that nothing disturbs, their distances are all there is to it, else the whole sc
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from scipy import fft
@@ -26,10 +25,9 @@ from ..sensing.sonar.equipment_files import equip
 from ..sensing.sonar.ping import Echo, ping
 from ..sensing.sonar.station import SonarPose as Place
 from ..sensing.trajectory import Trajectory, frame_of, through
-from ..spec import Air, Flight, Mobile, Pose, Scene, Sensor, Sonar
+from ..spec import Air, Flight, Mobile, Pose, Scene, Sonar
 from .bodies import State
 
-S = TypeVar("S", bound=Sensor)
 FLOOR_DB, TOP_DB = -120.0, -20.0  # what a cochleagram shows, re the call at 1 m
 HEARD = ("cochleagram", "waveforms")
 BANDS, BINS = 8, 64  # of a cochleagram
@@ -69,18 +67,14 @@ SONAR = Sonar(
 
 def lidar_of(scene: Scene) -> Mobile:
     """The scene's first mobile scanner that a flyer can carry, or 64 rays all around."""
-    return next((s for s in _of_kind(scene, LIDAR) if not s.follow), LIDAR)
+    mine = (s for s in scene.sensors if isinstance(s, Mobile) and not s.follow)
+    return next(mine, LIDAR)
 
 
 def sonar_of(scene: Scene) -> Sonar:
     """The scene's first sonar that stays where it is put, or a bat's."""
-    mine = (s for s in _of_kind(scene, SONAR) if not (s.route or s.follow))
+    mine = (s for s in scene.sensors if isinstance(s, Sonar) and not (s.route or s.follow))
     return next(mine, SONAR)
-
-
-def _of_kind(scene: Scene, like: S) -> Iterator[S]:
-    """The sensors of a scene that are of the same kind as one."""
-    return (s for s in scene.sensors if s.kind == like.kind)  # type: ignore[misc]
 
 
 def degrees(state: State, row: int) -> tuple[float, float, float]:
@@ -129,7 +123,10 @@ class LidarSense:
         pulse goes out, in a world that moves; left out: 0.
         """
         time = np.zeros(len(state)) if time is None else time
-        attitude = self._attitude(state)
+        # As a path of the same pose has it: through degrees, as settings say angles. Nose down is a turn
+        # about the left.
+        angles = np.rad2deg(np.column_stack([state.heading, state.tilt]))
+        attitude = Rotation.from_euler("ZYX", np.deg2rad(angles))
         if not (self.exact and np.isnan(around.geometry.reflectance).all()):
             return np.array(
                 [
@@ -148,13 +145,6 @@ class LidarSense:
         found = around.caster.cast(origins, ways, most, **when).distance
         found[~((found >= self.scanner.min_range) & (found <= most))] = most
         return found.reshape(len(state), self.rays)
-
-    @staticmethod
-    def _attitude(state: State) -> Rotation:
-        """As a path of the same pose has it: through degrees, as settings say angles."""
-        angles = np.column_stack([state.heading, state.tilt])
-        angles = np.deg2rad(np.rad2deg(angles))  # nose down is a turn about the left
-        return Rotation.from_euler("ZYX", angles)
 
     def _whole(
         self, around: Any, place: np.ndarray, attitude: Rotation, seed: int, time: float
@@ -318,8 +308,3 @@ def odometry(
 def generator(seed: int, flyer: int = 0) -> np.random.Generator:
     """The chances of one flyer's episode."""
     return stream(seed, "flight", flyer)
-
-
-def placed(scanner: Mobile, pose: Pose) -> Mobile:
-    """The scanner at one pose."""
-    return replace(scanner, poses=(pose,))

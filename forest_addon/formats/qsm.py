@@ -19,7 +19,7 @@ BREAST = 1.3  # metres above the foot
 def write_treeqsm(path: str | os.PathLike[str], table: Mapping[str, np.ndarray]) -> None:
     """Write the cylinders of one tree.
 
-    table : columns (C,) as ``stand.truth.cylinder_table`` has them, a parent before its children.
+    table : columns (C,) as ``stand.forest.cylinder_table`` has them, a parent before its children.
 
     Raises
     ------

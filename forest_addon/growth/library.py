@@ -1,4 +1,9 @@
-"""Species files and allometry files: TOML, the STL templates that a species may name, and tables of measured
+"""A user's tree in files becomes a species that grows: the folder of its library.
+
+Written: the tree in metres (wood.stl, leaves.stl), a species file by which siblings of it grow (or trees
+of Tanveer et al.'s grammar, fitted to its habit), and a scene that plants it (scene.toml).
+
+Species files and allometry files: TOML, the STL templates that a species may name, and tables of measured
 trees.
 
 Wherever a species is named, a name without an ending means a file of ``assets/species``; wherever an
@@ -219,12 +224,11 @@ def complete_species(
             return species, blade
         wood = read_stl(folder / template.wood, MOST_OF_TREE)
         leaves = read_stl(folder / template.leaves, MOST_OF_TREE) if template.leaves else None
+        tall = float(np.ptp(wood[:, :, 2])) if len(wood) else 0.0
+        metres = template.height / tall if template.height and tall else 1.0
         if leaves is None and template.grow_leaves and leaf.on:
-            unit = template.height / float(np.ptp(wood[:, :, 2])) if template.height else 1.0
-            leaves = dress(wood, leaf, blade or leaf_blade(leaf, species.detail.tolerance), unit)
+            leaves = dress(wood, leaf, blade or leaf_blade(leaf, species.detail.tolerance), metres)
         if species.siblings is not None:
-            tall = float(np.ptp(wood[:, :, 2])) if len(wood) else 0.0
-            metres = template.height / tall if template.height and tall else 1.0
             return species, _once(
                 ("fit", metres), wood, leaves, lambda: fit(dissect(recognise(wood, leaves), metres))
             )
@@ -357,14 +361,22 @@ def make_library(
     """
     check_name(name)
     brought.check()
-    tell = progress or _say_nothing
+    tell = progress or (lambda _done, _total: None)
     tell(0, 5)
     parts, found, up = _stand(_read_tree(brought), brought.up)
     timber, foliage = parts.wood, parts.leaves
     tell(1, 5)
-    leaf = _leaf_length(found)
+    leaf, leaves = None, found.leaves
+    if leaves.count:
+        mesh = TriMesh.of_part(leaves.vertices, leaves.triangles, LEAF)
+        mesh.leaf[:] = leaves.piece
+        leaf = float(np.median(measure_leaves(mesh).length))
     tall = float(np.ptp(timber[:, :, 2]))
-    scale = _scale(brought, tall, None if found.fronds else leaf)  # a frond's tells no unit
+    scale = infer_unit(tall, None if found.fronds else leaf)  # a frond's tells no unit
+    if brought.height:
+        scale = Unit(brought.height / tall, "units of the height given")
+    elif brought.unit:
+        scale = Unit(UNITS[brought.unit], brought.unit)
     metres = scale.metres
     metric = (timber * metres, None if foliage is None else foliage * metres)
     settings, verdict = Siblings(allometry=allometry_of(name)), None
@@ -395,13 +407,6 @@ def make_library(
         remove(out / "scene.toml")
     tell(5, 5)
     return Library(timber, foliage, found, leaf, scale, habit, species, parts.said, up, verdict)
-
-
-def _scale(brought: Brought, tall: float, leaf: float | None) -> Unit:
-    """The unit of files in which the tree is so high and a leaf so long."""
-    if brought.height:
-        return Unit(brought.height / tall, "units of the height given")
-    return Unit(UNITS[brought.unit], brought.unit) if brought.unit else infer_unit(tall, leaf)
 
 
 def check_name(name: str) -> None:
@@ -453,16 +458,6 @@ def _stand(parts: Sorted, up: str) -> tuple[Sorted, Recognition, str]:
             raise NotUnderstoodError(problem, turned.wood) from None
     assert first is not None
     raise NotUnderstoodError(first, lying) from None
-
-
-def _leaf_length(found: Recognition) -> float | None:
-    """Median length of the leaves in file units, None without leaves."""
-    pieces = found.leaves
-    if not pieces.count:
-        return None
-    mesh = TriMesh.of_part(pieces.vertices, pieces.triangles, LEAF)
-    mesh.leaf[:] = pieces.piece
-    return float(np.median(measure_leaves(mesh).length))
 
 
 def _species_text(name: str, origin: str, leafy: bool) -> str:
@@ -522,7 +517,3 @@ expected = 12
 def _write(path: Path, text: str) -> None:
     with replacing(path) as partial:
         partial.write_text(text, encoding="utf-8")
-
-
-def _say_nothing(_done: int, _total: int) -> None:
-    """In place of a progress bar."""

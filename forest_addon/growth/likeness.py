@@ -18,7 +18,7 @@ planting them.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,7 +29,6 @@ from .own_tree.anatomy import OFF
 from .own_tree.habit import BREAST, Habit
 from .own_tree.relay import (
     Outline,
-    SiblingStanding,
     hold_rings,
     lowest_corner,
     outline_of,
@@ -97,7 +96,10 @@ def portray(tree: Outline | Tree) -> Portrait:
         numbers["leaf area, m²"] = float(area.sum())
         facing = np.clip(np.abs(leaves.normal[:, 2]), 0.0, 1.0)
         samples["inclination of a leaf, deg"] = np.rad2deg(np.arccos(facing))
-    place, weight = _along(wood, wood.order > 0)
+    part, aloft = (np.arange(SAMPLES) + 0.5) / SAMPLES, wood.order > 0
+    low, high = wood.start[aloft, 2], wood.end[aloft, 2]
+    place = (low[:, None] + part * (high - low)[:, None]).ravel()
+    weight = np.repeat(wood.length[aloft] / SAMPLES, SAMPLES)
     profiles = {"branch length": _profile(place, weight, height)}
     if len(leaves):
         profiles["leaf area"] = _profile(leaves.centre[:, 2], area, height)
@@ -142,14 +144,6 @@ def crown_base(tree: Outline | Tree) -> float:
 def trunk_radius(wood: Skeleton, height: float) -> float:
     """Radius of the trunk at a height, of the first of several stems; 0 above its tip."""
     return float(next(iter(stem_radii(wood, height)), 0.0))
-
-
-def _along(wood: Skeleton, which: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Heights of places along segments, and the length that each stands for."""
-    part = (np.arange(SAMPLES) + 0.5) / SAMPLES
-    low, high = wood.start[which, 2], wood.end[which, 2]
-    place = low[:, None] + part * (high - low)[:, None]
-    return place.ravel(), np.repeat(wood.length[which] / SAMPLES, SAMPLES)
 
 
 def _profile(place: np.ndarray, weight: np.ndarray, height: float) -> np.ndarray:
@@ -312,7 +306,7 @@ def judge(habit: Habit, settings: Siblings, count: int) -> Verdict:
     count = max(count, FEWEST)
     itself = grow_sibling(habit, Siblings(variety=0.0), 0)
     one = portray(outline_of(habit.anatomy, itself, 0.0))
-    own, low = standing_of(itself), lowest_corner(habit.anatomy, itself, 0.0)
+    own = *standing_of(itself), lowest_corner(habit.anatomy, itself, 0.0)
     keys = [
         int(stream(0, "template", "sibling", number).integers(2**63)) for number in range(count)
     ]
@@ -322,73 +316,57 @@ def judge(habit: Habit, settings: Siblings, count: int) -> Verdict:
         grown = [grow_sibling(habit, varied, key) for key in keys]
         portraits = [portray(outline_of(habit.anatomy, tree, variety)) for tree in grown]
         likeness = compare(one, portraits)
-        missed = [*_unlike(likeness), *_unsound(own, [standing_of(tree) for tree in grown])]
-        missed += _sunk(habit, low, grown[:MESHED], variety)
-        missed += _off_bark(habit, grown[:MESHED])
-        missed.sort(key=lambda miss: -miss.times)
+        goals = [*_likenesses(likeness), *_soundness(habit, own, grown, variety)]
+        missed = sorted((goal for goal in goals if goal.times > 1), key=lambda goal: -goal.times)
         verdicts.append(Verdict(variety, count, likeness, tuple(missed)))
         if not missed:
             break
     return min(verdicts, key=lambda verdict: verdict.missed[0].times if verdict.missed else 0.0)
 
 
-def _unlike(likeness: Likeness) -> list[Miss]:
-    """Means and profiles that are off."""
-    missed = []
+def _likenesses(likeness: Likeness) -> Iterator[Miss]:
+    """Distances of means and profiles from the goals."""
     for row in likeness.numbers:
-        if not row.name.startswith(JUDGED):
-            continue
-        allowed = max(MOST_DIFFERENCE * abs(row.template), row.room)
-        if row.name.startswith("branches"):
-            allowed = max(allowed, ONE_BRANCH)
-        times = abs(row.mean - row.template) / max(allowed, 1e-12)
-        if times > 1:
+        if row.name.startswith(JUDGED):
+            allowed = max(MOST_DIFFERENCE * abs(row.template), row.room)
+            if row.name.startswith("branches"):
+                allowed = max(allowed, ONE_BRANCH)
             name = row.name.split(",")[0]
             words = f"{name} {100 * row.difference:+.0f} % ({100 * MOST_DIFFERENCE:.0f} % allowed)"
-            missed.append(Miss(words, times))
+            yield Miss(words, abs(row.mean - row.template) / max(allowed, 1e-12))
     for profile in likeness.profiles:
-        times = (1 - profile.overlap) / (1 - LEAST_OVERLAP)
-        if times > 1:
-            words = f"{profile.name} over height overlaps by {profile.overlap:.2f} ({LEAST_OVERLAP} wanted)"
-            missed.append(Miss(words, times))
-    return missed
+        words = (
+            f"{profile.name} over height overlaps by {profile.overlap:.2f} ({LEAST_OVERLAP} wanted)"
+        )
+        yield Miss(words, (1 - profile.overlap) / (1 - LEAST_OVERLAP))
 
 
-def _unsound(own: SiblingStanding, found: list[SiblingStanding]) -> list[Miss]:
-    """Trunks that lean, and branches that are off their parents or thicker than these."""
-    missed = []
-    lean, gap = max(one.lean for one in found), max(one.gap for one in found)
-    thicker = max(one.thicker for one in found)
-    if lean > own.lean + MOST_LEAN:
-        words = f"a trunk leans {np.rad2deg(lean):.0f}° ({np.rad2deg(own.lean):.0f}° in the tree)"
-        missed.append(Miss(words, float((lean - own.lean) / MOST_LEAN)))
-    if gap > MOST_GAP:
-        words = f"a branch begins {1000 * gap:.0f} mm off its parent (1 mm allowed)"
-        missed.append(Miss(words, gap / MOST_GAP))
-    if thicker > max(own.thicker, 1.0) + MOST_THICKER:
-        words = f"a branch is {thicker:.1f} times as thick as its parent ({own.thicker:.1f} in the tree)"
-        missed.append(Miss(words, (thicker - max(own.thicker, 1.0)) / MOST_THICKER))
-    return missed
+def _soundness(
+    habit: Habit, own: tuple[float, ...], grown: list[Grown], variety: float
+) -> Iterator[Miss]:
+    """Measures of how far trunks lean, branches are off their parents or thicker, reach deeper into the
+    ground than the tree's own roots, and begin off the mesh of what bears them.
 
-
-def _off_bark(habit: Habit, grown: list[Grown]) -> list[Miss]:
-    """Limbs whose mesh begins off the mesh of what bears them."""
-    off = max(float(hold_rings(habit.anatomy, tree).left.max()) for tree in grown)
-    if off <= OFF:
-        return []
+    own : lean, gap, thickness and lowest corner of the tree itself.
+    """
+    own_lean, _, own_thicker, low = own
+    lean, gap, thicker = np.max([standing_of(tree) for tree in grown], axis=0).tolist()
+    words = f"a trunk leans {np.rad2deg(lean):.0f}° ({np.rad2deg(own_lean):.0f}° in the tree)"
+    yield Miss(words, float((lean - own_lean) / MOST_LEAN))
+    words = f"a branch begins {1000 * gap:.0f} mm off its parent (1 mm allowed)"
+    yield Miss(words, gap / MOST_GAP)
     words = (
-        f"a limb's mesh begins {1000 * off:.0f} mm off its bearer's ({1000 * OFF:.0f} mm allowed)"
+        f"a branch is {thicker:.1f} times as thick as its parent ({own_thicker:.1f} in the tree)"
     )
-    return [Miss(words, off / OFF)]
-
-
-def _sunk(habit: Habit, low: float, grown: list[Grown], variety: float) -> list[Miss]:
-    """Parts below the ground, deeper than the tree's own roots are."""
-    deepest = min(lowest_corner(habit.anatomy, tree, variety) for tree in grown)
+    yield Miss(words, (thicker - max(own_thicker, 1.0)) / MOST_THICKER)
+    deepest = min(lowest_corner(habit.anatomy, tree, variety) for tree in grown[:MESHED])
     below = min(low, 0.0) * (1 + MOST_DIFFERENCE) - deepest
-    if below <= MOST_SUNK:
-        return []
     words = (
         f"a branch reaches {100 * below:.0f} cm into the ground ({100 * MOST_SUNK:.0f} cm allowed)"
     )
-    return [Miss(words, below / MOST_SUNK)]
+    yield Miss(words, below / MOST_SUNK)
+    off = max(float(hold_rings(habit.anatomy, tree)[1].max()) for tree in grown[:MESHED])
+    words = (
+        f"a limb's mesh begins {1000 * off:.0f} mm off its bearer's ({1000 * OFF:.0f} mm allowed)"
+    )
+    yield Miss(words, off / OFF)

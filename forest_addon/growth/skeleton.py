@@ -62,6 +62,12 @@ class Skeleton(RowTable):
         r1, r2 = self.radius.T
         return np.asarray(np.pi * self.length * (r1**2 + r1 * r2 + r2**2) / 3)
 
+    @property
+    def equal_radius(self) -> np.ndarray:
+        """(S,) radius of the cylinder of the same length and volume."""
+        r1, r2 = self.radius.T
+        return np.asarray(np.sqrt((r1**2 + r1 * r2 + r2**2) / 3))
+
     def some(self, keep: np.ndarray) -> Skeleton:
         """The segments where ``keep`` (S,) is true; one whose parent is not kept becomes a root."""
         number = np.cumsum(keep) - 1
@@ -181,51 +187,6 @@ def root_of(up: np.ndarray) -> np.ndarray:
         if np.array_equal(further, at):
             return at
         at = further
-
-
-@dataclass(frozen=True)
-class Cylinders:
-    """C cylinders of one tree, a parent before its children.
-
-    start, end : (C, 3) metres. radius : (C, 2) at start and end. parent, extension : (C,) int64, -1 where
-    there is none. axis : (C,) int64, counted from the trunk's 0. order : (C,) int64, 0 for the trunk.
-    """
-
-    start: np.ndarray
-    end: np.ndarray
-    radius: np.ndarray
-    parent: np.ndarray
-    extension: np.ndarray
-    axis: np.ndarray
-    order: np.ndarray
-
-    def __len__(self) -> int:
-        return len(self.parent)
-
-    @property
-    def equal_radius(self) -> np.ndarray:
-        """(C,) radius of the cylinder of the same length and volume."""
-        r1, r2 = self.radius.T
-        return np.asarray(np.sqrt((r1**2 + r1 * r2 + r2**2) / 3))
-
-    @property
-    def length(self) -> np.ndarray:
-        """(C,) metres."""
-        return np.asarray(np.linalg.norm(self.end - self.start, axis=1))
-
-
-def cylinders_of(skeleton: Skeleton) -> Cylinders:
-    """The cylinders of a skeleton, in its order."""
-    axes = find_axes(skeleton)
-    return Cylinders(
-        start=skeleton.start,
-        end=skeleton.end,
-        radius=skeleton.radius,
-        parent=skeleton.parent,
-        extension=axes.onward,
-        axis=axes.of_segment,
-        order=skeleton.order,
-    )
 
 
 def stem_radii(skeleton: Skeleton, height: float) -> np.ndarray:

@@ -215,20 +215,14 @@ def _whole(
     order = np.where(known, skeleton.order[bearer], 0) if len(sites) else sites.segment
     if species.dead:
         skeleton = replace(skeleton, dead=np.ones(len(skeleton), dtype=bool))
-    relief = _relief(species, rng)
+    bark, relief = species.bark, None
+    if species.detail.relief and (bark.relief or bark.ovality):
+        texture = (bark.texture, max(bark.size, SMALLEST), bark.relief, bark.ovality)
+        relief = Relief(*texture, bark.upper_from, seed=int(rng.integers(2**63)))
     wood = wood_of(skeleton, species.detail.tolerance, relief)
     mesh = lay(sites, blade, order=order, wood=wood)
     leaves = truth_of(sites, blade, branch)
     return Tree(mesh, leaves, skeleton, grafted=False, wanted=wanted, missed=missed, relief=relief)
-
-
-def _relief(species: Species, rng: np.random.Generator) -> Relief | None:
-    """The relief of a species' bark, where it is asked for."""
-    bark = species.bark
-    if not species.detail.relief or not (bark.relief or bark.ovality):
-        return None
-    texture = (bark.texture, max(bark.size, SMALLEST), bark.relief, bark.ovality, bark.upper_from)
-    return Relief(*texture, seed=int(rng.integers(2**63)))
 
 
 def _grafted(

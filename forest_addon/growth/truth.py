@@ -291,7 +291,8 @@ def shared_once(corners: np.ndarray) -> float:
     """
     low, high = corners[:, :, :2].min(axis=1), corners[:, :, :2].max(axis=1)
     wide = np.maximum(high - low, 1e-9)
-    cell = _cell(wide)
+    a, b = float(wide.prod(axis=1).sum()), float(wide.sum())  # lines for about TESTS of triangles
+    cell = max((b + np.sqrt(b * b + 4 * TESTS * a)) / (2 * TESTS), 1e-6)
     shift = stream(0, "union").random(2) * cell  # not along anything that was modelled
     first = np.ceil((low - shift) / cell).astype(np.int64)
     count = np.maximum(np.floor((high - shift) / cell).astype(np.int64) - first + 1, 0)
@@ -302,12 +303,6 @@ def shared_once(corners: np.ndarray) -> float:
     )
     height, sign, hit = _crossings(corners[triangle], column * cell + shift)
     return _ratio(column[hit], height[hit], sign[hit])
-
-
-def _cell(wide: np.ndarray) -> float:
-    """Distance of lines with which about ``TESTS`` of triangles of these widths (T, 2) are made."""
-    a, b = float(wide.prod(axis=1).sum()), float(wide.sum())
-    return max((b + np.sqrt(b * b + 4 * TESTS * a)) / (2 * TESTS), 1e-6)
 
 
 def _crossings(corners: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -97,7 +97,7 @@ def _write_geojson(
 def write_cylinders(
     path: Path, table: Mapping[str, np.ndarray], offset: Sequence[float] = NO_OFFSET
 ) -> None:
-    """Write a table of cylinders (``stand.truth.cylinder_table``) as CSV. offset : metres, added to places.
+    """Write a table of cylinders (``stand.forest.cylinder_table``) as CSV. offset : metres, added to places.
 
     Raises
     ------

@@ -18,8 +18,7 @@ import numpy as np
 from ..base.rows import distinct, lengths, repeated
 from ..base.trimesh import LEAF, OTHER, TriMesh
 from .rays.boxes import clip, extents, within
-from .rays.caster import Hits, hit_normals, unit_columns
-from .rays.exact import meet
+from .rays.caster import Hits, hit_normals
 from .rays.geometry import OF_MESHES, SceneGeometry
 from .rays.paths import SceneMotion, ShapePath, corners_at_rest
 
@@ -80,17 +79,17 @@ class MovingScene:
         tree = trees_that_sway(whole, sway)
         sways = np.flatnonzero(tree >= 0)
         self.motion = motion.without(sways)
-        pieces = None
-        if sway is not None and len(sways):
-            pieces = CutTrees(whole, tree, sway, None if like is None else like.pieces)
-        self.pieces: CutTrees | None = pieces
-        self.count = len(whole)
-        more = () if pieces is None else pieces.meshes
-        meshed = whole.with_meshes((EMPTY, *more), (0, *(() if pieces is None else pieces.of_mesh)))
-        empty = len(whole.meshes)
+        shared = None if like is None else like.pieces
+        # Where no tree sways, nothing is asked of them.
+        pieces = self.pieces = CutTrees(whole, tree, sway, shared)  # type: ignore[arg-type]
+        self.count, empty = len(whole), len(whole.meshes)
+        meshed = whole.with_meshes((EMPTY, *pieces.meshes), (0, *pieces.of_mesh))
         index = whole.mesh_index.copy()
         index[sways] = empty
-        self.scene = replace(meshed, mesh_index=index)
+        self.scene = meshed.take(
+            np.concatenate([np.arange(self.count), pieces.owner]),
+            mesh_index=np.concatenate([index, empty + 1 + pieces.mesh]),
+        )
         if like is not None and len(like.scene.meshes) == len(self.scene.meshes):
             self.scene.share_table(like.scene.table)
         index = index.copy()
@@ -100,10 +99,6 @@ class MovingScene:
         there = whole.mesh_index.copy()
         there[sways[sways >= len(read)]] = empty
         self.whole = replace(meshed, meshes=meshed.meshes[: empty + 1], mesh_index=there)
-        if pieces is not None:
-            rows = np.concatenate([np.arange(self.count), pieces.owner])
-            mesh = np.concatenate([self.scene.mesh_index, len(whole.meshes) + 1 + pieces.mesh])
-            self.scene = self.scene.take(rows, mesh_index=mesh)
 
     def solid(self) -> MovingScene:
         """The same motion without leaves."""
@@ -137,7 +132,6 @@ class MovingScene:
 
     def _swayed(self, piece: np.ndarray, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(R, 3, 4) local to world of pieces at times, s, and its rate, 1/s."""
-        assert self.pieces is not None
         inner, rate = self.pieces.at(piece, (time + self.start) * KNOTS)
         stands = self.scene.transform[self.count + piece]
         return joined(stands, inner), stands[:, :, :3] @ rate
@@ -147,19 +141,6 @@ class MovingScene:
         own = self.motion.corners(self.scene, instance, triangle, time)
         at = self.at(instance, time)
         return np.asarray(np.einsum("rij,rkj->rki", at[:, :, :3], own) + at[:, None, :, 3])
-
-    def meets(
-        self, origins: np.ndarray, directions: np.ndarray, hits: Hits, time: np.ndarray
-    ) -> np.ndarray:
-        """(R,) metres along rays to the triangles that hits name; inf where one passes its triangle by."""
-        found = np.full(len(origins), np.inf)
-        rows = np.flatnonzero(hits.found)
-        if len(rows):
-            corners = self.corners(hits.instance[rows], hits.triangle[rows], time[rows])
-            corners -= origins[rows, None]
-            ways = unit_columns(directions[rows].T).T
-            found[rows] = meet(tuple(corners.swapaxes(0, 1)), np.zeros((len(rows), 3)), ways)
-        return found
 
     def normals(self, hits: Hits, time: np.ndarray) -> np.ndarray:
         """(R, 3) unit world normals of the triangles that were hit at times (R,), s; NaN for a miss."""
@@ -221,11 +202,10 @@ class MovingScene:
         """The numbers that instances and triangles (R,) have in the scene as it was read; of a mesh of other
         triangles, one of the same material."""
         instance, triangle = np.array(instance), np.array(triangle)
-        if self.pieces is not None:
-            rows = np.flatnonzero(instance >= self.count)
-            piece = instance[rows] - self.count
-            triangle[rows] = self.pieces.whole_triangle(piece, triangle[rows])
-            instance[rows] = self.pieces.owner[piece]
+        rows = np.flatnonzero(instance >= self.count)
+        piece = instance[rows] - self.count
+        triangle[rows] = self.pieces.whole_triangle(piece, triangle[rows])
+        instance[rows] = self.pieces.owner[piece]
         stands_for = self.motion.stands_for
         if stands_for is None:
             return instance, triangle
@@ -281,7 +261,7 @@ class MovingScene:
         Rays that follow one another are neighbours most often: one of a run stands for all, with what is
         around it as far as the others are off.
         """
-        if self.pieces is None:
+        if not len(self.pieces.owner):
             return
         knot = (time + self.start) * KNOTS
         block = np.floor(knot / SPAN).astype(np.int64)
@@ -353,10 +333,6 @@ class CutTrees:
         self, scene: SceneGeometry, tree: np.ndarray, sway: Swaying, like: CutTrees | None = None
     ) -> None:
         self._sway = sway
-        self.meshes: tuple[TriMesh, ...]
-        self.boxes: np.ndarray
-        self.owner: np.ndarray
-        self.mesh: np.ndarray
         self._known: dict[tuple[int, int], list[tuple[int, int]]] = {}
         meshes: list[TriMesh] = []
         self.of_mesh: list[int] = []
@@ -364,42 +340,33 @@ class CutTrees:
         if like is not None:
             meshes, self.of_mesh = list(like.meshes), list(like.of_mesh)
             self.triangle, self._known = list(like.triangle), dict(like._known)
-        owner, piece, mesh_of = [], [], []
+        found: list[tuple[int, int, int]] = []  # instance, piece and mesh
         for instance in np.flatnonzero(tree >= 0).tolist():
             mesh = int(scene.mesh_index[instance])
             key = (mesh, int(scene.species[instance]))
             if key not in self._known:
                 self._known[key] = []
-                of = sway.pieces(int(tree[instance]), scene.meshes[mesh])
+                of = self._sway.pieces(int(tree[instance]), scene.meshes[mesh])
                 for which, rows in split_pieces(scene.meshes[mesh], of):
                     self._known[key].append((which, len(meshes)))
                     meshes.append(scene.meshes[mesh].select(rows))
                     self.of_mesh.append(mesh)
                     self.triangle.append(rows)
-            for which, made in self._known[key]:
-                owner.append(instance)
-                piece.append(which)
-                mesh_of.append(made)
+            found += [(instance, which, made) for which, made in self._known[key]]
         self.meshes = tuple(meshes)
-        self.owner, self._piece, self.mesh = (
-            np.array(v, np.int64) for v in (owner, piece, mesh_of)
-        )
+        self.owner, self._piece, self.mesh = np.array(found, np.int64).reshape(-1, 3).T.copy()
         self._tree = tree[self.owner]
         self._stands = scene.transform[self.owner]
-        if like is not None and len(like.meshes) == len(self.meshes):
+        if like is not None and len(like.meshes) == len(meshes):
             self.meshes, self.boxes = like.meshes, like.boxes
         else:
-            self.boxes = np.array(
-                [(m.vertices.min(axis=0), m.vertices.max(axis=0)) for m in meshes]
-            )
-            self.boxes = self.boxes.reshape(-1, 2, 3)
+            ends = [(m.vertices.min(axis=0), m.vertices.max(axis=0)) for m in meshes]
+            self.boxes = np.array(ends).reshape(-1, 2, 3)
         self._join_seams()
         self._placed: dict[tuple[int, int], np.ndarray] = {}
         self._windows: dict[int, tuple[np.ndarray, PieceWindow]] = {}
-        first = np.flatnonzero(np.diff(self.owner, prepend=-1))
-        self._trees = [
-            np.arange(*ends) for ends in zip(first, [*first[1:], len(owner)], strict=True)
-        ]
+        cuts = np.flatnonzero(np.diff(self.owner)) + 1
+        self._trees = np.split(np.arange(len(found)), cuts) if found else []
         ends = np.array([self._bounds(rows) for rows in self._trees]).reshape(-1, 2, 3)
         self._ever = ends[:, 0], ends[:, 1]
         self.hull = ends[:, 0].min(0, initial=np.inf), ends[:, 1].max(0, initial=-np.inf)

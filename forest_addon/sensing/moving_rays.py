@@ -101,7 +101,13 @@ class MovingCaster:
         self, origins: np.ndarray, directions: np.ndarray, hits: Hits, time: np.ndarray
     ) -> np.ndarray:
         """(R,) metres along rays to the triangles that hits name; inf where one passes its triangle by."""
-        return self.moving.meets(origins, directions, hits, time)
+        found = np.full(len(origins), np.inf)
+        rows = np.flatnonzero(hits.found)
+        corners = self.moving.corners(hits.instance[rows], hits.triangle[rows], time[rows])
+        corners -= origins[rows, None]
+        ways = unit_columns(directions[rows].T).T
+        found[rows] = meet(tuple(corners.swapaxes(0, 1)), np.zeros((len(rows), 3)), ways)
+        return found
 
     def exactly(self, true: SceneGeometry | None = None) -> MovingCaster:
         """The same motion with every triangle met in float64. true : the scene that is true, as it is read;
@@ -153,9 +159,24 @@ class PartByPart:
         sound = np.isfinite(origins.sum(axis=1) + directions.sum(axis=1)) & (near <= far)
         sound = np.flatnonzero(sound)
         for ray, instance in self._pairs(origins, directions, near, far, time, sound):
-            self._meet(
-                origins, directions, min_distance, max_distance, time, leaving, best, ray, instance
-            )
+            # Instances of one mesh, in whose frame they are met.
+            at = self._moving.at(instance, time[ray])
+            begin, along = taken_back(at, origins[ray]), turned_back(at, directions[ray])
+            size = np.linalg.norm(along, axis=1)
+            left = None
+            if leaving is not None:
+                left = leaving.select(ray)
+                left = replace(left, instance=np.where(left.instance == instance, 0, -1))
+            nearest = np.fmin(max_distance, best.distance)[ray]
+            rays = begin, along, nearest * size
+            limits = {"min_distance": min_distance[ray] * size, "leaving": left}
+            caster = self._caster(int(instance[0]))
+            if isinstance(caster, BentCaster):
+                limits["time"] = time[ray]
+            met = caster.cast(*rays, **limits)
+            distance = met.distance / size
+            nearer = np.flatnonzero(met.found & (distance < best.distance[ray]))
+            put_nearest(best, ray[nearer], Hits(distance, instance, met.triangle).select(nearer))
         return best
 
     def _pairs(
@@ -178,56 +199,19 @@ class PartByPart:
             there = (time[ray] >= self._spans[box, 0]) & (time[ray] < self._spans[box, 1])
             groups.append((ray[there], motion.rows[box[there]]))
         for rows, window in moving.bundles(origins, ways, near, far, time, sound):
-            assert moving.pieces is not None
             boxes = moving.pieces.boxes[moving.pieces.mesh[window.piece]]
             tree = BoxTree(*swept(boxes, window.places))
             ray, box, _ = tree.pairs(origins[rows].T, ways[rows].T, near[rows], far[rows])
             groups.append((rows[ray], moving.count + window.piece[box]))
         for ray, instance in groups:
             # What changes its shape is met alone.
-            kind = np.where(
-                motion.bends(instance),
-                -1 - instance,
-                moving.scene.mesh_index[instance],
-            )
+            mesh = moving.scene.mesh_index[instance]
+            kind = np.where(motion.bends(instance), -1 - instance, mesh)
             order = np.lexsort((instance, kind))
             cuts = np.flatnonzero(np.diff(kind[order], prepend=np.iinfo(np.int64).min))
             for rows in np.split(order, cuts[1:]):
                 if len(rows):
                     yield ray[rows], instance[rows]
-
-    def _meet(
-        self,
-        origins: np.ndarray,
-        ways: np.ndarray,
-        near: np.ndarray,
-        far: np.ndarray,
-        time: np.ndarray,
-        leaving: Hits | None,
-        best: Hits,
-        ray: np.ndarray,
-        instance: np.ndarray,
-    ) -> None:
-        """Put into ``best`` what rays (M,), by number, meet nearer on instances (M,) of one mesh."""
-        at = self._moving.at(instance, time[ray])
-        begin, along = taken_back(at, origins[ray]), turned_back(at, ways[ray])
-        size = np.linalg.norm(along, axis=1)
-        left = None
-        if leaving is not None:
-            left = leaving.select(ray)
-            left = replace(left, instance=np.where(left.instance == instance, 0, -1))
-        number = int(instance[0])
-        limits = np.fmin(far, best.distance)[ray] * size, near[ray] * size
-        caster = self._caster(number)
-        if isinstance(caster, BentCaster):
-            met = caster.cast(begin, along, *limits, time=time[ray], leaving=left)
-        else:
-            met = caster.cast(begin, along, limits[0], min_distance=limits[1], leaving=left)
-        distance = met.distance / size
-        order = np.lexsort((distance, ray))
-        first = order[np.flatnonzero(np.diff(ray[order], prepend=-1))]
-        first = first[met.found[first] & (distance[first] < best.distance[ray[first]])]
-        best.put(ray[first], Hits(distance[first], instance[first], met.triangle[first]))
 
     def _caster(self, number: int) -> RayCaster | BentCaster:
         """A caster of the mesh of an instance, in its own frame."""
@@ -262,8 +246,8 @@ class BentCaster:
         origins: np.ndarray,
         directions: np.ndarray,
         max_distance: np.ndarray,
-        min_distance: np.ndarray,
         *,
+        min_distance: np.ndarray,
         time: np.ndarray,
         leaving: Hits | None = None,
     ) -> Hits:

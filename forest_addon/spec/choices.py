@@ -411,6 +411,7 @@ CHOICES: dict[str, dict[str, tuple[str, str]]] = {
         "merged": ("One File", "All points of a scan in one file, as without tiles"),
         "tiles": ("A File a Tile", "The points over each tile in a file of its own"),
         "both": ("Both", "One file of all points, and one of each tile"),
+        "copc": ("COPC", "A COPC file of each tile, with a catalogue by which all open as one"),
     },
     "undergrowth": {
         "auto": ("Automatic", "Sparse where a scanner or a sonar looks at measured trees"),

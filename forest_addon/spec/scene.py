@@ -193,8 +193,9 @@ class Tiles(Settings):
     )
     files: str = param(
         "merged",
-        help="point clouds: one file of each scan, one file of each tile, or both",
-        choices=("merged", "tiles", "both"),
+        help="point clouds: one file of each scan, one file of each tile, both, or a COPC file of each tile "
+        "with a STAC catalogue and a virtual point cloud",
+        choices=("merged", "tiles", "both", "copc"),
     )
 
 

@@ -1,11 +1,17 @@
-"""Inputs of a stand besides its settings: rasters, painted meshes, lists of trees and the ground.
+"""From settings to intensities: what a planting says, as one process on its field.
+
+λ = (base + hills + rasters and paint that are added) · rasters that multiply, within the field's polygon,
+the planting's polygon, its masks and its limits of slope and altitude; scaled to an expected number, or to a
+mean density over the ground that these leave, where one is given.
+
+Inputs of a stand besides its settings: rasters, painted meshes, lists of trees and the ground.
 
 All are plain arrays, so files (``stand.files``) and objects of a Blender scene can fill them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -30,7 +36,7 @@ from .intensity.functions import (
     TerrainLimits,
 )
 from .intensity.surface import Flat, GroundSurface, IntensityError
-from .poisson import Process
+from .layouts import Process
 
 
 @dataclass(frozen=True)
@@ -103,33 +109,32 @@ def process_of(
     """
     inputs = inputs or Inputs()
     low, high = corners_of(forest)
+    added, masks = _added(planting, forest, inputs), masks_of(planting, forest, inputs)
     parts: list[Intensity] = [
-        _sum(_added(planting, forest, inputs)),
+        added[0] if len(added) == 1 else Sum(tuple(added)),
         *(_raster(r, forest, inputs, planting) for r in planting.rasters if r.use == "multiply"),
-        *masks_of(planting, forest, inputs),
+        *masks,
     ]
-    process = Process(parts[0] if len(parts) == 1 else Product(tuple(parts)), low, high)
+    process = Process(_product(parts), low, high)
     wanted, asked = planting.expected, f"{planting.expected:g} trees" if planting.expected else ""
     if planting.density is not None:
-        wanted = planting.density * permitted_area(planting, forest, inputs)
+        permitted = Process(_product(masks), low, high).expected() if masks else area_of(forest)
+        wanted = planting.density * permitted
         asked = f"{planting.density:g} trees/m²" if planting.density else ""
     if wanted is None:
         return process
     total = process.expected()
     if total <= 0 and asked:
+        what = "gaussians" if planting.gaussians and not planting.rasters else "intensity"
         raise IntensityError(
-            f"{planting.species}: the {_what(planting)} put nothing on the field, so {asked} "
+            f"{planting.species}: the {what} put nothing on the field, so {asked} "
             "cannot be expected there; move a centre or widen it"
         )
     return process.scaled(wanted / total if total > 0 else 0.0)
 
 
-def permitted_area(planting: spec.Planting, forest: spec.Forest, inputs: Inputs) -> float:
-    """m² of the field where polygons, masks, slope and altitude let a planting's trees stand."""
-    masks = tuple(masks_of(planting, forest, inputs))
-    if not masks:
-        return area_of(forest)
-    return Process(masks[0] if len(masks) == 1 else Product(masks), *corners_of(forest)).expected()
+def _product(parts: Sequence[Intensity]) -> Intensity:
+    return parts[0] if len(parts) == 1 else Product(tuple(parts))
 
 
 def corners_of(forest: spec.Forest) -> tuple[np.ndarray, np.ndarray]:
@@ -154,7 +159,12 @@ def masks_of(planting: spec.Planting, forest: spec.Forest, inputs: Inputs) -> li
             masks.append(Polygon(owner.polygon, owner.holes, name))
     for raster in planting.rasters:
         if raster.use == "mask":
-            masks.append(_mask(raster, forest, inputs, planting))
+            image, low, size = _pixels(raster, forest, inputs, planting)
+            if image.transform is not None:  # by whole pixels, which may be classes
+                masks.append(PixelMask(image.pixels >= raster.threshold, low, size))
+            else:
+                values = RasterIntensity(image.pixels, low, size, raster.file)
+                masks.append(RasterMask(values, raster.threshold))
     defaults = {f: spec.Planting.__dataclass_fields__[f].default for f in ("slope_deg", "altitude")}
     if any(getattr(planting, name) != default for name, default in defaults.items()):
         ground = inputs.ground(forest.terrain.base)
@@ -187,10 +197,6 @@ def _added(planting: spec.Planting, forest: spec.Forest, inputs: Inputs) -> list
     return added or [Constant(1.0)]
 
 
-def _sum(parts: list[Intensity]) -> Intensity:
-    return parts[0] if len(parts) == 1 else Sum(tuple(parts))
-
-
 def _raster(
     raster: spec.Raster, forest: spec.Forest, inputs: Inputs, planting: spec.Planting
 ) -> Intensity:
@@ -198,27 +204,12 @@ def _raster(
     there = np.isfinite(pixels.pixels)
     if pixels.transform is None or there.all():
         return RasterIntensity(raster.value * pixels.pixels, low, size, raster.file)
-    filled = RasterIntensity(raster.value * _spread(pixels.pixels), low, size, raster.file)
-    return Product((filled, PixelMask(there, low, size)))
-
-
-def _spread(pixels: np.ndarray) -> np.ndarray:
-    """The pixels, NaN replaced by the nearest that is none."""
     nearest = scipy.ndimage.distance_transform_edt(
-        np.isnan(pixels), return_distances=False, return_indices=True
+        np.isnan(pixels.pixels), return_distances=False, return_indices=True
     )
-    return np.asarray(np.nan_to_num(pixels[tuple(nearest)]))
-
-
-def _mask(
-    raster: spec.Raster, forest: spec.Forest, inputs: Inputs, planting: spec.Planting
-) -> Mask:
-    """The mask of where a raster reaches its threshold; of what lies on the map by whole pixels, which may be
-    classes."""
-    pixels, low, size = _pixels(raster, forest, inputs, planting)
-    if pixels.transform is not None:
-        return PixelMask(pixels.pixels >= raster.threshold, low, size)
-    return RasterMask(RasterIntensity(pixels.pixels, low, size, raster.file), raster.threshold)
+    spread = np.nan_to_num(pixels.pixels[tuple(nearest)])
+    filled = RasterIntensity(raster.value * spread, low, size, raster.file)
+    return Product((filled, PixelMask(there, low, size)))
 
 
 def _pixels(
@@ -229,7 +220,3 @@ def _pixels(
     if pixels is None:
         raise IntensityError(f"{planting.species}: the raster {raster.file} was not read")
     return pixels, *on_field(pixels, raster, forest)
-
-
-def _what(planting: spec.Planting) -> str:
-    return "gaussians" if planting.gaussians and not planting.rasters else "intensity"

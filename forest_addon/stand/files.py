@@ -183,7 +183,10 @@ def read_terrain(scene: spec.Scene, folder: Path) -> tuple[GroundSurface, str]:
         metres, low, size = _cut(metres, low, size, forest, forest.margin)
         said = _told(ground.file, raster, within, "heights in m", "there is no ground there")
         if ground.fill_holes and np.isnan(metres).any():
-            metres, said = _filled(metres), f"{said}; filled from their neighbours"
+            hole = np.isnan(metres)
+            beside = np.argwhere(scipy.ndimage.binary_dilation(hole, np.ones((3, 3))) & ~hole)
+            metres, said = metres.copy(), f"{said}; filled from their neighbours"
+            metres[hole] = linear_between(beside, metres[tuple(beside.T)], np.argwhere(hole))
         heights = ground.base + ground.relief * metres - scene.offset[2]
         return Heightmap(heights, low, size, ground.file), said
     except IntensityError as problem:
@@ -270,15 +273,6 @@ def _cut(
     (a, b), (c, d) = np.clip([first, last], 0, count).astype(int)
     rows = slice(count[1] - d, count[1] - b)
     return pixels[rows, a:c], low + np.array([a, b]) * step, np.array([c - a, d - b]) * step
-
-
-def _filled(pixels: np.ndarray) -> np.ndarray:
-    """The pixels, NaN replaced by what is linear between those beside holes, else by the nearest."""
-    hole = np.isnan(pixels)
-    beside = np.argwhere(scipy.ndimage.binary_dilation(hole, np.ones((3, 3))) & ~hole)
-    filled = pixels.copy()
-    filled[hole] = linear_between(beside, pixels[tuple(beside.T)], np.argwhere(hole))
-    return filled
 
 
 def _on_map_or_not(vertices: np.ndarray, scene: spec.Scene, file: str) -> tuple[np.ndarray, str]:

@@ -1,11 +1,26 @@
 """A forest as arrays: the stand, and one grown tree for every variant that stands in it.
 
 Trees are kept as they grew, before leaves fell: another season of a forest grows none of them anew.
+
+The truth of a forest that its sensors are held against: every tree, every branch, all area by cell.
+
+Tables are in world coordinates. A tree's breast height is 1.3 m above the ground at its foot; its crown's
+base has a fiftieth of the leaf area below it, and the crown's width is the mean of its extents from all sides
+(``growth.likeness``).
+
+Trees that stand as somebody put them: turned, leaned and stretched at will, with their truth.
+
+The trees are kept as they were grown, at the origin; an affine transform M with linear part A puts each into
+the world. A leaf of normal n and area s has there the normal A⁻ᵀn (normalised) and the area s |det A| |A⁻ᵀn|;
+its axis is A times its axis. A stem that is stretched by v along the vertical and by h = √(|det A|/v)
+across it has its diameter at breast height where it was 1.3/v m up, times h. Lengths, areas and volumes of
+wood grow with v and h, (det A)^(2/3) and det A: exact for trees that are turned and scaled alike on
+all axes, and volumes always.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import cached_property, partial
 from typing import Any
@@ -14,13 +29,18 @@ import numpy as np
 
 from ..base.progress import Progress
 from ..base.rng import stream
-from ..growth.measured.allometry import TARGETS, Kind, Wanted, crown_of
+from ..base.trimesh import LEAF, is_wood
+from ..base.vectors import azimuth_of
+from ..growth.likeness import crown_base, crown_width
+from ..growth.measured.allometry import BREAST, TARGETS, Kind, Wanted
 from ..growth.mesh.blades import Blade
+from ..growth.mesh.cells import CellAreas, areas_by_cell, join_areas, triangle_areas
 from ..growth.mesh.leaves import Leaves
 from ..growth.own_tree.habit import Habit
 from ..growth.own_tree.template import TreeTemplate
+from ..growth.skeleton import Skeleton, diameter_at, find_axes
 from ..growth.tree import Tree, aged, fallen, grow, in_season, with_fallen
-from ..growth.truth import leaf_angles, wood_of_tree
+from ..growth.truth import leaf_angles, tree_truth
 from ..spec import Allometry, Choice, Look, Scene, Species
 from ..spec.choices import idle, idle_in_scene, idle_in_species
 from .compose import Inputs
@@ -123,8 +143,14 @@ class GrownForest:
 
     @cached_property
     def truth(self) -> dict[tuple[int, int], dict[str, float]]:
-        """Measures of each variant in its own size."""
-        return {key: _truth_of(tree) for key, tree in self.variants.items()}
+        """Measures of each variant in its own size (``tree_truth``)."""
+        return {key: tree_truth(tree) for key, tree in self.variants.items()}
+
+    @property
+    def keys(self) -> list[tuple[int, int]]:
+        """The planting and variant of each tree."""
+        stand = self.stand
+        return list(zip(stand.species.tolist(), stand.variant.tolist(), strict=True))
 
     def variant_of(self, tree: int) -> Tree:
         """The grown tree that stands as tree number ``tree``."""
@@ -132,9 +158,8 @@ class GrownForest:
 
     def heights(self) -> np.ndarray:
         """(N,) metres of every tree."""
-        pairs = zip(self.stand.species.tolist(), self.stand.variant.tolist(), strict=True)
         own = {key: tree.height for key, tree in self.variants.items()}
-        return np.array([own[pair] for pair in pairs]) * self.stand.scale
+        return np.array([own[key] for key in self.keys]) * self.stand.scale
 
     def transforms(self) -> np.ndarray:
         """(N, 3, 4) local to world of every tree: turned, scaled, moved, sunk."""
@@ -193,7 +218,10 @@ class ForestPlan:
             for (kind, template), planting in zip(species, scene.plantings, strict=True)
         ]
         if scene.accuracy.relief:
-            species = [(with_relief(kind), template) for kind, template in species]
+            species = [  # a template's wood stays as it is
+                (kind.changed(detail=kind.detail.changed(relief=True)), template)
+                for kind, template in species
+            ]
         stand = plan_stand(scene.seed, scene.forest, scene.plantings, inputs)
         names = labels(scene.plantings)
         measured = with_targets(scene.seed, stand, scene.plantings, names, species, inputs)
@@ -269,19 +297,19 @@ class ForestPlan:
 
     def placed(self, variants: Mapping[tuple[int, int], Tree]) -> Stand:
         """The stand with every tree in the size that it is to have, its foot in the ground."""
-        stand = _sized(self.measured.stand, variants, self.measured.trees)
+        stand, wanted = self.measured.stand, self.measured.trees
         many, code = codes_of(stand)
-        foot = np.zeros(int(code.max(initial=-1)) + 1)
+        scale, met = stand.scale.copy(), np.isfinite(wanted[:, 0])  # have a diameter to meet
+        foot, meets = np.zeros(int(code.max(initial=-1)) + 1), bool(met.any())
         for (planting, variant), tree in variants.items():
-            foot[planting * many + variant] = tree.skeleton.radius[:1, 0].sum()
-        foot = foot[code] * stand.scale
+            number = planting * many + variant
+            foot[number] = tree.skeleton.radius[:1, 0].sum()
+            mine = np.flatnonzero(met & (code == number)) if meets else ()
+            if len(mine) and len(tree.skeleton):
+                scale[mine] = scales_for(tree.skeleton, wanted[mine, 0])
+        foot = foot[code] * scale
         ground = self.inputs.ground(self.scene.forest.terrain.base)
-        return replace(stand, sink=sink(ground, stand.position[:, :2], foot))
-
-
-def with_relief(species: Species) -> Species:
-    """The species with the relief of its bark meshed; a template's wood stays as it is."""
-    return species.changed(detail=species.detail.changed(relief=True))
+        return replace(stand, scale=scale, sink=sink(ground, stand.position[:, :2], foot))
 
 
 def grow_forest(
@@ -304,18 +332,6 @@ def codes_of(stand: Stand) -> tuple[int, np.ndarray]:
     """A number of variants, and (N,) planting times that number plus variant of each tree."""
     many = int(stand.variant.max(initial=0)) + 1
     return many, stand.species * many + stand.variant
-
-
-def _sized(stand: Stand, variants: Mapping[tuple[int, int], Tree], wanted: np.ndarray) -> Stand:
-    """The stand with every tree that has a diameter to meet in the size at which it meets it."""
-    if not np.isfinite(wanted[:, 0]).any():
-        return stand
-    scale = stand.scale.copy()
-    for (planting, variant), tree in variants.items():
-        mine = (stand.species == planting) & (stand.variant == variant) & np.isfinite(wanted[:, 0])
-        if mine.any() and len(tree.skeleton):
-            scale[mine] = scales_for(tree.skeleton, wanted[mine, 0])
-    return replace(stand, scale=scale)
 
 
 def leaf_table(forest: GrownForest) -> dict[str, np.ndarray]:
@@ -365,9 +381,7 @@ def variant_leaf_table(forest: GrownForest) -> dict[str, np.ndarray]:
 def leaf_count(forest: GrownForest) -> int:
     """Return how many leaves all trees bear together."""
     of_variant = {key: len(tree.leaves) for key, tree in forest.variants.items()}
-    stand = forest.stand
-    keys = zip(stand.species.tolist(), stand.variant.tolist(), strict=True)
-    return sum(of_variant[key] for key in keys)
+    return sum(of_variant[key] for key in forest.keys)
 
 
 def angle_table(forest: GrownForest) -> dict[str, np.ndarray]:
@@ -396,17 +410,16 @@ def tree_table(forest: GrownForest) -> dict[str, list[object]]:
     Of trees that were to measure something also what: ``target_dbh_m`` and so on; ``in_band``, 1 where all
     of it is as measured trees have it; ``not_met``, the names of targets that are not reached.
     """
-    stand = forest.stand
-    truth = forest.truth
-    keys = list(zip(stand.species.tolist(), stand.variant.tolist(), strict=True))
-    dbh = np.zeros(len(stand))
+    stand, truth, keys = forest.stand, forest.truth, forest.keys
+    dbh, foot = np.zeros((2, len(stand)))
     for (planting, variant), grown in forest.variants.items():
         mine = (stand.species == planting) & (stand.variant == variant)
         dbh[mine] = dbh_at(grown.skeleton, stand.scale[mine])
+        foot[mine] = float(grown.skeleton.radius[:1, 0].sum()) * stand.scale[mine]
 
-    def scaled(name: str, power: int) -> list[object]:
+    def scaled(name: str, power: int) -> dict[str, list[object]]:
         values = np.array([truth[key][name] for key in keys], dtype=float)
-        return list((values * stand.scale**power).tolist())
+        return {name: list((values * stand.scale**power).tolist())}
 
     table: dict[str, list[object]] = {
         "tree": stand.id.tolist(),
@@ -416,16 +429,16 @@ def tree_table(forest: GrownForest) -> dict[str, list[object]]:
         **{f"{axis}_m": stand.position[:, k].tolist() for k, axis in enumerate("xyz")},
         "rotation_rad": stand.rotation.tolist(),
         "scale": list(stand.scale.tolist()),
-        "height_m": scaled("height", 1),
+        **scaled("height_m", 1),
         "dbh_m": list(dbh.tolist()),
-        "crown_width_m": scaled("crown_width", 1),
-        "crown_base_m": scaled("crown_base", 1),
-        "foot_radius_m": scaled("foot_radius", 1),
+        **scaled("crown_width_m", 1),
+        **scaled("crown_base_m", 1),
+        "foot_radius_m": list(foot.tolist()),
         "leaves": [int(truth[key]["leaves"]) for key in keys],
-        "leaf_area_m2": scaled("leaf_area", 2),
-        "wood_volume_m3": scaled("volume", 3),
-        "wood_area_m2": scaled("area", 2),
-        "projected_wood_m2": scaled("projected", 2),
+        **scaled("leaf_area_m2", 2),
+        **scaled("wood_volume_m3", 3),
+        **scaled("wood_area_m2", 2),
+        **scaled("projected_wood_m2", 2),
     }
     if forest.wanted is not None:
         for column, name in enumerate(TARGETS):
@@ -433,21 +446,16 @@ def tree_table(forest: GrownForest) -> dict[str, list[object]]:
             values = forest.wanted[:, column]
             table[f"target_{name}_{unit}"] = ["" if np.isnan(v) else float(v) for v in values]
         found = found_in(table)
-        table["in_band"] = _in_band(forest, found)
+        band: list[object] = [""] * len(found)
+        for planting, law in enumerate(forest.laws):
+            rows = np.flatnonzero(stand.species == planting)
+            if law is not None and len(rows):
+                inside = in_band(law, found[rows]).all(axis=1)
+                for row, value in zip(rows, inside.tolist(), strict=True):
+                    band[row] = int(value)
+        table["in_band"] = band
         table["not_met"] = list(not_met(forest.wanted, found))
     return table
-
-
-def _in_band(forest: GrownForest, found: np.ndarray) -> list[object]:
-    """One value a tree: 1 where all that it measures is as measured trees are, 0 where not, or empty."""
-    told: list[object] = [""] * len(found)
-    for planting, law in enumerate(forest.laws):
-        rows = np.flatnonzero(forest.stand.species == planting) if law is not None else ()
-        if law is not None and len(rows):
-            inside = in_band(law, found[rows]).all(axis=1)
-            for row, value in zip(rows, inside.tolist(), strict=True):
-                told[row] = int(value)
-    return told
 
 
 def met_targets(forest: GrownForest) -> list[TargetsMet]:
@@ -461,24 +469,307 @@ def met_targets(forest: GrownForest) -> list[TargetsMet]:
     )
 
 
-def _truth_of(tree: Tree) -> dict[str, float]:
-    """Return what one variant measures in its own size."""
-    wood = wood_of_tree(tree)
-    width, base = crown_of(tree.skeleton, tree.leaves, tree.grafted)
-    return {
-        "height": tree.height,
-        "crown_width": width,
-        "crown_base": base,
-        "foot_radius": float(tree.skeleton.radius[:1, 0].sum()),
-        "leaves": float(len(tree.leaves)),
-        "leaf_area": float(np.pi * (tree.leaves.radius**2).sum()),
-        "volume": wood.volume,
-        "area": wood.area,
-        "projected": wood.projected,
-    }
-
-
 def stacked(tables: Sequence[Mapping[str, np.ndarray]]) -> dict[str, np.ndarray]:
     """Tables of the same columns, one below the other; no columns of none."""
     names = tables[0] if tables else ()
     return {name: np.concatenate([table[name] for table in tables]) for name in names}
+
+
+PARTS = ("leaf", "wood")  # columns of the areas by cell
+
+
+def inventory(forest: GrownForest) -> dict[str, list[object]]:
+    """One row a tree: what ``tree_table`` says, and what a forester measures on it, metres."""
+    table = tree_table(forest)
+    base = {key: crown_base(tree) for key, tree in forest.variants.items()}
+    width = {key: crown_width(tree) for key, tree in forest.variants.items()}
+    stand, keys = forest.stand, forest.keys
+    rows = list(zip(keys, stand.sink.tolist(), stand.scale.tolist(), strict=True))
+    more: dict[str, list[object]] = {
+        "dbh_m": [
+            diameter_at(forest.variants[key].skeleton, (BREAST + deep) / size) * size
+            for key, deep, size in rows
+        ],
+        "crown_base_m": [base[key] * size - deep for key, deep, size in rows],
+        "crown_width_m": [width[key] * size for key, _, size in rows],
+        "all_branches": [int(not forest.variants[key].grafted) for key in keys],
+    }
+    height = [
+        forest.variants[key].height * size - deep for key, deep, size in rows
+    ]  # above the ground
+    return table | {"height_m": height} | more
+
+
+def cylinder_table(forest: GrownForest) -> dict[str, np.ndarray]:
+    """One row a branch segment of every tree, columns as aRchi and rTwig name those of a TreeQSM model.
+
+    Cylinders are counted from 1 within their tree; a parent or an extension of 0 is none. Of trees that are
+    grafted from templates, trunk and first-level branches only (``all_branches`` of the inventory is 0).
+    """
+    tables = []
+    tied = {key: _tied(tree.skeleton) for key, tree in forest.variants.items()}
+    stand = forest.stand
+    for number, (key, matrix) in enumerate(zip(forest.keys, forest.transforms(), strict=True)):
+        wood, size = forest.variants[key].skeleton, float(stand.scale[number])
+        start, end = (ends @ matrix[:, :3].T + matrix[:, 3] for ends in (wood.start, wood.end))
+        length, radius = wood.length * size, wood.equal_radius * size
+        tables.append(
+            cylinder_columns(
+                *(int(stand.id[number]), tied[key], (start, end)),
+                *(wood.radius * size, radius, length),
+            )
+        )
+    return stacked(tables)
+
+
+def areas_of_trees(forest: GrownForest, edge: float) -> Iterator[CellAreas]:
+    """For tree after tree, its areas of leaf (one side) and wood in the cells of a grid, m²."""
+    variants = {key: _faces(tree) for key, tree in forest.variants.items()}
+    sizes = forest.stand.scale.tolist()
+    for key, matrix, size in zip(forest.keys, forest.transforms(), sizes, strict=True):
+        columns, triangles, wood, area = variants[key]
+        place = matrix[:, :3] @ columns
+        place += matrix[:, 3:]
+        yield areas_by_cell(place.T, triangles, wood, len(PARTS), edge, area * size**2)
+
+
+def _faces(tree: Tree) -> tuple[np.ndarray, ...]:
+    """Vertices (3, V), and of triangles of leaves and wood: corners, which of ``PARTS``, m² in the tree's own
+    size.
+    """
+    triangles, part = tree.mesh.triangles, tree.mesh.part
+    ours = (part == LEAF) | is_wood(part)
+    if not ours.all():
+        triangles, part = triangles[ours], part[ours]
+    area = triangle_areas(tree.mesh.vertices, triangles)
+    columns = np.ascontiguousarray(tree.mesh.vertices.T)
+    return columns, np.asfortranarray(triangles), is_wood(part).astype(np.int64), area
+
+
+def voxel_arrays(forest: GrownForest, edge: float) -> dict[str, np.ndarray]:
+    """Densities of leaf and wood area in cubic cells, m²/m³, and which trees are in each.
+
+    ``cell`` (K, 3) int32 times ``edge`` is a cell's lowest corner. ``tree_cell`` and ``tree`` (M,) are
+    pairs: in which of the K cells is which tree.
+    """
+    of_trees = list(areas_of_trees(forest, edge))
+    whole = join_areas(of_trees, len(PARTS))
+    low = whole.cell.min(axis=0, initial=0)
+    size = tuple((whole.cell.max(axis=0, initial=0) - low + 1).tolist())
+
+    def key(cell: np.ndarray) -> np.ndarray:
+        return np.asarray(np.ravel_multi_index(tuple((cell - low).T), size))
+
+    order, keys = np.argsort(key(whole.cell)), np.sort(key(whole.cell))
+    cells = [order[np.searchsorted(keys, key(one.cell))] for one in of_trees]
+    trees = [np.full(len(c), t, np.int32) for c, t in zip(cells, forest.stand.id, strict=True)]
+    none = np.empty(0, np.int32)
+    return {
+        "edge": np.array(edge),
+        "cell": whole.cell.astype(np.int32),
+        **{f"{name}_area_density": whole.area[:, k] / edge**3 for k, name in enumerate(PARTS)},
+        "tree_cell": np.concatenate([*cells, none]).astype(np.int32),
+        "tree": np.concatenate([*trees, none]),
+    }
+
+
+@dataclass(frozen=True)
+class PlacedVariant:
+    """A tree as it was grown, without its mesh.
+
+    name : of the asset. truth : by name and unit, as ``growth.truth.tree_truth`` says it.
+    grafted : whether its skeleton holds trunk and first-level branches only.
+    """
+
+    name: str
+    species: str
+    skeleton: Skeleton
+    leaves: Leaves
+    truth: Mapping[str, float]
+    grafted: bool = False
+
+
+@dataclass(frozen=True)
+class PlacedTrees:
+    """N trees in the world.
+
+    grown : of each kind. index : (N,) which of them. transform : (N, 3, 4) local to world.
+    tree, species : (N,) numbers that sensors report. object_name : (N) whom each belongs to.
+    """
+
+    grown: tuple[PlacedVariant, ...]
+    index: np.ndarray
+    transform: np.ndarray
+    tree: np.ndarray
+    species: np.ndarray
+    object_name: tuple[str, ...]
+
+    def __len__(self) -> int:
+        return len(self.index)
+
+    def row_of(self, tree: int) -> int | None:
+        """Return which row a tree of this number has."""
+        rows = np.flatnonzero(self.tree == tree)
+        return int(rows[0]) if len(rows) else None
+
+
+NONE = PlacedTrees(
+    *(
+        (),
+        np.empty(0, np.int64),
+        np.empty((0, 3, 4)),
+        np.empty(0, np.int64),
+        np.empty(0, np.int64),
+        (),
+    )
+)
+
+
+def placed_table(trees: PlacedTrees) -> dict[str, list[object]]:
+    """One row a tree, the columns of ``tree_table``; ``planting`` is the object's name."""
+    linear = trees.transform[:, :, :3]
+    volume = np.abs(np.linalg.det(linear)) if len(trees) else np.empty(0)
+    along = np.linalg.norm(linear[:, :, 2], axis=1)
+    across = np.sqrt(volume / np.maximum(along, 1e-300))
+    rows = [trees.grown[k] for k in trees.index.tolist()]
+
+    def told(name: str, factor: np.ndarray) -> list[object]:
+        values = np.array([row.truth.get(name, np.nan) for row in rows], dtype=float)
+        return list((values * factor).tolist())
+
+    sizes = zip(rows, along[:, None], across[:, None], strict=True)
+    dbh = [float(dbh_at(row.skeleton, *size)[0]) for row, *size in sizes]
+    foot = np.array([float(row.skeleton.radius[:1, 0].sum()) for row in rows])
+    area = [
+        float(np.pi * (_leaves_in(row.leaves, m)["radius"] ** 2).sum())
+        for row, m in zip(rows, trees.transform, strict=True)
+    ]
+    return {
+        "tree": trees.tree.tolist(),
+        "species": [row.species for row in rows],
+        "planting": list(trees.object_name),
+        "variant": trees.index.tolist(),
+        **{f"{axis}_m": trees.transform[:, k, 3].tolist() for k, axis in enumerate("xyz")},
+        "rotation_rad": azimuth_of(linear[:, :, 0]).tolist(),
+        "scale": np.cbrt(volume).tolist(),
+        "height_m": told("height_m", along),
+        "dbh_m": dbh,
+        "crown_width_m": told("crown_width_m", across),
+        "crown_base_m": told("crown_base_m", along),
+        "foot_radius_m": (foot * across).tolist(),
+        "leaves": [len(row.leaves) for row in rows],
+        "leaf_area_m2": area,
+        "wood_volume_m3": told("wood_volume_m3", volume),
+        "wood_area_m2": told("wood_area_m2", np.cbrt(volume) ** 2),
+        "projected_wood_m2": told("projected_wood_m2", np.cbrt(volume) ** 2),
+    }
+
+
+def placed_leaves(trees: PlacedTrees) -> dict[str, np.ndarray]:
+    """Every leaf in the world, the columns of ``leaf_table``."""
+    tables = []
+    for row, (index, matrix) in enumerate(zip(trees.index.tolist(), trees.transform, strict=True)):
+        leaves = trees.grown[index].leaves
+        count = len(leaves)
+        own = {
+            **_leaves_in(leaves, matrix),
+            "branch": leaves.branch,
+            "leaf": np.arange(count, dtype=np.int32),
+            "tree": np.full(count, trees.tree[row], dtype=np.int32),
+            "species": np.full(count, trees.species[row], dtype=np.int16),
+        }
+        tables.append(own)
+    return stacked(tables)
+
+
+def placed_skeleton(grown: PlacedVariant, matrix: np.ndarray) -> dict[str, np.ndarray]:
+    """The segments of a tree in the world, as ``api.World.skeleton`` gives them; radii grow with √(area)
+    across each segment: (|det A| / |A u|)^½ for a segment along u.
+    """
+    wood, linear = grown.skeleton, matrix[:, :3]
+    way = wood.end - wood.start
+    length = np.maximum(np.linalg.norm(way, axis=1), 1e-300)
+    stretch = np.linalg.norm(way @ linear.T, axis=1) / length
+    wide = np.sqrt(abs(np.linalg.det(linear)) / np.maximum(stretch, 1e-300))
+    return {
+        "start": wood.start @ linear.T + matrix[:, 3],
+        "end": wood.end @ linear.T + matrix[:, 3],
+        "radius": wood.radius * wide[:, None],
+        "parent": wood.parent,
+        "order": wood.order,
+        "generation": wood.generation,
+        "dead": wood.is_dead,
+    }
+
+
+def _leaves_in(leaves: Leaves, matrix: np.ndarray) -> dict[str, np.ndarray]:
+    """Place and size of leaves through a transform (3, 4)."""
+    linear = matrix[:, :3]
+    volume = float(np.linalg.det(linear))
+    cofactor = volume * np.linalg.inv(linear).T if volume else np.zeros((3, 3))
+    area = leaves.normal @ cofactor.T  # of a unit area of the leaf, as a vector
+    grows = np.linalg.norm(area, axis=1)
+    axis = leaves.axis @ linear.T
+    long = np.linalg.norm(axis, axis=1)
+    return {
+        "centre": leaves.centre @ linear.T + matrix[:, 3],
+        "normal": area / np.maximum(grows, 1e-300)[:, None] * (1.0 if volume >= 0 else -1.0),
+        "axis": axis / np.maximum(long, 1e-300)[:, None],
+        "length": leaves.length * long,
+        "width": leaves.width * grows / np.maximum(long, 1e-300),
+        "radius": leaves.radius * np.sqrt(grows),
+    }
+
+
+def placed_cylinders(trees: PlacedTrees) -> dict[str, np.ndarray]:
+    """One row a branch segment of every tree, the columns of ``cylinder_table``."""
+    tables = []
+    for row, (index, matrix) in enumerate(zip(trees.index.tolist(), trees.transform, strict=True)):
+        grown = trees.grown[index]
+        own, world = _tied(grown.skeleton), placed_skeleton(grown, matrix)
+        r1, r2 = world["radius"].T
+        radius = np.sqrt((r1**2 + r1 * r2 + r2**2) / 3)
+        length = np.linalg.norm(world["end"] - world["start"], axis=1)
+        ends = world["start"], world["end"]
+        tables.append(
+            cylinder_columns(int(trees.tree[row]), own, ends, world["radius"], radius, length)
+        )
+    return stacked(tables)
+
+
+def _tied(skeleton: Skeleton) -> dict[str, np.ndarray]:
+    """Columns (S,) that say how the cylinders of a tree hang together, counted from 1; 0 is none."""
+    axes = find_axes(skeleton)
+    return {
+        "cyl_ID": np.arange(1, len(skeleton) + 1),
+        "parent_ID": skeleton.parent + 1,
+        "extension_ID": axes.onward + 1,
+        "axis_ID": axes.of_segment + 1,
+        "branching_order": skeleton.order,
+    }
+
+
+def cylinder_columns(
+    tree: int,
+    own: dict[str, np.ndarray],
+    ends: tuple[np.ndarray, np.ndarray],
+    radii: np.ndarray,
+    radius: np.ndarray,
+    length: np.ndarray,
+) -> dict[str, np.ndarray]:
+    """Columns (S,) of the cylinders of a tree in the world, by the names of ``cylinder_table``.
+
+    own : as ``_tied`` tells. ends : (S, 3) each, m. radii : (S, 2) at both ends, and radius (S,) of equal
+    volume, m. length : (S,) m.
+    """
+    return {
+        "tree": np.full(len(length), tree),
+        **own,
+        **{f"start{axis}": ends[0][:, k] for k, axis in enumerate("XYZ")},
+        **{f"end{axis}": ends[1][:, k] for k, axis in enumerate("XYZ")},
+        "radius_cyl": radius,
+        "radius_start": radii[:, 0],
+        "radius_end": radii[:, 1],
+        "length": length,
+        "volume": np.pi * radius**2 * length,
+    }

@@ -1,4 +1,16 @@
-"""Places of trees that are no Poisson process: rows, lists, groups, trees apart, trees set by hand.
+"""Poisson processes: an intensity on a rectangular field, the number of trees it expects, exact samples.
+
+∫λ is closed where the intensity knows it, else summed over the cells of a quadtree by Gauss-Legendre
+quadrature, with an error that is stated.
+
+Hills are sampled by component: each is a Poisson number of normal points over the whole plane; what falls
+outside the field, or a mask, is dropped. By superposition and restriction the rest is exactly the process
+on the field (Tanveer et al. 2020a; Kingman, Poisson Processes, ch. 2). Any other intensity is thinned: a
+homogeneous process under a true bound in every cell of a quadtree, of which a point stays with chance
+λ/bound (Lewis and Shedler 1979). A bound that is violated stops the work, because the sample would be
+wrong.
+
+Places of trees that are no Poisson process: rows, lists, groups, trees apart, trees set by hand.
 
 **By hand**: what somebody decided, trees set and discs kept free, beside what a planting draws. What is
 drawn is drawn as without them, so setting, moving or removing one tree moves no other. A tree set by hand
@@ -36,27 +48,279 @@ runs of this process over 100 R by 100 R, up to βR² = 100 (a hard core: 48).
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.polynomial.chebyshev import chebval2d
 
 from ..base.rng import stream, truncated_normal
 from ..growth.draw import draw_normal
-from ..spec import (
-    Clearing,
-    Clusters,
-    Forest,
-    HandTree,
-    Planting,
-    Rows,
-    Stems,
-    Strauss,
-    quoted_with_hints,
+from ..spec import Clearing, Clusters, Forest, Planting, Rows, Stems, Strauss
+from .intensity.functions import (
+    Constant,
+    Intensity,
+    Mask,
+    Mixture,
+    Product,
+    QuadtreeCells,
+    Sum,
+    refine,
 )
-from .compose import TreeList
-from .intensity.surface import GroundSurface, IntensityError
-from .poisson import MAX_POINTS, Process
+from .intensity.surface import IntensityError
+
+CELLS = 20_000  # that the integral of an intensity without a closed form is summed over, at least
+
+
+@dataclass(frozen=True)
+class Integral:
+    """A number of trees and how far it may be off; 0 for a closed form."""
+
+    value: float
+    error: float = 0.0
+
+
+@dataclass(frozen=True)
+class Process:
+    """intensity : λ. low, high : (2,) corners of the field, metres. factor : multiplies λ."""
+
+    intensity: Intensity
+    low: np.ndarray
+    high: np.ndarray
+    factor: float = 1.0
+
+    def at(self, points: np.ndarray) -> np.ndarray:
+        """λ (N,) at points (N, 2); zero outside the field."""
+        inside = ((points >= self.low) & (points <= self.high)).all(axis=1)
+        return np.where(inside, self.factor * self.intensity.at(points), 0.0)
+
+    @cached_property
+    def total(self) -> Integral:
+        """∫λ over the field."""
+        return self.integral(self.low, self.high)
+
+    def integral(self, low: np.ndarray, high: np.ndarray) -> Integral:
+        """∫λ over a rectangle; what lies outside the field counts nothing."""
+        low, high = np.maximum(low, self.low), np.minimum(high, self.high)
+        if (high <= low).any():
+            return Integral(0.0)
+        closed = self.intensity.closed_integral(low, high)
+        found = Integral(closed) if closed is not None else quadrature(self.intensity, low, high)
+        return Integral(self.factor * found.value, self.factor * found.error)
+
+    def expected(self, low: np.ndarray | None = None, high: np.ndarray | None = None) -> float:
+        """∫λ over a rectangle within the field, by default the whole of it."""
+        if low is None and high is None:
+            return self.total.value
+        return self.integral(
+            self.low if low is None else low, self.high if high is None else high
+        ).value
+
+    def scaled(self, factor: float) -> Process:
+        """λ times a factor."""
+        made = replace(self, factor=self.factor * factor)
+        total = self.__dict__.get("total")
+        if total is not None:  # no need to integrate again
+            made.__dict__["total"] = Integral(total.value * factor, total.error * factor)
+        return made
+
+
+def quadrature(intensity: Intensity, low: np.ndarray, high: np.ndarray) -> Integral:
+    """∫λ over a rectangle by 3 x 3 Gauss points in every cell of a quadtree.
+
+    The stated error compares with 2 x 2 points: by the sums, which differ where λ bends, and by three
+    standard errors of the cells, whose errors are random where an edge of a mask or a pixel crosses them.
+    """
+    cells = refine(intensity, low, high, 0.0, 1 / CELLS)
+    fine, coarse = (_gauss(intensity, cells.low, cells.high, order) for order in (3, 2))
+    apart = fine - coarse
+    return Integral(
+        float(fine.sum()), float(abs(apart.sum()) + 3 * np.sqrt(np.square(apart).sum()))
+    )
+
+
+def _gauss(intensity: Intensity, low: np.ndarray, high: np.ndarray, order: int) -> np.ndarray:
+    """(C,) ∫λ over cells by order x order points."""
+    places, weights = np.polynomial.legendre.leggauss(order)
+    total = np.zeros(len(low))
+    middle, half = (low + high) / 2, (high - low) / 2
+    for x, wx in zip(places, weights, strict=True):
+        for y, wy in zip(places, weights, strict=True):
+            total += wx * wy * intensity.at(middle + half * [x, y])
+    return total * half.prod(axis=1)
+
+
+MAX_POINTS = 20_000_000
+SPARE = 32.0  # candidates that a cell may waste; cutting it costs about as much
+ROUNDING = 1e-9  # room above a bound for the rounding of sums and products
+MAX_ROUND = 4_000_000  # candidates drawn at once where a number of points is wanted
+WASTE = 10.0  # points drawn by component over points kept, above which cells are the better way
+
+
+class BoundViolation(IntensityError):
+    """λ was larger than its bound: the sample would not be exact."""
+
+
+@dataclass(frozen=True)
+class _Components:
+    """λ = (constant + hills) within masks."""
+
+    constant: float
+    hills: Mixture
+    masks: tuple[Mask, ...]
+
+
+def sample(process: Process, rng: np.random.Generator, exactly: int | None = None) -> np.ndarray:
+    """Points (N, 2) of the process; N is Poisson with mean ∫λ, or ``exactly`` that many, each with
+    density λ/∫λ.
+
+    Raises
+    ------
+    IntensityError : more than ``MAX_POINTS`` points would be drawn; says how many. λ is zero everywhere,
+    and some are wanted. λ is negative or not a number somewhere; says where.
+    BoundViolation : λ exceeds its own bound; says where and by how much.
+    """
+    wanted = process.expected() if exactly is None else float(exactly)
+    if not wanted <= MAX_POINTS:
+        raise IntensityError(
+            f"the intensity asks for {wanted:,.0f} trees, more than {MAX_POINTS:,}; "
+            "lower the peaks or the expected number"
+        )
+    if exactly and process.expected() <= 0:
+        raise IntensityError(f"{exactly} trees cannot stand where the intensity is zero; raise it")
+    components = _components(process.intensity, process.factor)
+    if components is not None:
+        area = float(np.prod(process.high - process.low))
+        drawn = components.constant * area + components.hills.whole().sum()
+        if drawn <= max(WASTE * process.expected(), 1e5):
+            if exactly is None:
+                return _by_component(components, process, rng)
+            return _repeat(lambda n: _components_of(components, process, n, rng), exactly)
+    intensity = Product((process.intensity,), process.factor)
+    cells = refine(intensity, process.low, process.high, SPARE)
+    cells = cells.select(cells.upper > 0)
+    if exactly is None:
+        counts = rng.poisson(cells.upper * (1 + ROUNDING) * cells.area)
+        return _thin(intensity, cells, np.repeat(np.arange(len(cells)), counts), rng)
+    chance = np.cumsum(cells.upper * cells.area)
+    chance /= chance[-1]
+
+    def more(count: int) -> np.ndarray:
+        return _thin(intensity, cells, np.searchsorted(chance, rng.random(count), "right"), rng)
+
+    return _repeat(more, exactly)
+
+
+def _by_component(
+    components: _Components, process: Process, rng: np.random.Generator
+) -> np.ndarray:
+    flat = components.constant * float(np.prod(process.high - process.low))
+    clouds = [rng.uniform(process.low, process.high, (rng.poisson(flat), 2))]
+    hills = components.hills
+    for mean, centre, width in zip(hills.whole(), hills.centre, hills.width, strict=True):
+        clouds.append(_hill(centre, width, rng.poisson(mean), rng))
+    return _within(np.concatenate(clouds), components, process)
+
+
+def _components_of(
+    components: _Components, process: Process, count: int, rng: np.random.Generator
+) -> np.ndarray:
+    """Those of ``count`` independent points of the mixture that lie within, in random order."""
+    flat = components.constant * float(np.prod(process.high - process.low))
+    share = np.cumsum([flat, *components.hills.whole()])
+    which = np.searchsorted(share / share[-1], rng.random(count), "right")
+    points = rng.uniform(process.low, process.high, (count, 2))
+    for k, (centre, width) in enumerate(
+        zip(components.hills.centre, components.hills.width, strict=True)
+    ):
+        mine = which == k + 1
+        points[mine] = _hill(centre, width, int(mine.sum()), rng)
+    return _within(points, components, process)
+
+
+def _hill(
+    centre: np.ndarray, width: np.ndarray, count: int, rng: np.random.Generator
+) -> np.ndarray:
+    points = rng.standard_normal((count, 2))
+    points *= width / np.sqrt(2)
+    points += centre
+    return points
+
+
+def _within(points: np.ndarray, components: _Components, process: Process) -> np.ndarray:
+    x, y = points.T
+    (x0, y0), (x1, y1) = process.low, process.high
+    points = points[(x >= x0) & (x <= x1) & (y >= y0) & (y <= y1)]
+    for mask in components.masks:
+        points = points[mask.at(points) > 0]
+    return points
+
+
+def _thin(
+    intensity: Intensity, cells: QuadtreeCells, cell: np.ndarray, rng: np.random.Generator
+) -> np.ndarray:
+    """Candidates, one in each cell of ``cell`` (M,), thinned to λ over their bound."""
+    points = rng.random((len(cell), 2))
+    points *= (cells.high - cells.low)[cell]
+    points += cells.low[cell]
+    np.minimum(points, cells.high[cell], out=points)  # rounding must not leave the cell
+    value, bound = intensity.at(points), (cells.upper * (1 + ROUNDING))[cell]
+    bad = ~((value >= 0) & (value <= bound))
+    if bad.any():
+        k = int(np.argmax(bad))
+        x, y = points[k].tolist()
+        if value[k] > bound[k]:
+            raise BoundViolation(
+                f"the intensity at ({x:.6g}, {y:.6g}) is {value[k]:.6g} trees/m², above its bound of "
+                f"{bound[k]:.6g}; its bounds() is wrong, so no sample would be exact"
+            )
+        raise IntensityError(
+            f"the intensity at ({x:.6g}, {y:.6g}) is {value[k]:g} trees/m²; it must be 0 or larger"
+        )
+    return points[rng.random(len(cell)) * bound < value]
+
+
+def _repeat(draw: Callable[[int], np.ndarray], exactly: int) -> np.ndarray:
+    """The first ``exactly`` points of independent draws."""
+    parts, have, drawn = [np.empty((0, 2))], 0, 0
+    while have < exactly:
+        kept = max(have, 1) / max(drawn, 1)
+        count = int(min(1.1 * (exactly - have) / kept, MAX_ROUND)) + 64
+        parts.append(draw(count))
+        have, drawn = have + len(parts[-1]), drawn + count
+    return np.concatenate(parts)[:exactly]
+
+
+def _components(intensity: Intensity, factor: float) -> _Components | None:
+    """λ as hills and a constant within masks; None where it is something else."""
+    none = Mixture(np.empty(0), np.empty((0, 2)), np.empty((0, 2)))
+    if isinstance(intensity, Constant):
+        return _Components(factor * intensity.value, none, ())
+    if isinstance(intensity, Mixture):
+        return _Components(
+            0.0, Mixture(factor * intensity.peak, intensity.centre, intensity.width), ()
+        )
+    if isinstance(intensity, Sum):
+        found = [_components(part, factor) for part in intensity.parts]
+        plain = [part for part in found if part is not None and not part.masks]
+        if len(plain) < len(found):
+            return None
+        hills = [part.hills for part in plain] or [none]
+        joined = Mixture(
+            *(np.concatenate([getattr(h, n) for h in hills]) for n in ("peak", "centre", "width"))
+        )
+        return _Components(sum(part.constant for part in plain), joined, ())
+    if isinstance(intensity, Product):
+        masks = tuple(part for part in intensity.parts if isinstance(part, Mask))
+        others = [part for part in intensity.parts if not isinstance(part, Mask)]
+        if len(others) != 1:
+            return None
+        inner = _components(others[0], factor * intensity.factor)
+        return (
+            None if inner is None else _Components(inner.constant, inner.hills, inner.masks + masks)
+        )
+    return None
+
 
 MAX_PLACES = 20_000_000
 
@@ -102,78 +366,11 @@ def _numbers(wanted: int, spacing: float, reach: np.ndarray) -> tuple[int, int]:
     )
 
 
-def trees_of(
-    listed: TreeList, names: Sequence[str], every: Sequence[str], source: str
-) -> np.ndarray:
-    """Return which trees (M,) of a list are of a planting.
-
-    names : what the planting may be called in the list. every : all names of all plantings.
-
-    Raises
-    ------
-    IntensityError : a position or scale that is not a number or not positive; a species that nobody plants.
-    """
-    bad = ~np.isfinite(listed.position).all(axis=1)
-    if listed.scale is not None:
-        bad |= listed.scale <= 0
-    if bad.any():
-        raise IntensityError(
-            f"{source}: tree {int(np.argmax(bad)) + 1} has no finite position or no positive scale"
-        )
-    if listed.species is None:
-        return np.arange(len(listed))
-    unknown = sorted(set(listed.species) - set(every))
-    if unknown:
-        are = "is" if len(unknown) == 1 else "are"
-        raise IntensityError(
-            f"{source}: the species {quoted_with_hints(unknown, every)} {are} not planted; use one of "
-            f"{', '.join(every)}"
-        )
-    return np.flatnonzero(np.isin(np.array(listed.species), list(names)))
-
-
-@dataclass(frozen=True)
-class SetTrees:
-    """The M trees of a planting that were set by hand and have ground below them.
-
-    position : (M, 3) metres. rotation : (M,) radians. scale, variant : (M,). number : (M,) int64, -1 for the
-    first that the planting names. off_ground : how many have no ground.
-    """
-
-    position: np.ndarray
-    rotation: np.ndarray
-    scale: np.ndarray
-    variant: np.ndarray
-    number: np.ndarray
-    off_ground: int
-
-
-def set_trees(seed: int, label: str, planting: Planting, ground: GroundSurface) -> SetTrees:
-    """Return the trees of a planting that were set by hand; ``label`` is the planting's name."""
-    trees = planting.by_hand
-    count = len(trees)
-
-    def draw(purpose: str) -> np.ndarray:
-        return stream(seed, "stand", label, "hand", purpose).random(count)
-
-    low, high = planting.scale
-    variant = np.floor(draw("variant") * planting.variants)
-    place = np.array([tree.position for tree in trees], dtype=float).reshape(-1, 2)
-    height = ground.height(place)
-    stands = np.isfinite(height)
-    return SetTrees(
-        position=np.column_stack([place, height])[stands],
-        rotation=_given(np.deg2rad(_said(trees, "rotation_deg")), 2 * np.pi * draw("turn"))[stands],
-        scale=_given(_said(trees, "scale"), low * (high / low) ** draw("size"))[stands],
-        variant=_given(_said(trees, "variant") % planting.variants, variant)[stands].astype(int),
-        number=-1 - np.flatnonzero(stands),
-        off_ground=int((~stands).sum()),
-    )
-
-
 def told_of(planting: Planting, numbers: np.ndarray, name: str) -> np.ndarray:
     """(M,) what trees set by hand, by their numbers (M,), say of themselves; NaN where nothing."""
-    return _said(planting.by_hand, name)[-1 - numbers]
+    values = [getattr(tree, name) for tree in planting.by_hand]
+    told = np.array([np.nan if value is None else value for value in values], dtype=float)
+    return np.asarray(told[-1 - numbers])
 
 
 def is_cleared(place: np.ndarray, clearings: Sequence[Clearing]) -> np.ndarray:
@@ -183,15 +380,6 @@ def is_cleared(place: np.ndarray, clearings: Sequence[Clearing]) -> np.ndarray:
         apart = place - np.array(disc.position)
         found |= (apart**2).sum(axis=1) <= disc.radius**2
     return found
-
-
-def _said(trees: Sequence[HandTree], name: str) -> np.ndarray:
-    values = [getattr(tree, name) for tree in trees]
-    return np.array([np.nan if value is None else value for value in values], dtype=float)
-
-
-def _given(said: np.ndarray, drawn: np.ndarray) -> np.ndarray:
-    return np.where(np.isfinite(said), said, drawn)
 
 
 def plant_stems(
@@ -248,16 +436,13 @@ def k_of_clusters(radius: np.ndarray, clusters: Clusters) -> np.ndarray:
     if clusters.kind == "thomas":
         share = -np.expm1(-((radius / (2 * clusters.spread)) ** 2))
     else:
-        share = _within_disc(radius / (2 * clusters.spread))
+        z = np.minimum(radius / (2 * clusters.spread), 1.0)
+        root = np.sqrt(1 - z**2)
+        bent = (8 * z**2 - 4) * np.arccos(z) - 2 * np.arcsin(z) + 4 * z * root**3 - 6 * z * root
+        share = (
+            2 + bent / np.pi
+        )  # that two even points of a disc are nearer than z times its diameter
     return np.asarray(np.pi * radius**2 + share / clusters.groups)
-
-
-def _within_disc(z: np.ndarray) -> np.ndarray:
-    """The chance that two even points of a disc are nearer than z times its diameter."""
-    z = np.minimum(z, 1.0)
-    root = np.sqrt(1 - z**2)
-    bent = (8 * z**2 - 4) * np.arccos(z) - 2 * np.arcsin(z) + 4 * z * root**3 - 6 * z * root
-    return np.asarray(2 + bent / np.pi)
 
 
 Activity = Callable[[np.ndarray], np.ndarray]

@@ -9,6 +9,21 @@ at which the stem, 1.3 m up, has its diameter, exactly.
 
 Trees set by hand take part in none of this beside trees that are drawn: each is one of the variants that
 those have, in the size of its own diameter, so that nothing else changes where one is set.
+
+Competition of crowns: neighbours take light from below, and room at the sides.
+
+The crowns that stand about a tree, weighted by a normal kernel of twice its own crown's width and by the
+square of their height over its own (light comes from above), cover a share of the ground, κ. The score
+(log κ - log κ₀)/s, κ₀ = 1.5, is a part of what crown bases and widths of the tree differ by from the law
+of its kind: above 0 the base is higher and the crown narrower than of most measured trees, below 0 lower and
+wider. Stands differ in these also by what competition does not tell. Crowns of neighbours overlap little and
+grow into gaps between them, no living crown is but a tuft on a pole, none has more leaves than nineteen of
+twenty measured ones, and no stand a larger leaf area index than closed ones have.
+
+Targets of trees against their measures: reached or not, and whether they are as measured trees are.
+
+A target is met within a millimetre of diameter, and ``CLOSE`` of anything else. The band is that of the
+allometry of the planting: between what 5 and 95 % of measured trees of that diameter have.
 """
 
 from __future__ import annotations
@@ -94,7 +109,7 @@ def with_targets(
     groups, ignored = _groups(seed, stand, plantings, names, species, inputs)
     laws: list[Allometry | None] = [None] * len(plantings)
     site = ndtri(keyed_uniform(child_keys(np.repeat(first_key(seed, "site"), 4), SITE), "site"))
-    site = site_part(site)
+    site *= np.sqrt(1 - np.array([0.0, WIDTH, BASE, 0.0]) ** 2)  # without what is competition's
     found = _scores(stand, groups)
     for group in groups:
         rows, law = group.rows, group.law
@@ -211,7 +226,7 @@ def _groups(
         hands = np.where(np.isfinite(said), said, mine)
         dbh = hands if alone else dbh
         listed = _listed(number, names, plantings, inputs)
-        if listed is not None and not alone:
+        if len(listed) and not alone:
             told = listed[stand.number[rows]]
             if law is not None:
                 _refuse_units(planting.trees or names[number], law, told)
@@ -275,21 +290,18 @@ def _refuse_units(source: str, law: Allometry, told: np.ndarray) -> None:
 
 def _scores(stand: Stand, groups: Sequence[_MeasuredGroup]) -> np.ndarray:
     """(N,) competition of all trees that are to measure something; 0 of others."""
-    found = np.zeros(len(stand))
-    rows, dbh, height, width = [], [], [], []
+    found, size = np.zeros(len(stand)), np.full((len(stand), 3), np.nan)  # dbh, height, width
     for group in groups:
         if group.law is not None:
-            middles = [np.exp(middle(getattr(group.law, n), group.dbh)) for n in MEASURES[:2]]
-            told = np.isfinite(group.given)
-            rows.append(group.rows)
-            dbh.append(group.dbh)
-            height.append(np.where(told[:, 0], group.given[:, 0], middles[0]))
-            width.append(np.where(told[:, 1], group.given[:, 1], middles[1]))
-    if rows:
-        all_rows = np.concatenate(rows)
-        place = stand.position[all_rows, :2]
-        canopy = canopy_of(np.concatenate(dbh))
-        found[all_rows] = score(place, np.concatenate(height), np.concatenate(width), canopy)
+            laws = [getattr(group.law, name) for name in MEASURES[:2]]
+            middles = np.column_stack([np.exp(middle(law, group.dbh)) for law in laws])
+            given = group.given[:, :2]
+            size[group.rows, 0] = group.dbh
+            size[group.rows, 1:] = np.where(np.isfinite(given), given, middles)
+    rows = np.flatnonzero(np.isfinite(size[:, 0]))
+    if len(rows):
+        dbh, height, width = np.ascontiguousarray(size[rows].T)
+        found[rows] = score(stand.position[rows, :2], height, width, canopy_of(dbh))
     return found
 
 
@@ -345,13 +357,16 @@ def scales_for(skeleton: Skeleton, dbh: np.ndarray) -> np.ndarray:
     return scale
 
 
-def dbh_at(skeleton: Skeleton, scale: np.ndarray) -> np.ndarray:
-    """(N,) diameters at breast height of a tree in sizes (N,), metres; 0 where it does not reach it."""
+def dbh_at(skeleton: Skeleton, along: np.ndarray, across: np.ndarray | None = None) -> np.ndarray:
+    """(N,) diameters at breast height, metres, of a tree in sizes (N,) along the vertical, and across it
+    where they are others; 0 where it does not reach it.
+    """
     z, d = stem_profile(skeleton)
     if not len(z):
-        return np.zeros(len(scale))
-    height = BREAST / scale
-    return np.asarray(np.where(height <= z[-1], scale * np.interp(height, z, d), 0.0))
+        return np.zeros(len(along))
+    height = BREAST / np.maximum(along, 1e-300)
+    wide = along if across is None else across
+    return np.asarray(np.where(height <= z[-1], wide * np.interp(height, z, d), 0.0))
 
 
 def _ignored(
@@ -359,29 +374,24 @@ def _ignored(
 ) -> list[str]:
     """A sentence if the list of a planting without targets says what its trees measure."""
     listed = _listed(number, names, plantings, inputs)
-    if listed is None or not len(listed):
-        return []
     told = [
         name for name, column in zip(TARGETS, listed.T, strict=True) if np.isfinite(column).any()
     ]
-    if not told:
-        return []
-    return [
+    sentence = (
         f"{names[number]}: its list gives {' and '.join(told)}, which count only with "
         "[plantings.targets]; the trees have the sizes of their species"
-    ]
+    )
+    return [sentence] if told else []
 
 
 def _listed(
     number: int, names: Sequence[str], plantings: Sequence[Planting], inputs: Inputs
-) -> np.ndarray | None:
-    """(M, 5) the measures of a planting's list, None where it has none."""
+) -> np.ndarray:
+    """(M, 5) the measures of a planting's list, no rows where it has none."""
     planting = plantings[number]
-    if planting.layout != "list":
-        return None
     listed = inputs.lists.get(planting.trees or planting.collection)
-    if listed is None or listed.measures is None:
-        return None
+    if planting.layout != "list" or listed is None or listed.measures is None:
+        return np.empty((0, 5))
     return listed.measures[chosen_of(number, names, plantings, listed)]
 
 
@@ -475,12 +485,6 @@ def competed(uniform: np.ndarray, found: np.ndarray) -> np.ndarray:
         noise = weight * found + np.sqrt(1 - weight**2) * ndtri(uniform[:, column])
         mixed[:, column] = np.clip(ndtr(noise), 1e-6, 1 - 1e-6)
     return mixed
-
-
-def site_part(normals: np.ndarray) -> np.ndarray:
-    """(4,) normals that the trees of a stand share, by measure, without the part that is competition's."""
-    told = np.array([0.0, WIDTH, BASE, 0.0])
-    return np.asarray(normals * np.sqrt(1 - told**2))
 
 
 def suppressed(dbh: np.ndarray, keys: np.ndarray, share: float) -> np.ndarray:
@@ -644,14 +648,14 @@ def targets_met(
         law = laws[number] if number < len(laws) else None
         within = None if law is None else in_band(law, found[rows])
         told = Counter(reason for row in rows.tolist() for reason in missed[row])
-        reasons = tuple(_counted(reason, count, len(rows)) for reason, count in told.items())
+        of = len(rows)
+        reasons = tuple(
+            reason if count == of else f"{reason} ({count} of {of} trees)"
+            for reason, count in told.items()
+        )
         kind = "" if law is None else law.name
         met.append(TargetsMet(label, kind, wanted[rows], found[rows], within, reasons))
     return met
-
-
-def _counted(reason: str, count: int, of: int) -> str:
-    return reason if count == of else f"{reason} ({count} of {of} trees)"
 
 
 def sentences(met: TargetsMet) -> Iterator[str]:

@@ -3,22 +3,59 @@
 Every species has its own streams, keyed by its name, so adding a species moves no tree of another. Each
 purpose (place, age, turn, size, variant) draws from its own stream in the order of the trees, so tree 7
 is the same tree whether 10 or 10,000 are planted.
+
+Hard cores: no two trees nearer than the distance of their pair.
+
+Every tree has an age, a uniform mark. By **Matérn II** (Matérn 1960) a tree goes if an older one stands
+too near, whether that one stays or not: every tree is judged alike. **Greedy** (Wahed et al.) keeps the
+oldest first, so a tree goes only if an older one that stays is too near: more trees stay, and those that
+do depend on each other over longer distances. Neither depends on the order of the trees.
+
+The distance of a pair is that of its two kinds (rows of a matrix), or the sum of their crown radii where
+that is larger. Time grows with the number of trees, whatever the distance.
+
+Undergrowth as plantings: what stands and lies between the trees of a measured stand.
+
+Herbs, dwarf shrubs, shrubs, young trees of the stand's own species, litter, stumps and lying stems, by number
+a hectare, of conifers and of broadleaves apart: the orders of magnitude of national forest inventories
+(deadwood and regeneration) and of vegetation surveys, not of any one stand. A scene that plants one of these
+species itself has its undergrowth by hand.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from ..base.rng import stream
-from ..spec import Forest, Planting, SpecError
+from ..base.rows import RowTable
+from ..growth.measured.allometry import Kind, band
+from ..spec import (
+    Distance,
+    Forest,
+    Normal,
+    Planting,
+    Scene,
+    SpecError,
+    Species,
+    Targets,
+    quoted_with_hints,
+)
 from .compose import Inputs, TreeList, area_of, corners_of, masks_of, process_of
 from .intensity.surface import GroundSurface, IntensityError
-from .layouts import is_cleared, orchard, sample_clusters, sample_strauss, set_trees, trees_of
-from .poisson import Integral, Process, sample
+from .layouts import (
+    Integral,
+    Process,
+    is_cleared,
+    orchard,
+    sample,
+    sample_clusters,
+    sample_strauss,
+    told_of,
+)
 
 OF_PLANTING = ("too_near", "off_ground", "off_field", "expected", "error")
 
@@ -102,31 +139,30 @@ def plan_stand(
         )
         for number in range(len(plantings))
     ]
-
-    def joined(name: str, empty: np.ndarray) -> np.ndarray:
-        return np.concatenate([getattr(p, name) for p in planted]) if planted else empty
-
-    position, mark = joined("position", np.empty((0, 3))), joined("mark", np.empty(0))
-    scale = joined("scale", np.empty(0))
+    none, some = np.empty(0), np.empty(0, dtype=np.int64)
+    nobody = _Planted(
+        *(np.empty((0, 3)), none, none, none, some, some, some > 0),
+        *(Integral(0.0), 0, 0),
+    )
+    trees = _Planted.joined([nobody, *planted])
     species = np.repeat(np.arange(len(planted)), [len(p.mark) for p in planted])
-    crown = np.array([p.crown for p in plantings], dtype=float)[species] * scale
-    number = joined("number", np.empty(0, dtype=np.int64))
-    drawn, cleared = number >= 0, joined("cleared", np.empty(0, dtype=bool))
-    keep, flat = drawn.copy(), position[:, :2]
+    crown = np.array([p.crown for p in plantings], dtype=float)[species] * trees.scale
+    drawn, flat = trees.number >= 0, trees.position[:, :2]
+    keep = drawn.copy()
     # Those in clearings take part: where one is taken away, none that it kept away moves up.
     rule = Spacing(distance, species[drawn], crown[drawn])
-    keep[drawn] = space(flat[drawn], mark[drawn], rule, forest.spacing_rule)
+    keep[drawn] = space(flat[drawn], trees.mark[drawn], rule, forest.spacing_rule)
     keep = (keep | ~drawn) & apart_from(flat, ~drawn, Spacing(distance, species, crown))
-    gone = ~keep & ~cleared
-    keep &= ~cleared
+    gone = ~keep & ~trees.cleared
+    keep &= ~trees.cleared
     return Stand(
-        position=position[keep],
-        rotation=joined("rotation", np.empty(0))[keep],
-        scale=scale[keep],
+        position=trees.position[keep],
+        rotation=trees.rotation[keep],
+        scale=trees.scale[keep],
         species=species[keep],
-        variant=joined("variant", np.empty(0, dtype=np.int64))[keep],
+        variant=trees.variant[keep],
         id=np.arange(int(keep.sum())),
-        number=number[keep],
+        number=trees.number[keep],
         sink=np.zeros(int(keep.sum())),
         too_near=np.bincount(species[gone], minlength=len(planted)),
         off_ground=np.array([p.off_ground for p in planted], dtype=np.int64),
@@ -171,8 +207,8 @@ def distances_of(forest: Forest, names: Sequence[str]) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class _Planted:
-    """Trees of one planting before spacing."""
+class _Planted(RowTable):
+    """Trees of one planting before spacing; those set by hand are older than any other."""
 
     position: np.ndarray
     mark: np.ndarray
@@ -209,7 +245,11 @@ def _plant(
         else:
             points, given = _listed(number, names, plantings, inputs)
         expected = Integral(float(len(points)))
-        on_field = _on_field(points, planting, forest, inputs)
+        start, end = corners_of(forest)
+        tidy = 1e-9 * float(np.max(end - start))  # a row on the very edge counts
+        on_field = ((points >= start - tidy) & (points <= end + tidy)).all(axis=1)
+        for mask in masks_of(planting, forest, inputs):
+            on_field &= mask.at(points) > 0
     count = len(points)
 
     def draw(purpose: str) -> np.ndarray:
@@ -240,22 +280,36 @@ def _plant(
 def _with_hand(
     drawn: _Planted, seed: int, label: str, planting: Planting, ground: GroundSurface
 ) -> _Planted:
-    """Add the trees that were set by hand, older than any other."""
-    if not planting.by_hand:
+    """Add the trees that were set by hand and have ground below them."""
+    count = len(planting.by_hand)
+    if not count:
         return drawn
-    mine = set_trees(seed, label, planting, ground)
-    return _Planted(
-        position=np.concatenate([drawn.position, mine.position]),
-        mark=np.concatenate([drawn.mark, np.full(len(mine.number), -1.0)]),
-        rotation=np.concatenate([drawn.rotation, mine.rotation]),
-        scale=np.concatenate([drawn.scale, mine.scale]),
-        variant=np.concatenate([drawn.variant, mine.variant]),
-        number=np.concatenate([drawn.number, mine.number]),
+
+    def draw(purpose: str) -> np.ndarray:
+        return stream(seed, "stand", label, "hand", purpose).random(count)
+
+    turn, size, variant = (
+        told_of(planting, -1 - np.arange(count), name)
+        for name in ("rotation_deg", "scale", "variant")
+    )
+    low, high = planting.scale
+    kind = np.where(np.isfinite(variant), variant, np.floor(draw("variant") * planting.variants))
+    place = np.array([tree.position for tree in planting.by_hand], dtype=float).reshape(-1, 2)
+    height = ground.height(place)
+    stands = np.isfinite(height)
+    mine = _Planted(
+        position=np.column_stack([place, height])[stands],
+        mark=np.full(int(stands.sum()), -1.0),
+        rotation=np.where(np.isfinite(turn), np.deg2rad(turn), 2 * np.pi * draw("turn"))[stands],
+        scale=np.where(np.isfinite(size), size, low * (high / low) ** draw("size"))[stands],
+        variant=(kind % planting.variants)[stands].astype(np.int64),
+        number=-1 - np.flatnonzero(stands),
+        cleared=np.zeros(int(stands.sum()), dtype=bool),
         expected=drawn.expected,
-        cleared=np.append(drawn.cleared, np.zeros(len(mine.number), dtype=bool)),
-        off_ground=drawn.off_ground + mine.off_ground,
+        off_ground=drawn.off_ground + int((~stands).sum()),
         off_field=drawn.off_field,
     )
+    return replace(_Planted.joined([drawn, mine]), off_ground=mine.off_ground)
 
 
 def draw_places(planting: Planting, process: Process, rng: np.random.Generator) -> np.ndarray:
@@ -265,16 +319,6 @@ def draw_places(planting: Planting, process: Process, rng: np.random.Generator) 
     if planting.layout == "strauss":
         return sample_strauss(process, planting.strauss, rng)
     return sample(process, rng, round(process.expected()) if planting.exact else None)
-
-
-def _on_field(points: np.ndarray, planting: Planting, forest: Forest, inputs: Inputs) -> np.ndarray:
-    """(N,) bool, which places lie on the field and where the planting may stand."""
-    low, high = corners_of(forest)
-    tidy = 1e-9 * float(np.max(high - low))  # a row on the very edge counts
-    good = ((points >= low - tidy) & (points <= high + tidy)).all(axis=1)
-    for mask in masks_of(planting, forest, inputs):
-        good &= mask.at(points) > 0
-    return np.asarray(good)
 
 
 def _listed(
@@ -308,9 +352,25 @@ def chosen_of(
     IntensityError : a tree of the list that cannot stand; a species that nobody plants.
     """
     planting = plantings[number]
-    every = [*dict.fromkeys([*names, *(p.species for p in plantings)])]
     source = planting.trees or planting.collection
-    return trees_of(listed, (names[number], planting.species), every, source)
+    bad = ~np.isfinite(listed.position).all(axis=1)
+    if listed.scale is not None:
+        bad |= listed.scale <= 0
+    if bad.any():
+        raise IntensityError(
+            f"{source}: tree {int(np.argmax(bad)) + 1} has no finite position or no positive scale"
+        )
+    if listed.species is None:
+        return np.arange(len(listed))
+    every = [*dict.fromkeys([*names, *(p.species for p in plantings)])]
+    unknown = sorted(set(listed.species) - set(every))
+    if unknown:
+        are = "is" if len(unknown) == 1 else "are"
+        raise IntensityError(
+            f"{source}: the species {quoted_with_hints(unknown, every)} {are} not planted; use one of "
+            f"{', '.join(every)}"
+        )
+    return np.flatnonzero(np.isin(np.array(listed.species), [names[number], planting.species]))
 
 
 PORTION = 2_000_000  # pairs at once, about
@@ -374,9 +434,8 @@ def apart_from(points: np.ndarray, fixed: np.ndarray, spacing: Spacing) -> np.nd
 def matern_ii(points: np.ndarray, mark: np.ndarray, spacing: Spacing | float) -> np.ndarray:
     """(N,) bool, which trees stay: those with no older tree too near."""
     spacing, age, reach = _prepare(mark, spacing)
-    keep = np.ones(len(points), dtype=bool)
     if reach <= 0 or len(points) < 2:
-        return keep
+        return np.ones(len(points), dtype=bool)
     keep = _oldest_of_bins(points, age, spacing)
     judged = np.flatnonzero(keep)
     for query, other in _pairs(points[judged], points, reach):
@@ -390,13 +449,10 @@ def matern_ii(points: np.ndarray, mark: np.ndarray, spacing: Spacing | float) ->
 def greedy(points: np.ndarray, mark: np.ndarray, spacing: Spacing | float) -> np.ndarray:
     """(N,) bool, which trees stay: from the oldest on, those with no tree too near that stays."""
     spacing, age, reach = _prepare(mark, spacing)
-    keep = np.ones(len(points), dtype=bool)
     if reach <= 0 or len(points) < 2:
-        return keep
-    by_age = np.argsort(age)
-    keep[:] = False
-    kept = np.empty(0, dtype=np.int64)
-    start = 0
+        return np.ones(len(points), dtype=bool)
+    by_age, keep = np.argsort(age), np.zeros(len(points), dtype=bool)
+    kept, start = np.empty(0, dtype=np.int64), 0
     while start < len(points):
         batch = by_age[start : start + max(FIRST_BATCH, start)]
         start += len(batch)
@@ -484,3 +540,119 @@ def _too_near(
 ) -> np.ndarray:
     apart = points[a] - others[b]
     return np.asarray(np.hypot(apart[:, 0], apart[:, 1]) < spacing.between(a, b))
+
+
+HECTARE = 1e4  # m²
+PLANTS = {  # species: number a hectare under conifers and under broadleaves, sparse and dense
+    "bilberry": ((6000, 24000), (800, 3000)),
+    "grass": ((5000, 12000), (5000, 14000)),
+    "fern": ((150, 1500), (500, 3000)),
+    "shrub": ((250, 1200), (350, 1500)),
+    "litter": ((800, 2000), (1500, 4000)),
+    "stump": ((120, 250), (80, 200)),
+    "log": ((80, 250), (60, 200)),
+}
+LOW = ("bilberry", "grass", "fern", "litter")  # where a scanner may stand
+YOUNG = (350, 1500)  # young trees a hectare, sparse and dense
+VARIANTS = {"shrub": 6, "bilberry": 6, "stump": 4, "log": 6}
+FEWEST = 4  # variants of others
+YOUNGEST = (0.02, 0.03, 0.04, 0.05)  # m of diameter: the first with which all pass 1.3 m
+SCALE = {"shrub": (0.6, 1.4), "log": (0.6, 1.5), "stump": (0.6, 1.4)}
+
+
+def is_measured(species: Species) -> bool:
+    """Tell whether trees of a species have the architecture and the measures of real ones."""
+    return species.targets is not None and species.architecture is not None
+
+
+def density_of(scene: Scene, species: Sequence[Species], looked_at: bool) -> str:
+    """The undergrowth of a scene: as it says; on "auto" sparse where something looks at measured trees.
+
+    species : of each planting. looked_at : whether a sensor meets leaves and wood one by one.
+    """
+    said = scene.forest.undergrowth
+    if any(planting.species in PLANTS for planting in scene.plantings):
+        return "none"  # by hand
+    if said != "auto":
+        return said
+    return "sparse" if looked_at and any(map(is_measured, species)) else "none"
+
+
+def undergrowth_of(
+    scene: Scene, planted: Sequence[tuple[Species, object]], looked_at: bool
+) -> tuple[Planting, ...]:
+    """The plantings that clothe the ground of a scene; none where none are wanted.
+
+    planted : species of each planting of the scene, and what it is grown from.
+    """
+    said = density_of(scene, [kind for kind, _ in planted], looked_at)
+    if said == "none" or not planted:
+        return ()
+    column = ("sparse", "dense").index(said)
+    trees = [row for row in range(len(planted)) if is_measured(planted[row][0])]
+    needles = sum(planted[row][0].needles is not None for row in trees or range(len(planted)))
+    kind = 0 if needles * 2 >= len(trees or planted) else 1
+    found = [
+        Planting(
+            species=name,
+            density=numbers[kind][column] / HECTARE,
+            variants=VARIANTS.get(name, FEWEST),
+            scale=SCALE.get(name, (0.7, 1.3)),
+        )
+        for name, numbers in PLANTS.items()
+    ]
+    own = dict.fromkeys(scene.plantings[row].species for row in trees)
+    for name in own:
+        row = next(row for row in trees if scene.plantings[row].species == name)
+        young = _young(planted[row])
+        if young is not None:
+            density = YOUNG[column] / HECTARE / len(own)
+            found.append(Planting(species=name, density=density, variants=FEWEST, targets=young))
+    return tuple(found)
+
+
+def _young(planted: tuple[Species, object]) -> Targets | None:
+    """Choose what young trees of a species measure; None where its law tells nothing of such small ones."""
+    species, kind = planted
+    law = kind.allometry if isinstance(kind, Kind) else None
+    assert species.targets is not None
+    if law is None:
+        return None
+    low = np.array(YOUNGEST)
+    height = band(law, low)[0, :, 0]
+    passed = np.flatnonzero(height > 1.3)
+    if not len(passed):
+        return None
+    least = float(low[passed[0]])
+    dbh = Normal(mean=1.4 * least, sd=0.5 * least, low=least, high=max(0.068, 1.1 * least))
+    return Targets(allometry=species.targets.allometry, dbh=dbh)
+
+
+def with_undergrowth(
+    scene: Scene,
+    planted: Sequence[tuple[Species, object]],
+    looked_at: bool,
+    load: Callable[[str], tuple[Species, object]],
+) -> tuple[Scene, tuple[tuple[Species, object], ...]]:
+    """The scene with the plantings of its undergrowth behind its own, and the species of all.
+
+    load : a species by the name that a planting gives it.
+    """
+    more = undergrowth_of(scene, planted, looked_at)
+    if not more:
+        return scene, tuple(planted)
+    known = {p.species: kind for p, kind in zip(scene.plantings, planted, strict=True)}
+    plantings = (*scene.plantings, *more)
+    names = labels(plantings)
+    own = len(scene.plantings)
+    apart = tuple(
+        Distance(species=name, other=other, distance=0.0)
+        for row, name in enumerate(names[own:], own)
+        for other in names[: row + 1]
+    )  # the distance that trees keep is not theirs
+    forest = scene.forest.changed(
+        undergrowth="none",
+        distances=(*scene.forest.distances, *(apart if scene.forest.spacing else ())),
+    )
+    clothed = scene.changed(plantings=plantings, forest=forest)
+    return clothed, (*planted, *(known.get(p.species) or load(p.species) for p in more))

@@ -13,13 +13,29 @@ Leaves flutter about their stalks, relative to the branch that bears them. Leave
 torsional galloping at a wind of a metre or two a second, and then hardly more as it grows (Tadrist et al.
 2015, J. Fluids Struct. 56; 2018, J. R. Soc. Interface 15), while branches move ever more. A leaf turns
 about its midrib and nods across it; two close tones of its own make it come and go.
+
+Response of one tree to the wind: amplitudes of its modes as a closed function of time.
+
+Drag on a member is quadratic in slow and linear in fast wind, as leaves fold and crowns bend
+(reconfiguration, Vogel exponent -1: de Langre 2008; Rudnicki et al. 2004): F = c U² / √(1 + (U/U_r)²), c =
+ρ c_d A. What has bent by an angle θ faces the wind with cos θ of its area, and only the wind across it
+pushes: F cos²θ, θ the arctangent of the small rotation θ_0, so F/(1 + θ_0²) (as plates and rods in Gosselin,
+de Langre & Machado-Almeida 2010, J. Fluid Mech. 650). It is made linear about the local mean: its slope times
+the turbulence drives the modes, its slope times the tree's own velocity is the aerodynamic damping, and what
+it loses as the tree bends on is a stiffness. A mode is then an oscillator whose answer to each wave of the
+wind is known.
+
+Sway of a whole stand: the motion that sensors and the view ask for, tree by tree.
+
+A variant is reduced to its modes once, a tree's answer to the wind is found when it is first asked for. All
+of it follows from the scene's settings and seed, so every process finds the same.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from typing import TypeVar
 
 import numpy as np
 
@@ -36,7 +52,7 @@ from ..growth.sway.shape import (
     shape_of,
 )
 from ..growth.tree import Tree
-from ..spec import Species, Wind
+from ..spec import Wind
 from .forest import GrownForest
 
 LOWEST, HIGHEST = 0.005, 8.0  # Hz
@@ -78,7 +94,9 @@ class WindField:
         Q equal layers from the ground to the tops, over the ground's area (a drag of ρ times that times U²).
         """
         rng = stream(seed, "wind")
-        edge = _edges()
+        below, within, above = STEPS
+        parts = np.geomspace(LOWEST, EVEN[0], below + 1), np.linspace(*EVEN, within + 1)[1:]
+        edge = np.concatenate([*parts, np.geomspace(EVEN[1], HIGHEST, above + 1)[1:]])
         frequency = edge[:-1] + np.diff(edge) * rng.random(len(edge) - 1)
         sigma = wind.turbulence * wind.speed * np.array([1.0, SIDE, UP])
         spread = DECAY * frequency[:, None] / wind.speed
@@ -169,17 +187,6 @@ class WindField:
         )
 
 
-def _edges() -> np.ndarray:
-    below, within, above = STEPS
-    return np.concatenate(
-        [
-            np.geomspace(LOWEST, EVEN[0], below + 1),
-            np.linspace(*EVEN, within + 1)[1:],
-            np.geomspace(EVEN[1], HIGHEST, above + 1)[1:],
-        ]
-    )
-
-
 def kaimal(frequency: np.ndarray, peak: np.ndarray) -> np.ndarray:
     """(K, C) Kaimal's spectral density of unit variance, 1/Hz, whose f S(f) peaks at frequencies (C,)."""
     scale = 0.25 / peak  # f S = 4 n / (1 + 6 n)^(5/3) peaks at n = 1/4
@@ -193,36 +200,19 @@ TONE, SPREAD = 5.0, 0.3  # Hz, and the standard deviation of its logarithm
 APART = 0.15  # between the two tones, over the first
 
 
-@dataclass(frozen=True)
-class Flutter:
-    """Flutter of N leaves: twist and nod, each of two tones.
-
-    size : (N, 2) radians of each tone of twist and nod. rate : (N, 4) rad/s. phase : (N, 4).
+def flutter(key: np.ndarray, wind: np.ndarray, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(N, 2) twist and nod of leaves with keys (N,) in local mean winds (N,) m/s at times (N,), radians, and
+    their rates: two tones each.
     """
-
-    size: np.ndarray
-    rate: np.ndarray
-    phase: np.ndarray
-
-    @classmethod
-    def of(cls, key: np.ndarray, wind: np.ndarray) -> Flutter:
-        """The flutter of leaves with keys (N,) in local mean winds (N,) m/s."""
-        share = wind**2 / (ONSET**2 + wind**2)
-        tone = TONE * np.exp(SPREAD * keyed_normal(key, "flutter"))
-        rates = [tone, tone * (1 + APART), 0.6 * tone, 0.6 * tone * (1 + APART)]
-        phases = [keyed_uniform(child_keys(key, "flutter"), name) for name in "abcd"]
-        return cls(
-            size=np.stack([TWIST * share, NOD * share], axis=1),
-            rate=2 * np.pi * np.stack(rates, axis=1),
-            phase=2 * np.pi * np.stack(phases, axis=1),
-        )
-
-    def angles(self, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(N, 2) twist and nod at times (N,), radians, and their rates."""
-        turn = self.rate * time[:, None] + self.phase
-        value = np.sin(turn).reshape(-1, 2, 2).sum(axis=2)
-        rate = (self.rate * np.cos(turn)).reshape(-1, 2, 2).sum(axis=2)
-        return self.size * value, self.size * rate
+    share = wind**2 / (ONSET**2 + wind**2)
+    tone = TONE * np.exp(SPREAD * keyed_normal(key, "flutter"))
+    rates = [tone, tone * (1 + APART), 0.6 * tone, 0.6 * tone * (1 + APART)]
+    phases = [keyed_uniform(child_keys(key, "flutter"), name) for name in "abcd"]
+    size = np.stack([TWIST * share, NOD * share], axis=1)
+    rate = 2 * np.pi * np.stack(rates, axis=1)
+    turn = rate * time[:, None] + 2 * np.pi * np.stack(phases, axis=1)
+    speed = (rate * np.cos(turn)).reshape(-1, 2, 2).sum(axis=2)
+    return size * np.sin(turn).reshape(-1, 2, 2).sum(axis=2), size * speed
 
 
 AIR = 1.2  # kg/m³
@@ -305,14 +295,20 @@ def response_of(
     push = np.einsum("bmi,ci->bmc", modes, axes) / scale**1.5
     omega = 2 * np.pi * shape.modes.frequency / scale
     tilt = shape.tilts / scale**2.5  # of a unit of push
-    sails = _Sails(
-        push, tilt, omega, force, np.stack([slope, *[force / np.maximum(wind, 1e-9)] * 2], 1)
-    )
+    lever = np.stack([slope, *[force / np.maximum(wind, 1e-9)] * 2], 1)  # what a gust adds, N s/m
     waves, shaken = np.zeros((0, 0)), np.zeros(len(force))
     for _ in range(2):
-        bent, mean, towards = sails.bent(shaken)
-        drive = field.push(world, push * (sails.lever * bent[:, None])[:, None])
-        waves, damper = sails.answer(drive, 2 * np.pi * field.frequency, bent, towards)
+        kept, mean, falls = _bent(push, tilt, omega, force, shaken)
+        damper = np.einsum("bmc,bnc,bc->mn", push, push, lever * kept[:, None])
+        # Beyond the critical damping a mode creeps; the share that the others take from it stays.
+        most = 2 * omega * (MOST_DAMPING - INTERNAL)
+        damper *= np.minimum(1.0, most / np.maximum(np.diagonal(damper), 1e-12)).min()
+        damper = damper + np.diag(2 * INTERNAL * omega)
+        rate = 2 * np.pi * field.frequency[:, None, None]
+        answer = 1j * rate * damper + push[:, :, 0].T @ falls
+        answer += np.eye(len(omega)) * (omega**2 - rate[:, :, 0] ** 2)[:, :, None]
+        drive = field.push(world, push * (lever * kept[:, None])[:, None])
+        waves = np.linalg.solve(answer, drive[:, :, None])[:, :, 0].T
         found = 0.5 * np.einsum("mk,nk->mn", waves, waves.conj()).real
         shaken = np.einsum("bmi,mn,bni->b", tilt, found, tilt)
         if shaken.max(initial=0.0) < CALM:
@@ -344,51 +340,27 @@ def _share_kept(shape: SwayShape, mean: np.ndarray, waves: np.ndarray, scale: fl
     return np.asarray(share * (MOST_TURN / max(float(most), MOST_TURN)))
 
 
-@dataclass(frozen=True)
-class _Sails:
-    """Members of a tree as the wind meets them.
+def _bent(
+    push: np.ndarray, tilt: np.ndarray, omega: np.ndarray, force: np.ndarray, shaken: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(B,) shares of drag that members keep as they bend, (M,) how far the mean wind bends the tree, and
+    (B, M) N that drag falls by a unit of each mode.
 
     push : (B, M, 3) of modes along, across and upright. tilt : (B, M, 2) radians by a unit of each mode.
-    omega : (M,) rad/s. force : (B,) N of the mean wind at rest. lever : (B, 3) N s/m, what a gust adds.
+    omega : (M,) rad/s. force : (B,) N of the mean wind at rest. shaken : (B,) mean square of the rotation by
+    gusts.
     """
-
-    push: np.ndarray
-    tilt: np.ndarray
-    omega: np.ndarray
-    force: np.ndarray
-    lever: np.ndarray
-
-    def bent(self, shaken: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """(B,) shares of drag that members keep as they bend, (M,) how far the mean wind bends the tree, and
-        (B, M) N that drag falls by a unit of each mode.
-
-        shaken : (B,) mean square of the rotation by gusts.
-        """
-        share, mean, lean = 1 / (1 + shaken), np.zeros(len(self.omega)), np.zeros((len(shaken), 2))
-        for _ in range(MOST_STEPS):
-            mean = self.push[:, :, 0].T @ (self.force * share) / self.omega**2
-            lean = np.einsum("bmi,m->bi", self.tilt, mean)
-            new = 1 / (1 + shaken + (lean**2).sum(axis=1))
-            apart = np.abs(new - share).max(initial=0.0)
-            share = (share + new) / 2
-            if apart < 1e-4:
-                break
-        falls = 2 * self.force * share**2
-        return share, mean, falls[:, None] * np.einsum("bi,bmi->bm", lean, self.tilt)
-
-    def answer(
-        self, drive: np.ndarray, rate: np.ndarray, bent: np.ndarray, falls: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """(M, K) answers to waves (K, M) at rates (K,), rad/s, and the damper (M, M)."""
-        omega, lever = self.omega, self.lever * bent[:, None]
-        aerodynamic = np.einsum("bmc,bnc,bc->mn", self.push, self.push, lever)
-        # Beyond the critical damping a mode creeps; the share that the others take from it stays.
-        most = 2 * omega * (MOST_DAMPING - INTERNAL)
-        aerodynamic *= np.minimum(1.0, most / np.maximum(np.diagonal(aerodynamic), 1e-12)).min()
-        damper = aerodynamic + np.diag(2 * INTERNAL * omega)
-        answer = 1j * rate[:, None, None] * damper + self.push[:, :, 0].T @ falls
-        answer += np.eye(len(omega)) * (omega**2 - rate[:, None] ** 2)[:, :, None]
-        return np.linalg.solve(answer, drive[:, :, None])[:, :, 0].T, damper
+    share, mean, lean = 1 / (1 + shaken), np.zeros(len(omega)), np.zeros((len(shaken), 2))
+    for _ in range(MOST_STEPS):
+        mean = push[:, :, 0].T @ (force * share) / omega**2
+        lean = np.einsum("bmi,m->bi", tilt, mean)
+        new = 1 / (1 + shaken + (lean**2).sum(axis=1))
+        apart = np.abs(new - share).max(initial=0.0)
+        share = (share + new) / 2
+        if apart < 1e-4:
+            break
+    falls = 2 * force * share**2
+    return share, mean, falls[:, None] * np.einsum("bi,bmi->bm", lean, tilt)
 
 
 def drag(shape: SwayShape, wind: np.ndarray, scale: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
@@ -452,6 +424,15 @@ LOWEST_TOP = 1.0  # metres of height for which wind is told
 LEAN = 0.2  # of a tree's height: a top that is farther off no longer moves by small motions
 
 
+Moving = TypeVar("Moving")
+
+
+def _sure(value: Moving | None) -> Moving:
+    """Return a value that only trees that move have, of one that does."""
+    assert value is not None
+    return value
+
+
 class ForestSway:
     """Motion of the trees of a grown forest in the wind.
 
@@ -463,7 +444,7 @@ class ForestSway:
         self, forest: GrownForest, wind: Wind, seed: int, like: ForestSway | None = None
     ) -> None:
         self._forest = forest
-        self._seed = seed
+        self._first = first_key(seed, "flutter")
         heights = forest.heights()
         top = float(np.quantile(heights, 0.9)) if len(heights) else LOWEST_TOP
         top = max(top, LOWEST_TOP)
@@ -485,10 +466,13 @@ class ForestSway:
 
     def shape(self, tree: int) -> SwayShape | None:
         """The modes of a tree's variant, None of what does not move."""
-        key = self._key(tree)
+        key = self.variant(tree)
         if key not in self._shapes:
             grown, species = self._forest.variants[key], self._forest.species[key[0]]
-            self._shapes[key] = _shape(grown, species)
+            wood = grown.skeleton
+            moves = len(wood) > 1 and not species.dead and wood.radius.max() > 0
+            beams = wood_of_species(species)
+            self._shapes[key] = shape_of(wood, grown.leaves, beams) if moves else None
         return self._shapes[key]
 
     def response(self, tree: int) -> SwayResponse | None:
@@ -511,7 +495,7 @@ class ForestSway:
 
     def rig(self, tree: int) -> SwayRig | None:
         """The pieces of a tree's variant that move as one, None of what does not move."""
-        key = self._key(tree)
+        key = self.variant(tree)
         if key not in self._rigs:
             shape = self.shape(tree)
             self._rigs[key] = None if shape is None else rig_of(shape)
@@ -519,25 +503,18 @@ class ForestSway:
 
     def pieces(self, tree: int, mesh: TriMesh) -> np.ndarray:
         """(T,) the piece that each triangle of the mesh of a tree's variant is of; the tree must move."""
-        shape, rig = self.shape(tree), self.rig(tree)
-        assert shape is not None
-        assert rig is not None
-        return piece_of_triangles(shape, rig, mesh)
+        return piece_of_triangles(_sure(self.shape(tree)), _sure(self.rig(tree)), mesh)
 
     def places(self, tree: int, knot: np.ndarray) -> np.ndarray:
         """(K, G, 3, 4) where the pieces of a tree are at knots (K,), whole numbers of 1/32 s.
 
         They are maps from rest in the variant's own frame and size. Between knots pieces go straight.
         """
-        rig = self.rig(tree)
-        assert rig is not None
-        return rig.places(self.amplitudes(tree, knot))
+        return _sure(self.rig(tree)).places(self.amplitudes(tree, knot))
 
     def amplitudes(self, tree: int, knot: np.ndarray) -> np.ndarray:
         """(K, M) amplitudes of a tree's modes at knots (K,), over the tree's size."""
-        response = self.response(tree)
-        assert response is not None
-        knot = np.asarray(knot)
+        response, knot = _sure(self.response(tree)), np.asarray(knot)
         if not np.array_equal(knot, self._knots):  # the same for all trees of a moment
             self._knots = knot.copy()
             self._turned = np.exp(1j * (knot / KNOTS)[:, None] * response.rate)
@@ -550,14 +527,13 @@ class ForestSway:
 
     def variant(self, tree: int) -> tuple[int, int]:
         """The planting and the variant that a tree is of."""
-        return self._key(tree)
+        stand = self._forest.stand
+        return int(stand.species[tree]), int(stand.variant[tree])
 
     def moment(self, tree: int, time: float) -> tuple[np.ndarray, np.ndarray]:
         """(G, 3, 4) where the pieces of a tree are at a time, s, and (G, 3, 4) how fast that changes, 1/s;
         as ``places``, without knots."""
-        rig, response = self.rig(tree), self.response(tree)
-        assert rig is not None
-        assert response is not None
+        rig, response = _sure(self.rig(tree)), _sure(self.response(tree))
         scale = float(self._forest.stand.scale[tree])
         if time != self._moment[0]:  # the same for all trees of a moment
             self._moment = time, np.exp(1j * time * response.rate)
@@ -568,8 +544,7 @@ class ForestSway:
 
     def pieces_at(self, tree: int, points: np.ndarray, leaf: np.ndarray) -> np.ndarray:
         """(N,) the piece that points (N, 3) of a tree's variant are on; leaf : (N,) its leaf, -1 wood."""
-        rig = self.rig(tree)
-        assert rig is not None
+        rig = _sure(self.rig(tree))
         return np.asarray(rig.of_member[self.anchors_of(tree, points, leaf).bone])
 
     def flutter(
@@ -578,9 +553,8 @@ class ForestSway:
         """Foot (N, 3) of leaves of a tree, and by how much they turn about it at a time: vectors (N, 3) in
         radians and their rates, in the variant's frame. Needles do not flutter.
         """
-        shape = self.shape(tree)
-        assert shape is not None
-        species = self._forest.species[self._key(tree)[0]]
+        shape = _sure(self.shape(tree))
+        species = self._forest.species[self.variant(tree)[0]]
         if species.needles is not None or not len(shape.seats.segment):
             none = np.zeros((len(leaf), 3))
             return none, none, none
@@ -593,9 +567,7 @@ class ForestSway:
     ) -> float:
         """Metres in the variant's size that no point of a tree's pieces, in boxes from (G, 3) to (G, 3), is
         off its rest at knots (K,) and between them; left out: ever, all waves in phase."""
-        rig, response = self.rig(tree), self.response(tree)
-        assert rig is not None
-        assert response is not None
+        rig, response = _sure(self.rig(tree)), _sure(self.response(tree))
         middle, half = (low + high) / 2, (high - low) / 2
         off = np.abs(np.einsum("gmij,gj->gmi", rig.maps[..., :3], middle) + rig.maps[..., 3])
         off += np.einsum("gmij,gj->gmi", np.abs(rig.maps[..., :3]), half)
@@ -608,7 +580,7 @@ class ForestSway:
 
     def anchors(self, tree: int) -> Anchors:
         """Anchors of the mesh vertices of a tree's variant, in the order of ``Tree.mesh.vertices``."""
-        key = self._key(tree)
+        key = self.variant(tree)
         if key not in self._anchors:
             mesh = self._forest.variants[key].mesh
             self._anchors[key] = self.anchors_of(tree, mesh.vertices, corner_leaves(mesh))
@@ -645,10 +617,6 @@ class ForestSway:
                 )
         return found
 
-    def _key(self, tree: int) -> tuple[int, int]:
-        stand = self._forest.stand
-        return int(stand.species[tree]), int(stand.variant[tree])
-
     def _reach(self, tree: int) -> float:
         shape, response = self.shape(tree), self.response(tree)
         if shape is None or response is None:
@@ -665,7 +633,9 @@ class ForestSway:
 
     def _moved(self, tree: np.ndarray, at: Anchors, time: np.ndarray, order: int) -> np.ndarray:
         found = np.zeros((len(tree), 3))
-        for number, rows in _by_tree(tree):
+        order_of = np.argsort(tree, kind="stable")
+        numbers, begin = np.unique(np.asarray(tree)[order_of], return_index=True)
+        for number, rows in zip(numbers.tolist(), np.split(order_of, begin[1:]), strict=True):
             shape, response = self.shape(number), self.response(number)
             if shape is None or response is None:
                 continue
@@ -675,59 +645,38 @@ class ForestSway:
         return found
 
     def _of_one(self, tree: int, at: Anchors, time: np.ndarray, order: int) -> np.ndarray:
-        shape, response = self.shape(tree), self.response(tree)
-        assert shape is not None
-        assert response is not None
-        stand = self._forest.stand
-        amplitude = response.amplitudes(time)[order]
-        low, high = self._tables(self._key(tree))
+        shape, stand = _sure(self.shape(tree)), self._forest.stand
+        amplitude = _sure(self.response(tree)).amplitudes(time)[order]
+        kept: dict[str, tuple[np.ndarray, np.ndarray]] = vars(shape)
+        if "_tables" not in kept:
+            kept["_tables"] = shape.ends
+        low, high = kept["_tables"]
         both = low[at.bone]
         both += at.along[:, None, None] * (high - low)[at.bone]
         six = np.einsum("nm,nmi->ni", amplitude, both)
         moved = six[:, :3] + np.cross(six[:, 3:], at.arm)
-        leafy = np.flatnonzero(at.leaf >= 0)
-        if len(leafy):
-            moved[leafy] += self._fluttered(tree, at.select(leafy), time[leafy], order)
+        leafy, scale = np.flatnonzero(at.leaf >= 0), float(stand.scale[tree])
+        if len(leafy) and self._forest.species[self.variant(tree)[0]].needles is None:
+            turns = self._turns(tree, at.leaf[leafy], time[leafy])[order]
+            moved[leafy] += scale * np.cross(turns, at.reach[leafy])
         cos, sin = np.cos(stand.rotation[tree]), np.sin(stand.rotation[tree])
         x, y, z = moved.T
         return np.stack([cos * x - sin * y, sin * x + cos * y, z], axis=1)
-
-    def _tables(self, key: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
-        shape = self._shapes[key]
-        assert shape is not None
-        kept: dict[str, tuple[np.ndarray, np.ndarray]] = vars(shape)
-        if "_tables" not in kept:
-            kept["_tables"] = shape.ends
-        return kept["_tables"]
-
-    def _fluttered(self, tree: int, at: Anchors, time: np.ndarray, order: int) -> np.ndarray:
-        """(N, 3) displacement or velocity of points of leaves about their feet, in the variant's axes."""
-        if self._forest.species[self._key(tree)[0]].needles is not None:
-            return np.zeros((len(at), 3))
-        scale = float(self._forest.stand.scale[tree])
-        return scale * np.cross(self._turns(tree, at.leaf, time)[order], at.reach)
 
     def _turns(
         self, tree: int, leaf: np.ndarray, time: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """(N, 3) vectors that leaves turn by about their feet at times (N,), radians, and their rates."""
-        shape, stand = self.shape(tree), self._forest.stand
-        assert shape is not None
-        seats = shape.seats
+        seats, stand = _sure(self.shape(tree)).seats, self._forest.stand
         tree_key = child_keys(self._first, np.array([tree]))
         key = child_keys(np.broadcast_to(tree_key, leaf.shape), leaf)
         wind = self.field.mean(float(stand.scale[tree]) * seats.foot[leaf, 2])
         along, normal = seats.axis[leaf], seats.normal[leaf]
         across = np.cross(along, normal)
         value, rate = (
-            angle[:, :1] * along + angle[:, 1:] * across
-            for angle in Flutter.of(key, wind).angles(time)
+            angle[:, :1] * along + angle[:, 1:] * across for angle in flutter(key, wind, time)
         )
         return value, rate
-
-    @cached_property
-    def _first(self) -> np.ndarray:
-        return first_key(self._seed, "flutter")
 
 
 def sway_of(
@@ -735,14 +684,6 @@ def sway_of(
 ) -> ForestSway | None:
     """The motion of a forest in a scene's wind; None without wind or trees. like : see ``ForestSway``."""
     return ForestSway(forest, wind, seed, like) if wind.speed > 0 and len(forest.stand) else None
-
-
-def _shape(tree: Tree, species: Species) -> SwayShape | None:
-    if species.dead or not len(tree.skeleton) or tree.skeleton.radius.max() <= 0:
-        return None
-    if len(tree.skeleton) < 2:
-        return None
-    return shape_of(tree.skeleton, tree.leaves, wood_of_species(species))
 
 
 def _still(count: int) -> Anchors:
@@ -754,11 +695,3 @@ def _still(count: int) -> Anchors:
         none - 1,
         np.zeros((count, 3), np.float32),
     )
-
-
-def _by_tree(tree: np.ndarray) -> Iterator[tuple[int, np.ndarray]]:
-    """Each tree with the rows that name it."""
-    tree = np.asarray(tree)
-    order = np.argsort(tree, kind="stable")
-    found, first = np.unique(tree[order], return_index=True)
-    yield from zip(found.tolist(), np.split(order, first[1:]), strict=True)

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
     from forest_addon.formats.tree_map import TreeMap
     from forest_addon.stand.compose import Inputs
-    from forest_addon.stand.poisson import Process
+    from forest_addon.stand.layouts import Process
     from forest_addon.stand.statistics.intensity import Window
     from forest_addon.stand.statistics.law import ChosenLaw, Estimate, Goodness, MappedSpecies
 
@@ -349,7 +349,7 @@ def _grown(
 
 def _simulate(process: Process, name: str, number: int) -> np.ndarray:
     from forest_addon.base.rng import stream
-    from forest_addon.stand.poisson import sample
+    from forest_addon.stand.layouts import sample
 
     return sample(process, stream(0, "goodness", name, number))
 

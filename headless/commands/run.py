@@ -11,6 +11,8 @@ from pathlib import Path
 from forest_addon.spec import Scene, SpecError
 
 from ..command import (
+    LOCK,
+    PROGRAM,
     SCENE_HELP,
     Command,
     DoubtfulError,
@@ -45,14 +47,32 @@ class RunCommand(Command):
             help="processes that scan the tiles of a scene with [tiles] (default 1)",
         )
         add_cluster_options(parser)
+        parser.add_argument(
+            "--share",
+            type=_share,
+            metavar="K/N",
+            help="make every Nth piece from the Kth on, as one of N processes that see the same folder; "
+            "--resume joins them",
+        )
+        parser.add_argument(
+            "--store",
+            metavar="URL",
+            help="of a scene with [tiles]: s3://, gs:// or another of fsspec's, to which finished pieces and "
+            "in the end all files are copied; with --resume pieces are taken from there",
+        )
 
     def output(self, chosen: argparse.Namespace) -> Path:
         if chosen.scene is None:
             chosen.scene = open_blend()
         return super().output(chosen)
 
+    def lock(self, chosen: argparse.Namespace) -> Path:
+        share = "" if chosen.share is None else "-{}-of-{}".format(*chosen.share)
+        return chosen.out / f"{LOCK}{share}"
+
     def is_whole(self, chosen: argparse.Namespace) -> bool:
-        return not chosen.resume  # none that goes on makes all files of its folder
+        # none that goes on, or makes a share, makes all files of its folder
+        return not chosen.resume and chosen.share is None
 
     def kept(self, chosen: argparse.Namespace) -> str:
         return f"{super().kept(chosen)}; --resume goes on with it"
@@ -77,6 +97,8 @@ class RunCommand(Command):
         if settings.tiles.size:
             if chosen.convolve:
                 raise SpecError("--convolve", "needs a reverb, which cannot be run in tiles")
+            from ..store import store_of
+
             cluster = Cluster(workers, chosen.scheduler, chosen.slurm)
             run_in_tiles(
                 settings,
@@ -84,13 +106,19 @@ class RunCommand(Command):
                 chosen.out,
                 quiet=chosen.quiet,
                 resume=chosen.resume,
+                share=chosen.share,
                 cluster=cluster if cluster.is_elsewhere or workers > 1 else None,
+                store=None if chosen.store is None else store_of(chosen.store),
+                command=f"{PROGRAM} run {scene.name} --seed {settings.seed}",
                 strict=chosen.strict,
             )
             _print_record(chosen)
             return
-        if workers > 1 or chosen.scheduler or chosen.slurm is not None:
-            key = "--workers" if workers > 1 else "--scheduler" if chosen.scheduler else "--slurm"
+        asked = {"--workers": workers > 1, "--scheduler": chosen.scheduler, "--store": chosen.store}
+        asked["--share"] = chosen.share
+        for key in [key for key, said in asked.items() if said] + ["--slurm"] * (
+            chosen.slurm is not None
+        ):
             raise SpecError(
                 key, "needs a scene with [tiles]; sensors of others use all cores by themselves"
             )
@@ -109,6 +137,14 @@ class RunCommand(Command):
             _print_record(chosen)
             raise
         _print_record(chosen)
+
+
+def _share(text: str) -> tuple[int, int]:
+    """Number and count of the share of the work that "2/8" means."""
+    part, _, parts = text.partition("/")
+    if not (part.isdigit() and parts.isdigit() and 1 <= int(part) <= int(parts)):
+        raise argparse.ArgumentTypeError(f'"{text}" is no share; write such as 2/8')
+    return int(part), int(parts)
 
 
 def _print_record(chosen: argparse.Namespace) -> None:

@@ -252,14 +252,12 @@ def _rings(anatomy: Anatomy, grown: Grown, what: str) -> str:
     from forest_addon.growth.own_tree.anatomy import OFF
     from forest_addon.growth.own_tree.relay import hold_rings
 
-    held = hold_rings(anatomy, grown)
-    limbs, moved = int((grown.parent >= 0).sum()), int((held.far > OFF).sum())
+    far, left = hold_rings(anatomy, grown)
+    limbs, moved = int((grown.parent >= 0).sum()), int((far > OFF).sum())
     text = f"Lowest rings on the mesh, {what}: {moved:,} of {limbs:,} limbs"
     if moved:
-        text += (
-            f" had corners up to {1000 * held.far.max():.0f} mm off the wood that bears them, moved"
-        )
-        return f"{text} in; now {1000 * held.left.max():.1f} mm at most"
+        text += f" had corners up to {1000 * far.max():.0f} mm off the wood that bears them, moved"
+        return f"{text} in; now {1000 * left.max():.1f} mm at most"
     return f"{text} were off the wood that bears them by more than {1000 * OFF:.0f} mm"
 
 

@@ -20,7 +20,7 @@ from forest_addon.sensing.lidar.cloud import Cloud, Returns
 from forest_addon.sensing.rays.geometry import SceneGeometry
 from forest_addon.spec import Planting
 from forest_addon.stand.forest import GrownForest
-from forest_addon.stand.undergrowth import PLANTS
+from forest_addon.stand.plan import PLANTS
 
 CLASSES = (
     *("unclassified", "low vegetation", "terrain", "out points"),

@@ -41,10 +41,16 @@ from forest_addon.sensing.rays.cells import Cells
 from forest_addon.sensing.reverb.sums.fast_scattering import Expansions
 from forest_addon.site import ForestSite
 from forest_addon.spec import Planting, Rays, Scene, Species, Terrain
-from forest_addon.stand.forest import Grown, GrownForest, angle_table, leaf_table
-from forest_addon.stand.plan import labels
-from forest_addon.stand.truth import cylinder_table, inventory, voxel_arrays
-from forest_addon.stand.undergrowth import LOW
+from forest_addon.stand.forest import (
+    Grown,
+    GrownForest,
+    angle_table,
+    cylinder_table,
+    inventory,
+    leaf_table,
+    voxel_arrays,
+)
+from forest_addon.stand.plan import LOW, labels
 from forest_addon.stand.wind import sway_of
 
 from ..progress import hushed

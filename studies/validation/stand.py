@@ -148,7 +148,7 @@ def judge(
         laws.append(_under(prefix + "clusters", words, process, points, window, radius, seed, draw))
     if covariates is None:
         radii = np.linspace(0.05, 0.6, 12) * stand.reach
-        strauss = fit_strauss(points, window, radii).strauss
+        strauss, _ = fit_strauss(points, window, radii)
         if strauss.gamma < 0.95:
             words = f"R = {strauss.radius:.3g} m, γ = {strauss.gamma:.2g}"
             laws.append(

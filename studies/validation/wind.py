@@ -357,10 +357,13 @@ median of their diameter and height; *drawn* ones have them drawn as trees of on
 TERMS = """\
 The first run, with wood and leaves but neither bark nor weight, was 1.3 times too high for conifers and
 broadleaves alike; bark (which weighs and does not stiffen) and the weight that a stem carries are in the
-model since, both from the literature. The foot is clamped: roots that give would take a few per cent
-more. Until needles weighed by half of their surface, as leaf areas are counted, 0.85 of the middle
-conifers lay within the band. Of the ear motions the tone tells more, and the sweep less, than published:
-our ear has one lobe that changes little over the sweep, real ones have many.
+model since, both from the literature; broadleaves in forests were still 1.25 times too fast with few long
+limbs as stiff as the stem, and are as slow as measured with limbs as scans show them and the modulus of
+branches (Cannell & Morgan 1987). They differ more among each other than measured trees do: in the first
+modes limbs and stem sway together, and one limb more or less counts. The foot is clamped: roots that give
+would take a few per cent more. Until needles weighed by half of their surface, as leaf areas are counted,
+0.85 of the middle conifers lay within the band. Of the ear motions the tone tells more, and the sweep less,
+than published: our ear has one lobe that changes little over the sweep, real ones have many.
 
 Of the first 70 of the drawn conifers ten miss the band. Too fast, by 1.6 to 1.9, are five spruces of 7 to 12
 m and 14 to 23 cm (46 to 62 diameters high) whose crowns begin below 0.17 of the height; the measured ones of

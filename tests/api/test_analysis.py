@@ -64,6 +64,11 @@ def test_every_result_as_a_dataset(world):
         assert made.attrs["sensor"] == result.sensor.name
         assert len(result.to_pandas()) == np.prod(shape)
         assert result.to_pandas().attrs["units"][name] == made[name].attrs["units"]
+        if result is not cloud:
+            pytest.importorskip("zarr")
+            place = f"memory://results/{name}.zarr"
+            made.to_zarr(place)
+            assert xarray.open_zarr(place).load().identical(made)
     assert np.array_equal(echo.to_xarray()["waveform"].values, echo.waveforms)
 
 

@@ -21,7 +21,7 @@ from forest_addon.growth.library import find_species, load_species
 from forest_addon.growth.mesh.leaves import measure_leaves
 from forest_addon.growth.tree import grow
 from forest_addon.growth.truth import tree_truth
-from forest_addon.stand.truth import NONE, placed_leaves, placed_table
+from forest_addon.stand.forest import NONE, placed_leaves, placed_table
 
 ROOT = Path(__file__).resolve().parents[2]
 SPECIES = "fern", "hazelnut"

@@ -13,7 +13,7 @@ from gymnasium.utils.env_checker import check_env
 import forest_addon.flight
 from forest_addon import api as forest
 from forest_addon.flight.environment import FlightEnv, FlightVectorEnv
-from forest_addon.flight.senses import SONAR, LidarSense, placed
+from forest_addon.flight.senses import SONAR, LidarSense
 from forest_addon.spec import Beam, Flight, Mobile, Noise
 
 FLIGHT = Flight(distance=15.0, steps=60, start_low=(0.0, 0.0), start_high=(1.0, 1.0), thinnest=0.0)
@@ -82,7 +82,7 @@ def test_a_step_senses_what_the_sensors_find_there(env):
         told = env.step(np.array([turn, 0.4, 0.2]))[0]
     flyers = env.flights.flyers
     world = env.world()
-    scanner = placed(flyers.lidar.scanner, flyers.lidar.pose(flyers.state))
+    scanner = flyers.lidar.scanner.changed(poses=(flyers.lidar.pose(flyers.state),))
     cloud = world.scan(scanner).found
     assert len(cloud) > 10
     truth = np.full(flyers.lidar.rays, scanner.max_range)
@@ -129,7 +129,7 @@ def test_any_pattern_is_that_of_the_scanner(env, scanner):
     told = lidar.look(flyers.world, state, np.array([seed]))[0]
     world = env.world()
     world.scene = world.scene.changed(seed=seed)
-    cloud = world.scan(placed(scanner, lidar.pose(state))).found
+    cloud = world.scan(scanner.changed(poses=(lidar.pose(state),))).found
     first = cloud.number == 1
     truth = np.full(lidar.rays, scanner.max_range)
     truth[cloud.pulse[first]] = cloud.returns.distance[first]

@@ -9,7 +9,7 @@ pytest.importorskip("gymnasium")
 from forest_addon import api as forest
 from forest_addon.flight.environment import FlightEnv
 from forest_addon.flight.obstacles import distances
-from forest_addon.flight.senses import SONAR, placed
+from forest_addon.flight.senses import SONAR
 from forest_addon.spec import Flight
 
 STEP, SEED = 0.25, 11  # s: whole frames of 1/24 s
@@ -46,7 +46,7 @@ def test_a_step_senses_the_trees_of_its_moment(env):
     flyers, world = env.flights.flyers, env.world()
     bpy.context.scene.render.fps = 24
     bpy.context.scene.frame_set(bpy.context.scene.frame_start + round(2 * STEP * 24))
-    scanner = placed(flyers.lidar.scanner, flyers.lidar.pose(flyers.state))
+    scanner = flyers.lidar.scanner.changed(poses=(flyers.lidar.pose(flyers.state),))
     cloud = world.scan(scanner).found
     truth = np.full(flyers.lidar.rays, scanner.max_range)
     truth[cloud.pulse] = cloud.true_range

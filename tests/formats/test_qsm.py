@@ -8,8 +8,7 @@ from forest_addon import spec
 from forest_addon.base.places import ASSETS
 from forest_addon.growth.library import load_species
 from forest_addon.results.tables import write_cylinders, write_models
-from forest_addon.stand.forest import grow_forest
-from forest_addon.stand.truth import cylinder_table, inventory
+from forest_addon.stand.forest import cylinder_table, grow_forest, inventory
 
 CYLINDER = (  # names by which rTwig and aRchi take them
     *("radius", "length", "start", "axis", "parent", "extension", "added", "UnmodRadius"),

@@ -16,7 +16,7 @@ from forest_addon.growth.library import find_species, load_species
 from forest_addon.growth.lsystem.branching import skeleton_of
 from forest_addon.growth.mesh.leaves import Leaves
 from forest_addon.growth.mesh.meshing import mesh_wood
-from forest_addon.growth.skeleton import Skeleton, cylinders_of, diameter_at
+from forest_addon.growth.skeleton import Skeleton, diameter_at, find_axes
 from forest_addon.growth.tree import Tree
 from forest_addon.growth.truth import (
     leaf_angles,
@@ -234,12 +234,10 @@ def fork():
     )
 
 
-def test_parents_extensions_axes_and_orders():
-    found = cylinders_of(fork())
-    assert found.parent.tolist() == [-1, 0, 0, 2, 2]
-    assert found.extension.tolist() == [1, -1, 3, -1, -1]
-    assert found.axis.tolist() == [0, 0, 1, 1, 2]
-    assert found.order.tolist() == [0, 0, 1, 1, 2]
+def test_axes_and_extensions():
+    axes = find_axes(fork())
+    assert axes.onward.tolist() == [1, -1, 3, -1, -1]
+    assert axes.of_segment.tolist() == [0, 0, 1, 1, 2]
 
 
 def test_diameter_at_a_height():

@@ -17,7 +17,6 @@ from forest_addon.formats.helios.document import find_files
 from forest_addon.formats.helios.motion import PartMotion, read_motion
 from forest_addon.formats.helios.parts import (
     Material,
-    VoxelMode,
     read_materials,
     read_points,
     read_terrain,
@@ -309,16 +308,14 @@ i j k PadBVTotal nbSampling transmittance
 """
 
 
-@pytest.mark.parametrize(
-    ("mode", "edges"), [(VoxelMode("fixed"), [0.5, 0.5]), (VoxelMode("scaled", 0.5), [0.25, 0.5])]
-)
-def test_voxels_of_amapvox_are_boxes(tmp_path: Path, mode: VoxelMode, edges: list[float]) -> None:
+@pytest.mark.parametrize(("mode", "edges"), [("fixed", [0.5, 0.5]), ("scaled", [0.25, 0.5])])
+def test_voxels_of_amapvox_are_boxes(tmp_path: Path, mode: str, edges: list[float]) -> None:
     file = tmp_path / "crown.vox"
     file.write_text(VOXELS)
-    boxes = read_voxels(file, mode, Material()).vertices.reshape(2, 8, 3)
+    boxes = read_voxels(file, Material(), mode).vertices.reshape(2, 8, 3)
     np.testing.assert_allclose(np.ptp(boxes, axis=1), np.repeat(edges, 3).reshape(2, 3))
     np.testing.assert_allclose(boxes.mean(axis=1), [[0.25, 0.25, 0.25], [0.75, 0.25, 0.25]])
-    shifted = read_voxels(file, replace(mode, shifted=True), Material()).vertices
+    shifted = read_voxels(file, Material(), mode, shifted=True).vertices
     assert shifted.reshape(2, 8, 3).min() >= 0
     assert shifted[:, 1:].max() <= 0.5
 
@@ -327,10 +324,10 @@ def test_broken_voxels_are_refused(tmp_path: Path) -> None:
     file = tmp_path / "crown.vox"
     file.write_text(VOXELS.replace("transmittance", "nothing"))
     with pytest.raises(SpecError, match="no column transmittance"):
-        read_voxels(file, VoxelMode("fixed"), Material())
+        read_voxels(file, Material(), "fixed")
     file.write_text(VOXELS.replace("#res", "#size"))
     with pytest.raises(SpecError, match="does not say #res"):
-        read_voxels(file, VoxelMode("fixed"), Material())
+        read_voxels(file, Material(), "fixed")
 
 
 def test_a_leg_may_say_how_its_echoes_are_found(tmp_path: Path) -> None:

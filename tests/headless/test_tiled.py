@@ -80,6 +80,22 @@ def test_workers_of_which_one_lost_a_piece_make_the_same_bytes(field, empty_blen
 
 
 @pytest.mark.slow
+def test_shares_that_are_joined_make_the_same_bytes(field, empty_blender):
+    def run(out, *more):
+        folder = field.with_name(out)
+        assert main(["run", str(field), "--out", str(folder), "--quiet", *more]) == 0
+        return folder / "als.laz"
+
+    whole = run("whole").read_bytes()
+    for share in ("1/2", "2/2"):
+        assert not run("parts", "--share", share).exists()
+    assert run("parts", "--resume").read_bytes() == whole
+    for wrong in ("3", "0/2", "3/2", "a/b"):
+        with pytest.raises(SystemExit):
+            main(["run", str(field), "--share", wrong])
+
+
+@pytest.mark.slow
 def test_a_tile_in_smaller_scenes_is_the_same(field, tmp_path, empty_blender):
     tiling = forest.Tiling.of(read_settings(field, forest.Scene), field.parent)
     scan = forest.TiledScan(tiling, tiling.site.scene.sensors[0], tmp_path)

@@ -11,7 +11,9 @@ from headless.command import fault_of, is_told
 from headless.commands.derive import DeriveCommand
 
 pytest.importorskip("bpy")
-from headless.tiled import Share
+import bpy
+
+from forest_addon.blender.show.wind import knots_of
 
 BARE = """
 [forest]
@@ -160,8 +162,11 @@ def test_a_level_that_is_no_number_is_refused(headless, tmp_path):
     assert "nan is no finite number" in ended.stderr
 
 
-def test_words_of_numpy_are_a_fault_of_the_program_and_say_where():
-    for raised, told in ((lambda: np.empty(0).max(), False), (lambda: Share.of("3"), True)):
+def test_words_of_numpy_are_a_fault_of_the_program_and_say_where(empty_blender):
+    for raised, told in (
+        (lambda: np.empty(0).max(), False),
+        (lambda: knots_of(bpy.context.scene, 10), True),
+    ):
         with pytest.raises(ValueError, match=r"\w") as problem:
             raised()
         assert is_told(problem.value) == told

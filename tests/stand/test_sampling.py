@@ -21,7 +21,7 @@ from forest_addon.stand.intensity.functions import (
     Sum,
 )
 from forest_addon.stand.intensity.surface import IntensityError
-from forest_addon.stand.poisson import MAX_POINTS, BoundViolation, Process, sample
+from forest_addon.stand.layouts import MAX_POINTS, BoundViolation, Process, sample
 
 LOW, SIZE = np.array([500_000.0, 5_400_000.0]), np.array([60.0, 40.0])  # UTM
 HILLS = Mixture(

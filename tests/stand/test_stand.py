@@ -7,8 +7,8 @@ from scipy import integrate, stats
 from forest_addon.base.rng import stream
 from forest_addon.spec import Forest, Gaussian, Planting
 from forest_addon.stand.compose import process_of
+from forest_addon.stand.layouts import sample
 from forest_addon.stand.plan import labels, matern_ii, plan_stand
-from forest_addon.stand.poisson import sample
 
 FIELD = Forest(size=(20.0, 20.0))
 HILLS = Planting(

@@ -11,9 +11,8 @@ from forest_addon.growth.measured.allometry import TARGETS, band
 from forest_addon.spec import Forest, Planting, Scene, Targets
 from forest_addon.stand.compose import Inputs
 from forest_addon.stand.files import read_tree_list
-from forest_addon.stand.forest import grow_forest, met_targets, tree_table
+from forest_addon.stand.forest import NONE, grow_forest, met_targets, tree_table
 from forest_addon.stand.measured import facts_of, in_band, record, sentences, targets_met
-from forest_addon.stand.truth import NONE
 
 LIST = "x,y,dbh,height\n2,2,0.10,8.0\n5,5,0.12,9.0\n8,8,0.16,9.5\n"
 LAW = read_allometry("betula", Path())

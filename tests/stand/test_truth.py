@@ -10,8 +10,7 @@ from forest_addon import spec
 from forest_addon.base.trimesh import LEAF, WOOD
 from forest_addon.growth.library import find_species, load_species
 from forest_addon.growth.truth import segment_table
-from forest_addon.stand.forest import grow_forest
-from forest_addon.stand.truth import cylinder_table, inventory, voxel_arrays
+from forest_addon.stand.forest import cylinder_table, grow_forest, inventory, voxel_arrays
 
 EDGE = 0.3
 

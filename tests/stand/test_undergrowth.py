@@ -10,7 +10,7 @@ from forest_addon.formats.toml_file import read_settings
 from forest_addon.site import ForestSite
 from forest_addon.spec import Forest, Planting, Reverb, Scene, SpecError, Terrain, Terrestrial
 from forest_addon.stand.intensity.surface import Flat, Heightmap, Triangulated, roughened
-from forest_addon.stand.undergrowth import PLANTS
+from forest_addon.stand.plan import PLANTS
 
 LOOKED_AT = (Terrestrial(),)
 SCENES = Path(__file__).parents[2] / "assets" / "scenes"

@@ -261,6 +261,21 @@ def test_the_template_has_every_kind_of_text(template):
     assert {("*", pattern) for pattern in patterns} <= known
 
 
+@pytest.mark.medium
+@pytest.mark.parametrize("language", ["de_DE", "fr_FR", "es", "ja_JP", "zh_HANS"])
+def test_a_language_has_every_name_of_the_panel(language, template):
+    """Names are texts of up to three words; sentences that are not translated are shown in English."""
+    catalog = words.read_catalog((words.LANGUAGES / f"{language}.po").read_text(encoding="utf-8"))
+    names = {
+        (context, text)
+        for context, text in spoken(template)
+        if len(text.split()) <= 3 and text[:1].isupper() and not text.endswith(".")
+    }
+    assert len(names) > 800
+    assert names - catalog.keys() == set()
+    assert catalog.keys() <= spoken(template).keys()
+
+
 def test_gettext_accepts_the_template(template, tmp_path):
     if not shutil.which("msgfmt"):
         pytest.skip("gettext's msgfmt is not installed")

@@ -8,8 +8,6 @@ nearest on, until it would enter one beyond the best hit so far.
 from __future__ import annotations
 
 import gc
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import islice, pairwise
 from operator import itemgetter
@@ -57,8 +55,13 @@ class BvhCaster(Search):
         """Let rays visit their instances; of what each met, the nearest by its exact distance."""
         ray, box, entry = self._boxes.pairs(origins, directions, start, limit)
         pairs = _Pairs(ray, box, np.maximum(entry * (1 - BEFORE_SHARE) - BEFORE, start[ray]), entry)
-        with _no_collection():
+        collecting = gc.isenabled()
+        try:  # without the collector: the loops make millions of small tuples, none in a cycle
+            gc.disable()  # within: a job may be cancelled at any line
             ray, box, triangle = self._in_rounds(pairs, origins, directions, limit)
+        finally:
+            if collecting:
+                gc.enable()
         distance, normal = self._surfaces.meet(
             origins.take(ray, 1), directions.take(ray, 1), box, triangle
         )
@@ -84,7 +87,17 @@ class BvhCaster(Search):
         if (np.diff(mesh_of) < 0).any():
             pairs = pairs.select(np.argsort(mesh_of, kind="stable"))
             mesh_of = self.scene.mesh_index[pairs.box]
-        origin, way, stretch = self._enter(pairs, origins, directions)
+        # Rays in the space of their instances.
+        m = self._to_local.take(pairs.box, 1).reshape(3, 4, -1)
+        d = directions.take(pairs.ray, 1)
+        o = pairs.begin * d
+        o += origins.take(pairs.ray, 1)
+        origin, way = m[:, 0] * o[0], m[:, 0] * d[0]
+        for axis in (1, 2):
+            origin += m[:, axis] * o[axis]
+            way += m[:, axis] * d[axis]
+        origin += m[:, 3]
+        stretch = np.sqrt(way[0] ** 2 + way[1] ** 2 + way[2] ** 2)
         long = ((limit[pairs.ray] - pairs.begin) * (1 + 1e-6) + SLACK) * stretch
         reach = np.minimum(long, FAR)
         cuts = [0, *(np.flatnonzero(np.diff(mesh_of)) + 1).tolist(), len(mesh_of)]
@@ -133,22 +146,6 @@ class BvhCaster(Search):
         ray, box, triangle = (np.concatenate(part) for part in zip(*found, strict=True))
         return ray, box, triangle
 
-    def _enter(
-        self, pairs: _Pairs, origins: np.ndarray, directions: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Rays in the space of their instances: origin (3, P) and way (3, P), and its length (P,)."""
-        m = self._to_local.take(pairs.box, 1).reshape(3, 4, -1)
-        d = directions.take(pairs.ray, 1)
-        o = pairs.begin * d
-        o += origins.take(pairs.ray, 1)
-        origin, way = m[:, 0] * o[0], m[:, 0] * d[0]
-        for axis in (1, 2):
-            origin += m[:, axis] * o[axis]
-            way += m[:, axis] * d[axis]
-        origin += m[:, 3]
-        stretch = np.sqrt(way[0] ** 2 + way[1] ** 2 + way[2] ** 2)
-        return origin, way, stretch
-
     def _tree(self, mesh_number: int) -> tuple[BVHTree, np.ndarray]:
         """The BVHTree of a mesh, made when first needed and kept with it, and its triangles' numbers."""
         mesh = self.scene.meshes[mesh_number]
@@ -183,15 +180,3 @@ def _firsts(ray: np.ndarray) -> np.ndarray:
     new[:1] = True
     np.not_equal(ray[1:], ray[:-1], out=new[1:])
     return new.nonzero()[0]
-
-
-@contextmanager
-def _no_collection() -> Iterator[None]:
-    """Pause the garbage collector: the loops make millions of small tuples, none in a cycle."""
-    collecting = gc.isenabled()
-    try:
-        gc.disable()  # within: a job may be cancelled at any line
-        yield
-    finally:
-        if collecting:
-            gc.enable()

@@ -25,7 +25,7 @@ from ...base.trimesh import TriMesh
 from ...kernels import CastScene
 from ...sensing.rays.boxes import clip
 from ...sensing.rays.caster import Hits
-from ...sensing.rays.geometry import SceneGeometry, TriangleTable, invert_transforms
+from ...sensing.rays.geometry import SceneGeometry, invert_transforms
 from ...sensing.rays.search import TASK, Search, in_tasks, whole_triangles
 
 FOLDERS = ("lib", "blender.shared", ".", "../Frameworks", "../Resources/lib")
@@ -179,16 +179,11 @@ class EmbreeCaster(Search):
             [of_mesh[m] for m in scene.mesh_index[known]],
             place[known, None].astype(np.float32),
         )
-        self._arrays = np.ascontiguousarray(scene.transform), self._surfaces.first, scene.table
-        self._described = self._describe(*self._arrays)
-
-    def _describe(
-        self, transform: np.ndarray, first: np.ndarray, table: TriangleTable
-    ) -> CastScene:
-        """The scene as the kernel wants it."""
+        table, point = scene.table, ctypes.c_double * 3
+        transform, first = np.ascontiguousarray(scene.transform), self._surfaces.first
+        self._arrays = transform, first, table  # which the kernel reads where they are
         single = table.vertices.dtype == np.float32
-        point = ctypes.c_double * 3
-        return CastScene(
+        self._described = CastScene(
             tree=self._top,
             intersect=ctypes.cast(self._library.rtcIntersect1, ctypes.c_void_p),
             low=point(*self._low),
@@ -258,7 +253,7 @@ class EmbreeCaster(Search):
 
 def rays_of(origins: np.ndarray, directions: np.ndarray, reach: np.ndarray) -> np.ndarray:
     """(R, SIZE) float32, rays (3, R), (3, R), (R,) as Embree wants them."""
-    rays = _aligned((len(reach), SIZE), np.float32)
+    rays = np.zeros((len(reach), SIZE), np.float32)  # at 16 bytes, as Embree asks of one ray
     rays[:, :3], rays[:, 4:7], rays[:, TFAR] = origins.T, directions.T, np.minimum(reach, FAR)
     rays.view(np.uint32)[:, [MASK, HIT_GEOMETRY, HIT_INSTANCE]] = NONE
     return rays
@@ -415,14 +410,6 @@ class EmbreeBuild:
 def collapsed(triangles: np.ndarray, whole: np.ndarray) -> np.ndarray:
     """Triangles (T, 3), those that are not whole (T,) drawn together to a corner, where no ray meets them."""
     return triangles if whole.all() else np.where(whole[:, None], triangles, triangles[:, :1])
-
-
-def _aligned(shape: tuple[int, ...], dtype: type) -> np.ndarray:
-    """An array of zeros that starts at a multiple of 64 bytes."""
-    size = int(np.prod(shape)) * np.dtype(dtype).itemsize
-    room = np.zeros(size + 64, dtype=np.uint8)
-    start = -room.ctypes.data % 64
-    return room[start : start + size].view(dtype).reshape(shape)
 
 
 def _release(

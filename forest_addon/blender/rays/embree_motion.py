@@ -259,7 +259,6 @@ class EmbreeMotion:
     ) -> None:
         """Give hits (R,) at seams of pieces the copy of their triangle that is first in float64."""
         cut, count = self._moving.pieces, self._moving.count
-        assert cut is not None
         rows = np.flatnonzero(hits.instance >= count)
         row, piece, triangle = cut.copies(hits.instance[rows] - count, hits.triangle[rows])
         there = np.isin(piece, window.piece)
@@ -293,9 +292,8 @@ class EmbreeMotion:
             boxes.append(self._moving.motion.paths[number].swept(*box))
         lows, highs = (np.array(ends) for ends in zip(*boxes, strict=True))
         low, high = lows.min(axis=0), highs.max(axis=0)
-        if self._moving.pieces is not None:
-            hull = self._moving.pieces.hull
-            low, high = np.minimum(low, hull[0]), np.maximum(high, hull[1])
+        hull = self._moving.pieces.hull
+        low, high = np.minimum(low, hull[0]), np.maximum(high, hull[1])
         finite = np.isfinite(self._still._low).all()
         self._centre = self._still._centre if finite else np.nan_to_num((low + high) / 2)
         size = float((high - low).max())

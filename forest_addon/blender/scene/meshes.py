@@ -28,8 +28,8 @@ from ...growth.skeleton import Skeleton
 from ...growth.tree import Tree
 from ...growth.truth import tree_truth
 from ...sensing.rays.geometry import SceneGeometry
+from ...stand.forest import PlacedTrees, PlacedVariant
 from ...stand.intensity.surface import GroundSurface, Heightmap
-from ...stand.truth import PlacedTrees, PlacedVariant
 from .attributes import places_of, read, write
 from .instances import ASSET_KEY
 

@@ -257,10 +257,10 @@ def give_instancer(
 
     light : show outlines in views.
     """
-    by_nodes = [m for m in thing.modifiers if m.type == "NODES"]
-    lost = [m for m in by_nodes if m.node_group is None and m.name in (INSTANCER, FIRST)]
-    found = [m for m in by_nodes if _is_instancer(m.node_group)]
-    modifier = next(iter([m for m in by_nodes if m in found or m in lost]), None)
+    named = (INSTANCER, FIRST)  # one whose node group was deleted is known by its name
+    by_nodes = ((m, m.node_group) for m in thing.modifiers if m.type == "NODES")
+    found = (m for m, group in by_nodes if _is_instancer(group) or (not group and m.name in named))
+    modifier = next(found, None)
     chosen = modifier is not None and is_light(modifier) != thing.get(LIGHT_KEY, False)
     if modifier is None:
         modifier = thing.modifiers.new(INSTANCER, "NODES")

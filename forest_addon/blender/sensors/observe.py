@@ -29,7 +29,7 @@ from ...sensing.rays.tracks import BENT
 from ...sensing.reverb.sums.fast_scattering import Expansions
 from ...sensing.trajectory import Trajectory
 from ...spec import Rays, Scene, Sensor
-from ...stand.truth import PlacedTrees
+from ...stand.forest import PlacedTrees
 from ..rays.casters import make_caster, make_moving_caster
 from ..read.depsgraph import kept, lasting, read_scene, solids_in
 from ..scene.meshes import placed_trees

@@ -283,23 +283,17 @@ def read_points(
     return _boxes(low + size * (place + 0.5), np.full(len(place), size), material)
 
 
-@dataclass(frozen=True)
-class VoxelMode:
-    """Boxes, "fixed" or "scaled", or a haze, "transmittive", that voxels of AMAPVox become; the power of the
-    density by which boxes shrink, and whether they are shifted at random within their cells."""
-
-    name: str
-    power: float = 0.5
-    shifted: bool = False
-
-
 @guarded("voxels of AMAPVox")
-def read_voxels(path: Path, mode: VoxelMode, material: Material) -> PartMesh:
+def read_voxels(
+    path: Path, material: Material, mode: str, power: float = 0.5, shifted: bool = False
+) -> PartMesh:
     """Boxes of the voxels of an AMAPVox file that do not let all light pass.
 
     A fixed box fills its cell; the edge of a scaled one is the cell's times (density/largest density)^power,
     densities of plant area (PadBVTotal), as in HELIOS++ (Weiser et al. 2021, Remote Sens. 13, 4). Of a
     transmittive file the grid of densities is kept.
+
+    mode : "fixed", "scaled" or "transmittive". shifted : boxes are shifted at random within their cells.
 
     Raises
     ------
@@ -310,7 +304,7 @@ def read_voxels(path: Path, mode: VoxelMode, material: Material) -> PartMesh:
     said = dict(re.findall(r"#\s*(\w+)\s*:\s*([^#]*)", notes))
     rows = [text.split() for text in lines if text and text[:1] != "#"]
     head = rows[1] if len(rows) > 1 else []
-    hazy, scaled = mode.name == "transmittive", mode.name == "scaled"
+    hazy, scaled = mode == "transmittive", mode == "scaled"
     for key in ("min_corner", "res", *(["max_pad"] if scaled else [])):
         if key not in said:
             raise SpecError(str(path), f"is no file of voxels: it does not say #{key}")
@@ -321,15 +315,15 @@ def read_voxels(path: Path, mode: VoxelMode, material: Material) -> PartMesh:
     low, size = np.array(said["min_corner"].split(), dtype=np.float64), float(said["res"])
     passing = np.zeros(len(table)) if hazy else table[:, head.index("transmittance")]
     density = table[:, head.index("PadBVTotal")]
-    there = np.isfinite(passing) & (passing != 1) & ((density > 0) | (mode.name == "fixed"))
+    there = np.isfinite(passing) & (passing != 1) & ((density > 0) | (mode == "fixed"))
     if not there.any():
         raise SpecError(str(path), "has no voxel that stops light")
     cell, density = table[there, :3], density[there]
     edge = np.full(len(cell), size)
     if scaled:
-        edge = size * (density / float(said["max_pad"])) ** mode.power
+        edge = size * (density / float(said["max_pad"])) ** power
     middle = low + size * (cell + 0.5)
-    if mode.shifted:
+    if shifted:
         keys = child_keys(np.zeros(len(cell), dtype=np.uint64), np.flatnonzero(there))
         chance = np.stack([keyed_uniform(keys, axis) for axis in "xyz"], axis=1)
         middle += (2 * chance - 1) * np.maximum(size - edge, 0)[:, None] / 2

@@ -30,7 +30,6 @@ from .motion import PartMotion, read_motion
 from .parts import (
     Material,
     PartMesh,
-    VoxelMode,
     read_materials,
     read_obj,
     read_points,
@@ -223,9 +222,8 @@ class _PartReader:
             if mode not in VOXEL_MODES:
                 known = ", ".join(VOXEL_MODES)
                 raise SpecError(where, f'intersectionMode = "{mode}" is not supported; {known} are')
-            power = value("intersectionArgument", 0.5)
-            ways = VoxelMode(mode, power, yes(said.get("randomShift") or None, False))
-            return together([read_voxels(file, ways, material) for file in files])
+            ways = mode, value("intersectionArgument", 0.5), yes(said.get("randomShift"), False)
+            return together([read_voxels(file, material, *ways) for file in files])
         estimated = said.get("estimateNormals", "0") != "0" and "defaultNormal" not in params
         given = said["separator"], value("voxelSize", 1.0), material, 3 if estimated else 1
         return together([read_points(file, *given) for file in files])

@@ -91,11 +91,10 @@ def scene_document(name: str, parts: Iterable[PlacedPart]) -> Element:
         scale = float(np.cbrt(np.linalg.det(linear)))
         element = SubElement(scene, "part", id=part.name)
         _param(_filter(element, "objloader"), "string", "filepath", part.file)
-        turns = Rotation.from_matrix(linear / scale).as_euler("xyz", degrees=True).tolist()
-        if any(turns):
-            param = SubElement(_filter(element, "rotate"), "param", type="rotation", key="rotation")
-            for axis, angle in zip("xyz", turns, strict=True):
-                SubElement(param, "rot", axis=axis, angle_deg=repr(angle))
+        turn = Rotation.from_matrix(linear / scale)
+        if turn.magnitude():
+            step = _filter(element, "rotate")
+            rotated(SubElement(step, "param", type="rotation", key="rotation"), turn)
         if scale != 1.0:
             _param(_filter(element, "scale"), "double", "scale", repr(scale))
         where = ";".join(repr(x) for x in part.transform[:, 3].tolist())

@@ -80,19 +80,19 @@ def parse(symbols: np.ndarray, dialect: str = "tanveer-2020a") -> tuple[np.ndarr
     opens, closes = np.isin(symbols, list(_OPENING[dialect])), symbols == ord(")")
     if closes[-1:].any() and closes.sum() > opens.sum():  # the axiom's own closes nothing
         symbols, opens, closes = symbols[:-1], opens[:-1], closes[:-1]
-    paths = find_paths(opens, closes)
-    drawn = np.isin(symbols[paths.command], list(b"dg"))
+    command, follows, _, _ = find_paths(opens, closes)
+    drawn = np.isin(symbols[command], list(b"dg"))
     # The step that drew the segment on which each step stands, itself where none did.
-    stands = root_of(np.where(drawn, -1, paths.before))
+    stands = root_of(np.where(drawn, -1, follows))
     number = np.append(np.where(drawn, np.cumsum(drawn) - 1, -1), -1)
-    before = paths.before[drawn]
+    before = follows[drawn]
     turned = np.isin(symbols, list(_ROLE))
     last = np.maximum.accumulate(np.where(turned, np.arange(len(symbols)), -1))
     roles = np.zeros(256, np.int64)
     roles[list(_ROLE)] = list(_ROLE.values())
     role = np.where(last < 0, CENTRE, roles[symbols[np.maximum(last, 0)]])
     parent = np.where(before < 0, -1, number[stands[before]])
-    return parent, role[paths.command[drawn]]
+    return parent, role[command[drawn]]
 
 
 @lru_cache(maxsize=16)
@@ -121,13 +121,10 @@ def interpret(
     lift = rng.random(count) * jitter.raise_ratio
 
     ratio = np.where(role == CENTRE, grammar.centre_ratio, grammar.side_ratio)
-    length = np.empty(count)
-    radius = np.empty(count)
-    heading = np.empty((count, 3))  # H
-    left = np.empty((count, 3))  # L, the axis that side branches turn about
-    start = np.empty((count, 3))
-    end = np.empty((count, 3))
-
+    length, radius = np.empty((2, count))
+    heading, left, start, end = np.empty(
+        (4, count, 3)
+    )  # H; L, the axis that side branches turn about
     length[0] = grammar.length * (1 + jitter.length * draws["length"][0])
     radius[0] = grammar.radius
     start[0], end[0] = 0.0, (0.0, 0.0, length[0])
@@ -188,14 +185,6 @@ def _rotate(vectors: np.ndarray, axes: np.ndarray, angles: np.ndarray) -> np.nda
     return np.asarray(cos * vectors + sin * np.cross(axes, vectors) + (1 - cos) * along * axes)
 
 
-def grow_whole(species: Species, key: int, rng: np.random.Generator) -> tuple[Skeleton, LeafSites]:
-    """The skeleton and leaves of one tree without templates."""
-    grammar = species.grammar
-    skeleton = interpret(string_of(grammar), grammar, species.jitter, rng)
-    skeleton = _copied(skeleton, grammar.copies, key)
-    return skeleton, _tip_leaves(skeleton, species, key) if species.leaf.on else LeafSites.none()
-
-
 def _copied(skeleton: Skeleton, copies: int, key: int) -> Skeleton:
     """The skeleton with further copies of all first-level branches, behind the first."""
     level = first_level(skeleton)
@@ -238,9 +227,8 @@ def _copied(skeleton: Skeleton, copies: int, key: int) -> Skeleton:
     return Skeleton.joined(parts)
 
 
-def _tip_leaves(skeleton: Skeleton, species: Species, key: int) -> LeafSites:
+def _tip_leaves(skeleton: Skeleton, leaf: Leaf, key: int) -> LeafSites:
     """Nodes of leaves along every segment whose end bears nothing, the last node at its end."""
-    leaf = species.leaf
     goes_on = np.zeros(len(skeleton), bool)
     parent = skeleton.parent
     gap = np.abs(skeleton.start - skeleton.end[parent]).max(axis=1)
@@ -314,7 +302,15 @@ def grow_honda(honda: Honda, leaf: Leaf, key: int) -> tuple[Skeleton, LeafSites]
     """
     tree = child_keys(np.array([key], np.uint64), "honda")
     levels = int(draw_discrete(honda.levels, tree, "levels")[0])
-    _refuse_if_large(honda)
+    _refuse_many(predict_branches(honda) * honda.pieces)
+    ratio = max(honda.length_ratio.bounds()[1], honda.leader_ratio)
+    longest = honda.length.bounds()[1]
+    reach = longest * sum(ratio**level for level in range(max(honda.levels.values) + 1))
+    if reach > MAX_REACH:
+        raise ValueError(
+            f"branches would reach {written(reach)} m from the foot, more than {MAX_REACH:g} m; "
+            "use a smaller ratio or fewer levels"
+        )
     length_ratio = float(draw_normal(honda.length_ratio, tree, "length ratio")[0])
     radius_ratio = float(draw_normal(honda.radius_ratio, tree, "radius ratio")[0])
     here = _Branches(
@@ -337,38 +333,23 @@ def grow_honda(honda: Honda, leaf: Leaf, key: int) -> tuple[Skeleton, LeafSites]
             leaves.append(_leaves(honda, leaf, here, chains))
         if level < levels:
             here = _children(honda, here, chains, length_ratio, radius_ratio, level)
-            if drawn + len(here.key) * honda.pieces > MAX_SEGMENTS:
-                raise ValueError(_too_many(drawn + len(here.key) * honda.pieces))
+            _refuse_many(drawn + len(here.key) * honda.pieces)
     return Skeleton.joined(skeletons), LeafSites.joined([LeafSites.none(), *leaves])
 
 
-def _refuse_if_large(honda: Honda) -> None:
-    segments = predict_branches(honda) * honda.pieces
+def _refuse_many(segments: float) -> None:
     if segments > MAX_SEGMENTS:
-        raise ValueError(_too_many(segments))
-    ratio = max(honda.length_ratio.bounds()[1], honda.leader_ratio)
-    longest = honda.length.bounds()[1]
-    reach = longest * sum(ratio**level for level in range(max(honda.levels.values) + 1))
-    if reach > MAX_REACH:
         raise ValueError(
-            f"branches would reach {written(reach)} m from the foot, more than {MAX_REACH:g} m; "
-            "use a smaller ratio or fewer levels"
+            f"a tree of about {written(segments)} segments, more than {MAX_SEGMENTS:,}; "
+            "use fewer levels, daughters or pieces"
         )
-
-
-def _too_many(segments: float) -> str:
-    return (
-        f"a tree of about {written(segments)} segments, more than {MAX_SEGMENTS:,}; "
-        "use fewer levels, daughters or pieces"
-    )
 
 
 def _draw(honda: Honda, here: _Branches, first: int) -> _Chains:
     """Piece by piece, all branches at once: bent to both sides, then towards the ground."""
     count, pieces = len(here.key), honda.pieces
     node = np.empty((count, pieces + 1, 3))
-    headings = np.empty((count, pieces, 3))
-    acrosses = np.empty((count, pieces, 3))
+    headings, acrosses = np.empty((2, count, pieces, 3))
     droop = np.where(here.order >= honda.droop_from, honda.droop, 0.0)
     node[:, 0], heading, across = here.foot, here.heading, here.across
     for piece in range(pieces):
@@ -509,9 +490,11 @@ def skeleton_of(species: Species, rng: np.random.Generator) -> tuple[Skeleton, L
     ------
     ValueError : rules that cannot be read, or a tree that would be too large; says how large.
     """
-    key = int(rng.integers(2**63))
+    key, leaf = int(rng.integers(2**63)), species.leaf
     if species.rules is not None:
-        return grow_ruled(species.rules, species.leaf, key, rng)
+        return grow_ruled(species.rules, leaf, key, rng)
     if species.honda is not None:
-        return grow_honda(species.honda, species.leaf, key)
-    return grow_whole(species, key, rng)
+        return grow_honda(species.honda, leaf, key)
+    skeleton = interpret(string_of(species.grammar), species.grammar, species.jitter, rng)
+    skeleton = _copied(skeleton, species.grammar.copies, key)
+    return skeleton, _tip_leaves(skeleton, leaf, key) if leaf.on else LeafSites.none()

@@ -12,6 +12,13 @@ Every symbol of a string is replaced at once, generation by generation. Before a
 is predicted: exactly, or as an expectation where chance decides; where conditions decide nothing can be said,
 and each generation is measured before it is made. What would not fit is refused with the number. Strings are
 worked through in blocks, so a derivation needs little more memory than its last two strings.
+
+Arithmetic in productions, read by Python's parser and computed on arrays; nothing is evaluated as Python.
+
+Of a text's syntax tree only numbers, known names, and the operators and functions of the tables below are
+taken; anything else is refused. Each operation works on whole arrays, one value for every occurrence of a
+symbol. Operators, from the loosest: ``||``, ``&&``, ``== != < <= > >=``, ``+ -``, ``* /``, sign and ``!``,
+``^``. Truth is 1 and 0. Angles of ``sin cos tan`` are degrees, as everywhere in a production.
 """
 
 from __future__ import annotations
@@ -21,6 +28,7 @@ import difflib
 import math
 import re
 import warnings
+from collections import Counter, defaultdict
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -303,12 +311,15 @@ def split_arguments(text: str, opening: int) -> tuple[list[str], int]:
 class Production:
     """One successor: its letters and the numbers that they bear, all in one row.
 
-    parameters : names of the predecessor's numbers.
+    parameters : names of the predecessor's numbers. text, condition, chance : as it was written.
     """
 
     parameters: tuple[str, ...]
     codes: np.ndarray
     expressions: tuple[Expression, ...]
+    text: str = ""
+    condition: str = ""
+    chance: float | None = None
 
 
 @dataclass(frozen=True)
@@ -345,23 +356,6 @@ class System:
         return any(len(case.chances) > 1 for cases in self.cases.values() for case in cases)
 
 
-@dataclass
-class _Rule:
-    """A production as it was written."""
-
-    text: str
-    condition: str
-    chance: float | None
-    production: Production
-
-
-@dataclass
-class _Reader:
-    alphabet: Alphabet
-    constants: dict[str, float]
-    rules: dict[int, list[_Rule]] = field(default_factory=dict)
-
-
 def read_constants(texts: Sequence[str]) -> dict[str, float]:
     """Named numbers, each ``name = arithmetic`` over those before it.
 
@@ -392,110 +386,97 @@ def read_system(
     ------
     GrammarError : what cannot be read, with the production that it is in.
     """
-    reader = _Reader(Alphabet(notation or Notation()), dict(constants or {}))
-    reader.constants.setdefault("n", 0.0)
+    alphabet, known = Alphabet(notation or Notation()), {**(constants or {})}
+    known.setdefault("n", 0.0)
+    rules: dict[int, list[Production]] = {}
+    place = "axiom"
     try:
-        start = _read_word(axiom, reader)
+        modules = read_modules(axiom, alphabet.notation, list(known))
+        codes = [alphabet.code(symbol, len(given)) for symbol, given in modules]
+        values = [float(number(known)) for _, given in modules for number in given]
+        for text in productions:
+            place = f'production "{text}"'
+            code, rule = _read_production(text, alphabet, known)
+            rules.setdefault(code, []).append(rule)
     except (ExpressionError, GrammarError) as problem:
-        raise GrammarError(f"axiom: {problem}") from None
-    for text in productions:
-        try:
-            _read_production(text, reader)
-        except (ExpressionError, GrammarError) as problem:
-            raise GrammarError(f'production "{text}": {problem}') from None
-    return _tabulate(start, reader)
+        raise GrammarError(f"{place}: {problem}") from None
+    start = Word(np.array(codes, np.uint8), np.array(values, np.float64), alphabet)
+
+    every: list[Production] = []
+    cases: dict[int, list[Case]] = {code: [] for code in rules}
+    for code, written_ones in rules.items():
+        for condition in dict.fromkeys(rule.condition for rule in written_ones):
+            alike = [rule for rule in written_ones if rule.condition == condition]
+            numbers = tuple(range(len(every), len(every) + len(alike)))
+            every += alike
+            holds = None
+            if condition:
+                holds = parse_expression(condition, [*known, *alike[0].parameters])
+                # The names of a condition are those of its first production.
+                if any(rule.parameters != alike[0].parameters for rule in alike):
+                    raise GrammarError(
+                        f'production "{alike[-1].text}": give its numbers the names that '
+                        f'"{alike[0].text}" gives them'
+                    )
+            cases[code].append(Case(holds, numbers, _chances(alike)))
+
+    stay, letters = np.arange(256) + len(every), alphabet.letters()
+    for code in range(256):
+        names = tuple(f"#{k}" for k in range(letters.get(code, ("", 0))[1]))
+        same = tuple(Expression(name, name) for name in names)
+        every.append(Production(names, np.array([code], np.uint8), same))
+    return System(start, every, stay, cases, known)
 
 
-def _read_word(text: str, reader: _Reader) -> Word:
-    modules = read_modules(text, reader.alphabet.notation, list(reader.constants))
-    codes = [reader.alphabet.code(symbol, len(given)) for symbol, given in modules]
-    values = [float(number(reader.constants)) for _, given in modules for number in given]
-    return Word(np.array(codes, np.uint8), np.array(values, np.float64), reader.alphabet)
-
-
-def _read_production(text: str, reader: _Reader) -> None:
+def _read_production(
+    text: str, alphabet: Alphabet, known: Mapping[str, float]
+) -> tuple[int, Production]:
+    """The code of a production's predecessor, and the production."""
     left, arrow, right = text.partition("->")
     if not arrow:
         raise GrammarError('has no "->"')
     predecessor, _, condition = left.partition(":")
     successor, _, chance = right.partition(":")
-    symbol, parameters = _read_predecessor(predecessor.strip(), reader)
-    names = [*reader.constants, *parameters]
-    modules = read_modules(successor, reader.alphabet.notation, names)
-    production = Production(
-        parameters=tuple(parameters),
-        codes=np.array([reader.alphabet.code(s, len(given)) for s, given in modules], np.uint8),
-        expressions=tuple(number for _, given in modules for number in given),
-    )
+    symbol, parameters = _read_predecessor(predecessor.strip(), alphabet.notation, known)
+    names = [*known, *parameters]
+    modules = read_modules(successor, alphabet.notation, names)
+    codes = [alphabet.code(letter, len(given)) for letter, given in modules]
     if condition.strip():
         parse_expression(condition, names)
     likely = float(parse_expression(chance, [])({})) if chance.strip() else None
     if likely is not None and not 0 < likely <= 1:
         raise GrammarError(f"its probability {likely:g} must be larger than 0 and at most 1")
-    rules = reader.rules.setdefault(reader.alphabet.code(symbol, len(parameters)), [])
-    rules.append(_Rule(text, condition.strip(), likely, production))
+    expressions = tuple(number for _, given in modules for number in given)
+    rule = Production(
+        *(tuple(parameters), np.array(codes, np.uint8), expressions),
+        *(text, condition.strip(), likely),
+    )
+    return alphabet.code(symbol, len(parameters)), rule
 
 
-def _read_predecessor(text: str, reader: _Reader) -> tuple[str, list[str]]:
+def _read_predecessor(
+    text: str, notation: Notation, known: Mapping[str, float]
+) -> tuple[str, list[str]]:
     if not text:
         raise GrammarError('has no symbol before "->"')
-    symbol, rest = text[0], text[1:].strip()
-    parameters: list[str] = []
-    if symbol in reader.alphabet.notation.tagged and rest == "n":
+    symbol, rest, parameters = text[0], text[1:].strip(), list[str]()
+    if symbol in notation.tagged and rest == "n":
         raise GrammarError(f'write "{symbol}(name)", not "{text}", before the "->"')
     if rest:
-        if not rest.startswith("(") or not reader.alphabet.notation.parametric:
-            raise GrammarError(f'"{text}" is more than one symbol')
-        parameters, end = split_arguments(rest, 0)
-        if rest[end:].strip():
+        end = 0
+        if rest.startswith("(") and notation.parametric:
+            parameters, end = split_arguments(rest, 0)
+        if not end or rest[end:].strip():
             raise GrammarError(f'"{text}" is more than one symbol')
     for name in parameters:
         if not name.isidentifier():
             raise GrammarError(f'"{name}" is not a name')
-        if name in reader.constants or name == "N" or parameters.count(name) > 1:
+        if name in known or name == "N" or parameters.count(name) > 1:
             raise GrammarError(f'the name "{name}" is taken; use another')
     return symbol, parameters
 
 
-def _tabulate(axiom: Word, reader: _Reader) -> System:
-    productions: list[Production] = []
-    cases: dict[int, list[Case]] = {}
-    for code, rules in reader.rules.items():
-        cases[code] = []
-        for condition in dict.fromkeys(rule.condition for rule in rules):
-            alike = [rule for rule in rules if rule.condition == condition]
-            first = len(productions)
-            productions += [rule.production for rule in alike]
-            holds = None
-            if condition:
-                names = [*reader.constants, *alike[0].production.parameters]
-                holds = parse_expression(condition, names)
-                # The names of a condition are those of its first production.
-                if any(r.production.parameters != alike[0].production.parameters for r in alike):
-                    raise GrammarError(
-                        f'production "{alike[-1].text}": give its numbers the names that '
-                        f'"{alike[0].text}" gives them'
-                    )
-            numbers = tuple(range(first, len(productions)))
-            cases[code].append(Case(holds, numbers, _chances(alike)))
-
-    stay = np.zeros(256, np.int64)
-    letters = reader.alphabet.letters()
-    for code in range(256):
-        symbol_arity = letters.get(code, ("", 0))[1]
-        names_ = tuple(f"#{k}" for k in range(symbol_arity))
-        stay[code] = len(productions)
-        productions.append(
-            Production(
-                names_,
-                np.array([code], np.uint8),
-                tuple(Expression(name, name) for name in names_),
-            )
-        )
-    return System(axiom, productions, stay, cases, reader.constants)
-
-
-def _chances(alike: list[_Rule]) -> tuple[float, ...]:
+def _chances(alike: list[Production]) -> tuple[float, ...]:
     given = [rule.chance for rule in alike]
     if len(alike) > 1 and None in given:
         raise GrammarError(
@@ -503,12 +484,12 @@ def _chances(alike: list[_Rule]) -> tuple[float, ...]:
             "condition; give both a probability"
         )
     chances = [1.0 if chance is None else chance for chance in given]
-    if abs(sum(chances) - 1) > 1e-3:
+    total = sum(chances)
+    if abs(total - 1) > 1e-3:
         raise GrammarError(
             f'production "{alike[0].text}": probabilities of its predecessor add up to '
-            f"{sum(chances):g}; make it 1"
+            f"{total:g}; make it 1"
         )
-    total = sum(chances)
     return tuple(chance / total for chance in chances)
 
 
@@ -528,24 +509,27 @@ class Prediction:
 def predict(system: System, generations: int) -> Prediction:
     """The size after so many generations; under conditions, as if each first one always held."""
     chance = system.stochastic
-    counts: dict[int, float] = {}
-    for code in system.axiom.codes.tolist():
-        counts[code] = counts.get(code, 0) + 1
-    contents = {code: _contents(system, code, chance) for code in range(256)}
+    contents: dict[int, dict[int, float]] = {code: defaultdict(int) for code in range(256)}
+    for code, letters_of in contents.items():  # what a letter becomes
+        cases = system.cases.get(code)
+        first = cases[0] if cases else Case(None, (int(system.stay[code]),), (1.0,))
+        for number, likely in zip(first.productions, first.chances, strict=True):
+            for made in system.productions[number].codes.tolist():
+                letters_of[made] += likely if chance else 1
+    counts: dict[int, float] = dict(Counter(system.axiom.codes.tolist()))
     for _ in range(generations):
-        following: dict[int, float] = {}
+        following: dict[int, float] = defaultdict(int)
         for code, count in counts.items():
             for successor, times in contents[code].items():
-                following[successor] = following.get(successor, 0) + count * times
+                following[successor] += count * times
         counts = following
-    arity = system.axiom.alphabet.arity().tolist()
-    numbers = sum(count * arity[code] for code, count in counts.items())
-    letters: dict[str, float] = {}
+    alphabet = system.axiom.alphabet
+    letters: dict[str, float] = defaultdict(int)
     for code, count in counts.items():
-        symbol = system.axiom.alphabet.letters()[code][0]
-        letters[symbol] = letters.get(symbol, 0) + count
+        letters[alphabet.letters()[code][0]] += count
+    numbers = sum(count * alphabet.arity().tolist()[code] for code, count in counts.items())
     certain = not (chance or system.conditional)
-    return Prediction(sum(counts.values()), numbers, certain, letters)
+    return Prediction(sum(counts.values()), numbers, certain, dict(letters))
 
 
 def rewrite(system: System, generations: int, rng: np.random.Generator | None = None) -> Word:
@@ -684,18 +668,6 @@ def _values(
     for rank, name in enumerate(names):
         values[name] = block.values[first_value[where] + rank]
     return values
-
-
-def _contents(system: System, code: int, chance: bool) -> dict[int, float]:
-    """Count the letters of what a letter becomes."""
-    found: dict[int, float] = {}
-    cases = system.cases.get(code)
-    numbers = cases[0].productions if cases else (int(system.stay[code]),)
-    chances = cases[0].chances if cases else (1.0,)
-    for number, likely in zip(numbers, chances, strict=True):
-        for made in system.productions[number].codes.tolist():
-            found[made] = found.get(made, 0) + (likely if chance else 1)
-    return found
 
 
 def _refuse_if_large(size: Prediction, generations: int, reached: int | None = None) -> None:

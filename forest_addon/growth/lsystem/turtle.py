@@ -32,6 +32,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -39,7 +40,7 @@ from ...base.rng import child_keys
 from ...base.rows import RowTable
 from ...spec import MAX_REACH, Leaf, Rules
 from ..draw import draw_normal
-from ..skeleton import LeafSites, Skeleton, root_of
+from ..skeleton import LeafSites, Skeleton, depths, root_of
 from .system import (
     Expression,
     ExpressionError,
@@ -47,7 +48,6 @@ from .system import (
     Notation,
     Prediction,
     System,
-    Value,
     Word,
     parse_expression,
     predict,
@@ -119,26 +119,11 @@ SIMLIDAR = Dialect(
 DIALECTS = {"ABOP": ABOP, "simlidar": SIMLIDAR}
 
 
-@dataclass(frozen=True)
-class Commands:
-    """Commands of the turtle, symbol after symbol, without those that are passed over.
-
-    kind : (C,) int8. number : (C, 2) float64, NaN where a command has none.
-    """
-
-    kind: np.ndarray
-    number: np.ndarray
-
-
-@dataclass(frozen=True)
-class _Meaning:
-    kind: int
-    parameters: tuple[str, ...]
-    numbers: tuple[Expression, ...]
+Commands = tuple[np.ndarray, np.ndarray]  # kind (C,) int8, number (C, 2) float64, NaN for none
 
 
 def read_commands(word: Word, symbols: Sequence[str], known: Mapping[str, float]) -> Commands:
-    """The commands of a string.
+    """The commands of a string, symbol after symbol, without those that are passed over.
 
     symbols : entries of a dialect; of two for the same letter the later counts.
     known : names that entries may use besides a letter's own numbers.
@@ -147,49 +132,40 @@ def read_commands(word: Word, symbols: Sequence[str], known: Mapping[str, float]
     ------
     GrammarError : an entry cannot be read, or a symbol bears more or fewer numbers than any entry takes.
     """
-    meanings = _read_meanings(symbols, known)
-    first_value = word.first_value()
-    kind = np.zeros(len(word), np.int8)
-    number = np.full((len(word), MOST_NUMBERS), np.nan)
-    for code, (symbol, arity) in word.alphabet.letters().items():
-        meaning = meanings.get((symbol, arity))
-        if meaning is None:
-            takes = sorted(count for other, count in meanings if other == symbol)
-            where = np.flatnonzero(word.codes == code)
-            if takes and len(where):
-                counts = " or ".join(map(str, takes))
-                raise GrammarError(f'"{symbol}" takes {counts} numbers, not {arity}')
-            continue
-        where = np.flatnonzero(word.codes == code)
-        kind[where] = meaning.kind
-        values: dict[str, Value] = dict(known)
-        for rank, name in enumerate(meaning.parameters):
-            values[name] = word.values[first_value[where] + rank]
-        for rank, expression in enumerate(meaning.numbers):
-            number[where, rank] = expression(values)
-    kept = kind != SKIP
-    return Commands(kind[kept], number[kept])
-
-
-def _read_meanings(
-    symbols: Sequence[str], known: Mapping[str, float]
-) -> dict[tuple[str, int], _Meaning]:
-    meanings: dict[tuple[str, int], _Meaning] = {}
+    meanings: dict[tuple[str, int], tuple[int, list[str], list[Expression]]] = {}
     for text in symbols:
         try:
             letter, meaning = _read_meaning(text, known)
         except (GrammarError, ExpressionError) as problem:
             raise GrammarError(f'symbol "{text}": {problem}') from None
         meanings[letter] = meaning
-    return meanings
+    first_value = word.first_value()
+    kind = np.zeros(len(word), np.int8)
+    number = np.full((len(word), MOST_NUMBERS), np.nan)
+    for code, (symbol, arity) in word.alphabet.letters().items():
+        where = np.flatnonzero(word.codes == code)
+        if (symbol, arity) not in meanings:
+            takes = sorted(count for other, count in meanings if other == symbol)
+            if takes and len(where):
+                counts = " or ".join(map(str, takes))
+                raise GrammarError(f'"{symbol}" takes {counts} numbers, not {arity}')
+            continue
+        kind[where], names, expressions = meanings[symbol, arity]
+        own = {name: word.values[first_value[where] + rank] for rank, name in enumerate(names)}
+        for rank, expression in enumerate(expressions):
+            number[where, rank] = expression({**known, **own})
+    kept = kind != SKIP
+    return kind[kept], number[kept]
 
 
-def _read_meaning(text: str, known: Mapping[str, float]) -> tuple[tuple[str, int], _Meaning]:
+def _read_meaning(
+    text: str, known: Mapping[str, float]
+) -> tuple[tuple[str, int], tuple[int, list[str], list[Expression]]]:
+    """The letter of an entry, and its command, the names of its numbers and what the command is given."""
     left, equals, right = text.strip()[1:].partition("=")
     if not equals:
         raise GrammarError('is not like "F(l) = draw(l)"')
-    symbol, left = text.strip()[0], left.strip()
-    parameters = split_arguments(left, 0)[0] if left else []
+    parameters = split_arguments(left.strip(), 0)[0] if left.strip() else []
     name, opened, _ = right.strip().partition("(")
     numbers = split_arguments(right.strip(), len(name))[0] if opened else []
     if name.strip() not in COMMANDS:
@@ -197,9 +173,8 @@ def _read_meaning(text: str, known: Mapping[str, float]) -> tuple[tuple[str, int
     kind, fewest, most = COMMANDS[name.strip()]
     if not fewest <= len(numbers) <= most:
         raise GrammarError(f"{name.strip()} takes {fewest} to {most} numbers")
-    names = [*known, *parameters]
-    expressions = tuple(parse_expression(number, names) for number in numbers)
-    return (symbol, len(parameters)), _Meaning(kind, tuple(parameters), expressions)
+    expressions = [parse_expression(number, [*known, *parameters]) for number in numbers]
+    return (text.strip()[0], len(parameters)), (kind, parameters, expressions)
 
 
 @dataclass(frozen=True)
@@ -229,7 +204,12 @@ def join_commands(commands: Commands) -> Steps:
     ------
     GrammarError : an outline closes that was not opened.
     """
-    kind, number = commands.kind, commands.number
+    kind, number = commands
+    opens = kind == OUTLINE
+    depth = np.cumsum(opens.astype(np.int64) - (kind == CLOSE))
+    if len(depth) and depth.min() < 0:
+        raise GrammarError("an outline closes that was not opened")
+    outline = np.where(depth > 0, np.cumsum(opens & (depth == 1)) - 1, -1)
     starts = np.ones(len(kind), bool)
     starts[1:] = ~_JOINS_ON[kind[:-1]] | _STARTS[kind[1:]]
     first = np.flatnonzero(starts)
@@ -244,7 +224,10 @@ def join_commands(commands: Commands) -> Steps:
         does = kind[first[step] + rank]
         turns = _TURNS[does]
         at = step[turns]
-        local = _local_turns(does[turns], number[first[at] + rank, 0])
+        half = np.deg2rad(number[first[at] + rank, 0]) / 2
+        local = np.stack([np.cos(half), *np.zeros((3, len(at)))])  # about the turtle's own axes
+        for command, axis in _AXIS.items():
+            local[axis] = np.where(does[turns] == command, np.sin(half), 0.0)
         turn[:, at] = local if rank == 0 else product(turn[:, at], local)
         for command in (WIDTH, THIN):
             at = step[does == command]
@@ -259,7 +242,7 @@ def join_commands(commands: Commands) -> Steps:
         offset=offset,
         opens=kind[first] == BRANCH,
         closes=kind[first] == END,
-        outline=_outlines(kind)[last],
+        outline=outline[last],
     )
 
 
@@ -273,70 +256,33 @@ def product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return out
 
 
-def _local_turns(kind: np.ndarray, degrees: np.ndarray) -> np.ndarray:
-    """(4, P) quaternions of the turns about the turtle's own axes."""
-    local = np.zeros((4, len(kind)))
-    half = np.deg2rad(degrees) / 2
-    local[0] = np.cos(half)
-    sine = np.sin(half)
-    for command, axis in _AXIS.items():
-        local[axis] = np.where(kind == command, sine, 0.0)
-    return local
-
-
-def _outlines(kind: np.ndarray) -> np.ndarray:
-    """(C,) number of the outermost outline that a command stands in, from its opening on, or -1."""
-    opens = kind == OUTLINE
-    depth = np.cumsum(opens.astype(np.int64) - (kind == CLOSE))
-    if len(depth) and depth.min() < 0:
-        raise GrammarError("an outline closes that was not opened")
-    outermost = opens & (depth == 1)
-    return np.asarray(np.where(depth > 0, np.cumsum(outermost) - 1, -1))
-
-
-@dataclass(frozen=True)
-class Paths:
-    """The tree of P steps; closing brackets are left out.
-
-    command : (P,) number of the step in the string, ascending.
-    before : (P,) which of the P the turtle does before it, -1 where it starts.
-    level : (P,) how many come before it on its path.
-    branch : (P,) number of the pair of brackets that it stands in, 0 outside all. A bracket that opens
-        counts to the branch that it opens.
-    parent : (B,) branch that each branch leaves, -1 for branch 0; a parent has a smaller number.
-    """
-
-    command: np.ndarray
-    before: np.ndarray
-    level: np.ndarray
-    branch: np.ndarray
-    parent: np.ndarray
-
-
-def find_paths(opens: np.ndarray, closes: np.ndarray) -> Paths:
-    """The paths of commands, given which of them (C,) open and which close a bracket.
+def find_paths(opens: np.ndarray, closes: np.ndarray) -> tuple[np.ndarray, ...]:
+    """The tree of commands, given which of them (C,) open and which close a bracket.
 
     Brackets that stay open are closed by the end of the string.
+
+    Returns
+    -------
+    (P,) commands that are no closing brackets, ascending; (P,) which of the P the turtle does before each,
+    -1 where it starts; (P,) number of the pair of brackets that it stands in, 0 outside all, where a bracket
+    that opens counts to the branch that it opens; (B,) branch that each branch leaves, -1 for branch 0: a
+    parent has a smaller number.
 
     Raises
     ------
     GrammarError : a bracket closes that was not opened.
     """
-    total = len(opens)
     depth = np.cumsum(opens.astype(np.int64) - closes)
-    if total and depth.min() < 0:
+    if len(opens) and depth.min() < 0:
         at = int(np.flatnonzero(depth < 0)[0])
         raise GrammarError(f"step {at}: a bracket closes a branch that was not opened")
     command = np.flatnonzero(~closes)
-    depth, is_open = depth[command], opens[command]
+    depth = depth[command]
     count = len(command)
 
     by_depth = np.argsort(depth, kind="stable")  # then by place in the string
-    rank_opens = is_open[by_depth]
-    branch_sorted = np.cumsum(rank_opens)
-    previous = np.empty(count, np.int64)  # in sorted order: what stands before
-    previous[:1] = -1
-    previous[1:] = by_depth[:-1]
+    rank_opens = opens[command][by_depth]
+    previous = np.append(-1, by_depth)[:count]  # in sorted order: what stands before
 
     # A bracket follows the last command that is one level up and further left.
     key = depth[by_depth] * (count + 1) + by_depth
@@ -346,37 +292,10 @@ def find_paths(opens: np.ndarray, closes: np.ndarray) -> Paths:
     outside = (found < 0) | (depth[by_depth[found]] != depth[head] - 1)
     previous[heads] = np.where(outside, -1, by_depth[found])
 
-    before = np.empty(count, np.int64)
-    before[by_depth] = previous
-    branch = np.empty(count, np.int64)
-    branch[by_depth] = branch_sorted
-    parent = np.full(len(heads) + 1, -1, np.int64)
-    parent[1:] = np.where(outside, 0, branch[previous[heads]])
-
-    return Paths(command, before, _levels(depth, by_depth, heads, previous), branch, parent)
-
-
-def _levels(
-    depth: np.ndarray, by_depth: np.ndarray, heads: np.ndarray, previous: np.ndarray
-) -> np.ndarray:
-    """(P,) number of commands before each one: rank in its branch plus the level of its bracket."""
-    count = len(depth)
-    first = np.zeros(count, np.int64)  # sorted place of the bracket of each command's branch
-    first[heads] = heads
-    first = np.maximum.accumulate(first)
-    rank = np.arange(count) - first
-    level = np.zeros(count, np.int64)
-    bounds = np.searchsorted(depth[by_depth], np.arange(int(depth.max(initial=0)) + 2))
-    head_bounds = np.searchsorted(heads, bounds)
-    level[by_depth[: bounds[1]]] = rank[: bounds[1]]
-    base = np.zeros(count, np.int64)  # by sorted place of the bracket
-    for d in range(1, len(bounds) - 1):
-        opening = heads[head_bounds[d] : head_bounds[d + 1]]
-        outer = previous[opening]
-        base[opening] = np.where(outer < 0, 0, level[outer] + 1)
-        here = slice(bounds[d], bounds[d + 1])
-        level[by_depth[here]] = rank[here] + base[first[here]]
-    return level
+    before, branch = np.empty((2, count), np.int64)
+    before[by_depth], branch[by_depth] = previous, np.cumsum(rank_opens)
+    parent = np.append(-1, np.where(outside, 0, branch[previous[heads]]))
+    return command, before, branch, parent
 
 
 @dataclass(frozen=True)
@@ -411,101 +330,66 @@ def walk(
     GrammarError : brackets do not match, or a diameter is negative.
     """
     steps = join_commands(commands)
-    paths = find_paths(steps.opens, steps.closes)
-    steps = steps.select(paths.command)  # without closing brackets
+    command, before, branch, parent = find_paths(steps.opens, steps.closes)
+    steps = steps.select(command)  # without closing brackets
     kind, number, outline = steps.kind, steps.number, steps.outline
     drawn = (kind == DRAW) & (outline < 0)
-    states = _states(steps, drawn, paths, diameter, np.asarray(tropism, np.float64), elasticity)
-    if (states.diameter < 0).any():
-        raise GrammarError("a diameter is negative; make it 0 or larger")
-
-    segment = np.flatnonzero(drawn)
-    leaf = np.flatnonzero(((kind == LEAF) & (outline < 0)) | _begins(outline))
+    skeleton, turn, place, last = _states(
+        *(steps, drawn, before, branch, diameter),
+        *(np.asarray(tropism, np.float64), elasticity),
+    )
+    bears = (kind == LEAF) & (outline < 0)
+    outlines, begins = np.unique(outline, return_index=True)
+    bears[begins[outlines >= 0]] = True
+    leaf = np.flatnonzero(bears)
     leaves = LeafSites(
-        foot=states.place[leaf],
-        direction=states.heading(leaf),
-        up=states.up(leaf),
+        foot=place[leaf],
+        direction=_heading(turn[:, leaf]).T,
+        up=_up(turn[:, leaf]).T,
         length=np.where(kind[leaf] == LEAF, number[leaf, 0], np.nan),
         width=np.where(kind[leaf] == LEAF, number[leaf, 1], np.nan),
-        segment=states.last[leaf],
+        segment=last[leaf],
     )
-    _measure_outlines(leaves, leaf, outline, states)
-    start = states.place[paths.before[segment]] if len(segment) else np.empty((0, 3))
-    start[paths.before[segment] < 0] = 0.0
-    radius = states.drawn_diameter[segment] / 2
-    skeleton = Skeleton(
-        start=start,
-        end=states.place[segment],
-        radius=np.stack([radius, radius], axis=1),
-        parent=states.parent[segment],
-        order=states.order[segment],
-        generation=states.generation[segment],
-    )
-    return Walk(skeleton, leaves, paths.branch[segment], paths.branch[leaf], paths.parent)
-
-
-@dataclass(frozen=True)
-class _States:
-    """The turtle after each of P steps."""
-
-    turn: np.ndarray  # (4, P) quaternion from its frame to the world
-    place: np.ndarray  # (P, 3)
-    diameter: np.ndarray  # (P,)
-    drawn_diameter: np.ndarray  # (P,) of the segment that a step draws
-    last: np.ndarray  # (P,) the segment drawn last
-    parent: np.ndarray  # (P,) the one before it
-    order: np.ndarray  # (P,)
-    generation: np.ndarray  # (P,)
-
-    def heading(self, which: np.ndarray) -> np.ndarray:
-        """(N, 3)"""
-        return _heading(self.turn[:, which]).T
-
-    def up(self, which: np.ndarray) -> np.ndarray:
-        """(N, 3)"""
-        return _up(self.turn[:, which]).T
-
-    def left(self, which: np.ndarray) -> np.ndarray:
-        """(N, 3)"""
-        return np.cross(self.up(which), self.heading(which))
+    _measure_outlines(leaves, leaf, outline, place)
+    return Walk(skeleton, leaves, branch[drawn], branch[leaf], parent)
 
 
 def _states(
     steps: Steps,
     drawn: np.ndarray,
-    paths: Paths,
+    after: np.ndarray,
+    branch: np.ndarray,
     diameter: float,
     tropism: np.ndarray,
     elasticity: float,
-) -> _States:
-    """Level by level, in arrays sorted by level; place 0 is the turtle before all steps."""
-    count = len(steps.kind)
-    by_level = np.argsort(paths.level, kind="stable")
-    slot = np.empty(count + 1, np.int64)  # where each step's state is; the last is "none before"
+) -> tuple[Skeleton, np.ndarray, np.ndarray, np.ndarray]:
+    """The segments; and, of the turtle after each of P steps, the quaternion (4, P) from its frame to the
+    world, its place (P, 3), and the segment (P,) drawn last.
+
+    after : (P,) the step that each one follows. Level by level, in arrays sorted by level; place 0 is the
+        turtle before all steps.
+    """
+    count, depth = len(steps.kind), depths(after)
+    by_level = np.argsort(depth, kind="stable")
+    slot = np.zeros(count + 1, np.int64)  # where each step's state is; the last is "none before"
     slot[by_level] = np.arange(1, count + 1)
-    slot[count] = 0
-    before = slot[paths.before[by_level]]
+    before, branch = slot[after[by_level]], branch[by_level]
     own = (np.cumsum(drawn) - 1)[by_level]  # number of the segment that a step draws
-    kind, number, drawn = steps.kind[by_level], steps.number[by_level], drawn[by_level]
+    kind, number, draws = steps.kind[by_level], steps.number[by_level], drawn[by_level]
     local, factor, offset = steps.turn[by_level].T, steps.factor[by_level], steps.offset[by_level]
-    branch = paths.branch[by_level]
 
     reach = np.where((kind == DRAW) | (kind == MOVE), number[:, 0], 0.0)
     levels_left = kind == LEVEL
-    bends = drawn & (reach != 0) & (elasticity != 0)
+    bends = draws & (reach != 0) & (elasticity != 0)
 
-    turn = np.zeros((4, count + 1))
+    turn, place = np.zeros((4, count + 1)), np.zeros((3, count + 1))
     turn[0, 0] = 1.0
-    place = np.zeros((3, count + 1))
     width = np.full(count + 1, diameter)
-    last = np.full(count + 1, -1)
-    parent = np.full(count + 1, -1)
-    last_branch = np.full(count + 1, -1)
+    last, parent, last_branch, generation = np.full((4, count + 1), -1)
     order = np.zeros(count + 1, np.int64)
-    generation = np.full(count + 1, -1)
 
-    ends = np.searchsorted(paths.level[by_level], np.arange(int(paths.level.max(initial=-1)) + 2))
-    for begin, end in zip(ends[:-1].tolist(), ends[1:].tolist(), strict=True):
+    ends = np.searchsorted(depth[by_level], np.arange(int(depth.max(initial=-1)) + 2))
+    for begin, end in pairwise(ends.tolist()):
         here, new, old = slice(begin, end), slice(begin + 1, end + 1), before[begin:end]
         turned = product(turn[:, old], local[:, here])
         rolls = np.flatnonzero(levels_left[here])
@@ -518,27 +402,28 @@ def _states(
         turn[:, new] = turned
         width[new] = width[old] * factor[here] + offset[here]
 
-        draws, before_it = drawn[here], last[old]
-        parent[new] = before_it
-        last[new] = np.where(draws, own[here], before_it)
-        leaves_axis = (before_it >= 0) & (last_branch[old] != branch[here])
-        order[new] = order[old] + (draws & leaves_axis)
-        generation[new] = generation[old] + draws
-        last_branch[new] = np.where(draws, branch[here], last_branch[old])
+        draw, parent[new] = draws[here], last[old]
+        last[new] = np.where(draw, own[here], last[old])
+        leaves_axis = (last[old] >= 0) & (last_branch[old] != branch[here])
+        order[new] = order[old] + (draw & leaves_axis)
+        generation[new] = generation[old] + draw
+        last_branch[new] = np.where(draw, branch[here], last_branch[old])
 
-    given = np.where(kind == DRAW, number[:, 1], np.nan)
-    drawn_width = np.where(np.isnan(given), width[1:], given)
-    back = slot[:count]
-    return _States(
-        turn=turn[:, back],
-        place=np.ascontiguousarray(place[:, back].T),
-        diameter=width[back],
-        drawn_diameter=drawn_width[back - 1],
-        last=last[back],
-        parent=parent[back],
-        order=order[back],
-        generation=generation[back],
+    if (width[1:] < 0).any():
+        raise GrammarError("a diameter is negative; make it 0 or larger")
+    back, place = slot[:count], np.ascontiguousarray(place.T)
+    row = back[drawn]
+    given = number[row - 1, 1]
+    radius = np.where(np.isnan(given), width[row], given) / 2
+    skeleton = Skeleton(
+        start=place[slot[after[drawn]]],
+        end=place[row],
+        radius=np.stack([radius, radius], axis=1),
+        parent=parent[row],
+        order=order[row],
+        generation=generation[row],
     )
+    return skeleton, turn[:, back], place[back], last[back]
 
 
 def _heading(q: np.ndarray) -> np.ndarray:
@@ -579,16 +464,8 @@ def _bend(q: np.ndarray, tropism: np.ndarray, elasticity: float) -> np.ndarray:
     return product(np.concatenate([np.cos(half)[None], np.sin(half) * axis]), q)
 
 
-def _begins(outline: np.ndarray) -> np.ndarray:
-    """(P,) whether an outline begins at a step."""
-    found = np.zeros(len(outline), bool)
-    numbers, first = np.unique(outline, return_index=True)
-    found[first[numbers >= 0]] = True
-    return found
-
-
 def _measure_outlines(
-    leaves: LeafSites, leaf: np.ndarray, outline: np.ndarray, states: _States
+    leaves: LeafSites, leaf: np.ndarray, outline: np.ndarray, place: np.ndarray
 ) -> None:
     """Fill in length and width of leaves that were walked: their extents along and across."""
     walked = np.flatnonzero(outline[leaf] >= 0)
@@ -598,11 +475,11 @@ def _measure_outlines(
     row[outline[leaf[walked]]] = walked
     inside = np.flatnonzero(outline >= 0)
     owner = row[outline[inside]]
-    offset = states.place[inside] - leaves.foot[owner]
-    left = states.left(leaf)
+    offset = place[inside] - leaves.foot[owner]
+    left = np.cross(leaves.up, leaves.direction)
     for out, axis in ((leaves.length, leaves.direction), (leaves.width, left)):
         along = np.einsum("ni,ni->n", offset, axis[owner])
-        low, high = np.zeros(len(leaf)), np.zeros(len(leaf))
+        low, high = np.zeros((2, len(leaf)))
         np.minimum.at(low, owner, along)
         np.maximum.at(high, owner, along)
         out[walked] = (high - low)[walked]
@@ -648,7 +525,17 @@ def grow_ruled(
 
     key : lineage of the tree, from which sizes of leaves are drawn. rng : draws of the productions.
     """
-    word = _derive_to_walk(rules, rng)
+    system = system_of(rules)
+    size, word = predict(system, rules.generations), None
+    if system.conditional or size.symbols <= MAX_WALKED:
+        word = rewrite(system, rules.generations, rng)
+        size = Prediction(len(word), 0, True)
+    if word is None or len(word) > MAX_WALKED:
+        about = "" if size.exact else "about "
+        raise ValueError(
+            f"{rules.generations} generations make {about}{written(size.symbols)} symbols, more than the "
+            f"{MAX_WALKED:,} that fit in memory as a tree; use fewer generations"
+        )
     walked = walk(_commands(rules, word), rules.diameter, rules.tropism, rules.elasticity)
     if rules.prune_descending:
         walked = prune_descending(walked)
@@ -665,23 +552,15 @@ def grow_ruled(
             f"branches reach {written(reach)} m from the foot, more than {MAX_REACH:g} m; "
             "use a smaller scale, smaller ratios or fewer generations"
         )
-    return scaled, _sized(leaves, leaf, key, rules.scale) if leaf.on else LeafSites.none()
-
-
-def _derive_to_walk(rules: Rules, rng: np.random.Generator) -> Word:
-    """The string, refused before it is derived where it would be too long to walk."""
-    system = system_of(rules)
-    size = predict(system, rules.generations)
-    if system.conditional or size.symbols <= MAX_WALKED:
-        word = rewrite(system, rules.generations, rng)
-        if len(word) <= MAX_WALKED:
-            return word
-        size = Prediction(len(word), 0, True)
-    about = "" if size.exact else "about "
-    raise ValueError(
-        f"{rules.generations} generations make {about}{written(size.symbols)} symbols, more than the "
-        f"{MAX_WALKED:,} that fit in memory as a tree; use fewer generations"
-    )
+    if not leaf.on:
+        return scaled, LeafSites.none()
+    # Length and width of a leaf are what the string says, else drawn.
+    keys = child_keys(np.full(len(leaves), key, np.uint64), np.arange(len(leaves)))
+    drawn = draw_normal(leaf.length, keys, "leaf length")
+    length = np.where(np.isnan(leaves.length), drawn, leaves.length * rules.scale)
+    ratio = draw_normal(leaf.width_ratio, keys, "leaf width")
+    width = np.where(np.isnan(leaves.width), length * ratio, leaves.width * rules.scale)
+    return scaled, replace(leaves, foot=leaves.foot * rules.scale, length=length, width=width)
 
 
 def check_rules(rules: Rules) -> None:
@@ -704,13 +583,3 @@ def _commands(rules: Rules, word: Word) -> Commands:
         **read_constants(rules.constants),
     }
     return read_commands(word, (*DIALECTS[rules.dialect].symbols, *rules.symbols), known)
-
-
-def _sized(leaves: LeafSites, leaf: Leaf, key: int, scale: float) -> LeafSites:
-    """Leaves with their length and width: what the string says, else drawn."""
-    keys = child_keys(np.full(len(leaves), key, np.uint64), np.arange(len(leaves)))
-    drawn = draw_normal(leaf.length, keys, "leaf length")
-    length = np.where(np.isnan(leaves.length), drawn, leaves.length * scale)
-    ratio = draw_normal(leaf.width_ratio, keys, "leaf width")
-    width = np.where(np.isnan(leaves.width), length * ratio, leaves.width * scale)
-    return replace(leaves, foot=leaves.foot * scale, length=length, width=width)

@@ -9,6 +9,10 @@ A recognised centreline has many knots, evenly spaced. Kept are as many as it is
 nearest place along the line where the piece has vertices. Between two rings of a tube there are none, so
 its mesh runs straight there and so does the line; what hangs on the line then hangs on the mesh. A piece
 with two rings is one stretch and stays straight.
+
+The lowest ring of a limb's mesh is held against the mesh of what bears it. A place is inside its bearer
+where it lies on the axis' side of the nearest place on the bearer's bark and behind the triangle there;
+where the two do not agree, or beyond the axis' ends, the winding number tells.
 """
 
 from __future__ import annotations
@@ -19,9 +23,9 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from ...base.rows import lengths
-from ...base.runs import Runs, bounds
+from ...base.runs import Runs, bounds, numbered
 from ...base.trimesh import LEAF, WOOD, TriMesh
-from ...base.vectors import cross_rows, nearest_on_triangles
+from ...base.vectors import azimuth_of, column, cross_rows, nearest_on_triangles
 from ..mesh.leaves import CopyStock, Leaves, measure_leaves
 from ..mesh.meshing import tube
 from ..skeleton import depths
@@ -29,10 +33,8 @@ from .lines import (
     STEEP,
     Lines,
     Seats,
-    angles_in,
     foot_frames,
     nearest,
-    rolled,
     seats_on,
     share_of,
     unbend,
@@ -48,6 +50,11 @@ FEWEST = 4  # stretches of a branch
 THINNEST = 1e-5  # metres, of what a coarse mesh leaves no thickness
 SHORTEST = 0.02  # of a line's length; nearer knots are one
 SIDES = 8  # of a tube that bridges a gap
+OFF = 5e-3  # metres off its bearer's mesh from which a ring is moved or bridged
+BORDER = 2.0  # radii from the foot within which a border is that of the foot
+CLOSED = 0.1  # radii from the foot within which corners of a closed tube are its lowest ring
+APART = 1e3  # metres from one bearer to the next, where samples are looked up
+NEAREST = 8  # samples of triangles looked at, for each place
 SLIM = 0.6  # of its bearer's radius, that such a tube is thick there at most
 
 
@@ -63,8 +70,14 @@ def find_bones(
     The lines; (S, 3) unit directions of their stretches; (V,) stretch of its line that each vertex is on;
     (V,) how far along it, 0 .. 1.
     """
-    owner = found.wood.piece_of_vertex.astype(np.int64)
-    whole = _from_foot_to_tip(found, origin, metres)
+    recognised, owner = found.lines, found.wood.piece_of_vertex.astype(np.int64)
+    size = np.diff(recognised.first)
+    piece, rank = numbered(size)
+    backwards = found.foot_end[piece] == 1
+    row = recognised.first[piece] + np.where(backwards, size[piece] - 1 - rank, rank)
+    knot = (recognised.knot[row] - origin) * metres
+    radius = np.maximum(recognised.radius[row] * metres, THINNEST)
+    whole, _ = _through(knot, radius, recognised.first.astype(np.int64))  # each from its foot on
     stretch, part = nearest(whole, owner, place)
     along = _along(whole, owner, stretch, np.clip(part, 0.0, 1.0))
     line, share = _knots(whole, owner, along, trunk=found.parent < 0)
@@ -78,19 +91,6 @@ def find_bones(
     knot = np.clip(knot, first, first + np.diff(lines.first)[owner] - 1)
     step = np.maximum(share[knot + 1] - share[knot], np.finfo(float).tiny)
     return lines, direction, knot - first, np.clip((along - share[knot]) / step, 0.0, 1.0)
-
-
-def _from_foot_to_tip(found: Recognition, origin: np.ndarray, metres: float) -> Lines:
-    """The recognised lines, all knots, each from its foot on."""
-    first = found.lines.first
-    size = np.diff(first)
-    owner = np.repeat(np.arange(len(size)), size)
-    rank = np.arange(first[-1]) - first[owner]
-    backwards = found.foot_end[owner] == 1
-    row = first[owner] + np.where(backwards, size[owner] - 1 - rank, rank)
-    knot = (found.lines.knot[row] - origin) * metres
-    radius = np.maximum(found.lines.radius[row] * metres, THINNEST)
-    return _through(knot, radius, first.astype(np.int64))[0]
 
 
 def _through(knot: np.ndarray, radius: np.ndarray, first: np.ndarray) -> tuple[Lines, np.ndarray]:
@@ -141,7 +141,17 @@ def _knots(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Line and share of every knot that is kept, ascending."""
     count = len(lines.first) - 1
-    wanted = _enough(lines, trunk)
+    # A line of length l that bends by b in all is off n chords by about l·b/(8n²); trunks keep all stretches.
+    size, of = np.diff(lines.first), lines.line
+    knot = np.arange(len(lines.length)) + of
+    way = (lines.knot[knot + 1] - lines.knot[knot]) / np.maximum(lines.length, 1e-12)[:, None]
+    bent = np.arccos(np.clip(np.einsum("ni,ni->n", way[1:], way[:-1]), -1.0, 1.0))
+    within = of[1:] == of[:-1]
+    total = np.bincount(of[1:][within], bent[within], count)
+    thin = np.add.reduceat(lines.radius, lines.first[:-1] + np.arange(count)) / (size + 1)
+    off = np.sqrt(total * lines.reach() / (8 * OFF_AXIS * np.maximum(thin, 1e-9)))
+    wanted = np.ceil(np.maximum(np.maximum(total / STRAIGHT, off), FEWEST)).astype(np.int64)
+    wanted = np.where(trunk, size, np.minimum(wanted, size))
     line = np.repeat(np.arange(count), wanted + 1)
     rank = np.arange(len(line)) - bounds(wanted + 1)[line]
     share = rank / wanted[line]
@@ -157,23 +167,6 @@ def _knots(
     apart = np.diff(share, prepend=-1.0) > SHORTEST
     kept = ~inside | (apart & (share < 1.0 - SHORTEST))
     return line[kept], share[kept]
-
-
-def _enough(lines: Lines, trunk: np.ndarray) -> np.ndarray:
-    """(C,) stretches that a line needs: all of trunks, else as it is bent.
-
-    A line of length l that bends by b in all is off n chords by about l·b/(8n²).
-    """
-    size, line = np.diff(lines.first), lines.line
-    knot = np.arange(len(lines.length)) + line
-    way = (lines.knot[knot + 1] - lines.knot[knot]) / np.maximum(lines.length, 1e-12)[:, None]
-    bent = np.arccos(np.clip(np.einsum("ni,ni->n", way[1:], way[:-1]), -1.0, 1.0))
-    within = line[1:] == line[:-1]
-    total = np.bincount(line[1:][within], bent[within], len(size))
-    thin = np.add.reduceat(lines.radius, lines.first[:-1] + np.arange(len(size))) / (size + 1)
-    off = np.sqrt(total * lines.reach() / (8 * OFF_AXIS * np.maximum(thin, 1e-9)))
-    wanted = np.ceil(np.maximum(np.maximum(total / STRAIGHT, off), FEWEST)).astype(np.int64)
-    return np.where(trunk, size, np.minimum(wanted, size))
 
 
 GROUND = np.eye(3)  # the frame that a trunk stands in
@@ -294,7 +287,9 @@ def dissect(found: Recognition, metres: float = 1.0) -> Anatomy:
             seat.aside[here] = np.arctan2(feet[here, 1], feet[here, 0])
             seat.along[here] = feet[here, 2]
         heading = direction[lines.first[here]]
-        azimuth[here], angle[here] = angles_in(parents, heading)
+        own = np.einsum("nij,ni->nj", parents, heading)
+        azimuth[here] = azimuth_of(own)
+        angle[here] = np.arctan2(np.hypot(own[:, 0], own[:, 1]), column(own, 2))
         seat.aside[here] -= azimuth[here]
         plain = foot_frames(parents, azimuth[here], angle[here], np.zeros(len(here)), carried[here])
         if level:
@@ -302,7 +297,8 @@ def dissect(found: Recognition, metres: float = 1.0) -> Anatomy:
             level_ones = np.flatnonzero(~carried[here])
             upper = plain.copy()
             upper[level_ones] = upper_frames(heading[level_ones])
-            roll[here] = rolled(plain, upper)
+            cosine, sine = (np.einsum("ni,ni->n", plain[:, :, k], upper[:, :, 0]) for k in range(2))
+            roll[here] = np.arctan2(sine, cosine)  # about T, from the N of one to that of the other
         else:
             roll[here] = -azimuth[here]  # the least turn from upright
         start = foot_frames(parents, azimuth[here], angle[here], roll[here], carried[here])
@@ -310,6 +306,19 @@ def dissect(found: Recognition, metres: float = 1.0) -> Anatomy:
         laid, bent = unbend(direction[rows], bounds(np.diff(lines.first)[here]), start)
         frame[rows], bend[rows] = laid, bent
     lines = replace(lines, knot=walk(frame, lines.length, lines.first, feet), frame=frame)
+    # Each vertex is turned by the stretch that it is on and by the nearer next.
+    owner, stretch, part = mesh.owner, mesh.stretch, mesh.part
+    towards_next = (part >= 0.5) & (stretch < np.diff(lines.first)[owner] - 1)
+    from_before = (part < 0.5) & (stretch > 0)
+    on_line, _ = lines.at(owner, stretch, part)
+    wood = TemplateWood(
+        stock=CopyStock.of(mesh.place - on_line, owner, mesh.triangles, WOOD, BARK_SLOT),
+        stretch=stretch,
+        part=part,
+        bone=stretch - from_before,
+        weight=np.where(towards_next, part - 0.5, np.where(from_before, part + 0.5, 0.0)),
+        ring=mesh.ring,
+    )
     return Anatomy(
         parent=parent,
         order=order,
@@ -320,7 +329,7 @@ def dissect(found: Recognition, metres: float = 1.0) -> Anatomy:
         angle=angle,
         roll=roll,
         carried=carried,
-        wood=_wood(lines, mesh),
+        wood=wood,
         foliage=_foliage(found, lines, origin, metres),
         bridged=bridged,
     )
@@ -343,7 +352,9 @@ class _Mesh:
 def _ring(
     lines: Lines, owner: np.ndarray, triangles: np.ndarray, stretch: np.ndarray, part: np.ndarray
 ) -> np.ndarray:
-    """(V,) whether a vertex is of the lowest ring of its piece."""
+    """(V,) whether a vertex is of the lowest ring of its piece: of the border at the foot of an open tube,
+    else of the lowest corners.
+    """
     along = _along(lines, owner, stretch, part) * lines.reach()[owner]
     edges = np.sort(np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=2)).reshape(-1, 2)
     _, at, times = np.unique(
@@ -352,7 +363,12 @@ def _ring(
     border = np.zeros(len(owner), dtype=bool)
     border[edges[at[times == 1]]] = True
     thick = lines.radius[lines.first[:-1] + np.arange(len(lines.first) - 1)]
-    return lowest_ring(along, owner, thick, border)
+    low = np.full(len(thick), np.inf)
+    np.minimum.at(low, owner, along)
+    deep = along - low[owner]
+    rim = border & (deep <= BORDER * thick[owner])
+    is_open = np.bincount(owner[rim], minlength=len(thick)) > 0
+    return np.where(is_open[owner], rim, deep <= CLOSED * thick[owner])
 
 
 def hold(
@@ -362,19 +378,44 @@ def hold(
     vertices: np.ndarray,
     triangles: np.ndarray,
     owner: np.ndarray,
-) -> tuple[OnBark, np.ndarray]:
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Hold places (N, 3) against the meshes of the lines (N,) that bear them.
 
     vertices, triangles, owner : (V, 3), (T, 3), and (T,) whose triangles they are.
 
     Returns
     -------
-    How far off they are; and (N, 3) the place on the axis beside each one.
+    (N, 3) the nearest place on the bark of each; (N,) metres that it is off, 0 inside; and (N, 3) the place
+    on the axis beside it.
     """
     stretch, part = nearest(lines, bearer, point)
     held = np.clip(part, 0.0, 1.0)
     axis, _ = lines.at(bearer, stretch, held)
-    return hold_against(point, bearer, axis, part != held, vertices, triangles, owner), axis
+    borne = np.zeros(int(max(owner.max(initial=-1), bearer.max(initial=-1))) + 1, dtype=bool)
+    borne[bearer] = True
+    mine = np.flatnonzero(borne[owner])
+    if not len(mine):
+        return point, np.zeros(len(point)), axis
+    corners, owner = vertices[triangles[mine]], owner[mine]
+    middles = (corners + np.roll(corners, 1, axis=1)) / 2
+    samples = np.concatenate([corners, middles, corners.mean(axis=1)[:, None]], axis=1)
+    many = samples.shape[1]
+    samples = np.column_stack([samples.reshape(-1, 3), APART * np.repeat(owner, many)])
+    tree = cKDTree(samples, balanced_tree=False, compact_nodes=False)
+    _, found = tree.query(np.column_stack([point, APART * bearer]), NEAREST)
+    found = np.minimum(found, many * len(owner) - 1) // many
+    row = np.repeat(np.arange(len(point)), NEAREST)
+    every = nearest_on_triangles(point[row], corners[found.ravel()])
+    gap = lengths(every - point[row]).reshape(-1, NEAREST)
+    gap[owner[found] != bearer[:, None]] = np.inf
+    best = np.arange(len(point)), np.argmin(gap, axis=1)
+    bark, gap, mine = every.reshape(-1, NEAREST, 3)[best], gap[best], corners[found[best]]
+    normal = cross_rows(mine[:, 1] - mine[:, 0], mine[:, 2] - mine[:, 0])
+    inside = np.einsum("ni,ni->n", point - bark, axis - bark) > 0  # towards the axis
+    behind = np.einsum("ni,ni->n", point - bark, normal) < 0
+    for k in np.flatnonzero((behind != inside) | (part != held)):
+        inside[k] = winding_number(point[k], corners[owner == bearer[k]]) > 0.5
+    return bark, np.where(inside | np.isinf(gap), 0.0, gap), axis  # no mesh: nothing to be off
 
 
 def _bridge(
@@ -393,8 +434,8 @@ def _bridge(
     off = np.full(count, np.inf)
     of_triangle = owner[mesh.triangles[:, 0]]
     bearer, point = parent[owner[row]], mesh.place[row]
-    found, _ = hold(lines, bearer, point, mesh.place, mesh.triangles, of_triangle)
-    np.minimum.at(off, owner[row], found.off)
+    _, found, _ = hold(lines, bearer, point, mesh.place, mesh.triangles, of_triangle)
+    np.minimum.at(off, owner[row], found)
     stem = (parent < 0) & (np.arange(count) != trunk)
     np.minimum.at(off, owner[stem[owner]], mesh.place[stem[owner], 2])
     off = np.where(np.isfinite(off) & (off > OFF), off, 0.0)
@@ -457,23 +498,6 @@ def _bridge(
     triangles = renamed[triangles[sorted_ones]]
     whole = _Mesh(place[order], owner[order], triangles, stretch[order], part[order], ring[order])
     return extended, np.insert(direction, first, ahead, axis=0), whole, off
-
-
-def _wood(lines: Lines, mesh: _Mesh) -> TemplateWood:
-    """The mesh of the pieces, each vertex turned by the stretch that it is on and by the nearer next."""
-    owner, stretch, part = mesh.owner, mesh.stretch, mesh.part
-    last = np.diff(lines.first)[owner] - 1
-    towards_next = (part >= 0.5) & (stretch < last)
-    from_before = (part < 0.5) & (stretch > 0)
-    on_line, _ = lines.at(owner, stretch, part)
-    return TemplateWood(
-        stock=CopyStock.of(mesh.place - on_line, owner, mesh.triangles, WOOD, BARK_SLOT),
-        stretch=stretch,
-        part=part,
-        bone=stretch - from_before,
-        weight=np.where(towards_next, part - 0.5, np.where(from_before, part + 0.5, 0.0)),
-        ring=mesh.ring,
-    )
 
 
 def _foliage(found: Recognition, lines: Lines, origin: np.ndarray, metres: float) -> Foliage:
@@ -543,84 +567,6 @@ def _gaps(lines: Lines, line: np.ndarray, point: np.ndarray) -> np.ndarray:
     start, way = lines.knot[knot], lines.knot[knot + 1] - lines.knot[knot]
     radius = lines.radius[knot] + part * (lines.radius[knot + 1] - lines.radius[knot])
     return np.maximum(lengths(point - start - part[:, None] * way) - radius, 0.0)
-
-
-OFF = 5e-3  # metres off its bearer's mesh from which a ring is moved or bridged
-BORDER = 2.0  # radii from the foot within which a border is that of the foot
-CLOSED = 0.1  # radii from the foot within which corners of a closed tube are its lowest ring
-APART = 1e3  # metres from one bearer to the next, where samples are looked up
-NEAREST = 8  # samples of triangles looked at, for each place
-
-
-@dataclass(frozen=True, eq=False)
-class OnBark:
-    """N places held against the wood that bears them.
-
-    place : (N, 3) nearest on its bark. off : (N,) metres, 0 inside.
-    """
-
-    place: np.ndarray
-    off: np.ndarray
-
-
-def lowest_ring(
-    along: np.ndarray, owner: np.ndarray, thick: np.ndarray, border: np.ndarray
-) -> np.ndarray:
-    """(V,) whether a vertex is of the lowest ring of its piece.
-
-    along : (V,) metres from the foot. owner : (V,) piece. thick : (C,) radius of pieces at the foot.
-    border : (V,) whether an edge of one triangle only ends there.
-    """
-    low = np.full(len(thick), np.inf)
-    np.minimum.at(low, owner, along)
-    deep = along - low[owner]
-    rim = border & (deep <= BORDER * thick[owner])
-    is_open = np.bincount(owner[rim], minlength=len(thick)) > 0
-    return np.where(is_open[owner], rim, deep <= CLOSED * thick[owner])
-
-
-def hold_against(
-    point: np.ndarray,
-    bearer: np.ndarray,
-    axis: np.ndarray,
-    beyond: np.ndarray,
-    vertices: np.ndarray,
-    triangles: np.ndarray,
-    owner: np.ndarray,
-) -> OnBark:
-    """Hold places (N, 3) against the meshes of their bearers (N,).
-
-    axis : (N, 3) beside the place on the bearer's axis. beyond : (N,) whether it is beyond the end of that.
-    vertices, triangles, owner : (V, 3), (T, 3), and (T,) whose triangles they are.
-    """
-    borne = np.zeros(int(max(owner.max(initial=-1), bearer.max(initial=-1))) + 1, dtype=bool)
-    borne[bearer] = True
-    mine = np.flatnonzero(borne[owner])
-    if not len(mine):
-        return OnBark(point, np.zeros(len(point)))
-    corners, owner = vertices[triangles[mine]], owner[mine]
-    middles = (corners + np.roll(corners, 1, axis=1)) / 2
-    samples = np.concatenate([corners, middles, corners.mean(axis=1)[:, None]], axis=1)
-    many = samples.shape[1]
-    samples = np.column_stack([samples.reshape(-1, 3), APART * np.repeat(owner, many)])
-    tree = cKDTree(samples, balanced_tree=False, compact_nodes=False)
-    _, found = tree.query(np.column_stack([point, APART * bearer]), NEAREST)
-    found = np.minimum(found, many * len(owner) - 1) // many
-    row = np.repeat(np.arange(len(point)), NEAREST)
-    every = nearest_on_triangles(point[row], corners[found.ravel()])
-    gap = lengths(every - point[row]).reshape(-1, NEAREST)
-    gap[owner[found] != bearer[:, None]] = np.inf
-    best = np.argmin(gap, axis=1)
-    row = np.arange(len(point))
-    bark, gap = every.reshape(-1, NEAREST, 3)[row, best], gap[row, best]
-    mine = corners[found[row, best]]
-    normal = cross_rows(mine[:, 1] - mine[:, 0], mine[:, 2] - mine[:, 0])
-    towards = np.einsum("ni,ni->n", point - bark, axis - bark) > 0
-    behind = np.einsum("ni,ni->n", point - bark, normal) < 0
-    inside = towards.copy()
-    for k in np.flatnonzero((behind != towards) | beyond):
-        inside[k] = winding_number(point[k], corners[owner == bearer[k]]) > 0.5
-    return OnBark(bark, np.where(inside | np.isinf(gap), 0.0, gap))  # no mesh: nothing to be off
 
 
 def winding_number(point: np.ndarray, corners: np.ndarray) -> float:

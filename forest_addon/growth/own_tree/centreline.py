@@ -23,7 +23,7 @@ from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
 from ...base.rows import lengths
-from ...base.runs import numbered, sums
+from ...base.runs import Runs, bounds, numbered, sums
 from .pieces import Pieces
 
 STRETCH = 4.0  # mean radii from knot to knot
@@ -80,22 +80,6 @@ class _Samples:
     weight: np.ndarray  # (M,) length of edge that each place stands for
 
 
-@dataclass(frozen=True)
-class _Lines:
-    """Polylines in the making: knots of all pieces, one piece after the other."""
-
-    knot: np.ndarray  # (K, 3)
-    along: np.ndarray  # (K,)
-    first: np.ndarray  # (C + 1,)
-
-    @classmethod
-    def through(cls, knot: np.ndarray, first: np.ndarray) -> _Lines:
-        step = np.linalg.norm(np.diff(knot, axis=0, prepend=knot[:1]), axis=1)
-        step[first[:-1]] = 0.0
-        total = np.cumsum(step)
-        return cls(knot, total - np.repeat(total[first[:-1]], np.diff(first)), first)
-
-
 def find_centrelines(pieces: Pieces) -> Centrelines:
     """The centreline of every piece."""
     count, owner = pieces.count, pieces.piece_of_vertex
@@ -104,34 +88,42 @@ def find_centrelines(pieces: Pieces) -> Centrelines:
     radius = area / (2 * np.pi * length)  # mean radius of a tube of that area and length
     samples = _sample(pieces, radius)
     stretches = np.clip(np.ceil(length / (STRETCH * radius)), 1, MOST_STRETCHES).astype(np.int64)
-    first = np.concatenate([[0], np.cumsum(stretches + 1)])
+    first = bounds(stretches + 1)
 
     share = _share(along, owner, count)
     for _ in range(ROUNDS):
-        lines = _Lines.through(_average(samples, pieces.vertices, share, first), first)
-        along, outward = _project(lines, pieces.vertices, owner, share)
+        knot = _average(samples, pieces.vertices, share, first)
+        along, outward = _project(knot, first, pieces.vertices, owner, share)
         share = _share(along, owner, count)
 
     knot_radius = _average(samples, lengths(outward)[:, None], share, first)[:, 0]
-    lines = _close_ends(lines, knot_radius, pieces, samples, along)
-    along, outward = _project(lines, pieces.vertices, owner, share)
+    knot = _close_ends(knot, first, knot_radius, pieces, samples, along)
+    along, outward = _project(knot, first, pieces.vertices, owner, share)
     share = _share(along, owner, count)
     knot_radius = _average(samples, lengths(outward)[:, None], share, first)[:, 0]
-    end_radius = _end_radii(lines, knot_radius, pieces, along, outward)
-    return Centrelines(lines.knot, knot_radius, lines.along, first, end_radius, outward)
+    end_radius = _end_radii(first, knot_radius, pieces, along, outward)
+    return Centrelines(knot, knot_radius, _gone(knot, first), first, end_radius, outward)
+
+
+def _gone(knot: np.ndarray, first: np.ndarray) -> np.ndarray:
+    """(K,) how far along its line each knot is."""
+    step = np.linalg.norm(np.diff(knot, axis=0, prepend=knot[:1]), axis=1)
+    step[first[:-1]] = 0.0
+    total = np.cumsum(step)
+    return np.asarray(total - np.repeat(total[first[:-1]], np.diff(first)))
 
 
 def _along_edges(pieces: Pieces) -> tuple[np.ndarray, np.ndarray]:
     """(V,) distance along edges from one end of each vertex's piece; (C,) length of the pieces."""
-    vertices, owner, count = pieces.vertices, pieces.piece_of_vertex, pieces.count
-    distance = lengths(vertices - pieces.middles()[owner])
+    vertices = pieces.vertices
+    distance = lengths(vertices - pieces.middles()[pieces.piece_of_vertex])
     one, other = pieces.edges.T
     edge_length = lengths(vertices[one] - vertices[other])
     graph = csr_matrix((edge_length, (one, other)), shape=(len(vertices), len(vertices)))
     for _ in range(2):  # from the vertex farthest from the middle to one end, then to the other
-        farthest = _largest(distance, owner, count)
+        farthest = pieces.largest(distance)
         distance = dijkstra(graph, directed=False, indices=farthest, min_only=True)
-    return distance, distance[_largest(distance, owner, count)]
+    return distance, distance[pieces.largest(distance)]
 
 
 def _sample(pieces: Pieces, radius: np.ndarray) -> _Samples:
@@ -163,7 +155,7 @@ def _sample(pieces: Pieces, radius: np.ndarray) -> _Samples:
 
 def _share(along: np.ndarray, piece: np.ndarray, count: int) -> np.ndarray:
     """(V,) a coordinate along the pieces as a share, 0 at the first end and 1 at the last."""
-    begins = _begins(piece, count)
+    begins = Runs.of(piece, count).first
     low, high = np.minimum.reduceat(along, begins), np.maximum.reduceat(along, begins)
     span = np.maximum(high - low, np.finfo(float).tiny)
     return np.asarray(np.clip((along - low[piece]) / span[piece], 0.0, 1.0))
@@ -200,84 +192,88 @@ def _average(
 
 
 def _project(
-    lines: _Lines, point: np.ndarray, piece: np.ndarray, share: np.ndarray
+    knot: np.ndarray, first: np.ndarray, point: np.ndarray, piece: np.ndarray, share: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """(M,) place along the line nearest to each point, and (M, 3) from there to the point.
 
     share : where each point is now; its stretch and the two beside it are tried. A line goes straight
     on beyond its ends.
     """
-    stretches = (np.diff(lines.first) - 1)[piece]
+    gone = _gone(knot, first)
+    stretches = (np.diff(first) - 1)[piece]
     now = np.minimum((share * stretches).astype(np.int64), stretches - 1)
-    direction = np.diff(lines.knot, axis=0)
+    direction = np.diff(knot, axis=0)
     squared = np.einsum("ki,ki->k", direction, direction)
     length = np.sqrt(squared)
     low, high = np.zeros(len(squared)), np.ones(len(squared))
-    low[lines.first[:-1]], high[lines.first[1:] - 2] = -np.inf, np.inf
+    low[first[:-1]], high[first[1:] - 2] = -np.inf, np.inf
     inverse = 1 / np.maximum(squared, np.finfo(float).tiny)
-    from_first = lines.first[piece]
-
-    def seen(row: np.ndarray | slice, offset: int) -> tuple[np.ndarray, ...]:
-        start = from_first[row] + np.clip(now[row] + offset, 0, stretches[row] - 1)
-        from_start, way = point[row] - lines.knot[start], direction[start]
+    best, along, outward = np.full(len(point), np.inf), np.empty(len(point)), np.empty(point.shape)
+    for offset, row in (
+        (0, np.arange(len(point))),
+        (-1, np.flatnonzero(now > 0)),
+        (1, np.flatnonzero(now < stretches - 1)),
+    ):
+        start = first[piece[row]] + now[row] + offset
+        from_start, way = point[row] - knot[start], direction[start]
         part = np.einsum("mi,mi->m", from_start, way) * inverse[start]
         part = np.minimum(np.maximum(part, low[start]), high[start])
         aside = from_start - part[:, None] * way
-        place = lines.along[start] + part * length[start]
-        return np.einsum("mi,mi->m", aside, aside), place, aside
-
-    best, along, outward = seen(slice(None), 0)
-    for offset, row in ((-1, np.flatnonzero(now > 0)), (1, np.flatnonzero(now < stretches - 1))):
-        distance, place, aside = seen(row, offset)
-        nearer = np.flatnonzero(distance < best[row])
-        row = row[nearer]
-        best[row], along[row], outward[row] = distance[nearer], place[nearer], aside[nearer]
+        distance = np.einsum("mi,mi->m", aside, aside)
+        nearer = distance < best[row]
+        to = row[nearer]
+        best[to], outward[to] = distance[nearer], aside[nearer]
+        along[to] = (gone[start] + part * length[start])[nearer]
     return along, outward
 
 
 def _close_ends(
-    lines: _Lines, radius: np.ndarray, pieces: Pieces, samples: _Samples, along: np.ndarray
-) -> _Lines:
-    """Lines that reach to where the surface ends, in its middle there."""
-    knot = lines.knot.copy()
-    owner, number = np.repeat(np.arange(pieces.count), np.diff(lines.first)), np.arange(len(knot))
-    ends = lines.first[:-1], lines.first[1:] - 1
+    knot: np.ndarray,
+    first: np.ndarray,
+    radius: np.ndarray,
+    pieces: Pieces,
+    samples: _Samples,
+    along: np.ndarray,
+) -> np.ndarray:
+    """(K, 3) knots of lines that reach to where the surface ends, in its middle there."""
+    gone, knot = _gone(knot, first), knot.copy()
+    owner, number = np.repeat(np.arange(pieces.count), np.diff(first)), np.arange(len(knot))
+    ends = first[:-1], first[1:] - 1
     for end, (at, other) in enumerate((ends, ends[::-1])):
-        thick = np.maximum(radius[at], radius[at + 1 - 2 * end])
-        depth = along if end == 0 else -along
-        second = np.where(np.diff(lines.first) > 2, at + 2 - 4 * end, at + 1 - 2 * end)
-        way = knot[second] - knot[np.where(second == at + 1 - 2 * end, at, at + 1 - 2 * end)]
-        foot, inwards, near = _find_end(pieces, samples, depth, thick, way)
+        next_one = at + 1 - 2 * end
+        thick = np.maximum(radius[at], radius[next_one])
+        second = np.where(np.diff(first) > 2, at + 2 - 4 * end, next_one)
+        way = knot[second] - knot[np.where(second == next_one, at, next_one)]
+        foot, inwards, near = _find_end(pieces, samples, along if end == 0 else -along, thick, way)
         # a piece without extent tells no end: it keeps its own
         sure = np.isfinite(foot).all(axis=1) & np.isfinite(inwards).all(axis=1) & np.isfinite(near)
-        foot, inwards = (
-            np.where(sure[:, None], foot, knot[at]),
-            np.where(sure[:, None], inwards, 0.0),
-        )
-        near = np.where(sure, near, 0.0)
+        foot = np.where(sure[:, None], foot, knot[at])
+        inwards, near = np.where(sure[:, None], inwards, 0.0), np.where(sure, near, 0.0)
         # knots nearer to the end than its surface is sure of stand on the straight way to it
         place = np.einsum("ki,ki->k", knot - foot[owner], inwards[owner])
-        from_end = np.abs(lines.along - lines.along[at][owner])
+        from_end = np.abs(gone - gone[at][owner])
         close = (place < near[owner]) & (from_end < REGION * near[owner]) & (number != other[owner])
         close[at] = True
         place[at] = 0.0
         knot[close] = (foot[owner] + np.maximum(place, 0.0)[:, None] * inwards[owner])[close]
-    return _Lines.through(knot, lines.first)
+    return knot
 
 
 def _end_radii(
-    lines: _Lines, radius: np.ndarray, pieces: Pieces, along: np.ndarray, outward: np.ndarray
+    first: np.ndarray, radius: np.ndarray, pieces: Pieces, along: np.ndarray, outward: np.ndarray
 ) -> np.ndarray:
-    """(C, 2) radius near both ends, leaving caps aside."""
-    owner, count = pieces.piece_of_vertex, pieces.count
-    thickness, found = lengths(outward), np.empty((count, 2))
-    for end, at in enumerate((lines.first[:-1], lines.first[1:] - 1)):
+    """(C, 2) radius near both ends, leaving caps aside: the upper quartile there."""
+    owner, thickness = pieces.piece_of_vertex, lengths(outward)
+    found = np.empty((pieces.count, 2))
+    for end, at in enumerate((first[:-1], first[1:] - 1)):
         depth = along if end == 0 else -along
-        depth = depth - np.minimum.reduceat(depth, _begins(owner, count))[owner]
-        collar = depth <= NEAR * radius[at][owner]
-        found[:, end] = _upper_quartile(thickness[collar], owner[collar], count)
+        depth = depth - np.minimum.reduceat(depth, Runs.of(owner, pieces.count).first)[owner]
+        collar = np.flatnonzero(depth <= NEAR * radius[at][owner])
+        runs = Runs.of(owner[collar], pieces.count)
+        order = collar[np.lexsort((thickness[collar], owner[collar]))]
         # no vertex near the end: a piece without extent, whose radius is not known
-        found[:, end] = np.where(np.isnan(found[:, end]), np.nan_to_num(radius[at]), found[:, end])
+        found[:, end], known = np.nan_to_num(radius[at]), runs.size > 0
+        found[known, end] = thickness[order[(runs.first + 3 * runs.size // 4)[known]]]
     return found
 
 
@@ -294,8 +290,9 @@ def _find_end(
     for the end, nor how few corners that has.
     """
     owner, count = pieces.piece_of_vertex, pieces.count
-    depth = depth - np.minimum.reduceat(depth, _begins(owner, count))[owner]
-    length = np.maximum(np.maximum.reduceat(depth, _begins(owner, count)), np.finfo(float).tiny)
+    begins = Runs.of(owner, count).first
+    depth = depth - np.minimum.reduceat(depth, begins)[owner]
+    length = np.maximum(np.maximum.reduceat(depth, begins), np.finfo(float).tiny)
     mean = np.bincount(pieces.piece, pieces.area, count) / (2 * np.pi * length)
     near = np.minimum(np.maximum(NEAR * thick, SURE * mean), length / 3)
     row = np.flatnonzero(samples.of_vertices @ depth <= (REGION * near)[samples.piece])
@@ -344,32 +341,6 @@ def _weighted(place: np.ndarray, weight: np.ndarray, piece: np.ndarray, count: i
     return np.asarray(mean / np.where(total > 0, total, np.nan)[:, None])
 
 
-def _begins(owner: np.ndarray, count: int) -> np.ndarray:
-    """(C,) first row of each owner; ``owner`` is sorted and every one has some."""
-    size = np.bincount(owner, minlength=count)
-    return np.asarray(np.cumsum(size) - size)
-
-
-def _largest(value: np.ndarray, owner: np.ndarray, count: int) -> np.ndarray:
-    """(C,) index of the largest value of each owner; ``owner`` is sorted and every one has some."""
-    largest = np.maximum.reduceat(value, _begins(owner, count))
-    found = np.flatnonzero(value == largest[owner])
-    index = np.zeros(count, dtype=np.int64)
-    index[owner[found]] = found  # of equal ones the last stays
-    return index
-
-
-def _upper_quartile(value: np.ndarray, owner: np.ndarray, count: int) -> np.ndarray:
-    """(C,) upper quartile of the values of each owner: a cap's middle does not count."""
-    size = np.bincount(owner, minlength=count)
-    order = np.lexsort((value, owner))
-    place = np.cumsum(size) - size + 3 * size // 4
-    known = size > 0
-    found = np.full(count, np.nan)
-    found[known] = value[order[place[known]]]
-    return found
-
-
 @dataclass(frozen=True)
 class Contact:
     """The wood nearest to each of N points.
@@ -403,33 +374,11 @@ class _Balls:
     centre: np.ndarray  # (B, 3)
     search: cKDTree
 
-    @classmethod
-    def of(
-        cls, centre: np.ndarray, radius: np.ndarray, spacing: np.ndarray, stretch: np.ndarray
-    ) -> _Balls:
-        lifted = np.sqrt(np.maximum(radius.max() ** 2 - radius**2, 0.0))
-        return cls(stretch, radius, spacing, centre, cKDTree(np.column_stack([centre, lifted])))
-
     def query(self, points: np.ndarray, count: int) -> np.ndarray:
         """(N, k) the nearest to each point."""
         lifted = np.column_stack([points, np.zeros(len(points))])
         nearest = np.arange(min(count, len(self.radius))) + 1
         return np.asarray(self.search.query(lifted, k=nearest, workers=-1)[1])
-
-
-@dataclass(frozen=True)
-class _Look:
-    """The nearest ball to each of N points, in each of G groups of balls.
-
-    gap : (G, N) to its surface. doubt : (G, N) how much nearer a cone of the group may be.
-    """
-
-    gap: np.ndarray
-    doubt: np.ndarray
-
-    def of(self, rows: np.ndarray) -> _Look:
-        """The same for some of the points."""
-        return _Look(self.gap[:, rows], self.doubt[:, rows])
 
 
 @dataclass(frozen=True)
@@ -467,18 +416,19 @@ class Tubes:
         apart = length[of] / balls[of]
         relative = np.maximum(radius / max(radius.max(), np.finfo(float).tiny), LIKE**-GROUPS)
         group = np.floor(-np.log(relative) / np.log(LIKE)).astype(np.int64)
-        groups = [
-            _Balls.of(centre[own], radius[own], apart[own], of[own])
-            for own in (np.flatnonzero(group == number) for number in np.unique(group))
-        ]
+        groups = []
+        for own in (np.flatnonzero(group == number) for number in np.unique(group)):
+            lifted = np.sqrt(np.maximum(radius[own].max() ** 2 - radius[own] ** 2, 0.0))
+            search = cKDTree(np.column_stack([centre[own], lifted]))
+            groups.append(_Balls(of[own], radius[own], apart[own], centre[own], search))
         return cls(
             lines.knot[start], vector, length, ends, lines.along[start], owner[start], tuple(groups)
         )
 
-    def look(self, points: np.ndarray, wanted: np.ndarray | None = None) -> _Look:
-        """The nearest ball of each group; infinitely far where it is not ``wanted`` (G, N)."""
-        gap = np.full((len(self.groups), len(points)), np.inf)
-        doubt = np.zeros_like(gap)
+    def look(self, points: np.ndarray, wanted: np.ndarray | None = None) -> np.ndarray:
+        """(2, G, N) gap to the nearest ball of each group, and the least to any cone of the group; infinite
+        where it is not ``wanted`` (G, N)."""
+        seen = np.full((2, len(self.groups), len(points)), np.inf)
         for number, balls in enumerate(self.groups):
             row = np.arange(len(points)) if wanted is None else np.flatnonzero(wanted[number])
             near = balls.query(points[row], 1)[:, 0]
@@ -486,34 +436,39 @@ class Tubes:
             free = np.maximum(away - balls.radius[near], 0.0)
             thickest = balls.radius.max()  # of power free·(free + 2r), at least as near as the next
             least = np.sqrt(thickest**2 + free * (free + 2 * balls.radius[near])) - thickest
-            gap[number, row] = away - balls.radius[near]
-            doubt[number, row] = free - least + balls.spacing[near]
-        return _Look(gap, doubt)
+            gap = away - balls.radius[near]
+            seen[:, number, row] = gap, gap - (free - least + balls.spacing[near])
+        return seen
 
-    def contacts(self, points: np.ndarray, seen: _Look, *, thinnest: bool = False) -> Contact:
+    def contacts(self, points: np.ndarray, seen: np.ndarray, *, thinnest: bool = False) -> Contact:
         """See ``find_contacts``; so many points at a time that memory is bounded.
 
-        thinnest : for points inside several tubes, the thinnest of them, and not that whose surface is
-            farthest away.
+        seen : as ``look`` finds. thinnest : for points inside several tubes, the thinnest of them, and not
+            that whose surface is farthest away.
         """
         batches = np.array_split(np.arange(len(points)), max(len(points) // BATCH, 1))
-        parts = [self._contacts(points[rows], seen.of(rows), thinnest) for rows in batches]
+        parts = [self._contacts(points[rows], *seen[:, :, rows], thinnest) for rows in batches]
         return Contact(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
-    def _contacts(self, points: np.ndarray, seen: _Look, thinnest: bool) -> tuple[np.ndarray, ...]:
-        least = np.maximum(seen.gap.min(axis=0, initial=np.inf), 0.0)
+    def _contacts(
+        self, points: np.ndarray, nearest: np.ndarray, away: np.ndarray, thinnest: bool
+    ) -> tuple[np.ndarray, ...]:
+        most = np.maximum(nearest.min(axis=0, initial=np.inf), 0.0)
         best = np.full(len(points), np.inf)
         chosen = np.zeros(len(points), dtype=np.int64)
         measured = np.zeros((3, len(points)))  # gap, place in the cone, radius
-        for balls, gap, doubt in zip(self.groups, seen.gap, seen.doubt, strict=True):
-            row = np.flatnonzero(gap - doubt <= least)
+        for balls, least in zip(self.groups, away, strict=True):
+            row = np.flatnonzero(least <= most)
             if not len(row):
                 continue
-            cone, rank, found = self._measure(points[row], balls, thinnest)
-            nearer = rank < best[row]
+            cone, aside, part, radius = self.beside(points[row], CANDIDATES, (balls,))
+            gap = aside - radius
+            rank = np.where(gap < 0, radius - self.radius.max(), gap) if thinnest else gap
+            pick = np.arange(len(row)), np.argmin(rank, axis=1)
+            nearer = rank[pick] < best[row]
             row = row[nearer]
-            best[row], chosen[row] = rank[nearer], cone[nearer]
-            measured[:, row] = found[:, nearer]
+            best[row], chosen[row] = rank[pick][nearer], cone[pick][nearer]
+            measured[:, row] = np.stack([x[pick] for x in (gap, part, radius)])[:, nearer]
         length = self.length[chosen]
         return (
             self.piece[chosen],
@@ -523,43 +478,21 @@ class Tubes:
             measured[2],
         )
 
-    def _measure(
-        self, points: np.ndarray, balls: _Balls, thinnest: bool
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The best of the cones around a group's balls (N,), its rank, and (3, N) what was measured."""
-        cone = balls.stretch[balls.query(points, CANDIDATES)]  # (N, k)
-        part, aside = self._off(points, cone)
-        ends = self.radius[cone]
-        radius = ends[..., 0] * (1 - part) + ends[..., 1] * part
-        gap = aside - radius
-        rank = np.where(gap < 0, radius - self.radius.max(), gap) if thinnest else gap
-        row, best = np.arange(len(points)), np.argmin(rank, axis=1)
-        return (
-            cone[row, best],
-            rank[row, best],
-            np.stack([x[row, best] for x in (gap, part, radius)]),
-        )
-
-    def beside(self, points: np.ndarray, count: int) -> tuple[np.ndarray, ...]:
-        """The cones that the ``count`` balls of each group that are nearest to points (N, 3) are in: the
-        cone, how far the point is from its axis, how far along it that is, 0 .. 1, and the radius there, (N,
-        k).
+    def beside(
+        self, points: np.ndarray, count: int, groups: tuple[_Balls, ...] = ()
+    ) -> tuple[np.ndarray, ...]:
+        """The cones with the ``count`` balls nearest to points (N, 3) of each group, or of these: the cone,
+        how far the point is from its axis, how far along it that is, 0 .. 1, and the radius there, (N, k).
         """
-        cone = np.concatenate(
-            [balls.stretch[balls.query(points, count)] for balls in self.groups], axis=1
-        )
-        part, aside = self._off(points, cone)
-        ends = self.radius[cone]
-        return cone, aside, part, ends[..., 0] * (1 - part) + ends[..., 1] * part
-
-    def _off(self, points: np.ndarray, cone: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(N, k) how far along the axes of cones (N, k) points are, 0 .. 1, and how far off them."""
-        from_start = points[:, None] - self.start[cone]
-        vector = self.vector[cone]
+        near = [balls.stretch[balls.query(points, count)] for balls in groups or self.groups]
+        cone = np.concatenate(near, axis=1)
+        from_start, vector = points[:, None] - self.start[cone], self.vector[cone]
         squared = np.maximum(self.length[cone] ** 2, np.finfo(float).tiny)
         part = np.clip(np.einsum("nki,nki->nk", from_start, vector) / squared, 0.0, 1.0)
         aside = from_start - part[..., None] * vector
-        return part, np.sqrt(np.einsum("nki,nki->nk", aside, aside))
+        ends = self.radius[cone]
+        radius = ends[..., 0] * (1 - part) + ends[..., 1] * part
+        return cone, np.sqrt(np.einsum("nki,nki->nk", aside, aside)), part, radius
 
 
 def find_contacts(lines: Centrelines, pieces: np.ndarray, points: np.ndarray) -> Contact:

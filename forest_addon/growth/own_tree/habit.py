@@ -58,7 +58,6 @@ class Table:
 
     share : (P,) position, 0 foot to 1 tip. length : (P,) of a child over its parent's.
     angle : (P,) radians.
-    density : (P,) children per parent and unit of share.
     length_spread, angle_spread : what is added by chance, relative and radians: a share of what pieces
         are off these means.
     """
@@ -66,7 +65,6 @@ class Table:
     share: np.ndarray
     length: np.ndarray
     angle: np.ndarray
-    density: np.ndarray
     length_spread: float
     angle_spread: float
 
@@ -258,9 +256,12 @@ def _table(anatomy: Anatomy, share: np.ndarray, order: int) -> Table:
     parent = anatomy.parent[mine]
     reach = anatomy.lines.reach()
     place = np.linspace(0.0, 1.0, PLACES)
-    smooth = _smoother(share[mine], place)
-    inside = ((place[:, None] - share[mine]) / KERNEL) ** 2
-    mass = np.exp(-inside / 2).sum(axis=1) / (KERNEL * np.sqrt(2 * np.pi))
+    d = share[mine] - place[:, None]  # weights (P, N) of a local linear regression
+    weight = np.exp(-((d / KERNEL) ** 2) / 2) + 1e-9
+    s0, s1, s2 = weight.sum(1), (weight * d).sum(1), (weight * d * d).sum(1)
+    ridge = s2 + 0.05 * KERNEL**2 * s0  # where all lie on one side the slope is held back
+    solved = weight * (ridge[:, None] - s1[:, None] * d)
+    smooth = solved / (ridge * s0 - s1 * s1)[:, None]
     length = np.log(np.maximum(reach[mine] / reach[parent], 1e-9))
     means = smooth @ length, smooth @ anatomy.angle[mine]
     off = [
@@ -271,20 +272,9 @@ def _table(anatomy: Anatomy, share: np.ndarray, order: int) -> Table:
         share=place,
         length=np.exp(means[0]),
         angle=np.clip(means[1], 0.0, np.pi),
-        density=mass / max(int((anatomy.order == order - 1).sum()), 1),
         length_spread=min(BY_CHANCE * off[0], MOST_LENGTH_SPREAD),
         angle_spread=min(BY_CHANCE * off[1], MOST_ANGLE_SPREAD),
     )
-
-
-def _smoother(x: np.ndarray, place: np.ndarray) -> np.ndarray:
-    """(P, N) weights of a local linear regression at places (P,) of values at x (N,)."""
-    d = x - place[:, None]
-    weight = np.exp(-((d / KERNEL) ** 2) / 2) + 1e-9
-    s0, s1, s2 = weight.sum(1), (weight * d).sum(1), (weight * d * d).sum(1)
-    ridge = s2 + 0.05 * KERNEL**2 * s0  # where all lie on one side the slope is held back
-    solved = weight * (ridge[:, None] - s1[:, None] * d)
-    return np.asarray(solved / (ridge * s0 - s1 * s1)[:, None])
 
 
 DBH_SPREAD = 0.145
@@ -296,30 +286,21 @@ CHILDREN = 0.7  # exponent: number of children with their parent's length
 MOST_SPREAD = 2.0  # standard deviations
 
 
-@dataclass(frozen=True)
-class SiblingAllometry:
-    """Exponents of height and crown width over diameter, and the spread of log width at one diameter."""
-
-    height: float
-    width: float
-    width_spread: float
-
-
-ALLOMETRY = {
-    "any": SiblingAllometry(0.666, 0.606, 0.239),
-    "broadleaf": SiblingAllometry(0.598, 0.619, 0.241),
-    "conifer": SiblingAllometry(0.782, 0.596, 0.237),
-    "abies": SiblingAllometry(0.815, 0.494, 0.182),
-    "acer": SiblingAllometry(0.561, 0.619, 0.241),
-    "betula": SiblingAllometry(0.721, 0.619, 0.241),
-    "eucalyptus": SiblingAllometry(0.666, 0.684, 0.214),
-    "fagus": SiblingAllometry(0.578, 0.619, 0.241),
-    "larix": SiblingAllometry(0.819, 0.596, 0.237),
-    "picea": SiblingAllometry(0.844, 0.605, 0.172),
-    "pinus": SiblingAllometry(0.743, 0.701, 0.265),
-    "populus": SiblingAllometry(0.721, 0.619, 0.241),
-    "pseudotsuga": SiblingAllometry(0.790, 0.489, 0.269),
-    "quercus": SiblingAllometry(0.531, 0.619, 0.241),
+ALLOMETRY = {  # exponents of height and of crown width over diameter; spread of log width at one diameter
+    "any": (0.666, 0.606, 0.239),
+    "broadleaf": (0.598, 0.619, 0.241),
+    "conifer": (0.782, 0.596, 0.237),
+    "abies": (0.815, 0.494, 0.182),
+    "acer": (0.561, 0.619, 0.241),
+    "betula": (0.721, 0.619, 0.241),
+    "eucalyptus": (0.666, 0.684, 0.214),
+    "fagus": (0.578, 0.619, 0.241),
+    "larix": (0.819, 0.596, 0.237),
+    "picea": (0.844, 0.605, 0.172),
+    "pinus": (0.743, 0.701, 0.265),
+    "populus": (0.721, 0.619, 0.241),
+    "pseudotsuga": (0.790, 0.489, 0.269),
+    "quercus": (0.531, 0.619, 0.241),
 }
 NAMES = {
     "abies": ("abies", "fir"),
@@ -362,17 +343,14 @@ class Size:
 
 def size_of(habit: Habit, siblings: Siblings, tree: np.ndarray) -> Size:
     """The size of a tree with the key ``tree`` (1,)."""
-    laws = ALLOMETRY[siblings.allometry]
-    height, dbh = float(habit.anatomy.lines.knot[:, 2].max()), dbh_of(habit.anatomy)
-    girth = siblings.age
-    stem = girth**laws.height
-    if siblings.dbh:
-        girth = siblings.dbh / dbh
-        stem = girth**laws.height
+    height_law, width_law, width_spread = ALLOMETRY[siblings.allometry]
+    height = float(habit.anatomy.lines.knot[:, 2].max())
+    girth = siblings.dbh / dbh_of(habit.anatomy) if siblings.dbh else siblings.age
+    stem = girth**height_law
     if siblings.height:
         stem = siblings.height / height
-        girth = girth if siblings.dbh else stem ** (1 / laws.height)
-    crown = girth**laws.width
+        girth = girth if siblings.dbh else stem ** (1 / height_law)
+    crown = girth**width_law
 
     thick, tall, wide = (
         float(np.clip(keyed_normal(tree, name)[0], -MOST_SPREAD, MOST_SPREAD))
@@ -385,16 +363,15 @@ def size_of(habit: Habit, siblings: Siblings, tree: np.ndarray) -> Size:
         stem *= _about_one(v * HEIGHT_WITH_DBH * DBH_SPREAD, thick) * _about_one(
             v * HEIGHT_SPREAD, tall
         )
-    crown *= _about_one(v * laws.width * DBH_SPREAD, thick) * _about_one(
-        v * WITHIN_STAND * laws.width_spread, wide
+    crown *= _about_one(v * width_law * DBH_SPREAD, thick) * _about_one(
+        v * WITHIN_STAND * width_spread, wide
     )
     return Size(stem, girth, crown, branches=stem**NODES, height=stem * height)
 
 
 def dbh_of(anatomy: Anatomy) -> float:
     """Diameter of the trunk at breast height, or halfway up one that is lower than twice that."""
-    trunk = int(anatomy.trunks[0])
-    return 2 * _radius_at(anatomy, trunk, _breast_share(anatomy, trunk, 1.0))
+    return 2 * _at_breast(anatomy, int(anatomy.trunks[0]), 1.0)[1]
 
 
 def trunk_girth(anatomy: Anatomy, trunks: np.ndarray, scale: np.ndarray, size: Size) -> np.ndarray:
@@ -406,26 +383,20 @@ def trunk_girth(anatomy: Anatomy, trunks: np.ndarray, scale: np.ndarray, size: S
         return np.ones((len(trunks), 2))
     factors = []
     for trunk, long in zip(trunks.tolist(), scale.tolist(), strict=True):
-        before = _breast_share(anatomy, trunk, 1.0)
-        share = _breast_share(anatomy, trunk, long)
-        wanted = size.girth * _radius_at(anatomy, trunk, before) / _radius_at(anatomy, trunk, share)
-        if wanted >= 1:
-            factors.append(((wanted - share) / (1 - share), 1.0))
-        else:
-            factors.append((wanted, wanted))
+        share, radius = _at_breast(anatomy, trunk, long)
+        wanted = size.girth * _at_breast(anatomy, trunk, 1.0)[1] / radius
+        stouter = (wanted - share) / (1 - share), 1.0
+        factors.append(stouter if wanted >= 1 else (wanted, wanted))
     return np.array(factors)
 
 
-def _breast_share(anatomy: Anatomy, trunk: int, scale: float) -> float:
-    reach = float(anatomy.lines.reach()[trunk]) * scale
-    return min(BREAST / reach, 0.5)
-
-
-def _radius_at(anatomy: Anatomy, trunk: int, share: float) -> float:
+def _at_breast(anatomy: Anatomy, trunk: int, scale: float) -> tuple[float, float]:
+    """Breast height as a share of a trunk that is so many times as long, and the radius at that share."""
     lines = anatomy.lines
+    share = min(BREAST / (float(lines.reach()[trunk]) * scale), 0.5)
     rows = slice(int(lines.first[trunk]) + trunk, int(lines.first[trunk + 1]) + trunk + 1)
     knots = np.linspace(0.0, 1.0, rows.stop - rows.start)
-    return float(np.interp(share, knots, lines.radius[rows]))
+    return share, float(np.interp(share, knots, lines.radius[rows]))
 
 
 def _about_one(spread: float, z: float) -> float:

@@ -19,7 +19,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from ...base.rows import RowTable
-from ...base.vectors import azimuth_of, column, cross_rows, zenith_of
+from ...base.vectors import azimuth_of, cross_rows
 
 LEVEL = 1e-6  # length of a unit heading's shadow from which it points some way
 STEEP = 0.97  # |T_z| from which a branch counts as upright, and no side of it is the upper one
@@ -214,11 +214,6 @@ def sloped(frame: np.ndarray, slope: np.ndarray) -> np.ndarray:
     return np.stack([normal, cross_rows(to, normal), to], axis=2)
 
 
-def slopes(frame: np.ndarray) -> np.ndarray:
-    """(S,) radians from the vertical."""
-    return zenith_of(frame[:, :, 2])
-
-
 def walk(frame: np.ndarray, length: np.ndarray, first: np.ndarray, foot: np.ndarray) -> np.ndarray:
     """The knots (S + C, 3) of lines of these stretches, line by line, from their feet (C, 3)."""
     lines = len(first) - 1
@@ -258,20 +253,6 @@ def upper_frames(heading: np.ndarray) -> np.ndarray:
     up[:, 2] += 1.0
     up /= np.linalg.norm(up, axis=1, keepdims=True)
     return np.stack([up, np.cross(heading, up), heading], axis=2)
-
-
-def angles_in(parent: np.ndarray, heading: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Azimuth (C,) about a parent's T and angle (C,) from it of headings (C, 3)."""
-    own = np.einsum("nij,ni->nj", parent, heading)
-    across = np.hypot(own[:, 0], own[:, 1])
-    return azimuth_of(own), np.arctan2(across, column(own, 2))
-
-
-def rolled(frame: np.ndarray, wanted: np.ndarray) -> np.ndarray:
-    """(C,) radians about T from the N of frames to that of others with the same T."""
-    cosine = np.einsum("ni,ni->n", frame[:, :, 0], wanted[:, :, 0])
-    sine = np.einsum("ni,ni->n", frame[:, :, 1], wanted[:, :, 0])
-    return np.arctan2(sine, cosine)
 
 
 def _about(axis: int, angle: np.ndarray) -> np.ndarray:

@@ -119,6 +119,13 @@ class Pieces:
         size = np.bincount(self.piece_of_vertex, minlength=self.count)
         return sums(self.piece_of_vertex, self.vertices, self.count) / size[:, None]
 
+    def largest(self, value: np.ndarray) -> np.ndarray:
+        """(C,) vertex of each piece with the largest value (V,), the last of equal ones."""
+        owner, most = self.piece_of_vertex, np.full(self.count, -np.inf)
+        np.maximum.at(most, owner, value)
+        row = np.flatnonzero(value == most[owner])  # ascending by owner
+        return row[np.searchsorted(owner[row], np.arange(self.count), side="right") - 1]
+
     def boxes(self) -> tuple[np.ndarray, np.ndarray]:
         """(C, 3) lowest and highest coordinates of each piece."""
         low, high = np.full((self.count, 3), np.inf), np.full((self.count, 3), -np.inf)
@@ -130,7 +137,11 @@ class Pieces:
 def part(facets: np.ndarray) -> Pieces:
     """Weld facets (T, 3, 3) and part them into pieces; no pieces if no facet has an area."""
     vertices, triangles = weld(np.asarray(facets, dtype=np.float64))
-    triangles = _distinct(triangles)
+    corners = np.sort(triangles, axis=1)  # of three different vertices, the first of each three
+    whole = np.flatnonzero((np.diff(corners, axis=1) > 0).all(axis=1))
+    order = np.lexsort(corners[whole].T)  # stable: of equal ones the first in the file comes first
+    repeats = (np.diff(corners[whole[order]], axis=0) == 0).all(axis=1)
+    triangles = triangles[np.delete(whole, order[1:][repeats])]
     halves = half_edges(triangles, len(vertices))
     piece = join_along(halves // 3, len(triangles))  # in order of first appearance
     has_area = ~_is_needle(vertices, triangles)
@@ -245,15 +256,6 @@ def weld(facets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     chosen = np.zeros(int(label.max()) + 1, dtype=np.int64)
     chosen[label[::-1]] = np.arange(len(vertices))[::-1]  # the first of each chain
     return vertices[chosen], label[index].reshape(-1, 3).astype(np.int64)
-
-
-def _distinct(triangles: np.ndarray) -> np.ndarray:
-    """Triangles of three different vertices, the first of each set of three, in order."""
-    corners = np.sort(triangles, axis=1)
-    whole = np.flatnonzero((np.diff(corners, axis=1) > 0).all(axis=1))
-    order = np.lexsort(corners[whole].T)  # stable: of equal ones the first in the file comes first
-    repeats = (np.diff(corners[whole[order]], axis=0) == 0).all(axis=1)
-    return np.asarray(triangles[np.delete(whole, order[1:][repeats])])
 
 
 def join_along(pairs: np.ndarray, nodes: int) -> np.ndarray:

@@ -39,6 +39,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...base.rows import lengths
+from ...base.runs import firsts
+from ...base.vectors import zenith_of
 from ..mesh.meshing import tube
 from .centreline import Centrelines, Tubes, find_centrelines, find_contacts
 from .pieces import Pieces, assemble, join_pieces, part
@@ -83,7 +85,11 @@ def draw_midribs(
     for number in range(leaves.count):
         knots = fronds.knot[fronds.first[number] : fronds.first[number + 1]]
         knots = knots[::-1] if foot_end[number] else knots
-        knots = _smooth(np.concatenate([foot[number : number + 1], knots]))
+        knots = np.concatenate([foot[number : number + 1], knots])
+        for _ in range(
+            min(len(knots) // 2, 12)
+        ):  # they lie now on one half of a frond, now on the other
+            knots[1:-1] = (knots[:-2] + 2 * knots[1:-1] + knots[2:]) / 4
         step = np.linalg.norm(np.diff(knots, axis=0), axis=1)
         knots = knots[np.concatenate([[True], step > 1e-9 * step.sum()])]
         radius = SLENDER * float(step.sum()) * np.linspace(1.0, 0.25, len(knots))
@@ -102,13 +108,6 @@ def draw_midribs(
         np.concatenate([[0.0], thick]),
     )
     return whole, find_centrelines(whole), known
-
-
-def _smooth(knots: np.ndarray) -> np.ndarray:
-    """A course through knots that lie now on one half of a flat frond, now on the other."""
-    for _ in range(min(len(knots) // 2, 12)):
-        knots[1:-1] = (knots[:-2] + 2 * knots[1:-1] + knots[2:]) / 4
-    return knots
 
 
 class TemplateError(ValueError):
@@ -245,7 +244,11 @@ def recognise(wood: np.ndarray, leaves: np.ndarray | None = None) -> Recognition
         return replace(found, bearer=1 + np.arange(foliage.count), doubts=doubts, fronds=True)
     bearer, gap = find_bearers(lines, foliage)
     _check_leaves(foliage, gap, extent=float(np.ptp(timber.vertices, axis=0).max()))
-    return replace(found, bearer=bearer, doubts=doubts + _doubts_about_leaves(found, gap))
+    far = gap > FLOATING_LEAF * float(np.ptp(timber.vertices, axis=0).max())
+    if far.any():
+        sentence = f"{np.count_nonzero(far):,} leaves are far from all wood."
+        doubts = (*doubts, Doubt(sentence, foliage.middles()[far]))
+    return replace(found, bearer=bearer, doubts=doubts)
 
 
 def _cut_at_forks(timber: Pieces) -> tuple[Pieces, Centrelines, Known, np.ndarray]:
@@ -306,24 +309,15 @@ def _doubts_about_wood(found: Recognition, together: np.ndarray) -> tuple[Doubt,
     return tuple(doubts)
 
 
-def _doubts_about_leaves(found: Recognition, gap: np.ndarray) -> tuple[Doubt, ...]:
-    far = gap > FLOATING_LEAF * float(np.ptp(found.wood.vertices, axis=0).max())
-    if not far.any():
-        return ()
-    sentence = f"{np.count_nonzero(far):,} leaves are far from all wood."
-    return (Doubt(sentence, found.leaves.middles()[far]),)
-
-
 def _check_one_tree(found: Recognition) -> None:
     knots = slice(found.lines.first[found.trunk], found.lines.first[found.trunk + 1])
     knot, along = found.lines.knot[knots], found.lines.along[knots]
     low = LOWER * along[-1]
     low = along[-1] - low if found.foot_end[found.trunk] == 1 else low
     lower = np.array([np.interp(low, along, x) for x in knot.T])
-    leans = []  # of all of it, and of its lower part: it may end as a limb
-    for axis in (found.tip[found.trunk] - found.foot[found.trunk], lower - found.foot[found.trunk]):
-        leans.append(float(np.arctan2(np.hypot(axis[0], axis[1]), axis[2])))
-    lean = min(leans)
+    # Of all of it, or of its lower part: it may end as a limb.
+    ways = np.stack([found.tip[found.trunk], lower]) - found.foot[found.trunk]
+    lean = float(zenith_of(ways).min())
     if lean > MOST_LEAN:
         raise LeanError(
             f"what looks like the trunk leans {np.rad2deg(lean):.0f}° from the z axis; export the tree "
@@ -394,15 +388,12 @@ def find_trunk(pieces: Pieces, lines: Centrelines, free: np.ndarray) -> int:
     return int(np.argmax(np.where(stout & level, area * thickest, -1.0)))
 
 
-def find_parents(
-    lines: Centrelines, trunk: int, known: Known | None = None
-) -> tuple[np.ndarray, ...]:
+def find_parents(lines: Centrelines, trunk: int, known: Known) -> tuple[np.ndarray, ...]:
     """Hang all pieces on the trunk, generation by generation: ``parent``, ``branch``, ``foot_end`` and
     ``gap`` of a recognised tree, (C,) each.
     """
     ends, radius = lines.ends(), lines.end_radius
     count = len(ends)
-    known = Known.nothing(count) if known is None else known
     thin = radius * TAPER < radius[:, ::-1]
     handicap = np.where(thin, THIN_END * lines.length()[:, None], 0.0) - REACH * radius
 
@@ -462,7 +453,13 @@ def _best_wood(
     if len(row):
         of = cone[row, near]
         way = tubes.start[of] + part[row, near][:, None] * tubes.vector[of] - ends[row]
-        out = _outward(lines, waiting).reshape(-1, 3)[row]
+        first, last = lines.first[waiting], lines.first[waiting + 1] - 1
+        out = np.stack(  # the way on beyond both ends
+            [lines.knot[first] - lines.knot[first + 1], lines.knot[last] - lines.knot[last - 1]],
+            axis=1,
+        )
+        out /= np.maximum(np.linalg.norm(out, axis=2, keepdims=True), np.finfo(float).tiny)
+        out = out.reshape(-1, 3)[row]
         size = np.maximum(np.linalg.norm(way, axis=1), np.finfo(float).tiny)
         turn = 1.0 - np.einsum("ni,ni->n", way, out) / size
         length = lines.length()
@@ -473,17 +470,6 @@ def _best_wood(
     chosen = piece[row, best]
     gap = np.where(piece == chosen[:, None], gap, np.inf).min(axis=1)
     return rank[row, best].reshape(-1, 2), gap.reshape(-1, 2), chosen.reshape(-1, 2)
-
-
-def _outward(lines: Centrelines, pieces: np.ndarray) -> np.ndarray:
-    """(W, 2, 3) unit, the way on beyond both ends of some pieces."""
-    first, last = lines.first[pieces], lines.first[pieces + 1] - 1
-    out = np.stack(
-        [lines.knot[first] - lines.knot[first + 1], lines.knot[last] - lines.knot[last - 1]], axis=1
-    )
-    return np.asarray(
-        out / np.maximum(np.linalg.norm(out, axis=2, keepdims=True), np.finfo(float).tiny)
-    )
 
 
 def _stems_apart(lines: Centrelines, trunk: int, free: np.ndarray) -> np.ndarray:
@@ -519,14 +505,18 @@ def find_bearers(lines: Centrelines, leaves: Pieces) -> tuple[np.ndarray, np.nda
     the nearest of their leaf; the middle of an edge is at most half its length nearer than its ends.
     """
     tubes = Tubes.of(lines, np.arange(len(lines.first) - 1))
-    near = _groups_near(tubes, leaves)
-    corner = leaves.piece_of_vertex
-    seen = tubes.look(leaves.vertices, near[:, corner])
-    begins = np.flatnonzero(np.diff(corner, prepend=-1))
-    least = np.minimum.reduceat(np.maximum(seen.gap.min(axis=0), 0.0), begins)
-    away = (seen.gap - seen.doubt).min(axis=0)  # at least
+    corner, size = leaves.piece_of_vertex, np.bincount(leaves.piece_of_vertex)
+    begins, middle = np.cumsum(size) - size, leaves.middles()
+    reach = np.maximum.reduceat(lengths(leaves.vertices - middle[corner]), begins)
+    gap, away = tubes.look(
+        middle
+    )  # which groups of balls can be the nearest to any place of a leaf
+    near = away - reach <= np.maximum(gap.min(axis=0) + reach, 0.0)
+    gap, away = seen = tubes.look(leaves.vertices, near[:, corner])
+    least = np.minimum.reduceat(np.maximum(gap.min(axis=0), 0.0), begins)
+    away = away.min(axis=0)  # at least
     close = np.flatnonzero(away <= least[corner])
-    at_corners = tubes.contacts(leaves.vertices[close], seen.of(close), thinnest=True)
+    at_corners = tubes.contacts(leaves.vertices[close], seen[:, :, close], thinnest=True)
     away[close] = at_corners.gap
     np.minimum.at(least, corner[close], np.maximum(at_corners.gap, 0.0))
 
@@ -536,8 +526,8 @@ def find_bearers(lines: Centrelines, leaves: Pieces) -> tuple[np.ndarray, np.nda
     owner, one, other = corner[one[may]], one[may], other[may]
     middles = (leaves.vertices[one] + leaves.vertices[other]) / 2
     seen = tubes.look(middles, near[:, owner])
-    may = np.flatnonzero((seen.gap - seen.doubt).min(axis=0) <= least[owner])
-    at_middles = tubes.contacts(middles[may], seen.of(may), thinnest=True)
+    may = np.flatnonzero(seen[1].min(axis=0) <= least[owner])
+    at_middles = tubes.contacts(middles[may], seen[:, :, may], thinnest=True)
 
     owner = np.concatenate([corner[close], owner[may]])
     piece, gap, radius = (
@@ -545,20 +535,8 @@ def find_bearers(lines: Centrelines, leaves: Pieces) -> tuple[np.ndarray, np.nda
         for name in ("piece", "gap", "radius")
     )
     gap = np.maximum(gap, 0.0)
-    size = np.bincount(owner, minlength=leaves.count)
-    chosen = np.lexsort((radius, gap, owner))[np.cumsum(size) - size]
+    chosen = firsts(np.lexsort((radius, gap, owner)), owner)
     return piece[chosen], gap[chosen]
-
-
-def _groups_near(tubes: Tubes, leaves: Pieces) -> np.ndarray:
-    """(G, L) whether a group of balls can be the nearest to any place of a leaf, from its middle."""
-    owner = leaves.piece_of_vertex
-    size, middle = np.bincount(owner, minlength=leaves.count), leaves.middles()
-    away = lengths(leaves.vertices - middle[owner])
-    reach = np.maximum.reduceat(away, np.cumsum(size) - size)
-    seen = tubes.look(middle)
-    least = np.maximum(seen.gap.min(axis=0) + reach, 0.0)
-    return np.asarray(seen.gap - seen.doubt - reach <= least)
 
 
 def root(lines: Centrelines, trunk: int, known: Known) -> Known:
@@ -594,7 +572,10 @@ def root(lines: Centrelines, trunk: int, known: Known) -> Known:
     parents, feet, thickness = known.parent.copy(), known.foot.copy(), known.radius.copy()
     parents[rooted], feet[rooted] = tubes.piece[chosen], foot
     thickness[rooted] = radius[row, found]
-    rings = _in_rings(parents)
+    above = np.where(parents < 0, np.arange(count), parents)
+    for _ in range(count.bit_length()):  # so far up that who is not at the top goes round
+        above = above[above]
+    rings = np.unique(above[parents[above] >= 0])  # pieces that are their own ancestors
     parents[rings] = known.parent[rings]
     return Known(parents, feet, thickness)
 
@@ -608,12 +589,3 @@ def _begins_there(
     first = (along <= FEET * radius) & (ends[..., 0] * tapers > ends[..., 1])
     last = (length - along <= FEET * radius) & (ends[..., 1] * tapers > ends[..., 0])
     return np.asarray(first | last)
-
-
-def _in_rings(parent: np.ndarray) -> np.ndarray:
-    """(N,) pieces that are their own ancestors."""
-    at = np.arange(len(parent))
-    above = np.where(parent < 0, at, parent)
-    for _ in range(len(parent).bit_length()):  # so far up that who is not at the top goes round
-        above = above[above]
-    return np.unique(above[parent[above] >= 0])

@@ -109,12 +109,6 @@ def skeleton_of_grown(grown: Grown) -> Skeleton:
     )
 
 
-def first_levels(grown: Grown) -> np.ndarray:
-    """(B,) number of the first-level branch that each branch belongs to, -1 for trunks."""
-    number = np.where(grown.order == 1, np.cumsum(grown.order == 1) - 1, -1)
-    return number[root_of(np.where(grown.order > 1, grown.parent, -1))]
-
-
 def _wood(anatomy: Anatomy, grown: Grown) -> TriMesh:
     wood, lines = anatomy.wood, grown.lines
     mesh, vertex, owner, of_triangle = wood.stock.copy(grown.piece, grown.sign < 0)
@@ -127,69 +121,45 @@ def _wood(anatomy: Anatomy, grown: Grown) -> TriMesh:
     )
     matrix = matrix.reshape(-1, 9)
     after = np.minimum(np.arange(len(matrix)) + 1, (lines.first[1:] - 1)[lines.line])
-    columns = [
+    matrix, onward, start, way = (
         np.ascontiguousarray(held.T) for held in (matrix, matrix[after] - matrix, start, way)
-    ]
+    )
     place = np.empty((len(vertex), 3))
     for begin in range(0, len(vertex), BLOCK):
         rows = slice(begin, begin + BLOCK)
         of, first = vertex[rows], lines.first[owner[rows]]
         on, bone = first + wood.stretch[of], first + wood.bone[of]
-        place[rows] = _carried(
-            columns, wood.stock.place[of], on, wood.part[of], bone, wood.weight[of]
-        )
+        offset = np.ascontiguousarray(wood.stock.place[of].T)
+        part, weight = wood.part[of], wood.weight[of]
+        for axis in range(3):  # by column, for speed
+            total = way[axis][on]
+            total *= part
+            total += start[axis][on]
+            for k, value in enumerate(offset):
+                held = onward[3 * axis + k][bone]
+                held *= weight
+                held += matrix[3 * axis + k][bone]
+                held *= value
+                total += held
+            place[rows, axis] = total
     return replace(mesh, vertices=place, order=grown.order.astype(np.int8)[of_triangle])
 
 
-def _carried_in(
-    anatomy: Anatomy, grown: Grown, wood: TriMesh
-) -> tuple[TriMesh, tuple[np.ndarray, np.ndarray]]:
-    """Wood whose lowest rings are within what bears them; (B,) metres that they were off, at the corner
-    that is nearest to it and at the farthest one.
-    """
+def _carried_in(anatomy: Anatomy, grown: Grown, wood: TriMesh) -> tuple[TriMesh, np.ndarray]:
+    """Wood whose lowest rings are within what bears them; (B,) metres that the farthest corner was off."""
     stock = anatomy.wood.stock
     vertex, owner, _ = stock.vertices.copy(grown.piece)
     _, of_triangle, _ = stock.triangles.copy(grown.piece)
     ring = np.flatnonzero(anatomy.wood.ring[vertex] & (grown.parent[owner] >= 0))
-    near, far = np.full(len(grown.piece), np.inf), np.zeros(len(grown.piece))
-    place = wood.vertices.copy()
+    far, place = np.zeros(len(grown.piece)), wood.vertices.copy()
     for order in range(1, int(grown.order.max(initial=0)) + 1):  # bearers before what they bear
         row = ring[grown.order[owner[ring]] == order]
-        branch = owner[row]
-        bearer = grown.parent[branch]
-        found, axis = hold(grown.lines, bearer, place[row], place, wood.triangles, of_triangle)
-        np.minimum.at(near, branch, found.off)
-        np.maximum.at(far, branch, found.off)
-        moved = found.off > OFF
-        place[row[moved]] = (found.place + SUNK * (axis - found.place))[moved]
-    near[np.isinf(near)] = 0.0
-    return replace(wood, vertices=place), (near, far)
-
-
-def _carried(
-    columns: list[np.ndarray],
-    place: np.ndarray,
-    on: np.ndarray,
-    part: np.ndarray,
-    bone: np.ndarray,
-    weight: np.ndarray,
-) -> np.ndarray:
-    """(V, 3) places of vertices seen from their lines (V, 3), by column for speed."""
-    matrix, onward, start, way = columns
-    moved = np.empty_like(place)
-    offset = np.ascontiguousarray(place.T)
-    for axis in range(3):
-        total = way[axis][on]
-        total *= part
-        total += start[axis][on]
-        for k, value in enumerate(offset):
-            held = onward[3 * axis + k][bone]
-            held *= weight
-            held += matrix[3 * axis + k][bone]
-            held *= value
-            total += held
-        moved[:, axis] = total
-    return moved
+        bearer = grown.parent[owner[row]]
+        bark, off, axis = hold(grown.lines, bearer, place[row], place, wood.triangles, of_triangle)
+        np.maximum.at(far, owner[row], off)
+        moved = off > OFF
+        place[row[moved]] = (bark + SUNK * (axis - bark))[moved]
+    return replace(wood, vertices=place), far
 
 
 def hang_leaves(anatomy: Anatomy, grown: Grown, variety: float) -> HungLeaves:
@@ -252,6 +222,8 @@ def _truth(
     """The measures of hung leaves, from where they hang and how they are turned and scaled."""
     foliage, source = anatomy.foliage, hung.source
     own = foliage.truth
+    number = np.where(grown.order == 1, np.cumsum(grown.order == 1) - 1, -1)  # -1 for trunks
+    first_level = number[root_of(np.where(grown.order > 1, grown.parent, -1))]
     turn = matrix / hung.size[:, None, None]
     return Leaves(
         centre=foot + np.einsum("nij,nj->ni", matrix, (own.centre - foliage.foot)[source]),
@@ -260,7 +232,7 @@ def _truth(
         length=own.length[source] * hung.size,
         width=own.width[source] * hung.size,
         radius=own.radius[source] * hung.size,
-        branch=first_levels(grown)[hung.branch].astype(np.int32),
+        branch=first_level[hung.branch].astype(np.int32),
     )
 
 
@@ -329,54 +301,38 @@ def _facing(matrix: np.ndarray, normal: np.ndarray) -> np.ndarray:
     return np.asarray(turn @ matrix)
 
 
-@dataclass(frozen=True)
-class SiblingStanding:
+def standing_of(grown: Grown) -> tuple[float, float, float]:
     """Measures of one tree.
 
-    lean : radians between the vertical and the way from foot to tip of the trunk that leans most.
-    gap : metres from the foot of a branch to its parent's wood, at most; 0 within.
-    thicker : radius of a branch at its foot over its parent's there, at most.
+    Returns
+    -------
+    Radians between the vertical and the way from foot to tip of the trunk that leans most; metres from the
+    foot of a branch to its parent's wood, at most, 0 within; radius of a branch at its foot over its parent's
+    there, at most.
     """
-
-    lean: float
-    gap: float
-    thicker: float
-
-
-def standing_of(grown: Grown) -> SiblingStanding:
-    """The measures of a grown tree."""
     lines, knots = grown.lines, grown.lines.first + np.arange(len(grown.lines.first))
     feet, tips = lines.knot[knots[:-1]], lines.knot[knots[1:] - 1]
-    way = (tips - feet)[grown.order == 0]
-    lean = zenith_of(way).max()
+    lean = float(zenith_of((tips - feet)[grown.order == 0]).max())
     borne = np.flatnonzero(grown.parent >= 0)
     if not len(borne):
-        return SiblingStanding(float(lean), 0.0, 0.0)
+        return lean, 0.0, 0.0
     seat = seats_on(lines, grown.parent[borne], feet[borne])
     _, _, thick = stand_on(lines, grown.parent[borne], seat)
     gap = np.hypot(seat.away, seat.along) - thick
     thicker = lines.radius[knots[:-1]][borne] / np.maximum(thick, np.finfo(float).tiny)
-    return SiblingStanding(float(lean), max(float(gap.max()), 0.0), float(thicker.max()))
+    return lean, max(float(gap.max()), 0.0), float(thicker.max())
 
 
-@dataclass(frozen=True)
-class RingsHeld:
-    """Lowest rings of B branches' meshes, held against the mesh of what bears each.
+def hold_rings(anatomy: Anatomy, grown: Grown) -> tuple[np.ndarray, np.ndarray]:
+    """Hold the lowest rings of B branches' meshes against the wood that bears them.
 
-    near, far : (B,) metres that the ring's nearest and farthest corner are off as laid, 0 inside.
-    left : (B,) metres that the farthest one is off once what was off by more than ``OFF`` has been moved in.
+    Returns
+    -------
+    (B,) metres that the ring's farthest corner is off as laid, 0 inside; and once what was off by more than
+    ``OFF`` has been moved in.
     """
-
-    near: np.ndarray
-    far: np.ndarray
-    left: np.ndarray
-
-
-def hold_rings(anatomy: Anatomy, grown: Grown) -> RingsHeld:
-    """Hold the lowest rings of a grown tree's branches against the wood that bears them."""
-    wood, (near, far) = _carried_in(anatomy, grown, _wood(anatomy, grown))
-    _, (_, left) = _carried_in(anatomy, grown, wood)
-    return RingsHeld(near, far, left)
+    wood, far = _carried_in(anatomy, grown, _wood(anatomy, grown))
+    return far, _carried_in(anatomy, grown, wood)[1]
 
 
 def lowest_corner(anatomy: Anatomy, grown: Grown, variety: float) -> float:
@@ -387,22 +343,28 @@ def lowest_corner(anatomy: Anatomy, grown: Grown, variety: float) -> float:
 def write_string(habit: Habit, grown: Grown, variety: float, generations: int) -> str:
     """The string after so many generations; one more than the deepest order has the leaves too."""
     parts: dict[int, list[Hung]] = {}
-    orders = int(grown.order.max(initial=0)) + 1
+    orders, lines = int(grown.order.max(initial=0)) + 1, grown.lines
     if generations > orders:
         for branch, hung in _hung_texts(habit.anatomy, grown, variety):
             parts.setdefault(branch, []).append(hung)
-    seat = _seats(grown)
+    stretch, part, off = _seats(grown)
     for branch in range(len(grown.piece) - 1, -1, -1):  # children come after their parents
-        order = int(grown.order[branch])
+        order, parent = int(grown.order[branch]), int(grown.parent[branch])
         if order > generations:
             continue
-        own = parts.pop(branch, [])
-        text = _axis(grown, branch, own) if order < generations else _letter(habit, grown, branch)
-        parent = int(grown.parent[branch])
-        way = _way_to(grown, branch, seat)
-        opened = f"[{way}{text}]" if parent >= 0 or (grown.parent < 0).sum() > 1 else way + text
-        where = int(seat[0][branch]), float(seat[1][branch])
-        parts.setdefault(parent, []).append((*where, opened))
+        own, first = parts.pop(branch, []), lines.first[branch]
+        if order < generations:
+            text = _axis(grown, branch, own)
+        else:
+            reach = lines.length[first : lines.first[branch + 1]].sum()
+            kind, diameter = habit.kind[grown.piece[branch]], 2 * lines.radius[first + branch]
+            text = f"{chr(ord('A') + min(order, 20))}({kind},{reach:.6g},{diameter:.6g})"
+        # Symbols that bring the turtle from the parent's axis into the branch's frame.
+        frame = GROUND if parent < 0 else lines.frame[lines.first[parent] + stretch[branch]]
+        text = _moved(off[branch]) + _turned(frame.T @ lines.frame[first]) + text
+        opened = f"[{text}]" if parent >= 0 or (grown.parent < 0).sum() > 1 else text
+        seat = int(stretch[branch]), float(part[branch])
+        parts.setdefault(parent, []).append((*seat, opened))
     return "".join(text for _, _, text in parts.get(-1, []))
 
 
@@ -430,14 +392,6 @@ def _axis(grown: Grown, branch: int, hanging: list[Hung]) -> str:
     return "".join(out)
 
 
-def _letter(habit: Habit, grown: Grown, branch: int) -> str:
-    lines = grown.lines
-    reach = lines.length[lines.first[branch] : lines.first[branch + 1]].sum()
-    letter = chr(ord("A") + min(int(grown.order[branch]), 20))
-    diameter = 2 * lines.radius[lines.first[branch] + branch]
-    return f"{letter}({habit.kind[grown.piece[branch]]},{reach:.6g},{diameter:.6g})"
-
-
 def _seats(grown: Grown) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Seats of branches: stretch and part of the parent, (B, 3) from its axis to the foot in its frame."""
     lines = grown.lines
@@ -451,15 +405,6 @@ def _seats(grown: Grown) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         [found.away * np.cos(found.aside), found.away * np.sin(found.aside), found.along], axis=1
     )
     return stretch, part, off
-
-
-def _way_to(grown: Grown, branch: int, seat: tuple[np.ndarray, np.ndarray, np.ndarray]) -> str:
-    """Symbols that bring the turtle from the parent's axis into a branch's frame."""
-    parent = int(grown.parent[branch])
-    stretch, off = seat[0][branch], seat[2][branch]
-    frame = GROUND if parent < 0 else grown.lines.frame[grown.lines.first[parent] + stretch]
-    start = grown.lines.frame[grown.lines.first[branch]]
-    return _moved(off) + _turned(frame.T @ start)
 
 
 def _hung_texts(anatomy: Anatomy, grown: Grown, variety: float) -> Iterator[tuple[int, Hung]]:

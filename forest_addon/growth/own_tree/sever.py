@@ -28,6 +28,7 @@ from scipy.spatial import cKDTree
 
 from ...base.rows import RowTable
 from ...base.runs import Runs, firsts, numbered, sums
+from ..skeleton import root_of
 from .centreline import Centrelines
 from .pieces import Pieces, assemble, half_edges, join_along, join_pieces, loose_edges_of, select
 
@@ -64,9 +65,6 @@ class Slices:
     weight: np.ndarray
     width: float
 
-    def __len__(self) -> int:
-        return len(self.band)
-
 
 def distance_from(pieces: Pieces, roots: np.ndarray) -> np.ndarray:
     """(V,) distance along edges from the nearest of the root vertices."""
@@ -88,35 +86,26 @@ def band_width(pieces: Pieces) -> float:
 def slice_up(pieces: Pieces, distance: np.ndarray, width: float) -> Slices:
     """Slices between levels ``width`` apart of a ``distance`` (V,) that has no minimum but the roots."""
     band = (distance / width).astype(np.int64)
-    one, other = pieces.edges.T.astype(np.int64)
-    swap = band[one] > band[other]
-    one, other = np.where(swap, other, one), np.where(swap, one, other)
+    ends = pieces.edges.astype(np.int64)
+    ends = np.take_along_axis(ends, np.argsort(band[ends], axis=1, kind="stable"), axis=1)
+    one, other = np.ascontiguousarray(ends.T)
     inner = np.maximum(band[other] - band[one] - 1, 0)  # bands that an edge only passes through
     first = len(band) + np.cumsum(inner) - inner  # its node in the lowest of those
     nodes = len(band) + int(inner.sum())
 
-    level = band[one] == band[other]
-    pairs = [np.stack([one[level], other[level]], axis=1)]
-    pairs.append(_across_triangles(pieces, band, one, other, first))
-    node_slice = join_along(np.concatenate(pairs), nodes)
+    level, tall = ends[band[one] == band[other]], _across_triangles(pieces, band, one, other, first)
+    node_slice = join_along(np.concatenate([level, tall]), nodes)
 
-    edge = np.repeat(np.arange(len(one)), inner)
-    rank = np.arange(len(edge)) - np.repeat(first - len(band), inner)
+    edge, rank = numbered(inner)
     node_band = np.concatenate([band, band[one[edge]] + 1 + rank])
-    count = int(node_slice.max()) + 1
-    order_band = np.zeros(count, dtype=np.int64)
-    order_band[node_slice] = node_band
-    order = np.argsort(order_band, kind="stable")
-    number = np.empty(count, dtype=np.int64)
-    number[order] = np.arange(count)
-    node_slice = number[node_slice]
+    shown = np.unique(node_slice, return_index=True)[1]  # a node of each slice
+    order = np.argsort(node_band[shown], kind="stable")
+    node_slice, shown = np.argsort(order)[node_slice], shown[order]
 
-    below, loops = _stack(node_slice, one, other, inner, first, count)
-    owner = np.zeros(count, dtype=np.int64)
-    owner[node_slice[: len(band)]] = pieces.piece_of_vertex
-    owner[node_slice[len(band) :]] = pieces.piece_of_vertex[one[edge]]
+    below, loops = _stack(node_slice, one, other, inner, first, len(shown))
+    owner = np.concatenate([pieces.piece_of_vertex, pieces.piece_of_vertex[one[edge]]])[shown]
     moments = _moments(pieces, distance, width, band, (one, other, edge, rank), node_slice)
-    return Slices(node_slice[: len(band)], owner, order_band[order], below, loops, *moments, width)
+    return Slices(node_slice[: len(band)], owner, node_band[shown], below, loops, *moments, width)
 
 
 def _across_triangles(
@@ -217,71 +206,68 @@ class PieceAxes:
 
     of_slice : (S,) axis of each slice. parent : (A,) axis it begins on, -1 for that of a root.
     fork : (A,) slice of the parent that it begins on, -1.
-    radius : (S,) root mean square distance of the surface from the axis.
     chain : (S,) whether a slice is on its axis, and no bump beside it.
+    centre, heading : (S, 3) of the axis, and radius : (S,) about it, without the bulges of forks at slices
+        that are on axes.
     """
 
     of_slice: np.ndarray
     parent: np.ndarray
     fork: np.ndarray
-    radius: np.ndarray
     chain: np.ndarray
-
-    def __len__(self) -> int:
-        return len(self.parent)
+    centre: np.ndarray
+    heading: np.ndarray
+    radius: np.ndarray
 
     def chains(self) -> tuple[np.ndarray, Runs]:
         """The slices on their axes, axis by axis from the foot up, and the run of each axis."""
         chain = np.flatnonzero(self.chain)
         order = chain[np.argsort(self.of_slice[chain], kind="stable")]
-        return order, Runs.of(self.of_slice[order], len(self))
+        return order, Runs.of(self.of_slice[order], len(self.parent))
 
 
 def find_axes(slices: Slices) -> PieceAxes:
     """Follow the slices of all pieces from their roots to the tips."""
-    mass, top = _carried(slices)
-    onward = np.arange(len(slices))  # the slice above that carries most, itself at a tip
-    upper = np.flatnonzero(slices.below >= 0)
+    band, below, every = slices.band, slices.below, np.arange(len(slices.band))
+    mass, top = slices.weight.copy(), band.copy()  # of each slice and all above it
+    for level in reversed(np.split(every, np.flatnonzero(np.diff(band)) + 1)):
+        upper = level[below[level] >= 0]
+        np.add.at(mass, below[upper], mass[upper])
+        np.maximum.at(top, below[upper], top[upper])
+    onward = every.copy()  # the slice above that carries most, itself at a tip
+    upper = np.flatnonzero(below >= 0)
     upper = upper[np.argsort(mass[upper], kind="stable")]
-    onward[slices.below[upper]] = upper  # the last one stays
-    radius = radii(slices, onward)
-    above = np.bincount(slices.below[slices.below >= 0], minlength=len(slices))
-    kid = np.flatnonzero((slices.below >= 0) & (above[slices.below] > 1))  # above forks
-    fork = slices.below[kid]
-    reach = (top[kid] - slices.band[fork]) * slices.width
-    own = _walk(onward, kid, (top[kid] - slices.band[kid]) // 2)
-    first = onward[fork] == kid
-    branch = (reach > SLENDER * radius[own]) & (reach > CLEAR * radius[fork])
-    branch &= top[kid] - slices.band[fork] > SHORTEST
-    real = branch | first
-    kid, fork, first = kid[real], fork[real], first[real]
+    onward[below[upper]] = upper  # the last one stays
+    down = np.where(below < 0, every, below)
+    radius = radii(slices, onward, down)
+    kid = np.flatnonzero(
+        (below >= 0) & (np.bincount(below[upper], minlength=len(every))[below] > 1)
+    )
+    fork = below[kid]
+    reach = (top[kid] - band[fork]) * slices.width
+    own = _walk(onward, kid, (top[kid] - band[kid]) // 2)
+    real = (reach > SLENDER * radius[own]) & (reach > CLEAR * radius[fork])
+    real &= top[kid] - band[fork] > SHORTEST
+    real |= onward[fork] == kid
+    kid, fork = kid[real], fork[real]
 
-    score = _likeness(slices, onward, radius, kid, fork)
-    order = np.lexsort((-score, fork))
-    leads = np.zeros(len(kid), dtype=bool)
-    leads[firsts(order, fork)] = True
-    onward = onward.copy()
+    score = _likeness(slices, onward, down, radius, kid, fork)
+    leads = firsts(np.lexsort((-score, fork)), fork)
     onward[fork[leads]] = kid[leads]
-    radius = radii(slices, onward)
-    begins = np.isin(np.arange(len(slices)), kid[~leads])
-    return _number(slices, onward, begins, radius)
-
-
-def _carried(slices: Slices) -> tuple[np.ndarray, np.ndarray]:
-    """(S,) what each slice and all above it hold, and (S,) the highest band above it."""
-    mass, top = slices.weight.copy(), slices.band.copy()
-    for low, high in reversed(_runs(slices.band)):
-        below = slices.below[low:high]
-        has = below >= 0
-        np.add.at(mass, below[has], mass[low:high][has])
-        np.maximum.at(top, below[has], top[low:high][has])
-    return mass, top
-
-
-def _runs(band: np.ndarray) -> list[tuple[int, int]]:
-    """First and last of the slices of every band, from the lowest up."""
-    bounds = np.flatnonzero(np.diff(band, prepend=-1, append=band[-1] + 1))
-    return list(zip(bounds[:-1].tolist(), bounds[1:].tolist(), strict=True))
+    begins = below < 0
+    begins[np.delete(kid, leads)] = True
+    # What is neither led on to nor begins an axis is its parent's, a bump as what stands on it.
+    of_slice = (np.cumsum(begins) - 1)[root_of(np.where(begins, -1, below))]
+    led = begins | (onward[below] == every)
+    chain = led[root_of(np.where(begins | ~led, -1, below))]
+    fork = below[begins]
+    parent = np.where(fork < 0, -1, of_slice[fork])
+    radius = radii(slices, onward, down)
+    axes = PieceAxes(
+        of_slice, parent, fork, chain, slices.centre.copy(), np.zeros_like(slices.centre), radius
+    )
+    _smooth(slices, axes)
+    return axes
 
 
 def _walk(step: np.ndarray, start: np.ndarray, many: np.ndarray) -> np.ndarray:
@@ -293,12 +279,11 @@ def _walk(step: np.ndarray, start: np.ndarray, many: np.ndarray) -> np.ndarray:
     return at
 
 
-def radii(slices: Slices, onward: np.ndarray) -> np.ndarray:
+def radii(slices: Slices, onward: np.ndarray, down: np.ndarray) -> np.ndarray:
     """(S,) root mean square distance of what slices hold from the axis through them."""
-    down = np.where(slices.below < 0, np.arange(len(slices)), slices.below)
     rough = np.sqrt(np.trace(slices.spread, axis1=1, axis2=2))
     steps = np.clip(np.ceil(rough / slices.width), 1, MOST_STEPS).astype(np.int64)
-    everything = np.arange(len(slices))
+    everything = np.arange(len(down))
     heading = slices.centre[_walk(onward, everything, steps)]
     heading = heading - slices.centre[_walk(down, everything, steps)]
     heading /= np.maximum(np.linalg.norm(heading, axis=1, keepdims=True), 1e-300)
@@ -307,98 +292,64 @@ def radii(slices: Slices, onward: np.ndarray) -> np.ndarray:
 
 
 def _likeness(
-    slices: Slices, onward: np.ndarray, radius: np.ndarray, kid: np.ndarray, fork: np.ndarray
+    slices: Slices,
+    onward: np.ndarray,
+    down: np.ndarray,
+    radius: np.ndarray,
+    kid: np.ndarray,
+    fork: np.ndarray,
 ) -> np.ndarray:
     """(K,) how much a child looks like the parent going on."""
     bands = radius[fork] / slices.width
     near = np.clip(np.ceil(NEAR * bands), 1, MOST_STEPS).astype(np.int64)
     far = np.clip(np.ceil(FAR * bands), 2, 2 * MOST_STEPS).astype(np.int64)
-    down = np.where(slices.below < 0, np.arange(len(slices)), slices.below)
     a = _walk(onward, kid, near)
     b = _walk(onward, a, far - near)
     middle = _walk(onward, a, (far - near) // 2)
-    before, earlier = _walk(down, fork, near), _walk(down, fork, far)
-    ahead, behind = (
-        slices.centre[b] - slices.centre[a],
-        slices.centre[before] - slices.centre[earlier],
-    )
+    ahead = slices.centre[b] - slices.centre[a]
+    behind = slices.centre[_walk(down, fork, near)] - slices.centre[_walk(down, fork, far)]
     turn = np.einsum("ki,ki->k", ahead, behind)
     turn /= np.maximum(np.linalg.norm(ahead, axis=1) * np.linalg.norm(behind, axis=1), 1e-300)
     thick = np.median(radius[np.stack([a, middle, b])], axis=0)
     return np.asarray(thick * (1 + STRAIGHT * turn) + 1e-9 * radius[fork])
 
 
-def _number(
-    slices: Slices, onward: np.ndarray, begins: np.ndarray, radius: np.ndarray
-) -> PieceAxes:
-    """Axes from the roots up; what is neither led on to nor begins an axis is its parent's."""
-    of_slice = np.full(len(slices), -1)
-    parent: list[int] = []
-    fork: list[int] = []
-    begins = begins | (slices.below < 0)
-    for low, high in _runs(slices.band):
-        below = slices.below[low:high]
-        new = np.flatnonzero(begins[low:high])
-        of_slice[low:high] = of_slice[below]
-        of_slice[low + new] = len(parent) + np.arange(len(new))
-        parent += np.where(below[new] < 0, -1, of_slice[below[new]]).tolist()
-        fork += below[new].tolist()
-    chain = begins | (onward[slices.below] == np.arange(len(slices)))
-    for low, high in _runs(slices.band):  # nor what stands on a bump
-        chain[low:high] &= begins[low:high] | chain[slices.below[low:high]]
-    return PieceAxes(of_slice, np.array(parent), np.array(fork), radius, chain)
-
-
-@dataclass(frozen=True)
-class Course:
-    """Axes without the bulges of their forks, at the slices that are on them."""
-
-    centre: np.ndarray  # (S, 3)
-    heading: np.ndarray  # (S, 3) unit
-    radius: np.ndarray  # (S,)
-
-
-def smooth(slices: Slices, axes: PieceAxes) -> Course:
-    """The course of every axis: medians of the radius, and centres where that is not exceeded."""
+def _smooth(slices: Slices, axes: PieceAxes) -> None:
+    """Set the course of every axis: medians of the radius, and centres where that is not exceeded."""
     from scipy.ndimage import median_filter, uniform_filter1d  # here: few runs need it
 
-    centre, radius = slices.centre.copy(), axes.radius.copy()
-    heading = np.zeros_like(centre)
     order, runs = axes.chains()
     for own in np.split(order, runs.first[1:]):
         if len(own) < 3:
             step = slices.centre[own[-1]] - slices.centre[max(slices.below[own[0]], 0)]
-            heading[own] = step
+            axes.heading[own] = step
             continue
-        window = WINDOW * float(np.median(radius[own])) / slices.width
+        radius = axes.radius[own]
+        window = WINDOW * float(np.median(radius)) / slices.width
         window = int(np.clip(2 * np.ceil(window) + 1, 3, 2 * (len(own) // 2) + 1))
-        typical = median_filter(radius[own], window, mode="reflect")
-        clean = radius[own] <= 1.1 * typical
-        place = np.arange(len(own))
+        typical = median_filter(radius, window, mode="reflect")
+        clean, place = radius <= 1.1 * typical, np.arange(len(own))
         middle = np.stack(
             [np.interp(place, place[clean], x) for x in slices.centre[own][clean].T], axis=1
         )
-        short = max(window // 3, 1)
-        centre[own] = (
+        short, span = max(window // 3, 1), min(max(window // 2, 1), len(own) - 1)
+        axes.centre[own] = (
             uniform_filter1d(middle, short, axis=0, mode="nearest") if short > 1 else middle
         )
-        radius[own] = typical
-        span = min(max(window // 2, 1), len(own) - 1)
+        axes.radius[own] = typical
         before, after = np.maximum(place - span, 0), np.minimum(place + span, len(own) - 1)
-        heading[own] = middle[after] - middle[before]
-    heading /= np.maximum(np.linalg.norm(heading, axis=1, keepdims=True), 1e-300)
-    return Course(centre, heading, radius)
+        axes.heading[own] = middle[after] - middle[before]
+    size = np.linalg.norm(axes.heading, axis=1, keepdims=True)
+    np.divide(axes.heading, np.maximum(size, 1e-300), out=axes.heading)
 
 
-def beginnings(
-    slices: Slices, axes: PieceAxes, course: Course
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def beginnings(slices: Slices, axes: PieceAxes) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """(A, 3) a place on each axis clear of its fork, (A, 3) its heading there, (A,) its radius."""
     order, runs = axes.chains()
     middle = order[runs.first + runs.size // 2]
-    ahead = np.ceil(2 * course.radius[middle] / slices.width).astype(np.int64)
+    ahead = np.ceil(2 * axes.radius[middle] / slices.width).astype(np.int64)
     clear = order[runs.first + np.minimum(ahead, (runs.size - 1) // 3)]
-    return course.centre[clear], course.heading[clear], course.radius[clear]
+    return axes.centre[clear], axes.heading[clear], axes.radius[clear]
 
 
 WITHIN = 0.8  # radius of the parent within which the foot of a child is made to fit
@@ -445,7 +396,6 @@ def close(
     label: np.ndarray,
     slices: Slices,
     axes: PieceAxes,
-    course: Course,
     halves: np.ndarray,
 ) -> tuple[Pieces, Known]:
     """Pieces by label, holes closed and feet drawn inwards."""
@@ -455,19 +405,19 @@ def close(
     child, beyond = label[halves[:, 0] // 3], label[halves[:, 1] // 3]
     rim = (axes.parent[child] >= 0) & (axes.parent[beyond] != child)
     half, child, beyond = halves[rim, 0], child[rim], beyond[rim]
-    a = triangles[half // 3, half % 3]
-    b = triangles[half // 3, (half + 1) % 3]
-    to_parent = beyond == axes.parent[child]
-    begins = slices.centre[np.maximum(axes.fork, 0)]
-    foot_rim = _nearest_rim(pieces.vertices, a, b, child, to_parent, begins)
+    a, b = triangles[half // 3, half % 3], triangles[half // 3, (half + 1) % 3]
+    foot_rim = _nearest_rim(
+        *(pieces.vertices, a, b, child, beyond == axes.parent[child]),
+        slices.centre[np.maximum(axes.fork, 0)],
+    )
     a, b, child = a[foot_rim], b[foot_rim], child[foot_rim]
 
-    count = len(axes)
+    count = len(axes.parent)
     size = np.maximum(np.bincount(child, minlength=count), 1)
     place = pieces.vertices[a]
     middle = sums(child, place, count) / size[:, None]
     wide = np.sqrt(np.bincount(child, ((place - middle[child]) ** 2).sum(axis=1), count) / size)
-    foot, apex, thick = _meetings(slices, axes, course, middle, wide)
+    foot, apex, thick = _meetings(slices, axes, middle, wide)
     shrink = np.minimum(1.0, WITHIN * thick / np.maximum(wide, 1e-300))
 
     base = len(pieces.vertices)
@@ -479,7 +429,6 @@ def close(
     inner_a, inner_b = base + number.reshape(2, -1)
     tip = base + len(inner) + child
     vertices = np.concatenate([pieces.vertices, inner, apex])
-    parent = axes.parent[child]
     made = np.concatenate(
         [
             np.stack([a, b, tip], axis=1),
@@ -489,8 +438,8 @@ def close(
     )
     loose = loose_edges_of(pieces)
     everything = np.concatenate([triangles, made, loose])
-    loose_label = axes.of_slice[slices.of_vertex[loose[:, 0]]]
-    whole = np.concatenate([label, parent, child, child, loose_label])
+    whole = [label, axes.parent[child], child, child, axes.of_slice[slices.of_vertex[loose[:, 0]]]]
+    whole = np.concatenate(whole)
     present, first = np.unique(label, return_index=True)
     known = np.isin(whole, present)
     everything, whole = everything[known], whole[known]
@@ -563,38 +512,38 @@ def _nearest_rim(
 
 
 def _meetings(
-    slices: Slices, axes: PieceAxes, course: Course, middle: np.ndarray, wide: np.ndarray
+    slices: Slices, axes: PieceAxes, middle: np.ndarray, wide: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Places (A, 3) where axes meet their parents', the middle (A, 3) of the bark there, its radius (A,)."""
-    start, heading, _ = beginnings(slices, axes, course)
-    foot, apex, thick = middle.copy(), middle.copy(), np.ones(len(axes))
+    start, heading, _ = beginnings(slices, axes)
+    foot, apex, thick = middle.copy(), middle.copy(), np.ones(len(axes.parent))
     order, runs = axes.chains()
     first, many = runs.first, runs.size
-    rank = np.zeros(len(slices), dtype=np.int64)
+    rank = np.zeros(len(slices.band), dtype=np.int64)
     rank[order] = np.arange(len(order)) - np.repeat(first, many)
     for axis in np.flatnonzero(axes.parent >= 0).tolist():
         parent = int(axes.parent[axis])
         fork = int(axes.fork[axis])
         while not axes.chain[fork]:
             fork = int(slices.below[fork])
-        radius = float(course.radius[fork])
+        radius = float(axes.radius[fork])
         reach = int(np.ceil((DEEPEST * radius + 4 * wide[axis]) / slices.width)) + 1
         at = int(rank[fork])
         near = order[
             first[parent] + max(at - reach, 0) : first[parent] + min(at + reach, many[parent])
         ]
-        places = course.centre[near]
+        places = axes.centre[near]
         beside = np.linalg.norm(places - middle[axis], axis=1)
         closest = int(near[np.argmin(beside)])
         back = (places - start[axis]) @ heading[axis]
         aside = np.linalg.norm(places - start[axis] - back[:, None] * heading[axis], axis=1)
         allowed = (back <= 0) & (beside <= DEEPEST * radius)
         meet = int(near[np.argmin(np.where(allowed, aside, np.inf))]) if allowed.any() else closest
-        foot[axis], thick[axis] = course.centre[meet], course.radius[meet]
-        out = middle[axis] - course.centre[closest]
+        foot[axis], thick[axis] = axes.centre[meet], axes.radius[meet]
+        out = middle[axis] - axes.centre[closest]
         far = float(np.linalg.norm(out))
         if far > 0:
-            apex[axis] = course.centre[closest] + out * min(1.0, course.radius[closest] / far)
+            apex[axis] = axes.centre[closest] + out * min(1.0, axes.radius[closest] / far)
     return foot, apex, thick
 
 
@@ -604,11 +553,18 @@ def sever(pieces: Pieces, forked: np.ndarray) -> tuple[Pieces, Known, np.ndarray
     Also told: from which piece each was cut, and where; and (N, 3) places where branches hang together that
     do not fork there.
     """
-    rest = select(pieces, ~forked)
-    cut, known, together = _cut(select(pieces, forked))
+    rest, joined = select(pieces, ~forked), select(pieces, forked)
+    roots = _find_roots(joined)
+    slices = slice_up(joined, distance_from(joined, roots), band_width(joined))
+    axes = find_axes(slices)
+    a, b, c = _take_back(joined, slices, axes)[joined.triangles].T
+    # The axis of most of a triangle's corners; of three, that which is most of a parent.
+    most = np.where((a == b) | (a == c), a, np.where(b == c, b, np.minimum(np.minimum(a, b), c)))
+    halves = half_edges(joined.triangles, len(joined.vertices))
+    cut, known = close(joined, _whole(joined, most, halves), slices, axes, halves)
     parent = np.where(known.parent < 0, -1, known.parent + rest.count)
     known = Known.joined([Known.nothing(rest.count), replace(known, parent=parent)])
-    return join_pieces(rest, cut), known, together
+    return join_pieces(rest, cut), known, slices.centre[slices.loops].mean(axis=1)
 
 
 def may_fork(pieces: Pieces, lines: Centrelines) -> np.ndarray:
@@ -621,28 +577,14 @@ def may_fork(pieces: Pieces, lines: Centrelines) -> np.ndarray:
     return np.asarray((away > SEVER_FAR * radius) & enough)
 
 
-def _cut(pieces: Pieces) -> tuple[Pieces, Known, np.ndarray]:
-    roots = _find_roots(pieces)
-    slices = slice_up(pieces, distance_from(pieces, roots), band_width(pieces))
-    axes = find_axes(slices)
-    course = smooth(slices, axes)
-    owner = _take_back(pieces, slices, axes, course)
-    halves = half_edges(pieces.triangles, len(pieces.vertices))
-    label = _whole(pieces, _of_triangles(owner, pieces.triangles), halves)
-    return *close(pieces, label, slices, axes, course, halves), slices.centre[slices.loops].mean(
-        axis=1
-    )
-
-
 def _find_roots(pieces: Pieces) -> np.ndarray:
     """Vertices around the thick, low end of each piece."""
     count, owner = pieces.count, pieces.piece_of_vertex
-    size = np.bincount(owner, minlength=count)
     away = np.linalg.norm(pieces.vertices - pieces.middles()[owner], axis=1)
-    start = np.lexsort((away, owner))[np.cumsum(size) - 1]
+    start = pieces.largest(away)
     slices = slice_up(pieces, distance_from(pieces, start), COARSE * band_width(pieces))
     axes = find_axes(slices)
-    radius = smooth(slices, axes).radius
+    radius = axes.radius
 
     order, runs = axes.chains()
     last, first = order[runs.first + runs.size - 1], order[runs.first]
@@ -652,25 +594,25 @@ def _find_roots(pieces: Pieces) -> np.ndarray:
     np.maximum.at(thickest, piece, radius[ends])
     stout = radius[ends] >= STOUT_ROOT * thickest[piece]
     ranked = np.lexsort((slices.centre[ends, 2], ~stout, piece))
-    root = np.zeros(len(slices), dtype=bool)
+    root = np.zeros(len(slices.band), dtype=bool)
     root[ends[firsts(ranked, piece)]] = True
     found = root[slices.of_vertex]
     found[start[~np.isin(np.arange(count), owner[found])]] = True
     return np.flatnonzero(found)
 
 
-def _take_back(pieces: Pieces, slices: Slices, axes: PieceAxes, course: Course) -> np.ndarray:
-    """(V,) axis of each vertex, children' bark beyond the parents' tubes given to the children."""
+def _take_back(pieces: Pieces, slices: Slices, axes: PieceAxes) -> np.ndarray:
+    """(V,) axis of each vertex, children's bark beyond the parents' tubes given to the children."""
     owner = axes.of_slice[slices.of_vertex]
-    start, heading, thick = beginnings(slices, axes, course)
+    start, heading, thick = beginnings(slices, axes)
     one, other = np.concatenate([pieces.edges, pieces.edges[:, ::-1]]).T
     front = np.flatnonzero(axes.parent[owner[one]] == owner[other])
     for _ in range(ROUNDS):
         child, place = owner[one[front]], other[front]
-        offset = pieces.vertices[place] - start[child]
-        along = np.einsum("ni,ni->n", offset, heading[child])
-        aside = np.linalg.norm(offset - along[:, None] * heading[child], axis=1)
-        taken = (aside <= BESIDE * thick[child]) & _outside(pieces, slices, course, place)
+        of = slices.of_vertex[place]
+        beside = _aside(pieces.vertices[place] - start[child], heading[child])
+        out = _aside(pieces.vertices[place] - axes.centre[of], axes.heading[of])
+        taken = (beside <= BESIDE * thick[child]) & (out > OUTSIDE * axes.radius[of])
         if not taken.any():
             break
         owner[place[taken]] = child[taken]
@@ -681,19 +623,10 @@ def _take_back(pieces: Pieces, slices: Slices, axes: PieceAxes, course: Course) 
     return owner
 
 
-def _outside(pieces: Pieces, slices: Slices, course: Course, place: np.ndarray) -> np.ndarray:
-    """Tell whether vertices lie beyond the tube of the axis whose slice they are in."""
-    of = slices.of_vertex[place]
-    offset = pieces.vertices[place] - course.centre[of]
-    along = np.einsum("ni,ni->n", offset, course.heading[of])
-    aside = np.linalg.norm(offset - along[:, None] * course.heading[of], axis=1)
-    return np.asarray(aside > OUTSIDE * course.radius[of])
-
-
-def _of_triangles(owner: np.ndarray, triangles: np.ndarray) -> np.ndarray:
-    """(T,) axis of most of a triangle's corners; of three, that which is most of a parent."""
-    a, b, c = owner[triangles].T
-    return np.where((a == b) | (a == c), a, np.where(b == c, b, np.minimum(np.minimum(a, b), c)))
+def _aside(offset: np.ndarray, heading: np.ndarray) -> np.ndarray:
+    """(N,) how far offsets (N, 3) reach across headings (N, 3)."""
+    along = np.einsum("ni,ni->n", offset, heading)
+    return np.asarray(np.linalg.norm(offset - along[:, None] * heading, axis=1))
 
 
 def _whole(pieces: Pieces, label: np.ndarray, halves: np.ndarray) -> np.ndarray:
@@ -734,10 +667,9 @@ def join_stacked(pieces: Pieces, lines: Centrelines) -> Pieces:
     everything = np.concatenate([triangles, loose, ties])
     of = label[pieces.piece_of_vertex[everything[:, 0]]]
     _, first, of = np.unique(of, return_index=True, return_inverse=True)
-    rank = np.empty(len(first), np.int64)
-    rank[np.argsort(first)] = np.arange(len(first))  # in the order of the file
+    of = np.argsort(np.argsort(first))[of.ravel()]  # in the order of the file
     has_area = np.arange(len(everything)) < len(triangles)
-    return assemble(pieces.vertices, everything, rank[of.ravel()], has_area, drawn=pieces.drawn)
+    return assemble(pieces.vertices, everything, of, has_area, drawn=pieces.drawn)
 
 
 def _stacked_ends(lines: Centrelines) -> np.ndarray:

@@ -21,7 +21,6 @@ into the ground it goes on level.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -34,7 +33,7 @@ from ...spec import Siblings
 from ..draw import GOLDEN
 from .anatomy import GROUND
 from .habit import CHILDREN, Habit, Size, radius_at_seat, size_of, trunk_girth
-from .lines import Lines, foot_frames, lay, seat_at, sloped, slopes, stand_on, walk
+from .lines import Lines, foot_frames, lay, seat_at, sloped, stand_on, walk
 
 JITTER = 0.25  # share of the scatter of spacing by which a node moves
 FARTHEST = 0.8  # share of the way to the next node
@@ -58,25 +57,6 @@ CHILD_LENGTH = 0.5  # exponent: how children lengthen with their parent
 THICKEST = 0.95  # of the parent there
 
 
-@dataclass(frozen=True)
-class Placed:
-    """N children.
-
-    slot : (N,) the piece that stands there in the template. parent : (N,) the piece that bears it there.
-    owner : (N,) which of the axes bears it. key : (N,) lineage.
-    share : (N,) seat along the axis. place : (N,) the same, where tables are read.
-    azimuth : (N,) about the axis.
-    """
-
-    slot: np.ndarray
-    parent: np.ndarray
-    owner: np.ndarray
-    key: np.ndarray
-    share: np.ndarray
-    place: np.ndarray
-    azimuth: np.ndarray
-
-
 def place_children(
     habit: Habit,
     piece: np.ndarray,
@@ -84,10 +64,15 @@ def place_children(
     count: np.ndarray,
     variety: float,
     order: int,
-) -> Placed:
-    """The children of axes that are these pieces (B,) with these keys (B,).
+) -> tuple[np.ndarray, ...]:
+    """The N children of axes that are these pieces (B,) with these keys (B,).
 
     count : (B,) factor of their number. order : of the children.
+
+    Returns
+    -------
+    (N,) the piece that stands there in the template; which of the axes bears each; lineages; seats along the
+    axis, as shares; the same, where tables are read; azimuths about the axis.
     """
     slots = habit.slots
     row, owner, _ = slots.of_piece.copy(piece)
@@ -118,7 +103,12 @@ def place_children(
     share = share + z * np.where(z > 0, slots.after[row], slots.before[row])
     place = share = np.clip(share, 0.0, 1.0)
     if order == 1 and variety > 0:
-        share = _moved_base(share, owner, key, variety)
+        low = np.ones(len(key))  # crowns of trunks begin higher or lower; the top stays
+        np.minimum.at(low, owner, share)
+        wanted = low * np.exp(variety * BASE_SPREAD * np.clip(keyed_normal(key, "base"), -2, 2))
+        wanted = np.minimum(wanted, 0.9)[owner]
+        part = (share - low[owner]) / np.maximum(1 - low[owner], 1e-9)
+        share = wanted + part * (1 - wanted)
     azimuth = habit.anatomy.azimuth[slot]
     if order == 1:
         azimuth = _turned(habit, piece, key, row, owner, at, variety)
@@ -127,7 +117,7 @@ def place_children(
     azimuth = azimuth + np.where(
         twin > 0, np.pi * (0.4 + 1.2 * keyed_uniform(own_key, "across")), 0
     )
-    return Placed(slot, piece[owner], owner, own_key, share, place, azimuth)
+    return slot, owner, own_key, share, place, azimuth
 
 
 def _repeated(times: np.ndarray, *columns: np.ndarray) -> tuple[np.ndarray, ...]:
@@ -139,18 +129,6 @@ def _repeated(times: np.ndarray, *columns: np.ndarray) -> tuple[np.ndarray, ...]
     row, owner, key, *rest = (column[which] for column in columns)
     key = np.where(copy > 0, child_keys(key, copy), key)
     return row, owner, key, copy, times[which], *rest
-
-
-def _moved_base(
-    share: np.ndarray, owner: np.ndarray, key: np.ndarray, variety: float
-) -> np.ndarray:
-    """Shares of trunks whose crowns begin higher or lower; the top stays."""
-    low = np.ones(len(key))
-    np.minimum.at(low, owner, share)
-    wanted = low * np.exp(variety * BASE_SPREAD * np.clip(keyed_normal(key, "base"), -2, 2))
-    wanted = np.minimum(wanted, 0.9)
-    part = (share - low[owner]) / np.maximum(1 - low[owner], 1e-9)
-    return np.asarray(wanted[owner] + part * (1 - wanted[owner]))
 
 
 def _turned(
@@ -226,23 +204,9 @@ def _turned_nodes(standing: np.ndarray, seen: np.ndarray, key: int, variety: flo
     return np.cumsum(turn)
 
 
-@dataclass(frozen=True)
-class Shoots:
-    """Branches of one order before they are laid."""
-
-    piece: np.ndarray
-    parent: np.ndarray  # row of the order below
-    sign: np.ndarray
-    scale: np.ndarray
-    key: np.ndarray
-    share: np.ndarray
-    start: np.ndarray  # (B, 3, 3) frames of the feet
-    foot: np.ndarray
-    girth: np.ndarray  # (B, 2) scale of thickness at foot and tip
-
-
 def lay_trunks(
-    wanted: Shoots,
+    key: np.ndarray,
+    start: np.ndarray,
     bend: np.ndarray,
     length: np.ndarray,
     first: np.ndarray,
@@ -251,49 +215,22 @@ def lay_trunks(
     """Bends (S, 2) and frames (S, 3, 3) of trunks: they leave the ground as in the template, and are bent
     and lean otherwise towards the top, but not much more than it leans.
     """
-    plain = lay(bend, first, wanted.start)
+    plain = lay(bend, first, start)
     most = _leans(plain, length, first) + MOST_LEAN
-    owner, part = _owners(first)
-    lean = np.clip(keyed_normal(wanted.key, "lean"), -2.0, 2.0)[owner] * part
+    owner, number = numbered(np.diff(first))
+    part = number / np.diff(first)[owner]
+    lean = np.clip(keyed_normal(key, "lean"), -2.0, 2.0)[owner] * part
     chosen_bend, chosen = bend.copy(), plain.copy()
     open_ones = np.ones(len(first) - 1, dtype=bool)
     for calm in CALMER:
-        other = _bent_otherwise(bend, wanted.key[owner], part, calm * variety)
-        slope = np.clip(slopes(plain) + calm * variety * LEAN * lean, 0.0, np.pi)
-        frame = lay(other, first, wanted.start, slope)
+        other = _bent_otherwise(bend, key[owner], part, calm * variety)
+        slope = np.clip(zenith_of(plain[:, :, 2]) + calm * variety * LEAN * lean, 0.0, np.pi)
+        frame = lay(other, first, start, slope)
         fits = open_ones & (_leans(frame, length, first) <= most)
         mine = fits[owner]
         chosen_bend[mine], chosen[mine] = other[mine], frame[mine]
         open_ones &= ~fits
     return chosen_bend, chosen
-
-
-def lay_branches(
-    habit: Habit,
-    wanted: Shoots,
-    bend: np.ndarray,
-    length: np.ndarray,
-    first: np.ndarray,
-    source: np.ndarray,
-    variety: float,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Bends (S, 2) and frames (S, 3, 3) of branches that come back to their own slope, above the ground.
-
-    source : (S,) stretch of the template that each stretch is.
-    """
-    owner, part = _owners(first)
-    bend = _bent_otherwise(bend, wanted.key[owner], part, variety)
-    part = part + 0.5 / np.diff(first)[owner]
-    slope = _own_slopes(habit, wanted, source, owner, part, variety)
-    slope, start = _above_ground(habit, wanted, slope, length, first)
-    return bend, lay(bend, first, start, slope)
-
-
-def _owners(first: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(S,) line of each stretch, and (S,) how far along it that begins, counted in stretches, 0 .. 1."""
-    size = np.diff(first)
-    owner, number = numbered(size)
-    return owner, number / size[owner]
 
 
 def _bent_otherwise(
@@ -314,37 +251,27 @@ def _leans(frame: np.ndarray, length: np.ndarray, first: np.ndarray) -> np.ndarr
     return zenith_of(way)
 
 
-def _own_slopes(
-    habit: Habit,
-    wanted: Shoots,
-    source: np.ndarray,
-    owner: np.ndarray,
-    part: np.ndarray,
-    variety: float,
-) -> np.ndarray:
-    """(S,) slopes of stretches: the piece's own, but for how the foot's differs, which fades along it."""
-    lines = habit.anatomy.lines
-    own = slopes(lines.frame[source])
-    at_foot = slopes(wanted.start) - slopes(lines.frame[lines.first[wanted.piece]])
-    sway = variety * SWAY * keyed_normal(wanted.key, "sway")[owner] * part * np.sin(own)
-    return np.asarray(np.clip(own + at_foot[owner] * np.exp(-FADE * part) + sway, 0.0, np.pi))
-
-
 def _above_ground(
-    habit: Habit, wanted: Shoots, slope: np.ndarray, length: np.ndarray, first: np.ndarray
+    floor: np.ndarray,
+    foot: np.ndarray,
+    start: np.ndarray,
+    slope: np.ndarray,
+    length: np.ndarray,
+    first: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Slopes (S,) and feet's frames (C, 3, 3) of branches that go on level where they reach the ground."""
-    slope, start = slope.copy(), wanted.start
-    slope[first[:-1]] = slopes(start)
-    owner, _ = _owners(first)
+    """Slopes (S,) and feet's frames (C, 3, 3) of branches that go on level where they reach the ground.
+
+    floor, foot : (C,) metres below which no knot goes, and of the feet, above the ground.
+    """
+    slope[first[:-1]] = zenith_of(start[:, :, 2])
+    owner, _ = numbered(np.diff(first))
     rise = np.cumsum(length * np.cos(slope))
-    base = wanted.foot[:, 2] - (rise - length * np.cos(slope))[first[:-1]]
-    floor = np.minimum(habit.floor[wanted.piece], wanted.foot[:, 2])
+    base = foot - (rise - length * np.cos(slope))[first[:-1]]
     if (rise + base[owner] >= floor[owner]).all():
         return slope, start
     height = np.maximum(rise + base[owner], floor[owner])
     before = np.concatenate([[0.0], height[:-1]])
-    before[first[:-1]] = wanted.foot[:, 2]
+    before[first[:-1]] = foot
     level = np.arccos(np.clip((height - before) / np.maximum(length, 1e-12), -1.0, 1.0))
     touched = np.abs(level - slope) > 1e-6
     slope[touched] = level[touched]
@@ -394,22 +321,25 @@ def grow_sibling(habit: Habit, siblings: Siblings, key: int) -> Grown:
 
 
 def _grow(habit: Habit, variety: float, size: Size, tree: np.ndarray) -> Grown:
-    levels = [_lay(habit, variety, _trunks(habit, variety, size, tree), 0)]
+    levels = [_trunks(habit, variety, size, tree)]
     for order in range(1, int(habit.anatomy.order.max(initial=0)) + 1):
-        wanted = _children(habit, variety, size, levels[-1], order)
-        if not len(wanted.piece):
+        level = _children(habit, variety, size, levels[-1], order)
+        if level is None:
             break
-        levels.append(_lay(habit, variety, wanted, order))
-    return _joined(levels)
+        levels.append(level)
+    first = bounds(np.array([len(level.piece) for level in levels]))  # of each order, among all
+    above = zip(levels[1:], first, strict=False)
+    return Grown.joined(
+        [levels[0], *(replace(level, parent=level.parent + below) for level, below in above)]
+    )
 
 
-def _trunks(habit: Habit, variety: float, size: Size, tree: np.ndarray) -> Shoots:
+def _trunks(habit: Habit, variety: float, size: Size, tree: np.ndarray) -> Grown:
     """The trunks, turned about the vertical or mirrored: a base that lies flat on the ground still does."""
-    anatomy = habit.anatomy
-    piece = anatomy.trunks
-    key = child_keys(np.repeat(tree, len(piece)), np.arange(len(piece)))
-    turn = 2 * np.pi * variety * keyed_uniform(np.repeat(tree, len(piece)), "turn")
-    sign = np.repeat(_signs(tree, variety), len(piece))
+    anatomy, piece = habit.anatomy, habit.anatomy.trunks
+    same = np.repeat(tree, len(piece))
+    turn = 2 * np.pi * variety * keyed_uniform(same, "turn")
+    sign = _signs(same, variety)
     start = foot_frames(
         np.tile(GROUND, (len(piece), 1, 1)),
         sign * anatomy.azimuth[piece] + turn,
@@ -421,12 +351,13 @@ def _trunks(habit: Habit, variety: float, size: Size, tree: np.ndarray) -> Shoot
     bearing = sign * (anatomy.azimuth[piece] + seat.aside) + turn
     sideways = np.stack([np.cos(bearing), np.sin(bearing)], axis=1) * seat.away[:, None]
     scale = np.full(len(piece), size.stem)
-    return Shoots(
+    return _lay(
+        *(habit, variety, 0),
         piece=piece,
         parent=np.full(len(piece), -1),
         sign=sign,
         scale=scale,
-        key=key,
+        key=child_keys(same, np.arange(len(piece))),
         share=np.zeros(len(piece)),
         start=start,
         foot=np.column_stack([sideways, seat.along]),
@@ -434,28 +365,30 @@ def _trunks(habit: Habit, variety: float, size: Size, tree: np.ndarray) -> Shoot
     )
 
 
-def _children(habit: Habit, variety: float, size: Size, below: Grown, order: int) -> Shoots:
-    """Shoots that the axes of the order below bear."""
+def _children(habit: Habit, variety: float, size: Size, below: Grown, order: int) -> Grown | None:
+    """The branches that the axes of the order below bear; None where they bear none."""
     anatomy = habit.anatomy
     count = size.branches if order == 1 else below.scale**CHILDREN
-    placed = place_children(
-        habit, below.piece, below.key, np.broadcast_to(count, below.piece.shape), variety, order
+    count = np.broadcast_to(count, below.piece.shape)
+    slot, owner, key, share, there, azimuth = place_children(
+        habit, below.piece, below.key, count, variety, order
     )
-    piece, owner, key = _class_mates(habit, placed, variety), placed.owner, placed.key
-    table = habit.tables[order - 1]
-    there, own = placed.place, habit.share[piece]
+    if not len(slot):
+        return None
+    piece, table = _class_mates(habit, slot, key, variety), habit.tables[order - 1]
+    own = habit.share[piece]
     trend = np.interp(there, table.share, table.length) / np.interp(own, table.share, table.length)
     scale = np.clip(trend, 1 / MOST_SCALE, MOST_SCALE)
     scale = scale * np.exp(variety * table.length_spread * keyed_normal(key, "length"))
     scale = scale * (size.crown if order == 1 else below.scale[owner] ** CHILD_LENGTH)
     piece, scale = _fitting(habit, piece, scale, order)
 
-    seat = anatomy.seat.select(placed.slot)  # one that has not moved keeps its own to the bit
-    moved = np.flatnonzero(placed.share != habit.share[placed.slot])
-    bearer = placed.parent[moved]
-    seat.stretch[moved], seat.part[moved] = seat_at(anatomy.lines, bearer, placed.share[moved])
+    seat = anatomy.seat.select(slot)  # one that has not moved keeps its own to the bit
+    moved = np.flatnonzero(share != habit.share[slot])
+    bearer = below.piece[owner[moved]]
+    seat.stretch[moved], seat.part[moved] = seat_at(anatomy.lines, bearer, share[moved])
     place, frame, thickness = stand_on(below.lines, owner, seat)
-    bearing = below.sign[owner] * placed.azimuth
+    bearing = below.sign[owner] * azimuth
     angle = anatomy.angle[piece] + np.interp(there, table.share, table.angle)
     angle = angle - np.interp(own, table.share, table.angle)
     angle = angle + variety * table.angle_spread * keyed_normal(key, "angle")
@@ -477,13 +410,14 @@ def _children(habit: Habit, variety: float, size: Size, below: Grown, order: int
     stout = anatomy.foot_radius()[piece]
     most = thickness * np.maximum(THICKEST, stout / radius) / stout
     base = np.minimum(scale, most)
-    return Shoots(
+    return _lay(
+        *(habit, variety, order),
         piece=piece,
         parent=owner,
         sign=below.sign[owner] * _signs(key, variety),
         scale=scale,
         key=key,
-        share=placed.share,
+        share=share,
         start=start,
         foot=foot,
         girth=np.stack([base, np.minimum(base, 1.0)], axis=1),
@@ -494,24 +428,23 @@ def _signs(key: np.ndarray, variety: float) -> np.ndarray:
     return np.where(keyed_uniform(key, "mirror") < variety / 2, -1.0, 1.0)
 
 
-def _class_mates(habit: Habit, placed: Placed, variety: float) -> np.ndarray:
+def _class_mates(habit: Habit, piece: np.ndarray, key: np.ndarray, variety: float) -> np.ndarray:
     """(N,) for each slot itself, or with this chance a member of its class, itself included.
 
     Members are dealt out: of a class each comes as often as any other, but for what is left over, so that
     what they bear comes as often as in the template.
     """
-    piece = placed.slot
     of_class = habit.kind[piece]
-    order = np.lexsort((keyed_uniform(placed.key, "member"), of_class))
+    order = np.lexsort((keyed_uniform(key, "member"), of_class))
     size = np.bincount(of_class, minlength=len(habit.of_class.size))
     dealt = np.empty(len(piece), np.int64)
     dealt[order] = np.arange(len(piece)) - np.repeat(np.cumsum(size) - size, size)
     last = np.zeros(len(size))  # what is left over goes to others each time
-    last[of_class[order]] = keyed_uniform(placed.key, "deal")[order]
+    last[of_class[order]] = keyed_uniform(key, "deal")[order]
     begin = (last * habit.of_class.size).astype(np.int64)
     rank = (dealt + begin[of_class]) % habit.of_class.size[of_class]
     mate = habit.member[habit.of_class.first[of_class] + rank]
-    return np.where(keyed_uniform(placed.key, "mate") < variety, mate, piece)
+    return np.where(keyed_uniform(key, "mate") < variety, mate, piece)
 
 
 def _fitting(
@@ -535,61 +468,59 @@ def _fitting(
     return piece, scale
 
 
-def _lay(habit: Habit, variety: float, wanted: Shoots, order: int) -> Grown:
-    """Branches of one order along their courses."""
+def _lay(
+    habit: Habit,
+    variety: float,
+    order: int,
+    piece: np.ndarray,
+    parent: np.ndarray,
+    sign: np.ndarray,
+    scale: np.ndarray,
+    key: np.ndarray,
+    share: np.ndarray,
+    start: np.ndarray,
+    foot: np.ndarray,
+    girth: np.ndarray,
+) -> Grown:
+    """B branches of one order along their courses: trunks but not much more leaning than in the template,
+    branches back to their own slope, above the ground.
+
+    parent : (B,) row of the order below. start, foot : (B, 3, 3), (B, 3) frames and places of the feet.
+    girth : (B, 2) scale of thickness at foot and tip. The rest as in ``Grown``.
+    """
     lines = habit.anatomy.lines
-    source, owner, _ = Runs.at(lines.first).copy(wanted.piece)
-    size = np.diff(lines.first)[wanted.piece]
+    source, owner, _ = Runs.at(lines.first).copy(piece)
+    size = np.diff(lines.first)[piece]
     first = bounds(size)
     rank = np.arange(len(source)) - first[owner]
-    length = lines.length[source] * wanted.scale[owner]
-    bend = habit.anatomy.bend[source] * np.stack([wanted.sign[owner], np.ones(len(owner))], axis=1)
+    length = lines.length[source] * scale[owner]
+    bend = habit.anatomy.bend[source] * np.stack([sign[owner], np.ones(len(owner))], axis=1)
     if variety == 0:
-        frame = lay(bend, first, wanted.start)
-    elif order:
-        bend, frame = lay_branches(habit, wanted, bend, length, first, source, variety)
+        frame = lay(bend, first, start)
+    elif order == 0:
+        bend, frame = lay_trunks(key, start, bend, length, first, variety)
     else:
-        bend, frame = lay_trunks(wanted, bend, length, first, variety)
-    knot_source, knot_owner, _ = Runs.at(lines.first + np.arange(len(lines.first))).copy(
-        wanted.piece
-    )
-    part = (np.arange(len(knot_source)) - (first[:-1] + np.arange(len(size)))[knot_owner]) / size[
-        knot_owner
-    ]
-    low, high = wanted.girth.T
-    girth = low[knot_owner] + (high - low)[knot_owner] * part
-    middle = low[owner] + (high - low)[owner] * (rank + 0.5) / size[owner]
+        part = rank / size[owner]
+        bend = _bent_otherwise(bend, key[owner], part, variety)
+        # The piece's own but for how the foot's differs, which fades along it.
+        part = part + 0.5 / size[owner]
+        own = zenith_of(lines.frame[source][:, :, 2])
+        at_foot = zenith_of(start[:, :, 2]) - zenith_of(lines.frame[lines.first[piece]][:, :, 2])
+        sway = variety * SWAY * keyed_normal(key, "sway")[owner] * part * np.sin(own)
+        slope = np.clip(own + at_foot[owner] * np.exp(-FADE * part) + sway, 0.0, np.pi)
+        floor = np.minimum(habit.floor[piece], foot[:, 2])
+        slope, start = _above_ground(floor, foot[:, 2], start, slope, length, first)
+        frame = lay(bend, first, start, slope)
+    knot, of_knot, _ = Runs.at(lines.first + np.arange(len(lines.first))).copy(piece)
+    part = (np.arange(len(knot)) - (first[:-1] + np.arange(len(size)))[of_knot]) / size[of_knot]
+    low, more = girth[:, 0], girth[:, 1] - girth[:, 0]
     laid = Lines(
         first=first,
-        knot=walk(frame, length, first, wanted.foot),
-        radius=lines.radius[knot_source] * girth,
+        knot=walk(frame, length, first, foot),
+        radius=lines.radius[knot] * (low[of_knot] + more[of_knot] * part),
         length=length,
         frame=frame,
     )
-    return Grown(
-        piece=wanted.piece,
-        parent=wanted.parent,
-        order=np.full(len(wanted.piece), order),
-        sign=wanted.sign,
-        scale=wanted.scale,
-        key=wanted.key,
-        share=wanted.share,
-        lines=laid,
-        bend=bend,
-        source=source,
-        girth=middle,
-    )
-
-
-def _joined(levels: Sequence[Grown]) -> Grown:
-    """All orders as one; parents are counted over all of them."""
-    below = np.cumsum(
-        [0, 0, *(len(level.piece) for level in levels)]
-    )  # first row of the order below
-    parents = (
-        np.where(level.parent < 0, -1, level.parent + at)
-        for level, at in zip(levels, below, strict=False)
-    )
-    return Grown.joined(
-        [replace(level, parent=parent) for level, parent in zip(levels, parents, strict=True)]
-    )
+    middle = low[owner] + more[owner] * (rank + 0.5) / size[owner]
+    orders = np.full(len(piece), order)
+    return Grown(piece, parent, orders, sign, scale, key, share, laid, bend, source, middle)

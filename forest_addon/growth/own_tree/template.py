@@ -336,8 +336,12 @@ def fit_grammar(template: TreeTemplate) -> Grammar:
             np.clip(np.median([b.base_radius for b in branches]) / template.trunk_radius, 0.05, 1)
         ),
     )
+    skeleton = interpret(string_of(grammar), grammar, STILL, stream(0, "habit"))
+    above = np.maximum(skeleton.parent, 0)
+    axes = np.flatnonzero((skeleton.order == 1) & (skeleton.order[above] == 0))
+    reach = float(np.mean([skeleton.length[skeleton.axis(int(axis))].sum() for axis in axes]))
     wanted = float(np.mean([b.length for b in branches]))
-    ratio = float(np.clip(wanted / _mean_reach(grammar), 0.01, 2.0))
+    ratio = float(np.clip(wanted / reach, 0.01, 2.0))
     fitted = replace(grammar, side_ratio=ratio)
     # Four digits: what is fitted is no more exact, and a person will read it.
     digits: dict[str, Any] = {
@@ -356,15 +360,6 @@ def _contraction(internodes: float, generations: int) -> float:
     if miss(0.05) >= 0 or miss(1.5) <= 0:
         return 0.05 if miss(0.05) >= 0 else 1.5
     return float(scipy.optimize.brentq(miss, 0.05, 1.5))
-
-
-def _mean_reach(grammar: Grammar) -> float:
-    """Mean length of the first-level axes of a tree without jitter."""
-    skeleton = interpret(string_of(grammar), grammar, STILL, stream(0, "habit"))
-    length = skeleton.length
-    parent_order = skeleton.order[np.maximum(skeleton.parent, 0)]
-    firsts = np.flatnonzero((skeleton.order == 1) & (parent_order == 0))
-    return float(np.mean([length[skeleton.axis(int(first))].sum() for first in firsts]))
 
 
 def dress(wood: np.ndarray, leaf: Leaf, blade: Blade, unit: float) -> np.ndarray:

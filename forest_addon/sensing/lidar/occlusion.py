@@ -26,30 +26,28 @@ def occlusion(scan: Scan, cloud: Cloud, cells: Cells, every: int) -> dict[str, n
     every : of every how many pulses.
     """
     number = np.arange(0, scan.pulses, every)
-    last = np.full(len(number), scan.scanner.max_range)
     mine = np.flatnonzero(cloud.pulse % every == 0)
-    slot = cloud.pulse[mine] // every
-    farthest = np.zeros(len(number))
-    np.maximum.at(farthest, slot, cloud.true_range[mine])
-    last = np.where(farthest > 0, farthest, last)
+    slot, last = cloud.pulse[mine] // every, np.zeros(len(number))
+    np.maximum.at(last, slot, cloud.true_range[mine])
+    last[last == 0] = scan.scanner.max_range
     count = cells.count
     tally = np.zeros(2 * count, np.int32)  # passed, then blocked
     for first in range(0, len(number), AT_ONCE):
         rows = slice(first, first + AT_ONCE)
         pulses = scan.pattern.pulses(number[rows])
-        reach = np.full(len(pulses), scan.scanner.max_range)
-        stop = last[rows]
+        reach, stop = np.full(len(pulses), scan.scanner.max_range), last[rows]
         for step in walk(cells, np.asarray(pulses.origin), pulses.direction, reach):
             np.add.at(tally, step.cell + count * (step.enter >= stop[step.line]), 1)
     passed, blocked = tally.reshape(2, *cells.size)
-    found = {"pulses_in": passed, "pulses_blocked": blocked}
     pulses = scan.pattern.pulses(cloud.pulse[mine])
     place = pulses.origin + cloud.true_range[mine, None] * pulses.direction
     where = cells.at(place)
     inside = where >= 0
     pairs = distinct(slot[inside] * count + where[inside])  # two returns in a cell: one pulse
-    found["pulses_hit"] = counts(cells, [pairs % max(count, 1)])
-    return found | {
+    return {
+        "pulses_in": passed,
+        "pulses_blocked": blocked,
+        "pulses_hit": counts(cells, [pairs % max(count, 1)]),
         "edge": np.array(cells.edge),
         "low": cells.low,
         "every": np.array(every),
@@ -71,9 +69,7 @@ def on_the_line(scan: Scan, caster: RayCaster, cloud: Cloud, every: int) -> dict
     hits = caster.cast(origins, ways, limit)
     met: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
     for _ in range(MOST_SURFACES):
-        rows = np.flatnonzero(hits.found)
-        line, hits = line[rows], hits.select(rows)
-        rows = np.flatnonzero(organs(caster.scene, hits) != GROUND)
+        rows = np.flatnonzero(hits.found & (organs(caster.scene, hits) != GROUND))
         line, hits = line[rows], hits.select(rows)
         if not len(line):
             break
@@ -83,11 +79,10 @@ def on_the_line(scan: Scan, caster: RayCaster, cloud: Cloud, every: int) -> dict
         )
     none = (np.empty(0, np.int64), np.empty(0, np.int64), np.empty(0))
     lines, trees, distances = (np.concatenate(parts) for parts in zip(*met, none, strict=True))
-    known = np.flatnonzero(trees >= 0)
-    order = known[np.lexsort((distances[known], trees[known], lines[known]))]
-    lines, trees, distances = lines[order], trees[order], distances[order]
-    first = np.flatnonzero((np.diff(lines, prepend=-1) != 0) | (np.diff(trees, prepend=-1) != 0))
-    lines, trees, distances = lines[first], trees[first], distances[first]
+    order = np.lexsort((distances, trees, lines))
+    first = (np.diff(lines[order], prepend=-1) != 0) | (np.diff(trees[order], prepend=-1) != 0)
+    rows = order[first & (trees[order] >= 0)]
+    lines, trees, distances = lines[rows], trees[rows], distances[rows]
     wide = int(caster.scene.tree.max(initial=0)) + 1
     mine = np.flatnonzero((cloud.pulse % every == 0) & (cloud.returns.tree >= 0))
     known_pairs = (cloud.pulse[mine] // every) * wide + cloud.returns.tree[mine]

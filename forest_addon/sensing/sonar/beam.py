@@ -60,8 +60,7 @@ class BeamPattern(ABC):
 
     def loudest(self, az: np.ndarray, el: np.ndarray, band: tuple[float, float]) -> np.ndarray:
         """(M,) no gain in the band is larger at these offsets."""
-        loudest: np.ndarray = self.gain(az, el, np.array(band)).max(axis=0)
-        return loudest
+        return np.asarray(self.gain(az, el, np.array(band)).max(axis=0))
 
     def kinks(self) -> tuple[float, ...]:
         """Frequencies at which the gain is not smooth, Hz."""
@@ -79,6 +78,9 @@ class GaussianBeam(BeamPattern):
 
     def basis(self, frequency: np.ndarray) -> np.ndarray:
         return np.ones((1, len(frequency)))
+
+    def loudest(self, az: np.ndarray, el: np.ndarray, band: tuple[float, float]) -> np.ndarray:
+        return np.exp(self.terms(az, el)[0])
 
     def ceiling(self, away: np.ndarray, band: tuple[float, float]) -> np.ndarray:
         return np.exp(-2.0 * HALF_POWER * np.square(away / max(self.width)))
@@ -157,8 +159,7 @@ class Measured(BeamPattern):
 
     def _loudest(self, band: tuple[float, float]) -> np.ndarray:
         """(N,) the largest dB in the band."""
-        loudest: np.ndarray = self.levels(np.linspace(*band, 65)).max(axis=1)
-        return loudest
+        return np.asarray(self.levels(np.linspace(*band, 65)).max(axis=1))
 
 
 @dataclass(frozen=True)
@@ -284,5 +285,4 @@ def beam_offsets(directions: np.ndarray, frame: np.ndarray) -> tuple[np.ndarray,
 
 def _exponent(az: np.ndarray, el: np.ndarray) -> np.ndarray:
     """(M, 2) what a Gaussian's exponent is times the squared widths: -2·ln½-power·angle²."""
-    offsets: np.ndarray = -2.0 * HALF_POWER * np.square(np.stack([az, el], axis=1))
-    return offsets
+    return np.asarray(-2.0 * HALF_POWER * np.square(np.stack([az, el], axis=1)))

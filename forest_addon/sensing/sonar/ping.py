@@ -134,20 +134,17 @@ class Echo:
     @property
     def spectrum(self) -> np.ndarray:
         """(K,) at the first ear."""
-        first: np.ndarray = self.spectra[0]
-        return first
+        return np.asarray(self.spectra[0])
 
     @property
     def impulse_response(self) -> np.ndarray:
         """(N,) at the first ear."""
-        first: np.ndarray = self.responses[0]
-        return first
+        return np.asarray(self.responses[0])
 
     @property
     def envelope(self) -> np.ndarray:
         """(N,) at the first ear."""
-        first: np.ndarray = self.envelopes[0]
-        return first
+        return np.asarray(self.envelopes[0])
 
     @property
     def leaves_heard(self) -> int:
@@ -303,8 +300,7 @@ def _in_time(spectra: np.ndarray, grid: BandGrid, scale: float) -> np.ndarray:
     """(E, N) analytic signals of one-sided spectra (E, K): scale·(1/length)·Σ_k."""
     if grid.count == 1:
         turns = grid.start / grid.spacing * np.arange(grid.samples)
-        tone: np.ndarray = spectra * np.exp(2j * np.pi * np.remainder(turns, 1.0))
-        return tone
+        return np.asarray(spectra * np.exp(2j * np.pi * np.remainder(turns, 1.0)))
     analytic = np.zeros((len(spectra), grid.length), dtype=np.complex128)
     first = round(grid.start / grid.spacing)
     analytic[:, first : first + grid.count] = spectra

@@ -21,7 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ... import kernels
-from ...base.rows import RowTable, lengths
+from ...base.rows import RowTable
 from .beam import Rows
 from .calls import SAMPLED, Band
 from .leaves import NearFaces
@@ -137,27 +137,27 @@ class _Finder:
 
     def open(self, blocks: Candidates) -> None:
         """Move the scatterers of some blocks into the world and bound each."""
-        station = self._station
-        sonar, counts = station.sonar, self._counts
+        station, counts = self._station, self._counts
+        sonar, latest = station.sonar, self._latest * station.sound_speed
         for made, instance, motion in self._targets.scatterers(sonar, blocks, self._sight):
-            distance = lengths(made.centre - station.point)
-            finite = np.isfinite(distance) & _finite(made)
-            near, far = distance < sonar.near_limit, distance > sonar.max_range
-            if isinstance(made, NearFaces):  # of leaves whose middles are within the range
-                made, instance, motion = made.select(~near), instance[~near], motion[~near]
-                distance, finite = distance[~near], finite[~near]
-                near = far = np.zeros(len(made), dtype=bool)
-            counts.broken += int(np.count_nonzero(~finite))
-            counts.near += int(np.count_nonzero(near & finite))
-            counts.far += int(np.count_nonzero(far & finite))
-            kept = finite & ~near & ~far
-            if station.apart:  # an ear may be nearer than the mouth
-                for ear in station.ear:
-                    kept &= lengths(made.centre - ear) >= 0.5 * sonar.near_limit
-            if not kept.all():
-                made, instance, motion = made.select(kept), instance[kept], motion[kept]
             paths = station.paths(made.centre)
-            late = paths.length.max(axis=1, initial=0.0) > self._latest * station.sound_speed
+            finite = np.isfinite(paths.distance) & _finite(made)
+            kept = finite & (paths.distance >= sonar.near_limit)
+            counts.broken += int(np.count_nonzero(~finite))
+            if not isinstance(made, NearFaces):  # of leaves whose middles are within the range
+                far = finite & (paths.distance > sonar.max_range)
+                counts.near += int(np.count_nonzero(finite & ~kept))
+                counts.far += int(np.count_nonzero(far))
+                kept &= ~far
+            for leg in paths.leg.T if station.apart else ():  # an ear may be nearer than the mouth
+                kept &= leg >= 0.5 * sonar.near_limit
+            if not kept.all():
+                rows = np.flatnonzero(kept)
+                made, paths = made.select(rows), paths.select(rows)
+                instance, motion = instance[rows], motion[rows]
+            late = np.zeros(len(made), dtype=bool)
+            for length in paths.length.T if latest < np.inf else ():
+                late |= length > latest
             counts.late += made.count(instance, late)
             bound = paths.bound(station) * made.seen(station.point).bound(*station.wavenumbers)
             loud = ~late & (bound > 0)
@@ -272,8 +272,7 @@ def mean_amplitude(
     """(M,) mean |A| over the band (Hann) at the first ear, on the band's own few frequencies."""
     frequency, weight = band.sample(count)
     heard = EarAmplitudes(group, station, 0)
-    mean: np.ndarray = weight @ np.abs(heard.of(heard.whole, frequency, slice(None)))
-    return mean
+    return np.asarray(weight @ np.abs(heard.of(heard.whole, frequency, slice(None))))
 
 
 def merged(groups: list[SearchGroup]) -> list[SearchGroup]:

@@ -138,8 +138,7 @@ class Extinction:
         size = met.radius**2 / np.maximum(zone, 1e-12)
         haze = np.where(before, np.exp(-size), 0.0).sum(axis=1) / self._side**2
         block = np.where(before, size, 0.0) @ (met.ray[:, None] == np.arange(self._side**2))
-        left: np.ndarray = np.exp(-block).mean(axis=1) * np.exp(-haze)
-        return left
+        return np.asarray(np.exp(-block).mean(axis=1) * np.exp(-haze))
 
     def _look(self, cells: np.ndarray, farthest: np.ndarray) -> None:
         """Cast rays through cells that are not known as far as that."""

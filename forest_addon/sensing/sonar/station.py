@@ -208,10 +208,11 @@ class Station:
             given = len(centre), np.ascontiguousarray(centre), len(ends), ends, frames
             library.trace_paths(*given, *vars(found).values())
             return found
-        ways = centre - ends[:, None]
-        away = np.linalg.norm(ways, axis=2)
-        ways /= away[:, :, None]
-        offsets = [beam_offsets(*each) for each in zip(ways, frames, strict=True)]
+        with np.errstate(invalid="ignore", over="ignore"):  # what is not finite is told by who asks
+            ways = centre - ends[:, None]
+            away = np.linalg.norm(ways, axis=2)
+            ways /= away[:, :, None]
+            offsets = [beam_offsets(*each) for each in zip(ways, frames, strict=True)]
         return EchoPaths(ways[0], away.T, np.transpose(offsets, (2, 0, 1)))
 
 

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from ...base.rows import RowTable, distinct
+from ...base.rows import RowTable, distinct, lengths
 from ...base.trimesh import LEAF as LEAF_PART
 from ...base.trimesh import TriMesh
 from ...spec import Sonar
@@ -161,7 +161,7 @@ class EchoTargets:
                     distance > radius, np.arcsin(np.minimum(radius / distance, 1)), np.pi
                 )
                 local = np.einsum("pk,pka->pa", towards, linear[member])
-                local /= np.linalg.norm(local, axis=1, keepdims=True)
+                local /= lengths(local)[:, None]
             spread += turn[near][member]
             views = Views(block, stand.stretch[near][member], nearest, local, spread)
             strength = stand.population.ceiling(views, lowest, highest)
@@ -195,7 +195,9 @@ class EchoTargets:
         for first, last in pairwise([*starts, len(stand)] if len(starts) else []):
             chosen = self.stands(sonar)[stand[first]]
             bounds = chosen.population.blocks.first
-            rows = np.concatenate([np.arange(bounds[b], bounds[b + 1]) for b in block[first:last]])
+            begin, end = bounds[block[first:last]], bounds[block[first:last] + 1]
+            ends = np.cumsum(end - begin)
+            rows = np.arange(ends[-1]) + np.repeat(end - ends, end - begin)
             which = member[first]
             for made, motion in self._placed(chosen, which, rows, sight):
                 sets, instances, motions = opened.setdefault(type(made), ([], [], []))
@@ -219,9 +221,10 @@ class EchoTargets:
         for made in population.scatterers(transform, rows, sight):
             if motion is not None:
                 yield made, np.hstack(motion.motion(instance, transform, made, self._time))
+            elif wind is None:
+                yield made, np.empty((len(made), 0))
             else:
-                still = np.hstack([np.zeros_like(made.centre), made.centre])
-                yield made, still[:, : 0 if wind is None else 6]
+                yield made, np.hstack([np.zeros_like(made.centre), made.centre])
 
     def _known(self, instance: Any) -> Any:
         """The numbers that instances have in the scene as it was read."""
@@ -276,5 +279,4 @@ def _joined(found: list[Candidates]) -> Candidates:
     if not found:
         none = np.empty(0, np.int64)
         return Candidates(none, none, none, np.empty((0, 3)), *([np.empty(0)] * 4))
-    names = list(Candidates.__dataclass_fields__)
-    return Candidates(*(np.concatenate([getattr(f, name) for f in found]) for name in names))
+    return Candidates.joined(found)

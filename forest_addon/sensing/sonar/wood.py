@@ -24,6 +24,7 @@ import numpy as np
 from ... import kernels
 from ...acoustics.cubics import Cubics
 from ...acoustics.cylinder import scattering_sum
+from ...base.rows import lengths
 from ...base.trimesh import TriMesh, is_wood
 from ...growth.own_tree.centreline import find_centrelines
 from ...growth.own_tree.pieces import part
@@ -96,7 +97,7 @@ class WoodCylinders(Scatterers):
 
     def seen(self, point: np.ndarray) -> CylinderStrength:
         away = self.centre - point
-        distance = np.linalg.norm(away, axis=1)
+        distance = lengths(away)
         cosine = np.einsum("mi,mi->m", away, self.axis) / distance
         sine = np.sqrt(np.maximum(1.0 - cosine**2, 0.0))
         nearness = np.sqrt(distance / (distance + self.radius * sine))
@@ -131,8 +132,7 @@ class WoodPopulation(Population):
         linear, shift = transform[:, :3], transform[:, 3]
         start, end = self._start[rows] @ linear.T + shift, self._end[rows] @ linear.T + shift
         span = end - start
-        length = np.linalg.norm(span, axis=1)
-        local = np.linalg.norm(self._end[rows] - self._start[rows], axis=1)
+        length, local = lengths(span), lengths(self._end[rows] - self._start[rows])
         # The cross section changes by what the volume changes beyond the length.
         volume = abs(float(np.linalg.det(linear)))
         radius = self._radius[rows] * np.sqrt(volume * local / np.maximum(length, 1e-30))
@@ -192,26 +192,24 @@ def _cut(
 ) -> WoodCylinders:
     """Segments cut to half a Fresnel width, and moved to their near side."""
     away = start + span / 2 - sight.point
-    nearest = np.maximum(np.linalg.norm(away, axis=1) - length / 2, 1e-3)
+    nearest = np.maximum(lengths(away) - length / 2, 1e-3)
     longest = np.sqrt(math.pi * nearest / (2.0 * sight.wavenumber))
     parts = np.clip(np.ceil(length / longest), 1, 4096).astype(np.int64)
     row = np.repeat(np.arange(len(start)), parts)
     place = np.arange(len(row)) - np.repeat(np.cumsum(parts) - parts, parts)
-    middle = start[row] + ((place + 0.5) / parts[row])[:, None] * span[row]
+    middle = start.take(row, 0) + ((place + 0.5) / parts[row])[:, None] * span.take(row, 0)
     axis = np.divide(
         span,
         length[:, None],
         out=np.tile([0.0, 0.0, 1.0], (len(span), 1)),
         where=length[:, None] > 0,
-    )[row]
+    ).take(row, 0)
     towards = sight.point - middle
     square = towards - np.einsum("mi,mi->m", towards, axis)[:, None] * axis
-    distance = np.linalg.norm(square, axis=1, keepdims=True)
-    side = np.divide(square, distance, out=np.zeros_like(square), where=distance > 0)
-    moved = np.minimum(radius[row], 0.9 * distance[:, 0])
-    return WoodCylinders(
-        middle + moved[:, None] * side, number[row], axis, (length / parts)[row], radius[row]
-    )
+    distance = np.maximum(lengths(square), 1e-30)
+    moved = np.minimum(radius[row] / distance, 0.9)
+    middle += moved[:, None] * square
+    return WoodCylinders(middle, number[row], axis, (length / parts)[row], radius[row])
 
 
 # ---------------------------------------------------------------------------------------------- S

@@ -8,6 +8,14 @@ it within. Images, painted meshes, polygons and limits of the terrain are in mod
 Cells of a quadtree have true bounds of an intensity and are small where it varies. The field is cut into
 nearly square cells; a cell is quartered while the room between its bounds, times its area, is more than it
 may be. Exact thinning and integration both stand on these cells.
+
+Polygon windows: where trees may stand, with holes.
+
+Corners are checked once (no zero area, no edge that crosses or touches another), then points are judged by
+the even-odd rule: points in order of y, so that an edge asks those alone that lie between its ends. For
+cells, edges are drawn into a grid of bins: bins without an edge are wholly in or out.
+
+Intensities from what lies on the ground: images, painted meshes, and limits of the terrain.
 """
 
 from __future__ import annotations
@@ -19,6 +27,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.special import erf, erfc
 
+from ...base.rows import RowTable
 from .surface import Grid, GroundSurface, IntensityError, IntensitySurface, Pyramid, refuse_pixels
 
 
@@ -79,19 +88,15 @@ class Mixture(Intensity):
         return lower, upper
 
     def closed_integral(self, low: np.ndarray, high: np.ndarray) -> float:
-        spans = _erf_between((low - self.centre) / self.width, (high - self.centre) / self.width)
+        a, b = (low - self.centre) / self.width, (high - self.centre) / self.width
+        right, left = a > 0, b < 0  # in a tail by erfc, where erf has no digits left
+        near, far = np.where(left, -b, a), np.where(left, -a, b)
+        spans = np.where(right | left, erfc(near) - erfc(far), erf(b) - erf(a))
         return float(self.peak @ np.prod(self.width * np.sqrt(np.pi) / 2 * spans, axis=1))
 
     def whole(self) -> np.ndarray:
         """(G,) ∫ of each hill over the plane, C·π·h·l."""
         return np.asarray(self.peak * np.pi * self.width.prod(axis=1))
-
-
-def _erf_between(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """erf(b) - erf(a) for a <= b; in a tail by erfc, where erf has no digits left."""
-    right, left = a > 0, b < 0
-    near, far = np.where(left, -b, a), np.where(left, -a, b)
-    return np.where(right | left, erfc(near) - erfc(far), erf(b) - erf(a))
 
 
 @dataclass(frozen=True)
@@ -155,7 +160,7 @@ MAX_ASPECT = 1024  # cells along the longer side of the first cut
 
 
 @dataclass(frozen=True)
-class QuadtreeCells:
+class QuadtreeCells(RowTable):
     """low, high : (C, 2) corners, metres. lower, upper : (C,) bounds of λ over the closed cells."""
 
     low: np.ndarray
@@ -175,12 +180,6 @@ class QuadtreeCells:
     def gap(self) -> np.ndarray:
         """(C,) trees between what the bounds allow."""
         return np.asarray((self.upper - self.lower) * self.area)
-
-    def where(self, chosen: np.ndarray) -> QuadtreeCells:
-        """Some of the cells."""
-        return QuadtreeCells(
-            self.low[chosen], self.high[chosen], self.lower[chosen], self.upper[chosen]
-        )
 
 
 def refine(
@@ -206,15 +205,10 @@ def refine(
         ).all(axis=1)
         if kept + len(active) + 3 * int(cut.sum()) > MAX_CELLS:
             cut[:] = False
-        done.append(active.where(~cut))
+        done.append(active.select(~cut))
         kept, settled = kept + len(done[-1]), settled + float(gap[~cut].sum())
         active = _bounded(intensity, *_quarters(active.low[cut], middle[cut], active.high[cut]))
-    return QuadtreeCells(
-        *(
-            np.concatenate([getattr(part, n) for part in done])
-            for n in ("low", "high", "lower", "upper")
-        )
-    )
+    return QuadtreeCells.joined(done)
 
 
 def _bounded(intensity: Intensity, low: np.ndarray, high: np.ndarray) -> QuadtreeCells:
@@ -360,15 +354,11 @@ def _ring(corners: Sequence[Sequence[float]] | np.ndarray, name: str) -> np.ndar
         ring = ring[:-1]
     if not np.isfinite(ring).all():
         raise IntensityError(f"{name}: a corner is not finite; mend it")
-    if len(ring) < 3 or _in_line(ring):
+    offset = ring - ring[:1]
+    longest = offset[np.argmax((offset**2).sum(axis=1))] if len(ring) else (0.0, 0.0)
+    if len(ring) < 3 or (offset[:, 0] * longest[1] == offset[:, 1] * longest[0]).all():  # in line
         raise IntensityError(f"{name} has no area; give at least 3 corners that are not in line")
     return ring
-
-
-def _in_line(ring: np.ndarray) -> bool:
-    offset = ring - ring[0]
-    longest = offset[np.argmax((offset**2).sum(axis=1))]
-    return bool((offset[:, 0] * longest[1] == offset[:, 1] * longest[0]).all())
 
 
 def _area(ring: np.ndarray) -> float:
@@ -386,7 +376,11 @@ def _refuse_crossings(
     for first in range(0, len(start), rows):
         mine = every[first : first + rows]
         a, b = start[mine, None], end[mine, None]
-        meet = _meet(a, b, start[None], end[None])
+        c, d = start[None], end[None]  # closed segments ab and cd have a point in common:
+        meet = (
+            (np.minimum(a, b) <= np.maximum(c, d)) & (np.minimum(c, d) <= np.maximum(a, b))
+        ).all(-1)
+        meet &= (_side(a, b, c) * _side(a, b, d) <= 0) & (_side(c, d, a) * _side(c, d, b) <= 0)
         # Neighbours share a corner; they may not fold back over each other.
         after = follower[mine, None] == every
         before = follower == mine[:, None]
@@ -409,15 +403,6 @@ def _refuse_crossings(
 def _side(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:
     ab, ac = b - a, c - a
     return np.asarray(ab[..., 0] * ac[..., 1] - ab[..., 1] * ac[..., 0])
-
-
-def _meet(a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray) -> np.ndarray:
-    """Return whether the closed segments ab and cd have a point in common."""
-    boxes = ((np.minimum(a, b) <= np.maximum(c, d)) & (np.minimum(c, d) <= np.maximum(a, b))).all(
-        axis=-1
-    )
-    apart = (_side(a, b, c) * _side(a, b, d) > 0) | (_side(c, d, a) * _side(c, d, b) > 0)
-    return np.asarray(boxes & ~apart)
 
 
 def _odd(start: np.ndarray, end: np.ndarray, places: np.ndarray) -> np.ndarray:
@@ -601,10 +586,8 @@ class TerrainLimits(Mask):
 
     def bounds(self, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         upper = np.ones(len(low))
-        for limits, (least, most) in (
-            (self.altitude, self.terrain.height_bounds(low, high)),
-            (self.steepness, self.terrain.steepness_bounds(low, high)),
-        ):
+        both = self.altitude, self.steepness
+        for limits, (least, most) in zip(both, self.terrain.bounds(low, high), strict=True):
             room = 1e-9 * max(1.0, *(abs(limit) for limit in limits if np.isfinite(limit)))
             upper[(most < limits[0] - room) | (least > limits[1] + room)] = 0.0
         return np.zeros(len(low)), upper

@@ -11,6 +11,19 @@ edge have no area from above and are never met.
 **Pyramid** of ranges: Every level halves the one below, so a rectangle of any size is covered by at most
 three blocks along each axis of the level whose blocks are half its extent or more. What is found is a true
 bound; it is exact for rectangles of up to two cells, because those are looked up themselves.
+
+The ground that trees stand on: flat, a heightmap, or a triangulated surface.
+
+A ``GroundSurface`` gives the height and the gradient of its topmost surface at any place, exactly (bilinear
+on a heightmap, barycentric on triangles), NaN where there is none, and true bounds over cells, which limits
+of slope and altitude need. Trunks stay vertical; ``sink`` says how deep one has to go so that no gap shows
+below its downhill side.
+
+Rough ground has bumps and hollows of a few decimetres to metres on whatever the ground is otherwise.
+Heights are a sum of cosine waves of 0.6 to 4.8 m in all directions, each octave with the amplitude that its
+length has in a surface of Hurst exponent 0.7, of which the standard deviation is a quarter of the
+roughness: what lies within two of them is 95 % of the ground. Beyond the field it fades, so that its edge
+is level.
 """
 
 from __future__ import annotations
@@ -316,6 +329,9 @@ RING = 24  # places around a trunk's foot where the ground is looked up
 DEEPEST = 4.0  # foot radii that a tree is sunk at most (a foot over a cliff)
 
 
+Bounds = tuple[np.ndarray, np.ndarray]  # the lower and the upper, (C,) each
+
+
 class GroundSurface(Protocol):
     """A height field."""
 
@@ -325,11 +341,8 @@ class GroundSurface(Protocol):
     def gradient(self, points: np.ndarray) -> np.ndarray:
         """(N, 2) derivatives of the height along x and y; NaN where there is no ground."""
 
-    def height_bounds(self, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """True bounds (C,) of the height over cells (C, 2); -inf and inf where unknown."""
-
-    def steepness_bounds(self, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """True bounds (C,) of |gradient| over cells (C, 2)."""
+    def bounds(self, low: np.ndarray, high: np.ndarray) -> tuple[Bounds, Bounds]:
+        """True bounds (C,) of the height, -inf and inf where unknown, and of |gradient| over cells (C, 2)."""
 
     def triangles(self) -> tuple[np.ndarray, np.ndarray] | None:
         """Vertices (V, 3) and triangles (T, 3) to show it by, None where it is flat."""
@@ -376,12 +389,9 @@ class Flat:
     def gradient(self, points: np.ndarray) -> np.ndarray:
         return np.zeros((len(points), 2))
 
-    def height_bounds(self, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        same = np.full(len(low), self.base)
-        return same, same
-
-    def steepness_bounds(self, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        return np.zeros(len(low)), np.zeros(len(low))
+    def bounds(self, low: np.ndarray, high: np.ndarray) -> tuple[Bounds, Bounds]:
+        same, level = np.full(len(low), self.base), np.zeros(len(low))
+        return (same, same), (level, level)
 
     def triangles(self) -> None:
         return None
@@ -409,11 +419,9 @@ class Heightmap:
         inside = self.grid.inside(points)[:, None]
         return np.where(inside, self.grid.gradient(points), np.nan)
 
-    def height_bounds(self, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        return self._heights.over(*self.grid.patches_of(low, high))
-
-    def steepness_bounds(self, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        return self._steepness.over(*self.grid.patches_of(low, high))
+    def bounds(self, low: np.ndarray, high: np.ndarray) -> tuple[Bounds, Bounds]:
+        patches = self.grid.patches_of(low, high)
+        return self._heights.over(*patches), self._steepness.over(*patches)
 
     def triangles(self) -> tuple[np.ndarray, np.ndarray]:
         """Corners at pixel centres and along the edge; two triangles a patch.
@@ -457,11 +465,9 @@ class Triangulated:
         triangle, _ = self.surface.locate(points)
         return np.where(triangle[:, None] >= 0, self._gradient[triangle], np.nan)
 
-    def height_bounds(self, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        return self._heights.over(*self.surface.bins_of(low, high))
-
-    def steepness_bounds(self, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        return self._steepness.over(*self.surface.bins_of(low, high))
+    def bounds(self, low: np.ndarray, high: np.ndarray) -> tuple[Bounds, Bounds]:
+        bins = self.surface.bins_of(low, high)
+        return self._heights.over(*bins), self._steepness.over(*bins)
 
     def triangles(self) -> tuple[np.ndarray, np.ndarray]:
         return self.surface.vertices, self.surface.triangles
@@ -522,13 +528,11 @@ def roughened(ground: GroundSurface, forest: Forest, roughness: float, seed: int
     base = ground.height(place).reshape(len(y), len(x))
     bumps = _bumps(x, y, seed)
     inner_low, inner_high = np.array(forest.origin), np.array(forest.origin) + np.array(forest.size)
-    fade = np.ones_like(bumps)
-    for axis, along in ((1, x), (0, y)):
-        k = 1 - axis
-        away = np.maximum(np.maximum(inner_low[k] - along, along - inner_high[k]), 0)
-        fall = np.clip(1 - away / FADE, 0, 1)
-        fade *= fall[None, :] if axis == 1 else fall[:, None]
-    heights = base + roughness / 4 * bumps * fade
+    across, along = (
+        np.clip(1 - np.maximum(np.maximum(inner_low[k] - at, at - inner_high[k]), 0) / FADE, 0, 1)
+        for k, at in enumerate((x, y))
+    )
+    heights = base + roughness / 4 * bumps * (across * along[:, None])
     return Heightmap(heights, low, span, "rough ground")
 
 

@@ -3,6 +3,23 @@
 A rectangle is a polygon of four corners. Moments of Gaussians over it are closed: the triangle between the
 centre and a piece of an edge at distance d, from its foot to t, holds atan(t/d)/2π - T(d, t/d) of a
 standard normal (Owen's T; Owen 1956), and higher moments follow from the divergence theorem.
+
+Kernel estimate of an intensity from a map of trees.
+
+λ(s) = Σ κ_σ(s - x_i) / e(x_i), κ_σ an isotropic normal, e(x) = ∫_W κ_σ(v - x)dv the share of it within the
+window: the edge correction of Jones (1993) and Diggle, which keeps ∫_W λ = n. Points are spread linearly on
+pixels no wider than σ/4 and filtered, so the time hardly grows with their number. σ maximises the Poisson
+likelihood of every tree given the others (likelihood cross-validation; Loader 1999, ch. 5), in which trees
+at one place count as one tree, so that double entries do not draw σ to 0.
+
+Maximum-likelihood Gaussian mixture of an inhomogeneous Poisson process seen through a window.
+
+λ(s) = base + Σ C·exp(-(x-a)²/h² - (y-b)²/l²), Tanveer et al.'s squared form, maximises Σ log λ(x_i) - ∫_W
+λ. A hill is followed by N, the trees that it puts *within* the window W, so that what it would put
+outside, unseen, does not pull its centre inwards (a truncated mixture; Lee & Scott 2012). Mass and
+derivatives over W are closed (``Window.gaussian_moments``); L-BFGS climbs. Hills are added one by one
+where trees are most in excess of the fit, without any draw, and their number has the smallest BIC, -2 log
+L + p log n.
 """
 
 from __future__ import annotations
@@ -63,14 +80,12 @@ class Window:
     @cached_property
     def low(self) -> np.ndarray:
         """(2,) smallest x and y."""
-        low: np.ndarray = self.rings[0].min(axis=0)
-        return low
+        return np.asarray(self.rings[0].min(axis=0))
 
     @cached_property
     def high(self) -> np.ndarray:
         """(2,) largest x and y."""
-        high: np.ndarray = self.rings[0].max(axis=0)
-        return high
+        return np.asarray(self.rings[0].max(axis=0))
 
     @property
     def extent(self) -> np.ndarray:
@@ -109,8 +124,7 @@ class Window:
     def contains(self, points: np.ndarray) -> np.ndarray:
         """(N,) bool of points (N, 2), inside or on an edge."""
         if self.is_rectangle:
-            rectangle: np.ndarray = ((points >= self.low) & (points <= self.high)).all(axis=1)
-            return rectangle
+            return np.asarray(((points >= self.low) & (points <= self.high)).all(axis=1))
         within: np.ndarray = self._polygon.at(points) > 0
         outside = np.flatnonzero(~within)
         start, end = self._edges
@@ -131,9 +145,11 @@ class Window:
         z = (x - centre) / deviation. Absolute error 1e-15 a corner.
         """
         if self.is_rectangle:
-            return _moments_over_rectangle(
-                (self.low - centre) / deviation, (self.high - centre) / deviation
-            )
+            low, high = (self.low - centre) / deviation, (self.high - centre) / deviation
+            mass, below, above = ndtr(high) - ndtr(low), _density(low), _density(high)
+            other = mass[:, ::-1]  # x and y are independent
+            square = (mass + low * below - high * above) * other
+            return mass.prod(axis=1), (below - above) * other, square
         start, end = (
             (corner[None] - (centre - self.low)[:, None]) / deviation[:, None]
             for corner in self._edges
@@ -183,8 +199,7 @@ class Window:
         np.add.at(share, (line, column), sign * (column + 1 - cell))
         np.add.at(share, (line, column + 1), sign * (cell - column))
         filled = np.cumsum(share, axis=1)[:, :columns]
-        mean: np.ndarray = filled.reshape(rows, lines, columns).mean(axis=1)
-        return mean
+        return np.asarray(filled.reshape(rows, lines, columns).mean(axis=1))
 
     def set_covariance(self, shift: np.ndarray) -> np.ndarray:
         """(N,) area of the window that overlaps with itself moved by shift (N, 2), m².
@@ -192,13 +207,11 @@ class Window:
         Closed for a rectangle; else read from a table, to 1e-3 of the area.
         """
         if self.is_rectangle:
-            overlap: np.ndarray = np.maximum(self.extent - np.abs(shift), 0.0).prod(axis=1)
-            return overlap
+            return np.asarray(np.maximum(self.extent - np.abs(shift), 0.0).prod(axis=1))
         table, cell = self._overlap_table
         middle = (np.array(table.shape) - 1) / 2
         at = shift[:, ::-1] / cell[::-1] + middle
-        read: np.ndarray = scipy.ndimage.map_coordinates(table, at.T, order=1, mode="constant")
-        return read
+        return np.asarray(scipy.ndimage.map_coordinates(table, at.T, order=1, mode="constant"))
 
     @cached_property
     def _overlap_table(self) -> tuple[np.ndarray, np.ndarray]:
@@ -218,27 +231,16 @@ def overlaps(image: np.ndarray) -> np.ndarray:
     return np.roll(found, (rows - 1, columns - 1), axis=(0, 1))[:-1, :-1]
 
 
-def _moments_over_rectangle(
-    low: np.ndarray, high: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The same between corners (G, 2) in units of z: x and y are independent."""
-    mass, below, above = ndtr(high) - ndtr(low), _density(low), _density(high)
-    other = mass[:, ::-1]
-    return mass.prod(axis=1), (below - above) * other, (mass + low * below - high * above) * other
-
-
 def _triangle(distance: np.ndarray, along: np.ndarray) -> np.ndarray:
     """Signed mass of a standard normal between its centre and a line, from the line's foot to ``along``."""
     far = np.maximum(np.abs(distance), 1e-300)
     ratio = along / far
     mass = np.arctan2(along, far) / (2 * np.pi) - owens_t(far, ratio)
-    signed: np.ndarray = np.sign(distance) * mass
-    return signed
+    return np.asarray(np.sign(distance) * mass)
 
 
 def _density(z: np.ndarray) -> np.ndarray:
-    density: np.ndarray = np.exp(-(z**2) / 2) / np.sqrt(2 * np.pi)
-    return density
+    return np.asarray(np.exp(-(z**2) / 2) / np.sqrt(2 * np.pi))
 
 
 FINEST, COARSEST = 2048, 96  # pixels along the longer side
@@ -328,7 +330,10 @@ def choose_bandwidth(points: np.ndarray, window: Window) -> float:
 
 
 def _estimate(points: np.ndarray, window: Window, sigma: float) -> KernelEstimate:
-    inner = _shape(window, sigma)
+    longest = float(window.extent.max())  # pixels at most σ/4 wide, neither coarse nor slow
+    along = np.clip(np.ceil(PIXELS_PER_SIGMA * longest / sigma), COARSEST, FINEST)
+    columns, rows = np.maximum(np.rint(along * window.extent / longest), 4).astype(int)
+    inner = int(rows), int(columns)
     cell = window.extent[::-1] / inner  # along y, along x
     kernel = [_taps(width) for width in sigma / cell]
     cover = np.pad(window.coverage(inner), 1)
@@ -346,14 +351,6 @@ def _estimate(points: np.ndarray, window: Window, sigma: float) -> KernelEstimat
     left = (value.ravel()[corner] * share).sum(axis=1) - own
     expected = float((value * cover).sum() * cell.prod())
     return KernelEstimate(value, sigma, window, expected, np.maximum(left, 0.0))
-
-
-def _shape(window: Window, sigma: float) -> tuple[int, int]:
-    """Rows and columns of pixels at most σ/3 wide, within what is neither coarse nor slow."""
-    longest = float(window.extent.max())
-    along = np.clip(np.ceil(PIXELS_PER_SIGMA * longest / sigma), COARSEST, FINEST)
-    columns, rows = np.maximum(np.rint(along * window.extent / longest), 4).astype(int)
-    return int(rows), int(columns)
 
 
 def _spread(
@@ -375,8 +372,7 @@ def _taps(width: float) -> np.ndarray:
     points have by being spread linearly."""
     reach = int(np.ceil(REACH * width))
     taps = np.exp(-0.5 * np.arange(-reach, reach + 1) ** 2 / (width**2 - 1 / 6))
-    normed: np.ndarray = taps / taps.sum()
-    return normed
+    return np.asarray(taps / taps.sum())
 
 
 def _smooth(image: np.ndarray, kernel: list[np.ndarray]) -> np.ndarray:
@@ -460,7 +456,17 @@ def refit(mixture: FittedMixture, points: np.ndarray) -> FittedMixture:
     data = _Data.of(points, mixture.window)
     if not len(points):
         return data.mixture(_Fit(0.0, np.empty((0, 5)), 0.0))
-    start = data.fit_of(mixture)
+    deviation = mixture.width / np.sqrt(2)
+    mass = data.window.gaussian_moments(mixture.centre, deviation)[0]
+    trees = mixture.peak * np.pi * mixture.width.prod(axis=1) * mass
+    hill = np.column_stack(
+        [
+            np.log(np.maximum(trees, 1e-3)),
+            (mixture.centre - data.middle) / data.side,
+            np.log(deviation / data.side),
+        ]
+    )
+    start = _Fit(mixture.base * data.window.area, hill, mixture.log_likelihood)
     return data.mixture(data.climb(start.scaled(len(points)), REFINING))
 
 
@@ -506,30 +512,14 @@ class _Data:
         unit = Window(tuple((ring - middle) / side for ring in window.rings))
         scaled = (points - middle) / side
         scaled = scaled[np.lexsort(scaled.T)]
-        return _Data(window, unit, middle, side, scaled, _features(scaled), _narrowest(scaled))
-
-    def sketch(self) -> _Data:
-        """Itself, or a part that is fast to fit and the same for the same points."""
-        if len(self.points) <= SKETCH:
-            return self
-        chosen = stream(0, "mixture sketch").permutation(len(self.points))[:SKETCH]
-        return replace(self, points=self.points[chosen], features=self.features[chosen])
+        places, narrowest = np.unique(scaled, axis=0), NARROWEST
+        if len(places) > 1:
+            nearest = cKDTree(places).query(places, k=2)[0][:, 1]
+            narrowest = float(np.clip(np.quantile(nearest, CROWDED) / 2, NARROWEST, 0.1))
+        return _Data(window, unit, middle, side, scaled, _features(scaled), narrowest)
 
     def bic(self, fit: _Fit) -> float:
         return -2 * fit.score + fit.parameters * float(np.log(max(len(self.points), 1)))
-
-    def fit_of(self, mixture: FittedMixture) -> _Fit:
-        deviation = mixture.width / np.sqrt(2)
-        mass = self.window.gaussian_moments(mixture.centre, deviation)[0]
-        trees = mixture.peak * np.pi * mixture.width.prod(axis=1) * mass
-        hill = np.column_stack(
-            [
-                np.log(np.maximum(trees, 1e-3)),
-                (mixture.centre - self.middle) / self.side,
-                np.log(deviation / self.side),
-            ]
-        )
-        return _Fit(mixture.base * self.window.area, hill, mixture.log_likelihood)
 
     def mixture(self, fit: _Fit) -> FittedMixture:
         """A fit in metres. Its likelihood is that of trees per square metre."""
@@ -615,7 +605,10 @@ def _ladder(data: _Data, hills: int | None) -> Iterator[_Fit]:
     best = data.flat()
     yield best
     most = min(MAX_HILLS if hills is None else hills, len(data.points) // TREES_A_HILL)
-    sketch, current, risen = data.sketch(), best, 0
+    sketch, current, risen = data, best, 0
+    if len(data.points) > SKETCH:  # a part that is fast to fit, the same for the same points
+        chosen = stream(0, "mixture sketch").permutation(len(data.points))[:SKETCH]
+        sketch = replace(data, points=data.points[chosen], features=data.features[chosen])
     for _ in range(most):
         starts = list(_with_another_hill(data, current))
         if not starts:
@@ -670,16 +663,7 @@ def _density_of_mixture(fit: _Fit, unit: Window, points: np.ndarray) -> np.ndarr
     mass = np.maximum(unit.gaussian_moments(fit.hill[:, 1:3], deviation)[0], 1e-12)
     peak = fit.hill[:, 0] - np.log(2 * np.pi * mass) - fit.hill[:, 3:].sum(axis=1)
     terms = np.exp(_features(points) @ _quadratic(peak, fit.hill[:, 1:3], deviation))
-    density: np.ndarray = fit.base / unit.area + terms.sum(axis=1)
-    return density
-
-
-def _narrowest(points: np.ndarray) -> float:
-    places = np.unique(points, axis=0)
-    if len(places) < 2:
-        return NARROWEST
-    nearest = cKDTree(places).query(places, k=2)[0][:, 1]
-    return float(np.clip(np.quantile(nearest, CROWDED) / 2, NARROWEST, 0.1))
+    return np.asarray(fit.base / unit.area + terms.sum(axis=1))
 
 
 def _features(points: np.ndarray) -> np.ndarray:

@@ -8,6 +8,33 @@ eq. 2). Pairs that the window cannot show are made up for by translation: a pair
 A tree counts 1/λ in the inhomogeneous K function, so a few trees far out on a hill would outweigh all
 others. Pairs are therefore counted within a region where λ is not small, by Kaneko & Gamper's own
 definition with that region as the window.
+
+Goodness of fit of a law: L(r) - r in envelopes of simulations of that law, and quadrats.
+
+Every simulation is judged as the trees were: where λ was estimated from the trees, it is estimated again
+from each simulation, or the test would find them too much like their own estimate.
+
+Pointwise, the extremes of S curves hold a further one at a given radius with probability 1 - 2/(S + 1).
+Over all radii that is missed far more often, so the global envelope takes the largest deviation of a whole
+curve from the mean, in standard deviations of each radius (studentised maximum deviation; Myllymäki et al.
+2017, sec. 4.2). Mean and deviation are those of all S + 1 curves, the observed among them, so that the
+curves are exchangeable and its level is exact.
+
+Clusters and repulsion estimated from a map: minimum contrast, and the pseudolikelihood.
+
+**Clusters**: κ and the spread that make ∫ (K̂^¼ - K^¼)² dr least (Diggle & Gratton 1984), K̂ the
+inhomogeneous K function. **Strauss**: for each radius R on a grid, γ that maximises
+Π λ(x_i; x) · exp(-∫λ(u; x) du) with λ(u; x) = β λ(u) γ^t(u) (Besag 1977; Baddeley & Turner 2000), t the
+trees nearer than R to u, trees and integral over the window less a border of the largest R. For given γ
+the best β is closed; R with the largest pseudolikelihood wins.
+
+Law of a map of trees: Poisson with hills, groups (Thomas, Matérn) or repulsion (Strauss), by its test.
+
+The intensity is estimated first; if stands that are drawn from it are like the map (L(r) - r within its
+global envelope, quadrats likewise), trees stand by chance and nothing more is fitted. Otherwise groups are
+fitted where trees keep company and repulsion where they keep apart, over an even ground and over the hills,
+and the first law that the same tests accept is taken, fewest numbers first; if none is accepted, the one with
+the largest p. More than ``MANY_HILLS`` hills say that trees come in groups, so groups are tried then too.
 """
 
 from __future__ import annotations
@@ -15,7 +42,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Protocol
 
 import numpy as np
 import scipy
@@ -47,18 +73,6 @@ FINE = 512  # points along the longer side by which λ is integrated over quadra
 At = Callable[[np.ndarray], np.ndarray]  # λ (N,) at points (N, 2)
 
 
-class Extent(Protocol):
-    """A window as pairs see it."""
-
-    @property
-    def area(self) -> float: ...
-
-    @property
-    def extent(self) -> np.ndarray: ...
-
-    def set_covariance(self, shift: np.ndarray) -> np.ndarray: ...
-
-
 @dataclass(frozen=True)
 class KFunction:
     """radius : (R,) metres. value : (R,) K in m². pairs : how many were counted."""
@@ -70,8 +84,7 @@ class KFunction:
     @property
     def l_function(self) -> np.ndarray:
         """(R,) L = √(K/π), metres."""
-        root: np.ndarray = np.sqrt(np.maximum(self.value, 0) / np.pi)
-        return root
+        return np.asarray(np.sqrt(np.maximum(self.value, 0) / np.pi))
 
 
 @dataclass(frozen=True)
@@ -92,7 +105,7 @@ class QuadratTest:
 def inhomogeneous_k(
     points: np.ndarray,
     intensity: np.ndarray,
-    window: Extent,
+    window: Window | Region,
     radius: np.ndarray,
     *,
     renormalise: bool = True,
@@ -130,7 +143,7 @@ def inhomogeneous_k(
     return KFunction(radius, value, pairs)
 
 
-def choose_radii(points: np.ndarray, window: Extent) -> np.ndarray:
+def choose_radii(points: np.ndarray, window: Window | Region) -> np.ndarray:
     """(``STEPS``,) radii up to a quarter of the shorter side, or to where a tree has ``NEIGHBOURS``."""
     even = np.sqrt(NEIGHBOURS * window.area / (np.pi * max(len(points), 1)))
     largest = min(float(window.extent.min()) / 4, float(np.sqrt(window.area)) / 4, float(even))
@@ -178,8 +191,7 @@ def integrate_by_quadrat(at: At, window: Window, shape: tuple[int, int]) -> np.n
     middle = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
     cover = window.coverage((rows * fine, columns * fine))
     mass = at(middle).reshape(cover.shape) * cover * cell.prod()
-    blocks: np.ndarray = mass.reshape(rows, fine, columns, fine).sum(axis=(1, 3))
-    return blocks
+    return np.asarray(mass.reshape(rows, fine, columns, fine).sum(axis=(1, 3)))
 
 
 def _near_pairs(points: np.ndarray, reach: float) -> Iterator[tuple[np.ndarray, np.ndarray]]:
@@ -251,10 +263,9 @@ class Region:
         the overlap of pixels is bilinear."""
         middle = np.array(self._overlaps.shape) // 2
         at = shift[:, ::-1] / self.cell[::-1] + middle
-        read: np.ndarray = scipy.ndimage.map_coordinates(
-            self._overlaps, at.T, order=1, mode="constant"
+        return np.asarray(
+            scipy.ndimage.map_coordinates(self._overlaps, at.T, order=1, mode="constant")
         )
-        return read
 
     @cached_property
     def _overlaps(self) -> np.ndarray:
@@ -371,20 +382,25 @@ def examine(
     within = points[region.contains(points)]
     if len(within) < FEWEST_TREES:
         return None
-    radius = choose_radii(within, region)
+    radius, shape = choose_radii(within, region), choose_quadrats(len(points), window)
     drawn = [law.simulate(number) for number in range(simulations)]
     if min(int(region.contains(trees).sum()) for trees in drawn) < 2:
         return None
-    judge = _Judge(window, region, law, radius, choose_quadrats(len(points), window))
-    judged = [judge(trees) for trees in [points, *drawn]]
-    curves = np.array([curve for curve, _ in judged])
-    quadrats = judged[0][1]
-    strays = np.array([test.statistic for _, test in judged])
+    known, expected, curves, quadrats = None, np.empty(0), [], []
+    for trees in [points, *drawn]:
+        intensity, at = law.judge(trees)
+        here = region.contains(trees)
+        k = inhomogeneous_k(trees[here], intensity[here], region, radius)
+        if at is not known:  # a λ that stays the same is integrated once
+            known, expected = at, integrate_by_quadrat(at, window, shape)
+        curves.append(k.l_function - radius)
+        quadrats.append(quadrat_test(trees, expected, window))
+    strays = np.array([test.statistic for test in quadrats])
     beyond = min((strays >= strays[0]).mean(), (strays <= strays[0]).mean())
     return Goodness(
         radius=radius,
-        excess=envelope(curves[0], curves[1:]),
-        quadrats=quadrats,
+        excess=envelope(curves[0], np.array(curves[1:])),
+        quadrats=quadrats[0],
         quadrat_p_value=min(1.0, 2 * float(beyond)),
         trees=len(points),
     )
@@ -438,43 +454,8 @@ def law_of(estimate: Estimate, simulate: Callable[[int], np.ndarray]) -> TestedL
     return TestedLaw(simulate, judge)
 
 
-class _Judge:
-    """Makes L(r) - r and the quadrat test of trees; a λ that stays the same is integrated once."""
-
-    def __init__(
-        self,
-        window: Window,
-        region: Region,
-        law: TestedLaw,
-        radius: np.ndarray,
-        shape: tuple[int, int],
-    ) -> None:
-        self.window, self.region, self.law, self.radius = window, region, law, radius
-        self.shape = shape
-        self.integrated: tuple[At, np.ndarray] | None = None
-
-    def __call__(self, trees: np.ndarray) -> tuple[np.ndarray, QuadratTest]:
-        intensity, at = self.law.judge(trees)
-        within = self.region.contains(trees)
-        k = inhomogeneous_k(trees[within], intensity[within], self.region, self.radius)
-        return k.l_function - self.radius, quadrat_test(trees, self._expected(at), self.window)
-
-    def _expected(self, at: At) -> np.ndarray:
-        if self.integrated is None or self.integrated[0] is not at:
-            self.integrated = at, integrate_by_quadrat(at, self.window, self.shape)
-        return self.integrated[1]
-
-
 FAINTEST = 100.0  # groups within the largest radius: more add less than 1 % to K
 LATTICE = 200  # points along the longer side that the integral is summed over
-
-
-@dataclass(frozen=True)
-class FittedStrauss:
-    """strauss : radius and γ. gain : logarithm of the pseudolikelihood above that of Poisson."""
-
-    strauss: Strauss
-    gain: float
 
 
 def fit_clusters(k: KFunction, kind: str = "thomas") -> Clusters:
@@ -511,8 +492,9 @@ def fit_clusters(k: KFunction, kind: str = "thomas") -> Clusters:
 
 def fit_strauss(
     points: np.ndarray, window: Window, radii: np.ndarray, intensity: At | None = None
-) -> FittedStrauss:
-    """Radius (of those given) and γ of points (N, 2) in a window.
+) -> tuple[Strauss, float]:
+    """Radius (of those given) and γ of points (N, 2) in a window, and the logarithm of its pseudolikelihood
+    above that of Poisson; γ = 1 and 0 where none is above it.
 
     intensity : λ (N,) at points, up to a factor; None: the same everywhere.
 
@@ -532,7 +514,7 @@ def fit_strauss(
         raise ValueError(f"no tree is {border:g} m from the border; use smaller radii")
     tree = cKDTree(points)
     weight = np.ones(len(lattice)) if intensity is None else intensity(lattice)
-    best = FittedStrauss(Strauss(radius=border, gamma=1.0), 0.0)
+    best, most = Strauss(radius=border, gamma=1.0), 0.0
     for radius in radii:
         reach = radius * (1 - 1e-12)  # nearer, not as near
         at_trees = tree.query_ball_point(inner, reach, return_length=True) - 1
@@ -545,15 +527,13 @@ def fit_strauss(
             mean = (area * np.exp(log_gamma * np.arange(len(area)))).sum()
             return float(len(inner) * np.log(mean) - near * log_gamma)
 
+        gamma, gain = 0.0, -len(inner) * np.log(area[0]) - plain
         if near:
             found = minimize_scalar(lost, bounds=(-12.0, 0.0), method="bounded")
-            log_gamma, gain = float(found.x), -float(found.fun) - plain
-        else:
-            log_gamma, gain = -np.inf, -len(inner) * np.log(area[0]) - plain
-        if gain > best.gain:
-            gamma = float(np.exp(log_gamma)) if near else 0.0
-            best = FittedStrauss(Strauss(radius=float(radius), gamma=min(gamma, 1.0)), gain)
-    return best
+            gamma, gain = float(np.exp(float(found.x))), -float(found.fun) - plain
+        if gain > most:
+            best, most = Strauss(radius=float(radius), gamma=min(gamma, 1.0)), gain
+    return best, most
 
 
 def _clear(points: np.ndarray, window: Window, border: float) -> np.ndarray:
@@ -616,14 +596,6 @@ class MappedSpecies:
         goodness = examine(self.points, self.window, law_of(estimate, simulate))
         return ChosenLaw(law, estimate, planting, goodness)
 
-    def k_function(self, estimate: FittedMixture) -> KFunction | None:
-        """K about an estimated intensity; None where fewer than two trees can be judged."""
-        region = region_of(estimate.at, self.window)
-        within = self.points[region.contains(self.points)]
-        if len(within) < 2:
-            return None
-        return inhomogeneous_k(within, estimate.at(within), region, choose_radii(within, region))
-
 
 def choose_law(
     mapped: MappedSpecies, by_chance: ChosenLaw, hills: FittedMixture, law: str = "auto"
@@ -661,9 +633,11 @@ def _candidates(
     plain = replace(planting, base=0.0, gaussians=())
     grounds = [(even, plain)] + ([(hills, planting)] if len(hills.peak) else [])
     for estimate, ground in grounds:
-        k = mapped.k_function(estimate)
-        if k is None:
+        region = region_of(estimate.at, mapped.window)
+        within = mapped.points[region.contains(mapped.points)]
+        if len(within) < 2:
             continue
+        k = inhomogeneous_k(within, estimate.at(within), region, choose_radii(within, region))
         for kind in ("thomas", "matern"):
             if law not in ("auto", kind) or not (k.l_function > k.radius).any():
                 continue
@@ -679,7 +653,7 @@ def _candidates(
             radii = radii[radii < mapped.window.extent.min() / 4]
             at = estimate.at if len(estimate.peak) else None
             try:
-                strauss = fit_strauss(mapped.points, mapped.window, radii, at).strauss
+                strauss, _ = fit_strauss(mapped.points, mapped.window, radii, at)
                 planted = replace(ground, layout="strauss", strauss=strauss)
                 if strauss.gamma < WEAK:
                     yield mapped.judge("strauss", estimate, planted)

@@ -171,12 +171,11 @@ def draw_field(layout: bpy.types.UILayout, group: Any, name: str) -> None:
         column = layout.column(align=True)
         first, second = PARTS[name]
         words, space, unit = label(title).partition(" (")
+        begin = label("{setting} {end}", setting=words, end=label(first))
         if narrow:
-            column.label(text=title)
-        words = "" if narrow else words
-        column.prop(
-            group, face, index=0, text=label("{setting} {end}", setting=words, end=label(first))
-        )
+            column.label(text=words)
+            begin = f"{label(first)}{space}{unit}"
+        column.prop(group, face, index=0, text=begin)
         column.prop(group, face, index=1, text=f"{label(second)}{space}{unit}")
     else:
         above = narrow and (way == "text" or (way == "plain" and len(title) > LETTERS))

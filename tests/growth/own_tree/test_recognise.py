@@ -361,22 +361,100 @@ def test_a_hairpin_is_followed_round_its_bend() -> None:
     np.testing.assert_allclose(found.lines.length()[1], drawn, rtol=0.03)
 
 
-def test_branches_of_a_whorl_hang_on_the_trunk_and_not_on_each_other() -> None:
-    model = Model()
-    trunk = model.add(line([0, 0, 0], [0, 0, 10], 8), np.linspace(0.2, 0.1, 8), -1)
-    for turn in np.arange(8) * np.pi / 4:
-        out = np.array([np.cos(turn), np.sin(turn), 0.4])
-        model.add(line([0, 0, 5], np.array([0, 0, 5]) + 2 * out), np.linspace(0.08, 0.02, 6), trunk)
-    model.check(recognise(model.wood()))
+def taper(low: float, high: float, count: int = 6) -> np.ndarray:
+    return np.linspace(low, high, count)
 
 
-def test_feet_just_off_the_bark_hang_on_the_trunk_and_not_on_a_nearer_neighbour() -> None:
+def steep(number: int) -> np.ndarray:
+    """The path of a branch that rises along a trunk, as a poplar's or a cypress'."""
+    rise, turn, z = np.linspace(0, 1, 10), 2.4 * number, 1.0 + 0.25 * number
+    out = at(np.cos(turn), np.sin(turn), 0) * (0.28 + 0.2 * (1 - z / 12))
+    return at(0, 0, z) + np.outer(1 - (1 - rise) ** 3, out) + np.outer(1.4 * rise, at(0, 0, 1))
+
+
+TRUNK = (-1, line([0, 0, 0], [0, 0, 10], 20), 0.2)
+PLAIN = (-1, line([0, 0, 0], [0, 0, 5]), 0.1)
+AT_TIP = at(1, 0, 3) + 0.975 * at(-0.84, 0.1, 4)
+SCENES = {  # tubes: parent, path, radius and how it is made; then leaves: bearer, foot, out, across, size
+    "branches of a whorl hang on the trunk and not on each other": (
+        [(-1, line([0, 0, 0], [0, 0, 10], 8), taper(0.2, 0.1, 8))]
+        + [
+            (0, line([0, 0, 5], at(0, 0, 5) + 2 * at(np.cos(t), np.sin(t), 0.4)), taper(0.08, 0.02))
+            for t in np.arange(8) * np.pi / 4
+        ],
+    ),
+    "feet just off the bark hang on the trunk and not on a nearer neighbour": (
+        [
+            (-1, line([0, 0, 0], [0, 0, 10], 20), 0.3, {"sides": 64}),
+            (0, line([0.31, 0, 5], [2.3, 0, 5.5]), taper(0.1, 0.03)),  # a tenth of its radius off
+            (0, line([0.34, 0, 4.88], [2.3, 0, 3.9]), taper(0.1, 0.03)),  # 0.04, the other 0.02 off
+        ],
+    ),
+    "a thin tip that touches a neighbour does not hang on it": (
+        [
+            TRUNK,
+            (0, line([0, 0, 4], [3, 0, 4]), taper(0.08, 0.03)),
+            (0, line([0, 0, 6], [3, 0, 6]), taper(0.08, 0.03)),
+            (1, line([1.5, 0, 4], [1.5, 0, 6]), taper(0.03, 0.01)),  # up to the upper one
+            (2, line([2.5, 0, 6], [0.1, 0, 8]), taper(0.03, 0.01)),  # back into the trunk
+        ],
+    ),
+    # Twigs begin on the axis of a thin branch that lies against the trunk; their tips pierce another.
+    "a foot within its parent is not hung on wood that crosses there": (
+        [
+            TRUNK,
+            (0, line([0, 0, 3], [2, 0, 3]), taper(0.08, 0.04)),
+            (1, line([1, 0, 3], [0.16, 0.1, 7]), taper(0.03, 0.02)),
+            *(  # within each other, and in the trunk
+                (2, line(AT_TIP, AT_TIP + 0.5 * way), taper(0.016, 0.012))
+                for way in (at(1, 0.3, 0), at(0.3, 1, 0.2), at(1, 1, 0.5))
+            ),
+            (2, line([0.58, 0.05, 5], [0, 0.0, 6]), taper(0.012, 0.011)),
+        ],
+    ),
+    # Each branch is twice as long as its bark is away from the next.
+    "a column is a trunk with steep branches beside it": (
+        [(-1, line([0, 0, 0], [0, 0, 12], 24), taper(0.2, 0.03, 24))]
+        + [
+            (0, steep(k), taper(0.3, 0.1, 10) * (0.2 - 0.014 * (1.0 + 0.25 * k))) for k in range(40)
+        ],
+    ),
+    "a limb thicker than the tapered trunk is not the trunk": (
+        [
+            (-1, line([0, 0, 0], [0, 0, 3]), taper(0.3, 0.2)),
+            (0, line([0, 0, 2.8], [3, 0, 9]), taper(0.32, 0.1)),
+        ],
+    ),
+    # Its corners are nearer to the neighbour's bark than to that of its own twig.
+    "a leaf hangs by the middle of its side too": (
+        [
+            PLAIN,
+            (0, line([0, 0, 3], [2, 0, 3]), taper(0.02, 0.015)),
+            (0, line([0, 0, 3.1], [2, 0, 3.1]), taper(0.02, 0.015)),
+        ],
+        (1, [1, 0, 3], [0, 1, 0], [0, 0, 1], 0.1, 0.14),
+    ),
+    # Its foot is inside both the twig and the branch that bears it, and deeper in the branch.
+    "a leaf in a fork hangs on the twig": (
+        [
+            PLAIN,
+            (0, line([0, 0, 3], [2, 0, 3]), taper(0.06, 0.05)),
+            (1, line([1, 0, 3], [1, 1, 3]), taper(0.01, 0.005)),
+        ],
+        (2, [1, 0.03, 3], [0, 0.6, 0.8], [1, 0, 0]),
+    ),
+}
+
+
+@pytest.mark.parametrize("scene", SCENES)
+def test_what_hangs_on_what(scene: str) -> None:
+    tubes, *leaves = SCENES[scene]
     model = Model()
-    trunk = model.add(line([0, 0, 0], [0, 0, 10], 20), 0.3, -1, sides=64)
-    thick = np.linspace(0.1, 0.03, 6)
-    model.add(line([0.31, 0, 5], [2.3, 0, 5.5]), thick, trunk)  # a tenth of its radius off
-    model.add(line([0.34, 0, 4.88], [2.3, 0, 3.9]), thick, trunk)  # 0.04 off, 0.02 from the other
-    model.check(recognise(model.wood()))
+    for parent, path, radius, *made in tubes:
+        model.add(path, radius, parent, **(made[0] if made else {}))
+    for leaf in leaves:
+        model.leaf(*leaf)
+    model.check(recognise(model.wood(), model.leaves() if leaves else None))
 
 
 def test_feet_on_the_bark_and_feet_that_float_are_hung_too() -> None:
@@ -393,35 +471,6 @@ def test_feet_on_the_bark_and_feet_that_float_are_hung_too() -> None:
         assert found.gap[1 + 2 * number] == pytest.approx(gap, abs=0.01)
 
 
-def test_a_thin_tip_that_touches_a_neighbour_does_not_hang_on_it() -> None:
-    model = Model()
-    trunk = model.add(line([0, 0, 0], [0, 0, 10], 20), 0.2, -1)
-    lower = model.add(line([0, 0, 4], [3, 0, 4]), np.linspace(0.08, 0.03, 6), trunk)
-    upper = model.add(line([0, 0, 6], [3, 0, 6]), np.linspace(0.08, 0.03, 6), trunk)
-    model.add(line([1.5, 0, 4], [1.5, 0, 6]), np.linspace(0.03, 0.01, 6), lower)  # up to the upper
-    model.add(
-        line([2.5, 0, 6], [0.1, 0, 8]), np.linspace(0.03, 0.01, 6), upper
-    )  # back into the trunk
-    model.check(recognise(model.wood()))
-
-
-def test_a_foot_within_its_mother_is_not_hung_on_wood_that_crosses_there() -> None:
-    """Twigs begin on the axis of a thin branch that lies against the trunk; their tips pierce another."""
-    model = Model()
-    trunk = model.add(line([0, 0, 0], [0, 0, 10], 20), 0.2, -1)
-    branch = model.add(line([0, 0, 3], [2, 0, 3]), np.linspace(0.08, 0.04, 6), trunk)
-    hanging = model.add(line([1, 0, 3], [0.16, 0.1, 7]), np.linspace(0.03, 0.02, 6), branch)
-    at_tip = at(1, 0, 3) + 0.975 * at(-0.84, 0.1, 4)
-    for way in (
-        at(1, 0.3, 0),
-        at(0.3, 1, 0.2),
-        at(1, 1, 0.5),
-    ):  # within each other, and in the trunk
-        model.add(line(at_tip, at_tip + 0.5 * way), np.linspace(0.016, 0.012, 6), hanging)
-    model.add(line([0.58, 0.05, 5], [0, 0.0, 6]), np.linspace(0.012, 0.011, 6), hanging)
-    model.check(recognise(model.wood()))
-
-
 def test_pieces_that_begin_within_each_other_are_hung_all_the_same() -> None:
     """Three that float, each with its thick end in the next: a ring has no root."""
     model = Model()
@@ -435,20 +484,6 @@ def test_pieces_that_begin_within_each_other_are_hung_all_the_same() -> None:
     assert np.count_nonzero(found.parent == 0) == 1
 
 
-def test_a_column_is_a_trunk_with_steep_branches_beside_it() -> None:
-    """Forty branches that rise along the trunk, as a poplar's or a cypress', each twice as long as its bark
-    is away from the next."""
-    model = Model()
-    trunk = model.add(line([0, 0, 0], [0, 0, 12], 24), np.linspace(0.2, 0.03, 24), -1)
-    rise = np.linspace(0, 1, 10)
-    for number in range(40):
-        turn, z = 2.4 * number, 1.0 + 0.25 * number
-        out = at(np.cos(turn), np.sin(turn), 0) * (0.28 + 0.2 * (1 - z / 12))
-        path = at(0, 0, z) + np.outer(1 - (1 - rise) ** 3, out) + np.outer(1.4 * rise, at(0, 0, 1))
-        model.add(path, np.linspace(0.3, 0.1, 10) * (0.2 - 0.014 * z), trunk)
-    model.check(recognise(model.wood()))
-
-
 def test_of_several_stems_the_largest_is_the_trunk() -> None:
     model = Model()
     for x, radius, top in ((0.0, 0.08, 4.0), (0.15, 0.1, 6.0), (0.3, 0.085, 5.0)):
@@ -458,33 +493,6 @@ def test_of_several_stems_the_largest_is_the_trunk() -> None:
     assert found.trunk == 1
     np.testing.assert_array_equal(found.parent, [1, -1, 1])
     assert [b.height for b in split_tree(model.wood()).branches] == pytest.approx([0, 0], abs=0.02)
-
-
-def test_a_limb_thicker_than_the_tapered_trunk_is_not_the_trunk() -> None:
-    model = Model()
-    trunk = model.add(line([0, 0, 0], [0, 0, 3]), np.linspace(0.3, 0.2, 6), -1)
-    model.add(line([0, 0, 2.8], [3, 0, 9]), np.linspace(0.32, 0.1, 6), trunk)
-    model.check(recognise(model.wood()))
-
-
-def test_a_leaf_hangs_by_the_middle_of_its_side_too() -> None:
-    """Its corners are nearer to the neighbour's bark than to that of its own twig."""
-    model = Model()
-    trunk = model.add(line([0, 0, 0], [0, 0, 5]), 0.1, -1)
-    own = model.add(line([0, 0, 3], [2, 0, 3]), np.linspace(0.02, 0.015, 6), trunk)
-    model.add(line([0, 0, 3.1], [2, 0, 3.1]), np.linspace(0.02, 0.015, 6), trunk)
-    model.leaf(own, [1, 0, 3], [0, 1, 0], [0, 0, 1], 0.1, 0.14)
-    model.check(recognise(model.wood(), model.leaves()))
-
-
-def test_a_leaf_in_a_fork_hangs_on_the_twig() -> None:
-    """Its foot is inside both the twig and the branch that bears it, and deeper in the branch."""
-    model = Model()
-    trunk = model.add(line([0, 0, 0], [0, 0, 5]), 0.1, -1)
-    branch = model.add(line([0, 0, 3], [2, 0, 3]), np.linspace(0.06, 0.05, 6), trunk)
-    twig = model.add(line([1, 0, 3], [1, 1, 3]), np.linspace(0.01, 0.005, 6), branch)
-    model.leaf(twig, [1, 0.03, 3], [0, 0.6, 0.8], [1, 0, 0])
-    model.check(recognise(model.wood(), model.leaves()))
 
 
 @pytest.mark.slow

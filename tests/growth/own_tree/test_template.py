@@ -231,41 +231,48 @@ def test_a_leafless_tree(leaves: np.ndarray | None) -> None:
         assert np.all(branch.mesh.part == WOOD)
 
 
-def refusal(wood: object, leaves: object = None) -> str:
-    with pytest.raises(TemplateError) as caught:
-        split_tree(wood, leaves)  # type: ignore[arg-type]
-    text = str(caught.value)
-    assert text.endswith(".")
-    assert "\n" not in text
-    return text
+REFUSED = [  # what is said, and wood and leaves of which it is
+    ("no facet with an area in the wood", lambda m: (np.empty((0, 3, 3)), None)),
+    ("no facet with an area in the wood", lambda m: (np.zeros((4, 3, 3)), None)),
+    ("one piece", lambda m: (m.tubes[0], None)),
+    ("finite", lambda m: (np.full((4, 3, 3), np.nan), None)),
+    ("shape", lambda m: (np.zeros((3, 3)), None)),
+    ("leans 89°", lambda m: (m.wood()[:, :, [0, 2, 1]], None)),  # y up
+    ("one tree alone", lambda m: (np.concatenate([m.wood(), m.wood() + at(8, 0, 0)]), None)),
+    (
+        "roots but no branches",
+        lambda m: (
+            np.concatenate(
+                [
+                    tube(line([0, 0, 0], [0, 0, 9]), 0.3),
+                    tube(line([0, 0, 0.1], [1, 0, -1]), 0.05),
+                ]
+            ),
+            None,
+        ),
+    ),
+    ("no facet with an area in the leaves", lambda m: (m.wood(), np.zeros((2, 3, 3)))),
+    ("finite", lambda m: (m.wood(), np.full((2, 3, 3), np.inf))),
+    ("far from the wood", lambda m: (m.wood(), m.leaves() + at(50, 0, 0))),
+    ("far from the wood", lambda m: (m.wood(), m.leaves() * 100)),
+    (
+        "hang together along edges",
+        lambda m: (
+            m.wood(),
+            np.concatenate(
+                [blade([0, 0, 2 + 0.5 * k], [0, 0, 1], [1, 0, 0], length=0.5) for k in range(16)]
+            ),
+        ),
+    ),
+]
 
 
-def test_wood_that_is_no_tree_is_refused() -> None:
-    model = tree()
-    flat = np.zeros((4, 3, 3))
-    assert "no facet with an area in the wood" in refusal(np.empty((0, 3, 3)))
-    assert "no facet with an area in the wood" in refusal(flat)
-    assert "one piece" in refusal(model.tubes[0])
-    assert "finite" in refusal(np.full((4, 3, 3), np.nan))
-    assert "shape" in refusal(np.zeros((3, 3)))
-    assert "leans 89°" in refusal(model.wood()[:, :, [0, 2, 1]])  # y up
-    two = np.concatenate([model.wood(), model.wood() + at(8, 0, 0)])
-    assert "one tree alone" in refusal(two)
-    root = tube(line([0, 0, 0.1], [1, 0, -1]), 0.05)
-    assert "roots but no branches" in refusal(
-        np.concatenate([tube(line([0, 0, 0], [0, 0, 9]), 0.3), root])
-    )
-
-
-@pytest.mark.medium
-def test_leaves_that_are_none_are_refused() -> None:
-    model = tree()
-    assert "no facet with an area in the leaves" in refusal(model.wood(), np.zeros((2, 3, 3)))
-    assert "finite" in refusal(model.wood(), np.full((2, 3, 3), np.inf))
-    assert "far from the wood" in refusal(model.wood(), model.leaves() + at(50, 0, 0))
-    assert "far from the wood" in refusal(model.wood(), model.leaves() * 100)
-    rows = [blade([0, 0, 2 + 0.5 * k], [0, 0, 1], [1, 0, 0], length=0.5) for k in range(16)]
-    assert "hang together along edges" in refusal(model.wood(), np.concatenate(rows))
+@pytest.mark.parametrize(("words", "brought"), REFUSED)
+def test_what_is_no_tree_is_refused_in_one_sentence(words, brought) -> None:
+    with pytest.raises(TemplateError, match=words) as caught:
+        split_tree(*brought(tree()))
+    assert str(caught.value).endswith(".")
+    assert "\n" not in str(caught.value)
 
 
 # --------------------------------------------------------------------------------- a tree of others

@@ -11,8 +11,8 @@ from forest_addon.spec import Scene, SpecError
 from forest_addon.stand.compose import process_of
 from forest_addon.stand.files import read_inputs
 from forest_addon.stand.intensity.functions import Mixture
+from forest_addon.stand.layouts import Process, sample
 from forest_addon.stand.plan import plan_stand
-from forest_addon.stand.poisson import Process, sample
 from headless.cli import main
 from headless.commands.estimate import estimate_site
 

@@ -138,7 +138,7 @@ def test_a_full_disk_ends_the_command_and_keeps_what_is_done(tmp_path):
 
     ended = run(PLAN, "--out", tmp_path / "data", "--workers", "1", "--quiet", preexec_fn=little)
     assert ended.returncode == 1
-    assert "finished scenes are kept" in ended.stderr
+    assert "what is finished is kept" in ended.stderr
     assert "Traceback" not in ended.stderr
     assert not list((tmp_path / "data" / "scenes").iterdir())
 

@@ -13,7 +13,7 @@ from forest_addon.stand.compose import Inputs, Painted, process_of
 from forest_addon.stand.intensity import functions
 from forest_addon.stand.intensity.functions import Constant, Mixture, Polygon, Product, Sum
 from forest_addon.stand.intensity.surface import Heightmap, IntensityError, Triangulated
-from forest_addon.stand.poisson import Process, quadrature
+from forest_addon.stand.layouts import Process, quadrature
 
 LOW, SIZE = np.array([500_000.0, 5_400_000.0]), np.array([60.0, 40.0])  # UTM: far from the origin
 STAR = np.array(

@@ -5,7 +5,7 @@ import pytest
 
 from forest_addon.base.rng import stream
 from forest_addon.stand.intensity.functions import Mixture
-from forest_addon.stand.poisson import Process, sample
+from forest_addon.stand.layouts import Process, sample
 from forest_addon.stand.statistics.intensity import Window, choose_bandwidth, kernel_estimate
 from tests.references.point_pattern import kernel_direct
 

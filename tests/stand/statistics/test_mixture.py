@@ -5,7 +5,7 @@ import pytest
 
 from forest_addon.base.rng import stream
 from forest_addon.stand.intensity.functions import Constant, Mixture, Sum
-from forest_addon.stand.poisson import Process, sample
+from forest_addon.stand.layouts import Process, sample
 from forest_addon.stand.statistics.intensity import Window, fit_mixture, refit
 
 FIELD = Window.rectangle((0, 0), (100, 100))

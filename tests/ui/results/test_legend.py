@@ -8,7 +8,7 @@ bpy = pytest.importorskip("bpy")
 from forest_addon.blender.scene.layout import CLOUD_KEY, COLOUR_BY, COLOUR_MAP, SHARE
 from forest_addon.blender.scene.nodes import choose_input, chosen_input, set_input
 from forest_addon.blender.show.cloud_nodes import on_map
-from forest_addon.stand.undergrowth import PLANTS
+from forest_addon.stand.plan import PLANTS
 from forest_addon.ui.overlay import GAMMA, seen_points
 from forest_addon.ui.results import panel
 from forest_addon.ui.results.panel import SIDE, pixels_of

@@ -1,0 +1,69 @@
+"""A store of objects, such as s3://, gs:// and memory://, that finished pieces and files are copied to.
+
+An object is there whole or not at all, nothing is renamed or locked, and two commands that copy the same
+leave the same bytes.
+"""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterable
+from pathlib import Path
+
+from forest_addon.spec import SpecError
+
+
+def store_of(url: str) -> Path:
+    """The place that a URL means, by fsspec, as a path.
+
+    Raises
+    ------
+    SpecError : it is no URL; what its kind needs is not installed.
+    """
+    if "://" not in url:
+        raise SpecError(f"--store {url}", "is no store; write such as s3://bucket/folder")
+    try:
+        from upath import UPath
+
+        place = UPath(url)
+        place.fs  # noqa: B018  asks for s3fs, gcsfs, ...
+    except (ImportError, ValueError) as problem:
+        why = f"cannot be used ({problem}); install forest-sensing[cloud]"
+        raise SpecError(f"--store {url}", why) from None
+    return place
+
+
+def put(folder: Path, names: Iterable[str], store: Path) -> None:
+    """Copy files of a folder to the same names in a store, in this order.
+
+    Raises
+    ------
+    OSError : one cannot be written.
+    """
+    for name in names:
+        try:
+            with (folder / name).open("rb") as source, (store / name).open("wb") as to:
+                shutil.copyfileobj(source, to)
+        except Exception as problem:  # each kind of store has errors of its own
+            raise OSError(
+                f"{store}/{name} cannot be written ({problem}); {folder} has it"
+            ) from None
+
+
+def fetch(store: Path, folder: Path, ending: str = "") -> None:
+    """Copy the objects of a store whose names end so, not those of folders in it, to a folder that has them
+    not yet.
+
+    Raises
+    ------
+    OSError : one cannot be read.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        there = list(store.iterdir()) if store.is_dir() else []
+        for one in there:
+            if one.is_file() and one.name.endswith(ending) and not (folder / one.name).exists():
+                with one.open("rb") as source, (folder / one.name).open("wb") as to:
+                    shutil.copyfileobj(source, to)
+    except Exception as problem:
+        raise OSError(f"{store} cannot be read ({problem})") from None
