@@ -96,7 +96,7 @@ BUDGETS = {
     "forest_addon/drawing": (596, 6),
     "forest_addon/flight": (1853, 12),
     "forest_addon/formats": (3427, 29),
-    "forest_addon/growth": (8155, 36),
+    "forest_addon/growth": (8157, 36),
     "forest_addon/kernels": (46, 1),
     "forest_addon/results": (1292, 17),
     "forest_addon/sensing": (12693, 92),
