@@ -249,6 +249,7 @@ INSIDE = {
     "numbers": "headless.commands.lidar:numbers",
     "FlownCloud": "headless.surveys:FlownCloud",
     "read_flown": "headless.surveys:read_flown",
+    "write_like": "headless.surveys:write_like",
     "Worker": "headless.dataset.engine:Worker",
     "disk": "headless.dataset.disk:",
     "remove_scene": "headless.dataset.disk:remove_scene",

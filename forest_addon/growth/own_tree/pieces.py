@@ -121,8 +121,10 @@ class Pieces:
 
     def largest(self, value: np.ndarray) -> np.ndarray:
         """(C,) vertex of each piece with the largest value (V,), the last of equal ones."""
-        ranked = np.lexsort((value, self.piece_of_vertex))
-        return np.asarray(ranked[np.cumsum(np.bincount(self.piece_of_vertex)) - 1])
+        owner, most = self.piece_of_vertex, np.full(self.count, -np.inf)
+        np.maximum.at(most, owner, value)
+        row = np.flatnonzero(value == most[owner])  # ascending by owner
+        return row[np.searchsorted(owner[row], np.arange(self.count), side="right") - 1]
 
     def boxes(self) -> tuple[np.ndarray, np.ndarray]:
         """(C, 3) lowest and highest coordinates of each piece."""

@@ -23,6 +23,7 @@ from studies.validation.stems import (
     taubin,
     thicker,
 )
+from studies.validation.twin import detected
 
 
 def test_a_circle_through_an_arc_is_found_again():
@@ -154,3 +155,13 @@ line_rate = 60.0
 field_deg = [-6.0, 6.0]
 beam = { subrays = 7, max_returns = 5, divergence_mrad = [20.0, 20.0], pulse_ns = 1.0 }
 """
+
+
+def test_summits_of_cones_are_their_trees_and_a_bush_is_none():
+    trees = np.array([[5.0, 5.0, 20.0], [14.0, 6.0, 15.0], [8.0, 15.0, 24.0], [30.0, 30.0, 18.0]])
+    cones = np.vstack([trees[:3], [[20.0, 18.0, 9.0]]])
+    place = np.stack(np.meshgrid(*[np.arange(0, 24, 0.25)] * 2), axis=-1).reshape(-1, 2)
+    away = np.linalg.norm(place[:, None] - cones[:, :2], axis=2)
+    found, false = detected(place, (cones[:, 2] - 3 * away).max(axis=1).clip(0), trees)
+    assert found == pytest.approx(3 / 4)  # one tree has no returns
+    assert false == pytest.approx(1 / 4)
