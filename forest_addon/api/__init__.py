@@ -128,6 +128,7 @@ _LATER = {  # all but settings, imported when it is asked for
     "Trajectory": "..sensing.trajectory",
     "Tree": "..growth.tree",
     "TriMesh": "..base.trimesh",
+    "Waveforms": "..sensing.lidar.waveform",
     "Written": "..results.scan_file",
 }
 
@@ -232,6 +233,7 @@ __all__ = [
     "Trajectory",
     "Tree",
     "TriMesh",
+    "Waveforms",
     "Wind",
     "World",
     "Written",

@@ -344,7 +344,9 @@ def test_lists_that_cannot_be_used_are_refused(tmp_path, text, said):
 def test_a_list_beside_the_field_is_refused_with_the_offset_that_would_do(tmp_path):
     (tmp_path / "t.csv").write_text("x,y\n432105.5,5612309\n432120,5612325\n")
     scene = Scene(plantings=(Planting(species="oak", layout="list", trees="t.csv"),))
-    with pytest.raises(ElsewhereError, match=r"offset = \[432098, 5612302, 0\] would put") as told:
+    with pytest.raises(
+        ElsewhereError, match=r"offset = \[432098, 5612302, 0\] at the top of the scene would put"
+    ) as told:
         read_inputs(scene, tmp_path)
     found = read_inputs(scene.changed(offset=told.value.offset), tmp_path).lists["t.csv"].position
     assert ((found >= 0) & (found <= scene.forest.size)).all()

@@ -64,7 +64,7 @@ def test_a_flight_is_its_strips_and_where_its_beams_meet_the_ground():
     flight = Airborne(position=(0, 0, 50), heading_deg=90, track=80, strips=2, spacing=30)
     segments = outline(flight)
     np.testing.assert_allclose(segments[0], [(0, 0, 50), (0, 80, 50)], atol=1e-12)
-    np.testing.assert_allclose(segments[4], [(30, 0, 50), (30, 80, 50)], atol=1e-12)
+    np.testing.assert_allclose(segments[4], [(30, 80, 50), (30, 0, 50)], atol=1e-12)  # flown back
     reach = 50 * math.tan(math.radians(30))
     np.testing.assert_allclose(segments[1:3, 1], [(-reach, 0, 0), (reach, 0, 0)], atol=1e-12)
 

@@ -46,12 +46,13 @@ def test_no_ray_of_a_beam_leaves_what_its_tile_holds(size, height, down, reach, 
     way = rng.normal(size=(60, 3)) * [1.0, 1.0, 0.3] + [0, 0, down]
     way /= np.linalg.norm(way, axis=1)[:, None]
     zero = np.zeros(60)
-    tile, excess = belongs(scanner, Pulses(origin, way, way, zero, zero), grid, (-1.0, 22.0))
+    box = np.array([[-10.0, -5.0, -1.0], [55.0, 60.0, 22.0]])
+    tile, excess = belongs(scanner, Pulses(origin, way, way, zero, zero), grid, box)
     low, high = grid.corners(tile)
     far = np.linspace(0, reach, 301)[:, None, None]
     point = origin + far * way
     beyond = np.maximum(low - point[..., :2], point[..., :2] - high).max(axis=2)
-    among = (point[..., 2] >= -1.0) & (point[..., 2] <= 22.0)
+    among = ((point >= box[0]) & (point <= box[1])).all(axis=2)
     assert (np.where(among, beyond, 0.0) <= excess).all()
 
 
@@ -59,13 +60,14 @@ def test_pulses_of_all_pieces_are_all_pulses_once_and_followed_ones_are_counted(
     scanner = Airborne(position=(0, 20, 60), track=60, speed=20, pulse_rate=2000, line_rate=20)
     pattern = pattern_of(scanner)
     grid = TileGrid.of(Forest(size=(60.0, 40.0)), 12.0)
-    found = tiled_pulses(scanner, pattern, grid, (0.0, 15.0), 5.0)
+    box = np.array([[-20.0, -20.0, 0.0], [80.0, 60.0, 15.0]])
+    found = tiled_pulses(scanner, pattern, grid, box, 5.0)
     every = [np.concatenate(list(found.numbers(piece, 97))) for piece in found.pieces]
     assert np.array_equal(np.sort(np.concatenate(every)), np.arange(pattern.count))
     assert all((np.diff(numbers) > 0).all() for numbers in every)
     beyond = [len(n) for n, p in zip(every, found.pieces, strict=True) if p % LEVELS]
     assert found.followed == sum(beyond) > 0
-    tile, excess = belongs(scanner, pattern.pulses(np.arange(pattern.count)), grid, (0.0, 15.0))
+    tile, excess = belongs(scanner, pattern.pulses(np.arange(pattern.count)), grid, box)
     for numbers, piece in zip(every, found.pieces, strict=True):
         assert (tile[numbers] == piece // LEVELS).all()
         assert (excess[numbers] <= buffer_of(int(piece % LEVELS), 5.0)).all()

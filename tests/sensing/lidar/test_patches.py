@@ -20,10 +20,12 @@ SPREADS = (0.3, 1.2, 3.0, 12.0)  # of the footprint in range, in pulse lengths
 
 
 def beams():
-    """Those of all instruments."""
+    """Those of all instruments whose pulse is Gaussian: the crest of another moves as it gets longer."""
     found = []
     for name in scanner_names():
         table = next(iter(read_scanner(name).tables.values()))["beam"]
+        if "pulse_shape" in table:
+            continue
         found.append(
             pytest.param(
                 Beam(**table | {"divergence_mrad": tuple(table["divergence_mrad"])}), id=name
