@@ -93,7 +93,7 @@ BUDGETS = {
     "forest_addon/acoustics": (1212, 19),
     "forest_addon/api": (895, 6),
     "forest_addon/base": (320, 12),
-    "forest_addon/blender": (5273, 39),
+    "forest_addon/blender": (5275, 39),
     "forest_addon/drawing": (596, 6),
     "forest_addon/flight": (1853, 12),
     "forest_addon/formats": (3429, 29),
