@@ -58,7 +58,7 @@ def rendered(text: str) -> str:
 
     html = re.sub(r"<h(\d)>(.*?)</h\1>", heading, html)
     html = re.sub(r'href="(?:guide/|\.\./)?([a-z-]+)\.md(#[^"]*)?"', _link, html)
-    return re.sub(r'<a href="(?!https?:|#|[a-z-]+\.html)[^"]*">(.*?)</a>', r"\1", html)
+    return re.sub(r'(?s)<a href="(?!https?:|#|[a-z-]+\.html)[^"]*">(.*?)</a>', r"\1", html)
 
 
 def _link(found: re.Match[str]) -> str:

@@ -165,11 +165,11 @@ class Beam(Settings):
     pulse_shape: tuple[float, ...] = param(
         (),
         help="power of a pulse at even times, as the receiver sees it, with tail and ringing; of recorded "
-        "waveforms and Gaussians that are fitted; left out: a Gaussian of pulse_ns",
+        "waveforms and Gaussians that are fitted; left out: a Gaussian of the length of a pulse",
         most=4096,
     )
     shape_step_ns: float = param(
-        1.0, unit="ns", help="time between two values of pulse_shape", gt=0, le=1000
+        1.0, unit="ns", help="time between two values of the shape of a pulse", gt=0, le=1000
     )
     max_returns: int = param(
         1, help="echoes that are kept of a pulse; the receiver chooses which", ge=1, le=15

@@ -129,7 +129,7 @@ def test_the_offset_that_a_file_asks_for_is_taken_and_undone(small, tmp_path):
         f"ncols 60\nnrows 40\nxllcorner 500000.5\nyllcorner 5400000\ncellsize 1\n{heights}"
     )
     small.folder, small.forest.terrain.file = str(tmp_path), "dem.asc"
-    with pytest.raises(RuntimeError, match=r"offset = \[500028, 5400017, 0\] would put"):
+    with pytest.raises(RuntimeError, match=r"offset = \[500028, 5400017, 0\] at the top"):
         bpy.ops.forest.build()
     bpy.ops.ed.undo_push(message="before")
     assert bpy.ops.forest.take_offset("EXEC_DEFAULT", True) == {"FINISHED"}
