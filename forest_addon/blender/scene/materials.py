@@ -329,7 +329,7 @@ def _veins(graph: Graph, palmate: bool) -> tuple[Value, Value]:
         slant = graph.math("MULTIPLY_ADD", aside, -0.75, along)
     wave = graph.math("SINE", graph.math("MULTIPLY", slant, 30.0))
     side = graph.step(graph.math("ABSOLUTE", wave), 0.14, 0.03)
-    veins = graph.math("MULTIPLY", side, 0.45 if palmate else 0.7)
+    veins = graph.math("MULTIPLY", side, 0.15 if palmate else 0.7)
     for angle in PALM if palmate else (0.0,):
         cos, sin = math.cos(angle), math.sin(angle)
         beyond = graph.math("SUBTRACT", along, HUB if angle else 0.0)
