@@ -129,6 +129,7 @@ def test_a_wrong_sum_is_found():
     assert found.error == pytest.approx(1e-3, rel=0.1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("louder", [1.0, 1.03])
 def test_slow_ringing_of_near_trunks_is_no_error_of_late_sound_that_others_thin_out(louder):
     """0.1 trunks per m² and no leaves: the last pieces are 40 dB below the first; 3 % more is found."""
