@@ -81,14 +81,14 @@ class MovingScene:
         self.motion = motion.without(sways)
         shared = None if like is None else like.pieces
         # Where no tree sways, nothing is asked of them.
-        pieces = self.pieces = CutTrees(whole, tree, sway, shared)  # type: ignore[arg-type]
+        self.pieces: CutTrees = CutTrees(whole, tree, sway, shared)  # type: ignore[arg-type]
         self.count, empty = len(whole), len(whole.meshes)
-        meshed = whole.with_meshes((EMPTY, *pieces.meshes), (0, *pieces.of_mesh))
+        meshed = whole.with_meshes((EMPTY, *self.pieces.meshes), (0, *self.pieces.of_mesh))
         index = whole.mesh_index.copy()
         index[sways] = empty
         self.scene = meshed.take(
-            np.concatenate([np.arange(self.count), pieces.owner]),
-            mesh_index=np.concatenate([index, empty + 1 + pieces.mesh]),
+            np.concatenate([np.arange(self.count), self.pieces.owner]),
+            mesh_index=np.concatenate([index, empty + 1 + self.pieces.mesh]),
         )
         if like is not None and len(like.scene.meshes) == len(self.scene.meshes):
             self.scene.share_table(like.scene.table)
@@ -353,15 +353,15 @@ class CutTrees:
                     self.of_mesh.append(mesh)
                     self.triangle.append(rows)
             found += [(instance, which, made) for which, made in self._known[key]]
-        self.meshes = tuple(meshes)
+        self.meshes: tuple[TriMesh, ...] = tuple(meshes)
         self.owner, self._piece, self.mesh = np.array(found, np.int64).reshape(-1, 3).T.copy()
         self._tree = tree[self.owner]
         self._stands = scene.transform[self.owner]
-        if like is not None and len(like.meshes) == len(meshes):
-            self.meshes, self.boxes = like.meshes, like.boxes
+        if like is None or len(like.meshes) != len(meshes):
+            corners = [(m.vertices.min(axis=0), m.vertices.max(axis=0)) for m in meshes]
+            self.boxes: np.ndarray = np.array(corners).reshape(-1, 2, 3)
         else:
-            ends = [(m.vertices.min(axis=0), m.vertices.max(axis=0)) for m in meshes]
-            self.boxes = np.array(ends).reshape(-1, 2, 3)
+            self.meshes, self.boxes = like.meshes, like.boxes
         self._join_seams()
         self._placed: dict[tuple[int, int], np.ndarray] = {}
         self._windows: dict[int, tuple[np.ndarray, PieceWindow]] = {}

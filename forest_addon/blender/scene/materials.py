@@ -101,7 +101,7 @@ def _smooth(graph: Graph, bark: spec.Bark) -> Surface:
     short = graph.scaled(graph.moved(place, 9.0, 0.01), (0.055, 0.055, 0.010))
     marks = graph.step(graph.noise(short, 1.0, 1.0), 0.66, 0.74)
     fine = graph.noise(place, 90.0, 3.0, 0.7)
-    eyes = graph.scaled(graph.moved(place, 5.0, 0.015), (0.32, 0.32, 0.21))
+    eyes = graph.scaled(graph.moved(place, 14.0, 0.03), (0.32, 0.32, 0.16))
     eye = graph.add(
         "TexVoronoi", {"Vector": eyes, "Scale": 1.0}
     ).outputs  # where branches were shed
@@ -117,7 +117,7 @@ def _smooth(graph: Graph, bark: spec.Bark) -> Surface:
     covers = (
         (graph.math("MULTIPLY", crust, 0.55), PALE),
         (graph.math("MULTIPLY", marks, 0.28), (0.06, 0.052, 0.045)),
-        (graph.math("MULTIPLY", scars, 0.45), FURROW),
+        (graph.math("MULTIPLY", scars, 0.32), FURROW),
     )
     return Surface(height, 0.0035, tone, covers)
 
@@ -186,15 +186,17 @@ def _peeling(graph: Graph, bark: spec.Bark) -> Surface:
     strips = graph.noise(graph.scaled(bent, (0.30, 0.30, 0.035)), 1.0, 5.0, 0.62)
     bare = graph.step(strips, 0.62, 0.63)  # where the skin has come off, as far as its curled edge
     edge = graph.step(graph.math("ABSOLUTE", graph.math("SUBTRACT", strips, 0.61)), 0.012, 0.0)
-    crust, _ = graph.cells(graph.scaled(bent, (bark.size, bark.size, 1.5 * bark.size)))
+    frayed = graph.moved(bent, 24.0, 0.6 * bark.size)
+    crust, _ = graph.cells(graph.scaled(frayed, (bark.size, bark.size, 3.5 * bark.size)))
     torn = graph.scaled(graph.moved(place, 16.0, 0.02), (0.26, 0.26, 0.19))
     cell = graph.add("TexVoronoi", {"Vector": torn, "Scale": 1.0}, distance="MANHATTAN").outputs
     size = graph.math("MULTIPLY_ADD", graph.value("SeparateColor", cell["Color"]), 0.35, 0.08)
     size = graph.math("MULTIPLY_ADD", z, 0.05, size)
     diamonds = graph.step(graph.math("ADD", cell["Distance"], size), 0.68, 0.60)
-    ragged = graph.math("MULTIPLY_ADD", graph.noise(bent, 4.0, 3.0), -1.6, z)
-    rough = graph.math("MAXIMUM", diamonds, graph.step(ragged, 0.55, -0.65))
-    cracks = graph.math("MULTIPLY", rough, graph.step(crust, 0.26, 0.06))
+    tongues = graph.noise(graph.scaled(frayed, (0.07, 0.07, 0.35)), 1.0, 4.0)
+    ragged = graph.math("MULTIPLY_ADD", tongues, -1.8, z)
+    rough = graph.math("MAXIMUM", diamonds, graph.step(ragged, -0.05, -0.25))
+    cracks = graph.math("MULTIPLY", rough, graph.step(crust, 0.16, 0.02))
     twig = graph.step(graph.attribute("order"), SHEDS_FROM, SHEDS_FROM + 0.1)
     height = graph.math("MULTIPLY_ADD", lenticels, 0.22, graph.math("MULTIPLY", fine, 0.10))
     height = graph.math("MULTIPLY_ADD", bare, -0.25, graph.math("MULTIPLY_ADD", edge, 0.4, height))
@@ -205,7 +207,7 @@ def _peeling(graph: Graph, bark: spec.Bark) -> Surface:
     covers = (
         (graph.math("MULTIPLY", bare, 0.55), INNER_BIRCH),
         (graph.math("MULTIPLY", lenticels, 0.75), (0.13, 0.095, 0.075)),
-        (graph.math("MULTIPLY", rough, 0.80), (0.07, 0.062, 0.055)),
+        (graph.math("MULTIPLY", rough, 0.92), (0.07, 0.062, 0.055)),
         (cracks, SCAR),
         (twig, TWIG_BROWN),
     )
@@ -294,9 +296,9 @@ def leaf(name: str, colour: Colour, veins: str = "feather") -> bpy.types.Materia
         )
         lit = graph.mix(graph.math("MULTIPLY", vein, 0.6), tones, (0.45, 0.5, 0.3), "MULTIPLY")
         blotch = graph.math(
-            "MULTIPLY", graph.noise(place, 260.0, 2.0), graph.step(shade, 0.45, 0.9)
+            "MULTIPLY", graph.noise(place, 150.0, 2.0), graph.step(shade, 0.45, 0.95)
         )
-        spots = graph.math("MULTIPLY", graph.step(blotch, 0.46, 0.56), 0.75)
+        spots = graph.math("MULTIPLY", graph.step(blotch, 0.61, 0.67), 0.75)
         above, lit = graph.mix(spots, above, BLIGHT), graph.mix(spots, lit, BLIGHT)
         graph.put(shader.inputs["Normal"], graph.bump(vein, 0.0006, 0.5))
     else:
@@ -327,7 +329,7 @@ def _veins(graph: Graph, palmate: bool) -> tuple[Value, Value]:
         slant = graph.math("MULTIPLY_ADD", aside, -0.75, along)
     wave = graph.math("SINE", graph.math("MULTIPLY", slant, 30.0))
     side = graph.step(graph.math("ABSOLUTE", wave), 0.14, 0.03)
-    veins = graph.math("MULTIPLY", side, 0.45 if palmate else 0.7)
+    veins = graph.math("MULTIPLY", side, 0.15 if palmate else 0.7)
     for angle in PALM if palmate else (0.0,):
         cos, sin = math.cos(angle), math.sin(angle)
         beyond = graph.math("SUBTRACT", along, HUB if angle else 0.0)

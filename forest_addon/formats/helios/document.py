@@ -299,11 +299,12 @@ def rotation_of(element: Element | None, where: Path) -> Rotation:
     SpecError : an axis that is not x, y or z.
     """
     total = Rotation.identity()
+    local = element is not None and element.get("rotations") == "local"
     for turn in [] if element is None else element.findall("rot"):
         axis = AXES.get(turn.get("axis", "").lower())
         if axis is None:
             raise SpecError(str(where), f'rot axis = "{turn.get("axis", "")}" is not x, y or z')
         angle = np.deg2rad(number(turn, "angle_deg", where))
         step = Rotation.from_rotvec(angle * np.array(axis))
-        total = total * step if element.get("rotations") == "local" else step * total
+        total = total * step if local else step * total
     return total

@@ -242,7 +242,8 @@ def _between(
 ) -> tuple[list[Leg], list[str]]:
     """Legs between waypoints, and sentences on ways that end beside these; a platform that moves has none
     from its last waypoint on."""
-    kind, notes = platform.get("type", "static"), []
+    kind = platform.get("type", "static")
+    notes: list[str] = []
     tracks: list[SurveyTrack | None] = [None] * len(places)
     if kind in DRIVEN:
         rates = [number(one, "pulseFreq_hz", path, device.pulse_rate) for one in scans]

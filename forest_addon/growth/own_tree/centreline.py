@@ -447,11 +447,13 @@ class Tubes:
             that whose surface is farthest away.
         """
         batches = np.array_split(np.arange(len(points)), max(len(points) // BATCH, 1))
-        parts = [self._contacts(points[rows], *seen[:, :, rows], thinnest) for rows in batches]
+        parts = [
+            self._contacts(points[rows], *seen[:, :, rows], thinnest=thinnest) for rows in batches
+        ]
         return Contact(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
     def _contacts(
-        self, points: np.ndarray, nearest: np.ndarray, away: np.ndarray, thinnest: bool
+        self, points: np.ndarray, nearest: np.ndarray, away: np.ndarray, *, thinnest: bool
     ) -> tuple[np.ndarray, ...]:
         most = np.maximum(nearest.min(axis=0, initial=np.inf), 0.0)
         best = np.full(len(points), np.inf)

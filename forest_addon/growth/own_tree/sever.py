@@ -438,8 +438,9 @@ def close(
     )
     loose = loose_edges_of(pieces)
     everything = np.concatenate([triangles, made, loose])
-    whole = [label, axes.parent[child], child, child, axes.of_slice[slices.of_vertex[loose[:, 0]]]]
-    whole = np.concatenate(whole)
+    whole = np.concatenate(
+        [label, axes.parent[child], child, child, axes.of_slice[slices.of_vertex[loose[:, 0]]]]
+    )
     present, first = np.unique(label, return_index=True)
     known = np.isin(whole, present)
     everything, whole = everything[known], whole[known]

@@ -272,8 +272,9 @@ class Scan:
             blur = np.zeros(len(distance)) if blur is None else blur
             self._waves = record(*common, distance, energy, blur, self._sent, self._step)
         if self._waves is not None and self._fits:
-            seen = distance, energy, self._sigma, FAINT_CREST * self._faintest
-            echoes = fitted_echoes(self._waves, *common, *seen)
+            echoes = fitted_echoes(
+                self._waves, *common, distance, energy, self._sigma, FAINT_CREST * self._faintest
+            )
         else:
             echoes = find_echoes(*common, distance, energy, self._sigma, blur, self._bins)
         chosen = echoes.contact

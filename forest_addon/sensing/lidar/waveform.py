@@ -400,8 +400,8 @@ def decompose(
         distance = (middle + waves.index[begin]) * waves.step
         fits = waves.pulse[begin] + 0 * middle, distance, energy, width * waves.step
         found.append(np.stack(fits)[:, sound])
-    fits = np.concatenate(found, axis=1)
-    pulse, *others = fits[:, np.lexsort(fits[1::-1])]
+    fitted = np.concatenate(found, axis=1)
+    pulse, *others = fitted[:, np.lexsort(fitted[1::-1])]
     return pulse.astype(np.int64), *others
 
 
@@ -450,11 +450,11 @@ def fitted_echoes(
 
     A contact stands for the Gaussian that is nearest to it; one that is nearest to none is no echo.
     """
-    pulse, *fits = decompose(waves, sigma, faintest)
+    pulse, crest, light, width = decompose(waves, sigma, faintest)
     if not len(pulse):
-        return WaveformEchoes(pulse, *fits, pulse)
+        return WaveformEchoes(pulse, crest, light, width, pulse)
     lit = np.flatnonzero(energy > 0)
-    mine, place = ray[lit] // subrays, fits[0] + pulse * FAR
+    mine, place = ray[lit] // subrays, crest + pulse * FAR
     owner = np.searchsorted((place[:-1] + place[1:]) / 2, distance[lit] + mine * FAR)
     strongest = np.zeros(len(place))
     np.maximum.at(strongest, owner, energy[lit])
@@ -463,4 +463,4 @@ def fitted_echoes(
     order = order[np.append(True, np.diff(owner[order]) != 0)]
     order = order[pulse[owner[order]] == mine[order]]
     kept = owner[order]
-    return WaveformEchoes(pulse[kept], *(values[kept] for values in fits), lit[order])
+    return WaveformEchoes(pulse[kept], crest[kept], light[kept], width[kept], lit[order])

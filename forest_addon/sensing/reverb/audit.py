@@ -18,6 +18,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from numpy.polynomial import legendre
 from scipy import fft
 
 from ...acoustics.air import absorption
@@ -47,6 +48,7 @@ SILENT = 1e-9  # of it
 LOSSY_MARGIN = 0.1  # s, among leaves and branches
 PIECE, MARGIN = 0.1, 0.04  # s of a later piece; before it in which trunks still sound
 OF_PIECE = 0.01  # of a piece's norm
+DRIFT = 4  # degree of what is slower than LOWEST in a piece
 PIECES = 8
 
 
@@ -298,7 +300,11 @@ def _trunks(channel: Channel, share: float) -> list[AuditPart]:
 
 
 def _of_piece(channel: Channel, start: int, margin: int, size: int) -> float:
-    """Error of a piece, as a share of it, beyond what the tolerance of the record around it allows."""
+    """Error of a piece, as a share of it, beyond what the tolerance of the record around it allows.
+
+    Trunks before the margin still ring at a few hertz; where others thin out what comes late, they are far
+    louder than the piece. So what drifts more slowly than LOWEST, a polynomial of the piece, is no error.
+    """
     piece = slice(start, start + size)
     exact, trunks = _piece(channel, start, margin, size)
     exact = exact * channel.kept[piece]
@@ -308,7 +314,9 @@ def _of_piece(channel: Channel, start: int, margin: int, size: int) -> float:
         return 0.0
     tenth = len(channel.trees) // 10
     around = channel.trees[max(start - tenth, 0) : start + size + tenth]
-    off = float(np.linalg.norm(ours - exact)) - channel.allowed * float(np.linalg.norm(around))
+    place, apart = np.linspace(-1.0, 1.0, size), ours - exact
+    apart = apart - legendre.legval(place, legendre.legfit(place, apart, DRIFT))
+    off = float(np.linalg.norm(apart)) - channel.allowed * float(np.linalg.norm(around))
     return max(off, 0.0) / norm
 
 

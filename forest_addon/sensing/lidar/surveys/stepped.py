@@ -73,7 +73,7 @@ class SteppedPath:
         middle, at all steps."""
         arm = np.maximum(np.abs(low - self._own), np.abs(high - self._own))
         radius = float(np.linalg.norm(arm)) * float(np.linalg.norm(self._turn, ord=2))
-        first, last = np.cumsum(self._pulses) // self._motion.every
+        first, last = map(int, np.cumsum(self._pulses) // self._motion.every)
         ends = []
         for begin in range(first, last + 2, STATES_AT_ONCE):
             centre = self._centre(
