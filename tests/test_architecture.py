@@ -119,7 +119,7 @@ BUDGETS = {
 # Functions and files that a pulse, a ping and a clap pass on their way to a file.
 # Pings and claps rose by kernels in C beside numpy and by the standard errors of a tail (990, 910 before);
 # all rose by settings without effect that are said before a run, pings by receivers (857, 1000, 915 before).
-FLOWS = {"pulse": (865, 138), "ping": (1019, 150), "clap": (923, 143)}
+FLOWS = {"pulse": (843, 133), "ping": (997, 145), "clap": (901, 138)}
 
 
 @pytest.fixture(scope="module")
