@@ -303,6 +303,8 @@ class ForestPlan:
         foot, meets = np.zeros(int(code.max(initial=-1)) + 1), bool(met.any())
         for (planting, variant), tree in variants.items():
             number = planting * many + variant
+            if variant >= many or number >= len(foot):
+                continue  # none of it stands
             foot[number] = tree.skeleton.radius[:1, 0].sum()
             mine = np.flatnonzero(met & (code == number)) if meets else ()
             if len(mine) and len(tree.skeleton):

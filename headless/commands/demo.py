@@ -20,6 +20,7 @@ class DemoCommand(RunCommand):
         add_run_options(parser, "out/demo")
         dry = ASSETS / "sounds" / "call.wav"
         parser.set_defaults(scene=DEMO, convolve=dry, workers=1, share=None)
+        parser.set_defaults(scheduler="", slurm=None, store=None)
 
     @property
     def maker(self) -> str:

@@ -20,6 +20,7 @@ from forest_addon.sensing.lidar.audit import parts_of_scan
 from forest_addon.sensing.lidar.cloud import Cloud, Returns
 from forest_addon.sensing.lidar.scan import Scan
 from forest_addon.sensing.lidar.tractor import TractorScan
+from forest_addon.sensing.lidar.waveform import Waveforms
 from forest_addon.sensing.reverb.pair import ImpulseResponse
 from forest_addon.sensing.sonar.ping import Contributions, Echo
 from forest_addon.sensing.sonar.receiver import Reception
@@ -29,6 +30,7 @@ from forest_addon.spec import (
     Beam,
     Forest,
     Planting,
+    Receiver,
     Reverb,
     Scene,
     Sonar,
@@ -39,6 +41,12 @@ from forest_addon.spec import (
 
 BEAM = Beam(divergence_mrad=(2.0, 2.0), subrays=3, max_returns=5)
 TRIPOD = Terrestrial(name="cloud", position=(6, 6, 1.6), angle_step_deg=1.6, beam=BEAM)
+WAVES = TRIPOD.changed(
+    name="waves",
+    angle_step_deg=3.0,
+    faintest=0.01,
+    receiver=Receiver(sample_ns=1.0, threshold_snr=3.0),
+)
 ROWS = Tractor(name="rows", position=(-2, 0, 1), track=8.0, step=0.05, angle_step_deg=0.5, splits=1)
 BAT = Sonar(
     name="bat",
@@ -60,7 +68,7 @@ CLAP = Reverb(
     duration=0.3, continue_to=60.0, model="paper",
 )  # fmt: skip
 STAND = CLAP.changed(name="stand", model="forest", continue_to=30.0)
-SENSORS = {each.name: each for each in (TRIPOD, ROWS, BAT, EAR, CLAP, STAND)}
+SENSORS = {each.name: each for each in (TRIPOD, WAVES, ROWS, BAT, EAR, CLAP, STAND)}
 SEEDS = 4
 
 pytestmark = pytest.mark.slow
@@ -70,7 +78,7 @@ pytestmark = pytest.mark.slow
 def world():
     planting = Planting(species="hazelnut", variants=2, expected=5, exact=True)
     asked = Scene(
-        seed=6,
+        seed=7,
         forest=Forest(size=(12.0, 12.0)),
         plantings=(planting,),
         accuracy=Accuracy(audit=0.0),
@@ -129,11 +137,19 @@ def names(table, but=(), within=""):
     return [within + each.name for each in fields(table) if each.name not in but]
 
 
-LATER = {"returns", "lost", "velocity", "rest", "bounce"}  # a table, and what a still scene has not
+LATER = {
+    "returns",
+    "lost",
+    "velocity",
+    "rest",
+    "bounce",
+    "waves",
+}  # a table, and what a still scene has not
 SUMS = {"groups", "list_heard", "pose"}
 PARTS = {"errors", "further", "plain", "component", "model_error", "stand", "tail", "joint"}
 FIELDS = {
     "cloud": names(Cloud, LATER) + names(Returns, within="returns."),
+    "waves": names(Waveforms, within="waves."),
     "rows": names(TractorScan, {"returns"}) + names(Returns, within="returns."),
     "bat": names(Echo, SUMS)
     + names(SonarPose, {"width"}, "pose.")

@@ -175,12 +175,12 @@ def test_repulsion_is_found_again_and_poisson_has_none():
     radii = np.arange(1.0, 6.1, 0.5)
     strauss = Strauss(radius=3.0, gamma=0.2)
     found = [
-        fit_strauss(sample_strauss(even(0.05), strauss, stream(k, "s")), WINDOW, radii)[0]
+        fit_strauss(sample_strauss(even(0.05), strauss, stream(k, "s")), WINDOW, radii)
         for k in range(3)
     ]
-    assert np.median([f.radius for f in found]) == 3.0
-    assert np.median([f.gamma for f in found]) == pytest.approx(0.2, abs=0.08)
-    assert min(f.gain for f in found) > 10
+    assert np.median([fitted.radius for fitted, _ in found]) == 3.0
+    assert np.median([fitted.gamma for fitted, _ in found]) == pytest.approx(0.2, abs=0.08)
+    assert min(gain for _, gain in found) > 10
     trees = HIGH * stream(1, "none").random((400, 2))
     assert fit_strauss(trees, WINDOW, radii)[1] < 6
 

@@ -24,7 +24,7 @@ from .cloud import Cloud, Returns, cosines, label, organs
 from .radiometry import reflectance_of
 from .scan import Scan
 from .tractor import TractorScan, beam_rays, fan, positions
-from .waveform import LIGHT
+from .waveform import LIGHT, Waveforms
 
 RAYS = 4000  # followed in float64, for each kind of pulse
 AGAIN = 1000  # pulses that are sent again by the engine, at least
@@ -228,6 +228,31 @@ def _again(exact: Scan, again: Scan, cloud: Cloud, number: np.ndarray, wanted: f
         apart[:, rows[right]] = 0.0
     for one, each in zip(errors, apart, strict=True):
         np.maximum.at(one, pulse, each)
+    if cloud.waves is not None or there.waves is not None:
+        rounding = 0 if again.caster.engine == cloud.engine else 1  # counts
+        errors[1] = np.fmax(errors[1], _of_waves(cloud.waves, there.waves, number, rounding))
+    return errors
+
+
+def _of_waves(
+    ours: Waveforms | None, theirs: Waveforms | None, number: np.ndarray, rounding: int
+) -> np.ndarray:
+    """(P,) counts, beyond rounding, between records of pulses; infinite where length or unit differ."""
+    errors = np.zeros(len(number))
+    if ours is None or theirs is None or (ours.step, ours.gain) != (theirs.step, theirs.gain):
+        return np.full(len(number), np.inf)
+    rows = [np.flatnonzero(np.isin(one.pulse, number)) for one in (ours, theirs)]
+    beams, places, values = (
+        [getattr(one, name)[some] for one, some in zip((ours, theirs), rows, strict=True)]
+        for name in ("pulse", "index", "value")
+    )
+    beams = [np.searchsorted(number, beam) for beam in beams]
+    many = [np.bincount(beam, minlength=len(number)) for beam in beams]
+    errors[many[0] != many[1]] = np.inf
+    here, there = (np.flatnonzero(errors[beam] == 0) for beam in beams)
+    apart = np.abs(values[0][here].astype(np.float64) - values[1][there])
+    apart[(places[0][here] != places[1][there]) | (beams[0][here] != beams[1][there])] = np.inf
+    np.maximum.at(errors, beams[0][here], np.maximum(apart - rounding, 0.0))
     return errors
 
 
