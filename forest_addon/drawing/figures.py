@@ -100,7 +100,7 @@ def draw_cloud(cloud: Cloud, tripod: Terrestrial | None = None) -> Figure:
     if tripod is not None:
         _mark_scanner(above, tripod)
     above.set_aspect("equal")
-    above.set_title("Points from above")
+    above.set_title("Points from above", pad=22)  # over the legend
     above.set_xlabel("x, m")
     above.set_ylabel("y, m")
     found = (DEAD,) if (organ == DEAD).any() else ()
