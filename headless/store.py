@@ -1,7 +1,7 @@
 """A store of objects, such as s3://, gs:// and memory://, that finished pieces and files are copied to.
 
 An object is there whole or not at all, nothing is renamed or locked, and two commands that copy the same
-leave the same bytes.
+leave the same bytes. A store that holds anything is used only if ``MARK`` says that a run of ours began it.
 """
 
 from __future__ import annotations
@@ -10,7 +10,11 @@ import shutil
 from collections.abc import Iterable
 from pathlib import Path
 
+from forest_addon.formats.atomic import replacing
 from forest_addon.spec import SpecError
+
+MARK = ".forest-sensing"
+FOLDERS = ("file://", "local://")
 
 
 def store_of(url: str) -> Path:
@@ -18,9 +22,9 @@ def store_of(url: str) -> Path:
 
     Raises
     ------
-    SpecError : it is no URL; what its kind needs is not installed.
+    SpecError : it is no URL, or that of a folder; what its kind needs is not installed.
     """
-    if "://" not in url:
+    if "://" not in url or url.startswith(FOLDERS):
         raise SpecError(f"--store {url}", "is no store; write such as s3://bucket/folder")
     try:
         from upath import UPath
@@ -31,6 +35,34 @@ def store_of(url: str) -> Path:
         why = f"cannot be used ({problem}); install forest-sensing[cloud]"
         raise SpecError(f"--store {url}", why) from None
     return place
+
+
+def claim_store(store: Path, goes_on: bool) -> None:
+    """Mark a store as that of a run, before anything is copied to it.
+
+    goes_on : another process began there.
+
+    Raises
+    ------
+    SpecError : it holds what is not ours, or results of a run that this one does not go on with.
+    OSError : it cannot be read or written.
+    """
+    try:
+        ours = (store / MARK).is_file()
+        holds = store.is_dir() and any(True for _ in store.iterdir())
+        if holds and not (ours and goes_on):
+            todo = (
+                "--resume goes on with them, or take an empty place"
+                if ours
+                else "take an empty one"
+            )
+            whose = "a run's results" if ours else "what no run put there"
+            raise SpecError(f"--store {store}", f"holds {whose}; {todo}")
+        (store / MARK).write_bytes(b"Forest Sensing\n")
+    except SpecError:
+        raise
+    except Exception as problem:  # each kind of store has errors of its own
+        raise OSError(f"{store} cannot be used ({problem})") from None
 
 
 def put(folder: Path, names: Iterable[str], store: Path) -> None:
@@ -63,7 +95,7 @@ def fetch(store: Path, folder: Path, ending: str = "") -> None:
         there = list(store.iterdir()) if store.is_dir() else []
         for one in there:
             if one.is_file() and one.name.endswith(ending) and not (folder / one.name).exists():
-                with one.open("rb") as source, (folder / one.name).open("wb") as to:
-                    shutil.copyfileobj(source, to)
+                with replacing(folder / one.name) as partial:
+                    partial.write_bytes(one.read_bytes())
     except Exception as problem:
         raise OSError(f"{store} cannot be read ({problem})") from None

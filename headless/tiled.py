@@ -41,7 +41,7 @@ from .dataset.estimate import Estimate, Trial
 from .dataset.settings import Running
 from .progress import Stages, hushed, peak_memory_mb
 from .record import made_with
-from .store import fetch, put
+from .store import claim_store, fetch, put
 
 FOLDER = "tiles"
 MOST_CUTS = 8  # along the edges of a tile
@@ -143,8 +143,10 @@ def run_in_tiles(
     run.folder.mkdir(exist_ok=True)
     if share is None:
         remove_abandoned(run.folder)
-    if store is not None and run.resume:
-        fetch(store / FOLDER, run.folder)
+    if store is not None:
+        claim_store(store, run.resume)
+        if run.resume:
+            fetch(store / FOLDER, run.folder)
     _say_tiles(run)
     every = run.tiling.site.scene.sensors
     todo = [s for s in every if not (run.resume and run.done(s))]
@@ -173,8 +175,10 @@ def run_in_tiles(
     _write_record(run, every)
     if store is not None:
         put(out, run.files, store)
-        for piece in (store / FOLDER).iterdir() if (store / FOLDER).is_dir() else ():
-            piece.unlink()
+        pieces = tuple(f"{sensor.name}{mark}" for sensor in every for mark in "-.")
+        for one in (store / FOLDER).iterdir() if (store / FOLDER).is_dir() else ():
+            if one.name.startswith(pieces):
+                one.unlink()
     stages.say(f"Done: {len(run.files)} files in {store or out}")
     if strict and stages.warnings:
         raise DoubtfulError(f"{'; '.join(stages.warnings)}; the results are kept in {out}")

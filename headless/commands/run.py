@@ -115,13 +115,11 @@ class RunCommand(Command):
             _print_record(chosen)
             return
         asked = {"--workers": workers > 1, "--scheduler": chosen.scheduler, "--store": chosen.store}
-        asked["--share"] = chosen.share
-        for key in [key for key, said in asked.items() if said] + ["--slurm"] * (
-            chosen.slurm is not None
-        ):
-            raise SpecError(
-                key, "needs a scene with [tiles]; sensors of others use all cores by themselves"
-            )
+        asked |= {"--share": chosen.share, "--slurm": chosen.slurm is not None}
+        for key, is_asked in asked.items():
+            if is_asked:
+                why = "needs a scene with [tiles]; sensors of others use all cores by themselves"
+                raise SpecError(key, why)
         of_file = partial(run_scene, settings, scene.resolve().parent)
         run = partial(run_blend, scene) if is_blend else of_file
         try:

@@ -15,7 +15,7 @@ from forest_addon import api as forest
 from forest_addon.spec import SpecError
 from headless.catalogue import write_catalogue
 from headless.cli import main
-from headless.store import store_of
+from headless.store import MARK, store_of
 
 FIELD = """
 seed = 3
@@ -66,7 +66,7 @@ def objects_of(store):
     return {
         path.path.removeprefix(store.path).lstrip("/"): path.read_bytes()
         for path in store.rglob("*")
-        if path.is_file() and path.name != "run.json"
+        if path.is_file() and path.name not in ("run.json", MARK)
     }
 
 
@@ -100,6 +100,31 @@ def test_what_is_killed_goes_on_from_its_store_elsewhere(tmp_path, empty_blender
     assert len(anew) > 0
     assert not set(anew) & set(made)
     assert objects_of(store) == bytes_of(tmp_path / "second") == bytes_of(tmp_path / "whole")
+
+
+@pytest.mark.slow
+def test_objects_of_a_user_stay_as_they_are(tmp_path, empty_blender, capsys):
+    url, field = "memory://mine/maps", field_of(tmp_path)
+    theirs = {"trees.csv": b"mine", "tiles/0.png": b"a map", "tiles/als-1-1-0.rows": b"no piece"}
+    for name, content in theirs.items():
+        (store_of(url) / name).write_bytes(content)
+    for more in ((), ("--resume",), ("--share", "1/2")):
+        assert run(field, tmp_path / "out", "--store", url, *more) == 2
+        assert "holds what no run put there" in capsys.readouterr().err
+    assert objects_of(store_of(url)) == theirs
+    empty = "memory://mine/field"
+    assert run(field, tmp_path / "one", "--store", empty) == 0
+    (store_of(empty) / "tiles/0.png").write_bytes(b"a map")
+    assert run(field, tmp_path / "two", "--store", empty) == 2
+    assert "holds a run's results; --resume" in capsys.readouterr().err
+    assert run(field, tmp_path / "two", "--store", empty, "--resume") == 0
+    assert (store_of(empty) / "tiles/0.png").read_bytes() == b"a map"
+
+
+def test_a_folder_is_no_store(tmp_path):
+    for url in (str(tmp_path), f"file://{tmp_path}", f"local://{tmp_path}"):
+        with pytest.raises(SpecError, match="is no store"):
+            store_of(url)
 
 
 @pytest.mark.slow

@@ -7,12 +7,13 @@ import pytest
 
 from forest_addon.base.rng import stream
 from forest_addon.growth.library import FOLDER, find_species, load_species, read_allometry
-from forest_addon.growth.measured.allometry import scores
+from forest_addon.growth.measured.allometry import Wanted, scores
 from forest_addon.growth.skeleton import Skeleton
+from forest_addon.growth.tree import grow
 from forest_addon.spec import Forest, Normal, Planting, Rows, Scene, SpecError, Targets
 from forest_addon.stand.compose import Inputs
 from forest_addon.stand.files import read_tree_list
-from forest_addon.stand.forest import grow_forest, tree_table
+from forest_addon.stand.forest import ForestPlan, grow_forest, tree_table
 from forest_addon.stand.measured import dbh_at, groups_of, scales_for, with_targets
 from forest_addon.stand.plan import plan_stand
 
@@ -49,6 +50,19 @@ def test_every_tree_of_a_list_has_its_diameter(tmp_path, variants):
 def test_a_tree_keeps_its_targets_whichever_others_stand(tmp_path):
     many, few = grown(tmp_path, 8), grown(tmp_path, 3)
     assert many.wanted == pytest.approx(few.wanted)
+
+
+@pytest.mark.medium
+def test_a_variant_of_which_no_tree_stands_lends_its_size_to_none():
+    pine = load_species(find_species("scots-pine", Path()))
+    targets = Targets(allometry="pinus-sylvestris", dbh=Normal(mean=0.1, sd=0.01))
+    planting = Planting(species="scots-pine", expected=2, exact=True, variants=1, targets=targets)
+    scene = Scene(seed=4, forest=Forest(size=(20, 20)), plantings=(planting, planting))
+    plan = ForestPlan.of(scene, [pine, pine])
+    trees = dict(plan.grow().variants)
+    assert sorted(trees) == [(0, 0), (1, 0)]
+    thick = grow(*pine, stream(9, "thick"), Wanted(0.3, 18.0, 5.0, 9.0, 60.0))
+    assert np.array_equal(plan.placed(trees | {(0, 1): thick}).scale, plan.placed(trees).scale)
 
 
 def test_what_no_allometry_tells_must_be_given():

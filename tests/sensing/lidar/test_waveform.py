@@ -261,7 +261,7 @@ def test_every_contact_is_in_exactly_one_echo(sigma, places, seed):
 @pytest.mark.parametrize("gap", [2.2, 2.4, 3.0, 6.0])
 @pytest.mark.parametrize("ratio", [1.0, 0.5])
 def test_gaussians_fitted_to_a_record_are_where_the_contacts_are(gap, ratio):
-    """Where a crest is drawn to its neighbour (5.5 cm of two equal ones at 2.4σ of 4 ns), a fit is not."""
+    """A crest is drawn to its neighbour (5.5 cm of two equal ones at 2.4σ of 4 ns), a fit is not."""
     ray, none = np.arange(2), np.zeros(2)
     distance, energy = np.array([10.0, 10.0 + gap * SIGMA]), np.array([1.0, ratio])
     waves = record(ray, 2, distance, energy, none, (SIGMA, np.ones(1), 0), SIGMA / 4)
