@@ -272,7 +272,7 @@ def _say_tiles(run: TiledRun) -> None:
     for note in tiling.forest.notes:
         run.stages.warn(note)
     across = " x ".join(map(str, tiling.grid.count))
-    trees = len(tiling.forest.stand)
+    trees = len(tiling.forest)
     run.stages.say(
         f"  {trees:,} trees in {across} tiles of {tiles.size:g} m, each with a buffer of {tiles.buffer:g} m"
     )
@@ -457,7 +457,7 @@ def _write_stand(run: TiledRun) -> None:
             run.files.append(FILE)
         parts = (on_the_map(tree_table(part), offset) for part in tiling.forest.parts(BLOCK))
         write_csv(run.out / "trees.csv", parts)
-        write_csv(run.out / "leaf_angles.csv", angle_table(tiling.forest.whole))
+        write_csv(run.out / "leaf_angles.csv", angle_table(tiling.forest.parts(BLOCK)))
         tiles = tiling.tiles
         table: dict[str, list[Any]] = {"tile": [t.name for t in tiles]}
         for end in ("low", "high"):

@@ -150,7 +150,7 @@ def _gauss(intensity: Intensity, low: np.ndarray, high: np.ndarray, order: int) 
     return total * half.prod(axis=1)
 
 
-MAX_POINTS = 20_000_000
+MAX_POINTS = 100_000_000
 SPARE = 32.0  # candidates that a cell may waste; cutting it costs about as much
 ROUNDING = 1e-9  # room above a bound for the rounding of sums and products
 MAX_ROUND = 4_000_000  # candidates drawn at once where a number of points is wanted
@@ -219,7 +219,8 @@ def _by_component(
     hills = components.hills
     for mean, centre, width in zip(hills.whole(), hills.centre, hills.width, strict=True):
         clouds.append(_hill(centre, width, rng.poisson(mean), rng))
-    return _within(np.concatenate(clouds), components, process)
+    points = np.concatenate(clouds) if len(clouds) > 1 else clouds[0]
+    return _within(points, components, process)
 
 
 def _components_of(
@@ -250,7 +251,8 @@ def _hill(
 def _within(points: np.ndarray, components: _Components, process: Process) -> np.ndarray:
     x, y = points.T
     (x0, y0), (x1, y1) = process.low, process.high
-    points = points[(x >= x0) & (x <= x1) & (y >= y0) & (y <= y1)]
+    inside = (x >= x0) & (x <= x1) & (y >= y0) & (y <= y1)
+    points = points if inside.all() else points[inside]
     for mask in components.masks:
         points = points[mask.at(points) > 0]
     return points
