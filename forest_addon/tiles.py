@@ -19,16 +19,17 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from .base.kept import LastAsked
 from .base.progress import Progress
-from .base.rows import blocks, distinct, slots
+from .base.rows import Drawn, blocks, distinct, slots
 from .formats.atomic import partial_of, replacing
 from .formats.ply import PlyFile
 from .growth.tree import Tree
@@ -42,6 +43,7 @@ from .sensing.looks import Upright
 from .sensing.rays.geometry import boxes_of
 from .spec import Forest, Scanner
 from .stand.forest import ForestPlan, GrownForest, counts_of, keys_of
+from .stand.intensity.surface import sink
 from .stand.plan import Stand, labels
 
 KEPT = 2_000_000_000  # bytes of grown variants that stay in memory
@@ -134,17 +136,25 @@ class TiledForest:
         self.labels = tuple(labels(plan.scene.plantings))
         shape = np.max([(0, 0), *self.counts], axis=0) + 1
         # Of each variant in its own size: m to the sides, its ends in z, the longest way through it.
-        self._wide, self._least, self._top, through = np.zeros((4, *shape))
+        self._wide, self._least, self._top, through, foot = np.zeros((5, *shape))
         for key, tree in self.trees.items():
+            foot[key] = tree.skeleton.radius[:1, 0].sum()
             low, high = boxes_of(tree.mesh, 1)
             if len(low):
                 used = tree.mesh.vertices[np.isfinite(tree.mesh.vertices).all(axis=1)]
                 self._wide[key] = np.hypot(*used[:, :2].T).max()
                 self._least[key], self._top[key] = low[0, 2], high[0, 2]
                 through[key] = np.linalg.norm(np.ptp(used, axis=0))
-        tile = np.empty(
-            len(self), dtype=np.min_scalar_type(len(grid))
-        )  # of 16 bits sort in a fifth
+        stand, ground = plan.measured.stand, plan.inputs.ground(plan.scene.forest.terrain.base)
+
+        def sunk(rows: np.ndarray) -> np.ndarray:
+            radius = foot[stand.species[rows], stand.variant[rows]] * stand.scale[rows]
+            return sink(ground, stand.position[rows][:, :2], radius)
+
+        alone: Any = Drawn(len(stand), sunk)
+        is_drawn = isinstance(stand.scale, Drawn)
+        self._stand = replace(stand, sink=alone) if is_drawn else plan.placed(self.trees)
+        tile = np.empty(len(self), dtype=np.min_scalar_type(len(grid)))  # 16 bits: a fast sort
         self.in_tile, self.across, self.most = np.zeros(len(grid), dtype=np.int64), 0.0, 0.0
         least, most, outer = np.full(3, np.inf), np.full(3, -np.inf), list[np.ndarray]()
         for rows in blocks(len(self)):
@@ -173,11 +183,11 @@ class TiledForest:
             self._by_tile[slots(tile[rows], free)] = np.arange(rows.start, rows.stop)
 
     def __len__(self) -> int:
-        return len(self._plan.measured.stand)
+        return len(self._stand)
 
     def stand(self, rows: np.ndarray | slice = slice(None)) -> Stand:
         """Rows of the trees, in their sizes, with their feet in the ground; all of them if left out."""
-        return self._plan.placed(self.trees, rows)
+        return self._stand.select(rows)
 
     def _ends(self, stand: Stand) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """(N,) metres that trees reach to the sides of their feet, and coordinates z of their ends."""
@@ -193,7 +203,7 @@ class TiledForest:
         lines = range(begin, end - across + 2, wide)
         some = [self._by_tile[self._first[k] : self._first[k + across]] for k in lines]
         rows = np.sort(np.concatenate(some)).astype(np.int64)
-        place = self._plan.measured.stand.position[rows][:, :2]
+        place = self._stand.position[rows][:, :2]
         away = np.hypot(*np.maximum(np.maximum(low - place, place - high), 0.0).T)
         rows, away = rows[away <= self.most], away[away <= self.most]
         return rows[away <= self._ends(self.stand(rows))[0]]
@@ -212,13 +222,10 @@ class TiledForest:
     def by_variant(self) -> np.ndarray:
         """(N,) place of each tree where those of one variant stand side by side, in order: in the scene of a
         whole forest whose trees are points."""
-        number, count = (
-            np.empty(len(self), dtype=np.int32),
-            np.zeros_like(self._wide, dtype=np.int64),
-        )
+        number, count = np.empty(len(self), dtype=np.int32), np.zeros(self._wide.shape, dtype=int)
         for key, trees in self.counts.items():
             count[key] = trees
-        free, stand = np.cumsum(count) - count.ravel(), self._plan.measured.stand
+        free, stand = np.cumsum(count) - count.ravel(), self._stand
         for rows in blocks(len(self)):
             code = stand.species[rows] * self._wide.shape[1] + stand.variant[rows]
             number[rows] = slots(code, free)

@@ -224,7 +224,8 @@ class ForestPlan:
                 (kind.changed(detail=kind.detail.changed(relief=True)), template)
                 for kind, template in species
             ]
-        plan = plan_field if scene.tiles.size else plan_stand
+        targets = [*(p.targets for p in scene.plantings), *(kind.targets for kind, _ in species)]
+        plan = plan_field if scene.tiles.size and not any(targets) else plan_stand
         stand = plan(scene.seed, scene.forest, scene.plantings, inputs)
         names = labels(scene.plantings)
         measured = with_targets(scene.seed, stand, scene.plantings, names, species, inputs)
@@ -298,11 +299,9 @@ class ForestPlan:
             said.append("no tree stands: expect more, or a larger field")
         return tuple(said)
 
-    def placed(
-        self, variants: Mapping[tuple[int, int], Tree], rows: np.ndarray | slice = slice(None)
-    ) -> Stand:
-        """The stand, or rows of it: each tree in the size that it is to have, its foot in the ground."""
-        stand, wanted = self.measured.stand.select(rows), self.measured.trees[rows]
+    def placed(self, variants: Mapping[tuple[int, int], Tree]) -> Stand:
+        """The stand with every tree in the size that it is to have, its foot in the ground."""
+        stand, wanted = self.measured.stand, self.measured.trees
         many, code = codes_of(stand)
         scale, met = stand.scale.copy(), np.isfinite(wanted[:, 0])  # have a diameter to meet
         foot, meets = np.zeros(int(code.max(initial=-1)) + 1), bool(met.any())

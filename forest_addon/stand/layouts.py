@@ -150,7 +150,7 @@ def _gauss(intensity: Intensity, low: np.ndarray, high: np.ndarray, order: int) 
     return total * half.prod(axis=1)
 
 
-MAX_POINTS = 100_000_000
+MAX_POINTS = 20_000_000
 SPARE = 32.0  # candidates that a cell may waste; cutting it costs about as much
 ROUNDING = 1e-9  # room above a bound for the rounding of sums and products
 MAX_ROUND = 4_000_000  # candidates drawn at once where a number of points is wanted
@@ -170,20 +170,25 @@ class _Components:
     masks: tuple[Mask, ...]
 
 
-def sample(process: Process, rng: np.random.Generator, exactly: int | None = None) -> np.ndarray:
+def sample(
+    process: Process,
+    rng: np.random.Generator,
+    exactly: int | None = None,
+    most: int = MAX_POINTS,
+) -> np.ndarray:
     """Points (N, 2) of the process; N is Poisson with mean ∫λ, or ``exactly`` that many, each with
     density λ/∫λ.
 
     Raises
     ------
-    IntensityError : more than ``MAX_POINTS`` points would be drawn; says how many. λ is zero everywhere,
+    IntensityError : more than ``most`` points would be drawn; says how many. λ is zero everywhere,
     and some are wanted. λ is negative or not a number somewhere; says where.
     BoundViolation : λ exceeds its own bound; says where and by how much.
     """
     wanted = process.expected() if exactly is None else float(exactly)
-    if not wanted <= MAX_POINTS:
+    if not wanted <= most:
         raise IntensityError(
-            f"the intensity asks for {wanted:,.0f} trees, more than {MAX_POINTS:,}; "
+            f"the intensity asks for {wanted:,.0f} trees, more than {most:,}; "
             "lower the peaks or the expected number"
         )
     if exactly and process.expected() <= 0:

@@ -56,7 +56,7 @@ from ..growth.skeleton import Skeleton
 from ..spec import Allometry, Planting, SpecError, Species
 from .compose import Inputs
 from .layouts import told_of
-from .plan import Stand, as_arrays, chosen_of
+from .plan import Stand, chosen_of
 
 ROUNDS = 40
 SITE = np.arange(4)  # what the trees of a stand share, by measure
@@ -103,8 +103,6 @@ def with_targets(
     ------
     SpecError : targets that contradict each other, or that nothing tells.
     """
-    if any(p.targets or kind.targets for p, (kind, _) in zip(plantings, species, strict=True)):
-        stand = as_arrays(stand)
     groups, ignored = _groups(seed, stand, plantings, names, species, inputs)
     variants: dict[tuple[int, int], Wanted] = {}
     laws: list[Allometry | None] = [None] * len(plantings)

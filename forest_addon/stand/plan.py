@@ -48,6 +48,7 @@ from ..spec import (
 from .compose import Inputs, TreeList, area_of, corners_of, masks_of, process_of
 from .intensity.surface import GroundSurface, IntensityError
 from .layouts import (
+    MAX_POINTS,
     Integral,
     Process,
     is_cleared,
@@ -58,7 +59,7 @@ from .layouts import (
     told_of,
 )
 
-MOST_AT_ONCE = 20_000_000  # trees whose columns are all kept
+MOST_DRAWN = 100_000_000  # trees of a planting whose columns are not kept
 NOBODY = Integral(0.0)
 OF_PLANTING = ("too_near", "off_ground", "off_field", "expected", "error")
 
@@ -112,7 +113,7 @@ class Stand:
         kept = self.select(self.species < count)
         return replace(kept, **{name: getattr(self, name)[:count] for name in OF_PLANTING})
 
-    def select(self, rows: np.ndarray) -> Stand:
+    def select(self, rows: np.ndarray | slice) -> Stand:
         """Some trees, by row or mask, as they are; figures of plantings stay those of all trees."""
         own = {f.name: getattr(self, f.name) for f in fields(self)}
         whole = (*OF_PLANTING, "area")
@@ -130,34 +131,21 @@ def plan_stand(
 
     Raises
     ------
-    IntensityError, SpecError : as ``plan_field``; more than ``MOST_AT_ONCE`` trees.
+    IntensityError, SpecError : as ``plan_field``.
     """
-    return as_arrays(plan_field(seed, forest, plantings, inputs))
-
-
-def as_arrays(stand: Stand) -> Stand:
-    """Return a stand whose columns are all kept.
-
-    Raises
-    ------
-    IntensityError : more than ``MOST_AT_ONCE`` trees.
-    """
-    _refuse_many(len(stand))
-    return stand.select(slice(None))
-
-
-def _refuse_many(count: int) -> None:
-    if count > MOST_AT_ONCE:
-        raise IntensityError(
-            f"{count:,} trees are more than {MOST_AT_ONCE:,}; only [tiles] of trees without spacing, targets "
-            "and trees by hand take more"
-        )
+    return plan_field(seed, forest, plantings, inputs, MAX_POINTS).select(slice(None))
 
 
 def plan_field(
-    seed: int, forest: Forest, plantings: Sequence[Planting], inputs: Inputs | None = None
+    seed: int,
+    forest: Forest,
+    plantings: Sequence[Planting],
+    inputs: Inputs | None = None,
+    most: int = MOST_DRAWN,
 ) -> Stand:
     """A stand whose columns are drawn when they are asked for, unless its trees depend on each other.
+
+    most : trees that a planting may draw; of those that depend on each other ``MAX_POINTS``.
 
     Raises
     ------
@@ -169,9 +157,11 @@ def plan_field(
     names = labels(plantings)
     distance = distances_of(forest, names)
     ground = inputs.ground(forest.terrain.base)
+    alone = not (distance.any() or any(p.crown or p.by_hand or p.clearings for p in plantings))
+    most = most if alone else MAX_POINTS
     tables = list[_Planted]()
     for number, planting in enumerate(plantings):
-        tables.append(_plant(seed, number, names, plantings, forest, inputs, ground))
+        tables.append(_plant(seed, number, names, plantings, forest, inputs, ground, most))
         tables.append(_by_hand(seed, names[number], planting, ground))
     first = np.cumsum([0, *(len(table.number) for table in tables), 0])
     count, by_draw, by_hand = int(first[-1]), tables[::2], tables[1::2]
@@ -204,7 +194,7 @@ def plan_field(
 
     own = ("position", "rotation", "scale", "variant", "number")
     drawn: dict[str, Any] = {name: column(name) for name in own}
-    if not (distance.any() or any(p.crown or p.by_hand or p.clearings for p in plantings)):
+    if alone:
         drawn["species"] = Drawn(count, species_of)
         drawn["id"] = Drawn(count, lambda rows: rows)
         drawn["sink"] = Drawn(count, lambda rows: np.zeros(len(rows)))
@@ -213,7 +203,6 @@ def plan_field(
             too_near=np.zeros(len(plantings), dtype=np.int64),
             **of_plantings,
         )
-    _refuse_many(count)
     whole = {name: values[:] for name, values in drawn.items()}
     species, cleared = species_of(np.arange(count)), column("cleared")[:]
     crown = np.array([p.crown for p in plantings], dtype=float)[species] * whole["scale"]
@@ -293,6 +282,7 @@ def _plant(
     forest: Forest,
     inputs: Inputs,
     ground: GroundSurface,
+    most: int,
 ) -> _Planted:
     planting, label = plantings[number], names[number]
     low, high = planting.scale
@@ -300,7 +290,7 @@ def _plant(
     given = np.empty((0, 3))  # height, scale and rotation of trees of a list
     if planting.layout in ("poisson", "clusters", "strauss"):
         process = process_of(planting, forest, inputs)
-        points, expected = draw_places(planting, process, rng), process.total
+        points, expected = draw_places(planting, process, rng, most), process.total
         on_field = np.ones(len(points), dtype=bool)
     else:
         if planting.layout == "rows":
@@ -323,19 +313,19 @@ def _plant(
             return values
         return np.where(np.isfinite(given[rows, column]), given[rows, column], values)
 
-    def height(rows: np.ndarray | slice) -> np.ndarray:
+    def height(rows: Any) -> np.ndarray:
         return told(0, rows, ground.height(points[rows]))
 
     on_ground = np.empty(count, dtype=bool)
     for rows in blocks(count):
         on_ground[rows] = np.isfinite(height(rows))
     stands = on_field & on_ground
-    number = None if stands.all() else np.flatnonzero(stands).astype(np.uint32)
+    numbers = None if stands.all() else np.flatnonzero(stands).astype(np.uint32)
 
     def column(make: Callable[[np.ndarray], np.ndarray]) -> Drawn:
-        if number is None:
+        if numbers is None:
             return Drawn(count, make)
-        return Drawn(len(number), lambda rows: make(number[rows].astype(np.int64)))
+        return Drawn(len(numbers), lambda rows: make(numbers[rows].astype(np.int64)))
 
     return _Planted(
         position=column(lambda rows: np.column_stack([points[rows], height(rows)])),
@@ -383,13 +373,15 @@ def _by_hand(seed: int, label: str, planting: Planting, ground: GroundSurface) -
     )
 
 
-def draw_places(planting: Planting, process: Process, rng: np.random.Generator) -> np.ndarray:
+def draw_places(
+    planting: Planting, process: Process, rng: np.random.Generator, most: int = MAX_POINTS
+) -> np.ndarray:
     """Places (N, 2) of a random layout."""
     if planting.layout == "clusters":
         return sample_clusters(process, planting.clusters, rng)
     if planting.layout == "strauss":
         return sample_strauss(process, planting.strauss, rng)
-    return sample(process, rng, round(process.expected()) if planting.exact else None)
+    return sample(process, rng, round(process.expected()) if planting.exact else None, most)
 
 
 def _listed(

@@ -21,7 +21,7 @@ from forest_addon.stand.intensity.functions import (
     Sum,
 )
 from forest_addon.stand.intensity.surface import IntensityError
-from forest_addon.stand.layouts import BoundViolation, Process, sample
+from forest_addon.stand.layouts import MAX_POINTS, BoundViolation, Process, sample
 
 LOW, SIZE = np.array([500_000.0, 5_400_000.0]), np.array([60.0, 40.0])  # UTM
 HILLS = Mixture(
@@ -175,8 +175,9 @@ def test_values_that_are_no_intensity_are_refused_with_their_place(bad):
 @pytest.mark.medium
 @pytest.mark.parametrize("name", KINDS)
 def test_too_many_trees_are_refused_with_the_number(name):
-    with pytest.raises(IntensityError, match="300,000,000 trees, more than 100,000,000"):
+    with pytest.raises(IntensityError, match="300,000,000 trees, more than 20,000,000"):
         sample(process(name, 3e8), stream(0, "x"))
+    assert MAX_POINTS == 20_000_000
 
 
 def test_nothing_where_the_intensity_is_zero():

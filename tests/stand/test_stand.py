@@ -84,8 +84,8 @@ def test_zero_trees_and_nothing_to_scale():
 
 
 def test_too_many_trees_are_refused_with_the_number():
-    with pytest.raises(ValueError, match="400,000,000 trees"):
-        sample(process_of(Planting(species="m", expected=1e5), FIELD).scaled(4000), stream(0, "x"))
+    with pytest.raises(ValueError, match="40,000,000 trees"):
+        sample(process_of(Planting(species="m", expected=1e5), FIELD).scaled(400), stream(0, "x"))
 
 
 def test_one_huge_spike_is_sampled_at_its_place():
