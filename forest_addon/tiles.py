@@ -145,15 +145,15 @@ class TiledForest:
                 self._wide[key] = np.hypot(*used[:, :2].T).max()
                 self._least[key], self._top[key] = low[0, 2], high[0, 2]
                 through[key] = np.linalg.norm(np.ptp(used, axis=0))
-        stand, ground = plan.measured.stand, plan.inputs.ground(plan.scene.forest.terrain.base)
+        drawn, ground = plan.measured.stand, plan.inputs.ground(plan.scene.forest.terrain.base)
 
         def sunk(rows: np.ndarray) -> np.ndarray:
-            radius = foot[stand.species[rows], stand.variant[rows]] * stand.scale[rows]
-            return sink(ground, stand.position[rows][:, :2], radius)
+            radius = foot[drawn.species[rows], drawn.variant[rows]] * drawn.scale[rows]
+            return sink(ground, drawn.position[rows][:, :2], radius)
 
-        alone: Any = Drawn(len(stand), sunk)
-        is_drawn = isinstance(stand.scale, Drawn)
-        self._stand = replace(stand, sink=alone) if is_drawn else plan.placed(self.trees)
+        alone: Any = Drawn(len(drawn), sunk)
+        is_drawn = isinstance(drawn.scale, Drawn)
+        self._stand = replace(drawn, sink=alone) if is_drawn else plan.placed(self.trees)
         tile = np.empty(len(self), dtype=np.min_scalar_type(len(grid)))  # 16 bits: a fast sort
         self.in_tile, self.across, self.most = np.zeros(len(grid), dtype=np.int64), 0.0, 0.0
         least, most, outer = np.full(3, np.inf), np.full(3, -np.inf), list[np.ndarray]()
