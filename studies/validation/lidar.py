@@ -233,10 +233,10 @@ have a standard deviation of 6.9 ns, to the narrowest twentieth of single echoes
 `optech-gemini` therefore has the mean of the 25 narrowest for its pulse; nothing else is from these data. The
 stands, with stems and places that are assumed, bear 5.5 m² of leaves a square metre (seed 1). Echoes are as
 many and as wide as measured. What does not agree is the light as a whole: of real pulses with several echoes
-nine in ten end within 10 m of the first, two in three of all of ours see the ground through gaps, so that light
-is spread over more metres and its tail is longer; and half of the real ones are less skew than the pulse
-itself, as deep, even foliage makes them, ours are as skew as the pulse. That is the fault that Chablais 3 shows, too: light passes between
-our crowns' tufts, not through them.
+nine in ten end within 10 m of the first, two in three of all of ours see the ground through gaps, so that
+light is spread over more metres and its tail is longer; and half of the real ones are less skew than the
+pulse itself, as deep, even foliage makes them, ours are as skew as the pulse. That is the fault that Chablais
+3 shows, too: light passes between our crowns' tufts, not through them.
 
 Gaps between returns of a VZ-400i agree without a dead zone: the length of the pulse alone makes that edge.
 
