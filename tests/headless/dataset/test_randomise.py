@@ -102,7 +102,7 @@ RANGES = {  # by the tables of docs/dataset.md
     "mix.redealt": (0.6, 30.0),
     "wind.speed": (0.0, 9.0),
     "sensors[*].noise.range_sd": (0.00025, 0.02),
-    "sensors[*].noise.registration_sd": (0.002, 0.007),
+    "sensors[*].noise.registration_sd": (0.003, 0.012),
     "sensors[*].angle_step_deg": (0.15, 0.3),
 }
 
