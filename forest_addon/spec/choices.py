@@ -439,7 +439,7 @@ CHOICES: dict[str, dict[str, tuple[str, str]]] = {
     },
     "las_format": {
         "4": ("4", "Of LAS 1.3, for older programs: seven returns, whole degrees"),
-        "9": ("9", "Of LAS 1.4"),
+        "9": ("9", "The usual one of LAS 1.4"),
         "10": ("10", "Of LAS 1.4, with colours of parts and the laser's light as near infrared"),
     },
     "keep": {
