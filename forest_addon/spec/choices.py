@@ -72,7 +72,7 @@ ADVANCED: dict[str, frozenset[str]] = {
         }
     ),
     "linkbudget": frozenset({"energy", "aperture", "efficiency", "photons"}),
-    "noise": frozenset({"range_ppm", "incidence_sd"}),
+    "noise": frozenset({"range_ppm", "incidence_sd", "registration_s"}),
     "rays": frozenset({"threads"}),
     "accuracy": frozenset({"audit", "detail"}),
     "forest": frozenset({"spacing_rule"}),
