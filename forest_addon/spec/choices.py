@@ -125,7 +125,7 @@ APPLIES: dict[str, tuple[str, tuple[str | bool, ...]]] = {
     "passing": ("leaf_transmittance", (GIVEN,)),
     "shape_step_ns": ("pulse_shape", (GIVEN,)),
     "las_format": ("sample_ns", (GIVEN,)),
-    "registration_s": ("registered", (GIVEN,)),
+    "registration_s": ("registration_sd_or_deg", (GIVEN,)),
     **dict.fromkeys(("inclination.mean_deg", "inclination.sd_deg"), ("shares", (LEFT_OUT,))),
     "mobile.speed": ("follow", (GIVEN,)),
     "airborne.spacing": ("strips", (MORE_THAN_ONE,)),

@@ -251,7 +251,7 @@ class Noise(Settings):
     )
 
     @property
-    def registered(self) -> float:
+    def registration_sd_or_deg(self) -> float:
         """The larger of both errors of registration; 0: there is none."""
         return max(self.registration_sd, self.registration_deg)
 

@@ -346,7 +346,7 @@ class Scan:
     def placed(self, pulses: Pulses, distance: np.ndarray) -> np.ndarray:
         """(P, 3) points at distances (P,) along pulses, in the joined cloud."""
         origin, way, noise = pulses.origin, pulses.direction, self.scanner.noise
-        if noise.registered and len(origin):
+        if noise.registration_sd_or_deg and len(origin):
             turn, shift = registration(noise, self._key, pulses.time)
             origin, way = origin + shift, turn.apply(way)
         return np.asarray(origin + distance[:, None] * way)
