@@ -14,8 +14,6 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import fft
 
-from . import chebyshev
-
 
 def points(count: int) -> np.ndarray:
     """(R,) in -1 … 1."""
@@ -59,7 +57,7 @@ def lagrange(count: int, place: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Cubics:
-    """A complex function from ``first`` on as cubics, which take no time to look up, in cells a ``step`` wide.
+    """A complex function from ``first`` on as cubics in cells a ``step`` wide, which take no time to look up.
 
     table : (cells, 4) complex128, coefficients of a cubic in parts of each, lowest power first.
     """

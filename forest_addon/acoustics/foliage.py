@@ -76,8 +76,8 @@ def shoot_width(
 
     A small rigid body that does not move scatters k²V/4π·(-1 + t·cos θ); t is 2 across a thin cylinder and 1
     along it (Lamb 1932, § 71: a cylinder's added mass is that of its volume), 5/3 on average over needles
-    that look all ways. A shoot holds V = A·r. Of what its needles scatter a share adds up in phase, by the mean
-    square distance R² of the needles from the shoot's middle, whose correlation dies away exponentially
+    that look all ways. A shoot holds V = A·r. Of what its needles scatter a share adds up in phase, by the
+    mean square distance R² of the needles from the shoot's middle, whose correlation dies away exponentially
     (Debye, Anderson & Brumberger 1957),
 
         dσ/dΩ = (k²V/4π)²·(-1 + 5/3·cos θ)²/(1 + q²R²/6)²,  q = 2k·sin(θ/2).
