@@ -91,7 +91,7 @@ PACKAGES = {
 BUDGETS = {
     "forest_addon": (386, 3),
     "forest_addon/acoustics": (1200, 15),
-    "forest_addon/api": (895, 6),
+    "forest_addon/api": (935, 6),
     "forest_addon/base": (320, 12),
     "forest_addon/blender": (5275, 39),
     "forest_addon/drawing": (596, 6),
