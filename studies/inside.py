@@ -152,7 +152,6 @@ INSIDE = {
     "LIGHT": "forest_addon.sensing.lidar.waveform:LIGHT",
     "Waveforms": "forest_addon.sensing.lidar.waveform:Waveforms",
     "decompose": "forest_addon.sensing.lidar.waveform:decompose",
-    "pulse_length": "forest_addon.sensing.lidar.waveform:pulse_length",
     "impacted_area": "forest_addon.sensing.lidar.tractor:impacted_area",
     "line_through_origin": "forest_addon.sensing.lidar.tractor:line_through_origin",
     "Hits": "forest_addon.sensing.rays.caster:Hits",
