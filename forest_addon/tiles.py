@@ -18,7 +18,7 @@ number of their pulses, the pieces are what the scan of the whole forest writes,
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from pathlib import Path
@@ -103,9 +103,8 @@ class TileGrid:
 class KeptTrees(Mapping[Key, Tree]):
     """The variants of a forest's plan, grown when they are asked for; the latest stay in memory."""
 
-    def __init__(self, plan: ForestPlan) -> None:
-        self._plan = plan
-        self._keys = keys_of(plan.measured.stand)
+    def __init__(self, plan: ForestPlan, keys: Collection[Key]) -> None:
+        self._plan, self._keys = plan, keys
         self._trees: LastAsked[Key, Tree] = LastAsked(KEPT, lambda tree: tree.nbytes)
 
     def __getitem__(self, key: Key) -> Tree:
@@ -131,9 +130,8 @@ class TiledForest:
 
     def __init__(self, plan: ForestPlan, grid: TileGrid) -> None:
         self._plan, self._grid, self.notes = plan, grid, plan.notes()
-        self.trees = KeptTrees(plan)
         self.counts = counts_of(plan.measured.stand)
-        self.labels = tuple(labels(plan.scene.plantings))
+        self.trees = KeptTrees(plan, self.counts)
         shape = np.max([(0, 0), *self.counts], axis=0) + 1
         # Of each variant in its own size: m to the sides, its ends in z, the longest way through it.
         self._wide, self._least, self._top, through, foot = np.zeros((5, *shape))
@@ -233,11 +231,10 @@ class TiledForest:
 
     def part(self, rows: np.ndarray | slice) -> GrownForest:
         """Some trees as a forest, with the numbers that they have in the whole."""
-        plan, stand = self._plan, self.stand(rows)
-        measured = plan.measured
+        plan, stand, measured = self._plan, self.stand(rows), self._plan.measured
         return GrownForest(
             stand=stand,
-            labels=self.labels,
+            labels=tuple(labels(plan.scene.plantings)),
             species=tuple(species for species, _ in plan.species),
             variants={key: self.trees[key] for key in keys_of(stand)},
             wanted=measured.trees[rows] if measured.variants else None,

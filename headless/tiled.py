@@ -315,11 +315,9 @@ def _make_pieces(
 
 def jobs_of(run: TiledRun, pieces: Sequence[int], cluster: Cluster) -> list[TileJob]:
     """The jobs of pieces of a run."""
-    running = Running()
-    memory, threads = cluster.shares(len(pieces), running)
+    shares = cluster.shares(len(pieces), Running())
     given = run.asked, run.base.resolve(), run.out.resolve()
-    names = tuple(run.scans)
-    takes = names, running, memory, threads, 1, run.store
+    takes = tuple(run.scans), Running(), *shares, 1, run.store
     return [TileJob(*given, piece, *takes) for piece in pieces]
 
 

@@ -329,15 +329,12 @@ def _components(intensity: Intensity, factor: float) -> _Components | None:
     return None
 
 
-MAX_PLACES = 20_000_000
-
-
 def orchard(rows: Rows, low: np.ndarray, high: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """Places (N, 2) of an orchard's trees, row by row (Méndez et al.); not cut to the field.
 
     Raises
     ------
-    IntensityError : more than ``MAX_PLACES`` places; says how many.
+    IntensityError : more than ``MAX_POINTS`` places; says how many.
     """
     heading = np.deg2rad(rows.heading_deg)
     along = np.array([np.cos(heading), np.sin(heading)])
@@ -347,9 +344,9 @@ def orchard(rows: Rows, low: np.ndarray, high: np.ndarray, rng: np.random.Genera
     first, last = _numbers(rows.rows, rows.row_spacing, corners @ right)
     begin, end = _numbers(rows.trees, rows.tree_spacing, corners @ along)
     count = max(0, last - first) * max(0, end - begin)
-    if count > MAX_PLACES:
+    if count > MAX_POINTS:
         raise IntensityError(
-            f"the orchard has {count:,} places, more than {MAX_PLACES:,}; widen its spacings"
+            f"the orchard has {count:,} places, more than {MAX_POINTS:,}; widen its spacings"
         )
     row, tree = np.divmod(np.arange(count), max(1, end - begin))
     places = (

@@ -195,11 +195,9 @@ def plan_field(
     own = ("position", "rotation", "scale", "variant", "number")
     drawn: dict[str, Any] = {name: column(name) for name in own}
     if alone:
-        drawn["species"] = Drawn(count, species_of)
-        drawn["id"] = Drawn(count, lambda rows: rows)
-        drawn["sink"] = Drawn(count, lambda rows: np.zeros(len(rows)))
+        drawn |= {"species": Drawn(count, species_of), "id": Drawn(count, lambda rows: rows)}
         return Stand(
-            **drawn,
+            **drawn | {"sink": Drawn(count, lambda rows: np.zeros(len(rows)))},
             too_near=np.zeros(len(plantings), dtype=np.int64),
             **of_plantings,
         )
@@ -452,11 +450,6 @@ class Spacing:
     kind: np.ndarray
     crown: np.ndarray
 
-    @classmethod
-    def uniform(cls, distance: float, count: int) -> Spacing:
-        """The same distance between all of ``count`` trees."""
-        return cls(np.array([[distance]]), np.zeros(count, dtype=np.int64), np.zeros(count))
-
     def between(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
         """(M,) distance that trees ``a`` and ``b`` (M,) keep."""
         crowns = np.where(
@@ -494,9 +487,9 @@ def apart_from(points: np.ndarray, fixed: np.ndarray, spacing: Spacing) -> np.nd
     return apart | fixed
 
 
-def matern_ii(points: np.ndarray, mark: np.ndarray, spacing: Spacing | float) -> np.ndarray:
+def matern_ii(points: np.ndarray, mark: np.ndarray, spacing: Spacing) -> np.ndarray:
     """(N,) bool, which trees stay: those with no older tree too near."""
-    spacing, age, reach = _prepare(mark, spacing)
+    age, reach = _ages(mark), spacing.reach()
     if reach <= 0 or len(points) < 2:
         return np.ones(len(points), dtype=bool)
     keep = _oldest_of_bins(points, age, spacing)
@@ -509,9 +502,9 @@ def matern_ii(points: np.ndarray, mark: np.ndarray, spacing: Spacing | float) ->
     return keep
 
 
-def greedy(points: np.ndarray, mark: np.ndarray, spacing: Spacing | float) -> np.ndarray:
+def greedy(points: np.ndarray, mark: np.ndarray, spacing: Spacing) -> np.ndarray:
     """(N,) bool, which trees stay: from the oldest on, those with no tree too near that stays."""
-    spacing, age, reach = _prepare(mark, spacing)
+    age, reach = _ages(mark), spacing.reach()
     if reach <= 0 or len(points) < 2:
         return np.ones(len(points), dtype=bool)
     by_age, keep = np.argsort(age), np.zeros(len(points), dtype=bool)
@@ -571,12 +564,10 @@ def _pairs(
         yield first + found["i"], found["j"]
 
 
-def _prepare(mark: np.ndarray, spacing: Spacing | float) -> tuple[Spacing, np.ndarray, float]:
-    if not isinstance(spacing, Spacing):
-        spacing = Spacing.uniform(float(spacing), len(mark))
+def _ages(mark: np.ndarray) -> np.ndarray:
     age = np.empty(len(mark), dtype=np.int64)
     age[np.argsort(mark, kind="stable")] = np.arange(len(mark))
-    return spacing, age, spacing.reach()
+    return age
 
 
 def _oldest_of_bins(points: np.ndarray, age: np.ndarray, spacing: Spacing) -> np.ndarray:
