@@ -73,7 +73,8 @@ PACKAGES = {
     "studies": NUMBERS
     | {"bpy", "distributed", "laspy", "mathutils", "matplotlib", "pgeof", "psutil", "pyhelios"}
     | {"sklearn", "tlseparation", "tomli_w"},
-    "headless": NUMBERS | {"bpy", "laspy", "matplotlib", "pyproj", "pystac", "tqdm", "upath"},
+    "headless": NUMBERS
+    | {"bpy", "laspy", "matplotlib", "pyproj", "pystac", "shtab", "tqdm", "upath"},
 }
 
 
