@@ -183,9 +183,11 @@ def install(python: Path, log: Path, extra: str) -> None:
     """Installs by uv, which takes a third of pip's time, or by pip where uv cannot be had or does not know
     where packages come from (it does not read pip's settings); all that they said is in ``log``."""
     pip = [str(python), "-m", "pip", "install", "--no-input", "--disable-pip-version-check"]
-    if not sys.dont_write_bytecode:  # most is never imported; Python compiles what is, and keeps it
-        pip.append("--no-compile")
     uv = [str(python), "-m", "uv", "pip", "install", "--python", str(python)]
+    if sys.dont_write_bytecode:  # else Python compiles what is imported, and keeps it
+        uv.append("--compile-bytecode")
+    else:
+        pip.append("--no-compile")
     wanted = ["--editable", f"{ROOT}[{extra}]"]
     print(
         f"installing what {PURPOSE[extra]} (the first time some {MEGABYTES[extra]} MB to download)",
