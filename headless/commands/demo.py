@@ -8,19 +8,17 @@ from forest_addon.base.places import ASSETS
 
 from .run import RunCommand, add_run_options
 
-DEMO = ASSETS / "scenes" / "demo.toml"
-
 
 class DemoCommand(RunCommand):
     name = "demo"
     maker = "run"
     help = "run the demo forest"
-    description = f"Run the demo forest, assets/scenes/{DEMO.name}."
+    description = "Run the demo forest, assets/scenes/demo.toml."
 
     def arguments(self, parser: argparse.ArgumentParser) -> None:
         add_run_options(parser, "out/demo")
         parser.set_defaults(
-            scene=DEMO,
+            scene=ASSETS / "scenes" / "demo.toml",
             convolve=ASSETS / "sounds" / "call.wav",
             workers=1,
             share=None,

@@ -125,8 +125,11 @@ class RunCommand(Command):
             if is_asked:
                 why = "needs a scene with [tiles]; sensors of others use all cores by themselves"
                 raise SpecError(key, why)
-        of_file = partial(run_scene, settings, scene.resolve().parent)
-        run = partial(run_blend, scene) if is_blend else of_file
+        run = (
+            partial(run_blend, scene)
+            if is_blend
+            else partial(run_scene, settings, scene.resolve().parent)
+        )
         try:
             run(
                 chosen.out,
