@@ -107,7 +107,7 @@ BUDGETS = {
     "forest_addon/ui": (5842, 38),
     "headless": (1669, 15),
     "headless/accuracy": (584, 4),
-    "headless/commands": (1750, 19),
+    "headless/commands": (1748, 19),
     "headless/dataset": (2547, 15),
     "headless/report": (529, 4),
     "studies": (167, 5),
