@@ -90,7 +90,7 @@ PACKAGES = {
 # a plot's twin is judged.
 BUDGETS = {
     "forest_addon": (386, 3),
-    "forest_addon/acoustics": (1212, 19),
+    "forest_addon/acoustics": (1200, 15),
     "forest_addon/api": (895, 6),
     "forest_addon/base": (320, 12),
     "forest_addon/blender": (5275, 39),
@@ -100,7 +100,7 @@ BUDGETS = {
     "forest_addon/growth": (8158, 36),
     "forest_addon/kernels": (46, 1),
     "forest_addon/results": (1292, 17),
-    "forest_addon/sensing": (12713, 92),
+    "forest_addon/sensing": (12710, 92),
     "forest_addon/spec": (1317, 11),
     "forest_addon/stand": (3534, 14),
     "forest_addon/ui": (5842, 38),
