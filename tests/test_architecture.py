@@ -100,7 +100,7 @@ BUDGETS = {
     "forest_addon/growth": (8158, 36),
     "forest_addon/kernels": (46, 1),
     "forest_addon/results": (1292, 17),
-    "forest_addon/sensing": (12710, 92),
+    "forest_addon/sensing": (12711, 92),
     "forest_addon/spec": (1317, 11),
     "forest_addon/stand": (3534, 14),
     "forest_addon/ui": (5842, 38),
