@@ -163,9 +163,8 @@ class LayerSum:
             size = fft.next_fast_len(filters.shape[1] + SPREAD, real=True)
             turn = -1j * math.pi / size * np.arange(size // 2 + 1)  # of half a sample
             series = chebyshev.coefficients(np.exp(np.outer(chebyshev.points(LATE), turn)), 0)
-            series = series[:, None]
-            found = fft.irfft(fft.rfft(filters, size) * series, size)[:, :, : filters.shape[1]]
-            found = found.reshape(-1, filters.shape[1])
+            found = fft.irfft(fft.rfft(filters, size) * series[:, None], size)
+            found = found[:, :, : filters.shape[1]].reshape(-1, filters.shape[1])
             norm = np.linalg.norm(found, axis=1)
             kept = np.flatnonzero(norm > SHARE * self.layer.tolerance * norm.max())
             large = np.abs(found[kept]).max(axis=0)
