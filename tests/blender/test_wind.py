@@ -30,11 +30,10 @@ STAND = forest.Scene(
         forest.Planting(species="scots-pine", expected=4.0, variants=1, targets=YOUNG),
         forest.Planting(species="maple", expected=5.0, variants=1, scale=(0.8, 1.2)),
     ),
+    accuracy=forest.Accuracy(audit=0.0),
 )
 FEW = 40  # points of a tree of which one in twenty says nothing
-WINDY = STAND.changed(
-    wind=forest.Wind(speed=9.0, direction_deg=30.0), accuracy=forest.Accuracy(audit=0.0)
-)
+WINDY = STAND.changed(wind=forest.Wind(speed=9.0, direction_deg=30.0))
 AUDITED = WINDY.changed(accuracy=forest.Accuracy())
 
 
