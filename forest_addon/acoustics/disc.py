@@ -30,7 +30,7 @@ from numpy.typing import ArrayLike
 from scipy import special
 
 from .. import kernels
-from .cubics import Cubics
+from .chebyshev import Cubics
 from .disc_table import HANDOVER, LAST, tabulated, tabulated_bound, tabulated_by_kernel
 
 MODELS = ("paper", "piston", "exact")

@@ -145,6 +145,14 @@ SMALLER = (
     (r"(position=\(14\.5, 14\.5, 1\.6\))", r"\1, angle_step_deg=2.0"),
     (r"\barange\(-40, 41, 5\.0\)", "arange(-40, 41, 20.0)"),
     (r"(dataset (tiny|hazels\.toml)) ", r"\1 --workers 1 "),
+    (r"\bsize = 20\.0", "size = 10.0"),
+    (r"\bvariants=4\b", "variants=1"),
+    (
+        r"\bposition=\(10, 10, 1\.6\), angle_step_deg=0\.25",
+        "position=(5, 5, 1.6), angle_step_deg=1.0",
+    ),
+    (r"\barray\(\[3\.0, 6\.0, 12\.0, 24\.0\]\)", "array([3.0, 24.0])"),
+    (r"\bside in range\(4\)", "side in range(1)"),
     (r"^bake\(", "bpy.context.scene.frame_end = 3\nbake("),
 )
 

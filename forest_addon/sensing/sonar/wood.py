@@ -25,7 +25,7 @@ from typing import ClassVar
 import numpy as np
 
 from ... import kernels
-from ...acoustics.cubics import Cubics
+from ...acoustics.chebyshev import Cubics
 from ...acoustics.cylinder import scattering_sum
 from ...base.rows import lengths
 from ...base.trimesh import TriMesh, is_wood
