@@ -91,7 +91,7 @@ PACKAGES = {
 # a plot's twin is judged.
 BUDGETS = {
     "forest_addon": (386, 3),
-    "forest_addon/acoustics": (1200, 15),
+    "forest_addon/acoustics": (1105, 14),
     "forest_addon/api": (935, 6),
     "forest_addon/base": (320, 12),
     "forest_addon/blender": (5275, 39),
@@ -101,7 +101,7 @@ BUDGETS = {
     "forest_addon/growth": (8158, 36),
     "forest_addon/kernels": (46, 1),
     "forest_addon/results": (1293, 17),
-    "forest_addon/sensing": (12721, 92),
+    "forest_addon/sensing": (12762, 92),
     "forest_addon/spec": (1323, 11),
     "forest_addon/stand": (3534, 14),
     "forest_addon/ui": (5842, 38),
