@@ -17,14 +17,14 @@ class RowTable:
 
     def select(self, rows: np.ndarray | slice) -> Self:
         """Some rows of every column, by number, mask or slice."""
+        if isinstance(rows, np.ndarray) and rows.dtype == bool:
+            rows = np.flatnonzero(rows)
         kept = {}
         for name in (field.name for field in fields(self)):
             value = getattr(self, name)
             if isinstance(value, np.ndarray):
-                if isinstance(rows, np.ndarray) and rows.dtype != bool:
-                    value = value.take(rows, 0)  # twice as fast as indexing
-                else:
-                    value = value[rows]
+                # Taken in half the time of indexing.
+                value = value[rows] if isinstance(rows, slice) else value.take(rows, 0)
             elif isinstance(value, RowTable):
                 value = value.select(rows)
             kept[name] = value
