@@ -162,7 +162,7 @@ def test_sensors_that_hear_all_are_refused(tmp_path):
     with pytest.raises(forest.SpecError, match="scan_to"):
         tiling.look(SCANNERS[0])
     folded = SCANNERS[1].receiver.changed(beyond="folded")
-    for word, value in {"motion": True, "bounces": 1, "receiver": folded}.items():
+    for word, value in {"motion": True, "bounces": True, "receiver": folded}.items():
         with pytest.raises(forest.SpecError, match=f"{word}.*tiles"):
             tiling.scan_to(tmp_path / "t.laz", SCANNERS[1].changed(**{word: value}))
     with pytest.raises(forest.SpecError, match="tile"):

@@ -71,7 +71,7 @@ def bytes_of(out):
     return {
         str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest()
         for path in sorted(folder.rglob("*"))
-        if path.is_file() and path.name != "run.json" and path.parent.name != "tiles"
+        if path.is_file() and path.name[0] != "." and path.name != "run.json"
     }
 
 
