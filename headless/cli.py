@@ -60,7 +60,6 @@ examples:
 A scene file is TOML; assets/scenes/demo.toml is one with every table explained.
 Start with out/.../report.html: pictures, counts, timings."""
 
-SCRIPT = "forest-sensing"  # what pip installs
 # How each shell completes the name of a file, as shtab.FILE has it.
 FILES = {
     "bash": "_shtab_compgen_files",
@@ -169,7 +168,7 @@ def _parser() -> argparse.ArgumentParser:
         "--completion",
         action=_Completion,
         choices=("bash", "zsh", "fish", "tcsh", "powershell"),
-        help=f"print what makes a shell complete the words of {SCRIPT}, and exit",
+        help="print what makes a shell complete the words of forest-sensing, and exit",
     )
     commands = parser.add_subparsers(required=True, dest="COMMAND", metavar="COMMAND")
     for command in COMMANDS:
@@ -213,7 +212,7 @@ class _Completion(argparse.Action):
     def __call__(self, parser: argparse.ArgumentParser, _: object, shell: str, *__: object) -> None:
         import shtab
 
-        parser.prog = SCRIPT
+        parser.prog = "forest-sensing"  # what pip installs
         print(shtab.complete(parser, shell))
         parser.exit()
 

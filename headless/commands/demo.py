@@ -8,17 +8,19 @@ from forest_addon.base.places import ASSETS
 
 from .run import RunCommand, add_run_options
 
+DEMO = ASSETS / "scenes" / "demo.toml"
+
 
 class DemoCommand(RunCommand):
     name = "demo"
     maker = "run"
     help = "run the demo forest"
-    description = "Run the demo forest, assets/scenes/demo.toml."
+    description = f"Run the demo forest, assets/scenes/{DEMO.name}."
 
     def arguments(self, parser: argparse.ArgumentParser) -> None:
         add_run_options(parser, "out/demo")
         parser.set_defaults(
-            scene=ASSETS / "scenes" / "demo.toml",
+            scene=DEMO,
             convolve=ASSETS / "sounds" / "call.wav",
             workers=1,
             share=None,

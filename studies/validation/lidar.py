@@ -238,7 +238,9 @@ many and as wide as measured. What does not agree is the light as a whole: of re
 nine in ten end within 10 m of the first, two in three of all of ours see the ground through gaps, so that
 light is spread over more metres and its tail is longer; and half of the real ones are less skew than the
 pulse itself, as deep, even foliage makes them, ours are as skew as the pulse. That is the fault that Chablais
-3 shows, too: light passes between our crowns' tufts, not through them.
+3 shows, too: light passes between our crowns' tufts, not through them. Leaves that pass 45 % of the light, as
+at 1064 nm, were tried on the stand of seed 1 and make it no better: the median transect has 25 % of three and
+more Gaussians and light of 21 ns, without them 23 % and 18 ns.
 
 Gaps between returns of a VZ-400i agree without a dead zone: the length of the pulse alone makes that edge.
 Shares of returns are not judged, as the stand of the real scan is not described. What they hang on was tried

@@ -136,6 +136,7 @@ SMALLER = (
     (r"\bcount=1000\b", "count=100"),
     (r"\bcount = 2\b", "count = 1"),
     (r"\bdensity=0\.1\b", "density=0.05"),
+    (r"\bvariants=5, density=1\.0\b", "variants=1, density=1e-6"),
     (r"\bvariants=[23]\b", "variants=1"),
     (r"--variants 2\b", "--variants 1"),
     (r"--episodes 2\b", "--episodes 1"),
