@@ -223,6 +223,7 @@ INSIDE = {
     "RasterIntensity": "forest_addon.stand.intensity.functions:RasterIntensity",
     "sample": "forest_addon.stand.layouts:sample",
     "Process": "forest_addon.stand.layouts:Process",
+    "Spacing": "forest_addon.stand.plan:Spacing",
     "greedy": "forest_addon.stand.plan:greedy",
     "matern_ii": "forest_addon.stand.plan:matern_ii",
     "Envelope": "forest_addon.stand.statistics.law:Envelope",
