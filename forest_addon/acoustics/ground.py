@@ -1,4 +1,4 @@
-"""Reflection of sound by the ground: impedance from the flow resistivity, and the spherical-wave coefficient.
+"""Reflection of sound by the ground, and its coherence with the direct sound.
 
 The surface is a locally reacting half space. Its normalised impedance comes from one parameter, the flow
 resistivity σ, by Delany & Bazley (1970) or by Miki (1990), whose real part stays positive at low
@@ -96,3 +96,28 @@ def spherical_reflection(
     far = -inverse / 2 * (1.0 + 1.5 * inverse * (1.0 + 2.5 * inverse))
     loss = np.where(np.abs(distance) > FAR, far, near)
     return np.conj(plane + (1.0 - plane) * loss)
+
+
+SCALE = 1.1  # m, L of ``coherence``
+
+
+def coherence(
+    wavenumber: np.ndarray, path: np.ndarray, apart: np.ndarray, fluctuation: float
+) -> np.ndarray:
+    """Γ of two neighbouring paths in moving air, from 1 (still air) to 0; the arguments broadcast.
+
+    path, apart : x and h, metres: how long the paths are, and their largest distance. fluctuation : <μ²>. For
+    fluctuations of the refractive index with a Gaussian correlation over ``SCALE`` (Karavainikov 1957; Daigle
+    1979, JASA 65:45),
+
+        Γ = e^{-σ²(1 - ρ)},  σ² = √π/2·<μ²>·k²·L·x·A,  ρ = √π/2·erf(h/L)/(h/L),
+
+    A = 1/2 where L is well below √(x/k), else 1. Daigle measured <μ²> of 2 to 10·10⁻⁶ over open ground and
+    L = 1.1 m; under trees the air is calmer.
+    """
+    near = 0.5 + 0.5 / (1.0 + path / (wavenumber * SCALE**2))  # A, from 1 to 1/2
+    variance = 0.5 * math.sqrt(math.pi) * fluctuation * wavenumber**2 * SCALE * path * near
+    share = np.maximum(apart / SCALE, 1e-6)
+    correlation = 0.5 * math.sqrt(math.pi) * special.erf(share) / share
+    found: np.ndarray = np.exp(-variance * (1.0 - correlation))
+    return found

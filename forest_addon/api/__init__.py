@@ -93,14 +93,16 @@ from ..spec import (
 
 if TYPE_CHECKING:
     from .given import instrument, instruments, save_pattern, trajectory
-    from .results import Echoes, PointCloud, Response, Result, RowScan
+    from .results import Echoes, PointCloud, Response, Result, RowScan, crowns
     from .site import Site, build, current, read
     from .tiles import Tile, TiledScan, Tiling
     from .world import World
 
 _LATER = {  # all but settings, imported when it is asked for
     **dict.fromkeys(("instrument", "instruments", "save_pattern", "trajectory"), ".given"),
-    **dict.fromkeys(("Echoes", "PointCloud", "Response", "Result", "RowScan"), ".results"),
+    **dict.fromkeys(
+        ("Echoes", "PointCloud", "Response", "Result", "RowScan", "crowns"), ".results"
+    ),
     **dict.fromkeys(("Site", "build", "current", "read"), ".site"),
     **dict.fromkeys(("Tile", "TiledScan", "Tiling"), ".tiles"),
     "World": ".world",
@@ -238,6 +240,7 @@ __all__ = [
     "World",
     "Written",
     "build",
+    "crowns",
     "current",
     "instrument",
     "instruments",

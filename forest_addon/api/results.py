@@ -31,7 +31,7 @@ from ..sensing.audit import Audit
 from ..sensing.lidar.cloud import Cloud
 from ..sensing.lidar.tractor import TractorScan, to_cloud
 from ..spec import Choice, Sensor, SpecError
-from .given import file_to_write, path_of
+from .given import file_to_write, path_of, points_of
 
 
 def dataset_of(sensor: Sensor, found: Finding, about: Mapping[str, Any]) -> Any:
@@ -313,6 +313,89 @@ class PointCloud(Result):
             write_scan_bag(path, self.sensor, self.found, self.way)
         else:
             write_points(path, self.found, self.offset)
+
+
+LAYER, BRANCH = 0.1, 1.0  # m, of height; wider than the stem, which is a crown
+NARROW, CLEAR = 1.3, 11  # m, and number of the first layer that may be above what grows at the foot
+
+
+def crowns(
+    points: np.ndarray, tree: np.ndarray, trees: Mapping[str, np.ndarray]
+) -> dict[str, np.ndarray]:
+    """Measure trees in labelled points, of one scan or of several that are joined.
+
+    points : (P, 3) metres. tree : (P,) the tree of each, as ``labels`` has it. trees : which trees to
+    measure, with their feet and stems, as ``World.trees``.
+
+    Returns (N,) each: ``tree``; ``height_m``, of the highest point above the foot, or that of 99.9 % of the
+    points where the highest is more than a metre above; ``crown_base_m``, the lowest layer of 0.1 m that is
+    wider than the stem by a metre, above the lowest narrow one; ``crown_diameter_m``, the mean of the largest
+    width above the base and of the longest chord across it; ``points``. NaN where a tree has fewer than four
+    points, or they lie in a line. These are the measures of Weiser et al. (2022), of a convex outline.
+
+    Raises
+    ------
+    SpecError : points that are none, or not one label for each.
+
+    >>> import numpy as np
+    >>> from forest_addon import api as forest
+    >>> one = {"tree": [4], "x_m": [0.0], "y_m": [0.0], "z_m": [1.0], "dbh_m": [0.2]}
+    >>> corners = np.array([(-3, 0, 5), (3, 0, 5), (0, 2, 5), (0, -2, 5), (0, 0, 8)])
+    >>> found = forest.crowns(corners, np.full(5, 4), one)
+    >>> [round(float(found[key][0]), 2) for key in ("height_m", "crown_base_m", "crown_diameter_m")]
+    [7.0, 4.05, 5.0]
+    """
+    points, tree = points_of("points", points), np.asarray(tree)
+    if tree.shape != (len(points),):
+        raise SpecError("tree", f"takes a label for each of {len(points):,} points")
+    order = np.argsort(tree, kind="stable")
+    first, stop = (np.searchsorted(tree[order], trees["tree"], side) for side in ("left", "right"))
+    foot = np.column_stack([trees[f"{axis}_m"] for axis in "xyz"])
+    rows = [
+        _crown(points[order[a:b]] - place, stem)
+        for a, b, place, stem in zip(first, stop, foot, trees["dbh_m"], strict=True)
+    ]
+    height, base, diameter = np.reshape(rows, (-1, 3)).T
+    return {
+        "tree": np.array(trees["tree"]),
+        "height_m": height,
+        "crown_base_m": base,
+        "crown_diameter_m": diameter,
+        "points": stop - first,
+    }
+
+
+def _crown(points: np.ndarray, stem: float) -> tuple[float, float, float]:
+    """Height, base and diameter, m, of the crown in points (P, 3) from the foot of a tree."""
+    from scipy.spatial import ConvexHull, QhullError
+
+    if len(points) < 4:
+        return np.nan, np.nan, np.nan
+    points = points[np.argsort(points[:, 2])]
+    height, flat = points[:, 2], points[:, :2]
+    most = float(np.quantile(height, 0.999))
+    top = float(height[-1]) if height[-1] <= most + 1.0 else most
+    layer = np.maximum(height / LAYER, 0).astype(int)
+    number, begin, many = np.unique(layer, return_index=True, return_counts=True)
+    side = np.pi * np.arange(36) / 36
+    across = flat @ np.stack([np.cos(side), np.sin(side)])
+    spans = np.maximum.reduceat(across, begin) - np.minimum.reduceat(across, begin)
+    wide = np.bincount(number, spans.max(axis=1) * (many > 2), number[-1] + CLEAR + 2)
+    clear = CLEAR + int(np.argmax(wide[CLEAR:] <= NARROW))
+    broad = np.flatnonzero((wide[1:] >= BRANCH + stem) & (wide[1:] > wide[:-1])) + 1
+    base = float(next(iter((broad[broad > clear] + 0.5) * LAYER), 0.0))
+    crown = flat[height >= base] if (height >= base).sum() > 3 else flat
+    try:
+        ring = crown[ConvexHull(crown).vertices]
+    except QhullError:
+        return top, base, np.nan
+    apart = np.linalg.norm(ring[:, None] - ring, axis=2)
+    one, other = np.sort(np.unravel_index(apart.argmax(), apart.shape))
+    x, y = (ring[other] - ring[one]) / apart.max()
+    along = ring @ np.array([[x, -y], [y, x]])
+    halves = along[one : other + 1], np.concatenate([along[other:], along[: one + 1]])[::-1]
+    ends = [np.interp(along[:, 0], *half.T) for half in halves]
+    return top, base, float(apart.max() + np.abs(ends[1] - ends[0]).max()) / 2
 
 
 class RowScan(Result):

@@ -7,7 +7,7 @@ import pytest
 from scipy.integrate import trapezoid
 from scipy.linalg import solve_banded
 
-from forest_addon.acoustics.boundary_loss import DIFFUSIVITY, HEATS, VISCOSITY, twig_loss
+from forest_addon.acoustics.foliage import DIFFUSIVITY, HEATS, VISCOSITY, twig_loss
 
 SPEED = 343.0
 

@@ -13,7 +13,7 @@ from forest_addon.acoustics.cylinder import (
 )
 from forest_addon.acoustics.extinction import cross_sections
 from forest_addon.acoustics.foliage import foliage_loss
-from forest_addon.acoustics.turbulence import coherence
+from forest_addon.acoustics.ground import coherence
 
 KA = np.array([0.1, 1.0, 5.0, 30.0, 200.0])
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from forest_addon.acoustics.extinction import cross_sections
-from forest_addon.acoustics.shoot import shoot_width
+from forest_addon.acoustics.foliage import shoot_width
 from forest_addon.base.rng import stream
 
 NEEDLES, PIECES, RADIUS, LENGTH, SPEED = 120, 24, 0.0005, 0.018, 343.0

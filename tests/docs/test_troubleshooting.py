@@ -101,7 +101,8 @@ def no_matplotlib(play):
     with play.patched() as patch:
         for name in report.DRAWERS:
             patch.setitem(sys.modules, name, None)
-        play.shows(play.headless("accuracy", "demo", "--out", "figures").stderr)
+        play.shows(play.headless("stand", "demo", "--out", "plain.csv").stdout)
+    play.hides(play.headless("stand", "demo", "--out", "points.csv").stdout)
 
 
 def numpy_computes(play):

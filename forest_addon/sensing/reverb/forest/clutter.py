@@ -14,7 +14,7 @@ about the axis as at a trunk of size ka·sin γ (van de Hulst 1957, ch. 15); it 
 the slopes that branches have, and looks all ways for sound that was scattered before. A leaf is a hard disc
 that looks all ways: Rayleigh's cross-section (2k²a³/3π)²·4π/3·cos² below, half its area above, in between
 the smaller; it scatters all ways alike. Lobes straight on, as large as the shadow, are no scattering.
-Branches take what their bark takes, as trunks', and what the air at it takes (``boundary_loss``). A leaf
+Branches take what their bark takes, as trunks', and what the air at it takes (``twig_loss``). A leaf
 takes what was measured of leaves, in which the air at them is held.
 """
 
@@ -28,11 +28,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ....acoustics.boundary_loss import twig_loss
 from ....acoustics.cylinder import transfer
 from ....acoustics.extinction import cross_sections
-from ....acoustics.foliage import foliage_loss
-from ....acoustics.shoot import shoot_width
+from ....acoustics.foliage import foliage_loss, shoot_width, twig_loss
 from ....base.trimesh import LEAF, TriMesh, is_wood
 from .transport import without_shadow
 

@@ -47,8 +47,13 @@ from scipy import special
 from ....acoustics.air import absorption
 from ....acoustics.extinction import cross_sections
 from ....acoustics.foliage import foliage_loss
-from ....acoustics.ground import SURFACES, spherical_reflection, surface_impedance, under_leaves
-from ....acoustics.turbulence import coherence
+from ....acoustics.ground import (
+    SURFACES,
+    coherence,
+    spherical_reflection,
+    surface_impedance,
+    under_leaves,
+)
 from ....spec import Air, Reverb
 from ..trunks import Trunks
 from .clutter import BARE, Clutter, Takes, leaf_loss, level_loss

@@ -11,7 +11,7 @@ import pytest
 from references.foldy_lax import received
 from references.transport_in_space import in_ball, in_layer
 
-from forest_addon.acoustics.boundary_loss import twig_loss
+from forest_addon.acoustics.foliage import twig_loss
 from forest_addon.base.rng import stream
 from forest_addon.sensing.reverb.forest.clutter import (
     ANGLES,
