@@ -3,8 +3,8 @@
 Laws of height, crown width and leaf area are those of BAAD (Falster et al. 2015, Ecology 96:1445; CC0). Bases
 of crowns are also those of trees of pytreedb (Weiser et al. 2022, Earth Syst. Sci. Data 14:2989), which were
 measured on point clouds of closed mixed stands; the median counts where a tree was measured several times.
-A plot of them is a study. So are crown widths of firs: BAAD has those of thin American and Japanese firs alone,
-and silver firs are wider.
+A plot of them is a study. So are crown widths of firs: BAAD has those of thin American and Japanese firs
+alone, and silver firs are wider.
 """
 
 import csv

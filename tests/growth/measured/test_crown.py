@@ -261,7 +261,7 @@ def test_wood_with_collars_is_closed_and_its_truth_is_the_volume_of_the_union():
 )
 def test_a_crown_in_the_shade_hides_most_of_the_circle_that_it_spans(name, wanted):
     # Outlines of crowns fill 0.83 to 0.97 of the circle of their mean diameter (pytreedb, nine species), and
-    # of pulses within 1.2 m of a stem 6 or 7 in 100 reach the ground (Chablais 3). Cells of a quarter of a metre.
+    # of pulses within 1.2 m of a stem 6 or 7 in 100 reach the ground (Chablais 3). Cells are 0.25 m wide.
     species, _ = load_species(find_species(name, Path()))
     blade = shoot_of(species.needles, species.leaf.length.mean)
     _, sites, _ = grow_crown(species, wanted, blade, 3)
