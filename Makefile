@@ -76,8 +76,8 @@ clean: ## remove caches, build/ and out/demo
 distclean: clean ## clean, and remove the environment and the downloaded wheels
 	@rm -rf "$(VENV)" wheels
 
-$(KERNELS): $(BLENDER) packaging/build_kernels.py $(wildcard forest_addon/kernels/*.[ch])
-	@$(RUN) packaging/build_kernels.py; touch $@
+$(KERNELS): packaging/build_kernels.py $(wildcard forest_addon/kernels/*.[ch]) | $(BLENDER)
+	@$(RUN) packaging/build_kernels.py --fetch; touch $@
 
 $(BLENDER): pyproject.toml
 	@python=$$(sh packaging/find_python.sh) && "$$python" packaging/setup_env.py "$(VENV)" bpy

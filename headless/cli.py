@@ -14,11 +14,11 @@ import errno
 import os
 import re
 import sys
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, redirect_stdout
+from collections.abc import Sequence
+from contextlib import nullcontext, redirect_stdout
 from pathlib import Path
 
-from forest_addon.base.places import NO_BLENDER
+from forest_addon.base.places import NO_BLENDER, version
 from forest_addon.formats.ownership import Keeper, keeping
 from forest_addon.spec import unknown
 
@@ -30,10 +30,13 @@ from .command import (
     UnlikeError,
     fault_of,
     is_told,
+    scene_file,
+    sound_file,
     typed,
 )
 from .commands import COMMANDS
 from .interrupt import interruptible
+from .lock import only_one
 from .progress import PlainStream, plain
 
 DESCRIPTION = """\
@@ -57,6 +60,14 @@ examples:
 A scene file is TOML; assets/scenes/demo.toml is one with every table explained.
 Start with out/.../report.html: pictures, counts, timings."""
 
+# How each shell completes the name of a file, as shtab.FILE has it.
+FILES = {
+    "bash": "_shtab_compgen_files",
+    "zsh": "_files",
+    "fish": "(__fish_complete_path (commandline -ct))",
+    "tcsh": "f",
+    "powershell": "_shtab_powershell_compgen_files",
+}
 STUDIES = ("validate", "bench", "study", "simlidar", "reverb-figures", "flight")
 
 
@@ -73,11 +84,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
             chosen.out = command.output(chosen)
     except ValueError as problem:
         return _fail(problem, 2)
+    except ModuleNotFoundError as problem:
+        return _fail(f"this needs {problem.name}: pip install {problem.name}", 2)
     kept = command.kept(chosen)
     shown = sys.stdout or open(os.devnull, "w")  # noqa: SIM115 closed, as by >&-
     with interruptible(kept), redirect_stdout(PlainStream(shown)):  # names are shown by many
         try:
-            with _alone(command.lock(chosen)):
+            lock = command.lock(chosen)
+            with nullcontext() if lock is None else only_one(lock.parent, lock.name):
                 _run(command, chosen)
         except ModuleNotFoundError as problem:
             return _fail(_missing(problem, command.name), 2)
@@ -135,18 +149,6 @@ def _run(command: Command, chosen: argparse.Namespace) -> None:
         raise doubt
 
 
-@contextmanager
-def _alone(lock: Path | None) -> Iterator[None]:
-    """Hold what a command writes to, if it says what."""
-    if lock is None:
-        yield
-        return
-    from .lock import only_one
-
-    with only_one(lock.parent, lock.name):
-        yield
-
-
 def _refuse_unknown(words: Sequence[str]) -> None:
     """Refuse a word that is no command, with the nearest; what begins with a dash is the parser's."""
     names = [command.name for command in COMMANDS]
@@ -162,6 +164,12 @@ def _parser() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--version", action=_Version, nargs=0, help="show versions and exit")
+    parser.add_argument(
+        "--completion",
+        action=_Completion,
+        choices=("bash", "zsh", "fish", "tcsh", "powershell"),
+        help="print what makes a shell complete the words of forest-sensing, and exit",
+    )
     commands = parser.add_subparsers(required=True, dest="COMMAND", metavar="COMMAND")
     for command in COMMANDS:
         of_this = commands.add_parser(
@@ -182,6 +190,9 @@ def _parser() -> argparse.ArgumentParser:
                 help="replace files there that Forest Sensing did not write, and say which",
             )
         of_this.set_defaults(command=command)
+        for action in of_this._actions:
+            if action.type in (Path, scene_file, sound_file):
+                action.complete = FILES
     return parser
 
 
@@ -190,9 +201,19 @@ class _Version(argparse.Action):
 
     def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
         from forest_addon import kernels
-        from forest_addon.base.places import version
 
         print(f"Forest Sensing {version()}, kernels: {kernels.engine()}")
+        parser.exit()
+
+
+class _Completion(argparse.Action):
+    """A shell's script, on standard output."""
+
+    def __call__(self, parser: argparse.ArgumentParser, _: object, shell: str, *__: object) -> None:
+        import shtab
+
+        parser.prog = "forest-sensing"  # what pip installs
+        print(shtab.complete(parser, shell))
         parser.exit()
 
 

@@ -1,4 +1,5 @@
-"""Point clouds as LAS 1.4 or LAZ, by laspy: point format 6, labels and truth as extra bytes.
+"""Point clouds as LAS 1.4 or LAZ, by laspy: point format 6, labels and truth as extra bytes; with waveforms
+4, 9 or 10.
 
 Coordinates are stored as whole numbers of 0.1 mm from an offset, so that a point is exact to 0.05 mm
 anywhere (1 mm for clouds wider than 200 km). The intensity is a level in steps of 0.002 dB over -100 dB,
@@ -38,6 +39,11 @@ FILLED_AT_ONCE = 5_000  # what stays in the cache while its fields are copied
 OWN_CLASSES, CLASSES = 64, 192  # the first class that is the user's, and how many there are
 CLASS_OF_ORGAN = np.ones(128, dtype=np.uint8)  # ASPRS: unclassified, high vegetation, ground
 CLASS_OF_ORGAN[[WOOD, LEAF, GROUND, DEAD]] = 5, 5, 2, 5
+COLOUR_OF_ORGAN = np.full((128, 3), 0x8080, dtype=np.uint16)  # red, green, blue
+COLOUR_OF_ORGAN[[WOOD, LEAF, GROUND, DEAD]] = 257 * np.array(
+    [[121, 85, 61], [88, 142, 60], [168, 146, 110], [140, 132, 124]]
+)
+LEGACY, COLOURED = 4, 10  # point formats of rows with waveforms, beside 9
 COPC = ".copc.laz"
 LAYERED = 3  # the compressor of LAZ whose chunks are layers
 LAYERS, BYTES = {10: 9, 12: 2}, 14  # of its items by their kind, else one; of extra bytes one each
@@ -76,7 +82,7 @@ def write_las(
     written: date | None = None,
     labels: Labels | None = None,
     crs: str = "",
-    packets: tuple[Path, float, float, float] | None = None,
+    packets: tuple[Path, float, float, float, int] | None = None,
 ) -> None:
     """Write rows (P,) of ``points.POINT``, also of a file; a name ending in .laz is compressed.
 
@@ -85,12 +91,14 @@ def write_las(
     labels : what points are classed by instead of by organ, from class 64 on, which LAS leaves to users;
         the header names the classes. What comes after the 192 most frequent is class 1.
     crs : coordinate system that the header tells as WKT, such as "EPSG:32632".
-    packets : file of the waveforms that rows name, ps from sample to sample, gain and offset of its counts;
-        points then are of format 9.
+    packets : file of the waveforms that rows name, ps from sample to sample, gain and offset of its counts,
+        and the points' format: 4 (of LAS 1.3: whole degrees, 7 returns), 9, or 10 with colours of
+        ``COLOUR_OF_ORGAN`` and the intensity as near infrared.
 
     Raises
     ------
-    SpecError : waveforms in a COPC, which holds none; PROJ does not know the coordinate system.
+    SpecError : waveforms in a COPC, which holds none; labels in point format 4, which has no classes for
+        them; PROJ does not know the coordinate system.
     OSError : it cannot be written.
     """
     if str(path).lower().endswith(COPC):
@@ -101,12 +109,15 @@ def write_las(
             write_las(plain, rows, written, labels, crs)
             write_copc(path, plain)
         return
-    header = _header(rows, written)
+    point_format = 6 if packets is None else packets[4]
+    if point_format == LEGACY and labels is not None:
+        raise SpecError(str(path), f"has no classes for labels in point format {LEGACY}; take 9")
+    header = _header(rows, written, point_format)
     if packets is not None:
         header.global_encoding.waveform_data_packets_external = True
         lengths = rows["wave_samples"][:]
         for length in distinct(lengths[lengths > 0]).tolist():
-            body = struct.pack("<BBIIdd", 16, 0, length, round(packets[1]), *packets[2:])
+            body = struct.pack("<BBIIdd", 16, 0, length, round(packets[1]), *packets[2:4])
             number = WAVES_VLR + length // PACKET_LENGTH
             header.vlrs.append(laspy.VLR("LASF_Spec", number, "Waveform", body))
     wkt = wkt_of(crs)
@@ -241,15 +252,16 @@ def intensity_level(amplitude: np.ndarray) -> np.ndarray:
     return np.rint(np.clip((level + 100) * 500, 0, 65535)).astype(np.uint16)
 
 
-def _header(rows: np.ndarray | StoredRows, written: date | None) -> laspy.LasHeader:
-    waved = "wave_samples" in (rows.dtype.names or ())
-    header = laspy.LasHeader(version="1.4", point_format=9 if waved else 6)
+def _header(
+    rows: np.ndarray | StoredRows, written: date | None, point_format: int
+) -> laspy.LasHeader:
+    header = laspy.LasHeader(version="1.4", point_format=point_format)
     low, high = bounds(rows)
     wide = float((high - low).max(initial=0.0)) > RESOLUTION * REACH * 0.9
     header.scales = np.full(3, 10 * RESOLUTION if wide else RESOLUTION)
     header.offsets = np.floor(low)
     header.global_encoding.wkt = (
-        True  # as the standard wants of this point format, with or without one
+        True  # as the standard wants of point formats from 6 on, with or without one
     )
     header.creation_date = written or date(1980, 1, 1)
     header.generating_software = "Forest Sensing"
@@ -282,9 +294,17 @@ def _fill(raw: np.ndarray, rows: np.ndarray, classes: np.ndarray, header: laspy.
         steps = (rows[name] - header.offsets[axis]) / header.scales[axis]
         raw[name.upper()] = np.rint(steps)
     raw["intensity"] = intensity_level(rows["amplitude"])
-    raw["bit_fields"] = rows["return_number"] | (rows["number_of_returns"] << 4)
-    raw["classification"] = classes
-    raw["scan_angle"] = np.rint(rows["scan_angle"] / 0.006)
+    legacy = header.point_format.id == LEGACY
+    raw["bit_fields"] = rows["return_number"] | (rows["number_of_returns"] << (3 if legacy else 4))
+    raw["raw_classification" if legacy else "classification"] = classes
+    if legacy:
+        raw["scan_angle_rank"] = np.rint(rows["scan_angle"])
+    else:
+        raw["scan_angle"] = np.rint(rows["scan_angle"] / 0.006)
+    if header.point_format.id == COLOURED:
+        for channel, name in enumerate(("red", "green", "blue")):
+            raw[name] = COLOUR_OF_ORGAN[rows["organ"], channel]
+        raw["nir"] = raw["intensity"]
     raw["gps_time"] = rows["time"]
     for name in _extra(rows):
         raw[name] = rows[name]

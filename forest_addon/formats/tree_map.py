@@ -40,12 +40,13 @@ PLACES = (  # names of x and y, the first pair that a table has
     *("x y", "xutm yutm", "utmx utmy", "utme utmn", "adjeasting adjnorthing", "easting northing"),
     *("east north", "gx gy", "px py", "pointx pointy", "xcoord ycoord", "coordx coordy"),
     *("rechtswert hochwert", "ostwert nordwert", "xl93 yl93", "xlambert93 ylambert93", "est nord"),
+    *("rechts hoch", "gausskrugerrechts gausskrugerhoch", "gkrechts gkhoch"),
     *("e n", "longitude latitude", "lon lat", "long lat", "lng lat"),
     "decimallongitude decimallatitude",
 )
 COLUMNS = {
     "species": "species kind planting sp spp spcode speciescode scientificname taxonid treespecies "
-    "commonname baumart art spcd espar essence espece",
+    "commonname baumart artname art spcd espar essence espece",
     "ring": "ring part",
     "status": "status treestatus plantstatus dfstatus statuscd zustand etat dead tot mort "
     "alive live lebend vivant",
@@ -248,7 +249,8 @@ def _columns(path: Path, head: Sequence[str]) -> dict[str, tuple[int, float, str
         axis = "y" if any(x for x, _ in pairs) else "x"
         raise SpecError(
             str(path),
-            f"has no column {axis}; call one of its columns {axis}, or give distance and azimuth",
+            f"has no column {axis}, only {', '.join(filter(None, head))}; call one of them {axis}, or give "
+            "distance and azimuth",
         )
     if {"treeid", "z"} <= set(whole) and not {"height", "scale"} & set(found):
         found["height"] = (whole["z"], 1.0, "")  # tree tops of lidR

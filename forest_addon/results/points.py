@@ -172,15 +172,16 @@ def write_points(path: Path, cloud: Cloud, offset: Offset, labels: Labels | None
 
 def write_packets(
     path: Path, counts: np.ndarray, waves: Waveforms
-) -> tuple[Path, float, float, float]:
+) -> tuple[Path, float, float, float, int]:
     """Write counts (N,) of waveforms beside a file of points, as LAS's ``.wdp``; return it, with ps from
-    sample to sample, gain and offset of the counts. waves : tells step and gain."""
+    sample to sample, gain and offset of the counts, and LAS's point format. waves : tells these."""
     beside = path.with_name(path.name[: -len(ending_of(path))] + WAVEFORMS)
     with replacing(beside) as partial, open(partial, "wb") as file:
         file.write(struct.pack("<H16sHQ32s", 0, b"LASF_Spec", 65535, 2 * len(counts), b"Waveforms"))
         for first in range(0, len(counts), SAMPLES_AT_ONCE):
             file.write(counts[first : first + SAMPLES_AT_ONCE].tobytes())
-    return beside, waves.step * 2e12 / LIGHT, waves.gain, -BASELINE * waves.gain
+    scale = waves.step * 2e12 / LIGHT, waves.gain, -BASELINE * waves.gain
+    return beside, *scale, waves.las_format
 
 
 def write_rows(
@@ -191,7 +192,7 @@ def write_rows(
     offset: Offset = NO_OFFSET,
     labels: Labels | None = None,
     packed: bool = True,
-    packets: tuple[Path, float, float, float] | None = None,
+    packets: tuple[Path, float, float, float, int] | None = None,
 ) -> None:
     """Write rows of points; the ending of the path, one of ``ENDINGS`` but E57's, says how.
 
@@ -224,7 +225,7 @@ def write_rows(
         named = {} if labels is None else {"label_name": np.array(labels.names, dtype=np.str_)}
         if packets is not None:
             counts = np.memmap(packets[0], "<u2", "r", HEAD_BYTES)
-            scale = np.array(packets[1:])
+            scale = np.array(packets[1:4])
             named |= {"waveform_counts": counts, "waveform_step_gain_offset": scale}
         write_npz(path, columns | named, UNITS, packed)
     elif ending == ".xyz":

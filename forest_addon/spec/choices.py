@@ -60,7 +60,10 @@ ADVANCED: dict[str, frozenset[str]] = {
     ),
     "surfaces": frozenset({"leaf_transmittance", "passing"}),
     "receiver": frozenset(
-        {"dead_zone", "echoes", "sample_ns", "dynamic_range", "blanking", "halo", "halo_mrad"}
+        {
+            *("dead_zone", "echoes", "sample_ns", "las_format", "dynamic_range", "blanking"),
+            *("halo", "halo_mrad"),
+        }
     ),
     "sonarreceiver": frozenset(
         {
@@ -69,7 +72,7 @@ ADVANCED: dict[str, frozenset[str]] = {
         }
     ),
     "linkbudget": frozenset({"energy", "aperture", "efficiency", "photons"}),
-    "noise": frozenset({"range_ppm", "incidence_sd"}),
+    "noise": frozenset({"range_ppm", "incidence_sd", "registration_s"}),
     "rays": frozenset({"threads"}),
     "accuracy": frozenset({"audit", "detail"}),
     "forest": frozenset({"spacing_rule"}),
@@ -121,6 +124,8 @@ APPLIES: dict[str, tuple[str, tuple[str | bool, ...]]] = {
     **dict.fromkeys(("divergence_mrad", "exit_diameter"), ("subrays", (MORE_THAN_ONE,))),
     "passing": ("leaf_transmittance", (GIVEN,)),
     "shape_step_ns": ("pulse_shape", (GIVEN,)),
+    "las_format": ("sample_ns", (GIVEN,)),
+    "registration_s": ("registration_sd_or_deg", (GIVEN,)),
     **dict.fromkeys(("inclination.mean_deg", "inclination.sd_deg"), ("shares", (LEFT_OUT,))),
     "mobile.speed": ("follow", (GIVEN,)),
     "airborne.spacing": ("strips", (MORE_THAN_ONE,)),
@@ -431,6 +436,11 @@ CHOICES: dict[str, dict[str, tuple[str, str]]] = {
     "echoes": {
         "crests": ("Crests", "Where the waveform is higher than about it"),
         "gaussians": ("Gaussians", "Fitted to samples, one for each crest: neighbours draw none"),
+    },
+    "las_format": {
+        "4": ("4", "Of LAS 1.3, for older programs: seven returns, whole degrees"),
+        "9": ("9", "The usual one of LAS 1.4"),
+        "10": ("10", "Of LAS 1.4, with colours of parts and the laser's light as near infrared"),
     },
     "keep": {
         "first": ("First", "The nearest of a pulse"),

@@ -241,6 +241,19 @@ class Noise(Settings):
         ge=0,
         le=10,
     )
+    registration_s: float = param(
+        0.0,
+        unit="s",
+        help="time in which both of these change, as errors of satellite positioning and inertial systems do "
+        "along a way; 0: they do not",
+        ge=0,
+        le=1e6,
+    )
+
+    @property
+    def registration_sd_or_deg(self) -> float:
+        """The larger of both errors of registration; 0: there is none."""
+        return max(self.registration_sd, self.registration_deg)
 
 
 class Receiver(Settings):
@@ -266,6 +279,12 @@ class Receiver(Settings):
         help="waveforms are recorded with so much time between samples; 0: none is",
         ge=0,
         le=1000,
+    )
+    las_format: str = param(
+        "9",
+        help="point format of LAS files with waveforms: 9, as older programs read it (4), or with colours of "
+        "parts (10)",
+        choices=("4", "9", "10"),
     )
     keep: str = param(
         "first",
@@ -362,6 +381,11 @@ class Scanner(Sensor):
             raise SpecError(
                 "receiver.sample_ns",
                 'does not go with beyond = "folded": a record is of one pulse; leave one of them out',
+            )
+        if self.receiver.las_format == "4" and self.beam.max_returns > 7:
+            raise SpecError(
+                "receiver.las_format",
+                f"4 counts 7 returns of a pulse, beam.max_returns is {self.beam.max_returns}; take format 9",
             )
         for key in ("dynamic_range", "threshold_snr", "sample_ns"):
             if getattr(self.receiver, key) and not (self.faintest or self.link.energy):

@@ -13,15 +13,18 @@ DEMO = ASSETS / "scenes" / "demo.toml"
 
 class DemoCommand(RunCommand):
     name = "demo"
+    maker = "run"
     help = "run the demo forest"
     description = f"Run the demo forest, assets/scenes/{DEMO.name}."
 
     def arguments(self, parser: argparse.ArgumentParser) -> None:
         add_run_options(parser, "out/demo")
-        dry = ASSETS / "sounds" / "call.wav"
-        parser.set_defaults(scene=DEMO, convolve=dry, workers=1, share=None)
-        parser.set_defaults(scheduler="", slurm=None, store=None)
-
-    @property
-    def maker(self) -> str:
-        return "run"
+        parser.set_defaults(
+            scene=DEMO,
+            convolve=ASSETS / "sounds" / "call.wav",
+            workers=1,
+            share=None,
+            scheduler="",
+            slurm=None,
+            store=None,
+        )

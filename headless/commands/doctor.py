@@ -9,6 +9,8 @@ import platform
 import re
 import sys
 
+from forest_addon.base.places import NO_BLENDER, ROOT, version
+
 from ..command import Command, IncompleteError
 
 INSIDE = {"dev", "docs", "bpy"}  # extras that are no user's, or told apart
@@ -23,7 +25,6 @@ class DoctorCommand(Command):
 
     def run(self, chosen: argparse.Namespace) -> None:
         from forest_addon import kernels
-        from forest_addon.base.places import ROOT, version
 
         engine = kernels.engine()
         print(f"Forest Sensing  {version()} in {ROOT}")
@@ -37,8 +38,6 @@ class DoctorCommand(Command):
 
 def _blender() -> list[str]:
     """Print what Blender and its rays are; return the name where it is missing."""
-    from forest_addon.base.places import NO_BLENDER
-
     try:
         import bpy
     except ImportError as problem:

@@ -114,14 +114,22 @@ class RunCommand(Command):
             )
             _print_record(chosen)
             return
-        asked = {"--workers": workers > 1, "--scheduler": chosen.scheduler, "--store": chosen.store}
-        asked |= {"--share": chosen.share, "--slurm": chosen.slurm is not None}
+        asked = {
+            "--workers": workers > 1,
+            "--scheduler": chosen.scheduler,
+            "--store": chosen.store,
+            "--share": chosen.share,
+            "--slurm": chosen.slurm is not None,
+        }
         for key, is_asked in asked.items():
             if is_asked:
                 why = "needs a scene with [tiles]; sensors of others use all cores by themselves"
                 raise SpecError(key, why)
-        of_file = partial(run_scene, settings, scene.resolve().parent)
-        run = partial(run_blend, scene) if is_blend else of_file
+        run = (
+            partial(run_blend, scene)
+            if is_blend
+            else partial(run_scene, settings, scene.resolve().parent)
+        )
         try:
             run(
                 chosen.out,

@@ -199,9 +199,12 @@ UNDERGROWTH = {"choice": ["none", "sparse", "dense"], "weights": [1, 2, 2]}  # o
 RANDOMISE_KINDS = (1, 5)
 EVENNESS = (0.6, 30.0)
 WIND = (0.0, 9.0)  # m/s: scans in calm and in 9 m/s (Vaaja et al. 2016, ISPRS Annals III-3:117)
-# Metres: stems of a joined plot lie 8.2 mm off their circles where one scan's lie 3.8 mm off; a third to the
-# whole of the difference of squares, ours.
-REGISTRATION = (0.002, 0.007)
+# Metres: stems of a joined plot lie 8.2 mm off their circles, ours 4.4 mm where scans are joined without
+# error and 7.0 mm where it is 12 mm; the lower end is ours.
+REGISTRATION = (0.003, 0.012)
+# Of lines: places to 2 to 5 cm, roll and pitch to 0.0025 to 0.025 degrees, as the sheets of Applanix's POS AV
+# 610 and APX-15 UAV say of positions worked out after a flight; how fast they change is ours.
+LINES = {"sd": (0.02, 0.05), "deg": (0.0025, 0.025), "s": (10.0, 100.0)}
 # Days of a year: from the unfolding of beech in mid-May (Dittmar & Elling 2006) to the colouring of oak on 19
 # October (Deutscher Wetterdienst, mean of 2011 to 2023); a month of turning and falling is ours.
 # dB re 20 µPa at 0.1 m, of the peak, 3 dB above the root mean square: mean of Daubenton's bats in silence,
@@ -270,6 +273,9 @@ def _of_scanners(sensors: Sequence[Mapping[str, Any]], kinds: set[Any]) -> dict[
         found["sensors[*].noise.range_sd"] = {"log_uniform": [min(spread), max(spread)]}
     if kinds == {"terrestrial"}:
         found["sensors[*].noise.registration_sd"] = {"log_uniform": list(REGISTRATION)}
+    elif kinds <= {"airborne", "mobile"}:
+        for name, ends in LINES.items():
+            found[f"sensors[*].noise.registration_{name}"] = {"log_uniform": list(ends)}
     ranges = [float(sensor["max_range"]) for sensor in sensors if "max_range" in sensor]
     if len(ranges) == len(sensors):  # else threshold and range are the instrument's own
         limits = [threshold_at(min(ranges), table) for table in tables if table.get("faintest")]

@@ -49,6 +49,13 @@ SUBRAYS = (1, 7, 19, 37, 100, 300)
 MANY = 1000
 ONE_THREAD = Rays(threads=1)
 BEAM = Beam(divergence_mrad=(0.35, 0.35), exit_diameter=0.007, max_returns=5, pulse_ns=3.0)
+FROM_OUTSIDE = Terrestrial(
+    position=(-5.0, -5.0, 1.6),
+    azimuth_deg=(20.0, 70.0),
+    elevation_deg=(0.0, 40.0),
+    angle_step_deg=1.0,
+)
+SOME_SUBRAYS, THRESHOLDS = (7, 19, 61, 300), (0.0, 0.01, 0.02, 0.05, 0.1)
 
 
 def say_pulses(say: Say) -> None:
@@ -70,6 +77,16 @@ def say_pulses(say: Say) -> None:
             *("no echo for an echo", "first range, median error", "first range, 90 %"),
         ],
         _convergence(make_caster(forest(10, 200_000), ONE_THREAD)),
+    )
+    say(
+        "\nReturns of such a beam, by the least light that its receiver tells, of a white surface that "
+        "faces and fills it:\n"
+    )
+    head = ["threshold", "sub-rays", "pulses of one", "of three and more"]
+    table(
+        say,
+        [*head, "gap, 5 %", "gap, 50 %"],
+        _returns(make_caster(forest(10, 200_000), ONE_THREAD)),
     )
 
 
@@ -111,16 +128,10 @@ def _whole_scan(caster: RayCaster, subrays: int) -> list[str]:
 
 
 def _convergence(caster: RayCaster) -> list[list[str]]:
-    scanner = Terrestrial(
-        position=(-5.0, -5.0, 1.6),
-        azimuth_deg=(20.0, 70.0),
-        elevation_deg=(0.0, 40.0),
-        angle_step_deg=1.0,
-    )
-    energy, first, _ = _beams(scanner, caster, MANY)
+    energy, first, _ = _beams(FROM_OUTSIDE, caster, MANY)
     rows = []
     for subrays in SUBRAYS:
-        got, near, seconds = _beams(scanner, caster, subrays)
+        got, near, seconds = _beams(FROM_OUTSIDE, caster, subrays)
         both = np.isfinite(near) & np.isfinite(first)
         away = np.abs(near[both] - first[both])
         hit = energy > 0
@@ -135,6 +146,24 @@ def _convergence(caster: RayCaster) -> list[list[str]]:
                 f"{1e3 * np.quantile(away, 0.9):.1f} mm",
             ]
         )
+    return rows
+
+
+def _returns(caster: RayCaster) -> list[list[str]]:
+    scanner = FROM_OUTSIDE.changed(angle_step_deg=0.3)
+    clouds = [
+        scan(scanner.changed(beam=replace(BEAM, subrays=subrays, max_returns=15)), caster)
+        for subrays in SOME_SUBRAYS
+    ]
+    rows = []
+    for threshold in THRESHOLDS:
+        for subrays, cloud in zip(SOME_SUBRAYS, clouds, strict=True):
+            told = cloud.intensity * cloud.true_range**2 >= threshold
+            _, many = np.unique(cloud.pulse[told], return_counts=True)
+            gap = np.diff(cloud.true_range[told])[np.diff(cloud.pulse[told]) == 0]
+            shares = [f"{100 * (many == 1).mean():.1f} %", f"{100 * (many >= 3).mean():.1f} %"]
+            ends = [f"{value:.2f} m" for value in np.quantile(gap, [0.05, 0.5])]
+            rows.append([f"{threshold:.0%}", f"{subrays}", *shares, *ends])
     return rows
 
 

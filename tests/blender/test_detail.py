@@ -37,7 +37,7 @@ MEASURED = sorted(
     for path in (ASSETS / "species").glob("*.toml")
     if "\n[targets]\n" in path.read_text(encoding="utf-8")
 )
-TREE = Wanted(0.16, 12.0, 3.6, 4.0, 40.0)
+TREE = Wanted(0.12, 9.0, 2.8, 3.0, 22.0)
 WAYS = np.array([[0, 0, 1], [1, 0, 0.1], [0, 1, 0.3], [0.6, -0.5, 0.6], [-0.7, -0.3, 0.25]])
 SIDE = 50  # rays along each side of a picture
 

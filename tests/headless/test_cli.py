@@ -1,6 +1,7 @@
 """The command line itself: a loop over commands, quick to answer, the same words for all."""
 
 import ast
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -113,3 +114,40 @@ def test_versions_say_what_computes(capsys, monkeypatch):
         cli.main(["--version"])
     said = f"Forest Sensing {version()}, kernels: numpy (FOREST_SENSING_KERNELS=off)\n"
     assert capsys.readouterr().out == said
+
+
+@pytest.mark.skipif(shutil.which("bash") is None, reason="completion is played by bash")
+@pytest.mark.parametrize(
+    ("typed", "offered"),
+    [
+        ("dem", {"demo"}),
+        ("doc", {"doctor"}),
+        ("run my.toml --conv", {"--convolve"}),
+        ("run a", {"a tree.toml", "any.toml"}),  # files, also with blanks
+        ("run any.toml --out a", {"a tree.toml", "any.toml"}),
+        ("lidar any.toml --format double.", {"double.ply"}),
+    ],
+)
+def test_a_shell_completes_commands_options_and_files(typed, offered, tmp_path, capsys):
+    shtab = pytest.importorskip("shtab")
+    assert cli.FILES.items() <= shtab.FILE.items()
+    with pytest.raises(SystemExit, match="0"):
+        cli.main(["--completion", "bash"])
+    for name in ("a tree.toml", "any.toml"):
+        (tmp_path / name).touch()
+    words = ["forest-sensing", *typed.split()]
+    asked = f"COMP_WORDS=({' '.join(words)}); COMP_CWORD={len(words) - 1}"
+    script = f"{capsys.readouterr().out}\n{asked}\n_shtab_forest_sensing"
+    ended = subprocess.run(
+        ["bash", "-c", script + '\nprintf "%s\\n" "${COMPREPLY[@]}"'],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+    )
+    assert set(ended.stdout.splitlines()) == offered
+
+
+def test_completion_without_shtab_is_one_line(monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "shtab", None)
+    assert cli.main(["--completion", "bash"]) == 2
+    assert capsys.readouterr().err == "error: this needs shtab: pip install shtab\n"

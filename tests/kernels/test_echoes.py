@@ -90,10 +90,13 @@ def tripod(**settings):
     "settings",
     [
         {"beam": dataclasses.replace(BEAM, extinction=0.01, subrays=7)},
-        {"beam": dataclasses.replace(BEAM, divergence_mrad=(20.0, 5.0), subrays=150)},
+        {
+            "angle_step_deg": 12.0,
+            "beam": dataclasses.replace(BEAM, divergence_mrad=(20.0, 5.0), subrays=150),
+        },
         {"beam": dataclasses.replace(BEAM, subrays=1)},
         {"min_range": 4.0, "max_range": 9.0, "noise": Noise(range_sd=0.01, drop_out=0.1)},
-        {"angle_step_deg": 1.0, "elevation_deg": (-3.0, 9.0)},
+        {"angle_step_deg": 1.0, "azimuth_deg": (-15.0, 15.0), "elevation_deg": (-3.0, 9.0)},
         {"surfaces": Surfaces(leaf_transmittance=0.3)},
     ],
 )
@@ -107,7 +110,7 @@ def test_a_scan_is_the_same(by_both, settings):
 @pytest.mark.medium
 def test_a_moving_scanner_and_cuts_anywhere(by_both):
     poses = (Pose(time=0.0, position=(-5.0, -8.0, 2.0)), Pose(time=1.0, position=(9.0, -3.0, 2.5)))
-    scanner = Mobile(poses=poses, pulse_rate=900.0, line_rate=5.0, beam=BEAM, max_range=60.0)
+    scanner = Mobile(poses=poses, pulse_rate=400.0, line_rate=5.0, beam=BEAM, max_range=60.0)
     work = Scan(scanner, stand(), 3)
     whole, by_numpy = by_both(lambda: work.look(0, work.pulses))
     alike(whole, by_numpy)

@@ -50,7 +50,7 @@ def test_hard_scenes_keep_their_tolerance(simulator: str, number: int) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("first", range(0, 100, 20))
+@pytest.mark.parametrize("first", range(0, 40, 20))
 @pytest.mark.parametrize("simulator", CASES)
 def test_drawn_scenes_keep_their_tolerance(simulator: str, first: int) -> None:
     for number in range(first, first + 20):

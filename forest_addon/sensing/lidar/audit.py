@@ -185,7 +185,7 @@ def _off_beam(scan: Scan, scene: SceneGeometry, cloud: Cloud, rows: np.ndarray) 
     some = cloud.select(rows)
     pulses = scan.pattern.pulses(np.clip(some.pulse, 0, scan.pulses - 1))
     way, returns = pulses.direction, some.returns
-    there = scan.placed(pulses.origin, way, returns.distance)
+    there = scan.placed(pulses, returns.distance)
     far = np.linalg.norm(some.position - there, axis=1)
     noise, still = scan.scanner.noise, cloud.velocity is None
     if not (

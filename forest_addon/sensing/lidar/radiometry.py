@@ -16,7 +16,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ... import kernels
-from ...base.rng import keyed_normal, keyed_uniform
+from ...base.rng import child_keys, keyed_normal, keyed_uniform
 from ...base.trimesh import DEAD, GROUND, LEAF, OTHER, WOOD
 from ...spec import POLISHED, Noise, Polished, Scanner, SpecError, Surfaces
 from ..rays.caster import Hits
@@ -168,14 +168,33 @@ def range_error(
     return error
 
 
-def registration(noise: Noise, key: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Rotation (3, 3) and shift (3,), metres, by which a scan with this key (1,) is joined amiss."""
+def registration(noise: Noise, key: np.ndarray, time: np.ndarray) -> tuple[Rotation, np.ndarray]:
+    """Rotations and shifts (P, 3), metres, by which pulses sent at times (P,) s of a scan with this key (1,)
+    are joined amiss; one for all where the error does not change.
+
+    Errors that change are drawn every ``registration_s``; between, both neighbours weigh as cosine and sine
+    of a quarter turn, so that the spread is the same at every time.
+    """
+    keys, shares = [key], [np.ones(1)]
+    if noise.registration_s:
+        knot, part = np.divmod(time / noise.registration_s, 1.0)
+        keys = [child_keys(key, knot.astype(np.int64) + k) for k in (0, 1)]
+        shares = [np.cos(np.pi / 2 * part), np.sin(np.pi / 2 * part)]
     turn, shift = (
-        np.concatenate([keyed_normal(key, f"registration {what} {axis}") for axis in "xyz"])
+        np.stack(
+            [
+                sum(
+                    share * keyed_normal(keyed, f"registration {what} {axis}")
+                    for share, keyed in zip(shares, keys, strict=True)
+                )
+                for axis in "xyz"
+            ],
+            axis=1,
+        )
         for what in ("turn", "shift")
     )
-    turn = Rotation.from_rotvec(np.deg2rad(noise.registration_deg) * turn)
-    return turn.as_matrix(), noise.registration_sd * shift
+    turns = Rotation.from_rotvec(np.deg2rad(noise.registration_deg) * turn)
+    return turns, noise.registration_sd * shift
 
 
 def survives_drop_out(noise: Noise, keys: np.ndarray) -> np.ndarray:

@@ -127,7 +127,8 @@ def false_echoes(scanner: Scanner, keys: np.ndarray) -> WaveformEchoes:
 def _poisson(chance: np.ndarray, mean: float) -> np.ndarray:
     """(P,) counts of a Poisson law from even chances (P,) in [0, 1)."""
     most = int(mean + 10 * np.sqrt(mean) + 20)
-    terms = np.exp(-mean + np.cumsum([0.0, *(np.log(mean / k) for k in range(1, most))]))
+    log = np.log(max(mean, 1e-300))  # of a mean of 0, too
+    terms = np.exp(-mean + np.cumsum([0.0, *(log - np.log(k) for k in range(1, most))]))
     return np.asarray(np.searchsorted(np.cumsum(terms), chance, "right"))
 
 

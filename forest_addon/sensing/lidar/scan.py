@@ -322,7 +322,7 @@ class Scan:
             instance, triangle = self._moving.known(*which)
             labelled = replace(labelled, instance=instance, triangle=triangle)
         return Cloud(
-            position=self.placed(pulses.origin[echoes.pulse], way, measured),
+            position=self.placed(pulses.select(echoes.pulse), measured),
             pulse=number[echoes.pulse],
             time=pulses.time[echoes.pulse],
             number=(rank + 1).astype(np.uint8),
@@ -343,12 +343,12 @@ class Scan:
             waves=waves,
         )
 
-    def placed(self, origin: np.ndarray, way: np.ndarray, distance: np.ndarray) -> np.ndarray:
-        """(P, 3) points at distances (P,) along ways (P, 3) from origins, in the joined cloud."""
-        noise = self.scanner.noise
-        if noise.registration_sd or noise.registration_deg:
-            turn, shift = registration(noise, self._key)
-            origin, way = origin + shift, way @ turn.T
+    def placed(self, pulses: Pulses, distance: np.ndarray) -> np.ndarray:
+        """(P, 3) points at distances (P,) along pulses, in the joined cloud."""
+        origin, way, noise = pulses.origin, pulses.direction, self.scanner.noise
+        if noise.registration_sd_or_deg and len(origin):
+            turn, shift = registration(noise, self._key, pulses.time)
+            origin, way = origin + shift, turn.apply(way)
         return np.asarray(origin + distance[:, None] * way)
 
 

@@ -258,6 +258,7 @@ FINE = 0.7  # steps, of the Gaussians that a told shape is made of
 BEYOND = 16  # samples, and whole multiples of them, that a record is long
 PLAIN = 0.005  # of a record's largest power, below which there is no crest
 ROUNDS, SETTLED = 60, 1e-10  # of a fit, and steps of its parameters at which it ends
+FLATTEST = 1e-10  # least damping, and slope of a parameter over that of the steepest
 BASELINE = 1000  # counts where no light is
 LEVELS = 65535  # counts
 SPAN = 30.0  # dB over the faintest echo that counts hold where no dynamic range is told
@@ -268,7 +269,8 @@ class Waveforms(RowTable):
     """N samples of the light of pulses, by pulse and range; none lie between contacts that are far apart.
 
     pulse : (N,) pulse. index : (N,) steps of range from the scanner. value : (N,) energy a metre of range, or
-    counts of a converter. step : metres of range. gain : energy a metre of a count.
+    counts of a converter. step : metres of range. gain : energy a metre of a count. las_format : point format
+    of the LAS files that name them.
     """
 
     pulse: np.ndarray
@@ -276,6 +278,7 @@ class Waveforms(RowTable):
     value: np.ndarray
     step: float
     gain: float = 1.0
+    las_format: int = 9
 
     def select(self, rows: np.ndarray | slice) -> Waveforms:
         """All: no sample is a row of the returns that it is kept with."""
@@ -299,7 +302,7 @@ class Waveforms(RowTable):
         value = self.value + noise * keyed_normal(drawn, "waveform")
         gain = faintest * 10 ** ((receiver.dynamic_range or SPAN) / 10) / (LEVELS - BASELINE)
         counts = np.rint(np.clip(value / gain + BASELINE, 0, LEVELS)).astype(np.uint16)
-        return Waveforms(self.pulse, self.index, counts, self.step, gain)
+        return Waveforms(self.pulse, self.index, counts, self.step, gain, int(receiver.las_format))
 
 
 def sent_pulse(beam: Beam, step: float) -> tuple[float, np.ndarray, int]:
@@ -396,7 +399,8 @@ def decompose(
         at = crest[np.isin(owner, rows)].reshape(len(rows), -1) - begin
         height, middle, width = _fitted(some, at, sigma / waves.step)
         sound = (middle >= 0) & (middle < len(step)) & (width < len(step))
-        energy = height * width * waves.step * np.sqrt(2 * np.pi)
+        with np.errstate(over="ignore"):  # of those that are not sound
+            energy = height * width * waves.step * np.sqrt(2 * np.pi)
         distance = (middle + waves.index[begin]) * waves.step
         fits = waves.pulse[begin] + 0 * middle, distance, energy, width * waves.step
         found.append(np.stack(fits)[:, sound])
@@ -422,7 +426,9 @@ def _fitted(power: np.ndarray, crest: np.ndarray, sigma: float) -> np.ndarray:
         )
         miss = some - (height * bell).sum(axis=2)
         normal = np.matmul(slope.transpose(0, 2, 1), slope)
-        damped = damping[going, None, None] * np.einsum("rii->ri", normal)[:, :, None] + 1e-300
+        scale = np.einsum("rii->ri", normal)  # not 0, where a Gaussian has left its record
+        scale = np.maximum(scale, FLATTEST * scale.max(axis=1, keepdims=True) + 1e-300)
+        damped = damping[going, None, None] * scale[:, :, None]
         toward = np.matmul(slope.transpose(0, 2, 1), miss[:, :, None])
         step = np.linalg.solve(normal + damped * unit, toward)[:, :, 0]
         trial = fit + step.reshape(len(going), 3, crest.shape[1]).transpose(1, 0, 2)
@@ -431,7 +437,7 @@ def _fitted(power: np.ndarray, crest: np.ndarray, sigma: float) -> np.ndarray:
         better = left.sum(axis=1) < (miss**2).sum(axis=1)
         better &= (trial[[0, 2]] > 0).all(axis=(0, 2))
         known[:, going] = np.where(better[:, None], trial, fit)
-        damping[going] *= np.where(better, 0.1, 10.0)
+        damping[going] = np.maximum(damping[going] * np.where(better, 0.1, 10.0), FLATTEST)
         still = (np.abs(step) > SETTLED * np.abs(fit).max(axis=(0, 2))[:, None]).any(axis=1)
         going = going[still & (damping[going] < 1e12)]
     return known

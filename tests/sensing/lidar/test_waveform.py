@@ -11,6 +11,8 @@ from scipy.optimize import curve_fit, minimize_scalar
 from forest_addon.formats.toml_file import read_scanner, scanner_names
 from forest_addon.sensing.lidar.waveform import (
     LIGHT,
+    Waveforms,
+    decompose,
     find_echoes,
     fitted_echoes,
     pulse_length,
@@ -299,6 +301,18 @@ def test_records_and_fits_of_a_pulse_do_not_depend_on_the_others():
         rows = np.isin(whole.pulse, echoes.pulse)
         for name in ("pulse", "distance", "energy", "width"):
             assert (getattr(echoes, name) == getattr(whole, name)[rows]).all()
+
+
+@pytest.mark.parametrize("seed", [160, 481, 487, 528])
+def test_a_gaussian_that_finds_nothing_in_noise_ends_no_fit(seed):
+    """Crests of noise whose Gaussians narrow to nothing, or to each other's: the echo beside them stands."""
+    rng, time = np.random.default_rng(seed), np.arange(64)
+    place = rng.uniform(24, 60)
+    power = np.exp(-0.5 * ((time - 20) / 2) ** 2) + 0.16 * np.exp(-0.5 * ((time - place) / 2) ** 2)
+    power += 0.05 * rng.standard_normal(64)
+    found = decompose(Waveforms(0 * time, time, power, 0.15), 1.2, 0.1)
+    assert np.isfinite(found).all()
+    assert np.abs(found[1] - 20 * 0.15).min() < 0.06
 
 
 @pytest.mark.parametrize("step_ns", [1.0, 0.3])

@@ -95,9 +95,15 @@ def test_bark_adds_to_residuals_of_circles(monkeypatch):
     few = np.array([[4.0, 3.0, 0.25, 17.0], [6.5, 6.0, 0.28, 17.0]])
     monkeypatch.setattr(residuals, "pine_stems", lambda seed: few)
     monkeypatch.setattr(residuals, "STEP", 0.25)
-    rough, smooth = (np.median(residuals.stems_of_plot(4, bark)[:, 4]) for bark in (True, False))
+    rough, smooth = (
+        np.median(residuals.stems_of_plot(4, bark, residuals.EXACT)[:, 4]) for bark in (True, False)
+    )
     assert 0.002 < smooth < 0.0035  # the noise, 3 mm
     assert rough > 1.4 * smooth
+    joined = residuals.stems_of_plot(4, False)[
+        :, 4
+    ]  # by about half of 12 mm, as the stations are five
+    assert np.median(joined) > 1.4 * smooth
 
 
 def test_a_tape_about_bark_reads_more_than_the_area_says():

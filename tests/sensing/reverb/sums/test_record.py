@@ -116,10 +116,10 @@ def test_measures_are_refused_one_by_one() -> None:
     assert np.isnan([few.edt[0], few.t20[0], few.c50[0], few.centre_time[0]]).all()
 
 
-CLAP = Reverb(source=(0, 0, 1.5), receiver=(4, 0, 1.5), sample_rate=8000, duration=0.4)
+CLAP = Reverb(source=(0, 0, 1.5), receiver=(4, 0, 1.5), sample_rate=8000, duration=0.3)
 
 
-def stand(count=150, low=1e-3, high=0.3, seed=3):
+def stand(count=80, low=1e-3, high=0.3, seed=3):
     """Twigs beside trunks: most of them change nothing."""
     rng = stream(seed, "weak")
     place = rng.uniform(-60, 60, (count, 2))
