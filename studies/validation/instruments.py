@@ -98,7 +98,7 @@ ULS_LINES = (-30.0, -15.0, 0.0, 15.0, 30.0)  # in both directions: 800 pulses/mÂ
 Unit = tuple[str, str, str]  # plot, and when both instruments were there
 
 
-class Measured:
+class TreesByInstrument:
     """Trees of the table: by group, instruments and measure, differences of each plot and flight."""
 
     def __init__(self, path: Path) -> None:
@@ -234,7 +234,7 @@ def validate(data: Path, out: Path, arguments: argparse.Namespace) -> list[Compa
 
 def compare_instruments(path: Path, seed: int) -> list[Comparison]:
     """Rows of the trees of a table, whichever genera it has of which there is a kind of ours."""
-    real = Measured(path)
+    real = TreesByInstrument(path)
     genera = sorted({species.split()[0] for species in real.species.values()} & set(PRESETS))
     stems = {genus: real.stems(genus) for genus in genera}
     ours = {

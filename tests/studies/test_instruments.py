@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from studies.validation.instruments import Measured, flights, group_of, spread_of
+from studies.validation.instruments import TreesByInstrument, flights, group_of, spread_of
 
 HEAD = "tree,species,source,canopy,date,instrument,height_m,dbh_cm,crown_base_m,crown_diameter_m\n"
 LOW, GONE = 0.3, 0.8  # m that the aircraft is short of the drone; share of the width without leaves
@@ -21,7 +21,7 @@ def table(folder):
         ]
     path = folder / "trees.csv"
     path.write_text(HEAD + "\n".join(lines), encoding="utf-8")
-    return Measured(path)
+    return TreesByInstrument(path)
 
 
 def test_differences_are_taken_tree_by_tree_and_plot_by_plot(tmp_path):
