@@ -17,9 +17,11 @@ from pathlib import Path
 import numpy as np
 
 if __name__ == "__main__":
-    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+    root = Path(__file__).resolve().parents[1]
+    sys.path[:0] = [str(root), str(root / "tests")]
 
-from forest_addon.acoustics.disc_exact import HardDisc
+from references.hard_disc import HardDisc
+
 from forest_addon.acoustics.disc_table import FILE, tabulated_ka
 
 SMALLEST = 1e-8

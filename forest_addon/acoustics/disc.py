@@ -4,7 +4,7 @@ The size ka and the angle of incidence (between the disc's normal and the direct
 in; the far-field scattering amplitude f comes out, as L = k|f| or as the complex number k·f. In the
 far field the echo's pressure is p = p₀·f·exp(-ikr)/r (e^{+iωt}), p₀ the incident pressure at the disc.
 
-``exact``   the sound-hard disc (``disc_exact``). Straight back it comes from a table (``disc_table``),
+``exact``   the sound-hard disc. Straight back it comes from a table (``disc_table``),
             within 1e-5 of its value at normal incidence up to ka = 120; until 128 the table passes over
             to the disc's rims as edges of hard half planes (Keller; Ufimtsev), whose sum is
             k·f = i·(ka)²/2·2J₁(x)/x - ka/2·J₀(x), x = 2ka·sinβ. That is within 1e-3 of normal incidence;

@@ -116,14 +116,14 @@ def sum_delayed(
     while True:
         width = width_for(KERNEL * tolerance / _summed(alike * even))
         kernel = ALIASING[width - NARROWEST]
-        plan = _planned(task, reach, loud, SAFE * (1.0 - KERNEL) * tolerance, alike)
-        for nodes in distinct(plan.nodes).tolist():
-            rows = np.flatnonzero(plan.nodes == nodes)
+        allowed = SAFE * (1.0 - KERNEL) * tolerance
+        plan, error, scattered = _planned(task, reach, loud, allowed, alike)
+        for nodes, rows in plan:
             if nodes == 0:
                 task.direct(rows)
             else:
                 task.interpolate(rows, nodes, width)
-        found = task.result(kernel, plan.error, plan.scattered, UNSEEN * tolerance)
+        found = task.result(kernel, error, scattered, UNSEEN * tolerance)
         if found.error <= tolerance or (task.alike <= alike and task.even <= even):
             return found
         alike, even = max(alike, task.alike), max(even, task.even)
@@ -137,21 +137,13 @@ def _summed(together: float) -> float:
     return together * (TYPICAL + (1.0 - TYPICAL) * together)
 
 
-@dataclass(frozen=True)
-class _NodePlan:
-    """nodes : (M,) of the echoes, 0: directly. error, scattered : of Σ max|A|, measured: all errors in phase,
-    and their root of the sum of squares."""
-
-    nodes: np.ndarray
-    error: float
-    scattered: float
-
-
 def _planned(
     task: _Task, reach: ArrayLike, loud: np.ndarray, allowed: float, alike: float
-) -> _NodePlan:
-    """Nodes of all echoes, with errors of at most ``allowed``·Σ max|A| as far as some tell.
+) -> tuple[list[tuple[int, np.ndarray]], float, float]:
+    """Nodes, 0: directly, and the rows that get so many, with errors of at most ``allowed``·Σ max|A| as far
+    as some tell; these errors, of Σ max|A|: all in phase, and their root of the sum of squares.
 
+    Rows of like turns follow each other: what is looked up for them lies close together.
     alike : how many times their root of the sum of squares errors are together, at most.
     """
     turn = task.octave + math.pi * task.width * np.broadcast_to(np.abs(reach), loud.shape)
@@ -205,7 +197,9 @@ def _planned(
     level = leveled(slice(None), float(STRICTNESS[min(chosen, len(STRICTNESS) - 1)]))
     nodes = _together(level, levels, task.count)
     error, scattered = (off / (size or 1.0) for off in missed(nodes[some]))
-    return _NodePlan(nodes, error, scattered)
+    sorted_nodes = nodes[order]
+    plan = [(number, order[sorted_nodes == number]) for number in distinct(nodes).tolist()]
+    return plan, error, scattered
 
 
 def _level(
@@ -301,7 +295,8 @@ class _Task:
 
     def _measure(self, values: np.ndarray) -> float:
         """Add the sizes of amplitudes (R, m); returns their sum."""
-        largest = np.abs(values).max(axis=0).astype(np.float64)
+        square = np.square(values.real) + np.square(values.imag)
+        largest = np.sqrt(square.max(axis=0).astype(np.float64))
         size = float(largest.sum())
         self._size += size
         self._squares += float(largest @ largest)

@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 from references.echo_direct import scattering_direct
+from references.hard_disc import HardDisc
 from scipy import integrate, special
 
 from forest_addon.acoustics.disc import (
@@ -17,7 +18,6 @@ from forest_addon.acoustics.disc import (
     backscatter_amplitude,
     jinc,
 )
-from forest_addon.acoustics.disc_exact import HardDisc
 from forest_addon.acoustics.disc_table import LAST
 
 

@@ -7,8 +7,7 @@ import math
 import numpy as np
 import pytest
 from references.disc_spheroidal import hard_disc_spheroidal
-
-from forest_addon.acoustics.disc_exact import HardDisc, hard_disc_amplitude
+from references.hard_disc import HardDisc, hard_disc_amplitude
 
 VALUES = [  # PHYSICS 4.1: (ka, degrees, k|f|)
     (0.5, 0, 0.027882978554),
@@ -104,7 +103,7 @@ class _Finer(HardDisc):
     """Half as many orders more, and so the quadrature of a larger disc's field."""
 
     def __init__(self, ka: float) -> None:
-        from forest_addon.acoustics.disc_exact import _galerkin_matrix
+        from references.hard_disc import _galerkin_matrix
 
         super().__init__(ka)
         self.orders = self.orders * 3 // 2

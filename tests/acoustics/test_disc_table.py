@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from references.hard_disc import HardDisc
 
-from forest_addon.acoustics.disc_exact import HardDisc
 from forest_addon.acoustics.disc_table import (
     ERROR,
     FILE,

@@ -74,7 +74,8 @@ class GaussianBeam(BeamPattern):
     width: tuple[float, float]
 
     def terms(self, az: np.ndarray, el: np.ndarray) -> np.ndarray:
-        return (_exponent(az, el) @ (1.0 / np.square(self.width)))[None]
+        along, up = -2.0 * HALF_POWER / np.square(self.width)
+        return (along * np.square(az) + up * np.square(el))[None]
 
     def basis(self, frequency: np.ndarray) -> np.ndarray:
         return np.ones((1, len(frequency)))
@@ -102,7 +103,7 @@ class Horseshoe(BeamPattern):
         return np.deg2rad(np.polyval(HORSESHOE, np.asarray(frequency) / 1e3))
 
     def terms(self, az: np.ndarray, el: np.ndarray) -> np.ndarray:
-        return _exponent(az, el).sum(axis=1)[None]
+        return -2.0 * HALF_POWER * (np.square(az) + np.square(el))[None]
 
     def basis(self, frequency: np.ndarray) -> np.ndarray:
         return 1.0 / np.square(self.width(frequency))[None]
@@ -281,8 +282,3 @@ def beam_offsets(directions: np.ndarray, frame: np.ndarray) -> tuple[np.ndarray,
     aside = side > 0
     share = np.where(aside, angle, 0.0) / np.where(aside, side, 1.0)
     return np.where(aside, share * left, angle), share * up
-
-
-def _exponent(az: np.ndarray, el: np.ndarray) -> np.ndarray:
-    """(M, 2) what a Gaussian's exponent is times the squared widths: -2·ln½-power·angle²."""
-    return np.asarray(-2.0 * HALF_POWER * np.square(np.stack([az, el], axis=1)))

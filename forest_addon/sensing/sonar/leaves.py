@@ -341,7 +341,7 @@ def needs_face(leaves: LeafEchoes, sight: Sight) -> np.ndarray:
     Well off its normal a disc sounds from two places of its rim, whose waves do not care how far the
     middle is: f/r² is right there but for 1/2·a/(r·sinβ) of each, until r is some radii.
     """
-    distance = np.linalg.norm(leaves.centre - sight.point, axis=1)
+    distance = lengths(leaves.centre - sight.point)
     near = near_field(distance, leaves.radius, sight.wavenumber)
     near &= (distance <= sight.reach) & (distance >= sight.nearest)
     rows = np.flatnonzero(near)

@@ -57,11 +57,13 @@ class Strength(RowTable, ABC):
 
 @dataclass(frozen=True)
 class ScattererPart:
-    """A strength that belongs to rows (m,) of another, ``offset`` (m,) metres later on the path."""
+    """A strength that belongs to rows (m,) of another, ``offset`` (m,) metres later on the path; share : (m,)
+    or one, about how loud it is beside that."""
 
     rows: np.ndarray
     offset: np.ndarray
     strength: Strength
+    share: np.ndarray | float = 1.0
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,6 @@ import numpy as np
 
 from ... import kernels
 from ...base.rows import RowTable
-from .beam import Rows
 from .calls import SAMPLED, Band
 from .leaves import NearFaces
 from .scatterers import ScattererPart, Scatterers, Sight
@@ -245,11 +244,18 @@ class EarAmplitudes:
         """(Q, M) of all."""
         return np.exp(np.einsum("dq,dm->qm", self._basis(frequency), self._terms)) * self._level
 
-    def of(self, part: ScattererPart, frequency: np.ndarray, rows: Rows) -> np.ndarray:
-        """(Q, m) complex A of some rows of a part at frequencies (Q,)."""
+    def of(self, parts: list[ScattererPart], frequency: np.ndarray, rows: np.ndarray) -> np.ndarray:
+        """(Q, m) complex A of some rows of parts, one part after the other, at frequencies (Q,)."""
         wavenumber = 2.0 * np.pi * frequency / self._station.sound_speed
-        amplitude = part.strength.select(rows).amplitude(wavenumber)
-        some, basis = part.rows[rows], self._basis(frequency)
+        amplitude = np.empty((len(frequency), len(rows)), np.complex128)
+        some, begin = np.empty(len(rows), np.int64), 0
+        for part in parts:
+            here = np.flatnonzero((rows >= begin) & (rows < begin + len(part.rows)))
+            own = rows[here] - begin
+            amplitude[:, here] = part.strength.select(own).amplitude(wavenumber)
+            some[here] = part.rows[own]
+            begin += len(part.rows)
+        basis = self._basis(frequency)
         level, terms = self._level[some], self._terms.take(some, axis=1)
         library = kernels.library()
         if library is None:
@@ -272,7 +278,7 @@ def mean_amplitude(
     """(M,) mean |A| over the band (Hann) at the first ear, on the band's own few frequencies."""
     frequency, weight = band.sample(count)
     heard = EarAmplitudes(group, station, 0)
-    return np.asarray(weight @ np.abs(heard.of(heard.whole, frequency, slice(None))))
+    return np.asarray(weight @ np.abs(heard.of([heard.whole], frequency, np.arange(len(group)))))
 
 
 def merged(groups: list[SearchGroup]) -> list[SearchGroup]:

@@ -107,22 +107,23 @@ def _over(
             loud, parts = group.bound * group.shade, [heard.whole]
             if tolerance > 0 and lowest < highest:
                 parts = heard.whole.strength.parts(lowest, highest)
-            for part in parts:
-                found = sum_delayed(
-                    partial(heard.of, part),
-                    (length[part.rows] + part.offset) / station.sound_speed,
-                    grid.start,
-                    grid.spacing,
-                    grid.count,
-                    tolerance=tolerance,
-                    reach=heard.reach(part, band),
-                    loudness=loud[part.rows],
-                    weights=None if weights is None else weights[number][part.rows],
-                    ends=band,
-                )
-                spectrum[ear] += found.spectrum
-                error[ear] += found.error * found.size
-                size[ear] += found.size
+            rows = np.concatenate([part.rows for part in parts])
+            offset = np.concatenate([part.offset for part in parts])
+            found = sum_delayed(
+                partial(heard.of, parts),
+                (length[rows] + offset) / station.sound_speed,
+                grid.start,
+                grid.spacing,
+                grid.count,
+                tolerance=tolerance,
+                reach=np.concatenate([heard.reach(part, band) for part in parts]),
+                loudness=np.concatenate([loud[part.rows] * part.share for part in parts]),
+                weights=None if weights is None else weights[number][rows],
+                ends=band,
+            )
+            spectrum[ear] += found.spectrum
+            error[ear] += found.error * found.size
+            size[ear] += found.size
             done += len(group)
             if progress:
                 progress(done, total)

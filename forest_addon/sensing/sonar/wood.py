@@ -10,12 +10,15 @@ sound meets at the angle ψ to its axis scatters back with
 S of ``acoustics/cylinder`` (a line source of the strength that gives the endless cylinder's far field).
 That holds in the far field of the segment, so segments are cut to half a Fresnel width, ℓ² <= λr/4; their
 coherent sum is right nearer too. S is tabulated once, with the delay of the near side taken off.
+
+A thick segment sounds twice: its near side mirrors, as the optics of a cylinder say, and what is left has
+crept around its back. Each alone is smooth in frequency.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import ClassVar
 
@@ -28,11 +31,17 @@ from ...base.rows import lengths
 from ...base.trimesh import TriMesh, is_wood
 from ...growth.own_tree.centreline import find_centrelines
 from ...growth.own_tree.pieces import part
-from .scatterers import WOOD, Population, Scatterers, Sight, Strength, Views, cluster
+from .scatterers import WOOD, Population, ScattererPart, Scatterers, Sight, Strength, Views, cluster
 
 STRAIGHT = 0.002  # m between a centreline and the chords that stand for it
 ALIKE = 0.1  # relative change of the radius along a chord
-CREEPING = 2.0 + math.pi
+CREEPING = 2.0 + math.pi  # radii, the way around the back from the near side
+# Radii that what sounds reaches to both sides of its delay: all, what is mirrored, and what is left, which
+# creeps around the back.
+WAVES = {"whole": CREEPING / 2, "mirror": 0.0, "creeping": 1.0}
+THICK = 4.0  # ka from where these two are taken apart
+FADING = 2.2  # about e^{-FADING·(ka)^⅓} of S creeps around
+AUDIBLE = 300.0  # over it, from where on that is faint
 LARGEST = 600.0  # ka; beyond, S grows as its root
 TABULATED, EXTENDED = 5e-7, 4e-6  # largest error of S relative to it, up to there and beyond
 
@@ -42,7 +51,8 @@ class CylinderStrength(Strength):
     """length, radius : (M,) metres. sine, cosine : (M,) of the angle between sound and axis.
 
     nearness : (M,) root of the distance to the near side over that to the axis: waves spread around a
-    cylinder from its axis, while the delay is that of the near side.
+    cylinder from its axis, while the delay is that of the near side. wave : which of ``WAVES``. end : of one
+    end of each alone, whose length is given in parts of i/k.
     """
 
     length: np.ndarray
@@ -50,18 +60,23 @@ class CylinderStrength(Strength):
     sine: np.ndarray
     cosine: np.ndarray
     nearness: np.ndarray
+    wave: str = "whole"
+    end: bool = False
 
     def amplitude(self, wavenumber: np.ndarray) -> np.ndarray:
         size, turn = self.radius * self.sine, self.length * self.cosine
         level = self.nearness * self.length / math.pi
+        k = wavenumber[:, None]
         library = kernels.library()
         if library is None:
-            k = wavenumber[:, None]
-            return np.sinc(k * (turn / math.pi)) * np.conj(_backscatter(k * size)) * level
-        found = np.empty((len(wavenumber), len(size)), np.complex128)
-        given = (len(wavenumber), wavenumber, len(size), size, turn, level)
-        library.cylinders(*given, LARGEST, np.array([_bend()]), *_table().given, found)
-        return found
+            found = (
+                np.sinc(k * (turn / math.pi)) * np.conj(_backscatter(k * size, self.wave)) * level
+            )
+        else:
+            found = np.empty((len(wavenumber), len(size)), np.complex128)
+            given = (len(wavenumber), wavenumber, len(size), size, turn, level)
+            library.cylinders(*given, LARGEST, np.array([_bend()]), *_table(self.wave).given, found)
+        return found * (1j / k) if self.end else found
 
     def bound(self, lowest: float, highest: float) -> np.ndarray:
         size = _largest_backscatter(highest * self.radius * self.sine)
@@ -70,13 +85,35 @@ class CylinderStrength(Strength):
         return self.length / math.pi * size * np.minimum(lobes, 1.0)
 
     def reach(self, wavenumber: float) -> np.ndarray:
-        # Sound creeps around the back, (2 + π)a later.
-        return self.length * np.abs(self.cosine) + CREEPING / 2 * self.radius * self.sine
+        size = self.radius * self.sine
+        faint = (
+            np.minimum(1.0, AUDIBLE * _crept(wavenumber * size)) if self.wave == "creeping" else 1.0
+        )
+        return self.length * np.abs(self.cosine) + WAVES[self.wave] * faint * size
 
     def error(self, highest: float) -> np.ndarray:
         size = highest * self.radius * self.sine
         share = np.where(size > LARGEST, EXTENDED, TABULATED)
         return share * self.nearness * self.length / math.pi * _largest_backscatter(size)
+
+    def parts(self, lowest: float, highest: float) -> list[ScattererPart]:
+        """Of thick segments what mirrors and what creeps; of those off the normal both ends."""
+        size, late = self.radius * self.sine, self.length * self.cosine
+        period = 2.0 * math.pi / (highest - lowest)
+        thick = size > max(THICK / lowest, period / CREEPING)
+        ends = np.abs(late) > period / 2.0
+        parts = []
+        for wave, among in (("whole", ~thick), ("mirror", thick), ("creeping", thick)):
+            way = CREEPING * size * (wave == "creeping")
+            share = _crept(lowest * size) if wave == "creeping" else among
+            for side in (0.0, -1.0, 1.0):
+                rows = np.flatnonzero(among & (ends == (side != 0.0)))
+                some = replace(self.select(rows), wave=wave)
+                if side:
+                    length, across = side / (2.0 * some.cosine), np.zeros(len(rows))
+                    some = replace(some, length=length, cosine=across, end=True)
+                parts.append(ScattererPart(rows, side * late[rows] + way[rows], some, share[rows]))
+        return [part for part in parts if len(part.rows)]
 
 
 @dataclass(frozen=True)
@@ -215,12 +252,23 @@ def _cut(
 # ---------------------------------------------------------------------------------------------- S
 
 
-def _backscatter(size: np.ndarray) -> np.ndarray:
-    """S(ka, π) times e^{2ika}, what is left when the near side's delay is taken off (e^{-iωt})."""
+def _backscatter(size: np.ndarray, wave: str = "whole") -> np.ndarray:
+    """S(ka, π) times e^{2ika}, what is left when the near side's delay is taken off, or a part (e^{-iωt})."""
     inside = np.minimum(size, LARGEST)
-    value: np.ndarray = _table().at(_coordinate(inside)) * inside**2 / (1.0 + inside**1.5)
+    value: np.ndarray = _table(wave).at(_coordinate(inside)) * inside**2 / (1.0 + inside**1.5)
     beyond = np.maximum(size / LARGEST, 1.0)
     return value * np.sqrt(beyond) * (1.0 + _bend() * (1.0 - 1.0 / beyond))
+
+
+def _crept(size: np.ndarray) -> np.ndarray:
+    """Return what share of S has crept around the back, about."""
+    return np.asarray(np.exp(-FADING * np.cbrt(size)))
+
+
+def _mirrored(size: np.ndarray) -> np.ndarray:
+    """S(ka, π) times e^{2ika} without what creeps, but for terms of (ka)^-3."""
+    series = 1.0 - 11j / (16.0 * size) - 353.0 / (512.0 * size**2)
+    return np.asarray(np.sqrt(math.pi * size) / 2.0 * np.exp(-0.25j * math.pi) * series)
 
 
 def _largest_backscatter(size: np.ndarray) -> np.ndarray:
@@ -234,20 +282,24 @@ def _largest_backscatter(size: np.ndarray) -> np.ndarray:
 def _bend() -> complex:
     """Return what S/√ka still changes by, relative to it, from ``LARGEST`` to infinity: ∝ 1/ka."""
     half, last = (
-        _table().at(_coordinate(np.array(x))) * x**1.5 / (1.0 + x**1.5)
+        _table("whole").at(_coordinate(np.array(x))) * x**1.5 / (1.0 + x**1.5)
         for x in (LARGEST / 2, LARGEST)
     )
     return complex((last - half) / last)
 
 
-@lru_cache(maxsize=1)
-def _table() -> Cubics:
-    """S·e^{2ika}·(1 + ka^1.5)/ka², which is flat at both ends, over ``_coordinate``."""
+@lru_cache(maxsize=len(WAVES))
+def _table(wave: str) -> Cubics:
+    """S·e^{2ika}·(1 + ka^1.5)/ka², which is flat at both ends, or a part of it, over ``_coordinate``."""
 
     def flattened(place: np.ndarray) -> np.ndarray:
-        size = _size(place.ravel())
-        value = scattering_sum(size, math.pi) * np.exp(2j * size) * (1.0 + size**1.5) / size**2
-        return np.asarray(value.reshape(place.shape))
+        size = _size(place)
+        value = scattering_sum(size, math.pi) * np.exp(2j * size)
+        if wave != "whole":
+            mirrored = _mirrored(size)
+            later = np.exp(-1j * CREEPING * size)
+            value = mirrored if wave == "mirror" else (value - mirrored) * later
+        return np.asarray(value * (1.0 + size**1.5) / size**2)
 
     first, last = (float(_coordinate(np.array(end))) for end in (1e-6, LARGEST))
     return Cubics.of(flattened, first, last, 3000)

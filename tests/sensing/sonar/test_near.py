@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from references.disc_near import RigidDisc, disc_direct
 from references.echo_scenes import scene_of
+from references.hard_disc import HardDisc
 from references.leaf_discs import discs_of
 
 from forest_addon.acoustics.disc import MODELS
-from forest_addon.acoustics.disc_exact import HardDisc
 from forest_addon.base.trimesh import OTHER, TriMesh
 from forest_addon.sensing.sonar.leaves import FAR
 from forest_addon.sensing.sonar.ping import Echo, ping

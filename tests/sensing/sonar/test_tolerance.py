@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 from references.echo_scenes import scene_of
+from references.hard_disc import HardDisc
 
-from forest_addon.acoustics.disc_exact import HardDisc
 from forest_addon.acoustics.disc_table import LAST, table_error, tabulated
 from forest_addon.acoustics.nonuniform import sum_delayed
 from forest_addon.base.trimesh import OTHER, WOOD, TriMesh, join
@@ -97,29 +97,32 @@ class Drawn:
         ends = 2.0 * np.pi * low / SPEED, 2.0 * np.pi * high / SPEED
         lost = self.loss * (high**2 - low**2) / (np.pi * self.width) * self.distance
         loud = self.strength.bound(*ends) * self.gain(np.array([low]))[0]
-        spectrum, error = np.zeros(self.count, complex), 0.0
-        for part in self.strength.parts(*ends):
+        parts = self.strength.parts(*ends)
+        starts = np.cumsum([0, *(len(part.rows) for part in parts)])
+        rows = np.concatenate([part.rows for part in parts])
 
-            def amplitude(
-                frequency: np.ndarray, some: np.ndarray, part: object = part
-            ) -> np.ndarray:
-                k = 2.0 * np.pi * frequency / SPEED
-                found = part.strength.select(some).amplitude(k)
-                return found * self.gain(frequency, part.rows[some])
+        def amplitude(frequency: np.ndarray, some: np.ndarray) -> np.ndarray:
+            k = 2.0 * np.pi * frequency / SPEED
+            found = np.empty((len(frequency), len(some)), complex)
+            for part, begin, end in zip(parts, starts, starts[1:], strict=False):
+                here = (some >= begin) & (some < end)
+                found[:, here] = part.strength.select(some[here] - begin).amplitude(k)
+            return found * self.gain(frequency, rows[some])
 
-            found = sum_delayed(
-                amplitude,
-                (2.0 * self.distance[part.rows] + part.offset) / SPEED,
-                low,
-                self.width / (self.count - 1),
-                self.count,
-                tolerance=self.tolerance,
-                reach=part.strength.reach(ends[0]) / SPEED + lost[part.rows],
-                loudness=loud[part.rows],
-            )
-            spectrum += found.spectrum
-            error += found.error * found.size
-        return spectrum, error
+        offset = np.concatenate([part.offset for part in parts])
+        reach = np.concatenate([part.strength.reach(ends[0]) for part in parts])
+        share = np.concatenate([np.broadcast_to(part.share, part.rows.shape) for part in parts])
+        found = sum_delayed(
+            amplitude,
+            (2.0 * self.distance[rows] + offset) / SPEED,
+            low,
+            self.width / (self.count - 1),
+            self.count,
+            tolerance=self.tolerance,
+            reach=reach / SPEED + lost[rows],
+            loudness=loud[rows] * share,
+        )
+        return found.spectrum, found.error * found.size
 
     def compared(self, seed: int) -> tuple[float, float, float]:
         """Error of the fast sum and its estimate, and what tables are rough by, all of Σ max|A|."""

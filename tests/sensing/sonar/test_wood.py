@@ -116,3 +116,29 @@ def test_no_wood_and_a_switch() -> None:
     targets = EchoTargets(scene_of(pole(0.01)))
     silent = ping(targets, Sonar(position=(0, 0, 0), wood=False, **QUIET), AIR)
     assert not silent.spectrum.any()
+
+
+@pytest.mark.parametrize("engine", ["on", "off"])
+def test_mirror_creeping_wave_and_ends_add_up(engine: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("FOREST_SENSING_KERNELS", engine)
+    rng = np.random.default_rng(7)
+    tilt = rng.uniform(0.0, math.pi, 300)
+    radius = np.exp(rng.uniform(math.log(5e-4), math.log(0.4), 300))
+    whole = CylinderStrength(
+        rng.uniform(0.005, 0.06, 300),
+        radius,
+        np.sin(tilt),
+        np.cos(tilt),
+        rng.uniform(0.9, 1.0, 300),
+    )
+    wavenumber = np.linspace(700.0, 1500.0, 9)
+    parts = whole.parts(wavenumber[0], wavenumber[-1])
+    assert {(part.strength.wave, part.strength.end) for part in parts} == {
+        (wave, end) for wave in ("whole", "mirror", "creeping") for end in (False, True)
+    }
+    total = np.zeros((9, 300), complex)
+    for part in parts:
+        later = np.exp(-1j * wavenumber[:, None] * part.offset)
+        np.add.at(total.T, part.rows, (part.strength.amplitude(wavenumber) * later).T)
+    off = np.abs(total - whole.amplitude(wavenumber)).max(axis=0)
+    assert (off <= whole.error(wavenumber[-1]) + 1e-12).all()
