@@ -88,7 +88,7 @@ def test_trees_are_of_one_tile_each_and_the_whole_s_own(whole):
     scene, _, trees, echo = whole
     tiling = tiled(scene, size=20.0, buffer=3.0)
     assert sum(tile.trees for tile in tiling.tiles) == len(trees["tree"])
-    own = tiling.grid.tile_of(tiling.forest.stand.position[:, :2])
+    own = tiling.grid.tile_of(tiling.forest.stand().position[:, :2])
     found = tiling.build(1).trees
     rows = np.searchsorted(trees["tree"], found["tree"])
     for name in ("x_m", "height_m", "dbh_m", "leaf_area_m2", "rotation_rad"):

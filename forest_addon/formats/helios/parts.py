@@ -136,32 +136,33 @@ def together(surfaces: list[PartMesh]) -> PartMesh:
     )
 
 
-def _words_of(path: Path) -> list[list[str]]:
-    """Words of each line of a Wavefront file; one that goes on after a backslash stands where it ends."""
-    text = re.sub("#.*", "", path.read_text("utf-8", errors="replace"))
+def _lines_of(path: Path) -> list[str]:
+    """Lines of a Wavefront file, their words a space apart from the first; one that goes on after a backslash
+    stands where it ends."""
+    text = re.sub("#.*", "", path.read_text("utf-8", errors="replace")).replace("\t", " ")
     if "\\\n" in text:
         text = re.sub(r"(?m)^(?:.*\\\n)+.*", _on_one_line, text)
-    return [line.split() or [""] for line in text.splitlines()]
+    return [line.strip() for line in text.splitlines()]
 
 
 def _on_one_line(lines: re.Match[str]) -> str:
     return "\n" * lines[0].count("\n") + lines[0].replace("\\\n", " ")
 
 
-def _material_files(path: Path, lines: list[list[str]]) -> list[Path]:
+def _material_files(path: Path, lines: list[str]) -> list[Path]:
     """The files that lines ``mtllib`` of an OBJ name, one or several in a line; they may not be there."""
-    said = [words[1:] for words in lines if words[0] == "mtllib" and len(words) > 1]
+    said = [line.split()[1:] for line in lines if line.startswith("mtllib ")]
     named = [[one] if (path.parent / (one := " ".join(each))).is_file() else each for each in said]
     return [path.parent / name for names in named for name in names]
 
 
-def lost_materials(path: Path, lines: list[list[str]] | None = None) -> tuple[str, ...]:
+def lost_materials(path: Path, lines: list[str] | None = None) -> tuple[str, ...]:
     """Sentences on the material files that an OBJ names and that are not there; none of other files."""
     if path.suffix.lower() != ".obj":
         return ()
     return tuple(
         f"{path.name}: its material file {file.name} is not there, what it says of surfaces is not known"
-        for file in _material_files(path, _words_of(path) if lines is None else lines)
+        for file in _material_files(path, _lines_of(path) if lines is None else lines)
         if not file.is_file()
     )
 
@@ -176,14 +177,21 @@ def read_obj(path: Path, up: str = "z") -> PartMesh:
     ------
     SpecError : a corner that is not there, no face at all, or a shape that was lost at map coordinates.
     """
-    lines = _words_of(path)
-    word = np.array([WORDS.get(line[0], 0) for line in lines], dtype=np.int8)
+    lines = _lines_of(path)
+    word = np.array([WORDS.get(line.partition(" ")[0], 0) for line in lines], dtype=np.int8)
     at_vertex, at_face, at_name = (np.flatnonzero(word == number) for number in WORDS.values())
     if not len(at_face):
         raise SpecError(str(path), "has no face")
-    vertices = np.array([[float(x) for x in lines[line][1:4]] for line in at_vertex])
-    corners = np.array([len(lines[line]) - 1 for line in at_face])
-    said = [int(one.partition("/")[0]) for line in at_face for one in lines[line][1:]]
+    vertices = np.array(
+        [float(x) for line in at_vertex.tolist() for x in lines[line].split(None, 4)[1:4]]
+    ).reshape(len(at_vertex), 3)
+    of_faces = [lines[line] for line in at_face.tolist()]
+    corners = np.array([len(line.split()) - 1 for line in of_faces])
+    said = [
+        int(x)
+        for line in re.sub(r"/\S*", "", "\n".join(of_faces)).split("\n")
+        for x in line.split()[1:]
+    ]
     before = np.searchsorted(at_vertex, at_face)  # vertices that stand above a face
     index, known = np.array(said, dtype=np.int64), np.repeat(before, corners)
     index += np.where(index > 0, -1, np.where(index < 0, known, -1))
@@ -198,7 +206,10 @@ def read_obj(path: Path, up: str = "z") -> PartMesh:
     first = (np.cumsum(corners) - corners)[fan]
     faces = index[np.stack([first, second, second + 1], axis=1)].astype(np.int32)
     names = {"": 0}
-    slots = [0, *(names.setdefault(" ".join(lines[line][1:]), len(names)) for line in at_name)]
+    slots = [
+        0,
+        *(names.setdefault(" ".join(lines[line].split()[1:]), len(names)) for line in at_name),
+    ]
     slot = np.array(slots, dtype=np.int32)[np.searchsorted(at_name, at_face)][fan]
     if not np.isfinite(vertices).all():
         raise SpecError(str(path), "has corners that are no numbers")

@@ -33,7 +33,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import fft, linalg, special
+from scipy import fft, linalg
 
 from ....acoustics import chebyshev
 from ....acoustics.cylinder import order_count, partial_waves, transfer
@@ -49,6 +49,7 @@ from .scattering import TrunkPaths
 TRUNKS_AT_ONCE = 65536
 GRID_AT_ONCE = 1 << 23  # values of the even grid, of as many terms as that allows
 SPECTRA_AT_ONCE = 1 << 19  # values of spectra of single trunks
+SAMPLES_AT_ONCE = 1 << 16  # of single trunks
 MOST_KEPT = 1 << 27  # bytes of filters that a layer keeps as spectra
 SINGLE = 1e-4  # from this tolerance on, single precision does; not where seconds of filters are
 RINGING = 0.02  # s by which a gain of frequency spreads an arrival to both sides
@@ -56,8 +57,8 @@ UNHEARD = 1e-5  # of the loudest frequency: where a layer has nothing but roundi
 LEAST = 0.3  # of the tolerance: products of a zone that are smaller at all frequencies are left out
 SEEN = 4  # every so many frequencies of a transform tell how large a product is
 BESIDE = 160  # samples of a low layer before and after the record; they fade out
-LATE = 16  # Chebyshev polynomials of the part of a sample by which a trunk is heard later, at most
-LONG = 8  # times its filters, a sector's grid, from which on trunks may be heard one by one
+LATE = 10  # Chebyshev polynomials of the part of a sample by which a trunk is heard later: 5e-8
+DELAYS = 6  # of them that a term needs, in the mean
 FAINT = 1e-4  # of the tolerance: where trunks' own samples begin and end
 # ns a value: of a trunk's own samples, a product in it; of a point of a term's grid
 SAMPLE, SAMPLE_PRODUCT, POINT = 1.0, 0.03, 20.0
@@ -81,6 +82,7 @@ class LayerSum:
         self.kernel = kernel(width_for(0.3 * layer.tolerance))
         self.errors: dict[float, float] = {}
         self._filters: dict[int, np.ndarray] = {}
+        self._late: dict[int, tuple[np.ndarray, np.ndarray, int]] = {}
         self._spectra: dict[tuple, tuple[np.ndarray, np.ndarray]] = {}
         self._bytes = 0
 
@@ -121,13 +123,11 @@ class LayerSum:
         """First sample and samples of one sector's trunks, without a gain."""
         sector = self.layer.sector(number)
         place, base, size = self._placed(paths.length, 0.0, 0)
-        if size > LONG * self.layer.size:
-            products, first = self._delayed(number)
-            each = products.shape[1] * (SAMPLE + SAMPLE_PRODUCT * len(products))
-            if len(place) * each < POINT * OVERSAMPLING * size * sector.terms:
-                shares = sector.shares(cosine) * paths.weight[:, None]
-                part = self._one_by_one(place, shares, products, size)
-                return base - sector.lead + int(first[0]), part
+        each = self.layer.size * (SAMPLE + SAMPLE_PRODUCT * DELAYS * sector.terms)
+        if len(place) * each < POINT * OVERSAMPLING * size * sector.terms:
+            shares = sector.shares(cosine) * paths.weight[:, None]
+            start, part = self._one_by_one(number, place, shares, size)
+            return base - sector.lead + start, part
         filters, _ = self._filter_spectra(number, size)
 
         def heights(rows: slice) -> np.ndarray:
@@ -137,40 +137,41 @@ class LayerSum:
         return base - sector.lead, fft.irfft(spectrum.astype(np.complex128), size)
 
     def _one_by_one(
-        self, place: np.ndarray, heights: np.ndarray, products: np.ndarray, size: int
-    ) -> np.ndarray:
-        """(size,) samples of trunks at ``place`` (N,), of heights (N, R) in a sector's terms."""
+        self, number: int, place: np.ndarray, heights: np.ndarray, size: int
+    ) -> tuple[int, np.ndarray]:
+        """First sample of a sector's filters that is heard, and (size,) samples from there on of trunks at
+        ``place`` (N,), of heights (N, R) in its terms."""
+        products, kept, heard = self._delayed(number)
         total = np.zeros(size)
         whole = np.rint(place).astype(np.int64)
-        later = chebyshev.polynomials(2.0 * (place - whole), len(products) // heights.shape[1]).T
-        heights = (later[:, :, None] * heights[:, None]).reshape(len(place), -1)
-        several = max(1, SPECTRA_AT_ONCE // products.shape[1])
+        later, term = np.divmod(kept, heights.shape[1])
+        delays = chebyshev.polynomials(2.0 * (place - whole), LATE).T
+        heights = delays[:, later] * heights[:, term]
+        several = max(1, SAMPLES_AT_ONCE // products.shape[1])
         for first in range(0, len(whole), several):
             some = slice(first, first + several)
             for start, samples in zip(whole[some].tolist(), heights[some] @ products, strict=True):
                 total[start : start + len(samples)] += samples
-        return total
+        return heard, total
 
-    def _delayed(self, number: int) -> tuple[np.ndarray, np.ndarray]:
-        """(P·R, T) Chebyshev coefficients of a sector's filters by how much later they are, up to half a
-        sample, and the first sample of them that is heard."""
-        key = "delayed", number
-        if key not in self._spectra:
-            filters, orders = self._filters_of(number), np.arange(LATE)
+    def _delayed(self, number: int) -> tuple[np.ndarray, np.ndarray, int]:
+        """(K, T) Chebyshev coefficients of a sector's filters by how much later they are, up to half a
+        sample, those that the tolerance needs; which of all (P·R) these are, and the first sample of them
+        that is heard."""
+        if number not in self._late:
+            filters = self._filters_of(number)
             size = fft.next_fast_len(filters.shape[1] + SPREAD, real=True)
-            most = 2.0 * special.jv(orders, 0.5 * math.pi)  # at the end of the band
-            order = orders[most > SHARE * self.layer.tolerance][:, None, None]
-            # e^{-iωx/2} = Σ ε_p·(-i)^p·J_p(ω/2)·T_p(x) (DLMF 10.12.3)
-            series = special.jv(order, math.pi / size * np.arange(size // 2 + 1)) * (-1j) ** order
-            series[1:] *= 2.0
-            found = fft.irfft(fft.rfft(filters, size) * series, size)[:, :, : filters.shape[1]]
-            found = found.reshape(-1, filters.shape[1])
-            large = np.abs(found).max(axis=0)
+            turn = -1j * math.pi / size * np.arange(size // 2 + 1)  # of half a sample
+            series = chebyshev.coefficients(np.exp(np.outer(chebyshev.points(LATE), turn)), 0)
+            found = fft.irfft(fft.rfft(filters, size) * series[:, None], size)
+            found = found[:, :, : filters.shape[1]].reshape(-1, filters.shape[1])
+            norm = np.linalg.norm(found, axis=1)
+            kept = np.flatnonzero(norm > SHARE * self.layer.tolerance * norm.max())
+            large = np.abs(found[kept]).max(axis=0)
             heard = np.flatnonzero(large > FAINT * self.layer.tolerance * large.max())
-            found = np.ascontiguousarray(found[:, heard[0] : heard[-1] + 1])
-            self._keep(key, found, heard[:1])
-            return found, heard[:1]
-        return self._spectra[key]
+            found = np.ascontiguousarray(found[kept, heard[0] : heard[-1] + 1])
+            self._late[number] = found, kept, int(heard[0])
+        return self._late[number]
 
     def _zone_sum(
         self,

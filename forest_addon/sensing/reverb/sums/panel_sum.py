@@ -236,45 +236,43 @@ class _Panel:
     def spectrum(self) -> np.ndarray:
         """(K,) of the bins."""
         group, count = self.group, len(self.frequency)
-        k = self._wavenumber(self.nodes)
-        rows, heights = self.boxes.heights(k, self.shift)
-        paths = group.paths.select(rows)
-        self._check(rows, paths, heights)
-        heights *= np.exp(-np.outer(paths.length - self.typical, self._loss(self.nodes)))
-        if group.gain is not None:
-            heights *= group.gain.at(self.nodes, paths.length)
-        weight = paths.weight * paths.radius**2
-        delay = (paths.length - paths.radius * self.shift(paths.angle)) / group.speed
+        k, loss = self._wavenumber(self.nodes), self._loss(self.nodes)
         level = self._wavenumber(self.frequency) ** 1.5
         level *= np.exp(-self.typical * self._loss(self.frequency))
-        if count <= FEW_BINS:
-            carried = phasors(np.outer(delay, self.nodes))
-            return (weight[:, None] * heights * carried).sum(axis=0) * level
-        cycles, middle_of = delay * group.spacing, self.frequency[count // 2]
         grid = DelayGrid(count, len(k), group.kernel)
-        for start in range(0, len(rows), TRUNKS_AT_ONCE):
-            some = slice(start, start + TRUNKS_AT_ONCE)
-            grid.add(cycles[some], middle_of * delay[some], heights[some].T, weight[some, None])
-        parts = grid.spectrum()
-        parts *= chebyshev.lagrange(len(k), np.linspace(-1.0, 1.0, count))
-        found: np.ndarray = parts.sum(axis=0) * level
-        return found
+        found, checked = np.zeros(count, np.complex128), []
+        for rows, heights in self.boxes.heights(k, self.shift):
+            probed = np.isin(rows, group.probes)
+            checked.append((rows[probed], heights[probed]))
+            paths = group.paths.select(rows)
+            heights *= np.exp(-np.outer(paths.length - self.typical, loss))
+            if group.gain is not None:
+                heights *= group.gain.at(self.nodes, paths.length)
+            weight = paths.weight * paths.radius**2
+            delay = (paths.length - paths.radius * self.shift(paths.angle)) / group.speed
+            if count <= FEW_BINS:
+                found += weight @ (heights * phasors(np.outer(delay, self.nodes)))
+            else:
+                middle_of = self.frequency[count // 2] * delay
+                grid.add(delay * group.spacing, middle_of, heights.T, weight[:, None])
+        probes, of_probes = (np.concatenate(each) for each in zip(*checked, strict=True))
+        self._check(group.paths.select(probes), of_probes)
+        if count > FEW_BINS:
+            polynomials = chebyshev.lagrange(len(k), np.linspace(-1.0, 1.0, count))
+            found = (grid.spectrum() * polynomials).sum(axis=0)
+        return np.asarray(found * level)
 
-    def _check(self, rows: np.ndarray, paths: TrunkPaths, heights: np.ndarray) -> None:
-        """Compare the heights of some trunks, between the nodes, with partial wave sums."""
-        here = np.flatnonzero(np.isin(rows, self.group.probes))
-        some = paths.select(here)
+    def _check(self, some: TrunkPaths, heights: np.ndarray) -> None:
+        """Compare the heights (M, Q) of some trunks, between the nodes, with partial wave sums."""
         low, high = self.frequency[[0, -1]]
         frequency = self.group.rng.uniform(low, high)
         k = float(self._wavenumber(np.array(frequency)))
-        place = (
-            np.array([2.0 * (frequency - low) / (high - low) - 1.0]) if high > low else np.zeros(1)
-        )
         if len(self.frequency) <= FEW_BINS:
-            k, found = float(self._wavenumber(self.nodes[0])), heights[here, 0]
+            k, found = float(self._wavenumber(self.nodes[0])), heights[:, 0]
             frequency = float(self.nodes[0])
         else:
-            found = heights[here] @ chebyshev.lagrange(len(self.nodes), place)[:, 0]
+            share = np.array([(frequency - low) / (high - low)])
+            found = heights @ chebyshev.lagrange(len(self.nodes), 2.0 * share - 1.0)[:, 0]
         z = k * some.radius
         exact = np.conj(np.exp(0.25j * math.pi) * scattering_sum(z, some.angle, self.group.bark))
         exact *= math.sqrt(2.0 / math.pi) / z**2 * np.exp(-1j * z * self.shift(some.angle))
@@ -285,7 +283,7 @@ class _Panel:
 
 Shift = Callable[[np.ndarray], np.ndarray]  # of angles
 REACH = 2.6  # radians by which H turns to both sides of its middle when ka grows by 1
-TURN, WIDEST_TURN = 1.5, 6.0  # radians by which H turns from the middle of a box to its side
+TURN, WIDEST_TURN = 0.75, 6.0  # radians by which H turns from the middle of a box to its side
 FULL = 40  # trunks a box; with fewer, boxes are larger
 SPARSE = 2  # trunks a node of a sector's angles, below which each trunk has an angle of its own
 VALUES_AT_ONCE = 1 << 21
@@ -323,45 +321,43 @@ class Boxes:
         low, high = wavenumber[0] * radius.min(), wavenumber[1] * radius.max()
         self.table = FieldTable(float(low), float(high), self.angles, bark)
 
-    def heights(self, k: np.ndarray, shift: Shift) -> tuple[np.ndarray, np.ndarray]:
-        """Rows (M,) of all trunks in the order of boxes, and H·k^{-3/2}/a² (M, Q) at wavenumbers (Q,)."""
+    def heights(self, k: np.ndarray, shift: Shift) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+        """Rows (m,) of some trunks and their H·k^{-3/2}/a² (m, Q) at wavenumbers (Q,), until all were."""
         sectors, bins = self.sectors, self.bins
-        key = bins.of * sectors.count + sectors.of
-        key[self.alone] = bins.count * sectors.count
+        for rows in _some_of(self.alone):
+            yield rows, self._each_alone(rows, k, shift)
+        of = np.searchsorted(self.filled, sectors.of)
+        of[self.alone] = len(self.filled)
+        key = of * bins.count + bins.of
         order = np.argsort(key, kind="stable")
-        held = len(order) - len(self.alone)
-        heights = np.empty((len(order), len(k)), np.complex128)
-        heights[held:] = self._each_alone(order[held:], k, shift)
-        rows = order[:held]
-        around, across = sectors.lagrange(rows), bins.lagrange(rows)
-        basis = (around[:, :, None] * across[:, None]).reshape(held, sectors.nodes * bins.nodes)
-        starts = np.flatnonzero(np.diff(key[rows], prepend=-1)).tolist()
-        ends = [*starts[1:], held]
-        box = key[rows[starts]] if starts else np.empty(0, np.int64)
         several = max(1, VALUES_AT_ONCE // (bins.count * bins.nodes * sectors.nodes * len(k)))
         for first in range(0, len(self.filled), several):
-            some = self.filled[first : first + several]
-            columns = slice(first * sectors.nodes, (first + len(some)) * sectors.nodes)
-            values = self._values(k, shift, columns)  # (bins, sectors, T, Q)
-            number = np.searchsorted(some, box % sectors.count)
-            inside = number < len(some)
-            inside[inside] = some[number[inside]] == (box % sectors.count)[inside]
-            for n in np.flatnonzero(inside):
-                here = slice(starts[n], ends[n])
-                of_box = values[box[n] // sectors.count, number[n]].view(np.float64)
-                np.matmul(basis[here], of_box, out=heights[here].view(np.float64))
-        return order, heights
+            last = min(first + several, len(self.filled))
+            values = self._values(k, shift, slice(first * sectors.nodes, last * sectors.nodes))
+            ends = np.searchsorted(key, np.array([first, last]) * bins.count, sorter=order)
+            for rows in _some_of(order[slice(*ends)]):
+                around, across = sectors.lagrange(rows), bins.lagrange(rows)
+                basis = (around[:, :, None] * across[:, None]).reshape(len(rows), -1)
+                box, starts = np.unique(key[rows] - first * bins.count, return_index=True)
+                heights = np.empty((len(rows), len(k)), np.complex128)
+                parts = zip(
+                    box.tolist(), starts.tolist(), [*starts[1:].tolist(), None], strict=True
+                )
+                for number, start, end in parts:
+                    out = heights[start:end].view(np.float64)
+                    np.matmul(basis[start:end], values[number].view(np.float64), out=out)
+                yield rows, heights
 
     def _values(self, k: np.ndarray, shift: Shift, columns: slice) -> np.ndarray:
-        """(B, S, T, Q) at the Chebyshev points of the boxes of all bins and some sectors."""
+        """(S·B, T, Q) at the Chebyshev points of the boxes of some sectors and all bins."""
         radii, angles = self.bins.points(), self.angles[columns]
         z = np.multiply.outer(radii, k)  # (B, A, Q)
         values = self.table.at(z.ravel(), columns)
         if shift is not middle:
             values *= np.exp(-1j * np.outer(z, shift(angles) - middle(angles)))
         values = values.reshape(*z.shape, -1, self.sectors.nodes)  # (B, A, Q, S, C)
-        packed: np.ndarray = np.ascontiguousarray(values.transpose(0, 3, 4, 1, 2))
-        return packed.reshape(len(radii), -1, self.bins.nodes * self.sectors.nodes, len(k))
+        packed: np.ndarray = np.ascontiguousarray(values.transpose(3, 0, 4, 1, 2))
+        return packed.reshape(-1, self.bins.nodes * self.sectors.nodes, len(k))
 
     def _each_alone(self, rows: np.ndarray, k: np.ndarray, shift: Shift) -> np.ndarray:
         """(m, Q) of the trunks of sparse sectors."""
@@ -373,6 +369,12 @@ class Boxes:
         if shift is not middle:
             found *= np.exp(-1j * z * (shift(angle) - middle(angle))[:, None])
         return found
+
+
+def _some_of(rows: np.ndarray) -> Iterator[np.ndarray]:
+    """TRUNKS_AT_ONCE of rows (M,) at a time."""
+    for start in range(0, len(rows), TRUNKS_AT_ONCE):
+        yield rows[start : start + TRUNKS_AT_ONCE]
 
 
 class _Side:

@@ -104,7 +104,6 @@ SCENES: dict[str, tuple[int, tuple[float, float], float, float, float | None, di
 def test_trunks_on_a_grid_and_one_by_one(cost: float, monkeypatch: pytest.MonkeyPatch) -> None:
     """Whichever seems cheaper: near the record's begin, beyond its end, and at all parts of a sample."""
     monkeypatch.setattr(layer_sum, "POINT", cost)
-    monkeypatch.setattr(layer_sum, "LONG", 0)
     paths, *_ = stand(60, (0.25, 0.25), 60.0, 1.0)
     exact = exact_sum(paths, 8e3, seconds=0.15)
     for tolerance in (1e-2, 1e-4, 1e-5):
