@@ -101,7 +101,7 @@ BUDGETS = {
     "forest_addon/growth": (8158, 36),
     "forest_addon/kernels": (46, 1),
     "forest_addon/results": (1293, 17),
-    "forest_addon/sensing": (12760, 92),
+    "forest_addon/sensing": (12763, 92),
     "forest_addon/spec": (1323, 11),
     "forest_addon/stand": (3585, 14),
     "forest_addon/ui": (5842, 38),
