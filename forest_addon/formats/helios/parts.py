@@ -184,9 +184,9 @@ def read_obj(path: Path, up: str = "z") -> PartMesh:
         raise SpecError(str(path), "has no face")
     places = (" ".join(lines[line].split(None, 4)[1:4]) for line in at_vertex.tolist())
     vertices = np.fromstring(" ".join(places), sep=" ").reshape(len(at_vertex), 3)
-    of_faces = [lines[line] for line in at_face.tolist()]
-    corners = np.array([len(line.split()) - 1 for line in of_faces])
-    said = re.sub(r"/\S*", "", "\n".join(of_faces)).replace("f", " ")
+    of_faces = [lines[line][1:] for line in at_face.tolist()]
+    corners = np.array([len(line.split()) for line in of_faces])
+    said = re.sub(r"/\S*", "", "\n".join(of_faces))
     before = np.searchsorted(at_vertex, at_face)  # vertices that stand above a face
     index, known = np.fromstring(said, np.int64, sep=" "), np.repeat(before, corners)
     index += np.where(index > 0, -1, np.where(index < 0, known, -1))
