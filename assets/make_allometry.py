@@ -3,7 +3,8 @@
 Laws of height, crown width and leaf area are those of BAAD (Falster et al. 2015, Ecology 96:1445; CC0). Bases
 of crowns are also those of trees of pytreedb (Weiser et al. 2022, Earth Syst. Sci. Data 14:2989), which were
 measured on point clouds of closed mixed stands; the median counts where a tree was measured several times.
-A plot of them is a study.
+A plot of them is a study. So are crown widths of firs: BAAD has those of thin American and Japanese firs
+alone, and silver firs are wider.
 """
 
 import csv
@@ -28,6 +29,8 @@ SOURCE = (
     "assets/make_allometry.py"
 )
 NUMBERS = ("height_m", "dbh_cm", "crown_base_m")
+WIDTH = "crown_diameter_m"
+WIDTHS_TOGETHER = ("Abies",)
 CONIFERS = {"Pinus": "EG", "Abies": "EG", "Picea": "EG", "Tsuga": "EG", "Larix": "DG"}
 
 
@@ -38,13 +41,13 @@ def medians(table: Path) -> list[dict[str, object]]:
     with open(table, newline="", encoding="utf-8") as file:
         for row in csv.DictReader(file):
             species[row["tree"]] = row["species"]
-            for key in NUMBERS:
+            for key in (*NUMBERS, WIDTH):
                 if row[key] and float(row[key]) > 0:
                     measured[row["tree"]][key].append(float(row[key]))
     rows: list[dict[str, object]] = []
     for tree, found in measured.items():
-        value = {key: float(np.median(found[key])) for key in NUMBERS if found[key]}
-        if len(value) == len(NUMBERS):
+        value = {key: float(np.median(values)) for key, values in found.items() if values}
+        if value.keys() >= set(NUMBERS):
             of = species[tree]
             rows.append(
                 {
@@ -54,6 +57,7 @@ def medians(table: Path) -> list[dict[str, object]]:
                     "height_m": value["height_m"],
                     "dbh_m": round(value["dbh_cm"] / 100, 4),
                     "crown_base_m": value["crown_base_m"],
+                    "crown_width_m": value.get(WIDTH, ""),
                 }
             )
     return rows
@@ -71,8 +75,12 @@ def fitted(baad: Path, clouds: Path) -> Iterator[Allometry]:
             writer.writerows(rows + medians(clouds))
         alone, together = read_measured(baad), read_measured(both)
     for kind in KINDS:
-        base = fit_kind(kind, together, SOURCE).crown_base
-        yield replace(fit_kind(kind, alone, SOURCE), crown_base=base)
+        law, more = (fit_kind(kind, table, SOURCE) for table in (alone, together))
+        law = replace(law, crown_base=more.crown_base)
+        if kind in WIDTHS_TOGETHER:
+            source = SOURCE.replace("crown bases", "crown bases and widths")
+            law = replace(law, crown_width=more.crown_width, source=source)
+        yield law
 
 
 if __name__ == "__main__":

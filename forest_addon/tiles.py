@@ -18,16 +18,18 @@ number of their pulses, the pieces are what the scan of the whole forest writes,
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
+from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from .base.kept import LastAsked
 from .base.progress import Progress
-from .base.rows import distinct
+from .base.rows import Drawn, blocks, distinct, slots
 from .formats.atomic import partial_of, replacing
 from .formats.ply import PlyFile
 from .growth.tree import Tree
@@ -37,9 +39,11 @@ from .results.scan_file import ScanState, Written, comments_of, finish, stem_of
 from .sensing.lidar.cloud import Lost, together
 from .sensing.lidar.footprint import reach
 from .sensing.lidar.pattern import LiDAR, Pattern, Pulses
+from .sensing.looks import Upright
 from .sensing.rays.geometry import boxes_of
 from .spec import Forest, Scanner
-from .stand.forest import ForestPlan, GrownForest, codes_of, keys_of
+from .stand.forest import ForestPlan, GrownForest, counts_of, keys_of
+from .stand.intensity.surface import sink
 from .stand.plan import Stand, labels
 
 KEPT = 2_000_000_000  # bytes of grown variants that stay in memory
@@ -99,9 +103,8 @@ class TileGrid:
 class KeptTrees(Mapping[Key, Tree]):
     """The variants of a forest's plan, grown when they are asked for; the latest stay in memory."""
 
-    def __init__(self, plan: ForestPlan) -> None:
-        self._plan = plan
-        self._keys = keys_of(plan.measured.stand)
+    def __init__(self, plan: ForestPlan, keys: Collection[Key]) -> None:
+        self._plan, self._keys = plan, keys
         self._trees: LastAsked[Key, Tree] = LastAsked(KEPT, lambda tree: tree.nbytes)
 
     def __getitem__(self, key: Key) -> Tree:
@@ -115,104 +118,142 @@ class KeptTrees(Mapping[Key, Tree]):
 
 
 class TiledForest:
-    """A forest that is planned and has not grown but for its variants.
+    """A forest that is planned and has not grown but for its variants. Of each tree it keeps its place and
+    two whole numbers; all else is drawn again where it is asked for (``Drawn``).
 
-    stand : all trees, in their sizes, with their feet in the ground. reach : (N,) metres that a tree reaches
-    to the sides of its foot. across : m, the largest distance between two points of one tree. low, high :
+    counts : trees of each (planting, variant). most : m that any tree reaches to the sides of its foot.
+    across : m, the largest distance between two points of one tree. low, high :
     lowest and highest coordinate z of any tree. bounds : (2, 3) lowest and highest corner of the box that
     all trees are in. outermost : rows of those that may reach to the bounds of
-    the whole. notes : of the plan.
+    the whole. in_tile : (T,) trees of each tile. notes : of the plan.
     """
 
     def __init__(self, plan: ForestPlan, grid: TileGrid) -> None:
         self._plan, self._grid, self.notes = plan, grid, plan.notes()
-        self.trees = KeptTrees(plan)
-        self.stand = stand = plan.placed(self.trees)
-        self.labels = tuple(labels(plan.scene.plantings))
-        many, code = codes_of(stand)
+        self.counts = counts_of(plan.measured.stand)
+        self.trees = KeptTrees(plan, self.counts)
+        shape = np.max([(0, 0), *self.counts], axis=0) + 1
         # Of each variant in its own size: m to the sides, its ends in z, the longest way through it.
-        wide, least, most, through = np.zeros((4, int(code.max(initial=-1)) + 1))
-        for (planting, variant), tree in self.trees.items():
+        self._wide, self._least, self._top, through, foot = np.zeros((5, *shape))
+        for key, tree in self.trees.items():
+            foot[key] = tree.skeleton.radius[:1, 0].sum()
             low, high = boxes_of(tree.mesh, 1)
             if len(low):
-                number = planting * many + variant
                 used = tree.mesh.vertices[np.isfinite(tree.mesh.vertices).all(axis=1)]
-                wide[number] = np.hypot(*used[:, :2].T).max()
-                least[number], most[number] = low[0, 2], high[0, 2]
-                through[number] = np.linalg.norm(np.ptp(used, axis=0))
-        self.reach = stand.scale * wide[code] + SLACK
-        self.across = float((stand.scale * through[code]).max(initial=0.0))
-        foot = stand.position[:, 2] - stand.sink
-        bottom, top = foot + stand.scale * least[code], foot + stand.scale * most[code]
-        self.low = float(bottom.min(initial=np.inf)) - SLACK
-        self.high = float(top.max(initial=-np.inf)) + SLACK
+                self._wide[key] = np.hypot(*used[:, :2].T).max()
+                self._least[key], self._top[key] = low[0, 2], high[0, 2]
+                through[key] = np.linalg.norm(np.ptp(used, axis=0))
+        drawn, ground = plan.measured.stand, plan.inputs.ground(plan.scene.forest.terrain.base)
+
+        def sunk(rows: np.ndarray) -> np.ndarray:
+            radius = foot[drawn.species[rows], drawn.variant[rows]] * drawn.scale[rows]
+            return sink(ground, drawn.position[rows][:, :2], radius)
+
+        alone: Any = Drawn(len(drawn), sunk)
+        is_drawn = isinstance(drawn.scale, Drawn)
+        self._stand = replace(drawn, sink=alone) if is_drawn else plan.placed(self.trees)
+        tile = np.empty(len(self), dtype=np.min_scalar_type(len(grid)))  # 16 bits: a fast sort
+        self.in_tile, self.across, self.most = np.zeros(len(grid), dtype=np.int64), 0.0, 0.0
+        least, most, outer = np.full(3, np.inf), np.full(3, -np.inf), list[np.ndarray]()
+        for rows in blocks(len(self)):
+            stand = self.stand(rows)
+            place, key = stand.position[:, :2], (stand.species, stand.variant)
+            tile[rows] = grid.tile_of(place)
+            self.in_tile += np.bincount(tile[rows], minlength=len(grid))
+            self.across = max(self.across, float((stand.scale * through[key]).max()))
+            reach, bottom, top = self._ends(stand)
+            self.most = max(self.most, float(reach.max()))
+            least = np.minimum(least, [*place.min(axis=0), bottom.min()])
+            most = np.maximum(most, [*place.max(axis=0), top.max()])
+            outer.append(stand.id[_outer(place, reach, bottom, top)])
+        self.low, self.high = float(least[2]) - SLACK, float(most[2]) + SLACK
         self.bounds = np.zeros((2, 3))
-        if len(stand):
-            place, reach = stand.position[:, :2], self.reach.max()
-            self.bounds[0] = *(place.min(axis=0) - reach), self.low
-            self.bounds[1] = *(place.max(axis=0) + reach), self.high
-        outer = (bottom <= self.low + SLACK + SAME) | (top >= self.high - SLACK - SAME)
-        for place in stand.position[:, :2].T:
-            first, last = place - TURNED * self.reach, place + TURNED * self.reach
-            outer |= first <= last.min(initial=np.inf)
-            outer |= last >= first.max(initial=-np.inf)
-        self.outermost = np.flatnonzero(outer)
-        tile = grid.tile_of(stand.position[:, :2])
-        self._by_tile = np.argsort(tile, kind="stable").astype(np.int32)
-        self._first = np.append(0, np.cumsum(np.bincount(tile, minlength=len(grid))))
+        self.outermost = np.concatenate([*outer, np.empty(0, dtype=np.int64)])
+        if outer:
+            stand = self.stand(self.outermost)
+            some = _outer(stand.position[:, :2], *self._ends(stand))
+            self.outermost = self.outermost[some]
+            self.bounds[0] = *(least[:2] - self.most), self.low
+            self.bounds[1] = *(most[:2] + self.most), self.high
+        self._first = np.append(0, np.cumsum(self.in_tile))
+        self._by_tile, free = np.empty(len(self), dtype=np.int32), self._first[:-1].copy()
+        for rows in blocks(len(self)):
+            self._by_tile[slots(tile[rows], free)] = np.arange(rows.start, rows.stop)
+
+    def __len__(self) -> int:
+        return len(self._stand)
+
+    def stand(self, rows: np.ndarray | slice = slice(None)) -> Stand:
+        """Rows of the trees, in their sizes, with their feet in the ground; all of them if left out."""
+        return self._stand.select(rows)
+
+    def _ends(self, stand: Stand) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """(N,) metres that trees reach to the sides of their feet, and coordinates z of their ends."""
+        key, foot = (stand.species, stand.variant), stand.position[:, 2] - stand.sink
+        reach = stand.scale * self._wide[key] + SLACK
+        return reach, foot + stand.scale * self._least[key], foot + stand.scale * self._top[key]
 
     def near(self, low: np.ndarray, high: np.ndarray) -> np.ndarray:
         """Rows of the trees of which any part may stand over a rectangle, m; crowns that reach in count."""
-        most = self.reach.max(initial=0.0)
-        corners = self._grid.tile_of(np.array([low - most, high + most]))
+        corners = self._grid.tile_of(np.array([low - self.most, high + self.most]))
         (begin, end), wide = corners.tolist(), self._grid.count[0]
         across = end % wide - begin % wide + 1
         lines = range(begin, end - across + 2, wide)
         some = [self._by_tile[self._first[k] : self._first[k + across]] for k in lines]
         rows = np.sort(np.concatenate(some)).astype(np.int64)
-        place = self.stand.position[rows, :2]
-        aside = np.maximum(np.maximum(low - place, place - high), 0.0)
-        return rows[np.hypot(*aside.T) <= self.reach[rows]]
+        place = self._stand.position[rows][:, :2]
+        away = np.hypot(*np.maximum(np.maximum(low - place, place - high), 0.0).T)
+        rows, away = rows[away <= self.most], away[away <= self.most]
+        return rows[away <= self._ends(self.stand(rows))[0]]
 
-    def part(self, rows: np.ndarray) -> GrownForest:
+    def within(self, distance: float, places: np.ndarray) -> np.ndarray:
+        """Rows of the trees that lie so near, m, to a way through places (P, 3), or may do."""
+        found = [np.empty(0, dtype=np.int64)]
+        for rows in blocks(len(self)):
+            stand = self.stand(rows)
+            ends = np.full((2, len(stand)), [[self.low], [self.high]])
+            trees = Upright(stand.position[:, :2], self._ends(stand)[0], *ends)
+            found.append(stand.id[trees.distance(places) <= distance])
+        return np.concatenate(found)
+
+    @cached_property
+    def by_variant(self) -> np.ndarray:
+        """(N,) place of each tree where those of one variant stand side by side, in order: in the scene of a
+        whole forest whose trees are points."""
+        number, count = np.empty(len(self), dtype=np.int32), np.zeros(self._wide.shape, dtype=int)
+        for key, trees in self.counts.items():
+            count[key] = trees
+        free, stand = np.cumsum(count) - count.ravel(), self._stand
+        for rows in blocks(len(self)):
+            code = stand.species[rows] * self._wide.shape[1] + stand.variant[rows]
+            number[rows] = slots(code, free)
+        return number
+
+    def part(self, rows: np.ndarray | slice) -> GrownForest:
         """Some trees as a forest, with the numbers that they have in the whole."""
-        whole, stand = self.whole, self.stand.select(rows)
-        return replace(
-            whole,
-            stand=stand,
-            variants={key: self.trees[key] for key in keys_of(stand)},
-            wanted=None if whole.wanted is None else whole.wanted[rows],
-        )
-
-    @property
-    def whole(self) -> GrownForest:
-        """Return all trees as a forest, whose variants grow when they are asked for."""
-        plan, measured = self._plan, self._plan.measured
+        plan, stand, measured = self._plan, self.stand(rows), self._plan.measured
         return GrownForest(
-            stand=self.stand,
-            labels=self.labels,
+            stand=stand,
+            labels=tuple(labels(plan.scene.plantings)),
             species=tuple(species for species, _ in plan.species),
-            variants=self.trees,
-            wanted=measured.trees if measured.variants else None,
+            variants={key: self.trees[key] for key in keys_of(stand)},
+            wanted=measured.trees[rows] if measured.variants else None,
             laws=measured.laws,
         )
 
     def parts(self, at_once: int) -> Iterator[GrownForest]:
         """All trees, so many at a time."""
-        for first in range(0, max(len(self.stand), 1), at_once):
-            yield self.part(np.arange(first, min(first + at_once, len(self.stand))))
+        for first in range(0, max(len(self), 1), at_once):
+            yield self.part(np.arange(first, min(first + at_once, len(self))))
 
 
-def numbers_in_scene(stand: Stand, as_points: bool) -> np.ndarray:
-    """(N,) place of each tree among the trees of the scene of a whole forest: in order where each is an
-    object, by variant where all are points of one.
-    """
-    if not as_points:
-        return np.arange(len(stand))
-    order = np.lexsort((np.arange(len(stand)), stand.variant, stand.species))
-    place = np.empty(len(stand), dtype=np.int64)
-    place[order] = np.arange(len(stand))
-    return place
+def _outer(place: np.ndarray, reach: np.ndarray, bottom: np.ndarray, top: np.ndarray) -> np.ndarray:
+    """(N,) bool, which of some trees may reach to the bounds of all of them."""
+    outer = (bottom <= bottom.min() + SAME) | (top >= top.max() - SAME)
+    for axis in place.T:
+        first, last = axis - TURNED * reach, axis + TURNED * reach
+        outer |= (first <= last.min()) | (last >= first.max())
+    return np.asarray(outer)
 
 
 @dataclass(frozen=True)

@@ -534,7 +534,7 @@ def _write_truth(run: Run, forest: GrownForest) -> None:
     if write_note(run.out / FILE, offset, crs):
         run.files.append(FILE)
     write_csv(run.path("trees.csv"), on_the_map(tree_table(forest), offset))
-    write_csv(run.path("leaf_angles.csv"), angle_table(forest))
+    write_csv(run.path("leaf_angles.csv"), angle_table([forest]))
     rows = cylinder_table(forest) if run.settings.output.qsm else {}
     if run.settings.output.qsm and not rows:
         run.stages.warn("output.qsm has no effect: no tree grows in the scene")

@@ -272,7 +272,7 @@ def _say_tiles(run: TiledRun) -> None:
     for note in tiling.forest.notes:
         run.stages.warn(note)
     across = " x ".join(map(str, tiling.grid.count))
-    trees = len(tiling.forest.stand)
+    trees = len(tiling.forest)
     run.stages.say(
         f"  {trees:,} trees in {across} tiles of {tiles.size:g} m, each with a buffer of {tiles.buffer:g} m"
     )
@@ -315,11 +315,9 @@ def _make_pieces(
 
 def jobs_of(run: TiledRun, pieces: Sequence[int], cluster: Cluster) -> list[TileJob]:
     """The jobs of pieces of a run."""
-    running = Running()
-    memory, threads = cluster.shares(len(pieces), running)
+    shares = cluster.shares(len(pieces), Running())
     given = run.asked, run.base.resolve(), run.out.resolve()
-    names = tuple(run.scans)
-    takes = names, running, memory, threads, 1, run.store
+    takes = tuple(run.scans), Running(), *shares, 1, run.store
     return [TileJob(*given, piece, *takes) for piece in pieces]
 
 
@@ -457,7 +455,7 @@ def _write_stand(run: TiledRun) -> None:
             run.files.append(FILE)
         parts = (on_the_map(tree_table(part), offset) for part in tiling.forest.parts(BLOCK))
         write_csv(run.out / "trees.csv", parts)
-        write_csv(run.out / "leaf_angles.csv", angle_table(tiling.forest.whole))
+        write_csv(run.out / "leaf_angles.csv", angle_table(tiling.forest.parts(BLOCK)))
         tiles = tiling.tiles
         table: dict[str, list[Any]] = {"tile": [t.name for t in tiles]}
         for end in ("low", "high"):

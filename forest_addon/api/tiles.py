@@ -20,14 +20,14 @@ import numpy as np
 
 from ..base.places import version
 from ..base.progress import Progress
+from ..base.rows import blocks
 from ..formats.ownership import remove
 from ..results.coordinates import Offset
 from ..results.points import COPC, records
 from ..sensing.kinds import choose, kind_of
-from ..sensing.looks import Upright
 from ..sensing.rays.geometry import SceneGeometry
 from ..spec import Output, Rays, Scene, Sensor, SpecError
-from ..stand.forest import ForestPlan, codes_of, keys_of
+from ..stand.forest import ForestPlan, keys_of
 from ..tiles import (
     AT_ONCE,
     LEVELS,
@@ -39,7 +39,6 @@ from ..tiles import (
     buffer_of,
     is_part,
     join_parts,
-    numbers_in_scene,
     tiled_pulses,
     write_part,
 )
@@ -109,12 +108,10 @@ class Tiling:
     @property
     def tiles(self) -> tuple[Tile, ...]:
         """Return all tiles, row by row from the field's corner."""
-        own = self.grid.tile_of(self.forest.stand.position[:, :2])
-        trees = np.bincount(own, minlength=len(self.grid)).tolist()
         low, high = self.grid.corners(np.arange(len(self.grid)))
         return tuple(
             Tile(number, self.grid.name(number), low[number], high[number], count)
-            for number, count in enumerate(trees)
+            for number, count in enumerate(self.forest.in_tile.tolist())
         )
 
     def build(self, tile: int, buffer: float | None = None) -> World:
@@ -199,12 +196,9 @@ class Tiling:
         if places is None or not np.isfinite(look.range):
             why = "hears all trees of a forest at once; run it in a scene without tiles"
             raise SpecError(name, why)
-        stand, forest = self.forest.stand, self.forest
-        ends = np.full((2, len(stand)), [[forest.low], [forest.high]])
-        trees = Upright(stand.position[:, :2], forest.reach, *ends)
-        away = np.maximum(trees.distance(np.asarray(places)) - look.slack, 0.0)
         # Leaves are searched by spheres around blocks, which may reach beyond as far as a tree is long.
-        return np.flatnonzero(away <= look.range + forest.across)
+        reach = look.range + self.forest.across + look.slack
+        return self.forest.within(reach, np.asarray(places))
 
     def way(self, sensor: Sensor, along: Trajectory | None = None) -> Trajectory | None:
         """Return where a moving sensor goes."""
@@ -215,11 +209,10 @@ class Tiling:
     def world_of(self, rows: np.ndarray) -> World:
         """Rows of trees in Blender, with the bounds of the whole."""
         place = import_blender().context.scene
-        from ..blender.scene.forest import MANY
         from ..blender.site import build_site
 
         part = self.forest.part(rows)
-        kind = "points" if self._as_points(MANY) else "objects"
+        kind = "points" if self._as_points else "objects"
         field = self.scene.forest.changed(instancing=kind)
         site = replace(self.site, scene=self.scene.changed(forest=field))
         build_site(place, site, part, as_assets=False)
@@ -229,27 +222,22 @@ class Tiling:
         observer.geometry = replace(seen, crowd=self._crowd(seen), extent=self.extent)
         return world
 
-    def _as_points(self, many: int) -> bool:
+    @property
+    def _as_points(self) -> bool:
+        from ..blender.scene.forest import MANY
+
         chosen = self.scene.forest.instancing
-        return len(self.forest.stand) > many if chosen == "auto" else chosen == "points"
+        return len(self.forest) > MANY if chosen == "auto" else chosen == "points"
 
     def _crowd(self, geometry: SceneGeometry) -> tuple[int, ...]:
         """Return how many instances each mesh of a tile's scene has in the whole."""
-        stand = self.forest.stand
-        row = np.searchsorted(stand.id, np.maximum(geometry.tree, 0))
-        row = np.minimum(row, max(len(stand) - 1, 0))
         many = np.bincount(geometry.mesh_index, minlength=len(geometry.meshes))
-        for mesh in range(len(geometry.meshes)):
-            mine = row[(geometry.mesh_index == mesh) & (geometry.tree >= 0)]
-            if len(mine):
-                key = int(stand.species[mine[0]]), int(stand.variant[mine[0]])
-                many[mesh] = self._count[key]
+        trees = np.flatnonzero(geometry.tree >= 0)
+        meshes, first = np.unique(geometry.mesh_index[trees], return_index=True)
+        for mesh, tree in zip(meshes, geometry.tree[trees[first]], strict=True):
+            (key,) = keys_of(self.forest.stand(np.array([tree])))
+            many[mesh] = self.forest.counts[key]
         return tuple(many.tolist())
-
-    @cached_property
-    def _count(self) -> dict[tuple[int, int], int]:
-        many, code = codes_of(self.forest.stand)
-        return {divmod(key, many): n for key, n in enumerate(np.bincount(code).tolist()) if n}
 
     @cached_property
     def extent(self) -> np.ndarray | None:
@@ -268,29 +256,21 @@ class Tiling:
             tree=part.stand.id,
             species=part.stand.species,
             object_index=part.stand.id,
-            crowd=tuple(self._count[key] for key in keys),
+            crowd=tuple(self.forest.counts[key] for key in keys),
         ).bounds()
         found = np.isfinite(low).all(axis=1)
         return np.array([low[found].min(axis=0), high[found].max(axis=0)]) if found.any() else None
 
     def numbered(self, geometry: SceneGeometry) -> np.ndarray:
         """(I + 1,) numbers that instances of a tile's scene have in that of the whole; -1 of none, last."""
-        from ..blender.scene.forest import MANY
-
-        points = self._as_points(MANY)
-        if points:
-            return self._numbered(geometry, numbers_in_scene(self.forest.stand, True), False)
-        return self._numbered(geometry, numbers_in_scene(self.forest.stand, False), True)
-
-    def _numbered(
-        self, geometry: SceneGeometry, of_tree: np.ndarray, trees_first: bool
-    ) -> np.ndarray:
         trees = np.flatnonzero(geometry.tree >= 0)
         others = np.flatnonzero(geometry.tree < 0)
         number = np.full(len(geometry) + 1, -1, dtype=np.int64)
-        row = np.searchsorted(self.forest.stand.id, geometry.tree[trees])
-        number[trees] = of_tree[row] + (0 if trees_first else len(others))
-        number[others] = np.arange(len(others)) + (len(of_tree) if trees_first else 0)
+        number[trees], number[others] = geometry.tree[trees], np.arange(len(others))
+        if self._as_points:  # by variant, behind all else
+            number[trees] = self.forest.by_variant[number[trees]] + len(others)
+        else:
+            number[others] += len(self.forest)
         return number
 
     @cached_property
@@ -302,9 +282,10 @@ class Tiling:
         scene = self.scene.changed(sensors=(), output=Output(), rays=rays, tiles=tiles)
         said = [version(), asdict(scene)]
         total.update(json.dumps(said, sort_keys=True, default=str).encode())
-        stand = self.forest.stand
-        for array in (stand.position, stand.rotation, stand.scale, stand.sink, stand.variant):
-            total.update(np.ascontiguousarray(array).view(np.uint8).data)
+        for rows in blocks(len(self.forest)):
+            stand = self.forest.stand(rows)
+            for array in (stand.position, stand.rotation, stand.scale, stand.sink, stand.variant):
+                total.update(np.ascontiguousarray(array).view(np.uint8).data)
         for tree in self.forest.trees.values():
             total.update(np.ascontiguousarray(tree.mesh.vertices).view(np.uint8).data)
         return total.hexdigest()

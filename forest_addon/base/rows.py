@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import Field, fields
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import Field, dataclass, fields
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -44,6 +44,46 @@ class RowTable:
                 value = type(value).joined([getattr(part, name) for part in parts])
             columns[name] = value
         return cls(**columns)
+
+
+AT_ONCE = 1_000_000
+
+
+def blocks(count: int) -> Iterator[slice]:
+    """Rows of a long table, about a million at a time."""
+    for first in range(0, count, AT_ONCE):
+        yield slice(first, min(first + AT_ONCE, count))
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """A column that is not kept: its rows are made when they are asked for.
+
+    count : of its rows. make : gives those of row numbers (M,), ascending.
+    """
+
+    count: int
+    make: Callable[[np.ndarray], np.ndarray]
+
+    def __len__(self) -> int:
+        return self.count
+
+    def __getitem__(self, rows: np.ndarray | slice) -> np.ndarray:
+        if isinstance(rows, slice):
+            rows = np.arange(*rows.indices(self.count))
+        return self.make(np.flatnonzero(rows) if rows.dtype == bool else rows)
+
+
+def slots(group: np.ndarray, free: np.ndarray) -> np.ndarray:
+    """(M,) place of each thing where those of a group stand side by side, in order.
+
+    free : (G,) the first free place of each group; moved on.
+    """
+    order, count = np.argsort(group, kind="stable"), np.bincount(group, minlength=len(free))
+    place = np.empty(len(group), dtype=np.int64)
+    place[order] = np.arange(len(group)) + np.repeat(free - (np.cumsum(count) - count), count)
+    free += count
+    return place
 
 
 def lengths(vectors: np.ndarray) -> np.ndarray:

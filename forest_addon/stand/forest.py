@@ -20,7 +20,8 @@ all axes, and volumes always.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import cached_property, partial
 from typing import Any
@@ -29,6 +30,7 @@ import numpy as np
 
 from ..base.progress import Progress
 from ..base.rng import stream
+from ..base.rows import blocks
 from ..base.trimesh import LEAF, is_wood
 from ..base.vectors import azimuth_of
 from ..growth.likeness import crown_base, crown_width
@@ -56,7 +58,7 @@ from .measured import (
     targets_met,
     with_targets,
 )
-from .plan import Stand, labels, plan_stand
+from .plan import Stand, labels, plan_field, plan_stand
 
 MOST_KEPT = 500_000_000  # bytes
 Key = tuple[Any, ...]
@@ -222,7 +224,9 @@ class ForestPlan:
                 (kind.changed(detail=kind.detail.changed(relief=True)), template)
                 for kind, template in species
             ]
-        stand = plan_stand(scene.seed, scene.forest, scene.plantings, inputs)
+        targets = [*(p.targets for p in scene.plantings), *(kind.targets for kind, _ in species)]
+        plan = plan_field if scene.tiles.size and not any(targets) else plan_stand
+        stand = plan(scene.seed, scene.forest, scene.plantings, inputs)
         names = labels(scene.plantings)
         measured = with_targets(scene.seed, stand, scene.plantings, names, species, inputs)
         return cls(scene, tuple(species), inputs, measured, grown, kept)
@@ -326,14 +330,23 @@ def grow_forest(
 
 def keys_of(stand: Stand) -> list[tuple[int, int]]:
     """(planting, variant) of all trees that stand, each once, in order."""
-    many, code = codes_of(stand)
-    return [divmod(number, many) for number in np.flatnonzero(np.bincount(code)).tolist()]
+    return list(counts_of(stand))
 
 
-def codes_of(stand: Stand) -> tuple[int, np.ndarray]:
+def counts_of(stand: Stand) -> dict[tuple[int, int], int]:
+    """Number of the trees of each (planting, variant) that stands, in order."""
+    found = Counter[tuple[int, int]]()
+    for rows in blocks(len(stand)):
+        many, code = codes_of(stand, rows)
+        found.update({divmod(k, many): n for k, n in enumerate(np.bincount(code).tolist()) if n})
+    return dict(sorted(found.items()))
+
+
+def codes_of(stand: Stand, rows: slice = slice(None)) -> tuple[int, np.ndarray]:
     """A number of variants, and (N,) planting times that number plus variant of each tree."""
-    many = int(stand.variant.max(initial=0)) + 1
-    return many, stand.species * many + stand.variant
+    variant = stand.variant[rows]
+    many = int(variant.max(initial=0)) + 1
+    return many, stand.species[rows] * many + variant
 
 
 def leaf_table(forest: GrownForest) -> dict[str, np.ndarray]:
@@ -386,19 +399,27 @@ def leaf_count(forest: GrownForest) -> int:
     return sum(of_variant[key] for key in forest.keys)
 
 
-def angle_table(forest: GrownForest) -> dict[str, np.ndarray]:
+def angle_table(parts: Iterable[GrownForest]) -> dict[str, np.ndarray]:
     """Leaf-angle distribution of each planting, all its trees together: density per radian of the angle
     between leaf normal and vertical, by leaf area, in bins of equal width from 0 to 90°.
+
+    parts : of one forest, which together are all of it.
     """
-    stand = forest.stand
+    weights: dict[str, np.ndarray] = {}
+    variants: dict[tuple[int, int], Tree] = {}
+    for part in parts:
+        variants |= part.variants
+        for planting, label in enumerate(part.labels):
+            rows = np.flatnonzero(part.stand.species == planting)
+            # Leaves count by area: all trees of a variant together weigh Σ scale².
+            before = weights.get(label, np.zeros(0))
+            which = np.append(np.arange(len(before)), part.stand.variant[rows])
+            weights[label] = np.bincount(which, [*before, *part.stand.scale[rows] ** 2])
     columns: dict[str, np.ndarray] = {}
-    for planting, label in enumerate(forest.labels):
-        rows = np.flatnonzero(stand.species == planting)
-        used, which = np.unique(stand.variant[rows], return_inverse=True)
-        grown = [forest.variants[planting, int(variant)].leaves for variant in used]
-        # Leaves count by area: all trees of a variant together weigh Σ scale².
-        weight = np.bincount(which, stand.scale[rows] ** 2, minlength=len(used))
-        sizes = np.repeat(np.sqrt(weight), [len(leaves) for leaves in grown])
+    for planting, (label, weight) in enumerate(weights.items()):
+        used = np.flatnonzero(weight)
+        grown = [variants[planting, int(variant)].leaves for variant in used]
+        sizes = np.repeat(np.sqrt(weight[used]), [len(leaves) for leaves in grown])
         leaves = Leaves.joined([Leaves.none(), *grown])
         edges, density = leaf_angles(replace(leaves, radius=leaves.radius * sizes))
         columns |= {"from_deg": np.rad2deg(edges[:-1]), "to_deg": np.rad2deg(edges[1:])}

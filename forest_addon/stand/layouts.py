@@ -170,20 +170,25 @@ class _Components:
     masks: tuple[Mask, ...]
 
 
-def sample(process: Process, rng: np.random.Generator, exactly: int | None = None) -> np.ndarray:
+def sample(
+    process: Process,
+    rng: np.random.Generator,
+    exactly: int | None = None,
+    most: int = MAX_POINTS,
+) -> np.ndarray:
     """Points (N, 2) of the process; N is Poisson with mean ∫λ, or ``exactly`` that many, each with
     density λ/∫λ.
 
     Raises
     ------
-    IntensityError : more than ``MAX_POINTS`` points would be drawn; says how many. λ is zero everywhere,
+    IntensityError : more than ``most`` points would be drawn; says how many. λ is zero everywhere,
     and some are wanted. λ is negative or not a number somewhere; says where.
     BoundViolation : λ exceeds its own bound; says where and by how much.
     """
     wanted = process.expected() if exactly is None else float(exactly)
-    if not wanted <= MAX_POINTS:
+    if not wanted <= most:
         raise IntensityError(
-            f"the intensity asks for {wanted:,.0f} trees, more than {MAX_POINTS:,}; "
+            f"the intensity asks for {wanted:,.0f} trees, more than {most:,}; "
             "lower the peaks or the expected number"
         )
     if exactly and process.expected() <= 0:
@@ -219,7 +224,8 @@ def _by_component(
     hills = components.hills
     for mean, centre, width in zip(hills.whole(), hills.centre, hills.width, strict=True):
         clouds.append(_hill(centre, width, rng.poisson(mean), rng))
-    return _within(np.concatenate(clouds), components, process)
+    points = np.concatenate(clouds) if len(clouds) > 1 else clouds[0]
+    return _within(points, components, process)
 
 
 def _components_of(
@@ -250,7 +256,8 @@ def _hill(
 def _within(points: np.ndarray, components: _Components, process: Process) -> np.ndarray:
     x, y = points.T
     (x0, y0), (x1, y1) = process.low, process.high
-    points = points[(x >= x0) & (x <= x1) & (y >= y0) & (y <= y1)]
+    inside = (x >= x0) & (x <= x1) & (y >= y0) & (y <= y1)
+    points = points if inside.all() else points[inside]
     for mask in components.masks:
         points = points[mask.at(points) > 0]
     return points
@@ -322,15 +329,12 @@ def _components(intensity: Intensity, factor: float) -> _Components | None:
     return None
 
 
-MAX_PLACES = 20_000_000
-
-
 def orchard(rows: Rows, low: np.ndarray, high: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """Places (N, 2) of an orchard's trees, row by row (Méndez et al.); not cut to the field.
 
     Raises
     ------
-    IntensityError : more than ``MAX_PLACES`` places; says how many.
+    IntensityError : more than ``MAX_POINTS`` places; says how many.
     """
     heading = np.deg2rad(rows.heading_deg)
     along = np.array([np.cos(heading), np.sin(heading)])
@@ -340,9 +344,9 @@ def orchard(rows: Rows, low: np.ndarray, high: np.ndarray, rng: np.random.Genera
     first, last = _numbers(rows.rows, rows.row_spacing, corners @ right)
     begin, end = _numbers(rows.trees, rows.tree_spacing, corners @ along)
     count = max(0, last - first) * max(0, end - begin)
-    if count > MAX_PLACES:
+    if count > MAX_POINTS:
         raise IntensityError(
-            f"the orchard has {count:,} places, more than {MAX_PLACES:,}; widen its spacings"
+            f"the orchard has {count:,} places, more than {MAX_POINTS:,}; widen its spacings"
         )
     row, tree = np.divmod(np.arange(count), max(1, end - begin))
     places = (

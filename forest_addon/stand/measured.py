@@ -103,11 +103,13 @@ def with_targets(
     ------
     SpecError : targets that contradict each other, or that nothing tells.
     """
-    wanted = np.full((len(stand), 5), np.nan)
-    variant, scale = stand.variant.copy(), stand.scale.copy()
-    variants: dict[tuple[int, int], Wanted] = {}
     groups, ignored = _groups(seed, stand, plantings, names, species, inputs)
+    variants: dict[tuple[int, int], Wanted] = {}
     laws: list[Allometry | None] = [None] * len(plantings)
+    wanted = np.broadcast_to(np.nan, (len(stand), 5))
+    if not groups:
+        return MeasuredTrees(stand, wanted, variants, tuple(laws), tuple(ignored))
+    wanted, variant, scale = wanted.copy(), stand.variant.copy(), stand.scale.copy()
     site = ndtri(keyed_uniform(child_keys(np.repeat(first_key(seed, "site"), 4), SITE), "site"))
     site *= np.sqrt(1 - np.array([0.0, WIDTH, BASE, 0.0]) ** 2)  # without what is competition's
     found = _scores(stand, groups)
@@ -199,17 +201,18 @@ def _groups(
     for number, planting in enumerate(plantings):
         kind, own = species[number][1], species[number][0].targets
         targets = planting.targets or own
+        if targets is None:
+            ignored += _ignored(number, names, plantings, inputs)
+            continue
         rows = np.flatnonzero(stand.species == number)
         hand = rows[stand.number[rows] < 0]
         alone = len(hand) == len(rows)
         rows = rows if alone else rows[stand.number[rows] >= 0]
-        if targets is None:
-            ignored += _ignored(number, names, plantings, inputs)
-        elif planting.scale != PLAIN:
+        if planting.scale != PLAIN:
             ignored.append(
                 f"{names[number]}: scale has no effect, as its trees are grown to measure; give targets"
             )
-        if targets is None or not len(rows):
+        if not len(rows):
             continue
         law = inputs.allometries.get(planting.targets.allometry) if planting.targets else None
         if law is None and isinstance(kind, Kind):

@@ -26,12 +26,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 from scipy.spatial import cKDTree
 
-from ..base.rng import stream
-from ..base.rows import RowTable
+from ..base.rng import stream, uniform_at
+from ..base.rows import Drawn, blocks
 from ..growth.measured.allometry import Kind, band
 from ..spec import (
     Distance,
@@ -47,6 +48,7 @@ from ..spec import (
 from .compose import Inputs, TreeList, area_of, corners_of, masks_of, process_of
 from .intensity.surface import GroundSurface, IntensityError
 from .layouts import (
+    MAX_POINTS,
     Integral,
     Process,
     is_cleared,
@@ -57,12 +59,14 @@ from .layouts import (
     told_of,
 )
 
+MOST_DRAWN = 100_000_000  # trees of a planting whose columns are not kept
+NOBODY = Integral(0.0)
 OF_PLANTING = ("too_near", "off_ground", "off_field", "expected", "error")
 
 
 @dataclass(frozen=True)
 class Stand:
-    """N trees of P plantings.
+    """N trees of P plantings. In tiles, columns may be ``Drawn``; ``select`` makes arrays of them.
 
     position : (N, 3) metres, on the ground. rotation : (N,) radians about the vertical. scale : (N,).
     species : (N,) int64, number of the planting. variant : (N,) int64. id : (N,) int64, from 0.
@@ -99,14 +103,17 @@ class Stand:
 
     def counts(self) -> np.ndarray:
         """(P,) trees of each planting."""
-        return np.bincount(self.species, minlength=len(self.expected))
+        found = np.zeros(len(self.expected), dtype=np.int64)
+        for rows in blocks(len(self)):
+            found += np.bincount(self.species[rows], minlength=len(found))
+        return found
 
     def first(self, count: int) -> Stand:
         """The trees of the first so many plantings: a scene's own, without undergrowth."""
         kept = self.select(self.species < count)
         return replace(kept, **{name: getattr(self, name)[:count] for name in OF_PLANTING})
 
-    def select(self, rows: np.ndarray) -> Stand:
+    def select(self, rows: np.ndarray | slice) -> Stand:
         """Some trees, by row or mask, as they are; figures of plantings stay those of all trees."""
         own = {f.name: getattr(self, f.name) for f in fields(self)}
         whole = (*OF_PLANTING, "area")
@@ -120,7 +127,25 @@ class Stand:
 def plan_stand(
     seed: int, forest: Forest, plantings: Sequence[Planting], inputs: Inputs | None = None
 ) -> Stand:
-    """Place every species, set it on the ground, merge them, keep the spacing.
+    """Place every species, set it on the ground, merge them, keep the spacing: ``plan_field`` as arrays.
+
+    Raises
+    ------
+    IntensityError, SpecError : as ``plan_field``.
+    """
+    return plan_field(seed, forest, plantings, inputs, MAX_POINTS).select(slice(None))
+
+
+def plan_field(
+    seed: int,
+    forest: Forest,
+    plantings: Sequence[Planting],
+    inputs: Inputs | None = None,
+    most: int = MOST_DRAWN,
+) -> Stand:
+    """A stand whose columns are drawn when they are asked for, unless its trees depend on each other.
+
+    most : trees that a planting may draw; of those that depend on each other ``MAX_POINTS``.
 
     Raises
     ------
@@ -132,44 +157,69 @@ def plan_stand(
     names = labels(plantings)
     distance = distances_of(forest, names)
     ground = inputs.ground(forest.terrain.base)
-    planted = [
-        _with_hand(
-            _plant(seed, number, names, plantings, forest, inputs, ground),
-            *(seed, names[number], plantings[number], ground),
+    alone = not (distance.any() or any(p.crown or p.by_hand or p.clearings for p in plantings))
+    most = most if alone else MAX_POINTS
+    tables = list[_Planted]()
+    for number, planting in enumerate(plantings):
+        tables.append(_plant(seed, number, names, plantings, forest, inputs, ground, most))
+        tables.append(_by_hand(seed, names[number], planting, ground))
+    first = np.cumsum([0, *(len(table.number) for table in tables), 0])
+    count, by_draw, by_hand = int(first[-1]), tables[::2], tables[1::2]
+    off_ground = [a.off_ground + b.off_ground for a, b in zip(by_draw, by_hand, strict=True)]
+    of_plantings: dict[str, Any] = {
+        "off_ground": np.array(off_ground, dtype=np.int64),
+        "off_field": np.array([p.off_field for p in by_draw], dtype=np.int64),
+        "expected": np.array([p.expected.value for p in by_draw]),
+        "error": np.array([p.expected.error for p in by_draw]),
+        "area": area_of(forest),
+    }
+    tables.append(
+        _by_hand(seed, "", Planting(species="", expected=0), ground)
+    )  # none, where nothing is planted
+
+    def species_of(rows: np.ndarray) -> np.ndarray:
+        return np.repeat(np.arange(len(tables)) // 2, np.diff(np.searchsorted(rows, first)))
+
+    def column(name: str) -> Drawn:
+        def make(rows: np.ndarray) -> np.ndarray:
+            cut = np.searchsorted(rows, first)
+            return np.concatenate(
+                [
+                    getattr(table, name)[rows[cut[k] : cut[k + 1]] - first[k]]
+                    for k, table in enumerate(tables)
+                ]
+            )
+
+        return Drawn(count, make)
+
+    own = ("position", "rotation", "scale", "variant", "number")
+    drawn: dict[str, Any] = {name: column(name) for name in own}
+    if alone:
+        drawn |= {"species": Drawn(count, species_of), "id": Drawn(count, lambda rows: rows)}
+        return Stand(
+            **drawn | {"sink": Drawn(count, lambda rows: np.zeros(len(rows)))},
+            too_near=np.zeros(len(plantings), dtype=np.int64),
+            **of_plantings,
         )
-        for number in range(len(plantings))
-    ]
-    none, some = np.empty(0), np.empty(0, dtype=np.int64)
-    nobody = _Planted(
-        *(np.empty((0, 3)), none, none, none, some, some, some > 0),
-        *(Integral(0.0), 0, 0),
-    )
-    trees = _Planted.joined([nobody, *planted])
-    species = np.repeat(np.arange(len(planted)), [len(p.mark) for p in planted])
-    crown = np.array([p.crown for p in plantings], dtype=float)[species] * trees.scale
-    drawn, flat = trees.number >= 0, trees.position[:, :2]
-    keep = drawn.copy()
+    whole = {name: values[:] for name, values in drawn.items()}
+    species, cleared = species_of(np.arange(count)), column("cleared")[:]
+    crown = np.array([p.crown for p in plantings], dtype=float)[species] * whole["scale"]
+    by_chance, flat = whole["number"] >= 0, whole["position"][:, :2]
+    keep = by_chance.copy()
     # Those in clearings take part: where one is taken away, none that it kept away moves up.
-    rule = Spacing(distance, species[drawn], crown[drawn])
-    keep[drawn] = space(flat[drawn], trees.mark[drawn], rule, forest.spacing_rule)
-    keep = (keep | ~drawn) & apart_from(flat, ~drawn, Spacing(distance, species, crown))
-    gone = ~keep & ~trees.cleared
-    keep &= ~trees.cleared
+    rule = Spacing(distance, species[by_chance], crown[by_chance])
+    mark = column("mark")[:][by_chance]
+    keep[by_chance] = space(flat[by_chance], mark, rule, forest.spacing_rule)
+    keep = (keep | ~by_chance) & apart_from(flat, ~by_chance, Spacing(distance, species, crown))
+    gone = ~keep & ~cleared
+    keep &= ~cleared
     return Stand(
-        position=trees.position[keep],
-        rotation=trees.rotation[keep],
-        scale=trees.scale[keep],
+        **{name: values[keep] for name, values in whole.items()},
         species=species[keep],
-        variant=trees.variant[keep],
         id=np.arange(int(keep.sum())),
-        number=trees.number[keep],
         sink=np.zeros(int(keep.sum())),
-        too_near=np.bincount(species[gone], minlength=len(planted)),
-        off_ground=np.array([p.off_ground for p in planted], dtype=np.int64),
-        off_field=np.array([p.off_field for p in planted], dtype=np.int64),
-        expected=np.array([p.expected.value for p in planted]),
-        error=np.array([p.expected.error for p in planted]),
-        area=area_of(forest),
+        too_near=np.bincount(species[gone], minlength=len(plantings)),
+        **of_plantings,
     )
 
 
@@ -207,19 +257,19 @@ def distances_of(forest: Forest, names: Sequence[str]) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class _Planted(RowTable):
-    """Trees of one planting before spacing; those set by hand are older than any other."""
+class _Planted:
+    """Trees of one planting before spacing, drawn or set by hand, which are older than any other."""
 
-    position: np.ndarray
-    mark: np.ndarray
-    rotation: np.ndarray
-    scale: np.ndarray
-    variant: np.ndarray
-    number: np.ndarray
-    cleared: np.ndarray
-    expected: Integral
-    off_ground: int
-    off_field: int
+    position: Drawn
+    mark: Drawn
+    rotation: Drawn
+    scale: Drawn
+    variant: Drawn
+    number: Drawn
+    cleared: Drawn
+    expected: Integral = NOBODY
+    off_ground: int = 0
+    off_field: int = 0
 
 
 def _plant(
@@ -230,6 +280,7 @@ def _plant(
     forest: Forest,
     inputs: Inputs,
     ground: GroundSurface,
+    most: int,
 ) -> _Planted:
     planting, label = plantings[number], names[number]
     low, high = planting.scale
@@ -237,7 +288,7 @@ def _plant(
     given = np.empty((0, 3))  # height, scale and rotation of trees of a list
     if planting.layout in ("poisson", "clusters", "strauss"):
         process = process_of(planting, forest, inputs)
-        points, expected = draw_places(planting, process, rng), process.total
+        points, expected = draw_places(planting, process, rng, most), process.total
         on_field = np.ones(len(points), dtype=bool)
     else:
         if planting.layout == "rows":
@@ -252,38 +303,45 @@ def _plant(
             on_field &= mask.at(points) > 0
     count = len(points)
 
-    def draw(purpose: str) -> np.ndarray:
-        return stream(seed, "stand", label, purpose).random(count)
+    def draw(purpose: str, rows: np.ndarray) -> np.ndarray:
+        return uniform_at(rows, seed, "stand", label, purpose)
 
-    rotation, scale = 2 * np.pi * draw("turn"), low * (high / low) ** draw("size")
-    height = ground.height(points)
-    if len(given):
-        height = np.where(np.isfinite(given[:, 0]), given[:, 0], height)
-        scale = np.where(np.isfinite(given[:, 1]), given[:, 1], scale)
-        rotation = np.where(np.isfinite(given[:, 2]), given[:, 2], rotation)
-    on_ground = np.isfinite(height)
+    def told(column: int, rows: np.ndarray, values: np.ndarray) -> np.ndarray:
+        if not len(given):
+            return values
+        return np.where(np.isfinite(given[rows, column]), given[rows, column], values)
+
+    def height(rows: Any) -> np.ndarray:
+        return told(0, rows, ground.height(points[rows]))
+
+    on_ground = np.empty(count, dtype=bool)
+    for rows in blocks(count):
+        on_ground[rows] = np.isfinite(height(rows))
     stands = on_field & on_ground
+    numbers = None if stands.all() else np.flatnonzero(stands).astype(np.uint32)
+
+    def column(make: Callable[[np.ndarray], np.ndarray]) -> Drawn:
+        if numbers is None:
+            return Drawn(count, make)
+        return Drawn(len(numbers), lambda rows: make(numbers[rows].astype(np.int64)))
+
     return _Planted(
-        position=np.column_stack([points, height])[stands],
-        mark=draw("age")[stands],
-        rotation=rotation[stands],
-        scale=scale[stands],
-        variant=(draw("variant") * planting.variants).astype(np.int64)[stands],
-        number=np.flatnonzero(stands),
-        cleared=is_cleared(points[stands], planting.clearings),
+        position=column(lambda rows: np.column_stack([points[rows], height(rows)])),
+        mark=column(lambda rows: draw("age", rows)),
+        rotation=column(lambda rows: told(2, rows, 2 * np.pi * draw("turn", rows))),
+        scale=column(lambda rows: told(1, rows, low * (high / low) ** draw("size", rows))),
+        variant=column(lambda rows: (draw("variant", rows) * planting.variants).astype(np.int64)),
+        number=column(lambda rows: rows),
+        cleared=column(lambda rows: is_cleared(points[rows], planting.clearings)),
         expected=expected,
         off_ground=int((on_field & ~on_ground).sum()),
         off_field=int((~on_field).sum()),
     )
 
 
-def _with_hand(
-    drawn: _Planted, seed: int, label: str, planting: Planting, ground: GroundSurface
-) -> _Planted:
-    """Add the trees that were set by hand and have ground below them."""
+def _by_hand(seed: int, label: str, planting: Planting, ground: GroundSurface) -> _Planted:
+    """The trees that were set by hand and have ground below them."""
     count = len(planting.by_hand)
-    if not count:
-        return drawn
 
     def draw(purpose: str) -> np.ndarray:
         return stream(seed, "stand", label, "hand", purpose).random(count)
@@ -297,28 +355,31 @@ def _with_hand(
     place = np.array([tree.position for tree in planting.by_hand], dtype=float).reshape(-1, 2)
     height = ground.height(place)
     stands = np.isfinite(height)
-    mine = _Planted(
-        position=np.column_stack([place, height])[stands],
-        mark=np.full(int(stands.sum()), -1.0),
-        rotation=np.where(np.isfinite(turn), np.deg2rad(turn), 2 * np.pi * draw("turn"))[stands],
-        scale=np.where(np.isfinite(size), size, low * (high / low) ** draw("size"))[stands],
-        variant=(kind % planting.variants)[stands].astype(np.int64),
-        number=-1 - np.flatnonzero(stands),
-        cleared=np.zeros(int(stands.sum()), dtype=bool),
-        expected=drawn.expected,
-        off_ground=drawn.off_ground + int((~stands).sum()),
-        off_field=drawn.off_field,
+
+    def column(values: np.ndarray) -> Drawn:
+        return Drawn(int(stands.sum()), values[stands].__getitem__)
+
+    return _Planted(
+        position=column(np.column_stack([place, height])),
+        mark=column(np.full(count, -1.0)),
+        rotation=column(np.where(np.isfinite(turn), np.deg2rad(turn), 2 * np.pi * draw("turn"))),
+        scale=column(np.where(np.isfinite(size), size, low * (high / low) ** draw("size"))),
+        variant=column((kind % planting.variants).astype(np.int64)),
+        number=column(-1 - np.arange(count)),
+        cleared=column(np.zeros(count, dtype=bool)),
+        off_ground=int((~stands).sum()),
     )
-    return replace(_Planted.joined([drawn, mine]), off_ground=mine.off_ground)
 
 
-def draw_places(planting: Planting, process: Process, rng: np.random.Generator) -> np.ndarray:
+def draw_places(
+    planting: Planting, process: Process, rng: np.random.Generator, most: int = MAX_POINTS
+) -> np.ndarray:
     """Places (N, 2) of a random layout."""
     if planting.layout == "clusters":
         return sample_clusters(process, planting.clusters, rng)
     if planting.layout == "strauss":
         return sample_strauss(process, planting.strauss, rng)
-    return sample(process, rng, round(process.expected()) if planting.exact else None)
+    return sample(process, rng, round(process.expected()) if planting.exact else None, most)
 
 
 def _listed(
@@ -389,11 +450,6 @@ class Spacing:
     kind: np.ndarray
     crown: np.ndarray
 
-    @classmethod
-    def uniform(cls, distance: float, count: int) -> Spacing:
-        """The same distance between all of ``count`` trees."""
-        return cls(np.array([[distance]]), np.zeros(count, dtype=np.int64), np.zeros(count))
-
     def between(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
         """(M,) distance that trees ``a`` and ``b`` (M,) keep."""
         crowns = np.where(
@@ -431,9 +487,9 @@ def apart_from(points: np.ndarray, fixed: np.ndarray, spacing: Spacing) -> np.nd
     return apart | fixed
 
 
-def matern_ii(points: np.ndarray, mark: np.ndarray, spacing: Spacing | float) -> np.ndarray:
+def matern_ii(points: np.ndarray, mark: np.ndarray, spacing: Spacing) -> np.ndarray:
     """(N,) bool, which trees stay: those with no older tree too near."""
-    spacing, age, reach = _prepare(mark, spacing)
+    age, reach = _ages(mark), spacing.reach()
     if reach <= 0 or len(points) < 2:
         return np.ones(len(points), dtype=bool)
     keep = _oldest_of_bins(points, age, spacing)
@@ -446,9 +502,9 @@ def matern_ii(points: np.ndarray, mark: np.ndarray, spacing: Spacing | float) ->
     return keep
 
 
-def greedy(points: np.ndarray, mark: np.ndarray, spacing: Spacing | float) -> np.ndarray:
+def greedy(points: np.ndarray, mark: np.ndarray, spacing: Spacing) -> np.ndarray:
     """(N,) bool, which trees stay: from the oldest on, those with no tree too near that stays."""
-    spacing, age, reach = _prepare(mark, spacing)
+    age, reach = _ages(mark), spacing.reach()
     if reach <= 0 or len(points) < 2:
         return np.ones(len(points), dtype=bool)
     by_age, keep = np.argsort(age), np.zeros(len(points), dtype=bool)
@@ -508,12 +564,10 @@ def _pairs(
         yield first + found["i"], found["j"]
 
 
-def _prepare(mark: np.ndarray, spacing: Spacing | float) -> tuple[Spacing, np.ndarray, float]:
-    if not isinstance(spacing, Spacing):
-        spacing = Spacing.uniform(float(spacing), len(mark))
+def _ages(mark: np.ndarray) -> np.ndarray:
     age = np.empty(len(mark), dtype=np.int64)
     age[np.argsort(mark, kind="stable")] = np.arange(len(mark))
-    return spacing, age, spacing.reach()
+    return age
 
 
 def _oldest_of_bins(points: np.ndarray, age: np.ndarray, spacing: Spacing) -> np.ndarray:

@@ -26,6 +26,7 @@ import secrets
 import shutil
 import tarfile
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -103,16 +104,12 @@ def digest_of_files(files: Mapping[str, Mapping[str, Any]]) -> str:
 
 def sync(folder: Path) -> None:
     """Have the names of a folder written to the disk, where the system can."""
-    try:
+    with suppress(OSError):  # Windows opens no folders
         handle = os.open(folder, os.O_RDONLY)
-    except OSError:  # Windows opens no folders
-        return
-    try:
-        os.fsync(handle)
-    except OSError:
-        pass
-    finally:
-        os.close(handle)
+        try:
+            os.fsync(handle)
+        finally:
+            os.close(handle)
 
 
 def scenes_done(root: Path) -> Iterator[Done]:

@@ -141,7 +141,7 @@ def make(recipe: Recipe, folder: Path, session: Session) -> dict[str, Any]:
         write_note(folder / COORDINATES, settings.offset, settings.crs)
         write_csv(folder / "trees.csv", on_the_map(table, settings.offset))
         if settings.plantings:
-            write_csv(folder / "leaf_angles.csv", angle_table(forest))
+            write_csv(folder / "leaf_angles.csv", angle_table([forest]))
         if keep.leaves:
             metres = dict.fromkeys(("centre", "length", "width", "radius"), "m")
             write_npz(

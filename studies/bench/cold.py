@@ -62,7 +62,7 @@ def _points() -> Job:
 def _spaced() -> Job:
     from scipy.spatial import cKDTree
 
-    from ..inside import greedy, stream
+    from ..inside import Spacing, greedy, stream
 
     rng = stream(4, "bench", "cold")
     points, mark, distance = rng.uniform(0, 100, (1000, 2)), rng.random(1000), 2.0
@@ -71,7 +71,8 @@ def _spaced() -> Job:
         nearest = cKDTree(points[keep]).query(points[keep], 2)[0][:, 1]
         return f"{max(0.0, distance - float(nearest.min())):.0e} m too near"
 
-    return lambda: greedy(points, mark, distance), error
+    spacing = Spacing(np.array([[distance]]), np.zeros(1000, dtype=int), np.zeros(1000))
+    return lambda: greedy(points, mark, spacing), error
 
 
 def _tree(species: str) -> Callable[[], Job]:

@@ -20,6 +20,7 @@ from ..inside import (
     Mixture,
     Process,
     Say,
+    Spacing,
     Window,
     choose_radii,
     find_species,
@@ -333,8 +334,9 @@ def _spaced(rule: Callable[..., np.ndarray], count: int) -> list[str]:
     rng = stream(4, "bench", "spacing", count)
     points, mark = rng.uniform(0, SIDE, (count, 2)), rng.random(count)
     distance = float(np.sqrt(CROWDING / np.pi / (count / SIDE**2)))
-    keep = rule(points, mark, distance)
-    seconds = median_seconds(lambda: rule(points, mark, distance))
+    alike = Spacing(np.array([[distance]]), np.zeros(count, dtype=int), np.zeros(count))
+    keep = rule(points, mark, alike)
+    seconds = median_seconds(lambda: rule(points, mark, alike))
     nearest = cKDTree(points[keep]).query(points[keep], 2)[0][:, 1]
     share, theory = keep.mean(), (1 - np.exp(-CROWDING)) / CROWDING
     return [

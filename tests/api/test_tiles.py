@@ -88,7 +88,7 @@ def test_trees_are_of_one_tile_each_and_the_whole_s_own(whole):
     scene, _, trees, echo = whole
     tiling = tiled(scene, size=20.0, buffer=3.0)
     assert sum(tile.trees for tile in tiling.tiles) == len(trees["tree"])
-    own = tiling.grid.tile_of(tiling.forest.stand.position[:, :2])
+    own = tiling.grid.tile_of(tiling.forest.stand().position[:, :2])
     found = tiling.build(1).trees
     rows = np.searchsorted(trees["tree"], found["tree"])
     for name in ("x_m", "height_m", "dbh_m", "leaf_area_m2", "rotation_rad"):
@@ -161,9 +161,10 @@ def test_sensors_that_hear_all_are_refused(tmp_path):
         tiling.look(forest.Reverb(source=(0, 0, 1), receiver=(9, 0, 1)))
     with pytest.raises(forest.SpecError, match="scan_to"):
         tiling.look(SCANNERS[0])
-    moving = SCANNERS[1].changed(motion=True)
-    with pytest.raises(forest.SpecError, match="motion"):
-        tiling.scan_to(tmp_path / "t.laz", moving)
+    folded = SCANNERS[1].receiver.changed(beyond="folded")
+    for word, value in {"motion": True, "bounces": True, "receiver": folded}.items():
+        with pytest.raises(forest.SpecError, match=f"{word}.*tiles"):
+            tiling.scan_to(tmp_path / "t.laz", SCANNERS[1].changed(**{word: value}))
     with pytest.raises(forest.SpecError, match="tile"):
         tiling.build(99)
 

@@ -45,12 +45,12 @@ def at_frame(frame, way):
     return nearest
 
 
-def off(cloud, most=60):
+def off(cloud, most=30):
     """(N,) metres by which some points of a cloud, most of them nearer than the wall, are off."""
     place = bpy.context.scene
     now = place.frame_current, place.frame_subframe
     near = np.flatnonzero(cloud.true_range < 30)
-    rows = np.concatenate([near[:: max(1, len(near) // most)], np.arange(0, len(cloud), 20)])
+    rows = np.concatenate([near[:: max(1, len(near) // most)], np.arange(0, len(cloud), 40)])
     frames = place.frame_start + cloud.time * place.render.fps / place.render.fps_base
     way = ways(cloud)
     found = [at_frame(frames[row], way[row]) - cloud.true_range[row] for row in rows]

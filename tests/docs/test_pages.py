@@ -136,6 +136,7 @@ SMALLER = (
     (r"\bcount=1000\b", "count=100"),
     (r"\bcount = 2\b", "count = 1"),
     (r"\bdensity=0\.1\b", "density=0.05"),
+    (r"\bvariants=5, density=1\.0\b", "variants=1, density=1e-6"),
     (r"\bvariants=[23]\b", "variants=1"),
     (r"--variants 2\b", "--variants 1"),
     (r"--episodes 2\b", "--episodes 1"),
@@ -145,6 +146,9 @@ SMALLER = (
     (r"(position=\(14\.5, 14\.5, 1\.6\))", r"\1, angle_step_deg=2.0"),
     (r"\barange\(-40, 41, 5\.0\)", "arange(-40, 41, 20.0)"),
     (r"(dataset (tiny|hazels\.toml)) ", r"\1 --workers 1 "),
+    (r"dataset tiny ", "dataset tiny --set scene.sensors[tls].angle_step_deg=3.0 "),
+    (r'^name = "tls"', 'name = "tls"\nangle_step_deg = 3.0'),
+    (r'make\("ForestSensing/Flight-v0"\)', 'make("ForestSensing/Flight-v0", scene=SCENE)'),
     (r"\bsize = 20\.0", "size = 10.0"),
     (r"\bvariants=4\b", "variants=1"),
     (
@@ -201,7 +205,10 @@ def test_its_code_and_commands_run(page, reader):
         wanted, play = TEXT[page], lambda: guides.play(copy)
     else:
         code = [text for text in blocks(page, "python") if "stable_baselines3" not in text]
-        wanted, play = "\n".join(code), lambda: exec(smaller("\n".join(code)), {})
+        wanted, play = (
+            "\n".join(code),
+            lambda: exec(smaller("\n".join(code)), {"SCENE": "assets/scenes/flight-poisson.toml"}),
+        )
     if "import gymnasium" in wanted:
         pytest.importorskip("gymnasium")
     play()

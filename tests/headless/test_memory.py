@@ -15,7 +15,7 @@ import pytest
 pytest.importorskip("bpy")
 
 ROOT = Path(__file__).resolve().parents[2]
-FIRST, RUNS = 3, 5
+FIRST, RUNS = 2, 4
 LIMIT = 1.0  # MB a run
 SCENE = """
 [forest]

@@ -205,7 +205,7 @@ def test_a_species_file_and_stl_files_of_ones_own(headless, tmp_path):
 @pytest.mark.slow
 def test_the_script_for_blender_itself(tmp_path):
     bare = tmp_path / "bare.toml"
-    text = SMALL.read_text().split("[[sensors]]")[0]
+    text = SMALL.read_text().split("[[plantings]]")[0]
     bare.write_text(text + BARE)
     script = ROOT / "headless" / "in_blender.py"
     words = [sys.executable, script, "--", bare, "--out", tmp_path / "o"]

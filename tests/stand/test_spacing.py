@@ -11,6 +11,11 @@ from forest_addon.stand.plan import Spacing, greedy, matern_ii, plan_stand, spac
 RULES = {"matern": matern_ii, "greedy": greedy}
 
 
+def apart(rule, points, mark, distance):
+    none = np.zeros(len(points))
+    return RULES[rule](points, mark, Spacing(np.array([[distance]]), none.astype(int), none))
+
+
 def forest(count, seed=1, cluster=False):
     """Points, marks and spacing of three kinds, with crowns on one of them."""
     rng = stream(seed, "spacing", count)
@@ -63,7 +68,7 @@ def test_batches_of_many_trees_equal_the_definition(rule, distance):
     for k in np.argsort(mark):
         older = [o for o in near[k] if mark[o] < mark[k]]
         expected[k] = not (expected[older].any() if rule == "greedy" else older)
-    assert (RULES[rule](points, mark, distance) == expected).all()
+    assert (apart(rule, points, mark, distance) == expected).all()
 
 
 @pytest.mark.medium
@@ -71,7 +76,7 @@ def test_batches_of_many_trees_equal_the_definition(rule, distance):
 def test_a_distance_larger_than_the_field_leaves_the_oldest_tree(rule):
     rng = stream(3, "one")
     points, mark = rng.uniform(0, 20, (50_000, 2)), rng.random(50_000)
-    keep = RULES[rule](points, mark, 1000.0)
+    keep = apart(rule, points, mark, 1000.0)
     assert keep.sum() == 1
     assert keep[np.argmin(mark)]
 
@@ -89,16 +94,16 @@ def test_the_order_of_trees_does_not_matter(rule):
 @pytest.mark.parametrize("count", [0, 1, 5])
 def test_trees_in_one_place_and_hardly_any(rule, count):
     points = np.full((count, 2), 7.0)
-    keep = RULES[rule](points, np.zeros(count), 0.5)
+    keep = apart(rule, points, np.zeros(count), 0.5)
     assert keep.sum() == min(count, 1)
-    assert RULES[rule](points, np.zeros(count), 0.0).all()
+    assert apart(rule, points, np.zeros(count), 0.0).all()
 
 
 @pytest.mark.parametrize("rule", RULES)
 def test_a_distance_of_exactly_the_spacing_is_kept(rule):
     points = np.array([[0.0, 0.0], [3.0, 4.0], [6.0, 8.0]])
-    assert RULES[rule](points, np.arange(3.0), 5.0).all()
-    assert RULES[rule](points, np.arange(3.0), np.nextafter(5.0, 6)).sum() == (
+    assert apart(rule, points, np.arange(3.0), 5.0).all()
+    assert apart(rule, points, np.arange(3.0), np.nextafter(5.0, 6)).sum() == (
         2 if rule == "greedy" else 1
     )
 
@@ -114,7 +119,7 @@ def test_matern_ii_keeps_the_share_that_it_should():
     for s in range(150):
         rng = stream(s, "share")
         points = rng.uniform(0, 20, (rng.poisson(400), 2))
-        keep = matern_ii(points, rng.random(len(points)), 0.6)
+        keep = apart("matern", points, rng.random(len(points)), 0.6)
         inner = ((points > 0.6) & (points < 19.4)).all(axis=1)
         stay, every = stay + (keep & inner).sum(), every + inner.sum()
     load = np.pi * 0.6**2

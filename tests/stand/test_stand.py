@@ -8,7 +8,7 @@ from forest_addon.base.rng import stream
 from forest_addon.spec import Forest, Gaussian, Planting
 from forest_addon.stand.compose import process_of
 from forest_addon.stand.layouts import sample
-from forest_addon.stand.plan import labels, matern_ii, plan_stand
+from forest_addon.stand.plan import Spacing, labels, matern_ii, plan_stand
 
 FIELD = Forest(size=(20.0, 20.0))
 HILLS = Planting(
@@ -102,7 +102,8 @@ def test_one_huge_spike_is_sampled_at_its_place():
 def test_spacing_is_kept_and_equals_the_definition(distance):
     rng = stream(4, "spacing")
     points, mark = rng.uniform(0, 20, (400, 2)), rng.random(400)
-    keep = matern_ii(points, mark, distance)
+    alike = Spacing(np.array([[distance]]), np.zeros(400, dtype=int), np.zeros(400))
+    keep = matern_ii(points, mark, alike)
     gap = np.linalg.norm(points[:, None] - points[None], axis=2)
     older_near = (gap < distance) & (mark[None, :] < mark[:, None])
     np.fill_diagonal(older_near, False)

@@ -38,7 +38,7 @@ def test_wood_and_angles_of_a_forest_of_whole_trees():
         assert volume < (np.pi * h * (r1**2 + r1 * r2 + r2**2) / 3).sum()
         assert projected == pytest.approx(((r1 + r2) * h).sum())
         assert area == pytest.approx(np.pi * projected, rel=0.01)
-    angles = angle_table(forest)
+    angles = angle_table([forest])
     assert angles["to_deg"][-1] == pytest.approx(90)
 
 
@@ -64,7 +64,7 @@ def test_leaves_of_variants_and_trees_are_the_leaves_of_the_forest(leafy):
 def test_leaf_angles_are_those_of_all_leaves_by_area(leafy):
     whole = leaf_table(leafy)
     tilt = np.arccos(np.abs(whole["normal"][:, 2]))
-    table = angle_table(leafy)
+    table = angle_table([leafy])
     edges = np.radians([*table["from_deg"], 90.0])
     expected, _ = np.histogram(tilt, edges, weights=whole["radius"] ** 2, density=True)
     (density,) = (values for name, values in table.items() if not name.endswith("_deg"))

@@ -145,7 +145,8 @@ def test_a_scene_gets_a_picture_and_settings_that_run(tmp_path, monkeypatch, qui
 
     path = tmp_path / "small.toml"
     path.write_text(SCENE, encoding="utf-8")
-    monkeypatch.setattr("headless.accuracy.sensors.NEAREST", 20)
+    for name, few in (("NEAREST", 20), ("BLOCKS", 8), ("MANY_TRUNKS", 2000)):
+        monkeypatch.setattr(f"headless.accuracy.sensors.{name}", few)
     said = []
     sweep_scene(path, tmp_path / "out", error=1e-2, seconds=60, say=said.append)
     words = "\n".join(said)

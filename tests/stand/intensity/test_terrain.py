@@ -17,7 +17,7 @@ from forest_addon.stand.intensity.surface import (
     sink,
     slope,
 )
-from forest_addon.stand.plan import plan_stand
+from forest_addon.stand.plan import plan_field, plan_stand
 
 LOW, SIZE = np.array([500_000.0, 5_400_000.0]), np.array([60.0, 40.0])
 
@@ -188,6 +188,25 @@ def test_trees_over_holes_are_left_out_and_counted():
     assert stand.off_ground.tolist() == [hole.sum()]
     assert (stand.position[:, :2] == level.position[~hole, :2]).all()
     assert set(stand.position[:, 2].tolist()) == {1.0, 2.0}
+
+
+@pytest.mark.parametrize("corner", [10.0, 20.0])
+def test_rows_of_a_field_are_drawn_alone_as_all_at_once(corner):
+    """Whether all trees stand or not; turns are plain draws of their stream."""
+    inputs = Inputs(terrain=Triangulated(*roof(0, 0, corner, 20, 1.0)))
+    plantings = [Planting(species=n, expected=900, scale=(0.5, 2.0), variants=9) for n in "mn"]
+    drawn = plan_field(1, Forest(size=(20.0, 20.0)), plantings, inputs)
+    stand = plan_stand(1, Forest(size=(20.0, 20.0)), plantings, inputs)
+    turn = 2 * np.pi * stream(1, "stand", "m", "turn").random(2000)
+    mine = stand.species == 0
+    assert (stand.rotation[mine] == turn[stand.number[mine]]).all()
+    rng, count = stream(3, "rows"), len(stand)
+    assert drawn.counts().tolist() == stand.counts().tolist()
+    for some in (1, 5, 300, count):
+        rows = np.sort(rng.permutation(count)[:some])
+        part = drawn.select(rows)
+        for name in ("position", "rotation", "scale", "species", "variant", "id", "number"):
+            assert (getattr(part, name) == getattr(stand, name)[rows]).all(), name
 
 
 @pytest.mark.medium

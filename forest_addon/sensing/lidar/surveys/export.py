@@ -158,7 +158,7 @@ def _unsaid(sensor: Scanner, surfaces: Surfaces) -> list[str]:
             sensor.faintest
         ),
         "of its noise only range_sd is told": (
-            noise.range_ppm or noise.incidence_sd or noise.drop_out
+            noise.range_ppm or noise.incidence_sd or noise.drop_out or noise.registration_sd_or_deg
         ),
         "settings of its receiver are left out": receiver != type(receiver)(),
         "extinction by the air is left out": beam.extinction,
