@@ -137,8 +137,9 @@ COMMANDS: dict[str, tuple[Callable[[argparse.Namespace], None], str, str, dict[s
         _validate,
         "hold the simulations to measurements: what agrees, what does not",
         "Print and draw simulation beside measurement, with intervals, and say what agrees. Subjects: "
-        "reverb, sonar, lidar, stand, leaves, trees, wind; none: all. With a FILE of yours: reverb "
-        "RECORDING.wav --stand TREES.csv, lidar CLOUD.laz --scene MY.toml, or two clouds: lidar A.laz B.laz.",
+        "reverb, sonar, lidar, instruments, stand, leaves, trees, wind; none: all. With a FILE of yours: "
+        "reverb RECORDING.wav --stand TREES.csv, lidar CLOUD.laz --scene MY.toml, or two clouds: "
+        "lidar A.laz B.laz.",
         {
             "subject": {"nargs": "?", "metavar": "SUBJECT", "help": "which; default all"},
             "file": {"nargs": "?", "type": Path, "help": "a recording or cloud of your own"},

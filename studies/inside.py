@@ -127,6 +127,7 @@ INSIDE = {
     "blade_of": "forest_addon.growth.tree:blade_of",
     "grow": "forest_addon.growth.tree:grow",
     "has_curves": "forest_addon.growth.tree:has_curves",
+    "without_leaves": "forest_addon.growth.tree:without_leaves",
     "Wood": "forest_addon.growth.truth:Wood",
     "find_axes": "forest_addon.growth.skeleton:find_axes",
     "segment_table": "forest_addon.growth.truth:segment_table",

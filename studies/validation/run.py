@@ -249,6 +249,7 @@ SECTIONS = (
     "reverb",
     "sonar",
     "lidar",
+    "instruments",
     "stand",
     "leaves",
     "trees",

@@ -359,7 +359,7 @@ def scan(
     path: Trajectory | None = None,
     progress: Progress | None = None,
 ) -> Cloud:
-    """A whole scan in memory; ``formats.scan_file`` writes one of any size to disk.
+    """A whole scan in memory; ``results.scan_file`` writes one of any size to disk.
 
     seed : scene seed, for noise and chances. path : see ``pattern.pattern_of``.
 
