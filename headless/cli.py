@@ -53,7 +53,7 @@ examples:
   python -m headless stand my.toml --out points.csv   where the trees stand, and a map
   python -m headless derive apple --generations 2   the string of an L-system
   python -m headless lidar my.blend --scanner riegl-vz-400i --at 0,0,1.6
-  python -m headless convolve out/demo/clap.wav assets/sounds/call.wav
+  python -m headless convolve out/demo/clap.wav call
   python -m headless dataset tiny --out out/tiny   labelled scenes by the thousand
   blender -b --python headless/in_blender.py -- my.toml --out out/my
 

@@ -15,7 +15,7 @@ APPLIES |= {
     ),
     "redealt": ("species", (LEFT_OUT,)),
     **dict.fromkeys(("ground.wavelength", "ground.roughness", "ground.step"), ("relief", (GIVEN,))),
-    "placing.count": ("rule", ("scattered", "pairs")),
+    "placing.count": ("rule", ("scattered", "path", "pairs")),
     "placing.clear": ("rule", ("centre", "corners", "scattered", "path", "pairs")),
     "placing.apart": ("rule", ("scattered",)),
     "placing.speed": ("rule", ("path",)),
@@ -89,7 +89,9 @@ class Placing(Settings):
         "for a reverb, in pairs of source and receiver",
         choices=RULES,
     )
-    count: int = param(1, help="positions (scattered), or pairs", ge=1, le=100000)
+    count: int = param(
+        1, help="positions (scattered), poses of a sonar (path), or pairs", ge=1, le=100000
+    )
     height: float = param(1.6, unit="m", help="above the ground", ge=-1e3, le=1e5)
     clear: float = param(0.8, unit="m", help="kept from the axis of every trunk", ge=0, le=1e3)
     apart: float = param(

@@ -161,9 +161,10 @@ def test_sensors_that_hear_all_are_refused(tmp_path):
         tiling.look(forest.Reverb(source=(0, 0, 1), receiver=(9, 0, 1)))
     with pytest.raises(forest.SpecError, match="scan_to"):
         tiling.look(SCANNERS[0])
-    moving = SCANNERS[1].changed(motion=True)
-    with pytest.raises(forest.SpecError, match="motion"):
-        tiling.scan_to(tmp_path / "t.laz", moving)
+    folded = SCANNERS[1].receiver.changed(beyond="folded")
+    for word, value in {"motion": True, "bounces": True, "receiver": folded}.items():
+        with pytest.raises(forest.SpecError, match=f"{word}.*tiles"):
+            tiling.scan_to(tmp_path / "t.laz", SCANNERS[1].changed(**{word: value}))
     with pytest.raises(forest.SpecError, match="tile"):
         tiling.build(99)
 

@@ -25,6 +25,7 @@ STAND = forest.Scene(
         forest.Planting(species="maple", expected=3.0, variants=1),
     ),
     wind=forest.Wind(speed=9.0, direction_deg=30.0),
+    accuracy=forest.Accuracy(audit=0.0),
 )
 SCAN = forest.Terrestrial(
     position=(0, 0, 1.5),

@@ -51,7 +51,8 @@ DRAWERS = {"matplotlib", "PIL"}  # of commands and notebooks
 # that Blender has no package for: the panel does not offer them.
 OPTIONAL = {
     *("pyroomacoustics", "pyhelios", "dask", "distributed", "dask_jobqueue", "gymnasium"),
-    *("copclib", "pandas", "pye57", "pyproj", "pystac", "rosbags", "sofar", "upath", "xarray"),
+    *("copclib", "pandas", "pye57", "pyproj", "pystac", "rosbags", "shtab", "sofar"),
+    *("upath", "xarray"),
 }
 
 

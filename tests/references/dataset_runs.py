@@ -12,11 +12,13 @@ from headless.dataset import engine, estimate
 
 ROOT = Path(__file__).resolve().parents[2]
 PLAN = ROOT / "tests/headless/dataset/small.toml"
+FIELD = PLAN.with_name("tiles.toml")
 
 
 def command(*words):
-    """The words of the command line, as a user types them."""
-    return [sys.executable, "-m", "headless", "dataset", *map(str, words)]
+    """The words of the command line, as a user types them; of a field in tiles those that go on with it."""
+    kind = ["run", "--resume"] if words[0] == FIELD else ["dataset"]
+    return [sys.executable, "-m", "headless", *kind, *map(str, words)]
 
 
 def run(*words, **more):
@@ -57,18 +59,19 @@ class Warm:
         engine.Worker, estimate.Worker = lambda: self, lambda threads: _Lent(self.worker)
         try:
             with contextlib.redirect_stderr(said):
-                code = main(["dataset", *map(str, words)])
+                code = main(command(*words)[3:])
         finally:
             engine.Worker, estimate.Worker = before
         return subprocess.CompletedProcess(words, code, "", said.getvalue())
 
 
 def bytes_of(out):
-    """{name within scenes/: digest} of all files that are there."""
+    """{name: digest} of all files that are there, of scenes or of a field in tiles."""
+    folder = out / "scenes" if (out / "scenes").is_dir() else out
     return {
-        str(path.relative_to(out / "scenes")): hashlib.sha256(path.read_bytes()).hexdigest()
-        for path in sorted((out / "scenes").rglob("*"))
-        if path.is_file()
+        str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest()
+        for path in sorted(folder.rglob("*"))
+        if path.is_file() and path.name[0] != "." and path.name != "run.json"
     }
 
 

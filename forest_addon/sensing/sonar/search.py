@@ -247,14 +247,18 @@ class EarAmplitudes:
     def of(self, parts: list[ScattererPart], frequency: np.ndarray, rows: np.ndarray) -> np.ndarray:
         """(Q, m) complex A of some rows of parts, one part after the other, at frequencies (Q,)."""
         wavenumber = 2.0 * np.pi * frequency / self._station.sound_speed
-        amplitude = np.empty((len(frequency), len(rows)), np.complex128)
-        some, begin = np.empty(len(rows), np.int64), 0
-        for part in parts:
-            here = np.flatnonzero((rows >= begin) & (rows < begin + len(part.rows)))
-            own = rows[here] - begin
-            amplitude[:, here] = part.strength.select(own).amplitude(wavenumber)
-            some[here] = part.rows[own]
-            begin += len(part.rows)
+        if len(parts) == 1:
+            amplitude = parts[0].strength.select(rows).amplitude(wavenumber)
+            some = parts[0].rows[rows]
+        else:
+            amplitude = np.empty((len(frequency), len(rows)), np.complex128)
+            some, begin = np.empty(len(rows), np.int64), 0
+            for part in parts:
+                here = np.flatnonzero((rows >= begin) & (rows < begin + len(part.rows)))
+                own = rows[here] - begin
+                amplitude[:, here] = part.strength.select(own).amplitude(wavenumber)
+                some[here] = part.rows[own]
+                begin += len(part.rows)
         basis = self._basis(frequency)
         level, terms = self._level[some], self._terms.take(some, axis=1)
         library = kernels.library()

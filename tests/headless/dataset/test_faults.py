@@ -1,4 +1,4 @@
-"""What happens to a dataset when processes, disks and plans go wrong: nothing is lost, all is said."""
+"""What happens to datasets and fields in tiles when processes, disks and plans go wrong: nothing is lost."""
 
 import csv
 import os
@@ -12,7 +12,7 @@ import pytest
 
 from forest_addon.base.rng import stream
 from headless.lock import only_one
-from tests.references.dataset_runs import PLAN, ROOT, bytes_of, children_of, command, run
+from tests.references.dataset_runs import FIELD, PLAN, ROOT, bytes_of, children_of, command, run
 
 pytestmark = [
     pytest.mark.slow,
@@ -36,11 +36,11 @@ def kill(pid):
         return False
 
 
-def disturbed(out, seed, kills, workers, words=()):
+def disturbed(out, seed, kills, workers, words=(), work=PLAN):
     """Start the command again and again; kill it or a child at random moments. Returns kills."""
     rng = stream(seed, "kills")
     done = {"command": 0, "child": 0}
-    process = started(PLAN, "--out", out, "--workers", str(workers), "--quiet", *words)
+    process = started(work, "--out", out, "--workers", str(workers), "--quiet", *words)
     deadline = time.monotonic() + 1500
     while sum(done.values()) < kills:
         assert time.monotonic() < deadline
@@ -48,7 +48,7 @@ def disturbed(out, seed, kills, workers, words=()):
         if process.poll() is not None:
             if process.returncode == 0:
                 break
-            process = started(PLAN, "--out", out, "--workers", str(workers), "--quiet", *words)
+            process = started(work, "--out", out, "--workers", str(workers), "--quiet", *words)
             continue
         below = children_of(process.pid)
         makers = sorted(pid for pid, line in below.items() if CHILD in line)
@@ -65,19 +65,29 @@ def manifest(out):
         return list(csv.DictReader(file))
 
 
-def finish(out, workers=1, words=(), run=run):
+def finish(out, workers=1, words=(), run=run, work=PLAN):
     """The same command until it ends well; scenes that were set aside are tried again."""
     for _ in range(4):
-        ended = run(PLAN, "--out", out, "--workers", str(workers), "--quiet", *words)
+        ended = run(work, "--out", out, "--workers", str(workers), "--quiet", *words)
         if ended.returncode == 0:
             return
     raise AssertionError(ended.stderr)
 
 
-def test_a_few_kills_lose_nothing(undisturbed, tmp_path, warm):
-    disturbed(tmp_path / "data", 1, 3, 1)
-    finish(tmp_path / "data", run=warm.run)
-    assert bytes_of(tmp_path / "data") == bytes_of(undisturbed)
+@pytest.fixture
+def whole(work, request, tmp_path, warm):
+    """Bytes that are to come of a dataset or a field."""
+    if work == PLAN:
+        return bytes_of(request.getfixturevalue("undisturbed"))
+    finish(tmp_path / "whole", run=warm.run, work=FIELD)
+    return bytes_of(tmp_path / "whole")
+
+
+@pytest.mark.parametrize("work", [PLAN, FIELD], ids=["scenes", "tiles"])
+def test_a_few_kills_lose_nothing(whole, tmp_path, warm, work):
+    disturbed(tmp_path / "data", 1, 3, 1, work=work)
+    finish(tmp_path / "data", run=warm.run, work=work)
+    assert bytes_of(tmp_path / "data") == whole
 
 
 @pytest.mark.skipif(not os.environ.get("FOREST_LONG_TESTS"), reason="ten minutes of kills")
@@ -158,7 +168,8 @@ def test_a_second_command_on_a_folder_is_refused(tmp_path, warm):
     assert "is in use by another command" in ended.stderr
 
 
-def test_a_scheduler_that_goes_away_is_said(undisturbed, tmp_path, warm):
+@pytest.mark.parametrize("work", [PLAN, FIELD], ids=["scenes", "tiles"])
+def test_a_scheduler_that_goes_away_is_said(whole, tmp_path, warm, work):
     pytest.importorskip("distributed")
     code = (
         "import distributed, time\n"
@@ -178,9 +189,9 @@ def test_a_scheduler_that_goes_away_is_said(undisturbed, tmp_path, warm):
         try:
             address = cluster.stdout.readline().strip()
             out = tmp_path / "data"
-            words = command(PLAN, "--out", out, "--scheduler", address, "--quiet")
+            words = command(work, "--out", out, "--scheduler", address, "--quiet")
             with subprocess.Popen(words, cwd=ROOT, stderr=subprocess.PIPE, text=True) as process:
-                wait_for(lambda: (out / "scenes").is_dir() and any((out / "scenes").iterdir()))
+                wait_for(lambda: [*out.glob("scenes/*"), *out.glob("tiles/*.rows")])
                 kill(cluster.pid)
                 said = process.communicate(timeout=200)[1]
         finally:
@@ -188,8 +199,8 @@ def test_a_scheduler_that_goes_away_is_said(undisturbed, tmp_path, warm):
     assert process.returncode == 1, said
     assert address in said
     assert "Traceback" not in said
-    finish(out, run=warm.run)
-    assert bytes_of(out) == bytes_of(undisturbed)
+    finish(out, run=warm.run, work=work)
+    assert bytes_of(out) == whole
 
 
 def wait_for(happened, seconds=200):

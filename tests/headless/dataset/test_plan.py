@@ -9,7 +9,7 @@ import pytest
 from scipy.special import ndtri
 
 from forest_addon.spec import SpecError
-from headless.dataset.plan import PLANS, read_plan, recipes, split_of
+from headless.dataset.plan import PLANS, idle_in_plan, read_plan, recipes, split_of
 from headless.dataset.vary import draw, read_varied
 
 SMALL = Path(__file__).with_name("small.toml")
@@ -165,6 +165,7 @@ def test_libraries_are_a_splits_own_unless_told_otherwise(tmp_path):
 @pytest.mark.parametrize("name", sorted(path.stem for path in PLANS.glob("*.toml")))
 def test_shipped_plans_can_be_used(name):
     plan = read_plan(PLANS / f"{name}.toml", ["count=5"])
+    assert not [one for one in idle_in_plan(plan) if one.startswith("place")]
     assert len({recipe.digest for recipe in recipes(plan)}) == 5
 
 
