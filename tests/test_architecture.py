@@ -97,7 +97,7 @@ BUDGETS = {
     "forest_addon/blender": (5275, 39),
     "forest_addon/drawing": (596, 6),
     "forest_addon/flight": (1853, 12),
-    "forest_addon/formats": (3442, 29),
+    "forest_addon/formats": (3446, 29),
     "forest_addon/growth": (8158, 36),
     "forest_addon/kernels": (46, 1),
     "forest_addon/results": (1293, 17),

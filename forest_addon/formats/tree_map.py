@@ -230,6 +230,10 @@ def read_rings(path: Path) -> list[np.ndarray]:
 # ------------------------------------------------------------------------------- what the cells say
 
 
+# What is told of a table: a file of something else may hold what nobody may read.
+HEADING = re.compile(r"[^\W\d][\w .()²°-]{0,19}")
+
+
 def _columns(path: Path, head: Sequence[str]) -> dict[str, tuple[int, float, str]]:
     """Return where each kind of column stands, and its unit in ours.
 
@@ -247,11 +251,9 @@ def _columns(path: Path, head: Sequence[str]) -> dict[str, tuple[int, float, str
         found |= {axis: one for axis, one in zip("xy", both, strict=True) if one}
     elif not {"distance", "azimuth"} <= set(found):
         axis = "y" if any(x for x, _ in pairs) else "x"
-        raise SpecError(
-            str(path),
-            f"has no column {axis}, only {', '.join(filter(None, head))}; call one of them {axis}, or give "
-            "distance and azimuth",
-        )
+        shown = ", ".join(filter(HEADING.fullmatch, head))
+        there = f", only {shown}; call one of them {axis}" if shown else f"; name one {axis}"
+        raise SpecError(str(path), f"has no column {axis}{there}, or give distance and azimuth")
     if {"treeid", "z"} <= set(whole) and not {"height", "scale"} & set(found):
         found["height"] = (whole["z"], 1.0, "")  # tree tops of lidR
     return found

@@ -182,18 +182,13 @@ def read_obj(path: Path, up: str = "z") -> PartMesh:
     at_vertex, at_face, at_name = (np.flatnonzero(word == number) for number in WORDS.values())
     if not len(at_face):
         raise SpecError(str(path), "has no face")
-    vertices = np.array(
-        [float(x) for line in at_vertex.tolist() for x in lines[line].split(None, 4)[1:4]]
-    ).reshape(len(at_vertex), 3)
-    of_faces = [lines[line] for line in at_face.tolist()]
-    corners = np.array([len(line.split()) - 1 for line in of_faces])
-    said = [
-        int(x)
-        for line in re.sub(r"/\S*", "", "\n".join(of_faces)).split("\n")
-        for x in line.split()[1:]
-    ]
+    places = (" ".join(lines[line].split(None, 4)[1:4]) for line in at_vertex.tolist())
+    vertices = np.fromstring(" ".join(places), sep=" ").reshape(len(at_vertex), 3)
+    of_faces = [lines[line][1:] for line in at_face.tolist()]
+    corners = np.array([len(line.split()) for line in of_faces])
+    said = re.sub(r"/\S*", "", "\n".join(of_faces))
     before = np.searchsorted(at_vertex, at_face)  # vertices that stand above a face
-    index, known = np.array(said, dtype=np.int64), np.repeat(before, corners)
+    index, known = np.fromstring(said, np.int64, sep=" "), np.repeat(before, corners)
     index += np.where(index > 0, -1, np.where(index < 0, known, -1))
     wrong = corners < 3
     face = np.repeat(np.arange(len(corners)), corners)
