@@ -27,6 +27,7 @@ examples:
   python -m headless dataset my.toml --out data             on all cores; again: goes on
   python -m headless dataset my.toml --out data --scheduler tcp://host:8786
   python -m headless dataset my.toml --out data --slurm partition=cpu,jobs=40,memory=8GB
+  python -m headless dataset my.toml --out data --store s3://forests/data
   python -m headless dataset --convert data --to semantic-kitti --out kitti
   python -m headless dataset --check data                   every hash, every label
   python -m headless dataset my.toml --set count=20 --set scene.sensors[tls].angle_step_deg=0.5
@@ -64,6 +65,12 @@ Exit code 4: some scenes could not be made; manifest.csv says why."""
             help="of --convert: " + ", ".join(CONVERTED),
         )
         parser.add_argument("--check", type=Path, metavar="DIR", help="verify a dataset")
+        parser.add_argument(
+            "--store",
+            metavar="URL",
+            help="s3://, gs:// or another of fsspec's, to which scenes are copied as they are finished, in "
+            "the end all files; what is there is not made again",
+        )
         parser.add_argument(
             "--shards", type=int, metavar="MB", help="also pack WebDataset tars of this size"
         )
@@ -110,14 +117,23 @@ Exit code 4: some scenes could not be made; manifest.csv says why."""
             tell(estimate(plan, say), say)
             return
         from ..dataset.engine import Cluster
-        from ..dataset.factory import Asked, make_dataset
+        from ..dataset.factory import Asked, copy_to, make_dataset
 
         cluster = Cluster(chosen.workers or 0, chosen.scheduler, chosen.slurm)
-        make_dataset(plan, chosen.out, Asked(cluster, chosen.replace, chosen.quiet))
+        store = None
+        if chosen.store is not None:
+            from ..store import store_of
+
+            if chosen.replace:
+                raise SpecError("--replace", "does not go with --store; take an empty store")
+            store = store_of(chosen.store)
+        make_dataset(plan, chosen.out, Asked(cluster, chosen.replace, chosen.quiet, store))
         if chosen.shards is not None:
             from ..dataset.disk import write_shards
 
             write_shards(chosen.out, chosen.shards * 10**6)
+            if store is not None:
+                copy_to(store, chosen.out)
 
 
 def _say(quiet: bool):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import shutil
 import sys
 import time
 from collections.abc import Sequence
@@ -18,6 +20,7 @@ from forest_addon.spec import SpecError
 from ..command import IncompleteError
 from ..lock import only_one
 from ..progress import plain
+from ..store import claim_store, put
 from . import disk
 from .card import CARD, versions, write_card
 from .disk import MANIFEST, write_manifest
@@ -32,11 +35,13 @@ MANY = 10_000  # scenes, whose settings take a second to draw
 
 @dataclass(frozen=True)
 class Asked:
-    """Requests of a command besides its plan: where scenes are made, and what may be overwritten."""
+    """Requests of a command besides its plan: where scenes are made, what may be overwritten, and a store
+    that has the dataset, too."""
 
     cluster: Cluster = field(default_factory=Cluster)
     replace: bool = False
     quiet: bool = False
+    store: Path | None = None
 
 
 def make_dataset(plan: Plan, out: Path, asked: Asked) -> None:
@@ -64,10 +69,15 @@ def make_dataset(plan: Plan, out: Path, asked: Asked) -> None:
 def _make(plan: Plan, wanted: Sequence[Recipe], out: Path, asked: Asked) -> None:
     disk.clean(out)
     claim(*(out / name for name in ("plan.toml", MANIFEST, *CARD)))
+    if asked.store is not None:
+        claim_store(asked.store, goes_on=True)
+        _take_scenes(asked.store / disk.SCENES, out)
     missing = _missing(wanted, out, asked.replace)
     write_plan(plan, out)
     rows = make_scenes(plan, wanted, missing, out, asked)
     _describe(plan, wanted, out, bool(missing))
+    if asked.store is not None:
+        copy_to(asked.store, out)
     lost = [row for row in rows if row["status"] != "done"]
     if not asked.quiet:
         print(f"Done: {len(rows) - len(lost)} of {len(rows)} scenes in {out}", file=sys.stderr)
@@ -77,6 +87,46 @@ def _make(plan: Plan, wanted: Sequence[Recipe], out: Path, asked: Asked) -> None
             "are "
             f"in {out}. The same command tries again"
         )
+
+
+def _take_scenes(there: Path, out: Path) -> None:
+    """Copy from a store the finished scenes that a folder has not.
+
+    Raises
+    ------
+    OSError : one cannot be read or written.
+    """
+    for scene in sorted(there.iterdir()) if there.is_dir() else ():
+        final = out / disk.SCENES / scene.name
+        if scene.name.isdigit() and not final.exists() and (scene / disk.RECORD).is_file():
+            partial = disk.begin(out, int(scene.name))
+            for one in scene.iterdir():
+                with one.open("rb") as source, (partial / one.name).open("wb") as to:
+                    shutil.copyfileobj(source, to)
+            os.rename(partial, final)
+
+
+def _copy_scene(folder: Path, store: Path) -> None:
+    """Copy a finished scene to a store that has it not yet, its record last: it says that all is there."""
+    there = store / disk.SCENES / folder.name
+    record = there / disk.RECORD
+    if not (record.is_file() and record.read_bytes() == (folder / disk.RECORD).read_bytes()):
+        names = sorted(path.name for path in folder.iterdir() if path.name != disk.RECORD)
+        put(folder, (*names, disk.RECORD), there)
+
+
+def copy_to(store: Path, out: Path) -> None:
+    """Copy to a store what it has not yet of a dataset: finished scenes, then what describes them.
+
+    Raises
+    ------
+    OSError : one cannot be written; the folder has it.
+    """
+    for done in disk.scenes_done(out):
+        _copy_scene(done.folder, store)
+    told = [out / name for name in ("plan.toml", MANIFEST, *CARD)]
+    told += [path for name in ("splits", disk.FOLDER) for path in sorted(out.glob(f"{name}/*"))]
+    put(out, [path.relative_to(out).as_posix() for path in told if path.is_file()], store)
 
 
 def make_scenes(
@@ -105,6 +155,8 @@ def make_scenes(
         def report(outcome: SceneOutcome) -> None:
             nonlocal refresh
             bar.update()
+            if asked.store is not None and outcome.kind == "done":
+                _copy_scene(out / disk.SCENES / disk.scene_name(outcome.scene), asked.store)
             if outcome.kind not in ("done", "stopped") and not asked.quiet:
                 said = f"  scene {outcome.scene:06d} is set aside: {outcome.why}"
                 bar.write(plain(said), file=sys.stderr)

@@ -11,6 +11,7 @@ import tarfile
 import numpy as np
 import pytest
 
+from headless.dataset import factory
 from tests.references.dataset_runs import PLAN, bytes_of, run
 
 pytestmark = pytest.mark.slow
@@ -216,3 +217,42 @@ def test_points_in_the_terms_of_for_instance_agree_with_trees_and_cylinders(undi
             stems += (order == 0) == (classes[number] == 4)
     assert known > 20
     assert stems > 0.9 * known  # at forks two cylinders are as near
+
+
+def test_what_is_lost_goes_on_from_its_store_elsewhere(undisturbed, tmp_path, warm, monkeypatch):
+    """Two scenes are in the store when the machine goes; another makes the rest. A user's store is left."""
+    upath = pytest.importorskip("upath")
+    url = "memory://forests/small"
+    copied, copy, make = [], factory._copy_scene, warm.make
+
+    def lost(folder, store):
+        if len(copied) == 2:
+            raise OSError("no network")
+        copied.append(folder.name)
+        copy(folder, store)
+
+    monkeypatch.setattr(factory, "_copy_scene", lost)
+    ended = warm.run(PLAN, "--out", tmp_path / "first", "--store", url, "--workers", 1)
+    assert (ended.returncode, "no network" in ended.stderr) == (1, True), ended.stderr
+    shutil.rmtree(tmp_path / "first")
+    monkeypatch.setattr(factory, "_copy_scene", copy)
+    made = []
+    monkeypatch.setattr(warm, "make", lambda job: made.append(job.name) or make(job))
+    ended = warm.run(
+        PLAN, "--out", tmp_path / "second", "--store", url, "--workers", 1, "--shards", 1
+    )
+    assert ended.returncode == 0, ended.stderr
+    assert len(made) == 2
+    assert bytes_of(tmp_path / "second") == bytes_of(undisturbed)
+    store = upath.UPath(url)
+    there = {path.path for path in store.rglob("*") if path.is_file()}
+    for path in (tmp_path / "second").rglob("*"):
+        name = path.relative_to(tmp_path / "second").as_posix()
+        if path.is_file() and not name.startswith((".", "status")):
+            assert (store / name).read_bytes() == path.read_bytes()
+            there.remove((store / name).path)
+    assert there == {(store / ".forest-sensing").path}
+    (upath.UPath("memory://forests/mine") / "notes.txt").write_bytes(b"mine")
+    ended = warm.run(PLAN, "--out", tmp_path / "third", "--store", "memory://forests/mine")
+    assert (ended.returncode, "holds what no run put there" in ended.stderr) == (2, True)
+    assert not (tmp_path / "third" / "scenes").exists()

@@ -9,7 +9,10 @@ from forest_addon.spec import SpecError
 from headless.dataset import vary
 from headless.dataset.plan import PLANS, read_plan, recipes, redealt
 
-TRIPODS = ("faro-focus-s350", "leica-blk360", "ouster-os1-128", "riegl-vz-400i", "velodyne-vlp-16")
+TRIPODS = (
+    *("faro-focus-s350", "leica-blk360", "ouster-os1-128", "riegl-vz-400", "riegl-vz-400i"),
+    "velodyne-vlp-16",
+)
 
 
 def drawn(path, *overrides):

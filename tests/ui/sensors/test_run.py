@@ -248,7 +248,7 @@ def test_a_scanner_flies_over_the_forest(built, sensor):
 def test_choosing_a_scanner_fills_in_its_figures(built):
     settings = settings_of("cloud")
     settings.max_range = 77
-    settings.scanner = "riegl-vz-400"  # not complete yet
+    settings.scanner = "riegl-vz"  # not complete yet
     assert settings.max_range == 77
     settings.scanner = "riegl-vz-400i"
     found = exchange.sensor_of(bpy.data.objects["cloud"])
