@@ -122,7 +122,7 @@ BUDGETS = {
 # Functions and files that a pulse, a ping and a clap pass on their way to a file.
 # Pings and claps rose by kernels in C beside numpy and by the standard errors of a tail (990, 910 before);
 # all rose by settings without effect that are said before a run, pings by receivers (857, 1000, 915 before).
-# Pulses rose by errors of joining that change along a way (843 before), pings by the three terms of wood (997).
+# Pulses rose by errors of joining that change along a way (843 before), pings by the terms of wood (997).
 FLOWS = {"pulse": (848, 133), "ping": (1000, 144), "clap": (902, 138)}
 
 
