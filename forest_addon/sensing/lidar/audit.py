@@ -237,9 +237,10 @@ def _again(exact: Scan, again: Scan, cloud: Cloud, number: np.ndarray, wanted: f
 def _of_waves(
     ours: Waveforms | None, theirs: Waveforms | None, number: np.ndarray, rounding: int
 ) -> np.ndarray:
-    """(P,) counts, beyond rounding, between records of pulses; infinite where length or unit differ."""
+    """(P,) counts, beyond rounding, between records of pulses; infinite where lengths or formats differ."""
     errors = np.zeros(len(number))
-    if ours is None or theirs is None or (ours.step, ours.gain) != (theirs.step, theirs.gain):
+    told = ("step", "gain", "las_format")
+    if ours is None or theirs is None or any(getattr(ours, k) != getattr(theirs, k) for k in told):
         return np.full(len(number), np.inf)
     rows = [np.flatnonzero(np.isin(one.pulse, number)) for one in (ours, theirs)]
     beams, places, values = (
