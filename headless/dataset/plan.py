@@ -43,7 +43,16 @@ from forest_addon.growth.library import find_species, load_species
 from forest_addon.growth.tree import grow
 from forest_addon.results.kinds import files_of
 from forest_addon.sensing import kinds as _kinds  # noqa: F401  whose words a plan may name
-from forest_addon.spec import Accuracy, Output, Scene, SpecError, Species, refuse_unknown, unknown
+from forest_addon.spec import (
+    Accuracy,
+    Mobile,
+    Output,
+    Scene,
+    SpecError,
+    Species,
+    refuse_unknown,
+    unknown,
+)
 from forest_addon.spec.base import Settings, with_files
 from forest_addon.spec.choices import idle, idle_in_scene
 
@@ -513,6 +522,12 @@ def _idle_in(plan: Plan, number: int, drawn: dict[str, Any]) -> list[str]:
     mix, plantings = own["mix"], scene.plantings
     said = [f"mix.{one}" for one in idle(mix)] + [f"terrain.{one}" for one in idle(own["terrain"])]
     said += [f"place[{k}].{one}" for k, place in enumerate(own["place"]) for one in idle(place)]
+    scanners = {one.name for one in scene.sensors if isinstance(one, Mobile)}
+    for k, place in enumerate(own["place"]):
+        if place.rule == "path" and place.count > 1 and place.sensor in scanners:
+            said.append(
+                f"place[{k}].count has no effect on the way of a scanner, which has no poses"
+            )
     if mix.redealt and not mix.species and sum(bool(one.density) for one in plantings) < 2:
         said.append("mix.redealt has no effect: it needs two plantings with a density, or more")
     if mix.season and not any(_sheds(one.species, base.folder) for one in plantings):

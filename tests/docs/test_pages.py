@@ -150,6 +150,7 @@ SMALLER = (
     (r'^name = "tls"', 'name = "tls"\nangle_step_deg = 3.0'),
     (r'make\("ForestSensing/Flight-v0"\)', 'make("ForestSensing/Flight-v0", scene=SCENE)'),
     (r"\bsize = 20\.0", "size = 10.0"),
+    (r'"track": 8', '"track": 1'),
     (r"\bvariants=4\b", "variants=1"),
     (
         r"\bposition=\(10, 10, 1\.6\), angle_step_deg=0\.25",

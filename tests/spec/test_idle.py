@@ -419,7 +419,7 @@ def test_every_setting_of_a_place_moves_a_sensor_or_is_said_to_be_idle(rule):
     from headless.dataset.place import place_sensors
     from headless.dataset.settings import Placing
 
-    sensor = {"path": Mobile(name="a"), "over": Airborne(name="a"), "pairs": Reverb(name="a")}
+    sensor = {"path": Sonar(name="a"), "over": Airborne(name="a"), "pairs": Reverb(name="a")}
     scene = Scene(forest=Forest(size=(20, 20)), sensors=(sensor.get(rule, Terrestrial(name="a")),))
     trunks = np.random.default_rng(1).uniform(0, 20, (200, 2))
 

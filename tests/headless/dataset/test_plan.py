@@ -162,6 +162,16 @@ def test_libraries_are_a_splits_own_unless_told_otherwise(tmp_path):
 
 
 @pytest.mark.medium
+def test_poses_of_a_scanner_on_its_way_are_said_to_be_idle(tmp_path):
+    path = tmp_path / "way.toml"
+    path.write_text(
+        'count = 2\n[scene]\n[[scene.sensors]]\nkind = "mobile"\nname = "walk"\n'
+        '[mix]\nspecies = ["maple"]\n[[place]]\nsensor = "walk"\nrule = "path"\ncount = 3\n'
+    )
+    (said,) = [one for one in idle_in_plan(read_plan(path)) if one.startswith("place")]
+    assert "place[0].count has no effect on the way of a scanner" in said
+
+
 @pytest.mark.parametrize("name", sorted(path.stem for path in PLANS.glob("*.toml")))
 def test_shipped_plans_can_be_used(name):
     plan = read_plan(PLANS / f"{name}.toml", ["count=5"])
