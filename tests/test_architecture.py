@@ -89,7 +89,8 @@ PACKAGES = {
 # plot's twin; acoustics, results and headless/dataset: errors that cancel as echoes do, receivers.
 # sensing, results, formats and spec grew: waveforms are recorded, written and decomposed; studies/validation:
 # a plot's twin is judged.
-# headless grew: datasets go to stores, poses without effect are said; stand: 10^8 trees are planned; api: crowns are measured in clouds;
+# headless grew: datasets go to stores, poses without effect are said; stand:
+# 10^8 trees are planned; api: crowns are measured in clouds;
 # studies/validation: real pulses, the same trees by several instruments.
 BUDGETS = {
     "forest_addon": (423, 3),
