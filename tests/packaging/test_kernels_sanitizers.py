@@ -20,7 +20,12 @@ KERNEL int64_t too_large(int64_t value);
 KERNEL void count_up(int64_t *total);
 int64_t beyond(const int64_t *values, int64_t count) { return values[count]; }
 int64_t too_large(int64_t value) { return value + INT64_MAX; }
-void count_up(int64_t *total) { for (int i = 0; i < 1000000; i++) ++*(volatile int64_t *)total; }
+void count_up(int64_t *total) {
+    static int there; /* both are here before either counts, however busy the machine is */
+    __atomic_fetch_add(&there, 1, __ATOMIC_RELAXED);
+    while (__atomic_load_n(&there, __ATOMIC_RELAXED) < 2) {}
+    for (int i = 0; i < 1000000; i++) ++*(volatile int64_t *)total;
+}
 """
 CALLS = {
     "found.beyond(np.zeros(1000, np.int64).ctypes, ctypes.c_int64(1000))": (
