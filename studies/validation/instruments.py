@@ -185,7 +185,7 @@ def _line(
 
 
 def seen_of(genus: str, stems: np.ndarray, seed: int) -> dict[str, dict[str, np.ndarray]]:
-    """Return what each instrument measures on four of these stems (N, 3), grown, among twelve neighbours that
+    """Measures by each instrument of four of these stems (N, 3), grown, among twelve neighbours that
     are the same four, each turned."""
     rng = stream(seed, "instruments", genus)
     rows = np.resize(rng.permutation(stems), (4, 3))

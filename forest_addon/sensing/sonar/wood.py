@@ -97,7 +97,7 @@ class CylinderStrength(Strength):
         return share * self.nearness * self.length / math.pi * _largest_backscatter(size)
 
     def parts(self, lowest: float, highest: float) -> list[ScattererPart]:
-        """Of thick segments what mirrors and what creeps; of those off the normal both ends."""
+        """Mirror and creeping wave of thick segments, and both ends of those off the normal."""
         size, late = self.radius * self.sine, self.length * self.cosine
         period = 2.0 * math.pi / (highest - lowest)
         thick = size > max(THICK / lowest, period / CREEPING)
@@ -261,7 +261,7 @@ def _backscatter(size: np.ndarray, wave: str = "whole") -> np.ndarray:
 
 
 def _crept(size: np.ndarray) -> np.ndarray:
-    """Return what share of S has crept around the back, about."""
+    """Share of S that has crept around the back, about."""
     return np.asarray(np.exp(-FADING * np.cbrt(size)))
 
 

@@ -162,7 +162,7 @@ def test_what_is_drawn_reaches_the_scene_by_its_seed_and_evergreens_keep_their_n
 
 
 def test_lines_of_an_aircraft_are_off_by_drawn_errors_that_change(tmp_path):
-    """Of 100 draws one is in each outermost tenth: none is by chance in 3e-5 of the cases each."""
+    """One of 100 draws is in each outermost tenth: none is by chance in 3e-5 of the cases each."""
     path = tmp_path / "lines.toml"
     path.write_text(
         'count = 100\nrandomise = "measured"\n[scene]\n[[scene.sensors]]\nkind = "airborne"\n'

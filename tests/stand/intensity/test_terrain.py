@@ -192,7 +192,7 @@ def test_trees_over_holes_are_left_out_and_counted():
 
 @pytest.mark.parametrize("corner", [10.0, 20.0])
 def test_rows_of_a_field_are_drawn_alone_as_all_at_once(corner):
-    """Whether all trees stand or not; turns are plain draws of their stream."""
+    """Turns are plain draws of their stream, whether all trees stand or not."""
     inputs = Inputs(terrain=Triangulated(*roof(0, 0, corner, 20, 1.0)))
     plantings = [Planting(species=n, expected=900, scale=(0.5, 2.0), variants=9) for n in "mn"]
     drawn = plan_field(1, Forest(size=(20.0, 20.0)), plantings, inputs)
