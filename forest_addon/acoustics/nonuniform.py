@@ -143,7 +143,6 @@ def _planned(
     """Nodes, 0: directly, and the rows that get so many, with errors of at most ``allowed``·Σ max|A| as far
     as some tell; these errors, of Σ max|A|: all in phase, and their root of the sum of squares.
 
-    Rows of like turns follow each other: what is looked up for them lies close together.
     alike : how many times their root of the sum of squares errors are together, at most.
     """
     turn = task.octave + math.pi * task.width * np.broadcast_to(np.abs(reach), loud.shape)
@@ -197,8 +196,7 @@ def _planned(
     level = leveled(slice(None), float(STRICTNESS[min(chosen, len(STRICTNESS) - 1)]))
     nodes = _together(level, levels, task.count)
     error, scattered = (off / (size or 1.0) for off in missed(nodes[some]))
-    sorted_nodes = nodes[order]
-    plan = [(number, order[sorted_nodes == number]) for number in distinct(nodes).tolist()]
+    plan = [(number, np.flatnonzero(nodes == number)) for number in distinct(nodes).tolist()]
     return plan, error, scattered
 
 

@@ -1,4 +1,4 @@
-"""What happens to datasets and fields in tiles when processes, disks and plans go wrong: nothing is lost."""
+"""Datasets and fields in tiles when processes, disks and plans go wrong: nothing is lost."""
 
 import csv
 import os
