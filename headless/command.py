@@ -1,4 +1,4 @@
-"""What commands of ``python -m headless`` are, how each ends, and what several of them read.
+"""Commands of ``python -m headless``: what each is, how it ends, and what several of them read.
 
 Nothing heavy is imported here, so that ``--help`` and a mistyped word are answered at once.
 """
