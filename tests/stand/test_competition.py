@@ -13,6 +13,7 @@ from forest_addon.stand.measured import (
     OVERLAP,
     SHORTEST,
     apart,
+    aside,
     cover,
     filled,
     leaf_area_index,
@@ -103,17 +104,34 @@ def test_crowns_grow_into_gaps_between_neighbours_alone():
     place = np.stack(np.meshgrid(ticks, ticks), axis=-1).reshape(-1, 2)
     place = place + rng.uniform(-0.7, 0.7, place.shape)
     width, free = np.full(len(place), 3.0), np.ones(len(place), dtype=bool)
-    wider = filled(place, width, free)
+    height = np.full(len(place), 15.0)
+    wider = filled(place, height, width, free)
     assert (wider >= width).all()
     assert (wider <= 1.17 * width + 1e-9).all()
     looks = rng.uniform(2.5, 25.0, (20_000, 2))
     away = np.linalg.norm(looks[:, None] - place, axis=2)
     sky = [(away > w / 2).all(axis=1).mean() for w in (width, wider)]
     assert sky[1] < 0.6 * sky[0]
-    assert filled(place, width, ~free).tolist() == width.tolist()  # what is given stays
+    assert filled(place, height, width, ~free).tolist() == width.tolist()  # what is given stays
     for apart_by in (50.0, 0.5):  # gaps on all sides, or on none
-        looked = filled(apart_by / 2.5 * place, width, free)
+        looked = filled(apart_by / 2.5 * place, height, width, free)
         assert looked[66] == 3.0  # a tree in the middle
+
+
+def test_crowns_stand_aside_towards_the_light():
+    ticks = 2.5 * np.arange(9)
+    place = np.stack(np.meshgrid(ticks, ticks), axis=-1).reshape(-1, 2)
+    gone = np.linalg.norm(place - place[40] - [2.5, 0.0], axis=1) < 0.1
+    place, height, width = place[~gone], np.full(80, 15.0), np.full(80, 3.0)
+    found = aside(place, height, width)
+    assert found[40, 0] > 0.1  # to the gap at its side
+    assert abs(found[40, 1]) < 1e-9
+    assert np.abs(found[0]).max() < 1e-9  # as much light on all sides as it can be told
+    assert not aside(place, np.where(np.arange(80) == 40, 30.0, height), width)[40].any()  # taller
+    far = np.array([[0.0, 0.0], [100.0, 0.0], [0.0, 100.0]])
+    assert not aside(far, height[:3], width[:3]).any()
+    turned = aside(place @ [[0.0, 1.0], [-1.0, 0.0]], height, width)
+    assert turned == pytest.approx(found @ [[0.0, 1.0], [-1.0, 0.0]], abs=1e-9)
 
 
 def test_the_understorey_falls_off_by_the_same_factor_from_class_to_class():

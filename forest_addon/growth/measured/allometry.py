@@ -40,7 +40,7 @@ the outermost leaf: the mean caliper of a convex hull is its perimeter over π (
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 
 import numpy as np
 import scipy
@@ -495,17 +495,17 @@ class Kind:
 
 @dataclass(frozen=True)
 class Wanted:
-    """Targets of one tree, metres and m²."""
+    """Targets of one tree, metres and m².
+
+    aside : radii that its crown, where it is widest, stands aside of its stem, along x.
+    """
 
     dbh: float
     height: float
     crown_width: float
     crown_base: float
     leaf_area: float
-
-    def row(self) -> np.ndarray:
-        """(5,) in the order of ``TARGETS``."""
-        return np.array(astuple(self))
+    aside: float = 0.0
 
 
 def given_by(targets: Targets | None) -> np.ndarray:
