@@ -143,7 +143,7 @@ def draw_slices(slices: Sequence[Slice], path: Path) -> Picture:
     for plot in rows[:, 0]:
         plot.set_ylabel("height, m")
     words = (
-        "Slices of a drone's plot of pines, 5 m deep, and of Chablais 3, 6 m deep, where spruces and firs stand "
+        "Slices of a drone's plot of pines, 5 m deep, and Chablais 3, 6 m deep, where spruces and firs stand "
         "and where beeches do, over younger ones: real clouds, and ours of the same trees."
     )
     return Picture(save_figure(figure, path), words)
