@@ -554,28 +554,37 @@ def apart(place: np.ndarray, width: np.ndarray, free: np.ndarray) -> np.ndarray:
     return np.where(free, width * np.clip(factor, NARROWEST, 1.0), width)
 
 
-def unclaimed(
-    place: np.ndarray, height: np.ndarray, width: np.ndarray, rings: Sequence[float]
-) -> np.ndarray:
-    """(N, SIDES, R) whether no neighbour is nearer, in its own radii, to points around crowns at so many
-    radii (R,) from their middles (N, 2).
-    """
-    way = _sides()[:, None] * np.array(rings)[:, None]
-    eye = place[:, None, None] + width[:, None, None, None] / 2 * way
-    free = np.ones(eye.shape[:3], dtype=bool)
-    reach = (max(rings) + CLAIMS) * float(width.max()) / 2
+def claimants(
+    place: np.ndarray, height: np.ndarray, width: np.ndarray, share: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """(M,) trees, and (M,) neighbours of each that may hold light back from within so many of its radii."""
+    reach = (share + CLAIMS) * float(width.max()) / 2
     a, b = cKDTree(place).query_pairs(reach, output_type="ndarray").T
-    for tree, other in ((a, b), (b, a)):
-        tall = height[other] >= SHADES * height[tree]
-        tree, other = tree[tall], other[tall]
-        away = np.linalg.norm(eye[tree] - place[other][:, None, None], axis=3)
-        claim = np.minimum(rings, CLAIMS) * width[other][:, None, None] / 2
-        np.logical_and.at(free, tree, away >= claim)
+    tree, other = np.concatenate([a, b]), np.concatenate([b, a])
+    apart_by = np.linalg.norm(place[tree] - place[other], axis=1)
+    near = apart_by < (share * width[tree] + CLAIMS * width[other]) / 2
+    near &= height[other] >= SHADES * height[tree]
+    return tree[near], other[near]
+
+
+def unclaimed(
+    eye: np.ndarray,
+    place: np.ndarray,
+    width: np.ndarray,
+    pairs: tuple[np.ndarray, np.ndarray],
+    share: float,
+) -> np.ndarray:
+    """(N, SIDES) whether points (N, SIDES, 2), so many radii from the middles (N, 2) of crowns, are nearer in
+    radii to none of the neighbours, ``claimants``."""
+    tree, other = pairs
+    free = np.ones(eye.shape[:2], dtype=bool)
+    away = np.linalg.norm(eye[tree] - place[other][:, None], axis=2)
+    np.logical_and.at(free, tree, away >= min(share, CLAIMS) * width[other][:, None] / 2)
     return free
 
 
 def _sides() -> np.ndarray:
-    """(SIDES, 2) the directions that crowns are looked at from."""
+    """(SIDES, 2) directions to the sides of a crown."""
     side = 2 * np.pi * np.arange(SIDES) / SIDES
     return np.column_stack([np.cos(side), np.sin(side)])
 
@@ -589,14 +598,14 @@ def aside(place: np.ndarray, height: np.ndarray, width: np.ndarray) -> np.ndarra
     """
     if len(place) < 2:
         return np.zeros((len(place), 2))
-    radius, low, high = width[:, None, None] / 2, place.min(axis=0), place.max(axis=0)
+    side, low, high = _sides(), place.min(axis=0), place.max(axis=0)
+    pairs = claimants(place, height, width, AROUND[-1])
     shift = np.zeros((len(place), 2))
-    lit = unclaimed(place, height, width, AROUND)
-    for ring, share in enumerate(AROUND):
-        eye = place[:, None] + radius * share * _sides()
+    for share in AROUND:
+        eye = place[:, None] + share * width[:, None, None] / 2 * side
         seen = ((eye >= low) & (eye <= high)).all(axis=2)
         seen &= np.roll(seen, SIDES // 2, axis=1)
-        shift += share**2 * (lit[:, :, ring] & seen) @ _sides()
+        shift += share**2 * (unclaimed(eye, place, width, pairs, share) & seen) @ side
     shift /= SIDES * sum(AROUND)
     size = np.linalg.norm(shift, axis=1, keepdims=True)
     shift *= np.minimum(1.0, FARTHEST / np.maximum(size, 1e-9))
@@ -613,7 +622,9 @@ def filled(
     """
     if len(place) < 2:
         return width
-    gaps = unclaimed(place, height, width, (BESIDE,)).mean(axis=(1, 2))
+    eye = place[:, None] + BESIDE * width[:, None, None] / 2 * _sides()
+    pairs = claimants(place, height, width, BESIDE)
+    gaps = unclaimed(eye, place, width, pairs, BESIDE).mean(axis=1)
     return np.where(free, width * (1 + 4 * INTO_GAPS * gaps * (1 - gaps)), width)
 
 
