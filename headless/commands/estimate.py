@@ -164,6 +164,7 @@ def estimate_site(
     import numpy as np
 
     from forest_addon.formats.tree_map import read_tree_map
+    from forest_addon.stand.files import refuse_sizes
     from forest_addon.stand.statistics.intensity import Window
     from forest_addon.stand.statistics.law import MappedSpecies
 
@@ -172,6 +173,7 @@ def estimate_site(
     trees = read_tree_map(path, crs)
     if not len(trees):
         raise SpecError(str(path), "has no trees below its header; give one a row")
+    refuse_sizes(path, trees)
     frame = _window(window) if window else Window.around(trees.position)
     _refuse_outside(path, trees, frame)
     kinds = species_of_map(np.unique(trees.species).tolist(), species, out.parent)
@@ -226,7 +228,7 @@ def estimate_site(
     else:
         say(without("The picture is left out"))
     say(f"Wrote {', '.join(written)}.")
-    say(f"Next: {PROGRAM} stand {out} --out points.csv")
+    say(f"Next: {PROGRAM} run {out}")
     return out
 
 
@@ -311,9 +313,8 @@ def _targets(kind: str, out: Path, name: str, numbers: np.ndarray, say: Say) -> 
         )
         file = f"{out.stem}-{name}-allometry.toml"
         write_settings(out.parent / file, law.changed(height=height))
-    spread = Normal(
-        mean=float(dbh.mean()), sd=float(dbh.std()), low=float(dbh.min()), high=float(dbh.max())
-    )
+    mean, sd, low, high = np.round([dbh.mean(), dbh.std(), dbh.min(), dbh.max()], 6).tolist()
+    spread = Normal(mean=mean, sd=sd, low=low, high=high)
     say(f"  {name}: dbh of {spread.mean:.2g} ± {spread.sd:.2g} m, heights by {file}")
     return Targets(allometry=file, dbh=spread)
 
@@ -388,9 +389,8 @@ def _refuse_outside(path: Path, trees: TreeMap, window: Window) -> None:
 def _field(window: Window) -> Forest:
     corners = [tuple(tuple(map(float, corner)) for corner in ring) for ring in window.rings]
     polygon = {} if window.is_rectangle else {"polygon": corners[0], "holes": tuple(corners[1:])}
-    return Forest(
-        origin=tuple(map(float, window.low)), size=tuple(map(float, window.extent)), **polygon
-    )
+    origin, size = (tuple(side.round(6).tolist()) for side in (window.low, window.extent))
+    return Forest(origin=origin, size=size, **polygon)
 
 
 def _planting(kind: str, estimate: Estimate, file: str) -> tuple[Planting, Inputs]:
