@@ -17,7 +17,7 @@ from forest_addon.formats.ownership import RECORD
 from forest_addon.formats.ply import PlyFile
 from forest_addon.results.packed import read_values, write_values
 from headless.command import name_of
-from headless.commands.lidar import LidarCommand
+from headless.commands import COMMANDS
 from headless.lock import only_one
 from headless.unfinished import kind_of
 
@@ -56,7 +56,8 @@ def test_a_folder_and_a_file_are_held_by_their_names(tmp_path):
         list = False
         out = tmp_path / "a.laz"
 
-    assert LidarCommand().lock(Chosen()) == tmp_path / ".a.lock"
+    lidar = next(command for command in COMMANDS if command.name == "lidar")
+    assert lidar.lock_file(Chosen()) == tmp_path / ".a.lock"
     with only_one(tmp_path, ".a.lock"), only_one(tmp_path, ".b.lock"):
         pass
     assert not list(tmp_path.iterdir())

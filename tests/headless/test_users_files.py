@@ -15,7 +15,6 @@ from forest_addon.formats import atomic
 from forest_addon.formats.ownership import RECORD, Keeper, keeping
 from forest_addon.formats.stl import write_stl
 from forest_addon.formats.wav import write_wav
-from headless import commands
 from headless.commands import COMMANDS
 from headless.dataset.engine import Worker
 from tests.references.dataset_runs import PLAN
@@ -109,7 +108,8 @@ def run(headless, inputs, tmp_path, monkeypatch, quick):
     here = tmp_path / "here"
     shutil.copytree(inputs, here)
     monkeypatch.chdir(here)
-    monkeypatch.setattr(commands.demo, "DEMO", here / "tiny.toml")
+    demo = next(command for command in COMMANDS if command.name == "demo")
+    monkeypatch.setitem(demo.fixed, "scene", here / "tiny.toml")
     monkeypatch.setattr("headless.report.trees.ICON", 24)
     return lambda name, out, *more: headless(*WORDS[name].format(out=out).split(), *more)
 

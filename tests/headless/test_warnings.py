@@ -8,7 +8,6 @@ import pytest
 from forest_addon.formats.wav import write_wav
 from headless.cli import main
 from headless.command import fault_of, is_told
-from headless.commands.derive import DeriveCommand
 
 pytest.importorskip("bpy")
 import bpy
@@ -180,7 +179,7 @@ def test_memory_that_lacks_is_said_without_the_words_of_numpy(capsys, monkeypatc
     def takes_all(*_):
         np.empty((8_000_000_000, 1000))
 
-    monkeypatch.setattr(DeriveCommand, "run", takes_all)
+    monkeypatch.setattr("headless.commands.derive.run", takes_all)
     assert main(["derive", "apple"]) == 1
     said = capsys.readouterr().err
     assert said.startswith("error: there is not enough memory for 58.2 TiB more; ")
