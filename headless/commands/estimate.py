@@ -27,9 +27,8 @@ from forest_addon.growth.library import find_species, load_species
 from forest_addon.growth.measured.allometry import Kind, draw_diameters, middle
 from forest_addon.spec import Forest, Gaussian, Normal, Planting, Raster, Scene, SpecError, Targets
 from forest_addon.stand.compose import Inputs, process_of
-from forest_addon.stand.files import read_terrain
+from forest_addon.stand.files import read_terrain, refuse_sizes
 from forest_addon.stand.layouts import Process, sample
-from forest_addon.stand.files import refuse_sizes
 from forest_addon.stand.statistics.intensity import (
     FittedMixture,
     KernelEstimate,
