@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
+from references.rays_brute import BruteCaster
 
 from forest_addon.base.rng import stream
 from forest_addon.base.trimesh import LEAF, TriMesh
 from forest_addon.sensing.canopy import OUTSIDE, REACH, SKY, hemisphere, look_up
 from forest_addon.sensing.rays.geometry import SceneGeometry
-from tests.references.rays_brute import BruteCaster
 
 
 def slab(index, rng, size=0.4, half=7.0):

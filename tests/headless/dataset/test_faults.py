@@ -9,10 +9,10 @@ import sys
 import time
 
 import pytest
+from references.dataset_runs import FIELD, PLAN, ROOT, bytes_of, children_of, command, run
 
 from forest_addon.base.rng import stream
 from headless.lock import only_one
-from tests.references.dataset_runs import FIELD, PLAN, ROOT, bytes_of, children_of, command, run
 
 pytestmark = [
     pytest.mark.slow,

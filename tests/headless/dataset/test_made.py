@@ -10,9 +10,9 @@ import tarfile
 
 import numpy as np
 import pytest
+from references.dataset_runs import PLAN, bytes_of, run
 
 from headless.dataset import factory
-from tests.references.dataset_runs import PLAN, bytes_of, run
 
 pytestmark = pytest.mark.slow
 

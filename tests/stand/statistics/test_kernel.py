@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
+from references.point_pattern import kernel_direct
 
 from forest_addon.base.rng import stream
 from forest_addon.stand.intensity.functions import Mixture
 from forest_addon.stand.layouts import Process, sample
 from forest_addon.stand.statistics.intensity import Window, choose_bandwidth, kernel_estimate
-from tests.references.point_pattern import kernel_direct
 
 FIELD = Window.rectangle((0, 0), (100, 80))
 UTM = np.array([432_100.0, 5_612_300.0])

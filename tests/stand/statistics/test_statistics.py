@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from references.point_pattern import k_direct
 from scipy import stats
 
 from forest_addon.base.rng import stream
@@ -19,7 +20,6 @@ from forest_addon.stand.statistics.law import (
     quadrat_test,
     region_of,
 )
-from tests.references.point_pattern import k_direct
 
 FIELD = Window.rectangle((0, 0), (100, 80))
 NOTCHED = Window(
