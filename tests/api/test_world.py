@@ -112,19 +112,6 @@ def test_a_cloud_as_a_file(world, tmp_path, ending):
     assert [p.name for p in tmp_path.iterdir()] == [path.name]
 
 
-@pytest.mark.medium
-def test_sounds_as_files(world, tmp_path):
-    for result, name in ((world.ping(BAT), "echo"), (world.impulse_response(CLAP), "clap")):
-        for ending in (".npz", ".wav"):
-            assert result.save(tmp_path / f"{name}{ending}").stat().st_size > 1000
-    assert sorted(p.name for p in tmp_path.iterdir()) == [
-        "clap.npz",
-        "clap.wav",
-        "echo.npz",
-        "echo.wav",
-    ]
-
-
 @pytest.mark.slow
 def test_notebooks_show_pictures_and_play_sounds(world):
     row = forest.Tractor(position=(-3, 0, 1), track=2, step=0.5, angle_step_deg=5, reach=8, top=4)
@@ -152,14 +139,6 @@ def test_any_scene_of_blender():
     assert np.isclose(found.points[:, 0].min(), 4.0)
     with pytest.raises(forest.SpecError, match="not grown here"):
         forest.current().trees  # noqa: B018
-
-
-def test_an_empty_scene():
-    bpy.ops.wm.read_factory_settings(use_empty=True)
-    world = forest.current()
-    assert len(world.scan(TRIPOD)) == 0
-    assert not world.ping(BAT).waveforms.any()
-    assert np.isfinite(world.impulse_response(CLAP).samples).all()
 
 
 @pytest.mark.medium

@@ -177,13 +177,6 @@ def test_impossible_directions_hit_nothing(engine, direction):
     assert hits.instance[0] == hits.triangle[0] == -1
 
 
-@pytest.mark.parametrize("length", [1e-20, 1.0, 1e30, 1e-300])
-def test_the_length_of_a_direction_does_not_matter(engine, length):
-    caster = engine(scene_of([box()], [pose()]))
-    hits = caster.cast(np.array([[0.3, 0.4, -2.0]]), np.array([[0, 0, length]]), np.inf)
-    assert hits.distance[0] == pytest.approx(2.0, abs=1e-12)
-
-
 def test_the_limit_is_inclusive(engine):
     caster = engine(scene_of([box()], [pose()]))
     origins, up = np.tile([0.3, 0.4, -2.0], (3, 1)), np.tile([0, 0, 1.0], (3, 1))
@@ -261,43 +254,6 @@ def test_collinear_triangles_hide_nothing(engine):
     assert np.abs(hits.distance[same] - exact.distance[same]).max() < 1e-9
 
 
-def test_thin_twig_far_away(engine):
-    twig = TriMesh.of_part(*tube(np.array([[0, 0, 0], [0, 0, 1.0]]), np.full(2, 0.0005), 8), OTHER)
-    scene = scene_of([twig], [pose(shift=(100.0, 0, 0))])
-    y = np.linspace(-0.00045, 0.00045, 200)
-    target = np.stack([np.full(200, 100.0), y, np.full(200, 0.5)], axis=1)
-    hits = engine(scene).cast(np.zeros((200, 3)), target, np.inf)
-    assert hits.found.all()
-    assert np.abs(hits.distance - 100).max() < 0.002
-
-
-def test_grazing_rays_keep_their_distance(engine):
-    wide = BOX * [400, 2, 1] - [0, 1, 1]  # top face at z = 0
-    scene = scene_of([TriMesh.of_part(wide, BOX_FACES, OTHER)], [pose()])
-    start = np.array([[0.0, 0.013, 195 * np.sin(np.deg2rad(0.5))]])
-    way = np.array([[np.cos(np.deg2rad(0.5)), 0, -np.sin(np.deg2rad(0.5))]])
-    hits = engine(scene).cast(start, way, np.inf)
-    assert hits.distance[0] == pytest.approx(195.0, abs=1e-9)
-
-
-def test_nothing_to_hit(engine):
-    empty = TriMesh.of_part(np.empty((0, 3)), np.empty((0, 3)), OTHER)
-    for scene in (scene_of([], np.empty((0, 3, 4))), scene_of([empty], [pose()])):
-        assert not engine(scene).cast(*random_rays(10), np.inf).found.any()
-    assert len(engine(forest(2)).cast(np.empty((0, 3)), np.empty((0, 3)), np.inf).distance) == 0
-
-
-def test_order_and_grouping_of_rays_do_not_matter(engine):
-    scene = forest(12)
-    origins, directions = random_rays(3000)
-    caster = engine(scene)
-    whole = caster.cast(origins, directions, np.inf)
-    order = stream(2, "order").permutation(3000)
-    parts = [caster.cast(origins[o], directions[o], np.inf) for o in np.array_split(order, 7)]
-    assert (np.concatenate([p.distance for p in parts]) == whole.distance[order]).all()
-    assert (np.concatenate([p.triangle for p in parts]) == whole.triangle[order]).all()
-
-
 @pytest.mark.medium
 @pytest.mark.parametrize("size", [1, 3, 16, 17, 500])
 def test_a_batch_of_any_size_finds_the_same_bytes(engine, size):
@@ -310,23 +266,6 @@ def test_a_batch_of_any_size_finds_the_same_bytes(engine, size):
         found = caster.cast(origins[part], directions[part], 30.0, min_distance=0.2)
         for name in ("distance", "instance", "triangle"):
             assert getattr(found, name).tobytes() == getattr(whole, name)[part].tobytes()
-
-
-@pytest.mark.medium
-def test_how_many_rays_go_at_a_time_does_not_matter(monkeypatch):
-    """Also where the rays of a mesh are no multiple of a turn, and fewer or more than one."""
-    monkeypatch.setattr(bvh, "TURN", 7)
-    caster = BvhCaster(forest(40))
-    origins, directions = random_rays(6000)
-    whole = caster.cast(origins, directions)
-    assert 100 < whole.found.sum() < 6000
-    caster.task = 16
-    found = caster.cast(origins, directions)
-    for name in ("distance", "instance", "triangle"):
-        assert getattr(found, name).tobytes() == getattr(whole, name).tobytes()
-    monkeypatch.undo()
-    caster.task = 4096
-    assert (caster.cast(origins, directions).triangle == found.triangle).all()
 
 
 def test_what_a_small_batch_found_stays_when_the_next_is_cast(engine):
@@ -522,14 +461,6 @@ def test_a_ground_among_many_instances(engine):
     assert (np.abs(ours.distance - exact.distance) < 1e-9).all()
 
 
-def test_threads_change_nothing():
-    scene = forest(20)
-    origins, directions = random_rays(100_000)
-    one, three = (EmbreeCaster(scene, n).cast(origins, directions) for n in (1, 3))
-    for name in ("distance", "instance", "triangle"):
-        assert (getattr(one, name) == getattr(three, name)).all()
-
-
 @pytest.mark.slow
 def test_embree_gives_its_memory_back():
     resource = pytest.importorskip("resource")
@@ -642,14 +573,6 @@ def test_the_kernel_and_numpy_find_the_same_bytes(fine, monkeypatch):
         assert one.found.any()
         for name, column in vars(one).items():
             assert column.tobytes() == getattr(other, name).tobytes()
-
-
-def test_beams_in_any_order_meet_the_same():
-    origin, way = beams(300)
-    caster, order = EmbreeCaster(crumbs(False)), stream(5, "order").permutation(300 * 19)
-    beside, apart = caster.cast(origin, way).select(order), caster.cast(origin[order], way[order])
-    np.testing.assert_array_equal(beside.distance, apart.distance)
-    np.testing.assert_array_equal(beside.triangle, apart.triangle)
 
 
 def lattice():

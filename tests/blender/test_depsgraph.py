@@ -3,7 +3,6 @@
 import dataclasses
 import gc
 import weakref
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -572,34 +571,6 @@ def test_a_property_set_by_a_script_counts_in_the_first_run(empty_blender, updat
 def tree():
     species = Species(name="plain", grammar=Grammar(generations=4, radius=0.08))
     return grow(species, None, stream(3, "tree", "plain", 0)).mesh
-
-
-def edges_of(data):
-    ends = np.empty(2 * len(data.edges), dtype=np.int32)
-    data.edges.foreach_get("vertices", ends)
-    return ends.reshape(-1, 2)
-
-
-def test_known_edges_are_those_blender_finds(empty_blender, tree):
-    from forest_addon.blender.scene.meshes import from_mesh, to_mesh
-
-    ours, theirs = to_mesh("ours", tree), to_mesh("theirs", replace(tree, edges=None))
-    assert np.array_equal(
-        np.unique(np.sort(edges_of(ours), axis=1), axis=0),
-        np.unique(np.sort(edges_of(theirs), axis=1), axis=0),
-    )
-    assert len(ours.edges) == len(theirs.edges)
-    corner_edge = np.empty(len(ours.loops), dtype=np.int32)
-    ours.loops.foreach_get("edge_index", corner_edge)
-    ends = np.sort(edges_of(ours)[corner_edge], axis=1)
-    after = np.stack([tree.triangles, tree.triangles[:, [1, 2, 0]]], axis=2).reshape(-1, 2)
-    assert np.array_equal(ends, np.sort(after, axis=1))
-    assert not ours.validate(verbose=False)  # nothing had to be corrected
-
-    back = from_mesh(ours)
-    assert np.array_equal(back.triangles, tree.triangles)
-    assert np.array_equal(back.part, tree.part)
-    assert np.array_equal(back.leaf, tree.leaf)
 
 
 @pytest.mark.parametrize("changed", [False, True])

@@ -90,15 +90,6 @@ def test_every_attribute_comes_back_from_the_evaluated_instances(empty_blender):
     assert np.abs(found.transform[:, :, 3] - told["position"]).max() < 1e-5
 
 
-def test_the_scene_reads_the_same_from_points_as_from_instances(empty_blender):
-    thing, told = plant(), columns()
-    scene = read_scene(bpy.context.evaluated_depsgraph_get())
-    found, asked = np.argsort(scene.tree), np.argsort(told["tree"])  # read variant by variant
-    assert (scene.tree[found] == told["tree"][asked]).all()
-    assert (scene.species[found] == told["species"][asked]).all()
-    assert np.allclose(scene.transform[found], placed(thing).transform[asked], atol=1e-6)
-
-
 def test_a_moved_object_takes_its_trees_along(empty_blender):
     thing = plant()
     thing.location = (0, 0, 100)

@@ -12,9 +12,8 @@ from references.animation import curves_of
 
 from forest_addon import spec
 from forest_addon.base.places import ASSETS
-from forest_addon.blender.read.depsgraph import TREE_KEY
 from forest_addon.blender.scene.forest import build
-from forest_addon.blender.scene.layout import ROOT, TREES, part, root
+from forest_addon.blender.scene.layout import TREES, part
 from forest_addon.blender.sensors.moving import curve_points
 from forest_addon.blender.sensors.observe import Observer
 from forest_addon.growth.library import load_species
@@ -127,26 +126,6 @@ def test_truth_and_evaluated_leaves_agree(trees, grown):
     assert discs.radius[ours] == pytest.approx(truth["radius"][theirs], rel=1e-4)
     cosine = np.einsum("li,li->l", discs.normal[ours], truth["normal"][theirs])
     assert np.abs(np.abs(cosine) - 1).max() < 1e-4
-
-
-def test_building_again_replaces_the_forest_and_leaves_nothing_behind(trees, grown):
-    def counts():
-        kinds = (bpy.data.objects, bpy.data.meshes, bpy.data.materials, bpy.data.collections)
-        return [len(kind) for kind in kinds]
-
-    before = counts()
-    keep = bpy.data.collections.new("Forest of my own")
-    bpy.context.scene.collection.children.link(keep)
-    for _ in range(2):
-        build(bpy.context.scene, SCENE, grown)
-    after = counts()
-    assert after == [*before[:3], before[3] + 1]
-    assert root(bpy.context.scene).name == ROOT
-    assert keep.name == "Forest of my own"
-
-
-def test_objects_say_which_tree_they_are(trees, grown):
-    assert sorted(tree[TREE_KEY] for tree in trees) == grown.stand.id.tolist()
 
 
 @pytest.mark.medium

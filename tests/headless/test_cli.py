@@ -32,7 +32,6 @@ from forest_addon.blender.show.wind import knots_of
 from forest_addon.drawing.palette import SPECIES, rgb
 from forest_addon.drawing.strips import WIDE
 from forest_addon.formats.raster_file import read_png
-from forest_addon.site import ForestSite
 from forest_addon.spec import Forest, Planting, Reverb, Scene, SpecError
 from forest_addon.stand.compose import Inputs
 from forest_addon.ui.results.images import ABOVE, BELOW, LEFT
@@ -317,18 +316,6 @@ def test_a_shipped_scene_goes_by_its_name_unless_a_file_has_it(tmp_path, monkeyp
     assert scene_file("other/hedge-bat") == Path("other/hedge-bat")
     (tmp_path / "hedge-bat").touch()
     assert scene_file("hedge-bat") == Path("hedge-bat")
-
-
-def test_a_mistyped_scene_is_answered_with_the_nearest():
-    with pytest.raises(spec.SpecError, match='did you mean "hedge-bat"'):
-        read_scene(scene_file("hedge-bet"), None)
-
-
-def test_a_part_of_a_name_is_answered_with_the_names_that_have_it():
-    birch = spec.Scene(plantings=(spec.Planting(species="birch", expected=9),))
-    said = r'plantings\[0\]\.species: "birch" is not known; did you mean "honda-birch" or "silver-b'
-    with pytest.raises(spec.SpecError, match=said):
-        ForestSite.read(birch)
 
 
 def test_a_table_where_a_list_of_tables_belongs_is_told_its_brackets(tmp_path):

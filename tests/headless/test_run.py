@@ -172,15 +172,6 @@ def test_the_same_seed_gives_the_same_results_in_another_process(headless, done,
 
 
 @pytest.mark.slow
-def test_another_seed_gives_another_forest(headless, done, tmp_path):
-    bare = tmp_path / "bare.toml"
-    text = SMALL.read_text().split("[[sensors]]")[0]
-    bare.write_text(text + BARE)
-    assert headless("run", bare, "--out", tmp_path / "o", "--seed", 4).returncode == 0
-    assert (tmp_path / "o" / "trees.csv").read_bytes() != (done[0] / "trees.csv").read_bytes()
-
-
-@pytest.mark.slow
 def test_without_trees_the_sensors_see_the_ground_only(headless, tmp_path):
     scene = tmp_path / "none.toml"
     text = SMALL.read_text().replace("expected = 4", "expected = 0")

@@ -415,12 +415,6 @@ def test_an_output_folder_that_cannot_be_written_to(refused, tmp_path):
     assert "choose another folder" in said
 
 
-def test_an_unknown_command_shows_those_that_are(headless):
-    done = headless("rnu")
-    assert done.returncode == 2
-    assert "run, demo" in done.stderr
-
-
 def no_half_written_files(out):
     assert not [p.name for p in out.iterdir() if "partial" in p.name]
 

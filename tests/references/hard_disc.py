@@ -26,31 +26,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import ArrayLike
 from scipy import fft
 
 SMALLEST = 1e-90  # below, k³ is 0 in float64
 SPARE_ORDERS = 60  # that the downward recurrence of j starts above the last order
-
-
-def hard_disc_amplitude(
-    ka: ArrayLike, incidence: ArrayLike, scattered: ArrayLike, azimuth: ArrayLike
-) -> np.ndarray:
-    """k·f, complex, of a sound-hard disc; the arguments broadcast.
-
-    ka : wavenumber times radius, 0 to some hundreds.
-    incidence, scattered : radians from the disc's normal to the source and to the receiver, 0 to π.
-    azimuth : radians between the projections of these two directions on the disc; 0: straight back.
-
-    The error is below 1e-11·(1 + (ka)²/2). Each distinct ka costs the solution of its own equations:
-    1 ms at ka = 1, 10 ms at 50, 40 ms at 150.
-    """
-    size, *angles = np.broadcast_arrays(ka, incidence, scattered, azimuth)
-    amplitude = np.empty(size.shape, dtype=np.complex128)
-    for value in np.unique(size):
-        rows = size == value
-        amplitude[rows] = HardDisc(float(value)).amplitude(*(angle[rows] for angle in angles))
-    return amplitude
 
 
 class HardDisc:
@@ -67,7 +46,12 @@ class HardDisc:
     def amplitude(
         self, incidence: np.ndarray, scattered: np.ndarray, azimuth: np.ndarray
     ) -> np.ndarray:
-        """(N,) complex k·f for N pairs of directions; arguments as of ``hard_disc_amplitude``."""
+        """(N,) complex k·f of a sound-hard disc for N pairs of directions.
+
+        incidence, scattered : radians from the disc's normal to the source and to the receiver, 0 to π.
+        azimuth : radians between the projections of these two directions on the disc; 0: straight back.
+        The error is below 1e-11·(1 + (ka)²/2).
+        """
         sent = _projections(self._k * np.abs(np.sin(incidence)), self.orders)
         heard = _projections(self._k * np.abs(np.sin(scattered)), self.orders)
         total = np.zeros(len(azimuth), dtype=np.complex128)

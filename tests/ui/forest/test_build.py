@@ -62,24 +62,6 @@ def test_build_plants_a_forest(built):
     }
 
 
-@pytest.mark.medium
-def test_building_again_is_the_same_forest_and_nothing_piles_up(built):
-    places = sorted(tuple(tree.matrix_world.translation) for tree in trees())
-    before = counts()
-    assert press("build") == {"FINISHED"}
-    assert sorted(tuple(tree.matrix_world.translation) for tree in trees()) == places
-    assert counts() == before
-    assert [c.name for c in bpy.context.scene.collection.children] == ["Forest"]
-
-
-@pytest.mark.slow
-def test_another_seed_is_another_forest(built):
-    places = sorted(tuple(tree.matrix_world.translation) for tree in trees())
-    built.seed += 1
-    press("build")
-    assert sorted(tuple(tree.matrix_world.translation) for tree in trees()) != places
-
-
 @pytest.mark.slow
 def test_an_update_keeps_objects_and_edits_and_can_be_undone(built):
     tree, ground = trees()[0], bpy.data.objects["Ground"]
@@ -177,18 +159,6 @@ def test_the_first_press_starts_with_the_demo_scene(props, monkeypatch, tmp_path
     assert exchange.to_spec(bpy.context.scene).forest == read_settings(demo, Scene).forest
 
 
-@pytest.mark.slow
-def test_each_scene_has_a_forest_of_its_own(built):
-    first = bpy.context.scene
-    number = len(trees())
-    second = bpy.data.scenes.new("Second")
-    with bpy.context.temp_override(scene=second, view_layer=second.view_layers[0]):
-        exchange.from_spec(second, exchange.to_spec(first))
-        press("build")
-    assert layout.root(first) is not None
-    assert len(trees()) == 2 * number
-
-
 @pytest.mark.medium
 def test_one_tree_is_no_trees(small):
     small.plantings[0].expected, small.plantings[0].exact = 1, True
@@ -214,25 +184,6 @@ def test_a_terrain_that_is_deleted_while_trees_grow_on_it(small):
                 bpy.data.objects.remove(bpy.data.objects["hill"])
     bpy.context.view_layer.update()
     assert {round(tree.matrix_world.translation.z, 6) for tree in trees()} == {5.0}
-
-
-@pytest.mark.slow
-def test_a_forest_is_built_when_our_collections_were_deleted(built, sensor):
-    run("cloud")
-    bpy.data.collections.remove(layout.root(bpy.context.scene))
-    assert press("build") == {"FINISHED"}
-    sensor("terrestrial", name="another", position=(3, 3, 1), angle_step_deg=6)
-    assert run("another") == {"FINISHED"}
-
-
-@pytest.mark.medium
-def test_a_new_forest_keeps_the_sensors_where_they_are(built):
-    echo = bpy.data.objects["echo"]
-    echo.location = (2, 2, 2)
-    press("build")
-    assert bpy.data.objects["echo"] == echo
-    assert tuple(echo.location) == (2, 2, 2)
-    assert echo.users_collection[0].name == "Sensors"
 
 
 # ------------------------------------------------------------------------------------------- display

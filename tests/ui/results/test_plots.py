@@ -10,7 +10,6 @@ bpy = pytest.importorskip("bpy")
 from ui.pressing import add_cube, run
 
 from forest_addon import spec
-from forest_addon.base.trimesh import LEAF, WOOD
 from forest_addon.blender.scene.layout import (
     CLOUD_KEY,
     COLOUR_BY,
@@ -22,11 +21,8 @@ from forest_addon.blender.scene.layout import (
 from forest_addon.blender.scene.nodes import (
     choose_input,
     chosen_input,
-    drawn_inputs,
-    has_input,
     set_input,
 )
-from forest_addon.blender.show.cloud import COLOUR_OF_ORGAN
 from forest_addon.blender.show.cloud_nodes import QUIET, SIZES, on_map
 from forest_addon.drawing import strips as plots
 from forest_addon.results.scanner import cloud_plot
@@ -529,36 +525,6 @@ def cloud(small):
 
 def points_drawn(cloud):
     return seen_points(cloud.evaluated_get(bpy.context.evaluated_depsgraph_get()))[:2]
-
-
-@pytest.mark.medium
-def test_every_point_has_the_colour_of_its_organ(cloud):
-    position, colour = points_drawn(cloud)
-    given = np.empty(3 * len(cloud.data.vertices), np.float32)
-    cloud.data.attributes["position"].data.foreach_get("vector", given)
-    np.testing.assert_array_equal(position, given.reshape(-1, 3))
-    organ = np.empty(len(position), np.int32)
-    cloud.data.attributes["organ"].data.foreach_get("value", organ)
-    for code in (LEAF, WOOD):
-        expected = np.array(COLOUR_OF_ORGAN[code][:3]) ** GAMMA
-        assert (organ == code).any()
-        np.testing.assert_allclose(colour[organ == code, :3], np.tile(
-            expected, (np.count_nonzero(organ == code), 1)), atol=1e-5)  # fmt: skip
-
-
-@pytest.mark.medium
-def test_the_menu_changes_the_colours(cloud):
-    (modifier,) = cloud.modifiers
-    assert has_input(modifier, COLOUR_BY)
-    by_organ = points_drawn(cloud)[1]
-    holder, name = drawn_inputs(modifier)[COLOUR_BY]
-    if not name.startswith("["):
-        choices = [item.identifier for item in holder.bl_rna.properties[name].enum_items]
-        assert len(choices) > 5
-        set_input(modifier, COLOUR_BY, choices[-1])
-    else:
-        set_input(modifier, COLOUR_BY, modifier[name[2:-2]] + 1)
-    assert np.abs(points_drawn(cloud)[1] - by_organ).max() > 0.1
 
 
 @pytest.mark.medium

@@ -47,23 +47,6 @@ def test_points_of_both_lidars_lie_on_the_same_things(built):
         assert place[ground != 3, 2].min() > -0.05
 
 
-def test_a_scene_with_nothing_in_it_says_build_first(props, sensor):
-    sensor("sonar")
-    with pytest.raises(RuntimeError, match="Grow a forest first"):
-        press("run")
-
-
-def test_a_scene_without_sensors_says_add_one(props):
-    add_cube()
-    with pytest.raises(RuntimeError, match="no sensor yet"):
-        press("run")
-
-
-def test_a_sensor_that_is_gone_is_named(built):
-    with pytest.raises(RuntimeError, match="ear is no sensor"):
-        run("ear")
-
-
 @pytest.mark.medium
 def test_sensors_run_in_a_scene_of_the_users_own(props, sensor):
     add_cube()
@@ -169,16 +152,6 @@ def test_a_sensor_follows_the_frames(built, tmp_path):
     assert len({record.tobytes() for record in records}) == 3
 
 
-def test_sensors_are_added_chosen_and_removed(built):
-    for kind in SENSORS.values():
-        assert press("add_sensor", kind=kind) == {"FINISHED"}
-    assert bpy.context.view_layer.objects.active.name == "Reverb"
-    before = counts()["objects"]
-    assert press("remove_sensor") == {"FINISHED"}
-    assert counts()["objects"] == before - 2  # the receiver goes too
-    assert "Reverb" not in bpy.data.objects
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "file"),
@@ -222,21 +195,6 @@ def test_a_folder_beside_an_unsaved_file_is_refused(built):
         run("echo")
 
 
-@pytest.mark.medium
-def test_a_full_disk_keeps_the_result_in_the_scene(built, tmp_path, monkeypatch):
-    from forest_addon.formats import las
-
-    def full(*_, **__):
-        raise OSError(28, "No space left on device", "cloud.laz")
-
-    monkeypatch.setattr(las, "write_las", full)
-    built.output = str(tmp_path)
-    assert run("cloud") == {"FINISHED"}
-    assert len(clouds()) == 1
-    assert list(tmp_path.iterdir()) == []
-    assert built.results["cloud"].file == ""
-
-
 def test_a_scanner_without_a_way_is_told_so(built, sensor):
     track = sensor("mobile").forest_sensor.mobile
     with pytest.raises(RuntimeError, match="give poses, or the object to follow"):
@@ -244,29 +202,6 @@ def test_a_scanner_without_a_way_is_told_so(built, sensor):
     track.follow = "Nothing"
     with pytest.raises(RuntimeError, match='no object "Nothing"'):
         run("track")
-
-
-@pytest.mark.medium
-def test_a_scanner_flies_over_the_forest(built, sensor):
-    settings = {"position": (3, -2, 30), "track": 10, "speed": 10}
-    sensor("airborne", pulse_rate=2000, line_rate=20, **settings)
-    assert run("flight") == {"FINISHED"}
-    figures = facts(built, "flight")
-    assert figures["Beams"] == "2,000"
-    assert int(figures["Points"].replace(",", "")) > 100
-
-
-def test_choosing_a_scanner_fills_in_its_figures(built):
-    settings = settings_of("cloud")
-    settings.max_range = 77
-    settings.scanner = "riegl-vz"  # not complete yet
-    assert settings.max_range == 77
-    settings.scanner = "riegl-vz-400i"
-    found = exchange.sensor_of(bpy.data.objects["cloud"])
-    assert (found.max_range, found.min_range, found.beam.exit_diameter) == (800, 1.5, 0.007)
-    assert (found.name, found.position) == ("cloud", (3, 3, 1))
-    settings.beam.subrays = 3
-    assert exchange.sensor_of(bpy.data.objects["cloud"]).beam.subrays == 3
 
 
 # -------------------------------------------------------------------------- frame ranges, instances
